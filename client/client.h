@@ -1,0 +1,132 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <future>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/base/error.h"
+#include "core/base/run_context.h"
+#include "core/base/types.h"
+#include "core/codec/geometry_id.h"
+#include "deform/v1/service.pb.h"
+
+namespace grpc {
+class ChannelInterface;
+}
+
+namespace deform::client {
+
+struct ClientOptions {
+  std::string address = "127.0.0.1:50051";
+  std::chrono::milliseconds connect_timeout{5000};
+  int max_attempts = 4;    ///< of calls that are safe to retry, for UNAVAILABLE and for RESOURCE_EXHAUSTED with a retry hint
+  int decode_threads = 0;  ///< 0 = all cores
+};
+
+/// Per call. The deadline travels to the server and reaches its computations; so does cancel.
+struct CallOptions {
+  std::optional<std::chrono::milliseconds> timeout;
+  std::optional<CancelFlag> cancel;
+};
+
+/// Plain arrays of a geometry; must stay alive during the call.
+struct GeometryArrays {
+  std::span<const Vec3> points;                ///< n x 3
+  std::span<const std::uint32_t> face_sizes;   ///< f
+  std::span<const std::uint32_t> face_points;  ///< sum of face_sizes
+  std::vector<codec::GroupView> groups;
+  std::string name;  ///< label
+};
+
+/// One deformed design.
+struct DeformedDesign {
+  Points points;  ///< n x 3, registered order
+  v1::DesignResult result;
+};
+
+struct DeformOutcome {
+  std::vector<DeformedDesign> designs;  ///< in order of the request; empty when a sink took them
+  v1::DeformSummary summary;
+  double decode_ms = 0;  ///< core time
+  double wall_ms = 0;    ///< from the call to the last decoded point
+};
+
+/// Called once per finished design, from one thread at a time, in order of completion; may move the points out.
+using DesignSink = std::function<void(std::size_t design, DeformedDesign&& deformed)>;
+
+class Session;
+
+/// A connection to deformd. Thread-safe: any number of threads may call at once. All errors are deform::Error with the server's
+/// message. Checksums of blocks and designs are always verified.
+///
+///   register_geometry -> prepare -> deform ... deform -> release_system
+class Client {
+ public:
+  explicit Client(const ClientOptions& options = {});
+  /// Over an existing channel (in-process tests, own credentials).
+  Client(std::shared_ptr<grpc::ChannelInterface> channel, const ClientOptions& options);
+  ~Client();
+  Client(Client&&) noexcept;
+  Client& operator=(Client&&) noexcept;
+
+  /// Uploads unless the server already has it. on_progress: fraction sent.
+  v1::GeometryInfo register_geometry(const GeometryArrays& arrays, const CallOptions& call = {},
+                                     const std::function<void(double)>& on_progress = {});
+  v1::GeometryInfo get_geometry(const std::string& id, const CallOptions& call = {});
+  std::vector<v1::GeometryInfo> list_geometries(const CallOptions& call = {});
+  v1::DeleteGeometryReply delete_geometry(const v1::DeleteGeometryRequest& request, const CallOptions& call = {});
+  Points get_points(const std::string& geometry_id, const CallOptions& call = {});
+
+  v1::EstimateReply estimate(const v1::Setup& setup, const CallOptions& call = {});
+  v1::SystemInfo prepare(const v1::Setup& setup, const CallOptions& call = {},
+                         const std::function<void(const std::string& stage, double fraction)>& on_progress = {});
+  v1::SystemInfo get_system(const std::string& id, const CallOptions& call = {});
+  std::vector<v1::SystemInfo> list_systems(const CallOptions& call = {});
+  v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request, const CallOptions& call = {});
+
+  /// Deforms. The registered points are needed to decode: they are fetched once per geometry and kept, unless given through
+  /// keep_points(). Requests above 1 MiB go over a stream of their own.
+  DeformOutcome deform(const v1::DeformRequest& request, const CallOptions& call = {}, const DesignSink& sink = {});
+
+  /// Hands over registered points, so that they need not be fetched.
+  void keep_points(const std::string& geometry_id, std::shared_ptr<const Points> points);
+
+  Points jacobian_vector(const v1::JacobianVectorRequest& request, const CallOptions& call = {});
+  std::vector<double> vector_jacobian(const std::string& system_id, std::span<const double> variables,
+                                      std::span<const Vec3> cotangent, const CallOptions& call = {});
+
+  v1::ServerInfo server_info(const CallOptions& call = {});
+
+  /// The pipelined stream for optimizers.
+  std::unique_ptr<Session> open_session(const CallOptions& call = {});
+
+ private:
+  friend class Session;
+  struct Impl;
+  std::shared_ptr<Impl> impl_;
+};
+
+/// Requests over one bidirectional stream: submit as many as wanted, answers come in any order. Thread-safe. Destroying the
+/// session cancels what is still open.
+class Session {
+ public:
+  ~Session();
+  /// Returns at once (or blocks while `max_in_flight` requests are open). The future throws Error.
+  std::future<DeformOutcome> submit(const v1::DeformRequest& request);
+  /// Half-closes and waits for the open requests.
+  void finish();
+
+ private:
+  friend class Client;
+  struct Impl;
+  explicit Session(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace deform::client

@@ -1,0 +1,50 @@
+#include "core/base/parallel.h"
+
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/parallel_for.h>
+#include <oneapi/tbb/partitioner.h>
+#include <oneapi/tbb/task_arena.h>
+
+#include <algorithm>
+#include <thread>
+
+namespace deform {
+
+int thread_count(const RunContext& context) {
+  const int cores = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  return context.threads > 0 ? std::min(context.threads, cores) : cores;
+}
+
+void parallel_for(const RunContext& context, std::size_t count, std::size_t grain,
+                  const std::function<void(std::size_t, std::size_t)>& body) {
+  grain = std::max<std::size_t>(grain, 1);
+  const std::size_t ranges = (count + grain - 1) / grain;
+  const auto run = [&](std::size_t k) {
+    context.check();
+    body(k * grain, std::min(count, (k + 1) * grain));
+  };
+  const int threads = thread_count(context);
+  if (ranges <= 1 || threads == 1) {
+    for (std::size_t k = 0; k < ranges; ++k) run(k);
+    return;
+  }
+  const auto loop = [&] {
+    // Isolated: a thread that waits here must not pick up an unrelated outer task, which could hold this one up for seconds.
+    oneapi::tbb::this_task_arena::isolate([&] {
+      oneapi::tbb::parallel_for(
+          oneapi::tbb::blocked_range<std::size_t>(0, ranges, 1),
+          [&](const oneapi::tbb::blocked_range<std::size_t>& range) {
+            for (std::size_t k = range.begin(); k != range.end(); ++k) run(k);
+          },
+          oneapi::tbb::simple_partitioner());
+    });
+  };
+  if (threads >= oneapi::tbb::this_task_arena::max_concurrency()) {
+    loop();
+  } else {
+    oneapi::tbb::task_arena arena(threads);
+    arena.execute(loop);
+  }
+}
+
+}  // namespace deform

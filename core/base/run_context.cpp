@@ -1,0 +1,12 @@
+#include "core/base/run_context.h"
+
+#include "core/base/error.h"
+
+namespace deform {
+
+void RunContext::check() const {
+  if (cancel && cancel->cancelled()) throw Error(ErrorCode::cancelled, "cancelled by the caller");
+  if (deadline && Clock::now() >= *deadline) throw Error(ErrorCode::deadline_exceeded, "deadline exceeded");
+}
+
+}  // namespace deform

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+namespace deform {
+
+using Vec3 = std::array<double, 3>;
+
+/// n points, n x 3, row by row, contiguous. Model units.
+using Points = std::vector<Vec3>;
+
+using PointId = std::uint32_t;
+using FaceId = std::uint32_t;
+
+/// Axis-aligned box. Empty (min > max) until something is added.
+struct Box {
+  Vec3 min{1e300, 1e300, 1e300};
+  Vec3 max{-1e300, -1e300, -1e300};
+
+  void add(const Vec3& p) {
+    for (int k = 0; k < 3; ++k) {
+      if (p[k] < min[k]) min[k] = p[k];
+      if (p[k] > max[k]) max[k] = p[k];
+    }
+  }
+  /// Length of the diagonal, the D of every tolerance; 0 for an empty box.
+  double diagonal() const;
+};
+
+Box bounding_box(const Points& points);
+
+/// x' = A x + b as a 3 x 4 matrix [A b], row-major. Model units.
+using Affine = std::array<double, 12>;
+inline constexpr Affine identity_affine{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+
+inline Vec3 transformed(const Affine& m, const Vec3& p) {
+  return {m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3], m[4] * p[0] + m[5] * p[1] + m[6] * p[2] + m[7],
+          m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11]};
+}
+
+/// The map "first b, then a".
+Affine compose(const Affine& a, const Affine& b);
+
+}  // namespace deform

@@ -1,0 +1,41 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "core/base/types.h"
+
+namespace deform::codec {
+
+/// SHA-256, incremental. One thread.
+class Sha256 {
+ public:
+  Sha256();
+  ~Sha256();
+  Sha256(const Sha256&) = delete;
+  Sha256& operator=(const Sha256&) = delete;
+  void add(const void* data, std::size_t size);
+  /// Lower-case hexadecimal, 64 characters. Ends the object's use.
+  std::string hex();
+
+ private:
+  void* context_;
+};
+
+/// One group as it enters the id.
+struct GroupView {
+  std::string_view name;
+  std::span<const PointId> points;
+  std::span<const FaceId> faces;
+};
+
+/// The id of a geometry: SHA-256 over, little endian, without padding: "deform.geometry.1\0"; u64 n, n x 3 f64; u64 f, f x u32
+/// sizes; u64 c, c x u32 corners; u64 g, then per group in order: u64 length and bytes of the name, u64 count and u32 points, u64
+/// count and u32 faces. Negative zero is hashed as it is: other bits, other geometry. Client and server compute the same id from
+/// the same arrays.
+std::string geometry_id(std::span<const Vec3> points, std::span<const std::uint32_t> face_sizes,
+                        std::span<const PointId> face_points, std::span<const GroupView> groups);
+
+}  // namespace deform::codec

@@ -1,0 +1,113 @@
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <span>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "core/base/types.h"
+#include "core/mesh/region.h"
+
+namespace deform {
+
+/// Radial kernels (thesis table 3.1). r is the distance in unit-box coordinates, s the shape parameter.
+enum class Kernel {
+  triharmonic,           ///< r^3, order 2
+  biharmonic,            ///< r, order 1
+  quintic,               ///< r^5, order 3
+  gaussian,              ///< exp(-(r/s)^2), positive definite
+  multiquadric,          ///< sqrt(r^2 + s^2), order 1
+  inverse_multiquadric,  ///< 1 / sqrt(r^2 + s^2), positive definite
+  wendland_c2,           ///< (1 - r/s)_+^4 (4 r/s + 1), positive definite in three dimensions
+};
+
+enum class DenseSolver {
+  automatic,  ///< Cholesky, with LDL^T as the fallback when it breaks down
+  cholesky,   ///< on the complement of the polynomials
+  ldlt,       ///< Bunch-Kaufman (dsytrf) of the bordered system
+  lu,         ///< dgetrf of the bordered system; for comparison
+};
+
+enum class CentreReduction {
+  automatic,  ///< the constraint points within `reduction_rings` of the deformable region, where the mesh is manifold there
+  off,        ///< all constraint points
+};
+
+enum class BasisMode {
+  automatic,  ///< store the handle basis when there are handles and it is not larger than max(4 x the factor, 1 GiB)
+  always,
+  never,  ///< every design goes through the factorization and kernel sums
+};
+
+/// RBF deformation (thesis 3.5, 4.2). Lengths in model units.
+struct RbfOptions {
+  Kernel kernel = Kernel::triharmonic;
+  /// s of the kernels that have one, as a fraction of the bounding-box diagonal of the centres; larger is smoother and worse
+  /// conditioned. Ignored by r, r^3, r^5. 0 < shape <= 100.
+  double shape = 0.5;
+  /// Total degree of the polynomial part; -1 = max(1, order - 1). At least order - 1, at most 2.
+  int polynomial_degree = -1;
+  DenseSolver solver = DenseSolver::automatic;
+  CentreReduction reduction = CentreReduction::automatic;
+  int reduction_rings = 3;  ///< 1..100 (thesis 3.5: three rings fix positions and first and second derivatives)
+  BasisMode basis = BasisMode::automatic;
+};
+
+/// A region with a name, moved by the user.
+struct Handle {
+  std::string name;
+  Region region;
+};
+
+/// A named scalar that moves a handle; 0 is the rest position.
+struct DesignVariable {
+  struct Translate {  ///< x' = x + v direction
+    Vec3 direction{};
+  };
+  struct Rotate {  ///< by v radians about the axis through the centre, right-handed; the axis need not be of unit length
+    Vec3 axis{}, centre{};
+  };
+  struct Scale {  ///< x' = centre + (1 + v)(x - centre); with an axis (not zero) only along it
+    Vec3 centre{}, axis{};
+  };
+  std::string name;
+  std::string handle;
+  std::variant<Translate, Rotate, Scale> kind;
+  double lower = -std::numeric_limits<double>::infinity();
+  double upper = std::numeric_limits<double>::infinity();
+};
+
+/// What a system is prepared from, besides the mesh. Several variables of one handle compose in their order here (the first acts
+/// first).
+struct Setup {
+  std::variant<RbfOptions> method;
+  std::vector<Handle> handles;
+  std::vector<Region> fixed;
+  std::vector<DesignVariable> variables;
+  std::uint64_t seed = 0;
+};
+
+/// The regions of a setup on one mesh.
+struct SelectedRegions {
+  std::vector<std::vector<PointId>> handles;  ///< per handle, sorted, not empty, disjoint
+  std::vector<PointId> fixed;                 ///< sorted, disjoint from all handles; may be empty
+};
+
+/// Checks everything that can be checked without numerics and selects the regions. Throws Error(invalid_argument) naming the
+/// field: no handle, repeated or empty names, empty region, a point in two handles or in a handle and a fixed region (with the
+/// count and the first id), unknown handle of a variable (with the nearest names), lower > upper or 0 outside of them, zero axis
+/// or direction, non-finite numbers, options out of range.
+SelectedRegions validate(const Setup& setup, const Mesh& mesh);
+
+/// The affine motion of every handle for a vector of variable values (size = setup.variables.size()). Throws
+/// Error(invalid_argument): wrong length, non-finite value, value outside its bounds (both named).
+std::vector<Affine> handle_motions(const Setup& setup, std::span<const double> variables);
+
+/// d(motion of every handle) / d(variable k), as 3 x 4 matrices per handle: exact derivative at `variables`, so a rotation is
+/// linearised at the current design. Handles that variable k does not move get zeros.
+std::vector<Affine> handle_motion_derivative(const Setup& setup, std::span<const double> variables, std::size_t k);
+
+}  // namespace deform

@@ -1,0 +1,131 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/base/types.h"
+#include "core/deformers/setup.h"
+#include "core/mesh/mesh.h"
+
+namespace deform {
+
+/// How one design is evaluated.
+enum class EvaluationPath {
+  automatic,  ///< basis when every motion is affine and the system has a basis, else direct
+  basis,      ///< n x 4H handle basis times handle coefficients (thesis 4.2)
+  direct,     ///< solve for the weights, then kernel sums
+};
+
+/// What one design prescribes for one handle: an affine map of its points, or a displacement per point of the handle (in the
+/// order of the sorted point ids).
+struct Motion {
+  std::size_t handle = 0;
+  std::variant<Affine, std::vector<Vec3>> value = identity_affine;
+};
+
+/// One set of motions, or one vector of design variables, or both for different handles. Handles that nothing mentions stay at
+/// rest.
+struct Design {
+  std::vector<double> variables;  ///< empty, or one value per design variable of the setup
+  std::vector<Motion> motions;    ///< at most one per handle; not for a handle whose variables are not all 0
+};
+
+/// Told about one evaluated design.
+struct DesignReport {
+  EvaluationPath path = EvaluationPath::basis;
+  double interpolation_residual = 0;  ///< max over the centres of |interpolant - prescribed position|, model units
+  double max_displacement = 0;        ///< max over the prescribed displacements, model units
+};
+
+/// Told about a prepared system. Lengths in model units.
+struct SystemInfo {
+  std::size_t points = 0;
+  std::size_t fixed_points = 0, handle_points = 0, deformable_points = 0;
+  std::size_t constraint_points = 0;  ///< handle and fixed points: candidate centres
+  std::size_t centres = 0;            ///< after reduction and merging of coincident ones
+  std::size_t merged_duplicates = 0;
+  std::size_t polynomial_terms = 0;
+  int affine_hull_dimension = 3;  ///< of the centres: 0 point, 1 line, 2 plane, 3 space
+  std::size_t basis_fields = 0;   ///< 4H, or 0 without a basis
+  std::size_t bytes = 0, factor_bytes = 0, basis_bytes = 0;
+  double diagonal = 0;                         ///< D, of all points
+  double condition = 0;                        ///< 1-norm estimate of the factored matrix
+  DenseSolver solver = DenseSolver::cholesky;  ///< the one that was used
+  bool reduced = false;
+  std::vector<std::string> notes;                             ///< what was decided and why, one sentence each
+  std::vector<std::pair<std::string, double>> stage_seconds;  ///< "select", "assemble", "factor", "basis", in order
+};
+
+/// Designs bound to a system: everything that is small or global has been computed, what remains is to evaluate ranges of points.
+/// Keeps its system alive. Any number of threads may call evaluate() at once.
+class Evaluation {
+ public:
+  virtual ~Evaluation() = default;
+  virtual std::size_t design_count() const = 0;
+  virtual const DesignReport& report(std::size_t design) const = 0;
+
+  /// Deformed points [begin, end) of designs [first, first + out.size()): out[k] points to end - begin points. The result for a
+  /// point depends on nothing but the point and the design (not on the range, the grouping of designs or the thread), bit for
+  /// bit.
+  virtual void evaluate(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const = 0;
+};
+
+/// A prepared method (thesis 4.2: prepare once, evaluate often). Immutable; any number of threads may call every method at once.
+/// Made and held by shared_ptr.
+class System : public std::enable_shared_from_this<System> {
+ public:
+  virtual ~System() = default;
+
+  virtual const SystemInfo& info() const = 0;
+  /// What the cache charges.
+  std::size_t bytes() const { return info().bytes; }
+
+  /// Checks the designs (Error(invalid_argument) naming design, handle, point and limit: wrong length, non-finite, out of bounds,
+  /// coincident constraint points that are told to go to different places, a path that cannot be taken) and solves what is
+  /// global.
+  virtual std::unique_ptr<const Evaluation> bind(std::span<const Design> designs, EvaluationPath path,
+                                                 const RunContext& context) const = 0;
+
+  /// d(points)/d(variables) at `variables` times `direction` (one value per variable): n x 3 (thesis 4.2, eq. 4.2).
+  virtual Points jacobian_vector(std::span<const double> variables, std::span<const double> direction,
+                                 const RunContext& context) const = 0;
+  /// d(points)/d(variables)^T at `variables` times a cotangent field (n x 3): one value per variable.
+  virtual std::vector<double> vector_jacobian(std::span<const double> variables, const Points& cotangent,
+                                              const RunContext& context) const = 0;
+
+  /// One design to arrays, in parallel.
+  Points evaluate(const Design& design, const RunContext& context = {}) const;
+  /// A population: the designs share one pass over the system. In order of the designs.
+  std::vector<Points> evaluate(std::span<const Design> designs, EvaluationPath path = EvaluationPath::automatic,
+                               const RunContext& context = {}) const;
+};
+
+/// Cheap upper bounds, before anything is allocated.
+struct Estimate {
+  std::size_t constraint_points = 0;
+  std::size_t centres = 0;
+  std::size_t factor_bytes = 0, basis_bytes = 0;
+  std::size_t resident_bytes = 0;  ///< of the prepared system
+  std::size_t peak_bytes = 0;      ///< while preparing, including the system
+  double seconds = 0;              ///< rough: from flop and byte counts at nominal rates
+  std::vector<std::string> notes;
+};
+
+/// Dispatches on setup.method. Throws what validate() throws.
+Estimate estimate(const Mesh& mesh, const Setup& setup);
+
+/// Prepares a system. The mesh is kept alive by the system and not copied. Throws what validate() throws,
+/// Error(numerical_failure) when the system is singular (with the reason), cancelled, deadline_exceeded. `memory_budget` (bytes,
+/// 0 = unlimited) is compared with estimate().peak_bytes before anything large is allocated: Error(out_of_budget) with needed,
+/// available and what to change.
+std::shared_ptr<const System> prepare(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context = {},
+                                      std::size_t memory_budget = 0);
+
+}  // namespace deform

@@ -1,0 +1,56 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/base/types.h"
+#include "core/mesh/mesh.h"
+
+namespace deform::io {
+
+enum class Format { obj, off, ply, stl };
+
+/// A mesh read from a file, together with what is needed to write the same file with other coordinates. Immutable; any thread may
+/// read.
+class MeshFile {
+ public:
+  virtual ~MeshFile() = default;
+  virtual Format format() const = 0;
+  /// Every point in file order (STL: coincident corners of the whole file welded into one point each, in order of first
+  /// appearance).
+  virtual std::shared_ptr<const Mesh> mesh() const = 0;
+
+  /// The original file with the coordinates of `points` (size mesh()->point_count()) and nothing else changed: comments, spacing,
+  /// line ends, other properties, normals, face lines stay byte for byte. Text: shortest decimal that parses to the same double;
+  /// a coordinate whose value did not change keeps its token. Binary floats: nearest float. Throws Error(invalid_argument) for a
+  /// wrong size or non-finite coordinates.
+  virtual std::string with_points(std::span<const Vec3> points) const = 0;
+
+  bool compressed = false;  ///< the bytes came gzipped
+};
+
+/// Reads .obj .off .ply .stl, each also as .gz (recognised by content). Throws Error(invalid_argument) naming file, line (or byte
+/// offset) and what was expected; Error(not_found) when the file cannot be opened.
+std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path);
+
+/// The same from memory; `name` gives the format by its extension and stands in errors. What the bytes claim (counts) is checked
+/// against their number before anything is allocated.
+std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name);
+
+/// Writes source with new coordinates to `path` (gzipped when it ends in .gz), by temporary file and rename. The extension must
+/// be the source's format; OBJ may be asked from any mesh only through write_obj().
+void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const std::filesystem::path& path);
+
+/// A new file from a mesh (samples, conversions): OBJ or binary STL by extension, groups as g / solid names.
+void write_new_file(const Mesh& mesh, const std::filesystem::path& path);
+
+/// Whole file, gunzipped when its content is gzip. At most max_bytes after decompression (Error(out_of_budget)).
+std::string read_file(const std::filesystem::path& path, bool* was_gzip = nullptr, std::size_t max_bytes = std::size_t{1} << 36);
+/// By temporary file in the same folder and rename; gzipped when the name ends in .gz.
+void write_file(const std::filesystem::path& path, std::string_view bytes);
+
+}  // namespace deform::io

@@ -1,0 +1,32 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "core/base/types.h"
+#include "core/mesh/mesh.h"
+
+namespace deform {
+
+/// What `deform inspect` prints.
+struct MeshReport {
+  std::size_t points = 0, faces = 0, corners = 0;
+  std::size_t triangles = 0, quads = 0, other_faces = 0;
+  Box box;
+  std::size_t components = 0;  ///< connected by shared points; isolated points not counted
+  std::size_t edges = 0, boundary_edges = 0, non_manifold_edges = 0, inconsistent_edges = 0;
+  std::size_t non_manifold_points = 0;
+  std::size_t degenerate_faces = 0;  ///< repeated corner, fewer than three corners, or area below 1e-12 D^2
+  std::size_t isolated_points = 0;
+  std::size_t coincident_points = 0;  ///< points with exactly the coordinates of an earlier one
+  struct GroupCount {
+    std::string name;
+    std::size_t points, faces;  ///< points: of the group including those of its faces
+  };
+  std::vector<GroupCount> groups;
+};
+
+MeshReport inspect(const Mesh& mesh);
+
+}  // namespace deform

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/base/types.h"
+
+namespace deform {
+
+/// A named set of points and faces. As a region it means its points and all points of its faces.
+struct Group {
+  std::string name;
+  std::vector<PointId> points;
+  std::vector<FaceId> faces;
+};
+
+/// Points, polygonal faces of any degree, named groups, in file order: no point is ever merged, dropped or reordered. Isolated
+/// points, coincident points, degenerate and non-manifold faces are all legal. Immutable by convention once validated: any thread
+/// may read.
+struct Mesh {
+  Points points;                          ///< n x 3
+  std::vector<std::uint32_t> face_sizes;  ///< f, number of corners per face, each >= 1
+  std::vector<PointId> face_points;       ///< sum of face_sizes, corners face by face
+  std::vector<Group> groups;              ///< unique non-empty names
+
+  std::size_t point_count() const { return points.size(); }
+  std::size_t face_count() const { return face_sizes.size(); }
+
+  /// f + 1 prefix sums of face_sizes: face i has corners face_points[offsets[i] .. offsets[i+1]).
+  std::vector<std::uint64_t> face_offsets() const;
+
+  /// The group of that name or nullptr.
+  const Group* find_group(const std::string& name) const;
+
+  /// Throws Error(invalid_argument) naming the field, index and limit: NaN or infinite coordinate, no point, corner or group
+  /// entry out of range, sizes that do not add up, empty or repeated group name, more than 2^32-1 points or faces.
+  void validate() const;
+};
+
+}  // namespace deform

@@ -1,0 +1,65 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "core/base/types.h"
+#include "core/mesh/mesh.h"
+
+namespace deform {
+
+/// A set of points of a mesh, described so that it can be selected again on any mesh. A tree: combinators hold child regions.
+/// Lengths in model units; all selections are closed sets (points exactly on the surface of a box, sphere, ... belong to it).
+struct Region {
+  struct All {};
+  struct GroupName {
+    std::string name;  ///< points of the group and of its faces
+  };
+  struct InBox {
+    Vec3 min{}, max{};
+  };
+  struct InSphere {
+    Vec3 centre{};
+    double radius = 0;
+  };
+  struct InCylinder {  ///< finite solid cylinder between two axis points
+    Vec3 start{}, end{};
+    double radius = 0;
+  };
+  struct InHalfSpace {  ///< (x - point) . normal >= 0; the normal need not be of unit length
+    Vec3 point{}, normal{};
+  };
+  struct Ids {
+    std::vector<PointId> ids;
+  };
+  struct OpenBoundary {};  ///< end points of edges that belong to exactly one face
+  struct Union {
+    std::vector<Region> of;
+  };
+  struct Intersection {
+    std::vector<Region> of;
+  };
+  struct Difference {  ///< the first without all the others
+    std::vector<Region> of;
+  };
+  struct Complement {
+    std::vector<Region> of;  ///< exactly one
+  };
+  struct Grow {              ///< the region and `rings` rings of mesh neighbours (points that share a face) around it
+    std::vector<Region> of;  ///< exactly one
+    int rings = 1;           ///< 0..1000
+  };
+
+  std::variant<All, GroupName, InBox, InSphere, InCylinder, InHalfSpace, Ids, OpenBoundary, Union, Intersection, Difference,
+               Complement, Grow>
+      kind;
+};
+
+/// The selected point ids, sorted, unique; may be empty (whoever needs points refuses that). `what` names the region in errors
+/// ("handle \"roof\""). Throws Error(invalid_argument): unknown group (with the nearest names), id out of range, min > max,
+/// negative or non-finite lengths, zero normal, zero-length axis, wrong number of children, nesting deeper than 64.
+std::vector<PointId> select(const Region& region, const Mesh& mesh, const std::string& what);
+
+}  // namespace deform

@@ -1,0 +1,121 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "core/base/error.h"
+#include "core/base/run_context.h"
+#include "core/base/types.h"
+#include "deform/v1/service.pb.h"
+
+namespace deform::server {
+
+struct EngineOptions {
+  std::filesystem::path data_dir;  ///< created when missing; locked against a second process
+  std::size_t memory_budget = 0;   ///< bytes; 0 = 80 % of what the machine (or its cgroup) has
+  std::size_t cache_budget = 0;    ///< bytes of resident systems; 0 = half of memory_budget
+  int workers = 0;                 ///< requests computed at once; 0 = number of cores
+  std::size_t queue_limit = 256;   ///< requests waiting; more are refused with a retry hint
+  std::size_t max_points = 50'000'000;
+  std::size_t max_faces = 100'000'000;
+  std::size_t max_groups = 10'000;
+  std::size_t max_designs = 10'000;
+  std::size_t max_handles = 10'000;
+  std::size_t block_points = 1u << 15;  ///< per block on the wire; 256..40000, so that a raw block stays below 1 MiB
+
+  /// Throws Error(invalid_argument) naming the option and its limits.
+  void validate() const;
+};
+
+/// What the transport knows about a call. Its cancel flag and deadline reach every loop.
+struct CallContext {
+  CancelFlag cancel;
+  std::optional<RunContext::Clock::time_point> deadline;
+  std::string client;  ///< peer, for the log
+};
+
+/// One geometry on its way in. Not thread-safe; destroyed without finish(), it leaves nothing behind.
+class GeometryUpload {
+ public:
+  virtual ~GeometryUpload() = default;
+  /// The geometry of the header's id is already there: finish() may be called at once.
+  virtual bool already_stored() const = 0;
+  /// Next message after the header, as geometry.proto prescribes. Throws Error(invalid_argument).
+  virtual void add(const v1::RegisterGeometryRequest& part) = 0;
+  /// Validates, stores durably, makes visible.
+  virtual v1::GeometryInfo finish() = 0;
+};
+
+/// A running deformation: pull-based, so that a slow reader never holds a worker. Thread-safe.
+class DeformJob {
+ public:
+  enum class Poll {
+    reply,    ///< `reply` was filled
+    pending,  ///< nothing yet; the job's on_ready will be called
+    done      ///< nothing more; error() tells how it ended
+  };
+  virtual ~DeformJob() = default;
+  /// Never blocks. Taking replies makes room for the job to go on.
+  virtual Poll poll(v1::DeformReply& reply) = 0;
+  virtual void cancel() = 0;
+  /// After done: empty when all replies were delivered.
+  virtual std::optional<Error> error() const = 0;
+};
+
+/// deformd without a network: everything the service offers, with the semantics of service.proto. Thread-safe. Errors are Error;
+/// those of asynchronous work arrive through its callback, on a worker thread.
+///
+///   register -> GeometryStore (durable)
+///   prepare  -> Scheduler (bounded queue) -> SystemCache (single flight, byte budget) -> deform::prepare
+///   deform   -> Scheduler -> SystemCache -> System::bind -> per step: evaluate + codec::encode -> replies
+class Engine {
+ public:
+  /// Opens the store. Throws Error(invalid_argument) for options, Error(unavailable) when another process has the data directory.
+  static std::unique_ptr<Engine> open(const EngineOptions& options);
+  virtual ~Engine() = default;
+
+  virtual std::unique_ptr<GeometryUpload> begin_upload(const v1::GeometryHeader& header, const CallContext& call) = 0;
+  virtual v1::GeometryInfo get_geometry(const std::string& id) = 0;
+  virtual v1::ListGeometriesReply list_geometries(const v1::ListGeometriesRequest& request) = 0;
+  virtual v1::DeleteGeometryReply delete_geometry(const v1::DeleteGeometryRequest& request) = 0;
+  /// Keeps the points alive.
+  virtual std::shared_ptr<const Points> get_points(const std::string& id) = 0;
+
+  /// Result of asynchronous work: a value or an error.
+  template <typename T>
+  struct Outcome {
+    std::optional<T> value;
+    std::optional<Error> error;
+  };
+
+  virtual v1::EstimateReply estimate(const v1::EstimateRequest& request) = 0;
+  /// on_progress may be empty. on_done is called exactly once.
+  virtual void prepare(const v1::PrepareRequest& request, const CallContext& call,
+                       std::function<void(const v1::Progress&)> on_progress,
+                       std::function<void(Outcome<v1::SystemInfo>)> on_done) = 0;
+  virtual v1::SystemInfo get_system(const std::string& id) = 0;
+  virtual v1::ListSystemsReply list_systems(const v1::ListSystemsRequest& request) = 0;
+  virtual v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request) = 0;
+
+  /// Throws when the queue is full or the request is plainly wrong. on_ready (any thread, not while a lock is held, never after
+  /// done) says that poll() has something again after it answered pending. request_id is copied into every reply.
+  virtual std::shared_ptr<DeformJob> deform(v1::DeformRequest request, std::uint64_t request_id, const CallContext& call,
+                                            std::function<void()> on_ready) = 0;
+  virtual std::shared_ptr<DeformJob> jacobian_vector(v1::JacobianVectorRequest request, const CallContext& call,
+                                                     std::function<void()> on_ready) = 0;
+  virtual void vector_jacobian(const v1::VectorJacobianHeader& header, Points cotangent, const CallContext& call,
+                               std::function<void(Outcome<v1::VectorJacobianReply>)> on_done) = 0;
+
+  virtual v1::ServerInfo info() = 0;
+
+  /// No new work is accepted (Error(unavailable)); waits until everything under way is done or the time is over, then cancels the
+  /// rest and waits for that. True when nothing had to be cancelled. Idempotent.
+  virtual bool drain(std::chrono::milliseconds limit) = 0;
+};
+
+}  // namespace deform::server

@@ -1,0 +1,26 @@
+#include "core/base/error.h"
+
+#include <gtest/gtest.h>
+
+namespace deform {
+namespace {
+
+TEST(NearestNames, SuggestsTypos) { EXPECT_EQ(nearest_names("rof", {"nose", "roof", "underbody"}), "\"roof\""); }
+
+TEST(NearestNames, SuggestsContainedNames) {
+  EXPECT_EQ(nearest_names("slant", {"rear_slant_left", "nose"}), "\"rear_slant_left\"");
+}
+
+TEST(NearestNames, SilentWhenNothingIsNear) { EXPECT_EQ(nearest_names("wheel", {"nose", "underbody"}), ""); }
+
+TEST(NearestNames, AtMostThree) { EXPECT_EQ(nearest_names("a1", {"a2", "a3", "a4", "a5"}), "\"a2\", \"a3\", \"a4\""); }
+
+TEST(Error, KeepsCodeAndMessage) {
+  const Error error(ErrorCode::out_of_budget, "needed 3, available 2");
+  EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
+  EXPECT_STREQ(error.what(), "needed 3, available 2");
+  EXPECT_STREQ(to_string(error.code()), "out_of_budget");
+}
+
+}  // namespace
+}  // namespace deform

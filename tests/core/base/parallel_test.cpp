@@ -1,0 +1,60 @@
+#include "core/base/parallel.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <vector>
+
+#include "core/base/error.h"
+
+namespace deform {
+namespace {
+
+TEST(ParallelFor, CoversEveryIndexOnceInFixedRanges) {
+  std::vector<std::atomic<int>> hits(1003);
+  parallel_for({}, hits.size(), 10, [&](std::size_t begin, std::size_t end) {
+    EXPECT_EQ(begin % 10, 0u);
+    EXPECT_LE(end - begin, 10u);
+    for (std::size_t i = begin; i < end; ++i) ++hits[i];
+  });
+  for (const auto& h : hits) EXPECT_EQ(h.load(), 1);
+}
+
+TEST(ParallelFor, NothingToDo) {
+  parallel_for({}, 0, 10, [](std::size_t, std::size_t) { FAIL(); });
+}
+
+TEST(ParallelFor, FirstExceptionLeaves) {
+  EXPECT_THROW(parallel_for({}, 100, 1,
+                            [](std::size_t begin, std::size_t) {
+                              if (begin == 37) throw Error(ErrorCode::internal, "37");
+                            }),
+               Error);
+}
+
+TEST(ParallelFor, CancelStopsBetweenRanges) {
+  for (int threads : {1, 2}) {
+    RunContext context;
+    context.threads = threads;
+    context.cancel.emplace();
+    std::atomic<int> runs = 0;
+    try {
+      parallel_for(context, 100000, 1, [&](std::size_t, std::size_t) {
+        if (++runs == 5) context.cancel->cancel();
+      });
+      FAIL() << "not cancelled";
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::cancelled);
+    }
+    EXPECT_LT(runs.load(), 1000);
+  }
+}
+
+TEST(ParallelFor, DeadlineStops) {
+  RunContext context;
+  context.deadline = RunContext::Clock::now();
+  EXPECT_THROW(parallel_for(context, 10, 1, [](std::size_t, std::size_t) {}), Error);
+}
+
+}  // namespace
+}  // namespace deform
