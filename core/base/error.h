@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -24,11 +25,15 @@ enum class ErrorCode {
 /// The one exception type of core, codec, server and client. Not converging is a result, never an Error.
 class Error : public std::runtime_error {
  public:
-  Error(ErrorCode code, const std::string& message) : std::runtime_error(message), code_(code) {}
+  Error(ErrorCode code, const std::string& message, std::uint32_t retry_after_ms = 0)
+      : std::runtime_error(message), code_(code), retry_after_ms_(retry_after_ms) {}
   ErrorCode code() const { return code_; }
+  /// With out_of_budget and unavailable: after so long the same request may succeed. 0: no hint, only another request can.
+  std::uint32_t retry_after_ms() const { return retry_after_ms_; }
 
  private:
   ErrorCode code_;
+  std::uint32_t retry_after_ms_;
 };
 
 /// Lower-case snake name of the code ("invalid_argument").
