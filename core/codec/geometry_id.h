@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -35,6 +36,17 @@ struct GroupView {
 /// sizes; u64 c, c x u32 corners; u64 g, then per group in order: u64 length and bytes of the name, u64 count and u32 points, u64
 /// count and u32 faces. Negative zero is hashed as it is: other bits, other geometry. Client and server compute the same id from
 /// the same arrays.
+/// The byte sequence itself goes to visit_geometry_bytes(): a stored geometry is exactly these bytes, so that the id is its
+/// checksum.
+struct GeometryView {
+  std::span<const Vec3> points;
+  std::span<const std::uint32_t> face_sizes;
+  std::span<const PointId> face_points;
+  std::span<const GroupView> groups;
+};
+using ByteSink = std::function<void(const void* data, std::size_t size)>;
+void visit_geometry_bytes(const GeometryView& geometry, const ByteSink& sink);
+
 std::string geometry_id(std::span<const Vec3> points, std::span<const std::uint32_t> face_sizes,
                         std::span<const PointId> face_points, std::span<const GroupView> groups);
 
