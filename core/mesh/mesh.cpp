@@ -1,0 +1,94 @@
+#include "core/mesh/mesh.h"
+
+#include <cmath>
+#include <limits>
+#include <unordered_set>
+
+#include "core/base/error.h"
+
+namespace deform {
+
+namespace {
+
+constexpr std::uint64_t max_count = std::numeric_limits<std::uint32_t>::max();
+
+[[noreturn]] void refuse(const std::string& message) { throw Error(ErrorCode::invalid_argument, "mesh: " + message); }
+
+std::string number(std::uint64_t value) { return std::to_string(value); }
+
+void check_points(const Points& points) {
+  if (points.empty()) refuse("points: there must be at least one point");
+  if (points.size() > max_count) refuse("points: " + number(points.size()) + " points, the limit is " + number(max_count));
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    for (int k = 0; k < 3; ++k) {
+      if (!std::isfinite(points[i][k])) {
+        refuse("points[" + number(i) + "]: coordinate " + "xyz"[k] + " is not a finite number");
+      }
+    }
+  }
+}
+
+void check_faces(const Mesh& mesh) {
+  if (mesh.face_sizes.size() > max_count) {
+    refuse("face_sizes: " + number(mesh.face_sizes.size()) + " faces, the limit is " + number(max_count));
+  }
+  std::uint64_t corners = 0;
+  for (std::size_t i = 0; i < mesh.face_sizes.size(); ++i) {
+    if (mesh.face_sizes[i] == 0) refuse("face_sizes[" + number(i) + "]: a face needs at least one corner");
+    corners += mesh.face_sizes[i];
+  }
+  if (corners != mesh.face_points.size()) {
+    refuse("face_sizes: they add up to " + number(corners) + " corners, but face_points has " +
+           number(mesh.face_points.size()));
+  }
+  for (std::size_t i = 0; i < mesh.face_points.size(); ++i) {
+    if (mesh.face_points[i] >= mesh.points.size()) {
+      refuse("face_points[" + number(i) + "]: point " + number(mesh.face_points[i]) + " is out of range, the mesh has " +
+             number(mesh.points.size()) + " points");
+    }
+  }
+}
+
+template <typename Id>
+void check_ids(const std::vector<Id>& ids, std::size_t limit, const std::string& field, const char* noun) {
+  for (std::size_t i = 0; i < ids.size(); ++i) {
+    if (ids[i] >= limit) {
+      refuse(field + "[" + number(i) + "]: " + noun + " " + number(ids[i]) + " is out of range, the mesh has " + number(limit) + " " +
+             noun + "s");
+    }
+  }
+}
+
+void check_groups(const Mesh& mesh) {
+  std::unordered_set<std::string> names;
+  for (std::size_t i = 0; i < mesh.groups.size(); ++i) {
+    const Group& group = mesh.groups[i];
+    if (group.name.empty()) refuse("groups[" + number(i) + "]: the name is empty");
+    if (!names.insert(group.name).second) refuse("groups[" + number(i) + "]: the name \"" + group.name + "\" is used twice");
+    check_ids(group.points, mesh.point_count(), "group \"" + group.name + "\": points", "point");
+    check_ids(group.faces, mesh.face_count(), "group \"" + group.name + "\": faces", "face");
+  }
+}
+
+}  // namespace
+
+std::vector<std::uint64_t> Mesh::face_offsets() const {
+  std::vector<std::uint64_t> offsets(face_sizes.size() + 1, 0);
+  for (std::size_t i = 0; i < face_sizes.size(); ++i) offsets[i + 1] = offsets[i] + face_sizes[i];
+  return offsets;
+}
+
+const Group* Mesh::find_group(const std::string& name) const {
+  for (const Group& group : groups) {
+    if (group.name == name) return &group;
+  }
+  return nullptr;
+}
+
+void Mesh::validate() const {
+  check_points(points);
+  check_faces(*this);
+  check_groups(*this);
+}
+
+}  // namespace deform

@@ -1,0 +1,218 @@
+#include "core/mesh/region.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "core/base/error.h"
+#include "core/mesh/adjacency.h"
+
+namespace deform {
+
+namespace {
+
+using Mask = std::vector<char>;
+
+constexpr int max_depth = 64;
+constexpr int max_rings = 1000;
+
+Vec3 minus(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
+double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+/// Evaluates one region tree on one mesh. Masks, not id lists: a combinator is then one pass over bytes.
+class Selector {
+ public:
+  Selector(const Mesh& mesh, const std::string& what) : mesh_(mesh), what_(what) {}
+
+  Mask mask(const Region& region, int depth) {
+    if (depth > max_depth) refuse("regions are nested deeper than " + std::to_string(max_depth));
+    return std::visit([&](const auto& kind) { return select(kind, depth); }, region.kind);
+  }
+
+ private:
+  [[noreturn]] void refuse(const std::string& message) const {
+    throw Error(ErrorCode::invalid_argument, what_ + ": " + message);
+  }
+
+  void require_finite(const Vec3& v, const char* field) const {
+    for (int k = 0; k < 3; ++k) {
+      if (!std::isfinite(v[k])) refuse(std::string(field) + ": coordinate " + "xyz"[k] + " is not a finite number");
+    }
+  }
+  void require_radius(double radius, const char* field) const {
+    if (!std::isfinite(radius) || radius < 0) {
+      refuse(std::string(field) + ": it must be a finite number that is not negative, not " + std::to_string(radius));
+    }
+  }
+  void require_one(std::size_t children, const char* field) const {
+    if (children != 1) refuse(std::string(field) + ": needs exactly one region, not " + std::to_string(children));
+  }
+  void require_some(std::size_t children, const char* field) const {
+    if (children == 0) refuse(std::string(field) + ": needs at least one region");
+  }
+
+  template <typename Predicate>
+  Mask where(Predicate inside) const {
+    Mask mask(mesh_.point_count());
+    for (std::size_t i = 0; i < mask.size(); ++i) mask[i] = inside(mesh_.points[i]);
+    return mask;
+  }
+
+  const Adjacency& adjacency() {
+    if (!adjacency_) adjacency_.emplace(mesh_);
+    return *adjacency_;
+  }
+
+  Mask select(const Region::All&, int) const { return Mask(mesh_.point_count(), 1); }
+
+  Mask select(const Region::GroupName& region, int) {
+    const Group* group = mesh_.find_group(region.name);
+    if (!group) refuse(unknown_group(region.name));
+    if (offsets_.empty()) offsets_ = mesh_.face_offsets();
+    Mask mask(mesh_.point_count(), 0);
+    for (const PointId point : group->points) mask[point] = 1;
+    for (const FaceId face : group->faces) {
+      for (std::uint64_t c = offsets_[face]; c < offsets_[face + 1]; ++c) mask[mesh_.face_points[c]] = 1;
+    }
+    return mask;
+  }
+
+  std::string unknown_group(const std::string& name) const {
+    std::string message = "group \"" + name + "\" does not exist";
+    if (mesh_.groups.empty()) return message + "; the geometry has no groups";
+    std::vector<std::string> names;
+    for (const Group& group : mesh_.groups) names.push_back(group.name);
+    const std::string nearest = nearest_names(name, names);
+    if (!nearest.empty()) return message + "; did you mean " + nearest + "?";
+    message += "; the geometry has ";
+    constexpr std::size_t listed = 8;
+    for (std::size_t i = 0; i < std::min(listed, names.size()); ++i) message += (i ? ", \"" : "\"") + names[i] + "\"";
+    return names.size() > listed ? message + " and " + std::to_string(names.size() - listed) + " more" : message;
+  }
+
+  Mask select(const Region::InBox& box, int) const {
+    require_finite(box.min, "box.min");
+    require_finite(box.max, "box.max");
+    for (int k = 0; k < 3; ++k) {
+      if (box.min[k] > box.max[k]) {
+        refuse(std::string("box: min.") + "xyz"[k] + " = " + std::to_string(box.min[k]) + " is greater than max." + "xyz"[k] +
+               " = " + std::to_string(box.max[k]));
+      }
+    }
+    return where([&](const Vec3& p) {
+      return p[0] >= box.min[0] && p[0] <= box.max[0] && p[1] >= box.min[1] && p[1] <= box.max[1] && p[2] >= box.min[2] &&
+             p[2] <= box.max[2];
+    });
+  }
+
+  Mask select(const Region::InSphere& sphere, int) const {
+    require_finite(sphere.centre, "sphere.centre");
+    require_radius(sphere.radius, "sphere.radius");
+    return where([&](const Vec3& p) {
+      return std::hypot(p[0] - sphere.centre[0], p[1] - sphere.centre[1], p[2] - sphere.centre[2]) <= sphere.radius;
+    });
+  }
+
+  Mask select(const Region::InCylinder& cylinder, int) const {
+    require_finite(cylinder.start, "cylinder.start");
+    require_finite(cylinder.end, "cylinder.end");
+    require_radius(cylinder.radius, "cylinder.radius");
+    const Vec3 axis = minus(cylinder.end, cylinder.start);
+    const double length = std::hypot(axis[0], axis[1], axis[2]);
+    if (!(length > 0) || !std::isfinite(length)) refuse("cylinder: start and end must differ, the axis has no length");
+    const Vec3 unit{axis[0] / length, axis[1] / length, axis[2] / length};
+    return where([&](const Vec3& p) {
+      // Measured from both ends, so that points exactly on either cap belong to it in spite of rounding.
+      const Vec3 from_start = minus(p, cylinder.start);
+      const double along = dot(from_start, unit);
+      if (along < 0 || dot(minus(p, cylinder.end), unit) > 0) return false;
+      return std::hypot(from_start[0] - along * unit[0], from_start[1] - along * unit[1], from_start[2] - along * unit[2]) <=
+             cylinder.radius;
+    });
+  }
+
+  Mask select(const Region::InHalfSpace& half, int) const {
+    require_finite(half.point, "half_space.point");
+    require_finite(half.normal, "half_space.normal");
+    if (half.normal == Vec3{0, 0, 0}) refuse("half_space.normal: it must not be zero");
+    return where([&](const Vec3& p) { return dot(minus(p, half.point), half.normal) >= 0; });
+  }
+
+  Mask select(const Region::Ids& region, int) const {
+    Mask mask(mesh_.point_count(), 0);
+    for (std::size_t i = 0; i < region.ids.size(); ++i) {
+      if (region.ids[i] >= mask.size()) {
+        refuse("ids[" + std::to_string(i) + "]: point " + std::to_string(region.ids[i]) + " is out of range, the geometry has " +
+               std::to_string(mask.size()) + " points");
+      }
+      mask[region.ids[i]] = 1;
+    }
+    return mask;
+  }
+
+  Mask select(const Region::OpenBoundary&, int) { return adjacency().boundary_points(); }
+
+  Mask select(const Region::Union& region, int depth) {
+    require_some(region.of.size(), "union");
+    Mask result = mask(region.of[0], depth + 1);
+    for (std::size_t child = 1; child < region.of.size(); ++child) {
+      const Mask other = mask(region.of[child], depth + 1);
+      for (std::size_t i = 0; i < result.size(); ++i) result[i] |= other[i];
+    }
+    return result;
+  }
+
+  Mask select(const Region::Intersection& region, int depth) {
+    require_some(region.of.size(), "intersection");
+    Mask result = mask(region.of[0], depth + 1);
+    for (std::size_t child = 1; child < region.of.size(); ++child) {
+      const Mask other = mask(region.of[child], depth + 1);
+      for (std::size_t i = 0; i < result.size(); ++i) result[i] &= other[i];
+    }
+    return result;
+  }
+
+  Mask select(const Region::Difference& region, int depth) {
+    require_some(region.of.size(), "difference");
+    Mask result = mask(region.of[0], depth + 1);
+    for (std::size_t child = 1; child < region.of.size(); ++child) {
+      const Mask other = mask(region.of[child], depth + 1);
+      for (std::size_t i = 0; i < result.size(); ++i) result[i] = result[i] && !other[i];
+    }
+    return result;
+  }
+
+  Mask select(const Region::Complement& region, int depth) {
+    require_one(region.of.size(), "complement");
+    Mask result = mask(region.of[0], depth + 1);
+    for (char& selected : result) selected = !selected;
+    return result;
+  }
+
+  Mask select(const Region::Grow& region, int depth) {
+    require_one(region.of.size(), "grow");
+    if (region.rings < 0 || region.rings > max_rings) {
+      refuse("grow.rings: " + std::to_string(region.rings) + " is outside 0.." + std::to_string(max_rings));
+    }
+    const Mask seed = mask(region.of[0], depth + 1);
+    return region.rings == 0 ? seed : adjacency().grow(seed, region.rings);
+  }
+
+  const Mesh& mesh_;
+  const std::string& what_;
+  std::vector<std::uint64_t> offsets_;
+  std::optional<Adjacency> adjacency_;  // built for the first selection that needs neighbours
+};
+
+}  // namespace
+
+std::vector<PointId> select(const Region& region, const Mesh& mesh, const std::string& what) {
+  const Mask mask = Selector(mesh, what).mask(region, 1);
+  std::vector<PointId> ids;
+  for (std::size_t i = 0; i < mask.size(); ++i) {
+    if (mask[i]) ids.push_back(static_cast<PointId>(i));
+  }
+  return ids;
+}
+
+}  // namespace deform
