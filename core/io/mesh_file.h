@@ -45,7 +45,8 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
 /// be the source's format; OBJ may be asked from any mesh only through write_obj().
 void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const std::filesystem::path& path);
 
-/// A new file from a mesh (samples, conversions): OBJ or binary STL by extension, groups as g / solid names.
+/// A new file from a mesh (samples, conversions): OBJ or STL by extension, groups as g / solid names. STL is text when the mesh
+/// has groups (binary STL has no names) and binary otherwise, triangles only.
 void write_new_file(const Mesh& mesh, const std::filesystem::path& path);
 
 /// Whole file, gunzipped when its content is gzip. At most max_bytes after decompression (Error(out_of_budget)).

@@ -94,8 +94,8 @@ std::span<const PointId> Adjacency::points_of(FaceId face) const {
 
 std::vector<char> Adjacency::grow(const std::vector<char>& seed, int rings) const {
   if (seed.size() != mesh_.point_count()) {
-    throw Error(ErrorCode::invalid_argument, "grow: the seed mask has " + std::to_string(seed.size()) + " entries, the mesh has " +
-                                                 std::to_string(mesh_.point_count()) + " points");
+    throw Error(ErrorCode::invalid_argument, "grow: the seed mask has " + std::to_string(seed.size()) +
+                                                 " entries, the mesh has " + std::to_string(mesh_.point_count()) + " points");
   }
   std::vector<char> mask = seed;
   std::vector<char> face_done(mesh_.face_count(), 0);

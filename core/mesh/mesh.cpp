@@ -38,8 +38,7 @@ void check_faces(const Mesh& mesh) {
     corners += mesh.face_sizes[i];
   }
   if (corners != mesh.face_points.size()) {
-    refuse("face_sizes: they add up to " + number(corners) + " corners, but face_points has " +
-           number(mesh.face_points.size()));
+    refuse("face_sizes: they add up to " + number(corners) + " corners, but face_points has " + number(mesh.face_points.size()));
   }
   for (std::size_t i = 0; i < mesh.face_points.size(); ++i) {
     if (mesh.face_points[i] >= mesh.points.size()) {
@@ -53,8 +52,8 @@ template <typename Id>
 void check_ids(const std::vector<Id>& ids, std::size_t limit, const std::string& field, const char* noun) {
   for (std::size_t i = 0; i < ids.size(); ++i) {
     if (ids[i] >= limit) {
-      refuse(field + "[" + number(i) + "]: " + noun + " " + number(ids[i]) + " is out of range, the mesh has " + number(limit) + " " +
-             noun + "s");
+      refuse(field + "[" + number(i) + "]: " + noun + " " + number(ids[i]) + " is out of range, the mesh has " + number(limit) +
+             " " + noun + "s");
     }
   }
 }

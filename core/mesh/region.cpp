@@ -30,9 +30,7 @@ class Selector {
   }
 
  private:
-  [[noreturn]] void refuse(const std::string& message) const {
-    throw Error(ErrorCode::invalid_argument, what_ + ": " + message);
-  }
+  [[noreturn]] void refuse(const std::string& message) const { throw Error(ErrorCode::invalid_argument, what_ + ": " + message); }
 
   void require_finite(const Vec3& v, const char* field) const {
     for (int k = 0; k < 3; ++k) {

@@ -1,0 +1,56 @@
+#pragma once
+
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/io/mesh_file.h"
+
+namespace deform::io {
+
+/// Where the three coordinates of one point stand in a text file: 16 bytes per point instead of the tokens themselves.
+struct CoordinateTokens {
+  std::uint64_t first = 0;              ///< byte offset of the token that comes first in the file
+  std::uint32_t second = 0, third = 0;  ///< distance of the other two from it
+};
+
+/// What a text reader hands to the writer. Record i of the file is point `record_points[i]`, or point i
+/// when that is empty.
+struct TextRecords {
+  std::vector<CoordinateTokens> tokens;  ///< in file order
+  std::array<int, 3> axes{0, 1, 2};      ///< axis of the first, second and third token
+  /// Several records may be one point (STL); of the mesh, which lives as long.
+  std::span<const PointId> record_points;
+};
+
+/// A text file: tokens of changed coordinates are replaced, every other byte is copied.
+std::unique_ptr<MeshFile> make_text_mesh_file(Format format, std::string bytes, std::shared_ptr<const Mesh> mesh,
+                                              TextRecords records);
+
+/// What a binary reader hands to the writer. Coordinate k of record i stands at offsets[3 i + k], or, when that is empty, at
+/// base + (i / per_block) * block_stride + (i % per_block) * record_stride + axis_offsets[k].
+struct BinaryRecords {
+  std::uint64_t count = 0;
+  std::vector<std::uint64_t> offsets;  ///< only where records differ in size
+  std::uint64_t base = 0, block_stride = 0, record_stride = 0;
+  std::uint32_t per_block = 1;
+  std::array<std::uint64_t, 3> axis_offsets{0, 4, 8};
+  int scalar_bytes = 4;  ///< 4: float, 8: double
+  std::endian order = std::endian::little;
+  std::span<const PointId> record_points;  ///< as in TextRecords
+
+  std::uint64_t offset(std::uint64_t record, int axis) const {
+    if (!offsets.empty()) return offsets[3 * record + static_cast<std::uint64_t>(axis)];
+    return base + record / per_block * block_stride + record % per_block * record_stride + axis_offsets[axis];
+  }
+};
+
+/// A binary file: changed coordinates are overwritten in place.
+std::unique_ptr<MeshFile> make_binary_mesh_file(Format format, std::string bytes, std::shared_ptr<const Mesh> mesh,
+                                                BinaryRecords records);
+
+}  // namespace deform::io

@@ -1,0 +1,27 @@
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "core/base/types.h"
+
+namespace deform::io {
+
+/// Numbers points by their exact coordinates in order of first appearance (zero and minus zero are the same place).
+class CornerWelder {
+ public:
+  /// The number of the point at this place, a new one when nothing was there.
+  PointId weld(const Vec3& place);
+  std::size_t point_count() const { return points_.size(); }
+  Points take_points() { return std::move(points_); }
+
+ private:
+  std::size_t slot_of(const Vec3& place) const;
+  void grow();
+
+  static constexpr PointId empty_slot = ~PointId{0};
+  Points points_;
+  std::vector<PointId> slots_;  // open addressing, a power of two, at most half full
+};
+
+}  // namespace deform::io

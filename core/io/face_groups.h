@@ -1,0 +1,36 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <unordered_map>
+#include <vector>
+
+#include "core/mesh/mesh.h"
+
+namespace deform::io {
+
+/// Collects named groups while a file is read. The same name of the same kind, met again, continues the group.
+class FaceGroups {
+ public:
+  enum class Kind { group, object, material };
+
+  /// Number of the group, to be used with add_face() and add_point().
+  std::size_t find_or_add(Kind kind, std::string_view name);
+  void add_face(std::size_t group, FaceId face) { entries_[group].members.faces.push_back(face); }
+  void add_point(std::size_t group, PointId point) { entries_[group].members.points.push_back(point); }
+
+  /// The groups that got members, in order of first appearance, with unique names: a group keeps its name; an object or material
+  /// whose name is taken by a group with other members is called "object:NAME" or "material:NAME"; with the same members it is
+  /// left out.
+  std::vector<Group> finish();
+
+ private:
+  struct Entry {
+    Kind kind;
+    Group members;
+  };
+  std::vector<Entry> entries_;
+  std::unordered_map<std::string, std::size_t> index_[3];  // by kind
+};
+
+}  // namespace deform::io

@@ -1,0 +1,18 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+
+namespace deform::io {
+
+bool is_gzip(std::string_view bytes);
+
+/// All members of a gzip file one after another. Throws Error(invalid_argument) for damaged or truncated data and
+/// Error(out_of_budget) when more than max_bytes would come out; allocates no more than that.
+std::string gunzip(std::string_view bytes, const std::string& name, std::size_t max_bytes);
+
+/// One gzip member without time stamp or name: the same input gives the same bytes.
+std::string gzip(std::string_view bytes);
+
+}  // namespace deform::io

@@ -1,0 +1,93 @@
+#include "core/io/mesh_file.h"
+
+#include <algorithm>
+
+#include "core/base/error.h"
+#include "core/io/file_format.h"
+#include "core/io/gzip.h"
+#include "core/io/readers.h"
+
+namespace deform::io {
+
+namespace {
+
+constexpr std::size_t max_unpacked = std::size_t{1} << 36;
+
+std::string lower_case(std::string text) {
+  for (char& c : text) {
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  }
+  return text;
+}
+
+}  // namespace
+
+bool has_gzip_extension(const std::string& name) { return lower_case(name).ends_with(".gz"); }
+
+Format format_of(const std::string& name) {
+  std::string plain = lower_case(name);
+  if (plain.ends_with(".gz")) plain.resize(plain.size() - 3);
+  if (plain.ends_with(".obj")) return Format::obj;
+  if (plain.ends_with(".off")) return Format::off;
+  if (plain.ends_with(".ply")) return Format::ply;
+  if (plain.ends_with(".stl")) return Format::stl;
+  throw Error(ErrorCode::invalid_argument,
+              name + ": unknown mesh format, expected a name that ends in .obj, .off, .ply or .stl (optionally .gz)");
+}
+
+const char* to_string(Format format) {
+  switch (format) {
+    case Format::obj:
+      return "OBJ";
+    case Format::off:
+      return "OFF";
+    case Format::ply:
+      return "PLY";
+    case Format::stl:
+      return "STL";
+  }
+  return "unknown";
+}
+
+std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name) {
+  const Format format = format_of(name);
+  const bool compressed = is_gzip(bytes);
+  if (compressed) bytes = gunzip(bytes, name, max_unpacked);
+  std::unique_ptr<MeshFile> file;
+  switch (format) {
+    case Format::obj:
+      file = parse_obj(std::move(bytes), name);
+      break;
+    case Format::off:
+      file = parse_off(std::move(bytes), name);
+      break;
+    case Format::ply:
+      file = parse_ply(std::move(bytes), name);
+      break;
+    case Format::stl:
+      file = parse_stl(std::move(bytes), name);
+      break;
+  }
+  file->compressed = compressed;
+  return file;
+}
+
+std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path) {
+  format_of(path.string());  // a name that cannot be read is refused before its bytes are
+  bool compressed = false;
+  std::string bytes = read_file(path, &compressed);
+  auto file = parse_mesh(std::move(bytes), path.string());
+  file->compressed = compressed;
+  return file;
+}
+
+void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const std::filesystem::path& path) {
+  const Format format = format_of(path.string());
+  if (format != source.format()) {
+    throw Error(ErrorCode::invalid_argument, path.string() + ": the source is an " + to_string(source.format()) +
+                                                 " file and can only be written as one, not as " + to_string(format));
+  }
+  write_file(path, source.with_points(points));
+}
+
+}  // namespace deform::io

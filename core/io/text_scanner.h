@@ -1,0 +1,73 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+namespace deform::io {
+
+/// Ends a number or a word: white space, a comment or a line continuation.
+inline bool is_delimiter(char c) { return static_cast<unsigned char>(c) <= ' ' || c == '#' || c == '\\'; }
+
+/// What stands between the words of a text format besides white space.
+enum class Syntax {
+  plain,  ///< nothing (STL, PLY)
+  hash,   ///< # starts a comment that ends with the line (OFF)
+  obj,    ///< as hash, and a backslash at the end of a line continues it
+};
+
+/// A cursor over the bytes of a text file that reads words and numbers in place and throws Error(invalid_argument) with file and
+/// line. Lines end with LF, CR LF or CR (the last only in files without any LF). The bytes and the name must outlive it.
+class TextScanner {
+ public:
+  TextScanner(std::string_view bytes, const std::string& name, Syntax syntax);
+
+  std::size_t position() const { return static_cast<std::size_t>(at_ - begin_); }
+  void move_to(std::size_t position) { at_ = begin_ + position; }
+
+  /// To the next word of this line; false at its end.
+  bool next_in_line();
+  /// To the next word of the file; false at its end.
+  bool next_in_file();
+  /// Past the end of this line (in obj syntax: with its continuations).
+  void skip_line();
+  /// The rest of this line without surrounding white space; the cursor stays before the line end.
+  std::string_view rest_of_line();
+
+  char peek() const { return at_ == end_ ? '\0' : *at_; }
+  void advance(std::size_t count) { at_ += count; }
+  bool at_end() const { return at_ == end_; }
+
+  /// The word at the cursor, up to a delimiter; steps over it.
+  std::string_view word();
+  /// Steps over the word at the cursor when it is `lower_case` in any case.
+  bool accept(std::string_view lower_case);
+
+  /// The finite number at the cursor; steps over it. `what` stands in the error ("vertex coordinate").
+  double number(const char* what);
+  /// The integer at the cursor; steps over it. Does not look at what follows.
+  std::int64_t integer(const char* what);
+  /// The same, and a delimiter must follow.
+  std::int64_t whole_integer(const char* what);
+
+  [[noreturn]] void fail(const std::string& message) const { fail_at(position(), message); }
+  /// "NAME: line L: MESSAGE", L being the line of `position`.
+  [[noreturn]] void fail_at(std::size_t position, const std::string& message) const;
+  /// The word at the cursor quoted for an error message, shortened and without control characters; "the end of the file" there.
+  std::string quoted() const;
+
+ private:
+  bool is_blank(char c) const { return c == ' ' || c == '\t' || c == '\v' || c == '\f' || (c == '\r' && line_end_ != '\r'); }
+  bool step_over_continuation();
+  double unusual_number(const char* first, const char* what) const;
+
+  const char* begin_;
+  const char* end_;
+  const char* at_;
+  const std::string& name_;
+  Syntax syntax_;
+  char line_end_;
+};
+
+}  // namespace deform::io
