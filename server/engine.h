@@ -39,6 +39,16 @@ struct CallContext {
   std::string client;  ///< peer, for the log
 };
 
+/// What the log line of a call tells, in milliseconds and bytes.
+struct CallStats {
+  std::string geometry_id, system_id;
+  std::size_t designs = 0, points = 0;
+  double queue_ms = 0;    ///< until a worker took the request up, waiting for a preparation included
+  double prepare_ms = 0;  ///< of which waiting for the system to be prepared (again)
+  double solve_ms = 0, encode_ms = 0;
+  std::uint64_t bytes = 0;  ///< of block data handed out
+};
+
 /// One geometry on its way in. Not thread-safe; destroyed without finish(), it leaves nothing behind.
 class GeometryUpload {
  public:
@@ -65,6 +75,8 @@ class DeformJob {
   virtual void cancel() = 0;
   /// After done: empty when all replies were delivered.
   virtual std::optional<Error> error() const = 0;
+  /// So far; complete after done.
+  virtual CallStats stats() const { return {}; }
 };
 
 /// deformd without a network: everything the service offers, with the semantics of service.proto. Thread-safe. Errors are Error;
@@ -91,6 +103,7 @@ class Engine {
   struct Outcome {
     std::optional<T> value;
     std::optional<Error> error;
+    CallStats stats;
   };
 
   virtual v1::EstimateReply estimate(const v1::EstimateRequest& request) = 0;

@@ -1,0 +1,22 @@
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "core/deformers/system.h"
+#include "deform/v1/deformation.pb.h"
+
+namespace deform::server {
+
+/// What can be checked about designs without the system: their number, that no message continues another one, and that every
+/// number is finite. Throws Error(invalid_argument) with the path of the field ("designs[3].motions[0].affine: ...").
+void check_designs(const v1::DeformRequest& request, std::size_t max_designs);
+
+/// The designs of a checked request for a setup whose handles have info.handles(i).points() points. Throws as above: unknown
+/// handle (with the nearest names), wrong number of values, displacements that do not cover the handle exactly once.
+std::vector<Design> designs_from_proto(const v1::DeformRequest& request, const v1::SystemInfo& info);
+
+/// Bytes of the designs in memory, and of what binding them may add at most, for admission.
+std::size_t bind_bytes(const v1::DeformRequest& request, const v1::SystemInfo& info);
+
+}  // namespace deform::server

@@ -1,0 +1,155 @@
+#include "server/convert_info.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "server/convert.h"
+
+namespace deform::server {
+
+namespace {
+
+constexpr double default_tolerance = 1e-6;  // of the diagonal
+
+v1::Solver solver_to_proto(DenseSolver solver) {
+  switch (solver) {
+    case DenseSolver::cholesky:
+      return v1::CHOLESKY;
+    case DenseSolver::ldlt:
+      return v1::LDLT;
+    case DenseSolver::lu:
+      return v1::LU;
+    case DenseSolver::automatic:
+      break;
+  }
+  return v1::SOLVER_AUTOMATIC;
+}
+
+v1::Encoding encoding_to_proto(codec::Encoding encoding) {
+  switch (encoding) {
+    case codec::Encoding::raw_f64:
+      return v1::RAW_F64;
+    case codec::Encoding::raw_f32:
+      return v1::RAW_F32;
+    case codec::Encoding::draco:
+      return v1::DRACO;
+    case codec::Encoding::delta_zstd:
+      return v1::DELTA_ZSTD;
+  }
+  return v1::ENCODING_DEFAULT;
+}
+
+}  // namespace
+
+v1::SystemInfo system_info(const SystemInfo& info, const v1::Setup& canonical, const std::string& id) {
+  v1::SystemInfo message;
+  message.set_id(id);
+  message.set_geometry_id(canonical.geometry());
+  message.set_points(info.points);
+  message.set_fixed_points(info.fixed_points);
+  message.set_handle_points(info.handle_points);
+  message.set_deformable_points(info.deformable_points);
+  message.set_constraint_points(info.constraint_points);
+  message.set_centres(info.centres);
+  message.set_merged_duplicates(info.merged_duplicates);
+  message.set_polynomial_terms(static_cast<std::uint32_t>(info.polynomial_terms));
+  message.set_affine_hull_dimension(static_cast<std::uint32_t>(info.affine_hull_dimension));
+  message.set_basis_fields(info.basis_fields);
+  message.set_bytes(info.bytes);
+  message.set_factor_bytes(info.factor_bytes);
+  message.set_basis_bytes(info.basis_bytes);
+  message.set_diagonal(info.diagonal);
+  message.set_condition(info.condition);
+  message.set_solver(solver_to_proto(info.solver));
+  message.set_reduced(info.reduced);
+  for (const auto& note : info.notes) message.add_notes(note);
+  double seconds = 0;
+  for (const auto& [stage, time] : info.stage_seconds) {
+    auto* entry = message.add_stages();
+    entry->set_stage(stage);
+    entry->set_seconds(time);
+    seconds += time;
+  }
+  message.set_seconds(seconds);
+  *message.mutable_setup() = canonical;
+  return message;
+}
+
+void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const Setup& setup, const SelectedRegions& regions) {
+  for (std::size_t h = 0; h < setup.handles.size(); ++h) {
+    auto* entry = to.Add();
+    entry->set_name(setup.handles[h].name);
+    entry->set_points(regions.handles[h].size());
+  }
+}
+
+v1::EstimateReply estimate_reply(const Estimate& estimate) {
+  v1::EstimateReply reply;
+  reply.set_constraint_points(estimate.constraint_points);
+  reply.set_centres(estimate.centres);
+  reply.set_factor_bytes(estimate.factor_bytes);
+  reply.set_basis_bytes(estimate.basis_bytes);
+  reply.set_resident_bytes(estimate.resident_bytes);
+  reply.set_peak_bytes(estimate.peak_bytes);
+  reply.set_seconds(estimate.seconds);
+  for (const auto& note : estimate.notes) reply.add_notes(note);
+  return reply;
+}
+
+v1::EvaluationPath path_to_proto(EvaluationPath path) {
+  return path == EvaluationPath::basis ? v1::PATH_BASIS : path == EvaluationPath::direct ? v1::PATH_DIRECT : v1::PATH_AUTOMATIC;
+}
+
+EvaluationPath path_from_proto(v1::EvaluationPath path) {
+  switch (path) {
+    case v1::PATH_AUTOMATIC:
+      return EvaluationPath::automatic;
+    case v1::PATH_BASIS:
+      return EvaluationPath::basis;
+    case v1::PATH_DIRECT:
+      return EvaluationPath::direct;
+    default:
+      refuse_field("path", "unknown value " + std::to_string(static_cast<int>(path)));
+  }
+}
+
+codec::EncodeOptions encode_options(const v1::Output& output, double diagonal) {
+  codec::EncodeOptions options;
+  switch (output.encoding()) {
+    case v1::RAW_F64:
+      options.encoding = codec::Encoding::raw_f64;
+      break;
+    case v1::RAW_F32:
+      options.encoding = codec::Encoding::raw_f32;
+      break;
+    case v1::ENCODING_DEFAULT:
+    case v1::DRACO:
+      options.encoding = codec::Encoding::draco;
+      break;
+    case v1::DELTA_ZSTD:
+      options.encoding = codec::Encoding::delta_zstd;
+      break;
+    default:
+      refuse_field("output.encoding", "unknown value " + std::to_string(static_cast<int>(output.encoding())));
+  }
+  const double tolerance = finite(output.tolerance(), "output.tolerance");
+  if (tolerance < 0) refuse_field("output.tolerance", "must not be negative");
+  // A single point has no diagonal; any positive tolerance will do.
+  options.tolerance = tolerance > 0 ? tolerance : diagonal > 0 ? default_tolerance * diagonal : default_tolerance;
+  return options;
+}
+
+void block_to_proto(codec::Block&& block, v1::Block& message) {
+  message.set_count(block.count);
+  message.set_encoding(encoding_to_proto(block.encoding));
+  message.set_fell_back(block.fell_back);
+  message.set_step(block.step);
+  if (block.step != 0) {
+    for (const std::int64_t offset : block.offset) message.add_offset(offset);
+  }
+  message.set_max_error(block.max_error);
+  message.set_checksum(block.checksum);
+  message.set_data(std::move(block.bytes));
+}
+
+}  // namespace deform::server

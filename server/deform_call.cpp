@@ -1,0 +1,375 @@
+#include "server/deform_call.h"
+
+#include <time.h>
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+#include "server/convert_info.h"
+
+namespace deform::server {
+
+namespace {
+
+constexpr std::size_t smallest_buffer = 8u << 20;
+// Points evaluated between two looks at the cancel flag.
+constexpr std::size_t slice_points = 4096;
+
+double thread_cpu_ms() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
+}
+
+/// Bytes of replies and running steps at which no further step begins.
+std::size_t high_water(const StepPlan& plan, int workers) {
+  return std::max(smallest_buffer, 2 * static_cast<std::size_t>(workers) * plan.step_bytes());
+}
+
+std::size_t buffer_bytes(const StepPlan& plan, int workers) {
+  const std::size_t everything = plan.designs * plan.points * sizeof(Vec3);
+  // What waits, and the evaluated points of the steps that run.
+  return std::min(everything, high_water(plan, workers)) +
+         std::min(everything, static_cast<std::size_t>(workers) * plan.step_bytes());
+}
+
+}  // namespace
+
+/// Calls on_ready after the lock is released, once per pending answer.
+class DeformCall::Notice {
+ public:
+  explicit Notice(DeformCall& call) : call_(call) {}
+  ~Notice() {
+    if (due_ && call_.on_ready_) call_.on_ready_();
+  }
+  Notice(const Notice&) = delete;
+  Notice& operator=(const Notice&) = delete;
+  /// With the lock held.
+  void check() {
+    if (!call_.reader_waits_ || (call_.replies_.empty() && !call_.ended_)) return;
+    call_.reader_waits_ = false;
+    due_ = true;
+  }
+
+ private:
+  DeformCall& call_;
+  bool due_ = false;
+};
+
+DeformCall::DeformCall(const DeformParts& parts, DeformTask task, CallContext context, std::function<void()> on_ready)
+    : Call(std::move(context)), parts_(parts), task_(std::move(task)), on_ready_(std::move(on_ready)) {
+  stats_.system_id = task_.system_id;
+  stats_.designs = task_.designs;
+}
+
+void DeformCall::begin() {
+  if (const auto error = overdue(accepted_)) throw *error;
+  place_ = parts_.scheduler->enter();
+  parts_.calls->add(shared_from_this());
+  SystemCache::Asker asker;
+  asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
+    call->on_system(std::move(system), error);
+  };
+  auto [system, ticket] = parts_.cache->acquire(task_.system_id, task_.prepare, std::move(asker));
+  if (system) return enqueue(std::move(system));
+  const std::lock_guard lock(mutex_);
+  prepared_again_ = true;
+  if (!ended_) ticket_ = std::move(ticket);  // otherwise it leaves here
+}
+
+void DeformCall::on_system(SystemCache::Handle system, const std::optional<Error>& error) {
+  if (error) return fail(*error);
+  {
+    const std::lock_guard lock(mutex_);
+    stats_.prepare_ms = elapsed_ms(accepted_);
+  }
+  enqueue(std::move(system));
+}
+
+void DeformCall::enqueue(SystemCache::Handle system) {
+  const std::lock_guard lock(mutex_);
+  if (ended_) return;
+  system_ = std::move(system);
+  parts_.scheduler->start(context().client, this, [call = self()](Scheduler::Slot slot) { call->start(std::move(slot)); });
+}
+
+void DeformCall::start(Scheduler::Slot slot) {
+  SystemCache::Handle system;
+  {
+    const std::lock_guard lock(mutex_);
+    if (ended_) return;
+    place_.leave();
+    slot_ = std::move(slot);
+    stats_.queue_ms = elapsed_ms(accepted_);
+    system = system_;
+  }
+  const int running = static_cast<int>(std::max<std::size_t>(1, parts_.scheduler->load().running));
+  const auto from = RunContext::Clock::now();
+  std::shared_ptr<Bound> bound;
+  try {
+    bound = bind(system, std::max(1, parts_.scheduler->workers() / running));
+  } catch (const Error& error) {
+    return fail(error);
+  } catch (const std::bad_alloc&) {
+    return fail(Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget"));
+  } catch (const std::exception& error) {
+    return fail(Error(ErrorCode::internal, error.what()));
+  }
+  Notice notice(*this);
+  const std::lock_guard lock(mutex_);
+  if (ended_) return;
+  bind_ms_ = elapsed_ms(from);
+  stats_.solve_ms += bind_ms_;
+  stats_.geometry_id = bound->system->info.geometry_id();
+  stats_.points = bound->plan.points;
+  bound_ = std::move(bound);
+  task_.bind = nullptr;  // owns the request
+  task_.bind_bytes = nullptr;
+  push_header();
+  schedule_steps();
+  notice.check();
+}
+
+std::shared_ptr<DeformCall::Bound> DeformCall::bind(const SystemCache::Handle& system, int threads) {
+  auto bound = std::make_shared<Bound>();
+  bound->system = system;
+  bound->plan = {system->mesh->point_count(), parts_.block_points, task_.designs};
+  bound->output = encode_options(task_.output, system->info.diagonal());
+  const std::size_t bytes = task_.bind_bytes(*system) + buffer_bytes(bound->plan, parts_.scheduler->workers());
+  bound->charge = parts_.memory->charge(bytes, {"deforming with system " + task_.system_id.substr(0, 16),
+                                                "send fewer designs per request", system->charge.bytes()});
+  bound->evaluation = task_.bind(*system, run_context(threads));
+  return bound;
+}
+
+void DeformCall::run_step(const std::shared_ptr<const Bound>& bound, std::size_t step) {
+  StepResult result;
+  try {
+    result = make_step(*bound, step);
+  } catch (const Error& error) {
+    return fail(error);
+  } catch (const std::bad_alloc&) {
+    return fail(Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget"));
+  } catch (const std::exception& error) {
+    return fail(Error(ErrorCode::internal, error.what()));
+  }
+  Notice notice(*this);
+  const std::lock_guard lock(mutex_);
+  if (ended_) return;
+  --in_flight_;
+  buffered_bytes_ += result.bytes;
+  stats_.solve_ms += result.solve_ms;
+  stats_.encode_ms += result.encode_ms;
+  finished_.emplace(step, std::move(result));
+  for (auto next = finished_.begin(); next != finished_.end() && next->first == next_release_; next = finished_.begin()) {
+    StepResult ready = std::move(next->second);
+    finished_.erase(next);
+    release_step(next_release_++, std::move(ready));
+  }
+  if (next_release_ == bound_->plan.steps()) {
+    push_summary();
+  } else {
+    schedule_steps();
+  }
+  notice.check();
+}
+
+DeformCall::StepResult DeformCall::make_step(const Bound& bound, std::size_t step) const {
+  const RunContext context = run_context(1);
+  const std::size_t designs = bound.plan.design_count(step);
+  const std::size_t first = bound.plan.first_point(step);
+  const std::size_t count = bound.plan.point_count(step);
+  const double begun = thread_cpu_ms();
+  const auto deformed = std::make_unique_for_overwrite<Vec3[]>(designs * count);
+  std::vector<Vec3*> out(designs);
+  for (std::size_t begin = 0; begin < count; begin += slice_points) {
+    context.check();
+    for (std::size_t d = 0; d < designs; ++d) out[d] = deformed.get() + d * count + begin;
+    const std::size_t end = std::min(count, begin + slice_points);
+    bound.evaluation->evaluate(first + begin, first + end, bound.plan.first_design(step), out);
+  }
+  const double evaluated = thread_cpu_ms();
+  StepResult result;
+  const std::span<const Vec3> registered(bound.system->mesh->points.data() + first, count);
+  for (std::size_t d = 0; d < designs; ++d) {
+    context.check();
+    result.blocks.push_back(codec::encode(registered, {deformed.get() + d * count, count}, bound.output));
+    result.bytes += result.blocks.back().bytes.size();
+  }
+  result.solve_ms = evaluated - begun;
+  result.encode_ms = thread_cpu_ms() - evaluated;
+  return result;
+}
+
+bool DeformCall::room() const {
+  const std::size_t busy = buffered_bytes_ + in_flight_ * bound_->plan.step_bytes();
+  return busy == 0 || busy + bound_->plan.step_bytes() <= high_water(bound_->plan, parts_.scheduler->workers());
+}
+
+// Many requests use one worker each, a lone one all.
+void DeformCall::schedule_steps() {
+  const std::size_t steps = bound_->plan.steps();
+  if (!slot_.held()) {
+    if (next_step_ == steps || !room()) return;
+    slot_ = parts_.scheduler->resume();
+  }
+  const std::size_t workers = static_cast<std::size_t>(parts_.scheduler->workers());
+  const std::size_t share = std::max<std::size_t>(1, workers / std::max<std::size_t>(1, parts_.scheduler->load().running));
+  while (next_step_ < steps && in_flight_ < share && room()) {
+    ++in_flight_;
+    parts_.scheduler->step(this, [call = self(), bound = bound_, step = next_step_] { call->run_step(bound, step); });
+    ++next_step_;
+  }
+  if (in_flight_ == 0) slot_.leave();  // the reader is behind
+}
+
+v1::DeformReply& DeformCall::push() {
+  v1::DeformReply& reply = replies_.emplace_back();
+  reply.set_request_id(task_.request_id);
+  return reply;
+}
+
+void DeformCall::push_header() {
+  v1::DeformHeader& header = *push().mutable_header();
+  header.set_points(bound_->plan.points);
+  header.set_designs(static_cast<std::uint32_t>(bound_->plan.designs));
+  header.set_block_points(static_cast<std::uint32_t>(bound_->plan.block_points));
+  header.set_geometry_id(bound_->system->info.geometry_id());
+}
+
+void DeformCall::release_step(std::size_t step, StepResult&& result) {
+  const StepPlan& plan = bound_->plan;
+  const std::size_t block = step % plan.blocks();
+  if (block == 0) progress_.assign(plan.design_count(step), {});
+  for (std::size_t d = 0; d < result.blocks.size(); ++d) {
+    codec::Block& encoded = result.blocks[d];
+    Progress& design = progress_[d];
+    design.checksums.push_back(encoded.checksum);
+    design.max_error = std::max(design.max_error, encoded.max_error);
+    design.fell_back += encoded.fell_back ? 1 : 0;
+    stats_.bytes += encoded.bytes.size();
+    v1::Block& message = *push().mutable_block();
+    message.set_design(static_cast<std::uint32_t>(plan.first_design(step) + d));
+    message.set_block(static_cast<std::uint32_t>(block));
+    message.set_first(plan.first_point(step));
+    block_to_proto(std::move(encoded), message);
+  }
+  if (block + 1 == plan.blocks()) push_results(step);
+}
+
+void DeformCall::push_results(std::size_t step) {
+  for (std::size_t d = 0; d < progress_.size(); ++d) {
+    const std::size_t design = bound_->plan.first_design(step) + d;
+    const DesignReport& report = bound_->evaluation->report(design);
+    v1::DesignResult& result = *push().mutable_result();
+    result.set_design(static_cast<std::uint32_t>(design));
+    result.set_checksum(codec::fold_checksums(progress_[d].checksums));
+    result.set_max_error(progress_[d].max_error);
+    result.set_blocks_fell_back(progress_[d].fell_back);
+    result.set_path(path_to_proto(report.path));
+    result.set_interpolation_residual(report.interpolation_residual);
+    result.set_max_displacement(report.max_displacement);
+    fell_back_ += progress_[d].fell_back;
+  }
+}
+
+void DeformCall::push_summary() {
+  v1::DeformSummary& summary = *push().mutable_summary();
+  summary.set_queue_ms(stats_.queue_ms);
+  summary.set_bind_ms(bind_ms_);
+  summary.set_solve_ms(stats_.solve_ms);
+  summary.set_encode_ms(stats_.encode_ms);
+  summary.set_wall_ms(elapsed_ms(accepted_));
+  summary.set_bytes(stats_.bytes);
+  summary.set_prepared_again(prepared_again_);
+  summary.set_prepare_ms(stats_.prepare_ms);
+  if (fell_back_ > 0) {
+    summary.add_notes(std::to_string(fell_back_) +
+                      " blocks are in RAW_F64: their integers at this tolerance exceed the range of the encoding");
+  }
+  produced_ = true;
+  slot_.leave();
+  parts_.on_served(bound_->plan.designs);
+}
+
+DeformJob::Poll DeformCall::poll(v1::DeformReply& reply) {
+  const std::lock_guard lock(mutex_);
+  if (!replies_.empty()) {
+    reply = std::move(replies_.front());
+    replies_.pop_front();
+    if (reply.has_block()) {
+      buffered_bytes_ -= reply.block().data().size();
+      const bool low = buffered_bytes_ <= high_water(bound_->plan, parts_.scheduler->workers()) / 2;
+      if (low && !slot_.held() && !produced_) schedule_steps();
+    }
+    if (replies_.empty() && produced_) end();
+    return DeformJob::Poll::reply;
+  }
+  if (ended_) return DeformJob::Poll::done;
+  reader_waits_ = true;
+  return DeformJob::Poll::pending;
+}
+
+void DeformCall::fail(const Error& error) {
+  Notice notice(*this);
+  std::deque<v1::DeformReply> dropped;  // destroyed after the lock
+  const std::lock_guard lock(mutex_);
+  if (ended_) return;
+  error_ = error;
+  dropped.swap(replies_);
+  end();
+  notice.check();
+}
+
+// Running steps keep what they need and find out when they are done.
+void DeformCall::end() {
+  ended_ = true;
+  finished_.clear();
+  place_.leave();
+  slot_.leave();
+  ticket_.leave();
+  system_.reset();
+  bound_.reset();
+  parts_.scheduler->remove(this);
+  parts_.calls->remove(this);
+}
+
+std::optional<Error> DeformCall::error() const {
+  const std::lock_guard lock(mutex_);
+  return error_;
+}
+
+CallStats DeformCall::stats() const {
+  const std::lock_guard lock(mutex_);
+  return stats_;
+}
+
+namespace {
+
+class JobHandle : public DeformJob {
+ public:
+  explicit JobHandle(std::shared_ptr<DeformCall> call) : call_(std::move(call)) {}
+  ~JobHandle() override { cancel(); }
+  JobHandle(const JobHandle&) = delete;
+  JobHandle& operator=(const JobHandle&) = delete;
+
+  Poll poll(v1::DeformReply& reply) override { return call_->poll(reply); }
+  void cancel() override {
+    call_->context().cancel.cancel();
+    call_->fail(Error(ErrorCode::cancelled, "cancelled by the caller"));
+  }
+  std::optional<Error> error() const override { return call_->error(); }
+  CallStats stats() const override { return call_->stats(); }
+
+ private:
+  const std::shared_ptr<DeformCall> call_;
+};
+
+}  // namespace
+
+std::shared_ptr<DeformJob> make_deform_job(std::shared_ptr<DeformCall> call) {
+  return std::make_shared<JobHandle>(std::move(call));
+}
+
+}  // namespace deform::server

@@ -1,0 +1,173 @@
+#include "server/geometry_file.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <vector>
+
+#include "core/base/error.h"
+#include "core/codec/geometry_id.h"
+
+namespace deform::server {
+
+namespace {
+
+constexpr char tag[] = "deform.geometry.1";
+
+[[noreturn]] void fail(const char* action, const std::filesystem::path& path) {
+  throw Error(ErrorCode::unavailable, std::string("store: cannot ") + action + " " + path.string() + ": " + std::strerror(errno));
+}
+
+class File {
+ public:
+  File(const std::filesystem::path& path, int flags) : path_(path), descriptor_(::open(path.c_str(), flags | O_CLOEXEC, 0640)) {
+    if (descriptor_ < 0) fail("open", path);
+  }
+  ~File() { ::close(descriptor_); }
+  File(const File&) = delete;
+  File& operator=(const File&) = delete;
+
+  void write(const void* data, std::size_t size) const {
+    const auto* from = static_cast<const char*>(data);
+    while (size > 0) {
+      const ssize_t written = ::write(descriptor_, from, std::min<std::size_t>(size, 1u << 30));
+      if (written < 0 && errno == EINTR) continue;
+      if (written <= 0) fail("write", path_);
+      from += written;
+      size -= static_cast<std::size_t>(written);
+    }
+  }
+  /// Number of bytes read; less than size only at the end of the file.
+  std::size_t read(void* data, std::size_t size) const {
+    auto* to = static_cast<char*>(data);
+    std::size_t total = 0;
+    while (total < size) {
+      const ssize_t got = ::read(descriptor_, to + total, std::min<std::size_t>(size - total, 1u << 30));
+      if (got < 0 && errno == EINTR) continue;
+      if (got < 0) fail("read", path_);
+      if (got == 0) break;
+      total += static_cast<std::size_t>(got);
+    }
+    return total;
+  }
+  void sync() const {
+    if (::fsync(descriptor_) != 0) fail("sync", path_);
+  }
+
+ private:
+  std::filesystem::path path_;
+  int descriptor_;
+};
+
+codec::GeometryView view(const Mesh& mesh, std::vector<codec::GroupView>& groups) {
+  for (const auto& group : mesh.groups) groups.push_back({group.name, group.points, group.faces});
+  return {mesh.points, mesh.face_sizes, mesh.face_points, groups};
+}
+
+/// Reads arrays and hashes what it reads; nothing is allocated that the file is too short for.
+class Reader {
+ public:
+  Reader(const std::filesystem::path& path, const std::string& id)
+      : id_(id), file_(path, O_RDONLY), left_(std::filesystem::file_size(path)) {}
+
+  void take(void* data, std::size_t size) {
+    if (size > left_ || file_.read(data, size) != size) damaged();
+    left_ -= size;
+    hash_.add(data, size);
+  }
+  std::size_t take_count(std::size_t bytes_per_item) {
+    std::uint64_t count = 0;
+    take(&count, sizeof(count));
+    if (count > left_ / bytes_per_item) damaged();
+    return count;
+  }
+  template <typename Array>
+  void take_array(Array& array) {
+    using Item = typename Array::value_type;
+    array.resize(take_count(sizeof(Item)));
+    take(array.data(), array.size() * sizeof(Item));
+  }
+  void finish() {
+    if (left_ != 0 || hash_.hex() != id_) damaged();
+  }
+  [[noreturn]] void damaged() const {
+    throw Error(ErrorCode::data_loss, "geometry " + id_ + ": the stored file is damaged; register the geometry again");
+  }
+
+ private:
+  std::string id_;
+  File file_;
+  std::size_t left_;
+  codec::Sha256 hash_;
+};
+
+}  // namespace
+
+std::size_t mesh_bytes(const Mesh& mesh) {
+  std::size_t bytes = sizeof(Mesh) + mesh.points.size() * sizeof(Vec3) + mesh.face_sizes.size() * 4 + mesh.face_points.size() * 4;
+  for (const auto& group : mesh.groups) {
+    bytes += sizeof(Group) + group.name.size() + 4 * (group.points.size() + group.faces.size());
+  }
+  return bytes;
+}
+
+std::string mesh_id(const Mesh& mesh) {
+  std::vector<codec::GroupView> groups;
+  const codec::GeometryView arrays = view(mesh, groups);
+  return codec::geometry_id(arrays.points, arrays.face_sizes, arrays.face_points, arrays.groups);
+}
+
+void write_geometry_file(const Mesh& mesh, const std::filesystem::path& path) {
+  try {
+    const File file(path, O_WRONLY | O_CREAT | O_EXCL);
+    std::vector<codec::GroupView> groups;
+    std::vector<char> buffer;  // joins the small pieces
+    constexpr std::size_t buffer_size = 1u << 20;
+    const auto flush = [&] {
+      file.write(buffer.data(), buffer.size());
+      buffer.clear();
+    };
+    codec::visit_geometry_bytes(view(mesh, groups), [&](const void* data, std::size_t size) {
+      if (buffer.size() + size > buffer_size) flush();
+      if (size > buffer_size) {
+        file.write(data, size);
+      } else {
+        const auto* bytes = static_cast<const char*>(data);
+        buffer.insert(buffer.end(), bytes, bytes + size);
+      }
+    });
+    flush();
+    file.sync();
+  } catch (...) {
+    std::error_code ignored;
+    std::filesystem::remove(path, ignored);
+    throw;
+  }
+}
+
+Mesh read_geometry_file(const std::filesystem::path& path, const std::string& id) {
+  Reader reader(path, id);
+  char found[sizeof(tag)];
+  reader.take(found, sizeof(found));
+  if (std::memcmp(found, tag, sizeof(tag)) != 0) reader.damaged();
+  Mesh mesh;
+  reader.take_array(mesh.points);
+  reader.take_array(mesh.face_sizes);
+  reader.take_array(mesh.face_points);
+  const std::size_t groups = reader.take_count(3 * sizeof(std::uint64_t));
+  for (std::size_t g = 0; g < groups; ++g) {
+    Group& group = mesh.groups.emplace_back();
+    reader.take_array(group.name);
+    reader.take_array(group.points);
+    reader.take_array(group.faces);
+  }
+  reader.finish();
+  return mesh;
+}
+
+void sync_directory(const std::filesystem::path& directory) { File(directory, O_RDONLY | O_DIRECTORY).sync(); }
+
+}  // namespace deform::server

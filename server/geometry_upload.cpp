@@ -1,0 +1,143 @@
+#include "server/geometry_upload.h"
+
+#include <algorithm>
+#include <cstring>
+
+#include "core/base/error.h"
+
+namespace deform::server {
+
+namespace {
+
+[[noreturn]] void refuse(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
+
+void check_limit(const char* field, std::uint64_t value, std::uint64_t low, std::uint64_t high) {
+  if (value >= low && value <= high) return;
+  refuse(std::string("header.") + field + ": " + std::to_string(value) + " is out of range, allowed are " + std::to_string(low) +
+         " to " + std::to_string(high));
+}
+
+std::string of(std::uint64_t got, std::uint64_t expected) {
+  return std::to_string(got) + " of " + std::to_string(expected) + " claimed by the header";
+}
+
+const ChargePurpose purpose{"registering a geometry", "raise the server's memory budget", 0};
+
+constexpr std::size_t longest_name = 4096;
+
+}  // namespace
+
+UploadBuffer::UploadBuffer(const v1::GeometryHeader& header, const EngineOptions& limits, MemoryBudget& budget)
+    : header_(header), budget_(budget) {
+  check_limit("point_count", header.point_count(), 1, limits.max_points);
+  check_limit("face_count", header.face_count(), 0, limits.max_faces);
+  check_limit("corner_count", header.corner_count(), header.face_count(), 0xffffffffu);
+  check_limit("group_count", header.group_count(), 0, limits.max_groups);
+  if (header.face_count() == 0 && header.corner_count() != 0) refuse("header.corner_count: there are no faces");
+  if (header.name().size() > longest_name) refuse("header.name: longer than " + std::to_string(longest_name) + " bytes");
+  const std::uint64_t bytes = 24 * header.point_count() + 4 * (header.face_count() + header.corner_count());
+  if (bytes > budget.total()) {
+    throw Error(ErrorCode::out_of_budget, purpose.what + ": its arrays need " + mebibytes(bytes) + ", the memory budget is " +
+                                              mebibytes(budget.total()) + "; " + purpose.advice);
+  }
+}
+
+void UploadBuffer::add(const v1::RegisterGeometryRequest& part) {
+  switch (part.part_case()) {
+    case v1::RegisterGeometryRequest::kPoints:
+      return add_points(part.points());
+    case v1::RegisterGeometryRequest::kFaces:
+      return add_faces(part.faces());
+    case v1::RegisterGeometryRequest::kGroup:
+      return add_group(part.group());
+    case v1::RegisterGeometryRequest::kHeader:
+      refuse("header: sent twice");
+    case v1::RegisterGeometryRequest::PART_NOT_SET:
+      refuse("upload message: none of points, faces, group is set");
+  }
+}
+
+// Chunks of an earlier kind may not follow, and each array must be complete before the next kind begins.
+void UploadBuffer::enter(Stage stage) {
+  if (stage < stage_) refuse("upload: chunks come in the order points, faces, groups");
+  if (stage > Stage::points && mesh_.points.size() != header_.point_count()) {
+    refuse("points: only " + of(mesh_.points.size(), header_.point_count()) + " arrived before the next kind of chunk");
+  }
+  if (stage > Stage::faces) {
+    if (mesh_.face_sizes.size() != header_.face_count()) {
+      refuse("faces.sizes: only " + of(mesh_.face_sizes.size(), header_.face_count()) + " arrived");
+    }
+    if (mesh_.face_points.size() != header_.corner_count()) {
+      refuse("faces.corners: only " + of(mesh_.face_points.size(), header_.corner_count()) + " arrived");
+    }
+  }
+  stage_ = stage;
+}
+
+void UploadBuffer::grow(std::size_t bytes) { budget_.grow(charge_, bytes, purpose); }
+
+template <typename T>
+void UploadBuffer::append(std::vector<T>& array, const std::string& bytes, std::size_t limit, const char* field) {
+  if (bytes.size() % sizeof(T) != 0) {
+    refuse(std::string(field) + ": " + std::to_string(bytes.size()) + " bytes are not a multiple of " +
+           std::to_string(sizeof(T)));
+  }
+  const std::size_t count = bytes.size() / sizeof(T);
+  if (count == 0) return;
+  if (count > limit - array.size()) {
+    refuse(std::string(field) + ": more than the " + std::to_string(limit) + " that the header allows");
+  }
+  const std::size_t size = array.size() + count;
+  if (size > array.capacity()) {
+    const std::size_t capacity = std::min(limit, std::max(size, 2 * array.capacity()));
+    grow((capacity - array.capacity()) * sizeof(T));
+    array.reserve(capacity);
+  }
+  const std::size_t first = array.size();
+  array.resize(size);
+  std::memcpy(array.data() + first, bytes.data(), bytes.size());
+}
+
+void UploadBuffer::add_points(const v1::PointChunk& chunk) {
+  enter(Stage::points);
+  append(mesh_.points, chunk.xyz(), header_.point_count(), "points.xyz");
+}
+
+void UploadBuffer::add_faces(const v1::FaceChunk& chunk) {
+  enter(Stage::faces);
+  const std::size_t first = mesh_.face_sizes.size();
+  append(mesh_.face_sizes, chunk.sizes(), header_.face_count(), "faces.sizes");
+  for (std::size_t i = first; i < mesh_.face_sizes.size(); ++i) corners_claimed_ += mesh_.face_sizes[i];
+  if (corners_claimed_ > header_.corner_count()) {
+    refuse("faces.sizes: they add up to more than the " + std::to_string(header_.corner_count()) + " corners of the header");
+  }
+  append(mesh_.face_points, chunk.corners(), header_.corner_count(), "faces.corners");
+  if (mesh_.face_points.size() > corners_claimed_) refuse("faces.corners: more than the sizes of the faces so far add up to");
+}
+
+void UploadBuffer::add_group(const v1::GroupChunk& chunk) {
+  enter(Stage::groups);
+  if (!chunk.name().empty()) {
+    if (mesh_.groups.size() == header_.group_count())
+      refuse("group: more than the " + of(header_.group_count(), header_.group_count()));
+    if (chunk.name().size() > longest_name) refuse("group.name: longer than " + std::to_string(longest_name) + " bytes");
+    grow(sizeof(Group) + chunk.name().size());
+    mesh_.groups.emplace_back().name = chunk.name();
+  }
+  if (mesh_.groups.empty()) refuse("group.name: the first group chunk has none");
+  append(mesh_.groups.back().points, chunk.points(), header_.point_count(), "group.points");
+  append(mesh_.groups.back().faces, chunk.faces(), header_.face_count(), "group.faces");
+}
+
+Mesh UploadBuffer::take() {
+  enter(Stage::groups);
+  if (corners_claimed_ != header_.corner_count()) {
+    refuse("faces.sizes: they add up to " + of(corners_claimed_, header_.corner_count()) + " corners");
+  }
+  if (mesh_.groups.size() != header_.group_count())
+    refuse("group: only " + of(mesh_.groups.size(), header_.group_count()) + " arrived");
+  mesh_.validate();
+  return std::move(mesh_);
+}
+
+}  // namespace deform::server

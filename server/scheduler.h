@@ -1,0 +1,126 @@
+#pragma once
+
+#include <condition_variable>
+#include <cstddef>
+#include <deque>
+#include <functional>
+#include <list>
+#include <map>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace deform::server {
+
+/// Who computes when. Three kinds of work:
+///
+///   start        the first piece of a request; waits in a bounded place, served round-robin over the clients; begins only while
+///                fewer than `running_limit` requests are running, so that requests are finished rather than all begun
+///   step         a further, short piece of a running request; first come, first served, so running requests share the workers
+///   preparation  long; has threads of its own, so that it never keeps a step waiting
+///
+/// One worker pool serves starts and steps, steps and starts in turn. Work must not throw. No lock is held while it runs.
+/// Thread-safe.
+class Scheduler {
+ public:
+  struct Options {
+    int workers = 1;
+    int preparation_workers = 1;
+    std::size_t queue_limit = 256;
+    std::size_t running_limit = 4;
+  };
+  using Work = std::function<void()>;
+
+  /// A request that waits: counted against queue_limit until left or destroyed. Movable.
+  class Place {
+   public:
+    Place() = default;
+    Place(Place&& other) noexcept : scheduler_(other.scheduler_) { other.scheduler_ = nullptr; }
+    Place& operator=(Place&& other) noexcept;
+    ~Place() { leave(); }
+    void leave();
+
+   private:
+    friend class Scheduler;
+    explicit Place(Scheduler* scheduler) : scheduler_(scheduler) {}
+    Scheduler* scheduler_ = nullptr;
+  };
+
+  /// A request that runs. Held while it has work for the workers, not while it waits for its reader. Movable.
+  class Slot {
+   public:
+    Slot() = default;
+    Slot(Slot&& other) noexcept : scheduler_(other.scheduler_) { other.scheduler_ = nullptr; }
+    Slot& operator=(Slot&& other) noexcept;
+    ~Slot() { leave(); }
+    void leave();
+    bool held() const { return scheduler_ != nullptr; }
+
+   private:
+    friend class Scheduler;
+    explicit Slot(Scheduler* scheduler) : scheduler_(scheduler) {}
+    Scheduler* scheduler_ = nullptr;
+  };
+
+  explicit Scheduler(const Options& options);
+  ~Scheduler();
+
+  /// Throws Error(out_of_budget) with a retry hint when queue_limit requests wait already.
+  Place enter();
+
+  /// `owner` is what remove() names; any address that is unique while the work waits.
+  void start(const std::string& client, const void* owner, std::function<void(Slot)> work);
+  void step(const void* owner, Work work);
+  void prepare(const void* owner, Work work);
+
+  /// A slot for a request that goes on after waiting for its reader: it need not queue again.
+  Slot resume();
+
+  /// Forgets what waits of that owner; what runs already goes on.
+  void remove(const void* owner);
+
+  /// Runs what is queued, then ends the threads. Idempotent; work that comes later never runs.
+  void stop();
+
+  struct Load {
+    std::size_t waiting = 0;       ///< places taken
+    std::size_t running = 0;       ///< slots taken
+    std::size_t preparations = 0;  ///< running now
+  };
+  Load load() const;
+  int workers() const { return options_.workers; }
+
+ private:
+  struct Start {
+    const void* owner;
+    std::function<void(Slot)> work;
+  };
+  struct Piece {
+    const void* owner;
+    Work work;
+  };
+  void run_worker();
+  void run_preparations();
+  bool take_start(std::function<void(Slot)>& work);
+  bool take_step(Work& work);
+  void leave_place();
+  void leave_slot();
+
+  const Options options_;
+  mutable std::mutex mutex_;
+  // guarded by mutex_
+  std::condition_variable work_available_;
+  std::condition_variable preparation_available_;
+  std::map<std::string, std::deque<Start>> starts_;  // per client, none empty
+  std::string last_client_;                          // whose start was taken last
+  std::deque<Piece> steps_;
+  std::deque<Piece> preparations_;
+  Load load_;
+  bool step_next_ = true;
+  bool stopping_ = false;
+  // set by the constructor
+  std::vector<std::thread> threads_;
+};
+
+}  // namespace deform::server
