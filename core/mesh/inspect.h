@@ -16,8 +16,8 @@ struct MeshReport {
   Box box;
   std::size_t components = 0;  ///< connected by shared points; isolated points not counted
   std::size_t edges = 0, boundary_edges = 0, non_manifold_edges = 0, inconsistent_edges = 0;
-  std::size_t non_manifold_points = 0;
-  std::size_t degenerate_faces = 0;  ///< repeated corner, fewer than three corners, or area below 1e-12 D^2
+  std::size_t non_manifold_points = 0;  ///< as Adjacency::non_manifold_points(), isolated points not counted
+  std::size_t degenerate_faces = 0;     ///< repeated corner, fewer than three corners, or area below 1e-12 D^2
   std::size_t isolated_points = 0;
   std::size_t coincident_points = 0;  ///< points with exactly the coordinates of an earlier one
   struct GroupCount {

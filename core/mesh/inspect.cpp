@@ -1,0 +1,128 @@
+#include "core/mesh/inspect.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "core/mesh/adjacency.h"
+#include "core/mesh/edge_uses.h"
+
+namespace deform {
+
+namespace {
+
+Vec3 minus(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
+
+/// Length of the vector area, exact for plane polygons.
+double area(const Mesh& mesh, std::span<const PointId> corners) {
+  Vec3 twice{0, 0, 0};
+  const Vec3& origin = mesh.points[corners[0]];
+  for (std::size_t i = 1; i + 1 < corners.size(); ++i) {
+    const Vec3 u = minus(mesh.points[corners[i]], origin), v = minus(mesh.points[corners[i + 1]], origin);
+    twice[0] += u[1] * v[2] - u[2] * v[1];
+    twice[1] += u[2] * v[0] - u[0] * v[2];
+    twice[2] += u[0] * v[1] - u[1] * v[0];
+  }
+  return 0.5 * std::hypot(twice[0], twice[1], twice[2]);
+}
+
+bool repeats_a_corner(std::span<const PointId> corners) {
+  std::vector<PointId> sorted(corners.begin(), corners.end());
+  std::sort(sorted.begin(), sorted.end());
+  return std::adjacent_find(sorted.begin(), sorted.end()) != sorted.end();
+}
+
+void count_faces(const Mesh& mesh, const Adjacency& adjacency, MeshReport& report) {
+  constexpr double relative_area = 1e-12;
+  const double smallest = relative_area * report.box.diagonal() * report.box.diagonal();
+  for (std::size_t face = 0; face < mesh.face_count(); ++face) {
+    const std::uint32_t size = mesh.face_sizes[face];
+    ++(size == 3 ? report.triangles : size == 4 ? report.quads : report.other_faces);
+    const auto corners = adjacency.points_of(static_cast<FaceId>(face));
+    if (size < 3 || area(mesh, corners) < smallest || repeats_a_corner(corners)) ++report.degenerate_faces;
+  }
+}
+
+void count_edges(const Mesh& mesh, const Adjacency& adjacency, MeshReport& report) {
+  std::vector<EdgeUse> edges;
+  for (std::size_t i = 0; i < mesh.point_count(); ++i) {
+    edge_uses(adjacency, static_cast<PointId>(i), edges);
+    for (const EdgeUse& edge : edges) {
+      if (edge.other < i) continue;  // seen from the other end
+      ++report.edges;
+      report.boundary_edges += edge.faces() == 1;
+      report.non_manifold_edges += edge.faces() > 2;
+      report.inconsistent_edges += edge.faces() == 2 && edge.outgoing != 1;
+    }
+  }
+}
+
+std::size_t count_components(const Mesh& mesh, const Adjacency& adjacency) {
+  std::vector<PointId> parent(mesh.point_count());
+  std::iota(parent.begin(), parent.end(), PointId{0});
+  const auto root = [&parent](PointId i) {
+    while (parent[i] != i) i = parent[i] = parent[parent[i]];
+    return i;
+  };
+  for (std::size_t face = 0; face < mesh.face_count(); ++face) {
+    const auto corners = adjacency.points_of(static_cast<FaceId>(face));
+    for (const PointId corner : corners) parent[root(corner)] = root(corners[0]);
+  }
+  std::size_t components = 0;
+  for (std::size_t i = 0; i < parent.size(); ++i) {
+    components += parent[i] == i && !adjacency.faces_of(static_cast<PointId>(i)).empty();
+  }
+  return components;
+}
+
+std::size_t count_coincident(const Points& points) {
+  std::vector<PointId> order(points.size());
+  std::iota(order.begin(), order.end(), PointId{0});
+  std::sort(order.begin(), order.end(), [&](PointId a, PointId b) { return points[a] < points[b]; });
+  std::size_t count = 0;
+  for (std::size_t i = 1; i < order.size(); ++i) count += points[order[i]] == points[order[i - 1]];
+  return count;
+}
+
+std::vector<MeshReport::GroupCount> count_groups(const Mesh& mesh, const Adjacency& adjacency) {
+  std::vector<MeshReport::GroupCount> counts;
+  std::vector<std::size_t> seen_in(mesh.point_count(), 0);  // number of the last group, from 1
+  for (std::size_t g = 0; g < mesh.groups.size(); ++g) {
+    std::size_t points = 0;
+    const auto see = [&](PointId point) {
+      points += seen_in[point] != g + 1;
+      seen_in[point] = g + 1;
+    };
+    for (const PointId point : mesh.groups[g].points) see(point);
+    for (const FaceId face : mesh.groups[g].faces) {
+      for (const PointId point : adjacency.points_of(face)) see(point);
+    }
+    counts.push_back({mesh.groups[g].name, points, mesh.groups[g].faces.size()});
+  }
+  return counts;
+}
+
+}  // namespace
+
+MeshReport inspect(const Mesh& mesh) {
+  const Adjacency adjacency(mesh);
+  MeshReport report;
+  report.points = mesh.point_count();
+  report.faces = mesh.face_count();
+  report.corners = mesh.face_points.size();
+  report.box = bounding_box(mesh.points);
+  count_faces(mesh, adjacency, report);
+  count_edges(mesh, adjacency, report);
+  report.components = count_components(mesh, adjacency);
+  const std::vector<char> non_manifold = adjacency.non_manifold_points();
+  for (std::size_t i = 0; i < mesh.point_count(); ++i) {
+    const bool isolated = adjacency.faces_of(static_cast<PointId>(i)).empty();
+    report.isolated_points += isolated;
+    report.non_manifold_points += non_manifold[i] && !isolated;
+  }
+  report.coincident_points = count_coincident(mesh.points);
+  report.groups = count_groups(mesh, adjacency);
+  return report;
+}
+
+}  // namespace deform
