@@ -1,0 +1,148 @@
+#include <signal.h>
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <condition_variable>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <iostream>
+#include <mutex>
+#include <thread>
+
+#include "server/log.h"
+#include "server/options.h"
+#include "server/server.h"
+#include "server/service_text.h"
+
+namespace {
+
+using deform::Error;
+using deform::ErrorCode;
+
+enum ExitCode { exit_ok = 0, exit_failed = 1, exit_usage = 2 };
+
+/// Ends the process now. The store is durable at any moment, so nothing registered is lost.
+[[noreturn]] void give_up(const char* why) {
+  spdlog::error("{}", why);
+  std::fprintf(stderr, "deformd: %s\n", why);
+  std::_Exit(exit_failed);
+}
+
+/// SIGTERM and SIGINT, waited for instead of handled: no code runs in a signal handler, and it works as process 1.
+class StopSignals {
+ public:
+  /// Before any other thread exists, so that all inherit the mask.
+  StopSignals() {
+    sigemptyset(&set_);
+    sigaddset(&set_, SIGTERM);
+    sigaddset(&set_, SIGINT);
+    pthread_sigmask(SIG_BLOCK, &set_, nullptr);
+    signal(SIGPIPE, SIG_IGN);
+  }
+  int wait() const {
+    int number = 0;
+    while (sigwait(&set_, &number) != 0) {
+    }
+    return number;
+  }
+  /// From now on a signal ends the process at once.
+  void give_up_at_the_next() const {
+    std::thread([set = set_] {
+      int number = 0;
+      while (sigwait(&set, &number) != 0) {
+      }
+      give_up("told to stop a second time: ending at once");
+    }).detach();
+  }
+
+ private:
+  sigset_t set_;
+};
+
+/// Ends the process when it is not destroyed in time.
+class Watchdog {
+ public:
+  explicit Watchdog(std::chrono::milliseconds limit)
+      : thread_([this, limit] {
+          std::unique_lock lock(mutex_);
+          if (!stopped_.wait_for(lock, limit, [this] { return done_; })) give_up("did not stop in twice the grace time");
+        }) {}
+  ~Watchdog() {
+    {
+      const std::lock_guard lock(mutex_);
+      done_ = true;
+    }
+    stopped_.notify_one();
+    thread_.join();
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable stopped_;
+  bool done_ = false;  // under mutex_
+  std::thread thread_;
+};
+
+/// Readers of the file see nothing or the whole number.
+void write_port_file(const std::filesystem::path& path, int port) {
+  const std::filesystem::path part = path.string() + ".part";
+  {
+    std::ofstream out(part);
+    out << port << '\n';
+    if (!out.flush()) throw Error(ErrorCode::invalid_argument, "option port-file: cannot write " + part.string());
+  }
+  std::filesystem::rename(part, path);
+}
+
+void log_configuration(const deform::server::Configuration& configuration) {
+  for (const auto& [name, value, source] : configuration.effective) {
+    spdlog::info("option {}={} ({})", name, deform::server::escaped(value, 300), deform::server::escaped(source, 300));
+  }
+}
+
+void serve(const deform::server::Configuration& configuration, const StopSignals& signals) {
+  deform::server::start_logging(configuration.log);
+  spdlog::info("deformd {} starts, process {}", DEFORM_VERSION, getpid());
+  log_configuration(configuration);
+  const auto server = deform::server::start_server(configuration.server);
+  if (!configuration.port_file.empty()) write_port_file(configuration.port_file, server->port());
+  spdlog::info("listening on {}", server->address());
+
+  const int number = signals.wait();
+  spdlog::info("{}: stopping, what is under way has {} ms", number == SIGTERM ? "SIGTERM" : "SIGINT",
+               configuration.grace.count());
+  signals.give_up_at_the_next();
+  const Watchdog watchdog(2 * configuration.grace + std::chrono::seconds(1));
+  if (server->stop(configuration.grace)) {
+    spdlog::info("stopped, everything under way was answered");
+  } else {
+    spdlog::warn("stopped, calls that took longer than the grace time were cancelled");
+  }
+}
+
+std::optional<std::string> environment_variable(const std::string& name) {
+  const char* value = std::getenv(name.c_str());
+  return value == nullptr ? std::nullopt : std::optional<std::string>(value);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    const StopSignals signals;
+    const auto configuration = deform::server::read_configuration({{argv + 1, argv + argc}, environment_variable});
+    if (const auto* answer = std::get_if<deform::server::Answer>(&configuration)) {
+      std::cout << answer->text << std::flush;
+      return exit_ok;
+    }
+    serve(std::get<deform::server::Configuration>(configuration), signals);
+    return exit_ok;
+  } catch (const Error& error) {
+    std::fprintf(stderr, "deformd: %s\n", deform::server::escaped(error.what(), 2000).c_str());
+    return error.code() == ErrorCode::invalid_argument ? exit_usage : exit_failed;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "deformd: %s\n", deform::server::escaped(error.what(), 2000).c_str());
+    return exit_failed;
+  }
+}

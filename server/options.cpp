@@ -1,0 +1,341 @@
+#include "server/options.h"
+
+#include <spdlog/spdlog.h>
+#include <yaml-cpp/yaml.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <map>
+#include <utility>
+
+namespace deform::server {
+
+namespace {
+
+Error bad(const std::string& what) { return {ErrorCode::invalid_argument, what}; }
+
+template <typename T>
+T parse_number(const std::string& text) {
+  T value{};
+  const auto [end, failure] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (failure != std::errc() || end != text.data() + text.size()) throw bad("\"" + text + "\" is not a number that fits here");
+  return value;
+}
+
+bool parse_switch(const std::string& text) {
+  if (text == "true" || text == "1" || text == "yes" || text == "on") return true;
+  if (text == "false" || text == "0" || text == "no" || text == "off") return false;
+  throw bad("\"" + text + "\" is neither true nor false");
+}
+
+std::chrono::milliseconds parse_seconds(const std::string& text) {
+  const auto seconds = parse_number<double>(text);
+  if (!(seconds >= 0 && seconds <= 86'400)) throw bad("\"" + text + "\" is not a number of seconds, 0 to 86400");
+  return std::chrono::milliseconds(std::llround(seconds * 1e3));
+}
+
+std::string to_seconds(std::chrono::milliseconds time) { return fmt::format("{}", static_cast<double>(time.count()) / 1e3); }
+
+spdlog::level::level_enum parse_level(const std::string& text) {
+  const auto level = spdlog::level::from_str(text);
+  if (level == spdlog::level::off && text != "off") {
+    throw bad("\"" + text + "\" is none of trace, debug, info, warning, error, critical, off");
+  }
+  return level;
+}
+
+/// One option, wherever it is set.
+struct Option {
+  std::string name;   ///< --memory-budget, DEFORMD_MEMORY_BUDGET, memory_budget:
+  std::string value;  ///< what kind of value, for the help; empty for a switch
+  std::string help;
+  std::function<void(Configuration&, const std::string&)> set;
+  std::function<std::string(const Configuration&)> show;
+
+  std::string key() const {
+    std::string out = name;
+    std::replace(out.begin(), out.end(), '-', '_');
+    return out;
+  }
+  std::string variable() const {
+    std::string out = "DEFORMD_" + key();
+    std::transform(out.begin(), out.end(), out.begin(), [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
+    return out;
+  }
+};
+
+/// field(configuration) -> reference to a number.
+template <typename Field>
+Option number(const char* name, const char* help, Field field) {
+  using T = std::decay_t<decltype(field(std::declval<Configuration&>()))>;
+  return {name, "N", help, [field](Configuration& c, const std::string& text) { field(c) = parse_number<T>(text); },
+          [field](const Configuration& c) { return std::to_string(field(const_cast<Configuration&>(c))); }};
+}
+
+template <typename Field>
+Option bytes(const char* name, const char* help, Field field) {
+  return {name, "SIZE", help, [field](Configuration& c, const std::string& text) { field(c) = parse_bytes(text); },
+          [field](const Configuration& c) { return to_text(field(const_cast<Configuration&>(c))); }};
+}
+
+template <typename Field>
+Option path(const char* name, const char* help, Field field) {
+  return {name, "PATH", help, [field](Configuration& c, const std::string& text) { field(c) = text; },
+          [field](const Configuration& c) { return field(const_cast<Configuration&>(c)).string(); }};
+}
+
+template <typename Field>
+Option whole_seconds(const char* name, const char* help, Field field) {
+  return {name, "SECONDS", help,
+          [field](Configuration& c, const std::string& text) {
+            field(c) = std::chrono::duration_cast<std::chrono::seconds>(parse_seconds(text));
+          },
+          [field](const Configuration& c) { return to_seconds(field(const_cast<Configuration&>(c))); }};
+}
+
+void add_network_options(std::vector<Option>& all) {
+  all.push_back({"address", "HOST:PORT", "where to listen; port 0 takes a free one; unix:PATH works too",
+                 [](Configuration& c, const std::string& text) { c.server.address = text; },
+                 [](const Configuration& c) { return c.server.address; }});
+  all.push_back(
+      {"insecure", "", "listen beyond this machine without encryption",
+       [](Configuration& c, const std::string& text) {
+         c.server.security = parse_switch(text) ? TransportSecurity::insecure : TransportSecurity::loopback_only;
+       },
+       [](const Configuration& c) { return std::string(c.server.security == TransportSecurity::insecure ? "true" : "false"); }});
+  all.push_back(path(
+      "port-file", "write the port that is listened on to this file", [](Configuration & c) -> auto& { return c.port_file; }));
+  all.push_back(whole_seconds(
+      "keep-alive", "a connection silent for so long is asked whether it lives",
+      [](Configuration & c) -> auto& { return c.server.keep_alive; }));
+  all.push_back(whole_seconds(
+      "keep-alive-timeout", "and closed when it does not answer for so long",
+      [](Configuration & c) -> auto& { return c.server.keep_alive_timeout; }));
+  all.push_back(number(
+      "max-calls-per-connection", "calls open at once on one connection",
+      [](Configuration & c) -> auto& { return c.server.max_calls_per_connection; }));
+}
+
+void add_engine_options(std::vector<Option>& all) {
+  all.push_back(path(
+      "data-dir", "where geometries and setups are kept; created when missing",
+      [](Configuration & c) -> auto& { return c.server.engine.data_dir; }));
+  all.push_back(bytes(
+      "memory-budget", "memory for systems and requests; 0: 80 % of what the machine or its cgroup has",
+      [](Configuration & c) -> auto& { return c.server.engine.memory_budget; }));
+  all.push_back(bytes(
+      "cache-budget", "memory for systems that wait for their next use; 0: half of the memory budget",
+      [](Configuration & c) -> auto& { return c.server.engine.cache_budget; }));
+  all.push_back(number(
+      "workers", "requests computed at once; 0: one per core",
+      [](Configuration & c) -> auto& { return c.server.engine.workers; }));
+  all.push_back(number(
+      "queue-limit", "requests that may wait; more are refused with a retry hint",
+      [](Configuration & c) -> auto& { return c.server.engine.queue_limit; }));
+  all.push_back(number(
+      "max-points", "points of a geometry", [](Configuration & c) -> auto& { return c.server.engine.max_points; }));
+  all.push_back(number(
+      "max-faces", "faces of a geometry", [](Configuration & c) -> auto& { return c.server.engine.max_faces; }));
+  all.push_back(number(
+      "max-groups", "groups of a geometry", [](Configuration & c) -> auto& { return c.server.engine.max_groups; }));
+  all.push_back(number(
+      "max-designs", "designs of a request", [](Configuration & c) -> auto& { return c.server.engine.max_designs; }));
+  all.push_back(number(
+      "max-handles", "handles of a setup", [](Configuration & c) -> auto& { return c.server.engine.max_handles; }));
+  all.push_back(number(
+      "block-points", "points per block on the wire, 256 to 40000",
+      [](Configuration & c) -> auto& { return c.server.engine.block_points; }));
+}
+
+void add_service_options(std::vector<Option>& all) {
+  all.push_back(number(
+      "max-open-requests", "open requests of one DeformStream",
+      [](Configuration & c) -> auto& { return c.server.service.stream.open_requests; }));
+  all.push_back(number(
+      "max-running-requests", "of those, in the queue or computed at once",
+      [](Configuration & c) -> auto& { return c.server.service.stream.running_requests; }));
+  all.push_back(bytes(
+      "max-buffered-bytes", "requests of one DeformStream held in memory before it stops reading",
+      [](Configuration & c) -> auto& { return c.server.service.stream.buffered_bytes; }));
+  all.push_back(number(
+      "call-threads", "threads for calls that wait for the disk",
+      [](Configuration & c) -> auto& { return c.server.service.call_threads; }));
+  all.push_back(number(
+      "max-waiting-calls", "calls that may wait for those; more are refused with a retry hint",
+      [](Configuration & c) -> auto& { return c.server.service.waiting_calls; }));
+}
+
+void add_process_options(std::vector<Option>& all) {
+  all.push_back({"grace", "SECONDS", "time for what is under way when the server is told to stop",
+                 [](Configuration& c, const std::string& text) { c.grace = parse_seconds(text); },
+                 [](const Configuration& c) { return to_seconds(c.grace); }});
+  all.push_back({"log-level", "LEVEL", "trace, debug, info, warning, error, critical or off",
+                 [](Configuration& c, const std::string& text) { c.log.level = parse_level(text); },
+                 [](const Configuration& c) {
+                   const auto name = spdlog::level::to_string_view(c.log.level);
+                   return std::string(name.data(), name.size());
+                 }});
+  all.push_back(path(
+      "log-file", "append the log to this file instead of standard error",
+      [](Configuration & c) -> auto& { return c.log.file; }));
+}
+
+std::vector<Option> all_options() {
+  std::vector<Option> all;
+  add_network_options(all);
+  add_engine_options(all);
+  add_service_options(all);
+  add_process_options(all);
+  return all;
+}
+
+struct Given {
+  std::string value;
+  std::string source;
+};
+/// By name of the option.
+using Values = std::map<std::string, Given>;
+
+const Option* find_key(const std::vector<Option>& options, const std::string& key) {
+  const auto found = std::find_if(options.begin(), options.end(), [&](const Option& o) { return o.key() == key; });
+  return found == options.end() ? nullptr : &*found;
+}
+
+void read_entry(const std::vector<Option>& options, const std::string& file, const YAML::Node& key, const YAML::Node& value,
+                Values& out) {
+  const std::string place = file + ":" + std::to_string(key.Mark().line + 1);
+  if (!key.IsScalar()) throw bad(place + ": an option name was expected");
+  const Option* option = find_key(options, key.Scalar());
+  if (option == nullptr) {
+    std::vector<std::string> keys;
+    for (const Option& o : options) keys.push_back(o.key());
+    const std::string near = nearest_names(key.Scalar(), keys);
+    throw bad(place + ": unknown option \"" + key.Scalar() + "\"" + (near.empty() ? "" : ", did you mean " + near + "?"));
+  }
+  if (!value.IsScalar()) throw bad(place + ": " + key.Scalar() + ": one value was expected");
+  if (!out.emplace(option->name, Given{value.Scalar(), place}).second) throw bad(place + ": " + key.Scalar() + " is set twice");
+}
+
+Values read_file_values(const std::vector<Option>& options, const std::string& file) {
+  Values out;
+  try {
+    const YAML::Node root = YAML::LoadFile(file);
+    if (root.IsNull()) return out;
+    if (!root.IsMap()) throw bad(file + ": lines of the form \"option: value\" were expected");
+    for (const auto& entry : root) read_entry(options, file, entry.first, entry.second, out);
+  } catch (const YAML::BadFile&) {
+    throw bad("option --config: cannot read " + file);
+  } catch (const YAML::Exception& error) {
+    throw bad(file + ":" + std::to_string(error.mark.line + 1) + ": " + error.msg);
+  }
+  return out;
+}
+
+struct Flags {
+  Values values;
+  std::optional<std::string> config;
+  std::optional<std::string> answer;
+};
+
+std::string description(const Option& option) { return option.help + " [" + option.variable() + "]"; }
+
+Flags read_flags(const std::vector<Option>& options, std::vector<std::string> arguments, const Configuration& defaults) {
+  CLI::App app("deformd: mesh deformation as a service", "deformd");
+  app.footer(
+      "Every option can also be given as the environment variable in brackets or, with underscores, as a line of the YAML\n"
+      "file of --config. A flag wins over the variable, the variable over the file, the file over the default.\n"
+      "Sizes: 512MiB, 4GiB, 1.5GB or plain bytes.");
+  std::map<std::string, std::string> texts;
+  std::map<std::string, bool> switches;
+  for (const Option& option : options) {
+    if (option.value.empty()) {
+      app.add_flag("--" + option.name, switches[option.name], description(option));
+    } else {
+      const std::string shown = option.show(defaults);
+      app.add_option("--" + option.name, texts[option.name], description(option))->type_name(option.value)->default_str(shown);
+    }
+  }
+  std::string config;
+  app.add_option("--config", config, "YAML file with options [DEFORMD_CONFIG]")->type_name("PATH");
+  app.add_flag("--version", switches["version"], "print the version");
+  Flags out;
+  try {
+    std::reverse(arguments.begin(), arguments.end());  // as CLI11 wants them
+    app.parse(std::move(arguments));
+  } catch (const CLI::CallForHelp&) {
+    out.answer = app.help();
+    return out;
+  } catch (const CLI::ParseError& error) {
+    throw bad(std::string(error.what()) + " (deformd --help lists the options)");
+  }
+  if (app.count("--version") > 0) out.answer = "deformd " DEFORM_VERSION "\n";
+  if (app.count("--config") > 0) out.config = config;
+  for (const Option& option : options) {
+    if (app.count("--" + option.name) == 0) continue;
+    out.values[option.name] = {option.value.empty() ? "true" : texts[option.name], "flag"};
+  }
+  return out;
+}
+
+}  // namespace
+
+std::size_t parse_bytes(const std::string& text) {
+  static const std::map<std::string, double> units = {
+      {"", 1.0},   {"B", 1.0},  {"KiB", 1024.0}, {"MiB", 1048576.0}, {"GiB", 1073741824.0}, {"TiB", 1099511627776.0},
+      {"kB", 1e3}, {"MB", 1e6}, {"GB", 1e9},     {"TB", 1e12}};
+  const std::size_t digits = std::min(text.find_first_not_of("0123456789."), text.size());
+  std::size_t unit = digits;
+  while (unit < text.size() && text[unit] == ' ') ++unit;
+  const auto found = units.find(text.substr(unit));
+  const Error not_a_size = bad("\"" + text + "\" is not a size such as 512MiB, 4GiB or 1000000");
+  if (found == units.end() || digits == 0) throw not_a_size;
+  double value = 0;
+  const auto [end, failure] = std::from_chars(text.data(), text.data() + digits, value);
+  if (failure != std::errc() || end != text.data() + digits || value * found->second > 0x1p60) throw not_a_size;
+  return static_cast<std::size_t>(value * found->second);
+}
+
+std::string to_text(std::size_t size) {
+  static constexpr std::pair<std::size_t, const char*> units[] = {
+      {std::size_t{1} << 40, "TiB"}, {std::size_t{1} << 30, "GiB"}, {std::size_t{1} << 20, "MiB"}, {std::size_t{1} << 10, "KiB"}};
+  for (const auto& [unit, name] : units) {
+    if (size >= unit && size % unit == 0) return std::to_string(size / unit) + name;
+  }
+  return std::to_string(size);
+}
+
+std::variant<Configuration, Answer> read_configuration(const CommandLine& command_line) {
+  const std::vector<Option> options = all_options();
+  Configuration out;
+  out.server.engine.data_dir = "deformd-data";
+  Flags flags = read_flags(options, command_line.arguments, out);
+  if (flags.answer) return Answer{*flags.answer};
+
+  Values values = std::move(flags.values);
+  for (const Option& option : options) {
+    if (auto text = command_line.environment(option.variable())) {
+      values.emplace(option.name, Given{*text, "environment " + option.variable()});
+    }
+  }
+  if (!flags.config) flags.config = command_line.environment("DEFORMD_CONFIG");
+  if (flags.config) values.merge(read_file_values(options, *flags.config));
+
+  for (const Option& option : options) {
+    const auto given = values.find(option.name);
+    if (given != values.end()) {
+      try {
+        option.set(out, given->second.value);
+      } catch (const Error& error) {
+        throw bad(given->second.source + ": " + option.name + ": " + error.what());
+      }
+    }
+    out.effective.push_back({option.name, option.show(out), given == values.end() ? "default" : given->second.source});
+  }
+  out.server.validate();
+  out.server.engine.validate();
+  return out;
+}
+
+}  // namespace deform::server

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "server/log.h"
+#include "server/server.h"
+
+namespace deform::server {
+
+/// Everything that can be set from outside about a deformd process.
+struct Configuration {
+  ServerOptions server;
+  LogOptions log;
+  std::chrono::milliseconds grace{30'000};  ///< for what is under way at SIGTERM
+  std::filesystem::path port_file;          ///< the port that is listened on is written here
+
+  /// Where a value came from, for the log.
+  struct Effective {
+    std::string name;
+    std::string value;
+    std::string source;  ///< "default", "flag", "environment" or the file with its line
+  };
+  std::vector<Effective> effective;
+};
+
+/// What options are read from.
+struct CommandLine {
+  std::vector<std::string> arguments;  ///< without the name of the program
+  std::function<std::optional<std::string>(const std::string& name)> environment;
+};
+
+/// Text to print instead of running (--help, --version).
+struct Answer {
+  std::string text;
+};
+
+/// Flags win over environment variables (DEFORMD_...), those over the YAML file (--config), that over the defaults. Throws
+/// Error(invalid_argument) in one line that names the option and where it was set.
+std::variant<Configuration, Answer> read_configuration(const CommandLine& command_line);
+
+/// "4GiB", "512 MiB", "1.5GB", "123456" -> bytes. Units: B, KiB, MiB, GiB, TiB, kB, MB, GB, TB. Throws Error(invalid_argument).
+std::size_t parse_bytes(const std::string& text);
+/// The shortest of these forms that gives exactly the same number.
+std::string to_text(std::size_t bytes);
+
+}  // namespace deform::server
