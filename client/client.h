@@ -23,10 +23,15 @@ class ChannelInterface;
 namespace deform::client {
 
 struct ClientOptions {
-  std::string address = "127.0.0.1:50051";
-  std::chrono::milliseconds connect_timeout{5000};
+  std::string address = "127.0.0.1:50051";          ///< HOST:PORT, [IPv6]:PORT or unix:PATH
+  std::chrono::milliseconds connect_timeout{5000};  ///< of one attempt to connect
   int max_attempts = 4;    ///< of calls that are safe to retry, for UNAVAILABLE and for RESOURCE_EXHAUSTED with a retry hint
   int decode_threads = 0;  ///< 0 = all cores
+  int max_in_flight = 16;  ///< open requests of one Session; submit() blocks beyond it
+  std::uint64_t retry_seed = 1;  ///< of the jitter in waiting times before another attempt; give clients different ones
+
+  /// Throws Error(invalid_argument) naming the option and its limits.
+  void validate() const;
 };
 
 /// Per call. The deadline travels to the server and reaches its computations; so does cancel.

@@ -1,0 +1,90 @@
+#include "client/connection.h"
+
+#include <algorithm>
+#include <cstring>
+#include <utility>
+
+namespace deform::client {
+
+Connection::Connection(std::shared_ptr<grpc::ChannelInterface> channel_in, const ClientOptions& options_in)
+    : options(options_in),
+      channel(std::move(channel_in)),
+      stub(v1::DeformService::NewStub(channel)),
+      pool(options_in.decode_threads) {}
+
+RunContext limits_of(const CallOptions& options) {
+  RunContext limits;
+  limits.cancel = options.cancel;
+  if (options.timeout) limits.deadline = RunContext::Clock::now() + *options.timeout;
+  return limits;
+}
+
+CallOptions remaining(const RunContext& limits) {
+  CallOptions options;
+  options.cancel = limits.cancel;
+  if (limits.deadline) {
+    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(*limits.deadline - RunContext::Clock::now());
+    options.timeout = std::max(std::chrono::milliseconds(1), left);
+  }
+  return options;
+}
+
+Attempt::Attempt(Connection& connection, const RunContext& limits) : connection_(connection) {
+  if (limits.deadline) {
+    context.set_deadline(std::chrono::system_clock::now() + std::chrono::duration_cast<std::chrono::system_clock::duration>(
+                                                                *limits.deadline - RunContext::Clock::now()));
+  }
+  if (limits.cancel) token_ = connection_.watcher.watch(*limits.cancel, [this] { context.TryCancel(); });
+}
+
+Attempt::~Attempt() {
+  if (token_) connection_.watcher.unwatch(*token_);
+}
+
+void Attempt::check(const grpc::Status& status) const {
+  if (!status.ok()) throw to_error(status, context, connection_.options.address);
+}
+
+namespace {
+
+void append_points(const std::string& xyz, std::uint64_t expected, Points& points) {
+  if (xyz.size() % sizeof(Vec3) != 0 || xyz.size() / sizeof(Vec3) > expected - points.size()) {
+    throw Error(ErrorCode::data_loss, "registered points: a chunk of " + std::to_string(xyz.size()) + " bytes after " +
+                                          std::to_string(points.size()) + " of " + std::to_string(expected) + " points");
+  }
+  const std::size_t before = points.size();
+  points.resize(before + xyz.size() / sizeof(Vec3));
+  if (!xyz.empty()) std::memcpy(points.data() + before, xyz.data(), xyz.size());
+}
+
+/// The number of points is the server's word: memory grows with what really arrives.
+constexpr std::uint64_t largest_reserve = std::uint64_t{1} << 20;
+
+std::shared_ptr<const Points> fetch_points(Connection& connection, const std::string& id, const CallOptions& options) {
+  v1::GetGeometryRequest about;
+  about.set_id(id);
+  const auto info = unary(connection, options, Retry::safe, &v1::DeformService::StubInterface::GetGeometry, about);
+  v1::GetPointsRequest request;
+  request.set_id(id);
+  return with_retries(connection, options, Retry::safe, [&](Attempt& attempt, const RunContext&) {
+    auto points = std::make_shared<Points>();
+    points->reserve(std::min(info.points(), largest_reserve));
+    const auto stream = connection.stub->GetPoints(&attempt.context, request);
+    v1::PointChunk chunk;
+    while (stream->Read(&chunk)) append_points(chunk.xyz(), info.points(), *points);
+    attempt.check(stream->Finish());
+    if (points->size() != info.points()) {
+      throw Error(ErrorCode::data_loss, "registered points: " + std::to_string(points->size()) + " arrived, the geometry has " +
+                                            std::to_string(info.points()));
+    }
+    return std::shared_ptr<const Points>(std::move(points));
+  });
+}
+
+}  // namespace
+
+std::shared_ptr<const Points> Connection::registered_points(const std::string& geometry_id, const RunContext& limits) {
+  return points.get(geometry_id, limits, [&] { return fetch_points(*this, geometry_id, remaining(limits)); });
+}
+
+}  // namespace deform::client

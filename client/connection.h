@@ -1,0 +1,102 @@
+#pragma once
+
+#include <grpcpp/channel.h>
+
+#include <atomic>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "client/cancel_watcher.h"
+#include "client/client.h"
+#include "client/decode_pool.h"
+#include "client/points_cache.h"
+#include "client/retry.h"
+#include "client/status.h"
+#include "deform/v1/service.grpc.pb.h"
+
+namespace deform::client {
+
+/// What the calls of one Client share; sessions keep it alive. Thread-safe.
+struct Connection {
+  Connection(std::shared_ptr<grpc::ChannelInterface> channel_in, const ClientOptions& options_in);
+
+  const ClientOptions options;
+  const std::shared_ptr<grpc::ChannelInterface> channel;
+  const std::unique_ptr<v1::DeformService::StubInterface> stub;
+  CancelWatcher watcher;
+  PointsCache points;
+  std::atomic<std::uint64_t> calls{0};
+  DecodePool pool;  // last: its tasks end first
+
+  /// Cached, or fetched once.
+  std::shared_ptr<const Points> registered_points(const std::string& geometry_id, const RunContext& limits);
+};
+
+struct Client::Impl : Connection {
+  using Connection::Connection;
+};
+
+/// Time and cancellation of a call with all its attempts.
+RunContext limits_of(const CallOptions& options);
+/// What is left of it, for a call inside.
+CallOptions remaining(const RunContext& limits);
+
+/// One attempt of a call: its gRPC context with the deadline, cancelled when the caller's flag is set.
+class Attempt {
+ public:
+  Attempt(Connection& connection, const RunContext& limits);
+  ~Attempt();
+  Attempt(const Attempt&) = delete;
+  Attempt& operator=(const Attempt&) = delete;
+
+  /// Throws the Error of a status that is not OK.
+  void check(const grpc::Status& status) const;
+
+  grpc::ClientContext context;
+
+ private:
+  Connection& connection_;
+  std::optional<std::uint64_t> token_;
+};
+
+/// Runs body(attempt, limits) until it returns, its error allows no further attempt, or may_repeat() says no.
+template <typename Body, typename MayRepeat>
+auto with_retries(Connection& connection, const CallOptions& options, Retry retry, const Body& body,
+                  const MayRepeat& may_repeat) {
+  const RunContext limits = limits_of(options);
+  RetryPolicy policy({connection.options.max_attempts, connection.options.retry_seed + connection.calls++, retry});
+  while (true) {
+    std::chrono::milliseconds wait{};
+    try {
+      limits.check();
+      Attempt attempt(connection, limits);
+      return body(attempt, limits);
+    } catch (const Error& error) {
+      const auto next = policy.next_wait(error);
+      if (!next || !may_repeat()) throw;
+      if (limits.deadline && RunContext::Clock::now() + *next >= *limits.deadline) throw;
+      wait = *next;
+    }
+    RetryPolicy::wait(wait, limits);
+  }
+}
+
+template <typename Body>
+auto with_retries(Connection& connection, const CallOptions& options, Retry retry, const Body& body) {
+  return with_retries(connection, options, retry, body, [] { return true; });
+}
+
+/// A call with one request and one reply.
+template <typename Request, typename Reply>
+Reply unary(Connection& connection, const CallOptions& options, Retry retry,
+            grpc::Status (v1::DeformService::StubInterface::*method)(grpc::ClientContext*, const Request&, Reply*),
+            const Request& request) {
+  return with_retries(connection, options, retry, [&](Attempt& attempt, const RunContext&) {
+    Reply reply;
+    attempt.check((connection.stub.get()->*method)(&attempt.context, request, &reply));
+    return reply;
+  });
+}
+
+}  // namespace deform::client

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+
+#include "core/base/error.h"
+#include "core/base/run_context.h"
+
+namespace deform::client {
+
+/// Which errors of a call allow another attempt.
+enum class Retry {
+  safe,         ///< the call can be repeated at will: lost connections and refusals with a hint
+  when_refused  ///< repeating a call that was carried out would be wrong: only refusals with a hint
+};
+
+/// Decides about another attempt and waits for it: exponential with jitter for lost connections (100 ms, 200 ms, ... each times
+/// 0.5 to 1.5), the server's own hint (times 1 to 1.5) for refusals. Same seed, same waiting times. One thread.
+class RetryPolicy {
+ public:
+  struct Options {
+    int max_attempts = 4;
+    std::uint64_t seed = 1;
+    Retry retry = Retry::safe;
+  };
+  explicit RetryPolicy(const Options& options) : options_(options), random_(options.seed) {}
+
+  /// How long to wait before the next attempt, or nothing when there shall be none.
+  std::optional<std::chrono::milliseconds> next_wait(const Error& error);
+
+  /// Waits, in small steps so that a cancel or deadline of the context ends it by its Error.
+  static void wait(std::chrono::milliseconds duration, const RunContext& context);
+
+ private:
+  double random();  ///< [0, 1)
+
+  const Options options_;
+  std::uint64_t random_;
+  int failed_attempts_ = 0;
+};
+
+}  // namespace deform::client

@@ -1,0 +1,217 @@
+#include "client/session.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "client/request_splitter.h"
+
+namespace deform::client {
+
+Session::Impl::Impl(std::shared_ptr<Connection> connection, const CallOptions& options)
+    : connection_(std::move(connection)),
+      limits_(limits_of(options)),
+      attempt_(*connection_, limits_),
+      stream_(connection_->stub->DeformStream(&attempt_.context)) {
+  reader_ = std::thread([this] { read(); });
+  writer_ = std::thread([this] { write(); });
+}
+
+Session::Impl::~Impl() {
+  {
+    const std::lock_guard lock(mutex_);
+    closing_ = true;
+    if (!broken_) attempt_.context.TryCancel();
+  }
+  changed_.notify_all();
+  reader_.join();
+  writer_.join();
+  // Decoders may still be at work on what had arrived.
+  std::unique_lock lock(mutex_);
+  changed_.wait(lock, [this] { return open_.empty(); });
+}
+
+std::future<DeformOutcome> Session::Impl::submit(const v1::DeformRequest& request, DesignSink sink) {
+  auto open = std::make_shared<Open>();
+  open->request = request;
+  open->sink = std::move(sink);
+  auto future = open->promise.get_future();
+  const auto most = static_cast<std::size_t>(connection_->options.max_in_flight);
+  std::unique_lock lock(mutex_);
+  changed_.wait(lock, [&] { return open_.size() < most || broken_ || closing_; });
+  if (closing_) throw Error(ErrorCode::failed_precondition, "session: submit() after finish()");
+  if (broken_) {
+    open->promise.set_exception(broken_);
+    return future;
+  }
+  open->id = ++last_id_;
+  open->retry = std::make_unique<RetryPolicy>(
+      RetryPolicy::Options{connection_->options.max_attempts, connection_->options.retry_seed + open->id, Retry::when_refused});
+  make_decoder(open);
+  open_.emplace(open->id, open);
+  commands_.push_back({open, 0, RunContext::Clock::now()});
+  lock.unlock();
+  changed_.notify_all();
+  return future;
+}
+
+void Session::Impl::make_decoder(const OpenPtr& open) {
+  ReplyDecoder::Options options;
+  options.designs = static_cast<std::size_t>(open->request.designs_size());
+  options.encoding = open->request.output().encoding();
+  options.sink = open->sink;
+  options.points_of = [this](const std::string& id) { return connection_->registered_points(id, limits_); };
+  const std::uint64_t id = open->id;
+  options.on_failed = [this, id] { enqueue({nullptr, id, RunContext::Clock::now()}); };
+  options.on_done = [this, weak = std::weak_ptr<Open>(open)](DeformOutcome&& outcome, const std::exception_ptr& error) {
+    if (const OpenPtr done = weak.lock()) answered(done, std::move(outcome), error);
+  };
+  open->decoder = std::make_shared<ReplyDecoder>(std::move(options), connection_->pool);
+}
+
+void Session::Impl::answered(const OpenPtr& open, DeformOutcome&& outcome, const std::exception_ptr& error) {
+  const std::chrono::duration<double, std::milli> wall = RunContext::Clock::now() - open->started;
+  outcome.wall_ms = wall.count();
+  if (error) {
+    open->promise.set_exception(error);
+  } else {
+    open->promise.set_value(std::move(outcome));
+  }
+  // Under the lock to the end: the destructor waits for an empty map and then everything is gone.
+  const std::lock_guard lock(mutex_);
+  open_.erase(open->id);
+  changed_.notify_all();
+}
+
+void Session::Impl::read() {
+  v1::DeformReply reply;
+  while (stream_->Read(&reply)) route(std::move(reply));
+  const grpc::Status status = stream_->Finish();
+  std::exception_ptr error;
+  try {
+    attempt_.check(status);
+    throw Error(ErrorCode::unavailable, "session: the server ended the stream");
+  } catch (...) {
+    error = std::current_exception();
+  }
+  fail_all(error);
+}
+
+void Session::Impl::fail_all(const std::exception_ptr& error) {
+  std::vector<OpenPtr> open;
+  {
+    const std::lock_guard lock(mutex_);
+    broken_ = error;
+    commands_.clear();
+    for (const auto& entry : open_) open.push_back(entry.second);
+  }
+  changed_.notify_all();
+  for (const auto& one : open) one->decoder->fail(error);
+}
+
+void Session::Impl::route(v1::DeformReply&& reply) {
+  OpenPtr open;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto found = open_.find(reply.request_id());
+    if (found == open_.end()) return;  // failed on this side; what was under way still arrives
+    open = found->second;
+  }
+  if (reply.part_case() == v1::DeformReply::kError) return refused(open, reply.error());
+  try {
+    open->decoder->add(std::move(reply));
+  } catch (...) {
+    enqueue({nullptr, open->id, RunContext::Clock::now()});
+    open->decoder->fail(std::current_exception());
+  }
+}
+
+void Session::Impl::refused(const OpenPtr& open, const v1::RequestError& message) {
+  const Error error(to_error_code(static_cast<int>(message.code())), message.message(), message.retry_after_ms());
+  const auto wait = open->retry->next_wait(error);
+  const auto then = RunContext::Clock::now() + wait.value_or(std::chrono::milliseconds(0));
+  const bool too_late = limits_.deadline && then >= *limits_.deadline;
+  if (!wait || too_late || open->decoder->started()) {
+    open->decoder->fail(std::make_exception_ptr(error));
+    return;
+  }
+  enqueue({open, 0, then});
+}
+
+void Session::Impl::enqueue(Command command) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (broken_) return;
+    commands_.push_back(std::move(command));
+  }
+  changed_.notify_all();
+}
+
+/// The first command that is due, in order; false when the session is over.
+bool Session::Impl::next_command(Command& command) {
+  std::unique_lock lock(mutex_);
+  while (true) {
+    if (broken_ || (closing_ && open_.empty())) return false;
+    const auto now = RunContext::Clock::now();
+    auto earliest = RunContext::Clock::time_point::max();
+    for (auto it = commands_.begin(); it != commands_.end(); ++it) {
+      if (it->not_before <= now) {
+        command = std::move(*it);
+        commands_.erase(it);
+        return true;
+      }
+      earliest = std::min(earliest, it->not_before);
+    }
+    if (commands_.empty()) {
+      changed_.wait(lock);
+    } else {
+      changed_.wait_until(lock, earliest);
+    }
+  }
+}
+
+void Session::Impl::write() {
+  Command command;
+  while (next_command(command)) {
+    if (command.send) {
+      if (!send(command.send)) return;
+    } else {
+      v1::DeformStreamRequest message;
+      message.set_request_id(command.cancel_id);
+      message.set_cancel(true);
+      if (!stream_->Write(message)) return;
+    }
+    command.send.reset();
+  }
+  stream_->WritesDone();
+}
+
+bool Session::Impl::send(const OpenPtr& open) {
+  RequestSplitter splitter(open->request, open->id);
+  v1::DeformStreamRequest message;
+  try {
+    while (splitter.next(message)) {
+      if (!stream_->Write(message)) return false;
+    }
+  } catch (...) {
+    enqueue({nullptr, open->id, RunContext::Clock::now()});
+    open->decoder->fail(std::current_exception());
+  }
+  return true;
+}
+
+void Session::Impl::finish() {
+  std::unique_lock lock(mutex_);
+  closing_ = true;
+  changed_.notify_all();
+  // The stream has ended too, so that the server has seen a clean end.
+  changed_.wait(lock, [this] { return open_.empty() && broken_; });
+}
+
+Session::Session(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Session::~Session() = default;
+
+std::future<DeformOutcome> Session::submit(const v1::DeformRequest& request) { return impl_->submit(request, {}); }
+
+void Session::finish() { impl_->finish(); }
+
+}  // namespace deform::client
