@@ -8,14 +8,57 @@ namespace {
 
 constexpr const char* prefixes[] = {"group:", "object:", "material:"};
 
+/// Length of the UTF-8 sequence at the front of `text`, 0 when there is none.
+std::size_t utf8_length(std::string_view text) {
+  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
+  const unsigned char first = byte(0);
+  if (first < 0x80) return 1;
+  const std::size_t length = first >= 0xf0 ? 4 : first >= 0xe0 ? 3 : 2;
+  if (first < 0xc2 || first > 0xf4 || text.size() < length) return 0;
+  for (std::size_t i = 1; i < length; ++i) {
+    if ((byte(i) & 0xc0) != 0x80) return 0;
+  }
+  // Overlong forms, surrogates and what is beyond U+10FFFF.
+  if ((first == 0xe0 && byte(1) < 0xa0) || (first == 0xed && byte(1) > 0x9f)) return 0;
+  if ((first == 0xf0 && byte(1) < 0x90) || (first == 0xf4 && byte(1) > 0x8f)) return 0;
+  return length;
+}
+
+bool is_utf8(std::string_view text) {
+  while (!text.empty()) {
+    const std::size_t length = utf8_length(text);
+    if (length == 0) return false;
+    text.remove_prefix(length);
+  }
+  return true;
+}
+
+std::string printable(std::string_view name) {
+  const bool latin = !is_utf8(name);
+  std::string text;
+  for (const char c : name) {
+    const auto code = static_cast<unsigned char>(c);
+    if (code < ' ' || code == 0x7f) {
+      text += '_';
+    } else if (latin && code >= 0x80) {
+      text += static_cast<char>(0xc0 | (code >> 6));
+      text += static_cast<char>(0x80 | (code & 0x3f));
+    } else {
+      text += c;
+    }
+  }
+  return text;
+}
+
 bool same_members(const Group& a, const Group& b) { return a.points == b.points && a.faces == b.faces; }
 
 }  // namespace
 
-std::size_t FaceGroups::find_or_add(Kind kind, std::string_view name) {
+std::size_t FaceGroups::find_or_add(Kind kind, std::string_view original) {
+  const std::string name = printable(original);
   auto& index = index_[static_cast<int>(kind)];
-  const auto [entry, added] = index.try_emplace(std::string(name), entries_.size());
-  if (added) entries_.push_back({kind, {std::string(name), {}, {}}});
+  const auto [entry, added] = index.try_emplace(name, entries_.size());
+  if (added) entries_.push_back({kind, {name, {}, {}}});
   return entry->second;
 }
 

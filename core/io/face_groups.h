@@ -14,8 +14,9 @@ class FaceGroups {
  public:
   enum class Kind { group, object, material };
 
-  /// Number of the group, to be used with add_face() and add_point().
-  std::size_t find_or_add(Kind kind, std::string_view name);
+  /// Number of the group, to be used with add_face() and add_point(). Names become UTF-8 without control characters: what is not
+  /// UTF-8 is taken as Latin-1.
+  std::size_t find_or_add(Kind kind, std::string_view original);
   void add_face(std::size_t group, FaceId face) { entries_[group].members.faces.push_back(face); }
   void add_point(std::size_t group, PointId point) { entries_[group].members.points.push_back(point); }
 

@@ -132,15 +132,8 @@ class ObjReader {
   void read_group_names() {
     named_.clear();
     while (scanner_.next_in_line()) {
-      // Only white space ends a name; a backslash at the line end has been stepped over already.
       const std::size_t start = scanner_.position();
-      std::string name(scanner_.word());
-      while (scanner_.peek() > ' ' || scanner_.peek() < 0) {
-        name += scanner_.peek();
-        scanner_.advance(1);
-        name += scanner_.word();
-      }
-      const std::size_t group = groups_.find_or_add(FaceGroups::Kind::group, name);
+      const std::size_t group = groups_.find_or_add(FaceGroups::Kind::group, scanner_.name());
       if (std::find(named_.begin(), named_.end(), group) != named_.end()) continue;
       if (named_.size() == max_names_per_line) {
         scanner_.fail_at(start, "more than " + std::to_string(max_names_per_line) + " group names on one line");

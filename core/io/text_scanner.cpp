@@ -17,20 +17,19 @@ TextScanner::TextScanner(std::string_view bytes, const std::string& name, Syntax
   if (bytes.substr(0, 3) == "\xef\xbb\xbf") at_ += 3;  // byte order mark of UTF-8
 }
 
-bool TextScanner::step_over_continuation() {
-  const char* next = at_ + 1;
+const char* TextScanner::behind_continuation(const char* at) const {
+  if (syntax_ != Syntax::obj || *at != '\\') return nullptr;
+  const char* next = at + 1;
   if (next != end_ && *next == '\r' && line_end_ == '\n') ++next;
-  if (next == end_ || *next != line_end_) return false;
-  at_ = next + 1;
-  return true;
+  return next != end_ && *next == line_end_ ? next + 1 : nullptr;
 }
 
 bool TextScanner::next_in_line() {
   while (at_ != end_) {
     if (is_blank(*at_)) {
       ++at_;
-    } else if (*at_ == '\\' && syntax_ == Syntax::obj && step_over_continuation()) {
-      continue;
+    } else if (const char* next = behind_continuation(at_)) {
+      at_ = next;
     } else {
       return *at_ != line_end_ && !(*at_ == '#' && syntax_ != Syntax::plain);
     }
@@ -75,6 +74,12 @@ std::string_view TextScanner::rest_of_line() {
 std::string_view TextScanner::word() {
   const char* first = at_;
   while (at_ != end_ && !is_delimiter(*at_)) ++at_;
+  return {first, static_cast<std::size_t>(at_ - first)};
+}
+
+std::string_view TextScanner::name() {
+  const char* first = at_;
+  while (at_ != end_ && *at_ != line_end_ && !is_blank(*at_) && !behind_continuation(at_)) ++at_;
   return {first, static_cast<std::size_t>(at_ - first)};
 }
 

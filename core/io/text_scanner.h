@@ -41,6 +41,8 @@ class TextScanner {
 
   /// The word at the cursor, up to a delimiter; steps over it.
   std::string_view word();
+  /// The name at the cursor, up to white space (a continued line ends it too); steps over it. Not empty after next_in_line().
+  std::string_view name();
   /// Steps over the word at the cursor when it is `lower_case` in any case.
   bool accept(std::string_view lower_case);
 
@@ -59,7 +61,8 @@ class TextScanner {
 
  private:
   bool is_blank(char c) const { return c == ' ' || c == '\t' || c == '\v' || c == '\f' || (c == '\r' && line_end_ != '\r'); }
-  bool step_over_continuation();
+  /// Behind the line end when the backslash at `at` continues the line, else nullptr.
+  const char* behind_continuation(const char* at) const;
   double unusual_number(const char* first, const char* what) const;
 
   const char* begin_;

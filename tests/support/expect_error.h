@@ -3,13 +3,15 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <vector>
+
 #include "core/base/error.h"
 
 namespace deform::test {
 
 /// Runs `action` and expects Error(code) whose message contains every one of `parts`.
 template <typename Action>
-void expect_error(ErrorCode code, std::initializer_list<const char*> parts, const Action& action) {
+void expect_error(ErrorCode code, const std::vector<const char*>& parts, const Action& action) {
   try {
     action();
   } catch (const Error& error) {
@@ -17,7 +19,7 @@ void expect_error(ErrorCode code, std::initializer_list<const char*> parts, cons
     for (const char* part : parts) EXPECT_THAT(error.what(), testing::HasSubstr(part));
     return;
   }
-  ADD_FAILURE() << "no error; expected one about " << (parts.size() ? *parts.begin() : "anything");
+  ADD_FAILURE() << "no error; expected one about " << (parts.empty() ? "anything" : parts[0]);
 }
 
 }  // namespace deform::test

@@ -1,0 +1,84 @@
+#!/usr/bin/env python3
+"""Writes small valid mesh files, one per feature of each format, as starting points for the fuzz_read_* targets.
+
+usage: make_read_seeds.py CORPUS_FOLDER      (writes CORPUS_FOLDER/fuzz_read_FORMAT/NAME)
+"""
+import pathlib
+import struct
+import sys
+
+POINTS = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.25), (0.0, 1.0, 0.5)]
+FACES = [(0, 1, 2), (0, 2, 3)]
+
+
+def lines(*rows):
+    return "\n".join(rows).encode() + b"\n"
+
+
+def obj_seeds():
+    v = [f"v {x} {y} {z}" for x, y, z in POINTS]
+    yield "plain", lines(*v, "f 1 2 3 4")
+    yield "relative", lines(*v, "vt 0 0", "vn 0 0 1", "f -4/1/1 -3/1/1 -2/1/1", "f 1//1 3//1 4//1", "f 1/1 2/1 3/1")
+    yield "names", lines("# c", "mtllib m.mtl", "o body", *v, "g left right", "usemtl steel", "s 1", "f 1 2 3", "g left", "f 1 3 4", "p 1", "l 1 2")
+    yield "continued", b"v 0 0 \\\n 0\r\nv 1 0 0 1.0\r\nv 0 1 0 0.5 0.5 0.5\r\nf 1 \\\r\n 2 3\r\n"
+    yield "carriage_returns", b"v 0 0 0\rv 1 0 0\rv 0 1 0\rf 1 2 3\r"
+
+
+def off_seeds():
+    v = [f"{x} {y} {z}" for x, y, z in POINTS]
+    f = [f"3 {a} {b} {c}" for a, b, c in FACES]
+    yield "plain", lines("OFF", "4 2 0", *v, *f)
+    yield "comments", lines("# c", "OFF4 2 5 # c", "", *v, "# c", *[row + " 255 0 0" for row in f])
+    yield "colours", lines("COFF", "4 2", *[row + " 1 2 3 255" for row in v], *f)
+    yield "all_extras", lines("STCNOFF 4 2 0", *[row + " 0 0 1  1 1 1 1  0.5 0.5" for row in v], *f)
+    yield "one_line", lines("OFF 4 2 0 " + " ".join(v), *f)
+    for order, mark in (("big", ">"), ("little", "<")):
+        for colours in (b"", struct.pack(mark + "i", 0)):
+            data = struct.pack(mark + "3i", 4, 2, 0) + b"".join(struct.pack(mark + "3f", *p) for p in POINTS)
+            data += b"".join(struct.pack(mark + "4i", 3, *face) + colours for face in FACES)
+            yield f"binary_{order}_{len(colours)}", b"OFF BINARY\n" + data
+
+
+def ply_seeds():
+    header = ["element vertex 4", "property float x", "property float y", "property float z", "element face 2",
+              "property list uchar int vertex_indices", "end_header"]
+    v = [f"{x} {y} {z}" for x, y, z in POINTS]
+    f = [f"3 {a} {b} {c}" for a, b, c in FACES]
+    yield "ascii", lines("ply", "format ascii 1.0", "comment c", *header, *v, *f)
+    extra = ["element edge 1", "property short a", "property list ushort double b", "element vertex 4", "property uchar red",
+             "property double z", "property list uint8 float32 weights", "property double x", "property double y",
+             "element tristrips 1", "property list int int vertex_indices", "end_header"]
+    yield "ascii_extra", lines("ply", "format ascii 1.0", *extra, "1 2 0.5 0.5", *[f"7 {z} 1 0.5 {x} {y}" for x, y, z in POINTS], "5 0 1 2 -1 3")
+    for order, mark in (("big", ">"), ("little", "<")):
+        data = b"".join(struct.pack(mark + "3f", *p) for p in POINTS)
+        data += b"".join(struct.pack(mark + "B3i", 3, *face) for face in FACES)
+        yield f"binary_{order}", lines("ply", f"format binary_{order}_endian 1.0", *header) + data
+        data = struct.pack(mark + "hH2d", 1, 2, 0.5, 0.5)
+        data += b"".join(struct.pack(mark + "BdBf2d", 7, z, 1, 0.5, x, y) for x, y, z in POINTS)
+        data += struct.pack(mark + "6i", 5, 0, 1, 2, -1, 3)
+        yield f"binary_{order}_extra", lines("ply", f"format binary_{order}_endian 1.0", *extra) + data
+
+
+def stl_seeds():
+    def solid(name, faces):
+        rows = ["solid " + name]
+        for face in faces:
+            rows += ["facet normal 0 0 nan", "outer loop", *["vertex {} {} {}".format(*POINTS[i]) for i in face], "endloop", "endfacet"]
+        return rows + ["endsolid " + name]
+
+    yield "text", lines(*solid("a", FACES))
+    yield "two_solids", lines(*solid("a", FACES[:1]), *solid("", FACES[1:])).upper()
+    data = b"".join(struct.pack("<12fH", 0, 0, 1, *(c for i in face for c in POINTS[i]), 0) for face in FACES)
+    yield "binary", b"solid but binary".ljust(80) + struct.pack("<I", 2) + data
+
+
+def main():
+    corpus = pathlib.Path(sys.argv[1])
+    for name, seeds in (("obj", obj_seeds()), ("off", off_seeds()), ("ply", ply_seeds()), ("stl", stl_seeds())):
+        folder = corpus / f"fuzz_read_{name}"
+        folder.mkdir(parents=True, exist_ok=True)
+        for seed, data in seeds:
+            (folder / seed).write_bytes(data)
+
+
+main()

@@ -1,0 +1,33 @@
+#!/bin/sh
+# Runs every fuzz target for a while; stops at the first finding and leaves it in BUILD_FOLDER/tests/fuzz/findings.
+#   cmake -S . -B BUILD_FOLDER -G Ninja -DCMAKE_CXX_COMPILER=clang++ -DCMAKE_BUILD_TYPE=RelWithDebInfo -DDEFORM_BUILD_FUZZ=ON \
+#         -DDEFORM_SANITIZE=fuzzer-no-link,address,undefined -DDEFORM_BUILD_NETWORK=OFF && cmake --build BUILD_FOLDER --target fuzz
+#   tests/fuzz/run.sh BUILD_FOLDER SECONDS [TARGET...]
+set -eu
+if [ $# -lt 2 ]; then
+  echo "usage: $0 BUILD_FOLDER SECONDS_PER_TARGET [TARGET...]" >&2
+  exit 2
+fi
+here=$(dirname "$0")
+bin=$1/tests/fuzz
+seconds=$2
+shift 2
+corpus=$bin/corpus
+mkdir -p "$bin/findings" "$corpus"
+# Each make_*_seeds.py writes CORPUS/TARGET/NAME.
+for script in "$here"/make_*_seeds.py; do
+  python3 "$script" "$corpus"
+done
+if [ $# -eq 0 ]; then
+  set -- $(cd "$bin" && find . -maxdepth 1 -name 'fuzz_*' -type f -perm -u+x | sed 's|^\./||' | sort)
+fi
+if [ $# -eq 0 ]; then
+  echo "$0: no fuzz targets in $bin; build the target fuzz first" >&2
+  exit 2
+fi
+for target in "$@"; do
+  mkdir -p "$corpus/$target"
+  echo "== $target, $seconds s"
+  UBSAN_OPTIONS=print_stacktrace=1 "$bin/$target" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=2048 -max_len=4096 \
+    -print_final_stats=1 -verbosity=0 -artifact_prefix="$bin/findings/$target-" "$corpus/$target"
+done
