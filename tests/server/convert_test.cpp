@@ -1,0 +1,390 @@
+// Messages to core types: paths of fields in refusals, canonical forms, ids.
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <limits>
+
+#include "core/base/error.h"
+#include "server/convert_design.h"
+#include "server/convert_info.h"
+#include "server/convert_setup.h"
+#include "tests/server/test_mesh.h"
+
+namespace deform::server {
+namespace {
+
+const std::string geometry(64, 'a');
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+constexpr double infinite = std::numeric_limits<double>::infinity();
+
+std::string refusal(const std::function<void()>& action) {
+  try {
+    action();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::invalid_argument) << error.what();
+    return error.what();
+  }
+  return {};
+}
+
+std::string setup_refusal(const std::function<void(v1::Setup&)>& spoil) {
+  v1::Setup setup = sheet_setup(geometry);
+  spoil(setup);
+  return refusal([&] { setup_from_proto(setup, 10); });
+}
+
+v1::Region& region(v1::Setup& setup) {
+  auto* handle = setup.add_handles();
+  handle->set_name("second");
+  return *handle->mutable_region();
+}
+
+TEST(ConvertSetup, everything_arrives) {
+  v1::Setup message = sheet_setup(geometry);
+  message.mutable_method()->mutable_rbf()->set_kernel(v1::GAUSSIAN);
+  message.mutable_method()->mutable_rbf()->set_shape(0.25);
+  message.mutable_method()->mutable_rbf()->set_polynomial_degree(0);
+  message.mutable_method()->mutable_rbf()->set_solver(v1::LU);
+  message.mutable_method()->mutable_rbf()->set_reduction(v1::REDUCTION_OFF);
+  message.mutable_method()->mutable_rbf()->set_basis(v1::BASIS_NEVER);
+  message.set_seed(77);
+  const deform::Setup setup = setup_from_proto(message, 10);
+  const auto& rbf = std::get<RbfOptions>(setup.method);
+  EXPECT_EQ(rbf.kernel, Kernel::gaussian);
+  EXPECT_EQ(rbf.shape, 0.25);
+  EXPECT_EQ(rbf.polynomial_degree, 0);
+  EXPECT_EQ(rbf.solver, DenseSolver::lu);
+  EXPECT_EQ(rbf.reduction, CentreReduction::off);
+  EXPECT_EQ(rbf.basis, BasisMode::never);
+  EXPECT_EQ(setup.seed, 77u);
+  ASSERT_EQ(setup.handles.size(), 1u);
+  EXPECT_EQ(setup.handles[0].name, "right");
+  EXPECT_EQ(std::get<Region::GroupName>(setup.handles[0].region.kind).name, "right");
+  ASSERT_EQ(setup.variables.size(), 2u);
+  EXPECT_EQ(setup.variables[0].lower, -0.5);
+  EXPECT_EQ(std::get<DesignVariable::Translate>(setup.variables[0].kind).direction, (Vec3{0, 0, 1}));
+  EXPECT_EQ(std::get<DesignVariable::Rotate>(setup.variables[1].kind).centre, (Vec3{1, 0, 0}));
+  EXPECT_EQ(setup.variables[1].upper, infinite);
+}
+
+TEST(ConvertSetup, every_kind_of_region) {
+  v1::Setup message;
+  const auto add = [&]() -> v1::Region& { return *message.add_fixed(); };
+  add().set_group("g");
+  v1::Region& box = add();
+  for (const double x : {0., 1., 2.}) box.mutable_box()->add_min(x);
+  for (const double x : {3., 4., 5.}) box.mutable_box()->add_max(x);
+  v1::Region& sphere = add();
+  for (const double x : {0., 1., 2.}) sphere.mutable_sphere()->add_centre(x);
+  sphere.mutable_sphere()->set_radius(2);
+  v1::Region& cylinder = add();
+  for (const double x : {0., 1., 2.}) cylinder.mutable_cylinder()->add_start(x);
+  for (const double x : {0., 1., 3.}) cylinder.mutable_cylinder()->add_end(x);
+  cylinder.mutable_cylinder()->set_radius(1);
+  v1::Region& half = add();
+  for (const double x : {0., 1., 2.}) half.mutable_half_space()->add_point(x);
+  for (const double x : {0., 0., 1.}) half.mutable_half_space()->add_normal(x);
+  add().add_ids(7);
+  add().set_open_boundary(true);
+  add().set_all(true);
+  add().add_union_()->set_all(true);
+  add().add_intersection()->set_all(true);
+  add().add_difference()->set_all(true);
+  add().mutable_complement()->set_all(true);
+  v1::Region& grow = add();
+  grow.mutable_grow()->mutable_region()->set_group("g");
+  grow.mutable_grow()->set_rings(2);
+  const deform::Setup setup = setup_from_proto(message, 100);
+  ASSERT_EQ(setup.fixed.size(), 13u);
+  EXPECT_EQ(std::get<Region::InBox>(setup.fixed[1].kind).max, (Vec3{3, 4, 5}));
+  EXPECT_EQ(std::get<Region::InSphere>(setup.fixed[2].kind).radius, 2);
+  EXPECT_EQ(std::get<Region::InCylinder>(setup.fixed[3].kind).end, (Vec3{0, 1, 3}));
+  EXPECT_EQ(std::get<Region::InHalfSpace>(setup.fixed[4].kind).normal, (Vec3{0, 0, 1}));
+  EXPECT_EQ(std::get<Region::Ids>(setup.fixed[5].kind).ids, std::vector<PointId>{7});
+  EXPECT_TRUE(std::holds_alternative<Region::OpenBoundary>(setup.fixed[6].kind));
+  EXPECT_EQ(std::get<Region::Difference>(setup.fixed[10].kind).of.size(), 1u);
+  EXPECT_EQ(std::get<Region::Grow>(setup.fixed[12].kind).rings, 2);
+}
+
+TEST(ConvertSetup, refusals_name_the_field) {
+  struct Row {
+    const char* expected;
+    std::function<void(v1::Setup&)> spoil;
+  };
+  const Row table[] = {
+      {"handles[1].region.box.min: expected 3 numbers, got 2",
+       [](auto& s) {
+         auto& r = region(s);
+         r.mutable_box()->add_min(0);
+         r.mutable_box()->add_min(0);
+       }},
+      {"handles[1].region.sphere.centre: expected 3 numbers, got 0", [](auto& s) { region(s).mutable_sphere()->set_radius(1); }},
+      {"handles[1].region.sphere.centre[1]: must be a finite number",
+       [](auto& s) {
+         auto& r = region(s);
+         for (const double x : {0., nan, 0.}) r.mutable_sphere()->add_centre(x);
+       }},
+      {"handles[1].region.sphere.radius: must be a finite number",
+       [](auto& s) {
+         auto& r = region(s);
+         for (const double x : {0., 0., 0.}) r.mutable_sphere()->add_centre(x);
+         r.mutable_sphere()->set_radius(infinite);
+       }},
+      {"handles[1].region: no kind of region", [](auto& s) { region(s); }},
+      {"handles[1].region: expected exactly one kind of region, got group and all",
+       [](auto& s) {
+         auto& r = region(s);
+         r.set_group("x");
+         r.set_all(true);
+       }},
+      {"handles[1].region.union[1].complement: no kind of region",
+       [](auto& s) {
+         auto& r = region(s);
+         r.add_union_()->set_all(true);
+         r.add_union_()->mutable_complement();
+       }},
+      {"handles[1].region.grow.rings: 0 is out of range",
+       [](auto& s) { region(s).mutable_grow()->mutable_region()->set_all(true); }},
+      {"handles[1].region.grow.rings: 1001 is out of range",
+       [](auto& s) {
+         auto& r = region(s);
+         r.mutable_grow()->mutable_region()->set_all(true);
+         r.mutable_grow()->set_rings(1001);
+       }},
+      {"handles[1].region.grow.region: is missing", [](auto& s) { region(s).mutable_grow()->set_rings(1); }},
+      {"nested deeper than 64",
+       [](auto& s) {
+         v1::Region* r = &region(s);
+         for (int i = 0; i < 70; ++i) r = r->mutable_complement();
+         r->set_all(true);
+       }},
+      {"handles[0].name: must not be empty", [](auto& s) { s.mutable_handles(0)->clear_name(); }},
+      {"handles[0].name: longer than", [](auto& s) { s.mutable_handles(0)->set_name(std::string(5000, 'x')); }},
+      {"handles[0].region: is missing", [](auto& s) { s.mutable_handles(0)->clear_region(); }},
+      {"fixed[0].half_space.normal: expected 3 numbers, got 1",
+       [](auto& s) {
+         auto& r = *s.mutable_fixed(0);
+         r.clear_group();
+         for (const double x : {0., 0., 0.}) r.mutable_half_space()->add_point(x);
+         r.mutable_half_space()->add_normal(1);
+       }},
+      {"variables[0]: expected exactly one of translate, rotate, scale, got 2",
+       [](auto& s) { s.mutable_variables(0)->mutable_scale(); }},
+      {"variables[0]: expected exactly one of translate, rotate, scale, got 0",
+       [](auto& s) { s.mutable_variables(0)->clear_translate(); }},
+      {"variables[0].translate: expected 3 numbers, got 4", [](auto& s) { s.mutable_variables(0)->add_translate(1); }},
+      {"variables[1].rotate.axis: expected 3 numbers, got 0",
+       [](auto& s) { s.mutable_variables(1)->mutable_rotate()->clear_axis(); }},
+      {"variables[1].rotate.centre: expected 3 numbers, got 4",
+       [](auto& s) { s.mutable_variables(1)->mutable_rotate()->add_centre(1); }},
+      {"variables[0].lower: must be a finite number", [](auto& s) { s.mutable_variables(0)->set_lower(-infinite); }},
+      {"variables[0].name: must not be empty", [](auto& s) { s.mutable_variables(0)->clear_name(); }},
+      {"variables[0].handle: must not be empty", [](auto& s) { s.mutable_variables(0)->clear_handle(); }},
+      {"method.rbf.kernel: unknown value 99",
+       [](auto& s) { s.mutable_method()->mutable_rbf()->set_kernel(static_cast<v1::Kernel>(99)); }},
+      {"method.rbf.solver: unknown value -1",
+       [](auto& s) { s.mutable_method()->mutable_rbf()->set_solver(static_cast<v1::Solver>(-1)); }},
+      {"method.rbf.reduction: unknown value 5",
+       [](auto& s) { s.mutable_method()->mutable_rbf()->set_reduction(static_cast<v1::CentreReduction>(5)); }},
+      {"method.rbf.basis: unknown value 5",
+       [](auto& s) { s.mutable_method()->mutable_rbf()->set_basis(static_cast<v1::BasisMode>(5)); }},
+      {"method.rbf.shape: must be a finite number", [](auto& s) { s.mutable_method()->mutable_rbf()->set_shape(nan); }},
+      {"method.rbf.polynomial_degree: 3 is more than 2",
+       [](auto& s) { s.mutable_method()->mutable_rbf()->set_polynomial_degree(3); }},
+      {"method.rbf.reduction_rings: 101 is more than 100",
+       [](auto& s) { s.mutable_method()->mutable_rbf()->set_reduction_rings(101); }},
+      {"handles: 12 entries are more than the limit of 10",
+       [](auto& s) {
+         for (int i = 0; i < 11; ++i) region(s).set_all(true);
+       }},
+      {"variables: 122 entries are more than the limit of 120",
+       [](auto& s) {
+         for (int i = 0; i < 120; ++i) *s.add_variables() = s.variables(0);
+       }},
+  };
+  for (const auto& row : table) {
+    const std::string message = setup_refusal(row.spoil);
+    EXPECT_NE(message.find(row.expected), std::string::npos) << "expected \"" << row.expected << "\", got \"" << message << "\"";
+  }
+}
+
+TEST(ConvertSetup, messages_that_mean_the_same_have_the_same_id) {
+  const v1::Setup plain = sheet_setup(geometry);
+  const std::string id = system_id(canonical_setup(plain, geometry));
+  const auto same = [&](const std::function<void(v1::Setup&)>& change) {
+    v1::Setup other = plain;
+    change(other);
+    return system_id(canonical_setup(other, geometry)) == id;
+  };
+  EXPECT_TRUE(same([](auto& s) { s.clear_method(); }));
+  EXPECT_TRUE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_shape(0.5); }));
+  EXPECT_TRUE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_shape(0.9); })) << "r^3 has no shape";
+  EXPECT_TRUE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_polynomial_degree(1); }));
+  EXPECT_TRUE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_reduction_rings(3); }));
+  EXPECT_TRUE(same([](auto& s) { s.set_geometry(geometry.substr(0, 8)); }));
+  EXPECT_FALSE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_kernel(v1::BIHARMONIC); }));
+  EXPECT_FALSE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_polynomial_degree(2); }));
+  EXPECT_FALSE(same([](auto& s) { s.mutable_variables(0)->clear_lower(); }));
+  EXPECT_FALSE(same([](auto& s) { s.mutable_handles(0)->set_name("other"); }));
+  EXPECT_FALSE(same([](auto& s) { s.set_seed(1); }));
+}
+
+TEST(ConvertSetup, id_lists_are_sets) {
+  v1::Setup a = sheet_setup(geometry), b = a;
+  for (const std::uint32_t id : {3u, 1u, 2u, 3u}) a.mutable_fixed(0)->add_ids(id);
+  for (const std::uint32_t id : {1u, 2u, 3u}) b.mutable_fixed(0)->add_ids(id);
+  a.mutable_fixed(0)->clear_group();
+  b.mutable_fixed(0)->clear_group();
+  EXPECT_EQ(system_id(canonical_setup(a, geometry)), system_id(canonical_setup(b, geometry)));
+}
+
+TEST(ConvertSetup, a_canonical_setup_is_its_own_canonical_form_and_means_the_same) {
+  v1::Setup message = sheet_setup(geometry);
+  message.mutable_method()->mutable_rbf()->set_kernel(v1::QUINTIC);
+  message.mutable_variables(1)->mutable_rotate()->clear_centre();
+  const v1::Setup canonical = canonical_setup(message, geometry);
+  EXPECT_EQ(canonical.SerializeAsString(), canonical_setup(canonical, geometry).SerializeAsString());
+  EXPECT_EQ(canonical.method().rbf().polynomial_degree(), 2u);
+  EXPECT_EQ(canonical.variables(1).rotate().centre_size(), 3);
+  const deform::Setup setup = setup_from_proto(canonical, 10);
+  EXPECT_EQ(std::get<DesignVariable::Rotate>(setup.variables[1].kind).centre, (Vec3{0, 0, 0}));
+}
+
+class ConvertDesign : public testing::Test {
+ protected:
+  ConvertDesign() {
+    *info.mutable_setup() = sheet_setup(geometry);
+    auto* handle = info.add_handles();
+    handle->set_name("right");
+    handle->set_points(4);
+  }
+  static std::string numbers(std::size_t points, double value = 1) {
+    return raw_bytes(std::vector<Vec3>(points, {value, 2, 3}), 0, points);
+  }
+  std::vector<Design> convert(const v1::DeformRequest& request) {
+    check_designs(request, 10);
+    return designs_from_proto(request, info);
+  }
+  std::string refuse(const std::function<void(v1::Design&)>& fill) {
+    v1::DeformRequest request;
+    request.add_designs();
+    fill(*request.add_designs());
+    return refusal([&] { convert(request); });
+  }
+  v1::SystemInfo info;
+};
+
+TEST_F(ConvertDesign, everything_arrives) {
+  v1::DeformRequest request;
+  request.add_designs()->add_variables(0.1);
+  request.mutable_designs(0)->add_variables(0.2);
+  auto* motion = request.add_designs()->add_motions();
+  motion->set_handle("right");
+  for (int k = 0; k < 12; ++k) motion->add_affine(k);
+  auto* field = request.add_designs()->add_motions();
+  field->set_handle("right");
+  auto* second = field->add_displacements();  // in any order
+  second->set_first(3);
+  second->set_xyz(numbers(1, 9));
+  auto* first = field->add_displacements();
+  first->set_xyz(numbers(3, 7));
+  const std::vector<Design> designs = convert(request);
+  ASSERT_EQ(designs.size(), 3u);
+  EXPECT_EQ(designs[0].variables, (std::vector<double>{0.1, 0.2}));
+  EXPECT_EQ(std::get<Affine>(designs[1].motions[0].value)[11], 11);
+  const auto& displacements = std::get<std::vector<Vec3>>(designs[2].motions[0].value);
+  EXPECT_EQ(displacements[2][0], 7);
+  EXPECT_EQ(displacements[3][0], 9);
+}
+
+TEST_F(ConvertDesign, refusals_name_the_field) {
+  const auto motion = [](v1::Design& design) {
+    auto* result = design.add_motions();
+    result->set_handle("right");
+    return result;
+  };
+  const auto piece = [&](v1::Design& design, std::uint64_t first, std::size_t points) {
+    auto* result = motion(design)->add_displacements();
+    result->set_first(first);
+    result->set_xyz(numbers(points));
+  };
+  struct Row {
+    const char* expected;
+    std::function<void(v1::Design&)> fill;
+  };
+  const Row table[] = {
+      {"designs[1].variables: expected none or 2 values, got 1", [](auto& d) { d.add_variables(0); }},
+      {"designs[1].variables[1]: must be a finite number",
+       [](auto& d) {
+         d.add_variables(0);
+         d.add_variables(nan);
+       }},
+      {"designs[1].continues", [](auto& d) { d.set_continues(true); }},
+      {"designs[1].motions[0].handle: must not be empty", [](auto& d) { d.add_motions(); }},
+      {"designs[1].motions[0]: expected exactly one of affine and displacements", [&](auto& d) { motion(d); }},
+      {"designs[1].motions[0].affine: expected 12 numbers, got 3",
+       [&](auto& d) {
+         auto* m = motion(d);
+         for (int k = 0; k < 3; ++k) m->add_affine(k);
+       }},
+      {"designs[1].motions[0].affine[4]: must be a finite number",
+       [&](auto& d) {
+         auto* m = motion(d);
+         for (int k = 0; k < 12; ++k) m->add_affine(k == 4 ? infinite : 0);
+       }},
+      {"the setup has no handle \"rigth\"; did you mean \"right\"?",
+       [](auto& d) {
+         auto* m = d.add_motions();
+         m->set_handle("rigth");
+         for (int k = 0; k < 12; ++k) m->add_affine(k);
+       }},
+      {"displacements[0].xyz: 25 bytes are not a multiple of 24",
+       [&](auto& d) { motion(d)->add_displacements()->set_xyz(std::string(25, '\0')); }},
+      {"displacements: 3 displacements for the 4 points", [&](auto& d) { piece(d, 0, 3); }},
+      {"displacements[0]: points 2 to 6 are out of range", [&](auto& d) { piece(d, 2, 4); }},
+      {"are out of range", [&](auto& d) { piece(d, ~0ull, 1); }},
+      {"are out of range", [&](auto& d) { piece(d, 0, 5); }},
+      {"point 1 of the handle is given twice",
+       [&](auto& d) {
+         piece(d, 0, 4);
+         auto* again = d.mutable_motions(0)->add_displacements();
+         again->set_first(1);
+         again->set_xyz(numbers(1));
+       }},
+      {"point 0 of the handle: must be finite", [&](auto& d) { motion(d)->add_displacements()->set_xyz(numbers(4, nan)); }},
+  };
+  for (const auto& row : table) {
+    const std::string message = refuse(row.fill);
+    EXPECT_NE(message.find(row.expected), std::string::npos) << "expected \"" << row.expected << "\", got \"" << message << "\"";
+  }
+}
+
+TEST_F(ConvertDesign, number_of_designs) {
+  v1::DeformRequest request;
+  EXPECT_NE(refusal([&] { check_designs(request, 10); }).find("designs: at least one"), std::string::npos);
+  for (int i = 0; i < 11; ++i) request.add_designs();
+  EXPECT_NE(refusal([&] { check_designs(request, 10); }).find("11 designs are more than the limit of 10"), std::string::npos);
+}
+
+TEST(ConvertOutput, tolerances_and_encodings) {
+  v1::Output output;
+  EXPECT_EQ(encode_options(output, 5).encoding, codec::Encoding::draco);
+  EXPECT_DOUBLE_EQ(encode_options(output, 5).tolerance, 5e-6);
+  EXPECT_GT(encode_options(output, 0).tolerance, 0);
+  output.set_tolerance(0.25);
+  output.set_encoding(v1::DELTA_ZSTD);
+  EXPECT_EQ(encode_options(output, 5).tolerance, 0.25);
+  EXPECT_EQ(encode_options(output, 5).encoding, codec::Encoding::delta_zstd);
+  for (const double bad : {-1.0, nan, infinite}) {
+    output.set_tolerance(bad);
+    EXPECT_NE(refusal([&] { encode_options(output, 5); }).find("output.tolerance"), std::string::npos);
+  }
+  output.set_tolerance(0);
+  output.set_encoding(static_cast<v1::Encoding>(9));
+  EXPECT_NE(refusal([&] { encode_options(output, 5); }).find("output.encoding: unknown value 9"), std::string::npos);
+  EXPECT_NE(refusal([&] { path_from_proto(static_cast<v1::EvaluationPath>(3)); }).find("path: unknown value 3"),
+            std::string::npos);
+}
+
+}  // namespace
+}  // namespace deform::server

@@ -1,0 +1,263 @@
+// Durability, visibility, and what a crash leaves behind.
+#include "server/geometry_store.h"
+
+#include <gtest/gtest.h>
+#include <spdlog/spdlog.h>
+
+#include <fstream>
+
+#include "core/base/error.h"
+#include "server/geometry_file.h"
+#include "server/sqlite_catalog.h"
+#include "tests/server/server_fakes.h"
+#include "tests/server/test_mesh.h"
+
+namespace deform::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+class GeometryStoreTest : public testing::Test {
+ protected:
+  GeometryStoreTest() {
+    spdlog::set_level(spdlog::level::off);  // damage is caused on purpose, hundreds of times
+    reopen();
+  }
+  void reopen() {
+    store.reset();
+    store = std::make_unique<GeometryStore>(directory.path());
+  }
+  std::string put(const Mesh& given, const std::string& name = "sheet") {
+    const std::string id = mesh_id(given);
+    store->put(given, id, name);
+    return id;
+  }
+  void put_setup(const std::string& id, const std::string& geometry) {
+    store->catalog().put_setup({id, geometry, "setup", "info", unix_ms()});
+  }
+  fs::path file(const std::string& id) const { return directory.path() / "geometries" / id; }
+  ErrorCode code_of(const std::function<void()>& action) {
+    try {
+      action();
+    } catch (const Error& error) {
+      return error.code();
+    }
+    return ErrorCode::internal;
+  }
+  static void write(const fs::path& path, const std::string& text) { std::ofstream(path) << text; }
+
+  TemporaryDirectory directory;
+  std::unique_ptr<GeometryStore> store;
+  const Mesh mesh = sheet_mesh(20, 10);
+  const std::string setup_id = std::string(63, 'a') + "1";
+};
+
+TEST_F(GeometryStoreTest, what_was_put_comes_back_after_a_restart) {
+  const std::string id = put(mesh, "wing.obj");
+  reopen();
+  const Mesh back = store->load(id);
+  EXPECT_EQ(back.points, mesh.points);
+  EXPECT_EQ(back.face_sizes, mesh.face_sizes);
+  EXPECT_EQ(back.face_points, mesh.face_points);
+  ASSERT_EQ(back.groups.size(), 3u);
+  EXPECT_EQ(back.groups[1].name, "right");
+  EXPECT_EQ(back.groups[1].points, mesh.groups[1].points);
+  EXPECT_EQ(back.groups[2].faces, mesh.groups[2].faces);
+  const v1::GeometryInfo info = store->info(id);
+  EXPECT_EQ(info.name(), "wing.obj");
+  EXPECT_EQ(info.points(), 200u);
+  EXPECT_EQ(info.faces(), 19u * 9u);
+  EXPECT_EQ(info.corners(), 4u * 19u * 9u);
+  EXPECT_EQ(info.groups_size(), 3);
+  EXPECT_NEAR(info.diagonal(), bounding_box(mesh.points).diagonal(), 0);
+  EXPECT_GT(info.registered_unix_ms(), 1'600'000'000'000);
+}
+
+TEST_F(GeometryStoreTest, points_only_is_a_geometry_too) {
+  Mesh cloud;
+  cloud.points = {{1, 2, 3}};
+  const std::string id = put(cloud);
+  EXPECT_EQ(store->load(id).points, cloud.points);
+}
+
+TEST_F(GeometryStoreTest, putting_twice_costs_nothing_and_says_so) {
+  const std::string id = mesh_id(mesh);
+  EXPECT_FALSE(store->put(mesh, id, "first").existed());
+  const v1::GeometryInfo again = store->put(mesh, id, "second");
+  EXPECT_TRUE(again.existed());
+  EXPECT_EQ(again.name(), "first");
+  EXPECT_EQ(store->catalog().counts().geometries, 1u);
+}
+
+TEST_F(GeometryStoreTest, a_second_process_is_refused) {
+  EXPECT_EQ(code_of([&] { GeometryStore second(directory.path()); }), ErrorCode::unavailable);
+  store.reset();
+  EXPECT_NO_THROW(GeometryStore(directory.path()));
+}
+
+TEST_F(GeometryStoreTest, leftovers_of_interrupted_uploads_are_collected) {
+  const std::string id = put(mesh);
+  store.reset();
+  write(directory.path() / "tmp" / (std::string(64, 'b') + ".7"), "half an upload");
+  write(file(std::string(64, 'c')), "renamed, but killed before the row was written");
+  reopen();
+  EXPECT_TRUE(fs::is_empty(directory.path() / "tmp"));
+  EXPECT_FALSE(fs::exists(file(std::string(64, 'c'))));
+  EXPECT_EQ(store->load(id).points, mesh.points);
+  EXPECT_EQ(store->list({}).geometries_size(), 1);
+}
+
+TEST_F(GeometryStoreTest, a_row_without_its_file_is_data_loss_and_healed_by_registering_again) {
+  const std::string id = put(mesh);
+  fs::remove(file(id));
+  reopen();
+  EXPECT_FALSE(store->contains(id));
+  EXPECT_EQ(code_of([&] { store->load(id); }), ErrorCode::data_loss);
+  put(mesh);
+  EXPECT_EQ(store->load(id).points, mesh.points);
+  EXPECT_EQ(store->list({}).geometries_size(), 1);
+}
+
+TEST_F(GeometryStoreTest, every_damaged_byte_is_noticed) {
+  Mesh small;
+  small.points = {{1, 2, 3}, {4, 5, 6}};
+  small.groups = {{"g", {1}, {}}};
+  const std::string id = put(small);
+  std::string good;
+  {
+    std::ifstream in(file(id), std::ios::binary);
+    good.assign(std::istreambuf_iterator<char>(in), {});
+  }
+  for (std::size_t i = 0; i < good.size(); ++i) {
+    std::string bad = good;
+    bad[i] = static_cast<char>(bad[i] ^ 0x41);
+    write(file(id), bad);
+    EXPECT_EQ(code_of([&] { store->load(id); }), ErrorCode::data_loss) << "byte " << i;
+    write(file(id), bad.substr(0, i));
+    EXPECT_EQ(code_of([&] { store->load(id); }), ErrorCode::data_loss) << "truncated to " << i;
+  }
+  write(file(id), good + "x");
+  EXPECT_EQ(code_of([&] { store->load(id); }), ErrorCode::data_loss);
+  put(small);  // the damaged file was set aside
+  EXPECT_EQ(store->load(id).points, small.points);
+}
+
+TEST_F(GeometryStoreTest, a_catalog_of_something_else_is_refused) {
+  store.reset();
+  fs::remove(directory.path() / "catalog.sqlite-wal");
+  fs::remove(directory.path() / "catalog.sqlite-shm");
+  write(directory.path() / "catalog.sqlite", std::string(5000, 'x'));
+  EXPECT_EQ(code_of([&] { reopen(); }), ErrorCode::data_loss);
+}
+
+TEST_F(GeometryStoreTest, removing) {
+  const std::string id = put(mesh);
+  put_setup(setup_id, id);
+  EXPECT_EQ(code_of([&] { store->remove(id, WithSetups::refuse); }), ErrorCode::failed_precondition);
+  EXPECT_EQ(store->load(id).points, mesh.points);
+  EXPECT_EQ(store->info(id).setups(), 1u);
+  EXPECT_EQ(store->remove(id, WithSetups::remove), std::vector<std::string>{setup_id});
+  EXPECT_EQ(code_of([&] { store->load(id); }), ErrorCode::not_found);
+  EXPECT_FALSE(fs::exists(file(id)));
+  EXPECT_FALSE(store->catalog().find_setup(setup_id));
+  EXPECT_EQ(code_of([&] { store->remove(id, WithSetups::remove); }), ErrorCode::not_found);
+  reopen();
+  EXPECT_EQ(store->catalog().counts().geometries, 0u);
+}
+
+TEST_F(GeometryStoreTest, setups_survive_and_need_their_geometry) {
+  const std::string id = put(mesh);
+  put_setup(setup_id, id);
+  EXPECT_EQ(code_of([&] { put_setup(std::string(64, 'd'), std::string(64, 'e')); }), ErrorCode::not_found);
+  reopen();
+  const auto record = store->catalog().find_setup(setup_id);
+  ASSERT_TRUE(record);
+  EXPECT_EQ(record->geometry_id, id);
+  EXPECT_EQ(record->setup, "setup");
+  EXPECT_TRUE(store->catalog().remove_setup(setup_id));
+  EXPECT_FALSE(store->catalog().remove_setup(setup_id));
+}
+
+TEST_F(GeometryStoreTest, ids_by_prefix) {
+  const std::string id = put(mesh);
+  EXPECT_EQ(store->resolve_geometry(id), id);
+  EXPECT_EQ(store->resolve_geometry(id.substr(0, 8)), id);
+  EXPECT_EQ(code_of([&] { store->resolve_geometry(id.substr(0, 7)); }), ErrorCode::invalid_argument);
+  EXPECT_EQ(code_of([&] { store->resolve_geometry(""); }), ErrorCode::invalid_argument);
+  EXPECT_EQ(code_of([&] { store->resolve_geometry(std::string(64, 'G')); }), ErrorCode::invalid_argument);
+  EXPECT_EQ(code_of([&] { store->resolve_geometry(std::string(8, '%')); }), ErrorCode::invalid_argument);
+  EXPECT_EQ(code_of([&] { store->resolve_geometry(id + "0"); }), ErrorCode::invalid_argument);
+  EXPECT_EQ(code_of([&] { store->resolve_geometry(std::string(64, 'f')); }), ErrorCode::not_found);
+  const std::string twin = std::string(63, 'a') + "2";
+  put_setup(setup_id, id);
+  put_setup(twin, id);
+  EXPECT_EQ(code_of([&] { store->resolve_setup(std::string(10, 'a')); }), ErrorCode::invalid_argument);
+  EXPECT_EQ(store->resolve_setup(twin), twin);
+}
+
+TEST_F(GeometryStoreTest, listing_in_pages_newest_first) {
+  std::vector<std::string> ids;
+  for (int i = 0; i < 7; ++i) ids.push_back(put(sheet_mesh(4, 3, 0.1 * i), "mesh" + std::to_string(i)));
+  std::vector<std::string> seen;
+  v1::ListGeometriesRequest request;
+  request.set_page_size(3);
+  std::int64_t last = INT64_MAX;
+  for (int page = 0; page < 3; ++page) {
+    const v1::ListGeometriesReply reply = store->list(request);
+    for (const auto& info : reply.geometries()) {
+      seen.push_back(info.id());
+      EXPECT_LE(info.registered_unix_ms(), last);
+      last = info.registered_unix_ms();
+    }
+    request.set_page_token(reply.next_page_token());
+  }
+  EXPECT_TRUE(request.page_token().empty());
+  std::sort(seen.begin(), seen.end());
+  std::sort(ids.begin(), ids.end());
+  EXPECT_EQ(seen, ids);
+}
+
+TEST_F(GeometryStoreTest, page_tokens_and_sizes_are_checked) {
+  for (const std::string token : {"x", "12", "12:", "12:zz", ":", "99999999999999999999:a", "12:abc:def"}) {
+    v1::ListGeometriesRequest request;
+    request.set_page_token(token);
+    EXPECT_EQ(code_of([&] { store->list(request); }), ErrorCode::invalid_argument) << token;
+  }
+  v1::ListGeometriesRequest request;
+  request.set_page_size(1001);
+  EXPECT_EQ(code_of([&] { store->list(request); }), ErrorCode::invalid_argument);
+}
+
+TEST_F(GeometryStoreTest, a_directory_that_cannot_be_written_is_named) {
+  write(directory.path() / "file", "");
+  try {
+    GeometryStore inside_a_file(directory.path() / "file" / "data");
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::unavailable);
+    EXPECT_NE(std::string(error.what()).find("file"), std::string::npos);
+  }
+}
+
+TEST_F(GeometryStoreTest, several_threads_put_and_remove_the_same) {
+  const std::string id = mesh_id(mesh);
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 4; ++t) {
+    threads.emplace_back([&, t] {
+      for (int i = 0; i < 10; ++i) {
+        try {
+          t % 2 == 0 ? static_cast<void>(store->put(mesh, id, "n")) : static_cast<void>(store->remove(id, WithSetups::refuse));
+        } catch (const Error& error) {
+          EXPECT_EQ(error.code(), ErrorCode::not_found) << error.what();
+        }
+      }
+    });
+  }
+  for (auto& thread : threads) thread.join();
+  store->put(mesh, id, "n");
+  EXPECT_EQ(store->load(id).points, mesh.points);
+  EXPECT_TRUE(fs::is_empty(directory.path() / "tmp"));
+}
+
+}  // namespace
+}  // namespace deform::server

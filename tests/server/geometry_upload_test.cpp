@@ -1,0 +1,187 @@
+// Joining chunks: the right ones, and a table of wrong ones.
+#include "server/geometry_upload.h"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "core/base/error.h"
+#include "server/geometry_file.h"
+#include "tests/server/test_mesh.h"
+
+namespace deform::server {
+namespace {
+
+class UploadBufferTest : public testing::Test {
+ protected:
+  UploadBufferTest() { limits.max_points = 1000; }
+  Mesh upload(const v1::GeometryHeader& head, const std::vector<v1::RegisterGeometryRequest>& messages) {
+    UploadBuffer buffer(head, limits, memory);
+    for (const auto& message : messages) buffer.add(message);
+    return buffer.take();
+  }
+  /// The message of the refusal, empty when there was none.
+  std::string refusal(const v1::GeometryHeader& head, const std::vector<v1::RegisterGeometryRequest>& messages) {
+    try {
+      upload(head, messages);
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::invalid_argument) << error.what();
+      EXPECT_EQ(memory.in_use(), 0u);
+      return error.what();
+    }
+    return {};
+  }
+
+  EngineOptions limits;
+  MemoryBudget memory{1u << 30};
+  const Mesh mesh = sheet_mesh(20, 10);
+  const v1::GeometryHeader header = header_of(mesh);
+};
+
+TEST_F(UploadBufferTest, any_chunk_size_gives_the_same_mesh) {
+  for (const std::size_t chunk : {1, 7, 100, 100000}) {
+    EXPECT_EQ(mesh_id(upload(header, upload_messages(mesh, chunk))), mesh_id(mesh)) << chunk;
+  }
+}
+
+TEST_F(UploadBufferTest, a_face_may_go_on_in_the_next_chunk) {
+  std::vector<v1::RegisterGeometryRequest> messages;
+  messages.emplace_back().mutable_points()->set_xyz(raw_bytes(mesh.points, 0, 200));
+  messages.emplace_back().mutable_faces()->set_sizes(raw_bytes(mesh.face_sizes, 0, mesh.face_sizes.size()));
+  for (std::size_t i = 0; i < mesh.face_points.size(); i += 3) {
+    const std::size_t count = std::min<std::size_t>(3, mesh.face_points.size() - i);
+    messages.emplace_back().mutable_faces()->set_corners(raw_bytes(mesh.face_points, i, count));
+  }
+  v1::GeometryHeader without_groups = header;
+  without_groups.set_group_count(0);
+  EXPECT_EQ(upload(without_groups, messages).face_points, mesh.face_points);
+}
+
+TEST_F(UploadBufferTest, memory_is_charged_and_given_back) {
+  UploadBuffer buffer(header, limits, memory);
+  EXPECT_EQ(memory.in_use(), 0u) << "a header alone takes nothing";
+  for (const auto& message : upload_messages(mesh)) buffer.add(message);
+  {
+    const Charge charge = buffer.take_charge();
+    EXPECT_GE(charge.bytes(), mesh_bytes(mesh) - sizeof(Mesh));
+    EXPECT_LE(charge.bytes(), 2 * mesh_bytes(mesh));
+    EXPECT_EQ(memory.in_use(), charge.bytes());
+  }
+  EXPECT_EQ(memory.in_use(), 0u);
+}
+
+TEST_F(UploadBufferTest, claims_beyond_the_memory_are_refused_at_the_header) {
+  MemoryBudget tiny(1000);
+  try {
+    UploadBuffer buffer(header, limits, tiny);
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
+    EXPECT_EQ(error.retry_after_ms(), 0u);
+  }
+}
+
+TEST_F(UploadBufferTest, headers_out_of_range) {
+  const auto with = [&](const std::function<void(v1::GeometryHeader&)>& spoil) {
+    v1::GeometryHeader bad = header;
+    spoil(bad);
+    return refusal(bad, upload_messages(mesh));
+  };
+  EXPECT_NE(with([](auto& h) { h.set_point_count(0); }).find("header.point_count"), std::string::npos);
+  EXPECT_NE(with([](auto& h) { h.set_point_count(1001); }).find("1 to 1000"), std::string::npos);
+  EXPECT_NE(with([](auto& h) { h.set_point_count(~0ull); }).find("header.point_count"), std::string::npos);
+  EXPECT_NE(with([](auto& h) { h.set_face_count(~0ull); }).find("header.face_count"), std::string::npos);
+  EXPECT_NE(with([](auto& h) { h.set_corner_count(~0ull); }).find("header.corner_count"), std::string::npos);
+  EXPECT_NE(with([](auto& h) { h.set_corner_count(3); }).find("header.corner_count"), std::string::npos);
+  EXPECT_NE(with([](auto& h) { h.set_face_count(0); }).find("header.corner_count"), std::string::npos);
+  EXPECT_NE(with([](auto& h) { h.set_group_count(~0u); }).find("header.group_count"), std::string::npos);
+  EXPECT_NE(with([](auto& h) { h.set_name(std::string(5000, 'x')); }).find("header.name"), std::string::npos);
+}
+
+TEST_F(UploadBufferTest, missing_and_superfluous_parts) {
+  const auto good = upload_messages(mesh);
+  for (std::size_t i = 0; i < good.size(); ++i) {
+    auto missing = good;
+    missing.erase(missing.begin() + static_cast<std::ptrdiff_t>(i));
+    if (!good[i].has_group() || !good[i].group().name().empty()) {
+      EXPECT_FALSE(refusal(header, missing).empty()) << "without message " << i;
+    }
+    auto twice = good;
+    twice.insert(twice.begin() + static_cast<std::ptrdiff_t>(i), good[i]);
+    if (!good[i].has_group()) {
+      EXPECT_FALSE(refusal(header, twice).empty()) << "message " << i << " twice";
+    }
+  }
+  EXPECT_FALSE(refusal(header, {}).empty());
+}
+
+TEST_F(UploadBufferTest, wrong_order_is_refused) {
+  auto messages = upload_messages(mesh);
+  std::swap(messages[0], messages[1]);  // faces before points
+  EXPECT_NE(refusal(header, messages).find("points: only 0 of 200"), std::string::npos);
+  messages = upload_messages(mesh);
+  messages.push_back(messages[0]);  // points after groups
+  EXPECT_NE(refusal(header, messages).find("order points, faces, groups"), std::string::npos);
+}
+
+TEST_F(UploadBufferTest, messages_that_say_nothing_or_the_wrong_thing) {
+  auto messages = upload_messages(mesh);
+  messages.insert(messages.begin(), v1::RegisterGeometryRequest());
+  EXPECT_NE(refusal(header, messages).find("none of points, faces, group"), std::string::npos);
+  messages = upload_messages(mesh);
+  *messages.emplace_back().mutable_header() = header;
+  EXPECT_NE(refusal(header, messages).find("header: sent twice"), std::string::npos);
+}
+
+TEST_F(UploadBufferTest, contents_that_are_wrong) {
+  const auto with = [&](const std::function<void(Mesh&)>& spoil) {
+    Mesh bad = mesh;
+    spoil(bad);
+    return refusal(header_of(bad), upload_messages(bad));
+  };
+  EXPECT_FALSE(with([](Mesh& m) { m.points[7][1] = std::numeric_limits<double>::quiet_NaN(); }).empty());
+  EXPECT_FALSE(with([](Mesh& m) { m.points[0][2] = std::numeric_limits<double>::infinity(); }).empty());
+  EXPECT_FALSE(with([](Mesh& m) { m.face_points[5] = 200; }).empty());
+  EXPECT_FALSE(with([](Mesh& m) { m.face_points[5] = ~0u; }).empty());
+  EXPECT_FALSE(with([](Mesh& m) { m.face_sizes[0] = 0; }).empty());
+  EXPECT_FALSE(with([](Mesh& m) { m.face_sizes[3] = 5; }).empty());
+  EXPECT_FALSE(with([](Mesh& m) { m.groups[0].points[0] = 200; }).empty());
+  EXPECT_FALSE(with([](Mesh& m) { m.groups[2].faces[0] = 5000; }).empty());
+  EXPECT_FALSE(with([](Mesh& m) { m.groups[1].name = "left"; }).empty());
+  EXPECT_FALSE(with([](Mesh& m) { m.groups[0].name.clear(); }).empty());
+  EXPECT_TRUE(with([](Mesh& m) { m.points[3] = m.points[4]; }).empty()) << "coincident points are legal";
+}
+
+TEST_F(UploadBufferTest, bytes_that_are_no_multiple) {
+  for (const char* field : {"points", "sizes", "corners", "group points", "group faces"}) {
+    auto messages = upload_messages(mesh);
+    const std::string what = field;
+    for (auto& message : messages) {
+      std::string* bytes = what == "points" && message.has_points()   ? message.mutable_points()->mutable_xyz()
+                           : what == "sizes" && message.has_faces()   ? message.mutable_faces()->mutable_sizes()
+                           : what == "corners" && message.has_faces() ? message.mutable_faces()->mutable_corners()
+                           : what == "group points" && message.has_group() && !message.group().points().empty()
+                               ? message.mutable_group()->mutable_points()
+                           : what == "group faces" && message.has_group() && !message.group().faces().empty()
+                               ? message.mutable_group()->mutable_faces()
+                               : nullptr;
+      if (bytes != nullptr) bytes->pop_back();
+    }
+    EXPECT_NE(refusal(header, messages).find("multiple of"), std::string::npos) << field;
+  }
+}
+
+TEST_F(UploadBufferTest, more_than_the_header_allows) {
+  auto messages = upload_messages(mesh);
+  messages[0].mutable_points()->mutable_xyz()->append(24, '\0');
+  EXPECT_NE(refusal(header, messages).find("more than the 200"), std::string::npos);
+  messages = upload_messages(mesh);
+  messages.emplace_back().mutable_group()->set_name("one too many");
+  EXPECT_NE(refusal(header, messages).find("group"), std::string::npos);
+  messages = upload_messages(mesh);
+  for (int i = 0; i < 50; ++i) messages.emplace_back().mutable_group()->set_points(raw_bytes(mesh.groups[0].points, 0, 20));
+  EXPECT_NE(refusal(header, messages).find("group.points"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace deform::server

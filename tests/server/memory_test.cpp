@@ -1,0 +1,135 @@
+// Admission by estimate.
+#include "server/memory.h"
+
+#include <gtest/gtest.h>
+
+#include <thread>
+
+#include "core/base/error.h"
+
+namespace deform::server {
+namespace {
+
+const ChargePurpose purpose{"preparing", "use fewer centres", 0};
+
+TEST(MemoryBudget, charges_are_given_back) {
+  MemoryBudget budget(100);
+  {
+    Charge a = budget.charge(60, purpose);
+    EXPECT_EQ(budget.in_use(), 60u);
+    Charge b = std::move(a);
+    EXPECT_EQ(budget.in_use(), 60u);
+    b.shrink(25);
+    EXPECT_EQ(budget.in_use(), 25u);
+    b.shrink(40);  // never grows
+    EXPECT_EQ(b.bytes(), 25u);
+    b = budget.charge(75, purpose);
+    EXPECT_EQ(budget.in_use(), 75u);
+  }
+  EXPECT_EQ(budget.in_use(), 0u);
+}
+
+TEST(MemoryBudget, what_never_fits_is_refused_without_a_hint) {
+  MemoryBudget budget(100u << 20);
+  try {
+    budget.charge(200u << 20, purpose);
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
+    EXPECT_EQ(error.retry_after_ms(), 0u);
+    const std::string text = error.what();
+    EXPECT_NE(text.find("200.0 MiB"), std::string::npos) << text;
+    EXPECT_NE(text.find("100.0 MiB"), std::string::npos) << text;
+    EXPECT_NE(text.find("fewer centres"), std::string::npos) << text;
+  }
+}
+
+TEST(MemoryBudget, what_would_fit_later_is_refused_with_a_hint) {
+  MemoryBudget budget(100);
+  const Charge other = budget.charge(60, purpose);
+  try {
+    budget.charge(50, purpose);
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
+    EXPECT_GT(error.retry_after_ms(), 0u);
+  }
+  EXPECT_EQ(budget.in_use(), 60u);
+}
+
+TEST(MemoryBudget, what_is_held_alongside_counts) {
+  MemoryBudget budget(100);
+  ChargePurpose alongside = purpose;
+  alongside.held_alongside = 60;
+  const Charge held = budget.charge(60, purpose);
+  try {
+    budget.charge(50, alongside);  // 50 + 60 never fit together
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.retry_after_ms(), 0u);
+  }
+}
+
+TEST(MemoryBudget, reclaimers_help_in_order_and_only_as_far_as_needed) {
+  MemoryBudget budget(100);
+  std::vector<Charge> idle;
+  idle.push_back(budget.charge(40, purpose));
+  idle.push_back(budget.charge(40, purpose));
+  std::vector<std::size_t> asked;
+  budget.add_reclaimer([&](std::size_t bytes) {
+    asked.push_back(bytes);
+    idle.pop_back();
+  });
+  budget.add_reclaimer([&](std::size_t) { ADD_FAILURE() << "the first one was enough"; });
+  const Charge charge = budget.charge(50, purpose);
+  EXPECT_EQ(asked, std::vector<std::size_t>{30});
+  EXPECT_EQ(budget.in_use(), 90u);
+}
+
+TEST(MemoryBudget, grow_adds_to_a_charge_or_leaves_it_as_it_was) {
+  MemoryBudget budget(100);
+  Charge charge;
+  budget.grow(charge, 30, purpose);
+  budget.grow(charge, 30, purpose);
+  EXPECT_EQ(charge.bytes(), 60u);
+  EXPECT_THROW(budget.grow(charge, 41, purpose), Error);
+  EXPECT_EQ(budget.in_use(), 60u);
+}
+
+TEST(MemoryBudget, a_charge_may_outlive_its_budget) {
+  Charge charge;
+  {
+    MemoryBudget budget(100);
+    charge = budget.charge(10, purpose);
+  }
+  charge.shrink(0);
+  EXPECT_EQ(charge.bytes(), 0u);
+}
+
+TEST(MemoryBudget, many_threads_never_exceed_it) {
+  MemoryBudget budget(100);
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 8; ++t) {
+    threads.emplace_back([&] {
+      for (int i = 0; i < 500; ++i) {
+        try {
+          const Charge charge = budget.charge(30, purpose);
+          EXPECT_LE(budget.in_use(), 100u);
+        } catch (const Error& error) {
+          EXPECT_GT(error.retry_after_ms(), 0u);
+        }
+      }
+    });
+  }
+  for (auto& thread : threads) thread.join();
+  EXPECT_EQ(budget.in_use(), 0u);
+}
+
+TEST(Memory, of_this_process_and_machine) {
+  EXPECT_GT(available_memory(), std::size_t{64} << 20);
+  EXPECT_GT(resident_set_bytes(), std::size_t{1} << 20);
+  EXPECT_LT(resident_set_bytes(), available_memory());
+}
+
+}  // namespace
+}  // namespace deform::server

@@ -1,0 +1,182 @@
+// Who computes when: the bounded queue, fairness, slots, and preparations that keep out of the way.
+#include "server/scheduler.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <vector>
+
+#include "core/base/error.h"
+#include "tests/server/server_fakes.h"
+
+namespace deform::server {
+namespace {
+
+Scheduler::Options options(int workers, std::size_t queue_limit = 256, std::size_t running_limit = 4) {
+  Scheduler::Options result;
+  result.workers = workers;
+  result.preparation_workers = 1;
+  result.queue_limit = queue_limit;
+  result.running_limit = running_limit;
+  return result;
+}
+
+TEST(Scheduler, a_full_queue_refuses_with_a_hint_and_recovers) {
+  Scheduler scheduler(options(1, 3));
+  std::vector<Scheduler::Place> places;
+  for (int i = 0; i < 3; ++i) places.push_back(scheduler.enter());
+  EXPECT_EQ(scheduler.load().waiting, 3u);
+  try {
+    scheduler.enter();
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
+    EXPECT_GT(error.retry_after_ms(), 0u);
+    EXPECT_NE(std::string(error.what()).find("limit is 3"), std::string::npos);
+  }
+  places.pop_back();
+  EXPECT_NO_THROW(places.push_back(scheduler.enter()));
+  places.clear();
+  EXPECT_EQ(scheduler.load().waiting, 0u);
+}
+
+TEST(Scheduler, clients_take_turns) {
+  Scheduler scheduler(options(1, 256, 1));
+  Gate gate;
+  std::mutex mutex;
+  std::vector<std::string> order;
+  int owner = 0;
+  scheduler.start("z", &owner, [&](Scheduler::Slot) { gate.pass(); });
+  ASSERT_TRUE(eventually([&] { return gate.waiting() == 1; }));
+  for (int i = 0; i < 6; ++i) {
+    for (const std::string client : {"greedy", "greedy", "greedy", "modest"}) {
+      if (client == "modest" && i > 2) continue;
+      scheduler.start(client, &owner, [&, client](Scheduler::Slot) {
+        const std::lock_guard lock(mutex);
+        order.push_back(client);
+      });
+    }
+  }
+  gate.open();
+  ASSERT_TRUE(eventually([&] {
+    const std::lock_guard lock(mutex);
+    return order.size() == 21;
+  }));
+  // The three of the modest client are among the first six although eighteen others were there before.
+  EXPECT_EQ(std::count(order.begin(), order.begin() + 6, "modest"), 3);
+}
+
+TEST(Scheduler, no_more_requests_run_than_there_are_slots) {
+  Scheduler scheduler(options(4, 256, 2));
+  std::mutex mutex;
+  std::vector<Scheduler::Slot> held;
+  int owner = 0;
+  for (int i = 0; i < 5; ++i) {
+    scheduler.start("a", &owner, [&](Scheduler::Slot slot) {
+      const std::lock_guard lock(mutex);
+      held.push_back(std::move(slot));
+    });
+  }
+  const auto begun = [&] {
+    const std::lock_guard lock(mutex);
+    return held.size();
+  };
+  ASSERT_TRUE(eventually([&] { return begun() == 2; }));
+  std::this_thread::sleep_for(std::chrono::milliseconds(30));
+  EXPECT_EQ(begun(), 2u);
+  EXPECT_EQ(scheduler.load().running, 2u);
+  {
+    const std::lock_guard lock(mutex);
+    held[0].leave();
+  }
+  ASSERT_TRUE(eventually([&] { return begun() == 3; }));
+  const Scheduler::Slot resumed = scheduler.resume();  // never waits
+  EXPECT_EQ(scheduler.load().running, 3u);
+  const std::lock_guard lock(mutex);
+  for (auto& slot : held) slot.leave();
+}
+
+TEST(Scheduler, steps_go_on_while_starts_wait_for_slots) {
+  Scheduler scheduler(options(1, 256, 1));
+  int owner = 0;
+  std::atomic<bool> started{false};
+  std::atomic<bool> stepped{false};
+  Scheduler::Slot taken = scheduler.resume();
+  scheduler.start("a", &owner, [&](Scheduler::Slot) { started = true; });
+  scheduler.step(&owner, [&] { stepped = true; });
+  ASSERT_TRUE(eventually([&] { return stepped.load(); }));
+  EXPECT_FALSE(started);
+  taken.leave();
+  EXPECT_TRUE(eventually([&] { return started.load(); }));
+}
+
+TEST(Scheduler, a_preparation_holds_no_worker) {
+  Scheduler scheduler(options(1));
+  Gate gate;
+  int owner = 0;
+  scheduler.prepare(&owner, [&] { gate.pass(); });
+  ASSERT_TRUE(eventually([&] { return gate.waiting() == 1; }));
+  EXPECT_EQ(scheduler.load().preparations, 1u);
+  std::atomic<bool> stepped{false};
+  scheduler.step(&owner, [&] { stepped = true; });
+  EXPECT_TRUE(eventually([&] { return stepped.load(); }));
+  gate.open();
+  EXPECT_TRUE(eventually([&] { return scheduler.load().preparations == 0; }));
+}
+
+TEST(Scheduler, removed_work_never_runs) {
+  Scheduler scheduler(options(1));
+  Gate gate;
+  int blocker = 0, gone = 0, kept = 0;
+  scheduler.step(&blocker, [&] { gate.pass(); });
+  ASSERT_TRUE(eventually([&] { return gate.waiting() == 1; }));
+  std::atomic<int> wrong{0}, right{0};
+  for (int i = 0; i < 10; ++i) {
+    scheduler.step(&gone, [&] { ++wrong; });
+    scheduler.start("a", &gone, [&](Scheduler::Slot) { ++wrong; });
+    scheduler.step(&kept, [&] { ++right; });
+    scheduler.start("a", &kept, [&](Scheduler::Slot) { ++right; });
+  }
+  scheduler.remove(&gone);
+  gate.open();
+  ASSERT_TRUE(eventually([&] { return right == 20; }));
+  EXPECT_EQ(wrong, 0);
+}
+
+TEST(Scheduler, stop_runs_what_is_queued_and_may_be_called_twice) {
+  std::atomic<int> done{0};
+  int owner = 0;
+  Scheduler scheduler(options(2));
+  for (int i = 0; i < 100; ++i) scheduler.step(&owner, [&] { ++done; });
+  scheduler.stop();
+  EXPECT_EQ(done, 100);
+  scheduler.stop();
+}
+
+TEST(Scheduler, many_threads_at_once) {
+  Scheduler scheduler(options(4, 100000, 3));
+  std::atomic<int> done{0};
+  std::vector<std::thread> clients;
+  for (int c = 0; c < 8; ++c) {
+    clients.emplace_back([&, c] {
+      for (int i = 0; i < 200; ++i) {
+        auto place = std::make_shared<Scheduler::Place>(scheduler.enter());
+        scheduler.start(std::to_string(c), place.get(), [&, place](Scheduler::Slot slot) {
+          place->leave();
+          auto shared = std::make_shared<Scheduler::Slot>(std::move(slot));
+          scheduler.step(place.get(), [&, shared] {
+            shared->leave();
+            ++done;
+          });
+        });
+      }
+    });
+  }
+  for (auto& client : clients) client.join();
+  EXPECT_TRUE(eventually([&] { return done == 1600; }));
+  EXPECT_EQ(scheduler.load().waiting, 0u);
+  EXPECT_EQ(scheduler.load().running, 0u);
+}
+
+}  // namespace
+}  // namespace deform::server

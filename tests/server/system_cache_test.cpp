@@ -1,0 +1,298 @@
+// Single flight, failures, eviction, pins.
+#include "server/system_cache.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <thread>
+
+#include "server/scheduler.h"
+#include "tests/server/server_fakes.h"
+
+namespace deform::server {
+namespace {
+
+class SystemCacheTest : public testing::Test {
+ protected:
+  struct Answer {
+    SystemCache::Handle handle;
+    std::optional<Error> error;
+  };
+  /// What one asker heard.
+  struct Listener {
+    std::mutex mutex;
+    std::vector<Answer> answers;
+    std::vector<std::string> stages;
+    std::size_t count() {
+      const std::lock_guard lock(mutex);
+      return answers.size();
+    }
+  };
+
+  void open(std::size_t budget) {
+    Scheduler::Options options;
+    options.preparation_workers = 2;
+    scheduler = std::make_unique<Scheduler>(options);
+    cache = std::make_shared<SystemCache>(
+        budget, [this](const void* owner, std::function<void()> work) { scheduler->prepare(owner, std::move(work)); },
+        [this](const void* owner) { scheduler->remove(owner); });
+  }
+  void TearDown() override {
+    gate.open();
+    if (scheduler) scheduler->stop();
+  }
+
+  SystemCache::Prepare make(std::size_t bytes) {
+    return [this, bytes](const RunContext&) {
+      ++prepared;
+      return fake_resident(10, bytes);
+    };
+  }
+  /// Waits at the gate, looking at the cancel flag.
+  SystemCache::Prepare make_slowly(std::size_t bytes) {
+    return [this, bytes](const RunContext& context) {
+      ++prepared;
+      context.progress("factor", 0.5);
+      gate.pass();
+      try {
+        context.check();
+      } catch (const Error&) {
+        ++cancelled;
+        throw;
+      }
+      return fake_resident(10, bytes);
+    };
+  }
+  static SystemCache::Asker ask(const std::shared_ptr<Listener>& listener) {
+    SystemCache::Asker asker;
+    asker.on_progress = [listener](const std::string& stage, double) {
+      const std::lock_guard lock(listener->mutex);
+      listener->stages.push_back(stage);
+    };
+    asker.on_done = [listener](SystemCache::Handle handle, const std::optional<Error>& error) {
+      const std::lock_guard lock(listener->mutex);
+      listener->answers.push_back({std::move(handle), error});
+    };
+    return asker;
+  }
+  /// Asks and waits.
+  SystemCache::Handle get(const std::string& id, std::size_t bytes) {
+    const auto listener = std::make_shared<Listener>();
+    auto [handle, ticket] = cache->acquire(id, make(bytes), ask(listener));
+    if (handle) return handle;
+    EXPECT_TRUE(eventually([&] { return listener->count() == 1; }));
+    const std::lock_guard lock(listener->mutex);
+    return std::move(listener->answers[0].handle);
+  }
+
+  std::atomic<int> prepared{0}, cancelled{0};
+  Gate gate;
+  std::unique_ptr<Scheduler> scheduler;
+  std::shared_ptr<SystemCache> cache;
+};
+
+TEST_F(SystemCacheTest, one_thread_prepares_while_the_others_wait) {
+  open(1000);
+  std::vector<std::shared_ptr<Listener>> listeners;
+  std::vector<SystemCache::Ticket> tickets;
+  for (int i = 0; i < 20; ++i) {
+    listeners.push_back(std::make_shared<Listener>());
+    auto [handle, ticket] = cache->acquire("a", make_slowly(100), ask(listeners.back()));
+    EXPECT_EQ(handle, nullptr);
+    tickets.push_back(std::move(ticket));
+  }
+  ASSERT_TRUE(eventually([&] { return gate.waiting() == 1; }));
+  gate.open();
+  for (const auto& listener : listeners) {
+    ASSERT_TRUE(eventually([&] { return listener->count() == 1; }));
+    EXPECT_NE(listener->answers[0].handle, nullptr);
+    EXPECT_EQ(listener->answers[0].handle.get(), listeners[0]->answers[0].handle.get());
+  }
+  EXPECT_EQ(prepared, 1);
+  EXPECT_EQ(listeners[0]->stages, std::vector<std::string>{"factor"});
+}
+
+TEST_F(SystemCacheTest, a_failure_reaches_all_and_is_not_kept) {
+  open(1000);
+  const auto fail = [&](const RunContext&) -> std::shared_ptr<ResidentSystem> {
+    ++prepared;
+    gate.pass();
+    throw Error(ErrorCode::numerical_failure, "singular");
+  };
+  std::vector<std::shared_ptr<Listener>> listeners;
+  std::vector<SystemCache::Ticket> tickets;
+  for (int i = 0; i < 5; ++i) {
+    listeners.push_back(std::make_shared<Listener>());
+    tickets.push_back(cache->acquire("a", fail, ask(listeners.back())).second);
+  }
+  gate.open();
+  for (const auto& listener : listeners) {
+    ASSERT_TRUE(eventually([&] { return listener->count() == 1; }));
+    ASSERT_TRUE(listener->answers[0].error);
+    EXPECT_EQ(listener->answers[0].error->code(), ErrorCode::numerical_failure);
+    EXPECT_EQ(listener->answers[0].handle, nullptr);
+  }
+  EXPECT_EQ(prepared, 1);
+  EXPECT_NE(get("a", 100), nullptr);  // the next one tries again
+  EXPECT_EQ(prepared, 2);
+}
+
+TEST_F(SystemCacheTest, foreign_exceptions_end_as_errors_too) {
+  open(1000);
+  const auto listener = std::make_shared<Listener>();
+  const auto ticket = cache->acquire(
+      "a", [](const RunContext&) -> std::shared_ptr<ResidentSystem> { throw std::bad_alloc(); }, ask(listener));
+  ASSERT_TRUE(eventually([&] { return listener->count() == 1; }));
+  EXPECT_EQ(listener->answers[0].error->code(), ErrorCode::out_of_budget);
+}
+
+TEST_F(SystemCacheTest, an_asker_that_leaves_leaves_alone) {
+  open(1000);
+  const auto stays = std::make_shared<Listener>();
+  const auto leaves = std::make_shared<Listener>();
+  auto first = cache->acquire("a", make_slowly(100), ask(leaves)).second;
+  const auto second = cache->acquire("a", make_slowly(100), ask(stays)).second;
+  ASSERT_TRUE(eventually([&] { return gate.waiting() == 1; }));
+  first.leave();
+  gate.open();
+  ASSERT_TRUE(eventually([&] { return stays->count() == 1; }));
+  EXPECT_NE(stays->answers[0].handle, nullptr);
+  EXPECT_EQ(leaves->count(), 0u);
+  EXPECT_EQ(cancelled, 0);
+}
+
+TEST_F(SystemCacheTest, when_all_have_left_the_preparation_is_cancelled_and_the_next_asker_begins_anew) {
+  open(1000);
+  const auto left = std::make_shared<Listener>();
+  {
+    const auto first = cache->acquire("a", make_slowly(100), ask(left)).second;
+    const auto second = cache->acquire("a", make_slowly(100), ask(left)).second;
+    ASSERT_TRUE(eventually([&] { return gate.waiting() == 1; }));
+  }
+  const auto late = std::make_shared<Listener>();
+  const auto ticket = cache->acquire("a", make_slowly(100), ask(late)).second;
+  ASSERT_TRUE(eventually([&] { return gate.waiting() == 2; }));  // the cancelled one is still on its way out
+  gate.open();
+  ASSERT_TRUE(eventually([&] { return late->count() == 1; }));
+  EXPECT_NE(late->answers[0].handle, nullptr);
+  EXPECT_TRUE(eventually([&] { return cancelled == 1; }));
+  EXPECT_EQ(left->count(), 0u);
+  EXPECT_EQ(prepared, 2);
+  EXPECT_EQ(cache->stats().systems, 1u);
+}
+
+TEST_F(SystemCacheTest, a_preparation_that_nobody_waits_for_any_more_leaves_the_queue) {
+  open(1000);
+  const auto listener = std::make_shared<Listener>();
+  const auto a = cache->acquire("a", make_slowly(1), ask(listener)).second;
+  const auto b = cache->acquire("b", make_slowly(1), ask(listener)).second;
+  ASSERT_TRUE(eventually([&] { return gate.waiting() == 2; }));  // both preparation workers
+  cache->acquire("c", make_slowly(1), ask(listener)).second.leave();
+  gate.open();
+  ASSERT_TRUE(eventually([&] { return listener->count() == 2; }));
+  scheduler->stop();
+  EXPECT_EQ(prepared, 2);
+}
+
+TEST_F(SystemCacheTest, the_least_recently_used_goes_first) {
+  open(300);
+  get("a", 100);
+  get("b", 100);
+  get("c", 100);
+  get("a", 100);  // used again
+  get("d", 100);
+  EXPECT_TRUE(cache->contains("a"));
+  EXPECT_FALSE(cache->contains("b"));
+  EXPECT_TRUE(cache->contains("c"));
+  EXPECT_TRUE(cache->contains("d"));
+  const SystemCache::Stats stats = cache->stats();
+  EXPECT_EQ(stats.evictions, 1u);
+  EXPECT_EQ(stats.bytes, 300u);
+  EXPECT_EQ(stats.hits, 1u);
+  EXPECT_EQ(stats.misses, 4u);
+}
+
+TEST_F(SystemCacheTest, entries_in_use_stay_and_stay_charged) {
+  open(150);
+  SystemCache::Handle a = get("a", 100);
+  SystemCache::Handle b = get("b", 100);
+  EXPECT_EQ(cache->stats().bytes, 200u);  // above the budget, but both are in use
+  EXPECT_TRUE(cache->contains("a"));
+  EXPECT_EQ(a->system->info().points, 10u);
+  a.reset();  // now it can go
+  EXPECT_FALSE(cache->contains("a"));
+  EXPECT_TRUE(cache->contains("b"));
+  b.reset();
+  EXPECT_TRUE(cache->contains("b"));
+}
+
+TEST_F(SystemCacheTest, a_budget_of_zero_serves_all_the_same) {
+  open(0);
+  SystemCache::Handle a = get("a", 100);
+  ASSERT_NE(a, nullptr);
+  EXPECT_EQ(get("a", 100).get(), a.get());  // shared while it is in use
+  EXPECT_EQ(prepared, 1);
+  a.reset();
+  EXPECT_EQ(cache->stats().systems, 0u);
+  EXPECT_NE(get("a", 100), nullptr);
+  EXPECT_EQ(prepared, 2);
+}
+
+TEST_F(SystemCacheTest, reclaim_takes_idle_entries_only) {
+  open(1000);
+  const SystemCache::Handle used = get("used", 100);
+  get("idle1", 100);
+  get("idle2", 100);
+  cache->reclaim(50);
+  EXPECT_FALSE(cache->contains("idle1"));
+  EXPECT_TRUE(cache->contains("idle2"));
+  cache->reclaim(100000);
+  EXPECT_FALSE(cache->contains("idle2"));
+  EXPECT_TRUE(cache->contains("used"));
+}
+
+TEST_F(SystemCacheTest, a_released_entry_serves_its_users_to_the_end) {
+  open(1000);
+  SystemCache::Handle old = get("a", 100);
+  EXPECT_EQ(cache->release("a"), 100u);
+  EXPECT_EQ(cache->release("a"), 0u);
+  EXPECT_FALSE(cache->contains("a"));
+  EXPECT_EQ(old->system->info().points, 10u);
+  const SystemCache::Handle fresh = get("a", 70);
+  EXPECT_NE(fresh.get(), old.get());
+  old.reset();  // does not touch the new one
+  EXPECT_TRUE(cache->contains("a"));
+  EXPECT_EQ(cache->stats().bytes, 70u);
+}
+
+TEST_F(SystemCacheTest, a_handle_may_outlive_the_cache) {
+  open(1000);
+  SystemCache::Handle handle = get("a", 100);
+  scheduler->stop();
+  cache.reset();
+  EXPECT_EQ(handle->system->info().points, 10u);
+  handle.reset();
+}
+
+TEST_F(SystemCacheTest, many_threads_with_more_systems_than_fit) {
+  open(250);
+  std::atomic<int> wrong{0};
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 8; ++t) {
+    threads.emplace_back([&, t] {
+      for (int i = 0; i < 100; ++i) {
+        const SystemCache::Handle handle = get(std::to_string((t * 7 + i) % 5), 100);
+        if (!handle || handle->system->info().points != 10) ++wrong;
+      }
+    });
+  }
+  for (auto& thread : threads) thread.join();
+  EXPECT_EQ(wrong, 0);
+  const SystemCache::Stats stats = cache->stats();
+  EXPECT_LE(stats.bytes, 250u);
+  EXPECT_GT(stats.evictions, 0u);
+  EXPECT_EQ(stats.hits + stats.misses, 800u);
+}
+
+}  // namespace
+}  // namespace deform::server
