@@ -56,6 +56,17 @@ void CallScope::log() {
   caught([this] { log_call(record); });
 }
 
+void note_stats(const CallStats& stats, CallRecord& record) {
+  if (!stats.geometry_id.empty()) record.geometry = stats.geometry_id;
+  if (!stats.system_id.empty()) record.system = stats.system_id;
+  if (stats.designs != 0) record.designs = stats.designs;
+  if (stats.points != 0) record.points = stats.points;
+  record.queue_ms = stats.queue_ms;
+  record.prepare_ms = stats.prepare_ms;
+  record.solve_ms = stats.solve_ms;
+  record.encode_ms = stats.encode_ms;
+}
+
 // ---- UnaryCall ----
 
 UnaryCall::UnaryCall(const char* method, grpc::CallbackServerContext* context, grpc::ByteBuffer* reply, Work work)
@@ -191,8 +202,8 @@ template <typename Reactor>
 void ReplyWriter<Reactor>::OnDone() {
   // Whoever called Finish has left the lock when it is ours.
   { const std::lock_guard lock(mutex_); }
-  scope_.log();
   done();
+  scope_.log();
   self_.reset();
 }
 
@@ -241,12 +252,13 @@ void RequestStream::handle(bool ok) {
   }
 }
 
-void RequestStream::answer(std::optional<Error> error, const google::protobuf::Message* reply) {
+void RequestStream::answer(std::optional<Error> error, const google::protobuf::Message* reply, const CallStats& stats) {
   {
     const std::lock_guard lock(mutex_);
     if (state_ == State::finished) return;
     state_ = State::finished;
   }
+  note_stats(stats, scope_.record);
   if (!error && reply != nullptr) {
     error = caught([&] { *reply_ = serialized(*reply); });
     scope_.record.messages_out = 1;

@@ -48,6 +48,9 @@ class CallScope {
   CallContext call_;
 };
 
+/// Copies what the engine tells about its work into the record; what it does not know stays.
+void note_stats(const CallStats& stats, CallRecord& record);
+
 /// A call with one request and one reply, answered on the pool.
 class UnaryCall final : public grpc::ServerUnaryReactor {
  public:
@@ -97,7 +100,7 @@ class ReplyWriter : public Reactor, public std::enable_shared_from_this<ReplyWri
   virtual Next next(grpc::ByteBuffer& reply) = 0;
   /// The call ends before all was said: whatever works for it may stop. Once at most per reason; any thread.
   virtual void stop() noexcept = 0;
-  /// After OnDone, before destruction.
+  /// The call has ended; its log line comes next, then destruction.
   virtual void done() noexcept {}
 
   CallScope scope_;
@@ -139,7 +142,7 @@ class RequestStream : public grpc::ServerReadReactor<grpc::ByteBuffer>, public s
   static grpc::ServerReadReactor<grpc::ByteBuffer>* launch(std::shared_ptr<RequestStream> call);
 
   /// Ends a call that waits. A second answer, or one that comes after a cancel, is dropped. Any thread.
-  void answer(std::optional<Error> error, const google::protobuf::Message* reply);
+  void answer(std::optional<Error> error, const google::protobuf::Message* reply, const CallStats& stats = {});
 
  protected:
   enum class Then {

@@ -1,5 +1,6 @@
 #include "server/server.h"
 
+#include <google/protobuf/stubs/logging.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
@@ -44,10 +45,12 @@ bool is_unix(const std::string& address) { return address.starts_with("unix:") |
 /// TLS will be another value of TransportSecurity and another branch here.
 std::shared_ptr<grpc::ServerCredentials> credentials(const ServerOptions&) { return grpc::InsecureServerCredentials(); }
 
-/// Reflection and health are switched on for the process, before the first builder.
-void enable_standard_services() {
+/// What the libraries keep per process, before the first builder: reflection, health, and protobuf's complaints about what
+/// clients send, which are answered by a status and would only fill the log.
+void set_up_libraries() {
   static std::once_flag once;
   std::call_once(once, [] {
+    google::protobuf::SetLogHandler(nullptr);
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   });
@@ -57,7 +60,7 @@ class GrpcServer final : public RunningServer {
  public:
   GrpcServer(const ServerOptions& options, std::unique_ptr<Engine> engine)
       : engine_(std::move(engine)), service_(*engine_, options.service), address_(options.address) {
-    enable_standard_services();
+    set_up_libraries();
     grpc::ServerBuilder builder;
     configure(builder, options);
     if (!options.address.empty()) builder.AddListeningPort(options.address, credentials(options), &port_);

@@ -22,19 +22,6 @@ Error incomplete(const char* what) { return {ErrorCode::invalid_argument, std::s
 
 }  // namespace
 
-void note_reply(const v1::DeformReply& reply, CallRecord& record) {
-  if (reply.has_header()) {
-    record.points = reply.header().points();
-    record.designs = reply.header().designs();
-    record.geometry = reply.header().geometry_id();
-  } else if (reply.has_summary()) {
-    record.queue_ms = reply.summary().queue_ms();
-    record.prepare_ms = reply.summary().prepare_ms();
-    record.solve_ms = reply.summary().solve_ms();
-    record.encode_ms = reply.summary().encode_ms();
-  }
-}
-
 // ---- JobCall ----
 
 JobCall::JobCall(const char* method, grpc::CallbackServerContext* context, Submit submit)
@@ -63,7 +50,6 @@ JobCall::Next JobCall::next(grpc::ByteBuffer& reply) {
     case DeformJob::Poll::reply:
       break;
   }
-  note_reply(message, scope_.record);
   reply = serialized(std::move(message));
   return Next::write;
 }
@@ -76,6 +62,12 @@ void JobCall::stop() noexcept {
       job = job_;
     }
     if (job) job->cancel();
+  });
+}
+
+void JobCall::done() noexcept {
+  caught([this] {
+    if (job_) note_stats(job_->stats(), scope_.record);
   });
 }
 
@@ -128,6 +120,7 @@ PrepareCall::Next PrepareCall::next(grpc::ByteBuffer& reply) {
   {
     const std::lock_guard lock(news_mutex_);
     if (outcome_) {
+      note_stats(outcome_->stats, scope_.record);
       if (outcome_->error) throw *outcome_->error;
       if (!outcome_->value) throw Error(ErrorCode::internal, "the preparation ended with neither a system nor an error");
       *message.mutable_system() = std::move(*outcome_->value);
@@ -141,7 +134,6 @@ PrepareCall::Next PrepareCall::next(grpc::ByteBuffer& reply) {
   if (told_) {
     scope_.record.system = message.system().id();
     scope_.record.points = message.system().points();
-    scope_.record.prepare_ms = message.system().seconds() * 1e3;
   }
   reply = serialized(message);
   return Next::write;
@@ -255,7 +247,7 @@ void VectorJacobianCall::half_closed() {
                             if (!outcome.error && !outcome.value) {
                               outcome.error = Error(ErrorCode::internal, "the product ended with neither a value nor an error");
                             }
-                            self->answer(outcome.error, outcome.value ? &*outcome.value : nullptr);
+                            self->answer(outcome.error, outcome.value ? &*outcome.value : nullptr, outcome.stats);
                           });
 }
 

@@ -23,14 +23,12 @@ class JobCall : public ReplyStream {
   void begin() override;
   Next next(grpc::ByteBuffer& reply) override;
   void stop() noexcept override;
+  void done() noexcept override;
 
   const Submit submit_;
   std::mutex job_mutex_;
   std::shared_ptr<DeformJob> job_;  // under job_mutex_ until begin() is over, constant afterwards
 };
-
-/// Copies what a reply tells about its request into the record.
-void note_reply(const v1::DeformReply& reply, CallRecord& record);
 
 /// Prepare: the newest progress, then the system.
 class PrepareCall : public ReplyStream {

@@ -144,6 +144,19 @@ StreamRequests::Effect StreamRequests::cancel(std::uint64_t id) {
   return effect;
 }
 
+std::deque<StreamRequests::RequestPtr> StreamRequests::half_close() {
+  std::deque<RequestPtr> unfinished;
+  for (const auto& [id, request] : open_) {
+    if (request->state == State::assembling) {
+      refuse(*request, Error(ErrorCode::invalid_argument,
+                             "request " + std::to_string(id) + ": the stream was closed before its last message"));
+    }
+    if (request->state == State::refused) unfinished.push_back(request);
+  }
+  for (const RequestPtr& request : unfinished) close(request);
+  return unfinished;
+}
+
 StreamRequests::RequestPtr StreamRequests::start() {
   if (waiting_.empty() || running_ >= limits_.running_requests) return nullptr;
   RequestPtr request = std::move(waiting_.front());

@@ -55,6 +55,9 @@ class StreamRequests {
   /// One message of `bytes` bytes. Throws Error(out_of_budget) when the client floods the stream with broken requests: ends it.
   Effect accept(v1::DeformStreamRequest&& message, std::size_t bytes);
 
+  /// The client says no more: requests whose last message never came are refused. They are closed.
+  std::deque<RequestPtr> half_close();
+
   /// The next request to give to the engine, marked running; null when none may start.
   RequestPtr start();
   /// An ended request.

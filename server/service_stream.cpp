@@ -53,6 +53,10 @@ void DeformStreamCall::OnReadDone(bool ok) {
   {
     const std::lock_guard lock(mutex_);
     reading_ = ok ? Reading::handling : Reading::closed;
+    if (!ok) {
+      const auto unfinished = requests_.half_close();
+      refused_.insert(refused_.end(), unfinished.begin(), unfinished.end());
+    }
   }
   if (ok) {
     if (auto error = caught([this] { take(message_); })) {
@@ -201,7 +205,7 @@ std::optional<v1::DeformReply> DeformStreamCall::turn(const RequestPtr& request)
     case DeformJob::Poll::pending:
       return std::nullopt;
     case DeformJob::Poll::done:
-      return finished(request, job->error());
+      return finished(request, *job);
     case DeformJob::Poll::reply:
       break;
   }
@@ -210,17 +214,18 @@ std::optional<v1::DeformReply> DeformStreamCall::turn(const RequestPtr& request)
     const std::lock_guard lock(mutex_);
     if (request->state != StreamRequests::State::running) return std::nullopt;  // its error is the last word
   }
-  note_reply(message, request->record);
   return message;
 }
 
-std::optional<v1::DeformReply> DeformStreamCall::finished(const RequestPtr& request, std::optional<Error> error) {
+std::optional<v1::DeformReply> DeformStreamCall::finished(const RequestPtr& request, const DeformJob& job) {
   {
     const std::lock_guard lock(mutex_);
     if (request->state != StreamRequests::State::running) return std::nullopt;
     requests_.close(request);
     request->job = nullptr;
   }
+  const std::optional<Error> error = job.error();
+  note_stats(job.stats(), request->record);
   scope_.record.designs += request->record.designs;
   log_request(*request, error);
   start_requests();

@@ -49,7 +49,7 @@ class DeformStreamCall final : public ReplyWriter<BidiReactor> {
   void queue_turn(const RequestPtr& request);
   /// The reply that a turn of this request gives, if any.
   std::optional<v1::DeformReply> turn(const RequestPtr& request);
-  std::optional<v1::DeformReply> finished(const RequestPtr& request, std::optional<Error> error);
+  std::optional<v1::DeformReply> finished(const RequestPtr& request, const DeformJob& job);
   std::weak_ptr<DeformStreamCall> weak_self() { return std::static_pointer_cast<DeformStreamCall>(shared_from_this()); }
 
   Engine& engine_;

@@ -86,15 +86,17 @@ namespace {
 
 class FakeUpload : public server::GeometryUpload {
  public:
-  FakeUpload(FakeEngine& engine, std::shared_ptr<FakeEngine::Upload> seen, CallContext call)
-      : engine_(engine), seen_(std::move(seen)), call_(std::move(call)) {}
+  FakeUpload(FakeEngine& engine, std::shared_ptr<FakeEngine::Upload> seen, CallContext call, std::size_t bytes)
+      : engine_(engine), seen_(std::move(seen)), call_(std::move(call)), missing_(bytes) {}
   ~FakeUpload() override { seen_->destroyed = true; }
   bool already_stored() const override { return engine_.already_stored; }
-  void add(const v1::RegisterGeometryRequest&) override {
+  void add(const v1::RegisterGeometryRequest& part) override {
     if (engine_.before) engine_.before(&call_);
+    missing_ -= part.points().xyz().size();
     ++seen_->parts;
   }
   v1::GeometryInfo finish() override {
+    if (!engine_.already_stored && missing_ != 0) throw Error(ErrorCode::invalid_argument, "points: incomplete");
     seen_->finished = true;
     v1::GeometryInfo info;
     info.set_id("abc");
@@ -106,6 +108,7 @@ class FakeUpload : public server::GeometryUpload {
   FakeEngine& engine_;
   const std::shared_ptr<FakeEngine::Upload> seen_;
   const CallContext call_;
+  std::size_t missing_;  // bytes of points
 };
 
 }  // namespace
@@ -131,14 +134,14 @@ std::shared_ptr<FakeEngine::Upload> FakeEngine::upload(std::size_t n) {
   return uploads_[n];
 }
 
-std::unique_ptr<server::GeometryUpload> FakeEngine::begin_upload(const v1::GeometryHeader&, const CallContext& call) {
+std::unique_ptr<server::GeometryUpload> FakeEngine::begin_upload(const v1::GeometryHeader& header, const CallContext& call) {
   auto seen = std::make_shared<Upload>();
   {
     const std::lock_guard lock(mutex_);
     uploads_.push_back(seen);
   }
   changed_.notify_all();
-  return std::make_unique<FakeUpload>(*this, std::move(seen), call);
+  return std::make_unique<FakeUpload>(*this, std::move(seen), call, header.point_count() * sizeof(Vec3));
 }
 
 v1::GeometryInfo FakeEngine::get_geometry(const std::string& id) {

@@ -1,0 +1,318 @@
+// Calls with one request and one reply, and what surrounds every call: errors, limits, health, reflection.
+#include <grpcpp/generic/generic_stub.h>
+
+#include <condition_variable>
+#include <mutex>
+#include <thread>
+
+#include "server/status.h"
+#include "tests/server/service_fixture.h"
+
+namespace deform::server {
+namespace {
+
+using grpc::StatusCode;
+
+class ServiceUnary : public ServiceFixture {
+ protected:
+  grpc::Status get_geometry(const std::string& id) {
+    v1::GetGeometryRequest request;
+    request.set_id(id);
+    grpc::ClientContext context;
+    const grpc::Status status = stub->GetGeometry(&context, request, &info);
+    hint = retry_hint(context);
+    return status;
+  }
+  v1::GeometryInfo info;
+  std::string hint;
+};
+
+TEST_P(ServiceUnary, EveryMethodReachesTheEngineAndBack) {
+  start();
+  EXPECT_TRUE(get_geometry("0123").ok());
+  EXPECT_EQ(info.id(), "0123");
+  {
+    grpc::ClientContext context;
+    v1::ListGeometriesRequest request;
+    v1::ListGeometriesReply reply;
+    request.set_page_token("x");
+    EXPECT_TRUE(stub->ListGeometries(&context, request, &reply).ok());
+    EXPECT_EQ(reply.next_page_token(), "x+");
+  }
+  {
+    grpc::ClientContext context;
+    v1::DeleteGeometryRequest request;
+    v1::DeleteGeometryReply reply;
+    request.set_with_setups(true);
+    EXPECT_TRUE(stub->DeleteGeometry(&context, request, &reply).ok());
+    EXPECT_EQ(reply.setups_deleted(), 2u);
+  }
+  {
+    grpc::ClientContext context;
+    v1::EstimateRequest request;
+    v1::EstimateReply reply;
+    request.mutable_setup()->set_geometry("g");
+    EXPECT_TRUE(stub->Estimate(&context, request, &reply).ok());
+    EXPECT_EQ(reply.system_id(), "of g");
+  }
+  {
+    grpc::ClientContext context;
+    v1::GetSystemRequest request;
+    v1::SystemInfo reply;
+    request.set_id("s");
+    EXPECT_TRUE(stub->GetSystem(&context, request, &reply).ok());
+    EXPECT_EQ(reply.id(), "s");
+  }
+  {
+    grpc::ClientContext context;
+    v1::ListSystemsRequest request;
+    v1::ListSystemsReply reply;
+    request.set_geometry_id("of this");
+    EXPECT_TRUE(stub->ListSystems(&context, request, &reply).ok());
+    EXPECT_EQ(reply.next_page_token(), "of this");
+  }
+  {
+    grpc::ClientContext context;
+    v1::ReleaseSystemRequest request;
+    v1::ReleaseSystemReply reply;
+    request.set_forget(true);
+    EXPECT_TRUE(stub->ReleaseSystem(&context, request, &reply).ok());
+    EXPECT_EQ(reply.bytes_released(), 7u);
+  }
+}
+
+TEST_P(ServiceUnary, ServerInfoTellsTheStreamLimit) {
+  ServiceOptions options;
+  options.stream.open_requests = 77;
+  start(options);
+  grpc::ClientContext context;
+  v1::ServerInfo reply;
+  EXPECT_TRUE(stub->GetServerInfo(&context, {}, &reply).ok());
+  EXPECT_EQ(reply.version(), "fake");
+  EXPECT_EQ(reply.limits().max_streams_per_call(), 77u);
+}
+
+TEST_P(ServiceUnary, ErrorsOfTheEngineArriveWithCodeMessageAndRetryHint) {
+  engine.before = [](const CallContext*) { throw Error(ErrorCode::out_of_budget, "handle \"roof\": too much\n", 1500); };
+  start();
+  const grpc::Status status = get_geometry("x");
+  EXPECT_EQ(status.error_code(), StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_EQ(status.error_message(), "handle \"roof\": too much\\x0a");
+  EXPECT_EQ(hint, "1500");
+}
+
+TEST_P(ServiceUnary, AnythingElseThrownIsInternalAndTheServerLives) {
+  int calls = 0;
+  engine.before = [&](const CallContext*) {
+    if (++calls == 1) throw std::runtime_error("surprise");
+    if (calls == 2) throw 42;
+    if (calls == 3) throw std::bad_alloc();
+  };
+  start();
+  EXPECT_EQ(get_geometry("x").error_code(), StatusCode::INTERNAL);
+  EXPECT_EQ(get_geometry("x").error_code(), StatusCode::INTERNAL);
+  EXPECT_EQ(get_geometry("x").error_code(), StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_TRUE(get_geometry("x").ok());
+}
+
+TEST_P(ServiceUnary, TextWithNulBytesArrivesWhole) {
+  start();
+  const std::string odd("a\0b\n\x7f", 5);
+  EXPECT_TRUE(get_geometry(odd).ok());
+  EXPECT_EQ(info.id(), odd);
+}
+
+/// Sends bytes as they are to a method with one request and one reply.
+grpc::Status send_bytes(const std::shared_ptr<grpc::Channel>& channel, const std::string& method, const std::string& bytes) {
+  grpc::GenericStub generic(channel);
+  const grpc::Slice slice(bytes);
+  const grpc::ByteBuffer request(&slice, 1);
+  grpc::ByteBuffer reply;
+  grpc::ClientContext context;
+  std::mutex mutex;
+  std::condition_variable changed;
+  std::optional<grpc::Status> result;
+  generic.UnaryCall(&context, "/deform.v1.DeformService/" + method, {}, &request, &reply, [&](grpc::Status status) {
+    const std::lock_guard lock(mutex);
+    result = std::move(status);
+    changed.notify_one();
+  });
+  std::unique_lock lock(mutex);
+  changed.wait(lock, [&] { return result.has_value(); });
+  return *result;
+}
+
+TEST_P(ServiceUnary, BytesThatAreNoMessageAreInvalidArguments) {
+  start();
+  const std::string truncated =
+      "\x0a\x7f"
+      "abc";  // announces 127 bytes, has 3
+  const std::string not_utf8 =
+      "\x0a\x03"
+      "\xff\xfe"
+      "a";  // id of three bytes that are no text
+  // A length-delimited field around `content`.
+  const auto wrapped = [](char tag, const std::string& content) {
+    std::string out(1, tag);
+    std::size_t length = content.size();
+    for (; length >= 0x80; length >>= 7) out.push_back(static_cast<char>(length | 0x80));
+    out.push_back(static_cast<char>(length));
+    return out.append(content);
+  };
+  std::string deep;  // the complement of the complement of ...
+  for (int i = 0; i < 200; ++i) deep = wrapped('\x62', deep);
+  const std::string deep_setup = wrapped('\x0a', wrapped('\x22', deep));
+  struct Case {
+    const char* name;
+    const char* method;
+    std::string bytes;
+  };
+  const Case cases[] = {{"truncated", "GetGeometry", truncated},
+                        {"not UTF-8", "GetGeometry", not_utf8},
+                        {"wrong wire type", "ListGeometries", "\x0a\x01x"},
+                        {"group that never ends", "GetSystem", "\x0b"},
+                        {"nested too deeply", "Estimate", deep_setup}};
+  for (const Case& c : cases) {
+    const grpc::Status status = send_bytes(channel, c.method, c.bytes);
+    if (std::string(c.name) == "wrong wire type") {
+      EXPECT_TRUE(status.ok()) << "an unknown field by the rules of protobuf";
+      continue;
+    }
+    EXPECT_EQ(status.error_code(), StatusCode::INVALID_ARGUMENT) << c.name << ": " << status.error_message();
+  }
+  EXPECT_TRUE(get_geometry("still there").ok());
+}
+
+TEST_P(ServiceUnary, MessagesBeyondTheLimitAreRefused) {
+  start();
+  EXPECT_EQ(get_geometry(std::string(5 << 20, 'x')).error_code(), StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_TRUE(get_geometry("x").ok());
+}
+
+TEST_P(ServiceUnary, ACallThatCameTooLateIsNotComputed) {
+  std::atomic<int> computed{0};
+  std::atomic<bool> release{false};
+  engine.before = [&](const CallContext*) {
+    ++computed;
+    support::eventually([&] { return release.load(); });
+  };
+  ServiceOptions options;
+  options.call_threads = 1;
+  start(options);
+  std::thread blocker([&] {
+    v1::GeometryInfo reply;
+    grpc::ClientContext context;
+    EXPECT_TRUE(stub->GetGeometry(&context, {}, &reply).ok());
+  });
+  EXPECT_TRUE(support::eventually([&] { return computed == 1; }));
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + std::chrono::milliseconds(30));
+  v1::GeometryInfo reply;
+  EXPECT_EQ(stub->GetGeometry(&context, {}, &reply).error_code(), StatusCode::DEADLINE_EXCEEDED);
+  release = true;
+  blocker.join();
+  server->running().stop(std::chrono::seconds(1));
+  EXPECT_EQ(computed, 1);
+}
+
+TEST_P(ServiceUnary, MoreWaitingCallsThanAllowedAreRefusedWithAHint) {
+  std::atomic<bool> release{false};
+  std::atomic<int> computing{0};
+  engine.before = [&](const CallContext*) {
+    ++computing;
+    support::eventually([&] { return release.load(); });
+  };
+  ServiceOptions options;
+  options.call_threads = 1;
+  options.waiting_calls = 1;
+  start(options);
+  std::vector<std::thread> threads;
+  const auto call = [&] {
+    v1::GeometryInfo reply;
+    grpc::ClientContext context;
+    EXPECT_TRUE(stub->GetGeometry(&context, {}, &reply).ok());
+  };
+  threads.emplace_back(call);
+  EXPECT_TRUE(support::eventually([&] { return computing == 1; }));
+  // One more may wait; of ten others nearly all are refused, none hangs.
+  std::atomic<int> refused{0};
+  for (int i = 0; i < 10; ++i) {
+    threads.emplace_back([&] {
+      v1::GeometryInfo reply;
+      grpc::ClientContext context;
+      const grpc::Status status = stub->GetGeometry(&context, {}, &reply);
+      if (status.ok()) return;
+      EXPECT_EQ(status.error_code(), StatusCode::RESOURCE_EXHAUSTED);
+      EXPECT_FALSE(retry_hint(context).empty());
+      ++refused;
+    });
+  }
+  EXPECT_TRUE(support::eventually([&] { return refused == 9; }));
+  release = true;
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(refused, 9);
+}
+
+/// Calls a method of another service by bytes: the stubs of gRPC's own services are not installed everywhere.
+TEST_P(ServiceUnary, HealthAnswersServing) {
+  start();
+  grpc::GenericStub generic(channel);
+  for (const std::string& name : {std::string(), std::string("deform.v1.DeformService")}) {
+    std::string bytes;
+    if (!name.empty()) bytes = std::string("\x0a") + static_cast<char>(name.size()) + name;
+    const grpc::Slice slice(bytes);
+    const grpc::ByteBuffer request(&slice, 1);
+    grpc::ByteBuffer reply;
+    grpc::ClientContext context;
+    grpc::CompletionQueue queue;
+    auto call = generic.PrepareUnaryCall(&context, "/grpc.health.v1.Health/Check", request, &queue);
+    call->StartCall();
+    grpc::Status status;
+    call->Finish(&reply, &status, nullptr);
+    void* tag = nullptr;
+    bool ok = false;
+    queue.Next(&tag, &ok);
+    ASSERT_TRUE(status.ok()) << status.error_message();
+    grpc::Slice answer;
+    ASSERT_TRUE(reply.DumpToSingleSlice(&answer).ok());
+    EXPECT_EQ(std::string(answer.begin(), answer.end()), "\x08\x01") << "status: SERVING";
+  }
+}
+
+TEST_P(ServiceUnary, ReflectionListsTheService) {
+  start();
+  grpc::GenericStub generic(channel);
+  grpc::ClientContext context;
+  grpc::CompletionQueue queue;
+  auto call = generic.PrepareCall(&context, "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", &queue);
+  const auto step = [&] {
+    void* tag = nullptr;
+    bool ok = false;
+    queue.Next(&tag, &ok);
+    return ok;
+  };
+  call->StartCall(nullptr);
+  ASSERT_TRUE(step());
+  const grpc::Slice slice("\x3a\x01*");  // list_services: "*"
+  call->Write(grpc::ByteBuffer(&slice, 1), nullptr);
+  ASSERT_TRUE(step());
+  grpc::ByteBuffer reply;
+  call->Read(&reply, nullptr);
+  ASSERT_TRUE(step());
+  grpc::Slice answer;
+  ASSERT_TRUE(reply.DumpToSingleSlice(&answer).ok());
+  const std::string text(answer.begin(), answer.end());
+  EXPECT_NE(text.find("deform.v1.DeformService"), std::string::npos);
+  EXPECT_NE(text.find("grpc.health.v1.Health"), std::string::npos);
+  call->WritesDone(nullptr);
+  ASSERT_TRUE(step());
+  grpc::Status status;
+  call->Finish(&status, nullptr);
+  step();
+  EXPECT_TRUE(status.ok());
+}
+
+DEFORM_BOTH_TRANSPORTS(ServiceUnary);
+
+}  // namespace
+}  // namespace deform::server
