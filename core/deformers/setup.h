@@ -10,26 +10,10 @@
 
 #include "core/base/types.h"
 #include "core/mesh/region.h"
+#include "core/numerics/dense_solver.h"
+#include "core/numerics/kernel.h"
 
 namespace deform {
-
-/// Radial kernels (thesis table 3.1). r is the distance in unit-box coordinates, s the shape parameter.
-enum class Kernel {
-  triharmonic,           ///< r^3, order 2
-  biharmonic,            ///< r, order 1
-  quintic,               ///< r^5, order 3
-  gaussian,              ///< exp(-(r/s)^2), positive definite
-  multiquadric,          ///< sqrt(r^2 + s^2), order 1
-  inverse_multiquadric,  ///< 1 / sqrt(r^2 + s^2), positive definite
-  wendland_c2,           ///< (1 - r/s)_+^4 (4 r/s + 1), positive definite in three dimensions
-};
-
-enum class DenseSolver {
-  automatic,  ///< Cholesky, with LDL^T as the fallback when it breaks down
-  cholesky,   ///< on the complement of the polynomials
-  ldlt,       ///< Bunch-Kaufman (dsytrf) of the bordered system
-  lu,         ///< dgetrf of the bordered system; for comparison
-};
 
 enum class CentreReduction {
   automatic,  ///< the constraint points within `reduction_rings` of the deformable region, where the mesh is manifold there

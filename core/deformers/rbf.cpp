@@ -1,0 +1,304 @@
+#include "core/deformers/rbf.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "core/base/error.h"
+#include "core/base/parallel.h"
+#include "core/deformers/rbf_evaluation.h"
+
+namespace deform {
+
+namespace {
+
+// Seconds since the last call.
+class Stopwatch {
+ public:
+  double lap() {
+    const auto now = RunContext::Clock::now();
+    const double seconds = std::chrono::duration<double>(now - last_).count();
+    last_ = now;
+    return seconds;
+  }
+
+ private:
+  RunContext::Clock::time_point last_ = RunContext::Clock::now();
+};
+
+int polynomial_degree(const RbfOptions& options) {
+  const KernelProperties kernel = properties(options.kernel);
+  if (options.polynomial_degree < 0) return std::max(1, kernel.order - 1);
+  if (options.polynomial_degree < kernel.order - 1) {
+    throw Error(ErrorCode::invalid_argument, "method.rbf.polynomial_degree: " + std::to_string(options.polynomial_degree) +
+                                                 " is too small, the kernel " + kernel.name + " needs at least " +
+                                                 std::to_string(kernel.order - 1));
+  }
+  return options.polynomial_degree;
+}
+
+UnitBox unit_box(const Box& box) {
+  UnitBox unit{box.min, 0};
+  for (int k = 0; k < 3; ++k) unit.scale = std::max(unit.scale, box.max[k] - box.min[k]);
+  if (unit.scale <= 0) unit.scale = 1;
+  return unit;
+}
+
+constexpr std::size_t basis_always_fits = std::size_t{1} << 30;
+
+bool wants_basis(BasisMode mode, std::size_t basis_bytes, std::size_t factor_bytes) {
+  if (mode != BasisMode::automatic) return mode == BasisMode::always;
+  return basis_bytes <= std::max(4 * factor_bytes, basis_always_fits);
+}
+
+// Per point: region, rank, id and unit coordinates (a tile more), group lists.
+std::size_t point_bytes(std::size_t n) { return n * (4 + 4 + 4 + 24 + 4) + 4096; }
+
+}  // namespace
+
+RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context, std::size_t memory_budget)
+    : mesh_(std::move(mesh)), setup_(setup) {
+  const auto& options = std::get<RbfOptions>(setup_.method);
+  Stopwatch watch;
+  context.progress("select", 0);
+  regions_ = validate(setup_, *mesh_);
+  const int degree = polynomial_degree(options);
+  const Box bounds = bounding_box(mesh_->points);
+  box_ = unit_box(bounds);
+  centres_ = choose_centres(*mesh_, regions_, options);
+  rank_of_.assign(mesh_->point_count(), 0);
+  for (const auto& handle : regions_.handles) {
+    for (std::size_t k = 0; k < handle.size(); ++k) rank_of_[handle[k]] = static_cast<std::uint32_t>(k);
+  }
+  std::vector<Vec3> unit;
+  unit.reserve(centres_.deformable.size());
+  for (const PointId id : centres_.deformable) unit.push_back(box_.to_unit(mesh_->points[id]));
+  deformable_ = TiledPoints(unit);
+  unit.clear();
+  unit.shrink_to_fit();
+  for (const auto& handle : regions_.handles) {
+    Box extent;
+    for (const PointId id : handle) extent.add(box_.to_unit(mesh_->points[id]));
+    HandleFrame frame;
+    for (int k = 0; k < 3; ++k) frame.reference[k] = 0.5 * (extent.min[k] + extent.max[k]);
+    frames_.push_back(frame);
+  }
+  info_.stage_seconds.emplace_back("select", watch.lap());
+  context.check();
+
+  std::vector<Vec3> places;
+  Box extent;
+  for (const PointId id : centres_.ids) {
+    places.push_back(box_.to_unit(mesh_->points[id]));
+    extent.add(places.back());
+  }
+  InterpolationOptions interpolation;
+  interpolation.kernel = {options.kernel, options.shape * (extent.diagonal() > 0 ? extent.diagonal() : 1.0)};
+  interpolation.polynomial_degree = degree;
+  interpolation.solver = options.solver;
+  interpolation.memory_limit = memory_budget;
+  system_ = std::make_unique<InterpolationSystem>(std::move(places), interpolation, context);
+  info_.stage_seconds.emplace_back("factor", watch.lap());
+  prepare_basis(options, context);
+  info_.stage_seconds.emplace_back("basis", watch.lap());
+
+  info_.points = mesh_->point_count();
+  info_.fixed_points = regions_.fixed.size();
+  for (const auto& handle : regions_.handles) info_.handle_points += handle.size();
+  info_.deformable_points = centres_.deformable.size();
+  info_.constraint_points = centres_.constraint_points;
+  info_.centres = centres_.ids.size();
+  info_.merged_duplicates = centres_.merged;
+  info_.polynomial_terms = system_->polynomials().terms();
+  info_.affine_hull_dimension = system_->polynomials().hull_dimension();
+  info_.diagonal = bounds.diagonal();
+  info_.condition = system_->condition();
+  info_.solver = system_->solver();
+  info_.reduced = centres_.reduced;
+  info_.basis_fields = basis_ ? basis_->fields() : 0;
+  info_.factor_bytes = system_->bytes();
+  info_.basis_bytes = basis_ ? basis_->bytes() : 0;
+  info_.bytes = info_.factor_bytes + info_.basis_bytes + point_bytes(mesh_->point_count());
+  add_notes(degree);
+}
+
+void RbfSystem::add_notes(int degree) {
+  info_.notes = centres_.notes;
+  const auto& solver_notes = system_->notes();
+  info_.notes.insert(info_.notes.end(), solver_notes.begin(), solver_notes.end());
+  static const char* const hulls[] = {"in one point", "on a line", "in a plane"};
+  if (degree > 0 && info_.affine_hull_dimension < 3) {
+    info_.notes.push_back(std::string("The centres lie ") + hulls[info_.affine_hull_dimension] +
+                          ": the polynomial part is constant across it.");
+  }
+  if (system_->polynomials().dropped() > 0) {
+    info_.notes.push_back(std::to_string(system_->polynomials().dropped()) +
+                          " monomials depend on the others at the centres and were left out.");
+  }
+  if (info_.condition > 1e13) info_.notes.push_back("The system is ill-conditioned: expect a loss of digits.");
+  if (!basis_) info_.notes.push_back("No handle basis is stored: every design is solved for and summed directly.");
+}
+
+Eigen::MatrixXd RbfSystem::handle_fields() const {
+  Eigen::MatrixXd fields =
+      Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(centres_.ids.size()), static_cast<Eigen::Index>(4 * frames_.size()));
+  for (std::size_t j = 0; j < centres_.ids.size(); ++j) {
+    const RegionIndex region = centres_.region_of[centres_.ids[j]];
+    if (region == fixed_region) continue;
+    const Vec3& x = system_->centres()[j];
+    const auto row = static_cast<Eigen::Index>(j);
+    const auto column = static_cast<Eigen::Index>(4 * region);
+    fields(row, column) = 1;
+    for (int k = 0; k < 3; ++k) fields(row, column + 1 + k) = x[k] - frames_[region].reference[k];
+  }
+  return fields;
+}
+
+void RbfSystem::prepare_basis(const RbfOptions& options, const RunContext& context) {
+  const std::size_t fields = 4 * frames_.size();
+  if (!wants_basis(options.basis, HandleBasis::bytes_for(deformable_.count(), fields),
+                   InterpolationSystem::factor_bytes(centres_.ids.size(), options.solver))) {
+    return;
+  }
+  basis_ = std::make_unique<HandleBasis>(*system_, handle_fields(), deformable_, context);
+}
+
+std::unique_ptr<const Evaluation> RbfSystem::bind(std::span<const Design> designs, EvaluationPath path,
+                                                  const RunContext& context) const {
+  return std::make_unique<RbfEvaluation>(std::static_pointer_cast<const RbfSystem>(shared_from_this()), designs, path, context);
+}
+
+Points RbfSystem::jacobian_vector(std::span<const double> variables, std::span<const double> direction,
+                                  const RunContext& context) const {
+  const std::size_t count = setup_.variables.size();
+  if (direction.size() != count) {
+    throw Error(ErrorCode::invalid_argument, "direction: expected " + std::to_string(count) +
+                                                 " values, one per design variable, got " + std::to_string(direction.size()));
+  }
+  std::vector<Affine> motion(frames_.size(), Affine{});
+  for (std::size_t k = 0; k < count; ++k) {
+    if (!std::isfinite(direction[k])) {
+      throw Error(ErrorCode::invalid_argument, "direction[" + std::to_string(k) + "]: must be finite");
+    }
+    const std::vector<Affine> derivative = handle_motion_derivative(setup_, variables, k);
+    for (std::size_t h = 0; h < motion.size(); ++h) {
+      for (std::size_t j = 0; j < 12; ++j) motion[h][j] += direction[k] * derivative[h][j];
+    }
+  }
+  const RbfEvaluation evaluation(std::static_pointer_cast<const RbfSystem>(shared_from_this()), motion, context);
+  Points result(mesh_->point_count());
+  parallel_for(context, result.size(), 8192, [&](std::size_t begin, std::size_t end) {
+    Vec3* out = result.data() + begin;
+    evaluation.evaluate(begin, end, 0, std::span<Vec3* const>(&out, 1));
+  });
+  return result;
+}
+
+std::vector<double> RbfSystem::pull_back(std::span<const Vec3> field, const RunContext& context) const {
+  std::vector<Vec3> at_deformable;
+  at_deformable.reserve(centres_.deformable.size());
+  for (const PointId id : centres_.deformable) at_deformable.push_back(field[id]);
+  if (basis_) return basis_->transposed_product(at_deformable, context);
+
+  // u = [Phi P] S [fields; 0] with the symmetric S, so the adjoint is fields^T times the first rows of S [Phi^T; P^T].
+  std::vector<Vec3> unit;
+  unit.reserve(centres_.deformable.size());
+  for (const PointId id : centres_.deformable) unit.push_back(box_.to_unit(mesh_->points[id]));
+  const std::size_t m = system_->size();
+  const auto q = static_cast<Eigen::Index>(system_->polynomials().terms());
+  const std::span<const double> weights(unit.empty() ? nullptr : at_deformable[0].data(), 3 * unit.size());
+  const std::vector<double> sums = kernel_sums(system_->kernel(), system_->centres(), unit, weights, 3, context);
+  Eigen::MatrixXd B = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(m) + q, 3);
+  for (std::size_t j = 0; j < m; ++j) {
+    for (int k = 0; k < 3; ++k) B(static_cast<Eigen::Index>(j), k) = sums[3 * j + static_cast<std::size_t>(k)];
+  }
+  std::vector<double> terms(static_cast<std::size_t>(q));
+  for (std::size_t i = 0; i < unit.size(); ++i) {
+    system_->polynomials().values(unit[i], terms.data());
+    for (Eigen::Index t = 0; t < q; ++t) {
+      for (int k = 0; k < 3; ++k)
+        B(static_cast<Eigen::Index>(m) + t, k) += terms[static_cast<std::size_t>(t)] * at_deformable[i][k];
+    }
+  }
+  system_->solve_saddle(B);
+  const Eigen::MatrixXd G = handle_fields().transpose() * B.topRows(static_cast<Eigen::Index>(m));
+  std::vector<double> result(3 * static_cast<std::size_t>(G.rows()));
+  for (Eigen::Index r = 0; r < G.rows(); ++r) {
+    for (int k = 0; k < 3; ++k) result[static_cast<std::size_t>(3 * r + k)] = G(r, k);
+  }
+  return result;
+}
+
+std::vector<double> RbfSystem::vector_jacobian(std::span<const double> variables, const Points& cotangent,
+                                               const RunContext& context) const {
+  if (cotangent.size() != mesh_->point_count()) {
+    throw Error(ErrorCode::invalid_argument, "cotangent: expected " + std::to_string(mesh_->point_count()) +
+                                                 " vectors, one per point, got " + std::to_string(cotangent.size()));
+  }
+  for (std::size_t i = 0; i < cotangent.size(); ++i) {
+    if (!std::isfinite(cotangent[i][0] + cotangent[i][1] + cotangent[i][2])) {
+      throw Error(ErrorCode::invalid_argument, "cotangent[" + std::to_string(i) + "]: must be finite");
+    }
+  }
+  const std::vector<double> G = pull_back(cotangent, context);
+  // Moments of the cotangent over the handle points: what an affine derivative there is multiplied with.
+  std::vector<Affine> moments(frames_.size(), Affine{});
+  for (std::size_t h = 0; h < frames_.size(); ++h) {
+    for (const PointId id : regions_.handles[h]) {
+      const Vec3& x = mesh_->points[id];
+      for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) moments[h][4 * i + j] += cotangent[id][i] * x[j];
+        moments[h][4 * i + 3] += cotangent[id][i];
+      }
+    }
+  }
+  std::vector<double> gradient(setup_.variables.size(), 0.0);
+  double block[12];
+  for (std::size_t k = 0; k < gradient.size(); ++k) {
+    const std::vector<Affine> derivative = handle_motion_derivative(setup_, variables, k);
+    for (std::size_t h = 0; h < frames_.size(); ++h) {
+      if (derivative[h] == Affine{}) continue;
+      field_coefficients(derivative[h], MotionKind::derivative, frames_[h], box_, block);
+      for (std::size_t j = 0; j < 12; ++j) gradient[k] += block[j] * G[12 * h + j] + derivative[h][j] * moments[h][j];
+    }
+  }
+  return gradient;
+}
+
+Estimate estimate_rbf(const Mesh& mesh, const Setup& setup) {
+  const auto& options = std::get<RbfOptions>(setup.method);
+  const SelectedRegions regions = validate(setup, mesh);
+  polynomial_degree(options);
+  const RbfCentres centres = choose_centres(mesh, regions, options);
+  const std::size_t m = centres.ids.size();
+  const std::size_t d = centres.deformable.size();
+  const std::size_t fields = 4 * regions.handles.size();
+
+  Estimate estimate;
+  estimate.constraint_points = centres.constraint_points;
+  estimate.centres = m;
+  estimate.factor_bytes = InterpolationSystem::factor_bytes(m, options.solver) + m * sizeof(Vec3);
+  const std::size_t basis_bytes = HandleBasis::bytes_for(d, fields);
+  const bool basis = wants_basis(options.basis, basis_bytes, InterpolationSystem::factor_bytes(m, options.solver));
+  estimate.basis_bytes = basis ? basis_bytes : 0;
+  estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + point_bytes(mesh.point_count());
+  const std::size_t factor_extra = InterpolationSystem::peak_bytes(m, options.solver) + 2 * m * sizeof(Vec3);
+  // Data, solution and the copies that a solve makes of them, beside the factor.
+  const std::size_t basis_extra =
+      estimate.factor_bytes + estimate.basis_bytes + (basis ? 4 * (m + 10) * fields * sizeof(double) : 0);
+  const std::size_t adjacency = 16 * (mesh.point_count() + mesh.face_count()) + 24 * mesh.face_points.size();
+  estimate.peak_bytes = point_bytes(mesh.point_count()) + d * sizeof(Vec3) + std::max({factor_extra, basis_extra, adjacency});
+  estimate.notes = centres.notes;
+  if (!basis) estimate.notes.push_back("No handle basis will be stored: every design is solved for and summed directly.");
+
+  // Nominal rates of one current core, halved work for two.
+  const double cores = thread_count({});
+  const auto M = static_cast<double>(m);
+  const double rows = M + (basis ? static_cast<double>(d) : 0.0);
+  const double columns = basis ? static_cast<double>(fields) : 0.0;
+  estimate.seconds = (M * M / 2 / 5e8 + M * M * M / 3 / 2.5e10 + rows * M * (1 / 8e8 + 2 * columns / 1.5e10)) / cores +
+                     4 * M * M * columns / 1e10 + static_cast<double>(mesh.point_count()) * 2e-7;
+  return estimate;
+}
+
+}  // namespace deform

@@ -1,0 +1,116 @@
+#include "core/deformers/rbf_basis.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/base/parallel.h"
+
+namespace deform {
+
+namespace {
+
+constexpr std::size_t tiles_per_task = 64;
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+// Largest difference between the interpolants and their data over the centres, per column.
+std::vector<double> centre_residuals(const InterpolationSystem& system, const RowMajor& coefficients, const Eigen::MatrixXd& data,
+                                     const RunContext& context) {
+  const TiledPoints tiled(system.centres());
+  const auto columns = static_cast<std::size_t>(data.cols());
+  std::vector<double> per_tile(tiled.tiles() * columns);
+  parallel_for(context, tiled.tiles(), 8, [&](std::size_t begin, std::size_t end) {
+    std::vector<double> values(columns * tile_size);
+    for (std::size_t t = begin; t < end; ++t) {
+      interpolate_tile(system, tiled.tile(t), coefficients.data(), columns, values.data());
+      for (std::size_t c = 0; c < columns; ++c) {
+        double largest = 0;
+        for (std::size_t i = t * tile_size; i < std::min((t + 1) * tile_size, tiled.count()); ++i) {
+          const double target = data(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(c));
+          largest = std::max(largest, std::abs(values[c * tile_size + i % tile_size] - target));
+        }
+        per_tile[t * columns + c] = largest;
+      }
+    }
+  });
+  std::vector<double> largest(columns, 0.0);
+  for (std::size_t k = 0; k < per_tile.size(); ++k) largest[k % columns] = std::max(largest[k % columns], per_tile[k]);
+  return largest;
+}
+
+}  // namespace
+
+void field_coefficients(const Affine& motion, MotionKind kind, const HandleFrame& frame, const UnitBox& box, double* out) {
+  // u(x) = J x + b with J = A - I for a map of positions; about the reference c: u = (J c + b) + scale J (unit(x) - unit(c)).
+  const double identity = kind == MotionKind::position ? 1.0 : 0.0;
+  Vec3 c{};
+  for (int k = 0; k < 3; ++k) c[k] = box.origin[k] + box.scale * frame.reference[k];
+  for (int i = 0; i < 3; ++i) {
+    double constant = motion[4 * i + 3];
+    for (int j = 0; j < 3; ++j) {
+      const double slope = motion[4 * i + j] - (i == j ? identity : 0.0);
+      constant += slope * c[j];
+      out[3 * (j + 1) + i] = box.scale * slope;
+    }
+    out[i] = constant;
+  }
+}
+
+void interpolate_tile(const InterpolationSystem& system, const double* tile, const double* coefficients, std::size_t columns,
+                      double* out) {
+  std::fill_n(out, columns * tile_size, 0.0);
+  interpolate_tile_columns(system, tile, coefficients, columns, columns, out);
+}
+
+void interpolate_tile_columns(const InterpolationSystem& system, const double* tile, const double* coefficients, std::size_t ld,
+                              std::size_t columns, double* out) {
+  tile_kernel_sums(system.kernel(), tile, system.centres(), coefficients, ld, columns, out);
+  const std::size_t q = system.polynomials().terms();
+  if (q == 0) return;
+  double terms[10];
+  double P[10 * tile_size];
+  for (std::size_t i = 0; i < tile_size; ++i) {
+    system.polynomials().values({tile[i], tile[tile_size + i], tile[2 * tile_size + i]}, terms);
+    for (std::size_t t = 0; t < q; ++t) P[t * tile_size + i] = terms[t];
+  }
+  tile_product(P, q, coefficients + system.size() * ld, ld, columns, out);
+}
+
+HandleBasis::HandleBasis(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
+                         const RunContext& context)
+    : fields_(static_cast<std::size_t>(fields.cols())),
+      points_(deformable.count()),
+      values_(deformable.tiles() * tile_size * fields_) {
+  const RowMajor coefficients = system.solve(fields);
+  residuals_ = centre_residuals(system, coefficients, fields, context);
+  parallel_for(context, deformable.tiles(), tiles_per_task, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t t = begin; t < end; ++t) {
+      if (t % 8 == 0) context.check();
+      interpolate_tile(system, deformable.tile(t), coefficients.data(), fields_, values_.data() + t * fields_ * tile_size);
+    }
+    context.progress("basis", static_cast<double>(end) / static_cast<double>(deformable.tiles()));
+  });
+}
+
+std::vector<double> HandleBasis::transposed_product(std::span<const Vec3> X, const RunContext& context) const {
+  const std::size_t tiles = tile_count(points_);
+  const std::size_t tasks = (tiles + tiles_per_task - 1) / tiles_per_task;
+  std::vector<std::vector<double>> partial(tasks, std::vector<double>(fields_ * 3, 0.0));
+  parallel_for(context, tiles, tiles_per_task, [&](std::size_t begin, std::size_t end) {
+    std::vector<double>& sums = partial[begin / tiles_per_task];
+    double columns[3 * tile_size];
+    for (std::size_t t = begin; t < end; ++t) {
+      for (std::size_t i = 0; i < tile_size; ++i) {
+        const std::size_t at = t * tile_size + i;
+        for (std::size_t k = 0; k < 3; ++k) columns[k * tile_size + i] = at < points_ ? X[at][k] : 0.0;
+      }
+      tile_product_transposed(tile(t), fields_, columns, 3, sums.data(), 3);
+    }
+  });
+  std::vector<double> result(fields_ * 3, 0.0);
+  for (const auto& sums : partial) {
+    for (std::size_t k = 0; k < result.size(); ++k) result[k] += sums[k];
+  }
+  return result;
+}
+
+}  // namespace deform

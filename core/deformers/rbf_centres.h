@@ -1,0 +1,32 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "core/deformers/setup.h"
+#include "core/mesh/mesh.h"
+
+namespace deform {
+
+/// Region number of a point: a handle's index, `fixed_region` or `deformable_region`.
+using RegionIndex = std::uint32_t;
+inline constexpr RegionIndex fixed_region = 0xfffffffeu;
+inline constexpr RegionIndex deformable_region = 0xffffffffu;
+
+/// The constraint points that become centres of an RBF, and what was decided about the others (thesis 3.5, figure 3.10).
+struct RbfCentres {
+  std::vector<RegionIndex> region_of;  ///< n
+  std::vector<PointId> deformable;     ///< ascending
+  std::vector<PointId> ids;            ///< ascending; one representative (the smallest id) per place
+  /// Constraint points that coincide (within 1e-12 D), the representative first, at least two each: a design must send them to
+  /// one place.
+  std::vector<std::vector<PointId>> coincident;
+  std::size_t constraint_points = 0;
+  std::size_t merged = 0;  ///< centres saved by merging
+  bool reduced = false;
+  std::vector<std::string> notes;
+};
+
+RbfCentres choose_centres(const Mesh& mesh, const SelectedRegions& regions, const RbfOptions& options);
+
+}  // namespace deform

@@ -1,0 +1,251 @@
+#include "core/deformers/setup.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "core/base/error.h"
+
+namespace deform {
+
+namespace {
+
+[[noreturn]] void invalid(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
+
+bool finite(const Vec3& v) { return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]); }
+bool is_zero(const Vec3& v) { return v[0] == 0 && v[1] == 0 && v[2] == 0; }
+double norm(const Vec3& v) { return std::hypot(v[0], v[1], v[2]); }
+Vec3 normalized(const Vec3& v) {
+  const double length = norm(v);
+  return {v[0] / length, v[1] / length, v[2] / length};
+}
+
+std::string quoted(const std::string& name) { return "\"" + name + "\""; }
+
+// The affine map of one variable at value v and its derivative with respect to v.
+Affine translation(const Vec3& d, double v) { return {1, 0, 0, v * d[0], 0, 1, 0, v * d[1], 0, 0, 1, v * d[2]}; }
+
+// A and b = c - A c for the linear map A about the centre c.
+Affine about(const std::array<double, 9>& A, const Vec3& c, double keep) {
+  Affine m{};
+  for (int i = 0; i < 3; ++i) {
+    double moved = 0;
+    for (int j = 0; j < 3; ++j) {
+      m[4 * i + j] = A[3 * i + j];
+      moved += A[3 * i + j] * c[j];
+    }
+    m[4 * i + 3] = keep * c[i] - moved;
+  }
+  return m;
+}
+
+// Rodrigues: cos I + sin [a]x + (1 - cos) a a^T, with the factors given, so that the derivative is the same expression.
+std::array<double, 9> rodrigues(const Vec3& a, double identity, double cross, double outer) {
+  return {identity + outer * a[0] * a[0],     outer * a[0] * a[1] - cross * a[2], outer * a[0] * a[2] + cross * a[1],
+          outer * a[1] * a[0] + cross * a[2], identity + outer * a[1] * a[1],     outer * a[1] * a[2] - cross * a[0],
+          outer * a[2] * a[0] - cross * a[1], outer * a[2] * a[1] + cross * a[0], identity + outer * a[2] * a[2]};
+}
+
+std::array<double, 9> scaling(const Vec3& axis, double identity, double v) {
+  if (is_zero(axis)) return {identity + v, 0, 0, 0, identity + v, 0, 0, 0, identity + v};
+  return rodrigues(normalized(axis), identity, 0, v);
+}
+
+Affine motion_of(const DesignVariable& variable, double v) {
+  if (v == 0) return identity_affine;  // exactly at rest, whatever the centre
+  if (const auto* t = std::get_if<DesignVariable::Translate>(&variable.kind)) return translation(t->direction, v);
+  if (const auto* r = std::get_if<DesignVariable::Rotate>(&variable.kind)) {
+    return about(rodrigues(normalized(r->axis), std::cos(v), std::sin(v), 1 - std::cos(v)), r->centre, 1);
+  }
+  const auto& s = std::get<DesignVariable::Scale>(variable.kind);
+  return about(scaling(s.axis, 1, v), s.centre, 1);
+}
+
+Affine derivative_of(const DesignVariable& variable, double v) {
+  if (const auto* t = std::get_if<DesignVariable::Translate>(&variable.kind)) {
+    return {0, 0, 0, t->direction[0], 0, 0, 0, t->direction[1], 0, 0, 0, t->direction[2]};
+  }
+  if (const auto* r = std::get_if<DesignVariable::Rotate>(&variable.kind)) {
+    return about(rodrigues(normalized(r->axis), -std::sin(v), std::cos(v), std::sin(v)), r->centre, 0);
+  }
+  const auto& s = std::get<DesignVariable::Scale>(variable.kind);
+  return about(scaling(s.axis, 0, 1), s.centre, 0);
+}
+
+// compose() for a derivative on either side: the translation column of the inner map is carried by the linear part of the outer
+// one, and the outer translation counts only where the inner map is a map (weight 1), not a derivative (weight 0).
+Affine chained(const Affine& outer, const Affine& inner, double inner_weight) {
+  Affine c{};
+  for (int row = 0; row < 3; ++row) {
+    for (int col = 0; col < 4; ++col) {
+      double sum = col == 3 ? inner_weight * outer[4 * row + 3] : 0.0;
+      for (int k = 0; k < 3; ++k) sum += outer[4 * row + k] * inner[4 * k + col];
+      c[4 * row + col] = sum;
+    }
+  }
+  return c;
+}
+
+std::size_t handle_index(const Setup& setup, const std::string& name) {
+  for (std::size_t i = 0; i < setup.handles.size(); ++i) {
+    if (setup.handles[i].name == name) return i;
+  }
+  return setup.handles.size();
+}
+
+void validate_rbf(const RbfOptions& options) {
+  if (!(options.shape > 0 && options.shape <= 100)) {
+    invalid("method.rbf.shape: " + std::to_string(options.shape) + " is out of range, must be greater than 0 and at most 100");
+  }
+  if (options.reduction_rings < 1 || options.reduction_rings > 100) {
+    invalid("method.rbf.reduction_rings: " + std::to_string(options.reduction_rings) + " is out of range 1..100");
+  }
+  if (options.polynomial_degree < -1 || options.polynomial_degree > 2) {
+    invalid("method.rbf.polynomial_degree: " + std::to_string(options.polynomial_degree) +
+            " is out of range, at least the order of the kernel - 1 and at most 2");
+  }
+}
+
+void validate_variable(const Setup& setup, std::size_t k, std::set<std::string>& names) {
+  const DesignVariable& variable = setup.variables[k];
+  const std::string field = "variables[" + std::to_string(k) + "]";
+  if (variable.name.empty()) invalid(field + ".name: must not be empty");
+  if (!names.insert(variable.name).second) invalid(field + ".name: " + quoted(variable.name) + " is used twice");
+  const std::string what = "variable " + quoted(variable.name);
+  if (handle_index(setup, variable.handle) == setup.handles.size()) {
+    std::vector<std::string> candidates;
+    for (const auto& handle : setup.handles) candidates.push_back(handle.name);
+    const std::string near = nearest_names(variable.handle, candidates);
+    invalid(what + ": handle " + quoted(variable.handle) + " does not exist" +
+            (near.empty() ? "" : "; did you mean " + near + "?"));
+  }
+  const auto check = [&](const Vec3& v, const char* part) {
+    if (!finite(v)) invalid(what + ": " + part + " must be finite");
+  };
+  const auto check_nonzero = [&](const Vec3& v, const char* part) {
+    check(v, part);
+    if (is_zero(v) || !std::isnormal(norm(v))) invalid(what + ": " + part + " must not be zero");
+  };
+  if (const auto* t = std::get_if<DesignVariable::Translate>(&variable.kind)) {
+    check_nonzero(t->direction, "translate");
+  } else if (const auto* r = std::get_if<DesignVariable::Rotate>(&variable.kind)) {
+    check_nonzero(r->axis, "rotate.axis");
+    check(r->centre, "rotate.centre");
+  } else {
+    const auto& s = std::get<DesignVariable::Scale>(variable.kind);
+    check(s.centre, "scale.centre");
+    check(s.axis, "scale.axis");
+  }
+  if (std::isnan(variable.lower) || std::isnan(variable.upper)) invalid(what + ": lower and upper must be numbers");
+  if (!(variable.lower <= 0 && variable.upper >= 0)) {
+    invalid(what + ": the rest position 0 must lie within lower = " + std::to_string(variable.lower) +
+            " and upper = " + std::to_string(variable.upper));
+  }
+}
+
+constexpr std::uint32_t nobody = 0xffffffffu;
+
+// Puts the points of one region under `owner`; refuses points that another handle has, or (for fixed regions) any handle.
+void claim(const std::vector<PointId>& ids, std::uint32_t owner, const std::string& what, const Setup& setup,
+           std::vector<std::uint32_t>& owners) {
+  std::size_t shared = 0;
+  PointId first = 0;
+  std::uint32_t other = nobody;
+  for (const PointId id : ids) {
+    if (owners[id] != nobody && owners[id] != owner) {
+      if (shared++ == 0) {
+        first = id;
+        other = owners[id];
+      }
+    } else {
+      owners[id] = owner;
+    }
+  }
+  if (shared == 0) return;
+  invalid(what + " overlaps handle " + quoted(setup.handles[other].name) + ": " + std::to_string(shared) +
+          " common points, the first is point " + std::to_string(first) +
+          "; subtract one region from the other with `difference`");
+}
+
+void check_values(const Setup& setup, std::span<const double> variables) {
+  if (variables.size() != setup.variables.size()) {
+    invalid("variables: expected " + std::to_string(setup.variables.size()) + " values, one per design variable, got " +
+            std::to_string(variables.size()));
+  }
+  for (std::size_t k = 0; k < variables.size(); ++k) {
+    const DesignVariable& variable = setup.variables[k];
+    const std::string what = "variables[" + std::to_string(k) + "] (" + quoted(variable.name) + ")";
+    if (!std::isfinite(variables[k])) invalid(what + ": must be finite");
+    if (variables[k] < variable.lower || variables[k] > variable.upper) {
+      invalid(what + ": " + std::to_string(variables[k]) + " is outside of its bounds [" + std::to_string(variable.lower) + ", " +
+              std::to_string(variable.upper) + "]");
+    }
+  }
+}
+
+}  // namespace
+
+SelectedRegions validate(const Setup& setup, const Mesh& mesh) {
+  validate_rbf(std::get<RbfOptions>(setup.method));
+  if (setup.handles.empty()) invalid("handles: at least one is needed");
+  std::set<std::string> names;
+  for (std::size_t i = 0; i < setup.handles.size(); ++i) {
+    const std::string field = "handles[" + std::to_string(i) + "].name";
+    if (setup.handles[i].name.empty()) invalid(field + ": must not be empty");
+    if (!names.insert(setup.handles[i].name).second) invalid(field + ": " + quoted(setup.handles[i].name) + " is used twice");
+  }
+  std::set<std::string> variable_names;
+  for (std::size_t k = 0; k < setup.variables.size(); ++k) validate_variable(setup, k, variable_names);
+
+  SelectedRegions selected;
+  std::vector<std::uint32_t> owners(mesh.point_count(), nobody);
+  for (std::size_t i = 0; i < setup.handles.size(); ++i) {
+    const std::string what = "handle " + quoted(setup.handles[i].name);
+    selected.handles.push_back(select(setup.handles[i].region, mesh, what));
+    if (selected.handles.back().empty()) invalid(what + ": its region contains no point");
+    claim(selected.handles.back(), static_cast<std::uint32_t>(i), what, setup, owners);
+  }
+  const auto fixed_owner = static_cast<std::uint32_t>(setup.handles.size());
+  for (std::size_t i = 0; i < setup.fixed.size(); ++i) {
+    const std::string what = "fixed[" + std::to_string(i) + "]";
+    const std::vector<PointId> ids = select(setup.fixed[i], mesh, what);
+    if (ids.empty()) invalid(what + ": its region contains no point");
+    claim(ids, fixed_owner, what, setup, owners);
+  }
+  for (std::size_t id = 0; id < owners.size(); ++id) {
+    if (owners[id] == fixed_owner) selected.fixed.push_back(static_cast<PointId>(id));
+  }
+  return selected;
+}
+
+std::vector<Affine> handle_motions(const Setup& setup, std::span<const double> variables) {
+  check_values(setup, variables);
+  std::vector<Affine> motions(setup.handles.size(), identity_affine);
+  for (std::size_t k = 0; k < variables.size(); ++k) {
+    Affine& motion = motions[handle_index(setup, setup.variables[k].handle)];
+    motion = compose(motion_of(setup.variables[k], variables[k]), motion);
+  }
+  return motions;
+}
+
+std::vector<Affine> handle_motion_derivative(const Setup& setup, std::span<const double> variables, std::size_t k) {
+  check_values(setup, variables);
+  if (k >= setup.variables.size()) {
+    invalid("variable " + std::to_string(k) + " is out of range, the setup has " + std::to_string(setup.variables.size()));
+  }
+  std::vector<Affine> derivatives(setup.handles.size(), Affine{});
+  const std::string& handle = setup.variables[k].handle;
+  Affine before = identity_affine;
+  Affine result{};
+  for (std::size_t j = 0; j < variables.size(); ++j) {
+    const DesignVariable& variable = setup.variables[j];
+    if (variable.handle != handle) continue;
+    if (j < k) before = compose(motion_of(variable, variables[j]), before);
+    if (j == k) result = chained(derivative_of(variable, variables[j]), before, 1);
+    if (j > k) result = chained(motion_of(variable, variables[j]), result, 0);
+  }
+  derivatives[handle_index(setup, handle)] = result;
+  return derivatives;
+}
+
+}  // namespace deform

@@ -1,0 +1,86 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/base/types.h"
+#include "core/numerics/dense_solver.h"
+#include "core/numerics/kernel.h"
+#include "core/numerics/polynomial.h"
+
+namespace deform {
+
+/// One factorization of the bordered RBF system (thesis eq. 3.9, 3.10)
+///
+///   [ Phi  P ] [w]   [f]      Phi_ij = phi(|x_i - x_j|), m x m
+///   [ P^T  0 ] [c] = [g]      P_ij = p_j(x_i), m x q of full rank
+///
+/// Immutable after construction; any number of threads may solve at once.
+class SaddleFactor {
+ public:
+  virtual ~SaddleFactor() = default;
+  /// B = [f; g], (m + q) x columns, becomes [w; c].
+  virtual void solve(Eigen::MatrixXd& B) const = 0;
+  virtual std::size_t bytes() const = 0;
+  /// Estimate of the 1-norm condition of the factored matrix (of the projected one for Cholesky).
+  virtual double condition() const = 0;
+};
+
+/// What every back-end assembles its matrix from. Must outlive the construction of a factor, not the factor.
+struct SaddleProblem {
+  RadialKernel kernel;
+  std::span<const Vec3> centres;
+  const PolynomialSpace& polynomials;
+};
+
+/// Back-ends. Null when the matrix is not positive definite to working precision (Cholesky). Throw Error(numerical_failure) when
+/// it is singular, cancelled, deadline_exceeded.
+std::unique_ptr<SaddleFactor> factor_cholesky(const SaddleProblem& problem, const RunContext& context);
+std::unique_ptr<SaddleFactor> factor_ldlt(const SaddleProblem& problem, const RunContext& context);
+std::unique_ptr<SaddleFactor> factor_lu(const SaddleProblem& problem, const RunContext& context);
+
+struct InterpolationOptions {
+  RadialKernel kernel;
+  int polynomial_degree = 1;
+  DenseSolver solver = DenseSolver::automatic;
+  std::size_t memory_limit = 0;  ///< bytes that the fallback may take; 0 = unlimited
+};
+
+/// An RBF interpolant with everything but the values prepared. Coordinates should be of unit size.
+class InterpolationSystem {
+ public:
+  /// Throws Error(numerical_failure) when the solver breaks down, out_of_budget, cancelled, deadline_exceeded.
+  InterpolationSystem(std::vector<Vec3> centres, const InterpolationOptions& options, const RunContext& context);
+
+  std::size_t size() const { return centres_.size(); }
+  const std::vector<Vec3>& centres() const { return centres_; }
+  const RadialKernel& kernel() const { return kernel_; }
+  const PolynomialSpace& polynomials() const { return polynomials_; }
+  DenseSolver solver() const { return solver_; }  ///< the one used
+  double condition() const { return factor_->condition(); }
+  std::size_t bytes() const { return factor_->bytes() + centres_.size() * sizeof(Vec3); }
+  const std::vector<std::string>& notes() const { return notes_; }
+
+  /// F (m x columns) values at the centres -> (m + q) x columns weights and polynomial coefficients.
+  Eigen::MatrixXd solve(const Eigen::MatrixXd& F) const;
+  /// The transposed (equal) system with right-hand sides for both parts: for adjoints.
+  void solve_saddle(Eigen::MatrixXd& B) const { factor_->solve(B); }
+
+  /// Upper bounds for m centres.
+  static std::size_t factor_bytes(std::size_t m, DenseSolver solver);
+  static std::size_t peak_bytes(std::size_t m, DenseSolver solver);
+
+ private:
+  std::vector<Vec3> centres_;
+  RadialKernel kernel_;
+  PolynomialSpace polynomials_;
+  DenseSolver solver_ = DenseSolver::cholesky;
+  std::vector<std::string> notes_;
+  std::unique_ptr<SaddleFactor> factor_;
+};
+
+}  // namespace deform

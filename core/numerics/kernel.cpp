@@ -1,0 +1,52 @@
+#include "core/numerics/kernel.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace deform {
+
+KernelProperties properties(Kernel kernel) {
+  switch (kernel) {
+    case Kernel::triharmonic:
+      return {"triharmonic", 2, 1, false};
+    case Kernel::biharmonic:
+      return {"biharmonic", 1, -1, false};
+    case Kernel::quintic:
+      return {"quintic", 3, -1, false};
+    case Kernel::gaussian:
+      return {"gaussian", 0, 1, true};
+    case Kernel::multiquadric:
+      return {"multiquadric", 1, -1, true};
+    case Kernel::inverse_multiquadric:
+      return {"inverse_multiquadric", 0, 1, true};
+    case Kernel::wendland_c2:
+      return {"wendland_c2", 0, 1, true};
+  }
+  return {"triharmonic", 2, 1, false};
+}
+
+double value(const RadialKernel& kernel, double r2) {
+  const double r = std::sqrt(r2);
+  const double s = kernel.shape;
+  switch (kernel.kernel) {
+    case Kernel::triharmonic:
+      return r2 * r;
+    case Kernel::biharmonic:
+      return r;
+    case Kernel::quintic:
+      return r2 * r2 * r;
+    case Kernel::gaussian:
+      return std::exp(-r2 / (s * s));
+    case Kernel::multiquadric:
+      return std::sqrt(r2 + s * s);
+    case Kernel::inverse_multiquadric:
+      return 1 / std::sqrt(r2 + s * s);
+    case Kernel::wendland_c2: {
+      const double t = std::max(0.0, 1 - r / s);
+      return t * t * t * t * (4 * r / s + 1);
+    }
+  }
+  return 0;
+}
+
+}  // namespace deform

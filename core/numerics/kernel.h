@@ -1,0 +1,36 @@
+#pragma once
+
+namespace deform {
+
+/// Radial kernels (thesis table 3.1). r is a distance, s the shape parameter.
+enum class Kernel {
+  triharmonic,           ///< r^3, order 2
+  biharmonic,            ///< r, order 1
+  quintic,               ///< r^5, order 3
+  gaussian,              ///< exp(-(r/s)^2), positive definite
+  multiquadric,          ///< sqrt(r^2 + s^2), order 1
+  inverse_multiquadric,  ///< 1 / sqrt(r^2 + s^2), positive definite
+  wendland_c2,           ///< (1 - r/s)_+^4 (4 r/s + 1), positive definite in three dimensions
+};
+
+/// What a kernel says about the system it leads to: sign * phi is positive definite on the complement of the polynomials of total
+/// degree order - 1 (Wendland, Scattered Data Approximation, chapter 8), so the polynomial part is derived and never remembered.
+struct KernelProperties {
+  const char* name;  ///< lower case, as in messages
+  int order;         ///< of conditional positive definiteness; 0 = positive definite
+  int sign;          ///< +1 or -1
+  bool has_shape;
+};
+
+KernelProperties properties(Kernel kernel);
+
+/// A kernel with its parameter, in the coordinates it is evaluated in.
+struct RadialKernel {
+  Kernel kernel = Kernel::triharmonic;
+  double shape = 1;  ///< s; ignored by r, r^3, r^5
+};
+
+/// phi at squared distance r2. The reference that the vectorized sums are tested against.
+double value(const RadialKernel& kernel, double r2);
+
+}  // namespace deform

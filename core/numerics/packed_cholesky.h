@@ -1,0 +1,47 @@
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <vector>
+
+#include "core/base/run_context.h"
+
+namespace deform {
+
+/// A symmetric positive definite matrix in block columns: panel p holds rows first(p) .. size of columns first(p) .. first(p) +
+/// width(p), column-major, so a little more than half of the full square. Filled panel by panel, then factored in place, L L^T.
+/// solve() only reads: any number of threads at once; everything else is for one thread.
+class PackedCholesky {
+ public:
+  explicit PackedCholesky(std::size_t size);
+
+  std::size_t size() const { return size_; }
+  std::size_t panels() const { return offsets_.size() - 1; }
+  std::size_t first(std::size_t panel) const { return panel * block_; }
+  std::size_t width(std::size_t panel) const { return std::min(block_, size_ - first(panel)); }
+  std::size_t rows(std::size_t panel) const { return size_ - first(panel); }  ///< also the leading dimension
+  double* panel(std::size_t p) { return values_.data() + offsets_[p]; }
+  const double* panel(std::size_t p) const { return values_.data() + offsets_[p]; }
+  std::size_t bytes() const { return values_.size() * sizeof(double); }
+  static std::size_t bytes_for(std::size_t size);
+
+  /// Largest column sum of absolute values of the symmetric matrix, before factor().
+  double norm1() const;
+
+  /// False when a pivot is not positive (the contents are lost then). Same result for any number of threads. Reports "factor"
+  /// progress.
+  bool factor(const RunContext& context);
+
+  /// B (size x columns, column-major, leading dimension ldb) becomes A^-1 B.
+  void solve(double* B, std::size_t ldb, std::size_t columns) const;
+
+ private:
+  static std::size_t block_for(std::size_t size);
+
+  std::size_t size_;
+  std::size_t block_;
+  std::vector<std::size_t> offsets_;
+  std::vector<double> values_;
+};
+
+}  // namespace deform

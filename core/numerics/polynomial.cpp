@@ -1,0 +1,100 @@
+#include "core/numerics/polynomial.h"
+
+#include <Eigen/QR>
+#include <Eigen/SVD>
+#include <algorithm>
+
+namespace deform {
+
+namespace {
+
+constexpr double flat = 1e-6;       // of the extent: thinner hulls lose their dimension
+constexpr double dependent = 1e-9;  // relative pivot below which a monomial depends on the others
+struct Exponents {
+  int x, y, z;
+};
+constexpr std::array<Exponents, 10> monomials{
+    {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {2, 0, 0}, {1, 1, 0}, {1, 0, 1}, {0, 2, 0}, {0, 1, 1}, {0, 0, 2}}};
+
+}  // namespace
+
+PolynomialSpace::PolynomialSpace(std::span<const Vec3> centres, int degree) {
+  if (degree < 0) return;
+  const auto m = static_cast<Eigen::Index>(centres.size());
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const auto& c : centres) mean += Eigen::Map<const Eigen::Vector3d>(c.data());
+  mean /= static_cast<double>(m);
+  Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
+  double extent = 0;
+  for (const auto& c : centres) {
+    const Eigen::Vector3d d = Eigen::Map<const Eigen::Vector3d>(c.data()) - mean;
+    scatter += d * d.transpose();
+    extent = std::max(extent, d.norm());
+  }
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(scatter, Eigen::ComputeFullU);
+  for (int k = 0; k < 3; ++k) {
+    origin_[k] = mean[k];
+    for (int i = 0; i < 3; ++i) axes_[k][i] = svd.matrixU()(i, k);
+  }
+  // Extent along each axis from the points themselves: the scatter matrix has lost half of the digits.
+  for (int k = 0; k < 3; ++k) {
+    double width = 0;
+    for (const auto& c : centres) {
+      double t = 0;
+      for (int i = 0; i < 3; ++i) t += axes_[k][i] * (c[i] - origin_[i]);
+      width = std::max(width, std::abs(t));
+    }
+    if (extent > 0 && width > flat * extent) dimension_ = k + 1;
+  }
+  scale_ = extent > 0 ? 1 / extent : 1;
+
+  std::vector<int> candidates;
+  for (int t = 0; t < static_cast<int>(monomials.size()); ++t) {
+    const Exponents& e = monomials[t];
+    const bool inside = (e.y == 0 || dimension_ > 1) && (e.z == 0 || dimension_ > 2) && (e.x == 0 || dimension_ > 0);
+    if (inside && e.x + e.y + e.z <= degree) candidates.push_back(t);
+  }
+  terms_ = candidates;
+  const Eigen::MatrixXd P = matrix(centres);
+  Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(P);
+  qr.setThreshold(dependent);
+  terms_.clear();
+  for (Eigen::Index i = 0; i < qr.rank(); ++i) terms_.push_back(candidates[qr.colsPermutation().indices()[i]]);
+  std::sort(terms_.begin(), terms_.end());
+  dropped_ = candidates.size() - terms_.size();
+}
+
+Vec3 PolynomialSpace::local(const Vec3& x) const {
+  Vec3 result{};
+  for (int k = 0; k < dimension_; ++k) {
+    for (int i = 0; i < 3; ++i) result[k] += axes_[k][i] * (x[i] - origin_[i]);
+    result[k] *= scale_;
+  }
+  return result;
+}
+
+double PolynomialSpace::monomial(const Vec3& y, int term) const {
+  const Exponents& e = monomials[term];
+  double product = 1;
+  for (int i = 0; i < e.x; ++i) product *= y[0];
+  for (int i = 0; i < e.y; ++i) product *= y[1];
+  for (int i = 0; i < e.z; ++i) product *= y[2];
+  return product;
+}
+
+void PolynomialSpace::values(const Vec3& x, double* out) const {
+  const Vec3 y = local(x);
+  for (std::size_t t = 0; t < terms_.size(); ++t) out[t] = monomial(y, terms_[t]);
+}
+
+Eigen::MatrixXd PolynomialSpace::matrix(std::span<const Vec3> points) const {
+  Eigen::MatrixXd P(points.size(), terms_.size());
+  std::array<double, monomials.size()> row{};
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    values(points[i], row.data());
+    for (std::size_t t = 0; t < terms_.size(); ++t) P(i, t) = row[t];
+  }
+  return P;
+}
+
+}  // namespace deform
