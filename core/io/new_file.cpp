@@ -1,7 +1,9 @@
+#include <algorithm>
 #include <bit>
 #include <charconv>
 #include <cmath>
 #include <cstring>
+#include <unordered_set>
 
 #include "core/base/error.h"
 #include "core/io/byte_order.h"
@@ -24,12 +26,20 @@ void append_number(std::string& out, std::uint64_t value) {
   out.append(buffer, end);
 }
 
-/// OBJ separates group names by white space and starts comments with #.
-std::string obj_name(std::string name) {
-  for (char& c : name) {
-    if (static_cast<unsigned char>(c) <= ' ' || c == '#' || c == '\\') c = '_';
+/// Names as the format can hold them, still different from one another: `reserved` characters become underscores.
+std::vector<std::string> writable_names(const Mesh& mesh, std::string_view reserved) {
+  std::vector<std::string> names;
+  std::unordered_set<std::string> taken;
+  for (const Group& group : mesh.groups) {
+    std::string name = group.name;
+    for (char& c : name) {
+      if ((c >= 0 && c < ' ') || reserved.find(c) != std::string_view::npos) c = '_';
+    }
+    const std::string first = name;
+    for (int copy = 2; !taken.insert(name).second; ++copy) name = first + "_" + std::to_string(copy);
+    names.push_back(name);
   }
-  return name;
+  return names;
 }
 
 /// For each face the groups that hold it, as one compressed list.
@@ -55,10 +65,11 @@ class FaceMembership {
   std::vector<std::uint32_t> groups_;
 };
 
-void append_group_points(std::string& out, const Mesh& mesh) {
-  for (const Group& group : mesh.groups) {
+void append_group_points(std::string& out, const Mesh& mesh, const std::vector<std::string>& names) {
+  for (std::size_t g = 0; g < mesh.groups.size(); ++g) {
+    const Group& group = mesh.groups[g];
     if (group.points.empty()) continue;
-    out.append("g ").append(obj_name(group.name)).append("\np");
+    out.append("g ").append(names[g]).append("\np");
     for (const PointId point : group.points) {
       out += ' ';
       append_number(out, std::uint64_t{point} + 1);
@@ -77,7 +88,8 @@ std::string obj_bytes(const Mesh& mesh) {
     }
     out += '\n';
   }
-  append_group_points(out, mesh);
+  const std::vector<std::string> names = writable_names(mesh, " #\\");  // white space separates names, # starts a comment
+  append_group_points(out, mesh, names);
   const FaceMembership membership(mesh);
   std::span<const std::uint32_t> current;
   std::size_t corner = 0;
@@ -86,7 +98,7 @@ std::string obj_bytes(const Mesh& mesh) {
     if (face == 0 ? !groups.empty() || !mesh.groups.empty()
                   : !std::equal(groups.begin(), groups.end(), current.begin(), current.end())) {
       out += 'g';
-      for (const std::uint32_t g : groups) out.append(" ").append(obj_name(mesh.groups[g].name));
+      for (const std::uint32_t g : groups) out.append(" ").append(names[g]);
       out += '\n';
     }
     current = groups;
@@ -134,6 +146,7 @@ void append_facet(std::string& out, const Vec3& normal, const Vec3* const (&corn
 /// Text, one solid per group: binary STL has no names. A face of several groups goes to the first, faces of none to the end.
 std::string stl_text(const Mesh& mesh) {
   const FaceMembership membership(mesh);
+  const std::vector<std::string> names = writable_names(mesh, {});
   std::string out;
   const auto append_face = [&](FaceId face) {
     const Vec3* corners[3];
@@ -143,11 +156,11 @@ std::string stl_text(const Mesh& mesh) {
   for (std::size_t g = 0; g < mesh.groups.size(); ++g) {
     const Group& group = mesh.groups[g];
     if (group.faces.empty()) continue;
-    out.append("solid ").append(group.name).append("\n");
+    out.append("solid ").append(names[g]).append("\n");
     for (const FaceId face : group.faces) {
       if (membership.of(face)[0] == g) append_face(face);
     }
-    out.append("endsolid ").append(group.name).append("\n");
+    out.append("endsolid ").append(names[g]).append("\n");
   }
   std::vector<FaceId> unnamed;
   for (std::size_t face = 0; face < mesh.face_count(); ++face) {

@@ -187,6 +187,23 @@ TEST_F(FilesTest, ANewStlWithoutGroupsIsBinary) {
   EXPECT_EQ(back->face_points, mesh.face_points);
 }
 
+TEST_F(FilesTest, NamesThatTheFormatCannotHoldStayDifferent) {
+  Mesh mesh = grouped_triangles();
+  mesh.groups = {{"a b", {}, {0}}, {"a_b", {}, {1}}, {"a#b", {}, {2}}};
+  write_new_file(mesh, path("new.obj"));
+  const auto obj = read_mesh_file(path("new.obj"))->mesh();
+  ASSERT_EQ(obj->groups.size(), 3U);
+  EXPECT_EQ(obj->find_group("a_b")->faces, mesh.groups[0].faces);
+  EXPECT_EQ(obj->find_group("a_b_2")->faces, mesh.groups[1].faces);
+  EXPECT_EQ(obj->find_group("a_b_3")->faces, mesh.groups[2].faces);
+  mesh.groups[2].name = "line\nend";
+  write_new_file(mesh, path("new.stl"));
+  const auto stl = read_mesh_file(path("new.stl"))->mesh();
+  ASSERT_EQ(stl->groups.size(), 3U);
+  EXPECT_EQ(stl->find_group("a b")->faces, mesh.groups[0].faces);
+  EXPECT_EQ(stl->find_group("line_end")->faces, mesh.groups[2].faces);
+}
+
 TEST_F(FilesTest, NewFilesOfOtherKindsAreRefused) {
   const Mesh mesh = grouped_triangles();
   test::expect_error(ErrorCode::invalid_argument, {"new.off", ".obj or .stl"}, [&] { write_new_file(mesh, path("new.off")); });
