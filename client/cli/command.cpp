@@ -1,0 +1,101 @@
+#include "client/cli/command.h"
+
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <cmath>
+#include <cstdio>
+#include <exception>
+#include <iostream>
+
+namespace deform::cli {
+
+client::ClientOptions CommonOptions::client_options() const {
+  client::ClientOptions options;
+  options.address = server;
+  return options;
+}
+
+client::CallOptions CommonOptions::call_options() const {
+  client::CallOptions options;
+  if (timeout_seconds > 0) {
+    options.timeout = std::chrono::milliseconds(static_cast<std::int64_t>(std::ceil(timeout_seconds * 1e3)));
+  }
+  return options;
+}
+
+namespace {
+
+std::string one_line(std::string text) {
+  while (!text.empty() && (text.back() == '\n' || text.back() == ' ')) text.pop_back();
+  std::string line;
+  for (const char c : text) line += c == '\n' ? std::string("; ") : std::string(1, c);
+  return line;
+}
+
+void complain(const std::string& message) { std::cerr << "deform: " << one_line(message) << std::endl; }
+
+constexpr char footer[] = R"(A first round, with deformd running on this machine:
+  deform sample -o ahmed.obj                 write a reference car body
+  deform inspect ahmed.obj                   what is in it
+  deform prepare setup.yaml                  register and factorize once
+  deform apply setup.yaml --set roof_up=0.03 -o out.obj
+  deform sweep setup.yaml --designs designs.csv -o results/
+
+Exit codes: 0 ok, 1 failed (one line on stderr says why), 2 wrong usage, 130 interrupted by Ctrl-C (the server
+stops working on the request too).
+The server may also be named by the environment variable DEFORM_SERVER.)";
+
+ExitCode run_action(const Action& action) {
+  try {
+    return action();
+  } catch (const Error& error) {
+    complain(error.what());
+    return error.code() == ErrorCode::cancelled ? exit_interrupted : exit_failed;
+  } catch (const std::bad_alloc&) {
+    complain("not enough memory on this machine for this mesh");
+  } catch (const std::exception& error) {
+    complain(error.what());
+  }
+  return exit_failed;
+}
+
+void add_common_options(CLI::App& app, CommonOptions& common) {
+  app.add_option("--server", common.server, "Address of deformd, HOST:PORT")->envname("DEFORM_SERVER")->capture_default_str();
+  app.add_option("--timeout", common.timeout_seconds, "Seconds that one call to the server may take; 0: no limit")
+      ->check(CLI::Range(0.0, 1e6))
+      ->capture_default_str();
+  app.add_flag("--json", common.json, "Print results as JSON, for machines");
+}
+
+}  // namespace
+
+int run(int argc, const char* const* argv) {
+  CommonOptions common;
+  Action chosen;
+  CLI::App app{"deform: client of deformd, deformation of meshes for shape optimization", "deform"};
+  app.set_version_flag("--version", std::string("deform ") + DEFORM_VERSION);
+  app.footer(footer);
+  app.fallthrough();
+  app.require_subcommand(1);
+  app.get_formatter()->column_width(38);
+  add_common_options(app, common);
+  for (const auto add :
+       {add_sample_command, add_inspect_command, add_register_command, add_prepare_command, add_apply_command, add_sweep_command,
+        add_list_command, add_show_command, add_remove_command, add_status_command, add_bench_command}) {
+    add(app, common, chosen);
+  }
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::Success& help) {
+    app.exit(help);
+    return exit_ok;
+  } catch (const CLI::ParseError& error) {
+    const auto commands = app.get_subcommands();
+    complain(std::string(error.what()) + "; see deform " + (commands.empty() ? "" : commands.front()->get_name() + " ") +
+             "--help");
+    return exit_usage;
+  }
+  return run_action(chosen);
+}
+
+}  // namespace deform::cli

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <CLI/App.hpp>
+#include <functional>
+#include <string>
+
+#include "client/client.h"
+
+namespace deform::cli {
+
+enum ExitCode { exit_ok = 0, exit_failed = 1, exit_usage = 2, exit_interrupted = 130 };
+
+/// How results are printed.
+enum class Style { text, json };
+
+/// Options that stand before or after every command.
+struct CommonOptions {
+  std::string server = "127.0.0.1:50051";
+  double timeout_seconds = 0;  ///< of every call; 0 = none
+  bool json = false;
+
+  Style style() const { return json ? Style::json : Style::text; }
+  client::ClientOptions client_options() const;
+  client::CallOptions call_options() const;
+};
+
+/// What main runs after the command line was understood.
+using Action = std::function<ExitCode()>;
+
+/// Every command is one file with its options; it adds itself to the application and, when it is the chosen one, sets `chosen`.
+/// The common options outlive all.
+void add_sample_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_inspect_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_register_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_prepare_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_sweep_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_list_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_show_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_remove_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_status_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_bench_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+
+/// The whole program without main: parses, runs, prints errors as one line on stderr.
+int run(int argc, const char* const* argv);
+
+}  // namespace deform::cli

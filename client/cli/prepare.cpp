@@ -1,0 +1,109 @@
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <iostream>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "client/cli/command.h"
+#include "client/cli/format.h"
+#include "client/cli/result_json.h"
+#include "client/cli/workspace.h"
+
+namespace deform::cli {
+
+namespace {
+
+struct PrepareOptions {
+  PrepareInput input;
+  bool check = false;
+};
+
+void print_estimate(const v1::EstimateReply& estimate) {
+  std::cout << "valid\n";
+  for (const auto& handle : estimate.handles()) {
+    std::cout << "  handle " << handle.name() << ": " << handle.points() << " points\n";
+  }
+  std::cout << "  fixed: " << estimate.fixed_points() << " points\n"
+            << "  centres: at most " << estimate.centres() << '\n'
+            << "  memory: " << bytes_text(estimate.resident_bytes()) << " kept, " << bytes_text(estimate.peak_bytes())
+            << " while preparing, budget " << bytes_text(estimate.budget_bytes()) << (estimate.fits() ? "" : ": DOES NOT FIT")
+            << '\n'
+            << "  time: about " << duration_text(estimate.seconds())
+            << (estimate.resident() ? ", but it is prepared already" : "") << '\n';
+  for (const auto& note : estimate.notes()) std::cout << "  note: " << note << '\n';
+  std::cout << std::flush;
+}
+
+void print_system(const v1::SystemInfo& system) {
+  std::cout << system.id() << '\n';
+  std::cout << "  centres: " << system.centres() << (system.reduced() ? " (reduced from " : " (of ") << system.constraint_points()
+            << " constraint points)\n"
+            << "  points: " << system.points() << ", of these " << system.handle_points() << " in handles, "
+            << system.fixed_points() << " fixed, " << system.deformable_points() << " deformable\n"
+            << "  memory: " << bytes_text(system.bytes()) << '\n'
+            << "  solver: " << v1::Solver_Name(system.solver()) << ", condition " << number_text(system.condition()) << '\n'
+            << "  prepared in " << duration_text(system.seconds()) << '\n';
+  for (const auto& stage : system.stages())
+    std::cout << "    " << stage.stage() << ": " << duration_text(stage.seconds()) << '\n';
+  for (const auto& note : system.notes()) std::cout << "  note: " << note << '\n';
+  std::cout << std::flush;
+}
+
+ExitCode run_check(const PrepareOptions& options, const CommonOptions& common) {
+  Connection connection(common);
+  Progress progress;
+  const LoadedSetup loaded = load_setup(connection, options.input, progress);
+  progress.clear();
+  const auto estimate = connection.client().estimate(loaded.setup, connection.call());
+  if (common.style() == Style::json) {
+    print(to_json(estimate));
+  } else {
+    print_estimate(estimate);
+  }
+  return estimate.fits() ? exit_ok : exit_failed;
+}
+
+ExitCode run_prepare(const PrepareOptions& options, const CommonOptions& common) {
+  if (options.check) return run_check(options, common);
+  Connection connection(common);
+  Progress progress;
+  const PreparedSetup prepared = prepare_setup(connection, options.input, progress);
+  if (common.style() == Style::json) {
+    print(to_json(prepared.system));
+  } else {
+    print_system(prepared.system);
+  }
+  return exit_ok;
+}
+
+constexpr char setup_help[] = R"(A setup file is YAML:
+  geometry: ahmed.obj                     # a mesh file next to the setup file, or a geometry id
+  method: {rbf: {kernel: TRIHARMONIC}}
+  handles:
+    - {name: slant, region: {group: slant}}
+    - {name: roof,  region: {intersection: [{group: roof}, {box: {min: [0.2, -1, 0], max: [0.8, 1, 1]}}]}}
+  fixed: [{group: nose}, {group: underbody}, {group: stilts}]
+  variables:
+    - {name: roof_up,    handle: roof,  translate: [0, 0, 1], lower: -0.05, upper: 0.05}
+    - {name: slant_turn, handle: slant, rotate: {axis: [0, 1, 0], centre: [0, 0, 0.3]}, lower: -0.2, upper: 0.2}
+Regions: group, box {min, max}, sphere {centre, radius}, cylinder {start, end, radius}, half_space {point, normal},
+ids [..], open_boundary: true, all: true, union [..], intersection [..], difference [..], complement {..},
+grow {region, rings}. Variables: translate [x, y, z], rotate {axis, centre} in radians, scale {centre, axis}.
+Kernels: TRIHARMONIC, BIHARMONIC, QUINTIC, GAUSSIAN, MULTIQUADRIC, INVERSE_MULTIQUADRIC, WENDLAND_C2 (see setup.proto).
+Examples:
+  deform prepare setup.yaml --check
+  deform prepare setup.yaml --json)";
+
+}  // namespace
+
+void add_prepare_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
+  const auto options = std::make_shared<PrepareOptions>();
+  auto* command = app.add_subcommand("prepare", "Factorize the system of a setup on the server and print its id");
+  command->add_option("SETUP", options->input.setup, "Setup file, or the id of a system")->required();
+  command->add_option("--source", options->input.source, "Mesh file of a setup that names its geometry by id");
+  command->add_flag("--check", options->check, "Only validate, and print the estimate of centres, memory and time");
+  command->footer(setup_help);
+  command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_prepare(*options, common); }; });
+}
+
+}  // namespace deform::cli

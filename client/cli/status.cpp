@@ -1,0 +1,53 @@
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <iostream>
+#include <nlohmann/json.hpp>
+
+#include "client/cli/command.h"
+#include "client/cli/format.h"
+#include "client/cli/result_json.h"
+#include "client/client.h"
+
+namespace deform::cli {
+
+namespace {
+
+void print_status(const v1::ServerInfo& info, const std::string& server) {
+  std::cout << "deformd " << info.version() << " at " << server << ", " << (info.draining() ? "DRAINING" : "serving") << " for "
+            << duration_text(static_cast<double>(info.uptime_ms()) * 1e-3) << '\n'
+            << "  work: " << info.running() << " running on " << info.workers() << " workers, " << info.queue_length()
+            << " waiting (limit " << info.queue_limit() << "), " << info.designs_served() << " designs served\n"
+            << "  memory: " << bytes_text(info.memory_in_use()) << " in use of " << bytes_text(info.memory_budget())
+            << ", process " << bytes_text(info.resident_set_bytes()) << '\n'
+            << "  systems: " << info.systems_resident() << " in memory, " << bytes_text(info.cache_bytes()) << " of "
+            << bytes_text(info.cache_budget()) << "; " << info.cache_hits() << " hits, " << info.cache_misses() << " misses, "
+            << info.cache_evictions() << " evictions\n"
+            << "  store: " << info.geometries() << " geometries, " << info.setups() << " setups" << std::endl;
+}
+
+ExitCode run_status(const CommonOptions& common) {
+  client::ClientOptions options = common.client_options();
+  options.max_attempts = 1;  // the answer is about now
+  client::Client client(options);
+  client::CallOptions call = common.call_options();
+  if (!call.timeout) call.timeout = std::chrono::seconds(5);
+  const auto info = client.server_info(call);
+  if (common.style() == Style::json) {
+    print(to_json(info));
+  } else {
+    print_status(info, common.server);
+  }
+  if (!info.draining()) return exit_ok;
+  std::cerr << "deform: the server is draining and takes no new work; use another one" << std::endl;
+  return exit_failed;
+}
+
+}  // namespace
+
+void add_status_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
+  auto* command = app.add_subcommand("status", "Show how the server is; exit code 0 only when it serves");
+  command->footer("Waits at most 5 seconds unless --timeout says otherwise. Fits a container's health check.");
+  command->callback([&common, &chosen] { chosen = [&common] { return run_status(common); }; });
+}
+
+}  // namespace deform::cli

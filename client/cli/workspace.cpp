@@ -1,0 +1,122 @@
+#include "client/cli/workspace.h"
+
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <chrono>
+
+namespace deform::cli {
+
+namespace {
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+}  // namespace
+
+Connection::Connection(const CommonOptions& common) : common_(common), client_(common.client_options()) {}
+
+client::CallOptions Connection::call() const {
+  client::CallOptions options = common_.call_options();
+  options.cancel = interrupt_.flag();
+  return options;
+}
+
+v1::GeometryInfo register_mesh(Connection& connection, const std::shared_ptr<const Mesh>& mesh, const std::string& label,
+                               Progress& progress) {
+  client::GeometryArrays arrays;
+  arrays.points = mesh->points;
+  arrays.face_sizes = mesh->face_sizes;
+  arrays.face_points = mesh->face_points;
+  for (const auto& group : mesh->groups) arrays.groups.push_back({group.name, group.points, group.faces});
+  arrays.name = label;
+  auto info = connection.client().register_geometry(arrays, connection.call(),
+                                                    [&](double fraction) { progress.fraction("upload", fraction); });
+  // The points of the mesh itself, so that no copy stays.
+  connection.client().keep_points(info.id(), std::shared_ptr<const Points>(mesh, &mesh->points));
+  return info;
+}
+
+namespace {
+
+void read_source(LoadedSetup& loaded, const std::filesystem::path& path) {
+  const auto start = std::chrono::steady_clock::now();
+  loaded.source = io::read_mesh_file(path);
+  loaded.source_path = path;
+  loaded.times.read = seconds_since(start);
+}
+
+}  // namespace
+
+LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progress& progress) {
+  LoadedSetup loaded;
+  if (!std::filesystem::exists(input.setup) && looks_like_id(input.setup)) {
+    loaded.setup = connection.client().get_system(input.setup, connection.call()).setup();
+  } else {
+    SetupFile file = read_setup_file(input.setup);
+    loaded.setup = std::move(file.setup);
+    if (file.geometry_file) {
+      if (!input.source.empty()) {
+        throw Error(ErrorCode::invalid_argument, "--source: the setup names its mesh file itself; remove one of the two");
+      }
+      read_source(loaded, *file.geometry_file);
+    }
+  }
+  if (!input.source.empty()) read_source(loaded, input.source);
+  if (!loaded.source) return loaded;
+  const auto start = std::chrono::steady_clock::now();
+  const auto info = register_mesh(connection, loaded.source->mesh(), loaded.source_path.filename().string(), progress);
+  loaded.times.register_geometry = seconds_since(start);
+  if (loaded.setup.geometry().empty()) {
+    loaded.setup.set_geometry(info.id());
+  } else if (!info.id().starts_with(loaded.setup.geometry())) {
+    throw Error(ErrorCode::invalid_argument,
+                "--source " + input.source + ": holds geometry " + info.id() + ", the setup is for " + loaded.setup.geometry());
+  }
+  return loaded;
+}
+
+PreparedSetup prepare_setup(Connection& connection, const PrepareInput& input, Progress& progress) {
+  LoadedSetup loaded = load_setup(connection, input, progress);
+  PreparedSetup prepared;
+  const auto start = std::chrono::steady_clock::now();
+  prepared.system = connection.client().prepare(
+      loaded.setup, connection.call(), [&](const std::string& stage, double fraction) { progress.fraction(stage, fraction); });
+  progress.clear();
+  prepared.source = std::move(loaded.source);
+  prepared.source_path = std::move(loaded.source_path);
+  prepared.times = loaded.times;
+  prepared.times.prepare = seconds_since(start);
+  return prepared;
+}
+
+const io::MeshFile& source_of(const PreparedSetup& prepared) {
+  if (prepared.source) return *prepared.source;
+  throw Error(ErrorCode::invalid_argument,
+              "the setup names its geometry by id: give the mesh file that results are written into, --source FILE");
+}
+
+void OutputOptions::add_to(CLI::App& command) {
+  command
+      .add_option("--encoding", encoding,
+                  "How points travel: raw_f64 (bit-exact), raw_f32, draco or delta_zstd (both within the tolerance)")
+      ->check(CLI::IsMember({"raw_f64", "raw_f32", "draco", "delta_zstd"}))
+      ->capture_default_str();
+  command
+      .add_option("--tolerance", tolerance,
+                  "Largest error of a coordinate for draco and delta_zstd, model units; 0: 1e-6 of the bounding-box diagonal")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+}
+
+v1::Output OutputOptions::message() const {
+  v1::Output output;
+  output.set_tolerance(tolerance);
+  output.set_encoding(encoding == "raw_f64"   ? v1::RAW_F64
+                      : encoding == "raw_f32" ? v1::RAW_F32
+                      : encoding == "draco"   ? v1::DRACO
+                                              : v1::DELTA_ZSTD);
+  return output;
+}
+
+}  // namespace deform::cli

@@ -1,0 +1,78 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include "client/cli/command.h"
+#include "client/cli/interrupt.h"
+#include "client/cli/progress.h"
+#include "client/cli/setup_file.h"
+#include "client/client.h"
+#include "core/io/mesh_file.h"
+
+namespace deform::cli {
+
+/// A connection whose calls Ctrl-C cancels, here and on the server.
+class Connection {
+ public:
+  explicit Connection(const CommonOptions& common);
+
+  client::Client& client() { return client_; }
+  /// Fresh timeout, cancelled by Ctrl-C.
+  client::CallOptions call() const;
+  const CancelFlag& interrupted() const { return interrupt_.flag(); }
+
+ private:
+  const CommonOptions& common_;
+  Interrupt interrupt_;  // before the client's threads
+  client::Client client_;
+};
+
+/// Where the seconds went.
+struct StageTimes {
+  double read = 0, register_geometry = 0, prepare = 0;
+};
+
+/// Registers the mesh and lets the client keep its points. `label` is the name people see.
+v1::GeometryInfo register_mesh(Connection& connection, const std::shared_ptr<const Mesh>& mesh, const std::string& label,
+                               Progress& progress);
+
+/// A setup that stands ready on the server, and the file that results are written into.
+struct PreparedSetup {
+  v1::SystemInfo system;
+  std::shared_ptr<const io::MeshFile> source;  ///< null without a file
+  std::filesystem::path source_path;
+  StageTimes times;
+};
+
+struct PrepareInput {
+  std::string setup;   ///< a setup file, or the id of a system
+  std::string source;  ///< the mesh file of a setup that names its geometry by id; else empty
+};
+
+/// The setup with its geometry registered, not prepared yet.
+struct LoadedSetup {
+  v1::Setup setup;
+  std::shared_ptr<const io::MeshFile> source;
+  std::filesystem::path source_path;
+  StageTimes times;
+};
+LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progress& progress);
+
+/// Reads, registers, prepares.
+PreparedSetup prepare_setup(Connection& connection, const PrepareInput& input, Progress& progress);
+
+/// Throws Error(invalid_argument) when there is no file that results could be written into.
+const io::MeshFile& source_of(const PreparedSetup& prepared);
+
+/// --encoding, --tolerance.
+struct OutputOptions {
+  std::string encoding = "raw_f64";
+  double tolerance = 0;
+
+  void add_to(CLI::App& command);
+  v1::Output message() const;
+};
+
+}  // namespace deform::cli
