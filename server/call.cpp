@@ -12,7 +12,7 @@ std::optional<Error> Call::overdue(RunContext::Clock::time_point now) const {
 
 RunContext Call::run_context(int threads) const {
   RunContext context;
-  context.cancel = context_.cancel;
+  context.cancel = stop_;
   context.deadline = context_.deadline;
   context.threads = threads;
   return context;
@@ -69,10 +69,7 @@ void CallRegistry::fail_all(const Error& error) {
     const std::lock_guard lock(mutex_);
     for (const auto& [key, call] : calls_) calls.push_back(call);
   }
-  for (const auto& call : calls) {
-    call->context().cancel.cancel();  // reaches what is computing
-    call->fail(error);
-  }
+  for (const auto& call : calls) call->fail(error);
 }
 
 void CallRegistry::watch() {

@@ -312,6 +312,7 @@ DeformJob::Poll DeformCall::poll(v1::DeformReply& reply) {
 }
 
 void DeformCall::fail(const Error& error) {
+  stop();
   Notice notice(*this);
   std::deque<v1::DeformReply> dropped;  // destroyed after the lock
   const std::lock_guard lock(mutex_);
@@ -355,10 +356,7 @@ class JobHandle : public DeformJob {
   JobHandle& operator=(const JobHandle&) = delete;
 
   Poll poll(v1::DeformReply& reply) override { return call_->poll(reply); }
-  void cancel() override {
-    call_->context().cancel.cancel();
-    call_->fail(Error(ErrorCode::cancelled, "cancelled by the caller"));
-  }
+  void cancel() override { call_->fail(Error(ErrorCode::cancelled, "cancelled by the caller")); }
   std::optional<Error> error() const override { return call_->error(); }
   CallStats stats() const override { return call_->stats(); }
 

@@ -51,7 +51,10 @@ class OutcomeCall : public Call {
     if (!ended_) ticket_ = std::move(ticket);  // otherwise it leaves here
   }
 
-  void fail(const Error& error) override { end({std::nullopt, error, {}}); }
+  void fail(const Error& error) override {
+    stop();
+    end({std::nullopt, error, {}});
+  }
 
  private:
   std::shared_ptr<OutcomeCall> self() { return std::static_pointer_cast<OutcomeCall>(shared_from_this()); }

@@ -28,15 +28,11 @@ class DeformCallTest : public testing::Test {
   }
   void TearDown() override {
     preparation.open();
-    if (const auto system = fake()) {
-      if (system->gate) system->gate->open();
-    }
+    if (resident && fake().gate) fake().gate->open();
     calls.fail_all(Error(ErrorCode::unavailable, "the test is over"));
     if (scheduler) scheduler->stop();
   }
-  std::shared_ptr<FakeSystem> fake() const {
-    return resident ? std::const_pointer_cast<FakeSystem>(std::static_pointer_cast<const FakeSystem>(resident->system)) : nullptr;
-  }
+  FakeSystem& fake() const { return const_cast<FakeSystem&>(static_cast<const FakeSystem&>(*resident->system)); }
 
   DeformTask task(std::size_t designs, v1::Encoding encoding = v1::RAW_F64) {
     DeformTask task;
@@ -172,7 +168,7 @@ TEST_F(DeformCallTest, a_slow_reader_holds_no_worker_and_bounded_memory) {
   const auto slow = begin(task(100));  // 240 MB in all
   ASSERT_TRUE(eventually([&] { return scheduler->load().waiting == 0 && scheduler->load().running == 0; }))
       << "it has given up its slot";
-  const int slices = fake()->slices;
+  const int slices = fake().slices;
   EXPECT_LT(slices, 100) << "of about 3500";
   EXPECT_LT(memory.in_use(), std::size_t{40} << 20);
   // Others are served meanwhile.
@@ -192,10 +188,10 @@ TEST_F(DeformCallTest, a_slow_reader_holds_no_worker_and_bounded_memory) {
 
 TEST_F(DeformCallTest, cancelling_stops_the_steps_and_wakes_the_reader) {
   open(100'000);
-  fake()->gate = std::make_shared<Gate>();
+  fake().gate = std::make_shared<Gate>();
   const auto wake = std::make_shared<Wake>();
   const auto job = begin(task(100), {}, wake);
-  ASSERT_TRUE(eventually([&] { return fake()->gate->waiting() == 2; })) << "a lone request uses all workers";
+  ASSERT_TRUE(eventually([&] { return fake().gate->waiting() == 2; })) << "a lone request uses all workers";
   v1::DeformReply reply;
   ASSERT_EQ(job->poll(reply), Poll::reply);  // the header
   ASSERT_EQ(job->poll(reply), Poll::pending);
@@ -207,9 +203,9 @@ TEST_F(DeformCallTest, cancelling_stops_the_steps_and_wakes_the_reader) {
   EXPECT_EQ(job->poll(reply), Poll::done);
   ASSERT_TRUE(job->error());
   EXPECT_EQ(job->error()->code(), ErrorCode::cancelled);
-  fake()->gate->open();
+  fake().gate->open();
   EXPECT_TRUE(eventually([&] { return memory.in_use() == 0; })) << "when the running steps are over";
-  EXPECT_LE(fake()->slices, 4);
+  EXPECT_LE(fake().slices, 4);
 }
 
 TEST_F(DeformCallTest, the_callers_flag_is_seen_while_queued) {
@@ -246,9 +242,9 @@ TEST_F(DeformCallTest, deadlines_pass_while_queued_while_computing_and_while_nob
   const auto unread = begin(task(100), in(100));
   std::this_thread::sleep_for(std::chrono::milliseconds(200));
   expect_deadline(unread);
-  fake()->gate = std::make_shared<Gate>();
+  fake().gate = std::make_shared<Gate>();
   const auto computing = begin(task(100), in(100));
-  ASSERT_TRUE(eventually([&] { return fake()->gate->waiting() == 1; }));
+  ASSERT_TRUE(eventually([&] { return fake().gate->waiting() == 1; }));
   const auto queued = begin(task(1), in(50));
   expect_deadline(queued);
   expect_deadline(computing);
@@ -337,9 +333,9 @@ TEST_F(DeformCallTest, what_does_not_fit_into_memory_is_refused) {
 
 TEST_F(DeformCallTest, letting_go_of_the_job_cancels_it) {
   open(100'000);
-  fake()->gate = std::make_shared<Gate>();
+  fake().gate = std::make_shared<Gate>();
   begin(task(100)).reset();
-  fake()->gate->open();
+  fake().gate->open();
   EXPECT_TRUE(calls.wait_until_empty(RunContext::Clock::now() + std::chrono::seconds(10)));
   EXPECT_TRUE(eventually([&] { return memory.in_use() == 0 && scheduler->load().running == 0; }));
 }

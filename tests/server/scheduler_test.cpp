@@ -92,8 +92,9 @@ TEST(Scheduler, no_more_requests_run_than_there_are_slots) {
   ASSERT_TRUE(eventually([&] { return begun() == 3; }));
   const Scheduler::Slot resumed = scheduler.resume();  // never waits
   EXPECT_EQ(scheduler.load().running, 3u);
-  const std::lock_guard lock(mutex);
-  for (auto& slot : held) slot.leave();
+  scheduler.remove(&owner);
+  scheduler.stop();
+  held.clear();
 }
 
 TEST(Scheduler, steps_go_on_while_starts_wait_for_slots) {
