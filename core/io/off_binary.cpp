@@ -50,7 +50,7 @@ class Dialect {
     mesh->points.resize(vertices_);
     for (std::uint32_t i = 0; i < vertices_; ++i) {
       for (int k = 0; k < 3; ++k) {
-        const std::size_t at = first_vertex_ + i * stride_ + 4 * k;
+        const std::size_t at = first_vertex_ + i * stride_ + 4 * static_cast<std::size_t>(k);
         mesh->points[i][k] = std::bit_cast<float>(load_scalar<std::uint32_t>(bytes_.data() + at, order_));
         if (!std::isfinite(mesh->points[i][k])) {
           throw Error(ErrorCode::invalid_argument, name + ": byte " + std::to_string(at) + ": coordinate " + "xyz"[k] +
@@ -110,7 +110,7 @@ class Dialect {
     if (colours_ == FaceColours::absent) return true;
     if (left() < 4) return reject("the file ends in " + which() + " of " + std::to_string(faces_));
     const std::uint32_t components = next();
-    if (components > 4 || components * 4 > left()) {
+    if (components > 4 || std::size_t{components} * 4 > left()) {
       return reject(which() + " claims " + std::to_string(components) + " colour components");
     }
     at_ += 4 * std::size_t{components};

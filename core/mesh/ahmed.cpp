@@ -175,6 +175,7 @@ class HalfBody {
   /// The next row at from + t (to - from), joined to `row`, which it becomes.
   void add_row(std::vector<PointId>& row, const std::vector<Vec3>& from, const std::vector<Vec3>& to, double t, Part part) {
     std::vector<PointId> next;
+    next.reserve(row.size());
     for (std::size_t m = 0; m < row.size(); ++m) next.push_back(add_point(mixed(from[m], to[m], t)));
     add_ring(row, next, part);
     row = std::move(next);
@@ -196,6 +197,7 @@ class HalfBody {
     }
     const std::vector<PointId> edge = around_square([&](int i, int j) { return ids[i][j]; });
     std::vector<Vec3> square;
+    square.reserve(edge.size());
     for (const PointId id : edge) square.push_back(points_[id]);
     for (int l = 1; l < d_.disc; ++l) add_row(row, circle, square, static_cast<double>(l) / d_.disc, stilts);
     add_ring(row, edge, stilts);

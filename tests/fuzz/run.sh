@@ -1,8 +1,6 @@
 #!/bin/sh
 # Runs every fuzz target for a while; stops at the first finding and leaves it in BUILD_FOLDER/tests/fuzz/findings.
-#   cmake -S . -B BUILD_FOLDER -G Ninja -DCMAKE_CXX_COMPILER=clang++ -DCMAKE_BUILD_TYPE=RelWithDebInfo -DDEFORM_BUILD_FUZZ=ON \
-#         -DDEFORM_SANITIZE=fuzzer-no-link,address,undefined -DDEFORM_BUILD_NETWORK=OFF && cmake --build BUILD_FOLDER --target fuzz
-#   tests/fuzz/run.sh BUILD_FOLDER SECONDS [TARGET...]
+#   cmake --preset fuzz && cmake --build --preset fuzz && tests/fuzz/run.sh build/fuzz SECONDS [TARGET...]
 set -eu
 if [ $# -lt 2 ]; then
   echo "usage: $0 BUILD_FOLDER SECONDS_PER_TARGET [TARGET...]" >&2
