@@ -26,7 +26,7 @@ inline void decode_hostile(codec::Encoding encoding, std::uint32_t count, std::s
 
 /// The number of points from the first two bytes: mostly few, sometimes many.
 inline std::uint32_t count_from(const std::uint8_t* data) {
-  return data[0] % 8 == 7 ? std::uint32_t{data[1]} * 256 : data[1] % 64;
+  return data[0] % 8 == 7 ? std::uint32_t{data[1]} * 16 : data[1] % 64;
 }
 
 }  // namespace deform::fuzz
