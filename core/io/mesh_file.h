@@ -21,7 +21,9 @@ class MeshFile {
   virtual ~MeshFile() = default;
   virtual Format format() const = 0;
   /// Every point in file order (STL: coincident corners of the whole file welded into one point each, in order of first
-  /// appearance).
+  /// appearance). Face groups: OBJ groups, objects and materials by their names; where an object or material has the name of a
+  /// group with other faces it is called "object:NAME" or "material:NAME". STL solids by name, the n-th solid of the file
+  /// "solid_n" when it has none; solids of one name are one group. Groups without members are left out.
   virtual std::shared_ptr<const Mesh> mesh() const = 0;
 
   /// The original file with the coordinates of `points` (size mesh()->point_count()) and nothing else changed: comments, spacing,

@@ -95,6 +95,12 @@ TEST(ObjTest, NamesBecomeUtf8) {
                                         "gr\xc3\xbcn"));
 }
 
+TEST(ObjTest, ControlCharactersDoNotEndANameOrTheReading) {
+  using namespace std::string_literals;
+  const auto mesh = read(square + "g a\0b c\0\nf 1 2 3\n"s);
+  EXPECT_THAT(names(*mesh), ElementsAre("a_b", "c_"));
+}
+
 TEST(ObjTest, LineContinuationsLineEndsAndComments) {
   const auto mesh =
       read("v 0 \\\n  0 0\r\nv 1 0 0 # here\r\nv 0 1 0#there\nf 1 \\\r\n 2 \\\n 3\n# f 1 2 \\\nf 3 2 1\nvp 1 \\\n f 9 9 9\n");
