@@ -4,7 +4,7 @@
 
 #include <cmath>
 #include <cstring>
-#include <vector>
+#include <memory>
 
 #include "core/base/error.h"
 #include "core/codec/delta_coder.h"
@@ -59,13 +59,14 @@ void check_sum(const Block& block, const void* data, std::size_t size) {
 
 void decode_integers(const Block& block, std::span<const Vec3> registered, std::span<Vec3> out) {
   if (!plausible(block.step, block.offset)) throw Error(ErrorCode::data_loss, "block: step or offset out of range");
-  std::vector<std::int32_t> values(3 * out.size());
+  const auto buffer = std::make_unique_for_overwrite<std::int32_t[]>(3 * out.size());
+  const std::span<std::int32_t> values(buffer.get(), 3 * out.size());
   if (block.encoding == Encoding::draco) {
     decode_draco(block.bytes, values);
   } else {
     decode_delta(block.bytes, values);
   }
-  check_sum(block, values.data(), values.size() * sizeof(std::int32_t));
+  check_sum(block, values.data(), values.size_bytes());
   Grid grid;
   grid.step = block.step;
   grid.offset = block.offset;
@@ -96,7 +97,7 @@ Block encode(std::span<const Vec3> registered, std::span<const Vec3> deformed, c
   }
   const bool draco = options.encoding == Encoding::draco;
   Grid grid;
-  if (!to_grid(registered, deformed, options.tolerance, grid) || (draco && !suits_draco(grid.values))) {
+  if (!to_grid(registered, deformed, options.tolerance, grid) || (draco && !suits_draco(grid.values()))) {
     block.fell_back = true;
     encode_raw_f64(deformed, block);
     return block;
@@ -105,8 +106,8 @@ Block encode(std::span<const Vec3> registered, std::span<const Vec3> deformed, c
   block.step = grid.step;
   block.offset = grid.offset;
   block.max_error = grid.max_error;
-  block.checksum = checksum_of(grid.values.data(), grid.values.size() * sizeof(std::int32_t));
-  block.bytes = draco ? encode_draco(grid.values) : encode_delta(grid.values);
+  block.checksum = checksum_of(grid.buffer.get(), grid.size * sizeof(std::int32_t));
+  block.bytes = draco ? encode_draco(grid.values()) : encode_delta(grid.values());
   return block;
 }
 

@@ -71,8 +71,9 @@ bool to_grid(std::span<const Vec3> registered, std::span<const Vec3> deformed, d
   for (std::size_t lane = 0; lane < lanes; ++lane) {
     start[lane] = rounded((target[lane % 3] - rest[lane % 3]) * inverse);
   }
-  grid.values.resize(count);
-  std::int32_t* values = grid.values.data();
+  grid.buffer = std::make_unique_for_overwrite<std::int32_t[]>(count);
+  grid.size = count;
+  std::int32_t* values = grid.buffer.get();
   double range[lanes] = {};
   double error[lanes] = {};
   const double step = grid.step;

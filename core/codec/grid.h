@@ -1,9 +1,10 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
-#include <vector>
 
 #include "core/base/types.h"
 
@@ -14,8 +15,12 @@ namespace deform::codec {
 struct Grid {
   double step = 0;  ///< model units
   std::array<std::int64_t, 3> offset{};
-  std::vector<std::int32_t> values;  ///< count x 3, row by row, |value| <= largest_value
-  double max_error = 0;              ///< true largest |reconstructed - deformed|, model units
+  std::unique_ptr<std::int32_t[]> buffer;  ///< not initialized before it is filled: that costs as much as filling it
+  std::size_t size = 0;                    ///< 3 x count
+  double max_error = 0;                    ///< true largest |reconstructed - deformed|, model units
+
+  /// count x 3, row by row, |value| <= largest_value
+  std::span<const std::int32_t> values() const { return {buffer.get(), size}; }
 };
 
 inline constexpr std::int32_t largest_value = 1 << 29;
