@@ -32,7 +32,8 @@ struct EngineOptions {
   void validate() const;
 };
 
-/// What the transport knows about a call. Its cancel flag and deadline reach every loop.
+/// What the transport knows about a call. Its cancel flag and deadline are watched and reach every loop within about ten
+/// milliseconds; the engine never sets the flag, so several calls may share one.
 struct CallContext {
   CancelFlag cancel;
   std::optional<RunContext::Clock::time_point> deadline;
@@ -61,7 +62,8 @@ class GeometryUpload {
   virtual v1::GeometryInfo finish() = 0;
 };
 
-/// A running deformation: pull-based, so that a slow reader never holds a worker. Thread-safe.
+/// A running deformation: pull-based, so that a slow reader never holds a worker. Letting go of it cancels. Thread-safe; may
+/// outlive its engine.
 class DeformJob {
  public:
   enum class Poll {
@@ -107,7 +109,7 @@ class Engine {
   };
 
   virtual v1::EstimateReply estimate(const v1::EstimateRequest& request) = 0;
-  /// on_progress may be empty. on_done is called exactly once.
+  /// on_progress may be empty; a last call of it may overlap with on_done. on_done is called exactly once.
   virtual void prepare(const v1::PrepareRequest& request, const CallContext& call,
                        std::function<void(const v1::Progress&)> on_progress,
                        std::function<void(Outcome<v1::SystemInfo>)> on_done) = 0;
