@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/base/error.h"
+#include "core/base/parallel.h"
 
 namespace deform {
 
@@ -176,24 +177,27 @@ void RbfEvaluation::set_basis_coefficients() {
 
 void RbfEvaluation::solve_direct(const RunContext& context) {
   const auto& ids = system_->centres_.ids;
-  Eigen::MatrixXd F(ids.size(), direct_columns_);
-  for (std::size_t i = 0; i < designs_.size(); ++i) {
-    if (reports_[i].path != EvaluationPath::direct) continue;
+  const std::size_t rows = ids.size() + system_->system_->polynomials().terms();
+  direct_coefficients_.resize(rows * direct_columns_);
+  // Always three columns at a time: BLAS sums in another order for another number of columns, and a design must not depend on
+  // the others bit for bit.
+  parallel_for(context, designs_.size(), 1, [&](std::size_t i, std::size_t) {
+    if (reports_[i].path != EvaluationPath::direct) return;
+    Eigen::MatrixXd F(ids.size(), 3);
     for (std::size_t j = 0; j < ids.size(); ++j) {
       const Vec3 to = constrained(designs_[i], ids[j]);
       const Vec3 u = kind_ == MotionKind::position ? difference(to, system_->mesh_->points[ids[j]]) : to;
-      for (std::size_t k = 0; k < 3; ++k) F(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(column_[i] + k)) = u[k];
+      for (Eigen::Index k = 0; k < 3; ++k) F(static_cast<Eigen::Index>(j), k) = u[static_cast<std::size_t>(k)];
     }
-  }
-  context.check();
-  const Eigen::MatrixXd solution = system_->system_->solve(F);
-  context.check();
-  direct_coefficients_.resize(static_cast<std::size_t>(solution.size()));
-  for (Eigen::Index r = 0; r < solution.rows(); ++r) {
-    for (Eigen::Index c = 0; c < solution.cols(); ++c) {
-      direct_coefficients_[static_cast<std::size_t>(r * solution.cols() + c)] = solution(r, c);
+    const Eigen::MatrixXd solution = system_->system_->solve(F);
+    for (std::size_t r = 0; r < rows; ++r) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        direct_coefficients_[r * direct_columns_ + column_[i] + k] =
+            solution(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(k));
+      }
     }
-  }
+  });
+  context.check();
   measure_direct();
 }
 

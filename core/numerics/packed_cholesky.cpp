@@ -46,6 +46,7 @@ double PackedCholesky::norm1() const {
 bool PackedCholesky::factor(const RunContext& context) {
   lapack::use_one_thread();
   constexpr std::size_t row_chunk = 512;
+  context.progress("factor", 0);
   for (std::size_t k = 0; k < panels(); ++k) {
     context.check();
     double* L = panel(k);
@@ -54,6 +55,10 @@ bool PackedCholesky::factor(const RunContext& context) {
     int info = 0;
     dpotrf_("L", &n, L, &ld, &info);
     if (info != 0) return false;
+    // OpenBLAS lets NaN pass.
+    for (std::size_t c = 0; c < width(k); ++c) {
+      if (!std::isfinite(L[c * rows(k) + c])) return false;
+    }
     const std::size_t below = rows(k) - width(k);
     parallel_for(context, below, row_chunk, [&](std::size_t begin, std::size_t end) {
       cblas_dtrsm(CblasColMajor, CblasRight, CblasLower, CblasTrans, CblasNonUnit, static_cast<int>(end - begin), n, 1.0, L, ld,
