@@ -70,6 +70,8 @@ struct Named {
   std::vector<PointId> boundary, non_manifold;
 };
 
+std::ostream& operator<<(std::ostream& out, const Named& c) { return out << c.name; }
+
 class NamedMeshTest : public testing::TestWithParam<Named> {};
 
 TEST_P(NamedMeshTest, BoundaryPoints) {

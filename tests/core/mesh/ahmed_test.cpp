@@ -62,6 +62,8 @@ struct Case {
   std::size_t points;
 };
 
+std::ostream& operator<<(std::ostream& out, const Case& c) { return out << "slant " << c.slant << ", " << c.points << " points"; }
+
 class AhmedTest : public testing::TestWithParam<Case> {
  protected:
   AhmedTest() : mesh_(ahmed_body({GetParam().slant, GetParam().points})) {}
@@ -166,12 +168,17 @@ TEST_P(AhmedTest, IsTheSameEveryTime) {
   EXPECT_EQ(again.face_points, mesh_.face_points);
 }
 
+std::string name_of(const testing::TestParamInfo<Case>& tested) {
+  return "slant_" + std::to_string(std::lround(10 * tested.param.slant)) + "_points_" + std::to_string(tested.param.points);
+}
+
 INSTANTIATE_TEST_SUITE_P(Small, AhmedTest,
                          testing::Values(Case{0, 2000}, Case{12.5, 2000}, Case{25, 2000}, Case{35, 2000}, Case{40, 2000},
                                          Case{25, 3000}, Case{25, 5000}, Case{0, 10000}, Case{12.5, 10000}, Case{25, 10000},
-                                         Case{35, 10000}, Case{40, 10000}));
-INSTANTIATE_TEST_SUITE_P(Large, AhmedTest,
-                         testing::Values(Case{0, 100000}, Case{25, 100000}, Case{40, 100000}, Case{25, 500000}));
+                                         Case{35, 10000}, Case{40, 10000}),
+                         name_of);
+INSTANTIATE_TEST_SUITE_P(Large, AhmedTest, testing::Values(Case{0, 100000}, Case{25, 100000}, Case{40, 100000}, Case{25, 500000}),
+                         name_of);
 
 TEST(AhmedOptionsTest, EveryTargetIsMet) {
   for (double target = 2000; target < 60000; target *= 1.07) {

@@ -43,6 +43,8 @@ struct BadMesh {
   std::vector<const char*> message;
 };
 
+std::ostream& operator<<(std::ostream& out, const BadMesh& c) { return out << c.name; }
+
 class BadMeshTest : public testing::TestWithParam<BadMesh> {};
 
 TEST_P(BadMeshTest, IsRefusedByFieldIndexAndLimit) {
