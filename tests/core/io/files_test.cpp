@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
@@ -20,8 +21,8 @@ namespace fs = std::filesystem;
 class FilesTest : public testing::Test {
  protected:
   FilesTest()
-      : folder_(fs::path(testing::TempDir()) /
-                ("files_test_" + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()))) {
+      : folder_(fs::path(testing::TempDir()) / ("files_test_" + std::to_string(::getpid()) + "_" +
+                                                std::string(testing::UnitTest::GetInstance()->current_test_info()->name()))) {
     fs::remove_all(folder_);
     fs::create_directories(folder_);
   }
