@@ -1,0 +1,233 @@
+// Every solver and kernel against a plain dense solve of the bordered system (thesis eq. 3.9, 3.10); breakdowns and limits.
+#include "core/numerics/interpolation_system.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <thread>
+
+#include "tests/core/numerics/random_points.h"
+#include "tests/support/expect_error.h"
+
+namespace deform {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+
+MatrixXd bordered(const InterpolationSystem& system) {
+  const auto& centres = system.centres();
+  const auto m = static_cast<Index>(centres.size());
+  const auto q = static_cast<Index>(system.polynomials().terms());
+  MatrixXd A = MatrixXd::Zero(m + q, m + q);
+  for (Index i = 0; i < m; ++i) {
+    for (Index j = 0; j < m; ++j) {
+      const double r2 = test::squared_distance(centres[static_cast<std::size_t>(i)], centres[static_cast<std::size_t>(j)]);
+      A(i, j) = value(system.kernel(), r2);
+    }
+  }
+  A.topRightCorner(m, q) = system.polynomials().matrix(centres);
+  A.bottomLeftCorner(q, m) = A.topRightCorner(m, q).transpose();
+  return A;
+}
+
+MatrixXd random_matrix(Index rows, Index columns, std::uint64_t seed) {
+  const auto values = test::random_values(static_cast<std::size_t>(rows * columns), seed);
+  return Eigen::Map<const MatrixXd>(values.data(), rows, columns);
+}
+
+// A smooth field, as deformations are.
+MatrixXd smooth_values(const std::vector<Vec3>& points) {
+  MatrixXd F(points.size(), 3);
+  for (Index i = 0; i < F.rows(); ++i) {
+    const Vec3& x = points[static_cast<std::size_t>(i)];
+    F.row(i) << std::sin(3 * x[0]) + x[1], std::cos(2 * x[1] - x[2]), x[0] * x[1] * x[2];
+  }
+  return F;
+}
+
+int degree_for(const RadialKernel& kernel) { return std::max(1, properties(kernel.kernel).order - 1); }
+
+InterpolationSystem make(const std::vector<Vec3>& centres, const RadialKernel& kernel, DenseSolver solver,
+                         const RunContext& context = {}) {
+  InterpolationOptions options;
+  options.kernel = kernel;
+  options.polynomial_degree = degree_for(kernel);
+  options.solver = solver;
+  return InterpolationSystem(centres, options, context);
+}
+
+constexpr DenseSolver solvers[] = {DenseSolver::automatic, DenseSolver::cholesky, DenseSolver::ldlt, DenseSolver::lu};
+
+TEST(InterpolationSystem, EverySolverAndKernelEqualsADenseSolve) {
+  const auto centres = test::random_points(211, 1);
+  for (const RadialKernel& kernel : test::all_kernels()) {
+    for (const DenseSolver solver : solvers) {
+      SCOPED_TRACE(std::string(properties(kernel.kernel).name) + " " + to_string(solver));
+      const InterpolationSystem system = make(centres, kernel, solver);
+      EXPECT_EQ(system.solver(), solver == DenseSolver::automatic ? DenseSolver::cholesky : solver);
+      const MatrixXd A = bordered(system);
+      // Both parts of the right-hand side, as adjoints need them.
+      const MatrixXd B = random_matrix(A.rows(), 4, 2);
+      MatrixXd X = B;
+      system.solve_saddle(X);
+      const MatrixXd expected = A.fullPivLu().solve(B);
+      const double limit = 1e-14 * (A.cwiseAbs().colwise().sum().maxCoeff() * A.inverse().cwiseAbs().colwise().sum().maxCoeff());
+      EXPECT_LT((X - expected).norm(), std::max(1e-11, limit) * expected.norm());
+      EXPECT_LT((A * X - B).norm(), 1e-12 * (A.norm() * X.norm()));
+
+      const MatrixXd F = smooth_values(centres);
+      const MatrixXd W = system.solve(F);
+      const auto m = static_cast<Index>(centres.size());
+      EXPECT_LT((A.topRows(m) * W - F).cwiseAbs().maxCoeff(), 1e-10);
+      // Side conditions: the weights carry no polynomial (thesis eq. 3.9).
+      EXPECT_LT((A.bottomLeftCorner(A.rows() - m, m) * W.topRows(m)).cwiseAbs().maxCoeff(),
+                1e-10 * std::max(1.0, W.topRows(m).cwiseAbs().maxCoeff()));
+    }
+  }
+}
+
+TEST(InterpolationSystem, CentresOnPlanesLinesAndPoints) {
+  for (const int dimension : {0, 1, 2}) {
+    auto centres = test::random_points(dimension == 0 ? 1 : 90, 4);
+    for (Vec3& c : centres) c = {0.2 + 0.8 * c[0], dimension > 1 ? c[1] : 0.5, 0.3 + 0.25 * c[0]};
+    for (const DenseSolver solver : solvers) {
+      const InterpolationSystem system = make(centres, {}, solver);
+      EXPECT_EQ(system.polynomials().hull_dimension(), dimension);
+      const MatrixXd F = smooth_values(centres);
+      const MatrixXd W = system.solve(F);
+      EXPECT_LT((bordered(system).topRows(F.rows()) * W - F).cwiseAbs().maxCoeff(), 1e-9) << dimension << to_string(solver);
+    }
+  }
+}
+
+TEST(InterpolationSystem, QuinticOnASphere) {
+  auto centres = test::random_points(150, 6);
+  for (Vec3& c : centres) {
+    const Vec3 d{c[0] - 0.5, c[1] - 0.5, c[2] - 0.5};
+    for (std::size_t k = 0; k < 3; ++k) c[k] = 0.5 + 0.5 * d[k] / std::hypot(d[0], d[1], d[2]);
+  }
+  const InterpolationSystem system = make(centres, {Kernel::quintic, 1}, DenseSolver::automatic);
+  EXPECT_EQ(system.solver(), DenseSolver::cholesky);
+  EXPECT_EQ(system.polynomials().terms(), 9u);
+  const MatrixXd F = smooth_values(centres);
+  EXPECT_LT((bordered(system).topRows(150) * system.solve(F) - F).cwiseAbs().maxCoeff(), 1e-9);
+}
+
+// METHODS: 60 pairs 1e-8 apart stop Cholesky, while LDL^T still delivers.
+std::vector<Vec3> pairs() {
+  auto centres = test::random_points(300, 8);
+  for (std::size_t i = 0; i < 60; ++i) centres.push_back({centres[i][0] + 1e-8, centres[i][1], centres[i][2]});
+  return centres;
+}
+
+TEST(InterpolationSystem, NearlyCoincidentCentresFallBackToLdlt) {
+  const auto centres = pairs();
+  const InterpolationSystem system = make(centres, {}, DenseSolver::automatic);
+  EXPECT_EQ(system.solver(), DenseSolver::ldlt);
+  ASSERT_EQ(system.notes().size(), 1u);
+  EXPECT_THAT(system.notes()[0], testing::HasSubstr("Cholesky broke down"));
+  const MatrixXd F = smooth_values(centres);
+  const MatrixXd A = bordered(system), W = system.solve(F);
+  EXPECT_LT((A.topRows(360) * W - F).norm(), 1e-14 * A.norm() * W.norm());
+  EXPECT_LT((A.topRows(360) * W - F).cwiseAbs().maxCoeff(), 4e-8);
+  for (const Index count : {301, 302, 305}) {  // one pair is enough
+    const InterpolationSystem few = make({centres.begin(), centres.begin() + count}, {}, DenseSolver::automatic);
+    EXPECT_EQ(few.solver(), DenseSolver::ldlt);
+    EXPECT_LT((bordered(few).topRows(count) * few.solve(F.topRows(count)) - F.topRows(count)).cwiseAbs().maxCoeff(), 4e-8);
+  }
+
+  test::expect_error(ErrorCode::numerical_failure, {"not positive definite", "AUTOMATIC or LDLT"},
+                     [&] { make(centres, {}, DenseSolver::cholesky); });
+  InterpolationOptions tight;
+  tight.memory_limit = 1000;
+  test::expect_error(ErrorCode::out_of_budget, {"LDL^T needs", "available"},
+                     [&] { InterpolationSystem(centres, tight, RunContext{}); });
+}
+
+TEST(InterpolationSystem, ConditionEstimateIsNearTheTruth) {
+  const auto centres = test::random_points(160, 9);
+  for (const RadialKernel& kernel : test::all_kernels()) {
+    for (const DenseSolver solver : {DenseSolver::ldlt, DenseSolver::lu}) {
+      const InterpolationSystem system = make(centres, kernel, solver);
+      const MatrixXd A = bordered(system);
+      const double truth =
+          A.cwiseAbs().colwise().sum().maxCoeff() * A.fullPivLu().inverse().cwiseAbs().colwise().sum().maxCoeff();
+      EXPECT_LT(system.condition(), truth * 1.01) << properties(kernel.kernel).name;
+      EXPECT_GT(system.condition(), truth / 4) << properties(kernel.kernel).name;
+    }
+    EXPECT_GT(make(centres, kernel, DenseSolver::cholesky).condition(), 1.0);
+  }
+}
+
+TEST(InterpolationSystem, ProjectionImprovesTheConditionUnderUnitChange) {
+  auto centres = test::random_points(240, 10);
+  for (Vec3& c : centres) {
+    for (double& x : c) x *= 1000;  // metres to millimetres, without the unit box
+  }
+  const double bordered_condition = make(centres, {}, DenseSolver::ldlt).condition();
+  const double projected_condition = make(centres, {}, DenseSolver::cholesky).condition();
+  EXPECT_GT(bordered_condition, 1e12);
+  EXPECT_LT(projected_condition, 1e7);
+}
+
+TEST(InterpolationSystem, SameBitsForAnyNumberOfThreads) {
+  const auto centres = test::random_points(700, 11);
+  const MatrixXd F = random_matrix(700, 3, 12);
+  for (const DenseSolver solver : solvers) {
+    RunContext context;
+    context.threads = 1;
+    const MatrixXd one = make(centres, {}, solver, context).solve(F);
+    context.threads = 2;
+    const MatrixXd two = make(centres, {}, solver, context).solve(F);
+    EXPECT_TRUE(one == two) << to_string(solver);
+  }
+}
+
+TEST(InterpolationSystem, SolvesFromManyThreads) {
+  const auto centres = test::random_points(300, 13);
+  const MatrixXd F = random_matrix(300, 3, 14);
+  for (const DenseSolver solver : solvers) {
+    const InterpolationSystem system = make(centres, {}, solver);
+    const MatrixXd expected = system.solve(F);
+    std::vector<MatrixXd> got(4);
+    std::vector<std::thread> threads;
+    for (auto& W : got) {
+      threads.emplace_back([&] { W = system.solve(F); });
+    }
+    for (auto& thread : threads) thread.join();
+    for (const auto& W : got) EXPECT_TRUE(W == expected) << to_string(solver);
+  }
+}
+
+TEST(InterpolationSystem, BytesStayWithinTheirBounds) {
+  for (const std::size_t m : {5, 100, 700}) {
+    for (const DenseSolver solver : solvers) {
+      const InterpolationSystem system = make(test::random_points(m, 15), {}, solver);
+      EXPECT_LE(system.bytes(), InterpolationSystem::factor_bytes(m, solver) + m * sizeof(Vec3)) << m << to_string(solver);
+    }
+  }
+}
+
+TEST(InterpolationSystem, StopsWhenCancelledBeforeAndDuring) {
+  const auto centres = test::random_points(900, 16);
+  RunContext before;
+  before.cancel.emplace();
+  before.cancel->cancel();
+  for (const DenseSolver solver : solvers) {
+    test::expect_error(ErrorCode::cancelled, {}, [&] { make(centres, {}, solver, before); });
+    for (const char* stage : {"assemble", "factor"}) {
+      RunContext during;
+      during.cancel.emplace();
+      during.on_progress = [&](const std::string& now, double) {
+        if (now == stage) during.cancel->cancel();
+      };
+      test::expect_error(ErrorCode::cancelled, {}, [&] { make(centres, {}, solver, during); });
+    }
+  }
+}
+
+}  // namespace
+}  // namespace deform
