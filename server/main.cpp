@@ -1,7 +1,9 @@
+#include <semaphore.h>
 #include <signal.h>
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <condition_variable>
 #include <cstdio>
 #include <cstdlib>
@@ -29,35 +31,39 @@ enum ExitCode { exit_ok = 0, exit_failed = 1, exit_usage = 2 };
   std::_Exit(exit_failed);
 }
 
-/// SIGTERM and SIGINT, waited for instead of handled: no code runs in a signal handler, and it works as process 1.
+// A signal handler reaches nothing but file scope. Blocking the signals and sigwait() would not need one, but libraries
+// (OpenBLAS) start threads before main(), which do not inherit the mask and would die of the signal.
+sem_t stop_signals;
+std::atomic<int> last_signal{0};
+static_assert(std::atomic<int>::is_always_lock_free);
+
+/// SIGTERM and SIGINT, counted by a semaphore. With handlers installed it works as process 1, too.
 class StopSignals {
  public:
-  /// Before any other thread exists, so that all inherit the mask.
   StopSignals() {
-    sigemptyset(&set_);
-    sigaddset(&set_, SIGTERM);
-    sigaddset(&set_, SIGINT);
-    pthread_sigmask(SIG_BLOCK, &set_, nullptr);
+    sem_init(&stop_signals, 0, 0);
+    struct sigaction action {};
+    action.sa_handler = [](int number) {
+      last_signal = number;
+      sem_post(&stop_signals);
+    };
+    action.sa_flags = SA_RESTART;
+    sigaction(SIGTERM, &action, nullptr);
+    sigaction(SIGINT, &action, nullptr);
     signal(SIGPIPE, SIG_IGN);
   }
   int wait() const {
-    int number = 0;
-    while (sigwait(&set_, &number) != 0) {
+    while (sem_wait(&stop_signals) != 0) {
     }
-    return number;
+    return last_signal;
   }
   /// From now on a signal ends the process at once.
   void give_up_at_the_next() const {
-    std::thread([set = set_] {
-      int number = 0;
-      while (sigwait(&set, &number) != 0) {
-      }
+    std::thread([this] {
+      wait();
       give_up("told to stop a second time: ending at once");
     }).detach();
   }
-
- private:
-  sigset_t set_;
 };
 
 /// Ends the process when it is not destroyed in time.
@@ -130,7 +136,7 @@ std::optional<std::string> environment_variable(const std::string& name) {
 
 int main(int argc, char** argv) {
   try {
-    const StopSignals signals;
+    static const StopSignals signals;  // outlives the thread that waits for the second one
     const auto configuration = deform::server::read_configuration({{argv + 1, argv + argc}, environment_variable});
     if (const auto* answer = std::get_if<deform::server::Answer>(&configuration)) {
       std::cout << answer->text << std::flush;

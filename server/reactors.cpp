@@ -16,14 +16,32 @@ double milliseconds_since(std::chrono::steady_clock::time_point start) {
 
 }  // namespace
 
+// ---- LiveCalls ----
+
+void LiveCalls::enter() {
+  const std::lock_guard lock(mutex_);
+  ++count_;
+}
+
+void LiveCalls::leave() {
+  const std::lock_guard lock(mutex_);
+  if (--count_ == 0) changed_.notify_all();
+}
+
+bool LiveCalls::wait_for_none(std::chrono::steady_clock::time_point deadline) {
+  std::unique_lock lock(mutex_);
+  return changed_.wait_until(lock, deadline, [this] { return count_ == 0; });
+}
+
 // ---- CallScope ----
 
-CallScope::CallScope(const char* method, grpc::CallbackServerContext* context)
-    : context_(context), started_(std::chrono::steady_clock::now()) {
+CallScope::CallScope(const char* method, const Incoming& incoming)
+    : incoming_(incoming), started_(std::chrono::steady_clock::now()) {
+  incoming_.live->enter();
   record.method = method;
-  record.client = call_.client = context->peer();
+  record.client = call_.client = incoming.context->peer();
   // gRPC keeps wall-clock deadlines, "none" as the end of time.
-  const auto deadline = context->deadline();
+  const auto deadline = incoming.context->deadline();
   const auto now = std::chrono::system_clock::now();
   if (deadline < now + std::chrono::hours(24 * 365)) {
     call_.deadline = started_ + std::chrono::duration_cast<std::chrono::steady_clock::duration>(deadline - now);
@@ -46,14 +64,15 @@ grpc::Status CallScope::finish(std::optional<Error> error) {
   record.error = std::move(error);
   if (!record.error) return grpc::Status::OK;
   if (const std::uint32_t hint = record.error->retry_after_ms(); hint != 0) {
-    context_->AddTrailingMetadata(retry_after_key, std::to_string(hint));
+    incoming_.context->AddTrailingMetadata(retry_after_key, std::to_string(hint));
   }
   return to_status(*record.error);
 }
 
-void CallScope::log() {
+void CallScope::leave() {
   record.wall_ms = milliseconds_since(started_);
   caught([this] { log_call(record); });
+  incoming_.live->leave();
 }
 
 void note_stats(const CallStats& stats, CallRecord& record) {
@@ -69,12 +88,12 @@ void note_stats(const CallStats& stats, CallRecord& record) {
 
 // ---- UnaryCall ----
 
-UnaryCall::UnaryCall(const char* method, grpc::CallbackServerContext* context, grpc::ByteBuffer* reply, Work work)
-    : scope_(method, context), reply_(reply), work_(std::move(work)) {}
+UnaryCall::UnaryCall(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, Work work)
+    : scope_(method, incoming), reply_(reply), work_(std::move(work)) {}
 
-grpc::ServerUnaryReactor* UnaryCall::launch(CallPool& pool, const char* method, grpc::CallbackServerContext* context,
-                                            grpc::ByteBuffer* reply, Work work) {
-  auto* call = new UnaryCall(method, context, reply, std::move(work));
+grpc::ServerUnaryReactor* UnaryCall::launch(CallPool& pool, const char* method, const Incoming& incoming, grpc::ByteBuffer* reply,
+                                            Work work) {
+  auto* call = new UnaryCall(method, incoming, reply, std::move(work));
   if (auto refused = caught([&] { pool.try_post([call] { call->answer(); }); })) {
     call->Finish(call->scope_.finish(std::move(refused)));
   }
@@ -92,7 +111,7 @@ void UnaryCall::answer() {
 }
 
 void UnaryCall::OnDone() {
-  scope_.log();
+  scope_.leave();
   delete this;
 }
 
@@ -203,7 +222,7 @@ void ReplyWriter<Reactor>::OnDone() {
   // Whoever called Finish has left the lock when it is ours.
   { const std::lock_guard lock(mutex_); }
   done();
-  scope_.log();
+  scope_.leave();
   self_.reset();
 }
 
@@ -212,8 +231,8 @@ template class ReplyWriter<grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteB
 
 // ---- RequestStream ----
 
-RequestStream::RequestStream(const char* method, grpc::CallbackServerContext* context, grpc::ByteBuffer* reply, CallPool& pool)
-    : scope_(method, context), pool_(pool), reply_(reply) {}
+RequestStream::RequestStream(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool)
+    : scope_(method, incoming), pool_(pool), reply_(reply) {}
 
 grpc::ServerReadReactor<grpc::ByteBuffer>* RequestStream::launch(std::shared_ptr<RequestStream> call) {
   call->self_ = call;
@@ -280,7 +299,7 @@ void RequestStream::OnCancel() {
 
 void RequestStream::OnDone() {
   { const std::lock_guard lock(mutex_); }
-  scope_.log();
+  scope_.leave();
   self_.reset();
 }
 

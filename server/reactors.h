@@ -6,6 +6,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <condition_variable>
 #include <functional>
 #include <memory>
 #include <mutex>
@@ -23,10 +24,30 @@ namespace deform::server {
 ///
 /// A reactor owns itself between launch() and OnDone. Whoever may call back later (engine, pool) holds a weak_ptr or shared_ptr.
 
+/// Counts the calls that have not ended. Thread-safe.
+class LiveCalls {
+ public:
+  void enter();
+  void leave();
+  /// True when none is left, false when the time is over first.
+  bool wait_for_none(std::chrono::steady_clock::time_point deadline);
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::size_t count_ = 0;  // under mutex_
+};
+
+/// A call as it comes in. Both live until OnDone at least.
+struct Incoming {
+  grpc::CallbackServerContext* context;
+  LiveCalls* live;
+};
+
 /// What every call has beside its mechanics. The record belongs to whoever has the turn of the call.
 class CallScope {
  public:
-  CallScope(const char* method, grpc::CallbackServerContext* context);
+  CallScope(const char* method, const Incoming& incoming);
 
   /// Cancel flag, deadline and peer, for the engine.
   const CallContext& call() const { return call_; }
@@ -37,13 +58,13 @@ class CallScope {
   Error given_up() const;
   /// Notes how the call ends and makes the status; a retry hint goes into the trailing metadata. Once, before Finish.
   grpc::Status finish(std::optional<Error> error);
-  /// One line. In OnDone.
-  void log();
+  /// One line, and the call counts no longer. In OnDone.
+  void leave();
 
   CallRecord record;
 
  private:
-  grpc::CallbackServerContext* const context_;  // until OnDone
+  const Incoming incoming_;
   const std::chrono::steady_clock::time_point started_;
   CallContext call_;
 };
@@ -56,11 +77,11 @@ class UnaryCall final : public grpc::ServerUnaryReactor {
  public:
   /// Fills the reply; may throw.
   using Work = std::function<grpc::ByteBuffer(CallScope&)>;
-  static grpc::ServerUnaryReactor* launch(CallPool& pool, const char* method, grpc::CallbackServerContext* context,
-                                          grpc::ByteBuffer* reply, Work work);
+  static grpc::ServerUnaryReactor* launch(CallPool& pool, const char* method, const Incoming& incoming, grpc::ByteBuffer* reply,
+                                          Work work);
 
  private:
-  UnaryCall(const char* method, grpc::CallbackServerContext* context, grpc::ByteBuffer* reply, Work work);
+  UnaryCall(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, Work work);
   void answer();
   void OnCancel() override { scope_.cancel(); }
   void OnDone() override;
@@ -92,7 +113,7 @@ class ReplyWriter : public Reactor, public std::enable_shared_from_this<ReplyWri
     wait,   ///< wake() will be called
     end     ///< all has been said
   };
-  ReplyWriter(const char* method, grpc::CallbackServerContext* context) : scope_(method, context) {}
+  ReplyWriter(const char* method, const Incoming& incoming) : scope_(method, incoming) {}
 
   /// First of all, once. May throw.
   virtual void begin() = 0;
@@ -149,7 +170,7 @@ class RequestStream : public grpc::ServerReadReactor<grpc::ByteBuffer>, public s
     read,  ///< the next message, please
     later  ///< answer() has been or will be called
   };
-  RequestStream(const char* method, grpc::CallbackServerContext* context, grpc::ByteBuffer* reply, CallPool& pool);
+  RequestStream(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool);
 
   /// One message of the client. May throw.
   virtual Then message(const grpc::ByteBuffer& bytes) = 0;

@@ -1,6 +1,7 @@
 #include "server/server.h"
 
 #include <google/protobuf/stubs/logging.h>
+#include <grpc/support/log.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
@@ -11,12 +12,14 @@
 #include <mutex>
 #include <utility>
 
+#include "server/service_text.h"
+
 namespace deform::server {
 
 namespace {
 
 constexpr char service_name[] = "deform.v1.DeformService";
-/// For the last messages to leave when the engine has ended its work, even when the grace is used up.
+/// For the last messages to leave.
 constexpr std::chrono::milliseconds last_words{250};
 
 struct HostPort {
@@ -51,6 +54,10 @@ void set_up_libraries() {
   static std::once_flag once;
   std::call_once(once, [] {
     google::protobuf::SetLogHandler(nullptr);
+    gpr_set_log_function([](gpr_log_func_args* entry) {
+      const auto level = entry->severity == GPR_LOG_SEVERITY_ERROR ? spdlog::level::warn : spdlog::level::debug;
+      spdlog::log(level, "grpc: {}", escaped(entry->message, 500));
+    });
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   });
@@ -87,12 +94,14 @@ class GrpcServer final : public RunningServer {
   bool stop(std::chrono::milliseconds grace) override {
     const std::lock_guard lock(stop_mutex_);
     if (stopped_) return clean_;
-    const auto deadline = std::chrono::system_clock::now() + grace;
+    const auto deadline = std::chrono::steady_clock::now() + grace;
     set_serving(false);
     service_.drain();
     clean_ = engine_->drain(grace);
-    // Calls that still run are cancelled at the deadline; each then finishes by itself.
-    server_->Shutdown(std::max(deadline, std::chrono::system_clock::now() + last_words));
+    clean_ = service_.wait_for_none(deadline) && clean_;
+    // Calls that still run are cancelled; each then finishes by itself. Not given the rest of the grace: gRPC would wait for idle
+    // connections, too.
+    server_->Shutdown(std::chrono::system_clock::now() + last_words);
     server_->Wait();
     stopped_ = true;
     return clean_;

@@ -1,7 +1,11 @@
 #include "server/service.h"
 
+#include <algorithm>
+#include <map>
+#include <mutex>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "deform/v1/service.grpc.pb.h"
 #include "server/service_calls.h"
@@ -78,9 +82,10 @@ class DeformService::Methods final : public RawService {
       : engine_(engine), options_(options), pool_(options.call_threads, options.waiting_calls) {}
 
   void drain();
+  bool wait_for_none(std::chrono::steady_clock::time_point deadline) { return live_.wait_for_none(deadline); }
 
   grpc::ServerReadReactor<Bytes>* RegisterGeometry(Context* context, Bytes* reply) override {
-    return RequestStream::launch(std::make_shared<RegisterCall>(engine_, context, reply, pool_));
+    return RequestStream::launch(std::make_shared<RegisterCall>(engine_, incoming(context), reply, pool_));
   }
 
   grpc::ServerUnaryReactor* GetGeometry(Context* context, const Bytes* bytes, Bytes* reply) override {
@@ -106,7 +111,7 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerWriteReactor<Bytes>* GetPoints(Context* context, const Bytes* bytes) override {
-    return ReplyStream::launch(std::make_shared<PointsCall>(engine_, context, bytes), pool_);
+    return ReplyStream::launch(std::make_shared<PointsCall>(engine_, incoming(context), bytes), pool_);
   }
 
   grpc::ServerUnaryReactor* Estimate(Context* context, const Bytes* bytes, Bytes* reply) override {
@@ -120,7 +125,7 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerWriteReactor<Bytes>* Prepare(Context* context, const Bytes* bytes) override {
-    return ReplyStream::launch(std::make_shared<PrepareCall>(engine_, context, bytes), pool_);
+    return ReplyStream::launch(std::make_shared<PrepareCall>(engine_, incoming(context), bytes), pool_);
   }
 
   grpc::ServerUnaryReactor* GetSystem(Context* context, const Bytes* bytes, Bytes* reply) override {
@@ -167,7 +172,7 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerReadReactor<Bytes>* VectorJacobian(Context* context, Bytes* reply) override {
-    return RequestStream::launch(std::make_shared<VectorJacobianCall>(engine_, context, reply, pool_));
+    return RequestStream::launch(std::make_shared<VectorJacobianCall>(engine_, incoming(context), reply, pool_));
   }
 
   grpc::ServerUnaryReactor* GetServerInfo(Context* context, const Bytes* bytes, Bytes* reply) override {
@@ -180,18 +185,20 @@ class DeformService::Methods final : public RawService {
   }
 
  private:
+  Incoming incoming(Context* context) { return {context, &live_}; }
   /// work(record) -> reply message.
   template <typename Work>
   grpc::ServerUnaryReactor* unary(const char* method, Context* context, Bytes* reply, Work work) {
-    return UnaryCall::launch(pool_, method, context, reply,
+    return UnaryCall::launch(pool_, method, incoming(context), reply,
                              [work = std::move(work)](CallScope& scope) { return serialized(work(scope.record)); });
   }
   grpc::ServerWriteReactor<Bytes>* job(const char* method, Context* context, JobCall::Submit submit) {
-    return ReplyStream::launch(std::make_shared<JobCall>(method, context, std::move(submit)));
+    return ReplyStream::launch(std::make_shared<JobCall>(method, incoming(context), std::move(submit)));
   }
 
   Engine& engine_;
   const ServiceOptions options_;
+  LiveCalls live_;
   std::mutex streams_mutex_;
   // under streams_mutex_
   std::map<DeformStreamCall*, std::weak_ptr<DeformStreamCall>> streams_;
@@ -201,7 +208,7 @@ class DeformService::Methods final : public RawService {
 };
 
 grpc::ServerBidiReactor<Bytes, Bytes>* DeformService::Methods::DeformStream(Context* context) {
-  auto call = std::make_shared<DeformStreamCall>(engine_, options_.stream, context, [this](DeformStreamCall* ended) {
+  auto call = std::make_shared<DeformStreamCall>(engine_, options_.stream, incoming(context), [this](DeformStreamCall* ended) {
     const std::lock_guard lock(streams_mutex_);
     streams_.erase(ended);
   });
@@ -233,5 +240,6 @@ DeformService::DeformService(Engine& engine, const ServiceOptions& options)
 DeformService::~DeformService() = default;
 grpc::Service& DeformService::grpc_service() { return *methods_; }
 void DeformService::drain() { methods_->drain(); }
+bool DeformService::wait_for_none(std::chrono::steady_clock::time_point deadline) { return methods_->wait_for_none(deadline); }
 
 }  // namespace deform::server

@@ -1,8 +1,7 @@
 #pragma once
 
-#include <map>
+#include <chrono>
 #include <memory>
-#include <mutex>
 
 #include "server/engine.h"
 #include "server/service_requests.h"
@@ -37,6 +36,8 @@ class DeformService {
 
   /// Ends every DeformStream as soon as its open requests are answered, and new ones at once. Does not wait.
   void drain();
+  /// Waits until no call is left; false when the time is over first.
+  bool wait_for_none(std::chrono::steady_clock::time_point deadline);
 
  private:
   class Methods;

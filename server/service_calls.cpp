@@ -24,8 +24,8 @@ Error incomplete(const char* what) { return {ErrorCode::invalid_argument, std::s
 
 // ---- JobCall ----
 
-JobCall::JobCall(const char* method, grpc::CallbackServerContext* context, Submit submit)
-    : ReplyStream(method, context), submit_(std::move(submit)) {}
+JobCall::JobCall(const char* method, const Incoming& incoming, Submit submit)
+    : ReplyStream(method, incoming), submit_(std::move(submit)) {}
 
 void JobCall::begin() {
   scope_.check();
@@ -73,8 +73,8 @@ void JobCall::done() noexcept {
 
 // ---- PrepareCall ----
 
-PrepareCall::PrepareCall(Engine& engine, grpc::CallbackServerContext* context, const grpc::ByteBuffer* request)
-    : ReplyStream("Prepare", context), engine_(engine), request_(request) {}
+PrepareCall::PrepareCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request)
+    : ReplyStream("Prepare", incoming), engine_(engine), request_(request) {}
 
 void PrepareCall::begin() {
   scope_.check();
@@ -141,8 +141,8 @@ PrepareCall::Next PrepareCall::next(grpc::ByteBuffer& reply) {
 
 // ---- PointsCall ----
 
-PointsCall::PointsCall(Engine& engine, grpc::CallbackServerContext* context, const grpc::ByteBuffer* request)
-    : ReplyStream("GetPoints", context), engine_(engine), request_(request) {}
+PointsCall::PointsCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request)
+    : ReplyStream("GetPoints", incoming), engine_(engine), request_(request) {}
 
 void PointsCall::begin() {
   scope_.check();
@@ -165,8 +165,8 @@ PointsCall::Next PointsCall::next(grpc::ByteBuffer& reply) {
 
 // ---- RegisterCall ----
 
-RegisterCall::RegisterCall(Engine& engine, grpc::CallbackServerContext* context, grpc::ByteBuffer* reply, CallPool& pool)
-    : RequestStream("RegisterGeometry", context, reply, pool), engine_(engine) {}
+RegisterCall::RegisterCall(Engine& engine, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool)
+    : RequestStream("RegisterGeometry", incoming, reply, pool), engine_(engine) {}
 
 RegisterCall::Then RegisterCall::message(const grpc::ByteBuffer& bytes) {
   v1::RegisterGeometryRequest request;
@@ -196,9 +196,8 @@ void RegisterCall::half_closed() {
 
 // ---- VectorJacobianCall ----
 
-VectorJacobianCall::VectorJacobianCall(Engine& engine, grpc::CallbackServerContext* context, grpc::ByteBuffer* reply,
-                                       CallPool& pool)
-    : RequestStream("VectorJacobian", context, reply, pool), engine_(engine) {}
+VectorJacobianCall::VectorJacobianCall(Engine& engine, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool)
+    : RequestStream("VectorJacobian", incoming, reply, pool), engine_(engine) {}
 
 VectorJacobianCall::Then VectorJacobianCall::message(const grpc::ByteBuffer& bytes) {
   v1::VectorJacobianRequest request;

@@ -17,7 +17,7 @@ class JobCall : public ReplyStream {
   using Ready = std::function<void()>;
   /// Parses, records and asks the engine; may throw.
   using Submit = std::function<std::shared_ptr<DeformJob>(CallScope&, Ready)>;
-  JobCall(const char* method, grpc::CallbackServerContext* context, Submit submit);
+  JobCall(const char* method, const Incoming& incoming, Submit submit);
 
  private:
   void begin() override;
@@ -33,7 +33,7 @@ class JobCall : public ReplyStream {
 /// Prepare: the newest progress, then the system.
 class PrepareCall : public ReplyStream {
  public:
-  PrepareCall(Engine& engine, grpc::CallbackServerContext* context, const grpc::ByteBuffer* request);
+  PrepareCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request);
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -59,7 +59,7 @@ class PrepareCall : public ReplyStream {
 /// GetPoints.
 class PointsCall : public ReplyStream {
  public:
-  PointsCall(Engine& engine, grpc::CallbackServerContext* context, const grpc::ByteBuffer* request);
+  PointsCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request);
 
  private:
   void begin() override;
@@ -75,7 +75,7 @@ class PointsCall : public ReplyStream {
 /// RegisterGeometry. Answers as soon as the geometry turns out to be there.
 class RegisterCall : public RequestStream {
  public:
-  RegisterCall(Engine& engine, grpc::CallbackServerContext* context, grpc::ByteBuffer* reply, CallPool& pool);
+  RegisterCall(Engine& engine, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool);
 
  private:
   Then message(const grpc::ByteBuffer& bytes) override;
@@ -88,7 +88,7 @@ class RegisterCall : public RequestStream {
 /// VectorJacobian. The cotangent may have as many points as the geometry and no more.
 class VectorJacobianCall : public RequestStream {
  public:
-  VectorJacobianCall(Engine& engine, grpc::CallbackServerContext* context, grpc::ByteBuffer* reply, CallPool& pool);
+  VectorJacobianCall(Engine& engine, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool);
 
  private:
   Then message(const grpc::ByteBuffer& bytes) override;

@@ -33,9 +33,9 @@ void log_request(StreamRequests::Request& request, const std::optional<Error>& e
 
 }  // namespace
 
-DeformStreamCall::DeformStreamCall(Engine& engine, const StreamLimits& limits, grpc::CallbackServerContext* context,
+DeformStreamCall::DeformStreamCall(Engine& engine, const StreamLimits& limits, const Incoming& incoming,
                                    std::function<void(DeformStreamCall*)> on_done)
-    : ReplyWriter("DeformStream", context), engine_(engine), on_done_(std::move(on_done)), requests_(limits, scope_.call()) {}
+    : ReplyWriter("DeformStream", incoming), engine_(engine), on_done_(std::move(on_done)), requests_(limits, scope_.call()) {}
 
 void DeformStreamCall::begin() { StartRead(&message_); }
 

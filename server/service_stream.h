@@ -24,7 +24,7 @@ using BidiReactor = grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>;
 /// and nothing is open.
 class DeformStreamCall final : public ReplyWriter<BidiReactor> {
  public:
-  DeformStreamCall(Engine& engine, const StreamLimits& limits, grpc::CallbackServerContext* context,
+  DeformStreamCall(Engine& engine, const StreamLimits& limits, const Incoming& incoming,
                    std::function<void(DeformStreamCall*)> on_done);
 
   /// Answers what is open and ends. Any thread.

@@ -1,7 +1,20 @@
 # The transport side: the real service in front of an engine that the tests play.
 deform_test(service_test
-  SOURCES service_deform_stream_test.cpp
+  SOURCES log_test.cpp
+          options_test.cpp
+          server_test.cpp
+          service_deform_stream_test.cpp
+          service_messages_test.cpp
+          service_requests_test.cpp
           service_streams_test.cpp
           service_unary_test.cpp
+          status_test.cpp
   LIBS deform_test_server
   TIMEOUT 120)
+
+deform_test(deformd_test
+  SOURCES deformd_test.cpp
+  LIBS deform_test_server
+  TIMEOUT 120)
+target_compile_definitions(deformd_test PRIVATE DEFORMD_BINARY="$<TARGET_FILE:deformd>")
+add_dependencies(deformd_test deformd)

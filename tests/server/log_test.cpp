@@ -1,0 +1,50 @@
+// The line of a call.
+#include "server/log.h"
+
+#include <gtest/gtest.h>
+
+namespace deform::server {
+namespace {
+
+TEST(Log, OneLineTellsTheCall) {
+  CallRecord record;
+  record.method = "Deform";
+  record.client = "ipv4:127.0.0.1:4242";
+  record.system = "0123456789abcdef0123456789abcdef";
+  record.designs = 2;
+  record.points = 50'000;
+  record.messages_in = 1;
+  record.messages_out = 7;
+  record.bytes_in = 120;
+  record.bytes_out = 1'200'000;
+  record.queue_ms = 0.25;
+  record.solve_ms = 1.5;
+  record.encode_ms = 2;
+  record.stream_ms = 3;
+  record.wall_ms = 6.125;
+  EXPECT_EQ(
+      to_line(record),
+      "method=Deform client=ipv4:127.0.0.1:4242 system=0123456789ab points=50000 designs=2 messages_in=1 messages_out=7 "
+      "bytes_in=120 bytes_out=1200000 queue_ms=0.250 solve_ms=1.500 encode_ms=2.000 stream_ms=3.000 wall_ms=6.125 status=ok");
+}
+
+TEST(Log, WhatUsersWriteCannotForgeLinesOrFields) {
+  CallRecord record;
+  record.method = "GetGeometry";
+  record.geometry = "x\" status=ok\n2026 info";
+  record.name = std::string("car\0\x1b[31m \"my\"", 14);
+  record.error = Error(ErrorCode::not_found, "no geometry \"x\ny\"");
+  EXPECT_EQ(to_line(record),
+            "method=GetGeometry client= geometry=\"x\\\" status=ok\" name=\"car\\x00\\x1b[31m \\\"my\\\"\" status=not_found "
+            "message=\"no geometry \\\"x\\x0ay\\\"\"");
+}
+
+TEST(Log, LongTextIsCut) {
+  CallRecord record;
+  record.method = "GetGeometry";
+  record.name = std::string(1'000'000, 'n');
+  EXPECT_LT(to_line(record).size(), 500u);
+}
+
+}  // namespace
+}  // namespace deform::server

@@ -1,0 +1,197 @@
+// Starting and stopping: drain with live calls of every kind, within the limit; addresses.
+#include "server/server.h"
+
+#include <grpcpp/generic/generic_stub.h>
+
+#include <thread>
+
+#include "tests/server/service_fixture.h"
+
+namespace deform::server {
+namespace {
+
+using grpc::StatusCode;
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+using support::eventually;
+
+class ServerStop : public ServiceFixture {
+ protected:
+  /// Stops and says how long it took.
+  std::chrono::duration<double> timed_stop(milliseconds grace) {
+    const auto begin = std::chrono::steady_clock::now();
+    clean = server->running().stop(grace);
+    return std::chrono::steady_clock::now() - begin;
+  }
+  /// SERVING is 1, NOT_SERVING 2.
+  int health() {
+    grpc::GenericStub generic(channel);
+    grpc::ClientContext context;
+    grpc::CompletionQueue queue;
+    auto call = generic.PrepareUnaryCall(&context, "/grpc.health.v1.Health/Check", grpc::ByteBuffer(nullptr, 0), &queue);
+    call->StartCall();
+    grpc::ByteBuffer reply;
+    grpc::Status status;
+    call->Finish(&reply, &status, nullptr);
+    void* tag = nullptr;
+    bool ok = false;
+    queue.Next(&tag, &ok);
+    grpc::Slice answer;
+    if (!status.ok() || !reply.DumpToSingleSlice(&answer).ok() || answer.size() != 2) return -1;
+    return answer.begin()[1];
+  }
+  bool clean = false;
+};
+
+TEST_P(ServerStop, WithNothingUnderWayIsQuickAndClean) {
+  start();
+  EXPECT_LT(timed_stop(seconds(30)), seconds(2));
+  EXPECT_TRUE(clean);
+  EXPECT_TRUE(server->running().stop(seconds(0))) << "again, nothing happens";
+}
+
+TEST_P(ServerStop, WaitsForADeformThatEndsInTime) {
+  start();
+  grpc::ClientContext context;
+  v1::DeformRequest request;
+  const auto reader = stub->Deform(&context, request);
+  const auto job = engine.job(0);
+  std::thread ender([&] {
+    std::this_thread::sleep_for(milliseconds(100));
+    job->push_block(1);
+    job->end();
+  });
+  std::thread stopper([&] { EXPECT_LT(timed_stop(seconds(20)), seconds(5)); });
+  v1::DeformReply reply;
+  EXPECT_TRUE(reader->Read(&reply));
+  EXPECT_FALSE(reader->Read(&reply));
+  EXPECT_TRUE(reader->Finish().ok());
+  ender.join();
+  stopper.join();
+  EXPECT_TRUE(clean);
+}
+
+TEST_P(ServerStop, CancelsADeformThatTakesTooLong) {
+  start();
+  grpc::ClientContext context;
+  const auto reader = stub->Deform(&context, {});
+  const auto job = engine.job(0);
+  EXPECT_LT(timed_stop(milliseconds(200)), seconds(3));
+  EXPECT_FALSE(clean);
+  EXPECT_TRUE(job->cancelled());
+  EXPECT_FALSE(reader->Finish().ok());
+}
+
+TEST_P(ServerStop, EndsWithAnUploadInProgress) {
+  start();
+  grpc::ClientContext context;
+  v1::GeometryInfo info;
+  const auto writer = stub->RegisterGeometry(&context, &info);
+  v1::RegisterGeometryRequest header;
+  header.mutable_header()->set_point_count(10);
+  writer->Write(header);
+  const auto upload = engine.upload(0);
+  EXPECT_LT(timed_stop(milliseconds(200)), seconds(3));
+  EXPECT_FALSE(writer->Finish().ok());
+  EXPECT_TRUE(eventually([&] { return upload->destroyed.load(); }));
+  EXPECT_FALSE(upload->finished);
+}
+
+TEST_P(ServerStop, EndsWithReadersThatDoNotRead) {
+  engine.on_job = [](support::FakeJob& job) {
+    for (std::uint32_t i = 0; i < 50; ++i) job.push_block(i, 900'000);
+    job.end();
+  };
+  start();
+  grpc::ClientContext contexts[3];
+  const auto deform = stub->Deform(&contexts[0], {});
+  const auto points = stub->GetPoints(&contexts[1], {});
+  const auto stream = stub->DeformStream(&contexts[2]);
+  v1::DeformStreamRequest request;
+  request.mutable_request();
+  stream->Write(request);
+  engine.job(1);
+  EXPECT_LT(timed_stop(milliseconds(200)), seconds(3));
+  v1::DeformReply reply;
+  while (deform->Read(&reply)) {
+  }
+  while (stream->Read(&reply)) {
+  }
+  v1::PointChunk chunk;
+  while (points->Read(&chunk)) {
+  }
+  deform->Finish();
+  stream->Finish();
+  points->Finish();
+}
+
+TEST_P(ServerStop, EndsWithAPreparationThatNeverAnswers) {
+  std::function<void(Engine::Outcome<v1::SystemInfo>)> never;
+  engine.on_prepare = [&](const v1::PrepareRequest&, const CallContext&, auto, auto on_done) { never = on_done; };
+  start();
+  grpc::ClientContext context;
+  const auto reader = stub->Prepare(&context, {});
+  EXPECT_TRUE(eventually([&] { return static_cast<bool>(never); }));
+  EXPECT_LT(timed_stop(milliseconds(200)), seconds(3));
+  EXPECT_FALSE(reader->Finish().ok());
+}
+
+TEST_P(ServerStop, HealthSaysNotServingWhileDrainingAndNewWorkIsRefused) {
+  start();
+  EXPECT_EQ(health(), 1);
+  grpc::ClientContext context;
+  const auto reader = stub->Deform(&context, {});
+  const auto job = engine.job(0);
+  std::thread stopper([&] { timed_stop(seconds(20)); });
+  EXPECT_TRUE(eventually([&] { return health() == 2; }));
+  EXPECT_TRUE(eventually([&] {
+    grpc::ClientContext late;
+    return stub->Deform(&late, {})->Finish().error_code() == StatusCode::UNAVAILABLE;
+  }));
+  job->end();
+  stopper.join();
+  EXPECT_TRUE(reader->Finish().ok());
+}
+
+DEFORM_BOTH_TRANSPORTS(ServerStop);
+
+ServerOptions at(const std::string& address) {
+  ServerOptions options;
+  options.address = address;
+  return options;
+}
+
+TEST(Server, TwoServersDoNotShareAPort) {
+  const auto first = start_server(at("127.0.0.1:0"), std::make_unique<support::FakeEngine>());
+  EXPECT_GT(first->port(), 0);
+  EXPECT_EQ(first->address(), "127.0.0.1:" + std::to_string(first->port()));
+  try {
+    start_server(at(first->address()), std::make_unique<support::FakeEngine>());
+    FAIL() << "both listen on " << first->address();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::unavailable);
+    EXPECT_NE(std::string(error.what()).find(first->address()), std::string::npos);
+  }
+}
+
+TEST(Server, ListensOnAUnixSocket) {
+  const support::TemporaryFolder folder;
+  const std::string address = "unix:" + (folder.path() / "socket").string();
+  const auto server = start_server(at(address), std::make_unique<support::FakeEngine>());
+  const auto stub = v1::DeformService::NewStub(grpc::CreateChannel(address, grpc::InsecureChannelCredentials()));
+  grpc::ClientContext context;
+  v1::ServerInfo info;
+  EXPECT_TRUE(stub->GetServerInfo(&context, {}, &info).ok());
+}
+
+TEST(Server, BadOptionsAreRefusedBeforeAnythingStarts) {
+  for (const char* address : {"nowhere", "0.0.0.0:0", "[::]:0"}) {
+    EXPECT_THROW(start_server(at(address), std::make_unique<support::FakeEngine>()), Error) << address;
+  }
+  ServerOptions options = at("");
+  options.service.call_threads = 0;
+  EXPECT_THROW(start_server(options, std::make_unique<support::FakeEngine>()), Error);
+}
+
+}  // namespace
+}  // namespace deform::server
