@@ -1,0 +1,13 @@
+# Checks of the sources themselves, as tests. Once is enough: not in the sanitizer builds.
+if(NOT DEFORM_SANITIZE)
+  set(checks ${CMAKE_CURRENT_LIST_DIR})
+  add_test(NAME sources.floors COMMAND ${DEFORM_PYTHON} ${checks}/check_floors.py ${PROJECT_SOURCE_DIR})
+  add_test(NAME sources.floors_are_checked COMMAND ${DEFORM_PYTHON} ${checks}/check_floors_test.py)
+  add_test(NAME sources.house_rules COMMAND ${DEFORM_PYTHON} ${checks}/check_sources.py ${PROJECT_SOURCE_DIR})
+  add_test(NAME sources.format COMMAND ${checks}/check_format.sh)
+  if(DEFORM_BUILD_NETWORK)
+    add_test(NAME sources.documents COMMAND ${DEFORM_PYTHON} ${checks}/check_docs.py ${PROJECT_SOURCE_DIR} $<TARGET_FILE:deform>
+                                            $<TARGET_FILE:deformd>)
+  endif()
+  set_tests_properties(sources.floors_are_checked PROPERTIES ENVIRONMENT PYTHONDONTWRITEBYTECODE=1)
+endif()
