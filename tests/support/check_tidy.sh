@@ -10,9 +10,9 @@ fi
 cd "$(dirname "$0")/../.."
 build=$1
 shift
-checks=
+tidy() { xargs -0 -n 4 -P 2 clang-tidy-14 -p "$build" --quiet "$@"; }
 if [ $# -eq 0 ]; then
-  checks='--checks=-*,readability-identifier-naming'
-  set -- core/*/*.cpp
+  printf '%s\0' core/*/*.cpp | tidy '--checks=-*,readability-identifier-naming'
+else
+  printf '%s\0' "$@" | tidy
 fi
-printf '%s\0' "$@" | xargs -0 -n 4 -P 2 clang-tidy-14 -p "$build" --quiet $checks
