@@ -108,16 +108,20 @@ def check_lines(root, lines, programs):
                 yield number, f"there is no {path}"
 
 
-def main():
-    if len(sys.argv) != 4:
-        print(__doc__, file=sys.stderr)
-        return 2
-    root, programs = pathlib.Path(sys.argv[1]), Programs(sys.argv[2], sys.argv[3])
-    found = []
+def problems(root, deform, deformd):
+    programs, found = Programs(deform, deformd), []
     for name in DOCUMENTS:
         lines = (root / name).read_text().splitlines()
         for number, why in [*check_blocks(root, lines), *check_lines(root, lines, programs)]:
             found.append(f"{name}:{number}: {why}")
+    return found
+
+
+def main():
+    if len(sys.argv) != 4:
+        print(__doc__, file=sys.stderr)
+        return 2
+    found = problems(pathlib.Path(sys.argv[1]), sys.argv[2], sys.argv[3])
     for line in found:
         print(line)
     return 1 if found else 0

@@ -9,5 +9,6 @@ if(NOT DEFORM_SANITIZE)
     add_test(NAME sources.documents COMMAND ${DEFORM_PYTHON} ${checks}/check_docs.py ${PROJECT_SOURCE_DIR} $<TARGET_FILE:deform>
                                             $<TARGET_FILE:deformd>)
   endif()
-  set_tests_properties(sources.floors_are_checked PROPERTIES ENVIRONMENT PYTHONDONTWRITEBYTECODE=1)
+  add_test(NAME sources.documents_are_checked COMMAND ${DEFORM_PYTHON} ${checks}/check_docs_test.py)
+  set_tests_properties(sources.floors_are_checked sources.documents_are_checked PROPERTIES ENVIRONMENT PYTHONDONTWRITEBYTECODE=1)
 endif()
