@@ -1,33 +1,40 @@
-# docker build -t deformd .        what is in the image: the two programs and the libraries they load, a user, nothing else
-FROM debian:bookworm-slim AS build
+# deformd and deform in a container:
+#   docker build -t deformd .
+#   docker run --rm -p 127.0.0.1:50051:50051 -v deformd-data:/var/lib/deformd deformd
+# deploy/compose.yaml runs the same with less privileges. Nothing of the build stays in the image.
+
+FROM docker.io/library/debian:bookworm-slim AS build
 WORKDIR /src
 COPY deploy/packages.txt deploy/install-packages deploy/
 RUN deploy/install-packages build
-COPY CMakeLists.txt CMakePresets.json ./
+COPY CMakeLists.txt ./
 COPY cmake cmake
 COPY proto proto
 COPY core core
 COPY server server
 COPY client client
-RUN cmake --preset release -DDEFORM_BUILD_TESTS=OFF -DDEFORM_BUILD_BENCH=OFF \
- && cmake --build --preset release --target deformd deform \
- && cmake --install build/release --prefix /opt/deformd --strip
+RUN cmake -S . -B /build -G Ninja -DCMAKE_BUILD_TYPE=Release -DDEFORM_BUILD_TESTS=OFF \
+ && cmake --build /build --target deformd deform \
+ && cmake --install /build --strip --prefix /opt/deform
 
-FROM debian:bookworm-slim
+FROM docker.io/library/debian:bookworm-slim
 COPY deploy/packages.txt deploy/install-packages /tmp/deploy/
 RUN /tmp/deploy/install-packages runtime \
- && rm -rf /tmp/deploy /var/lib/apt/lists/* /var/cache/apt/* /var/log/apt /var/log/dpkg.log \
- && useradd --system --uid 10001 --user-group --no-create-home --home-dir /var/lib/deformd --shell /usr/sbin/nologin deformd \
+ && rm -rf /tmp/deploy /var/lib/apt/lists/* /var/cache/apt/*.bin /var/log/apt /var/log/dpkg.log \
+ && useradd --system --uid 10001 --user-group --no-create-home --home-dir /nonexistent --shell /usr/sbin/nologin deformd \
  && install -d -o deformd -g deformd /var/lib/deformd
-COPY --from=build /opt/deformd/bin/ /usr/local/bin/
+COPY --from=build /opt/deform/bin/deformd /opt/deform/bin/deform /usr/local/bin/
+
+# deformd listens on loopback unless told otherwise, and beyond it without encryption only when told --insecure. Inside a container
+# it must listen on every address to be reached at all, so both are said here. Who reaches it is decided outside: publish the port
+# to 127.0.0.1 or to a private network, never to the open internet.
+ENV DEFORMD_ADDRESS=0.0.0.0:50051 \
+    DEFORMD_INSECURE=true \
+    DEFORMD_DATA_DIR=/var/lib/deformd
 USER 10001:10001
-WORKDIR /var/lib/deformd
 VOLUME /var/lib/deformd
 EXPOSE 50051
 STOPSIGNAL SIGTERM
-# Asks the server whether it serves, as a client would.
-HEALTHCHECK --interval=15s --timeout=6s --start-period=20s --retries=3 CMD ["deform", "--server", "127.0.0.1:50051", "status"]
+HEALTHCHECK --interval=15s --timeout=6s --start-period=10s --retries=3 \
+  CMD ["deform", "--server", "127.0.0.1:50051", "status"]
 ENTRYPOINT ["deformd"]
-# Inside a container loopback reaches nobody, so it listens on all of the container's addresses, and there is no encryption yet:
-# publish the port only to a network of its clients. Every option can also be set by environment (DEFORMD_MEMORY_BUDGET=8GiB).
-CMD ["--data-dir", "/var/lib/deformd", "--insecure", "--address", "0.0.0.0:50051"]
