@@ -8,7 +8,6 @@ WORKDIR /src
 COPY deploy/packages.txt deploy/install-packages deploy/
 RUN deploy/install-packages build
 COPY CMakeLists.txt ./
-COPY cmake cmake
 COPY proto proto
 COPY core core
 COPY server server

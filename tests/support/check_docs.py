@@ -20,7 +20,7 @@ FROM = re.compile(r"^<!-- from (\S+) -->$")
 COMMAND = re.compile(r"(?<![\w/.-])(deformd?)(?=[ `])([^`|#;&\n]*)")
 DEFAULT_ROW = re.compile(r"^\| `(--[a-z-]+)(?: [A-Z:]+)?` \| `([^`]*)`")
 LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
-PATH = re.compile(r"`((?:core|server|client|proto|deploy|tests|cmake|\.ci)/[\w./-]*)`")
+PATH = re.compile(r"`((?:core|server|client|proto|deploy|tests|\.ci)/[\w./-]*)`")
 
 
 def read_blocks(lines):
