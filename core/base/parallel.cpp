@@ -1,14 +1,83 @@
 #include "core/base/parallel.h"
 
+#include <algorithm>
+#include <thread>
+
+#if defined(__SANITIZE_THREAD__)
+#define DEFORM_THREAD_SANITIZER
+#elif defined(__has_feature)
+#if __has_feature(thread_sanitizer)
+#define DEFORM_THREAD_SANITIZER
+#endif
+#endif
+
+#ifdef DEFORM_THREAD_SANITIZER
+#include <atomic>
+#include <exception>
+#include <mutex>
+#include <vector>
+#else
 #include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/partitioner.h>
 #include <oneapi/tbb/task_arena.h>
-
-#include <algorithm>
-#include <thread>
+#endif
 
 namespace deform {
+
+namespace {
+
+using RunRange = std::function<void(std::size_t)>;
+
+#ifdef DEFORM_THREAD_SANITIZER
+
+// oneTBB as it is installed is not instrumented, so the sanitizer sees none of its synchronization. Plain threads instead: then
+// the bodies of all loops are checked for what they are.
+void run_ranges(std::size_t ranges, int threads, const RunRange& run) {
+  std::atomic<std::size_t> next{0};
+  std::mutex mutex;
+  std::exception_ptr first_error;
+  const auto work = [&] {
+    try {
+      for (std::size_t k = next++; k < ranges; k = next++) run(k);
+    } catch (...) {
+      next = ranges;
+      const std::lock_guard lock(mutex);
+      if (!first_error) first_error = std::current_exception();
+    }
+  };
+  std::vector<std::thread> helpers;
+  for (int t = 1; t < threads; ++t) helpers.emplace_back(work);
+  work();
+  for (auto& helper : helpers) helper.join();
+  if (first_error) std::rethrow_exception(first_error);
+}
+
+#else
+
+void run_ranges(std::size_t ranges, int threads, const RunRange& run) {
+  const auto loop = [&] {
+    // Isolated: a thread that waits here must not pick up an unrelated outer task, which could hold this one up for seconds.
+    oneapi::tbb::this_task_arena::isolate([&] {
+      oneapi::tbb::parallel_for(
+          oneapi::tbb::blocked_range<std::size_t>(0, ranges, 1),
+          [&](const oneapi::tbb::blocked_range<std::size_t>& range) {
+            for (std::size_t k = range.begin(); k != range.end(); ++k) run(k);
+          },
+          oneapi::tbb::simple_partitioner());
+    });
+  };
+  if (threads >= oneapi::tbb::this_task_arena::max_concurrency()) {
+    loop();
+  } else {
+    oneapi::tbb::task_arena arena(threads);
+    arena.execute(loop);
+  }
+}
+
+#endif
+
+}  // namespace
 
 int thread_count(const RunContext& context) {
   const int cores = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
@@ -28,23 +97,7 @@ void parallel_for(const RunContext& context, std::size_t count, std::size_t grai
     for (std::size_t k = 0; k < ranges; ++k) run(k);
     return;
   }
-  const auto loop = [&] {
-    // Isolated: a thread that waits here must not pick up an unrelated outer task, which could hold this one up for seconds.
-    oneapi::tbb::this_task_arena::isolate([&] {
-      oneapi::tbb::parallel_for(
-          oneapi::tbb::blocked_range<std::size_t>(0, ranges, 1),
-          [&](const oneapi::tbb::blocked_range<std::size_t>& range) {
-            for (std::size_t k = range.begin(); k != range.end(); ++k) run(k);
-          },
-          oneapi::tbb::simple_partitioner());
-    });
-  };
-  if (threads >= oneapi::tbb::this_task_arena::max_concurrency()) {
-    loop();
-  } else {
-    oneapi::tbb::task_arena arena(threads);
-    arena.execute(loop);
-  }
+  run_ranges(ranges, threads, run);
 }
 
 }  // namespace deform
