@@ -20,4 +20,4 @@ printf '%s\0' core/*/*.cpp | xargs -0 -n 4 -P 2 clang-tidy-14 -p "$build" --quie
 headers=$(mktemp -d)
 trap 'rm -rf "$headers"' EXIT
 find server client -name '*.h' | sort | sed 's/.*/#include "&"/' >"$headers/headers.cpp"
-clang-tidy-14 --quiet "$names" "$headers/headers.cpp" -- -std=c++20 -I. -isystem "$build/proto"
+clang-tidy-14 --config-file=.clang-tidy --quiet "$names" "$headers/headers.cpp" -- -std=c++20 -I. -isystem "$build/proto"
