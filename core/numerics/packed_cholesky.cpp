@@ -10,14 +10,15 @@ namespace deform {
 
 std::size_t PackedCholesky::block_for(std::size_t size) {
   // The upper halves of the diagonal blocks are what packing wastes: at most block / (2 size) of the square.
-  return std::clamp<std::size_t>(size / 16 / 32 * 32, 32, 192);
+  return std::clamp<std::size_t>(size / 16 / 32 * 32, 32, 256);
 }
 
 PackedCholesky::PackedCholesky(std::size_t size) : size_(size), block_(block_for(size)), offsets_{0} {
   for (std::size_t begin = 0; begin < size; begin += block_) {
     offsets_.push_back(offsets_.back() + (size - begin) * std::min(block_, size - begin));
   }
-  values_.resize(offsets_.back());
+  // Not initialized: the threads that fill the panels touch the pages first.
+  values_ = std::make_unique_for_overwrite<double[]>(offsets_.back());
 }
 
 std::size_t PackedCholesky::bytes_for(std::size_t size) {
@@ -27,18 +28,26 @@ std::size_t PackedCholesky::bytes_for(std::size_t size) {
   return count * sizeof(double);
 }
 
-double PackedCholesky::norm1() const {
-  std::vector<double> sums(size_, 0.0);
-  for (std::size_t p = 0; p < panels(); ++p) {
+double PackedCholesky::norm1(const RunContext& context) const {
+  // A panel's entries count for their columns and, below the diagonal, for their rows.
+  std::vector<std::vector<double>> parts(panels());
+  parallel_for(context, panels(), 1, [&](std::size_t p, std::size_t) {
+    std::vector<double>& sums = parts[p];
+    sums.assign(rows(p), 0.0);
     for (std::size_t c = 0; c < width(p); ++c) {
       const double* column = panel(p) + c * rows(p);
-      const std::size_t j = first(p) + c;
-      sums[j] += std::abs(column[c]);
+      double lanes[4] = {std::abs(column[c]), 0, 0, 0};
       for (std::size_t r = c + 1; r < rows(p); ++r) {
-        sums[j] += std::abs(column[r]);
-        sums[first(p) + r] += std::abs(column[r]);
+        const double size = std::abs(column[r]);
+        sums[r] += size;
+        lanes[r % 4] += size;
       }
+      sums[c] += (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
     }
+  });
+  std::vector<double> sums(size_, 0.0);
+  for (std::size_t p = 0; p < panels(); ++p) {
+    for (std::size_t r = 0; r < rows(p); ++r) sums[first(p) + r] += parts[p][r];
   }
   return size_ == 0 ? 0 : *std::max_element(sums.begin(), sums.end());
 }
@@ -68,8 +77,14 @@ bool PackedCholesky::factor(const RunContext& context) {
     parallel_for(context, panels() - k - 1, 1, [&](std::size_t begin, std::size_t) {
       const std::size_t p = k + 1 + begin;
       const double* lower = L + (first(p) - first(k));
-      cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, static_cast<int>(rows(p)), static_cast<int>(width(p)), n, -1.0, lower,
-                  ld, lower, ld, 1.0, panel(p), static_cast<int>(rows(p)));
+      // The upper half of the diagonal block is never read.
+      const int w = static_cast<int>(width(p));
+      const int rest = static_cast<int>(rows(p)) - w;
+      const int ld_p = static_cast<int>(rows(p));
+      cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, w, n, -1.0, lower, ld, 1.0, panel(p), ld_p);
+      if (rest > 0) {
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, rest, w, n, -1.0, lower + w, ld, lower, ld, 1.0, panel(p) + w, ld_p);
+      }
     });
     const double left = static_cast<double>(below) / static_cast<double>(size_);
     context.progress("factor", 1 - left * left * left);

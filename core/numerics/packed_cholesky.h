@@ -1,7 +1,8 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
-#include <functional>
+#include <memory>
 #include <vector>
 
 #include "core/base/run_context.h"
@@ -9,7 +10,8 @@
 namespace deform {
 
 /// A symmetric positive definite matrix in block columns: panel p holds rows first(p) .. size of columns first(p) .. first(p) +
-/// width(p), column-major, so a little more than half of the full square. Filled panel by panel, then factored in place, L L^T.
+/// width(p), column-major, so a little more than half of the full square. Not initialized: filled panel by panel (at and
+/// below the diagonal), then factored in place, L L^T.
 /// solve() only reads: any number of threads at once; everything else is for one thread.
 class PackedCholesky {
  public:
@@ -20,13 +22,13 @@ class PackedCholesky {
   std::size_t first(std::size_t panel) const { return panel * block_; }
   std::size_t width(std::size_t panel) const { return std::min(block_, size_ - first(panel)); }
   std::size_t rows(std::size_t panel) const { return size_ - first(panel); }  ///< also the leading dimension
-  double* panel(std::size_t p) { return values_.data() + offsets_[p]; }
-  const double* panel(std::size_t p) const { return values_.data() + offsets_[p]; }
-  std::size_t bytes() const { return values_.size() * sizeof(double); }
+  double* panel(std::size_t p) { return values_.get() + offsets_[p]; }
+  const double* panel(std::size_t p) const { return values_.get() + offsets_[p]; }
+  std::size_t bytes() const { return offsets_.back() * sizeof(double); }
   static std::size_t bytes_for(std::size_t size);
 
   /// Largest column sum of absolute values of the symmetric matrix, before factor().
-  double norm1() const;
+  double norm1(const RunContext& context) const;
 
   /// False when a pivot is not positive (the contents are lost then). Same result for any number of threads. Reports "factor"
   /// progress.
@@ -41,7 +43,7 @@ class PackedCholesky {
   std::size_t size_;
   std::size_t block_;
   std::vector<std::size_t> offsets_;
-  std::vector<double> values_;
+  std::unique_ptr<double[]> values_;
 };
 
 }  // namespace deform

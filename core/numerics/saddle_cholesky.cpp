@@ -100,23 +100,37 @@ void ProjectedCholesky::assemble_panel(const SaddleProblem& problem, const Matri
   const std::size_t rows = packed_.rows(panel);
   double* to = packed_.panel(panel);
   const TiledPoints tiled(problem.centres.subspan(begin, rows));
-  std::vector<double> block(width * tile_size);
-  for (std::size_t t = 0; t < tiled.tiles(); ++t) {
-    tile_kernel(problem.kernel, tiled.tile(t), problem.centres.subspan(begin, width), block.data());
-    const std::size_t first = t * tile_size;
-    const std::size_t last = std::min(first + tile_size, rows);
+  // Both rank-q updates at once, tile by tile in the cache: minus the rows of [Z V] times the columns of [V Z].
+  std::vector<double> block(width * tile_size), left(2 * q * tile_size), right(2 * q * width);
+  for (std::size_t k = 0; k < q; ++k) {
     for (std::size_t j = 0; j < width; ++j) {
-      for (std::size_t i = first; i < last; ++i) to[j * rows + i] = sign_ * block[j * tile_size + (i - first)];
+      const auto row = static_cast<Index>(begin + j), column = static_cast<Index>(k);
+      right[k * width + j] = V_(row, column);
+      right[(q + k) * width + j] = Z(row, column);
     }
   }
-  if (q_ == 0) return;
-  const int r = static_cast<int>(rows), c = static_cast<int>(width), k = static_cast<int>(q_), ld = static_cast<int>(m_);
-  cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, r, c, k, -1.0, Z.data() + begin, ld, V_.data() + begin, ld, 1.0, to, r);
-  cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, r, c, k, -1.0, V_.data() + begin, ld, Z.data() + begin, ld, 1.0, to, r);
+  for (std::size_t t = 0; t < tiled.tiles(); ++t) {
+    const std::size_t first = t * tile_size;
+    const std::size_t count = std::min(tile_size, rows - first);
+    // Columns right of the tile's last row are above the diagonal.
+    const std::size_t columns = std::min(width, first + count);
+    tile_kernel(problem.kernel, tiled.tile(t), problem.centres.subspan(begin, columns), block.data());
+    for (std::size_t k = 0; k < q; ++k) {
+      for (std::size_t i = 0; i < count; ++i) {
+        const auto row = static_cast<Index>(begin + first + i), column = static_cast<Index>(k);
+        left[k * tile_size + i] = -sign_ * Z(row, column);
+        left[(q + k) * tile_size + i] = -sign_ * V_(row, column);
+      }
+    }
+    if (q > 0) tile_product(left.data(), 2 * q, right.data(), width, columns, block.data());
+    for (std::size_t j = 0; j < columns; ++j) {
+      for (std::size_t i = 0; i < count; ++i) to[j * rows + first + i] = sign_ * block[j * tile_size + i];
+    }
+  }
 }
 
 bool ProjectedCholesky::factor(const RunContext& context) {
-  const double norm = packed_.norm1();
+  const double norm = packed_.norm1(context);
   if (!packed_.factor(context)) return false;
   condition_ = norm * inverse_norm1(m_ - q_, [&](Eigen::VectorXd& x) {
                  context.check();
