@@ -1,0 +1,167 @@
+// What validate() refuses and how it says so; motions of design variables and their derivatives.
+#include "core/deformers/setup.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <limits>
+
+#include "tests/core/deformers/shapes.h"
+#include "tests/support/expect_error.h"
+
+namespace deform {
+namespace {
+
+using test::box;
+
+Setup good() {
+  deform::Setup setup = test::sheet_setup();
+  setup.handles.push_back({"middle", box({0.9, -1, -1}, {1.1, 2, 1})});
+  setup.variables.push_back({"up", "end", DesignVariable::Translate{{0, 0, 2}}, -1, 1});
+  setup.variables.push_back({"turn", "end", DesignVariable::Rotate{{0, 3, 0}, {1.8, 0, 0.1}}, -2, 2});
+  setup.variables.push_back({"grow", "end", DesignVariable::Scale{{1.8, 0.5, 0}, {}}, -0.5, 0.5});
+  setup.variables.push_back({"widen", "middle", DesignVariable::Scale{{1, 0.5, 0}, {0, 2, 0}}, -0.5, 0.5});
+  return setup;
+}
+
+struct BadSetup {
+  const char* name;
+  std::function<void(Setup&)> spoil;
+  std::vector<const char*> parts;
+};
+
+RbfOptions& options(Setup& setup) { return std::get<RbfOptions>(setup.method); }
+
+const double nan = std::numeric_limits<double>::quiet_NaN();
+
+const std::vector<BadSetup>& bad_setups() {
+  static const std::vector<BadSetup> table = {
+      {"no handle", [](Setup& s) { s.handles.clear(); }, {"handles", "at least one"}},
+      {"empty name", [](Setup& s) { s.handles[1].name.clear(); }, {"handles[1].name", "empty"}},
+      {"repeated name", [](Setup& s) { s.handles[1].name = "end"; }, {"handles[1].name", "\"end\"", "twice"}},
+      {"empty handle",
+       [](Setup& s) {
+         s.handles[1].region = box({9, 9, 9}, {10, 10, 10});
+       },
+       {"handle \"middle\"", "no point"}},
+      {"empty fixed",
+       [](Setup& s) {
+         s.fixed.push_back(box({9, 9, 9}, {10, 10, 10}));
+       },
+       {"fixed[1]", "no point"}},
+      {"two handles overlap",
+       [](Setup& s) {
+         s.handles[1].region = box({1.6, -1, -1}, {3, 2, 1});
+       },
+       {"handle \"middle\"", "overlaps handle \"end\"", "the first is point 17", "difference"}},
+      {"handle and fixed overlap", [](Setup& s) { s.fixed.push_back({Region::All{}}); }, {"fixed[1]", "overlaps handle"}},
+      {"unknown group", [](Setup& s) { s.handles[0].region = {Region::GroupName{"roof"}}; }, {"handle \"end\"", "\"roof\""}},
+      {"id out of range", [](Setup& s) { s.fixed[0] = {Region::Ids{{4711}}}; }, {"fixed[0]", "4711"}},
+      {"empty variable name", [](Setup& s) { s.variables[2].name.clear(); }, {"variables[2].name", "empty"}},
+      {"repeated variable", [](Setup& s) { s.variables[1].name = "up"; }, {"variables[1].name", "\"up\"", "twice"}},
+      {"unknown handle", [](Setup& s) { s.variables[3].handle = "midle"; }, {"\"widen\"", "\"midle\"", "\"middle\""}},
+      {"bounds the wrong way", [](Setup& s) { s.variables[0].lower = 2; }, {"\"up\"", "lower", "upper"}},
+      {"0 out of bounds", [](Setup& s) { s.variables[0].upper = -0.5; }, {"\"up\"", "0", "-0.5"}},
+      {"NaN bound", [](Setup& s) { s.variables[0].upper = nan; }, {"\"up\"", "numbers"}},
+      {"zero direction", [](Setup& s) { s.variables[0].kind = DesignVariable::Translate{}; }, {"\"up\"", "translate", "zero"}},
+      {"NaN direction",
+       [](Setup& s) {
+         s.variables[0].kind = DesignVariable::Translate{{nan, 0, 0}};
+       },
+       {"translate", "finite"}},
+      {"zero axis", [](Setup& s) { s.variables[1].kind = DesignVariable::Rotate{}; }, {"\"turn\"", "rotate.axis", "zero"}},
+      {"NaN centre",
+       [](Setup& s) {
+         s.variables[1].kind = DesignVariable::Rotate{{0, 0, 1}, {nan, 0, 0}};
+       },
+       {"rotate.centre", "finite"}},
+      {"infinite scale centre",
+       [](Setup& s) {
+         s.variables[2].kind = DesignVariable::Scale{{HUGE_VAL, 0, 0}, {}};
+       },
+       {"scale.centre", "finite"}},
+      {"shape 0", [](Setup& s) { options(s).shape = 0; }, {"method.rbf.shape", "100"}},
+      {"shape NaN", [](Setup& s) { options(s).shape = nan; }, {"method.rbf.shape"}},
+      {"no rings", [](Setup& s) { options(s).reduction_rings = 0; }, {"reduction_rings", "1..100"}},
+      {"too many rings", [](Setup& s) { options(s).reduction_rings = 101; }, {"reduction_rings", "101"}},
+      {"degree too large", [](Setup& s) { options(s).polynomial_degree = 3; }, {"polynomial_degree", "3"}},
+      {"degree too small", [](Setup& s) { options(s).polynomial_degree = -2; }, {"polynomial_degree", "-2"}},
+  };
+  return table;
+}
+
+TEST(Setup, BadOnesAreRefusedByName) {
+  const Mesh mesh = test::bumpy_sheet(21, 11);
+  EXPECT_NO_THROW(validate(good(), mesh));
+  for (const BadSetup& bad : bad_setups()) {
+    SCOPED_TRACE(bad.name);
+    deform::Setup setup = good();
+    bad.spoil(setup);
+    test::expect_error(ErrorCode::invalid_argument, bad.parts, [&] { validate(setup, mesh); });
+  }
+}
+
+TEST(Setup, RegionsAreSortedAndDisjoint) {
+  const Mesh mesh = test::bumpy_sheet(21, 11);
+  deform::Setup setup = good();
+  setup.fixed.push_back(setup.fixed[0]);  // fixed regions may overlap each other
+  const SelectedRegions regions = validate(setup, mesh);
+  EXPECT_EQ(regions.handles[0].size(), 4u * 11);
+  EXPECT_EQ(regions.handles[1].size(), 3u * 11);
+  EXPECT_EQ(regions.fixed.size(), 4u * 11);
+  EXPECT_TRUE(std::is_sorted(regions.fixed.begin(), regions.fixed.end()));
+}
+
+TEST(Setup, MotionsComposeInOrder) {
+  const deform::Setup setup = good();
+  const double v[] = {0.5, 0.7, 0.25, -0.5};
+  const auto motions = handle_motions(setup, v);
+  ASSERT_EQ(motions.size(), 2u);
+  const Vec3 p{1.9, 0.3, -0.2};
+  Vec3 q{p[0], p[1], p[2] + 1.0};                     // up by 0.5 * 2
+  const double c = std::cos(0.7), s = std::sin(0.7);  // right-handed about y: z to x
+  q = {1.8 + c * (q[0] - 1.8) + s * (q[2] - 0.1), q[1], 0.1 - s * (q[0] - 1.8) + c * (q[2] - 0.1)};
+  q = {1.8 + 1.25 * (q[0] - 1.8), 0.5 + 1.25 * (q[1] - 0.5), 1.25 * q[2]};
+  EXPECT_LT(test::distance(transformed(motions[0], p), q), 1e-14);
+  EXPECT_LT(test::distance(transformed(motions[1], p), {p[0], 0.5 + 0.5 * (p[1] - 0.5), p[2]}), 1e-14);
+}
+
+TEST(Setup, RestIsTheIdentityExactly) {
+  deform::Setup setup = good();
+  setup.variables[1].kind = DesignVariable::Rotate{{1, 2, 3}, {1e6, -1e6, 3e5}};
+  const double zero[] = {0, 0, 0, 0};
+  for (const Affine& motion : handle_motions(setup, zero)) EXPECT_EQ(motion, identity_affine);
+}
+
+TEST(Setup, DerivativesOfMotionsAgreeWithDifferences) {
+  const deform::Setup setup = good();
+  const std::vector<double> at{0.5, 0.7, 0.25, -0.3};
+  for (std::size_t k = 0; k < at.size(); ++k) {
+    constexpr double h = 1e-5;
+    auto plus = at, minus = at;
+    plus[k] += h;
+    minus[k] -= h;
+    const auto exact = handle_motion_derivative(setup, at, k);
+    const auto above = handle_motions(setup, plus), below = handle_motions(setup, minus);
+    for (std::size_t i = 0; i < exact.size(); ++i) {
+      for (std::size_t j = 0; j < 12; ++j) EXPECT_NEAR(exact[i][j], (above[i][j] - below[i][j]) / (2 * h), 1e-9) << k;
+    }
+  }
+}
+
+TEST(Setup, BadVariableValuesAreRefusedByName) {
+  const deform::Setup setup = good();
+  const auto refused = [&](const std::vector<double>& v, const std::vector<const char*>& parts) {
+    test::expect_error(ErrorCode::invalid_argument, parts, [&] { handle_motions(setup, v); });
+    test::expect_error(ErrorCode::invalid_argument, parts, [&] { handle_motion_derivative(setup, v, 0); });
+  };
+  refused({0, 0}, {"expected 4", "got 2"});
+  refused({0, nan, 0, 0}, {"variables[1]", "\"turn\"", "finite"});
+  refused({0, 0, 0.75, 0}, {"variables[2]", "\"grow\"", "0.75", "0.5"});
+  test::expect_error(ErrorCode::invalid_argument, {"variable 4"},
+                     [&] { handle_motion_derivative(setup, std::vector<double>(4, 0.0), 4); });
+}
+
+}  // namespace
+}  // namespace deform
