@@ -1,6 +1,7 @@
 #include "server/server.h"
 
 #include <google/protobuf/stubs/logging.h>
+#include <grpc/grpc.h>
 #include <grpc/support/log.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
@@ -53,6 +54,7 @@ std::shared_ptr<grpc::ServerCredentials> credentials(const ServerOptions&) { ret
 void set_up_libraries() {
   static std::once_flag once;
   std::call_once(once, [] {
+    grpc_init();  // for good: taking gRPC down with its last server may wait ten seconds for a poller
     google::protobuf::SetLogHandler(nullptr);
     gpr_set_log_function([](gpr_log_func_args* entry) {
       const auto level = entry->severity == GPR_LOG_SEVERITY_ERROR ? spdlog::level::warn : spdlog::level::debug;

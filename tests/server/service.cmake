@@ -4,6 +4,7 @@ deform_test(service_test
           options_test.cpp
           server_test.cpp
           service_deform_stream_test.cpp
+          service_engine_test.cpp
           service_messages_test.cpp
           service_requests_test.cpp
           service_streams_test.cpp

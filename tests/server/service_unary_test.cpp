@@ -259,7 +259,7 @@ TEST_P(ServiceUnary, HealthAnswersServing) {
   grpc::GenericStub generic(channel);
   for (const std::string& name : {std::string(), std::string("deform.v1.DeformService")}) {
     std::string bytes;
-    if (!name.empty()) bytes = std::string("\x0a") + static_cast<char>(name.size()) + name;
+    if (!name.empty()) bytes.append("\x0a").append(1, static_cast<char>(name.size())).append(name);
     const grpc::Slice slice(bytes);
     const grpc::ByteBuffer request(&slice, 1);
     grpc::ByteBuffer reply;

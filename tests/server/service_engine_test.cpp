@@ -1,0 +1,340 @@
+// Every RPC on the real engine through the real service: the life of a geometry, and what bad input is told.
+#include <cstring>
+#include <map>
+
+#include "tests/server/service_fixture.h"
+#include "tests/server/test_mesh.h"
+
+namespace deform::server {
+namespace {
+
+using grpc::StatusCode;
+
+class ServiceEngine : public testing::TestWithParam<support::Transport> {
+ protected:
+  ServiceEngine() : server(GetParam(), small_options()), stub(v1::DeformService::NewStub(server.channel())) {}
+
+  static ServerOptions small_options() {
+    ServerOptions options;
+    options.engine.block_points = 256;
+    options.engine.workers = 2;
+    options.engine.memory_budget = std::size_t{1} << 30;
+    return options;
+  }
+
+  grpc::Status upload(const v1::GeometryHeader& header, const std::vector<v1::RegisterGeometryRequest>& parts) {
+    grpc::ClientContext context;
+    const auto writer = stub->RegisterGeometry(&context, &geometry);
+    v1::RegisterGeometryRequest first;
+    *first.mutable_header() = header;
+    bool open = writer->Write(first);
+    for (std::size_t i = 0; open && i < parts.size(); ++i) open = writer->Write(parts[i]);
+    writer->WritesDone();
+    return writer->Finish();
+  }
+  void register_sheet() {
+    const grpc::Status status = upload(header_of(mesh), upload_messages(mesh));
+    ASSERT_TRUE(status.ok()) << status.error_message();
+  }
+  grpc::Status prepare(const v1::Setup& setup) {
+    grpc::ClientContext context;
+    v1::PrepareRequest request;
+    *request.mutable_setup() = setup;
+    const auto reader = stub->Prepare(&context, request);
+    v1::PrepareReply reply;
+    while (reader->Read(&reply)) {
+      if (reply.has_system()) system = reply.system();
+    }
+    return reader->Finish();
+  }
+  void prepare_sheet() {
+    register_sheet();
+    const grpc::Status status = prepare(sheet_setup(geometry.id()));
+    ASSERT_TRUE(status.ok()) << status.error_message();
+  }
+  v1::DeformRequest request(std::vector<double> variables) {
+    v1::DeformRequest out;
+    out.set_system_id(system.id());
+    v1::Design& design = *out.add_designs();
+    for (const double v : variables) design.add_variables(v);
+    out.mutable_output()->set_encoding(v1::RAW_F64);
+    return out;
+  }
+  /// Puts a raw block where it belongs.
+  static void place(const v1::Block& block, Points& points) {
+    ASSERT_EQ(block.encoding(), v1::RAW_F64);
+    ASSERT_EQ(block.data().size(), block.count() * sizeof(Vec3));
+    if (points.size() < block.first() + block.count()) points.resize(block.first() + block.count());
+    std::memcpy(points.data() + block.first(), block.data().data(), block.data().size());
+  }
+  template <typename Reader>
+  Points read_points(Reader& reader, grpc::Status& status) {
+    Points points;
+    v1::DeformReply reply;
+    while (reader.Read(&reply)) {
+      if (reply.has_block()) place(reply.block(), points);
+    }
+    status = reader.Finish();
+    return points;
+  }
+  Points deform(const v1::DeformRequest& asked, grpc::Status& status) {
+    grpc::ClientContext context;
+    const auto reader = stub->Deform(&context, asked);
+    return read_points(*reader, status);
+  }
+
+  const Mesh mesh = sheet_mesh(40, 25);
+  support::InProcessServer server;
+  std::unique_ptr<v1::DeformService::Stub> stub;
+  v1::GeometryInfo geometry;
+  v1::SystemInfo system;
+};
+
+TEST_P(ServiceEngine, TheLifeOfAGeometry) {
+  register_sheet();
+  EXPECT_EQ(geometry.points(), mesh.points.size());
+  EXPECT_FALSE(geometry.existed());
+  const std::string id = geometry.id();
+
+  v1::GeometryHeader known = header_of(mesh);
+  known.set_id(id);
+  ASSERT_TRUE(upload(known, {}).ok()) << "known by its id, nothing needs to be sent";
+  EXPECT_TRUE(geometry.existed());
+  {
+    grpc::ClientContext context;
+    v1::GetGeometryRequest request;
+    v1::GeometryInfo info;
+    request.set_id(id.substr(0, 12));
+    ASSERT_TRUE(stub->GetGeometry(&context, request, &info).ok());
+    EXPECT_EQ(info.id(), id);
+  }
+  {
+    grpc::ClientContext context;
+    v1::ListGeometriesReply reply;
+    ASSERT_TRUE(stub->ListGeometries(&context, {}, &reply).ok());
+    ASSERT_EQ(reply.geometries_size(), 1);
+    EXPECT_EQ(reply.geometries(0).name(), "sheet");
+  }
+  {
+    grpc::ClientContext context;
+    v1::GetPointsRequest request;
+    request.set_id(id);
+    const auto reader = stub->GetPoints(&context, request);
+    v1::PointChunk chunk;
+    std::string bytes;
+    while (reader->Read(&chunk)) bytes += chunk.xyz();
+    ASSERT_TRUE(reader->Finish().ok());
+    EXPECT_EQ(bytes, raw_bytes(mesh.points, 0, mesh.points.size()));
+  }
+  {
+    grpc::ClientContext context;
+    v1::EstimateRequest request;
+    v1::EstimateReply reply;
+    *request.mutable_setup() = sheet_setup(id);
+    ASSERT_TRUE(stub->Estimate(&context, request, &reply).ok());
+    EXPECT_TRUE(reply.fits());
+    ASSERT_TRUE(prepare(sheet_setup(id)).ok());
+    EXPECT_EQ(system.id(), reply.system_id());
+    EXPECT_LE(system.bytes(), reply.resident_bytes());
+  }
+  {
+    grpc::ClientContext context;
+    v1::GetSystemRequest request;
+    v1::SystemInfo info;
+    request.set_id(system.id());
+    ASSERT_TRUE(stub->GetSystem(&context, request, &info).ok());
+    EXPECT_TRUE(info.resident());
+  }
+  {
+    grpc::ClientContext context;
+    v1::ListSystemsReply reply;
+    ASSERT_TRUE(stub->ListSystems(&context, {}, &reply).ok());
+    EXPECT_EQ(reply.systems_size(), 1);
+  }
+  {
+    grpc::ClientContext context;
+    v1::DeleteGeometryRequest request;
+    v1::DeleteGeometryReply reply;
+    request.set_id(id);
+    EXPECT_EQ(stub->DeleteGeometry(&context, request, &reply).error_code(), StatusCode::FAILED_PRECONDITION);
+  }
+  {
+    grpc::ClientContext context;
+    v1::ReleaseSystemRequest request;
+    v1::ReleaseSystemReply reply;
+    request.set_id(system.id());
+    request.set_forget(true);
+    ASSERT_TRUE(stub->ReleaseSystem(&context, request, &reply).ok());
+    EXPECT_GT(reply.bytes_released(), 0u);
+  }
+  {
+    grpc::ClientContext context;
+    v1::DeleteGeometryRequest request;
+    v1::DeleteGeometryReply reply;
+    request.set_id(id);
+    EXPECT_TRUE(stub->DeleteGeometry(&context, request, &reply).ok());
+  }
+  grpc::ClientContext context;
+  v1::ServerInfo info;
+  ASSERT_TRUE(stub->GetServerInfo(&context, {}, &info).ok());
+  EXPECT_EQ(info.geometries(), 0u);
+}
+
+TEST_P(ServiceEngine, DeformAndDeformStreamGiveTheSamePoints) {
+  prepare_sheet();
+  grpc::Status status;
+  const Points rest = deform(request({0, 0}), status);
+  ASSERT_TRUE(status.ok()) << status.error_message();
+  ASSERT_EQ(rest.size(), mesh.points.size());
+  for (std::size_t i = 0; i < rest.size(); ++i) {
+    for (int k = 0; k < 3; ++k) ASSERT_NEAR(rest[i][k], mesh.points[i][k], 1e-9);
+  }
+  std::map<std::uint64_t, Points> expected;
+  grpc::ClientContext context;
+  const auto stream = stub->DeformStream(&context);
+  for (std::uint64_t id = 1; id <= 20; ++id) {
+    const v1::DeformRequest asked = request({0.01 * static_cast<double>(id), -0.02});
+    expected[id] = deform(asked, status);
+    ASSERT_TRUE(status.ok());
+    v1::DeformStreamRequest message;
+    message.set_request_id(id);
+    *message.mutable_request() = asked;
+    ASSERT_TRUE(stream->Write(message));
+  }
+  stream->WritesDone();
+  std::map<std::uint64_t, Points> got;
+  v1::DeformReply reply;
+  while (stream->Read(&reply)) {
+    ASSERT_FALSE(reply.has_error()) << reply.error().message();
+    if (reply.has_block()) place(reply.block(), got[reply.request_id()]);
+  }
+  EXPECT_TRUE(stream->Finish().ok());
+  EXPECT_EQ(got, expected) << "bit for bit";
+}
+
+TEST_P(ServiceEngine, TheTwoJacobianProductsAreAdjoint) {
+  prepare_sheet();
+  const std::vector<double> variables = {0.1, 0.05};
+  const std::vector<double> direction = {0.7, -1.3};
+  v1::JacobianVectorRequest forward;
+  forward.set_system_id(system.id());
+  for (const double v : variables) forward.add_variables(v);
+  for (const double d : direction) forward.add_direction(d);
+  grpc::ClientContext context;
+  const auto reader = stub->JacobianVector(&context, forward);
+  grpc::Status status;
+  const Points jv = read_points(*reader, status);
+  ASSERT_TRUE(status.ok()) << status.error_message();
+  ASSERT_EQ(jv.size(), mesh.points.size());
+
+  Points w(mesh.points.size());
+  for (std::size_t i = 0; i < w.size(); ++i) w[i] = {std::sin(double(i)), std::cos(double(i)), 0.1 * double(i % 7)};
+  grpc::ClientContext back_context;
+  v1::VectorJacobianReply reply;
+  const auto writer = stub->VectorJacobian(&back_context, &reply);
+  v1::VectorJacobianRequest message;
+  message.mutable_header()->set_system_id(system.id());
+  for (const double v : variables) message.mutable_header()->add_variables(v);
+  writer->Write(message);
+  for (std::size_t i = 0; i < w.size(); i += 300) {
+    message.set_cotangent(raw_bytes(w, i, std::min<std::size_t>(300, w.size() - i)));
+    writer->Write(message);
+  }
+  writer->WritesDone();
+  status = writer->Finish();
+  ASSERT_TRUE(status.ok()) << status.error_message();
+  ASSERT_EQ(reply.gradient_size(), 2);
+  double left = 0;
+  for (std::size_t i = 0; i < w.size(); ++i) {
+    for (int k = 0; k < 3; ++k) left += w[i][k] * jv[i][k];
+  }
+  EXPECT_NEAR(left, reply.gradient(0) * direction[0] + reply.gradient(1) * direction[1], 1e-9 * std::abs(left));
+}
+
+TEST_P(ServiceEngine, BadInputIsToldWhatIsWrongAndLeavesNothing) {
+  prepare_sheet();
+  grpc::Status status;
+  const auto expect = [&](const grpc::Status& got, StatusCode code, const char* part) {
+    EXPECT_EQ(got.error_code(), code) << got.error_message();
+    EXPECT_NE(got.error_message().find(part), std::string::npos) << got.error_message();
+  };
+  deform(request({0.1}), status);
+  expect(status, StatusCode::INVALID_ARGUMENT, "variables");
+  deform(request({0.1, 0.1, 0.1}), status);
+  expect(status, StatusCode::INVALID_ARGUMENT, "variables");
+  deform(request({0.9, 0}), status);
+  expect(status, StatusCode::INVALID_ARGUMENT, "up");
+  deform(request({std::nan(""), 0}), status);
+  expect(status, StatusCode::INVALID_ARGUMENT, "");
+  v1::DeformRequest unknown = request({0, 0});
+  unknown.set_system_id(std::string(64, '0'));
+  deform(unknown, status);
+  expect(status, StatusCode::NOT_FOUND, "0000");
+  unknown.set_system_id(std::string("..\0/etc", 7));
+  deform(unknown, status);
+  EXPECT_FALSE(status.ok());
+  v1::DeformRequest none = request({0, 0});
+  none.clear_designs();
+  deform(none, status);
+  expect(status, StatusCode::INVALID_ARGUMENT, "designs");
+
+  v1::Setup setup = sheet_setup(geometry.id());
+  setup.mutable_handles(0)->mutable_region()->set_group("rigth");
+  expect(prepare(setup), StatusCode::INVALID_ARGUMENT, "right");
+  setup = sheet_setup(std::string(64, 'f'));
+  expect(prepare(setup), StatusCode::NOT_FOUND, "ffff");
+  setup = sheet_setup(geometry.id());
+  setup.mutable_handles(0)->set_name(std::string("a\0\n", 3));
+  status = prepare(setup);
+  EXPECT_EQ(status.error_message().find('\n'), std::string::npos);
+
+  v1::GeometryHeader header = header_of(mesh);
+  header.set_point_count(~std::uint64_t{0});
+  expect(upload(header, {}), StatusCode::INVALID_ARGUMENT, "point");
+  header = header_of(mesh);
+  header.set_id(std::string(64, 'a'));
+  expect(upload(header, upload_messages(mesh)), StatusCode::INVALID_ARGUMENT, "");
+  expect(upload(header_of(mesh), {}), StatusCode::INVALID_ARGUMENT, "");
+
+  grpc::ClientContext context;
+  v1::ServerInfo info;
+  ASSERT_TRUE(stub->GetServerInfo(&context, {}, &info).ok());
+  EXPECT_EQ(info.geometries(), 1u);
+  deform(request({0.1, 0.1}), status);
+  EXPECT_TRUE(status.ok()) << "and the server goes on";
+}
+
+TEST_P(ServiceEngine, EverythingIsThereAfterARestart) {
+  prepare_sheet();
+  grpc::Status status;
+  const Points before = deform(request({0.2, 0.1}), status);
+  stub.reset();
+  server.restart();
+  stub = v1::DeformService::NewStub(server.channel());
+  EXPECT_EQ(deform(request({0.2, 0.1}), status), before);
+  EXPECT_TRUE(status.ok()) << status.error_message();
+}
+
+TEST_P(ServiceEngine, ACancelledDeformLeavesTheServerIdle) {
+  prepare_sheet();
+  for (int i = 0; i < 20; ++i) {
+    grpc::ClientContext context;
+    v1::DeformRequest asked = request({0.1, 0.1});
+    for (int d = 0; d < 200; ++d) *asked.add_designs() = asked.designs(0);
+    const auto reader = stub->Deform(&context, asked);
+    v1::DeformReply reply;
+    for (int read = 0; read < i; ++read) reader->Read(&reply);
+    context.TryCancel();
+    EXPECT_EQ(reader->Finish().error_code(), StatusCode::CANCELLED);
+  }
+  EXPECT_TRUE(support::eventually([&] {
+    grpc::ClientContext context;
+    v1::ServerInfo info;
+    return stub->GetServerInfo(&context, {}, &info).ok() && info.running() == 0 && info.queue_length() == 0;
+  }));
+}
+
+DEFORM_BOTH_TRANSPORTS(ServiceEngine);
+
+}  // namespace
+}  // namespace deform::server
