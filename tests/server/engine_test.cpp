@@ -289,13 +289,13 @@ TEST_F(EngineTest, what_never_fits_is_refused_with_the_numbers) {
 }
 
 TEST_F(EngineTest, a_drained_engine_finishes_and_then_refuses) {
-  EXPECT_TRUE(engine->drain(std::chrono::seconds(10)));
+  EXPECT_TRUE(engine->drain(std::chrono::seconds(60)));
   EXPECT_TRUE(engine->info().draining());
   expect_error(ErrorCode::unavailable, {"shutting down"}, [&] { deform(request_for(system.id(), {{0, 0}})); });
   expect_error(ErrorCode::unavailable, {"shutting down"}, [&] { prepare(sheet_setup(geometry.id())); });
   expect_error(ErrorCode::unavailable, {"shutting down"}, [&] { register_mesh(mesh); });
   EXPECT_EQ(engine->get_geometry(geometry.id()).points(), mesh.point_count());
-  EXPECT_TRUE(engine->drain(std::chrono::seconds(10)));
+  EXPECT_TRUE(engine->drain(std::chrono::seconds(60)));
 }
 
 TEST_F(EngineTest, draining_cancels_what_is_not_done_in_time) {
@@ -311,7 +311,7 @@ TEST_F(EngineTest, draining_cancels_what_is_not_done_in_time) {
 TEST_F(EngineTest, jobs_that_are_read_finish_while_draining) {
   Doorbell bell;
   const auto job = engine->deform(request_for(system.id(), {{0.1, 0}}), 0, {}, bell.ring());
-  std::thread drainer([&] { EXPECT_TRUE(engine->drain(std::chrono::seconds(20))); });
+  std::thread drainer([&] { EXPECT_TRUE(engine->drain(std::chrono::seconds(60))); });
   v1::DeformReply reply;
   int replies = 0;
   for (DeformJob::Poll poll; (poll = job->poll(reply)) != DeformJob::Poll::done;) {
