@@ -16,7 +16,6 @@ namespace {
 
 constexpr std::size_t variables_per_handle = 12;  // an affine map has no more degrees of freedom
 constexpr std::size_t longest_name = 4096;
-constexpr double default_shape = 0.5;
 constexpr std::uint32_t default_rings = 3;
 
 struct KernelRow {
@@ -43,7 +42,7 @@ const KernelRow& kernel_row(v1::Kernel kernel) {
 RbfOptions rbf_options(const v1::RbfMethod& message) {
   RbfOptions options;
   options.kernel = kernel_row(message.kernel()).kernel;
-  if (message.shape() != 0) options.shape = finite(message.shape(), "method.rbf.shape");
+  options.shape = finite(message.shape(), "method.rbf.shape");
   if (message.has_polynomial_degree()) {
     if (message.polynomial_degree() > 2) {
       refuse_field("method.rbf.polynomial_degree", std::to_string(message.polynomial_degree()) + " is more than 2");
@@ -162,7 +161,7 @@ v1::Setup canonical_setup(const v1::Setup& message, const std::string& geometry_
   v1::RbfMethod& rbf = *canonical.mutable_method()->mutable_rbf();
   const KernelRow& kernel = kernel_row(rbf.kernel());
   rbf.set_kernel(kernel.message);
-  if (!kernel.has_shape || rbf.shape() == 0) rbf.set_shape(default_shape);  // ignored by the others: one value for all
+  if (!kernel.has_shape || rbf.shape() == 0) rbf.set_shape(0);  // ignored by the others: one value for all
   if (!rbf.has_polynomial_degree()) rbf.set_polynomial_degree(kernel.default_degree);
   if (rbf.reduction() == v1::REDUCTION_OFF || rbf.reduction_rings() == 0) rbf.set_reduction_rings(default_rings);
   for (auto& handle : *canonical.mutable_handles()) canonicalize_region(*handle.mutable_region());

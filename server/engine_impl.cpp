@@ -275,7 +275,7 @@ v1::ServerInfo EngineImpl::info() {
   info.set_workers(static_cast<std::uint32_t>(options_.workers));
   info.set_queue_length(static_cast<std::uint32_t>(load.waiting));
   info.set_queue_limit(static_cast<std::uint32_t>(options_.queue_limit));
-  info.set_running(static_cast<std::uint32_t>(load.running));
+  info.set_running(static_cast<std::uint32_t>(load.running + load.preparations));
   info.set_memory_budget(memory_.total());
   info.set_memory_in_use(memory_.in_use());
   const SystemCache::Stats cache = cache_->stats();

@@ -85,7 +85,7 @@ ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
   const auto start = std::chrono::steady_clock::now();
   Connection connection(common);
   Progress progress;
-  const PreparedSetup prepared = prepare_setup(connection, options.input, progress);
+  const PreparedSetup prepared = open_setup(connection, options.input, progress);
   const io::MeshFile& source = source_of(prepared);
   v1::DeformRequest request;
   request.set_system_id(prepared.system.id());

@@ -185,7 +185,7 @@ void print_bench(const nlohmann::ordered_json& json) {
 ExitCode run_bench(const BenchOptions& options, const CommonOptions& common) {
   Connection connection(common);
   Progress preparing;
-  const PreparedSetup prepared = prepare_setup(connection, options.input, preparing);
+  const PreparedSetup prepared = open_setup(connection, options.input, preparing);
   Progress progress;
   const Measured measured = Bench(connection, common, prepared.system, options).run(progress);
   progress.clear();

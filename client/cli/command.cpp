@@ -59,6 +59,19 @@ ExitCode run_action(const Action& action) {
   return exit_failed;
 }
 
+std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
+  const auto chosen = app.get_subcommands();
+  const auto unknown = app.remaining();
+  if (chosen.empty() && !unknown.empty()) {
+    std::vector<std::string> names;
+    for (const auto* command : app.get_subcommands({})) names.push_back(command->get_name());
+    const std::string near = nearest_names(unknown.front(), names);
+    return "there is no command \"" + unknown.front() + "\"; " +
+           (near.empty() ? "see deform --help" : "did you mean " + near + "?");
+  }
+  return std::string(error.what()) + "; see deform " + (chosen.empty() ? "" : chosen.front()->get_name() + " ") + "--help";
+}
+
 void add_common_options(CLI::App& app, CommonOptions& common) {
   app.add_option("--server", common.server, "Address of deformd, HOST:PORT")->envname("DEFORM_SERVER")->capture_default_str();
   app.add_option("--timeout", common.timeout_seconds, "Seconds that one call to the server may take; 0: no limit")
@@ -90,9 +103,7 @@ int run(int argc, const char* const* argv) {
     app.exit(help);
     return exit_ok;
   } catch (const CLI::ParseError& error) {
-    const auto commands = app.get_subcommands();
-    complain(std::string(error.what()) + "; see deform " + (commands.empty() ? "" : commands.front()->get_name() + " ") +
-             "--help");
+    complain(usage_error(app, error));
     return exit_usage;
   }
   return run_action(chosen);

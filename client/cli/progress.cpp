@@ -14,8 +14,11 @@ namespace {
 std::string bar(double done) {
   constexpr int width = 30;
   const int filled = static_cast<int>(std::clamp(done, 0.0, 1.0) * width);
-  return "[" + std::string(static_cast<std::size_t>(filled), '#') + std::string(static_cast<std::size_t>(width - filled), '.') +
-         "]";
+  std::string text(width + 2, '.');
+  std::fill_n(text.begin() + 1, filled, '#');
+  text.front() = '[';
+  text.back() = ']';
+  return text;
 }
 
 }  // namespace

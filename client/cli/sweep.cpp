@@ -141,7 +141,7 @@ class Sweep {
 ExitCode run_sweep(const SweepOptions& options, const CommonOptions& common) {
   Connection connection(common);
   Progress preparing;
-  const PreparedSetup prepared = prepare_setup(connection, options.input, preparing);
+  const PreparedSetup prepared = open_setup(connection, options.input, preparing);
   const auto designs = read_designs(read_csv(options.designs), prepared.system.setup());
   const auto start = std::chrono::steady_clock::now();
   Progress progress;

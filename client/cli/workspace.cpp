@@ -51,7 +51,8 @@ void read_source(LoadedSetup& loaded, const std::filesystem::path& path) {
 LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progress& progress) {
   LoadedSetup loaded;
   if (!std::filesystem::exists(input.setup) && looks_like_id(input.setup)) {
-    loaded.setup = connection.client().get_system(input.setup, connection.call()).setup();
+    loaded.system = connection.client().get_system(input.setup, connection.call());
+    loaded.setup = loaded.system->setup();
   } else {
     SetupFile file = read_setup_file(input.setup);
     loaded.setup = std::move(file.setup);
@@ -76,18 +77,35 @@ LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progre
   return loaded;
 }
 
-PreparedSetup prepare_setup(Connection& connection, const PrepareInput& input, Progress& progress) {
-  LoadedSetup loaded = load_setup(connection, input, progress);
+namespace {
+
+PreparedSetup prepare(Connection& connection, LoadedSetup&& loaded, Progress& progress) {
   PreparedSetup prepared;
   const auto start = std::chrono::steady_clock::now();
-  prepared.system = connection.client().prepare(
-      loaded.setup, connection.call(), [&](const std::string& stage, double fraction) { progress.fraction(stage, fraction); });
+  if (loaded.system) {
+    prepared.system = std::move(*loaded.system);
+  } else {
+    prepared.system = connection.client().prepare(
+        loaded.setup, connection.call(), [&](const std::string& stage, double fraction) { progress.fraction(stage, fraction); });
+  }
   progress.clear();
   prepared.source = std::move(loaded.source);
   prepared.source_path = std::move(loaded.source_path);
   prepared.times = loaded.times;
   prepared.times.prepare = seconds_since(start);
   return prepared;
+}
+
+}  // namespace
+
+PreparedSetup prepare_setup(Connection& connection, const PrepareInput& input, Progress& progress) {
+  LoadedSetup loaded = load_setup(connection, input, progress);
+  loaded.system.reset();
+  return prepare(connection, std::move(loaded), progress);
+}
+
+PreparedSetup open_setup(Connection& connection, const PrepareInput& input, Progress& progress) {
+  return prepare(connection, load_setup(connection, input, progress), progress);
 }
 
 const io::MeshFile& source_of(const PreparedSetup& prepared) {

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "client/cli/command.h"
@@ -57,11 +58,14 @@ struct LoadedSetup {
   std::shared_ptr<const io::MeshFile> source;
   std::filesystem::path source_path;
   StageTimes times;
+  std::optional<v1::SystemInfo> system;  ///< when it was named by its id
 };
 LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progress& progress);
 
 /// Reads, registers, prepares.
 PreparedSetup prepare_setup(Connection& connection, const PrepareInput& input, Progress& progress);
+/// The same, but a system that is named by its id is taken as it is: the server prepares it again when it has to.
+PreparedSetup open_setup(Connection& connection, const PrepareInput& input, Progress& progress);
 
 /// Throws Error(invalid_argument) when there is no file that results could be written into.
 const io::MeshFile& source_of(const PreparedSetup& prepared);

@@ -75,7 +75,9 @@ class Walker {
       }
       if (seen.size() > 1) json_ += ',';
       json_ += json_string(key) + ":";
-      member(entry.second, *field, path.empty() ? key : path + "." + key);
+      const std::string inner = path.empty() ? key : path + "." + key;
+      if (entry.second.IsNull()) refuse(entry.first, inner, "expected a value, got nothing");  // a null may stand on a later line
+      member(entry.second, *field, inner);
     }
     json_ += '}';
   }

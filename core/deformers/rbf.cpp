@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
@@ -42,6 +43,25 @@ UnitBox unit_box(const Box& box) {
   for (int k = 0; k < 3; ++k) unit.scale = std::max(unit.scale, box.max[k] - box.min[k]);
   if (unit.scale <= 0) unit.scale = 1;
   return unit;
+}
+
+/// Median distance to the nearest other place, over an evenly strided sample of the places.
+double median_spacing(const std::vector<Vec3>& places) {
+  constexpr std::size_t sample = 500;
+  const std::size_t stride = places.size() / sample + 1;
+  std::vector<double> nearest;
+  for (std::size_t i = 0; i < places.size(); i += stride) {
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t j = 0; j < places.size(); ++j) {
+      if (j != i)
+        least =
+            std::min(least, std::hypot(places[i][0] - places[j][0], places[i][1] - places[j][1], places[i][2] - places[j][2]));
+    }
+    nearest.push_back(least);
+  }
+  const auto middle = nearest.begin() + static_cast<std::ptrdiff_t>(nearest.size() / 2);
+  std::nth_element(nearest.begin(), middle, nearest.end());
+  return *middle;
 }
 
 constexpr std::size_t basis_always_fits = std::size_t{1} << 30;
@@ -93,7 +113,9 @@ RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const
     extent.add(places.back());
   }
   InterpolationOptions interpolation;
-  interpolation.kernel = {options.kernel, options.shape * (extent.diagonal() > 0 ? extent.diagonal() : 1.0)};
+  const double size = extent.diagonal() > 0 ? extent.diagonal() : 1.0;
+  interpolation.kernel = {options.kernel, options.shape * size};
+  if (options.shape == 0) interpolation.kernel.shape = automatic_shape(options.kernel, median_spacing(places), size);
   interpolation.polynomial_degree = degree;
   interpolation.solver = options.solver;
   interpolation.memory_limit = memory_budget;
@@ -120,6 +142,10 @@ RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const
   info_.basis_bytes = basis_ ? basis_->bytes() : 0;
   info_.bytes = info_.factor_bytes + info_.basis_bytes + point_bytes(mesh_->point_count());
   add_notes(degree);
+  if (properties(options.kernel).has_shape && options.shape == 0) {
+    info_.notes.push_back("The shape is " + std::to_string(interpolation.kernel.shape / size) +
+                          " of the diagonal of the centres (automatic).");
+  }
 }
 
 void RbfSystem::add_notes(int degree) {

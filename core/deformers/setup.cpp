@@ -94,8 +94,8 @@ std::size_t handle_index(const Setup& setup, const std::string& name) {
 }
 
 void validate_rbf(const RbfOptions& options) {
-  if (!(options.shape > 0 && options.shape <= 100)) {
-    invalid("method.rbf.shape: " + std::to_string(options.shape) + " is out of range, must be greater than 0 and at most 100");
+  if (!(options.shape >= 0 && options.shape <= 100)) {
+    invalid("method.rbf.shape: " + std::to_string(options.shape) + " is out of range, must be 0 (automatic) or up to 100");
   }
   if (options.reduction_rings < 1 || options.reduction_rings > 100) {
     invalid("method.rbf.reduction_rings: " + std::to_string(options.reduction_rings) + " is out of range 1..100");

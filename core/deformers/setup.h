@@ -30,8 +30,8 @@ enum class BasisMode {
 struct RbfOptions {
   Kernel kernel = Kernel::triharmonic;
   /// s of the kernels that have one, as a fraction of the bounding-box diagonal of the centres; larger is smoother and worse
-  /// conditioned. Ignored by r, r^3, r^5. 0 < shape <= 100.
-  double shape = 0.5;
+  /// conditioned. Ignored by r, r^3, r^5. 0 = automatic_shape() of kernel.h, else 0 < shape <= 100.
+  double shape = 0;
   /// Total degree of the polynomial part; -1 = max(1, order - 1). At least order - 1, at most 2.
   int polynomial_degree = -1;
   DenseSolver solver = DenseSolver::automatic;

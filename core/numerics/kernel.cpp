@@ -25,6 +25,12 @@ KernelProperties properties(Kernel kernel) {
   return {"triharmonic", 2, 1, false};
 }
 
+double automatic_shape(Kernel kernel, double spacing, double diagonal) {
+  const double largest = 0.5 * diagonal;
+  if (kernel == Kernel::wendland_c2) return largest;
+  return std::min(largest, (kernel == Kernel::gaussian ? 2 : 3) * spacing);
+}
+
 double value(const RadialKernel& kernel, double r2) {
   const double r = std::sqrt(r2);
   const double s = kernel.shape;

@@ -24,6 +24,12 @@ struct KernelProperties {
 
 KernelProperties properties(Kernel kernel);
 
+/// A shape parameter for centres that are `spacing` apart and `diagonal` across. The Gaussian and the multiquadrics are analytic:
+/// their systems are numerically singular as soon as s is many spacings, so s is 2 of them for the Gaussian and 3 for the
+/// multiquadrics, at most half the diagonal (conditions of 1e6 to 1e11 on surfaces). Wendland's condition grows with a power
+/// only: half the diagonal.
+double automatic_shape(Kernel kernel, double spacing, double diagonal);
+
 /// A kernel with its parameter, in the coordinates it is evaluated in.
 struct RadialKernel {
   Kernel kernel = Kernel::triharmonic;

@@ -9,6 +9,7 @@ deform_test(service_test
           service_requests_test.cpp
           service_streams_test.cpp
           service_unary_test.cpp
+          service_uploads_test.cpp
           status_test.cpp
   LIBS deform_test_server
   TIMEOUT 120)

@@ -25,7 +25,7 @@ class ServiceDeformStream : public ServiceFixture {
   static v1::DeformStreamRequest message(std::uint64_t id, bool more = false) {
     v1::DeformStreamRequest out;
     out.set_request_id(id);
-    out.mutable_request()->set_system_id("s" + std::to_string(id));
+    out.mutable_request()->set_system_id(std::string("s").append(std::to_string(id)));
     out.mutable_request()->add_designs()->add_variables(static_cast<double>(id));
     out.set_more(more);
     return out;

@@ -30,7 +30,6 @@ deform::Setup with(deform::Setup setup, RbfOptions options) {
 RbfOptions options_for(Kernel kernel) {
   RbfOptions options;
   options.kernel = kernel;
-  options.shape = kernel == Kernel::wendland_c2 ? 0.5 : 0.05;
   return options;
 }
 

@@ -59,7 +59,6 @@ TEST(Rbf, CommonAffineMotionIsReproducedByEveryKernelAndSolver) {
       setup.variables.clear();
       RbfOptions options;
       options.kernel = kernel;
-      options.shape = kernel == Kernel::wendland_c2 ? 0.3 : 0.03;
       options.solver = solver;
       setup.method = options;
       const auto system = prepare(mesh, setup);

@@ -81,7 +81,7 @@ const std::vector<BadSetup>& bad_setups() {
          s.variables[2].kind = DesignVariable::Scale{{HUGE_VAL, 0, 0}, {}};
        },
        {"scale.centre", "finite"}},
-      {"shape 0", [](Setup& s) { options(s).shape = 0; }, {"method.rbf.shape", "100"}},
+      {"shape -1", [](Setup& s) { options(s).shape = -1; }, {"method.rbf.shape", "100"}},
       {"shape NaN", [](Setup& s) { options(s).shape = nan; }, {"method.rbf.shape"}},
       {"no rings", [](Setup& s) { options(s).reduction_rings = 0; }, {"reduction_rings", "1..100"}},
       {"too many rings", [](Setup& s) { options(s).reduction_rings = 101; }, {"reduction_rings", "101"}},

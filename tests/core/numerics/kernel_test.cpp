@@ -60,5 +60,12 @@ TEST(Kernel, OrderAndSignMakeThemPositiveDefinite) {
   }
 }
 
+TEST(Kernel, AutomaticShapeFollowsTheSpacingUpToHalfTheDiagonal) {
+  EXPECT_DOUBLE_EQ(automatic_shape(Kernel::gaussian, 0.01, 2), 0.02);
+  EXPECT_DOUBLE_EQ(automatic_shape(Kernel::multiquadric, 0.01, 2), 0.03);
+  EXPECT_DOUBLE_EQ(automatic_shape(Kernel::inverse_multiquadric, 0.9, 2), 1);
+  EXPECT_DOUBLE_EQ(automatic_shape(Kernel::wendland_c2, 0.01, 2), 1);
+}
+
 }  // namespace
 }  // namespace deform

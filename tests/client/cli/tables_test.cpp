@@ -1,0 +1,197 @@
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <fstream>
+#include <iterator>
+
+#include "client/cli/csv.h"
+#include "client/cli/motions.h"
+#include "client/cli/sweep_designs.h"
+#include "client/cli/sweep_output.h"
+#include "client/cli/tar.h"
+#include "core/io/mesh_file.h"
+#include "tests/support/expect_error.h"
+
+namespace deform {
+namespace {
+
+namespace fs = std::filesystem;
+using test::expect_error;
+
+TEST(Csv, ReadsQuotesCommentsAndLineEnds) {
+  const auto csv =
+      cli::parse_csv("\xef\xbb\xbf# designs\r\nname, a ,\"b,c\"\r\n\r\n\"x \"\"y\"\"\",1, 2\n z ,+3e-2,-.5\n", "t.csv");
+  EXPECT_EQ(csv.header, (std::vector<std::string>{"name", "a", "b,c"}));
+  ASSERT_EQ(csv.rows.size(), 2u);
+  EXPECT_EQ(csv.rows[0].fields[0], "x \"y\"");
+  EXPECT_EQ(csv.rows[1].line, 5u);
+  EXPECT_EQ(csv.number(csv.rows[1], 1), 0.03);
+  EXPECT_EQ(csv.number(csv.rows[1], 2), -0.5);
+}
+
+TEST(Csv, RefusesWithTheLine) {
+  expect_error(ErrorCode::invalid_argument, {"t.csv", "empty"}, [] { cli::parse_csv("\n# c\n", "t.csv"); });
+  expect_error(ErrorCode::invalid_argument, {"t.csv:3", "1 fields, the header has 2"},
+               [] { cli::parse_csv("a,b\n1,2\n3\n", "t.csv"); });
+  expect_error(ErrorCode::invalid_argument, {"t.csv:1", "two columns"}, [] { cli::parse_csv("a,a\n", "t.csv"); });
+  expect_error(ErrorCode::invalid_argument, {"t.csv:1", "column 2"}, [] { cli::parse_csv("a,\n", "t.csv"); });
+  expect_error(ErrorCode::invalid_argument, {"t.csv:2", "quote"}, [] { cli::parse_csv("a\n\"x\n", "t.csv"); });
+  expect_error(ErrorCode::invalid_argument, {"t.csv:2: a: ", "\"nan\""}, [] {
+    const auto csv = cli::parse_csv("a\nnan\n", "t.csv");
+    csv.number(csv.rows[0], 0);
+  });
+}
+
+std::vector<PointId> points_of(const std::string& handle) {
+  if (handle == "roof") return {3, 5, 9};
+  throw Error(ErrorCode::invalid_argument, "no such handle");
+}
+
+TEST(Motions, ReadsMatricesAndDisplacements) {
+  const auto matrices = cli::read_motions(
+      cli::parse_csv("handle,m00,m01,m02,m03,m10,m11,m12,m13,m20,m21,m22,m23\nroof,1,0,0,0.5,0,1,0,0,0,0,1,-2\n", "m.csv"),
+      points_of);
+  ASSERT_EQ(matrices.size(), 1u);
+  EXPECT_EQ(matrices[0].affine(3), 0.5);
+  EXPECT_EQ(matrices[0].affine(11), -2);
+  const auto moved =
+      cli::read_motions(cli::parse_csv("handle,point,dx,dy,dz\nroof,9,7,8,9\nroof,3,1,2,3\nroof,5,4,5,6\n", "m.csv"), points_of);
+  ASSERT_EQ(moved.size(), 1u);
+  std::vector<double> xyz(9);
+  ASSERT_EQ(moved[0].displacements(0).xyz().size(), 72u);
+  std::memcpy(xyz.data(), moved[0].displacements(0).xyz().data(), 72);
+  EXPECT_EQ(xyz, (std::vector<double>{1, 2, 3, 4, 5, 6, 7, 8, 9}));
+}
+
+TEST(Motions, RefusesWithTheLine) {
+  const auto refused = [](const char* text, std::vector<const char*> parts) {
+    expect_error(ErrorCode::invalid_argument, parts, [&] { cli::read_motions(cli::parse_csv(text, "m.csv"), points_of); });
+  };
+  refused("a,b\n1,2\n", {"the columns are neither"});
+  refused("handle,point,dx,dy,dz\n", {"no motion"});
+  refused("handle,point,dx,dy,dz\nroot,3,1,2,3\n", {"m.csv:2", "no such handle"});
+  refused("handle,point,dx,dy,dz\nroof,4,1,2,3\n", {"m.csv:2", "point 4 is not in handle \"roof\""});
+  refused("handle,point,dx,dy,dz\nroof,-3,1,2,3\n", {"m.csv:2", "point id"});
+  refused("handle,point,dx,dy,dz\nroof,3,1,2,3\nroof,3,1,2,3\n", {"m.csv:3", "twice"});
+  refused("handle,point,dx,dy,dz\nroof,3,1,x,3\n", {"m.csv:2: dy"});
+  refused("handle,point,dx,dy,dz\nroof,3,1,2,3\n", {"2 of its 3 points are missing, the first is point 5"});
+}
+
+v1::Setup two_variables() {
+  v1::Setup setup;
+  setup.add_variables()->set_name("roof_up");
+  setup.add_variables()->set_name("slant_turn");
+  return setup;
+}
+
+TEST(Settings, FillOneValuePerVariable) {
+  EXPECT_EQ(cli::parse_settings({"slant_turn=-1e-2"}, two_variables()), (std::vector<double>{0, -0.01}));
+  EXPECT_TRUE(cli::parse_settings({}, two_variables()).empty());
+  const auto refused = [](const char* setting, std::vector<const char*> parts) {
+    expect_error(ErrorCode::invalid_argument, parts, [&] { cli::parse_settings({setting}, two_variables()); });
+  };
+  refused("roof_up", {"expected NAME=VALUE"});
+  refused("roofup=1", {"did you mean \"roof_up\""});
+  refused("x=1", {"it has roof_up, slant_turn"});
+  refused("roof_up=1m", {"finite number"});
+  expect_error(ErrorCode::invalid_argument, {"set twice"}, [] {
+    cli::parse_settings({"roof_up=1", "roof_up=2"}, two_variables());
+  });
+}
+
+TEST(SweepDesigns, NamesAndHashes) {
+  const auto designs = cli::read_designs(cli::parse_csv("slant_turn\n1\n2\n", "d.csv"), two_variables());
+  ASSERT_EQ(designs.size(), 2u);
+  EXPECT_EQ(designs[1].name, "design_0002");
+  EXPECT_EQ(designs[1].values, (std::vector<double>{0, 2}));
+  const cli::SweepIdentity identity{"system", "raw_f64", 0, ".obj"};
+  EXPECT_NE(cli::design_hash(identity, designs[0]), cli::design_hash(identity, designs[1]));
+  EXPECT_NE(cli::design_hash(identity, designs[0]), cli::design_hash({"other", "raw_f64", 0, ".obj"}, designs[0]));
+  const auto refused = [](const char* text, std::vector<const char*> parts) {
+    expect_error(ErrorCode::invalid_argument, parts, [&] { cli::read_designs(cli::parse_csv(text, "d.csv"), two_variables()); });
+  };
+  refused("roof_up,name\n1,a/b\n", {"d.csv:2: name", "cannot be a file name"});
+  refused("roof_up,name\n1,..\n", {"cannot be a file name"});
+  refused("roof_up,name\n1,a\n2,a\n", {"d.csv:3", "twice"});
+  refused("roof_up\n", {"no design"});
+  refused("roof_upp\n1\n", {"did you mean"});
+  refused("roof_up\none\n", {"d.csv:2: roof_up"});
+}
+
+std::string content(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+class SweepOutput : public testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = fs::temp_directory_path() / ("deform_sweep_" + std::to_string(::getpid()));
+    fs::remove_all(folder_);
+    fs::create_directories(folder_);
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+  fs::path folder_;
+};
+
+TEST_F(SweepOutput, FolderKnowsWhatIsThere) {
+  const fs::path path = folder_ / "results";
+  cli::open_sweep_output(path, ".obj", {})->put("a", "1", "content");
+  EXPECT_EQ(content(path / "a.obj"), "content");
+  {
+    const auto again = cli::open_sweep_output(path, ".obj", {});
+    EXPECT_TRUE(again->has("a", "1"));
+    EXPECT_FALSE(again->has("a", "2"));
+    EXPECT_FALSE(again->has("b", "1"));
+  }
+  std::ofstream(path / "a.obj") << "cut";  // another size: not the recorded one
+  EXPECT_FALSE(cli::open_sweep_output(path, ".obj", {})->has("a", "1"));
+}
+
+TEST_F(SweepOutput, TornManifestLineDoesNotCount) {
+  const fs::path path = folder_ / "results";
+  cli::open_sweep_output(path, ".obj", {})->put("a", "1", "content");
+  std::ofstream(path / "sweep.manifest", std::ios::app) << "{\"name\":\"b\",\"hash\":\"1\",\"file\":\"a.obj\",\"off";
+  auto again = cli::open_sweep_output(path, ".obj", {});
+  EXPECT_TRUE(again->has("a", "1"));
+  EXPECT_FALSE(again->has("b", "1"));
+  again->put("c", "1", "more");
+  again.reset();
+  EXPECT_TRUE(cli::open_sweep_output(path, ".obj", {})->has("c", "1"));
+}
+
+TEST_F(SweepOutput, ArchiveGoesOnWhereItStopped) {
+  const cli::ExpectedResults expected{{"a", "1"}, {"b", "2"}};
+  const fs::path path = folder_ / "out.tar", whole = folder_ / "whole.tar";
+  cli::open_sweep_output(path, ".obj", expected)->put("a", "1", std::string(700, 'a'));
+  EXPECT_FALSE(fs::exists(path));
+  std::ofstream(folder_ / "out.tar.part", std::ios::app) << "half an entry";
+  {
+    const auto again = cli::open_sweep_output(path, ".obj", expected);
+    EXPECT_TRUE(again->has("a", "1"));
+    again->put("b", "2", std::string(512, 'b'));
+    again->finish();
+  }
+  const auto at_once = cli::open_sweep_output(whole, ".obj", expected);
+  at_once->put("a", "1", std::string(700, 'a'));
+  at_once->put("b", "2", std::string(512, 'b'));
+  at_once->finish();
+  EXPECT_EQ(content(path), content(whole));
+  EXPECT_EQ(content(path).size(), cli::tar_entry_bytes(700) + cli::tar_entry_bytes(512) + 1024);
+}
+
+TEST_F(SweepOutput, ArchiveOfOtherDesignsBeginsAnew) {
+  const fs::path path = folder_ / "out.tar";
+  const auto first = cli::open_sweep_output(path, ".obj", {{"a", "1"}});
+  first->put("a", "1", "old");
+  first->finish();
+  const auto second = cli::open_sweep_output(path, ".obj", {{"a", "2"}});
+  EXPECT_FALSE(second->has("a", "1"));
+  second->put("a", "2", "new");
+  second->finish();
+  EXPECT_EQ(content(path).size(), cli::tar_entry_bytes(3) + 1024);
+  EXPECT_EQ(content(path).substr(512, 3), "new");
+}
+
+}  // namespace
+}  // namespace deform

@@ -1,0 +1,287 @@
+#include "client/client.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <thread>
+
+#include "tests/client/scripted_service.h"
+#include "tests/support/expect_error.h"
+
+namespace deform {
+namespace {
+
+using client::CallOptions;
+using client::Client;
+using client::ClientOptions;
+using test::expect_error;
+using test::ReplyScript;
+using test::ScriptedService;
+
+v1::DeformRequest raw_request(std::size_t designs = 1) {
+  v1::DeformRequest request;
+  request.set_system_id("system");
+  request.mutable_output()->set_encoding(v1::RAW_F64);
+  for (std::size_t d = 0; d < designs; ++d) request.add_designs();
+  return request;
+}
+
+void keep(Client& client, std::size_t points = 5000) {
+  client.keep_points("geometry", std::make_shared<const Points>(test::registered_points(points)));
+}
+
+grpc::Status answer(ScriptedService::Writer& writer, const ReplyScript& script) {
+  for (const auto& reply : test::replies(script)) writer.Write(reply, grpc::WriteOptions());
+  return grpc::Status::OK;
+}
+
+grpc::Status refusal(grpc::ServerContext& context, const char* retry_after_ms) {
+  if (retry_after_ms != nullptr) context.AddTrailingMetadata("retry-after-ms", retry_after_ms);
+  return {grpc::StatusCode::RESOURCE_EXHAUSTED, "the queue is full"};
+}
+
+TEST(Client, DeformsAndFetchesThePointsOnce) {
+  ScriptedService service;
+  int fetched = 0;
+  service.on_get_geometry = [](const v1::GetGeometryRequest&, v1::GeometryInfo& info) {
+    info.set_points(5000);
+    return grpc::Status::OK;
+  };
+  service.on_points = [&](const v1::GetPointsRequest& request, grpc::ServerWriterInterface<v1::PointChunk>& writer) {
+    EXPECT_EQ(request.id(), "geometry");
+    ++fetched;
+    const Points points = test::registered_points(5000);
+    v1::PointChunk chunk;
+    chunk.set_xyz(points.data(), points.size() * sizeof(Vec3));
+    writer.Write(chunk, grpc::WriteOptions());
+    return grpc::Status::OK;
+  };
+  service.on_deform = [](grpc::ServerContext&, const v1::DeformRequest&, ScriptedService::Writer& writer) {
+    return answer(writer, {});
+  };
+  Client client = service.client();
+  for (int k = 0; k < 3; ++k) EXPECT_EQ(client.deform(raw_request()).designs.at(0).points, test::deformed_points(5000, 0));
+  EXPECT_EQ(fetched, 1);
+}
+
+TEST(Client, RefusesPointsThatDoNotAddUp) {
+  ScriptedService service;
+  service.on_get_geometry = [](const v1::GetGeometryRequest&, v1::GeometryInfo& info) {
+    info.set_points(std::uint64_t{1} << 60);
+    return grpc::Status::OK;
+  };
+  service.on_points = [](const v1::GetPointsRequest&, grpc::ServerWriterInterface<v1::PointChunk>& writer) {
+    v1::PointChunk chunk;
+    chunk.set_xyz(std::string(48, 'x'));
+    writer.Write(chunk, grpc::WriteOptions());
+    return grpc::Status::OK;
+  };
+  Client client = service.client();
+  expect_error(ErrorCode::data_loss, {"2 arrived"}, [&] { client.get_points("geometry"); });
+}
+
+/// How often a call is tried when its first attempts fail in some way.
+struct RetryRow {
+  const char* name;
+  grpc::StatusCode status;
+  const char* hint;
+  int failures;  ///< attempts that fail
+  int expected_attempts;
+  bool succeeds;
+};
+
+TEST(Client, RetriesWhatIsSafe) {
+  const std::vector<RetryRow> table = {
+      {"lost once", grpc::StatusCode::UNAVAILABLE, nullptr, 1, 2, true},
+      {"lost for ever", grpc::StatusCode::UNAVAILABLE, nullptr, 100, 3, false},
+      {"refused with a hint", grpc::StatusCode::RESOURCE_EXHAUSTED, "20", 2, 3, true},
+      {"refused without", grpc::StatusCode::RESOURCE_EXHAUSTED, nullptr, 1, 1, false},
+      {"hint that is no number", grpc::StatusCode::RESOURCE_EXHAUSTED, "soon", 1, 1, false},
+      {"wrong input", grpc::StatusCode::INVALID_ARGUMENT, "20", 1, 1, false},
+      {"corrupted", grpc::StatusCode::DATA_LOSS, nullptr, 1, 1, false},
+  };
+  for (const auto& row : table) {
+    SCOPED_TRACE(row.name);
+    ScriptedService service;
+    std::atomic<int> attempts{0};
+    service.on_deform = [&](grpc::ServerContext& context, const v1::DeformRequest&, ScriptedService::Writer& writer) {
+      if (++attempts > row.failures) return answer(writer, {});
+      writer.Write(test::replies({})[0], grpc::WriteOptions());  // a header that must not spoil the next attempt
+      if (row.hint != nullptr) context.AddTrailingMetadata("retry-after-ms", row.hint);
+      return grpc::Status(row.status, "told to");
+    };
+    ClientOptions options;
+    options.max_attempts = 3;
+    Client client = service.client(options);
+    keep(client);
+    if (row.succeeds) {
+      EXPECT_EQ(client.deform(raw_request()).designs.at(0).points, test::deformed_points(5000, 0));
+    } else {
+      EXPECT_THROW(client.deform(raw_request()), Error);
+    }
+    EXPECT_EQ(attempts, row.expected_attempts);
+  }
+}
+
+TEST(Client, WaitsAsLongAsTheServerSays) {
+  ScriptedService service;
+  std::atomic<int> attempts{0};
+  service.on_info = [&](grpc::ServerContext& context, v1::ServerInfo&) {
+    return ++attempts == 1 ? refusal(context, "150") : grpc::Status::OK;
+  };
+  Client client = service.client();
+  const auto start = std::chrono::steady_clock::now();
+  client.server_info();
+  EXPECT_GE(std::chrono::steady_clock::now() - start, std::chrono::milliseconds(150));
+}
+
+TEST(Client, DoesNotRepeatAfterASinkTookADesign) {
+  ScriptedService service;
+  std::atomic<int> attempts{0};
+  service.on_deform = [&](grpc::ServerContext&, const v1::DeformRequest&, ScriptedService::Writer& writer) {
+    ++attempts;
+    ReplyScript script;
+    script.designs = 2;
+    auto all = test::replies(script);
+    all.pop_back();  // the summary
+    for (const auto& reply : all) writer.Write(reply, grpc::WriteOptions());
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    return grpc::Status(grpc::StatusCode::UNAVAILABLE, "going down");
+  };
+  Client client = service.client();
+  keep(client);
+  std::atomic<int> taken{0};
+  expect_error(ErrorCode::unavailable, {"going down"},
+               [&] { client.deform(raw_request(2), {}, [&](std::size_t, client::DeformedDesign&&) { ++taken; }); });
+  EXPECT_EQ(attempts, 1);
+  EXPECT_EQ(taken, 2);
+}
+
+TEST(Client, DoesNotRepeatARemovalThatMayHaveHappened) {
+  ScriptedService service;
+  int attempts = 0;
+  service.on_delete = [&](const v1::DeleteGeometryRequest&) {
+    ++attempts;
+    return grpc::Status(grpc::StatusCode::UNAVAILABLE, "connection reset");
+  };
+  Client client = service.client();
+  expect_error(ErrorCode::unavailable, {"connection reset"}, [&] { client.delete_geometry({}); });
+  EXPECT_EQ(attempts, 1);
+}
+
+TEST(Client, VerifiesChecksums) {
+  ScriptedService service;
+  service.on_deform = [&](grpc::ServerContext&, const v1::DeformRequest&, ScriptedService::Writer& writer) {
+    auto all = test::replies({});
+    (*all[1].mutable_block()->mutable_data())[5] ^= 4;
+    for (const auto& reply : all) writer.Write(reply, grpc::WriteOptions());
+    return grpc::Status::OK;
+  };
+  Client client = service.client();
+  keep(client);
+  expect_error(ErrorCode::data_loss, {"design 0, block 0", "checksum"}, [&] { client.deform(raw_request()); });
+}
+
+TEST(Client, AStreamThatEndsEarlyIsAnError) {
+  ScriptedService service;
+  service.on_deform = [&](grpc::ServerContext&, const v1::DeformRequest&, ScriptedService::Writer& writer) {
+    auto all = test::replies({});
+    all.resize(3);
+    for (const auto& reply : all) writer.Write(reply, grpc::WriteOptions());
+    return grpc::Status::OK;
+  };
+  Client client = service.client();
+  keep(client);
+  expect_error(ErrorCode::data_loss, {"ends before its summary"}, [&] { client.deform(raw_request()); });
+}
+
+TEST(Client, DeadlineReachesTheServerAndEndsTheCall) {
+  ScriptedService service;
+  std::atomic<bool> saw_deadline{false}, saw_cancel{false};
+  service.on_deform = [&](grpc::ServerContext& context, const v1::DeformRequest&, ScriptedService::Writer&) {
+    saw_deadline = context.deadline() < std::chrono::system_clock::now() + std::chrono::seconds(2);
+    while (!context.IsCancelled()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    saw_cancel = true;
+    return grpc::Status(grpc::StatusCode::CANCELLED, "");
+  };
+  {
+    Client client = service.client();
+    keep(client);
+    CallOptions call;
+    call.timeout = std::chrono::milliseconds(200);
+    expect_error(ErrorCode::deadline_exceeded, {"deadline"}, [&] { client.deform(raw_request(), call); });
+  }
+  for (int k = 0; k < 1000 && !saw_cancel; ++k) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  EXPECT_TRUE(saw_deadline);
+  EXPECT_TRUE(saw_cancel);
+}
+
+TEST(Client, CancelFlagEndsTheCallHereAndThere) {
+  ScriptedService service;
+  std::atomic<bool> started{false}, saw_cancel{false};
+  service.on_deform = [&](grpc::ServerContext& context, const v1::DeformRequest&, ScriptedService::Writer&) {
+    started = true;
+    while (!context.IsCancelled()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    saw_cancel = true;
+    return grpc::Status(grpc::StatusCode::CANCELLED, "");
+  };
+  Client client = service.client();
+  keep(client);
+  CallOptions call;
+  call.cancel.emplace();
+  std::thread canceller([&] {
+    while (!started) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    call.cancel->cancel();
+  });
+  expect_error(ErrorCode::cancelled, {"cancelled"}, [&] { client.deform(raw_request(), call); });
+  canceller.join();
+  for (int k = 0; k < 1000 && !saw_cancel; ++k) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  EXPECT_TRUE(saw_cancel);
+}
+
+TEST(Client, GivesUpWaitingForAnotherAttemptAtTheDeadline) {
+  ScriptedService service;
+  std::atomic<int> attempts{0};
+  service.on_info = [&](grpc::ServerContext& context, v1::ServerInfo&) {
+    ++attempts;
+    return refusal(context, "60000");
+  };
+  Client client = service.client();
+  CallOptions call;
+  call.timeout = std::chrono::milliseconds(500);
+  expect_error(ErrorCode::out_of_budget, {"the queue is full"}, [&] { client.server_info(call); });
+  EXPECT_EQ(attempts, 1);
+}
+
+TEST(Client, SaysWhenNobodyListens) {
+  ClientOptions options;
+  options.address = "127.0.0.1:1";
+  options.max_attempts = 2;
+  Client client(options);
+  expect_error(ErrorCode::unavailable, {"cannot reach deformd at 127.0.0.1:1", "start it"}, [&] { client.server_info(); });
+}
+
+TEST(Client, ChecksItsOptions) {
+  ClientOptions options;
+  options.max_attempts = 0;
+  expect_error(ErrorCode::invalid_argument, {"max_attempts", "1 to 100"}, [&] { Client client(options); });
+}
+
+TEST(Client, FollowsPagesToTheEnd) {
+  ScriptedService service;
+  service.on_list = [](const v1::ListGeometriesRequest& request, v1::ListGeometriesReply& reply) {
+    reply.add_geometries()->set_id("of page " + request.page_token());
+    if (request.page_token() != "b") reply.set_next_page_token(request.page_token().empty() ? "a" : "b");
+    return grpc::Status::OK;
+  };
+  Client client = service.client();
+  EXPECT_EQ(client.list_geometries().size(), 3u);
+  service.on_list = [](const v1::ListGeometriesRequest&, v1::ListGeometriesReply& reply) {
+    reply.set_next_page_token("again");
+    return grpc::Status::OK;
+  };
+  expect_error(ErrorCode::data_loss, {"repeats its page token"}, [&] { client.list_geometries(); });
+}
+
+}  // namespace
+}  // namespace deform

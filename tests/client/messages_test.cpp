@@ -1,0 +1,282 @@
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <numeric>
+
+#include "client/address.h"
+#include "client/request_splitter.h"
+#include "client/retry.h"
+#include "client/upload.h"
+#include "tests/client/scripted_service.h"
+#include "tests/support/expect_error.h"
+
+namespace deform {
+namespace {
+
+using test::expect_error;
+using test::ScriptedService;
+
+TEST(Address, AcceptsWhatGrpcUnderstands) {
+  for (const char* address :
+       {"127.0.0.1:50051", "localhost:1", "deform-server.example.com:65535", "[::1]:50051", "unix:/run/deformd"}) {
+    EXPECT_EQ(client::checked_address(address), address);
+  }
+}
+
+TEST(Address, RefusesAndSaysWhatWasExpected) {
+  for (const char* address : {"", "localhost", "localhost:", ":50051", "localhost:0", "localhost:65536", "localhost:http",
+                              "http://localhost:50051", "::1:50051", "[]:50051", "[::1:50051", "a b:50051", "unix:", "a:1:2"}) {
+    expect_error(ErrorCode::invalid_argument, {"expected HOST:PORT"}, [&] { client::checked_address(address); });
+  }
+}
+
+TEST(Retry, SameSeedSameWaitingTimesThatGrow) {
+  const Error lost(ErrorCode::unavailable, "lost");
+  client::RetryPolicy a({5, 7, client::Retry::safe}), b({5, 7, client::Retry::safe}), c({5, 8, client::Retry::safe});
+  bool differs = false;
+  double base = 100;
+  for (int k = 0; k < 4; ++k, base *= 2) {
+    const auto wait = a.next_wait(lost);
+    ASSERT_TRUE(wait);
+    EXPECT_EQ(wait, b.next_wait(lost));
+    differs = differs || wait != c.next_wait(lost);
+    EXPECT_GE(static_cast<double>(wait->count()), 0.5 * base - 1);
+    EXPECT_LE(static_cast<double>(wait->count()), 1.5 * base);
+  }
+  EXPECT_TRUE(differs);
+  EXPECT_FALSE(a.next_wait(lost));
+}
+
+/// A mesh with a face and a group that no single message can hold.
+struct LargeGeometry {
+  Points points = test::registered_points(300'000);
+  std::vector<std::uint32_t> face_sizes;
+  std::vector<std::uint32_t> face_points;
+  std::vector<PointId> group_points;
+  std::vector<FaceId> group_faces;
+
+  LargeGeometry() {
+    for (std::uint32_t f = 0; f < 250'000; ++f) {
+      const std::uint32_t size = f == 70'000 ? 300'000 : 3;
+      face_sizes.push_back(size);
+      for (std::uint32_t k = 0; k < size; ++k) face_points.push_back((f + k) % 300'000);
+    }
+    group_points.resize(250'000);
+    std::iota(group_points.begin(), group_points.end(), 5);
+    group_faces.resize(240'000);
+    std::iota(group_faces.begin(), group_faces.end(), 0);
+  }
+
+  client::GeometryArrays arrays() const {
+    client::GeometryArrays result;
+    result.points = points;
+    result.face_sizes = face_sizes;
+    result.face_points = face_points;
+    result.groups = {{"large", group_points, group_faces}, {"empty", {}, {}}, {"small", {}, std::span(group_faces).first(2)}};
+    result.name = "label";
+    return result;
+  }
+};
+
+template <typename T>
+void append(std::vector<T>& values, const std::string& bytes) {
+  ASSERT_EQ(bytes.size() % sizeof(T), 0u);
+  const std::size_t before = values.size();
+  values.resize(before + bytes.size() / sizeof(T));
+  if (!bytes.empty()) std::memcpy(values.data() + before, bytes.data(), bytes.size());
+}
+
+/// Puts a geometry together again.
+struct Received {
+  v1::GeometryHeader header;
+  Points points;
+  std::vector<std::uint32_t> face_sizes, face_points;
+  std::vector<std::string> names;
+  std::vector<std::vector<PointId>> group_points;
+  std::vector<std::vector<FaceId>> group_faces;
+
+  void add(const v1::RegisterGeometryRequest& message) {
+    EXPECT_LT(message.ByteSizeLong(), std::size_t{1} << 20);
+    if (message.has_header()) header = message.header();
+    if (message.has_points()) append(points, message.points().xyz());
+    if (message.has_faces()) {
+      append(face_sizes, message.faces().sizes());
+      append(face_points, message.faces().corners());
+    }
+    if (!message.has_group()) return;
+    if (!message.group().name().empty()) {
+      names.push_back(message.group().name());
+      group_points.emplace_back();
+      group_faces.emplace_back();
+    }
+    append(group_points.back(), message.group().points());
+    append(group_faces.back(), message.group().faces());
+  }
+
+  std::string id() const {
+    std::vector<codec::GroupView> groups;
+    for (std::size_t g = 0; g < names.size(); ++g) groups.push_back({names[g], group_points[g], group_faces[g]});
+    return codec::geometry_id(points, face_sizes, face_points, groups);
+  }
+};
+
+std::string id_of(const client::GeometryArrays& arrays) {
+  return codec::geometry_id(arrays.points, arrays.face_sizes, arrays.face_points, arrays.groups);
+}
+
+TEST(Upload, CutsEveryArrayIntoSmallMessages) {
+  const LargeGeometry geometry;
+  const auto arrays = geometry.arrays();
+  client::GeometryMessages messages(arrays, id_of(arrays));
+  v1::RegisterGeometryRequest message;
+  Received received;
+  double last = 0;
+  while (messages.next(message)) {
+    received.add(message);
+    EXPECT_GE(messages.fraction(), last);
+    last = messages.fraction();
+  }
+  EXPECT_EQ(last, 1.0);
+  EXPECT_EQ(received.id(), id_of(arrays));
+  EXPECT_EQ(received.header.id(), id_of(arrays));
+  EXPECT_EQ(received.header.corner_count(), geometry.face_points.size());
+  EXPECT_EQ(received.names, (std::vector<std::string>{"large", "empty", "small"}));
+}
+
+TEST(Upload, RefusesSizesThatDoNotAddUp) {
+  LargeGeometry geometry;
+  geometry.face_points.pop_back();
+  const auto arrays = geometry.arrays();
+  expect_error(ErrorCode::invalid_argument, {"face sizes add up to"}, [&] { client::GeometryMessages(arrays, ""); });
+}
+
+TEST(Upload, SendsOnlyWhatTheServerDoesNotHave) {
+  ScriptedService service;
+  const LargeGeometry geometry;
+  const auto arrays = geometry.arrays();
+  bool known = false;
+  int uploads = 0;
+  service.on_get_geometry = [&](const v1::GetGeometryRequest& request, v1::GeometryInfo& info) {
+    info.set_id(request.id());
+    return known ? grpc::Status::OK : grpc::Status(grpc::StatusCode::NOT_FOUND, "no such geometry");
+  };
+  service.on_register = [&](grpc::ServerReaderInterface<v1::RegisterGeometryRequest>& reader, v1::GeometryInfo& info) {
+    ++uploads;
+    Received received;
+    v1::RegisterGeometryRequest message;
+    while (reader.Read(&message)) received.add(message);
+    info.set_id(received.id());
+    known = true;
+    return grpc::Status::OK;
+  };
+  auto client = service.client();
+  EXPECT_EQ(client.register_geometry(arrays).id(), id_of(arrays));
+  EXPECT_TRUE(client.register_geometry(arrays).existed());
+  EXPECT_EQ(uploads, 1);
+}
+
+TEST(Upload, AServerThatAnswersEarlyOrWithAnotherId) {
+  ScriptedService service;
+  const LargeGeometry geometry;
+  const auto arrays = geometry.arrays();
+  std::string answer = id_of(arrays);
+  service.on_get_geometry = [](const v1::GetGeometryRequest&, v1::GeometryInfo&) {
+    return grpc::Status(grpc::StatusCode::NOT_FOUND, "no such geometry");
+  };
+  service.on_register = [&](grpc::ServerReaderInterface<v1::RegisterGeometryRequest>& reader, v1::GeometryInfo& info) {
+    v1::RegisterGeometryRequest header;
+    reader.Read(&header);
+    info.set_id(answer);
+    return grpc::Status::OK;
+  };
+  auto client = service.client();
+  EXPECT_EQ(client.register_geometry(arrays).id(), answer);
+  answer = std::string(64, '0');
+  expect_error(ErrorCode::data_loss, {"the server stored id"}, [&] { client.register_geometry(arrays); });
+}
+
+/// Joins the messages of a split request again, as the server does.
+v1::DeformRequest joined(const v1::DeformRequest& request) {
+  client::RequestSplitter splitter(request, 9);
+  v1::DeformStreamRequest message;
+  v1::DeformRequest result;
+  bool more = true;
+  while (splitter.next(message)) {
+    EXPECT_TRUE(more);
+    EXPECT_EQ(message.request_id(), 9u);
+    EXPECT_LT(message.ByteSizeLong(), std::size_t{1} << 20);
+    more = message.more();
+    if (!message.request().system_id().empty()) {
+      result.set_system_id(message.request().system_id());
+      *result.mutable_output() = message.request().output();
+      result.set_path(message.request().path());
+    }
+    for (const auto& design : message.request().designs()) {
+      if (!design.continues()) {
+        *result.add_designs() = design;
+        continue;
+      }
+      v1::Design& target = *result.mutable_designs(result.designs_size() - 1);
+      for (const auto& motion : design.motions()) {
+        const int last = target.motions_size() - 1;
+        if (last >= 0 && target.motions(last).handle() == motion.handle()) {
+          target.mutable_motions(last)->mutable_displacements()->MergeFrom(motion.displacements());
+        } else {
+          *target.add_motions() = motion;
+        }
+      }
+    }
+  }
+  EXPECT_FALSE(more);
+  for (auto& design : *result.mutable_designs()) {  // pieces of displacements to one
+    for (auto& motion : *design.mutable_motions()) {
+      if (motion.displacements_size() < 2) continue;
+      std::string all;
+      for (const auto& piece : motion.displacements()) {
+        EXPECT_EQ(piece.first() * sizeof(Vec3), all.size());
+        all += piece.xyz();
+      }
+      motion.clear_displacements();
+      motion.add_displacements()->set_xyz(all);
+    }
+  }
+  return result;
+}
+
+TEST(RequestSplitter, LosesNothing) {
+  v1::DeformRequest request;
+  request.set_system_id("system");
+  request.mutable_output()->set_tolerance(0.5);
+  request.set_path(v1::PATH_DIRECT);
+  for (int d = 0; d < 40; ++d) {
+    v1::Design& design = *request.add_designs();
+    for (int k = 0; k < 1000 * (d % 3); ++k) design.add_variables(k + 0.25 * d);
+    for (int m = 0; m < d % 5; ++m) {
+      v1::Motion& motion = *design.add_motions();
+      motion.set_handle("handle " + std::to_string(m));
+      if (m % 2 == 0) {
+        for (int k = 0; k < 12; ++k) motion.add_affine(k);
+      } else {
+        std::string xyz(static_cast<std::size_t>(24 * 40'000 * (d % 7)), static_cast<char>(d));
+        motion.add_displacements()->set_xyz(xyz);
+      }
+    }
+  }
+  EXPECT_TRUE(joined(request).SerializeAsString() == request.SerializeAsString());
+}
+
+TEST(RequestSplitter, ManySmallDesignsShareMessages) {
+  v1::DeformRequest request;
+  request.set_system_id("system");
+  request.mutable_output()->set_encoding(v1::RAW_F32);
+  for (int d = 0; d < 100'000; ++d) request.add_designs()->add_variables(d);
+  EXPECT_TRUE(joined(request).SerializeAsString() == request.SerializeAsString());
+  client::RequestSplitter splitter(request, 9);
+  v1::DeformStreamRequest message;
+  int messages = 0;
+  while (splitter.next(message)) ++messages;
+  EXPECT_LE(messages, 12);
+}
+
+}  // namespace
+}  // namespace deform

@@ -1,0 +1,217 @@
+"""The command line as a user meets it: the README's flow, JSON keys, exit codes, one-line errors, resumable sweeps."""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import tarfile
+
+from harness import AHMED_SETUP, DEFORM, DEFORMD, EndToEnd, box, distance, main, read_obj
+
+
+class Flow(EndToEnd):
+    def setUp(self):
+        super().setUp()
+        self.start_server()
+        self.sample = self.deform("sample", "-o", "ahmed.obj", "--points", 3000, "--json").json
+        self.write("setup.yaml", AHMED_SETUP)
+
+    def test_readme_flow(self):
+        self.assertEqual([g["name"] for g in self.sample["groups"]],
+                         ["nose", "roof", "sides", "slant", "base", "underbody", "stilts"])
+        inspected = self.deform("inspect", "ahmed.obj", "--json").json
+        self.assertEqual(inspected["points"], self.sample["points"])
+        self.assertEqual(inspected["boundary_edges"], 0)
+        for key in ("faces", "groups", "box_min", "box_max", "components", "non_manifold_edges", "degenerate_faces",
+                    "isolated_points"):
+            self.assertIn(key, inspected)
+        registered = self.deform("register", "ahmed.obj", "--json").json
+        for key in ("id", "points", "faces", "groups"):
+            self.assertIn(key, registered)
+        self.assertEqual(registered["faces"], self.sample["faces"])
+        check = self.deform("prepare", "setup.yaml", "--check", "--json").json
+        for key in ("centres", "peak_bytes", "resident_bytes", "seconds", "fits"):
+            self.assertIn(key, check)
+        self.assertFalse(check["resident"])
+        self.assertEqual(self.status()["systems_resident"], 0)
+        prepared = self.deform("prepare", "setup.yaml", "--json").json
+        for key in ("id", "centres", "bytes", "seconds"):
+            self.assertIn(key, prepared)
+        self.assertEqual(prepared["geometry_id"], registered["id"])
+        applied = self.deform("apply", "setup.yaml", "--set", "roof_up=0.03", "--set", "slant_turn=0.1", "-o", "out.obj",
+                              "--json").json
+        self.assertEqual(applied["points"], self.sample["points"])
+        self.assertEqual(applied["max_error"], 0)
+        for key in ("solve", "encode", "decode", "total"):
+            self.assertGreaterEqual(applied["seconds"][key], 0)
+        self.assertIn("interpolation_residual", applied["report"])
+        self.check_result("ahmed.obj", "out.obj")
+        listed = self.deform("list", "--json").json
+        self.assertEqual([g["id"] for g in listed["geometries"]], [registered["id"]])
+        self.assertEqual([s["id"] for s in listed["systems"]], [prepared["id"]])
+        self.assertEqual(self.deform("show", prepared["id"][:12]).json["id"], prepared["id"])
+        shown = self.write("again.yaml", self.deform("show", prepared["id"], "--setup").out)
+        self.assertEqual(self.deform("prepare", shown, "--json").json["id"], prepared["id"])
+        self.fails(1, "remove", registered["id"], says=["setup"])
+        removed = self.deform("remove", registered["id"], "--with-setups", "--json").json["removed"]
+        self.assertEqual(removed[0]["setups_deleted"], 1)
+        self.assertEqual(self.deform("list", "--json").json, {"geometries": [], "systems": []})
+
+    def check_result(self, before_file, after_file):
+        before, lines_before = read_obj(self.path(before_file))
+        after, lines_after = read_obj(self.path(after_file))
+        self.assertEqual(lines_before, lines_after)
+        self.assertEqual(len(before), len(after))
+        low, high = box(before)
+        diagonal = math.dist(low, high)
+        group_points = self.group_points(before_file)
+        for point in group_points["nose"] | group_points["underbody"] | group_points["stilts"]:
+            self.assertLessEqual(distance(before[point], after[point]), 1e-9 * diagonal)
+        for point in group_points["roof"]:
+            if 0.2 <= before[point][0] <= 0.8:
+                x, y, z = before[point]
+                self.assertLessEqual(distance((x, y, z + 0.03), after[point]), 1e-9 * diagonal)
+        c, s = math.cos(0.1), math.sin(0.1)
+        for point in group_points["slant"]:
+            x, y, z = before[point]
+            turned = (c * x + s * (z - 0.3), y, 0.3 - s * x + c * (z - 0.3))
+            self.assertLessEqual(distance(turned, after[point]), 1e-9 * diagonal)
+
+    def group_points(self, name):
+        groups, current = {}, None
+        with open(self.path(name)) as file:
+            for line in file:
+                words = line.split()
+                if words[:1] == ["g"]:
+                    current = groups.setdefault(words[1], set())
+                elif words[:1] == ["f"] and current is not None:
+                    current.update(int(w.split("/")[0]) - 1 for w in words[1:])
+        return groups
+
+    def test_encodings_keep_the_tolerance(self):
+        self.deform("apply", "setup.yaml", "--set", "roof_up=0.03", "-o", "exact.obj")
+        exact, _ = read_obj(self.path("exact.obj"))
+        for encoding, tolerance in (("draco", 1e-4), ("draco", 1e-7), ("delta_zstd", 1e-5), ("raw_f32", 1e-7)):
+            reply = self.deform("apply", "setup.yaml", "--set", "roof_up=0.03", "-o", "coded.obj", "--encoding", encoding,
+                                "--tolerance", tolerance, "--json").json
+            coded, _ = read_obj(self.path("coded.obj"))
+            largest = max(distance(a, b) for a, b in zip(exact, coded))
+            self.assertLessEqual(largest, reply["max_error"] * (1 + 1e-9) + 1e-16)
+            self.assertLessEqual(reply["max_error"], tolerance * (1 + 1e-9))
+
+    def test_motions_from_files(self):
+        self.write("matrix.csv", "handle,m00,m01,m02,m03,m10,m11,m12,m13,m20,m21,m22,m23\n"
+                                 "roof,1,0,0,0,0,1,0,0,0,0,1,0.03\n")
+        self.deform("apply", "setup.yaml", "--set", "roof_up=0.03", "-o", "by_variable.obj")
+        self.deform("apply", "setup.yaml", "--motions", "matrix.csv", "-o", "by_matrix.obj")
+        by_variable, _ = read_obj(self.path("by_variable.obj"))
+        by_matrix, _ = read_obj(self.path("by_matrix.obj"))
+        self.assertLessEqual(max(distance(a, b) for a, b in zip(by_variable, by_matrix)), 1e-12)
+        before, _ = read_obj(self.path("ahmed.obj"))
+        roof = sorted(p for p in self.group_points("ahmed.obj")["roof"] if 0.2 <= before[p][0] <= 0.8)
+        lines = [f"roof,{p},0,0,0.03" for p in reversed(roof)]
+        self.write("displacements.csv", "\n".join(["handle,point,dx,dy,dz", *lines]) + "\n")
+        self.deform("apply", "setup.yaml", "--motions", "displacements.csv", "-o", "by_points.obj")
+        by_points, _ = read_obj(self.path("by_points.obj"))
+        self.assertLessEqual(max(distance(a, b) for a, b in zip(by_variable, by_points)), 1e-9)
+        self.write("short.csv", "\n".join(["handle,point,dx,dy,dz", *lines[1:]]) + "\n")
+        self.fails(1, "apply", "setup.yaml", "--motions", "short.csv", "-o", "x.obj", says=["1 of its", str(roof[-1])])
+        self.assertFalse(os.path.exists(self.path("x.obj")))
+
+    def test_sweep_is_interrupted_and_resumed(self):
+        count = 60
+        rows = [f"d{k},{0.05 * k / count},{-0.001 * k}" for k in range(count)]
+        self.write("designs.csv", "\n".join(["name,roof_up,slant_turn", *rows]) + "\n")
+        command = ["sweep", "setup.yaml", "--designs", "designs.csv", "-o", "results", "--batch", 1, "--json"]
+        self.deform("prepare", "setup.yaml")
+        child = self.spawn(*command)
+        manifest = self.path("results/sweep.manifest")
+        self.wait_until(lambda: os.path.exists(manifest) and os.path.getsize(manifest) > 0, "a first result")
+        child.send_signal(signal.SIGKILL)
+        child.wait()
+        with open(manifest) as file:
+            recorded = {json.loads(line)["name"]: json.loads(line) for line in file.read().split("\n")[:-1]}
+        for entry in recorded.values():  # what counts as finished is complete
+            self.assertEqual(len(read_obj(self.path("results/" + entry["file"]))[0]), self.sample["points"])
+        resumed = self.deform(*command).json
+        self.assertEqual(resumed["skipped"], len(recorded))
+        self.assertEqual(resumed["written"], count - len(recorded))
+        self.assertEqual(self.deform(*command).json["skipped"], count)
+        files = sorted(os.listdir(self.path("results")))
+        self.assertEqual(files, sorted([f"d{k}.obj" for k in range(count)] + ["sweep.manifest"]))
+        self.deform("apply", "setup.yaml", "--set", f"roof_up={0.05 * 7 / count}", "--set", "slant_turn=-0.007", "-o", "d7.obj")
+        with open(self.path("d7.obj"), "rb") as one, open(self.path("results/d7.obj"), "rb") as other:
+            self.assertEqual(one.read(), other.read())
+        rows[3] = "d3,0.01,0"
+        self.write("designs.csv", "\n".join(["name,roof_up,slant_turn", *rows]) + "\n")
+        self.assertEqual(self.deform(*command).json["written"], 1)
+        self.deform("sweep", "setup.yaml", "--designs", "designs.csv", "-o", "results.tar")
+        with tarfile.open(self.path("results.tar")) as archive:
+            self.assertEqual(sorted(archive.getnames()), sorted(f"d{k}.obj" for k in range(count)))
+            with open(self.path("results/d3.obj"), "rb") as file:
+                self.assertEqual(archive.extractfile("d3.obj").read(), file.read())
+
+    def test_bench_reports_rates(self):
+        report = self.deform("bench", "setup.yaml", "--clients", 2, "--population", 5, "--designs", 20, "--json").json
+        self.assertEqual(report["designs"], 20)
+        self.assertGreater(report["designs_per_second"], 0)
+        self.assertGreaterEqual(report["latency_ms"]["p99"], report["latency_ms"]["p50"])
+        self.assertEqual(set(report["stages_ms_per_design"]), {"solve", "encode", "decode"})
+
+    def test_errors_are_one_line_that_says_what_to_do(self):
+        self.fails(1, "apply", "setup.yaml", "--set", "roofup=1", "-o", "x.obj", says=["did you mean \"roof_up\""])
+        self.fails(1, "apply", "setup.yaml", "--set", "roof_up=1", "-o", "x.obj", says=["roof_up", "0.05"])
+        self.fails(1, "apply", "setup.yaml", "-o", "x.stl", says=["x.stl"])
+        self.fails(1, "apply", "missing.yaml", "-o", "x.obj", says=["missing.yaml"])
+        self.fails(1, "inspect", "missing.obj", says=["missing.obj"])
+        self.fails(1, "show", "0123456789abcdef", says=["deform list"])
+        self.fails(1, "show", "xyz", says=["hexadecimal"])
+        for change, says in ((("group: slant", "group: slnt"), ["slnt", "slant"]),
+                             (("handles:", "handels:"), ["bad.yaml:3", "handles"]),
+                             (("ahmed.obj", "other.obj"), ["other.obj"]),
+                             (("{group: nose}", "{group: slant}"), ["slant"]),
+                             (("handle: roof", "handle: rof"), ["rof", "roof"]),
+                             (("[0.2, -1, 0]", "[0.9, -1, 0]"), ["roof"])):
+            self.write("bad.yaml", AHMED_SETUP.replace(*change))
+            self.fails(1, "prepare", "bad.yaml", says=says)
+
+    def test_exit_codes(self):
+        self.fails(2, says=["--help"])
+        self.fails(2, "aply", says=["did you mean \"apply\""])
+        self.fails(2, "apply", says=["SETUP", "deform apply --help"])
+        self.fails(2, "apply", "setup.yaml", "-o", "x.obj", "--encoding", "zip", says=["zip"])
+        self.fails(2, "sample", "-o", "x.obj", "--points", 10, says=["10"])
+        self.assertIn("0.1.0", self.deform("--version").out)
+        for command in ("sample", "inspect", "register", "prepare", "apply", "sweep", "list", "show", "remove", "status", "bench"):
+            self.assertIn("Usage", self.deform(command, "--help").out)
+            self.assertIn(command, self.deform("--help").out)
+        self.fails(1, "--server", "localhost", "list", says=["HOST:PORT"])
+        self.server.stop()
+        self.fails(1, "status", says=["cannot reach deformd at 127.0.0.1", "start it"])
+
+
+class Start(EndToEnd):
+    def deformd(self, *options):
+        return subprocess.run([DEFORMD, *options], cwd=self.folder, env=self.environment(), timeout=30, stdout=subprocess.PIPE,
+                              stderr=subprocess.STDOUT, text=True)
+
+    def test_a_second_server_on_the_same_data_is_refused(self):
+        self.start_server()
+        second = self.deformd("--address", "127.0.0.1:0", "--data-dir", self.server.data)
+        self.assertNotEqual(second.returncode, 0)
+        self.assertIn(self.server.data, second.stdout)
+        self.assertFalse(self.status()["draining"])
+
+    def test_no_listening_beyond_loopback_unless_told(self):
+        refused = self.deformd("--address", "0.0.0.0:0", "--data-dir", "other")
+        self.assertNotEqual(refused.returncode, 0)
+        self.assertIn("--insecure", refused.stdout)
+
+    def test_sigterm_ends_cleanly(self):
+        self.start_server()
+        self.assertEqual(self.server.stop(), 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,114 @@
+"""Meshes from elsewhere go through a real server and come back deformed, in order, correct to 1e-9 of the diagonal."""
+
+import math
+import os
+import struct
+
+from harness import SHARED_DATA, EndToEnd, box, distance, main, read_off, read_stl_corners
+
+SETUP = """\
+geometry: {mesh}
+method: {{rbf: {{reduction: {reduction}}}}}
+handles: [{{name: top, region: {{half_space: {{point: {top}, normal: {axis}}}}}}}]
+fixed: [{{half_space: {{point: {bottom}, normal: {minus_axis}}}}}]
+variables:
+  - {{name: up, handle: top, translate: [0.1, 0.2, 0.3]}}
+  - {{name: turn, handle: top, rotate: {{axis: [0, 0, 1], centre: [0.1, 0, 0]}}}}
+"""
+
+
+def moved(p, up, turn):
+    """The affine image of a handle point: first the translation, then the rotation."""
+    x, y, z = p[0] + 0.1 * up - 0.1, p[1] + 0.2 * up, p[2] + 0.3 * up
+    return (0.1 + math.cos(turn) * x - math.sin(turn) * y, math.sin(turn) * x + math.cos(turn) * y, z)
+
+
+class RealMeshes(EndToEnd):
+    def setUp(self):
+        super().setUp()
+        self.start_server()
+
+    def mesh(self, name):
+        path = os.path.join(SHARED_DATA, "A_surface", name)
+        os.symlink(path, self.path(name))
+        return path
+
+    def write_setup(self, mesh, axis, bottom, top, reduction="REDUCTION_AUTOMATIC"):
+        unit = [1.0 if k == axis else 0.0 for k in range(3)]
+        self.write("setup.yaml", SETUP.format(mesh=mesh, reduction=reduction, axis=unit, minus_axis=[-u for u in unit],
+                                              bottom=[u * bottom for u in unit], top=[u * top for u in unit]))
+
+    def test_joint(self):
+        name = "joint_remeshed.off.gz"
+        before, faces_before = read_off(self.mesh(name))
+        low, high = box(before)
+        diagonal = math.dist(low, high)
+        bottom, top = low[1] + 0.2 * (high[1] - low[1]), high[1] - 0.2 * (high[1] - low[1])
+        self.write_setup(name, 1, bottom, top)
+        reply = self.deform("apply", "setup.yaml", "--set", "up=0.5", "--set", "turn=0.3", "-o", "out.off.gz", "--json").json
+        self.assertEqual(reply["points"], len(before))
+        after, faces_after = read_off(self.path("out.off.gz"))
+        self.assertEqual(faces_before, faces_after)
+        handle = [k for k, p in enumerate(before) if p[1] >= top]
+        fixed = [k for k, p in enumerate(before) if p[1] <= bottom]
+        self.assertGreater(min(len(handle), len(fixed)), 100)
+        self.assertLessEqual(max(distance(moved(before[k], 0.5, 0.3), after[k]) for k in handle), 1e-9 * diagonal)
+        self.assertLessEqual(max(distance(before[k], after[k]) for k in fixed), 1e-9 * diagonal)
+        self.assertGreater(max(distance(a, b) for a, b in zip(before, after)), 0.01 * diagonal)
+        self.compare_with_scipy(name, before, low, high, diagonal)
+
+    def compare_with_scipy(self, name, before, low, high, diagonal):
+        """The free points between small handle and fixed regions, against an interpolant computed here."""
+        try:
+            import numpy
+            from scipy.interpolate import RBFInterpolator
+        except ImportError:
+            print("without scipy: the free points are not compared")
+            return
+        bottom, top = low[1] + 0.08 * (high[1] - low[1]), high[1] - 0.08 * (high[1] - low[1])
+        self.write_setup(name, 1, bottom, top, "REDUCTION_OFF")
+        self.deform("apply", "setup.yaml", "--set", "up=0.5", "--set", "turn=0.3", "-o", "all.off")
+        after, _ = read_off(self.path("all.off"))
+        centres = [k for k, p in enumerate(before) if p[1] >= top or p[1] <= bottom]
+        free = [k for k, p in enumerate(before) if bottom < p[1] < top][::37]
+        values = [moved(before[k], 0.5, 0.3) if before[k][1] >= top else before[k] for k in centres]
+        points = numpy.array(before)
+        interpolant = RBFInterpolator(points[centres], numpy.array(values) - points[centres], kernel="cubic", degree=1)
+        expected = interpolant(points[free]) + points[free]
+        self.assertGreater(len(free), 100)
+        self.assertLessEqual(abs(numpy.array(after)[free] - expected).max(), 1e-9 * diagonal)
+
+    def test_car(self):
+        name = "car_fastback.stl.gz"
+        before, rest_before = read_stl_corners(self.mesh(name))
+        low, high = box(before)
+        diagonal = math.dist(low, high)
+        bottom, top = 0.4, 1.2
+        self.write_setup(name, 2, bottom, top)
+        self.deform("apply", "setup.yaml", "--set", "up=0.1", "--set", "turn=0.05", "-o", "out.stl.gz")
+        after, rest_after = read_stl_corners(self.path("out.stl.gz"))
+        self.assertEqual(rest_before, rest_after)
+        self.assertEqual(len(before), len(after))
+        handles = fixed = 0
+        for a, b in zip(before, after):
+            if a[2] <= bottom:
+                fixed += 1
+                self.assertLessEqual(distance(a, b), 1e-9 * diagonal + self.rounding(a))
+            elif a[2] >= top:
+                handles += 1
+                expected = moved(a, 0.1, 0.05)
+                self.assertLessEqual(distance(expected, b), 1e-9 * diagonal + self.rounding(expected))
+        self.assertGreater(min(handles, fixed), 100)
+        corners = {}
+        for a, b in zip(before, after):  # coincident corners stay coincident
+            self.assertEqual(corners.setdefault(a, b), b)
+
+    def rounding(self, point):
+        """Half a unit in the last place of the floats that an STL holds."""
+        largest = max(abs(x) for x in point)
+        bits = struct.unpack("<I", struct.pack("<f", largest))[0]
+        return (struct.unpack("<f", struct.pack("<I", bits + 1))[0] - struct.unpack("<f", struct.pack("<I", bits))[0]) / 2
+
+
+if __name__ == "__main__":
+    main()
