@@ -15,7 +15,9 @@ namespace fs = std::filesystem;
 
 class Folder : public SweepOutput {
  public:
-  Folder(const fs::path& path, std::string extension) : path_(path), extension_(std::move(extension)), manifest_(prepared(path)) {
+  Folder(const fs::path& path, std::string extension, const ExpectedResults& expected)
+      : path_(path), extension_(std::move(extension)), manifest_(prepared(path)) {
+    remove_torn(expected);
     for (const auto& entry : manifest_.entries()) {
       std::error_code missing;
       if (fs::file_size(path_ / entry.file, missing) == entry.bytes && !missing) present_[entry.name] = entry.hash;
@@ -39,6 +41,15 @@ class Folder : public SweepOutput {
   void finish() override {}
 
  private:
+  /// What a killed run was writing: RESULT.PROCESS.NUMBER.part of io::write_file.
+  void remove_torn(const ExpectedResults& expected) const {
+    for (const auto& entry : fs::directory_iterator(path_)) {
+      const std::string file = entry.path().filename().string();
+      const std::size_t end = file.find(extension_ + ".");
+      if (file.ends_with(".part") && end != std::string::npos && expected.contains(file.substr(0, end))) fs::remove(entry.path());
+    }
+  }
+
   static fs::path prepared(const fs::path& path) {
     std::error_code error;
     fs::create_directories(path, error);
@@ -115,7 +126,7 @@ class Archive : public SweepOutput {
 
 std::unique_ptr<SweepOutput> open_sweep_output(const fs::path& path, const std::string& extension,
                                                const ExpectedResults& expected) {
-  if (path.extension() != ".tar") return std::make_unique<Folder>(path, extension);
+  if (path.extension() != ".tar") return std::make_unique<Folder>(path, extension, expected);
   if (!path.parent_path().empty() && !fs::is_directory(path.parent_path())) {
     throw Error(ErrorCode::invalid_argument,
                 "-o " + path.string() + ": the folder " + path.parent_path().string() + " does not exist");
