@@ -246,7 +246,7 @@ std::vector<double> RbfSystem::pull_back(std::span<const Vec3> field, const RunC
         B(static_cast<Eigen::Index>(m) + t, k) += terms[static_cast<std::size_t>(t)] * at_deformable[i][k];
     }
   }
-  system_->solve_saddle(B);
+  system_->solve_saddle(B, context);
   const Eigen::MatrixXd G = handle_fields().transpose() * B.topRows(static_cast<Eigen::Index>(m));
   std::vector<double> result(3 * static_cast<std::size_t>(G.rows()));
   for (Eigen::Index r = 0; r < G.rows(); ++r) {

@@ -80,7 +80,7 @@ HandleBasis::HandleBasis(const InterpolationSystem& system, const Eigen::MatrixX
     : fields_(static_cast<std::size_t>(fields.cols())),
       points_(deformable.count()),
       values_(deformable.tiles() * tile_size * fields_) {
-  const RowMajor coefficients = system.solve(fields);
+  const RowMajor coefficients = system.solve(fields, context);
   residuals_ = centre_residuals(system, coefficients, fields, context);
   parallel_for(context, deformable.tiles(), tiles_per_task, [&](std::size_t begin, std::size_t end) {
     for (std::size_t t = begin; t < end; ++t) {

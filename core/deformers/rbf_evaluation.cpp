@@ -189,7 +189,7 @@ void RbfEvaluation::solve_direct(const RunContext& context) {
       const Vec3 u = kind_ == MotionKind::position ? difference(to, system_->mesh_->points[ids[j]]) : to;
       for (Eigen::Index k = 0; k < 3; ++k) F(static_cast<Eigen::Index>(j), k) = u[static_cast<std::size_t>(k)];
     }
-    const Eigen::MatrixXd solution = system_->system_->solve(F);
+    const Eigen::MatrixXd solution = system_->system_->solve(F, context);
     for (std::size_t r = 0; r < rows; ++r) {
       for (std::size_t k = 0; k < 3; ++k) {
         direct_coefficients_[r * direct_columns_ + column_[i] + k] =

@@ -2,6 +2,7 @@
 
 #include "core/base/error.h"
 #include "core/numerics/packed_cholesky.h"
+#include "core/numerics/residual.h"
 
 namespace deform {
 
@@ -53,11 +54,37 @@ InterpolationSystem::InterpolationSystem(std::vector<Vec3> centres, const Interp
   notes_.push_back(reason + "; LDL^T was used instead.");
 }
 
-Eigen::MatrixXd InterpolationSystem::solve(const Eigen::MatrixXd& F) const {
+Eigen::MatrixXd InterpolationSystem::solve(const Eigen::MatrixXd& F, const RunContext& context) const {
   Eigen::MatrixXd B = Eigen::MatrixXd::Zero(F.rows() + static_cast<Eigen::Index>(polynomials_.terms()), F.cols());
   B.topRows(F.rows()) = F;
-  factor_->solve(B);
+  solve_saddle(B, context);
   return B;
+}
+
+void InterpolationSystem::solve_saddle(Eigen::MatrixXd& B, const RunContext& context) const {
+  constexpr int most_steps = 2;
+  constexpr double enough = 1e-15;
+  const auto m = static_cast<Eigen::Index>(size());
+  const Eigen::MatrixXd P = polynomials_.matrix(centres_);
+  Eigen::MatrixXd X = B;
+  factor_->solve(X);
+  double last = X.norm();
+  for (int step = 0; step < most_steps && last > 0; ++step) {
+    context.check();
+    Eigen::MatrixXd correction(X.rows(), X.cols());
+    correction.topRows(m) = accurate_residual(kernel_, centres_, P, X, B.topRows(m), context);
+    correction.bottomRows(P.cols()) =
+        (B.bottomRows(P.cols()).cast<long double>() - P.cast<long double>().transpose() * X.topRows(m).cast<long double>())
+            .cast<double>();
+    factor_->solve(correction);
+    const double size = correction.norm();
+    // A factor without correct digits cannot refine.
+    if (!(size < 0.5 * last)) break;
+    X += correction;
+    if (size <= enough * X.norm()) break;
+    last = size;
+  }
+  B = std::move(X);
 }
 
 std::size_t InterpolationSystem::factor_bytes(std::size_t m, DenseSolver solver) {

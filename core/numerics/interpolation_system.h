@@ -66,9 +66,11 @@ class InterpolationSystem {
   const std::vector<std::string>& notes() const { return notes_; }
 
   /// F (m x columns) values at the centres -> (m + q) x columns weights and polynomial coefficients.
-  Eigen::MatrixXd solve(const Eigen::MatrixXd& F) const;
-  /// The transposed (equal) system with right-hand sides for both parts: for adjoints.
-  void solve_saddle(Eigen::MatrixXd& B) const { factor_->solve(B); }
+  Eigen::MatrixXd solve(const Eigen::MatrixXd& F, const RunContext& context = {}) const;
+  /// The same with right-hand sides for both parts, in place; the system is symmetric, so this serves adjoints. Refined with
+  /// accurate residuals, at most twice: the result is right to its last digits as long as condition * eps is well below one,
+  /// whichever the solver.
+  void solve_saddle(Eigen::MatrixXd& B, const RunContext& context = {}) const;
 
   /// Upper bounds for m centres.
   static std::size_t factor_bytes(std::size_t m, DenseSolver solver);

@@ -230,5 +230,18 @@ TEST(InterpolationSystem, StopsWhenCancelledBeforeAndDuring) {
   }
 }
 
+TEST(InterpolationSystem, OneCentreAndCoincidentOnes) {
+  for (const DenseSolver solver : solvers) {
+    const InterpolationSystem system = make({{1, 2, 3}}, {}, solver);
+    const MatrixXd X = system.solve(MatrixXd::Constant(1, 1, 7));
+    EXPECT_NEAR(X(0, 0), 0, 1e-15) << to_string(solver);
+    EXPECT_NEAR(X(1, 0), 7, 1e-14) << to_string(solver);
+    if (solver == DenseSolver::cholesky) continue;
+    test::expect_error(ErrorCode::numerical_failure, {"singular", "centres coincide"}, [&] {
+      make(std::vector<Vec3>(5, Vec3{1, 2, 3}), {}, solver);
+    });
+  }
+}
+
 }  // namespace
 }  // namespace deform

@@ -3,114 +3,109 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <cmath>
 #include <thread>
 
 #include "core/base/error.h"
+#include "tests/core/numerics/random_points.h"
 
 namespace deform {
 namespace {
 
-using Eigen::Index;
-using Eigen::MatrixXd;
-
-MatrixXd positive_definite(Index n) {
-  std::srand(7);
-  const MatrixXd A = MatrixXd::Random(n, n);
-  return A * A.transpose() + 0.5 * static_cast<double>(n) * MatrixXd::Identity(n, n);
+Eigen::MatrixXd definite(Eigen::Index n, std::uint64_t seed) {
+  const auto values = test::random_values(static_cast<std::size_t>(n * n), seed);
+  const Eigen::MatrixXd G = Eigen::Map<const Eigen::MatrixXd>(values.data(), n, n);
+  return G * G.transpose() + Eigen::MatrixXd::Identity(n, n);
 }
 
-void fill(PackedCholesky& packed, const MatrixXd& A) {
-  for (std::size_t p = 0; p < packed.panels(); ++p) {
-    for (std::size_t c = 0; c < packed.width(p); ++c) {
-      for (std::size_t r = c; r < packed.rows(p); ++r) {  // at and below the diagonal only
-        packed.panel(p)[c * packed.rows(p) + r] =
-            A(static_cast<Index>(packed.first(p) + r), static_cast<Index>(packed.first(p) + c));
+PackedCholesky packed(const Eigen::MatrixXd& A) {
+  PackedCholesky result(static_cast<std::size_t>(A.rows()));
+  for (std::size_t p = 0; p < result.panels(); ++p) {
+    for (std::size_t c = 0; c < result.width(p); ++c) {
+      for (std::size_t r = 0; r < result.rows(p); ++r) {
+        result.panel(p)[c * result.rows(p) + r] =
+            A(static_cast<Eigen::Index>(result.first(p) + r), static_cast<Eigen::Index>(result.first(p) + c));
       }
     }
   }
+  return result;
 }
 
-TEST(PackedCholesky, EqualsEigenForManySizes) {
-  for (const std::size_t n : {0u, 1u, 2u, 31u, 32u, 33u, 64u, 65u, 200u, 511u, 1100u}) {
-    const MatrixXd A = positive_definite(static_cast<Index>(n));
-    PackedCholesky packed(n);
-    EXPECT_EQ(packed.bytes(), PackedCholesky::bytes_for(n));
-    fill(packed, A);
-    if (n > 0) {
-      EXPECT_NEAR(packed.norm1({}), A.cwiseAbs().colwise().sum().maxCoeff(), 1e-12 * A.cwiseAbs().sum());
-    }
-    ASSERT_TRUE(packed.factor({})) << n;
-    const auto rows = static_cast<Index>(n);
-    MatrixXd B = MatrixXd::Random(rows + 3, 5);  // a leading dimension of its own
-    const MatrixXd given = B;
-    packed.solve(B.data(), n + 3, 5);
-    const MatrixXd expected = A.llt().solve(given.topRows(rows));
-    if (n > 0) {
-      EXPECT_LT((B.topRows(rows) - expected).cwiseAbs().maxCoeff(), 1e-12) << n;
-    }
-    EXPECT_TRUE(B.bottomRows(3) == given.bottomRows(3));
+TEST(PackedCholesky, SolvesLikeEigenAtEverySize) {
+  for (const Eigen::Index n : {1, 2, 31, 32, 33, 64, 65, 200, 640, 1001}) {
+    const Eigen::MatrixXd A = definite(n, 1);
+    PackedCholesky factor = packed(A);
+    EXPECT_NEAR(factor.norm1({}), A.cwiseAbs().colwise().sum().maxCoeff(), 1e-9);
+    ASSERT_TRUE(factor.factor({}));
+    const auto values = test::random_values(static_cast<std::size_t>(n * 5), 2);
+    const Eigen::MatrixXd B = Eigen::Map<const Eigen::MatrixXd>(values.data(), n, 5);
+    Eigen::MatrixXd X = B;
+    factor.solve(X.data(), static_cast<std::size_t>(n), 5);
+    const Eigen::MatrixXd expected = A.llt().solve(B);
+    EXPECT_LT((A * X - B).norm(), 1e-12 * (A.norm() * X.norm() + B.norm())) << n;
+    EXPECT_LT((X - expected).norm(), 1e-9 * expected.norm()) << n;
   }
 }
 
-TEST(PackedCholesky, NotPositiveDefinite) {
-  for (const Index n : {1, 33, 300}) {
-    MatrixXd A = positive_definite(n);
-    A(n - 1, n - 1) = -1;
-    PackedCholesky packed(static_cast<std::size_t>(n));
-    fill(packed, A);
-    EXPECT_FALSE(packed.factor({})) << n;
+TEST(PackedCholesky, TakesLittleMoreThanHalf) {
+  for (const std::size_t n : {1000, 2000, 6000, 20000}) {
+    EXPECT_LE(static_cast<double>(PackedCholesky::bytes_for(n)), 0.55 * 8.0 * static_cast<double>(n) * static_cast<double>(n));
   }
+  EXPECT_EQ(PackedCholesky(777).bytes(), PackedCholesky::bytes_for(777));
+}
+
+TEST(PackedCholesky, SaysWhenTheMatrixIsNotDefinite) {
+  for (const Eigen::Index bad : {0, 40, 299}) {
+    Eigen::MatrixXd A = definite(300, 3);
+    A(bad, bad) = -1;
+    EXPECT_FALSE(packed(A).factor({}));
+  }
+  Eigen::MatrixXd nan = definite(100, 3);
+  nan(50, 50) = std::nan("");
+  EXPECT_FALSE(packed(nan).factor({}));
 }
 
 TEST(PackedCholesky, SameBitsForAnyNumberOfThreads) {
-  const MatrixXd A = positive_definite(700);
-  std::vector<PackedCholesky> factors;
-  for (const int threads : {1, 2, 0}) {
-    RunContext context;
-    context.threads = threads;
-    factors.emplace_back(700);
-    fill(factors.back(), A);
-    ASSERT_TRUE(factors.back().factor(context));
-  }
-  for (std::size_t p = 0; p < factors[0].panels(); ++p) {
-    const std::size_t rows = factors[0].rows(p);
-    for (std::size_t c = 0; c < factors[0].width(p); ++c) {
-      for (std::size_t r = c; r < rows; ++r) {
-        ASSERT_EQ(factors[0].panel(p)[c * rows + r], factors[1].panel(p)[c * rows + r]);
-        ASSERT_EQ(factors[0].panel(p)[c * rows + r], factors[2].panel(p)[c * rows + r]);
-      }
-    }
+  const Eigen::MatrixXd A = definite(900, 4);
+  PackedCholesky one = packed(A), two = packed(A);
+  RunContext context;
+  context.threads = 1;
+  ASSERT_TRUE(one.factor(context));
+  context.threads = 2;
+  ASSERT_TRUE(two.factor(context));
+  for (std::size_t p = 0; p < one.panels(); ++p) {
+    EXPECT_TRUE(std::equal(one.panel(p), one.panel(p) + one.width(p) * one.rows(p), two.panel(p)));
   }
 }
 
-TEST(PackedCholesky, ManyThreadsSolveAtOnce) {
-  constexpr std::size_t n = 300;
-  PackedCholesky packed(n);
-  fill(packed, positive_definite(n));
-  ASSERT_TRUE(packed.factor({}));
-  const MatrixXd B = MatrixXd::Random(n, 3);
-  MatrixXd expected = B;
-  packed.solve(expected.data(), n, 3);
-  std::vector<MatrixXd> results(8, B);
+TEST(PackedCholesky, SolvesFromManyThreads) {
+  const Eigen::MatrixXd A = definite(400, 5);
+  PackedCholesky factor = packed(A);
+  ASSERT_TRUE(factor.factor({}));
+  const PackedCholesky& shared = factor;
+  const auto values = test::random_values(400 * 3, 6);
+  std::vector<double> expected = values;
+  shared.solve(expected.data(), 400, 3);
+  std::vector<std::vector<double>> got(4, values);
   std::vector<std::thread> threads;
-  for (MatrixXd& result : results) threads.emplace_back([&] { packed.solve(result.data(), n, 3); });
-  for (std::thread& thread : threads) thread.join();
-  for (const MatrixXd& result : results) EXPECT_TRUE(result == expected);
+  for (auto& B : got) {
+    threads.emplace_back([&shared, &B] { shared.solve(B.data(), 400, 3); });
+  }
+  for (auto& thread : threads) thread.join();
+  for (const auto& B : got) EXPECT_TRUE(B == expected);
 }
 
-TEST(PackedCholesky, StopsWhenTold) {
-  PackedCholesky packed(500);
-  fill(packed, positive_definite(500));
+TEST(PackedCholesky, StopsWhenCancelled) {
+  PackedCholesky factor = packed(definite(900, 4));
   RunContext context;
   context.cancel.emplace();
-  context.on_progress = [&](const std::string&, double) { context.cancel->cancel(); };
-  EXPECT_THROW(packed.factor(context), Error);
-}
-
-TEST(PackedCholesky, TakesLittleMoreThanHalfOfTheSquare) {
-  for (const std::size_t n : {1000u, 3000u, 6000u, 20000u}) {
-    EXPECT_LE(static_cast<double>(PackedCholesky::bytes_for(n)), 0.55 * 8 * static_cast<double>(n) * static_cast<double>(n));
-  }
+  int reports = 0;
+  context.on_progress = [&](const std::string& stage, double) {
+    EXPECT_EQ(stage, "factor");
+    if (++reports == 3) context.cancel->cancel();
+  };
+  EXPECT_THROW(factor.factor(context), Error);
+  EXPECT_EQ(reports, 3);
 }
 
 }  // namespace

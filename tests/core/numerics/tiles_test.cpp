@@ -1,178 +1,150 @@
-// The vectorized loops against the plain definitions, on every instruction set of this machine.
+// Vectorized loops against plain ones, on every instruction set of this machine; independence of place, grouping and threads.
 #include "core/numerics/tiles.h"
 
 #include <gtest/gtest.h>
 
-#include <hwy/targets.h>
 #include <cmath>
 
-#include "tests/core/numerics/sample_centres.h"
+#include "core/base/error.h"
+#include "tests/core/numerics/every_target.h"
+#include "tests/core/numerics/random_points.h"
 
 namespace deform {
 namespace {
 
-using test::all_kernels;
-using test::distance2;
-using test::random_points;
-
-// Runs `body` once per instruction set, and puts the best one back.
-template <typename Body>
-void on_every_target(const Body& body) {
-  const auto supported = hwy::SupportedTargets();
-  int tried = 0;
-  for (auto left = supported; left != 0; left &= left - 1) {
-    hwy::SetSupportedTargetsForTest(left & ~(left - 1));
-    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
-    SCOPED_TRACE(vector_target());
-    body();
-    ++tried;
-  }
-  hwy::SetSupportedTargetsForTest(0);
-  hwy::GetChosenTarget().Update(hwy::SupportedTargets());
-  EXPECT_GE(tried, 1);
-}
-
-TEST(Tiles, TheLastTileIsFilledUp) {
-  const Points points = random_points(35);
+TEST(Tiles, KernelValuesOnEveryTarget) {
+  const auto points = test::random_points(tile_size, 1);
+  auto centres = test::random_points(37, 2);
+  centres[5] = points[3];  // distance 0
   const TiledPoints tiled(points);
-  EXPECT_EQ(tiled.tiles(), 3u);
-  for (std::size_t i = 0; i < 48; ++i) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      EXPECT_EQ(tiled.tile(i / tile_size)[k * tile_size + i % tile_size], points[std::min<std::size_t>(i, 34)][k]);
-    }
-  }
-  EXPECT_EQ(TiledPoints(Points{}).tiles(), 0u);
-}
-
-TEST(Tiles, KernelsEqualTheirDefinitionOnEveryTarget) {
-  Points points = random_points(64, 2);
-  const Points centres = random_points(67, 3);
-  points[5] = centres[3];  // distance 0
-  for (Vec3& p : points) p[2] *= 3;
-  const TiledPoints tiled(points);
-  on_every_target([&] {
-    for (const RadialKernel& kernel : all_kernels()) {
-      std::vector<double> out(centres.size() * tile_size);
-      for (std::size_t t = 0; t < tiled.tiles(); ++t) {
-        tile_kernel(kernel, tiled.tile(t), centres, out.data());
-        for (std::size_t j = 0; j < centres.size(); ++j) {
-          for (std::size_t i = 0; i < tile_size; ++i) {
-            const double expected = value(kernel, distance2(points[t * tile_size + i], centres[j]));
-            EXPECT_NEAR(out[j * tile_size + i], expected, 4e-15 * std::max(1.0, std::abs(expected)))
-                << properties(kernel.kernel).name;
-          }
+  test::on_every_target([&] {
+    for (const RadialKernel& kernel : test::all_kernels()) {
+      std::vector<double> got(centres.size() * tile_size);
+      tile_kernel(kernel, tiled.tile(0), centres, got.data());
+      for (std::size_t j = 0; j < centres.size(); ++j) {
+        for (std::size_t i = 0; i < tile_size; ++i) {
+          const double expected = value(kernel, test::squared_distance(points[i], centres[j]));
+          // Kernels with a shape are differences of numbers of size 1.
+          const double size = properties(kernel.kernel).has_shape ? 1 : std::abs(expected);
+          EXPECT_NEAR(got[j * tile_size + i], expected, 4e-15 * size) << properties(kernel.kernel).name;
         }
       }
     }
   });
 }
 
-TEST(Tiles, KernelSumsEqualTheirDefinitionOnEveryTarget) {
-  const Points points = random_points(83, 4);
-  const Points centres = random_points(150, 5);
-  std::vector<double> weights(centres.size() * 4);
-  for (std::size_t i = 0; i < weights.size(); ++i) weights[i] = std::sin(static_cast<double>(i));
-  on_every_target([&] {
-    for (const RadialKernel& kernel : all_kernels()) {
-      const std::vector<double> sums = kernel_sums(kernel, points, centres, weights, 4, {});
+TEST(Tiles, GaussianFarAwayIsZeroAndNotNoise) {
+  std::vector<Vec3> points(tile_size, Vec3{1, 1, 1});
+  const std::vector<Vec3> centres{{0, 0, 0}};
+  const TiledPoints tiled(points);
+  test::on_every_target([&] {
+    std::vector<double> got(tile_size);
+    tile_kernel({Kernel::gaussian, 1e-3}, tiled.tile(0), centres, got.data());
+    for (const double v : got) {
+      EXPECT_GE(v, 0.0);
+      EXPECT_LT(v, 1e-300);
+    }
+  });
+}
+
+TEST(Tiles, ProductsOnEveryTarget) {
+  constexpr std::size_t K = 83;
+  for (const std::size_t columns : {1, 2, 3, 4, 6, 7, 9, 45, 80}) {
+    const auto A = test::random_values(K * tile_size, 3);
+    const auto B = test::random_values(K * columns, 4);
+    const auto X = test::random_values(columns * tile_size, 5);
+    test::on_every_target([&] {
+      std::vector<double> out(columns * tile_size, 0.25);
+      tile_product(A.data(), K, B.data(), columns, columns, out.data());
+      std::vector<double> transposed(K * columns, 0.5);
+      tile_product_transposed(A.data(), K, X.data(), columns, transposed.data(), columns);
+      for (std::size_t c = 0; c < columns; ++c) {
+        for (std::size_t i = 0; i < tile_size; ++i) {
+          double sum = 0.25;
+          for (std::size_t k = 0; k < K; ++k) sum += A[k * tile_size + i] * B[k * columns + c];
+          EXPECT_NEAR(out[c * tile_size + i], sum, 1e-13);
+        }
+        for (std::size_t k = 0; k < K; ++k) {
+          double sum = 0.5;
+          for (std::size_t i = 0; i < tile_size; ++i) sum += A[k * tile_size + i] * X[c * tile_size + i];
+          EXPECT_NEAR(transposed[k * columns + c], sum, 1e-14);
+        }
+      }
+    });
+  }
+}
+
+TEST(Tiles, GroupingOfColumnsDoesNotChangeABit) {
+  constexpr std::size_t columns = 45;
+  const auto centres = test::random_points(150, 6);
+  const auto weights = test::random_values(centres.size() * columns, 7);
+  const TiledPoints tiled(test::random_points(tile_size, 8));
+  test::on_every_target([&] {
+    std::vector<double> together(columns * tile_size, 0.0);
+    tile_kernel_sums({}, tiled.tile(0), centres, weights.data(), columns, columns, together.data());
+    for (std::size_t group : {1, 3, 5, 6, 15}) {
+      std::vector<double> apart(columns * tile_size, 0.0);
+      for (std::size_t c = 0; c < columns; c += group) {
+        tile_kernel_sums({}, tiled.tile(0), centres, weights.data() + c, columns, std::min(group, columns - c),
+                         apart.data() + c * tile_size);
+      }
+      EXPECT_TRUE(apart == together) << group;
+    }
+  });
+}
+
+TEST(Tiles, KernelSumsAgainstPlainLoops) {
+  const auto points = test::random_points(101, 9);
+  const auto centres = test::random_points(130, 10);
+  for (const std::size_t columns : {1, 3, 8}) {
+    const auto weights = test::random_values(centres.size() * columns, 11);
+    for (const RadialKernel& kernel : test::all_kernels()) {
+      const auto got = kernel_sums(kernel, points, centres, weights, columns, {});
+      ASSERT_EQ(got.size(), points.size() * columns);
       for (std::size_t i = 0; i < points.size(); ++i) {
-        for (std::size_t c = 0; c < 4; ++c) {
-          double expected = 0, size = 0;
+        for (std::size_t c = 0; c < columns; ++c) {
+          double sum = 0, size = 0;
           for (std::size_t j = 0; j < centres.size(); ++j) {
-            const double term = value(kernel, distance2(points[i], centres[j])) * weights[4 * j + c];
-            expected += term;
+            const double term = value(kernel, test::squared_distance(points[i], centres[j])) * weights[j * columns + c];
+            sum += term;
             size += std::abs(term);
           }
-          EXPECT_NEAR(sums[4 * i + c], expected, 1e-14 * size + 1e-300) << properties(kernel.kernel).name;
+          EXPECT_NEAR(got[i * columns + c], sum, 1e-14 * size);
         }
       }
     }
-  });
+  }
 }
 
-TEST(Tiles, ProductsDoNotDependOnTheGroupingOfColumns) {
-  constexpr std::size_t K = 81, columns = 23;
-  std::vector<double> A(K * tile_size), B(K * columns);
-  for (std::size_t i = 0; i < A.size(); ++i) A[i] = std::sin(static_cast<double>(i));
-  for (std::size_t i = 0; i < B.size(); ++i) B[i] = std::cos(static_cast<double>(i) * 0.7);
-  on_every_target([&] {
-    std::vector<double> together(columns * tile_size, 0.25);
-    tile_product(A.data(), K, B.data(), columns, columns, together.data());
-    for (std::size_t group = 1; group <= 8; ++group) {
-      std::vector<double> grouped(columns * tile_size, 0.25);
-      for (std::size_t c = 0; c < columns; c += group) {
-        tile_product(A.data(), K, B.data() + c, columns, std::min(group, columns - c), grouped.data() + c * tile_size);
-      }
-      EXPECT_TRUE(together == grouped) << group;
-    }
-    for (std::size_t c = 0; c < columns; ++c) {
-      for (std::size_t i = 0; i < tile_size; ++i) {
-        double expected = 0.25;
-        for (std::size_t k = 0; k < K; ++k) expected += A[k * tile_size + i] * B[k * columns + c];
-        EXPECT_NEAR(together[c * tile_size + i], expected, 1e-13);
-      }
-    }
-  });
-}
-
-TEST(Tiles, KernelSumsDoNotDependOnTheGroupingOfColumns) {
-  constexpr std::size_t columns = 14;
-  const Points centres = random_points(200, 6);
-  const TiledPoints tiled(random_points(16, 7));
-  std::vector<double> weights(centres.size() * columns);
-  for (std::size_t i = 0; i < weights.size(); ++i) weights[i] = std::sin(static_cast<double>(i));
-  on_every_target([&] {
-    for (const RadialKernel& kernel : all_kernels()) {
-      std::vector<double> together(columns * tile_size), grouped(columns * tile_size);
-      tile_kernel_sums(kernel, tiled.tile(0), centres, weights.data(), columns, columns, together.data());
-      for (std::size_t c = 0; c < columns; c += 3) {
-        tile_kernel_sums(kernel, tiled.tile(0), centres, weights.data() + c, columns, std::min<std::size_t>(3, columns - c),
-                         grouped.data() + c * tile_size);
-      }
-      EXPECT_TRUE(together == grouped) << properties(kernel.kernel).name;
-    }
-  });
-}
-
-TEST(Tiles, TransposedProductIsTheAdjoint) {
-  constexpr std::size_t K = 37, columns = 3;
-  std::vector<double> A(K * tile_size), X(columns * tile_size), out(K * columns, 1.0);
-  for (std::size_t i = 0; i < A.size(); ++i) A[i] = std::sin(static_cast<double>(i));
-  for (std::size_t i = 0; i < X.size(); ++i) X[i] = std::cos(static_cast<double>(i));
-  on_every_target([&] {
-    std::fill(out.begin(), out.end(), 1.0);
-    tile_product_transposed(A.data(), K, X.data(), columns, out.data(), columns);
-    for (std::size_t k = 0; k < K; ++k) {
-      for (std::size_t c = 0; c < columns; ++c) {
-        double expected = 1;
-        for (std::size_t i = 0; i < tile_size; ++i) expected += A[k * tile_size + i] * X[c * tile_size + i];
-        EXPECT_NEAR(out[k * columns + c], expected, 1e-14);
-      }
-    }
-  });
-}
-
-TEST(Tiles, KernelSumsAreTheSameForAnyNumberOfThreads) {
-  const Points points = random_points(20000, 8);
-  const Points centres = random_points(100, 9);
-  const std::vector<double> weights(300, 0.3);
-  RunContext one;
-  one.threads = 1;
-  const RadialKernel kernel{Kernel::triharmonic, 1};
-  EXPECT_TRUE(kernel_sums(kernel, points, centres, weights, 3, one) == kernel_sums(kernel, points, centres, weights, 3, {}));
-}
-
-TEST(Kernels, SignOnTheComplementIsAsStated) {
-  for (const RadialKernel& kernel : all_kernels()) {
-    const KernelProperties what = properties(kernel.kernel);
-    EXPECT_GE(what.order, 0);
-    EXPECT_LE(what.order, 3);
-    EXPECT_EQ(std::abs(what.sign), 1);
-    // Two points: weights 1, -1 annihilate constants, so the quadratic form is 2 phi(0) - 2 phi(r).
-    if (what.order <= 1) {
-      EXPECT_GT(what.sign * (2 * value(kernel, 0) - 2 * value(kernel, 0.04)), 0) << what.name;
+TEST(Tiles, KernelSumsDoNotDependOnPlaceOrThreads) {
+  const auto points = test::random_points(4001, 12);
+  const auto centres = test::random_points(300, 13);
+  const auto weights = test::random_values(centres.size() * 3, 14);
+  const auto whole = kernel_sums({}, points, centres, weights, 3, {});
+  for (const int threads : {1, 2}) {
+    RunContext context;
+    context.threads = threads;
+    EXPECT_TRUE(kernel_sums({}, points, centres, weights, 3, context) == whole);
+    for (const std::size_t begin : {1, 7, 16, 1000}) {
+      const auto part = kernel_sums({}, std::span(points).subspan(begin, 333), centres, weights, 3, context);
+      EXPECT_TRUE(std::equal(part.begin(), part.end(), whole.begin() + static_cast<std::ptrdiff_t>(3 * begin))) << begin;
     }
   }
+}
+
+TEST(Tiles, NothingIsFine) {
+  EXPECT_TRUE(kernel_sums({}, {}, {}, {}, 3, {}).empty());
+  EXPECT_EQ(TiledPoints(std::span<const Vec3>{}).tiles(), 0u);
+  const auto points = test::random_points(3, 1);
+  EXPECT_EQ(kernel_sums({}, points, {}, {}, 3, {}), std::vector<double>(9, 0.0));
+}
+
+TEST(Tiles, KernelSumsStopWhenCancelled) {
+  RunContext context;
+  context.cancel.emplace();
+  context.cancel->cancel();
+  const auto points = test::random_points(100, 1);
+  EXPECT_THROW(kernel_sums({}, points, points, std::vector<double>(100, 1.0), 1, context), Error);
 }
 
 }  // namespace
