@@ -74,7 +74,6 @@ void DeformCall::begin() {
   auto [system, ticket] = parts_.cache->acquire(task_.system_id, task_.prepare, std::move(asker));
   if (system) return enqueue(std::move(system));
   const std::lock_guard lock(mutex_);
-  prepared_again_ = true;
   if (!ended_) ticket_ = std::move(ticket);  // otherwise it leaves here
 }
 
@@ -82,6 +81,7 @@ void DeformCall::on_system(SystemCache::Handle system, const std::optional<Error
   if (error) return fail(*error);
   {
     const std::lock_guard lock(mutex_);
+    prepared_again_ = true;
     stats_.prepare_ms = elapsed_ms(accepted_);
   }
   enqueue(std::move(system));
