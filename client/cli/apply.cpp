@@ -137,7 +137,7 @@ void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chose
       ->required();
   command->add_option("--source", options->input.source, "Mesh file of a setup that names its geometry by id");
   command->add_option("--path", options->path, "How designs are evaluated")
-      ->check(CLI::IsMember({"automatic", "basis", "direct"}))
+      ->transform(CLI::IsMember({"automatic", "basis", "direct"}, CLI::ignore_case))
       ->capture_default_str();
   options->encoding.add_to(*command);
   command->footer(std::string("Motion files: ") + motion_formats +

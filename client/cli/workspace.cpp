@@ -118,7 +118,7 @@ void OutputOptions::add_to(CLI::App& command) {
   command
       .add_option("--encoding", encoding,
                   "How points travel: raw_f64 (bit-exact), raw_f32, draco or delta_zstd (both within the tolerance)")
-      ->check(CLI::IsMember({"raw_f64", "raw_f32", "draco", "delta_zstd"}))
+      ->transform(CLI::IsMember({"raw_f64", "raw_f32", "draco", "delta_zstd"}, CLI::ignore_case))
       ->capture_default_str();
   command
       .add_option("--tolerance", tolerance,

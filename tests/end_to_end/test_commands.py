@@ -92,7 +92,7 @@ class Flow(EndToEnd):
     def test_encodings_keep_the_tolerance(self):
         self.deform("apply", "setup.yaml", "--set", "roof_up=0.03", "-o", "exact.obj")
         exact, _ = read_obj(self.path("exact.obj"))
-        for encoding, tolerance in (("draco", 1e-4), ("draco", 1e-7), ("delta_zstd", 1e-5), ("raw_f32", 1e-7)):
+        for encoding, tolerance in (("draco", 1e-4), ("DRACO", 1e-7), ("delta_zstd", 1e-5), ("raw_f32", 1e-7)):
             reply = self.deform("apply", "setup.yaml", "--set", "roof_up=0.03", "-o", "coded.obj", "--encoding", encoding,
                                 "--tolerance", tolerance, "--json").json
             coded, _ = read_obj(self.path("coded.obj"))

@@ -65,6 +65,7 @@ inline std::vector<v1::RegisterGeometryRequest> upload_messages(const Mesh& mesh
     const std::size_t count = std::min(chunk, mesh.face_sizes.size() - i);
     std::size_t corners = 0;
     for (std::size_t f = i; f < i + count; ++f) corners += mesh.face_sizes[f];
+    corners = std::min(corners, mesh.face_points.size() - corner);  // the sizes may be wrong on purpose
     v1::FaceChunk& faces = *messages.emplace_back().mutable_faces();
     faces.set_sizes(raw_bytes(mesh.face_sizes, i, count));
     faces.set_corners(raw_bytes(mesh.face_points, corner, corners));
