@@ -23,7 +23,7 @@ SetupFile read_setup_file(const std::filesystem::path& path) {
     throw Error(ErrorCode::invalid_argument, path.string() + ": geometry: missing, expected a mesh file or a geometry id");
   }
   const std::filesystem::path mesh = path.parent_path() / geometry;
-  if (std::filesystem::is_regular_file(mesh)) {
+  if (std::filesystem::is_regular_file(mesh) || std::filesystem::is_directory(mesh)) {
     file.geometry_file = mesh;
     file.setup.clear_geometry();
   } else if (!looks_like_id(geometry)) {

@@ -31,8 +31,9 @@ struct SweepOptions {
   OutputOptions encoding;
 };
 
-/// The extension of the results is that of the original, .gz included.
-std::string full_extension(const std::filesystem::path& path) {
+/// The extension of the results is that of the original, .gz included. Results of an OpenFOAM mesh are time folders.
+std::string full_extension(const io::MeshFile& source, const std::filesystem::path& path) {
+  if (source.format() == io::Format::openfoam) return source.compressed ? "/polyMesh/points.gz" : "/polyMesh/points";
   const std::string last = path.extension().string();
   return last == ".gz" ? path.stem().extension().string() + last : last;
 }
@@ -56,7 +57,7 @@ class Sweep {
 
   Result run(const std::vector<NamedDesign>& designs, Progress& progress) {
     const bool archive = std::filesystem::path(options_.output).extension() == ".tar";
-    std::string extension = full_extension(prepared_.source_path);
+    std::string extension = full_extension(source_, prepared_.source_path);
     if (archive && extension.ends_with(".gz")) extension.resize(extension.size() - 3);
     const SweepIdentity identity{prepared_.system.id(), options_.encoding.encoding, options_.encoding.tolerance, extension};
     ExpectedResults expected;

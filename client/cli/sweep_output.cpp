@@ -32,6 +32,7 @@ class Folder : public SweepOutput {
 
   void put(const std::string& name, const std::string& hash, const std::string& bytes) override {
     const std::string file = name + extension_;
+    fs::create_directories((path_ / file).parent_path());
     io::write_file(path_ / file, bytes);  // by a temporary file and rename
     const std::lock_guard lock(mutex_);
     manifest_.add({name, hash, file, 0, fs::file_size(path_ / file)});
@@ -43,8 +44,8 @@ class Folder : public SweepOutput {
  private:
   /// What a killed run was writing: RESULT.PROCESS.NUMBER.part of io::write_file.
   void remove_torn(const ExpectedResults& expected) const {
-    for (const auto& entry : fs::directory_iterator(path_)) {
-      const std::string file = entry.path().filename().string();
+    for (const auto& entry : fs::recursive_directory_iterator(path_)) {
+      const std::string file = entry.path().lexically_relative(path_).string();
       const std::size_t end = file.find(extension_ + ".");
       if (file.ends_with(".part") && end != std::string::npos && expected.contains(file.substr(0, end))) fs::remove(entry.path());
     }

@@ -6,7 +6,6 @@
 
 #include "core/base/error.h"
 #include "core/io/byte_order.h"
-#include "core/io/text_scanner.h"
 
 namespace deform::io {
 
@@ -69,8 +68,12 @@ class TextMeshFile : public MeshFile {
     out.append(buffer, result.ptr);
   }
 
+  /// Readers have seen a number there: letters, digits, signs and points.
   std::size_t token_end(std::size_t position) const {
-    while (position < bytes_.size() && !is_delimiter(bytes_[position])) ++position;
+    const auto belongs = [](char c) {
+      return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '+' || c == '-' || c == '.';
+    };
+    while (position < bytes_.size() && belongs(bytes_[position])) ++position;
     return position;
   }
 

@@ -6,7 +6,8 @@ namespace deform::io {
 
 namespace {
 
-constexpr const char* prefixes[] = {"group:", "object:", "material:"};
+constexpr const char* prefixes[FaceGroups::kinds] = {
+    "group:", "object:", "material:", "patchGroup:", "pointZone:", "faceZone:", "cellZone:"};
 
 /// Length of the UTF-8 sequence at the front of `text`, 0 when there is none.
 std::size_t utf8_length(std::string_view text) {
@@ -66,7 +67,8 @@ std::vector<Group> FaceGroups::finish() {
   std::vector<std::string> names(entries_.size());  // empty: left out
   std::unordered_map<std::string, std::size_t> taken;
   // Kind by kind, so that a name does not depend on what stands first in the file.
-  for (const Kind kind : {Kind::group, Kind::object, Kind::material}) {
+  for (int number = 0; number < kinds; ++number) {
+    const auto kind = static_cast<Kind>(number);
     for (std::size_t i = 0; i < entries_.size(); ++i) {
       Group& members = entries_[i].members;
       if (entries_[i].kind != kind || (members.faces.empty() && members.points.empty())) continue;

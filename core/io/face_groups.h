@@ -12,7 +12,8 @@ namespace deform::io {
 /// Collects named groups while a file is read. The same name of the same kind, met again, continues the group.
 class FaceGroups {
  public:
-  enum class Kind { group, object, material };
+  enum class Kind { group, object, material, patch_group, point_zone, face_zone, cell_zone };
+  static constexpr int kinds = 7;
 
   /// Number of the group, to be used with add_face() and add_point(). Names become UTF-8 without control characters: what is not
   /// UTF-8 is taken as Latin-1.
@@ -20,9 +21,9 @@ class FaceGroups {
   void add_face(std::size_t group, FaceId face) { entries_[group].members.faces.push_back(face); }
   void add_point(std::size_t group, PointId point) { entries_[group].members.points.push_back(point); }
 
-  /// The groups that got members, in order of first appearance, with unique names: a group keeps its name; an object or material
-  /// whose name is taken by a group with other members is called "object:NAME" or "material:NAME"; with the same members it is
-  /// left out.
+  /// The groups that got members, in order of first appearance, with unique names: a group keeps its name; one of another kind
+  /// whose name is taken by a group with other members is called "object:NAME", "material:NAME", "patchGroup:NAME",
+  /// "pointZone:NAME", "faceZone:NAME" or "cellZone:NAME"; with the same members it is left out.
   std::vector<Group> finish();
 
  private:
@@ -31,7 +32,7 @@ class FaceGroups {
     Group members;
   };
   std::vector<Entry> entries_;
-  std::unordered_map<std::string, std::size_t> index_[3];  // by kind
+  std::unordered_map<std::string, std::size_t> index_[kinds];  // by kind
 };
 
 }  // namespace deform::io

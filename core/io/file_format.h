@@ -6,10 +6,11 @@
 
 namespace deform::io {
 
-/// The format by the extension in any case, a final .gz not counted. Throws Error(invalid_argument) for any other.
+/// The format by the extension in any case, a final .gz not counted; `points` is a file of OpenFOAM. Throws
+/// Error(invalid_argument) for any other.
 Format format_of(const std::string& name);
 
-/// "OBJ", "OFF", "PLY", "STL".
+/// "OBJ", "OFF", "PLY", "STL", "OpenFOAM".
 const char* to_string(Format format);
 
 /// Whether the name ends in .gz.

@@ -31,8 +31,12 @@ Format format_of(const std::string& name) {
   if (plain.ends_with(".off")) return Format::off;
   if (plain.ends_with(".ply")) return Format::ply;
   if (plain.ends_with(".stl")) return Format::stl;
-  throw Error(ErrorCode::invalid_argument,
-              name + ": unknown mesh format, expected a name that ends in .obj, .off, .ply or .stl (optionally .gz)");
+  if (plain == "points" || plain.ends_with("/points")) return Format::openfoam;
+  throw Error(
+      ErrorCode::invalid_argument,
+      name +
+          ": unknown mesh format, expected a name that ends in .obj, .off, .ply or .stl (optionally .gz), or the folder of "
+          "an OpenFOAM mesh");
 }
 
 const char* to_string(Format format) {
@@ -45,6 +49,8 @@ const char* to_string(Format format) {
       return "PLY";
     case Format::stl:
       return "STL";
+    case Format::openfoam:
+      return "OpenFOAM";
   }
   return "unknown";
 }
@@ -67,12 +73,15 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
     case Format::stl:
       file = parse_stl(std::move(bytes), name);
       break;
+    case Format::openfoam:
+      throw Error(ErrorCode::invalid_argument, name + ": points alone are no mesh, the files beside them are needed");
   }
   file->compressed = compressed;
   return file;
 }
 
 std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path) {
+  if (is_openfoam(path)) return read_openfoam(path);
   format_of(path.string());  // a name that cannot be read is refused before its bytes are
   bool compressed = false;
   std::string bytes = read_file(path, &compressed);
@@ -82,6 +91,11 @@ std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path) {
 }
 
 void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const std::filesystem::path& path) {
+  if (source.format() == Format::openfoam) {
+    const std::filesystem::path points_path = openfoam_points_path(path);
+    if (points_path.has_parent_path()) std::filesystem::create_directories(points_path.parent_path());
+    return write_file(points_path, source.with_points(points));
+  }
   const Format format = format_of(path.string());
   if (format != source.format()) {
     throw Error(ErrorCode::invalid_argument, path.string() + ": the source is an " + to_string(source.format()) +

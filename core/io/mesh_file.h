@@ -12,7 +12,7 @@
 
 namespace deform::io {
 
-enum class Format { obj, off, ply, stl };
+enum class Format { obj, off, ply, stl, openfoam };
 
 /// A mesh read from a file, together with what is needed to write the same file with other coordinates. Immutable; any thread may
 /// read.
@@ -23,7 +23,8 @@ class MeshFile {
   /// Every point in file order (STL: coincident corners of the whole file welded into one point each, in order of first
   /// appearance). Face groups: OBJ groups, objects and materials by their names; where an object or material has the name of a
   /// group with other faces it is called "object:NAME" or "material:NAME". STL solids by name, the n-th solid of the file
-  /// "solid_n" when it has none; solids of one name are one group. Groups without members are left out.
+  /// "solid_n" when it has none; solids of one name are one group. OpenFOAM: the faces are those of the boundary; patches, patch
+  /// groups and point, face and cell zones by their names (see FaceGroups). Groups without members are left out.
   virtual std::shared_ptr<const Mesh> mesh() const = 0;
 
   /// The original file with the coordinates of `points` (size mesh()->point_count()) and nothing else changed: comments, spacing,
@@ -35,8 +36,9 @@ class MeshFile {
   bool compressed = false;  ///< the bytes came gzipped
 };
 
-/// Reads .obj .off .ply .stl, each also as .gz (recognised by content). Throws Error(invalid_argument) naming file, line (or byte
-/// offset) and what was expected; Error(not_found) when the file cannot be opened.
+/// Reads .obj .off .ply .stl, each also as .gz (recognised by content), and OpenFOAM meshes: a folder that holds
+/// constant/polyMesh, polyMesh or the files of one, or the path of its `points`. Throws Error(invalid_argument) naming file, line
+/// (or byte offset) and what was expected; Error(not_found) when the file cannot be opened.
 std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path);
 
 /// The same from memory; `name` gives the format by its extension and stands in errors. What the bytes claim (counts) is checked
@@ -44,7 +46,8 @@ std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path);
 std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name);
 
 /// Writes source with new coordinates to `path` (gzipped when it ends in .gz), by temporary file and rename. The extension must
-/// be the source's format; OBJ may be asked from any mesh only through write_obj().
+/// be the source's format. Of an OpenFOAM mesh only `points` is written, with the folders above it: to PATH when that is called
+/// points or points.gz, otherwise to PATH/polyMesh/points, PATH being a time folder.
 void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const std::filesystem::path& path);
 
 /// A new file from a mesh (samples, conversions): OBJ or STL by extension, groups as g / solid names. STL is text when the mesh

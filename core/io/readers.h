@@ -1,5 +1,6 @@
 #pragma once
 
+#include <filesystem>
 #include <memory>
 #include <string>
 
@@ -13,5 +14,20 @@ std::unique_ptr<MeshFile> parse_obj(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_off(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_ply(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_stl(std::string bytes, const std::string& name);
+
+/// The bytes of the files of a polyMesh folder; zones may be missing (empty). Names stand in errors.
+struct FoamFiles {
+  struct Part {
+    std::string bytes, name;
+  };
+  Part points, faces, owner, neighbour, boundary, point_zones, face_zones, cell_zones;
+};
+std::unique_ptr<MeshFile> parse_openfoam(FoamFiles files);
+
+/// Whether the path is a folder that holds a polyMesh, or the `points` of one.
+bool is_openfoam(const std::filesystem::path& path);
+std::unique_ptr<MeshFile> read_openfoam(const std::filesystem::path& path);
+/// Where the points of an OpenFOAM mesh go that are written to `path`, see write_mesh_file().
+std::filesystem::path openfoam_points_path(const std::filesystem::path& path);
 
 }  // namespace deform::io

@@ -1,0 +1,69 @@
+#pragma once
+
+#include <bit>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace deform::io {
+
+/// A cursor over an OpenFOAM file: words and punctuation ( ) { } ; with comments skipped, and lists of labels in text or in
+/// binary as the header says. Throws Error(invalid_argument) with file and line. The bytes and the name must outlive it.
+class FoamScanner {
+ public:
+  FoamScanner(std::string_view bytes, const std::string& name) : bytes_(bytes), name_(name) {}
+
+  /// The FoamFile dictionary, when the file begins with one: format and arch.
+  void read_header();
+  bool binary() const { return binary_; }
+  int label_bytes() const { return label_bytes_; }
+  int scalar_bytes() const { return scalar_bytes_; }
+  std::endian order() const { return order_; }
+
+  std::size_t position() const { return at_; }
+  void move_to(std::size_t position) { at_ = position; }
+  std::size_t left() const { return bytes_.size() - at_; }
+
+  /// To the next token; false at the end of the file.
+  bool next();
+  /// The character at the cursor after skipping blanks and comments; 0 at the end.
+  char peek();
+  /// Steps over c or fails. `where` says what was being read ("the list of faces").
+  void expect(char c, const char* where);
+  bool accept(char c);
+  /// A word, a quoted string or a number as text, up to a blank or punctuation; steps over it.
+  std::string_view word(const char* what);
+  /// Skips to behind the ; that ends this entry, or over its { } or ( ) blocks.
+  void skip_entry();
+  /// Skips a balanced block that begins at the cursor.
+  void skip_block();
+
+  double number(const char* what);
+  std::int64_t integer(const char* what);
+  /// An integer in 0..limit-1, or -1 .. when `limit` says so by the caller; names value and limit in the error.
+  std::uint32_t index(const char* what, std::uint64_t limit);
+  /// How many entries a list has: at most what `least_bytes` per entry leave room for.
+  std::size_t count(const char* what, std::size_t least_bytes);
+
+  /// N ( ... ), N { value } or binary: labels in 0..limit-1, at most `most` of them.
+  std::vector<std::uint32_t> labels(const char* what, std::uint64_t limit, std::uint64_t most);
+  /// After a count: steps over '(' and, in binary, gives the raw bytes and steps over ')'.
+  std::string_view raw(std::size_t bytes, const char* what);
+
+  [[noreturn]] void fail(const std::string& message) const { fail_at(at_, message); }
+  [[noreturn]] void fail_at(std::size_t position, const std::string& message) const;
+  std::string quoted() const;
+
+ private:
+  void read_arch(std::string_view text);
+
+  const std::string_view bytes_;
+  const std::string& name_;
+  std::size_t at_ = 0;
+  bool binary_ = false;
+  int label_bytes_ = 4, scalar_bytes_ = 8;
+  std::endian order_ = std::endian::little;
+};
+
+}  // namespace deform::io
