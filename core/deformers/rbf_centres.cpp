@@ -82,6 +82,9 @@ std::string reduce(const Mesh& mesh, const RbfOptions& options, std::size_t hand
   if (centres.deformable.empty()) return "no point is deformable";
   if (mesh.face_count() == 0) return "the geometry has no faces";
   const Adjacency adjacency(mesh);
+  const auto loose = std::count_if(centres.deformable.begin(), centres.deformable.end(),
+                                   [&](PointId id) { return adjacency.faces_of(id).empty(); });
+  if (loose > 0) return std::to_string(loose) + " deformable points are in no face (the inside of a volume)";
   std::vector<char> deformable(mesh.point_count());
   for (const PointId id : centres.deformable) deformable[id] = 1;
   const std::vector<char> near = adjacency.grow(deformable, options.reduction_rings);

@@ -72,9 +72,30 @@ def stl_seeds():
     yield "binary", b"solid but binary".ljust(80) + struct.pack("<I", 2) + data
 
 
+def openfoam_seeds():
+    """A tetrahedron; see fuzz_read_openfoam.cpp."""
+    def head(form):
+        return f'FoamFile {{ version 2.0; format {form}; arch "LSB;label=32;scalar=64"; class a; }} // c\n'.encode()
+
+    def labels(values):
+        return b"%d\n(" % len(values) + struct.pack(f"<{len(values)}I", *values) + b")\n"
+
+    faces = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
+    corners = [c for face in faces for c in face]
+    boundary = b"2(a{type patch;nFaces 1;startFace 0;inGroups 1(g);}b{type wall;nFaces 3;startFace 1;})"
+    zones = [b"1(p{pointLabels 2(0 1);})", b"1(f{faceLabels List<label> 1(2);flipMap List<bool> 1(0);})", b"1(c{cellLabels 1{0};})"]
+    points = b"4((0 0 0)(1 0 0)(0 1 0.5)(0 0 1))"
+    text = b"4(" + b"".join(b"3(%d %d %d)" % face for face in faces) + b")"
+    yield "text", b"\x1f".join([head("ascii") + points, head("ascii") + text, b"4{0}", b"0()", boundary, *zones])
+    raw = b"4(" + struct.pack("<12d", *[c for p in POINTS for c in p]) + b")"
+    offsets = labels([0, 3, 6, 9, 12])
+    yield "binary", b"\x1f".join([head("binary") + raw, head("binary") + offsets + labels(corners), b"4(0 0 0 0)", b"0()", boundary])
+
+
 def main():
     corpus = pathlib.Path(sys.argv[1])
-    for name, seeds in (("obj", obj_seeds()), ("off", off_seeds()), ("ply", ply_seeds()), ("stl", stl_seeds())):
+    for name, seeds in (("obj", obj_seeds()), ("off", off_seeds()), ("openfoam", openfoam_seeds()), ("ply", ply_seeds()),
+                        ("stl", stl_seeds())):
         folder = corpus / f"fuzz_read_{name}"
         folder.mkdir(parents=True, exist_ok=True)
         for seed, data in seeds:

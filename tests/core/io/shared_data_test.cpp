@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <filesystem>
@@ -175,6 +176,40 @@ INSTANTIATE_TEST_SUITE_P(All, SharedDataTest, testing::ValuesIn(shared_files()),
       name.begin(), name.end(), [](char c) { return !std::isalnum(static_cast<unsigned char>(c)); }, '_');
   return name;
 });
+
+class SharedFoamTest : public testing::TestWithParam<SharedFile> {};
+
+TEST_P(SharedFoamTest, OnlyThePointsChange) {
+  const fs::path original = shared_data / GetParam().path / "constant" / "polyMesh";
+  const auto file = read_mesh_file(original);
+  const auto mesh = file->mesh();
+  EXPECT_EQ(mesh->point_count(), GetParam().points);
+  EXPECT_EQ(mesh->face_count(), GetParam().faces);
+  for (const auto& name : GetParam().groups) EXPECT_NE(mesh->find_group(name), nullptr) << name;
+  EXPECT_EQ(file->with_points(mesh->points), read_file(original / "points.gz"));
+
+  const fs::path folder =
+      fs::path(testing::TempDir()) / ("shared_foam_" + std::to_string(::getpid())) / fs::path(GetParam().path).filename();
+  fs::create_directories(folder / "constant");
+  fs::create_directory_symlink(original, folder / "constant" / "polyMesh");
+  const Points moved = deformed(mesh->points);
+  write_mesh_file(*file, moved, folder / "1");
+  const auto back = read_mesh_file(folder / "1")->mesh();
+  EXPECT_EQ(back->points, moved);
+  EXPECT_EQ(back->face_points, mesh->face_points);
+  const auto changed = test::changed_words(read_file(original / "points.gz"), read_file(folder / "1" / "polyMesh" / "points"));
+  EXPECT_EQ(changed.size(), 3 * mesh->point_count());
+  fs::remove_all(folder.parent_path());
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    All, SharedFoamTest,
+    testing::Values(SharedFile{"B_volume/openfoam/airFoil2D", 21812, 21812, {"walls", "frontAndBack"}},
+                    SharedFile{
+                        "B_volume/openfoam/car_fastback", 268807, 37399, {"inlet", "car_body", "car_wheel_rr", "carGroup"}},
+                    SharedFile{"B_volume/openfoam/pipe_poly", 23446, 4296, {"outer", "inner"}},
+                    SharedFile{"B_volume/openfoam/pipe_tet", 4353, 7398, {"volume"}}),
+    [](const auto& tested) { return fs::path(tested.param.path).filename().string(); });
 
 TEST(SharedDataFoldersTest, NoFileIsLeftOut) {
   std::vector<std::string> found, expected = {"C_defects/stl_empty_bin.stl"};

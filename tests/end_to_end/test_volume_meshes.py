@@ -1,0 +1,68 @@
+"""Simulation meshes through a real server: the inside follows the surface, and the solver's own checks still pass."""
+
+import os
+import re
+import shutil
+import subprocess
+
+from harness import SHARED_DATA, EndToEnd, box, main, read_bytes
+
+ROOF_LIFT = """\
+geometry: case
+handles:
+  - {name: roof, region: {intersection: [{group: car_body}, {box: {min: [1.3, -0.5, 1.3], max: [2.6, 0.5, 2]}}]}}
+fixed: [{group: inlet}, {group: outlet}, {group: lowerWall}, {group: upperWall}, {group: frontAndBack}]
+variables: [{name: lift, handle: roof, translate: [0, 0, 1], lower: 0, upper: 0.5}]
+"""
+
+
+def read_foam_points(path):
+    text = read_bytes(path).decode()
+    body = text[text.index("\n(") + 2:]
+    return [tuple(map(float, triple.split())) for triple in re.findall(r"\(([^()]+)\)", body)], text
+
+
+class OpenFoam(EndToEnd):
+    def case(self, name):
+        source = os.path.join(SHARED_DATA, "B_volume", "openfoam", name)
+        shutil.copytree(source, self.path("case"), copy_function=shutil.copyfile)
+        return read_foam_points(self.path("case/constant/polyMesh/points.gz"))
+
+    def check_mesh(self, time):
+        """What checkMesh says, or None where it is not installed."""
+        if shutil.which("checkMesh") is None:
+            print("without OpenFOAM: its checkMesh is not asked")
+            return None
+        environment = {"WM_PROJECT_DIR": "/usr/share/openfoam", **os.environ}
+        return subprocess.run(["checkMesh", "-case", self.path("case"), "-time", time], env=environment, timeout=120,
+                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=True).stdout
+
+    def test_the_roof_of_a_car_is_lifted(self):
+        before, text = self.case("car_fastback")
+        self.start_server()
+        self.write("car.yaml", ROOF_LIFT)
+        for lift in ("0.05", "0.15"):
+            reply = self.deform("apply", "car.yaml", "--set", f"lift={lift}", "-o", f"case/{lift}", "--json").json
+            self.assertEqual(reply["points"], len(before))
+            after, text_after = read_foam_points(self.path(f"case/{lift}/polyMesh/points"))
+            self.assertEqual(len(after), len(before))
+            self.assertEqual(text[:text.index("\n(")], text_after[:text_after.index("\n(")])
+            low, high = box(before)
+            moved = outer = 0
+            for a, b in zip(before, after):
+                shift = b[2] - a[2]
+                if any(min(abs(a[k] - low[k]), abs(a[k] - high[k])) < 1e-9 for k in range(3)):
+                    outer += 1
+                    self.assertEqual(a, b)
+                elif shift > 0.999 * float(lift):
+                    moved += 1
+            self.assertGreater(min(moved, outer), 290)
+            said = self.check_mesh(lift)
+            if said is not None:
+                self.assertIn("Mesh OK.", said)
+                angle = float(re.search(r"Mesh non-orthogonality Max: ([0-9.]+)", said).group(1))
+                self.assertLess(abs(angle - 60.09), 5)  # checkMesh.baseline.log
+
+
+if __name__ == "__main__":
+    main()
