@@ -31,6 +31,7 @@ using Action = std::function<ExitCode()>;
 /// The common options outlive all.
 void add_sample_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_inspect_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_quality_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_register_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_prepare_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chosen);

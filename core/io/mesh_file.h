@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/base/types.h"
+#include "core/mesh/cells.h"
 #include "core/mesh/mesh.h"
 
 namespace deform::io {
@@ -26,6 +27,8 @@ class MeshFile {
   /// "solid_n" when it has none; solids of one name are one group. OpenFOAM: the faces are those of the boundary; patches, patch
   /// groups and point, face and cell zones by their names (see FaceGroups). Groups without members are left out.
   virtual std::shared_ptr<const Mesh> mesh() const = 0;
+  /// The cells of a volume mesh, over the same points; null for a surface.
+  virtual std::shared_ptr<const PolyhedralCells> cells() const { return nullptr; }
 
   /// The original file with the coordinates of `points` (size mesh()->point_count()) and nothing else changed: comments, spacing,
   /// line ends, other properties, normals, face lines stay byte for byte. Text: shortest decimal that parses to the same double;

@@ -17,20 +17,10 @@ using Kind = FaceGroups::Kind;
 
 constexpr std::uint64_t any_label = std::numeric_limits<std::uint32_t>::max();
 
-/// All faces of the mesh, the internal ones first.
-struct FaceList {
-  std::vector<std::uint64_t> offsets{0};
-  std::vector<PointId> points;
-
-  std::size_t size() const { return offsets.size() - 1; }
-  std::span<const PointId> face(std::size_t i) const {
-    return std::span(points).subspan(offsets[i], static_cast<std::size_t>(offsets[i + 1] - offsets[i]));
-  }
-};
-
 struct Patch {
   std::string name;
   std::vector<std::string> groups;
+  bool empty = false;  ///< of type "empty": the mesh is two-dimensional
   std::uint64_t first = 0, count = 0;
 };
 
@@ -88,35 +78,33 @@ PointFile read_points(const FoamFiles::Part& part) {
   return file;
 }
 
-FaceList read_faces(const FoamFiles::Part& part, std::size_t points) {
+void read_faces(const FoamFiles::Part& part, std::size_t points, PolyhedralCells& cells) {
   FoamScanner scanner(part.bytes, part.name);
   scanner.read_header();
-  FaceList faces;
   if (scanner.binary()) {  // faceCompactList: offsets, then all corners
     const std::vector<std::uint32_t> offsets = scanner.labels("the offsets of the faces", any_label, any_label);
-    faces.points = scanner.labels("a corner of a face", points, any_label);
-    faces.offsets.assign(offsets.begin(), offsets.end());
-    if (faces.offsets.empty()) faces.offsets.push_back(0);
-    if (faces.offsets.front() != 0 || faces.offsets.back() != faces.points.size() ||
-        !std::is_sorted(faces.offsets.begin(), faces.offsets.end())) {
+    cells.face_points = scanner.labels("a corner of a face", points, any_label);
+    cells.face_offsets.assign(offsets.begin(), offsets.end());
+    if (offsets.empty()) cells.face_offsets.push_back(0);
+    if (cells.face_offsets.front() != 0 || cells.face_offsets.back() != cells.face_points.size() ||
+        !std::is_sorted(cells.face_offsets.begin(), cells.face_offsets.end())) {
       scanner.fail("the offsets of the faces do not rise from 0 to the number of corners, " +
-                   std::to_string(faces.points.size()));
+                   std::to_string(cells.face_points.size()));
     }
-    return faces;
+    return;
   }
   const std::size_t count = scanner.count("the number of faces", 4);
-  faces.offsets.reserve(count + 1);
-  faces.points.reserve(4 * count);
+  cells.face_offsets.reserve(count + 1);
+  cells.face_points.reserve(4 * count);
   scanner.expect('(', "the list of faces");
   for (std::size_t i = 0; i < count; ++i) {
     const std::size_t corners = scanner.count("the number of corners of a face", 2);
     scanner.expect('(', "a face");
-    for (std::size_t c = 0; c < corners; ++c) faces.points.push_back(scanner.index("a corner of a face", points));
+    for (std::size_t c = 0; c < corners; ++c) cells.face_points.push_back(scanner.index("a corner of a face", points));
     scanner.expect(')', "a face");
-    faces.offsets.push_back(faces.points.size());
+    cells.face_offsets.push_back(cells.face_points.size());
   }
   scanner.expect(')', "the list of faces");
-  return faces;
 }
 
 Patch read_patch(FoamScanner& scanner, std::size_t faces) {
@@ -131,6 +119,8 @@ Patch read_patch(FoamScanner& scanner, std::size_t faces) {
       patch.count = scanner.index("nFaces", any_label);
     } else if (key == "startFace") {
       patch.first = scanner.index("startFace", any_label);
+    } else if (key == "type") {
+      patch.empty = scanner.word("the type of a patch") == "empty";
     } else if (key == "inGroups") {
       if (scanner.peek() != '(' && scanner.peek() != ';') scanner.integer("the number of groups");
       if (scanner.accept('(')) {
@@ -187,23 +177,37 @@ void read_zones(const FoamFiles::Part& part, std::string_view key, std::uint64_t
   }
 }
 
+/// The file of the points, and the cells beside it.
+class FoamMeshFile : public MeshFile {
+ public:
+  FoamMeshFile(std::unique_ptr<MeshFile> points, std::shared_ptr<const PolyhedralCells> cells)
+      : points_(std::move(points)), cells_(std::move(cells)) {}
+
+  Format format() const override { return Format::openfoam; }
+  std::shared_ptr<const Mesh> mesh() const override { return points_->mesh(); }
+  std::shared_ptr<const PolyhedralCells> cells() const override { return cells_; }
+  std::string with_points(std::span<const Vec3> points) const override { return points_->with_points(points); }
+
+ private:
+  const std::unique_ptr<MeshFile> points_;
+  const std::shared_ptr<const PolyhedralCells> cells_;
+};
+
 class FoamMesh {
  public:
   explicit FoamMesh(FoamFiles files) : files_(std::move(files)) {}
 
   std::unique_ptr<MeshFile> read() {
     PointFile points = read_points(files_.points);
-    faces_ = read_faces(files_.faces, points.points.size());
     mesh_->points = std::move(points.points);
-    const std::vector<Patch> patches = read_boundary(files_.boundary, faces_.size());
-    internal_ = faces_.size();
-    for (const Patch& patch : patches) internal_ = std::min<std::uint64_t>(internal_, patch.first);
-    for (std::size_t f = internal_; f < faces_.size(); ++f) {
-      const auto corners = faces_.face(f);
+    read_faces(files_.faces, mesh_->point_count(), *cells_);
+    read_cells();
+    for (std::size_t f = cells_->internal_faces(); f < cells_->face_count(); ++f) {
+      const auto corners = cells_->face(f);
       mesh_->face_sizes.push_back(static_cast<std::uint32_t>(corners.size()));
       mesh_->face_points.insert(mesh_->face_points.end(), corners.begin(), corners.end());
     }
-    add_patches(patches);
+    add_patches(read_boundary(files_.boundary, cells_->face_count()));
     add_zones();
     mesh_->groups = groups_.finish();
     try {
@@ -212,15 +216,44 @@ class FoamMesh {
       throw Error(error.code(), files_.points.name + ": " + error.what());
     }
     std::string bytes = std::move(files_.points.bytes);
-    if (points.is_binary) {
-      return make_binary_mesh_file(Format::openfoam, std::move(bytes), mesh_, std::move(points.binary));
-    }
-    return make_text_mesh_file(Format::openfoam, std::move(bytes), mesh_, std::move(points.text));
+    auto file = points.is_binary ? make_binary_mesh_file(Format::openfoam, std::move(bytes), mesh_, std::move(points.binary))
+                                 : make_text_mesh_file(Format::openfoam, std::move(bytes), mesh_, std::move(points.text));
+    return std::make_unique<FoamMeshFile>(std::move(file), cells_);
   }
 
  private:
+  /// Every face has one or two cells, which bounds what the numbers in the files make us allocate.
+  void read_cells() {
+    const std::size_t faces = cells_->face_count();
+    const auto read = [faces](const FoamFiles::Part& part) {
+      FoamScanner scanner(part.bytes, part.name);
+      scanner.read_header();
+      return scanner.labels("the cell of a face", 2 * faces, faces);
+    };
+    cells_->owner = read(files_.owner);
+    cells_->neighbour = read(files_.neighbour);
+    if (cells_->owner.size() != faces) {
+      throw Error(ErrorCode::invalid_argument, files_.owner.name + ": " + std::to_string(cells_->owner.size()) + " owners for " +
+                                                   std::to_string(faces) + " faces");
+    }
+    for (const auto* cells : {&cells_->owner, &cells_->neighbour}) {
+      for (const std::uint32_t cell : *cells)
+        cells_->cell_count = std::max<std::size_t>(cells_->cell_count, std::size_t{cell} + 1);
+    }
+  }
+
   void add_patches(const std::vector<Patch>& patches) {
-    for (const Patch& patch : patches) add_patch(groups_.find_or_add(Kind::group, patch.name), patch);
+    for (const Patch& patch : patches) {
+      if (patch.first < cells_->internal_faces()) {
+        throw Error(ErrorCode::invalid_argument, files_.boundary.name + ": patch \"" + patch.name + "\" begins at face " +
+                                                     std::to_string(patch.first) + ", which is one of the " +
+                                                     std::to_string(cells_->internal_faces()) + " internal faces");
+      }
+      add_patch(groups_.find_or_add(Kind::group, patch.name), patch);
+      if (!patch.empty) continue;
+      cells_->empty_faces.resize(cells_->face_count());
+      std::fill_n(cells_->empty_faces.begin() + static_cast<std::ptrdiff_t>(patch.first), patch.count, 1);
+    }
     for (const Patch& patch : patches) {
       for (const std::string& group : patch.groups) add_patch(groups_.find_or_add(Kind::patch_group, group), patch);
     }
@@ -228,7 +261,7 @@ class FoamMesh {
 
   void add_patch(std::size_t group, const Patch& patch) {
     for (std::uint64_t f = patch.first; f < patch.first + patch.count; ++f) {
-      groups_.add_face(group, static_cast<FaceId>(f - internal_));
+      groups_.add_face(group, static_cast<FaceId>(f - cells_->internal_faces()));
     }
   }
 
@@ -237,57 +270,33 @@ class FoamMesh {
       const std::size_t group = groups_.find_or_add(Kind::point_zone, name);
       for (const PointId point : members) groups_.add_point(group, point);
     });
-    read_zones(files_.face_zones, "faceLabels", faces_.size(), [&](const std::string& name, const auto& members) {
+    read_zones(files_.face_zones, "faceLabels", cells_->face_count(), [&](const std::string& name, const auto& members) {
       const std::size_t group = groups_.find_or_add(Kind::face_zone, name);
       for (const std::uint32_t face : members) {
-        if (face >= internal_) {
-          groups_.add_face(group, static_cast<FaceId>(face - internal_));
+        if (face >= cells_->internal_faces()) {
+          groups_.add_face(group, static_cast<FaceId>(face - cells_->internal_faces()));
         } else {
-          for (const PointId point : faces_.face(face)) groups_.add_point(group, point);
+          for (const PointId point : cells_->face(face)) groups_.add_point(group, point);
         }
       }
     });
-    if (files_.cell_zones.bytes.empty()) return;
-    read_cells();
-    read_zones(files_.cell_zones, "cellLabels", cell_count_, [&](const std::string& name, const auto& members) {
+    read_zones(files_.cell_zones, "cellLabels", cells_->cell_count, [&](const std::string& name, const auto& members) {
       if (!members.empty()) add_cells(groups_.find_or_add(Kind::cell_zone, name), members);
     });
   }
 
   /// All points of these cells.
-  void add_cells(std::size_t group, const std::vector<std::uint32_t>& cells) {
-    std::vector<char> wanted(cell_count_);
-    for (const std::uint32_t cell : cells) wanted[cell] = 1;
-    for (std::size_t f = 0; f < faces_.size(); ++f) {
-      if (!wanted[owner_[f]] && !(f < neighbour_.size() && wanted[neighbour_[f]])) continue;
-      for (const PointId point : faces_.face(f)) groups_.add_point(group, point);
-    }
-  }
-
-  /// Every face has one or two cells, which bounds what the numbers in the files make us allocate.
-  void read_cells() {
-    const auto read = [this](const FoamFiles::Part& part) {
-      FoamScanner scanner(part.bytes, part.name);
-      scanner.read_header();
-      return scanner.labels("the cell of a face", 2 * faces_.size(), faces_.size());
-    };
-    owner_ = read(files_.owner);
-    neighbour_ = read(files_.neighbour);
-    if (owner_.size() != faces_.size() || neighbour_.size() > faces_.size()) {
-      throw Error(ErrorCode::invalid_argument, files_.owner.name + ": " + std::to_string(owner_.size()) + " owners and " +
-                                                   std::to_string(neighbour_.size()) + " neighbours for " +
-                                                   std::to_string(faces_.size()) + " faces");
-    }
-    for (const auto* cells : {&owner_, &neighbour_}) {
-      for (const std::uint32_t cell : *cells) cell_count_ = std::max<std::size_t>(cell_count_, std::size_t{cell} + 1);
+  void add_cells(std::size_t group, const std::vector<std::uint32_t>& members) {
+    std::vector<char> wanted(cells_->cell_count);
+    for (const std::uint32_t cell : members) wanted[cell] = 1;
+    for (std::size_t f = 0; f < cells_->face_count(); ++f) {
+      if (!wanted[cells_->owner[f]] && !(f < cells_->internal_faces() && wanted[cells_->neighbour[f]])) continue;
+      for (const PointId point : cells_->face(f)) groups_.add_point(group, point);
     }
   }
 
   FoamFiles files_;
-  FaceList faces_;
-  std::uint64_t internal_ = 0;  ///< first face of the boundary
-  std::vector<std::uint32_t> owner_, neighbour_;
-  std::size_t cell_count_ = 0;
+  std::shared_ptr<PolyhedralCells> cells_ = std::make_shared<PolyhedralCells>();
   FaceGroups groups_;
   std::shared_ptr<Mesh> mesh_ = std::make_shared<Mesh>();
 };

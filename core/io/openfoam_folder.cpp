@@ -61,14 +61,12 @@ std::unique_ptr<MeshFile> read_openfoam(const fs::path& path) {
   bool compressed = false;
   files.points = {read_file(points, &compressed), points.string()};
   files.faces = load(folder, "faces");
+  files.owner = load(folder, "owner");
+  files.neighbour = load(folder, "neighbour");
   files.boundary = load(folder, "boundary");
   files.point_zones = load_if_there(folder, "pointZones");
   files.face_zones = load_if_there(folder, "faceZones");
   files.cell_zones = load_if_there(folder, "cellZones");
-  if (!files.cell_zones.bytes.empty()) {
-    files.owner = load(folder, "owner");
-    files.neighbour = load(folder, "neighbour");
-  }
   auto file = parse_openfoam(std::move(files));
   file->compressed = compressed;
   return file;

@@ -133,10 +133,10 @@ class EndToEnd(unittest.TestCase):
         self.children.append(child)
         return child
 
-    def fails(self, code, *arguments, says=()):
-        """The error is one line on stderr that says what to do; nothing on stdout."""
+    def fails(self, code, *arguments, says=(), prints=False):
+        """The error is one line on stderr that says what to do; nothing on stdout, unless the command fails after its result."""
         result = self.deform(*arguments, expect=code)
-        self.assertEqual(result.out, "")
+        self.assertEqual(result.out != "", prints)
         self.assertEqual(result.err.count("\n"), 1, result.err)
         self.assertTrue(result.err.startswith("deform: "), result.err)
         for part in says:

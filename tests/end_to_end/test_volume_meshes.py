@@ -57,11 +57,22 @@ class OpenFoam(EndToEnd):
                 elif shift > 0.999 * float(lift):
                     moved += 1
             self.assertGreater(min(moved, outer), 290)
+            quality = self.deform("quality", f"case/{lift}", "--before", "case", "--fail-on", "failed_checks>0", "--json").json
+            self.assertLess(abs(quality["non_orthogonality"] - quality["before"]["non_orthogonality"]), 5)
             said = self.check_mesh(lift)
             if said is not None:
                 self.assertIn("Mesh OK.", said)
-                angle = float(re.search(r"Mesh non-orthogonality Max: ([0-9.]+)", said).group(1))
-                self.assertLess(abs(angle - 60.09), 5)  # checkMesh.baseline.log
+                self.compare(said, quality)
+        self.fails(1, "quality", "case/0.15", "--json", "--fail-on", "skewness>1", says=["skewness>1: it is 3.0"], prints=True)
+        self.fails(1, "quality", "case", "--fail-on", "skew>1", says=["did you mean", "skewness"])
+
+    def compare(self, said, quality):
+        """OpenFOAM's own numbers."""
+        for label, name in ((r"Mesh non-orthogonality Max:", "non_orthogonality"), (r"average:", "average_non_orthogonality"),
+                            (r"Max skewness =", "skewness"), (r"Max aspect ratio =", "aspect_ratio"),
+                            (r"Min volume =", "volume"), (r"Total volume =", "total_volume")):
+            theirs = float(re.search(label + r" ([-+0-9.e]*[0-9])", said).group(1))
+            self.assertLess(abs(quality[name] - theirs), 1e-6 * abs(theirs), name)
 
 
 if __name__ == "__main__":

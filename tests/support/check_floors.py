@@ -14,12 +14,13 @@ FLOORS = {
     "core/numerics": ["core/base"],
     "core/mesh": ["core/base", "core/numerics"],
     "core/io": ["core/base", "core/mesh"],
+    "core/quality": ["core/base", "core/mesh"],
     "core/deformers": ["core/base", "core/numerics", "core/mesh"],
     # The server never reads a user's file.
     "server": ["core/base", "core/codec", "core/mesh", "core/deformers", "deform/v1"],
     "client": ["core/base", "core/codec", "deform/v1"],
     # Executables that read files.
-    "client/cli": ["core/base", "core/codec", "core/mesh", "core/io", "deform/v1", "client"],
+    "client/cli": ["core/base", "core/codec", "core/mesh", "core/io", "core/quality", "deform/v1", "client"],
     "client/examples": ["core/base", "core/codec", "core/mesh", "core/io", "deform/v1", "client"],
 }
 

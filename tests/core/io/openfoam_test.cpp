@@ -42,8 +42,12 @@ const std::vector<std::uint32_t> owner_list = {0, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1};
 
 std::string joined(const std::vector<std::uint32_t>& numbers) {
   std::string text = std::to_string(numbers.size()) + "(";
-  for (std::size_t i = 0; i < numbers.size(); ++i) text += (i == 0 ? "" : " ") + std::to_string(numbers[i]);
-  return text + ")";
+  for (std::size_t i = 0; i < numbers.size(); ++i) {
+    if (i > 0) text += ' ';
+    text += std::to_string(numbers[i]);
+  }
+  text += ')';
+  return text;
 }
 
 std::string faces_text() {
@@ -219,6 +223,9 @@ TEST(OpenFoam, RefusesWhatIsWrong) {
       {"corners", [](auto& f) { replace(f.faces.bytes, "4(2 5 11 8)", "5(2 5 11 8)"); }, {"faces", "corner"}},
       {"face count", [](auto& f) { replace(f.faces.bytes, "11\n(", "12\n("); }, {"faces", "corners of a face"}},
       {"patch", [](auto& f) { replace(f.boundary.bytes, "nFaces 8", "nFaces 9"); }, {"boundary", "\"sides\"", "12", "11"}},
+      {"patch inside",
+       [](auto& f) { replace(f.boundary.bytes, "startFace 1;", "startFace 0;"); },
+       {"boundary", "inlet", "internal"}},
       {"patch brace", [](auto& f) { f.boundary.bytes.resize(f.boundary.bytes.size() - 10); }, {"boundary"}},
       {"zone",
        [](auto& f) {

@@ -1,0 +1,29 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/base/types.h"
+
+namespace deform {
+
+/// The cells of a volume mesh by their faces, as finite-volume solvers keep them (OpenFOAM's polyMesh): every face has an owner;
+/// internal faces stand first and have a neighbour, and their normals point from the owner to the neighbour. Immutable by
+/// convention once validated: any thread may read.
+struct PolyhedralCells {
+  std::vector<std::uint64_t> face_offsets{0};  ///< f + 1: face i has corners face_points[face_offsets[i] .. face_offsets[i+1])
+  std::vector<PointId> face_points;
+  std::vector<std::uint32_t> owner;      ///< f
+  std::vector<std::uint32_t> neighbour;  ///< one per internal face
+  std::size_t cell_count = 0;
+  std::vector<char> empty_faces;  ///< f, or none: faces of patches of type "empty", across which a 2D mesh has no extent
+
+  std::size_t face_count() const { return face_offsets.size() - 1; }
+  std::size_t internal_faces() const { return neighbour.size(); }
+  std::span<const PointId> face(std::size_t i) const {
+    return std::span(face_points).subspan(face_offsets[i], static_cast<std::size_t>(face_offsets[i + 1] - face_offsets[i]));
+  }
+};
+
+}  // namespace deform

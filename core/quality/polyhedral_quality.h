@@ -1,0 +1,58 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/base/types.h"
+#include "core/mesh/cells.h"
+
+namespace deform {
+
+/// A value and where it was found: id of a face or a cell.
+struct Extreme {
+  double value = 0;
+  std::size_t id = 0;
+};
+
+/// OpenFOAM's limits (checkMesh and snappyHexMesh defaults): beyond them a check fails.
+struct PolyhedralLimits {
+  double non_orthogonality = 70;   ///< degrees; checkMesh calls faces beyond it severely non-orthogonal
+  double skewness = 4;             ///< of a face
+  double aspect_ratio = 1000;      ///< of a cell
+  double openness = 1e-6;          ///< of a cell: its face areas should cancel
+  double pyramid_volume = -1e-15;  ///< of a face and a cell: below it the face looks the wrong way
+  double volume = 1e-300;          ///< of a cell
+  double face_area = 1e-300;
+};
+
+/// The measures that OpenFOAM's checkMesh prints, by the same formulas (primitiveMeshTools, v1912), so that the numbers agree.
+struct PolyhedralQuality {
+  std::size_t points = 0, faces = 0, internal_faces = 0, cells = 0;
+  int geometric_dimensions = 3;
+  Extreme least_volume, largest_volume;  ///< cell
+  double total_volume = 0;
+  Extreme least_area, largest_area;      ///< face
+  Extreme largest_non_orthogonality;     ///< internal face, degrees
+  double average_non_orthogonality = 0;  ///< degrees; arc cosine of the mean cosine
+  Extreme largest_skewness;              ///< face
+  Extreme largest_aspect_ratio;          ///< cell
+  Extreme largest_openness;              ///< cell
+  Extreme least_flatness{1, 0};          ///< face: |area vector| / sum of its triangles; 1 = flat
+  std::size_t non_orthogonal_faces = 0, skew_faces = 0, wrong_pyramids = 0, small_faces = 0;
+  std::size_t inverted_cells = 0, slender_cells = 0, open_cells = 0;
+  std::vector<std::size_t> inverted;     ///< the first of the cells without positive volume, at most 100
+  std::vector<std::size_t> wrong_faces;  ///< the first of the faces with wrong pyramids, at most 100
+
+  /// Checks that fail, as checkMesh counts them (severe non-orthogonality alone is a warning there).
+  std::size_t failed_checks() const;
+};
+
+/// points: n x 3. Parallel over faces and cells; the result does not depend on the number of threads. Throws
+/// Error(invalid_argument) when the cells name points beyond n, cancelled, deadline_exceeded.
+PolyhedralQuality polyhedral_quality(std::span<const Vec3> points, const PolyhedralCells& cells,
+                                     const PolyhedralLimits& limits = {}, const RunContext& context = {});
+
+}  // namespace deform

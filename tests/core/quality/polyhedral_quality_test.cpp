@@ -1,0 +1,148 @@
+// Cells whose measures are known: boxes, sheared, skewed, slender, inverted, two-dimensional.
+#include "core/quality/polyhedral_quality.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "tests/support/expect_error.h"
+
+namespace deform {
+namespace {
+
+struct Grid {
+  Points points;
+  PolyhedralCells cells;
+};
+
+/// nx x ny x nz cubes of edge 1, internal faces first.
+Grid grid(std::uint32_t nx, std::uint32_t ny, std::uint32_t nz) {
+  Grid grid;
+  const auto point = [&](std::uint32_t i, std::uint32_t j, std::uint32_t k) { return i + (nx + 1) * (j + (ny + 1) * k); };
+  const auto cell = [&](std::uint32_t i, std::uint32_t j, std::uint32_t k) { return i + nx * (j + ny * k); };
+  for (std::uint32_t k = 0; k <= nz; ++k) {
+    for (std::uint32_t j = 0; j <= ny; ++j) {
+      for (std::uint32_t i = 0; i <= nx; ++i) grid.points.push_back({double(i), double(j), double(k)});
+    }
+  }
+  PolyhedralCells& cells = grid.cells;
+  cells.cell_count = std::size_t{nx} * ny * nz;
+  const std::uint32_t size[3] = {nx, ny, nz};
+  for (const bool internal : {true, false}) {
+    for (int axis = 0; axis < 3; ++axis) {
+      const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+      std::uint32_t at[3];
+      for (at[2] = 0; at[2] < size[2] + (axis == 2); ++at[2]) {
+        for (at[1] = 0; at[1] < size[1] + (axis == 1); ++at[1]) {
+          for (at[0] = 0; at[0] < size[0] + (axis == 0); ++at[0]) {
+            const bool low = at[axis] == 0, high = at[axis] == size[axis];
+            if (internal == (low || high)) continue;
+            std::uint32_t corners[4][3];
+            for (auto& corner : corners) std::copy(at, at + 3, corner);
+            ++corners[1][u], ++corners[2][u], ++corners[2][v], ++corners[3][v];
+            for (int c = 0; c < 4; ++c) {
+              const auto& corner = corners[low ? 3 - c : c];  // outward
+              cells.face_points.push_back(point(corner[0], corner[1], corner[2]));
+            }
+            cells.face_offsets.push_back(cells.face_points.size());
+            std::uint32_t before[3] = {at[0], at[1], at[2]};
+            if (!low) --before[axis];
+            cells.owner.push_back(cell(before[0], before[1], before[2]));
+            if (internal) cells.neighbour.push_back(cell(at[0], at[1], at[2]));
+          }
+        }
+      }
+    }
+  }
+  return grid;
+}
+
+TEST(PolyhedralQuality, CubesAreIdeal) {
+  const Grid g = grid(3, 2, 4);
+  const PolyhedralQuality q = polyhedral_quality(g.points, g.cells);
+  EXPECT_EQ(q.cells, 24u);
+  EXPECT_EQ(q.internal_faces, 2u * 8 + 3u * 4 + 6u * 3);
+  EXPECT_NEAR(q.total_volume, 24, 1e-12);
+  EXPECT_NEAR(q.least_volume.value, 1, 1e-12);
+  EXPECT_NEAR(q.largest_non_orthogonality.value, 0, 1e-5);
+  EXPECT_NEAR(q.largest_skewness.value, 0, 1e-12);
+  EXPECT_NEAR(q.largest_aspect_ratio.value, 1, 1e-12);
+  EXPECT_NEAR(q.least_flatness.value, 1, 1e-12);
+  EXPECT_LT(q.largest_openness.value, 1e-15);
+  EXPECT_EQ(q.failed_checks(), 0u);
+}
+
+TEST(PolyhedralQuality, ShearIsNonOrthogonal) {
+  Grid g = grid(2, 2, 2);
+  for (Vec3& p : g.points) p[0] += 0.5 * p[2];  // faces across z: cells above each other are shifted
+  const PolyhedralQuality q = polyhedral_quality(g.points, g.cells);
+  EXPECT_NEAR(q.largest_non_orthogonality.value, std::atan(0.5) * 180 / M_PI, 1e-9);
+  EXPECT_NEAR(q.total_volume, 8, 1e-12);
+  EXPECT_EQ(q.non_orthogonal_faces, 0u);
+  PolyhedralLimits strict;
+  strict.non_orthogonality = 20;
+  EXPECT_EQ(polyhedral_quality(g.points, g.cells, strict).non_orthogonal_faces, 8u);
+}
+
+TEST(PolyhedralQuality, SlenderCells) {
+  Grid g = grid(2, 1, 1);
+  for (Vec3& p : g.points) p[1] *= 0.01;
+  const PolyhedralQuality q = polyhedral_quality(g.points, g.cells);
+  EXPECT_NEAR(q.largest_aspect_ratio.value, 100, 1e-9);
+  g.cells.empty_faces.assign(g.cells.face_count(), 0);
+  for (std::size_t f = 0; f < g.cells.face_count(); ++f) {
+    const auto corners = g.cells.face(f);
+    double low = 1e9, high = -1e9;
+    for (const PointId p : corners) low = std::min(low, g.points[p][1]), high = std::max(high, g.points[p][1]);
+    g.cells.empty_faces[f] = high - low < 1e-12;
+  }
+  const PolyhedralQuality flat = polyhedral_quality(g.points, g.cells);
+  EXPECT_EQ(flat.geometric_dimensions, 2);
+  EXPECT_NEAR(flat.largest_aspect_ratio.value, 1, 1e-9) << "the empty direction does not count";
+}
+
+TEST(PolyhedralQuality, NamesInvertedCells) {
+  Grid g = grid(3, 3, 3);
+  g.points[1 + 4 * (1 + 4 * 1)] = {2.7, 2.7, 2.7};  // through cell (1, 1, 1)
+  const PolyhedralQuality q = polyhedral_quality(g.points, g.cells);
+  EXPECT_GT(q.inverted_cells, 0u);
+  ASSERT_FALSE(q.inverted.empty());
+  EXPECT_EQ(q.inverted.front(), 1u + 3 * (1 + 3 * 1));
+  EXPECT_EQ(q.least_volume.id, q.inverted.front());
+  EXPECT_LT(q.least_volume.value, 0);
+  EXPECT_GT(q.wrong_pyramids, 0u);
+  EXPECT_GT(q.failed_checks(), 1u);
+}
+
+TEST(PolyhedralQuality, OpenCells) {
+  Grid g = grid(2, 1, 1);
+  g.cells.owner.back() = 1 - g.cells.owner.back();
+  EXPECT_GT(polyhedral_quality(g.points, g.cells).open_cells, 0u);
+}
+
+TEST(PolyhedralQuality, SameBitsForAnyNumberOfThreads) {
+  Grid g = grid(20, 20, 20);
+  for (std::size_t i = 0; i < g.points.size(); ++i) g.points[i][i % 3] += 0.2 * std::sin(static_cast<double>(i));
+  RunContext one;
+  one.threads = 1;
+  const PolyhedralQuality a = polyhedral_quality(g.points, g.cells, {}, one), b = polyhedral_quality(g.points, g.cells);
+  EXPECT_EQ(a.total_volume, b.total_volume);
+  EXPECT_EQ(a.largest_skewness.value, b.largest_skewness.value);
+  EXPECT_EQ(a.largest_skewness.id, b.largest_skewness.id);
+  EXPECT_EQ(a.average_non_orthogonality, b.average_non_orthogonality);
+}
+
+TEST(PolyhedralQuality, Refuses) {
+  Grid g = grid(1, 1, 1);
+  g.cells.face_points[5] = 8;
+  test::expect_error(ErrorCode::invalid_argument, {"faces[1]", "point 8", "8"}, [&] { polyhedral_quality(g.points, g.cells); });
+  test::expect_error(ErrorCode::invalid_argument, {"no cells"}, [&] { polyhedral_quality(g.points, {}); });
+  RunContext context;
+  context.cancel.emplace();
+  context.cancel->cancel();
+  const Grid good = grid(2, 2, 2);
+  test::expect_error(ErrorCode::cancelled, {}, [&] { polyhedral_quality(good.points, good.cells, {}, context); });
+}
+
+}  // namespace
+}  // namespace deform
