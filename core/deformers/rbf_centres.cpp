@@ -84,7 +84,7 @@ std::string reduce(const Mesh& mesh, const RbfOptions& options, std::size_t hand
   const Adjacency adjacency(mesh);
   const auto loose = std::count_if(centres.deformable.begin(), centres.deformable.end(),
                                    [&](PointId id) { return adjacency.faces_of(id).empty(); });
-  if (loose > 0) return std::to_string(loose) + " deformable points are in no face (the inside of a volume)";
+  if (loose > 0) return "no face holds " + std::to_string(loose) + " of the deformable points (the inside of a volume)";
   std::vector<char> deformable(mesh.point_count());
   for (const PointId id : centres.deformable) deformable[id] = 1;
   const std::vector<char> near = adjacency.grow(deformable, options.reduction_rings);

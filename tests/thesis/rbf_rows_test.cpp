@@ -227,7 +227,7 @@ TEST(T13, FullSetWhereTheMeshDoesNotAllowIt) {
   full(island, "component");
   Mesh isolated = bumpy_sheet(41, 21);
   isolated.points.push_back({1, 0.5, 2});
-  full(isolated, "not manifold");
+  full(isolated, "no face holds 1 of the deformable points");
 }
 
 // T14: the handle basis equals the direct solve to 1e-10 D.

@@ -27,7 +27,7 @@ std::string header(const std::string& type, const std::string& format = "ascii",
 const std::string points_text = R"(12
 (
 (0 0 0) (1 0 0) (2 0 0)
-(0 1.50 0) ( 1 1.50 0 )	(2 1.50 0)
+(0 1.50 0) ( 1 1.50 0 )   (2 1.50 0)
 (0 0 1e-1) // a comment
 (1 0 1e-1) (2 0 1e-1)
 (0 1.50 +.1) (1 1.50 .1) (2 1.50 .1)
@@ -190,7 +190,7 @@ TEST(OpenFoam, OnlyCoordinatesChange) {
   FoamFiles again = files;
   again.points.bytes = written;
   EXPECT_EQ(parse_openfoam(again)->mesh()->points, moved);
-  EXPECT_NE(written.find("( 1.25 -1e-07 0 )\t(2 1.50 0)"), std::string::npos) << written;
+  EXPECT_NE(written.find("( 1.25 -1e-07 0 )   (2 1.50 0)"), std::string::npos) << written;
   EXPECT_EQ(test::changed_words(files.points.bytes, written).size(), 3u);
 }
 
