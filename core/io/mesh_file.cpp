@@ -31,12 +31,12 @@ Format format_of(const std::string& name) {
   if (plain.ends_with(".off")) return Format::off;
   if (plain.ends_with(".ply")) return Format::ply;
   if (plain.ends_with(".stl")) return Format::stl;
+  if (plain.ends_with(".mesh")) return Format::medit;
   if (plain == "points" || plain.ends_with("/points")) return Format::openfoam;
-  throw Error(
-      ErrorCode::invalid_argument,
-      name +
-          ": unknown mesh format, expected a name that ends in .obj, .off, .ply or .stl (optionally .gz), or the folder of "
-          "an OpenFOAM mesh");
+  throw Error(ErrorCode::invalid_argument, name +
+                                               ": unknown mesh format, expected a name that ends in .obj, .off, .ply, .stl or "
+                                               ".mesh (optionally .gz), or the folder of "
+                                               "an OpenFOAM mesh");
 }
 
 const char* to_string(Format format) {
@@ -51,6 +51,8 @@ const char* to_string(Format format) {
       return "STL";
     case Format::openfoam:
       return "OpenFOAM";
+    case Format::medit:
+      return "Medit";
   }
   return "unknown";
 }
@@ -72,6 +74,9 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
       break;
     case Format::stl:
       file = parse_stl(std::move(bytes), name);
+      break;
+    case Format::medit:
+      file = parse_medit(std::move(bytes), name);
       break;
     case Format::openfoam:
       throw Error(ErrorCode::invalid_argument, name + ": points alone are no mesh, the files beside them are needed");

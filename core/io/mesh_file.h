@@ -9,11 +9,12 @@
 
 #include "core/base/types.h"
 #include "core/mesh/cells.h"
+#include "core/mesh/elements.h"
 #include "core/mesh/mesh.h"
 
 namespace deform::io {
 
-enum class Format { obj, off, ply, stl, openfoam };
+enum class Format { obj, off, ply, stl, openfoam, medit };
 
 /// A mesh read from a file, together with what is needed to write the same file with other coordinates. Immutable; any thread may
 /// read.
@@ -27,7 +28,9 @@ class MeshFile {
   /// "solid_n" when it has none; solids of one name are one group. OpenFOAM: the faces are those of the boundary; patches, patch
   /// groups and point, face and cell zones by their names (see FaceGroups). Groups without members are left out.
   virtual std::shared_ptr<const Mesh> mesh() const = 0;
-  /// The cells of a volume mesh, over the same points; null for a surface.
+  /// The elements of a volume mesh in a finite-element format, over the same points; else null.
+  virtual std::shared_ptr<const Elements> elements() const { return nullptr; }
+  /// The cells of a volume mesh that is stored by faces, over the same points; else null.
   virtual std::shared_ptr<const PolyhedralCells> cells() const { return nullptr; }
 
   /// The original file with the coordinates of `points` (size mesh()->point_count()) and nothing else changed: comments, spacing,
@@ -39,9 +42,9 @@ class MeshFile {
   bool compressed = false;  ///< the bytes came gzipped
 };
 
-/// Reads .obj .off .ply .stl, each also as .gz (recognised by content), and OpenFOAM meshes: a folder that holds
-/// constant/polyMesh, polyMesh or the files of one, or the path of its `points`. Throws Error(invalid_argument) naming file, line
-/// (or byte offset) and what was expected; Error(not_found) when the file cannot be opened.
+/// Reads .obj .off .ply .stl and Medit's .mesh, each also as .gz (recognised by content), and OpenFOAM meshes: a folder that
+/// holds constant/polyMesh, polyMesh or the files of one, or the path of its `points`. Throws Error(invalid_argument) naming
+/// file, line (or byte offset) and what was expected; Error(not_found) when the file cannot be opened.
 std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path);
 
 /// The same from memory; `name` gives the format by its extension and stands in errors. What the bytes claim (counts) is checked

@@ -7,23 +7,17 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/quality/vectors.h"
 
 namespace deform {
 
 namespace {
 
+using namespace quality;
+
 constexpr double tiny = 1e-150;  // OpenFOAM's ROOTVSMALL
 constexpr std::size_t grain = 4096;
 constexpr std::size_t most_listed = 100;
-
-Vec3 operator+(const Vec3& a, const Vec3& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
-Vec3 operator-(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-Vec3 operator*(double s, const Vec3& a) { return {s * a[0], s * a[1], s * a[2]}; }
-double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-double length(const Vec3& a) { return std::sqrt(dot(a, a)); }
-Vec3 cross(const Vec3& a, const Vec3& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
 
 class Measures {
  public:

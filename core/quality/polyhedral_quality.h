@@ -8,14 +8,9 @@
 #include "core/base/run_context.h"
 #include "core/base/types.h"
 #include "core/mesh/cells.h"
+#include "core/quality/extreme.h"
 
 namespace deform {
-
-/// A value and where it was found: id of a face or a cell.
-struct Extreme {
-  double value = 0;
-  std::size_t id = 0;
-};
 
 /// OpenFOAM's limits (checkMesh and snappyHexMesh defaults): beyond them a check fails.
 struct PolyhedralLimits {

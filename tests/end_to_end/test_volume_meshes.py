@@ -64,7 +64,7 @@ class OpenFoam(EndToEnd):
                 self.assertIn("Mesh OK.", said)
                 self.compare(said, quality)
         self.fails(1, "quality", "case/0.15", "--json", "--fail-on", "skewness>1", says=["skewness>1: it is 3.0"], prints=True)
-        self.fails(1, "quality", "case", "--fail-on", "skew>1", says=["did you mean", "skewness"])
+        self.fails(1, "quality", "case", "--fail-on", "skewnes>1", says=["did you mean", "skewness"], prints=True)
 
     def compare(self, said, quality):
         """OpenFOAM's own numbers."""

@@ -72,6 +72,14 @@ def stl_seeds():
     yield "binary", b"solid but binary".ljust(80) + struct.pack("<I", 2) + data
 
 
+def medit_seeds():
+    v = [f"{x} {y} {z} 1" for x, y, z in POINTS]
+    head = ["MeshVersionFormatted 2", "# c", "Dimension 3"]
+    yield "volume", lines(*head, "Vertices 4", *v, "Triangles 2", "1 2 3 5", "2 3 4 6", "Tangents 1", "0 0 1", "Tetrahedra 1", "1 2 3 4 1", "End")
+    yield "surface", lines(*head, "Vertices", "4", *v, "Quadrilaterals 1", "1 2 3 4 1", "Hexahedra 1", "1 2 3 4 1 2 3 4 2", "Prisms 1",
+                           "1 2 3 4 1 2 0", "Pyramids 0", "End")
+
+
 def openfoam_seeds():
     """A tetrahedron; see fuzz_read_openfoam.cpp."""
     def head(form):
@@ -94,7 +102,7 @@ def openfoam_seeds():
 
 def main():
     corpus = pathlib.Path(sys.argv[1])
-    for name, seeds in (("obj", obj_seeds()), ("off", off_seeds()), ("openfoam", openfoam_seeds()), ("ply", ply_seeds()),
+    for name, seeds in (("medit", medit_seeds()), ("obj", obj_seeds()), ("off", off_seeds()), ("openfoam", openfoam_seeds()), ("ply", ply_seeds()),
                         ("stl", stl_seeds())):
         folder = corpus / f"fuzz_read_{name}"
         folder.mkdir(parents=True, exist_ok=True)

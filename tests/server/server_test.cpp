@@ -145,7 +145,8 @@ TEST_P(ServerStop, HealthSaysNotServingWhileDrainingAndNewWorkIsRefused) {
   std::thread stopper([&] { timed_stop(seconds(20)); });
   EXPECT_TRUE(eventually([&] { return health() == 2; }));
   EXPECT_TRUE(eventually([&] {
-    grpc::ClientContext late;
+    grpc::ClientContext late;  // may still be taken in, and never be answered
+    late.set_deadline(std::chrono::system_clock::now() + milliseconds(200));
     return stub->Deform(&late, {})->Finish().error_code() == StatusCode::UNAVAILABLE;
   }));
   job->end();
