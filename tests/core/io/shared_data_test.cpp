@@ -1,5 +1,5 @@
-// Every shared surface mesh: read with the counts of its provenance table, written back undeformed byte for byte, and deformed
-// with nothing but coordinates changed.
+// Every shared surface, Medit and OpenFOAM mesh: read with the counts of its provenance table, written back undeformed byte for
+// byte, and deformed with nothing but coordinates changed.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -59,6 +59,15 @@ const std::vector<SharedFile>& shared_files() {
       {"A_surface/rocker-arm.obj.gz", 10044, 20088},
       {"A_surface/sphere_7800.off.gz", 7800, 15596},
       {"A_surface/spool.off", 649, 1294},
+      {"B_volume/hex_medit/block_in.mesh", 3180, 1200, {"ref_1"}},
+      {"B_volume/hex_medit/block_out.mesh", 3180, 1200, {"ref_1"}},
+      {"B_volume/hex_medit/block_stresstest_in.mesh", 3180, 1200, {"ref_1"}},
+      {"B_volume/hex_medit/cap_in.mesh.gz", 5449, 1950, {"ref_1"}},
+      {"B_volume/hex_medit/cap_out.mesh.gz", 5449, 1950, {"ref_1"}},
+      {"B_volume/hex_medit/rockerarm.mesh.gz", 12751, 4076, {"ref_0"}},
+      {"B_volume/tet_medit/hand.mesh.gz", 7234, 9556, {"ref_0"}},
+      {"B_volume/tet_medit/octopus-low.mesh", 452, 898, {"ref_0"}},
+      {"B_volume/tet_medit/sphere.mesh.gz", 4505, 2880, {"ref_0"}},
       {"C_defects/angle_block.STL", 398, 704},
       {"C_defects/b9_mesh.off.gz", 5951, 10174},
       {"C_defects/beetle.obj", 1148, 2053, {"VWBUG", "None"}},
@@ -214,7 +223,7 @@ INSTANTIATE_TEST_SUITE_P(
 TEST(SharedDataFoldersTest, NoFileIsLeftOut) {
   std::vector<std::string> found, expected = {"C_defects/stl_empty_bin.stl"};
   for (const SharedFile& file : shared_files()) expected.emplace_back(file.path);
-  for (const char* folder : {"A_surface", "C_defects"}) {
+  for (const char* folder : {"A_surface", "B_volume/hex_medit", "B_volume/tet_medit", "C_defects"}) {
     for (const auto& entry : fs::directory_iterator(shared_data / folder)) {
       const std::string extension = entry.path().extension();
       if (extension != ".md" && extension != ".csv") found.push_back(folder + ("/" + entry.path().filename().string()));
