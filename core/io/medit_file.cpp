@@ -59,7 +59,7 @@ class MeditReader {
     while (scanner_.next_in_file()) {
       const char c = scanner_.peek();
       if ((c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z')) return true;
-      scanner_.word();
+      if (scanner_.word().empty()) scanner_.fail("unexpected " + scanner_.quoted());
     }
     return false;
   }

@@ -108,6 +108,7 @@ TEST(Medit, RefusesWhatIsWrong) {
       {"", {"MeshVersionFormatted"}},
       {"ply\n", {"MeshVersionFormatted"}},
       {"MeshVersionFormatted 2\nEnd\n", {"no Vertices"}},
+      {"MeshVersionFormatted 2\n\\ End\n", {"line 2", "unexpected"}},
       {spoilt("3\nVertices", "2\nVertices"), {"line 4", "dimension 2"}},
       {spoilt("Vertices 11", "Vertices 12"), {"a.mesh: line", "vertex coordinate", "Corners"}},
       {spoilt("Vertices 11", "Vertices -1"), {"line 5", "-1"}},
