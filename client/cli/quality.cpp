@@ -101,7 +101,7 @@ void check_threshold(const std::string& text, const std::string& file, const Mea
   for (const Row& row : measures.rows) {
     names.push_back(row.name);
     if (row.name != name) continue;
-    if (text[sign] == '>' ? row.value > *limit : row.value < *limit) {
+    if (!(text[sign] == '>' ? row.value <= *limit : row.value >= *limit)) {  // what is not a number fails too
       throw Error(ErrorCode::failed_precondition, file + ": " + text + ": it is " + number_text(row.value));
     }
     return;
@@ -149,7 +149,7 @@ ExitCode run_quality(const QualityOptions& options, const CommonOptions& common)
   const Measures after = measures_of(options.file);
   std::unique_ptr<const Measures> before;
   if (!options.before.empty()) before = std::make_unique<const Measures>(measures_of(options.before));
-  if (before && before->rows.size() != after.rows.size()) {
+  if (before && before->rows.front().name != after.rows.front().name) {
     throw Error(ErrorCode::invalid_argument,
                 "--before " + options.before + ": not the kind of mesh that " + options.file + " is");
   }

@@ -66,6 +66,20 @@ class OpenFoam(EndToEnd):
         self.fails(1, "quality", "case/0.15", "--json", "--fail-on", "skewness>1", says=["skewness>1: it is 3.0"], prints=True)
         self.fails(1, "quality", "case", "--fail-on", "skewnes>1", says=["did you mean", "skewness"], prints=True)
 
+    def test_a_sweep_writes_time_folders(self):
+        before, _ = self.case("pipe_tet")
+        self.start_server()
+        self.write("pipe.yaml", "geometry: case\nhandles: [{name: inlet, region: {group: inlet}}]\nfixed: [{group: outlet}]\n"
+                                "variables: [{name: up, handle: inlet, translate: [0, 0, 1]}]\n")
+        self.write("designs.csv", "name,up\na,0.05\nb,0.1\n")
+        command = ["sweep", "pipe.yaml", "--designs", "designs.csv", "-o", "results", "--json"]
+        self.assertEqual(self.deform(*command).json["written"], 2)
+        self.assertEqual(self.deform(*command).json["skipped"], 2)
+        self.deform("apply", "pipe.yaml", "--set", "up=0.1", "-o", "one")
+        swept = read_bytes(self.path("results/b/polyMesh/points.gz"))
+        self.assertEqual(swept, read_bytes(self.path("one/polyMesh/points")))
+        self.assertEqual(len(before), len(read_foam_points(self.path("one/polyMesh/points"))[0]))
+
     def compare(self, said, quality):
         """OpenFOAM's own numbers."""
         for label, name in ((r"Mesh non-orthogonality Max:", "non_orthogonality"), (r"average:", "average_non_orthogonality"),
