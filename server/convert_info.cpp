@@ -11,15 +11,17 @@ namespace {
 
 constexpr double default_tolerance = 1e-6;  // of the diagonal
 
-v1::Solver solver_to_proto(DenseSolver solver) {
+v1::Solver solver_to_proto(Solver solver) {
   switch (solver) {
-    case DenseSolver::cholesky:
+    case Solver::cholesky:
       return v1::CHOLESKY;
-    case DenseSolver::ldlt:
+    case Solver::ldlt:
       return v1::LDLT;
-    case DenseSolver::lu:
+    case Solver::lu:
       return v1::LU;
-    case DenseSolver::automatic:
+    case Solver::iterative:
+      return v1::ITERATIVE;
+    case Solver::automatic:
       break;
   }
   return v1::SOLVER_AUTOMATIC;

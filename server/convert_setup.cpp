@@ -28,7 +28,7 @@ constexpr KernelRow kernels[] = {
     {v1::TRIHARMONIC, Kernel::triharmonic, 1, false},  {v1::BIHARMONIC, Kernel::biharmonic, 1, false},
     {v1::QUINTIC, Kernel::quintic, 2, false},          {v1::GAUSSIAN, Kernel::gaussian, 1, true},
     {v1::MULTIQUADRIC, Kernel::multiquadric, 1, true}, {v1::INVERSE_MULTIQUADRIC, Kernel::inverse_multiquadric, 1, true},
-    {v1::WENDLAND_C2, Kernel::wendland_c2, 1, true},
+    {v1::WENDLAND_C2, Kernel::wendland_c2, 1, true},   {v1::THIN_PLATE, Kernel::thin_plate, 1, false},
 };
 
 const KernelRow& kernel_row(v1::Kernel kernel) {
@@ -51,20 +51,24 @@ RbfOptions rbf_options(const v1::RbfMethod& message) {
   }
   switch (message.solver()) {
     case v1::SOLVER_AUTOMATIC:
-      options.solver = DenseSolver::automatic;
+      options.solver = Solver::automatic;
       break;
     case v1::CHOLESKY:
-      options.solver = DenseSolver::cholesky;
+      options.solver = Solver::cholesky;
       break;
     case v1::LDLT:
-      options.solver = DenseSolver::ldlt;
+      options.solver = Solver::ldlt;
       break;
     case v1::LU:
-      options.solver = DenseSolver::lu;
+      options.solver = Solver::lu;
+      break;
+    case v1::ITERATIVE:
+      options.solver = Solver::iterative;
       break;
     default:
       refuse_field("method.rbf.solver", "unknown value " + std::to_string(static_cast<int>(message.solver())));
   }
+  if (message.tolerance() != 0) options.tolerance = finite(message.tolerance(), "method.rbf.tolerance");
   if (!v1::CentreReduction_IsValid(message.reduction())) {
     refuse_field("method.rbf.reduction", "unknown value " + std::to_string(static_cast<int>(message.reduction())));
   }
@@ -162,6 +166,8 @@ v1::Setup canonical_setup(const v1::Setup& message, const std::string& geometry_
   const KernelRow& kernel = kernel_row(rbf.kernel());
   rbf.set_kernel(kernel.message);
   if (!kernel.has_shape || rbf.shape() == 0) rbf.set_shape(0);  // ignored by the others: one value for all
+  const bool may_iterate = rbf.solver() == v1::ITERATIVE || rbf.solver() == v1::SOLVER_AUTOMATIC;
+  rbf.set_tolerance(!may_iterate ? 0 : rbf.tolerance() == 0 ? RbfOptions().tolerance : rbf.tolerance());
   if (!rbf.has_polynomial_degree()) rbf.set_polynomial_degree(kernel.default_degree);
   if (rbf.reduction() == v1::REDUCTION_OFF || rbf.reduction_rings() == 0) rbf.set_reduction_rings(default_rings);
   for (auto& handle : *canonical.mutable_handles()) canonicalize_region(*handle.mutable_region());

@@ -162,7 +162,14 @@ EngineImpl::Recipe EngineImpl::recipe(const v1::Setup& setup) {
   if (setup.geometry().empty()) throw Error(ErrorCode::invalid_argument, "geometry: must not be empty");
   setup_from_proto(setup, options_.max_handles);  // refuses what has no canonical form
   Recipe recipe;
-  recipe.canonical = canonical_setup(setup, store_.resolve_geometry(setup.geometry()));
+  const std::string geometry = store_.resolve_geometry(setup.geometry());
+  v1::Setup chosen = setup;
+  if (setup.method().rbf().kernel() == v1::KERNEL_DEFAULT) {
+    const v1::GeometryInfo info = store_.info(geometry);
+    const bool flat = info.box_min_size() == 3 && info.box_min(2) == info.box_max(2);
+    chosen.mutable_method()->mutable_rbf()->set_kernel(flat ? v1::THIN_PLATE : v1::TRIHARMONIC);
+  }
+  recipe.canonical = canonical_setup(chosen, geometry);
   recipe.id = system_id(recipe.canonical);
   return recipe;
 }

@@ -41,8 +41,9 @@ void print_system(const v1::SystemInfo& system) {
             << "  points: " << system.points() << ", of these " << system.handle_points() << " in handles, "
             << system.fixed_points() << " fixed, " << system.deformable_points() << " deformable\n"
             << "  memory: " << bytes_text(system.bytes()) << '\n'
-            << "  solver: " << v1::Solver_Name(system.solver()) << ", condition " << number_text(system.condition()) << '\n'
-            << "  prepared in " << duration_text(system.seconds()) << '\n';
+            << "  solver: " << v1::Solver_Name(system.solver());
+  if (system.condition() > 0) std::cout << ", condition " << number_text(system.condition());
+  std::cout << "\n  prepared in " << duration_text(system.seconds()) << '\n';
   for (const auto& stage : system.stages())
     std::cout << "    " << stage.stage() << ": " << duration_text(stage.seconds()) << '\n';
   for (const auto& note : system.notes()) std::cout << "  note: " << note << '\n';
@@ -89,7 +90,9 @@ constexpr char setup_help[] = R"(A setup file is YAML:
 Regions: group, box {min, max}, sphere {centre, radius}, cylinder {start, end, radius}, half_space {point, normal},
 ids [..], open_boundary: true, all: true, union [..], intersection [..], difference [..], complement {..},
 grow {region, rings}. Variables: translate [x, y, z], rotate {axis, centre} in radians, scale {centre, axis}.
-Kernels: TRIHARMONIC, BIHARMONIC, QUINTIC, GAUSSIAN, MULTIQUADRIC, INVERSE_MULTIQUADRIC, WENDLAND_C2 (see setup.proto).
+Kernels: TRIHARMONIC, BIHARMONIC, QUINTIC, GAUSSIAN, MULTIQUADRIC, INVERSE_MULTIQUADRIC, WENDLAND_C2, THIN_PLATE
+(the default for 2D meshes). Solvers: SOLVER_AUTOMATIC, CHOLESKY, LDLT, LU, ITERATIVE with a tolerance (automatic beyond 20,000
+centres), as in method: {rbf: {solver: ITERATIVE, tolerance: 1e-6}}. More in setup.proto.
 Examples:
   deform prepare setup.yaml --check
   deform prepare setup.yaml --json)";

@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/deformers/rbf_evaluation.h"
+#include "core/numerics/fast_sums.h"
 
 namespace deform {
 
@@ -62,6 +64,12 @@ double median_spacing(const std::vector<Vec3>& places) {
   const auto middle = nearest.begin() + static_cast<std::ptrdiff_t>(nearest.size() / 2);
   std::nth_element(nearest.begin(), middle, nearest.end());
   return *middle;
+}
+
+std::string scientific(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.1e", value);
+  return text;
 }
 
 constexpr std::size_t basis_always_fits = std::size_t{1} << 30;
@@ -135,6 +143,7 @@ RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const
   info_.affine_hull_dimension = system_->polynomials().hull_dimension();
   info_.diagonal = bounds.diagonal();
   info_.condition = system_->condition();
+  info_.tolerance = system_->solver() == Solver::iterative ? options.tolerance : 0;
   info_.solver = system_->solver();
   info_.reduced = centres_.reduced;
   info_.basis_fields = basis_ ? basis_->fields() : 0;
@@ -161,6 +170,13 @@ void RbfSystem::add_notes(int degree) {
     info_.notes.push_back(std::to_string(system_->polynomials().dropped()) +
                           " monomials depend on the others at the centres and were left out.");
   }
+  if (system_->solver() == Solver::iterative) {
+    info_.notes.push_back("The systems are solved iteratively, to " + scientific(info_.tolerance) + " of the diagonal.");
+    if (basis_ && !basis_->converged()) {
+      info_.notes.push_back("The iterative solver did not reach its tolerance for the handle basis: the largest residual is " +
+                            scientific(*std::max_element(basis_->residuals().begin(), basis_->residuals().end())) + ".");
+    }
+  }
   if (info_.condition > 1e13) info_.notes.push_back("The system is ill-conditioned: expect a loss of digits.");
   if (!basis_) info_.notes.push_back("No handle basis is stored: every design is solved for and summed directly.");
 }
@@ -183,10 +199,10 @@ Eigen::MatrixXd RbfSystem::handle_fields() const {
 void RbfSystem::prepare_basis(const RbfOptions& options, const RunContext& context) {
   const std::size_t fields = 4 * frames_.size();
   if (!wants_basis(options.basis, HandleBasis::bytes_for(deformable_.count(), fields),
-                   InterpolationSystem::factor_bytes(centres_.ids.size(), options.solver))) {
+                   InterpolationSystem::factor_bytes(system_->size(), system_->solver()))) {
     return;
   }
-  basis_ = std::make_unique<HandleBasis>(*system_, handle_fields(), deformable_, context);
+  basis_ = std::make_unique<HandleBasis>(*system_, handle_fields(), deformable_, options.tolerance, context);
 }
 
 std::unique_ptr<const Evaluation> RbfSystem::bind(std::span<const Design> designs, EvaluationPath path,
@@ -233,7 +249,7 @@ std::vector<double> RbfSystem::pull_back(std::span<const Vec3> field, const RunC
   const std::size_t m = system_->size();
   const auto q = static_cast<Eigen::Index>(system_->polynomials().terms());
   const std::span<const double> weights(unit.empty() ? nullptr : at_deformable[0].data(), 3 * unit.size());
-  const std::vector<double> sums = kernel_sums(system_->kernel(), system_->centres(), unit, weights, 3, context);
+  const std::vector<double> sums = system_->sums_at_centres(unit, weights, 3, context);
   Eigen::MatrixXd B = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(m) + q, 3);
   for (std::size_t j = 0; j < m; ++j) {
     for (int k = 0; k < 3; ++k) B(static_cast<Eigen::Index>(j), k) = sums[3 * j + static_cast<std::size_t>(k)];
@@ -298,20 +314,23 @@ Estimate estimate_rbf(const Mesh& mesh, const Setup& setup) {
   const RbfCentres centres = choose_centres(mesh, regions, options);
   const std::size_t m = centres.ids.size();
   const std::size_t d = centres.deformable.size();
+  const Solver solver = chosen_solver(options.solver, options.kernel, m);
   const std::size_t fields = 4 * regions.handles.size();
 
   Estimate estimate;
   estimate.constraint_points = centres.constraint_points;
   estimate.centres = m;
-  estimate.factor_bytes = InterpolationSystem::factor_bytes(m, options.solver) + m * sizeof(Vec3);
+  estimate.factor_bytes = InterpolationSystem::factor_bytes(m, solver) + m * sizeof(Vec3);
   const std::size_t basis_bytes = HandleBasis::bytes_for(d, fields);
-  const bool basis = wants_basis(options.basis, basis_bytes, InterpolationSystem::factor_bytes(m, options.solver));
+  const bool basis = wants_basis(options.basis, basis_bytes, InterpolationSystem::factor_bytes(m, solver));
   estimate.basis_bytes = basis ? basis_bytes : 0;
   estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + point_bytes(mesh.point_count());
-  const std::size_t factor_extra = InterpolationSystem::peak_bytes(m, options.solver) + 2 * m * sizeof(Vec3);
+  const std::size_t factor_extra = InterpolationSystem::peak_bytes(m, solver) + 2 * m * sizeof(Vec3);
   // Data, solution and the copies that a solve makes of them, beside the factor.
   const std::size_t basis_extra =
-      estimate.factor_bytes + estimate.basis_bytes + (basis ? 4 * (m + 10) * fields * sizeof(double) : 0);
+      (solver == Solver::iterative ? InterpolationSystem::peak_bytes(m, solver) + FastSums::bytes_for(d, m, 12)
+                                   : estimate.factor_bytes) +
+      estimate.basis_bytes + (basis ? 4 * (m + 10) * fields * sizeof(double) : 0);
   const std::size_t adjacency = 16 * (mesh.point_count() + mesh.face_count()) + 24 * mesh.face_points.size();
   estimate.peak_bytes = point_bytes(mesh.point_count()) + d * sizeof(Vec3) + std::max({factor_extra, basis_extra, adjacency});
   estimate.notes = centres.notes;
@@ -322,6 +341,12 @@ Estimate estimate_rbf(const Mesh& mesh, const Setup& setup) {
   const auto M = static_cast<double>(m);
   const double rows = M + (basis ? static_cast<double>(d) : 0.0);
   const double columns = basis ? static_cast<double>(fields) : 0.0;
+  if (solver == Solver::iterative) {
+    // Factors of the subsets, then a dozen fast sums per four fields.
+    const double solves = std::max(1.0, columns / 4);
+    estimate.seconds = (M * 2e-4 + solves * (M * 2.5e-4 + rows * 2e-5)) / cores + 1;
+    return estimate;
+  }
   estimate.seconds = (M * M / 2 / 5e8 + M * M * M / 3 / 2.5e10 + rows * M * (1 / 8e8 + 2 * columns / 1.5e10)) / cores +
                      4 * M * M * columns / 1e10 + static_cast<double>(mesh.point_count()) * 2e-7;
   return estimate;

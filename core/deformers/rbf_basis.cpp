@@ -76,10 +76,43 @@ void interpolate_tile_columns(const InterpolationSystem& system, const double* t
 }
 
 HandleBasis::HandleBasis(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
-                         const RunContext& context)
+                         double tolerance, const RunContext& context)
     : fields_(static_cast<std::size_t>(fields.cols())),
       points_(deformable.count()),
       values_(deformable.tiles() * tile_size * fields_) {
+  if (system.solver() == Solver::iterative) {
+    fill_iteratively(system, fields, deformable, tolerance, context);
+  } else {
+    fill(system, fields, deformable, context);
+  }
+}
+
+/// A handle at a time: its four fields share the sums, and a solution takes memory per field.
+void HandleBasis::fill_iteratively(const InterpolationSystem& system, const Eigen::MatrixXd& fields,
+                                   const TiledPoints& deformable, double tolerance, const RunContext& context) {
+  constexpr std::size_t together = 4;
+  std::vector<Vec3> points(points_);
+  for (std::size_t i = 0; i < points_; ++i) {
+    const double* at = deformable.tile(i / tile_size) + i % tile_size;
+    points[i] = {at[0], at[tile_size], at[2 * tile_size]};
+  }
+  for (std::size_t first = 0; first < fields_; first += together) {
+    const std::size_t width = std::min(together, fields_ - first);
+    const Interpolants interpolants = system.interpolate(
+        fields.middleCols(static_cast<Eigen::Index>(first), static_cast<Eigen::Index>(width)), tolerance, context);
+    converged_ = converged_ && interpolants.converged;
+    residuals_.insert(residuals_.end(), width, interpolants.residual);
+    const std::vector<double> values = system.values(interpolants, points, context);
+    for (std::size_t i = 0; i < points_; ++i) {
+      double* to = values_.data() + (i / tile_size * fields_ + first) * tile_size + i % tile_size;
+      for (std::size_t f = 0; f < width; ++f) to[f * tile_size] = values[i * width + f];
+    }
+    context.progress("basis", static_cast<double>(first + width) / static_cast<double>(fields_));
+  }
+}
+
+void HandleBasis::fill(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
+                       const RunContext& context) {
   const RowMajor coefficients = system.solve(fields, context);
   residuals_ = centre_residuals(system, coefficients, fields, context);
   parallel_for(context, deformable.tiles(), tiles_per_task, [&](std::size_t begin, std::size_t end) {

@@ -37,8 +37,8 @@ void field_coefficients(const Affine& motion, MotionKind kind, const HandleFrame
 /// Immutable.
 class HandleBasis {
  public:
-  /// fields: m x 4H values at the centres. Progress "basis".
-  HandleBasis(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
+  /// fields: m x 4H values at the centres. `tolerance` is for the iterative solver. Progress "basis".
+  HandleBasis(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable, double tolerance,
               const RunContext& context);
 
   std::size_t fields() const { return fields_; }
@@ -52,14 +52,23 @@ class HandleBasis {
   /// Per field: largest |interpolant - prescribed value| over the centres.
   const std::vector<double>& residuals() const { return residuals_; }
 
+  /// False when an iterative solution stopped above the tolerance.
+  bool converged() const { return converged_; }
+
   /// basis^T times X (d x 3): 4H x 3, row by row. Summed in a fixed order.
   std::vector<double> transposed_product(std::span<const Vec3> X, const RunContext& context) const;
 
  private:
+  void fill(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
+            const RunContext& context);
+  void fill_iteratively(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
+                        double tolerance, const RunContext& context);
+
   std::size_t fields_;
   std::size_t points_;
   std::vector<double> values_;
   std::vector<double> residuals_;
+  bool converged_ = true;
 };
 
 /// Adds the values of interpolants at one tile of points: out[c][16] += kernel sums plus polynomials. coefficients (m + q) rows

@@ -175,7 +175,37 @@ void RbfEvaluation::set_basis_coefficients() {
   }
 }
 
+/// m x 3 displacements of the centres.
+Eigen::MatrixXd RbfEvaluation::prescribed(const BoundDesign& design) const {
+  const auto& ids = system_->centres_.ids;
+  Eigen::MatrixXd F(ids.size(), 3);
+  for (std::size_t j = 0; j < ids.size(); ++j) {
+    const Vec3 to = constrained(design, ids[j]);
+    const Vec3 u = kind_ == MotionKind::position ? difference(to, system_->mesh_->points[ids[j]]) : to;
+    for (Eigen::Index k = 0; k < 3; ++k) F(static_cast<Eigen::Index>(j), k) = u[static_cast<std::size_t>(k)];
+  }
+  return F;
+}
+
+/// One design after the other: each uses all cores, and its search directions take memory.
+void RbfEvaluation::solve_iteratively(const RunContext& context) {
+  std::vector<Vec3> points;
+  points.reserve(system_->centres_.deformable.size());
+  for (const PointId id : system_->centres_.deformable) points.push_back(system_->box_.to_unit(system_->mesh_->points[id]));
+  direct_values_.resize(designs_.size());
+  for (std::size_t i = 0; i < designs_.size(); ++i) {
+    if (reports_[i].path != EvaluationPath::direct) continue;
+    const Eigen::MatrixXd F = prescribed(designs_[i]);
+    // A derivative has no length to compare with but its own.
+    const double unit = kind_ == MotionKind::position ? system_->info_.diagonal : F.cwiseAbs().maxCoeff();
+    const Interpolants interpolants = system_->system_->interpolate(F, system_->info_.tolerance * unit, context);
+    direct_values_[i] = system_->system_->values(interpolants, points, context);
+    reports_[i].interpolation_residual = interpolants.residual;
+  }
+}
+
 void RbfEvaluation::solve_direct(const RunContext& context) {
+  if (system_->info_.solver == Solver::iterative) return solve_iteratively(context);
   const auto& ids = system_->centres_.ids;
   const std::size_t rows = ids.size() + system_->system_->polynomials().terms();
   direct_coefficients_.resize(rows * direct_columns_);
@@ -183,13 +213,7 @@ void RbfEvaluation::solve_direct(const RunContext& context) {
   // the others bit for bit.
   parallel_for(context, designs_.size(), 1, [&](std::size_t i, std::size_t) {
     if (reports_[i].path != EvaluationPath::direct) return;
-    Eigen::MatrixXd F(ids.size(), 3);
-    for (std::size_t j = 0; j < ids.size(); ++j) {
-      const Vec3 to = constrained(designs_[i], ids[j]);
-      const Vec3 u = kind_ == MotionKind::position ? difference(to, system_->mesh_->points[ids[j]]) : to;
-      for (Eigen::Index k = 0; k < 3; ++k) F(static_cast<Eigen::Index>(j), k) = u[static_cast<std::size_t>(k)];
-    }
-    const Eigen::MatrixXd solution = system_->system_->solve(F, context);
+    const Eigen::MatrixXd solution = system_->system_->solve(prescribed(designs_[i]), context);
     for (std::size_t r = 0; r < rows; ++r) {
       for (std::size_t k = 0; k < 3; ++k) {
         direct_coefficients_[r * direct_columns_ + column_[i] + k] =
@@ -264,6 +288,12 @@ void RbfEvaluation::evaluate_deformable(std::size_t begin, std::size_t end, std:
       if (path == EvaluationPath::basis) {
         tile_product(system_->basis_->tile(t), system_->basis_->fields(), basis_coefficients_.data() + column_[first + k],
                      basis_columns_, columns, to);
+      } else if (!direct_values_.empty()) {
+        for (std::size_t s = t * tile_size; s < std::min((t + 1) * tile_size, ids.size()); ++s) {
+          for (std::size_t c = 0; c < columns; ++c) {
+            to[c * tile_size + s % tile_size] = direct_values_[first + k + c / 3][3 * s + c % 3];
+          }
+        }
       } else {
         interpolate_tile_columns(*system_->system_, system_->deformable_.tile(t),
                                  direct_coefficients_.data() + column_[first + k], direct_columns_, columns, to);

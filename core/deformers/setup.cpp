@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
+#include <sstream>
 
 #include "core/base/error.h"
 
@@ -94,6 +95,11 @@ std::size_t handle_index(const Setup& setup, const std::string& name) {
 }
 
 void validate_rbf(const RbfOptions& options) {
+  if (!(options.tolerance >= 1e-10 && options.tolerance <= 1e-2)) {
+    std::ostringstream text;
+    text << "method.rbf.tolerance: " << options.tolerance << " is out of range 1e-10..1e-2";
+    invalid(text.str());
+  }
   if (!(options.shape >= 0 && options.shape <= 100)) {
     invalid("method.rbf.shape: " + std::to_string(options.shape) + " is out of range, must be 0 (automatic) or up to 100");
   }

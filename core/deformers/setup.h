@@ -10,8 +10,8 @@
 
 #include "core/base/types.h"
 #include "core/mesh/region.h"
-#include "core/numerics/dense_solver.h"
 #include "core/numerics/kernel.h"
+#include "core/numerics/solver.h"
 
 namespace deform {
 
@@ -34,7 +34,8 @@ struct RbfOptions {
   double shape = 0;
   /// Total degree of the polynomial part; -1 = max(1, order - 1). At least order - 1, at most 2.
   int polynomial_degree = -1;
-  DenseSolver solver = DenseSolver::automatic;
+  Solver solver = Solver::automatic;
+  double tolerance = 1e-6;  ///< of the iterative solver: largest error at the centres, as a fraction of D; 1e-10..1e-2
   CentreReduction reduction = CentreReduction::automatic;
   int reduction_rings = 3;  ///< 1..100 (thesis 3.5: three rings fix positions and first and second derivatives)
   BasisMode basis = BasisMode::automatic;

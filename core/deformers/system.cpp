@@ -43,11 +43,11 @@ std::shared_ptr<const System> prepare(std::shared_ptr<const Mesh> mesh, const Se
   if (memory_budget != 0) {
     const Estimate expected = estimate(*mesh, setup);
     if (expected.peak_bytes > memory_budget) {
-      throw Error(ErrorCode::out_of_budget, "preparing needs up to " + gibibytes(expected.peak_bytes) + " (" +
-                                                std::to_string(expected.centres) + " centres: factor " +
-                                                gibibytes(expected.factor_bytes) + ", basis " + gibibytes(expected.basis_bytes) +
-                                                "), available are " + gibibytes(memory_budget) +
-                                                "; use smaller handle and fixed regions, fewer handles or basis BASIS_NEVER");
+      throw Error(ErrorCode::out_of_budget,
+                  "preparing needs up to " + gibibytes(expected.peak_bytes) + " (" + std::to_string(expected.centres) +
+                      " centres: factor " + gibibytes(expected.factor_bytes) + ", basis " + gibibytes(expected.basis_bytes) +
+                      "), available are " + gibibytes(memory_budget) +
+                      "; use solver ITERATIVE, smaller handle and fixed regions, fewer handles or basis BASIS_NEVER");
     }
   }
   return std::make_shared<const RbfSystem>(std::move(mesh), setup, context, memory_budget);

@@ -55,9 +55,10 @@ struct SystemInfo {
   int affine_hull_dimension = 3;  ///< of the centres: 0 point, 1 line, 2 plane, 3 space
   std::size_t basis_fields = 0;   ///< 4H, or 0 without a basis
   std::size_t bytes = 0, factor_bytes = 0, basis_bytes = 0;
-  double diagonal = 0;                         ///< D, of all points
-  double condition = 0;                        ///< 1-norm estimate of the factored matrix
-  DenseSolver solver = DenseSolver::cholesky;  ///< the one that was used
+  double diagonal = 0;               ///< D, of all points
+  double condition = 0;              ///< 1-norm estimate of the factored matrix; 0 = none (iterative)
+  double tolerance = 0;              ///< of the iterative solver, as a fraction of D; else 0
+  Solver solver = Solver::cholesky;  ///< the one that was used
   bool reduced = false;
   std::vector<std::string> notes;                             ///< what was decided and why, one sentence each
   std::vector<std::pair<std::string, double>> stage_seconds;  ///< "select", "assemble", "factor", "basis", in order

@@ -1,57 +1,118 @@
 #include "core/numerics/interpolation_system.h"
 
 #include "core/base/error.h"
+#include "core/base/parallel.h"
+#include "core/numerics/fast_sums.h"
+#include "core/numerics/iterative_system.h"
 #include "core/numerics/packed_cholesky.h"
 #include "core/numerics/residual.h"
+#include "core/numerics/tiles.h"
 
 namespace deform {
 
 namespace {
 
 constexpr std::size_t most_terms = 10;
+constexpr std::size_t most_dense = 20000;  // centres that `automatic` factors: 1.6 GB and half a minute
+constexpr int adjoint_order = 12;          // about 12 digits
+
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 std::string mebibytes(std::size_t bytes) { return std::to_string((bytes >> 20) + 1) + " MiB"; }
 
 }  // namespace
 
-const char* to_string(DenseSolver solver) {
+const char* to_string(Solver solver) {
   switch (solver) {
-    case DenseSolver::automatic:
+    case Solver::automatic:
       return "automatic";
-    case DenseSolver::cholesky:
+    case Solver::cholesky:
       return "cholesky";
-    case DenseSolver::ldlt:
+    case Solver::ldlt:
       return "ldlt";
-    case DenseSolver::lu:
+    case Solver::lu:
       return "lu";
+    case Solver::iterative:
+      return "iterative";
   }
   return "automatic";
+}
+
+Solver chosen_solver(Solver solver, Kernel kernel, std::size_t centres) {
+  if (solver != Solver::automatic) return solver;
+  return centres > most_dense && kernel != Kernel::wendland_c2 ? Solver::iterative : Solver::cholesky;
 }
 
 InterpolationSystem::InterpolationSystem(std::vector<Vec3> centres, const InterpolationOptions& options,
                                          const RunContext& context)
     : centres_(std::move(centres)), kernel_(options.kernel), polynomials_(centres_, options.polynomial_degree) {
   const SaddleProblem problem{kernel_, centres_, polynomials_};
-  solver_ = options.solver == DenseSolver::automatic ? DenseSolver::cholesky : options.solver;
-  if (solver_ == DenseSolver::lu) factor_ = factor_lu(problem, context);
-  if (solver_ == DenseSolver::ldlt) factor_ = factor_ldlt(problem, context);
-  if (solver_ != DenseSolver::cholesky) return;
+  solver_ = chosen_solver(options.solver, kernel_.kernel, size());
+  if (solver_ == Solver::iterative) {
+    iterative_ = std::make_unique<IterativeSystem>(centres_, kernel_, options.polynomial_degree, context);
+    return;
+  }
+  if (solver_ == Solver::lu) factor_ = factor_lu(problem, context);
+  if (solver_ == Solver::ldlt) factor_ = factor_ldlt(problem, context);
+  if (solver_ != Solver::cholesky) return;
   factor_ = factor_cholesky(problem, context);
   if (factor_) return;
   const std::string reason = "Cholesky broke down: the system of " + std::to_string(size()) +
                              " centres is not positive definite to working precision (nearly coincident centres, or a shape "
                              "parameter that is too large)";
-  if (options.solver == DenseSolver::cholesky) {
+  if (options.solver == Solver::cholesky) {
     throw Error(ErrorCode::numerical_failure, reason + "; use solver AUTOMATIC or LDLT");
   }
-  const std::size_t needed = peak_bytes(size(), DenseSolver::ldlt);
+  const std::size_t needed = peak_bytes(size(), Solver::ldlt);
   if (options.memory_limit != 0 && needed > options.memory_limit) {
     throw Error(ErrorCode::out_of_budget, reason + ", and LDL^T needs " + mebibytes(needed) + ", available are " +
                                               mebibytes(options.memory_limit) + "; remove nearly coincident centres");
   }
-  solver_ = DenseSolver::ldlt;
+  solver_ = Solver::ldlt;
   factor_ = factor_ldlt(problem, context);
   notes_.push_back(reason + "; LDL^T was used instead.");
+}
+
+InterpolationSystem::~InterpolationSystem() = default;
+
+std::size_t InterpolationSystem::bytes() const {
+  return (iterative_ ? iterative_->bytes() : factor_->bytes()) + centres_.size() * sizeof(Vec3);
+}
+
+Interpolants InterpolationSystem::interpolate(const Eigen::MatrixXd& F, double tolerance, const RunContext& context) const {
+  if (!iterative_) return {solve(F, context)};
+  Eigen::MatrixXd B = Eigen::MatrixXd::Zero(F.rows() + static_cast<Eigen::Index>(polynomials_.terms()), F.cols());
+  B.topRows(F.rows()) = F;
+  IterativeSystem::Solution solution = iterative_->solve(B, tolerance, context);
+  return {std::move(solution.coefficients), solution.residual, solution.converged, solution.iterations, solution.order};
+}
+
+std::vector<double> InterpolationSystem::values(const Interpolants& interpolants, std::span<const Vec3> points,
+                                                const RunContext& context) const {
+  const RowMajor rows = interpolants.coefficients;
+  const auto columns = static_cast<std::size_t>(rows.cols());
+  const std::span<const double> weights(rows.data(), size() * columns);
+  std::vector<double> result = iterative_
+                                   ? FastSums(kernel_, points, centres_, {interpolants.order, 0}).sums(weights, columns, context)
+                                   : kernel_sums(kernel_, points, centres_, weights, columns, context);
+  const std::size_t q = polynomials_.terms();
+  if (q == 0) return result;
+  parallel_for(context, points.size(), 4096, [&](std::size_t begin, std::size_t end) {
+    double terms[most_terms];
+    for (std::size_t i = begin; i < end; ++i) {
+      polynomials_.values(points[i], terms);
+      for (std::size_t t = 0; t < q; ++t) {
+        for (std::size_t c = 0; c < columns; ++c) result[i * columns + c] += terms[t] * rows.data()[(size() + t) * columns + c];
+      }
+    }
+  });
+  return result;
+}
+
+std::vector<double> InterpolationSystem::sums_at_centres(std::span<const Vec3> places, std::span<const double> weights,
+                                                         std::size_t columns, const RunContext& context) const {
+  if (!iterative_) return kernel_sums(kernel_, centres_, places, weights, columns, context);
+  return FastSums(kernel_, centres_, places, {adjoint_order, 0}).sums(weights, columns, context);
 }
 
 Eigen::MatrixXd InterpolationSystem::solve(const Eigen::MatrixXd& F, const RunContext& context) const {
@@ -62,6 +123,10 @@ Eigen::MatrixXd InterpolationSystem::solve(const Eigen::MatrixXd& F, const RunCo
 }
 
 void InterpolationSystem::solve_saddle(Eigen::MatrixXd& B, const RunContext& context) const {
+  if (iterative_) {
+    B = iterative_->solve(B, 1e-10 * B.cwiseAbs().maxCoeff(), context).coefficients;
+    return;
+  }
   constexpr int most_steps = 2;
   constexpr double enough = 1e-15;
   const auto m = static_cast<Eigen::Index>(size());
@@ -87,21 +152,22 @@ void InterpolationSystem::solve_saddle(Eigen::MatrixXd& B, const RunContext& con
   B = std::move(X);
 }
 
-std::size_t InterpolationSystem::factor_bytes(std::size_t m, DenseSolver solver) {
+std::size_t InterpolationSystem::factor_bytes(std::size_t m, Solver solver) {
+  if (solver == Solver::iterative) return IterativeSystem::bytes_for(m);
   const std::size_t bordered = m + most_terms;
   const std::size_t side = 4 * most_terms * bordered * sizeof(double) + (std::size_t{1} << 12);
-  if (solver == DenseSolver::lu) return bordered * bordered * sizeof(double) + side;
-  if (solver == DenseSolver::ldlt) return bordered * (bordered + 1) / 2 * sizeof(double) + side;
+  if (solver == Solver::lu) return bordered * bordered * sizeof(double) + side;
+  if (solver == Solver::ldlt) return bordered * (bordered + 1) / 2 * sizeof(double) + side;
   return PackedCholesky::bytes_for(m) + side;
 }
 
-std::size_t InterpolationSystem::peak_bytes(std::size_t m, DenseSolver solver) {
+std::size_t InterpolationSystem::peak_bytes(std::size_t m, Solver solver) {
+  if (solver == Solver::iterative) return IterativeSystem::peak_bytes(m, 4);
   const std::size_t bordered = m + most_terms;
   const std::size_t square = bordered * bordered * sizeof(double);
   std::size_t matrix = PackedCholesky::bytes_for(m);
-  if (solver == DenseSolver::lu) matrix = square;
-  if (solver == DenseSolver::ldlt)
-    matrix = square + square / 2 + 64 * bordered * sizeof(double);  // the triangle beside the square
+  if (solver == Solver::lu) matrix = square;
+  if (solver == Solver::ldlt) matrix = square + square / 2 + 64 * bordered * sizeof(double);  // the triangle beside the square
   return matrix + 8 * most_terms * bordered * sizeof(double) + (std::size_t{1} << 12);
 }
 

@@ -8,11 +8,13 @@
 
 #include "core/base/run_context.h"
 #include "core/base/types.h"
-#include "core/numerics/dense_solver.h"
 #include "core/numerics/kernel.h"
 #include "core/numerics/polynomial.h"
+#include "core/numerics/solver.h"
 
 namespace deform {
+
+class IterativeSystem;
 
 /// One factorization of the bordered RBF system (thesis eq. 3.9, 3.10)
 ///
@@ -43,11 +45,23 @@ std::unique_ptr<SaddleFactor> factor_cholesky(const SaddleProblem& problem, cons
 std::unique_ptr<SaddleFactor> factor_ldlt(const SaddleProblem& problem, const RunContext& context);
 std::unique_ptr<SaddleFactor> factor_lu(const SaddleProblem& problem, const RunContext& context);
 
+/// What `automatic` stands for; Cholesky still has its fallback.
+Solver chosen_solver(Solver solver, Kernel kernel, std::size_t centres);
+
 struct InterpolationOptions {
   RadialKernel kernel;
   int polynomial_degree = 1;
-  DenseSolver solver = DenseSolver::automatic;
+  Solver solver = Solver::automatic;
   std::size_t memory_limit = 0;  ///< bytes that the fallback may take; 0 = unlimited
+};
+
+/// Interpolants of some columns of values, and how good they are.
+struct Interpolants {
+  Eigen::MatrixXd coefficients;  ///< (m + q) x columns: weights, then those of the polynomials
+  double residual = 0;           ///< iterative: largest |interpolant - value| over the centres; else 0, not measured
+  bool converged = true;         ///< iterative: residual <= tolerance
+  int iterations = 0;
+  int order = 0;  ///< iterative: of the fast sums that are good enough for these weights
 };
 
 /// An RBF interpolant with everything but the values prepared. Coordinates should be of unit size.
@@ -56,33 +70,45 @@ class InterpolationSystem {
   /// Throws Error(numerical_failure) when the solver breaks down, out_of_budget, cancelled, deadline_exceeded.
   InterpolationSystem(std::vector<Vec3> centres, const InterpolationOptions& options, const RunContext& context);
 
+  ~InterpolationSystem();
+
   std::size_t size() const { return centres_.size(); }
   const std::vector<Vec3>& centres() const { return centres_; }
   const RadialKernel& kernel() const { return kernel_; }
   const PolynomialSpace& polynomials() const { return polynomials_; }
-  DenseSolver solver() const { return solver_; }  ///< the one used
-  double condition() const { return factor_->condition(); }
-  std::size_t bytes() const { return factor_->bytes() + centres_.size() * sizeof(Vec3); }
+  Solver solver() const { return solver_; }                                ///< the one used
+  double condition() const { return factor_ ? factor_->condition() : 0; }  ///< 0 = not estimated (iterative)
+  std::size_t bytes() const;
   const std::vector<std::string>& notes() const { return notes_; }
+
+  /// Interpolants of the values F (m x columns) at the centres. `tolerance`, in the units of the values, is for the iterative
+  /// solver; the others always deliver all digits.
+  Interpolants interpolate(const Eigen::MatrixXd& F, double tolerance, const RunContext& context = {}) const;
+  /// Their values: n x columns, row by row.
+  std::vector<double> values(const Interpolants& interpolants, std::span<const Vec3> points, const RunContext& context) const;
+  /// Row i = sum over places j of phi(|centre i - place j|) * weights[j]: m x columns, row by row; adjoint of the sums above.
+  std::vector<double> sums_at_centres(std::span<const Vec3> places, std::span<const double> weights, std::size_t columns,
+                                      const RunContext& context) const;
 
   /// F (m x columns) values at the centres -> (m + q) x columns weights and polynomial coefficients.
   Eigen::MatrixXd solve(const Eigen::MatrixXd& F, const RunContext& context = {}) const;
   /// The same with right-hand sides for both parts, in place; the system is symmetric, so this serves adjoints. Refined with
   /// accurate residuals, at most twice: the result is right to its last digits as long as condition * eps is well below one,
-  /// whichever the solver.
+  /// whichever the solver; the iterative one stops at 1e-10 of the largest value.
   void solve_saddle(Eigen::MatrixXd& B, const RunContext& context = {}) const;
 
   /// Upper bounds for m centres.
-  static std::size_t factor_bytes(std::size_t m, DenseSolver solver);
-  static std::size_t peak_bytes(std::size_t m, DenseSolver solver);
+  static std::size_t factor_bytes(std::size_t m, Solver solver);
+  static std::size_t peak_bytes(std::size_t m, Solver solver);
 
  private:
   std::vector<Vec3> centres_;
   RadialKernel kernel_;
   PolynomialSpace polynomials_;
-  DenseSolver solver_ = DenseSolver::cholesky;
+  Solver solver_ = Solver::cholesky;
   std::vector<std::string> notes_;
-  std::unique_ptr<SaddleFactor> factor_;
+  std::unique_ptr<SaddleFactor> factor_;  // or
+  std::unique_ptr<const IterativeSystem> iterative_;
 };
 
 }  // namespace deform

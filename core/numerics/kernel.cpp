@@ -21,6 +21,8 @@ KernelProperties properties(Kernel kernel) {
       return {"inverse_multiquadric", 0, 1, true};
     case Kernel::wendland_c2:
       return {"wendland_c2", 0, 1, true};
+    case Kernel::thin_plate:
+      return {"thin_plate", 2, 1, false};
   }
   return {"triharmonic", 2, 1, false};
 }
@@ -51,6 +53,8 @@ double value(const RadialKernel& kernel, double r2) {
       const double t = std::max(0.0, 1 - r / s);
       return t * t * t * t * (4 * r / s + 1);
     }
+    case Kernel::thin_plate:
+      return r2 > 0 ? 0.5 * r2 * std::log(r2) : 0;
   }
   return 0;
 }

@@ -11,6 +11,7 @@ enum class Kernel {
   multiquadric,          ///< sqrt(r^2 + s^2), order 1
   inverse_multiquadric,  ///< 1 / sqrt(r^2 + s^2), positive definite
   wendland_c2,           ///< (1 - r/s)_+^4 (4 r/s + 1), positive definite in three dimensions
+  thin_plate,            ///< r^2 log r, order 2: in the plane what r^3 is in space, the interpolant of least bending
 };
 
 /// What a kernel says about the system it leads to: sign * phi is positive definite on the complement of the polynomials of total

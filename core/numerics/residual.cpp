@@ -121,6 +121,13 @@ struct WendlandC2 {
     return product(d, product(d, t2, t2), sum({hn::Mul(four, q.hi), hn::Mul(four, q.lo)}, plain(d, 1.0)));
   }
 };
+struct ThinPlate {
+  HWY_INLINE Pair operator()(D d, Pair r2) const {
+    const V safe = hn::Max(r2.hi, hn::Set(d, 1e-300));
+    const Pair logarithm = fast_two_sum(hn::Log(d, safe), hn::Div(r2.lo, safe));
+    return product(d, r2, {hn::Mul(hn::Set(d, 0.5), logarithm.hi), hn::Mul(hn::Set(d, 0.5), logarithm.lo)});
+  }
+};
 
 template <typename Body>
 HWY_INLINE void with_policy(const RadialKernel& kernel, const Body& body) {
@@ -140,6 +147,8 @@ HWY_INLINE void with_policy(const RadialKernel& kernel, const Body& body) {
       return body(InverseMultiquadric{s * s});
     case Kernel::wendland_c2:
       return body(WendlandC2{1 / s});
+    case Kernel::thin_plate:
+      return body(ThinPlate{});
   }
 }
 

@@ -54,6 +54,12 @@ struct WendlandC2 {
     return hn::Mul(hn::Mul(t2, t2), hn::MulAdd(hn::Set(d, 4.0), q, hn::Set(d, 1.0)));
   }
 };
+struct ThinPlate {
+  HWY_INLINE V operator()(D d, V r2) const {
+    const V logarithm = hn::Log(d, hn::Max(r2, hn::Set(d, 1e-300)));  // finite at 0, where r2 wins
+    return hn::Mul(hn::Mul(hn::Set(d, 0.5), r2), logarithm);
+  }
+};
 
 template <typename Body>
 HWY_INLINE void with_policy(const RadialKernel& kernel, const Body& body) {
@@ -73,6 +79,8 @@ HWY_INLINE void with_policy(const RadialKernel& kernel, const Body& body) {
       return body(InverseMultiquadric{s * s});
     case Kernel::wendland_c2:
       return body(WendlandC2{1 / s});
+    case Kernel::thin_plate:
+      return body(ThinPlate{});
   }
 }
 

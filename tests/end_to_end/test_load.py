@@ -4,7 +4,8 @@ from harness import AHMED_SETUP, EndToEnd, main
 
 
 class Load(EndToEnd):
-    kernels = ["TRIHARMONIC", "BIHARMONIC", "QUINTIC", "GAUSSIAN", "MULTIQUADRIC", "INVERSE_MULTIQUADRIC", "WENDLAND_C2"]
+    kernels = ["TRIHARMONIC", "BIHARMONIC", "QUINTIC", "GAUSSIAN", "MULTIQUADRIC", "INVERSE_MULTIQUADRIC", "WENDLAND_C2",
+               "THIN_PLATE"]
 
     def write_setups(self, count):
         """Different systems of one geometry."""

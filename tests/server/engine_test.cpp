@@ -235,6 +235,30 @@ TEST_F(EngineTest, estimates_bound_what_is_used) {
   EXPECT_EQ(estimate.handles(0).points(), 60u);
 }
 
+TEST_F(EngineTest, flat_geometries_get_the_thin_plate_kernel_unless_told_otherwise) {
+  Mesh flat = mesh;
+  for (Vec3& p : flat.points) p[2] = 0.5;
+  v1::Setup setup = sheet_setup(register_mesh(flat, "flat").id());
+  setup.mutable_method()->mutable_rbf()->clear_kernel();
+  EXPECT_EQ(prepare(setup).setup().method().rbf().kernel(), v1::THIN_PLATE);
+  setup.mutable_method()->mutable_rbf()->set_kernel(v1::TRIHARMONIC);
+  EXPECT_EQ(prepare(setup).setup().method().rbf().kernel(), v1::TRIHARMONIC);
+  setup.set_geometry(geometry.id());
+  setup.mutable_method()->mutable_rbf()->clear_kernel();
+  EXPECT_EQ(prepare(setup).setup().method().rbf().kernel(), v1::TRIHARMONIC);
+}
+
+TEST_F(EngineTest, the_iterative_solver_is_a_system_like_others) {
+  v1::Setup setup = sheet_setup(geometry.id());
+  setup.mutable_method()->mutable_rbf()->set_solver(v1::ITERATIVE);
+  setup.mutable_method()->mutable_rbf()->set_tolerance(1e-8);
+  const v1::SystemInfo info = prepare(setup);
+  EXPECT_EQ(info.solver(), v1::ITERATIVE);
+  EXPECT_NE(info.id(), system.id());
+  setup.mutable_method()->mutable_rbf()->set_tolerance(0.5);
+  expect_error(ErrorCode::invalid_argument, {"method.rbf.tolerance", "0.5"}, [&] { prepare(setup); });
+}
+
 TEST_F(EngineTest, registering_again_is_answered_at_once) {
   v1::GeometryHeader header = header_of(mesh, "again");
   header.set_id(geometry.id());

@@ -20,7 +20,8 @@ using test::sheet_setup;
 using test::turn_and_shift;
 
 constexpr Kernel kernels[] = {Kernel::triharmonic,  Kernel::biharmonic,           Kernel::quintic,    Kernel::gaussian,
-                              Kernel::multiquadric, Kernel::inverse_multiquadric, Kernel::wendland_c2};
+                              Kernel::multiquadric, Kernel::inverse_multiquadric, Kernel::wendland_c2,
+                              Kernel::thin_plate};
 
 deform::Setup with(deform::Setup setup, RbfOptions options) {
   setup.method = options;
@@ -108,7 +109,7 @@ TEST(T11, AffineMapsAreReproducedByEveryKernel) {
     setup.handles.push_back({"start", setup.fixed[0]});
     setup.fixed.clear();
     const auto system = prepare(mesh, setup);
-    EXPECT_TRUE(system->info().solver == DenseSolver::cholesky || system->info().solver == DenseSolver::ldlt);
+    EXPECT_TRUE(system->info().solver == Solver::cholesky || system->info().solver == Solver::ldlt);
     for (int i = 0; i < 3; ++i) {
       Affine motion = identity_affine;
       for (double& value : motion) value += uniform(random);
@@ -124,7 +125,7 @@ TEST(T11, AffineMapsAreReproducedByEveryKernel) {
 // T11: the side conditions sum w = 0, sum w x^T = 0 (eq. 3.9) hold to 1e-10 of the weights.
 TEST(T11, WeightsCarryNoPolynomial) {
   const Mesh mesh = bumpy_sheet(21, 11);
-  for (const DenseSolver solver : {DenseSolver::cholesky, DenseSolver::ldlt}) {
+  for (const Solver solver : {Solver::cholesky, Solver::ldlt}) {
     InterpolationOptions options;
     options.solver = solver;
     const InterpolationSystem system(mesh.points, options, {});

@@ -44,7 +44,8 @@ double distance(const Points& a, const Points& b) {
 
 std::vector<Kernel> kernels() {
   return {Kernel::triharmonic,  Kernel::biharmonic,           Kernel::quintic,    Kernel::gaussian,
-          Kernel::multiquadric, Kernel::inverse_multiquadric, Kernel::wendland_c2};
+          Kernel::multiquadric, Kernel::inverse_multiquadric, Kernel::wendland_c2,
+          Kernel::thin_plate};
 }
 
 Affine some_affine() { return {1.1, 0.05, -0.02, 0.3, -0.04, 0.95, 0.07, -0.1, 0.02, 0.01, 1.2, 0.05}; }
@@ -53,7 +54,7 @@ TEST(Rbf, CommonAffineMotionIsReproducedByEveryKernelAndSolver) {
   const auto mesh = body();
   const double D = bounding_box(mesh->points).diagonal();
   for (const Kernel kernel : kernels()) {
-    for (const DenseSolver solver : {DenseSolver::automatic, DenseSolver::ldlt, DenseSolver::lu}) {
+    for (const Solver solver : {Solver::automatic, Solver::ldlt, Solver::lu}) {
       deform::Setup setup = car_setup();
       setup.fixed.clear();
       setup.variables.clear();
@@ -236,7 +237,7 @@ TEST(Rbf, CancelledBeforeAndDuring) {
 
 TEST(Rbf, EstimateIsAnUpperBound) {
   const auto mesh = body();
-  for (const DenseSolver solver : {DenseSolver::automatic, DenseSolver::ldlt, DenseSolver::lu}) {
+  for (const Solver solver : {Solver::automatic, Solver::ldlt, Solver::lu}) {
     for (const BasisMode basis : {BasisMode::always, BasisMode::never}) {
       deform::Setup setup = car_setup();
       RbfOptions options;

@@ -25,7 +25,9 @@ TEST(Kernel, ValuesAreThoseOfTheThesis) {
   EXPECT_DOUBLE_EQ(at(Kernel::wendland_c2, r), std::pow(1 - r / s, 4) * (4 * r / s + 1));
   EXPECT_EQ(at(Kernel::wendland_c2, 1.4), 0.0);
   EXPECT_EQ(at(Kernel::wendland_c2, 0), 1.0);
-  for (const Kernel kernel : {Kernel::triharmonic, Kernel::biharmonic, Kernel::quintic}) EXPECT_EQ(at(kernel, 0), 0.0);
+  EXPECT_DOUBLE_EQ(at(Kernel::thin_plate, r), r * r * std::log(r));
+  for (const Kernel kernel : {Kernel::triharmonic, Kernel::biharmonic, Kernel::quintic, Kernel::thin_plate})
+    EXPECT_EQ(at(kernel, 0), 0.0);
 }
 
 // Smallest and largest eigenvalue of sign * phi on the complement of the polynomials of the given degree (-1: everything).

@@ -29,9 +29,9 @@ inline std::vector<double> random_values(std::size_t count, std::uint64_t seed) 
 
 /// Every kernel, with a shape parameter that suits a few hundred points in the unit box.
 inline std::vector<RadialKernel> all_kernels() {
-  return {{Kernel::triharmonic, 1},  {Kernel::biharmonic, 1},     {Kernel::quintic, 1},
-          {Kernel::gaussian, 0.15},  {Kernel::multiquadric, 0.1}, {Kernel::inverse_multiquadric, 0.1},
-          {Kernel::wendland_c2, 0.8}};
+  return {{Kernel::triharmonic, 1},   {Kernel::biharmonic, 1},     {Kernel::quintic, 1},
+          {Kernel::gaussian, 0.15},   {Kernel::multiquadric, 0.1}, {Kernel::inverse_multiquadric, 0.1},
+          {Kernel::wendland_c2, 0.8}, {Kernel::thin_plate, 1}};
 }
 
 inline double squared_distance(const Vec3& a, const Vec3& b) {

@@ -35,6 +35,8 @@ Long long_value(const RadialKernel& kernel, Long r2) {
       return std::sqrt(r2 + Long(kernel.shape * kernel.shape));
     case Kernel::inverse_multiquadric:
       return 1 / std::sqrt(r2 + Long(kernel.shape * kernel.shape));
+    case Kernel::thin_plate:
+      return r2 > 0 ? r2 * std::log(r2) / 2 : 0;
     case Kernel::wendland_c2:
       break;
   }
@@ -134,9 +136,9 @@ MatrixXd quad_solution(const std::vector<Vec3>& centres, const MatrixXd& P, cons
   return high;
 }
 
-std::unique_ptr<SaddleFactor> factor_of(DenseSolver solver, const SaddleProblem& problem) {
-  if (solver == DenseSolver::cholesky) return factor_cholesky(problem, {});
-  return solver == DenseSolver::ldlt ? factor_ldlt(problem, {}) : factor_lu(problem, {});
+std::unique_ptr<SaddleFactor> factor_of(Solver solver, const SaddleProblem& problem) {
+  if (solver == Solver::cholesky) return factor_cholesky(problem, {});
+  return solver == Solver::ldlt ? factor_ldlt(problem, {}) : factor_lu(problem, {});
 }
 
 // A dense sheet above another: the condition is about 1e9, plain solves lose so many digits of the weights.
@@ -152,7 +154,7 @@ TEST(Residual, RefinementMakesEverySolverExact) {
   const auto values = test::random_values(static_cast<std::size_t>(m * 3), 5);
   const MatrixXd F = Eigen::Map<const MatrixXd>(values.data(), m, 3);
   const MatrixXd X = quad_solution(centres, PolynomialSpace(centres, 1).matrix(centres), F);
-  for (const DenseSolver solver : {DenseSolver::cholesky, DenseSolver::ldlt, DenseSolver::lu}) {
+  for (const Solver solver : {Solver::cholesky, Solver::ldlt, Solver::lu}) {
     InterpolationOptions options;
     options.solver = solver;
     const InterpolationSystem system(centres, options, {});

@@ -1,0 +1,56 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/base/types.h"
+
+namespace deform {
+
+/// A cube whose cells the trees of two sets of points can share, so that boxes of one level lie on one lattice.
+struct Cube {
+  Vec3 centre{};
+  double half = 1;  ///< of the edge
+};
+/// The least cube around all points of both sets, a little enlarged.
+Cube enclosing_cube(std::span<const Vec3> a, std::span<const Vec3> b);
+
+/// Points sorted into the boxes of an adaptive octree. Boxes stand level by level; the points of a box are contiguous. Empty
+/// boxes do not exist. Deterministic; immutable.
+class Octree {
+ public:
+  struct Box {
+    std::array<std::int32_t, 3> cell;  ///< on the lattice of its level
+    std::uint32_t begin = 0, end = 0;  ///< its points, in points()
+    std::uint32_t child = 0;           ///< first of its children, which are contiguous
+    std::uint8_t children = 0, level = 0;
+    bool leaf() const { return children == 0; }
+    std::size_t count() const { return end - begin; }
+  };
+
+  /// Boxes with more than leaf_points points are split, down to level 20.
+  Octree(std::span<const Vec3> points, const Cube& root, std::size_t leaf_points);
+
+  const std::vector<Vec3>& points() const { return points_; }         ///< sorted
+  const std::vector<std::uint32_t>& order() const { return order_; }  ///< sorted position -> number of the point
+  const std::vector<Box>& boxes() const { return boxes_; }
+  std::size_t levels() const { return level_begin_.size() - 1; }
+  std::size_t level_begin(std::size_t level) const { return level_begin_[level]; }  ///< of levels() + 1 entries
+  double half(std::size_t level) const { return root_.half / static_cast<double>(std::uint64_t{1} << level); }
+  Vec3 centre(const Box& box) const;
+  std::size_t bytes() const;
+
+ private:
+  void split(std::size_t box);
+
+  Cube root_;
+  std::vector<Vec3> points_;
+  std::vector<std::uint32_t> order_;
+  std::vector<Box> boxes_;
+  std::vector<std::size_t> level_begin_;
+};
+
+}  // namespace deform

@@ -1,0 +1,200 @@
+#include "core/numerics/iterative_system.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/base/error.h"
+#include "core/numerics/interpolation_system.h"
+#include "core/numerics/tiles.h"
+#include "tests/core/numerics/random_points.h"
+
+namespace deform {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// Evenly on the surface of the unit sphere (a Fibonacci lattice).
+std::vector<Vec3> sphere(std::size_t count) {
+  std::vector<Vec3> points;
+  for (std::size_t i = 0; i < count; ++i) {
+    const double z = 1 - (2 * static_cast<double>(i) + 1) / static_cast<double>(count);
+    const double r = std::sqrt(1 - z * z), angle = 2.399963229728653 * static_cast<double>(i);
+    points.push_back({0.5 + 0.5 * r * std::cos(angle), 0.5 + 0.5 * r * std::sin(angle), 0.5 + 0.5 * z});
+  }
+  return points;
+}
+
+/// Columns: smooth, a step, noise.
+MatrixXd data(const std::vector<Vec3>& points) {
+  MatrixXd F(static_cast<Index>(points.size()), 3);
+  const std::vector<double> noise = test::random_values(points.size(), 11);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Vec3& p = points[i];
+    F.row(static_cast<Index>(i)) << std::sin(3 * p[0]) * std::cos(2 * p[1]), p[0] > 0.6 ? 1.0 : 0.0, noise[i];
+  }
+  return F;
+}
+
+MatrixXd with_side_conditions(const MatrixXd& F, std::size_t terms) {
+  MatrixXd B = MatrixXd::Zero(F.rows() + static_cast<Index>(terms), F.cols());
+  B.topRows(F.rows()) = F;
+  return B;
+}
+
+/// By direct summation.
+double residual(const RadialKernel& kernel, const IterativeSystem& system, const MatrixXd& coefficients, const MatrixXd& F) {
+  const auto m = static_cast<Index>(system.centres().size());
+  const RowMajor weights = coefficients.topRows(m);
+  const auto columns = static_cast<std::size_t>(F.cols());
+  const std::vector<double> sums = kernel_sums(kernel, system.centres(), system.centres(),
+                                               {weights.data(), static_cast<std::size_t>(weights.size())}, columns, {});
+  const MatrixXd values = Eigen::Map<const RowMajor>(sums.data(), m, F.cols()) +
+                          system.polynomials().matrix(system.centres()) * coefficients.bottomRows(coefficients.rows() - m);
+  return (values - F).cwiseAbs().maxCoeff();
+}
+
+struct Case {
+  Kernel kernel;
+  int degree;
+};
+
+TEST(IterativeSystem, InterpolatesToTheToleranceItIsGiven) {
+  const std::vector<Vec3> centres = sphere(3000);
+  const MatrixXd F = data(centres);
+  for (const Case& c : {Case{Kernel::triharmonic, 1}, Case{Kernel::biharmonic, 1}, Case{Kernel::multiquadric, 1}}) {
+    const RadialKernel kernel{c.kernel, 0.03};
+    const IterativeSystem system(centres, kernel, c.degree, {});
+    EXPECT_GT(system.preconditioner().domains(), 4u);
+    for (const double tolerance : {1e-3, 1e-6}) {
+      const auto solution = system.solve(with_side_conditions(F, system.polynomials().terms()), tolerance, {});
+      const char* name = properties(c.kernel).name;
+      EXPECT_TRUE(solution.converged) << name;
+      EXPECT_LE(solution.iterations, 40) << name;
+      // What is reported covers the sums' errors, as far as the samples show them.
+      EXPECT_LE(solution.residual, tolerance) << name;
+      EXPECT_LE(residual(kernel, system, solution.coefficients, F), 1.5 * tolerance) << name;
+      const MatrixXd side = system.polynomials().matrix(centres).transpose() * solution.coefficients.topRows(F.rows());
+      EXPECT_LE(side.cwiseAbs().maxCoeff(), 1e-11 * solution.coefficients.cwiseAbs().sum()) << name;
+    }
+  }
+}
+
+TEST(IterativeSystem, AgreesWithCholesky) {
+  const std::vector<Vec3> centres = sphere(2500);
+  const MatrixXd F = data(centres).leftCols(1);
+  InterpolationOptions options;
+  options.kernel = {Kernel::triharmonic, 1};
+  options.solver = Solver::cholesky;
+  const InterpolationSystem exact(centres, options, {});
+  options.solver = Solver::iterative;
+  const InterpolationSystem iterative(centres, options, {});
+  EXPECT_EQ(iterative.solver(), Solver::iterative);
+  const std::vector<Vec3> points = test::random_points(500, 3);
+  const Interpolants a = exact.interpolate(F, 1e-9), b = iterative.interpolate(F, 1e-9);
+  EXPECT_TRUE(b.converged);
+  const std::vector<double> u = exact.values(a, points, {}), v = iterative.values(b, points, {});
+  for (std::size_t i = 0; i < u.size(); ++i) EXPECT_NEAR(u[i], v[i], 1e-8) << i;
+}
+
+TEST(IterativeSystem, RightHandSidesOfTheSideConditionsCount) {
+  // The adjoint needs P^T w = g.
+  const std::vector<Vec3> centres = sphere(1500);
+  InterpolationOptions options;
+  options.kernel = {Kernel::triharmonic, 1};
+  options.solver = Solver::cholesky;
+  const InterpolationSystem exact(centres, options, {});
+  MatrixXd B = with_side_conditions(data(centres).leftCols(1), 4);
+  B.bottomRows(4) << 0.3, -0.2, 0.7, 0.1;
+  MatrixXd expected = B;
+  exact.solve_saddle(expected);
+  options.solver = Solver::iterative;
+  const InterpolationSystem iterative(centres, options, {});
+  MatrixXd solution = B;
+  iterative.solve_saddle(solution);
+  // Compared where it matters: in the values of the interpolants.
+  const auto values = [&](const MatrixXd& X) { return exact.values({X}, centres, {}); };
+  const std::vector<double> u = values(expected), v = values(solution);
+  for (std::size_t i = 0; i < u.size(); ++i) ASSERT_NEAR(u[i], v[i], 1e-8) << i;
+  const MatrixXd P = exact.polynomials().matrix(centres);
+  EXPECT_LE((P.transpose() * solution.topRows(P.rows()) - B.bottomRows(4)).cwiseAbs().maxCoeff(), 1e-9);
+}
+
+TEST(IterativeSystem, CentresInAPlaneOnALineAndCoincidentNearly) {
+  for (int dimension = 1; dimension <= 2; ++dimension) {
+    std::vector<Vec3> centres = test::random_points(1500, 2);
+    for (Vec3& p : centres) {
+      p[2] = 0.25;
+      if (dimension == 1) p[1] = 0.5 * p[0];
+    }
+    const RadialKernel kernel{Kernel::triharmonic, 1};
+    const IterativeSystem system(centres, kernel, 1, {});
+    EXPECT_EQ(system.polynomials().hull_dimension(), dimension);
+    MatrixXd F(1500, 1);
+    for (std::size_t i = 0; i < centres.size(); ++i) F(static_cast<Index>(i), 0) = std::sin(5 * centres[i][0]) + centres[i][1];
+    const auto solution = system.solve(with_side_conditions(F, system.polynomials().terms()), 1e-6, {});
+    EXPECT_TRUE(solution.converged) << dimension << ' ' << solution.residual;
+    EXPECT_LE(residual(kernel, system, solution.coefficients, F), 1.5e-6) << dimension;
+  }
+}
+
+TEST(IterativeSystem, AFewCentresAreSolvedAtOnce) {
+  for (const std::size_t count : {std::size_t{1}, std::size_t{2}, std::size_t{5}, std::size_t{60}}) {
+    const std::vector<Vec3> centres = test::random_points(count, 4);
+    const RadialKernel kernel{Kernel::triharmonic, 1};
+    const IterativeSystem system(centres, kernel, 1, {});
+    const MatrixXd F = data(centres);
+    const auto solution = system.solve(with_side_conditions(F, system.polynomials().terms()), 1e-9, {});
+    EXPECT_TRUE(solution.converged) << count;
+    EXPECT_LE(solution.iterations, 2) << count;
+    EXPECT_LE(residual(kernel, system, solution.coefficients, F), 1e-9) << count;
+  }
+}
+
+TEST(IterativeSystem, NotConvergingIsAResult) {
+  const std::vector<Vec3> centres = sphere(1200);
+  const IterativeSystem system(centres, {Kernel::triharmonic, 1}, 1, {});
+  const auto solution = system.solve(with_side_conditions(data(centres), 4), 1e-30, {});
+  EXPECT_FALSE(solution.converged);
+  EXPECT_GT(solution.residual, 1e-30);
+  EXPECT_LT(solution.residual, 1e-6);
+}
+
+TEST(IterativeSystem, ThreadsDoNotMatter) {
+  const std::vector<Vec3> centres = sphere(2000);
+  RunContext one;
+  one.threads = 1;
+  const IterativeSystem a(centres, {Kernel::triharmonic, 1}, 1, {}), b(centres, {Kernel::triharmonic, 1}, 1, one);
+  const MatrixXd B = with_side_conditions(data(centres), 4);
+  EXPECT_EQ(a.solve(B, 1e-6, {}).coefficients, b.solve(B, 1e-6, one).coefficients);
+}
+
+TEST(IterativeSystem, RefusesWendlandAndCanBeCancelled) {
+  const std::vector<Vec3> centres = sphere(1000);
+  EXPECT_THROW(IterativeSystem(centres, {Kernel::wendland_c2, 0.5}, 1, {}), Error);
+  const IterativeSystem system(centres, {Kernel::triharmonic, 1}, 1, {});
+  RunContext context;
+  context.cancel.emplace();
+  context.cancel->cancel();
+  EXPECT_THROW(system.solve(with_side_conditions(data(centres), 4), 1e-6, context), Error);
+}
+
+TEST(IterativeSystem, MemoryIsBoundedAndLinear) {
+  for (const std::size_t count : {std::size_t{500}, std::size_t{3000}, std::size_t{6000}}) {
+    const IterativeSystem system(sphere(count), {Kernel::triharmonic, 1}, 1, {});
+    EXPECT_LE(system.bytes(), IterativeSystem::bytes_for(count)) << count;
+  }
+  EXPECT_LT(IterativeSystem::bytes_for(200000), 2.2 * static_cast<double>(IterativeSystem::bytes_for(100000)));
+}
+
+TEST(ChosenSolver, IsIterativeForManyCentresOfSmoothKernels) {
+  EXPECT_EQ(chosen_solver(Solver::automatic, Kernel::triharmonic, 20000), Solver::cholesky);
+  EXPECT_EQ(chosen_solver(Solver::automatic, Kernel::triharmonic, 20001), Solver::iterative);
+  EXPECT_EQ(chosen_solver(Solver::automatic, Kernel::wendland_c2, 30000), Solver::cholesky);
+  EXPECT_EQ(chosen_solver(Solver::ldlt, Kernel::triharmonic, 30000), Solver::ldlt);
+}
+
+}  // namespace
+}  // namespace deform
