@@ -1,7 +1,9 @@
 #include "core/io/coordinate_records.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 
 #include "core/base/error.h"
@@ -12,21 +14,6 @@ namespace deform::io {
 namespace {
 
 bool same_bits(double a, double b) { return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b); }
-
-void check_points(std::span<const Vec3> points, std::size_t expected) {
-  if (points.size() != expected) {
-    throw Error(ErrorCode::invalid_argument,
-                "points: there are " + std::to_string(points.size()) + ", the mesh file has " + std::to_string(expected));
-  }
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    for (int k = 0; k < 3; ++k) {
-      if (!std::isfinite(points[i][k])) {
-        throw Error(ErrorCode::invalid_argument,
-                    "points[" + std::to_string(i) + "]: coordinate " + "xyz"[k] + " is not a finite number");
-      }
-    }
-  }
-}
 
 std::size_t record_point(std::span<const PointId> record_points, std::size_t record) {
   return record_points.empty() ? record : record_points[record];
@@ -111,15 +98,6 @@ class BinaryMeshFile : public MeshFile {
   }
 
  private:
-  static float as_float(double value, std::size_t point, int axis) {
-    const auto narrow = static_cast<float>(value);
-    if (!std::isfinite(narrow)) {
-      throw Error(ErrorCode::invalid_argument, "points[" + std::to_string(point) + "]: coordinate " + "xyz"[axis] +
-                                                   " is beyond the range of the file's 32-bit floats");
-    }
-    return narrow;
-  }
-
   const Format format_;
   const std::string bytes_;
   const std::shared_ptr<const Mesh> mesh_;
@@ -127,6 +105,48 @@ class BinaryMeshFile : public MeshFile {
 };
 
 }  // namespace
+
+void check_plane(std::span<const Vec3> points, const Points& original) {
+  const double tolerance = 1e-12 * bounding_box(original).diagonal();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const double moved = points[i][2] - original[i][2];
+    if (std::abs(moved) <= tolerance) continue;
+    char text[32];
+    std::snprintf(text, sizeof text, "%.3g", moved);
+    throw Error(ErrorCode::invalid_argument, "points[" + std::to_string(i) + "]: z moves by " + text +
+                                                 ", but the mesh file is two-dimensional: points must stay in its plane");
+  }
+}
+
+void check_points(std::span<const Vec3> points, std::size_t expected) {
+  if (points.size() != expected) {
+    throw Error(ErrorCode::invalid_argument,
+                "points: there are " + std::to_string(points.size()) + ", the mesh file has " + std::to_string(expected));
+  }
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    for (int k = 0; k < 3; ++k) {
+      if (!std::isfinite(points[i][k])) {
+        throw Error(ErrorCode::invalid_argument,
+                    "points[" + std::to_string(i) + "]: coordinate " + "xyz"[k] + " is not a finite number");
+      }
+    }
+  }
+}
+
+float as_float(double value, std::size_t point, int axis) {
+  const auto narrow = static_cast<float>(value);
+  if (!std::isfinite(narrow)) {
+    throw Error(ErrorCode::invalid_argument, "points[" + std::to_string(point) + "]: coordinate " + "xyz"[axis] +
+                                                 " is beyond the range of the file's 32-bit floats");
+  }
+  return narrow;
+}
+
+bool same_points(std::span<const Vec3> a, std::span<const Vec3> b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const Vec3& p, const Vec3& q) {
+    return same_bits(p[0], q[0]) && same_bits(p[1], q[1]) && same_bits(p[2], q[2]);
+  });
+}
 
 std::unique_ptr<MeshFile> make_text_mesh_file(Format format, std::string bytes, std::shared_ptr<const Mesh> mesh,
                                               TextRecords records) {

@@ -27,6 +27,17 @@ struct TextRecords {
   std::span<const PointId> record_points;
 };
 
+/// What a 2D file needs before it is written: throws Error(invalid_argument) naming the point when a z differs from that of
+/// `original` by more than 1e-12 of its bounding-box diagonal, since the file has no place for it. Sizes must agree.
+void check_plane(std::span<const Vec3> points, const Points& original);
+
+/// Throws Error(invalid_argument) when there are not `expected` points, or one is not finite.
+void check_points(std::span<const Vec3> points, std::size_t expected);
+/// The nearest float; throws Error(invalid_argument) naming point and axis when that is infinite.
+float as_float(double value, std::size_t point, int axis);
+/// Whether all coordinates have the same bits.
+bool same_points(std::span<const Vec3> a, std::span<const Vec3> b);
+
 /// A text file: tokens of changed coordinates are replaced, every other byte is copied.
 std::unique_ptr<MeshFile> make_text_mesh_file(Format format, std::string bytes, std::shared_ptr<const Mesh> mesh,
                                               TextRecords records);

@@ -32,10 +32,14 @@ Format format_of(const std::string& name) {
   if (plain.ends_with(".ply")) return Format::ply;
   if (plain.ends_with(".stl")) return Format::stl;
   if (plain.ends_with(".mesh")) return Format::medit;
+  if (plain.ends_with(".cgns")) return Format::cgns;
+  for (const char* extension : {".e", ".exo", ".ex2", ".g"}) {
+    if (plain.ends_with(extension)) return Format::exodus;
+  }
   if (plain == "points" || plain.ends_with("/points")) return Format::openfoam;
   throw Error(ErrorCode::invalid_argument, name +
-                                               ": unknown mesh format, expected a name that ends in .obj, .off, .ply, .stl or "
-                                               ".mesh (optionally .gz), or the folder of "
+                                               ": unknown mesh format, expected a name that ends in .obj, .off, .ply, .stl, "
+                                               ".mesh, .cgns, .e, .exo, .ex2 or .g (optionally .gz), or the folder of "
                                                "an OpenFOAM mesh");
 }
 
@@ -53,6 +57,10 @@ const char* to_string(Format format) {
       return "OpenFOAM";
     case Format::medit:
       return "Medit";
+    case Format::cgns:
+      return "CGNS";
+    case Format::exodus:
+      return "Exodus";
   }
   return "unknown";
 }
@@ -77,6 +85,12 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
       break;
     case Format::medit:
       file = parse_medit(std::move(bytes), name);
+      break;
+    case Format::cgns:
+      file = parse_cgns(std::move(bytes), name);
+      break;
+    case Format::exodus:
+      file = parse_exodus(std::move(bytes), name);
       break;
     case Format::openfoam:
       throw Error(ErrorCode::invalid_argument, name + ": points alone are no mesh, the files beside them are needed");
