@@ -60,7 +60,7 @@ class CgnsFile : public MeshFile {
       }
       tree.close();
     }
-    return keep_date(file.bytes());
+    return keep_date(file.bytes(largest_rewritten(bytes_.size())));
   }
 
  private:
