@@ -76,7 +76,7 @@ CgnsTree::Node CgnsTree::root() const {
 }
 
 std::vector<CgnsTree::Node> CgnsTree::children(const Node& parent) const {
-  if (parent.link) fail(parent, "this is a link; meshes that lie in several files or nodes are not supported");
+  refuse_link(parent);
   int count = 0;
   check(cgio_number_children(file_, parent.id, &count), parent, "the number of nodes");
   if (count < 0 || static_cast<std::uint64_t>(count) > most_bytes_) fail(parent, "more nodes than the file has bytes");
@@ -120,14 +120,19 @@ CgnsTree::Node CgnsTree::at(const std::string& path) const {
   return node;
 }
 
+void CgnsTree::refuse_link(const Node& node) const {
+  if (node.link) fail(node, "this is a link; meshes that lie in several files or nodes are not supported");
+}
+
 std::string CgnsTree::type(const Node& node) const {
+  refuse_link(node);
   std::array<char, text_size> text{};
   check(cgio_get_data_type(file_, node.id, text.data()), node, "the type of the data");
   return text.data();
 }
 
 std::vector<std::int64_t> CgnsTree::dimensions(const Node& node) const {
-  if (node.link) fail(node, "this is a link; meshes that lie in several files or nodes are not supported");
+  refuse_link(node);
   int count = 0;
   std::array<cgsize_t, CGIO_MAX_DIMENSIONS> values{};
   check(cgio_get_dimensions(file_, node.id, &count, values.data()), node, "the size of the data");
