@@ -66,7 +66,9 @@ class Header {
     const std::uint32_t found = word();
     const std::uint64_t entries = count();
     if (entries > 0 && found != tag) fail("expected the tag " + std::to_string(tag) + ", found " + std::to_string(found));
-    if (entries > (bytes_.size() - at_) / least) fail("a list of " + std::to_string(entries) + " entries");
+    if (entries > (bytes_.size() - at_) / least)
+      fail("a list of " + std::to_string(entries) + " entries, the file has only " + std::to_string(bytes_.size() - at_) +
+           " bytes left");
     return entries;
   }
 
