@@ -32,10 +32,14 @@ Format format_of(const std::string& name) {
   if (plain.ends_with(".ply")) return Format::ply;
   if (plain.ends_with(".stl")) return Format::stl;
   if (plain.ends_with(".mesh")) return Format::medit;
+  if (plain.ends_with(".su2")) return Format::su2;
+  if (plain.ends_with(".vtk")) return Format::vtk;
+  if (plain.ends_with(".vtu")) return Format::vtu;
+  if (plain.ends_with(".vtp")) return Format::vtp;
   if (plain == "points" || plain.ends_with("/points")) return Format::openfoam;
   throw Error(ErrorCode::invalid_argument, name +
-                                               ": unknown mesh format, expected a name that ends in .obj, .off, .ply, .stl or "
-                                               ".mesh (optionally .gz), or the folder of "
+                                               ": unknown mesh format, expected a name that ends in .obj, .off, .ply, .stl, "
+                                               ".mesh, .su2, .vtk, .vtu or .vtp (optionally .gz), or the folder of "
                                                "an OpenFOAM mesh");
 }
 
@@ -53,6 +57,14 @@ const char* to_string(Format format) {
       return "OpenFOAM";
     case Format::medit:
       return "Medit";
+    case Format::su2:
+      return "SU2";
+    case Format::vtk:
+      return "VTK";
+    case Format::vtu:
+      return "VTU";
+    case Format::vtp:
+      return "VTP";
   }
   return "unknown";
 }
@@ -77,6 +89,18 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
       break;
     case Format::medit:
       file = parse_medit(std::move(bytes), name);
+      break;
+    case Format::su2:
+      file = parse_su2(std::move(bytes), name);
+      break;
+    case Format::vtk:
+      file = parse_vtk(std::move(bytes), name);
+      break;
+    case Format::vtu:
+      file = parse_vtu(std::move(bytes), name);
+      break;
+    case Format::vtp:
+      file = parse_vtp(std::move(bytes), name);
       break;
     case Format::openfoam:
       throw Error(ErrorCode::invalid_argument, name + ": points alone are no mesh, the files beside them are needed");
