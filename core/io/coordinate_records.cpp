@@ -1,5 +1,6 @@
 #include "core/io/coordinate_records.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
@@ -138,6 +139,12 @@ void check_plane(std::span<const Vec3> points, const Points& original) {
     throw Error(ErrorCode::invalid_argument, "points[" + std::to_string(i) + "]: z moves by " + text +
                                                  ", but the mesh file is two-dimensional: points must stay in its plane");
   }
+}
+
+bool same_points(std::span<const Vec3> a, std::span<const Vec3> b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const Vec3& p, const Vec3& q) {
+    return same_bits(p[0], q[0]) && same_bits(p[1], q[1]) && same_bits(p[2], q[2]);
+  });
 }
 
 std::unique_ptr<MeshFile> make_text_mesh_file(Format format, std::string bytes, std::shared_ptr<const Mesh> mesh,

@@ -41,6 +41,9 @@ struct TextRecords {
 /// `original` by more than 1e-12 of its bounding-box diagonal, since the file has no place for it. Sizes must agree.
 void check_plane(std::span<const Vec3> points, const Points& original);
 
+/// Whether all coordinates have the same bits.
+bool same_points(std::span<const Vec3> a, std::span<const Vec3> b);
+
 /// A text file: tokens of changed coordinates are replaced, every other byte is copied.
 std::unique_ptr<MeshFile> make_text_mesh_file(Format format, std::string bytes, std::shared_ptr<const Mesh> mesh,
                                               TextRecords records);

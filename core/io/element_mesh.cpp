@@ -42,14 +42,27 @@ void append(const ElementMesh::Face& face, Mesh& mesh) {
   }
 }
 
+void add_face_sets(const ElementMesh& source, FaceGroups& groups, const std::function<void(std::size_t, std::size_t)>& add) {
+  for (const auto& set : source.face_sets) {
+    const std::size_t group = groups.find_or_add(set.kind, set.name);
+    for (const std::size_t face : set.faces) add(face, group);
+  }
+}
+
 void add_surface(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
+  std::vector<std::size_t> firsts;
   for (const auto& face : source.faces) {
     const std::size_t first = mesh.face_sizes.size();
     append(face, mesh);
+    firsts.push_back(first);
     if (face.name.empty()) continue;
     const std::size_t group = groups.find_or_add(Kind::group, face.name);
     for (std::size_t f = first; f < mesh.face_sizes.size(); ++f) groups.add_face(group, static_cast<FaceId>(f));
   }
+  firsts.push_back(mesh.face_sizes.size());
+  add_face_sets(source, groups, [&](std::size_t face, std::size_t group) {
+    for (std::size_t f = firsts[face]; f < firsts[face + 1]; ++f) groups.add_face(group, static_cast<FaceId>(f));
+  });
 }
 
 BoundaryFaces boundary_faces(const PolyhedralCells& cells) {
@@ -70,17 +83,20 @@ void add_boundary(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
     for (FaceId f = boundary.sides[side]; f < boundary.sides[side + 1]; ++f) corner += boundary.sizes[f];
     sides.emplace(face_key(std::span(boundary.points).subspan(first, corner - first)), side);
   }
-  for (const auto& face : source.faces) {
-    if (face.name.empty()) continue;
-    const std::size_t group = groups.find_or_add(Kind::group, face.name);
-    std::vector<PointId> nodes = face.corners;
-    if (face.centre) nodes.push_back(*face.centre);
+  const auto add = [&](std::size_t face, std::size_t group) {
+    std::vector<PointId> nodes = source.faces[face].corners;
+    if (source.faces[face].centre) nodes.push_back(*source.faces[face].centre);
     if (const auto found = sides.find(face_key(nodes)); found != sides.end()) {
       for (FaceId f = boundary.sides[found->second]; f < boundary.sides[found->second + 1]; ++f) groups.add_face(group, f);
     } else {
       for (const PointId point : nodes) groups.add_point(group, point);
     }
+  };
+  for (std::size_t face = 0; face < source.faces.size(); ++face) {
+    if (source.faces[face].name.empty()) continue;
+    add(face, groups.find_or_add(Kind::group, source.faces[face].name));
   }
+  add_face_sets(source, groups, add);
   mesh.face_sizes = std::move(boundary.sizes);
   mesh.face_points = std::move(boundary.points);
 }
@@ -95,7 +111,7 @@ void add_volumes(const ElementMesh& source, FaceGroups& groups) {
 
 void add_point_sets(const ElementMesh& source, FaceGroups& groups) {
   for (const auto& set : source.point_sets) {
-    const std::size_t group = groups.find_or_add(Kind::point_zone, set.name);
+    const std::size_t group = groups.find_or_add(set.kind, set.name);
     for (const PointId point : set.points) groups.add_point(group, point);
   }
 }
@@ -105,7 +121,7 @@ void add_point_sets(const ElementMesh& source, FaceGroups& groups) {
 void ElementMesh::add_face(std::span<const PointId> nodes, const std::string& name) {
   Face face{{nodes.begin(), nodes.end()}, name};
   if (nodes.size() >= 6) {
-    const std::size_t n = nodes.size() == 6 ? 3 : 4;
+    const std::size_t n = nodes.size() <= 7 ? 3 : 4;
     for (std::size_t c = 0; c < n; ++c) {
       face.corners[2 * c] = nodes[c];
       face.corners[2 * c + 1] = nodes[n + c];

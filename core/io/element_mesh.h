@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "core/io/face_groups.h"
 #include "core/io/mesh_file.h"
 #include "core/mesh/elements.h"
 
@@ -19,18 +20,25 @@ struct ElementMesh {
     std::string name;              ///< of the group it belongs to; none when empty
     std::optional<PointId> centre = std::nullopt;  ///< the node amid it, where it has one
   };
+  struct FaceSet {
+    std::string name;
+    std::vector<std::size_t> faces;  ///< indices of `faces`
+    FaceGroups::Kind kind = FaceGroups::Kind::group;
+  };
   struct PointSet {
     std::string name;
     std::vector<PointId> points;
+    FaceGroups::Kind kind = FaceGroups::Kind::point_zone;
   };
   std::vector<Vec3> points;
   Elements elements;
   std::optional<PolyhedralCells> cells;   ///< instead of elements
   std::vector<std::string> volume_names;  ///< of the elements' groups; one per element, or none
   std::vector<Face> faces;
+  std::vector<FaceSet> face_sets;  ///< further groups of surface elements
   std::vector<PointSet> point_sets;
 
-  /// A surface element of 3, 4, 6, 8 or 9 nodes: corners, then the nodes amid its edges, then the one amid it (CGNS, Gmsh,
+  /// A surface element of 3, 4, 6, 7, 8 or 9 nodes: corners, then the nodes amid its edges, then the one amid it (CGNS, Gmsh,
   /// Exodus, Abaqus, VTK).
   void add_face(std::span<const PointId> nodes, const std::string& name);
 };

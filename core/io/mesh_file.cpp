@@ -36,11 +36,16 @@ Format format_of(const std::string& name) {
   if (plain.ends_with(".vtk")) return Format::vtk;
   if (plain.ends_with(".vtu")) return Format::vtu;
   if (plain.ends_with(".vtp")) return Format::vtp;
+  if (plain.ends_with(".cgns")) return Format::cgns;
+  for (const char* extension : {".e", ".exo", ".ex2", ".g"}) {
+    if (plain.ends_with(extension)) return Format::exodus;
+  }
   if (plain == "points" || plain.ends_with("/points")) return Format::openfoam;
-  throw Error(ErrorCode::invalid_argument, name +
-                                               ": unknown mesh format, expected a name that ends in .obj, .off, .ply, .stl, "
-                                               ".mesh, .su2, .vtk, .vtu or .vtp (optionally .gz), or the folder of "
-                                               "an OpenFOAM mesh");
+  throw Error(ErrorCode::invalid_argument,
+              name +
+                  ": unknown mesh format, expected a name that ends in .obj, .off, .ply, .stl, "
+                  ".mesh, .su2, .vtk, .vtu, .vtp, .cgns, .e, .exo, .ex2 or .g (optionally .gz), or the folder of "
+                  "an OpenFOAM mesh");
 }
 
 const char* to_string(Format format) {
@@ -65,6 +70,10 @@ const char* to_string(Format format) {
       return "VTU";
     case Format::vtp:
       return "VTP";
+    case Format::cgns:
+      return "CGNS";
+    case Format::exodus:
+      return "Exodus";
   }
   return "unknown";
 }
@@ -101,6 +110,12 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
       break;
     case Format::vtp:
       file = parse_vtp(std::move(bytes), name);
+      break;
+    case Format::cgns:
+      file = parse_cgns(std::move(bytes), name);
+      break;
+    case Format::exodus:
+      file = parse_exodus(std::move(bytes), name);
       break;
     case Format::openfoam:
       throw Error(ErrorCode::invalid_argument, name + ": points alone are no mesh, the files beside them are needed");

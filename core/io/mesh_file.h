@@ -14,7 +14,7 @@
 
 namespace deform::io {
 
-enum class Format { obj, off, ply, stl, openfoam, medit, su2, vtk, vtu, vtp };
+enum class Format { obj, off, ply, stl, openfoam, medit, cgns, exodus, su2, vtk, vtu, vtp };
 
 /// A mesh read from a file, together with what is needed to write the same file with other coordinates. Immutable; any thread may
 /// read.
