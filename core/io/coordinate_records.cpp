@@ -13,8 +13,6 @@ namespace deform::io {
 
 namespace {
 
-bool same_bits(double a, double b) { return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b); }
-
 std::size_t record_point(std::span<const PointId> record_points, std::size_t record) {
   return record_points.empty() ? record : record_points[record];
 }
@@ -29,6 +27,7 @@ class TextMeshFile : public MeshFile {
 
   std::string with_points(std::span<const Vec3> points) const override {
     check_points(points, mesh_->point_count());
+    if (records_.dimensions == 2) check_plane(points, mesh_->points);
     std::string out;
     out.reserve(bytes_.size() + bytes_.size() / 4);
     std::size_t copied = 0;
@@ -36,7 +35,7 @@ class TextMeshFile : public MeshFile {
       const CoordinateTokens& tokens = records_.tokens[record];
       const std::size_t point = record_point(records_.record_points, record);
       const std::size_t positions[3] = {tokens.first, tokens.first + tokens.second, tokens.first + tokens.third};
-      for (int i = 0; i < 3; ++i) {
+      for (int i = 0; i < records_.dimensions; ++i) {
         const int axis = records_.axes[i];
         if (same_bits(points[point][axis], mesh_->points[point][axis])) continue;
         out.append(bytes_, copied, positions[i] - copied);
@@ -49,12 +48,6 @@ class TextMeshFile : public MeshFile {
   }
 
  private:
-  static void append_number(std::string& out, double value) {
-    char buffer[32];
-    const auto result = std::to_chars(buffer, buffer + sizeof buffer, value);
-    out.append(buffer, result.ptr);
-  }
-
   /// Readers have seen a number there: letters, digits, signs and points.
   std::size_t token_end(std::size_t position) const {
     const auto belongs = [](char c) {
@@ -106,18 +99,6 @@ class BinaryMeshFile : public MeshFile {
 
 }  // namespace
 
-void check_plane(std::span<const Vec3> points, const Points& original) {
-  const double tolerance = 1e-12 * bounding_box(original).diagonal();
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const double moved = points[i][2] - original[i][2];
-    if (std::abs(moved) <= tolerance) continue;
-    char text[32];
-    std::snprintf(text, sizeof text, "%.3g", moved);
-    throw Error(ErrorCode::invalid_argument, "points[" + std::to_string(i) + "]: z moves by " + text +
-                                                 ", but the mesh file is two-dimensional: points must stay in its plane");
-  }
-}
-
 void check_points(std::span<const Vec3> points, std::size_t expected) {
   if (points.size() != expected) {
     throw Error(ErrorCode::invalid_argument,
@@ -133,6 +114,12 @@ void check_points(std::span<const Vec3> points, std::size_t expected) {
   }
 }
 
+void append_number(std::string& out, double value) {
+  char buffer[32];
+  const auto result = std::to_chars(buffer, buffer + sizeof buffer, value);
+  out.append(buffer, result.ptr);
+}
+
 float as_float(double value, std::size_t point, int axis) {
   const auto narrow = static_cast<float>(value);
   if (!std::isfinite(narrow)) {
@@ -140,6 +127,18 @@ float as_float(double value, std::size_t point, int axis) {
                                                  " is beyond the range of the file's 32-bit floats");
   }
   return narrow;
+}
+
+void check_plane(std::span<const Vec3> points, const Points& original) {
+  const double tolerance = 1e-12 * bounding_box(original).diagonal();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const double moved = points[i][2] - original[i][2];
+    if (std::abs(moved) <= tolerance) continue;
+    char text[32];
+    std::snprintf(text, sizeof text, "%.3g", moved);
+    throw Error(ErrorCode::invalid_argument, "points[" + std::to_string(i) + "]: z moves by " + text +
+                                                 ", but the mesh file is two-dimensional: points must stay in its plane");
+  }
 }
 
 bool same_points(std::span<const Vec3> a, std::span<const Vec3> b) {

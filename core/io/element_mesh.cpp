@@ -14,17 +14,24 @@ using Kind = FaceGroups::Kind;
 
 class ElementMeshFile : public MeshFile {
  public:
-  ElementMeshFile(std::unique_ptr<MeshFile> points, std::shared_ptr<const Elements> elements)
-      : points_(std::move(points)), elements_(std::move(elements)) {}
+  ElementMeshFile(std::unique_ptr<MeshFile> points, ElementMesh&& source) : points_(std::move(points)) {
+    if (source.cells) {
+      cells_ = std::make_shared<const PolyhedralCells>(std::move(*source.cells));
+    } else {
+      elements_ = std::make_shared<const Elements>(std::move(source.elements));
+    }
+  }
 
   Format format() const override { return points_->format(); }
   std::shared_ptr<const Mesh> mesh() const override { return points_->mesh(); }
   std::shared_ptr<const Elements> elements() const override { return elements_; }
+  std::shared_ptr<const PolyhedralCells> cells() const override { return cells_; }
   std::string with_points(std::span<const Vec3> points) const override { return points_->with_points(points); }
 
  private:
   const std::unique_ptr<MeshFile> points_;
-  const std::shared_ptr<const Elements> elements_;
+  std::shared_ptr<const Elements> elements_;
+  std::shared_ptr<const PolyhedralCells> cells_;
 };
 
 void append(const ElementMesh::Face& face, Mesh& mesh) {
@@ -58,8 +65,17 @@ void add_surface(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
   });
 }
 
+BoundaryFaces boundary_faces(const PolyhedralCells& cells) {
+  BoundaryFaces boundary;
+  for (std::size_t f = cells.internal_faces(); f < cells.face_count(); ++f) {
+    append_face(cells.face(f), boundary.sizes, boundary.points);
+    boundary.sides.push_back(static_cast<FaceId>(boundary.sizes.size()));
+  }
+  return boundary;
+}
+
 void add_boundary(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
-  BoundaryFaces boundary = boundary_faces(source.elements);
+  BoundaryFaces boundary = source.cells ? boundary_faces(*source.cells) : boundary_faces(source.elements);
   std::map<std::vector<PointId>, std::size_t> sides;
   std::size_t corner = 0;
   for (std::size_t side = 0; side + 1 < boundary.sides.size(); ++side) {
@@ -121,7 +137,7 @@ std::unique_ptr<MeshFile> with_elements(ElementMesh&& source, const std::string&
   const auto mesh = std::make_shared<Mesh>();
   try {
     FaceGroups groups;
-    if (source.elements.size() == 0) {
+    if (source.elements.size() == 0 && !source.cells) {
       add_surface(source, *mesh, groups);
     } else {
       add_boundary(source, *mesh, groups);
@@ -134,8 +150,8 @@ std::unique_ptr<MeshFile> with_elements(ElementMesh&& source, const std::string&
   } catch (const Error& error) {
     throw Error(error.code(), name + ": " + error.what());
   }
-  if (source.elements.size() == 0) return make(mesh);
-  return std::make_unique<ElementMeshFile>(make(mesh), std::make_shared<const Elements>(std::move(source.elements)));
+  if (source.elements.size() == 0 && !source.cells) return make(mesh);
+  return std::make_unique<ElementMeshFile>(make(mesh), std::move(source));
 }
 
 }  // namespace deform::io

@@ -32,6 +32,7 @@ struct ElementMesh {
   };
   std::vector<Vec3> points;
   Elements elements;
+  std::optional<PolyhedralCells> cells;   ///< instead of elements
   std::vector<std::string> volume_names;  ///< of the elements' groups; one per element, or none
   std::vector<Face> faces;
   std::vector<FaceSet> face_sets;  ///< further groups of surface elements
@@ -42,8 +43,8 @@ struct ElementMesh {
   void add_face(std::span<const PointId> nodes, const std::string& name);
 };
 
-/// A file of it. Its faces are those of the boundary of the elements, or the surface elements where there are no others; a
-/// surface element that is a face of the boundary belongs to its group as a face (as all the faces that one with a node amid it
+/// A file of it. Its faces are those of the boundary of the elements or cells, or the surface elements where there are no others;
+/// a surface element that is a face of the boundary belongs to its group as a face (as all the faces that one with a node amid it
 /// is split into), any other with its points. Groups of elements hold their points; they are left out when there is one only.
 /// `make` makes the part that writes points. Throws Error(invalid_argument) naming the file.
 std::unique_ptr<MeshFile> with_elements(ElementMesh&& source, const std::string& name,

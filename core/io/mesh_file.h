@@ -14,7 +14,7 @@
 
 namespace deform::io {
 
-enum class Format { obj, off, ply, stl, openfoam, medit, cgns, exodus };
+enum class Format { obj, off, ply, stl, openfoam, medit, cgns, exodus, su2, vtk, vtu, vtp };
 
 /// A mesh read from a file, together with what is needed to write the same file with other coordinates. Immutable; any thread may
 /// read.
@@ -42,9 +42,10 @@ class MeshFile {
   bool compressed = false;  ///< the bytes came gzipped
 };
 
-/// Reads .obj .off .ply .stl and Medit's .mesh, each also as .gz (recognised by content), and OpenFOAM meshes: a folder that
-/// holds constant/polyMesh, polyMesh or the files of one, or the path of its `points`. Throws Error(invalid_argument) naming
-/// file, line (or byte offset) and what was expected; Error(not_found) when the file cannot be opened.
+/// Reads .obj .off .ply .stl, Medit's .mesh, SU2's .su2, VTK's .vtk, .vtu and .vtp, each also as .gz (recognised by content), and
+/// OpenFOAM meshes: a folder that holds constant/polyMesh, polyMesh or the files of one, or the path of its `points`. Throws
+/// Error(invalid_argument) naming file, line (or byte offset) and what was expected; Error(not_found) when the file cannot be
+/// opened.
 std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path);
 
 /// The same from memory; `name` gives the format by its extension and stands in errors. What the bytes claim (counts) is checked

@@ -4,9 +4,11 @@ after. The points must be the moved ones, everything else the same. What is not 
 A format is one row of READERS; a reader gives the points and whatever else it knows, as a dictionary of arrays or plain values.
 """
 
+import contextlib
 import fnmatch
 import gzip
 import importlib
+import io
 import os
 import subprocess
 import sys
@@ -37,7 +39,8 @@ class Reading:
 
 def with_meshio(path):
     numpy, meshio = library("numpy"), library("meshio")
-    mesh = meshio.read(path)
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):  # it warns of every marker
+        mesh = meshio.read(path)
     points = numpy.asarray(mesh.points)
     rest = {}
     for number, block in enumerate(mesh.cells):
@@ -54,9 +57,64 @@ def with_meshio(path):
     return Reading(points.astype(float), scalar, rest)
 
 
+def as_su2_lines(path):
+    """For meshio takes the index behind a 2D point for a coordinate."""
+    numpy = library("numpy")
+    with open(path, newline="") as file:
+        lines = file.read().split("\n")
+    starts = {words[0].split("=")[0]: number for number, words in enumerate(map(str.split, lines)) if words and "=" in words[0]}
+    dimension, count = (int(lines[starts[key]].split("=")[1].split()[0]) for key in ("NDIME", "NPOIN"))
+    first = starts["NPOIN"] + 1
+    table = [line.split() for line in lines[first:first + count]]
+    points = numpy.zeros((count, 3))
+    points[:, :dimension] = [[float(word) for word in words[:dimension]] for words in table]
+    return Reading(points, float, {"others": lines[:first] + lines[first + count:], "indices": [words[dimension:] for words in table]})
+
+
+def with_vtk(path):
+    vtk, support = library("vtk"), library("vtk.util.numpy_support")
+    kinds = {".vtu": vtk.vtkXMLUnstructuredGridReader, ".vtp": vtk.vtkXMLPolyDataReader, ".vtk": vtk.vtkDataSetReader}
+    reader = kinds[os.path.splitext(path)[1]]()
+    reader.SetFileName(path)
+    reader.Update()
+    data = reader.GetOutputDataObject(0)
+    rest = {}
+
+    def add(name, array):
+        if isinstance(array, vtk.vtkDataArray):
+            rest[name] = support.vtk_to_numpy(array)
+        elif array is not None:
+            rest[name] = [str(array.GetValue(i)) for i in range(array.GetNumberOfValues())]
+
+    for kind in ("PointData", "CellData", "FieldData"):
+        attributes = getattr(data, "Get" + kind)()
+        for number in range(attributes.GetNumberOfArrays()):
+            add(f"{kind} {number} {attributes.GetArrayName(number)}", attributes.GetAbstractArray(number))
+    if isinstance(data, vtk.vtkUnstructuredGrid):
+        add("types", data.GetCellTypesArray())
+        add("faces", data.GetFaces())
+        lists = {"cells": data.GetCells()}
+    elif isinstance(data, vtk.vtkPolyData):
+        lists = {"vertices": data.GetVerts(), "lines": data.GetLines(), "polygons": data.GetPolys(), "strips": data.GetStrips()}
+    else:
+        rest["dimensions"] = data.GetDimensions()
+        lists = {}
+    for name, cells in lists.items():
+        add(name + " offsets", cells.GetOffsetsArray())
+        add(name, cells.GetConnectivityArray())
+    points = support.vtk_to_numpy(data.GetPoints().GetData())
+    return Reading(points.astype(float), points.dtype.type, rest)
+
+
 # One row per format and reader: names of files, reader.
 READERS = [
     ("*.mesh", with_meshio),
+    ("*.su2", as_su2_lines),
+    ("[!m]*.su2", with_meshio),  # 3D
+    ("*.vtk", with_meshio),
+    ("*.vtk", with_vtk),
+    ("*.vtu", with_meshio),
+    ("*.vtu", with_vtk),
 ]
 
 

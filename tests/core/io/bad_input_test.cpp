@@ -47,7 +47,7 @@ constexpr std::uint32_t nan_bits = 0x7fc00000, inf_bits = 0x7f800000;
 INSTANTIATE_TEST_SUITE_P(
     Names, BadInputTest,
     testing::Values(
-        BadInput{"UnknownExtension", "car.step", "x", {".obj, .off, .ply, .stl or .mesh"}},
+        BadInput{"UnknownExtension", "car.step", "x", {".obj, .off, .ply, .stl, .mesh, .su2, .vtk, .vtu, .vtp, .cgns"}},
         BadInput{"NoExtension", "car", "x", {"unknown mesh format"}},
         BadInput{"OnlyGzip", "car.gz", "x", {"unknown mesh format"}},
         BadInput{"DamagedGzip", "car.obj", std::string("\x1f\x8b\x08\0\0\0\0\0\0\0\xff\xff", 12), {"gzip data"}},
