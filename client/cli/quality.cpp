@@ -192,7 +192,8 @@ ExitCode run_quality(const QualityOptions& options, const CommonOptions& common)
 void add_quality_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
   const auto options = std::make_shared<QualityOptions>();
   auto* command = app.add_subcommand("quality", "Measure the cells of a volume mesh; needs no server");
-  command->add_option("FILE", options->file, "Volume mesh: an OpenFOAM case or one of its time folders, or .mesh")->required();
+  command->add_option("FILE", options->file, "Volume mesh: an OpenFOAM case or one of its time folders, .mesh, .cgns or .e")
+      ->required();
   command->add_option("--before", options->before, "The undeformed mesh, shown beside it");
   command->add_option("--fail-on", options->fail_on, "Exit code 1 when NAME>NUMBER or NAME<NUMBER holds; may be repeated");
   command->footer(

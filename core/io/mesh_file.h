@@ -26,7 +26,9 @@ class MeshFile {
   /// appearance). Face groups: OBJ groups, objects and materials by their names; where an object or material has the name of a
   /// group with other faces it is called "object:NAME" or "material:NAME". STL solids by name, the n-th solid of the file
   /// "solid_n" when it has none; solids of one name are one group. OpenFOAM: the faces are those of the boundary; patches, patch
-  /// groups and point, face and cell zones by their names (see FaceGroups). Groups without members are left out.
+  /// groups and point, face and cell zones by their names (see FaceGroups). CGNS: zones one after the other; boundary conditions,
+  /// families, sections of surface elements, and where there are several also those of cells, and zones. Exodus: side sets, node
+  /// sets, blocks. Groups without members are left out.
   virtual std::shared_ptr<const Mesh> mesh() const = 0;
   /// The elements of a volume mesh in a finite-element format, over the same points; else null.
   virtual std::shared_ptr<const Elements> elements() const { return nullptr; }

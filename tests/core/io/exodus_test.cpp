@@ -2,9 +2,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <cmath>
 #include <numeric>
 #include <random>
+#include <thread>
 
 #include "core/io/mesh_file.h"
 #include "core/quality/element_quality.h"
@@ -220,6 +222,26 @@ TEST(Exodus, SidesAreThoseOfTheManual) {
       EXPECT_EQ(corners, sides[side - 1]) << name << " side " << side;
     }
   }
+}
+
+// Neither libnetcdf nor libhdf5 below it has locks: readers and writers wait for each other.
+TEST(Exodus, ManyThreads) {
+  const std::string classic = house_writer(Coordinates::apart).bytes(0),
+                    netcdf4 = house_writer(Coordinates::together).bytes(NC_NETCDF4);
+  std::vector<std::thread> threads;
+  std::atomic<int> good = 0;
+  for (int t = 0; t < 8; ++t) {
+    threads.emplace_back([&, t] {
+      for (int i = 0; i < 10; ++i) {
+        const auto file = parse_mesh(t % 2 == 0 ? classic : netcdf4, "a.e");
+        Points moved = house;
+        moved[0][0] = t + i;
+        good += parse_mesh(file->with_points(moved), "a.e")->mesh()->points == moved;
+      }
+    });
+  }
+  for (auto& thread : threads) thread.join();
+  EXPECT_EQ(good, 80);
 }
 
 TEST(Exodus, TwoDimensions) {
