@@ -95,7 +95,8 @@ ExitCode run_inspect(const InspectOptions& options, const CommonOptions& common)
 void add_inspect_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
   const auto options = std::make_shared<InspectOptions>();
   auto* command = app.add_subcommand("inspect", "Show what a mesh file contains; needs no server");
-  command->add_option("FILE", options->file, "Mesh: .obj, .off, .ply, .stl or .mesh, also with .gz, or an OpenFOAM case")
+  command
+      ->add_option("FILE", options->file, "Mesh: .obj, .off, .ply, .stl, .mesh, .cgns or .e, also with .gz, or an OpenFOAM case")
       ->required();
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_inspect(*options, common); }; });
 }

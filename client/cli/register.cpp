@@ -43,7 +43,8 @@ ExitCode run_register(const RegisterOptions& options, const CommonOptions& commo
 void add_register_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
   const auto options = std::make_shared<RegisterOptions>();
   auto* command = app.add_subcommand("register", "Give a mesh to the server and print its id");
-  command->add_option("FILE", options->file, "Mesh: .obj, .off, .ply, .stl or .mesh, also with .gz, or an OpenFOAM case")
+  command
+      ->add_option("FILE", options->file, "Mesh: .obj, .off, .ply, .stl, .mesh, .cgns or .e, also with .gz, or an OpenFOAM case")
       ->required();
   command->add_option("--name", options->name, "Label that lists show; default: the file name");
   command->footer(

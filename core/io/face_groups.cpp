@@ -7,7 +7,7 @@ namespace deform::io {
 namespace {
 
 constexpr const char* prefixes[FaceGroups::kinds] = {
-    "group:", "object:", "material:", "patchGroup:", "pointZone:", "faceZone:", "cellZone:"};
+    "group:", "object:", "material:", "patchGroup:", "pointZone:", "faceZone:", "cellZone:", "family:", "section:"};
 
 /// Length of the UTF-8 sequence at the front of `text`, 0 when there is none.
 std::size_t utf8_length(std::string_view text) {

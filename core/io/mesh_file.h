@@ -14,7 +14,7 @@
 
 namespace deform::io {
 
-enum class Format { obj, off, ply, stl, openfoam, medit };
+enum class Format { obj, off, ply, stl, openfoam, medit, cgns, exodus, su2, vtk, vtu, vtp };
 
 /// A mesh read from a file, together with what is needed to write the same file with other coordinates. Immutable; any thread may
 /// read.
@@ -26,7 +26,9 @@ class MeshFile {
   /// appearance). Face groups: OBJ groups, objects and materials by their names; where an object or material has the name of a
   /// group with other faces it is called "object:NAME" or "material:NAME". STL solids by name, the n-th solid of the file
   /// "solid_n" when it has none; solids of one name are one group. OpenFOAM: the faces are those of the boundary; patches, patch
-  /// groups and point, face and cell zones by their names (see FaceGroups). Groups without members are left out.
+  /// groups and point, face and cell zones by their names (see FaceGroups). CGNS: zones one after the other; boundary conditions,
+  /// families, sections of surface elements, and where there are several also those of cells, and zones. Exodus: side sets, node
+  /// sets, blocks. Groups without members are left out.
   virtual std::shared_ptr<const Mesh> mesh() const = 0;
   /// The elements of a volume mesh in a finite-element format, over the same points; else null.
   virtual std::shared_ptr<const Elements> elements() const { return nullptr; }
@@ -42,9 +44,10 @@ class MeshFile {
   bool compressed = false;  ///< the bytes came gzipped
 };
 
-/// Reads .obj .off .ply .stl and Medit's .mesh, each also as .gz (recognised by content), and OpenFOAM meshes: a folder that
-/// holds constant/polyMesh, polyMesh or the files of one, or the path of its `points`. Throws Error(invalid_argument) naming
-/// file, line (or byte offset) and what was expected; Error(not_found) when the file cannot be opened.
+/// Reads .obj .off .ply .stl, Medit's .mesh, SU2's .su2, VTK's .vtk, .vtu and .vtp, each also as .gz (recognised by content), and
+/// OpenFOAM meshes: a folder that holds constant/polyMesh, polyMesh or the files of one, or the path of its `points`. Throws
+/// Error(invalid_argument) naming file, line (or byte offset) and what was expected; Error(not_found) when the file cannot be
+/// opened.
 std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path);
 
 /// The same from memory; `name` gives the format by its extension and stands in errors. What the bytes claim (counts) is checked

@@ -10,10 +10,16 @@ namespace deform::io {
 
 // One reader per format. `bytes` are unpacked already; `name` stands in errors. Errors as parse_mesh().
 
+std::unique_ptr<MeshFile> parse_cgns(std::string bytes, const std::string& name);
+std::unique_ptr<MeshFile> parse_exodus(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_obj(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_medit(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_off(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_ply(std::string bytes, const std::string& name);
+std::unique_ptr<MeshFile> parse_su2(std::string bytes, const std::string& name);
+std::unique_ptr<MeshFile> parse_vtk(std::string bytes, const std::string& name);
+std::unique_ptr<MeshFile> parse_vtu(std::string bytes, const std::string& name);
+std::unique_ptr<MeshFile> parse_vtp(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_stl(std::string bytes, const std::string& name);
 
 /// The bytes of the files of a polyMesh folder; zones may be missing (empty). Names stand in errors.

@@ -100,9 +100,29 @@ def openfoam_seeds():
     yield "binary", b"\x1f".join([head("binary") + raw, head("binary") + offsets + labels(corners), b"4(0 0 0 0)", b"0()", boundary])
 
 
+def netcdf_header_seeds():
+    """Two dimensions, an attribute, a variable of doubles and one of records."""
+    for version in (1, 2, 5):
+        count = lambda n: struct.pack(">q" if version == 5 else ">i", n)
+        offset = lambda n: struct.pack(">i" if version == 1 else ">q", n)
+        tag = lambda n: struct.pack(">i", n)
+
+        def name(text):
+            return count(len(text)) + text + bytes(-len(text) % 4)
+
+        dimensions = tag(10) + count(2) + name(b"num_nodes") + count(4) + name(b"time") + count(0)
+        attributes = tag(12) + count(1) + name(b"title") + tag(2) + count(5) + b"a cat" + bytes(3)
+        none = bytes(4) + count(0)
+        for begin in (400, 1 << 20):
+            variables = tag(11) + count(2) + name(b"coordx") + count(1) + count(0) + attributes + tag(6) + count(32) + offset(begin)
+            variables += name(b"step") + count(1) + count(1) + none + tag(5) + count(4) + offset(432)
+            header = b"CDF" + bytes([version]) + count(1) + dimensions + attributes + variables
+            yield f"cdf{version}_{begin}", header.ljust(440, b"\0")
+
+
 def main():
     corpus = pathlib.Path(sys.argv[1])
-    for name, seeds in (("medit", medit_seeds()), ("obj", obj_seeds()), ("off", off_seeds()), ("openfoam", openfoam_seeds()), ("ply", ply_seeds()),
+    for name, seeds in (("medit", medit_seeds()), ("obj", obj_seeds()), ("netcdf_header", netcdf_header_seeds()), ("off", off_seeds()), ("openfoam", openfoam_seeds()), ("ply", ply_seeds()),
                         ("stl", stl_seeds())):
         folder = corpus / f"fuzz_read_{name}"
         folder.mkdir(parents=True, exist_ok=True)

@@ -47,7 +47,12 @@ constexpr std::uint32_t nan_bits = 0x7fc00000, inf_bits = 0x7f800000;
 INSTANTIATE_TEST_SUITE_P(
     Names, BadInputTest,
     testing::Values(
-        BadInput{"UnknownExtension", "car.step", "x", {".obj, .off, .ply, .stl or .mesh"}},
+        BadInput{"CgnsEmpty", "a.cgns", "", {"a.cgns", "expected a CGNS file"}},
+        BadInput{"CgnsText", "a.CGNS", "CGNS\n", {"a.CGNS", "expected a CGNS file"}}, BadInput{"ExodusEmpty", "a.e", "", {"a.e"}},
+        BadInput{"ExodusText", "a.exo", "EXODUS, an epic", {"a.exo", "Unknown file format"}},
+        BadInput{
+            "ExodusHeader", "a.g", std::string("CDF\1\0\0\0\0\0\0\0\12\0\0\0\11", 16), {"a.g: byte 16", "a list of 9 entries"}},
+        BadInput{"UnknownExtension", "car.step", "x", {".obj, .off, .ply, .stl, .mesh, .su2, .vtk, .vtu, .vtp, .cgns"}},
         BadInput{"NoExtension", "car", "x", {"unknown mesh format"}},
         BadInput{"OnlyGzip", "car.gz", "x", {"unknown mesh format"}},
         BadInput{"DamagedGzip", "car.obj", std::string("\x1f\x8b\x08\0\0\0\0\0\0\0\xff\xff", 12), {"gzip data"}},
