@@ -60,7 +60,7 @@ class CgnsFile : public MeshFile {
       }
       tree.close();
     }
-    return keep_date(file.bytes());
+    return keep_date(file.bytes(largest_rewritten(bytes_.size())));
   }
 
  private:
@@ -155,7 +155,7 @@ class CgnsReader {
     check_rind(*grid);
     double count = 1;
     for (const std::int64_t vertices : zone.vertices) count *= static_cast<double>(vertices > 0 ? vertices : 0);
-    const std::vector<Node> arrays = tree_.children(*grid, "DataArray_t");
+    const std::vector<Node> arrays = tree_.children(*grid);
     for (std::size_t axis = 0; axis < space; ++axis) {
       const Node* array = nullptr;
       for (const Node& node : arrays) {

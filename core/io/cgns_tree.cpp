@@ -13,9 +13,11 @@ namespace {
 
 // What deflate can reach, and some for the file itself. ADF does not compress.
 constexpr std::uint64_t best_compression = 1100;
+// The library's limits of texts hold for what it writes; damaged ADF nodes have longer ones.
+constexpr std::size_t text_size = 1024;
 
 std::string library_message() {
-  std::array<char, CGIO_MAX_ERROR_LENGTH + 1> text{};
+  std::array<char, text_size> text{};
   cgio_error_message(text.data());
   return text.data();
 }
@@ -74,7 +76,7 @@ CgnsTree::Node CgnsTree::root() const {
 }
 
 std::vector<CgnsTree::Node> CgnsTree::children(const Node& parent) const {
-  if (parent.link) fail(parent, "this is a link; meshes that lie in several files or nodes are not supported");
+  refuse_link(parent);
   int count = 0;
   check(cgio_number_children(file_, parent.id, &count), parent, "the number of nodes");
   if (count < 0 || static_cast<std::uint64_t>(count) > most_bytes_) fail(parent, "more nodes than the file has bytes");
@@ -84,8 +86,8 @@ std::vector<CgnsTree::Node> CgnsTree::children(const Node& parent) const {
   ids.resize(static_cast<std::size_t>(got));
   std::vector<Node> result;
   for (const double id : ids) {
-    std::array<char, CGIO_MAX_NAME_LENGTH + 1> name{};
-    std::array<char, CGIO_MAX_LABEL_LENGTH + 1> label{};
+    std::array<char, text_size> name{};
+    std::array<char, text_size> label{};
     int link = 0;
     check(cgio_get_name(file_, id, name.data()), parent, "the name of a node");
     check(cgio_is_link(file_, id, &link), parent, "a node");
@@ -118,14 +120,19 @@ CgnsTree::Node CgnsTree::at(const std::string& path) const {
   return node;
 }
 
+void CgnsTree::refuse_link(const Node& node) const {
+  if (node.link) fail(node, "this is a link; meshes that lie in several files or nodes are not supported");
+}
+
 std::string CgnsTree::type(const Node& node) const {
-  std::array<char, CGIO_MAX_DATATYPE_LENGTH + 1> text{};
+  refuse_link(node);
+  std::array<char, text_size> text{};
   check(cgio_get_data_type(file_, node.id, text.data()), node, "the type of the data");
   return text.data();
 }
 
 std::vector<std::int64_t> CgnsTree::dimensions(const Node& node) const {
-  if (node.link) fail(node, "this is a link; meshes that lie in several files or nodes are not supported");
+  refuse_link(node);
   int count = 0;
   std::array<cgsize_t, CGIO_MAX_DIMENSIONS> values{};
   check(cgio_get_dimensions(file_, node.id, &count, values.data()), node, "the size of the data");

@@ -22,7 +22,7 @@ class CgnsTree {
   struct Node {
     double id = 0;
     std::string path, name, label;
-    bool link = false;  ///< to a node elsewhere, perhaps in another file
+    bool link = false;  ///< to a node elsewhere, perhaps in another file; without a label when that is not found
   };
 
   /// `name` stands in errors. `file` loses its name.
@@ -59,7 +59,8 @@ class CgnsTree {
  private:
   /// The library's own words.
   void check(int status, const Node& node, const char* what) const;
-  /// Bytes of the data of a node, of entries of `size` bytes; throws when the file cannot hold them.
+  void refuse_link(const Node& node) const;
+  /// The number of a node's entries, of `size` bytes each; throws when the file cannot hold them.
   std::size_t entries(const Node& node, std::size_t size) const;
 
   const std::unique_lock<std::mutex> lock_;

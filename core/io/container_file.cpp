@@ -55,9 +55,13 @@ void ContainerFile::unlink() {
   named_ = false;
 }
 
-std::string ContainerFile::bytes() const {
+std::string ContainerFile::bytes(std::size_t most) const {
   struct stat status {};
   if (::fstat(descriptor_, &status) != 0) fail(path_);
+  if (static_cast<std::uint64_t>(status.st_size) > most) {
+    throw Error(ErrorCode::invalid_argument, "the mesh file grew to " + std::to_string(status.st_size) +
+                                                 " bytes while its coordinates were written; it is damaged");
+  }
   std::string bytes(static_cast<std::size_t>(status.st_size), '\0');
   std::size_t used = 0;
   while (used < bytes.size()) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <mutex>
 #include <string>
 #include <string_view>
@@ -8,6 +9,9 @@ namespace deform::io {
 
 /// libcgns, libnetcdf and the HDF5 library below both keep global state without locks: whoever calls one of them holds this lock.
 std::unique_lock<std::mutex> lock_containers();
+
+/// What a file may grow to when its coordinates are overwritten: HDF5 may place compressed data anew.
+constexpr std::size_t largest_rewritten(std::size_t bytes) { return 2 * bytes + (std::size_t{1} << 20); }
 
 /// Bytes as a file that those libraries can open by its name: a new file in the temporary folder (TMPDIR, else /tmp) which only
 /// its owner may read. It vanishes from the folder with unlink(), once a library has it open, at the latest with this object.
@@ -20,8 +24,8 @@ class ContainerFile {
 
   const std::string& path() const { return path_; }
   void unlink();
-  /// What it holds now.
-  std::string bytes() const;
+  /// What it holds now; throws Error(invalid_argument) when that is more than `most` bytes.
+  std::string bytes(std::size_t most) const;
 
  private:
   std::string path_;

@@ -8,6 +8,7 @@
 #include "core/io/coordinate_records.h"
 #include "core/io/element_mesh.h"
 #include "core/io/exodus_elements.h"
+#include "core/io/netcdf_classic.h"
 #include "core/io/netcdf_file.h"
 #include "core/io/readers.h"
 
@@ -56,7 +57,9 @@ class ExodusFile : public MeshFile {
       }
       netcdf.close();
     }
-    return file.bytes();
+    std::string written = file.bytes(largest_rewritten(bytes_.size()));
+    if (is_classic_netcdf(bytes_)) written.resize(bytes_.size());  // the library makes room for results that are not there yet
+    return written;
   }
 
  private:
@@ -261,6 +264,7 @@ class ExodusReader {
 }  // namespace
 
 std::unique_ptr<MeshFile> parse_exodus(std::string bytes, const std::string& name) {
+  check_classic_netcdf(bytes, name);
   ContainerFile file(bytes);
   const NetcdfFile netcdf(file, bytes.size(), name, NetcdfFile::Access::read);
   ExodusReader reader(netcdf);
