@@ -209,9 +209,17 @@ class Su2Reader {
     tag_ = scanner_.name();
   }
 
+  /// Markers that are the seams of partitions name their partner (SEND_RECV=) between the count and the elements.
+  void skip_partner() {
+    const std::size_t at = scanner_.position();
+    scanner_.skip_line();
+    if (!scanner_.next_in_file() || !scanner_.rest_of_line().starts_with("SEND_")) scanner_.move_to(at);
+  }
+
   void read_marker(const Statement& section) {
     if (tag_.empty()) scanner_.fail_at(section.line, "MARKER_ELEMS= without a MARKER_TAG= before it");
     const std::size_t elements = count("MARKER_ELEMS", 4);
+    skip_partner();
     ElementMesh::PointSet set{tag_, {}};
     for (std::size_t e = 0; e < elements; ++e) {
       next_line(section, e, elements);

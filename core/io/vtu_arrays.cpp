@@ -300,7 +300,7 @@ VtuData decoded(std::string_view bytes, const VtuStorage& storage, const VtuArra
   return Decoder(bytes, storage, array).read();
 }
 
-std::vector<std::int64_t> integers(std::string_view bytes, const VtuStorage& storage, const VtuArray& array) {
+std::vector<std::int64_t> integers(std::string_view bytes, const VtuStorage& storage, VtuArray& array) {
   std::vector<std::int64_t> values;
   if (array.kind == Kind::floating) fail_in_line(bytes, storage.name, array.begin, array.title + ": expected integers");
   if (array.form == Form::ascii) {
@@ -310,7 +310,9 @@ std::vector<std::int64_t> integers(std::string_view bytes, const VtuStorage& sto
     return values;
   }
   if (array.begin == array.end) return values;
-  const std::string raw = decoded(bytes, storage, array).values;
+  const VtuData data = decoded(bytes, storage, array);
+  const std::string& raw = data.values;
+  array.end = data.end;
   if (raw.size() % array.value_bytes != 0) {
     fail_in_line(bytes, storage.name, array.begin,
                  array.title + ": " + std::to_string(raw.size()) + " bytes are no whole number of values");

@@ -50,8 +50,8 @@ bool is_numeric(std::string_view bytes, const XmlNode& node);
 VtuArray find_array(std::string_view bytes, const VtuStorage& storage, const XmlNode& node);
 /// Claimed sizes are checked against the bytes before anything is allocated.
 VtuData decoded(std::string_view bytes, const VtuStorage& storage, const VtuArray& array);
-/// Integers of any kind of storage.
-std::vector<std::int64_t> integers(std::string_view bytes, const VtuStorage& storage, const VtuArray& array);
+/// Integers of any kind of storage. Sets where appended ones end.
+std::vector<std::int64_t> integers(std::string_view bytes, const VtuStorage& storage, VtuArray& array);
 /// `values` (of the same size) in the place of `old`; blocks that did not change keep their bytes.
 std::string encoded(const VtuStorage& storage, const VtuArray& array, const VtuData& old, std::string_view values);
 

@@ -177,6 +177,9 @@ class VtuReader {
         const std::uint64_t at = content_.storage.appended + offset.value;
         users += at >= points.array.begin && at < points.array.end ? 1 : 0;
       }
+      for (const VtuArray& other : read_) {
+        users += other.begin < points.array.begin && other.end > points.array.begin && other.form == points.array.form ? 1 : 0;
+      }
       if (users > 1) {
         fail_in_line(bytes_, name_, points.array.begin, points.array.title + ": another array shares its appended data");
       }
@@ -185,10 +188,13 @@ class VtuReader {
 
   // ---- cells ----
 
-  Integers array(const XmlNode& parent, std::string_view title) const {
+  Integers array(const XmlNode& parent, std::string_view title) {
     for (const XmlNode& node : parent.children) {
       if (node.name == "DataArray" && value_of(node, "Name") == title) {
-        return integers(bytes_, content_.storage, find_array(bytes_, content_.storage, node));
+        VtuArray place = find_array(bytes_, content_.storage, node);
+        Integers values = integers(bytes_, content_.storage, place);
+        read_.push_back(std::move(place));
+        return values;
       }
     }
     fail(parent, "there is no DataArray \"" + std::string(title) + "\"");
@@ -208,7 +214,7 @@ class VtuReader {
   }
 
   /// Checks that the ends rise to `size`, and gives them with a 0 in front.
-  Integers offsets(const XmlNode& parent, std::string_view title, std::size_t size) const {
+  Integers offsets(const XmlNode& parent, std::string_view title, std::size_t size) {
     Integers ends = array(parent, title);
     // Only ends stand there; of lists of faces some programs write the 0 as well, and no face is empty.
     if (title != "face_offsets" || ends.empty() || ends.front() != 0) ends.insert(ends.begin(), 0);
@@ -343,13 +349,14 @@ class VtuReader {
     if (data == nullptr || cells == 0) return;
     for (const XmlNode& node : data->children) {
       if (!is_numeric(bytes_, node)) continue;
-      const VtuArray place = find_array(bytes_, content_.storage, node);
+      VtuArray place = find_array(bytes_, content_.storage, node);
       if (place.kind == VtuArray::Kind::floating || place.components != 1) continue;
       const Integers values = integers(bytes_, content_.storage, place);
       if (values.size() != cells) {
         fail(node,
              place.title + ": " + std::to_string(values.size()) + " values, the piece has " + std::to_string(cells) + " cells");
       }
+      read_.push_back(std::move(place));
       Integers& all = labels_of(xml_text(value_of(node, "Name")));
       all.insert(all.end(), values.begin(), values.end());
     }
@@ -365,6 +372,7 @@ class VtuReader {
   const std::string_view bytes_;
   const std::string& name_;
   VtuContent content_;
+  std::vector<VtuArray> read_;  // arrays of integers
   VtkCells cells_;
   std::vector<std::pair<std::string, Integers>> labels_;
   // of the piece being read

@@ -110,7 +110,7 @@ class XmlParser {
 
   void read_inside(XmlNode& node, std::size_t depth) {
     if (node.name == opaque_) {
-      const std::size_t end = bytes_.rfind("</" + std::string(opaque_));
+      const std::size_t end = bytes_.rfind(std::string("</").append(opaque_));
       if (end == std::string_view::npos || end < at_) fail("<" + std::string(opaque_) + "> is not closed");
       at_ = end;
     }

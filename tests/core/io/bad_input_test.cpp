@@ -306,6 +306,21 @@ INSTANTIATE_TEST_SUITE_P(
 
 // ---- every shorter file ----
 
+std::string vtk(const std::string& version, const std::string& form) {
+  return "# vtk DataFile Version " + version + "\ntitle\n" + form + "\nDATASET UNSTRUCTURED_GRID\n";
+}
+
+/// A point, and a vertex there.
+std::string vtu(const std::string& points, const std::string& corners, const std::string& types) {
+  const auto array = [](const std::string& head, const std::string& content) {
+    return "<DataArray " + head + " format=\"" + content + "</DataArray>";
+  };
+  return "<VTKFile type=\"UnstructuredGrid\"><UnstructuredGrid><Piece NumberOfPoints=\"1\" NumberOfCells=\"1\"><Points>" +
+         array("type=\"Float32\" NumberOfComponents=\"3\"", points) + "</Points><Cells>" +
+         array("type=\"Int32\" Name=\"connectivity\"", corners) + array("type=\"Int32\" Name=\"offsets\"", "ascii\">1") +
+         array("type=\"UInt8\" Name=\"types\"", types) + "</Cells></Piece></UnstructuredGrid>";
+}
+
 /// Whatever is cut off, a reader gives a mesh or an Error(invalid_argument), and never reads past the end (the sanitizers see
 /// that).
 TEST(TruncationTest, EveryPrefixIsReadOrRefused) {
@@ -317,6 +332,18 @@ TEST(TruncationTest, EveryPrefixIsReadOrRefused) {
       {"b.ply", ply(vertices + faces, two_points + raw("\x03", {0, 1, 1}), little)},
       {"a.stl", stl(good)},
       {"b.stl", binary_stl(2, 2, 0)},
+      {"a.su2",
+       "NDIME= 2\nNELEM= 1\n5 0 1 2 0\nNPOIN= 3\n0 0 0\n1 0 1\n0 1 2\nNMARK= 1\nMARKER_TAG= a\nMARKER_ELEMS= 1\n3 0 1\n"},
+      {"a.vtk", vtk("3.0", "ASCII") + "POINTS 3 float\n0 0 0 1 0 0 0 1 0\nCELLS 1 4\n3 0 1 2\nCELL_TYPES 1\n5\n"},
+      {"b.vtk", raw(raw(raw(vtk("2.0", "BINARY") + "POINTS 1 float\n", {0, 0, 0}, std::endian::big) + "\nCELLS 1 2\n", {1, 0},
+                        std::endian::big) +
+                        "\nCELL_TYPES 1\n",
+                    {1}, std::endian::big) +
+                    "\nCELL_DATA 1\nSCALARS a int\nLOOKUP_TABLE b\n    "},
+      {"a.vtu", vtu("ascii\">0 0 0", "ascii\">0", "ascii\">1") + "</VTKFile>"},
+      {"b.vtu", vtu("binary\">DAAAAAAAAAAAAAAAAAAAAA==", "binary\">BAAAAAAAAAA=", "binary\">AQAAAAE=") + "</VTKFile>"},
+      {"c.vtu", vtu("appended\" offset=\"0\">", "ascii\">0", "ascii\">1") +
+                    raw("<AppendedData encoding=\"raw\">_", {12, 0, 0, 0}) + "</AppendedData></VTKFile>"},
   };
   for (const auto& [name, bytes] : files) {
     ASSERT_NO_THROW(parse_mesh(bytes, name)) << name;
