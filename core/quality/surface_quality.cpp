@@ -8,7 +8,7 @@
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/quality/polygon.h"
-#include "core/quality/worst.h"
+#include "core/quality/summary.h"
 
 namespace deform {
 
@@ -91,12 +91,6 @@ class Surface {
   const std::vector<std::uint64_t> offsets_;
 };
 
-template <std::size_t bins>
-void count_in(std::array<std::size_t, bins>& histogram, double value, double largest) {
-  const double place = std::clamp(value / largest, 0.0, 1.0) * static_cast<double>(bins);
-  ++histogram[std::min(bins - 1, static_cast<std::size_t>(place))];
-}
-
 void add_curvature(SurfaceQuality& result) {
   const MeanCurvature& curvature = result.mean_curvature;
   double sum = 0, area = 0;
@@ -135,10 +129,11 @@ SurfaceQuality surface_quality(const Mesh& mesh, const RunContext& context) {
     result.face_quality[f] = m.quality;
     if (m.quality < result.least_face_quality.value) result.least_face_quality = {m.quality, f};
     result.average_face_quality += m.quality / static_cast<double>(n);
-    count_in(result.histogram, m.quality, 1);
+    ++result.histogram[bin_of(m.quality, 0, 1, SurfaceQuality::bins)];
     if (m.least_angle < result.least_angle.value) result.least_angle = {m.least_angle, f};
     if (m.largest_angle > result.largest_angle.value) result.largest_angle = {m.largest_angle, f};
-    surface.for_each_angle(f, [&](double degrees) { count_in(result.angle_histogram, degrees, 180); });
+    surface.for_each_angle(
+        f, [&](double degrees) { ++result.angle_histogram[bin_of(degrees, 0, 180, SurfaceQuality::angle_bins)]; });
     if (m.area < result.least_area.value) result.least_area = {m.area, f};
     if (m.area > result.largest_area.value) result.largest_area = {m.area, f};
     result.total_area += m.area;
