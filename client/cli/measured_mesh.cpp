@@ -44,7 +44,7 @@ void add_walls(MeasuredMesh& measured, const std::vector<std::string>& walls) {
     throw Error(ErrorCode::invalid_argument,
                 "--wall " + walls.front() + ": " + measured.path + " is a surface; the cells of a volume mesh lie on walls");
   }
-  const auto faces = faces_of(measured, walls);
+  const auto& faces = measured.wall_faces = faces_of(measured, walls);
   if (measured.cells) {
     add_to(measured.report, wall_quality({measured.mesh(), faces, measured.cells->cell_volume}, *measured.file->cells()));
   } else {
@@ -52,13 +52,22 @@ void add_walls(MeasuredMesh& measured, const std::vector<std::string>& walls) {
   }
 }
 
-void add_jumps(MeasuredMesh& measured, const std::vector<std::uint32_t>& labels) {
+RegionJumps jumps_of(const MeasuredMesh& measured, const std::vector<std::uint32_t>& labels) {
   const Mesh& mesh = measured.mesh();
-  if (measured.surface) {
-    add_to(measured.report, region_jumps(mesh, labels, measured.surface->mean_curvature));
-  } else {
-    add_to(measured.report, region_jumps(mesh, labels, mean_curvature(mesh, Adjacency(mesh))));
-  }
+  if (measured.surface) return region_jumps(mesh, labels, measured.surface->mean_curvature);
+  return region_jumps(mesh, labels, mean_curvature(mesh, Adjacency(mesh)));
+}
+
+void add_jumps(Comparison& comparison, const v1::Setup& setup) {
+  MeasuredMesh& after = comparison.after;
+  if (!comparison.before) return add_to(after.report, jumps_of(after, region_labels(setup, after.mesh())));
+  MeasuredMesh& before = *comparison.before;
+  const auto labels = region_labels(setup, before.mesh());
+  const RegionJumps jumps_before = jumps_of(before, labels);
+  const RegionJumps jumps = jumps_of(after, comparison.same_points ? labels : region_labels(setup, after.mesh()));
+  add_to(before.report, jumps_before);
+  add_to(after.report, jumps);
+  if (comparison.same_points) add_to(after.report, jump_growth(jumps, jumps_before));
 }
 
 bool same_kind(const MeasuredMesh& a, const MeasuredMesh& b) {
@@ -116,10 +125,7 @@ Comparison compare(const ComparisonInput& input) {
     result.before.emplace(measured_mesh(input.before, input.walls));
     add_comparison(result);
   }
-  if (input.setup.empty()) return result;
-  const v1::Setup setup = read_setup_file(input.setup).setup;
-  add_jumps(result.after, region_labels(setup, result.same_points ? result.before->mesh() : result.after.mesh()));
-  if (result.before) add_jumps(*result.before, region_labels(setup, result.before->mesh()));
+  if (!input.setup.empty()) add_jumps(result, read_setup_file(input.setup).setup);
   return result;
 }
 

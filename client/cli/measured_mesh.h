@@ -17,6 +17,7 @@ struct MeasuredMesh {
   std::optional<SurfaceQuality> surface;
   std::optional<ElementQuality> elements;
   std::optional<PolyhedralQuality> cells;
+  std::vector<FaceId> wall_faces;  ///< ascending
   QualityReport report;
 
   const Mesh& mesh() const { return *mesh_; }

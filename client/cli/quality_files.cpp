@@ -50,6 +50,7 @@ void write_quality_page(const Comparison& comparison, const std::vector<QualityP
                         const std::filesystem::path& path) {
   PictureSource source{comparison.after.mesh(), {}, fields_of(comparison)};
   if (comparison.same_points) source.before = comparison.before->mesh().points;
+  source.shown = comparison.after.wall_faces;
   const Picture picture = make_picture(source);
   QualityPage page{comparison.after.path, "", comparison.after.report};
   if (comparison.before) {

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <cstring>
+#include <type_traits>
 
 namespace deform {
 
@@ -31,15 +31,15 @@ std::string vector_text(const Vec3& v, const char* separator, std::string (*text
   return text(v[0]) + separator + text(v[1]) + separator + text(v[2]);
 }
 
-/// The bytes of 4-byte numbers, lowest first.
+/// The bytes of numbers, lowest first.
 template <typename T>
 std::string little_endian(const std::vector<T>& values) {
-  static_assert(sizeof(T) == 4);
+  using Bits = std::conditional_t<sizeof(T) == 2, std::uint16_t, std::uint32_t>;
   std::string bytes;
-  bytes.reserve(4 * values.size());
+  bytes.reserve(sizeof(T) * values.size());
   for (const T value : values) {
-    const auto bits = std::bit_cast<std::uint32_t>(value);
-    for (int shift = 0; shift < 32; shift += 8) bytes += static_cast<char>(bits >> shift);
+    const auto bits = std::bit_cast<Bits>(value);
+    for (std::size_t k = 0; k < sizeof(T); ++k) bytes += static_cast<char>(bits >> (8 * k));
   }
   return bytes;
 }
@@ -58,8 +58,8 @@ void append_header(std::string& out, const QualityPage& page) {
   if (!page.gates.empty()) {
     out += "<ul class=\"gates\">\n";
     for (const auto& gate : page.gates) {
-      out += std::string("<li class=\"") + (gate.failed ? "bad\">failed" : "good\">passed") + ": not " +
-             html_text(gate.condition) + " (it is " + number(gate.value) + ")</li>\n";
+      out += std::string("<li class=\"") + (gate.failed ? "bad\">failed: " : "good\">passed: ") + html_text(gate.condition) +
+             (gate.failed ? " holds, it is " : " does not hold, it is ") + number(gate.value) + "</li>\n";
     }
     out += "</ul>\n";
   }
@@ -72,7 +72,12 @@ std::string change_cell(const QualityRow& row, double before) {
   const double change = row.value - before;
   if (change == 0) return "<td class=\"soft\">0</td>";
   const char* mark = "";
-  if (row.better != Better::neither) mark = (change > 0) == (row.better == Better::higher) ? " class=\"good\"" : " class=\"bad\"";
+  constexpr double worth_a_colour = 1e-3;
+  if (std::abs(change) <= worth_a_colour * std::abs(before)) {
+    mark = " class=\"soft\"";
+  } else if (row.better != Better::neither) {
+    mark = (change > 0) == (row.better == Better::higher) ? " class=\"good\"" : " class=\"bad\"";
+  }
   std::string text = change > 0 ? "+" : "";
   text += number(change);
   if (before != 0 && std::isfinite(change)) {
@@ -222,6 +227,7 @@ void append_picture_data(std::string& out, const Picture& picture) {
   if (!picture.before.empty()) append_data(out, "data-before", "", little_endian(picture.before));
   append_data(out, "data-corners", "", little_endian(picture.corners));
   append_data(out, "data-edges", "", {reinterpret_cast<const char*>(picture.edges.data()), picture.edges.size()});
+  append_data(out, "data-part", "", little_endian(picture.part));
   constexpr const char* ends[] = {"neither", "lower", "higher"};
   for (std::size_t i = 0; i < picture.fields.size(); ++i) {
     const auto& field = picture.fields[i];
@@ -231,6 +237,18 @@ void append_picture_data(std::string& out, const Picture& picture) {
         exact(field.high) + "\" data-clipped=\"" + (field.clipped ? "true" : "false") + "\"";
     append_data(out, "data-field-" + std::to_string(i), attributes, little_endian(field.values));
   }
+}
+
+void append_parts(std::string& out, const Picture& picture) {
+  if (picture.parts.size() < 2) return;
+  out += "<details><summary>Parts</summary>\n<div class=\"parts\">\n";
+  for (const auto& part : picture.parts) {
+    out += std::string("<label><input type=\"checkbox\" data-part") + (part.shown ? " checked" : "") + "> " +
+           (part.name.empty() ? "<em>in no group</em>" : html_text(part.name)) + "</label>\n";
+  }
+  out +=
+      "</div>\n<button type=\"button\" id=\"all-parts\">all</button> <button type=\"button\" id=\"no-parts\">none</button>\n"
+      "</details>\n";
 }
 
 void append_picture(std::string& out, const QualityPage& page) {
@@ -243,13 +261,15 @@ void append_picture(std::string& out, const QualityPage& page) {
     out += "<label>before <input type=\"range\" id=\"morph\" min=\"0\" max=\"100\" value=\"100\"> after</label>\n";
   }
   const bool few = picture.triangles() <= 60'000;  // more edges than that hide the colours
-  out += std::string("<label><input type=\"checkbox\" id=\"wires\"") + (few ? " checked" : "") + "> edges</label>\n<span>";
+  out += std::string("<label><input type=\"checkbox\" id=\"wires\"") + (few ? " checked" : "") + "> edges</label>\n";
+  out += "<label title=\"leave out what looks at you\"><input type=\"checkbox\" id=\"inside\"> inside</label>\n<span>";
   for (const char* side : {"x", "y", "z"}) {
     out += std::string("<button type=\"button\" data-side=\"") + side + "\" title=\"look along " + side + "\">" + side +
            "</button> ";
   }
-  out += "<button type=\"button\" id=\"reset\">reset</button></span>\n</div>\n<div id=\"view\" data-centre=\"" +
-         vector_text(picture.centre, ",", exact) + "\" data-scale=\"" + exact(picture.scale) +
+  out += "<button type=\"button\" id=\"reset\">reset</button></span>\n</div>\n";
+  append_parts(out, picture);
+  out += "<div id=\"view\" data-centre=\"" + vector_text(picture.centre, ",", exact) + "\" data-scale=\"" + exact(picture.scale) +
          "\"><canvas id=\"canvas\" tabindex=\"0\" aria-label=\"The surface in space\"></canvas><div id=\"mark\" "
          "hidden></div></div>\n"
          "<p class=\"soft\">Drag to turn, wheel or pinch to zoom, right button or two fingers to move, double click to reset. ";

@@ -34,6 +34,9 @@ class PictureMaker {
       const std::size_t expected = field.of == Of::faces ? source.mesh.face_count() : n;
       if (field.values.size() != expected) refuse(field.label, field.values.size(), expected);
     }
+    for (const FaceId f : source.shown) {
+      if (f >= source.mesh.face_count()) refuse("shown", f, source.mesh.face_count());
+    }
   }
 
   Picture run() {
@@ -42,6 +45,7 @@ class PictureMaker {
     if (triangles_.size() > source_.most_triangles) thin();
     keep_used_points();
     fit();
+    name_parts();
     for (const PictureField& field : source_.fields) add_field(field);
     return std::move(picture_);
   }
@@ -148,6 +152,26 @@ class PictureMaker {
     for (const std::uint32_t p : used_) append(picture_.points, points_[p]);
     if (before_.empty()) return;
     for (const std::uint32_t p : used_) append(picture_.before, before_[p]);
+  }
+
+  void name_parts() {
+    constexpr std::size_t most = 65534;  // groups behind them count as none
+    const auto& groups = source_.mesh.groups;
+    const std::size_t named = std::min(groups.size(), most);
+    std::vector<std::size_t> first(source_.mesh.face_count(), named);
+    for (std::size_t g = named; g-- > 0;) {
+      for (const FaceId f : groups[g].faces) first[f] = g;
+    }
+    std::vector<char> drawn(named + 1), shown(named + 1, source_.shown.empty());
+    for (const Triangle& t : triangles_) drawn[first[t.face]] = 1;
+    for (const FaceId f : source_.shown) shown[first[f]] = 1;
+    std::vector<std::uint16_t> number(named + 1);
+    for (std::size_t g = 0; g <= named; ++g) {
+      if (!drawn[g]) continue;
+      number[g] = static_cast<std::uint16_t>(picture_.parts.size());
+      picture_.parts.push_back({g < named ? groups[g].name : "", shown[g] != 0});
+    }
+    for (const Triangle& t : triangles_) picture_.part.push_back(number[first[t.face]]);
   }
 
   void add_field(const PictureField& source) {

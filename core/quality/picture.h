@@ -26,6 +26,7 @@ struct PictureSource {
   const Mesh& mesh;
   std::span<const Vec3> before;  ///< n, or none
   std::vector<PictureField> fields;
+  std::span<const FaceId> shown{};  ///< only parts with these faces are shown at first; none: all
   std::size_t most_triangles = 300'000;
 };
 
@@ -45,6 +46,13 @@ struct Picture {
   std::vector<std::uint32_t> corners;  ///< 3 per triangle
   /// Per triangle, bit k: the edge opposite to corner k is one of the mesh.
   std::vector<std::uint8_t> edges;
+  /// A part is the faces of which it is the first group; the last one may be that of the faces in no group, with an empty name.
+  struct Part {
+    std::string name;
+    bool shown = true;
+  };
+  std::vector<Part> parts;          ///< those that are drawn, in the order of the groups; at most 65535
+  std::vector<std::uint16_t> part;  ///< per triangle
   std::vector<Field> fields;
   std::size_t all_triangles = 0;  ///< of the whole surface
   std::size_t grid = 0;           ///< > 0: points were merged to a grid of so many cells along the box to get below the limit

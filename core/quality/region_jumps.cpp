@@ -19,34 +19,28 @@ using namespace quality;
 
 constexpr std::size_t grain = 4096;
 
-/// The jumps at the border edges from a point to points of higher number.
-struct PointJumps {
-  std::uint32_t edges = 0, curvature_edges = 0;
-  double largest_normal = 0, normal_squares = 0;
-  double largest_curvature = 0, curvature_squares = 0;
+struct Jump {
+  PointId point = 0;
+  double normal = 0, curvature = 0;
 };
+
+void raise(Extreme& largest, double value, PointId point) {
+  if (value > largest.value) largest = {value, point};
+}
 
 class Borders {
  public:
   Borders(const Mesh& mesh, std::span<const std::uint32_t> labels, const MeanCurvature& curvature)
       : mesh_(mesh), labels_(labels), curvature_(curvature), adjacency_(mesh) {}
 
-  PointJumps at(PointId point, std::vector<EdgeUse>& edges) const {
-    PointJumps jumps;
+  /// Appends the jumps at the border edges from a point to points of higher number; `edges` is memory to work with.
+  void append(PointId point, std::vector<EdgeUse>& edges, std::vector<Jump>& jumps) const {
     edge_uses(adjacency_, point, edges);
     for (const EdgeUse& edge : edges) {
       if (edge.other < point || labels_[edge.other] == labels_[point]) continue;
-      ++jumps.edges;
-      const double degrees = angle_between(side(point), side(edge.other)) * 180 / std::numbers::pi;
-      jumps.largest_normal = std::max(jumps.largest_normal, degrees);
-      jumps.normal_squares += degrees * degrees;
-      if (!curvature_.defined(point) || !curvature_.defined(edge.other)) continue;
-      ++jumps.curvature_edges;
-      const double difference = std::abs(curvature_.value[point] - curvature_.value[edge.other]);
-      jumps.largest_curvature = std::max(jumps.largest_curvature, difference);
-      jumps.curvature_squares += difference * difference;
+      jumps.push_back({point, angle_between(side(point), side(edge.other)) * 180 / std::numbers::pi,
+                       std::abs(curvature_.value[point] - curvature_.value[edge.other])});
     }
-    return jumps;
   }
 
  private:
@@ -81,29 +75,45 @@ RegionJumps region_jumps(const Mesh& mesh, std::span<const std::uint32_t> labels
                                                  std::to_string(n) + " points");
   }
   const Borders borders(mesh, labels, curvature);
-  std::vector<PointJumps> all(n);
+  std::vector<std::vector<Jump>> blocks((n + grain - 1) / grain);
   parallel_for(context, n, grain, [&](std::size_t begin, std::size_t end) {
     std::vector<EdgeUse> edges;
-    for (std::size_t i = begin; i < end; ++i) all[i] = borders.at(static_cast<PointId>(i), edges);
+    for (std::size_t i = begin; i < end; ++i) borders.append(static_cast<PointId>(i), edges, blocks[begin / grain]);
   });
   RegionJumps result;
   double normals = 0, curvatures = 0;
-  for (std::size_t i = 0; i < n; ++i) {
-    const PointJumps& jumps = all[i];
-    result.edges += jumps.edges;
-    result.curvature_edges += jumps.curvature_edges;
-    normals += jumps.normal_squares;
-    curvatures += jumps.curvature_squares;
-    if (jumps.largest_normal > result.largest_normal_jump.value) result.largest_normal_jump = {jumps.largest_normal, i};
-    if (jumps.largest_curvature > result.largest_curvature_jump.value) {
-      result.largest_curvature_jump = {jumps.largest_curvature, i};
+  for (const auto& block : blocks) {
+    for (const Jump& jump : block) {
+      result.points.push_back(jump.point);
+      result.normal_jumps.push_back(jump.normal);
+      result.curvature_jumps.push_back(jump.curvature);
+      normals += jump.normal * jump.normal;
+      raise(result.largest_normal_jump, jump.normal, jump.point);
+      if (std::isnan(jump.curvature)) continue;
+      ++result.curvature_edges;
+      curvatures += jump.curvature * jump.curvature;
+      raise(result.largest_curvature_jump, jump.curvature, jump.point);
     }
   }
+  result.edges = result.points.size();
   if (result.edges > 0) result.rms_normal_jump = std::sqrt(normals / static_cast<double>(result.edges));
   if (result.curvature_edges > 0) {
     result.rms_curvature_jump = std::sqrt(curvatures / static_cast<double>(result.curvature_edges));
   }
   return result;
+}
+
+JumpGrowth jump_growth(const RegionJumps& after, const RegionJumps& before) {
+  if (after.edges != before.edges) {
+    throw Error(ErrorCode::invalid_argument,
+                std::to_string(after.edges) + " border edges, before there were " + std::to_string(before.edges));
+  }
+  JumpGrowth growth;
+  for (std::size_t i = 0; i < after.edges; ++i) {
+    raise(growth.normal, after.normal_jumps[i] - before.normal_jumps[i], after.points[i]);
+    raise(growth.curvature, after.curvature_jumps[i] - before.curvature_jumps[i], after.points[i]);
+  }
+  return growth;
 }
 
 }  // namespace deform

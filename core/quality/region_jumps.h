@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "core/base/run_context.h"
 #include "core/mesh/mesh.h"
@@ -24,7 +25,19 @@ struct RegionJumps {
   std::size_t curvature_edges = 0;  ///< border edges whose end points both have a curvature
   Extreme largest_curvature_jump;   ///< 1 / length; id as above
   double rms_curvature_jump = 0;
+  /// The jumps one by one: of all border edges, by their points of lower, then of higher number. A curvature jump that is not a
+  /// number: an end point has no curvature.
+  std::vector<PointId> points;  ///< of lower number
+  std::vector<double> normal_jumps, curvature_jumps;
 };
+
+/// What a deformation did to the jumps: the largest growth over the border edges, which sharp edges of the model itself do not
+/// hide. 0 where none grew.
+struct JumpGrowth {
+  Extreme normal, curvature;  ///< degrees, 1 / length; id: the end point of the lower number
+};
+/// Of the same mesh with the same labels and other points. Throws Error(invalid_argument) when the numbers of edges differ.
+JumpGrowth jump_growth(const RegionJumps& after, const RegionJumps& before);
 
 /// labels: one per point, equal within a region. `curvature` is that of the mesh. Parallel; the same bits for any
 /// number of threads. Throws Error(invalid_argument) when there are not as many labels as points, cancelled, deadline_exceeded.

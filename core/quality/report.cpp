@@ -195,6 +195,11 @@ void add_to(QualityReport& report, const RegionJumps& jumps) {
   report.counts.emplace_back("border_edges", jumps.edges);
 }
 
+void add_to(QualityReport& report, const JumpGrowth& growth) {
+  report.rows.push_back(row("normal_jump_growth", "jump of normals, largest growth (degrees)", growth.normal, Better::lower));
+  report.rows.push_back(row("curvature_jump_growth", "jump of mean curvature, largest growth", growth.curvature, Better::lower));
+}
+
 void add_displacement(QualityReport& report, std::span<const Vec3> points, std::span<const Vec3> original) {
   Extreme largest;
   for (std::size_t i = 0; i < points.size(); ++i) {

@@ -63,6 +63,7 @@ QualityReport quality_report(const SurfaceQuality& quality, const Mesh& mesh);
 
 void add_to(QualityReport& report, const WallQuality& wall);
 void add_to(QualityReport& report, const RegionJumps& jumps);
+void add_to(QualityReport& report, const JumpGrowth& growth);
 
 /// Largest displacement of a point since `original`, which has as many points.
 void add_displacement(QualityReport& report, std::span<const Vec3> points, std::span<const Vec3> original);

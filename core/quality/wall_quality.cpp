@@ -174,7 +174,9 @@ WallQuality wall_quality(const Wall& wall, const PolyhedralCells& cells, const R
   const auto edges = edges_of_owners(wall, cells, layer.owners());
   context.check();
   layer.for_each_side([&](std::uint32_t cell, const Side& side) { layer.add(side, wall.volumes[cell], edges.at(cell)); });
-  return layer.finish();
+  WallQuality result = layer.finish();
+  for (Extreme* height : {&result.least_height, &result.largest_height}) height->id += cells.internal_faces();
+  return result;
 }
 
 WallQuality wall_quality(const Wall& wall, const Elements& elements, const RunContext& context) {

@@ -29,7 +29,7 @@ struct Wall {
 struct WallQuality {
   std::size_t faces = 0;                 ///< wall faces with a height: all that have an area
   std::size_t points = 0;                ///< points with an angle
-  Extreme least_height, largest_height;  ///< id: face of the boundary
+  Extreme least_height, largest_height;  ///< id: face of the boundary; of polyhedral cells, face of the cells
   double average_height = 0;             ///< over the faces
   Extreme least_angle, largest_angle;    ///< degrees; id: point
   double average_angle = 0;              ///< over the points

@@ -37,6 +37,10 @@
   const mark = document.getElementById('mark');
   const fieldSelect = document.getElementById('field');
   const slider = document.getElementById('morph');
+  const inside = document.getElementById('inside');
+  const parts = new Uint16Array(bytes('data-part').buffer);
+  const partBoxes = [...document.querySelectorAll('input[data-part]')];
+  const hidden = (t) => partBoxes.length > 0 && !partBoxes[parts[t]].checked;
   const wires = document.getElementById('wires');
 
   // Colours: bad is warm where a field has a bad end, otherwise dark to bright.
@@ -51,7 +55,7 @@
   };
   const shown = (v) => Number(v.toPrecision(4)).toString();
 
-  const colours = new Uint8Array(12 * count);  // per corner of a triangle; the fourth byte says which edges to draw
+  const colours = new Uint8Array(12 * count);  // per corner of a triangle; the fourth byte: which edges to draw, 8: hidden
   let field = null;
   const paint = () => {
     field = fields[Number(fieldSelect.value)] || null;
@@ -67,7 +71,8 @@
       colours[4 * i] = c[0];
       colours[4 * i + 1] = c[1];
       colours[4 * i + 2] = c[2];
-      colours[4 * i + 3] = edges[Math.floor(i / 3)];
+      const t = Math.floor(i / 3);
+      colours[4 * i + 3] = edges[t] | (hidden(t) ? 8 : 0);
     }
     document.querySelector('.legend').hidden = !field;
     if (field) {
@@ -78,9 +83,10 @@
     }
   };
 
+  const corner = (i) => 3 * corners[i];
+
   // Camera: orthographic, z upwards; the mesh fits a sphere of radius 1 around the origin.
-  const home = () => ({yaw: -0.9, pitch: 0.45, zoom: 0.95, target: [0, 0, 0]});
-  let camera = home();
+  let camera = {yaw: -0.9, pitch: 0.45, zoom: 1, target: [0, 0, 0]};
   let marked = null;
   const axes = () => {
     const cy = Math.cos(camera.yaw), sy = Math.sin(camera.yaw), cp = Math.cos(camera.pitch), sp = Math.sin(camera.pitch);
@@ -92,9 +98,28 @@
     const {width, height} = size();
     return camera.zoom * Math.min(width, height) / 2;
   };
+  // All of the mesh in the middle, as large as it goes.
+  const fit = () => {
+    const {right, up} = axes(), {width, height} = size();
+    const low = [Infinity, Infinity], high = [-Infinity, -Infinity];
+    const all = !partBoxes.some((box) => box.checked);
+    for (let k = 0; k < corners.length; ++k) {
+      if (!all && hidden(Math.floor(k / 3))) continue;
+      const i = corner(k), at = [points[i], points[i + 1], points[i + 2]];
+      [right, up].forEach((axis, n) => {
+        const x = dot(at, axis);
+        low[n] = Math.min(low[n], x);
+        high[n] = Math.max(high[n], x);
+      });
+    }
+    const across = Math.max((high[0] - low[0]) / width, (high[1] - low[1]) / height) || 1;
+    camera.zoom = 0.92 * 2 / (across * Math.min(width, height));
+    const middle = [0, 1].map((n) => (low[n] + high[n]) / 2);
+    camera.target = [0, 1, 2].map((c) => middle[0] * right[c] + middle[1] * up[c]);
+    return camera.zoom;
+  };
   const morph = () => slider ? Number(slider.value) / 100 : 1;
 
-  const corner = (i) => 3 * corners[i];
   const placed = (array) => {
     const result = new Float32Array(9 * count);
     for (let i = 0; i < 3 * count; ++i) result.set(array.subarray(corner(i), corner(i) + 3), 3 * i);
@@ -116,7 +141,7 @@
     mask = int(colour.a * 255.0 + 0.5);
     int k = gl_VertexID % 3;
     weights = vec3(k == 0, k == 1, k == 2);
-    gl_Position = vec4(place.xy * stretch, -place.z * 0.25, 1.0);
+    gl_Position = (mask & 8) != 0 ? vec4(2.0, 2.0, 2.0, 1.0) : vec4(place.xy * stretch, -place.z * 0.25, 1.0);
   }`;
   const fragmentSource = `#version 300 es
   precision highp float;
@@ -128,13 +153,15 @@
     vec3 normal = cross(dFdx(place), dFdy(place));
     float size = length(normal);
     float light = size > 0.0 ? abs(dot(normal / size, normalize(vec3(0.25, 0.35, 0.9)))) : 1.0;
-    vec3 c = shade * (0.42 + 0.58 * light);
+    vec3 c = shade * (0.5 + 0.5 * light);
     vec3 away = weights / max(fwidth(weights), vec3(1e-6));
     float near = 10.0;
     if ((mask & 1) != 0) near = min(near, away.x);
     if ((mask & 2) != 0) near = min(near, away.y);
     if ((mask & 4) != 0) near = min(near, away.z);
-    float line = (1.0 - smoothstep(0.5, 1.4, near)) * 0.55 * wires;
+    vec3 extent = 1.0 / max(fwidth(weights), vec3(1e-6));  // of the triangle in pixels; dense edges would hide the colours
+    float room = smoothstep(5.0, 16.0, min(extent.x, min(extent.y, extent.z)));
+    float line = (1.0 - smoothstep(0.5, 1.4, near)) * 0.55 * room * wires;
     result = vec4(mix(c, vec3(0.07, 0.09, 0.11), line), 1.0);
   }`;
 
@@ -180,6 +207,10 @@
         gl.uniform2f(at('stretch'), 2 * pixels() / width, 2 * pixels() / height);
         gl.uniform1f(at('morph'), morph());
         gl.uniform1f(at('wires'), wires.checked ? 1 : 0);
+        // Faces look outward: without those that look at us one sees what is behind them.
+        if (inside.checked) gl.enable(gl.CULL_FACE);
+        else gl.disable(gl.CULL_FACE);
+        gl.cullFace(gl.FRONT);
         gl.drawArrays(gl.TRIANGLES, 0, 3 * count);
       },
     };
@@ -208,12 +239,13 @@
           depth[t] = place[0][2] + place[1][2] + place[2][2];
           const u = [0, 1, 2].map((c) => place[1][c] - place[0][c]), v = [0, 1, 2].map((c) => place[2][c] - place[0][c]);
           const n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-          light[t] = 0.42 + 0.58 * Math.abs(n[2]) / (Math.hypot(...n) || 1);
+          light[t] = n[2] / (Math.hypot(...n) || 1);
         }
         drawn.sort((a, b) => depth[a] - depth[b]);
         context.clearRect(0, 0, canvas.width, canvas.height);
         for (const t of drawn) {
-          const c = [0, 1, 2].map((k) => Math.round((colours[12 * t + k] + colours[12 * t + 4 + k] + colours[12 * t + 8 + k]) / 3 * light[t]));
+          if (hidden(t) || (inside.checked && light[t] > 0)) continue;
+          const c = [0, 1, 2].map((k) => Math.round((colours[12 * t + k] + colours[12 * t + 4 + k] + colours[12 * t + 8 + k]) / 3 * (0.5 + 0.5 * Math.abs(light[t]))));
           context.beginPath();
           for (let k = 0; k < 3; ++k) context.lineTo(flat[6 * t + 2 * k], flat[6 * t + 2 * k + 1]);
           context.closePath();
@@ -246,7 +278,9 @@
       mark.style.top = `${height / 2 - dot(at, up) * pixels()}px`;
     });
   };
+  let fitted = 0;  // zoom at which all is seen
   const resize = () => {
+    if (!fitted) fitted = fit();
     const ratio = window.devicePixelRatio || 1, {width, height} = size();
     canvas.width = Math.max(1, Math.round(width * ratio));
     canvas.height = Math.max(1, Math.round(height * ratio));
@@ -296,7 +330,9 @@
   }, {passive: false});
   canvas.addEventListener('contextmenu', (event) => event.preventDefault());
   const reset = () => {
-    camera = home();
+    camera.yaw = -0.9;
+    camera.pitch = 0.45;
+    fitted = fit();
     marked = null;
     redraw();
   };
@@ -314,6 +350,7 @@
   for (const button of document.querySelectorAll('[data-side]')) {
     button.addEventListener('click', () => {
       [camera.yaw, camera.pitch] = sides[button.dataset.side];
+      fitted = fit();
       redraw();
     });
   }
@@ -324,13 +361,28 @@
     redraw();
   });
   if (slider) slider.addEventListener('input', redraw);
-  wires.addEventListener('change', redraw);
+  for (const box of [wires, inside]) box.addEventListener('change', redraw);
+  const showParts = () => {
+    paint();
+    painter.recolour();
+    fitted = fit();
+    redraw();
+  };
+  for (const box of partBoxes) box.addEventListener('change', showParts);
+  for (const [id, checked] of [['all-parts', true], ['no-parts', false]]) {
+    const button = document.getElementById(id);
+    if (!button) continue;
+    button.addEventListener('click', () => {
+      for (const box of partBoxes) box.checked = checked;
+      showParts();
+    });
+  }
   for (const button of document.querySelectorAll('[data-at]')) {
     button.hidden = false;
     button.addEventListener('click', () => {
       marked = button.dataset.at.split(',').map((x, k) => (Number(x) - centre[k]) / scale);
       camera.target = [...marked];
-      camera.zoom = Math.max(camera.zoom, 5);
+      camera.zoom = Math.max(camera.zoom, 5 * fitted);
       if (slider) slider.value = 100;
       redraw();
       view.scrollIntoView({block: 'center', behavior: 'smooth'});
