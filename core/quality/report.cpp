@@ -83,7 +83,7 @@ QualityReport quality_report(const PolyhedralQuality& q, std::span<const Vec3> p
                  row("average_non_orthogonality", "non-orthogonality, average", q.average_non_orthogonality, lower),
                  row("skewness", "skewness of a face, largest", q.largest_skewness, lower),
                  row("aspect_ratio", "aspect ratio of a cell, largest", q.largest_aspect_ratio, lower),
-                 row("openness", "openness of a cell, largest", q.largest_openness, lower),
+                 row("openness", "openness of a cell, largest", q.largest_openness),
                  row("flatness", "flatness of a face, least", q.least_flatness, higher),
                  row("volume", "volume of a cell, least", q.least_volume),
                  row("largest_volume", "volume of a cell, largest", q.largest_volume),

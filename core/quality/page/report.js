@@ -54,6 +54,7 @@
     return [0, 1, 2].map((c) => Math.round(ramp[k][c] * (1 - f) + ramp[k + 1][c] * f));
   };
   const shown = (v) => Number(v.toPrecision(4)).toString();
+  const shownLow = (f) => shown(Math.abs(f.low) < 1e-4 * Math.abs(f.high) ? 0 : f.low);
 
   const colours = new Uint8Array(12 * count);  // per corner of a triangle; the fourth byte: which edges to draw, 8: hidden
   let field = null;
@@ -76,7 +77,7 @@
     }
     document.querySelector('.legend').hidden = !field;
     if (field) {
-      document.getElementById('low').textContent = shown(field.low);
+      document.getElementById('low').textContent = shownLow(field);
       document.getElementById('high').textContent = (field.clipped ? '\u2265 ' : '') + shown(field.high);
       const stops = ramp.map((c) => `rgb(${c.join(',')})`).join(',');
       document.getElementById('ramp').style.background = `linear-gradient(90deg,${stops})`;
@@ -382,6 +383,9 @@
     button.addEventListener('click', () => {
       marked = button.dataset.at.split(',').map((x, k) => (Number(x) - centre[k]) / scale);
       camera.target = [...marked];
+      // From the side of the mesh where it is: mostly the outside.
+      camera.yaw = Math.atan2(marked[1], marked[0]);
+      camera.pitch = 0.8 * Math.atan2(marked[2], Math.hypot(marked[0], marked[1]));
       camera.zoom = Math.max(camera.zoom, 5 * fitted);
       if (slider) slider.value = 100;
       redraw();
