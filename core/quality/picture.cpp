@@ -109,6 +109,7 @@ class PictureMaker {
       kept.push_back(t);
     }
     std::vector<std::array<std::uint32_t, 3>> keys;
+    keys.reserve(kept.size());
     for (const Triangle& t : kept) {
       keys.push_back(t.corners);
       std::sort(keys.back().begin(), keys.back().end());

@@ -203,6 +203,21 @@ TEST(RegionJumps, SeesTheWholeFoldAndItsCurvature) {
   }
 }
 
+// A sharp edge of the model along the border stays what it is; what the deformation adds is seen.
+TEST(RegionJumps, GrowthIsNotHiddenByTheModel) {
+  const FoldedStrip before = folded_strip(1.2, 2, Faces::quads), after = folded_strip(1.3, 2, Faces::quads);
+  const RegionJumps was = region_jumps(before.mesh, before.labels, curvature_of(before.mesh));
+  const RegionJumps is = region_jumps(after.mesh, after.labels, curvature_of(after.mesh));
+  const JumpGrowth growth = jump_growth(is, was);
+  EXPECT_NEAR(growth.normal.value, 0.1 * 180 / pi, 1e-10);
+  EXPECT_NEAR(growth.curvature.value, std::sin(0.65) - std::sin(0.6), 1e-12);
+  EXPECT_EQ(growth.normal.id % 7, 2u);
+  EXPECT_EQ(jump_growth(was, is).normal.value, 0);
+  RegionJumps other = was;
+  other.edges = 4;
+  test::expect_error(ErrorCode::invalid_argument, {"5", "4"}, [&] { jump_growth(is, other); });
+}
+
 TEST(RegionJumps, NoBorderNoJump) {
   const Mesh mesh = sphere(1, 2);
   const RegionJumps jumps = region_jumps(mesh, std::vector<std::uint32_t>(mesh.point_count(), 3), curvature_of(mesh));
