@@ -65,4 +65,16 @@ std::vector<PointId> handle_points(const v1::Setup& setup, const std::string& ha
               "handle \"" + handle + "\": the setup has no such handle" + (near.empty() ? "" : "; did you mean " + near + "?"));
 }
 
+std::vector<std::uint32_t> region_labels(const v1::Setup& setup, const Mesh& mesh) {
+  std::vector<std::uint32_t> labels(mesh.point_count(), 0);
+  const auto mark = [&](const v1::Region& region, std::uint32_t label, const std::string& what) {
+    for (const PointId point : select(region_of(region), mesh, what)) labels[point] = label;
+  };
+  for (int i = 0; i < setup.fixed_size(); ++i) mark(setup.fixed(i), 1, "fixed[" + std::to_string(i) + "]");
+  for (int i = setup.handles_size() - 1; i >= 0; --i) {
+    mark(setup.handles(i).region(), static_cast<std::uint32_t>(2 + i), "handle \"" + setup.handles(i).name() + "\"");
+  }
+  return labels;
+}
+
 }  // namespace deform::cli

@@ -191,6 +191,8 @@ ElementQuality element_quality(std::span<const Vec3> points, const Elements& ele
     const auto type = static_cast<std::size_t>(elements.types[e]);
     add(m, e, n, result);
     add(m, e, counts[type], result.of_type[type]);
+    result.scaled_jacobian.push_back(m.scaled_jacobian);
+    result.volume.push_back(m.volume);
     const double place = (std::clamp(m.scaled_jacobian, -1.0, 1.0) + 1) / 2 * ElementQuality::bins;
     ++result.histogram[std::min(ElementQuality::bins - 1, static_cast<std::size_t>(place))];
   }

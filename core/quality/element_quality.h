@@ -48,7 +48,8 @@ struct ElementQuality : ElementMeasures {
   std::size_t points = 0;
   std::array<ElementMeasures, element_types> of_type;  ///< by ElementType
   std::array<std::size_t, bins> histogram{};           ///< of the scaled Jacobian, from -1 to 1
-  std::vector<std::size_t> worst;  ///< ids of the elements with the least scaled Jacobian, worst first, at most 100
+  std::vector<std::size_t> worst;               ///< ids of the elements with the least scaled Jacobian, worst first, at most 100
+  std::vector<double> scaled_jacobian, volume;  ///< of every element
 };
 
 /// points: n x 3. Parallel; the result does not depend on the number of threads. Throws Error(invalid_argument) when elements

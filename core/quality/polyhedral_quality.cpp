@@ -7,6 +7,7 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/quality/summary.h"
 #include "core/quality/vectors.h"
 
 namespace deform {
@@ -17,7 +18,6 @@ using namespace quality;
 
 constexpr double tiny = 1e-150;  // OpenFOAM's ROOTVSMALL
 constexpr std::size_t grain = 4096;
-constexpr std::size_t most_listed = 100;
 
 class Measures {
  public:
@@ -35,6 +35,7 @@ class Measures {
     find_directions();
     rate_cells();
     rate_faces();
+    result_.cell_volume = std::move(volume_);
     return result_;
   }
 
@@ -205,6 +206,7 @@ class Measures {
       result_.non_orthogonal_faces += cosine[f] < severe;
     }
     const auto degrees = [](double c) { return std::acos(std::clamp(c, -1.0, 1.0)) * 180 / std::numbers::pi; };
+    list_non_orthogonality(cosine, degrees);
     if (internal > 0) {
       result_.largest_non_orthogonality = {degrees(least_cosine.value), least_cosine.id};
       result_.average_non_orthogonality = degrees(sum / static_cast<double>(internal));
@@ -212,8 +214,23 @@ class Measures {
     for (std::size_t f = 0; f < n; ++f) {
       if (skewness[f] > result_.largest_skewness.value) result_.largest_skewness = {skewness[f], f};
       result_.skew_faces += skewness[f] > limits_.skewness;
+      ++result_.skewness_histogram[bin_of(skewness[f], 0, 4, PolyhedralQuality::skewness_bins)];
       result_.wrong_pyramids += wrong[f];
       if (wrong[f] && result_.wrong_faces.size() < most_listed) result_.wrong_faces.push_back(f);
+    }
+  }
+
+  template <typename Degrees>
+  void list_non_orthogonality(const std::vector<double>& cosine, const Degrees& degrees) {
+    result_.worst = worst_of(cosine.size(), [&](std::size_t f) { return cosine[f]; });
+    result_.cell_non_orthogonality.assign(cells_.cell_count, 0);
+    result_.face_non_orthogonality.resize(cosine.size());
+    for (std::size_t f = 0; f < cosine.size(); ++f) {
+      const double angle = result_.face_non_orthogonality[f] = degrees(cosine[f]);
+      ++result_.histogram[bin_of(angle, 0, 90, PolyhedralQuality::bins)];
+      for (const std::uint32_t cell : {cells_.owner[f], cells_.neighbour[f]}) {
+        result_.cell_non_orthogonality[cell] = std::max(result_.cell_non_orthogonality[cell], angle);
+      }
     }
   }
 

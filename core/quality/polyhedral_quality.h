@@ -25,6 +25,8 @@ struct PolyhedralLimits {
 
 /// The measures that OpenFOAM's checkMesh prints, by the same formulas (primitiveMeshTools, v1912), so that the numbers agree.
 struct PolyhedralQuality {
+  static constexpr std::size_t bins = 18, skewness_bins = 20;
+
   std::size_t points = 0, faces = 0, internal_faces = 0, cells = 0;
   int geometric_dimensions = 3;
   Extreme least_volume, largest_volume;  ///< cell
@@ -38,8 +40,14 @@ struct PolyhedralQuality {
   Extreme least_flatness{1, 0};          ///< face: |area vector| / sum of its triangles; 1 = flat
   std::size_t non_orthogonal_faces = 0, skew_faces = 0, wrong_pyramids = 0, small_faces = 0;
   std::size_t inverted_cells = 0, slender_cells = 0, open_cells = 0;
-  std::vector<std::size_t> inverted;     ///< the first of the cells without positive volume, at most 100
-  std::vector<std::size_t> wrong_faces;  ///< the first of the faces with wrong pyramids, at most 100
+  std::vector<std::size_t> inverted;          ///< the first of the cells without positive volume, at most 100
+  std::vector<std::size_t> wrong_faces;       ///< the first of the faces with wrong pyramids, at most 100
+  std::vector<std::size_t> worst;             ///< the internal faces of largest non-orthogonality, worst first, at most 100
+  std::array<std::size_t, bins> histogram{};  ///< of the non-orthogonality, from 0 to 90 degrees and beyond
+  std::array<std::size_t, skewness_bins> skewness_histogram{};  ///< from 0 to 4 and beyond
+  std::vector<double> cell_volume;                              ///< signed
+  std::vector<double> cell_non_orthogonality;                   ///< degrees, largest of the cell's internal faces; 0 without any
+  std::vector<double> face_non_orthogonality;                   ///< degrees, of the internal faces
 
   /// Checks that fail, as checkMesh counts them (severe non-orthogonality alone is a warning there).
   std::size_t failed_checks() const;

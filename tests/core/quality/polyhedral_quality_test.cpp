@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numeric>
 
 #include "tests/support/expect_error.h"
 
@@ -82,6 +83,26 @@ TEST(PolyhedralQuality, ShearIsNonOrthogonal) {
   PolyhedralLimits strict;
   strict.non_orthogonality = 20;
   EXPECT_EQ(polyhedral_quality(g.points, g.cells, strict).non_orthogonal_faces, 8u);
+}
+
+TEST(PolyhedralQuality, SaysItCellByCell) {
+  Grid g = grid(2, 2, 2);
+  for (Vec3& p : g.points) {
+    if (p[2] > 1.5) p[0] += 0.5;  // the upper layer is sheared
+  }
+  const PolyhedralQuality q = polyhedral_quality(g.points, g.cells);
+  ASSERT_EQ(q.cell_volume.size(), 8u);
+  for (const double volume : q.cell_volume) EXPECT_NEAR(volume, 1, 1e-12);
+  // Centres of the upper layer moved by 1/4: across the faces between the layers, and in the upper layer across those of x.
+  const double between = std::atan(0.25) * 180 / M_PI, within = std::atan(0.5) * 180 / M_PI;
+  for (std::size_t c = 0; c < 8; ++c) EXPECT_NEAR(q.cell_non_orthogonality[c], c < 4 ? between : within, 1e-9) << c;
+  EXPECT_EQ(std::accumulate(q.histogram.begin(), q.histogram.end(), std::size_t{0}), g.cells.internal_faces());
+  EXPECT_EQ(q.histogram[2], 4u) << "14 degrees";
+  EXPECT_EQ(q.histogram[5], 2u) << "26.6 degrees";
+  EXPECT_EQ(std::accumulate(q.skewness_histogram.begin(), q.skewness_histogram.end(), std::size_t{0}), g.cells.face_count());
+  ASSERT_EQ(q.worst.size(), g.cells.internal_faces());
+  EXPECT_NEAR(q.face_non_orthogonality[q.worst[0]], within, 1e-9);
+  EXPECT_EQ(q.worst[0], q.largest_non_orthogonality.id);
 }
 
 TEST(PolyhedralQuality, SlenderCells) {

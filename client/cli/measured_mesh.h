@@ -1,0 +1,52 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/io/mesh_file.h"
+#include "core/quality/report.h"
+
+namespace deform::cli {
+
+/// A mesh and all that was measured of it; exactly one of the optional ones is there.
+struct MeasuredMesh {
+  std::string path;
+  std::unique_ptr<io::MeshFile> file;
+  std::optional<SurfaceQuality> surface;
+  std::optional<ElementQuality> elements;
+  std::optional<PolyhedralQuality> cells;
+  std::vector<FaceId> wall_faces;  ///< ascending
+  QualityReport report;
+
+  const Mesh& mesh() const { return *mesh_; }
+  explicit MeasuredMesh(const std::string& file_path);
+
+ private:
+  std::shared_ptr<const Mesh> mesh_;
+};
+
+/// Reads and measures, with the first layer on the walls, which are groups of faces. Throws Error(invalid_argument) when there is
+/// no such group, or walls are asked of a surface.
+MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::string>& walls);
+
+/// A mesh and, where it is asked for, what it was before.
+struct Comparison {
+  MeasuredMesh after;
+  std::optional<MeasuredMesh> before;
+  bool same_points = false;  ///< as many points and the same faces: every point has a displacement
+  std::vector<std::string> notes;
+};
+
+struct ComparisonInput {
+  std::string file, before;  ///< before: may be empty
+  std::vector<std::string> walls;
+  std::string setup;  ///< a setup file whose regions have borders, or empty
+};
+
+/// Measures, and adds displacement, flipped faces and the jumps at the borders of regions. The regions are selected on the
+/// original where the points are the same: a box means what it holds before the deformation.
+Comparison compare(const ComparisonInput& input);
+
+}  // namespace deform::cli

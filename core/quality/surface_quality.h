@@ -1,0 +1,50 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/mesh/mesh.h"
+#include "core/quality/extreme.h"
+#include "core/quality/mean_curvature.h"
+
+namespace deform {
+
+/// Measures of the faces and points of a surface mesh. A polygon of more than three corners is the fan of triangles around the
+/// mean of its corners; its area and normal do not depend on how it is cut.
+struct SurfaceQuality {
+  static constexpr std::size_t bins = 20, angle_bins = 18;
+
+  std::size_t points = 0, faces = 0;
+  /// Quality of a face: 2 r / R, twice the radius of the inscribed circle over that of the circumscribed one: 1 for the
+  /// equilateral triangle, 0 without area. Of a polygon that of the worst triangle of its fan, over that of the regular
+  /// polygon's: 1 for squares.
+  Extreme least_face_quality;
+  double average_face_quality = 0;
+  Extreme least_angle, largest_angle;  ///< at a corner of a face, degrees 0..180 (a reflex corner counts as 360 less its angle)
+  Extreme least_area, largest_area;    ///< of a face
+  double total_area = 0;
+  /// Fewer than three corners, a repeated corner, or area below 1e-12 D^2, as `deform inspect` counts them.
+  std::size_t degenerate_faces = 0;
+  Extreme largest_mean_curvature;             ///< point
+  double average_mean_curvature = 0;          ///< weighted with the areas of the points
+  std::size_t curvature_points = 0;           ///< points that have a mean curvature: the others are on boundaries or non-manifold
+  std::array<std::size_t, bins> histogram{};  ///< of the quality of the faces, from 0 to 1
+  std::array<std::size_t, angle_bins> angle_histogram{};  ///< of the corner angles, from 0 to 180 degrees
+  std::vector<std::size_t> worst;                         ///< ids of the faces of least quality, worst first, at most 100
+  std::vector<std::size_t> degenerate;                    ///< the first of the degenerate faces, at most 100
+  std::vector<double> face_quality;                       ///< f
+  MeanCurvature mean_curvature;                           ///< n
+};
+
+/// Parallel; the same bits for any number of threads. Throws Error(invalid_argument) for a mesh without faces, cancelled,
+/// deadline_exceeded.
+SurfaceQuality surface_quality(const Mesh& mesh, const RunContext& context = {});
+
+/// The faces whose normals turned by more than 90 degrees since the points were `original` (n), ascending; faces without area in
+/// either have no normal and are not counted. Throws Error(invalid_argument) when the numbers of points differ.
+std::vector<std::size_t> flipped_faces(const Mesh& mesh, std::span<const Vec3> original, const RunContext& context = {});
+
+}  // namespace deform
