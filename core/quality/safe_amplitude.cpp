@@ -51,6 +51,9 @@ class InversionCheck::Impl {
       off_plane_ = flatness * box.diagonal();
     }
     check(rest);
+    if (std::visit([](const auto* borrowed) { return borrowed == nullptr; }, cells)) {
+      throw Error(ErrorCode::invalid_argument, "the mesh has no cells");
+    }
     cells_ = moving(cells, rest);
     if (cells_->size() == 0) throw Error(ErrorCode::invalid_argument, "the mesh has no cells");
     const auto all = states(rest, context);
