@@ -44,6 +44,16 @@ std::size_t copies(const Mesh& mesh, const CellSet& cells) {
          mesh.face_points.size() * sizeof(PointId) + InversionCheck::bytes_for(cells);
 }
 
+/// Of the budget, for systems.
+std::size_t left_of(const SplitProblem& problem) {
+  if (problem.memory_budget == 0) return 0;
+  const std::size_t needed = copies(*problem.mesh, problem.cells);
+  if (needed < problem.memory_budget) return problem.memory_budget - needed;
+  throw Error(ErrorCode::out_of_budget, "splitting needs " + std::to_string(needed) +
+                                            " bytes for copies of the mesh, available are " +
+                                            std::to_string(problem.memory_budget));
+}
+
 class Splitting {
  public:
   Splitting(const SplitProblem& problem, const SplitOptions& options, const RunContext& context)
@@ -53,16 +63,8 @@ class Splitting {
         rest_(problem.mesh->points),
         regions_(validate(problem.setup, *problem.mesh)),
         setup_(with_explicit_regions(problem.setup, regions_)),
-        check_(rest_, problem.cells, context) {
-    if (problem.memory_budget == 0) return;
-    const std::size_t needed = copies(*problem.mesh, problem.cells);
-    if (needed >= problem.memory_budget) {
-      throw Error(ErrorCode::out_of_budget, "splitting needs " + std::to_string(needed) +
-                                                " bytes for copies of the mesh, available are " +
-                                                std::to_string(problem.memory_budget));
-    }
-    budget_ = problem.memory_budget - needed;
-  }
+        budget_(left_of(problem)),
+        check_(rest_, problem.cells, context) {}
 
   SplitResult run(const Design& design) {
     result_.at_rest = check_.at_rest();
@@ -253,8 +255,8 @@ class Splitting {
   const Points& rest_;
   const SelectedRegions regions_;
   const Setup setup_;
+  const std::size_t budget_;  ///< of a system
   const InversionCheck check_;
-  std::size_t budget_ = 0;
   Points full_;  ///< the whole motion in one step
   Place best_;   ///< the farthest without inversions
   SplitResult result_;

@@ -27,6 +27,10 @@ void check_finite(std::span<const Vec3> points) {
   }
 }
 
+bool empty(const CellSet& cells) {
+  return std::visit([](const auto* borrowed) { return borrowed == nullptr; }, cells);
+}
+
 std::unique_ptr<const MovingCells> moving(const CellSet& cells, std::span<const Vec3> rest) {
   if (const auto* elements = std::get_if<const Elements*>(&cells)) return quality::moving_elements(**elements, rest.size());
   if (const auto* mesh = std::get_if<const Mesh*>(&cells)) return quality::moving_faces(**mesh, rest);
@@ -51,9 +55,7 @@ class InversionCheck::Impl {
       off_plane_ = flatness * box.diagonal();
     }
     check(rest);
-    if (std::visit([](const auto* borrowed) { return borrowed == nullptr; }, cells)) {
-      throw Error(ErrorCode::invalid_argument, "the mesh has no cells");
-    }
+    if (empty(cells)) throw Error(ErrorCode::invalid_argument, "the mesh has no cells");
     cells_ = moving(cells, rest);
     if (cells_->size() == 0) throw Error(ErrorCode::invalid_argument, "the mesh has no cells");
     const auto all = states(rest, context);
@@ -162,19 +164,13 @@ SafeAmplitude InversionCheck::amplitude(std::span<const Vec3> from, std::span<co
 }
 
 std::size_t InversionCheck::bytes_for(const CellSet& cells) {
-  std::size_t count = 0, incidences = 0;
-  if (const auto* elements = std::get_if<const Elements*>(&cells)) {
-    count = (*elements)->size();
-  } else if (const auto* mesh = std::get_if<const Mesh*>(&cells)) {
-    count = (*mesh)->face_count();
-    incidences = 2 * count;
-  } else {
-    const auto& polyhedra = *std::get<const PolyhedralCells*>(cells);
-    count = polyhedra.cell_count;
-    incidences = 2 * count + polyhedra.face_count() + polyhedra.internal_faces();
-  }
-  // Excluded or not, and while looking the states and the inverted ones among them.
-  return count * (1 + sizeof(MovingCells::State) + sizeof(Extreme)) + incidences * sizeof(std::uint32_t);
+  if (empty(cells)) return 0;
+  // Excluded or not, where its sides begin, and while looking the states and the inverted ones among them.
+  constexpr std::size_t each = 1 + sizeof(std::uint64_t) + sizeof(MovingCells::State) + sizeof(Extreme), side = 16;
+  if (const auto* elements = std::get_if<const Elements*>(&cells)) return each * (*elements)->size();
+  if (const auto* mesh = std::get_if<const Mesh*>(&cells)) return each * (*mesh)->face_count();
+  const PolyhedralCells& polyhedra = *std::get<const PolyhedralCells*>(cells);
+  return each * polyhedra.cell_count + side * (polyhedra.face_count() + polyhedra.internal_faces());
 }
 
 MotionSafety safe_amplitude(std::span<const Vec3> X, std::span<const Vec3> Y, const CellSet& cells, const RunContext& context) {

@@ -165,7 +165,8 @@ TEST(Splitting, FailsHonestly) {
     EXPECT_EQ(result.substeps.back().fraction, result.reached);
     EXPECT_EQ(InversionCheck(problem.mesh->points, problem.cells).inverted(result.points).count, 0u);
     const Points full = prepare(problem.mesh, problem.setup)->evaluate(design);
-    for (const PointId id : validate(problem.setup, *problem.mesh).handles[0]) {
+    const SelectedRegions regions = validate(problem.setup, *problem.mesh);
+    for (const PointId id : regions.handles[0]) {
       for (std::size_t k = 0; k < 3; ++k) {
         const double x = problem.mesh->points[id][k];
         EXPECT_EQ(result.points[id][k], x + result.reached * (full[id][k] - x));
@@ -191,7 +192,6 @@ TEST(Splitting, CannotLeaveRestAtAll) {
 TEST(Splitting, StepsThatCannotBePreparedEndTheirAttempt) {
   const test::Cube cube = test::cube(2);
   SplitProblem problem;
-  problem.mesh = test::shared(cube.mesh);
   // Two loose points beside the mesh pass through each other; the middle of the cube is inverted in one step.
   Mesh mesh = cube.mesh;
   mesh.points.insert(mesh.points.end(), {{3, 0, 0}, {4, 0, 0}});
