@@ -30,11 +30,21 @@ Straight operator+(const Straight& a, const Straight& b) { return {a.start + b.s
 Straight operator-(const Straight& a, const Straight& b) { return {a.start - b.start, a.slope - b.slope}; }
 Straight operator*(double s, const Straight& a) { return {s * a.start, s * a.slope}; }
 
+/// A vector of degree 2 in u, 0 at one s: products of two that move straight need no bounds on the way to their sum.
+struct Curve {
+  Vec3 constant{}, linear{}, square{};
+};
+
+Curve operator+(const Curve& a, const Curve& b) { return {a.constant + b.constant, a.linear + b.linear, a.square + b.square}; }
+Curve operator*(double s, const Curve& a) { return {s * a.constant, s * a.linear, s * a.square}; }
+
 /// Where it is at one s.
 struct Moment {
   using Number = double;
   double s;
   Vec3 operator()(const Straight& place) const { return place.start + s * place.slope; }
+  Vec3 operator()(const Curve& curve) const { return curve.constant; }
+  Curve product(const Straight& a, const Straight& b) const { return {cross((*this)(a), (*this)(b)), {}, {}}; }
 };
 
 /// Where it is while s goes through an interval.
@@ -45,6 +55,18 @@ struct Span {
     Triple<Centred> result;
     for (std::size_t k = 0; k < 3; ++k) result[k] = Centred::linear(place.start[k], place.slope[k], middle, radius);
     return result;
+  }
+  Triple<Centred> operator()(const Curve& curve) const {
+    Triple<Centred> result;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double c = curve.constant[k], b = curve.linear[k], a = curve.square[k], slope = std::abs(b), bend = 2 * std::abs(a);
+      result[k] = {c, {c + std::min(a, 0.0) - slope, c + std::max(a, 0.0) + slope}, {b - bend, b + bend}};
+    }
+    return result;
+  }
+  Curve product(const Straight& a, const Straight& b) const {
+    const Vec3 at = a.start + middle * a.slope, bt = b.start + middle * b.slope, da = radius * a.slope, db = radius * b.slope;
+    return {cross(at, bt), cross(at, db) + cross(da, bt), cross(da, db)};
   }
 };
 
@@ -71,21 +93,22 @@ struct Body {
 template <typename When, typename T = typename When::Number>
 void measure(const Outline& face, const When& when, Triple<T>& area, Triple<T>& offset) {
   const auto& corners = face.corners;
-  area = offset = {T(0.0), T(0.0), T(0.0)};
+  offset = {T(0.0), T(0.0), T(0.0)};
   if (corners.size() == 3) {
-    area = (0.5 * face.sign) * cross(when(corners[1] - corners[0]), when(corners[2] - corners[0]));
+    area = when(0.5 * face.sign * when.product(corners[1] - corners[0], corners[2] - corners[0]));
     return;
   }
+  Curve sum;
   T sizes(0.0);
   for (std::size_t c = 0; c < corners.size(); ++c) {
     const Straight &p = corners[c], &next = corners[(c + 1) % corners.size()];
-    const Triple<T> normal = cross(when(next - p), when(face.mean - p));
-    const T size = length(normal);
-    area = area + normal;
+    const Curve normal = when.product(next - p, face.mean - p);
+    const T size = length(when(normal));
+    sum = sum + normal;
     sizes = sizes + size;
     offset = offset + size * when((p - face.mean) + (next - face.mean));
   }
-  area = (0.5 * face.sign) * area;
+  area = when(0.5 * face.sign * sum);
   offset = inverse(3.0 * sizes) * offset;
 }
 
