@@ -7,6 +7,7 @@
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/quality/quadratic_map.h"
+#include "core/quality/scaled_jacobian.h"
 #include "core/quality/vectors.h"
 
 namespace deform {
@@ -22,33 +23,6 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 struct Measured {
   double scaled_jacobian = 0, volume = 0, edge_ratio = 0, aspect_ratio = 0;
 };
-
-double scaled_determinant(const Vec3& a, const Vec3& b, const Vec3& c) {
-  const double lengths = length(a) * length(b) * length(c);
-  return lengths > 0 ? dot(a, cross(b, c)) / lengths : 0.0;
-}
-
-double scaled_jacobian(std::span<const Vec3> points, std::span<const PointId> nodes, const ElementShape& shape) {
-  double least = infinity;
-  for (const auto& corner : shape.corner_edges) {
-    const Vec3& at = points[nodes[corner[0]]];
-    const Vec3 a = points[nodes[corner[1]]] - at, b = points[nodes[corner[2]]] - at, c = points[nodes[corner[3]]] - at;
-    least = std::min(least, scaled_determinant(a, b, c));
-  }
-  return least;
-}
-
-double scaled_jacobian(std::span<const Vec3> points, std::span<const PointId> nodes, const QuadraticMap& map) {
-  double least = infinity;
-  for (const auto& sample : map.samples()) {
-    const auto columns = jacobian(points, nodes, sample.gradients);
-    const auto along = [&](const Vec3& d) { return d[0] * columns[0] + d[1] * columns[1] + d[2] * columns[2]; };
-    for (const auto& frame : sample.frames) {
-      least = std::min(least, scaled_determinant(along(frame[0]), along(frame[1]), along(frame[2])));
-    }
-  }
-  return least;
-}
 
 // Sum of the cones from the first node to every face: triangles, or fans around the mean of four corners.
 double volume(std::span<const Vec3> points, std::span<const PointId> nodes, const ElementShape& shape) {
@@ -134,14 +108,8 @@ Measured measure(std::span<const Vec3> points, const Elements& elements, std::si
   }
   const ElementShape& form = shape(elements.types[e]);
   Measured result;
-  if (form.quadratic()) {
-    const QuadraticMap& map = QuadraticMap::of(elements.types[e]);
-    result.scaled_jacobian = scaled_jacobian(points, nodes, map);
-    result.volume = volume(points, nodes, map);
-  } else {
-    result.scaled_jacobian = scaled_jacobian(points, nodes, form);
-    result.volume = volume(points, nodes, form);
-  }
+  result.scaled_jacobian = scaled_jacobian(points, nodes, elements.types[e]);
+  result.volume = form.quadratic() ? volume(points, nodes, QuadraticMap::of(elements.types[e])) : volume(points, nodes, form);
   const Lengths edges = edge_lengths(points, nodes, form);
   result.edge_ratio = edges.least > 0 ? edges.largest / edges.least : infinity;
   result.aspect_ratio = result.volume > 0 ? edges.largest / least_height(points, nodes, form, result.volume) : infinity;

@@ -15,7 +15,7 @@ FLOORS = {
     "core/mesh": ["core/base", "core/numerics"],
     "core/io": ["core/base", "core/mesh"],
     "core/quality": ["core/base", "core/mesh"],
-    "core/deformers": ["core/base", "core/numerics", "core/mesh"],
+    "core/deformers": ["core/base", "core/numerics", "core/mesh", "core/quality"],
     # The server never reads a user's file.
     "server": ["core/base", "core/codec", "core/mesh", "core/deformers", "deform/v1"],
     "client": ["core/base", "core/codec", "deform/v1"],

@@ -7,66 +7,13 @@
 #include <map>
 #include <numeric>
 
+#include "tests/core/quality/cell_shapes.h"
 #include "tests/support/expect_error.h"
 
 namespace deform {
 namespace {
 
-constexpr ElementType types[] = {ElementType::tetrahedron, ElementType::pyramid, ElementType::prism, ElementType::hexahedron};
-constexpr ElementType quadratic_types[] = {ElementType::tetrahedron10, ElementType::pyramid13, ElementType::pyramid14,
-                                           ElementType::prism15,       ElementType::prism18,   ElementType::hexahedron20,
-                                           ElementType::hexahedron27};
-
-ElementType linear(ElementType type) {
-  const std::size_t corners = shape(type).corners;
-  return corners == 4   ? ElementType::tetrahedron
-         : corners == 5 ? ElementType::pyramid
-         : corners == 6 ? ElementType::prism
-                        : ElementType::hexahedron;
-}
-
-/// The nodes of a quadratic element amid those of its linear one.
-Points with_mid_nodes(ElementType type, Points points) {
-  const ElementShape& form = shape(type);
-  const auto mean = [&](const std::vector<std::uint8_t>& nodes) {
-    Vec3 sum{};
-    for (const std::uint8_t node : nodes) {
-      for (std::size_t k = 0; k < 3; ++k) sum[k] += points[node][k] / static_cast<double>(nodes.size());
-    }
-    return sum;
-  };
-  for (const auto& edge : form.edges) points.push_back(mean({edge[0], edge[1]}));
-  points.resize(form.nodes, mean({0, 1, 2, 3, 4, 5, 6, 7}));
-  for (std::size_t f = 0; f < form.faces.size(); ++f) {
-    const auto& face = form.faces[f];
-    if (form.face_centre(f) != ElementShape::no_node) points[form.face_centre(f)] = mean({face[0], face[2], face[4], face[6]});
-  }
-  return points;
-}
-
-/// The reference element of every type: edge 1, positive, straight.
-Points reference(ElementType type) {
-  switch (type) {
-    case ElementType::tetrahedron:
-      return {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-    case ElementType::pyramid:
-      return {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {0.5, 0.5, 1}};
-    case ElementType::prism:
-      return {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 0, 1}, {0, 1, 1}};
-    case ElementType::hexahedron:
-      return {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {0, 0, 1}, {1, 0, 1}, {1, 1, 1}, {0, 1, 1}};
-    default:
-      return with_mid_nodes(type, reference(linear(type)));
-  }
-}
-
-Elements one(ElementType type) {
-  std::vector<PointId> nodes(shape(type).nodes);
-  std::iota(nodes.begin(), nodes.end(), 0u);
-  Elements elements;
-  elements.add(type, nodes);
-  return elements;
-}
+using namespace test;
 
 TEST(ElementQuality, ReferenceElements) {
   const double volumes[] = {1.0 / 6, 1.0 / 3, 0.5, 1};

@@ -6,57 +6,14 @@
 #include <cmath>
 #include <numeric>
 
+#include "tests/core/quality/cell_shapes.h"
 #include "tests/support/expect_error.h"
 
 namespace deform {
 namespace {
 
-struct Grid {
-  Points points;
-  PolyhedralCells cells;
-};
-
-/// nx x ny x nz cubes of edge 1, internal faces first.
-Grid grid(std::uint32_t nx, std::uint32_t ny, std::uint32_t nz) {
-  Grid grid;
-  const auto point = [&](std::uint32_t i, std::uint32_t j, std::uint32_t k) { return i + (nx + 1) * (j + (ny + 1) * k); };
-  const auto cell = [&](std::uint32_t i, std::uint32_t j, std::uint32_t k) { return i + nx * (j + ny * k); };
-  for (std::uint32_t k = 0; k <= nz; ++k) {
-    for (std::uint32_t j = 0; j <= ny; ++j) {
-      for (std::uint32_t i = 0; i <= nx; ++i) grid.points.push_back({double(i), double(j), double(k)});
-    }
-  }
-  PolyhedralCells& cells = grid.cells;
-  cells.cell_count = std::size_t{nx} * ny * nz;
-  const std::uint32_t size[3] = {nx, ny, nz};
-  for (const bool internal : {true, false}) {
-    for (int axis = 0; axis < 3; ++axis) {
-      const int u = (axis + 1) % 3, v = (axis + 2) % 3;
-      std::uint32_t at[3];
-      for (at[2] = 0; at[2] < size[2] + (axis == 2); ++at[2]) {
-        for (at[1] = 0; at[1] < size[1] + (axis == 1); ++at[1]) {
-          for (at[0] = 0; at[0] < size[0] + (axis == 0); ++at[0]) {
-            const bool low = at[axis] == 0, high = at[axis] == size[axis];
-            if (internal == (low || high)) continue;
-            std::uint32_t corners[4][3];
-            for (auto& corner : corners) std::copy(at, at + 3, corner);
-            ++corners[1][u], ++corners[2][u], ++corners[2][v], ++corners[3][v];
-            for (int c = 0; c < 4; ++c) {
-              const auto& corner = corners[low ? 3 - c : c];  // outward
-              cells.face_points.push_back(point(corner[0], corner[1], corner[2]));
-            }
-            cells.face_offsets.push_back(cells.face_points.size());
-            std::uint32_t before[3] = {at[0], at[1], at[2]};
-            if (!low) --before[axis];
-            cells.owner.push_back(cell(before[0], before[1], before[2]));
-            if (internal) cells.neighbour.push_back(cell(at[0], at[1], at[2]));
-          }
-        }
-      }
-    }
-  }
-  return grid;
-}
+using test::Grid;
+using test::grid;
 
 TEST(PolyhedralQuality, CubesAreIdeal) {
   const Grid g = grid(3, 2, 4);
