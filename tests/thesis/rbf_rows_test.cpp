@@ -19,9 +19,8 @@ using test::shared;
 using test::sheet_setup;
 using test::turn_and_shift;
 
-constexpr Kernel kernels[] = {Kernel::triharmonic,  Kernel::biharmonic,           Kernel::quintic,    Kernel::gaussian,
-                              Kernel::multiquadric, Kernel::inverse_multiquadric, Kernel::wendland_c2,
-                              Kernel::thin_plate};
+constexpr Kernel kernels[] = {Kernel::triharmonic,  Kernel::biharmonic,           Kernel::quintic,     Kernel::gaussian,
+                              Kernel::multiquadric, Kernel::inverse_multiquadric, Kernel::wendland_c2, Kernel::thin_plate};
 
 deform::Setup with(deform::Setup setup, RbfOptions options) {
   setup.method = options;

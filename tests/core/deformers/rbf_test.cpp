@@ -43,9 +43,8 @@ double distance(const Points& a, const Points& b) {
 }
 
 std::vector<Kernel> kernels() {
-  return {Kernel::triharmonic,  Kernel::biharmonic,           Kernel::quintic,    Kernel::gaussian,
-          Kernel::multiquadric, Kernel::inverse_multiquadric, Kernel::wendland_c2,
-          Kernel::thin_plate};
+  return {Kernel::triharmonic,  Kernel::biharmonic,           Kernel::quintic,     Kernel::gaussian,
+          Kernel::multiquadric, Kernel::inverse_multiquadric, Kernel::wendland_c2, Kernel::thin_plate};
 }
 
 Affine some_affine() { return {1.1, 0.05, -0.02, 0.3, -0.04, 0.95, 0.07, -0.1, 0.02, 0.01, 1.2, 0.05}; }
