@@ -51,7 +51,7 @@ def exodus_with_vtk(path):
     reader = library("vtkmodules.vtkIOExodus").vtkExodusIIReader()
     reader.SetFileName(path)
     reader.UpdateInformation()
-    reader.SqueezePointsOff()
+    reader.SetSqueezePoints(False)
     reader.Update()
     return reading_of(reader.GetOutput())
 

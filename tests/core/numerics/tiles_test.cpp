@@ -24,8 +24,9 @@ TEST(Tiles, KernelValuesOnEveryTarget) {
       for (std::size_t j = 0; j < centres.size(); ++j) {
         for (std::size_t i = 0; i < tile_size; ++i) {
           const double expected = value(kernel, test::squared_distance(points[i], centres[j]));
-          // Kernels with a shape are differences of numbers of size 1.
-          const double size = properties(kernel.kernel).has_shape ? 1 : std::abs(expected);
+          // Kernels with a shape and logarithms near 1 are differences of numbers of size 1.
+          const bool cancels = properties(kernel.kernel).has_shape || kernel.kernel == Kernel::thin_plate;
+          const double size = cancels ? 1 : std::abs(expected);
           EXPECT_NEAR(got[j * tile_size + i], expected, 4e-15 * size) << properties(kernel.kernel).name;
         }
       }
