@@ -37,6 +37,7 @@ struct Krylov {
   MatrixXd H = MatrixXd::Zero(most_iterations + 1, most_iterations);
   double beta = 0;
   double left = 0;  ///< norm of the residual
+  std::vector<double> history;
   bool active = false;
 
   /// Coefficients of the least squares solution, and of the residual in V.
@@ -86,6 +87,7 @@ class IterativeSystem::Solve {
   void improve(const MatrixXd& residual, MatrixXd& weights);
   void step(std::vector<Krylov>& columns);
   bool done(Krylov& column) const;
+  static bool exhausted(Krylov& column);
 
   const IterativeSystem& system_;
   const double tolerance_;
@@ -148,6 +150,14 @@ bool IterativeSystem::Solve::done(Krylov& column) const {
   return residual.lpNorm<Eigen::Infinity>() <= 0.5 * tolerance_;
 }
 
+/// Beyond the precision of the arithmetic more directions add noise only.
+bool IterativeSystem::Solve::exhausted(Krylov& column) {
+  constexpr std::size_t patience = 8;
+  column.history.push_back(column.left);
+  const std::size_t steps = column.history.size();
+  return column.left < 1e-14 * column.beta || (steps > patience && column.left > 0.9 * column.history[steps - 1 - patience]);
+}
+
 void IterativeSystem::Solve::step(std::vector<Krylov>& columns) {
   std::vector<Krylov*> active;
   for (Krylov& column : columns) {
@@ -174,7 +184,7 @@ void IterativeSystem::Solve::step(std::vector<Krylov>& columns) {
     const double norm = u.norm();
     column.H(j + 1, j) = norm;
     column.V.emplace_back(norm > 0 ? VectorXd(u / norm) : VectorXd::Zero(u.size()));
-    column.active = norm > 1e-15 * column.H.col(j).norm() && j + 1 < most_iterations && !done(column);
+    column.active = norm > 1e-15 * column.H.col(j).norm() && j + 1 < most_iterations && !done(column) && !exhausted(column);
   }
   ++iterations_;
 }
@@ -216,7 +226,8 @@ IterativeSystem::Solution IterativeSystem::Solve::run(const MatrixXd& B) {
   // P^T w = g with the least w; the rest stays on the complement. Q is that of P up to signs, which R's own rows settle.
   if (!g.isZero(0)) weights = P * (R.transpose() * R).ldlt().solve(g);
 
-  Solution solution;
+  Solution best, solution;
+  best.residual = std::numeric_limits<double>::infinity();
   MatrixXd residual;
   double last = std::numeric_limits<double>::infinity();
   for (int restart = 0;; ++restart) {
@@ -232,12 +243,13 @@ IterativeSystem::Solution IterativeSystem::Solve::run(const MatrixXd& B) {
     if (P.cols() > 0) solution.coefficients.bottomRows(P.cols()) = qr.solve(whole);
     solution.order = order_;
     solution.iterations = iterations_;
+    if (solution.residual < best.residual) best = solution;
     // Another round helps only while rounds do.
     const bool stuck = solution.residual > 0.5 * last;
-    if (solution.converged || stuck || restart == most_restarts) return solution;
+    if (solution.converged || stuck || restart == most_restarts) return best;
     last = solution.residual;
     if (error > 0.25 * tolerance_) {
-      if (order_ == last_order) return solution;
+      if (order_ == last_order) return best;
       use_order(order_ + 2);
       if (error > tolerance_) {
         // Estimate again before any work on wrong sums.

@@ -154,7 +154,7 @@ TEST(IterativeSystem, AFewCentresAreSolvedAtOnce) {
 }
 
 TEST(IterativeSystem, NotConvergingIsAResult) {
-  const std::vector<Vec3> centres = sphere(600);
+  const std::vector<Vec3> centres = sphere(1200);
   const IterativeSystem system(centres, {Kernel::triharmonic, 1}, 1, {});
   const auto solution = system.solve(with_side_conditions(data(centres), 4), 1e-30, {});
   EXPECT_FALSE(solution.converged);
