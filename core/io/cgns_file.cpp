@@ -2,6 +2,7 @@
 // Hostile files are parsed by libcgns and libhdf5 themselves; this reader checks sizes and ranges of all they hand over. Of some
 // thousand files with flipped bits none did harm, but nobody has hardened those parsers: see exodus_file.cpp.
 
+#include <algorithm>
 #include <limits>
 
 #include "core/base/error.h"
@@ -82,9 +83,15 @@ class CgnsFile : public MeshFile {
   const bool flat_;
 };
 
+struct CgnsContent {
+  CgnsMesh mesh;
+  std::vector<CoordinateArray> arrays;
+  bool flat = false;  ///< a zone is in the plane
+};
+
 class CgnsReader {
  public:
-  CgnsReader(CgnsTree& tree, const std::string& name) : tree_(tree), name_(name) {}
+  explicit CgnsReader(const CgnsTree& tree) : tree_(tree) {}
 
   void read() {
     std::vector<std::pair<Node, std::size_t>> zones;  // and the dimension of space
@@ -100,24 +107,7 @@ class CgnsReader {
     if (mesh_.elements.points.empty()) tree_.fail({}, "the file has no points");
   }
 
-  std::unique_ptr<MeshFile> finish(std::string bytes) {
-    const bool flat = flat_zones_ > 0;
-    auto arrays = std::move(arrays_);
-    const auto file = [&](std::shared_ptr<const Mesh> mesh, std::shared_ptr<const PolyhedralCells> cells) {
-      return std::make_unique<CgnsFile>(std::move(bytes), std::move(mesh), std::move(cells), std::move(arrays), name_, flat);
-    };
-    if (mesh_.polyhedra.size() > 0) {
-      if (mesh_.elements.elements.size() > 0) {
-        throw Error(ErrorCode::invalid_argument,
-                    name_ + ": polyhedra (NFACE_n) beside elements of other types are not supported");
-      }
-      CgnsPolyhedra result = cgns_polyhedra(std::move(mesh_), name_);
-      return file(std::move(result.mesh), std::move(result.cells));
-    }
-    add_sets();
-    return with_elements(std::move(mesh_.elements), name_,
-                         [&](std::shared_ptr<const Mesh> mesh) { return file(std::move(mesh), nullptr); });
-  }
+  CgnsContent take() { return std::move(content_); }
 
  private:
   void read_zone(const Node& node, std::size_t space, bool one_of_many) {
@@ -128,9 +118,13 @@ class CgnsReader {
     zone.structured = !type || tree_.text(*type) != "Unstructured";
     const auto sizes = tree_.integers(node);
     const std::size_t axes = zone.structured ? sizes.size() / 3 : 1;
-    if (sizes.size() != 3 * axes || axes < 1 || axes > 3)
+    if (sizes.size() != 3 * axes || axes < 1 || axes > 3) {
       tree_.fail(node, "expected the numbers of vertices and cells along every index");
+    }
     zone.vertices.assign(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(axes));
+    for (const std::int64_t vertices : zone.vertices) {
+      if (vertices < 1) tree_.fail(node, std::to_string(vertices) + " vertices along an index");
+    }
     zone.first_point = static_cast<PointId>(mesh_.elements.points.size());
     read_points(zone, space);
     if (zone.structured) {
@@ -139,14 +133,16 @@ class CgnsReader {
       read_cgns_sections(tree_, zone, mesh_);
     }
     read_cgns_conditions(tree_, zone, mesh_);
+    if (!one_of_many) return;  // all points are no part that anybody would name
     CgnsNamedSet all{FaceGroups::Kind::cell_zone, zone.name, {}};
-    for (std::size_t i = 0; i < zone.points; ++i)
+    for (std::size_t i = 0; i < zone.points; ++i) {
       all.elements.push_back({Kind::point, zone.first_point + static_cast<PointId>(i)});
-    if (one_of_many) mesh_.sets.push_back(all);
+    }
+    mesh_.sets.push_back(all);
     all.kind = FaceGroups::Kind::family;
     for (const Node& family : tree_.children(node, "FamilyName_t")) {
       all.name = tree_.text(family);
-      if (one_of_many && !all.name.empty()) mesh_.sets.push_back(all);
+      if (!all.name.empty()) mesh_.sets.push_back(all);
     }
   }
 
@@ -155,7 +151,7 @@ class CgnsReader {
     if (!grid) tree_.fail(zone.node, "the zone has no GridCoordinates");
     check_rind(*grid);
     double count = 1;
-    for (const std::int64_t vertices : zone.vertices) count *= static_cast<double>(vertices > 0 ? vertices : 0);
+    for (const std::int64_t vertices : zone.vertices) count *= static_cast<double>(vertices);
     const std::vector<Node> arrays = tree_.children(*grid);
     for (std::size_t axis = 0; axis < space; ++axis) {
       const Node* array = nullptr;
@@ -171,18 +167,19 @@ class CgnsReader {
       const std::vector<double> values = tree_.reals(*array);
       if (static_cast<double>(values.size()) != count) {
         tree_.fail(*array, std::to_string(values.size()) + " coordinates, the zone has " +
-                               std::to_string(static_cast<std::uint64_t>(count)) + " vertices");
+                               std::to_string(static_cast<std::uint64_t>(std::min(count, 1e18))) + " vertices");
       }
-      if (mesh_.elements.points.size() + values.size() > std::numeric_limits<PointId>::max())
+      if (mesh_.elements.points.size() + values.size() > std::numeric_limits<PointId>::max()) {
         tree_.fail(*array, "more than 2^32 - 1 points");
+      }
       if (axis == 0) {
         zone.points = values.size();
         mesh_.elements.points.resize(zone.first_point + zone.points);
       }
       for (std::size_t i = 0; i < values.size(); ++i) mesh_.elements.points[zone.first_point + i][axis] = values[i];
-      arrays_.push_back({array->path, axis, zone.first_point, zone.points, tree_.type(*array) == "R4"});
+      content_.arrays.push_back({array->path, axis, zone.first_point, zone.points, tree_.type(*array) == "R4"});
     }
-    flat_zones_ += space == 2;
+    content_.flat |= space == 2;
   }
 
   /// Planes of points around a zone that belong to its neighbours.
@@ -194,45 +191,60 @@ class CgnsReader {
     }
   }
 
-  /// Of faces and points, once it is known that there are no polyhedra.
-  void add_sets() {
-    ElementMesh& target = mesh_.elements;
-    const std::size_t first_polygon = target.faces.size();
-    for (std::size_t p = 0; p < mesh_.polygons.size(); ++p) {
-      const auto corners = mesh_.polygons[p];
-      target.faces.push_back({{corners.begin(), corners.end()}, ""});
-    }
-    for (const CgnsNamedSet& set : mesh_.sets) {
-      ElementMesh::FaceSet faces{set.name, {}, set.kind};
-      ElementMesh::PointSet points{set.name, {}, set.kind};
-      for (const CgnsElement& element : set.elements) {
-        const auto add = [&](std::span<const PointId> ids) { points.points.insert(points.points.end(), ids.begin(), ids.end()); };
-        if (element.kind == Kind::face) faces.faces.push_back(element.index);
-        if (element.kind == Kind::polygon) faces.faces.push_back(first_polygon + element.index);
-        if (element.kind == Kind::point) points.points.push_back(element.index);
-        if (element.kind == Kind::edge) add(mesh_.edges[element.index]);
-        if (element.kind == Kind::cell) add(target.elements.nodes(element.index));
-      }
-      target.face_sets.push_back(std::move(faces));
-      target.point_sets.push_back(std::move(points));
-    }
-  }
-
-  CgnsTree& tree_;
-  const std::string& name_;
-  CgnsMesh mesh_;
-  std::vector<CoordinateArray> arrays_;
-  std::size_t flat_zones_ = 0;
+  const CgnsTree& tree_;
+  CgnsContent content_;
+  CgnsMesh& mesh_ = content_.mesh;
 };
+
+/// Sets of faces and points, once it is known that there are no polyhedra.
+void add_sets(CgnsMesh& mesh) {
+  ElementMesh& target = mesh.elements;
+  const std::size_t first_polygon = target.faces.size();
+  for (std::size_t p = 0; p < mesh.polygons.size(); ++p) {
+    const auto corners = mesh.polygons[p];
+    target.faces.push_back({{corners.begin(), corners.end()}, ""});
+  }
+  for (const CgnsNamedSet& set : mesh.sets) {
+    ElementMesh::FaceSet faces{set.name, {}, set.kind};
+    ElementMesh::PointSet points{set.name, {}, set.kind};
+    for (const CgnsElement& element : set.elements) {
+      const auto add = [&](std::span<const PointId> ids) { points.points.insert(points.points.end(), ids.begin(), ids.end()); };
+      if (element.kind == Kind::face) faces.faces.push_back(element.index);
+      if (element.kind == Kind::polygon) faces.faces.push_back(first_polygon + element.index);
+      if (element.kind == Kind::point) points.points.push_back(element.index);
+      if (element.kind == Kind::edge) add(mesh.edges[element.index]);
+      if (element.kind == Kind::cell) add(target.elements.nodes(element.index));
+    }
+    target.face_sets.push_back(std::move(faces));
+    target.point_sets.push_back(std::move(points));
+  }
+}
 
 }  // namespace
 
 std::unique_ptr<MeshFile> parse_cgns(std::string bytes, const std::string& name) {
-  ContainerFile file(bytes);
-  CgnsTree tree(file, bytes.size(), name, CgnsTree::Access::read);
-  CgnsReader reader(tree, name);
-  reader.read();
-  return reader.finish(std::move(bytes));
+  CgnsContent content;
+  {
+    ContainerFile file(bytes);
+    const CgnsTree tree(file, bytes.size(), name, CgnsTree::Access::read);
+    CgnsReader reader(tree);
+    reader.read();
+    content = reader.take();
+  }
+  const auto file = [&](std::shared_ptr<const Mesh> mesh, std::shared_ptr<const PolyhedralCells> cells) {
+    return std::make_unique<CgnsFile>(std::move(bytes), std::move(mesh), std::move(cells), std::move(content.arrays), name,
+                                      content.flat);
+  };
+  if (content.mesh.polyhedra.size() > 0) {
+    if (content.mesh.elements.elements.size() > 0) {
+      throw Error(ErrorCode::invalid_argument, name + ": polyhedra (NFACE_n) beside elements of other types are not supported");
+    }
+    CgnsPolyhedra result = cgns_polyhedra(std::move(content.mesh), name);
+    return file(std::move(result.mesh), std::move(result.cells));
+  }
+  add_sets(content.mesh);
+  return with_elements(std::move(content.mesh.elements), name,
+                       [&](std::shared_ptr<const Mesh> mesh) { return file(std::move(mesh), nullptr); });
 }
 
 }  // namespace deform::io

@@ -1,4 +1,6 @@
 #include <algorithm>
+#include <cstdlib>
+#include <limits>
 
 #include "core/io/cgns_zone.h"
 
@@ -212,7 +214,8 @@ class SectionReader {
     each_list(source, [&](std::span<const std::int64_t> numbers) {
       sides.clear();
       for (const std::int64_t number : numbers) {
-        const CgnsElement* face = zone_.element(number < 0 ? -number : number);
+        // The lowest number has no positive one.
+        const CgnsElement* face = number < -std::numeric_limits<std::int64_t>::max() ? nullptr : zone_.element(std::abs(number));
         if (face == nullptr || face->kind != Kind::polygon) {
           tree_.fail(source.node, "face " + std::to_string(number) + " is none of the zone's NGON_n");
         }
@@ -276,11 +279,13 @@ PointId CgnsZone::point(std::int64_t number, const CgnsTree& tree, const CgnsTre
 }
 
 const CgnsElement* CgnsZone::element(std::int64_t number) const {
-  for (const CgnsSection& section : sections) {
-    const std::int64_t place = number - section.first;
-    if (place >= 0 && static_cast<std::uint64_t>(place) < section.elements.size()) {
-      return &section.elements[static_cast<std::size_t>(place)];
-    }
+  if (number < 1) return nullptr;
+  for (std::size_t i = 0; i < sections.size(); ++i) {
+    const std::size_t s = (recent_section + i) % sections.size();
+    const std::int64_t place = number - sections[s].first;
+    if (place < 0 || static_cast<std::uint64_t>(place) >= sections[s].elements.size()) continue;
+    recent_section = s;
+    return &sections[s].elements[static_cast<std::size_t>(place)];
   }
   return nullptr;
 }

@@ -72,6 +72,7 @@ struct CgnsZone {
   PointId first_point = 0;
   std::size_t points = 0;
   std::vector<CgnsSection> sections;
+  mutable std::size_t recent_section = 0;  ///< where element() found the last one
 
   /// Point `number` of the file, from 1. Throws naming the node.
   PointId point(std::int64_t number, const CgnsTree& tree, const CgnsTree::Node& where) const;

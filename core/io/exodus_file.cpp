@@ -267,12 +267,18 @@ class ExodusReader {
 
 std::unique_ptr<MeshFile> parse_exodus(std::string bytes, const std::string& name) {
   check_classic_netcdf(bytes, name);
-  ContainerFile file(bytes);
-  const NetcdfFile netcdf(file, bytes.size(), name, NetcdfFile::Access::read);
-  ExodusReader reader(netcdf);
-  reader.read();
-  return with_elements(reader.take(), name, [&](std::shared_ptr<const Mesh> mesh) {
-    return std::make_unique<ExodusFile>(std::move(bytes), std::move(mesh), reader.layout(), name);
+  ElementMesh source;
+  Layout layout;
+  {
+    ContainerFile file(bytes);
+    const NetcdfFile netcdf(file, bytes.size(), name, NetcdfFile::Access::read);
+    ExodusReader reader(netcdf);
+    reader.read();
+    source = reader.take();
+    layout = reader.layout();
+  }
+  return with_elements(std::move(source), name, [&](std::shared_ptr<const Mesh> mesh) {
+    return std::make_unique<ExodusFile>(std::move(bytes), std::move(mesh), layout, name);
   });
 }
 

@@ -71,6 +71,19 @@ TEST_P(CgnsContainer, BoundaryGroupsAndElements) {
   EXPECT_EQ(mesh->find_group("house"), nullptr) << "the only zone";
 }
 
+TEST_P(CgnsContainer, IntegersOf64Bits) {
+  std::string bytes = house_file(GetParam());
+  const auto before = parse_mesh(bytes, "a.cgns");
+  for (const char* path : {"", "/block", "/block/ElementRange", "/block/ElementConnectivity", "/walls/ElementConnectivity",
+                           "/ZoneBC/wet/PointList", "/ZoneBC/ground/PointRange"}) {
+    bytes = test::with_long_numbers(bytes, std::string("/Base/house") + path);
+  }
+  const auto after = parse_mesh(bytes, "a.cgns");
+  EXPECT_EQ(after->mesh()->face_points, before->mesh()->face_points);
+  EXPECT_EQ(after->elements()->points, before->elements()->points);
+  EXPECT_THAT(group(*after->mesh(), "wet").faces, ElementsAre(6, 4));
+}
+
 TEST_P(CgnsContainer, OnlyCoordinatesChange) {
   for (const DataType_t type : {RealDouble, RealSingle}) {
     const std::string bytes = house_file(GetParam(), type);

@@ -142,6 +142,24 @@ inline std::string with_numbers(const std::string& bytes, const std::string& pat
   });
 }
 
+/// The same numbers as 64-bit integers.
+inline std::string with_long_numbers(const std::string& bytes, const std::string& path) {
+  return edited(bytes, [&](int file, double root) {
+    const double id = node_at(file, root, path);
+    int count = 0;
+    cgsize_t lengths[CGIO_MAX_DIMENSIONS] = {};
+    if (cgio_get_dimensions(file, id, &count, lengths) != 0) throw std::runtime_error("no data in " + path);
+    std::size_t size = 1;
+    for (int k = 0; k < count; ++k) size *= static_cast<std::size_t>(lengths[k]);
+    std::vector<cgsize_t> numbers(size);
+    if (cgio_read_all_data(file, id, numbers.data()) != 0) throw std::runtime_error("cannot read " + path);
+    const std::vector<cglong_t> wide(numbers.begin(), numbers.end());
+    if (cgio_set_dimensions(file, id, "I8", count, lengths) != 0 || cgio_write_all_data(file, id, wide.data()) != 0) {
+      throw std::runtime_error("cannot write " + path);
+    }
+  });
+}
+
 inline std::string without(const std::string& bytes, const std::string& parent, const std::string& name) {
   return edited(bytes, [&](int file, double root) {
     const double id = node_at(file, root, parent);
