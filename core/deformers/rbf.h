@@ -10,9 +10,9 @@ namespace deform {
 
 /// RBF space deformation (thesis 3.5, eq. 3.8 to 3.10) with the handle basis of thesis 4.2. Constraint points are set exactly
 /// (affine image, displacement, rest); deformable points get the interpolant. What differs from System:
-///  - report().interpolation_residual is an upper bound over all centres on the basis path, and the largest value over at most
-///  256 evenly
-///    spread centres on the direct path.
+///  - report().interpolation_residual is an upper bound over all centres on the basis path and with the iterative solver, and the
+///    largest value over at most 256 evenly spread centres on the direct path of the others. An iterative solution that did not
+///    reach its tolerance shows there; notes tell of the basis only.
 class RbfSystem : public System {
  public:
   RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context, std::size_t memory_budget);

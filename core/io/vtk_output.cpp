@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "core/base/error.h"
+#include "core/base/text.h"
 #include "core/io/byte_order.h"
 #include "core/io/mesh_file.h"
 
@@ -39,24 +40,6 @@ const VtkCell& vtk_cell(ElementType type) {
       {29, {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 16, 17, 18, 19, 12, 13, 14, 15, 24, 22, 21, 23, 20, 25, 26}},
   }};
   return cells[static_cast<std::size_t>(type)];
-}
-
-std::string escaped(const std::string& text) {
-  std::string out;
-  for (const char c : text) {
-    if (c == '&') {
-      out += "&amp;";
-    } else if (c == '<') {
-      out += "&lt;";
-    } else if (c == '>') {
-      out += "&gt;";
-    } else if (c == '"') {
-      out += "&quot;";
-    } else {
-      out += static_cast<unsigned char>(c) < ' ' ? '_' : c;
-    }
-  }
-  return out;
 }
 
 /// The two halves of a file: elements that describe arrays, and the bytes behind them that they point to.
@@ -104,7 +87,7 @@ class VtkDocument {
 
  private:
   void describe(const char* type, const std::string& name, std::size_t components, std::size_t bytes) {
-    head_ += std::string("<DataArray type=\"") + type + "\" Name=\"" + escaped(name) + "\" NumberOfComponents=\"" +
+    head_ += std::string("<DataArray type=\"") + type + "\" Name=\"" + markup_text(name) + "\" NumberOfComponents=\"" +
              std::to_string(components) + "\" format=\"appended\" offset=\"" + std::to_string(data_.size()) + "\"/>\n";
     append(bytes);
   }

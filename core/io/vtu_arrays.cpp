@@ -4,8 +4,8 @@
 
 #include <charconv>
 
+#include "core/base/base64.h"
 #include "core/base/error.h"
-#include "core/io/base64.h"
 #include "core/io/byte_order.h"
 #include "core/io/text_scanner.h"
 
@@ -339,8 +339,10 @@ std::string encoded(const VtuStorage& storage, const VtuArray& array, const VtuD
   std::string blocks;
   const auto block_bytes = static_cast<std::size_t>(old.block_bytes);
   for (std::size_t b = 0; b < old.blocks.size(); ++b) {
-    const std::string_view now = values.substr(b * block_bytes, block_bytes);
-    const bool same = now == std::string_view(old.values).substr(b * block_bytes, block_bytes);
+    // The last block ends with the values: damaged headers call it larger than the others.
+    const std::size_t length = b + 1 == old.blocks.size() ? std::string_view::npos : block_bytes;
+    const std::string_view now = values.substr(b * block_bytes, length);
+    const bool same = now == std::string_view(old.values).substr(b * block_bytes, length);
     const std::string block = same ? old.blocks[b] : packed(now);
     append_header(header, block.size(), storage);
     blocks += block;

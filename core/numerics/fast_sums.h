@@ -35,7 +35,7 @@ class FastSums {
   std::vector<double> sums(std::span<const double> weights, std::size_t columns, const RunContext& context = {}) const;
 
   std::size_t bytes() const;
-  /// Memory for n points and m centres, an upper bound for points on surfaces; `columns` at once in sums().
+  /// Memory for n points and m centres, an upper bound for points on surfaces, with the workspace of one sums().
   static std::size_t bytes_for(std::size_t n, std::size_t m, int order);
 
  private:

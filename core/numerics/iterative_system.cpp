@@ -223,7 +223,7 @@ IterativeSystem::Solution IterativeSystem::Solve::run(const MatrixXd& B) {
   const MatrixXd R = qr.matrixQR().topRows(P.cols()).triangularView<Eigen::Upper>();
   MatrixXd weights = MatrixXd::Zero(m, B.cols());
   const auto g = B.bottomRows(P.cols());
-  // P^T w = g with the least w; the rest stays on the complement. Q is that of P up to signs, which R's own rows settle.
+  // The least w with P^T w = g, where P^T P = R^T R; all that is added later is orthogonal to the polynomials.
   if (!g.isZero(0)) weights = P * (R.transpose() * R).ldlt().solve(g);
 
   Solution best, solution;

@@ -33,8 +33,9 @@ class IterativeSystem {
     bool converged = false;
   };
   /// B = [f; g], (m + q) x columns: values at the centres, and right-hand sides of the side conditions (0 for interpolation).
-  /// `tolerance`: in the units of the values. Every column is solved for as if it were alone, so groups do not change bits.
-  /// Progress "solve".
+  /// `tolerance`: in the units of the values, for every column. The columns share the order of the sums, which follows the most
+  /// demanding one: other groups of columns give other digits below the tolerance. Not converging is a result. Throws
+  /// Error(cancelled), deadline_exceeded. Progress "solve".
   Solution solve(const Eigen::MatrixXd& B, double tolerance, const RunContext& context) const;
 
   std::size_t bytes() const { return preconditioner_.bytes() + centres_.size() * sizeof(Vec3); }

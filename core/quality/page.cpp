@@ -7,11 +7,12 @@
 #include <cstdio>
 #include <type_traits>
 
+#include "core/base/base64.h"
+#include "core/base/text.h"
+
 namespace deform {
 
 namespace {
-
-using quality::base64;
 
 std::string number(double value) {
   char text[32];
@@ -45,25 +46,25 @@ std::string little_endian(const std::vector<T>& values) {
 }
 
 void append_header(std::string& out, const QualityPage& page) {
-  out += "<header>\n<p class=\"kind\">Mesh quality</p>\n<h1>" + html_text(page.file) + "</h1>\n";
-  if (page.before) out += "<p class=\"soft\">Compared with " + html_text(page.before_file) + "</p>\n";
+  out += "<header>\n<p class=\"kind\">Mesh quality</p>\n<h1>" + markup_text(page.file) + "</h1>\n";
+  if (page.before) out += "<p class=\"soft\">Compared with " + markup_text(page.before_file) + "</p>\n";
   std::string counts;
   for (const auto& [name, count] : page.after.counts) {
     if (count == 0) continue;
     std::string noun = name;
     std::replace(noun.begin(), noun.end(), '_', ' ');
-    counts += (counts.empty() ? "" : ", ") + std::to_string(count) + " " + html_text(noun);
+    counts += (counts.empty() ? "" : ", ") + std::to_string(count) + " " + markup_text(noun);
   }
   out += "<p>" + counts + "</p>\n";
   if (!page.gates.empty()) {
     out += "<ul class=\"gates\">\n";
     for (const auto& gate : page.gates) {
-      out += std::string("<li class=\"") + (gate.failed ? "bad\">failed: " : "good\">passed: ") + html_text(gate.condition) +
+      out += std::string("<li class=\"") + (gate.failed ? "bad\">failed: " : "good\">passed: ") + markup_text(gate.condition) +
              (gate.failed ? " holds, it is " : " does not hold, it is ") + number(gate.value) + "</li>\n";
     }
     out += "</ul>\n";
   }
-  for (const auto& note : page.notes) out += "<p class=\"soft\">" + html_text(note) + "</p>\n";
+  for (const auto& note : page.notes) out += "<p class=\"soft\">" + markup_text(note) + "</p>\n";
   out += "</header>\n";
 }
 
@@ -94,7 +95,7 @@ void append_measures(std::string& out, const QualityPage& page) {
   out += "<th>where (id)</th></tr></thead>\n<tbody>\n";
   for (const QualityRow& row : page.after.rows) {
     if (!row.in_table) continue;
-    out += "<tr><td>" + html_text(row.label) + "</td>";
+    out += "<tr><td>" + markup_text(row.label) + "</td>";
     if (page.before) {
       const QualityRow* before = page.before->find(row.name);
       out += "<td>" + (before ? number(before->value) : "") + "</td><td>" + number(row.value) + "</td>";
@@ -104,7 +105,7 @@ void append_measures(std::string& out, const QualityPage& page) {
     }
     out += "<td>" + (row.id ? std::to_string(*row.id) : "") + "</td></tr>\n";
   }
-  out += "</tbody></table></div>\n<p class=\"soft\">" + html_text(page.after.method) + "</p>\n</section>\n";
+  out += "</tbody></table></div>\n<p class=\"soft\">" + markup_text(page.after.method) + "</p>\n</section>\n";
 }
 
 /// Bars of `after`, and the outline of `before` over them; heights are shares of all, so that other numbers of cells compare.
@@ -116,7 +117,7 @@ class Plot {
   }
 
   std::string svg() const {
-    std::string out = "<svg viewBox=\"0 0 440 190\" role=\"img\" aria-label=\"" + html_text(after_.title) + "\">\n";
+    std::string out = "<svg viewBox=\"0 0 440 190\" role=\"img\" aria-label=\"" + markup_text(after_.title) + "\">\n";
     const std::size_t n = after_.counts.size();
     const double step = width / static_cast<double>(n);
     for (std::size_t i = 0; i < n; ++i) {
@@ -185,7 +186,7 @@ void append_histograms(std::string& out, const QualityPage& page) {
         if (candidate.name == histogram.name) before = &candidate;
       }
     }
-    out += "<figure>\n<figcaption>" + html_text(histogram.title) + "</figcaption>\n" + Plot(histogram, before).svg();
+    out += "<figure>\n<figcaption>" + markup_text(histogram.title) + "</figcaption>\n" + Plot(histogram, before).svg();
     if (before) out += "<p class=\"key\"><i class=\"after\"></i>after<i class=\"before\"></i>before</p>\n";
     out += "</figure>\n";
   }
@@ -198,7 +199,7 @@ void append_worst(std::string& out, const QualityPage& page) {
   for (const WorstList& list : page.after.worst) {
     if (list.entries.empty()) continue;
     const bool values = list.entries.front().value.has_value();
-    out += "<h3>" + html_text(list.title) + "</h3>\n<div class=\"scroll\"><table>\n<thead><tr><th>" + html_text(list.noun) +
+    out += "<h3>" + markup_text(list.title) + "</h3>\n<div class=\"scroll\"><table>\n<thead><tr><th>" + markup_text(list.noun) +
            "</th>" + (values ? "<th>value</th>" : "") + "<th>x</th><th>y</th><th>z</th><th></th></tr></thead>\n<tbody>\n";
     for (std::size_t i = 0; i < std::min(most_shown, list.entries.size()); ++i) {
       const auto& entry = list.entries[i];
@@ -219,7 +220,7 @@ void append_worst(std::string& out, const QualityPage& page) {
 }
 
 void append_data(std::string& out, const std::string& id, const std::string& attributes, std::string_view bytes) {
-  out += "<script type=\"text/plain\" id=\"" + id + "\"" + attributes + ">" + base64(bytes) + "</script>\n";
+  out += "<script type=\"text/plain\" id=\"" + id + "\"" + attributes + ">" + base64_encoded(bytes) + "</script>\n";
 }
 
 void append_picture_data(std::string& out, const Picture& picture) {
@@ -231,10 +232,11 @@ void append_picture_data(std::string& out, const Picture& picture) {
   constexpr const char* ends[] = {"neither", "lower", "higher"};
   for (std::size_t i = 0; i < picture.fields.size(); ++i) {
     const auto& field = picture.fields[i];
-    const std::string attributes =
-        " data-field=\"" + html_text(field.label) + "\" data-of=\"" + (field.of == PictureField::Of::faces ? "faces" : "points") +
-        "\" data-better=\"" + ends[static_cast<int>(field.better)] + "\" data-low=\"" + exact(field.low) + "\" data-high=\"" +
-        exact(field.high) + "\" data-clipped=\"" + (field.clipped ? "true" : "false") + "\"";
+    const std::string attributes = " data-field=\"" + markup_text(field.label) + "\" data-of=\"" +
+                                   (field.of == PictureField::Of::faces ? "faces" : "points") + "\" data-better=\"" +
+                                   ends[static_cast<int>(field.better)] + "\" data-low=\"" + exact(field.low) +
+                                   "\" data-high=\"" + exact(field.high) + "\" data-clipped=\"" +
+                                   (field.clipped ? "true" : "false") + "\"";
     append_data(out, "data-field-" + std::to_string(i), attributes, little_endian(field.values));
   }
 }
@@ -244,7 +246,7 @@ void append_parts(std::string& out, const Picture& picture) {
   out += "<details><summary>Parts</summary>\n<div class=\"parts\">\n";
   for (const auto& part : picture.parts) {
     out += std::string("<label><input type=\"checkbox\" data-part") + (part.shown ? " checked" : "") + "> " +
-           (part.name.empty() ? "<em>in no group</em>" : html_text(part.name)) + "</label>\n";
+           (part.name.empty() ? "<em>in no group</em>" : markup_text(part.name)) + "</label>\n";
   }
   out +=
       "</div>\n<button type=\"button\" id=\"all-parts\">all</button> <button type=\"button\" id=\"no-parts\">none</button>\n"
@@ -282,62 +284,7 @@ void append_picture(std::string& out, const QualityPage& page) {
   append_picture_data(out, picture);
 }
 
-/// Length of the UTF-8 sequence at the front of `text`, 0 when there is none.
-std::size_t sequence_length(std::string_view text) {
-  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
-  const unsigned char first = byte(0);
-  if (first < 0x80) return 1;
-  const std::size_t length = first >= 0xf0 ? 4 : first >= 0xe0 ? 3 : 2;
-  if (first < 0xc2 || first > 0xf4 || text.size() < length) return 0;
-  for (std::size_t i = 1; i < length; ++i) {
-    if ((byte(i) & 0xc0) != 0x80) return 0;
-  }
-  const bool overlong = (first == 0xe0 && byte(1) < 0xa0) || (first == 0xf0 && byte(1) < 0x90);
-  const bool beyond = (first == 0xed && byte(1) > 0x9f) || (first == 0xf4 && byte(1) > 0x8f);
-  return overlong || beyond ? 0 : length;
-}
-
 }  // namespace
-
-std::string html_text(std::string_view text) {
-  std::string out;
-  while (!text.empty()) {
-    const std::size_t length = sequence_length(text);
-    const char c = text.front();
-    if (length == 0) {
-      out += "\xef\xbf\xbd";
-    } else if (c == '&') {
-      out += "&amp;";
-    } else if (c == '<') {
-      out += "&lt;";
-    } else if (c == '>') {
-      out += "&gt;";
-    } else if (c == '"') {
-      out += "&quot;";
-    } else if (c == '\'') {
-      out += "&#39;";
-    } else if (length == 1 && (static_cast<unsigned char>(c) < ' ' || c == 0x7f)) {
-      out += ' ';
-    } else {
-      out += text.substr(0, length);
-    }
-    text.remove_prefix(std::max<std::size_t>(length, 1));
-  }
-  return out;
-}
-
-std::string quality::base64(std::string_view bytes) {
-  constexpr char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string out;
-  out.reserve((bytes.size() + 2) / 3 * 4);
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    std::uint32_t block = 0;
-    const std::size_t size = std::min<std::size_t>(3, bytes.size() - i);
-    for (std::size_t k = 0; k < 3; ++k) block = block << 8 | (k < size ? static_cast<unsigned char>(bytes[i + k]) : 0u);
-    for (std::size_t k = 0; k < 4; ++k) out += k <= size ? digits[block >> (18 - 6 * k) & 63] : '=';
-  }
-  return out;
-}
 
 std::string html_page(const QualityPage& page) {
   std::string out =
@@ -345,7 +292,7 @@ std::string html_page(const QualityPage& page) {
       "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; "
       "script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'\">\n"
       "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>Mesh quality of " +
-      html_text(page.file) + "</title>\n<style>\n";
+      markup_text(page.file) + "</title>\n<style>\n";
   out += quality::page_style();
   out += "</style>\n</head>\n<body>\n";
   append_header(out, page);
@@ -353,7 +300,7 @@ std::string html_page(const QualityPage& page) {
   append_picture(out, page);
   append_histograms(out, page);
   append_worst(out, page);
-  out += "<footer>Written by " + html_text(page.program) + ".</footer>\n<script>\n";
+  out += "<footer>Written by " + markup_text(page.program) + ".</footer>\n<script>\n";
   out += quality::page_script();
   out += "</script>\n</body>\n</html>\n";
   return out;

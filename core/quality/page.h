@@ -29,17 +29,11 @@ struct QualityPage {
 /// request. The picture turns with WebGL 2, or without it on a plain canvas. Deterministic.
 std::string html_page(const QualityPage& page);
 
-/// Text for the body or a quoted attribute of a page: & < > " ' as entities, control characters as blanks; bytes that are no
-/// UTF-8 as U+FFFD.
-std::string html_text(std::string_view text);
-
 namespace quality {
 
 /// The parts of the page that do not change (core/quality/page).
 std::string_view page_style();
 std::string_view page_script();
-
-std::string base64(std::string_view bytes);
 
 }  // namespace quality
 

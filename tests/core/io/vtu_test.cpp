@@ -5,7 +5,7 @@
 
 #include <bit>
 
-#include "core/io/base64.h"
+#include "core/base/base64.h"
 #include "core/io/byte_order.h"
 #include "core/io/mesh_file.h"
 #include "tests/support/expect_error.h"
@@ -83,6 +83,7 @@ struct Storage {
   std::size_t header_bytes;
   bool compressed, doubles;
   std::string form;  // binary, raw, base64
+  bool one_block = false;  // compressed: one block, said to be larger than the others
 };
 std::ostream& operator<<(std::ostream& out, const Storage& storage) { return out << storage.name; }
 
@@ -130,14 +131,14 @@ class Writer {
     storage_.header_bytes == 8 ? append(out, std::uint64_t{value}) : append(out, static_cast<std::uint32_t>(value));
   }
 
-  /// Blocks of 40 bytes, the last one smaller.
+  /// Blocks of 40 bytes, the last one smaller; or one block.
   std::string stored(const std::string& values) const {
-    constexpr std::size_t block = 40;
+    const std::size_t block = storage_.one_block ? std::max<std::size_t>(values.size(), 1) : 40;
     std::string header, packed;
     if (storage_.compressed) {
       append_header(header, (values.size() + block - 1) / block);
-      append_header(header, block);
-      append_header(header, values.size() % block);
+      append_header(header, storage_.one_block ? 24 : block);
+      append_header(header, storage_.one_block ? values.size() : values.size() % block);
       for (std::size_t at = 0; at < values.size(); at += block) {
         const std::string part = values.substr(at, block);
         uLongf size = compressBound(part.size());
@@ -230,6 +231,17 @@ TEST(Vtu, Base64OfOtherPrograms) {
   const std::string written = file->with_points(moved);
   EXPECT_THAT(written, HasSubstr(base64_encoded(values.substr(0, 4)) + "AAAAPw"));
   EXPECT_EQ(parse_mesh(written, "a.vtu")->mesh()->points, moved);
+}
+
+TEST(Vtu, TheLastBlockMayBeLargerThanTheOthers) {
+  Storage storage = inline_zlib;
+  storage.one_block = true;
+  const std::string bytes = Writer(storage).file();
+  const auto file = parse_mesh(bytes, "a.vtu");
+  EXPECT_EQ(file->with_points(file->mesh()->points), bytes);
+  Points moved = file->mesh()->points;
+  moved[3] = {7, 8, 9};
+  EXPECT_EQ(parse_mesh(file->with_points(moved), "a.vtu")->mesh()->points, moved);
 }
 
 TEST(Vtu, PiecesFollowEachOther) {

@@ -122,7 +122,7 @@ TEST(IterativeSystem, RightHandSidesOfTheSideConditionsCount) {
   EXPECT_LE((P.transpose() * solution.topRows(P.rows()) - B.bottomRows(4)).cwiseAbs().maxCoeff(), 1e-9);
 }
 
-TEST(IterativeSystem, CentresInAPlaneOnALineAndCoincidentNearly) {
+TEST(IterativeSystem, CentresInAPlaneAndOnALine) {
   for (int dimension = 1; dimension <= 2; ++dimension) {
     std::vector<Vec3> centres = test::random_points(1500, 2);
     for (Vec3& p : centres) {
@@ -138,6 +138,21 @@ TEST(IterativeSystem, CentresInAPlaneOnALineAndCoincidentNearly) {
     EXPECT_TRUE(solution.converged) << dimension << ' ' << solution.residual;
     EXPECT_LE(residual(kernel, system, solution.coefficients, F), 1.5e-6) << dimension;
   }
+}
+
+TEST(IterativeSystem, NearlyCoincidentCentres) {
+  std::vector<Vec3> centres = sphere(1500);
+  for (std::size_t i = 0; i < 60; ++i) {
+    centres.push_back(centres[25 * i]);
+    centres.back()[0] += 1e-8;
+  }
+  const RadialKernel kernel{Kernel::triharmonic, 1};
+  const IterativeSystem system(centres, kernel, 1, {});
+  MatrixXd F(static_cast<Index>(centres.size()), 1);
+  for (std::size_t i = 0; i < centres.size(); ++i) F(static_cast<Index>(i), 0) = std::sin(5 * centres[i][0]) + centres[i][1];
+  const auto solution = system.solve(with_side_conditions(F, 4), 1e-6, {});
+  EXPECT_TRUE(solution.converged) << solution.residual;
+  EXPECT_LE(residual(kernel, system, solution.coefficients, F), 1.5e-6);
 }
 
 TEST(IterativeSystem, AFewCentresAreSolvedAtOnce) {

@@ -23,28 +23,6 @@ bool has(std::string_view text, std::string_view part) { return text.find(part) 
 
 QualityReport report_of(const Mesh& mesh) { return quality_report(surface_quality(mesh), mesh); }
 
-TEST(HtmlText, NothingIsMarkup) {
-  EXPECT_EQ(html_text("<script>alert(\"1\" & '2')</script>"),
-            "&lt;script&gt;alert(&quot;1&quot; &amp; &#39;2&#39;)&lt;/script&gt;");
-  EXPECT_EQ(html_text("Gr\xc3\xb6\xc3\x9f"
-                      "e \xe2\x88\x9e"),
-            "Gr\xc3\xb6\xc3\x9f"
-            "e \xe2\x88\x9e");
-  EXPECT_EQ(html_text("a\x01\n\tb\x7f"), "a   b ");
-  EXPECT_EQ(html_text(std::string("a\0b", 3)), "a b");
-  EXPECT_EQ(html_text("\xff<\xc3"), "\xef\xbf\xbd&lt;\xef\xbf\xbd");
-  EXPECT_EQ(html_text("\xc0\xbc\xed\xa0\x80"), "\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbd")
-      << "overlong, surrogate";
-}
-
-TEST(Base64, OfEveryLength) {
-  EXPECT_EQ(quality::base64(""), "");
-  EXPECT_EQ(quality::base64("f"), "Zg==");
-  EXPECT_EQ(quality::base64("fo"), "Zm8=");
-  EXPECT_EQ(quality::base64("foo"), "Zm9v");
-  EXPECT_EQ(quality::base64("\xff\xfe\xfd\x00"), "//79");
-}
-
 class Page : public testing::Test {
  protected:
   Page() {

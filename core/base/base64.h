@@ -5,7 +5,7 @@
 #include <string>
 #include <string_view>
 
-namespace deform::io {
+namespace deform {
 
 /// Characters that hold so many bytes, padding included.
 constexpr std::size_t base64_size(std::size_t bytes) { return (bytes + 2) / 3 * 4; }
@@ -15,4 +15,4 @@ std::string base64_encoded(std::string_view bytes);
 /// Nothing when it is no such text.
 std::optional<std::string> base64_decoded(std::string_view text);
 
-}  // namespace deform::io
+}  // namespace deform

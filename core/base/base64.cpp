@@ -1,9 +1,9 @@
-#include "core/io/base64.h"
+#include "core/base/base64.h"
 
 #include <array>
 #include <cstdint>
 
-namespace deform::io {
+namespace deform {
 
 namespace {
 
@@ -49,4 +49,4 @@ std::optional<std::string> base64_decoded(std::string_view text) {
   return bytes;
 }
 
-}  // namespace deform::io
+}  // namespace deform
