@@ -22,17 +22,15 @@ using CellSet = std::variant<const Elements*, const PolyhedralCells*, const Mesh
 
 /// Cells that are inverted, or about to be.
 ///
-/// Normalized determinant of a cell, in [-1, 1]; one that is inverted has one <= 0:
+/// Normalized determinant of a cell, in [-1, 1], positive unless the cell is inverted (or collapsed up to rounding):
 ///  - elements: the scaled Jacobian of ElementQuality. Inverted: the determinant of the edges at a corner, of quadratic elements
-///    that of their map at a node, is not positive. What happens between the nodes of elements with non-affine maps is not looked
-///    at.
+///    that of their map at a node, is not positive. Between the nodes of elements whose map is not affine nobody looks.
 ///  - polyhedral cells: what checkMesh calls errors, by the formulas of PolyhedralQuality. The least cosine, over the faces,
 ///    between outward area vector and the way from the cell's centre to the face's (its sign is that of the face's pyramid);
 ///    where the volume is not positive, that over the sum of |area| |way| instead. Inverted: volume or a pyramid is not positive;
 ///    checkMesh lets pyramids down to -1e-15 pass, here a collapsed one does not.
-///  - faces in the plane: the least sine of a corner, positive in the orientation that most of the area has at rest. Inverted:
-///  the
-///    signed area of a corner is not positive.
+///  - faces in the plane: the least sine of a corner, positive in the orientation that most of the area has at rest.
+///    Inverted: the signed area of a corner is not positive.
 /// "Not positive" is meant up to rounding: determinants at most 1e-14 of the product of their lengths (polyhedra: 1e-13 of areas
 /// times the size of the cell) count as collapsed, so a cell at the brink is rather called inverted.
 struct Inversions {
@@ -44,9 +42,9 @@ struct Inversions {
 
 /// How much of a motion a mesh bears.
 struct SafeAmplitude {
-  /// t*: the largest t in [0, 1] such that no cell is inverted at X + s (Y - X) for all s in [0, t). 1: none is anywhere on the
-  /// way, both ends included; less than 1 whenever one is inverted at Y. 0 only where a cell that is not excluded is inverted at
-  /// X.
+  /// t*: the largest t in [0, 1] such that no cell is inverted at X + s (Y - X) for all s in [0, t).
+  /// 1: none is anywhere on the way, both ends included. Less than 1 whenever one is inverted at Y.
+  /// 0: only where a cell that is not excluded is inverted at X.
   double amplitude = 1;
   std::optional<std::size_t> first_cell;  ///< that is inverted from there on; the smallest id; none when the amplitude is 1
   Inversions inverted;                    ///< at Y; without the cells excluded
