@@ -26,7 +26,8 @@ class MeshFile {
   /// appearance). Face groups: OBJ groups, objects and materials by their names; where an object or material has the name of a
   /// group with other faces it is called "object:NAME" or "material:NAME". STL solids by name, the n-th solid of the file
   /// "solid_n" when it has none; solids of one name are one group. OpenFOAM: the faces are those of the boundary; patches, patch
-  /// groups and point, face and cell zones by their names (see FaceGroups). Groups without members are left out.
+  /// groups and point, face and cell zones by their names (see FaceGroups). SU2: markers by their tags. VTK:
+  /// "NAME_VALUE" by an integer array of the cells. Groups without members are left out.
   virtual std::shared_ptr<const Mesh> mesh() const = 0;
   /// The elements of a volume mesh in a finite-element format, over the same points; else null.
   virtual std::shared_ptr<const Elements> elements() const { return nullptr; }
@@ -36,7 +37,7 @@ class MeshFile {
   /// The original file with the coordinates of `points` (size mesh()->point_count()) and nothing else changed: comments, spacing,
   /// line ends, other properties, normals, face lines stay byte for byte. Text: shortest decimal that parses to the same double;
   /// a coordinate whose value did not change keeps its token. Binary floats: nearest float. Throws Error(invalid_argument) for a
-  /// wrong size or non-finite coordinates.
+  /// wrong size, non-finite coordinates, and z that leaves the plane of a two-dimensional file.
   virtual std::string with_points(std::span<const Vec3> points) const = 0;
 
   bool compressed = false;  ///< the bytes came gzipped

@@ -2,6 +2,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "core/io/mesh_file.h"
 #include "core/quality/element_quality.h"
 #include "tests/core/io/text_diff.h"
@@ -12,15 +14,16 @@ namespace {
 
 using testing::ElementsAre;
 
-const std::string plane = R"(% a comment
+/// @ stands for a tab.
+const std::string plane_text = R"(% a comment
 NDIME=2
 NELEM= 3
 9 0 1 2 3 0
 5  1 4 2  1
-5	4 5 2	2   % tabs
+5@4 5 2@2   % tabs
 NPOIN= 6 6
 0.0 0.0 0
-1.0	0	1
+1.0@0@1
   1 1.0 2
 0 1 3 77
 +2.0 .5 4
@@ -38,6 +41,12 @@ MARKER_ELEMS= 1
 SEND_RECV= 1
 1 5 0
 )";
+
+std::string with_tabs(std::string text) {
+  std::replace(text.begin(), text.end(), '@', '\t');
+  return text;
+}
+const std::string plane = with_tabs(plane_text);
 
 // Points behind the elements, the prism in VTK's order (base seen from outside).
 const std::string solid = R"(NELEM= 2
