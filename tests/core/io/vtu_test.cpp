@@ -82,7 +82,7 @@ struct Storage {
   std::endian order;
   std::size_t header_bytes;
   bool compressed, doubles;
-  std::string form;  // binary, raw, base64
+  std::string form;        // binary, raw, base64
   bool one_block = false;  // compressed: one block, said to be larger than the others
 };
 std::ostream& operator<<(std::ostream& out, const Storage& storage) { return out << storage.name; }
