@@ -28,7 +28,8 @@ class MeshFile {
   /// "solid_n" when it has none; solids of one name are one group. OpenFOAM: the faces are those of the boundary; patches, patch
   /// groups and point, face and cell zones by their names (see FaceGroups). CGNS: zones one after the other; boundary conditions,
   /// families, sections of surface elements, and where there are several also those of cells, and zones. Exodus: side sets, node
-  /// sets, blocks. Groups without members are left out.
+  /// sets, blocks. SU2: markers. VTK: "NAME_VALUE" for the values of an integer array of the cells. Groups without members are
+  /// left out.
   virtual std::shared_ptr<const Mesh> mesh() const = 0;
   /// The elements of a volume mesh in a finite-element format, over the same points; else null.
   virtual std::shared_ptr<const Elements> elements() const { return nullptr; }
@@ -38,7 +39,7 @@ class MeshFile {
   /// The original file with the coordinates of `points` (size mesh()->point_count()) and nothing else changed: comments, spacing,
   /// line ends, other properties, normals, face lines stay byte for byte. Text: shortest decimal that parses to the same double;
   /// a coordinate whose value did not change keeps its token. Binary floats: nearest float. Throws Error(invalid_argument) for a
-  /// wrong size or non-finite coordinates.
+  /// wrong size, non-finite coordinates, and z that leaves the plane of a two-dimensional file.
   virtual std::string with_points(std::span<const Vec3> points) const = 0;
 
   bool compressed = false;  ///< the bytes came gzipped

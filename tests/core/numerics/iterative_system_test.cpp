@@ -141,10 +141,10 @@ TEST(IterativeSystem, CentresInAPlaneAndOnALine) {
 }
 
 TEST(IterativeSystem, NearlyCoincidentCentres) {
-  std::vector<Vec3> centres = sphere(1500);
+  std::vector<Vec3> centres = sphere(1200);
   for (std::size_t i = 0; i < 60; ++i) {
-    centres.push_back(centres[25 * i]);
-    centres.back()[0] += 1e-8;
+    centres.push_back(centres[20 * i]);
+    centres.back()[0] += 1e-6;
   }
   const RadialKernel kernel{Kernel::triharmonic, 1};
   const IterativeSystem system(centres, kernel, 1, {});
