@@ -1,5 +1,6 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
 #include <iomanip>
 #include <iostream>
 #include <memory>
@@ -29,6 +30,7 @@ struct Row {
   std::string name, label;
   double value = 0;
   std::optional<std::size_t> id;  ///< of the face, cell or element where it was found
+  bool in_table = true;
 
   Row(const char* the_name, const char* the_label, const Extreme& extreme)
       : name(the_name), label(the_label), value(extreme.value), id(extreme.id) {}
@@ -64,19 +66,36 @@ Measures measures_of(const PolyhedralQuality& q) {
   return result;
 }
 
+/// Of all elements, or with a prefix of those of a type.
+std::vector<Row> rows_of(const ElementMeasures& q, const std::string& name, const std::string& label) {
+  std::vector<Row> rows = {{"scaled_jacobian", "scaled Jacobian, least", q.least_scaled_jacobian},
+                           {"average_scaled_jacobian", "scaled Jacobian, average", q.average_scaled_jacobian},
+                           {"aspect_ratio", "longest edge to least height, largest", q.largest_aspect_ratio},
+                           {"edge_ratio", "longest to shortest edge, largest", q.largest_edge_ratio},
+                           {"least_edge_ratio", "longest to shortest edge, least", q.least_edge_ratio},
+                           {"volume", "volume of an element, least", q.least_volume},
+                           {"largest_volume", "volume of an element, largest", q.largest_volume},
+                           {"total_volume", "volume, total", q.total_volume},
+                           {"inverted_elements", "inverted elements", q.inverted_elements}};
+  for (Row& row : rows) {
+    row.name = name + row.name;
+    row.label = label + row.label;
+  }
+  return rows;
+}
+
 Measures measures_of(const ElementQuality& q) {
   Measures result;
   result.counts = {{"elements", q.elements}, {"points", q.points}};
-  for (std::size_t type = 0; type < q.of_type.size(); ++type) {
-    result.counts.emplace_back(shape(static_cast<ElementType>(type)).name, q.of_type[type]);
+  result.rows = rows_of(q, "", "");
+  for (std::size_t i = 0; i < q.of_type.size(); ++i) {
+    const std::string type = shape(static_cast<ElementType>(i)).name;
+    result.counts.emplace_back(type, q.of_type[i].elements);
+    if (q.of_type[i].elements == 0) continue;
+    auto rows = rows_of(q.of_type[i], type + ".", type + ": ");
+    for (Row& row : rows) row.in_table = q.of_type[i].elements < q.elements;  // the only type has the numbers of all
+    result.rows.insert(result.rows.end(), rows.begin(), rows.end());
   }
-  result.rows = {{"scaled_jacobian", "scaled Jacobian, least", q.least_scaled_jacobian},
-                 {"average_scaled_jacobian", "scaled Jacobian, average", q.average_scaled_jacobian},
-                 {"edge_ratio", "longest to shortest edge, largest", q.largest_edge_ratio},
-                 {"volume", "volume of an element, least", q.least_volume},
-                 {"largest_volume", "volume of an element, largest", q.largest_volume},
-                 {"total_volume", "volume, total", q.total_volume},
-                 {"inverted_elements", "inverted elements", q.inverted_elements}};
   result.lists = {{"worst", q.worst}, {"histogram", {q.histogram.begin(), q.histogram.end()}}};
   return result;
 }
@@ -129,15 +148,18 @@ void print_measures(const std::string& file, const Measures& after, const Measur
     if (count > 0) std::cout << ' ' << count << ' ' << name;
   }
   std::cout << '\n';
-  constexpr int label_width = 42, width = 16;
+  constexpr int label_width = 54, width = 16;
   if (before != nullptr) {
     std::cout << "  " << std::left << std::setw(label_width) << "" << std::setw(width) << "before"
               << "after\n";
   }
-  for (std::size_t i = 0; i < after.rows.size(); ++i) {
-    const Row& row = after.rows[i];
+  for (const Row& row : after.rows) {
+    if (!row.in_table) continue;
     std::cout << "  " << std::left << std::setw(label_width) << row.label;
-    if (before != nullptr) std::cout << std::setw(width) << number_text(before->rows[i].value);
+    if (before != nullptr) {
+      const auto same = std::find_if(before->rows.begin(), before->rows.end(), [&](const Row& r) { return r.name == row.name; });
+      std::cout << std::setw(width) << (same == before->rows.end() ? "-" : number_text(same->value));
+    }
     std::cout << number_text(row.value);
     if (row.id) std::cout << "  (" << *row.id << ")";
     std::cout << '\n';
@@ -174,7 +196,8 @@ void add_quality_command(CLI::App& app, const CommonOptions& common, Action& cho
   command->add_option("--before", options->before, "The undeformed mesh, shown beside it");
   command->add_option("--fail-on", options->fail_on, "Exit code 1 when NAME>NUMBER or NAME<NUMBER holds; may be repeated");
   command->footer(
-      "OpenFOAM meshes get the measures of its checkMesh, by the same formulas; elements the scaled Jacobian (Knupp 2000).\n"
+      "OpenFOAM meshes get the measures of its checkMesh, by the same formulas; elements the scaled Jacobian\n"
+      "(Knupp 2000; of quadratic elements that of their quadratic map at all nodes), also those of each type alone.\n"
       "Names for --fail-on are keys of --json. Numbers in parentheses are the ids of the face, cell or element.\n"
       "Example: deform quality case/0.15 --before case --fail-on \"non_orthogonality>70\" --fail-on \"inverted_cells>0\"");
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_quality(*options, common); }; });

@@ -27,28 +27,39 @@ class ElementMeshFile : public MeshFile {
   const std::shared_ptr<const Elements> elements_;
 };
 
+void append(const ElementMesh::Face& face, Mesh& mesh) {
+  if (face.centre) {
+    append_face(face.corners, *face.centre, mesh.face_sizes, mesh.face_points);
+  } else {
+    append_face(face.corners, mesh.face_sizes, mesh.face_points);
+  }
+}
+
 void add_surface(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
   for (const auto& face : source.faces) {
-    groups.add_face(groups.find_or_add(Kind::group, face.name), static_cast<FaceId>(mesh.face_sizes.size()));
-    mesh.face_sizes.push_back(static_cast<std::uint32_t>(face.corners.size()));
-    mesh.face_points.insert(mesh.face_points.end(), face.corners.begin(), face.corners.end());
+    const std::size_t group = groups.find_or_add(Kind::group, face.name), first = mesh.face_sizes.size();
+    append(face, mesh);
+    for (std::size_t f = first; f < mesh.face_sizes.size(); ++f) groups.add_face(group, static_cast<FaceId>(f));
   }
 }
 
 void add_boundary(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
   BoundaryFaces boundary = boundary_faces(source.elements);
-  std::map<std::vector<PointId>, FaceId> ids;
+  std::map<std::vector<PointId>, std::size_t> sides;
   std::size_t corner = 0;
-  for (std::size_t f = 0; f < boundary.sizes.size(); ++f) {
-    ids.emplace(face_key(std::span(boundary.points).subspan(corner, boundary.sizes[f])), static_cast<FaceId>(f));
-    corner += boundary.sizes[f];
+  for (std::size_t side = 0; side + 1 < boundary.sides.size(); ++side) {
+    const std::size_t first = corner;
+    for (FaceId f = boundary.sides[side]; f < boundary.sides[side + 1]; ++f) corner += boundary.sizes[f];
+    sides.emplace(face_key(std::span(boundary.points).subspan(first, corner - first)), side);
   }
   for (const auto& face : source.faces) {
     const std::size_t group = groups.find_or_add(Kind::group, face.name);
-    if (const auto found = ids.find(face_key(face.corners)); found != ids.end()) {
-      groups.add_face(group, found->second);
+    std::vector<PointId> nodes = face.corners;
+    if (face.centre) nodes.push_back(*face.centre);
+    if (const auto found = sides.find(face_key(nodes)); found != sides.end()) {
+      for (FaceId f = boundary.sides[found->second]; f < boundary.sides[found->second + 1]; ++f) groups.add_face(group, f);
     } else {
-      for (const PointId point : face.corners) groups.add_point(group, point);
+      for (const PointId point : nodes) groups.add_point(group, point);
     }
   }
   mesh.face_sizes = std::move(boundary.sizes);
@@ -63,7 +74,28 @@ void add_volumes(const ElementMesh& source, FaceGroups& groups) {
   }
 }
 
+void add_point_sets(const ElementMesh& source, FaceGroups& groups) {
+  for (const auto& set : source.point_sets) {
+    const std::size_t group = groups.find_or_add(Kind::point_zone, set.name);
+    for (const PointId point : set.points) groups.add_point(group, point);
+  }
+}
+
 }  // namespace
+
+void ElementMesh::add_face(std::span<const PointId> nodes, const std::string& name) {
+  Face face{{nodes.begin(), nodes.end()}, name};
+  if (nodes.size() >= 6) {
+    const std::size_t n = nodes.size() == 6 ? 3 : 4;
+    for (std::size_t c = 0; c < n; ++c) {
+      face.corners[2 * c] = nodes[c];
+      face.corners[2 * c + 1] = nodes[n + c];
+    }
+    face.corners.resize(2 * n);
+    if (nodes.size() > 2 * n) face.centre = nodes[2 * n];
+  }
+  faces.push_back(std::move(face));
+}
 
 std::unique_ptr<MeshFile> with_elements(ElementMesh&& source, const std::string& name,
                                         const std::function<std::unique_ptr<MeshFile>(std::shared_ptr<const Mesh>)>& make) {
@@ -76,6 +108,7 @@ std::unique_ptr<MeshFile> with_elements(ElementMesh&& source, const std::string&
       add_boundary(source, *mesh, groups);
       add_volumes(source, groups);
     }
+    add_point_sets(source, groups);
     mesh->groups = groups.finish();
     mesh->points = std::move(source.points);
     mesh->validate();

@@ -2,6 +2,8 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -10,22 +12,32 @@
 
 namespace deform::io {
 
-/// What a reader of a finite-element format collects: points, elements, and named surface elements.
+/// What a reader of a finite-element format collects: points, elements, named surface elements and named sets of points.
 struct ElementMesh {
   struct Face {
-    std::vector<PointId> corners;
-    std::string name;  ///< of the group it belongs to
+    std::vector<PointId> corners;  ///< around it; of a quadratic one with its mid nodes: corner, mid, corner, mid, ...
+    std::string name;              ///< of the group it belongs to
+    std::optional<PointId> centre = std::nullopt;  ///< the node amid it, where it has one
+  };
+  struct PointSet {
+    std::string name;
+    std::vector<PointId> points;
   };
   std::vector<Vec3> points;
   Elements elements;
-  std::vector<std::string> volume_names;  ///< of the elements' groups; one per element
+  std::vector<std::string> volume_names;  ///< of the elements' groups; one per element, or none
   std::vector<Face> faces;
+  std::vector<PointSet> point_sets;
+
+  /// A surface element of 3, 4, 6, 8 or 9 nodes: corners, then the nodes amid its edges, then the one amid it (CGNS, Gmsh,
+  /// Exodus, Abaqus, VTK).
+  void add_face(std::span<const PointId> nodes, const std::string& name);
 };
 
 /// A file of it. Its faces are those of the boundary of the elements, or the surface elements where there are no others; a
-/// surface element that is a face of the boundary belongs to its group as a face, any other with its points. Groups of elements
-/// hold their points; they are left out when there is one only. `make` makes the part that writes points. Throws
-/// Error(invalid_argument) naming the file.
+/// surface element that is a face of the boundary belongs to its group as a face (as all the faces that one with a node amid it
+/// is split into), any other with its points. Groups of elements hold their points; they are left out when there is one only.
+/// `make` makes the part that writes points. Throws Error(invalid_argument) naming the file.
 std::unique_ptr<MeshFile> with_elements(ElementMesh&& source, const std::string& name,
                                         const std::function<std::unique_ptr<MeshFile>(std::shared_ptr<const Mesh>)>& make);
 

@@ -9,73 +9,28 @@ namespace deform {
 
 namespace {
 
-const ElementShape tetrahedron{"tetrahedron",
-                               4,
-                               {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {2, 0, 3}},
-                               {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}},
-                               {{0, 1, 2, 3}, {1, 2, 0, 3}, {2, 0, 1, 3}, {3, 0, 2, 1}}};
-const ElementShape pyramid{"pyramid",
-                           5,
-                           {{0, 3, 2, 1}, {0, 1, 4}, {1, 2, 4}, {2, 3, 4}, {3, 0, 4}},
-                           {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {0, 4}, {1, 4}, {2, 4}, {3, 4}},
-                           {{0, 1, 3, 4}, {1, 2, 0, 4}, {2, 3, 1, 4}, {3, 0, 2, 4}}};
-const ElementShape prism{"prism",
-                         6,
-                         {{0, 2, 1}, {3, 4, 5}, {0, 1, 4, 3}, {1, 2, 5, 4}, {2, 0, 3, 5}},
-                         {{0, 1}, {1, 2}, {2, 0}, {3, 4}, {4, 5}, {5, 3}, {0, 3}, {1, 4}, {2, 5}},
-                         {{0, 1, 2, 3}, {1, 2, 0, 4}, {2, 0, 1, 5}, {3, 5, 4, 0}, {4, 3, 5, 1}, {5, 4, 3, 2}}};
-const ElementShape hexahedron{
-    "hexahedron",
-    8,
-    {{0, 3, 2, 1}, {4, 5, 6, 7}, {0, 1, 5, 4}, {1, 2, 6, 5}, {2, 3, 7, 6}, {3, 0, 4, 7}},
-    {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {4, 5}, {5, 6}, {6, 7}, {7, 4}, {0, 4}, {1, 5}, {2, 6}, {3, 7}},
-    {{0, 1, 3, 4}, {1, 2, 0, 5}, {2, 3, 1, 6}, {3, 0, 2, 7}, {4, 7, 5, 0}, {5, 4, 6, 1}, {6, 5, 7, 2}, {7, 6, 4, 3}}};
-
 /// A face of an element, and where its key stands.
 struct Side {
   std::uint32_t element;
   std::uint8_t face;
 };
 
-}  // namespace
+constexpr std::size_t most_nodes = 9;  // of a face
 
-const ElementShape& shape(ElementType type) {
-  switch (type) {
-    case ElementType::tetrahedron:
-      return tetrahedron;
-    case ElementType::pyramid:
-      return pyramid;
-    case ElementType::prism:
-      return prism;
-    case ElementType::hexahedron:
-      break;
-  }
-  return hexahedron;
-}
-
-void Elements::add(ElementType type, std::span<const PointId> nodes) {
-  types.push_back(type);
-  points.insert(points.end(), nodes.begin(), nodes.end());
-  offsets.push_back(points.size());
-}
-
-std::vector<PointId> face_key(std::span<const PointId> corners) {
-  std::vector<PointId> key(corners.begin(), corners.end());
-  std::sort(key.begin(), key.end());
-  return key;
-}
-
-BoundaryFaces boundary_faces(const Elements& elements) {
-  // Keys of at most four corners, padded; sorting them brings equal faces together.
-  using Key = std::array<PointId, 4>;
+/// The sides that belong to one element only. Keys of at most `width` nodes, padded; sorting them brings equal faces together.
+template <std::size_t width>
+std::vector<Side> single_sides(const Elements& elements) {
+  using Key = std::array<PointId, width>;
   std::vector<std::pair<Key, Side>> sides;
   for (std::size_t e = 0; e < elements.size(); ++e) {
     const auto nodes = elements.nodes(e);
-    const auto& faces = shape(elements.types[e]).faces;
-    for (std::size_t f = 0; f < faces.size(); ++f) {
+    const ElementShape& form = shape(elements.types[e]);
+    for (std::size_t f = 0; f < form.faces.size(); ++f) {
       Key key;
       key.fill(~PointId{0});
-      for (std::size_t c = 0; c < faces[f].size(); ++c) key[c] = nodes[faces[f][c]];
+      std::size_t used = 0;
+      for (const std::uint8_t node : form.faces[f]) key[used++] = nodes[node];
+      if (const std::uint8_t centre = form.face_centre(f); centre != ElementShape::no_node) key[used] = nodes[centre];
       std::sort(key.begin(), key.end());
       sides.push_back({key, {static_cast<std::uint32_t>(e), static_cast<std::uint8_t>(f)}});
     }
@@ -97,14 +52,58 @@ BoundaryFaces boundary_faces(const Elements& elements) {
     single[order[i]] = end - i == 1;
     i = end;
   }
-  BoundaryFaces boundary;
+  std::vector<Side> result;
   for (std::size_t i = 0; i < sides.size(); ++i) {
-    if (!single[i]) continue;
-    const Side side = sides[i].second;
+    if (single[i]) result.push_back(sides[i].second);
+  }
+  return result;
+}
+
+}  // namespace
+
+void Elements::add(ElementType type, std::span<const PointId> nodes) {
+  types.push_back(type);
+  points.insert(points.end(), nodes.begin(), nodes.end());
+  offsets.push_back(points.size());
+}
+
+std::vector<PointId> face_key(std::span<const PointId> nodes) {
+  std::vector<PointId> key(nodes.begin(), nodes.end());
+  std::sort(key.begin(), key.end());
+  key.erase(std::unique(key.begin(), key.end()), key.end());
+  return key;
+}
+
+void append_face(std::span<const PointId> around, std::vector<std::uint32_t>& sizes, std::vector<PointId>& points) {
+  sizes.push_back(static_cast<std::uint32_t>(around.size()));
+  points.insert(points.end(), around.begin(), around.end());
+}
+
+void append_face(std::span<const PointId> around, PointId centre, std::vector<std::uint32_t>& sizes,
+                 std::vector<PointId>& points) {
+  const std::size_t n = around.size();
+  for (std::size_t corner = 0; corner < n; corner += 2) {
+    const PointId quad[] = {around[corner], around[corner + 1], centre, around[(corner + n - 1) % n]};
+    append_face(quad, sizes, points);
+  }
+}
+
+BoundaryFaces boundary_faces(const Elements& elements) {
+  const bool quadratic =
+      std::any_of(elements.types.begin(), elements.types.end(), [](ElementType type) { return shape(type).quadratic(); });
+  BoundaryFaces boundary;
+  std::vector<PointId> around;
+  for (const Side side : quadratic ? single_sides<most_nodes>(elements) : single_sides<4>(elements)) {
     const auto nodes = elements.nodes(side.element);
-    const auto& corners = shape(elements.types[side.element]).faces[side.face];
-    boundary.sizes.push_back(static_cast<std::uint32_t>(corners.size()));
-    for (const std::uint8_t corner : corners) boundary.points.push_back(nodes[corner]);
+    const ElementShape& form = shape(elements.types[side.element]);
+    around.clear();
+    for (const std::uint8_t node : form.faces[side.face]) around.push_back(nodes[node]);
+    if (const std::uint8_t centre = form.face_centre(side.face); centre == ElementShape::no_node) {
+      append_face(around, boundary.sizes, boundary.points);
+    } else {
+      append_face(around, nodes[centre], boundary.sizes, boundary.points);
+    }
+    boundary.sides.push_back(static_cast<FaceId>(boundary.sizes.size()));
   }
   return boundary;
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -9,10 +10,31 @@
 
 namespace deform {
 
-enum class ElementType : std::uint8_t { tetrahedron, pyramid, prism, hexahedron };
+/// Linear elements, then quadratic ones by their number of nodes.
+enum class ElementType : std::uint8_t {
+  tetrahedron,
+  pyramid,
+  prism,
+  hexahedron,
+  tetrahedron10,
+  pyramid13,
+  pyramid14,
+  prism15,
+  prism18,
+  hexahedron20,
+  hexahedron27
+};
+inline constexpr std::size_t element_types = 11;
 
-/// The cells of a finite-element mesh by their nodes, in the order of Gmsh, CGNS and Medit: the Jacobian of a good element is
-/// positive, so the base (first face) seen from inside goes counter-clockwise. Immutable by convention once validated.
+/// The cells of a finite-element mesh by their nodes. The corners stand in the order of Gmsh, CGNS and Medit: the Jacobian of a
+/// good element is positive, so the base (first face) seen from inside goes counter-clockwise. Quadratic elements in the order of
+/// CGNS (SIDS 3.3, TETRA_10 to HEXA_27), from 0: corners, the nodes amid edges, those amid faces, the one in the middle.
+///   tetrahedron10  4..9: edges 01 12 20 03 13 23
+///   pyramid13      5..12: edges 01 12 23 30 04 14 24 34; pyramid14 also 13: base
+///   prism15        6..14: edges 01 12 20 03 14 25 34 45 53; prism18 also 15..17: faces 0143 1254 2035
+///   hexahedron20   8..19: edges 01 12 23 30 04 15 26 37 45 56 67 74; hexahedron27 also 20..25: faces 0321 0154 1265 2376 3047
+///                  4567, and 26 in the middle
+/// Immutable by convention once validated.
 struct Elements {
   std::vector<ElementType> types;
   std::vector<std::uint64_t> offsets{0};  ///< e + 1
@@ -28,24 +50,41 @@ struct Elements {
 /// What an element of a type looks like; node numbers within the element.
 struct ElementShape {
   const char* name;
-  std::size_t nodes;
-  std::vector<std::vector<std::uint8_t>> faces;    ///< corners, counter-clockwise from outside
-  std::vector<std::array<std::uint8_t, 2>> edges;  ///< each once
-  std::vector<std::array<std::uint8_t, 4>>
-      corner_edges;  ///< a corner and its three neighbours, right-handed; of a pyramid's apex none
+  std::size_t nodes, corners;
+  /// Counter-clockwise from outside: corners; of quadratic elements corner, mid, corner, mid, ...
+  std::vector<std::vector<std::uint8_t>> faces;
+  /// Corners, each edge once. Of quadratic elements node `corners` + i is amid edge i.
+  std::vector<std::array<std::uint8_t, 2>> edges;
+  /// A corner and its three neighbours, right-handed; of a pyramid's apex none.
+  std::vector<std::array<std::uint8_t, 4>> corner_edges;
+  /// The node amid each face, or no_node; empty: none has one.
+  std::vector<std::uint8_t> face_centres;
+
+  static constexpr std::uint8_t no_node = 0xff;
+  bool quadratic() const { return nodes > corners; }
+  std::uint8_t face_centre(std::size_t face) const { return face_centres.empty() ? no_node : face_centres[face]; }
 };
 
 const ElementShape& shape(ElementType type);
 
 /// The faces that belong to one element only, outward, in the order of the elements: face sizes and corners of a surface mesh.
-/// Throws Error(invalid_argument) when a face belongs to more than two.
+/// Those of quadratic elements have their mid nodes as corners too, and are four quads around the node amid them where there is
+/// one, so that every node of the boundary lies in a face. Faces are the same when their nodes are. Throws
+/// Error(invalid_argument) when a face belongs to more than two elements.
 struct BoundaryFaces {
   std::vector<std::uint32_t> sizes;
   std::vector<PointId> points;
+  std::vector<FaceId> sides{0};  ///< side i of the boundary, a whole face of an element, is faces sides[i] .. sides[i+1]
 };
 BoundaryFaces boundary_faces(const Elements& elements);
 
-/// Identifies a face by its corners in any order.
-std::vector<PointId> face_key(std::span<const PointId> corners);
+/// Appends a face to those of a surface mesh: `around` as it is, or where it has a node amid it, around.size() / 2 quads of
+/// corner, mid, centre, mid.
+void append_face(std::span<const PointId> around, std::vector<std::uint32_t>& sizes, std::vector<PointId>& points);
+void append_face(std::span<const PointId> around, PointId centre, std::vector<std::uint32_t>& sizes,
+                 std::vector<PointId>& points);
+
+/// Identifies a face by its nodes in any order.
+std::vector<PointId> face_key(std::span<const PointId> nodes);
 
 }  // namespace deform

@@ -6,6 +6,7 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/quality/quadratic_map.h"
 #include "core/quality/vectors.h"
 
 namespace deform {
@@ -16,18 +17,35 @@ using namespace quality;
 
 constexpr std::size_t grain = 4096;
 constexpr std::size_t most_listed = 100;
+constexpr double infinity = std::numeric_limits<double>::infinity();
 
 struct Measured {
-  double scaled_jacobian = 0, volume = 0, edge_ratio = 0;
+  double scaled_jacobian = 0, volume = 0, edge_ratio = 0, aspect_ratio = 0;
 };
 
+double scaled_determinant(const Vec3& a, const Vec3& b, const Vec3& c) {
+  const double lengths = length(a) * length(b) * length(c);
+  return lengths > 0 ? dot(a, cross(b, c)) / lengths : 0.0;
+}
+
 double scaled_jacobian(std::span<const Vec3> points, std::span<const PointId> nodes, const ElementShape& shape) {
-  double least = std::numeric_limits<double>::infinity();
+  double least = infinity;
   for (const auto& corner : shape.corner_edges) {
     const Vec3& at = points[nodes[corner[0]]];
     const Vec3 a = points[nodes[corner[1]]] - at, b = points[nodes[corner[2]]] - at, c = points[nodes[corner[3]]] - at;
-    const double lengths = length(a) * length(b) * length(c);
-    least = std::min(least, lengths > 0 ? dot(a, cross(b, c)) / lengths : 0.0);
+    least = std::min(least, scaled_determinant(a, b, c));
+  }
+  return least;
+}
+
+double scaled_jacobian(std::span<const Vec3> points, std::span<const PointId> nodes, const QuadraticMap& map) {
+  double least = infinity;
+  for (const auto& sample : map.samples()) {
+    const auto columns = jacobian(points, nodes, sample.gradients);
+    const auto along = [&](const Vec3& d) { return d[0] * columns[0] + d[1] * columns[1] + d[2] * columns[2]; };
+    for (const auto& frame : sample.frames) {
+      least = std::min(least, scaled_determinant(along(frame[0]), along(frame[1]), along(frame[2])));
+    }
   }
   return least;
 }
@@ -48,14 +66,62 @@ double volume(std::span<const Vec3> points, std::span<const PointId> nodes, cons
   return six_times / 6;
 }
 
-double edge_ratio(std::span<const Vec3> points, std::span<const PointId> nodes, const ElementShape& shape) {
-  double least = std::numeric_limits<double>::infinity(), largest = 0;
-  for (const auto& edge : shape.edges) {
-    const double size = length(points[nodes[edge[0]]] - points[nodes[edge[1]]]);
-    least = std::min(least, size);
-    largest = std::max(largest, size);
+double volume(std::span<const Vec3> points, std::span<const PointId> nodes, const QuadraticMap& map) {
+  double sum = 0;
+  for (const auto& point : map.quadrature()) {
+    const auto columns = jacobian(points, nodes, point.gradients);
+    sum += point.weight * dot(columns[0], cross(columns[1], columns[2]));
   }
-  return least > 0 ? largest / least : std::numeric_limits<double>::infinity();
+  return sum;
+}
+
+struct Lengths {
+  double least = infinity, largest = 0;
+};
+
+Lengths edge_lengths(std::span<const Vec3> points, std::span<const PointId> nodes, const ElementShape& shape) {
+  Lengths result;
+  for (std::size_t i = 0; i < shape.edges.size(); ++i) {
+    const Vec3 &a = points[nodes[shape.edges[i][0]]], &b = points[nodes[shape.edges[i][1]]];
+    double size = 0;
+    if (shape.quadratic()) {
+      const Vec3& mid = points[nodes[shape.corners + i]];
+      size = length(a - mid) + length(mid - b);
+    } else {
+      size = length(a - b);
+    }
+    result.least = std::min(result.least, size);
+    result.largest = std::max(result.largest, size);
+  }
+  return result;
+}
+
+/// k such that the height of the reference element over a face is k volume / area.
+double height_factor(const ElementShape& shape, std::size_t face) {
+  switch (shape.corners) {
+    case 4:
+      return 3;
+    case 5:
+      return face == 0 ? 3 : 1.5;
+    case 6:
+      return face < 2 ? 1 : 2;
+    default:
+      return 1;
+  }
+}
+
+double least_height(std::span<const Vec3> points, std::span<const PointId> nodes, const ElementShape& shape, double volume) {
+  double least = infinity;
+  for (std::size_t f = 0; f < shape.faces.size(); ++f) {
+    const auto& face = shape.faces[f];
+    const Vec3& at = points[nodes[face[0]]];
+    Vec3 twice{};
+    for (std::size_t c = 1; c + 1 < face.size(); ++c) {
+      twice = twice + cross(points[nodes[face[c]]] - at, points[nodes[face[c + 1]]] - at);
+    }
+    least = std::min(least, 2 * height_factor(shape, f) * volume / length(twice));
+  }
+  return least;
 }
 
 Measured measure(std::span<const Vec3> points, const Elements& elements, std::size_t e) {
@@ -67,7 +133,40 @@ Measured measure(std::span<const Vec3> points, const Elements& elements, std::si
     }
   }
   const ElementShape& form = shape(elements.types[e]);
-  return {scaled_jacobian(points, nodes, form), volume(points, nodes, form), edge_ratio(points, nodes, form)};
+  Measured result;
+  if (form.quadratic()) {
+    const QuadraticMap& map = QuadraticMap::of(elements.types[e]);
+    result.scaled_jacobian = scaled_jacobian(points, nodes, map);
+    result.volume = volume(points, nodes, map);
+  } else {
+    result.scaled_jacobian = scaled_jacobian(points, nodes, form);
+    result.volume = volume(points, nodes, form);
+  }
+  const Lengths edges = edge_lengths(points, nodes, form);
+  result.edge_ratio = edges.least > 0 ? edges.largest / edges.least : infinity;
+  result.aspect_ratio = result.volume > 0 ? edges.largest / least_height(points, nodes, form, result.volume) : infinity;
+  return result;
+}
+
+ElementMeasures none() {
+  ElementMeasures result;
+  result.least_scaled_jacobian.value = result.least_volume.value = result.least_edge_ratio.value = infinity;
+  result.largest_volume.value = -infinity;
+  return result;
+}
+
+/// Adds element e, one of `all`.
+void add(const Measured& m, std::size_t e, std::size_t all, ElementMeasures& result) {
+  ++result.elements;
+  if (m.scaled_jacobian < result.least_scaled_jacobian.value) result.least_scaled_jacobian = {m.scaled_jacobian, e};
+  result.average_scaled_jacobian += m.scaled_jacobian / static_cast<double>(all);
+  if (m.volume < result.least_volume.value) result.least_volume = {m.volume, e};
+  if (m.volume > result.largest_volume.value) result.largest_volume = {m.volume, e};
+  result.total_volume += m.volume;
+  if (m.edge_ratio < result.least_edge_ratio.value) result.least_edge_ratio = {m.edge_ratio, e};
+  if (m.edge_ratio > result.largest_edge_ratio.value) result.largest_edge_ratio = {m.edge_ratio, e};
+  if (m.aspect_ratio > result.largest_aspect_ratio.value) result.largest_aspect_ratio = {m.aspect_ratio, e};
+  result.inverted_elements += m.scaled_jacobian <= 0;
 }
 
 }  // namespace
@@ -79,22 +178,19 @@ ElementQuality element_quality(std::span<const Vec3> points, const Elements& ele
   parallel_for(context, n, grain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t e = begin; e < end; ++e) all[e] = measure(points, elements, e);
   });
-  constexpr double infinity = std::numeric_limits<double>::infinity();
+  std::array<std::size_t, element_types> counts{};
+  for (const ElementType type : elements.types) ++counts[static_cast<std::size_t>(type)];
   ElementQuality result;
+  static_cast<ElementMeasures&>(result) = none();
   result.points = points.size();
-  result.elements = n;
-  result.least_scaled_jacobian.value = result.least_volume.value = infinity;
-  result.largest_volume.value = -infinity;
+  for (std::size_t type = 0; type < element_types; ++type) {
+    result.of_type[type] = counts[type] > 0 ? none() : ElementMeasures{};
+  }
   for (std::size_t e = 0; e < n; ++e) {
     const Measured& m = all[e];
-    ++result.of_type[static_cast<std::size_t>(elements.types[e])];
-    if (m.scaled_jacobian < result.least_scaled_jacobian.value) result.least_scaled_jacobian = {m.scaled_jacobian, e};
-    result.average_scaled_jacobian += m.scaled_jacobian / static_cast<double>(n);
-    if (m.volume < result.least_volume.value) result.least_volume = {m.volume, e};
-    if (m.volume > result.largest_volume.value) result.largest_volume = {m.volume, e};
-    result.total_volume += m.volume;
-    if (m.edge_ratio > result.largest_edge_ratio.value) result.largest_edge_ratio = {m.edge_ratio, e};
-    result.inverted_elements += m.scaled_jacobian <= 0;
+    const auto type = static_cast<std::size_t>(elements.types[e]);
+    add(m, e, n, result);
+    add(m, e, counts[type], result.of_type[type]);
     const double place = (std::clamp(m.scaled_jacobian, -1.0, 1.0) + 1) / 2 * ElementQuality::bins;
     ++result.histogram[std::min(ElementQuality::bins - 1, static_cast<std::size_t>(place))];
   }
