@@ -3,6 +3,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 #include "core/base/error.h"
 #include "core/io/byte_order.h"
@@ -127,6 +128,13 @@ class BinaryMeshFile : public MeshFile {
 };
 
 }  // namespace
+
+bool TextRecords::add(const std::size_t (&positions)[3]) {
+  if (positions[2] - positions[0] > std::numeric_limits<std::uint32_t>::max()) return false;
+  tokens.push_back({positions[0], static_cast<std::uint32_t>(positions[1] - positions[0]),
+                    static_cast<std::uint32_t>(positions[2] - positions[0])});
+  return true;
+}
 
 std::unique_ptr<MeshFile> make_text_mesh_file(Format format, std::string bytes, std::shared_ptr<const Mesh> mesh,
                                               TextRecords records) {

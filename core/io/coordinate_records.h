@@ -25,6 +25,9 @@ struct TextRecords {
   std::array<int, 3> axes{0, 1, 2};      ///< axis of the first, second and third token
   /// Several records may be one point (STL); of the mesh, which lives as long.
   std::span<const PointId> record_points;
+
+  /// The next record has its tokens there, in this order. False when they are more than 4 GiB apart.
+  bool add(const std::size_t (&positions)[3]);
 };
 
 /// A text file: tokens of changed coordinates are replaced, every other byte is copied.

@@ -35,15 +35,28 @@ void append(const ElementMesh::Face& face, Mesh& mesh) {
   }
 }
 
-void add_surface(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
+/// Where the surface elements are in the mesh: faces `first` .. `end`, or no faces.
+struct Place {
+  FaceId first = 0, end = 0;
+};
+
+std::vector<Place> add_surface(const ElementMesh& source, Mesh& mesh) {
+  std::vector<Place> places;
   for (const auto& face : source.faces) {
-    const std::size_t group = groups.find_or_add(Kind::group, face.name), first = mesh.face_sizes.size();
+    const auto first = static_cast<FaceId>(mesh.face_sizes.size());
     append(face, mesh);
-    for (std::size_t f = first; f < mesh.face_sizes.size(); ++f) groups.add_face(group, static_cast<FaceId>(f));
+    places.push_back({first, static_cast<FaceId>(mesh.face_sizes.size())});
   }
+  return places;
 }
 
-void add_boundary(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
+std::vector<PointId> nodes_of(const ElementMesh::Face& face) {
+  std::vector<PointId> nodes = face.corners;
+  if (face.centre) nodes.push_back(*face.centre);
+  return nodes;
+}
+
+std::vector<Place> add_boundary(const ElementMesh& source, Mesh& mesh) {
   BoundaryFaces boundary = boundary_faces(source.elements);
   std::map<std::vector<PointId>, std::size_t> sides;
   std::size_t corner = 0;
@@ -52,18 +65,27 @@ void add_boundary(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
     for (FaceId f = boundary.sides[side]; f < boundary.sides[side + 1]; ++f) corner += boundary.sizes[f];
     sides.emplace(face_key(std::span(boundary.points).subspan(first, corner - first)), side);
   }
+  std::vector<Place> places;
   for (const auto& face : source.faces) {
-    const std::size_t group = groups.find_or_add(Kind::group, face.name);
-    std::vector<PointId> nodes = face.corners;
-    if (face.centre) nodes.push_back(*face.centre);
-    if (const auto found = sides.find(face_key(nodes)); found != sides.end()) {
-      for (FaceId f = boundary.sides[found->second]; f < boundary.sides[found->second + 1]; ++f) groups.add_face(group, f);
-    } else {
-      for (const PointId point : nodes) groups.add_point(group, point);
-    }
+    const auto found = sides.find(face_key(nodes_of(face)));
+    places.push_back(found == sides.end() ? Place{} : Place{boundary.sides[found->second], boundary.sides[found->second + 1]});
   }
   mesh.face_sizes = std::move(boundary.sizes);
   mesh.face_points = std::move(boundary.points);
+  return places;
+}
+
+void add_to_group(const ElementMesh::Face& face, const Place& place, std::size_t group, FaceGroups& groups) {
+  for (FaceId f = place.first; f < place.end; ++f) groups.add_face(group, f);
+  if (place.first != place.end) return;
+  for (const PointId point : nodes_of(face)) groups.add_point(group, point);
+}
+
+void add_faces(const ElementMesh& source, const std::vector<Place>& places, FaceGroups& groups) {
+  for (std::size_t f = 0; f < source.faces.size(); ++f) {
+    if (source.faces[f].name.empty()) continue;
+    add_to_group(source.faces[f], places[f], groups.find_or_add(Kind::group, source.faces[f].name), groups);
+  }
 }
 
 void add_volumes(const ElementMesh& source, FaceGroups& groups) {
@@ -74,10 +96,11 @@ void add_volumes(const ElementMesh& source, FaceGroups& groups) {
   }
 }
 
-void add_point_sets(const ElementMesh& source, FaceGroups& groups) {
+void add_sets(const ElementMesh& source, const std::vector<Place>& places, FaceGroups& groups) {
   for (const auto& set : source.point_sets) {
-    const std::size_t group = groups.find_or_add(Kind::point_zone, set.name);
+    const std::size_t group = groups.find_or_add(set.kind, set.name);
     for (const PointId point : set.points) groups.add_point(group, point);
+    for (const std::uint32_t face : set.faces) add_to_group(source.faces[face], places[face], group, groups);
   }
 }
 
@@ -102,13 +125,10 @@ std::unique_ptr<MeshFile> with_elements(ElementMesh&& source, const std::string&
   const auto mesh = std::make_shared<Mesh>();
   try {
     FaceGroups groups;
-    if (source.elements.size() == 0) {
-      add_surface(source, *mesh, groups);
-    } else {
-      add_boundary(source, *mesh, groups);
-      add_volumes(source, groups);
-    }
-    add_point_sets(source, groups);
+    const auto places = source.elements.size() == 0 ? add_surface(source, *mesh) : add_boundary(source, *mesh);
+    add_faces(source, places, groups);
+    add_volumes(source, groups);
+    add_sets(source, places, groups);
     mesh->groups = groups.finish();
     mesh->points = std::move(source.points);
     mesh->validate();

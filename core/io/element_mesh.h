@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "core/io/face_groups.h"
 #include "core/io/mesh_file.h"
 #include "core/mesh/elements.h"
 
@@ -16,12 +17,14 @@ namespace deform::io {
 struct ElementMesh {
   struct Face {
     std::vector<PointId> corners;  ///< around it; of a quadratic one with its mid nodes: corner, mid, corner, mid, ...
-    std::string name;              ///< of the group it belongs to
+    std::string name;              ///< of the group it belongs to; empty: of none but those of the sets
     std::optional<PointId> centre = std::nullopt;  ///< the node amid it, where it has one
   };
   struct PointSet {
     std::string name;
     std::vector<PointId> points;
+    std::vector<std::uint32_t> faces = {};  ///< numbers of `faces` that belong to it besides
+    FaceGroups::Kind kind = FaceGroups::Kind::point_zone;
   };
   std::vector<Vec3> points;
   Elements elements;

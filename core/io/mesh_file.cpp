@@ -32,6 +32,7 @@ Format format_of(const std::string& name) {
   if (plain.ends_with(".ply")) return Format::ply;
   if (plain.ends_with(".stl")) return Format::stl;
   if (plain.ends_with(".mesh")) return Format::medit;
+  if (plain.ends_with(".msh")) return Format::gmsh;
   if (plain == "points" || plain.ends_with("/points")) return Format::openfoam;
   throw Error(ErrorCode::invalid_argument, name +
                                                ": unknown mesh format, expected a name that ends in .obj, .off, .ply, .stl or "
@@ -53,6 +54,12 @@ const char* to_string(Format format) {
       return "OpenFOAM";
     case Format::medit:
       return "Medit";
+    case Format::gmsh:
+      return "Gmsh";
+    case Format::abaqus:
+      return "Abaqus";
+    case Format::nastran:
+      return "Nastran";
   }
   return "unknown";
 }
@@ -77,6 +84,9 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
       break;
     case Format::medit:
       file = parse_medit(std::move(bytes), name);
+      break;
+    case Format::gmsh:
+      file = parse_gmsh(std::move(bytes), name);
       break;
     case Format::openfoam:
       throw Error(ErrorCode::invalid_argument, name + ": points alone are no mesh, the files beside them are needed");

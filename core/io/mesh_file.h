@@ -14,7 +14,7 @@
 
 namespace deform::io {
 
-enum class Format { obj, off, ply, stl, openfoam, medit };
+enum class Format { obj, off, ply, stl, openfoam, medit, gmsh, abaqus, nastran };
 
 /// A mesh read from a file, together with what is needed to write the same file with other coordinates. Immutable; any thread may
 /// read.

@@ -10,6 +10,8 @@ namespace deform::io {
 
 // One reader per format. `bytes` are unpacked already; `name` stands in errors. Errors as parse_mesh().
 
+std::unique_ptr<MeshFile> parse_gmsh(std::string bytes, const std::string& name);
+std::unique_ptr<MeshFile> parse_nastran(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_obj(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_medit(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_off(std::string bytes, const std::string& name);

@@ -80,6 +80,38 @@ def medit_seeds():
                            "1 2 3 4 1 2 0", "Pyramids 0", "End")
 
 
+def gmsh_seeds():
+    """A tetrahedron and one of its faces in all versions."""
+    points, names = POINTS, ["$PhysicalNames", "2", '2 1 "wall"', '3 2 "box"', "$EndPhysicalNames"]
+    flat = [c for p in points for c in p]
+    yield "text_22", lines("$MeshFormat", "2.2 0 8", "$EndMeshFormat", *names, "$Comments", "x", "$EndComments", "$Nodes", "4",
+                           *[f"{9 - i} {x} {y} {z}" for i, (x, y, z) in enumerate(points)], "$EndNodes", "$Elements", "4",
+                           "1 2 2 1 1 9 8 7", "2 2 2 3 1 9 8 7", "3 4 2 2 1 9 8 7 6", "4 15 0 9", "$EndElements")
+    yield "parametric_22", lines("$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$ParametricNodes", "2", "1 0 0 0 0 1", "2 1 0 0 2 1 0.5 0.5",
+                                 "$EndParametricNodes")
+    entities = ["$Entities", "0 0 1 1", "1 0 0 0 1 1 1 1 1 0", "1 0 0 0 1 1 1 1 -2 1 1", "$EndEntities"]
+    yield "text_40", lines("$MeshFormat", "4 0 8", "$EndMeshFormat", *names, *entities, "$Nodes", "2 4", "1 2 1 3",
+                           *[f"{i + 1} {x} {y} {z} 0.5 0.5" for i, (x, y, z) in enumerate(points[:3])], "1 3 0 1", "4 0 1 0.5", "$EndNodes",
+                           "$Elements", "2 2", "1 2 2 1", "1 1 2 3", "1 3 4 1", "2 1 2 3 4", "$EndElements")
+    parts = ["$PartitionedEntities", "1", "0", "0 0 1 0", "2 2 1 1 1 0 0 0 1 1 1 1 1 0", "$EndPartitionedEntities"]
+    yield "text_41", lines("$MeshFormat", "4.1 0 8", "$EndMeshFormat", *names, *entities, *parts, "$Nodes", "1 4 1 4", "2 1 1 4", "1", "2", "3", "4",
+                           *[f"{x} {y} {z} 0 0" for x, y, z in points], "$EndNodes",
+                           "$Elements", "2 2 1 2", "2 2 2 1", "1 1 2 3", "3 1 4 1", "2 1 2 3 4", "$EndElements")
+    for order, mark in (("big", ">"), ("little", "<")):
+        head = struct.pack(mark + "i", 1) + b"\n$EndMeshFormat\n"
+        nodes = b"".join(struct.pack(mark + "i3d", i + 1, *p) for i, p in enumerate(points))
+        yield f"binary_22_{order}", (b"$MeshFormat\n2.2 1 8\n" + head + b"$Nodes\n4\n" + nodes + b"\n$EndNodes\n$Elements\n2\n" +
+                                     struct.pack(mark + "19i", 2, 1, 2, 1, 1, 1, 1, 2, 3, 4, 1, 2, 2, 2, 1, 1, 2, 3, 4) + b"\n$EndElements\n")
+        yield f"binary_40_{order}", (b"$MeshFormat\n4 1 8\n" + head + b"$Nodes\n" + struct.pack(mark + "2Q3iQ", 1, 4, 1, 3, 0, 4) + nodes +
+                                     b"\n$EndNodes\n$Elements\n" + struct.pack(mark + "2Q3iQ5i", 1, 1, 1, 3, 4, 1, 1, 1, 2, 3, 4) + b"\n$EndElements\n")
+        for size, letter in ((4, "I"), (8, "Q")):
+            entity = struct.pack(f"{mark}4{letter}i6d{letter}i{letter}", 0, 0, 0, 1, 1, *[0.0] * 6, 1, 2, 0)
+            yield f"binary_41_{order}_{size}", (
+                f"$MeshFormat\n4.1 1 {size}\n".encode() + head + b"$Entities\n" + entity + b"\n$EndEntities\n$Nodes\n" +
+                struct.pack(f"{mark}4{letter}3i{letter}4{letter}12d", 1, 4, 1, 4, 3, 1, 0, 4, 1, 2, 3, 4, *flat) + b"\n$EndNodes\n$Elements\n" +
+                struct.pack(f"{mark}4{letter}3i{letter}5{letter}", 1, 1, 1, 1, 3, 1, 4, 1, 1, 1, 2, 3, 4) + b"\n$EndElements\n")
+
+
 def openfoam_seeds():
     """A tetrahedron; see fuzz_read_openfoam.cpp."""
     def head(form):
@@ -102,7 +134,7 @@ def openfoam_seeds():
 
 def main():
     corpus = pathlib.Path(sys.argv[1])
-    for name, seeds in (("medit", medit_seeds()), ("obj", obj_seeds()), ("off", off_seeds()), ("openfoam", openfoam_seeds()), ("ply", ply_seeds()),
+    for name, seeds in (("gmsh", gmsh_seeds()), ("medit", medit_seeds()), ("obj", obj_seeds()), ("off", off_seeds()), ("openfoam", openfoam_seeds()), ("ply", ply_seeds()),
                         ("stl", stl_seeds())):
         folder = corpus / f"fuzz_read_{name}"
         folder.mkdir(parents=True, exist_ok=True)
