@@ -14,21 +14,6 @@ namespace {
 
 bool same_bits(double a, double b) { return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b); }
 
-void check_points(std::span<const Vec3> points, std::size_t expected) {
-  if (points.size() != expected) {
-    throw Error(ErrorCode::invalid_argument,
-                "points: there are " + std::to_string(points.size()) + ", the mesh file has " + std::to_string(expected));
-  }
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    for (int k = 0; k < 3; ++k) {
-      if (!std::isfinite(points[i][k])) {
-        throw Error(ErrorCode::invalid_argument,
-                    "points[" + std::to_string(i) + "]: coordinate " + "xyz"[k] + " is not a finite number");
-      }
-    }
-  }
-}
-
 std::size_t record_point(std::span<const PointId> record_points, std::size_t record) {
   return record_points.empty() ? record : record_points[record];
 }
@@ -128,6 +113,21 @@ class BinaryMeshFile : public MeshFile {
 };
 
 }  // namespace
+
+void check_points(std::span<const Vec3> points, std::size_t expected) {
+  if (points.size() != expected) {
+    throw Error(ErrorCode::invalid_argument,
+                "points: there are " + std::to_string(points.size()) + ", the mesh file has " + std::to_string(expected));
+  }
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    for (int k = 0; k < 3; ++k) {
+      if (!std::isfinite(points[i][k])) {
+        throw Error(ErrorCode::invalid_argument,
+                    "points[" + std::to_string(i) + "]: coordinate " + "xyz"[k] + " is not a finite number");
+      }
+    }
+  }
+}
 
 bool TextRecords::add(const std::size_t (&positions)[3]) {
   if (positions[2] - positions[0] > std::numeric_limits<std::uint32_t>::max()) return false;

@@ -12,6 +12,9 @@
 
 namespace deform::io {
 
+/// Throws Error(invalid_argument) unless there are `expected` points, all finite.
+void check_points(std::span<const Vec3> points, std::size_t expected);
+
 /// Where the three coordinates of one point stand in a text file: 16 bytes per point instead of the tokens themselves.
 struct CoordinateTokens {
   std::uint64_t first = 0;              ///< byte offset of the token that comes first in the file

@@ -33,6 +33,7 @@ Format format_of(const std::string& name) {
   if (plain.ends_with(".stl")) return Format::stl;
   if (plain.ends_with(".mesh")) return Format::medit;
   if (plain.ends_with(".msh")) return Format::gmsh;
+  if (plain.ends_with(".bdf") || plain.ends_with(".nas") || plain.ends_with(".dat")) return Format::nastran;
   if (plain == "points" || plain.ends_with("/points")) return Format::openfoam;
   throw Error(ErrorCode::invalid_argument, name +
                                                ": unknown mesh format, expected a name that ends in .obj, .off, .ply, .stl or "
@@ -87,6 +88,9 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
       break;
     case Format::gmsh:
       file = parse_gmsh(std::move(bytes), name);
+      break;
+    case Format::nastran:
+      file = parse_nastran(std::move(bytes), name);
       break;
     case Format::openfoam:
       throw Error(ErrorCode::invalid_argument, name + ": points alone are no mesh, the files beside them are needed");

@@ -112,6 +112,18 @@ def gmsh_seeds():
                 struct.pack(f"{mark}4{letter}3i{letter}5{letter}", 1, 1, 1, 1, 3, 1, 4, 1, 1, 1, 2, 3, 4) + b"\n$EndElements\n")
 
 
+def nastran_seeds():
+    small = [f"GRID    {i + 1:8d}        {x:8.3f}{y:8.3f}{z:8.3f}" for i, (x, y, z) in enumerate(POINTS)]
+    yield "small", lines("SOL 101", "CEND", "BEGIN BULK", "$ c", *small, "CTETRA         1       7       1       2       3       4",
+                         "CTRIA3  2       8       1       3       2     .01", "CBAR    3       1       1       2", "ENDDATA", "x")
+    large = [f"GRID*   {i + 1:16d}{'':16}{x:16.9f}{y:16.9f}*A{i}\n*A{i:<6d}{z:16.9f}" for i, (x, y, z) in enumerate(POINTS)]
+    yield "large", lines(*large, "CQUAD4* 1                              9               1               2", "*       3               4")
+    free = [f"GRID,{i + 1},0,{x},{y},{z}" for i, (x, y, z) in enumerate(POINTS)]
+    yield "free", lines(*free, "GRID,5,,1.5-3,-.5D+1", "GRID*,6,,1.,2.,*", "*,3.", "CTRIA6,1,2,1,2,3,4,5,6", "CHEXA,2,2,1,2,3,4,5,6,+A", "+A,1,2",
+                        "CORD2R,1,0,0.,0.,0.,0.,0.,1.,+", "+,1.,0.,0.")
+    yield "short", lines("GRID    1", "GRID    2               1.", "GRID*   3", "GRID,4", "GRID    5\r")
+
+
 def openfoam_seeds():
     """A tetrahedron; see fuzz_read_openfoam.cpp."""
     def head(form):
@@ -134,7 +146,7 @@ def openfoam_seeds():
 
 def main():
     corpus = pathlib.Path(sys.argv[1])
-    for name, seeds in (("gmsh", gmsh_seeds()), ("medit", medit_seeds()), ("obj", obj_seeds()), ("off", off_seeds()), ("openfoam", openfoam_seeds()), ("ply", ply_seeds()),
+    for name, seeds in (("gmsh", gmsh_seeds()), ("medit", medit_seeds()), ("nastran", nastran_seeds()), ("obj", obj_seeds()), ("off", off_seeds()), ("openfoam", openfoam_seeds()), ("ply", ply_seeds()),
                         ("stl", stl_seeds())):
         folder = corpus / f"fuzz_read_{name}"
         folder.mkdir(parents=True, exist_ok=True)
