@@ -29,7 +29,8 @@ class FieldWriter {
  public:
   FieldWriter(std::string_view bytes, DecimalStyle style) : bytes_(bytes), style_(style) {
     out_.reserve(bytes.size() + bytes.size() / 4);
-    line_end_ = bytes.find("\r\n") != std::string_view::npos ? "\r\n" : "\n";
+    const bool lf = bytes.find('\n') != std::string_view::npos, cr = bytes.find('\r') != std::string_view::npos;
+    line_end_ = !cr ? "\n" : lf ? "\r\n" : "\r";
   }
 
   void replace(const NumberField& field, double value, const std::string& which) {

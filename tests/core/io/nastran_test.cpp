@@ -123,6 +123,7 @@ TEST(Nastran, FieldsThatLack) {
   EXPECT_EQ(written("GRID,1\n", {1, 0, 3}), "GRID,1,,1.,,3.\n");
   EXPECT_EQ(written("GRID,1,,  $ c\n", {0, 2, 0}), "GRID,1,,,2.  $ c\n");
   EXPECT_EQ(written("GRID,1,,1.,+A\n+A,0\n", {1, 0, 0}), "GRID,1,,1.,+A\n+A,0\n");
+  EXPECT_EQ(written("GRID,1,,1.,+A\n+A,0\n", {1, 0, 5}), "GRID,1,,1.,,5.,+A\n+A,0\n");
   EXPECT_EQ(written("GRID*   1\n", {0, 0, 3}), "GRID*   1\n*                     3.\n");
   EXPECT_EQ(written("GRID*   1\r\n*\r\n", {1, 0, 3}),
             "GRID*   1                                             1.\r\n*                     3.\r\n");
