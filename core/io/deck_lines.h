@@ -42,6 +42,6 @@ class DeckLines {
 std::string_view trimmed(std::string_view text);
 std::string upper_case(std::string_view text);
 /// In quotes for an error message, shortened and without control characters.
-std::string quoted(std::string_view text);
+std::string in_quotes(std::string_view text);
 
 }  // namespace deform::io

@@ -21,6 +21,9 @@ class ElementMeshFile : public MeshFile {
   std::shared_ptr<const Mesh> mesh() const override { return points_->mesh(); }
   std::shared_ptr<const Elements> elements() const override { return elements_; }
   std::string with_points(std::span<const Vec3> points) const override { return points_->with_points(points); }
+  std::vector<FilePart> parts_with_points(std::span<const Vec3> points) const override {
+    return points_->parts_with_points(points);
+  }
 
  private:
   const std::unique_ptr<MeshFile> points_;

@@ -39,6 +39,15 @@ class MeshFile {
   /// wrong size or non-finite coordinates.
   virtual std::string with_points(std::span<const Vec3> points) const = 0;
 
+  /// The same for a mesh that is made of several files (Abaqus decks with *INCLUDE): this file first, then all others.
+  /// with_points() gives the first, and throws Error(failed_precondition) when the points of another would change.
+  struct FilePart {
+    std::filesystem::path path;      ///< as the first file names it, relative to that; of the first empty
+    std::filesystem::path original;  ///< where it was read from
+    std::string bytes;
+  };
+  virtual std::vector<FilePart> parts_with_points(std::span<const Vec3> points) const { return {{{}, {}, with_points(points)}}; }
+
   bool compressed = false;  ///< the bytes came gzipped
 };
 

@@ -99,7 +99,7 @@ void NastranCards::add_line() {
 void NastranCards::check_mark(std::string_view mark) const {
   const std::string_view here = mark_name(mark), before = mark_name(mark_);
   if (here.empty() || before.empty() || here == before) return;
-  lines_.fail("continuation " + quoted(mark) + " stands where " + quoted(mark_) + " continues");
+  lines_.fail("continuation " + in_quotes(mark) + " stands where " + in_quotes(mark_) + " continues");
 }
 
 void NastranCards::add_fixed(std::size_t columns) {
@@ -138,7 +138,7 @@ void NastranCards::add_free(std::size_t most) {
       if (number == most && is_mark(text)) {
         mark_ = text;
       } else if (!text.empty()) {
-        lines_.fail("more than " + std::to_string(most) + " fields on a line between commas, found " + quoted(text));
+        lines_.fail("more than " + std::to_string(most) + " fields on a line between commas, found " + in_quotes(text));
       }
     } else if (!more && is_mark(text)) {  // of a line that ends early
       mark_ = text;
@@ -167,7 +167,7 @@ std::int64_t NastranCards::integer(std::size_t i, const char* what) const {
   std::int64_t value = 0;
   const auto [end, status] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
   if (status != std::errc{} || end != digits.data() + digits.size()) {
-    fail(card_ + ": expected an integer as " + what + " in field " + std::to_string(i + 1) + ", found " + quoted(field));
+    fail(card_ + ": expected an integer as " + what + " in field " + std::to_string(i + 1) + ", found " + in_quotes(field));
   }
   return value;
 }
@@ -177,7 +177,7 @@ double NastranCards::number(std::size_t i, const char* what) const {
   if (field.empty()) return 0;
   const auto value = parse_decimal(field, DecimalStyle::nastran);
   if (!value) {
-    fail(card_ + ": expected a finite number as " + what + " in field " + std::to_string(i + 1) + ", found " + quoted(field));
+    fail(card_ + ": expected a finite number as " + what + " in field " + std::to_string(i + 1) + ", found " + in_quotes(field));
   }
   return *value;
 }

@@ -80,6 +80,19 @@ def medit_seeds():
                            "1 2 3 4 1 2 0", "Pyramids 0", "End")
 
 
+def abaqus_seeds():
+    v = [f"{i + 1},{x}, {y},{z}" for i, (x, y, z) in enumerate(POINTS)]
+    mesh = ["*NODE, NSET=all", *v, "*ELEMENT,TYPE=C3D4,ELSET=e", "1,1,2,", "3,4", "*ELEMENT,TYPE=S3", "2,1,3,2"]
+    yield "sets", lines("*HEADING", "** c", *mesh, "*NSET,NSET=a,GENERATE", "1,3,2", "*NSET,NSET=b,", "UNSORTED", "a,4", "*NSET,NSET=c,ELSET=e",
+                        "*ELSET,ELSET=\"f g\"", "e,2", "*STEP")
+    yield "surfaces", lines(*mesh, "*SURFACE,NAME=s", "e,S2", "2,SPOS", "2,E1", "*SURFACE,NAME=t", "e,", "*SURFACE,NAME=n,TYPE=NODE", "all,1.", "3")
+    yield "parts", lines("*PART,NAME=P", *mesh, "*END PART", "*ASSEMBLY", "*INSTANCE,NAME=I,PART=P", "1.,0,0", "*END INSTANCE", "*NSET,NSET=x,INSTANCE=I",
+                         "1", "*ELSET,ELSET=y,INTERNAL", "I.e", "*SURFACE,NAME=z", "I.1,S1", "y,S3", "*END ASSEMBLY")
+    yield "short", b"*NODE\r\n1\r\n2,\r\n3,1.D0,,\r\n4,,2.e-3\r\n5 , 1 , 2 , 3 , 0 , 1\r\n*ELEMENT,TYPE=B31\r\n1,1,2\r\n"
+    yield "quadratic", lines("*NODE", *[f"{i}" for i in range(1, 21)], "*ELEMENT,TYPE=C3D20R", "1,1,2,3,4,5,6,7,8,9,10,11,12,13,14,15,",
+                             "16,17,18,19,20", "*ELEMENT,TYPE=CPE8", "2,1,2,3,4,5,6,7,8", "*SURFACE,NAME=s", "1,S6", "2,S4")
+
+
 def gmsh_seeds():
     """A tetrahedron and one of its faces in all versions."""
     points, names = POINTS, ["$PhysicalNames", "2", '2 1 "wall"', '3 2 "box"', "$EndPhysicalNames"]
@@ -146,7 +159,7 @@ def openfoam_seeds():
 
 def main():
     corpus = pathlib.Path(sys.argv[1])
-    for name, seeds in (("gmsh", gmsh_seeds()), ("medit", medit_seeds()), ("nastran", nastran_seeds()), ("obj", obj_seeds()), ("off", off_seeds()), ("openfoam", openfoam_seeds()), ("ply", ply_seeds()),
+    for name, seeds in (("abaqus", abaqus_seeds()), ("gmsh", gmsh_seeds()), ("medit", medit_seeds()), ("nastran", nastran_seeds()), ("obj", obj_seeds()), ("off", off_seeds()), ("openfoam", openfoam_seeds()), ("ply", ply_seeds()),
                         ("stl", stl_seeds())):
         folder = corpus / f"fuzz_read_{name}"
         folder.mkdir(parents=True, exist_ok=True)

@@ -309,9 +309,9 @@ TEST(Gmsh, QuadraticElements) {
     const std::string count = std::to_string(points.size());
     std::string text = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n" + count + "\n", all;
     for (std::size_t i = 0; i < points.size(); ++i) {
-      all += " " + std::to_string(i + 1);
+      all.append(" ").append(std::to_string(i + 1));
       text += std::to_string(i + 1);
-      for (const double c : points[i]) text += " " + testing::PrintToString(c);
+      for (const double c : points[i]) text.append(" ").append(testing::PrintToString(c));
       text += "\n";
     }
     text += "$EndNodes\n$Elements\n1\n1 " + std::to_string(tested.type) + " 0" + all + "\n$EndElements\n";
@@ -361,7 +361,7 @@ TEST(Gmsh, PartitionedEntitiesHaveGroups) {
 }
 
 TEST(Gmsh, RefusesWhatIsWrong) {
-  const auto with = [](const std::string& elements) { return head + triangle + "$Elements\n" + elements; };
+  const auto with = [](const std::string& lines) { return head + triangle + "$Elements\n" + lines; };
   const std::string text = mesh_in({}), binary = mesh_in({"2.2", true});
   const auto spoilt = [](std::string bytes, const std::string& from, const std::string& to) {
     bytes.replace(bytes.find(from), from.size(), to);
