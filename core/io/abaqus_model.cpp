@@ -17,7 +17,8 @@ constexpr const char* nouns[2] = {"node", "element"};
 
 std::size_t number(AbaqusModel::Members members) { return members == AbaqusModel::Members::nodes ? 0 : 1; }
 
-void make_unique(std::vector<std::uint32_t>& numbers) {
+template <typename Number>
+void make_unique(std::vector<Number>& numbers) {
   std::sort(numbers.begin(), numbers.end());
   numbers.erase(std::unique(numbers.begin(), numbers.end()), numbers.end());
 }
@@ -142,20 +143,25 @@ void AbaqusModel::add_groups() {
     for (std::size_t s = 0; s < part.sets[1].size(); ++s) {
       if (part.sets[1][s].internal) continue;
       const std::string name = group_name(scope, part.sets[1][s].name, parts_[0].set_numbers[1]);
-      ElementMesh::PointSet group{name, {}, {}, FaceGroups::Kind::cell_zone};
+      GroupMembers group;
       add_elements(members_of(scope, Members::elements, s, 0), group);
-      mesh_.point_sets.push_back(std::move(group));
+      add_group(name, FaceGroups::Kind::cell_zone, std::move(group));
     }
     for (const Surface& surface : part.surfaces) {
       const std::string name = group_name(scope, surface.name, parts_[0].surface_numbers);
-      ElementMesh::PointSet group{name, {}, {}, FaceGroups::Kind::group};
+      GroupMembers group;
       add_surface(surface, group);
-      mesh_.point_sets.push_back(std::move(group));
+      add_group(name, FaceGroups::Kind::group, std::move(group));
     }
   }
 }
 
-void AbaqusModel::add_elements(const std::vector<std::uint32_t>& elements, ElementMesh::PointSet& group) const {
+void AbaqusModel::add_group(const std::string& name, FaceGroups::Kind kind, GroupMembers&& members) {
+  if (!members.faces.empty()) mesh_.face_sets.push_back({name, std::move(members.faces), kind});
+  mesh_.point_sets.push_back({name, std::move(members.points), kind});
+}
+
+void AbaqusModel::add_elements(const std::vector<std::uint32_t>& elements, GroupMembers& group) const {
   for (const std::uint32_t e : elements) {
     const Element& element = elements_[e];
     if (type_of(element).use == Use::shell || type_of(element).use == Use::plane) {
@@ -167,7 +173,7 @@ void AbaqusModel::add_elements(const std::vector<std::uint32_t>& elements, Eleme
   }
 }
 
-void AbaqusModel::add_surface(const Surface& surface, ElementMesh::PointSet& group) {
+void AbaqusModel::add_surface(const Surface& surface, GroupMembers& group) {
   for (const Surface::Entry& entry : surface.entries) {
     Set::Entry set;
     set.name = entry.what;
@@ -272,7 +278,7 @@ std::vector<PointId> AbaqusModel::points_of(const Element& element) const {
   return points;
 }
 
-void AbaqusModel::add_side(const Element& element, const Surface::Entry& entry, ElementMesh::PointSet& group) {
+void AbaqusModel::add_side(const Element& element, const Surface::Entry& entry, GroupMembers& group) {
   const std::string face = upper_case(entry.face);
   const char letter = face.empty() ? '\0' : face[0];
   // 0: none, as in SPOS.
@@ -285,7 +291,7 @@ void AbaqusModel::add_side(const Element& element, const Surface::Entry& entry, 
                              ", has no face " + in_quotes(entry.face));
       return;
     }
-    group.faces.push_back(static_cast<std::uint32_t>(mesh_.faces.size()));
+    group.faces.push_back(mesh_.faces.size());
     mesh_.faces.push_back(side(element, *found));
     return;
   }
@@ -309,7 +315,7 @@ void AbaqusModel::add_side(const Element& element, const Surface::Entry& entry, 
   if (points.size() > corners) group.points.push_back(points[corners + first]);
 }
 
-void AbaqusModel::add_free_sides(const Element& element, ElementMesh::PointSet& group) {
+void AbaqusModel::add_free_sides(const Element& element, GroupMembers& group) {
   if (free_.empty()) {
     const BoundaryFaces boundary = boundary_faces(mesh_.elements);
     std::size_t corner = 0;
@@ -321,7 +327,7 @@ void AbaqusModel::add_free_sides(const Element& element, ElementMesh::PointSet& 
   for (std::size_t f = 0; f < shape(type_of(element).volume).faces.size(); ++f) {
     ElementMesh::Face face = side(element, f);
     if (free_.count(face_key(face.corners)) == 0) continue;
-    group.faces.push_back(static_cast<std::uint32_t>(mesh_.faces.size()));
+    group.faces.push_back(mesh_.faces.size());
     mesh_.faces.push_back(std::move(face));
   }
 }

@@ -94,6 +94,10 @@ class AbaqusModel {
     enum class State { unknown, under_way, known } state = State::unknown;
     std::vector<std::uint32_t> members;
   };
+  struct GroupMembers {
+    std::vector<PointId> points;
+    std::vector<std::size_t> faces;  // of the surface elements
+  };
   struct Part {
     std::string name;
     LabelIndex nodes, elements;
@@ -115,10 +119,11 @@ class AbaqusModel {
   void add_entry(const Set::Entry& entry, Members members, int depth, std::vector<std::uint32_t>& found);
   void add_range(const Set::Entry& entry, Members members, std::vector<std::uint32_t>& found) const;
   std::vector<PointId> points_of(const Element& element) const;
-  void add_elements(const std::vector<std::uint32_t>& elements, ElementMesh::PointSet& group) const;
-  void add_surface(const Surface& surface, ElementMesh::PointSet& group);
-  void add_side(const Element& element, const Surface::Entry& entry, ElementMesh::PointSet& group);
-  void add_free_sides(const Element& element, ElementMesh::PointSet& group);
+  void add_group(const std::string& name, FaceGroups::Kind kind, GroupMembers&& members);
+  void add_elements(const std::vector<std::uint32_t>& elements, GroupMembers& group) const;
+  void add_surface(const Surface& surface, GroupMembers& group);
+  void add_side(const Element& element, const Surface::Entry& entry, GroupMembers& group);
+  void add_free_sides(const Element& element, GroupMembers& group);
   ElementMesh::Face side(const Element& element, std::size_t face) const;
 
   Fail fail_;

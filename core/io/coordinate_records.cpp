@@ -1,7 +1,9 @@
 #include "core/io/coordinate_records.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 #include <limits>
 
@@ -11,8 +13,6 @@
 namespace deform::io {
 
 namespace {
-
-bool same_bits(double a, double b) { return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b); }
 
 std::size_t record_point(std::span<const PointId> record_points, std::size_t record) {
   return record_points.empty() ? record : record_points[record];
@@ -28,6 +28,7 @@ class TextMeshFile : public MeshFile {
 
   std::string with_points(std::span<const Vec3> points) const override {
     check_points(points, mesh_->point_count());
+    if (records_.dimensions == 2) check_plane(points, mesh_->points);
     std::string out;
     out.reserve(bytes_.size() + bytes_.size() / 4);
     std::size_t copied = 0;
@@ -35,7 +36,7 @@ class TextMeshFile : public MeshFile {
       const CoordinateTokens& tokens = records_.tokens[record];
       const std::size_t point = record_point(records_.record_points, record);
       const std::size_t positions[3] = {tokens.first, tokens.first + tokens.second, tokens.first + tokens.third};
-      for (int i = 0; i < 3; ++i) {
+      for (int i = 0; i < records_.dimensions; ++i) {
         const int axis = records_.axes[i];
         if (same_bits(points[point][axis], mesh_->points[point][axis])) continue;
         out.append(bytes_, copied, positions[i] - copied);
@@ -48,12 +49,6 @@ class TextMeshFile : public MeshFile {
   }
 
  private:
-  static void append_number(std::string& out, double value) {
-    char buffer[32];
-    const auto result = std::to_chars(buffer, buffer + sizeof buffer, value);
-    out.append(buffer, result.ptr);
-  }
-
   /// Readers have seen a number there: letters, digits, signs and points.
   std::size_t token_end(std::size_t position) const {
     const auto belongs = [](char c) {
@@ -97,15 +92,6 @@ class BinaryMeshFile : public MeshFile {
   }
 
  private:
-  static float as_float(double value, std::size_t point, int axis) {
-    const auto narrow = static_cast<float>(value);
-    if (!std::isfinite(narrow)) {
-      throw Error(ErrorCode::invalid_argument, "points[" + std::to_string(point) + "]: coordinate " + "xyz"[axis] +
-                                                   " is beyond the range of the file's 32-bit floats");
-    }
-    return narrow;
-  }
-
   const Format format_;
   const std::string bytes_;
   const std::shared_ptr<const Mesh> mesh_;
@@ -134,6 +120,39 @@ bool TextRecords::add(const std::size_t (&positions)[3]) {
   tokens.push_back({positions[0], static_cast<std::uint32_t>(positions[1] - positions[0]),
                     static_cast<std::uint32_t>(positions[2] - positions[0])});
   return true;
+}
+
+void append_number(std::string& out, double value) {
+  char buffer[32];
+  const auto result = std::to_chars(buffer, buffer + sizeof buffer, value);
+  out.append(buffer, result.ptr);
+}
+
+float as_float(double value, std::size_t point, int axis) {
+  const auto narrow = static_cast<float>(value);
+  if (!std::isfinite(narrow)) {
+    throw Error(ErrorCode::invalid_argument, "points[" + std::to_string(point) + "]: coordinate " + "xyz"[axis] +
+                                                 " is beyond the range of the file's 32-bit floats");
+  }
+  return narrow;
+}
+
+void check_plane(std::span<const Vec3> points, const Points& original) {
+  const double tolerance = 1e-12 * bounding_box(original).diagonal();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const double moved = points[i][2] - original[i][2];
+    if (std::abs(moved) <= tolerance) continue;
+    char text[32];
+    std::snprintf(text, sizeof text, "%.3g", moved);
+    throw Error(ErrorCode::invalid_argument, "points[" + std::to_string(i) + "]: z moves by " + text +
+                                                 ", but the mesh file is two-dimensional: points must stay in its plane");
+  }
+}
+
+bool same_points(std::span<const Vec3> a, std::span<const Vec3> b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const Vec3& p, const Vec3& q) {
+    return same_bits(p[0], q[0]) && same_bits(p[1], q[1]) && same_bits(p[2], q[2]);
+  });
 }
 
 std::unique_ptr<MeshFile> make_text_mesh_file(Format format, std::string bytes, std::shared_ptr<const Mesh> mesh,

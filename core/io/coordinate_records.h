@@ -12,26 +12,40 @@
 
 namespace deform::io {
 
-/// Throws Error(invalid_argument) unless there are `expected` points, all finite.
-void check_points(std::span<const Vec3> points, std::size_t expected);
-
 /// Where the three coordinates of one point stand in a text file: 16 bytes per point instead of the tokens themselves.
 struct CoordinateTokens {
   std::uint64_t first = 0;              ///< byte offset of the token that comes first in the file
   std::uint32_t second = 0, third = 0;  ///< distance of the other two from it
 };
 
+/// Throws Error(invalid_argument) unless there are as many points as expected, all of them finite.
+void check_points(std::span<const Vec3> points, std::size_t expected);
+/// Minus zero and zero differ.
+inline bool same_bits(double a, double b) { return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b); }
+/// The nearest float of a coordinate; throws Error(invalid_argument) naming it when it is beyond their range.
+float as_float(double value, std::size_t point, int axis);
+/// The shortest decimal that parses to the same double.
+void append_number(std::string& out, double value);
+
 /// What a text reader hands to the writer. Record i of the file is point `record_points[i]`, or point i
 /// when that is empty.
 struct TextRecords {
   std::vector<CoordinateTokens> tokens;  ///< in file order
   std::array<int, 3> axes{0, 1, 2};      ///< axis of the first, second and third token
+  int dimensions = 3;                    ///< 2: there is no third token, z must stay as it is (see check_plane())
   /// Several records may be one point (STL); of the mesh, which lives as long.
   std::span<const PointId> record_points;
 
   /// The next record has its tokens there, in this order. False when they are more than 4 GiB apart.
   bool add(const std::size_t (&positions)[3]);
 };
+
+/// What a 2D file needs before it is written: throws Error(invalid_argument) naming the point when a z differs from that of
+/// `original` by more than 1e-12 of its bounding-box diagonal, since the file has no place for it. Sizes must agree.
+void check_plane(std::span<const Vec3> points, const Points& original);
+
+/// Whether all coordinates have the same bits.
+bool same_points(std::span<const Vec3> a, std::span<const Vec3> b);
 
 /// A text file: tokens of changed coordinates are replaced, every other byte is copied.
 std::unique_ptr<MeshFile> make_text_mesh_file(Format format, std::string bytes, std::shared_ptr<const Mesh> mesh,

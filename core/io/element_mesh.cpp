@@ -14,12 +14,18 @@ using Kind = FaceGroups::Kind;
 
 class ElementMeshFile : public MeshFile {
  public:
-  ElementMeshFile(std::unique_ptr<MeshFile> points, std::shared_ptr<const Elements> elements)
-      : points_(std::move(points)), elements_(std::move(elements)) {}
+  ElementMeshFile(std::unique_ptr<MeshFile> points, ElementMesh&& source) : points_(std::move(points)) {
+    if (source.cells) {
+      cells_ = std::make_shared<const PolyhedralCells>(std::move(*source.cells));
+    } else {
+      elements_ = std::make_shared<const Elements>(std::move(source.elements));
+    }
+  }
 
   Format format() const override { return points_->format(); }
   std::shared_ptr<const Mesh> mesh() const override { return points_->mesh(); }
   std::shared_ptr<const Elements> elements() const override { return elements_; }
+  std::shared_ptr<const PolyhedralCells> cells() const override { return cells_; }
   std::string with_points(std::span<const Vec3> points) const override { return points_->with_points(points); }
   std::vector<FilePart> parts_with_points(std::span<const Vec3> points) const override {
     return points_->parts_with_points(points);
@@ -27,7 +33,8 @@ class ElementMeshFile : public MeshFile {
 
  private:
   const std::unique_ptr<MeshFile> points_;
-  const std::shared_ptr<const Elements> elements_;
+  std::shared_ptr<const Elements> elements_;
+  std::shared_ptr<const PolyhedralCells> cells_;
 };
 
 void append(const ElementMesh::Face& face, Mesh& mesh) {
@@ -38,29 +45,40 @@ void append(const ElementMesh::Face& face, Mesh& mesh) {
   }
 }
 
-/// Where the surface elements are in the mesh: faces `first` .. `end`, or no faces.
-struct Place {
-  FaceId first = 0, end = 0;
-};
-
-std::vector<Place> add_surface(const ElementMesh& source, Mesh& mesh) {
-  std::vector<Place> places;
-  for (const auto& face : source.faces) {
-    const auto first = static_cast<FaceId>(mesh.face_sizes.size());
-    append(face, mesh);
-    places.push_back({first, static_cast<FaceId>(mesh.face_sizes.size())});
+void add_face_sets(const ElementMesh& source, FaceGroups& groups, const std::function<void(std::size_t, std::size_t)>& add) {
+  for (const auto& set : source.face_sets) {
+    const std::size_t group = groups.find_or_add(set.kind, set.name);
+    for (const std::size_t face : set.faces) add(face, group);
   }
-  return places;
 }
 
-std::vector<PointId> nodes_of(const ElementMesh::Face& face) {
-  std::vector<PointId> nodes = face.corners;
-  if (face.centre) nodes.push_back(*face.centre);
-  return nodes;
+void add_surface(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
+  std::vector<std::size_t> firsts;
+  for (const auto& face : source.faces) {
+    const std::size_t first = mesh.face_sizes.size();
+    append(face, mesh);
+    firsts.push_back(first);
+    if (face.name.empty()) continue;
+    const std::size_t group = groups.find_or_add(Kind::group, face.name);
+    for (std::size_t f = first; f < mesh.face_sizes.size(); ++f) groups.add_face(group, static_cast<FaceId>(f));
+  }
+  firsts.push_back(mesh.face_sizes.size());
+  add_face_sets(source, groups, [&](std::size_t face, std::size_t group) {
+    for (std::size_t f = firsts[face]; f < firsts[face + 1]; ++f) groups.add_face(group, static_cast<FaceId>(f));
+  });
 }
 
-std::vector<Place> add_boundary(const ElementMesh& source, Mesh& mesh) {
-  BoundaryFaces boundary = boundary_faces(source.elements);
+BoundaryFaces boundary_faces(const PolyhedralCells& cells) {
+  BoundaryFaces boundary;
+  for (std::size_t f = cells.internal_faces(); f < cells.face_count(); ++f) {
+    append_face(cells.face(f), boundary.sizes, boundary.points);
+    boundary.sides.push_back(static_cast<FaceId>(boundary.sizes.size()));
+  }
+  return boundary;
+}
+
+void add_boundary(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
+  BoundaryFaces boundary = source.cells ? boundary_faces(*source.cells) : boundary_faces(source.elements);
   std::map<std::vector<PointId>, std::size_t> sides;
   std::size_t corner = 0;
   for (std::size_t side = 0; side + 1 < boundary.sides.size(); ++side) {
@@ -68,27 +86,22 @@ std::vector<Place> add_boundary(const ElementMesh& source, Mesh& mesh) {
     for (FaceId f = boundary.sides[side]; f < boundary.sides[side + 1]; ++f) corner += boundary.sizes[f];
     sides.emplace(face_key(std::span(boundary.points).subspan(first, corner - first)), side);
   }
-  std::vector<Place> places;
-  for (const auto& face : source.faces) {
-    const auto found = sides.find(face_key(nodes_of(face)));
-    places.push_back(found == sides.end() ? Place{} : Place{boundary.sides[found->second], boundary.sides[found->second + 1]});
+  const auto add = [&](std::size_t face, std::size_t group) {
+    std::vector<PointId> nodes = source.faces[face].corners;
+    if (source.faces[face].centre) nodes.push_back(*source.faces[face].centre);
+    if (const auto found = sides.find(face_key(nodes)); found != sides.end()) {
+      for (FaceId f = boundary.sides[found->second]; f < boundary.sides[found->second + 1]; ++f) groups.add_face(group, f);
+    } else {
+      for (const PointId point : nodes) groups.add_point(group, point);
+    }
+  };
+  for (std::size_t face = 0; face < source.faces.size(); ++face) {
+    if (source.faces[face].name.empty()) continue;
+    add(face, groups.find_or_add(Kind::group, source.faces[face].name));
   }
+  add_face_sets(source, groups, add);
   mesh.face_sizes = std::move(boundary.sizes);
   mesh.face_points = std::move(boundary.points);
-  return places;
-}
-
-void add_to_group(const ElementMesh::Face& face, const Place& place, std::size_t group, FaceGroups& groups) {
-  for (FaceId f = place.first; f < place.end; ++f) groups.add_face(group, f);
-  if (place.first != place.end) return;
-  for (const PointId point : nodes_of(face)) groups.add_point(group, point);
-}
-
-void add_faces(const ElementMesh& source, const std::vector<Place>& places, FaceGroups& groups) {
-  for (std::size_t f = 0; f < source.faces.size(); ++f) {
-    if (source.faces[f].name.empty()) continue;
-    add_to_group(source.faces[f], places[f], groups.find_or_add(Kind::group, source.faces[f].name), groups);
-  }
 }
 
 void add_volumes(const ElementMesh& source, FaceGroups& groups) {
@@ -99,11 +112,10 @@ void add_volumes(const ElementMesh& source, FaceGroups& groups) {
   }
 }
 
-void add_sets(const ElementMesh& source, const std::vector<Place>& places, FaceGroups& groups) {
+void add_point_sets(const ElementMesh& source, FaceGroups& groups) {
   for (const auto& set : source.point_sets) {
     const std::size_t group = groups.find_or_add(set.kind, set.name);
     for (const PointId point : set.points) groups.add_point(group, point);
-    for (const std::uint32_t face : set.faces) add_to_group(source.faces[face], places[face], group, groups);
   }
 }
 
@@ -112,7 +124,7 @@ void add_sets(const ElementMesh& source, const std::vector<Place>& places, FaceG
 void ElementMesh::add_face(std::span<const PointId> nodes, const std::string& name) {
   Face face{{nodes.begin(), nodes.end()}, name};
   if (nodes.size() >= 6) {
-    const std::size_t n = nodes.size() == 6 ? 3 : 4;
+    const std::size_t n = nodes.size() <= 7 ? 3 : 4;
     for (std::size_t c = 0; c < n; ++c) {
       face.corners[2 * c] = nodes[c];
       face.corners[2 * c + 1] = nodes[n + c];
@@ -128,18 +140,21 @@ std::unique_ptr<MeshFile> with_elements(ElementMesh&& source, const std::string&
   const auto mesh = std::make_shared<Mesh>();
   try {
     FaceGroups groups;
-    const auto places = source.elements.size() == 0 ? add_surface(source, *mesh) : add_boundary(source, *mesh);
-    add_faces(source, places, groups);
-    add_volumes(source, groups);
-    add_sets(source, places, groups);
+    if (source.elements.size() == 0 && !source.cells) {
+      add_surface(source, *mesh, groups);
+    } else {
+      add_boundary(source, *mesh, groups);
+      add_volumes(source, groups);
+    }
+    add_point_sets(source, groups);
     mesh->groups = groups.finish();
     mesh->points = std::move(source.points);
     mesh->validate();
   } catch (const Error& error) {
     throw Error(error.code(), name + ": " + error.what());
   }
-  if (source.elements.size() == 0) return make(mesh);
-  return std::make_unique<ElementMeshFile>(make(mesh), std::make_shared<const Elements>(std::move(source.elements)));
+  if (source.elements.size() == 0 && !source.cells) return make(mesh);
+  return std::make_unique<ElementMeshFile>(make(mesh), std::move(source));
 }
 
 }  // namespace deform::io

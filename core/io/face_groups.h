@@ -12,8 +12,8 @@ namespace deform::io {
 /// Collects named groups while a file is read. The same name of the same kind, met again, continues the group.
 class FaceGroups {
  public:
-  enum class Kind { group, object, material, patch_group, point_zone, face_zone, cell_zone };
-  static constexpr int kinds = 7;
+  enum class Kind { group, object, material, patch_group, point_zone, face_zone, cell_zone, family, section };
+  static constexpr int kinds = 9;
 
   /// Number of the group, to be used with add_face() and add_point(). Names become UTF-8 without control characters: what is not
   /// UTF-8 is taken as Latin-1.
@@ -23,7 +23,7 @@ class FaceGroups {
 
   /// The groups that got members, in order of first appearance, with unique names: a group keeps its name; one of another kind
   /// whose name is taken by a group with other members is called "object:NAME", "material:NAME", "patchGroup:NAME",
-  /// "pointZone:NAME", "faceZone:NAME" or "cellZone:NAME"; with the same members it is left out.
+  /// "pointZone:NAME", "faceZone:NAME", "cellZone:NAME", "family:NAME" or "section:NAME"; with the same members it is left out.
   std::vector<Group> finish();
 
  private:

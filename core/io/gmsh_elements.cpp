@@ -78,7 +78,7 @@ std::vector<std::size_t> GmshElements::groups_of(int dimension, std::span<const 
 
 void GmshElements::join(std::size_t group, int dimension, std::span<const PointId> nodes) {
   if (dimension == 2) {
-    groups_[group].faces.push_back(static_cast<std::uint32_t>(mesh_.faces.size() - 1));
+    groups_[group].faces.push_back(mesh_.faces.size() - 1);
   } else {
     groups_[group].points.insert(groups_[group].points.end(), nodes.begin(), nodes.end());
   }
@@ -116,10 +116,10 @@ ElementMesh GmshElements::take(std::vector<Vec3>&& points) {
   mesh_.points = std::move(points);
   for (Group& group : groups_) {
     if (group.dimension == 2) {
-      mesh_.point_sets.push_back({std::move(group.name), {}, std::move(group.faces), FaceGroups::Kind::group});
+      mesh_.face_sets.push_back({std::move(group.name), std::move(group.faces)});
     } else {
       const auto kind = group.dimension == 3 ? FaceGroups::Kind::cell_zone : FaceGroups::Kind::point_zone;
-      mesh_.point_sets.push_back({std::move(group.name), std::move(group.points), {}, kind});
+      mesh_.point_sets.push_back({std::move(group.name), std::move(group.points), kind});
     }
   }
   return std::move(mesh_);

@@ -41,7 +41,7 @@ class GmshElements {
     int dimension;
     std::string name;
     std::vector<PointId> points;
-    std::vector<std::uint32_t> faces;
+    std::vector<std::size_t> faces;
   };
   void join(std::size_t group, int dimension, std::span<const PointId> nodes);
 

@@ -56,10 +56,19 @@ Format format_of(const std::string& name) {
   if (plain.ends_with(".inp")) return Format::abaqus;
   if (plain.ends_with(".msh")) return Format::gmsh;
   if (plain.ends_with(".bdf") || plain.ends_with(".nas") || plain.ends_with(".dat")) return Format::nastran;
+  if (plain.ends_with(".su2")) return Format::su2;
+  if (plain.ends_with(".vtk")) return Format::vtk;
+  if (plain.ends_with(".vtu")) return Format::vtu;
+  if (plain.ends_with(".vtp")) return Format::vtp;
+  if (plain.ends_with(".cgns")) return Format::cgns;
+  for (const char* extension : {".e", ".exo", ".ex2", ".g"}) {
+    if (plain.ends_with(extension)) return Format::exodus;
+  }
   if (plain == "points" || plain.ends_with("/points")) return Format::openfoam;
   throw Error(ErrorCode::invalid_argument, name +
-                                               ": unknown mesh format, expected a name that ends in .obj, .off, .ply, .stl or "
-                                               ".mesh (optionally .gz), or the folder of "
+                                               ": unknown mesh format, expected a name that ends in .obj, .off, .ply, .stl, "
+                                               ".mesh, .su2, .vtk, .vtu, .vtp, .cgns, .e, .exo, .ex2, .g, .msh, .inp, .bdf, .nas "
+                                               "or .dat (optionally .gz), or the folder of "
                                                "an OpenFOAM mesh");
 }
 
@@ -83,6 +92,18 @@ const char* to_string(Format format) {
       return "Abaqus";
     case Format::nastran:
       return "Nastran";
+    case Format::su2:
+      return "SU2";
+    case Format::vtk:
+      return "VTK";
+    case Format::vtu:
+      return "VTU";
+    case Format::vtp:
+      return "VTP";
+    case Format::cgns:
+      return "CGNS";
+    case Format::exodus:
+      return "Exodus";
   }
   return "unknown";
 }
@@ -116,6 +137,24 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
       break;
     case Format::nastran:
       file = parse_nastran(std::move(bytes), name);
+      break;
+    case Format::su2:
+      file = parse_su2(std::move(bytes), name);
+      break;
+    case Format::vtk:
+      file = parse_vtk(std::move(bytes), name);
+      break;
+    case Format::vtu:
+      file = parse_vtu(std::move(bytes), name);
+      break;
+    case Format::vtp:
+      file = parse_vtp(std::move(bytes), name);
+      break;
+    case Format::cgns:
+      file = parse_cgns(std::move(bytes), name);
+      break;
+    case Format::exodus:
+      file = parse_exodus(std::move(bytes), name);
       break;
     case Format::openfoam:
       throw Error(ErrorCode::invalid_argument, name + ": points alone are no mesh, the files beside them are needed");

@@ -59,7 +59,8 @@ class NastranReader {
     }
     widen_free_fields();
     for (const Pending& element : pending_) finish(element);
-    for (auto& [property, set] : properties_) mesh_.point_sets.push_back(std::move(set));
+    for (auto& [property, set] : surfaces_) mesh_.face_sets.push_back(std::move(set));
+    for (auto& [property, set] : volumes_) mesh_.point_sets.push_back(std::move(set));
   }
 
   ElementMesh take() { return std::move(mesh_); }
@@ -134,16 +135,14 @@ class NastranReader {
       fail("has " + std::to_string(count - card.corners) + " of its " + std::to_string(card.nodes - card.corners) +
            " grid points amid edges, only all or none are supported");
     }
-    ElementMesh::PointSet& set = properties_[{card.volume, element.property}];
-    if (set.name.empty()) {
-      set.name = "pid_" + std::to_string(element.property);
-      set.kind = card.volume ? FaceGroups::Kind::cell_zone : FaceGroups::Kind::group;
-    }
+    const std::string name = "pid_" + std::to_string(element.property);
     if (card.volume) {
       mesh_.elements.add(count == card.corners ? card.linear : card.quadratic, {nodes, count});
-      set.points.insert(set.points.end(), nodes, nodes + count);
+      const auto set = volumes_.try_emplace(element.property, ElementMesh::PointSet{name, {}, FaceGroups::Kind::cell_zone}).first;
+      set->second.points.insert(set->second.points.end(), nodes, nodes + count);
     } else {
-      set.faces.push_back(static_cast<std::uint32_t>(mesh_.faces.size()));
+      const auto set = surfaces_.try_emplace(element.property, ElementMesh::FaceSet{name, {}}).first;
+      set->second.faces.push_back(mesh_.faces.size());
       mesh_.add_face({nodes, count}, "");
     }
   }
@@ -154,7 +153,8 @@ class NastranReader {
   std::vector<FieldRecord> records_;
   std::vector<Pending> pending_;
   std::vector<std::int64_t> nodes_;
-  std::map<std::pair<bool, std::int64_t>, ElementMesh::PointSet> properties_;  // those of surfaces first
+  std::map<std::int64_t, ElementMesh::FaceSet> surfaces_;  // by property
+  std::map<std::int64_t, ElementMesh::PointSet> volumes_;
   std::int64_t default_system_ = 0;
   std::optional<std::size_t> first_without_system_;
   std::uint16_t longest_free_ = 0;

@@ -12,8 +12,6 @@ namespace {
 
 using Kind = NumberField::Kind;
 
-bool same_bits(double a, double b) { return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b); }
-
 /// A number as it stands in columns: at the right end where the old one did, else where that began. The last field of a line may
 /// have fewer columns.
 std::string aligned(const std::string& number, std::string_view old, std::size_t columns) {

@@ -13,10 +13,16 @@ namespace deform::io {
 std::unique_ptr<MeshFile> parse_abaqus(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_gmsh(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_nastran(std::string bytes, const std::string& name);
+std::unique_ptr<MeshFile> parse_cgns(std::string bytes, const std::string& name);
+std::unique_ptr<MeshFile> parse_exodus(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_obj(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_medit(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_off(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_ply(std::string bytes, const std::string& name);
+std::unique_ptr<MeshFile> parse_su2(std::string bytes, const std::string& name);
+std::unique_ptr<MeshFile> parse_vtk(std::string bytes, const std::string& name);
+std::unique_ptr<MeshFile> parse_vtu(std::string bytes, const std::string& name);
+std::unique_ptr<MeshFile> parse_vtp(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_stl(std::string bytes, const std::string& name);
 
 /// The same of a file whose includes are relative to its folder.

@@ -31,7 +31,7 @@ bool TextScanner::next_in_line() {
     } else if (const char* next = behind_continuation(at_)) {
       at_ = next;
     } else {
-      return *at_ != line_end_ && !(*at_ == '#' && syntax_ != Syntax::plain);
+      return *at_ != line_end_ && !starts_comment(*at_);
     }
   }
   return false;
@@ -46,7 +46,7 @@ bool TextScanner::next_in_file() {
 }
 
 void TextScanner::skip_line() {
-  const bool comment = at_ != end_ && *at_ == '#' && syntax_ != Syntax::plain;
+  const bool comment = at_ != end_ && starts_comment(*at_);
   while (at_ != end_) {
     const char* line_end = static_cast<const char*>(std::memchr(at_, line_end_, static_cast<std::size_t>(end_ - at_)));
     if (!line_end) {

@@ -12,9 +12,10 @@ inline bool is_delimiter(char c) { return static_cast<unsigned char>(c) <= ' ' |
 
 /// What stands between the words of a text format besides white space.
 enum class Syntax {
-  plain,  ///< nothing (STL, PLY)
-  hash,   ///< # starts a comment that ends with the line (OFF)
-  obj,    ///< as hash, and a backslash at the end of a line continues it
+  plain,    ///< nothing (STL, PLY)
+  hash,     ///< # starts a comment that ends with the line (OFF)
+  obj,      ///< as hash, and a backslash at the end of a line continues it
+  percent,  ///< % starts a comment that ends with the line (SU2)
 };
 
 /// A cursor over the bytes of a text file that reads words and numbers in place and throws Error(invalid_argument) with file and
@@ -61,6 +62,7 @@ class TextScanner {
 
  private:
   bool is_blank(char c) const { return c == ' ' || c == '\t' || c == '\v' || c == '\f' || (c == '\r' && line_end_ != '\r'); }
+  bool starts_comment(char c) const { return syntax_ == Syntax::percent ? c == '%' : syntax_ != Syntax::plain && c == '#'; }
   /// Behind the line end when the backslash at `at` continues the line, else nullptr.
   const char* behind_continuation(const char* at) const;
   double unusual_number(const char* first, const char* what) const;

@@ -3,9 +3,11 @@
 
 usage: make_read_seeds.py CORPUS_FOLDER      (writes CORPUS_FOLDER/fuzz_read_FORMAT/NAME)
 """
+import base64
 import pathlib
 import struct
 import sys
+import zlib
 
 POINTS = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.25), (0.0, 1.0, 0.5)]
 FACES = [(0, 1, 2), (0, 2, 3)]
@@ -137,6 +139,78 @@ def nastran_seeds():
     yield "short", lines("GRID    1", "GRID    2               1.", "GRID*   3", "GRID,4", "GRID    5\r")
 
 
+def su2_seeds():
+    yield "plane", lines("% c", "NDIME= 2", "NELEM= 2", "5 0 1 2 0", "5 0 2 3 1", "NPOIN= 4 4", *[f"{x} {y} {i}" for i, (x, y, _) in enumerate(POINTS)],
+                         "NMARK= 2", "MARKER_TAG= a", "MARKER_ELEMS= 2", "3 0 1", "3 1 2", "MARKER_TAG= SEND_RECEIVE", "MARKER_ELEMS= 1",
+                         "SEND_RECV= 1", "1 3 0")
+    v = [f"{x} {y} {z}" for x, y, z in POINTS + [(0.5, 0.5, 2.0), (0.5, 1.0, 2.0)]]
+    yield "solid", lines("NELEM= 2", "13 0 1 2 3 4 5", "10 0 1 2 4", "NPOIN= 6", *v, "NDIME= 3", "NMARK= 1", "MARKER_TAG= b", "MARKER_ELEMS= 2",
+                         "9 0 1 4 3", "5 0 1 2")
+
+
+def vtk_seeds():
+    v = [f"{x} {y} {z}" for x, y, z in POINTS + [(0.5, 0.5, 2.0), (0.5, 1.0, 2.0)]]
+    data = ["CELL_DATA 2", "FIELD f 2", "names 1 2 string", "a", "b", "METADATA", "INFORMATION 0", "", "ids 1 2 int", "3 4"]
+    yield "old", lines("# vtk DataFile Version 3.0", "t", "ASCII", "DATASET UNSTRUCTURED_GRID", "POINTS 6 float", *v, "CELLS 2 11", "6 0 1 2 3 4 5",
+                       "3 0 1 2", "CELL_TYPES 2", "13 5", *data)
+    yield "new", lines("# vtk DataFile Version 5.1", "t", "ASCII", "DATASET UNSTRUCTURED_GRID", "POINTS 6 double", *v, "CELLS 3 9",
+                       "OFFSETS vtktypeint64", "0 6 9", "CONNECTIVITY vtktypeint64", "0 1 2 3 4 5 0 1 2", "CELL_TYPES 2", "13 5", *data)
+    yield "polyhedron", lines("# vtk DataFile Version 4.2", "t", "ASCII", "DATASET UNSTRUCTURED_GRID", "POINTS 6 double", *v, "CELLS 1 18",
+                              "17 4 3 0 2 1 3 0 1 3 3 1 2 3 3 2 0 3", "CELL_TYPES 1", "42")
+    yield "surface", lines("# vtk DataFile Version 2.0", "t", "ASCII", "DATASET POLYDATA", "POINTS 6 double", *v, "POLYGONS 1 5", "4 0 1 2 3",
+                           "TRIANGLE_STRIPS 1 5", "4 0 1 2 3", "LINES 1 3", "2 0 1", "VERTICES 1 2", "1 0", "POINT_DATA 6", "VECTORS v float", *v,
+                           "CELL_DATA 4", "SCALARS s int", "LOOKUP_TABLE t", "1 2 3 4", "LOOKUP_TABLE t 1", "0 0 0 0")
+    yield "lattice", lines("# vtk DataFile Version 3.0", "t", "ASCII", "DATASET STRUCTURED_GRID", "DIMENSIONS 3 2 1", "POINTS 6 double", *v)
+    numbers = [c for p in POINTS for c in p]
+    binary = lines("# vtk DataFile Version 3.0", "t", "BINARY", "DATASET UNSTRUCTURED_GRID", "POINTS 4 float") + struct.pack(">12f", *numbers)
+    binary += b"\nCELLS 1 5\n" + struct.pack(">5i", 4, 0, 1, 2, 3) + b"\nCELL_TYPES 1\n" + struct.pack(">i", 10)
+    yield "binary", binary + b"\nCELL_DATA 1\nSCALARS s short\nLOOKUP_TABLE t\n" + struct.pack(">h", 7) + b"\nCOLOR_SCALARS c 1\n\x80\n"
+
+
+def vtu_seeds():
+    """The tetrahedron of POINTS and one of its faces."""
+    def file(forms, compressor="", mark="<", appended=""):
+        """`forms` stores one array after another: it gives what stands behind the attributes."""
+        arrays = [("Points", 'Float64" NumberOfComponents="3', "d", [c for p in POINTS for c in p]), ("connectivity", "Int32", "i", [0, 1, 2, 3, 0, 1, 2]),
+                  ("offsets", "Int64", "q", [4, 7]), ("types", "UInt8", "B", [10, 5]), ("part", "Int32", "i", [1, 2])]
+        nodes = [f'<DataArray Name="{name}" type="{kind}" ' + forms(struct.pack(f"{mark}{len(values)}{code}", *values), values) + "</DataArray>"
+                 for name, kind, code, values in arrays]
+        order = "LittleEndian" if mark == "<" else "BigEndian"
+        return (f'<?xml version="1.0"?><VTKFile type="UnstructuredGrid" byte_order="{order}" {compressor}><UnstructuredGrid><!-- c -->'
+                f'<Piece NumberOfPoints="4" NumberOfCells="2"><Points>{nodes[0]}</Points><Cells>{"".join(nodes[1:4])}</Cells>'
+                f"<CellData>{nodes[4]}</CellData></Piece></UnstructuredGrid>{appended}</VTKFile>").encode()
+
+    def text(_, values):
+        return 'format="ascii" RangeMin="0" RangeMax="1">' + " ".join(map(str, values))
+
+    def packed(data, size):
+        block = zlib.compress(data)
+        return struct.pack(f"<4{size}", 1, 32768, len(data), len(block)), block
+
+    def base64_of(*parts):
+        return "".join(base64.b64encode(part).decode() for part in parts)
+
+    zlib_compressor = 'compressor="vtkZLibDataCompressor" '
+    yield "text", file(text)
+    yield "base64", file(lambda data, _: 'format="binary">' + base64_of(struct.pack(">I", len(data)) + data), mark=">")
+    yield "packed", file(lambda data, _: 'format="binary">' + base64_of(*packed(data, "Q")), zlib_compressor + 'header_type="UInt64"')
+
+    def appended(store, encoding, compressor=""):
+        parts = []
+
+        def form(data, _):
+            parts.append(store(data))
+            return f'format="appended" offset="{sum(map(len, parts[:-1]))}">'
+
+        whole = file(form, compressor)
+        end = whole.index(b"</VTKFile>")
+        return whole[:end] + f'<AppendedData encoding="{encoding}">_'.encode() + b"".join(parts) + b"</AppendedData></VTKFile>"
+
+    yield "raw", appended(lambda data: struct.pack("<I", len(data)) + data, "raw")
+    yield "raw_packed", appended(lambda data: b"".join(packed(data, "I")), "raw", zlib_compressor)
+    yield "base64_packed", appended(lambda data: base64_of(*packed(data, "I")).encode(), "base64", zlib_compressor)
+
+
 def openfoam_seeds():
     """A tetrahedron; see fuzz_read_openfoam.cpp."""
     def head(form):
@@ -159,8 +233,9 @@ def openfoam_seeds():
 
 def main():
     corpus = pathlib.Path(sys.argv[1])
-    for name, seeds in (("abaqus", abaqus_seeds()), ("gmsh", gmsh_seeds()), ("medit", medit_seeds()), ("nastran", nastran_seeds()), ("obj", obj_seeds()), ("off", off_seeds()), ("openfoam", openfoam_seeds()), ("ply", ply_seeds()),
-                        ("stl", stl_seeds())):
+    for name, seeds in (("abaqus", abaqus_seeds()), ("gmsh", gmsh_seeds()), ("medit", medit_seeds()), ("nastran", nastran_seeds()), ("obj", obj_seeds()),
+                        ("off", off_seeds()), ("openfoam", openfoam_seeds()), ("ply", ply_seeds()), ("stl", stl_seeds()), ("su2", su2_seeds()),
+                        ("vtk", vtk_seeds()), ("vtu", vtu_seeds())):
         folder = corpus / f"fuzz_read_{name}"
         folder.mkdir(parents=True, exist_ok=True)
         for seed, data in seeds:

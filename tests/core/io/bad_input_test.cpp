@@ -47,7 +47,7 @@ constexpr std::uint32_t nan_bits = 0x7fc00000, inf_bits = 0x7f800000;
 INSTANTIATE_TEST_SUITE_P(
     Names, BadInputTest,
     testing::Values(
-        BadInput{"UnknownExtension", "car.step", "x", {".obj, .off, .ply, .stl or .mesh"}},
+        BadInput{"UnknownExtension", "car.step", "x", {".obj, .off, .ply, .stl, .mesh, .su2, .vtk, .vtu, .vtp, .cgns"}},
         BadInput{"NoExtension", "car", "x", {"unknown mesh format"}},
         BadInput{"OnlyGzip", "car.gz", "x", {"unknown mesh format"}},
         BadInput{"DamagedGzip", "car.obj", std::string("\x1f\x8b\x08\0\0\0\0\0\0\0\xff\xff", 12), {"gzip data"}},
@@ -299,19 +299,73 @@ INSTANTIATE_TEST_SUITE_P(
         BadInput{"StlBinaryNaN", "a.stl", binary_stl(2, 2, nan_bits), {"byte 112", "coordinate y of triangle 0", "finite"}}),
     name_of_case);
 
+// ---- Gmsh, Abaqus, Nastran; more in their own tests ----
+
+const std::string msh =
+    "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n2\n1 0 0 0\n2 1 0 0\n$EndNodes\n$Elements\n1\n1 1 0 1 2\n$EndElements\n";
+const std::string inp = "*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n*ELEMENT,TYPE=S3,ELSET=e\n1,1,2,\n3\n*NSET,NSET=n,GENERATE\n1,3,2\n";
+const std::string bdf =
+    "BEGIN BULK\nGRID*                  1                              0.              0.\n*                     0.\nGRID,2\n"
+    "GRID    3       0       1.\nCTRIA3,1,1,1,2,3\nENDDATA\n";
+
+INSTANTIATE_TEST_SUITE_P(
+    Decks, BadInputTest,
+    testing::Values(
+        BadInput{"GmshEmpty", "a.msh", "", {"line 1", "$MeshFormat"}},
+        BadInput{"GmshCount", "a.msh", msh.substr(0, 42) + "18446744073709551615\n", {"line 5", "the number of nodes"}},
+        BadInput{"GmshBinaryCount",
+                 "a.msh",
+                 raw("$MeshFormat\n4.1 1 8\n", {1}) + "\n$EndMeshFormat\n" + raw("$Nodes\n", {~0u, ~0u, 1, 0, 1, 0, 1, 0}),
+                 {"byte 52", "18446744073709551615", "bytes left"}},
+        BadInput{"AbaqusBinary", "a.inp", std::string("*NODE\n\0\x01,2\n", 11), {"line 2", "number of a node"}},
+        BadInput{"AbaqusLabelTooLong", "a.inp", "*NODE\n99999999999999999999,0,0,0\n", {"line 2", "number of a node"}},
+        BadInput{"NastranBinary", "a.bdf", std::string("GRID,\0\x01\n", 8), {"line 1", "number of a grid point"}},
+        BadInput{"NastranNumber", "a.dat", "GRID,1,,1.0.0\n", {"line 1", "\"1.0.0\""}}),
+    name_of_case);
+
 // ---- every shorter file ----
+
+std::string vtk(const std::string& version, const std::string& form) {
+  return "# vtk DataFile Version " + version + "\ntitle\n" + form + "\nDATASET UNSTRUCTURED_GRID\n";
+}
+
+/// A point, and a vertex there.
+std::string vtu(const std::string& points, const std::string& corners, const std::string& types) {
+  const auto array = [](const std::string& head, const std::string& content) {
+    return "<DataArray " + head + " format=\"" + content + "</DataArray>";
+  };
+  return "<VTKFile type=\"UnstructuredGrid\"><UnstructuredGrid><Piece NumberOfPoints=\"1\" NumberOfCells=\"1\"><Points>" +
+         array("type=\"Float32\" NumberOfComponents=\"3\"", points) + "</Points><Cells>" +
+         array("type=\"Int32\" Name=\"connectivity\"", corners) + array("type=\"Int32\" Name=\"offsets\"", "ascii\">1") +
+         array("type=\"UInt8\" Name=\"types\"", types) + "</Cells></Piece></UnstructuredGrid>";
+}
 
 /// Whatever is cut off, a reader gives a mesh or an Error(invalid_argument), and never reads past the end (the sanitizers see
 /// that).
 TEST(TruncationTest, EveryPrefixIsReadOrRefused) {
   const std::pair<const char*, std::string> files[] = {
       {"a.obj", v3 + "g a\nusemtl b\nf 1/1/1 2/2/2 -1\n"},
+      {"a.msh", msh},
+      {"a.inp", inp},
+      {"a.bdf", bdf},
       {"a.off", "NOFF\n2 1 0\n0 0 0 0 0 1\n1 1 1 0 0 1\n2 0 1 255 255 255\n"},
       {"b.off", raw("OFF BINARY\n", {1, 1, 0, 0, 0, 0, 1, 0, 0})},
       {"a.ply", ply(vertices + faces, "0 0 0\n1 1 1\n3 0 1 1\n")},
       {"b.ply", ply(vertices + faces, two_points + raw("\x03", {0, 1, 1}), little)},
       {"a.stl", stl(good)},
       {"b.stl", binary_stl(2, 2, 0)},
+      {"a.su2",
+       "NDIME= 2\nNELEM= 1\n5 0 1 2 0\nNPOIN= 3\n0 0 0\n1 0 1\n0 1 2\nNMARK= 1\nMARKER_TAG= a\nMARKER_ELEMS= 1\n3 0 1\n"},
+      {"a.vtk", vtk("3.0", "ASCII") + "POINTS 3 float\n0 0 0 1 0 0 0 1 0\nCELLS 1 4\n3 0 1 2\nCELL_TYPES 1\n5\n"},
+      {"b.vtk", raw(raw(raw(vtk("2.0", "BINARY") + "POINTS 1 float\n", {0, 0, 0}, std::endian::big) + "\nCELLS 1 2\n", {1, 0},
+                        std::endian::big) +
+                        "\nCELL_TYPES 1\n",
+                    {1}, std::endian::big) +
+                    "\nCELL_DATA 1\nSCALARS a int\nLOOKUP_TABLE b\n    "},
+      {"a.vtu", vtu("ascii\">0 0 0", "ascii\">0", "ascii\">1") + "</VTKFile>"},
+      {"b.vtu", vtu("binary\">DAAAAAAAAAAAAAAAAAAAAA==", "binary\">BAAAAAAAAAA=", "binary\">AQAAAAE=") + "</VTKFile>"},
+      {"c.vtu", vtu("appended\" offset=\"0\">", "ascii\">0", "ascii\">1") +
+                    raw("<AppendedData encoding=\"raw\">_", {12, 0, 0, 0}) + "</AppendedData></VTKFile>"},
   };
   for (const auto& [name, bytes] : files) {
     ASSERT_NO_THROW(parse_mesh(bytes, name)) << name;

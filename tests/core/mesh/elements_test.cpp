@@ -8,6 +8,7 @@
 #include <numeric>
 #include <set>
 
+#include "tests/core/mesh/straight_elements.h"
 #include "tests/support/expect_error.h"
 
 namespace deform {
@@ -27,39 +28,10 @@ Elements one(ElementType type, PointId first = 0) {
   return elements;
 }
 
-/// A straight element of CGNS, written down node by node from the pictures there, independently of the shapes.
-const std::map<ElementType, Points>& cgns_elements() {
-  static const Points tetrahedron{{0, 0, 0}, {2, 0, 0}, {0, 2, 0}, {0, 0, 2}, {1, 0, 0},
-                                  {1, 1, 0}, {0, 1, 0}, {0, 0, 1}, {1, 0, 1}, {0, 1, 1}};
-  static const Points pyramid{{0, 0, 0}, {2, 0, 0}, {2, 2, 0}, {0, 2, 0}, {0, 0, 2}, {1, 0, 0}, {2, 1, 0},
-                              {1, 2, 0}, {0, 1, 0}, {0, 0, 1}, {1, 0, 1}, {1, 1, 1}, {0, 1, 1}, {1, 1, 0}};
-  static const Points prism{{0, 0, 0}, {2, 0, 0}, {0, 2, 0}, {0, 0, 2}, {2, 0, 2}, {0, 2, 2}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0},
-                            {0, 0, 1}, {2, 0, 1}, {0, 2, 1}, {1, 0, 2}, {1, 1, 2}, {0, 1, 2}, {1, 0, 1}, {1, 1, 1}, {0, 1, 1}};
-  static const Points hexahedron{{0, 0, 0}, {2, 0, 0}, {2, 2, 0}, {0, 2, 0}, {0, 0, 2}, {2, 0, 2}, {2, 2, 2},
-                                 {0, 2, 2}, {1, 0, 0}, {2, 1, 0}, {1, 2, 0}, {0, 1, 0}, {0, 0, 1}, {2, 0, 1},
-                                 {2, 2, 1}, {0, 2, 1}, {1, 0, 2}, {2, 1, 2}, {1, 2, 2}, {0, 1, 2}, {1, 1, 0},
-                                 {1, 0, 1}, {2, 1, 1}, {1, 2, 1}, {0, 1, 1}, {1, 1, 2}, {1, 1, 1}};
-  const auto first = [](const Points& points, std::size_t n) {
-    return Points(points.begin(), points.begin() + static_cast<std::ptrdiff_t>(n));
-  };
-  static const std::map<ElementType, Points> all{{ElementType::tetrahedron, first(tetrahedron, 4)},
-                                                 {ElementType::tetrahedron10, tetrahedron},
-                                                 {ElementType::pyramid, first(pyramid, 5)},
-                                                 {ElementType::pyramid13, first(pyramid, 13)},
-                                                 {ElementType::pyramid14, pyramid},
-                                                 {ElementType::prism, first(prism, 6)},
-                                                 {ElementType::prism15, first(prism, 15)},
-                                                 {ElementType::prism18, prism},
-                                                 {ElementType::hexahedron, first(hexahedron, 8)},
-                                                 {ElementType::hexahedron20, first(hexahedron, 20)},
-                                                 {ElementType::hexahedron27, hexahedron}};
-  return all;
-}
-
 Vec3 middle(const Vec3& a, const Vec3& b) { return {(a[0] + b[0]) / 2, (a[1] + b[1]) / 2, (a[2] + b[2]) / 2}; }
 
 TEST(ElementShape, NodesStandWhereCgnsPutsThem) {
-  for (const auto& [type, points] : cgns_elements()) {
+  for (const auto& [type, points] : straight_elements()) {
     const ElementShape& form = shape(type);
     SCOPED_TRACE(form.name);
     ASSERT_EQ(form.nodes, points.size());
@@ -101,7 +73,7 @@ double six_volumes(const Points& points, const std::vector<std::uint32_t>& sizes
 // The boundary of one element is closed and outward, and holds every node but an inner one.
 TEST(BoundaryFaces, PartitionAndOrientation) {
   const std::map<std::size_t, double> volumes{{4, 8}, {5, 16}, {6, 24}, {8, 48}};  // sixths, by corners
-  for (const auto& [type, points] : cgns_elements()) {
+  for (const auto& [type, points] : straight_elements()) {
     const ElementShape& form = shape(type);
     SCOPED_TRACE(form.name);
     const BoundaryFaces boundary = boundary_faces(one(type));

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/base/types.h"
+#include "core/mesh/cells.h"
+
+namespace deform::io {
+
+/// Every cell with all of its faces, outward; a face between two cells is there twice.
+struct CellFaces {
+  std::vector<std::uint64_t> cell_offsets{0};  ///< one more than cells: faces of cell i
+  std::vector<std::uint64_t> face_offsets{0};  ///< one more than faces: points of face i
+  std::vector<PointId> points;
+
+  std::size_t cell_count() const { return cell_offsets.size() - 1; }
+  std::size_t face_count() const { return face_offsets.size() - 1; }
+  std::span<const PointId> face(std::size_t i) const {
+    return std::span(points).subspan(face_offsets[i], static_cast<std::size_t>(face_offsets[i + 1] - face_offsets[i]));
+  }
+  void add_face(std::span<const PointId> corners);
+  void end_cell() { cell_offsets.push_back(face_count()); }
+};
+
+/// The same cells by owner and neighbour: the first of the two cells of a face owns it. Throws Error(invalid_argument) when a
+/// face belongs to more than two cells, or twice to one.
+PolyhedralCells joined(const CellFaces& cells);
+
+}  // namespace deform::io

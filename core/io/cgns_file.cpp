@@ -1,0 +1,237 @@
+// CGNS: libcgns's lowest layer reads the nodes, see cgns_tree.h; what they mean is written in the SIDS (cgns.org).
+// Hostile files are parsed by libcgns and libhdf5 themselves; this reader checks sizes and ranges of all they hand over.
+
+#include <limits>
+
+#include "core/base/error.h"
+#include "core/io/cgns_zone.h"
+#include "core/io/container_file.h"
+#include "core/io/coordinate_records.h"
+#include "core/io/readers.h"
+
+namespace deform::io {
+
+namespace {
+
+using Kind = CgnsElement::Kind;
+using Node = CgnsTree::Node;
+
+constexpr const char* coordinate_names[] = {"CoordinateX", "CoordinateY", "CoordinateZ"};
+
+/// A coordinate of the points of a zone.
+struct CoordinateArray {
+  std::string path;
+  std::size_t axis = 0;
+  PointId first_point = 0;
+  std::size_t points = 0;
+  bool narrow = false;  ///< 32-bit floats
+};
+
+class CgnsFile : public MeshFile {
+ public:
+  CgnsFile(std::string bytes, std::shared_ptr<const Mesh> mesh, std::shared_ptr<const PolyhedralCells> cells,
+           std::vector<CoordinateArray> arrays, std::string name, bool flat)
+      : bytes_(std::move(bytes)),
+        mesh_(std::move(mesh)),
+        cells_(std::move(cells)),
+        arrays_(std::move(arrays)),
+        name_(std::move(name)),
+        flat_(flat) {}
+
+  Format format() const override { return Format::cgns; }
+  std::shared_ptr<const Mesh> mesh() const override { return mesh_; }
+  std::shared_ptr<const PolyhedralCells> cells() const override { return cells_; }
+
+  std::string with_points(std::span<const Vec3> points) const override {
+    check_points(points, mesh_->point_count());
+    if (flat_) check_plane(points, mesh_->points);
+    if (same_points(points, mesh_->points)) return bytes_;
+    ContainerFile file(bytes_);
+    {
+      CgnsTree tree(file, bytes_.size(), name_, CgnsTree::Access::modify);
+      for (const CoordinateArray& array : arrays_) {
+        std::vector<double> values(array.points);
+        for (std::size_t i = 0; i < array.points; ++i) {
+          const std::size_t point = array.first_point + i;
+          values[i] = points[point][array.axis];
+          if (array.narrow) as_float(values[i], point, static_cast<int>(array.axis));
+        }
+        tree.overwrite(tree.at(array.path), values);
+      }
+      tree.close();
+    }
+    return keep_date(file.bytes(largest_rewritten(bytes_.size())));
+  }
+
+ private:
+  /// ADF notes when a file was last changed behind the tag AdF1 of its first lines. Only coordinates are to differ.
+  std::string keep_date(std::string written) const {
+    constexpr std::size_t tag = 64, date = 68, length = 28;
+    if (bytes_.size() >= date + length && written.size() >= date + length && bytes_.compare(tag, 4, "AdF1") == 0) {
+      written.replace(date, length, bytes_, date, length);
+    }
+    return written;
+  }
+
+  const std::string bytes_;
+  const std::shared_ptr<const Mesh> mesh_;
+  const std::shared_ptr<const PolyhedralCells> cells_;
+  const std::vector<CoordinateArray> arrays_;
+  const std::string name_;
+  const bool flat_;
+};
+
+class CgnsReader {
+ public:
+  CgnsReader(CgnsTree& tree, const std::string& name) : tree_(tree), name_(name) {}
+
+  void read() {
+    std::vector<std::pair<Node, std::size_t>> zones;  // and the dimension of space
+    for (const Node& base : tree_.children(tree_.root(), "CGNSBase_t")) {
+      const auto dimensions = tree_.integers(base);
+      if (dimensions.size() != 2 || dimensions[1] < 2 || dimensions[1] > 3) {
+        tree_.fail(base, "expected a base in 2 or 3 dimensions of space");
+      }
+      for (const Node& zone : tree_.children(base, "Zone_t")) zones.push_back({zone, static_cast<std::size_t>(dimensions[1])});
+    }
+    if (zones.empty()) tree_.fail({}, "the file has no Zone_t");
+    for (const auto& [node, space] : zones) read_zone(node, space, zones.size() > 1);
+    if (mesh_.elements.points.empty()) tree_.fail({}, "the file has no points");
+  }
+
+  std::unique_ptr<MeshFile> finish(std::string bytes) {
+    const bool flat = flat_zones_ > 0;
+    auto arrays = std::move(arrays_);
+    const auto file = [&](std::shared_ptr<const Mesh> mesh, std::shared_ptr<const PolyhedralCells> cells) {
+      return std::make_unique<CgnsFile>(std::move(bytes), std::move(mesh), std::move(cells), std::move(arrays), name_, flat);
+    };
+    if (mesh_.polyhedra.size() > 0) {
+      if (mesh_.elements.elements.size() > 0) {
+        throw Error(ErrorCode::invalid_argument,
+                    name_ + ": polyhedra (NFACE_n) beside elements of other types are not supported");
+      }
+      CgnsPolyhedra result = cgns_polyhedra(std::move(mesh_), name_);
+      return file(std::move(result.mesh), std::move(result.cells));
+    }
+    add_sets();
+    return with_elements(std::move(mesh_.elements), name_,
+                         [&](std::shared_ptr<const Mesh> mesh) { return file(std::move(mesh), nullptr); });
+  }
+
+ private:
+  void read_zone(const Node& node, std::size_t space, bool one_of_many) {
+    CgnsZone zone;
+    zone.node = node;
+    zone.name = node.name;
+    const auto type = tree_.child(node, "ZoneType");
+    zone.structured = !type || tree_.text(*type) != "Unstructured";
+    const auto sizes = tree_.integers(node);
+    const std::size_t axes = zone.structured ? sizes.size() / 3 : 1;
+    if (sizes.size() != 3 * axes || axes < 1 || axes > 3)
+      tree_.fail(node, "expected the numbers of vertices and cells along every index");
+    zone.vertices.assign(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(axes));
+    zone.first_point = static_cast<PointId>(mesh_.elements.points.size());
+    read_points(zone, space);
+    if (zone.structured) {
+      read_cgns_lattice(tree_, zone, mesh_);
+    } else {
+      read_cgns_sections(tree_, zone, mesh_);
+    }
+    read_cgns_conditions(tree_, zone, mesh_);
+    CgnsNamedSet all{FaceGroups::Kind::cell_zone, zone.name, {}};
+    for (std::size_t i = 0; i < zone.points; ++i)
+      all.elements.push_back({Kind::point, zone.first_point + static_cast<PointId>(i)});
+    if (one_of_many) mesh_.sets.push_back(all);
+    all.kind = FaceGroups::Kind::family;
+    for (const Node& family : tree_.children(node, "FamilyName_t")) {
+      all.name = tree_.text(family);
+      if (one_of_many && !all.name.empty()) mesh_.sets.push_back(all);
+    }
+  }
+
+  void read_points(CgnsZone& zone, std::size_t space) {
+    const auto grid = tree_.child(zone.node, "GridCoordinates");
+    if (!grid) tree_.fail(zone.node, "the zone has no GridCoordinates");
+    check_rind(*grid);
+    double count = 1;
+    for (const std::int64_t vertices : zone.vertices) count *= static_cast<double>(vertices > 0 ? vertices : 0);
+    const std::vector<Node> arrays = tree_.children(*grid);
+    for (std::size_t axis = 0; axis < space; ++axis) {
+      const Node* array = nullptr;
+      for (const Node& node : arrays) {
+        if (node.name == coordinate_names[axis]) array = &node;
+      }
+      if (array == nullptr) {
+        std::string found;
+        for (const Node& node : arrays) found += (found.empty() ? "" : ", ") + node.name;
+        tree_.fail(*grid, std::string(coordinate_names[axis]) + " is missing; there is: " + (found.empty() ? "nothing" : found) +
+                              ". Only Cartesian coordinates are supported");
+      }
+      const std::vector<double> values = tree_.reals(*array);
+      if (static_cast<double>(values.size()) != count) {
+        tree_.fail(*array, std::to_string(values.size()) + " coordinates, the zone has " +
+                               std::to_string(static_cast<std::uint64_t>(count)) + " vertices");
+      }
+      if (mesh_.elements.points.size() + values.size() > std::numeric_limits<PointId>::max())
+        tree_.fail(*array, "more than 2^32 - 1 points");
+      if (axis == 0) {
+        zone.points = values.size();
+        mesh_.elements.points.resize(zone.first_point + zone.points);
+      }
+      for (std::size_t i = 0; i < values.size(); ++i) mesh_.elements.points[zone.first_point + i][axis] = values[i];
+      arrays_.push_back({array->path, axis, zone.first_point, zone.points, tree_.type(*array) == "R4"});
+    }
+    flat_zones_ += space == 2;
+  }
+
+  /// Planes of points around a zone that belong to its neighbours.
+  void check_rind(const Node& grid) {
+    for (const Node& rind : tree_.children(grid, "Rind_t")) {
+      for (const std::int64_t planes : tree_.integers(rind)) {
+        if (planes != 0) tree_.fail(rind, "rind planes are not supported");
+      }
+    }
+  }
+
+  /// Of faces and points, once it is known that there are no polyhedra.
+  void add_sets() {
+    ElementMesh& target = mesh_.elements;
+    const std::size_t first_polygon = target.faces.size();
+    for (std::size_t p = 0; p < mesh_.polygons.size(); ++p) {
+      const auto corners = mesh_.polygons[p];
+      target.faces.push_back({{corners.begin(), corners.end()}, ""});
+    }
+    for (const CgnsNamedSet& set : mesh_.sets) {
+      ElementMesh::FaceSet faces{set.name, {}, set.kind};
+      ElementMesh::PointSet points{set.name, {}, set.kind};
+      for (const CgnsElement& element : set.elements) {
+        const auto add = [&](std::span<const PointId> ids) { points.points.insert(points.points.end(), ids.begin(), ids.end()); };
+        if (element.kind == Kind::face) faces.faces.push_back(element.index);
+        if (element.kind == Kind::polygon) faces.faces.push_back(first_polygon + element.index);
+        if (element.kind == Kind::point) points.points.push_back(element.index);
+        if (element.kind == Kind::edge) add(mesh_.edges[element.index]);
+        if (element.kind == Kind::cell) add(target.elements.nodes(element.index));
+      }
+      target.face_sets.push_back(std::move(faces));
+      target.point_sets.push_back(std::move(points));
+    }
+  }
+
+  CgnsTree& tree_;
+  const std::string& name_;
+  CgnsMesh mesh_;
+  std::vector<CoordinateArray> arrays_;
+  std::size_t flat_zones_ = 0;
+};
+
+}  // namespace
+
+std::unique_ptr<MeshFile> parse_cgns(std::string bytes, const std::string& name) {
+  ContainerFile file(bytes);
+  CgnsTree tree(file, bytes.size(), name, CgnsTree::Access::read);
+  CgnsReader reader(tree, name);
+  reader.read();
+  return reader.finish(std::move(bytes));
+}
+
+}  // namespace deform::io
