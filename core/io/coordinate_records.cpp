@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <limits>
 
 #include "core/base/error.h"
 #include "core/io/byte_order.h"
@@ -112,6 +113,13 @@ void check_points(std::span<const Vec3> points, std::size_t expected) {
       }
     }
   }
+}
+
+bool TextRecords::add(const std::size_t (&positions)[3]) {
+  if (positions[2] - positions[0] > std::numeric_limits<std::uint32_t>::max()) return false;
+  tokens.push_back({positions[0], static_cast<std::uint32_t>(positions[1] - positions[0]),
+                    static_cast<std::uint32_t>(positions[2] - positions[0])});
+  return true;
 }
 
 void append_number(std::string& out, double value) {

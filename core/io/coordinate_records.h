@@ -35,6 +35,9 @@ struct TextRecords {
   int dimensions = 3;                    ///< 2: there is no third token, z must stay as it is (see check_plane())
   /// Several records may be one point (STL); of the mesh, which lives as long.
   std::span<const PointId> record_points;
+
+  /// The next record has its tokens there, in this order. False when they are more than 4 GiB apart.
+  bool add(const std::size_t (&positions)[3]);
 };
 
 /// What a 2D file needs before it is written: throws Error(invalid_argument) naming the point when a z differs from that of

@@ -27,6 +27,9 @@ class ElementMeshFile : public MeshFile {
   std::shared_ptr<const Elements> elements() const override { return elements_; }
   std::shared_ptr<const PolyhedralCells> cells() const override { return cells_; }
   std::string with_points(std::span<const Vec3> points) const override { return points_->with_points(points); }
+  std::vector<FilePart> parts_with_points(std::span<const Vec3> points) const override {
+    return points_->parts_with_points(points);
+  }
 
  private:
   const std::unique_ptr<MeshFile> points_;

@@ -37,6 +37,11 @@ std::string printable(std::string_view name) {
   return text;
 }
 
+void make_unique(std::vector<std::uint32_t>& ids) {
+  std::sort(ids.begin(), ids.end());
+  ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
+}
+
 bool same_members(const Group& a, const Group& b) { return a.points == b.points && a.faces == b.faces; }
 
 }  // namespace
@@ -58,8 +63,8 @@ std::vector<Group> FaceGroups::finish() {
     for (std::size_t i = 0; i < entries_.size(); ++i) {
       Group& members = entries_[i].members;
       if (entries_[i].kind != kind || (members.faces.empty() && members.points.empty())) continue;
-      std::sort(members.points.begin(), members.points.end());
-      members.points.erase(std::unique(members.points.begin(), members.points.end()), members.points.end());
+      make_unique(members.points);
+      make_unique(members.faces);
       std::string name = members.name;
       if (const auto other = taken.find(name); other != taken.end()) {
         if (same_members(entries_[other->second].members, members)) continue;

@@ -10,7 +10,7 @@ namespace deform::io {
 /// Error(invalid_argument) for any other.
 Format format_of(const std::string& name);
 
-/// "OBJ", "OFF", "PLY", "STL", "OpenFOAM", "Medit", "CGNS", "Exodus", "SU2", "VTK", "VTU", "VTP".
+/// "OBJ", "OFF", "PLY", "STL", "OpenFOAM", "Medit", "CGNS", "Exodus", "SU2", "VTK", "VTU", "VTP", "Gmsh", "Abaqus", "Nastran".
 const char* to_string(Format format);
 
 /// Whether the name ends in .gz.

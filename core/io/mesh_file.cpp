@@ -20,6 +20,27 @@ std::string lower_case(std::string text) {
   return text;
 }
 
+/// The file itself last: when it is there, all is.
+void write_parts(const std::vector<MeshFile::FilePart>& parts, const std::filesystem::path& path) {
+  std::vector<std::pair<std::filesystem::path, const std::string*>> targets;
+  for (std::size_t i = 1; i < parts.size(); ++i) {
+    const std::filesystem::path target = path.parent_path() / parts[i].path;
+    std::error_code none;
+    if (!std::filesystem::equivalent(target, parts[i].original, none)) {
+      targets.emplace_back(target, &parts[i].bytes);
+    } else if (read_file(target) != parts[i].bytes) {
+      throw Error(ErrorCode::failed_precondition, path.string() + ": " + target.string() +
+                                                      ", which it includes, is the file that was read and has other points; " +
+                                                      "write to another folder");
+    }
+  }
+  for (const auto& [target, bytes] : targets) {
+    if (target.has_parent_path()) std::filesystem::create_directories(target.parent_path());
+    write_file(target, *bytes);
+  }
+  write_file(path, parts[0].bytes);
+}
+
 }  // namespace
 
 bool has_gzip_extension(const std::string& name) { return lower_case(name).ends_with(".gz"); }
@@ -32,6 +53,9 @@ Format format_of(const std::string& name) {
   if (plain.ends_with(".ply")) return Format::ply;
   if (plain.ends_with(".stl")) return Format::stl;
   if (plain.ends_with(".mesh")) return Format::medit;
+  if (plain.ends_with(".inp")) return Format::abaqus;
+  if (plain.ends_with(".msh")) return Format::gmsh;
+  if (plain.ends_with(".bdf") || plain.ends_with(".nas") || plain.ends_with(".dat")) return Format::nastran;
   if (plain.ends_with(".su2")) return Format::su2;
   if (plain.ends_with(".vtk")) return Format::vtk;
   if (plain.ends_with(".vtu")) return Format::vtu;
@@ -41,11 +65,11 @@ Format format_of(const std::string& name) {
     if (plain.ends_with(extension)) return Format::exodus;
   }
   if (plain == "points" || plain.ends_with("/points")) return Format::openfoam;
-  throw Error(ErrorCode::invalid_argument,
-              name +
-                  ": unknown mesh format, expected a name that ends in .obj, .off, .ply, .stl, "
-                  ".mesh, .su2, .vtk, .vtu, .vtp, .cgns, .e, .exo, .ex2 or .g (optionally .gz), or the folder of "
-                  "an OpenFOAM mesh");
+  throw Error(ErrorCode::invalid_argument, name +
+                                               ": unknown mesh format, expected a name that ends in .obj, .off, .ply, .stl, "
+                                               ".mesh, .su2, .vtk, .vtu, .vtp, .cgns, .e, .exo, .ex2, .g, .msh, .inp, .bdf, .nas "
+                                               "or .dat (optionally .gz), or the folder of "
+                                               "an OpenFOAM mesh");
 }
 
 const char* to_string(Format format) {
@@ -62,6 +86,12 @@ const char* to_string(Format format) {
       return "OpenFOAM";
     case Format::medit:
       return "Medit";
+    case Format::gmsh:
+      return "Gmsh";
+    case Format::abaqus:
+      return "Abaqus";
+    case Format::nastran:
+      return "Nastran";
     case Format::su2:
       return "SU2";
     case Format::vtk:
@@ -99,6 +129,15 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
     case Format::medit:
       file = parse_medit(std::move(bytes), name);
       break;
+    case Format::abaqus:
+      file = parse_abaqus(std::move(bytes), name);
+      break;
+    case Format::gmsh:
+      file = parse_gmsh(std::move(bytes), name);
+      break;
+    case Format::nastran:
+      file = parse_nastran(std::move(bytes), name);
+      break;
     case Format::su2:
       file = parse_su2(std::move(bytes), name);
       break;
@@ -126,10 +165,10 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
 
 std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path) {
   if (is_openfoam(path)) return read_openfoam(path);
-  format_of(path.string());  // a name that cannot be read is refused before its bytes are
+  const Format format = format_of(path.string());  // a name that cannot be read is refused before its bytes are
   bool compressed = false;
   std::string bytes = read_file(path, &compressed);
-  auto file = parse_mesh(std::move(bytes), path.string());
+  auto file = format == Format::abaqus ? read_abaqus(std::move(bytes), path) : parse_mesh(std::move(bytes), path.string());
   file->compressed = compressed;
   return file;
 }
@@ -145,7 +184,7 @@ void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const
     throw Error(ErrorCode::invalid_argument, path.string() + ": the source is an " + to_string(source.format()) +
                                                  " file and can only be written as one, not as " + to_string(format));
   }
-  write_file(path, source.with_points(points));
+  write_parts(source.parts_with_points(points), path);
 }
 
 }  // namespace deform::io

@@ -14,7 +14,7 @@
 
 namespace deform::io {
 
-enum class Format { obj, off, ply, stl, openfoam, medit, cgns, exodus, su2, vtk, vtu, vtp };
+enum class Format { obj, off, ply, stl, openfoam, medit, cgns, exodus, su2, vtk, vtu, vtp, gmsh, abaqus, nastran };
 
 /// A mesh read from a file, together with what is needed to write the same file with other coordinates. Immutable; any thread may
 /// read.
@@ -38,9 +38,20 @@ class MeshFile {
 
   /// The original file with the coordinates of `points` (size mesh()->point_count()) and nothing else changed: comments, spacing,
   /// line ends, other properties, normals, face lines stay byte for byte. Text: shortest decimal that parses to the same double;
-  /// a coordinate whose value did not change keeps its token. Binary floats: nearest float. Throws Error(invalid_argument) for a
-  /// wrong size, non-finite coordinates, and z that leaves the plane of a two-dimensional file.
+  /// a coordinate whose value did not change keeps its token. Binary floats: nearest float. Abaqus and Nastran: where the
+  /// shortest decimal is longer than the field, the nearest one that fits: 20 characters in Abaqus, 8 or 16 columns in Nastran,
+  /// between commas as much, or as the longest number between commas in the file. Throws Error(invalid_argument) for a wrong
+  /// size, non-finite coordinates, and z that leaves the plane of a two-dimensional file.
   virtual std::string with_points(std::span<const Vec3> points) const = 0;
+
+  /// The same for a mesh that is made of several files (Abaqus decks with *INCLUDE): this file first, then all others.
+  /// with_points() gives the first, and throws Error(failed_precondition) when the points of another would change.
+  struct FilePart {
+    std::filesystem::path path;      ///< as the first file names it, relative to that; of the first empty
+    std::filesystem::path original;  ///< where it was read from
+    std::string bytes;
+  };
+  virtual std::vector<FilePart> parts_with_points(std::span<const Vec3> points) const { return {{{}, {}, with_points(points)}}; }
 
   bool compressed = false;  ///< the bytes came gzipped
 };
@@ -49,6 +60,10 @@ class MeshFile {
 /// OpenFOAM meshes: a folder that holds constant/polyMesh, polyMesh or the files of one, or the path of its `points`. Throws
 /// Error(invalid_argument) naming file, line (or byte offset) and what was expected; Error(not_found) when the file cannot be
 /// opened.
+/// Gmsh (.msh): physical groups of surfaces hold faces, all others points; a group without a name is called "physical_2d_7".
+/// Abaqus (.inp): sets and surfaces, those of parts as "PART.NAME" where there are several parts or the assembly has the name
+/// too; the points of an instance are those of its part, not moved to where the instance is. Included files are relative to the
+/// folder of PATH. Nastran (.bdf .nas .dat): "pid_N" for the elements of property N.
 std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path);
 
 /// The same from memory; `name` gives the format by its extension and stands in errors. What the bytes claim (counts) is checked
@@ -58,6 +73,8 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
 /// Writes source with new coordinates to `path` (gzipped when it ends in .gz), by temporary file and rename. The extension must
 /// be the source's format. Of an OpenFOAM mesh only `points` is written, with the folders above it: to PATH when that is called
 /// points or points.gz, otherwise to PATH/polyMesh/points, PATH being a time folder.
+/// The files that an Abaqus deck includes are written beside PATH under the names that it includes them by, those that hold no
+/// node too; the files that were read are never overwritten: Error(failed_precondition) when other points would have to go there.
 void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const std::filesystem::path& path);
 
 /// A new file from a mesh (samples, conversions): OBJ or STL by extension, groups as g / solid names. STL is text when the mesh

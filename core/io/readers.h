@@ -10,6 +10,9 @@ namespace deform::io {
 
 // One reader per format. `bytes` are unpacked already; `name` stands in errors. Errors as parse_mesh().
 
+std::unique_ptr<MeshFile> parse_abaqus(std::string bytes, const std::string& name);
+std::unique_ptr<MeshFile> parse_gmsh(std::string bytes, const std::string& name);
+std::unique_ptr<MeshFile> parse_nastran(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_cgns(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_exodus(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_obj(std::string bytes, const std::string& name);
@@ -21,6 +24,9 @@ std::unique_ptr<MeshFile> parse_vtk(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_vtu(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_vtp(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_stl(std::string bytes, const std::string& name);
+
+/// The same of a file whose includes are relative to its folder.
+std::unique_ptr<MeshFile> read_abaqus(std::string bytes, const std::filesystem::path& path);
 
 /// The bytes of the files of a polyMesh folder; zones may be missing (empty). Names stand in errors.
 struct FoamFiles {

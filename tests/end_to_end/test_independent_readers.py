@@ -10,6 +10,7 @@ import gzip
 import importlib
 import io
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -106,9 +107,30 @@ def with_vtk(path):
     return Reading(points.astype(float), points.dtype.type, rest)
 
 
+def run_gmsh(*arguments):
+    if shutil.which("gmsh") is None:
+        raise NotInstalled("gmsh")
+    done = subprocess.run(["gmsh", *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=300)
+    errors = [line for line in done.stdout.splitlines() if line.startswith("Error")]
+    if done.returncode != 0 or errors:
+        raise AssertionError(f"gmsh {arguments}: {errors or done.stdout}")
+
+
+def with_gmsh(path):
+    """Gmsh writes all it has read to a file that meshio reads: nodes with parameters are too much for meshio."""
+    run_gmsh("-check", path)
+    copy = path + ".gmsh.msh"
+    run_gmsh(path, "-save", "-format", "msh22", "-setnumber", "Mesh.SaveAll", "1", "-o", copy)
+    return with_meshio(copy)
+
+
 # One row per format and reader: names of files, reader.
 READERS = [
     ("*.mesh", with_meshio),
+    ("*.msh", with_gmsh),
+    ("piece.*[!0].msh", with_meshio),  # it takes 4.0 for 4.1
+    ("*_p0.msh", with_meshio),
+    ("*.inp", with_meshio),
     ("*.su2", as_su2_lines),
     ("[!m]*.su2", with_meshio),  # 3D
     ("*.vtk", with_meshio),
@@ -116,6 +138,10 @@ READERS = [
     ("*.vtu", with_meshio),
     ("*.vtu", with_vtk),
 ]
+
+
+# Abaqus reads 20 characters, which hold 13 digits and more.
+ROUNDING = {".inp": 1e-13}
 
 
 def displaced(points):
@@ -148,26 +174,46 @@ class IndependentReaders(unittest.TestCase):
     def path(self, name):
         return os.path.join(self.folder.name, name)
 
-    def check(self, original, reader):
-        """`original` is not compressed."""
+    def check(self, original, reader, rounding=None):
+        """`original` is not compressed; `rounding` is that of a format which holds no whole doubles, relative to the largest."""
         extension = os.path.splitext(original)[1]
         written = self.path("written" + extension)
         done = subprocess.run([DISPLACE_MESH, original, written], stderr=subprocess.PIPE, text=True, timeout=300)
         self.assertEqual(done.returncode, 0, done.stderr)
-        self.compare(reader(original), reader(written))
+        self.compare(reader(original), reader(written), rounding or ROUNDING.get(extension, 0))
 
-    def compare(self, before, after):
+    def compare(self, before, after, rounding):
         numpy = library("numpy")
         self.assertEqual(before.scalar, after.scalar)
         expected = displaced(before.points)
         # Sums of a few terms no larger than the coordinates; then the rounding of the file.
         largest = numpy.abs(expected).max()
         error = numpy.abs(after.points - expected).max()
-        self.assertLessEqual(error, 8 * numpy.finfo(float).eps * largest + numpy.finfo(before.scalar).eps * largest)
+        self.assertLessEqual(error, 8 * numpy.finfo(float).eps * largest + max(rounding, numpy.finfo(before.scalar).eps) * largest)
         self.assertGreater(numpy.abs(before.points - after.points).max(), 0.005 * numpy.ptp(before.points, axis=0).max())
         self.assertEqual(list(before.rest), list(after.rest))
         for name, values in before.rest.items():
             numpy.testing.assert_array_equal(values, after.rest[name], name)
+
+    def test_nastran_in_all_field_formats(self):
+        """No shared file is Nastran's, so Gmsh makes them."""
+        shared = os.path.join(SHARED_DATA, "B_volume", "param", "bore_tet_p0.msh.gz")
+        mesh = self.path("bore.msh")
+        with gzip.open(shared) as packed, open(mesh, "wb") as file:
+            file.write(packed.read())
+        try:
+            for order in (1, 2):
+                for number, rounding in ((0, 1e-5), (1, 1e-5), (2, 1e-12)):  # free, small, large fields
+                    with self.subTest(order=order, fields=number):
+                        plain, deck = self.path("plain.bdf"), self.path("deck.bdf")
+                        raise_order = ["-order", str(order)] if order > 1 else []
+                        run_gmsh(mesh, *raise_order, "-save", "-format", "bdf", "-setnumber", "Mesh.BdfFieldFormat", str(number), "-o", plain)
+                        with open(plain) as file, open(deck, "w") as out:
+                            out.write("BEGIN BULK\n" + file.read() + "ENDDATA\n")  # meshio wants them
+                        self.check(deck, with_meshio, rounding)
+                        self.check(plain, with_gmsh, rounding)
+        except NotInstalled as what:
+            self.skipTest(f"not installed: {what}")
 
     def test_shared_files(self):
         missing = set()

@@ -82,6 +82,63 @@ def medit_seeds():
                            "1 2 3 4 1 2 0", "Pyramids 0", "End")
 
 
+def abaqus_seeds():
+    v = [f"{i + 1},{x}, {y},{z}" for i, (x, y, z) in enumerate(POINTS)]
+    mesh = ["*NODE, NSET=all", *v, "*ELEMENT,TYPE=C3D4,ELSET=e", "1,1,2,", "3,4", "*ELEMENT,TYPE=S3", "2,1,3,2"]
+    yield "sets", lines("*HEADING", "** c", *mesh, "*NSET,NSET=a,GENERATE", "1,3,2", "*NSET,NSET=b,", "UNSORTED", "a,4", "*NSET,NSET=c,ELSET=e",
+                        "*ELSET,ELSET=\"f g\"", "e,2", "*STEP")
+    yield "surfaces", lines(*mesh, "*SURFACE,NAME=s", "e,S2", "2,SPOS", "2,E1", "*SURFACE,NAME=t", "e,", "*SURFACE,NAME=n,TYPE=NODE", "all,1.", "3")
+    yield "parts", lines("*PART,NAME=P", *mesh, "*END PART", "*ASSEMBLY", "*INSTANCE,NAME=I,PART=P", "1.,0,0", "*END INSTANCE", "*NSET,NSET=x,INSTANCE=I",
+                         "1", "*ELSET,ELSET=y,INTERNAL", "I.e", "*SURFACE,NAME=z", "I.1,S1", "y,S3", "*END ASSEMBLY")
+    yield "short", b"*NODE\r\n1\r\n2,\r\n3,1.D0,,\r\n4,,2.e-3\r\n5 , 1 , 2 , 3 , 0 , 1\r\n*ELEMENT,TYPE=B31\r\n1,1,2\r\n"
+    yield "quadratic", lines("*NODE", *[f"{i}" for i in range(1, 21)], "*ELEMENT,TYPE=C3D20R", "1,1,2,3,4,5,6,7,8,9,10,11,12,13,14,15,",
+                             "16,17,18,19,20", "*ELEMENT,TYPE=CPE8", "2,1,2,3,4,5,6,7,8", "*SURFACE,NAME=s", "1,S6", "2,S4")
+
+
+def gmsh_seeds():
+    """A tetrahedron and one of its faces in all versions."""
+    points, names = POINTS, ["$PhysicalNames", "2", '2 1 "wall"', '3 2 "box"', "$EndPhysicalNames"]
+    flat = [c for p in points for c in p]
+    yield "text_22", lines("$MeshFormat", "2.2 0 8", "$EndMeshFormat", *names, "$Comments", "x", "$EndComments", "$Nodes", "4",
+                           *[f"{9 - i} {x} {y} {z}" for i, (x, y, z) in enumerate(points)], "$EndNodes", "$Elements", "4",
+                           "1 2 2 1 1 9 8 7", "2 2 2 3 1 9 8 7", "3 4 2 2 1 9 8 7 6", "4 15 0 9", "$EndElements")
+    yield "parametric_22", lines("$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$ParametricNodes", "2", "1 0 0 0 0 1", "2 1 0 0 2 1 0.5 0.5",
+                                 "$EndParametricNodes")
+    entities = ["$Entities", "0 0 1 1", "1 0 0 0 1 1 1 1 1 0", "1 0 0 0 1 1 1 1 -2 1 1", "$EndEntities"]
+    yield "text_40", lines("$MeshFormat", "4 0 8", "$EndMeshFormat", *names, *entities, "$Nodes", "2 4", "1 2 1 3",
+                           *[f"{i + 1} {x} {y} {z} 0.5 0.5" for i, (x, y, z) in enumerate(points[:3])], "1 3 0 1", "4 0 1 0.5", "$EndNodes",
+                           "$Elements", "2 2", "1 2 2 1", "1 1 2 3", "1 3 4 1", "2 1 2 3 4", "$EndElements")
+    parts = ["$PartitionedEntities", "1", "0", "0 0 1 0", "2 2 1 1 1 0 0 0 1 1 1 1 1 0", "$EndPartitionedEntities"]
+    yield "text_41", lines("$MeshFormat", "4.1 0 8", "$EndMeshFormat", *names, *entities, *parts, "$Nodes", "1 4 1 4", "2 1 1 4", "1", "2", "3", "4",
+                           *[f"{x} {y} {z} 0 0" for x, y, z in points], "$EndNodes",
+                           "$Elements", "2 2 1 2", "2 2 2 1", "1 1 2 3", "3 1 4 1", "2 1 2 3 4", "$EndElements")
+    for order, mark in (("big", ">"), ("little", "<")):
+        head = struct.pack(mark + "i", 1) + b"\n$EndMeshFormat\n"
+        nodes = b"".join(struct.pack(mark + "i3d", i + 1, *p) for i, p in enumerate(points))
+        yield f"binary_22_{order}", (b"$MeshFormat\n2.2 1 8\n" + head + b"$Nodes\n4\n" + nodes + b"\n$EndNodes\n$Elements\n2\n" +
+                                     struct.pack(mark + "19i", 2, 1, 2, 1, 1, 1, 1, 2, 3, 4, 1, 2, 2, 2, 1, 1, 2, 3, 4) + b"\n$EndElements\n")
+        yield f"binary_40_{order}", (b"$MeshFormat\n4 1 8\n" + head + b"$Nodes\n" + struct.pack(mark + "2Q3iQ", 1, 4, 1, 3, 0, 4) + nodes +
+                                     b"\n$EndNodes\n$Elements\n" + struct.pack(mark + "2Q3iQ5i", 1, 1, 1, 3, 4, 1, 1, 1, 2, 3, 4) + b"\n$EndElements\n")
+        for size, letter in ((4, "I"), (8, "Q")):
+            entity = struct.pack(f"{mark}4{letter}i6d{letter}i{letter}", 0, 0, 0, 1, 1, *[0.0] * 6, 1, 2, 0)
+            yield f"binary_41_{order}_{size}", (
+                f"$MeshFormat\n4.1 1 {size}\n".encode() + head + b"$Entities\n" + entity + b"\n$EndEntities\n$Nodes\n" +
+                struct.pack(f"{mark}4{letter}3i{letter}4{letter}12d", 1, 4, 1, 4, 3, 1, 0, 4, 1, 2, 3, 4, *flat) + b"\n$EndNodes\n$Elements\n" +
+                struct.pack(f"{mark}4{letter}3i{letter}5{letter}", 1, 1, 1, 1, 3, 1, 4, 1, 1, 1, 2, 3, 4) + b"\n$EndElements\n")
+
+
+def nastran_seeds():
+    small = [f"GRID    {i + 1:8d}        {x:8.3f}{y:8.3f}{z:8.3f}" for i, (x, y, z) in enumerate(POINTS)]
+    yield "small", lines("SOL 101", "CEND", "BEGIN BULK", "$ c", *small, "CTETRA         1       7       1       2       3       4",
+                         "CTRIA3  2       8       1       3       2     .01", "CBAR    3       1       1       2", "ENDDATA", "x")
+    large = [f"GRID*   {i + 1:16d}{'':16}{x:16.9f}{y:16.9f}*A{i}\n*A{i:<6d}{z:16.9f}" for i, (x, y, z) in enumerate(POINTS)]
+    yield "large", lines(*large, "CQUAD4* 1                              9               1               2", "*       3               4")
+    free = [f"GRID,{i + 1},0,{x},{y},{z}" for i, (x, y, z) in enumerate(POINTS)]
+    yield "free", lines(*free, "GRID,5,,1.5-3,-.5D+1", "GRID*,6,,1.,2.,*", "*,3.", "CTRIA6,1,2,1,2,3,4,5,6", "CHEXA,2,2,1,2,3,4,5,6,+A", "+A,1,2",
+                        "CORD2R,1,0,0.,0.,0.,0.,0.,1.,+", "+,1.,0.,0.")
+    yield "short", lines("GRID    1", "GRID    2               1.", "GRID*   3", "GRID,4", "GRID    5\r")
+
+
 def su2_seeds():
     yield "plane", lines("% c", "NDIME= 2", "NELEM= 2", "5 0 1 2 0", "5 0 2 3 1", "NPOIN= 4 4", *[f"{x} {y} {i}" for i, (x, y, _) in enumerate(POINTS)],
                          "NMARK= 2", "MARKER_TAG= a", "MARKER_ELEMS= 2", "3 0 1", "3 1 2", "MARKER_TAG= SEND_RECEIVE", "MARKER_ELEMS= 1",
@@ -196,8 +253,10 @@ def netcdf_header_seeds():
 
 def main():
     corpus = pathlib.Path(sys.argv[1])
-    for name, seeds in (("medit", medit_seeds()), ("obj", obj_seeds()), ("netcdf_header", netcdf_header_seeds()), ("off", off_seeds()), ("openfoam", openfoam_seeds()), ("ply", ply_seeds()),
-                        ("stl", stl_seeds()), ("su2", su2_seeds()), ("vtk", vtk_seeds()), ("vtu", vtu_seeds())):
+    for name, seeds in (("abaqus", abaqus_seeds()), ("gmsh", gmsh_seeds()), ("medit", medit_seeds()), ("nastran", nastran_seeds()),
+                        ("netcdf_header", netcdf_header_seeds()), ("obj", obj_seeds()), ("off", off_seeds()),
+                        ("openfoam", openfoam_seeds()), ("ply", ply_seeds()), ("stl", stl_seeds()), ("su2", su2_seeds()),
+                        ("vtk", vtk_seeds()), ("vtu", vtu_seeds())):
         folder = corpus / f"fuzz_read_{name}"
         folder.mkdir(parents=True, exist_ok=True)
         for seed, data in seeds:

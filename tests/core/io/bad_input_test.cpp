@@ -304,6 +304,30 @@ INSTANTIATE_TEST_SUITE_P(
         BadInput{"StlBinaryNaN", "a.stl", binary_stl(2, 2, nan_bits), {"byte 112", "coordinate y of triangle 0", "finite"}}),
     name_of_case);
 
+// ---- Gmsh, Abaqus, Nastran; more in their own tests ----
+
+const std::string msh =
+    "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n2\n1 0 0 0\n2 1 0 0\n$EndNodes\n$Elements\n1\n1 1 0 1 2\n$EndElements\n";
+const std::string inp = "*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n*ELEMENT,TYPE=S3,ELSET=e\n1,1,2,\n3\n*NSET,NSET=n,GENERATE\n1,3,2\n";
+const std::string bdf =
+    "BEGIN BULK\nGRID*                  1                              0.              0.\n*                     0.\nGRID,2\n"
+    "GRID    3       0       1.\nCTRIA3,1,1,1,2,3\nENDDATA\n";
+
+INSTANTIATE_TEST_SUITE_P(
+    Decks, BadInputTest,
+    testing::Values(
+        BadInput{"GmshEmpty", "a.msh", "", {"line 1", "$MeshFormat"}},
+        BadInput{"GmshCount", "a.msh", msh.substr(0, 42) + "18446744073709551615\n", {"line 5", "the number of nodes"}},
+        BadInput{"GmshBinaryCount",
+                 "a.msh",
+                 raw("$MeshFormat\n4.1 1 8\n", {1}) + "\n$EndMeshFormat\n" + raw("$Nodes\n", {~0u, ~0u, 1, 0, 1, 0, 1, 0}),
+                 {"byte 47", "18446744073709551615", "bytes left"}},
+        BadInput{"AbaqusBinary", "a.inp", std::string("*NODE\n\0\x01,2\n", 11), {"line 2", "number of a node"}},
+        BadInput{"AbaqusLabelTooLong", "a.inp", "*NODE\n99999999999999999999,0,0,0\n", {"line 2", "number of a node"}},
+        BadInput{"NastranBinary", "a.bdf", std::string("GRID,\0\x01\n", 8), {"line 1", "number of a grid point"}},
+        BadInput{"NastranNumber", "a.dat", "GRID,1,,1.0.0\n", {"line 1", "\"1.0.0\""}}),
+    name_of_case);
+
 // ---- every shorter file ----
 
 std::string vtk(const std::string& version, const std::string& form) {
@@ -326,6 +350,9 @@ std::string vtu(const std::string& points, const std::string& corners, const std
 TEST(TruncationTest, EveryPrefixIsReadOrRefused) {
   const std::pair<const char*, std::string> files[] = {
       {"a.obj", v3 + "g a\nusemtl b\nf 1/1/1 2/2/2 -1\n"},
+      {"a.msh", msh},
+      {"a.inp", inp},
+      {"a.bdf", bdf},
       {"a.off", "NOFF\n2 1 0\n0 0 0 0 0 1\n1 1 1 0 0 1\n2 0 1 255 255 255\n"},
       {"b.off", raw("OFF BINARY\n", {1, 1, 0, 0, 0, 0, 1, 0, 0})},
       {"a.ply", ply(vertices + faces, "0 0 0\n1 1 1\n3 0 1 1\n")},

@@ -1,0 +1,6 @@
+#include "tests/fuzz/read_and_write_back.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  deform::fuzz::read_and_write_back({reinterpret_cast<const char*>(data), size}, "fuzz.bdf");
+  return 0;
+}
