@@ -24,6 +24,14 @@ GeometryMessages::GeometryMessages(const GeometryArrays& arrays, const std::stri
   }
   total_bytes_ = arrays.points.size_bytes() + arrays.face_sizes.size_bytes() + arrays.face_points.size_bytes();
   for (const auto& group : arrays.groups) total_bytes_ += group.points.size_bytes() + group.faces.size_bytes();
+  const CellsView& cells = arrays.cells;
+  for (std::size_t f = 0; f + 1 < cells.face_offsets.size(); ++f) {
+    cell_face_sizes_.push_back(static_cast<std::uint32_t>(cells.face_offsets[f + 1] - cells.face_offsets[f]));
+  }
+  cell_bytes_ = cells.element_types.size_bytes() + cells.element_points.size_bytes() + cell_face_sizes_.size() * id_bytes +
+                cells.face_points.size_bytes() + cells.owner.size_bytes() + cells.neighbour.size_bytes() +
+                cells.empty_faces.size_bytes();
+  total_bytes_ += cell_bytes_;
 }
 
 double GeometryMessages::fraction() const {
@@ -34,7 +42,8 @@ bool GeometryMessages::next(v1::RegisterGeometryRequest& message) {
   message.Clear();
   if (part_ == Part::points && point_ == arrays_.points.size()) part_ = Part::faces;
   if (part_ == Part::faces && face_ == arrays_.face_sizes.size() && corners_due_ == 0) part_ = Part::groups;
-  if (part_ == Part::groups && group_ == arrays_.groups.size()) part_ = Part::end;
+  if (part_ == Part::groups && group_ == arrays_.groups.size()) part_ = Part::cells;
+  if (part_ == Part::cells && cell_byte_ == cell_bytes_) part_ = Part::end;
   switch (part_) {
     case Part::header:
       fill_header(*message.mutable_header());
@@ -49,6 +58,9 @@ bool GeometryMessages::next(v1::RegisterGeometryRequest& message) {
     case Part::groups:
       fill_group(*message.mutable_group());
       return true;
+    case Part::cells:
+      fill_cells(*message.mutable_cells());
+      return true;
     case Part::end:
       break;
   }
@@ -62,6 +74,16 @@ void GeometryMessages::fill_header(v1::GeometryHeader& header) const {
   header.set_group_count(static_cast<std::uint32_t>(arrays_.groups.size()));
   header.set_name(arrays_.name);
   header.set_id(id_);
+  const CellsView& cells = arrays_.cells;
+  if (!cells.any()) return;
+  v1::CellCounts& counts = *header.mutable_cells();
+  counts.set_elements(cells.element_types.size());
+  counts.set_element_points(cells.element_points.size());
+  counts.set_cells(cells.cell_count);
+  counts.set_faces(cell_face_sizes_.size());
+  counts.set_face_points(cells.face_points.size());
+  counts.set_internal_faces(cells.neighbour.size());
+  counts.set_empty_faces(!cells.empty_faces.empty());
 }
 
 void GeometryMessages::fill_points(v1::PointChunk& chunk) {
@@ -106,6 +128,33 @@ void GeometryMessages::fill_group(v1::GroupChunk& chunk) {
   ++group_;
   group_point_ = group_face_ = 0;
   group_begun_ = false;
+}
+
+// The arrays one after the other, as if they were one.
+void GeometryMessages::fill_cells(v1::CellChunk& chunk) {
+  std::size_t room = message_payload;
+  std::size_t begin = 0;  // of the array among all
+  const auto take = [&](auto values, std::string* (v1::CellChunk::*field)()) {
+    constexpr std::size_t width = sizeof(values[0]);
+    const std::size_t end = begin + values.size_bytes();
+    if (cell_byte_ < end && room >= width) {
+      const std::size_t first = (cell_byte_ - begin) / width;
+      const auto piece = values.subspan(first, std::min(room / width, values.size() - first));
+      append(*(chunk.*field)(), piece);
+      cell_byte_ += piece.size_bytes();
+      sent_bytes_ += piece.size_bytes();
+      room = cell_byte_ < end ? 0 : room - piece.size_bytes();
+    }
+    begin = end;
+  };
+  const CellsView& cells = arrays_.cells;
+  take(cells.element_types, &v1::CellChunk::mutable_element_types);
+  take(cells.element_points, &v1::CellChunk::mutable_element_points);
+  take(std::span<const std::uint32_t>(cell_face_sizes_), &v1::CellChunk::mutable_face_sizes);
+  take(cells.face_points, &v1::CellChunk::mutable_face_points);
+  take(cells.owner, &v1::CellChunk::mutable_owners);
+  take(cells.neighbour, &v1::CellChunk::mutable_neighbours);
+  take(cells.empty_faces, &v1::CellChunk::mutable_empty_faces);
 }
 
 }  // namespace deform::client

@@ -22,12 +22,13 @@ class GeometryMessages {
   double fraction() const;
 
  private:
-  enum class Part { header, points, faces, groups, end };
+  enum class Part { header, points, faces, groups, cells, end };
 
   void fill_header(v1::GeometryHeader& header) const;
   void fill_points(v1::PointChunk& chunk);
   void fill_faces(v1::FaceChunk& chunk);
   void fill_group(v1::GroupChunk& chunk);
+  void fill_cells(v1::CellChunk& chunk);
 
   const GeometryArrays& arrays_;
   const std::string id_;
@@ -38,6 +39,8 @@ class GeometryMessages {
   std::size_t corners_due_ = 0;        ///< of faces whose sizes were sent
   std::size_t group_ = 0, group_point_ = 0, group_face_ = 0;
   bool group_begun_ = false;
+  std::vector<std::uint32_t> cell_face_sizes_;
+  std::size_t cell_bytes_ = 0, cell_byte_ = 0;  ///< of all arrays of the cells; next
 };
 
 }  // namespace deform::client

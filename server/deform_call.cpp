@@ -6,6 +6,7 @@
 #include <array>
 #include <utility>
 
+#include "core/base/parallel.h"
 #include "server/convert_info.h"
 
 namespace deform::server {
@@ -31,7 +32,8 @@ std::size_t buffer_bytes(const StepPlan& plan, int workers) {
   const std::size_t everything = plan.designs * plan.points * sizeof(Vec3);
   // What waits, and the evaluated points of the steps that run.
   return std::min(everything, high_water(plan, workers)) +
-         std::min(everything, static_cast<std::size_t>(workers) * plan.step_bytes());
+         std::min(everything, static_cast<std::size_t>(workers) * plan.step_bytes()) +
+         (plan.whole ? plan.group() * plan.points * sizeof(Vec3) : 0);
 }
 
 }  // namespace
@@ -126,6 +128,7 @@ void DeformCall::start(Scheduler::Slot slot) {
   bound_ = std::move(bound);
   task_.bind = nullptr;  // owns the request
   task_.bind_bytes = nullptr;
+  task_.checker = nullptr;
   push_header();
   schedule_steps();
   notice.check();
@@ -134,7 +137,8 @@ void DeformCall::start(Scheduler::Slot slot) {
 std::shared_ptr<DeformCall::Bound> DeformCall::bind(const SystemCache::Handle& system, int threads) {
   auto bound = std::make_shared<Bound>();
   bound->system = system;
-  bound->plan = {system->mesh->point_count(), parts_.block_points, task_.designs};
+  if (task_.checker) bound->checker = task_.checker(system, run_context(threads));
+  bound->plan = {system->mesh->point_count(), parts_.block_points, task_.designs, bound->checker != nullptr};
   bound->output = encode_options(task_.output, system->info.diagonal());
   const std::size_t bytes = task_.bind_bytes(*system) + buffer_bytes(bound->plan, parts_.scheduler->workers());
   bound->charge = parts_.memory->charge(bytes, {"deforming with system " + task_.system_id.substr(0, 16),
@@ -143,10 +147,11 @@ std::shared_ptr<DeformCall::Bound> DeformCall::bind(const SystemCache::Handle& s
   return bound;
 }
 
-void DeformCall::run_step(const std::shared_ptr<const Bound>& bound, std::size_t step) {
+void DeformCall::run_step(const std::shared_ptr<const Bound>& bound, std::size_t step,
+                          const std::shared_ptr<const WholeDesigns>& whole) {
   StepResult result;
   try {
-    result = make_step(*bound, step);
+    result = bound->plan.is_whole(step) ? make_whole(*bound, step) : make_step(*bound, step, whole.get());
   } catch (const Error& error) {
     return fail(error);
   } catch (const std::bad_alloc&) {
@@ -175,26 +180,54 @@ void DeformCall::run_step(const std::shared_ptr<const Bound>& bound, std::size_t
   notice.check();
 }
 
-DeformCall::StepResult DeformCall::make_step(const Bound& bound, std::size_t step) const {
+// Alone in its call, so on all threads that fall to it.
+DeformCall::StepResult DeformCall::make_whole(const Bound& bound, std::size_t step) const {
+  const int running = static_cast<int>(std::max<std::size_t>(1, parts_.scheduler->load().running));
+  const RunContext context = run_context(std::max(1, parts_.scheduler->workers() / running));
+  const auto begun = RunContext::Clock::now();
+  StepResult result;
+  result.whole = std::make_shared<WholeDesigns>();
+  const std::size_t first = bound.plan.first_design(step), count = bound.plan.design_count(step);
+  result.whole->points.assign(count, Points(bound.plan.points));
+  parallel_for(context, bound.plan.points, slice_points, [&](std::size_t begin, std::size_t end) {
+    std::vector<Vec3*> out(count);
+    for (std::size_t d = 0; d < count; ++d) out[d] = result.whole->points[d].data() + begin;
+    bound.evaluation->evaluate(begin, end, first, out);
+  });
+  for (std::size_t d = 0; d < count; ++d) {
+    result.whole->findings.push_back(bound.checker->check(first + d, result.whole->points[d], context));
+  }
+  result.solve_ms = elapsed_ms(begun);
+  return result;
+}
+
+DeformCall::StepResult DeformCall::make_step(const Bound& bound, std::size_t step, const WholeDesigns* whole) const {
   const RunContext context = run_context(1);
   const std::size_t designs = bound.plan.design_count(step);
   const std::size_t first = bound.plan.first_point(step);
   const std::size_t count = bound.plan.point_count(step);
   const double begun = thread_cpu_ms();
-  const auto deformed = std::make_unique_for_overwrite<Vec3[]>(designs * count);
-  std::vector<Vec3*> out(designs);
-  for (std::size_t begin = 0; begin < count; begin += slice_points) {
-    context.check();
-    for (std::size_t d = 0; d < designs; ++d) out[d] = deformed.get() + d * count + begin;
-    const std::size_t end = std::min(count, begin + slice_points);
-    bound.evaluation->evaluate(first + begin, first + end, bound.plan.first_design(step), out);
+  std::unique_ptr<Vec3[]> made;
+  std::vector<std::span<const Vec3>> deformed(designs);
+  if (whole == nullptr) {
+    made = std::make_unique_for_overwrite<Vec3[]>(designs * count);
+    std::vector<Vec3*> out(designs);
+    for (std::size_t begin = 0; begin < count; begin += slice_points) {
+      context.check();
+      for (std::size_t d = 0; d < designs; ++d) out[d] = made.get() + d * count + begin;
+      const std::size_t end = std::min(count, begin + slice_points);
+      bound.evaluation->evaluate(first + begin, first + end, bound.plan.first_design(step), out);
+    }
+  }
+  for (std::size_t d = 0; d < designs; ++d) {
+    deformed[d] = {whole == nullptr ? made.get() + d * count : whole->points[d].data() + first, count};
   }
   const double evaluated = thread_cpu_ms();
   StepResult result;
   const std::span<const Vec3> registered(bound.system->mesh->points.data() + first, count);
   for (std::size_t d = 0; d < designs; ++d) {
     context.check();
-    result.blocks.push_back(codec::encode(registered, {deformed.get() + d * count, count}, bound.output));
+    result.blocks.push_back(codec::encode(registered, deformed[d], bound.output));
     result.bytes += result.blocks.back().bytes.size();
   }
   result.solve_ms = evaluated - begun;
@@ -207,6 +240,12 @@ bool DeformCall::room() const {
   return busy == 0 || busy + bound_->plan.step_bytes() <= high_water(bound_->plan, parts_.scheduler->workers());
 }
 
+// The blocks of a group need its whole designs, and these the memory of those before.
+bool DeformCall::may_begin(std::size_t step) const {
+  const StepPlan& plan = bound_->plan;
+  return !plan.whole || next_release_ > plan.first_step(step) || next_release_ == step;
+}
+
 // Many requests use one worker each, a lone one all.
 void DeformCall::schedule_steps() {
   const std::size_t steps = bound_->plan.steps();
@@ -216,9 +255,10 @@ void DeformCall::schedule_steps() {
   }
   const std::size_t workers = static_cast<std::size_t>(parts_.scheduler->workers());
   const std::size_t share = std::max<std::size_t>(1, workers / std::max<std::size_t>(1, parts_.scheduler->load().running));
-  while (next_step_ < steps && in_flight_ < share && room()) {
+  while (next_step_ < steps && in_flight_ < share && may_begin(next_step_) && room()) {
     ++in_flight_;
-    parts_.scheduler->step(this, [call = self(), bound = bound_, step = next_step_] { call->run_step(bound, step); });
+    parts_.scheduler->step(
+        this, [call = self(), bound = bound_, step = next_step_, whole = whole_] { call->run_step(bound, step, whole); });
     ++next_step_;
   }
   if (in_flight_ == 0) slot_.leave();  // the reader is behind
@@ -240,7 +280,11 @@ void DeformCall::push_header() {
 
 void DeformCall::release_step(std::size_t step, StepResult&& result) {
   const StepPlan& plan = bound_->plan;
-  const std::size_t block = step % plan.blocks();
+  if (plan.is_whole(step)) {
+    whole_ = std::move(result.whole);
+    return;
+  }
+  const std::size_t block = plan.block(step);
   if (block == 0) progress_.assign(plan.design_count(step), {});
   for (std::size_t d = 0; d < result.blocks.size(); ++d) {
     codec::Block& encoded = result.blocks[d];
@@ -255,7 +299,9 @@ void DeformCall::release_step(std::size_t step, StepResult&& result) {
     message.set_first(plan.first_point(step));
     block_to_proto(std::move(encoded), message);
   }
-  if (block + 1 == plan.blocks()) push_results(step);
+  if (block + 1 < plan.blocks()) return;
+  push_results(step);
+  whole_.reset();
 }
 
 void DeformCall::push_results(std::size_t step) {
@@ -270,6 +316,7 @@ void DeformCall::push_results(std::size_t step) {
     result.set_path(path_to_proto(report.path));
     result.set_interpolation_residual(report.interpolation_residual);
     result.set_max_displacement(report.max_displacement);
+    if (whole_) whole_->findings[d].move_to(result);
     fell_back_ += progress_[d].fell_back;
   }
 }
@@ -327,6 +374,7 @@ void DeformCall::fail(const Error& error) {
 void DeformCall::end() {
   ended_ = true;
   finished_.clear();
+  whole_.reset();
   place_.leave();
   slot_.leave();
   ticket_.leave();

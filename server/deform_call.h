@@ -39,22 +39,34 @@ struct DeformTask {
   /// Bytes that `bind` and its result need.
   std::function<std::size_t(const ResidentSystem&)> bind_bytes;
   std::function<std::unique_ptr<const Evaluation>(const ResidentSystem&, const RunContext&)> bind;
+  /// Who looks at whole designs; may be empty, and may give nobody.
+  std::function<std::unique_ptr<const DesignChecker>(const SystemCache::Handle&, const RunContext&)> checker;
 };
 
 /// How the designs of a call are cut: step s covers block s % blocks of the designs of group s / blocks. Blocks of the designs of
-/// one step leave one after the other, so designs interleave and each one's blocks ascend.
+/// one step leave one after the other, so designs interleave and each one's blocks ascend. Where somebody looks at whole designs,
+/// another step comes before the blocks of a group: it makes all points of its designs.
 struct StepPlan {
   static constexpr std::size_t group_designs = 16;  ///< share one pass over the basis
+  static constexpr std::size_t whole_bytes = std::size_t{256} << 20;
 
   std::size_t points = 0, block_points = 0, designs = 0;
+  bool whole = false;
 
-  std::size_t group() const { return designs < group_designs ? designs : group_designs; }
+  std::size_t group() const {
+    const std::size_t fit = whole ? std::max<std::size_t>(1, whole_bytes / (points * sizeof(Vec3))) : group_designs;
+    return std::min({designs, group_designs, fit});
+  }
   std::size_t blocks() const { return (points + block_points - 1) / block_points; }
   std::size_t groups() const { return (designs + group() - 1) / group(); }
-  std::size_t steps() const { return blocks() * groups(); }
-  std::size_t first_design(std::size_t step) const { return step / blocks() * group(); }
+  std::size_t group_steps() const { return blocks() + (whole ? 1 : 0); }
+  std::size_t steps() const { return group_steps() * groups(); }
+  bool is_whole(std::size_t step) const { return whole && step % group_steps() == 0; }
+  std::size_t first_step(std::size_t step) const { return step / group_steps() * group_steps(); }  ///< of the group of a step
+  std::size_t first_design(std::size_t step) const { return step / group_steps() * group(); }
   std::size_t design_count(std::size_t step) const { return std::min(group(), designs - first_design(step)); }
-  std::size_t first_point(std::size_t step) const { return step % blocks() * block_points; }
+  std::size_t block(std::size_t step) const { return step % group_steps() - (whole ? 1 : 0); }
+  std::size_t first_point(std::size_t step) const { return block(step) * block_points; }
   std::size_t point_count(std::size_t step) const { return std::min(block_points, points - first_point(step)); }
   std::size_t step_bytes() const { return group() * std::min(block_points, points) * sizeof(Vec3); }
 };
@@ -79,12 +91,19 @@ class DeformCall : public Call {
   struct Bound {
     SystemCache::Handle system;
     std::shared_ptr<const Evaluation> evaluation;
+    std::unique_ptr<const DesignChecker> checker;  ///< null: nobody looks at whole designs
     StepPlan plan;
     codec::EncodeOptions output;
     Charge charge;
   };
+  /// All points of the designs of a group, and what was found about them.
+  struct WholeDesigns {
+    std::vector<Points> points;
+    std::vector<DesignChecker::Findings> findings;
+  };
   /// Outcome of one step: per design its block.
   struct StepResult {
+    std::shared_ptr<WholeDesigns> whole;  ///< of the step that makes them
     std::vector<codec::Block> blocks;
     std::size_t bytes = 0;
     double solve_ms = 0, encode_ms = 0;
@@ -102,11 +121,13 @@ class DeformCall : public Call {
   void enqueue(SystemCache::Handle system);
   void start(Scheduler::Slot slot);
   std::shared_ptr<Bound> bind(const SystemCache::Handle& system, int threads);
-  void run_step(const std::shared_ptr<const Bound>& bound, std::size_t step);
-  StepResult make_step(const Bound& bound, std::size_t step) const;
+  void run_step(const std::shared_ptr<const Bound>& bound, std::size_t step, const std::shared_ptr<const WholeDesigns>& whole);
+  StepResult make_whole(const Bound& bound, std::size_t step) const;
+  StepResult make_step(const Bound& bound, std::size_t step, const WholeDesigns* whole) const;
 
   // With mutex_ held:
   void schedule_steps();
+  bool may_begin(std::size_t step) const;
   bool room() const;
   void release_step(std::size_t step, StepResult&& result);
   void push_header();
@@ -134,6 +155,7 @@ class DeformCall : public Call {
   std::size_t buffered_bytes_ = 0;  // of finished_ and replies_
   std::deque<v1::DeformReply> replies_;
   std::vector<Progress> progress_;
+  std::shared_ptr<WholeDesigns> whole_;  // of the group under way
   bool reader_waits_ = false;
   bool produced_ = false;  // the summary is in replies_
   bool ended_ = false;     // nothing more comes

@@ -84,6 +84,7 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
   check_designs(request, options_.max_designs);
   encode_options(request.output(), 1.0);  // refuses at once what is plainly wrong
   const EvaluationPath path = path_from_proto(request.path());
+  const DesignChecks checks = DesignChecks::from_proto(request);
   DeformTask task;
   task.system_id = resolve_system(request.system_id());
   task.request_id = request_id;
@@ -93,6 +94,10 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
   task.bind_bytes = [shared](const ResidentSystem& system) { return bind_bytes(*shared, system.info); };
   task.bind = [shared, path](const ResidentSystem& system, const RunContext& context) {
     return system.system->bind(designs_from_proto(*shared, system.info), path, context);
+  };
+  task.checker = [this, shared, checks](const SystemCache::Handle& system, const RunContext& context) {
+    return DesignChecker::make(
+        system, checks, [&] { return designs_from_proto(*shared, system->info); }, memory_, context);
   };
   return begin_job(std::move(task), call, std::move(on_ready));
 }

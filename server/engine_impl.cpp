@@ -131,7 +131,7 @@ std::unique_ptr<GeometryUpload> EngineImpl::begin_upload(const v1::GeometryHeade
 
 std::shared_ptr<const Mesh> EngineImpl::load_mesh(const std::string& id) {
   const v1::GeometryInfo info = store_.info(id);
-  std::size_t bytes = sizeof(Mesh) + 24 * info.points() + 4 * (info.faces() + info.corners());
+  std::size_t bytes = sizeof(Mesh) + 24 * info.points() + 4 * (info.faces() + info.corners()) + info.cell_bytes();
   for (const auto& group : info.groups()) {
     bytes += sizeof(Group) + group.name().size() + 4 * (group.points() + group.faces());
   }

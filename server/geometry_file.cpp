@@ -10,12 +10,15 @@
 
 #include "core/base/error.h"
 #include "core/codec/geometry_id.h"
+#include "core/mesh/cells.h"
+#include "core/mesh/elements.h"
 
 namespace deform::server {
 
 namespace {
 
 constexpr char tag[] = "deform.geometry.1";
+constexpr char tag_with_cells[] = "deform.geometry.2";
 
 [[noreturn]] void fail(const char* action, const std::filesystem::path& path) {
   throw Error(ErrorCode::unavailable, std::string("store: cannot ") + action + " " + path.string() + ": " + std::strerror(errno));
@@ -64,7 +67,7 @@ class File {
 
 codec::GeometryView view(const Mesh& mesh, std::vector<codec::GroupView>& groups) {
   for (const auto& group : mesh.groups) groups.push_back({group.name, group.points, group.faces});
-  return {mesh.points, mesh.face_sizes, mesh.face_points, groups};
+  return {mesh.points, mesh.face_sizes, mesh.face_points, groups, mesh.cells_view()};
 }
 
 /// Reads arrays and hashes what it reads; nothing is allocated that the file is too short for.
@@ -104,6 +107,29 @@ class Reader {
   codec::Sha256 hash_;
 };
 
+void read_cells(Reader& reader, Mesh& mesh) {
+  Elements elements;
+  reader.take_array(elements.types);
+  reader.take_array(elements.points);
+  PolyhedralCells cells;
+  cells.cell_count = reader.take_count(1);
+  reader.take_array(cells.face_offsets);
+  reader.take_array(cells.face_points);
+  reader.take_array(cells.owner);
+  reader.take_array(cells.neighbour);
+  reader.take_array(cells.empty_faces);
+  if (cells.cell_count > 0) {
+    mesh.cells = std::make_shared<const PolyhedralCells>(std::move(cells));
+    return;
+  }
+  elements.offsets.reserve(elements.types.size() + 1);
+  for (const ElementType type : elements.types) {
+    if (static_cast<std::size_t>(type) >= element_types) reader.damaged();
+    elements.offsets.push_back(elements.offsets.back() + shape(type).nodes);
+  }
+  mesh.elements = std::make_shared<const Elements>(std::move(elements));
+}
+
 }  // namespace
 
 std::size_t mesh_bytes(const Mesh& mesh) {
@@ -111,13 +137,14 @@ std::size_t mesh_bytes(const Mesh& mesh) {
   for (const auto& group : mesh.groups) {
     bytes += sizeof(Group) + group.name.size() + 4 * (group.points.size() + group.faces.size());
   }
+  if (mesh.elements) bytes += mesh.elements->bytes();
+  if (mesh.cells) bytes += mesh.cells->bytes();
   return bytes;
 }
 
 std::string mesh_id(const Mesh& mesh) {
   std::vector<codec::GroupView> groups;
-  const codec::GeometryView arrays = view(mesh, groups);
-  return codec::geometry_id(arrays.points, arrays.face_sizes, arrays.face_points, arrays.groups);
+  return codec::geometry_id(view(mesh, groups));
 }
 
 void write_geometry_file(const Mesh& mesh, const std::filesystem::path& path) {
@@ -152,7 +179,8 @@ Mesh read_geometry_file(const std::filesystem::path& path, const std::string& id
   Reader reader(path, id);
   char found[sizeof(tag)];
   reader.take(found, sizeof(found));
-  if (std::memcmp(found, tag, sizeof(tag)) != 0) reader.damaged();
+  const bool with_cells = std::memcmp(found, tag_with_cells, sizeof(tag)) == 0;
+  if (!with_cells && std::memcmp(found, tag, sizeof(tag)) != 0) reader.damaged();
   Mesh mesh;
   reader.take_array(mesh.points);
   reader.take_array(mesh.face_sizes);
@@ -164,6 +192,7 @@ Mesh read_geometry_file(const std::filesystem::path& path, const std::string& id
     reader.take_array(group.points);
     reader.take_array(group.faces);
   }
+  if (with_cells) read_cells(reader, mesh);
   reader.finish();
   return mesh;
 }

@@ -12,6 +12,8 @@
 #include <cstring>
 
 #include "core/base/error.h"
+#include "core/mesh/cells.h"
+#include "core/mesh/elements.h"
 #include "server/geometry_file.h"
 #include "server/sqlite_catalog.h"
 
@@ -55,6 +57,9 @@ v1::GeometryInfo describe(const Mesh& mesh, const std::string& id, const std::st
     entry->set_points(group.points.size());
     entry->set_faces(group.faces.size());
   }
+  info.set_cells(mesh.cell_count());
+  if (mesh.elements) info.set_cell_bytes(mesh.elements->bytes());
+  if (mesh.cells) info.set_cell_bytes(mesh.cells->bytes());
   const Box box = bounding_box(mesh.points);
   for (int k = 0; k < 3; ++k) {
     info.add_box_min(box.min[k]);

@@ -25,6 +25,17 @@ const ChargePurpose purpose{"registering a geometry", "raise the server's memory
 
 constexpr std::size_t longest_name = 4096;
 
+void check_cells(const v1::GeometryHeader& header, const EngineOptions& limits) {
+  const v1::CellCounts& cells = header.cells();
+  constexpr std::uint64_t most = 0xffffffffu;
+  check_limit("cells.elements", cells.elements(), 0, limits.max_faces);
+  check_limit("cells.element_points", cells.element_points(), cells.elements(), cells.elements() > 0 ? most : 0);
+  check_limit("cells.faces", cells.faces(), 0, cells.elements() > 0 ? 0 : limits.max_faces);
+  check_limit("cells.cells", cells.cells(), cells.faces() > 0 ? 1 : 0, cells.faces());
+  check_limit("cells.face_points", cells.face_points(), cells.faces(), cells.faces() > 0 ? most : 0);
+  check_limit("cells.internal_faces", cells.internal_faces(), 0, cells.faces());
+}
+
 }  // namespace
 
 UploadBuffer::UploadBuffer(const v1::GeometryHeader& header, const EngineOptions& limits, MemoryBudget& budget)
@@ -35,7 +46,10 @@ UploadBuffer::UploadBuffer(const v1::GeometryHeader& header, const EngineOptions
   check_limit("group_count", header.group_count(), 0, limits.max_groups);
   if (header.face_count() == 0 && header.corner_count() != 0) refuse("header.corner_count: there are no faces");
   if (header.name().size() > longest_name) refuse("header.name: longer than " + std::to_string(longest_name) + " bytes");
-  const std::uint64_t bytes = 24 * header.point_count() + 4 * (header.face_count() + header.corner_count());
+  check_cells(header, limits);
+  const v1::CellCounts& cells = header.cells();
+  const std::uint64_t bytes = 24 * header.point_count() + 4 * (header.face_count() + header.corner_count()) +
+                              9 * cells.elements() + 4 * cells.element_points() + 16 * cells.faces() + 4 * cells.face_points();
   if (bytes > budget.total()) {
     throw Error(ErrorCode::out_of_budget, purpose.what + ": its arrays need " + mebibytes(bytes) + ", the memory budget is " +
                                               mebibytes(budget.total()) + "; " + purpose.advice);
@@ -50,16 +64,18 @@ void UploadBuffer::add(const v1::RegisterGeometryRequest& part) {
       return add_faces(part.faces());
     case v1::RegisterGeometryRequest::kGroup:
       return add_group(part.group());
+    case v1::RegisterGeometryRequest::kCells:
+      return add_cells(part.cells());
     case v1::RegisterGeometryRequest::kHeader:
       refuse("header: sent twice");
     case v1::RegisterGeometryRequest::PART_NOT_SET:
-      refuse("upload message: none of points, faces, group is set");
+      refuse("upload message: none of points, faces, group, cells is set");
   }
 }
 
 // Chunks of an earlier kind may not follow, and each array must be complete before the next kind begins.
 void UploadBuffer::enter(Stage stage) {
-  if (stage < stage_) refuse("upload: chunks come in the order points, faces, groups");
+  if (stage < stage_) refuse("upload: chunks come in the order points, faces, groups, cells");
   if (stage > Stage::points && mesh_.points.size() != header_.point_count()) {
     refuse("points: only " + of(mesh_.points.size(), header_.point_count()) + " arrived before the next kind of chunk");
   }
@@ -71,7 +87,13 @@ void UploadBuffer::enter(Stage stage) {
       refuse("faces.corners: only " + of(mesh_.face_points.size(), header_.corner_count()) + " arrived");
     }
   }
+  if (stage > Stage::groups) check_groups();
   stage_ = stage;
+}
+
+void UploadBuffer::check_groups() const {
+  if (mesh_.groups.size() != header_.group_count())
+    refuse("group: only " + of(mesh_.groups.size(), header_.group_count()) + " arrived");
 }
 
 void UploadBuffer::grow(std::size_t bytes) { budget_.grow(charge_, bytes, purpose); }
@@ -129,13 +151,57 @@ void UploadBuffer::add_group(const v1::GroupChunk& chunk) {
   append(mesh_.groups.back().faces, chunk.faces(), header_.face_count(), "group.faces");
 }
 
+void UploadBuffer::add_cells(const v1::CellChunk& chunk) {
+  enter(Stage::cells);
+  const v1::CellCounts& counts = header_.cells();
+  const std::size_t first = elements_.types.size();
+  append(elements_.types, chunk.element_types(), counts.elements(), "cells.element_types");
+  for (std::size_t e = first; e < elements_.types.size(); ++e) {
+    if (static_cast<std::size_t>(elements_.types[e]) < element_types) continue;
+    refuse("cells.element_types: " + std::to_string(static_cast<int>(elements_.types[e])) + " of element " + std::to_string(e) +
+           " is not a type, there are " + std::to_string(element_types));
+  }
+  append(elements_.points, chunk.element_points(), counts.element_points(), "cells.element_points");
+  append(cell_face_sizes_, chunk.face_sizes(), counts.faces(), "cells.face_sizes");
+  append(cells_.face_points, chunk.face_points(), counts.face_points(), "cells.face_points");
+  append(cells_.owner, chunk.owners(), counts.faces(), "cells.owners");
+  append(cells_.neighbour, chunk.neighbours(), counts.internal_faces(), "cells.neighbours");
+  append(cells_.empty_faces, chunk.empty_faces(), counts.empty_faces() ? counts.faces() : 0, "cells.empty_faces");
+}
+
+void UploadBuffer::finish_cells() {
+  const v1::CellCounts& counts = header_.cells();
+  const auto complete = [](const char* field, std::uint64_t got, std::uint64_t expected) {
+    if (got != expected) refuse(std::string(field) + ": only " + of(got, expected) + " arrived");
+  };
+  complete("cells.element_types", elements_.types.size(), counts.elements());
+  complete("cells.element_points", elements_.points.size(), counts.element_points());
+  complete("cells.face_sizes", cell_face_sizes_.size(), counts.faces());
+  complete("cells.face_points", cells_.face_points.size(), counts.face_points());
+  complete("cells.owners", cells_.owner.size(), counts.faces());
+  complete("cells.neighbours", cells_.neighbour.size(), counts.internal_faces());
+  complete("cells.empty_faces", cells_.empty_faces.size(), counts.empty_faces() ? counts.faces() : 0);
+  if (counts.elements() > 0) {
+    grow(elements_.types.size() * sizeof(std::uint64_t));
+    elements_.offsets.reserve(elements_.types.size() + 1);
+    for (const ElementType type : elements_.types) elements_.offsets.push_back(elements_.offsets.back() + shape(type).nodes);
+    mesh_.elements = std::make_shared<const Elements>(std::move(elements_));
+  } else if (counts.faces() > 0) {
+    grow(cell_face_sizes_.size() * sizeof(std::uint64_t));
+    cells_.cell_count = counts.cells();
+    cells_.face_offsets.reserve(cell_face_sizes_.size() + 1);
+    for (const std::uint32_t size : cell_face_sizes_) cells_.face_offsets.push_back(cells_.face_offsets.back() + size);
+    mesh_.cells = std::make_shared<const PolyhedralCells>(std::move(cells_));
+  }
+}
+
 Mesh UploadBuffer::take() {
-  enter(Stage::groups);
+  enter(std::max(stage_, Stage::groups));
   if (corners_claimed_ != header_.corner_count()) {
     refuse("faces.sizes: they add up to " + of(corners_claimed_, header_.corner_count()) + " corners");
   }
-  if (mesh_.groups.size() != header_.group_count())
-    refuse("group: only " + of(mesh_.groups.size(), header_.group_count()) + " arrived");
+  check_groups();
+  finish_cells();
   mesh_.validate();
   return std::move(mesh_);
 }

@@ -4,6 +4,8 @@
 #include <utility>
 #include <vector>
 
+#include "core/mesh/cells.h"
+#include "core/mesh/elements.h"
 #include "core/mesh/mesh.h"
 #include "deform/v1/geometry.pb.h"
 #include "server/engine.h"
@@ -27,10 +29,13 @@ class UploadBuffer {
   Charge take_charge() { return std::move(charge_); }
 
  private:
-  enum class Stage { points, faces, groups };
+  enum class Stage { points, faces, groups, cells };
   void add_points(const v1::PointChunk& chunk);
   void add_faces(const v1::FaceChunk& chunk);
   void add_group(const v1::GroupChunk& chunk);
+  void add_cells(const v1::CellChunk& chunk);
+  void check_groups() const;
+  void finish_cells();
   void enter(Stage stage);
   template <typename T>
   void append(std::vector<T>& array, const std::string& bytes, std::size_t limit, const char* field);
@@ -43,6 +48,9 @@ class UploadBuffer {
   Mesh mesh_;
   Stage stage_ = Stage::points;
   std::uint64_t corners_claimed_ = 0;  // by the face sizes so far
+  Elements elements_;
+  PolyhedralCells cells_;
+  std::vector<std::uint32_t> cell_face_sizes_;
 };
 
 }  // namespace deform::server

@@ -16,6 +16,7 @@
 #include "core/base/run_context.h"
 #include "core/deformers/system.h"
 #include "deform/v1/deformation.pb.h"
+#include "server/design_checks.h"
 #include "server/memory.h"
 
 namespace deform::server {
@@ -27,6 +28,7 @@ struct ResidentSystem {
   Setup setup;
   v1::SystemInfo info;  ///< `resident` is set by whoever answers
   Charge charge;        ///< of the system's bytes; the mesh has its own
+  CellCheckCache cell_check;
 };
 
 /// Prepared systems by id, bounded by bytes.

@@ -2,10 +2,12 @@
 #include <CLI/Formatter.hpp>
 #include <chrono>
 #include <iostream>
+#include <limits>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "client/cli/cell_options.h"
 #include "client/cli/command.h"
 #include "client/cli/format.h"
 #include "client/cli/motions.h"
@@ -22,17 +24,21 @@ struct ApplyOptions {
   PrepareInput input;
   std::vector<std::string> settings;
   std::vector<std::string> motion_files;
+  double match_tolerance = 0;
   std::string output;
   std::string path = "automatic";
   OutputOptions encoding;
+  CellOptions cells;
 };
 
 v1::Design make_design(const ApplyOptions& options, const PreparedSetup& prepared, const Mesh& mesh) {
   const v1::Setup& setup = prepared.system.setup();
   v1::Design design = client::variables_design(parse_settings(options.settings, setup));
+  RestPlaces rest{mesh.points, options.match_tolerance};
+  if (rest.tolerance == 0) rest.tolerance = std::max(1e-6 * prepared.system.diagonal(), std::numeric_limits<double>::min());
   for (const auto& file : options.motion_files) {
-    const auto motions =
-        read_motions(read_csv(file), [&](const std::string& handle) { return handle_points(setup, handle, mesh); });
+    const auto motions = read_motions(
+        read_csv(file), [&](const std::string& handle) { return handle_points(setup, handle, mesh); }, rest);
     for (const auto& motion : motions) *design.add_motions() = motion;
   }
   return design;
@@ -64,6 +70,7 @@ nlohmann::ordered_json applied_json(const Applied& applied) {
   report["interpolation_residual"] = applied.result.interpolation_residual();
   report["max_displacement"] = applied.result.max_displacement();
   report["blocks_fell_back"] = applied.result.blocks_fell_back();
+  add_findings(applied.result, report);
   report["bytes"] = applied.summary.bytes();
   report["prepared_again"] = applied.summary.prepared_again();
   report["notes"] = std::vector<std::string>(applied.summary.notes().begin(), applied.summary.notes().end());
@@ -77,6 +84,7 @@ void print_applied(const Applied& applied) {
             << number_text(applied.result.max_displacement()) << "\n ";
   for (const auto& [stage, seconds] : applied.seconds) std::cout << ' ' << stage << ' ' << duration_text(seconds);
   std::cout << '\n';
+  print_findings(applied.result, std::cout);
   for (const auto& note : applied.summary.notes()) std::cout << "  note: " << note << '\n';
   std::cout << std::flush;
 }
@@ -91,6 +99,7 @@ ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
   request.set_system_id(prepared.system.id());
   *request.mutable_output() = options.encoding.message();
   request.set_path(evaluation_path(options.path));
+  options.cells.set(request);
   *request.add_designs() = make_design(options, prepared, *source.mesh());
   const auto outcome = connection.client().deform(request, connection.call());
   const auto& design = outcome.designs.at(0);
@@ -132,6 +141,11 @@ void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chose
   command->add_option("--set", options->settings, "NAME=VALUE of a design variable; may be repeated")->take_all()->expected(1);
   command->add_option("--motions", options->motion_files, "CSV file of handle motions; may be repeated")->take_all()->expected(1);
   command
+      ->add_option("--match-tolerance", options->match_tolerance,
+                   "How far a place in a motion file may be from its point, model units; 0: 1e-6 of the bounding-box diagonal")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  command
       ->add_option("-o,--output", options->output,
                    "File to write, in the format of the original: only its coordinates change; .gz is added or left out at will")
       ->required();
@@ -140,6 +154,7 @@ void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chose
       ->transform(CLI::IsMember({"automatic", "basis", "direct"}, CLI::ignore_case))
       ->capture_default_str();
   options->encoding.add_to(*command);
+  options->cells.add_to(*command);
   command->footer(std::string("Motion files: ") + motion_formats +
                   "\nSeconds of solve, encode and decode are core seconds, the others wall time.\n"
                   "Examples:\n"

@@ -84,6 +84,12 @@ Json to_json(const v1::EstimateReply& estimate) { return message_json(estimate, 
 
 Json to_json(const v1::ServerInfo& info) { return message_json(info, Fields::all); }
 
+Json to_json(const v1::CellReport& report) { return message_json(report, Fields::all); }
+
+Json to_json(const v1::QualityReport& report) { return message_json(report, Fields::all); }
+
+Json to_json(const v1::SplitReport& report) { return message_json(report, Fields::all); }
+
 void print(const Json& json) { std::cout << json.dump(2, ' ', false, Json::error_handler_t::replace) << std::endl; }
 
 std::string setup_text(const v1::Setup& setup) { return message_json(setup, Fields::present).dump(2); }

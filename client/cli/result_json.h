@@ -12,6 +12,9 @@ nlohmann::ordered_json to_json(const v1::GeometryInfo& info);
 nlohmann::ordered_json to_json(const v1::SystemInfo& info);
 nlohmann::ordered_json to_json(const v1::EstimateReply& estimate);
 nlohmann::ordered_json to_json(const v1::ServerInfo& info);
+nlohmann::ordered_json to_json(const v1::CellReport& report);
+nlohmann::ordered_json to_json(const v1::QualityReport& report);
+nlohmann::ordered_json to_json(const v1::SplitReport& report);
 
 /// Pretty, on stdout.
 void print(const nlohmann::ordered_json& json);

@@ -5,11 +5,13 @@
 #include <chrono>
 #include <exception>
 #include <iostream>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "client/cli/cell_options.h"
 #include "client/cli/command.h"
 #include "client/cli/format.h"
 #include "client/cli/result_json.h"
@@ -29,6 +31,7 @@ struct SweepOptions {
   int parallel = 2;
   int batch = 0;
   OutputOptions encoding;
+  CellOptions cells;
 };
 
 /// The extension of the results is that of the original, .gz included. Results of an OpenFOAM mesh are time folders.
@@ -53,13 +56,15 @@ class Sweep {
     std::size_t written = 0, skipped = 0;
     std::uint64_t bytes_received = 0;
     double max_error = 0;
+    std::map<std::string, double> inverted;  // designs with inverted cells, and their safe amplitudes
   };
 
   Result run(const std::vector<NamedDesign>& designs, Progress& progress) {
     const bool archive = std::filesystem::path(options_.output).extension() == ".tar";
     std::string extension = full_extension(source_, prepared_.source_path);
     if (archive && extension.ends_with(".gz")) extension.resize(extension.size() - 3);
-    const SweepIdentity identity{prepared_.system.id(), options_.encoding.encoding, options_.encoding.tolerance, extension};
+    const SweepIdentity identity{prepared_.system.id(), options_.encoding.encoding, options_.encoding.tolerance, extension,
+                                 options_.cells.identity()};
     ExpectedResults expected;
     for (const auto& design : designs) expected[design.name] = design_hash(identity, design);
     output_ = open_sweep_output(options_.output, extension, expected);
@@ -109,6 +114,7 @@ class Sweep {
     v1::DeformRequest request;
     request.set_system_id(prepared_.system.id());
     *request.mutable_output() = options_.encoding.message();
+    options_.cells.set(request);
     for (std::size_t k = first; k < end; ++k) *request.add_designs() = client::variables_design(todo_[k].design->values);
     const auto outcome =
         connection_.client().deform(request, connection_.call(), [&](std::size_t k, client::DeformedDesign&& design) {
@@ -117,6 +123,9 @@ class Sweep {
           const std::lock_guard lock(mutex_);
           ++result_.written;
           result_.max_error = std::max(result_.max_error, design.result.max_error());
+          if (has_inverted_cells(design.result)) {
+            result_.inverted.emplace(todo.design->name, design.result.cells().safe_amplitude());
+          }
           progress.count("sweep", result_.written, todo_.size());
         });
     const std::lock_guard lock(mutex_);
@@ -158,12 +167,16 @@ ExitCode run_sweep(const SweepOptions& options, const CommonOptions& common) {
     json["seconds"] = seconds;
     json["bytes_received"] = result.bytes_received;
     json["max_error"] = result.max_error;
+    json["inverted"] = result.inverted;
     print(json);
     return exit_ok;
   }
   std::cout << "wrote " << result.written << " of " << designs.size() << " designs to " << options.output << " in "
             << duration_text(seconds) << (result.skipped > 0 ? ", " + std::to_string(result.skipped) + " were there already" : "")
             << std::endl;
+  for (const auto& [name, amplitude] : result.inverted) {
+    std::cout << "  " << name << " has inverted cells; none before " << number_text(amplitude) << " of the motion\n";
+  }
   return exit_ok;
 }
 
@@ -183,6 +196,7 @@ void add_sweep_command(CLI::App& app, const CommonOptions& common, Action& chose
       ->check(CLI::Range(0, 1000))
       ->capture_default_str();
   options->encoding.add_to(*command);
+  options->cells.add_to(*command);
   command->footer(
       "A column \"name\" names the results, else they are design_0001, ...; variables without a column stay 0.\n"
       "Resumable: run the same command again after an interruption and only what is missing is computed. What is finished is\n"

@@ -69,6 +69,7 @@ std::string design_hash(const SweepIdentity& identity, const NamedDesign& design
   }
   hash.add(&identity.tolerance, sizeof(identity.tolerance));
   hash.add(design.values.data(), design.values.size() * sizeof(double));
+  hash.add(identity.splitting.data(), identity.splitting.size());
   return hash.hex();
 }
 

@@ -24,6 +24,7 @@ struct SweepIdentity {
   std::string encoding;
   double tolerance = 0;
   std::string extension;
+  std::string splitting = {};  ///< CellOptions::identity()
 };
 std::string design_hash(const SweepIdentity& identity, const NamedDesign& design);
 

@@ -30,6 +30,7 @@ v1::GeometryInfo register_mesh(Connection& connection, const std::shared_ptr<con
   arrays.face_points = mesh->face_points;
   for (const auto& group : mesh->groups) arrays.groups.push_back({group.name, group.points, group.faces});
   arrays.name = label;
+  arrays.cells = mesh->cells_view();
   auto info = connection.client().register_geometry(arrays, connection.call(),
                                                     [&](double fraction) { progress.fraction("upload", fraction); });
   // The points of the mesh itself, so that no copy stays.

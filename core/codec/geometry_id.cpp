@@ -55,7 +55,8 @@ std::string Sha256::hex() {
 }
 
 void visit_geometry_bytes(const GeometryView& geometry, const ByteSink& sink) {
-  constexpr char tag[] = "deform.geometry.1";  // with its terminating zero
+  char tag[] = "deform.geometry.1";  // with its terminating zero
+  if (geometry.cells.any()) tag[sizeof(tag) - 2] = '2';
   sink(tag, sizeof(tag));
   visit_array(sink, geometry.points);
   visit_array(sink, geometry.face_sizes);
@@ -66,13 +67,20 @@ void visit_geometry_bytes(const GeometryView& geometry, const ByteSink& sink) {
     visit_array(sink, group.points);
     visit_array(sink, group.faces);
   }
+  if (!geometry.cells.any()) return;
+  visit_array(sink, geometry.cells.element_types);
+  visit_array(sink, geometry.cells.element_points);
+  visit_count(sink, geometry.cells.cell_count);
+  visit_array(sink, geometry.cells.face_offsets);
+  visit_array(sink, geometry.cells.face_points);
+  visit_array(sink, geometry.cells.owner);
+  visit_array(sink, geometry.cells.neighbour);
+  visit_array(sink, geometry.cells.empty_faces);
 }
 
-std::string geometry_id(std::span<const Vec3> points, std::span<const std::uint32_t> face_sizes,
-                        std::span<const PointId> face_points, std::span<const GroupView> groups) {
+std::string geometry_id(const GeometryView& geometry) {
   Sha256 hash;
-  visit_geometry_bytes({points, face_sizes, face_points, groups},
-                       [&](const void* data, std::size_t size) { hash.add(data, size); });
+  visit_geometry_bytes(geometry, [&](const void* data, std::size_t size) { hash.add(data, size); });
   return hash.hex();
 }
 

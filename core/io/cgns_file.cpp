@@ -31,18 +31,11 @@ struct CoordinateArray {
 
 class CgnsFile : public MeshFile {
  public:
-  CgnsFile(std::string bytes, std::shared_ptr<const Mesh> mesh, std::shared_ptr<const PolyhedralCells> cells,
-           std::vector<CoordinateArray> arrays, std::string name, bool flat)
-      : bytes_(std::move(bytes)),
-        mesh_(std::move(mesh)),
-        cells_(std::move(cells)),
-        arrays_(std::move(arrays)),
-        name_(std::move(name)),
-        flat_(flat) {}
+  CgnsFile(std::string bytes, std::shared_ptr<const Mesh> mesh, std::vector<CoordinateArray> arrays, std::string name, bool flat)
+      : bytes_(std::move(bytes)), mesh_(std::move(mesh)), arrays_(std::move(arrays)), name_(std::move(name)), flat_(flat) {}
 
   Format format() const override { return Format::cgns; }
   std::shared_ptr<const Mesh> mesh() const override { return mesh_; }
-  std::shared_ptr<const PolyhedralCells> cells() const override { return cells_; }
 
   std::string with_points(std::span<const Vec3> points) const override {
     check_points(points, mesh_->point_count());
@@ -77,7 +70,6 @@ class CgnsFile : public MeshFile {
 
   const std::string bytes_;
   const std::shared_ptr<const Mesh> mesh_;
-  const std::shared_ptr<const PolyhedralCells> cells_;
   const std::vector<CoordinateArray> arrays_;
   const std::string name_;
   const bool flat_;
@@ -231,20 +223,17 @@ std::unique_ptr<MeshFile> parse_cgns(std::string bytes, const std::string& name)
     reader.read();
     content = reader.take();
   }
-  const auto file = [&](std::shared_ptr<const Mesh> mesh, std::shared_ptr<const PolyhedralCells> cells) {
-    return std::make_unique<CgnsFile>(std::move(bytes), std::move(mesh), std::move(cells), std::move(content.arrays), name,
-                                      content.flat);
+  const auto file = [&](std::shared_ptr<const Mesh> mesh) {
+    return std::make_unique<CgnsFile>(std::move(bytes), std::move(mesh), std::move(content.arrays), name, content.flat);
   };
   if (content.mesh.polyhedra.size() > 0) {
     if (content.mesh.elements.elements.size() > 0) {
       throw Error(ErrorCode::invalid_argument, name + ": polyhedra (NFACE_n) beside elements of other types are not supported");
     }
-    CgnsPolyhedra result = cgns_polyhedra(std::move(content.mesh), name);
-    return file(std::move(result.mesh), std::move(result.cells));
+    return file(cgns_polyhedra(std::move(content.mesh), name));
   }
   add_sets(content.mesh);
-  return with_elements(std::move(content.mesh.elements), name,
-                       [&](std::shared_ptr<const Mesh> mesh) { return file(std::move(mesh), nullptr); });
+  return with_elements(std::move(content.mesh.elements), name, file);
 }
 
 }  // namespace deform::io

@@ -19,7 +19,7 @@ class Builder {
  public:
   Builder(CgnsMesh&& source, const std::string& name) : source_(std::move(source)), name_(name) {}
 
-  CgnsPolyhedra build() {
+  std::shared_ptr<const Mesh> build() {
     collect_uses();
     cells_->cell_count = source_.polyhedra.size();
     mesh_->points = std::move(source_.elements.points);
@@ -31,11 +31,12 @@ class Builder {
     }
     add_groups();
     try {
+      mesh_->cells = cells_;
       mesh_->validate();
     } catch (const Error& error) {
       throw Error(error.code(), name_ + ": " + error.what());
     }
-    return {mesh_, cells_};
+    return mesh_;
   }
 
  private:
@@ -156,6 +157,8 @@ class Builder {
 
 }  // namespace
 
-CgnsPolyhedra cgns_polyhedra(CgnsMesh&& mesh, const std::string& name) { return Builder(std::move(mesh), name).build(); }
+std::shared_ptr<const Mesh> cgns_polyhedra(CgnsMesh&& mesh, const std::string& name) {
+  return Builder(std::move(mesh), name).build();
+}
 
 }  // namespace deform::io

@@ -92,11 +92,7 @@ std::vector<PointId> cgns_lattice_face(const CgnsZone& zone, std::size_t axis, c
 /// BC_t nodes of a zone and the families they belong to.
 void read_cgns_conditions(const CgnsTree& tree, const CgnsZone& zone, CgnsMesh& mesh);
 
-/// The cells of a file of polyhedra, and the mesh of its boundary with its groups. `name` stands in errors.
-struct CgnsPolyhedra {
-  std::shared_ptr<const Mesh> mesh;
-  std::shared_ptr<const PolyhedralCells> cells;
-};
-CgnsPolyhedra cgns_polyhedra(CgnsMesh&& mesh, const std::string& name);
+/// The mesh of a file of polyhedra: its cells, their boundary, its groups. `name` stands in errors.
+std::shared_ptr<const Mesh> cgns_polyhedra(CgnsMesh&& mesh, const std::string& name);
 
 }  // namespace deform::io

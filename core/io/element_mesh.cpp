@@ -12,31 +12,6 @@ namespace {
 
 using Kind = FaceGroups::Kind;
 
-class ElementMeshFile : public MeshFile {
- public:
-  ElementMeshFile(std::unique_ptr<MeshFile> points, ElementMesh&& source) : points_(std::move(points)) {
-    if (source.cells) {
-      cells_ = std::make_shared<const PolyhedralCells>(std::move(*source.cells));
-    } else {
-      elements_ = std::make_shared<const Elements>(std::move(source.elements));
-    }
-  }
-
-  Format format() const override { return points_->format(); }
-  std::shared_ptr<const Mesh> mesh() const override { return points_->mesh(); }
-  std::shared_ptr<const Elements> elements() const override { return elements_; }
-  std::shared_ptr<const PolyhedralCells> cells() const override { return cells_; }
-  std::string with_points(std::span<const Vec3> points) const override { return points_->with_points(points); }
-  std::vector<FilePart> parts_with_points(std::span<const Vec3> points) const override {
-    return points_->parts_with_points(points);
-  }
-
- private:
-  const std::unique_ptr<MeshFile> points_;
-  std::shared_ptr<const Elements> elements_;
-  std::shared_ptr<const PolyhedralCells> cells_;
-};
-
 void append(const ElementMesh::Face& face, Mesh& mesh) {
   if (face.centre) {
     append_face(face.corners, *face.centre, mesh.face_sizes, mesh.face_points);
@@ -149,12 +124,16 @@ std::unique_ptr<MeshFile> with_elements(ElementMesh&& source, const std::string&
     add_point_sets(source, groups);
     mesh->groups = groups.finish();
     mesh->points = std::move(source.points);
+    if (source.cells) {
+      mesh->cells = std::make_shared<const PolyhedralCells>(std::move(*source.cells));
+    } else if (source.elements.size() > 0) {
+      mesh->elements = std::make_shared<const Elements>(std::move(source.elements));
+    }
     mesh->validate();
   } catch (const Error& error) {
     throw Error(error.code(), name + ": " + error.what());
   }
-  if (source.elements.size() == 0 && !source.cells) return make(mesh);
-  return std::make_unique<ElementMeshFile>(make(mesh), std::move(source));
+  return make(mesh);
 }
 
 }  // namespace deform::io

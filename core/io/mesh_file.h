@@ -32,9 +32,9 @@ class MeshFile {
   /// left out.
   virtual std::shared_ptr<const Mesh> mesh() const = 0;
   /// The elements of a volume mesh in a finite-element format, over the same points; else null.
-  virtual std::shared_ptr<const Elements> elements() const { return nullptr; }
+  std::shared_ptr<const Elements> elements() const { return mesh()->elements; }
   /// The cells of a volume mesh that is stored by faces, over the same points; else null.
-  virtual std::shared_ptr<const PolyhedralCells> cells() const { return nullptr; }
+  std::shared_ptr<const PolyhedralCells> cells() const { return mesh()->cells; }
 
   /// The original file with the coordinates of `points` (size mesh()->point_count()) and nothing else changed: comments, spacing,
   /// line ends, other properties, normals, face lines stay byte for byte. Text: shortest decimal that parses to the same double;

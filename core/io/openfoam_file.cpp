@@ -177,22 +177,6 @@ void read_zones(const FoamFiles::Part& part, std::string_view key, std::uint64_t
   }
 }
 
-/// The file of the points, and the cells beside it.
-class FoamMeshFile : public MeshFile {
- public:
-  FoamMeshFile(std::unique_ptr<MeshFile> points, std::shared_ptr<const PolyhedralCells> cells)
-      : points_(std::move(points)), cells_(std::move(cells)) {}
-
-  Format format() const override { return Format::openfoam; }
-  std::shared_ptr<const Mesh> mesh() const override { return points_->mesh(); }
-  std::shared_ptr<const PolyhedralCells> cells() const override { return cells_; }
-  std::string with_points(std::span<const Vec3> points) const override { return points_->with_points(points); }
-
- private:
-  const std::unique_ptr<MeshFile> points_;
-  const std::shared_ptr<const PolyhedralCells> cells_;
-};
-
 class FoamMesh {
  public:
   explicit FoamMesh(FoamFiles files) : files_(std::move(files)) {}
@@ -210,15 +194,15 @@ class FoamMesh {
     add_patches(read_boundary(files_.boundary, cells_->face_count()));
     add_zones();
     mesh_->groups = groups_.finish();
+    mesh_->cells = cells_;
     try {
       mesh_->validate();
     } catch (const Error& error) {
       throw Error(error.code(), files_.points.name + ": " + error.what());
     }
     std::string bytes = std::move(files_.points.bytes);
-    auto file = points.is_binary ? make_binary_mesh_file(Format::openfoam, std::move(bytes), mesh_, std::move(points.binary))
-                                 : make_text_mesh_file(Format::openfoam, std::move(bytes), mesh_, std::move(points.text));
-    return std::make_unique<FoamMeshFile>(std::move(file), cells_);
+    return points.is_binary ? make_binary_mesh_file(Format::openfoam, std::move(bytes), mesh_, std::move(points.binary))
+                            : make_text_mesh_file(Format::openfoam, std::move(bytes), mesh_, std::move(points.text));
   }
 
  private:

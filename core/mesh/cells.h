@@ -24,6 +24,11 @@ struct PolyhedralCells {
   std::span<const PointId> face(std::size_t i) const {
     return std::span(face_points).subspan(face_offsets[i], static_cast<std::size_t>(face_offsets[i + 1] - face_offsets[i]));
   }
+  std::size_t bytes() const;
+
+  /// Throws Error(invalid_argument) naming the array, index and limit: arrays of other lengths than said above, corners, owners
+  /// and neighbours out of range, a face without corners, no cell.
+  void validate(std::size_t points) const;
 };
 
 }  // namespace deform

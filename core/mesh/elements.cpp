@@ -108,4 +108,32 @@ BoundaryFaces boundary_faces(const Elements& elements) {
   return boundary;
 }
 
+std::size_t Elements::bytes() const {
+  return sizeof(Elements) + types.size() + offsets.size() * sizeof(offsets[0]) + points.size() * sizeof(PointId);
+}
+
+void Elements::validate(std::size_t point_count) const {
+  const auto refuse = [](const std::string& message) { throw Error(ErrorCode::invalid_argument, "elements: " + message); };
+  if (types.empty()) refuse("there must be at least one");
+  if (offsets.size() != types.size() + 1 || offsets[0] != 0) refuse("offsets: expected 0 and one for each of the types");
+  for (std::size_t e = 0; e < types.size(); ++e) {
+    if (static_cast<std::size_t>(types[e]) >= element_types) {
+      refuse("types[" + std::to_string(e) + "]: " + std::to_string(static_cast<int>(types[e])) + " is not a type, there are " +
+             std::to_string(element_types));
+    }
+    if (offsets[e + 1] - offsets[e] != shape(types[e]).nodes) {
+      refuse("offsets[" + std::to_string(e + 1) + "]: a " + shape(types[e]).name + " has " +
+             std::to_string(shape(types[e]).nodes) + " nodes");
+    }
+  }
+  if (offsets.back() != points.size()) {
+    refuse("offsets: they end at " + std::to_string(offsets.back()) + ", there are " + std::to_string(points.size()) + " nodes");
+  }
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (points[i] < point_count) continue;
+    refuse("points[" + std::to_string(i) + "]: point " + std::to_string(points[i]) + " is out of range, there are " +
+           std::to_string(point_count));
+  }
+}
+
 }  // namespace deform

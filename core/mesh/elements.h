@@ -45,6 +45,11 @@ struct Elements {
     return std::span(points).subspan(offsets[i], static_cast<std::size_t>(offsets[i + 1] - offsets[i]));
   }
   void add(ElementType type, std::span<const PointId> nodes);
+  std::size_t bytes() const;
+
+  /// Throws Error(invalid_argument) naming the array, index and limit: no element, an unknown type, offsets that do not agree
+  /// with the types, nodes out of range.
+  void validate(std::size_t points) const;
 };
 
 /// What an element of a type looks like; node numbers within the element.

@@ -5,6 +5,8 @@
 #include <unordered_set>
 
 #include "core/base/error.h"
+#include "core/mesh/cells.h"
+#include "core/mesh/elements.h"
 
 namespace deform {
 
@@ -88,6 +90,28 @@ void Mesh::validate() const {
   check_points(points);
   check_faces(*this);
   check_groups(*this);
+  if (elements && cells) refuse("cells: given by their nodes and by their faces, only one is allowed");
+  if (elements) elements->validate(points.size());
+  if (cells) cells->validate(points.size());
+}
+
+std::size_t Mesh::cell_count() const { return elements ? elements->size() : cells ? cells->cell_count : 0; }
+
+CellsView Mesh::cells_view() const {
+  CellsView view;
+  if (elements) {
+    static_assert(sizeof(ElementType) == 1);
+    view.element_types = {reinterpret_cast<const std::uint8_t*>(elements->types.data()), elements->types.size()};
+    view.element_points = elements->points;
+  } else if (cells) {
+    view.cell_count = cells->cell_count;
+    view.face_offsets = cells->face_offsets;
+    view.face_points = cells->face_points;
+    view.owner = cells->owner;
+    view.neighbour = cells->neighbour;
+    view.empty_faces = cells->empty_faces;
+  }
+  return view;
 }
 
 }  // namespace deform

@@ -1,13 +1,18 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "core/base/cells_view.h"
 #include "core/base/types.h"
 
 namespace deform {
+
+struct Elements;
+struct PolyhedralCells;
 
 /// A named set of points and faces. As a region it means its points and all points of its faces.
 struct Group {
@@ -24,9 +29,14 @@ struct Mesh {
   std::vector<std::uint32_t> face_sizes;  ///< f, number of corners per face, each >= 1
   std::vector<PointId> face_points;       ///< sum of face_sizes, corners face by face
   std::vector<Group> groups;              ///< unique non-empty names
+  /// The cells of a volume mesh over the same points, by their nodes or by their faces; at most one of the two is there.
+  std::shared_ptr<const Elements> elements;
+  std::shared_ptr<const PolyhedralCells> cells;
 
   std::size_t point_count() const { return points.size(); }
   std::size_t face_count() const { return face_sizes.size(); }
+  std::size_t cell_count() const;  ///< elements or cells
+  CellsView cells_view() const;    ///< of this mesh, which must outlive it
 
   /// f + 1 prefix sums of face_sizes: face i has corners face_points[offsets[i] .. offsets[i+1]).
   std::vector<std::uint64_t> face_offsets() const;
@@ -35,7 +45,8 @@ struct Mesh {
   const Group* find_group(const std::string& name) const;
 
   /// Throws Error(invalid_argument) naming the field, index and limit: NaN or infinite coordinate, no point, corner or group
-  /// entry out of range, sizes that do not add up, empty or repeated group name, more than 2^32-1 points or faces.
+  /// entry out of range, sizes that do not add up, empty or repeated group name, more than 2^32-1 points or faces, cells that are
+  /// not whole (see validate() of their kinds).
   void validate() const;
 };
 

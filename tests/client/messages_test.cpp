@@ -116,12 +116,12 @@ struct Received {
   std::string id() const {
     std::vector<codec::GroupView> groups;
     for (std::size_t g = 0; g < names.size(); ++g) groups.push_back({names[g], group_points[g], group_faces[g]});
-    return codec::geometry_id(points, face_sizes, face_points, groups);
+    return codec::geometry_id({points, face_sizes, face_points, groups});
   }
 };
 
 std::string id_of(const client::GeometryArrays& arrays) {
-  return codec::geometry_id(arrays.points, arrays.face_sizes, arrays.face_points, arrays.groups);
+  return codec::geometry_id({arrays.points, arrays.face_sizes, arrays.face_points, arrays.groups, arrays.cells});
 }
 
 TEST(Upload, CutsEveryArrayIntoSmallMessages) {
@@ -141,6 +141,60 @@ TEST(Upload, CutsEveryArrayIntoSmallMessages) {
   EXPECT_EQ(received.header.id(), id_of(arrays));
   EXPECT_EQ(received.header.corner_count(), geometry.face_points.size());
   EXPECT_EQ(received.names, (std::vector<std::string>{"large", "empty", "small"}));
+}
+
+TEST(Upload, CutsCellsIntoSmallMessages) {
+  const Points points(100'000);
+  std::vector<std::uint8_t> types(900'000, 0);
+  std::vector<PointId> nodes(4 * types.size());
+  std::iota(nodes.begin(), nodes.end(), 0u);
+  std::vector<std::uint64_t> offsets{0};
+  while (offsets.size() <= 500'000) offsets.push_back(offsets.back() + 3 + offsets.size() % 2);
+  std::vector<PointId> corners(offsets.back());
+  std::iota(corners.begin(), corners.end(), 7u);
+  const std::vector<std::uint32_t> owner(500'000, 3), neighbour(400'000, 2);
+  const std::vector<char> empty(500'000, 1);
+  for (const bool by_faces : {false, true}) {
+    client::GeometryArrays arrays;
+    arrays.points = points;
+    if (by_faces) {
+      arrays.cells = {{}, {}, 9, offsets, corners, owner, neighbour, empty};
+    } else {
+      arrays.cells.element_types = types;
+      arrays.cells.element_points = nodes;
+    }
+    client::GeometryMessages messages(arrays, "");
+    v1::RegisterGeometryRequest message;
+    v1::CellCounts counts;
+    std::vector<std::uint8_t> got_types;
+    std::vector<std::uint32_t> got_nodes, sizes, got_corners, got_owner, got_neighbour;
+    std::vector<char> got_empty;
+    while (messages.next(message)) {
+      EXPECT_LT(message.ByteSizeLong(), std::size_t{1} << 20);
+      if (message.has_header()) counts = message.header().cells();
+      append(got_types, message.cells().element_types());
+      append(got_nodes, message.cells().element_points());
+      append(sizes, message.cells().face_sizes());
+      append(got_corners, message.cells().face_points());
+      append(got_owner, message.cells().owners());
+      append(got_neighbour, message.cells().neighbours());
+      append(got_empty, message.cells().empty_faces());
+    }
+    EXPECT_EQ(messages.fraction(), 1.0);
+    EXPECT_EQ(counts.elements(), by_faces ? 0 : types.size());
+    EXPECT_EQ(counts.faces(), by_faces ? owner.size() : 0);
+    EXPECT_EQ(got_types, by_faces ? std::vector<std::uint8_t>() : types);
+    EXPECT_EQ(got_nodes, by_faces ? std::vector<PointId>() : nodes);
+    if (!by_faces) continue;
+    ASSERT_EQ(sizes.size(), owner.size());
+    for (std::size_t f = 0; f < sizes.size(); ++f) ASSERT_EQ(sizes[f], offsets[f + 1] - offsets[f]);
+    EXPECT_EQ(got_corners, corners);
+    EXPECT_EQ(got_owner, owner);
+    EXPECT_EQ(got_neighbour, neighbour);
+    EXPECT_EQ(got_empty, empty);
+    EXPECT_EQ(counts.cells(), 9u);
+    EXPECT_TRUE(counts.empty_faces());
+  }
 }
 
 TEST(Upload, RefusesSizesThatDoNotAddUp) {

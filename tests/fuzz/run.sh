@@ -1,6 +1,8 @@
 #!/bin/sh
 # Runs every fuzz target for a while; stops at the first finding and leaves it in BUILD_FOLDER/tests/fuzz/findings.
 #   cmake --preset fuzz && cmake --build --preset fuzz && tests/fuzz/run.sh build/fuzz SECONDS [TARGET...]
+# Every run tries other bytes and goes on from what earlier runs found, unless FUZZ_SEED is set: then it begins anew, and the same
+# seed tries the same bytes (a change is judged by its own merits, not by luck).
 set -eu
 if [ $# -lt 2 ]; then
   echo "usage: $0 BUILD_FOLDER SECONDS_PER_TARGET [TARGET...]" >&2
@@ -11,6 +13,11 @@ bin=$1/tests/fuzz
 seconds=$2
 shift 2
 corpus=$bin/corpus
+seed=${FUZZ_SEED:-0}
+if [ "$seed" != 0 ]; then
+  corpus=$bin/corpus-$seed
+  rm -rf "$corpus"
+fi
 mkdir -p "$bin/findings" "$corpus"
 # Each make_*_seeds.py writes CORPUS/TARGET/NAME.
 for script in "$here"/make_*_seeds.py; do
@@ -26,6 +33,6 @@ fi
 for target in "$@"; do
   mkdir -p "$corpus/$target"
   echo "== $target, $seconds s"
-  UBSAN_OPTIONS=print_stacktrace=1 "$bin/$target" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=2048 -max_len=4096 \
+  UBSAN_OPTIONS=print_stacktrace=1 "$bin/$target" -seed="$seed" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=2048 -max_len=4096 \
     -print_final_stats=1 -verbosity=0 -artifact_prefix="$bin/findings/$target-" "$corpus/$target"
 done

@@ -7,7 +7,7 @@
 
 #include "core/base/error.h"
 #include "server/geometry_file.h"
-#include "tests/server/test_mesh.h"
+#include "tests/server/volume_mesh.h"
 
 namespace deform::server {
 namespace {
@@ -181,6 +181,57 @@ TEST_F(UploadBufferTest, more_than_the_header_allows) {
   messages = upload_messages(mesh);
   for (int i = 0; i < 50; ++i) messages.emplace_back().mutable_group()->set_points(raw_bytes(mesh.groups[0].points, 0, 20));
   EXPECT_NE(refusal(header, messages).find("group.points"), std::string::npos);
+}
+
+TEST_F(UploadBufferTest, cells_in_any_chunk_size) {
+  for (Mesh volume : {volume_mesh(4), polyhedral_mesh(4)}) {
+    if (volume.cells) {
+      auto cells = std::make_shared<PolyhedralCells>(*volume.cells);
+      cells->empty_faces.assign(cells->face_count(), 0);
+      cells->empty_faces.back() = 1;
+      volume.cells = cells;
+    }
+    for (const std::size_t chunk : {1, 7, 100000}) {
+      EXPECT_EQ(mesh_id(upload(header_of(volume), upload_messages(volume, chunk))), mesh_id(volume)) << chunk;
+    }
+  }
+}
+
+TEST_F(UploadBufferTest, cells_that_are_not_whole) {
+  const Mesh elements = volume_mesh(3), cells = polyhedral_mesh(3);
+  const auto with = [&](const Mesh& volume, const std::function<void(v1::CellCounts&)>& spoil) {
+    v1::GeometryHeader bad = header_of(volume);
+    spoil(*bad.mutable_cells());
+    return refusal(bad, upload_messages(volume));
+  };
+  const auto expect = [](const std::string& message, const std::string& part) {
+    EXPECT_NE(message.find(part), std::string::npos) << message;
+  };
+  expect(with(elements, [](auto& c) { c.set_elements(~0ull); }), "cells.elements");
+  expect(with(elements, [](auto& c) { c.set_elements(26); }), "cells.element_types");
+  expect(with(elements, [](auto& c) { c.set_elements(28); }), "cells.element_types");
+  expect(with(elements, [](auto& c) { c.set_element_points(217); }), "cells.element_points");
+  expect(with(elements, [](auto& c) { c.set_faces(5); }), "cells.faces");
+  expect(with(elements, [](auto& c) { c.clear_elements(); }), "cells.element_points");
+  expect(with(cells, [](auto& c) { c.set_cells(0); }), "cells.cells");
+  expect(with(cells, [](auto& c) { c.set_cells(~0ull); }), "cells.cells");
+  expect(with(cells, [](auto& c) { c.set_cells(26); }), "cell 26 is out of range");
+  expect(with(cells, [](auto& c) { c.set_internal_faces(55); }), "cells.neighbours");
+  expect(with(cells, [](auto& c) { c.set_face_points(431); }), "cells.face_points");
+  expect(with(cells, [](auto& c) { c.set_empty_faces(true); }), "cells.empty_faces");
+
+  auto messages = upload_messages(elements);
+  messages.back().mutable_cells()->mutable_element_points()->at(3) = '\x7f';
+  expect(refusal(header_of(elements), messages), "is out of range");
+  messages = upload_messages(elements);
+  messages[messages.size() - 2].mutable_cells()->mutable_element_types()->at(5) = 11;
+  expect(refusal(header_of(elements), messages), "11 of element 5 is not a type");
+  messages = upload_messages(elements);
+  messages[messages.size() - 2].mutable_cells()->mutable_element_types()->at(5) = 0;
+  expect(refusal(header_of(elements), messages), "offsets");
+  messages = upload_messages(elements);
+  std::swap(messages.back(), messages.front());
+  expect(refusal(header_of(elements), messages), "points");
 }
 
 }  // namespace

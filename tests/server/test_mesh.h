@@ -5,6 +5,8 @@
 #include <utility>
 #include <vector>
 
+#include "core/mesh/cells.h"
+#include "core/mesh/elements.h"
 #include "core/mesh/mesh.h"
 #include "deform/v1/service.pb.h"
 
@@ -50,7 +52,43 @@ inline v1::GeometryHeader header_of(const Mesh& mesh, const std::string& name = 
   header.set_corner_count(mesh.face_points.size());
   header.set_group_count(static_cast<std::uint32_t>(mesh.groups.size()));
   header.set_name(name);
+  if (mesh.elements) {
+    header.mutable_cells()->set_elements(mesh.elements->size());
+    header.mutable_cells()->set_element_points(mesh.elements->points.size());
+  } else if (mesh.cells) {
+    header.mutable_cells()->set_cells(mesh.cells->cell_count);
+    header.mutable_cells()->set_faces(mesh.cells->face_count());
+    header.mutable_cells()->set_face_points(mesh.cells->face_points.size());
+    header.mutable_cells()->set_internal_faces(mesh.cells->internal_faces());
+    header.mutable_cells()->set_empty_faces(!mesh.cells->empty_faces.empty());
+  }
   return header;
+}
+
+/// An array of the cells, `chunk` entries a message.
+template <typename T>
+void add_cells(std::vector<v1::RegisterGeometryRequest>& messages, const std::vector<T>& array, std::size_t chunk,
+               std::string* (v1::CellChunk::*field)()) {
+  for (std::size_t i = 0; i < array.size(); i += chunk) {
+    *(messages.emplace_back().mutable_cells()->*field)() = raw_bytes(array, i, std::min(chunk, array.size() - i));
+  }
+}
+
+inline void add_cells(std::vector<v1::RegisterGeometryRequest>& messages, const Mesh& mesh, std::size_t chunk) {
+  if (mesh.elements) {
+    add_cells(messages, mesh.elements->types, chunk, &v1::CellChunk::mutable_element_types);
+    add_cells(messages, mesh.elements->points, chunk, &v1::CellChunk::mutable_element_points);
+  } else if (mesh.cells) {
+    std::vector<std::uint32_t> sizes;
+    for (std::size_t f = 0; f < mesh.cells->face_count(); ++f) {
+      sizes.push_back(static_cast<std::uint32_t>(mesh.cells->face(f).size()));
+    }
+    add_cells(messages, sizes, chunk, &v1::CellChunk::mutable_face_sizes);
+    add_cells(messages, mesh.cells->face_points, chunk, &v1::CellChunk::mutable_face_points);
+    add_cells(messages, mesh.cells->owner, chunk, &v1::CellChunk::mutable_owners);
+    add_cells(messages, mesh.cells->neighbour, chunk, &v1::CellChunk::mutable_neighbours);
+    add_cells(messages, mesh.cells->empty_faces, chunk, &v1::CellChunk::mutable_empty_faces);
+  }
 }
 
 /// The messages after the header, `chunk` entries each.
@@ -81,6 +119,7 @@ inline std::vector<v1::RegisterGeometryRequest> upload_messages(const Mesh& mesh
       messages.emplace_back().mutable_group()->set_faces(raw_bytes(group.faces, i, std::min(chunk, group.faces.size() - i)));
     }
   }
+  add_cells(messages, mesh, chunk);
   return messages;
 }
 

@@ -17,7 +17,7 @@ FLOORS = {
     "core/quality": ["core/base", "core/mesh"],
     "core/deformers": ["core/base", "core/numerics", "core/mesh", "core/quality"],
     # The server never reads a user's file.
-    "server": ["core/base", "core/codec", "core/mesh", "core/deformers", "deform/v1"],
+    "server": ["core/base", "core/codec", "core/mesh", "core/quality", "core/deformers", "deform/v1"],
     "client": ["core/base", "core/codec", "deform/v1"],
     # Executables that read files.
     "client/cli": ["core/base", "core/codec", "core/mesh", "core/io", "core/quality", "deform/v1", "client"],

@@ -1,11 +1,14 @@
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstring>
 #include <fstream>
 #include <iterator>
+#include <optional>
 
 #include "client/cli/csv.h"
 #include "client/cli/motions.h"
+#include "client/cli/point_match.h"
 #include "client/cli/sweep_designs.h"
 #include "client/cli/sweep_output.h"
 #include "client/cli/tar.h"
@@ -47,27 +50,84 @@ std::vector<PointId> points_of(const std::string& handle) {
   throw Error(ErrorCode::invalid_argument, "no such handle");
 }
 
+/// Points 3, 5 and 9 are what matters; 5 and 9 coincide.
+const Points& rest_points() {
+  static const Points points{{0, 0, 0},  {0, 0, 0}, {0, 0, 0}, {1, 2, 3}, {0, 0, 0},
+                             {-4, 5, 6}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {-4, 5, 6}};
+  return points;
+}
+
+std::vector<v1::Motion> motions_of(const std::string& text, double tolerance = 1e-3) {
+  return cli::read_motions(cli::parse_csv(text, "m.csv"), points_of, {rest_points(), tolerance});
+}
+
+std::vector<double> only_displacements(const std::vector<v1::Motion>& motions) {
+  std::vector<double> xyz;
+  if (motions.size() != 1 || motions[0].displacements_size() != 1) return xyz;
+  const std::string& bytes = motions[0].displacements(0).xyz();
+  xyz.resize(bytes.size() / sizeof(double));
+  std::memcpy(xyz.data(), bytes.data(), bytes.size());
+  return xyz;
+}
+
+TEST(Motions, PositionsById) {
+  EXPECT_EQ(only_displacements(motions_of("handle,point,x,y,z\nroof,9,-3,5,6\nroof,3,1,2,4\nroof,5,-4,5,6.5\n")),
+            (std::vector<double>{0, 0, 1, 0, 0, 0.5, 1, 0, 0}));
+}
+
+TEST(Motions, DisplacementsByPlace) {
+  const std::vector<double> expected{1, 2, 3, 4, 5, 6, 7, 8, 9};
+  EXPECT_EQ(
+      only_displacements(motions_of("handle,x,y,z,dx,dy,dz\nroof,-4,5,6,4,5,6\nroof,1,2,3,1,2,3\nroof,-4,5,6.0004,7,8,9\n")),
+      expected)
+      << "of coincident points the first is named first";
+  const auto refused = [](const std::string& lines, double tolerance, std::vector<const char*> parts) {
+    expect_error(ErrorCode::invalid_argument, parts, [&] { motions_of("handle,x,y,z,dx,dy,dz\n" + lines, tolerance); });
+  };
+  refused("roof,1,2,3.002,0,0,0\n", 1e-3, {"m.csv:2", "within 0.001", "--match-tolerance"});
+  refused("roof,1,2,3,0,0,0\nroof,1,2,3,0,0,0\n", 1e-3, {"m.csv:3", "no line has named yet"});
+  refused("roof,1,2,3.002,0,0,0\n", 1e-2, {"2 of its 3 points are missing", "point 5"});
+  refused("roof,1e300,0,0,0,0,0\n", 1e-3, {"m.csv:2"});
+}
+
+TEST(Motions, PlacesAreFoundAcrossCells) {
+  Points points;
+  std::vector<PointId> ids;
+  for (int i = 0; i < 2000; ++i) {
+    ids.push_back(static_cast<PointId>(points.size()));
+    points.push_back({std::sin(1.0 * i), std::cos(1.7 * i), 0.01 * i - 10});
+  }
+  const cli::PointMatch match(points, ids, 0.3);
+  const std::vector<char> taken(ids.size());
+  for (int k = 0; k < 500; ++k) {
+    const Vec3 place{1.2 * std::cos(2.3 * k), 1.2 * std::sin(3.1 * k), 0.05 * k - 12};
+    std::optional<std::size_t> expected;
+    double least = 0.3;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const double d = std::hypot(points[i][0] - place[0], points[i][1] - place[1], points[i][2] - place[2]);
+      if (d <= least && !(expected && d == least)) {
+        least = d;
+        expected = i;
+      }
+    }
+    EXPECT_EQ(match.nearest(place, taken), expected) << k;
+  }
+}
+
 TEST(Motions, ReadsMatricesAndDisplacements) {
-  const auto matrices = cli::read_motions(
-      cli::parse_csv("handle,m00,m01,m02,m03,m10,m11,m12,m13,m20,m21,m22,m23\nroof,1,0,0,0.5,0,1,0,0,0,0,1,-2\n", "m.csv"),
-      points_of);
+  const auto matrices = motions_of("handle,m00,m01,m02,m03,m10,m11,m12,m13,m20,m21,m22,m23\nroof,1,0,0,0.5,0,1,0,0,0,0,1,-2\n");
   ASSERT_EQ(matrices.size(), 1u);
   EXPECT_EQ(matrices[0].affine(3), 0.5);
   EXPECT_EQ(matrices[0].affine(11), -2);
-  const auto moved =
-      cli::read_motions(cli::parse_csv("handle,point,dx,dy,dz\nroof,9,7,8,9\nroof,3,1,2,3\nroof,5,4,5,6\n", "m.csv"), points_of);
-  ASSERT_EQ(moved.size(), 1u);
-  std::vector<double> xyz(9);
-  ASSERT_EQ(moved[0].displacements(0).xyz().size(), 72u);
-  std::memcpy(xyz.data(), moved[0].displacements(0).xyz().data(), 72);
-  EXPECT_EQ(xyz, (std::vector<double>{1, 2, 3, 4, 5, 6, 7, 8, 9}));
+  EXPECT_EQ(only_displacements(motions_of("handle,point,dx,dy,dz\nroof,9,7,8,9\nroof,3,1,2,3\nroof,5,4,5,6\n")),
+            (std::vector<double>{1, 2, 3, 4, 5, 6, 7, 8, 9}));
 }
 
 TEST(Motions, RefusesWithTheLine) {
   const auto refused = [](const char* text, std::vector<const char*> parts) {
-    expect_error(ErrorCode::invalid_argument, parts, [&] { cli::read_motions(cli::parse_csv(text, "m.csv"), points_of); });
+    expect_error(ErrorCode::invalid_argument, parts, [&] { motions_of(text); });
   };
-  refused("a,b\n1,2\n", {"the columns are neither"});
+  refused("a,b\n1,2\n", {"the columns are none of"});
   refused("handle,point,dx,dy,dz\n", {"no motion"});
   refused("handle,point,dx,dy,dz\nroot,3,1,2,3\n", {"m.csv:2", "no such handle"});
   refused("handle,point,dx,dy,dz\nroof,4,1,2,3\n", {"m.csv:2", "point 4 is not in handle \"roof\""});

@@ -32,7 +32,7 @@ struct Arrays {
   std::string name = "nose";
   std::string id() const {
     const GroupView groups[] = {{name, group_points, group_faces}};
-    return geometry_id(points, sizes, corners, groups);
+    return geometry_id({points, sizes, corners, groups});
   }
 };
 

@@ -1,0 +1,90 @@
+#include "client/cli/cell_options.h"
+
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <nlohmann/json.hpp>
+
+#include "client/cli/format.h"
+#include "client/cli/result_json.h"
+
+namespace deform::cli {
+
+void CellOptions::add_to(CLI::App& command) {
+  command
+      .add_option(
+          "--check", check,
+          "What to find out about the cells of a volume or 2D mesh: off, amplitude (which are inverted, and how far along "
+          "the motion none is), quality (that, and all measures)")
+      ->transform(CLI::IsMember({"off", "amplitude", "quality"}, CLI::ignore_case))
+      ->capture_default_str();
+  command
+      .add_option("--split", split,
+                  "Make a design that would invert cells in several steps: uniform (the least number of equal ones that inverts "
+                  "none) or adaptive (steps as long as the mesh bears)")
+      ->transform(CLI::IsMember({"off", "uniform", "adaptive"}, CLI::ignore_case))
+      ->capture_default_str();
+  command.add_option("--most-steps", most_steps, "Steps that --split tries at most")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+}
+
+void CellOptions::set(v1::DeformRequest& request) const {
+  request.set_check(check == "off" ? v1::CELL_CHECK_OFF : check == "quality" ? v1::CELL_QUALITY : v1::SAFE_AMPLITUDE);
+  if (split == "off") return;
+  request.mutable_splitting()->set_mode(split == "adaptive" ? v1::SPLIT_ADAPTIVE : v1::SPLIT_UNIFORM);
+  request.mutable_splitting()->set_most_steps(most_steps);
+}
+
+std::string CellOptions::identity() const { return split == "off" ? "" : split + " " + std::to_string(most_steps); }
+
+void add_findings(const v1::DesignResult& result, nlohmann::ordered_json& json) {
+  if (result.has_cells()) json["cells"] = to_json(result.cells());
+  if (result.has_quality()) json["quality"] = to_json(result.quality());
+  if (result.has_split()) json["split"] = to_json(result.split());
+}
+
+bool has_inverted_cells(const v1::DesignResult& result) {
+  return result.has_split() ? !result.split().inversion_free() : result.cells().inverted() > 0;
+}
+
+namespace {
+
+void print_cells(const v1::CellReport& cells, std::ostream& out) {
+  out << "  " << cells.cells() << " cells, ";
+  if (cells.inverted() == 0 && cells.safe_amplitude() == 1) {
+    out << "none is inverted";
+  } else {
+    out << cells.inverted() << " inverted by the full step; none before " << number_text(cells.safe_amplitude()) << " of it";
+    if (cells.has_first_cell()) out << ", then cell " << cells.first_cell();
+  }
+  if (cells.inverted_at_rest() > 0) out << " (besides " << cells.inverted_at_rest() << " that are inverted at rest)";
+  out << '\n';
+  constexpr int most = 10;
+  if (cells.inverted_ids_size() > 0) out << "  worst cells:";
+  for (int k = 0; k < std::min(most, cells.inverted_ids_size()); ++k) out << ' ' << cells.inverted_ids(k);
+  if (cells.inverted_ids_size() > 0) out << (cells.inverted() > most ? " ...\n" : "\n");
+}
+
+void print_split(const v1::SplitReport& split, std::ostream& out) {
+  if (split.inversion_free()) {
+    out << "  made in " << split.steps() << (split.steps() == 1 ? " step" : " steps") << " without inverted cells\n";
+    return;
+  }
+  out << "  no number of steps up to " << split.steps() << " is free of inverted cells; written is "
+      << number_text(split.reached()) << " of the motion\n";
+  if (!split.failure().empty()) out << "  " << split.failure() << '\n';
+}
+
+}  // namespace
+
+void print_findings(const v1::DesignResult& result, std::ostream& out) {
+  if (result.has_cells()) print_cells(result.cells(), out);
+  if (result.has_split()) print_split(result.split(), out);
+  for (const auto& measure : result.quality().measures()) {
+    out << "  " << measure.label() << ": " << number_text(measure.value());
+    if (measure.has_id()) out << " (" << measure.id() << ")";
+    out << '\n';
+  }
+}
+
+}  // namespace deform::cli
