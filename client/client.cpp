@@ -94,7 +94,8 @@ v1::GeometryInfo upload(Attempt& attempt, Stub& stub, const GeometryArrays& arra
 
 v1::GeometryInfo Client::register_geometry(const GeometryArrays& arrays, const CallOptions& call,
                                            const std::function<void(double)>& on_progress) {
-  const std::string id = codec::geometry_id({arrays.points, arrays.face_sizes, arrays.face_points, group_views(arrays), arrays.cells});
+  const std::string id =
+      codec::geometry_id({arrays.points, arrays.face_sizes, arrays.face_points, group_views(arrays), arrays.cells});
   const RunContext limits = limits_of(call);
   v1::GeometryInfo info;
   v1::GetGeometryRequest request;

@@ -1,0 +1,152 @@
+"""Cells through a real server: checks in every reply, quality, splitting, motions of boundary nodes by place."""
+
+import math
+
+from harness import EndToEnd, main
+
+N = 24
+
+
+def point_id(i, j):
+    return i + (N + 1) * j
+
+
+def square():
+    """[0, 1]^2 in quads, as SU2 in two dimensions; the outer sides are the marker "outer"."""
+    lines = ["NDIME= 2", f"NELEM= {N * N}"]
+    for j in range(N):
+        for i in range(N):
+            lines.append(f"9 {point_id(i, j)} {point_id(i + 1, j)} {point_id(i + 1, j + 1)} {point_id(i, j + 1)}")
+    lines.append(f"NPOIN= {(N + 1) ** 2}")
+    lines += [f"{i / N!r} {j / N!r}" for j in range(N + 1) for i in range(N + 1)]
+    edges = [(point_id(k, e), point_id(k + 1, e)) for e in (0, N) for k in range(N)]
+    edges += [(point_id(e, k), point_id(e, k + 1)) for e in (0, N) for k in range(N)]
+    lines += ["NMARK= 1", "MARKER_TAG= outer", f"MARKER_ELEMS= {len(edges)}"] + [f"3 {a} {b}" for a, b in edges]
+    return "\n".join(lines) + "\n"
+
+
+SQUARE_SETUP = """\
+geometry: square.su2
+handles: [{name: block, region: {box: {min: [0.4, 0.4, -1], max: [0.6, 0.6, 1]}}}]
+fixed: [{group: outer}]
+variables:
+  - {name: turn, handle: block, rotate: {axis: [0, 0, 1], centre: [0.5, 0.5, 0]}}
+  - {name: shift, handle: block, translate: [1, 0, 0]}
+"""
+
+
+def hexahedra(n):
+    """[0, 1]^3 as Medit."""
+    at = lambda i, j, k: 1 + i + (n + 1) * (j + (n + 1) * k)
+    lines = ["MeshVersionFormatted 2", "Dimension 3", f"Vertices {(n + 1) ** 3}"]
+    lines += [f"{i / n!r} {j / n!r} {k / n!r} 0" for k in range(n + 1) for j in range(n + 1) for i in range(n + 1)]
+    lines.append(f"Hexahedra {n ** 3}")
+    for k in range(n):
+        for j in range(n):
+            for i in range(n):
+                base = [at(i, j, k), at(i + 1, j, k), at(i + 1, j + 1, k), at(i, j + 1, k)]
+                lines.append(" ".join(map(str, base + [p + (n + 1) ** 2 for p in base] + [0])))
+    return "\n".join(lines + ["End", ""])
+
+
+CUBE_SETUP = """\
+geometry: cube.mesh
+handles: [{name: top, region: {half_space: {point: [0, 0, 1], normal: [0, 0, 1]}}}]
+fixed: [{half_space: {point: [0, 0, 0], normal: [0, 0, -1]}}]
+variables: [{name: up, handle: top, translate: [0, 0, 1]}]
+"""
+
+
+class Cells(EndToEnd):
+    def setUp(self):
+        super().setUp()
+        self.start_server()
+
+    def square(self):
+        self.write("square.su2", square())
+        self.write("square.yaml", SQUARE_SETUP)
+
+    def apply(self, *arguments):
+        return self.deform("apply", *arguments, "-o", "out.su2", "--json").json["report"]
+
+    def test_faces_of_a_plane_mesh(self):
+        self.square()
+        report = self.apply("square.yaml", "--set", "turn=0.3")
+        self.assertEqual(report["cells"]["cells"], N * N)
+        self.assertEqual((report["cells"]["safe_amplitude"], report["cells"]["inverted"]), (1, 0))
+        self.assertNotIn("first_cell", report["cells"])
+        report = self.apply("square.yaml", "--set", "turn=2.3")
+        cells = report["cells"]
+        self.assertLess(cells["safe_amplitude"], 1)
+        self.assertEqual(len(cells["inverted_ids"]), min(100, cells["inverted"]))
+        self.assertIn("first_cell", cells)
+        self.assertNotIn("split", report)
+        self.assertNotIn("cells", self.apply("square.yaml", "--set", "turn=2.3", "--check", "off"))
+        text = self.deform("apply", "square.yaml", "--set", "turn=2.3", "-o", "out.su2").out
+        self.assertRegex(text, rf"{N * N} cells, {cells['inverted']} inverted by the full step; none before 0\.\d+ of it")
+        self.assertIn("worst cells: ", text)
+
+    def test_designs_are_split_each_for_itself(self):
+        self.square()
+        for mode in ("uniform", "adaptive"):
+            split = self.apply("square.yaml", "--set", "turn=2.3", "--split", mode)["split"]
+            self.assertTrue(split["inversion_free"])
+            self.assertGreater(split["steps"], 1)
+            quality = self.deform("quality", "out.su2", "--before", "square.su2", "--fail-on", "flipped_faces>0", "--json").json
+            self.assertEqual(quality["flipped_faces"], 0)
+        self.write("designs.csv", "name,turn,shift\nsmall,0.2,0\nlarge,2.3,0\nhopeless,0,0.9\n")
+        reply = self.deform("sweep", "square.yaml", "--designs", "designs.csv", "-o", "results", "--split", "uniform",
+                            "--most-steps", "4", "--json").json
+        self.assertEqual(reply["written"], 3)
+        self.assertEqual(list(reply["inverted"]), ["hopeless"])
+        reply = self.deform("sweep", "square.yaml", "--designs", "designs.csv", "-o", "results", "--json").json
+        self.assertEqual(reply["written"], 3, "without splitting these are other results")
+        self.assertEqual(sorted(reply["inverted"]), ["hopeless", "large"])
+        self.assertIn("large has inverted cells", self.deform("sweep", "square.yaml", "--designs", "designs.csv", "-o", "again").out)
+
+    def test_quality_of_a_volume(self):
+        self.write("cube.mesh", hexahedra(6))
+        self.write("cube.yaml", CUBE_SETUP)
+        self.assertEqual(self.deform("register", "cube.mesh", "--json").json["cells"], 216)
+        report = self.deform("apply", "cube.yaml", "--set", "up=0.5", "--check", "quality", "-o", "out.mesh", "--json").json["report"]
+        measured = {measure["name"]: measure["value"] for measure in report["quality"]["measures"]}
+        quality = self.deform("quality", "out.mesh", "--json").json
+        for name in ("scaled_jacobian", "average_scaled_jacobian", "volume", "total_volume"):
+            self.assertEqual(measured[name], quality[name], name)
+        cells = self.deform("apply", "cube.yaml", "--set", "up=-1.25", "-o", "out.mesh", "--json").json["report"]["cells"]
+        self.assertGreater(cells["inverted"], 0)
+        self.assertAlmostEqual(cells["safe_amplitude"], 0.8, delta=0.15)
+
+    def test_boundary_nodes_by_place(self):
+        """As another program gives them: positions at rest and displacements, in any order, rounded."""
+        self.write("cube.mesh", hexahedra(6))
+        self.write("cube.yaml", CUBE_SETUP)
+        top = [(i / 6, j / 6) for j in range(7) for i in range(7)]
+        bump = lambda x, y: 0.2 * math.sin(math.pi * x) * math.sin(math.pi * y)
+        lines = [f"top,{x + 1e-8!r},{y!r},1,0,0,{bump(x, y)!r}" for x, y in reversed(top)]
+        self.write("places.csv", "\n".join(["handle,x,y,z,dx,dy,dz"] + lines) + "\n")
+        ids = [(i + 7 * j + 49 * 6, i / 6, j / 6) for j in range(7) for i in range(7)]
+        self.write("ids.csv", "\n".join(["handle,point,dx,dy,dz"] + [f"top,{p},0,0,{bump(x, y)!r}" for p, x, y in ids]) + "\n")
+        self.write("positions.csv", "\n".join(["handle,point,x,y,z"] + [f"top,{p},{x!r},{y!r},{1 + bump(x, y)!r}" for p, x, y in ids]) + "\n")
+        for name in ("places", "ids", "positions"):
+            self.deform("apply", "cube.yaml", "--motions", f"{name}.csv", "-o", f"{name}.mesh")
+        with open(self.path("places.mesh")) as places, open(self.path("ids.mesh")) as by_id:
+            self.assertEqual(places.read(), by_id.read())
+        with open(self.path("positions.mesh")) as file:
+            points = [list(map(float, line.split()[:3])) for line in file.read().split("\n")[3:3 + 343]]
+        for p, x, y in ids:
+            self.assertAlmostEqual(points[p][2], 1 + bump(x, y), delta=1e-14)
+        self.fails(1, "apply", "cube.yaml", "--motions", "places.csv", "--match-tolerance", "1e-9", "-o", "out.mesh",
+                   says=["places.csv:2", "--match-tolerance"])
+
+    def test_surfaces_have_no_cells(self):
+        self.deform("sample", "-o", "ahmed.obj")
+        self.write("ahmed.yaml", "geometry: ahmed.obj\nhandles: [{name: roof, region: {group: roof}}]\nfixed: [{group: stilts}]\n"
+                                 "variables: [{name: up, handle: roof, translate: [0, 0, 1]}]\n")
+        reply = self.deform("apply", "ahmed.yaml", "--set", "up=0.01", "-o", "out.obj", "--json").json["report"]
+        self.assertNotIn("cells", reply)
+        self.fails(1, "apply", "ahmed.yaml", "--set", "up=0.01", "--split", "uniform", "-o", "out.obj", says=["splitting", "no cells"])
+
+
+if __name__ == "__main__":
+    main()
