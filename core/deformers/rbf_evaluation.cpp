@@ -132,7 +132,7 @@ void RbfEvaluation::check_sliding(std::size_t index) const {
   for (const PointId id : system_->sliding_) {
     const Vec3 u = symmetry.to_frame(difference(told(designs_[index], id), system_->mesh_->points[id]));
     for (std::size_t k = 0; k < symmetry.planes(); ++k) {
-      if ((symmetry.on(id) >> k & 1u) == 0 || std::abs(u[k]) <= agreement * system_->info_.diagonal) continue;
+      if ((symmetry.on(id) >> k & 1u) == 0 || std::abs(u[k]) <= symmetry.reach(k)) continue;
       std::ostringstream text;
       text << ": point " << id << " (handle \"" << system_->setup_.handles[system_->centres_.region_of[id]].name
            << "\") lies on symmetry[" << k << "] but is sent a distance of " << u[k]

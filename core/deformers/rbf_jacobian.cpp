@@ -11,7 +11,6 @@
 namespace deform {
 
 void RbfSystem::check_sliding(const std::vector<Affine>& derivative, const std::string& what) const {
-  constexpr double rounding = 1e-10;
   const Symmetry& symmetry = regions_.symmetry;
   for (const PointId id : sliding_) {
     const RegionIndex handle = centres_.region_of[id];
@@ -23,7 +22,9 @@ void RbfSystem::check_sliding(const std::vector<Affine>& derivative, const std::
     for (std::size_t i = 0; i < 12; ++i) size = std::max(size, std::abs(m[i] * (i % 4 == 3 ? 1.0 : x[i % 4])));
     const Vec3 across = symmetry.to_frame(u);
     for (std::size_t k = 0; k < symmetry.planes(); ++k) {
-      if ((symmetry.on(id) >> k & 1u) == 0 || std::abs(across[k]) <= rounding * size) continue;
+      if ((symmetry.on(id) >> k & 1u) == 0 || std::abs(across[k]) * info_.diagonal <= symmetry.reach(k) * size) {
+        continue;
+      }
       std::ostringstream text;
       text << what << ": moves point " << id << " (handle \"" << setup_.handles[handle].name << "\") out of symmetry[" << k
            << "] at a rate of " << across[k] << "; points on a symmetry plane only slide in it: take them out of the handle with "

@@ -38,6 +38,14 @@ Vec3 across(const Vec3& n) {
   return normalized(moved(e, -n[least], n));
 }
 
+std::size_t main_axis(const Vec3& n) {
+  std::size_t main = 0;
+  for (std::size_t k = 1; k < 3; ++k) {
+    if (std::abs(n[k]) > std::abs(n[main])) main = k;
+  }
+  return main;
+}
+
 }  // namespace
 
 /// One plane on the mesh, before they are made orthogonal.
@@ -95,6 +103,13 @@ void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& m
     found.normal[k] = svd.matrixU()(k, 2);
   }
   found.normal = normalized(found.normal);
+  // What rounding has tilted was meant to be at right angles to an axis.
+  const std::size_t k = main_axis(found.normal);
+  double off_axis = 0;
+  for (const PointId id : found.region) off_axis = std::max(off_axis, std::abs(mesh.points[id][k] - found.point[k]));
+  if (off_axis > 2 * largest + tolerance * diagonal) return;
+  found.normal = {};
+  found.normal[k] = 1;
 }
 
 void Symmetry::make_orthonormal(std::span<const Found> found) {
@@ -123,6 +138,7 @@ void Symmetry::mark(std::size_t plane, const Found& found, const Mesh& mesh, dou
   const auto distance = [&](std::size_t id) { return dot(axes_[plane], difference(mesh.points[id], anchors_[plane])); };
   double near = tolerance * diagonal;
   for (const PointId id : found.region) near = std::max(near, std::abs(distance(id)));
+  reach_[plane] = near;
   std::array<std::size_t, 2> count{}, first{};
   for (std::size_t i = mesh.point_count(); i-- > 0;) {
     const double d = distance(i);

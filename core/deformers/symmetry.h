@@ -19,7 +19,8 @@ struct SymmetryPlane {
   struct Plane {
     Vec3 point{}, normal{};  ///< the normal need not be of unit length; its direction does not matter
   };
-  /// Or a region whose points lie in one plane (a patch), which is found by least squares.
+  /// Or a region whose points lie in one plane (a patch), which is found by least squares; at right angles to a coordinate axis
+  /// when that fits the points as well (twice as far away at most).
   std::variant<Plane, Region> kind;
 };
 
@@ -42,6 +43,7 @@ class Symmetry {
   bool empty() const { return planes_ == 0; }
   const Vec3& normal(std::size_t plane) const { return axes_[plane]; }  ///< unit, to the side of the mesh
   std::size_t held(std::size_t plane) const { return held_[plane]; }    ///< points on a plane
+  double reach(std::size_t plane) const { return reach_[plane]; }       ///< how near they are, at least `tolerance` D
 
   /// Bit k: the point lies on plane k. 0 without planes.
   unsigned on(PointId id) const { return on_.empty() ? 0u : on_[id]; }
@@ -68,6 +70,7 @@ class Symmetry {
   std::array<Vec3, 3> axes_{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};  ///< orthonormal
   std::array<Vec3, 3> anchors_{};                                ///< where coordinate k is zero
   std::array<std::size_t, 3> held_{};
+  std::array<double, 3> reach_{};
   std::vector<std::uint8_t> on_;  ///< n, or empty
 };
 
