@@ -155,7 +155,8 @@ void RbfSystem::prepare_parts(const RunContext& context, std::size_t memory_budg
       part.system = parts_.front().system;
     } else {
       interpolation.kernel.parity = part.plan.parity;
-      interpolation.memory_limit = memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, used));
+      interpolation.memory_limit =
+          memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, used));
       part.system = std::make_shared<const InterpolationSystem>(part.plan.places(places), interpolation, context);
       used += part.system->bytes();
     }
@@ -190,8 +191,8 @@ void RbfSystem::prepare_basis(const RunContext& context) {
   }
   if (!wants_basis(options.basis, parts_.size() * HandleBasis::bytes_for(deformable_.count(), fields), factor_bytes)) return;
   for (RbfPart& part : parts_) {
-    part.basis = std::make_unique<HandleBasis>(*part.system, part.plan.data(handle_fields()), deformable_, options.tolerance,
-                                               context);
+    part.basis =
+        std::make_unique<HandleBasis>(*part.system, part.plan.data(handle_fields()), deformable_, options.tolerance, context);
   }
 }
 
@@ -225,13 +226,8 @@ void RbfSystem::fill_info() {
 void RbfSystem::add_notes() {
   const auto& options = std::get<RbfOptions>(setup_.method);
   info_.notes = centres_.notes;
-  const Symmetry& symmetry = regions_.symmetry;
-  for (std::size_t k = 0; k < symmetry.planes(); ++k) {
-    const auto centres = std::count_if(centres_.ids.begin(), centres_.ids.end(),
-                                       [&](PointId id) { return (symmetry.on(id) >> k & 1u) != 0; });
-    info_.notes.push_back("Symmetry: plane " + std::to_string(k + 1) + " holds " + std::to_string(symmetry.held(k)) +
-                          " points, " + std::to_string(centres) + " of them centres.");
-  }
+  const auto symmetry_notes = deform::symmetry_notes(regions_.symmetry, centres_);
+  info_.notes.insert(info_.notes.end(), symmetry_notes.begin(), symmetry_notes.end());
   std::size_t dropped = 0;
   bool converged = true;
   double residual = 0;

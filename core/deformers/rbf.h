@@ -16,8 +16,8 @@ namespace deform {
 ///    reach its tolerance shows there; notes tell of the basis only.
 ///
 /// With symmetry planes the result is that of the whole, mirrored model (one system per parity, see PartPlan): points on a plane
-/// keep their distance from it and slide. A motion that sends a handle point on a plane out of it by more than its reach() is refused,
-/// what is less is left out; so are derivatives with respect to variables that would.
+/// keep their distance from it and slide. A motion that sends a handle point on a plane out of it by more than its reach() is
+/// refused, what is less is left out; so are derivatives with respect to variables that would.
 class RbfSystem : public System {
  public:
   RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context, std::size_t memory_budget);

@@ -11,10 +11,10 @@ namespace {
 
 /// Of all parts together. The iterative solver's share one system.
 struct Sizes {
-  std::size_t rows = 0;           ///< of the largest
-  std::size_t factor_bytes = 0;   ///< of what stays
+  std::size_t rows = 0;            ///< of the largest
+  std::size_t factor_bytes = 0;    ///< of what stays
   std::size_t factoring_peak = 0;  ///< while the last one is factored beside the others
-  std::size_t places = 0;         ///< centres that the systems hold
+  std::size_t places = 0;          ///< centres that the systems hold
 };
 
 Sizes sizes_of(const std::vector<PartPlan>& parts, Solver solver) {
@@ -76,17 +76,18 @@ Estimate estimate_rbf(const Mesh& mesh, const Setup& setup) {
   const std::size_t factor_extra = sizes.factoring_peak + 2 * sizes.places * sizeof(Vec3);
   // Data, solution and the copies that a solve makes of them, beside the factor.
   const std::size_t basis_extra =
-      (solver == Solver::iterative
-           ? InterpolationSystem::peak_bytes(sizes.rows, solver) + FastSums::bytes_for(d, sizes.rows, 12)
-           : estimate.factor_bytes) +
+      (solver == Solver::iterative ? InterpolationSystem::peak_bytes(sizes.rows, solver) + FastSums::bytes_for(d, sizes.rows, 12)
+                                   : estimate.factor_bytes) +
       estimate.basis_bytes + (basis ? 4 * (sizes.rows + 10) * fields * sizeof(double) : 0);
   const std::size_t adjacency = 16 * (mesh.point_count() + mesh.face_count()) + 24 * mesh.face_points.size();
   // Every part's rows and the data that they are copied from.
   const std::size_t plans =
       regions.symmetry.empty() ? 0 : parts.size() * sizes.rows * (sizeof(PartPlan::Row) + fields * sizeof(double));
-  estimate.peak_bytes =
-      point_bytes(mesh.point_count(), regions.symmetry) + d * sizeof(Vec3) + plans + std::max({factor_extra, basis_extra, adjacency});
+  estimate.peak_bytes = point_bytes(mesh.point_count(), regions.symmetry) + d * sizeof(Vec3) + plans +
+                        std::max({factor_extra, basis_extra, adjacency});
   estimate.notes = centres.notes;
+  const auto planes = symmetry_notes(regions.symmetry, centres);
+  estimate.notes.insert(estimate.notes.end(), planes.begin(), planes.end());
   if (!basis) estimate.notes.push_back("No handle basis will be stored: every design is solved for and summed directly.");
   estimate.seconds = seconds_for(parts, solver, std::size_t{1} << regions.symmetry.planes(), d, basis ? fields : 0);
   if (solver != Solver::iterative) estimate.seconds += static_cast<double>(mesh.point_count()) * 2e-7;

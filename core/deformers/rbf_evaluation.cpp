@@ -266,7 +266,8 @@ void RbfEvaluation::solve_direct(const RunContext& context) {
       const Eigen::MatrixXd solution = part.system->solve(part_data(designs_[i], part), context);
       for (std::size_t r = 0; r < rows; ++r) {
         for (std::size_t c = 0; c < width; ++c) {
-          direct[(r * direct_designs_ + slot_[i]) * width + c] = solution(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(c));
+          direct[(r * direct_designs_ + slot_[i]) * width + c] =
+              solution(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(c));
         }
       }
     });

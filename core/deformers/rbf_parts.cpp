@@ -93,11 +93,22 @@ std::vector<PartPlan> plan_parts(const Symmetry& symmetry, const RbfCentres& cen
   if (symmetry.planes() < 3) parts.push_back(even_part(symmetry, centres, solver));
   for (std::size_t k = 0; k < symmetry.planes(); ++k) {
     parts.push_back(odd_part(symmetry, k, centres, solver));
-    const bool nothing = std::none_of(centres.ids.begin(), centres.ids.end(),
-                                      [&](PointId id) { return (symmetry.on(id) & 1u << k) == 0; });
+    const bool nothing =
+        std::none_of(centres.ids.begin(), centres.ids.end(), [&](PointId id) { return (symmetry.on(id) & 1u << k) == 0; });
     if (nothing) parts.pop_back();
   }
   return parts;
+}
+
+std::vector<std::string> symmetry_notes(const Symmetry& symmetry, const RbfCentres& centres) {
+  std::vector<std::string> notes;
+  for (std::size_t k = 0; k < symmetry.planes(); ++k) {
+    const auto held =
+        std::count_if(centres.ids.begin(), centres.ids.end(), [&](PointId id) { return (symmetry.on(id) & 1u << k) != 0; });
+    notes.push_back("Symmetry: plane " + std::to_string(k + 1) + " holds " + std::to_string(symmetry.held(k)) + " points, " +
+                    std::to_string(held) + " of them centres.");
+  }
+  return notes;
 }
 
 int polynomial_degree(const RbfOptions& options) {

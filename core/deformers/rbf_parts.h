@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "core/deformers/rbf_basis.h"
@@ -40,6 +41,9 @@ struct PartPlan {
 /// In order: what is even everywhere, then the components along the normals. Problems without a row (everything lies on the
 /// plane) are left out; their components are zero.
 std::vector<PartPlan> plan_parts(const Symmetry& symmetry, const RbfCentres& centres, Solver solver);
+
+/// How many points and centres each plane holds.
+std::vector<std::string> symmetry_notes(const Symmetry& symmetry, const RbfCentres& centres);
 
 /// A prepared part. The parts of the iterative solver share one system.
 struct RbfPart {

@@ -90,7 +90,8 @@ void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& m
   }
   std::ostringstream text;
   if (found.region.size() < 3 || second <= flatness * diagonal) {
-    text << what << ": its " << found.region.size() << " points do not define a plane; a plane needs three that are not on a line";
+    text << what << ": its " << found.region.size()
+         << " points do not define a plane; a plane needs three that are not on a line";
     throw Error(ErrorCode::invalid_argument, text.str());
   }
   if (largest > flatness * diagonal) {
@@ -155,7 +156,8 @@ void Symmetry::mark(std::size_t plane, const Found& found, const Mesh& mesh, dou
     const std::size_t fewer = count[0] <= count[1] ? 0 : 1;
     std::ostringstream text;
     text << field(plane) << ": " << count[fewer] << " points lie beyond the plane, the first is point " << first[fewer]
-         << " at a distance of " << std::abs(distance(first[fewer])) << "; a half model lies on one side, and points on the plane "
+         << " at a distance of " << std::abs(distance(first[fewer]))
+         << "; a half model lies on one side, and points on the plane "
          << "lie within " << near << " of it (give a patch of points that are not so accurate as `region`)";
     throw Error(ErrorCode::invalid_argument, text.str());
   }
@@ -167,8 +169,8 @@ void Symmetry::mark(std::size_t plane, const Found& found, const Mesh& mesh, dou
 Symmetry::Symmetry(std::span<const SymmetryPlane> planes, const Mesh& mesh) : planes_(planes.size()) {
   if (planes.empty()) return;
   if (planes.size() > 3) {
-    throw Error(ErrorCode::invalid_argument,
-                "symmetry[3]: " + std::to_string(planes.size()) + " planes, there are at most 3 that are orthogonal to each other");
+    throw Error(ErrorCode::invalid_argument, "symmetry[3]: " + std::to_string(planes.size()) +
+                                                 " planes, there are at most 3 that are orthogonal to each other");
   }
   const double diagonal = bounding_box(mesh.points).diagonal();
   std::vector<Found> found(planes.size());

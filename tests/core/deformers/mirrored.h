@@ -43,7 +43,8 @@ inline Frame oblique() {
 /// A shaken grid of points in the octant of a frame, its corner a handle, the sides away from the corner fixed; `planes` of the
 /// sides at the corner are symmetry planes.
 struct HalfModel {
-  HalfModel(std::size_t plane_count, const Frame& at, std::uint64_t seed = 1, std::size_t n = 5) : planes(plane_count), frame(at) {
+  HalfModel(std::size_t plane_count, const Frame& at, std::uint64_t seed = 1, std::size_t n = 5)
+      : planes(plane_count), frame(at) {
     std::mt19937_64 random(seed);
     std::uniform_real_distribution<double> uniform(-1, 1);
     setup.handles = {{"corner", {Region::Ids{}}}};

@@ -265,21 +265,38 @@ TEST(Symmetry, RefusesPlanesThatCannotBe) {
   const auto plane = [](const Vec3& point, const Vec3& normal) { return SymmetryPlane{SymmetryPlane::Plane{point, normal}}; };
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const std::vector<Refusal> table = {
-      {"no normal", [&](HalfModel& m) { m.setup.symmetry = {plane({0, 0, 0}, {0, 0, 0})}; }, {"symmetry[0].normal"}},
-      {"not finite", [&](HalfModel& m) { m.setup.symmetry = {plane({0, nan, 0}, {0, 0, 1})}; }, {"symmetry[0].point"}},
+      {"no normal",
+       [&](HalfModel& m) {
+         m.setup.symmetry = {plane({0, 0, 0}, {0, 0, 0})};
+       },
+       {"symmetry[0].normal"}},
+      {"not finite",
+       [&](HalfModel& m) {
+         m.setup.symmetry = {plane({0, nan, 0}, {0, 0, 1})};
+       },
+       {"symmetry[0].point"}},
       {"oblique to each other",
-       [&](HalfModel& m) { m.setup.symmetry[1] = plane(m.frame.origin, {1e-8, 1, 0}); },
+       [&](HalfModel& m) {
+         m.setup.symmetry[1] = plane(m.frame.origin, {1e-8, 1, 0});
+       },
        {"symmetry[1]", "not orthogonal to symmetry[0]", "1e-08", "1e-09"}},
       {"twice", [&](HalfModel& m) { m.setup.symmetry[1] = m.setup.symmetry[0]; }, {"symmetry[1]", "not orthogonal"}},
       {"four", [&](HalfModel& m) { m.setup.symmetry.resize(4, m.setup.symmetry[0]); }, {"symmetry[3]", "at most 3"}},
       {"both sides",
-       [&](HalfModel& m) { m.setup.symmetry[0] = plane({0.55, 0, 0}, {1, 0, 0}); },
+       [&](HalfModel& m) {
+         m.setup.symmetry[0] = plane({0.55, 0, 0}, {1, 0, 0});
+       },
        {"symmetry[0]", "points lie beyond the plane", "the first is point", "at a distance of"}},
       {"unknown patch",
        [&](HalfModel& m) { m.setup.symmetry[1] = {Region{Region::GroupName{"sym"}}}; },
        {"symmetry[1].region", "sym"}},
-      {"two points", [&](HalfModel& m) { m.setup.symmetry[0] = {Region{Region::Ids{{0, 5}}}}; }, {"symmetry[0].region", "2 points"}},
-      {"not a plane", [&](HalfModel& m) { m.setup.symmetry[0] = {Region{Region::All{}}}; },
+      {"two points",
+       [&](HalfModel& m) {
+         m.setup.symmetry[0] = {Region{Region::Ids{{0, 5}}}};
+       },
+       {"symmetry[0].region", "2 points"}},
+      {"not a plane",
+       [&](HalfModel& m) { m.setup.symmetry[0] = {Region{Region::All{}}}; },
        {"symmetry[0].region", "do not lie in one plane", "point", "away", "1e-06"}},
   };
   for (const Refusal& refusal : table) {
@@ -296,9 +313,10 @@ TEST(Symmetry, RefusesMotionsOutOfThePlane) {
   half.setup.variables.push_back({"away", "corner", DesignVariable::Translate{{0, 1, 0}}});
   half.setup.variables.push_back({"along", "corner", DesignVariable::Translate{{0, 0, 1}}});
   const auto system = prepare(half.half, half.setup);
-  test::expect_error(ErrorCode::invalid_argument,
-                     {"designs[0]", "point 0", "\"corner\"", "symmetry[1]", "0.01", "`difference`"},
-                     [&] { system->evaluate(Design{{0.01, 0}, {}}); });
+  test::expect_error(ErrorCode::invalid_argument, {"designs[0]", "point 0", "\"corner\"", "symmetry[1]", "0.01", "`difference`"},
+                     [&] {
+                       system->evaluate(Design{{0.01, 0}, {}});
+                     });
   Design design = half.design();
   auto& u = std::get<std::vector<Vec3>>(design.motions[0].value);
   u[1][1] = -0.002;  // on the second plane only
