@@ -15,6 +15,7 @@ namespace deform::server {
 namespace {
 
 constexpr std::size_t variables_per_handle = 12;  // an affine map has no more degrees of freedom
+constexpr std::size_t most_planes = 3;
 constexpr std::size_t longest_name = 4096;
 constexpr std::uint32_t default_rings = 3;
 
@@ -124,6 +125,15 @@ DesignVariable variable(const v1::DesignVariable& message, const std::string& pa
   return result;
 }
 
+SymmetryPlane symmetry_plane(const v1::SymmetryPlane& message, const std::string& path) {
+  const bool plane = !message.point().empty() || !message.normal().empty();
+  if (plane == message.has_region()) {
+    refuse_field(path, std::string("expected either point and normal or a region, got ") + (plane ? "both" : "neither"));
+  }
+  if (!plane) return {region_from_proto(message.region(), path + ".region")};
+  return {SymmetryPlane::Plane{vec3(message.point(), path + ".point"), vec3(message.normal(), path + ".normal")}};
+}
+
 void fill_point(google::protobuf::RepeatedField<double>& numbers) {
   if (numbers.empty()) numbers.Resize(3, 0.0);
 }
@@ -138,6 +148,7 @@ Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles) {
   };
   check_count("handles", message.handles_size(), max_handles);
   check_count("fixed", message.fixed_size(), max_handles);
+  check_count("symmetry", message.symmetry_size(), most_planes);
   check_count("variables", message.variables_size(), variables_per_handle * max_handles);
 
   Setup setup;
@@ -154,6 +165,9 @@ Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles) {
   }
   for (int i = 0; i < message.variables_size(); ++i) {
     setup.variables.push_back(variable(message.variables(i), "variables[" + std::to_string(i) + "]"));
+  }
+  for (int i = 0; i < message.symmetry_size(); ++i) {
+    setup.symmetry.push_back(symmetry_plane(message.symmetry(i), "symmetry[" + std::to_string(i) + "]"));
   }
   return setup;
 }
@@ -172,6 +186,9 @@ v1::Setup canonical_setup(const v1::Setup& message, const std::string& geometry_
   if (rbf.reduction() == v1::REDUCTION_OFF || rbf.reduction_rings() == 0) rbf.set_reduction_rings(default_rings);
   for (auto& handle : *canonical.mutable_handles()) canonicalize_region(*handle.mutable_region());
   for (auto& region : *canonical.mutable_fixed()) canonicalize_region(region);
+  for (auto& plane : *canonical.mutable_symmetry()) {
+    if (plane.has_region()) canonicalize_region(*plane.mutable_region());
+  }
   for (auto& variable : *canonical.mutable_variables()) {
     if (variable.has_rotate()) fill_point(*variable.mutable_rotate()->mutable_centre());
     if (variable.has_scale()) fill_point(*variable.mutable_scale()->mutable_centre());

@@ -90,6 +90,8 @@ constexpr char setup_help[] = R"(A setup file is YAML:
 Regions: group, box {min, max}, sphere {centre, radius}, cylinder {start, end, radius}, half_space {point, normal},
 ids [..], open_boundary: true, all: true, union [..], intersection [..], difference [..], complement {..},
 grow {region, rings}. Variables: translate [x, y, z], rotate {axis, centre} in radians, scale {centre, axis}.
+A half model: symmetry: [{region: {group: symmetry}}] or [{point: [0, 0, 0], normal: [0, 1, 0]}], up to three planes that stay
+planes while their points slide.
 Kernels: TRIHARMONIC, BIHARMONIC, QUINTIC, GAUSSIAN, MULTIQUADRIC, INVERSE_MULTIQUADRIC, WENDLAND_C2, THIN_PLATE
 (the default for 2D meshes). Solvers: SOLVER_AUTOMATIC, CHOLESKY, LDLT, LU, ITERATIVE with a tolerance (automatic beyond 20,000
 centres), as in method: {rbf: {solver: ITERATIVE, tolerance: 1e-6}}. More in setup.proto.

@@ -7,9 +7,7 @@
 #include <limits>
 
 #include "core/base/error.h"
-#include "core/base/parallel.h"
 #include "core/deformers/rbf_evaluation.h"
-#include "core/numerics/fast_sums.h"
 
 namespace deform {
 
@@ -29,17 +27,6 @@ class Stopwatch {
   RunContext::Clock::time_point last_ = RunContext::Clock::now();
 };
 
-int polynomial_degree(const RbfOptions& options) {
-  const KernelProperties kernel = properties(options.kernel);
-  if (options.polynomial_degree < 0) return std::max(1, kernel.order - 1);
-  if (options.polynomial_degree < kernel.order - 1) {
-    throw Error(ErrorCode::invalid_argument, "method.rbf.polynomial_degree: " + std::to_string(options.polynomial_degree) +
-                                                 " is too small, the kernel " + kernel.name + " needs at least " +
-                                                 std::to_string(kernel.order - 1));
-  }
-  return options.polynomial_degree;
-}
-
 UnitBox unit_box(const Box& box) {
   UnitBox unit{box.min, 0};
   for (int k = 0; k < 3; ++k) unit.scale = std::max(unit.scale, box.max[k] - box.min[k]);
@@ -47,12 +34,12 @@ UnitBox unit_box(const Box& box) {
   return unit;
 }
 
-/// Median distance to the nearest other place, over an evenly strided sample of the places.
-double median_spacing(const std::vector<Vec3>& places) {
+/// Median distance to the nearest other place, over an evenly strided sample of the first `count` places.
+double median_spacing(const std::vector<Vec3>& places, std::size_t count) {
   constexpr std::size_t sample = 500;
-  const std::size_t stride = places.size() / sample + 1;
+  const std::size_t stride = count / sample + 1;
   std::vector<double> nearest;
-  for (std::size_t i = 0; i < places.size(); i += stride) {
+  for (std::size_t i = 0; i < count; i += stride) {
     double least = std::numeric_limits<double>::infinity();
     for (std::size_t j = 0; j < places.size(); ++j) {
       if (j != i)
@@ -72,16 +59,6 @@ std::string scientific(double value) {
   return text;
 }
 
-constexpr std::size_t basis_always_fits = std::size_t{1} << 30;
-
-bool wants_basis(BasisMode mode, std::size_t basis_bytes, std::size_t factor_bytes) {
-  if (mode != BasisMode::automatic) return mode == BasisMode::always;
-  return basis_bytes <= std::max(4 * factor_bytes, basis_always_fits);
-}
-
-// Per point: region, rank, id and unit coordinates (a tile more), group lists.
-std::size_t point_bytes(std::size_t n) { return n * (4 + 4 + 4 + 24 + 4) + 4096; }
-
 }  // namespace
 
 RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context, std::size_t memory_budget)
@@ -90,20 +67,42 @@ RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const
   Stopwatch watch;
   context.progress("select", 0);
   regions_ = validate(setup_, *mesh_);
-  const int degree = polynomial_degree(options);
+  polynomial_degree(options);
   const Box bounds = bounding_box(mesh_->points);
   box_ = unit_box(bounds);
+  info_.diagonal = bounds.diagonal();
   centres_ = choose_centres(*mesh_, regions_, options);
+  place_points();
+  info_.stage_seconds.emplace_back("select", watch.lap());
+  context.check();
+  prepare_parts(context, memory_budget);
+  info_.stage_seconds.emplace_back("factor", watch.lap());
+  prepare_basis(context);
+  info_.stage_seconds.emplace_back("basis", watch.lap());
+  fill_info();
+  add_notes();
+}
+
+Vec3 RbfSystem::coordinates(PointId id) const {
+  const Vec3& x = mesh_->points[id];
+  if (regions_.symmetry.empty()) return box_.to_unit(x);
+  const Vec3 y = regions_.symmetry.coordinates(x);
+  return {y[0] / box_.scale, y[1] / box_.scale, y[2] / box_.scale};
+}
+
+void RbfSystem::place_points() {
   rank_of_.assign(mesh_->point_count(), 0);
   for (const auto& handle : regions_.handles) {
-    for (std::size_t k = 0; k < handle.size(); ++k) rank_of_[handle[k]] = static_cast<std::uint32_t>(k);
+    for (std::size_t k = 0; k < handle.size(); ++k) {
+      rank_of_[handle[k]] = static_cast<std::uint32_t>(k);
+      if (regions_.symmetry.on(handle[k]) != 0) sliding_.push_back(handle[k]);
+    }
   }
+  std::sort(sliding_.begin(), sliding_.end());
   std::vector<Vec3> unit;
   unit.reserve(centres_.deformable.size());
-  for (const PointId id : centres_.deformable) unit.push_back(box_.to_unit(mesh_->points[id]));
+  for (const PointId id : centres_.deformable) unit.push_back(coordinates(id));
   deformable_ = TiledPoints(unit);
-  unit.clear();
-  unit.shrink_to_fit();
   for (const auto& handle : regions_.handles) {
     Box extent;
     for (const PointId id : handle) extent.add(box_.to_unit(mesh_->points[id]));
@@ -111,74 +110,59 @@ RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const
     for (int k = 0; k < 3; ++k) frame.reference[k] = 0.5 * (extent.min[k] + extent.max[k]);
     frames_.push_back(frame);
   }
-  info_.stage_seconds.emplace_back("select", watch.lap());
-  context.check();
-
-  std::vector<Vec3> places;
-  Box extent;
-  for (const PointId id : centres_.ids) {
-    places.push_back(box_.to_unit(mesh_->points[id]));
-    extent.add(places.back());
-  }
-  InterpolationOptions interpolation;
-  const double size = extent.diagonal() > 0 ? extent.diagonal() : 1.0;
-  interpolation.kernel = {options.kernel, options.shape * size};
-  if (options.shape == 0) interpolation.kernel.shape = automatic_shape(options.kernel, median_spacing(places), size);
-  interpolation.polynomial_degree = degree;
-  interpolation.solver = options.solver;
-  interpolation.memory_limit = memory_budget;
-  system_ = std::make_unique<InterpolationSystem>(std::move(places), interpolation, context);
-  info_.stage_seconds.emplace_back("factor", watch.lap());
-  prepare_basis(options, context);
-  info_.stage_seconds.emplace_back("basis", watch.lap());
-
-  info_.points = mesh_->point_count();
-  info_.fixed_points = regions_.fixed.size();
-  for (const auto& handle : regions_.handles) info_.handle_points += handle.size();
-  info_.deformable_points = centres_.deformable.size();
-  info_.constraint_points = centres_.constraint_points;
-  info_.centres = centres_.ids.size();
-  info_.merged_duplicates = centres_.merged;
-  info_.polynomial_terms = system_->polynomials().terms();
-  info_.affine_hull_dimension = system_->polynomials().hull_dimension();
-  info_.diagonal = bounds.diagonal();
-  info_.condition = system_->condition();
-  info_.tolerance = system_->solver() == Solver::iterative ? options.tolerance : 0;
-  info_.solver = system_->solver();
-  info_.reduced = centres_.reduced;
-  info_.basis_fields = basis_ ? basis_->fields() : 0;
-  info_.factor_bytes = system_->bytes();
-  info_.basis_bytes = basis_ ? basis_->bytes() : 0;
-  info_.bytes = info_.factor_bytes + info_.basis_bytes + point_bytes(mesh_->point_count());
-  add_notes(degree);
-  if (properties(options.kernel).has_shape && options.shape == 0) {
-    info_.notes.push_back("The shape is " + std::to_string(interpolation.kernel.shape / size) +
-                          " of the diagonal of the centres (automatic).");
-  }
 }
 
-void RbfSystem::add_notes(int degree) {
-  info_.notes = centres_.notes;
-  const auto& solver_notes = system_->notes();
-  info_.notes.insert(info_.notes.end(), solver_notes.begin(), solver_notes.end());
-  static const char* const hulls[] = {"in one point", "on a line", "in a plane"};
-  if (degree > 0 && info_.affine_hull_dimension < 3) {
-    info_.notes.push_back(std::string("The centres lie ") + hulls[info_.affine_hull_dimension] +
-                          ": the polynomial part is constant across it.");
-  }
-  if (system_->polynomials().dropped() > 0) {
-    info_.notes.push_back(std::to_string(system_->polynomials().dropped()) +
-                          " monomials depend on the others at the centres and were left out.");
-  }
-  if (system_->solver() == Solver::iterative) {
-    info_.notes.push_back("The systems are solved iteratively, to " + scientific(info_.tolerance) + " of the diagonal.");
-    if (basis_ && !basis_->converged()) {
-      info_.notes.push_back("The iterative solver did not reach its tolerance for the handle basis: the largest residual is " +
-                            scientific(*std::max_element(basis_->residuals().begin(), basis_->residuals().end())) + ".");
+/// Of the centres and their images together: the shape is that of the whole model.
+InterpolationOptions RbfSystem::interpolation_options(const std::vector<Vec3>& places) {
+  const auto& options = std::get<RbfOptions>(setup_.method);
+  const Symmetry& symmetry = regions_.symmetry;
+  const unsigned images = 1u << symmetry.planes();
+  Box extent;
+  std::vector<Vec3> all = places;
+  for (unsigned reflected = 0; reflected < images; ++reflected) {
+    for (std::size_t j = 0; j < places.size(); ++j) {
+      Vec3 x = mesh_->points[centres_.ids[j]], y = places[j];
+      for (std::size_t k = 0; k < symmetry.planes(); ++k) {
+        if ((reflected >> k & 1u) == 0) continue;
+        x = symmetry.reflected(x, k);
+        y[k] = -y[k];
+      }
+      extent.add(box_.to_unit(x));
+      if (reflected != 0 && (reflected & symmetry.on(centres_.ids[j])) == 0) all.push_back(y);
     }
   }
-  if (info_.condition > 1e13) info_.notes.push_back("The system is ill-conditioned: expect a loss of digits.");
-  if (!basis_) info_.notes.push_back("No handle basis is stored: every design is solved for and summed directly.");
+  const double size = extent.diagonal() > 0 ? extent.diagonal() : 1.0;
+  InterpolationOptions interpolation;
+  interpolation.kernel = {options.kernel, options.shape * size};
+  if (options.shape == 0) {
+    interpolation.kernel.shape = automatic_shape(options.kernel, median_spacing(all, places.size()), size);
+  }
+  interpolation.polynomial_degree = polynomial_degree(options);
+  relative_shape_ = interpolation.kernel.shape / size;
+  const bool iterative = chosen_solver(options.solver, options.kernel, places.size()) == Solver::iterative;
+  interpolation.solver = iterative ? Solver::iterative : options.solver;
+  return interpolation;
+}
+
+void RbfSystem::prepare_parts(const RunContext& context, std::size_t memory_budget) {
+  std::vector<Vec3> places;
+  for (const PointId id : centres_.ids) places.push_back(coordinates(id));
+  InterpolationOptions interpolation = interpolation_options(places);
+  std::size_t used = 0;
+  for (PartPlan& plan : plan_parts(regions_.symmetry, centres_, interpolation.solver)) {
+    RbfPart part{std::move(plan), nullptr, nullptr};
+    if (interpolation.solver == Solver::iterative && !parts_.empty()) {
+      part.system = parts_.front().system;
+    } else {
+      interpolation.kernel.parity = part.plan.parity;
+      interpolation.memory_limit =
+          memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, used));
+      part.system = std::make_shared<const InterpolationSystem>(part.plan.places(places), interpolation, context);
+      used += part.system->bytes();
+    }
+    parts_.push_back(std::move(part));
+  }
+  info_.factor_bytes = used;
 }
 
 Eigen::MatrixXd RbfSystem::handle_fields() const {
@@ -187,7 +171,7 @@ Eigen::MatrixXd RbfSystem::handle_fields() const {
   for (std::size_t j = 0; j < centres_.ids.size(); ++j) {
     const RegionIndex region = centres_.region_of[centres_.ids[j]];
     if (region == fixed_region) continue;
-    const Vec3& x = system_->centres()[j];
+    const Vec3 x = box_.to_unit(mesh_->points[centres_.ids[j]]);
     const auto row = static_cast<Eigen::Index>(j);
     const auto column = static_cast<Eigen::Index>(4 * region);
     fields(row, column) = 1;
@@ -196,160 +180,94 @@ Eigen::MatrixXd RbfSystem::handle_fields() const {
   return fields;
 }
 
-void RbfSystem::prepare_basis(const RbfOptions& options, const RunContext& context) {
+void RbfSystem::prepare_basis(const RunContext& context) {
+  const auto& options = std::get<RbfOptions>(setup_.method);
   const std::size_t fields = 4 * frames_.size();
-  if (!wants_basis(options.basis, HandleBasis::bytes_for(deformable_.count(), fields),
-                   InterpolationSystem::factor_bytes(system_->size(), system_->solver()))) {
-    return;
+  std::size_t factor_bytes = 0;
+  const InterpolationSystem* last = nullptr;
+  for (const RbfPart& part : parts_) {
+    if (part.system.get() != last) factor_bytes += InterpolationSystem::factor_bytes(part.system->size(), part.system->solver());
+    last = part.system.get();
   }
-  basis_ = std::make_unique<HandleBasis>(*system_, handle_fields(), deformable_, options.tolerance, context);
+  if (!wants_basis(options.basis, parts_.size() * HandleBasis::bytes_for(deformable_.count(), fields), factor_bytes)) return;
+  for (RbfPart& part : parts_) {
+    part.basis =
+        std::make_unique<HandleBasis>(*part.system, part.plan.data(handle_fields()), deformable_, options.tolerance, context);
+  }
+}
+
+void RbfSystem::fill_info() {
+  const auto& options = std::get<RbfOptions>(setup_.method);
+  info_.points = mesh_->point_count();
+  info_.fixed_points = regions_.fixed.size();
+  for (const auto& handle : regions_.handles) info_.handle_points += handle.size();
+  info_.deformable_points = centres_.deformable.size();
+  info_.constraint_points = centres_.constraint_points;
+  info_.centres = centres_.ids.size();
+  info_.merged_duplicates = centres_.merged;
+  info_.affine_hull_dimension = 0;
+  for (const RbfPart& part : parts_) {
+    info_.polynomial_terms += part.system->polynomials().terms();
+    info_.affine_hull_dimension = std::max(info_.affine_hull_dimension, part.system->polynomials().hull_dimension());
+    info_.condition = std::max(info_.condition, part.system->condition());
+    if (part.basis) info_.basis_bytes += part.basis->bytes();
+  }
+  // Of several parts the one that fell back to another solver.
+  if (!parts_.empty()) info_.solver = parts_.front().system->solver();
+  for (const RbfPart& part : parts_) {
+    if (part.system->solver() == Solver::ldlt) info_.solver = Solver::ldlt;
+  }
+  info_.tolerance = info_.solver == Solver::iterative ? options.tolerance : 0;
+  info_.reduced = centres_.reduced;
+  info_.basis_fields = has_basis() ? parts_.front().basis->fields() : 0;
+  info_.bytes = info_.factor_bytes + info_.basis_bytes + point_bytes(mesh_->point_count(), regions_.symmetry);
+}
+
+void RbfSystem::add_notes() {
+  const auto& options = std::get<RbfOptions>(setup_.method);
+  info_.notes = centres_.notes;
+  const auto symmetry_notes = deform::symmetry_notes(regions_.symmetry, centres_);
+  info_.notes.insert(info_.notes.end(), symmetry_notes.begin(), symmetry_notes.end());
+  std::size_t dropped = 0;
+  bool converged = true;
+  double residual = 0;
+  const InterpolationSystem* last = nullptr;
+  for (const RbfPart& part : parts_) {
+    if (part.basis) {
+      converged = converged && part.basis->converged();
+      residual = std::max(residual, *std::max_element(part.basis->residuals().begin(), part.basis->residuals().end()));
+    }
+    if (part.system.get() == last) continue;
+    last = part.system.get();
+    dropped += last->polynomials().dropped();
+    const auto& solver_notes = last->notes();
+    info_.notes.insert(info_.notes.end(), solver_notes.begin(), solver_notes.end());
+  }
+  static const char* const hulls[] = {"in one point", "on a line", "in a plane"};
+  if (polynomial_degree(options) > 0 && info_.affine_hull_dimension < 3) {
+    info_.notes.push_back(std::string("The centres lie ") + hulls[info_.affine_hull_dimension] +
+                          ": the polynomial part is constant across it.");
+  }
+  if (dropped > 0) {
+    info_.notes.push_back(std::to_string(dropped) + " monomials depend on the others at the centres and were left out.");
+  }
+  if (info_.solver == Solver::iterative) {
+    info_.notes.push_back("The systems are solved iteratively, to " + scientific(info_.tolerance) + " of the diagonal.");
+    if (has_basis() && !converged) {
+      info_.notes.push_back("The iterative solver did not reach its tolerance for the handle basis: the largest residual is " +
+                            scientific(residual) + ".");
+    }
+  }
+  if (info_.condition > 1e13) info_.notes.push_back("The system is ill-conditioned: expect a loss of digits.");
+  if (!has_basis()) info_.notes.push_back("No handle basis is stored: every design is solved for and summed directly.");
+  if (properties(options.kernel).has_shape && options.shape == 0) {
+    info_.notes.push_back("The shape is " + std::to_string(relative_shape_) + " of the diagonal of the centres (automatic).");
+  }
 }
 
 std::unique_ptr<const Evaluation> RbfSystem::bind(std::span<const Design> designs, EvaluationPath path,
                                                   const RunContext& context) const {
   return std::make_unique<RbfEvaluation>(std::static_pointer_cast<const RbfSystem>(shared_from_this()), designs, path, context);
-}
-
-Points RbfSystem::jacobian_vector(std::span<const double> variables, std::span<const double> direction,
-                                  const RunContext& context) const {
-  const std::size_t count = setup_.variables.size();
-  if (direction.size() != count) {
-    throw Error(ErrorCode::invalid_argument, "direction: expected " + std::to_string(count) +
-                                                 " values, one per design variable, got " + std::to_string(direction.size()));
-  }
-  std::vector<Affine> motion(frames_.size(), Affine{});
-  for (std::size_t k = 0; k < count; ++k) {
-    if (!std::isfinite(direction[k])) {
-      throw Error(ErrorCode::invalid_argument, "direction[" + std::to_string(k) + "]: must be finite");
-    }
-    const std::vector<Affine> derivative = handle_motion_derivative(setup_, variables, k);
-    for (std::size_t h = 0; h < motion.size(); ++h) {
-      for (std::size_t j = 0; j < 12; ++j) motion[h][j] += direction[k] * derivative[h][j];
-    }
-  }
-  const RbfEvaluation evaluation(std::static_pointer_cast<const RbfSystem>(shared_from_this()), motion, context);
-  Points result(mesh_->point_count());
-  parallel_for(context, result.size(), 8192, [&](std::size_t begin, std::size_t end) {
-    Vec3* out = result.data() + begin;
-    evaluation.evaluate(begin, end, 0, std::span<Vec3* const>(&out, 1));
-  });
-  return result;
-}
-
-std::vector<double> RbfSystem::pull_back(std::span<const Vec3> field, const RunContext& context) const {
-  std::vector<Vec3> at_deformable;
-  at_deformable.reserve(centres_.deformable.size());
-  for (const PointId id : centres_.deformable) at_deformable.push_back(field[id]);
-  if (basis_) return basis_->transposed_product(at_deformable, context);
-
-  // u = [Phi P] S [fields; 0] with the symmetric S, so the adjoint is fields^T times the first rows of S [Phi^T; P^T].
-  std::vector<Vec3> unit;
-  unit.reserve(centres_.deformable.size());
-  for (const PointId id : centres_.deformable) unit.push_back(box_.to_unit(mesh_->points[id]));
-  const std::size_t m = system_->size();
-  const auto q = static_cast<Eigen::Index>(system_->polynomials().terms());
-  const std::span<const double> weights(unit.empty() ? nullptr : at_deformable[0].data(), 3 * unit.size());
-  const std::vector<double> sums = system_->sums_at_centres(unit, weights, 3, context);
-  Eigen::MatrixXd B = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(m) + q, 3);
-  for (std::size_t j = 0; j < m; ++j) {
-    for (int k = 0; k < 3; ++k) B(static_cast<Eigen::Index>(j), k) = sums[3 * j + static_cast<std::size_t>(k)];
-  }
-  std::vector<double> terms(static_cast<std::size_t>(q));
-  for (std::size_t i = 0; i < unit.size(); ++i) {
-    system_->polynomials().values(unit[i], terms.data());
-    for (Eigen::Index t = 0; t < q; ++t) {
-      for (int k = 0; k < 3; ++k)
-        B(static_cast<Eigen::Index>(m) + t, k) += terms[static_cast<std::size_t>(t)] * at_deformable[i][k];
-    }
-  }
-  system_->solve_saddle(B, context);
-  const Eigen::MatrixXd G = handle_fields().transpose() * B.topRows(static_cast<Eigen::Index>(m));
-  std::vector<double> result(3 * static_cast<std::size_t>(G.rows()));
-  for (Eigen::Index r = 0; r < G.rows(); ++r) {
-    for (int k = 0; k < 3; ++k) result[static_cast<std::size_t>(3 * r + k)] = G(r, k);
-  }
-  return result;
-}
-
-std::vector<double> RbfSystem::vector_jacobian(std::span<const double> variables, const Points& cotangent,
-                                               const RunContext& context) const {
-  if (cotangent.size() != mesh_->point_count()) {
-    throw Error(ErrorCode::invalid_argument, "cotangent: expected " + std::to_string(mesh_->point_count()) +
-                                                 " vectors, one per point, got " + std::to_string(cotangent.size()));
-  }
-  for (std::size_t i = 0; i < cotangent.size(); ++i) {
-    if (!std::isfinite(cotangent[i][0] + cotangent[i][1] + cotangent[i][2])) {
-      throw Error(ErrorCode::invalid_argument, "cotangent[" + std::to_string(i) + "]: must be finite");
-    }
-  }
-  const std::vector<double> G = pull_back(cotangent, context);
-  // Moments of the cotangent over the handle points: what an affine derivative there is multiplied with.
-  std::vector<Affine> moments(frames_.size(), Affine{});
-  for (std::size_t h = 0; h < frames_.size(); ++h) {
-    for (const PointId id : regions_.handles[h]) {
-      const Vec3& x = mesh_->points[id];
-      for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) moments[h][4 * i + j] += cotangent[id][i] * x[j];
-        moments[h][4 * i + 3] += cotangent[id][i];
-      }
-    }
-  }
-  std::vector<double> gradient(setup_.variables.size(), 0.0);
-  double block[12];
-  for (std::size_t k = 0; k < gradient.size(); ++k) {
-    const std::vector<Affine> derivative = handle_motion_derivative(setup_, variables, k);
-    for (std::size_t h = 0; h < frames_.size(); ++h) {
-      if (derivative[h] == Affine{}) continue;
-      field_coefficients(derivative[h], MotionKind::derivative, frames_[h], box_, block);
-      for (std::size_t j = 0; j < 12; ++j) gradient[k] += block[j] * G[12 * h + j] + derivative[h][j] * moments[h][j];
-    }
-  }
-  return gradient;
-}
-
-Estimate estimate_rbf(const Mesh& mesh, const Setup& setup) {
-  const auto& options = std::get<RbfOptions>(setup.method);
-  const SelectedRegions regions = validate(setup, mesh);
-  polynomial_degree(options);
-  const RbfCentres centres = choose_centres(mesh, regions, options);
-  const std::size_t m = centres.ids.size();
-  const std::size_t d = centres.deformable.size();
-  const Solver solver = chosen_solver(options.solver, options.kernel, m);
-  const std::size_t fields = 4 * regions.handles.size();
-
-  Estimate estimate;
-  estimate.constraint_points = centres.constraint_points;
-  estimate.centres = m;
-  estimate.factor_bytes = InterpolationSystem::factor_bytes(m, solver) + m * sizeof(Vec3);
-  const std::size_t basis_bytes = HandleBasis::bytes_for(d, fields);
-  const bool basis = wants_basis(options.basis, basis_bytes, InterpolationSystem::factor_bytes(m, solver));
-  estimate.basis_bytes = basis ? basis_bytes : 0;
-  estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + point_bytes(mesh.point_count());
-  const std::size_t factor_extra = InterpolationSystem::peak_bytes(m, solver) + 2 * m * sizeof(Vec3);
-  // Data, solution and the copies that a solve makes of them, beside the factor.
-  const std::size_t basis_extra =
-      (solver == Solver::iterative ? InterpolationSystem::peak_bytes(m, solver) + FastSums::bytes_for(d, m, 12)
-                                   : estimate.factor_bytes) +
-      estimate.basis_bytes + (basis ? 4 * (m + 10) * fields * sizeof(double) : 0);
-  const std::size_t adjacency = 16 * (mesh.point_count() + mesh.face_count()) + 24 * mesh.face_points.size();
-  estimate.peak_bytes = point_bytes(mesh.point_count()) + d * sizeof(Vec3) + std::max({factor_extra, basis_extra, adjacency});
-  estimate.notes = centres.notes;
-  if (!basis) estimate.notes.push_back("No handle basis will be stored: every design is solved for and summed directly.");
-
-  // Nominal rates of one current core, halved work for two.
-  const double cores = thread_count({});
-  const auto M = static_cast<double>(m);
-  const double rows = M + (basis ? static_cast<double>(d) : 0.0);
-  const double columns = basis ? static_cast<double>(fields) : 0.0;
-  if (solver == Solver::iterative) {
-    // Factors of the subsets, then a dozen fast sums per four fields.
-    const double solves = std::max(1.0, columns / 4);
-    estimate.seconds = (M * 2e-4 + solves * (M * 2.5e-4 + rows * 2e-5)) / cores + 1;
-    return estimate;
-  }
-  estimate.seconds = (M * M / 2 / 5e8 + M * M * M / 3 / 2.5e10 + rows * M * (1 / 8e8 + 2 * columns / 1.5e10)) / cores +
-                     4 * M * M * columns / 1e10 + static_cast<double>(mesh.point_count()) * 2e-7;
-  return estimate;
 }
 
 }  // namespace deform

@@ -4,6 +4,7 @@
 
 #include "core/deformers/rbf_basis.h"
 #include "core/deformers/rbf_centres.h"
+#include "core/deformers/rbf_parts.h"
 #include "core/deformers/system.h"
 
 namespace deform {
@@ -13,6 +14,10 @@ namespace deform {
 ///  - report().interpolation_residual is an upper bound over all centres on the basis path and with the iterative solver, and the
 ///    largest value over at most 256 evenly spread centres on the direct path of the others. An iterative solution that did not
 ///    reach its tolerance shows there; notes tell of the basis only.
+///
+/// With symmetry planes the result is that of the whole, mirrored model (one system per parity, see PartPlan): points on a plane
+/// keep their distance from it and slide. A motion that sends a handle point on a plane out of it by more than its reach() is
+/// refused, what is less is left out; so are derivatives with respect to variables that would.
 class RbfSystem : public System {
  public:
   RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context, std::size_t memory_budget);
@@ -28,11 +33,28 @@ class RbfSystem : public System {
  private:
   friend class RbfEvaluation;
 
-  void add_notes(int degree);
-  void prepare_basis(const RbfOptions& options, const RunContext& context);
+  void place_points();
+  InterpolationOptions interpolation_options(const std::vector<Vec3>& places);
+  void prepare_parts(const RunContext& context, std::size_t memory_budget);
+  void fill_info();
+  void add_notes();
+  void prepare_basis(const RunContext& context);
   Eigen::MatrixXd handle_fields() const;
-  /// Adjoint of "handle fields to deformable points": 4H x 3 from a field (n x 3) of which the deformable points count.
+  void check_sliding(const std::vector<Affine>& derivative, const std::string& what) const;
+  std::vector<double> pull_back(const RbfPart& part, std::span<const Vec3> at_deformable, const RunContext& context) const;
   std::vector<double> pull_back(std::span<const Vec3> field, const RunContext& context) const;
+  bool has_basis() const { return !parts_.empty() && parts_.front().basis != nullptr; }
+
+  /// Of a point, in what the systems are solved in: unit coordinates, in the frame of the planes when there are any.
+  Vec3 coordinates(PointId id) const;
+  /// Components of a displacement in the frame of the planes: those along the normals of planes that the point lies on are zero.
+  Vec3 components(Vec3 in_frame, PointId id) const {
+    const unsigned on = regions_.symmetry.on(id);
+    for (std::size_t k = 0; k < 3; ++k) {
+      if ((on >> k & 1u) != 0) in_frame[k] = 0;
+    }
+    return in_frame;
+  }
 
   std::shared_ptr<const Mesh> mesh_;
   Setup setup_;
@@ -41,9 +63,10 @@ class RbfSystem : public System {
   std::vector<std::uint32_t> rank_of_;  ///< n: position of a handle point among the points of its handle
   UnitBox box_;
   std::vector<HandleFrame> frames_;
-  TiledPoints deformable_;  ///< unit coordinates
-  std::unique_ptr<const InterpolationSystem> system_;
-  std::unique_ptr<const HandleBasis> basis_;  ///< null without one
+  TiledPoints deformable_;        ///< coordinates()
+  std::vector<PointId> sliding_;  ///< handle points on symmetry planes, ascending
+  std::vector<RbfPart> parts_;    ///< one without symmetry planes
+  double relative_shape_ = 0;     ///< of the kernel, as a fraction of the diagonal of the centres
   SystemInfo info_;
 };
 

@@ -221,6 +221,7 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh) {
   for (std::size_t id = 0; id < owners.size(); ++id) {
     if (owners[id] == fixed_owner) selected.fixed.push_back(static_cast<PointId>(id));
   }
+  selected.symmetry = Symmetry(setup.symmetry, mesh);
   return selected;
 }
 

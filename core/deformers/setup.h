@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/base/types.h"
+#include "core/deformers/symmetry.h"
 #include "core/mesh/region.h"
 #include "core/numerics/kernel.h"
 #include "core/numerics/solver.h"
@@ -73,18 +74,20 @@ struct Setup {
   std::vector<Region> fixed;
   std::vector<DesignVariable> variables;
   std::uint64_t seed = 0;
+  std::vector<SymmetryPlane> symmetry;  ///< at most 3, orthogonal to each other; their points slide in them
 };
 
 /// The regions of a setup on one mesh.
 struct SelectedRegions {
   std::vector<std::vector<PointId>> handles;  ///< per handle, sorted, not empty, disjoint
   std::vector<PointId> fixed;                 ///< sorted, disjoint from all handles; may be empty
+  Symmetry symmetry;
 };
 
 /// Checks everything that can be checked without numerics and selects the regions. Throws Error(invalid_argument) naming the
 /// field: no handle, repeated or empty names, empty region, a point in two handles or in a handle and a fixed region (with the
 /// count and the first id), unknown handle of a variable (with the nearest names), lower > upper or 0 outside of them, zero axis
-/// or direction, non-finite numbers, options out of range.
+/// or direction, non-finite numbers, options out of range, and what Symmetry throws.
 SelectedRegions validate(const Setup& setup, const Mesh& mesh);
 
 /// The affine motion of every handle for a vector of variable values (size = setup.variables.size()). Throws

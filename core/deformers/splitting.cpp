@@ -29,10 +29,14 @@ void validate_options(const SplitOptions& options) {
 }
 
 /// The regions by their points, so that the mesh may move; nobody asks for a basis, as handles move point by point.
-Setup with_explicit_regions(Setup setup, const SelectedRegions& regions) {
+Setup with_explicit_regions(Setup setup, const SelectedRegions& regions, const Mesh& mesh) {
   for (std::size_t h = 0; h < setup.handles.size(); ++h) setup.handles[h].region = {Region::Ids{regions.handles[h]}};
   setup.fixed.clear();
   if (!regions.fixed.empty()) setup.fixed.push_back({Region::Ids{regions.fixed}});
+  // Planes that were found are found again: their points keep their distances.
+  for (auto& plane : setup.symmetry) {
+    if (auto* region = std::get_if<Region>(&plane.kind)) *region = {Region::Ids{select(*region, mesh, "symmetry")}};
+  }
   setup.variables.clear();
   if (auto* rbf = std::get_if<RbfOptions>(&setup.method)) rbf->basis = BasisMode::never;
   return setup;
@@ -62,7 +66,7 @@ class Splitting {
         context_(context),
         rest_(problem.mesh->points),
         regions_(validate(problem.setup, *problem.mesh)),
-        setup_(with_explicit_regions(problem.setup, regions_)),
+        setup_(with_explicit_regions(problem.setup, regions_, *problem.mesh)),
         budget_(left_of(problem)),
         check_(rest_, problem.cells, context) {}
 

@@ -45,10 +45,15 @@ Solver chosen_solver(Solver solver, Kernel kernel, std::size_t centres) {
 
 InterpolationSystem::InterpolationSystem(std::vector<Vec3> centres, const InterpolationOptions& options,
                                          const RunContext& context)
-    : centres_(std::move(centres)), kernel_(options.kernel), polynomials_(centres_, options.polynomial_degree) {
+    : centres_(std::move(centres)),
+      kernel_(options.kernel),
+      polynomials_(centres_, options.polynomial_degree, options.kernel.parity) {
   const SaddleProblem problem{kernel_, centres_, polynomials_};
   solver_ = chosen_solver(options.solver, kernel_.kernel, size());
   if (solver_ == Solver::iterative) {
+    if (!kernel_.parity.none()) {
+      throw Error(ErrorCode::invalid_argument, "solver: the iterative one has no images; give it all centres and their images");
+    }
     iterative_ = std::make_unique<IterativeSystem>(centres_, kernel_, options.polynomial_degree, context);
     return;
   }

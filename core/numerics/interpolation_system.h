@@ -49,7 +49,7 @@ std::unique_ptr<SaddleFactor> factor_lu(const SaddleProblem& problem, const RunC
 Solver chosen_solver(Solver solver, Kernel kernel, std::size_t centres);
 
 struct InterpolationOptions {
-  RadialKernel kernel;
+  RadialKernel kernel;  ///< with a parity: values, polynomials and interpolants have it too (not for the iterative solver)
   int polynomial_degree = 1;
   Solver solver = Solver::automatic;
   std::size_t memory_limit = 0;  ///< bytes that the fallback may take; 0 = unlimited

@@ -59,4 +59,34 @@ double value(const RadialKernel& kernel, double r2) {
   return 0;
 }
 
+double value(const RadialKernel& kernel, const Vec3& x, const Vec3& c) {
+  const auto one = [&](const Vec3& centre) {
+    const double dx = x[0] - centre[0], dy = x[1] - centre[1], dz = x[2] - centre[2];
+    return value(kernel, dx * dx + dy * dy + dz * dz);
+  };
+  if (kernel.parity.none()) return one(c);
+  const Images images(kernel.parity);
+  double sum = 0;
+  for (std::size_t g = 0; g < images.count; ++g) sum += images.at[g].sign * one(images.at[g].of(c));
+  return sum;
+}
+
+Images::Images(const Parity& parity) {
+  const auto reflect = [&](std::size_t k) {
+    for (std::size_t g = 0; g < count; ++g) {
+      Image image = at[g];
+      image.flip[k] = -1;
+      image.sign *= parity.sign[k];
+      at[count + g] = image;
+    }
+    count *= 2;
+  };
+  for (std::size_t k = 0; k < 3; ++k) {
+    if (parity.sign[k] < 0) reflect(k);
+  }
+  for (std::size_t k = 0; k < 3; ++k) {
+    if (parity.sign[k] > 0) reflect(k);
+  }
+}
+
 }  // namespace deform

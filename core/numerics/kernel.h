@@ -1,5 +1,10 @@
 #pragma once
 
+#include <array>
+#include <cstddef>
+
+#include "core/base/types.h"
+
 namespace deform {
 
 /// Radial kernels (thesis table 3.1). r is a distance, s the shape parameter.
@@ -31,13 +36,38 @@ KernelProperties properties(Kernel kernel);
 /// only: half the diagonal.
 double automatic_shape(Kernel kernel, double spacing, double diagonal);
 
-/// A kernel with its parameter, in the coordinates it is evaluated in.
+/// How functions behave under the reflections x_k -> -x_k of the coordinates they are evaluated in.
+struct Parity {
+  std::array<signed char, 3> sign{};  ///< per coordinate: 0 no reflection, +1 even, -1 odd; at most one odd
+  bool none() const { return sign == std::array<signed char, 3>{}; }
+};
+
+/// A kernel with its parameter, in the coordinates it is evaluated in. With a parity its value for a point x and a centre c is
+/// the sum over the group of the reflections g of chi(g) phi(|x - g c|), where chi(g) = -1 for each odd coordinate that g
+/// reflects: a function of x and of c with that parity, symmetric in both. A centre on a plane of reflection is its own image and
+/// counts twice (its weight is half as large); an odd kernel is zero there.
 struct RadialKernel {
   Kernel kernel = Kernel::triharmonic;
   double shape = 1;  ///< s; ignored by r, r^3, r^5
+  Parity parity{};
 };
 
-/// phi at squared distance r2. The reference that the vectorized sums are tested against.
+/// phi at squared distance r2, without the images. The reference that the vectorized sums are tested against.
 double value(const RadialKernel& kernel, double r2);
+/// With the images.
+double value(const RadialKernel& kernel, const Vec3& x, const Vec3& c);
+
+/// The group of reflections of a parity: every image of a centre c is (flip[k] * c[k]), of weight `sign`. The odd coordinate is
+/// reflected first, so that on its plane the sum over the images in order is exactly zero.
+struct Images {
+  struct Image {
+    Vec3 flip{1, 1, 1};
+    double sign = 1;
+    Vec3 of(const Vec3& c) const { return {flip[0] * c[0], flip[1] * c[1], flip[2] * c[2]}; }
+  };
+  std::size_t count = 1;
+  std::array<Image, 8> at{};
+  explicit Images(const Parity& parity);
+};
 
 }  // namespace deform

@@ -18,12 +18,16 @@ constexpr std::array<Exponents, 10> monomials{
 
 }  // namespace
 
-PolynomialSpace::PolynomialSpace(std::span<const Vec3> centres, int degree) {
-  if (degree < 0) return;
+/// Of the centres and their images: origin, axes and the largest distance from the origin.
+double PolynomialSpace::find_axes(std::span<const Vec3> centres, const Parity& parity) {
   const auto m = static_cast<Eigen::Index>(centres.size());
+  const auto mirrored = [&](int k) { return parity.sign[static_cast<std::size_t>(k)] != 0; };
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   for (const auto& c : centres) mean += Eigen::Map<const Eigen::Vector3d>(c.data());
   mean /= static_cast<double>(m);
+  for (int k = 0; k < 3; ++k) {
+    if (mirrored(k)) mean[k] = 0;
+  }
   Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
   double extent = 0;
   for (const auto& c : centres) {
@@ -31,29 +35,69 @@ PolynomialSpace::PolynomialSpace(std::span<const Vec3> centres, int degree) {
     scatter += d * d.transpose();
     extent = std::max(extent, d.norm());
   }
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(scatter, Eigen::ComputeFullU);
-  for (int k = 0; k < 3; ++k) {
-    origin_[k] = mean[k];
-    for (int i = 0; i < 3; ++i) axes_[k][i] = svd.matrixU()(i, k);
+  for (int k = 0; k < 3; ++k) origin_[k] = mean[k];
+  if (parity.none()) {
+    const Eigen::JacobiSVD<Eigen::Matrix3d> svd(scatter, Eigen::ComputeFullU);
+    for (int k = 0; k < 3; ++k) {
+      for (int i = 0; i < 3; ++i) axes_[k][i] = svd.matrixU()(i, k);
+    }
+    return extent;
   }
-  // Extent along each axis from the points themselves: the scatter matrix has lost half of the digits.
+  for (int k = 0; k < 3; ++k) axes_[k][k] = 1;
   for (int k = 0; k < 3; ++k) {
-    double width = 0;
+    const int a = (k + 1) % 3, b = (k + 2) % 3;
+    if (!mirrored(k) || mirrored(a) || mirrored(b)) continue;
+    Eigen::Matrix2d block;
+    block << scatter(a, a), scatter(a, b), scatter(b, a), scatter(b, b);
+    const Eigen::JacobiSVD<Eigen::Matrix2d> svd(block, Eigen::ComputeFullU);
+    axes_[a][a] = svd.matrixU()(0, 0);
+    axes_[a][b] = svd.matrixU()(1, 0);
+    axes_[b][a] = svd.matrixU()(0, 1);
+    axes_[b][b] = svd.matrixU()(1, 1);
+  }
+  return extent;
+}
+
+PolynomialSpace::PolynomialSpace(std::span<const Vec3> centres, int degree, const Parity& parity) {
+  if (degree < 0) return;
+  const double extent = find_axes(centres, parity);
+  // Extent along each axis from the points themselves: the scatter matrix has lost half of the digits.
+  std::array<double, 3> widths{};
+  for (int k = 0; k < 3; ++k) {
     for (const auto& c : centres) {
       double t = 0;
       for (int i = 0; i < 3; ++i) t += axes_[k][i] * (c[i] - origin_[i]);
-      width = std::max(width, std::abs(t));
+      widths[k] = std::max(widths[k], std::abs(t));
     }
-    if (extent > 0 && width > flat * extent) dimension_ = k + 1;
+  }
+  const auto wide = [&](int k) { return extent > 0 && widths[k] > flat * extent; };
+  std::array<int, 3> sign{};
+  if (parity.none()) {
+    for (int k = 0; k < 3; ++k) {
+      if (wide(k)) dimension_ = k + 1;
+    }
+  } else {
+    // The axes keep their coordinates, those across which the hull is flat come last.
+    std::array<int, 3> order{0, 1, 2};
+    dimension_ = static_cast<int>(std::stable_partition(order.begin(), order.end(), wide) - order.begin());
+    const std::array<Vec3, 3> axes = axes_;
+    for (std::size_t k = 0; k < 3; ++k) {
+      axes_[k] = axes[static_cast<std::size_t>(order[k])];
+      sign[k] = parity.sign[static_cast<std::size_t>(order[k])];
+    }
   }
   scale_ = extent > 0 ? 1 / extent : 1;
 
+  const auto allowed = [&](std::size_t axis, int exponent) {
+    if (exponent > 0 && dimension_ <= static_cast<int>(axis)) return false;
+    return sign[axis] == 0 || (exponent % 2 == 1) == (sign[axis] < 0);
+  };
   std::vector<int> candidates;
   for (int t = 0; t < static_cast<int>(monomials.size()); ++t) {
     const Exponents& e = monomials[t];
-    const bool inside = (e.y == 0 || dimension_ > 1) && (e.z == 0 || dimension_ > 2) && (e.x == 0 || dimension_ > 0);
-    if (inside && e.x + e.y + e.z <= degree) candidates.push_back(t);
+    if (allowed(0, e.x) && allowed(1, e.y) && allowed(2, e.z) && e.x + e.y + e.z <= degree) candidates.push_back(t);
   }
+  if (candidates.empty()) return;
   terms_ = candidates;
   const Eigen::MatrixXd P = matrix(centres);
   Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(P);

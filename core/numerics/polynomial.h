@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/base/types.h"
+#include "core/numerics/kernel.h"
 
 namespace deform {
 
@@ -15,8 +16,9 @@ namespace deform {
 /// minimum-norm choice. Immutable; any thread.
 class PolynomialSpace {
  public:
-  /// degree 0..2, or -1 for no polynomials. At least one centre.
-  PolynomialSpace(std::span<const Vec3> centres, int degree);
+  /// degree 0..2, or -1 for no polynomials. At least one centre. With a parity: those polynomials of that parity which the
+  /// centres and their images together can tell apart (the coordinates of the reflections are axes).
+  PolynomialSpace(std::span<const Vec3> centres, int degree, const Parity& parity = {});
 
   std::size_t terms() const { return terms_.size(); }
   int hull_dimension() const { return dimension_; }
@@ -29,6 +31,7 @@ class PolynomialSpace {
   Eigen::MatrixXd matrix(std::span<const Vec3> points) const;
 
  private:
+  double find_axes(std::span<const Vec3> centres, const Parity& parity);
   double monomial(const Vec3& local, int term) const;
   Vec3 local(const Vec3& x) const;
 

@@ -154,18 +154,28 @@ HWY_INLINE void with_policy(const RadialKernel& kernel, const Body& body) {
 
 constexpr std::size_t chunk = 32;  // 8 KiB of kernel values
 
+HWY_INLINE Pair squared_distance(D d, const double* HWY_RESTRICT points, const Vec3& c) {
+  Pair r2{hn::Zero(d), hn::Zero(d)};
+  for (std::size_t k = 0; k < 3; ++k) {
+    const Pair x = two_sum(hn::LoadU(d, points + k * tile_size), hn::Set(d, -c[k]));
+    r2 = sum(r2, product(d, x, x));
+  }
+  return r2;
+}
+
 template <typename Phi>
-HWY_INLINE void kernel_rows(const Phi& phi, const double* HWY_RESTRICT tile, const Vec3* HWY_RESTRICT centres, std::size_t count,
-                            double* HWY_RESTRICT high, double* HWY_RESTRICT low) {
+HWY_INLINE void kernel_rows(const Phi& phi, const Images& images, const double* HWY_RESTRICT tile,
+                            const Vec3* HWY_RESTRICT centres, std::size_t count, double* HWY_RESTRICT high,
+                            double* HWY_RESTRICT low) {
   const D d;
   for (std::size_t j = 0; j < count; ++j) {
     for (std::size_t i = 0; i < tile_size; i += lanes) {
-      Pair r2{hn::Zero(d), hn::Zero(d)};
-      for (std::size_t k = 0; k < 3; ++k) {
-        const Pair x = two_sum(hn::LoadU(d, tile + k * tile_size + i), hn::Set(d, -centres[j][k]));
-        r2 = sum(r2, product(d, x, x));
+      Pair value = phi(d, squared_distance(d, tile + i, centres[j]));
+      for (std::size_t g = 1; g < images.count; ++g) {
+        const Pair image = phi(d, squared_distance(d, tile + i, images.at[g].of(centres[j])));
+        const V sign = hn::Set(d, images.at[g].sign);
+        value = sum(value, {hn::Mul(sign, image.hi), hn::Mul(sign, image.lo)});
       }
-      const Pair value = phi(d, r2);
       hn::StoreU(value.hi, d, high + j * tile_size + i);
       hn::StoreU(value.lo, d, low + j * tile_size + i);
     }
@@ -209,10 +219,11 @@ void residual_tile(const RadialKernel& kernel, const double* tile, const Vec3* c
   HWY_ALIGN double high[chunk * tile_size];
   HWY_ALIGN double low[chunk * tile_size] = {};
   subtract_product(P, low, terms, X + count * columns, columns, sums);
+  const Images images(kernel.parity);
   with_policy(kernel, [&](const auto& phi) {
     for (std::size_t begin = 0; begin < count; begin += chunk) {
       const std::size_t size = HWY_MIN(chunk, count - begin);
-      kernel_rows(phi, tile, centres + begin, size, high, low);
+      kernel_rows(phi, images, tile, centres + begin, size, high, low);
       subtract_product(high, low, size, X + begin * columns, columns, sums);
     }
   });

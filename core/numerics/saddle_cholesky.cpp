@@ -86,8 +86,7 @@ void ProjectedCholesky::assemble_top(const SaddleProblem& problem, const MatrixX
     for (Index j = 0; j < m_; ++j) {
       const Vec3& a = problem.centres[static_cast<std::size_t>(i)];
       const Vec3& b = problem.centres[static_cast<std::size_t>(j)];
-      const double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
-      K1_(i, j) = sign_ * value(problem.kernel, x * x + y * y + z * z);
+      K1_(i, j) = sign_ * value(problem.kernel, a, b);
     }
   }
   if (q_ > 0) K1_ -= Z.topRows(q_) * V_.transpose() + V_.topRows(q_) * Z.transpose();

@@ -152,18 +152,47 @@ HWY_INLINE void kernel_rows(const Phi& phi, const double* HWY_RESTRICT tile, con
   }
 }
 
+/// The same with the images of every centre, in their order.
+template <typename Phi>
+HWY_INLINE void mirrored_rows(const Phi& phi, const Images& images, const double* HWY_RESTRICT tile,
+                              const Vec3* HWY_RESTRICT centres, std::size_t count, double* HWY_RESTRICT out) {
+  const D d;
+  for (std::size_t j = 0; j < count; ++j) {
+    for (std::size_t i = 0; i < tile_size; i += lanes) {
+      V sum = hn::Zero(d);
+      for (std::size_t g = 0; g < images.count; ++g) {
+        const Vec3 c = images.at[g].of(centres[j]);
+        const V x = hn::Sub(hn::LoadU(d, tile + i), hn::Set(d, c[0]));
+        const V y = hn::Sub(hn::LoadU(d, tile + tile_size + i), hn::Set(d, c[1]));
+        const V z = hn::Sub(hn::LoadU(d, tile + 2 * tile_size + i), hn::Set(d, c[2]));
+        const V r2 = hn::MulAdd(x, x, hn::MulAdd(y, y, hn::Mul(z, z)));
+        sum = hn::MulAdd(hn::Set(d, images.at[g].sign), phi(d, r2), sum);
+      }
+      hn::StoreU(sum, d, out + j * tile_size + i);
+    }
+  }
+}
+
 void kernel_tile(const RadialKernel& kernel, const double* tile, const Vec3* centres, std::size_t count, double* out) {
-  with_policy(kernel, [&](const auto& phi) { kernel_rows(phi, tile, centres, count, out); });
+  const Images images(kernel.parity);
+  with_policy(kernel, [&](const auto& phi) {
+    images.count == 1 ? kernel_rows(phi, tile, centres, count, out) : mirrored_rows(phi, images, tile, centres, count, out);
+  });
 }
 
 void kernel_tile_sums(const RadialKernel& kernel, const double* tile, const Vec3* centres, std::size_t count,
                       const double* weights, std::size_t ldw, std::size_t columns, double* out) {
   constexpr std::size_t chunk = 64;  // 8 KiB of kernel values stay in the first-level cache
   HWY_ALIGN double values[chunk * tile_size];
+  const Images images(kernel.parity);
   with_policy(kernel, [&](const auto& phi) {
     for (std::size_t begin = 0; begin < count; begin += chunk) {
       const std::size_t size = HWY_MIN(chunk, count - begin);
-      kernel_rows(phi, tile, centres + begin, size, values);
+      if (images.count == 1) {
+        kernel_rows(phi, tile, centres + begin, size, values);
+      } else {
+        mirrored_rows(phi, images, tile, centres + begin, size, values);
+      }
       product(values, size, weights + begin * ldw, ldw, columns, out);
     }
   });

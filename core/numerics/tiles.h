@@ -40,7 +40,8 @@ void tile_product(const double* A, std::size_t K, const double* B, std::size_t l
 /// thread.
 void tile_product_transposed(const double* A, std::size_t K, const double* X, std::size_t columns, double* out, std::size_t ldo);
 
-/// out[j][16] = phi(|point - centre j|) for the points of one tile and centres [begin, end). Any thread.
+/// out[j][16] = phi(|point - centre j|) for the points of one tile and all centres; here and below with the images of a kernel
+/// that has a parity. Any thread.
 void tile_kernel(const RadialKernel& kernel, const double* tile, std::span<const Vec3> centres, double* out);
 
 /// out[c][16] += sum over centres j of phi(|point - centre j|) * weights[j][c]: kernel sums of one tile; weights m x columns, row

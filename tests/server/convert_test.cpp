@@ -106,6 +106,50 @@ TEST(ConvertSetup, every_kind_of_region) {
   EXPECT_EQ(std::get<Region::Grow>(setup.fixed[12].kind).rings, 2);
 }
 
+TEST(ConvertSetup, symmetry_planes) {
+  v1::Setup message = sheet_setup(geometry);
+  const std::string without = system_id(canonical_setup(message, geometry));
+  v1::SymmetryPlane& plane = *message.add_symmetry();
+  for (const double x : {1., 2., 3.}) plane.add_point(x);
+  for (const double x : {0., 0., -2.}) plane.add_normal(x);
+  v1::Region& patch = *message.add_symmetry()->mutable_region();
+  for (const std::uint32_t id : {5u, 3u, 4u, 3u}) patch.add_ids(id);
+  const deform::Setup setup = setup_from_proto(message, 10);
+  ASSERT_EQ(setup.symmetry.size(), 2u);
+  EXPECT_EQ(std::get<SymmetryPlane::Plane>(setup.symmetry[0].kind).point, (Vec3{1, 2, 3}));
+  EXPECT_EQ(std::get<SymmetryPlane::Plane>(setup.symmetry[0].kind).normal, (Vec3{0, 0, -2}));
+  EXPECT_TRUE(std::holds_alternative<Region>(setup.symmetry[1].kind));
+
+  const v1::Setup canonical = canonical_setup(message, geometry);
+  EXPECT_EQ(canonical.symmetry(0).SerializeAsString(), plane.SerializeAsString());
+  EXPECT_EQ(canonical.symmetry(1).region().ids_size(), 3);
+  EXPECT_EQ(canonical.symmetry(1).region().ids(0), 3u);
+  const std::string id = system_id(canonical);
+  EXPECT_NE(id, without);
+  message.mutable_symmetry(0)->set_point(2, 4);
+  EXPECT_NE(system_id(canonical_setup(message, geometry)), id);
+
+  const auto refused = [](const std::function<void(v1::SymmetryPlane&)>& fill) {
+    return setup_refusal([&](v1::Setup& s) { fill(*s.add_symmetry()); });
+  };
+  EXPECT_EQ(refused([](auto&) {}), "symmetry[0]: expected either point and normal or a region, got neither");
+  EXPECT_EQ(refused([](auto& p) {
+              p.add_normal(1);
+              p.mutable_region()->set_all(true);
+            }),
+            "symmetry[0]: expected either point and normal or a region, got both");
+  EXPECT_EQ(refused([](auto& p) {
+              for (const double x : {1., 0., 0.}) p.add_normal(x);
+            }),
+            "symmetry[0].point: expected 3 numbers, got 0");
+  EXPECT_EQ(refused([](auto& p) { p.mutable_region(); }),
+            "symmetry[0].region: no kind of region is given (group, box, sphere, ...)");
+  EXPECT_EQ(setup_refusal([](v1::Setup& s) {
+              for (int i = 0; i < 4; ++i) s.add_symmetry();
+            }),
+            "symmetry: 4 entries are more than the limit of 3");
+}
+
 TEST(ConvertSetup, refusals_name_the_field) {
   struct Row {
     const char* expected;

@@ -28,6 +28,7 @@ fixed: [{group: nose}, {ids: [1, 2, 4294967295]}, {open_boundary: true}, {grow: 
 variables:
   - {name: roof_up,    handle: roof,  translate: [0, 0, 1], lower: -0.05, upper: 0.05}
   - {name: slant_turn, handle: slant, rotate: {axis: [0, 1, 0], centre: [0, 0, 0.3]}, lower: -0.2, upper: 0.2}   # radians
+symmetry: [{point: [0, 0, 0], normal: [0, 1, 0]}, {region: {group: symmetry}}]
 seed: 18446744073709551615
 )");
   EXPECT_EQ(setup.geometry(), "ahmed.obj");
@@ -40,6 +41,8 @@ seed: 18446744073709551615
   EXPECT_EQ(setup.fixed(3).grow().region().group(), "12");
   EXPECT_TRUE(setup.variables(0).has_lower());
   EXPECT_EQ(setup.variables(1).rotate().centre(2), 0.3);
+  EXPECT_EQ(setup.symmetry(0).normal(1), 1.0);
+  EXPECT_EQ(setup.symmetry(1).region().group(), "symmetry");
   EXPECT_EQ(setup.seed(), 18446744073709551615u);
 }
 

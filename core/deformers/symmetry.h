@@ -1,0 +1,77 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "core/base/types.h"
+#include "core/mesh/mesh.h"
+#include "core/mesh/region.h"
+
+namespace deform {
+
+/// A plane that a half model was cut at: the model and its mirror image are deformed as one.
+struct SymmetryPlane {
+  struct Plane {
+    Vec3 point{}, normal{};  ///< the normal need not be of unit length; its direction does not matter
+  };
+  /// Or a region whose points lie in one plane (a patch), which is found by least squares; at right angles to a coordinate axis
+  /// when that fits the points as well (twice as far away at most).
+  std::variant<Plane, Region> kind;
+};
+
+/// The symmetry planes of a setup on one mesh. Points within `Symmetry::tolerance` D of a given plane lie on it, as do the points
+/// of the region of a plane that was found and all that are no farther away than they. Nothing is snapped: points keep their
+/// distance, whatever it is. Immutable; any thread.
+class Symmetry {
+ public:
+  static constexpr double tolerance = 1e-9;  ///< of D: what lies on a plane, and how far normals may be from orthogonal
+  static constexpr double flatness = 1e-6;   ///< of D: how far the points of a region may be from one plane
+
+  Symmetry() = default;
+  /// Throws Error(invalid_argument) naming symmetry[i]: more than three planes or planes that are not orthogonal (within
+  /// `tolerance`; `flatness` when one of them was found), zero or non-finite normal, a region whose points do not define a plane
+  /// or do not lie in one (with the largest distance and its point), a mesh on both sides of a plane (with the number of points
+  /// on the side with fewer, the first and its distance), and what select() throws.
+  Symmetry(std::span<const SymmetryPlane> planes, const Mesh& mesh);
+
+  std::size_t planes() const { return planes_; }
+  bool empty() const { return planes_ == 0; }
+  const Vec3& normal(std::size_t plane) const { return axes_[plane]; }  ///< unit, to the side of the mesh
+  std::size_t held(std::size_t plane) const { return held_[plane]; }    ///< points on a plane
+  double reach(std::size_t plane) const { return reach_[plane]; }       ///< how near they are, at least `tolerance` D
+
+  /// Bit k: the point lies on plane k. 0 without planes.
+  unsigned on(PointId id) const { return on_.empty() ? 0u : on_[id]; }
+
+  /// Components of a vector in the frame of the planes: first along their normals, in order, then tangential ones; and back.
+  Vec3 to_frame(const Vec3& vector) const;
+  Vec3 from_frame(const Vec3& components) const;
+  /// Position in the frame; the reflections of plane k change the sign of coordinate k. Model units.
+  Vec3 coordinates(const Vec3& point) const;
+  /// The mirror image of a point in a plane, in model coordinates.
+  Vec3 reflected(const Vec3& point, std::size_t plane) const;
+
+  /// `to` without what it is away from x along the normals of the planes that x lies on (mask): for axis-aligned planes these
+  /// coordinates are those of x exactly.
+  Vec3 slid(const Vec3& x, const Vec3& to, unsigned mask) const;
+
+ private:
+  struct Found;
+  void find(const SymmetryPlane& plane, std::size_t index, const Mesh& mesh, double diagonal, Found& found);
+  void make_orthonormal(std::span<const Found> found);
+  void mark(std::size_t plane, const Found& found, const Mesh& mesh, double diagonal);
+
+  std::size_t planes_ = 0;
+  std::array<Vec3, 3> axes_{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};  ///< orthonormal
+  std::array<Vec3, 3> anchors_{};                                ///< where coordinate k is zero
+  std::array<std::size_t, 3> held_{};
+  std::array<double, 3> reach_{};
+  std::vector<std::uint8_t> on_;  ///< n, or empty
+};
+
+}  // namespace deform
