@@ -332,4 +332,21 @@ void VtkCells::offer_labels(const std::string& name, std::vector<std::int64_t> v
 
 void add_vtk_cells(const VtkCells& cells, const std::string& name, ElementMesh& mesh) { CellReader(cells, name, mesh).read(); }
 
+const VtkElement& vtk_element(ElementType type) {
+  static const auto table = [] {
+    constexpr std::uint8_t voxel = 11;
+    std::array<VtkElement, element_types> elements;
+    for (const Volume& volume : volumes) {
+      if (volume.type == voxel) continue;
+      VtkElement& element = elements[static_cast<std::size_t>(volume.element)];
+      element.type = volume.type;
+      element.nodes.resize(volume.order.size());
+      for (std::size_t k = 0; k < volume.order.size(); ++k) element.nodes[volume.order[k]] = static_cast<std::uint8_t>(k);
+    }
+    elements[static_cast<std::size_t>(ElementType::pyramid14)] = elements[static_cast<std::size_t>(ElementType::pyramid13)];
+    return elements;
+  }();
+  return table[static_cast<std::size_t>(type)];
+}
+
 }  // namespace deform::io

@@ -35,4 +35,12 @@ struct VtkCells {
 /// Error(invalid_argument) naming the file and the cell for unknown types, wrong numbers of nodes and nodes out of range.
 void add_vtk_cells(const VtkCells& cells, const std::string& name, ElementMesh& mesh);
 
+/// How VTK stores an element: the number of its type and, node by node in VTK's order, which of ours stands there. It has no
+/// pyramid14: the node amid the base is left out.
+struct VtkElement {
+  std::uint8_t type = 0;
+  std::vector<std::uint8_t> nodes;
+};
+const VtkElement& vtk_element(ElementType type);
+
 }  // namespace deform::io

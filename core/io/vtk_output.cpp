@@ -10,37 +10,13 @@
 #include "core/base/text.h"
 #include "core/io/byte_order.h"
 #include "core/io/mesh_file.h"
+#include "core/io/vtk_cells.h"
 
 namespace deform::io {
 
 namespace {
 
 using Ids = std::vector<std::int64_t>;
-
-constexpr int polyhedron = 42;
-
-/// A type of VTK and, node by node, which of our nodes stands there. VTK's wedges have their base (0, 1, 2) outward, ours inward.
-struct VtkCell {
-  int type;
-  std::vector<std::uint8_t> order;
-};
-
-const VtkCell& vtk_cell(ElementType type) {
-  static const std::array<VtkCell, element_types> cells{{
-      {10, {0, 1, 2, 3}},
-      {14, {0, 1, 2, 3, 4}},
-      {13, {0, 2, 1, 3, 5, 4}},
-      {12, {0, 1, 2, 3, 4, 5, 6, 7}},
-      {24, {0, 1, 2, 3, 4, 5, 6, 7, 8, 9}},
-      {27, {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12}},
-      {27, {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12}},
-      {26, {0, 2, 1, 3, 5, 4, 8, 7, 6, 14, 13, 12, 9, 11, 10}},
-      {32, {0, 2, 1, 3, 5, 4, 8, 7, 6, 14, 13, 12, 9, 11, 10, 17, 16, 15}},
-      {25, {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 16, 17, 18, 19, 12, 13, 14, 15}},
-      {29, {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 16, 17, 18, 19, 12, 13, 14, 15, 24, 22, 21, 23, 20, 25, 26}},
-  }};
-  return cells[static_cast<std::size_t>(type)];
-}
 
 /// The two halves of a file: elements that describe arrays, and the bytes behind them that they point to.
 class VtkDocument {
@@ -223,9 +199,9 @@ std::string vtu_bytes(std::span<const Vec3> points, const Elements& elements, co
     Ids connectivity, ends;
     std::string types;
     for (std::size_t e = 0; e < elements.size(); ++e) {
-      const VtkCell& cell = vtk_cell(elements.types[e]);
+      const VtkElement& cell = vtk_element(elements.types[e]);
       const auto nodes = elements.nodes(e);
-      for (const std::uint8_t node : cell.order) connectivity.push_back(nodes[node]);
+      for (const std::uint8_t node : cell.nodes) connectivity.push_back(nodes[node]);
       ends.push_back(static_cast<std::int64_t>(connectivity.size()));
       types += static_cast<char>(cell.type);
     }
@@ -264,7 +240,7 @@ std::string vtu_bytes(std::span<const Vec3> points, const PolyhedralCells& cells
     }
     document.add("connectivity", connectivity);
     document.add("offsets", ends);
-    document.add_bytes("types", std::string(cells.cell_count, static_cast<char>(polyhedron)));
+    document.add_bytes("types", std::string(cells.cell_count, static_cast<char>(VtkCells::polyhedron)));
     document.add("faces", faces);
     document.add("faceoffsets", face_ends);
   });
