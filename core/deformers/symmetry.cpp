@@ -78,7 +78,7 @@ void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& m
   for (const PointId id : found.region) mean += local(id) / count;
   for (const PointId id : found.region) scatter += (local(id) - mean) * (local(id) - mean).transpose();
   // A 2D mesh is cut along a line.
-  if (box.min[2] == box.max[2]) scatter(2, 2) = scatter.trace();
+  if (box.min[2] == box.max[2]) scatter(2, 2) = 2 * scatter.trace();
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(scatter, Eigen::ComputeFullU);
   double second = 0, largest = 0;
   PointId farthest = 0;
