@@ -207,7 +207,8 @@ void RbfSystem::fill_info() {
   info_.merged_duplicates = centres_.merged;
   info_.affine_hull_dimension = 0;
   for (const RbfPart& part : parts_) {
-    info_.polynomial_terms += part.system->polynomials().terms();
+    const bool shared = &part != &parts_.front() && part.system == parts_.front().system;
+    if (!shared) info_.polynomial_terms += part.system->polynomials().terms();
     info_.affine_hull_dimension = std::max(info_.affine_hull_dimension, part.system->polynomials().hull_dimension());
     info_.condition = std::max(info_.condition, part.system->condition());
     if (part.basis) info_.basis_bytes += part.basis->bytes();

@@ -54,7 +54,7 @@ struct Symmetry::Found {
   std::vector<PointId> region;  ///< whose points it was found from
 };
 
-void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& mesh, double diagonal, Found& found) {
+void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& mesh, const Box& box, Found& found) {
   if (const auto* given = std::get_if<SymmetryPlane::Plane>(&plane.kind)) {
     if (!finite(given->point)) throw Error(ErrorCode::invalid_argument, field(index) + ".point: must be finite");
     const double length = std::hypot(given->normal[0], given->normal[1], given->normal[2]);
@@ -77,6 +77,8 @@ void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& m
   };
   for (const PointId id : found.region) mean += local(id) / count;
   for (const PointId id : found.region) scatter += (local(id) - mean) * (local(id) - mean).transpose();
+  // A 2D mesh is cut along a line.
+  if (box.min[2] == box.max[2]) scatter(2, 2) = 2 * scatter.trace();
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(scatter, Eigen::ComputeFullU);
   double second = 0, largest = 0;
   PointId farthest = 0;
@@ -89,9 +91,10 @@ void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& m
     }
   }
   std::ostringstream text;
-  if (found.region.size() < 3 || second <= flatness * diagonal) {
+  const double diagonal = box.diagonal();
+  if (second <= flatness * diagonal) {
     text << what << ": its " << found.region.size()
-         << " points do not define a plane; a plane needs three that are not on a line";
+         << " points do not define a plane; a plane needs three that are not on a line, in a 2D mesh two";
     throw Error(ErrorCode::invalid_argument, text.str());
   }
   if (largest > flatness * diagonal) {
@@ -172,12 +175,12 @@ Symmetry::Symmetry(std::span<const SymmetryPlane> planes, const Mesh& mesh) : pl
     throw Error(ErrorCode::invalid_argument, "symmetry[3]: " + std::to_string(planes.size()) +
                                                  " planes, there are at most 3 that are orthogonal to each other");
   }
-  const double diagonal = bounding_box(mesh.points).diagonal();
+  const Box box = bounding_box(mesh.points);
   std::vector<Found> found(planes.size());
-  for (std::size_t k = 0; k < planes.size(); ++k) find(planes[k], k, mesh, diagonal, found[k]);
+  for (std::size_t k = 0; k < planes.size(); ++k) find(planes[k], k, mesh, box, found[k]);
   make_orthonormal(found);
   on_.assign(mesh.point_count(), 0);
-  for (std::size_t k = 0; k < planes.size(); ++k) mark(k, found[k], mesh, diagonal);
+  for (std::size_t k = 0; k < planes.size(); ++k) mark(k, found[k], mesh, box.diagonal());
 }
 
 Vec3 Symmetry::to_frame(const Vec3& vector) const {

@@ -19,8 +19,8 @@ struct SymmetryPlane {
   struct Plane {
     Vec3 point{}, normal{};  ///< the normal need not be of unit length; its direction does not matter
   };
-  /// Or a region whose points lie in one plane (a patch), which is found by least squares; at right angles to a coordinate axis
-  /// when that fits the points as well (twice as far away at most).
+  /// Or a region whose points lie in one plane (a patch; in a mesh of one z a line), which is found by least squares; at right
+  /// angles to a coordinate axis when that fits the points as well (twice as far away at most).
   std::variant<Plane, Region> kind;
 };
 
@@ -62,7 +62,7 @@ class Symmetry {
 
  private:
   struct Found;
-  void find(const SymmetryPlane& plane, std::size_t index, const Mesh& mesh, double diagonal, Found& found);
+  void find(const SymmetryPlane& plane, std::size_t index, const Mesh& mesh, const Box& box, Found& found);
   void make_orthonormal(std::span<const Found> found);
   void mark(std::size_t plane, const Found& found, const Mesh& mesh, double diagonal);
 

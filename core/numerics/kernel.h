@@ -38,8 +38,8 @@ double automatic_shape(Kernel kernel, double spacing, double diagonal);
 
 /// How functions behave under the reflections x_k -> -x_k of the coordinates they are evaluated in.
 struct Parity {
-  std::array<signed char, 3> sign{};  ///< per coordinate: 0 no reflection, +1 even, -1 odd; at most one odd
-  bool none() const { return sign == std::array<signed char, 3>{}; }
+  std::array<int, 3> sign{};  ///< per coordinate: 0 no reflection, +1 even, -1 odd; at most one odd
+  bool none() const { return sign == std::array<int, 3>{}; }
 };
 
 /// A kernel with its parameter, in the coordinates it is evaluated in. With a parity its value for a point x and a centre c is

@@ -255,6 +255,48 @@ TEST(Symmetry, EverythingInThePlaneStaysInIt) {
   for (const Vec3& p : got) EXPECT_EQ(p[2], 0.25);
 }
 
+TEST(Symmetry, EstimateIsEnough) {
+  for (std::size_t planes = 1; planes <= 3; ++planes) {
+    for (const Solver solver : {Solver::automatic, Solver::ldlt, Solver::iterative}) {
+      HalfModel half(planes, test::Frame{});
+      std::get<RbfOptions>(half.setup.method).solver = solver;
+      const Estimate expected = estimate(*half.half, half.setup);
+      const SystemInfo info = prepare(half.half, half.setup)->info();
+      EXPECT_EQ(expected.centres, info.centres);
+      EXPECT_GE(expected.factor_bytes, info.factor_bytes);
+      EXPECT_EQ(expected.basis_bytes, info.basis_bytes);
+      EXPECT_GE(expected.resident_bytes, info.bytes);
+      EXPECT_GE(expected.peak_bytes, expected.resident_bytes);
+      EXPECT_GT(expected.seconds, 0);
+      EXPECT_EQ(info.polynomial_terms, planes == 3 && solver != Solver::iterative ? 3u : 4u);
+      EXPECT_EQ(info.affine_hull_dimension, 3);
+      const std::string note = "Symmetry: plane 1 holds 25 points, 13 of them centres.";
+      EXPECT_THAT(expected.notes, testing::Contains(note));
+      EXPECT_THAT(info.notes, testing::Contains(note));
+    }
+  }
+}
+
+// A 2D mesh and its lower half, cut along a line of points.
+TEST(Symmetry, LineOfAFlatMesh) {
+  const auto sheet = [](std::size_t rows, double low) {
+    Mesh mesh = test::bumpy_sheet(13, rows);
+    for (Vec3& p : mesh.points) p = {p[0], low + (0.5 - low) * p[1], 0};
+    return mesh;
+  };
+  const auto half = test::shared(sheet(5, 0)), whole = test::shared(sheet(9, -0.5));
+  deform::Setup setup = test::sheet_setup();
+  std::get<RbfOptions>(setup.method).kernel = Kernel::thin_plate;
+  const Affine stretched{1.1, 0, 0, 0, 0, 1.5, 0, 0, 0, 0, 1, 0};
+  const Points expected = prepare(whole, setup)->evaluate(Design{{}, {{0, stretched}}});
+  Region::Ids line;
+  for (PointId i = 0; i < 13; ++i) line.ids.push_back(i);
+  setup.symmetry = {{Region{line}}};
+  const Points got = prepare(half, setup)->evaluate(Design{{}, {{0, stretched}}});
+  EXPECT_LT(test::distance(got, Points(expected.begin() + 13 * 4, expected.end())), 1e-10);
+  for (const PointId id : line.ids) EXPECT_EQ(got[id][1], 0);
+}
+
 struct Refusal {
   const char* name;
   std::function<void(HalfModel&)> spoil;
