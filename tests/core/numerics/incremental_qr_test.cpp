@@ -145,6 +145,10 @@ TEST(IncrementalQr, WithAllPointsIsTheInterpolant) {
   EXPECT_EQ(all.centres, points.size());
   EXPECT_TRUE(all.converged);
   EXPECT_LE(all.largest_error, 1e-10);
+  const std::vector<double> at_points = qr.values(all, points);
+  for (std::size_t i = 0; i < at_points.size(); ++i) {
+    EXPECT_NEAR(at_points[i], F(static_cast<Index>(i / 3), static_cast<Index>(i % 3)), 1e-9) << i;
+  }
   const InterpolationSystem system(points, {}, {});
   const std::vector<Vec3> at = random_points(200, 3);
   const std::vector<double> ours = qr.values(all, at), theirs = system.values(system.interpolate(F, 0), at, {});
