@@ -100,17 +100,7 @@ std::vector<double> InterpolationSystem::values(const Interpolants& interpolants
   std::vector<double> result = iterative_
                                    ? FastSums(kernel_, points, centres_, {interpolants.order, 0}).sums(weights, columns, context)
                                    : kernel_sums(kernel_, points, centres_, weights, columns, context);
-  const std::size_t q = polynomials_.terms();
-  if (q == 0) return result;
-  parallel_for(context, points.size(), 4096, [&](std::size_t begin, std::size_t end) {
-    double terms[most_terms];
-    for (std::size_t i = begin; i < end; ++i) {
-      polynomials_.values(points[i], terms);
-      for (std::size_t t = 0; t < q; ++t) {
-        for (std::size_t c = 0; c < columns; ++c) result[i * columns + c] += terms[t] * rows.data()[(size() + t) * columns + c];
-      }
-    }
-  });
+  add_polynomials(polynomials_, points, {rows.data() + size() * columns, polynomials_.terms() * columns}, result, context);
   return result;
 }
 

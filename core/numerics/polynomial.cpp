@@ -4,6 +4,8 @@
 #include <Eigen/SVD>
 #include <algorithm>
 
+#include "core/base/parallel.h"
+
 namespace deform {
 
 namespace {
@@ -139,6 +141,22 @@ Eigen::MatrixXd PolynomialSpace::matrix(std::span<const Vec3> points) const {
     for (std::size_t t = 0; t < terms_.size(); ++t) P(i, t) = row[t];
   }
   return P;
+}
+
+void add_polynomials(const PolynomialSpace& polynomials, std::span<const Vec3> points, std::span<const double> coefficients,
+                     std::span<double> values, const RunContext& context) {
+  const std::size_t q = polynomials.terms();
+  if (q == 0) return;
+  const std::size_t columns = coefficients.size() / q;
+  parallel_for(context, points.size(), 4096, [&](std::size_t begin, std::size_t end) {
+    std::array<double, monomials.size()> terms{};
+    for (std::size_t i = begin; i < end; ++i) {
+      polynomials.values(points[i], terms.data());
+      for (std::size_t t = 0; t < q; ++t) {
+        for (std::size_t c = 0; c < columns; ++c) values[i * columns + c] += terms[t] * coefficients[t * columns + c];
+      }
+    }
+  });
 }
 
 }  // namespace deform

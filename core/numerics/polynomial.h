@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/run_context.h"
 #include "core/base/types.h"
 #include "core/numerics/kernel.h"
 
@@ -42,5 +43,9 @@ class PolynomialSpace {
   std::size_t dropped_ = 0;
   std::vector<int> terms_;  // indices into the table of monomials
 };
+
+/// Adds the values of polynomials to those of other fields: values n x columns, coefficients terms x columns, both row by row.
+void add_polynomials(const PolynomialSpace& polynomials, std::span<const Vec3> points, std::span<const double> coefficients,
+                     std::span<double> values, const RunContext& context);
 
 }  // namespace deform

@@ -1,6 +1,6 @@
-// Many centres: the iterative solver against its limits and against the direct ones, growth, evaluation of many points.
+// Many centres: the iterative solver against its limits, all solvers beside each other, growth, evaluation of many points.
 //
-// usage: centres_bench [--quick]
+// usage: centres_bench [--quick | --solvers]      --solvers: only their table
 #include <sys/resource.h>
 
 #include <algorithm>
@@ -8,7 +8,10 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <filesystem>
 #include <functional>
+#include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -16,9 +19,18 @@
 #include "core/deformers/rbf.h"
 #include "core/mesh/ahmed.h"
 #include "core/numerics/fast_sums.h"
+#include "core/numerics/incremental_qr.h"
 #include "core/numerics/interpolation_system.h"
 #include "core/numerics/iterative_system.h"
 #include "core/numerics/tiles.h"
+#include "tests/bench/param_case.h"
+
+#ifndef DEFORM_SHARED_DATA
+#define DEFORM_SHARED_DATA ""
+#endif
+
+extern "C" void dgeqrf_(const int* m, const int* n, double* a, const int* lda, double* tau, double* work, const int* lwork,
+                        int* info);
 
 namespace deform {
 namespace {
@@ -54,19 +66,20 @@ void at_least(const std::string& figure, double limit, double value) {
   print(figure, ">= " + text(limit), value, value >= limit ? "PASS" : "MISS");
 }
 
-/// The points of a car body in coordinates where D = 1, so that errors are fractions of D.
+/// In coordinates where D = 1, so that errors are fractions of D.
+std::vector<Vec3> unit(std::vector<Vec3> places) {
+  const Box box = bounding_box(places);
+  for (Vec3& x : places) {
+    for (std::size_t k = 0; k < 3; ++k) x[k] = (x[k] - box.min[k]) / box.diagonal();
+  }
+  return places;
+}
+
+/// The points of a car body, D = 1.
 std::vector<Vec3> body(std::size_t count) {
   AhmedOptions options;
   options.target_points = count;
-  const Mesh mesh = ahmed_body(options);
-  const Box box = bounding_box(mesh.points);
-  std::vector<Vec3> places;
-  for (const Vec3& x : mesh.points) {
-    Vec3 unit{};
-    for (std::size_t k = 0; k < 3; ++k) unit[k] = (x[k] - box.min[k]) / box.diagonal();
-    places.push_back(unit);
-  }
-  return places;
+  return unit(ahmed_body(options).points);
 }
 
 /// A smooth deformation of 5 % of D, or the roof lifted by that with everything else at rest: it tears neighbours apart.
@@ -147,26 +160,109 @@ void iterative_tier(bool quick) {
   at_most("peak memory of the process so far, GiB", 8, peak_gib());
 }
 
-void solver_table(bool quick) {
-  const std::vector<Vec3> places = body(quick ? 1500 : 16000);
-  const MatrixXd F = displacements(places, Data::torn);
-  std::printf("\nsolvers, r^3, m = %zu (thesis table 7.3), three columns\n", places.size());
-  std::printf("%-10s %10s %10s %10s %12s\n", "solver", "prepare s", "solve s", "MiB", "error / D");
-  double ldlt = 0, cholesky = 0, lu = 0;
-  for (const Solver solver : {Solver::lu, Solver::ldlt, Solver::cholesky, Solver::iterative}) {
-    const Run r = run(places, solver, F);
-    std::printf("%-10s %10.2f %10.2f %10.0f %12.2e\n", to_string(solver), r.prepare, r.solve,
-                static_cast<double>(r.bytes) / (1 << 20), r.error);
-    if (solver == Solver::lu) lu = r.prepare;
-    if (solver == Solver::ldlt) ldlt = r.prepare;
-    if (solver == Solver::cholesky) cholesky = r.prepare;
+/// Largest difference of two solutions, relative to the largest coefficient of its kind.
+double difference(const MatrixXd& a, const MatrixXd& b) { return (a - b).cwiseAbs().maxCoeff() / b.cwiseAbs().maxCoeff(); }
+
+void print_row(const char* solver, double prepare, double solve, std::size_t bytes, std::size_t centres, double error) {
+  std::printf("%-14s %10.2f %10.2f %10.0f %8zu %12.2e\n", solver, prepare, solve, static_cast<double>(bytes) / (1 << 20), centres,
+              error);
+  std::fflush(stdout);
+}
+
+/// Least squares of a smooth deformation, as many centres as the tolerances need.
+void incremental_rows(const std::vector<Vec3>& places) {
+  const MatrixXd F = displacements(places, Data::smooth);
+  for (const auto& [name, order] : {std::pair{"QR, even", CentreOrder::farthest_point}, {"QR, greedy", CentreOrder::greedy}}) {
+    IncrementalQrOptions options;
+    options.order = order;
+    options.samples = F;
+    options.sample_tolerance = 1e-4;
+    std::unique_ptr<IncrementalQr> qr;
+    const double prepare = seconds([&] { qr = std::make_unique<IncrementalQr>(places, options); });
+    IncrementalQr::Solution solution;
+    const double solve = seconds([&] { solution = qr->solve(F, 1e-4); });
+    print_row(name, prepare, solve, qr->bytes(), solution.centres, solution.largest_error);
+    at_most(std::string(name) + ", smooth: RMS error / D", 1e-4, solution.rms);
+    at_most(std::string(name) + ", smooth: share of the points that are centres", 0.1,
+            static_cast<double>(solution.centres) / static_cast<double>(places.size()));
   }
-  at_most("Cholesky / LDL^T, time of preparation", 0.55, cholesky / ldlt);
-  at_most("Cholesky / LU, time of preparation", 0.8, cholesky / lu);
+}
+
+/// Thesis table 7.3. The places have D = 1.
+void solver_table(const std::string& name, const std::vector<Vec3>& places) {
+  const MatrixXd F = displacements(places, Data::torn);
+  std::printf("\nsolvers, r^3, %s, m = %zu (thesis table 7.3), three columns; QR: smooth data to 1e-4 D\n", name.c_str(),
+              places.size());
+  std::printf("%-14s %10s %10s %10s %8s %12s\n", "solver", "prepare s", "solve s", "MiB", "centres", "error / D");
+  std::map<Solver, Run> runs;
+  for (const Solver solver : {Solver::lu, Solver::ldlt, Solver::cholesky, Solver::iterative}) {
+    const Run& r = runs[solver] = run(places, solver, F);
+    print_row(to_string(solver), r.prepare, r.solve, r.bytes, r.centres, r.error);
+  }
+  incremental_rows(places);
+  const Run &lu = runs[Solver::lu], &ldlt = runs[Solver::ldlt], &cholesky = runs[Solver::cholesky];
+  at_most("Cholesky / LDL^T, time of preparation", 0.55, cholesky.prepare / ldlt.prepare);
+  at_most("Cholesky / LU, time of preparation", 0.8, cholesky.prepare / lu.prepare);
+  at_most("LDL^T / LU, time of preparation", 0.8, ldlt.prepare / lu.prepare);
+  at_most("Cholesky / LU, memory", 0.55, static_cast<double>(cholesky.bytes) / static_cast<double>(lu.bytes));
+  at_most("LDL^T / LU, memory", 0.55, static_cast<double>(ldlt.bytes) / static_cast<double>(lu.bytes));
+  for (const auto& [solver, other] : {std::pair{"LDL^T", &ldlt}, {"Cholesky", &cholesky}}) {
+    at_most(std::string(solver) + " against LU, coefficients", 1e-8,
+            difference(other->interpolants.coefficients, lu.interpolants.coefficients));
+  }
+  at_most("iterative, error / D", 1e-6, runs[Solver::iterative].error);
+}
+
+/// All points as centres, on one thread, against LAPACK's QR of the same matrix; and how the error falls (thesis 7.5).
+void incremental_qr(const std::vector<Vec3>& places) {
+  const std::size_t m = places.size();
+  std::printf("\nincremental QR, r^3, m = %zu\n", m);
+  RunContext one;
+  one.threads = 1;
+  std::unique_ptr<IncrementalQr> qr;
+  const double ours = seconds([&] { qr = std::make_unique<IncrementalQr>(places, IncrementalQrOptions(), one); });
+  const PolynomialSpace& polynomials = qr->polynomials();
+  const auto size = static_cast<Index>(m), q = static_cast<Index>(polynomials.terms());
+  MatrixXd A = MatrixXd::Zero(size + q, size + q);
+  for (Index j = 0; j < size; ++j) {
+    for (Index i = 0; i < size; ++i) {
+      const Vec3 &x = places[static_cast<std::size_t>(i)], &y = places[static_cast<std::size_t>(j)];
+      A(i, j) = std::pow(std::hypot(x[0] - y[0], x[1] - y[1], x[2] - y[2]), 3);
+    }
+  }
+  A.topRightCorner(size, q) = polynomials.matrix(places);
+  A.bottomLeftCorner(q, size) = A.topRightCorner(size, q).transpose();
+  const int n = static_cast<int>(size + q), lwork = 64 * n;
+  std::vector<double> tau(static_cast<std::size_t>(n)), work(static_cast<std::size_t>(lwork));
+  int info = 0;
+  const double full = seconds([&] { dgeqrf_(&n, &n, A.data(), &n, tau.data(), work.data(), &lwork, &info); });
+  at_most("all points as centres / Householder QR of LAPACK (dgeqrf), time", 1.3, ours / full);
+  const MatrixXd F = displacements(places, Data::smooth);
+  const std::vector<double> values = qr->values(qr->solve(F, 0), places);
+  at_most("all points as centres: largest error by direct summation / D", 1e-9,
+          (Eigen::Map<const RowMajor>(values.data(), size, 3) - F).cwiseAbs().maxCoeff());
+  std::printf("%-12s %10s %12s %12s\n", "tolerance", "centres", "RMS / D", "largest / D");
+  for (const double tolerance : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7}) {
+    const IncrementalQr::Solution solution = qr->solve(F, tolerance);
+    std::printf("%-12.0e %10zu %12.2e %12.2e\n", tolerance, solution.centres, solution.rms, solution.largest_error);
+  }
+}
+
+void solvers(bool quick, const std::filesystem::path& data) {
+  incremental_qr(body(quick ? 2000 : 5000));
+  solver_table("car body", body(quick ? 2000 : 16000));
+  const std::filesystem::path param = data / "B_volume" / "param";
+  if (quick) return;
+  if (std::filesystem::is_directory(param)) {
+    solver_table("boundary of pipe_hex", unit(bench::read_param_case(param, "pipe_hex").places[0]));
+  } else {
+    std::printf(
+        "\nboundary of pipe_hex left out: there is no folder of shared meshes (-DDEFORM_SHARED_DATA=FOLDER for CMake).\n");
+  }
 }
 
 void evaluation(bool quick) {
-  const std::size_t n = quick ? 20000 : 1000000, m = quick ? 1000 : 10000;
+  const std::size_t n = quick ? 20000 : 1000000, m = quick ? 2000 : 10000;
   const std::vector<Vec3> centres = body(m);
   std::vector<Vec3> points(n);
   for (std::size_t i = 0; i < n; ++i) {
@@ -233,9 +329,14 @@ void handle_motion(bool quick) {
 
 int main(int argc, char** argv) {
   const bool quick = argc > 1 && std::strcmp(argv[1], "--quick") == 0;
+  const bool solvers_only = argc > 1 && std::strcmp(argv[1], "--solvers") == 0;
   std::printf("%d threads, %s\n", deform::thread_count({}), deform::vector_target());
+  if (solvers_only) {
+    deform::solvers(false, DEFORM_SHARED_DATA);
+    return 0;
+  }
   deform::iterative_tier(quick);
-  deform::solver_table(quick);
+  deform::solvers(quick, DEFORM_SHARED_DATA);
   deform::evaluation(quick);
   deform::handle_motion(quick);
   return 0;

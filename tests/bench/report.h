@@ -8,9 +8,15 @@ namespace deform::bench {
 /// Rows "figure | must reach | measured | PASS or MISS" on standard output, as a Markdown table.
 class Report {
  public:
+  /// Without a title: open() begins the table.
+  Report() = default;
   explicit Report(const std::string& title) {
-    std::printf("\n## %s\n\n| figure | must reach | measured | |\n|---|---|---|---|\n", title.c_str());
+    std::printf("\n## %s\n", title.c_str());
+    open();
   }
+
+  /// Begins a table, after other output.
+  void open() { std::printf("\n| figure | must reach | measured | |\n|---|---|---|---|\n"); }
 
   void at_most(const std::string& figure, double measured, double limit, const std::string& unit) {
     row(figure, "<= " + text(limit) + unit, text(measured) + unit, measured <= limit);
