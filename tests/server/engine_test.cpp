@@ -1,6 +1,8 @@
 // The whole engine without a network: register, prepare, deform, and what restarts and evictions do to it.
 #include "server/engine.h"
 
+#include <algorithm>
+
 #include "server/convert_setup.h"
 #include "tests/server/engine_fixture.h"
 #include "tests/support/expect_error.h"
@@ -362,6 +364,26 @@ TEST_F(EngineTest, info_tells_the_limits_and_the_load) {
   EXPECT_EQ(info.geometries(), 1u);
   EXPECT_EQ(info.setups(), 1u);
   EXPECT_GT(info.resident_set_bytes(), 0u);
+}
+
+TEST_F(EngineTest, a_half_model_keeps_its_plane) {
+  v1::Setup setup = sheet_setup(geometry.id());
+  v1::SymmetryPlane& plane = *setup.add_symmetry();
+  for (const double x : {0., 0., 0.}) plane.add_point(x);
+  for (const double x : {0., 1., 0.}) plane.add_normal(x);
+  const v1::SystemInfo half = prepare(setup);
+  EXPECT_NE(half.id(), system.id());
+  ASSERT_EQ(half.setup().symmetry_size(), 1);
+  EXPECT_EQ(half.setup().symmetry(0).normal(1), 1);
+  const std::string note = "Symmetry: plane 1 holds 60 points, 4 of them centres.";
+  EXPECT_NE(std::find(half.notes().begin(), half.notes().end(), note), half.notes().end());
+  const Design design{{0.3, -0.2}, {}};
+  const Points expected = deform::prepare(std::make_shared<Mesh>(mesh), setup_from_proto(setup, 10))->evaluate(design);
+  reopen();  // the plane is stored
+  const Points got = deform(request_for(half.id(), {{0.3, -0.2}})).points[0];
+  EXPECT_EQ(largest_difference(got, expected), 0);
+  EXPECT_GT(largest_difference(got, reference({0.3, -0.2})), 1e-6);
+  for (std::size_t i = 0; i < 60; ++i) EXPECT_EQ(got[i][1], 0);
 }
 
 }  // namespace
