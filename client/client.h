@@ -46,8 +46,8 @@ struct GeometryArrays {
   std::span<const std::uint32_t> face_sizes;   ///< f
   std::span<const std::uint32_t> face_points;  ///< sum of face_sizes
   std::vector<codec::GroupView> groups;
-  std::string name;  ///< label
-  CellsView cells;   ///< of a volume mesh
+  std::string name;      ///< label
+  CellsView cells = {};  ///< of a volume mesh
 };
 
 /// One deformed design.

@@ -39,7 +39,7 @@ void expect_report(const v1::CellReport& report, const MotionSafety& safety) {
     EXPECT_EQ(report.inverted_ids(static_cast<int>(k)), safety.inverted.worst[k].id);
   }
   EXPECT_EQ(report.has_first_cell(), safety.first_cell.has_value());
-  if (safety.first_cell) EXPECT_EQ(report.first_cell(), *safety.first_cell);
+  EXPECT_EQ(report.first_cell(), safety.first_cell.value_or(0));
   EXPECT_EQ(report.least_determinant(), safety.inverted.least_determinant.value);
 }
 
@@ -136,9 +136,9 @@ TEST_F(EngineCells, OnlyDesignsThatNeedItAreSplit) {
   problem.cells = problem.mesh.get();
   Design turned;
   turned.variables = {2.3, 0};
-  SplitOptions options;
-  options.most_steps = 5;
-  const SplitResult expected_points = evaluate_split(problem, turned, options);
+  SplitOptions split_options;
+  split_options.most_steps = 5;
+  const SplitResult expected_points = evaluate_split(problem, turned, split_options);
   EXPECT_TRUE(split.results[1].split().inversion_free());
   EXPECT_EQ(split.results[1].split().steps(), expected_points.steps);
   EXPECT_GT(expected_points.steps, 1u);
