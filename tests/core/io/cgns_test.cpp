@@ -117,10 +117,9 @@ TEST_P(CgnsContainer, RefusesToWrite) {
 }
 
 // Files cut off anywhere and with flipped bits: the library parses them, and whatever it makes of them is an answer or an Error.
+// Not under sanitizers: libcgns leaks and libhdf5 frees what it does not own when files are damaged.
+#ifndef DEFORM_SANITIZED
 TEST_P(CgnsContainer, DamagedFiles) {
-#ifdef DEFORM_SANITIZED
-  GTEST_SKIP() << "libcgns leaks and libhdf5 frees what it does not own when files are damaged";
-#endif
   const std::string bytes = house_file(GetParam());
   std::size_t read = 0, refused = 0;
   for (unsigned seed = 0; seed < 400; ++seed) {
@@ -145,6 +144,7 @@ TEST_P(CgnsContainer, DamagedFiles) {
   EXPECT_GT(read, 20u);
   EXPECT_GT(refused, 100u);
 }
+#endif
 
 INSTANTIATE_TEST_SUITE_P(All, CgnsContainer, testing::Values(CG_FILE_ADF, CG_FILE_HDF5),
                          [](const auto& tested) { return tested.param == CG_FILE_ADF ? "adf" : "hdf5"; });
