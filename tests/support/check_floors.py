@@ -15,9 +15,10 @@ FLOORS = {
     "core/mesh": ["core/base", "core/numerics"],
     "core/io": ["core/base", "core/mesh"],
     "core/quality": ["core/base", "core/mesh"],
-    "core/deformers": ["core/base", "core/numerics", "core/mesh", "core/quality"],
+    "core/constraints": ["core/base", "core/numerics", "core/mesh"],
+    "core/deformers": ["core/base", "core/numerics", "core/mesh", "core/quality", "core/constraints"],
     # The server never reads a user's file.
-    "server": ["core/base", "core/codec", "core/mesh", "core/quality", "core/deformers", "deform/v1"],
+    "server": ["core/base", "core/codec", "core/mesh", "core/quality", "core/constraints", "core/deformers", "deform/v1"],
     "client": ["core/base", "core/codec", "deform/v1"],
     # Executables that read files.
     "client/cli": ["core/base", "core/codec", "core/mesh", "core/io", "core/quality", "deform/v1", "client"],
@@ -30,6 +31,8 @@ LIBRARIES = {
     "google/protobuf/": ["server", "client", "client/cli", "client/examples"],
     "draco/": ["core/codec"],
     "hwy/": ["core/numerics"],
+    "cholmod.h": ["core/numerics"],
+    "nanoflann": ["core/numerics"],
     "sqlite3.h": ["server"],
     "spdlog/": ["server"],
     "yaml-cpp/": ["server", "client/cli"],

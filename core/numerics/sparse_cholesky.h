@@ -1,0 +1,47 @@
+#pragma once
+
+#include <Eigen/Dense>
+#include <cstddef>
+#include <memory>
+
+#include "core/base/run_context.h"
+#include "core/numerics/sparse.h"
+
+namespace deform {
+
+/// Sparse Cholesky factorization P A P^T = L L^T of a symmetric positive definite matrix (CHOLMOD, supernodal; Chen et al. 2008).
+/// Any number of threads may solve at once: the factor is only read, each solve has its own workspace.
+class SparseCholesky {
+ public:
+  /// What factoring `lower` will need: from the symbolic analysis alone, so cheap and exact to a few percent.
+  struct Estimate {
+    std::size_t factor_bytes = 0, peak_bytes = 0;
+    double flops = 0;
+  };
+  static Estimate estimate(const SparseMatrix& lower);
+
+  /// Only the lower triangle of `lower` is read. Throws Error(numerical_failure) naming the column when the matrix is not positive
+  /// definite, Error(out_of_budget) when memory runs out, and what the context throws.
+  explicit SparseCholesky(const SparseMatrix& lower, const RunContext& context = {});
+  ~SparseCholesky();
+  SparseCholesky(SparseCholesky&&) noexcept;
+  SparseCholesky& operator=(SparseCholesky&&) noexcept;
+
+  /// Another matrix of the same pattern: keeps the ordering and the symbolic analysis (weights that change).
+  void refactor(const SparseMatrix& lower, const RunContext& context = {});
+
+  std::size_t size() const;
+  std::size_t bytes() const;
+  /// Rough reciprocal condition: (smallest / largest diagonal entry of L)^2.
+  double reciprocal_condition() const;
+
+  /// A x = b for every column; columns are independent of each other, bit for bit.
+  Eigen::MatrixXd solve(const Eigen::Ref<const Eigen::MatrixXd>& b) const;
+  void solve_in_place(Eigen::Ref<Eigen::MatrixXd> b) const;
+
+ private:
+  struct Factor;
+  std::unique_ptr<Factor> factor_;
+};
+
+}  // namespace deform
