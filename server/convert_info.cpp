@@ -21,6 +21,7 @@ v1::Solver solver_to_proto(Solver solver) {
       return v1::LU;
     case Solver::iterative:
       return v1::ITERATIVE;
+    case Solver::incremental_qr:  // not on the wire
     case Solver::automatic:
       break;
   }

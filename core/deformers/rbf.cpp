@@ -127,6 +127,12 @@ RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const
   interpolation.polynomial_degree = degree;
   interpolation.solver = options.solver;
   interpolation.memory_limit = memory_budget;
+  if (options.solver == Solver::incremental_qr) {
+    // Affine motions combine these fields.
+    interpolation.samples = handle_fields(places);
+    interpolation.sample_tolerance = options.tolerance;
+    interpolation.columns_per_field = 4;
+  }
   system_ = std::make_unique<InterpolationSystem>(std::move(places), interpolation, context);
   info_.stage_seconds.emplace_back("factor", watch.lap());
   prepare_basis(options, context);
@@ -137,13 +143,13 @@ RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const
   for (const auto& handle : regions_.handles) info_.handle_points += handle.size();
   info_.deformable_points = centres_.deformable.size();
   info_.constraint_points = centres_.constraint_points;
-  info_.centres = centres_.ids.size();
+  info_.centres = system_->weighted();
   info_.merged_duplicates = centres_.merged;
   info_.polynomial_terms = system_->polynomials().terms();
   info_.affine_hull_dimension = system_->polynomials().hull_dimension();
   info_.diagonal = bounds.diagonal();
   info_.condition = system_->condition();
-  info_.tolerance = system_->solver() == Solver::iterative ? options.tolerance : 0;
+  info_.tolerance = to_tolerance(system_->solver()) ? options.tolerance : 0;
   info_.solver = system_->solver();
   info_.reduced = centres_.reduced;
   info_.basis_fields = basis_ ? basis_->fields() : 0;
@@ -172,8 +178,15 @@ void RbfSystem::add_notes(int degree) {
   }
   if (system_->solver() == Solver::iterative) {
     info_.notes.push_back("The systems are solved iteratively, to " + scientific(info_.tolerance) + " of the diagonal.");
+  }
+  if (system_->solver() == Solver::incremental_qr) {
+    info_.notes.push_back("Least squares: " + std::to_string(info_.centres) + " of the " + std::to_string(system_->size()) +
+                          " constraint points are centres, for an RMS error of " + scientific(info_.tolerance) +
+                          " of the diagonal.");
+  }
+  if (to_tolerance(system_->solver())) {
     if (basis_ && !basis_->converged()) {
-      info_.notes.push_back("The iterative solver did not reach its tolerance for the handle basis: the largest residual is " +
+      info_.notes.push_back("The solver did not reach its tolerance for the handle basis: the largest residual is " +
                             scientific(*std::max_element(basis_->residuals().begin(), basis_->residuals().end())) + ".");
     }
   }
@@ -181,13 +194,13 @@ void RbfSystem::add_notes(int degree) {
   if (!basis_) info_.notes.push_back("No handle basis is stored: every design is solved for and summed directly.");
 }
 
-Eigen::MatrixXd RbfSystem::handle_fields() const {
+Eigen::MatrixXd RbfSystem::handle_fields(std::span<const Vec3> places) const {
   Eigen::MatrixXd fields =
       Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(centres_.ids.size()), static_cast<Eigen::Index>(4 * frames_.size()));
   for (std::size_t j = 0; j < centres_.ids.size(); ++j) {
     const RegionIndex region = centres_.region_of[centres_.ids[j]];
     if (region == fixed_region) continue;
-    const Vec3& x = system_->centres()[j];
+    const Vec3& x = places[j];
     const auto row = static_cast<Eigen::Index>(j);
     const auto column = static_cast<Eigen::Index>(4 * region);
     fields(row, column) = 1;
@@ -202,7 +215,7 @@ void RbfSystem::prepare_basis(const RbfOptions& options, const RunContext& conte
                    InterpolationSystem::factor_bytes(system_->size(), system_->solver()))) {
     return;
   }
-  basis_ = std::make_unique<HandleBasis>(*system_, handle_fields(), deformable_, options.tolerance, context);
+  basis_ = std::make_unique<HandleBasis>(*system_, handle_fields(system_->centres()), deformable_, options.tolerance, context);
 }
 
 std::unique_ptr<const Evaluation> RbfSystem::bind(std::span<const Design> designs, EvaluationPath path,
@@ -262,8 +275,7 @@ std::vector<double> RbfSystem::pull_back(std::span<const Vec3> field, const RunC
         B(static_cast<Eigen::Index>(m) + t, k) += terms[static_cast<std::size_t>(t)] * at_deformable[i][k];
     }
   }
-  system_->solve_saddle(B, context);
-  const Eigen::MatrixXd G = handle_fields().transpose() * B.topRows(static_cast<Eigen::Index>(m));
+  const Eigen::MatrixXd G = handle_fields(system_->centres()).transpose() * system_->adjoint(std::move(B), context);
   std::vector<double> result(3 * static_cast<std::size_t>(G.rows()));
   for (Eigen::Index r = 0; r < G.rows(); ++r) {
     for (int k = 0; k < 3; ++k) result[static_cast<std::size_t>(3 * r + k)] = G(r, k);
@@ -327,12 +339,14 @@ Estimate estimate_rbf(const Mesh& mesh, const Setup& setup) {
   estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + point_bytes(mesh.point_count());
   const std::size_t factor_extra = InterpolationSystem::peak_bytes(m, solver) + 2 * m * sizeof(Vec3);
   // Data, solution and the copies that a solve makes of them, beside the factor.
+  const std::size_t samples = solver == Solver::incremental_qr ? 4 * m * fields * sizeof(double) : 0;
   const std::size_t basis_extra =
       (solver == Solver::iterative ? InterpolationSystem::peak_bytes(m, solver) + FastSums::bytes_for(d, m, 12)
                                    : estimate.factor_bytes) +
       estimate.basis_bytes + (basis ? 4 * (m + 10) * fields * sizeof(double) : 0);
   const std::size_t adjacency = 16 * (mesh.point_count() + mesh.face_count()) + 24 * mesh.face_points.size();
-  estimate.peak_bytes = point_bytes(mesh.point_count()) + d * sizeof(Vec3) + std::max({factor_extra, basis_extra, adjacency});
+  estimate.peak_bytes =
+      point_bytes(mesh.point_count()) + d * sizeof(Vec3) + std::max({factor_extra + samples, basis_extra, adjacency});
   estimate.notes = centres.notes;
   if (!basis) estimate.notes.push_back("No handle basis will be stored: every design is solved for and summed directly.");
 
@@ -345,6 +359,12 @@ Estimate estimate_rbf(const Mesh& mesh, const Setup& setup) {
     // Factors of the subsets, then a dozen fast sums per four fields.
     const double solves = std::max(1.0, columns / 4);
     estimate.seconds = (M * 2e-4 + solves * (M * 2.5e-4 + rows * 2e-5)) / cores + 1;
+    return estimate;
+  }
+  if (solver == Solver::incremental_qr) {
+    const double k = std::min<double>(M, most_incremental_centres);
+    estimate.notes.push_back("Incremental QR: at most; how many centres the tolerance needs is not known before.");
+    estimate.seconds = (2 * M * k * k / 2e10 + rows * k * (1 / 8e8 + 2 * columns / 1.5e10)) / cores + 4 * M * k * columns / 5e9;
     return estimate;
   }
   estimate.seconds = (M * M / 2 / 5e8 + M * M * M / 3 / 2.5e10 + rows * M * (1 / 8e8 + 2 * columns / 1.5e10)) / cores +

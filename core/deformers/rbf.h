@@ -10,7 +10,8 @@ namespace deform {
 
 /// RBF space deformation (thesis 3.5, eq. 3.8 to 3.10) with the handle basis of thesis 4.2. Constraint points are set exactly
 /// (affine image, displacement, rest); deformable points get the interpolant. What differs from System:
-///  - report().interpolation_residual is an upper bound over all centres on the basis path and with the iterative solver, and the
+///  - report().interpolation_residual is an upper bound over all centres on the basis path and with solvers to a tolerance, and
+///  the
 ///    largest value over at most 256 evenly spread centres on the direct path of the others. An iterative solution that did not
 ///    reach its tolerance shows there; notes tell of the basis only.
 class RbfSystem : public System {
@@ -30,7 +31,8 @@ class RbfSystem : public System {
 
   void add_notes(int degree);
   void prepare_basis(const RbfOptions& options, const RunContext& context);
-  Eigen::MatrixXd handle_fields() const;
+  /// m x 4H: 1, x, y, z of every handle at the centres, in unit coordinates.
+  Eigen::MatrixXd handle_fields(std::span<const Vec3> places) const;
   /// Adjoint of "handle fields to deformable points": 4H x 3 from a field (n x 3) of which the deformable points count.
   std::vector<double> pull_back(std::span<const Vec3> field, const RunContext& context) const;
 

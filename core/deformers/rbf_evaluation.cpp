@@ -188,7 +188,7 @@ Eigen::MatrixXd RbfEvaluation::prescribed(const BoundDesign& design) const {
 }
 
 /// One design after the other: each uses all cores, and its search directions take memory.
-void RbfEvaluation::solve_iteratively(const RunContext& context) {
+void RbfEvaluation::solve_to_tolerance(const RunContext& context) {
   std::vector<Vec3> points;
   points.reserve(system_->centres_.deformable.size());
   for (const PointId id : system_->centres_.deformable) points.push_back(system_->box_.to_unit(system_->mesh_->points[id]));
@@ -200,12 +200,14 @@ void RbfEvaluation::solve_iteratively(const RunContext& context) {
     const double unit = kind_ == MotionKind::position ? system_->info_.diagonal : F.cwiseAbs().maxCoeff();
     const Interpolants interpolants = system_->system_->interpolate(F, system_->info_.tolerance * unit, context);
     direct_values_[i] = system_->system_->values(interpolants, points, context);
-    reports_[i].interpolation_residual = std::sqrt(3.0) * interpolants.residual;  // of components
+    // The iterative solver's is of components.
+    const double components = system_->info_.solver == Solver::iterative ? std::sqrt(3.0) : 1.0;
+    reports_[i].interpolation_residual = components * interpolants.residual;
   }
 }
 
 void RbfEvaluation::solve_direct(const RunContext& context) {
-  if (system_->info_.solver == Solver::iterative) return solve_iteratively(context);
+  if (to_tolerance(system_->info_.solver)) return solve_to_tolerance(context);
   const auto& ids = system_->centres_.ids;
   const std::size_t rows = ids.size() + system_->system_->polynomials().terms();
   direct_coefficients_.resize(rows * direct_columns_);

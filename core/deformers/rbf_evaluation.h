@@ -35,7 +35,7 @@ class RbfEvaluation : public Evaluation {
   void solve(const RunContext& context);
   void set_basis_coefficients();
   void solve_direct(const RunContext& context);
-  void solve_iteratively(const RunContext& context);
+  void solve_to_tolerance(const RunContext& context);
   Eigen::MatrixXd prescribed(const BoundDesign& design) const;
   void measure_direct();
   void evaluate_constrained(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;
@@ -49,8 +49,8 @@ class RbfEvaluation : public Evaluation {
   std::size_t basis_columns_ = 0, direct_columns_ = 0;
   std::vector<double> basis_coefficients_;   ///< 4H x basis_columns_, row by row
   std::vector<double> direct_coefficients_;  ///< (m + q) x direct_columns_, row by row
-  /// Iterative: values at the deformable points of the designs that go through direct solution, d x 3 each. Their fast sums have
-  /// a global part, so they are computed as a whole.
+  /// Solvers with a tolerance: values at the deformable points of the designs that go through direct solution, d x 3 each. Their
+  /// fast sums have a global part, so they are computed as a whole.
   std::vector<std::vector<double>> direct_values_;
 };
 

@@ -35,7 +35,10 @@ struct RbfOptions {
   /// Total degree of the polynomial part; -1 = max(1, order - 1). At least order - 1, at most 2.
   int polynomial_degree = -1;
   Solver solver = Solver::automatic;
-  double tolerance = 1e-6;  ///< of the iterative solver: largest error at the centres, as a fraction of D; 1e-10..1e-2
+  /// Of the iterative solver: largest error at the centres. Of incremental QR: RMS error at the constraint points; the centres
+  /// are chosen so that affine handle motions of the size of the model reach it; in wide gaps between the constraint points the
+  /// field is off by some ten times that. As a fraction of D; 1e-10..1e-2.
+  double tolerance = 1e-6;
   CentreReduction reduction = CentreReduction::automatic;
   int reduction_rings = 3;  ///< 1..100 (thesis 3.5: three rings fix positions and first and second derivatives)
   BasisMode basis = BasisMode::automatic;
