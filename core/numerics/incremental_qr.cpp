@@ -16,7 +16,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-constexpr std::size_t block = 128;       // columns appended at a time
+constexpr std::size_t least_block = 64, block = 256;  // columns appended at a time: the more there are, a quarter of them
 constexpr std::size_t greedy_block = 8;  // looking after every column saves a tenth of them and takes ten times as long
 constexpr double greedy_share = 0.5;     // of the largest residual: below it, better look again after the next columns
 constexpr std::size_t most_terms = 10;
@@ -191,7 +191,8 @@ void IncrementalQr::prepare_farthest(const IncrementalQrOptions& options, std::s
   while (!(ends && met(Y, options, needed)) && order_.size() < most) {
     context.check();
     next.clear();
-    while (next.size() < block && order_.size() + next.size() < most) {
+    const std::size_t width = std::min(std::clamp(order_.size() / 4, least_block, block), most - order_.size());
+    while (next.size() < width) {
       const std::size_t point = cover.farthest();
       if (cover.distance(point) == 0) break;  // all the others coincide with earlier ones
       cover.take(point);
@@ -199,7 +200,7 @@ void IncrementalQr::prepare_farthest(const IncrementalQrOptions& options, std::s
     }
     const std::size_t taken = append(next, context);
     if (ends && taken > 0) qr_.apply_transposed(qr_.panels() - 1, Y);
-    if (taken < block) break;
+    if (taken < width) break;
     context.progress("factor", static_cast<double>(order_.size()) / static_cast<double>(most));
   }
   if (ends && met(Y, options, needed)) keep(needed);
