@@ -19,7 +19,7 @@ int to_int(std::size_t value) { return static_cast<int>(value); }
 
 std::size_t BlockedQr::bytes() const {
   std::size_t count = 0;
-  for (const Panel& panel : panels_) count += rows_ * panel.ld_T + panel.T.size();
+  for (const Panel& panel : panels_) count += rows_ * panel.ld_t + panel.T.size();
   return count * sizeof(double);
 }
 
@@ -29,9 +29,9 @@ std::size_t BlockedQr::bytes_for(std::size_t rows, std::size_t columns, std::siz
 
 void BlockedQr::reflect(const Panel& panel, char transpose, double* Y, std::size_t columns) const {
   const int m = to_int(rows_ - panel.first), n = to_int(columns), k = to_int(panel.width), ld = to_int(rows_),
-            ld_T = to_int(panel.ld_T);
+            ld_t = to_int(panel.ld_t);
   std::vector<double> work(columns * panel.width);
-  dlarfb_("L", &transpose, "F", "C", &m, &n, &k, panel.values.get() + panel.first, &ld, panel.T.data(), &ld_T, Y + panel.first,
+  dlarfb_("L", &transpose, "F", "C", &m, &n, &k, panel.values.get() + panel.first, &ld, panel.T.data(), &ld_t, Y + panel.first,
           &ld, work.data(), &n);
 }
 
@@ -83,34 +83,34 @@ void BlockedQr::apply(std::size_t panels, Eigen::MatrixXd& Y) const {
 
 void BlockedQr::solve(std::size_t columns, Eigen::MatrixXd& Y) const {
   lapack::use_one_thread();
-  const int n = to_int(static_cast<std::size_t>(Y.cols())), ld = to_int(rows_), ld_Y = to_int(static_cast<std::size_t>(Y.rows()));
+  const int n = to_int(static_cast<std::size_t>(Y.cols())), ld = to_int(rows_), ld_y = to_int(static_cast<std::size_t>(Y.rows()));
   for (std::size_t p = panels_.size(); p > 0; --p) {
     const Panel& panel = panels_[p - 1];
     if (panel.first >= columns) continue;
     const int w = to_int(std::min(panel.width, columns - panel.first)), above = to_int(panel.first);
     double* part = Y.data() + panel.first;
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, w, n, 1.0, panel.values.get() + panel.first, ld,
-                part, ld_Y);
+                part, ld_y);
     if (above > 0) {
-      cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, above, n, w, -1.0, panel.values.get(), ld, part, ld_Y, 1.0, Y.data(),
-                  ld_Y);
+      cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, above, n, w, -1.0, panel.values.get(), ld, part, ld_y, 1.0, Y.data(),
+                  ld_y);
     }
   }
 }
 
 void BlockedQr::solve_transposed(std::size_t columns, Eigen::MatrixXd& Y) const {
   lapack::use_one_thread();
-  const int n = to_int(static_cast<std::size_t>(Y.cols())), ld = to_int(rows_), ld_Y = to_int(static_cast<std::size_t>(Y.rows()));
+  const int n = to_int(static_cast<std::size_t>(Y.cols())), ld = to_int(rows_), ld_y = to_int(static_cast<std::size_t>(Y.rows()));
   for (const Panel& panel : panels_) {
     if (panel.first >= columns) break;
     const int w = to_int(std::min(panel.width, columns - panel.first)), above = to_int(panel.first);
     double* part = Y.data() + panel.first;
     if (above > 0) {
-      cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, w, n, above, -1.0, panel.values.get(), ld, Y.data(), ld_Y, 1.0, part,
-                  ld_Y);
+      cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, w, n, above, -1.0, panel.values.get(), ld, Y.data(), ld_y, 1.0, part,
+                  ld_y);
     }
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasTrans, CblasNonUnit, w, n, 1.0, panel.values.get() + panel.first, ld,
-                part, ld_Y);
+                part, ld_y);
   }
 }
 

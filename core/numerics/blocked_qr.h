@@ -45,8 +45,8 @@ class BlockedQr {
   struct Panel {
     std::size_t first = 0, width = 0;
     std::unique_ptr<double[]> values;  ///< rows x width: R above, reflectors below
-    std::vector<double> T;             ///< upper triangle, leading dimension ld_T
-    std::size_t ld_T = 0;
+    std::vector<double> T;             ///< upper triangle, leading dimension ld_t
+    std::size_t ld_t = 0;
   };
 
   void reflect(const Panel& panel, char transpose, double* Y, std::size_t columns) const;
