@@ -87,6 +87,10 @@ Motion convert(const v1::Motion& message, std::size_t handle, std::size_t points
 }  // namespace
 
 void check_designs(const v1::DeformRequest& request, std::size_t max_designs) {
+  const double tolerance = request.solver_tolerance();
+  if (tolerance != 0 && !(tolerance >= least_tolerance && tolerance <= largest_tolerance)) {
+    refuse_field("solver_tolerance", "must be 0 or in 1e-10..1e-2");
+  }
   if (request.designs_size() == 0) refuse_field("designs", "at least one is needed");
   if (static_cast<std::size_t>(request.designs_size()) > max_designs) {
     refuse_field("designs",
@@ -116,6 +120,7 @@ std::vector<Design> designs_from_proto(const v1::DeformRequest& request, const v
     }
     Design& design = designs[static_cast<std::size_t>(d)];
     design.variables.assign(message.variables().begin(), message.variables().end());
+    design.tolerance = request.solver_tolerance();
     for (int k = 0; k < message.motions_size(); ++k) {
       const auto& motion = message.motions(k);
       const std::string motion_path = path + item(".motions", k);
@@ -135,7 +140,7 @@ std::vector<Design> designs_from_proto(const v1::DeformRequest& request, const v
 }
 
 std::size_t bind_bytes(const v1::DeformRequest& request, const v1::SystemInfo& info) {
-  bool direct = info.basis_fields() == 0 || request.path() == v1::PATH_DIRECT;
+  bool direct = info.basis_fields() == 0 || request.path() == v1::PATH_DIRECT || request.solver_tolerance() != 0;
   for (const auto& design : request.designs()) {
     for (const auto& motion : design.motions()) direct = direct || motion.displacements_size() > 0;
   }

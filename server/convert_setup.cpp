@@ -18,6 +18,8 @@ constexpr std::size_t variables_per_handle = 12;  // an affine map has no more d
 constexpr std::size_t most_planes = 3;
 constexpr std::size_t longest_name = 4096;
 constexpr std::uint32_t default_rings = 3;
+constexpr int most_samples = 1000;
+constexpr double incremental_tolerance = 1e-4;
 
 struct KernelRow {
   v1::Kernel message;
@@ -66,10 +68,21 @@ RbfOptions rbf_options(const v1::RbfMethod& message) {
     case v1::ITERATIVE:
       options.solver = Solver::iterative;
       break;
+    case v1::INCREMENTAL_QR:
+      options.solver = Solver::incremental_qr;
+      options.tolerance = incremental_tolerance;
+      break;
     default:
       refuse_field("method.rbf.solver", "unknown value " + std::to_string(static_cast<int>(message.solver())));
   }
   if (message.tolerance() != 0) options.tolerance = finite(message.tolerance(), "method.rbf.tolerance");
+  if (!v1::CentreOrder_IsValid(message.centre_order())) {
+    refuse_field("method.rbf.centre_order", "unknown value " + std::to_string(static_cast<int>(message.centre_order())));
+  }
+  options.centre_order = message.centre_order() == v1::GREEDY ? CentreOrder::greedy : CentreOrder::farthest_point;
+  for (const auto& sample : message.samples()) {
+    options.samples.emplace_back(sample.variables().begin(), sample.variables().end());
+  }
   if (!v1::CentreReduction_IsValid(message.reduction())) {
     refuse_field("method.rbf.reduction", "unknown value " + std::to_string(static_cast<int>(message.reduction())));
   }
@@ -151,6 +164,8 @@ Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles) {
   check_count("symmetry", message.symmetry_size(), most_planes);
   check_count("variables", message.variables_size(), variables_per_handle * max_handles);
 
+  check_count("method.rbf.samples", message.method().rbf().samples_size(), most_samples);
+
   Setup setup;
   setup.method = rbf_options(message.method().rbf());
   setup.seed = message.seed();
@@ -180,8 +195,12 @@ v1::Setup canonical_setup(const v1::Setup& message, const std::string& geometry_
   const KernelRow& kernel = kernel_row(rbf.kernel());
   rbf.set_kernel(kernel.message);
   if (!kernel.has_shape || rbf.shape() == 0) rbf.set_shape(0);  // ignored by the others: one value for all
+  const bool incremental = rbf.solver() == v1::INCREMENTAL_QR;
   const bool may_iterate = rbf.solver() == v1::ITERATIVE || rbf.solver() == v1::SOLVER_AUTOMATIC;
-  rbf.set_tolerance(!may_iterate ? 0 : rbf.tolerance() == 0 ? RbfOptions().tolerance : rbf.tolerance());
+  if (rbf.tolerance() == 0) rbf.set_tolerance(incremental ? incremental_tolerance : RbfOptions().tolerance);
+  if (!may_iterate && !incremental) rbf.set_tolerance(0);
+  if (!incremental) rbf.clear_samples();
+  rbf.set_centre_order(incremental && rbf.centre_order() == v1::GREEDY ? v1::GREEDY : v1::CENTRE_ORDER_DEFAULT);
   if (!rbf.has_polynomial_degree()) rbf.set_polynomial_degree(kernel.default_degree);
   if (rbf.reduction() == v1::REDUCTION_OFF || rbf.reduction_rings() == 0) rbf.set_reduction_rings(default_rings);
   for (auto& handle : *canonical.mutable_handles()) canonicalize_region(*handle.mutable_region());

@@ -107,12 +107,14 @@ void StreamRequests::append(Request& request, v1::DeformStreamRequest&& message,
     request.bytes += bytes;
     v1::DeformRequest& part = *message.mutable_request();
     if (request.record.messages_in == 1) {
-      request.message.set_system_id(part.system_id());
-      *request.message.mutable_output() = part.output();
-      request.message.set_path(part.path());
-      request.record.system = part.system_id();
+      google::protobuf::RepeatedPtrField<v1::Design> designs;
+      designs.Swap(part.mutable_designs());
+      request.message = std::move(part);
+      request.record.system = request.message.system_id();
+      join_designs(request.message, designs);
+    } else {
+      join_designs(request.message, *part.mutable_designs());
     }
-    join_designs(request.message, *part.mutable_designs());
   } catch (const Error& error) {
     refuse(request, error);
   }

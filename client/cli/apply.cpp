@@ -97,7 +97,7 @@ ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
   const io::MeshFile& source = source_of(prepared);
   v1::DeformRequest request;
   request.set_system_id(prepared.system.id());
-  *request.mutable_output() = options.encoding.message();
+  options.encoding.set(request);
   request.set_path(evaluation_path(options.path));
   options.cells.set(request);
   *request.add_designs() = make_design(options, prepared, *source.mesh());

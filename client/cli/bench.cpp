@@ -93,7 +93,7 @@ class Bench {
   client::DeformOutcome request(client::Client& client, std::mt19937_64& random, int designs) {
     v1::DeformRequest request;
     request.set_system_id(system_.id());
-    *request.mutable_output() = options_.encoding.message();
+    options_.encoding.set(request);
     for (int k = 0; k < designs; ++k) *request.add_designs() = random_design(system_, random);
     return client.deform(request, connection_.call());
   }

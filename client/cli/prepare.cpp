@@ -94,7 +94,8 @@ A half model: symmetry: [{region: {group: symmetry}}] or [{point: [0, 0, 0], nor
 planes while their points slide.
 Kernels: TRIHARMONIC, BIHARMONIC, QUINTIC, GAUSSIAN, MULTIQUADRIC, INVERSE_MULTIQUADRIC, WENDLAND_C2, THIN_PLATE
 (the default for 2D meshes). Solvers: SOLVER_AUTOMATIC, CHOLESKY, LDLT, LU, ITERATIVE with a tolerance (automatic beyond 20,000
-centres), as in method: {rbf: {solver: ITERATIVE, tolerance: 1e-6}}. More in setup.proto.
+centres), as in method: {rbf: {solver: ITERATIVE, tolerance: 1e-6}}; INCREMENTAL_QR, as few centres as a tolerance needs (centreOrder:
+GREEDY with samples: [{variables: [0.05, 0]}] puts them where those designs need them). More in setup.proto.
 Examples:
   deform prepare setup.yaml --check
   deform prepare setup.yaml --json)";

@@ -64,7 +64,7 @@ class Sweep {
     std::string extension = full_extension(source_, prepared_.source_path);
     if (archive && extension.ends_with(".gz")) extension.resize(extension.size() - 3);
     const SweepIdentity identity{prepared_.system.id(), options_.encoding.encoding, options_.encoding.tolerance, extension,
-                                 options_.cells.identity()};
+                                 options_.cells.identity() + options_.encoding.identity()};
     ExpectedResults expected;
     for (const auto& design : designs) expected[design.name] = design_hash(identity, design);
     output_ = open_sweep_output(options_.output, extension, expected);
@@ -113,7 +113,7 @@ class Sweep {
     const std::size_t end = std::min(first + batch_, todo_.size());
     v1::DeformRequest request;
     request.set_system_id(prepared_.system.id());
-    *request.mutable_output() = options_.encoding.message();
+    options_.encoding.set(request);
     options_.cells.set(request);
     for (std::size_t k = first; k < end; ++k) *request.add_designs() = client::variables_design(todo_[k].design->values);
     const auto outcome =

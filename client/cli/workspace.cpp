@@ -126,16 +126,26 @@ void OutputOptions::add_to(CLI::App& command) {
                   "Largest error of a coordinate for draco and delta_zstd, model units; 0: 1e-6 of the bounding-box diagonal")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
+  command
+      .add_option("--solver-tolerance", solver_tolerance,
+                  "Of setups with solver ITERATIVE or INCREMENTAL_QR: another tolerance for these designs, as a fraction of the "
+                  "bounding-box diagonal; 0: that of the setup")
+      ->check(CLI::Range(0.0, 1e-2))
+      ->capture_default_str();
 }
 
-v1::Output OutputOptions::message() const {
-  v1::Output output;
+std::string OutputOptions::identity() const {
+  return solver_tolerance == 0 ? "" : " solver tolerance " + number_text(solver_tolerance);
+}
+
+void OutputOptions::set(v1::DeformRequest& request) const {
+  request.set_solver_tolerance(solver_tolerance);
+  v1::Output& output = *request.mutable_output();
   output.set_tolerance(tolerance);
   output.set_encoding(encoding == "raw_f64"   ? v1::RAW_F64
                       : encoding == "raw_f32" ? v1::RAW_F32
                       : encoding == "draco"   ? v1::DRACO
                                               : v1::DELTA_ZSTD);
-  return output;
 }
 
 }  // namespace deform::cli

@@ -74,9 +74,12 @@ const io::MeshFile& source_of(const PreparedSetup& prepared);
 struct OutputOptions {
   std::string encoding = "raw_f64";
   double tolerance = 0;
+  double solver_tolerance = 0;
 
   void add_to(CLI::App& command);
-  v1::Output message() const;
+  void set(v1::DeformRequest& request) const;
+  /// What of it determines the points before they are encoded; empty by default.
+  std::string identity() const;
 };
 
 }  // namespace deform::cli

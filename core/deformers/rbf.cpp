@@ -155,6 +155,7 @@ void RbfSystem::prepare_parts(const RunContext& context, std::size_t memory_budg
       part.system = parts_.front().system;
     } else {
       interpolation.kernel.parity = part.plan.parity;
+      if (interpolation.solver == Solver::incremental_qr) set_samples(interpolation, part.plan);
       interpolation.memory_limit =
           memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, used));
       part.system = std::make_shared<const InterpolationSystem>(part.plan.places(places), interpolation, context);
@@ -178,6 +179,50 @@ Eigen::MatrixXd RbfSystem::handle_fields() const {
     for (int k = 0; k < 3; ++k) fields(row, column + 1 + k) = x[k] - frames_[region].reference[k];
   }
   return fields;
+}
+
+Eigen::MatrixXd RbfSystem::sample_fields() const {
+  const auto& samples = std::get<RbfOptions>(setup_.method).samples;
+  Eigen::MatrixXd fields =
+      Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(centres_.ids.size()), static_cast<Eigen::Index>(3 * samples.size()));
+  for (std::size_t s = 0; s < samples.size(); ++s) {
+    const std::vector<Affine> motions = handle_motions(setup_, samples[s]);
+    for (std::size_t j = 0; j < centres_.ids.size(); ++j) {
+      const PointId id = centres_.ids[j];
+      const RegionIndex region = centres_.region_of[id];
+      if (region == fixed_region) continue;
+      const Vec3& x = mesh_->points[id];
+      const Vec3 to = transformed(motions[region], x);
+      Vec3 u{to[0] - x[0], to[1] - x[1], to[2] - x[2]};
+      if (!regions_.symmetry.empty()) u = components(regions_.symmetry.to_frame(u), id);
+      for (std::size_t k = 0; k < 3; ++k) {
+        fields(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(3 * s + k)) = u[k] / info_.diagonal;
+      }
+    }
+  }
+  return fields;
+}
+
+/// What the centres of incremental QR are chosen for: the samples, or without any the fields that affine motions combine.
+void RbfSystem::set_samples(InterpolationOptions& interpolation, const PartPlan& plan) const {
+  const auto& options = std::get<RbfOptions>(setup_.method);
+  interpolation.sample_tolerance = options.tolerance;
+  interpolation.order = options.centre_order;
+  if (options.samples.empty()) {
+    interpolation.samples = plan.data(handle_fields());
+    interpolation.columns_per_field = 4;
+    return;
+  }
+  const Eigen::MatrixXd all = sample_fields();
+  const auto width = static_cast<Eigen::Index>(plan.components.size());
+  Eigen::MatrixXd chosen(all.rows(), all.cols() / 3 * width);
+  for (Eigen::Index s = 0; s < all.cols() / 3; ++s) {
+    for (Eigen::Index c = 0; c < width; ++c) {
+      chosen.col(s * width + c) = all.col(3 * s + static_cast<Eigen::Index>(plan.components[static_cast<std::size_t>(c)]));
+    }
+  }
+  interpolation.samples = plan.data(chosen);
+  interpolation.columns_per_field = plan.components.size();
 }
 
 void RbfSystem::prepare_basis(const RunContext& context) {
@@ -206,19 +251,22 @@ void RbfSystem::fill_info() {
   info_.centres = centres_.ids.size();
   info_.merged_duplicates = centres_.merged;
   info_.affine_hull_dimension = 0;
+  std::size_t weighted = 0;  // of incremental QR, the most of any part
   for (const RbfPart& part : parts_) {
     const bool shared = &part != &parts_.front() && part.system == parts_.front().system;
     if (!shared) info_.polynomial_terms += part.system->polynomials().terms();
     info_.affine_hull_dimension = std::max(info_.affine_hull_dimension, part.system->polynomials().hull_dimension());
     info_.condition = std::max(info_.condition, part.system->condition());
     if (part.basis) info_.basis_bytes += part.basis->bytes();
+    if (part.system->solver() == Solver::incremental_qr) weighted = std::max(weighted, part.system->weighted());
   }
+  if (weighted > 0) info_.centres = weighted;
   // Of several parts the one that fell back to another solver.
   if (!parts_.empty()) info_.solver = parts_.front().system->solver();
   for (const RbfPart& part : parts_) {
     if (part.system->solver() == Solver::ldlt) info_.solver = Solver::ldlt;
   }
-  info_.tolerance = info_.solver == Solver::iterative ? options.tolerance : 0;
+  info_.tolerance = to_tolerance(info_.solver) ? options.tolerance : 0;
   info_.reduced = centres_.reduced;
   info_.basis_fields = has_basis() ? parts_.front().basis->fields() : 0;
   info_.bytes = info_.factor_bytes + info_.basis_bytes + point_bytes(mesh_->point_count(), regions_.symmetry);
@@ -254,10 +302,15 @@ void RbfSystem::add_notes() {
   }
   if (info_.solver == Solver::iterative) {
     info_.notes.push_back("The systems are solved iteratively, to " + scientific(info_.tolerance) + " of the diagonal.");
-    if (has_basis() && !converged) {
-      info_.notes.push_back("The iterative solver did not reach its tolerance for the handle basis: the largest residual is " +
-                            scientific(residual) + ".");
-    }
+  }
+  if (info_.solver == Solver::incremental_qr) {
+    info_.notes.push_back("Least squares: " + std::to_string(info_.centres) + " of the " + std::to_string(centres_.ids.size()) +
+                          " constraint points are centres, for an RMS error of " + scientific(info_.tolerance) +
+                          " of the diagonal.");
+  }
+  if (to_tolerance(info_.solver) && has_basis() && !converged) {
+    info_.notes.push_back("The solver did not reach its tolerance for the handle basis: the largest residual is " +
+                          scientific(residual) + ".");
   }
   if (info_.condition > 1e13) info_.notes.push_back("The system is ill-conditioned: expect a loss of digits.");
   if (!has_basis()) info_.notes.push_back("No handle basis is stored: every design is solved for and summed directly.");

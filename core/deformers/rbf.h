@@ -11,7 +11,8 @@ namespace deform {
 
 /// RBF space deformation (thesis 3.5, eq. 3.8 to 3.10) with the handle basis of thesis 4.2. Constraint points are set exactly
 /// (affine image, displacement, rest); deformable points get the interpolant. What differs from System:
-///  - report().interpolation_residual is an upper bound over all centres on the basis path and with the iterative solver, and the
+///  - report().interpolation_residual is an upper bound over all centres on the basis path and with solvers to a tolerance, and
+///  the
 ///    largest value over at most 256 evenly spread centres on the direct path of the others. An iterative solution that did not
 ///    reach its tolerance shows there; notes tell of the basis only.
 ///
@@ -39,7 +40,11 @@ class RbfSystem : public System {
   void fill_info();
   void add_notes();
   void prepare_basis(const RunContext& context);
+  /// m x 4H: 1, x, y, z of every handle at the centres, in unit coordinates.
   Eigen::MatrixXd handle_fields() const;
+  /// m x 3 columns per sample: displacements of the centres over D, in the frame of the planes.
+  Eigen::MatrixXd sample_fields() const;
+  void set_samples(InterpolationOptions& interpolation, const PartPlan& plan) const;
   void check_sliding(const std::vector<Affine>& derivative, const std::string& what) const;
   std::vector<double> pull_back(const RbfPart& part, std::span<const Vec3> at_deformable, const RunContext& context) const;
   std::vector<double> pull_back(std::span<const Vec3> field, const RunContext& context) const;

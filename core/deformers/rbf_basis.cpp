@@ -80,16 +80,16 @@ HandleBasis::HandleBasis(const InterpolationSystem& system, const Eigen::MatrixX
     : fields_(static_cast<std::size_t>(fields.cols())),
       points_(deformable.count()),
       values_(deformable.tiles() * tile_size * fields_) {
-  if (system.solver() == Solver::iterative) {
-    fill_iteratively(system, fields, deformable, tolerance, context);
+  if (to_tolerance(system.solver())) {
+    fill_to_tolerance(system, fields, deformable, tolerance, context);
   } else {
     fill(system, fields, deformable, context);
   }
 }
 
 /// A handle at a time: its four fields share the sums, and a solution takes memory per field.
-void HandleBasis::fill_iteratively(const InterpolationSystem& system, const Eigen::MatrixXd& fields,
-                                   const TiledPoints& deformable, double tolerance, const RunContext& context) {
+void HandleBasis::fill_to_tolerance(const InterpolationSystem& system, const Eigen::MatrixXd& fields,
+                                    const TiledPoints& deformable, double tolerance, const RunContext& context) {
   constexpr std::size_t together = 4;
   std::vector<Vec3> points(points_);
   for (std::size_t i = 0; i < points_; ++i) {

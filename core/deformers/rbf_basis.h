@@ -37,7 +37,7 @@ void field_coefficients(const Affine& motion, MotionKind kind, const HandleFrame
 /// Immutable.
 class HandleBasis {
  public:
-  /// fields: m x 4H values at the centres. `tolerance` is for the iterative solver. Progress "basis".
+  /// fields: m x 4H values at the centres. `tolerance` is for the solvers that have one. Progress "basis".
   HandleBasis(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable, double tolerance,
               const RunContext& context);
 
@@ -52,7 +52,7 @@ class HandleBasis {
   /// Per field: largest |interpolant - prescribed value| over the centres.
   const std::vector<double>& residuals() const { return residuals_; }
 
-  /// False when an iterative solution stopped above the tolerance.
+  /// False when a solution stopped above the tolerance.
   bool converged() const { return converged_; }
 
   /// basis^T times X (d x 3): 4H x 3, row by row. Summed in a fixed order.
@@ -61,8 +61,8 @@ class HandleBasis {
  private:
   void fill(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
             const RunContext& context);
-  void fill_iteratively(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
-                        double tolerance, const RunContext& context);
+  void fill_to_tolerance(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
+                         double tolerance, const RunContext& context);
 
   std::size_t fields_;
   std::size_t points_;

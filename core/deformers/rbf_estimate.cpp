@@ -46,6 +46,12 @@ double seconds_for(const std::vector<PartPlan>& parts, Solver solver, std::size_
       continue;
     }
     const auto values = static_cast<double>(images);  // of the kernel, for each pair
+    if (solver == Solver::incremental_qr) {
+      const double k = std::min<double>(M, most_incremental_centres);
+      seconds +=
+          (2 * M * k * k / 2e10 + values * rows * k * (1 / 8e8 + 2 * columns / 1.5e10)) / cores + 4 * M * k * columns / 5e9;
+      continue;
+    }
     seconds += (values * M * M / 2 / 5e8 + M * M * M / 3 / 2.5e10 + rows * M * (values / 8e8 + 2 * columns / 1.5e10)) / cores +
                4 * values * M * M * columns / 1e10;
   }
@@ -73,7 +79,10 @@ Estimate estimate_rbf(const Mesh& mesh, const Setup& setup) {
   const bool basis = wants_basis(options.basis, basis_bytes, sizes.factor_bytes);
   estimate.basis_bytes = basis ? basis_bytes : 0;
   estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + point_bytes(mesh.point_count(), regions.symmetry);
-  const std::size_t factor_extra = sizes.factoring_peak + 2 * sizes.places * sizeof(Vec3);
+  // What the centres of incremental QR are chosen for, and what the factorization makes of it.
+  const std::size_t columns = options.samples.empty() ? fields : 3 * options.samples.size();
+  const std::size_t samples = solver == Solver::incremental_qr ? 6 * sizes.rows * columns * sizeof(double) : 0;
+  const std::size_t factor_extra = sizes.factoring_peak + 2 * sizes.places * sizeof(Vec3) + samples;
   // Data, solution and the copies that a solve makes of them, beside the factor.
   const std::size_t basis_extra =
       (solver == Solver::iterative ? InterpolationSystem::peak_bytes(sizes.rows, solver) + FastSums::bytes_for(d, sizes.rows, 12)
@@ -88,6 +97,9 @@ Estimate estimate_rbf(const Mesh& mesh, const Setup& setup) {
   estimate.notes = centres.notes;
   const auto planes = symmetry_notes(regions.symmetry, centres);
   estimate.notes.insert(estimate.notes.end(), planes.begin(), planes.end());
+  if (solver == Solver::incremental_qr) {
+    estimate.notes.push_back("Incremental QR: at most; how many centres the tolerance needs is not known before.");
+  }
   if (!basis) estimate.notes.push_back("No handle basis will be stored: every design is solved for and summed directly.");
   estimate.seconds = seconds_for(parts, solver, std::size_t{1} << regions.symmetry.planes(), d, basis ? fields : 0);
   if (solver != Solver::iterative) estimate.seconds += static_cast<double>(mesh.point_count()) * 2e-7;

@@ -34,6 +34,7 @@ RbfEvaluation::RbfEvaluation(std::shared_ptr<const RbfSystem> system, std::span<
   for (std::size_t i = 0; i < designs.size(); ++i) {
     context.check();
     designs_.push_back(bound(designs[i], i));
+    check_tolerance(i);
     check_coincident(i);
     check_sliding(i);
   }
@@ -44,7 +45,7 @@ RbfEvaluation::RbfEvaluation(std::shared_ptr<const RbfSystem> system, std::span<
 RbfEvaluation::RbfEvaluation(std::shared_ptr<const RbfSystem> system, const std::vector<Affine>& derivatives,
                              const RunContext& context)
     : system_(std::move(system)), kind_(MotionKind::derivative), reports_(1), slot_(1) {
-  designs_.push_back({derivatives, std::vector<std::vector<Vec3>>(derivatives.size())});
+  designs_.push_back({derivatives, std::vector<std::vector<Vec3>>(derivatives.size()), 0});
   choose_paths(EvaluationPath::automatic);
   solve(context);
 }
@@ -52,7 +53,7 @@ RbfEvaluation::RbfEvaluation(std::shared_ptr<const RbfSystem> system, const std:
 BoundDesign RbfEvaluation::bound(const Design& design, std::size_t index) const {
   const Setup& setup = system_->setup_;
   const std::size_t handles = setup.handles.size();
-  BoundDesign result{std::vector<Affine>(handles, identity_affine), std::vector<std::vector<Vec3>>(handles)};
+  BoundDesign result{std::vector<Affine>(handles, identity_affine), std::vector<std::vector<Vec3>>(handles), design.tolerance};
   if (!design.variables.empty()) {
     try {
       result.affine = handle_motions(setup, design.variables);
@@ -142,6 +143,23 @@ void RbfEvaluation::check_sliding(std::size_t index) const {
   }
 }
 
+void RbfEvaluation::check_tolerance(std::size_t index) const {
+  const double tolerance = designs_[index].tolerance;
+  if (tolerance == 0) return;
+  const SystemInfo& info = system_->info_;
+  std::ostringstream text;
+  text << ".tolerance: " << tolerance;
+  if (!to_tolerance(info.solver)) {
+    text << ", but solver " << to_string(info.solver) << " has none";
+    invalid(index, text.str());
+  }
+  const double least = info.solver == Solver::incremental_qr ? info.tolerance : least_tolerance;
+  if (tolerance >= least && tolerance <= largest_tolerance) return;
+  text << " is out of range " << least << ".." << largest_tolerance;
+  if (info.solver == Solver::incremental_qr) text << "; the system was prepared for " << info.tolerance;
+  invalid(index, text.str());
+}
+
 void RbfEvaluation::check_coincident(std::size_t index) const {
   const BoundDesign& design = designs_[index];
   const auto name = [&](PointId id) {
@@ -166,7 +184,11 @@ void RbfEvaluation::choose_paths(EvaluationPath path) {
     const bool affine = designs_[i].is_affine();
     if (path == EvaluationPath::basis && !has_basis) invalid(i, ": path BASIS, but the system was prepared without a basis");
     if (path == EvaluationPath::basis && !affine) invalid(i, ": path BASIS, but a handle has displacements per point");
-    const bool direct = path == EvaluationPath::direct || !has_basis || !affine;
+    const bool other_tolerance = designs_[i].tolerance != 0 && designs_[i].tolerance != system_->info_.tolerance;
+    if (path == EvaluationPath::basis && other_tolerance) {
+      invalid(i, ": path BASIS, but the basis was made with the tolerance of the setup");
+    }
+    const bool direct = path == EvaluationPath::direct || !has_basis || !affine || other_tolerance;
     slot_[i] = direct ? direct_designs_++ : basis_designs_++;
     reports_[i].path = direct ? EvaluationPath::direct : EvaluationPath::basis;
     if (kind_ == MotionKind::derivative) continue;
@@ -231,28 +253,32 @@ Eigen::MatrixXd RbfEvaluation::part_data(const BoundDesign& design, const RbfPar
 }
 
 /// One design after the other: each uses all cores, and its search directions take memory.
-void RbfEvaluation::solve_iteratively(const RunContext& context) {
+void RbfEvaluation::solve_to_tolerance(const RunContext& context) {
   std::vector<Vec3> points;
   points.reserve(system_->centres_.deformable.size());
   for (const PointId id : system_->centres_.deformable) points.push_back(system_->coordinates(id));
   for (auto& part : coefficients_) part.values.resize(designs_.size());
   for (std::size_t i = 0; i < designs_.size(); ++i) {
     if (reports_[i].path != EvaluationPath::direct) continue;
+    const double tolerance = designs_[i].tolerance > 0 ? designs_[i].tolerance : system_->info_.tolerance;
+    double squares = 0;
     for (std::size_t p = 0; p < coefficients_.size(); ++p) {
       const RbfPart& part = system_->parts_[p];
       const Eigen::MatrixXd F = part_data(designs_[i], part);
       // A derivative has no length to compare with but its own.
       const double unit = kind_ == MotionKind::position ? system_->info_.diagonal : F.cwiseAbs().maxCoeff();
-      const Interpolants interpolants = part.system->interpolate(F, system_->info_.tolerance * unit, context);
+      const Interpolants interpolants = part.system->interpolate(F, tolerance * unit, context);
       coefficients_[p].values[i] = part.system->values(interpolants, points, context);
-      // Of components.
-      reports_[i].interpolation_residual = std::max(reports_[i].interpolation_residual, std::sqrt(3.0) * interpolants.residual);
+      // The iterative solver's is the largest of single components, that of incremental QR of rows.
+      const double width = system_->info_.solver == Solver::iterative ? static_cast<double>(F.cols()) : 1.0;
+      squares += width * interpolants.residual * interpolants.residual;
     }
+    reports_[i].interpolation_residual = std::sqrt(squares);
   }
 }
 
 void RbfEvaluation::solve_direct(const RunContext& context) {
-  if (system_->info_.solver == Solver::iterative) return solve_iteratively(context);
+  if (to_tolerance(system_->info_.solver)) return solve_to_tolerance(context);
   for (std::size_t p = 0; p < coefficients_.size(); ++p) {
     const RbfPart& part = system_->parts_[p];
     const std::size_t rows = part.system->size() + part.system->polynomials().terms();

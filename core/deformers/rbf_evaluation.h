@@ -11,6 +11,7 @@ namespace deform {
 struct BoundDesign {
   std::vector<Affine> affine;                   ///< H
   std::vector<std::vector<Vec3>> displacement;  ///< H, empty where the affine map holds
+  double tolerance = 0;                         ///< of its solution; 0: that of the setup
   bool is_affine() const;
 };
 
@@ -29,6 +30,7 @@ class RbfEvaluation : public Evaluation {
 
  private:
   BoundDesign bound(const Design& design, std::size_t index) const;
+  void check_tolerance(std::size_t index) const;
   void check_coincident(std::size_t index) const;
   void check_sliding(std::size_t index) const;
   Vec3 told(const BoundDesign& design, PointId id) const;
@@ -38,7 +40,7 @@ class RbfEvaluation : public Evaluation {
   void solve(const RunContext& context);
   void set_basis_coefficients();
   void solve_direct(const RunContext& context);
-  void solve_iteratively(const RunContext& context);
+  void solve_to_tolerance(const RunContext& context);
   Eigen::MatrixXd part_data(const BoundDesign& design, const RbfPart& part) const;
   void measure_direct();
   void evaluate_constrained(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;

@@ -86,8 +86,7 @@ std::vector<double> RbfSystem::pull_back(const RbfPart& part, std::span<const Ve
         B(static_cast<Eigen::Index>(m) + t, k) += terms[static_cast<std::size_t>(t)] * at_deformable[i][k];
     }
   }
-  part.system->solve_saddle(B, context);
-  const Eigen::MatrixXd G = part.plan.data(handle_fields()).transpose() * B.topRows(static_cast<Eigen::Index>(m));
+  const Eigen::MatrixXd G = part.plan.data(handle_fields()).transpose() * part.system->adjoint(std::move(B), context);
   std::vector<double> result(3 * static_cast<std::size_t>(G.rows()));
   for (Eigen::Index r = 0; r < G.rows(); ++r) {
     for (int k = 0; k < 3; ++k) result[static_cast<std::size_t>(3 * r + k)] = G(r, k);

@@ -95,7 +95,7 @@ std::size_t handle_index(const Setup& setup, const std::string& name) {
 }
 
 void validate_rbf(const RbfOptions& options) {
-  if (!(options.tolerance >= 1e-10 && options.tolerance <= 1e-2)) {
+  if (!(options.tolerance >= least_tolerance && options.tolerance <= largest_tolerance)) {
     std::ostringstream text;
     text << "method.rbf.tolerance: " << options.tolerance << " is out of range 1e-10..1e-2";
     invalid(text.str());
@@ -109,6 +109,23 @@ void validate_rbf(const RbfOptions& options) {
   if (options.polynomial_degree < -1 || options.polynomial_degree > 2) {
     invalid("method.rbf.polynomial_degree: " + std::to_string(options.polynomial_degree) +
             " is out of range, at least the order of the kernel - 1 and at most 2");
+  }
+}
+
+void validate_samples(const Setup& setup) {
+  const auto* options = std::get_if<RbfOptions>(&setup.method);
+  if (options == nullptr) return;
+  for (std::size_t s = 0; s < options->samples.size(); ++s) {
+    const std::string field = "method.rbf.samples[" + std::to_string(s) + "]";
+    try {
+      handle_motions(setup, options->samples[s]);
+    } catch (const Error& error) {
+      invalid(field + "." + error.what());
+    }
+    const auto& values = options->samples[s];
+    if (std::all_of(values.begin(), values.end(), [](double value) { return value == 0; })) {
+      invalid(field + ": moves nothing; all its variables are 0");
+    }
   }
 }
 
@@ -202,6 +219,7 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh) {
   }
   std::set<std::string> variable_names;
   for (std::size_t k = 0; k < setup.variables.size(); ++k) validate_variable(setup, k, variable_names);
+  validate_samples(setup);
 
   SelectedRegions selected;
   std::vector<std::uint32_t> owners(mesh.point_count(), nobody);

@@ -16,6 +16,9 @@
 
 namespace deform {
 
+/// Of RbfOptions::tolerance and Design::tolerance.
+inline constexpr double least_tolerance = 1e-10, largest_tolerance = 1e-2;
+
 enum class CentreReduction {
   automatic,  ///< the constraint points within `reduction_rings` of the deformable region, where the mesh is manifold there
   off,        ///< all constraint points
@@ -36,7 +39,14 @@ struct RbfOptions {
   /// Total degree of the polynomial part; -1 = max(1, order - 1). At least order - 1, at most 2.
   int polynomial_degree = -1;
   Solver solver = Solver::automatic;
-  double tolerance = 1e-6;  ///< of the iterative solver: largest error at the centres, as a fraction of D; 1e-10..1e-2
+  /// Of the iterative solver: largest error at the centres. Of incremental QR: RMS error at the constraint points, for the
+  /// samples; in wide gaps between the constraint points the field is off by some ten times that. As a fraction of D;
+  /// 1e-10..1e-2.
+  double tolerance = 1e-6;
+  CentreOrder centre_order = CentreOrder::farthest_point;  ///< of incremental QR
+  /// Of incremental QR: vectors of design variables whose displacements its centres are chosen for; empty: affine motions of the
+  /// handles, of the size of the model.
+  std::vector<std::vector<double>> samples;
   CentreReduction reduction = CentreReduction::automatic;
   int reduction_rings = 3;  ///< 1..100 (thesis 3.5: three rings fix positions and first and second derivatives)
   BasisMode basis = BasisMode::automatic;

@@ -35,6 +35,10 @@ struct Motion {
 struct Design {
   std::vector<double> variables;  ///< empty, or one value per design variable of the setup
   std::vector<Motion> motions;    ///< at most one per handle; not for a handle whose variables are not all 0
+  /// Of a system whose solver has a tolerance: the one of this design, as a fraction of D, 1e-10..1e-2; 0: that of the setup. Any
+  /// other takes the direct path. Incremental QR takes fewer of its centres then; it has none for less than what it was prepared
+  /// for.
+  double tolerance = 0;
 };
 
 /// Told about one evaluated design.
@@ -49,15 +53,15 @@ struct SystemInfo {
   std::size_t points = 0;
   std::size_t fixed_points = 0, handle_points = 0, deformable_points = 0;
   std::size_t constraint_points = 0;  ///< handle and fixed points: candidate centres
-  std::size_t centres = 0;            ///< after reduction and merging of coincident ones
+  std::size_t centres = 0;            ///< after reduction and merging of coincident ones; of incremental QR those it chose
   std::size_t merged_duplicates = 0;
   std::size_t polynomial_terms = 0;
   int affine_hull_dimension = 3;  ///< of the centres: 0 point, 1 line, 2 plane, 3 space
   std::size_t basis_fields = 0;   ///< 4H, or 0 without a basis
   std::size_t bytes = 0, factor_bytes = 0, basis_bytes = 0;
   double diagonal = 0;               ///< D, of all points
-  double condition = 0;              ///< 1-norm estimate of the factored matrix; 0 = none (iterative)
-  double tolerance = 0;              ///< of the iterative solver, as a fraction of D; else 0
+  double condition = 0;              ///< 1-norm estimate of the factored matrix; 0 = none (iterative, incremental QR)
+  double tolerance = 0;              ///< of the iterative solver or incremental QR, as a fraction of D; else 0
   Solver solver = Solver::cholesky;  ///< the one that was used
   bool reduced = false;
   std::vector<std::string> notes;                             ///< what was decided and why, one sentence each

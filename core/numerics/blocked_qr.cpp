@@ -98,4 +98,20 @@ void BlockedQr::solve(std::size_t columns, Eigen::MatrixXd& Y) const {
   }
 }
 
+void BlockedQr::solve_transposed(std::size_t columns, Eigen::MatrixXd& Y) const {
+  lapack::use_one_thread();
+  const int n = to_int(static_cast<std::size_t>(Y.cols())), ld = to_int(rows_), ld_y = to_int(static_cast<std::size_t>(Y.rows()));
+  for (const Panel& panel : panels_) {
+    if (panel.first >= columns) break;
+    const int w = to_int(std::min(panel.width, columns - panel.first)), above = to_int(panel.first);
+    double* part = Y.data() + panel.first;
+    if (above > 0) {
+      cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, w, n, above, -1.0, panel.values.get(), ld, Y.data(), ld_y, 1.0, part,
+                  ld_y);
+    }
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasTrans, CblasNonUnit, w, n, 1.0, panel.values.get() + panel.first, ld,
+                part, ld_y);
+  }
+}
+
 }  // namespace deform

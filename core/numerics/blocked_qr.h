@@ -38,6 +38,8 @@ class BlockedQr {
   void apply(std::size_t panels, Eigen::MatrixXd& Y) const;
   /// The leading columns x columns triangle of R: Y (columns x any) becomes R^-1 Y.
   void solve(std::size_t columns, Eigen::MatrixXd& Y) const;
+  /// Y becomes R^-T Y.
+  void solve_transposed(std::size_t columns, Eigen::MatrixXd& Y) const;
 
  private:
   struct Panel {

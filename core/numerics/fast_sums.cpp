@@ -12,8 +12,8 @@ namespace deform {
 
 namespace {
 
-// Pairs of boxes translated together: enough columns for the product to run out of the cache.
-constexpr std::size_t group_pairs = 16;
+// Pairs of boxes translated together: enough columns for the product to run out of the cache, and enough groups for the threads.
+constexpr std::size_t group_pairs = 16, least_pairs = 4, wanted_groups = 16;
 // Columns at once: what keeps the interpolation points of all boxes in memory.
 constexpr std::size_t most_columns = 12;
 
@@ -127,8 +127,9 @@ void FastSums::finish_lists() {
   for (Class& c : classes_) {
     std::stable_sort(c.pairs.begin(), c.pairs.end(), [](const Pair& a, const Pair& b) { return a.target < b.target; });
     c.groups = {0};
+    const std::size_t together = std::clamp(c.pairs.size() / wanted_groups, least_pairs, group_pairs);
     for (std::size_t i = 1; i < c.pairs.size(); ++i) {
-      if (i - c.groups.back() >= group_pairs && c.pairs[i].target != c.pairs[i - 1].target) c.groups.push_back(i);
+      if (i - c.groups.back() >= together && c.pairs[i].target != c.pairs[i - 1].target) c.groups.push_back(i);
     }
     c.groups.push_back(c.pairs.size());
   }

@@ -16,11 +16,10 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-constexpr std::size_t block = 128;       // columns appended at a time
+constexpr std::size_t least_block = 64, block = 256;  // columns appended at a time: the more there are, a quarter of them
 constexpr std::size_t greedy_block = 8;  // looking after every column saves a tenth of them and takes ten times as long
 constexpr double greedy_share = 0.5;     // of the largest residual: below it, better look again after the next columns
 constexpr std::size_t most_terms = 10;
-constexpr Index field = 3;  // columns
 
 [[noreturn]] void refuse(const std::string& what) { throw Error(ErrorCode::invalid_argument, what); }
 
@@ -74,10 +73,11 @@ std::vector<double> tails(const MatrixXd& Y, Index first_column, Index columns) 
 IncrementalQr::IncrementalQr(std::vector<Vec3> points, const IncrementalQrOptions& options, const RunContext& context)
     : points_(checked(std::move(points))),
       kernel_(options.kernel),
-      polynomials_(points_, checked_degree(options)),
+      polynomials_(points_, checked_degree(options), options.kernel.parity),
       qr_(points_.size() + polynomials_.terms()) {
   if (options.samples.size() > 0 || options.order == CentreOrder::greedy) check_values(options.samples, size(), "samples");
   check_tolerance(options.sample_tolerance, "sample_tolerance");
+  if (options.columns_per_field == 0) refuse("columns_per_field: must be at least 1");
   const std::size_t most = allowed(options);
   context.progress("factor", 0);
   append_polynomials(context);
@@ -166,9 +166,10 @@ MatrixXd IncrementalQr::with_side_conditions(const MatrixXd& F) const {
 }
 
 /// Whether all fields are within the tolerance with the columns that Y went through, and the first number of centres for that.
-bool IncrementalQr::met(const MatrixXd& projected, double tolerance, std::size_t& centres) const {
+bool IncrementalQr::met(const MatrixXd& projected, const IncrementalQrOptions& options, std::size_t& centres) const {
   const std::size_t q = polynomials_.terms();
-  const double limit = tolerance * tolerance * static_cast<double>(size());
+  const double limit = options.sample_tolerance * options.sample_tolerance * static_cast<double>(size());
+  const auto field = static_cast<Index>(options.columns_per_field);
   std::size_t needed = 0;
   for (Index c = 0; c < projected.cols(); c += field) {
     const std::vector<double> left = tails(projected, c, std::min(field, projected.cols() - c));
@@ -187,10 +188,11 @@ void IncrementalQr::prepare_farthest(const IncrementalQrOptions& options, std::s
   PointCover cover(points_);
   std::vector<std::uint32_t> next;
   std::size_t needed = 0;
-  while (!(ends && met(Y, options.sample_tolerance, needed)) && order_.size() < most) {
+  while (!(ends && met(Y, options, needed)) && order_.size() < most) {
     context.check();
     next.clear();
-    while (next.size() < block && order_.size() + next.size() < most) {
+    const std::size_t width = std::min(std::clamp(order_.size() / 4, least_block, block), most - order_.size());
+    while (next.size() < width) {
       const std::size_t point = cover.farthest();
       if (cover.distance(point) == 0) break;  // all the others coincide with earlier ones
       cover.take(point);
@@ -198,10 +200,10 @@ void IncrementalQr::prepare_farthest(const IncrementalQrOptions& options, std::s
     }
     const std::size_t taken = append(next, context);
     if (ends && taken > 0) qr_.apply_transposed(qr_.panels() - 1, Y);
-    if (taken < block) break;
+    if (taken < width) break;
     context.progress("factor", static_cast<double>(order_.size()) / static_cast<double>(most));
   }
-  if (ends && met(Y, options.sample_tolerance, needed)) keep(needed);
+  if (ends && met(Y, options, needed)) keep(needed);
 }
 
 namespace {
@@ -247,7 +249,7 @@ void IncrementalQr::prepare_greedily(const IncrementalQrOptions& options, std::s
   for (std::size_t p = 0; p < qr_.panels(); ++p) qr_.apply_transposed(p, Y);
   PointCover cover(points_);
   std::size_t needed = 0;
-  while (!met(Y, options.sample_tolerance, needed) && order_.size() < most) {
+  while (!met(Y, options, needed) && order_.size() < most) {
     context.check();
     const MatrixXd left = residual(Y, order_.size(), qr_.panels());
     std::vector<double> residuals(size());
@@ -259,7 +261,7 @@ void IncrementalQr::prepare_greedily(const IncrementalQrOptions& options, std::s
     if (taken < next.size()) break;
     context.progress("factor", static_cast<double>(order_.size()) / static_cast<double>(most));
   }
-  if (met(Y, options.sample_tolerance, needed)) keep(needed);
+  if (met(Y, options, needed)) keep(needed);
 }
 
 /// Of the least squares with so many centres, from what the reflectors of so many panels left of the values.
@@ -313,6 +315,18 @@ std::vector<double> IncrementalQr::errors(const MatrixXd& F) const {
     result.push_back(std::sqrt(left[polynomials_.terms() + k] / static_cast<double>(size())));
   }
   return result;
+}
+
+MatrixXd IncrementalQr::adjoint(const MatrixXd& B) const {
+  const auto k = static_cast<Index>(prepared()), q = static_cast<Index>(polynomials_.terms());
+  if (B.rows() != k + q) refuse("adjoint: expected " + std::to_string(k + q) + " rows, got " + std::to_string(B.rows()));
+  MatrixXd X(k + q, B.cols());
+  X << B.bottomRows(q), B.topRows(k);
+  qr_.solve_transposed(static_cast<std::size_t>(k + q), X);
+  MatrixXd Y = MatrixXd::Zero(static_cast<Index>(qr_.rows()), B.cols());
+  Y.topRows(k + q) = X;
+  qr_.apply(qr_.panels(), Y);
+  return Y.topRows(static_cast<Index>(size()));
 }
 
 std::vector<double> IncrementalQr::values(const Solution& solution, std::span<const Vec3> at, const RunContext& context) const {

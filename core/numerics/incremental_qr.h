@@ -12,14 +12,9 @@
 #include "core/numerics/farthest_points.h"
 #include "core/numerics/kernel.h"
 #include "core/numerics/polynomial.h"
+#include "core/numerics/solver.h"
 
 namespace deform {
-
-/// In which order constraint points become centres.
-enum class CentreOrder {
-  farthest_point,  ///< each is the one farthest from those before: the same whatever the values, evenly spread
-  greedy,          ///< where the sample values are missed most (thesis 4.5): for values like the samples, narrow features
-};
 
 struct IncrementalQrOptions {
   RadialKernel kernel;
@@ -27,11 +22,12 @@ struct IncrementalQrOptions {
   CentreOrder order = CentreOrder::farthest_point;
   std::size_t most_centres = 0;  ///< 0 = as many as there are points
   std::size_t memory_limit = 0;  ///< bytes; fewer centres are prepared when more do not fit; 0 = unlimited
-  /// Values that are typical of what will be asked, m x columns, three columns a field (the displacements of the largest design).
-  /// Greedy needs some; otherwise they may be empty. No more centres are prepared than it takes to bring the RMS error of every
-  /// field down to sample_tolerance (units of the samples; 0: they do not end the preparation).
+  /// Values that are typical of what will be asked, m x columns, columns_per_field columns a field (the displacements of the
+  /// largest design). Greedy needs some; otherwise they may be empty. No more centres are prepared than it takes to bring the RMS
+  /// error of every field down to sample_tolerance (units of the samples; 0: they do not end the preparation).
   Eigen::MatrixXd samples;
   double sample_tolerance = 0;
+  std::size_t columns_per_field = 3;  ///< at least 1
 };
 
 /// RBF least squares with a growing number of centres (thesis 7.5, eq. 7.1). The first k of the m constraint points in some order
@@ -82,6 +78,10 @@ class IncrementalQr {
   /// RMS error for k = 0 .. prepared(): quality against cost. Does not rise.
   std::vector<double> errors(const Eigen::MatrixXd& F) const;
 
+  /// The transpose of "values F at the points to coefficients" with all prepared() centres: B ((prepared() + q) x columns, rows
+  /// as in Solution) to m x columns.
+  Eigen::MatrixXd adjoint(const Eigen::MatrixXd& B) const;
+
   /// Values of a solution: n x columns, row by row.
   std::vector<double> values(const Solution& solution, std::span<const Vec3> at, const RunContext& context = {}) const;
 
@@ -94,7 +94,7 @@ class IncrementalQr {
   void keep(std::size_t centres);
   Eigen::MatrixXd with_side_conditions(const Eigen::MatrixXd& F) const;
   Eigen::MatrixXd residual(Eigen::MatrixXd projected, std::size_t centres, std::size_t panels) const;
-  bool met(const Eigen::MatrixXd& projected, double tolerance, std::size_t& centres) const;
+  bool met(const Eigen::MatrixXd& projected, const IncrementalQrOptions& options, std::size_t& centres) const;
 
   std::vector<Vec3> points_;
   RadialKernel kernel_;

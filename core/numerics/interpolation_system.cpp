@@ -1,8 +1,11 @@
 #include "core/numerics/interpolation_system.h"
 
+#include <algorithm>
+
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/numerics/fast_sums.h"
+#include "core/numerics/incremental_qr.h"
 #include "core/numerics/iterative_system.h"
 #include "core/numerics/packed_cholesky.h"
 #include "core/numerics/residual.h"
@@ -34,6 +37,8 @@ const char* to_string(Solver solver) {
       return "lu";
     case Solver::iterative:
       return "iterative";
+    case Solver::incremental_qr:
+      return "incremental QR";
   }
   return "automatic";
 }
@@ -55,6 +60,19 @@ InterpolationSystem::InterpolationSystem(std::vector<Vec3> centres, const Interp
       throw Error(ErrorCode::invalid_argument, "solver: the iterative one has no images; give it all centres and their images");
     }
     iterative_ = std::make_unique<IterativeSystem>(centres_, kernel_, options.polynomial_degree, context);
+    return;
+  }
+  if (solver_ == Solver::incremental_qr) {
+    IncrementalQrOptions incremental;
+    incremental.kernel = kernel_;
+    incremental.polynomial_degree = options.polynomial_degree;
+    incremental.most_centres = most_incremental_centres;
+    incremental.memory_limit = options.memory_limit;
+    incremental.samples = options.samples;
+    incremental.sample_tolerance = options.sample_tolerance;
+    incremental.columns_per_field = options.columns_per_field;
+    incremental.order = options.order;
+    incremental_ = std::make_unique<IncrementalQr>(centres_, incremental, context);
     return;
   }
   if (solver_ == Solver::lu) factor_ = factor_lu(problem, context);
@@ -80,11 +98,18 @@ InterpolationSystem::InterpolationSystem(std::vector<Vec3> centres, const Interp
 
 InterpolationSystem::~InterpolationSystem() = default;
 
+std::size_t InterpolationSystem::weighted() const { return incremental_ ? incremental_->prepared() : size(); }
+
 std::size_t InterpolationSystem::bytes() const {
+  if (incremental_) return incremental_->bytes() + centres_.size() * sizeof(Vec3);
   return (iterative_ ? iterative_->bytes() : factor_->bytes()) + centres_.size() * sizeof(Vec3);
 }
 
 Interpolants InterpolationSystem::interpolate(const Eigen::MatrixXd& F, double tolerance, const RunContext& context) const {
+  if (incremental_) {
+    IncrementalQr::Solution solution = incremental_->solve(F, tolerance);
+    return {std::move(solution.coefficients), solution.largest_error, solution.converged};
+  }
   if (!iterative_) return {solve(F, context)};
   Eigen::MatrixXd B = Eigen::MatrixXd::Zero(F.rows() + static_cast<Eigen::Index>(polynomials_.terms()), F.cols());
   B.topRows(F.rows()) = F;
@@ -94,6 +119,12 @@ Interpolants InterpolationSystem::interpolate(const Eigen::MatrixXd& F, double t
 
 std::vector<double> InterpolationSystem::values(const Interpolants& interpolants, std::span<const Vec3> points,
                                                 const RunContext& context) const {
+  if (incremental_) {
+    IncrementalQr::Solution solution;
+    solution.coefficients = interpolants.coefficients;
+    solution.centres = static_cast<std::size_t>(interpolants.coefficients.rows()) - polynomials_.terms();
+    return incremental_->values(solution, points, context);
+  }
   const RowMajor rows = interpolants.coefficients;
   const auto columns = static_cast<std::size_t>(rows.cols());
   const std::span<const double> weights(rows.data(), size() * columns);
@@ -110,6 +141,19 @@ std::vector<double> InterpolationSystem::sums_at_centres(std::span<const Vec3> p
   return FastSums(kernel_, centres_, places, {adjoint_order, 0}).sums(weights, columns, context);
 }
 
+Eigen::MatrixXd InterpolationSystem::adjoint(Eigen::MatrixXd B, const RunContext& context) const {
+  const auto m = static_cast<Eigen::Index>(size());
+  if (!incremental_) {
+    solve_saddle(B, context);  // symmetric
+    return B.topRows(m);
+  }
+  const auto k = static_cast<Eigen::Index>(weighted());
+  Eigen::MatrixXd chosen(k + B.rows() - m, B.cols());
+  for (Eigen::Index j = 0; j < k; ++j) chosen.row(j) = B.row(incremental_->order()[static_cast<std::size_t>(j)]);
+  chosen.bottomRows(B.rows() - m) = B.bottomRows(B.rows() - m);
+  return incremental_->adjoint(chosen);
+}
+
 Eigen::MatrixXd InterpolationSystem::solve(const Eigen::MatrixXd& F, const RunContext& context) const {
   Eigen::MatrixXd B = Eigen::MatrixXd::Zero(F.rows() + static_cast<Eigen::Index>(polynomials_.terms()), F.cols());
   B.topRows(F.rows()) = F;
@@ -122,6 +166,7 @@ void InterpolationSystem::solve_saddle(Eigen::MatrixXd& B, const RunContext& con
     B = iterative_->solve(B, 1e-10 * B.cwiseAbs().maxCoeff(), context).coefficients;
     return;
   }
+  if (incremental_) throw Error(ErrorCode::internal, "incremental QR has no square system");
   constexpr int most_steps = 2;
   constexpr double enough = 1e-15;
   const auto m = static_cast<Eigen::Index>(size());
@@ -149,6 +194,7 @@ void InterpolationSystem::solve_saddle(Eigen::MatrixXd& B, const RunContext& con
 
 std::size_t InterpolationSystem::factor_bytes(std::size_t m, Solver solver) {
   if (solver == Solver::iterative) return IterativeSystem::bytes_for(m);
+  if (solver == Solver::incremental_qr) return IncrementalQr::bytes_for(m, std::min<std::size_t>(m, most_incremental_centres));
   const std::size_t bordered = m + most_terms;
   const std::size_t side = 4 * most_terms * bordered * sizeof(double) + (std::size_t{1} << 12);
   if (solver == Solver::lu) return bordered * bordered * sizeof(double) + side;
@@ -158,6 +204,8 @@ std::size_t InterpolationSystem::factor_bytes(std::size_t m, Solver solver) {
 
 std::size_t InterpolationSystem::peak_bytes(std::size_t m, Solver solver) {
   if (solver == Solver::iterative) return IterativeSystem::peak_bytes(m, 4);
+  // Beside the factor the samples, what was made of them, and a request.
+  if (solver == Solver::incremental_qr) return factor_bytes(m, solver) + 16 * (m + most_terms) * sizeof(double);
   const std::size_t bordered = m + most_terms;
   const std::size_t square = bordered * bordered * sizeof(double);
   std::size_t matrix = PackedCholesky::bytes_for(m);

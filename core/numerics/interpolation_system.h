@@ -14,6 +14,7 @@
 
 namespace deform {
 
+class IncrementalQr;
 class IterativeSystem;
 
 /// One factorization of the bordered RBF system (thesis eq. 3.9, 3.10)
@@ -52,14 +53,22 @@ struct InterpolationOptions {
   RadialKernel kernel;  ///< with a parity: values, polynomials and interpolants have it too (not for the iterative solver)
   int polynomial_degree = 1;
   Solver solver = Solver::automatic;
-  std::size_t memory_limit = 0;  ///< bytes that the fallback may take; 0 = unlimited
+  std::size_t memory_limit = 0;  ///< bytes that the fallback, or incremental QR, may take; 0 = unlimited
+  /// Of incremental QR: values (m x columns) that the centres are chosen for, see IncrementalQrOptions.
+  Eigen::MatrixXd samples;
+  double sample_tolerance = 0;
+  std::size_t columns_per_field = 3;
+  CentreOrder order = CentreOrder::farthest_point;
 };
 
 /// Interpolants of some columns of values, and how good they are.
 struct Interpolants {
-  Eigen::MatrixXd coefficients;  ///< (m + q) x columns: weights, then those of the polynomials
-  double residual = 0;           ///< iterative: largest |interpolant - value| over the centres; else 0, not measured
-  bool converged = true;         ///< iterative: residual <= tolerance
+  /// (m + q) x columns: weights, then those of the polynomials; of incremental QR k weights, those of its first k centres.
+  Eigen::MatrixXd coefficients;
+  /// Iterative: largest |interpolant - value| over the centres and columns; incremental QR: largest length of a row of errors
+  /// over the points; else 0, not measured.
+  double residual = 0;
+  bool converged = true;  ///< iterative: residual <= tolerance; incremental QR: RMS error <= tolerance
   int iterations = 0;
   int order = 0;  ///< iterative: of the fast sums that are good enough for these weights
 };
@@ -72,7 +81,9 @@ class InterpolationSystem {
 
   ~InterpolationSystem();
 
-  std::size_t size() const { return centres_.size(); }
+  std::size_t size() const { return centres_.size(); }  ///< m
+  /// How many of them may have a weight: of incremental QR the prepared ones, else all.
+  std::size_t weighted() const;
   const std::vector<Vec3>& centres() const { return centres_; }
   const RadialKernel& kernel() const { return kernel_; }
   const PolynomialSpace& polynomials() const { return polynomials_; }
@@ -81,15 +92,20 @@ class InterpolationSystem {
   std::size_t bytes() const;
   const std::vector<std::string>& notes() const { return notes_; }
 
-  /// Interpolants of the values F (m x columns) at the centres. `tolerance`, in the units of the values, is for the iterative
-  /// solver; the others always deliver all digits.
+  /// Interpolants of the values F (m x columns) at the centres. `tolerance`, in the units of the values, is for the solvers that
+  /// have one: of the iterative one for every column, of incremental QR for the RMS error of one field; the others always deliver
+  /// all digits.
   Interpolants interpolate(const Eigen::MatrixXd& F, double tolerance, const RunContext& context = {}) const;
   /// Their values: n x columns, row by row.
   std::vector<double> values(const Interpolants& interpolants, std::span<const Vec3> points, const RunContext& context) const;
   /// Row i = sum over places j of phi(|centre i - place j|) * weights[j]: m x columns, row by row; adjoint of the sums above.
   std::vector<double> sums_at_centres(std::span<const Vec3> places, std::span<const double> weights, std::size_t columns,
                                       const RunContext& context) const;
+  /// Adjoint of "values F at the centres to coefficients": B ((m + q) x columns, derivatives by weights and by coefficients of
+  /// the polynomials) to m x columns. Of incremental QR with all its centres.
+  Eigen::MatrixXd adjoint(Eigen::MatrixXd B, const RunContext& context = {}) const;
 
+  /// Both not for incremental QR (Error(internal)).
   /// F (m x columns) values at the centres -> (m + q) x columns weights and polynomial coefficients.
   Eigen::MatrixXd solve(const Eigen::MatrixXd& F, const RunContext& context = {}) const;
   /// The same with right-hand sides for both parts, in place; the system is symmetric, so this serves adjoints. Refined with
@@ -107,8 +123,9 @@ class InterpolationSystem {
   PolynomialSpace polynomials_;
   Solver solver_ = Solver::cholesky;
   std::vector<std::string> notes_;
-  std::unique_ptr<SaddleFactor> factor_;  // or
-  std::unique_ptr<const IterativeSystem> iterative_;
+  std::unique_ptr<SaddleFactor> factor_;              // or
+  std::unique_ptr<const IterativeSystem> iterative_;  // or
+  std::unique_ptr<const IncrementalQr> incremental_;
 };
 
 }  // namespace deform

@@ -152,6 +152,11 @@ TEST_P(ServiceDeformStream, MessagesOfOneRequestAreJoined) {
   v1::Motion* motion = first.mutable_request()->mutable_designs(0)->add_motions();
   motion->set_handle("roof");
   motion->add_displacements()->set_xyz("part1");
+  first.mutable_request()->mutable_output()->set_encoding(v1::RAW_F32);
+  first.mutable_request()->set_path(v1::PATH_DIRECT);
+  first.mutable_request()->set_check(v1::CELL_QUALITY);
+  first.mutable_request()->mutable_splitting()->set_most_steps(7);
+  first.mutable_request()->set_solver_tolerance(1e-3);
   v1::DeformStreamRequest second;
   second.set_request_id(7);
   v1::Design* more = second.mutable_request()->add_designs();
@@ -173,6 +178,11 @@ TEST_P(ServiceDeformStream, MessagesOfOneRequestAreJoined) {
   EXPECT_EQ(joined.motions(1).handle(), "nose");
   EXPECT_EQ(job->request().designs(1).variables(0), 3);
   EXPECT_EQ(job->request().system_id(), "s7");
+  EXPECT_EQ(job->request().output().encoding(), v1::RAW_F32);
+  EXPECT_EQ(job->request().path(), v1::PATH_DIRECT);
+  EXPECT_EQ(job->request().check(), v1::CELL_QUALITY);
+  EXPECT_EQ(job->request().splitting().most_steps(), 7u);
+  EXPECT_EQ(job->request().solver_tolerance(), 1e-3);
   job->end();
   EXPECT_EQ(finish(), StatusCode::OK);
 }

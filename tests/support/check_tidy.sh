@@ -8,16 +8,18 @@ if [ $# -eq 0 ]; then
   exit 2
 fi
 cd "$(dirname "$0")/../.."
-build=$1
+# Precompiled headers are those of another compiler.
+build=$(mktemp -d)
+trap 'rm -rf "$build"' EXIT
+sed -E 's# -Winvalid-pch| -fpch-preprocess| -include [^ "]*cmake_pch\.hxx##g' "$1/compile_commands.json" >"$build/compile_commands.json"
+proto=$1/proto
 shift
 if [ $# -gt 0 ]; then
   clang-tidy-14 -p "$build" --quiet "$@"
-  exit
+  exit 0
 fi
 names='--checks=-*,readability-identifier-naming'
 printf '%s\0' core/*/*.cpp | xargs -0 -n 4 -P 2 clang-tidy-14 -p "$build" --quiet "$names"
 # A file that includes gRPC takes seconds to parse, so these headers are read in one go.
-headers=$(mktemp -d)
-trap 'rm -rf "$headers"' EXIT
-find server client -name '*.h' | sort | sed 's/.*/#include "&"/' >"$headers/headers.cpp"
-clang-tidy-14 --config-file=.clang-tidy --quiet "$names" "$headers/headers.cpp" -- -std=c++20 -I. -isystem "$build/proto"
+find server client -name '*.h' | sort | sed 's/.*/#include "&"/' >"$build/headers.cpp"
+clang-tidy-14 --config-file=.clang-tidy --quiet "$names" "$build/headers.cpp" -- -std=c++20 -I. -isystem "$proto"

@@ -174,6 +174,19 @@ TEST(IncrementalQr, SmoothFieldOnACarNeedsATenth) {
   for (std::size_t i = 0; i < ours.size(); ++i) EXPECT_NEAR(ours[i], exact[i], 5e-3) << i;
 }
 
+TEST(IncrementalQr, AdjointIsTheTranspose) {
+  const std::vector<Vec3> points = random_points(150, 12), at = random_points(40, 13);
+  IncrementalQrOptions options;
+  options.most_centres = 60;
+  const IncrementalQr qr(points, options);
+  const std::vector<double> f = test::random_values(150, 14), b = test::random_values(64, 15);
+  const MatrixXd F = Eigen::Map<const MatrixXd>(f.data(), 150, 1), B = Eigen::Map<const MatrixXd>(b.data(), 64, 1);
+  const IncrementalQr::Solution solution = qr.solve(F, 0);
+  ASSERT_EQ(solution.centres, 60u);
+  const double left = (solution.coefficients.transpose() * B)(0, 0), right = (F.transpose() * qr.adjoint(B))(0, 0);
+  EXPECT_NEAR(left, right, 1e-10 * solution.coefficients.norm() * B.norm());
+}
+
 TEST(IncrementalQr, AffineFieldsNeedNoCentre) {
   const std::vector<Vec3> points = random_points(100, 5);
   MatrixXd F(100, 1);
