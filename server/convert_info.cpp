@@ -21,6 +21,8 @@ v1::Solver solver_to_proto(Solver solver) {
       return v1::LU;
     case Solver::iterative:
       return v1::ITERATIVE;
+    case Solver::sparse_cholesky:
+      return v1::CHOLESKY;
     case Solver::automatic:
       break;
   }

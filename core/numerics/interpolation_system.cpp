@@ -34,6 +34,8 @@ const char* to_string(Solver solver) {
       return "lu";
     case Solver::iterative:
       return "iterative";
+    case Solver::sparse_cholesky:
+      return "sparse Cholesky";
   }
   return "automatic";
 }
