@@ -11,6 +11,10 @@ namespace deform {
 
 namespace {
 
+constexpr double most_weight = 1e12;
+constexpr double most_samples = 1e6;
+constexpr double most_constraint_weight = 1e10;
+
 [[noreturn]] void invalid(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
 
 bool finite(const Vec3& v) { return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]); }
@@ -103,6 +107,9 @@ void validate_rbf(const RbfOptions& options) {
   if (!(options.shape >= 0 && options.shape <= 100)) {
     invalid("method.rbf.shape: " + std::to_string(options.shape) + " is out of range, must be 0 (automatic) or up to 100");
   }
+  if (options.solver == Solver::sparse_cholesky) {
+    invalid("method.rbf.solver: sparse Cholesky is not for RBF systems, whose matrices are full");
+  }
   if (options.reduction_rings < 1 || options.reduction_rings > 100) {
     invalid("method.rbf.reduction_rings: " + std::to_string(options.reduction_rings) + " is out of range 1..100");
   }
@@ -126,6 +133,64 @@ void validate_samples(const Setup& setup) {
     if (std::all_of(values.begin(), values.end(), [](double value) { return value == 0; })) {
       invalid(field + ": moves nothing; all its variables are 0");
     }
+  }
+}
+
+void check_range(double value, double least, double most, const std::string& field) {
+  if (value >= least && value <= most) return;
+  std::ostringstream text;
+  text << field << ": " << value << " is out of range " << least << ".." << most;
+  invalid(text.str());
+}
+
+void check_weights(double stretching, double bending, const std::string& field) {
+  check_range(stretching, 0, most_weight, field + ".stretching");
+  check_range(bending, 0, most_weight, field + ".bending");
+  if (stretching == 0 && bending == 0) invalid(field + ": stretching and bending must not both be 0");
+}
+
+template <typename Options>
+void check_energy(const Options& options, const std::string& field, const Setup& setup) {
+  check_weights(options.stretching, options.bending, field);
+  if (!(options.fixing > 0 && options.fixing <= most_weight)) {
+    std::ostringstream text;
+    text << field << ".fixing: " << options.fixing << " is out of range, must be over 0 and up to " << most_weight;
+    invalid(text.str());
+  }
+  if (!setup.symmetry.empty()) {
+    invalid("symmetry: " + field + " does not take symmetry planes, only method.rbf does; deform the whole model");
+  }
+}
+
+void validate_subspace(const SubspaceOptions& options) {
+  check_range(static_cast<double>(options.centres), 4, 100000, "method.subspace.centres");
+  check_range(options.cover, 4, 1000, "method.subspace.cover");
+}
+
+void validate_mls(const MlsOptions& options, const Mesh& mesh) {
+  check_range(static_cast<double>(options.surface_samples), 0, most_samples, "method.mls.surface_samples");
+  check_range(static_cast<double>(options.volume_samples), 0, most_samples, "method.mls.volume_samples");
+  check_range(options.cubature, 1, 64, "method.mls.cubature");
+  check_range(options.cover, 5, 1000, "method.mls.cover");
+  for (std::size_t i = 0; i < options.weights.size(); ++i) {
+    const std::string field = "method.mls.weights[" + std::to_string(i) + "]";
+    check_weights(options.weights[i].stretching, options.weights[i].bending, field);
+    if (select(options.weights[i].region, mesh, field).empty()) invalid(field + ": its region contains no point");
+  }
+}
+
+void validate_method(const Setup& setup, const Mesh& mesh) {
+  if (const auto* rbf = std::get_if<RbfOptions>(&setup.method)) {
+    validate_rbf(*rbf);
+  } else if (const auto* shell = std::get_if<ShellOptions>(&setup.method)) {
+    check_energy(*shell, "method.shell", setup);
+  } else if (const auto* subspace = std::get_if<SubspaceOptions>(&setup.method)) {
+    check_energy(*subspace, "method.subspace", setup);
+    validate_subspace(*subspace);
+  } else {
+    const auto& mls = std::get<MlsOptions>(setup.method);
+    check_energy(mls, "method.mls", setup);
+    validate_mls(mls, mesh);
   }
 }
 
@@ -163,6 +228,34 @@ void validate_variable(const Setup& setup, std::size_t k, std::set<std::string>&
   if (!(variable.lower <= 0 && variable.upper >= 0)) {
     invalid(what + ": the rest position 0 must lie within lower = " + std::to_string(variable.lower) +
             " and upper = " + std::to_string(variable.upper));
+  }
+}
+
+void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions& selected) {
+  if (!setup.constraints.empty() && std::holds_alternative<RbfOptions>(setup.method)) {
+    invalid("constraints: method.rbf does not take geometric constraints; use method shell, subspace or mls");
+  }
+  std::set<std::string> names;
+  for (std::size_t i = 0; i < setup.constraints.size(); ++i) {
+    const Constraint& constraint = setup.constraints[i];
+    const std::string field = "constraints[" + std::to_string(i) + "]";
+    if (constraint.name.empty()) invalid(field + ".name: must not be empty");
+    if (!names.insert(constraint.name).second) invalid(field + ".name: " + quoted(constraint.name) + " is used twice");
+    check_range(constraint.weight, 0, most_constraint_weight, field + ".weight");
+    const auto [least, most] = region_counts(constraint.kind);
+    if (constraint.regions.size() < least || constraint.regions.size() > most) {
+      invalid(field + ".regions: " + std::string(kind_name(constraint.kind)) + " takes " + std::to_string(least) +
+              (most == least ? ""
+               : most > 1000 ? " or more"
+                             : " to " + std::to_string(most)) +
+              " regions, got " + std::to_string(constraint.regions.size()));
+    }
+    auto& ids = selected.constraints.emplace_back();
+    for (std::size_t r = 0; r < constraint.regions.size(); ++r) {
+      const std::string what = field + ".regions[" + std::to_string(r) + "]";
+      ids.push_back(select(constraint.regions[r], mesh, what));
+      if (ids.back().empty()) invalid(what + ": contains no point");
+    }
   }
 }
 
@@ -209,7 +302,7 @@ void check_values(const Setup& setup, std::span<const double> variables) {
 }  // namespace
 
 SelectedRegions validate(const Setup& setup, const Mesh& mesh) {
-  validate_rbf(std::get<RbfOptions>(setup.method));
+  validate_method(setup, mesh);
   if (setup.handles.empty()) invalid("handles: at least one is needed");
   std::set<std::string> names;
   for (std::size_t i = 0; i < setup.handles.size(); ++i) {
@@ -239,6 +332,7 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh) {
   for (std::size_t id = 0; id < owners.size(); ++id) {
     if (owners[id] == fixed_owner) selected.fixed.push_back(static_cast<PointId>(id));
   }
+  validate_constraints(setup, mesh, selected);
   selected.symmetry = Symmetry(setup.symmetry, mesh);
   return selected;
 }

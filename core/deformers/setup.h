@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/base/types.h"
+#include "core/constraints/constraint.h"
 #include "core/deformers/symmetry.h"
 #include "core/mesh/region.h"
 #include "core/numerics/kernel.h"
@@ -52,6 +53,55 @@ struct RbfOptions {
   BasisMode basis = BasisMode::automatic;
 };
 
+/// How handles and fixed points hold the energy methods below.
+enum class HandleMode {
+  hard,  ///< exactly: by elimination (shell), by multipliers and an interpolated correction (the others)
+  soft,  ///< least squares with the weight `fixing` (thesis 8.8)
+};
+
+/// Thin shell on the faces of the mesh (thesis 3.1, 8.2): least gamma_s |grad d|^2 + gamma_b |laplace d|^2 integrated over the
+/// surface in coordinates divided by D, so that weights do not depend on units. Every point must be a corner of a face.
+struct ShellOptions {
+  double stretching = 0;  ///< gamma_s, 0..1e12
+  double bending = 1;     ///< gamma_b, 0..1e12; not both 0
+  HandleMode handles = HandleMode::hard;
+  /// gamma_f of soft handles, over 0 up to 1e12: weight of the mean square misfit of each handle, and of the fixed points.
+  double fixing = 1000;
+  BasisMode basis = BasisMode::automatic;
+};
+
+/// The functions of a subspace (thesis 8.3).
+enum class SubspaceKernel { triharmonic, biharmonic, wendland_c2, gaussian, mls };
+
+/// The energy of the shell over few functions in space around centres on the surface (thesis 8.3, eq. 8.11).
+struct SubspaceOptions {
+  SubspaceKernel kernel = SubspaceKernel::mls;
+  std::size_t centres = 1000;  ///< 4..100000
+  double cover = 8;            ///< s: centres whose function reaches a point, 4..1000; of the kernels with a support
+  double stretching = 0, bending = 1;
+  HandleMode handles = HandleMode::hard;
+  double fixing = 1000;
+  BasisMode basis = BasisMode::automatic;
+};
+
+/// Moving least squares in space with energies integrated over the volume (thesis 8.4). Works for every kind of mesh.
+struct MlsOptions {
+  std::size_t surface_samples = 0, volume_samples = 0;  ///< 0 = automatic; at most 1,000,000 each
+  double cubature = 4;                                  ///< integration points per sample, 1..64
+  double cover = 12;                                    ///< s: samples that reach a point, 5..1000
+  double stretching = 0, bending = 1;                   ///< as for the shell
+  HandleMode handles = HandleMode::hard;
+  double fixing = 1000;
+  BasisMode basis = BasisMode::automatic;
+  /// Other weights where a region is: at the integration points whose nearest point of the mesh belongs to it; of several the
+  /// last counts.
+  struct Weights {
+    Region region;
+    double stretching = 0, bending = 1;
+  };
+  std::vector<Weights> weights;
+};
+
 /// A region with a name, moved by the user.
 struct Handle {
   std::string name;
@@ -76,15 +126,27 @@ struct DesignVariable {
   double upper = std::numeric_limits<double>::infinity();
 };
 
+/// A geometric property that a deformation keeps or takes on (thesis 8.5). For the energy methods, not for RBF.
+struct Constraint {
+  std::string name;  ///< of its own, like those of handles
+  std::vector<Region> regions;
+  ConstraintKind kind;
+  /// gamma_c, the weight of the mean square distance of its points (in units of D) from the shape; up to 1e10. 0 =
+  /// automatic_weight.
+  double weight = 0;
+  static constexpr double automatic_weight = 1e5;
+};
+
 /// What a system is prepared from, besides the mesh. Several variables of one handle compose in their order here (the first acts
 /// first).
 struct Setup {
-  std::variant<RbfOptions> method;
+  std::variant<RbfOptions, ShellOptions, SubspaceOptions, MlsOptions> method;
   std::vector<Handle> handles;
   std::vector<Region> fixed;
   std::vector<DesignVariable> variables;
   std::uint64_t seed = 0;
   std::vector<SymmetryPlane> symmetry;  ///< at most 3, orthogonal to each other; their points slide in them
+  std::vector<Constraint> constraints;
 };
 
 /// The regions of a setup on one mesh.
@@ -92,12 +154,14 @@ struct SelectedRegions {
   std::vector<std::vector<PointId>> handles;  ///< per handle, sorted, not empty, disjoint
   std::vector<PointId> fixed;                 ///< sorted, disjoint from all handles; may be empty
   Symmetry symmetry;
+  std::vector<std::vector<std::vector<PointId>>> constraints;  ///< per constraint and region, sorted, not empty
 };
 
 /// Checks everything that can be checked without numerics and selects the regions. Throws Error(invalid_argument) naming the
 /// field: no handle, repeated or empty names, empty region, a point in two handles or in a handle and a fixed region (with the
 /// count and the first id), unknown handle of a variable (with the nearest names), lower > upper or 0 outside of them, zero axis
-/// or direction, non-finite numbers, options out of range, and what Symmetry throws.
+/// or direction, non-finite numbers, options out of range, constraints without a name, with the wrong number of regions or a
+/// weight out of range, and what Symmetry throws.
 SelectedRegions validate(const Setup& setup, const Mesh& mesh);
 
 /// The affine motion of every handle for a vector of variable values (size = setup.variables.size()). Throws

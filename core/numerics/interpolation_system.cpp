@@ -39,6 +39,8 @@ const char* to_string(Solver solver) {
       return "iterative";
     case Solver::incremental_qr:
       return "incremental QR";
+    case Solver::sparse_cholesky:
+      return "sparse Cholesky";
   }
   return "automatic";
 }

@@ -11,6 +11,7 @@ enum class Solver {
   /// Least squares over all constraint points with as many of them as centres as a tolerance needs (thesis 7.5): smooth motions
   /// need few, which makes evaluation cheap. At most most_incremental_centres.
   incremental_qr,
+  sparse_cholesky,  ///< CHOLMOD: what the energy methods (shell, subspace, MLS) use; never asked for
 };
 
 /// Bounds the memory of incremental_qr (8 bytes times this times the constraint points) and its time.

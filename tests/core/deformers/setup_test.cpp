@@ -86,6 +86,31 @@ const std::vector<BadSetup>& bad_setups() {
       {"no rings", [](Setup& s) { options(s).reduction_rings = 0; }, {"reduction_rings", "1..100"}},
       {"too many rings", [](Setup& s) { options(s).reduction_rings = 101; }, {"reduction_rings", "101"}},
       {"degree too large", [](Setup& s) { options(s).polynomial_degree = 3; }, {"polynomial_degree", "3"}},
+      {"negative stretching",
+       [](Setup& s) { s.method = ShellOptions{.stretching = -1}; },
+       {"method.shell.stretching", "-1", "0"}},
+      {"NaN bending", [](Setup& s) { s.method = SubspaceOptions{.bending = nan}; }, {"method.subspace.bending", "nan"}},
+      {"no energy", [](Setup& s) { s.method = MlsOptions{.bending = 0}; }, {"method.mls", "stretching", "bending", "both"}},
+      {"no fixing", [](Setup& s) { s.method = ShellOptions{.fixing = 0}; }, {"method.shell.fixing", "over 0", "1e+12"}},
+      {"symmetric shell",
+       [](Setup& s) {
+         s.method = ShellOptions{};
+         s.symmetry.push_back({SymmetryPlane::Plane{{0, 0, 0}, {1, 0, 0}}});
+       },
+       {"symmetry", "method.shell", "method.rbf"}},
+      {"three centres",
+       [](Setup& s) { s.method = SubspaceOptions{.centres = 3}; },
+       {"method.subspace.centres", "3", "4..100000"}},
+      {"bare cover", [](Setup& s) { s.method = MlsOptions{.cover = 4}; }, {"method.mls.cover", "5..1000"}},
+      {"too many samples",
+       [](Setup& s) { s.method = MlsOptions{.volume_samples = 1000001}; },
+       {"method.mls.volume_samples", "1e+06"}},
+      {"weights nowhere",
+       [](Setup& s) {
+         s.method = MlsOptions{.weights = {{box({9, 9, 9}, {10, 10, 10})}}};
+       },
+       {"method.mls.weights[0]", "no point"}},
+      {"sparse RBF", [](Setup& s) { options(s).solver = Solver::sparse_cholesky; }, {"method.rbf.solver", "sparse"}},
       {"degree too small", [](Setup& s) { options(s).polynomial_degree = -2; }, {"polynomial_degree", "-2"}},
   };
   return table;
