@@ -1,31 +1,16 @@
 #include "core/deformers/rbf.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 
 #include "core/base/error.h"
 #include "core/deformers/rbf_evaluation.h"
+#include "core/deformers/stopwatch.h"
 
 namespace deform {
 
 namespace {
-
-// Seconds since the last call.
-class Stopwatch {
- public:
-  double lap() {
-    const auto now = RunContext::Clock::now();
-    const double seconds = std::chrono::duration<double>(now - last_).count();
-    last_ = now;
-    return seconds;
-  }
-
- private:
-  RunContext::Clock::time_point last_ = RunContext::Clock::now();
-};
 
 UnitBox unit_box(const Box& box) {
   UnitBox unit{box.min, 0};
@@ -51,12 +36,6 @@ double median_spacing(const std::vector<Vec3>& places, std::size_t count) {
   const auto middle = nearest.begin() + static_cast<std::ptrdiff_t>(nearest.size() / 2);
   std::nth_element(nearest.begin(), middle, nearest.end());
   return *middle;
-}
-
-std::string scientific(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.1e", value);
-  return text;
 }
 
 }  // namespace
@@ -103,13 +82,7 @@ void RbfSystem::place_points() {
   unit.reserve(centres_.deformable.size());
   for (const PointId id : centres_.deformable) unit.push_back(coordinates(id));
   deformable_ = TiledPoints(unit);
-  for (const auto& handle : regions_.handles) {
-    Box extent;
-    for (const PointId id : handle) extent.add(box_.to_unit(mesh_->points[id]));
-    HandleFrame frame;
-    for (int k = 0; k < 3; ++k) frame.reference[k] = 0.5 * (extent.min[k] + extent.max[k]);
-    frames_.push_back(frame);
-  }
+  frames_ = handle_frames(*mesh_, regions_, box_);
 }
 
 /// Of the centres and their images together: the shape is that of the whole model.

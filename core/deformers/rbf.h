@@ -43,6 +43,9 @@ class RbfSystem : public System {
   void check_sliding(const std::vector<Affine>& derivative, const std::string& what) const;
   std::vector<double> pull_back(const RbfPart& part, std::span<const Vec3> at_deformable, const RunContext& context) const;
   std::vector<double> pull_back(std::span<const Vec3> field, const RunContext& context) const;
+  HeldPoints held() const {
+    return {*mesh_, setup_, regions_, centres_.region_of, rank_of_, centres_.coincident, info_.diagonal};
+  }
   bool has_basis() const { return !parts_.empty() && parts_.front().basis != nullptr; }
 
   /// Of a point, in what the systems are solved in: unit coordinates, in the frame of the planes when there are any.

@@ -39,22 +39,6 @@ std::vector<double> centre_residuals(const InterpolationSystem& system, const Ro
 
 }  // namespace
 
-void field_coefficients(const Affine& motion, MotionKind kind, const HandleFrame& frame, const UnitBox& box, double* out) {
-  // u(x) = J x + b with J = A - I for a map of positions; about the reference c: u = (J c + b) + scale J (unit(x) - unit(c)).
-  const double identity = kind == MotionKind::position ? 1.0 : 0.0;
-  Vec3 c{};
-  for (int k = 0; k < 3; ++k) c[k] = box.origin[k] + box.scale * frame.reference[k];
-  for (int i = 0; i < 3; ++i) {
-    double constant = motion[4 * i + 3];
-    for (int j = 0; j < 3; ++j) {
-      const double slope = motion[4 * i + j] - (i == j ? identity : 0.0);
-      constant += slope * c[j];
-      out[3 * (j + 1) + i] = box.scale * slope;
-    }
-    out[i] = constant;
-  }
-}
-
 void interpolate_tile(const InterpolationSystem& system, const double* tile, const double* coefficients, std::size_t columns,
                       double* out) {
   std::fill_n(out, columns * tile_size, 0.0);
@@ -77,9 +61,7 @@ void interpolate_tile_columns(const InterpolationSystem& system, const double* t
 
 HandleBasis::HandleBasis(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
                          double tolerance, const RunContext& context)
-    : fields_(static_cast<std::size_t>(fields.cols())),
-      points_(deformable.count()),
-      values_(deformable.tiles() * tile_size * fields_) {
+    : FieldTiles(deformable.count(), static_cast<std::size_t>(fields.cols())) {
   if (system.solver() == Solver::iterative) {
     fill_iteratively(system, fields, deformable, tolerance, context);
   } else {
@@ -91,23 +73,22 @@ HandleBasis::HandleBasis(const InterpolationSystem& system, const Eigen::MatrixX
 void HandleBasis::fill_iteratively(const InterpolationSystem& system, const Eigen::MatrixXd& fields,
                                    const TiledPoints& deformable, double tolerance, const RunContext& context) {
   constexpr std::size_t together = 4;
-  std::vector<Vec3> points(points_);
-  for (std::size_t i = 0; i < points_; ++i) {
-    const double* at = deformable.tile(i / tile_size) + i % tile_size;
-    points[i] = {at[0], at[tile_size], at[2 * tile_size]};
+  std::vector<Vec3> places(points());
+  for (std::size_t i = 0; i < points(); ++i) {
+    const double* x = deformable.tile(i / tile_size) + i % tile_size;
+    places[i] = {x[0], x[tile_size], x[2 * tile_size]};
   }
-  for (std::size_t first = 0; first < fields_; first += together) {
-    const std::size_t width = std::min(together, fields_ - first);
+  for (std::size_t first = 0; first < this->fields(); first += together) {
+    const std::size_t width = std::min(together, this->fields() - first);
     const Interpolants interpolants = system.interpolate(
         fields.middleCols(static_cast<Eigen::Index>(first), static_cast<Eigen::Index>(width)), tolerance, context);
     converged_ = converged_ && interpolants.converged;
     residuals_.insert(residuals_.end(), width, interpolants.residual);
-    const std::vector<double> values = system.values(interpolants, points, context);
-    for (std::size_t i = 0; i < points_; ++i) {
-      double* to = values_.data() + (i / tile_size * fields_ + first) * tile_size + i % tile_size;
-      for (std::size_t f = 0; f < width; ++f) to[f * tile_size] = values[i * width + f];
+    const std::vector<double> values = system.values(interpolants, places, context);
+    for (std::size_t i = 0; i < points(); ++i) {
+      for (std::size_t f = 0; f < width; ++f) at(i, first + f) = values[i * width + f];
     }
-    context.progress("basis", static_cast<double>(first + width) / static_cast<double>(fields_));
+    context.progress("basis", static_cast<double>(first + width) / static_cast<double>(this->fields()));
   }
 }
 
@@ -118,32 +99,10 @@ void HandleBasis::fill(const InterpolationSystem& system, const Eigen::MatrixXd&
   parallel_for(context, deformable.tiles(), tiles_per_task, [&](std::size_t begin, std::size_t end) {
     for (std::size_t t = begin; t < end; ++t) {
       if (t % 8 == 0) context.check();
-      interpolate_tile(system, deformable.tile(t), coefficients.data(), fields_, values_.data() + t * fields_ * tile_size);
+      interpolate_tile(system, deformable.tile(t), coefficients.data(), this->fields(), tile(t));
     }
     context.progress("basis", static_cast<double>(end) / static_cast<double>(deformable.tiles()));
   });
-}
-
-std::vector<double> HandleBasis::transposed_product(std::span<const Vec3> X, const RunContext& context) const {
-  const std::size_t tiles = tile_count(points_);
-  const std::size_t tasks = (tiles + tiles_per_task - 1) / tiles_per_task;
-  std::vector<std::vector<double>> partial(tasks, std::vector<double>(fields_ * 3, 0.0));
-  parallel_for(context, tiles, tiles_per_task, [&](std::size_t begin, std::size_t end) {
-    std::vector<double>& sums = partial[begin / tiles_per_task];
-    double columns[3 * tile_size];
-    for (std::size_t t = begin; t < end; ++t) {
-      for (std::size_t i = 0; i < tile_size; ++i) {
-        const std::size_t at = t * tile_size + i;
-        for (std::size_t k = 0; k < 3; ++k) columns[k * tile_size + i] = at < points_ ? X[at][k] : 0.0;
-      }
-      tile_product_transposed(tile(t), fields_, columns, 3, sums.data(), 3);
-    }
-  });
-  std::vector<double> result(fields_ * 3, 0.0);
-  for (const auto& sums : partial) {
-    for (std::size_t k = 0; k < result.size(); ++k) result[k] += sums[k];
-  }
-  return result;
 }
 
 }  // namespace deform

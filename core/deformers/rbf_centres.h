@@ -3,15 +3,11 @@
 #include <string>
 #include <vector>
 
+#include "core/deformers/handle_motion.h"
 #include "core/deformers/setup.h"
 #include "core/mesh/mesh.h"
 
 namespace deform {
-
-/// Region number of a point: a handle's index, `fixed_region` or `deformable_region`.
-using RegionIndex = std::uint32_t;
-inline constexpr RegionIndex fixed_region = 0xfffffffeu;
-inline constexpr RegionIndex deformable_region = 0xffffffffu;
 
 /// The constraint points that become centres of an RBF, and what was decided about the others (thesis 3.5, figure 3.10).
 struct RbfCentres {

@@ -11,7 +11,6 @@ namespace deform {
 
 namespace {
 
-constexpr double agreement = 1e-10;        // of D: how far apart coincident points may be sent
 constexpr std::size_t most_samples = 256;  // centres at which a direct solution is checked
 
 [[noreturn]] void invalid(std::size_t design, const std::string& message) {
@@ -23,18 +22,14 @@ Vec3 difference(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1]
 
 }  // namespace
 
-bool BoundDesign::is_affine() const {
-  return std::all_of(displacement.begin(), displacement.end(), [](const auto& d) { return d.empty(); });
-}
-
 RbfEvaluation::RbfEvaluation(std::shared_ptr<const RbfSystem> system, std::span<const Design> designs, EvaluationPath path,
                              const RunContext& context)
-    : system_(std::move(system)), reports_(designs.size()), slot_(designs.size()) {
+    : system_(std::move(system)), held_(system_->held()), reports_(designs.size()), slot_(designs.size()) {
   designs_.reserve(designs.size());
   for (std::size_t i = 0; i < designs.size(); ++i) {
     context.check();
-    designs_.push_back(bound(designs[i], i));
-    check_coincident(i);
+    designs_.push_back(held_.bound(designs[i], i));
+    held_.check_coincident(designs_.back(), i);
     check_sliding(i);
   }
   choose_paths(path);
@@ -43,85 +38,15 @@ RbfEvaluation::RbfEvaluation(std::shared_ptr<const RbfSystem> system, std::span<
 
 RbfEvaluation::RbfEvaluation(std::shared_ptr<const RbfSystem> system, const std::vector<Affine>& derivatives,
                              const RunContext& context)
-    : system_(std::move(system)), kind_(MotionKind::derivative), reports_(1), slot_(1) {
+    : system_(std::move(system)), held_(system_->held()), kind_(MotionKind::derivative), reports_(1), slot_(1) {
   designs_.push_back({derivatives, std::vector<std::vector<Vec3>>(derivatives.size())});
   choose_paths(EvaluationPath::automatic);
   solve(context);
 }
 
-BoundDesign RbfEvaluation::bound(const Design& design, std::size_t index) const {
-  const Setup& setup = system_->setup_;
-  const std::size_t handles = setup.handles.size();
-  BoundDesign result{std::vector<Affine>(handles, identity_affine), std::vector<std::vector<Vec3>>(handles)};
-  if (!design.variables.empty()) {
-    try {
-      result.affine = handle_motions(setup, design.variables);
-    } catch (const Error& error) {
-      invalid(index, std::string(".") + error.what());
-    }
-  }
-  std::vector<char> moved(handles);
-  for (std::size_t k = 0; k < design.motions.size(); ++k) {
-    const Motion& motion = design.motions[k];
-    const std::string field = ".motions[" + std::to_string(k) + "]";
-    if (motion.handle >= handles) {
-      invalid(index, field + ".handle: " + std::to_string(motion.handle) + " is out of range, the setup has " +
-                         std::to_string(handles) + " handles");
-    }
-    const std::string name = " (handle \"" + setup.handles[motion.handle].name + "\")";
-    if (moved[motion.handle]++) invalid(index, field + name + ": the handle has two motions");
-    if (result.affine[motion.handle] != identity_affine) {
-      invalid(index, field + name + ": the handle is moved by design variables as well; set those to 0");
-    }
-    if (const auto* affine = std::get_if<Affine>(&motion.value)) {
-      for (std::size_t j = 0; j < affine->size(); ++j) {
-        if (!std::isfinite((*affine)[j]))
-          invalid(index, field + ".affine[" + std::to_string(j) + "]" + name + ": must be finite");
-      }
-      result.affine[motion.handle] = *affine;
-      continue;
-    }
-    const auto& displacement = std::get<std::vector<Vec3>>(motion.value);
-    const std::size_t expected = system_->regions_.handles[motion.handle].size();
-    if (displacement.size() != expected) {
-      invalid(index, field + ".displacements" + name + ": expected " + std::to_string(expected) +
-                         " vectors, one per point, got " + std::to_string(displacement.size()));
-    }
-    for (std::size_t j = 0; j < displacement.size(); ++j) {
-      if (!std::isfinite(displacement[j][0] + displacement[j][1] + displacement[j][2])) {
-        invalid(index, field + ".displacements[" + std::to_string(j) + "]" + name + ": must be finite");
-      }
-    }
-    result.displacement[motion.handle] = displacement;
-  }
-  return result;
-}
-
-// Where a constraint point is sent, or its derivative.
-Vec3 RbfEvaluation::told(const BoundDesign& design, PointId id) const {
-  const RegionIndex region = system_->centres_.region_of[id];
-  const Vec3& x = system_->mesh_->points[id];
-  if (region == fixed_region) return kind_ == MotionKind::position ? x : Vec3{};
-  const auto& displacement = design.displacement[region];
-  if (displacement.empty()) {
-    // At rest exactly, not up to the rounding of 1 x + 0 y + 0 z + 0 with huge coordinates.
-    return design.affine[region] == identity_affine ? x : transformed(design.affine[region], x);
-  }
-  const Vec3& u = displacement[system_->rank_of_[id]];
-  return {x[0] + u[0], x[1] + u[1], x[2] + u[2]};
-}
-
-// Where it goes: points on a symmetry plane stay in it to the last digit, whatever was rounded on the way.
-Vec3 RbfEvaluation::constrained(const BoundDesign& design, PointId id) const {
-  const Vec3 to = told(design, id);
-  const unsigned on = system_->regions_.symmetry.on(id);
-  if (on == 0) return to;
-  return system_->regions_.symmetry.slid(kind_ == MotionKind::position ? system_->mesh_->points[id] : Vec3{}, to, on);
-}
-
 // The displacement of a constraint point, in the frame of the symmetry planes when there are any.
 Vec3 RbfEvaluation::prescribed(const BoundDesign& design, PointId id) const {
-  const Vec3 to = constrained(design, id);
+  const Vec3 to = held_.place(design, id, kind_);
   const Vec3 u = kind_ == MotionKind::position ? difference(to, system_->mesh_->points[id]) : to;
   const Symmetry& symmetry = system_->regions_.symmetry;
   return symmetry.empty() ? u : system_->components(symmetry.to_frame(u), id);
@@ -130,7 +55,7 @@ Vec3 RbfEvaluation::prescribed(const BoundDesign& design, PointId id) const {
 void RbfEvaluation::check_sliding(std::size_t index) const {
   const Symmetry& symmetry = system_->regions_.symmetry;
   for (const PointId id : system_->sliding_) {
-    const Vec3 u = symmetry.to_frame(difference(told(designs_[index], id), system_->mesh_->points[id]));
+    const Vec3 u = symmetry.to_frame(difference(held_.told(designs_[index], id, kind_), system_->mesh_->points[id]));
     for (std::size_t k = 0; k < symmetry.planes(); ++k) {
       if ((symmetry.on(id) >> k & 1u) == 0 || std::abs(u[k]) <= symmetry.reach(k)) continue;
       std::ostringstream text;
@@ -138,24 +63,6 @@ void RbfEvaluation::check_sliding(std::size_t index) const {
            << "\") lies on symmetry[" << k << "] but is sent a distance of " << u[k]
            << " out of it; points on a symmetry plane only slide in it: take them out of the handle with `difference`";
       invalid(index, text.str());
-    }
-  }
-}
-
-void RbfEvaluation::check_coincident(std::size_t index) const {
-  const BoundDesign& design = designs_[index];
-  const auto name = [&](PointId id) {
-    const RegionIndex region = system_->centres_.region_of[id];
-    return std::to_string(id) +
-           (region == fixed_region ? " (fixed)" : " (handle \"" + system_->setup_.handles[region].name + "\")");
-  };
-  for (const auto& cluster : system_->centres_.coincident) {
-    const Vec3 first = constrained(design, cluster[0]);
-    for (std::size_t k = 1; k < cluster.size(); ++k) {
-      const double apart = length(difference(constrained(design, cluster[k]), first));
-      if (apart <= agreement * system_->info_.diagonal) continue;
-      invalid(index, ": points " + name(cluster[0]) + " and " + name(cluster[k]) +
-                         " coincide but are sent to places a distance of " + std::to_string(apart) + " apart");
     }
   }
 }
@@ -170,13 +77,7 @@ void RbfEvaluation::choose_paths(EvaluationPath path) {
     slot_[i] = direct ? direct_designs_++ : basis_designs_++;
     reports_[i].path = direct ? EvaluationPath::direct : EvaluationPath::basis;
     if (kind_ == MotionKind::derivative) continue;
-    for (std::size_t h = 0; h < system_->regions_.handles.size(); ++h) {
-      if (designs_[i].displacement[h].empty() && designs_[i].affine[h] == identity_affine) continue;
-      for (const PointId id : system_->regions_.handles[h]) {
-        reports_[i].max_displacement =
-            std::max(reports_[i].max_displacement, length(difference(constrained(designs_[i], id), system_->mesh_->points[id])));
-      }
-    }
+    reports_[i].max_displacement = held_.largest_displacement(designs_[i]);
   }
 }
 
@@ -326,7 +227,8 @@ void RbfEvaluation::evaluate_constrained(std::size_t begin, std::size_t end, std
   const RegionIndex* region = system_->centres_.region_of.data();
   for (std::size_t i = begin; i < end; ++i) {
     if (region[i] == deformable_region) continue;
-    for (std::size_t k = 0; k < out.size(); ++k) out[k][i - begin] = constrained(designs_[first + k], static_cast<PointId>(i));
+    for (std::size_t k = 0; k < out.size(); ++k)
+      out[k][i - begin] = held_.place(designs_[first + k], static_cast<PointId>(i), kind_);
   }
 }
 

@@ -7,13 +7,6 @@
 
 namespace deform {
 
-/// What a design comes down to: per handle an affine map or displacements, borrowed from nobody.
-struct BoundDesign {
-  std::vector<Affine> affine;                   ///< H
-  std::vector<std::vector<Vec3>> displacement;  ///< H, empty where the affine map holds
-  bool is_affine() const;
-};
-
 /// Designs bound to an RbfSystem. Columns of a part's coefficient matrices belong to designs, one for each of its components.
 class RbfEvaluation : public Evaluation {
  public:
@@ -28,11 +21,7 @@ class RbfEvaluation : public Evaluation {
   void evaluate(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const override;
 
  private:
-  BoundDesign bound(const Design& design, std::size_t index) const;
-  void check_coincident(std::size_t index) const;
   void check_sliding(std::size_t index) const;
-  Vec3 told(const BoundDesign& design, PointId id) const;
-  Vec3 constrained(const BoundDesign& design, PointId id) const;
   Vec3 prescribed(const BoundDesign& design, PointId id) const;
   void choose_paths(EvaluationPath path);
   void solve(const RunContext& context);
@@ -56,6 +45,7 @@ class RbfEvaluation : public Evaluation {
   };
 
   std::shared_ptr<const RbfSystem> system_;
+  HeldPoints held_;  ///< of the system
   MotionKind kind_ = MotionKind::position;
   std::vector<BoundDesign> designs_;
   std::vector<DesignReport> reports_;

@@ -36,21 +36,7 @@ void RbfSystem::check_sliding(const std::vector<Affine>& derivative, const std::
 
 Points RbfSystem::jacobian_vector(std::span<const double> variables, std::span<const double> direction,
                                   const RunContext& context) const {
-  const std::size_t count = setup_.variables.size();
-  if (direction.size() != count) {
-    throw Error(ErrorCode::invalid_argument, "direction: expected " + std::to_string(count) +
-                                                 " values, one per design variable, got " + std::to_string(direction.size()));
-  }
-  std::vector<Affine> motion(frames_.size(), Affine{});
-  for (std::size_t k = 0; k < count; ++k) {
-    if (!std::isfinite(direction[k])) {
-      throw Error(ErrorCode::invalid_argument, "direction[" + std::to_string(k) + "]: must be finite");
-    }
-    const std::vector<Affine> derivative = handle_motion_derivative(setup_, variables, k);
-    for (std::size_t h = 0; h < motion.size(); ++h) {
-      for (std::size_t j = 0; j < 12; ++j) motion[h][j] += direction[k] * derivative[h][j];
-    }
-  }
+  const std::vector<Affine> motion = motion_derivative(setup_, variables, direction);
   check_sliding(motion, "direction");
   const RbfEvaluation evaluation(std::static_pointer_cast<const RbfSystem>(shared_from_this()), motion, context);
   Points result(mesh_->point_count());
@@ -122,43 +108,11 @@ std::vector<double> RbfSystem::pull_back(std::span<const Vec3> field, const RunC
 
 std::vector<double> RbfSystem::vector_jacobian(std::span<const double> variables, const Points& cotangent,
                                                const RunContext& context) const {
-  if (cotangent.size() != mesh_->point_count()) {
-    throw Error(ErrorCode::invalid_argument, "cotangent: expected " + std::to_string(mesh_->point_count()) +
-                                                 " vectors, one per point, got " + std::to_string(cotangent.size()));
-  }
-  for (std::size_t i = 0; i < cotangent.size(); ++i) {
-    if (!std::isfinite(cotangent[i][0] + cotangent[i][1] + cotangent[i][2])) {
-      throw Error(ErrorCode::invalid_argument, "cotangent[" + std::to_string(i) + "]: must be finite");
-    }
-  }
+  check_cotangent(cotangent, mesh_->point_count());
   for (std::size_t k = 0; k < setup_.variables.size() && !sliding_.empty(); ++k) {
     check_sliding(handle_motion_derivative(setup_, variables, k), "variable \"" + setup_.variables[k].name + "\"");
   }
-  const std::vector<double> G = pull_back(cotangent, context);
-  // Moments of the cotangent over the handle points: what an affine derivative there is multiplied with.
-  std::vector<Affine> moments(frames_.size(), Affine{});
-  for (std::size_t h = 0; h < frames_.size(); ++h) {
-    for (const PointId id : regions_.handles[h]) {
-      const Vec3& x = mesh_->points[id];
-      const unsigned on = regions_.symmetry.on(id);
-      const Vec3 along = on == 0 ? cotangent[id] : regions_.symmetry.slid({}, cotangent[id], on);
-      for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) moments[h][4 * i + j] += along[i] * x[j];
-        moments[h][4 * i + 3] += along[i];
-      }
-    }
-  }
-  std::vector<double> gradient(setup_.variables.size(), 0.0);
-  double block[12];
-  for (std::size_t k = 0; k < gradient.size(); ++k) {
-    const std::vector<Affine> derivative = handle_motion_derivative(setup_, variables, k);
-    for (std::size_t h = 0; h < frames_.size(); ++h) {
-      if (derivative[h] == Affine{}) continue;
-      field_coefficients(derivative[h], MotionKind::derivative, frames_[h], box_, block);
-      for (std::size_t j = 0; j < 12; ++j) gradient[k] += block[j] * G[12 * h + j] + derivative[h][j] * moments[h][j];
-    }
-  }
-  return gradient;
+  return variable_gradient(held(), variables, cotangent, pull_back(cotangent, context), frames_, box_);
 }
 
 }  // namespace deform

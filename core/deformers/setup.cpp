@@ -13,6 +13,7 @@ namespace {
 
 constexpr double most_weight = 1e12;
 constexpr double most_samples = 1e6;
+constexpr double most_constraint_weight = 1e10;
 
 [[noreturn]] void invalid(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
 
@@ -213,6 +214,34 @@ void validate_variable(const Setup& setup, std::size_t k, std::set<std::string>&
   }
 }
 
+void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions& selected) {
+  if (!setup.constraints.empty() && std::holds_alternative<RbfOptions>(setup.method)) {
+    invalid("constraints: method.rbf does not take geometric constraints; use method shell, subspace or mls");
+  }
+  std::set<std::string> names;
+  for (std::size_t i = 0; i < setup.constraints.size(); ++i) {
+    const Constraint& constraint = setup.constraints[i];
+    const std::string field = "constraints[" + std::to_string(i) + "]";
+    if (constraint.name.empty()) invalid(field + ".name: must not be empty");
+    if (!names.insert(constraint.name).second) invalid(field + ".name: " + quoted(constraint.name) + " is used twice");
+    check_range(constraint.weight, 0, most_constraint_weight, field + ".weight");
+    const auto [least, most] = region_counts(constraint.kind);
+    if (constraint.regions.size() < least || constraint.regions.size() > most) {
+      invalid(field + ".regions: " + std::string(kind_name(constraint.kind)) + " takes " + std::to_string(least) +
+              (most == least ? ""
+               : most > 1000 ? " or more"
+                             : " to " + std::to_string(most)) +
+              " regions, got " + std::to_string(constraint.regions.size()));
+    }
+    auto& ids = selected.constraints.emplace_back();
+    for (std::size_t r = 0; r < constraint.regions.size(); ++r) {
+      const std::string what = field + ".regions[" + std::to_string(r) + "]";
+      ids.push_back(select(constraint.regions[r], mesh, what));
+      if (ids.back().empty()) invalid(what + ": contains no point");
+    }
+  }
+}
+
 constexpr std::uint32_t nobody = 0xffffffffu;
 
 // Puts the points of one region under `owner`; refuses points that another handle has, or (for fixed regions) any handle.
@@ -285,6 +314,7 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh) {
   for (std::size_t id = 0; id < owners.size(); ++id) {
     if (owners[id] == fixed_owner) selected.fixed.push_back(static_cast<PointId>(id));
   }
+  validate_constraints(setup, mesh, selected);
   selected.symmetry = Symmetry(setup.symmetry, mesh);
   return selected;
 }

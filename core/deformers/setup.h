@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/base/types.h"
+#include "core/constraints/constraint.h"
 #include "core/deformers/symmetry.h"
 #include "core/mesh/region.h"
 #include "core/numerics/kernel.h"
@@ -115,6 +116,17 @@ struct DesignVariable {
   double upper = std::numeric_limits<double>::infinity();
 };
 
+/// A geometric property that a deformation keeps or takes on (thesis 8.5). For the energy methods, not for RBF.
+struct Constraint {
+  std::string name;  ///< of its own, like those of handles
+  std::vector<Region> regions;
+  ConstraintKind kind;
+  /// gamma_c, the weight of the mean square distance of its points (in units of D) from the shape; up to 1e10. 0 =
+  /// automatic_weight.
+  double weight = 0;
+  static constexpr double automatic_weight = 1e5;
+};
+
 /// What a system is prepared from, besides the mesh. Several variables of one handle compose in their order here (the first acts
 /// first).
 struct Setup {
@@ -124,6 +136,7 @@ struct Setup {
   std::vector<DesignVariable> variables;
   std::uint64_t seed = 0;
   std::vector<SymmetryPlane> symmetry;  ///< at most 3, orthogonal to each other; their points slide in them
+  std::vector<Constraint> constraints;
 };
 
 /// The regions of a setup on one mesh.
@@ -131,12 +144,14 @@ struct SelectedRegions {
   std::vector<std::vector<PointId>> handles;  ///< per handle, sorted, not empty, disjoint
   std::vector<PointId> fixed;                 ///< sorted, disjoint from all handles; may be empty
   Symmetry symmetry;
+  std::vector<std::vector<std::vector<PointId>>> constraints;  ///< per constraint and region, sorted, not empty
 };
 
 /// Checks everything that can be checked without numerics and selects the regions. Throws Error(invalid_argument) naming the
 /// field: no handle, repeated or empty names, empty region, a point in two handles or in a handle and a fixed region (with the
 /// count and the first id), unknown handle of a variable (with the nearest names), lower > upper or 0 outside of them, zero axis
-/// or direction, non-finite numbers, options out of range, and what Symmetry throws.
+/// or direction, non-finite numbers, options out of range, constraints without a name, with the wrong number of regions or a
+/// weight out of range, and what Symmetry throws.
 SelectedRegions validate(const Setup& setup, const Mesh& mesh);
 
 /// The affine motion of every handle for a vector of variable values (size = setup.variables.size()). Throws

@@ -1,0 +1,110 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "core/base/types.h"
+#include "core/constraints/projection.h"
+
+namespace deform {
+
+/// Coordinates in which constraints are evaluated: model = origin + scale * unit, scale > 0. Everything in a ConstraintKind is in
+/// model units; the points handed to make_projection() and to the projections are in unit coordinates.
+struct UnitMap {
+  Vec3 origin{};
+  double scale = 1;
+};
+
+enum class Size { free, kept };  ///< kept: as fitted to the points at rest
+
+enum class Bound { equal, minimum, maximum };
+
+// The kinds of geometric constraints (thesis 8.5.2 and relations between regions). One region each unless another number is given.
+
+/// All points in one plane, wherever it is. At least 4 points.
+struct Planar {};
+/// All points on one circle. At least 4 points.
+struct Circular {
+  Size radius = Size::free;
+};
+/// All points on one cylinder (round, infinitely long). At least 6 points.
+struct Cylindrical {
+  Size radius = Size::free;
+};
+/// All points on one sphere. At least 5 points.
+struct Spherical {
+  Size radius = Size::free;
+};
+/// All points on one nappe of a round cone. At least 7 points.
+struct Conical {
+  Size angle = Size::free;  ///< half the opening angle
+};
+/// All points on one straight line. At least 3 points.
+struct Straight {};
+/// The shape at rest, moved, rotated and uniformly scaled (never mirrored). At least 3 points.
+struct FeatureLine {};
+/// The shape at rest, moved and rotated. At least 2 points.
+struct Rigid {};
+/// The points slide in a given plane. At least 1 point.
+struct FixedPlane {
+  Vec3 point{}, normal{};  ///< the normal need not be of unit length
+};
+/// One region that is its own mirror image, or two that are each other's, in a plane that moves along. Which points belong together
+/// is found at rest: every point needs exactly one partner (or itself) within `tolerance`. At least 3 points.
+struct Symmetric {
+  struct Plane {
+    Vec3 point{}, normal{};
+  };
+  std::optional<Plane> plane;  ///< at rest; without it the plane is found (needs points whose principal axes are distinct)
+  double tolerance = 1e-3;     ///< of the diagonal of the box of all its points; 0 < tolerance <= 0.1
+};
+/// Two or more regions in one plane. At least 4 points.
+struct Coplanar {};
+/// Every region in a plane, all planes parallel. Two or more regions, at least 3 points each.
+struct Parallel {};
+/// Both regions in a plane, the planes at right angles. Two regions, at least 3 points each.
+struct Orthogonal {};
+/// The distance between two regions, such as the thickness of a wall or a gap. Points are paired at rest: the nearest pair of the
+/// two regions first, then the nearest of those left (each point once; only pairs in which each is the nearest of the other's
+/// region among the remaining ones). The distance of every pair is kept, or is at least or at most `value`. Points
+/// without a partner are not held. Two regions without common points.
+struct Distance {
+  Bound bound = Bound::equal;
+  std::optional<double> value;  ///< > 0; without it the distance of each pair at rest
+};
+/// Bounds on how far a region extends along an axis (one bound per constraint). maximum: all points fit between two planes across
+/// the axis that are `value` apart. minimum: the points that are the upper and the lower end at rest (within `ends` of the
+/// extent at rest) stay on either side of such a pair of planes. At least 2 points.
+struct Extent {
+  Vec3 axis{};  ///< need not be of unit length
+  Bound bound = Bound::minimum;
+  double value = 0;    ///< >= 0
+  double ends = 0.01;  ///< of the extent at rest, 0..0.5; used by minimum
+};
+
+using ConstraintKind = std::variant<Planar, Circular, Cylindrical, Spherical, Conical, Straight, FeatureLine, Rigid, FixedPlane,
+                                    Symmetric, Coplanar, Parallel, Orthogonal, Distance, Extent>;
+
+/// "planar", "circular", ..., "symmetric", "distance", "extent": as the alternative is called, in snake case.
+std::string_view kind_name(const ConstraintKind& kind);
+
+/// Least and greatest number of regions that a kind takes.
+std::array<std::size_t, 2> region_counts(const ConstraintKind& kind);
+
+/// The projection for points whose positions at rest are `rest`: per region its points, in unit coordinates; the projection takes
+/// the points of all regions one after the other. A point may stand in several regions only where the kind makes sense of it
+/// (it is then moved twice). Throws Error(invalid_argument) starting with `what` ("constraints[2]") and naming the field: wrong
+/// number of regions, too few points (with the limit), non-finite numbers, zero normal or axis, bounds out of range or missing,
+/// points without a mirror image (with the number and the first), regions without pairs. Points at rest need not satisfy the
+/// constraint. O(n log n).
+std::unique_ptr<const Projection> make_projection(const ConstraintKind& kind, std::span<const std::vector<Vec3>> rest,
+                                                  const UnitMap& units = {}, const std::string& what = "constraint");
+
+}  // namespace deform

@@ -1,0 +1,23 @@
+#pragma once
+
+#include <chrono>
+
+#include "core/base/run_context.h"
+
+namespace deform {
+
+/// Seconds since the last call.
+class Stopwatch {
+ public:
+  double lap() {
+    const auto now = RunContext::Clock::now();
+    const double seconds = std::chrono::duration<double>(now - last_).count();
+    last_ = now;
+    return seconds;
+  }
+
+ private:
+  RunContext::Clock::time_point last_ = RunContext::Clock::now();
+};
+
+}  // namespace deform

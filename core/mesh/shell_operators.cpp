@@ -1,0 +1,199 @@
+#include "core/mesh/shell_operators.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+
+#include "core/base/error.h"
+
+namespace deform {
+
+namespace {
+
+constexpr std::uint32_t most_fan_corners = 64;  // of faces whose best fan is looked for
+
+using Entry = Eigen::Triplet<double, std::int64_t>;
+
+double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+Vec3 cross(const Vec3& a, const Vec3& b) {
+  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
+double norm(const Vec3& a) { return std::hypot(a[0], a[1], a[2]); }
+
+/// A unit vector at right angles to v, which is not zero.
+Vec3 some_normal(const Vec3& v) {
+  std::size_t least = 0;
+  for (std::size_t k = 1; k < 3; ++k) {
+    if (std::abs(v[k]) < std::abs(v[least])) least = k;
+  }
+  Vec3 axis{};
+  axis[least] = 1;
+  const Vec3 n = cross(v, axis);
+  const double length = norm(n);
+  return {n[0] / length, n[1] / length, n[2] / length};
+}
+
+/// What the operators need of a triangle.
+struct Shape {
+  Vec3 edge[3];        ///< opposite to each corner, around the triangle
+  Vec3 normal{};       ///< unit; any across a flat triangle
+  double doubled = 0;  ///< twice the area, or what counts as that; 0 when all corners coincide
+  bool flat = false;
+
+  Shape(const Points& points, const Triangle& triangle, double scale) {
+    double longest = 0;
+    std::size_t at = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+      const Vec3& a = points[triangle.corners[(i + 1) % 3]];
+      const Vec3& b = points[triangle.corners[(i + 2) % 3]];
+      for (std::size_t k = 0; k < 3; ++k) edge[i][k] = (b[k] - a[k]) / scale;
+      if (norm(edge[i]) > longest) {
+        longest = norm(edge[i]);
+        at = i;
+      }
+    }
+    const Vec3 n = cross(edge[0], edge[1]);
+    doubled = norm(n);
+    const double least = ShellOperators::least_height * longest * longest;
+    flat = doubled <= least;
+    if (doubled > 0) {
+      normal = {n[0] / doubled, n[1] / doubled, n[2] / doubled};
+    } else if (longest > 0) {
+      normal = some_normal(edge[at]);
+    }
+    if (flat) doubled = least;
+  }
+
+  /// Of the angle at a corner.
+  double cotangent(std::size_t corner) const { return -dot(edge[(corner + 1) % 3], edge[(corner + 2) % 3]) / doubled; }
+
+  /// Shares of the corners in the area: Voronoi cells, cut off at the longest side of an obtuse triangle.
+  void add_areas(const Triangle& triangle, Eigen::VectorXd& areas) const {
+    for (std::size_t i = 0; i < 3; ++i) {
+      double share = doubled / 6;
+      if (!flat) {
+        const double cotangents[3] = {cotangent(0), cotangent(1), cotangent(2)};
+        const std::size_t j = (i + 1) % 3, k = (i + 2) % 3;
+        if (cotangents[0] >= 0 && cotangents[1] >= 0 && cotangents[2] >= 0) {
+          share = (dot(edge[j], edge[j]) * cotangents[j] + dot(edge[k], edge[k]) * cotangents[k]) / 8;
+        } else {
+          share = cotangents[i] < 0 ? doubled / 4 : doubled / 8;
+        }
+      }
+      areas[triangle.corners[i]] += share;
+    }
+  }
+};
+
+/// Twice the area of a triangle in the direction of `up` over its longest side squared.
+double height(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& up) {
+  const Vec3 u{b[0] - a[0], b[1] - a[1], b[2] - a[2]}, v{c[0] - a[0], c[1] - a[1], c[2] - a[2]};
+  const Vec3 w{v[0] - u[0], v[1] - u[1], v[2] - u[2]};
+  const double longest = std::max({dot(u, u), dot(v, v), dot(w, w)});
+  return longest > 0 ? dot(cross(u, v), up) / longest : 0;
+}
+
+/// The corner of a polygon whose fan has the highest lowest triangle; the first of equal ones.
+std::uint32_t fan_apex(const Points& points, const PointId* corners, std::uint32_t m) {
+  if (m < 4 || m > most_fan_corners) return 0;
+  Vec3 up{};
+  for (std::uint32_t i = 2; i < m; ++i) {
+    const Vec3 &a = points[corners[0]], &b = points[corners[i - 1]], &c = points[corners[i]];
+    const Vec3 n = cross({b[0] - a[0], b[1] - a[1], b[2] - a[2]}, {c[0] - a[0], c[1] - a[1], c[2] - a[2]});
+    for (std::size_t k = 0; k < 3; ++k) up[k] += n[k];
+  }
+  const double length = norm(up);
+  if (!(length > 0)) return 0;
+  for (double& component : up) component /= length;
+  std::uint32_t apex = 0;
+  double best = -std::numeric_limits<double>::infinity();
+  for (std::uint32_t start = 0; start < m; ++start) {
+    double lowest = std::numeric_limits<double>::infinity();
+    for (std::uint32_t i = 2; i < m; ++i) {
+      const Vec3& b = points[corners[(start + i - 1) % m]];
+      const Vec3& c = points[corners[(start + i) % m]];
+      lowest = std::min(lowest, height(points[corners[start]], b, c, up));
+    }
+    if (lowest > best + 1e-9) {  // more than rounding
+      best = lowest;
+      apex = start;
+    }
+  }
+  return apex;
+}
+
+void check_scale(double scale) {
+  if (!(scale > 0 && std::isfinite(scale))) {
+    throw Error(ErrorCode::invalid_argument, "shell operators: scale must be positive and finite, got " + std::to_string(scale));
+  }
+}
+
+}  // namespace
+
+std::vector<Triangle> fan_triangles(const Mesh& mesh, const std::vector<char>& faces) {
+  std::vector<Triangle> triangles;
+  std::uint64_t first = 0;
+  for (std::size_t f = 0; f < mesh.face_count(); ++f) {
+    const PointId* corners = mesh.face_points.data() + first;
+    first += mesh.face_sizes[f];
+    if (!faces.empty() && faces[f] == 0) continue;
+    const std::uint32_t m = mesh.face_sizes[f], apex = fan_apex(mesh.points, corners, m);
+    for (std::uint32_t i = 2; i < m; ++i) {
+      const PointId a = corners[apex], b = corners[(apex + i - 1) % m], c = corners[(apex + i) % m];
+      if (a != b && b != c && c != a) triangles.push_back({{a, b, c}, static_cast<FaceId>(f)});
+    }
+  }
+  return triangles;
+}
+
+ShellOperators shell_operators(const Mesh& mesh, double scale, const std::vector<char>& faces) {
+  check_scale(scale);
+  const auto n = static_cast<std::int64_t>(mesh.point_count());
+  const std::vector<Triangle> triangles = fan_triangles(mesh, faces);
+  ShellOperators result;
+  result.areas = Eigen::VectorXd::Zero(n);
+  std::vector<Entry> entries;
+  entries.reserve(12 * triangles.size());
+  for (const Triangle& triangle : triangles) {
+    const Shape shape(mesh.points, triangle, scale);
+    if (shape.flat && result.flat_triangles++ == 0) result.first_flat = triangle.face;
+    if (shape.doubled <= 0) continue;
+    shape.add_areas(triangle, result.areas);
+    for (std::size_t i = 0; i < 3; ++i) {
+      const std::int64_t a = triangle.corners[(i + 1) % 3], b = triangle.corners[(i + 2) % 3];
+      const double weight = 0.5 * shape.cotangent(i);
+      entries.emplace_back(a, b, weight);
+      entries.emplace_back(b, a, weight);
+      entries.emplace_back(a, a, -weight);
+      entries.emplace_back(b, b, -weight);
+    }
+  }
+  result.laplacian.resize(n, n);
+  result.laplacian.setFromTriplets(entries.begin(), entries.end());
+  return result;
+}
+
+SparseMatrix shell_gradient(const Mesh& mesh, double scale) {
+  check_scale(scale);
+  const std::vector<Triangle> triangles = fan_triangles(mesh);
+  std::vector<Entry> entries;
+  entries.reserve(9 * triangles.size());
+  for (std::size_t t = 0; t < triangles.size(); ++t) {
+    const Shape shape(mesh.points, triangles[t], scale);
+    if (shape.doubled <= 0) continue;
+    // The gradient of the hat of a corner is normal x opposite edge / (2 area).
+    const double weight = std::sqrt(0.5 * shape.doubled) / shape.doubled;
+    for (std::size_t i = 0; i < 3; ++i) {
+      const Vec3 g = cross(shape.normal, shape.edge[i]);
+      for (std::size_t k = 0; k < 3; ++k) {
+        entries.emplace_back(static_cast<std::int64_t>(3 * t + k), triangles[t].corners[i], weight * g[k]);
+      }
+    }
+  }
+  SparseMatrix G(static_cast<std::int64_t>(3 * triangles.size()), static_cast<std::int64_t>(mesh.point_count()));
+  G.setFromTriplets(entries.begin(), entries.end());
+  return G;
+}
+
+}  // namespace deform
