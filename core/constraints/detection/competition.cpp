@@ -151,7 +151,7 @@ std::optional<Region> joined(const Surface& surface, const Limits& limits, const
   both.faces.insert(both.faces.end(), small.faces.begin(), small.faces.end());
   std::sort(both.faces.begin(), both.faces.end());
   const FitData data = surface.data(both.faces, fit_faces);
-  const auto shape = refine(large.shape, data);
+  const auto shape = refine(large.shape, data, Effort::full);
   if (!shape) return std::nullopt;
   both.shape = *shape;
   both.rms = rms_distance(*shape, data);
@@ -179,7 +179,7 @@ void refit(const Surface& surface, Segmentation& segmentation, std::span<const c
     region.area = area_of(surface, region.faces);
     const FitData data = surface.data(region.faces, fit_faces);
     if (data.corners.empty()) continue;
-    if (const auto shape = refine(region.shape, data)) region.shape = *shape;
+    if (const auto shape = refine(region.shape, data, Effort::full)) region.shape = *shape;
     region.rms = rms_distance(region.shape, data);
   }
 }

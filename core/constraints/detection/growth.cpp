@@ -3,11 +3,14 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/constraints/detection/judgement.h"
+
 namespace deform::detection {
 
 namespace {
 
-constexpr std::size_t fit_faces = 2000;  ///< faces that a fit looks at
+constexpr std::size_t quick_faces = 400;  ///< faces that a fit looks at while the region grows
+constexpr std::size_t full_faces = 2000;  ///< and in the end
 constexpr int rounds = 30;
 
 }  // namespace
@@ -89,21 +92,32 @@ std::vector<FaceId> Growth::grown(const Shape& shape, double threshold, std::spa
 
 std::optional<Region> Growth::converged(const Shape& shape, std::span<const FaceId> start,
                                         std::span<const std::uint32_t> labels) {
-  FitData data = surface_.data(start, fit_faces);
+  FitData data = surface_.data(start, quick_faces);
   if (data.corners.empty()) return std::nullopt;
   Region region{shape, {start.begin(), start.end()}, area_of(surface_, start), rms_distance(shape, data)};
   if (!(region.rms <= limits_.tolerance)) return std::nullopt;
+  Effort effort = Effort::quick;
+  int standing = 0;
   for (int round = 0; round < rounds; ++round) {
     const std::size_t most = 4 * region.faces.size() + 32;
     std::vector<FaceId> faces = grown(region.shape, limits_.threshold(region.rms), region.faces, most, labels);
     if (faces.empty()) return std::nullopt;
     const double area = area_of(surface_, faces);
-    data = surface_.data(faces, fit_faces);
-    const auto next = refine(region.shape, data);
+    data = surface_.data(faces, effort == Effort::quick ? quick_faces : full_faces);
+    const auto next = refine(region.shape, data, effort);
     if (!next) return std::nullopt;
-    const bool settled = faces.size() < most && std::abs(area - region.area) <= 1e-3 * area;
+    const bool grew = faces.size() >= most || area > 1.02 * region.area;
+    const bool settled = !grew && area >= 0.999 * region.area;
     region = {*next, std::move(faces), area, rms_distance(*next, data)};
-    if (settled) return region;
+    standing = grew ? 0 : standing + 1;
+    // What drifts along another surface is found out on the way.
+    if (round % 3 == 2 && region.rms > limits_.tolerance / 20 && region.faces.size() > 8 * start.size() &&
+        !noisy(surface_, limits_, region.shape, region.faces)) {
+      return std::nullopt;
+    }
+    if (standing >= 2 && area < 0.9 * limits_.minimum_area) return std::nullopt;
+    if ((settled && effort == Effort::full) || standing >= 6) break;
+    if (settled) effort = Effort::full;
   }
   return region;
 }

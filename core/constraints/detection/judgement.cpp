@@ -8,7 +8,8 @@ namespace deform::detection {
 
 namespace {
 
-constexpr std::size_t fit_faces = 2000;
+constexpr std::size_t fit_faces = 600;
+constexpr std::size_t judged_faces = 2000;
 constexpr int terms = 20;  ///< monomials in x, y, z up to degree 3
 constexpr std::size_t few_points = 3 * terms;
 
@@ -63,8 +64,11 @@ Residuals residuals(const Surface& surface, const Shape& shape, std::span<const 
   Eigen::Matrix<double, terms, 1> right = Eigen::Matrix<double, terms, 1>::Zero(), row;
   double squares = 0;
   for (const PointId p : points) {
-    const Vector3d q = (surface.points[p] - middle) / radius;
-    const double x = q[0], y = q[1], z = q[2], d = shape.distance(surface.points[p]);
+    // The foot on the shape: at the point itself the equation of the shape, a polynomial, is its distance.
+    const Shape::Foot foot = shape.foot(surface.points[p]);
+    const double d = foot.distance;
+    const Vector3d q = (surface.points[p] - d * foot.normal - middle) / radius;
+    const double x = q[0], y = q[1], z = q[2];
     row << 1, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z, x * x * x, y * y * y, z * z * z, x * x * y, x * x * z, y * y * x,
         y * y * z, z * z * x, z * z * y, x * y * z;
     normal.noalias() += row * row.transpose();
@@ -90,7 +94,7 @@ Region simplest(const Surface& surface, const Limits& limits, const Region& regi
   std::vector<Candidate> candidates;
   double least = region.rms;
   for (const PrimitiveKind kind : limits.kinds) {
-    const auto shape = kind == region.shape.kind ? refine(region.shape, data) : fitted(kind, data);
+    const auto shape = kind == region.shape.kind ? refine(region.shape, data, Effort::full) : fitted(kind, data, Effort::full);
     if (!shape) continue;
     candidates.push_back({*shape, rms_distance(*shape, data), rms_angle(*shape, data)});
     least = std::min(least, candidates.back().distance);
@@ -110,11 +114,18 @@ Region simplest(const Surface& surface, const Limits& limits, const Region& regi
   return result;
 }
 
+bool noisy(const Surface& surface, const Limits& limits, const Shape& shape, std::span<const FaceId> faces) {
+  const std::vector<PointId> points = points_of(surface, faces, judged_faces / 4);
+  if (points.size() < few_points) return true;
+  const Residuals r = residuals(surface, shape, points);
+  return r.systematic <= std::max(limits.tolerance / 20, r.random);
+}
+
 bool convincing(const Surface& surface, const Limits& limits, const Region& region) {
   const bool plane = region.shape.kind == PrimitiveKind::plane;
   const std::size_t enough = region.shape.kind == PrimitiveKind::cylinder ? 4 : 5;
   if (!plane && directions(surface, region.faces, enough) < enough) return false;
-  const std::vector<PointId> points = points_of(surface, region.faces, fit_faces);
+  const std::vector<PointId> points = points_of(surface, region.faces, judged_faces);
   if (plane && points.size() < 4 && !bounded_by_sharp_edges(surface, limits, region)) return false;
   if (!plane && points.size() < 8) return false;
   const double negligible = limits.tolerance / 20;

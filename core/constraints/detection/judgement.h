@@ -16,4 +16,7 @@ Region simplest(const Surface& surface, const Limits& limits, const Region& regi
 /// of a torus, or of a free form, taken for a cylinder.
 bool convincing(const Surface& surface, const Limits& limits, const Region& region);
 
+/// The last part of this, from fewer points; true for faces with few points.
+bool noisy(const Surface& surface, const Limits& limits, const Shape& shape, std::span<const FaceId> faces);
+
 }  // namespace deform::detection

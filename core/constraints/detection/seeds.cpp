@@ -11,9 +11,9 @@ namespace deform::detection {
 
 namespace {
 
-constexpr std::size_t fit_faces = 1000;
+constexpr std::size_t fit_faces = 400;
 constexpr int draws = 16;               ///< random samples of one neighbourhood and kind
-constexpr std::size_t judged_faces = 200;  ///< faces of the neighbourhood that judge them
+constexpr std::size_t judged_faces = 64;  ///< faces of the neighbourhood that judge them
 
 /// The shape that most of the faces agree with, from random samples of a few of them; at most `draws` tries.
 std::optional<Shape> consensus(const Surface& surface, const Limits& limits, PrimitiveKind kind, std::span<const FaceId> faces,
@@ -124,7 +124,7 @@ std::vector<Region> grown_from_patches(const Surface& surface, const Limits& lim
       for (std::size_t i = begin; i < end; ++i) {
         const FitData data = surface.data(starts[i], fit_faces);
         for (const PrimitiveKind kind : limits.kinds) {
-          const auto shape = fitted(kind, data);
+          const auto shape = fitted(kind, data, Effort::full);
           // Whole patches only: parts of them are for the seeds.
           if (!shape || rms_distance(*shape, data) > limits.tolerance) continue;
           add_grown(surface, limits, growth, *shape, starts[i], labels, found[i]);
@@ -167,7 +167,7 @@ std::vector<FaceId> spread_seeds(const Surface& surface, const Limits& limits, c
     area += surface.area[f];
   }
   std::vector<FaceId> seeds;
-  const double step = std::max(limits.minimum_area / 4, area / static_cast<double>(most));
+  const double step = std::max(limits.minimum_area / 2, area / static_cast<double>(most));
   if (area < limits.minimum_area) return seeds;
   Random random(limits.seed, sweep);
   double reached = 0, next = step * random.unit();
@@ -205,10 +205,10 @@ std::vector<Region> grown_from_seed(const Surface& surface, const Limits& limits
     for (const PrimitiveKind kind : limits.kinds) {
       if (kind != PrimitiveKind::plane && faces.size() < 4) continue;
       if (held(regions, kind, surface, limits, faces)) continue;
-      const auto plain = fitted(kind, data);
+      const auto plain = fitted(kind, data, Effort::quick);
       const double rms = plain ? rms_distance(*plain, data) : limits.tolerance;
-      if (plain) add_grown(surface, limits, growth, *plain, faces, labels, regions);
-      if (rms <= 2 * limits.floor) continue;  // nothing in these surroundings disagrees
+      if (plain && rms < limits.tolerance) add_grown(surface, limits, growth, *plain, faces, labels, regions);
+      if (rms <= 2 * limits.floor) break;  // nothing in these surroundings disagrees, and the kinds that follow would not either
       const auto robust = consensus(surface, limits, kind, faces, random);
       if (robust) add_grown(surface, limits, growth, *robust, faces, labels, regions);
     }

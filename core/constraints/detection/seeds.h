@@ -31,7 +31,7 @@ Patches smooth_patches(const Surface& surface, double angle);
 std::vector<Region> grown_from_patches(const Surface& surface, const Limits& limits, GrowthPool& pool,
                                        std::span<const std::uint32_t> labels, const RunContext& context);
 
-/// Seeds for primitives of the smallest area: four on the area of each, spread over the unlabelled faces, each the one of a few
+/// Seeds for primitives of the smallest area: two on the area of each, spread over the unlabelled faces, each the one of a few
 /// around which curvature changes least. `sweep` makes other ones.
 std::vector<FaceId> spread_seeds(const Surface& surface, const Limits& limits, const Patches& patches,
                                  std::span<const double> unevenness, std::span<const std::uint32_t> labels, std::uint64_t sweep);

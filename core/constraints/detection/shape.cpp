@@ -14,7 +14,6 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 constexpr double largest_radius = 20;
 constexpr double smallest_half_angle = 0.5 * std::numbers::pi / 180;
-constexpr int refinements = 25;
 
 struct Frame {
   Vector3d e1, e2;
@@ -100,7 +99,16 @@ bool sound(const Shape& shape) {
 double squared_distances(const Shape& shape, const FitData& data) {
   double sum = 0;
   for (std::size_t i = 0; i < data.corners.size(); ++i) {
-    const double d = shape.distance(data.corners[i]);
+    const Vector3d q = data.corners[i] - shape.point;
+    double d = 0;
+    if (shape.kind == PrimitiveKind::plane) {
+      d = q.dot(shape.axis);
+    } else if (shape.kind == PrimitiveKind::sphere) {
+      d = q.norm() - shape.radius;
+    } else {
+      const double h = q.dot(shape.axis);
+      d = ((q - h * shape.axis).norm() - shape.radius) * shape.cosine - h * shape.sine;
+    }
     sum += data.corner_weights[i] * d * d;
   }
   return sum;
@@ -245,7 +253,7 @@ std::optional<Shape> guess(PrimitiveKind kind, const FitData& data) {
   return shape;
 }
 
-std::optional<Shape> refine(const Shape& start, const FitData& data) {
+std::optional<Shape> refine(const Shape& start, const FitData& data, Effort effort) {
   if (start.kind == PrimitiveKind::plane) return guess_plane(data);
   const int n = parameter_count(start.kind);
   if (data.corners.size() < static_cast<std::size_t>(n)) return std::nullopt;
@@ -253,21 +261,28 @@ std::optional<Shape> refine(const Shape& start, const FitData& data) {
   double error = squared_distances(shape, data), damping = 1e-6;
   double weight = 0;
   for (const double w : data.corner_weights) weight += w;
-  for (int round = 0; round < refinements; ++round) {
+  const int rounds = effort == Effort::quick ? 4 : 25;
+  const double enough = effort == Effort::quick ? 1e-2 : 1e-9;  // relative gain that is worth another round
+  for (int round = 0; round < rounds; ++round) {
     const Frame frame(shape.axis);
     Matrix6d normal = Matrix6d::Zero();
     Vector6d right = Vector6d::Zero(), row;
     for (std::size_t i = 0; i < data.corners.size(); ++i) {
       const double d = derivative(shape, frame, data.corners[i], row);
-      normal.noalias() += data.corner_weights[i] * row * row.transpose();
-      right.noalias() -= data.corner_weights[i] * d * row;
+      const double w = data.corner_weights[i];
+      for (int c = 0; c < n; ++c) {
+        for (int r = c; r < n; ++r) normal(r, c) += w * row[r] * row[c];
+        right[c] -= w * d * row[c];
+      }
     }
     bool better = false;
     double gain = 0;
     for (int attempt = 0; attempt < 8 && !better; ++attempt) {
       Matrix6d damped = normal;
       for (int k = 0; k < 6; ++k) damped(k, k) += k < n ? damping * (normal(k, k) + 1e-12 * weight) : weight;
-      const Shape next = moved(shape, frame, damped.ldlt().solve(right));
+      const Vector6d step = damped.ldlt().solve(right);
+      if (!(step.dot(right) > enough * error)) break;
+      const Shape next = moved(shape, frame, step);
       const double next_error = sound(next) ? squared_distances(next, data) : error;
       better = next_error < error;
       if (better) {
@@ -279,7 +294,7 @@ std::optional<Shape> refine(const Shape& start, const FitData& data) {
         damping *= 10;
       }
     }
-    if (!better || gain < 1e-10 * error || error < 1e-26 * weight) break;
+    if (!better || gain < enough * error || error < 1e-26 * weight) break;
   }
   if (shape.kind == PrimitiveKind::cylinder || shape.kind == PrimitiveKind::cone) {
     // The point beside the middle of the data.
@@ -293,9 +308,9 @@ std::optional<Shape> refine(const Shape& start, const FitData& data) {
   return shape;
 }
 
-std::optional<Shape> fitted(PrimitiveKind kind, const FitData& data) {
+std::optional<Shape> fitted(PrimitiveKind kind, const FitData& data, Effort effort) {
   const auto start = guess(kind, data);
-  return start ? refine(*start, data) : start;
+  return start ? refine(*start, data, effort) : start;
 }
 
 double rms_distance(const Shape& shape, const FitData& data) {

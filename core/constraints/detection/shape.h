@@ -42,12 +42,15 @@ struct FitData {
 /// over normals. No shape for data that has none (the normals of a plane make no cylinder).
 std::optional<Shape> guess(PrimitiveKind kind, const FitData& data);
 
+/// How far to go: while faces are still being collected the last digits do not matter.
+enum class Effort { quick, full };
+
 /// The shape of least squared distance to the corners, by Levenberg-Marquardt from `start`; none when it runs off (radius beyond
 /// 20, half angle out of 0.5..89.5 degrees). Lengths over the size of the surface.
-std::optional<Shape> refine(const Shape& start, const FitData& data);
+std::optional<Shape> refine(const Shape& start, const FitData& data, Effort effort);
 
 /// Both.
-std::optional<Shape> fitted(PrimitiveKind kind, const FitData& data);
+std::optional<Shape> fitted(PrimitiveKind kind, const FitData& data, Effort effort);
 
 /// Weighted root mean square of the distances of the corners, and of the angles (radians) between normals of face and shape.
 double rms_distance(const Shape& shape, const FitData& data);

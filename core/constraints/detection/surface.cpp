@@ -187,9 +187,14 @@ FitData Surface::data(std::span<const FaceId> faces, std::size_t most) const {
     const FaceId f = faces[i];
     if (area[f] == 0) continue;
     const auto ids = corners(f);
-    for (const PointId p : ids) {
-      data.corners.push_back(points[p]);
-      data.corner_weights.push_back(area[f] / static_cast<double>(ids.size()));
+    if (faces.size() >= 200) {
+      data.corners.push_back(points[ids[i / stride % ids.size()]]);
+      data.corner_weights.push_back(area[f]);
+    } else {
+      for (const PointId p : ids) {
+        data.corners.push_back(points[p]);
+        data.corner_weights.push_back(area[f] / static_cast<double>(ids.size()));
+      }
     }
     data.centres.push_back(centre[f]);
     data.normals.push_back(normal[f]);

@@ -33,7 +33,7 @@ struct Surface {
   double allowance(std::size_t face) const {
     return height[face] > 0 ? std::min(1.6, (4 * noise + 1e-8) / height[face]) : 1.6;
   }
-  /// Appends the corners and normals of every `stride`-th face, so that about `most` faces are taken.
+  /// Corners and normals of about `most` faces, evenly taken; of so many that corners repeat only one corner of each face.
   FitData data(std::span<const FaceId> faces, std::size_t most) const;
 
   Vector3d middle = Vector3d::Zero();  ///< model units
