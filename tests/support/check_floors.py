@@ -16,12 +16,15 @@ FLOORS = {
     "core/io": ["core/base", "core/mesh"],
     "core/quality": ["core/base", "core/mesh"],
     "core/constraints": ["core/base", "core/numerics", "core/mesh"],
+    "core/constraints/detection": ["core/base", "core/numerics", "core/mesh", "core/constraints"],
     "core/deformers": ["core/base", "core/numerics", "core/mesh", "core/quality", "core/constraints"],
     # The server never reads a user's file.
-    "server": ["core/base", "core/codec", "core/mesh", "core/quality", "core/constraints", "core/deformers", "deform/v1"],
+    "server": ["core/base", "core/codec", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection", "core/deformers",
+               "deform/v1"],
     "client": ["core/base", "core/codec", "deform/v1"],
     # Executables that read files.
-    "client/cli": ["core/base", "core/codec", "core/mesh", "core/io", "core/quality", "deform/v1", "client"],
+    "client/cli": ["core/base", "core/codec", "core/mesh", "core/io", "core/quality", "core/constraints/detection", "deform/v1",
+                   "client"],
     "client/examples": ["core/base", "core/codec", "core/mesh", "core/io", "deform/v1", "client"],
 }
 

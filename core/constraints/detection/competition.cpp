@@ -1,0 +1,226 @@
+#include "core/constraints/detection/competition.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "core/constraints/detection/judgement.h"
+
+namespace deform::detection {
+
+namespace {
+
+constexpr std::size_t fit_faces = 20000;
+constexpr int sweeps = 8;
+
+bool passable(const Surface& surface, const Limits& limits, std::size_t face, const Neighbour& n) {
+  return n.angle <= limits.maximum_angle + surface.allowance(face) + surface.allowance(n.face);
+}
+
+/// How badly the shape describes the face: squared distance and angle over what noise makes of them.
+double cost(const Surface& surface, const Limits& limits, const Shape& shape, std::size_t face) {
+  const auto corners = surface.corners(face);
+  const double length = std::max(limits.floor, 2 * surface.noise);
+  double sum = 0;
+  for (const PointId p : corners) {
+    const double d = shape.distance(surface.points[p]) / length;
+    sum += d * d / static_cast<double>(corners.size());
+  }
+  if (surface.area[face] == 0) return sum;
+  const double c = std::min(1.0, std::abs(shape.foot(surface.centre[face]).normal.dot(surface.normal[face])));
+  const double angle = std::acos(c) / (0.02 + surface.allowance(face) / 3);
+  return sum + angle * angle;
+}
+
+/// The best of the labels at this face.
+std::uint32_t winner(const Surface& surface, const Limits& limits, const Segmentation& segmentation, std::size_t face) {
+  const std::uint32_t own = segmentation.labels[face];
+  std::array<std::uint32_t, 8> options{};
+  std::size_t count = 0;
+  const auto add = [&](std::uint32_t label) {
+    if (label == unlabelled || count == options.size()) return;
+    if (std::find(options.begin(), options.begin() + count, label) == options.begin() + count) options[count++] = label;
+  };
+  add(own);
+  for (const Neighbour& n : surface.neighbours(face)) {
+    if (passable(surface, limits, face, n)) add(segmentation.labels[n.face]);
+  }
+  if (count == 0 || (count == 1 && options[0] == own)) return own;
+  std::uint32_t best = unlabelled;
+  double least = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const Region& region = segmentation.regions[options[i]];
+    if (!fits(surface, limits, region.shape, static_cast<FaceId>(face), limits.threshold(region.rms))) continue;
+    const double c = cost(surface, limits, region.shape, face);
+    if (best == unlabelled || c < least) {
+      best = options[i];
+      least = c;
+    }
+  }
+  return best;
+}
+
+/// Unlabels pieces of a region that are less than a tenth of its largest one.
+void drop_islands(const Surface& surface, const Limits& limits, Segmentation& segmentation) {
+  auto& labels = segmentation.labels;
+  std::vector<char> seen(labels.size(), 0);
+  std::vector<std::vector<std::pair<double, std::vector<FaceId>>>> pieces(segmentation.regions.size());
+  for (std::size_t start = 0; start < labels.size(); ++start) {
+    if (seen[start] || labels[start] == unlabelled) continue;
+    std::vector<FaceId> piece{static_cast<FaceId>(start)};
+    seen[start] = 1;
+    for (std::size_t i = 0; i < piece.size(); ++i) {
+      for (const Neighbour& n : surface.neighbours(piece[i])) {
+        if (seen[n.face] || labels[n.face] != labels[start] || !passable(surface, limits, piece[i], n)) continue;
+        seen[n.face] = 1;
+        piece.push_back(n.face);
+      }
+    }
+    const double area = area_of(surface, piece);
+    pieces[labels[start]].emplace_back(area, std::move(piece));
+  }
+  for (const auto& list : pieces) {
+    double largest = 0;
+    for (const auto& piece : list) largest = std::max(largest, piece.first);
+    for (const auto& piece : list) {
+      if (piece.first >= 0.1 * largest) continue;
+      for (const FaceId f : piece.second) labels[f] = unlabelled;
+    }
+  }
+}
+
+void drop_small(const Limits& limits, Segmentation& segmentation) {
+  std::vector<std::uint32_t> renumbered(segmentation.regions.size(), unlabelled);
+  std::vector<Region> kept;
+  for (std::size_t r = 0; r < segmentation.regions.size(); ++r) {
+    if (segmentation.regions[r].area < limits.minimum_area * (1 - 1e-9)) continue;
+    renumbered[r] = static_cast<std::uint32_t>(kept.size());
+    kept.push_back(std::move(segmentation.regions[r]));
+  }
+  segmentation.regions = std::move(kept);
+  for (auto& label : segmentation.labels) {
+    if (label != unlabelled) label = renumbered[label];
+  }
+}
+
+/// Smallest and largest place along the axis of `shape`.
+std::pair<double, double> stretch(const Surface& surface, const Shape& shape, std::span<const FaceId> faces) {
+  std::pair<double, double> range{1e300, -1e300};
+  for (const FaceId f : faces) {
+    for (const PointId p : surface.corners(f)) {
+      const double h = (surface.points[p] - shape.point).dot(shape.axis);
+      range = {std::min(range.first, h), std::max(range.second, h)};
+    }
+  }
+  return range;
+}
+
+/// Whether regions without a common point are still one: see Primitive.
+bool same_stretch(const Surface& surface, const Shape& shape, const Region& a, const Region& b) {
+  if (shape.kind == PrimitiveKind::plane) return false;
+  if (shape.kind == PrimitiveKind::sphere) return true;
+  const auto of_a = stretch(surface, shape, a.faces), of_b = stretch(surface, shape, b.faces);
+  const double common = std::min(of_a.second, of_b.second) - std::max(of_a.first, of_b.first);
+  return common > 0.1 * std::min(of_a.second - of_a.first, of_b.second - of_b.first);
+}
+
+bool touch(const Surface& surface, const Region& a, const Region& b) {
+  const auto points = [&](const Region& region) {
+    std::vector<PointId> ids;
+    for (const FaceId f : region.faces) {
+      for (const PointId p : surface.corners(f)) ids.push_back(p);
+    }
+    std::sort(ids.begin(), ids.end());
+    return ids;
+  };
+  const auto of_a = points(a), of_b = points(b);
+  for (auto i = of_a.begin(), k = of_b.begin(); i != of_a.end() && k != of_b.end();) {
+    if (*i == *k) return true;
+    *i < *k ? ++i : ++k;
+  }
+  return false;
+}
+
+/// The two as one region when they are one.
+std::optional<Region> joined(const Surface& surface, const Limits& limits, const Region& a, const Region& b) {
+  if (a.shape.kind != b.shape.kind) return std::nullopt;
+  const Region& large = a.area >= b.area ? a : b;
+  const Region& small = a.area >= b.area ? b : a;
+  if (rms_distance(large.shape, surface.data(small.faces, 200)) > 4 * limits.tolerance) return std::nullopt;
+  Region both{large.shape, large.faces, a.area + b.area, 0};
+  both.faces.insert(both.faces.end(), small.faces.begin(), small.faces.end());
+  std::sort(both.faces.begin(), both.faces.end());
+  const FitData data = surface.data(both.faces, fit_faces);
+  const auto shape = refine(large.shape, data, Effort::full);
+  if (!shape) return std::nullopt;
+  both.shape = *shape;
+  both.rms = rms_distance(*shape, data);
+  const double alone = std::max(a.rms, b.rms);
+  if (both.rms > std::max(limits.floor, 1.5 * alone)) return std::nullopt;
+  if (rms_distance(*shape, surface.data(small.faces, 2000)) > std::max(limits.floor, 1.5 * alone)) return std::nullopt;
+  if (rms_angle(*shape, surface.data(small.faces, 2000)) > limits.maximum_angle / 2) return std::nullopt;
+  if (!touch(surface, a, b) && !same_stretch(surface, *shape, a, b)) return std::nullopt;
+  return both;
+}
+
+}  // namespace
+
+void refit(const Surface& surface, Segmentation& segmentation, std::span<const char> changed) {
+  for (std::size_t r = 0; r < segmentation.regions.size(); ++r) {
+    if (changed[r]) segmentation.regions[r].faces.clear();
+  }
+  for (std::size_t f = 0; f < segmentation.labels.size(); ++f) {
+    const std::uint32_t label = segmentation.labels[f];
+    if (label != unlabelled && changed[label]) segmentation.regions[label].faces.push_back(static_cast<FaceId>(f));
+  }
+  for (std::size_t r = 0; r < segmentation.regions.size(); ++r) {
+    if (!changed[r]) continue;
+    Region& region = segmentation.regions[r];
+    region.area = area_of(surface, region.faces);
+    const FitData data = surface.data(region.faces, fit_faces);
+    if (data.corners.empty()) continue;
+    if (const auto shape = refine(region.shape, data, Effort::full)) region.shape = *shape;
+    region.rms = rms_distance(region.shape, data);
+  }
+}
+
+void compete(const Surface& surface, const Limits& limits, Segmentation& segmentation, const RunContext& context) {
+  for (int sweep = 0; sweep < sweeps; ++sweep) {
+    context.check();
+    std::vector<char> changed(segmentation.regions.size(), sweep == 0 ? 1 : 0);
+    bool any = false;
+    for (std::size_t f = 0; f < segmentation.labels.size(); ++f) {
+      const std::uint32_t own = segmentation.labels[f], best = winner(surface, limits, segmentation, f);
+      if (best == own) continue;
+      any = true;
+      if (own != unlabelled) changed[own] = 1;
+      if (best != unlabelled) changed[best] = 1;
+      segmentation.labels[f] = best;
+    }
+    refit(surface, segmentation, changed);
+    if (!any) break;
+  }
+  drop_islands(surface, limits, segmentation);
+  refit(surface, segmentation, std::vector<char>(segmentation.regions.size(), 1));
+  drop_small(limits, segmentation);
+}
+
+void join_regions(const Surface& surface, const Limits& limits, Segmentation& segmentation) {
+  auto& regions = segmentation.regions;
+  for (std::size_t a = 0; a < regions.size(); ++a) {
+    for (std::size_t b = a + 1; b < regions.size(); ++b) {
+      auto both = joined(surface, limits, regions[a], regions[b]);
+      if (!both) continue;
+      regions[a] = std::move(*both);
+      regions.erase(regions.begin() + static_cast<std::ptrdiff_t>(b));
+      for (auto& label : segmentation.labels) {
+        if (label == unlabelled) continue;
+        if (label == b) label = static_cast<std::uint32_t>(a);
+        if (label > b) --label;
+      }
+      b = a;  // once more against all others
+    }
+  }
+}
+
+}  // namespace deform::detection

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/constraints/detection/growth.h"
+
+namespace deform::detection {
+
+/// Regions and for each face the index of its region or unlabelled.
+struct Segmentation {
+  std::vector<Region> regions;
+  std::vector<std::uint32_t> labels;
+};
+
+/// Gives every face at the rim of a region to the neighbour that describes it best in distance and direction, refitting, until
+/// nothing changes or a few sweeps are done; then takes away pieces that came off and regions that became too small.
+void compete(const Surface& surface, const Limits& limits, Segmentation& segmentation, const RunContext& context);
+
+/// Joins regions of one surface (see Primitive).
+void join_regions(const Surface& surface, const Limits& limits, Segmentation& segmentation);
+
+/// Region r refitted to the faces with its label, with area and rms.
+void refit(const Surface& surface, Segmentation& segmentation, std::span<const char> changed);
+
+}  // namespace deform::detection

@@ -1,0 +1,240 @@
+#include "core/constraints/detection/detect.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "core/base/error.h"
+#include "core/base/parallel.h"
+#include "core/constraints/detection/competition.h"
+#include "core/constraints/detection/edges.h"
+#include "core/constraints/detection/judgement.h"
+#include "core/constraints/detection/seeds.h"
+
+namespace deform {
+
+namespace {
+
+using namespace detection;
+
+constexpr double default_minimum_area = 0.01;
+constexpr double default_maximum_angle = 0.4;
+constexpr double default_tolerance = 1e-3;
+constexpr double least_floor = 1e-5;  ///< what coordinates in files of six or seven digits are off
+constexpr std::size_t batch = 32;     ///< seeds that grow before the best of them are taken
+constexpr std::uint64_t sweeps = 2;
+
+void check_range(const char* field, double value, double below, const char* meaning) {
+  if (value >= 0 && value < below) return;  // false for NaN
+  throw Error(ErrorCode::invalid_argument, std::string("detection.") + field + ": " + std::to_string(value) + " is not " + meaning);
+}
+
+Limits limits_of(const DetectOptions& options, Surface& surface, const RunContext& context) {
+  Limits limits;
+  limits.seed = options.seed;
+  limits.maximum_angle = options.maximum_angle > 0 ? options.maximum_angle : default_maximum_angle;
+  surface.noise = estimated_noise(surface, limits.maximum_angle, context);
+  const double automatic = std::max(default_tolerance, 6 * surface.noise);
+  limits.tolerance = options.tolerance > 0 ? options.tolerance / surface.size : automatic;
+  limits.floor = std::min(limits.tolerance, std::max(least_floor, 3 * surface.noise));
+  limits.minimum_area = (options.minimum_area > 0 ? options.minimum_area : default_minimum_area) * surface.total_area;
+  limits.kinds = options.kinds;
+  if (limits.kinds.empty()) {
+    limits.kinds = {PrimitiveKind::plane, PrimitiveKind::cylinder, PrimitiveKind::sphere, PrimitiveKind::cone};
+  }
+  std::sort(limits.kinds.begin(), limits.kinds.end());
+  limits.kinds.erase(std::unique(limits.kinds.begin(), limits.kinds.end()), limits.kinds.end());
+  return limits;
+}
+
+/// Takes regions, the largest first, each as far as earlier ones left its faces. Number of those taken.
+std::size_t accept(const Surface& surface, const Limits& limits, std::vector<Region>& found, GrowthPool& pool,
+                   Segmentation& segmentation) {
+  std::size_t taken = 0;
+  for (Region& region : found) {
+    std::vector<FaceId> open;
+    for (const FaceId f : region.faces) {
+      if (segmentation.labels[f] == unlabelled) open.push_back(f);
+    }
+    const double area = area_of(surface, open);
+    if (area < limits.minimum_area) continue;
+    if (open.size() < region.faces.size()) {
+      std::optional<Region> rest;
+      pool.with([&](Growth& growth) { rest = growth.converged(region.shape, open, segmentation.labels); });
+      if (!rest || rest->area < limits.minimum_area || !convincing(surface, limits, *rest)) continue;
+      if (simplest(surface, limits, *rest).shape.kind != rest->shape.kind) continue;
+      region = std::move(*rest);
+    }
+    for (const FaceId f : region.faces) segmentation.labels[f] = static_cast<std::uint32_t>(segmentation.regions.size());
+    segmentation.regions.push_back(std::move(region));
+    ++taken;
+  }
+  return taken;
+}
+
+void grow_from_seeds(const Surface& surface, const Limits& limits, GrowthPool& pool, Segmentation& segmentation,
+                     const RunContext& context) {
+  const Patches patches = smooth_patches(surface, limits.maximum_angle / 4);
+  const std::vector<double> unevenness = curvature_unevenness(surface);
+  for (std::uint64_t sweep = 0; sweep < sweeps; ++sweep) {
+    const auto seeds = spread_seeds(surface, limits, patches, unevenness, segmentation.labels, sweep);
+    std::size_t next = 0;
+    while (next < seeds.size()) {
+      std::vector<FaceId> group;
+      for (; next < seeds.size() && group.size() < batch; ++next) {
+        if (segmentation.labels[seeds[next]] == unlabelled) group.push_back(seeds[next]);
+      }
+      std::vector<std::vector<Region>> found(group.size());
+      parallel_for(context, group.size(), 1, [&](std::size_t begin, std::size_t end) {
+        pool.with([&](Growth& growth) {
+          for (std::size_t i = begin; i < end; ++i) {
+            found[i] = grown_from_seed(surface, limits, growth, group[i], segmentation.labels);
+          }
+        });
+      });
+      std::vector<Region> regions;
+      for (auto& list : found) std::move(list.begin(), list.end(), std::back_inserter(regions));
+      std::stable_sort(regions.begin(), regions.end(), [](const Region& a, const Region& b) { return a.area > b.area; });
+      accept(surface, limits, regions, pool, segmentation);
+      context.progress("detect", (static_cast<double>(sweep) + static_cast<double>(next) / static_cast<double>(seeds.size())) / sweeps);
+    }
+  }
+}
+
+Vec3 plain(const Vector3d& v) { return {v[0], v[1], v[2]}; }
+
+/// The sign of a direction by its largest part, so that it does not depend on how it was found.
+Vector3d turned(const Vector3d& axis) {
+  Eigen::Index largest = 0;
+  axis.cwiseAbs().maxCoeff(&largest);
+  return axis[largest] < 0 ? Vector3d(-axis) : axis;
+}
+
+Primitive primitive_of(const Mesh& mesh, const std::vector<std::uint64_t>& offsets, const Surface& surface, const Region& region) {
+  const Shape& shape = region.shape;
+  const auto place = [&](const Vector3d& p) { return plain(surface.middle + surface.size * p); };
+  Primitive primitive;
+  primitive.kind = shape.kind;
+  primitive.point = place(shape.kind == PrimitiveKind::cone ? shape.apex() : shape.point);
+  if (shape.kind == PrimitiveKind::plane) {
+    // Outwards, as most faces look.
+    Vector3d normal = Vector3d::Zero();
+    for (const FaceId f : region.faces) normal += surface.area[f] * surface.normal[f];
+    primitive.axis = plain(normal.dot(shape.axis) < 0 ? Vector3d(-shape.axis) : shape.axis);
+  }
+  if (shape.kind == PrimitiveKind::cylinder) primitive.axis = plain(turned(shape.axis));
+  if (shape.kind == PrimitiveKind::cone) {
+    primitive.axis = plain(shape.axis);
+    primitive.half_angle = shape.angle;
+  }
+  if (shape.kind == PrimitiveKind::cylinder || shape.kind == PrimitiveKind::sphere) primitive.radius = surface.size * shape.radius;
+  primitive.faces = region.faces;
+  std::sort(primitive.faces.begin(), primitive.faces.end());
+  for (const FaceId f : primitive.faces) {
+    primitive.points.insert(primitive.points.end(), mesh.face_points.begin() + static_cast<std::ptrdiff_t>(offsets[f]),
+                            mesh.face_points.begin() + static_cast<std::ptrdiff_t>(offsets[f + 1]));
+  }
+  std::sort(primitive.points.begin(), primitive.points.end());
+  primitive.points.erase(std::unique(primitive.points.begin(), primitive.points.end()), primitive.points.end());
+  double squares = 0;
+  for (const PointId p : primitive.points) {
+    const double d = surface.size * std::abs(shape.distance(surface.points[p]));
+    squares += d * d;
+    primitive.max = std::max(primitive.max, d);
+  }
+  primitive.rms = std::sqrt(squares / static_cast<double>(primitive.points.size()));
+  primitive.area = region.area * surface.size * surface.size;
+  return primitive;
+}
+
+/// By kind and falling area; areas that are equal up to rounding by the first face.
+void sort_and_name(std::vector<Primitive>& primitives) {
+  std::sort(primitives.begin(), primitives.end(), [](const Primitive& a, const Primitive& b) {
+    return a.kind != b.kind ? a.kind < b.kind : a.area != b.area ? a.area > b.area : a.faces[0] < b.faces[0];
+  });
+  for (auto begin = primitives.begin(), end = begin; begin != primitives.end(); begin = end) {
+    while (end != primitives.end() && end->kind == begin->kind && end->area >= begin->area * (1 - 1e-6)) ++end;
+    std::sort(begin, end, [](const Primitive& a, const Primitive& b) { return a.faces[0] < b.faces[0]; });
+  }
+  std::array<std::size_t, 4> counts{};
+  for (Primitive& p : primitives) {
+    p.name = to_string(p.kind);
+    p.name += '_';
+    p.name += std::to_string(++counts[static_cast<std::size_t>(p.kind)]);
+  }
+}
+
+}  // namespace
+
+void DetectOptions::validate() const {
+  check_range("tolerance", tolerance, 1e300, "finite and at least 0");
+  check_range("minimum_area", minimum_area, 1, "at least 0 and below 1");
+  check_range("maximum_angle", maximum_angle, std::numbers::pi / 2, "at least 0 and below pi / 2");
+}
+
+Detection detect(const Mesh& mesh, const DetectOptions& options, const RunContext& context) {
+  options.validate();
+  Surface surface(mesh, context);
+  const Limits limits = limits_of(options, surface, context);
+  Segmentation segmentation;
+  segmentation.labels.assign(surface.face_count(), unlabelled);
+  GrowthPool pool(surface, limits);
+  auto patches = grown_from_patches(surface, limits, pool, segmentation.labels, context);
+  accept(surface, limits, patches, pool, segmentation);
+  grow_from_seeds(surface, limits, pool, segmentation, context);
+  compete(surface, limits, segmentation, context);
+  join_regions(surface, limits, segmentation);
+  compete(surface, limits, segmentation, context);
+
+  Detection result;
+  result.size = surface.size;
+  result.noise = surface.noise * surface.size;
+  result.area = surface.model_area;
+  result.tolerance = limits.tolerance * surface.size;
+  result.minimum_area = limits.minimum_area / surface.total_area;
+  result.maximum_angle = limits.maximum_angle;
+  for (const Region& region : segmentation.regions) {
+    result.primitives.push_back(primitive_of(mesh, surface.offsets, surface, region));
+    result.coverage += region.area / surface.total_area;
+  }
+  sort_and_name(result.primitives);
+  result.edges = feature_edges(mesh, surface, limits, segmentation.labels);
+  std::size_t without_area = 0;
+  for (const double a : surface.area) without_area += a == 0 ? 1 : 0;
+  if (without_area > 0) result.notes.push_back(std::to_string(without_area) + " faces have no area");
+  context.progress("detect", 1);
+  return result;
+}
+
+std::string_view to_string(PrimitiveKind kind) {
+  switch (kind) {
+    case PrimitiveKind::plane: return "plane";
+    case PrimitiveKind::cylinder: return "cylinder";
+    case PrimitiveKind::sphere: return "sphere";
+    case PrimitiveKind::cone: return "cone";
+  }
+  return "";
+}
+
+std::string_view to_string(EdgeKind kind) {
+  switch (kind) {
+    case EdgeKind::line: return "line";
+    case EdgeKind::circle: return "circle";
+    case EdgeKind::arc: return "arc";
+  }
+  return "";
+}
+
+std::string_view constraint_kind(PrimitiveKind kind) {
+  switch (kind) {
+    case PrimitiveKind::plane: return "planar";
+    case PrimitiveKind::cylinder: return "cylindrical";
+    case PrimitiveKind::sphere: return "spherical";
+    case PrimitiveKind::cone: return "conical";
+  }
+  return "";
+}
+
+std::string_view constraint_kind(EdgeKind kind) { return kind == EdgeKind::line ? "feature_line" : "circular"; }
+
+}  // namespace deform

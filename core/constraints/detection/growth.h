@@ -1,0 +1,102 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "core/constraints/detection/shape.h"
+#include "core/constraints/detection/surface.h"
+
+namespace deform::detection {
+
+/// The options over the size of the surface.
+struct Limits {
+  double tolerance = 0;      ///< greatest distance of a corner
+  double floor = 0;          ///< distances below this are always taken
+  double maximum_angle = 0;  ///< across an edge
+  double minimum_area = 0;
+  std::uint64_t seed = 0;
+  std::vector<PrimitiveKind> kinds;
+
+  /// The threshold for a primitive whose corners have this rms distance.
+  double threshold(double rms) const { return std::min(tolerance, std::max(floor, 4 * rms)); }
+};
+
+/// A shape and the faces that lie on it.
+struct Region {
+  Shape shape;
+  std::vector<FaceId> faces;
+  double area = 0;
+  double rms = 0;
+};
+
+/// Label of a face that belongs to nothing.
+inline constexpr std::uint32_t unlabelled = 0xffffffff;
+
+/// Whether all corners of the face are within `threshold` of the shape and its normal agrees with the shape's up to half the maximum
+/// angle and what noise explains.
+bool fits(const Surface& surface, const Limits& limits, const Shape& shape, FaceId face, double threshold);
+
+/// Region growing over the unlabelled faces. Holds marks for all faces: one per thread.
+class Growth {
+ public:
+  Growth(const Surface& surface, const Limits& limits) : surface_(surface), limits_(limits), marks_(surface.face_count(), 0) {}
+
+  /// Faces around `seed` (first) that are not behind sharp edges, ring by ring, until they have that area and are so many.
+  std::vector<FaceId> neighbourhood(FaceId seed, double area, std::size_t count, std::span<const std::uint32_t> labels);
+
+  /// Grows from `start` while refitting: the threshold follows the rms distance of what has been taken, and each round takes at
+  /// most four times as many faces as the last, so that a first guess from few faces improves before it reaches far. None when
+  /// the shape is off by more than the tolerance where it starts, or loses what it started from.
+  std::optional<Region> converged(const Shape& shape, std::span<const FaceId> start, std::span<const std::uint32_t> labels);
+
+ private:
+  /// The largest connected piece of fitting faces that holds one of `start`, breadth first, at most `most`.
+  std::vector<FaceId> grown(const Shape& shape, double threshold, std::span<const FaceId> start, std::size_t most,
+                            std::span<const std::uint32_t> labels);
+  void flood(const Shape& shape, double threshold, std::size_t most, std::span<const std::uint32_t> labels,
+             std::vector<FaceId>& piece);
+  void next_mark();
+  bool passable(FaceId face, const Neighbour& neighbour) const {
+    return neighbour.angle <= limits_.maximum_angle + surface_.allowance(face) + surface_.allowance(neighbour.face);
+  }
+
+  const Surface& surface_;
+  const Limits& limits_;
+  std::vector<std::uint32_t> marks_;  ///< == mark_: seen in this pass
+  std::uint32_t mark_ = 0;
+};
+
+/// Growths for as many threads as ask at once.
+class GrowthPool {
+ public:
+  GrowthPool(const Surface& surface, const Limits& limits) : surface_(surface), limits_(limits) {}
+  template <typename Use>
+  void with(const Use& use) {
+    std::unique_ptr<Growth> growth;
+    {
+      const std::lock_guard lock(mutex_);
+      if (!free_.empty()) {
+        growth = std::move(free_.back());
+        free_.pop_back();
+      }
+    }
+    if (!growth) growth = std::make_unique<Growth>(surface_, limits_);
+    use(*growth);
+    const std::lock_guard lock(mutex_);
+    free_.push_back(std::move(growth));
+  }
+
+ private:
+  const Surface& surface_;
+  const Limits& limits_;
+  std::mutex mutex_;
+  std::vector<std::unique_ptr<Growth>> free_;
+};
+
+double area_of(const Surface& surface, std::span<const FaceId> faces);
+
+}  // namespace deform::detection

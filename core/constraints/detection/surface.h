@@ -1,0 +1,67 @@
+#pragma once
+
+#include <Eigen/Dense>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/constraints/detection/shape.h"
+#include "core/mesh/mesh.h"
+
+namespace deform::detection {
+
+/// A face on the other side of an edge.
+struct Neighbour {
+  FaceId face = 0;
+  PointId from = 0, to = 0;  ///< the edge, by joined points
+  double angle = 0;          ///< between the normals, 0..pi; 0 beside a face without area
+};
+
+/// What detection asks of a mesh: lengths over its size, around its middle. Read-only once built; any number of threads may read.
+struct Surface {
+  explicit Surface(const Mesh& mesh, const RunContext& context);
+
+  std::size_t face_count() const { return area.size(); }
+  std::span<const PointId> corners(std::size_t face) const {
+    return {joined_corners.data() + offsets[face], static_cast<std::size_t>(offsets[face + 1] - offsets[face])};
+  }
+  std::span<const Neighbour> neighbours(std::size_t face) const {
+    return {adjacent.data() + first[face], static_cast<std::size_t>(first[face + 1] - first[face])};
+  }
+  /// How far the normal of a face may be off for the noise of its corners.
+  double allowance(std::size_t face) const {
+    return height[face] > 0 ? std::min(1.6, (4 * noise + 1e-8) / height[face]) : 1.6;
+  }
+  /// Corners and normals of about `most` faces, evenly taken; of so many that corners repeat only one corner of each face.
+  FitData data(std::span<const FaceId> faces, std::size_t most) const;
+
+  Vector3d middle = Vector3d::Zero();  ///< model units
+  double size = 0;                     ///< model units
+  double model_area = 0;               ///< model units squared
+  double total_area = 0;
+  double noise = 0;
+
+  std::vector<Vector3d> points;
+  std::vector<std::uint64_t> offsets;
+  std::vector<PointId> joined_corners;  ///< corners; of coincident points the first
+  std::vector<Vector3d> normal;         ///< unit, made consistent across edges; zero without area
+  std::vector<Vector3d> centre;
+  std::vector<double> area;
+  std::vector<double> height;  ///< twice the area over the longest edge
+  std::vector<std::uint64_t> first;
+  std::vector<Neighbour> adjacent;
+
+ private:
+  void join_points(const Mesh& mesh);
+  void scale(const Mesh& mesh);
+  void measure_faces(const RunContext& context);
+  void connect();
+  void orient();
+};
+
+/// Standard deviation of the points from the quadratic surface through their surroundings (second ring, inside sharp edges): the
+/// lower quartile over up to 4000 points, so that feature edges do not count. 0 for meshes without such surroundings.
+double estimated_noise(const Surface& surface, double sharp, const RunContext& context);
+
+}  // namespace deform::detection
