@@ -66,6 +66,22 @@ struct DeformOutcome {
 /// Called once per finished design, from one thread at a time, in order of completion; may move the points out.
 using DesignSink = std::function<void(std::size_t design, DeformedDesign&& deformed)>;
 
+/// Primitives and edges of a geometry. Ids as they came; those of an edge in order along it.
+struct Detected {
+  struct Primitive {
+    v1::DetectedPrimitive about;
+    std::vector<FaceId> faces;
+    std::vector<PointId> points;
+  };
+  struct Edge {
+    v1::DetectedEdge about;
+    std::vector<PointId> points;
+  };
+  std::vector<Primitive> primitives;
+  std::vector<Edge> edges;
+  v1::DetectSummary summary;
+};
+
 class Session;
 
 /// A connection to deformd. Thread-safe: any number of threads may call at once. All errors are deform::Error with the server's
@@ -88,6 +104,8 @@ class Client {
   std::vector<v1::GeometryInfo> list_geometries(const CallOptions& call = {});
   v1::DeleteGeometryReply delete_geometry(const v1::DeleteGeometryRequest& request, const CallOptions& call = {});
   Points get_points(const std::string& geometry_id, const CallOptions& call = {});
+
+  Detected detect(const v1::DetectRequest& request, const CallOptions& call = {});
 
   v1::EstimateReply estimate(const v1::Setup& setup, const CallOptions& call = {});
   v1::SystemInfo prepare(const v1::Setup& setup, const CallOptions& call = {},

@@ -57,6 +57,8 @@ v1::SystemInfo system_info(const SystemInfo& info, const v1::Setup& canonical, c
   message.set_deformable_points(info.deformable_points);
   message.set_constraint_points(info.constraint_points);
   message.set_centres(info.centres);
+  message.set_functions(info.functions);
+  message.set_cubature_points(info.cubature_points);
   message.set_merged_duplicates(info.merged_duplicates);
   message.set_polynomial_terms(static_cast<std::uint32_t>(info.polynomial_terms));
   message.set_affine_hull_dimension(static_cast<std::uint32_t>(info.affine_hull_dimension));

@@ -108,6 +108,12 @@ class Engine {
     CallStats stats;
   };
 
+  /// All replies of one detection, in order; each below 1 MiB.
+  using DetectReplies = std::shared_ptr<const std::vector<v1::DetectReply>>;
+  /// on_done is called exactly once.
+  virtual void detect(const v1::DetectRequest& request, const CallContext& call,
+                      std::function<void(Outcome<DetectReplies>)> on_done) = 0;
+
   virtual v1::EstimateReply estimate(const v1::EstimateRequest& request) = 0;
   /// on_progress may be empty; a last call of it may overlap with on_done. on_done is called exactly once.
   virtual void prepare(const v1::PrepareRequest& request, const CallContext& call,

@@ -164,7 +164,8 @@ EngineImpl::Recipe EngineImpl::recipe(const v1::Setup& setup) {
   Recipe recipe;
   const std::string geometry = store_.resolve_geometry(setup.geometry());
   v1::Setup chosen = setup;
-  if (setup.method().rbf().kernel() == v1::KERNEL_DEFAULT) {
+  const bool rbf = setup.method().has_rbf() || setup.method().kind_case() == v1::Method::KIND_NOT_SET;
+  if (rbf && setup.method().rbf().kernel() == v1::KERNEL_DEFAULT) {
     const v1::GeometryInfo info = store_.info(geometry);
     const bool flat = info.box_min_size() == 3 && info.box_min(2) == info.box_max(2);
     chosen.mutable_method()->mutable_rbf()->set_kernel(flat ? v1::THIN_PLATE : v1::TRIHARMONIC);

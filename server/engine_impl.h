@@ -27,6 +27,9 @@ class EngineImpl : public Engine {
   v1::DeleteGeometryReply delete_geometry(const v1::DeleteGeometryRequest& request) override;
   std::shared_ptr<const Points> get_points(const std::string& id) override;
 
+  void detect(const v1::DetectRequest& request, const CallContext& call,
+              std::function<void(Outcome<DetectReplies>)> on_done) override;
+
   v1::EstimateReply estimate(const v1::EstimateRequest& request) override;
   void prepare(const v1::PrepareRequest& request, const CallContext& call, std::function<void(const v1::Progress&)> on_progress,
                std::function<void(Outcome<v1::SystemInfo>)> on_done) override;

@@ -12,7 +12,7 @@
 
 namespace deform::server {
 
-/// A request with one answer that needs a prepared system: waits for the system, then computes on a worker. on_done is called
+/// A request with one answer: waits for its system, if it needs one, then computes on a worker. on_done is called
 /// exactly once, from a worker or the registry's thread, without a lock.
 template <typename T>
 class OutcomeCall : public Call {
@@ -23,7 +23,7 @@ class OutcomeCall : public Call {
     CallRegistry* calls;
   };
   struct Task {
-    std::string system_id;
+    std::string system_id;  ///< empty: none is needed, and compute() gets none
     SystemCache::Prepare prepare;
     std::function<void(const std::string& stage, double fraction)> on_progress;  ///< may be empty
     std::function<T(const SystemCache::Handle&, const RunContext&)> compute;
@@ -40,6 +40,7 @@ class OutcomeCall : public Call {
     if (const auto error = overdue(accepted_)) throw *error;
     place_ = parts_.scheduler->enter();
     parts_.calls->add(shared_from_this());
+    if (task_.system_id.empty()) return enqueue({});
     SystemCache::Asker asker;
     asker.on_progress = task_.on_progress;
     asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
@@ -82,8 +83,10 @@ class OutcomeCall : public Call {
       if (ended_) return;
       place_.leave();
       stats_.queue_ms = elapsed_ms(accepted_);
-      stats_.geometry_id = system->info.geometry_id();
-      stats_.points = system->info.points();
+      if (system) {
+        stats_.geometry_id = system->info.geometry_id();
+        stats_.points = system->info.points();
+      }
     }
     const auto from = RunContext::Clock::now();
     Engine::Outcome<T> outcome;

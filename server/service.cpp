@@ -32,7 +32,7 @@ using Rpc = v1::DeformService;
 using RawService =
     Stacked<Rpc::WithRawCallbackMethod_RegisterGeometry, Rpc::WithRawCallbackMethod_GetGeometry,
             Rpc::WithRawCallbackMethod_ListGeometries, Rpc::WithRawCallbackMethod_DeleteGeometry,
-            Rpc::WithRawCallbackMethod_GetPoints, Rpc::WithRawCallbackMethod_Estimate, Rpc::WithRawCallbackMethod_Prepare,
+            Rpc::WithRawCallbackMethod_GetPoints, Rpc::WithRawCallbackMethod_Detect, Rpc::WithRawCallbackMethod_Estimate, Rpc::WithRawCallbackMethod_Prepare,
             Rpc::WithRawCallbackMethod_GetSystem, Rpc::WithRawCallbackMethod_ListSystems,
             Rpc::WithRawCallbackMethod_ReleaseSystem, Rpc::WithRawCallbackMethod_Deform, Rpc::WithRawCallbackMethod_DeformStream,
             Rpc::WithRawCallbackMethod_JacobianVector, Rpc::WithRawCallbackMethod_VectorJacobian,
@@ -112,6 +112,10 @@ class DeformService::Methods final : public RawService {
 
   grpc::ServerWriteReactor<Bytes>* GetPoints(Context* context, const Bytes* bytes) override {
     return ReplyStream::launch(std::make_shared<PointsCall>(engine_, incoming(context), bytes), pool_);
+  }
+
+  grpc::ServerWriteReactor<Bytes>* Detect(Context* context, const Bytes* bytes) override {
+    return ReplyStream::launch(std::make_shared<DetectCall>(engine_, incoming(context), bytes), pool_);
   }
 
   grpc::ServerUnaryReactor* Estimate(Context* context, const Bytes* bytes, Bytes* reply) override {

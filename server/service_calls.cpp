@@ -139,6 +139,48 @@ PrepareCall::Next PrepareCall::next(grpc::ByteBuffer& reply) {
   return Next::write;
 }
 
+// ---- DetectCall ----
+
+DetectCall::DetectCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request)
+    : ReplyStream("Detect", incoming), engine_(engine), request_(request) {}
+
+void DetectCall::begin() {
+  scope_.check();
+  v1::DetectRequest request;
+  parse(*request_, request);
+  scope_.record.messages_in = 1;
+  scope_.record.bytes_in = request_->Length();
+  scope_.record.geometry = request.geometry_id();
+  const std::weak_ptr<DetectCall> weak = std::static_pointer_cast<DetectCall>(shared_from_this());
+  engine_.detect(request, scope_.call(), [weak](Engine::Outcome<Engine::DetectReplies> outcome) {
+    if (const auto self = weak.lock()) self->note_outcome(std::move(outcome));
+  });
+}
+
+void DetectCall::note_outcome(Engine::Outcome<Engine::DetectReplies> outcome) {
+  {
+    const std::lock_guard lock(news_mutex_);
+    outcome_ = std::move(outcome);
+  }
+  wake();
+}
+
+DetectCall::Next DetectCall::next(grpc::ByteBuffer& reply) {
+  if (!replies_) {
+    const std::lock_guard lock(news_mutex_);
+    if (!outcome_) return Next::wait;
+    note_stats(outcome_->stats, scope_.record);
+    if (outcome_->error) throw *outcome_->error;
+    if (!outcome_->value || !*outcome_->value) {
+      throw Error(ErrorCode::internal, "the detection ended with neither replies nor an error");
+    }
+    replies_ = *outcome_->value;
+  }
+  if (sent_ == replies_->size()) return Next::end;
+  reply = serialized((*replies_)[sent_++]);
+  return Next::write;
+}
+
 // ---- PointsCall ----
 
 PointsCall::PointsCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request)

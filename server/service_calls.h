@@ -56,6 +56,26 @@ class PrepareCall : public ReplyStream {
   bool told_ = false;
 };
 
+/// Detect: all replies once they are there.
+class DetectCall : public ReplyStream {
+ public:
+  DetectCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request);
+
+ private:
+  void begin() override;
+  Next next(grpc::ByteBuffer& reply) override;
+  void stop() noexcept override {}  // the cancel flag has been set
+  void note_outcome(Engine::Outcome<Engine::DetectReplies> outcome);
+
+  Engine& engine_;
+  const grpc::ByteBuffer* const request_;
+  std::mutex news_mutex_;
+  std::optional<Engine::Outcome<Engine::DetectReplies>> outcome_;  // under news_mutex_
+  // of whoever is working
+  Engine::DetectReplies replies_;
+  std::size_t sent_ = 0;
+};
+
 /// GetPoints.
 class PointsCall : public ReplyStream {
  public:

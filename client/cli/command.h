@@ -33,6 +33,7 @@ void add_sample_command(CLI::App& app, const CommonOptions& common, Action& chos
 void add_inspect_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_quality_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_register_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_prepare_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_sweep_command(CLI::App& app, const CommonOptions& common, Action& chosen);

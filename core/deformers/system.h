@@ -53,7 +53,8 @@ struct SystemInfo {
   std::size_t points = 0;
   std::size_t fixed_points = 0, handle_points = 0, deformable_points = 0;
   std::size_t constraint_points = 0;  ///< handle and fixed points: candidate centres
-  /// RBF: after reduction and merging of coincident ones; of incremental QR those it chose. Shell: held points that enter the system. Subspace and MLS: samples.
+  /// RBF: after reduction and merging of coincident ones; of incremental QR those it chose. Shell: held points that enter the
+  /// system. Subspace and MLS: samples.
   std::size_t centres = 0;
   std::size_t functions = 0;        ///< unknowns per coordinate of an energy method
   std::size_t cubature_points = 0;  ///< at which its energies are integrated; 0 on the faces of the mesh

@@ -170,6 +170,11 @@ std::shared_ptr<const Points> FakeEngine::get_points(const std::string&) {
   return points;
 }
 
+void FakeEngine::detect(const v1::DetectRequest& request, const CallContext& call,
+                        std::function<void(Outcome<DetectReplies>)> on_done) {
+  on_detect(request, call, std::move(on_done));
+}
+
 v1::EstimateReply FakeEngine::estimate(const v1::EstimateRequest& request) {
   v1::EstimateReply reply;
   reply.set_system_id("of " + request.setup().geometry());

@@ -67,6 +67,7 @@ class FakeEngine : public server::Engine {
   std::function<void(const v1::PrepareRequest&, const server::CallContext&, std::function<void(const v1::Progress&)>,
                      std::function<void(Outcome<v1::SystemInfo>)>)>
       on_prepare;
+  std::function<void(const v1::DetectRequest&, const server::CallContext&, std::function<void(Outcome<DetectReplies>)>)> on_detect;
   std::function<void(Points, const server::CallContext&, std::function<void(Outcome<v1::VectorJacobianReply>)>)>
       on_vector_jacobian;
   std::optional<Error> deform_error;
@@ -86,6 +87,8 @@ class FakeEngine : public server::Engine {
   v1::ListGeometriesReply list_geometries(const v1::ListGeometriesRequest& request) override;
   v1::DeleteGeometryReply delete_geometry(const v1::DeleteGeometryRequest& request) override;
   std::shared_ptr<const Points> get_points(const std::string& id) override;
+  void detect(const v1::DetectRequest& request, const server::CallContext& call,
+              std::function<void(Outcome<DetectReplies>)> on_done) override;
   v1::EstimateReply estimate(const v1::EstimateRequest& request) override;
   void prepare(const v1::PrepareRequest& request, const server::CallContext& call,
                std::function<void(const v1::Progress&)> on_progress,

@@ -1,0 +1,17 @@
+#pragma once
+
+#include <string>
+
+#include "core/deformers/setup.h"
+#include "deform/v1/setup.pb.h"
+
+namespace deform::server {
+
+/// Throws Error(invalid_argument) with the path of the field, see convert_setup.h. The numbers of regions and points and the values
+/// of bounds are checked where the mesh is known.
+Constraint constraint_from_proto(const v1::Constraint& message, const std::string& path);
+
+/// Fills in defaults; see canonical_setup().
+void canonicalize_constraint(v1::Constraint& message);
+
+}  // namespace deform::server
