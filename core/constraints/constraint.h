@@ -26,7 +26,8 @@ enum class Size { free, kept };  ///< kept: as fitted to the points at rest
 
 enum class Bound { equal, minimum, maximum };
 
-// The kinds of geometric constraints (thesis 8.5.2 and relations between regions). One region each unless another number is given.
+// The kinds of geometric constraints (thesis 8.5.2 and relations between regions). One region each unless another number is
+// given.
 
 /// All points in one plane, wherever it is. At least 4 points.
 struct Planar {};
@@ -56,8 +57,8 @@ struct Rigid {};
 struct FixedPlane {
   Vec3 point{}, normal{};  ///< the normal need not be of unit length
 };
-/// One region that is its own mirror image, or two that are each other's, in a plane that moves along. Which points belong together
-/// is found at rest: every point needs exactly one partner (or itself) within `tolerance`. At least 3 points.
+/// One region that is its own mirror image, or two that are each other's, in a plane that moves along. Which points belong
+/// together is found at rest: every point needs exactly one partner (or itself) within `tolerance`. At least 3 points.
 struct Symmetric {
   struct Plane {
     Vec3 point{}, normal{};

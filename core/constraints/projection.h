@@ -45,8 +45,8 @@ class Projection {
   /// input (coincident or collinear points) projects on some nearest configuration and is reported by the residual.
   virtual double project(std::span<const Vec3> x, std::span<Vec3> out, ShapeParameters& shape) const = 0;
 
-  /// out = derivative of the projection at x, where project() left `shape`, applied to dx. A projection is the gradient of a function, so
-  /// its derivative is symmetric: this serves forward and backward.
+  /// out = derivative of the projection at x, where project() left `shape`, applied to dx. A projection is the gradient of a
+  /// function, so its derivative is symmetric: this serves forward and backward.
   virtual void derivative(std::span<const Vec3> x, const ShapeParameters& shape, std::span<const Vec3> dx,
                           std::span<Vec3> out) const = 0;
 

@@ -2,6 +2,7 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/deformers/energy_system.h"
 #include "core/deformers/rbf.h"
 
 namespace deform {
@@ -36,19 +37,26 @@ std::vector<Points> System::evaluate(std::span<const Design> designs, Evaluation
   return result;
 }
 
-Estimate estimate(const Mesh& mesh, const Setup& setup) { return estimate_rbf(mesh, setup); }
+Estimate estimate(const Mesh& mesh, const Setup& setup) {
+  return std::holds_alternative<RbfOptions>(setup.method) ? estimate_rbf(mesh, setup) : estimate_energy(mesh, setup);
+}
 
 std::shared_ptr<const System> prepare(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context,
                                       std::size_t memory_budget) {
   if (memory_budget != 0) {
     const Estimate expected = estimate(*mesh, setup);
     if (expected.peak_bytes > memory_budget) {
+      const bool rbf = std::holds_alternative<RbfOptions>(setup.method);
       throw Error(ErrorCode::out_of_budget,
                   "preparing needs up to " + gibibytes(expected.peak_bytes) + " (" + std::to_string(expected.centres) +
-                      " centres: factor " + gibibytes(expected.factor_bytes) + ", basis " + gibibytes(expected.basis_bytes) +
-                      "), available are " + gibibytes(memory_budget) +
-                      "; use solver ITERATIVE, smaller handle and fixed regions, fewer handles or basis BASIS_NEVER");
+                      (rbf ? " centres: factor " : " centres or held points: factor ") + gibibytes(expected.factor_bytes) +
+                      ", basis " + gibibytes(expected.basis_bytes) + "), available are " + gibibytes(memory_budget) +
+                      (rbf ? "; use solver ITERATIVE, smaller handle and fixed regions, fewer handles or basis BASIS_NEVER"
+                           : "; use a larger fixed region, fewer samples, fewer handles or basis BASIS_NEVER"));
     }
+  }
+  if (!std::holds_alternative<RbfOptions>(setup.method)) {
+    return std::make_shared<const EnergySystem>(std::move(mesh), setup, context, memory_budget);
   }
   return std::make_shared<const RbfSystem>(std::move(mesh), setup, context, memory_budget);
 }

@@ -49,7 +49,10 @@ struct SystemInfo {
   std::size_t points = 0;
   std::size_t fixed_points = 0, handle_points = 0, deformable_points = 0;
   std::size_t constraint_points = 0;  ///< handle and fixed points: candidate centres
-  std::size_t centres = 0;            ///< after reduction and merging of coincident ones
+  /// RBF: after reduction and merging of coincident ones. Shell: held points that enter the system. Subspace and MLS: samples.
+  std::size_t centres = 0;
+  std::size_t functions = 0;        ///< unknowns per coordinate of an energy method
+  std::size_t cubature_points = 0;  ///< at which its energies are integrated; 0 on the faces of the mesh
   std::size_t merged_duplicates = 0;
   std::size_t polynomial_terms = 0;
   int affine_hull_dimension = 3;  ///< of the centres: 0 point, 1 line, 2 plane, 3 space

@@ -1,0 +1,126 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "core/constraints/fitting.h"
+#include "core/constraints/projection.h"
+
+namespace deform {
+
+/// The projection on a fitted shape. A Model has
+///   static constexpr int rows, sizes          residuals per point and parameters besides the motion of the frame
+///   std::string_view kind() const
+///   const std::vector<int>& active() const    parameters that change the shape and are free, ascending
+///   void residual(i, y, sizes, LocalResidual&) const
+///   Fit<sizes> fitted(x, const Fit<sizes>* last) const    the least-squares fit; `last` is where an earlier one ended, or null
+/// The shape parameters are those of Fit::packed().
+template <class Model>
+class FittedProjection final : public Projection {
+ public:
+  FittedProjection(Model model, std::size_t points) : model_(std::move(model)), points_(points) {}
+
+  std::string_view kind() const override { return model_.kind(); }
+  std::size_t point_count() const override { return points_; }
+
+  double project(std::span<const Vec3> x, std::span<Vec3> out, ShapeParameters& shape) const override {
+    const bool warm = shape.size() == FitType::length;
+    const FitType last = warm ? FitType::unpacked(shape) : FitType{};
+    const FitType fit = model_.fitted(x, warm ? &last : nullptr);
+    shape = fit.packed();
+    double energy = 0;
+    LocalType local;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      model_.residual(i, fit.frame.local(x[i]), fit.size, local);
+      const Eigen::Vector3d away = fit.frame.axes * (local.gradient.template leftCols<3>().transpose() * local.value);
+      out[i] = to_vec3(to_eigen(x[i]) - away);
+      energy += local.value.squaredNorm();
+    }
+    return energy;
+  }
+
+  void derivative(std::span<const Vec3> x, const ShapeParameters& shape, std::span<const Vec3> dx,
+                  std::span<Vec3> out) const override {
+    const FitType fit = FitType::unpacked(shape);
+    const std::vector<int>& active = model_.active();
+    const FitDerivatives<Model::sizes> at = fit_derivatives(model_, {x}, fit);
+    const Eigen::MatrixXd gauss_newton = at.gauss_newton(active, active);
+    const Eigen::MatrixXd H = gauss_newton + at.curvature(active, active);
+    const double points = std::sqrt(static_cast<double>(x.size()));
+    const Eigen::VectorXd scale = residual_scale(gauss_newton, natural_scale(active, points, spread({x}).reach()));
+    Parameters right = Parameters::Zero();
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      const Second second = second_derivatives(i, x[i], fit);
+      right.noalias() += second.xq.transpose() * to_eigen(dx[i]);
+    }
+    Parameters turn = Parameters::Zero();
+    turn(active) = scaled_inverse(H, scale, 1e-13) * right(active);
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      const Second second = second_derivatives(i, x[i], fit);
+      const Eigen::Vector3d d = to_eigen(dx[i]);
+      out[i] = to_vec3(d - second.xx * d + second.xq * turn);
+    }
+  }
+
+  Linearization linearize(std::span<const Vec3> x, const ShapeParameters& shape) const override {
+    const FitType fit = FitType::unpacked(shape);
+    const std::vector<int>& active = model_.active();
+    const auto columns = static_cast<Eigen::Index>(active.size());
+    Linearization result;
+    result.rows_per_point = Model::rows;
+    result.normals.resize(Model::rows * x.size());
+    result.residual.resize(static_cast<Eigen::Index>(result.normals.size()));
+    result.parameters.resize(result.residual.size(), columns);
+    LocalType local;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      const Eigen::Vector3d y = fit.frame.local(x[i]);
+      model_.residual(i, y, fit.size, local);
+      const Eigen::Matrix<double, Model::rows, motions + Model::sizes> J = local.gradient * chart<Model::sizes>(y);
+      for (int s = 0; s < Model::rows; ++s) {
+        const std::size_t row = i * Model::rows + static_cast<std::size_t>(s);
+        result.normals[row] = to_vec3(fit.frame.axes * local.gradient.row(s).template head<3>().transpose());
+        result.residual[static_cast<Eigen::Index>(row)] = local.value[s];
+        for (Eigen::Index k = 0; k < columns; ++k) {
+          result.parameters(static_cast<Eigen::Index>(row), k) = J(s, active[static_cast<std::size_t>(k)]);
+        }
+      }
+    }
+    return result;
+  }
+
+ private:
+  using FitType = Fit<Model::sizes>;
+  using LocalType = LocalResidual<Model::rows, Model::sizes>;
+  using Parameters = Eigen::Matrix<double, motions + Model::sizes, 1>;
+
+  /// Of half the squared distance of one point.
+  struct Second {
+    Eigen::Matrix3d xx;
+    Eigen::Matrix<double, 3, motions + Model::sizes> xq;
+  };
+
+  Second second_derivatives(std::size_t i, const Vec3& x, const FitType& fit) const {
+    LocalType local;
+    const Eigen::Vector3d y = fit.frame.local(x);
+    model_.residual(i, y, fit.size, local);
+    const auto gradient_y = local.gradient.template leftCols<3>();
+    const Eigen::Vector3d g = gradient_y.transpose() * local.value;
+    const Eigen::Matrix<double, 3, 3 + Model::sizes> rows =
+        gradient_y.transpose() * local.gradient + local.curvature.template topRows<3>();
+    Second second;
+    second.xq = rows * chart<Model::sizes>(y);
+    // The normal turns with the shape: e_w x g.
+    second.xq.template block<3, 3>(0, about_x) -= cross_matrix(g);
+    second.xq = (fit.frame.axes * second.xq).eval();
+    second.xx = fit.frame.axes * rows.template leftCols<3>() * fit.frame.axes.transpose();
+    return second;
+  }
+
+  Model model_;
+  std::size_t points_;
+};
+
+}  // namespace deform

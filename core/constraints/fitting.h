@@ -1,0 +1,272 @@
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "core/base/types.h"
+#include "core/constraints/projection.h"
+
+// Least-squares fits of a shape that moves with a frame: what all fitted projections share.
+//
+// A shape is known by its residuals in its own frame: of point i at y = axes^T (x - origin) they are r(y, sizes), their gradients
+// with respect to y orthonormal, so that sum r^2 is the squared distance from the shape. Everything else follows: moving the
+// shape by a small motion (v, w) takes y to exp(-w)(y - v), which gives the derivatives with respect to position and orientation.
+// The energy F(x, q) = 1/2 sum r^2 at its minimum over q = (motion, sizes) has the gradient x - P(x), and its Hessian gives the
+// derivative of the projection, P' = I - F_xx + F_xq F_qq^-1 F_qx (implicit function theorem on F_q = 0).
+
+namespace deform {
+
+inline Eigen::Vector3d to_eigen(const Vec3& v) { return {v[0], v[1], v[2]}; }
+inline Vec3 to_vec3(const Eigen::Vector3d& v) { return {v[0], v[1], v[2]}; }
+
+/// A right-handed orthonormal frame.
+struct Frame {
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d axes = Eigen::Matrix3d::Identity();  ///< columns
+
+  Eigen::Vector3d local(const Vec3& x) const { return axes.transpose() * (to_eigen(x) - origin); }
+  /// Moved by v and then turned by the rotation vector w, both in the frame's own axes.
+  Frame moved(const Eigen::Vector3d& v, const Eigen::Vector3d& w) const;
+};
+
+/// Parameters 0..5 of every shape: along and about the axes of its frame. Sizes follow.
+enum Motion : int { along_x, along_y, along_z, about_x, about_y, about_z, motions };
+
+inline Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d M;
+  M << 0, -v[2], v[1], v[2], 0, -v[0], -v[1], v[0], 0;
+  return M;
+}
+
+/// The residuals of one point in the frame of the shape.
+template <int rows, int sizes>
+struct LocalResidual {
+  Eigen::Matrix<double, rows, 1> value;
+  Eigen::Matrix<double, rows, 3 + sizes> gradient;        ///< with respect to (y, sizes)
+  Eigen::Matrix<double, 3 + sizes, 3 + sizes> curvature;  ///< sum over the rows of value * second derivatives
+};
+
+/// A fitted shape.
+template <int sizes>
+struct Fit {
+  Frame frame;
+  Eigen::Matrix<double, sizes, 1> size = Eigen::Matrix<double, sizes, 1>::Zero();
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();  ///< of the points that it was fitted to: a later fit starts where they are
+  double energy = 0;                               ///< sum of squared residuals
+
+  static constexpr std::size_t length = 15 + sizes;
+
+  ShapeParameters packed() const {
+    ShapeParameters all(length);
+    Eigen::Map<Eigen::Vector3d>(all.data()) = mean;
+    Eigen::Map<Eigen::Vector3d>(all.data() + 3) = frame.origin;
+    Eigen::Map<Eigen::Matrix3d>(all.data() + 6) = frame.axes;
+    for (int k = 0; k < sizes; ++k) all[15 + static_cast<std::size_t>(k)] = size[k];
+    return all;
+  }
+  static Fit unpacked(const ShapeParameters& all) {
+    Fit fit;
+    fit.mean = Eigen::Map<const Eigen::Vector3d>(all.data());
+    fit.frame.origin = Eigen::Map<const Eigen::Vector3d>(all.data() + 3);
+    fit.frame.axes = Eigen::Map<const Eigen::Matrix3d>(all.data() + 6);
+    for (int k = 0; k < sizes; ++k) fit.size[k] = all[15 + static_cast<std::size_t>(k)];
+    return fit;
+  }
+};
+
+/// Points 0, stride, 2 stride, ... of a set.
+struct PointSample {
+  std::span<const Vec3> x;
+  std::size_t stride = 1;
+};
+
+/// Mean and root mean square distance from it.
+struct Spread {
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  double radius = 0;
+
+  /// For scaling: never so small that its powers vanish.
+  double reach() const { return std::max({radius, 1e-14 * mean.norm(), 1e-60}); }
+};
+Spread spread(const PointSample& sample);
+
+/// Inverse of a symmetric matrix on the directions that it says something about: variables scaled by `scale`, eigenvalues up to
+/// `cut` times the largest taken for zero.
+Eigen::MatrixXd scaled_inverse(const Eigen::MatrixXd& H, const Eigen::VectorXd& scale, double cut);
+
+/// Energy and its derivatives with respect to all parameters (motions, then sizes).
+template <int sizes>
+struct FitDerivatives {
+  static constexpr int count = motions + sizes;
+  using Vector = Eigen::Matrix<double, count, 1>;
+  using Matrix = Eigen::Matrix<double, count, count>;
+
+  double energy = 0;  ///< sum r^2, so twice F
+  Vector gradient = Vector::Zero();
+  Matrix gauss_newton = Matrix::Zero();  ///< J^T J
+  Matrix curvature = Matrix::Zero();     ///< F_qq - J^T J
+
+  void add(const FitDerivatives& other) {
+    energy += other.energy;
+    gradient += other.gradient;
+    gauss_newton += other.gauss_newton;
+    curvature += other.curvature;
+  }
+};
+
+/// Derivatives of y and the sizes with respect to all parameters.
+template <int sizes>
+Eigen::Matrix<double, 3 + sizes, motions + sizes> chart(const Eigen::Vector3d& y) {
+  Eigen::Matrix<double, 3 + sizes, motions + sizes> Y = Eigen::Matrix<double, 3 + sizes, motions + sizes>::Zero();
+  Y.template block<3, 3>(0, 0) = -Eigen::Matrix3d::Identity();
+  Y.template block<3, 3>(0, 3) = cross_matrix(y);
+  for (int k = 0; k < sizes; ++k) Y(3 + k, motions + k) = 1;
+  return Y;
+}
+
+/// The share of the curvature that comes from y depending on the motion to second order: g . d^2 y / dq^2 with g = sum r grad_y
+/// r.
+void add_chart_curvature(const Eigen::Vector3d& g, const Eigen::Vector3d& y,
+                         Eigen::Ref<Eigen::Matrix<double, motions, motions>> H);
+
+template <class Model>
+FitDerivatives<Model::sizes> fit_derivatives(const Model& model, const PointSample& sample, const Fit<Model::sizes>& fit) {
+  constexpr int sizes = Model::sizes;
+  constexpr std::size_t block = 256;  // sums of sums lose fewer digits
+  FitDerivatives<sizes> total, part;
+  LocalResidual<Model::rows, sizes> local;
+  std::size_t in_part = 0;
+  for (std::size_t i = 0; i < sample.x.size(); i += sample.stride) {
+    const Eigen::Vector3d y = fit.frame.local(sample.x[i]);
+    model.residual(i, y, fit.size, local);
+    const auto Y = chart<sizes>(y);
+    const Eigen::Matrix<double, Model::rows, motions + sizes> J = local.gradient * Y;
+    const Eigen::Vector3d g = local.gradient.template leftCols<3>().transpose() * local.value;
+    part.energy += local.value.squaredNorm();
+    part.gradient.noalias() += J.transpose() * local.value;
+    part.gauss_newton.noalias() += J.transpose() * J;
+    part.curvature.noalias() += Y.transpose() * local.curvature * Y;
+    add_chart_curvature(g, y, part.curvature.template topLeftCorner<motions, motions>());
+    if (++in_part == block) {
+      total.add(part);
+      part = {};
+      in_part = 0;
+    }
+  }
+  total.add(part);
+  return total;
+}
+
+template <class Model>
+double fit_energy(const Model& model, const PointSample& sample, const Fit<Model::sizes>& fit) {
+  double energy = 0;
+  LocalResidual<Model::rows, Model::sizes> local;
+  for (std::size_t i = 0; i < sample.x.size(); i += sample.stride) {
+    model.residual(i, fit.frame.local(sample.x[i]), fit.size, local);
+    energy += local.value.squaredNorm();
+  }
+  return energy;
+}
+
+/// How far a unit of each active parameter moves the points (root of the sum of squares), for points about `radius` from the
+/// origin of the frame: what makes parameters of different units comparable where the residuals do not.
+Eigen::VectorXd natural_scale(const std::vector<int>& active, double points, double radius);
+
+/// The same for the residuals, at least 1e-6 of the natural one.
+Eigen::VectorXd residual_scale(const Eigen::MatrixXd& gauss_newton, const Eigen::VectorXd& natural);
+
+/// A step of the damped Newton method in the scaled parameters; Gauss-Newton where the Hessian is not positive.
+struct StepRequest {
+  const Eigen::MatrixXd& newton;
+  const Eigen::MatrixXd& gauss_newton;
+  const Eigen::VectorXd& gradient;
+  const Eigen::VectorXd& scale;
+  double damping = 0;
+};
+Eigen::VectorXd damped_step(const StepRequest& request);
+
+template <int sizes>
+Fit<sizes> stepped(const Fit<sizes>& fit, const std::vector<int>& active, const Eigen::VectorXd& step) {
+  Eigen::Matrix<double, motions + sizes, 1> q = Eigen::Matrix<double, motions + sizes, 1>::Zero();
+  for (std::size_t k = 0; k < active.size(); ++k) q[active[k]] = step[static_cast<Eigen::Index>(k)];
+  const double angle = q.template segment<3>(about_x).norm();
+  if (angle > 0.5) q *= 0.5 / angle;
+  Fit<sizes> moved = fit;
+  moved.frame = fit.frame.moved(q.template segment<3>(along_x), q.template segment<3>(about_x));
+  moved.size += q.template tail<sizes>();
+  return moved;
+}
+
+/// The nearest local minimum of the energy from `start` over the parameters in `active`: Levenberg-Marquardt with the full
+/// Hessian where it is positive, so that it converges quadratically whatever the residual. Ends where rounding does not allow a
+/// better one. The same input gives the same bits.
+template <class Model>
+Fit<Model::sizes> minimized(const Model& model, const PointSample& sample, const Fit<Model::sizes>& start, int steps = 200) {
+  const std::vector<int>& active = model.active();
+  const Spread size = spread(sample);
+  const double points = std::sqrt(static_cast<double>((sample.x.size() + sample.stride - 1) / sample.stride));
+  const double reach = points * size.reach();
+  const Eigen::VectorXd natural = natural_scale(active, points, size.reach());
+  const double rounding = 1e-31 * reach * reach;
+  Fit<Model::sizes> fit = start;
+  fit.mean = size.mean;
+  FitDerivatives<Model::sizes> at = fit_derivatives(model, sample, fit);
+  double damping = 0, last = 1e300;
+  for (int step = 0; step < steps; ++step) {
+    const Eigen::MatrixXd gauss_newton = at.gauss_newton(active, active);
+    const Eigen::MatrixXd newton = gauss_newton + at.curvature(active, active);
+    const Eigen::VectorXd gradient = at.gradient(active);
+    const Eigen::VectorXd scale = residual_scale(gauss_newton, natural);
+    const Eigen::VectorXd move = damped_step({newton, gauss_newton, gradient, scale, damping});
+    const double length = scale.cwiseProduct(move).norm();
+    // Below this a step only follows the rounding errors of the sums.
+    if (!(length > 1e-15 * reach) || (length < 1e-9 * reach && length > 0.5 * last && damping < 1e-6)) break;
+    const Fit<Model::sizes> next = stepped(fit, active, move);
+    const FitDerivatives<Model::sizes> there = fit_derivatives(model, sample, next);
+    if (there.energy <= at.energy * (1 + 1e-13) + rounding) {
+      fit = next;
+      at = there;
+      last = length;
+      damping = damping < 1e-9 ? 0 : damping * 0.1;
+    } else {
+      damping = damping == 0 ? 1e-3 : damping * 10;
+      if (damping > 1e12) break;
+    }
+  }
+  fit.energy = at.energy;
+  return fit;
+}
+
+/// The best of the minima that are reached from several starts. Large sets are searched on a sample first.
+template <class Model>
+Fit<Model::sizes> best_minimum(const Model& model, std::span<const Vec3> x, const std::vector<Fit<Model::sizes>>& starts) {
+  constexpr std::size_t sample_size = 1000;
+  const PointSample sample{x, std::max<std::size_t>(1, x.size() / sample_size)};
+  std::vector<Fit<Model::sizes>> found;
+  for (const auto& start : starts) found.push_back(minimized(model, sample, start, 60));
+  std::stable_sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.energy < b.energy; });
+  Fit<Model::sizes> best = minimized(model, {x}, found.front());
+  for (std::size_t k = 1; k < std::min<std::size_t>(found.size(), 3) && sample.stride > 1; ++k) {
+    // Another minimum, not the same one again, and nearly as good on the sample.
+    if (found[k].energy < found[0].energy * (1 + 1e-6) || found[k].energy > 1.5 * found[0].energy) continue;
+    const Fit<Model::sizes> other = minimized(model, {x}, found[k]);
+    if (other.energy < best.energy) best = other;
+  }
+  return best;
+}
+
+/// From where the points were when `last` was fitted.
+template <class Model>
+Fit<Model::sizes> refitted(const Model& model, std::span<const Vec3> x, Fit<Model::sizes> last) {
+  last.frame.origin += spread({x}).mean - last.mean;
+  return minimized(model, {x}, last);
+}
+
+}  // namespace deform

@@ -1,0 +1,94 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <vector>
+
+#include "core/deformers/energy_solver.h"
+#include "core/deformers/field_tiles.h"
+#include "core/deformers/handle_motion.h"
+#include "core/deformers/residual_correction.h"
+#include "core/deformers/shell.h"
+#include "core/deformers/system.h"
+
+namespace deform {
+
+/// What the options of all energy methods have in common.
+struct EnergyOptions {
+  HandleMode handles = HandleMode::hard;
+  double fixing = 1000;
+  BasisMode basis = BasisMode::automatic;
+};
+EnergyOptions energy_options(const Setup& setup);
+
+/// The space of a method other than RBF and its held points.
+EnergyModel energy_model(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                         const std::vector<RegionIndex>& region_of, const UnitBox& box, const RunContext& context);
+
+/// The deformation of least energy over an energy space (thesis 3.1, 8.2 to 8.4): one sparse factorization, then designs. What
+/// differs from System:
+///  - Hard handles: held points are set exactly, as for RBF. The shell eliminates them. Other spaces cannot meet every prescribed
+///    displacement; what they leave is interpolated and added (ResidualCorrection). report().interpolation_residual is the
+///    largest remaining misfit, at up to 256 held points (an upper bound on the basis path); 0 for the shell.
+///  - Soft handles (thesis 8.8): held points follow the solution as all others do, each handle and the fixed points with weight
+///    `fixing` for the mean square of their misfit; interpolation_residual is the largest misfit.
+/// Coincident held points may go to different places with the shell (a crack opens), not with the others.
+class EnergySystem : public System {
+ public:
+  EnergySystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context, std::size_t memory_budget);
+
+  const SystemInfo& info() const override { return info_; }
+  std::unique_ptr<const Evaluation> bind(std::span<const Design> designs, EvaluationPath path,
+                                         const RunContext& context) const override;
+  Points jacobian_vector(std::span<const double> variables, std::span<const double> direction,
+                         const RunContext& context) const override;
+  std::vector<double> vector_jacobian(std::span<const double> variables, const Points& cotangent,
+                                      const RunContext& context) const override;
+
+ private:
+  friend class EnergyEvaluation;
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+  /// Fields over the whole mesh, in the units of what they were made from.
+  struct Solution {
+    RowMajor w;                   ///< k x c
+    RowMajor correction;          ///< rows x c, or empty
+    std::vector<double> misfits;  ///< c: largest |value - prescribed| at the samples of the held points
+  };
+
+  HeldPoints held() const { return {*mesh_, setup_, regions_, region_of_, rank_of_, coincident_, info_.diagonal}; }
+  void place_points();
+  void prepare_solver(const RunContext& context, std::size_t memory_budget);
+  void prepare_basis(const RunContext& context, std::size_t memory_budget);
+  void fill_info();
+  Eigen::MatrixXd handle_fields(std::size_t handle) const;
+  Solution solve(const Eigen::MatrixXd& h, const RunContext& context) const;
+  Eigen::MatrixXd misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w) const;
+  void measure(const Eigen::MatrixXd& h, Solution& solution) const;
+  /// out[c][16] = values of a solution at a tile of the following points.
+  void fill_tile(const Solution& solution, std::size_t tile, double* out) const;
+  std::vector<double> pull_back(const Points& cotangent, const RunContext& context) const;
+  bool exact() const { return options_.handles == HandleMode::hard; }
+
+  std::shared_ptr<const Mesh> mesh_;
+  Setup setup_;
+  EnergyOptions options_;
+  SelectedRegions regions_;
+  std::vector<RegionIndex> region_of_;            ///< n
+  std::vector<std::uint32_t> rank_of_;            ///< n: position of a handle point among the points of its handle
+  std::vector<std::vector<PointId>> coincident_;  ///< held points; empty for the shell
+  UnitBox box_;                                   ///< its scale is D
+  std::vector<HandleFrame> frames_;
+  EnergyModel model_;
+  std::unique_ptr<const EnergySolver> solver_;
+  std::unique_ptr<const ResidualCorrection> correction_;  ///< null for the shell and soft handles
+  std::vector<PointId> following_;                        ///< ascending: points that the solution moves
+  TiledPoints following_places_;                          ///< unit coordinates; only with a correction
+  std::unique_ptr<const FieldTiles> basis_;               ///< null without one
+  std::vector<double> basis_misfits_;                     ///< per field
+  SystemInfo info_;
+};
+
+Estimate estimate_energy(const Mesh& mesh, const Setup& setup);
+
+}  // namespace deform

@@ -1,0 +1,171 @@
+// Circles, cylinders and spheres: geometric fits with free and with kept radius.
+#include <cmath>
+
+#include "core/constraints/circle.h"
+#include "core/constraints/cylinder.h"
+#include "core/constraints/sphere.h"
+#include "tests/core/constraints/projection_checks.h"
+
+namespace deform {
+namespace {
+
+using namespace test;
+
+constexpr double degree = M_PI / 180;
+
+Points arc(double radius, double angle, int count) {
+  Points points;
+  for (int i = 0; i < count; ++i) {
+    const double t = angle * i / count;
+    points.push_back({radius * std::cos(t), radius * std::sin(t), 0});
+  }
+  return moved(points, tilted());
+}
+
+Points tube(double radius, double angle, double length, int around = 12, int along = 7) {
+  Points points;
+  for (int j = 0; j < along; ++j) {
+    for (int i = 0; i < around; ++i) {
+      const double t = angle * (i + 0.1 * j) / around;
+      points.push_back({radius * std::cos(t), radius * std::sin(t), length * j / along});
+    }
+  }
+  return moved(points, tilted());
+}
+
+Points ball(double radius, double angle, int count = 80) {
+  Points points;
+  for (int i = 0; i < count; ++i) {
+    const double z = 1 - (1 - std::cos(angle)) * (i + 0.5) / count, r = std::sqrt(1 - z * z);
+    points.push_back({radius * r * std::cos(2.4 * i), radius * r * std::sin(2.4 * i), radius * z});
+  }
+  return moved(points, tilted());
+}
+
+double mean_distance(const Points& x, const Vec3& centre) {
+  double sum = 0;
+  for (const Vec3& p : x) sum += std::hypot(p[0] - centre[0], p[1] - centre[1], p[2] - centre[2]);
+  return sum / static_cast<double>(x.size());
+}
+
+TEST(Circle, IsTheProjection) {
+  for (const double angle : {360.0, 180.0, 60.0}) {
+    SCOPED_TRACE(angle);
+    expect_projection(*circle_projection(40), arc(0.3, angle * degree, 40), 0.003);
+  }
+}
+
+TEST(Circle, ShortArcs) {
+  // 20 degrees: the sagitta is 1.5 % of the radius. Noise well below it.
+  expect_projection(*circle_projection(40), arc(0.5, 20 * degree, 40), 2e-4);
+  EXPECT_NEAR(circle_curvature(arc(0.5, 20 * degree, 40)), 2, 1e-9);
+}
+
+TEST(Circle, PlaneAndCircleTogether) {
+  // Noise out of the plane and in it of the size of the radius: a circle in the plane that fits best is not the nearest circle.
+  const Points x = noisy(arc(0.3, 2 * M_PI, 15), 0.1, 21);
+  const auto circle = circle_projection(15);
+  expect_nearest(*circle, x);
+  // Brute force: many starts, all parameters.
+  const double energy = projected(*circle, x).energy;
+  for (std::uint64_t k = 0; k < 60; ++k) {
+    const Points other = noisy(arc(0.3, 2 * M_PI, 15), 0.3, 1000 + k);
+    const Points competitor = projected(*circle, x, projected(*circle, other).shape).points;
+    EXPECT_GE(squared(x, competitor), energy * (1 - 1e-9));
+  }
+}
+
+TEST(Circle, KeptRadius) {
+  const auto circle = circle_projection(40, 1 / 0.25);
+  expect_projection(*circle, arc(0.25, 360 * degree, 40), 0.003);
+  expect_projection(*circle, arc(0.25, 70 * degree, 40), 0.003);
+  // A larger ring shrinks to the radius that is kept, about the same centre.
+  const Projected p = projected(*circle, arc(0.3, 360 * degree, 40));
+  EXPECT_NEAR(p.energy, 40 * 0.05 * 0.05, 1e-12);
+  EXPECT_NEAR(mean_distance(p.points, {0.3, -0.2, 0.4}), 0.25, 1e-12);
+}
+
+TEST(Cylinder, IsTheProjection) {
+  for (const double angle : {360.0, 180.0, 70.0}) {
+    for (const double length : {0.05, 0.4, 2.0}) {
+      SCOPED_TRACE(std::string("angle ") + std::to_string(angle) + " length " + std::to_string(length));
+      expect_projection(*cylinder_projection(84), tube(0.3, angle * degree, length), 0.002);
+    }
+  }
+}
+
+TEST(Cylinder, NearlyFlatPatches) {
+  expect_projection(*cylinder_projection(84), tube(0.5, 20 * degree, 0.3), 1e-4);
+  EXPECT_NEAR(cylinder_curvature(tube(0.5, 20 * degree, 0.3)), 2, 1e-9);
+  // A sagitta of 1e-6 of the patch, and a plane.
+  EXPECT_NEAR(cylinder_curvature(tube(1000, 1e-3 * degree * 57.3, 1)), 1e-3, 1e-9);
+  Points flat = tube(0.5, 20 * degree, 0.3);
+  for (Vec3& p : flat) p[2] = 0;
+  expect_unmoved(*cylinder_projection(84), flat, 1e-11);
+  expect_survives(*cylinder_projection(84), noisy(flat, 0.01, 4));
+  expect_nearest(*cylinder_projection(84), noisy(flat, 0.01, 4), 1e-8);
+}
+
+TEST(Cylinder, KeptRadius) {
+  expect_projection(*cylinder_projection(84, 4.0), tube(0.25, 360 * degree, 0.4), 0.003);
+  expect_projection(*cylinder_projection(84, 4.0), tube(0.25, 70 * degree, 0.4), 0.003);
+  const Projected p = projected(*cylinder_projection(84, 4.0), tube(0.3, 360 * degree, 0.6));
+  EXPECT_NEAR(p.energy, 84 * 0.05 * 0.05, 1e-12);
+}
+
+TEST(Cylinder, SearchFindsTheAxis) {
+  // Strongly disturbed, from nothing, against starts from the true axis.
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    const Points exact = tube(0.3, 360 * degree, 0.05 + 0.05 * static_cast<double>(seed));
+    const auto cylinder = cylinder_projection(84);
+    const Points x = noisy(exact, 0.05, seed);
+    const double from_truth = projected(*cylinder, x, projected(*cylinder, exact).shape).energy;
+    EXPECT_LE(projected(*cylinder, x).energy, from_truth * (1 + 1e-9)) << "seed " << seed;
+  }
+}
+
+TEST(Sphere, IsTheProjection) {
+  for (const double angle : {180.0, 90.0, 30.0}) {
+    SCOPED_TRACE(angle);
+    expect_projection(*sphere_projection(80), ball(0.3, angle * degree), 0.002);
+  }
+  expect_projection(*sphere_projection(80), ball(0.5, 10 * degree), 1e-4);
+  EXPECT_NEAR(sphere_curvature(ball(0.5, 10 * degree)), 2, 1e-9);
+}
+
+TEST(Sphere, KeptRadius) {
+  expect_projection(*sphere_projection(80, 4.0), ball(0.25, 180 * degree), 0.003);
+  expect_projection(*sphere_projection(80, 4.0), ball(0.25, 40 * degree), 0.003);
+  const Projected p = projected(*sphere_projection(80, 4.0), ball(0.3, 180 * degree));
+  EXPECT_NEAR(p.energy, 80 * 0.05 * 0.05, 0.02);
+  EXPECT_NEAR(projected(*sphere_projection(80, 4.0), p.points).energy, 0, 1e-20);
+}
+
+TEST(Round, DegenerateSets) {
+  Points line;
+  for (int i = 0; i < 20; ++i) line.push_back({0.1 * i, 0.2 * i, 0.3});
+  const Points point(20, Vec3{0.1, 0.2, 0.3});
+  Points two = point;
+  two[3] = {0.4, 0.2, 0.3};
+  for (const std::optional<double> curvature : {std::optional<double>(), std::optional<double>(2.0)}) {
+    for (const auto& shape : {circle_projection(20, curvature).release(), cylinder_projection(20, curvature).release(),
+                              sphere_projection(20, curvature).release()}) {
+      const std::unique_ptr<const Projection> owned(shape);
+      SCOPED_TRACE(owned->kind());
+      for (const Points& x : {line, point, two, noisy(line, 1e-9, 3)}) expect_survives(*owned, x);
+      expect_unmoved(*owned, point, 1e-12);
+      if (!curvature) expect_unmoved(*owned, line, 1e-11);
+    }
+  }
+}
+
+TEST(Round, CentreIsAmongThePoints) {
+  // Every direction is nearest for a point in the centre: something finite comes back.
+  Points x = arc(0.3, 2 * M_PI, 19);
+  x.push_back({0.3, -0.2, 0.4});
+  expect_survives(*circle_projection(20), x);
+  expect_survives(*sphere_projection(20), x);
+}
+
+}  // namespace
+}  // namespace deform
