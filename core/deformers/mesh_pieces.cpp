@@ -171,6 +171,7 @@ DensePoints dense_points(const Mesh& mesh, std::span<const Vec3> points, const D
   if (surface.points.empty() && mesh.cell_count() == 0) {
     surface.points.assign(points.begin(), points.end());
     surface.measure = 1;
+    dense.strewn = false;
   }
   dense.points = std::move(surface.points);
   dense.surface = dense.points.size();

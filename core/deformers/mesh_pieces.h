@@ -46,9 +46,9 @@ class CellPieces : public Pieces {
   std::vector<std::uint32_t> cell_faces_;
 };
 
-/// What is sampled of a mesh (thesis 8.3, 8.4): `surface` points strewn over the faces and `volume` ones in the cells. Without faces of
-/// any area and without cells the surface is the points themselves, each an equal part of an area of 1. Without cells the volume
-/// is the bounding box, a twentieth of its diagonal larger on all sides.
+/// What is sampled of a mesh (thesis 8.3, 8.4): `surface` points strewn over the faces and `volume` ones in the cells. Without
+/// faces of any area and without cells the surface is the points themselves, each an equal part of an area of 1. Without cells
+/// the volume is the bounding box, a twentieth of its diagonal larger on all sides.
 struct DenseCounts {
   std::size_t surface = 0, volume = 0;
 };

@@ -81,13 +81,28 @@ Weights weights_at(const Mesh& mesh, std::span<const Vec3> points, const std::ve
   return weights;
 }
 
+/// About one in `factor` of the dense points, as evenly spread as all of them: there are as many per sample then as per
+/// integration point. Points of a cloud, which stand in any order, stay.
+DensePoints thinned(const DensePoints& dense, double factor) {
+  const auto step = static_cast<std::size_t>(factor);
+  if (!dense.strewn || step < 2) return dense;
+  DensePoints few;
+  few.area = dense.area;
+  few.volume = dense.volume;
+  for (std::size_t i = 0; i < dense.surface; i += step) few.points.push_back(dense.points[i]);
+  few.surface = few.points.size();
+  for (std::size_t i = dense.surface; i < dense.points.size(); i += step) few.points.push_back(dense.points[i]);
+  return few;
+}
+
 /// Integration points with the part of the domain that each stands for; those that stand for nothing are left out.
 struct Cubature {
   std::vector<Vec3> points;
   std::vector<double> shares;
 };
 
-Cubature cubature_of(const DensePoints& dense, const SampleOptions& counts, const RunContext& context) {
+Cubature cubature_of(const DensePoints& dense, SampleOptions counts, const RunContext& context) {
+  counts.relaxation_steps /= 2;  // they have weights for what is left uneven
   const Samples all = spread_samples(dense, counts, context);
   const std::vector<double> shares = voronoi_shares(all.points, dense, context);
   Cubature cubature;
@@ -143,8 +158,8 @@ RowBlocks energy_rows(const MlsBasis& basis, const Cubature& cubature, const Wei
       basis.evaluate(cubature.points[i], order, row);
       const auto start = static_cast<std::size_t>(rows.starts[i]);
       std::copy(row.samples.begin(), row.samples.end(), rows.columns.begin() + rows.starts[i]);
-      rows_of.write(row, std::sqrt(cubature.shares[i] * weights.stretching[i]), std::sqrt(cubature.shares[i] * weights.bending[i]),
-                    rows.values.data() + start * rows.height);
+      rows_of.write(row, std::sqrt(cubature.shares[i] * weights.stretching[i]),
+                    std::sqrt(cubature.shares[i] * weights.bending[i]), rows.values.data() + start * rows.height);
     }
   });
   return rows;
@@ -176,7 +191,8 @@ std::vector<std::string> notes_of(const EnergySpace& space, const Samples& sampl
 
 }  // namespace
 
-EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t seed, const RunContext& context, BendingForm form) {
+EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t seed, const RunContext& context,
+                      BendingForm form) {
   const std::vector<Vec3> points = unit_points(mesh);
   const SampleOptions counts = sample_counts(mesh, options);
   const SampleOptions more = times(counts, options.cubature);
@@ -188,7 +204,7 @@ EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t
     const DensePoints dense =
         dense_points(mesh, points, {dense_per_point * more.surface, dense_per_point * more.volume}, seed, context);
     solid = dense.in_volume() != 0;
-    samples = spread_samples(dense, counts, context);
+    samples = spread_samples(thinned(dense, options.cubature), counts, context);
     cubature = cubature_of(dense, more, context);
   }
   context.progress("sample", 1);
@@ -208,9 +224,8 @@ EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t
   context.progress("basis", 0);
   space.values = basis.values(points, context);
   context.progress("assemble", 0);
-  const RowBlocks rows =
-      energy_rows(MlsBasis(samples.points, radius, along_surface), cubature,
-                  weights_at(mesh, points, cubature.points, options, context), form, context);
+  const RowBlocks rows = energy_rows(MlsBasis(samples.points, radius, along_surface), cubature,
+                                     weights_at(mesh, points, cubature.points, options, context), form, context);
   space.energy = lower_gram(rows, space.samples, context);
   space.linear = linear_coefficients(samples.points);
   space.notes = notes_of(space, samples, basis, solid);
@@ -232,8 +247,7 @@ SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options) {
   // The corner of a face needs twice the radius its middle needs, that of a box too: 4 and 8 times the cover there.
   const double factor = CoverOptions().factor;
   const bool solid = counts.volume != 0;
-  const double cover =
-      std::min(k, options.cover * (solid ? 8 * factor * factor * factor : 4 * factor * factor));
+  const double cover = std::min(k, options.cover * (solid ? 8 * factor * factor * factor : 4 * factor * factor));
   const double couplings = std::min(k, cover * (solid ? 8 : 4));
   constexpr double entry = sizeof(double) + sizeof(std::int64_t);
   const double values = n * (cover * entry + sizeof(std::int64_t));

@@ -17,20 +17,21 @@ enum class BendingForm {
 };
 
 /// Moving least squares deformation in space (thesis 8.4): k samples spread over surface and volume, N = cubature * k integration
-/// points spread in the same way, energies gamma_s |grad d|^2 + gamma_b |hessian d|^2 at them with their Voronoi volumes, or on a mesh
-/// without cells their Voronoi areas. All in unit coordinates (divided by the bounding-box diagonal).
+/// points spread in the same way, energies gamma_s |grad d|^2 + gamma_b |hessian d|^2 at them with their Voronoi volumes, or on a
+/// mesh without cells their Voronoi areas. All in unit coordinates (divided by the bounding-box diagonal).
 ///
 /// Two decisions, because the thesis leaves them open:
 ///  - Bending is the whole second derivative. Both forms agree where the rim of the domain is held; but |laplace d|^2 costs
-///    nothing for harmonic functions, so with a free rim, or one where only positions are held, its least is the harmonic one, which
-///    bends sharply at the handles. Here only affine displacements cost nothing.
-///  - A mesh without cells is its surface: integration points lie on it and derivatives count along it. Where the samples around a point
-///    are flat to a tenth (variance across below 1e-2), derivatives across are left out, because samples do not tell them there: the least
-///    curvature would make them up. Elsewhere (edges, thin walls) it is a body in space like any other. With volume_samples > 0 the
-///    box around the surface is the body.
+///    nothing for harmonic functions, so with a free rim, or one where only positions are held, its least is the harmonic one,
+///    which bends sharply at the handles. Here only affine displacements cost nothing.
+///  - A mesh without cells is its surface: integration points lie on it and derivatives count along it. Where the samples around
+///  a point
+///    are flat to a tenth (variance across below 1e-2), derivatives across are left out, because samples do not tell them there:
+///    the least curvature would make them up. Elsewhere (edges, thin walls) it is a body in space like any other. With
+///    volume_samples > 0 the box around the surface is the body.
 ///
-/// Parts of the mesh that no support joins (components that are far apart) are tied to the others weakly: they follow the continuation
-/// of their motion, as far as nothing else holds them.
+/// Parts of the mesh that no support joins (components that are far apart) are tied to the others weakly: they follow the
+/// continuation of their motion, as far as nothing else holds them.
 ///
 /// Deterministic for a seed and any number of threads. Throws Error(invalid_argument): a mesh without extent;
 /// cancelled, deadline_exceeded.

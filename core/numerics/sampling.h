@@ -50,6 +50,7 @@ struct DensePoints {
   std::vector<Vec3> points;  ///< those of the surface first
   std::size_t surface = 0;   ///< how many
   double area = 0, volume = 0;
+  bool strewn = true;  ///< by strew(); false: points as they came
 
   std::size_t in_volume() const { return points.size() - surface; }
 };
