@@ -7,8 +7,8 @@
 
 namespace deform::server {
 
-/// Throws Error(invalid_argument) with the path of the field, see convert_setup.h. The numbers of regions and points and the values
-/// of bounds are checked where the mesh is known.
+/// Throws Error(invalid_argument) with the path of the field, see convert_setup.h. The numbers of regions and points and the
+/// values of bounds are checked where the mesh is known.
 Constraint constraint_from_proto(const v1::Constraint& message, const std::string& path);
 
 /// Fills in defaults; see canonical_setup().

@@ -36,9 +36,7 @@ const KernelRow& kernel_row(v1::Kernel kernel) {
 
 BasisMode basis_mode(v1::BasisMode mode, const std::string& path) {
   if (!v1::BasisMode_IsValid(mode)) refuse_field(path, "unknown value " + std::to_string(static_cast<int>(mode)));
-  return mode == v1::BASIS_ALWAYS  ? BasisMode::always
-         : mode == v1::BASIS_NEVER ? BasisMode::never
-                                   : BasisMode::automatic;
+  return mode == v1::BASIS_ALWAYS ? BasisMode::always : mode == v1::BASIS_NEVER ? BasisMode::never : BasisMode::automatic;
 }
 
 RbfOptions rbf_options(const v1::RbfMethod& message) {
@@ -80,8 +78,8 @@ RbfOptions rbf_options(const v1::RbfMethod& message) {
   }
   options.centre_order = message.centre_order() == v1::GREEDY ? CentreOrder::greedy : CentreOrder::farthest_point;
   if (message.samples_size() > most_samples) {
-    refuse_field("method.rbf.samples", std::to_string(message.samples_size()) + " entries are more than the limit of " +
-                                           std::to_string(most_samples));
+    refuse_field("method.rbf.samples",
+                 std::to_string(message.samples_size()) + " entries are more than the limit of " + std::to_string(most_samples));
   }
   for (const auto& sample : message.samples()) {
     options.samples.emplace_back(sample.variables().begin(), sample.variables().end());

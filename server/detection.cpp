@@ -50,7 +50,8 @@ DetectOptions detect_options(const v1::DetectRequest& request) {
   options.maximum_angle = finite(request.maximum_angle(), "maximum_angle");
   options.seed = request.seed();
   for (int i = 0; i < request.kinds_size(); ++i) {
-    const auto* row = std::find_if(std::begin(kinds), std::end(kinds), [&](const auto& k) { return k.first == request.kinds(i); });
+    const auto* row =
+        std::find_if(std::begin(kinds), std::end(kinds), [&](const auto& k) { return k.first == request.kinds(i); });
     if (row == std::end(kinds)) {
       refuse_field("kinds[" + std::to_string(i) + "]", "unknown value " + std::to_string(static_cast<int>(request.kinds(i))));
     }

@@ -32,8 +32,8 @@ using Rpc = v1::DeformService;
 using RawService =
     Stacked<Rpc::WithRawCallbackMethod_RegisterGeometry, Rpc::WithRawCallbackMethod_GetGeometry,
             Rpc::WithRawCallbackMethod_ListGeometries, Rpc::WithRawCallbackMethod_DeleteGeometry,
-            Rpc::WithRawCallbackMethod_GetPoints, Rpc::WithRawCallbackMethod_Detect, Rpc::WithRawCallbackMethod_Estimate, Rpc::WithRawCallbackMethod_Prepare,
-            Rpc::WithRawCallbackMethod_GetSystem, Rpc::WithRawCallbackMethod_ListSystems,
+            Rpc::WithRawCallbackMethod_GetPoints, Rpc::WithRawCallbackMethod_Detect, Rpc::WithRawCallbackMethod_Estimate,
+            Rpc::WithRawCallbackMethod_Prepare, Rpc::WithRawCallbackMethod_GetSystem, Rpc::WithRawCallbackMethod_ListSystems,
             Rpc::WithRawCallbackMethod_ReleaseSystem, Rpc::WithRawCallbackMethod_Deform, Rpc::WithRawCallbackMethod_DeformStream,
             Rpc::WithRawCallbackMethod_JacobianVector, Rpc::WithRawCallbackMethod_VectorJacobian,
             Rpc::WithRawCallbackMethod_GetServerInfo>::Type;

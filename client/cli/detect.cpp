@@ -95,15 +95,15 @@ void print_detected(const client::Detected& detected) {
   }
   for (const auto& edge : detected.edges) {
     const auto& about = edge.about;
-    std::cout << std::left << std::setw(16) << about.name() << std::right << std::setw(9) << "" << std::setw(9)
-              << about.points() << std::setw(13) << (about.radius() > 0 ? number_text(about.radius()) : "") << std::setw(13)
+    std::cout << std::left << std::setw(16) << about.name() << std::right << std::setw(9) << "" << std::setw(9) << about.points()
+              << std::setw(13) << (about.radius() > 0 ? number_text(about.radius()) : "") << std::setw(13)
               << number_text(about.rms()) << std::setw(13) << number_text(about.largest()) << '\n';
   }
   std::cout << "  " << std::setprecision(4) << 100 * summary.coverage() << " % of the surface belongs to primitives\n"
             << "  tolerance " << number_text(summary.tolerance()) << ", smallest area "
             << number_text(100 * summary.minimum_area()) << " %, largest angle "
-            << number_text(summary.maximum_angle() * 180 / std::numbers::pi) << " degrees, noise "
-            << number_text(summary.noise()) << ", " << duration_text(summary.seconds()) << '\n';
+            << number_text(summary.maximum_angle() * 180 / std::numbers::pi) << " degrees, noise " << number_text(summary.noise())
+            << ", " << duration_text(summary.seconds()) << '\n';
   for (const auto& note : summary.notes()) std::cout << "  note: " << note << '\n';
 }
 
@@ -118,8 +118,7 @@ ExitCode run_detect(const DetectCommand& options, const CommonOptions& common) {
   Connection connection(common);
   Progress progress;
   const auto file = io::read_mesh_file(options.file);
-  const auto info =
-      register_mesh(connection, file->mesh(), std::filesystem::path(options.file).filename().string(), progress);
+  const auto info = register_mesh(connection, file->mesh(), std::filesystem::path(options.file).filename().string(), progress);
   progress.clear();
   const client::Detected detected = connection.client().detect(options.request(info.id()), connection.call());
   if (!options.setup.empty()) {
@@ -148,8 +147,7 @@ void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chos
   command->add_option("--tolerance", options->tolerance, "Distance of a point from its primitive, model units; 0: automatic")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  command
-      ->add_option("--min-area", options->minimum_area, "Smallest area of a primitive, percent of the surface; 0: automatic")
+  command->add_option("--min-area", options->minimum_area, "Smallest area of a primitive, percent of the surface; 0: automatic")
       ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();
   command

@@ -55,7 +55,8 @@ void write_ids(const std::vector<PointId>& ids, std::ostream& out) {
 
 template <typename About>
 void write_constraint(const About& about, const std::string& extent, const std::vector<PointId>& ids, std::ostream& out) {
-  out << "  # " << shape_text(about) << "; " << extent << ", " << ids.size() << " points, rms " << number_text(about.rms()) << '\n';
+  out << "  # " << shape_text(about) << "; " << extent << ", " << ids.size() << " points, rms " << number_text(about.rms())
+      << '\n';
   out << "  - name: " << about.name() << "\n    " << about.constraint() << ": {}\n";
   write_ids(ids, out);
 }
@@ -66,8 +67,8 @@ std::string detected_setup(const client::Detected& detected, const std::string& 
   const v1::DetectSummary& summary = detected.summary;
   std::ostringstream out;
   out << "# Found by deform detect with tolerance " << number_text(summary.tolerance()) << ", smallest area "
-      << number_text(100 * summary.minimum_area()) << " % of the surface, largest angle "
-      << number_text(summary.maximum_angle()) << " rad.\n"
+      << number_text(100 * summary.minimum_area()) << " % of the surface, largest angle " << number_text(summary.maximum_angle())
+      << " rad.\n"
       << "# Take out what need not be kept, say what moves and what stays, then: deform prepare FILE\n"
       << "geometry: " << geometry << "\n"
       << "method: {mls: {}}\n"

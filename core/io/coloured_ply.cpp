@@ -21,8 +21,8 @@ void append(T value, std::string& to) {
 
 std::string coloured_ply_bytes(const Mesh& mesh, std::span<const Colour> colours) {
   if (colours.size() != mesh.face_count()) {
-    throw Error(ErrorCode::invalid_argument, "colours: " + std::to_string(colours.size()) + " for " +
-                                                 std::to_string(mesh.face_count()) + " faces");
+    throw Error(ErrorCode::invalid_argument,
+                "colours: " + std::to_string(colours.size()) + " for " + std::to_string(mesh.face_count()) + " faces");
   }
   std::string bytes = "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(mesh.point_count()) +
                       "\nproperty double x\nproperty double y\nproperty double z\nelement face " +
@@ -37,8 +37,8 @@ std::string coloured_ply_bytes(const Mesh& mesh, std::span<const Colour> colours
   for (std::size_t f = 0; f < mesh.face_count(); ++f) {
     const std::uint32_t size = mesh.face_sizes[f];
     if (size > most_corners) {
-      throw Error(ErrorCode::invalid_argument, "face " + std::to_string(f) + ": " + std::to_string(size) +
-                                                   " corners are more than the 255 of a PLY file");
+      throw Error(ErrorCode::invalid_argument,
+                  "face " + std::to_string(f) + ": " + std::to_string(size) + " corners are more than the 255 of a PLY file");
     }
     append(static_cast<std::uint8_t>(size), bytes);
     for (std::uint32_t k = 0; k < size; ++k) append(*corner++, bytes);

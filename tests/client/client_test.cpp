@@ -80,6 +80,52 @@ TEST(Client, RefusesPointsThatDoNotAddUp) {
   expect_error(ErrorCode::data_loss, {"2 arrived"}, [&] { client.get_points("geometry"); });
 }
 
+TEST(Client, DetectPutsPiecesTogether) {
+  const auto ids = [](v1::DetectedIds::Of of, const std::vector<std::uint32_t>& values) {
+    v1::DetectReply reply;
+    reply.mutable_ids()->set_of(of);
+    reply.mutable_ids()->set_ids(values.data(), 4 * values.size());
+    return reply;
+  };
+  std::vector<v1::DetectReply> replies(1);
+  replies[0].mutable_primitive()->set_name("plane_1");
+  replies[0].mutable_primitive()->set_faces(3);
+  replies[0].mutable_primitive()->set_points(1);
+  replies.push_back(ids(v1::DetectedIds::FACES, {1, 2}));
+  replies.push_back(ids(v1::DetectedIds::FACES, {5}));
+  replies.push_back(ids(v1::DetectedIds::POINTS, {7}));
+  replies.emplace_back().mutable_edge()->set_points(2);
+  replies.push_back(ids(v1::DetectedIds::POINTS, {9, 8}));
+  replies.emplace_back().mutable_summary()->set_area(4);
+  ScriptedService service;
+  service.on_detect = [&](const v1::DetectRequest&, auto& writer) {
+    for (const auto& reply : replies) writer.Write(reply, grpc::WriteOptions());
+    return grpc::Status::OK;
+  };
+  Client client = service.client();
+  const Detected detected = client.detect({});
+  ASSERT_EQ(detected.primitives.size(), 1u);
+  EXPECT_EQ(detected.primitives[0].about.name(), "plane_1");
+  EXPECT_EQ(detected.primitives[0].faces, (std::vector<FaceId>{1, 2, 5}));
+  EXPECT_EQ(detected.primitives[0].points, (std::vector<PointId>{7}));
+  ASSERT_EQ(detected.edges.size(), 1u);
+  EXPECT_EQ(detected.edges[0].points, (std::vector<PointId>{9, 8}));
+  EXPECT_EQ(detected.summary.area(), 4);
+
+  const std::vector<v1::DetectReply> whole = replies;
+  const auto broken = [&](const char* part, const std::function<void()>& spoil) {
+    replies = whole;
+    spoil();
+    expect_error(ErrorCode::data_loss, {part}, [&] { client.detect({}); });
+  };
+  broken("no summary", [&] { replies.pop_back(); });
+  broken("after the summary", [&] { replies.push_back(whole[0]); });
+  broken("of 3 ids", [&] { replies.erase(replies.begin() + 2); });
+  broken("of 2 ids", [&] { replies.erase(replies.begin() + 5); });
+  broken("ids of nothing", [&] { replies.erase(replies.begin()); });
+  broken("cut off", [&] { replies[1].mutable_ids()->set_ids("12345"); });
+}
+
 /// How often a call is tried when its first attempts fail in some way.
 struct RetryRow {
   const char* name;

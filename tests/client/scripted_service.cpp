@@ -65,6 +65,11 @@ grpc::Status ScriptedService::ListGeometries(grpc::ServerContext*, const v1::Lis
   return on_list ? on_list(*request, *reply) : no_script;
 }
 
+grpc::Status ScriptedService::Detect(grpc::ServerContext*, const v1::DetectRequest* request,
+                                     grpc::ServerWriter<v1::DetectReply>* writer) {
+  return on_detect ? on_detect(*request, *writer) : no_script;
+}
+
 grpc::Status ScriptedService::GetPoints(grpc::ServerContext*, const v1::GetPointsRequest* request,
                                         grpc::ServerWriter<v1::PointChunk>* writer) {
   return on_points ? on_points(*request, *writer) : no_script;

@@ -190,6 +190,43 @@ TEST_P(ServiceStreams, JacobianVectorStreamsItsBlocks) {
   EXPECT_TRUE(reader->Finish().ok());
 }
 
+TEST_P(ServiceStreams, DetectSendsItsRepliesWhenTheyAreThere) {
+  std::function<void(Engine::Outcome<Engine::DetectReplies>)> done;
+  std::mutex mutex;
+  engine.on_detect = [&](const v1::DetectRequest& request, const CallContext&, auto on_done) {
+    if (request.geometry_id() == "bad") throw Error(ErrorCode::not_found, "geometry bad: unknown id");
+    const std::lock_guard lock(mutex);
+    done = std::move(on_done);
+  };
+  start();
+  v1::DetectRequest request;
+  request.set_geometry_id("g");
+  grpc::ClientContext context;
+  const auto reader = stub->Detect(&context, request);
+  ASSERT_TRUE(eventually([&] {
+    const std::lock_guard lock(mutex);
+    return done != nullptr;
+  }));
+  std::vector<v1::DetectReply> replies(3);
+  replies[0].mutable_primitive()->set_name("plane_1");
+  replies[1].mutable_ids()->set_ids("1234");
+  replies[2].mutable_summary()->set_area(2);
+  done({std::make_shared<const std::vector<v1::DetectReply>>(replies), std::nullopt, {}});
+  v1::DetectReply reply;
+  for (const auto& expected : replies) {
+    ASSERT_TRUE(reader->Read(&reply));
+    EXPECT_EQ(reply.SerializeAsString(), expected.SerializeAsString());
+  }
+  EXPECT_FALSE(reader->Read(&reply));
+  EXPECT_TRUE(reader->Finish().ok());
+
+  request.set_geometry_id("bad");
+  grpc::ClientContext second;
+  const auto refused = stub->Detect(&second, request);
+  EXPECT_FALSE(refused->Read(&reply));
+  EXPECT_EQ(refused->Finish().error_code(), StatusCode::NOT_FOUND);
+}
+
 TEST_P(ServiceStreams, GetPointsSendsAllPointsInChunksBelowOneMebibyte) {
   start();
   grpc::ClientContext context;

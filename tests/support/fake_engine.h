@@ -67,7 +67,8 @@ class FakeEngine : public server::Engine {
   std::function<void(const v1::PrepareRequest&, const server::CallContext&, std::function<void(const v1::Progress&)>,
                      std::function<void(Outcome<v1::SystemInfo>)>)>
       on_prepare;
-  std::function<void(const v1::DetectRequest&, const server::CallContext&, std::function<void(Outcome<DetectReplies>)>)> on_detect;
+  std::function<void(const v1::DetectRequest&, const server::CallContext&, std::function<void(Outcome<DetectReplies>)>)>
+      on_detect;
   std::function<void(Points, const server::CallContext&, std::function<void(Outcome<v1::VectorJacobianReply>)>)>
       on_vector_jacobian;
   std::optional<Error> deform_error;

@@ -1,0 +1,172 @@
+"""Constraints through a real server: found by detection, kept by moving least squares and shells."""
+
+import math
+import os
+
+from harness import EndToEnd, distance, main, read_obj
+
+AROUND, ACROSS = 96, 14
+HOLE = 0.25
+
+
+def plate():
+    """[0, 2] x [0, 1] in quads, slightly bent, with a round hole in its middle; group "hole" is the row of faces around it."""
+    lines = []
+    for j in range(ACROSS + 1):
+        t = j / ACROSS
+        for k in range(AROUND):
+            angle = 2 * math.pi * k / AROUND
+            c, s = math.cos(angle), math.sin(angle)
+            reach = min(1 / abs(c) if c else math.inf, 0.5 / abs(s) if s else math.inf)
+            radius = (1 - t) * HOLE + t * reach
+            lines.append(f"v {1 + radius * c!r} {0.5 + radius * s!r} {0.0!r}")
+    at = lambda j, k: 1 + j * AROUND + k % AROUND
+    for j in range(ACROSS):
+        lines.append("g hole" if j == 0 else "g plate")
+        lines += [f"f {at(j, k)} {at(j, k + 1)} {at(j + 1, k + 1)} {at(j + 1, k)}" for k in range(AROUND)]
+    return "\n".join(lines) + "\n"
+
+
+RIM = list(range(AROUND))
+
+
+def setup(method, constraints=""):
+    return f"""\
+geometry: plate.obj
+method: {method}
+handles: [{{name: right, region: {{half_space: {{point: [1.9, 0, 0], normal: [1, 0, 0]}}}}}}]
+fixed: [{{half_space: {{point: [0.1, 0, 0], normal: [-1, 0, 0]}}}}]
+variables: [{{name: pull, handle: right, translate: [1, 0, 0]}}, {{name: lift, handle: right, translate: [0, 0, 1]}}]
+{constraints}
+"""
+
+
+CIRCLE = f"constraints: [{{name: bore, circular: {{}}, regions: [{{ids: {RIM}}}]}}]"
+CIRCLE_KEPT = f"constraints: [{{name: bore, circular: {{radius: KEPT}}, regions: [{{ids: {RIM}}}]}}]"
+
+
+def out_of_round(points):
+    """Largest radius minus smallest over mean, of points nearly in a plane around their mean."""
+    middle = [sum(p[k] for p in points) / len(points) for k in range(3)]
+    radii = [distance(p, middle) for p in points]
+    return (max(radii) - min(radii)) * len(radii) / sum(radii)
+
+
+def drum(around=48, high=12, rings=5):
+    """A closed cylinder of radius 0.5 and height 2, of quads and triangles."""
+    lines, faces = [], []
+    ring = lambda r, z: [f"v {r * math.cos(2 * math.pi * k / around)!r} {r * math.sin(2 * math.pi * k / around)!r} {z!r}"
+                         for k in range(around)]
+    for j in range(high + 1):
+        lines += ring(0.5, 2 * j / high)
+    at = lambda j, k: 1 + j * around + k % around
+    for j in range(high):
+        faces += [f"f {at(j, k)} {at(j, k + 1)} {at(j + 1, k + 1)} {at(j + 1, k)}" for k in range(around)]
+    for top in (False, True):
+        outer = high * around if top else 0
+        for i in range(1, rings):
+            inner = len(lines)
+            lines += ring(0.5 * (1 - i / rings), 2.0 if top else 0.0)
+            for k in range(around):
+                quad = [outer + k, outer + (k + 1) % around, inner + (k + 1) % around, inner + k]
+                faces.append("f " + " ".join(str(1 + p) for p in (quad if top else reversed(quad))))
+            outer = inner
+        lines.append(f"v 0 0 {2.0 if top else 0.0!r}")
+        for k in range(around):
+            corners = [outer + k, outer + (k + 1) % around, len(lines) - 1]
+            faces.append("f " + " ".join(str(1 + p) for p in (corners if top else reversed(corners))))
+    return "\n".join(lines + faces) + "\n"
+
+
+class Constraints(EndToEnd):
+    def setUp(self):
+        super().setUp()
+        self.start_server()
+
+    def apply(self, name, *arguments):
+        reply = self.deform("apply", name, *arguments, "-o", "out.obj", "--json").json
+        return reply["report"], read_obj(self.path("out.obj"))
+
+    def test_a_bore_stays_round(self):
+        self.write("plate.obj", plate())
+        for method in ("{mls: {}}", "{shell: {}}", "{subspace: {centres: 400}}"):
+            self.write("free.yaml", setup(method))
+            self.write("round.yaml", setup(method, CIRCLE))
+            free, points = self.apply("free.yaml", "--set", "pull=0.4")
+            self.assertNotIn("constraints", free)
+            unconstrained = out_of_round([points[i] for i in RIM])
+            self.assertGreater(unconstrained, 0.05, method)
+            report, points = self.apply("round.yaml", "--set", "pull=0.4")
+            self.assertLess(out_of_round([points[i] for i in RIM]), 1e-2 * unconstrained, method)
+            constraints = report["constraints"]
+            self.assertTrue(constraints["converged"])
+            (bore,) = constraints["residuals"]
+            self.assertEqual(bore["name"], "bore")
+            self.assertLess(bore["rms"], 1e-2 * bore["free_rms"])
+            self.assertGreater(constraints["iterations"], 0)
+            text = self.deform("apply", "round.yaml", "--set", "pull=0.4", "-o", "out.obj").out
+            self.assertRegex(text, r"bore: largest \S+, rms \S+ \(without constraints \S+, \S+\)")
+
+    def test_the_radius_is_kept_when_asked(self):
+        self.write("plate.obj", plate())
+        self.write("kept.yaml", setup("{mls: {}}", CIRCLE_KEPT))
+        _, points = self.apply("kept.yaml", "--set", "pull=0.4")
+        rim = [points[i] for i in RIM]
+        middle = [sum(p[k] for p in rim) / len(rim) for k in range(3)]
+        self.assertAlmostEqual(sum(distance(p, middle) for p in rim) / len(rim), HOLE, delta=2e-3)
+
+    def test_a_sweep_is_what_apply_gives(self):
+        self.write("plate.obj", plate())
+        self.write("round.yaml", setup("{mls: {}}", CIRCLE))
+        self.write("designs.csv", "name,pull,lift\na,0.1,0\nb,0.4,0.2\nc,-0.1,0.1\n")
+        self.deform("sweep", "round.yaml", "--designs", "designs.csv", "-o", "results")
+        for name, pull, lift in (("a", 0.1, 0), ("b", 0.4, 0.2), ("c", -0.1, 0.1)):
+            _, points = self.apply("round.yaml", "--set", f"pull={pull}", "--set", f"lift={lift}")
+            swept = read_obj(self.path(os.path.join("results", f"{name}.obj")))
+            self.assertLess(max(distance(p, q) for p, q in zip(points, swept)), 1e-5, name)
+
+    def test_refusals(self):
+        self.write("plate.obj", plate())
+        self.write("rbf.yaml", setup("{rbf: {}}", CIRCLE))
+        self.fails(1, "prepare", "rbf.yaml", says=["constraints", "rbf"])
+        self.write("few.yaml", setup("{mls: {}}", "constraints: [{name: bore, circular: {}, regions: [{ids: [0, 1]}]}]"))
+        self.fails(1, "prepare", "few.yaml", says=["constraints[0]", "2 points"])
+        self.write("none.yaml", setup("{mls: {}}", "constraints: [{name: bore, regions: [{ids: [0, 1]}]}]"))
+        self.fails(1, "prepare", "none.yaml", says=["constraints[0]", "no kind of constraint"])
+
+    def test_detected_primitives_are_kept(self):
+        self.write("drum.obj", drum())
+        found = self.deform("detect", "drum.obj", "-o", "drum.yaml", "--coloured", "drum.ply", "--json").json
+        names = [primitive["name"] for primitive in found["primitives"]]
+        self.assertEqual(names, ["plane_1", "plane_2", "cylinder_1"])
+        self.assertAlmostEqual(found["primitives"][2]["radius"], 0.5, delta=1e-6)
+        self.assertEqual([edge["constraint"] for edge in found["edges"]], ["circular", "circular"])
+        self.assertAlmostEqual(found["coverage"], 1, delta=1e-9)
+        text = self.deform("detect", "drum.obj", "--coloured", "drum.vtp").out
+        for name in names:
+            self.assertIn(name, text)
+        info = self.deform("inspect", "drum.ply", "--json").json
+        original = self.deform("inspect", "drum.obj", "--json").json
+        self.assertEqual((info["points"], info["faces"]), (original["points"], original["faces"]))
+
+        # What the user does with the file: say what moves and what stays, take out what is not wanted.
+        with open(self.path("drum.yaml")) as file:
+            lines = file.read()
+        self.assertIn("geometry: drum.obj\n", lines)
+        start = lines.index("handles:")
+        end = lines.index("constraints:")
+        lines = lines[:start] + """\
+handles: [{name: top, region: {half_space: {point: [0, 0, 1.99], normal: [0, 0, 1]}}}]
+fixed: [{half_space: {point: [0, 0, 0.01], normal: [0, 0, -1]}}]
+variables: [{name: shift, handle: top, translate: [0.3, 0, 0]}]
+""" + lines[end:lines.index("  # ", lines.index("name: cylinder_1"))]
+        self.write("kept.yaml", lines)
+        reply = self.deform("apply", "kept.yaml", "--set", "shift=1", "-o", "out.obj", "--json").json["report"]
+        residuals = {entry["name"]: entry for entry in reply["constraints"]["residuals"]}
+        self.assertEqual(sorted(residuals), sorted(names))
+        self.assertLess(residuals["cylinder_1"]["rms"], residuals["cylinder_1"]["free_rms"])
+        self.fails(1, "detect", "drum.obj", "--coloured", "drum.png", says=[".ply or .vtp"])
+
+
+if __name__ == "__main__":
+    main()
