@@ -104,6 +104,23 @@ v1::EstimateReply estimate_reply(const Estimate& estimate) {
   return reply;
 }
 
+v1::ConstraintsReport constraints_report(const DesignReport& report, const Setup& setup) {
+  v1::ConstraintsReport message;
+  for (std::size_t i = 0; i < report.constraints.size(); ++i) {
+    const ConstraintReport& of = report.constraints[i];
+    v1::ConstraintResidual& residual = *message.add_residuals();
+    residual.set_name(setup.constraints[i].name);
+    residual.set_largest(of.max);
+    residual.set_rms(of.rms);
+    residual.set_free_largest(of.max_before);
+    residual.set_free_rms(of.rms_before);
+  }
+  message.set_converged(report.converged);
+  message.set_iterations(static_cast<std::uint32_t>(report.iterations + report.newton_steps));
+  message.set_energy(report.energy);
+  return message;
+}
+
 v1::EvaluationPath path_to_proto(EvaluationPath path) {
   return path == EvaluationPath::basis ? v1::PATH_BASIS : path == EvaluationPath::direct ? v1::PATH_DIRECT : v1::PATH_AUTOMATIC;
 }

@@ -15,6 +15,9 @@ void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const S
 
 v1::EstimateReply estimate_reply(const Estimate& estimate);
 
+/// Of a design of a setup with constraints.
+v1::ConstraintsReport constraints_report(const DesignReport& report, const Setup& setup);
+
 v1::EvaluationPath path_to_proto(EvaluationPath path);
 EvaluationPath path_from_proto(v1::EvaluationPath path);
 

@@ -316,6 +316,9 @@ void DeformCall::push_results(std::size_t step) {
     result.set_path(path_to_proto(report.path));
     result.set_interpolation_residual(report.interpolation_residual);
     result.set_max_displacement(report.max_displacement);
+    if (!bound_->system->setup.constraints.empty()) {
+      *result.mutable_constraints() = constraints_report(report, bound_->system->setup);
+    }
     if (whole_) whole_->findings[d].move_to(result);
     fell_back_ += progress_[d].fell_back;
   }

@@ -1,5 +1,6 @@
 #include "server/detection.h"
 #include "server/engine_impl.h"
+#include "server/geometry_file.h"
 #include "server/outcome_call.h"
 
 namespace deform::server {

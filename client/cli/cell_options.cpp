@@ -41,6 +41,7 @@ void add_findings(const v1::DesignResult& result, nlohmann::ordered_json& json) 
   if (result.has_cells()) json["cells"] = to_json(result.cells());
   if (result.has_quality()) json["quality"] = to_json(result.quality());
   if (result.has_split()) json["split"] = to_json(result.split());
+  if (result.has_constraints()) json["constraints"] = to_json(result.constraints());
 }
 
 bool has_inverted_cells(const v1::DesignResult& result) {
@@ -75,9 +76,19 @@ void print_split(const v1::SplitReport& split, std::ostream& out) {
   if (!split.failure().empty()) out << "  " << split.failure() << '\n';
 }
 
+void print_constraints(const v1::ConstraintsReport& constraints, std::ostream& out) {
+  for (const auto& residual : constraints.residuals()) {
+    out << "  " << residual.name() << ": largest " << number_text(residual.largest()) << ", rms " << number_text(residual.rms())
+        << " (without constraints " << number_text(residual.free_largest()) << ", " << number_text(residual.free_rms()) << ")\n";
+  }
+  out << "  constraints " << (constraints.converged() ? "converged" : "DID NOT CONVERGE") << " in " << constraints.iterations()
+      << " iterations, energy " << number_text(constraints.energy()) << '\n';
+}
+
 }  // namespace
 
 void print_findings(const v1::DesignResult& result, std::ostream& out) {
+  if (result.has_constraints()) print_constraints(result.constraints(), out);
   if (result.has_cells()) print_cells(result.cells(), out);
   if (result.has_split()) print_split(result.split(), out);
   for (const auto& measure : result.quality().measures()) {

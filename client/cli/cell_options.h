@@ -21,7 +21,8 @@ struct CellOptions {
   std::string identity() const;
 };
 
-/// What the server found out about the cells of a design: keys "cells", "quality" and "split", those that are there.
+/// What the server found out about the cells of a design: keys "cells", "quality", "split" and "constraints", those
+/// that are there.
 void add_findings(const v1::DesignResult& result, nlohmann::ordered_json& json);
 /// For people, a line each; nothing without cells.
 void print_findings(const v1::DesignResult& result, std::ostream& out);

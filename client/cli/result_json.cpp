@@ -90,6 +90,8 @@ Json to_json(const v1::QualityReport& report) { return message_json(report, Fiel
 
 Json to_json(const v1::SplitReport& report) { return message_json(report, Fields::all); }
 
+Json to_json(const v1::ConstraintsReport& report) { return message_json(report, Fields::all); }
+
 void print(const Json& json) { std::cout << json.dump(2, ' ', false, Json::error_handler_t::replace) << std::endl; }
 
 std::string setup_text(const v1::Setup& setup) { return message_json(setup, Fields::present).dump(2); }

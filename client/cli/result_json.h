@@ -15,6 +15,7 @@ nlohmann::ordered_json to_json(const v1::ServerInfo& info);
 nlohmann::ordered_json to_json(const v1::CellReport& report);
 nlohmann::ordered_json to_json(const v1::QualityReport& report);
 nlohmann::ordered_json to_json(const v1::SplitReport& report);
+nlohmann::ordered_json to_json(const v1::ConstraintsReport& report);
 
 /// Pretty, on stdout.
 void print(const nlohmann::ordered_json& json);
