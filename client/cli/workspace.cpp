@@ -4,6 +4,8 @@
 #include <CLI/Formatter.hpp>
 #include <chrono>
 
+#include "client/cli/format.h"
+
 namespace deform::cli {
 
 namespace {
