@@ -186,6 +186,7 @@ Detection detect(const Mesh& mesh, const DetectOptions& options, const RunContex
   for (Region& region : segmentation.regions) region = simplest(surface, limits, region);
   join_regions(surface, limits, segmentation);
   compete(surface, limits, segmentation, context);
+  trim(surface, limits, segmentation);
 
   Detection result;
   result.size = surface.size;

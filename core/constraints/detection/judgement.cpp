@@ -118,7 +118,8 @@ bool faceted(const Surface& surface, std::span<const FaceId> faces, std::size_t 
 double extent_across(const Surface& surface, FaceId face, double edge) { return edge > 0 ? surface.area[face] / edge : 0; }
 
 /// Whether the region is one row of faces of a smooth surface that goes on beside it in rows as wide: any row of a torus lies on a
-/// cone and on a sphere, any strip of a ruled surface on a plane. A region with a point inside is none.
+/// cone and on a sphere, any strip of a ruled surface on a plane. Where residuals are not negligible, also two or three rows: less
+/// than half of the points are inside.
 bool row_of_smooth_surface(const Surface& surface, const Limits& limits, const Region& region) {
   constexpr std::size_t most = 4000;
   if (region.faces.size() > most) return false;
@@ -137,7 +138,7 @@ bool row_of_smooth_surface(const Surface& surface, const Limits& limits, const R
         if (n.from != low || n.to != high) continue;
         inside = inside || std::binary_search(members.begin(), members.end(), n.face);
         const double here = extent_across(surface, f, length), there = extent_across(surface, n.face, length);
-        similar = similar || (n.angle > 1e-3 && n.angle <= limits.maximum_angle && there < 2.5 * here && here < 2.5 * there);
+        similar = similar || (n.angle > 1e-3 && n.angle <= 1.2 * limits.maximum_angle && there < 2.5 * here && here < 2.5 * there);
       }
       if (inside) continue;
       on_rim.insert(on_rim.end(), {low, high});
@@ -147,11 +148,9 @@ bool row_of_smooth_surface(const Surface& surface, const Limits& limits, const R
   }
   if (going_on < (region.shape.kind == PrimitiveKind::plane ? 0.6 : 0.4) * rim) return false;
   std::sort(on_rim.begin(), on_rim.end());
-  return std::all_of(members.begin(), members.end(), [&](FaceId f) {
-    const auto ids = surface.corners(f);
-    return surface.area[f] == 0 ||
-           std::all_of(ids.begin(), ids.end(), [&](PointId p) { return std::binary_search(on_rim.begin(), on_rim.end(), p); });
-  });
+  on_rim.erase(std::unique(on_rim.begin(), on_rim.end()), on_rim.end());
+  const std::size_t points = points_of(surface, members, most).size();
+  return points == on_rim.size() || (region.rms > limits.tolerance / 20 && points < 2 * on_rim.size());
 }
 
 }  // namespace
