@@ -25,7 +25,7 @@ std::vector<std::array<unsigned char, 3>> distinct_colours(std::size_t count) {
   std::vector<std::array<unsigned char, 3>> colours(count);
   for (std::size_t i = 0; i < count; ++i) {
     const double hue = std::fmod(0.58 + golden * static_cast<double>(i), 1.0);
-    colours[i] = colour(hue, i % 3 == 1 ? 0.5 : 0.8, i % 3 == 2 ? 0.65 : 0.95);
+    colours[i] = colour(hue, i / 3 % 2 == 0 ? 0.85 : 0.5, i % 3 == 0 ? 0.95 : i % 3 == 1 ? 0.75 : 0.55);
   }
   return colours;
 }

@@ -17,6 +17,11 @@ bool passable(const Surface& surface, const Limits& limits, std::size_t face, co
   return n.angle <= limits.maximum_angle + surface.allowance(face) + surface.allowance(n.face);
 }
 
+/// Angle between the normals of face and shape.
+double angle_off(const Surface& surface, const Shape& shape, FaceId face) {
+  return std::acos(std::min(1.0, std::abs(shape.foot(surface.centre[face]).normal.dot(surface.normal[face]))));
+}
+
 /// How badly the shape describes the face: squared distance and angle over what noise makes of them.
 double cost(const Surface& surface, const Limits& limits, const Shape& shape, std::size_t face) {
   const auto corners = surface.corners(face);
@@ -27,8 +32,7 @@ double cost(const Surface& surface, const Limits& limits, const Shape& shape, st
     sum += d * d / static_cast<double>(corners.size());
   }
   if (surface.area[face] == 0) return sum;
-  const double c = std::min(1.0, std::abs(shape.foot(surface.centre[face]).normal.dot(surface.normal[face])));
-  const double angle = std::acos(c) / (0.02 + surface.allowance(face) / 3);
+  const double angle = angle_off(surface, shape, static_cast<FaceId>(face)) / (0.02 + surface.allowance(face) / 3);
   return sum + angle * angle;
 }
 
@@ -101,6 +105,24 @@ void drop_small(const Limits& limits, Segmentation& segmentation) {
   for (auto& label : segmentation.labels) {
     if (label != unlabelled) label = renumbered[label];
   }
+}
+
+/// Half of the area is off by less in direction.
+double median_angle(const Surface& surface, const Region& region) {
+  std::vector<std::pair<double, double>> angles;
+  double all = 0;
+  for (const FaceId f : region.faces) {
+    if (surface.area[f] == 0) continue;
+    angles.emplace_back(angle_off(surface, region.shape, f), surface.area[f]);
+    all += surface.area[f];
+  }
+  std::sort(angles.begin(), angles.end());
+  double sum = 0;
+  for (const auto& [angle, area] : angles) {
+    sum += area;
+    if (sum >= all / 2) return angle;
+  }
+  return 0;
 }
 
 /// Smallest and largest place along the axis of `shape`.
@@ -202,6 +224,37 @@ void compete(const Surface& surface, const Limits& limits, Segmentation& segment
   }
   drop_islands(surface, limits, segmentation);
   refit(surface, segmentation, std::vector<char>(segmentation.regions.size(), 1));
+  drop_small(limits, segmentation);
+}
+
+void trim(const Surface& surface, const Limits& limits, Segmentation& segmentation) {
+  auto& labels = segmentation.labels;
+  std::vector<char> changed(segmentation.regions.size(), 0);
+  for (std::uint32_t r = 0; r < segmentation.regions.size(); ++r) {
+    Region& region = segmentation.regions[r];
+    const double direction = 4 * median_angle(surface, region), distance = std::max(limits.floor, 2 * region.rms);
+    const auto off = [&](FaceId f) {
+      if (surface.area[f] == 0) return false;
+      const double angle = angle_off(surface, region.shape, f);
+      if (angle <= std::max(direction, surface.allowance(f)) + 0.005) return false;
+      const auto corners = surface.corners(f);
+      return std::any_of(corners.begin(), corners.end(),
+                         [&](PointId p) { return std::abs(region.shape.distance(surface.points[p])) > distance; });
+    };
+    // Row by row from the rim.
+    for (bool again = true; again;) {
+      std::vector<FaceId> gone;
+      for (const FaceId f : region.faces) {
+        const auto neighbours = surface.neighbours(f);
+        const bool at_rim = std::any_of(neighbours.begin(), neighbours.end(), [&](const Neighbour& n) { return labels[n.face] != r; });
+        if (labels[f] == r && at_rim && off(f)) gone.push_back(f);
+      }
+      for (const FaceId f : gone) labels[f] = unlabelled;
+      again = !gone.empty();
+      changed[r] |= again ? 1 : 0;
+    }
+  }
+  refit(surface, segmentation, changed);
   drop_small(limits, segmentation);
 }
 

@@ -34,7 +34,7 @@ Limits limits_of(const DetectOptions& options, Surface& surface, const RunContex
   limits.seed = options.seed;
   limits.maximum_angle = options.maximum_angle > 0 ? options.maximum_angle : default_maximum_angle;
   surface.noise = estimated_noise(surface, limits.maximum_angle, context);
-  const double automatic = std::max(default_tolerance, 6 * surface.noise);
+  const double automatic = std::max(default_tolerance, 5 * surface.noise);
   limits.tolerance = options.tolerance > 0 ? options.tolerance / surface.size : automatic;
   limits.floor = std::min(limits.tolerance, std::max(least_floor, 3 * surface.noise));
   limits.minimum_area = (options.minimum_area > 0 ? options.minimum_area : default_minimum_area) * surface.total_area;
@@ -183,8 +183,10 @@ Detection detect(const Mesh& mesh, const DetectOptions& options, const RunContex
   accept(surface, limits, patches, pool, segmentation);
   grow_from_seeds(surface, limits, pool, segmentation, context);
   compete(surface, limits, segmentation, context);
+  for (Region& region : segmentation.regions) region = simplest(surface, limits, region);
   join_regions(surface, limits, segmentation);
   compete(surface, limits, segmentation, context);
+  trim(surface, limits, segmentation);
 
   Detection result;
   result.size = surface.size;

@@ -22,7 +22,7 @@ std::string_view to_string(EdgeKind kind);
 struct DetectOptions {
   /// How far a point of a primitive may be from it, model units. Every primitive tightens this to four times the rms distance of
   /// its own points, so that what runs on tangentially (a fillet beside a plane) is not swallowed. 0: 1e-3 of the size of the
-  /// surface, or six times its noise where that is more.
+  /// surface, or five times its noise where that is more.
   double tolerance = 0;
   /// Smallest area of a primitive, as a fraction of the area of the surface, below 1. 0: 0.01.
   double minimum_area = 0;

@@ -188,7 +188,9 @@ class Fitter {
       fit.max = std::max(fit.max, d);
     }
     fit.rms = std::sqrt(squares / static_cast<double>(ids.size()));
-    if (!(fit.max <= threshold_)) return std::nullopt;
+    if (!(fit.max <= std::min(limits_.tolerance, 0.02 * radius) && (fit.max <= 3 * limits_.floor || restless(ids, fit)))) {
+      return std::nullopt;
+    }
     return closed || length(ids, false) >= least_arc * radius ? std::optional(fit) : std::nullopt;
   }
 
@@ -227,6 +229,20 @@ class Fitter {
   double turning(PointId a, PointId b, PointId c) const {
     const Vector3d before = at(b) - at(a), after = at(c) - at(b);
     return std::atan2(before.cross(after).norm(), before.dot(after));
+  }
+
+  /// Whether distances from the circle jump to and fro as noise and facets do (von Neumann's ratio), rather than swing slowly as those
+  /// of an ellipse.
+  bool restless(std::span<const PointId> ids, const Fit& fit) const {
+    double last = 0, jumps = 0, squares = 0;
+    for (std::size_t i = 0; i < ids.size(); ++i) {
+      const Vector3d q = at(ids[i]) - fit.point;
+      const double d = (q - q.dot(fit.axis) * fit.axis).norm() - fit.radius;
+      if (i > 0) jumps += (d - last) * (d - last);
+      squares += d * d;
+      last = d;
+    }
+    return jumps >= 0.5 * squares;
   }
 
   /// No corners: the corners of a square are on a circle too.

@@ -12,6 +12,9 @@ constexpr std::size_t fit_faces = 600;
 constexpr std::size_t judged_faces = 2000;
 constexpr int terms = 20;  ///< monomials in x, y, z up to degree 3
 constexpr std::size_t few_points = 3 * terms;
+// Measured: noise and facets have restlessness 0.37 to 1.3 and systematic parts up to 0.63, free forms below 0.19 or above 0.67.
+constexpr double least_restlessness = 0.25;
+constexpr double largest_systematic = 0.65;
 
 /// Unique corners of at most about `most` faces.
 std::vector<PointId> points_of(const Surface& surface, std::span<const FaceId> faces, std::size_t most) {
@@ -83,6 +86,73 @@ Residuals residuals(const Surface& surface, const Shape& shape, std::span<const 
   return {std::sqrt(std::max(0.0, explained - terms * rest) / n), std::sqrt(rest)};
 }
 
+/// How much the residual jumps along edges over how large it is (von Neumann's ratio): 1 for noise, near 0 where it swings slowly.
+double restlessness(const Surface& surface, const Shape& shape, std::span<const FaceId> faces, std::size_t most) {
+  const std::size_t stride = std::max<std::size_t>(1, faces.size() / most);
+  double jumps = 0, squares = 0;
+  for (std::size_t i = 0; i < faces.size(); i += stride) {
+    const auto ids = surface.corners(faces[i]);
+    for (std::size_t k = 0; k < ids.size(); ++k) {
+      const double a = shape.distance(surface.points[ids[k]]), b = shape.distance(surface.points[ids[(k + 1) % ids.size()]]);
+      jumps += (a - b) * (a - b) / 2;
+      squares += a * a;
+    }
+  }
+  return squares > 0 ? jumps / squares : 1;
+}
+
+/// Whether most of the area consists of faces with a neighbour in the same plane: a coarse model that was meshed again.
+bool faceted(const Surface& surface, std::span<const FaceId> faces, std::size_t most) {
+  const std::size_t stride = std::max<std::size_t>(1, faces.size() / most);
+  double flat = 0, all = 0;
+  for (std::size_t i = 0; i < faces.size(); i += stride) {
+    const auto neighbours = surface.neighbours(faces[i]);
+    const bool level = std::any_of(neighbours.begin(), neighbours.end(), [](const Neighbour& n) { return n.angle < 1e-4; });
+    flat += level ? surface.area[faces[i]] : 0;
+    all += surface.area[faces[i]];
+  }
+  return flat > 0.5 * all;
+}
+
+/// Length of the edge and of the triangle's or polygon's extent across it.
+double extent_across(const Surface& surface, FaceId face, double edge) { return edge > 0 ? surface.area[face] / edge : 0; }
+
+/// Whether the region is one row of faces of a smooth surface that goes on beside it in rows as wide: any row of a torus lies on a
+/// cone and on a sphere, any strip of a ruled surface on a plane. Where residuals are not negligible, also two or three rows: less
+/// than half of the points are inside.
+bool row_of_smooth_surface(const Surface& surface, const Limits& limits, const Region& region) {
+  constexpr std::size_t most = 4000;
+  if (region.faces.size() > most) return false;
+  std::vector<FaceId> members = region.faces;
+  std::sort(members.begin(), members.end());
+  std::vector<PointId> on_rim;
+  double rim = 0, going_on = 0;
+  for (const FaceId f : members) {
+    const auto ids = surface.corners(f);
+    const auto neighbours = surface.neighbours(f);
+    for (std::size_t i = 0; i < ids.size() && surface.area[f] > 0; ++i) {
+      const auto [low, high] = std::minmax(ids[i], ids[(i + 1) % ids.size()]);
+      const double length = (surface.points[high] - surface.points[low]).norm();
+      bool inside = false, similar = false;
+      for (const Neighbour& n : neighbours) {
+        if (n.from != low || n.to != high) continue;
+        inside = inside || std::binary_search(members.begin(), members.end(), n.face);
+        const double here = extent_across(surface, f, length), there = extent_across(surface, n.face, length);
+        similar = similar || (n.angle > 1e-3 && n.angle <= 1.2 * limits.maximum_angle && there < 2.5 * here && here < 2.5 * there);
+      }
+      if (inside) continue;
+      on_rim.insert(on_rim.end(), {low, high});
+      rim += length;
+      going_on += similar ? length : 0;
+    }
+  }
+  if (going_on < (region.shape.kind == PrimitiveKind::plane ? 0.6 : 0.4) * rim) return false;
+  std::sort(on_rim.begin(), on_rim.end());
+  on_rim.erase(std::unique(on_rim.begin(), on_rim.end()), on_rim.end());
+  const std::size_t points = points_of(surface, members, most).size();
+  return points == on_rim.size() || (region.rms > limits.tolerance / 20 && points < 2 * on_rim.size());
+}
+
 }  // namespace
 
 Region simplest(const Surface& surface, const Limits& limits, const Region& region) {
@@ -99,14 +169,20 @@ Region simplest(const Surface& surface, const Limits& limits, const Region& regi
     candidates.push_back({*shape, rms_distance(*shape, data), rms_angle(*shape, data)});
     least = std::min(least, candidates.back().distance);
   }
-  std::erase_if(candidates, [&](const Candidate& c) { return c.distance > std::max(1.15 * least, limits.floor / 2); });
+  // That something is curved at all must show clearly: a sphere of huge radius always fits noise a little better than a plane.
+  std::erase_if(candidates, [&](const Candidate& c) {
+    return c.distance > std::max((c.shape.kind == PrimitiveKind::plane ? 2 : 1.15) * least, limits.tolerance / 40);
+  });
   if (candidates.empty()) return region;
-  // Simple kinds first: a later one must be clearly closer in direction. A plane needs to be right in direction as well.
-  std::sort(candidates.begin(), candidates.end(), [](const Candidate& a, const Candidate& b) { return a.shape.kind < b.shape.kind; });
+  // Simple kinds first: a later one must be clearly closer in direction. The sphere comes last: whatever is one row of faces lies on
+  // one.
+  const auto rank = [](PrimitiveKind kind) { return kind == PrimitiveKind::sphere ? 9 : static_cast<int>(kind); };
+  std::sort(candidates.begin(), candidates.end(),
+            [&](const Candidate& a, const Candidate& b) { return rank(a.shape.kind) < rank(b.shape.kind); });
   const Candidate* best = nullptr;
   for (const Candidate& c : candidates) {
-    const double factor = c.shape.kind == PrimitiveKind::cone || (best && best->shape.kind == PrimitiveKind::plane) ? 0.8 : 1.0;
-    if (!best || c.angle < factor * best->angle - 1e-6) best = &c;
+    const bool strict = c.shape.kind == PrimitiveKind::cone || (best && best->shape.kind == PrimitiveKind::plane);
+    if (!best || c.angle < (strict ? 0.8 : 0.95) * best->angle - 1e-6) best = &c;
   }
   Region result = region;
   result.shape = best->shape;
@@ -128,11 +204,15 @@ bool convincing(const Surface& surface, const Limits& limits, const Region& regi
   const std::vector<PointId> points = points_of(surface, region.faces, judged_faces);
   if (plane && points.size() < 4 && !bounded_by_sharp_edges(surface, limits, region)) return false;
   if (!plane && points.size() < 8) return false;
+  if (row_of_smooth_surface(surface, limits, region)) return false;
   const double negligible = limits.tolerance / 20;
   if (region.rms <= negligible) return true;
+  if (region.rms > 0.45 * limits.tolerance) return false;
   if (points.size() < few_points) return region.rms <= limits.tolerance / 5;
   const Residuals r = residuals(surface, region.shape, points);
-  return r.systematic <= std::max(negligible, r.random);
+  if (r.systematic > std::max(negligible, largest_systematic * r.random)) return false;
+  return restlessness(surface, region.shape, region.faces, judged_faces) >= least_restlessness ||
+         faceted(surface, region.faces, judged_faces);
 }
 
 }  // namespace deform::detection

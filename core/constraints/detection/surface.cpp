@@ -253,6 +253,7 @@ double deviation(const Surface& surface, FaceId face, std::span<const PointId> i
 
 double estimated_noise(const Surface& surface, double sharp, const RunContext& context) {
   constexpr std::size_t most = 4000;
+  constexpr double most_bent = 0.94;  // cosine of 20 degrees
   const std::size_t stride = std::max<std::size_t>(1, surface.face_count() / most);
   const std::size_t samples = (surface.face_count() + stride - 1) / stride;
   std::vector<double> found(samples, -1);
@@ -263,6 +264,11 @@ double estimated_noise(const Surface& surface, double sharp, const RunContext& c
       const auto face = static_cast<FaceId>(i * stride);
       if (surface.area[face] == 0) continue;
       surroundings(surface, face, sharp, faces, points);
+      // What bends much here is no quadratic surface, noise or not.
+      const bool bent = std::any_of(faces.begin(), faces.end(), [&](FaceId f) {
+        return surface.area[f] > 0 && surface.normal[f].dot(surface.normal[face]) < most_bent;
+      });
+      if (bent) continue;
       found[i] = deviation(surface, face, points);
     }
   });

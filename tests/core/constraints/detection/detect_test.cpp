@@ -1,0 +1,379 @@
+// Parts whose planes, cylinders, spheres and cones are known by construction.
+#include "core/constraints/detection/detect.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <random>
+
+#include "core/base/error.h"
+#include "tests/core/constraints/detection/parts.h"
+
+namespace deform {
+namespace {
+
+using test::Kind;
+using test::Part;
+
+double face_area(const Mesh& mesh, std::size_t f) {
+  const Vec3 &a = mesh.points[mesh.face_points[3 * f]], &b = mesh.points[mesh.face_points[3 * f + 1]],
+             &c = mesh.points[mesh.face_points[3 * f + 2]];
+  const Vec3 u{b[0] - a[0], b[1] - a[1], b[2] - a[2]}, v{c[0] - a[0], c[1] - a[1], c[2] - a[2]};
+  return std::hypot(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]) / 2;
+}
+
+/// Normal noise of that standard deviation over the diagonal, in every coordinate.
+void shake(Mesh& mesh, double level, unsigned seed) {
+  const double deviation = level * bounding_box(mesh.points).diagonal();
+  std::mt19937_64 engine(seed);
+  std::normal_distribution<double> normal(0, deviation);
+  for (Vec3& p : mesh.points) {
+    for (double& x : p) x += normal(engine);
+  }
+}
+
+bool same_kind(Kind truth, PrimitiveKind found) {
+  return truth != Kind::none && static_cast<int>(truth) == static_cast<int>(found);
+}
+
+/// Every truth of more than 1 % of the area has its primitive, nothing else is found, and nearly all faces are labelled right.
+void expect_found(const Part& part, const Detection& found, const std::string& what, double size_tolerance) {
+  SCOPED_TRACE(what);
+  const std::size_t faces = part.mesh.face_count();
+  std::vector<int> of_face(faces, -1);
+  for (std::size_t p = 0; p < found.primitives.size(); ++p) {
+    for (const FaceId f : found.primitives[p].faces) of_face[f] = static_cast<int>(p);
+  }
+  std::vector<double> areas(part.truths.size(), 0);
+  double all = 0;
+  for (std::size_t f = 0; f < faces; ++f) {
+    const double area = face_area(part.mesh, f);
+    areas[static_cast<std::size_t>(part.labels[f])] += area;
+    all += area;
+  }
+  // The truth that most faces of each primitive belong to.
+  std::vector<int> truth_of(found.primitives.size(), -1);
+  std::vector<std::size_t> finds(part.truths.size(), 0);
+  for (std::size_t p = 0; p < found.primitives.size(); ++p) {
+    std::vector<std::size_t> votes(part.truths.size(), 0);
+    for (const FaceId f : found.primitives[p].faces) ++votes[static_cast<std::size_t>(part.labels[f])];
+    const auto t = static_cast<std::size_t>(std::max_element(votes.begin(), votes.end()) - votes.begin());
+    truth_of[p] = static_cast<int>(t);
+    const Primitive& primitive = found.primitives[p];
+    if (part.truths[t].kind == Kind::none) {
+      EXPECT_LE(primitive.area, 0.02 * all) << primitive.name << " on what is no primitive";
+      continue;
+    }
+    ++finds[t];
+    EXPECT_TRUE(same_kind(part.truths[t].kind, primitive.kind)) << primitive.name << " for truth " << t;
+    if (primitive.kind == PrimitiveKind::cylinder || primitive.kind == PrimitiveKind::sphere) {
+      EXPECT_NEAR(primitive.radius, part.truths[t].size, size_tolerance) << primitive.name;
+    }
+    if (primitive.kind == PrimitiveKind::cone) {
+      EXPECT_NEAR(primitive.half_angle, part.truths[t].size, size_tolerance) << primitive.name;
+    }
+  }
+  for (std::size_t t = 0; t < part.truths.size(); ++t) {
+    if (part.truths[t].kind == Kind::none || areas[t] < 0.011 * all) continue;
+    EXPECT_EQ(finds[t], 1u) << "truth " << t << ", area " << areas[t] / all;
+  }
+  std::size_t right = 0;
+  for (std::size_t f = 0; f < faces; ++f) {
+    const int label = part.labels[f], p = of_face[f];
+    const bool none = part.truths[static_cast<std::size_t>(label)].kind == Kind::none;
+    right += (p < 0 ? none : truth_of[static_cast<std::size_t>(p)] == label && !none) ? 1 : 0;
+  }
+  EXPECT_GE(static_cast<double>(right), 0.98 * static_cast<double>(faces)) << right << " of " << faces << " faces";
+}
+
+class Parts : public testing::TestWithParam<int> {};
+
+TEST_P(Parts, AreFoundExactly) {
+  for (const Part& part : test::all_parts(GetParam())) {
+    expect_found(part, detect(part.mesh, {}), part.name, 1e-6);
+  }
+}
+
+TEST_P(Parts, AreFoundInNoise) {
+  for (Part& part : test::all_parts(GetParam())) {
+    shake(part.mesh, 1e-4, 7);
+    expect_found(part, detect(part.mesh, {}), part.name, 5e-3);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Resolutions, Parts, testing::Values(1, 2, 4));
+
+std::vector<std::string> names(const Detection& found) {
+  std::vector<std::string> result;
+  for (const auto& p : found.primitives) result.push_back(p.name);
+  for (const auto& e : found.edges) result.push_back(e.name);
+  return result;
+}
+
+bool same_bits(const Detection& a, const Detection& b) {
+  if (names(a) != names(b)) return false;
+  for (std::size_t i = 0; i < a.primitives.size(); ++i) {
+    const Primitive &p = a.primitives[i], &q = b.primitives[i];
+    if (p.faces != q.faces || p.points != q.points || p.axis != q.axis || p.point != q.point || p.radius != q.radius) return false;
+  }
+  for (std::size_t i = 0; i < a.edges.size(); ++i) {
+    if (a.edges[i].points != b.edges[i].points || a.edges[i].radius != b.edges[i].radius) return false;
+  }
+  return true;
+}
+
+TEST(Detect, GivesTheSameForAnyNumberOfThreadsAndTheSameSeed) {
+  Part part = test::filleted_shaft(3);
+  shake(part.mesh, 1e-4, 3);
+  RunContext one, two;
+  one.threads = 1;
+  two.threads = 2;
+  DetectOptions options;
+  options.seed = 5;
+  const Detection first = detect(part.mesh, options, one);
+  EXPECT_TRUE(same_bits(first, detect(part.mesh, options, two)));
+  EXPECT_TRUE(same_bits(first, detect(part.mesh, options, one)));
+  options.seed = 6;
+  EXPECT_EQ(names(detect(part.mesh, options, one)), names(first)) << "another seed finds the same primitives";
+}
+
+TEST(Detect, DoesNotDependOnPlaceTurnAndScale) {
+  for (const Part& part : test::all_parts(2)) {
+    SCOPED_TRACE(part.name);
+    Mesh moved = part.mesh;
+    const double c = std::cos(0.7), s = std::sin(0.7), k = 1250;
+    for (Vec3& p : moved.points) {
+      const Vec3 q{c * p[0] - s * p[1], s * p[0] + c * p[1], p[2]};
+      p = {k * q[0] + 5000, k * (c * q[1] - s * q[2]) - 300, k * (s * q[1] + c * q[2])};
+    }
+    const Detection here = detect(part.mesh, {}), there = detect(moved, {});
+    ASSERT_EQ(names(here), names(there));
+    for (std::size_t i = 0; i < here.primitives.size(); ++i) {
+      const Primitive &p = here.primitives[i], &q = there.primitives[i];
+      EXPECT_EQ(p.faces, q.faces) << p.name;
+      EXPECT_NEAR(p.radius * k, q.radius, 1e-4) << p.name;
+      EXPECT_NEAR(p.area * k * k, q.area, 1e-6 * q.area) << p.name;
+    }
+  }
+}
+
+TEST(Detect, PutsPointsOfSharpEdgesIntoAllTheirPrimitives) {
+  const Part part = test::cube(5);
+  const Detection found = detect(part.mesh, {});
+  ASSERT_EQ(found.primitives.size(), 6u);
+  std::vector<int> uses(part.mesh.point_count(), 0);
+  for (const Primitive& p : found.primitives) {
+    EXPECT_EQ(p.points.size(), 36u);
+    EXPECT_LT(p.max, 1e-14);
+    for (const PointId id : p.points) ++uses[id];
+  }
+  for (std::size_t i = 0; i < uses.size(); ++i) {
+    int sides = 0;
+    for (const double x : part.mesh.points[i]) sides += x == 0 || x == 1 ? 1 : 0;
+    EXPECT_EQ(uses[i], sides);
+  }
+  EXPECT_NEAR(found.coverage, 1, 1e-12);
+  EXPECT_NEAR(found.area, 6, 1e-12);
+}
+
+TEST(Detect, FindsLinesAndCirclesOnSharpEdges) {
+  const Detection edges_of_cube = detect(test::cube(4).mesh, {});
+  ASSERT_EQ(edges_of_cube.edges.size(), 12u);
+  for (const EdgeFeature& e : edges_of_cube.edges) {
+    EXPECT_EQ(e.kind, EdgeKind::line);
+    EXPECT_EQ(e.points.size(), 5u);
+    EXPECT_NEAR(e.length, 1, 1e-12);
+  }
+  const Detection plate = detect(test::plate_with_hole(2).mesh, {});
+  std::size_t circles = 0;
+  for (const EdgeFeature& e : plate.edges) {
+    EXPECT_NE(e.kind, EdgeKind::arc) << e.name;
+    if (e.kind != EdgeKind::circle) continue;
+    ++circles;
+    EXPECT_EQ(e.points.size(), 32u);
+    EXPECT_NEAR(e.radius, 0.5, 1e-9);
+    EXPECT_NEAR(std::abs(e.point[2]), 0.3, 1e-9);
+    EXPECT_NEAR(std::abs(e.axis[2]), 1, 1e-9);
+  }
+  EXPECT_EQ(circles, 2u);
+  EXPECT_EQ(plate.edges.size(), 14u);
+  std::size_t arcs = 0;
+  for (const EdgeFeature& e : detect(test::rounded_block(2).mesh, {}).edges) {
+    if (e.kind != EdgeKind::arc) continue;
+    ++arcs;
+    EXPECT_NEAR(e.radius, 0.3, 1e-9);
+    EXPECT_EQ(e.points.size(), 13u);
+  }
+  EXPECT_EQ(arcs, 8u);
+}
+
+TEST(Detect, SharpEdgesFollowTheMaximumAngle) {
+  DetectOptions options;
+  const auto count = [&](int around, PrimitiveKind kind) {
+    Part part;
+    part.revolve_line(part.truth(Kind::plane), around, 1, 0.5, 0, 0.5, 1);
+    const Detection found = detect(part.mesh, options);
+    return std::count_if(found.primitives.begin(), found.primitives.end(), [&](const Primitive& p) { return p.kind == kind; });
+  };
+  EXPECT_EQ(count(16, PrimitiveKind::cylinder), 1);
+  EXPECT_EQ(count(16, PrimitiveKind::plane), 0);
+  EXPECT_EQ(count(15, PrimitiveKind::plane), 15);
+  EXPECT_EQ(count(6, PrimitiveKind::plane), 6);
+  options.maximum_angle = 0.3;
+  EXPECT_EQ(count(16, PrimitiveKind::plane), 16);
+  options.maximum_angle = 0.8;
+  EXPECT_EQ(count(8, PrimitiveKind::cylinder), 1);
+}
+
+TEST(Detect, LooksForTheKindsThatAreAskedFor) {
+  const Part part = test::step_shaft(2);
+  DetectOptions options;
+  options.kinds = {PrimitiveKind::plane};
+  const Detection found = detect(part.mesh, options);
+  EXPECT_EQ(found.primitives.size(), 4u);
+  for (const Primitive& p : found.primitives) EXPECT_EQ(p.kind, PrimitiveKind::plane);
+  options.kinds = {};
+  options.minimum_area = 0.2;
+  for (const Primitive& p : detect(part.mesh, options).primitives) EXPECT_GE(p.area, 0.2 * found.area);
+}
+
+TEST(Detect, TakesWhateverIsAMesh) {
+  Part part = test::plate_with_hole(2);
+  const std::size_t faces = part.mesh.face_count();
+  const Detection clean = detect(part.mesh, {});
+  Mesh& mesh = part.mesh;
+  mesh.points.push_back({1e6, 0, 0});  // without faces
+  const auto far = static_cast<PointId>(mesh.points.size() - 1);
+  mesh.points.push_back(mesh.points[0]);  // coincident
+  // A face that repeats a corner, two corners, one corner; a fin on an edge that has two faces already.
+  for (const std::vector<PointId>& face : std::vector<std::vector<PointId>>{{0, 1, 1}, {0, 1}, {2}}) {
+    mesh.face_sizes.push_back(static_cast<std::uint32_t>(face.size()));
+    mesh.face_points.insert(mesh.face_points.end(), face.begin(), face.end());
+  }
+  mesh.points.push_back({2, 2, 0.1});
+  mesh.face_sizes.push_back(3);
+  mesh.face_points.insert(mesh.face_points.end(), {far + 1, 1, far + 2});
+  const Detection found = detect(mesh, {});
+  ASSERT_EQ(names(found).size() >= clean.primitives.size(), true);
+  ASSERT_EQ(found.primitives.size(), clean.primitives.size());
+  for (std::size_t i = 0; i < clean.primitives.size(); ++i) {
+    std::vector<FaceId> old = found.primitives[i].faces;
+    std::erase_if(old, [&](FaceId f) { return f >= faces; });
+    EXPECT_EQ(old, clean.primitives[i].faces) << clean.primitives[i].name;
+  }
+  ASSERT_FALSE(found.notes.empty());
+}
+
+TEST(Detect, JoinsCoincidentPointsAndTurnsFacesAround) {
+  const Part part = test::capped_cylinder(2);
+  Mesh soup;  // every triangle has points of its own, every third is turned around
+  for (std::size_t f = 0; f < part.mesh.face_count(); ++f) {
+    soup.face_sizes.push_back(3);
+    for (std::size_t k = 0; k < 3; ++k) {
+      soup.face_points.push_back(static_cast<PointId>(soup.points.size()));
+      soup.points.push_back(part.mesh.points[part.mesh.face_points[3 * f + (f % 3 == 0 ? 2 - k : k)]]);
+    }
+  }
+  const Detection whole = detect(part.mesh, {}), apart = detect(soup, {});
+  ASSERT_EQ(names(whole), names(apart));
+  for (std::size_t i = 0; i < whole.primitives.size(); ++i) EXPECT_EQ(whole.primitives[i].faces, apart.primitives[i].faces);
+}
+
+TEST(Detect, KnowsPolygons) {
+  // The hexagonal prism with caps of one face each, and a cylinder of 24 quads with two polygons.
+  for (const std::uint32_t sides : {6u, 24u}) {
+    Mesh mesh;
+    for (const double z : {0.0, 1.0}) {
+      for (std::uint32_t i = 0; i < sides; ++i) {
+        const double angle = 2 * std::numbers::pi * i / sides;
+        mesh.points.push_back({std::cos(angle), std::sin(angle), z});
+      }
+    }
+    for (std::uint32_t i = 0; i < sides; ++i) {
+      mesh.face_sizes.push_back(4);
+      mesh.face_points.insert(mesh.face_points.end(), {i, (i + 1) % sides, sides + (i + 1) % sides, sides + i});
+    }
+    mesh.face_sizes.insert(mesh.face_sizes.end(), {sides, sides});
+    for (std::uint32_t i = 0; i < sides; ++i) mesh.face_points.push_back(sides - 1 - i);
+    for (std::uint32_t i = 0; i < sides; ++i) mesh.face_points.push_back(sides + i);
+    const Detection found = detect(mesh, {});
+    EXPECT_EQ(found.primitives.size(), sides == 6 ? 8u : 3u);
+    if (sides == 24) {
+      EXPECT_NEAR(found.primitives[2].radius, 1, 1e-9);
+    }
+  }
+}
+
+TEST(Detect, KeepsBoresBehindEachOtherApartAndJoinsHalves) {
+  Part apart;  // two tubes on one axis
+  const int label = apart.truth(Kind::cylinder, 0.5);
+  apart.revolve_line(label, 32, 4, 0.5, 0, 0.5, 1);
+  apart.revolve_line(label, 32, 4, 0.5, 2, 0.5, 3);
+  EXPECT_EQ(detect(apart.mesh, {}).primitives.size(), 2u);
+  Part halves;  // one tube, slit on two sides
+  for (const int first : {0, 16}) {
+    halves.sheet(0, 14, 8, [&](int i, int j) -> Vec3 {
+      const double angle = 2 * std::numbers::pi * (first + i) / 32;
+      return {0.5 * std::cos(angle), 0.5 * std::sin(angle), j / 8.0};
+    });
+  }
+  const Detection found = detect(halves.mesh, {});
+  ASSERT_EQ(found.primitives.size(), 1u);
+  EXPECT_EQ(found.primitives[0].faces.size(), halves.mesh.face_count());
+}
+
+TEST(Detect, RefusesBadOptionsAndEmptyMeshes) {
+  const Mesh mesh = test::cube(1).mesh;
+  const auto message = [&](const DetectOptions& options, const Mesh& tested) -> std::string {
+    try {
+      detect(tested, options);
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::invalid_argument);
+      return error.what();
+    }
+    return "none";
+  };
+  DetectOptions options;
+  options.tolerance = -1;
+  EXPECT_THAT(message(options, mesh), testing::HasSubstr("detection.tolerance: -1"));
+  options = {};
+  options.minimum_area = 1;
+  EXPECT_THAT(message(options, mesh), testing::HasSubstr("detection.minimum_area: 1"));
+  options = {};
+  options.maximum_angle = std::nan("");
+  EXPECT_THAT(message(options, mesh), testing::HasSubstr("detection.maximum_angle"));
+  EXPECT_THAT(message({}, Mesh{}), testing::HasSubstr("no face with an area"));
+  RunContext stopped;
+  stopped.cancel.emplace();
+  stopped.cancel->cancel();
+  EXPECT_THROW(detect(mesh, {}, stopped), Error);
+}
+
+TEST(Colours, Differ) {
+  const auto colours = distinct_colours(24);
+  ASSERT_EQ(colours.size(), 24u);
+  EXPECT_EQ(colours, distinct_colours(24));
+  for (std::size_t a = 0; a < colours.size(); ++a) {
+    const auto [least, most] = std::minmax_element(colours[a].begin(), colours[a].end());
+    EXPECT_GT(*most - *least, 60) << "no grey";
+    for (std::size_t b = a + 1; b < colours.size(); ++b) {
+      int distance = 0;
+      for (std::size_t k = 0; k < 3; ++k) distance += std::abs(colours[a][k] - colours[b][k]);
+      EXPECT_GT(distance, 25) << a << " and " << b;
+    }
+  }
+}
+
+TEST(Names, OfConstraints) {
+  EXPECT_EQ(constraint_kind(PrimitiveKind::plane), "planar");
+  EXPECT_EQ(constraint_kind(PrimitiveKind::cylinder), "cylindrical");
+  EXPECT_EQ(constraint_kind(PrimitiveKind::sphere), "spherical");
+  EXPECT_EQ(constraint_kind(PrimitiveKind::cone), "conical");
+  EXPECT_EQ(constraint_kind(EdgeKind::line), "feature_line");
+  EXPECT_EQ(constraint_kind(EdgeKind::circle), "circular");
+  EXPECT_EQ(constraint_kind(EdgeKind::arc), "circular");
+}
+
+}  // namespace
+}  // namespace deform
