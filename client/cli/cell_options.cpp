@@ -82,7 +82,7 @@ void print_constraints(const v1::ConstraintsReport& constraints, std::ostream& o
         << " (without constraints " << number_text(residual.free_largest()) << ", " << number_text(residual.free_rms()) << ")\n";
   }
   out << "  constraints " << (constraints.converged() ? "converged" : "DID NOT CONVERGE") << " in " << constraints.iterations()
-      << " iterations, energy " << number_text(constraints.energy()) << '\n';
+      << " iterations\n";
 }
 
 }  // namespace

@@ -58,7 +58,8 @@ struct DesignReport {
   int iterations = 0;                         ///< global steps
   int newton_steps = 0;                       ///< of the fallback
   bool converged = true;
-  double energy = 0;             ///< of the deformation and of what the constraints are missed by, unit coordinates
+  double energy = 0;  ///< of the deformation and of what the constraints are missed by, but for what depends on the handles only;
+                      ///< unit coordinates
   double convergence_error = 0;  ///< estimated rms distance of the constrained points from the limit, model units
 };
 

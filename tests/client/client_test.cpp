@@ -103,7 +103,7 @@ TEST(Client, DetectPutsPiecesTogether) {
     return grpc::Status::OK;
   };
   Client client = service.client();
-  const Detected detected = client.detect({});
+  const client::Detected detected = client.detect({});
   ASSERT_EQ(detected.primitives.size(), 1u);
   EXPECT_EQ(detected.primitives[0].about.name(), "plane_1");
   EXPECT_EQ(detected.primitives[0].faces, (std::vector<FaceId>{1, 2, 5}));

@@ -102,7 +102,7 @@ TEST(ConvertConstraint, EveryKind) {
   for (const auto& row : rows) {
     const std::string json =
         std::string(R"({"constraints": [{"name": "c", "weight": 7, "regions": [{"group": "left"}], )") + row.json + "}]}";
-    const Setup setup = setup_from_proto(with(json), 10);
+    const deform::Setup setup = setup_from_proto(with(json), 10);
     ASSERT_EQ(setup.constraints.size(), 1u) << row.kind;
     const Constraint& constraint = setup.constraints[0];
     EXPECT_EQ(constraint.name, "c");
