@@ -4,11 +4,17 @@
 
 #include "core/base/error.h"
 #include "core/constraints/circle.h"
+#include "core/constraints/cone.h"
 #include "core/constraints/cylinder.h"
+#include "core/constraints/distance.h"
+#include "core/constraints/extent.h"
 #include "core/constraints/fitting.h"
 #include "core/constraints/matched_shape.h"
+#include "core/constraints/pairing.h"
 #include "core/constraints/plane.h"
+#include "core/constraints/related_planes.h"
 #include "core/constraints/sphere.h"
+#include "core/constraints/symmetric.h"
 
 namespace deform {
 
@@ -101,37 +107,107 @@ std::optional<double> kept_curvature(Size size, double (*curvature)(std::span<co
   return k;
 }
 
-struct Maker {
-  Regions rest;
-  const UnitMap& units;
-  const std::string& what;
-  std::vector<Vec3> all;  ///< points of all regions
+/// Makes each kind; the numbers of regions and points have been checked.
+class Maker {
+ public:
+  Maker(Regions rest, const UnitMap& units, const std::string& what) : rest_(rest), units_(units), what_(what) {
+    for (const auto& region : rest) all_.insert(all_.end(), region.begin(), region.end());
+  }
 
   using Made = std::unique_ptr<const Projection>;
 
-  Made operator()(const Planar&) const { return plane_projection(all.size()); }
-  Made operator()(const Coplanar&) const { return plane_projection(all.size()); }
-  Made operator()(const Straight&) const { return line_projection(all.size()); }
+  Made operator()(const Planar&) const { return plane_projection(all_.size()); }
+  Made operator()(const Coplanar&) const { return plane_projection(all_.size()); }
+  Made operator()(const Straight&) const { return line_projection(all_.size()); }
   Made operator()(const Circular& kind) const {
-    return circle_projection(all.size(), kept_curvature(kind.radius, circle_curvature, all, what));
+    return circle_projection(all_.size(), kept_curvature(kind.radius, circle_curvature, all_, what_));
   }
   Made operator()(const Cylindrical& kind) const {
-    return cylinder_projection(all.size(), kept_curvature(kind.radius, cylinder_curvature, all, what));
+    return cylinder_projection(all_.size(), kept_curvature(kind.radius, cylinder_curvature, all_, what_));
   }
   Made operator()(const Spherical& kind) const {
-    return sphere_projection(all.size(), kept_curvature(kind.radius, sphere_curvature, all, what));
+    return sphere_projection(all_.size(), kept_curvature(kind.radius, sphere_curvature, all_, what_));
   }
-  Made operator()(const FeatureLine&) const { return matched_projection(all, Match::similar); }
-  Made operator()(const Rigid&) const { return matched_projection(all, Match::rigid); }
+  Made operator()(const FeatureLine&) const { return matched_projection(all_, Match::similar); }
+  Made operator()(const Rigid&) const { return matched_projection(all_, Match::rigid); }
   Made operator()(const FixedPlane& kind) const {
-    return fixed_plane_projection(to_unit(kind.point, units, what + ".point"), direction(kind.normal, what + ".normal"),
-                                  all.size());
+    return fixed_plane_projection(to_unit(kind.point, units_, what_ + ".point"), direction(kind.normal, what_ + ".normal"),
+                                  all_.size());
   }
-  template <class Kind>
-  Made operator()(const Kind&) const {
-    refuse(what, "not available yet");
+  Made operator()(const Conical& kind) const {
+    return cone_projection(all_.size(), kind.angle == Size::free ? std::nullopt : std::optional<double>(cone_angle(all_)));
   }
+  Made operator()(const Parallel&) const { return parallel_projection(counts()); }
+  Made operator()(const Orthogonal&) const { return orthogonal_projection(counts()); }
+  Made operator()(const Symmetric& kind) const;
+  Made operator()(const Distance& kind) const;
+  Made operator()(const Extent& kind) const;
+
+ private:
+  std::vector<std::size_t> counts() const {
+    std::vector<std::size_t> points;
+    for (const auto& region : rest_) points.push_back(region.size());
+    return points;
+  }
+
+  Regions rest_;
+  const UnitMap& units_;
+  const std::string& what_;
+  std::vector<Vec3> all_;  ///< points of all regions
 };
+
+Maker::Made Maker::operator()(const Symmetric& kind) const {
+  if (!(kind.tolerance > 0 && kind.tolerance <= 0.1)) refuse(what_ + ".tolerance", "must be above 0 and at most 0.1");
+  Box box;
+  for (const Vec3& p : all_) box.add(p);
+  const double tolerance = kind.tolerance * box.diagonal();
+  std::optional<MirrorPlane> plane;
+  if (kind.plane) {
+    plane = MirrorPlane{to_unit(kind.plane->point, units_, what_ + ".plane.point"),
+                        direction(kind.plane->normal, what_ + ".plane.normal")};
+  } else {
+    plane = find_mirror_plane(all_, rest_[0].size(), tolerance);
+    if (!plane) refuse(what_ + ".plane", "none found in which the points at rest are symmetric; give one");
+  }
+  MirrorPairs pairs = mirror_pairs(all_, rest_[0].size(), *plane, tolerance);
+  if (pairs.unmatched > 0) {
+    refuse(what_ + ".regions", std::to_string(pairs.unmatched) + " of " + std::to_string(all_.size()) +
+                                   " points have no partner within the tolerance of their mirror image, the first is point " +
+                                   std::to_string(pairs.first_unmatched));
+  }
+  return symmetric_projection(std::move(pairs.partner));
+}
+
+Maker::Made Maker::operator()(const Distance& kind) const {
+  if (kind.value && !(std::isfinite(*kind.value) && *kind.value > 0)) refuse(what_ + ".value", "must be finite and above 0");
+  std::vector<PointPair> pairs;
+  for (const auto& [i, k] : mutual_pairs(rest_[0], rest_[1])) {
+    const Eigen::Vector3d apart = to_eigen(rest_[0][i]) - to_eigen(rest_[1][k]);
+    if (!(apart.norm() > 1e-12)) {
+      refuse(what_ + ".regions",
+             "point " + std::to_string(i) + " of the first and point " + std::to_string(k) + " of the second coincide at rest");
+    }
+    PointPair pair{i, static_cast<std::uint32_t>(rest_[0].size()) + k};
+    pair.direction = to_vec3(apart.normalized());
+    const double value = kind.value ? *kind.value / units_.scale : apart.norm();
+    if (kind.bound != Bound::maximum) pair.least = value;
+    if (kind.bound != Bound::minimum) pair.most = value;
+    pairs.push_back(pair);
+  }
+  return distance_projection(std::move(pairs), all_.size());
+}
+
+Maker::Made Maker::operator()(const Extent& kind) const {
+  const Vec3 axis = direction(kind.axis, what_ + ".axis");
+  if (!(std::isfinite(kind.value) && kind.value >= 0)) refuse(what_ + ".value", "must be finite and not negative");
+  const double value = kind.value / units_.scale;
+  if (kind.bound == Bound::equal) refuse(what_ + ".bound", "must be minimum or maximum; two constraints make an equality");
+  if (kind.bound == Bound::maximum) return largest_extent_projection(axis, value, all_.size());
+  if (!(kind.ends >= 0 && kind.ends < 0.5)) refuse(what_ + ".ends", "must be at least 0 and below 0.5");
+  const ExtentEnds ends = extent_ends(all_, axis, kind.ends);
+  if (ends.upper.empty()) refuse(what_ + ".regions", "the points at rest have no extent along the axis");
+  return least_extent_projection(axis, value, ends, all_.size());
+}
 
 }  // namespace
 
@@ -146,9 +222,7 @@ std::unique_ptr<const Projection> make_projection(const ConstraintKind& kind, Re
                                                   const std::string& what) {
   check_units(units);
   check_points(std::visit(NeedsOf{}, kind), rest, what);
-  Maker maker{rest, units, what, {}};
-  for (const auto& region : rest) maker.all.insert(maker.all.end(), region.begin(), region.end());
-  return std::visit(maker, kind);
+  return std::visit(Maker(rest, units, what), kind);
 }
 
 }  // namespace deform

@@ -63,8 +63,10 @@ struct Symmetric {
   struct Plane {
     Vec3 point{}, normal{};
   };
-  std::optional<Plane> plane;  ///< at rest; without it the plane is found (needs points whose principal axes are distinct)
-  double tolerance = 1e-3;     ///< of the diagonal of the box of all its points; 0 < tolerance <= 0.1
+  /// At rest. Without it: across the line between the means of two regions; of one region across the longest of its principal
+  /// axes that does it (points without distinct axes need a plane given).
+  std::optional<Plane> plane;
+  double tolerance = 1e-3;  ///< of the diagonal of the box of all its points; 0 < tolerance <= 0.1
 };
 /// Two or more regions in one plane. At least 4 points.
 struct Coplanar {};
@@ -72,22 +74,21 @@ struct Coplanar {};
 struct Parallel {};
 /// Both regions in a plane, the planes at right angles. Two regions, at least 3 points each.
 struct Orthogonal {};
-/// The distance between two regions, such as the thickness of a wall or a gap. Points are paired at rest: the nearest pair of the
-/// two regions first, then the nearest of those left (each point once; only pairs in which each is the nearest of the other's
-/// region among the remaining ones). The distance of every pair is kept, or is at least or at most `value`. Points
-/// without a partner are not held. Two regions without common points.
+/// The distance between two regions, such as the thickness of a wall or a gap: of every pair of points that are each other's
+/// nearest at rest. It is kept, or is at least or at most `value`. Points that are nobody's nearest are not held. Two regions
+/// without common points; distances are between points, so meshes of similar density serve best.
 struct Distance {
   Bound bound = Bound::equal;
-  std::optional<double> value;  ///< > 0; without it the distance of each pair at rest
+  std::optional<double> value;  ///< > 0; without it that of each pair at rest
 };
 /// Bounds on how far a region extends along an axis (one bound per constraint). maximum: all points fit between two planes across
 /// the axis that are `value` apart. minimum: the points that are the upper and the lower end at rest (within `ends` of the
-/// extent at rest) stay on either side of such a pair of planes. At least 2 points.
+/// extent at rest) stay on either side of such a pair of planes. There is no equal. At least 2 points.
 struct Extent {
   Vec3 axis{};  ///< need not be of unit length
   Bound bound = Bound::minimum;
   double value = 0;    ///< >= 0
-  double ends = 0.01;  ///< of the extent at rest, 0..0.5; used by minimum
+  double ends = 0.01;  ///< of the extent at rest, 0 <= ends < 0.5; used by minimum
 };
 
 using ConstraintKind = std::variant<Planar, Circular, Cylindrical, Spherical, Conical, Straight, FeatureLine, Rigid, FixedPlane,

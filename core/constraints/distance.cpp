@@ -1,0 +1,92 @@
+#include "core/constraints/distance.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "core/constraints/fitting.h"
+
+namespace deform {
+
+namespace {
+
+class DistanceProjection final : public Projection {
+ public:
+  DistanceProjection(std::vector<PointPair> pairs, std::size_t points) : pairs_(std::move(pairs)), points_(points) {}
+
+  std::string_view kind() const override { return "distance"; }
+  std::size_t point_count() const override { return points_; }
+
+  double project(std::span<const Vec3> x, std::span<Vec3> out, ShapeParameters& shape) const override {
+    shape.clear();
+    std::copy(x.begin(), x.end(), out.begin());
+    double energy = 0;
+    for (const PointPair& pair : pairs_) {
+      const State at = state(pair, x);
+      const Eigen::Vector3d half = 0.5 * at.excess * at.direction;
+      out[pair.a] = to_vec3(to_eigen(x[pair.a]) - half);
+      out[pair.b] = to_vec3(to_eigen(x[pair.b]) + half);
+      energy += 0.5 * at.excess * at.excess;
+    }
+    return energy;
+  }
+
+  void derivative(std::span<const Vec3> x, const ShapeParameters&, std::span<const Vec3> dx, std::span<Vec3> out) const override {
+    std::copy(dx.begin(), dx.end(), out.begin());
+    for (const PointPair& pair : pairs_) {
+      const State at = state(pair, x);
+      if (at.excess == 0) continue;
+      const Eigen::Vector3d d = to_eigen(dx[pair.a]) - to_eigen(dx[pair.b]);
+      const double lengthened = at.direction.dot(d);
+      // The direction turns with the pair.
+      const double turning = at.excess / std::max(at.length, 1e-9 * pair.least);
+      const Eigen::Vector3d half = 0.5 * (lengthened * at.direction + turning * (d - lengthened * at.direction));
+      out[pair.a] = to_vec3(to_eigen(dx[pair.a]) - half);
+      out[pair.b] = to_vec3(to_eigen(dx[pair.b]) + half);
+    }
+  }
+
+  Linearization linearize(std::span<const Vec3> x, const ShapeParameters&) const override {
+    Linearization result;
+    result.normals.assign(x.size(), Vec3{});
+    result.residual.setZero(static_cast<Eigen::Index>(x.size()));
+    result.parameters.resize(result.residual.size(), 0);
+    for (const PointPair& pair : pairs_) {
+      const State at = state(pair, x);
+      if (at.excess == 0) continue;
+      result.normals[pair.a] = to_vec3(at.direction);
+      result.normals[pair.b] = to_vec3(-at.direction);
+      result.residual[pair.a] = result.residual[pair.b] = 0.5 * at.excess;
+    }
+    return result;
+  }
+
+ private:
+  struct State {
+    Eigen::Vector3d direction;
+    double length = 0, excess = 0;  ///< over the bounds (negative: below them)
+  };
+
+  static State state(const PointPair& pair, std::span<const Vec3> x) {
+    State at;
+    at.direction = to_eigen(x[pair.a]) - to_eigen(x[pair.b]);
+    at.length = at.direction.norm();
+    if (at.length > 0) {
+      at.direction /= at.length;
+    } else {
+      at.direction = to_eigen(pair.direction);
+    }
+    at.excess = at.length - std::clamp(at.length, pair.least, pair.most);
+    return at;
+  }
+
+  std::vector<PointPair> pairs_;
+  std::size_t points_;
+};
+
+}  // namespace
+
+std::unique_ptr<const Projection> distance_projection(std::vector<PointPair> pairs, std::size_t points) {
+  return std::make_unique<DistanceProjection>(std::move(pairs), points);
+}
+
+}  // namespace deform
