@@ -24,6 +24,14 @@ struct RowBlocks {
 /// of threads.
 SparseMatrix lower_gram(const RowBlocks& rows, std::size_t columns, const RunContext& context = {});
 
+/// One column of a lower triangle: rows ascending, from the diagonal on.
+struct LowerColumn {
+  std::vector<std::int64_t> rows;
+  std::vector<double> values;
+};
+/// A square matrix from its columns, which are emptied.
+SparseMatrix lower_matrix(std::vector<LowerColumn>& columns);
+
 /// Which columns hang together: two that have entries in the same block have the same number, counted from 0 in the order of the
 /// columns.
 std::vector<std::uint32_t> joined_columns(const RowBlocks& rows, std::size_t columns);

@@ -1,10 +1,13 @@
 #include "core/numerics/subspace.h"
 
 #include <algorithm>
+#include <cstdint>
+#include <vector>
 
 #include "core/base/parallel.h"
 #include "core/numerics/blocked_qr.h"
 #include "core/numerics/lapack.h"
+#include "core/numerics/row_gram.h"
 
 namespace deform {
 
@@ -15,6 +18,29 @@ using Eigen::MatrixXd;
 
 constexpr std::size_t qr_block = 64;
 constexpr std::size_t columns_per_range = 64;
+
+/// Column j of the lower triangle of Phi^T right; `sums` and `seen` are 0 before and after.
+void gather_column(const SparseMatrix& phi, const SparseRows& right, Index j, std::vector<double>& sums, std::vector<char>& seen,
+                   LowerColumn& out) {
+  for (SparseMatrix::InnerIterator at(phi, j); at; ++at) {
+    for (SparseRows::InnerIterator it(right, at.row()); it; ++it) {
+      const auto i = static_cast<std::size_t>(it.col());
+      if (it.col() < j) continue;
+      if (!seen[i]) {
+        seen[i] = 1;
+        out.rows.push_back(it.col());
+      }
+      sums[i] += at.value() * it.value();
+    }
+  }
+  std::sort(out.rows.begin(), out.rows.end());
+  for (const std::int64_t row : out.rows) {
+    const auto i = static_cast<std::size_t>(row);
+    out.values.push_back(sums[i]);
+    sums[i] = 0;
+    seen[i] = 0;
+  }
+}
 
 }  // namespace
 
@@ -60,10 +86,15 @@ SparseMatrix projected_lower(const SparseMatrix& E, const MatrixXd& phi, const R
 SparseMatrix projected_lower(const SparseMatrix& E, const SparseRows& phi, const RunContext& context) {
   const SparseMatrix columns = phi;
   context.check();
-  const SparseMatrix right = E * columns;
-  context.check();
-  const SparseMatrix full = SparseMatrix(columns.transpose()) * right;
-  return full.triangularView<Eigen::Lower>();
+  const SparseRows right = SparseRows(E) * phi;
+  const auto k = static_cast<std::size_t>(phi.cols());
+  std::vector<LowerColumn> gathered(k);
+  parallel_for(context, k, columns_per_range, [&](std::size_t begin, std::size_t end) {
+    std::vector<double> sums(k, 0.0);
+    std::vector<char> seen(k, 0);
+    for (std::size_t j = begin; j < end; ++j) gather_column(columns, right, static_cast<Index>(j), sums, seen, gathered[j]);
+  });
+  return lower_matrix(gathered);
 }
 
 }  // namespace deform
