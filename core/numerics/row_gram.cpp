@@ -42,6 +42,8 @@ struct Gatherer {
   std::vector<char> seen;
 
   void gather(std::size_t j, LowerColumn& out) {
+    seen[j] = 1;  // the diagonal is always there
+    out.rows.push_back(static_cast<std::int64_t>(j));
     for (std::int64_t p = places.starts[j]; p < places.starts[j + 1]; ++p) {
       const std::int64_t own = places.entries[static_cast<std::size_t>(p)];
       const std::int64_t end = rows.starts[places.blocks[static_cast<std::size_t>(p)] + 1];

@@ -20,8 +20,8 @@ struct RowBlocks {
   std::size_t blocks() const { return starts.size() - 1; }
 };
 
-/// The lower triangle of B^T B, columns x columns, in parallel; every sum in the order of the blocks, so the same for any number
-/// of threads.
+/// The lower triangle of B^T B, columns x columns, with the whole diagonal, in parallel; every sum in the order of the blocks, so
+/// the same for any number of threads.
 SparseMatrix lower_gram(const RowBlocks& rows, std::size_t columns, const RunContext& context = {});
 
 /// One column of a lower triangle: rows ascending, from the diagonal on.
