@@ -16,6 +16,7 @@ namespace {
 }
 
 double length(const Vec3& v) { return std::hypot(v[0], v[1], v[2]); }
+double distance(const Vec3& a, const Vec3& b) { return length({a[0] - b[0], a[1] - b[1], a[2] - b[2]}); }
 
 }  // namespace
 
@@ -35,12 +36,18 @@ EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, s
 }
 
 EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, const std::vector<Affine>& derivatives,
-                                   const RunContext& context)
+                                   const ConstrainedState& at, const RunContext& context)
     : system_(std::move(system)), held_(system_->held()), kind_(MotionKind::derivative), reports_(1), slot_(1) {
   designs_.push_back({derivatives, std::vector<std::vector<Vec3>>(derivatives.size())});
   choose_paths(EvaluationPath::automatic);
   set_basis_coefficients();
-  solve_direct(context);
+  if (system_->constrained_ == nullptr) {
+    solve_direct(context);
+    return;
+  }
+  const auto told = system_->prescribed(designs_[0], kind_);
+  const Eigen::MatrixXd w = system_->constrained_->derivative(at, told.h, told.offsets, context);
+  solutions_.push_back(system_->completed(told.h * system_->box_.scale, w * system_->box_.scale, context));
 }
 
 void EnergyEvaluation::choose_paths(EvaluationPath path) {
@@ -75,28 +82,89 @@ void EnergyEvaluation::set_basis_coefficients() {
   }
 }
 
-/// Displacements of the held points that count, m x 3.
-Eigen::MatrixXd EnergyEvaluation::prescribed(const BoundDesign& design) const {
-  const std::vector<PointId>& ids = system_->model_.held;
-  Eigen::MatrixXd h(static_cast<Eigen::Index>(ids.size()), 3);
-  for (std::size_t j = 0; j < ids.size(); ++j) {
-    const Vec3 to = held_.place(design, ids[j], kind_);
-    const Vec3& x = held_.mesh.points[ids[j]];
-    for (std::size_t k = 0; k < 3; ++k) {
-      h(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(k)) = kind_ == MotionKind::position ? to[k] - x[k] : to[k];
+EnergySystem::Prescribed EnergySystem::prescribed(const BoundDesign& design, MotionKind kind) const {
+  const HeldPoints points = held();
+  const auto displacement = [&](PointId id) {
+    const Vec3 to = points.place(design, id, kind);
+    const Vec3 from = kind == MotionKind::position ? mesh_->points[id] : Vec3{};
+    return Vec3{(to[0] - from[0]) / box_.scale, (to[1] - from[1]) / box_.scale, (to[2] - from[2]) / box_.scale};
+  };
+  Prescribed result{Eigen::MatrixXd(static_cast<Eigen::Index>(model_.held.size()), 3), {}};
+  for (std::size_t j = 0; j < model_.held.size(); ++j) {
+    const Vec3 u = displacement(model_.held[j]);
+    for (std::size_t k = 0; k < 3; ++k) result.h(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(k)) = u[k];
+  }
+  if (!constrained_) return result;
+  for (const ConstraintSet& set : constrained_->sets()) {
+    for (const PointId id : set.ids) {
+      const bool told = model_.eliminated && region_of_[id] != deformable_region;
+      result.offsets.push_back(told ? displacement(id) : Vec3{});
     }
   }
-  return h;
+  return result;
 }
 
 void EnergyEvaluation::solve_direct(const RunContext& context) {
   solutions_.resize(designs_.size());
-  for (std::size_t i = 0; i < designs_.size(); ++i) {
-    if (reports_[i].path != EvaluationPath::direct) continue;
-    context.check();
-    solutions_[i] = system_->solve(prescribed(designs_[i]), context);
+  parallel_for(context, designs_.size(), 1, [&](std::size_t i, std::size_t) {
+    if (reports_[i].path != EvaluationPath::direct) return;
+    if (system_->constrained_) {
+      solve_constrained(i, context);
+    } else {
+      solutions_[i] = system_->solve(system_->prescribed(designs_[i], kind_).h * system_->box_.scale, context);
+    }
     const auto& misfits = solutions_[i].misfits;
     reports_[i].interpolation_residual = length({misfits[0], misfits[1], misfits[2]});
+  });
+}
+
+void EnergyEvaluation::solve_constrained(std::size_t design, const RunContext& context) {
+  const double D = system_->box_.scale;
+  const auto told = system_->prescribed(designs_[design], kind_);
+  const ConstrainedResult result = system_->constrained_->solve(told.h, told.offsets, context);
+  solutions_[design] = system_->completed(told.h * D, result.after.w * D, context);
+  DesignReport& report = reports_[design];
+  report.iterations = result.iterations;
+  report.newton_steps = result.newton_steps;
+  report.converged = result.converged;
+  report.convergence_error = result.error * D;
+  measure_constraints(design, result);
+}
+
+/// Distances from the shapes where the points really go.
+void EnergyEvaluation::measure_constraints(std::size_t design, const ConstrainedResult& result) {
+  const double D = system_->box_.scale;
+  const EnergySystem::Solution& solution = solutions_[design];
+  std::vector<Vec3> points = result.after.points;
+  std::vector<double> values(3 * tile_size);
+  for (std::size_t t = 0; system_->correction_ && t < system_->set_places_.tiles(); ++t) {
+    std::fill(values.begin(), values.end(), 0.0);
+    system_->correction_->add_values(system_->set_places_.tile(t), solution.correction.data(), 3, values.data());
+    for (std::size_t i = t * tile_size; i < std::min(points.size(), (t + 1) * tile_size); ++i) {
+      for (std::size_t k = 0; k < 3; ++k) points[i][k] += values[k * tile_size + i % tile_size] / D;
+    }
+  }
+  std::size_t first = 0;
+  for (std::size_t t = 0; t < system_->constrained_->sets().size(); ++t) {
+    const ConstraintSet& set = system_->constrained_->sets()[t];
+    const std::size_t count = set.ids.size();
+    for (std::size_t i = 0; i < count && system_->exact(); ++i) {
+      if (system_->region_of_[set.ids[i]] == deformable_region) continue;
+      points[first + i] = system_->box_.to_unit(held_.place(designs_[design], set.ids[i], kind_));
+    }
+    std::vector<Vec3> projected(count);
+    ShapeParameters shape = result.after.shapes[t];
+    const double sum = set.projection->project({points.data() + first, count}, projected, shape);
+    ConstraintReport report;
+    report.rms = D * std::sqrt(sum / static_cast<double>(count));
+    report.rms_before = D * std::sqrt(result.before.squares[t] / static_cast<double>(count));
+    for (std::size_t i = 0; i < count; ++i) {
+      report.max = std::max(report.max, D * distance(points[first + i], projected[i]));
+      report.max_before =
+          std::max(report.max_before, D * distance(result.before.points[first + i], result.before.targets[first + i]));
+    }
+    reports_[design].constraints.push_back(report);
+    first += count;
   }
 }
 

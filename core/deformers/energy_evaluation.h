@@ -13,8 +13,10 @@ class EnergyEvaluation : public Evaluation {
   /// Positions for the designs of System::bind().
   EnergyEvaluation(std::shared_ptr<const EnergySystem> system, std::span<const Design> designs, EvaluationPath path,
                    const RunContext& context);
-  /// A displacement field from one affine map per handle (a derivative): evaluate() gives the field itself.
-  EnergyEvaluation(std::shared_ptr<const EnergySystem> system, const std::vector<Affine>& derivatives, const RunContext& context);
+  /// A displacement field from one affine map per handle (a derivative): evaluate() gives the field itself. With constraints the
+  /// derivative at a solution.
+  EnergyEvaluation(std::shared_ptr<const EnergySystem> system, const std::vector<Affine>& derivatives, const ConstrainedState& at,
+                   const RunContext& context);
 
   std::size_t design_count() const override { return designs_.size(); }
   const DesignReport& report(std::size_t design) const override { return reports_[design]; }
@@ -24,7 +26,8 @@ class EnergyEvaluation : public Evaluation {
   void choose_paths(EvaluationPath path);
   void set_basis_coefficients();
   void solve_direct(const RunContext& context);
-  Eigen::MatrixXd prescribed(const BoundDesign& design) const;
+  void solve_constrained(std::size_t design, const RunContext& context);
+  void measure_constraints(std::size_t design, const ConstrainedResult& result);
   void evaluate_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const;
 
   std::shared_ptr<const EnergySystem> system_;

@@ -5,6 +5,7 @@
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/deformers/energy_system.h"
+#include "core/deformers/mls_space.h"
 #include "core/deformers/rbf_parts.h"
 
 namespace deform {
@@ -12,6 +13,7 @@ namespace deform {
 namespace {
 
 constexpr std::size_t entry_bytes = sizeof(double) + sizeof(std::int64_t);
+constexpr std::size_t fill = 12;      // entries of a factor over those of the matrix, supports of a dozen samples
 constexpr double nominal_rate = 5e9;  // flops per second of a sparse factorization on one core
 
 std::vector<RegionIndex> regions_of_points(std::size_t n, const SelectedRegions& regions) {
@@ -29,12 +31,57 @@ std::size_t shell_assembly_bytes(const Mesh& mesh) {
   return triangles * (12 * 24 + 4 * entry_bytes + 4 * (24 + 2 * entry_bytes)) + mesh.point_count() * 64;
 }
 
+/// Bytes and work before the system is there.
+struct Sizes {
+  std::size_t assembly = 0;  ///< peak while the space is made
+  std::size_t matrices = 0;  ///< what stays of it
+  std::size_t functions = 0;
+  SparseCholesky::Estimate factor;
+};
+
+Sizes sizes_of(const Mesh& mesh, const Setup& setup, const std::vector<RegionIndex>& region_of, Estimate& estimate) {
+  Sizes sizes;
+  if (const auto* mls = std::get_if<MlsOptions>(&setup.method)) {
+    const SpaceBytes space = estimate_mls_space(mesh, *mls);
+    // Supports are wide, so that the factor fills up: a multiple of the matrix, at most a full triangle.
+    const std::size_t k = space.samples;
+    const std::size_t entries = std::min(k * (k + 1) / 2, fill * space.energy_entries);
+    const std::size_t held = estimate.constraint_points * static_cast<std::size_t>(2 * mls->cover) * entry_bytes;
+    sizes = {space.peak, space.resident + held + space.energy_entries * entry_bytes, k, {}};
+    sizes.factor.factor_bytes = entries * sizeof(double);
+    sizes.factor.peak_bytes = 2 * sizes.factor.factor_bytes;
+    sizes.factor.flops =
+        static_cast<double>(entries) * static_cast<double>(entries) / static_cast<double>(std::max<std::size_t>(1, k));
+    estimate.centres = k;
+    return sizes;
+  }
+  // The factor of a shell depends on how its surface is connected: ordered, not factored.
+  const double diagonal = bounding_box(mesh.points).diagonal();
+  const EnergyModel model = energy_model(mesh, setup, region_of, {{}, diagonal > 0 ? diagonal : 1}, {});
+  sizes.factor = SparseCholesky::estimate(model.space.energy);
+  sizes.matrices = sparse_bytes(model.space.energy) + sparse_bytes(model.space.values) + sparse_bytes(model.coupling);
+  sizes.assembly = shell_assembly_bytes(mesh) + 2 * sizes.matrices;
+  sizes.functions = model.space.samples;
+  estimate.centres = model.eliminated ? model.held.size() : model.space.samples;
+  estimate.notes = model.space.notes;
+  return sizes;
+}
+
 }  // namespace
 
-EnergyModel energy_model(const Mesh& mesh, const Setup& setup, const SelectedRegions&, const std::vector<RegionIndex>& region_of,
-                         const UnitBox& box, const RunContext&) {
+EnergyModel energy_model(const Mesh& mesh, const Setup& setup, const std::vector<RegionIndex>& region_of, const UnitBox& box,
+                         const RunContext& context) {
   if (const auto* shell = std::get_if<ShellOptions>(&setup.method)) return shell_model(mesh, region_of, *shell, box.scale);
-  throw Error(ErrorCode::invalid_argument, "method: subspace and mls are not there yet");
+  EnergyModel model;
+  if (const auto* mls = std::get_if<MlsOptions>(&setup.method)) {
+    model.space = mls_space(mesh, *mls, setup.seed, context);
+  } else {
+    throw Error(ErrorCode::invalid_argument, "method.subspace: this build has no subspaces");
+  }
+  for (std::size_t i = 0; i < region_of.size(); ++i) {
+    if (region_of[i] != deformable_region) model.held.push_back(static_cast<PointId>(i));
+  }
+  return model;
 }
 
 Estimate estimate_energy(const Mesh& mesh, const Setup& setup) {
@@ -45,28 +92,22 @@ Estimate estimate_energy(const Mesh& mesh, const Setup& setup) {
   for (const RegionIndex region : region_of) estimate.constraint_points += region != deformable_region ? 1 : 0;
   const std::size_t following =
       options.handles == HandleMode::hard ? mesh.point_count() - estimate.constraint_points : mesh.point_count();
+  const Sizes sizes = sizes_of(mesh, setup, region_of, estimate);
 
-  const double diagonal = bounding_box(mesh.points).diagonal();
-  const EnergyModel model = energy_model(mesh, setup, regions, region_of, {{}, diagonal > 0 ? diagonal : 1}, {});
-  const SparseCholesky::Estimate factor = SparseCholesky::estimate(model.space.energy);
-  const std::size_t matrices =
-      2 * sparse_bytes(model.space.energy) + sparse_bytes(model.space.values) + sparse_bytes(model.coupling);
-  estimate.centres = model.eliminated ? model.held.size() : model.space.samples;
-  estimate.factor_bytes = factor.factor_bytes + matrices;
+  estimate.factor_bytes = sizes.factor.factor_bytes + sizes.matrices;
   const std::size_t fields = 4 * regions.handles.size();
   const std::size_t basis_bytes = FieldTiles::bytes_for(following, fields);
   const bool basis = setup.constraints.empty() && wants_basis(options.basis, basis_bytes, estimate.factor_bytes);
   estimate.basis_bytes = basis ? basis_bytes : 0;
   const std::size_t points = point_bytes(mesh.point_count(), regions.symmetry);
   estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + points;
-  const std::size_t solving = estimate.basis_bytes + 8 * model.space.samples * 3 * sizeof(double);
+  const std::size_t solving = estimate.basis_bytes + 8 * sizes.functions * 3 * sizeof(double);
   estimate.peak_bytes =
-      points + std::max({shell_assembly_bytes(mesh) + matrices, matrices + factor.peak_bytes, estimate.factor_bytes + solving});
-  const double columns = basis ? static_cast<double>(fields) : 0;
-  estimate.seconds = factor.flops / nominal_rate + static_cast<double>(factor.factor_bytes) * 5e-9 +
-                     columns * static_cast<double>(factor.factor_bytes) / 4e9 / thread_count({}) +
-                     static_cast<double>(mesh.point_count()) * 3e-6;
-  estimate.notes = model.space.notes;
+      points + std::max({sizes.assembly, sizes.matrices + sizes.factor.peak_bytes, estimate.factor_bytes + solving});
+  const auto factor_bytes = static_cast<double>(sizes.factor.factor_bytes);
+  estimate.seconds = sizes.factor.flops / nominal_rate + factor_bytes * 5e-9 +
+                     (basis ? static_cast<double>(fields) : 0) * factor_bytes / 4e9 / thread_count({}) +
+                     static_cast<double>(sizes.assembly) * 1e-8;
   if (!basis && setup.constraints.empty()) {
     estimate.notes.push_back("No handle basis will be stored: every design is solved for.");
   }

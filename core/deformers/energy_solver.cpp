@@ -19,26 +19,6 @@ std::size_t bytes_of(const Matrix& matrix) {
          static_cast<std::size_t>(matrix.outerSize() + 1) * sizeof(std::int64_t);
 }
 
-SparseCholesky factored(const SparseMatrix& matrix, std::size_t memory_limit, const RunContext& context) {
-  if (memory_limit != 0) {
-    const SparseCholesky::Estimate estimate = SparseCholesky::estimate(matrix);
-    if (estimate.peak_bytes > memory_limit) {
-      throw Error(ErrorCode::out_of_budget, "factoring " + std::to_string(matrix.rows()) + " unknowns needs " +
-                                                std::to_string((estimate.peak_bytes >> 20) + 1) + " MiB, available are " +
-                                                std::to_string(memory_limit >> 20) +
-                                                " MiB; use larger fixed regions, fewer samples or centres, or a smaller cover");
-    }
-  }
-  try {
-    return SparseCholesky(matrix, context);
-  } catch (const Error& error) {
-    if (error.code() != ErrorCode::numerical_failure) throw;
-    throw Error(ErrorCode::numerical_failure, std::string("the deformation is not determined by its handles and fixed points (") +
-                                                  error.what() +
-                                                  "); fix more points, or give both stretching and bending a weight");
-  }
-}
-
 }  // namespace
 
 std::size_t sparse_bytes(const SparseMatrix& matrix) { return bytes_of(matrix); }
@@ -64,6 +44,26 @@ SparseMatrix EnergySolver::matrix_of(const Problem& problem) {
   return result;
 }
 
+SparseCholesky EnergySolver::factored(const SparseMatrix& matrix, std::size_t memory_limit, const RunContext& context) {
+  if (memory_limit != 0) {
+    const SparseCholesky::Estimate estimate = SparseCholesky::estimate(matrix);
+    if (estimate.peak_bytes > memory_limit) {
+      throw Error(ErrorCode::out_of_budget, "factoring " + std::to_string(matrix.rows()) + " unknowns needs " +
+                                                std::to_string((estimate.peak_bytes >> 20) + 1) + " MiB, available are " +
+                                                std::to_string(memory_limit >> 20) +
+                                                " MiB; use larger fixed regions, fewer samples or centres, or a smaller cover");
+    }
+  }
+  try {
+    return SparseCholesky(matrix, context);
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::numerical_failure) throw;
+    throw Error(ErrorCode::numerical_failure, std::string("the deformation is not determined by its handles and fixed points (") +
+                                                  error.what() +
+                                                  "); fix more points, or give both stretching and bending a weight");
+  }
+}
+
 EnergySolver::EnergySolver(Problem problem, std::size_t memory_limit, const RunContext& context)
     : problem_(std::move(problem)), matrix_(matrix_of(problem_)), factor_(factored(matrix(), memory_limit, context)) {}
 
@@ -83,16 +83,21 @@ void EnergySolver::solve_columns(Eigen::MatrixXd& b, const RunContext& context) 
   });
 }
 
-Eigen::MatrixXd EnergySolver::solve(const Eigen::MatrixXd& h, const RunContext& context) const {
+Eigen::MatrixXd EnergySolver::loads(const Eigen::MatrixXd& h, const RunContext& context) const {
   Eigen::MatrixXd u = h;
-  const int steps = problem_.hold == Hold::multipliers ? multiplier_steps : 1;
-  for (int step = 1;; ++step) {
+  for (int step = 1; problem_.hold == Hold::multipliers && step < multiplier_steps; ++step) {
     context.check();
     Eigen::MatrixXd w = right_side(u);
     solve_columns(w, context);
-    if (step == steps) return w;
     u += h - problem_.coupling.transpose() * w;
   }
+  return u;
+}
+
+Eigen::MatrixXd EnergySolver::solve(const Eigen::MatrixXd& h, const RunContext& context) const {
+  Eigen::MatrixXd w = right_side(loads(h, context));
+  solve_columns(w, context);
+  return w;
 }
 
 /// With S = B A^-1 B^T, u = q(S W) h for a polynomial q, and the solution is A^-1 B^T W u. W q(S W) is symmetric, so the

@@ -47,6 +47,8 @@ class EnergySolver {
   /// What stands on the right: R h, or B^T W h; k x c from m x c.
   Eigen::MatrixXd right_side(const Eigen::MatrixXd& h) const;
 
+  /// u (m x c) such that the solution for h is A^-1 right_side(u): h itself but for multipliers.
+  Eigen::MatrixXd loads(const Eigen::MatrixXd& h, const RunContext& context) const;
   /// k x c from h (m x c).
   Eigen::MatrixXd solve(const Eigen::MatrixXd& h, const RunContext& context) const;
   /// m x c from g (k x c): the transpose of solve().
@@ -54,6 +56,9 @@ class EnergySolver {
 
   /// K + B^T W B; empty when that is K itself.
   static SparseMatrix matrix_of(const Problem& problem);
+
+  /// With the errors of the constructor.
+  static SparseCholesky factored(const SparseMatrix& matrix, std::size_t memory_limit, const RunContext& context);
 
  private:
   void solve_columns(Eigen::MatrixXd& b, const RunContext& context) const;

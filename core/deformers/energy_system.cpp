@@ -57,11 +57,12 @@ EnergySystem::EnergySystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
   info_.stage_seconds.emplace_back("select", watch.lap());
   context.check();
   context.progress("assemble", 0);
-  model_ = energy_model(*mesh_, setup_, regions_, region_of_, box_, context);
+  model_ = energy_model(*mesh_, setup_, region_of_, box_, context);
   info_.stage_seconds.emplace_back("assemble", watch.lap());
   context.progress("factor", 0);
   prepare_solver(context, memory_budget);
   info_.stage_seconds.emplace_back("factor", watch.lap());
+  prepare_constraints(context, memory_budget);
   prepare_basis(context, memory_budget);
   info_.stage_seconds.emplace_back("basis", watch.lap());
   fill_info();
@@ -114,12 +115,43 @@ void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_
   following_places_ = TiledPoints(following);
 }
 
+void EnergySystem::prepare_constraints(const RunContext& context, std::size_t memory_budget) {
+  if (setup_.constraints.empty()) return;
+  std::vector<ConstraintSet> sets;
+  std::vector<Vec3> places;
+  for (std::size_t i = 0; i < setup_.constraints.size(); ++i) {
+    const Constraint& constraint = setup_.constraints[i];
+    ConstraintSet set{constraint.name, nullptr, {}, {}, constraint.weight};
+    if (set.weight == 0) set.weight = Constraint::automatic_weight;
+    std::vector<std::vector<Vec3>> rest;
+    for (const auto& ids : regions_.constraints[i]) {
+      auto& region = rest.emplace_back();
+      for (const PointId id : ids) region.push_back(box_.to_unit(mesh_->points[id]));
+      set.ids.insert(set.ids.end(), ids.begin(), ids.end());
+      set.rest.insert(set.rest.end(), region.begin(), region.end());
+    }
+    set.projection = make_projection(constraint.kind, rest, {box_.origin, box_.scale}, "constraints[" + std::to_string(i) + "]");
+    places.insert(places.end(), set.rest.begin(), set.rest.end());
+    sets.push_back(std::move(set));
+  }
+  const std::size_t limit =
+      memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, solver_->bytes()));
+  constrained_ = std::make_unique<const ConstrainedSolver>(*solver_, model_.space.values, std::move(sets),
+                                                           ConstrainedSolver::Options{}, limit, context);
+  if (correction_) set_places_ = TiledPoints(places);
+}
+
 Eigen::MatrixXd EnergySystem::misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w) const {
   return h - solver_->problem().coupling.transpose() * w;
 }
 
 EnergySystem::Solution EnergySystem::solve(const Eigen::MatrixXd& h, const RunContext& context) const {
-  const Eigen::MatrixXd w = solver_->solve(h, context);
+  return completed(h, solver_->solve(h, context), context);
+}
+
+/// With what the functions leave of h.
+EnergySystem::Solution EnergySystem::completed(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w,
+                                               const RunContext& context) const {
   Solution solution{w, {}, std::vector<double>(static_cast<std::size_t>(h.cols()), 0.0)};
   if (model_.eliminated) return solution;
   if (correction_) solution.correction = correction_->coefficients(misfit(h, w), context);
@@ -209,7 +241,8 @@ void EnergySystem::fill_info() {
   info_.reduced = model_.eliminated && model_.held.size() < info_.constraint_points;
   info_.solver = Solver::sparse_cholesky;
   info_.condition = 1 / std::max(solver_->factor().reciprocal_condition(), 1e-300);
-  info_.factor_bytes = solver_->bytes() + (correction_ ? correction_->bytes() + following_places_.bytes() : 0);
+  info_.factor_bytes = solver_->bytes() + (constrained_ ? constrained_->bytes() : 0) +
+                       (correction_ ? correction_->bytes() + following_places_.bytes() : 0);
   info_.basis_fields = basis_ ? basis_->fields() : 0;
   info_.basis_bytes = basis_ ? basis_->bytes() : 0;
   info_.bytes = info_.factor_bytes + info_.basis_bytes + sparse_bytes(model_.space.values) +
@@ -229,58 +262,6 @@ std::unique_ptr<const Evaluation> EnergySystem::bind(std::span<const Design> des
                                                      const RunContext& context) const {
   return std::make_unique<EnergyEvaluation>(std::static_pointer_cast<const EnergySystem>(shared_from_this()), designs, path,
                                             context);
-}
-
-Points EnergySystem::jacobian_vector(std::span<const double> variables, std::span<const double> direction,
-                                     const RunContext& context) const {
-  const std::vector<Affine> motion = motion_derivative(setup_, variables, direction);
-  const EnergyEvaluation evaluation(std::static_pointer_cast<const EnergySystem>(shared_from_this()), motion, context);
-  Points result(mesh_->point_count());
-  parallel_for(context, result.size(), 8192, [&](std::size_t begin, std::size_t end) {
-    Vec3* out = result.data() + begin;
-    evaluation.evaluate(begin, end, 0, std::span<Vec3* const>(&out, 1));
-  });
-  return result;
-}
-
-/// Adjoint of "handle fields to following points": 4H x 3.
-std::vector<double> EnergySystem::pull_back(const Points& cotangent, const RunContext& context) const {
-  std::vector<Vec3> X;
-  X.reserve(following_.size());
-  for (const PointId id : following_) X.push_back(cotangent[id]);
-  if (basis_) return basis_->transposed_product(X, context);
-  Eigen::MatrixXd g = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(solver_->unknowns()), 3);
-  for (std::size_t s = 0; s < following_.size(); ++s) {
-    for (SparseRows::InnerIterator it(model_.space.values, following_[s]); it; ++it) {
-      for (Eigen::Index k = 0; k < 3; ++k) g(it.col(), k) += it.value() * X[s][static_cast<std::size_t>(k)];
-    }
-  }
-  Eigen::MatrixXd back;
-  if (correction_) {
-    std::vector<Vec3> places;
-    for (const PointId id : following_) places.push_back(box_.to_unit(mesh_->points[id]));
-    // The correction interpolates h - B w, so it acts on h directly and through w.
-    const Eigen::MatrixXd direct = correction_->adjoint(places, X, context);
-    back = direct + solver_->adjoint(g - solver_->problem().coupling * direct, context);
-  } else {
-    back = solver_->adjoint(g, context);
-  }
-  std::vector<double> result;
-  for (std::size_t h = 0; h < frames_.size(); ++h) {
-    const Eigen::MatrixXd G = handle_fields(h).transpose() * back;
-    for (Eigen::Index f = 0; f < 4; ++f) {
-      for (Eigen::Index k = 0; k < 3; ++k) result.push_back(G(f, k));
-    }
-  }
-  return result;
-}
-
-std::vector<double> EnergySystem::vector_jacobian(std::span<const double> variables, const Points& cotangent,
-                                                  const RunContext& context) const {
-  check_cotangent(cotangent, mesh_->point_count());
-  const std::vector<double> fields = pull_back(cotangent, context);
-  // Soft handles follow the solution: nothing goes where it is told directly.
-  return variable_gradient(held(), variables, exact() ? cotangent : Points(cotangent.size()), fields, frames_, box_);
 }
 
 }  // namespace deform

@@ -4,6 +4,7 @@
 #include <memory>
 #include <vector>
 
+#include "core/deformers/constrained_solver.h"
 #include "core/deformers/energy_solver.h"
 #include "core/deformers/field_tiles.h"
 #include "core/deformers/handle_motion.h"
@@ -22,8 +23,8 @@ struct EnergyOptions {
 EnergyOptions energy_options(const Setup& setup);
 
 /// The space of a method other than RBF and its held points.
-EnergyModel energy_model(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
-                         const std::vector<RegionIndex>& region_of, const UnitBox& box, const RunContext& context);
+EnergyModel energy_model(const Mesh& mesh, const Setup& setup, const std::vector<RegionIndex>& region_of, const UnitBox& box,
+                         const RunContext& context);
 
 /// The deformation of least energy over an energy space (thesis 3.1, 8.2 to 8.4): one sparse factorization, then designs. What
 /// differs from System:
@@ -32,6 +33,8 @@ EnergyModel energy_model(const Mesh& mesh, const Setup& setup, const SelectedReg
 ///    largest remaining misfit, at up to 256 held points (an upper bound on the basis path); 0 for the shell.
 ///  - Soft handles (thesis 8.8): held points follow the solution as all others do, each handle and the fixed points with weight
 ///    `fixing` for the mean square of their misfit; interpolation_residual is the largest misfit.
+///  - Constraints (thesis 8.5) are solved for in bind(), one design after the other from its deformation without them, so that
+///    designs do not depend on each other; there is no basis then, and derivatives are those of the constrained deformation.
 /// Coincident held points may go to different places with the shell (a crack opens), not with the others.
 class EnergySystem : public System {
  public:
@@ -56,18 +59,29 @@ class EnergySystem : public System {
     std::vector<double> misfits;  ///< c: largest |value - prescribed| at the samples of the held points
   };
 
+  /// Prescribed displacements or their derivatives, in units of D.
+  struct Prescribed {
+    Eigen::MatrixXd h;          ///< m x 3, of the held points that count
+    std::vector<Vec3> offsets;  ///< of the points of the constraints that no function reaches, zero for the others
+  };
+
   HeldPoints held() const { return {*mesh_, setup_, regions_, region_of_, rank_of_, coincident_, info_.diagonal}; }
   void place_points();
   void prepare_solver(const RunContext& context, std::size_t memory_budget);
+  void prepare_constraints(const RunContext& context, std::size_t memory_budget);
   void prepare_basis(const RunContext& context, std::size_t memory_budget);
   void fill_info();
   Eigen::MatrixXd handle_fields(std::size_t handle) const;
   Solution solve(const Eigen::MatrixXd& h, const RunContext& context) const;
   Eigen::MatrixXd misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w) const;
   void measure(const Eigen::MatrixXd& h, Solution& solution) const;
+  Solution completed(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w, const RunContext& context) const;
+  Prescribed prescribed(const BoundDesign& design, MotionKind kind) const;
+  ConstrainedState constrained_at(std::span<const double> variables, const RunContext& context) const;
   /// out[c][16] = values of a solution at a tile of the following points.
   void fill_tile(const Solution& solution, std::size_t tile, double* out) const;
-  std::vector<double> pull_back(const Points& cotangent, const RunContext& context) const;
+  std::vector<double> pull_back(std::span<const double> variables, const Points& cotangent, const RunContext& context) const;
+  std::vector<double> contract_fields(const Eigen::MatrixXd& back) const;
   bool exact() const { return options_.handles == HandleMode::hard; }
 
   std::shared_ptr<const Mesh> mesh_;
@@ -82,6 +96,8 @@ class EnergySystem : public System {
   EnergyModel model_;
   std::unique_ptr<const EnergySolver> solver_;
   std::unique_ptr<const ResidualCorrection> correction_;  ///< null for the shell and soft handles
+  std::unique_ptr<const ConstrainedSolver> constrained_;  ///< null without constraints
+  TiledPoints set_places_;                                ///< of the points of the constraints; only with a correction
   std::vector<PointId> following_;                        ///< ascending: points that the solution moves
   TiledPoints following_places_;                          ///< unit coordinates; only with a correction
   std::unique_ptr<const FieldTiles> basis_;               ///< null without one

@@ -37,11 +37,24 @@ struct Design {
   std::vector<Motion> motions;    ///< at most one per handle; not for a handle whose variables are not all 0
 };
 
+/// How far the points of a constraint are from its shape, model units.
+struct ConstraintReport {
+  double max_before = 0, rms_before = 0;  ///< in the deformation without constraints
+  double max = 0, rms = 0;
+};
+
 /// Told about one evaluated design.
 struct DesignReport {
   EvaluationPath path = EvaluationPath::basis;
   double interpolation_residual = 0;  ///< max over the centres of |interpolant - prescribed position|, model units
   double max_displacement = 0;        ///< max over the prescribed displacements, model units
+
+  // With constraints (thesis 8.5); the defaults without.
+  std::vector<ConstraintReport> constraints;  ///< in the order of the setup
+  int iterations = 0;                         ///< global steps
+  int newton_steps = 0;                       ///< of the fallback
+  bool converged = true;
+  double convergence_error = 0;  ///< estimated rms distance of the constrained points from the limit, model units
 };
 
 /// Told about a prepared system. Lengths in model units.

@@ -88,7 +88,7 @@ TEST(Shell, InfoSaysWhatWasDone) {
   EXPECT_TRUE(info.reduced);
   EXPECT_LE(info.centres, 2u * 2 * 41);
   EXPECT_EQ(info.basis_fields, 4u);
-  EXPECT_GT(info.condition, 1e3);
+  EXPECT_GT(info.condition, 10);
   EXPECT_LT(info.condition, 1e12);
   const Estimate expected = estimate(*mesh, shell(test::sheet_setup()));
   EXPECT_EQ(expected.centres, info.centres);
@@ -115,7 +115,7 @@ TEST(Shell, WhatNothingHoldsIsRefused) {
   EXPECT_EQ(got[231], loose.points[231]);
 
   Mesh island = test::bumpy_sheet(21, 11);
-  for (const double x : {1.0, 1.1, 1.05}) island.points.push_back({x, x, 3});
+  for (const double x : {1.0, 1.1, 1.05}) island.points.push_back({x, x * x, 3});
   island.face_sizes.push_back(3);
   island.face_points.insert(island.face_points.end(), {231, 232, 233});
   for (const HandleMode handles : {HandleMode::hard, HandleMode::soft}) {

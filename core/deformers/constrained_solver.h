@@ -1,0 +1,120 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/constraints/projection.h"
+#include "core/deformers/energy_solver.h"
+#include "core/mesh/mesh.h"
+
+namespace deform {
+
+/// Points and what they are held to. Unit coordinates.
+struct ConstraintSet {
+  std::string name;
+  std::shared_ptr<const Projection> projection;
+  std::vector<PointId> ids;  ///< of all its regions, one after the other
+  std::vector<Vec3> rest;    ///< of these points
+  double weight = 0;         ///< gamma_c: of the mean square distance from the projection
+};
+
+/// Where a constrained solution stands.
+struct ConstrainedState {
+  Eigen::MatrixXd w;                    ///< k x 3
+  std::vector<Vec3> points;             ///< N: the points of all sets, one set after the other
+  std::vector<Vec3> targets;            ///< N: their projections
+  std::vector<ShapeParameters> shapes;  ///< per set
+  std::vector<double> squares;          ///< per set: sum of squared distances from the projections
+  /// Energy of the deformation (without what the prescribed displacements alone cost) plus the weighted squares.
+  double objective = 0;
+};
+
+struct ConstrainedResult {
+  ConstrainedState before;  ///< of the unconstrained deformation
+  ConstrainedState after;
+  std::vector<double> objectives;  ///< after each accepted iteration of the last round, never rising
+  int iterations = 0;              ///< global steps of all rounds
+  int newton_steps = 0;            ///< of the fallback
+  bool converged = false;
+  double error = 0;  ///< estimate of how far the targets still are from the fixed point, rms, unit coordinates
+};
+
+/// The deformation of least energy plus gamma_c times the distances of some point sets from geometric shapes (thesis 8.5,
+/// eq. 8.15 to 8.17; Bouaziz et al. 2012), by alternating projections of the sets (local step) and a linear solution towards the
+/// projections (global step) with one factorization.
+///
+/// Each set that moves with its points has its translation as one more unknown, min over c of |x_i - p_i - c|^2, which gives the
+/// iterates of the mean-centred form with a sparse positive definite matrix. The alternation is accelerated (Anderson 1965;
+/// window 5): an accelerated step that lets the objective rise is thrown away for the plain one, which never does. It ends when
+/// step * rho / (1 - rho) <= tolerance for the observed contraction rho of the plain map. When that does not happen within
+/// `patience` iterations, Gauss-Newton steps in the coefficients and the parameters of the shapes follow, as long as they lower
+/// the objective. Not converging is a result. Immutable; any number of threads may solve at once.
+class ConstrainedSolver {
+ public:
+  enum class Acceleration { none, anderson };
+  struct Options {
+    double tolerance = 1e-7;     ///< unit coordinates
+    int most_iterations = 3000;  ///< per round of multipliers
+    int patience = 300;          ///< iterations before Gauss-Newton
+    Acceleration acceleration = Acceleration::anderson;
+  };
+
+  /// values: n x k at all points of the mesh. `solver` must outlive this. Throws as EnergySolver does.
+  ConstrainedSolver(const EnergySolver& solver, const SparseRows& values, std::vector<ConstraintSet> sets, const Options& options,
+                    std::size_t memory_limit, const RunContext& context);
+
+  const std::vector<ConstraintSet>& sets() const { return sets_; }
+  std::size_t point_count() const { return static_cast<std::size_t>(phi_.rows()); }
+  std::size_t bytes() const;
+
+  /// h: m x 3 prescribed displacements of EnergySolver; offsets: N displacements of the points of the sets that no function
+  /// reaches (eliminated held points), zero for the others.
+  ConstrainedResult solve(const Eigen::MatrixXd& h, const std::vector<Vec3>& offsets, const RunContext& context) const;
+
+  /// Derivative of the solution: k x 3 from dh (m x 3) and the derivative of the offsets, at a converged state. Conjugate
+  /// gradients with the factor as preconditioner; exact up to 1e-10 of the right-hand side.
+  Eigen::MatrixXd derivative(const ConstrainedState& at, const Eigen::MatrixXd& dh, const std::vector<Vec3>& offsets,
+                             const RunContext& context) const;
+  /// Its transpose: from g (k x 3) to m x 3, and N vectors at the offsets.
+  struct Adjoint {
+    Eigen::MatrixXd h;
+    std::vector<Vec3> offsets;
+  };
+  Adjoint adjoint(const ConstrainedState& at, const Eigen::MatrixXd& g, const RunContext& context) const;
+
+ private:
+  /// What one solution is about.
+  struct Case {
+    Eigen::MatrixXd loads;  ///< u of EnergySolver
+    Eigen::MatrixXd base;   ///< right side of the loads
+    const std::vector<Vec3>& offsets;
+    const RunContext& context;
+  };
+
+  Eigen::MatrixXd global_step(const Case& c, const std::vector<Vec3>& targets) const;
+  void evaluate(const Case& c, ConstrainedState& state) const;
+  double deformation_energy(const Case& c, const Eigen::MatrixXd& w) const;
+  void alternate(const Case& c, int most, ConstrainedResult& result) const;
+  void newton(const Case& c, ConstrainedResult& result) const;
+  Eigen::MatrixXd newton_direction(const Case& c, const ConstrainedState& at) const;
+  Eigen::MatrixXd solve_bordered(const Eigen::MatrixXd& top, const std::vector<Vec3>& at_points, const RunContext& context) const;
+  std::vector<Vec3> rows_times(const Eigen::MatrixXd& w) const;
+  std::vector<Vec3> unmet(const ConstrainedState& at, const std::vector<Vec3>& dx) const;
+  Eigen::MatrixXd solve_linearized(const ConstrainedState& at, const Eigen::MatrixXd& b, const RunContext& context) const;
+  double per_point(std::size_t set) const { return sets_[set].weight / static_cast<double>(sets_[set].ids.size()); }
+
+  const EnergySolver& solver_;
+  std::vector<ConstraintSet> sets_;
+  Options options_;
+  std::vector<std::size_t> first_;         ///< sets + 1: where the points of each set start
+  SparseRows phi_;                         ///< N x k
+  SparseMatrix transposed_;                ///< k x N, times the weights per point
+  std::vector<std::int64_t> translation_;  ///< per set: row of its translation, or -1
+  std::unique_ptr<const SparseCholesky> factor_;
+};
+
+}  // namespace deform

@@ -1,0 +1,132 @@
+// Geometric constraints inside the deformation (thesis 8.5).
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+
+#include "core/deformers/constrained_solver.h"
+#include "core/deformers/energy_system.h"
+#include "tests/core/deformers/energy_cases.h"
+#include "tests/support/expect_error.h"
+
+namespace deform {
+namespace {
+
+using test::box;
+using test::distance;
+using test::shared;
+
+deform::Setup with(std::vector<Constraint> constraints, const ShellOptions& options = {}) {
+  deform::Setup setup = test::setup_with_variables();
+  setup.method = options;
+  setup.constraints = std::move(constraints);
+  return setup;
+}
+
+Constraint planar(double from, double to, double weight = 0) {
+  return {"patch", {box({from, 0.1, -9}, {to, 0.9, 9})}, Planar{}, weight};
+}
+
+const Design turned{{0.4, 0.5, 0.2, -0.4}, {}};
+
+TEST(Constrained, APatchBecomesAPlane) {
+  const auto mesh = shared(test::bumpy_sheet(41, 21));
+  const auto system = prepare(mesh, with({planar(1.2, 1.6)}));
+  const auto evaluation = system->bind({&turned, 1}, EvaluationPath::automatic, {});
+  const DesignReport& report = evaluation->report(0);
+  ASSERT_EQ(report.constraints.size(), 1u);
+  EXPECT_TRUE(report.converged);
+  EXPECT_GT(report.iterations, 2);
+  EXPECT_GT(report.constraints[0].rms_before, 1e-3);
+  EXPECT_LT(report.constraints[0].rms, 1e-2 * report.constraints[0].rms_before);
+  EXPECT_LE(report.constraints[0].rms, report.constraints[0].max);
+  // Handles and fixed points are where they were told to be.
+  const Points got = system->evaluate(turned);
+  const SelectedRegions regions = validate(with({}), *mesh);
+  for (const PointId id : regions.fixed) EXPECT_EQ(got[id], mesh->points[id]);
+  const auto motions = handle_motions(with({}), turned.variables);
+  for (const PointId id : regions.handles[0]) EXPECT_EQ(got[id], transformed(motions[0], mesh->points[id]));
+}
+
+TEST(Constrained, ResidualFallsWithTheWeight) {
+  const auto mesh = shared(test::bumpy_sheet(41, 21));
+  double last = 0;
+  for (const double weight : {1e3, 1e4, 1e5, 1e6, 1e8}) {
+    const auto system = prepare(mesh, with({planar(1.2, 1.6, weight)}));
+    const auto evaluation = system->bind({&turned, 1}, EvaluationPath::automatic, {});
+    const DesignReport& report = evaluation->report(0);
+    EXPECT_TRUE(report.converged) << weight;
+    if (last > 0) EXPECT_LT(report.constraints[0].rms, 0.2 * last) << weight;
+    last = report.constraints[0].rms;
+  }
+}
+
+TEST(Constrained, ConstraintsThatHoldChangeNothing) {
+  const auto mesh = shared(test::flat_sheet(41, 21));
+  deform::Setup setup = test::sheet_setup();
+  setup.method = ShellOptions{};
+  setup.constraints = {{"patch", {box({0.8, 0.1, -1}, {1.2, 0.9, 1})}, FixedPlane{{0, 0, 0}, {0, 0, 1}}}};
+  const auto system = prepare(mesh, setup);
+  Affine slide = identity_affine;
+  slide[3] = 0.2;
+  const Design design{{}, {{0, slide}}};
+  const Points got = system->evaluate(design);
+  setup.constraints.clear();
+  EXPECT_LT(distance(got, prepare(mesh, setup)->evaluate(design)), 1e-6);
+  const Design rest;
+  EXPECT_LT(distance(system->evaluate(rest), mesh->points), 1e-12);
+}
+
+TEST(Constrained, DesignsDoNotDependOnEachOther) {
+  const auto system = prepare(shared(test::bumpy_sheet(31, 16)), with({planar(1.2, 1.6)}));
+  std::vector<Design> designs(3, turned);
+  designs[0].variables[0] = -0.2;
+  designs[2].variables[1] = 0.1;
+  RunContext one;
+  one.threads = 1;
+  const auto together = system->evaluate(designs, EvaluationPath::automatic);
+  for (std::size_t i = 0; i < designs.size(); ++i) {
+    EXPECT_TRUE(system->evaluate({&designs[i], 1}, EvaluationPath::automatic, one)[0] == together[i]) << i;
+  }
+}
+
+TEST(Constrained, JacobianProducts) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  for (const HandleMode handles : {HandleMode::hard, HandleMode::soft}) {
+    ShellOptions options;
+    options.handles = handles;
+    const auto system = prepare(mesh, with({planar(1.2, 1.8, 1e3)}, options));
+    test::check_jacobians(*system, 1e-8, 2e-3);
+  }
+}
+
+TEST(Constrained, BadOnesAreRefused) {
+  const auto mesh = shared(test::bumpy_sheet(21, 11));
+  const auto refused = [&](std::vector<Constraint> constraints, const std::vector<const char*>& parts) {
+    test::expect_error(ErrorCode::invalid_argument, parts, [&] { prepare(mesh, with(std::move(constraints))); });
+  };
+  refused({{"", {{Region::All{}}}, Planar{}}}, {"constraints[0].name", "empty"});
+  refused({planar(0, 2), planar(0, 1)}, {"constraints[1].name", "twice"});
+  refused({{"patch", {}, Planar{}}}, {"constraints[0].regions", "planar", "got 0"});
+  refused({planar(5, 6)}, {"constraints[0].regions[0]", "no point"});
+  refused({planar(0, 1, -1)}, {"constraints[0].weight", "-1"});
+  refused({{"patch", {{Region::Ids{{1, 2}}}}, Planar{}}}, {"constraints[0]"});
+  deform::Setup rbf = with({planar(0, 1)});
+  rbf.method = RbfOptions{};
+  test::expect_error(ErrorCode::invalid_argument, {"constraints", "method.rbf", "shell"}, [&] { prepare(mesh, rbf); });
+  const auto system = prepare(mesh, with({planar(1.2, 1.6)}));
+  test::expect_error(ErrorCode::invalid_argument, {"designs[0]", "BASIS"}, [&] {
+    system->bind({&turned, 1}, EvaluationPath::basis, {});
+  });
+}
+
+TEST(Constrained, StopsWhenTold) {
+  const auto system = prepare(shared(test::bumpy_sheet(21, 11)), with({planar(1.2, 1.6)}));
+  RunContext context;
+  context.cancel.emplace();
+  context.cancel->cancel();
+  test::expect_error(ErrorCode::cancelled, {}, [&] { system->bind({&turned, 1}, EvaluationPath::automatic, context); });
+}
+
+}  // namespace
+}  // namespace deform
