@@ -49,14 +49,15 @@ Eigen::MatrixXd scaled_inverse(const Eigen::MatrixXd& H, const Eigen::VectorXd& 
   return U * inverse.asDiagonal() * U.transpose();
 }
 
-void add_chart_curvature(const Eigen::Vector3d& g, const Eigen::Vector3d& y,
-                         Eigen::Ref<Eigen::Matrix<double, motions, motions>> H) {
-  const Eigen::Matrix3d G = cross_matrix(g);  // y = exp(-w)(y0 - v): mixed derivative e_w x e_v
-  H.block<3, 3>(0, 3) += G;
-  H.block<3, 3>(3, 0) += G.transpose();
+void add_motion_curvature(const Eigen::Matrix3d& K, const Eigen::Vector3d& g, const Eigen::Vector3d& y,
+                          Eigen::Ref<Eigen::Matrix<double, motions, motions>, 0, Eigen::OuterStride<>> H) {
+  // Y = [-1, Y_w], Y_w = [y]x; K Y_w has the columns K (y x e).
+  const Eigen::Matrix3d turned = K * cross_matrix(y);
+  H.block<3, 3>(0, 0) += K;
+  H.block<3, 3>(0, 3) += cross_matrix(g) - turned;  // y = exp(-w)(y0 - v): the mixed derivative is e_w x e_v
   Eigen::Matrix3d turning = 0.5 * (g * y.transpose() + y * g.transpose());
   turning.diagonal().array() -= g.dot(y);
-  H.block<3, 3>(3, 3) += turning;
+  H.block<3, 3>(3, 3) += turning - cross_matrix(y) * turned;
 }
 
 Eigen::VectorXd natural_scale(const std::vector<int>& active, double points, double radius) {

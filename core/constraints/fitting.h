@@ -131,29 +131,46 @@ Eigen::Matrix<double, 3 + sizes, motions + sizes> chart(const Eigen::Vector3d& y
   return Y;
 }
 
-/// The share of the curvature that comes from y depending on the motion to second order: g . d^2 y / dq^2 with g = sum r grad_y
-/// r.
-void add_chart_curvature(const Eigen::Vector3d& g, const Eigen::Vector3d& y,
-                         Eigen::Ref<Eigen::Matrix<double, motions, motions>> H);
+/// What y contributes to the curvature of the energy of one point: Y^T K Y with the derivatives Y of y with respect to the
+/// motion, and g . d^2 y / dq^2 with the gradient g, as y depends on the motion to second order. Adds the upper triangle by
+/// blocks.
+void add_motion_curvature(const Eigen::Matrix3d& K, const Eigen::Vector3d& g, const Eigen::Vector3d& y,
+                          Eigen::Ref<Eigen::Matrix<double, motions, motions>, 0, Eigen::OuterStride<>> H);
+
+/// Adds one point to the blocks on and above the diagonal (motion, motion), (motion, size), (size, size).
+template <int rows, int sizes>
+void add_point(const LocalResidual<rows, sizes>& local, const Eigen::Vector3d& y, FitDerivatives<sizes>& to) {
+  for (int r = 0; r < rows; ++r) {
+    const Eigen::Vector3d n = local.gradient.row(r).template head<3>();
+    typename FitDerivatives<sizes>::Vector J;
+    J.template head<3>() = -n;
+    J.template segment<3>(about_x) = n.cross(y);
+    J.template tail<sizes>() = local.gradient.row(r).template tail<sizes>().transpose();
+    to.energy += local.value[r] * local.value[r];
+    to.gradient += local.value[r] * J;
+    for (int k = 0; k < motions + sizes; ++k) to.gauss_newton.col(k) += J[k] * J;
+  }
+  const Eigen::Vector3d g = local.gradient.template leftCols<3>().transpose() * local.value;
+  add_motion_curvature(local.curvature.template topLeftCorner<3, 3>(), g, y,
+                       to.curvature.template topLeftCorner<motions, motions>());
+  for (int k = 0; k < sizes; ++k) {
+    const Eigen::Vector3d mixed = local.curvature.col(3 + k).template head<3>();
+    to.curvature.col(motions + k).template segment<3>(along_x) -= mixed;
+    to.curvature.col(motions + k).template segment<3>(about_x) += mixed.cross(y);
+  }
+  to.curvature.template bottomRightCorner<sizes, sizes>() += local.curvature.template bottomRightCorner<sizes, sizes>();
+}
 
 template <class Model>
 FitDerivatives<Model::sizes> fit_derivatives(const Model& model, const PointSample& sample, const Fit<Model::sizes>& fit) {
-  constexpr int sizes = Model::sizes;
   constexpr std::size_t block = 256;  // sums of sums lose fewer digits
-  FitDerivatives<sizes> total, part;
-  LocalResidual<Model::rows, sizes> local;
+  FitDerivatives<Model::sizes> total, part;
+  LocalResidual<Model::rows, Model::sizes> local;
   std::size_t in_part = 0;
   for (std::size_t i = 0; i < sample.x.size(); i += sample.stride) {
     const Eigen::Vector3d y = fit.frame.local(sample.x[i]);
     model.residual(i, y, fit.size, local);
-    const auto Y = chart<sizes>(y);
-    const Eigen::Matrix<double, Model::rows, motions + sizes> J = local.gradient * Y;
-    const Eigen::Vector3d g = local.gradient.template leftCols<3>().transpose() * local.value;
-    part.energy += local.value.squaredNorm();
-    part.gradient.noalias() += J.transpose() * local.value;
-    part.gauss_newton.noalias() += J.transpose() * J;
-    part.curvature.noalias() += Y.transpose() * local.curvature * Y;
-    add_chart_curvature(g, y, part.curvature.template topLeftCorner<motions, motions>());
+    add_point(local, y, part);
     if (++in_part == block) {
       total.add(part);
       part = {};
@@ -161,6 +178,7 @@ FitDerivatives<Model::sizes> fit_derivatives(const Model& model, const PointSamp
     }
   }
   total.add(part);
+  total.curvature.template triangularView<Eigen::StrictlyLower>() = total.curvature.transpose();
   return total;
 }
 
@@ -233,6 +251,8 @@ Fit<Model::sizes> minimized(const Model& model, const PointSample& sample, const
     if (there.energy <= at.energy * (1 + 1e-13) + rounding) {
       fit = next;
       at = there;
+      // Where Newton's method squares the error, the next step would be below the rounding errors.
+      if (damping == 0 && length < 1e-9 * reach && length < 1e-4 * last) break;
       last = length;
       damping = damping < 1e-9 ? 0 : damping * 0.1;
     } else {

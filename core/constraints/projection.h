@@ -22,7 +22,8 @@ struct Linearization {
   std::size_t rows_per_point = 1;  ///< 1 for surfaces, 2 for curves, 3 for points
   std::vector<Vec3> normals;       ///< of unit length; zero for a row that does not count (a bound that is not active)
   Eigen::VectorXd residual;
-  Eigen::MatrixXd parameters;  ///< rows x q, small q
+  /// rows x q, small q; columns of different units, which may depend on each other (a cylinder on points of a plane).
+  Eigen::MatrixXd parameters;
 };
 
 /// The projection of a set of points on all configurations that satisfy a geometric constraint: the smallest change, in the least

@@ -145,11 +145,26 @@ void ConstrainedSolver::evaluate(const Case& c, ConstrainedState& state) const {
   }
 }
 
+/// How far the points would move if the forces that the last step left unbalanced met the deformation energy alone: right for the
+/// slow modes of the alternation, along the shapes, and too much for the others, which are balanced long before.
+double ConstrainedSolver::distance_left(const Case& c, const std::vector<Vec3>& from, const std::vector<Vec3>& to) const {
+  Eigen::MatrixXd b(static_cast<Eigen::Index>(solver_.unknowns()), 3);
+  parallel_for(c.context, 3, 1, [&](std::size_t k, std::size_t) {
+    Eigen::VectorXd y(static_cast<Eigen::Index>(to.size()));
+    for (std::size_t i = 0; i < to.size(); ++i) y[static_cast<Eigen::Index>(i)] = to[i][k] - from[i][k];
+    b.col(static_cast<Eigen::Index>(k)) = transposed_ * y;
+    solver_.factor().solve_in_place(b.col(static_cast<Eigen::Index>(k)));
+  });
+  const std::vector<Vec3> moved = rows_times(b);
+  return rms(moved, std::vector<Vec3>(moved.size(), Vec3{}));
+}
+
 void ConstrainedSolver::alternate(const Case& c, int most, ConstrainedResult& result) const {
   ConstrainedState& now = result.after;
   Anderson window;
   std::vector<Vec3> from = now.targets;  // what the last global step went towards
   bool accelerated = false;
+  double check_below = HUGE_VAL;  // step at which it is worth asking again how far the fixed point is
   const int last = std::min(most, result.iterations + options_.patience);
   while (result.iterations < last) {
     c.context.check();
@@ -169,10 +184,13 @@ void ConstrainedSolver::alternate(const Case& c, int most, ConstrainedResult& re
     result.objectives.push_back(now.objective);
     const double rho = window.add(from, now.targets);
     const double step = rms(from, now.targets);
-    result.error = rho < 1 ? step * std::max(rho, 1e-3) / (1 - rho) : HUGE_VAL;
-    if (step == 0 || (window.size() > 0 && result.error <= options_.tolerance)) {
-      result.converged = true;
-      return;
+    if (step == 0 || (window.size() > 0 && rho < 1 && step * rho / (1 - rho) <= options_.tolerance && step <= check_below)) {
+      result.error = distance_left(c, from, now.targets);
+      if (result.error <= options_.tolerance) {
+        result.converged = true;
+        return;
+      }
+      check_below = step * std::max(0.1, std::min(0.9, options_.tolerance / result.error));
     }
     accelerated = options_.acceleration == Acceleration::anderson && window.size() > 0;
     from = accelerated ? window.next() : now.targets;

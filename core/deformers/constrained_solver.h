@@ -99,6 +99,7 @@ class ConstrainedSolver {
   void evaluate(const Case& c, ConstrainedState& state) const;
   double deformation_energy(const Case& c, const Eigen::MatrixXd& w) const;
   void alternate(const Case& c, int most, ConstrainedResult& result) const;
+  double distance_left(const Case& c, const std::vector<Vec3>& from, const std::vector<Vec3>& to) const;
   void newton(const Case& c, ConstrainedResult& result) const;
   Eigen::MatrixXd newton_direction(const Case& c, const ConstrainedState& at) const;
   Eigen::MatrixXd solve_bordered(const Eigen::MatrixXd& top, const std::vector<Vec3>& at_points, const RunContext& context) const;

@@ -7,10 +7,10 @@
 #include <utility>
 #include <vector>
 
-#include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/deformers/mesh_pieces.h"
 #include "core/deformers/mls_ties.h"
+#include "core/deformers/unit_points.h"
 #include "core/mesh/region.h"
 #include "core/numerics/mls_basis.h"
 #include "core/numerics/row_gram.h"
@@ -48,14 +48,6 @@ SampleOptions times(const SampleOptions& counts, double factor) {
 }
 
 std::size_t whole_cover(double cover) { return static_cast<std::size_t>(std::ceil(cover)); }
-
-std::vector<Vec3> unit_points(const Mesh& mesh) {
-  const double diagonal = bounding_box(mesh.points).diagonal();
-  if (!(diagonal > 0)) throw Error(ErrorCode::invalid_argument, "mesh: all points coincide, so it has no extent to deform");
-  std::vector<Vec3> points(mesh.points);
-  for (Vec3& x : points) x = {x[0] / diagonal, x[1] / diagonal, x[2] / diagonal};
-  return points;
-}
 
 /// gamma_s and gamma_b at every integration point.
 struct Weights {
@@ -163,15 +155,6 @@ RowBlocks energy_rows(const MlsBasis& basis, const Cubature& cubature, const Wei
     }
   });
   return rows;
-}
-
-/// Coefficients that reproduce 1, x, y, z: linear functions at the samples.
-SparseMatrix linear_coefficients(const std::vector<Vec3>& samples) {
-  Eigen::MatrixXd linear(static_cast<Eigen::Index>(samples.size()), 4);
-  for (std::size_t j = 0; j < samples.size(); ++j) {
-    linear.row(static_cast<Eigen::Index>(j)) << 1, samples[j][0], samples[j][1], samples[j][2];
-  }
-  return linear.sparseView(0, 0);
 }
 
 std::vector<std::string> notes_of(const EnergySpace& space, const Samples& samples, const MlsBasis& basis, bool solid) {

@@ -34,11 +34,6 @@ struct Places {
   }
 };
 
-struct Column {
-  std::vector<std::int64_t> rows;
-  std::vector<double> values;
-};
-
 /// One column of the lower triangle at a time; `sums` and `seen` are as long as there are columns.
 struct Gatherer {
   const RowBlocks& rows;
@@ -46,7 +41,9 @@ struct Gatherer {
   std::vector<double> sums;
   std::vector<char> seen;
 
-  void gather(std::size_t j, Column& out) {
+  void gather(std::size_t j, LowerColumn& out) {
+    seen[j] = 1;  // the diagonal is always there
+    out.rows.push_back(static_cast<std::int64_t>(j));
     for (std::int64_t p = places.starts[j]; p < places.starts[j + 1]; ++p) {
       const std::int64_t own = places.entries[static_cast<std::size_t>(p)];
       const std::int64_t end = rows.starts[places.blocks[static_cast<std::size_t>(p)] + 1];
@@ -74,24 +71,28 @@ struct Gatherer {
 
 }  // namespace
 
+SparseMatrix lower_matrix(std::vector<LowerColumn>& columns) {
+  SparseMatrix lower(static_cast<Eigen::Index>(columns.size()), static_cast<Eigen::Index>(columns.size()));
+  std::int64_t* const starts = lower.outerIndexPtr();
+  starts[0] = 0;
+  for (std::size_t j = 0; j < columns.size(); ++j) starts[j + 1] = starts[j] + static_cast<std::int64_t>(columns[j].rows.size());
+  lower.resizeNonZeros(starts[columns.size()]);
+  for (std::size_t j = 0; j < columns.size(); ++j) {
+    std::copy(columns[j].rows.begin(), columns[j].rows.end(), lower.innerIndexPtr() + starts[j]);
+    std::copy(columns[j].values.begin(), columns[j].values.end(), lower.valuePtr() + starts[j]);
+    columns[j] = {};
+  }
+  return lower;
+}
+
 SparseMatrix lower_gram(const RowBlocks& rows, std::size_t columns, const RunContext& context) {
   const Places places(rows, columns);
-  std::vector<Column> gathered(columns);
+  std::vector<LowerColumn> gathered(columns);
   parallel_for(context, columns, columns_per_range, [&](std::size_t begin, std::size_t end) {
     Gatherer gatherer{rows, places, std::vector<double>(columns, 0.0), std::vector<char>(columns, 0)};
     for (std::size_t j = begin; j < end; ++j) gatherer.gather(j, gathered[j]);
   });
-  SparseMatrix lower(static_cast<Eigen::Index>(columns), static_cast<Eigen::Index>(columns));
-  std::int64_t* const starts = lower.outerIndexPtr();
-  starts[0] = 0;
-  for (std::size_t j = 0; j < columns; ++j) starts[j + 1] = starts[j] + static_cast<std::int64_t>(gathered[j].rows.size());
-  lower.resizeNonZeros(starts[columns]);
-  for (std::size_t j = 0; j < columns; ++j) {
-    std::copy(gathered[j].rows.begin(), gathered[j].rows.end(), lower.innerIndexPtr() + starts[j]);
-    std::copy(gathered[j].values.begin(), gathered[j].values.end(), lower.valuePtr() + starts[j]);
-    gathered[j] = {};
-  }
-  return lower;
+  return lower_matrix(gathered);
 }
 
 std::vector<std::uint32_t> joined_columns(const RowBlocks& rows, std::size_t columns) {

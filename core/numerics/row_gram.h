@@ -20,9 +20,17 @@ struct RowBlocks {
   std::size_t blocks() const { return starts.size() - 1; }
 };
 
-/// The lower triangle of B^T B, columns x columns, in parallel; every sum in the order of the blocks, so the same for any number
-/// of threads.
+/// The lower triangle of B^T B, columns x columns, with the whole diagonal, in parallel; every sum in the order of the blocks, so
+/// the same for any number of threads.
 SparseMatrix lower_gram(const RowBlocks& rows, std::size_t columns, const RunContext& context = {});
+
+/// One column of a lower triangle: rows ascending, from the diagonal on.
+struct LowerColumn {
+  std::vector<std::int64_t> rows;
+  std::vector<double> values;
+};
+/// A square matrix from its columns, which are emptied.
+SparseMatrix lower_matrix(std::vector<LowerColumn>& columns);
 
 /// Which columns hang together: two that have entries in the same block have the same number, counted from 0 in the order of the
 /// columns.

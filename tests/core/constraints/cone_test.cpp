@@ -73,7 +73,8 @@ TEST(Cone, BeyondTheApexTheApexIsNearest) {
     EXPECT_NEAR(y[96][k], y[97][k], 1e-12);
     EXPECT_NEAR(y[96][k], y[98][k], 1e-12);
   }
-  expect_derivative(*shape, x);
+  // Central differences are worse so near to the apex: directions to it turn by 1 / 0.05 and more.
+  expect_derivative(*shape, x, 1e-5);
   expect_linearization(*shape, x, 1e-6, 1e-6);
 }
 

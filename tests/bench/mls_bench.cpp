@@ -1,0 +1,147 @@
+// Functions in space for large models (thesis 8.3, figure 8.4): time and memory to prepare against the number of functions.
+//
+// usage: mls_bench [--quick]
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <functional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/deformers/mls_space.h"
+#include "core/deformers/subspace_space.h"
+#include "core/mesh/ahmed.h"
+#include "core/numerics/sparse_cholesky.h"
+#include "tests/bench/report.h"
+
+namespace deform {
+namespace {
+
+using bench::Report;
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+std::size_t bytes_of(std::int64_t entries) { return static_cast<std::size_t>(entries) * 16; }
+
+struct Measured {
+  double space = 0, factor = 0, solve = 0;  ///< seconds
+  double bytes = 0;                         ///< functions, energy and factor
+  double prepare() const { return space + factor; }
+};
+
+/// The body is held behind the slant and at the nose, which is lifted.
+Measured prepare(const Mesh& mesh, const std::function<EnergySpace()>& make) {
+  Measured measured;
+  auto start = std::chrono::steady_clock::now();
+  const EnergySpace space = make();
+  measured.space = seconds_since(start);
+
+  start = std::chrono::steady_clock::now();
+  std::vector<Eigen::Triplet<double, std::int64_t>> entries;
+  std::vector<double> heights;
+  for (std::size_t i = 0; i < mesh.points.size(); ++i) {
+    const double x = mesh.points[i][0];
+    if (x > 0.05 && x < 1.0) continue;
+    for (SparseRows::InnerIterator it(space.values, static_cast<Eigen::Index>(i)); it; ++it) {
+      entries.emplace_back(static_cast<std::int64_t>(heights.size()), it.col(), it.value());
+    }
+    heights.push_back(x < 0.5 ? 0.1 : 0);
+  }
+  SparseMatrix held(static_cast<Eigen::Index>(heights.size()), space.values.cols());
+  held.setFromTriplets(entries.begin(), entries.end());
+  const double weight = 1e5 / static_cast<double>(heights.size());
+  const SparseMatrix misfit = SparseMatrix(weight * SparseMatrix(held.transpose() * held)).triangularView<Eigen::Lower>();
+  const SparseCholesky factor(SparseMatrix(space.energy + misfit));
+  measured.factor = seconds_since(start);
+
+  start = std::chrono::steady_clock::now();
+  const Eigen::Map<const Eigen::VectorXd> target(heights.data(), static_cast<Eigen::Index>(heights.size()));
+  const Eigen::VectorXd moved = space.values * factor.solve(weight * (held.transpose() * target));
+  measured.solve = seconds_since(start);
+  if (!moved.allFinite()) std::printf("the solution is not finite\n");
+  measured.bytes = static_cast<double>(bytes_of(space.values.nonZeros() + space.energy.nonZeros()) + factor.bytes());
+  return measured;
+}
+
+/// Slope of log y over log x by least squares.
+double exponent(const std::vector<double>& x, const std::vector<double>& y) {
+  double sx = 0, sy = 0, sxx = 0, sxy = 0;
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const double a = std::log(x[i]), b = std::log(y[i]);
+    sx += a;
+    sy += b;
+    sxx += a * a;
+    sxy += a * b;
+  }
+  const auto n = static_cast<double>(x.size());
+  return (n * sxy - sx * sy) / (n * sxx - sx * sx);
+}
+
+struct Series {
+  std::vector<double> times, bytes;
+};
+
+Series growth(const Mesh& mesh, const char* name, SubspaceKernel kernel, double cover, const std::vector<std::size_t>& counts) {
+  Series series;
+  for (const std::size_t k : counts) {
+    SubspaceOptions options;
+    options.kernel = kernel;
+    options.cover = cover;
+    options.centres = k;
+    options.stretching = 1;
+    options.bending = 0.01;
+    const Measured measured = prepare(mesh, [&] { return subspace_space(mesh, options, 1); });
+    std::printf("| %s | %zu | %.2f | %.2f | %.3f | %.0f |\n", name, k, measured.space, measured.factor, measured.solve,
+                measured.bytes / (1 << 20));
+    std::fflush(stdout);
+    series.times.push_back(measured.prepare());
+    series.bytes.push_back(measured.bytes);
+  }
+  return series;
+}
+
+int run(bool quick) {
+  const std::vector<std::size_t> counts =
+      quick ? std::vector<std::size_t>{250, 500, 1000} : std::vector<std::size_t>{1000, 1800, 3200, 5600, 10000};
+  const std::vector<double> x(counts.begin(), counts.end());
+  const Mesh mesh = ahmed_body({.target_points = quick ? 3000u : 12000u});
+  std::printf("\n## Functions in space (figure 8.4), %zu points\n\n", mesh.points.size());
+  std::printf("| functions | count | space s | factor s | solve s | MiB |\n|---|---|---|---|---|---|\n");
+  const Series biharmonic = growth(mesh, "biharmonic", SubspaceKernel::biharmonic, 0, counts);
+  const Series wendland = growth(mesh, "Wendland s = 50", SubspaceKernel::wendland_c2, 50, counts);
+  const Series mls = growth(mesh, "MLS s = 5", SubspaceKernel::mls, 5, counts);
+
+  Report report("Growth with the number of functions (T36)");
+  report.at_most("MLS: exponent of the time", exponent(x, mls.times), 1.5, "");
+  report.at_most("MLS: exponent of the memory", exponent(x, mls.bytes), 1.1, "");
+  report.at_least("global biharmonic: exponent of the time", exponent(x, biharmonic.times), 2, "");
+  report.info("Wendland: exponents of time and memory",
+              Report::text(exponent(x, wendland.times)) + ", " + Report::text(exponent(x, wendland.bytes)));
+  report.at_least("global biharmonic over MLS, most functions", biharmonic.times.back() / mls.times.back(), 1, " times");
+  report.at_least("global biharmonic over Wendland, most functions", biharmonic.times.back() / wendland.times.back(), 1,
+                  " times");
+
+  // Energies in space: what a car body and a volume mesh take (thesis 8.6: 4000 samples on 465,000 points).
+  const Mesh large = ahmed_body({.target_points = quick ? 5000u : 465000u});
+  MlsOptions options;
+  options.surface_samples = quick ? 300 : 4000;
+  const SpaceBytes estimated = estimate_mls_space(large, options);
+  const Measured body = prepare(large, [&] { return mls_space(large, options, 1); });
+  report.info(std::to_string(large.points.size()) + " points, " + std::to_string(options.surface_samples) + " samples",
+              "space " + Report::text(body.space) + " s, factor " + Report::text(body.factor) + " s, " +
+                  Report::text(body.bytes / (1 << 20)) + " MiB");
+  report.at_most("its memory over the estimate before", body.bytes / static_cast<double>(2 * estimated.resident), 1, "");
+  return report.missed();
+}
+
+}  // namespace
+}  // namespace deform
+
+int main(int argc, char** argv) {
+  const bool quick = argc > 1 && std::strcmp(argv[1], "--quick") == 0;
+  return deform::run(quick) == 0 || quick ? 0 : 1;
+}
