@@ -232,7 +232,7 @@ void trim(const Surface& surface, const Limits& limits, Segmentation& segmentati
   std::vector<char> changed(segmentation.regions.size(), 0);
   for (std::uint32_t r = 0; r < segmentation.regions.size(); ++r) {
     Region& region = segmentation.regions[r];
-    if (region.rms > 3 * surface.noise + limits.tolerance / 20) continue;  // facets are off everywhere
+    if (region.rms > 3 * surface.noise + limits.tolerance / 40) continue;  // facets are off everywhere
     const double direction = 2.5 * median_angle(surface, region), distance = 2 * region.rms + 0.1 * limits.floor;
     const auto off = [&](FaceId f) {
       if (surface.area[f] == 0) return false;

@@ -12,8 +12,7 @@ constexpr std::size_t fit_faces = 600;
 constexpr std::size_t judged_faces = 2000;
 constexpr int terms = 20;  ///< monomials in x, y, z up to degree 3
 constexpr std::size_t few_points = 3 * terms;
-// Measured: noise and facets have restlessness 0.8 to 1.3, a worn part 0.37 and a systematic part of 0.63; free forms a restlessness below
-// 0.19, or below 0.57 and a systematic part above 0.67.
+// Measured: noise and facets have a restlessness of 0.8 to 1.3; free forms below 0.19, or up to 0.57 with a systematic part from 0.67.
 constexpr double noise_restlessness = 0.7;
 constexpr double least_restlessness = 0.25;
 constexpr double largest_systematic = 0.65;
@@ -154,7 +153,7 @@ bool row_of_smooth_surface(const Surface& surface, const Limits& limits, const R
   std::sort(on_rim.begin(), on_rim.end());
   on_rim.erase(std::unique(on_rim.begin(), on_rim.end()), on_rim.end());
   const std::size_t points = points_of(surface, members, most).size();
-  return points == on_rim.size() || (region.rms > limits.tolerance / 20 && points < 2 * on_rim.size());
+  return points == on_rim.size() || (region.rms > limits.tolerance / 40 && points < 2 * on_rim.size());
 }
 
 }  // namespace
@@ -198,7 +197,7 @@ bool noisy(const Surface& surface, const Limits& limits, const Shape& shape, std
   const std::vector<PointId> points = points_of(surface, faces, judged_faces / 4);
   if (points.size() < few_points) return true;
   const Residuals r = residuals(surface, shape, points);
-  return r.systematic <= std::max(limits.tolerance / 20, r.random);
+  return r.systematic <= std::max(limits.tolerance / 40, r.random);
 }
 
 bool convincing(const Surface& surface, const Limits& limits, const Region& region) {
@@ -209,7 +208,7 @@ bool convincing(const Surface& surface, const Limits& limits, const Region& regi
   if (plane && points.size() < 4 && !bounded_by_sharp_edges(surface, limits, region)) return false;
   if (!plane && points.size() < 8) return false;
   if (row_of_smooth_surface(surface, limits, region)) return false;
-  const double negligible = limits.tolerance / 20;
+  const double negligible = limits.tolerance / 40;
   if (region.rms <= negligible) return true;
   if (region.rms > 0.45 * limits.tolerance) return false;
   if (points.size() < few_points) return region.rms <= limits.tolerance / 5;
