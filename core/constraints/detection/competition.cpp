@@ -232,17 +232,18 @@ void trim(const Surface& surface, const Limits& limits, Segmentation& segmentati
   std::vector<char> changed(segmentation.regions.size(), 0);
   for (std::uint32_t r = 0; r < segmentation.regions.size(); ++r) {
     Region& region = segmentation.regions[r];
-    const double direction = 4 * median_angle(surface, region), distance = std::max(limits.floor, 2 * region.rms);
+    if (region.rms > 3 * surface.noise + limits.tolerance / 40) continue;  // facets are off everywhere
+    const double direction = 2.5 * median_angle(surface, region), distance = 2 * region.rms + 0.1 * limits.floor;
     const auto off = [&](FaceId f) {
       if (surface.area[f] == 0) return false;
       const double angle = angle_off(surface, region.shape, f);
-      if (angle <= std::max(direction, surface.allowance(f)) + 0.005) return false;
+      if (angle <= std::max(direction, 0.5 * surface.allowance(f)) + 0.005) return false;
       const auto corners = surface.corners(f);
       return std::any_of(corners.begin(), corners.end(),
                          [&](PointId p) { return std::abs(region.shape.distance(surface.points[p])) > distance; });
     };
-    // Row by row from the rim.
-    for (bool again = true; again;) {
+    // Row by row from the rim, two at most: more would not have been taken for tangential.
+    for (int row = 0; row < 2; ++row) {
       std::vector<FaceId> gone;
       for (const FaceId f : region.faces) {
         const auto neighbours = surface.neighbours(f);
@@ -250,8 +251,8 @@ void trim(const Surface& surface, const Limits& limits, Segmentation& segmentati
         if (labels[f] == r && at_rim && off(f)) gone.push_back(f);
       }
       for (const FaceId f : gone) labels[f] = unlabelled;
-      again = !gone.empty();
-      changed[r] |= again ? 1 : 0;
+      if (gone.empty()) break;
+      changed[r] = 1;
     }
   }
   refit(surface, segmentation, changed);

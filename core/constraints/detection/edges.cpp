@@ -92,7 +92,8 @@ class Chains {
   bool is_end(std::size_t p) const {
     if (degree(p) != 2) return true;
     const Edge &x = edges_[at_[first_[p]]], &y = edges_[at_[first_[p] + 1]];
-    return x.left != y.left || x.right != y.right;
+    // What is not labelled here may be the same all the same.
+    return (x.left != y.left || x.right != y.right) && x.right != unlabelled && y.right != unlabelled;
   }
   void walk(PointId start, std::size_t edge) {
     if (used_[edge]) return;

@@ -111,7 +111,7 @@ std::optional<Region> Growth::converged(const Shape& shape, std::span<const Face
     region = {*next, std::move(faces), area, rms_distance(*next, data)};
     standing = grew ? 0 : standing + 1;
     // What drifts along another surface is found out on the way.
-    if (round % 3 == 2 && region.rms > limits_.tolerance / 20 && region.faces.size() > 8 * start.size() &&
+    if (round % 3 == 2 && region.rms > limits_.tolerance / 40 && region.faces.size() > 8 * start.size() &&
         !noisy(surface_, limits_, region.shape, region.faces)) {
       return std::nullopt;
     }

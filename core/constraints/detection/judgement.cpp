@@ -12,7 +12,8 @@ constexpr std::size_t fit_faces = 600;
 constexpr std::size_t judged_faces = 2000;
 constexpr int terms = 20;  ///< monomials in x, y, z up to degree 3
 constexpr std::size_t few_points = 3 * terms;
-// Measured: noise and facets have restlessness 0.37 to 1.3 and systematic parts up to 0.63, free forms below 0.19 or above 0.67.
+// Measured: noise and facets have a restlessness of 0.8 to 1.3; free forms below 0.19, or up to 0.57 with a systematic part from 0.67.
+constexpr double noise_restlessness = 0.7;
 constexpr double least_restlessness = 0.25;
 constexpr double largest_systematic = 0.65;
 
@@ -127,6 +128,8 @@ bool row_of_smooth_surface(const Surface& surface, const Limits& limits, const R
   std::sort(members.begin(), members.end());
   std::vector<PointId> on_rim;
   double rim = 0, going_on = 0;
+  const bool plane = region.shape.kind == PrimitiveKind::plane;
+  const double smooth = (plane ? 1 : 1.2) * limits.maximum_angle;  // noise in rows of torus that bend as much as they may
   for (const FaceId f : members) {
     const auto ids = surface.corners(f);
     const auto neighbours = surface.neighbours(f);
@@ -138,7 +141,7 @@ bool row_of_smooth_surface(const Surface& surface, const Limits& limits, const R
         if (n.from != low || n.to != high) continue;
         inside = inside || std::binary_search(members.begin(), members.end(), n.face);
         const double here = extent_across(surface, f, length), there = extent_across(surface, n.face, length);
-        similar = similar || (n.angle > 1e-3 && n.angle <= 1.2 * limits.maximum_angle && there < 2.5 * here && here < 2.5 * there);
+        similar = similar || (n.angle > 1e-3 && n.angle <= smooth && there < 2.5 * here && here < 2.5 * there);
       }
       if (inside) continue;
       on_rim.insert(on_rim.end(), {low, high});
@@ -146,11 +149,11 @@ bool row_of_smooth_surface(const Surface& surface, const Limits& limits, const R
       going_on += similar ? length : 0;
     }
   }
-  if (going_on < (region.shape.kind == PrimitiveKind::plane ? 0.6 : 0.4) * rim) return false;
+  if (going_on < (plane ? 0.6 : 0.4) * rim) return false;
   std::sort(on_rim.begin(), on_rim.end());
   on_rim.erase(std::unique(on_rim.begin(), on_rim.end()), on_rim.end());
   const std::size_t points = points_of(surface, members, most).size();
-  return points == on_rim.size() || (region.rms > limits.tolerance / 20 && points < 2 * on_rim.size());
+  return points == on_rim.size() || (region.rms > limits.tolerance / 40 && points < 2 * on_rim.size());
 }
 
 }  // namespace
@@ -194,7 +197,7 @@ bool noisy(const Surface& surface, const Limits& limits, const Shape& shape, std
   const std::vector<PointId> points = points_of(surface, faces, judged_faces / 4);
   if (points.size() < few_points) return true;
   const Residuals r = residuals(surface, shape, points);
-  return r.systematic <= std::max(limits.tolerance / 20, r.random);
+  return r.systematic <= std::max(limits.tolerance / 40, r.random);
 }
 
 bool convincing(const Surface& surface, const Limits& limits, const Region& region) {
@@ -205,14 +208,15 @@ bool convincing(const Surface& surface, const Limits& limits, const Region& regi
   if (plane && points.size() < 4 && !bounded_by_sharp_edges(surface, limits, region)) return false;
   if (!plane && points.size() < 8) return false;
   if (row_of_smooth_surface(surface, limits, region)) return false;
-  const double negligible = limits.tolerance / 20;
+  const double negligible = limits.tolerance / 40;
   if (region.rms <= negligible) return true;
   if (region.rms > 0.45 * limits.tolerance) return false;
   if (points.size() < few_points) return region.rms <= limits.tolerance / 5;
   const Residuals r = residuals(surface, region.shape, points);
-  if (r.systematic > std::max(negligible, largest_systematic * r.random)) return false;
-  return restlessness(surface, region.shape, region.faces, judged_faces) >= least_restlessness ||
-         faceted(surface, region.faces, judged_faces);
+  const double restless = restlessness(surface, region.shape, region.faces, judged_faces);
+  const double most = restless >= noise_restlessness ? 1 : largest_systematic;
+  if (r.systematic > std::max(negligible, most * r.random)) return false;
+  return restless >= least_restlessness || faceted(surface, region.faces, judged_faces);
 }
 
 }  // namespace deform::detection
