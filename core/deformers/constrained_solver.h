@@ -59,7 +59,7 @@ class ConstrainedSolver {
   struct Options {
     double tolerance = 1e-7;     ///< unit coordinates
     int most_iterations = 3000;  ///< per round of multipliers
-    int patience = 300;          ///< iterations before Gauss-Newton
+    int patience = 150;          ///< iterations before Gauss-Newton
     Acceleration acceleration = Acceleration::anderson;
   };
 

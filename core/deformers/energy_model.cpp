@@ -2,11 +2,11 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/deformers/energy_system.h"
 #include "core/deformers/mls_space.h"
 #include "core/deformers/rbf_parts.h"
+#include "core/deformers/subspace_space.h"
 
 namespace deform {
 
@@ -41,13 +41,16 @@ struct Sizes {
 
 Sizes sizes_of(const Mesh& mesh, const Setup& setup, const std::vector<RegionIndex>& region_of, Estimate& estimate) {
   Sizes sizes;
-  if (const auto* mls = std::get_if<MlsOptions>(&setup.method)) {
-    const SpaceBytes space = estimate_mls_space(mesh, *mls);
+  if (!std::holds_alternative<ShellOptions>(setup.method)) {
+    const auto* mls = std::get_if<MlsOptions>(&setup.method);
+    const auto* subspace = std::get_if<SubspaceOptions>(&setup.method);
+    const SpaceBytes space = mls != nullptr ? estimate_mls_space(mesh, *mls) : estimate_subspace_space(mesh, *subspace);
     // Supports are wide, so that the factor fills up: a multiple of the matrix, at most a full triangle.
     const std::size_t k = space.samples;
     const std::size_t entries = std::min(k * (k + 1) / 2, fill * space.energy_entries);
-    const std::size_t held = estimate.constraint_points * static_cast<std::size_t>(2 * mls->cover) * entry_bytes;
-    sizes = {space.peak, space.resident + held + space.energy_entries * entry_bytes, k, {}};
+    // The rows of the held points again, transposed; what stays of the space is mostly rows.
+    const std::size_t held = space.resident / std::max<std::size_t>(1, mesh.point_count()) * estimate.constraint_points;
+    sizes = {space.peak, space.resident + held + 2 * space.energy_entries * entry_bytes, k, {}};
     sizes.factor.factor_bytes = entries * sizeof(double);
     sizes.factor.peak_bytes = 2 * sizes.factor.factor_bytes;
     sizes.factor.flops =
@@ -76,7 +79,7 @@ EnergyModel energy_model(const Mesh& mesh, const Setup& setup, const std::vector
   if (const auto* mls = std::get_if<MlsOptions>(&setup.method)) {
     model.space = mls_space(mesh, *mls, setup.seed, context);
   } else {
-    throw Error(ErrorCode::invalid_argument, "method.subspace: this build has no subspaces");
+    model.space = subspace_space(mesh, std::get<SubspaceOptions>(setup.method), setup.seed, context);
   }
   for (std::size_t i = 0; i < region_of.size(); ++i) {
     if (region_of[i] != deformable_region) model.held.push_back(static_cast<PointId>(i));

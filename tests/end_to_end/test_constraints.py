@@ -3,7 +3,7 @@
 import math
 import os
 
-from harness import EndToEnd, distance, main, read_obj
+from harness import EndToEnd, main, read_obj
 
 AROUND, ACROSS = 96, 14
 HOLE = 0.25
@@ -43,6 +43,10 @@ variables: [{{name: pull, handle: right, translate: [1, 0, 0]}}, {{name: lift, h
 
 CIRCLE = f"constraints: [{{name: bore, circular: {{}}, regions: [{{ids: {RIM}}}]}}]"
 CIRCLE_KEPT = f"constraints: [{{name: bore, circular: {{radius: KEPT}}, regions: [{{ids: {RIM}}}]}}]"
+
+
+def distance(a, b):
+    return math.dist(a, b)
 
 
 def out_of_round(points):
@@ -85,7 +89,7 @@ class Constraints(EndToEnd):
 
     def apply(self, name, *arguments):
         reply = self.deform("apply", name, *arguments, "-o", "out.obj", "--json").json
-        return reply["report"], read_obj(self.path("out.obj"))
+        return reply["report"], read_obj(self.path("out.obj"))[0]
 
     def test_a_bore_stays_round(self):
         self.write("plate.obj", plate())
@@ -122,7 +126,7 @@ class Constraints(EndToEnd):
         self.deform("sweep", "round.yaml", "--designs", "designs.csv", "-o", "results")
         for name, pull, lift in (("a", 0.1, 0), ("b", 0.4, 0.2), ("c", -0.1, 0.1)):
             _, points = self.apply("round.yaml", "--set", f"pull={pull}", "--set", f"lift={lift}")
-            swept = read_obj(self.path(os.path.join("results", f"{name}.obj")))
+            swept = read_obj(self.path(os.path.join("results", f"{name}.obj")))[0]
             self.assertLess(max(distance(p, q) for p, q in zip(points, swept)), 1e-5, name)
 
     def test_refusals(self):

@@ -31,14 +31,14 @@ const Design turned{{0.4, 0.5, 0.2, -0.4}, {}};
 
 TEST(Constrained, APatchBecomesAPlane) {
   const auto mesh = shared(test::bumpy_sheet(41, 21));
-  const auto system = prepare(mesh, with({planar(1.2, 1.6)}));
+  const auto system = prepare(mesh, with({planar(1.2, 1.6, 1e7)}));
   const auto evaluation = system->bind({&turned, 1}, EvaluationPath::automatic, {});
   const DesignReport& report = evaluation->report(0);
   ASSERT_EQ(report.constraints.size(), 1u);
   EXPECT_TRUE(report.converged);
   EXPECT_GT(report.iterations, 2);
   EXPECT_GT(report.constraints[0].rms_before, 1e-3);
-  EXPECT_LT(report.constraints[0].rms, 1e-2 * report.constraints[0].rms_before);
+  EXPECT_LT(report.constraints[0].rms, 2e-2 * report.constraints[0].rms_before);
   EXPECT_LE(report.constraints[0].rms, report.constraints[0].max);
   // Handles and fixed points are where they were told to be.
   const Points got = system->evaluate(turned);
@@ -50,13 +50,17 @@ TEST(Constrained, APatchBecomesAPlane) {
 
 TEST(Constrained, ResidualFallsWithTheWeight) {
   const auto mesh = shared(test::bumpy_sheet(41, 21));
-  double last = 0;
-  for (const double weight : {1e3, 1e4, 1e5, 1e6, 1e8}) {
+  double last = HUGE_VAL;
+  for (const double weight : {1e3, 1e5, 1e6, 1e8, 1e9}) {
     const auto system = prepare(mesh, with({planar(1.2, 1.6, weight)}));
     const auto evaluation = system->bind({&turned, 1}, EvaluationPath::automatic, {});
     const DesignReport& report = evaluation->report(0);
     EXPECT_TRUE(report.converged) << weight;
-    if (last > 0) EXPECT_LT(report.constraints[0].rms, 0.2 * last) << weight;
+    EXPECT_LT(report.constraints[0].rms, last) << weight;
+    // In the end with 1 / weight.
+    if (weight > 1e8) {
+      EXPECT_NEAR(last / report.constraints[0].rms, 10, 1);
+    }
     last = report.constraints[0].rms;
   }
 }

@@ -170,7 +170,7 @@ TEST(IncrementalQrSystem, GreedyCentresFollowTheSamples) {
     EXPECT_GT(evaluation->report(0).interpolation_residual, 0);
     EXPECT_LE(evaluation->report(0).interpolation_residual, 50 * options.tolerance * system->info().diagonal);
   }
-  EXPECT_LT(2 * centres[1], centres[0]);
+  EXPECT_LT(3 * centres[1], 2 * centres[0]);
 }
 
 TEST(IncrementalQrSystem, HalfModels) {

@@ -1,0 +1,125 @@
+// Systems over subspaces and moving least squares: hard and soft handles, basis, derivatives.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/deformers/energy_system.h"
+#include "tests/core/deformers/energy_cases.h"
+
+namespace deform {
+namespace {
+
+using test::distance;
+using test::shared;
+
+const Design turned{{}, {{0, test::turn_and_shift()}}};
+
+deform::Setup with(deform::Setup setup, const SubspaceOptions& options) {
+  setup.method = options;
+  return setup;
+}
+
+SubspaceOptions subspace(SubspaceKernel kernel, std::size_t centres = 250) {
+  SubspaceOptions options;
+  options.kernel = kernel;
+  options.centres = centres;
+  options.cover = kernel == SubspaceKernel::wendland_c2 ? 30 : 8;
+  return options;
+}
+
+TEST(Spaces, HardHandlesAreMet) {
+  const auto mesh = shared(test::bumpy_sheet(41, 21));
+  const SelectedRegions regions = validate(test::sheet_setup(), *mesh);
+  for (const SubspaceKernel kernel : {SubspaceKernel::mls, SubspaceKernel::wendland_c2}) {
+    const auto system = prepare(mesh, with(test::sheet_setup(), subspace(kernel)));
+    EXPECT_EQ(system->info().solver, Solver::sparse_cholesky);
+    EXPECT_EQ(system->info().centres, 250u);
+    const Points got = system->evaluate(turned);
+    for (const PointId id : regions.fixed) EXPECT_EQ(got[id], mesh->points[id]);
+    for (const PointId id : regions.handles[0]) {
+      EXPECT_EQ(got[id], transformed(test::turn_and_shift(), mesh->points[id]));
+    }
+    for (const EvaluationPath path : {EvaluationPath::basis, EvaluationPath::direct}) {
+      EXPECT_LT(system->bind({&turned, 1}, path, {})->report(0).interpolation_residual, 1e-3);
+    }
+    // No tear between the held points and their neighbours.
+    for (std::size_t j = 0; j < 21; ++j) {
+      for (const std::size_t i : {std::size_t{6}, std::size_t{33}}) {
+        const std::size_t a = 41 * j + i;
+        const double before = distance(mesh->points[a], mesh->points[a + 1]), after = distance(got[a], got[a + 1]);
+        EXPECT_NEAR(after, before, 0.8 * before) << i << " " << j;
+      }
+    }
+  }
+}
+
+TEST(Spaces, BasisEqualsDirectSolve) {
+  const auto mesh = shared(test::bumpy_sheet(41, 21));
+  for (const SubspaceKernel kernel : {SubspaceKernel::mls, SubspaceKernel::wendland_c2}) {
+    const auto system = prepare(mesh, with(test::sheet_setup(), subspace(kernel)));
+    const Points basis = system->evaluate({&turned, 1}, EvaluationPath::basis)[0];
+    const Points direct = system->evaluate({&turned, 1}, EvaluationPath::direct)[0];
+    EXPECT_LE(distance(basis, direct), 1e-8 * system->info().diagonal);
+  }
+}
+
+TEST(Spaces, FewFunctionsComeNearTheShell) {
+  const auto mesh = shared(test::bumpy_sheet(41, 21));
+  deform::Setup setup = test::sheet_setup();
+  setup.method = ShellOptions{};
+  const Points expected = prepare(mesh, setup)->evaluate(turned);
+  const Points got = prepare(mesh, with(setup, subspace(SubspaceKernel::mls, 400)))->evaluate(turned);
+  EXPECT_LT(distance(got, expected), 0.04);
+}
+
+TEST(Spaces, JacobianProducts) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  for (const HandleMode handles : {HandleMode::hard, HandleMode::soft}) {
+    for (const BasisMode basis : {BasisMode::always, BasisMode::never}) {
+      SubspaceOptions options = subspace(SubspaceKernel::mls, 120);
+      options.handles = handles;
+      options.basis = basis;
+      test::check_jacobians(*prepare(mesh, with(test::setup_with_variables(), options)), 1e-8, 1e-6);
+    }
+  }
+}
+
+TEST(Spaces, PopulationsEqualSingles) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  test::check_population(*prepare(mesh, with(test::setup_with_variables(), subspace(SubspaceKernel::mls, 150))), 5);
+}
+
+TEST(Spaces, VolumesMoveWithMovingLeastSquares) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  deform::Setup setup = test::sheet_setup();
+  MlsOptions options;
+  options.surface_samples = 200;
+  setup.method = options;
+  const auto system = prepare(mesh, setup);
+  EXPECT_GT(system->info().cubature_points, 0u);
+  const SelectedRegions regions = validate(setup, *mesh);
+  const Points got = system->evaluate(turned);
+  for (const PointId id : regions.handles[0]) {
+    EXPECT_EQ(got[id], transformed(test::turn_and_shift(), mesh->points[id]));
+  }
+  EXPECT_LT(system->bind({&turned, 1}, EvaluationPath::automatic, {})->report(0).interpolation_residual, 1e-3);
+  const Estimate expected = estimate(*mesh, setup);
+  EXPECT_GE(expected.peak_bytes, system->info().bytes);
+  EXPECT_EQ(expected.centres, 200u);
+}
+
+TEST(Spaces, ConstraintsHoldInSpaces) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  deform::Setup setup = with(test::setup_with_variables(), subspace(SubspaceKernel::mls, 120));
+  setup.constraints = {{"patch", {test::box({1.2, 0.1, -9}, {1.6, 0.9, 9})}, Planar{}, 1e6}};
+  const auto system = prepare(mesh, setup);
+  const Design design{{0.4, 0.5, 0.2, -0.4}, {}};
+  const auto evaluation = system->bind({&design, 1}, EvaluationPath::automatic, {});
+  const DesignReport& report = evaluation->report(0);
+  EXPECT_TRUE(report.converged);
+  EXPECT_LT(report.constraints[0].rms, 0.3 * report.constraints[0].rms_before);
+  test::check_jacobians(*system, 1e-6, 2e-2);
+}
+
+}  // namespace
+}  // namespace deform
