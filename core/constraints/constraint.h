@@ -101,11 +101,11 @@ std::string_view kind_name(const ConstraintKind& kind);
 std::array<std::size_t, 2> region_counts(const ConstraintKind& kind);
 
 /// The projection for points whose positions at rest are `rest`: per region its points, in unit coordinates; the projection takes
-/// the points of all regions one after the other. A point may stand in several regions only where the kind makes sense of it
-/// (it is then moved twice). Throws Error(invalid_argument) starting with `what` ("constraints[2]") and naming the field: wrong
-/// number of regions, too few points (with the limit), non-finite numbers, zero normal or axis, bounds out of range or missing,
-/// points without a mirror image (with the number and the first), regions without pairs. Points at rest need not satisfy the
-/// constraint. O(n log n).
+/// the points of all regions one after the other (a point of two regions stands there twice, and each copy has its own target).
+/// Points at rest need not satisfy the constraint. Throws Error(invalid_argument) starting with `what` ("constraints[2]") and
+/// naming the field: wrong number of regions, too few points (with the limit), non-finite numbers, zero normal or axis, bounds
+/// out of range, points without a mirror image (with their number and the first), a radius to keep of points that are flat.
+/// O(n log n).
 std::unique_ptr<const Projection> make_projection(const ConstraintKind& kind, std::span<const std::vector<Vec3>> rest,
                                                   const UnitMap& units = {}, const std::string& what = "constraint");
 
