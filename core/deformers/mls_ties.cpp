@@ -24,6 +24,7 @@ void tie(std::span<const Vec3> samples, const std::vector<std::uint32_t>& member
          std::size_t cover, RowBlocks& rows) {
   std::sort(joined.begin(), joined.end());
   std::vector<Vec3> places;
+  places.reserve(joined.size());
   for (const std::uint32_t j : joined) places.push_back(samples[j]);
   // No sample is within this radius: each place of evaluation has one of its own.
   MlsBasis::Options options;

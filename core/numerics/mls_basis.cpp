@@ -100,15 +100,15 @@ struct Alpha {
       : value(frame.inverse.cwiseProduct(q)) {
     if (order == MlsBasis::Order::values) return;
     std::array<Matrix4d, 3> M1;
-    std::array<Vector4d, 6> Mkl_alpha;
+    std::array<Vector4d, 6> M2_alpha;
     M1.fill(Matrix4d::Zero());
-    Mkl_alpha.fill(Vector4d::Zero());
+    M2_alpha.fill(Vector4d::Zero());
     for (const Active& a : active) {
       const Matrix4d outer = a.q * a.q.transpose();
       for (std::size_t k = 0; k < 3; ++k) M1[k] += a.gradient[static_cast<int>(k)] * outer;
       if (order != MlsBasis::Order::second) continue;
       const Vector4d along = a.q.dot(value) * a.q;
-      for (std::size_t p = 0; p < 6; ++p) Mkl_alpha[p] += a.hessian[static_cast<int>(p)] * along;
+      for (std::size_t p = 0; p < 6; ++p) M2_alpha[p] += a.hessian[static_cast<int>(p)] * along;
     }
     for (std::size_t k = 0; k < 3; ++k) {
       Vector4d right = -(M1[k] * value);
@@ -118,7 +118,7 @@ struct Alpha {
     if (order != MlsBasis::Order::second) return;
     for (std::size_t p = 0; p < 6; ++p) {
       const auto k = static_cast<std::size_t>(pairs[p][0]), l = static_cast<std::size_t>(pairs[p][1]);
-      second[p] = -frame.inverse.cwiseProduct(Mkl_alpha[p] + M1[k] * first[l] + M1[l] * first[k]);
+      second[p] = -frame.inverse.cwiseProduct(M2_alpha[p] + M1[k] * first[l] + M1[l] * first[k]);
     }
   }
 };

@@ -35,11 +35,11 @@ struct Within {
 
   std::size_t size() const { return out.size(); }
   bool full() const { return true; }
-  bool addPoint(double distance, std::uint32_t point) const {
+  bool addPoint(double distance, std::uint32_t point) const {  // NOLINT: nanoflann's name
     if (distance < square) out.push_back({point, distance});
     return true;
   }
-  double worstDist() const { return square; }
+  double worstDist() const { return square; }  // NOLINT: nanoflann's name
 };
 
 }  // namespace
