@@ -247,7 +247,8 @@ void trim(const Surface& surface, const Limits& limits, Segmentation& segmentati
       std::vector<FaceId> gone;
       for (const FaceId f : region.faces) {
         const auto neighbours = surface.neighbours(f);
-        const bool at_rim = std::any_of(neighbours.begin(), neighbours.end(), [&](const Neighbour& n) { return labels[n.face] != r; });
+        const bool at_rim =
+            std::any_of(neighbours.begin(), neighbours.end(), [&](const Neighbour& n) { return labels[n.face] != r; });
         if (labels[f] == r && at_rim && off(f)) gone.push_back(f);
       }
       for (const FaceId f : gone) labels[f] = unlabelled;

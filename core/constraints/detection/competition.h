@@ -17,8 +17,8 @@ struct Segmentation {
 /// nothing changes or a few sweeps are done; then takes away pieces that came off and regions that became too small.
 void compete(const Surface& surface, const Limits& limits, Segmentation& segmentation, const RunContext& context);
 
-/// Takes away what ran on tangentially at the rims of the regions: faces that are off both in distance and in direction by more than
-/// the others in their region.
+/// Takes away what ran on tangentially at the rims of the regions: faces that are off both in distance and in direction by more
+/// than the others in their region.
 void trim(const Surface& surface, const Limits& limits, Segmentation& segmentation);
 
 /// Joins regions of one surface (see Primitive).

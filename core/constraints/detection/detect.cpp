@@ -26,7 +26,8 @@ constexpr std::uint64_t sweeps = 2;
 
 void check_range(const char* field, double value, double below, const char* meaning) {
   if (value >= 0 && value < below) return;  // false for NaN
-  throw Error(ErrorCode::invalid_argument, std::string("detection.") + field + ": " + std::to_string(value) + " is not " + meaning);
+  throw Error(ErrorCode::invalid_argument,
+              std::string("detection.") + field + ": " + std::to_string(value) + " is not " + meaning);
 }
 
 Limits limits_of(const DetectOptions& options, Surface& surface, const RunContext& context) {
@@ -96,7 +97,8 @@ void grow_from_seeds(const Surface& surface, const Limits& limits, GrowthPool& p
       for (auto& list : found) std::move(list.begin(), list.end(), std::back_inserter(regions));
       std::stable_sort(regions.begin(), regions.end(), [](const Region& a, const Region& b) { return a.area > b.area; });
       accept(surface, limits, regions, pool, segmentation);
-      context.progress("detect", (static_cast<double>(sweep) + static_cast<double>(next) / static_cast<double>(seeds.size())) / sweeps);
+      context.progress("detect",
+                       (static_cast<double>(sweep) + static_cast<double>(next) / static_cast<double>(seeds.size())) / sweeps);
     }
   }
 }
@@ -110,7 +112,8 @@ Vector3d turned(const Vector3d& axis) {
   return axis[largest] < 0 ? Vector3d(-axis) : axis;
 }
 
-Primitive primitive_of(const Mesh& mesh, const std::vector<std::uint64_t>& offsets, const Surface& surface, const Region& region) {
+Primitive primitive_of(const Mesh& mesh, const std::vector<std::uint64_t>& offsets, const Surface& surface,
+                       const Region& region) {
   const Shape& shape = region.shape;
   const auto place = [&](const Vector3d& p) { return plain(surface.middle + surface.size * p); };
   Primitive primitive;
@@ -127,7 +130,8 @@ Primitive primitive_of(const Mesh& mesh, const std::vector<std::uint64_t>& offse
     primitive.axis = plain(shape.axis);
     primitive.half_angle = shape.angle;
   }
-  if (shape.kind == PrimitiveKind::cylinder || shape.kind == PrimitiveKind::sphere) primitive.radius = surface.size * shape.radius;
+  if (shape.kind == PrimitiveKind::cylinder || shape.kind == PrimitiveKind::sphere)
+    primitive.radius = surface.size * shape.radius;
   primitive.faces = region.faces;
   std::sort(primitive.faces.begin(), primitive.faces.end());
   for (const FaceId f : primitive.faces) {
@@ -210,29 +214,40 @@ Detection detect(const Mesh& mesh, const DetectOptions& options, const RunContex
 
 std::string_view to_string(PrimitiveKind kind) {
   switch (kind) {
-    case PrimitiveKind::plane: return "plane";
-    case PrimitiveKind::cylinder: return "cylinder";
-    case PrimitiveKind::sphere: return "sphere";
-    case PrimitiveKind::cone: return "cone";
+    case PrimitiveKind::plane:
+      return "plane";
+    case PrimitiveKind::cylinder:
+      return "cylinder";
+    case PrimitiveKind::sphere:
+      return "sphere";
+    case PrimitiveKind::cone:
+      return "cone";
   }
   return "";
 }
 
 std::string_view to_string(EdgeKind kind) {
   switch (kind) {
-    case EdgeKind::line: return "line";
-    case EdgeKind::circle: return "circle";
-    case EdgeKind::arc: return "arc";
+    case EdgeKind::line:
+      return "line";
+    case EdgeKind::circle:
+      return "circle";
+    case EdgeKind::arc:
+      return "arc";
   }
   return "";
 }
 
 std::string_view constraint_kind(PrimitiveKind kind) {
   switch (kind) {
-    case PrimitiveKind::plane: return "planar";
-    case PrimitiveKind::cylinder: return "cylindrical";
-    case PrimitiveKind::sphere: return "spherical";
-    case PrimitiveKind::cone: return "conical";
+    case PrimitiveKind::plane:
+      return "planar";
+    case PrimitiveKind::cylinder:
+      return "cylindrical";
+    case PrimitiveKind::sphere:
+      return "spherical";
+    case PrimitiveKind::cone:
+      return "conical";
   }
   return "";
 }

@@ -38,8 +38,8 @@ struct DetectOptions {
 };
 
 /// Faces that lie on one plane, cylinder, sphere or cone, connected across edges that are not sharp. Patches of the same surface
-/// are one primitive when they touch, and, of cylinders, spheres and cones, also when they lie around the same stretch of the axis
-/// (a bore that is cut by slots); two bores one behind the other stay two, and so do coplanar faces that do not touch.
+/// are one primitive when they touch, and, of cylinders, spheres and cones, also when they lie around the same stretch of the
+/// axis (a bore that is cut by slots); two bores one behind the other stay two, and so do coplanar faces that do not touch.
 struct Primitive {
   PrimitiveKind kind = PrimitiveKind::plane;
   std::string name;       ///< "plane_1", "plane_2", "cylinder_1", ...: by falling area within the kind, then by the first face
@@ -79,14 +79,14 @@ struct Detection {
   std::vector<std::string> notes;
 };
 
-/// Finds the primitives of a surface (thesis 8.5.3) from normals of the faces and the corners they belong to: smooth patches between
-/// sharp edges, then seeds where the curvature changes least, each with samples of its surroundings (Fischler and Bolles 1981), grow
-/// with a threshold that follows the residual of what they hold (forward search: Atkinson et al. 2004, Fleishman et al. 2005);
-/// residuals that are not noise but a shape of their own (a torus taken for a cylinder) refuse the primitive. Then neighbours
-/// compete for the faces between them. For volume meshes: of the boundary.
-/// Coincident points count as one here. Points without faces and faces without area are legal; the latter go with their neighbours.
-/// Same result for the same seed and any number of threads. Throws Error(invalid_argument) for bad options and a mesh without any
-/// area, Error(cancelled), deadline_exceeded. Reports "detect".
+/// Finds the primitives of a surface (thesis 8.5.3) from normals of the faces and the corners they belong to: smooth patches
+/// between sharp edges, then seeds where the curvature changes least, each with samples of its surroundings (Fischler and Bolles
+/// 1981), grow with a threshold that follows the residual of what they hold (forward search: Atkinson et al. 2004, Fleishman et
+/// al. 2005); residuals that are not noise but a shape of their own (a torus taken for a cylinder) refuse the primitive. Then
+/// neighbours compete for the faces between them. For volume meshes: of the boundary. Coincident points count as one here. Points
+/// without faces and faces without area are legal; the latter go with their neighbours. Same result for the same seed and any
+/// number of threads. Throws Error(invalid_argument) for bad options and a mesh without any area, Error(cancelled),
+/// deadline_exceeded. Reports "detect".
 Detection detect(const Mesh& mesh, const DetectOptions& options, const RunContext& context = {});
 
 /// What a constraint on the points of such a primitive is called: "planar", "cylindrical", "spherical", "conical"; of edges
@@ -94,8 +94,8 @@ Detection detect(const Mesh& mesh, const DetectOptions& options, const RunContex
 std::string_view constraint_kind(PrimitiveKind kind);
 std::string_view constraint_kind(EdgeKind kind);
 
-/// count colours (red, green, blue) that differ as far as their number allows, always the same; never grey, which is left for what
-/// belongs to no primitive.
+/// count colours (red, green, blue) that differ as far as their number allows, always the same; never grey, which is left for
+/// what belongs to no primitive.
 std::vector<std::array<unsigned char, 3>> distinct_colours(std::size_t count);
 
 }  // namespace deform

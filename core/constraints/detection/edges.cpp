@@ -11,10 +11,10 @@ namespace deform::detection {
 
 namespace {
 
-constexpr double smooth_joint = 0.05;    ///< radians; primitives that meet in less have no edge between them
-constexpr double shortest = 0.02;        ///< of features, over the size
-constexpr double least_arc = 0.35;       ///< radians
-constexpr std::size_t fewest_points = 5; ///< of a piece of a chain, and of circles and arcs
+constexpr double smooth_joint = 0.05;     ///< radians; primitives that meet in less have no edge between them
+constexpr double shortest = 0.02;         ///< of features, over the size
+constexpr double least_arc = 0.35;        ///< radians
+constexpr std::size_t fewest_points = 5;  ///< of a piece of a chain, and of circles and arcs
 constexpr std::uint32_t rim = 0xfffffffe;
 
 /// A feature edge with the labels beside it, the smaller first.
@@ -66,7 +66,8 @@ std::vector<Edge> collected(const Surface& surface, const Limits& limits, std::s
 /// Edges end to end.
 class Chains {
  public:
-  explicit Chains(std::span<const Edge> edges, std::size_t points) : edges_(edges), first_(points + 1, 0), used_(edges.size(), 0) {
+  explicit Chains(std::span<const Edge> edges, std::size_t points)
+      : edges_(edges), first_(points + 1, 0), used_(edges.size(), 0) {
     for (const Edge& e : edges) {
       ++first_[e.a + 1];
       ++first_[e.b + 1];
@@ -232,8 +233,8 @@ class Fitter {
     return std::atan2(before.cross(after).norm(), before.dot(after));
   }
 
-  /// Whether distances from the circle jump to and fro as noise and facets do (von Neumann's ratio), rather than swing slowly as those
-  /// of an ellipse.
+  /// Whether distances from the circle jump to and fro as noise and facets do (von Neumann's ratio), rather than swing slowly as
+  /// those of an ellipse.
   bool restless(std::span<const PointId> ids, const Fit& fit) const {
     double last = 0, jumps = 0, squares = 0;
     for (std::size_t i = 0; i < ids.size(); ++i) {
@@ -265,7 +266,8 @@ class Fitter {
 
 class Features {
  public:
-  Features(const Mesh& mesh, const Surface& surface, const Limits& limits) : mesh_(mesh), surface_(surface), fitter_(surface, limits) {}
+  Features(const Mesh& mesh, const Surface& surface, const Limits& limits)
+      : mesh_(mesh), surface_(surface), fitter_(surface, limits) {}
   std::vector<EdgeFeature> found;
 
   void add(const Chain& chain) {

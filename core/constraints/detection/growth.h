@@ -36,8 +36,8 @@ struct Region {
 /// Label of a face that belongs to nothing.
 inline constexpr std::uint32_t unlabelled = 0xffffffff;
 
-/// Whether all corners of the face are within `threshold` of the shape and its normal agrees with the shape's up to half the maximum
-/// angle and what noise explains.
+/// Whether all corners of the face are within `threshold` of the shape and its normal agrees with the shape's up to half the
+/// maximum angle and what noise explains.
 bool fits(const Surface& surface, const Limits& limits, const Shape& shape, FaceId face, double threshold);
 
 /// Region growing over the unlabelled faces. Holds marks for all faces: one per thread.

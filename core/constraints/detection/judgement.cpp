@@ -12,7 +12,8 @@ constexpr std::size_t fit_faces = 600;
 constexpr std::size_t judged_faces = 2000;
 constexpr int terms = 20;  ///< monomials in x, y, z up to degree 3
 constexpr std::size_t few_points = 3 * terms;
-// Measured: noise and facets have a restlessness of 0.8 to 1.3; free forms below 0.19, or up to 0.57 with a systematic part from 0.67.
+// Measured: noise and facets have a restlessness of 0.8 to 1.3; free forms below 0.19, or up to 0.57 with a systematic part from
+// 0.67.
 constexpr double noise_restlessness = 0.7;
 constexpr double least_restlessness = 0.25;
 constexpr double largest_systematic = 0.65;
@@ -87,7 +88,8 @@ Residuals residuals(const Surface& surface, const Shape& shape, std::span<const 
   return {std::sqrt(std::max(0.0, explained - terms * rest) / n), std::sqrt(rest)};
 }
 
-/// How much the residual jumps along edges over how large it is (von Neumann's ratio): 1 for noise, near 0 where it swings slowly.
+/// How much the residual jumps along edges over how large it is (von Neumann's ratio): 1 for noise, near 0 where it swings
+/// slowly.
 double restlessness(const Surface& surface, const Shape& shape, std::span<const FaceId> faces, std::size_t most) {
   const std::size_t stride = std::max<std::size_t>(1, faces.size() / most);
   double jumps = 0, squares = 0;
@@ -118,9 +120,9 @@ bool faceted(const Surface& surface, std::span<const FaceId> faces, std::size_t 
 /// Length of the edge and of the triangle's or polygon's extent across it.
 double extent_across(const Surface& surface, FaceId face, double edge) { return edge > 0 ? surface.area[face] / edge : 0; }
 
-/// Whether the region is one row of faces of a smooth surface that goes on beside it in rows as wide: any row of a torus lies on a
-/// cone and on a sphere, any strip of a ruled surface on a plane. Where residuals are not negligible, also two or three rows: less
-/// than half of the points are inside.
+/// Whether the region is one row of faces of a smooth surface that goes on beside it in rows as wide: any row of a torus lies on
+/// a cone and on a sphere, any strip of a ruled surface on a plane. Where residuals are not negligible, also two or three rows:
+/// less than half of the points are inside.
 bool row_of_smooth_surface(const Surface& surface, const Limits& limits, const Region& region) {
   constexpr std::size_t most = 4000;
   if (region.faces.size() > most) return false;
@@ -177,8 +179,8 @@ Region simplest(const Surface& surface, const Limits& limits, const Region& regi
     return c.distance > std::max((c.shape.kind == PrimitiveKind::plane ? 2 : 1.15) * least, limits.tolerance / 40);
   });
   if (candidates.empty()) return region;
-  // Simple kinds first: a later one must be clearly closer in direction. The sphere comes last: whatever is one row of faces lies on
-  // one.
+  // Simple kinds first: a later one must be clearly closer in direction. The sphere comes last: whatever is one row of faces lies
+  // on one.
   const auto rank = [](PrimitiveKind kind) { return kind == PrimitiveKind::sphere ? 9 : static_cast<int>(kind); };
   std::sort(candidates.begin(), candidates.end(),
             [&](const Candidate& a, const Candidate& b) { return rank(a.shape.kind) < rank(b.shape.kind); });

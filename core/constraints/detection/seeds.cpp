@@ -12,7 +12,7 @@ namespace deform::detection {
 namespace {
 
 constexpr std::size_t fit_faces = 400;
-constexpr int draws = 16;               ///< random samples of one neighbourhood and kind
+constexpr int draws = 16;                 ///< random samples of one neighbourhood and kind
 constexpr std::size_t judged_faces = 64;  ///< faces of the neighbourhood that judge them
 
 /// The shape that most of the faces agree with, from random samples of a few of them; at most `draws` tries.
@@ -156,8 +156,7 @@ std::vector<double> curvature_unevenness(const Surface& surface) {
 }
 
 std::vector<FaceId> spread_seeds(const Surface& surface, const Limits& limits, const Patches& patches,
-                                 std::span<const double> unevenness, std::span<const std::uint32_t> labels,
-                                 std::uint64_t sweep) {
+                                 std::span<const double> unevenness, std::span<const std::uint32_t> labels, std::uint64_t sweep) {
   constexpr std::size_t most = 20000;
   std::vector<FaceId> open;
   double area = 0;

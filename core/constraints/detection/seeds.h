@@ -21,8 +21,8 @@ class Random {
 
 /// Faces by smooth patches: those that edges of less than `angle` connect.
 struct Patches {
-  std::vector<FaceId> order;         ///< all faces with an area, patch by patch, breadth first
-  std::vector<std::size_t> begin;    ///< first of each patch in order; one more entry at the end
+  std::vector<FaceId> order;       ///< all faces with an area, patch by patch, breadth first
+  std::vector<std::size_t> begin;  ///< first of each patch in order; one more entry at the end
 };
 Patches smooth_patches(const Surface& surface, double angle);
 

@@ -22,10 +22,14 @@ struct Frame {
 
 int parameter_count(PrimitiveKind kind) {
   switch (kind) {
-    case PrimitiveKind::plane: return 3;
-    case PrimitiveKind::cylinder: return 5;
-    case PrimitiveKind::sphere: return 4;
-    case PrimitiveKind::cone: return 6;
+    case PrimitiveKind::plane:
+      return 3;
+    case PrimitiveKind::cylinder:
+      return 5;
+    case PrimitiveKind::sphere:
+      return 4;
+    case PrimitiveKind::cone:
+      return 6;
   }
   return 0;
 }
@@ -199,8 +203,7 @@ std::optional<Shape> guess_cone(const FitData& data, const Moments& m) {
   const Eigen::SelfAdjointEigenSolver<Matrix3d> tangents(m.normals);
   const Vector3d values = tangents.eigenvalues();
   if (!(values[0] > 1e-12)) return std::nullopt;
-  const Vector3d apex =
-      m.centre + tangents.eigenvectors() * (tangents.eigenvectors().transpose() * right).cwiseQuotient(values);
+  const Vector3d apex = m.centre + tangents.eigenvectors() * (tangents.eigenvectors().transpose() * right).cwiseQuotient(values);
   Vector3d q = m.centre - apex;
   if (q.dot(axis) < 0) axis = -axis;
   const double h = q.dot(axis);
@@ -219,13 +222,15 @@ std::optional<Shape> guess_cone(const FitData& data, const Moments& m) {
 Shape::Foot Shape::foot(const Vector3d& x) const {
   const Vector3d q = x - point;
   switch (kind) {
-    case PrimitiveKind::plane: return {q.dot(axis), axis};
+    case PrimitiveKind::plane:
+      return {q.dot(axis), axis};
     case PrimitiveKind::sphere: {
       const double length = q.norm();
       return {length - radius, length > 0 ? Vector3d(q / length) : axis};
     }
     case PrimitiveKind::cylinder:
-    case PrimitiveKind::cone: break;
+    case PrimitiveKind::cone:
+      break;
   }
   const double h = q.dot(axis);
   const Vector3d across = q - h * axis;

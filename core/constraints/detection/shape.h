@@ -10,15 +10,15 @@ namespace deform::detection {
 
 using Eigen::Vector3d;
 
-/// A plane, cylinder, sphere or cone. A cone is given where it is cut across beside its points rather than by its apex, which runs
-/// off to infinity for half angles near zero.
+/// A plane, cylinder, sphere or cone. A cone is given where it is cut across beside its points rather than by its apex, which
+/// runs off to infinity for half angles near zero.
 struct Shape {
   PrimitiveKind kind = PrimitiveKind::plane;
-  Vector3d point = Vector3d::Zero();   ///< on the plane or axis, or the centre
-  Vector3d axis = Vector3d::UnitZ();   ///< unit; of a cone towards the wider side
-  double radius = 0;                   ///< of a cone at `point`
-  double angle = 0;                    ///< half angle of a cone
-  double sine = 0, cosine = 1;         ///< of angle
+  Vector3d point = Vector3d::Zero();  ///< on the plane or axis, or the centre
+  Vector3d axis = Vector3d::UnitZ();  ///< unit; of a cone towards the wider side
+  double radius = 0;                  ///< of a cone at `point`
+  double angle = 0;                   ///< half angle of a cone
+  double sine = 0, cosine = 1;        ///< of angle
 
   /// Signed distance of x and the unit normal there (the gradient).
   struct Foot {

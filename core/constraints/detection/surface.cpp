@@ -38,9 +38,8 @@ Surface::Surface(const Mesh& mesh, const RunContext& context) : offsets(mesh.fac
 void Surface::join_points(const Mesh& mesh) {
   std::vector<PointId> order(mesh.point_count());
   std::iota(order.begin(), order.end(), PointId{0});
-  std::sort(order.begin(), order.end(), [&](PointId a, PointId b) {
-    return mesh.points[a] != mesh.points[b] ? mesh.points[a] < mesh.points[b] : a < b;
-  });
+  std::sort(order.begin(), order.end(),
+            [&](PointId a, PointId b) { return mesh.points[a] != mesh.points[b] ? mesh.points[a] < mesh.points[b] : a < b; });
   std::vector<PointId> joined(mesh.point_count());
   for (std::size_t i = 0; i < order.size(); ++i) {
     const bool same = i > 0 && mesh.points[order[i]] == mesh.points[order[i - 1]];
@@ -70,7 +69,8 @@ void Surface::scale(const Mesh& mesh) {
     sum += twice.norm() * mean;
     weight += twice.norm();
   }
-  if (!(weight > 1e-24)) throw Error(ErrorCode::invalid_argument, "mesh: has no face with an area, so there is nothing to detect");
+  if (!(weight > 1e-24))
+    throw Error(ErrorCode::invalid_argument, "mesh: has no face with an area, so there is nothing to detect");
   middle = rough + sum / weight * unit;
   double farthest = 0;
   for (const PointId p : joined_corners) farthest = std::max(farthest, (vector_of(mesh.points[p]) - middle).norm());
@@ -108,7 +108,8 @@ void Surface::measure_faces(const RunContext& context) {
     }
   });
   for (const double a : area) total_area += a;
-  if (!(total_area > 0)) throw Error(ErrorCode::invalid_argument, "mesh: has no face with an area, so there is nothing to detect");
+  if (!(total_area > 0))
+    throw Error(ErrorCode::invalid_argument, "mesh: has no face with an area, so there is nothing to detect");
   model_area = total_area * size * size;
 }
 

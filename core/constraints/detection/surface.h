@@ -30,9 +30,7 @@ struct Surface {
     return {adjacent.data() + first[face], static_cast<std::size_t>(first[face + 1] - first[face])};
   }
   /// How far the normal of a face may be off for the noise of its corners.
-  double allowance(std::size_t face) const {
-    return height[face] > 0 ? std::min(1.6, (4 * noise + 1e-8) / height[face]) : 1.6;
-  }
+  double allowance(std::size_t face) const { return height[face] > 0 ? std::min(1.6, (4 * noise + 1e-8) / height[face]) : 1.6; }
   /// Corners and normals of about `most` faces, evenly taken; of so many that corners repeat only one corner of each face.
   FitData data(std::span<const FaceId> faces, std::size_t most) const;
 

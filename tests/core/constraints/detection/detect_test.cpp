@@ -56,7 +56,8 @@ bool same_bits(const Detection& a, const Detection& b) {
   if (names(a) != names(b)) return false;
   for (std::size_t i = 0; i < a.primitives.size(); ++i) {
     const Primitive &p = a.primitives[i], &q = b.primitives[i];
-    if (p.faces != q.faces || p.points != q.points || p.axis != q.axis || p.point != q.point || p.radius != q.radius) return false;
+    if (p.faces != q.faces || p.points != q.points || p.axis != q.axis || p.point != q.point || p.radius != q.radius)
+      return false;
   }
   for (std::size_t i = 0; i < a.edges.size(); ++i) {
     if (a.edges[i].points != b.edges[i].points || a.edges[i].radius != b.edges[i].radius) return false;

@@ -25,9 +25,8 @@ inline bool same_kind(Kind truth, PrimitiveKind found) {
   return truth != Kind::none && static_cast<int>(truth) == static_cast<int>(found);
 }
 
-/// Of a mesh of triangles: every truth of more than 1 % of the area has its primitive, nothing else is found, and 98 % of the faces
-/// are labelled right
-/// (those of truths that are too small to be found belong to nothing). Negative: sizes are not compared.
+/// Of a mesh of triangles: every truth of more than 1 % of the area has its primitive, nothing else is found, and 98 % of the
+/// faces are labelled right (those of truths that are too small to be found belong to nothing). Negative: sizes are not compared.
 inline void expect_found(const Part& part, const Detection& found, const std::string& what, double size_tolerance) {
   SCOPED_TRACE(what);
   const std::size_t faces = part.mesh.face_count();
@@ -79,7 +78,8 @@ inline void expect_found(const Part& part, const Detection& found, const std::st
     right += good ? 1 : 0;
     if (!good) ++wrong[{label, p < 0 ? "nothing" : found.primitives[static_cast<std::size_t>(p)].name}];
   }
-  EXPECT_GE(static_cast<double>(right), 0.98 * static_cast<double>(faces)) << right << " of " << faces << " faces; wrong " << testing::PrintToString(wrong);
+  EXPECT_GE(static_cast<double>(right), 0.98 * static_cast<double>(faces))
+      << right << " of " << faces << " faces; wrong " << testing::PrintToString(wrong);
 }
 
 }  // namespace deform::test

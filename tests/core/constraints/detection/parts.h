@@ -51,7 +51,8 @@ class Part {
   void sheet(int label, int columns, int rows, const std::function<Vec3(int, int)>& place) {
     for (int j = 0; j < rows; ++j) {
       for (int i = 0; i < columns; ++i) {
-        const PointId a = point(place(i, j)), b = point(place(i + 1, j)), c = point(place(i + 1, j + 1)), d = point(place(i, j + 1));
+        const PointId a = point(place(i, j)), b = point(place(i + 1, j)), c = point(place(i + 1, j + 1)),
+                      d = point(place(i, j + 1));
         if ((i + j) % 2 == 0) {
           triangle(label, a, b, c);
           triangle(label, a, c, d);
@@ -105,10 +106,14 @@ inline Part cube(int n) {
 inline std::array<double, 2> on_square(double t) {
   const double s = 4 * t, u = 2 * (s - std::floor(s)) - 1;
   switch (static_cast<int>(std::floor(s)) % 4) {
-    case 0: return {1, u};
-    case 1: return {-u, 1};
-    case 2: return {-1, -u};
-    default: return {u, -1};
+    case 0:
+      return {1, u};
+    case 1:
+      return {-u, 1};
+    case 2:
+      return {-1, -u};
+    default:
+      return {u, -1};
   }
 }
 
@@ -275,7 +280,8 @@ inline Part rounded_block(int n) {
 
 inline std::vector<Part> all_parts(int n) {
   std::vector<Part> parts;
-  for (const auto& make : {cube, plate_with_hole, capped_cylinder, dome, frustum, step_shaft, filleted_shaft, rounded_block, torus}) {
+  for (const auto& make :
+       {cube, plate_with_hole, capped_cylinder, dome, frustum, step_shaft, filleted_shaft, rounded_block, torus}) {
     parts.push_back(make(n));
   }
   return parts;
