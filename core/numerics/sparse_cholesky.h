@@ -20,8 +20,8 @@ class SparseCholesky {
   };
   static Estimate estimate(const SparseMatrix& lower);
 
-  /// Only the lower triangle of `lower` is read. Throws Error(numerical_failure) naming the column when the matrix is not positive
-  /// definite, Error(out_of_budget) when memory runs out, and what the context throws.
+  /// Only the lower triangle of `lower` is read. Throws Error(numerical_failure) naming the column when the matrix is not
+  /// positive definite, Error(out_of_budget) when memory runs out, and what the context throws.
   explicit SparseCholesky(const SparseMatrix& lower, const RunContext& context = {});
   ~SparseCholesky();
   SparseCholesky(SparseCholesky&&) noexcept;
