@@ -18,7 +18,7 @@ namespace {
 using namespace detection;
 
 constexpr double default_minimum_area = 0.01;
-constexpr double default_maximum_angle = 0.4;
+constexpr double default_maximum_angle = 0.6;
 constexpr double default_tolerance = 1e-3;
 constexpr double least_floor = 1e-5;  ///< what coordinates in files of six or seven digits are off
 constexpr std::size_t batch = 32;     ///< seeds that grow before the best of them are taken

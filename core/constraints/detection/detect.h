@@ -27,7 +27,8 @@ struct DetectOptions {
   /// Smallest area of a primitive, as a fraction of the area of the surface, below 1. 0: 0.01.
   double minimum_area = 0;
   /// Greatest angle between faces side by side in one curved primitive, radians, below pi / 2; greater ones are sharp edges. 0:
-  /// 0.4, so that 16 flat strips around (22.5 degrees) are a cylinder and 15 are as many planes.
+  /// 0.6, so that 11 flat strips around (32.7 degrees), as coarse meshes of small bores have them, are a cylinder and 10 are as
+  /// many planes.
   double maximum_angle = 0;
   std::uint64_t seed = 0;
   /// What to look for; empty: all kinds.

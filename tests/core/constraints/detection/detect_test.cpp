@@ -160,7 +160,8 @@ TEST(Detect, SharpEdgesFollowTheMaximumAngle) {
   };
   EXPECT_EQ(count(16, PrimitiveKind::cylinder), 1);
   EXPECT_EQ(count(16, PrimitiveKind::plane), 0);
-  EXPECT_EQ(count(15, PrimitiveKind::plane), 15);
+  EXPECT_EQ(count(11, PrimitiveKind::cylinder), 1);
+  EXPECT_EQ(count(10, PrimitiveKind::plane), 10);
   EXPECT_EQ(count(6, PrimitiveKind::plane), 6);
   options.maximum_angle = 0.3;
   EXPECT_EQ(count(16, PrimitiveKind::plane), 16);
