@@ -101,15 +101,20 @@ class Constraints(EndToEnd):
             unconstrained = out_of_round([points[i] for i in RIM])
             self.assertGreater(unconstrained, 0.05, method)
             report, points = self.apply("round.yaml", "--set", "pull=0.4")
-            self.assertLess(out_of_round([points[i] for i in RIM]), 1e-2 * unconstrained, method)
+            self.assertLess(out_of_round([points[i] for i in RIM]), 5e-2 * unconstrained, method)
             constraints = report["constraints"]
             self.assertTrue(constraints["converged"])
             (bore,) = constraints["residuals"]
             self.assertEqual(bore["name"], "bore")
-            self.assertLess(bore["rms"], 1e-2 * bore["free_rms"])
+            self.assertLess(bore["rms"], 5e-2 * bore["free_rms"])
             self.assertGreater(constraints["iterations"], 0)
             text = self.deform("apply", "round.yaml", "--set", "pull=0.4", "-o", "out.obj").out
             self.assertRegex(text, r"bore: largest \S+, rms \S+ \(without constraints \S+, \S+\)")
+            self.write("stiff.yaml", setup(method, CIRCLE.replace("circular", "weight: 1e7, circular")))
+            report, points = self.apply("stiff.yaml", "--set", "pull=0.4")
+            self.assertTrue(report["constraints"]["converged"])
+            self.assertLess(report["constraints"]["residuals"][0]["rms"], 1e-2 * bore["free_rms"])
+            self.assertLess(out_of_round([points[i] for i in RIM]), 1e-2 * unconstrained, method)
 
     def test_the_radius_is_kept_when_asked(self):
         self.write("plate.obj", plate())
