@@ -18,8 +18,8 @@ namespace {
 
 using Eigen::VectorXd;
 
-/// The lower tenth of the longest extent stays, the upper tenth moves by 1. What lies between moves by 0 to 1, and all of it does when
-/// both ends move.
+/// The lower tenth of the longest extent stays, the upper tenth moves by 1. What lies between moves by 0 to 1, and all of it does
+/// when both ends move.
 class Defects : public testing::TestWithParam<const char*> {};
 
 TEST_P(Defects, T37MoveSmoothlyWhateverTheFacesAre) {

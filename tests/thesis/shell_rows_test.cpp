@@ -143,19 +143,21 @@ double handle_error(const Mesh& mesh, const Points& points, const deform::Setup&
   return largest / height;
 }
 
-// T32: least squares with weights on a plane of 1100 points; the error of the handle falls like 1 / gamma_f.
+// T32: least squares with weights on a plane of 1100 points; the error of the handle falls, in the end like 1 / gamma_f (at 100,
+// the weight of the thesis, it is 8 % of the motion here: its weights depend on the units of its plane).
 TEST(T32, SoftHandles) {
   const auto mesh = shared(test::flat_sheet(44, 25));
   const Design design{{}, {{0, lift(0.3)}}};
-  double errors[3];
-  const double fixing[3] = {100, 1000, 10000};
-  for (std::size_t f = 0; f < 3; ++f) {
+  constexpr std::size_t count = 5;
+  double errors[count];
+  const double fixing[count] = {100, 1000, 1e5, 1e7, 1e8};
+  for (std::size_t f = 0; f < count; ++f) {
     const deform::Setup setup = shell({0.6, 1}, HandleMode::soft, fixing[f]);
     errors[f] = handle_error(*mesh, prepare(mesh, setup)->evaluate(design), setup, 0.3);
   }
-  RecordProperty("handle_errors", std::to_string(errors[0]) + " " + std::to_string(errors[1]) + " " + std::to_string(errors[2]));
-  EXPECT_NEAR(errors[1] / errors[2], 10, 3);
-  EXPECT_LT(errors[1], 0.3 * errors[0]);
+  EXPECT_LT(errors[0], 0.1);
+  for (std::size_t f = 1; f < count; ++f) EXPECT_LT(errors[f], 0.5 * errors[f - 1]) << fixing[f];
+  EXPECT_NEAR(errors[3] / errors[4], 10, 1);
   for (const Weights weights : {Weights{1, 0}, Weights{0, 1}, Weights{0.6, 1}}) {
     const Points hard = prepare(mesh, shell(weights))->evaluate(design);
     const Points soft = prepare(mesh, shell(weights, HandleMode::soft, 1e8))->evaluate(design);
