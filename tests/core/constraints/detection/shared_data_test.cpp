@@ -176,11 +176,15 @@ std::map<Corners, int> entities(const std::string& text) {
   return result;
 }
 
-/// CAD files cut cylinders into halves: curved faces that go on smoothly across an edge are one.
+/// CAD files cut cylinders into halves: curved faces of equal area that go on smoothly across an edge are one.
 void join_smooth(Part& part) {
   std::vector<int> root(part.truths.size());
   std::iota(root.begin(), root.end(), 0);
   std::map<std::pair<PointId, PointId>, std::size_t> seen;
+  std::vector<double> areas(part.truths.size(), 0);
+  for (std::size_t f = 0; f < part.mesh.face_count(); ++f) {
+    areas[static_cast<std::size_t>(part.labels[f])] += test::face_area(part.mesh, f);
+  }
   const auto is_curved = [&](int label) { return part.truths[static_cast<std::size_t>(label)].kind == Kind::cylinder; };
   for (std::size_t f = 0; f < part.mesh.face_count(); ++f) {
     for (std::size_t k = 0; k < 3; ++k) {
@@ -188,6 +192,8 @@ void join_smooth(Part& part) {
       const auto [place, added] = seen.try_emplace(edge, f);
       const int a = part.labels[f], b = part.labels[place->second];
       if (added || a == b || !is_curved(a) || !is_curved(b)) continue;
+      const double area = areas[static_cast<std::size_t>(a)];
+      if (std::abs(area - areas[static_cast<std::size_t>(b)]) > 1e-3 * area) continue;
       if (angle(normal_of(part.mesh, f), normal_of(part.mesh, place->second)) > 0.6) continue;
       const int from = root[static_cast<std::size_t>(a)], to = root[static_cast<std::size_t>(b)];
       std::replace(root.begin(), root.end(), from, to);
