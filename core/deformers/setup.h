@@ -134,7 +134,7 @@ struct Constraint {
   /// gamma_c, the weight of the mean square distance of its points (in units of D) from the shape; up to 1e10. 0 =
   /// automatic_weight.
   double weight = 0;
-  static constexpr double automatic_weight = 1e5;
+  static constexpr double automatic_weight = 1e6;
 };
 
 /// What a system is prepared from, besides the mesh. Several variables of one handle compose in their order here (the first acts

@@ -152,6 +152,20 @@ class Flow(EndToEnd):
             with open(self.path("results/d3.obj"), "rb") as file:
                 self.assertEqual(archive.extractfile("d3.obj").read(), file.read())
 
+    def test_incremental_qr_and_its_tolerance(self):
+        greedy = "solver: INCREMENTAL_QR, reduction: REDUCTION_OFF, centre_order: GREEDY, samples: [{variables: [0.03, 0.1]}]"
+        self.write("qr.yaml", AHMED_SETUP.replace("kernel: TRIHARMONIC", f"kernel: TRIHARMONIC, {greedy}"))
+        prepared = self.deform("prepare", "qr.yaml", "--json").json
+        self.assertEqual(prepared["solver"], "INCREMENTAL_QR")
+        self.assertLess(3 * prepared["centres"], prepared["constraint_points"])
+        design = ["--set", "roof_up=0.03", "--set", "slant_turn=0.1", "-o", "out.obj", "--json"]
+        fine = self.deform("apply", "qr.yaml", *design).json["report"]["interpolation_residual"]
+        coarse = self.deform("apply", "qr.yaml", "--solver-tolerance", "5e-3", *design).json["report"]["interpolation_residual"]
+        self.assertLess(4 * fine, coarse)
+        self.check_result("ahmed.obj", "out.obj")
+        self.fails(1, "apply", "qr.yaml", "--solver-tolerance", "1e-6", *design[:-1], says=["tolerance", "prepared for 0.0001"])
+        self.fails(1, "apply", "setup.yaml", "--solver-tolerance", "1e-3", *design[:-1], says=["tolerance", "cholesky"])
+
     def test_bench_reports_rates(self):
         report = self.deform("bench", "setup.yaml", "--clients", 2, "--population", 5, "--designs", 20, "--json").json
         self.assertEqual(report["designs"], 20)
