@@ -37,7 +37,7 @@ struct Frame {
 };
 
 /// Parameters 0..5 of every shape: along and about the axes of its frame. Sizes follow.
-enum Motion : int { along_x, along_y, along_z, about_x, about_y, about_z, motions };
+enum FrameMotion : int { along_x, along_y, along_z, about_x, about_y, about_z, motions };
 
 inline Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v) {
   Eigen::Matrix3d M;

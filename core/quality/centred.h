@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "core/base/types.h"
+#include "core/quality/vectors.h"
 
 namespace deform::quality {
 
@@ -89,8 +90,6 @@ inline Centred length(const std::array<Centred, 3>& a) {
   }
   return {std::sqrt(a[0].value * a[0].value + a[1].value * a[1].value + a[2].value * a[2].value), range, derivative};
 }
-
-inline double length(const Vec3& a) { return std::sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 
 /// Bounds of what is known of a number.
 inline double lower_bound(const Centred& a) { return a.range.low; }
