@@ -115,6 +115,12 @@ ShellOptions shell_options(const v1::ShellMethod& message) {
   return options;
 }
 
+/// The kernels of compact support need more than moving least squares (thesis 8.3.2).
+double default_cover(v1::SubspaceKernel kernel) {
+  const bool compact = kernel == v1::SUBSPACE_WENDLAND_C2 || kernel == v1::SUBSPACE_GAUSSIAN;
+  return compact ? 50 : SubspaceOptions().cover;
+}
+
 SubspaceOptions subspace_options(const v1::SubspaceMethod& message) {
   SubspaceOptions options;
   take_energy(message.energy(), "method.subspace.energy", options);
@@ -139,7 +145,7 @@ SubspaceOptions subspace_options(const v1::SubspaceMethod& message) {
       refuse_field("method.subspace.kernel", "unknown value " + std::to_string(static_cast<int>(message.kernel())));
   }
   if (message.centres() != 0) options.centres = message.centres();
-  if (message.cover() != 0) options.cover = finite(message.cover(), "method.subspace.cover");
+  options.cover = message.cover() == 0 ? default_cover(message.kernel()) : finite(message.cover(), "method.subspace.cover");
   return options;
 }
 
@@ -193,7 +199,7 @@ void canonicalize_subspace(v1::SubspaceMethod& subspace) {
   if (global) {
     subspace.set_cover(0);
   } else if (subspace.cover() == 0) {
-    subspace.set_cover(defaults.cover);
+    subspace.set_cover(default_cover(subspace.kernel()));
   }
 }
 

@@ -6,6 +6,7 @@
 
 #include "core/base/error.h"
 #include "server/convert_setup.h"
+#include "tests/server/refusal.h"
 #include "tests/server/test_mesh.h"
 
 namespace deform::server {
@@ -23,14 +24,8 @@ v1::Setup with(const std::string& json) {
   return setup;
 }
 
-std::string refusal(const std::string& json) {
-  try {
-    setup_from_proto(with(json), 10);
-  } catch (const Error& error) {
-    EXPECT_EQ(error.code(), ErrorCode::invalid_argument) << error.what();
-    return error.what();
-  }
-  return {};
+std::string setup_refusal(const std::string& json) {
+  return refusal([&] { setup_from_proto(with(json), 10); });
 }
 
 std::string id_of(const std::string& json) { return system_id(canonical_setup(with(json), geometry)); }
@@ -59,7 +54,14 @@ TEST(ConvertMethod, Subspace) {
   EXPECT_EQ(options.kernel, SubspaceKernel::wendland_c2);
   EXPECT_EQ(options.centres, 300u);
   EXPECT_EQ(options.cover, 50);
-  EXPECT_EQ(std::get<SubspaceOptions>(setup_from_proto(with(R"({"method": {"subspace": {}}})"), 10).method).centres, 1000u);
+  const auto defaults = [](const std::string& kernel) {
+    const v1::Setup setup = canonical_setup(with(R"({"method": {"subspace": {"kernel": ")" + kernel + R"("}}})"), geometry);
+    return std::get<SubspaceOptions>(setup_from_proto(setup, 10).method);
+  };
+  EXPECT_EQ(defaults("SUBSPACE_DEFAULT").kernel, SubspaceKernel::mls);
+  EXPECT_EQ(defaults("SUBSPACE_DEFAULT").centres, 1000u);
+  EXPECT_EQ(defaults("SUBSPACE_DEFAULT").cover, 8);
+  EXPECT_EQ(defaults("SUBSPACE_GAUSSIAN").cover, 50);
 }
 
 TEST(ConvertMethod, Mls) {
@@ -149,7 +151,7 @@ TEST(ConvertConstraint, RefusalsNameTheField) {
       {R"({"method": {"mls": {"weights": [{"bending": 1}]}}})", "method.mls.weights[0].region: is missing"},
   };
   for (const auto& [json, expected] : rows) {
-    EXPECT_NE(refusal(json).find(expected), std::string::npos) << json << " gave " << refusal(json);
+    EXPECT_NE(setup_refusal(json).find(expected), std::string::npos) << json << " gave " << setup_refusal(json);
   }
 }
 

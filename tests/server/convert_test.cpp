@@ -6,6 +6,7 @@
 
 #include "core/base/error.h"
 #include "server/convert_setup.h"
+#include "tests/server/refusal.h"
 #include "tests/server/test_mesh.h"
 
 namespace deform::server {
@@ -14,16 +15,6 @@ namespace {
 const std::string geometry(64, 'a');
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 constexpr double infinite = std::numeric_limits<double>::infinity();
-
-std::string refusal(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    EXPECT_EQ(error.code(), ErrorCode::invalid_argument) << error.what();
-    return error.what();
-  }
-  return {};
-}
 
 std::string setup_refusal(const std::function<void(v1::Setup&)>& spoil) {
   v1::Setup setup = sheet_setup(geometry);

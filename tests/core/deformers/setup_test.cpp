@@ -32,6 +32,7 @@ struct BadSetup {
 };
 
 RbfOptions& options(Setup& setup) { return std::get<RbfOptions>(setup.method); }
+MlsOptions& mls(Setup& setup) { return setup.method.emplace<MlsOptions>(); }
 
 const double nan = std::numeric_limits<double>::quiet_NaN();
 
@@ -90,7 +91,7 @@ const std::vector<BadSetup>& bad_setups() {
        [](Setup& s) { s.method = ShellOptions{.stretching = -1}; },
        {"method.shell.stretching", "-1", "0"}},
       {"NaN bending", [](Setup& s) { s.method = SubspaceOptions{.bending = nan}; }, {"method.subspace.bending", "nan"}},
-      {"no energy", [](Setup& s) { s.method = MlsOptions{.bending = 0}; }, {"method.mls", "stretching", "bending", "both"}},
+      {"no energy", [](Setup& s) { mls(s).bending = 0; }, {"method.mls", "stretching", "bending", "both"}},
       {"no fixing", [](Setup& s) { s.method = ShellOptions{.fixing = 0}; }, {"method.shell.fixing", "over 0", "1e+12"}},
       {"symmetric shell",
        [](Setup& s) {
@@ -101,10 +102,8 @@ const std::vector<BadSetup>& bad_setups() {
       {"three centres",
        [](Setup& s) { s.method = SubspaceOptions{.centres = 3}; },
        {"method.subspace.centres", "3", "4..100000"}},
-      {"bare cover", [](Setup& s) { s.method = MlsOptions{.cover = 4}; }, {"method.mls.cover", "5..1000"}},
-      {"too many samples",
-       [](Setup& s) { s.method = MlsOptions{.volume_samples = 1000001}; },
-       {"method.mls.volume_samples", "1e+06"}},
+      {"bare cover", [](Setup& s) { mls(s).cover = 4; }, {"method.mls.cover", "5..1000"}},
+      {"too many samples", [](Setup& s) { mls(s).volume_samples = 1000001; }, {"method.mls.volume_samples", "1e+06"}},
       {"weights nowhere",
        [](Setup& s) {
          s.method = MlsOptions{.weights = {{box({9, 9, 9}, {10, 10, 10})}}};

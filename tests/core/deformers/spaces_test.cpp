@@ -23,13 +23,16 @@ SubspaceOptions subspace(SubspaceKernel kernel, std::size_t centres = 250) {
   SubspaceOptions options;
   options.kernel = kernel;
   options.centres = centres;
-  options.cover = kernel == SubspaceKernel::wendland_c2 ? 30 : 8;
+  options.cover = kernel == SubspaceKernel::wendland_c2 ? 50 : 8;  // thesis 8.3.2: less leaves kinks
   return options;
 }
 
 TEST(Spaces, HardHandlesAreMet) {
   const auto mesh = shared(test::bumpy_sheet(41, 21));
   const SelectedRegions regions = validate(test::sheet_setup(), *mesh);
+  deform::Setup of_shell = test::sheet_setup();
+  of_shell.method = ShellOptions{};
+  const Points shell = prepare(mesh, of_shell)->evaluate(turned);
   for (const SubspaceKernel kernel : {SubspaceKernel::mls, SubspaceKernel::wendland_c2}) {
     const auto system = prepare(mesh, with(test::sheet_setup(), subspace(kernel)));
     EXPECT_EQ(system->info().solver, Solver::sparse_cholesky);
@@ -42,14 +45,16 @@ TEST(Spaces, HardHandlesAreMet) {
     for (const EvaluationPath path : {EvaluationPath::basis, EvaluationPath::direct}) {
       EXPECT_LT(system->bind({&turned, 1}, path, {})->report(0).interpolation_residual, 1e-3);
     }
-    // No tear between the held points and their neighbours.
+    // No tear between the held points and their neighbours: these edges are about as long as those of the shell.
+    double worst = 0;
     for (std::size_t j = 0; j < 21; ++j) {
       for (const std::size_t i : {std::size_t{6}, std::size_t{33}}) {
         const std::size_t a = 41 * j + i;
-        const double before = distance(mesh->points[a], mesh->points[a + 1]), after = distance(got[a], got[a + 1]);
-        EXPECT_NEAR(after, before, 0.8 * before) << i << " " << j;
+        const double length = distance(shell[a], shell[a + 1]);
+        worst = std::max(worst, std::abs(distance(got[a], got[a + 1]) / length - 1));
       }
     }
+    EXPECT_LT(worst, 0.3) << (kernel == SubspaceKernel::mls ? "mls" : "wendland_c2");
   }
 }
 

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <numeric>
 #include <random>
@@ -296,21 +298,35 @@ TEST(Cgns, Gzipped) {
   std::filesystem::remove(path);
 }
 
+/// A temporary folder that no other test uses at the same time.
+class OwnTemporaryFolder {
+ public:
+  OwnTemporaryFolder() : before_(std::filesystem::temp_directory_path()) {
+    std::string pattern = (before_ / "deform_cgns_XXXXXX").string();
+    folder_ = mkdtemp(pattern.data());
+    setenv("TMPDIR", folder_.c_str(), 1);
+  }
+  ~OwnTemporaryFolder() {
+    setenv("TMPDIR", before_.c_str(), 1);
+    std::filesystem::remove_all(folder_);
+  }
+  OwnTemporaryFolder(const OwnTemporaryFolder&) = delete;
+  OwnTemporaryFolder& operator=(const OwnTemporaryFolder&) = delete;
+
+  bool empty() const { return std::filesystem::is_empty(folder_); }
+
+ private:
+  std::filesystem::path before_, folder_;
+};
+
 TEST(Cgns, LeavesNoFilesBehind) {
-  const auto count = [] {
-    std::size_t files = 0;
-    for (const auto& entry : std::filesystem::directory_iterator(std::filesystem::temp_directory_path())) {
-      files += entry.path().filename().string().starts_with("deform-");
-    }
-    return files;
-  };
-  const std::size_t before = count();
+  const OwnTemporaryFolder temporary;
   const auto file = parse_mesh(house_file(CG_FILE_HDF5), "a.cgns");
   Points moved = house;
   moved[0][0] = -1;
   file->with_points(moved);
   EXPECT_THROW(parse_mesh("no CGNS at all", "a.cgns"), Error);
-  EXPECT_EQ(count(), before);
+  EXPECT_TRUE(temporary.empty());
 }
 
 std::string renamed(const std::string& bytes, const std::string& parent, const std::string& from, const std::string& to) {
