@@ -52,7 +52,12 @@ struct Straight {};
 /// The shape at rest, moved, rotated and uniformly scaled (never mirrored). At least 3 points.
 struct FeatureLine {};
 /// The shape at rest, moved and rotated. At least 2 points.
-struct Rigid {};
+struct Rigid {
+  /// Over 0: not the region itself, but every column of cells that stands on a face of it, this many cells high, is rigid for
+  /// itself (thesis 8.6.3). The region holds all corners of faces on the boundary of a volume mesh; at most 1000. See
+  /// core/mesh/wall_columns.h.
+  int layers = 0;
+};
 /// The points slide in a given plane. At least 1 point.
 struct FixedPlane {
   Vec3 point{}, normal{};  ///< the normal need not be of unit length

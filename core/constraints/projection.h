@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -15,13 +16,16 @@ namespace deform {
 using ShapeParameters = std::vector<double>;
 
 /// A constraint to first order about the fitted shape: row r = i * rows_per_point + s belongs to point i, and
-///   residual(r) + normals[r] . dx_i + parameters.row(r) . dq
-/// is its distance from the shape after moving point i by dx_i and the shape by dq. Minimizing the sum of squares over dq alone
-/// gives the derivative of the projection up to the curvature of the shape times the residual (Gauss-Newton).
+///   residual(r) + normals[r] . dx_i + parameters.row(r) . dq  [+ partner_normals[r] . dx_partners[r]]
+/// is its distance from the shape after moving point i by dx_i (its partner, in relations between two points) and the shape by
+/// dq; the squares of the residuals add up to what project() returns. Minimizing the sum of squares over dq alone gives the
+/// derivative of the projection up to the curvature of the shape times the residual (Gauss-Newton).
 struct Linearization {
   std::size_t rows_per_point = 1;  ///< 1 for surfaces, 2 for curves, 3 for points
-  std::vector<Vec3> normals;       ///< of unit length; zero for a row that does not count (a bound that is not active)
+  std::vector<Vec3> normals;       ///< zero for a row that does not count (a bound that is not active)
   Eigen::VectorXd residual;
+  std::vector<std::uint32_t> partners;  ///< per row, or empty without partners
+  std::vector<Vec3> partner_normals;    ///< as long as partners
   /// rows x q, small q; columns of different units, which may depend on each other (a cylinder on points of a plane).
   Eigen::MatrixXd parameters;
 };

@@ -135,6 +135,16 @@ struct Constraint {
   /// automatic_weight.
   double weight = 0;
   static constexpr double automatic_weight = 1e6;
+  /// In the end its points are put on the shape exactly, together with all other exact ones, and what is around them follows
+  /// smoothly. Points of handles and fixed regions stay where they are told to be: a shape that cannot take them in is reported by
+  /// the distances that are left.
+  bool exact = false;
+};
+
+/// How constraints are solved for.
+struct ConstraintOptions {
+  double tolerance = 1e-7;  ///< rms distance of the constrained points from the solution, as a fraction of D; 1e-12..1e-2
+  int iterations = 3000;    ///< at most, of a design; 1..1,000,000. A design that needs more is reported as not converged.
 };
 
 /// What a system is prepared from, besides the mesh. Several variables of one handle compose in their order here (the first acts
@@ -147,6 +157,7 @@ struct Setup {
   std::uint64_t seed = 0;
   std::vector<SymmetryPlane> symmetry;  ///< at most 3, orthogonal to each other; their points slide in them
   std::vector<Constraint> constraints;
+  ConstraintOptions constraint_options;
 };
 
 /// The regions of a setup on one mesh.
