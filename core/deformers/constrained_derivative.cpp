@@ -9,7 +9,6 @@ namespace {
 
 constexpr double accuracy = 1e-11;  // of the right-hand side
 constexpr int most_iterations = 1000;
-constexpr int multiplier_steps = 4;
 
 }  // namespace
 
@@ -68,8 +67,8 @@ Eigen::MatrixXd ConstrainedSolver::derivative(const ConstrainedState& at, const 
   // What the offsets do to the distances acts like a force.
   const Eigen::MatrixXd force = weighted_transposed(unmet(at, offsets));
   const Eigen::MatrixXd pushed = reduced_.extended(solve_linearized(at, newton.get(), force, context), context);
-  Eigen::MatrixXd loads = dh;
-  const int steps = solver_.problem().hold == Hold::multipliers ? multiplier_steps : 1;
+  Eigen::MatrixXd loads = solver_.loads(dh, context);
+  const int steps = solver_.problem().hold == Hold::multipliers ? rounds : 1;
   for (int step = 1;; ++step) {
     const Eigen::MatrixXd w = linearized_solution(at, newton.get(), solver_.right_side(loads), context) - pushed;
     if (step == steps) return w;
@@ -77,14 +76,18 @@ Eigen::MatrixXd ConstrainedSolver::derivative(const ConstrainedState& at, const 
   }
 }
 
-/// Without multipliers w = G(R dh) - E H^-1 Phi^T g (I - P') offsets with a symmetric G. With them (no offsets then) the steps are
-/// the same polynomial, see EnergySolver::adjoint().
+/// Without multipliers w = G R dh - E H^-1 Phi^T g (I - P') offsets with a symmetric G. With them (no offsets then) w = G R u_n,
+/// u_0 = p(dh) of the unconstrained solution and u_i = u_i-1 + dh - C u_i-1, C = B G R and R = B^T W. W C is symmetric, so the
+/// transpose is W times the same steps, from B G g.
 ConstrainedSolver::Adjoint ConstrainedSolver::adjoint(const ConstrainedState& at, const Eigen::MatrixXd& g,
                                                       const RunContext& context) const {
   const EnergySolver::Problem& problem = solver_.problem();
   const auto newton = newton_at(at, context);
-  Adjoint result{problem.coupling.transpose() * linearized_solution(at, newton.get(), g, context),
-                 std::vector<Vec3>(first_.back(), Vec3{})};
+  const auto response = [&](const Eigen::MatrixXd& b) -> Eigen::MatrixXd {
+    return problem.coupling.transpose() * linearized_solution(at, newton.get(), b, context);
+  };
+  Eigen::MatrixXd x = response(g);
+  Adjoint result{x, std::vector<Vec3>(first_.back(), Vec3{})};
   if (problem.hold == Hold::eliminated) {
     const Eigen::MatrixXd b = reduced_.dense() ? reduced_.times(reduced_.picked(solver_.inverse(g, context))) : g;
     result.offsets = unmet(at, rows_times(solve_linearized(at, newton.get(), b, context)));
@@ -95,12 +98,12 @@ ConstrainedSolver::Adjoint ConstrainedSolver::adjoint(const ConstrainedState& at
     }
     return result;
   }
-  const Eigen::MatrixXd v = result.h;
-  for (int step = 1; problem.hold == Hold::multipliers && step < multiplier_steps; ++step) {
-    const Eigen::MatrixXd w = linearized_solution(at, newton.get(), solver_.right_side(result.h), context);
-    result.h += v - problem.coupling.transpose() * w;
+  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(x.rows(), x.cols());
+  for (int round = 1; problem.hold == Hold::multipliers && round < rounds; ++round) {
+    sum += x;
+    x -= response(solver_.right_side(x));
   }
-  result.h = problem.weights.asDiagonal() * result.h;
+  result.h = problem.weights.asDiagonal() * (sum + solver_.loads(x, context));
   return result;
 }
 

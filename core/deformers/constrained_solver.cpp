@@ -12,7 +12,6 @@ namespace deform {
 
 namespace {
 
-constexpr int rounds = 3;                // of multipliers: updates of the loads
 constexpr double round_accuracy = 1e-9;  // of the prescribed displacements
 constexpr std::size_t sets_per_task = 64;
 

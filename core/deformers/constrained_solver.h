@@ -129,6 +129,8 @@ class ConstrainedSolver {
   double per_point(std::size_t set) const { return sets_[set].weight / static_cast<double>(sets_[set].ids.size()); }
   std::size_t set_size(std::size_t set) const { return first_[set + 1] - first_[set]; }
 
+  static constexpr int rounds = 3;  ///< of multipliers: updates of the loads, and one
+
   const EnergySolver& solver_;
   std::vector<ConstraintSet> sets_;
   Options options_;

@@ -13,38 +13,32 @@ namespace {
 using Entry = Eigen::Triplet<double, std::int64_t>;
 constexpr double stiffness = 1e9;  // of the linearized distances against the changes
 constexpr double damping = 1e-9;   // of parameters of shapes that change nothing
-constexpr int most_steps = 40;
+constexpr int most_steps = 60, most_iterations = 500;
 constexpr double smallest_step = 1e-14;
-constexpr double not_there_yet = 1e-4;  // bounds that hold at the end still count there
+constexpr double accuracy = 1e-11;  // of derivatives
 
 }  // namespace
 
 /// The sets that are not alone about some positions: [I + W J^T J, W J^T P; W P^T J, W P^T P], factored.
 class ExactPlacement::Joint {
  public:
-  Joint(const ExactPlacement& placement, const std::vector<Vec3>& points, const RunContext& context) : placement_(placement) {
-    std::vector<Entry> entries, fixed;
+  Joint(const ExactPlacement& placement, const std::vector<Vec3>& points, const RunContext& context)
+      : placement_(placement), points_(points), shapes_(placement.sets_.size()) {
+    std::vector<Entry> entries;
     std::vector<double> residuals;
     std::int64_t columns = placement.unknowns_;
     for (std::size_t t = 0; t < placement.sets_.size(); ++t) {
       if (placement.alone_[t]) continue;
       const std::vector<Vec3> x = placement.of_set(t, points);
       std::vector<Vec3> projected(x.size());
-      ShapeParameters shape;
       const Projection& projection = *placement.sets_[t].projection;
-      projection.project(x, projected, shape);
-      const Linearization linear = projection.linearize(x, shape);
+      projection.project(x, projected, shapes_[t]);
+      const Linearization linear = projection.linearize(x, shapes_[t]);
       const auto add = [&](std::size_t i, const Vec3& normal) {
-        const std::uint32_t u = placement.places_[t][i];
-        const std::int64_t column = placement.unknown_[u];
-        for (std::int64_t a = 0; a < 3; ++a) {
-          const double value = normal[static_cast<std::size_t>(a)];
-          const auto row = static_cast<std::int64_t>(residuals.size());
-          if (column >= 0) {
-            entries.emplace_back(row, column + a, value);
-          } else {
-            fixed.emplace_back(row, 3 * static_cast<std::int64_t>(u) + a, value);
-          }
+        const std::int64_t column = placement.unknown_[placement.places_[t][i]];
+        const auto row = static_cast<std::int64_t>(residuals.size());
+        for (std::int64_t a = 0; column >= 0 && a < 3; ++a) {
+          entries.emplace_back(row, column + a, normal[static_cast<std::size_t>(a)]);
         }
       };
       for (std::size_t r = 0; r < linear.normals.size(); ++r) {
@@ -61,8 +55,6 @@ class ExactPlacement::Joint {
     const auto rows = static_cast<std::int64_t>(residuals.size());
     J_.resize(rows, columns);
     J_.setFromTriplets(entries.begin(), entries.end());
-    fixed_.resize(rows, 3 * static_cast<std::int64_t>(placement.ids_.size()));
-    fixed_.setFromTriplets(fixed.begin(), fixed.end());
     residual_ = Eigen::Map<const Eigen::VectorXd>(residuals.data(), rows);
     SparseMatrix H = stiffness * SparseMatrix(SparseMatrix(J_.transpose()) * J_).triangularView<Eigen::Lower>();
     const double largest = H.nonZeros() > 0 ? std::max(1.0, H.diagonal().maxCoeff()) : 1.0;
@@ -74,42 +66,79 @@ class ExactPlacement::Joint {
     factor_ = std::make_unique<const SparseCholesky>(H, context);
   }
 
-  /// The step that takes the distances to zero; its length, rms.
-  double step(std::vector<Vec3>& points) const {
-    Eigen::VectorXd b = -stiffness * (J_.transpose() * residual_);
-    factor_->solve_in_place(b);
-    for (std::size_t u = 0; u < points.size(); ++u) {
-      const std::int64_t at = placement_.unknown_[u];
-      for (std::size_t k = 0; at >= 0 && k < 3; ++k) points[u][k] += b[at + static_cast<std::int64_t>(k)];
-    }
+  /// The step of `points` to the least value of the model that starts at `from`; its length, rms.
+  double step(const std::vector<Vec3>& from, std::vector<Vec3>& points) const {
     const std::int64_t n = placement_.unknowns_;
+    Eigen::VectorXd b = -stiffness * (J_.transpose() * residual_);
+    b.head(n) += moving(from) - moving(points);
+    factor_->solve_in_place(b);
+    put(moving(points) + b.head(n), points);
     return n > 0 ? b.head(n).norm() / std::sqrt(static_cast<double>(n) / 3) : 0;
   }
 
-  /// Least |dy - change|^2 + W |J dy + F change + P dq|^2 over the points that move.
-  void follow(std::vector<Vec3>& change) const {
-    Eigen::VectorXd b = -stiffness * (J_.transpose() * (fixed_ * flat(change)));
-    b.head(placement_.unknowns_) += moving(change);
-    factor_->solve_in_place(b);
-    put(b, change);
+  /// The derivative at the end: (I + W sum (I - P')) dy = dx over the points that move, with what the others do on the right.
+  void follow(std::vector<Vec3>& change, const RunContext& context) const {
+    std::vector<Vec3> held = change;
+    put(Eigen::VectorXd::Zero(placement_.unknowns_), held);
+    put(solved(moving(change) - stiffness * moving(unmet(held)), context), change);
   }
 
   /// Its transpose.
-  void pull_back(std::vector<Vec3>& cotangent) const {
-    Eigen::VectorXd b = Eigen::VectorXd::Zero(J_.cols());
-    b.head(placement_.unknowns_) = moving(cotangent);
-    factor_->solve_in_place(b);
-    const Eigen::VectorXd at_fixed = -stiffness * (fixed_.transpose() * (J_ * b));
-    put(b, cotangent);
+  void pull_back(std::vector<Vec3>& cotangent, const RunContext& context) const {
+    std::vector<Vec3> at_moving(cotangent.size(), Vec3{});
+    put(solved(moving(cotangent), context), at_moving);
+    const std::vector<Vec3> pushed = unmet(at_moving);
     for (std::size_t u = 0; u < cotangent.size(); ++u) {
-      for (std::size_t k = 0; k < 3; ++k) cotangent[u][k] += at_fixed[static_cast<Eigen::Index>(3 * u + k)];
+      for (std::size_t k = 0; k < 3; ++k) {
+        cotangent[u][k] = placement_.unknown_[u] >= 0 ? at_moving[u][k] : cotangent[u][k] - stiffness * pushed[u][k];
+      }
     }
   }
 
  private:
-  static Eigen::VectorXd flat(const std::vector<Vec3>& points) {
-    return Eigen::Map<const Eigen::VectorXd>(points[0].data(), static_cast<Eigen::Index>(3 * points.size()));
+  /// sum over the sets of (I - P') applied to U vectors; nothing for those that are alone.
+  std::vector<Vec3> unmet(const std::vector<Vec3>& change) const {
+    std::vector<Vec3> result(change.size(), Vec3{});
+    for (std::size_t t = 0; t < placement_.sets_.size(); ++t) {
+      if (placement_.alone_[t]) continue;
+      const std::vector<Vec3> x = placement_.of_set(t, points_), dx = placement_.of_set(t, change);
+      std::vector<Vec3> along(x.size());
+      placement_.sets_[t].projection->derivative(x, shapes_[t], dx, along);
+      for (std::size_t i = 0; i < x.size(); ++i) {
+        for (std::size_t k = 0; k < 3; ++k) result[placement_.places_[t][i]][k] += dx[i][k] - along[i][k];
+      }
+    }
+    return result;
   }
+
+  /// Conjugate gradients; the factor leaves out the curvature of the shapes only.
+  Eigen::VectorXd solved(const Eigen::VectorXd& b, const RunContext& context) const {
+    const auto preconditioned = [&](const Eigen::VectorXd& r) {
+      Eigen::VectorXd z = Eigen::VectorXd::Zero(J_.cols());
+      z.head(r.size()) = r;
+      factor_->solve_in_place(z);
+      return Eigen::VectorXd(z.head(r.size()));
+    };
+    std::vector<Vec3> field(points_.size(), Vec3{});
+    Eigen::VectorXd x = Eigen::VectorXd::Zero(b.size()), r = b, z = preconditioned(r), p = z;
+    double rz = r.dot(z);
+    const double wanted = accuracy * std::sqrt(std::abs(rz));
+    for (int i = 0; i < most_iterations && std::sqrt(std::abs(rz)) > wanted; ++i) {
+      context.check();
+      put(p, field);
+      const Eigen::VectorXd Hp = p + stiffness * moving(unmet(field));
+      const double curvature = p.dot(Hp);
+      if (!(curvature > 0)) break;  // not a minimum: what there is so far is the best that can be said
+      x += rz / curvature * p;
+      r -= rz / curvature * Hp;
+      z = preconditioned(r);
+      const double next = r.dot(z);
+      p = z + next / rz * p;
+      rz = next;
+    }
+    return x;
+  }
+
   Eigen::VectorXd moving(const std::vector<Vec3>& points) const {
     Eigen::VectorXd result(placement_.unknowns_);
     for (std::size_t u = 0; u < points.size(); ++u) {
@@ -126,7 +155,9 @@ class ExactPlacement::Joint {
   }
 
   const ExactPlacement& placement_;
-  SparseMatrix J_, fixed_;  ///< distances by unknowns and parameters; by the points that do not move (3 U)
+  std::vector<Vec3> points_;
+  std::vector<ShapeParameters> shapes_;
+  SparseMatrix J_;  ///< distances by unknowns and parameters
   Eigen::VectorXd residual_;
   std::unique_ptr<const SparseCholesky> factor_;
 };
@@ -200,7 +231,7 @@ ExactPlacement::Placed ExactPlacement::place(std::vector<Vec3> from, const RunCo
   placed.points = placed.from;
   project_alone(placed.points);
   for (int step = 0; joint_ && step < most_steps; ++step) {
-    if (Joint(*this, placed.points, context).step(placed.points) <= smallest_step) break;
+    if (Joint(*this, placed.points, context).step(placed.from, placed.points) <= smallest_step) break;
   }
   for (std::size_t t = 0; t < sets_.size(); ++t) placed.distances.push_back(largest_distance(t, placed.points));
   return placed;
@@ -220,23 +251,15 @@ std::vector<Vec3> ExactPlacement::alone_derivative(const Placed& at, const std::
   return result;
 }
 
-std::vector<Vec3> ExactPlacement::before_the_end(const Placed& at) const {
-  std::vector<Vec3> result = at.points;
-  for (std::size_t u = 0; u < result.size(); ++u) {
-    for (std::size_t k = 0; k < 3; ++k) result[u][k] += not_there_yet * (at.from[u][k] - at.points[u][k]);
-  }
-  return result;
-}
-
 std::vector<Vec3> ExactPlacement::derivative(const Placed& at, const std::vector<Vec3>& change, const RunContext& context) const {
   std::vector<Vec3> result = alone_derivative(at, change);
-  if (joint_) Joint(*this, before_the_end(at), context).follow(result);
+  if (joint_) Joint(*this, at.points, context).follow(result, context);
   return result;
 }
 
 std::vector<Vec3> ExactPlacement::adjoint(const Placed& at, const std::vector<Vec3>& cotangent, const RunContext& context) const {
   std::vector<Vec3> result = alone_derivative(at, cotangent);
-  if (joint_) Joint(*this, before_the_end(at), context).pull_back(result);
+  if (joint_) Joint(*this, at.points, context).pull_back(result, context);
   return result;
 }
 

@@ -10,10 +10,10 @@
 
 namespace deform {
 
-/// Puts points on the shapes of some sets at once. A set that shares no point with another and holds no point that may not move is
-/// projected. For the others Newton's method: the least change of the points, and any change of the shapes, that takes the
-/// linearized distances of all sets to zero, until that is so. What contradicts itself ends with the least squares of the
-/// distances. Unit coordinates. Immutable; any thread.
+/// Puts points on the shapes of some sets at once: the nearest points that are (least |y - x|^2 + W sum |y - P(y)|^2 with W = 1e9).
+/// A set that shares no point with another and holds no point that may not move is projected. For the others Newton's method with
+/// the linearized distances. What contradicts itself ends with the least squares of the distances. Unit coordinates. Immutable;
+/// any thread.
 class ExactPlacement {
  public:
   /// moves: per point of the mesh, whether it may.
@@ -29,8 +29,7 @@ class ExactPlacement {
     std::vector<double> distances;   ///< per set, largest that is left
   };
   Placed place(std::vector<Vec3> from, const RunContext& context) const;
-  /// How points change with `from` (of those that may not move: with themselves): U from U. Exact for projected sets; for others up
-  /// to the curvature of the shapes times the distance they were moved.
+  /// How points change with `from` (of those that may not move: with themselves): U from U. Conjugate gradients.
   std::vector<Vec3> derivative(const Placed& at, const std::vector<Vec3>& change, const RunContext& context) const;
   std::vector<Vec3> adjoint(const Placed& at, const std::vector<Vec3>& cotangent, const RunContext& context) const;
 
@@ -41,7 +40,6 @@ class ExactPlacement {
   void project_alone(std::vector<Vec3>& points) const;
   double largest_distance(std::size_t t, const std::vector<Vec3>& points) const;
   std::vector<Vec3> alone_derivative(const Placed& at, const std::vector<Vec3>& change) const;
-  std::vector<Vec3> before_the_end(const Placed& at) const;
 
   std::vector<ConstraintSet> sets_;
   std::vector<std::vector<std::uint32_t>> places_;  ///< per set: its points among the U
