@@ -107,6 +107,24 @@ TEST(T44, InnerSphereOfABall) {
   }
 }
 
+// Moving least squares invert nothing and keep the least scaled Jacobian of the RBF to 0.01.
+TEST(T44, MovingLeastSquaresBesideRbf) {
+  const auto compare = [](std::shared_ptr<const Mesh> mesh, deform::Setup setup, const Design& design, const Elements& elements) {
+    const auto quality = [&] { return element_quality(prepare(mesh, setup)->evaluate(design), elements); };
+    const double rbf = quality().least_scaled_jacobian.value;
+    setup.method = MlsOptions{};
+    const ElementQuality mls = quality();
+    EXPECT_EQ(mls.inverted_elements, 0u);
+    EXPECT_GE(mls.least_scaled_jacobian.value, rbf - 0.01);
+    return std::to_string(rbf) + " " + std::to_string(mls.least_scaled_jacobian.value);
+  };
+  const bench::InnerSphere ball = bench::read_inner_sphere(volumes() / "tet_medit" / "sphere.mesh.gz", 0.2);
+  RecordProperty("ball", compare(ball.mesh, ball.setup, ball.design, *ball.elements));
+  const ParamCase pipe = bench::read_param_case(volumes() / "param", "pipe_hex");
+  RecordProperty("pipe", compare(pipe.mesh, bench::boundary_setup(pipe, Kernel::triharmonic),
+                                 bench::boundary_motion(pipe.places.front(), pipe.places.back()), *pipe.elements));
+}
+
 TEST(T44, Pipe) {
   const ParamCase param = bench::read_param_case(volumes() / "param", "pipe_hex");
   const Series series = walk(param, Method::triharmonic, Walk::absolute, ParamCase::steps);
