@@ -1,5 +1,6 @@
 #include "server/convert_constraint.h"
 
+#include "core/mesh/wall_columns.h"
 #include "server/convert.h"
 #include "server/convert_region.h"
 
@@ -25,6 +26,13 @@ Bound bound_of(v1::Bound bound, Bound otherwise, const std::string& path) {
     default:
       refuse_field(path, "unknown value " + std::to_string(static_cast<int>(bound)));
   }
+}
+
+Rigid rigid(const v1::Constraint::Rigid& message, const std::string& path) {
+  if (message.layers() > most_wall_layers) {
+    refuse_field(path + ".layers", std::to_string(message.layers()) + " is more than " + std::to_string(most_wall_layers));
+  }
+  return {static_cast<int>(message.layers())};
 }
 
 Symmetric symmetric(const v1::Constraint::Symmetric& message, const std::string& path) {
@@ -70,7 +78,7 @@ ConstraintKind kind_from_proto(const v1::Constraint& message, const std::string&
     case v1::Constraint::kFeatureLine:
       return FeatureLine{};
     case v1::Constraint::kRigid:
-      return Rigid{};
+      return rigid(message.rigid(), path + ".rigid");
     case v1::Constraint::kFixedPlane:
       return FixedPlane{vec3(message.fixed_plane().point(), path + ".fixed_plane.point"),
                         vec3(message.fixed_plane().normal(), path + ".fixed_plane.normal")};
@@ -95,11 +103,29 @@ ConstraintKind kind_from_proto(const v1::Constraint& message, const std::string&
 }  // namespace
 
 Constraint constraint_from_proto(const v1::Constraint& message, const std::string& path) {
-  Constraint constraint{message.name(), {}, kind_from_proto(message, path), finite(message.weight(), path + ".weight")};
+  Constraint constraint{
+      message.name(), {}, kind_from_proto(message, path), finite(message.weight(), path + ".weight"), message.exact()};
   for (int i = 0; i < message.regions_size(); ++i) {
     constraint.regions.push_back(region_from_proto(message.regions(i), path + ".regions[" + std::to_string(i) + "]"));
   }
   return constraint;
+}
+
+ConstraintOptions constraint_options_from_proto(const v1::ConstraintOptions& message, const std::string& path) {
+  ConstraintOptions options;
+  if (message.tolerance() != 0) options.tolerance = finite(message.tolerance(), path + ".tolerance");
+  if (message.iterations() > most_constraint_iterations) {
+    refuse_field(path + ".iterations",
+                 std::to_string(message.iterations()) + " is more than " + std::to_string(most_constraint_iterations));
+  }
+  if (message.iterations() != 0) options.iterations = static_cast<int>(message.iterations());
+  return options;
+}
+
+void canonicalize_constraint_options(v1::ConstraintOptions& message) {
+  const ConstraintOptions defaults;
+  if (message.tolerance() == 0) message.set_tolerance(defaults.tolerance);
+  if (message.iterations() == 0) message.set_iterations(static_cast<std::uint32_t>(defaults.iterations));
 }
 
 void canonicalize_constraint(v1::Constraint& message) {

@@ -11,7 +11,10 @@ namespace deform::server {
 /// values of bounds are checked where the mesh is known.
 Constraint constraint_from_proto(const v1::Constraint& message, const std::string& path);
 
-/// Fills in defaults; see canonical_setup().
+ConstraintOptions constraint_options_from_proto(const v1::ConstraintOptions& message, const std::string& path);
+
+/// Both fill in defaults; see canonical_setup().
 void canonicalize_constraint(v1::Constraint& message);
+void canonicalize_constraint_options(v1::ConstraintOptions& message);
 
 }  // namespace deform::server

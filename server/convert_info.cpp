@@ -68,6 +68,7 @@ v1::SystemInfo system_info(const SystemInfo& info, const v1::Setup& canonical, c
   message.set_basis_bytes(info.basis_bytes);
   message.set_diagonal(info.diagonal);
   message.set_condition(info.condition);
+  message.set_tolerance(info.tolerance);
   message.set_solver(solver_to_proto(info.solver));
   message.set_reduced(info.reduced);
   for (const auto& note : info.notes) message.add_notes(note);
@@ -117,6 +118,8 @@ v1::ConstraintsReport constraints_report(const DesignReport& report, const Setup
   }
   message.set_converged(report.converged);
   message.set_iterations(static_cast<std::uint32_t>(report.iterations + report.newton_steps));
+  message.set_newton_steps(static_cast<std::uint32_t>(report.newton_steps));
+  message.set_convergence_error(report.convergence_error);
   message.set_energy(report.energy);
   return message;
 }

@@ -110,6 +110,7 @@ Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles) {
     check_name(message.constraints(i).name(), path + ".name");
     setup.constraints.push_back(constraint_from_proto(message.constraints(i), path));
   }
+  setup.constraint_options = constraint_options_from_proto(message.constraint_options(), "constraint_options");
   return setup;
 }
 
@@ -124,6 +125,11 @@ v1::Setup canonical_setup(const v1::Setup& message, const std::string& geometry_
     if (plane.has_region()) canonicalize_region(*plane.mutable_region());
   }
   for (auto& constraint : *canonical.mutable_constraints()) canonicalize_constraint(constraint);
+  if (canonical.constraints().empty()) {
+    canonical.clear_constraint_options();  // ignored
+  } else {
+    canonicalize_constraint_options(*canonical.mutable_constraint_options());
+  }
   for (auto& variable : *canonical.mutable_variables()) {
     if (variable.has_rotate()) fill_point(*variable.mutable_rotate()->mutable_centre());
     if (variable.has_scale()) fill_point(*variable.mutable_scale()->mutable_centre());

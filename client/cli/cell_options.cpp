@@ -82,7 +82,11 @@ void print_constraints(const v1::ConstraintsReport& constraints, std::ostream& o
         << " (without constraints " << number_text(residual.free_largest()) << ", " << number_text(residual.free_rms()) << ")\n";
   }
   out << "  constraints " << (constraints.converged() ? "converged" : "DID NOT CONVERGE") << " in " << constraints.iterations()
-      << " iterations\n";
+      << " iterations";
+  if (constraints.newton_steps() > 0) out << ", " << constraints.newton_steps() << " of them Gauss-Newton";
+  if (constraints.convergence_error() > 0)
+    out << ", " << number_text(constraints.convergence_error()) << " rms from the solution";
+  out << '\n';
 }
 
 }  // namespace

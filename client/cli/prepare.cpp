@@ -43,6 +43,7 @@ void print_system(const v1::SystemInfo& system) {
             << "  memory: " << bytes_text(system.bytes()) << '\n'
             << "  solver: " << v1::Solver_Name(system.solver());
   if (system.condition() > 0) std::cout << ", condition " << number_text(system.condition());
+  if (system.tolerance() > 0) std::cout << ", tolerance " << number_text(system.tolerance()) << " D";
   std::cout << "\n  prepared in " << duration_text(system.seconds()) << '\n';
   for (const auto& stage : system.stages())
     std::cout << "    " << stage.stage() << ": " << duration_text(stage.seconds()) << '\n';
@@ -98,7 +99,8 @@ centres), as in method: {rbf: {solver: ITERATIVE, tolerance: 1e-6}}; INCREMENTAL
 GREEDY with samples: [{variables: [0.05, 0]}] puts them where those designs need them). Other methods: {shell: {}}, {mls: {}},
 {subspace: {}}, each with energy: {stretching: 0, bending: 1}. With them constraints: [{name: bore, circular: {}, regions: [{group: bore}]}];
 kinds planar, circular, cylindrical, spherical, conical, straight, feature_line, rigid, fixed_plane, symmetric, coplanar, parallel,
-orthogonal, distance, extent. More in setup.proto.
+orthogonal, distance, extent; {rigid: {layers: 3}} keeps three layers of cells on a wall of a volume mesh; exact: true puts the points
+on their shape to the last digits; constraint_options: {tolerance: 1e-7, iterations: 3000}. More in setup.proto.
 Examples:
   deform prepare setup.yaml --check
   deform prepare setup.yaml --json)";

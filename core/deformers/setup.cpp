@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "core/base/error.h"
+#include "core/mesh/wall_columns.h"
 
 namespace deform {
 
@@ -231,7 +232,18 @@ void validate_variable(const Setup& setup, std::size_t k, std::set<std::string>&
   }
 }
 
+void check_layers(const ConstraintKind& kind, const Mesh& mesh, const std::string& field) {
+  const auto* rigid = std::get_if<Rigid>(&kind);
+  if (rigid == nullptr) return;
+  check_range(rigid->layers, 0, most_wall_layers, field + ".rigid.layers");
+  if (rigid->layers > 0 && mesh.cell_count() == 0) {
+    invalid(field + ".rigid.layers: the mesh has no cells, only volume meshes have layers of them");
+  }
+}
+
 void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions& selected) {
+  check_range(setup.constraint_options.tolerance, 1e-12, 1e-2, "constraint_options.tolerance");
+  check_range(setup.constraint_options.iterations, 1, most_constraint_iterations, "constraint_options.iterations");
   if (!setup.constraints.empty() && std::holds_alternative<RbfOptions>(setup.method)) {
     invalid("constraints: method.rbf does not take geometric constraints; use method shell, subspace or mls");
   }
@@ -250,6 +262,7 @@ void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions&
                              : " to " + std::to_string(most)) +
               " regions, got " + std::to_string(constraint.regions.size()));
     }
+    check_layers(constraint.kind, mesh, field);
     auto& ids = selected.constraints.emplace_back();
     for (std::size_t r = 0; r < constraint.regions.size(); ++r) {
       const std::string what = field + ".regions[" + std::to_string(r) + "]";

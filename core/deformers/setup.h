@@ -136,10 +136,13 @@ struct Constraint {
   double weight = 0;
   static constexpr double automatic_weight = 1e6;
   /// In the end its points are put on the shape exactly, together with all other exact ones, and what is around them follows
-  /// smoothly. Points of handles and fixed regions stay where they are told to be: a shape that cannot take them in is reported by
-  /// the distances that are left.
+  /// smoothly. Points of handles and fixed regions stay where they are told to be: a shape that cannot take them in is reported
+  /// by the distances that are left.
   bool exact = false;
 };
+
+/// Of ConstraintOptions::iterations.
+inline constexpr int most_constraint_iterations = 1000000;
 
 /// How constraints are solved for.
 struct ConstraintOptions {
@@ -171,8 +174,8 @@ struct SelectedRegions {
 /// Checks everything that can be checked without numerics and selects the regions. Throws Error(invalid_argument) naming the
 /// field: no handle, repeated or empty names, empty region, a point in two handles or in a handle and a fixed region (with the
 /// count and the first id), unknown handle of a variable (with the nearest names), lower > upper or 0 outside of them, zero axis
-/// or direction, non-finite numbers, options out of range, constraints without a name, with the wrong number of regions or a
-/// weight out of range, and what Symmetry throws.
+/// or direction, non-finite numbers, options out of range, constraints without a name, with the wrong number of regions, a weight
+/// or layers out of range, layers of a mesh without cells, and what Symmetry throws.
 SelectedRegions validate(const Setup& setup, const Mesh& mesh);
 
 /// The affine motion of every handle for a vector of variable values (size = setup.variables.size()). Throws

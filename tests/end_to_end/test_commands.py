@@ -157,6 +157,10 @@ class Flow(EndToEnd):
         self.write("qr.yaml", AHMED_SETUP.replace("kernel: TRIHARMONIC", f"kernel: TRIHARMONIC, {greedy}"))
         prepared = self.deform("prepare", "qr.yaml", "--json").json
         self.assertEqual(prepared["solver"], "INCREMENTAL_QR")
+        self.assertEqual(prepared["tolerance"], 1e-4)
+        self.assertIn("solver: INCREMENTAL_QR, tolerance 0.0001 D\n", self.deform("prepare", "qr.yaml").out)
+        self.assertEqual(self.deform("prepare", "setup.yaml", "--json").json["tolerance"], 0)
+        self.assertNotIn("tolerance", self.deform("prepare", "setup.yaml").out)
         self.assertLess(3 * prepared["centres"], prepared["constraint_points"])
         design = ["--set", "roof_up=0.03", "--set", "slant_turn=0.1", "-o", "out.obj", "--json"]
         fine = self.deform("apply", "qr.yaml", *design).json["report"]["interpolation_residual"]

@@ -108,8 +108,11 @@ class Constraints(EndToEnd):
             self.assertEqual(bore["name"], "bore")
             self.assertLess(bore["rms"], 5e-2 * bore["free_rms"])
             self.assertGreater(constraints["iterations"], 0)
+            self.assertLessEqual(constraints["newton_steps"], constraints["iterations"])
+            self.assertTrue(0 < constraints["convergence_error"] < 1e-5, constraints["convergence_error"])
             text = self.deform("apply", "round.yaml", "--set", "pull=0.4", "-o", "out.obj").out
             self.assertRegex(text, r"bore: largest \S+, rms \S+ \(without constraints \S+, \S+\)")
+            self.assertRegex(text, r"constraints converged in \d+ iterations(, \d+ of them Gauss-Newton)?, \S+ rms from the solution")
             self.write("stiff.yaml", setup(method, CIRCLE.replace("circular", "weight: 1e7, circular")))
             report, points = self.apply("stiff.yaml", "--set", "pull=0.4")
             self.assertTrue(report["constraints"]["converged"])
@@ -142,6 +145,24 @@ class Constraints(EndToEnd):
         self.fails(1, "prepare", "few.yaml", says=["constraints[0]", "2 points"])
         self.write("none.yaml", setup("{mls: {}}", "constraints: [{name: bore, regions: [{ids: [0, 1]}]}]"))
         self.fails(1, "prepare", "none.yaml", says=["constraints[0]", "no kind of constraint"])
+        self.write("layers.yaml", setup("{mls: {}}", CIRCLE.replace("circular: {}", "rigid: {layers: 2}")))
+        self.fails(1, "prepare", "layers.yaml", says=["constraints[0].rigid.layers", "no cells"])
+        self.write("layers.yaml", setup("{mls: {}}", CIRCLE.replace("circular: {}", "rigid: {layers: 1001}")))
+        self.fails(1, "prepare", "layers.yaml", "--check", says=["constraints[0].rigid.layers", "1000"])
+        for options, says in (("{tolerance: 0.5}", ["tolerance: 0.5", "1e-12..0.01"]),
+                              ("{iterations: 1000001}", ["iterations: 1000001", "1000000"])):
+            self.write("options.yaml", setup("{mls: {}}", f"{CIRCLE}\nconstraint_options: {options}"))
+            self.fails(1, "prepare", "options.yaml", says=["constraint_options." + says[0], says[1]])
+
+    def test_ids_do_not_depend_on_spelling_defaults_out(self):
+        self.write("plate.obj", plate())
+        self.write("short.yaml", setup("{mls: {}}", CIRCLE))
+        self.write("long.yaml", setup("{mls: {}}", CIRCLE.replace("circular", "exact: false, weight: 0, circular") +
+                                      "\nconstraint_options: {tolerance: 1e-7, iterations: 3000}"))
+        ids = [self.deform("prepare", name, "--json").json["id"] for name in ("short.yaml", "long.yaml")]
+        self.assertEqual(ids[0], ids[1])
+        shown = self.deform("show", ids[0], "--setup").out
+        self.assertRegex(shown, r'"iterations": 3000')
 
     def test_detected_primitives_are_kept(self):
         self.write("drum.obj", drum())

@@ -5,6 +5,7 @@
 #include <functional>
 
 #include "core/base/error.h"
+#include "server/convert_info.h"
 #include "server/convert_setup.h"
 #include "tests/server/refusal.h"
 #include "tests/server/test_mesh.h"
@@ -131,6 +132,47 @@ TEST(ConvertConstraint, ValuesArrive) {
   EXPECT_EQ(extent.bound, Bound::minimum);
   EXPECT_EQ(extent.value, 2);
   EXPECT_EQ(extent.ends, 0.1);
+  EXPECT_EQ(std::get<Rigid>(kind(R"("rigid": {})")).layers, 0);
+  EXPECT_EQ(std::get<Rigid>(kind(R"("rigid": {"layers": 1000})")).layers, 1000);
+}
+
+TEST(ConvertConstraint, ExactOnesAndOptionsArrive) {
+  const auto setup = [](const std::string& json) { return setup_from_proto(with(json), 10); };
+  const auto plain = setup(R"({"constraints": [{"name": "c", "planar": {}}]})");
+  EXPECT_FALSE(plain.constraints[0].exact);
+  EXPECT_EQ(plain.constraint_options.tolerance, ConstraintOptions().tolerance);
+  EXPECT_EQ(plain.constraint_options.iterations, ConstraintOptions().iterations);
+  const auto told = setup(R"({"constraints": [{"name": "c", "planar": {}, "exact": true}],
+                              "constraintOptions": {"tolerance": 1e-9, "iterations": 1000000}})");
+  EXPECT_TRUE(told.constraints[0].exact);
+  EXPECT_EQ(told.constraint_options.tolerance, 1e-9);
+  EXPECT_EQ(told.constraint_options.iterations, 1000000);
+  const v1::Setup canonical = canonical_setup(with(R"({"constraints": [{"name": "c", "planar": {}}]})"), geometry);
+  EXPECT_EQ(canonical.constraint_options().tolerance(), 1e-7);
+  EXPECT_EQ(canonical.constraint_options().iterations(), 3000u);
+  EXPECT_FALSE(canonical_setup(with(R"({"constraintOptions": {"iterations": 5}})"), geometry).has_constraint_options())
+      << "without constraints they say nothing, and systems keep their ids";
+}
+
+TEST(ConvertConstraint, ReportsTellHowTheSolutionWent) {
+  DesignReport report;
+  report.constraints = {{4, 3, 2, 1}};
+  report.iterations = 20;
+  report.newton_steps = 3;
+  report.convergence_error = 1e-9;
+  report.energy = 0.5;
+  report.converged = false;
+  const auto message =
+      constraints_report(report, setup_from_proto(with(R"({"constraints": [{"name": "c", "planar": {}}]})"), 10));
+  EXPECT_EQ(message.iterations(), 23u);
+  EXPECT_EQ(message.newton_steps(), 3u);
+  EXPECT_EQ(message.convergence_error(), 1e-9);
+  EXPECT_EQ(message.energy(), 0.5);
+  EXPECT_FALSE(message.converged());
+  ASSERT_EQ(message.residuals_size(), 1);
+  EXPECT_EQ(message.residuals(0).name(), "c");
+  EXPECT_EQ(message.residuals(0).free_largest(), 4);
+  EXPECT_EQ(message.residuals(0).rms(), 1);
 }
 
 TEST(ConvertConstraint, RefusalsNameTheField) {
@@ -145,6 +187,10 @@ TEST(ConvertConstraint, RefusalsNameTheField) {
       {R"({"constraints": [{"name": "c", "circular": {"radius": 9}}]})", "constraints[0].circular.radius: unknown value 9"},
       {R"({"constraints": [{"name": "c", "extent": {"axis": [1, 0, 0], "bound": 9}}]})",
        "constraints[0].extent.bound: unknown value 9"},
+      {R"({"constraints": [{"name": "c", "rigid": {"layers": 1001}}]})", "constraints[0].rigid.layers: 1001 is more than 1000"},
+      {R"({"constraints": [{"name": "c", "rigid": {"layers": 4294967295}}]})", "constraints[0].rigid.layers: 4294967295"},
+      {R"({"constraintOptions": {"tolerance": "NaN"}})", "constraint_options.tolerance"},
+      {R"({"constraintOptions": {"iterations": 1000001}})", "constraint_options.iterations: 1000001 is more than 1000000"},
       {R"({"method": {"shell": {"energy": {"stretching": "NaN"}}}})", "method.shell.energy.stretching"},
       {R"({"method": {"shell": {"energy": {"handles": 9}}}})", "method.shell.energy.handles: unknown value 9"},
       {R"({"method": {"subspace": {"kernel": 9}}})", "method.subspace.kernel: unknown value 9"},
@@ -166,6 +212,15 @@ TEST(ConvertMethod, MessagesThatMeanTheSameHaveTheSameId) {
             id_of(R"({"constraints": [{"name": "c", "circular": {"radius": "FREE"}}]})"));
   EXPECT_NE(id_of(R"({"constraints": [{"name": "c", "circular": {}}]})"),
             id_of(R"({"constraints": [{"name": "c", "circular": {"radius": "KEPT"}}]})"));
+  const std::string rigid = R"({"constraints": [{"name": "c", "rigid": {}}]})";
+  const auto changed = [&](const std::string& more) { return id_of(R"({"constraints": [{"name": "c", )" + more + "}"); };
+  EXPECT_EQ(id_of(rigid), changed(R"("rigid": {"layers": 0}, "exact": false}], "constraintOptions": {})"));
+  EXPECT_EQ(id_of(rigid), changed(R"("rigid": {}}], "constraintOptions": {"tolerance": 1e-7, "iterations": 3000})"));
+  EXPECT_NE(id_of(rigid), changed(R"("rigid": {}}], "constraintOptions": {"tolerance": 1e-8})"));
+  EXPECT_NE(id_of(rigid), changed(R"("rigid": {}}], "constraintOptions": {"iterations": 10})"));
+  EXPECT_NE(id_of(rigid), changed(R"("rigid": {"layers": 1}}])"));
+  EXPECT_NE(id_of(rigid), changed(R"("rigid": {}, "exact": true}])"));
+  EXPECT_EQ(id_of("{}"), id_of(R"({"constraintOptions": {"tolerance": 1e-8, "iterations": 10}})"));
 }
 
 }  // namespace

@@ -256,6 +256,7 @@ TEST_F(EngineTest, the_iterative_solver_is_a_system_like_others) {
   setup.mutable_method()->mutable_rbf()->set_tolerance(1e-8);
   const v1::SystemInfo info = prepare(setup);
   EXPECT_EQ(info.solver(), v1::ITERATIVE);
+  EXPECT_EQ(info.tolerance(), 1e-8);
   EXPECT_NE(info.id(), system.id());
   setup.mutable_method()->mutable_rbf()->set_tolerance(0.5);
   expect_error(ErrorCode::invalid_argument, {"method.rbf.tolerance", "0.5"}, [&] { prepare(setup); });

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "tests/core/deformers/block_meshes.h"
+#include "tests/core/mesh/polyhedral.h"
 #include "tests/server/test_mesh.h"
 
 namespace deform::server {
@@ -20,35 +21,8 @@ inline Mesh volume_mesh(std::size_t n) {
 /// The same by its faces.
 inline Mesh polyhedral_mesh(std::size_t n) {
   Mesh mesh = volume_mesh(n);
-  PolyhedralCells cells;
-  cells.cell_count = mesh.elements->size();
-  struct Side {
-    std::vector<PointId> corners;
-    std::uint32_t owner;
-  };
-  std::map<std::vector<PointId>, Side> open;
-  const auto add = [&](const Side& side) {
-    cells.face_points.insert(cells.face_points.end(), side.corners.begin(), side.corners.end());
-    cells.face_offsets.push_back(cells.face_points.size());
-    cells.owner.push_back(side.owner);
-  };
-  for (std::size_t e = 0; e < mesh.elements->size(); ++e) {
-    for (const auto& face : shape(ElementType::hexahedron).faces) {
-      Side side{{}, static_cast<std::uint32_t>(e)};
-      for (const auto node : face) side.corners.push_back(mesh.elements->nodes(e)[node]);
-      const auto key = face_key(side.corners);
-      if (const auto found = open.find(key); found != open.end()) {
-        add(found->second);
-        cells.neighbour.push_back(side.owner);
-        open.erase(found);
-      } else {
-        open.emplace(key, side);
-      }
-    }
-  }
-  for (const auto& [key, side] : open) add(side);
+  mesh.cells = std::make_shared<const PolyhedralCells>(test::by_faces(*mesh.elements));
   mesh.elements = nullptr;
-  mesh.cells = std::make_shared<const PolyhedralCells>(std::move(cells));
   return mesh;
 }
 

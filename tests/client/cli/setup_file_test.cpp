@@ -46,6 +46,23 @@ seed: 18446744073709551615
   EXPECT_EQ(setup.seed(), 18446744073709551615u);
 }
 
+TEST(SetupFile, ReadsConstraintsAndTheirOptions) {
+  const auto setup = parse(R"(
+method: {mls: {}}
+constraints:
+  - {name: walls, rigid: {layers: 3}, regions: [{group: car_body}]}
+  - {name: bore, cylindrical: {radius: KEPT}, regions: [{group: bore}], exact: true, weight: 1e7}
+constraint_options: {tolerance: 1e-9, iterations: 500}
+)");
+  EXPECT_EQ(setup.constraints(0).rigid().layers(), 3u);
+  EXPECT_FALSE(setup.constraints(0).exact());
+  EXPECT_EQ(setup.constraints(1).cylindrical().radius(), v1::KEPT);
+  EXPECT_TRUE(setup.constraints(1).exact());
+  EXPECT_EQ(setup.constraint_options().tolerance(), 1e-9);
+  EXPECT_EQ(setup.constraint_options().iterations(), 500u);
+  EXPECT_EQ(parse(cli::setup_text(setup)).SerializeAsString(), setup.SerializeAsString());
+}
+
 TEST(SetupFile, JsonIsYamlAndComesBack) {
   const auto setup = parse(R"({"geometry": "0123456789abcdef", "handles": [{"name": "a \"b\"\t\u00fc", "region": {"all": true}}],
                                "variables": [{"name": "v", "handle": "x", "translate": [0.1, 1e-300, -2], "lower": 0}], "seed": 5})");
@@ -85,6 +102,10 @@ TEST(SetupFile, NamesLineAndReason) {
       {"fixed: [{open_boundary: yes}]\n", {"expected true or false, got \"yes\""}},
       {"method: {rbf: {kernel: triharmonic}}\n", {"kernel", "is none of", "did you mean \"TRIHARMONIC\""}},
       {"method: {rbf: {kernel: 1}}\n", {"kernel", "is none of"}},
+      {"constraints: [{rigid: {layers: -1}}]\n", {"car.yaml:1", "constraints[0].rigid.layers: expected an integer"}},
+      {"constraints: [{exact: 1}]\n", {"constraints[0].exact: expected true or false"}},
+      {"constraint_options: {tolerence: 1}\n", {"\"tolerence\"", "\"tolerance\""}},
+      {"constraint_options: {iterations: 1e3}\n", {"constraint_options.iterations: expected an integer"}},
       {"seed: -1\n", {"seed", "18446744073709551615"}},
       {"handles: [\n", {"car.yaml:"}},
       {"a: b: c\n", {"car.yaml:1"}},

@@ -7,6 +7,7 @@
 #include <functional>
 #include <limits>
 
+#include "tests/core/deformers/block_meshes.h"
 #include "tests/core/deformers/shapes.h"
 #include "tests/support/expect_error.h"
 
@@ -33,6 +34,13 @@ struct BadSetup {
 
 RbfOptions& options(Setup& setup) { return std::get<RbfOptions>(setup.method); }
 MlsOptions& mls(Setup& setup) { return setup.method.emplace<MlsOptions>(); }
+
+/// One on the handle "end", of the method mls.
+Constraint& constrain(Setup& setup, const ConstraintKind& kind = Planar{}) {
+  setup.method = MlsOptions{};
+  setup.constraints.push_back({"kept", {setup.handles[0].region}, kind});
+  return setup.constraints.back();
+}
 
 const double nan = std::numeric_limits<double>::quiet_NaN();
 
@@ -110,6 +118,24 @@ const std::vector<BadSetup>& bad_setups() {
        },
        {"method.mls.weights[0]", "no point"}},
       {"sparse RBF", [](Setup& s) { options(s).solver = Solver::sparse_cholesky; }, {"method.rbf.solver", "sparse"}},
+      {"negative layers", [](Setup& s) { constrain(s, Rigid{-1}); }, {"constraints[0].rigid.layers", "-1", "0..1000"}},
+      {"too many layers", [](Setup& s) { constrain(s, Rigid{1001}); }, {"constraints[0].rigid.layers", "1001", "0..1000"}},
+      {"layers of a surface", [](Setup& s) { constrain(s, Rigid{2}); }, {"constraints[0].rigid.layers", "no cells"}},
+      {"tolerance of constraints",
+       [](Setup& s) {
+         constrain(s);
+         s.constraint_options.tolerance = 0.1;
+       },
+       {"constraint_options.tolerance", "0.1", "1e-12..0.01"}},
+      {"NaN tolerance of constraints",
+       [](Setup& s) { s.constraint_options.tolerance = nan; },
+       {"constraint_options.tolerance", "nan"}},
+      {"no iterations",
+       [](Setup& s) { s.constraint_options.iterations = 0; },
+       {"constraint_options.iterations", "0", "1..1e+06"}},
+      {"too many iterations",
+       [](Setup& s) { s.constraint_options.iterations = 1000001; },
+       {"constraint_options.iterations", "1..1e+06"}},
       {"degree too small", [](Setup& s) { options(s).polynomial_degree = -2; }, {"polynomial_degree", "-2"}},
   };
   return table;
@@ -123,6 +149,26 @@ TEST(Setup, BadOnesAreRefusedByName) {
     deform::Setup setup = good();
     bad.spoil(setup);
     test::expect_error(ErrorCode::invalid_argument, bad.parts, [&] { validate(setup, mesh); });
+  }
+}
+
+TEST(Setup, OptionsOfConstraintsAtTheirLimits) {
+  const Mesh mesh = test::bumpy_sheet(21, 11);
+  const test::Cube cube = test::cube(2);
+  Mesh volume = cube.mesh;
+  volume.elements = std::make_shared<const Elements>(cube.elements);
+  for (const auto& [tolerance, iterations] : {std::pair(1e-12, 1), std::pair(1e-2, 1000000)}) {
+    deform::Setup setup = good();
+    constrain(setup, Rigid{}).exact = true;
+    setup.constraint_options = {tolerance, iterations};
+    EXPECT_NO_THROW(validate(setup, mesh));
+    for (const int layers : {1, 1000}) {
+      deform::Setup layered;
+      layered.handles = {{"top", box({-1, -1, 1}, {2, 2, 1})}};
+      layered.method = ShellOptions{};
+      layered.constraints = {{"walls", {box({-1, -1, 0}, {2, 2, 0})}, Rigid{layers}}};
+      EXPECT_EQ(validate(layered, volume).constraints[0][0].size(), 9u) << "the region; columns are found later";
+    }
   }
 }
 
