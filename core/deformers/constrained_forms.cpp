@@ -14,9 +14,12 @@ namespace {
 using Entry = Eigen::Triplet<double, std::int64_t>;
 
 constexpr int least_patience = 8, most_patience = 150;
-constexpr double steps_per_round = 4;     // Gauss-Newton steps that one round of the alternation may cost
-constexpr double affordable = 4e11;       // flops of one Gauss-Newton step
-constexpr double dense_speed = 8;         // flops of a factorization in the time of one of a triangular solution
+constexpr double steps_per_round = 4;  // Gauss-Newton steps that one round of the alternation may cost
+constexpr double affordable = 4e11;             // operations of one of these steps
+constexpr double affordable_compliance = 1e11;  // operations to prepare the form in forces
+constexpr double most_forces = 6000, most_full = 6000;
+constexpr double dense_speed = 8;  // operations of a factorization in the time of one of a triangular solution
+constexpr std::size_t columns_per_task = 16;
 
 /// Ascending: the functions that some point of the sets is reached by.
 std::vector<std::int64_t> functions_of(const SparseRows& values, const std::vector<ConstraintSet>& sets) {
@@ -66,8 +69,10 @@ ConstrainedSolver::ConstrainedSolver(const EnergySolver& solver, const SparseRow
     }
   }
   factor_ = std::make_unique<const SparseCholesky>(EnergySolver::factored(constrained_matrix(), memory_limit, context));
-  if (!reduced_.dense()) newton_order_ = solver_.factor().order();
-  patience_ = options_.patience > 0 ? options_.patience : patience_by_cost();
+  const double newton_step = newton_by_cost();
+  if (newton_form_ == NewtonForm::sparse) newton_order_ = solver_.factor().order();
+  if (newton_form_ == NewtonForm::forces) prepare_compliance(context);
+  patience_ = options_.patience > 0 ? options_.patience : patience_by_cost(newton_step);
 }
 
 /// [ S + sum g Phi^T Phi   . ]     one row -g 1^T Phi_t per translation; the other forms have C_t Phi_t for Phi_t and no rows
@@ -120,19 +125,53 @@ SparseMatrix ConstrainedSolver::constrained_matrix() const {
   return result;
 }
 
-/// Counts of operations, not times: the same everywhere.
-int ConstrainedSolver::patience_by_cost() {
-  const double r = static_cast<double>(reduced_.size());
-  const double iteration = 12.0 * static_cast<double>(factor_->bytes()) / sizeof(double) + 40.0 * static_cast<double>(phi_.nonZeros());
-  const double step = reduced_.dense() ? 9 * r * r * r : 27 * factor_->flops();
-  newton_ = step <= affordable;
-  if (!newton_) return most_patience;
-  const double ratio = steps_per_round * step / (dense_speed * iteration);
+/// Operations of a step. Counts, not times: the same everywhere.
+double ConstrainedSolver::newton_by_cost() {
+  double rows = 0, parameters = 0;
+  for (std::size_t t = 0; t < sets_.size(); ++t) {
+    std::vector<Vec3> projected(set_size(t));
+    ShapeParameters shape;
+    sets_[t].projection->project(sets_[t].rest, projected, shape);
+    const Linearization linear = sets_[t].projection->linearize(sets_[t].rest, shape);
+    rows += static_cast<double>(linear.normals.size());
+    parameters += static_cast<double>(linear.parameters.cols());
+  }
+  const auto cube = [](double n) { return n * n * n / 3; };
+  const double N = static_cast<double>(point_count()), size = 3 * static_cast<double>(reduced_.size()) + parameters;
+  const double solution = 4.0 * static_cast<double>(factor_->bytes()) / sizeof(double);
+  const double in_forces = N * solution <= affordable_compliance && rows <= most_forces ? cube(rows) : HUGE_VAL;
+  const double full = reduced_.dense() && size <= most_full ? cube(size) : HUGE_VAL;
+  const double sparse = reduced_.dense() ? HUGE_VAL : 27 * factor_->flops();
+  const double least = std::min({in_forces, full, sparse});
+  if (least > affordable) return HUGE_VAL;
+  newton_form_ = least == in_forces ? NewtonForm::forces : least == full ? NewtonForm::full : NewtonForm::sparse;
+  return least;
+}
+
+int ConstrainedSolver::patience_by_cost(double newton_step) const {
+  if (newton_form_ == NewtonForm::none) return most_patience;
+  const double iteration =
+      12.0 * static_cast<double>(factor_->bytes()) / sizeof(double) + 40.0 * static_cast<double>(phi_.nonZeros());
+  const double ratio = steps_per_round * newton_step / (dense_speed * iteration);
   return static_cast<int>(std::clamp(ratio, double{least_patience}, double{most_patience}));
 }
 
+/// Columns are independent of each other: the same for any number of threads.
+void ConstrainedSolver::prepare_compliance(const RunContext& context) {
+  const auto N = static_cast<Eigen::Index>(point_count());
+  compliance_.resize(N, N);
+  parallel_for(context, point_count(), columns_per_task, [&](std::size_t begin, std::size_t end) {
+    for (auto i = static_cast<Eigen::Index>(begin); i < static_cast<Eigen::Index>(end); ++i) {
+      Eigen::VectorXd b = Eigen::VectorXd::Zero(phi_.cols());
+      for (SparseRows::InnerIterator it(phi_, i); it; ++it) b[it.col()] = it.value();
+      reduced_.solve_in_place(b);
+      compliance_.col(i) = phi_ * b;
+    }
+  });
+}
+
 std::size_t ConstrainedSolver::bytes() const {
-  return reduced_.bytes() + factor_->bytes() + sparse_bytes(phi_) + sparse_bytes(transposed_) +
+  return static_cast<std::size_t>(compliance_.size()) * sizeof(double) + reduced_.bytes() + factor_->bytes() + sparse_bytes(phi_) + sparse_bytes(transposed_) +
          first_.back() * (sizeof(Vec3) + sizeof(PointId));
 }
 

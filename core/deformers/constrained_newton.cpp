@@ -12,7 +12,6 @@ namespace deform {
 namespace {
 
 using Entry = Eigen::Triplet<double, std::int64_t>;
-constexpr std::int64_t most_full = 6000;
 constexpr std::size_t few_points = 64;  // of a set whose parameters are eliminated first
 constexpr int most_steps = 30, most_halvings = 10, most_steps_of_a_design = 100;
 constexpr double damping = 1e-9;  // of the diagonal: parameters that change nothing stay
@@ -23,6 +22,12 @@ ConstrainedSolver::Newton::Newton(const ConstrainedSolver& solver, const Constra
     : solver_(solver) {
   functions_ = 3 * static_cast<std::int64_t>(solver_.reduced_.size());
   read_shapes(at, context);
+  if (solver_.newton_form_ == NewtonForm::forces) {
+    make_forces(context);
+    distances_ -= distances_of(at.v);
+    from_ = at.v;
+    return;
+  }
   right_ = Eigen::VectorXd::Zero(size_);
   const Eigen::MatrixXd forces = solver_.reduced_.times(at.v);
   for (std::int64_t j = 0; j < forces.rows(); ++j) {
@@ -31,7 +36,7 @@ ConstrainedSolver::Newton::Newton(const ConstrainedSolver& solver, const Constra
   for_each_row([&](const Row& row) {
     for (std::size_t e = 0; e < row.columns.size(); ++e) right_[row.columns[e]] -= row.values[e] * row.residual;
   });
-  if (solver_.reduced_.dense() && size_ <= most_full) {
+  if (solver_.newton_form_ == NewtonForm::full) {
     make_full(context);
   } else {
     make_sparse(context);
@@ -85,6 +90,16 @@ void ConstrainedSolver::Newton::for_each_row(const Use& use) const {
   }
 }
 
+void ConstrainedSolver::Newton::factor_full() {
+  lapack::use_one_thread();
+  const auto n = static_cast<int>(full_.rows());
+  int info = 0;
+  dpotrf_("L", &n, full_.data(), &n, &info);
+  if (info == 0) return;
+  throw Error(ErrorCode::numerical_failure, "the constraints leave the deformation undetermined at unknown " +
+                                                std::to_string(info) + " of " + std::to_string(n));
+}
+
 void ConstrainedSolver::Newton::make_full(const RunContext& context) {
   context.check();
   full_ = Eigen::MatrixXd::Zero(size_, size_);
@@ -103,14 +118,7 @@ void ConstrainedSolver::Newton::make_full(const RunContext& context) {
       for (std::int64_t a = 0; a < 3; ++a) full_(3 * it.row() + a, 3 * j + a) += it.value();
     }
   }
-  lapack::use_one_thread();
-  const auto n = static_cast<int>(size_);
-  int info = 0;
-  dpotrf_("L", &n, full_.data(), &n, &info);
-  if (info != 0) {
-    throw Error(ErrorCode::numerical_failure, "the constraints leave the deformation undetermined at unknown " +
-                                                  std::to_string(info) + " of " + std::to_string(size_));
-  }
+  factor_full();
   context.check();
 }
 
@@ -156,13 +164,12 @@ Eigen::VectorXd ConstrainedSolver::Newton::solved(Eigen::VectorXd b) const {
     sparse_->solve_in_place(b);
     return b;
   }
-  const auto L = full_.triangularView<Eigen::Lower>();
-  L.solveInPlace(b);
-  L.transpose().solveInPlace(b);
-  return b;
+  return inverse_full(std::move(b));
 }
 
 Eigen::MatrixXd ConstrainedSolver::Newton::step() const {
+  // The coefficients after the step are what the forces make of them.
+  if (solver_.newton_form_ == NewtonForm::forces) return -pushed_by(forces_of(distances_)) - from_;
   const Eigen::VectorXd x = solved(right_);
   Eigen::MatrixXd result(functions_ / 3, 3);
   for (std::int64_t j = 0; j < result.rows(); ++j) result.row(j) = x.segment<3>(3 * j).transpose();
@@ -170,6 +177,11 @@ Eigen::MatrixXd ConstrainedSolver::Newton::step() const {
 }
 
 Eigen::MatrixXd ConstrainedSolver::Newton::inverse(const Eigen::MatrixXd& b) const {
+  if (solver_.newton_form_ == NewtonForm::forces) {
+    Eigen::MatrixXd y = b;
+    solver_.reduced_.solve_in_place(y);
+    return y - pushed_by(forces_of(distances_of(y)));
+  }
   Eigen::VectorXd x = Eigen::VectorXd::Zero(size_);
   for (std::int64_t j = 0; j < b.rows(); ++j) x.segment<3>(3 * j) = b.row(j).transpose();
   x = solved(std::move(x));
@@ -180,7 +192,7 @@ Eigen::MatrixXd ConstrainedSolver::Newton::inverse(const Eigen::MatrixXd& b) con
 
 std::unique_ptr<const ConstrainedSolver::Newton> ConstrainedSolver::newton_at(const ConstrainedState& at,
                                                                               const RunContext& context) const {
-  return newton_ ? std::make_unique<const Newton>(*this, at, context) : nullptr;
+  return newton_form_ != NewtonForm::none ? std::make_unique<const Newton>(*this, at, context) : nullptr;
 }
 
 /// Steps as long as they lower the objective; converged when a whole step moves the sets by less than the tolerance.

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <Eigen/Core>
+#include <Eigen/Dense>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -10,8 +10,11 @@
 namespace deform {
 
 /// The quadratic model about a state: energy plus the squares of the linearized distances, over the coefficients and the
-/// parameters of the shapes (Gauss-Newton), factored. Full where the reduced energy is and the unknowns are few, else sparse.
-/// Immutable; any thread.
+/// parameters of the shapes (Gauss-Newton), factored. With J the linearized distances by the coefficients, P by the parameters and G
+/// their weights,
+///   [S + J^T G J   J^T G P] [x]   [b]        or, with the forces f = G (J x + P q):   [J S^-1 J^T + G^-1   -P] [f]   [J S^-1 b]
+///   [P^T G J       P^T G P] [q] = [0]                                                 [P^T                  0] [q] = [0]
+/// which has one unknown per distance: ConstrainedSolver::NewtonForm. Immutable; any thread.
 class ConstrainedSolver::Newton {
  public:
   Newton(const ConstrainedSolver& solver, const ConstrainedState& at, const RunContext& context);
@@ -32,16 +35,29 @@ class ConstrainedSolver::Newton {
   void add_point(std::size_t point, double root, const Vec3& normal, Row& row) const;
   template <typename Use>
   void for_each_row(const Use& use) const;
+  template <typename Use>
+  void for_each_distance(const Use& use) const;
+  Eigen::VectorXd inverse_full(Eigen::VectorXd b) const;
+  void factor_full();
+  void make_forces(const RunContext& context);
   void make_full(const RunContext& context);
   void make_sparse(const RunContext& context);
   Eigen::VectorXd solved(Eigen::VectorXd b) const;
+  /// The forces for distances (one per row), and what they do to the coefficients: S^-1 J^T f.
+  Eigen::VectorXd forces_of(Eigen::VectorXd distances) const;
+  Eigen::MatrixXd pushed_by(const Eigen::VectorXd& forces) const;
+  Eigen::VectorXd distances_of(const Eigen::MatrixXd& v) const;
 
   const ConstrainedSolver& solver_;
   std::vector<Linearization> linear_;       ///< per set
   std::vector<std::int64_t> first_column_;  ///< per set: of its parameters
   std::int64_t functions_ = 0, size_ = 0;   ///< 3 r, and with the parameters
   Eigen::VectorXd right_;                   ///< minus half the gradient
-  Eigen::MatrixXd full_;                    ///< lower Cholesky factor, or empty
+  Eigen::MatrixXd full_;                    ///< lower Cholesky factor, or empty; in forces that of J S^-1 J^T + G^-1
+  Eigen::MatrixXd shapes_, by_shapes_;      ///< in forces: P, and that matrix' inverse times P
+  Eigen::LLT<Eigen::MatrixXd> of_shapes_;   ///< P^T by_shapes_
+  Eigen::MatrixXd from_;                    ///< in forces: v of the state
+  Eigen::VectorXd distances_;               ///< in forces: the residuals less J v
   std::unique_ptr<const SparseCholesky> sparse_;
 };
 

@@ -124,7 +124,7 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
   result.after = result.before;
   const bool multipliers = problem.hold == Hold::multipliers;
   const double wanted = round_accuracy * (h.size() > 0 ? h.cwiseAbs().maxCoeff() : 0.0);
-  const bool newton_too = newton_ && options_.acceleration != Acceleration::none;
+  const bool newton_too = newton_form_ != NewtonForm::none && options_.acceleration != Acceleration::none;
   for (int round = 1;; ++round) {
     result.converged = false;
     result.objectives.clear();

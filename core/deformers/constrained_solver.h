@@ -110,7 +110,9 @@ class ConstrainedSolver {
   };
 
   SparseMatrix constrained_matrix() const;
-  int patience_by_cost();
+  double newton_by_cost();
+  int patience_by_cost(double newton_step) const;
+  void prepare_compliance(const RunContext& context);
   Eigen::MatrixXd global_step(const Case& c, const std::vector<Vec3>& targets) const;
   void evaluate(const Case& c, ConstrainedState& state) const;
   void alternate(const Case& c, int most, ConstrainedResult& result) const;
@@ -140,8 +142,16 @@ class ConstrainedSolver {
   SparseMatrix transposed_;                ///< r x N, times the weights per point
   std::vector<std::int64_t> translation_;  ///< per set: row of its translation, or -1
   std::unique_ptr<const SparseCholesky> factor_;
-  std::vector<std::int64_t> newton_order_;  ///< elimination order of S, for the sparse Gauss-Newton matrix
-  bool newton_ = false;                     ///< whether Gauss-Newton steps can be afforded
+  /// The form of the Gauss-Newton matrix that takes the fewest operations.
+  enum class NewtonForm {
+    none,    ///< none can be afforded
+    forces,  ///< in the forces of the shapes: one unknown per linearized distance
+    full,    ///< in the coefficients, full
+    sparse,  ///< in the coefficients
+  };
+  NewtonForm newton_form_ = NewtonForm::none;
+  std::vector<std::int64_t> newton_order_;  ///< elimination order of S, of the sparse form
+  Eigen::MatrixXd compliance_;              ///< N x N, Phi S^-1 Phi^T, of the form in forces; else empty
   int patience_ = 0;
 };
 
