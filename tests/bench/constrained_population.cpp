@@ -61,6 +61,8 @@ struct Seen {
   std::vector<double> ratios;  ///< residual of the constraint over the unconstrained one
   std::size_t not_converged = 0;
   std::vector<Points> points;  ///< in order of the designs
+  double slowest = 0;          ///< seconds
+  std::string about_slowest;
 };
 
 class Fleet {
@@ -102,9 +104,16 @@ class Fleet {
     *request.add_designs() = population_[k];
     const auto start = Clock::now();
     auto outcome = clients_[c]->deform(request);
-    seen_[c].latencies.push_back(seconds_since(start));
+    const double took = seconds_since(start);
+    seen_[c].latencies.push_back(took);
     auto& design = outcome.designs.at(0);
     const auto& report = design.result.constraints();
+    if (took > seen_[c].slowest) {
+      seen_[c].slowest = took;
+      seen_[c].about_slowest = Report::text(took) + " s, of which solved " + Report::text(1e-3 * outcome.summary.solve_ms()) +
+                               " s, " + std::to_string(report.iterations()) + " iterations, " +
+                               std::to_string(report.newton_steps()) + " Gauss-Newton steps";
+    }
     seen_[c].not_converged += report.converged() ? 0 : 1;
     seen_[c].ratios.push_back(report.residuals(0).rms() / report.residuals(0).free_rms());
     seen_[c].points.push_back(std::move(design.points));
@@ -186,6 +195,9 @@ void constrained_population(const std::filesystem::path& folder, BenchSize size,
   report.info(name + "designs per second", Report::text(static_cast<double>(latencies.size()) / seconds) + ", p50 " +
                                                Report::text(1e3 * rank(0.5)) + " ms, p99 " + Report::text(1e3 * rank(0.99)) +
                                                " ms");
+  const Seen& slowest = *std::max_element(fleet.seen().begin(), fleet.seen().end(),
+                                          [](const Seen& a, const Seen& b) { return a.slowest < b.slowest; });
+  report.info(name + "the slowest", slowest.about_slowest);
   report.at_most(name + "residual over the unconstrained one", worst_ratio, 0.05, "");
   report.at_most(name + "designs that did not converge", static_cast<double>(not_converged), 0, "");
   report.at_most(name + "designs that differ between clients", static_cast<double>(different), 0, "");
