@@ -7,7 +7,7 @@ namespace deform {
 
 namespace {
 
-constexpr double accuracy = 1e-11;  // of the right-hand side
+constexpr double whole_accuracy = 1e-11;  // of the right-hand side
 constexpr int most_iterations = 1000;
 
 }  // namespace
@@ -29,8 +29,10 @@ std::vector<Vec3> ConstrainedSolver::unmet(const ConstrainedState& at, const std
 /// (S + sum g Phi^T (I - P') Phi) x = b by conjugate gradients. Preconditioner: the Gauss-Newton matrix, which leaves out the
 /// curvature of the shapes only, where it can be afforded; else the matrix of the global step.
 Eigen::MatrixXd ConstrainedSolver::solve_linearized(const ConstrainedState& at, const Newton* newton, const Eigen::MatrixXd& b,
-                                                    const RunContext& context) const {
-  const auto preconditioned = [&](const Eigen::MatrixXd& r) { return newton ? newton->inverse(r) : solve_bordered(r, {}, context); };
+                                                    double accuracy, const RunContext& context) const {
+  const auto preconditioned = [&](const Eigen::MatrixXd& r) {
+    return newton ? newton->inverse(r) : solve_bordered(r, {}, context);
+  };
   Eigen::MatrixXd x = Eigen::MatrixXd::Zero(b.rows(), 3), residual = b;
   Eigen::MatrixXd z = preconditioned(residual), p = z;
   double rz = residual.cwiseProduct(z).sum();
@@ -39,7 +41,8 @@ Eigen::MatrixXd ConstrainedSolver::solve_linearized(const ConstrainedState& at, 
     context.check();
     const Eigen::MatrixXd Hp = reduced_.times(p) + weighted_transposed(unmet(at, rows_times(p)));
     const double curvature = p.cwiseProduct(Hp).sum();
-    if (!(curvature > 0)) break;  // not a minimum: what there is so far is the best that can be said
+    // Not a minimum: what there is so far is the best that can be said.
+    if (!(curvature > 0)) return i == 0 ? p : x;
     const double alpha = rz / curvature;
     x += alpha * p;
     residual -= alpha * Hp;
@@ -55,9 +58,9 @@ Eigen::MatrixXd ConstrainedSolver::solve_linearized(const ConstrainedState& at, 
 /// y - a, (S + D) y = S a. Symmetric in b.
 Eigen::MatrixXd ConstrainedSolver::linearized_solution(const ConstrainedState& at, const Newton* newton, const Eigen::MatrixXd& b,
                                                        const RunContext& context) const {
-  if (!reduced_.dense()) return solve_linearized(at, newton, b, context);
+  if (!reduced_.dense()) return solve_linearized(at, newton, b, whole_accuracy, context);
   const Eigen::MatrixXd a = solver_.inverse(b, context), chosen = reduced_.picked(a);
-  const Eigen::MatrixXd y = solve_linearized(at, newton, reduced_.times(chosen), context);
+  const Eigen::MatrixXd y = solve_linearized(at, newton, reduced_.times(chosen), whole_accuracy, context);
   return a + reduced_.extended(y - chosen, context);
 }
 
@@ -66,7 +69,7 @@ Eigen::MatrixXd ConstrainedSolver::derivative(const ConstrainedState& at, const 
   const auto newton = newton_at(at, context);
   // What the offsets do to the distances acts like a force.
   const Eigen::MatrixXd force = weighted_transposed(unmet(at, offsets));
-  const Eigen::MatrixXd pushed = reduced_.extended(solve_linearized(at, newton.get(), force, context), context);
+  const Eigen::MatrixXd pushed = reduced_.extended(solve_linearized(at, newton.get(), force, whole_accuracy, context), context);
   Eigen::MatrixXd loads = solver_.loads(dh, context);
   const int steps = solver_.problem().hold == Hold::multipliers ? rounds : 1;
   for (int step = 1;; ++step) {
@@ -90,7 +93,7 @@ ConstrainedSolver::Adjoint ConstrainedSolver::adjoint(const ConstrainedState& at
   Adjoint result{x, std::vector<Vec3>(first_.back(), Vec3{})};
   if (problem.hold == Hold::eliminated) {
     const Eigen::MatrixXd b = reduced_.dense() ? reduced_.times(reduced_.picked(solver_.inverse(g, context))) : g;
-    result.offsets = unmet(at, rows_times(solve_linearized(at, newton.get(), b, context)));
+    result.offsets = unmet(at, rows_times(solve_linearized(at, newton.get(), b, whole_accuracy, context)));
     for (std::size_t t = 0; t < sets_.size(); ++t) {
       for (std::size_t i = first_[t]; i < first_[t + 1]; ++i) {
         for (double& value : result.offsets[i]) value *= -per_point(t);

@@ -35,7 +35,6 @@ void ConstrainedSolver::Newton::make_forces(const RunContext& context) {
     Vec3 normal;
   };
   std::vector<Part> parts;  // two per row; the second may be nothing
-  distances_.resize(rows);
   shapes_ = Eigen::MatrixXd::Zero(rows, parameters);
   full_.resize(rows, rows);
   Eigen::VectorXd softness(rows);  // of the diagonal: 1 / weight
@@ -47,7 +46,6 @@ void ConstrainedSolver::Newton::make_forces(const RunContext& context) {
     const bool two = !linear.partners.empty();
     parts.push_back({two ? static_cast<Eigen::Index>(solver_.first_[t] + linear.partners[r]) : point,
                      two ? linear.partner_normals[r] : Vec3{}});
-    distances_[row] = linear.residual[at];
     softness[row] = 1 / solver_.per_point(t);
     const Eigen::Index q = first_column_[t] - functions_;
     shapes_.row(row).segment(q, linear.parameters.cols()) = linear.parameters.row(at);

@@ -14,7 +14,7 @@ namespace {
 using Entry = Eigen::Triplet<double, std::int64_t>;
 
 constexpr int least_patience = 8, most_patience = 150;
-constexpr double steps_per_round = 4;  // Gauss-Newton steps that one round of the alternation may cost
+constexpr double steps_per_round = 4;           // Gauss-Newton steps that one round of the alternation may cost
 constexpr double affordable = 4e11;             // operations of one of these steps
 constexpr double affordable_compliance = 1e11;  // operations to prepare the form in forces
 constexpr double most_forces = 6000, most_full = 6000;
@@ -171,8 +171,8 @@ void ConstrainedSolver::prepare_compliance(const RunContext& context) {
 }
 
 std::size_t ConstrainedSolver::bytes() const {
-  return static_cast<std::size_t>(compliance_.size()) * sizeof(double) + reduced_.bytes() + factor_->bytes() + sparse_bytes(phi_) + sparse_bytes(transposed_) +
-         first_.back() * (sizeof(Vec3) + sizeof(PointId));
+  return static_cast<std::size_t>(compliance_.size()) * sizeof(double) + reduced_.bytes() + factor_->bytes() +
+         sparse_bytes(phi_) + sparse_bytes(transposed_) + first_.back() * (sizeof(Vec3) + sizeof(PointId));
 }
 
 /// C^T C y of the thesis' forms.

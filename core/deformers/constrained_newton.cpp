@@ -13,6 +13,7 @@ namespace {
 
 using Entry = Eigen::Triplet<double, std::int64_t>;
 constexpr std::size_t few_points = 64;  // of a set whose parameters are eliminated first
+constexpr double direction_accuracy = 1e-3;
 constexpr int most_steps = 30, most_halvings = 10, most_steps_of_a_design = 100;
 constexpr double damping = 1e-9;  // of the diagonal: parameters that change nothing stay
 
@@ -24,19 +25,7 @@ ConstrainedSolver::Newton::Newton(const ConstrainedSolver& solver, const Constra
   read_shapes(at, context);
   if (solver_.newton_form_ == NewtonForm::forces) {
     make_forces(context);
-    distances_ -= distances_of(at.v);
-    from_ = at.v;
-    return;
-  }
-  right_ = Eigen::VectorXd::Zero(size_);
-  const Eigen::MatrixXd forces = solver_.reduced_.times(at.v);
-  for (std::int64_t j = 0; j < forces.rows(); ++j) {
-    for (std::int64_t a = 0; a < 3; ++a) right_[3 * j + a] = -forces(j, a);
-  }
-  for_each_row([&](const Row& row) {
-    for (std::size_t e = 0; e < row.columns.size(); ++e) right_[row.columns[e]] -= row.values[e] * row.residual;
-  });
-  if (solver_.newton_form_ == NewtonForm::full) {
+  } else if (solver_.newton_form_ == NewtonForm::full) {
     make_full(context);
   } else {
     make_sparse(context);
@@ -48,7 +37,8 @@ void ConstrainedSolver::Newton::read_shapes(const ConstrainedState& at, const Ru
   linear_.resize(sets);
   parallel_for(context, sets, 64, [&](std::size_t begin, std::size_t end) {
     for (std::size_t t = begin; t < end; ++t) {
-      linear_[t] = solver_.sets_[t].projection->linearize({at.points.data() + solver_.first_[t], solver_.set_size(t)}, at.shapes[t]);
+      linear_[t] =
+          solver_.sets_[t].projection->linearize({at.points.data() + solver_.first_[t], solver_.set_size(t)}, at.shapes[t]);
     }
   });
   size_ = functions_;
@@ -84,7 +74,6 @@ void ConstrainedSolver::Newton::for_each_row(const Use& use) const {
         row.columns.push_back(first_column_[t] + q);
         row.values.push_back(root * linear.parameters(at, q));
       }
-      row.residual = root * linear.residual[at];
       use(row);
     }
   }
@@ -167,15 +156,6 @@ Eigen::VectorXd ConstrainedSolver::Newton::solved(Eigen::VectorXd b) const {
   return inverse_full(std::move(b));
 }
 
-Eigen::MatrixXd ConstrainedSolver::Newton::step() const {
-  // The coefficients after the step are what the forces make of them.
-  if (solver_.newton_form_ == NewtonForm::forces) return -pushed_by(forces_of(distances_)) - from_;
-  const Eigen::VectorXd x = solved(right_);
-  Eigen::MatrixXd result(functions_ / 3, 3);
-  for (std::int64_t j = 0; j < result.rows(); ++j) result.row(j) = x.segment<3>(3 * j).transpose();
-  return result;
-}
-
 Eigen::MatrixXd ConstrainedSolver::Newton::inverse(const Eigen::MatrixXd& b) const {
   if (solver_.newton_form_ == NewtonForm::forces) {
     Eigen::MatrixXd y = b;
@@ -195,12 +175,22 @@ std::unique_ptr<const ConstrainedSolver::Newton> ConstrainedSolver::newton_at(co
   return newton_form_ != NewtonForm::none ? std::make_unique<const Newton>(*this, at, context) : nullptr;
 }
 
+/// The Hessian of half the squared distance from a shape is I - P'.
+Eigen::MatrixXd ConstrainedSolver::newton_direction(const ConstrainedState& at, const RunContext& context) const {
+  std::vector<Vec3> away = at.points;
+  for (std::size_t i = 0; i < away.size(); ++i) {
+    for (std::size_t k = 0; k < 3; ++k) away[i][k] -= at.targets[i][k];
+  }
+  const Eigen::MatrixXd gradient = reduced_.times(at.v) + weighted_transposed(away);
+  return solve_linearized(at, newton_at(at, context).get(), -gradient, direction_accuracy, context);
+}
+
 /// Steps as long as they lower the objective; converged when a whole step moves the sets by less than the tolerance.
 void ConstrainedSolver::newton(const Case& c, ConstrainedResult& result) const {
   ConstrainedState& now = result.after;
   for (int step = 0; step < most_steps && result.newton_steps < most_steps_of_a_design; ++step) {
     c.context.check();
-    const Eigen::MatrixXd direction = newton_at(now, c.context)->step();
+    const Eigen::MatrixXd direction = newton_direction(now, c.context);
     ++result.newton_steps;
     const std::vector<Vec3> change = rows_times(direction);
     double moved = 0;

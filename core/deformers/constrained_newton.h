@@ -9,8 +9,8 @@
 
 namespace deform {
 
-/// The quadratic model about a state: energy plus the squares of the linearized distances, over the coefficients and the
-/// parameters of the shapes (Gauss-Newton), factored. With J the linearized distances by the coefficients, P by the parameters and G
+/// The Gauss-Newton matrix at a state, factored: of the energy plus the squares of the linearized distances, over the
+/// coefficients and the parameters of the shapes. With J the linearized distances by the coefficients, P by the parameters and G
 /// their weights,
 ///   [S + J^T G J   J^T G P] [x]   [b]        or, with the forces f = G (J x + P q):   [J S^-1 J^T + G^-1   -P] [f]   [J S^-1 b]
 ///   [P^T G J       P^T G P] [q] = [0]                                                 [P^T                  0] [q] = [0]
@@ -19,8 +19,6 @@ class ConstrainedSolver::Newton {
  public:
   Newton(const ConstrainedSolver& solver, const ConstrainedState& at, const RunContext& context);
 
-  /// Change of v to the least value of the model.
-  Eigen::MatrixXd step() const;
   /// The first rows of H^-1 [b; 0]: b and the result are r x 3.
   Eigen::MatrixXd inverse(const Eigen::MatrixXd& b) const;
 
@@ -29,7 +27,6 @@ class ConstrainedSolver::Newton {
   struct Row {
     std::vector<std::int64_t> columns;
     std::vector<double> values;
-    double residual = 0;
   };
   void read_shapes(const ConstrainedState& at, const RunContext& context);
   void add_point(std::size_t point, double root, const Vec3& normal, Row& row) const;
@@ -52,12 +49,9 @@ class ConstrainedSolver::Newton {
   std::vector<Linearization> linear_;       ///< per set
   std::vector<std::int64_t> first_column_;  ///< per set: of its parameters
   std::int64_t functions_ = 0, size_ = 0;   ///< 3 r, and with the parameters
-  Eigen::VectorXd right_;                   ///< minus half the gradient
   Eigen::MatrixXd full_;                    ///< lower Cholesky factor, or empty; in forces that of J S^-1 J^T + G^-1
   Eigen::MatrixXd shapes_, by_shapes_;      ///< in forces: P, and that matrix' inverse times P
   Eigen::LLT<Eigen::MatrixXd> of_shapes_;   ///< P^T by_shapes_
-  Eigen::MatrixXd from_;                    ///< in forces: v of the state
-  Eigen::VectorXd distances_;               ///< in forces: the residuals less J v
   std::unique_ptr<const SparseCholesky> sparse_;
 };
 

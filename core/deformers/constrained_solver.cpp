@@ -60,7 +60,8 @@ double ConstrainedSolver::distance_left(const Case& c, const std::vector<Vec3>& 
     for (std::size_t k = 0; k < 3; ++k) y[i][k] = to[i][k] - from[i][k];
   }
   Eigen::MatrixXd b = weighted_transposed(y);
-  parallel_for(c.context, 3, 1, [&](std::size_t k, std::size_t) { reduced_.solve_in_place(b.col(static_cast<Eigen::Index>(k))); });
+  parallel_for(c.context, 3, 1,
+               [&](std::size_t k, std::size_t) { reduced_.solve_in_place(b.col(static_cast<Eigen::Index>(k))); });
   const std::vector<Vec3> moved = rows_times(b);
   return rms(moved, std::vector<Vec3>(moved.size(), Vec3{}));
 }

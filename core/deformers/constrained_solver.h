@@ -25,9 +25,9 @@ struct ConstraintSet {
 
 /// Where a constrained solution stands.
 struct ConstrainedState {
-  Eigen::MatrixXd v;                    ///< r x 3: change of the coefficients that reach the sets, from the deformation without them
-  std::vector<Vec3> points;             ///< N: the points of all sets, one set after the other
-  std::vector<Vec3> targets;            ///< N: their projections
+  Eigen::MatrixXd v;          ///< r x 3: change of the coefficients that reach the sets, from the deformation without them
+  std::vector<Vec3> points;   ///< N: the points of all sets, one set after the other
+  std::vector<Vec3> targets;  ///< N: their projections
   std::vector<ShapeParameters> shapes;  ///< per set
   std::vector<double> squares;          ///< per set: sum of squared distances from the projections
   /// Energy of the deformation above that without constraints, plus the weighted squares.
@@ -56,9 +56,11 @@ struct ConstrainedResult {
 ///    1965; window 5): an accelerated step that lets the objective rise is thrown away for the plain one, which never does. It
 ///    ends when step * rho / (1 - rho) <= tolerance for the observed contraction rho of the plain map, and what the unbalanced
 ///    forces could still move is as small.
-///  - When that has not happened after `patience` iterations, Gauss-Newton steps in the coefficients and the parameters of the
-///    shapes follow, as long as they lower the objective; then the alternation again. Patience is as many iterations as cost what
-///    a few of these steps cost, so stiff weights and overlapping sets end quickly where factorizations are cheap.
+///  - When that has not happened after `patience` iterations, Newton steps follow, as long as they lower the objective; then the
+///    alternation again. Their systems are solved by conjugate gradients with the Gauss-Newton matrix (in the coefficients and
+///    the parameters of the shapes) as preconditioner, which leaves out the curvature of the shapes only. Patience is as many
+///    iterations as cost what a few of these steps cost, so stiff weights and overlapping sets end quickly where factorizations
+///    are cheap.
 /// Not converging is a result. Immutable; any number of threads may solve at once.
 class ConstrainedSolver {
  public:
@@ -118,12 +120,13 @@ class ConstrainedSolver {
   void alternate(const Case& c, int most, ConstrainedResult& result) const;
   double distance_left(const Case& c, const std::vector<Vec3>& from, const std::vector<Vec3>& to) const;
   void newton(const Case& c, ConstrainedResult& result) const;
+  Eigen::MatrixXd newton_direction(const ConstrainedState& at, const RunContext& context) const;
   std::vector<Vec3> centred(const std::vector<Vec3>& y) const;
   Eigen::MatrixXd solve_bordered(const Eigen::MatrixXd& top, const std::vector<Vec3>& at_points, const RunContext& context) const;
   std::vector<Vec3> rows_times(const Eigen::MatrixXd& v) const;
   Eigen::MatrixXd weighted_transposed(const std::vector<Vec3>& y) const;
   std::vector<Vec3> unmet(const ConstrainedState& at, const std::vector<Vec3>& dx) const;
-  Eigen::MatrixXd solve_linearized(const ConstrainedState& at, const Newton* newton, const Eigen::MatrixXd& b,
+  Eigen::MatrixXd solve_linearized(const ConstrainedState& at, const Newton* newton, const Eigen::MatrixXd& b, double accuracy,
                                    const RunContext& context) const;
   Eigen::MatrixXd linearized_solution(const ConstrainedState& at, const Newton* newton, const Eigen::MatrixXd& b,
                                       const RunContext& context) const;

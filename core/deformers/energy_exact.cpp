@@ -55,7 +55,8 @@ std::vector<Vec3> EnergySystem::before_exact(const Solution& solution, const Bou
   std::vector<double> values(3 * tile_size);
   for (std::size_t t = 0; t < exact_places_.tiles(); ++t) {
     std::fill(values.begin(), values.end(), 0.0);
-    if (solution.correction.size() > 0) correction_->add_values(exact_places_.tile(t), solution.correction.data(), 3, values.data());
+    if (solution.correction.size() > 0)
+      correction_->add_values(exact_places_.tile(t), solution.correction.data(), 3, values.data());
     for (std::size_t u = t * tile_size; u < std::min(ids.size(), (t + 1) * tile_size); ++u) {
       if (!placement_->moves(u)) {
         const Vec3 told = points.place(design, ids[u], kind);
@@ -78,8 +79,7 @@ std::vector<Vec3> EnergySystem::before_exact(const Solution& solution, const Bou
 /// What carries the step of the exact points along.
 void EnergySystem::set_placement(const std::vector<Vec3>& from, const std::vector<Vec3>& to, Solution& solution,
                                  const RunContext& context) const {
-  Eigen::MatrixXd step =
-      Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(moving_exact_.size() + model_.held.size()), 3);
+  Eigen::MatrixXd step = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(moving_exact_.size() + model_.held.size()), 3);
   for (std::size_t i = 0; i < moving_exact_.size(); ++i) {
     const std::uint32_t u = moving_exact_[i];
     for (std::size_t k = 0; k < 3; ++k) {
@@ -120,7 +120,9 @@ std::vector<Vec3> EnergySystem::pull_back_exact(const ExactPlacement::Placed& at
     others[slots[u]] = {};
   }
   const Eigen::MatrixXd steps = placement_correction_->adjoint(places, others, context);
-  const auto step = [&](std::size_t i, std::size_t k) { return steps(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)); };
+  const auto step = [&](std::size_t i, std::size_t k) {
+    return steps(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k));
+  };
   for (std::size_t i = 0; i < moving_exact_.size(); ++i) {
     for (std::size_t k = 0; k < 3; ++k) y[moving_exact_[i]][k] += step(i, k);
   }

@@ -10,10 +10,10 @@
 
 namespace deform {
 
-/// Puts points on the shapes of some sets at once: the nearest points that are (least |y - x|^2 + W sum |y - P(y)|^2 with W = 1e9).
-/// A set that shares no point with another and holds no point that may not move is projected. For the others Newton's method with
-/// the linearized distances. What contradicts itself ends with the least squares of the distances. Unit coordinates. Immutable;
-/// any thread.
+/// Puts points on the shapes of some sets at once: the nearest points that are (least |y - x|^2 + W sum |y - P(y)|^2 with W =
+/// 1e9). A set that shares no point with another and holds no point that may not move is projected. For the others Newton's
+/// method with the linearized distances. What contradicts itself ends with the least squares of the distances. Unit coordinates.
+/// Immutable; any thread.
 class ExactPlacement {
  public:
   /// moves: per point of the mesh, whether it may.
@@ -45,10 +45,10 @@ class ExactPlacement {
   std::vector<std::vector<std::uint32_t>> places_;  ///< per set: its points among the U
   std::vector<bool> alone_;                         ///< per set: to be projected
   std::vector<PointId> ids_;
-  std::vector<bool> moves_;             ///< U
-  std::vector<std::int64_t> unknown_;   ///< U: first unknown of a point of the joint sets that moves, else -1
-  std::int64_t unknowns_ = 0;           ///< 3 per such point
-  bool joint_ = false;                  ///< whether some set is not alone
+  std::vector<bool> moves_;            ///< U
+  std::vector<std::int64_t> unknown_;  ///< U: first unknown of a point of the joint sets that moves, else -1
+  std::int64_t unknowns_ = 0;          ///< 3 per such point
+  bool joint_ = false;                 ///< whether some set is not alone
 };
 
 }  // namespace deform

@@ -20,7 +20,8 @@ class ReducedEnergy {
 
   /// chosen: ascending, those that matter; what is really used is functions(). `solver` must outlive this. Throws as EnergySolver
   /// does.
-  ReducedEnergy(const EnergySolver& solver, std::vector<std::int64_t> chosen, std::size_t memory_limit, const RunContext& context);
+  ReducedEnergy(const EnergySolver& solver, std::vector<std::int64_t> chosen, std::size_t memory_limit,
+                const RunContext& context);
 
   bool dense() const { return dense_; }
   std::size_t size() const { return dense_ ? functions_.size() : solver_.unknowns(); }
