@@ -50,11 +50,18 @@ class DistanceProjection final : public Projection {
     result.normals.assign(x.size(), Vec3{});
     result.residual.setZero(static_cast<Eigen::Index>(x.size()));
     result.parameters.resize(result.residual.size(), 0);
+    result.partners.resize(x.size());
+    for (std::size_t i = 0; i < x.size(); ++i) result.partners[i] = static_cast<std::uint32_t>(i);
+    result.partner_normals.assign(x.size(), Vec3{});
+    // Each of the two is half the excess away, towards the other; so they share it in equal rows.
     for (const PointPair& pair : pairs_) {
+      result.partners[pair.a] = static_cast<std::uint32_t>(pair.b);
+      result.partners[pair.b] = static_cast<std::uint32_t>(pair.a);
       const State at = state(pair, x);
       if (at.excess == 0) continue;
-      result.normals[pair.a] = to_vec3(at.direction);
-      result.normals[pair.b] = to_vec3(-at.direction);
+      const Vec3 half = to_vec3(0.5 * at.direction), back = to_vec3(-0.5 * at.direction);
+      result.normals[pair.a] = result.partner_normals[pair.b] = half;
+      result.normals[pair.b] = result.partner_normals[pair.a] = back;
       result.residual[pair.a] = result.residual[pair.b] = 0.5 * at.excess;
     }
     return result;

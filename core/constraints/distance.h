@@ -18,8 +18,7 @@ struct PointPair {
 };
 
 /// Every pair moves apart or together along the line through it, both points by the same length. Points in no pair are free; no
-/// point may be in two. linearize() takes the partner of a point for held, so its sum of squares is an upper bound of the energy
-/// that touches it.
+/// point may be in two.
 std::unique_ptr<const Projection> distance_projection(std::vector<PointPair> pairs, std::size_t points);
 
 }  // namespace deform

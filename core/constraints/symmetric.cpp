@@ -55,8 +55,15 @@ class SymmetricProjection final : public Projection {
     result.normals.resize(3 * x.size());
     result.residual.resize(static_cast<Eigen::Index>(3 * x.size()));
     result.parameters.resize(result.residual.size(), 3);
+    result.partners.resize(3 * x.size());
+    result.partner_normals.resize(3 * x.size());
+    const Eigen::Matrix3d image = Eigen::Matrix3d::Identity() - 2 * plane.normal() * plane.normal().transpose();
     for (std::size_t i = 0; i < x.size(); ++i) {
-      for (std::size_t k = 0; k < 3; ++k) result.normals[3 * i + k][k] = 1;
+      for (std::size_t k = 0; k < 3; ++k) {
+        result.normals[3 * i + k][k] = 0.5;
+        result.partners[3 * i + k] = partner_[i];
+        result.partner_normals[3 * i + k] = to_vec3(-0.5 * image.row(static_cast<Eigen::Index>(k)).transpose());
+      }
       result.residual.segment<3>(static_cast<Eigen::Index>(3 * i)) = residual(plane, i, x);
       result.parameters.middleRows<3>(static_cast<Eigen::Index>(3 * i)) = by_plane(plane, i, x);
     }

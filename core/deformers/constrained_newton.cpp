@@ -1,95 +1,204 @@
-// Gauss-Newton on the coefficients and the parameters of the shapes: for stiff weights and sets that overlap.
+#include "core/deformers/constrained_newton.h"
+
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 
-#include "core/deformers/constrained_solver.h"
+#include "core/base/error.h"
+#include "core/base/parallel.h"
+#include "core/numerics/lapack.h"
 
 namespace deform {
 
 namespace {
 
 using Entry = Eigen::Triplet<double, std::int64_t>;
-constexpr std::int64_t most_unknowns = 60000;  // in all coordinates: beyond, a factorization per step costs too much
-constexpr int most_steps = 30, most_halvings = 10;
+constexpr std::int64_t most_full = 6000;
+constexpr std::size_t few_points = 64;  // of a set whose parameters are eliminated first
+constexpr int most_steps = 30, most_halvings = 10, most_steps_of_a_design = 100;
 constexpr double damping = 1e-9;  // of the diagonal: parameters that change nothing stay
 
 }  // namespace
 
-/// Change of w: minimum of the quadratic energy plus the squares of the linearized distances.
-Eigen::MatrixXd ConstrainedSolver::newton_direction(const Case& c, const ConstrainedState& at) const {
-  const auto k = static_cast<std::int64_t>(solver_.unknowns());
-  std::vector<Entry> entries;
-  std::vector<double> residuals;
-  std::int64_t parameters = 0;
-  for (std::size_t t = 0; t < sets_.size(); ++t) {
-    const std::size_t count = first_[t + 1] - first_[t];
-    const Linearization linear = sets_[t].projection->linearize({at.points.data() + first_[t], count}, at.shapes[t]);
-    const double root = std::sqrt(per_point(t));
-    for (std::size_t r = 0; r < linear.normals.size(); ++r) {
-      const auto row = static_cast<std::int64_t>(residuals.size());
-      const std::size_t point = first_[t] + r / linear.rows_per_point;
-      for (SparseRows::InnerIterator it(phi_, static_cast<std::int64_t>(point)); it; ++it) {
-        for (std::int64_t a = 0; a < 3; ++a) {
-          entries.emplace_back(row, 3 * it.col() + a, root * it.value() * linear.normals[r][static_cast<std::size_t>(a)]);
-        }
-      }
-      for (Eigen::Index q = 0; q < linear.parameters.cols(); ++q) {
-        entries.emplace_back(row, 3 * k + parameters + q, root * linear.parameters(static_cast<Eigen::Index>(r), q));
-      }
-      residuals.push_back(root * linear.residual[static_cast<Eigen::Index>(r)]);
-    }
-    parameters += linear.parameters.cols();
+ConstrainedSolver::Newton::Newton(const ConstrainedSolver& solver, const ConstrainedState& at, const RunContext& context)
+    : solver_(solver) {
+  functions_ = 3 * static_cast<std::int64_t>(solver_.reduced_.size());
+  read_shapes(at, context);
+  right_ = Eigen::VectorXd::Zero(size_);
+  const Eigen::MatrixXd forces = solver_.reduced_.times(at.v);
+  for (std::int64_t j = 0; j < forces.rows(); ++j) {
+    for (std::int64_t a = 0; a < 3; ++a) right_[3 * j + a] = -forces(j, a);
   }
-  SparseMatrix S(static_cast<std::int64_t>(residuals.size()), 3 * k + parameters);
-  S.setFromTriplets(entries.begin(), entries.end());
-  const SparseMatrix transposed = S.transpose();
-  SparseMatrix H = SparseMatrix(transposed * S).triangularView<Eigen::Lower>();
+  for_each_row([&](const Row& row) {
+    for (std::size_t e = 0; e < row.columns.size(); ++e) right_[row.columns[e]] -= row.values[e] * row.residual;
+  });
+  if (solver_.reduced_.dense() && size_ <= most_full) {
+    make_full(context);
+  } else {
+    make_sparse(context);
+  }
+}
 
+void ConstrainedSolver::Newton::read_shapes(const ConstrainedState& at, const RunContext& context) {
+  const std::size_t sets = solver_.sets_.size();
+  linear_.resize(sets);
+  parallel_for(context, sets, 64, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t t = begin; t < end; ++t) {
+      linear_[t] = solver_.sets_[t].projection->linearize({at.points.data() + solver_.first_[t], solver_.set_size(t)}, at.shapes[t]);
+    }
+  });
+  size_ = functions_;
+  for (const Linearization& linear : linear_) {
+    first_column_.push_back(size_);
+    size_ += linear.parameters.cols();
+  }
+}
+
+void ConstrainedSolver::Newton::add_point(std::size_t point, double root, const Vec3& normal, Row& row) const {
+  for (SparseRows::InnerIterator it(solver_.phi_, static_cast<std::int64_t>(point)); it; ++it) {
+    for (std::int64_t a = 0; a < 3; ++a) {
+      row.columns.push_back(3 * it.col() + a);
+      row.values.push_back(root * it.value() * normal[static_cast<std::size_t>(a)]);
+    }
+  }
+}
+
+/// Zeros stay in the rows, so that their pattern does not depend on the state.
+template <typename Use>
+void ConstrainedSolver::Newton::for_each_row(const Use& use) const {
+  Row row;
+  for (std::size_t t = 0; t < linear_.size(); ++t) {
+    const Linearization& linear = linear_[t];
+    const double root = std::sqrt(solver_.per_point(t));
+    for (std::size_t r = 0; r < linear.normals.size(); ++r) {
+      row.columns.clear();
+      row.values.clear();
+      add_point(solver_.first_[t] + r / linear.rows_per_point, root, linear.normals[r], row);
+      if (!linear.partners.empty()) add_point(solver_.first_[t] + linear.partners[r], root, linear.partner_normals[r], row);
+      const auto at = static_cast<Eigen::Index>(r);
+      for (Eigen::Index q = 0; q < linear.parameters.cols(); ++q) {
+        row.columns.push_back(first_column_[t] + q);
+        row.values.push_back(root * linear.parameters(at, q));
+      }
+      row.residual = root * linear.residual[at];
+      use(row);
+    }
+  }
+}
+
+void ConstrainedSolver::Newton::make_full(const RunContext& context) {
+  context.check();
+  full_ = Eigen::MatrixXd::Zero(size_, size_);
+  for_each_row([&](const Row& row) {
+    for (std::size_t j = 0; j < row.columns.size(); ++j) {
+      if (row.values[j] == 0) continue;
+      double* column = full_.col(row.columns[j]).data();
+      for (std::size_t i = 0; i < row.columns.size(); ++i) column[row.columns[i]] += row.values[i] * row.values[j];
+    }
+  });
+  const double largest = std::max(full_.diagonal().maxCoeff(), 1e-300);
+  for (std::int64_t q = functions_; q < size_; ++q) full_(q, q) += damping * largest;
+  const SparseMatrix& S = solver_.reduced_.matrix();
+  for (std::int64_t j = 0; j < S.cols(); ++j) {
+    for (SparseMatrix::InnerIterator it(S, j); it; ++it) {
+      for (std::int64_t a = 0; a < 3; ++a) full_(3 * it.row() + a, 3 * j + a) += it.value();
+    }
+  }
+  lapack::use_one_thread();
+  const auto n = static_cast<int>(size_);
+  int info = 0;
+  dpotrf_("L", &n, full_.data(), &n, &info);
+  if (info != 0) {
+    throw Error(ErrorCode::numerical_failure, "the constraints leave the deformation undetermined at unknown " +
+                                                  std::to_string(info) + " of " + std::to_string(size_));
+  }
+  context.check();
+}
+
+void ConstrainedSolver::Newton::make_sparse(const RunContext& context) {
+  std::vector<Entry> entries;
+  std::int64_t rows = 0;
+  for_each_row([&](const Row& row) {
+    for (std::size_t e = 0; e < row.columns.size(); ++e) entries.emplace_back(rows, row.columns[e], row.values[e]);
+    ++rows;
+  });
+  SparseMatrix J(rows, size_);
+  J.setFromTriplets(entries.begin(), entries.end());
+  SparseMatrix H = SparseMatrix(SparseMatrix(J.transpose()) * J).triangularView<Eigen::Lower>();
   entries.clear();
-  const SparseMatrix& A = solver_.matrix();
-  for (std::int64_t j = 0; j < k; ++j) {
-    for (SparseMatrix::InnerIterator it(A, j); it; ++it) {
+  const SparseMatrix& S = solver_.reduced_.matrix();
+  for (std::int64_t j = 0; j < S.cols(); ++j) {
+    for (SparseMatrix::InnerIterator it(S, j); it; ++it) {
       for (std::int64_t a = 0; a < 3; ++a) entries.emplace_back(3 * it.row() + a, 3 * j + a, it.value());
     }
   }
   const double largest = std::max(H.diagonal().size() > 0 ? H.diagonal().maxCoeff() : 0.0, 1e-300);
-  for (std::int64_t q = 0; q < parameters; ++q) entries.emplace_back(3 * k + q, 3 * k + q, damping * largest);
-  SparseMatrix energy(H.rows(), H.cols());
+  for (std::int64_t q = functions_; q < size_; ++q) entries.emplace_back(q, q, damping * largest);
+  SparseMatrix energy(size_, size_);
   energy.setFromTriplets(entries.begin(), entries.end());
   H += energy;
   H.makeCompressed();
+  // Parameters of small sets first: they join what is joined already. Those of large ones last: they would join everything.
+  std::vector<std::int64_t> order, last;
+  for (std::size_t t = 0; t < linear_.size(); ++t) {
+    std::vector<std::int64_t>& place = solver_.set_size(t) <= few_points ? order : last;
+    for (Eigen::Index q = 0; q < linear_[t].parameters.cols(); ++q) place.push_back(first_column_[t] + q);
+  }
+  for (std::int64_t i = 0; i < functions_ / 3; ++i) {
+    const std::int64_t j = solver_.newton_order_.empty() ? i : solver_.newton_order_[static_cast<std::size_t>(i)];
+    for (std::int64_t a = 0; a < 3; ++a) order.push_back(3 * j + a);
+  }
+  order.insert(order.end(), last.begin(), last.end());
+  sparse_ = std::make_unique<const SparseCholesky>(H, order, context);
+}
 
-  const Eigen::MatrixXd gradient = c.base - A.selfadjointView<Eigen::Lower>() * at.w;
-  Eigen::VectorXd b =
-      -(transposed * Eigen::Map<const Eigen::VectorXd>(residuals.data(), static_cast<Eigen::Index>(residuals.size())));
-  for (std::int64_t j = 0; j < k; ++j) {
-    for (std::int64_t a = 0; a < 3; ++a) b[3 * j + a] += gradient(j, a);
+Eigen::VectorXd ConstrainedSolver::Newton::solved(Eigen::VectorXd b) const {
+  if (sparse_) {
+    sparse_->solve_in_place(b);
+    return b;
   }
-  SparseCholesky(H, c.context).solve_in_place(b);
-  Eigen::MatrixXd direction(k, 3);
-  for (std::int64_t j = 0; j < k; ++j) {
-    for (std::int64_t a = 0; a < 3; ++a) direction(j, a) = b[3 * j + a];
-  }
-  return direction;
+  const auto L = full_.triangularView<Eigen::Lower>();
+  L.solveInPlace(b);
+  L.transpose().solveInPlace(b);
+  return b;
+}
+
+Eigen::MatrixXd ConstrainedSolver::Newton::step() const {
+  const Eigen::VectorXd x = solved(right_);
+  Eigen::MatrixXd result(functions_ / 3, 3);
+  for (std::int64_t j = 0; j < result.rows(); ++j) result.row(j) = x.segment<3>(3 * j).transpose();
+  return result;
+}
+
+Eigen::MatrixXd ConstrainedSolver::Newton::inverse(const Eigen::MatrixXd& b) const {
+  Eigen::VectorXd x = Eigen::VectorXd::Zero(size_);
+  for (std::int64_t j = 0; j < b.rows(); ++j) x.segment<3>(3 * j) = b.row(j).transpose();
+  x = solved(std::move(x));
+  Eigen::MatrixXd result(b.rows(), 3);
+  for (std::int64_t j = 0; j < b.rows(); ++j) result.row(j) = x.segment<3>(3 * j).transpose();
+  return result;
+}
+
+std::unique_ptr<const ConstrainedSolver::Newton> ConstrainedSolver::newton_at(const ConstrainedState& at,
+                                                                              const RunContext& context) const {
+  return newton_ ? std::make_unique<const Newton>(*this, at, context) : nullptr;
 }
 
 /// Steps as long as they lower the objective; converged when a whole step moves the sets by less than the tolerance.
 void ConstrainedSolver::newton(const Case& c, ConstrainedResult& result) const {
-  if (3 * static_cast<std::int64_t>(solver_.unknowns()) > most_unknowns) return;
   ConstrainedState& now = result.after;
-  for (int step = 0; step < most_steps; ++step) {
+  for (int step = 0; step < most_steps && result.newton_steps < most_steps_of_a_design; ++step) {
     c.context.check();
-    const Eigen::MatrixXd direction = newton_direction(c, now);
+    const Eigen::MatrixXd direction = newton_at(now, c.context)->step();
     ++result.newton_steps;
+    const std::vector<Vec3> change = rows_times(direction);
     double moved = 0;
-    for (const Vec3& u : rows_times(direction)) moved += u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
+    for (const Vec3& u : change) moved += u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
     moved = std::sqrt(moved / static_cast<double>(std::max<std::size_t>(1, first_.back())));
     double share = 1;
     bool lower = false;
     for (int halving = 0; halving < most_halvings && !lower; ++halving, share /= 2) {
       ConstrainedState next;
-      next.w = now.w + share * direction;
+      next.v = now.v + share * direction;
       next.shapes = now.shapes;
       evaluate(c, next);
       lower = next.objective < now.objective;

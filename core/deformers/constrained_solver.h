@@ -9,6 +9,7 @@
 #include "core/base/run_context.h"
 #include "core/constraints/projection.h"
 #include "core/deformers/energy_solver.h"
+#include "core/deformers/reduced_energy.h"
 #include "core/mesh/mesh.h"
 
 namespace deform {
@@ -24,43 +25,54 @@ struct ConstraintSet {
 
 /// Where a constrained solution stands.
 struct ConstrainedState {
-  Eigen::MatrixXd w;                    ///< k x 3
+  Eigen::MatrixXd v;                    ///< r x 3: change of the coefficients that reach the sets, from the deformation without them
   std::vector<Vec3> points;             ///< N: the points of all sets, one set after the other
   std::vector<Vec3> targets;            ///< N: their projections
   std::vector<ShapeParameters> shapes;  ///< per set
   std::vector<double> squares;          ///< per set: sum of squared distances from the projections
-  /// Energy of the deformation (without what the prescribed displacements alone cost) plus the weighted squares.
+  /// Energy of the deformation above that without constraints, plus the weighted squares.
   double objective = 0;
 };
 
 struct ConstrainedResult {
   ConstrainedState before;  ///< of the unconstrained deformation
   ConstrainedState after;
+  Eigen::MatrixXd w;               ///< k x 3: all coefficients, after
   std::vector<double> objectives;  ///< after each accepted iteration of the last round, never rising
   int iterations = 0;              ///< global steps of all rounds
-  int newton_steps = 0;            ///< of the fallback
+  int newton_steps = 0;
   bool converged = false;
-  double error = 0;  ///< estimate of how far the targets still are from the fixed point, rms, unit coordinates
+  double error = 0;  ///< estimate of how far the points still are from the solution, rms, unit coordinates
 };
 
 /// The deformation of least energy plus gamma_c times the distances of some point sets from geometric shapes (thesis 8.5,
 /// eq. 8.15 to 8.17; Bouaziz et al. 2012), by alternating projections of the sets (local step) and a linear solution towards the
 /// projections (global step) with one factorization.
 ///
-/// Each set that moves with its points has its translation as one more unknown, min over c of |x_i - p_i - c|^2, which gives the
-/// iterates of the mean-centred form with a sparse positive definite matrix. The alternation is accelerated (Anderson 1965;
-/// window 5): an accelerated step that lets the objective rise is thrown away for the plain one, which never does. It ends when
-/// step * rho / (1 - rho) <= tolerance for the observed contraction rho of the plain map. When that does not happen within
-/// `patience` iterations, Gauss-Newton steps in the coefficients and the parameters of the shapes follow, as long as they lower
-/// the objective. Not converging is a result. Immutable; any number of threads may solve at once.
+///  - Everything is about the functions that reach the sets (ReducedEnergy): the whole mesh and the other functions are only
+///    touched before and after.
+///  - Each set that moves with its points has its translation as one more unknown, min over c of |x_i - p_i - c|^2, which gives
+///    the iterates of the mean-centred form with a sparse positive definite matrix. The alternation is accelerated (Anderson
+///    1965; window 5): an accelerated step that lets the objective rise is thrown away for the plain one, which never does. It
+///    ends when step * rho / (1 - rho) <= tolerance for the observed contraction rho of the plain map, and what the unbalanced
+///    forces could still move is as small.
+///  - When that has not happened after `patience` iterations, Gauss-Newton steps in the coefficients and the parameters of the
+///    shapes follow, as long as they lower the objective; then the alternation again. Patience is as many iterations as cost what
+///    a few of these steps cost, so stiff weights and overlapping sets end quickly where factorizations are cheap.
+/// Not converging is a result. Immutable; any number of threads may solve at once.
 class ConstrainedSolver {
  public:
   enum class Acceleration { none, anderson };
+  /// How a set is freed of its translation in the global step. The thesis' forms are for comparison: the mean-centred one (its
+  /// matrix is dense over each set) and that of 8.5.1, which subtracts the first point of the set instead of the mean (another
+  /// fixed point; the objective may rise).
+  enum class Form { bordered, mean_centred, anchored };
   struct Options {
-    double tolerance = 1e-7;     ///< unit coordinates
-    int most_iterations = 3000;  ///< per round of multipliers
-    int patience = 150;          ///< iterations before Gauss-Newton
+    double tolerance = 1e-7;     ///< unit coordinates, rms over the points of the sets
+    int most_iterations = 3000;  ///< of a design
+    int patience = 0;            ///< iterations before Gauss-Newton; 0 = by cost, 8..150
     Acceleration acceleration = Acceleration::anderson;
+    Form form = Form::bordered;
   };
 
   /// values: n x k at all points of the mesh. `solver` must outlive this. Throws as EnergySolver does.
@@ -69,6 +81,8 @@ class ConstrainedSolver {
 
   const std::vector<ConstraintSet>& sets() const { return sets_; }
   std::size_t point_count() const { return static_cast<std::size_t>(phi_.rows()); }
+  std::size_t unknowns() const { return reduced_.size(); }  ///< r
+  int patience() const { return patience_; }
   std::size_t bytes() const;
 
   /// h: m x 3 prescribed displacements of EnergySolver; offsets: N displacements of the points of the sets that no function
@@ -76,7 +90,7 @@ class ConstrainedSolver {
   ConstrainedResult solve(const Eigen::MatrixXd& h, const std::vector<Vec3>& offsets, const RunContext& context) const;
 
   /// Derivative of the solution: k x 3 from dh (m x 3) and the derivative of the offsets, at a converged state. Conjugate
-  /// gradients with the factor as preconditioner; exact up to 1e-10 of the right-hand side.
+  /// gradients; exact up to 1e-10 of the right-hand side.
   Eigen::MatrixXd derivative(const ConstrainedState& at, const Eigen::MatrixXd& dh, const std::vector<Vec3>& offsets,
                              const RunContext& context) const;
   /// Its transpose: from g (k x 3) to m x 3, and N vectors at the offsets.
@@ -87,35 +101,48 @@ class ConstrainedSolver {
   Adjoint adjoint(const ConstrainedState& at, const Eigen::MatrixXd& g, const RunContext& context) const;
 
  private:
+  class Newton;
+
   /// What one solution is about.
   struct Case {
-    Eigen::MatrixXd loads;  ///< u of EnergySolver
-    Eigen::MatrixXd base;   ///< right side of the loads
-    const std::vector<Vec3>& offsets;
+    std::vector<Vec3> unconstrained;  ///< N
     const RunContext& context;
   };
 
+  SparseMatrix constrained_matrix() const;
+  int patience_by_cost();
   Eigen::MatrixXd global_step(const Case& c, const std::vector<Vec3>& targets) const;
   void evaluate(const Case& c, ConstrainedState& state) const;
-  double deformation_energy(const Case& c, const Eigen::MatrixXd& w) const;
   void alternate(const Case& c, int most, ConstrainedResult& result) const;
   double distance_left(const Case& c, const std::vector<Vec3>& from, const std::vector<Vec3>& to) const;
   void newton(const Case& c, ConstrainedResult& result) const;
-  Eigen::MatrixXd newton_direction(const Case& c, const ConstrainedState& at) const;
+  std::vector<Vec3> centred(const std::vector<Vec3>& y) const;
   Eigen::MatrixXd solve_bordered(const Eigen::MatrixXd& top, const std::vector<Vec3>& at_points, const RunContext& context) const;
-  std::vector<Vec3> rows_times(const Eigen::MatrixXd& w) const;
+  std::vector<Vec3> rows_times(const Eigen::MatrixXd& v) const;
+  Eigen::MatrixXd weighted_transposed(const std::vector<Vec3>& y) const;
   std::vector<Vec3> unmet(const ConstrainedState& at, const std::vector<Vec3>& dx) const;
-  Eigen::MatrixXd solve_linearized(const ConstrainedState& at, const Eigen::MatrixXd& b, const RunContext& context) const;
+  Eigen::MatrixXd solve_linearized(const ConstrainedState& at, const Newton* newton, const Eigen::MatrixXd& b,
+                                   const RunContext& context) const;
+  Eigen::MatrixXd linearized_solution(const ConstrainedState& at, const Newton* newton, const Eigen::MatrixXd& b,
+                                      const RunContext& context) const;
+  std::unique_ptr<const Newton> newton_at(const ConstrainedState& at, const RunContext& context) const;
   double per_point(std::size_t set) const { return sets_[set].weight / static_cast<double>(sets_[set].ids.size()); }
+  std::size_t set_size(std::size_t set) const { return first_[set + 1] - first_[set]; }
+
+  static constexpr int rounds = 3;  ///< of multipliers: updates of the loads, and one
 
   const EnergySolver& solver_;
   std::vector<ConstraintSet> sets_;
   Options options_;
-  std::vector<std::size_t> first_;         ///< sets + 1: where the points of each set start
-  SparseRows phi_;                         ///< N x k
-  SparseMatrix transposed_;                ///< k x N, times the weights per point
+  std::vector<std::size_t> first_;  ///< sets + 1: where the points of each set start
+  ReducedEnergy reduced_;
+  SparseRows phi_;                         ///< N x r
+  SparseMatrix transposed_;                ///< r x N, times the weights per point
   std::vector<std::int64_t> translation_;  ///< per set: row of its translation, or -1
   std::unique_ptr<const SparseCholesky> factor_;
+  std::vector<std::int64_t> newton_order_;  ///< elimination order of S, for the sparse Gauss-Newton matrix
+  bool newton_ = false;                     ///< whether Gauss-Newton steps can be afforded
+  int patience_ = 0;
 };
 
 }  // namespace deform

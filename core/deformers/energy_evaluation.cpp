@@ -15,6 +15,8 @@ namespace {
   throw Error(ErrorCode::invalid_argument, "designs[" + std::to_string(design) + "]" + message);
 }
 
+constexpr double exact_limit = 1e-9;  // of D: ConstraintReport::missed
+
 double length(const Vec3& v) { return std::hypot(v[0], v[1], v[2]); }
 double distance(const Vec3& a, const Vec3& b) { return length({a[0] - b[0], a[1] - b[1], a[2] - b[2]}); }
 
@@ -40,7 +42,7 @@ EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, s
 }
 
 EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, const std::vector<Affine>& derivatives,
-                                   const ConstrainedState& at, const RunContext& context)
+                                   const EnergySystem::Constrained& at, const RunContext& context)
     : system_(std::move(system)), held_(system_->held()), kind_(MotionKind::derivative), reports_(1), slot_(1) {
   designs_.push_back({derivatives, std::vector<std::vector<Vec3>>(derivatives.size())});
   choose_paths(EvaluationPath::automatic);
@@ -50,8 +52,9 @@ EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, c
     return;
   }
   const auto told = system_->prescribed(designs_[0], kind_);
-  const Eigen::MatrixXd w = system_->constrained_->derivative(at, told.h, told.offsets, context);
+  const Eigen::MatrixXd w = system_->constrained_->derivative(at.state, told.h, told.offsets, context);
   solutions_.push_back(system_->completed(told.h * system_->box_.scale, w * system_->box_.scale, context));
+  if (system_->placement_) system_->derive_exactly(at.exact, designs_[0], solutions_[0], context);
 }
 
 void EnergyEvaluation::choose_paths(EvaluationPath path) {
@@ -126,7 +129,8 @@ void EnergyEvaluation::solve_constrained(std::size_t design, const RunContext& c
   const double D = system_->box_.scale;
   const auto told = system_->prescribed(designs_[design], kind_);
   const ConstrainedResult result = system_->constrained_->solve(told.h, told.offsets, context);
-  solutions_[design] = system_->completed(told.h * D, result.after.w * D, context);
+  solutions_[design] = system_->completed(told.h * D, result.w * D, context);
+  if (system_->placement_) system_->place_exactly(designs_[design], solutions_[design], context);
   DesignReport& report = reports_[design];
   report.iterations = result.iterations;
   report.newton_steps = result.newton_steps;
@@ -136,40 +140,62 @@ void EnergyEvaluation::solve_constrained(std::size_t design, const RunContext& c
   measure_constraints(design, result);
 }
 
-/// Distances from the shapes where the points really go.
-void EnergyEvaluation::measure_constraints(std::size_t design, const ConstrainedResult& result) {
-  const double D = system_->box_.scale;
+/// Where the points of the sets really go, unit coordinates.
+std::vector<Vec3> EnergyEvaluation::final_points(std::size_t design, std::vector<Vec3> points) const {
   const EnergySystem::Solution& solution = solutions_[design];
-  std::vector<Vec3> points = result.after.points;
   std::vector<double> values(3 * tile_size);
-  for (std::size_t t = 0; system_->correction_ && t < system_->set_places_.tiles(); ++t) {
+  for (std::size_t t = 0; t < system_->set_places_.tiles(); ++t) {
+    const double* tile = system_->set_places_.tile(t);
     std::fill(values.begin(), values.end(), 0.0);
-    system_->correction_->add_values(system_->set_places_.tile(t), solution.correction.data(), 3, values.data());
+    if (system_->correction_) system_->correction_->add_values(tile, solution.correction.data(), 3, values.data());
+    if (system_->placement_) system_->placement_correction_->add_values(tile, solution.placement.data(), 3, values.data());
     for (std::size_t i = t * tile_size; i < std::min(points.size(), (t + 1) * tile_size); ++i) {
-      for (std::size_t k = 0; k < 3; ++k) points[i][k] += values[k * tile_size + i % tile_size] / D;
+      for (std::size_t k = 0; k < 3; ++k) points[i][k] += values[k * tile_size + i % tile_size] / system_->box_.scale;
     }
   }
+  std::size_t i = 0;
+  for (const ConstraintSet& set : system_->constrained_->sets()) {
+    for (const PointId id : set.ids) {
+      if (system_->exact() && system_->region_of_[id] != deformable_region) {
+        points[i] = system_->box_.to_unit(held_.place(designs_[design], id, kind_));
+      } else if (system_->placement_) {
+        const std::vector<PointId>& ids = system_->placement_->ids();
+        const auto found = std::lower_bound(ids.begin(), ids.end(), id);
+        if (found != ids.end() && *found == id) points[i] = solution.exact.points[static_cast<std::size_t>(found - ids.begin())];
+      }
+      ++i;
+    }
+  }
+  return points;
+}
+
+void EnergyEvaluation::measure_constraints(std::size_t design, const ConstrainedResult& result) {
+  const double D = system_->box_.scale;
+  const std::vector<Vec3> points = final_points(design, result.after.points);
+  std::vector<ConstraintReport>& reports = reports_[design].constraints;
+  reports.resize(system_->setup_.constraints.size());
+  std::vector<std::size_t> counts(reports.size(), 0);
   std::size_t first = 0;
   for (std::size_t t = 0; t < system_->constrained_->sets().size(); ++t) {
     const ConstraintSet& set = system_->constrained_->sets()[t];
     const std::size_t count = set.ids.size();
-    for (std::size_t i = 0; i < count && system_->exact(); ++i) {
-      if (system_->region_of_[set.ids[i]] == deformable_region) continue;
-      points[first + i] = system_->box_.to_unit(held_.place(designs_[design], set.ids[i], kind_));
-    }
     std::vector<Vec3> projected(count);
     ShapeParameters shape = result.after.shapes[t];
-    const double sum = set.projection->project({points.data() + first, count}, projected, shape);
-    ConstraintReport report;
-    report.rms = D * std::sqrt(sum / static_cast<double>(count));
-    report.rms_before = D * std::sqrt(result.before.squares[t] / static_cast<double>(count));
+    ConstraintReport& report = reports[system_->constraint_of_[t]];
+    report.rms += set.projection->project({points.data() + first, count}, projected, shape);
+    report.rms_before += result.before.squares[t];
     for (std::size_t i = 0; i < count; ++i) {
       report.max = std::max(report.max, D * distance(points[first + i], projected[i]));
       report.max_before =
           std::max(report.max_before, D * distance(result.before.points[first + i], result.before.targets[first + i]));
     }
-    reports_[design].constraints.push_back(report);
+    counts[system_->constraint_of_[t]] += count;
     first += count;
+  }
+  for (std::size_t i = 0; i < reports.size(); ++i) {
+    reports[i].rms = D * std::sqrt(reports[i].rms / static_cast<double>(counts[i]));
+    reports[i].rms_before = D * std::sqrt(reports[i].rms_before / static_cast<double>(counts[i]));
+    reports[i].missed = system_->setup_.constraints[i].exact && reports[i].max > exact_limit * D;
   }
 }
 
@@ -191,6 +217,18 @@ void EnergyEvaluation::evaluate(std::size_t begin, std::size_t end, std::size_t 
     const auto id = static_cast<PointId>(i);
     for (std::size_t k = 0; k < out.size(); ++k) out[k][i - begin] = held_.place(designs_[first + k], id, kind_);
   }
+  evaluate_following(begin, end, first, out);
+  if (!system_->placement_) return;
+  const std::vector<PointId>& ids = system_->placement_->ids();
+  const auto start = std::lower_bound(ids.begin(), ids.end(), static_cast<std::uint64_t>(begin)) - ids.begin();
+  for (auto u = static_cast<std::size_t>(start); u < ids.size() && ids[u] < end; ++u) {
+    if (!system_->placement_->moves(u)) continue;
+    for (std::size_t k = 0; k < out.size(); ++k) out[k][ids[u] - begin] = solutions_[first + k].exact_values[u];
+  }
+}
+
+void EnergyEvaluation::evaluate_following(std::size_t begin, std::size_t end, std::size_t first,
+                                          std::span<Vec3* const> out) const {
   const std::vector<PointId>& ids = system_->following_;
   const auto position = [&](std::size_t id) {
     return static_cast<std::size_t>(std::lower_bound(ids.begin(), ids.end(), static_cast<std::uint64_t>(id)) - ids.begin());

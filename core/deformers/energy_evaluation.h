@@ -15,7 +15,7 @@ class EnergyEvaluation : public Evaluation {
                    const RunContext& context);
   /// A displacement field from one affine map per handle (a derivative): evaluate() gives the field itself. With constraints the
   /// derivative at a solution.
-  EnergyEvaluation(std::shared_ptr<const EnergySystem> system, const std::vector<Affine>& derivatives, const ConstrainedState& at,
+  EnergyEvaluation(std::shared_ptr<const EnergySystem> system, const std::vector<Affine>& derivatives, const EnergySystem::Constrained& at,
                    const RunContext& context);
 
   std::size_t design_count() const override { return designs_.size(); }
@@ -27,7 +27,9 @@ class EnergyEvaluation : public Evaluation {
   void set_basis_coefficients();
   void solve_direct(const RunContext& context);
   void solve_constrained(std::size_t design, const RunContext& context);
+  std::vector<Vec3> final_points(std::size_t design, std::vector<Vec3> points) const;
   void measure_constraints(std::size_t design, const ConstrainedResult& result);
+  void evaluate_following(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;
   void evaluate_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const;
 
   std::shared_ptr<const EnergySystem> system_;

@@ -6,16 +6,21 @@
 namespace deform {
 
 /// Of the design of some variables, which is solved for.
-ConstrainedState EnergySystem::constrained_at(std::span<const double> variables, const RunContext& context) const {
+EnergySystem::Constrained EnergySystem::constrained_at(std::span<const double> variables, const RunContext& context) const {
   const Design design{{variables.begin(), variables.end()}, {}};
-  const Prescribed told = prescribed(held().bound(design, 0), MotionKind::position);
-  return constrained_->solve(told.h, told.offsets, context).after;
+  const BoundDesign bound = held().bound(design, 0);
+  const Prescribed told = prescribed(bound, MotionKind::position);
+  ConstrainedResult result = constrained_->solve(told.h, told.offsets, context);
+  if (!placement_) return {std::move(result.after), {}};
+  Solution solution = completed(told.h * box_.scale, result.w * box_.scale, context);
+  place_exactly(bound, solution, context);
+  return {std::move(result.after), std::move(solution.exact)};
 }
 
 Points EnergySystem::jacobian_vector(std::span<const double> variables, std::span<const double> direction,
                                      const RunContext& context) const {
   const std::vector<Affine> motion = motion_derivative(setup_, variables, direction);
-  ConstrainedState at;
+  Constrained at;
   if (constrained_) at = constrained_at(variables, context);
   const EnergyEvaluation evaluation(std::static_pointer_cast<const EnergySystem>(shared_from_this()), motion, at, context);
   Points result(mesh_->point_count());
@@ -45,6 +50,10 @@ std::vector<double> EnergySystem::pull_back(std::span<const double> variables, c
   X.reserve(following_.size());
   for (const PointId id : following_) X.push_back(cotangent[id]);
   if (basis_) return basis_->transposed_product(X, context);
+  Constrained at;
+  std::vector<Vec3> told;
+  if (constrained_) at = constrained_at(variables, context);
+  if (placement_) told = pull_back_exact(at.exact, X, context);
   Eigen::MatrixXd g = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(solver_->unknowns()), 3);
   for (std::size_t s = 0; s < following_.size(); ++s) {
     for (SparseRows::InnerIterator it(model_.space.values, following_[s]); it; ++it) {
@@ -54,29 +63,35 @@ std::vector<double> EnergySystem::pull_back(std::span<const double> variables, c
   Eigen::MatrixXd direct = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(model_.held.size()), 3);
   if (correction_) {
     // The correction interpolates h - B w, so it acts on h directly and through w.
-    std::vector<Vec3> places;
-    for (const PointId id : following_) places.push_back(box_.to_unit(mesh_->points[id]));
-    direct = correction_->adjoint(places, X, context);
+    direct = correction_->adjoint(unit_places(following_), X, context);
     g -= solver_->problem().coupling * direct;
   }
   if (!constrained_) return contract_fields(direct + solver_->adjoint(g, context));
 
-  const ConstrainedSolver::Adjoint back = constrained_->adjoint(constrained_at(variables, context), g, context);
+  const ConstrainedSolver::Adjoint back = constrained_->adjoint(at.state, g, context);
   std::vector<double> result = contract_fields(direct + back.h);
   std::size_t i = 0;
   for (const ConstraintSet& set : constrained_->sets()) {
     for (const PointId id : set.ids) {
       const Vec3& y = back.offsets[i++];
-      const RegionIndex region = region_of_[id];
-      if (!model_.eliminated || region == deformable_region || region == fixed_region) continue;
-      const Vec3 x = box_.to_unit(mesh_->points[id]);
-      for (std::size_t f = 0; f < 4; ++f) {
-        const double field = f == 0 ? 1 : x[f - 1] - frames_[region].reference[f - 1];
-        for (std::size_t k = 0; k < 3; ++k) result[3 * (4 * region + f) + k] += field * y[k];
-      }
+      if (model_.eliminated) add_fields(id, y, result);
     }
   }
+  for (std::size_t u = 0; u < told.size(); ++u) {
+    if (!placement_->moves(u)) add_fields(placement_->ids()[u], told[u], result);
+  }
   return result;
+}
+
+/// Of a point that goes where its handle is told to.
+void EnergySystem::add_fields(PointId id, const Vec3& cotangent, std::vector<double>& fields) const {
+  const RegionIndex region = region_of_[id];
+  if (region == deformable_region || region == fixed_region) return;
+  const Vec3 x = box_.to_unit(mesh_->points[id]);
+  for (std::size_t f = 0; f < 4; ++f) {
+    const double field = f == 0 ? 1 : x[f - 1] - frames_[region].reference[f - 1];
+    for (std::size_t k = 0; k < 3; ++k) fields[3 * (4 * region + f) + k] += field * cotangent[k];
+  }
 }
 
 std::vector<double> EnergySystem::vector_jacobian(std::span<const double> variables, const Points& cotangent,

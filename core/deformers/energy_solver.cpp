@@ -94,10 +94,17 @@ Eigen::MatrixXd EnergySolver::loads(const Eigen::MatrixXd& h, const RunContext& 
   return u;
 }
 
+Eigen::MatrixXd EnergySolver::inverse(Eigen::MatrixXd b, const RunContext& context) const {
+  solve_columns(b, context);
+  return b;
+}
+
+Eigen::MatrixXd EnergySolver::solve_loads(const Eigen::MatrixXd& u, const RunContext& context) const {
+  return inverse(right_side(u), context);
+}
+
 Eigen::MatrixXd EnergySolver::solve(const Eigen::MatrixXd& h, const RunContext& context) const {
-  Eigen::MatrixXd w = right_side(loads(h, context));
-  solve_columns(w, context);
-  return w;
+  return solve_loads(loads(h, context), context);
 }
 
 /// With S = B A^-1 B^T, u = q(S W) h for a polynomial q, and the solution is A^-1 B^T W u. W q(S W) is symmetric, so the

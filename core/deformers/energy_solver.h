@@ -49,6 +49,10 @@ class EnergySolver {
 
   /// u (m x c) such that the solution for h is A^-1 right_side(u): h itself but for multipliers.
   Eigen::MatrixXd loads(const Eigen::MatrixXd& h, const RunContext& context) const;
+  /// A^-1 b, k x c.
+  Eigen::MatrixXd inverse(Eigen::MatrixXd b, const RunContext& context) const;
+  /// A^-1 right_side(u): k x c.
+  Eigen::MatrixXd solve_loads(const Eigen::MatrixXd& u, const RunContext& context) const;
   /// k x c from h (m x c).
   Eigen::MatrixXd solve(const Eigen::MatrixXd& h, const RunContext& context) const;
   /// m x c from g (k x c): the transpose of solve().

@@ -10,6 +10,7 @@
 #include "core/deformers/rbf_centres.h"
 #include "core/deformers/rbf_parts.h"
 #include "core/deformers/stopwatch.h"
+#include "core/mesh/wall_columns.h"
 
 namespace deform {
 
@@ -108,37 +109,71 @@ void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_
   const std::size_t limit = memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, used));
   solver_ = std::make_unique<const EnergySolver>(std::move(problem), limit, context);
   if (!exact() || model_.eliminated || model_.held.empty()) return;
-  std::vector<Vec3> places, following;
-  for (const PointId id : model_.held) places.push_back(box_.to_unit(mesh_->points[id]));
-  for (const PointId id : following_) following.push_back(box_.to_unit(mesh_->points[id]));
-  correction_ = std::make_unique<const ResidualCorrection>(places, context);
-  following_places_ = TiledPoints(following);
+  correction_ = std::make_unique<const ResidualCorrection>(unit_places(model_.held), context);
+  following_places_ = TiledPoints(unit_places(following_));
+}
+
+/// The sets of one constraint: itself, or its columns of cells.
+std::vector<ConstraintSet> EnergySystem::sets_of(std::size_t index) {
+  const Constraint& constraint = setup_.constraints[index];
+  const std::string what = "constraints[" + std::to_string(index) + "]";
+  const double weight = constraint.weight != 0 ? constraint.weight : Constraint::automatic_weight;
+  const auto made = [&](const std::vector<std::vector<PointId>>& regions) {
+    ConstraintSet set{constraint.name, nullptr, {}, {}, weight};
+    std::vector<std::vector<Vec3>> rest;
+    for (const std::vector<PointId>& ids : regions) {
+      const std::vector<Vec3>& places = rest.emplace_back(unit_places(ids));
+      set.ids.insert(set.ids.end(), ids.begin(), ids.end());
+      set.rest.insert(set.rest.end(), places.begin(), places.end());
+    }
+    set.projection = make_projection(constraint.kind, rest, {box_.origin, box_.scale}, what);
+    return set;
+  };
+  const auto* rigid = std::get_if<Rigid>(&constraint.kind);
+  std::vector<ConstraintSet> sets;
+  if (rigid == nullptr || rigid->layers == 0) {
+    sets.push_back(made(regions_.constraints[index]));
+    return sets;
+  }
+  const WallColumns columns = wall_columns(*mesh_, regions_.constraints[index][0], rigid->layers, what + ".regions[0]");
+  std::size_t points = 0;
+  for (const std::vector<PointId>& column : columns.points) {
+    sets.push_back(made({column}));
+    points += column.size();
+  }
+  for (ConstraintSet& set : sets) set.weight *= static_cast<double>(set.ids.size()) / static_cast<double>(points);
+  model_.space.notes.push_back(constraint.name + ": " + std::to_string(sets.size()) + " rigid columns of cells, " +
+                               std::to_string(columns.shorter) + " of them of fewer than " + std::to_string(rigid->layers) +
+                               " layers; " + std::to_string(columns.bare) + " faces of the wall without one");
+  return sets;
 }
 
 void EnergySystem::prepare_constraints(const RunContext& context, std::size_t memory_budget) {
   if (setup_.constraints.empty()) return;
   std::vector<ConstraintSet> sets;
-  std::vector<Vec3> places;
   for (std::size_t i = 0; i < setup_.constraints.size(); ++i) {
-    const Constraint& constraint = setup_.constraints[i];
-    ConstraintSet set{constraint.name, nullptr, {}, {}, constraint.weight};
-    if (set.weight == 0) set.weight = Constraint::automatic_weight;
-    std::vector<std::vector<Vec3>> rest;
-    for (const auto& ids : regions_.constraints[i]) {
-      auto& region = rest.emplace_back();
-      for (const PointId id : ids) region.push_back(box_.to_unit(mesh_->points[id]));
-      set.ids.insert(set.ids.end(), ids.begin(), ids.end());
-      set.rest.insert(set.rest.end(), region.begin(), region.end());
-    }
-    set.projection = make_projection(constraint.kind, rest, {box_.origin, box_.scale}, "constraints[" + std::to_string(i) + "]");
-    places.insert(places.end(), set.rest.begin(), set.rest.end());
-    sets.push_back(std::move(set));
+    for (ConstraintSet& set : sets_of(i)) sets.push_back(std::move(set));
+    constraint_of_.resize(sets.size(), i);
   }
   const std::size_t limit =
       memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, solver_->bytes()));
-  constrained_ = std::make_unique<const ConstrainedSolver>(*solver_, model_.space.values, std::move(sets),
-                                                           ConstrainedSolver::Options{}, limit, context);
-  if (correction_) set_places_ = TiledPoints(places);
+  ConstrainedSolver::Options options;
+  options.tolerance = setup_.constraint_options.tolerance;
+  options.most_iterations = setup_.constraint_options.iterations;
+  constrained_ =
+      std::make_unique<const ConstrainedSolver>(*solver_, model_.space.values, std::move(sets), options, limit, context);
+  prepare_exact(constrained_->sets(), context);
+  if (!correction_ && !placement_) return;
+  std::vector<Vec3> places;
+  for (const ConstraintSet& set : constrained_->sets()) places.insert(places.end(), set.rest.begin(), set.rest.end());
+  set_places_ = TiledPoints(places);
+}
+
+std::vector<Vec3> EnergySystem::unit_places(const std::vector<PointId>& ids) const {
+  std::vector<Vec3> places;
+  places.reserve(ids.size());
+  for (const PointId id : ids) places.push_back(box_.to_unit(mesh_->points[id]));
+  return places;
 }
 
 Eigen::MatrixXd EnergySystem::misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w) const {
@@ -152,7 +187,9 @@ EnergySystem::Solution EnergySystem::solve(const Eigen::MatrixXd& h, const RunCo
 /// With what the functions leave of h.
 EnergySystem::Solution EnergySystem::completed(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w,
                                                const RunContext& context) const {
-  Solution solution{w, {}, std::vector<double>(static_cast<std::size_t>(h.cols()), 0.0)};
+  Solution solution;
+  solution.w = w;
+  solution.misfits.assign(static_cast<std::size_t>(h.cols()), 0.0);
   if (model_.eliminated) return solution;
   if (correction_) solution.correction = correction_->coefficients(misfit(h, w), context);
   measure(h, solution);
@@ -191,6 +228,9 @@ void EnergySystem::fill_tile(const Solution& solution, std::size_t tile, double*
   std::fill_n(out, columns * tile_size, 0.0);
   if (solution.correction.size() > 0) {
     correction_->add_values(following_places_.tile(tile), solution.correction.data(), columns, out);
+  }
+  if (solution.placement.size() > 0) {
+    placement_correction_->add_values(following_places_.tile(tile), solution.placement.data(), columns, out);
   }
   const std::size_t end = std::min((tile + 1) * tile_size, following_.size());
   for (std::size_t s = tile * tile_size; s < end; ++s) {
@@ -242,7 +282,8 @@ void EnergySystem::fill_info() {
   info_.solver = Solver::sparse_cholesky;
   info_.condition = 1 / std::max(solver_->factor().reciprocal_condition(), 1e-300);
   info_.factor_bytes = solver_->bytes() + (constrained_ ? constrained_->bytes() : 0) +
-                       (correction_ ? correction_->bytes() + following_places_.bytes() : 0);
+                       (correction_ ? correction_->bytes() : 0) + following_places_.bytes() +
+                       (placement_ ? placement_->bytes() + placement_correction_->bytes() + exact_places_.bytes() : 0);
   info_.basis_fields = basis_ ? basis_->fields() : 0;
   info_.basis_bytes = basis_ ? basis_->bytes() : 0;
   info_.bytes = info_.factor_bytes + info_.basis_bytes + sparse_bytes(model_.space.values) +

@@ -6,6 +6,7 @@
 
 #include "core/deformers/constrained_solver.h"
 #include "core/deformers/energy_solver.h"
+#include "core/deformers/exact_placement.h"
 #include "core/deformers/field_tiles.h"
 #include "core/deformers/handle_motion.h"
 #include "core/deformers/residual_correction.h"
@@ -35,6 +36,8 @@ EnergyModel energy_model(const Mesh& mesh, const Setup& setup, const std::vector
 ///    `fixing` for the mean square of their misfit; interpolation_residual is the largest misfit.
 ///  - Constraints (thesis 8.5) are solved for in bind(), one design after the other from its deformation without them, so that
 ///    designs do not depend on each other; there is no basis then, and derivatives are those of the constrained deformation.
+///  - Exact constraints: their points end where ExactPlacement puts them; how far that moves them is interpolated (triharmonic, zero
+///    at held points) and added everywhere.
 /// Coincident held points may go to different places with the shell (a crack opens), not with the others.
 class EnergySystem : public System {
  public:
@@ -56,6 +59,9 @@ class EnergySystem : public System {
   struct Solution {
     RowMajor w;                   ///< k x c
     RowMajor correction;          ///< rows x c, or empty
+    RowMajor placement;           ///< of the correction towards exact points: rows x 3, or empty
+    ExactPlacement::Placed exact;  ///< where these are, unit coordinates
+    std::vector<Vec3> exact_values;  ///< what they get: positions, or their derivatives, model units
     std::vector<double> misfits;  ///< c: largest |value - prescribed| at the samples of the held points
   };
 
@@ -69,18 +75,35 @@ class EnergySystem : public System {
   void place_points();
   void prepare_solver(const RunContext& context, std::size_t memory_budget);
   void prepare_constraints(const RunContext& context, std::size_t memory_budget);
+  std::vector<ConstraintSet> sets_of(std::size_t index);
+  void prepare_exact(const std::vector<ConstraintSet>& sets, const RunContext& context);
   void prepare_basis(const RunContext& context, std::size_t memory_budget);
   void fill_info();
+  std::vector<Vec3> unit_places(const std::vector<PointId>& ids) const;
   Eigen::MatrixXd handle_fields(std::size_t handle) const;
   Solution solve(const Eigen::MatrixXd& h, const RunContext& context) const;
   Eigen::MatrixXd misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w) const;
   void measure(const Eigen::MatrixXd& h, Solution& solution) const;
   Solution completed(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w, const RunContext& context) const;
   Prescribed prescribed(const BoundDesign& design, MotionKind kind) const;
-  ConstrainedState constrained_at(std::span<const double> variables, const RunContext& context) const;
+  /// A constrained design and where its exact points are.
+  struct Constrained {
+    ConstrainedState state;
+    ExactPlacement::Placed exact;
+  };
+  Constrained constrained_at(std::span<const double> variables, const RunContext& context) const;
+  std::vector<Vec3> before_exact(const Solution& solution, const BoundDesign& design, MotionKind kind) const;
+  void place_exactly(const BoundDesign& design, Solution& solution, const RunContext& context) const;
+  void derive_exactly(const ExactPlacement::Placed& at, const BoundDesign& design, Solution& solution,
+                      const RunContext& context) const;
+  void set_placement(const std::vector<Vec3>& from, const std::vector<Vec3>& to, Solution& solution,
+                     const RunContext& context) const;
+  std::vector<Vec3> pull_back_exact(const ExactPlacement::Placed& at, std::vector<Vec3>& cotangents,
+                                    const RunContext& context) const;
   /// out[c][16] = values of a solution at a tile of the following points.
   void fill_tile(const Solution& solution, std::size_t tile, double* out) const;
   std::vector<double> pull_back(std::span<const double> variables, const Points& cotangent, const RunContext& context) const;
+  void add_fields(PointId id, const Vec3& cotangent, std::vector<double>& fields) const;
   std::vector<double> contract_fields(const Eigen::MatrixXd& back) const;
   bool exact() const { return options_.handles == HandleMode::hard; }
 
@@ -97,9 +120,14 @@ class EnergySystem : public System {
   std::unique_ptr<const EnergySolver> solver_;
   std::unique_ptr<const ResidualCorrection> correction_;  ///< null for the shell and soft handles
   std::unique_ptr<const ConstrainedSolver> constrained_;  ///< null without constraints
-  TiledPoints set_places_;                                ///< of the points of the constraints; only with a correction
+  std::vector<std::size_t> constraint_of_;                ///< per set
+  TiledPoints set_places_;                                ///< of the points of the sets; only with a correction
+  std::unique_ptr<const ExactPlacement> placement_;       ///< null without exact constraints
+  std::unique_ptr<const ResidualCorrection> placement_correction_;  ///< of its points that move, then of the held ones
+  std::vector<std::uint32_t> moving_exact_;                         ///< these points among those of placement_
+  TiledPoints exact_places_;                                        ///< of all points of placement_
   std::vector<PointId> following_;                        ///< ascending: points that the solution moves
-  TiledPoints following_places_;                          ///< unit coordinates; only with a correction
+  TiledPoints following_places_;                          ///< unit coordinates; only with a correction of either kind
   std::unique_ptr<const FieldTiles> basis_;               ///< null without one
   std::vector<double> basis_misfits_;                     ///< per field
   SystemInfo info_;

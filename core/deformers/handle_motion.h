@@ -27,6 +27,7 @@ struct UnitBox {
   Vec3 to_unit(const Vec3& x) const {
     return {(x[0] - origin[0]) / scale, (x[1] - origin[1]) / scale, (x[2] - origin[2]) / scale};
   }
+  Vec3 to_model(const Vec3& y) const { return {origin[0] + scale * y[0], origin[1] + scale * y[1], origin[2] + scale * y[2]}; }
 };
 
 /// What moves with a handle: the fields 1, x, y, z of its points, in unit coordinates relative to a point of reference

@@ -1,5 +1,7 @@
 #include "core/deformers/residual_correction.h"
 
+#include <utility>
+
 #include "core/deformers/rbf_basis.h"
 #include "core/numerics/farthest_points.h"
 
@@ -17,8 +19,12 @@ std::vector<Vec3> picked(std::span<const Vec3> places, const std::vector<std::ui
 }  // namespace
 
 ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, const RunContext& context)
+    : ResidualCorrection(places, farthest_point_order(places, most_centres), context) {}
+
+ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, std::vector<std::uint32_t> centres,
+                                       const RunContext& context)
     : held_(places.size()),
-      centres_(farthest_point_order(places, most_centres)),
+      centres_(std::move(centres)),
       system_(picked(places, centres_), InterpolationOptions{}, context) {}
 
 Eigen::MatrixXd ResidualCorrection::coefficients(const Eigen::MatrixXd& misfit, const RunContext& context) const {

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>
@@ -21,6 +22,8 @@ class ResidualCorrection {
 
   /// places: of all m held points, unit coordinates.
   ResidualCorrection(std::span<const Vec3> places, const RunContext& context);
+  /// At these of them, no two in one place.
+  ResidualCorrection(std::span<const Vec3> places, std::vector<std::uint32_t> centres, const RunContext& context);
 
   std::size_t bytes() const { return system_.bytes(); }
   const std::vector<std::uint32_t>& centres() const { return centres_; }

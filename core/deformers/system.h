@@ -45,6 +45,8 @@ struct Design {
 struct ConstraintReport {
   double max_before = 0, rms_before = 0;  ///< in the deformation without constraints
   double max = 0, rms = 0;
+  /// An exact one whose max is over 1e-9 D: it contradicts others, or points that are held.
+  bool missed = false;
 };
 
 /// Told about one evaluated design.

@@ -37,6 +37,12 @@ class Common {
   Common& operator=(const Common&) = delete;
 
   cholmod_common* get() { return &common_; }
+  /// Not postordered: what comes last has to stay there.
+  void take_given_order() {
+    common_.nmethods = 1;
+    common_.method[0].ordering = CHOLMOD_GIVEN;
+    common_.postorder = 0;
+  }
   int status() const { return common_.status; }
   double flops() const { return common_.fl; }
 
@@ -79,7 +85,15 @@ void check_shape(const SparseMatrix& lower) {
 /// An analysis, perhaps with numbers.
 class Analysis {
  public:
-  Analysis(cholmod_sparse* A, Common& common) : common_(common), L_(cholmod_l_analyze(A, common.get())) {
+  /// order: empty, or the one to take.
+  Analysis(cholmod_sparse* A, std::span<const std::int64_t> order, Common& common) : common_(common) {
+    if (order.empty()) {
+      L_ = cholmod_l_analyze(A, common.get());
+    } else {
+      std::vector<SuiteSparse_long> given(order.begin(), order.end());
+      common.take_given_order();
+      L_ = cholmod_l_analyze_p(A, given.data(), nullptr, 0, common.get());
+    }
     if (L_ == nullptr || common.status() < CHOLMOD_OK) {
       const int status = common.status();
       cholmod_l_free_factor(&L_, common.get());
@@ -91,6 +105,10 @@ class Analysis {
   Analysis& operator=(const Analysis&) = delete;
   cholmod_factor* get() const { return L_; }
 
+  std::vector<std::int64_t> order() const {
+    const auto* order = static_cast<const SuiteSparse_long*>(L_->Perm);
+    return {order, order + L_->n};
+  }
   std::size_t bytes() const {
     const std::size_t indices = 3 * (L_->n + 1) + (L_->is_super != 0 ? L_->ssize + 3 * (L_->nsuper + 1) : L_->nzmax);
     return sizeof(double) * (L_->is_super != 0 ? L_->xsize : L_->nzmax) + sizeof(SuiteSparse_long) * indices;
@@ -98,13 +116,14 @@ class Analysis {
 
  private:
   Common& common_;
-  cholmod_factor* L_;
+  cholmod_factor* L_ = nullptr;
 };
 
 }  // namespace
 
 struct SparseCholesky::Factor {
-  explicit Factor(const SparseMatrix& lower) : matrix(view(lower)), analysis(&matrix, common) {}
+  Factor(const SparseMatrix& lower, std::span<const std::int64_t> order)
+      : matrix(view(lower)), analysis(&matrix, order, common), flops(common.flops()) {}
 
   /// The numbers of `lower` into the analysis.
   void factorize(const SparseMatrix& lower, const RunContext& context);
@@ -113,6 +132,7 @@ struct SparseCholesky::Factor {
   Common common;
   cholmod_sparse matrix;  ///< of the last factorization: valid only while it runs
   Analysis analysis;
+  double flops;
   std::int64_t entries = 0;
   double smallest = 0, largest = 0;  ///< of the diagonal of L
 };
@@ -165,7 +185,7 @@ SparseCholesky::Estimate SparseCholesky::estimate(const SparseMatrix& lower) {
   if (lower.rows() == 0) return {};
   Common common;
   cholmod_sparse A = view(lower);
-  const Analysis analysis(&A, common);
+  const Analysis analysis(&A, {}, common);
   Estimate result;
   result.flops = common.flops();
   result.factor_bytes = analysis.bytes();
@@ -176,11 +196,24 @@ SparseCholesky::Estimate SparseCholesky::estimate(const SparseMatrix& lower) {
   return result;
 }
 
-SparseCholesky::SparseCholesky(const SparseMatrix& lower, const RunContext& context) {
+std::vector<std::int64_t> SparseCholesky::fill_reducing_order(const SparseMatrix& lower) {
   check_shape(lower);
+  if (lower.rows() == 0) return {};
+  Common common;
+  cholmod_sparse A = view(lower);
+  return Analysis(&A, {}, common).order();
+}
+
+SparseCholesky::SparseCholesky(const SparseMatrix& lower, const RunContext& context) : SparseCholesky(lower, {}, context) {}
+
+SparseCholesky::SparseCholesky(const SparseMatrix& lower, std::span<const std::int64_t> order, const RunContext& context) {
+  check_shape(lower);
+  if (!order.empty() && order.size() != static_cast<std::size_t>(lower.rows())) {
+    throw Error(ErrorCode::internal, "sparse Cholesky: the order must name every row");
+  }
   context.check();
   if (lower.rows() == 0) return;
-  factor_ = std::make_unique<Factor>(lower);
+  factor_ = std::make_unique<Factor>(lower, order);
   factor_->factorize(lower, context);
 }
 
@@ -198,6 +231,43 @@ void SparseCholesky::refactor(const SparseMatrix& lower, const RunContext& conte
 
 std::size_t SparseCholesky::size() const { return factor_ ? factor_->analysis.get()->n : 0; }
 std::size_t SparseCholesky::bytes() const { return factor_ ? factor_->analysis.bytes() : 0; }
+
+double SparseCholesky::flops() const { return factor_ ? factor_->flops : 0; }
+std::vector<std::int64_t> SparseCholesky::order() const {
+  return factor_ ? factor_->analysis.order() : std::vector<std::int64_t>();
+}
+
+Eigen::MatrixXd SparseCholesky::trailing(std::size_t count) const {
+  const auto size_wanted = static_cast<Eigen::Index>(count);
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(size_wanted, size_wanted);
+  if (count > size()) throw Error(ErrorCode::internal, "sparse Cholesky: more trailing rows than rows");
+  if (count == 0) return result;
+  const cholmod_factor* L = factor_->analysis.get();
+  const auto* x = static_cast<const double*>(L->x);
+  const auto first = static_cast<SuiteSparse_long>(L->n - count);
+  const auto put = [&](SuiteSparse_long row, SuiteSparse_long column, double value) {
+    if (column >= first && row >= column) result(row - first, column - first) = value;
+  };
+  if (L->is_super == 0) {
+    const auto *p = static_cast<const SuiteSparse_long*>(L->p), *i = static_cast<const SuiteSparse_long*>(L->i);
+    const auto* entries = static_cast<const SuiteSparse_long*>(L->nz);
+    for (auto j = first; j < static_cast<SuiteSparse_long>(L->n); ++j) {
+      for (SuiteSparse_long k = p[j]; k < p[j] + entries[j]; ++k) put(i[k], j, x[k]);
+    }
+    return result;
+  }
+  const auto* super = static_cast<const SuiteSparse_long*>(L->super);
+  const auto* starts = static_cast<const SuiteSparse_long*>(L->pi);
+  const auto* blocks = static_cast<const SuiteSparse_long*>(L->px);
+  const auto* rows = static_cast<const SuiteSparse_long*>(L->s);
+  for (std::size_t s = 0; s < L->nsuper; ++s) {
+    const SuiteSparse_long height = starts[s + 1] - starts[s];
+    for (SuiteSparse_long j = std::max(super[s], first); j < super[s + 1]; ++j) {
+      for (SuiteSparse_long k = 0; k < height; ++k) put(rows[starts[s] + k], j, x[blocks[s] + (j - super[s]) * height + k]);
+    }
+  }
+  return result;
+}
 
 double SparseCholesky::reciprocal_condition() const {
   if (!factor_) return 1;

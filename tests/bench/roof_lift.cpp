@@ -5,13 +5,11 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
-#include <optional>
-#include <regex>
 #include <string>
 
 #include "core/deformers/system.h"
 #include "core/io/mesh_file.h"
-#include "core/quality/polyhedral_quality.h"
+#include "tests/bench/foam_case.h"
 
 namespace deform::bench {
 
@@ -20,46 +18,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::array lifts{0.05, 0.15, 0.30};  // metres
-
-/// What table 7.2 has.
-struct Measures {
-  double aspect_ratio = 0, non_orthogonality = 0, average = 0, skewness = 0;
-  std::size_t failed = 0;
-};
-
-Measures ours(std::span<const Vec3> points, const PolyhedralCells& cells) {
-  const PolyhedralQuality quality = polyhedral_quality(points, cells);
-  return {quality.largest_aspect_ratio.value, quality.largest_non_orthogonality.value, quality.average_non_orthogonality,
-          quality.largest_skewness.value, quality.failed_checks()};
-}
-
-double printed(const std::string& text, const std::string& label) {
-  std::smatch match;
-  if (!std::regex_search(text, match, std::regex(label + R"(\s*=?\s*([-+0-9.e]+[0-9]))"))) return std::nan("");
-  return std::stod(match[1]);
-}
-
-/// What checkMesh prints about a time folder of a case; nothing where it is not installed.
-std::optional<Measures> check_mesh(const fs::path& folder, const std::string& time) {
-  const std::string command =
-      "command -v checkMesh >/dev/null || exit 0; WM_PROJECT_DIR=${WM_PROJECT_DIR:-/usr/share/openfoam} "
-      "checkMesh -time " +
-      time + " -case '" + folder.string() + "' 2>&1";
-  const std::unique_ptr<FILE, int (*)(FILE*)> pipe(popen(command.c_str(), "r"), pclose);
-  std::string text;
-  char buffer[4096];
-  while (pipe && std::fgets(buffer, sizeof buffer, pipe.get())) text += buffer;
-  if (text.empty()) return std::nullopt;
-  const double failed = printed(text, "Failed");
-  return Measures{printed(text, "Max aspect ratio"), printed(text, "Mesh non-orthogonality Max:"), printed(text, "average:"),
-                  printed(text, "Max skewness"), std::isnan(failed) ? 0 : static_cast<std::size_t>(failed)};
-}
-
-void print(const char* what, const std::string& source, const Measures& m) {
-  std::printf("| %s | %s | %.4g | %.5g | %.4g | %.4g | %zu |\n", what, source.c_str(), m.aspect_ratio, m.non_orthogonality,
-              m.average, m.skewness, m.failed);
-  std::fflush(stdout);
-}
 
 Setup with_handle(Region roof) {
   Setup setup;
@@ -71,14 +29,6 @@ Setup with_handle(Region roof) {
   options.reduction = CentreReduction::off;
   setup.method = options;
   return setup;
-}
-
-/// The points of the body within 0.1 m of its top.
-Region roof_patch(const Mesh& mesh) {
-  const Region body{Region::GroupName{"car_body"}};
-  double top = 0;
-  for (const PointId id : select(body, mesh, "body")) top = std::max(top, mesh.points[id][2]);
-  return {Region::Intersection{{body, {Region::InHalfSpace{{0, 0, top - 0.1}, {0, 0, 1}}}}}};
 }
 
 /// Front, middle and rear of the roof, in the plane of symmetry.
@@ -95,25 +45,17 @@ Region three_points(const Mesh& mesh) {
   return {Region::Ids{ids}};
 }
 
-/// A case folder with the mesh of another one, for the time folders.
-void make_case(const fs::path& source, const fs::path& folder) {
-  fs::remove_all(folder);
-  fs::create_directories(folder);
-  for (const char* part : {"constant", "system"}) fs::create_directory_symlink(fs::absolute(source / part), folder / part);
-}
-
 }  // namespace
 
 void roof_lift(const std::filesystem::path& car_case, const std::filesystem::path& work, Report& report) {
   const auto file = io::read_mesh_file(car_case);
   const auto mesh = file->mesh();
-  const Measures original = ours(mesh->points, *file->cells());
-  make_case(car_case, work);
+  const FoamMeasures original = FoamMeasures::of(mesh->points, *file->cells());
+  make_foam_case(car_case, work);
   std::printf("\nroof lift (thesis table 7.2): %zu points, %zu cells\n\n", mesh->point_count(), file->cells()->cell_count);
-  std::printf(
-      "| mesh | by | aspect ratio | non-orthogonality | average | skewness | failed checks |\n|---|---|---|---|---|---|---|\n");
-  print("original", "ours", original);
-  if (const auto theirs = check_mesh(work, "constant")) print("original", "checkMesh", *theirs);
+  print_head();
+  print_row("original", "ours", original);
+  if (const auto theirs = check_mesh(work, "constant")) print_row("original", "checkMesh", *theirs);
 
   struct Worst {
     std::string name;
@@ -132,16 +74,16 @@ void roof_lift(const std::filesystem::path& car_case, const std::filesystem::pat
       Design design;
       design.motions.push_back({0, Affine{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, lift}});
       const Points points = system->evaluate(design);
-      const Measures measured = ours(points, *file->cells());
+      const FoamMeasures measured = FoamMeasures::of(points, *file->cells());
       const std::string what = std::string(name) + ", " + Report::text(lift) + " m";
-      print(what.c_str(), "ours", measured);
+      print_row(what, "ours", measured);
       most.change = std::max(most.change, std::abs(measured.non_orthogonality - original.non_orthogonality));
       most.most = std::max(most.most, measured.non_orthogonality);
       most.failed = std::max(most.failed, measured.failed);
       io::write_mesh_file(*file, points, work / "1");
       const auto theirs = check_mesh(work, "1");
       if (!theirs) continue;
-      print(what.c_str(), "checkMesh", *theirs);
+      print_row(what, "checkMesh", *theirs);
       ++most.compared;
       const std::pair<double, double> both[] = {{measured.aspect_ratio, theirs->aspect_ratio},
                                                 {measured.non_orthogonality, theirs->non_orthogonality},

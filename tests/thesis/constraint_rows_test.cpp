@@ -138,8 +138,9 @@ TEST(T39, TranslationsAreMeanCentring) {
     }
     const Eigen::MatrixXd expected = factor.solve(b);
     options.most_iterations = options.patience = iterations;
-    state = c.solve(options).after;
-    EXPECT_LT((state.w - expected).cwiseAbs().maxCoeff(), 1e-9) << iterations;
+    const ConstrainedResult result = c.solve(options);
+    state = result.after;
+    EXPECT_LT((result.w - expected).cwiseAbs().maxCoeff(), 1e-9) << iterations;
   }
 }
 

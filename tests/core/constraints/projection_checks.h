@@ -143,17 +143,29 @@ inline void expect_linearization(const Projection& projection, const Points& x, 
   ASSERT_EQ(at.normals.size(), rows * x.size());
   ASSERT_EQ(at.residual.size(), static_cast<Eigen::Index>(at.normals.size()));
   ASSERT_EQ(at.parameters.rows(), at.residual.size());
+  ASSERT_TRUE(at.partners.empty() || at.partners.size() == at.normals.size());
+  ASSERT_EQ(at.partner_normals.size(), at.partners.size());
   EXPECT_NEAR(at.residual.squaredNorm(), p.energy, 1e-12 * (1e-12 + p.energy));
   Points away(x.size(), Vec3{});
   const Points d = normal_noise(x.size(), 17);
   Eigen::VectorXd change(at.residual.size());
   for (std::size_t row = 0; row < at.normals.size(); ++row) {
-    const Vec3& n = at.normals[row];
-    const double length = std::hypot(n[0], n[1], n[2]);
-    EXPECT_TRUE(std::abs(length - 1) < 1e-12 || length == 0) << length;
     const auto r = static_cast<Eigen::Index>(row);
-    for (std::size_t k = 0; k < 3; ++k) away[row / rows][k] += at.residual[r] * n[k];
-    change[r] = n[0] * d[row / rows][0] + n[1] * d[row / rows][1] + n[2] * d[row / rows][2];
+    change[r] = 0;
+    const auto add = [&](std::size_t point, const Vec3& n) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        away[point][k] += at.residual[r] * n[k];
+        change[r] += n[k] * d[point][k];
+      }
+    };
+    const Vec3& n = at.normals[row];
+    add(row / rows, n);
+    if (at.partners.empty()) {
+      const double length = std::hypot(n[0], n[1], n[2]);
+      EXPECT_TRUE(std::abs(length - 1) < 1e-12 || length == 0) << length;
+    } else {
+      add(at.partners[row], at.partner_normals[row]);
+    }
   }
   EXPECT_LE(largest(along(x, -1, away), p.points), 1e-12);
   // The parameters do not matter to first order.

@@ -104,6 +104,88 @@ TEST(Constrained, JacobianProducts) {
   }
 }
 
+Constraint exact(Constraint constraint) {
+  constraint.exact = true;
+  return constraint;
+}
+
+/// Shell and moving least squares.
+std::vector<deform::Setup> exact_setups(const std::vector<Constraint>& constraints) {
+  std::vector<deform::Setup> setups(2, with(constraints));
+  MlsOptions mls;
+  mls.surface_samples = 250;
+  setups[1].method = mls;
+  return setups;
+}
+
+TEST(ExactConstraints, SingleSetsAreMet) {
+  const auto mesh = shared(test::bumpy_sheet(41, 21));
+  for (const deform::Setup& setup : exact_setups({exact(planar(1.2, 1.6))})) {
+    const auto system = prepare(mesh, setup);
+    const auto evaluation = system->bind({&turned, 1}, EvaluationPath::automatic, {});
+    const ConstraintReport& report = evaluation->report(0).constraints[0];
+    EXPECT_GT(report.rms_before, 1e-3);
+    EXPECT_LT(report.max, 1e-9 * system->info().diagonal);
+    EXPECT_FALSE(report.missed);
+    // The points themselves, fitted again.
+    const Points got = system->evaluate(turned);
+    std::vector<Vec3> patch;
+    for (const PointId id : select(setup.constraints[0].regions[0], *mesh, "patch")) patch.push_back(got[id]);
+    std::vector<Vec3> projected(patch.size());
+    ShapeParameters shape;
+    make_projection(Planar{}, std::vector<std::vector<Vec3>>{patch})->project(patch, projected, shape);
+    EXPECT_LT(distance(patch, projected), 1e-9 * system->info().diagonal);
+    // Handles and fixed points stay, and no point jumps away from its neighbours.
+    const SelectedRegions regions = validate(setup, *mesh);
+    for (const PointId id : regions.fixed) EXPECT_EQ(got[id], mesh->points[id]);
+    deform::Setup soft = setup;
+    soft.constraints[0].exact = false;
+    EXPECT_LT(distance(got, prepare(mesh, soft)->evaluate(turned)), 3 * report.max_before);
+  }
+}
+
+TEST(ExactConstraints, OverlappingSetsAndHeldPointsAreMetTogether) {
+  const auto mesh = shared(test::flat_sheet(41, 21));
+  // A plane and a straight line in it that starts in the fixed region; a given plane across.
+  const Constraint line{"line", {box({0, 0.49, -9}, {1.2, 0.51, 9})}, Straight{}};
+  const Constraint across{"across", {box({0.79, 0, -9}, {0.81, 1, 9})}, FixedPlane{{0.8, 0, 0}, {1, 0, 0}}};
+  for (const deform::Setup& setup : exact_setups({exact(planar(0.5, 1.3)), exact(line), exact(across)})) {
+    const auto system = prepare(mesh, setup);
+    const auto evaluation = system->bind({&turned, 1}, EvaluationPath::automatic, {});
+    for (const ConstraintReport& report : evaluation->report(0).constraints) {
+      EXPECT_LT(report.max, 1e-9 * system->info().diagonal);
+      EXPECT_FALSE(report.missed);
+    }
+  }
+}
+
+TEST(ExactConstraints, ContradictionsAreReported) {
+  const auto mesh = shared(test::flat_sheet(41, 21));
+  Constraint low{"low", {box({1.2, 0.1, -9}, {1.5, 0.9, 9})}, FixedPlane{{0, 0, 0}, {0, 0, 1}}};
+  Constraint high = low;
+  high.name = "high";
+  high.kind = FixedPlane{{0, 0, 0.1}, {0, 0, 1}};
+  const auto system = prepare(mesh, with({exact(low), exact(high)}));
+  const auto evaluation = system->bind({&turned, 1}, EvaluationPath::automatic, {});
+  for (const ConstraintReport& report : evaluation->report(0).constraints) {
+    EXPECT_TRUE(report.missed);
+    EXPECT_NEAR(report.max, 0.05, 1e-6);
+  }
+}
+
+TEST(ExactConstraints, JacobianProducts) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  const Constraint line{"line", {box({0, 0.45, -9}, {1.4, 0.55, 9})}, Straight{}, 1e5};
+  for (deform::Setup& setup : exact_setups({exact(planar(1.2, 1.7, 1e3))})) {
+    setup.constraint_options.tolerance = 1e-11;
+    test::check_jacobians(*prepare(mesh, setup), 1e-8, 2e-3);
+  }
+  for (deform::Setup& setup : exact_setups({exact(planar(0.9, 1.8, 1e5)), exact(line)})) {
+    setup.constraint_options.tolerance = 1e-11;
+    test::check_jacobians(*prepare(mesh, setup), 1e-7, 2e-3);
+  }
+}
+
 TEST(Constrained, BadOnesAreRefused) {
   const auto mesh = shared(test::bumpy_sheet(21, 11));
   const auto refused = [&](std::vector<Constraint> constraints, const std::vector<const char*>& parts) {
