@@ -115,6 +115,7 @@ v1::ConstraintsReport constraints_report(const DesignReport& report, const Setup
     residual.set_rms(of.rms);
     residual.set_free_largest(of.max_before);
     residual.set_free_rms(of.rms_before);
+    residual.set_missed(of.missed);
   }
   message.set_converged(report.converged);
   message.set_iterations(static_cast<std::uint32_t>(report.iterations + report.newton_steps));

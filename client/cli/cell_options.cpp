@@ -79,7 +79,8 @@ void print_split(const v1::SplitReport& split, std::ostream& out) {
 void print_constraints(const v1::ConstraintsReport& constraints, std::ostream& out) {
   for (const auto& residual : constraints.residuals()) {
     out << "  " << residual.name() << ": largest " << number_text(residual.largest()) << ", rms " << number_text(residual.rms())
-        << " (without constraints " << number_text(residual.free_largest()) << ", " << number_text(residual.free_rms()) << ")\n";
+        << " (without constraints " << number_text(residual.free_largest()) << ", " << number_text(residual.free_rms()) << ')'
+        << (residual.missed() ? ", NOT EXACT: it contradicts others, or points that are held\n" : "\n");
   }
   out << "  constraints " << (constraints.converged() ? "converged" : "DID NOT CONVERGE") << " in " << constraints.iterations()
       << " iterations";

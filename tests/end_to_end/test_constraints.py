@@ -4,6 +4,7 @@ import math
 import os
 
 from harness import EndToEnd, main, read_obj
+from test_cells import hexahedra
 
 AROUND, ACROSS = 96, 14
 HOLE = 0.25
@@ -28,6 +29,7 @@ def plate():
 
 
 RIM = list(range(AROUND))
+DIAGONAL = math.sqrt(5)
 
 
 def setup(method, constraints=""):
@@ -163,6 +165,52 @@ class Constraints(EndToEnd):
         self.assertEqual(ids[0], ids[1])
         shown = self.deform("show", ids[0], "--setup").out
         self.assertRegex(shown, r'"iterations": 3000')
+
+    def test_exact_ones_are_on_their_shape(self):
+        self.write("plate.obj", plate())
+        self.write("exact.yaml", setup("{mls: {}}", CIRCLE.replace("circular", "exact: true, circular")))
+        report, points = self.apply("exact.yaml", "--set", "pull=0.4", "--encoding", "raw_f64")
+        (bore,) = report["constraints"]["residuals"]
+        self.assertFalse(bore["missed"])
+        self.assertLess(bore["largest"], 1e-9 * DIAGONAL)
+        self.assertGreater(bore["free_largest"], 1e-3)
+        self.assertLess(out_of_round([points[i] for i in RIM]), 1e-8)
+        self.write("torn.yaml", setup("{mls: {}}", """constraints:
+  - {name: ends, exact: true, rigid: {}, regions: [{union: [{box: {min: [-1, -1, -1], max: [0.1, 2, 1]}}, {box: {min: [1.9, -1, -1], max: [3, 2, 1]}}]}]}"""))
+        report, _ = self.apply("torn.yaml", "--set", "pull=0.4")
+        self.assertTrue(report["constraints"]["residuals"][0]["missed"], "one end stays, the other moves")
+        self.assertIn("NOT EXACT", self.deform("apply", "torn.yaml", "--set", "pull=0.4", "-o", "out.obj").out)
+
+    def test_layers_on_a_wall_keep_their_shape(self):
+        self.write("cube.mesh", hexahedra(8))
+        layers = """\
+geometry: cube.mesh
+method: {mls: {surface_samples: 200, volume_samples: 100}}
+handles: [{name: top, region: {half_space: {point: [0, 0, 1], normal: [0, 0, 1]}}}]
+fixed: [{half_space: {point: [0, 0, 0], normal: [0, 0, -1]}}]
+variables: [{name: turn, handle: top, rotate: {axis: [0, 0, 1], centre: [0.5, 0.5, 0]}}]
+constraints: [{name: wall, rigid: {layers: LAYERS}, regions: [{box: {min: [0, 0.25, 0.25], max: [0, 0.75, 0.75]}}]}]
+"""
+        for count, shorter in ((2, 0), (10, 16)):
+            self.write("wall.yaml", layers.replace("LAYERS", str(count)))
+            notes = " ".join(self.deform("prepare", "wall.yaml", "--json").json["notes"])
+            self.assertIn(f"wall: 16 rigid columns of cells, {shorter} of them of fewer than {count} layers", notes)
+        self.write("wall.yaml", layers.replace("LAYERS", "2"))
+        reply = self.deform("apply", "wall.yaml", "--set", "turn=0.4", "-o", "out.mesh", "--json").json["report"]
+        (wall,) = reply["constraints"]["residuals"]
+        self.assertTrue(reply["constraints"]["converged"])
+        self.assertLess(wall["rms"], 5e-2 * wall["free_rms"])
+        self.assertEqual(reply["cells"]["inverted"], 0)
+        self.write("inside.yaml", layers.replace("LAYERS", "2").replace("[0, 0.25", "[0.25, 0.25").replace("[0, 0.75", "[0.25, 0.75"))
+        self.fails(1, "prepare", "inside.yaml", says=["constraints[0]", "no face on the boundary"])
+
+    def test_few_iterations_are_reported(self):
+        self.write("plate.obj", plate())
+        self.write("few.yaml", setup("{mls: {}}", f"{CIRCLE}\nconstraint_options: {{iterations: 1, tolerance: 1e-12}}"))
+        report, _ = self.apply("few.yaml", "--set", "pull=0.4")
+        self.assertFalse(report["constraints"]["converged"])
+        self.assertEqual(report["constraints"]["iterations"] - report["constraints"]["newton_steps"], 1)
+        self.assertIn("constraints DID NOT CONVERGE in ", self.deform("apply", "few.yaml", "--set", "pull=0.4", "-o", "out.obj").out)
 
     def test_detected_primitives_are_kept(self):
         self.write("drum.obj", drum())

@@ -156,7 +156,7 @@ TEST(ConvertConstraint, ExactOnesAndOptionsArrive) {
 
 TEST(ConvertConstraint, ReportsTellHowTheSolutionWent) {
   DesignReport report;
-  report.constraints = {{4, 3, 2, 1}};
+  report.constraints = {{4, 3, 2, 1, true}};
   report.iterations = 20;
   report.newton_steps = 3;
   report.convergence_error = 1e-9;
@@ -173,6 +173,7 @@ TEST(ConvertConstraint, ReportsTellHowTheSolutionWent) {
   EXPECT_EQ(message.residuals(0).name(), "c");
   EXPECT_EQ(message.residuals(0).free_largest(), 4);
   EXPECT_EQ(message.residuals(0).rms(), 1);
+  EXPECT_TRUE(message.residuals(0).missed());
 }
 
 TEST(ConvertConstraint, RefusalsNameTheField) {

@@ -41,6 +41,8 @@ TEST(Findings, TellHowConstraintsWereSolved) {
   design.mutable_constraints()->set_newton_steps(0);
   design.mutable_constraints()->set_convergence_error(0);  // an older server, or never estimated
   EXPECT_EQ(printed(design), residuals + "  constraints DID NOT CONVERGE in 12 iterations\n");
+  design.mutable_constraints()->mutable_residuals(0)->set_missed(true);
+  EXPECT_NE(printed(design).find("(without constraints 2, 1), NOT EXACT: it contradicts others"), std::string::npos);
 }
 
 TEST(Findings, AreAllInTheJson) {

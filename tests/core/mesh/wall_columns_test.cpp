@@ -69,7 +69,7 @@ struct Block {
   /// The columns, whose bases are the quads or their halves.
   Columns columns(ElementType type, std::uint32_t layers) const {
     Columns all;
-    const auto add = [&](std::vector<PointId> base) {
+    const auto add = [&](const std::vector<PointId>& base) {
       std::vector<PointId> column;
       for (std::uint32_t k = 0; k <= layers; ++k) {
         for (const PointId p : base) column.push_back(p + level() * k);
@@ -268,7 +268,7 @@ Mesh hexagonal(std::uint32_t layers, std::uint32_t split) {
     }
   }
   Mesh mesh;
-  mesh.points.resize(6 * (layers + 1));
+  mesh.points.resize(6 * (std::size_t{layers} + 1));
   mesh.cells = std::make_shared<const PolyhedralCells>(std::move(cells));
   return mesh;
 }
@@ -311,7 +311,7 @@ TEST(WallColumns, FacesThatDoNotJoinAreNoPrism) {
 
 TEST(WallColumns, RefusesWhatHasNoLayers) {
   const Block b = block(ElementType::hexahedron, 2);
-  const auto expect = [](std::vector<const char*> parts, const std::function<void()>& action) {
+  const auto expect = [](const std::vector<const char*>& parts, const std::function<void()>& action) {
     test::expect_error(ErrorCode::invalid_argument, parts, action);
   };
   Mesh surface;
