@@ -7,12 +7,6 @@
 
 namespace deform {
 
-namespace {
-
-constexpr std::size_t most_exact = 1000, most_held = 500;  // centres that carry the placement along
-
-}  // namespace
-
 void EnergySystem::prepare_exact(const std::vector<ConstraintSet>& sets, const RunContext& context) {
   std::vector<ConstraintSet> exact_sets;
   for (std::size_t t = 0; t < sets.size(); ++t) {
@@ -29,10 +23,11 @@ void EnergySystem::prepare_exact(const std::vector<ConstraintSet>& sets, const R
     moving_exact_.push_back(static_cast<std::uint32_t>(u));
     moving.push_back(placement_->ids()[u]);
   }
+  const std::size_t most = ResidualCorrection::centres_for(following_.size());
   std::vector<Vec3> places = unit_places(moving);
   const std::vector<Vec3> held_places = unit_places(model_.held);
-  std::vector<std::uint32_t> candidates = farthest_point_order(places, most_exact);
-  for (const std::uint32_t j : farthest_point_order(held_places, most_held)) {
+  std::vector<std::uint32_t> candidates = farthest_point_order(places, most);
+  for (const std::uint32_t j : farthest_point_order(held_places, most / 2)) {
     candidates.push_back(static_cast<std::uint32_t>(places.size()) + j);
   }
   places.insert(places.end(), held_places.begin(), held_places.end());

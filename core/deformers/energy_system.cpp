@@ -109,7 +109,8 @@ void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_
   const std::size_t limit = memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, used));
   solver_ = std::make_unique<const EnergySolver>(std::move(problem), limit, context);
   if (!exact() || model_.eliminated || model_.held.empty()) return;
-  correction_ = std::make_unique<const ResidualCorrection>(unit_places(model_.held), context);
+  correction_ = std::make_unique<const ResidualCorrection>(unit_places(model_.held),
+                                                           ResidualCorrection::centres_for(following_.size()), context);
   following_places_ = TiledPoints(unit_places(following_));
 }
 
@@ -281,8 +282,8 @@ void EnergySystem::fill_info() {
   info_.reduced = model_.eliminated && model_.held.size() < info_.constraint_points;
   info_.solver = Solver::sparse_cholesky;
   info_.condition = 1 / std::max(solver_->factor().reciprocal_condition(), 1e-300);
-  info_.factor_bytes = solver_->bytes() + (constrained_ ? constrained_->bytes() : 0) +
-                       (correction_ ? correction_->bytes() : 0) + following_places_.bytes() +
+  info_.factor_bytes = solver_->bytes() + (constrained_ ? constrained_->bytes() : 0) + (correction_ ? correction_->bytes() : 0) +
+                       following_places_.bytes() +
                        (placement_ ? placement_->bytes() + placement_correction_->bytes() + exact_places_.bytes() : 0);
   info_.basis_fields = basis_ ? basis_->fields() : 0;
   info_.basis_bytes = basis_ ? basis_->bytes() : 0;

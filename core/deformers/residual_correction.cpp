@@ -1,5 +1,6 @@
 #include "core/deformers/residual_correction.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "core/deformers/rbf_basis.h"
@@ -18,14 +19,17 @@ std::vector<Vec3> picked(std::span<const Vec3> places, const std::vector<std::ui
 
 }  // namespace
 
-ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, const RunContext& context)
+std::size_t ResidualCorrection::centres_for(std::size_t points) {
+  constexpr std::size_t evaluations = 120'000'000;
+  return std::clamp<std::size_t>(evaluations / std::max<std::size_t>(1, points), 600, 2000);
+}
+
+ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, std::size_t most_centres, const RunContext& context)
     : ResidualCorrection(places, farthest_point_order(places, most_centres), context) {}
 
 ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, std::vector<std::uint32_t> centres,
                                        const RunContext& context)
-    : held_(places.size()),
-      centres_(std::move(centres)),
-      system_(picked(places, centres_), InterpolationOptions{}, context) {}
+    : held_(places.size()), centres_(std::move(centres)), system_(picked(places, centres_), InterpolationOptions{}, context) {}
 
 Eigen::MatrixXd ResidualCorrection::coefficients(const Eigen::MatrixXd& misfit, const RunContext& context) const {
   Eigen::MatrixXd values(static_cast<Eigen::Index>(centres_.size()), misfit.cols());

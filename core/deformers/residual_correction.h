@@ -18,10 +18,11 @@ namespace deform {
 /// well-spread part of the held points (farthest-point order). Immutable; any thread.
 class ResidualCorrection {
  public:
-  static constexpr std::size_t most_centres = 600;
+  /// How many centres may be evaluated at that many points: 600 to 2000, more where that is cheap.
+  static std::size_t centres_for(std::size_t points);
 
   /// places: of all m held points, unit coordinates.
-  ResidualCorrection(std::span<const Vec3> places, const RunContext& context);
+  ResidualCorrection(std::span<const Vec3> places, std::size_t most_centres, const RunContext& context);
   /// At these of them, no two in one place.
   ResidualCorrection(std::span<const Vec3> places, std::vector<std::uint32_t> centres, const RunContext& context);
 

@@ -18,6 +18,8 @@ namespace deform {
 
 namespace {
 
+constexpr double dependence_ridge = 1e-11;  // of the mean of the diagonal
+
 using Eigen::Index;
 using Eigen::MatrixXd;
 
@@ -110,6 +112,10 @@ EnergySpace subspace_space(const Mesh& mesh, const SubspaceOptions& options, std
     }
     context.progress("assemble", 0);
     space.energy = projected_lower(energy, space.values, context);
+    // Nearly as many functions as points depend on each other; far below what the others cost, far above rounding.
+    const double ridge = dependence_ridge * space.energy.diagonal().mean();
+    for (Index j = 0; j < space.energy.cols(); ++j) space.energy.coeffRef(j, j) += ridge;
+    space.energy.makeCompressed();
   }
   space.samples = static_cast<std::size_t>(space.values.cols());
   context.progress("assemble", 1);
