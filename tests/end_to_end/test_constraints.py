@@ -58,6 +58,16 @@ def out_of_round(points):
     return (max(radii) - min(radii)) * len(radii) / sum(radii)
 
 
+def circle_through(a, b, c):
+    """Centre in the plane z = 0, and radius, of the circle through three points."""
+    (ax, ay, _), (bx, by, _), (cx, cy, _) = a, b, c
+    twice = 2 * (ax * (by - cy) + bx * (cy - ay) + cx * (ay - by))
+    squares = [p[0] ** 2 + p[1] ** 2 for p in (a, b, c)]
+    x = (squares[0] * (by - cy) + squares[1] * (cy - ay) + squares[2] * (ay - by)) / twice
+    y = (squares[0] * (cx - bx) + squares[1] * (ax - cx) + squares[2] * (bx - ax)) / twice
+    return [x, y, 0], distance([x, y, 0], [ax, ay, 0])
+
+
 def drum(around=48, high=12, rings=5):
     """A closed cylinder of radius 0.5 and height 2, of quads and triangles."""
     lines, faces = [], []
@@ -174,7 +184,10 @@ class Constraints(EndToEnd):
         self.assertFalse(bore["missed"])
         self.assertLess(bore["largest"], 1e-9 * DIAGONAL)
         self.assertGreater(bore["free_largest"], 1e-3)
-        self.assertLess(out_of_round([points[i] for i in RIM]), 1e-8)
+        rim = [points[i] for i in RIM]
+        middle, radius = circle_through(rim[0], rim[AROUND // 3], rim[2 * AROUND // 3])
+        for p in rim:
+            self.assertLess(math.hypot(distance(p, middle) - radius, p[2]), 1e-8, "in the plane and on the circle of three of them")
         self.write("torn.yaml", setup("{mls: {}}", """constraints:
   - {name: ends, exact: true, rigid: {}, regions: [{union: [{box: {min: [-1, -1, -1], max: [0.1, 2, 1]}}, {box: {min: [1.9, -1, -1], max: [3, 2, 1]}}]}]}"""))
         report, _ = self.apply("torn.yaml", "--set", "pull=0.4")
@@ -185,7 +198,7 @@ class Constraints(EndToEnd):
         self.write("cube.mesh", hexahedra(8))
         layers = """\
 geometry: cube.mesh
-method: {mls: {surface_samples: 200, volume_samples: 100}}
+method: {mls: {}}
 handles: [{name: top, region: {half_space: {point: [0, 0, 1], normal: [0, 0, 1]}}}]
 fixed: [{half_space: {point: [0, 0, 0], normal: [0, 0, -1]}}]
 variables: [{name: turn, handle: top, rotate: {axis: [0, 0, 1], centre: [0.5, 0.5, 0]}}]
@@ -200,6 +213,12 @@ constraints: [{name: wall, rigid: {layers: LAYERS}, regions: [{box: {min: [0, 0.
         (wall,) = reply["constraints"]["residuals"]
         self.assertTrue(reply["constraints"]["converged"])
         self.assertLess(wall["rms"], 5e-2 * wall["free_rms"])
+        self.assertEqual(reply["cells"]["inverted"], 0)
+        self.write("wall.yaml", layers.replace("LAYERS", "2").replace("rigid:", "exact: true, rigid:"))
+        reply = self.deform("apply", "wall.yaml", "--set", "turn=0.4", "-o", "out.mesh", "--json").json["report"]
+        (wall,) = reply["constraints"]["residuals"]
+        self.assertFalse(wall["missed"])
+        self.assertLess(wall["largest"], 1e-9 * math.sqrt(3))
         self.assertEqual(reply["cells"]["inverted"], 0)
         self.write("inside.yaml", layers.replace("LAYERS", "2").replace("[0, 0.25", "[0.25, 0.25").replace("[0, 0.75", "[0.25, 0.75"))
         self.fails(1, "prepare", "inside.yaml", says=["constraints[0]", "no face on the boundary"])
