@@ -56,44 +56,41 @@ Eigen::MatrixXd ConstrainedSolver::solve_linearized(const ConstrainedState& at, 
 
 /// The solution of the linearized problem for a right-hand side of all coefficients: a = A^-1 b, moved where the sets resist by
 /// y - a, (S + D) y = S a. Symmetric in b.
-Eigen::MatrixXd ConstrainedSolver::linearized_solution(const ConstrainedState& at, const Newton* newton, const Eigen::MatrixXd& b,
+Eigen::MatrixXd ConstrainedSolver::linearized_solution(const ConstrainedState& at, const Eigen::MatrixXd& b,
                                                        const RunContext& context) const {
-  if (!reduced_.dense()) return solve_linearized(at, newton, b, whole_accuracy, context);
+  const auto newton = newton_at(at, context);
+  if (!reduced_.dense()) return solve_linearized(at, newton.get(), b, whole_accuracy, context);
   const Eigen::MatrixXd a = solver_.inverse(b, context), chosen = reduced_.picked(a);
-  const Eigen::MatrixXd y = solve_linearized(at, newton, reduced_.times(chosen), whole_accuracy, context);
+  const Eigen::MatrixXd y = solve_linearized(at, newton.get(), reduced_.times(chosen), whole_accuracy, context);
   return a + reduced_.extended(y - chosen, context);
 }
 
-Eigen::MatrixXd ConstrainedSolver::derivative(const ConstrainedState& at, const Eigen::MatrixXd& dh,
+Eigen::MatrixXd ConstrainedSolver::derivative(const ConstrainedResult& at, const Eigen::MatrixXd& dh,
                                               const std::vector<Vec3>& offsets, const RunContext& context) const {
-  const auto newton = newton_at(at, context);
-  // What the offsets do to the distances acts like a force.
-  const Eigen::MatrixXd force = weighted_transposed(unmet(at, offsets));
-  const Eigen::MatrixXd pushed = reduced_.extended(solve_linearized(at, newton.get(), force, whole_accuracy, context), context);
   Eigen::MatrixXd loads = solver_.loads(dh, context);
-  const int steps = solver_.problem().hold == Hold::multipliers ? rounds : 1;
-  for (int step = 1;; ++step) {
-    const Eigen::MatrixXd w = linearized_solution(at, newton.get(), solver_.right_side(loads), context) - pushed;
-    if (step == steps) return w;
-    loads += dh - solver_.problem().coupling.transpose() * w;
+  for (const ConstrainedState& round : at.rounds) {
+    loads += dh - solver_.problem().coupling.transpose() * linearized_solution(round, solver_.right_side(loads), context);
   }
+  const Eigen::MatrixXd w = linearized_solution(at.after, solver_.right_side(loads), context);
+  if (solver_.problem().hold != Hold::eliminated) return w;
+  // What the offsets do to the distances acts like a force.
+  const Eigen::MatrixXd force = weighted_transposed(unmet(at.after, offsets));
+  const auto newton = newton_at(at.after, context);
+  return w - reduced_.extended(solve_linearized(at.after, newton.get(), force, whole_accuracy, context), context);
 }
 
-/// Without multipliers w = G R dh - E H^-1 Phi^T g (I - P') offsets with a symmetric G. With them (no offsets then) w = G R u_n,
-/// u_0 = p(dh) of the unconstrained solution and u_i = u_i-1 + dh - C u_i-1, C = B G R and R = B^T W. W C is symmetric, so the
-/// transpose is W times the same steps, from B G g.
-ConstrainedSolver::Adjoint ConstrainedSolver::adjoint(const ConstrainedState& at, const Eigen::MatrixXd& g,
+/// Without multipliers w = G R dh - E H^-1 Phi^T g (I - P') offsets with a symmetric G. With them (no offsets then) w = G_n R
+/// u_n, u_0 = p(dh) of the unconstrained solution and u_i+1 = u_i + dh - C_i u_i, C_i = B G_i R and R = B^T W at the end of round
+/// i. W C_i is symmetric, so the transpose is W times the same steps backwards, from B G_n g.
+ConstrainedSolver::Adjoint ConstrainedSolver::adjoint(const ConstrainedResult& at, const Eigen::MatrixXd& g,
                                                       const RunContext& context) const {
   const EnergySolver::Problem& problem = solver_.problem();
-  const auto newton = newton_at(at, context);
-  const auto response = [&](const Eigen::MatrixXd& b) -> Eigen::MatrixXd {
-    return problem.coupling.transpose() * linearized_solution(at, newton.get(), b, context);
-  };
-  Eigen::MatrixXd x = response(g);
+  Eigen::MatrixXd x = problem.coupling.transpose() * linearized_solution(at.after, g, context);
   Adjoint result{x, std::vector<Vec3>(first_.back(), Vec3{})};
   if (problem.hold == Hold::eliminated) {
+    const auto newton = newton_at(at.after, context);
     const Eigen::MatrixXd b = reduced_.dense() ? reduced_.times(reduced_.picked(solver_.inverse(g, context))) : g;
-    result.offsets = unmet(at, rows_times(solve_linearized(at, newton.get(), b, whole_accuracy, context)));
+    result.offsets = unmet(at.after, rows_times(solve_linearized(at.after, newton.get(), b, whole_accuracy, context)));
     for (std::size_t t = 0; t < sets_.size(); ++t) {
       for (std::size_t i = first_[t]; i < first_[t + 1]; ++i) {
         for (double& value : result.offsets[i]) value *= -per_point(t);
@@ -102,9 +99,9 @@ ConstrainedSolver::Adjoint ConstrainedSolver::adjoint(const ConstrainedState& at
     return result;
   }
   Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(x.rows(), x.cols());
-  for (int round = 1; problem.hold == Hold::multipliers && round < rounds; ++round) {
+  for (auto round = at.rounds.rbegin(); round != at.rounds.rend(); ++round) {
     sum += x;
-    x -= response(solver_.right_side(x));
+    x -= problem.coupling.transpose() * linearized_solution(*round, solver_.right_side(x), context);
   }
   result.h = problem.weights.asDiagonal() * (sum + solver_.loads(x, context));
   return result;

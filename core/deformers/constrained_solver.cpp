@@ -140,6 +140,7 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
     if (!multipliers || round == rounds || !result.converged) return result;
     const Eigen::MatrixXd missing = h - problem.coupling.transpose() * result.w;
     if (missing.size() == 0 || missing.cwiseAbs().maxCoeff() <= wanted) return result;
+    result.rounds.push_back(result.after);
     loads += missing;
     start();
     evaluate(c, result.after);

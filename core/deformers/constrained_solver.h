@@ -37,9 +37,10 @@ struct ConstrainedState {
 struct ConstrainedResult {
   ConstrainedState before;  ///< of the unconstrained deformation
   ConstrainedState after;
-  Eigen::MatrixXd w;               ///< k x 3: all coefficients, after
-  std::vector<double> objectives;  ///< after each accepted iteration of the last round, never rising
-  int iterations = 0;              ///< global steps of all rounds
+  std::vector<ConstrainedState> rounds;  ///< with multipliers: the ends of the rounds before the last
+  Eigen::MatrixXd w;                     ///< k x 3: all coefficients, after
+  std::vector<double> objectives;        ///< after each accepted iteration of the last round, never rising
+  int iterations = 0;                    ///< global steps of all rounds
   int newton_steps = 0;
   bool converged = false;
   double error = 0;  ///< estimate of how far the points still are from the solution, rms, unit coordinates
@@ -91,16 +92,16 @@ class ConstrainedSolver {
   /// reaches (eliminated held points), zero for the others.
   ConstrainedResult solve(const Eigen::MatrixXd& h, const std::vector<Vec3>& offsets, const RunContext& context) const;
 
-  /// Derivative of the solution: k x 3 from dh (m x 3) and the derivative of the offsets, at a converged state. Conjugate
-  /// gradients; exact up to 1e-10 of the right-hand side.
-  Eigen::MatrixXd derivative(const ConstrainedState& at, const Eigen::MatrixXd& dh, const std::vector<Vec3>& offsets,
+  /// Derivative of a converged solution: k x 3 from dh (m x 3) and the derivative of the offsets. Conjugate gradients; exact up
+  /// to 1e-10 of the right-hand side.
+  Eigen::MatrixXd derivative(const ConstrainedResult& at, const Eigen::MatrixXd& dh, const std::vector<Vec3>& offsets,
                              const RunContext& context) const;
   /// Its transpose: from g (k x 3) to m x 3, and N vectors at the offsets.
   struct Adjoint {
     Eigen::MatrixXd h;
     std::vector<Vec3> offsets;
   };
-  Adjoint adjoint(const ConstrainedState& at, const Eigen::MatrixXd& g, const RunContext& context) const;
+  Adjoint adjoint(const ConstrainedResult& at, const Eigen::MatrixXd& g, const RunContext& context) const;
 
  private:
   class Newton;
@@ -128,8 +129,7 @@ class ConstrainedSolver {
   std::vector<Vec3> unmet(const ConstrainedState& at, const std::vector<Vec3>& dx) const;
   Eigen::MatrixXd solve_linearized(const ConstrainedState& at, const Newton* newton, const Eigen::MatrixXd& b, double accuracy,
                                    const RunContext& context) const;
-  Eigen::MatrixXd linearized_solution(const ConstrainedState& at, const Newton* newton, const Eigen::MatrixXd& b,
-                                      const RunContext& context) const;
+  Eigen::MatrixXd linearized_solution(const ConstrainedState& at, const Eigen::MatrixXd& b, const RunContext& context) const;
   std::unique_ptr<const Newton> newton_at(const ConstrainedState& at, const RunContext& context) const;
   double per_point(std::size_t set) const { return sets_[set].weight / static_cast<double>(sets_[set].ids.size()); }
   std::size_t set_size(std::size_t set) const { return first_[set + 1] - first_[set]; }

@@ -52,7 +52,7 @@ EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, c
     return;
   }
   const auto told = system_->prescribed(designs_[0], kind_);
-  const Eigen::MatrixXd w = system_->constrained_->derivative(at.state, told.h, told.offsets, context);
+  const Eigen::MatrixXd w = system_->constrained_->derivative(at.result, told.h, told.offsets, context);
   solutions_.push_back(system_->completed(told.h * system_->box_.scale, w * system_->box_.scale, context));
   if (system_->placement_) system_->derive_exactly(at.exact, designs_[0], solutions_[0], context);
 }

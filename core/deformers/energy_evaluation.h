@@ -15,8 +15,8 @@ class EnergyEvaluation : public Evaluation {
                    const RunContext& context);
   /// A displacement field from one affine map per handle (a derivative): evaluate() gives the field itself. With constraints the
   /// derivative at a solution.
-  EnergyEvaluation(std::shared_ptr<const EnergySystem> system, const std::vector<Affine>& derivatives, const EnergySystem::Constrained& at,
-                   const RunContext& context);
+  EnergyEvaluation(std::shared_ptr<const EnergySystem> system, const std::vector<Affine>& derivatives,
+                   const EnergySystem::Constrained& at, const RunContext& context);
 
   std::size_t design_count() const override { return designs_.size(); }
   const DesignReport& report(std::size_t design) const override { return reports_[design]; }

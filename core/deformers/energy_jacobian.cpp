@@ -11,10 +11,10 @@ EnergySystem::Constrained EnergySystem::constrained_at(std::span<const double> v
   const BoundDesign bound = held().bound(design, 0);
   const Prescribed told = prescribed(bound, MotionKind::position);
   ConstrainedResult result = constrained_->solve(told.h, told.offsets, context);
-  if (!placement_) return {std::move(result.after), {}};
+  if (!placement_) return {std::move(result), {}};
   Solution solution = completed(told.h * box_.scale, result.w * box_.scale, context);
   place_exactly(bound, solution, context);
-  return {std::move(result.after), std::move(solution.exact)};
+  return {std::move(result), std::move(solution.exact)};
 }
 
 Points EnergySystem::jacobian_vector(std::span<const double> variables, std::span<const double> direction,
@@ -68,7 +68,7 @@ std::vector<double> EnergySystem::pull_back(std::span<const double> variables, c
   }
   if (!constrained_) return contract_fields(direct + solver_->adjoint(g, context));
 
-  const ConstrainedSolver::Adjoint back = constrained_->adjoint(at.state, g, context);
+  const ConstrainedSolver::Adjoint back = constrained_->adjoint(at.result, g, context);
   std::vector<double> result = contract_fields(direct + back.h);
   std::size_t i = 0;
   for (const ConstraintSet& set : constrained_->sets()) {

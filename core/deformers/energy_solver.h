@@ -30,7 +30,7 @@ class EnergySolver {
     SparseMatrix coupling;    ///< k x m: R; or B^T
     Eigen::VectorXd weights;  ///< m, of the rows of B; not for elimination
   };
-  static constexpr int multiplier_steps = 8;
+  static constexpr int multiplier_steps = 3;
 
   /// Throws Error(numerical_failure) when the matrix is singular; out_of_budget when factoring takes more than `memory_limit`
   /// bytes (0 = unlimited), and what the context throws.

@@ -36,7 +36,8 @@ EnergyModel energy_model(const Mesh& mesh, const Setup& setup, const std::vector
 ///    `fixing` for the mean square of their misfit; interpolation_residual is the largest misfit.
 ///  - Constraints (thesis 8.5) are solved for in bind(), one design after the other from its deformation without them, so that
 ///    designs do not depend on each other; there is no basis then, and derivatives are those of the constrained deformation.
-///  - Exact constraints: their points end where ExactPlacement puts them; how far that moves them is interpolated (triharmonic, zero
+///  - Exact constraints: their points end where ExactPlacement puts them; how far that moves them is interpolated (triharmonic,
+///  zero
 ///    at held points) and added everywhere.
 /// Coincident held points may go to different places with the shell (a crack opens), not with the others.
 class EnergySystem : public System {
@@ -57,12 +58,12 @@ class EnergySystem : public System {
 
   /// Fields over the whole mesh, in the units of what they were made from.
   struct Solution {
-    RowMajor w;                   ///< k x c
-    RowMajor correction;          ///< rows x c, or empty
-    RowMajor placement;           ///< of the correction towards exact points: rows x 3, or empty
-    ExactPlacement::Placed exact;  ///< where these are, unit coordinates
+    RowMajor w;                      ///< k x c
+    RowMajor correction;             ///< rows x c, or empty
+    RowMajor placement;              ///< of the correction towards exact points: rows x 3, or empty
+    ExactPlacement::Placed exact;    ///< where these are, unit coordinates
     std::vector<Vec3> exact_values;  ///< what they get: positions, or their derivatives, model units
-    std::vector<double> misfits;  ///< c: largest |value - prescribed| at the samples of the held points
+    std::vector<double> misfits;     ///< c: largest |value - prescribed| at the samples of the held points
   };
 
   /// Prescribed displacements or their derivatives, in units of D.
@@ -88,7 +89,7 @@ class EnergySystem : public System {
   Prescribed prescribed(const BoundDesign& design, MotionKind kind) const;
   /// A constrained design and where its exact points are.
   struct Constrained {
-    ConstrainedState state;
+    ConstrainedResult result;
     ExactPlacement::Placed exact;
   };
   Constrained constrained_at(std::span<const double> variables, const RunContext& context) const;
@@ -118,18 +119,18 @@ class EnergySystem : public System {
   std::vector<HandleFrame> frames_;
   EnergyModel model_;
   std::unique_ptr<const EnergySolver> solver_;
-  std::unique_ptr<const ResidualCorrection> correction_;  ///< null for the shell and soft handles
-  std::unique_ptr<const ConstrainedSolver> constrained_;  ///< null without constraints
-  std::vector<std::size_t> constraint_of_;                ///< per set
-  TiledPoints set_places_;                                ///< of the points of the sets; only with a correction
-  std::unique_ptr<const ExactPlacement> placement_;       ///< null without exact constraints
+  std::unique_ptr<const ResidualCorrection> correction_;            ///< null for the shell and soft handles
+  std::unique_ptr<const ConstrainedSolver> constrained_;            ///< null without constraints
+  std::vector<std::size_t> constraint_of_;                          ///< per set
+  TiledPoints set_places_;                                          ///< of the points of the sets; only with a correction
+  std::unique_ptr<const ExactPlacement> placement_;                 ///< null without exact constraints
   std::unique_ptr<const ResidualCorrection> placement_correction_;  ///< of its points that move, then of the held ones
   std::vector<std::uint32_t> moving_exact_;                         ///< these points among those of placement_
   TiledPoints exact_places_;                                        ///< of all points of placement_
-  std::vector<PointId> following_;                        ///< ascending: points that the solution moves
-  TiledPoints following_places_;                          ///< unit coordinates; only with a correction of either kind
-  std::unique_ptr<const FieldTiles> basis_;               ///< null without one
-  std::vector<double> basis_misfits_;                     ///< per field
+  std::vector<PointId> following_;                                  ///< ascending: points that the solution moves
+  TiledPoints following_places_;                                    ///< unit coordinates; only with a correction of either kind
+  std::unique_ptr<const FieldTiles> basis_;                         ///< null without one
+  std::vector<double> basis_misfits_;                               ///< per field
   SystemInfo info_;
 };
 

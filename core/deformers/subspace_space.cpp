@@ -18,7 +18,7 @@ namespace deform {
 
 namespace {
 
-constexpr double dependence_ridge = 1e-11;  // of the mean of the diagonal
+constexpr double dependence_ridge = 1e-13;  // of the mean of the diagonal
 
 using Eigen::Index;
 using Eigen::MatrixXd;

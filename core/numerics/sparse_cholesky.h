@@ -42,8 +42,8 @@ class SparseCholesky {
   double flops() const;  ///< of factoring
   /// The elimination order.
   std::vector<std::int64_t> order() const;
-  /// The rows and columns of L that were eliminated last: with A = [A_11 .; A_21 A_22] in elimination order, `count` rows of A_22,
-  /// L_22 L_22^T = A_22 - A_21 A_11^-1 A_21^T. Lower triangle, count x count.
+  /// The rows and columns of L that were eliminated last: with A = [A_11 .; A_21 A_22] in elimination order, `count` rows of
+  /// A_22, L_22 L_22^T = A_22 - A_21 A_11^-1 A_21^T. Lower triangle, count x count.
   Eigen::MatrixXd trailing(std::size_t count) const;
   /// Rough reciprocal condition: (smallest / largest diagonal entry of L)^2.
   double reciprocal_condition() const;
