@@ -61,7 +61,7 @@ void rigid_layers(const fs::path& car_case, const fs::path& work, Report& report
   options.surface_samples = 5000;
   options.volume_samples = 2000;
   const double diagonal = bounding_box(car.mesh->points).diagonal();
-  const auto lifted = [&](const char* name, const Setup& setup) {
+  const auto lifted = [&](const char* name, const Setup& setup, const WallColumns& measured) {
     reset_peak();
     const auto start = std::chrono::steady_clock::now();
     const auto system = prepare(car.mesh, setup);
@@ -73,7 +73,7 @@ void rigid_layers(const fs::path& car_case, const fs::path& work, Report& report
     io::write_mesh_file(*file, outcome.points, work / "1");
     result.theirs = check_mesh(work, "1");
     if (result.theirs) print_row(name, "checkMesh", *result.theirs);
-    result.change = shape_change(columns.points, car.mesh->points, outcome.points);
+    result.change = shape_change(measured.points, car.mesh->points, outcome.points);
     result.text = "prepared in " + Report::text(prepared) + " s, one design " + Report::text(outcome.seconds) + " s, peak " +
                   Report::text(peak_mib()) + " MiB, " + std::to_string(system->info().cubature_points) + " cubature points, " +
                   std::to_string(outcome.report.iterations) + " iterations, " + std::to_string(outcome.report.newton_steps) +
@@ -82,12 +82,24 @@ void rigid_layers(const fs::path& car_case, const fs::path& work, Report& report
   };
   Setup without = with_method(car, options);
   without.constraints.clear();
-  const Lifted loose = lifted("lifted", without);
-  const Lifted rigid = lifted("lifted, rigid columns", with_method(car, options));
+  // The whole body cannot be rigid while its roof is lifted; the layers of the roof can, and move with it.
+  const WallColumns on_roof = wall_columns(*car.mesh, select(roof_patch(*car.mesh), *car.mesh, "roof"), layers, "roof");
+  Setup roof_only = with_method(car, options);
+  roof_only.constraints[0].regions = {roof_patch(*car.mesh)};
+  roof_only.constraints[0].exact = true;
+  Setup stiff = with_method(car, options);
+  stiff.constraints[0].weight = 1e10;
+  const Lifted loose = lifted("lifted", without, on_roof);
+  const Lifted rigid = lifted("lifted, rigid columns on the roof, exact", roof_only, on_roof);
+  const Lifted body = lifted("lifted, rigid columns on the body", with_method(car, options), columns);
+  const Lifted stiff_body = lifted("lifted, rigid columns on the body, gamma_c 1e10", stiff, columns);
   fs::remove_all(work);
 
   report.open();
-  for (const auto& [name, result] : {std::pair{"without rigid columns", &loose}, {"with rigid columns", &rigid}}) {
+  for (const auto& [name, result] : {std::pair{"without rigid columns", &loose},
+                                     {"with exact rigid columns on the roof", &rigid},
+                                     {"with rigid columns on the whole body", &body},
+                                     {"with rigid columns on the whole body, gamma_c 1e10", &stiff_body}}) {
     const std::string figure = std::string("T45 roof lift, ") + name + ": ";
     report.info(figure + "time and memory", result->text);
     report.at_most(figure + "failed checks (ours)", static_cast<double>(result->ours.failed), 0, "");
