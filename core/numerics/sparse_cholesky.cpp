@@ -2,6 +2,12 @@
 
 #include <cholmod.h>
 
+// Of libgomp, which CHOLMOD is linked to; omp.h is not there for every compiler.
+extern "C" {
+int omp_get_max_active_levels(void);
+void omp_set_max_active_levels(int levels);
+}
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -17,6 +23,19 @@ namespace {
 static_assert(sizeof(SuiteSparse_long) == sizeof(SparseMatrix::StorageIndex));
 
 constexpr std::size_t columns_at_once = 4;  // of a solve: bounds its workspace
+
+/// CHOLMOD's loops ask for a fixed number of OpenMP threads, which wait for each other longer than they work and take the cores
+/// from other requests. While this lives, loops of this thread run on it alone.
+class LoopsOnThisThread {
+ public:
+  LoopsOnThisThread() : before_(omp_get_max_active_levels()) { omp_set_max_active_levels(0); }
+  ~LoopsOnThisThread() { omp_set_max_active_levels(before_); }
+  LoopsOnThisThread(const LoopsOnThisThread&) = delete;
+  LoopsOnThisThread& operator=(const LoopsOnThisThread&) = delete;
+
+ private:
+  int before_;
+};
 
 /// The library's parameters, statistics and scratch memory: one for each thread that calls it.
 class Common {
@@ -141,7 +160,10 @@ void SparseCholesky::Factor::factorize(const SparseMatrix& lower, const RunConte
   context.check();
   entries = lower.nonZeros();
   matrix = view(lower);
-  cholmod_l_factorize(&matrix, analysis.get(), common.get());
+  {
+    const LoopsOnThisThread alone;
+    cholmod_l_factorize(&matrix, analysis.get(), common.get());
+  }
   const cholmod_factor* L = analysis.get();
   if (common.status() < CHOLMOD_OK) fail(common.status(), "factorization", L->n);
   // The failing column is that of the permuted matrix.
