@@ -23,6 +23,7 @@
 #include "core/mesh/ahmed.h"
 #include "core/quality/element_quality.h"
 #include "tests/bench/constraint_cases.h"
+#include "tests/bench/constraint_convergence.h"
 #include "tests/bench/constraint_parts.h"
 #include "tests/bench/param_case.h"
 #include "tests/bench/peak_memory.h"
@@ -312,6 +313,7 @@ int run(const Options& options) {
     std::fflush(stdout);
   };
   section("Constraints: a large car", [&] { report.open(), large_car(data, quick, report); });
+  section("Constraints: convergence", [&] { report.open(), constraint_convergence(quick, report); });
   section("Constraints: every kind", [&] { kinds(quick, report); });
   if (shared) {
     section("Constraints: models", [&] {
