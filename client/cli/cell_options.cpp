@@ -84,7 +84,7 @@ void print_constraints(const v1::ConstraintsReport& constraints, std::ostream& o
   }
   out << "  constraints " << (constraints.converged() ? "converged" : "DID NOT CONVERGE") << " in " << constraints.iterations()
       << " iterations";
-  if (constraints.newton_steps() > 0) out << ", " << constraints.newton_steps() << " of them Gauss-Newton";
+  if (constraints.newton_steps() > 0) out << ", " << constraints.newton_steps() << " of them Newton steps";
   if (constraints.convergence_error() > 0)
     out << ", " << number_text(constraints.convergence_error()) << " rms from the solution";
   out << '\n';

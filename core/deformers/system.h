@@ -58,10 +58,9 @@ struct DesignReport {
   // With constraints (thesis 8.5); the defaults without.
   std::vector<ConstraintReport> constraints;  ///< in the order of the setup
   int iterations = 0;                         ///< global steps
-  int newton_steps = 0;                       ///< of the fallback
+  int newton_steps = 0;                       ///< besides them
   bool converged = true;
-  double energy = 0;  ///< of the deformation and of what the constraints are missed by, but for what depends on the handles only;
-                      ///< unit coordinates
+  double energy = 0;  ///< of the deformation above that without constraints, and of what they are missed by; unit coordinates
   double convergence_error = 0;  ///< estimated rms distance of the constrained points from the limit, model units
 };
 

@@ -112,7 +112,7 @@ class Fleet {
       seen_[c].slowest = took;
       seen_[c].about_slowest = Report::text(took) + " s, of which solved " + Report::text(1e-3 * outcome.summary.solve_ms()) +
                                " s, " + std::to_string(report.iterations()) + " iterations, " +
-                               std::to_string(report.newton_steps()) + " Gauss-Newton steps";
+                               std::to_string(report.newton_steps()) + " Newton steps";
     }
     seen_[c].not_converged += report.converged() ? 0 : 1;
     seen_[c].ratios.push_back(report.residuals(0).rms() / report.residuals(0).free_rms());

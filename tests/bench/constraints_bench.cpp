@@ -60,7 +60,7 @@ Methods methods(std::size_t samples) {
 }
 
 std::string counts(const DesignReport& report) {
-  return std::to_string(report.iterations) + " iterations, " + std::to_string(report.newton_steps) + " Gauss-Newton steps" +
+  return std::to_string(report.iterations) + " iterations, " + std::to_string(report.newton_steps) + " Newton steps" +
          (report.converged ? "" : ", NOT CONVERGED");
 }
 

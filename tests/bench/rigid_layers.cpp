@@ -77,7 +77,7 @@ void rigid_layers(const fs::path& car_case, const fs::path& work, Report& report
     result.text = "prepared in " + Report::text(prepared) + " s, one design " + Report::text(outcome.seconds) + " s, peak " +
                   Report::text(peak_mib()) + " MiB, " + std::to_string(system->info().cubature_points) + " cubature points, " +
                   std::to_string(outcome.report.iterations) + " iterations, " + std::to_string(outcome.report.newton_steps) +
-                  " Gauss-Newton steps" + (outcome.report.converged ? "" : ", NOT CONVERGED");
+                  " Newton steps" + (outcome.report.converged ? "" : ", NOT CONVERGED");
     return result;
   };
   Setup without = with_method(car, options);

@@ -36,7 +36,7 @@ TEST(Findings, TellHowConstraintsWereSolved) {
   EXPECT_EQ(printed(design), residuals + "  constraints converged in 12 iterations, 2.5e-08 rms from the solution\n");
   design.mutable_constraints()->set_newton_steps(3);
   EXPECT_EQ(printed(design),
-            residuals + "  constraints converged in 12 iterations, 3 of them Gauss-Newton, 2.5e-08 rms from the solution\n");
+            residuals + "  constraints converged in 12 iterations, 3 of them Newton steps, 2.5e-08 rms from the solution\n");
   design.mutable_constraints()->set_converged(false);
   design.mutable_constraints()->set_newton_steps(0);
   design.mutable_constraints()->set_convergence_error(0);  // an older server, or never estimated
