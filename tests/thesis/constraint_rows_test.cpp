@@ -144,6 +144,29 @@ TEST(T39, TranslationsAreMeanCentring) {
   }
 }
 
+// T39: the thesis' own forms. The mean-centred one has the same iterates; subtracting one point instead has another fixed point,
+// farther from the shapes.
+TEST(T39, FormsOfTheThesis) {
+  const Case c({patch(Planar{}, 1.2, 1.6, 1e4), patch(Rigid{}, 0.5, 1.25, 1e4)}, 21);
+  const auto solved = [&](ConstrainedSolver::Form form, int iterations) {
+    ConstrainedSolver::Options options = plain();
+    options.form = form;
+    options.tolerance = iterations > 0 ? 0 : 1e-9;
+    if (iterations > 0) options.most_iterations = iterations;
+    return c.solve(options);
+  };
+  for (const int iterations : {1, 7, 50}) {
+    EXPECT_LT(distance(solved(ConstrainedSolver::Form::mean_centred, iterations).after.points,
+                       solved(ConstrainedSolver::Form::bordered, iterations).after.points),
+              1e-9)
+        << iterations;
+  }
+  const ConstrainedResult bordered = solved(ConstrainedSolver::Form::bordered, 0);
+  const ConstrainedResult anchored = solved(ConstrainedSolver::Form::anchored, 0);
+  EXPECT_GT(distance(bordered.after.points, anchored.after.points), 1e-6);
+  EXPECT_LT(bordered.after.objective, anchored.after.objective);
+}
+
 // T40: the distance from the shape falls like 1 / gamma_c where every point has functions of its own.
 TEST(T40, ResidualFallsWithTheWeight) {
   for (const ConstraintKind& kind : {ConstraintKind{Planar{}}, ConstraintKind{Rigid{}}, ConstraintKind{FeatureLine{}}}) {
