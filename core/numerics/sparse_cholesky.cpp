@@ -22,8 +22,6 @@ namespace {
 
 static_assert(sizeof(SuiteSparse_long) == sizeof(SparseMatrix::StorageIndex));
 
-constexpr std::size_t columns_at_once = 4;  // of a solve: bounds its workspace
-
 /// CHOLMOD's loops ask for a fixed number of OpenMP threads, which wait for each other longer than they work and take the cores
 /// from other requests. While this lives, loops of this thread run on it alone.
 class LoopsOnThisThread {
