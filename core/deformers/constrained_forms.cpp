@@ -69,7 +69,7 @@ ConstrainedSolver::ConstrainedSolver(const EnergySolver& solver, const SparseRow
     }
   }
   factor_ = std::make_unique<const SparseCholesky>(EnergySolver::factored(constrained_matrix(), memory_limit, context));
-  const double newton_step = newton_by_cost();
+  const double newton_step = newton_by_cost(memory_limit);
   if (newton_form_ == NewtonForm::sparse) newton_order_ = solver_.factor().order();
   if (newton_form_ == NewtonForm::forces) prepare_compliance(context);
   patience_ = options_.patience > 0 ? options_.patience : patience_by_cost(newton_step);
@@ -126,7 +126,7 @@ SparseMatrix ConstrainedSolver::constrained_matrix() const {
 }
 
 /// Operations of a step. Counts, not times: the same everywhere.
-double ConstrainedSolver::newton_by_cost() {
+double ConstrainedSolver::newton_by_cost(std::size_t memory_limit) {
   double rows = 0, parameters = 0;
   for (std::size_t t = 0; t < sets_.size(); ++t) {
     std::vector<Vec3> projected(set_size(t));
@@ -139,7 +139,9 @@ double ConstrainedSolver::newton_by_cost() {
   const auto cube = [](double n) { return n * n * n / 3; };
   const double N = static_cast<double>(point_count()), size = 3 * static_cast<double>(reduced_.size()) + parameters;
   const double solution = 4.0 * static_cast<double>(factor_->bytes()) / sizeof(double);
-  const double in_forces = N * solution <= affordable_compliance && rows <= most_forces ? cube(rows) : HUGE_VAL;
+  const double bytes = (N * N + rows * rows) * sizeof(double);
+  const bool fits = memory_limit == 0 || bytes <= static_cast<double>(memory_limit) / 2;
+  const double in_forces = fits && N * solution <= affordable_compliance && rows <= most_forces ? cube(rows) : HUGE_VAL;
   const double full = reduced_.dense() && size <= most_full ? cube(size) : HUGE_VAL;
   const double sparse = reduced_.dense() ? HUGE_VAL : 27 * factor_->flops();
   const double least = std::min({in_forces, full, sparse});

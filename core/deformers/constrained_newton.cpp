@@ -170,9 +170,16 @@ Eigen::MatrixXd ConstrainedSolver::Newton::inverse(const Eigen::MatrixXd& b) con
   return result;
 }
 
+/// Null where it cannot be afforded, or is not positive definite to working precision: the global step's matrix serves then.
 std::unique_ptr<const ConstrainedSolver::Newton> ConstrainedSolver::newton_at(const ConstrainedState& at,
                                                                               const RunContext& context) const {
-  return newton_form_ != NewtonForm::none ? std::make_unique<const Newton>(*this, at, context) : nullptr;
+  if (newton_form_ == NewtonForm::none) return nullptr;
+  try {
+    return std::make_unique<const Newton>(*this, at, context);
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::numerical_failure) throw;
+    return nullptr;
+  }
 }
 
 /// The Hessian of half the squared distance from a shape is I - P'.

@@ -113,7 +113,7 @@ class ConstrainedSolver {
   };
 
   SparseMatrix constrained_matrix() const;
-  double newton_by_cost();
+  double newton_by_cost(std::size_t memory_limit);
   int patience_by_cost(double newton_step) const;
   void prepare_compliance(const RunContext& context);
   Eigen::MatrixXd global_step(const Case& c, const std::vector<Vec3>& targets) const;

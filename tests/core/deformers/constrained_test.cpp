@@ -99,8 +99,9 @@ TEST(Constrained, JacobianProducts) {
   for (const HandleMode handles : {HandleMode::hard, HandleMode::soft}) {
     ShellOptions options;
     options.handles = handles;
-    const auto system = prepare(mesh, with({planar(1.2, 1.8, 1e3)}, options));
-    test::check_jacobians(*system, 1e-8, 2e-3);
+    deform::Setup setup = with({planar(1.2, 1.8, 1e3)}, options);
+    setup.constraint_options.tolerance = 1e-11;
+    test::check_jacobians(*prepare(mesh, setup), 1e-8, 1e-5);
   }
 }
 
@@ -135,7 +136,7 @@ TEST(ExactConstraints, SingleSetsAreMet) {
     ShapeParameters shape;
     make_projection(Planar{}, std::vector<std::vector<Vec3>>{patch})->project(patch, projected, shape);
     EXPECT_LT(distance(patch, projected), 1e-9 * system->info().diagonal);
-    // Handles and fixed points stay, and no point jumps away from its neighbours.
+    // Fixed points stay, and the rest moves by no more than a few times what the patch was away.
     const SelectedRegions regions = validate(setup, *mesh);
     for (const PointId id : regions.fixed) EXPECT_EQ(got[id], mesh->points[id]);
     deform::Setup soft = setup;
@@ -178,11 +179,11 @@ TEST(ExactConstraints, JacobianProducts) {
   const Constraint line{"line", {box({0, 0.45, -9}, {1.4, 0.55, 9})}, Straight{}, 1e5};
   for (deform::Setup& setup : exact_setups({exact(planar(1.2, 1.7, 1e3))})) {
     setup.constraint_options.tolerance = 1e-11;
-    test::check_jacobians(*prepare(mesh, setup), 1e-8, 2e-3);
+    test::check_jacobians(*prepare(mesh, setup), 1e-8, 1e-5);
   }
   for (deform::Setup& setup : exact_setups({exact(planar(0.9, 1.8, 1e5)), exact(line)})) {
     setup.constraint_options.tolerance = 1e-11;
-    test::check_jacobians(*prepare(mesh, setup), 1e-7, 2e-3);
+    test::check_jacobians(*prepare(mesh, setup), 1e-8, 1e-5);
   }
 }
 
