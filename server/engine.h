@@ -32,12 +32,15 @@ struct EngineOptions {
   void validate() const;
 };
 
+class WarmStarts;
+
 /// What the transport knows about a call. Its cancel flag and deadline are watched and reach every loop within about ten
 /// milliseconds; the engine never sets the flag, so several calls may share one.
 struct CallContext {
   CancelFlag cancel;
   std::optional<RunContext::Clock::time_point> deadline;
-  std::string client;  ///< peer, for the log
+  std::string client;                                 ///< peer, for the log
+  std::shared_ptr<WarmStarts> warm_starts = nullptr;  ///< of a stream
 };
 
 /// What the log line of a call tells, in milliseconds and bytes.

@@ -7,6 +7,7 @@
 #include "server/convert_info.h"
 #include "server/engine_impl.h"
 #include "server/outcome_call.h"
+#include "server/warm_starts.h"
 
 namespace deform::server {
 
@@ -92,8 +93,14 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
   task.output = request.output();
   const auto shared = std::make_shared<const v1::DeformRequest>(std::move(request));
   task.bind_bytes = [shared](const ResidentSystem& system) { return bind_bytes(*shared, system.info); };
-  task.bind = [shared, path](const ResidentSystem& system, const RunContext& context) {
-    return system.system->bind(designs_from_proto(*shared, system.info), path, context);
+  task.bind = [shared, path, id = task.system_id, starts = call.warm_starts](const ResidentSystem& system,
+                                                                             const RunContext& context) {
+    const std::vector<Design> designs = designs_from_proto(*shared, system.info);
+    if (!shared->warm_start()) return system.system->bind(designs, path, context);
+    WarmStart warm = starts ? starts->last(id) : WarmStart{};
+    auto evaluation = system.system->bind_sequence(designs, path, warm, context);
+    if (starts) starts->set(id, std::move(warm));
+    return evaluation;
   };
   task.checker = [this, shared, checks](const SystemCache::Handle& system, const RunContext& context) {
     return DesignChecker::make(

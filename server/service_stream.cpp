@@ -7,6 +7,7 @@
 #include "server/service_messages.h"
 #include "server/service_text.h"
 #include "server/status.h"
+#include "server/warm_starts.h"
 
 namespace deform::server {
 
@@ -24,6 +25,11 @@ v1::DeformReply error_reply(std::uint64_t id, const Error& error) {
   return reply;
 }
 
+CallContext with_warm_starts(CallContext call) {
+  call.warm_starts = std::make_shared<WarmStarts>();
+  return call;
+}
+
 /// The log line of one request.
 void log_request(StreamRequests::Request& request, const std::optional<Error>& error) {
   request.record.error = error;
@@ -35,7 +41,10 @@ void log_request(StreamRequests::Request& request, const std::optional<Error>& e
 
 DeformStreamCall::DeformStreamCall(Engine& engine, const StreamLimits& limits, const Incoming& incoming,
                                    std::function<void(DeformStreamCall*)> on_done)
-    : ReplyWriter("DeformStream", incoming), engine_(engine), on_done_(std::move(on_done)), requests_(limits, scope_.call()) {}
+    : ReplyWriter("DeformStream", incoming),
+      engine_(engine),
+      on_done_(std::move(on_done)),
+      requests_(limits, with_warm_starts(scope_.call())) {}
 
 void DeformStreamCall::begin() { StartRead(&message_); }
 

@@ -8,7 +8,6 @@ namespace deform {
 namespace {
 
 constexpr double whole_accuracy = 1e-11;  // of the right-hand side
-constexpr int most_iterations = 1000;
 
 }  // namespace
 
@@ -27,9 +26,11 @@ std::vector<Vec3> ConstrainedSolver::unmet(const ConstrainedState& at, const std
 }
 
 /// (S + sum g Phi^T (I - P') Phi) x = b by conjugate gradients. Preconditioner: the Gauss-Newton matrix, which leaves out the
-/// curvature of the shapes only, where it can be afforded; else the matrix of the global step.
+/// curvature of the shapes only, where it can be afforded; else the matrix of the global step. *finished, if told, becomes false
+/// where `most` iterations do not reach the accuracy.
 Eigen::MatrixXd ConstrainedSolver::solve_linearized(const ConstrainedState& at, const Newton* newton, const Eigen::MatrixXd& b,
-                                                    double accuracy, const RunContext& context) const {
+                                                    double accuracy, const RunContext& context, int most,
+                                                    bool* finished) const {
   const auto preconditioned = [&](const Eigen::MatrixXd& r) {
     return newton ? newton->inverse(r) : solve_bordered(r, {}, context);
   };
@@ -37,7 +38,11 @@ Eigen::MatrixXd ConstrainedSolver::solve_linearized(const ConstrainedState& at, 
   Eigen::MatrixXd z = preconditioned(residual), p = z;
   double rz = residual.cwiseProduct(z).sum();
   const double wanted = accuracy * std::sqrt(std::abs(rz));
-  for (int i = 0; i < most_iterations && std::sqrt(std::abs(rz)) > wanted; ++i) {
+  for (int i = 0; std::sqrt(std::abs(rz)) > wanted; ++i) {
+    if (i == most) {
+      if (finished != nullptr) *finished = false;
+      return x;
+    }
     context.check();
     const Eigen::MatrixXd Hp = reduced_.times(p) + weighted_transposed(unmet(at, rows_times(p)));
     const double curvature = p.cwiseProduct(Hp).sum();

@@ -13,8 +13,8 @@ namespace {
 
 using Entry = Eigen::Triplet<double, std::int64_t>;
 
-constexpr int least_patience = 8, most_patience = 150;
-constexpr double steps_per_round = 4;           // Gauss-Newton steps that one round of the alternation may cost
+constexpr int least_patience = 4, most_patience = 150;
+constexpr double steps_per_round = 1;           // Gauss-Newton matrices that one round of the alternation may cost
 constexpr double affordable = 4e11;             // operations of one of these steps
 constexpr double affordable_compliance = 1e11;  // operations to prepare the form in forces
 constexpr double most_forces = 6000, most_full = 6000;

@@ -14,6 +14,7 @@ namespace {
 using Entry = Eigen::Triplet<double, std::int64_t>;
 constexpr std::size_t few_points = 64;  // of a set whose parameters are eliminated first
 constexpr double direction_accuracy = 1e-3;
+constexpr int most_with_old_matrix = 12;
 constexpr int most_steps = 30, most_halvings = 10, most_steps_of_a_design = 100;
 constexpr double damping = 1e-9;  // of the diagonal: parameters that change nothing stay
 
@@ -171,33 +172,42 @@ Eigen::MatrixXd ConstrainedSolver::Newton::inverse(const Eigen::MatrixXd& b) con
 }
 
 /// Null where it cannot be afforded, or is not positive definite to working precision: the global step's matrix serves then.
-std::unique_ptr<const ConstrainedSolver::Newton> ConstrainedSolver::newton_at(const ConstrainedState& at,
-                                                                              const RunContext& context) const {
+ConstrainedSolver::NewtonPtr ConstrainedSolver::newton_at(const ConstrainedState& at, const RunContext& context) const {
   if (newton_form_ == NewtonForm::none) return nullptr;
   try {
-    return std::make_unique<const Newton>(*this, at, context);
+    return std::make_shared<const Newton>(*this, at, context);
   } catch (const Error& error) {
     if (error.code() != ErrorCode::numerical_failure) throw;
     return nullptr;
   }
 }
 
-/// The Hessian of half the squared distance from a shape is I - P'.
-Eigen::MatrixXd ConstrainedSolver::newton_direction(const ConstrainedState& at, const RunContext& context) const {
+/// The Hessian of half the squared distance from a shape is I - P'. The matrix of an earlier step serves as preconditioner as
+/// long as few iterations are enough: it is what a step costs.
+Eigen::MatrixXd ConstrainedSolver::newton_direction(const ConstrainedState& at, NewtonPtr& matrix,
+                                                    const RunContext& context) const {
   std::vector<Vec3> away = at.points;
   for (std::size_t i = 0; i < away.size(); ++i) {
     for (std::size_t k = 0; k < 3; ++k) away[i][k] -= at.targets[i][k];
   }
   const Eigen::MatrixXd gradient = reduced_.times(at.v) + weighted_transposed(away);
-  return solve_linearized(at, newton_at(at, context).get(), -gradient, direction_accuracy, context);
+  if (matrix != nullptr) {
+    bool finished = true;
+    Eigen::MatrixXd direction =
+        solve_linearized(at, matrix.get(), -gradient, direction_accuracy, context, most_with_old_matrix, &finished);
+    if (finished) return direction;
+    matrix = nullptr;
+  }
+  matrix = newton_at(at, context);
+  return solve_linearized(at, matrix.get(), -gradient, direction_accuracy, context);
 }
 
 /// Steps as long as they lower the objective; converged when a whole step moves the sets by less than the tolerance.
-void ConstrainedSolver::newton(const Case& c, ConstrainedResult& result) const {
+void ConstrainedSolver::newton(const Case& c, ConstrainedResult& result, NewtonPtr& matrix) const {
   ConstrainedState& now = result.after;
   for (int step = 0; step < most_steps && result.newton_steps < most_steps_of_a_design; ++step) {
     c.context.check();
-    const Eigen::MatrixXd direction = newton_direction(now, c.context);
+    const Eigen::MatrixXd direction = newton_direction(now, matrix, c.context);
     ++result.newton_steps;
     const std::vector<Vec3> change = rows_times(direction);
     double moved = 0;

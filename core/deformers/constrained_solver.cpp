@@ -103,8 +103,8 @@ void ConstrainedSolver::alternate(const Case& c, int most, ConstrainedResult& re
   }
 }
 
-ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::vector<Vec3>& offsets,
-                                           const RunContext& context) const {
+ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::vector<Vec3>& offsets, const RunContext& context,
+                                           const ConstrainedStart* start_from) const {
   const EnergySolver::Problem& problem = solver_.problem();
   ConstrainedResult result;
   Eigen::MatrixXd loads = solver_.loads(h, context);
@@ -123,18 +123,27 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
   result.before.v = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(reduced_.size()), 3);
   evaluate(c, result.before);
   result.after = result.before;
+  bool near = start_from != nullptr;  // the solution
+  if (near) {
+    ConstrainedState warm;
+    warm.v = start_from->v;
+    warm.shapes = start_from->shapes;
+    evaluate(c, warm);
+    near = warm.objective < result.before.objective;
+    if (near) result.after = std::move(warm);
+  }
   const bool multipliers = problem.hold == Hold::multipliers;
   const double wanted = round_accuracy * (h.size() > 0 ? h.cwiseAbs().maxCoeff() : 0.0);
+  NewtonPtr matrix;
   const bool newton_too = newton_form_ != NewtonForm::none && options_.acceleration != Acceleration::none;
   for (int round = 1;; ++round) {
     result.converged = false;
     result.objectives.clear();
-    // Later rounds start next to their solution.
-    if (round > 1 && newton_too) newton(c, result);
+    if (near && newton_too) newton(c, result, matrix);
     while (!result.converged && result.iterations < options_.most_iterations) {
       const int last = newton_too ? result.iterations + patience_ : options_.most_iterations;
       alternate(c, std::min(options_.most_iterations, last), result);
-      if (!result.converged && newton_too) newton(c, result);
+      if (!result.converged && newton_too) newton(c, result, matrix);
     }
     result.w = free + reduced_.extended(result.after.v, context);
     if (!multipliers || round == rounds || !result.converged) return result;
@@ -144,6 +153,7 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
     loads += missing;
     start();
     evaluate(c, result.after);
+    near = true;
   }
 }
 

@@ -34,6 +34,12 @@ struct ConstrainedState {
   double objective = 0;
 };
 
+/// What a similar design may start from.
+struct ConstrainedStart {
+  Eigen::MatrixXd v;  ///< as in ConstrainedState
+  std::vector<ShapeParameters> shapes;
+};
+
 struct ConstrainedResult {
   ConstrainedState before;  ///< of the unconstrained deformation
   ConstrainedState after;
@@ -44,6 +50,12 @@ struct ConstrainedResult {
   int newton_steps = 0;
   bool converged = false;
   double error = 0;  ///< estimate of how far the points still are from the solution, rms, unit coordinates
+
+  /// For the next design.
+  ConstrainedStart start() const {
+    const ConstrainedState& first = rounds.empty() ? after : rounds.front();
+    return {first.v, first.shapes};
+  }
 };
 
 /// The deformation of least energy plus gamma_c times the distances of some point sets from geometric shapes (thesis 8.5,
@@ -89,8 +101,10 @@ class ConstrainedSolver {
   std::size_t bytes() const;
 
   /// h: m x 3 prescribed displacements of EnergySolver; offsets: N displacements of the points of the sets that no function
-  /// reaches (eliminated held points), zero for the others.
-  ConstrainedResult solve(const Eigen::MatrixXd& h, const std::vector<Vec3>& offsets, const RunContext& context) const;
+  /// reaches (eliminated held points), zero for the others. start: of a similar design, or null; taken when it is better than
+  /// the deformation without constraints.
+  ConstrainedResult solve(const Eigen::MatrixXd& h, const std::vector<Vec3>& offsets, const RunContext& context,
+                          const ConstrainedStart* start = nullptr) const;
 
   /// Derivative of a converged solution: k x 3 from dh (m x 3) and the derivative of the offsets. Conjugate gradients; exact up
   /// to 1e-10 of the right-hand side.
@@ -105,6 +119,7 @@ class ConstrainedSolver {
 
  private:
   class Newton;
+  using NewtonPtr = std::shared_ptr<const Newton>;
 
   /// What one solution is about.
   struct Case {
@@ -120,17 +135,17 @@ class ConstrainedSolver {
   void evaluate(const Case& c, ConstrainedState& state) const;
   void alternate(const Case& c, int most, ConstrainedResult& result) const;
   double distance_left(const Case& c, const std::vector<Vec3>& from, const std::vector<Vec3>& to) const;
-  void newton(const Case& c, ConstrainedResult& result) const;
-  Eigen::MatrixXd newton_direction(const ConstrainedState& at, const RunContext& context) const;
+  void newton(const Case& c, ConstrainedResult& result, NewtonPtr& matrix) const;
+  Eigen::MatrixXd newton_direction(const ConstrainedState& at, NewtonPtr& matrix, const RunContext& context) const;
   std::vector<Vec3> centred(const std::vector<Vec3>& y) const;
   Eigen::MatrixXd solve_bordered(const Eigen::MatrixXd& top, const std::vector<Vec3>& at_points, const RunContext& context) const;
   std::vector<Vec3> rows_times(const Eigen::MatrixXd& v) const;
   Eigen::MatrixXd weighted_transposed(const std::vector<Vec3>& y) const;
   std::vector<Vec3> unmet(const ConstrainedState& at, const std::vector<Vec3>& dx) const;
   Eigen::MatrixXd solve_linearized(const ConstrainedState& at, const Newton* newton, const Eigen::MatrixXd& b, double accuracy,
-                                   const RunContext& context) const;
+                                   const RunContext& context, int most = 1000, bool* finished = nullptr) const;
   Eigen::MatrixXd linearized_solution(const ConstrainedState& at, const Eigen::MatrixXd& b, const RunContext& context) const;
-  std::unique_ptr<const Newton> newton_at(const ConstrainedState& at, const RunContext& context) const;
+  NewtonPtr newton_at(const ConstrainedState& at, const RunContext& context) const;
   double per_point(std::size_t set) const { return sets_[set].weight / static_cast<double>(sets_[set].ids.size()); }
   std::size_t set_size(std::size_t set) const { return first_[set + 1] - first_[set]; }
 

@@ -23,7 +23,7 @@ double distance(const Vec3& a, const Vec3& b) { return length({a[0] - b[0], a[1]
 }  // namespace
 
 EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, std::span<const Design> designs,
-                                   EvaluationPath path, const RunContext& context)
+                                   EvaluationPath path, WarmStart* warm, const RunContext& context)
     : system_(std::move(system)), held_(system_->held()), reports_(designs.size()), slot_(designs.size()) {
   designs_.reserve(designs.size());
   for (std::size_t i = 0; i < designs.size(); ++i) {
@@ -38,7 +38,7 @@ EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, s
   }
   choose_paths(path);
   set_basis_coefficients();
-  solve_direct(context);
+  solve_direct(warm, context);
 }
 
 EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, const std::vector<Affine>& derivatives,
@@ -48,7 +48,7 @@ EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, c
   choose_paths(EvaluationPath::automatic);
   set_basis_coefficients();
   if (system_->constrained_ == nullptr) {
-    solve_direct(context);
+    solve_direct(nullptr, context);
     return;
   }
   const auto told = system_->prescribed(designs_[0], kind_);
@@ -111,24 +111,29 @@ EnergySystem::Prescribed EnergySystem::prescribed(const BoundDesign& design, Mot
   return result;
 }
 
-void EnergyEvaluation::solve_direct(const RunContext& context) {
+void EnergyEvaluation::solve_direct(WarmStart* warm, const RunContext& context) {
   solutions_.resize(designs_.size());
-  parallel_for(context, designs_.size(), 1, [&](std::size_t i, std::size_t) {
+  const bool sequence = warm != nullptr && system_->constrained_;
+  const auto solve_one = [&](std::size_t i, std::size_t) {
     if (reports_[i].path != EvaluationPath::direct) return;
     if (system_->constrained_) {
-      solve_constrained(i, context);
+      solve_constrained(i, warm, context);
     } else {
       solutions_[i] = system_->solve(system_->prescribed(designs_[i], kind_).h * system_->box_.scale, context);
     }
     const auto& misfits = solutions_[i].misfits;
     reports_[i].interpolation_residual = length({misfits[0], misfits[1], misfits[2]});
-  });
+  };
+  if (!sequence) return parallel_for(context, designs_.size(), 1, solve_one);
+  for (std::size_t i = 0; i < designs_.size(); ++i) solve_one(i, i + 1);
 }
 
-void EnergyEvaluation::solve_constrained(std::size_t design, const RunContext& context) {
+void EnergyEvaluation::solve_constrained(std::size_t design, WarmStart* warm, const RunContext& context) {
   const double D = system_->box_.scale;
   const auto told = system_->prescribed(designs_[design], kind_);
-  const ConstrainedResult result = system_->constrained_->solve(told.h, told.offsets, context);
+  const auto* start = warm != nullptr ? static_cast<const ConstrainedStart*>(warm->state.get()) : nullptr;
+  const ConstrainedResult result = system_->constrained_->solve(told.h, told.offsets, context, start);
+  if (warm != nullptr) warm->state = std::make_shared<const ConstrainedStart>(result.start());
   solutions_[design] = system_->completed(told.h * D, result.w * D, context);
   if (system_->placement_) system_->place_exactly(designs_[design], solutions_[design], context);
   DesignReport& report = reports_[design];

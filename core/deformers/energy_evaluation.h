@@ -10,9 +10,9 @@ namespace deform {
 /// Designs bound to an EnergySystem.
 class EnergyEvaluation : public Evaluation {
  public:
-  /// Positions for the designs of System::bind().
+  /// Positions for the designs of System::bind(), or of bind_sequence() with what they start from.
   EnergyEvaluation(std::shared_ptr<const EnergySystem> system, std::span<const Design> designs, EvaluationPath path,
-                   const RunContext& context);
+                   WarmStart* warm, const RunContext& context);
   /// A displacement field from one affine map per handle (a derivative): evaluate() gives the field itself. With constraints the
   /// derivative at a solution.
   EnergyEvaluation(std::shared_ptr<const EnergySystem> system, const std::vector<Affine>& derivatives,
@@ -25,8 +25,8 @@ class EnergyEvaluation : public Evaluation {
  private:
   void choose_paths(EvaluationPath path);
   void set_basis_coefficients();
-  void solve_direct(const RunContext& context);
-  void solve_constrained(std::size_t design, const RunContext& context);
+  void solve_direct(WarmStart* warm, const RunContext& context);
+  void solve_constrained(std::size_t design, WarmStart* warm, const RunContext& context);
   std::vector<Vec3> final_points(std::size_t design, std::vector<Vec3> points) const;
   void measure_constraints(std::size_t design, const ConstrainedResult& result);
   void evaluate_following(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;

@@ -303,7 +303,14 @@ void EnergySystem::fill_info() {
 std::unique_ptr<const Evaluation> EnergySystem::bind(std::span<const Design> designs, EvaluationPath path,
                                                      const RunContext& context) const {
   return std::make_unique<EnergyEvaluation>(std::static_pointer_cast<const EnergySystem>(shared_from_this()), designs, path,
-                                            context);
+                                            nullptr, context);
+}
+
+std::unique_ptr<const Evaluation> EnergySystem::bind_sequence(std::span<const Design> designs, EvaluationPath path,
+                                                              WarmStart& warm, const RunContext& context) const {
+  auto self = std::static_pointer_cast<const EnergySystem>(shared_from_this());
+  if (warm.of.lock() != self) warm = {self, nullptr};
+  return std::make_unique<EnergyEvaluation>(std::move(self), designs, path, &warm, context);
 }
 
 }  // namespace deform

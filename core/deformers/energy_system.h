@@ -34,8 +34,9 @@ EnergyModel energy_model(const Mesh& mesh, const Setup& setup, const std::vector
 ///    largest remaining misfit, at up to 256 held points (an upper bound on the basis path); 0 for the shell.
 ///  - Soft handles (thesis 8.8): held points follow the solution as all others do, each handle and the fixed points with weight
 ///    `fixing` for the mean square of their misfit; interpolation_residual is the largest misfit.
-///  - Constraints (thesis 8.5) are solved for in bind(), one design after the other from its deformation without them, so that
-///    designs do not depend on each other; there is no basis then, and derivatives are those of the constrained deformation.
+///  - Constraints (thesis 8.5) are solved for in bind(), each design from its deformation without them, so that designs do not
+///    depend on each other; or in bind_sequence(). There is no basis then, and derivatives are those of the constrained
+///    deformation.
 ///  - Exact constraints: their points end where ExactPlacement puts them; how far that moves them is interpolated (triharmonic,
 ///  zero
 ///    at held points) and added everywhere.
@@ -47,6 +48,8 @@ class EnergySystem : public System {
   const SystemInfo& info() const override { return info_; }
   std::unique_ptr<const Evaluation> bind(std::span<const Design> designs, EvaluationPath path,
                                          const RunContext& context) const override;
+  std::unique_ptr<const Evaluation> bind_sequence(std::span<const Design> designs, EvaluationPath path, WarmStart& warm,
+                                                  const RunContext& context) const override;
   Points jacobian_vector(std::span<const double> variables, std::span<const double> direction,
                          const RunContext& context) const override;
   std::vector<double> vector_jacobian(std::span<const double> variables, const Points& cotangent,

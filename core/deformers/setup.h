@@ -134,7 +134,7 @@ struct Constraint {
   /// gamma_c, the weight of the mean square distance of its points (in units of D) from the shape; up to 1e10. 0 =
   /// automatic_weight.
   double weight = 0;
-  static constexpr double automatic_weight = 1e6;
+  static constexpr double automatic_weight = 1e7;
   /// In the end its points are put on the shape exactly, together with all other exact ones, and what is around them follows
   /// smoothly. Points of handles and fixed regions stay where they are told to be: a shape that cannot take them in is reported
   /// by the distances that are left.

@@ -19,6 +19,11 @@ std::string gibibytes(std::size_t bytes) {
 
 }  // namespace
 
+std::unique_ptr<const Evaluation> System::bind_sequence(std::span<const Design> designs, EvaluationPath path, WarmStart&,
+                                                        const RunContext& context) const {
+  return bind(designs, path, context);
+}
+
 Points System::evaluate(const Design& design, const RunContext& context) const {
   return std::move(evaluate(std::span<const Design>(&design, 1), EvaluationPath::automatic, context).front());
 }

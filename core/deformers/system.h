@@ -102,6 +102,15 @@ class Evaluation {
   virtual void evaluate(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const = 0;
 };
 
+class System;
+
+/// Where a sequence of similar designs stands: what the next one starts from. Small; copies share it. Not for two threads at
+/// once.
+struct WarmStart {
+  std::weak_ptr<const System> of;  ///< another system takes no notice of it
+  std::shared_ptr<const void> state;
+};
+
 /// A prepared method (thesis 4.2: prepare once, evaluate often). Immutable; any number of threads may call every method at once.
 /// Made and held by shared_ptr.
 class System : public std::enable_shared_from_this<System> {
@@ -117,6 +126,12 @@ class System : public std::enable_shared_from_this<System> {
   /// global.
   virtual std::unique_ptr<const Evaluation> bind(std::span<const Design> designs, EvaluationPath path,
                                                  const RunContext& context) const = 0;
+  /// The same for designs that resemble each other, such as those of a line search: those with constraints are solved one after
+  /// the other, each from the solution of the one before, the first from `warm` (empty: by itself), which then tells where the
+  /// last one ended. Fewer iterations; the results depend on the designs before within ConstraintOptions::tolerance, and by more
+  /// where a design has several solutions: it stays on the branch of the one before.
+  virtual std::unique_ptr<const Evaluation> bind_sequence(std::span<const Design> designs, EvaluationPath path, WarmStart& warm,
+                                                          const RunContext& context) const;
 
   /// d(points)/d(variables) at `variables` times `direction` (one value per variable): n x 3 (thesis 4.2, eq. 4.2).
   virtual Points jacobian_vector(std::span<const double> variables, std::span<const double> direction,

@@ -164,6 +164,37 @@ void model(const ConstraintCase& of, Report& report) {
 
 // ---- a large car ----
 
+/// Designs in steps of one percent, as an optimizer's line search takes them: each by itself, and each from the one before.
+void line_search(const System& system, const Design& design, const std::string& name, Report& report) {
+  std::vector<Design> line(6, design);
+  for (std::size_t i = 0; i < line.size(); ++i) line[i].variables[0] *= 1 + 0.01 * static_cast<double>(i);
+  std::vector<double> alone, after;
+  std::string last_alone, last_after;
+  double apart = 0;
+  WarmStart warm;
+  for (const Design& at : line) {
+    std::unique_ptr<const Evaluation> evaluations[2];
+    alone.push_back(seconds([&] { evaluations[0] = system.bind({&at, 1}, EvaluationPath::automatic, {}); }));
+    after.push_back(seconds([&] { evaluations[1] = system.bind_sequence({&at, 1}, EvaluationPath::automatic, warm, {}); }));
+    Points points[2];
+    for (int k = 0; k < 2; ++k) {
+      points[k].resize(system.info().points);
+      Vec3* const out = points[k].data();
+      evaluations[k]->evaluate(0, points[k].size(), 0, {&out, 1});
+    }
+    for (std::size_t i = 0; i < points[0].size(); ++i) {
+      for (std::size_t k = 0; k < 3; ++k) apart = std::max(apart, std::abs(points[0][i][k] - points[1][i][k]));
+    }
+    last_alone = counts(evaluations[0]->report(0));
+    last_after = counts(evaluations[1]->report(0));
+  }
+  std::sort(alone.begin() + 1, alone.end());
+  std::sort(after.begin() + 1, after.end());
+  report.info(name + "a line search, solved alone (median)", Report::text(alone[3]) + " s, " + last_alone);
+  report.info(name + "a line search, from the design before (median)", Report::text(after[3]) + " s, " + last_after);
+  report.info(name + "a line search: largest difference / D", Report::text(apart / system.info().diagonal));
+}
+
 void large_car(const fs::path& data, bool quick, Report& report) {
   const ConstraintCase car = stretched_car(data, quick ? 30'000 : 465'000);
   MlsOptions options;
@@ -189,6 +220,7 @@ void large_car(const fs::path& data, bool quick, Report& report) {
   std::sort(times.begin(), times.end());
   report.at_most(name + "one constrained design (median of 3)", times[1], 2, " s");
   report.info(name + "peak memory", Report::text(peak_mib()) + " MiB");
+  line_search(*system, car.design, name, report);
   system = nullptr;
   system = prepare(car.mesh, with_method(car, options, 0, Exactness::on));
   const Outcome exact = solved(*system, car.design);

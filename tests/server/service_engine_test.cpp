@@ -212,6 +212,61 @@ TEST_P(ServiceEngine, DeformAndDeformStreamGiveTheSamePoints) {
   EXPECT_EQ(got, expected) << "bit for bit";
 }
 
+TEST_P(ServiceEngine, AStreamGoesOnWhereTheLastDesignEnded) {
+  register_sheet();
+  v1::Setup setup = sheet_setup(geometry.id());
+  setup.mutable_method()->mutable_shell();
+  v1::Constraint& round = *setup.add_constraints();
+  round.set_name("round");
+  round.set_weight(1e5);
+  round.mutable_cylindrical();
+  v1::Region::Box& box = *round.add_regions()->mutable_box();
+  for (const double x : {0.4, 0.2, -1.0}) box.add_min(x);
+  for (const double x : {0.6, 0.8, 1.0}) box.add_max(x);
+  ASSERT_TRUE(prepare(setup).ok());
+
+  const auto converge = [&](auto& reader) {
+    v1::ConstraintsReport report;
+    v1::DeformReply reply;
+    while (reader.Read(&reply)) {
+      EXPECT_FALSE(reply.has_error()) << reply.error().message();
+      if (reply.has_result()) report = reply.result().constraints();
+      if (reply.has_summary()) break;
+    }
+    EXPECT_TRUE(report.converged());
+    return report.iterations();
+  };
+  grpc::ClientContext context;
+  const auto stream = stub->DeformStream(&context);
+  std::uint64_t id = 0;
+  const auto streamed = [&](bool warm) {
+    v1::DeformStreamRequest message;
+    message.set_request_id(++id);
+    *message.mutable_request() = request({0.2, 0.1});
+    message.mutable_request()->set_warm_start(warm);
+    EXPECT_TRUE(stream->Write(message));
+    return converge(*stream);
+  };
+  const auto by_itself = streamed(false);
+  EXPECT_EQ(streamed(true), by_itself) << "the first";
+  const auto next = streamed(true);
+  EXPECT_LT(next, by_itself);
+  EXPECT_EQ(streamed(false), by_itself);
+  EXPECT_LE(streamed(true), next);
+  stream->WritesDone();
+  EXPECT_TRUE(stream->Finish().ok());
+  // Within a request, and not between calls.
+  for (int call = 0; call < 2; ++call) {
+    v1::DeformRequest asked = request({0.2, 0.1});
+    asked.set_warm_start(true);
+    if (call == 1) *asked.add_designs() = asked.designs(0);
+    grpc::ClientContext unary;
+    const auto reader = stub->Deform(&unary, asked);
+    EXPECT_EQ(converge(*reader), call == 0 ? by_itself : next);
+    EXPECT_TRUE(reader->Finish().ok());
+  }
+}
+
 TEST_P(ServiceEngine, TheTwoJacobianProductsAreAdjoint) {
   prepare_sheet();
   const std::vector<double> variables = {0.1, 0.05};

@@ -94,6 +94,59 @@ TEST(Constrained, DesignsDoNotDependOnEachOther) {
   }
 }
 
+/// Shell and moving least squares.
+std::vector<deform::Setup> energy_setups(const std::vector<Constraint>& constraints) {
+  std::vector<deform::Setup> setups(2, with(constraints));
+  MlsOptions mls;
+  mls.surface_samples = 250;
+  setups[1].method = mls;
+  return setups;
+}
+
+Points points_of(const Evaluation& evaluation, std::size_t design, std::size_t count) {
+  Points points(count);
+  Vec3* const out = points.data();
+  evaluation.evaluate(0, count, design, {&out, 1});
+  return points;
+}
+
+int steps_of(const Evaluation& evaluation, std::size_t design) {
+  return evaluation.report(design).iterations + evaluation.report(design).newton_steps;
+}
+
+TEST(Constrained, ASequenceGoesOnWhereTheLastDesignEnded) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  const std::size_t n = mesh->point_count();
+  Constraint round = planar(1.2, 1.6, 1e5);
+  round.kind = Cylindrical{};
+  for (const deform::Setup& setup : energy_setups({round})) {
+    const auto system = prepare(mesh, setup);
+    std::vector<Design> line(4, turned);
+    for (std::size_t i = 0; i < line.size(); ++i) line[i].variables[0] += 0.01 * static_cast<double>(i);
+    const auto alone = system->bind(line, EvaluationPath::automatic, {});
+    WarmStart warm;
+    const auto sequence = system->bind_sequence(line, EvaluationPath::automatic, warm, {});
+    for (std::size_t i = 0; i < line.size(); ++i) {
+      ASSERT_TRUE(alone->report(i).converged && sequence->report(i).converged) << i;
+      const Points expected = points_of(*alone, i, n), got = points_of(*sequence, i, n);
+      EXPECT_LT(distance(got, expected), 1e-5) << i;
+      EXPECT_NEAR(sequence->report(i).energy, alone->report(i).energy, 1e-6 * alone->report(i).energy) << i;
+      if (i == 0) {
+        EXPECT_TRUE(got == expected);
+      } else {
+        EXPECT_LT(steps_of(*sequence, i), steps_of(*alone, i)) << i;
+      }
+    }
+    const auto again = system->bind_sequence({&line.back(), 1}, EvaluationPath::automatic, warm, {});
+    EXPECT_LT(steps_of(*again, 0), steps_of(*alone, 3));
+    // What belongs to another system is of no use.
+    const auto other = prepare(mesh, setup);
+    const auto first = other->bind_sequence({line.data(), 1}, EvaluationPath::automatic, warm, {});
+    EXPECT_TRUE(points_of(*first, 0, n) == points_of(*alone, 0, n));
+    EXPECT_EQ(warm.of.lock(), other);
+  }
+}
+
 TEST(Constrained, JacobianProducts) {
   const auto mesh = shared(test::bumpy_sheet(31, 16));
   for (const HandleMode handles : {HandleMode::hard, HandleMode::soft}) {
@@ -110,18 +163,9 @@ Constraint exact(Constraint constraint) {
   return constraint;
 }
 
-/// Shell and moving least squares.
-std::vector<deform::Setup> exact_setups(const std::vector<Constraint>& constraints) {
-  std::vector<deform::Setup> setups(2, with(constraints));
-  MlsOptions mls;
-  mls.surface_samples = 250;
-  setups[1].method = mls;
-  return setups;
-}
-
 TEST(ExactConstraints, SingleSetsAreMet) {
   const auto mesh = shared(test::bumpy_sheet(41, 21));
-  for (const deform::Setup& setup : exact_setups({exact(planar(1.2, 1.6))})) {
+  for (const deform::Setup& setup : energy_setups({exact(planar(1.2, 1.6))})) {
     const auto system = prepare(mesh, setup);
     const auto evaluation = system->bind({&turned, 1}, EvaluationPath::automatic, {});
     const ConstraintReport& report = evaluation->report(0).constraints[0];
@@ -150,7 +194,7 @@ TEST(ExactConstraints, OverlappingSetsAndHeldPointsAreMetTogether) {
   // A plane and a straight line in it that starts in the fixed region; a given plane across.
   const Constraint line{"line", {box({0, 0.49, -9}, {1.2, 0.51, 9})}, Straight{}};
   const Constraint across{"across", {box({0.79, 0, -9}, {0.81, 1, 9})}, FixedPlane{{0.8, 0, 0}, {1, 0, 0}}};
-  for (const deform::Setup& setup : exact_setups({exact(planar(0.5, 1.3)), exact(line), exact(across)})) {
+  for (const deform::Setup& setup : energy_setups({exact(planar(0.5, 1.3)), exact(line), exact(across)})) {
     const auto system = prepare(mesh, setup);
     const auto evaluation = system->bind({&turned, 1}, EvaluationPath::automatic, {});
     for (const ConstraintReport& report : evaluation->report(0).constraints) {
@@ -177,11 +221,11 @@ TEST(ExactConstraints, ContradictionsAreReported) {
 TEST(ExactConstraints, JacobianProducts) {
   const auto mesh = shared(test::bumpy_sheet(31, 16));
   const Constraint line{"line", {box({0, 0.45, -9}, {1.4, 0.55, 9})}, Straight{}, 1e5};
-  for (deform::Setup& setup : exact_setups({exact(planar(1.2, 1.7, 1e3))})) {
+  for (deform::Setup& setup : energy_setups({exact(planar(1.2, 1.7, 1e3))})) {
     setup.constraint_options.tolerance = 1e-11;
     test::check_jacobians(*prepare(mesh, setup), 1e-8, 1e-5);
   }
-  for (deform::Setup& setup : exact_setups({exact(planar(0.9, 1.8, 1e5)), exact(line)})) {
+  for (deform::Setup& setup : energy_setups({exact(planar(0.9, 1.8, 1e5)), exact(line)})) {
     setup.constraint_options.tolerance = 1e-11;
     test::check_jacobians(*prepare(mesh, setup), 1e-8, 1e-5);
   }
