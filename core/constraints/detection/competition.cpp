@@ -13,10 +13,6 @@ namespace {
 constexpr std::size_t fit_faces = 20000;
 constexpr int sweeps = 8;
 
-bool passable(const Surface& surface, const Limits& limits, std::size_t face, const Neighbour& n) {
-  return n.angle <= limits.maximum_angle + surface.allowance(face) + surface.allowance(n.face);
-}
-
 /// Angle between the normals of face and shape.
 double angle_off(const Surface& surface, const Shape& shape, FaceId face) {
   return std::acos(std::min(1.0, std::abs(shape.foot(surface.centre[face]).normal.dot(surface.normal[face]))));
@@ -46,15 +42,13 @@ std::uint32_t winner(const Surface& surface, const Limits& limits, const Segment
     if (std::find(options.begin(), options.begin() + count, label) == options.begin() + count) options[count++] = label;
   };
   add(own);
-  for (const Neighbour& n : surface.neighbours(face)) {
-    if (passable(surface, limits, face, n)) add(segmentation.labels[n.face]);
-  }
+  for (const FaceId f : surface.passages(face)) add(segmentation.labels[f]);
   if (count == 0 || (count == 1 && options[0] == own)) return own;
   std::uint32_t best = unlabelled;
   double least = 0;
   for (std::size_t i = 0; i < count; ++i) {
     const Region& region = segmentation.regions[options[i]];
-    if (!fits(surface, limits, region.shape, static_cast<FaceId>(face), limits.threshold(region.rms))) continue;
+    if (!fits(surface, region.shape, static_cast<FaceId>(face), limits.threshold(region.rms))) continue;
     const double c = cost(surface, limits, region.shape, face);
     if (best == unlabelled || c < least) {
       best = options[i];
@@ -65,7 +59,7 @@ std::uint32_t winner(const Surface& surface, const Limits& limits, const Segment
 }
 
 /// Unlabels pieces of a region that are less than a tenth of its largest one.
-void drop_islands(const Surface& surface, const Limits& limits, Segmentation& segmentation) {
+void drop_islands(const Surface& surface, Segmentation& segmentation) {
   auto& labels = segmentation.labels;
   std::vector<char> seen(labels.size(), 0);
   std::vector<std::vector<std::pair<double, std::vector<FaceId>>>> pieces(segmentation.regions.size());
@@ -74,10 +68,10 @@ void drop_islands(const Surface& surface, const Limits& limits, Segmentation& se
     std::vector<FaceId> piece{static_cast<FaceId>(start)};
     seen[start] = 1;
     for (std::size_t i = 0; i < piece.size(); ++i) {
-      for (const Neighbour& n : surface.neighbours(piece[i])) {
-        if (seen[n.face] || labels[n.face] != labels[start] || !passable(surface, limits, piece[i], n)) continue;
-        seen[n.face] = 1;
-        piece.push_back(n.face);
+      for (const FaceId f : surface.passages(piece[i])) {
+        if (seen[f] || labels[f] != labels[start]) continue;
+        seen[f] = 1;
+        piece.push_back(f);
       }
     }
     const double area = area_of(surface, piece);
@@ -222,7 +216,7 @@ void compete(const Surface& surface, const Limits& limits, Segmentation& segment
     refit(surface, segmentation, changed);
     if (!any) break;
   }
-  drop_islands(surface, limits, segmentation);
+  drop_islands(surface, segmentation);
   refit(surface, segmentation, std::vector<char>(segmentation.regions.size(), 1));
   drop_small(limits, segmentation);
 }

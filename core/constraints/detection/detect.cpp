@@ -35,6 +35,7 @@ Limits limits_of(const DetectOptions& options, Surface& surface, const RunContex
   limits.seed = options.seed;
   limits.maximum_angle = options.maximum_angle > 0 ? options.maximum_angle : default_maximum_angle;
   surface.noise = estimated_noise(surface, limits.maximum_angle, context);
+  surface.find_passages(limits.maximum_angle);
   const double automatic = std::max(default_tolerance, 5 * surface.noise);
   limits.tolerance = options.tolerance > 0 ? options.tolerance / surface.size : automatic;
   limits.floor = std::min(limits.tolerance, std::max(least_floor, 3 * surface.noise));
