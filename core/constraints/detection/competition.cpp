@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "core/base/parallel.h"
 #include "core/constraints/detection/judgement.h"
 
 namespace deform::detection {
@@ -181,7 +182,7 @@ std::optional<Region> joined(const Surface& surface, const Limits& limits, const
 
 }  // namespace
 
-void refit(const Surface& surface, Segmentation& segmentation, std::span<const char> changed) {
+void refit(const Surface& surface, Segmentation& segmentation, std::span<const char> changed, const RunContext& context) {
   for (std::size_t r = 0; r < segmentation.regions.size(); ++r) {
     if (changed[r]) segmentation.regions[r].faces.clear();
   }
@@ -189,15 +190,17 @@ void refit(const Surface& surface, Segmentation& segmentation, std::span<const c
     const std::uint32_t label = segmentation.labels[f];
     if (label != unlabelled && changed[label]) segmentation.regions[label].faces.push_back(static_cast<FaceId>(f));
   }
-  for (std::size_t r = 0; r < segmentation.regions.size(); ++r) {
-    if (!changed[r]) continue;
-    Region& region = segmentation.regions[r];
-    region.area = area_of(surface, region.faces);
-    const FitData data = surface.data(region.faces, fit_faces);
-    if (data.corners.empty()) continue;
-    if (const auto shape = refine(region.shape, data, Effort::full)) region.shape = *shape;
-    region.rms = rms_distance(region.shape, data);
-  }
+  parallel_for(context, segmentation.regions.size(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t r = begin; r < end; ++r) {
+      if (!changed[r]) continue;
+      Region& region = segmentation.regions[r];
+      region.area = area_of(surface, region.faces);
+      const FitData data = surface.data(region.faces, fit_faces);
+      if (data.corners.empty()) continue;
+      if (const auto shape = refine(region.shape, data, Effort::full)) region.shape = *shape;
+      region.rms = rms_distance(region.shape, data);
+    }
+  });
 }
 
 void compete(const Surface& surface, const Limits& limits, Segmentation& segmentation, const RunContext& context) {
@@ -213,15 +216,15 @@ void compete(const Surface& surface, const Limits& limits, Segmentation& segment
       if (best != unlabelled) changed[best] = 1;
       segmentation.labels[f] = best;
     }
-    refit(surface, segmentation, changed);
+    refit(surface, segmentation, changed, context);
     if (!any) break;
   }
   drop_islands(surface, segmentation);
-  refit(surface, segmentation, std::vector<char>(segmentation.regions.size(), 1));
+  refit(surface, segmentation, std::vector<char>(segmentation.regions.size(), 1), context);
   drop_small(limits, segmentation);
 }
 
-void trim(const Surface& surface, const Limits& limits, Segmentation& segmentation) {
+void trim(const Surface& surface, const Limits& limits, Segmentation& segmentation, const RunContext& context) {
   auto& labels = segmentation.labels;
   std::vector<char> changed(segmentation.regions.size(), 0);
   for (std::uint32_t r = 0; r < segmentation.regions.size(); ++r) {
@@ -250,7 +253,7 @@ void trim(const Surface& surface, const Limits& limits, Segmentation& segmentati
       changed[r] = 1;
     }
   }
-  refit(surface, segmentation, changed);
+  refit(surface, segmentation, changed, context);
   drop_small(limits, segmentation);
 }
 

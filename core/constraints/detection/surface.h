@@ -20,6 +20,7 @@ struct Neighbour {
 
 /// What detection asks of a mesh: lengths over its size, around its middle. Read-only once built; any number of threads may read.
 struct Surface {
+  Surface() = default;  ///< to be filled
   explicit Surface(const Mesh& mesh, const RunContext& context);
 
   std::size_t face_count() const { return area.size(); }
