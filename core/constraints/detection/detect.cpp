@@ -21,9 +21,8 @@ using namespace detection;
 constexpr double default_minimum_area = 0.01;
 constexpr double default_maximum_angle = 0.6;
 constexpr double default_tolerance = 1e-3;
-constexpr double least_floor = 1e-5;  ///< what coordinates in files of six or seven digits are off
-constexpr std::size_t batch = 32;     ///< seeds that grow before the best of them are taken
-constexpr std::uint64_t sweeps = 2;
+constexpr double least_floor = 1e-5;          ///< what coordinates in files of six or seven digits are off
+constexpr std::size_t batch = 32;             ///< seeds that grow before the best of them are taken
 constexpr double clusters_in_smallest = 256;  ///< of faces, in the smallest primitive
 
 void check_range(const char* field, double value, double below, const char* meaning) {
@@ -101,6 +100,8 @@ void grow_from_seeds(const Surface& surface, const Limits& limits, GrowthPool& p
   const bool fine = 2 * clusters.count() <= surface.face_count();  // else there is little to gain
   const Surface& ground = fine ? clusters.surface : surface;
   GrowthPool ground_pool(ground, limits);
+  // Over clusters one more is cheap, and of shapes that only one seed in a few finds (nearly flat ones) fewer are missed.
+  const std::uint64_t sweeps = fine ? 3 : 2;
   for (std::uint64_t sweep = 0; sweep < sweeps; ++sweep) {
     const auto seeds = spread_seeds(surface, limits, patches, unevenness, segmentation.labels, sweep);
     std::size_t next = 0;
@@ -121,8 +122,8 @@ void grow_from_seeds(const Surface& surface, const Limits& limits, GrowthPool& p
       for (auto& list : found) std::move(list.begin(), list.end(), std::back_inserter(regions));
       std::stable_sort(regions.begin(), regions.end(), [](const Region& a, const Region& b) { return a.area > b.area; });
       accept(surface, limits, fine ? &clusters : nullptr, regions, pool, segmentation);
-      context.progress("detect",
-                       (static_cast<double>(sweep) + static_cast<double>(next) / static_cast<double>(seeds.size())) / sweeps);
+      context.progress("detect", (static_cast<double>(sweep) + static_cast<double>(next) / static_cast<double>(seeds.size())) /
+                                     static_cast<double>(sweeps));
     }
   }
 }
