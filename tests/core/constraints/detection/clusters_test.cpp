@@ -154,7 +154,7 @@ TEST(FineMeshes, HaveTheirPrimitivesFoundInNoise) {
 }
 
 TEST(FineMeshes, GiveTheSameForAnyNumberOfThreads) {
-  Part part = test::rounded_block(10);
+  Part part = test::filleted_shaft(12);
   shake(part.mesh, 1e-4);
   RunContext one, two;
   one.threads = 1;
