@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "core/base/parallel.h"
 #include "core/constraints/detection/judgement.h"
 
 namespace deform::detection {
@@ -12,10 +13,6 @@ namespace {
 
 constexpr std::size_t fit_faces = 20000;
 constexpr int sweeps = 8;
-
-bool passable(const Surface& surface, const Limits& limits, std::size_t face, const Neighbour& n) {
-  return n.angle <= limits.maximum_angle + surface.allowance(face) + surface.allowance(n.face);
-}
 
 /// Angle between the normals of face and shape.
 double angle_off(const Surface& surface, const Shape& shape, FaceId face) {
@@ -46,15 +43,13 @@ std::uint32_t winner(const Surface& surface, const Limits& limits, const Segment
     if (std::find(options.begin(), options.begin() + count, label) == options.begin() + count) options[count++] = label;
   };
   add(own);
-  for (const Neighbour& n : surface.neighbours(face)) {
-    if (passable(surface, limits, face, n)) add(segmentation.labels[n.face]);
-  }
+  for (const FaceId f : surface.passages(face)) add(segmentation.labels[f]);
   if (count == 0 || (count == 1 && options[0] == own)) return own;
   std::uint32_t best = unlabelled;
   double least = 0;
   for (std::size_t i = 0; i < count; ++i) {
     const Region& region = segmentation.regions[options[i]];
-    if (!fits(surface, limits, region.shape, static_cast<FaceId>(face), limits.threshold(region.rms))) continue;
+    if (!fits(surface, region.shape, static_cast<FaceId>(face), limits.threshold(region.rms))) continue;
     const double c = cost(surface, limits, region.shape, face);
     if (best == unlabelled || c < least) {
       best = options[i];
@@ -65,7 +60,7 @@ std::uint32_t winner(const Surface& surface, const Limits& limits, const Segment
 }
 
 /// Unlabels pieces of a region that are less than a tenth of its largest one.
-void drop_islands(const Surface& surface, const Limits& limits, Segmentation& segmentation) {
+void drop_islands(const Surface& surface, Segmentation& segmentation) {
   auto& labels = segmentation.labels;
   std::vector<char> seen(labels.size(), 0);
   std::vector<std::vector<std::pair<double, std::vector<FaceId>>>> pieces(segmentation.regions.size());
@@ -74,10 +69,10 @@ void drop_islands(const Surface& surface, const Limits& limits, Segmentation& se
     std::vector<FaceId> piece{static_cast<FaceId>(start)};
     seen[start] = 1;
     for (std::size_t i = 0; i < piece.size(); ++i) {
-      for (const Neighbour& n : surface.neighbours(piece[i])) {
-        if (seen[n.face] || labels[n.face] != labels[start] || !passable(surface, limits, piece[i], n)) continue;
-        seen[n.face] = 1;
-        piece.push_back(n.face);
+      for (const FaceId f : surface.passages(piece[i])) {
+        if (seen[f] || labels[f] != labels[start]) continue;
+        seen[f] = 1;
+        piece.push_back(f);
       }
     }
     const double area = area_of(surface, piece);
@@ -187,7 +182,7 @@ std::optional<Region> joined(const Surface& surface, const Limits& limits, const
 
 }  // namespace
 
-void refit(const Surface& surface, Segmentation& segmentation, std::span<const char> changed) {
+void refit(const Surface& surface, Segmentation& segmentation, std::span<const char> changed, const RunContext& context) {
   for (std::size_t r = 0; r < segmentation.regions.size(); ++r) {
     if (changed[r]) segmentation.regions[r].faces.clear();
   }
@@ -195,15 +190,17 @@ void refit(const Surface& surface, Segmentation& segmentation, std::span<const c
     const std::uint32_t label = segmentation.labels[f];
     if (label != unlabelled && changed[label]) segmentation.regions[label].faces.push_back(static_cast<FaceId>(f));
   }
-  for (std::size_t r = 0; r < segmentation.regions.size(); ++r) {
-    if (!changed[r]) continue;
-    Region& region = segmentation.regions[r];
-    region.area = area_of(surface, region.faces);
-    const FitData data = surface.data(region.faces, fit_faces);
-    if (data.corners.empty()) continue;
-    if (const auto shape = refine(region.shape, data, Effort::full)) region.shape = *shape;
-    region.rms = rms_distance(region.shape, data);
-  }
+  parallel_for(context, segmentation.regions.size(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t r = begin; r < end; ++r) {
+      if (!changed[r]) continue;
+      Region& region = segmentation.regions[r];
+      region.area = area_of(surface, region.faces);
+      const FitData data = surface.data(region.faces, fit_faces);
+      if (data.corners.empty()) continue;
+      if (const auto shape = refine(region.shape, data, Effort::full)) region.shape = *shape;
+      region.rms = rms_distance(region.shape, data);
+    }
+  });
 }
 
 void compete(const Surface& surface, const Limits& limits, Segmentation& segmentation, const RunContext& context) {
@@ -219,15 +216,15 @@ void compete(const Surface& surface, const Limits& limits, Segmentation& segment
       if (best != unlabelled) changed[best] = 1;
       segmentation.labels[f] = best;
     }
-    refit(surface, segmentation, changed);
+    refit(surface, segmentation, changed, context);
     if (!any) break;
   }
-  drop_islands(surface, limits, segmentation);
-  refit(surface, segmentation, std::vector<char>(segmentation.regions.size(), 1));
+  drop_islands(surface, segmentation);
+  refit(surface, segmentation, std::vector<char>(segmentation.regions.size(), 1), context);
   drop_small(limits, segmentation);
 }
 
-void trim(const Surface& surface, const Limits& limits, Segmentation& segmentation) {
+void trim(const Surface& surface, const Limits& limits, Segmentation& segmentation, const RunContext& context) {
   auto& labels = segmentation.labels;
   std::vector<char> changed(segmentation.regions.size(), 0);
   for (std::uint32_t r = 0; r < segmentation.regions.size(); ++r) {
@@ -256,7 +253,7 @@ void trim(const Surface& surface, const Limits& limits, Segmentation& segmentati
       changed[r] = 1;
     }
   }
-  refit(surface, segmentation, changed);
+  refit(surface, segmentation, changed, context);
   drop_small(limits, segmentation);
 }
 

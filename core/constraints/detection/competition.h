@@ -19,12 +19,12 @@ void compete(const Surface& surface, const Limits& limits, Segmentation& segment
 
 /// Takes away what ran on tangentially at the rims of the regions: faces that are off both in distance and in direction by more
 /// than the others in their region.
-void trim(const Surface& surface, const Limits& limits, Segmentation& segmentation);
+void trim(const Surface& surface, const Limits& limits, Segmentation& segmentation, const RunContext& context);
 
 /// Joins regions of one surface (see Primitive).
 void join_regions(const Surface& surface, const Limits& limits, Segmentation& segmentation);
 
 /// Region r refitted to the faces with its label, with area and rms.
-void refit(const Surface& surface, Segmentation& segmentation, std::span<const char> changed);
+void refit(const Surface& surface, Segmentation& segmentation, std::span<const char> changed, const RunContext& context);
 
 }  // namespace deform::detection

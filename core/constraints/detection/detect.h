@@ -83,11 +83,11 @@ struct Detection {
 /// Finds the primitives of a surface (thesis 8.5.3) from normals of the faces and the corners they belong to: smooth patches
 /// between sharp edges, then seeds where the curvature changes least, each with samples of its surroundings (Fischler and Bolles
 /// 1981), grow with a threshold that follows the residual of what they hold (forward search: Atkinson et al. 2004, Fleishman et
-/// al. 2005); residuals that are not noise but a shape of their own (a torus taken for a cylinder) refuse the primitive. Then
-/// neighbours compete for the faces between them. For volume meshes: of the boundary. Coincident points count as one here. Points
-/// without faces and faces without area are legal; the latter go with their neighbours. Same result for the same seed and any
-/// number of threads. Throws Error(invalid_argument) for bad options and a mesh without any area, Error(cancelled),
-/// deadline_exceeded. Reports "detect".
+/// al. 2005), on fine meshes first over clusters of faces, of which the smallest primitive has a few hundred; residuals that are
+/// not noise but a shape of their own (a torus taken for a cylinder) refuse the primitive. Then neighbours compete for the faces
+/// between them. For volume meshes: of the boundary. Coincident points count as one here. Points without faces and faces without
+/// area are legal; the latter go with their neighbours. Same result for the same seed and any number of threads. Throws
+/// Error(invalid_argument) for bad options and a mesh without any area, Error(cancelled), deadline_exceeded. Reports "detect".
 Detection detect(const Mesh& mesh, const DetectOptions& options, const RunContext& context = {});
 
 /// What a constraint on the points of such a primitive is called: "planar", "cylindrical", "spherical", "conical"; of edges

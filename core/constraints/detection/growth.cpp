@@ -21,18 +21,40 @@ double area_of(const Surface& surface, std::span<const FaceId> faces) {
   return sum;
 }
 
-bool fits(const Surface& surface, const Limits& limits, const Shape& shape, FaceId face, double threshold) {
-  const double angle = limits.maximum_angle / 2 * (1 + 1e-6) + surface.allowance(face);
-  const double least = angle < 1.5 ? std::cos(angle) : -1;
+namespace {
+
+template <PrimitiveKind kind>
+bool fits_kind(const Surface& surface, const Shape& shape, FaceId face, double threshold) {
+  const double least = surface.least_cosine[face];
   const bool with_area = surface.area[face] > 0;
   const Vector3d& normal = surface.normal[face];
+  if constexpr (kind == PrimitiveKind::plane) {
+    if (with_area && !(std::abs(shape.axis.dot(normal)) >= least)) return false;
+  }
   for (const PointId p : surface.corners(face)) {
-    const Shape::Foot foot = shape.foot(surface.points[p]);
+    const Shape::Foot foot = shape.foot<kind>(surface.points[p]);
     if (!(std::abs(foot.distance) <= threshold)) return false;
     // A flat on a round shaft has its ends on the cylinder and the right direction in the middle, but not at its ends.
-    if (with_area && shape.kind == PrimitiveKind::cylinder && std::abs(foot.normal.dot(normal)) < least) return false;
+    if (kind == PrimitiveKind::cylinder && with_area && std::abs(foot.normal.dot(normal)) < least) return false;
   }
-  return !with_area || std::abs(shape.foot(surface.centre[face]).normal.dot(normal)) >= least;
+  if constexpr (kind == PrimitiveKind::plane) return true;
+  return !with_area || std::abs(shape.foot<kind>(surface.centre[face]).normal.dot(normal)) >= least;
+}
+
+}  // namespace
+
+bool fits(const Surface& surface, const Shape& shape, FaceId face, double threshold) {
+  switch (shape.kind) {
+    case PrimitiveKind::plane:
+      return fits_kind<PrimitiveKind::plane>(surface, shape, face, threshold);
+    case PrimitiveKind::cylinder:
+      return fits_kind<PrimitiveKind::cylinder>(surface, shape, face, threshold);
+    case PrimitiveKind::sphere:
+      return fits_kind<PrimitiveKind::sphere>(surface, shape, face, threshold);
+    case PrimitiveKind::cone:
+      return fits_kind<PrimitiveKind::cone>(surface, shape, face, threshold);
+  }
+  return false;
 }
 
 void Growth::next_mark() {
@@ -47,11 +69,11 @@ std::vector<FaceId> Growth::neighbourhood(FaceId seed, double area, std::size_t 
   marks_[seed] = mark_;
   double sum = surface_.area[seed];
   for (std::size_t i = 0; i < faces.size() && (sum < area || faces.size() < count); ++i) {
-    for (const Neighbour& n : surface_.neighbours(faces[i])) {
-      if (marks_[n.face] == mark_ || labels[n.face] != unlabelled || !passable(faces[i], n)) continue;
-      marks_[n.face] = mark_;
-      faces.push_back(n.face);
-      sum += surface_.area[n.face];
+    for (const FaceId f : surface_.passages(faces[i])) {
+      if (marks_[f] == mark_ || labels[f] != unlabelled) continue;
+      marks_[f] = mark_;
+      faces.push_back(f);
+      sum += surface_.area[f];
     }
   }
   return faces;
@@ -60,10 +82,10 @@ std::vector<FaceId> Growth::neighbourhood(FaceId seed, double area, std::size_t 
 void Growth::flood(const Shape& shape, double threshold, std::size_t most, std::span<const std::uint32_t> labels,
                    std::vector<FaceId>& piece) {
   for (std::size_t i = 0; i < piece.size() && piece.size() < most; ++i) {
-    for (const Neighbour& n : surface_.neighbours(piece[i])) {
-      if (marks_[n.face] == mark_ || labels[n.face] != unlabelled || !passable(piece[i], n)) continue;
-      marks_[n.face] = mark_;
-      if (fits(surface_, limits_, shape, n.face, threshold)) piece.push_back(n.face);
+    for (const FaceId f : surface_.passages(piece[i])) {
+      if (marks_[f] == mark_ || labels[f] != unlabelled) continue;
+      marks_[f] = mark_;
+      if (fits(surface_, shape, f, threshold)) piece.push_back(f);
     }
   }
 }
@@ -77,7 +99,7 @@ std::vector<FaceId> Growth::grown(const Shape& shape, double threshold, std::spa
     if (left <= best_area) break;  // not even all that remains could be more
     left -= surface_.area[f];
     if (marks_[f] == mark_ || labels[f] != unlabelled || surface_.area[f] == 0) continue;
-    if (!fits(surface_, limits_, shape, f, threshold)) continue;
+    if (!fits(surface_, shape, f, threshold)) continue;
     marks_[f] = mark_;
     piece.assign(1, f);
     flood(shape, threshold, most, labels, piece);

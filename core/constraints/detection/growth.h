@@ -38,7 +38,7 @@ inline constexpr std::uint32_t unlabelled = 0xffffffff;
 
 /// Whether all corners of the face are within `threshold` of the shape and its normal agrees with the shape's up to half the
 /// maximum angle and what noise explains.
-bool fits(const Surface& surface, const Limits& limits, const Shape& shape, FaceId face, double threshold);
+bool fits(const Surface& surface, const Shape& shape, FaceId face, double threshold);
 
 /// Region growing over the unlabelled faces. Holds marks for all faces: one per thread.
 class Growth {
@@ -60,9 +60,6 @@ class Growth {
   void flood(const Shape& shape, double threshold, std::size_t most, std::span<const std::uint32_t> labels,
              std::vector<FaceId>& piece);
   void next_mark();
-  bool passable(FaceId face, const Neighbour& neighbour) const {
-    return neighbour.angle <= limits_.maximum_angle + surface_.allowance(face) + surface_.allowance(neighbour.face);
-  }
 
   const Surface& surface_;
   const Limits& limits_;

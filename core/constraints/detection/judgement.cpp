@@ -109,9 +109,7 @@ bool faceted(const Surface& surface, std::span<const FaceId> faces, std::size_t 
   const std::size_t stride = std::max<std::size_t>(1, faces.size() / most);
   double flat = 0, all = 0;
   for (std::size_t i = 0; i < faces.size(); i += stride) {
-    const auto neighbours = surface.neighbours(faces[i]);
-    const bool level = std::any_of(neighbours.begin(), neighbours.end(), [](const Neighbour& n) { return n.angle < 1e-4; });
-    flat += level ? surface.area[faces[i]] : 0;
+    flat += surface.level[faces[i]] ? surface.area[faces[i]] : 0;
     all += surface.area[faces[i]];
   }
   return flat > 0.5 * all;

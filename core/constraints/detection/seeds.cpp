@@ -31,7 +31,7 @@ std::optional<Shape> consensus(const Surface& surface, const Limits& limits, Pri
     // Every face counts the more the closer it is.
     double score = 0;
     for (std::size_t i = 0; i < faces.size(); i += stride) {
-      if (!fits(surface, limits, *shape, faces[i], limits.tolerance)) continue;
+      if (!fits(surface, *shape, faces[i], limits.tolerance)) continue;
       const double d = shape->distance(surface.points[surface.corners(faces[i])[0]]) / limits.tolerance;
       score += surface.area[faces[i]] * (1 - d * d);
     }
@@ -50,7 +50,7 @@ bool held(std::span<const Region> regions, PrimitiveKind kind, const Surface& su
     if (region.shape.kind != kind) return false;
     const double threshold = limits.threshold(region.rms);
     std::size_t inside = 0;
-    for (const FaceId f : faces) inside += fits(surface, limits, region.shape, f, threshold) ? 1 : 0;
+    for (const FaceId f : faces) inside += fits(surface, region.shape, f, threshold) ? 1 : 0;
     return inside * 10 >= faces.size() * 9;
   });
 }

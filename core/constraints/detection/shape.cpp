@@ -219,26 +219,6 @@ std::optional<Shape> guess_cone(const FitData& data, const Moments& m) {
 
 }  // namespace
 
-Shape::Foot Shape::foot(const Vector3d& x) const {
-  const Vector3d q = x - point;
-  switch (kind) {
-    case PrimitiveKind::plane:
-      return {q.dot(axis), axis};
-    case PrimitiveKind::sphere: {
-      const double length = q.norm();
-      return {length - radius, length > 0 ? Vector3d(q / length) : axis};
-    }
-    case PrimitiveKind::cylinder:
-    case PrimitiveKind::cone:
-      break;
-  }
-  const double h = q.dot(axis);
-  const Vector3d across = q - h * axis;
-  const double rho = across.norm();
-  const Vector3d u = rho > 0 ? Vector3d(across / rho) : axis.unitOrthogonal();
-  return {(rho - radius) * cosine - h * sine, cosine * u - sine * axis};
-}
-
 std::optional<Shape> guess(PrimitiveKind kind, const FitData& data) {
   if (kind == PrimitiveKind::plane) return guess_plane(data);
   const Moments m = moments(data);

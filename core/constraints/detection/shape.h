@@ -25,7 +25,34 @@ struct Shape {
     double distance;
     Vector3d normal;
   };
-  Foot foot(const Vector3d& x) const;
+  Foot foot(const Vector3d& x) const {
+    switch (kind) {
+      case PrimitiveKind::plane:
+        return foot<PrimitiveKind::plane>(x);
+      case PrimitiveKind::cylinder:
+        return foot<PrimitiveKind::cylinder>(x);
+      case PrimitiveKind::sphere:
+        return foot<PrimitiveKind::sphere>(x);
+      case PrimitiveKind::cone:
+        break;
+    }
+    return foot<PrimitiveKind::cone>(x);
+  }
+  /// The same of what is known to be of that kind.
+  template <PrimitiveKind known>
+  Foot foot(const Vector3d& x) const {
+    const Vector3d q = x - point;
+    if constexpr (known == PrimitiveKind::plane) return {q.dot(axis), axis};
+    if constexpr (known == PrimitiveKind::sphere) {
+      const double length = q.norm();
+      return {length - radius, length > 0 ? Vector3d(q / length) : axis};
+    }
+    const double h = q.dot(axis);
+    const Vector3d across = q - h * axis;
+    const double rho = across.norm();
+    const Vector3d u = rho > 0 ? Vector3d(across / rho) : Vector3d(axis.unitOrthogonal());
+    return {(rho - radius) * cosine - h * sine, cosine * u - sine * axis};
+  }
   double distance(const Vector3d& x) const { return foot(x).distance; }
   Vector3d apex() const { return point - axis * (radius * cosine / sine); }
 };

@@ -12,6 +12,7 @@ namespace deform::detection {
 namespace {
 
 constexpr std::size_t grain = 8192;
+constexpr double same_plane = 1e-4;  ///< angle of faces that are one
 
 /// One side of an edge.
 struct Side {
@@ -178,6 +179,24 @@ void Surface::orient() {
         front.push_back(n.face);
       }
     }
+  }
+}
+
+void Surface::find_passages(double angle) {
+  maximum_angle = angle;
+  first_passage.assign(1, 0);
+  passage.clear();
+  least_cosine.resize(face_count());
+  level.assign(face_count(), 0);
+  for (std::size_t f = 0; f < face_count(); ++f) {
+    for (const Neighbour& n : neighbours(f)) {
+      if (passable(f, n)) passage.push_back(n.face);
+      if (n.angle < same_plane) level[f] = 1;
+    }
+    first_passage.push_back(passage.size());
+    // Half the maximum angle and what noise explains.
+    const double off = maximum_angle / 2 * (1 + 1e-6) + allowance(f);
+    least_cosine[f] = off < 1.5 ? std::cos(off) : -1;
   }
 }
 

@@ -20,6 +20,7 @@ struct Neighbour {
 
 /// What detection asks of a mesh: lengths over its size, around its middle. Read-only once built; any number of threads may read.
 struct Surface {
+  Surface() = default;  ///< to be filled
   explicit Surface(const Mesh& mesh, const RunContext& context);
 
   std::size_t face_count() const { return area.size(); }
@@ -31,6 +32,15 @@ struct Surface {
   }
   /// How far the normal of a face may be off for the noise of its corners.
   double allowance(std::size_t face) const { return height[face] > 0 ? std::min(1.6, (4 * noise + 1e-8) / height[face]) : 1.6; }
+  /// Neighbours that are not behind a sharp edge.
+  std::span<const FaceId> passages(std::size_t face) const {
+    return {passage.data() + first_passage[face], static_cast<std::size_t>(first_passage[face + 1] - first_passage[face])};
+  }
+  bool passable(std::size_t face, const Neighbour& n) const {
+    return n.angle <= maximum_angle + allowance(face) + allowance(n.face);
+  }
+  /// Decides what of this depends on the angle of sharp edges, once the noise is known.
+  void find_passages(double maximum_angle);
   /// Corners and normals of about `most` faces, evenly taken; of so many that corners repeat only one corner of each face.
   FitData data(std::span<const FaceId> faces, std::size_t most) const;
 
@@ -39,6 +49,7 @@ struct Surface {
   double model_area = 0;               ///< model units squared
   double total_area = 0;
   double noise = 0;
+  double maximum_angle = 0;
 
   std::vector<Vector3d> points;
   std::vector<std::uint64_t> offsets;
@@ -49,6 +60,10 @@ struct Surface {
   std::vector<double> height;  ///< twice the area over the longest edge
   std::vector<std::uint64_t> first;
   std::vector<Neighbour> adjacent;
+  std::vector<std::uint64_t> first_passage;
+  std::vector<FaceId> passage;
+  std::vector<double> least_cosine;  ///< of a normal with that of a shape the face belongs to
+  std::vector<char> level;           ///< a neighbour lies in the same plane
 
  private:
   void join_points(const Mesh& mesh);
