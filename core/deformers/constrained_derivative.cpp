@@ -29,8 +29,7 @@ std::vector<Vec3> ConstrainedSolver::unmet(const ConstrainedState& at, const std
 /// curvature of the shapes only, where it can be afforded; else the matrix of the global step. *finished, if told, becomes false
 /// where `most` iterations do not reach the accuracy.
 Eigen::MatrixXd ConstrainedSolver::solve_linearized(const ConstrainedState& at, const Newton* newton, const Eigen::MatrixXd& b,
-                                                    double accuracy, const RunContext& context, int most,
-                                                    bool* finished) const {
+                                                    double accuracy, const RunContext& context, int most, bool* finished) const {
   const auto preconditioned = [&](const Eigen::MatrixXd& r) {
     return newton ? newton->inverse(r) : solve_bordered(r, {}, context);
   };
