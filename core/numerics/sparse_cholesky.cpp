@@ -200,12 +200,12 @@ void SparseCholesky::Factor::measure_diagonal() {
   }
 }
 
-SparseCholesky::Estimate SparseCholesky::estimate(const SparseMatrix& lower) {
+SparseCholesky::Estimate SparseCholesky::estimate(const SparseMatrix& lower, std::span<const std::int64_t> order) {
   check_shape(lower);
   if (lower.rows() == 0) return {};
   Common common;
   cholmod_sparse A = view(lower);
-  const Analysis analysis(&A, {}, common);
+  const Analysis analysis(&A, order, common);
   Estimate result;
   result.flops = common.flops();
   result.factor_bytes = analysis.bytes();

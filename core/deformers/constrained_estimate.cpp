@@ -1,0 +1,199 @@
+#include "core/deformers/constrained_estimate.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/base/parallel.h"
+#include "core/deformers/newton_form.h"
+
+namespace deform {
+
+namespace {
+
+using Triplet = Eigen::Triplet<double, std::int64_t>;
+
+constexpr std::size_t entry_bytes = sizeof(double) + sizeof(std::int64_t);
+constexpr std::size_t grown = 3 * sizeof(Triplet);  // of a vector that grows: the old array beside one of twice the size
+constexpr std::size_t shape_bytes = 64;             // of a point in a projection
+constexpr std::size_t most_parameters = 7, few_points = 64;
+
+/// What the bytes follow from.
+struct Counts {
+  std::size_t unknowns = 0;              ///< k
+  std::size_t cover = 1;                 ///< functions at a point
+  std::size_t phi = 0;                   ///< entries of Phi
+  std::size_t squares = 0;               ///< of Phi^T Phi, lower triangle
+  std::size_t energy = 0;                ///< of S, lower triangle
+  std::size_t borders = 0;               ///< of the rows of the translations
+  std::size_t full = 0;                  ///< unknowns of Newton's full matrix
+  std::size_t large = 0;                 ///< sets whose parameters Newton's matrix has last
+  NewtonSizes newton;                    ///< with r
+  SparseCholesky::Estimate reduced;      ///< S, its factor and the Schur complement
+  SparseCholesky::Estimate global_step;  ///< factor
+};
+
+Counts counts_of(const std::vector<ConstraintSet>& sets) {
+  Counts counts;
+  for (const ConstraintSet& set : sets) {
+    counts.newton.add(*set.projection, set.rest);
+    counts.large += set.ids.size() > few_points ? 1 : 0;
+  }
+  return counts;
+}
+
+/// A Newton step.
+std::size_t newton_bytes(const Counts& counts, NewtonForm form) {
+  const NewtonSizes& sizes = counts.newton;
+  const std::size_t rows = sizes.rows, q = sizes.parameters, r = sizes.functions;
+  const std::size_t linear = rows * (2 * sizeof(Vec3) + sizeof(double) + sizeof(std::uint32_t)) + sizes.jacobian * sizeof(double);
+  switch (form) {
+    case NewtonForm::none:
+      return 0;
+    case NewtonForm::forces:
+      // The matrix; the parameters twice and what is left of them; two points with their normals per row.
+      return linear + sizeof(double) * (rows * rows + 2 * rows * q + 3 * q * q + 8 * rows) + rows * 2 * (sizeof(Vec3) + 16);
+    case NewtonForm::full:
+      return linear + sizeof(double) * counts.full * (counts.full + 8);
+    case NewtonForm::sparse:
+      break;
+  }
+  // J in a vector, itself and its transpose; J^T J, its lower triangle, the energy and their sum; permuted copies; the factor of
+  // three unknowns for each function, with the parameters of large sets in its last rows.
+  const std::size_t J = 3 * sizes.touched * counts.cover + sizes.jacobian;
+  const std::size_t crossing = std::min(3 * counts.cover * sizes.jacobian, 3 * r * q);
+  const std::size_t H = 9 * counts.squares + 3 * counts.energy + crossing + sizes.jacobian;
+  const auto most_entries = static_cast<std::size_t>(std::sqrt(affordable_newton / sparse_newton_cost * static_cast<double>(r)));
+  const std::size_t factor = 10 * std::min(counts.global_step.factor_bytes, 2 * sizeof(double) * most_entries);
+  return linear + J * (grown + 3 * entry_bytes) + 3 * counts.energy * grown + H * 6 * entry_bytes + factor +
+         sizeof(double) * most_parameters * counts.large * 3 * r;
+}
+
+ConstrainedBytes total(const Counts& counts, NewtonForm form) {
+  const NewtonSizes& sizes = counts.newton;
+  const std::size_t N = sizes.points, r = sizes.functions;
+  const std::size_t points = N * (sizeof(Vec3) + sizeof(PointId));
+  const std::size_t rows = 2 * (counts.phi * entry_bytes + (N + 1) * sizeof(std::int64_t));  // Phi and its transpose
+  const std::size_t compliance = form == NewtonForm::forces ? N * N * sizeof(double) : 0;
+  const std::size_t lower = counts.energy + counts.squares + counts.borders;
+
+  ConstrainedBytes bytes;
+  bytes.resident = points + rows + counts.reduced.factor_bytes + counts.global_step.factor_bytes + compliance;
+  const std::size_t making_rows = rows + counts.phi * grown;
+  const std::size_t making_matrix = rows + lower * (grown + 2 * entry_bytes) + counts.squares * 5 * entry_bytes;
+  const std::size_t factoring = rows + lower * entry_bytes + counts.global_step.peak_bytes;
+  const std::size_t columns = static_cast<std::size_t>(thread_count({})) * 5 * (r + counts.unknowns) * sizeof(double);
+  bytes.preparing =
+      points + N * shape_bytes + counts.unknowns * 2 * sizeof(std::int64_t) +
+      std::max({counts.reduced.peak_bytes, counts.reduced.factor_bytes + std::max({making_rows, making_matrix, factoring}),
+                bytes.resident - points + columns});
+  // States, targets and the window of the alternation; right-hand sides and solutions.
+  bytes.working = sizeof(Vec3) * (40 * N + 24 * r + 12 * counts.unknowns) + newton_bytes(counts, form);
+  bytes.operations = counts.reduced.flops + counts.global_step.flops;
+  return bytes;
+}
+
+ConstrainedBytes larger(const ConstrainedBytes& a, const ConstrainedBytes& b) {
+  return {std::max(a.resident, b.resident), std::max(a.preparing, b.preparing), std::max(a.working, b.working),
+          std::max(a.operations, b.operations)};
+}
+
+/// Of the global step: S, which Phi^T Phi fits into where each point has one function, and the rows of the translations.
+SparseMatrix pattern(const SparseMatrix& matrix, const SparseRows& values, const std::vector<std::int64_t>& chosen, bool dense,
+                     const std::vector<ConstraintSet>& sets) {
+  std::vector<Triplet> entries;
+  auto size = static_cast<std::int64_t>(chosen.size());
+  std::vector<std::int64_t> place(static_cast<std::size_t>(matrix.cols()));
+  if (dense) {
+    for (std::size_t i = 0; i < chosen.size(); ++i) place[static_cast<std::size_t>(chosen[i])] = static_cast<std::int64_t>(i);
+    for (std::int64_t j = 0; j < size; ++j) {
+      for (std::int64_t i = j; i < size; ++i) entries.emplace_back(i, j, 1.0);
+    }
+  } else {
+    size = matrix.cols();
+    for (std::int64_t j = 0; j < size; ++j) {
+      place[static_cast<std::size_t>(j)] = j;
+      for (SparseMatrix::InnerIterator it(matrix, j); it; ++it) entries.emplace_back(it.row(), j, 1.0);
+    }
+  }
+  for (const ConstraintSet& set : sets) {
+    if (!set.projection->moves_with_its_points()) continue;
+    entries.emplace_back(size, size, 1.0);
+    for (const PointId id : set.ids) {
+      for (SparseRows::InnerIterator it(values, id); it; ++it) {
+        entries.emplace_back(size, place[static_cast<std::size_t>(it.col())], 1.0);
+      }
+    }
+    ++size;
+  }
+  SparseMatrix result(size, size);
+  result.setFromTriplets(entries.begin(), entries.end());
+  return result;
+}
+
+}  // namespace
+
+ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const SparseRows& values, const std::vector<ConstraintSet>& sets) {
+  if (sets.empty()) return {};
+  Counts counts = counts_of(sets);
+  const std::vector<std::int64_t> chosen = functions_reaching(values, sets);
+  counts.unknowns = static_cast<std::size_t>(matrix.rows());
+  const bool dense = ReducedEnergy::is_dense(chosen.size(), counts.unknowns);
+  const std::size_t r = dense ? chosen.size() : counts.unknowns;
+  for (const ConstraintSet& set : sets) {
+    std::size_t reached = 0;
+    for (const PointId id : set.ids) reached += static_cast<std::size_t>(values.row(id).nonZeros());
+    counts.phi += reached;
+    counts.borders += set.projection->moves_with_its_points() ? reached + 1 : 0;
+  }
+  counts.squares = chosen.size();
+  counts.energy = dense ? r * (r + 1) / 2 : static_cast<std::size_t>(matrix.nonZeros());
+  counts.reduced = ReducedEnergy::estimate(matrix, chosen);
+  counts.global_step = SparseCholesky::estimate(pattern(matrix, values, chosen, dense, sets));
+  counts.newton.functions = r;
+  counts.full = 3 * r + counts.newton.parameters;
+  counts.newton.dense = dense;
+  counts.newton.factor_bytes = counts.global_step.factor_bytes;
+  counts.newton.factor_operations = counts.global_step.flops;
+  return total(counts, cheapest_newton(counts.newton, 0).form);
+}
+
+ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<ConstraintSet>& sets) {
+  if (sets.empty()) return {};
+  const Counts common = counts_of(sets);
+  const std::size_t N = common.newton.points, k = space.functions;
+  const std::size_t reached = std::min(k, N * space.cover);
+  const auto counts_for = [&](std::size_t r, bool dense) {
+    Counts counts = common;
+    counts.unknowns = k;
+    counts.cover = space.cover;
+    counts.phi = N * space.cover;
+    counts.squares = std::min(r * (r + 1) / 2, N * space.cover * (space.cover + 1) / 2);
+    counts.energy = dense ? r * (r + 1) / 2 : space.energy_entries;
+    for (const ConstraintSet& set : sets) counts.borders += 1 + std::min(r, set.ids.size() * space.cover);
+    const std::size_t entries = (dense ? r * r : space.factor_entries) + counts.borders;
+    counts.global_step.factor_bytes = sizeof(double) * (entries + 8 * (r + sets.size() + 1));
+    counts.global_step.peak_bytes = 2 * counts.global_step.factor_bytes + 2 * (counts.energy + counts.borders) * entry_bytes;
+    counts.global_step.flops = static_cast<double>(entries) * static_cast<double>(entries) / static_cast<double>(r + 1);
+    if (dense) {
+      const std::size_t whole = sizeof(double) * std::min(k * (k + 1) / 2, space.factor_entries + r * k);
+      counts.reduced = {ReducedEnergy::dense_bytes(r), std::max(2 * whole, ReducedEnergy::dense_peak_bytes(r)), 0};
+      counts.reduced.flops = static_cast<double>(whole) / 8 * static_cast<double>(whole) / 8 / static_cast<double>(k + 1);
+    }
+    counts.newton.functions = r;
+    counts.newton.dense = dense;
+    counts.full = std::min({3 * r + counts.newton.parameters, most_full, counts.newton.rows});  // else in forces
+    return counts;
+  };
+  ConstrainedBytes result;
+  const auto consider = [&](const Counts& counts) {
+    const NewtonSizes& sizes = counts.newton;
+    const bool few = sizes.rows <= most_forces && (!sizes.dense || sizes.rows <= 3 * sizes.functions + sizes.parameters);
+    if (few) result = larger(result, total(counts, NewtonForm::forces));
+    result = larger(result, total(counts, sizes.dense ? NewtonForm::full : NewtonForm::sparse));
+  };
+  if (k > 2) consider(counts_for(std::min({reached, ReducedEnergy::most_dense, (k - 1) / 2}), true));
+  if (!ReducedEnergy::is_dense(reached, k)) consider(counts_for(k, false));
+  return result;
+}
+
+}  // namespace deform
