@@ -26,7 +26,8 @@ struct Counts {
   std::size_t energy = 0;                ///< of S, lower triangle
   std::size_t borders = 0;               ///< of the rows of the translations
   std::size_t full = 0;                  ///< unknowns of Newton's full matrix
-  std::size_t large = 0;                 ///< sets whose parameters Newton's matrix has last
+  std::size_t large = 0;                 ///< sets whose parameters Newton's sparse matrix has last
+  std::size_t newton_factor = 0;         ///< bytes of its factor but for these, with one unknown per function
   NewtonSizes newton;                    ///< with r
   SparseCholesky::Estimate reduced;      ///< S, its factor and the Schur complement
   SparseCholesky::Estimate global_step;  ///< factor
@@ -57,15 +58,15 @@ std::size_t newton_bytes(const Counts& counts, NewtonForm form) {
     case NewtonForm::sparse:
       break;
   }
-  // J in a vector, itself and its transpose; J^T J, its lower triangle, the energy and their sum; permuted copies; the factor of
-  // three unknowns for each function, with the parameters of large sets in its last rows.
+  // J in a vector, itself and its transpose; J^T J, unsorted and sorted, or its lower triangle, the energy and their sum, or
+  // permuted copies and the factor.
   const std::size_t J = 3 * sizes.touched * counts.cover + sizes.jacobian;
   const std::size_t crossing = std::min(3 * counts.cover * sizes.jacobian, 3 * r * q);
-  const std::size_t H = 9 * counts.squares + 3 * counts.energy + crossing + sizes.jacobian;
-  const auto most_entries = static_cast<std::size_t>(std::sqrt(affordable_newton / sparse_newton_cost * static_cast<double>(r)));
-  const std::size_t factor = 10 * std::min(counts.global_step.factor_bytes, 2 * sizeof(double) * most_entries);
-  return linear + J * (grown + 3 * entry_bytes) + 3 * counts.energy * grown + H * 6 * entry_bytes + factor +
-         sizeof(double) * most_parameters * counts.large * 3 * r;
+  const std::size_t H =
+      std::min(9 * counts.squares + 3 * counts.energy, counts.newton_factor * 10 / sizeof(double)) + crossing + sizes.jacobian;
+  const std::size_t factor = 10 * counts.newton_factor + sizeof(double) * most_parameters * counts.large * 3 * r;
+  return linear + J * (grown + 3 * entry_bytes) + 3 * counts.energy * grown + H * 3 * entry_bytes +
+         std::max(2 * H * entry_bytes, factor);
 }
 
 ConstrainedBytes total(const Counts& counts, NewtonForm form) {
@@ -130,6 +131,29 @@ SparseMatrix pattern(const SparseMatrix& matrix, const SparseRows& values, const
   return result;
 }
 
+/// Newton's sparse matrix eliminates the parameters of small sets first, so that all functions at their points meet.
+std::size_t newton_factor_bytes(const SparseMatrix& matrix, const SparseRows& values, const std::vector<ConstraintSet>& sets) {
+  std::vector<Triplet> entries;
+  for (std::int64_t j = 0; j < matrix.cols(); ++j) {
+    for (SparseMatrix::InnerIterator it(matrix, j); it; ++it) entries.emplace_back(it.row(), j, 1.0);
+  }
+  for (const ConstraintSet& set : sets) {
+    if (set.ids.size() > few_points) continue;
+    std::vector<std::int64_t> reached;
+    for (const PointId id : set.ids) {
+      for (SparseRows::InnerIterator it(values, id); it; ++it) reached.push_back(it.col());
+    }
+    for (const std::int64_t a : reached) {
+      for (const std::int64_t b : reached) {
+        if (a >= b) entries.emplace_back(a, b, 1.0);
+      }
+    }
+  }
+  SparseMatrix pattern(matrix.rows(), matrix.cols());
+  pattern.setFromTriplets(entries.begin(), entries.end());
+  return SparseCholesky::estimate(pattern, SparseCholesky::fill_reducing_order(matrix)).factor_bytes;
+}
+
 }  // namespace
 
 ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const SparseRows& values, const std::vector<ConstraintSet>& sets) {
@@ -154,7 +178,9 @@ ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const SparseRows&
   counts.newton.dense = dense;
   counts.newton.factor_bytes = counts.global_step.factor_bytes;
   counts.newton.factor_operations = counts.global_step.flops;
-  return total(counts, cheapest_newton(counts.newton, 0).form);
+  const NewtonForm form = cheapest_newton(counts.newton, 0).form;
+  if (form == NewtonForm::sparse) counts.newton_factor = newton_factor_bytes(matrix, values, sets);
+  return total(counts, form);
 }
 
 ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<ConstraintSet>& sets) {
@@ -185,11 +211,25 @@ ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<C
     return counts;
   };
   ConstrainedBytes result;
-  const auto consider = [&](const Counts& counts) {
+  const auto consider = [&](Counts counts) {
     const NewtonSizes& sizes = counts.newton;
     const bool few = sizes.rows <= most_forces && (!sizes.dense || sizes.rows <= 3 * sizes.functions + sizes.parameters);
     if (few) result = larger(result, total(counts, NewtonForm::forces));
-    result = larger(result, total(counts, sizes.dense ? NewtonForm::full : NewtonForm::sparse));
+    if (sizes.dense) {
+      result = larger(result, total(counts, NewtonForm::full));
+      return;
+    }
+    // The sparse form takes fewer operations than that in forces, or than can be afforded; so its factor has not many entries.
+    const auto rows = static_cast<double>(sizes.rows), functions = static_cast<double>(k + sets.size());
+    const double solution = solution_cost * static_cast<double>(space.factor_entries + counts.borders);
+    double operations = affordable_newton;
+    if (few && static_cast<double>(N) * solution <= affordable_compliance) {
+      operations = std::min(operations, rows * rows * rows / 3);
+    }
+    operations /= sparse_newton_cost;
+    const double entries = std::min(static_cast<double>(space.factor_entries), std::sqrt(operations * functions));
+    counts.newton_factor = static_cast<std::size_t>(sizeof(double) * (entries + 8 * functions));
+    result = larger(result, total(counts, operations < functions ? NewtonForm::none : NewtonForm::sparse));
   };
   if (k > 2) consider(counts_for(std::min({reached, ReducedEnergy::most_dense, (k - 1) / 2}), true));
   if (!ReducedEnergy::is_dense(reached, k)) consider(counts_for(k, false));

@@ -58,7 +58,7 @@ Sizes shell_sizes(const Mesh& mesh, const Setup& setup, const std::vector<Region
   sizes.functions = model.space.samples;
   sizes.held = model.held.size();
   sizes.eliminated = model.eliminated;
-  // The rows of the held points, with their weights and squares.
+  // The rows of the held points, with their weights and squares; the matrix with these.
   if (!model.eliminated) sizes.matrices += energy + sizes.held * (3 * entry_bytes + sizeof(double));
   estimate.centres = model.eliminated ? model.held.size() : model.space.samples;
   estimate.notes = model.space.notes;

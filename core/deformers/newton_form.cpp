@@ -7,8 +7,6 @@ namespace deform {
 
 namespace {
 
-constexpr double affordable_compliance = 1e11;  // operations to prepare the form in forces
-
 double cube(std::size_t n) {
   const auto x = static_cast<double>(n);
   return x * x * x / 3;
@@ -31,7 +29,7 @@ void NewtonSizes::add(const Projection& projection, std::span<const Vec3> rest) 
 NewtonChoice cheapest_newton(const NewtonSizes& sizes, std::size_t memory_limit) {
   const auto N = static_cast<double>(sizes.points), rows = static_cast<double>(sizes.rows);
   const std::size_t size = 3 * sizes.functions + sizes.parameters;
-  const double solution = 4.0 * static_cast<double>(sizes.factor_bytes) / sizeof(double);
+  const double solution = solution_cost * static_cast<double>(sizes.factor_bytes) / sizeof(double);
   const double bytes = (N * N + rows * rows) * sizeof(double);
   const bool fits = memory_limit == 0 || bytes <= static_cast<double>(memory_limit) / 2;
   const bool in_forces_too = fits && N * solution <= affordable_compliance && sizes.rows <= most_forces;

@@ -19,6 +19,8 @@ enum class NewtonForm {
 /// Most unknowns of the full forms; most operations of a step.
 inline constexpr std::size_t most_forces = 6000, most_full = 6000;
 inline constexpr double affordable_newton = 4e11;
+inline constexpr double affordable_compliance = 1e11;  ///< operations to prepare the form in forces
+inline constexpr double solution_cost = 4;             ///< operations per entry of a factor
 /// A sparse Newton matrix has three unknowns per function of the global step's.
 inline constexpr double sparse_newton_cost = 27;
 

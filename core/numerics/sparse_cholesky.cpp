@@ -60,6 +60,7 @@ class Common {
     common_.method[0].ordering = CHOLMOD_GIVEN;
     common_.postorder = 0;
   }
+  void free_scratch() { cholmod_l_free_work(&common_); }
   int status() const { return common_.status; }
   double flops() const { return common_.fl; }
 
@@ -172,6 +173,7 @@ void SparseCholesky::Factor::factorize(const SparseMatrix& lower, const RunConte
                                                   std::to_string(order[column]) + " of " + std::to_string(L->n) +
                                                   " has no positive pivot");
   }
+  common.free_scratch();  // it lives as long as the factor, and its size is that of a dozen vectors
   measure_diagonal();
   context.check();
 }
