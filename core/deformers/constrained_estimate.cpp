@@ -213,7 +213,9 @@ ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<C
   ConstrainedBytes result;
   const auto consider = [&](Counts counts) {
     const NewtonSizes& sizes = counts.newton;
-    const bool few = sizes.rows <= most_forces && (!sizes.dense || sizes.rows <= 3 * sizes.functions + sizes.parameters);
+    // In forces only where that takes fewer operations than any other form can.
+    const std::size_t others = 3 * sizes.functions + (sizes.dense ? sizes.parameters : 3 * (sets.size() + 1));
+    const bool few = sizes.rows <= std::min(most_forces, others);
     if (few) result = larger(result, total(counts, NewtonForm::forces));
     if (sizes.dense) {
       result = larger(result, total(counts, NewtonForm::full));
@@ -227,9 +229,15 @@ ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<C
       operations = std::min(operations, rows * rows * rows / 3);
     }
     operations /= sparse_newton_cost;
+    const ConstrainedBytes plain = total(counts, NewtonForm::none);
+    result = larger(result, plain);
     const double entries = std::min(static_cast<double>(space.factor_entries), std::sqrt(operations * functions));
     counts.newton_factor = static_cast<std::size_t>(sizeof(double) * (entries + 8 * functions));
-    result = larger(result, total(counts, operations < functions ? NewtonForm::none : NewtonForm::sparse));
+    // A factor has twice the entries of its matrix or more, and functions that meet at a point meet in the energy too.
+    counts.energy = std::min(counts.energy, static_cast<std::size_t>(entries / 2));
+    counts.squares = std::min(counts.squares, counts.energy);
+    const std::size_t working = operations < functions ? 0 : newton_bytes(counts, NewtonForm::sparse);
+    result.working = std::max(result.working, plain.working + working);
   };
   if (k > 2) consider(counts_for(std::min({reached, ReducedEnergy::most_dense, (k - 1) / 2}), true));
   if (!ReducedEnergy::is_dense(reached, k)) consider(counts_for(k, false));

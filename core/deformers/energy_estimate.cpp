@@ -38,6 +38,7 @@ struct Sizes {
   std::size_t assembly = 0;  ///< peak while the space is made
   std::size_t matrices = 0;  ///< what stays of it
   std::size_t functions = 0;
+  std::size_t making = 0;   ///< beside these, of the matrix that is factored
   std::size_t held = 0;     ///< held points that enter the system
   bool eliminated = false;  ///< these points
   SparseCholesky::Estimate factor;
@@ -58,8 +59,11 @@ Sizes shell_sizes(const Mesh& mesh, const Setup& setup, const std::vector<Region
   sizes.functions = model.space.samples;
   sizes.held = model.held.size();
   sizes.eliminated = model.eliminated;
-  // The rows of the held points, with their weights and squares; the matrix with these.
-  if (!model.eliminated) sizes.matrices += energy + sizes.held * (3 * entry_bytes + sizeof(double));
+  // The rows of the held points with their weights, and the matrix with their squares.
+  if (!model.eliminated) {
+    sizes.matrices += energy + sizes.held * (3 * entry_bytes + sizeof(double));
+    sizes.making = 2 * energy + 4 * sizes.held * entry_bytes;
+  }
   estimate.centres = model.eliminated ? model.held.size() : model.space.samples;
   estimate.notes = model.space.notes;
   return sizes;
@@ -78,6 +82,7 @@ Sizes space_sizes(const Mesh& mesh, const Setup& setup, const std::vector<Constr
   const std::size_t held = space.resident / std::max<std::size_t>(1, mesh.point_count()) * sizes.held;
   sizes.assembly = space.peak;
   sizes.matrices = space.resident + held + 2 * space.energy_entries * entry_bytes;
+  sizes.making = 4 * held + 4 * space.energy_entries * entry_bytes;
   sizes.functions = k;
   sizes.factor.factor_bytes = entries * sizeof(double);
   sizes.factor.peak_bytes = 2 * sizes.factor.factor_bytes;
@@ -169,9 +174,9 @@ Estimate estimate_energy(const Mesh& mesh, const Setup& setup) {
   const std::size_t working = sizes.constrained.working + placement.working;
   // The sets are there from the beginning.
   estimate.peak_bytes = points + 2 * set_points * (sizeof(Vec3) + sizeof(PointId)) +
-                        std::max({sizes.assembly, sizes.matrices + sizes.factor.peak_bytes, solver + correction.peak,
-                                  before_sets + sizes.constrained.preparing, before_placement + placement.peak,
-                                  estimate.factor_bytes + std::max(solving, working)});
+                        std::max({sizes.assembly, sizes.matrices + std::max(sizes.making, sizes.factor.peak_bytes),
+                                  solver + correction.peak, before_sets + sizes.constrained.preparing,
+                                  before_placement + placement.peak, estimate.factor_bytes + std::max(solving, working)});
   const auto factor_bytes = static_cast<double>(sizes.factor.factor_bytes);
   estimate.seconds = (sizes.factor.flops + sizes.constrained.operations) / nominal_rate + factor_bytes * 5e-9 +
                      (basis ? static_cast<double>(fields) : 0) * factor_bytes / 4e9 / thread_count({}) +

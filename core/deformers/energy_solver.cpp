@@ -27,13 +27,18 @@ void squeeze(SparseMatrix& matrix) {
   matrix.data().squeeze();
 }
 
-EnergySolver::Problem squeezed(EnergySolver::Problem problem) {
+EnergySolver::Problem&& squeezed(EnergySolver::Problem& problem) {
   squeeze(problem.energy);
   squeeze(problem.coupling);
-  return problem;
+  return std::move(problem);
 }
 
 }  // namespace
+
+EnergySolver::Problem::Problem(Problem&& other) : hold(other.hold), weights(std::move(other.weights)) {
+  energy.swap(other.energy);
+  coupling.swap(other.coupling);
+}
 
 std::size_t sparse_bytes(const SparseMatrix& matrix) { return bytes_of(matrix); }
 std::size_t sparse_bytes(const SparseRows& matrix) { return bytes_of(matrix); }
@@ -79,7 +84,7 @@ SparseCholesky EnergySolver::factored(const SparseMatrix& matrix, std::size_t me
 }
 
 EnergySolver::EnergySolver(Problem problem, std::size_t memory_limit, const RunContext& context)
-    : problem_(squeezed(std::move(problem))), matrix_(matrix_of(problem_)), factor_(factored(matrix(), memory_limit, context)) {}
+    : problem_(squeezed(problem)), matrix_(matrix_of(problem_)), factor_(factored(matrix(), memory_limit, context)) {}
 
 std::size_t EnergySolver::bytes() const {
   return factor_.bytes() + sparse_bytes(problem_.energy) + sparse_bytes(problem_.coupling) + sparse_bytes(matrix_) +

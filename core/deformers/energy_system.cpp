@@ -59,7 +59,10 @@ EnergySystem::EnergySystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
   info_.stage_seconds.emplace_back("select", watch.lap());
   context.check();
   context.progress("assemble", 0);
-  model_ = energy_model(*mesh_, setup_, region_of_, box_, context);
+  {
+    EnergyModel model = energy_model(*mesh_, setup_, region_of_, box_, context);
+    swap(model_, model);
+  }
   info_.stage_seconds.emplace_back("assemble", watch.lap());
   context.progress("factor", 0);
   prepare_solver(context, memory_budget);
@@ -90,11 +93,11 @@ void EnergySystem::place_points() {
 
 void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_budget) {
   EnergySolver::Problem problem;
-  problem.energy = std::move(model_.space.energy);
+  problem.energy.swap(model_.space.energy);
   if (model_.eliminated) {
     // The solution is -K^-1 coupling h.
     problem.coupling = -model_.coupling;
-    model_.coupling = {};
+    SparseMatrix().swap(model_.coupling);
   } else {
     problem.coupling = transposed_rows(model_.space.values, model_.held);
     problem.hold = exact() ? Hold::multipliers : Hold::soft;
