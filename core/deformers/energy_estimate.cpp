@@ -15,8 +15,9 @@ namespace deform {
 namespace {
 
 constexpr std::size_t entry_bytes = sizeof(double) + sizeof(std::int64_t);
-constexpr std::size_t fill = 12;      // entries of a factor over those of the matrix, supports of a dozen samples
-constexpr double nominal_rate = 5e9;  // flops per second of a sparse factorization on one core
+constexpr std::size_t fill = 12;         // entries of a factor over those of the matrix, supports of a dozen samples
+constexpr std::size_t few_bytes = 1024;  // of matrices without entries
+constexpr double nominal_rate = 5e9;     // flops per second of a sparse factorization on one core
 
 std::vector<RegionIndex> regions_of_points(std::size_t n, const SelectedRegions& regions) {
   std::vector<RegionIndex> region_of(n, deformable_region);
@@ -149,7 +150,7 @@ Estimate estimate_energy(const Mesh& mesh, const Setup& setup) {
                           : space_sizes(mesh, setup, constraints.sets, estimate);
   estimate.notes.insert(estimate.notes.end(), constraints.notes.begin(), constraints.notes.end());
 
-  const std::size_t solver = sizes.factor.factor_bytes + sizes.matrices;
+  const std::size_t solver = sizes.factor.factor_bytes + sizes.matrices + few_bytes;
   const bool corrected = hard && !sizes.eliminated && sizes.held > 0;
   const CorrectionBytes correction =
       corrected ? correction_bytes(std::min(ResidualCorrection::centres_for(following), sizes.held), sizes.held)
