@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "core/base/parallel.h"
 #include "core/deformers/newton_form.h"
@@ -14,20 +15,23 @@ using Triplet = Eigen::Triplet<double, std::int64_t>;
 
 constexpr std::size_t entry_bytes = sizeof(double) + sizeof(std::int64_t);
 constexpr std::size_t grown = 3 * sizeof(Triplet);  // of a vector that grows: the old array beside one of twice the size
-constexpr std::size_t shape_bytes = 64;             // of a point in a projection
+constexpr std::size_t small_assembly = std::size_t{64} << 20;
+constexpr std::size_t shape_bytes = 64;  // of a point in a projection
 constexpr std::size_t most_parameters = 7, few_points = 64;
 
 /// What the bytes follow from.
 struct Counts {
-  std::size_t unknowns = 0;              ///< k
-  std::size_t cover = 1;                 ///< functions at a point
-  std::size_t phi = 0;                   ///< entries of Phi
-  std::size_t squares = 0;               ///< of Phi^T Phi, lower triangle
-  std::size_t energy = 0;                ///< of S, lower triangle
-  std::size_t borders = 0;               ///< of the rows of the translations
-  std::size_t full = 0;                  ///< unknowns of Newton's full matrix
-  std::size_t large = 0;                 ///< sets whose parameters Newton's sparse matrix has last
-  std::size_t newton_factor = 0;         ///< bytes of its factor but for these, with one unknown per function
+  std::size_t unknowns = 0;       ///< k
+  std::size_t cover = 1;          ///< functions at a point
+  std::size_t phi = 0;            ///< entries of Phi
+  std::size_t squares = 0;        ///< of Phi^T Phi, lower triangle
+  std::size_t energy = 0;         ///< of S, lower triangle
+  std::size_t borders = 0;        ///< of the rows of the translations
+  std::size_t full = 0;           ///< unknowns of Newton's full matrix
+  std::size_t large = 0;          ///< sets whose parameters Newton's sparse matrix has last
+  std::size_t newton_factor = 0;  ///< bytes of its factor but for these, with one unknown per function
+  /// Bytes from which the matrix itself is made, at most.
+  std::size_t most_assembly = std::numeric_limits<std::size_t>::max() / 2;
   NewtonSizes newton;                    ///< with r
   SparseCholesky::Estimate reduced;      ///< S, its factor and the Schur complement
   SparseCholesky::Estimate global_step;  ///< factor
@@ -65,8 +69,8 @@ std::size_t newton_bytes(const Counts& counts, NewtonForm form) {
   const std::size_t H =
       std::min(9 * counts.squares + 3 * counts.energy, counts.newton_factor * 10 / sizeof(double)) + crossing + sizes.jacobian;
   const std::size_t factor = 10 * counts.newton_factor + sizeof(double) * most_parameters * counts.large * 3 * r;
-  return linear + J * (grown + 3 * entry_bytes) + 3 * counts.energy * grown + H * 3 * entry_bytes +
-         std::max(2 * H * entry_bytes, factor);
+  const std::size_t assembled = 3 * counts.energy * grown + H * 3 * entry_bytes + std::max(2 * H * entry_bytes, factor);
+  return linear + J * (grown + 3 * entry_bytes) + std::min(assembled, factor + counts.most_assembly);
 }
 
 ConstrainedBytes total(const Counts& counts, NewtonForm form) {
@@ -236,6 +240,9 @@ ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<C
     // A factor has twice the entries of its matrix or more, and functions that meet at a point meet in the energy too.
     counts.energy = std::min(counts.energy, static_cast<std::size_t>(entries / 2));
     counts.squares = std::min(counts.squares, counts.energy);
+    // Of large spaces these two cannot both be as large as that: the factors measured have a third of `entries` or less, and 5 to
+    // 12 times those of their matrix.
+    counts.most_assembly = std::max(small_assembly, 16 * counts.newton_factor);
     const std::size_t working = operations < functions ? 0 : newton_bytes(counts, NewtonForm::sparse);
     result.working = std::max(result.working, plain.working + working);
   };
