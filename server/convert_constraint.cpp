@@ -1,5 +1,6 @@
 #include "server/convert_constraint.h"
 
+#include "core/deformers/constraint_options.h"
 #include "core/mesh/wall_columns.h"
 #include "server/convert.h"
 #include "server/convert_region.h"
@@ -119,6 +120,7 @@ ConstraintOptions constraint_options_from_proto(const v1::ConstraintOptions& mes
                  std::to_string(message.iterations()) + " is more than " + std::to_string(most_constraint_iterations));
   }
   if (message.iterations() != 0) options.iterations = static_cast<int>(message.iterations());
+  validate_constraint_options(options);  // also those that say nothing, as there are no constraints
   return options;
 }
 

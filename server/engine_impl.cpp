@@ -36,8 +36,8 @@ Scheduler::Options scheduler_options(const EngineOptions& options) {
 }
 
 constexpr const char* less_memory =
-    "use fewer handle and fixed points, reduce the centres (reduction), store no basis (BASIS_NEVER), or raise the server's "
-    "memory budget";
+    "use fewer handle and fixed points, smaller regions of constraints, reduce the centres (reduction), store no basis "
+    "(BASIS_NEVER), or raise the server's memory budget";
 
 /// The engine's side of an upload.
 class Upload : public GeometryUpload {

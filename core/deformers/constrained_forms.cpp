@@ -14,15 +14,13 @@ namespace {
 using Entry = Eigen::Triplet<double, std::int64_t>;
 
 constexpr int least_patience = 4, most_patience = 150;
-constexpr double steps_per_round = 1;           // Gauss-Newton matrices that one round of the alternation may cost
-constexpr double affordable = 4e11;             // operations of one of these steps
-constexpr double affordable_compliance = 1e11;  // operations to prepare the form in forces
-constexpr double most_forces = 6000, most_full = 6000;
-constexpr double dense_speed = 8;  // operations of a factorization in the time of one of a triangular solution
+constexpr double steps_per_round = 1;  // Gauss-Newton matrices that one round of the alternation may cost
+constexpr double dense_speed = 8;      // operations of a factorization in the time of one of a triangular solution
 constexpr std::size_t columns_per_task = 16;
 
-/// Ascending: the functions that some point of the sets is reached by.
-std::vector<std::int64_t> functions_of(const SparseRows& values, const std::vector<ConstraintSet>& sets) {
+}  // namespace
+
+std::vector<std::int64_t> functions_reaching(const SparseRows& values, const std::vector<ConstraintSet>& sets) {
   std::vector<bool> reaches(static_cast<std::size_t>(values.cols()), false);
   for (const ConstraintSet& set : sets) {
     for (const PointId id : set.ids) {
@@ -36,14 +34,12 @@ std::vector<std::int64_t> functions_of(const SparseRows& values, const std::vect
   return result;
 }
 
-}  // namespace
-
 ConstrainedSolver::ConstrainedSolver(const EnergySolver& solver, const SparseRows& values, std::vector<ConstraintSet> sets,
                                      const Options& options, std::size_t memory_limit, const RunContext& context)
     : solver_(solver),
       sets_(std::move(sets)),
       options_(options),
-      reduced_(solver, functions_of(values, sets_), memory_limit, context) {
+      reduced_(solver, functions_reaching(values, sets_), memory_limit, context) {
   const auto r = static_cast<std::int64_t>(reduced_.size());
   std::vector<std::int64_t> place(solver_.unknowns(), -1);
   for (std::int64_t i = 0; i < r; ++i) place[static_cast<std::size_t>(reduced_.function(static_cast<std::size_t>(i)))] = i;
@@ -125,29 +121,17 @@ SparseMatrix ConstrainedSolver::constrained_matrix() const {
   return result;
 }
 
-/// Operations of a step. Counts, not times: the same everywhere.
+/// Operations of a step.
 double ConstrainedSolver::newton_by_cost(std::size_t memory_limit) {
-  double rows = 0, parameters = 0;
-  for (std::size_t t = 0; t < sets_.size(); ++t) {
-    std::vector<Vec3> projected(set_size(t));
-    ShapeParameters shape;
-    sets_[t].projection->project(sets_[t].rest, projected, shape);
-    const Linearization linear = sets_[t].projection->linearize(sets_[t].rest, shape);
-    rows += static_cast<double>(linear.normals.size());
-    parameters += static_cast<double>(linear.parameters.cols());
-  }
-  const auto cube = [](double n) { return n * n * n / 3; };
-  const double N = static_cast<double>(point_count()), size = 3 * static_cast<double>(reduced_.size()) + parameters;
-  const double solution = 4.0 * static_cast<double>(factor_->bytes()) / sizeof(double);
-  const double bytes = (N * N + rows * rows) * sizeof(double);
-  const bool fits = memory_limit == 0 || bytes <= static_cast<double>(memory_limit) / 2;
-  const double in_forces = fits && N * solution <= affordable_compliance && rows <= most_forces ? cube(rows) : HUGE_VAL;
-  const double full = reduced_.dense() && size <= most_full ? cube(size) : HUGE_VAL;
-  const double sparse = reduced_.dense() ? HUGE_VAL : 27 * factor_->flops();
-  const double least = std::min({in_forces, full, sparse});
-  if (least > affordable) return HUGE_VAL;
-  newton_form_ = least == in_forces ? NewtonForm::forces : least == full ? NewtonForm::full : NewtonForm::sparse;
-  return least;
+  NewtonSizes sizes;
+  for (const ConstraintSet& set : sets_) sizes.add(*set.projection, set.rest);
+  sizes.functions = reduced_.size();
+  sizes.dense = reduced_.dense();
+  sizes.factor_bytes = factor_->bytes();
+  sizes.factor_operations = factor_->flops();
+  const NewtonChoice choice = cheapest_newton(sizes, memory_limit);
+  newton_form_ = choice.form;
+  return choice.operations;
 }
 
 int ConstrainedSolver::patience_by_cost(double newton_step) const {

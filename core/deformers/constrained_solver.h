@@ -9,6 +9,7 @@
 #include "core/base/run_context.h"
 #include "core/constraints/projection.h"
 #include "core/deformers/energy_solver.h"
+#include "core/deformers/newton_form.h"
 #include "core/deformers/reduced_energy.h"
 #include "core/mesh/mesh.h"
 
@@ -22,6 +23,9 @@ struct ConstraintSet {
   std::vector<Vec3> rest;    ///< of these points
   double weight = 0;         ///< gamma_c: of the mean square distance from the projection
 };
+
+/// The functions that some point of the sets is reached by; ascending. values: n x k at all points of the mesh.
+std::vector<std::int64_t> functions_reaching(const SparseRows& values, const std::vector<ConstraintSet>& sets);
 
 /// Where a constrained solution stands.
 struct ConstrainedState {
@@ -160,16 +164,9 @@ class ConstrainedSolver {
   SparseMatrix transposed_;                ///< r x N, times the weights per point
   std::vector<std::int64_t> translation_;  ///< per set: row of its translation, or -1
   std::unique_ptr<const SparseCholesky> factor_;
-  /// The form of the Gauss-Newton matrix that takes the fewest operations.
-  enum class NewtonForm {
-    none,    ///< none can be afforded
-    forces,  ///< in the forces of the shapes: one unknown per linearized distance
-    full,    ///< in the coefficients, full
-    sparse,  ///< in the coefficients
-  };
-  NewtonForm newton_form_ = NewtonForm::none;
-  std::vector<std::int64_t> newton_order_;  ///< elimination order of S, of the sparse form
-  Eigen::MatrixXd compliance_;              ///< N x N, Phi S^-1 Phi^T, of the form in forces; else empty
+  NewtonForm newton_form_ = NewtonForm::none;  ///< that takes the fewest operations
+  std::vector<std::int64_t> newton_order_;     ///< elimination order of S, of the sparse form
+  Eigen::MatrixXd compliance_;                 ///< N x N, Phi S^-1 Phi^T, of the form in forces; else empty
   int patience_ = 0;
 };
 

@@ -21,7 +21,24 @@ std::size_t bytes_of(const Matrix& matrix) {
          static_cast<std::size_t>(matrix.outerSize() + 1) * sizeof(std::int64_t);
 }
 
+/// Without the room for more that sums and products leave.
+void squeeze(SparseMatrix& matrix) {
+  matrix.makeCompressed();
+  matrix.data().squeeze();
+}
+
+EnergySolver::Problem&& squeezed(EnergySolver::Problem& problem) {
+  squeeze(problem.energy);
+  squeeze(problem.coupling);
+  return std::move(problem);
+}
+
 }  // namespace
+
+EnergySolver::Problem::Problem(Problem&& other) : hold(other.hold), weights(std::move(other.weights)) {
+  energy.swap(other.energy);
+  coupling.swap(other.coupling);
+}
 
 std::size_t sparse_bytes(const SparseMatrix& matrix) { return bytes_of(matrix); }
 std::size_t sparse_bytes(const SparseRows& matrix) { return bytes_of(matrix); }
@@ -42,7 +59,7 @@ SparseMatrix EnergySolver::matrix_of(const Problem& problem) {
   const SparseMatrix weighted = problem.coupling * problem.weights.asDiagonal();
   const SparseMatrix square = weighted * SparseMatrix(problem.coupling.transpose());
   SparseMatrix result = problem.energy + SparseMatrix(square.triangularView<Eigen::Lower>());
-  result.makeCompressed();
+  squeeze(result);
   return result;
 }
 
@@ -67,7 +84,7 @@ SparseCholesky EnergySolver::factored(const SparseMatrix& matrix, std::size_t me
 }
 
 EnergySolver::EnergySolver(Problem problem, std::size_t memory_limit, const RunContext& context)
-    : problem_(std::move(problem)), matrix_(matrix_of(problem_)), factor_(factored(matrix(), memory_limit, context)) {}
+    : problem_(squeezed(problem)), matrix_(matrix_of(problem_)), factor_(factored(matrix(), memory_limit, context)) {}
 
 std::size_t EnergySolver::bytes() const {
   return factor_.bytes() + sparse_bytes(problem_.energy) + sparse_bytes(problem_.coupling) + sparse_bytes(matrix_) +

@@ -25,6 +25,11 @@ enum class Hold {
 class EnergySolver {
  public:
   struct Problem {
+    Problem() = default;
+    Problem(const Problem&) = default;
+    Problem(Problem&& other);  // Eigen's sparse matrices are copied when they are moved
+    Problem& operator=(const Problem&) = default;
+
     SparseMatrix energy;  ///< K, k x k, lower triangle
     Hold hold = Hold::eliminated;
     SparseMatrix coupling;    ///< k x m: R; or B^T

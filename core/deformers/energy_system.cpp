@@ -6,11 +6,11 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/deformers/constraint_sets.h"
 #include "core/deformers/energy_evaluation.h"
 #include "core/deformers/rbf_centres.h"
 #include "core/deformers/rbf_parts.h"
 #include "core/deformers/stopwatch.h"
-#include "core/mesh/wall_columns.h"
 
 namespace deform {
 
@@ -55,15 +55,19 @@ EnergySystem::EnergySystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
   info_.diagonal = bounds.diagonal();
   box_ = {bounds.min, info_.diagonal > 0 ? info_.diagonal : 1};
   place_points();
+  ConstraintSets constraints = constraint_sets(*mesh_, setup_, regions_, box_);
   info_.stage_seconds.emplace_back("select", watch.lap());
   context.check();
   context.progress("assemble", 0);
-  model_ = energy_model(*mesh_, setup_, region_of_, box_, context);
+  {
+    EnergyModel model = energy_model(*mesh_, setup_, region_of_, box_, context);
+    swap(model_, model);
+  }
   info_.stage_seconds.emplace_back("assemble", watch.lap());
   context.progress("factor", 0);
   prepare_solver(context, memory_budget);
   info_.stage_seconds.emplace_back("factor", watch.lap());
-  prepare_constraints(context, memory_budget);
+  prepare_constraints(std::move(constraints), context, memory_budget);
   prepare_basis(context, memory_budget);
   info_.stage_seconds.emplace_back("basis", watch.lap());
   fill_info();
@@ -89,11 +93,11 @@ void EnergySystem::place_points() {
 
 void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_budget) {
   EnergySolver::Problem problem;
-  problem.energy = std::move(model_.space.energy);
+  problem.energy.swap(model_.space.energy);
   if (model_.eliminated) {
     // The solution is -K^-1 coupling h.
     problem.coupling = -model_.coupling;
-    model_.coupling = {};
+    SparseMatrix().swap(model_.coupling);
   } else {
     problem.coupling = transposed_rows(model_.space.values, model_.held);
     problem.hold = exact() ? Hold::multipliers : Hold::soft;
@@ -114,55 +118,17 @@ void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_
   following_places_ = TiledPoints(unit_places(following_));
 }
 
-/// The sets of one constraint: itself, or its columns of cells.
-std::vector<ConstraintSet> EnergySystem::sets_of(std::size_t index) {
-  const Constraint& constraint = setup_.constraints[index];
-  const std::string what = "constraints[" + std::to_string(index) + "]";
-  const double weight = constraint.weight != 0 ? constraint.weight : Constraint::automatic_weight;
-  const auto made = [&](const std::vector<std::vector<PointId>>& regions) {
-    ConstraintSet set{constraint.name, nullptr, {}, {}, weight};
-    std::vector<std::vector<Vec3>> rest;
-    for (const std::vector<PointId>& ids : regions) {
-      const std::vector<Vec3>& places = rest.emplace_back(unit_places(ids));
-      set.ids.insert(set.ids.end(), ids.begin(), ids.end());
-      set.rest.insert(set.rest.end(), places.begin(), places.end());
-    }
-    set.projection = make_projection(constraint.kind, rest, {box_.origin, box_.scale}, what);
-    return set;
-  };
-  const auto* rigid = std::get_if<Rigid>(&constraint.kind);
-  std::vector<ConstraintSet> sets;
-  if (rigid == nullptr || rigid->layers == 0) {
-    sets.push_back(made(regions_.constraints[index]));
-    return sets;
-  }
-  const WallColumns columns = wall_columns(*mesh_, regions_.constraints[index][0], rigid->layers, what + ".regions[0]");
-  std::size_t points = 0;
-  for (const std::vector<PointId>& column : columns.points) {
-    sets.push_back(made({column}));
-    points += column.size();
-  }
-  for (ConstraintSet& set : sets) set.weight *= static_cast<double>(set.ids.size()) / static_cast<double>(points);
-  model_.space.notes.push_back(constraint.name + ": " + std::to_string(sets.size()) + " rigid columns of cells, " +
-                               std::to_string(columns.shorter) + " of them of fewer than " + std::to_string(rigid->layers) +
-                               " layers; " + std::to_string(columns.bare) + " faces of the wall without one");
-  return sets;
-}
-
-void EnergySystem::prepare_constraints(const RunContext& context, std::size_t memory_budget) {
-  if (setup_.constraints.empty()) return;
-  std::vector<ConstraintSet> sets;
-  for (std::size_t i = 0; i < setup_.constraints.size(); ++i) {
-    for (ConstraintSet& set : sets_of(i)) sets.push_back(std::move(set));
-    constraint_of_.resize(sets.size(), i);
-  }
+void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunContext& context, std::size_t memory_budget) {
+  if (constraints.sets.empty()) return;
+  constraint_of_ = std::move(constraints.constraint_of);
+  model_.space.notes.insert(model_.space.notes.end(), constraints.notes.begin(), constraints.notes.end());
   const std::size_t limit =
       memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, solver_->bytes()));
   ConstrainedSolver::Options options;
   options.tolerance = setup_.constraint_options.tolerance;
   options.most_iterations = setup_.constraint_options.iterations;
-  constrained_ =
-      std::make_unique<const ConstrainedSolver>(*solver_, model_.space.values, std::move(sets), options, limit, context);
+  constrained_ = std::make_unique<const ConstrainedSolver>(*solver_, model_.space.values, std::move(constraints.sets), options,
+                                                           limit, context);
   prepare_exact(constrained_->sets(), context);
   if (!correction_ && !placement_) return;
   std::vector<Vec3> places;
@@ -283,7 +249,7 @@ void EnergySystem::fill_info() {
   info_.solver = Solver::sparse_cholesky;
   info_.condition = 1 / std::max(solver_->factor().reciprocal_condition(), 1e-300);
   info_.factor_bytes = solver_->bytes() + (constrained_ ? constrained_->bytes() : 0) + (correction_ ? correction_->bytes() : 0) +
-                       following_places_.bytes() +
+                       following_places_.bytes() + set_places_.bytes() +
                        (placement_ ? placement_->bytes() + placement_correction_->bytes() + exact_places_.bytes() : 0);
   info_.basis_fields = basis_ ? basis_->fields() : 0;
   info_.basis_bytes = basis_ ? basis_->bytes() : 0;

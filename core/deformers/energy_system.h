@@ -15,6 +15,8 @@
 
 namespace deform {
 
+struct ConstraintSets;
+
 /// What the options of all energy methods have in common.
 struct EnergyOptions {
   HandleMode handles = HandleMode::hard;
@@ -78,8 +80,7 @@ class EnergySystem : public System {
   HeldPoints held() const { return {*mesh_, setup_, regions_, region_of_, rank_of_, coincident_, info_.diagonal}; }
   void place_points();
   void prepare_solver(const RunContext& context, std::size_t memory_budget);
-  void prepare_constraints(const RunContext& context, std::size_t memory_budget);
-  std::vector<ConstraintSet> sets_of(std::size_t index);
+  void prepare_constraints(ConstraintSets constraints, const RunContext& context, std::size_t memory_budget);
   void prepare_exact(const std::vector<ConstraintSet>& sets, const RunContext& context);
   void prepare_basis(const RunContext& context, std::size_t memory_budget);
   void fill_info();
@@ -137,6 +138,8 @@ class EnergySystem : public System {
   SystemInfo info_;
 };
 
+/// Constraints count with what their points at rest say, and with one design that is solved for (peak_bytes). Throws what
+/// validate() and constraint_sets() throw.
 Estimate estimate_energy(const Mesh& mesh, const Setup& setup);
 
 }  // namespace deform

@@ -19,10 +19,16 @@ constexpr double accuracy = 1e-11;  // of derivatives
 
 }  // namespace
 
-/// The sets that are not alone about some positions: [I + W J^T J, W J^T P; W P^T J, W P^T P], factored.
+/// The sets that are not alone about some positions: [I + W J^T J, W J^T P; W P^T J, W P^T P].
 class ExactPlacement::Joint {
  public:
-  Joint(const ExactPlacement& placement, const std::vector<Vec3>& points, const RunContext& context)
+  /// Factored.
+  Joint(const ExactPlacement& placement, const std::vector<Vec3>& points, const RunContext& context) : Joint(placement, points) {
+    factor_ = std::make_unique<const SparseCholesky>(matrix(), context);
+  }
+
+  /// Not factored, so that nothing can be solved.
+  Joint(const ExactPlacement& placement, const std::vector<Vec3>& points)
       : placement_(placement), points_(points), shapes_(placement.sets_.size()) {
     std::vector<Entry> entries;
     std::vector<double> residuals;
@@ -56,14 +62,27 @@ class ExactPlacement::Joint {
     J_.resize(rows, columns);
     J_.setFromTriplets(entries.begin(), entries.end());
     residual_ = Eigen::Map<const Eigen::VectorXd>(residuals.data(), rows);
+  }
+
+  SparseMatrix matrix() const {
+    const std::int64_t columns = J_.cols();
     SparseMatrix H = stiffness * SparseMatrix(SparseMatrix(J_.transpose()) * J_).triangularView<Eigen::Lower>();
     const double largest = H.nonZeros() > 0 ? std::max(1.0, H.diagonal().maxCoeff()) : 1.0;
     SparseMatrix diagonal(columns, columns);
     diagonal.reserve(Eigen::VectorXi::Constant(static_cast<int>(columns), 1));
-    for (std::int64_t j = 0; j < columns; ++j) diagonal.insert(j, j) = j < placement.unknowns_ ? 1.0 : damping * largest;
+    for (std::int64_t j = 0; j < columns; ++j) diagonal.insert(j, j) = j < placement_.unknowns_ ? 1.0 : damping * largest;
     H += diagonal;
     H.makeCompressed();
-    factor_ = std::make_unique<const SparseCholesky>(H, context);
+    return H;
+  }
+
+  /// While it is made, with a factor.
+  std::size_t bytes() const {
+    const SparseMatrix H = matrix();
+    // The entries of J in a vector that has grown, J and its transpose; J^T J, sorted, its lower triangle and sums of it.
+    const auto entries = static_cast<std::size_t>(J_.nonZeros()), squares = static_cast<std::size_t>(H.nonZeros());
+    constexpr std::size_t entry = sizeof(double) + sizeof(std::int64_t);
+    return entries * (3 * sizeof(Entry) + 3 * entry) + squares * 7 * entry + SparseCholesky::estimate(H).peak_bytes;
   }
 
   /// The step of `points` to the least value of the model that starts at `from`; its length, rms.
@@ -193,6 +212,16 @@ std::size_t ExactPlacement::bytes() const {
   std::size_t bytes = ids_.size() * (sizeof(PointId) + sizeof(std::int64_t) + 1);
   for (const ConstraintSet& set : sets_) bytes += set.ids.size() * (sizeof(PointId) + sizeof(Vec3) + sizeof(std::uint32_t));
   return bytes;
+}
+
+std::size_t ExactPlacement::working_bytes() const {
+  const std::size_t vectors = 12 * ids_.size() * sizeof(Vec3);
+  if (!joint_) return vectors;
+  std::vector<Vec3> rest(ids_.size());
+  for (std::size_t t = 0; t < sets_.size(); ++t) {
+    for (std::size_t i = 0; i < places_[t].size(); ++i) rest[places_[t][i]] = sets_[t].rest[i];
+  }
+  return vectors + Joint(*this, rest).bytes();
 }
 
 std::vector<Vec3> ExactPlacement::of_set(std::size_t t, const std::vector<Vec3>& points) const {

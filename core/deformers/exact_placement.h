@@ -23,6 +23,8 @@ class ExactPlacement {
   const std::vector<PointId>& ids() const { return ids_; }
   bool moves(std::size_t u) const { return moves_[u]; }
   std::size_t bytes() const;
+  /// What place() and the derivatives take besides, at most: from the points at rest and a symbolic analysis.
+  std::size_t working_bytes() const;
 
   struct Placed {
     std::vector<Vec3> from, points;  ///< U

@@ -243,6 +243,7 @@ SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options) {
   SpaceBytes bytes;
   bytes.samples = counts.surface + counts.volume;
   bytes.cubature_points = more.surface + more.volume;
+  bytes.cover = static_cast<std::size_t>(std::ceil(cover));
   bytes.energy_entries = static_cast<std::size_t>(0.5 * k * couplings);
   bytes.resident = static_cast<std::size_t>(values + energy + 4 * k * entry);
   bytes.peak = static_cast<std::size_t>(values + std::max(dense, rows + 3 * energy));

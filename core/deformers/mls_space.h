@@ -42,6 +42,7 @@ EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t
 struct SpaceBytes {
   std::size_t peak = 0, resident = 0;
   std::size_t samples = 0, cubature_points = 0;
+  std::size_t cover = 0;           ///< functions that reach a point
   std::size_t energy_entries = 0;  ///< of the lower triangle
 };
 SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options);

@@ -24,8 +24,8 @@ SparseMatrix without(const SparseMatrix& lower, const std::vector<std::int64_t>&
   return result;
 }
 
-/// Everything else first, then the chosen: the end of that factor is the factor of the Schur complement.
-Eigen::MatrixXd schur_complement(const SparseMatrix& lower, const std::vector<std::int64_t>& chosen, const RunContext& context) {
+/// Everything else first, then the chosen.
+std::vector<std::int64_t> chosen_last(const SparseMatrix& lower, const std::vector<std::int64_t>& chosen) {
   std::vector<std::int64_t> kept;
   std::size_t next = 0;
   for (std::int64_t j = 0; j < lower.rows(); ++j) {
@@ -40,6 +40,12 @@ Eigen::MatrixXd schur_complement(const SparseMatrix& lower, const std::vector<st
     order.push_back(kept[static_cast<std::size_t>(i)]);
   }
   order.insert(order.end(), chosen.begin(), chosen.end());
+  return order;
+}
+
+/// The end of the factor with that order is the factor of the Schur complement.
+Eigen::MatrixXd schur_complement(const SparseMatrix& lower, const std::vector<std::int64_t>& chosen, const RunContext& context) {
+  const std::vector<std::int64_t> order = chosen_last(lower, chosen);
   const Eigen::MatrixXd L = SparseCholesky(lower, order, context).trailing(chosen.size());
   return L.triangularView<Eigen::Lower>() * L.transpose();
 }
@@ -62,13 +68,35 @@ SparseMatrix lower_of(const Eigen::MatrixXd& dense) {
 ReducedEnergy::ReducedEnergy(const EnergySolver& solver, std::vector<std::int64_t> chosen, std::size_t memory_limit,
                              const RunContext& context)
     : solver_(solver), functions_(std::move(chosen)) {
-  dense_ = functions_.size() <= most_dense && 2 * functions_.size() < solver_.unknowns();
+  dense_ = is_dense(functions_.size(), solver_.unknowns());
   if (!dense_) {
     functions_ = {};
     return;
   }
   matrix_ = lower_of(schur_complement(solver_.matrix(), functions_, context));
   factor_ = std::make_unique<const SparseCholesky>(EnergySolver::factored(matrix_, memory_limit, context));
+}
+
+/// The lower triangle, and its factor: one block.
+std::size_t ReducedEnergy::dense_bytes(std::size_t chosen) {
+  const std::size_t lower = chosen * (chosen + 1) / 2 * (sizeof(double) + sizeof(std::int64_t));
+  return lower + chosen * chosen * sizeof(double) + 64 * (chosen + 1) * sizeof(std::int64_t);
+}
+
+/// Beside these the full matrix, or the permuted copies of the lower triangle.
+std::size_t ReducedEnergy::dense_peak_bytes(std::size_t chosen) {
+  return dense_bytes(chosen) + 2 * chosen * (chosen + 1) * sizeof(double) + chosen * chosen * sizeof(double);
+}
+
+SparseCholesky::Estimate ReducedEnergy::estimate(const SparseMatrix& matrix, const std::vector<std::int64_t>& chosen) {
+  if (!is_dense(chosen.size(), static_cast<std::size_t>(matrix.rows()))) return {};
+  SparseCholesky::Estimate result = SparseCholesky::estimate(matrix, chosen_last(matrix, chosen));
+  const auto n = static_cast<double>(chosen.size());
+  result.factor_bytes = dense_bytes(chosen.size());
+  result.peak_bytes =
+      std::max(result.peak_bytes + chosen.size() * chosen.size() * sizeof(double), dense_peak_bytes(chosen.size()));
+  result.flops += n * n * n / 3;
+  return result;
 }
 
 std::size_t ReducedEnergy::bytes() const {

@@ -23,6 +23,14 @@ class ReducedEnergy {
   ReducedEnergy(const EnergySolver& solver, std::vector<std::int64_t> chosen, std::size_t memory_limit,
                 const RunContext& context);
 
+  /// Bytes of one, and at most while it is made; operations. From symbolic analysis, so exact to a few percent.
+  static SparseCholesky::Estimate estimate(const SparseMatrix& matrix, const std::vector<std::int64_t>& chosen);
+  /// Whether S is dense for so many chosen functions of all.
+  static bool is_dense(std::size_t chosen, std::size_t unknowns) { return chosen <= most_dense && 2 * chosen < unknowns; }
+  /// Of a dense S, bounds.
+  static std::size_t dense_bytes(std::size_t chosen);
+  static std::size_t dense_peak_bytes(std::size_t chosen);
+
   bool dense() const { return dense_; }
   std::size_t size() const { return dense_ ? functions_.size() : solver_.unknowns(); }
   /// Which coefficient of the solver the i-th is.

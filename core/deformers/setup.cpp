@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "core/base/error.h"
+#include "core/deformers/constraint_options.h"
 #include "core/mesh/wall_columns.h"
 
 namespace deform {
@@ -242,8 +243,7 @@ void check_layers(const ConstraintKind& kind, const Mesh& mesh, const std::strin
 }
 
 void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions& selected) {
-  check_range(setup.constraint_options.tolerance, 1e-12, 1e-2, "constraint_options.tolerance");
-  check_range(setup.constraint_options.iterations, 1, most_constraint_iterations, "constraint_options.iterations");
+  validate_constraint_options(setup.constraint_options);
   if (!setup.constraints.empty() && std::holds_alternative<RbfOptions>(setup.method)) {
     invalid("constraints: method.rbf does not take geometric constraints; use method shell, subspace or mls");
   }
@@ -313,6 +313,11 @@ void check_values(const Setup& setup, std::span<const double> variables) {
 }
 
 }  // namespace
+
+void validate_constraint_options(const ConstraintOptions& options) {
+  check_range(options.tolerance, 1e-12, 1e-2, "constraint_options.tolerance");
+  check_range(options.iterations, 1, most_constraint_iterations, "constraint_options.iterations");
+}
 
 SelectedRegions validate(const Setup& setup, const Mesh& mesh) {
   validate_method(setup, mesh);

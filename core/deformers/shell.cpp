@@ -140,8 +140,8 @@ void assemble(const ShellOperators& operators, const Columns& columns, const She
   }
   K.makeCompressed();
   C.makeCompressed();
-  model.space.energy = std::move(K);
-  if (model.eliminated) model.coupling = std::move(C);
+  model.space.energy.swap(K);
+  if (model.eliminated) model.coupling.swap(C);
 }
 
 }  // namespace

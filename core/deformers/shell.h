@@ -20,6 +20,9 @@ struct EnergyModel {
   SparseMatrix coupling;  ///< k x m
 };
 
+/// Copies nothing, unlike a move: Eigen's sparse matrices have none.
+void swap(EnergyModel& a, EnergyModel& b);
+
 /// The thin shell (thesis 3.1, 8.2) with K = -gamma_s L_s + gamma_b L_s M^-1 L_s: L_s is the integrated cotangent Laplacian, M
 /// the mixed Voronoi areas, both of all points, so that soft handles of growing weight lead to the hard ones.
 ///  - Hard handles: one function per deformable point. This is eq. 3.4 times M, symmetric positive definite; of the held points

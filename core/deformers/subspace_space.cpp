@@ -134,6 +134,7 @@ SpaceBytes estimate_subspace_space(const Mesh& mesh, const SubspaceOptions& opti
   const double scratch = full ? 3 * n * k * sizeof(double) + k * k * sizeof(double) : 4 * values + 4 * energy;
   SpaceBytes bytes;
   bytes.samples = static_cast<std::size_t>(k);
+  bytes.cover = static_cast<std::size_t>(std::ceil(cover));
   bytes.energy_entries = static_cast<std::size_t>(0.5 * k * (couplings + 1));
   bytes.resident = static_cast<std::size_t>(values + energy + 4 * k * entry);
   bytes.peak = bytes.resident + static_cast<std::size_t>(scratch + n * 40 * entry);

@@ -51,13 +51,15 @@ std::shared_ptr<const System> prepare(std::shared_ptr<const Mesh> mesh, const Se
   if (memory_budget != 0) {
     const Estimate expected = estimate(*mesh, setup);
     if (expected.peak_bytes > memory_budget) {
+      const std::string constraints = setup.constraints.empty() ? "" : ", smaller regions of constraints";
       const bool rbf = std::holds_alternative<RbfOptions>(setup.method);
-      throw Error(ErrorCode::out_of_budget,
-                  "preparing needs up to " + gibibytes(expected.peak_bytes) + " (" + std::to_string(expected.centres) +
-                      (rbf ? " centres: factor " : " centres or held points: factor ") + gibibytes(expected.factor_bytes) +
-                      ", basis " + gibibytes(expected.basis_bytes) + "), available are " + gibibytes(memory_budget) +
-                      (rbf ? "; use solver ITERATIVE, smaller handle and fixed regions, fewer handles or basis BASIS_NEVER"
-                           : "; use a larger fixed region, fewer samples, fewer handles or basis BASIS_NEVER"));
+      throw Error(
+          ErrorCode::out_of_budget,
+          "preparing needs up to " + gibibytes(expected.peak_bytes) + " (" + std::to_string(expected.centres) +
+              (rbf ? " centres: factor " : " centres or held points: factor ") + gibibytes(expected.factor_bytes) + ", basis " +
+              gibibytes(expected.basis_bytes) + "), available are " + gibibytes(memory_budget) +
+              (rbf ? "; use solver ITERATIVE, smaller handle and fixed regions, fewer handles or basis BASIS_NEVER"
+                   : "; use a larger fixed region, fewer samples, fewer handles" + constraints + " or basis BASIS_NEVER"));
     }
   }
   if (!std::holds_alternative<RbfOptions>(setup.method)) {

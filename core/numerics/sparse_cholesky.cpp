@@ -60,6 +60,7 @@ class Common {
     common_.method[0].ordering = CHOLMOD_GIVEN;
     common_.postorder = 0;
   }
+  void free_scratch() { cholmod_l_free_work(&common_); }
   int status() const { return common_.status; }
   double flops() const { return common_.fl; }
 
@@ -172,6 +173,7 @@ void SparseCholesky::Factor::factorize(const SparseMatrix& lower, const RunConte
                                                   std::to_string(order[column]) + " of " + std::to_string(L->n) +
                                                   " has no positive pivot");
   }
+  common.free_scratch();  // it lives as long as the factor, and its size is that of a dozen vectors
   measure_diagonal();
   context.check();
 }
@@ -200,12 +202,12 @@ void SparseCholesky::Factor::measure_diagonal() {
   }
 }
 
-SparseCholesky::Estimate SparseCholesky::estimate(const SparseMatrix& lower) {
+SparseCholesky::Estimate SparseCholesky::estimate(const SparseMatrix& lower, std::span<const std::int64_t> order) {
   check_shape(lower);
   if (lower.rows() == 0) return {};
   Common common;
   cholmod_sparse A = view(lower);
-  const Analysis analysis(&A, {}, common);
+  const Analysis analysis(&A, order, common);
   Estimate result;
   result.flops = common.flops();
   result.factor_bytes = analysis.bytes();

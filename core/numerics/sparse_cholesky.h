@@ -21,7 +21,7 @@ class SparseCholesky {
     std::size_t factor_bytes = 0, peak_bytes = 0;
     double flops = 0;
   };
-  static Estimate estimate(const SparseMatrix& lower);
+  static Estimate estimate(const SparseMatrix& lower, std::span<const std::int64_t> order = {});
   /// A fill-reducing elimination order: that of the constructor without one.
   static std::vector<std::int64_t> fill_reducing_order(const SparseMatrix& lower);
 

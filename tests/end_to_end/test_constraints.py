@@ -165,6 +165,10 @@ class Constraints(EndToEnd):
                               ("{iterations: 1000001}", ["iterations: 1000001", "1000000"])):
             self.write("options.yaml", setup("{mls: {}}", f"{CIRCLE}\nconstraint_options: {options}"))
             self.fails(1, "prepare", "options.yaml", says=["constraint_options." + says[0], says[1]])
+            self.write("options.yaml", setup("{mls: {}}", f"constraint_options: {options}"))
+            self.fails(1, "prepare", "options.yaml", "--check", says=["constraint_options." + says[0], says[1]])
+        self.write("mirror.yaml", setup("{mls: {}}", "symmetry: [{point: [0, 0, 0], normal: [0, 1, 0]}]"))
+        self.fails(1, "prepare", "mirror.yaml", "--check", says=["symmetry", "method.mls", "method.rbf"])
 
     def test_ids_do_not_depend_on_spelling_defaults_out(self):
         self.write("plate.obj", plate())
@@ -221,7 +225,8 @@ constraints: [{name: wall, rigid: {layers: LAYERS}, regions: [{box: {min: [0, 0.
         self.assertLess(wall["largest"], 1e-9 * math.sqrt(3))
         self.assertEqual(reply["cells"]["inverted"], 0)
         self.write("inside.yaml", layers.replace("LAYERS", "2").replace("[0, 0.25", "[0.25, 0.25").replace("[0, 0.75", "[0.25, 0.75"))
-        self.fails(1, "prepare", "inside.yaml", says=["constraints[0]", "no face on the boundary"])
+        for check in ((), ("--check",)):
+            self.fails(1, "prepare", "inside.yaml", *check, says=["constraints[0].regions[0]", "no face on the boundary"])
 
     def test_few_iterations_are_reported(self):
         self.write("plate.obj", plate())

@@ -191,6 +191,8 @@ TEST(ConvertConstraint, RefusalsNameTheField) {
       {R"({"constraints": [{"name": "c", "rigid": {"layers": 1001}}]})", "constraints[0].rigid.layers: 1001 is more than 1000"},
       {R"({"constraints": [{"name": "c", "rigid": {"layers": 4294967295}}]})", "constraints[0].rigid.layers: 4294967295"},
       {R"({"constraintOptions": {"tolerance": "NaN"}})", "constraint_options.tolerance"},
+      {R"({"constraintOptions": {"tolerance": 0.5}})", "constraint_options.tolerance: 0.5 is out of range 1e-12..0.01"},
+      {R"({"constraintOptions": {"tolerance": -1e-7}})", "constraint_options.tolerance: -1e-07 is out of range"},
       {R"({"constraintOptions": {"iterations": 1000001}})", "constraint_options.iterations: 1000001 is more than 1000000"},
       {R"({"method": {"shell": {"energy": {"stretching": "NaN"}}}})", "method.shell.energy.stretching"},
       {R"({"method": {"shell": {"energy": {"handles": 9}}}})", "method.shell.energy.handles: unknown value 9"},

@@ -127,6 +127,9 @@ const std::vector<BadSetup>& bad_setups() {
          s.constraint_options.tolerance = 0.1;
        },
        {"constraint_options.tolerance", "0.1", "1e-12..0.01"}},
+      {"tolerance of no constraints",
+       [](Setup& s) { s.constraint_options.tolerance = 1e-13; },
+       {"constraint_options.tolerance", "1e-13", "1e-12..0.01"}},
       {"NaN tolerance of constraints",
        [](Setup& s) { s.constraint_options.tolerance = nan; },
        {"constraint_options.tolerance", "nan"}},

@@ -1,0 +1,164 @@
+// What is said of a system before it is prepared, against what it takes then.
+#include <gtest/gtest.h>
+
+#include <array>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/deformers/energy_system.h"
+#include "core/mesh/elements.h"
+#include "tests/core/deformers/energy_cases.h"
+#include "tests/core/deformers/space_cases.h"
+#include "tests/support/expect_error.h"
+
+namespace deform {
+namespace {
+
+using test::box;
+using test::shared;
+
+struct Constrained {
+  const char* name;
+  std::vector<Constraint> constraints;
+};
+
+Constraint patch(const std::string& name, double from, double to, const ConstraintKind& kind, bool exact = false) {
+  return {name, {box({from, 0.1, -9}, {to, 0.9, 9})}, kind, 0, exact};
+}
+
+std::vector<Constrained> constrained() {
+  std::vector<Constrained> rows{
+      {"none", {}},
+      {"one column of points", {patch("a", 1.19, 1.23, Planar{})}},
+      {"rigid", {patch("a", 1.2, 1.5, Rigid{})}},
+      {"more than half of the points", {patch("a", 0.4, 1.6, Spherical{})}},
+      {"exact", {patch("a", 0.4, 1.6, Planar{}, true)}},
+      {"exact with common points", {patch("a", 1.2, 1.5, Planar{}, true), patch("b", 1.4, 1.6, Cylindrical{}, true)}},
+      {"beside handles", {patch("a", 1.5, 1.9, FixedPlane{{0, 0, 0}, {0, 0, 1}}, true)}},
+      {"many", {}},
+  };
+  for (int i = 0; i < 20; ++i) {
+    rows.back().constraints.push_back(patch("p" + std::to_string(i), 0.4 + 0.06 * i, 0.5 + 0.06 * i, Planar{}));
+  }
+  return rows;
+}
+
+void expect_bounds(const std::shared_ptr<const Mesh>& mesh, const deform::Setup& setup, double most) {
+  const Estimate expected = estimate(*mesh, setup);
+  const auto system = prepare(mesh, setup);
+  const SystemInfo& info = system->info();
+  EXPECT_GE(expected.factor_bytes, info.factor_bytes);
+  EXPECT_GE(expected.basis_bytes, info.basis_bytes);
+  EXPECT_GE(expected.resident_bytes, info.bytes);
+  EXPECT_LE(static_cast<double>(expected.resident_bytes), most * static_cast<double>(info.bytes));
+  EXPECT_GE(expected.peak_bytes, expected.resident_bytes);
+  EXPECT_GE(expected.centres, info.centres);
+}
+
+void expect_bounds(const decltype(deform::Setup::method)& method, std::size_t columns, std::size_t rows, double most) {
+  const auto mesh = shared(test::bumpy_sheet(columns, rows));
+  for (const Constrained& row : constrained()) {
+    SCOPED_TRACE(row.name);
+    deform::Setup setup = test::setup_with_variables();
+    setup.method = method;
+    setup.constraints = row.constraints;
+    expect_bounds(mesh, setup, most);
+  }
+}
+
+TEST(Estimate, OfShells) {
+  for (const HandleMode handles : {HandleMode::hard, HandleMode::soft}) {
+    ShellOptions options;
+    options.handles = handles;
+    expect_bounds(options, 41, 21, 1.3);
+    expect_bounds(options, 81, 41, 1.3);
+  }
+}
+
+TEST(Estimate, OfSubspaces) {
+  for (const SubspaceKernel kernel : {SubspaceKernel::mls, SubspaceKernel::wendland_c2, SubspaceKernel::triharmonic}) {
+    SCOPED_TRACE(static_cast<int>(kernel));
+    SubspaceOptions options;
+    options.kernel = kernel;
+    options.centres = 150;
+    expect_bounds(options, 41, 21, 3);
+  }
+}
+
+TEST(Estimate, OfMovingLeastSquares) {
+  MlsOptions options;
+  options.surface_samples = 250;
+  // Whether Newton's matrix is in the forces, which need N x N numbers, is not known before.
+  expect_bounds(options, 41, 21, 3.5);
+  options.handles = HandleMode::soft;
+  expect_bounds(options, 41, 21, 3.5);
+}
+
+deform::Setup cube_setup() {
+  deform::Setup setup;
+  MlsOptions options;
+  options.surface_samples = 200;
+  options.volume_samples = 100;
+  setup.method = options;
+  setup.handles = {{"top", box({-1, -1, 1}, {2, 2, 1})}};
+  setup.fixed = {box({-1, -1, -1}, {2, 2, 0})};
+  return setup;
+}
+
+TEST(Estimate, OfColumnsOfCells) {
+  const auto mesh = shared(test::solid_cube(8));
+  for (const bool exact : {false, true}) {
+    deform::Setup setup = cube_setup();
+    setup.constraints = {{"wall", {box({0, 0.2, 0.2}, {0, 0.8, 0.8})}, Rigid{3}, 0, exact}};
+    expect_bounds(mesh, setup, 5);  // supports in the volume are wide at corners only, which is not known before
+    const auto notes = estimate(*mesh, setup).notes;
+    ASSERT_FALSE(notes.empty());
+    EXPECT_EQ(notes[0].find("wall: 16 rigid columns of cells, 0 of them of fewer than 3 layers"), 0u) << notes[0];
+  }
+}
+
+TEST(Estimate, RefusesWhatPreparingRefuses) {
+  const auto cube = shared(test::solid_cube(4));
+  const auto refused = [&](const Constraint& constraint, const std::vector<const char*>& parts) {
+    deform::Setup setup = cube_setup();
+    setup.constraints = {patch("first", 0.4, 0.6, Planar{}), constraint};
+    test::expect_error(ErrorCode::invalid_argument, parts, [&] { estimate(*cube, setup); });
+    test::expect_error(ErrorCode::invalid_argument, parts, [&] { prepare(cube, setup); });
+  };
+  refused({"wall", {box({0.5, 0, 0}, {0.5, 1, 1})}, Rigid{2}}, {"constraints[1].regions[0]", "no face on the boundary"});
+  refused({"wall", {{Region::Ids{{0, 1}}}}, Circular{}}, {"constraints[1]", "2 points", "4"});
+
+  // Tetrahedra stand on nothing.
+  Mesh tetrahedron;
+  tetrahedron.points = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  auto elements = std::make_shared<Elements>();
+  elements->add(ElementType::tetrahedron, std::array<PointId, 4>{0, 1, 2, 3});
+  const BoundaryFaces boundary = boundary_faces(*elements);
+  tetrahedron.face_sizes = boundary.sizes;
+  tetrahedron.face_points = boundary.points;
+  tetrahedron.elements = std::move(elements);
+  const auto soft = shared(std::move(tetrahedron));
+  deform::Setup setup = cube_setup();
+  setup.fixed = {{Region::Ids{{0}}}};
+  setup.constraints = {{"wall", {{Region::Ids{{0, 1, 2}}}}, Rigid{1}}};
+  const std::vector<const char*> parts{"constraints[0].regions[0]", "no prism or hexahedron stands on any of the 1 faces"};
+  test::expect_error(ErrorCode::invalid_argument, parts, [&] { estimate(*soft, setup); });
+  test::expect_error(ErrorCode::invalid_argument, parts, [&] { prepare(soft, setup); });
+}
+
+TEST(Estimate, BudgetsSeeConstraints) {
+  const auto mesh = shared(test::bumpy_sheet(81, 41));
+  deform::Setup setup = test::setup_with_variables();
+  setup.method = ShellOptions{};
+  const std::size_t without = estimate(*mesh, setup).peak_bytes;
+  setup.constraints = {patch("a", 1, 1.5, Planar{}, true)};
+  const std::size_t with = estimate(*mesh, setup).peak_bytes;
+  EXPECT_GT(with, 2 * without);
+  EXPECT_NO_THROW(prepare(mesh, setup, {}, with));
+  test::expect_error(ErrorCode::out_of_budget, {"preparing needs", "available", "constraints"},
+                     [&] { prepare(mesh, setup, {}, without); });
+}
+
+}  // namespace
+}  // namespace deform
