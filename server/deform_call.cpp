@@ -140,7 +140,8 @@ std::shared_ptr<DeformCall::Bound> DeformCall::bind(const SystemCache::Handle& s
   if (task_.checker) bound->checker = task_.checker(system, run_context(threads));
   bound->plan = {system->mesh->point_count(), parts_.block_points, task_.designs, bound->checker != nullptr};
   bound->output = encode_options(task_.output, system->info.diagonal());
-  const std::size_t bytes = task_.bind_bytes(*system) + buffer_bytes(bound->plan, parts_.scheduler->workers());
+  const std::size_t solving = std::min(task_.designs, static_cast<std::size_t>(threads)) * system->system->info().design_bytes;
+  const std::size_t bytes = task_.bind_bytes(*system) + solving + buffer_bytes(bound->plan, parts_.scheduler->workers());
   bound->charge = parts_.memory->charge(bytes, {"deforming with system " + task_.system_id.substr(0, 16),
                                                 "send fewer designs per request", system->charge.bytes()});
   bound->evaluation = task_.bind(*system, run_context(threads));

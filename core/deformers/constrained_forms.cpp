@@ -17,6 +17,7 @@ constexpr int least_patience = 4, most_patience = 150;
 constexpr double steps_per_round = 1;  // Gauss-Newton matrices that one round of the alternation may cost
 constexpr double dense_speed = 8;      // operations of a factorization in the time of one of a triangular solution
 constexpr std::size_t columns_per_task = 16;
+constexpr std::size_t permuted_and_factored = 2;  // copies of a sparse matrix, in factors
 
 }  // namespace
 
@@ -131,6 +132,13 @@ double ConstrainedSolver::newton_by_cost(std::size_t memory_limit) {
   sizes.factor_operations = factor_->flops();
   const NewtonChoice choice = cheapest_newton(sizes, memory_limit);
   newton_form_ = choice.form;
+  const std::size_t size = 3 * sizes.functions + sizes.parameters;
+  const std::size_t matrix = choice.form == NewtonForm::forces   ? sizes.rows * (sizes.rows + 2 * sizes.parameters)
+                             : choice.form == NewtonForm::full   ? size * size
+                             : choice.form == NewtonForm::sparse ? permuted_and_factored * 9 * factor_->bytes() / sizeof(double)
+                                                                 : 0;
+  const std::size_t vectors = 40 * point_count() + 24 * sizes.functions + 12 * solver_.unknowns();
+  working_bytes_ = matrix * sizeof(double) + vectors * sizeof(Vec3);
   return choice.operations;
 }
 

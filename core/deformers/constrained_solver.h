@@ -103,6 +103,8 @@ class ConstrainedSolver {
   std::size_t unknowns() const { return reduced_.size(); }  ///< r
   int patience() const { return patience_; }
   std::size_t bytes() const;
+  /// About what one solution or derivative takes, mostly for a Newton step.
+  std::size_t working_bytes() const { return working_bytes_; }
 
   /// h: m x 3 prescribed displacements of EnergySolver; offsets: N displacements of the points of the sets that no function
   /// reaches (eliminated held points), zero for the others. start: of a similar design, or null; taken when it is better than
@@ -168,6 +170,7 @@ class ConstrainedSolver {
   std::vector<std::int64_t> newton_order_;     ///< elimination order of S, of the sparse form
   Eigen::MatrixXd compliance_;                 ///< N x N, Phi S^-1 Phi^T, of the form in forces; else empty
   int patience_ = 0;
+  std::size_t working_bytes_ = 0;
 };
 
 }  // namespace deform

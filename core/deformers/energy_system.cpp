@@ -251,6 +251,7 @@ void EnergySystem::fill_info() {
   info_.factor_bytes = solver_->bytes() + (constrained_ ? constrained_->bytes() : 0) + (correction_ ? correction_->bytes() : 0) +
                        following_places_.bytes() + set_places_.bytes() +
                        (placement_ ? placement_->bytes() + placement_correction_->bytes() + exact_places_.bytes() : 0);
+  info_.design_bytes = constrained_ ? constrained_->working_bytes() : 0;
   info_.basis_fields = basis_ ? basis_->fields() : 0;
   info_.basis_bytes = basis_ ? basis_->bytes() : 0;
   info_.bytes = info_.factor_bytes + info_.basis_bytes + sparse_bytes(model_.space.values) +

@@ -79,6 +79,7 @@ struct SystemInfo {
   int affine_hull_dimension = 3;  ///< of the centres: 0 point, 1 line, 2 plane, 3 space
   std::size_t basis_fields = 0;   ///< 4H, or 0 without a basis
   std::size_t bytes = 0, factor_bytes = 0, basis_bytes = 0;
+  std::size_t design_bytes = 0;      ///< about what a thread takes to solve a design with constraints
   double diagonal = 0;               ///< D, of all points
   double condition = 0;              ///< 1-norm estimate of the factored matrix; 0 = none (iterative, incremental QR)
   double tolerance = 0;              ///< of the iterative solver or incremental QR, as a fraction of D; else 0

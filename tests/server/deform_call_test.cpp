@@ -324,6 +324,13 @@ TEST_F(DeformCallTest, what_does_not_fit_into_memory_is_refused) {
   ASSERT_TRUE(error);
   EXPECT_EQ(error->code(), ErrorCode::out_of_budget);
   EXPECT_EQ(error->retry_after_ms(), 0u);
+  fake().set_design_bytes(std::size_t{600} << 20);  // fits once
+  EXPECT_FALSE(read_all(task(1), &error).empty());
+  EXPECT_FALSE(error);
+  read_all(task(2), &error);
+  ASSERT_TRUE(error) << "two threads solve one each";
+  EXPECT_EQ(error->code(), ErrorCode::out_of_budget);
+  fake().set_design_bytes(0);
   const Charge others = memory.charge((std::size_t{1} << 30) - 5000, {"others", "", 0});
   read_all(task(1), &error);
   ASSERT_TRUE(error);

@@ -85,6 +85,7 @@ class FakeSystem : public System {
     info_.diagonal = 1;
   }
   const SystemInfo& info() const override { return info_; }
+  void set_design_bytes(std::size_t bytes) { info_.design_bytes = bytes; }
 
   std::unique_ptr<const Evaluation> bind(std::span<const Design> designs, EvaluationPath,
                                          const RunContext& context) const override {
