@@ -220,7 +220,7 @@ TEST_P(ServiceEngine, AStreamGoesOnWhereTheLastDesignEnded) {
   round.set_name("round");
   round.set_weight(1e5);
   round.mutable_cylindrical();
-  v1::Region::Box& box = *round.add_regions()->mutable_box();
+  v1::Box& box = *round.add_regions()->mutable_box();
   for (const double x : {0.4, 0.2, -1.0}) box.add_min(x);
   for (const double x : {0.6, 0.8, 1.0}) box.add_max(x);
   ASSERT_TRUE(prepare(setup).ok());
