@@ -145,6 +145,7 @@ std::shared_ptr<DeformCall::Bound> DeformCall::bind(const SystemCache::Handle& s
   bound->charge = parts_.memory->charge(bytes, {"deforming with system " + task_.system_id.substr(0, 16),
                                                 "send fewer designs per request", system->charge.bytes()});
   bound->evaluation = task_.bind(*system, run_context(threads));
+  bound->charge.shrink(bytes - solving);  // only what is bound stays, however slow the reader is
   return bound;
 }
 

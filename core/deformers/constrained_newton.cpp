@@ -14,7 +14,7 @@ namespace {
 using Entry = Eigen::Triplet<double, std::int64_t>;
 constexpr std::size_t few_points = 64;  // of a set whose parameters are eliminated first
 constexpr double direction_accuracy = 1e-3;
-constexpr int most_with_old_matrix = 12;
+constexpr int most_with_old_matrix = 12;  // iterations; a new matrix costs about as much or more
 constexpr int most_steps = 30, most_halvings = 10, most_steps_of_a_design = 100;
 constexpr double damping = 1e-9;  // of the diagonal: parameters that change nothing stay
 
@@ -183,7 +183,7 @@ ConstrainedSolver::NewtonPtr ConstrainedSolver::newton_at(const ConstrainedState
 }
 
 /// The Hessian of half the squared distance from a shape is I - P'. The matrix of an earlier step serves as preconditioner as
-/// long as few iterations are enough: it is what a step costs.
+/// long as few iterations are enough: making one is most of what a step costs.
 Eigen::MatrixXd ConstrainedSolver::newton_direction(const ConstrainedState& at, NewtonPtr& matrix,
                                                     const RunContext& context) const {
   std::vector<Vec3> away = at.points;

@@ -40,8 +40,7 @@ EnergyModel energy_model(const Mesh& mesh, const Setup& setup, const std::vector
 ///    depend on each other; or in bind_sequence(). There is no basis then, and derivatives are those of the constrained
 ///    deformation.
 ///  - Exact constraints: their points end where ExactPlacement puts them; how far that moves them is interpolated (triharmonic,
-///  zero
-///    at held points) and added everywhere.
+///    zero at held points) and added everywhere.
 /// Coincident held points may go to different places with the shell (a crack opens), not with the others.
 class EnergySystem : public System {
  public:

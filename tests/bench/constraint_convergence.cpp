@@ -94,12 +94,13 @@ int plain_iterations(const ShellCase& of, const std::vector<Vec3>& solution) {
 
 /// Of the default, counted like those: as many steps as bring the points near, whether it knows or not.
 int default_steps(const ShellCase& of, const std::vector<Vec3>& solution) {
-  for (double tolerance = 0.1;; tolerance /= 2) {
+  for (double tolerance = 0.1; tolerance > 1e-12; tolerance /= 2) {
     ConstrainedSolver::Options options;
     options.tolerance = tolerance;
     const ConstrainedResult result = of.solve(options);
     if (distance(result.after.points, solution) <= wanted) return result.iterations + result.newton_steps;
   }
+  return most_plain;
 }
 
 ConstraintCase overlapping(std::size_t fineness) {

@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import struct
 
 from harness import SHARED_DATA, EndToEnd, box, distance, main, read_off, read_stl_corners
@@ -21,6 +22,45 @@ def moved(p, up, turn):
     """The affine image of a handle point: first the translation, then the rotation."""
     x, y, z = p[0] + 0.1 * up - 0.1, p[1] + 0.2 * up, p[2] + 0.3 * up
     return (0.1 + math.cos(turn) * x - math.sin(turn) * y, math.sin(turn) * x + math.cos(turn) * y, z)
+
+
+JOINT = """\
+geometry: joint_remeshed.off.gz
+method: {method}
+handles: [{{name: top, region: {{half_space: {{point: [0, 0, {top}], normal: [0, 0, 1]}}}}}}]
+fixed: [{{half_space: {{point: [0, 0, {bottom}], normal: [0, 0, -1]}}}}]
+variables: [{{name: up, handle: top, translate: [0, 0, 1]}}]
+constraints:
+"""
+
+
+def off_circle(points):
+    """Largest distance from the circle through three of the points that are far apart."""
+    def minus(a, b):
+        return [x - y for x, y in zip(a, b)]
+
+    def cross(a, b):
+        return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+    def dot(a, b):
+        return sum(x * y for x, y in zip(a, b))
+
+    a = points[0]
+    b = max(points, key=lambda p: math.dist(a, p))
+    c = max(points, key=lambda p: min(math.dist(a, p), math.dist(b, p)))
+    u, v = minus(b, a), minus(c, a)
+    normal = cross(u, v)
+    square = dot(normal, normal)
+    to_centre = [(dot(u, u) * x + dot(v, v) * y) / (2 * square) for x, y in zip(cross(v, normal), cross(normal, u))]
+    centre = [x + y for x, y in zip(a, to_centre)]
+    radius, unit = math.dist(a, centre), [x / math.sqrt(square) for x in normal]
+    worst = 0
+    for p in points:
+        out = minus(p, centre)
+        height = dot(out, unit)
+        across = math.sqrt(max(0, dot(out, out) - height * height))
+        worst = max(worst, math.hypot(height, across - radius))
+    return worst
 
 
 class RealMeshes(EndToEnd):
@@ -56,6 +96,31 @@ class RealMeshes(EndToEnd):
         self.assertLessEqual(max(distance(before[k], after[k]) for k in fixed), 1e-9 * diagonal)
         self.assertGreater(max(distance(a, b) for a, b in zip(before, after)), 0.01 * diagonal)
         self.compare_with_scipy(name, before, low, high, diagonal)
+
+    def test_joint_keeps_its_bore_round(self):
+        """Thesis figure 8.9: bottom fixed, top lifted, the rims of the bore as they were found."""
+        name = "joint_remeshed.off.gz"
+        before, _ = read_off(self.mesh(name))
+        low, high = box(before)
+        diagonal, margin = math.dist(low, high), 1e-4 * (high[2] - low[2])
+        self.deform("detect", name, "-o", "found.yaml")
+        with open(self.path("found.yaml"), encoding="utf-8") as file:
+            found = re.split(r"^(?=  - name: |  #)", file.read(), flags=re.MULTILINE)
+        rims = [entry.rstrip() for entry in found if re.match(r"  - name: circle_[12]\n", entry)]
+        self.assertEqual(len(rims), 2)
+        points = [[int(i) for i in re.search(r"ids: \[([^]]*)\]", rim).group(1).split(",")] for rim in rims]
+        for method in ("{shell: {}}", "{mls: {}}"):
+            self.write("round.yaml", JOINT.format(method=method, top=high[2] - margin, bottom=low[2] + margin) +
+                       "\n".join(rim + "\n    exact: true" for rim in rims) + "\n")
+            reply = self.deform("apply", "round.yaml", "--set", "up=0.3", "-o", "round.off.gz", "--json").json
+            constraints = reply["report"]["constraints"]
+            self.assertTrue(constraints["converged"])
+            after, _ = read_off(self.path("round.off.gz"))
+            for residual, ids in zip(constraints["residuals"], points):
+                self.assertGreater(residual["free_rms"], 1e-3 * diagonal)
+                self.assertLess(residual["rms"], 1e-2 * residual["free_rms"])
+                self.assertLess(off_circle([after[i] for i in ids]), 1e-9 * diagonal)
+                self.assertGreater(max(distance(before[i], after[i]) for i in ids), 0.01 * diagonal)
 
     def compare_with_scipy(self, name, before, low, high, diagonal):
         """The free points between small handle and fixed regions, against an interpolant computed here."""

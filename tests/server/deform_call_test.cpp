@@ -330,6 +330,15 @@ TEST_F(DeformCallTest, what_does_not_fit_into_memory_is_refused) {
   read_all(task(2), &error);
   ASSERT_TRUE(error) << "two threads solve one each";
   EXPECT_EQ(error->code(), ErrorCode::out_of_budget);
+  {
+    const int before = fake().slices;
+    const auto slow = begin(task(1));  // nobody reads
+    EXPECT_TRUE(eventually([&] { return fake().slices > before; })) << "bound, and evaluating";
+    EXPECT_GT(memory.in_use(), 0u);
+    EXPECT_LT(memory.in_use(), std::size_t{100} << 20);
+    slow->cancel();
+  }
+  EXPECT_TRUE(eventually([&] { return memory.in_use() == 0; }));
   fake().set_design_bytes(0);
   const Charge others = memory.charge((std::size_t{1} << 30) - 5000, {"others", "", 0});
   read_all(task(1), &error);

@@ -129,7 +129,7 @@ TEST(Constrained, ASequenceGoesOnWhereTheLastDesignEnded) {
     for (std::size_t i = 0; i < line.size(); ++i) {
       ASSERT_TRUE(alone->report(i).converged && sequence->report(i).converged) << i;
       const Points expected = points_of(*alone, i, n), got = points_of(*sequence, i, n);
-      EXPECT_LT(distance(got, expected), 1e-5) << i;
+      EXPECT_LT(distance(got, expected), 1e-7) << i;
       EXPECT_NEAR(sequence->report(i).energy, alone->report(i).energy, 1e-6 * alone->report(i).energy) << i;
       if (i == 0) {
         EXPECT_TRUE(got == expected);
