@@ -83,11 +83,11 @@ constexpr char setup_help[] = R"(A setup file is YAML:
   method: {rbf: {kernel: TRIHARMONIC}}
   handles:
     - {name: slant, region: {group: slant}}
-    - {name: roof,  region: {intersection: [{group: roof}, {box: {min: [0.2, -1, 0], max: [0.8, 1, 1]}}]}}
+    - {name: roof,  region: {intersection: [{group: roof}, {box: {min: [0.4, -1, 0], max: [0.6, 1, 1]}}]}}
   fixed: [{group: nose}, {group: underbody}, {group: stilts}]
   variables:
-    - {name: roof_up,    handle: roof,  translate: [0, 0, 1], lower: -0.05, upper: 0.05}
-    - {name: slant_turn, handle: slant, rotate: {axis: [0, 1, 0], centre: [0, 0, 0.3]}, lower: -0.2, upper: 0.2}
+    - {name: roof_up,    handle: roof,  translate: [0, 0, 1], lower: -0.04, upper: 0.04}
+    - {name: slant_turn, handle: slant, rotate: {axis: [0, 1, 0], centre: [0.843, 0, 0.338]}, lower: -0.1, upper: 0.1}
 Regions: group, box {min, max}, sphere {centre, radius}, cylinder {start, end, radius}, half_space {point, normal},
 ids [..], open_boundary: true, all: true, union [..], intersection [..], difference [..], complement {..},
 grow {region, rings}. Variables: translate [x, y, z], rotate {axis, centre} in radians, scale {centre, axis}.
