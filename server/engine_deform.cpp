@@ -54,7 +54,7 @@ std::string EngineImpl::resolve_system(const std::string& id) { return cache_->c
 
 SystemCache::Prepare EngineImpl::prepare_again(const std::string& id) {
   return [this, id](const RunContext& context) {
-    const auto record = store_.catalog().find_setup(id);
+    const auto record = store_.find_setup(id);
     if (!record) throw Error(ErrorCode::not_found, "system " + id + ": unknown id");
     Recipe recipe;
     recipe.id = id;

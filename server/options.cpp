@@ -123,6 +123,9 @@ void add_engine_options(std::vector<Option>& all) {
       "data-dir", "where geometries and setups are kept; created when missing",
       [](Configuration & c) -> auto& { return c.server.engine.data_dir; }));
   all.push_back(bytes(
+      "keep-free", "room that stays free on the disk of --data-dir: with less, geometries and setups can only be deleted",
+      [](Configuration & c) -> auto& { return c.server.engine.keep_free; }));
+  all.push_back(bytes(
       "memory-budget", "memory for systems and requests; 0: 80 % of what the machine or its cgroup has",
       [](Configuration & c) -> auto& { return c.server.engine.memory_budget; }));
   all.push_back(bytes(
@@ -246,7 +249,9 @@ Flags read_flags(const std::vector<Option>& options, std::vector<std::string> ar
   app.footer(
       "Every option can also be given as the environment variable in brackets or, with underscores, as a line of the YAML\n"
       "file of --config. A flag wins over the variable, the variable over the file, the file over the default.\n"
-      "Sizes: 512MiB, 4GiB, 1.5GB or plain bytes.");
+      "Sizes: 512MiB, 4GiB, 1.5GB or plain bytes.\n"
+      "\"deformd store check\", \"rebuild\", \"backup DIR\" and \"restore DIR\" look after the data directory: deformd store "
+      "--help");
   std::map<std::string, std::string> texts;
   std::map<std::string, bool> switches;
   for (const Option& option : options) {
