@@ -120,8 +120,8 @@ void list_centres(const std::optional<std::vector<PointId>>& centres, v1::Estima
     before = id;
   }
   if (bytes > most_bytes) {
-    reply.add_notes("The " + std::to_string(centres->size()) + " centres are not listed: they would take " + std::to_string(bytes) +
-                    " bytes, at most " + std::to_string(most_bytes) + " are sent.");
+    reply.add_notes("The " + std::to_string(centres->size()) + " centres are not listed: they would take " +
+                    std::to_string(bytes) + " bytes, at most " + std::to_string(most_bytes) + " are sent.");
     return;
   }
   before = 0;

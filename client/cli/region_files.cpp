@@ -28,7 +28,7 @@ Colour shaded(const Colour& colour, double way) {
 
 /// Okabe and Ito, Color Universal Design (2008), without black.
 Colour handle_colour(std::size_t handle) {
-  constexpr Colour palette[] = {{230, 159, 0}, {86, 180, 233}, {0, 158, 115},  {213, 94, 0},
+  constexpr Colour palette[] = {{230, 159, 0}, {86, 180, 233},  {0, 158, 115}, {213, 94, 0},
                                 {0, 114, 178}, {204, 121, 167}, {240, 228, 66}};
   constexpr std::size_t size = std::size(palette);
   constexpr double ways[] = {0, -0.4, 0.4, -0.6, 0.6, -0.2, 0.2};

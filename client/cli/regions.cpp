@@ -58,7 +58,8 @@ void ask_for_centres(const v1::Setup& setup, const std::shared_ptr<const Mesh>& 
     const v1::GeometryInfo info = register_mesh(connection, mesh, label, progress);
     progress.clear();
     if (!info.id().starts_with(setup.geometry())) {
-      throw Error(ErrorCode::invalid_argument, "--source: holds geometry " + info.id() + ", the setup is for " + setup.geometry());
+      throw Error(ErrorCode::invalid_argument,
+                  "--source: holds geometry " + info.id() + ", the setup is for " + setup.geometry());
     }
     request.mutable_setup()->set_geometry(info.id());
     const v1::EstimateReply estimate = connection.client().estimate(request, connection.call());
@@ -143,7 +144,8 @@ ExitCode run_regions(const RegionsCommand& options, const CommonOptions& common)
   throw Error(ErrorCode::invalid_argument, problems.front() + more);
 }
 
-constexpr char footer[] = R"(Points are coloured by handle (orange, sky blue, green, vermilion, blue, purple, yellow, then darker and lighter
+constexpr char footer[] =
+    R"(Points are coloured by handle (orange, sky blue, green, vermilion, blue, purple, yellow, then darker and lighter
 ones), dark grey where they are fixed, light grey where they are free, indigo where they are free and constrained. Points of
 handles and fixed ones that are no centres of the deformation are pale.
 .ply: colours of vertices. .vtp: faces, of a volume mesh those of its boundary; .vtu: the cells of a volume mesh. Arrays of
@@ -159,7 +161,8 @@ Examples:
 
 void add_regions_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
   const auto options = std::make_shared<RegionsCommand>();
-  auto* command = app.add_subcommand("regions", "Write the mesh of a setup coloured by handle, fixed, free, constraint and centre");
+  auto* command =
+      app.add_subcommand("regions", "Write the mesh of a setup coloured by handle, fixed, free, constraint and centre");
   command->add_option("SETUP", options->setup, "Setup file")->required();
   command->add_option("-o,--output", options->output, "File to write: .vtp, .ply or, of a volume mesh, .vtu")->required();
   command->add_option("--source", options->source, "Mesh file of a setup that names its geometry by id");

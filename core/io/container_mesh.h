@@ -17,8 +17,8 @@ struct ContainerMesh {
   bool flat = false;   ///< the file has no place for z
 };
 
-// All of these call libraries that may crash on damaged files and that take one caller at a time. `bytes` is the size of the file,
-// `name` stands in errors, which are Error(invalid_argument).
+// All of these call libraries that may crash on damaged files and that take one caller at a time. `bytes` is the size of the
+// file, `name` stands in errors, which are Error(invalid_argument).
 
 ContainerMesh read_cgns(ContainerFile& file, std::size_t bytes, const std::string& name);
 ContainerMesh read_exodus(ContainerFile& file, std::size_t bytes, const std::string& name);

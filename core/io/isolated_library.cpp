@@ -1,5 +1,5 @@
-// The parent sends a request through a file in memory, which becomes the child's standard input, and reads the answer from a pipe.
-// The mesh file itself is the temporary file that the libraries need anyway: the child opens it by its name.
+// The parent sends a request through a file in memory, which becomes the child's standard input, and reads the answer from a
+// pipe. The mesh file itself is the temporary file that the libraries need anyway: the child opens it by its name.
 
 #include "core/io/isolated_library.h"
 
@@ -75,13 +75,12 @@ void write_all(int descriptor, std::string_view bytes) {
 /// A request as a file without a name.
 class RequestFile {
  public:
-  RequestFile(const Request& request, std::span<const Vec3> points)
-      : descriptor_(::memfd_create("deform-request", MFD_CLOEXEC)) {
+  RequestFile(const Request& request, std::span<const Vec3> points) : descriptor_(::memfd_create("deform-request", MFD_CLOEXEC)) {
     if (descriptor_ < 0) throw Error(ErrorCode::out_of_budget, std::string("passing on a request: ") + std::strerror(errno));
     ByteWriter to([this](std::string_view bytes) { write_all(descriptor_, bytes); });
-    for (const std::uint64_t number : {request_mark, std::uint64_t{request.task}, static_cast<std::uint64_t>(request.format),
-                                       std::uint64_t{request.bytes}, request.limits.memory_bytes,
-                                       request.limits.processor_seconds}) {
+    for (const std::uint64_t number :
+         {request_mark, std::uint64_t{request.task}, static_cast<std::uint64_t>(request.format), std::uint64_t{request.bytes},
+          request.limits.memory_bytes, request.limits.processor_seconds}) {
       to.number(number);
     }
     to.text(request.name);
@@ -111,8 +110,8 @@ class RequestFile {
     }
     if (signal == SIGXCPU) {
       throw Error(ErrorCode::invalid_argument, begin + library + " took more than " +
-                                                   std::to_string(request.limits.processor_seconds) +
-                                                   " s of processor time " + task_text(request) + "; the file is damaged");
+                                                   std::to_string(request.limits.processor_seconds) + " s of processor time " +
+                                                   task_text(request) + "; the file is damaged");
     }
     if (signal == SIGKILL && found.empty()) {
       throw Error(ErrorCode::out_of_budget, begin + "the process of " + library + " was killed " + task_text(request) + number +

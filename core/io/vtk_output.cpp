@@ -189,9 +189,10 @@ std::string vtp_bytes(const Mesh& mesh, const VtkArrays& arrays, const std::stri
   const auto offsets = mesh.face_offsets();
   std::vector<std::size_t> kinds[3];  // faces of one corner, of two, of more
   for (std::size_t f = 0; f < mesh.face_count(); ++f) kinds[std::min<std::uint32_t>(mesh.face_sizes[f], 3) - 1].push_back(f);
-  VtkDocument document("PolyData", attribute("NumberOfPoints", mesh.point_count()) + attribute("NumberOfVerts", kinds[0].size()) +
-                                       attribute("NumberOfLines", kinds[1].size()) + attribute("NumberOfStrips", 0) +
-                                       attribute("NumberOfPolys", kinds[2].size()),
+  VtkDocument document("PolyData",
+                       attribute("NumberOfPoints", mesh.point_count()) + attribute("NumberOfVerts", kinds[0].size()) +
+                           attribute("NumberOfLines", kinds[1].size()) + attribute("NumberOfStrips", 0) +
+                           attribute("NumberOfPolys", kinds[2].size()),
                        arrays.texts);
   document.add_arrays("PointData", arrays.points);
   if (kinds[2].size() == mesh.face_count()) {

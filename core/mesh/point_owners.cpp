@@ -3,8 +3,8 @@
 namespace deform {
 
 std::string PointOwners::Overlap::text(const std::string& other_name) const {
-  return "overlaps " + other_name + ": " + std::to_string(points) + " common points, the first is point " + std::to_string(first) +
-         "; subtract one region from the other with `difference`";
+  return "overlaps " + other_name + ": " + std::to_string(points) + " common points, the first is point " +
+         std::to_string(first) + "; subtract one region from the other with `difference`";
 }
 
 PointOwners::Overlap PointOwners::claim(std::span<const PointId> ids, std::uint32_t owner) {

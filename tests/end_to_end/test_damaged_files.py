@@ -121,7 +121,7 @@ class DamagedFiles(EndToEnd):
             with open(path, "wb") as file:
                 file.write(damaged)
             child = subprocess.Popen([DEFORM, "inspect", os.path.basename(path)], cwd=self.folder, env=self.environment(),
-                                     stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+                                     stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace")
             running.append((seed, path, child))
             if len(running) == 4:
                 collect(*running.pop(0))

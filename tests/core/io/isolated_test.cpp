@@ -173,8 +173,7 @@ TEST(Isolated, ACrashIsAnErrorThatNamesFileAndSignal) {
   expect("a.cgns", "kill -KILL $$", ErrorCode::out_of_budget,
          "a.cgns: the process of the CGNS library was killed while reading it (signal 9); perhaps there was not enough memory");
   expect("a.cgns", "kill -INT $$; exec sleep 60", ErrorCode::cancelled, "a.cgns: interrupted");
-  expect("a.cgns", "exit 3", ErrorCode::internal,
-         "a.cgns: the process of the CGNS library ended while reading it (exit code 3)");
+  expect("a.cgns", "exit 3", ErrorCode::internal, "a.cgns: the process of the CGNS library ended while reading it (exit code 3)");
   expect("a.cgns", "exec cat /dev/zero", ErrorCode::data_loss,
          "a.cgns: the process of the CGNS library gave no mesh while reading it: it does not begin as an answer");
   expect("a.cgns", "exit 0", ErrorCode::data_loss, "a.cgns: the process of the CGNS library gave no mesh while reading it");
@@ -275,7 +274,8 @@ TEST(MeshStream, DamageIsAnErrorOrAMesh) {
     for (unsigned seed = 0; seed < 3000; ++seed) {
       std::mt19937 random(seed);
       std::string damaged = bytes.substr(0, seed % 3 == 0 ? random() % bytes.size() : bytes.size());
-      for (unsigned i = 0; i < seed % 4 && !damaged.empty(); ++i) damaged[random() % damaged.size()] = static_cast<char>(random());
+      for (unsigned i = 0; i < seed % 4 && !damaged.empty(); ++i)
+        damaged[random() % damaged.size()] = static_cast<char>(random());
       try {
         back(damaged).validate();
       } catch (const Error& error) {
@@ -302,8 +302,9 @@ TEST(ByteStream, TakesNoMemoryForWhatIsOnlyClaimed) {
       std::uint64_t{1} << 50);
   expect_error(ErrorCode::data_loss, {"end early"}, [&] { from.array<double>(); });
   given = 0;
-  ByteReader limited([&](char* target, std::size_t most) { return std::exchange(given, 8) ? 0 : std::string_view(bytes).copy(target, most); },
-                     1000);
+  ByteReader limited(
+      [&](char* target, std::size_t most) { return std::exchange(given, 8) ? 0 : std::string_view(bytes).copy(target, most); },
+      1000);
   expect_error(ErrorCode::data_loss, {"1099511627776 entries"}, [&] { limited.array<char>(); });
 }
 

@@ -25,7 +25,8 @@ Bricks bricks(int n) {
         result.points.push_back({static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)});
         if (i == n || j == n) continue;
         if (k == 0) {
-          for (const int node : {at(i, j, 0), at(i, j + 1, 0), at(i + 1, j + 1, 0), at(i + 1, j, 0)}) result.quads.push_back(node);
+          for (const int node : {at(i, j, 0), at(i, j + 1, 0), at(i + 1, j + 1, 0), at(i + 1, j, 0)})
+            result.quads.push_back(node);
         }
         if (k == n) continue;
         for (const int node : {at(i, j, k), at(i + 1, j, k), at(i + 1, j + 1, k), at(i, j + 1, k), at(i, j, k + 1),
