@@ -1,5 +1,7 @@
 #include "server/convert_info.h"
 
+#include <google/protobuf/io/coded_stream.h>
+
 #include <algorithm>
 #include <utility>
 
@@ -103,6 +105,30 @@ v1::EstimateReply estimate_reply(const Estimate& estimate) {
   reply.set_seconds(estimate.seconds);
   for (const auto& note : estimate.notes) reply.add_notes(note);
   return reply;
+}
+
+void list_centres(const std::optional<std::vector<PointId>>& centres, v1::EstimateReply& reply) {
+  if (!centres) {
+    reply.add_notes("The centres are not listed: this method chooses them while preparing.");
+    return;
+  }
+  constexpr std::size_t most_bytes = std::size_t{1} << 20;
+  std::size_t bytes = 0;
+  PointId before = 0;
+  for (const PointId id : *centres) {
+    bytes += google::protobuf::io::CodedOutputStream::VarintSize32(id - before);
+    before = id;
+  }
+  if (bytes > most_bytes) {
+    reply.add_notes("The " + std::to_string(centres->size()) + " centres are not listed: they would take " +
+                    std::to_string(bytes) + " bytes, at most " + std::to_string(most_bytes) + " are sent.");
+    return;
+  }
+  before = 0;
+  for (const PointId id : *centres) {
+    reply.add_centre_steps(id - before);
+    before = id;
+  }
 }
 
 v1::ConstraintsReport constraints_report(const DesignReport& report, const Setup& setup) {

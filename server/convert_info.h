@@ -1,7 +1,9 @@
 #pragma once
 
+#include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "core/codec/block.h"
 #include "core/deformers/system.h"
@@ -14,6 +16,8 @@ v1::SystemInfo system_info(const SystemInfo& info, const v1::Setup& canonical, c
 void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const Setup& setup, const SelectedRegions& regions);
 
 v1::EstimateReply estimate_reply(const Estimate& estimate);
+/// Of EstimateRequest.list_centres: ascending ids, or a note why they are not listed.
+void list_centres(const std::optional<std::vector<PointId>>& centres, v1::EstimateReply& reply);
 
 /// Of a design of a setup with constraints.
 v1::ConstraintsReport constraints_report(const DesignReport& report, const Setup& setup);

@@ -6,6 +6,7 @@
 #include <thread>
 #include <utility>
 
+#include "core/deformers/known_centres.h"
 #include "server/convert_info.h"
 #include "server/convert_setup.h"
 #include "server/geometry_file.h"
@@ -199,6 +200,7 @@ v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request) {
   const Setup setup = setup_from_proto(recipe.canonical, options_.max_handles);
   const SelectedRegions regions = validate(setup, *mesh);
   v1::EstimateReply reply = estimate_reply(deform::estimate(*mesh, setup));
+  if (request.list_centres()) list_centres(known_centres(*mesh, setup), reply);
   reply.set_budget_bytes(memory_.total());
   reply.set_fits(reply.peak_bytes() + mesh_bytes(*mesh) <= memory_.total());
   add_handles(*reply.mutable_handles(), setup, regions);

@@ -42,6 +42,8 @@ void add_show_command(CLI::App& app, const CommonOptions& common, Action& chosen
 void add_remove_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_status_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_bench_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_regions_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_read_isolated_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 
 /// The whole program without main: parses, runs, prints errors as one line on stderr.
 int run(int argc, const char* const* argv);

@@ -9,6 +9,7 @@
 #include "client/cli/command.h"
 #include "client/cli/detect_files.h"
 #include "client/cli/format.h"
+#include "client/cli/mesh_reading.h"
 #include "client/cli/result_json.h"
 #include "client/cli/workspace.h"
 
@@ -117,7 +118,7 @@ std::string geometry_name(const std::string& file, const std::string& setup) {
 ExitCode run_detect(const DetectCommand& options, const CommonOptions& common) {
   Connection connection(common);
   Progress progress;
-  const auto file = io::read_mesh_file(options.file);
+  const auto file = io::read_mesh_file(options.file, own_process(connection.interrupted()));
   const auto info = register_mesh(connection, file->mesh(), std::filesystem::path(options.file).filename().string(), progress);
   progress.clear();
   const client::Detected detected = connection.client().detect(options.request(info.id()), connection.call());

@@ -10,8 +10,8 @@
 
 #include "client/cli/command.h"
 #include "client/cli/format.h"
+#include "client/cli/mesh_reading.h"
 #include "client/cli/result_json.h"
-#include "core/io/mesh_file.h"
 #include "core/mesh/elements.h"
 
 namespace deform::cli {
@@ -101,7 +101,7 @@ void print_report(const MeshReport& report, const Mesh& mesh, const std::string&
 }
 
 ExitCode run_inspect(const InspectOptions& options, const CommonOptions& common) {
-  const auto file = io::read_mesh_file(options.file);
+  const auto file = io::read_mesh_file(options.file, own_process());
   const auto mesh = file->mesh();
   const MeshReport report = inspect(*mesh);
   if (common.style() == Style::json) {

@@ -89,8 +89,8 @@ constexpr char setup_help[] = R"(A setup file is YAML:
     - {name: roof_up,    handle: roof,  translate: [0, 0, 1], lower: -0.04, upper: 0.04}
     - {name: slant_turn, handle: slant, rotate: {axis: [0, 1, 0], centre: [0.843, 0, 0.338]}, lower: -0.1, upper: 0.1}
 Regions: group, box {min, max}, sphere {centre, radius}, cylinder {start, end, radius}, half_space {point, normal},
-ids [..], open_boundary: true, all: true, union [..], intersection [..], difference [..], complement {..},
-grow {region, rings}. Variables: translate [x, y, z], rotate {axis, centre} in radians, scale {centre, axis}.
+ids [..], open_boundary: true, boundary: true (the surface of a volume mesh), all: true, union [..], intersection [..],
+difference [..], complement {..}, grow {region, rings}. `deform regions` shows them in colours. Variables: translate [x, y, z], rotate {axis, centre} in radians, scale {centre, axis}.
 A half model: symmetry: [{region: {group: symmetry}}] or [{point: [0, 0, 0], normal: [0, 1, 0]}], up to three planes that stay
 planes while their points slide.
 Kernels: TRIHARMONIC, BIHARMONIC, QUINTIC, GAUSSIAN, MULTIQUADRIC, INVERSE_MULTIQUADRIC, WENDLAND_C2, THIN_PLATE

@@ -9,6 +9,7 @@
 #include "client/cli/command.h"
 #include "client/cli/format.h"
 #include "client/cli/measured_mesh.h"
+#include "client/cli/mesh_reading.h"
 #include "client/cli/numbers.h"
 #include "client/cli/quality_files.h"
 #include "client/cli/result_json.h"
@@ -97,7 +98,9 @@ void print_json(const Comparison& comparison) {
 }
 
 ExitCode run_quality(const QualityOptions& options, const CommonOptions& common) {
-  const Comparison comparison = compare(options.input);
+  ComparisonInput input = options.input;
+  input.reading = own_process();
+  const Comparison comparison = compare(input);
   if (common.style() == Style::json) {
     print_json(comparison);
   } else {

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "client/cli/command.h"
+#include "client/cli/mesh_reading.h"
 #include "client/cli/result_json.h"
 #include "client/cli/workspace.h"
 
@@ -20,7 +21,7 @@ struct RegisterOptions {
 ExitCode run_register(const RegisterOptions& options, const CommonOptions& common) {
   Connection connection(common);
   Progress progress;
-  const auto file = io::read_mesh_file(options.file);
+  const auto file = io::read_mesh_file(options.file, own_process(connection.interrupted()));
   const std::string label = options.name.empty() ? std::filesystem::path(options.file).filename().string() : options.name;
   const auto info = register_mesh(connection, file->mesh(), label, progress);
   progress.clear();

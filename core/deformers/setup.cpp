@@ -7,6 +7,7 @@
 
 #include "core/base/error.h"
 #include "core/deformers/constraint_options.h"
+#include "core/mesh/point_owners.h"
 #include "core/mesh/wall_columns.h"
 
 namespace deform {
@@ -177,7 +178,7 @@ void validate_mls(const MlsOptions& options, const Mesh& mesh) {
   for (std::size_t i = 0; i < options.weights.size(); ++i) {
     const std::string field = "method.mls.weights[" + std::to_string(i) + "]";
     check_weights(options.weights[i].stretching, options.weights[i].bending, field);
-    if (select(options.weights[i].region, mesh, field).empty()) invalid(field + ": its region contains no point");
+    if (select(options.weights[i].region, mesh, field).empty()) invalid(field + ": " + no_point_text(mesh));
   }
 }
 
@@ -267,33 +268,16 @@ void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions&
     for (std::size_t r = 0; r < constraint.regions.size(); ++r) {
       const std::string what = field + ".regions[" + std::to_string(r) + "]";
       ids.push_back(select(constraint.regions[r], mesh, what));
-      if (ids.back().empty()) invalid(what + ": contains no point");
+      if (ids.back().empty()) invalid(what + ": " + no_point_text(mesh));
     }
   }
 }
 
-constexpr std::uint32_t nobody = 0xffffffffu;
-
-// Puts the points of one region under `owner`; refuses points that another handle has, or (for fixed regions) any handle.
+/// Refuses points that another handle has, or (of fixed regions) any handle.
 void claim(const std::vector<PointId>& ids, std::uint32_t owner, const std::string& what, const Setup& setup,
-           std::vector<std::uint32_t>& owners) {
-  std::size_t shared = 0;
-  PointId first = 0;
-  std::uint32_t other = nobody;
-  for (const PointId id : ids) {
-    if (owners[id] != nobody && owners[id] != owner) {
-      if (shared++ == 0) {
-        first = id;
-        other = owners[id];
-      }
-    } else {
-      owners[id] = owner;
-    }
-  }
-  if (shared == 0) return;
-  invalid(what + " overlaps handle " + quoted(setup.handles[other].name) + ": " + std::to_string(shared) +
-          " common points, the first is point " + std::to_string(first) +
-          "; subtract one region from the other with `difference`");
+           PointOwners& owners) {
+  const PointOwners::Overlap overlap = owners.claim(ids, owner);
+  if (overlap.points != 0) invalid(what + " " + overlap.text("handle " + quoted(setup.handles[overlap.other].name)));
 }
 
 void check_values(const Setup& setup, std::span<const double> variables) {
@@ -333,22 +317,22 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh) {
   validate_samples(setup);
 
   SelectedRegions selected;
-  std::vector<std::uint32_t> owners(mesh.point_count(), nobody);
+  PointOwners owners(mesh.point_count());
   for (std::size_t i = 0; i < setup.handles.size(); ++i) {
     const std::string what = "handle " + quoted(setup.handles[i].name);
     selected.handles.push_back(select(setup.handles[i].region, mesh, what));
-    if (selected.handles.back().empty()) invalid(what + ": its region contains no point");
+    if (selected.handles.back().empty()) invalid(what + ": " + no_point_text(mesh));
     claim(selected.handles.back(), static_cast<std::uint32_t>(i), what, setup, owners);
   }
   const auto fixed_owner = static_cast<std::uint32_t>(setup.handles.size());
   for (std::size_t i = 0; i < setup.fixed.size(); ++i) {
     const std::string what = "fixed[" + std::to_string(i) + "]";
     const std::vector<PointId> ids = select(setup.fixed[i], mesh, what);
-    if (ids.empty()) invalid(what + ": its region contains no point");
+    if (ids.empty()) invalid(what + ": " + no_point_text(mesh));
     claim(ids, fixed_owner, what, setup, owners);
   }
-  for (std::size_t id = 0; id < owners.size(); ++id) {
-    if (owners[id] == fixed_owner) selected.fixed.push_back(static_cast<PointId>(id));
+  for (std::size_t id = 0; id < mesh.point_count(); ++id) {
+    if (owners.owners()[id] == fixed_owner) selected.fixed.push_back(static_cast<PointId>(id));
   }
   validate_constraints(setup, mesh, selected);
   selected.symmetry = Symmetry(setup.symmetry, mesh);

@@ -67,6 +67,7 @@ void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& m
   }
   const std::string what = field(index) + ".region";
   found.region = select(std::get<Region>(plane.kind), mesh, what);
+  if (found.region.empty()) throw Error(ErrorCode::invalid_argument, what + ": " + no_point_text(mesh));
   // About the first point, so that points of one coordinate have the mean of exactly that coordinate.
   const auto count = static_cast<double>(found.region.size());
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();

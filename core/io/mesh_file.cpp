@@ -108,7 +108,7 @@ const char* to_string(Format format) {
   return "unknown";
 }
 
-std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name, const ReadOptions& options) {
   const Format format = format_of(name);
   const bool compressed = is_gzip(bytes);
   if (compressed) bytes = gunzip(bytes, name, max_unpacked);
@@ -151,10 +151,8 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
       file = parse_vtp(std::move(bytes), name);
       break;
     case Format::cgns:
-      file = parse_cgns(std::move(bytes), name);
-      break;
     case Format::exodus:
-      file = parse_exodus(std::move(bytes), name);
+      file = parse_container(format, std::move(bytes), name, options);
       break;
     case Format::openfoam:
       throw Error(ErrorCode::invalid_argument, name + ": points alone are no mesh, the files beside them are needed");
@@ -163,12 +161,13 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
   return file;
 }
 
-std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path) {
+std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path, const ReadOptions& options) {
   if (is_openfoam(path)) return read_openfoam(path);
   const Format format = format_of(path.string());  // a name that cannot be read is refused before its bytes are
   bool compressed = false;
   std::string bytes = read_file(path, &compressed);
-  auto file = format == Format::abaqus ? read_abaqus(std::move(bytes), path) : parse_mesh(std::move(bytes), path.string());
+  auto file =
+      format == Format::abaqus ? read_abaqus(std::move(bytes), path) : parse_mesh(std::move(bytes), path.string(), options);
   file->compressed = compressed;
   return file;
 }

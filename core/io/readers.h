@@ -13,8 +13,8 @@ namespace deform::io {
 std::unique_ptr<MeshFile> parse_abaqus(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_gmsh(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_nastran(std::string bytes, const std::string& name);
-std::unique_ptr<MeshFile> parse_cgns(std::string bytes, const std::string& name);
-std::unique_ptr<MeshFile> parse_exodus(std::string bytes, const std::string& name);
+/// CGNS and Exodus.
+std::unique_ptr<MeshFile> parse_container(Format format, std::string bytes, const std::string& name, const ReadOptions& options);
 std::unique_ptr<MeshFile> parse_obj(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_medit(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_off(std::string bytes, const std::string& name);

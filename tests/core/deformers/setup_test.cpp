@@ -53,12 +53,12 @@ const std::vector<BadSetup>& bad_setups() {
        [](Setup& s) {
          s.handles[1].region = box({9, 9, 9}, {10, 10, 10});
        },
-       {"handle \"middle\"", "no point"}},
+       {"handle \"middle\"", "no point", "the model's box is [0, 0, "}},
       {"empty fixed",
        [](Setup& s) {
          s.fixed.push_back(box({9, 9, 9}, {10, 10, 10}));
        },
-       {"fixed[1]", "no point"}},
+       {"fixed[1]", "no point; the model's box is ["}},
       {"two handles overlap",
        [](Setup& s) {
          s.handles[1].region = box({1.6, -1, -1}, {3, 2, 1});
@@ -116,7 +116,7 @@ const std::vector<BadSetup>& bad_setups() {
        [](Setup& s) {
          s.method = MlsOptions{.weights = {{box({9, 9, 9}, {10, 10, 10})}}};
        },
-       {"method.mls.weights[0]", "no point"}},
+       {"method.mls.weights[0]", "no point; the model's box is ["}},
       {"sparse RBF", [](Setup& s) { options(s).solver = Solver::sparse_cholesky; }, {"method.rbf.solver", "sparse"}},
       {"negative layers", [](Setup& s) { constrain(s, Rigid{-1}); }, {"constraints[0].rigid.layers", "-1", "0..1000"}},
       {"too many layers", [](Setup& s) { constrain(s, Rigid{1001}); }, {"constraints[0].rigid.layers", "1001", "0..1000"}},
