@@ -13,6 +13,9 @@ namespace deform::server {
 v1::SystemInfo system_info(const SystemInfo& info, const v1::Setup& canonical, const std::string& id);
 void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const Setup& setup, const SelectedRegions& regions);
 
+/// Notes about the setup itself, which its system does not make.
+void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup);
+
 v1::EstimateReply estimate_reply(const Estimate& estimate);
 
 /// Of a design of a setup with constraints.

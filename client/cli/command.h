@@ -20,8 +20,10 @@ enum ExitCode {
 /// The exit code of a command that ends with this error.
 ExitCode exit_code_of(const Error& error);
 
-/// One line on stderr.
+/// One line on stderr: why the command fails.
 void complain(const std::string& message);
+/// One line on stderr about what the user should look at, although the command succeeds.
+void warn(const std::string& message);
 
 /// How results are printed.
 enum class Style { text, json };
