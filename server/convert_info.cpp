@@ -94,6 +94,10 @@ void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const S
   }
 }
 
+void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup) {
+  if (setup.fixed.empty()) *to.Add() = "Nothing is fixed, so everything that is no handle may move.";
+}
+
 v1::EstimateReply estimate_reply(const Estimate& estimate) {
   v1::EstimateReply reply;
   reply.set_constraint_points(estimate.constraint_points);

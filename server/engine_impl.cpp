@@ -204,6 +204,7 @@ v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request) {
   reply.set_budget_bytes(memory_.total());
   reply.set_fits(reply.peak_bytes() + mesh_bytes(*mesh) <= memory_.total());
   add_handles(*reply.mutable_handles(), setup, regions);
+  add_setup_notes(*reply.mutable_notes(), setup);
   reply.set_fixed_points(regions.fixed.size());
   reply.set_system_id(recipe.id);
   reply.set_resident(cache_->contains(recipe.id));
@@ -226,6 +227,7 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, St
   resident->charge.shrink(resident->system->bytes());
   resident->info = system_info(resident->system->info(), recipe.canonical, recipe.id);
   add_handles(*resident->info.mutable_handles(), resident->setup, regions);
+  add_setup_notes(*resident->info.mutable_notes(), resident->setup);
   if (storing == Storing::store) {
     resident->info.set_created_unix_ms(
         store_.put_setup({recipe.id, recipe.canonical.geometry(), recipe.canonical.SerializeAsString(),

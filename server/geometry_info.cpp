@@ -2,6 +2,7 @@
 
 #include "core/mesh/cells.h"
 #include "core/mesh/elements.h"
+#include "core/mesh/inspect.h"
 
 namespace deform::server {
 
@@ -12,11 +13,13 @@ v1::GeometryInfo describe(const Mesh& mesh, const std::string& id, const std::st
   info.set_points(mesh.point_count());
   info.set_faces(mesh.face_count());
   info.set_corners(mesh.face_points.size());
-  for (const auto& group : mesh.groups) {
+  const auto group_points = group_point_counts(mesh);
+  for (std::size_t g = 0; g < mesh.groups.size(); ++g) {
     auto* entry = info.add_groups();
-    entry->set_name(group.name);
-    entry->set_points(group.points.size());
-    entry->set_faces(group.faces.size());
+    entry->set_name(mesh.groups[g].name);
+    entry->set_points(mesh.groups[g].points.size());
+    entry->set_faces(mesh.groups[g].faces.size());
+    entry->set_all_points(group_points[g]);
   }
   info.set_cells(mesh.cell_count());
   if (mesh.elements) info.set_cell_bytes(mesh.elements->bytes());

@@ -12,6 +12,7 @@
 #include "client/cli/mesh_reading.h"
 #include "client/cli/result_json.h"
 #include "client/cli/workspace.h"
+#include "core/base/text.h"
 
 namespace deform::cli {
 
@@ -89,15 +90,15 @@ void print_detected(const client::Detected& detected) {
             << std::setw(13) << "radius" << std::setw(13) << "rms" << std::setw(13) << "largest" << '\n';
   for (const auto& primitive : detected.primitives) {
     const auto& about = primitive.about;
-    std::cout << std::left << std::setw(16) << about.name() << std::right << std::setw(9) << std::setprecision(3)
+    std::cout << std::left << std::setw(16) << printable(about.name()) << std::right << std::setw(9) << std::setprecision(3)
               << 100 * about.area() / summary.area() << std::setw(9) << about.points() << std::setw(13)
               << (about.radius() > 0 ? number_text(about.radius()) : "") << std::setw(13) << number_text(about.rms())
               << std::setw(13) << number_text(about.largest()) << '\n';
   }
   for (const auto& edge : detected.edges) {
     const auto& about = edge.about;
-    std::cout << std::left << std::setw(16) << about.name() << std::right << std::setw(9) << "" << std::setw(9) << about.points()
-              << std::setw(13) << (about.radius() > 0 ? number_text(about.radius()) : "") << std::setw(13)
+    std::cout << std::left << std::setw(16) << printable(about.name()) << std::right << std::setw(9) << "" << std::setw(9)
+              << about.points() << std::setw(13) << (about.radius() > 0 ? number_text(about.radius()) : "") << std::setw(13)
               << number_text(about.rms()) << std::setw(13) << number_text(about.largest()) << '\n';
   }
   std::cout << "  " << std::setprecision(4) << 100 * summary.coverage() << " % of the surface belongs to primitives\n"

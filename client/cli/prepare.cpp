@@ -8,6 +8,7 @@
 #include "client/cli/format.h"
 #include "client/cli/result_json.h"
 #include "client/cli/workspace.h"
+#include "core/base/text.h"
 
 namespace deform::cli {
 
@@ -21,7 +22,7 @@ struct PrepareOptions {
 void print_estimate(const v1::EstimateReply& estimate) {
   std::cout << "valid\n";
   for (const auto& handle : estimate.handles()) {
-    std::cout << "  handle " << handle.name() << ": " << handle.points() << " points\n";
+    std::cout << "  handle " << printable(handle.name()) << ": " << handle.points() << " points\n";
   }
   std::cout << "  fixed: " << estimate.fixed_points() << " points\n"
             << "  centres: at most " << estimate.centres() << '\n'
@@ -30,7 +31,7 @@ void print_estimate(const v1::EstimateReply& estimate) {
             << '\n'
             << "  time: about " << duration_text(estimate.seconds())
             << (estimate.resident() ? ", but it is prepared already" : "") << '\n';
-  for (const auto& note : estimate.notes()) std::cout << "  note: " << note << '\n';
+  for (const auto& note : estimate.notes()) std::cout << "  note: " << printable(note) << '\n';
   std::cout << std::flush;
 }
 
@@ -47,7 +48,7 @@ void print_system(const v1::SystemInfo& system) {
   std::cout << "\n  prepared in " << duration_text(system.seconds()) << '\n';
   for (const auto& stage : system.stages())
     std::cout << "    " << stage.stage() << ": " << duration_text(stage.seconds()) << '\n';
-  for (const auto& note : system.notes()) std::cout << "  note: " << note << '\n';
+  for (const auto& note : system.notes()) std::cout << "  note: " << printable(note) << '\n';
   std::cout << std::flush;
 }
 

@@ -26,6 +26,10 @@ void write_parts(const std::vector<MeshFile::FilePart>& parts, const std::filesy
   for (std::size_t i = 1; i < parts.size(); ++i) {
     const std::filesystem::path target = path.parent_path() / parts[i].path;
     std::error_code none;
+    if (std::filesystem::equivalent(path, parts[i].original, none)) {
+      throw Error(ErrorCode::failed_precondition,
+                  path.string() + ": the mesh that was read includes this file; write to another");
+    }
     if (!std::filesystem::equivalent(target, parts[i].original, none)) {
       targets.emplace_back(target, &parts[i].bytes);
     } else if (read_file(target) != parts[i].bytes) {

@@ -99,6 +99,14 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name,
 /// node too; the files that were read are never overwritten: Error(failed_precondition) when other points would have to go there.
 void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const std::filesystem::path& path);
 
+/// The file of the mesh at `source` that write_mesh_file() to `output` would replace, under whatever name (links of both kinds,
+/// with or without .gz), or that would no longer be read once `output` is there. An OpenFOAM case: its mesh in constant, and the
+/// time folder `source`. Nothing when the two are apart. Looks at files only; what is not there is nobody's.
+std::optional<std::filesystem::path> replaced_source(const std::filesystem::path& source, const std::filesystem::path& output);
+
+/// The file that holds the coordinates of the mesh at `source`, all links followed.
+std::filesystem::path source_file(const std::filesystem::path& source);
+
 /// A new file from a mesh (samples, conversions): OBJ or STL by extension, groups as g / solid names. STL is text when the mesh
 /// has groups (binary STL has no names) and binary otherwise, triangles only.
 void write_new_file(const Mesh& mesh, const std::filesystem::path& path);

@@ -8,6 +8,7 @@
 #include <span>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "core/mesh/adjacency.h"
 #include "core/mesh/cells.h"
 #include "core/mesh/elements.h"
@@ -44,7 +45,7 @@ class Selector {
   }
   void require_radius(double radius, const char* field) const {
     if (!std::isfinite(radius) || radius < 0) {
-      refuse(std::string(field) + ": it must be a finite number that is not negative, not " + std::to_string(radius));
+      refuse(std::string(field) + ": it must be a finite number that is not negative, not " + number_digits(radius));
     }
   }
   void require_one(std::size_t children, const char* field) const {
@@ -98,8 +99,8 @@ class Selector {
     require_finite(box.max, "box.max");
     for (int k = 0; k < 3; ++k) {
       if (box.min[k] > box.max[k]) {
-        refuse(std::string("box: min.") + "xyz"[k] + " = " + std::to_string(box.min[k]) + " is greater than max." + "xyz"[k] +
-               " = " + std::to_string(box.max[k]));
+        refuse(std::string("box: min.") + "xyz"[k] + " = " + number_digits(box.min[k]) + " is greater than max." + "xyz"[k] +
+               " = " + number_digits(box.max[k]));
       }
     }
     return where([&](const Vec3& p) {

@@ -223,6 +223,20 @@ TEST(Setup, DerivativesOfMotionsAgreeWithDifferences) {
   }
 }
 
+TEST(Setup, ValuesBesideABoundMoveHandlesAsTheBoundDoes) {
+  deform::Setup setup = good();
+  setup.variables[2].lower = -0.1;
+  setup.variables[2].upper = 0.1;
+  for (const double bound : {-0.1, 0.1}) {
+    const std::vector<double> at{0.5, 0.7, bound, 0}, beside{0.5, 0.7, static_cast<double>(static_cast<float>(bound)), 0};
+    ASSERT_GT(std::abs(beside[2]), 0.1);
+    EXPECT_EQ(handle_motions(setup, beside), handle_motions(setup, at));
+    EXPECT_EQ(handle_motion_derivative(setup, beside, 1), handle_motion_derivative(setup, at, 1));
+  }
+  test::expect_error(ErrorCode::invalid_argument, {"\"grow\"): 0.100001 is outside of its bounds [-0.1, 0.1]"},
+                     [&] { handle_motions(setup, std::vector<double>{0, 0, 0.100001, 0}); });
+}
+
 TEST(Setup, BadVariableValuesAreRefusedByName) {
   const deform::Setup setup = good();
   const auto refused = [&](const std::vector<double>& v, const std::vector<const char*>& parts) {
