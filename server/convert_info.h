@@ -24,6 +24,8 @@ void list_centres(const std::optional<std::vector<PointId>>& centres, v1::Estima
 
 /// Of a design of a setup with constraints.
 v1::ConstraintsReport constraints_report(const DesignReport& report, const Setup& setup);
+/// A sentence when exact constraints were given up, else empty.
+std::string given_up_warning(const DesignReport& report, const Setup& setup);
 
 v1::EvaluationPath path_to_proto(EvaluationPath path);
 EvaluationPath path_from_proto(v1::EvaluationPath path);
