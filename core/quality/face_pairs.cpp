@@ -71,7 +71,7 @@ Vec3 unit_normal(std::span<const Vec3> points, std::span<const PointId> corners,
 
 // The linear map of the plane of the face that fits its corners best, exact for triangles, by the squares of its singular values.
 bool is_crushed(std::span<const Vec3> rest, std::span<const Vec3> points, std::span<const PointId> corners, const Vec3& normal) {
-  constexpr double third = 1.0 / 9;  // squared
+  constexpr double half = 0.25;  // squared
   const Vec3 from = mean_of(rest, corners), to = mean_of(points, corners);
   const Vec3 along = rest[corners[0]] - from;
   const Vec3 x = along - dot(along, normal) * normal, y = cross(normal, x);  // of one length
@@ -91,7 +91,7 @@ bool is_crushed(std::span<const Vec3> rest, std::span<const Vec3> points, std::s
   const Vec3 fx = (scale / det) * (bb * ga - ab * gb), fy = (scale / det) * (aa * gb - ab * ga);
   const double p = dot(fx, fx) / scale, q = dot(fx, fy) / scale, r = dot(fy, fy) / scale;
   const double spread = std::sqrt((p - r) * (p - r) + 4 * q * q), least = (p + r - spread) / 2, most = (p + r + spread) / 2;
-  return least < third && least < third * most;
+  return least < half && least < half * most;
 }
 
 // Normals of warped faces are not quite perpendicular to their edges: what is along the edge does not count.

@@ -32,7 +32,7 @@ class FaceCorners {
 /// Unit normal of a face; zero where its area is nothing up to rounding, `rounding` being the error of coordinates.
 Vec3 unit_normal(std::span<const Vec3> points, std::span<const PointId> corners, double rounding);
 
-/// Whether a face was squeezed together in one direction: to less than a third of its size at rest, and of how much it was
+/// Whether a face was squeezed together in one direction: to less than half of its size at rest, and of how much it was
 /// stretched across. `normal`: at rest.
 bool is_crushed(std::span<const Vec3> rest, std::span<const Vec3> points, std::span<const PointId> corners, const Vec3& normal);
 

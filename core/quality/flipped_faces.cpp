@@ -21,7 +21,7 @@ namespace {
 using namespace quality;
 
 constexpr std::size_t grain = 8192;
-constexpr int most_rows = 8;  // of collapsed faces, across which neighbours are looked for
+constexpr int most_rows = 32;  // of crushed faces, across which neighbours are looked for
 // cos^2 of 30 degrees: two faces that turned by less, with at most 15 degrees between them at rest, have |delta| <= 90.
 constexpr double calm = 0.75;
 constexpr float smooth = 0.965925826F;  // cos of 15 degrees
@@ -84,20 +84,21 @@ class FlipCheck::Impl {
   std::vector<Extreme> flipped(std::span<const Vec3> points, const RunContext& context) const {
     if (points.size() != points_) wrong_count("deformed", points.size(), points_);
     std::vector<char> turned(size());
-    const bool any = find_turned(points, turned, context);
-    if (!is_suspect(points, turned, any ? pairs_.size() : sharp_, context)) return {};
+    const Turned found = find_turned(points, turned, context);
+    if (!found.crushed && !is_suspect(points, turned, found.any ? pairs_.size() : sharp_, context)) return {};
     std::vector<Vec3> normals = unit_normals(points, context);
-    std::vector<float> cosines = changes(points, normals, context);
-    if (carry_normals(points, normals, cosines)) cosines = changes(points, normals, context);
-    const std::vector<char> over = sides(turned, normals, cosines);
-    return listed(points, cosines, over);
+    const std::vector<char> crushed = drop_crushed(points, normals, context);
+    carry_normals(points, normals);
+    const std::vector<float> cosines = changes(points, normals, context);
+    const std::vector<char> over = sides(turned, crushed, normals, cosines);
+    return listed(points, normals, crushed, cosines, over);
   }
 
   std::size_t size() const { return corners_.size(); }
   std::size_t bytes() const {
     return normals_.capacity() * sizeof(normals_[0]) + pairs_.capacity() * sizeof(FacePair) + corners_.bytes();
   }
-  std::size_t call_bytes() const { return size() * (sizeof(Vec3) + 64) + pairs_.size() * (2 * sizeof(float) + sizeof(SidePair)); }
+  std::size_t call_bytes() const { return size() * (sizeof(Vec3) + 96) + pairs_.size() * (2 * sizeof(float) + sizeof(SidePair)); }
 
  private:
   [[noreturn]] static void wrong_count(const char* which, std::size_t count, std::size_t expected) {
@@ -106,6 +107,7 @@ class FlipCheck::Impl {
   }
 
   bool takes_part(std::size_t face) const { return normals_[face] != std::array<float, 3>{}; }
+  Vec3 rest_normal(std::size_t face) const { return {normals_[face][0], normals_[face][1], normals_[face][2]}; }
 
   std::vector<Vec3> unit_normals(std::span<const Vec3> points, const RunContext& context) const {
     std::vector<Vec3> normals(size());
@@ -115,14 +117,17 @@ class FlipCheck::Impl {
     return normals;
   }
 
-  /// Marks the faces whose normals turned by more than 30 degrees, or are gone.
-  bool find_turned(std::span<const Vec3> points, std::vector<char>& turned, const RunContext& context) const {
-    std::atomic<bool> any{false};
+  struct Turned {
+    bool any, crushed;
+  };
+  /// Marks the faces whose normals turned by more than 30 degrees, or are gone. Says whether there are any, and crushed ones.
+  Turned find_turned(std::span<const Vec3> points, std::vector<char>& turned, const RunContext& context) const {
+    std::atomic<bool> any{false}, crushed{false};
     parallel_for(context, size(), grain, [&](std::size_t begin, std::size_t end) {
       std::size_t count = 0;
       const auto look = [&](std::size_t f, const Vec3& area) {
-        const auto& n = normals_[f];
-        const double along = n[0] * area[0] + n[1] * area[1] + n[2] * area[2];
+        const Vec3 n = rest_normal(f);
+        const double along = dot(n, area);
         const bool still = along > 0 && along * along >= calm * dot(area, area);
         turned[f] = !still && takes_part(f);
         count += static_cast<std::size_t>(turned[f]);
@@ -135,9 +140,13 @@ class FlipCheck::Impl {
       } else {
         for (std::size_t f = begin; f < end; ++f) look(f, vector_area(points, corners_[f]));
       }
-      if (count > 0) any.store(true, std::memory_order_relaxed);
+      if (count == 0) return;
+      any.store(true, std::memory_order_relaxed);
+      for (std::size_t f = begin; f < end && !crushed.load(std::memory_order_relaxed); ++f) {
+        if (turned[f] && is_crushed(rest_, points, corners_[f], rest_normal(f))) crushed.store(true, std::memory_order_relaxed);
+      }
     });
-    return any.load();
+    return {any.load(), crushed.load()};
   }
 
   /// cos(delta), or unknown.
@@ -173,43 +182,52 @@ class FlipCheck::Impl {
     return cosines;
   }
 
-  /// Gives collapsed faces the normals that go on from their neighbours, over the longest edge. Says whether there were any.
-  bool carry_normals(std::span<const Vec3> points, std::vector<Vec3>& normals, const std::vector<float>& cosines) const {
-    struct Source {
-      double length = 0;
-      Vec3 normal{};
+  /// Takes the normals of crushed faces away, and says which these are.
+  std::vector<char> drop_crushed(std::span<const Vec3> points, std::vector<Vec3>& normals, const RunContext& context) const {
+    std::vector<char> crushed(size());
+    parallel_for(context, size(), grain, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t f = begin; f < end; ++f) {
+        crushed[f] = takes_part(f) && (normals[f] == Vec3{} || is_crushed(rest_, points, corners_[f], rest_normal(f)));
+        if (crushed[f]) normals[f] = {};
+      }
+    });
+    return crushed;
+  }
+
+  /// Gives faces without normals those that go on from their neighbours, row by row, over their longest edges.
+  void carry_normals(std::span<const Vec3> points, std::vector<Vec3>& normals) const {
+    struct Offer {
+      FaceId to;
+      double length;
+      Vec3 normal;
     };
-    bool any = false;
-    for (int row = 0; row < most_rows; ++row) {
-      std::vector<std::pair<FaceId, Source>> found;
-      const auto offer = [&](FaceId to, FaceId from, const FacePair& pair, double sign) {
-        if (normals[to] != Vec3{} || normals[from] == Vec3{}) return;
+    const auto bare = [&](FaceId face) { return normals[face] == Vec3{}; };
+    std::vector<std::uint32_t> open;
+    for (std::uint32_t i = 0; i < pairs_.size(); ++i) {
+      if (bare(pairs_[i].first) || bare(pairs_[i].second)) open.push_back(i);
+    }
+    std::vector<Offer> offers;
+    for (int row = 0; row < most_rows && !open.empty(); ++row) {
+      offers.clear();
+      for (const std::uint32_t i : open) {
+        const FacePair& pair = pairs_[i];
         const Vec3 edge = points[pair.to] - points[pair.from];
         const double size = length(edge);
-        if (!(size > 0) || !std::isfinite(size)) return;
-        found.emplace_back(
-            to, Source{size, turned_normal(normals[from], {pair.cosine, sign * static_cast<double>(pair.sine)}, edge)});
-      };
-      for (std::size_t i = 0; i < pairs_.size(); ++i) {
-        if (cosines[i] != unknown) continue;
-        offer(pairs_[i].second, pairs_[i].first, pairs_[i], 1);
-        offer(pairs_[i].first, pairs_[i].second, pairs_[i], -1);
+        if (bare(pair.first) == bare(pair.second) || !(size > 0) || !std::isfinite(size)) continue;
+        const bool back = bare(pair.first);
+        const Turn turn{pair.cosine, back ? -static_cast<double>(pair.sine) : static_cast<double>(pair.sine)};
+        const FaceId to = back ? pair.first : pair.second, from = back ? pair.second : pair.first;
+        offers.push_back({to, size, turned_normal(normals[from], turn, edge)});
       }
-      if (found.empty()) break;
-      any = true;
-      // The first of the longest: the pairs are in their order.
-      std::vector<std::size_t> order(found.size());
-      std::iota(order.begin(), order.end(), std::size_t{0});
-      std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-        return found[a].first != found[b].first ? found[a].first < found[b].first
-                                                : found[a].second.length > found[b].second.length;
-      });
-      for (std::size_t k = 0; k < order.size(); ++k) {
-        const auto& [face, source] = found[order[k]];
-        if (k == 0 || found[order[k - 1]].first != face) normals[face] = source.normal;
+      if (offers.empty()) break;
+      // The first of the longest: they are in the order of the pairs.
+      std::stable_sort(offers.begin(), offers.end(),
+                       [](const Offer& a, const Offer& b) { return a.to != b.to ? a.to < b.to : a.length > b.length; });
+      for (std::size_t k = 0; k < offers.size(); ++k) {
+        if (k == 0 || offers[k - 1].to != offers[k].to) normals[offers[k].to] = offers[k].normal;
       }
+      std::erase_if(open, [&](std::uint32_t i) { return !bare(pairs_[i].first) && !bare(pairs_[i].second); });
     }
-    return any;
   }
 
   double told(const FacePair& pair, float cosine) const {
@@ -217,13 +235,14 @@ class FlipCheck::Impl {
   }
 
   /// Per face whether it is on the side that is not upright.
-  std::vector<char> sides(const std::vector<char>& turned, const std::vector<Vec3>& normals,
+  std::vector<char> sides(const std::vector<char>& turned, const std::vector<char>& crushed, const std::vector<Vec3>& normals,
                           const std::vector<float>& cosines) const {
     std::vector<char> over(size(), 0);
     if (std::none_of(cosines.begin(), cosines.end(), [](float c) { return c < -0.5F; })) return over;
     Clusters clusters(size());
+    const auto is_calm = [&](FaceId f) { return !turned[f] && !crushed[f]; };
     for (std::size_t i = sharp_; i < pairs_.size(); ++i) {
-      if (!turned[pairs_[i].first] && !turned[pairs_[i].second]) clusters.join(pairs_[i].first, pairs_[i].second);
+      if (is_calm(pairs_[i].first) && is_calm(pairs_[i].second)) clusters.join(pairs_[i].first, pairs_[i].second);
     }
     const std::size_t count = clusters.number();
     std::vector<SidePair> pairs;
@@ -239,11 +258,10 @@ class FlipCheck::Impl {
     std::vector<std::array<Side, 2>> of(count);
     for (std::size_t f = 0; f < size(); ++f) {
       if (!takes_part(f)) continue;
-      const auto& n = normals_[f];
       const double area = length(vector_area(rest_, corners_[f]));
       Side& side = of[found.component[clusters[f]]][static_cast<std::size_t>(found.side[clusters[f]])];
       side.area += area;
-      side.kept += area * (n[0] * normals[f][0] + n[1] * normals[f][1] + n[2] * normals[f][2]);
+      side.kept += area * dot(rest_normal(f), normals[f]);
     }
     for (std::size_t f = 0; f < size(); ++f) {
       const auto& [a, b] = of[found.component[clusters[f]]];
@@ -254,8 +272,8 @@ class FlipCheck::Impl {
     return over;
   }
 
-  std::vector<Extreme> listed(std::span<const Vec3> points, const std::vector<float>& cosines,
-                              const std::vector<char>& over) const {
+  std::vector<Extreme> listed(std::span<const Vec3> points, const std::vector<Vec3>& normals, const std::vector<char>& crushed,
+                              const std::vector<float>& cosines, const std::vector<char>& over) const {
     struct Score {
       double sum = 0, weights = 0;
       std::uint32_t neighbours = 0;
@@ -275,9 +293,12 @@ class FlipCheck::Impl {
     std::vector<Extreme> flipped;
     for (std::size_t f = 0; f < size(); ++f) {
       const auto& [sum, weights, neighbours] = scores[f];
-      const bool is_flipped = neighbours > 1 ? sum < 0 : neighbours == 1 && over[f];
-      if (!is_flipped || unit_normal(points, corners_[f], rounding_) == Vec3{}) continue;
-      flipped.push_back({sum / weights, f});
+      if (crushed[f]) {
+        const double cosine = dot(normals[f], unit_normal(points, corners_[f], rounding_));
+        if (over[f] ? cosine > 0 : cosine < 0) flipped.push_back({-std::abs(cosine), f});
+      } else if (neighbours > 1 ? sum < 0 : neighbours == 1 && over[f]) {
+        flipped.push_back({sum / weights, f});
+      }
     }
     std::stable_sort(flipped.begin(), flipped.end(), [](const Extreme& a, const Extreme& b) { return a.value < b.value; });
     return flipped;
