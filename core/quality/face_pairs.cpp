@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::size_t grain = 4096;
 constexpr std::size_t most_faces = 4;  // at an edge
-constexpr double thinnest = 1e-12;     // area over the square of the circumference
+constexpr double thinnest = 1e-12;     // area over the square of the way around
 
 /// A face at an edge whose other end is less than `to`.
 struct EdgeSide {
@@ -33,14 +33,15 @@ void for_each_side(const FaceCorners& corners, std::span<const Vec3> normals, co
   }
 }
 
-/// The pairs of faces at the edges of one point; sides are sorted.
-void add_pairs(PointId from, std::span<const EdgeSide> sides, std::vector<FacePair>& pairs) {
+/// Calls use(pair) for the pairs of faces at the edges of one point; sides are sorted.
+template <typename Use>
+void for_each_pair(PointId from, std::span<const EdgeSide> sides, const Use& use) {
   for (std::size_t begin = 0; begin < sides.size();) {
     std::size_t end = begin + 1;
     while (end < sides.size() && sides[end].to == sides[begin].to) ++end;
     for (std::size_t i = begin; i < end && end - begin <= most_faces; ++i) {
       for (std::size_t j = i + 1; j < end; ++j) {
-        if (sides[i].face != sides[j].face) pairs.push_back({sides[i].face, sides[j].face, from, sides[i].to, 0, 0});
+        if (sides[i].face != sides[j].face) use(FacePair{sides[i].face, sides[j].face, from, sides[i].to, 0, 0});
       }
     }
     begin = end;
@@ -60,11 +61,12 @@ FaceCorners::FaceCorners(const Mesh& mesh) : mesh_(mesh) {
 
 Vec3 unit_normal(std::span<const Vec3> points, std::span<const PointId> corners, double rounding) {
   const Vec3 area = vector_area(points, corners);
-  double around = 0;
+  double squares = 0;
   for (std::size_t c = 0; c < corners.size(); ++c) {
-    around += length(points[corners[c + 1 == corners.size() ? 0 : c + 1]] - points[corners[c]]);
+    const Vec3 edge = points[corners[c + 1 == corners.size() ? 0 : c + 1]] - points[corners[c]];
+    squares += dot(edge, edge);
   }
-  const double size = length(area);
+  const double size = length(area), around = std::sqrt(static_cast<double>(corners.size()) * squares);  // or a little less
   if (!(size > around * (thinnest * around + rounding)) || !std::isfinite(size)) return {};
   return (1 / size) * area;
 }
@@ -131,12 +133,17 @@ std::vector<FacePair> face_pairs(const Mesh& mesh, const FaceCorners& corners, s
                 [](const EdgeSide& a, const EdgeSide& b) { return a.to != b.to ? a.to < b.to : a.face < b.face; });
     }
   });
+  const auto for_all = [&](const auto& use) {
+    for (std::size_t i = 0; i < mesh.point_count(); ++i) {
+      const std::size_t count = static_cast<std::size_t>(offsets[i + 1] - offsets[i]);
+      for_each_pair(static_cast<PointId>(i), std::span(sides).subspan(offsets[i], count), use);
+    }
+  };
+  std::size_t count = 0;
+  for_all([&](const FacePair&) { ++count; });
   std::vector<FacePair> pairs;
-  pairs.reserve(sides.size() / 2);
-  for (std::size_t i = 0; i < mesh.point_count(); ++i) {
-    add_pairs(static_cast<PointId>(i),
-              std::span(sides).subspan(offsets[i], static_cast<std::size_t>(offsets[i + 1] - offsets[i])), pairs);
-  }
+  pairs.reserve(count);
+  for_all([&](const FacePair& pair) { pairs.push_back(pair); });
   parallel_for(context, pairs.size(), grain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       FacePair& pair = pairs[i];
@@ -149,9 +156,9 @@ std::vector<FacePair> face_pairs(const Mesh& mesh, const FaceCorners& corners, s
   return pairs;
 }
 
-// Where all edges have four faces there are three pairs for two corners; vectors that grow have half of it twice.
+// Where all edges have four faces there are three pairs for two corners.
 std::size_t face_pairs_bytes(std::size_t points, std::size_t corners) {
-  return 16 * (points + 1) + corners * (sizeof(EdgeSide) + 3 * sizeof(FacePair));
+  return 16 * (points + 1) + corners * (sizeof(EdgeSide) + 3 * sizeof(FacePair) / 2);
 }
 
 }  // namespace deform::quality

@@ -17,6 +17,7 @@ class FaceCorners {
   explicit FaceCorners(const Mesh& mesh);
   std::size_t size() const { return mesh_.face_sizes.size(); }
   bool triangles() const { return equal_ == 3; }
+  const PointId* triangle(std::size_t face) const { return mesh_.face_points.data() + 3 * face; }  ///< where all are triangles
   std::span<const PointId> operator[](std::size_t face) const {
     const std::size_t begin = equal_ > 0 ? equal_ * face : offsets_[face];
     return std::span(mesh_.face_points).subspan(begin, mesh_.face_sizes[face]);

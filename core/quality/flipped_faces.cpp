@@ -85,8 +85,10 @@ class FlipCheck::Impl {
     if (points.size() != points_) wrong_count("deformed", points.size(), points_);
     std::vector<char> turned(size());
     const Turned found = find_turned(points, turned, context);
-    if (!found.crushed && !is_suspect(points, turned, found.any ? pairs_.size() : sharp_, context)) return {};
-    std::vector<Vec3> normals = unit_normals(points, context);
+    std::vector<Vec3> normals;  // all at once where many are needed
+    if (found.count > size() / 8) normals = unit_normals(points, context);
+    if (!found.crushed && !is_suspect(points, turned, normals, found.count > 0 ? pairs_.size() : sharp_, context)) return {};
+    if (normals.empty()) normals = unit_normals(points, context);
     const std::vector<char> crushed = drop_crushed(points, normals, context);
     carry_normals(points, normals);
     const std::vector<float> cosines = changes(points, normals, context);
@@ -118,11 +120,13 @@ class FlipCheck::Impl {
   }
 
   struct Turned {
-    bool any, crushed;
+    std::size_t count;
+    bool crushed;
   };
-  /// Marks the faces whose normals turned by more than 30 degrees, or are gone. Says whether there are any, and crushed ones.
+  /// Marks the faces whose normals turned by more than 30 degrees, or are gone. Says how many, and whether one is crushed.
   Turned find_turned(std::span<const Vec3> points, std::vector<char>& turned, const RunContext& context) const {
-    std::atomic<bool> any{false}, crushed{false};
+    std::atomic<std::size_t> all{0};
+    std::atomic<bool> crushed{false};
     parallel_for(context, size(), grain, [&](std::size_t begin, std::size_t end) {
       std::size_t count = 0;
       const auto look = [&](std::size_t f, const Vec3& area) {
@@ -134,19 +138,19 @@ class FlipCheck::Impl {
       };
       if (corners_.triangles()) {
         for (std::size_t f = begin; f < end; ++f) {
-          const PointId* at = corners_[f].data();
+          const PointId* at = corners_.triangle(f);
           look(f, cross(points[at[1]] - points[at[0]], points[at[2]] - points[at[0]]));
         }
       } else {
         for (std::size_t f = begin; f < end; ++f) look(f, vector_area(points, corners_[f]));
       }
       if (count == 0) return;
-      any.store(true, std::memory_order_relaxed);
+      all.fetch_add(count, std::memory_order_relaxed);
       for (std::size_t f = begin; f < end && !crushed.load(std::memory_order_relaxed); ++f) {
         if (turned[f] && is_crushed(rest_, points, corners_[f], rest_normal(f))) crushed.store(true, std::memory_order_relaxed);
       }
     });
-    return {any.load(), crushed.load()};
+    return {all.load(), crushed.load()};
   }
 
   /// cos(delta), or unknown.
@@ -156,16 +160,16 @@ class FlipCheck::Impl {
     return static_cast<float>(turn.cosine * static_cast<double>(pair.cosine) + turn.sine * static_cast<double>(pair.sine));
   }
 
-  /// Whether there is an edge beyond 90 degrees, or one of which nothing can be said, among the first `count`.
-  bool is_suspect(std::span<const Vec3> points, const std::vector<char>& turned, std::size_t count,
-                  const RunContext& context) const {
+  /// Whether there is an edge beyond 90 degrees, or one of which nothing can be said, among the first `count`. normals: or none.
+  bool is_suspect(std::span<const Vec3> points, const std::vector<char>& turned, const std::vector<Vec3>& normals,
+                  std::size_t count, const RunContext& context) const {
+    const auto normal = [&](FaceId f) { return normals.empty() ? unit_normal(points, corners_[f], rounding_) : normals[f]; };
     std::atomic<bool> found{false};
     parallel_for(context, count, grain, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end && !found.load(std::memory_order_relaxed); ++i) {
         const FacePair& pair = pairs_[i];
         if (i >= sharp_ && !turned[pair.first] && !turned[pair.second]) continue;
-        const float cosine = change(points, pair, unit_normal(points, corners_[pair.first], rounding_),
-                                    unit_normal(points, corners_[pair.second], rounding_));
+        const float cosine = change(points, pair, normal(pair.first), normal(pair.second));
         if (cosine < 0 || cosine == unknown) found.store(true, std::memory_order_relaxed);
       }
     });
