@@ -5,6 +5,7 @@
 #include "server/convert.h"
 #include "server/convert_design.h"
 #include "server/convert_info.h"
+#include "server/deform_job.h"
 #include "server/engine_impl.h"
 #include "server/outcome_call.h"
 #include "server/warm_starts.h"
@@ -117,6 +118,7 @@ std::shared_ptr<DeformJob> EngineImpl::jacobian_vector(v1::JacobianVectorRequest
   DeformTask task;
   task.system_id = resolve_system(request.system_id());
   task.output.set_encoding(v1::RAW_F64);
+  task.values = DeformTask::Values::vectors;
   task.bind_bytes = [](const ResidentSystem& system) { return 2 * system.mesh->point_count() * sizeof(Vec3); };
   task.bind = [request = std::move(request)](const ResidentSystem& system, const RunContext& context) {
     const auto variables = values_or_zero(request.variables(), system.setup);

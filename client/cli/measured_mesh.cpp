@@ -5,6 +5,7 @@
 #include "client/cli/region_points.h"
 #include "client/cli/setup_file.h"
 #include "core/base/error.h"
+#include "core/quality/flipped_faces.h"
 
 namespace deform::cli {
 
@@ -91,7 +92,7 @@ void add_comparison(Comparison& comparison) {
     return;
   }
   add_displacement(after.report, after.mesh().points, before.mesh().points);
-  if (after.surface) add_flipped(after.report, after.mesh(), flipped_faces(after.mesh(), before.mesh().points));
+  if (after.mesh().face_count() > 0) add_flipped(after.report, after.mesh(), flipped_faces(after.mesh(), before.mesh().points));
 }
 
 }  // namespace

@@ -123,7 +123,8 @@ ExitCode run_quality(const QualityOptions& options, const CommonOptions& common)
 constexpr char footer[] = R"(OpenFOAM meshes get the measures of its checkMesh, by the same formulas; elements the scaled Jacobian
 (Knupp 2000; of quadratic elements that of their quadratic map at all nodes), also those of each type alone.
 Surfaces: twice the radius of the inscribed over that of the circumscribed circle of faces (1: regular), angles at corners,
-discrete mean curvature (cotangent weights, inside the surface), with --before the faces that turned by more than 90 degrees.
+discrete mean curvature (cotangent weights, inside the surface), with --before the faces that turned by more than 90 degrees
+against their surroundings: a part that turns as a whole has none.
 --wall: the height of the first layer of cells (volume over wall face) and the angle of the edges that leave the wall to
 its normal; all walls together.
 --setup: how smoothly handles, fixed regions and the rest meet: jumps of normals and of mean curvature over their borders.

@@ -34,7 +34,7 @@ EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, s
                   "designs[" + std::to_string(i) + "].tolerance: method.rbf only; this method has none");
     }
     held_.check_coincident(designs_.back(), i);
-    reports_[i].max_displacement = held_.largest_displacement(designs_.back());
+    reports_[i].prescribed_displacement = held_.largest_displacement(designs_.back());
   }
   choose_paths(path);
   set_basis_coefficients();

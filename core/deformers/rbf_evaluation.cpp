@@ -100,7 +100,7 @@ void RbfEvaluation::choose_paths(EvaluationPath path) {
     slot_[i] = direct ? direct_designs_++ : basis_designs_++;
     reports_[i].path = direct ? EvaluationPath::direct : EvaluationPath::basis;
     if (kind_ == MotionKind::derivative) continue;
-    reports_[i].max_displacement = held_.largest_displacement(designs_[i]);
+    reports_[i].prescribed_displacement = held_.largest_displacement(designs_[i]);
   }
 }
 

@@ -55,7 +55,9 @@ struct ConstraintReport {
 struct DesignReport {
   EvaluationPath path = EvaluationPath::basis;
   double interpolation_residual = 0;  ///< max over the centres of |interpolant - prescribed position|, model units
-  double max_displacement = 0;        ///< max over the prescribed displacements, model units
+  /// Max over the points of the handles as they were told to move, model units. Others may move farther: largest_displacement()
+  /// of core/quality/displacement.h says how far any does, displacement_warning() what to think of it.
+  double prescribed_displacement = 0;
 
   // With constraints (thesis 8.5); the defaults without.
   std::vector<ConstraintReport> constraints;  ///< in the order of the setup

@@ -56,6 +56,18 @@ fixed: [{half_space: {point: [0, 0, 0], normal: [0, 0, -1]}}]
 variables: [{name: up, handle: top, translate: [0, 0, 1]}]
 """
 
+WRECK_SETUP = """\
+geometry: ahmed.obj
+method: {rbf: {kernel: TRIHARMONIC}}
+handles:
+  - {name: slant, region: {group: slant}}
+  - {name: roof,  region: {intersection: [{group: roof}, {box: {min: [0.2, -1, 0], max: [0.8, 1, 1]}}]}}
+fixed: [{group: nose}, {group: underbody}, {group: stilts}]
+variables:
+  - {name: roof_up,    handle: roof,  translate: [0, 0, 1], lower: -0.05, upper: 0.05}
+  - {name: slant_turn, handle: slant, rotate: {axis: [0, 1, 0], centre: [0, 0, 0.3]}, lower: -0.2, upper: 0.2}
+"""
+
 
 class Cells(EndToEnd):
     def setUp(self):
@@ -148,6 +160,22 @@ class Cells(EndToEnd):
         reply = self.deform("apply", "ahmed.yaml", "--set", "up=0.01", "-o", "out.obj", "--json").json["report"]
         self.assertNotIn("cells", reply)
         self.fails(1, "apply", "ahmed.yaml", "--set", "up=0.01", "--split", "uniform", "-o", "out.obj", says=["splitting", "no cells"])
+
+    def test_a_wrecked_body_is_not_delivered_without_a_word(self):
+        """The example of version 0.1: the side walls of the body fold over its roof."""
+        self.deform("sample", "-o", "ahmed.obj")
+        self.write("wreck.yaml", WRECK_SETUP)
+        report = self.deform("apply", "wreck.yaml", "--set", "roof_up=0.03", "--set", "slant_turn=0.1", "-o", "out.obj",
+                             "--json").json["report"]
+        self.assertAlmostEqual(report["max_displacement"], 0.2976, delta=2e-3)
+        quality = self.deform("quality", "out.obj", "--before", "ahmed.obj", "--json").json
+        self.assertEqual(quality["displacement"], report["max_displacement"])
+        # They fold in their own plane, so the sign of their normals' y tells which faces flipped.
+        self.assertAlmostEqual(quality["flipped_faces"], 1660, delta=10)
+        self.assertEqual(len(quality["flipped"]), 100)
+        gated = self.deform("quality", "out.obj", "--before", "ahmed.obj", "--fail-on", "flipped_faces>0", expect=None)
+        self.assertNotEqual(gated.code, 0)
+        self.assertIn("flipped_faces", gated.err)
 
 
 if __name__ == "__main__":
