@@ -23,6 +23,20 @@ client::CallOptions CommonOptions::call_options() const {
   return options;
 }
 
+ExitCode exit_code_of(const Error& error) {
+  switch (error.code()) {
+    case ErrorCode::cancelled:
+      return exit_interrupted;
+    case ErrorCode::unavailable:
+    case ErrorCode::deadline_exceeded:
+      return exit_unreachable;
+    case ErrorCode::out_of_budget:  // with a hint the same request may succeed later, without one only another request can
+      return error.retry_after_ms() > 0 ? exit_unreachable : exit_failed;
+    default:
+      return exit_failed;
+  }
+}
+
 namespace {
 
 std::string one_line(std::string text) {
@@ -32,7 +46,11 @@ std::string one_line(std::string text) {
   return line;
 }
 
+}  // namespace
+
 void complain(const std::string& message) { std::cerr << "deform: " << one_line(message) << std::endl; }
+
+namespace {
 
 constexpr char footer[] = R"(A first round, with deformd running on this machine:
   deform sample -o ahmed.obj                 write a reference car body
@@ -41,8 +59,9 @@ constexpr char footer[] = R"(A first round, with deformd running on this machine
   deform apply setup.yaml --set roof_up=0.03 -o out.obj
   deform sweep setup.yaml --designs designs.csv -o results/
 
-Exit codes: 0 ok, 1 failed (one line on stderr says why), 2 wrong usage, 130 interrupted by Ctrl-C (the server
-stops working on the request too).
+Exit codes: 0 done; 1 wrong input, also of some rows of a sweep; 2 wrong usage; 3 server unreachable, deadline passed, or
+still refused after all attempts; 4 a gate or verdict failed: --fail-on, inverted cells, missed exact constraints, a split
+that did not arrive; 130 interrupted by Ctrl-C (the server stops working on the request too). One line on stderr says why.
 The server may also be named by the environment variable DEFORM_SERVER.)";
 
 ExitCode run_action(const Action& action) {
@@ -50,7 +69,10 @@ ExitCode run_action(const Action& action) {
     return action();
   } catch (const Error& error) {
     complain(error.what());
-    return error.code() == ErrorCode::cancelled ? exit_interrupted : exit_failed;
+    return exit_code_of(error);
+  } catch (const CLI::ParseError& error) {  // what is wrong with the command line can depend on the files it names
+    complain(error.what());
+    return exit_usage;
   } catch (const std::bad_alloc&) {
     complain("not enough memory on this machine for this mesh");
   } catch (const std::exception& error) {

@@ -8,8 +8,8 @@
 
 #include "client/cli/command.h"
 #include "client/cli/format.h"
+#include "client/cli/gates.h"
 #include "client/cli/measured_mesh.h"
-#include "client/cli/numbers.h"
 #include "client/cli/quality_files.h"
 #include "client/cli/result_json.h"
 #include "core/base/error.h"
@@ -20,31 +20,23 @@ namespace {
 
 struct QualityOptions {
   ComparisonInput input;
-  std::vector<std::string> fail_on;
+  std::vector<Gate> fail_on;
   std::string html, vtk;
 };
 
-/// What a text, NAME>NUMBER or NAME<NUMBER, says of the report. Throws Error when it is none.
-QualityPage::Gate gate_of(const std::string& text, const QualityReport& report) {
-  const auto wrong = [&](const std::string& why) { throw Error(ErrorCode::invalid_argument, "--fail-on " + text + ": " + why); };
-  const std::size_t sign = text.find_first_of("<>");
-  if (sign == std::string::npos) wrong("expected NAME>NUMBER or NAME<NUMBER");
-  const std::string name = text.substr(0, sign);
-  const auto limit = parse_number(text.substr(sign + 1));
-  if (!limit) wrong("\"" + text.substr(sign + 1) + "\" is not a number");
-  if (const QualityRow* row = report.find(name)) {
-    // What is not a number fails too.
-    return {text, row->value, !(text[sign] == '>' ? row->value <= *limit : row->value >= *limit)};
-  }
+/// What a gate says of the report. Throws CLI::ValidationError when there is no such measure: which there are depends on the
+/// mesh.
+QualityPage::Gate gate_of(const Gate& gate, const QualityReport& report) {
+  if (const QualityRow* row = report.find(gate.name)) return {gate.text, row->value, gate.holds_for(row->value)};
   std::vector<std::string> names;
   std::string all;
   for (const QualityRow& row : report.rows) {
     names.push_back(row.name);
     all += (all.empty() ? "" : ", ") + row.name;
   }
-  const std::string near = nearest_names(name, names);
-  wrong("there is no measure \"" + name + "\"; " + (near.empty() ? "there are " + all : "did you mean " + near + "?"));
-  return {};
+  const std::string near = nearest_names(gate.name, names);
+  throw CLI::ValidationError("--fail-on " + gate.text + ": there is no measure \"" + gate.name + "\"; " +
+                             (near.empty() ? "there are " + all : "did you mean " + near + "?"));
 }
 
 nlohmann::ordered_json report_json(const QualityReport& report) {
@@ -98,20 +90,20 @@ void print_json(const Comparison& comparison) {
 
 ExitCode run_quality(const QualityOptions& options, const CommonOptions& common) {
   const Comparison comparison = compare(options.input);
+  std::vector<QualityPage::Gate> gates;
+  for (const auto& gate : options.fail_on) gates.push_back(gate_of(gate, comparison.after.report));
   if (common.style() == Style::json) {
     print_json(comparison);
   } else {
     print_comparison(comparison);
   }
-  std::vector<QualityPage::Gate> gates;
-  for (const auto& text : options.fail_on) gates.push_back(gate_of(text, comparison.after.report));
   // Written also when a gate fails: that is when they are looked at.
   if (!options.html.empty()) write_quality_page(comparison, gates, options.html);
   if (!options.vtk.empty()) write_quality_arrays(comparison, options.vtk);
   for (const auto& gate : gates) {
     if (!gate.failed) continue;
-    throw Error(ErrorCode::failed_precondition,
-                options.input.file + ": " + gate.condition + ": it is " + number_text(gate.value));
+    complain(options.input.file + ": " + to_text({gate.condition, gate.value}));
+    return exit_verdict;
   }
   return exit_ok;
 }
@@ -136,8 +128,7 @@ void add_quality_command(CLI::App& app, const CommonOptions& common, Action& cho
   command->add_option("FILE", options->input.file, "Mesh: surface or volume, or one of the time folders of an OpenFOAM case")
       ->required();
   command->add_option("--before", options->input.before, "The undeformed mesh, shown beside it");
-  command->add_option("--fail-on", options->fail_on, "Exit code 1 when NAME>NUMBER or NAME<NUMBER holds; may be repeated")
-      ->allow_extra_args(false);
+  add_gate_option(*command, options->fail_on, "Exit code 4 when NAME>NUMBER or NAME<NUMBER holds; may be repeated");
   command->add_option("--wall", options->input.walls, "Group of boundary faces whose first layer is measured; may be repeated")
       ->allow_extra_args(false);
   command->add_option("--setup", options->input.setup, "Setup file: measures where its regions meet");

@@ -206,7 +206,7 @@ class Flow(EndToEnd):
             self.assertIn(command, self.deform("--help").out)
         self.fails(1, "--server", "localhost", "list", says=["HOST:PORT"])
         self.server.stop()
-        self.fails(1, "status", says=["cannot reach deformd at 127.0.0.1", "start it"])
+        self.fails(3, "status", says=["cannot reach deformd at 127.0.0.1", "start it"])
 
 
 class Start(EndToEnd):

@@ -67,10 +67,11 @@ class Quality(EndToEnd):
     def test_gates(self):
         self.ahmed()
         self.deform("quality", "out.obj", "--before", "ahmed.obj", "--fail-on", "flipped_faces>0", "--fail-on", "least_angle<5")
-        self.fails(1, "quality", "out.obj", "--fail-on", "face_quality<0.9", "--html", "failed.html",
+        self.fails(4, "quality", "out.obj", "--fail-on", "face_quality<0.9", "--html", "failed.html",
                    says=["out.obj: face_quality<0.9: it is 0."], prints=True)
         self.assertIn("class=\"bad\">failed: face_quality&lt;0.9", read_bytes(self.path("failed.html")).decode())
-        self.fails(1, "quality", "out.obj", "--fail-on", "flipped_faces>0", says=["there is no measure \"flipped_faces\""], prints=True)
+        self.fails(2, "quality", "out.obj", "--fail-on", "flipped_faces>0", says=["there is no measure \"flipped_faces\""])
+        self.fails(2, "quality", "out.obj", "--fail-on", "least_angle", says=["--fail-on least_angle", "NAME>NUMBER"])
 
     def test_flips_and_other_meshes(self):
         self.write("flat.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n")
@@ -98,7 +99,7 @@ class Quality(EndToEnd):
         for name in ("wall_angle", "average_wall_angle", "least_wall_angle"):
             self.assertAlmostEqual(reply[name], 45)
             self.assertAlmostEqual(reply["before"][name], 0)
-        self.fails(1, "quality", "after.mesh", "--wall", group, "--fail-on", "wall_height<0.3", says=["it is 0.25"], prints=True)
+        self.fails(4, "quality", "after.mesh", "--wall", group, "--fail-on", "wall_height<0.3", says=["it is 0.25"], prints=True)
         self.fails(1, "quality", "after.mesh", "--wall", "nothing", says=["--wall nothing", "no such group", group])
         self.write("flat.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")
         self.fails(1, "quality", "flat.obj", "--wall", "roof", says=["is a surface"])

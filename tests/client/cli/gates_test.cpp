@@ -1,0 +1,146 @@
+// Gates on designs, and the verdicts that need none.
+#include "client/cli/gates.h"
+
+#include <gtest/gtest.h>
+
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <cmath>
+#include <limits>
+
+#include "tests/support/expect_error.h"
+
+namespace deform {
+namespace {
+
+using test::expect_error;
+
+v1::DesignResult good_result() {
+  v1::DesignResult result;
+  result.set_max_displacement(0.3);
+  result.set_prescribed_displacement(0.2);
+  result.mutable_faces()->set_faces(100);
+  result.mutable_cells()->set_cells(50);
+  result.mutable_cells()->set_safe_amplitude(1);
+  return result;
+}
+
+/// What a command with these gates says of the result: the texts of the gates that fail.
+std::vector<std::string> failures(std::vector<std::string> conditions, const v1::DesignResult& result) {
+  CLI::App app;
+  cli::DesignGates gates;
+  gates.add_to(app);
+  std::vector<std::string> reversed;  // as CLI11 takes them
+  for (auto condition = conditions.rbegin(); condition != conditions.rend(); ++condition) {
+    reversed.push_back(*condition);
+    reversed.push_back("--fail-on");
+  }
+  app.parse(reversed);
+  std::vector<std::string> texts;
+  for (const auto& failed : gates.failed(result)) texts.push_back(cli::to_text(failed));
+  return texts;
+}
+
+TEST(Gates, AreNameSignAndNumber) {
+  const cli::Gate gate = cli::parse_gate("flipped_faces> 1e1");
+  EXPECT_EQ(gate.name, "flipped_faces");
+  EXPECT_EQ(gate.limit, 10);
+  EXPECT_TRUE(gate.holds_for(11));
+  EXPECT_FALSE(gate.holds_for(10));
+  EXPECT_TRUE(cli::parse_gate("a<0").holds_for(-1));
+  EXPECT_FALSE(cli::parse_gate("a<0").holds_for(0));
+  for (const char* text : {"a", ">1", "a>", "a>b", "a>1>2", "a=1"}) {
+    expect_error(ErrorCode::invalid_argument, {"--fail-on", text}, [&] { cli::parse_gate(text); });
+  }
+}
+
+TEST(Gates, FailOnWhatIsNoNumber) {
+  EXPECT_TRUE(cli::parse_gate("a<0").holds_for(std::nan("")));
+  EXPECT_TRUE(cli::parse_gate("a>0").holds_for(std::nan("")));
+}
+
+TEST(Gates, TellEachThatFailsInOrder) {
+  v1::DesignResult result = good_result();
+  EXPECT_TRUE(failures({"flipped_faces>0", "inverted_cells>0", "safe_amplitude<1", "displacement_ratio>1.5", "missed>0"}, result)
+                  .empty());
+  result.mutable_faces()->set_flipped(12);
+  result.mutable_cells()->set_safe_amplitude(0.25);
+  EXPECT_EQ(failures({"flipped_faces>0", "max_displacement>1", "safe_amplitude<1"}, result),
+            (std::vector<std::string>{"flipped_faces>0: it is 12", "safe_amplitude<1: it is 0.25"}));
+}
+
+TEST(Gates, FailOnWhatWasNotMeasured) {
+  v1::DesignResult result = good_result();
+  result.clear_faces();
+  const auto texts = failures({"flipped_faces>0"}, result);
+  ASSERT_EQ(texts.size(), 1u);
+  EXPECT_NE(texts[0].find("not measured"), std::string::npos);
+}
+
+TEST(Gates, WithUnknownNamesAreErrorsOfUsageThatListTheNames) {
+  try {
+    failures({"flipped_face>0"}, good_result());
+    FAIL() << "taken";
+  } catch (const CLI::ValidationError& error) {
+    EXPECT_NE(std::string(error.what()).find("flipped_faces, inverted_cells"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("--fail-on flipped_face>0"), std::string::npos) << error.what();
+  }
+}
+
+TEST(Gates, KnowAllMeasuresOfADesign) {
+  v1::DesignResult result = good_result();
+  result.mutable_cells()->set_inverted_at_rest(3);
+  result.set_interpolation_residual(1e-9);
+  result.set_max_error(1e-7);
+  result.mutable_constraints()->add_residuals()->set_missed(true);
+  EXPECT_EQ(cli::design_measure("inverted_at_rest", result), 3);
+  EXPECT_EQ(cli::design_measure("interpolation_residual", result), 1e-9);
+  EXPECT_EQ(cli::design_measure("max_error", result), 1e-7);
+  EXPECT_EQ(cli::design_measure("missed", result), 1);
+  EXPECT_NEAR(cli::design_measure("displacement_ratio", result).value(), 1.5, 1e-12);
+  for (const auto& name : cli::design_measures()) EXPECT_TRUE(cli::design_measure(name, result)) << name;
+}
+
+TEST(Gates, HaveNoRatioToNothing) {
+  v1::DesignResult result = good_result();
+  result.set_prescribed_displacement(0);
+  EXPECT_FALSE(cli::design_measure("displacement_ratio", result));
+  result.set_max_displacement(0);
+  EXPECT_EQ(cli::design_measure("displacement_ratio", result), 1);
+}
+
+TEST(Verdicts, AreBadForInvertedCellsAndSplitsThatDidNotArrive) {
+  v1::DesignResult result = good_result();
+  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::good);
+  EXPECT_TRUE(cli::judge(result).reasons.empty());
+  result.mutable_cells()->set_inverted_at_rest(3);  // the fault of the mesh, not of the design
+  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::good);
+  result.mutable_cells()->set_inverted(2);
+  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::bad);
+  EXPECT_NE(cli::judge(result).reasons.at(0).find("2 of 50 cells are inverted"), std::string::npos);
+  // The full step would have inverted cells, which is why it was split.
+  result.mutable_split()->set_inversion_free(true);
+  result.mutable_split()->set_reached(1);
+  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::good);
+  result.mutable_split()->set_reached(0.5);
+  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::bad);
+  result.mutable_split()->set_inversion_free(false);
+  EXPECT_NE(cli::judge(result).reasons.at(0).find("0.5 of the motion"), std::string::npos);
+}
+
+TEST(Verdicts, DiscardMissedExactConstraints) {
+  v1::DesignResult result = good_result();
+  result.mutable_constraints()->add_residuals()->set_name("bore");
+  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::good);
+  result.mutable_constraints()->mutable_residuals(0)->set_missed(true);
+  result.mutable_cells()->set_inverted(2);
+  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::discarded);
+  EXPECT_EQ(cli::judge(result).reasons.size(), 2u);
+  EXPECT_NE(cli::judge(result).reasons.at(1).find("\"bore\""), std::string::npos);
+  result.mutable_constraints()->mutable_residuals(0)->set_missed(false);
+  result.mutable_constraints()->set_exact_given_up(true);
+  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::discarded);
+}
+
+}  // namespace
+}  // namespace deform
