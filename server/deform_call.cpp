@@ -130,7 +130,8 @@ void DeformCall::start(Scheduler::Slot slot) {
   task_.bind_bytes = nullptr;
   task_.checker = nullptr;
   push_header();
-  schedule_steps();
+  for (const auto& [number, failure] : bound_->failed) push_failure(number, failure);
+  bound_->plan.designs == 0 ? push_summary() : schedule_steps();
   notice.check();
 }
 
@@ -144,7 +145,9 @@ std::shared_ptr<DeformCall::Bound> DeformCall::bind(const SystemCache::Handle& s
   const std::size_t bytes = task_.bind_bytes(*system) + solving + buffer_bytes(bound->plan, parts_.scheduler->workers());
   bound->charge = parts_.memory->charge(bytes, {"deforming with system " + task_.system_id.substr(0, 16),
                                                 "send fewer designs per request", system->charge.bytes()});
-  bound->evaluation = task_.bind(*system, run_context(threads));
+  static_cast<BoundDesigns&>(*bound) = task_.bind(*system, run_context(threads));
+  bound->plan.designs = bound->numbers.size();
+  bound->failures = task_.failures;
   bound->charge.shrink(bytes - solving);  // only what is bound stays, however slow the reader is
   return bound;
 }
@@ -197,7 +200,13 @@ DeformCall::StepResult DeformCall::make_whole(const Bound& bound, std::size_t st
     bound.evaluation->evaluate(begin, end, first, out);
   });
   for (std::size_t d = 0; d < count; ++d) {
-    result.whole->findings.push_back(bound.checker->check(first + d, result.whole->points[d], context));
+    auto& findings = result.whole->findings.emplace_back();
+    try {
+      findings = bound.checker->check(bound.numbers[first + d], result.whole->points[d], context);
+    } catch (const Error& error) {
+      if (bound.failures == Failures::fail_request || !fails_alone(error)) throw;
+      result.whole->failed.emplace(d, error);
+    }
   }
   result.solve_ms = elapsed_ms(begun);
   return result;
@@ -229,8 +238,9 @@ DeformCall::StepResult DeformCall::make_step(const Bound& bound, std::size_t ste
   const std::span<const Vec3> registered(bound.system->mesh->points.data() + first, count);
   for (std::size_t d = 0; d < designs; ++d) {
     context.check();
-    result.blocks.push_back(codec::encode(registered, deformed[d], bound.output));
-    result.bytes += result.blocks.back().bytes.size();
+    codec::Block& block = result.blocks.emplace_back();
+    if (whole == nullptr || !whole->failed.contains(d)) block = codec::encode(registered, deformed[d], bound.output);
+    result.bytes += block.bytes.size();
   }
   result.solve_ms = evaluated - begun;
   result.encode_ms = thread_cpu_ms() - evaluated;
@@ -275,7 +285,7 @@ v1::DeformReply& DeformCall::push() {
 void DeformCall::push_header() {
   v1::DeformHeader& header = *push().mutable_header();
   header.set_points(bound_->plan.points);
-  header.set_designs(static_cast<std::uint32_t>(bound_->plan.designs));
+  header.set_designs(static_cast<std::uint32_t>(task_.designs));
   header.set_block_points(static_cast<std::uint32_t>(bound_->plan.block_points));
   header.set_geometry_id(bound_->system->info.geometry_id());
 }
@@ -289,6 +299,7 @@ void DeformCall::release_step(std::size_t step, StepResult&& result) {
   const std::size_t block = plan.block(step);
   if (block == 0) progress_.assign(plan.design_count(step), {});
   for (std::size_t d = 0; d < result.blocks.size(); ++d) {
+    if (whole_ && whole_->failed.contains(d)) continue;
     codec::Block& encoded = result.blocks[d];
     Progress& design = progress_[d];
     design.checksums.push_back(encoded.checksum);
@@ -296,7 +307,7 @@ void DeformCall::release_step(std::size_t step, StepResult&& result) {
     design.fell_back += encoded.fell_back ? 1 : 0;
     stats_.bytes += encoded.bytes.size();
     v1::Block& message = *push().mutable_block();
-    message.set_design(static_cast<std::uint32_t>(plan.first_design(step) + d));
+    message.set_design(static_cast<std::uint32_t>(bound_->numbers[plan.first_design(step) + d]));
     message.set_block(static_cast<std::uint32_t>(block));
     message.set_first(plan.first_point(step));
     block_to_proto(std::move(encoded), message);
@@ -309,9 +320,14 @@ void DeformCall::release_step(std::size_t step, StepResult&& result) {
 void DeformCall::push_results(std::size_t step) {
   for (std::size_t d = 0; d < progress_.size(); ++d) {
     const std::size_t design = bound_->plan.first_design(step) + d;
+    if (whole_ && whole_->failed.contains(d)) {
+      push_failure(bound_->numbers[design], whole_->failed.at(d));
+      ++failed_;
+      continue;
+    }
     const DesignReport& report = bound_->evaluation->report(design);
     v1::DesignResult& result = *push().mutable_result();
-    result.set_design(static_cast<std::uint32_t>(design));
+    result.set_design(static_cast<std::uint32_t>(bound_->numbers[design]));
     result.set_checksum(codec::fold_checksums(progress_[d].checksums));
     result.set_max_error(progress_[d].max_error);
     result.set_blocks_fell_back(progress_[d].fell_back);
@@ -324,6 +340,12 @@ void DeformCall::push_results(std::size_t step) {
     if (whole_) whole_->findings[d].move_to(result);
     fell_back_ += progress_[d].fell_back;
   }
+}
+
+void DeformCall::push_failure(std::size_t number, const Error& error) {
+  v1::DesignResult& result = *push().mutable_result();
+  result.set_design(static_cast<std::uint32_t>(number));
+  error_to_proto(error, *result.mutable_error());
 }
 
 void DeformCall::push_summary() {
@@ -342,7 +364,7 @@ void DeformCall::push_summary() {
   }
   produced_ = true;
   slot_.leave();
-  parts_.on_served(bound_->plan.designs);
+  parts_.on_served(bound_->plan.designs - failed_);
 }
 
 DeformJob::Poll DeformCall::poll(v1::DeformReply& reply) {

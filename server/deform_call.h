@@ -13,6 +13,7 @@
 
 #include "core/codec/block.h"
 #include "server/call.h"
+#include "server/design_failures.h"
 #include "server/memory.h"
 #include "server/scheduler.h"
 #include "server/system_cache.h"
@@ -38,7 +39,8 @@ struct DeformTask {
   SystemCache::Prepare prepare;  ///< of the system, should it not be resident
   /// Bytes that `bind` and its result need.
   std::function<std::size_t(const ResidentSystem&)> bind_bytes;
-  std::function<std::unique_ptr<const Evaluation>(const ResidentSystem&, const RunContext&)> bind;
+  std::function<BoundDesigns(const ResidentSystem&, const RunContext&)> bind;
+  Failures failures = Failures::fail_request;
   /// Who looks at whole designs; may be empty, and may give nobody.
   std::function<std::unique_ptr<const DesignChecker>(const SystemCache::Handle&, const RunContext&)> checker;
 };
@@ -58,7 +60,7 @@ struct StepPlan {
     return std::min({designs, group_designs, fit});
   }
   std::size_t blocks() const { return (points + block_points - 1) / block_points; }
-  std::size_t groups() const { return (designs + group() - 1) / group(); }
+  std::size_t groups() const { return designs == 0 ? 0 : (designs + group() - 1) / group(); }
   std::size_t group_steps() const { return blocks() + (whole ? 1 : 0); }
   std::size_t steps() const { return group_steps() * groups(); }
   bool is_whole(std::size_t step) const { return whole && step % group_steps() == 0; }
@@ -88,11 +90,11 @@ class DeformCall : public Call {
 
  private:
   /// What the running steps share; lives until the last of them is over.
-  struct Bound {
+  struct Bound : BoundDesigns {
     SystemCache::Handle system;
-    std::shared_ptr<const Evaluation> evaluation;
+    Failures failures = Failures::fail_request;
     std::unique_ptr<const DesignChecker> checker;  ///< null: nobody looks at whole designs
-    StepPlan plan;
+    StepPlan plan;                                 ///< of the designs that could be bound
     codec::EncodeOptions output;
     Charge charge;
   };
@@ -100,6 +102,7 @@ class DeformCall : public Call {
   struct WholeDesigns {
     std::vector<Points> points;
     std::vector<DesignChecker::Findings> findings;
+    DesignErrors failed;  ///< by their place in the group: they have no blocks
   };
   /// Outcome of one step: per design its block.
   struct StepResult {
@@ -132,6 +135,7 @@ class DeformCall : public Call {
   void release_step(std::size_t step, StepResult&& result);
   void push_header();
   void push_results(std::size_t step);
+  void push_failure(std::size_t number, const Error& error);
   void push_summary();
   v1::DeformReply& push();
   void end();
@@ -164,6 +168,7 @@ class DeformCall : public Call {
   double bind_ms_ = 0;
   bool prepared_again_ = false;
   std::uint32_t fell_back_ = 0;
+  std::size_t failed_ = 0;  // designs, of those that were bound
 };
 
 /// What the client holds: letting go of it cancels.

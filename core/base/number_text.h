@@ -1,0 +1,11 @@
+#pragma once
+
+#include <string>
+
+namespace deform {
+
+/// The fewest decimal digits that read back as the same double: "0.1", "1e-07", "-inf". Independent of the locale. For messages:
+/// std::to_string would print 0.1000001 beside a limit of 0.1 as "0.100000".
+std::string number_digits(double value);
+
+}  // namespace deform
