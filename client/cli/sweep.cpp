@@ -186,15 +186,8 @@ class Sweep {
   }
 
   void take(const Todo& todo, const client::DeformedDesign& design) {
+    if (design.error) return fail(todo, *design.error);
     const std::string& name = todo.result.name;
-    if (design.error) {
-      const std::string reason = todo.design->where + design.error->what();
-      output_->fail(name, reason);
-      if (!options_.keep_going) throw Error(design.error->code(), reason);
-      const std::lock_guard lock(mutex_);
-      report_.failed.emplace(name, reason);
-      return;
-    }
     const ResultVerdicts verdicts = verdicts_of(design.result, options_.gates);
     if (judge(design.result).verdict == Verdict::discarded && !options_.keep_bad) {
       const std::string reason = todo.design->where + verdicts.reasons.back() + "; not written without --keep-bad";
@@ -203,11 +196,25 @@ class Sweep {
       report_.discarded.emplace(name, reason);
       return;
     }
-    output_->put(todo.result, verdicts, source_.with_points(design.points));
+    std::string bytes;
+    try {
+      bytes = source_.with_points(design.points);
+    } catch (const Error& error) {
+      return fail(todo, error);  // points that this kind of file cannot hold
+    }
+    output_->put(todo.result, verdicts, bytes);
     const std::lock_guard lock(mutex_);
     ++report_.written;
     report_.max_error = std::max(report_.max_error, design.result.max_error());
     report_.add(name, verdicts);
+  }
+
+  void fail(const Todo& todo, const Error& error) {
+    const std::string reason = todo.design->where + error.what();
+    output_->fail(todo.result.name, reason);
+    if (!options_.keep_going) throw Error(error.code(), reason);
+    const std::lock_guard lock(mutex_);
+    report_.failed.emplace(todo.result.name, reason);
   }
 
   Connection& connection_;

@@ -12,6 +12,7 @@ import tarfile
 import time
 
 from harness import AHMED_SETUP, DEFORM, EndToEnd, main, read_bytes
+from test_constraints import plate, setup
 
 LONG = os.environ.get("DEFORM_LONG") == "1"
 ROWS = 40
@@ -62,7 +63,7 @@ class Sweep(EndToEnd):
     def setUp(self):
         super().setUp()
         self.start_server()
-        self.deform("sample", "-o", "ahmed.obj", "--points", 1500)
+        self.deform("sample", "-o", "ahmed.obj", "--points", 2000)
         self.write("setup.yaml", AHMED_SETUP)
 
     def command(self, designs, output, *more):
@@ -265,14 +266,63 @@ f,0.03,0.05
             self.assertEqual(self.sweep("designs.csv", output)["gate"], {}, "nobody asks")
         self.fails(2, *self.command("designs.csv", "results", "--fail-on", "nonsense>1"), says=["nonsense"])
 
-    def test_a_design_that_fails_on_the_server_fails_alone(self):
-        self.write("free.yaml", AHMED_SETUP.replace("lower: -0.05, upper: 0.05", ""))
+    def test_a_design_that_the_server_refuses_fails_alone(self):
+        """Two points of one place cannot go apart, which no bound tells."""
+        lines = [f"v {0.1 * (k % 11)} {0.1 * (k // 11)} 0" for k in range(121)] + ["v 0 0 0"]
+        lines += [f"f {k + 11 * j} {k + 1 + 11 * j} {k + 12 + 11 * j} {k + 11 + 11 * j}" for j in range(10) for k in range(1, 11)]
+        self.write("square.obj", "\n".join(lines + ["g first", "p 1", "g second", "p 122"]) + "\n")
+        self.write("square.yaml", """geometry: square.obj
+handles:
+  - {name: first, region: {group: first}}
+  - {name: far, region: {box: {min: [0.9, -1, -1], max: [2, 2, 1]}}}
+fixed: [{group: second}]
+variables:
+  - {name: near_up, handle: first, translate: [0, 0, 1]}
+  - {name: far_up, handle: far, translate: [0, 0, 1]}
+""")
+        self.write("designs.csv", "near_up,far_up\n0,0.1\n0.1,0.1\n0,0.2\n")
+        for output in ("results", "results.tar"):
+            result = self.fails(1, "sweep", "square.yaml", "--designs", "designs.csv", "-o", output, "--json", prints=True)
+            report = result.json
+            self.assertEqual((report["written"], list(report["failed"])), (2, ["design_0002"]))
+            reason = report["failed"]["design_0002"]
+            self.assertTrue(reason.startswith("designs.csv:3: points 0 (handle \"first\") and 121 (fixed) coincide"), reason)
+            self.assertEqual(self.recorded(output).failed, report["failed"])
+        served = self.status()["designs_served"]
+        self.fails(1, "sweep", "square.yaml", "--designs", "designs.csv", "-o", "results", prints=True)
+        self.assertEqual(self.status()["designs_served"], served, "tried again, and nothing else")
+
+    def test_a_design_that_cannot_be_written_fails_alone(self):
+        """Rows that only the server, or the file, can find out about."""
+        self.write("free.yaml", AHMED_SETUP.replace(", lower: -0.05, upper: 0.05", ""))
         self.write("designs.csv", "roof_up\n0.01\n1e308\n-0.01\n")
-        command = ["sweep", "free.yaml", "--designs", "designs.csv", "-o", "results", "--json"]
-        report = self.deform(*command, expect=None).json
-        self.assertEqual(report["written"] + len(report["failed"]), 3)
-        for reason in report["failed"].values():
-            self.assertTrue(reason.startswith("designs.csv:3: "), reason)
+        for output in ("results", "results.tar"):
+            result = self.fails(1, "sweep", "free.yaml", "--designs", "designs.csv", "-o", output, "--json", prints=True)
+            report = result.json
+            self.assertEqual((report["written"], list(report["failed"])), (2, ["design_0002"]))
+            self.assertTrue(report["failed"]["design_0002"].startswith("designs.csv:3: "), report)
+            self.assertIn("1 of 3 designs failed, the first: designs.csv:3: ", result.err)
+            self.assertEqual(self.recorded(output).failed, report["failed"])
+        self.fails(1, "sweep", "free.yaml", "--designs", "designs.csv", "-o", "other", "--no-keep-going", says=["designs.csv:3: "])
+
+
+    def test_designs_that_miss_exact_constraints_are_not_written(self):
+        self.write("plate.obj", plate())
+        ends = "[{union: [{box: {min: [-1, -1, -1], max: [0.1, 2, 1]}}, {box: {min: [1.9, -1, -1], max: [3, 2, 1]}}]}]"
+        self.write("torn.yaml", setup("{mls: {}}", f"constraints: [{{name: ends, exact: true, rigid: {{}}, regions: {ends}}}]"))
+        self.write("designs.csv", "name,pull,lift\nrest,0,0\ntorn,0.4,0\n")
+        command = ["sweep", "torn.yaml", "--designs", "designs.csv", "-o"]
+        for output in ("results", "results.tar"):
+            done = self.fails(4, *command, output, "--json", says=["1 of 2 designs were not written", "designs.csv:3"], prints=True)
+            self.assertEqual((done.json["written"], list(done.json["failed"])), (1, ["torn"]))
+            self.assertIn("exact constraints are missed: \"ends\"; not written without --keep-bad", done.json["failed"]["torn"])
+            self.assertEqual(self.recorded(output).failed, done.json["failed"])
+            names = self.members(output) if output.endswith(".tar") else self.contents(output)
+            self.assertEqual(list(names), ["rest.obj"])
+            done = self.fails(4, *command, output, "--json", "--keep-bad", prints=True)
+            self.assertEqual((done.json["written"], done.json["failed"], list(done.json["bad"])), (1, {}, ["torn"]))
+            done = self.fails(4, *command, output, "--json", prints=True)
+            self.assertEqual((done.json["skipped"], list(done.json["bad"])), (2, ["torn"]))
 
 
 class Places(Sweep):
