@@ -52,8 +52,11 @@ struct GeometryArrays {
 
 /// One deformed design.
 struct DeformedDesign {
-  Points points;  ///< n x 3, registered order
+  Points points;  ///< n x 3, registered order; empty when there is an error
   v1::DesignResult result;
+  /// Why there is no deformation: of requests with FAILURES_PER_DESIGN only, whose sender looks here. Without, a design that
+  /// cannot be evaluated fails its request, and the call throws.
+  std::optional<Error> error = std::nullopt;
 };
 
 struct DeformOutcome {
@@ -115,8 +118,9 @@ class Client {
   std::vector<v1::SystemInfo> list_systems(const CallOptions& call = {});
   v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request, const CallOptions& call = {});
 
-  /// Deforms. The registered points are needed to decode: they are fetched once per geometry and kept, unless given through
-  /// keep_points(). Requests above 1 MiB go over a stream of their own.
+  /// Deforms. With request.failures() = FAILURES_PER_DESIGN a bad design has an error of its own (DeformedDesign::error) and the
+  /// others are there; else it is thrown, and there are none. The registered points are needed to decode: they are fetched once
+  /// per geometry and kept, unless given through keep_points(). Requests above 1 MiB go over a stream of their own.
   DeformOutcome deform(const v1::DeformRequest& request, const CallOptions& call = {}, const DesignSink& sink = {});
 
   /// Hands over registered points, so that they need not be fetched.

@@ -82,6 +82,7 @@ DeformOutcome Client::deform(const v1::DeformRequest& request, const CallOptions
         ReplyDecoder::Options options;
         options.designs = static_cast<std::size_t>(request.designs_size());
         options.encoding = request.output().encoding();
+        options.failures = request.failures();
         options.sink = watched;
         options.points_of = [&](const std::string& id) { return impl_->registered_points(id, limits); };
         Decoding decoding = start_decoding(std::move(options), attempt, impl_->pool);

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "client/status.h"
 #include "core/codec/block.h"
 
 namespace deform::client {
@@ -174,8 +175,7 @@ void ReplyDecoder::decode(std::size_t design, v1::Block& message) {
   settle(lock);
 }
 
-void ReplyDecoder::add_result(const v1::DesignResult& result) {
-  DesignState& state = checked_design(result.design(), "a result");
+void ReplyDecoder::check_whole(const v1::DesignResult& result, const DesignState& state) const {
   if (state.next_point != registered_->size()) {
     refuse("the result of design " + text(result.design()) + " comes after " + text(state.next_point) + " of " +
            text(registered_->size()) + " points");
@@ -184,6 +184,30 @@ void ReplyDecoder::add_result(const v1::DesignResult& result) {
     refuse("the checksum of design " + text(result.design()) + " does not match its blocks");
   }
   if (!(result.max_error() >= 0)) refuse("the encoding error of design " + text(result.design()) + " is not a distance");
+}
+
+void ReplyDecoder::check_failed(const v1::DesignResult& result, const DesignState& state) const {
+  const std::string name = "design " + text(result.design());
+  if (options_.failures != v1::FAILURES_PER_DESIGN) {
+    refuse(name + " has an error, which was to fail the request: " + result.error().message());
+  }
+  if (state.next_block != 0) refuse(name + " has blocks and an error");
+  if (result.error().code() == 0) refuse(name + " has an error without a code");
+  v1::DesignResult rest = result;
+  rest.clear_design();
+  rest.clear_error();
+  if (rest.ByteSizeLong() != 0) refuse(name + " has an error and findings about its deformation");
+}
+
+void ReplyDecoder::add_result(const v1::DesignResult& result) {
+  DesignState& state = checked_design(result.design(), "a result");
+  if (result.has_error()) {
+    check_failed(result, state);
+    state.design.error.emplace(to_error_code(static_cast<int>(result.error().code())), result.error().message(),
+                               result.error().retry_after_ms());
+  } else {
+    check_whole(result, state);
+  }
   state.checksums = {};
   std::unique_lock lock(mutex_);
   state.design.result = result;

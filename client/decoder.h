@@ -27,6 +27,7 @@ class ReplyDecoder : public std::enable_shared_from_this<ReplyDecoder> {
   struct Options {
     std::size_t designs = 1;                       ///< asked for
     v1::Encoding encoding = v1::ENCODING_DEFAULT;  ///< asked for; RAW_F64 is always accepted when a block fell back to it
+    v1::Failures failures = v1::FAILURES_DEFAULT;  ///< asked for; designs with errors are refused but for FAILURES_PER_DESIGN
     DesignSink sink;                               ///< may be empty
     /// The registered points of a geometry. Called once, with the header, in add().
     std::function<std::shared_ptr<const Points>(const std::string& geometry_id)> points_of;
@@ -67,6 +68,8 @@ class ReplyDecoder : public std::enable_shared_from_this<ReplyDecoder> {
   void add_header(const v1::DeformHeader& header);
   void add_block(v1::Block&& block);
   void add_result(const v1::DesignResult& result);
+  void check_whole(const v1::DesignResult& result, const DesignState& state) const;
+  void check_failed(const v1::DesignResult& result, const DesignState& state) const;
   void add_summary(v1::DeformSummary&& summary);
   DesignState& checked_design(std::uint32_t design, const char* part);
   void check_block(const v1::Block& block, const DesignState& state) const;

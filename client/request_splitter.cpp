@@ -27,9 +27,7 @@ bool RequestSplitter::next(v1::DeformStreamRequest& message) {
   message.set_request_id(request_id_);
   v1::DeformRequest& part = *message.mutable_request();
   if (!begun_) {
-    part.set_system_id(request_.system_id());
-    *part.mutable_output() = request_.output();
-    part.set_path(request_.path());
+    set_head(part);
     begun_ = true;
   }
   std::size_t room = message_payload;
@@ -37,6 +35,18 @@ bool RequestSplitter::next(v1::DeformStreamRequest& message) {
   ended_ = design_ == request_.designs_size();
   message.set_more(!ended_);
   return true;
+}
+
+/// All but the designs.
+void RequestSplitter::set_head(v1::DeformRequest& part) const {
+  part.set_system_id(request_.system_id());
+  if (request_.has_output()) *part.mutable_output() = request_.output();
+  part.set_path(request_.path());
+  part.set_check(request_.check());
+  if (request_.has_splitting()) *part.mutable_splitting() = request_.splitting();
+  part.set_solver_tolerance(request_.solver_tolerance());
+  part.set_warm_start(request_.warm_start());
+  part.set_failures(request_.failures());
 }
 
 /// Adds the next design, or the rest of it, or as much of it as there is room for.

@@ -17,6 +17,7 @@ class RequestSplitter {
   bool next(v1::DeformStreamRequest& message);
 
  private:
+  void set_head(v1::DeformRequest& part) const;
   void add_design(v1::DeformRequest& part, std::size_t& room);
   bool add_motion(const v1::Motion& motion, v1::Design& design, std::size_t& room);
   bool add_pieces(const v1::Motion& motion, v1::Motion& piece, std::size_t& room);

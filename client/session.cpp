@@ -58,6 +58,7 @@ void Session::Impl::make_decoder(const OpenPtr& open) {
   ReplyDecoder::Options options;
   options.designs = static_cast<std::size_t>(open->request.designs_size());
   options.encoding = open->request.output().encoding();
+  options.failures = open->request.failures();
   options.sink = open->sink;
   options.points_of = [this](const std::string& id) { return connection_->registered_points(id, limits_); };
   const std::uint64_t id = open->id;

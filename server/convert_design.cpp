@@ -86,7 +86,7 @@ Motion convert(const v1::Motion& message, std::size_t handle, std::size_t points
 
 }  // namespace
 
-void check_designs(const v1::DeformRequest& request, std::size_t max_designs) {
+void check_design_count(const v1::DeformRequest& request, std::size_t max_designs) {
   const double tolerance = request.solver_tolerance();
   if (tolerance != 0 && !(tolerance >= least_tolerance && tolerance <= largest_tolerance)) {
     refuse_field("solver_tolerance", "must be 0 or in 1e-10..1e-2");
@@ -96,47 +96,73 @@ void check_designs(const v1::DeformRequest& request, std::size_t max_designs) {
     refuse_field("designs",
                  std::to_string(request.designs_size()) + " designs are more than the limit of " + std::to_string(max_designs));
   }
-  for (int d = 0; d < request.designs_size(); ++d) {
-    const auto& design = request.designs(d);
-    const std::string path = item("designs", d);
-    if (design.continues()) refuse_field(path + ".continues", "there is nothing that this design could continue");
-    check_finite(design.variables(), path, ".variables");
-    for (int k = 0; k < design.motions_size(); ++k) check_motion(design.motions(k), path + item(".motions", k));
-  }
 }
 
-std::vector<Design> designs_from_proto(const v1::DeformRequest& request, const v1::SystemInfo& info) {
-  std::map<std::string_view, std::size_t> handles;
-  for (int h = 0; h < info.handles_size(); ++h) handles.emplace(info.handles(h).name(), static_cast<std::size_t>(h));
-  const int variables = info.setup().variables_size();
+void check_design(const v1::DeformRequest& request, std::size_t design) {
+  const int d = static_cast<int>(design);
+  const auto& message = request.designs(d);
+  const std::string path = item("designs", d);
+  if (message.continues()) refuse_field(path + ".continues", "there is nothing that this design could continue");
+  check_finite(message.variables(), path, ".variables");
+  for (int k = 0; k < message.motions_size(); ++k) check_motion(message.motions(k), path + item(".motions", k));
+}
 
-  std::vector<Design> designs(static_cast<std::size_t>(request.designs_size()));
-  for (int d = 0; d < request.designs_size(); ++d) {
-    const auto& message = request.designs(d);
-    const std::string path = item("designs", d);
-    if (message.variables_size() != 0 && message.variables_size() != variables) {
-      refuse_field(path + ".variables",
-                   "expected none or " + std::to_string(variables) + " values, got " + std::to_string(message.variables_size()));
-    }
-    Design& design = designs[static_cast<std::size_t>(d)];
-    design.variables.assign(message.variables().begin(), message.variables().end());
-    design.tolerance = request.solver_tolerance();
-    for (int k = 0; k < message.motions_size(); ++k) {
-      const auto& motion = message.motions(k);
-      const std::string motion_path = path + item(".motions", k);
-      const auto found = handles.find(motion.handle());
-      if (found == handles.end()) {
-        std::vector<std::string> names;
-        for (const auto& handle : info.handles()) names.push_back(handle.name());
-        const std::string near = nearest_names(motion.handle(), names);
-        refuse_field(motion_path + ".handle", "the setup has no handle \"" + motion.handle() + "\"" +
-                                                  (near.empty() ? "" : "; did you mean " + near + "?"));
-      }
-      const std::size_t points = info.handles(static_cast<int>(found->second)).points();
-      design.motions.push_back(convert(motion, found->second, points, motion_path));
-    }
+void check_designs(const v1::DeformRequest& request, std::size_t max_designs) {
+  check_design_count(request, max_designs);
+  for (int d = 0; d < request.designs_size(); ++d) check_design(request, static_cast<std::size_t>(d));
+}
+
+namespace {
+
+using HandleIndex = std::map<std::string_view, std::size_t>;
+
+HandleIndex handle_index(const v1::SystemInfo& info) {
+  HandleIndex handles;
+  for (int h = 0; h < info.handles_size(); ++h) handles.emplace(info.handles(h).name(), static_cast<std::size_t>(h));
+  return handles;
+}
+
+[[noreturn]] void refuse_handle(const std::string& name, const v1::SystemInfo& info, const std::string& path) {
+  std::vector<std::string> names;
+  for (const auto& handle : info.handles()) names.push_back(handle.name());
+  const std::string near = nearest_names(name, names);
+  refuse_field(path + ".handle",
+               "the setup has no handle \"" + name + "\"" + (near.empty() ? "" : "; did you mean " + near + "?"));
+}
+
+Design convert(const v1::DeformRequest& request, int d, const v1::SystemInfo& info, const HandleIndex& handles) {
+  const auto& message = request.designs(d);
+  const std::string path = item("designs", d);
+  const int variables = info.setup().variables_size();
+  if (message.variables_size() != 0 && message.variables_size() != variables) {
+    refuse_field(path + ".variables",
+                 "expected none or " + std::to_string(variables) + " values, got " + std::to_string(message.variables_size()));
   }
+  Design design;
+  design.variables.assign(message.variables().begin(), message.variables().end());
+  design.tolerance = request.solver_tolerance();
+  for (int k = 0; k < message.motions_size(); ++k) {
+    const auto& motion = message.motions(k);
+    const std::string motion_path = path + item(".motions", k);
+    const auto found = handles.find(motion.handle());
+    if (found == handles.end()) refuse_handle(motion.handle(), info, motion_path);
+    const std::size_t points = info.handles(static_cast<int>(found->second)).points();
+    design.motions.push_back(convert(motion, found->second, points, motion_path));
+  }
+  return design;
+}
+
+}  // namespace
+
+std::vector<Design> designs_from_proto(const v1::DeformRequest& request, const v1::SystemInfo& info) {
+  const HandleIndex handles = handle_index(info);
+  std::vector<Design> designs;
+  for (int d = 0; d < request.designs_size(); ++d) designs.push_back(convert(request, d, info, handles));
   return designs;
+}
+
+Design design_from_proto(const v1::DeformRequest& request, std::size_t design, const v1::SystemInfo& info) {
+  return convert(request, static_cast<int>(design), info, handle_index(info));
 }
 
 std::size_t bind_bytes(const v1::DeformRequest& request, const v1::SystemInfo& info) {

@@ -117,7 +117,8 @@ void DeformCall::start(Scheduler::Slot slot) {
   task_.bind_bytes = nullptr;
   task_.checker = nullptr;
   push_header();
-  schedule_steps();
+  for (const auto& [number, failure] : bound_->failed) push_failure(number, failure);
+  bound_->plan.designs == 0 ? push_summary() : schedule_steps();
   notice.check();
 }
 
@@ -133,7 +134,9 @@ std::shared_ptr<DeformCall::Bound> DeformCall::bind(const SystemCache::Handle& s
   const std::size_t solving = std::min(task_.designs, static_cast<std::size_t>(threads)) * system->system->info().design_bytes;
   bound->values = task_.values;
   charge(*bound, task_.bind_bytes(*system) + solving);
-  bound->evaluation = task_.bind(*system, run_context(threads));
+  static_cast<BoundDesigns&>(*bound) = task_.bind(*system, run_context(threads));
+  bound->plan.designs = bound->numbers.size();
+  bound->failures = task_.failures;
   bound->charge.shrink(bound->charge.bytes() - solving);  // only what is bound stays, however slow the reader is
   return bound;
 }
@@ -209,7 +212,13 @@ DeformCall::StepResult DeformCall::make_whole(const Bound& bound, std::size_t st
     bound.evaluation->evaluate(begin, end, first, out);
   });
   for (std::size_t d = 0; d < count; ++d) {
-    result.whole->findings.push_back(bound.checker->check(first + d, result.whole->points[d], context));
+    auto& findings = result.whole->findings.emplace_back();
+    try {
+      findings = bound.checker->check(bound.numbers[first + d], result.whole->points[d], context);
+    } catch (const Error& error) {
+      if (bound.failures == Failures::fail_request || !fails_alone(error)) throw;
+      result.whole->failed.emplace(d, error);
+    }
   }
   result.solve_ms = elapsed_ms(begun);
   return result;
@@ -240,12 +249,16 @@ DeformCall::StepResult DeformCall::make_step(const Bound& bound, std::size_t ste
   const std::span<const Vec3> registered(bound.system->mesh->points.data() + first, count);
   for (std::size_t d = 0; d < designs; ++d) {
     context.check();
+    codec::Block& block = result.blocks.emplace_back();
+    Extreme& displacement = result.displacements.emplace_back();
+    if (whole != nullptr && whole->failed.contains(d)) continue;
     const std::span<const Vec3> points(deformed[d], count);
-    Extreme largest;
-    if (bound.values == DeformTask::Values::positions) largest = largest_displacement(points, registered);
-    result.displacements.push_back({largest.value, largest.id + first});
-    result.blocks.push_back(codec::encode(registered, points, bound.output));
-    result.bytes += result.blocks.back().bytes.size();
+    if (bound.values == DeformTask::Values::positions) {
+      const Extreme largest = largest_displacement(points, registered);
+      displacement = {largest.value, largest.id + first};
+    }
+    block = codec::encode(registered, points, bound.output);
+    result.bytes += block.bytes.size();
   }
   const double encoded = thread_cpu_ms();
   if (bound.plan.gathers() && whole->missing.fetch_sub(1) == 1) look(bound, designs, *whole);
@@ -309,7 +322,7 @@ v1::DeformReply& DeformCall::push() {
 void DeformCall::push_header() {
   v1::DeformHeader& header = *push().mutable_header();
   header.set_points(bound_->plan.points);
-  header.set_designs(static_cast<std::uint32_t>(bound_->plan.designs));
+  header.set_designs(static_cast<std::uint32_t>(task_.designs));
   header.set_block_points(static_cast<std::uint32_t>(bound_->plan.block_points));
   header.set_geometry_id(bound_->system->info.geometry_id());
 }
@@ -322,7 +335,9 @@ void DeformCall::release_step(std::size_t step, StepResult&& result) {
   }
   const std::size_t block = plan.block(step);
   if (block == 0) progress_.assign(plan.design_count(step), {});
+  const auto whole = whole_.find(plan.first_step(step));
   for (std::size_t d = 0; d < result.blocks.size(); ++d) {
+    if (whole != whole_.end() && whole->second->failed.contains(d)) continue;
     codec::Block& encoded = result.blocks[d];
     Progress& design = progress_[d];
     design.checksums.push_back(encoded.checksum);
@@ -331,13 +346,12 @@ void DeformCall::release_step(std::size_t step, StepResult&& result) {
     design.fell_back += encoded.fell_back ? 1 : 0;
     stats_.bytes += encoded.bytes.size();
     v1::Block& message = *push().mutable_block();
-    message.set_design(static_cast<std::uint32_t>(plan.first_design(step) + d));
+    message.set_design(static_cast<std::uint32_t>(bound_->numbers[plan.first_design(step) + d]));
     message.set_block(static_cast<std::uint32_t>(block));
     message.set_first(plan.first_point(step));
     block_to_proto(std::move(encoded), message);
   }
   if (block + 1 < plan.blocks()) return;
-  const auto whole = whole_.find(plan.first_step(step));
   push_results(step, whole == whole_.end() ? nullptr : whole->second.get());
   if (whole != whole_.end()) whole_.erase(whole);
 }
@@ -345,9 +359,14 @@ void DeformCall::release_step(std::size_t step, StepResult&& result) {
 void DeformCall::push_results(std::size_t step, WholeDesigns* whole) {
   for (std::size_t d = 0; d < progress_.size(); ++d) {
     const std::size_t design = bound_->plan.first_design(step) + d;
+    if (whole != nullptr && whole->failed.contains(d)) {
+      push_failure(bound_->numbers[design], whole->failed.at(d));
+      ++failed_;
+      continue;
+    }
     const DesignReport& report = bound_->evaluation->report(design);
     v1::DesignResult& result = *push().mutable_result();
-    result.set_design(static_cast<std::uint32_t>(design));
+    result.set_design(static_cast<std::uint32_t>(bound_->numbers[design]));
     result.set_checksum(codec::fold_checksums(progress_[d].checksums));
     result.set_max_error(progress_[d].max_error);
     result.set_blocks_fell_back(progress_[d].fell_back);
@@ -371,6 +390,12 @@ void DeformCall::push_results(std::size_t step, WholeDesigns* whole) {
   }
 }
 
+void DeformCall::push_failure(std::size_t number, const Error& error) {
+  v1::DesignResult& result = *push().mutable_result();
+  result.set_design(static_cast<std::uint32_t>(number));
+  error_to_proto(error, *result.mutable_error());
+}
+
 void DeformCall::push_summary() {
   v1::DeformSummary& summary = *push().mutable_summary();
   summary.set_queue_ms(stats_.queue_ms);
@@ -387,7 +412,7 @@ void DeformCall::push_summary() {
   }
   produced_ = true;
   slot_.leave();
-  parts_.on_served(bound_->plan.designs);
+  parts_.on_served(bound_->plan.designs - failed_);
 }
 
 DeformJob::Poll DeformCall::poll(v1::DeformReply& reply) {

@@ -15,6 +15,7 @@
 #include "core/codec/block.h"
 #include "core/quality/extreme.h"
 #include "server/call.h"
+#include "server/design_failures.h"
 #include "server/memory.h"
 #include "server/scheduler.h"
 #include "server/step_plan.h"
@@ -45,7 +46,8 @@ struct DeformTask {
   SystemCache::Prepare prepare;  ///< of the system, should it not be resident
   /// Bytes that `bind` and its result need.
   std::function<std::size_t(const ResidentSystem&)> bind_bytes;
-  std::function<std::unique_ptr<const Evaluation>(const ResidentSystem&, const RunContext&)> bind;
+  std::function<BoundDesigns(const ResidentSystem&, const RunContext&)> bind;
+  Failures failures = Failures::fail_request;
   /// Who looks at whole designs; may be empty, and may give nobody.
   std::function<std::unique_ptr<const DesignChecker>(const SystemCache::Handle&, const RunContext&)> checker;
 };
@@ -67,11 +69,11 @@ class DeformCall : public Call {
 
  private:
   /// What the running steps share; lives until the last of them is over.
-  struct Bound {
+  struct Bound : BoundDesigns {
     SystemCache::Handle system;
-    std::shared_ptr<const Evaluation> evaluation;
+    Failures failures = Failures::fail_request;
     std::unique_ptr<const DesignChecker> checker;  ///< null: nobody looks at whole designs
-    StepPlan plan;
+    StepPlan plan;                                 ///< of the designs that could be bound
     codec::EncodeOptions output;
     DeformTask::Values values = DeformTask::Values::positions;
     Charge charge;
@@ -88,6 +90,7 @@ class DeformCall : public Call {
     std::once_flag allocated;
     std::vector<std::unique_ptr<Vec3[]>> gathered;
     std::atomic<std::size_t> missing;  ///< blocks
+    DesignErrors failed;  ///< by their place in the group: they have no blocks
   };
   /// Outcome of one step: per design its block.
   struct StepResult {
@@ -124,6 +127,7 @@ class DeformCall : public Call {
   void release_step(std::size_t step, StepResult&& result);
   void push_header();
   void push_results(std::size_t step, WholeDesigns* whole);
+  void push_failure(std::size_t number, const Error& error);
   void push_summary();
   v1::DeformReply& push();
   void end();
@@ -156,6 +160,7 @@ class DeformCall : public Call {
   double bind_ms_ = 0;
   bool prepared_again_ = false;
   std::uint32_t fell_back_ = 0;
+  std::size_t failed_ = 0;  // designs, of those that were bound
 };
 
 }  // namespace deform::server

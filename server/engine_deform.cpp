@@ -83,7 +83,12 @@ std::shared_ptr<DeformJob> EngineImpl::begin_job(DeformTask task, const CallCont
 std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::uint64_t request_id, const CallContext& call,
                                               std::function<void()> on_ready) {
   check_open();
-  check_designs(request, options_.max_designs);
+  const Failures failures = failures_from_proto(request);
+  if (failures == Failures::fail_request) {
+    check_designs(request, options_.max_designs);
+  } else {
+    check_design_count(request, options_.max_designs);
+  }
   encode_options(request.output(), 1.0);  // refuses at once what is plainly wrong
   const EvaluationPath path = path_from_proto(request.path());
   const DesignChecks checks = DesignChecks::from_proto(request);
@@ -92,20 +97,29 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
   task.request_id = request_id;
   task.designs = static_cast<std::size_t>(request.designs_size());
   task.output = request.output();
+  task.failures = failures;
   const auto shared = std::make_shared<const v1::DeformRequest>(std::move(request));
   task.bind_bytes = [shared](const ResidentSystem& system) { return bind_bytes(*shared, system.info); };
-  task.bind = [shared, path, id = task.system_id, starts = call.warm_starts](const ResidentSystem& system,
-                                                                             const RunContext& context) {
-    const std::vector<Design> designs = designs_from_proto(*shared, system.info);
-    if (!shared->warm_start()) return system.system->bind(designs, path, context);
-    WarmStart warm = starts ? starts->last(id) : WarmStart{};
-    auto evaluation = system.system->bind_sequence(designs, path, warm, context);
-    if (starts) starts->set(id, std::move(warm));
-    return evaluation;
+  task.bind = [shared, path, failures, id = task.system_id, starts = call.warm_starts](
+                  const ResidentSystem& system, const RunContext& context) -> BoundDesigns {
+    const WarmStart start = shared->warm_start() && starts ? starts->last(id) : WarmStart{};
+    WarmStart warm;
+    const auto bind = [&](std::span<const Design> designs) {
+      if (!shared->warm_start()) return system.system->bind(designs, path, context);
+      warm = start;
+      return system.system->bind_sequence(designs, path, warm, context);
+    };
+    BoundDesigns bound = failures == Failures::per_design ? bind_each(convert_each(*shared, system), bind)
+                                                          : BoundDesigns(bind(designs_from_proto(*shared, system.info)));
+    if (shared->warm_start() && starts && bound.evaluation) starts->set(id, std::move(warm));
+    return bound;
   };
-  task.checker = [this, shared, checks](const SystemCache::Handle& system, const RunContext& context) {
-    return DesignChecker::make(
-        system, checks, [&] { return designs_from_proto(*shared, system->info); }, memory_, context);
+  task.checker = [this, shared, checks, failures](const SystemCache::Handle& system, const RunContext& context) {
+    const auto designs = [&] {
+      return failures == Failures::per_design ? convert_each(*shared, *system).designs
+                                              : designs_from_proto(*shared, system->info);
+    };
+    return DesignChecker::make(system, checks, designs, memory_, context);
   };
   return begin_job(std::move(task), call, std::move(on_ready));
 }
@@ -120,10 +134,10 @@ std::shared_ptr<DeformJob> EngineImpl::jacobian_vector(v1::JacobianVectorRequest
   task.output.set_encoding(v1::RAW_F64);
   task.values = DeformTask::Values::vectors;
   task.bind_bytes = [](const ResidentSystem& system) { return 2 * system.mesh->point_count() * sizeof(Vec3); };
-  task.bind = [request = std::move(request)](const ResidentSystem& system, const RunContext& context) {
+  task.bind = [request = std::move(request)](const ResidentSystem& system, const RunContext& context) -> BoundDesigns {
     const auto variables = values_or_zero(request.variables(), system.setup);
     const auto direction = values(request.direction(), system.setup, "direction");
-    return std::make_unique<const FieldEvaluation>(system.system->jacobian_vector(variables, direction, context));
+    return BoundDesigns(std::make_unique<const FieldEvaluation>(system.system->jacobian_vector(variables, direction, context)));
   };
   return begin_job(std::move(task), call, std::move(on_ready));
 }

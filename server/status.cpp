@@ -8,39 +8,23 @@
 
 namespace deform::server {
 
-namespace {
+static_assert(status_number(ErrorCode::invalid_argument) == grpc::StatusCode::INVALID_ARGUMENT);
+static_assert(status_number(ErrorCode::not_found) == grpc::StatusCode::NOT_FOUND);
+static_assert(status_number(ErrorCode::already_exists) == grpc::StatusCode::ALREADY_EXISTS);
+static_assert(status_number(ErrorCode::failed_precondition) == grpc::StatusCode::FAILED_PRECONDITION);
+static_assert(status_number(ErrorCode::out_of_budget) == grpc::StatusCode::RESOURCE_EXHAUSTED);
+static_assert(status_number(ErrorCode::numerical_failure) == grpc::StatusCode::ABORTED);
+static_assert(status_number(ErrorCode::cancelled) == grpc::StatusCode::CANCELLED);
+static_assert(status_number(ErrorCode::deadline_exceeded) == grpc::StatusCode::DEADLINE_EXCEEDED);
+static_assert(status_number(ErrorCode::data_loss) == grpc::StatusCode::DATA_LOSS);
+static_assert(status_number(ErrorCode::unavailable) == grpc::StatusCode::UNAVAILABLE);
+static_assert(status_number(ErrorCode::internal) == grpc::StatusCode::INTERNAL);
 
-struct Pair {
-  ErrorCode error;
-  grpc::StatusCode status;
-};
-
-constexpr Pair pairs[] = {
-    {ErrorCode::invalid_argument, grpc::StatusCode::INVALID_ARGUMENT},
-    {ErrorCode::not_found, grpc::StatusCode::NOT_FOUND},
-    {ErrorCode::already_exists, grpc::StatusCode::ALREADY_EXISTS},
-    {ErrorCode::failed_precondition, grpc::StatusCode::FAILED_PRECONDITION},
-    {ErrorCode::out_of_budget, grpc::StatusCode::RESOURCE_EXHAUSTED},
-    {ErrorCode::numerical_failure, grpc::StatusCode::ABORTED},
-    {ErrorCode::cancelled, grpc::StatusCode::CANCELLED},
-    {ErrorCode::deadline_exceeded, grpc::StatusCode::DEADLINE_EXCEEDED},
-    {ErrorCode::data_loss, grpc::StatusCode::DATA_LOSS},
-    {ErrorCode::unavailable, grpc::StatusCode::UNAVAILABLE},
-    {ErrorCode::internal, grpc::StatusCode::INTERNAL},
-};
-
-}  // namespace
-
-grpc::StatusCode to_status_code(ErrorCode code) {
-  for (const Pair& pair : pairs) {
-    if (pair.error == code) return pair.status;
-  }
-  return grpc::StatusCode::INTERNAL;
-}
+grpc::StatusCode to_status_code(ErrorCode code) { return static_cast<grpc::StatusCode>(status_number(code)); }
 
 ErrorCode to_error_code(grpc::StatusCode code) {
-  for (const Pair& pair : pairs) {
-    if (pair.status == code) return pair.error;
+  for (const auto& [error, number] : status_numbers) {
+    if (static_cast<grpc::StatusCode>(number) == code) return error;
   }
   switch (code) {
     case grpc::StatusCode::OUT_OF_RANGE:

@@ -9,13 +9,13 @@
 #include <optional>
 
 #include "core/base/error.h"
+#include "server/status_number.h"
 
 namespace deform::server {
 
 /// The one translation between Error and what goes over the wire, both directions side by side. Every code survives the round
 /// trip; the message is made printable and cut at max_status_message bytes; the retry hint travels beside the status.
 
-inline constexpr std::size_t max_status_message = 2000;
 /// Trailing metadata that carries Error::retry_after_ms(), decimal.
 inline constexpr char retry_after_key[] = "retry-after-ms";
 

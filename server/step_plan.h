@@ -26,7 +26,7 @@ struct StepPlan {
     return std::min({designs, most_designs, fit});
   }
   std::size_t blocks() const { return (points + block_points - 1) / block_points; }
-  std::size_t groups() const { return (designs + group() - 1) / group(); }
+  std::size_t groups() const { return designs == 0 ? 0 : (designs + group() - 1) / group(); }
   /// That may be under way at once where they are gathered, so that no worker waits for the end of a group.
   std::size_t open_groups(int workers) const {
     const std::size_t busy = 1 + (static_cast<std::size_t>(workers) + blocks() - 1) / blocks();

@@ -20,8 +20,13 @@ std::string trimmed(const std::string& text) {
   throw Error(ErrorCode::invalid_argument, name + ":" + std::to_string(line) + ": " + why);
 }
 
-std::vector<std::string> split(const std::string& line, const std::string& name, std::size_t number) {
+struct Fields {
   std::vector<std::string> fields;
+  bool open_quote = false;
+};
+
+Fields split(const std::string& line) {
+  Fields result;
   std::string field;
   bool quoted = false, was_quoted = false;
   for (std::size_t i = 0; i < line.size(); ++i) {
@@ -38,16 +43,16 @@ std::vector<std::string> split(const std::string& line, const std::string& name,
       quoted = was_quoted = true;
       field.clear();
     } else if (c == ',') {
-      fields.push_back(was_quoted ? field : trimmed(field));
+      result.fields.push_back(was_quoted ? field : trimmed(field));
       field.clear();
       was_quoted = false;
     } else if (!(was_quoted && (c == ' ' || c == '\t' || c == '\r'))) {
       field += c;
     }
   }
-  if (quoted) refuse(name, number, "a quote is not closed");
-  fields.push_back(was_quoted ? field : trimmed(field));
-  return fields;
+  result.open_quote = quoted;
+  result.fields.push_back(was_quoted ? field : trimmed(field));
+  return result;
 }
 
 void check_header(const Csv& csv, std::size_t line) {
@@ -73,7 +78,7 @@ double Csv::number(const Row& row, std::size_t column) const {
   return *value;
 }
 
-Csv parse_csv(const std::string& text, const std::string& name) {
+Csv parse_csv(const std::string& text, const std::string& name, BadRows bad_rows) {
   Csv csv;
   csv.name = name;
   std::size_t begin = text.starts_with("\xef\xbb\xbf") ? 3 : 0;  // a byte order mark, as spreadsheets write it
@@ -83,24 +88,32 @@ Csv parse_csv(const std::string& text, const std::string& name) {
     begin = end + 1;
     const std::string bare = trimmed(content);
     if (bare.empty() || bare.front() == '#') continue;
-    auto fields = split(content, name, line);
+    Fields found = split(content);
+    std::string problem = found.open_quote ? "a quote is not closed" : "";
     if (csv.header.empty()) {
-      csv.header = std::move(fields);
+      if (!problem.empty()) refuse(name, line, problem);
+      csv.header = std::move(found.fields);
       check_header(csv, line);
       continue;
     }
-    if (fields.size() != csv.header.size()) {
-      refuse(name, line, std::to_string(fields.size()) + " fields, the header has " + std::to_string(csv.header.size()));
+    if (problem.empty() && found.fields.size() != csv.header.size()) {
+      problem = std::to_string(found.fields.size()) + " fields, the header has " + std::to_string(csv.header.size());
     }
-    csv.rows.push_back({line, std::move(fields)});
+    if (problem.empty()) {
+      csv.rows.push_back({line, std::move(found.fields)});
+    } else if (bad_rows == BadRows::refuse) {
+      refuse(name, line, problem);
+    } else {
+      csv.bad_rows.push_back({line, std::move(found.fields), name + ":" + std::to_string(line) + ": " + problem});
+    }
   }
   if (csv.header.empty()) throw Error(ErrorCode::invalid_argument, name + ": empty, expected a header line");
   return csv;
 }
 
-Csv read_csv(const std::filesystem::path& path) {
+Csv read_csv(const std::filesystem::path& path, BadRows bad_rows) {
   constexpr std::size_t max_bytes = std::size_t{1} << 32;
-  return parse_csv(io::read_file(path, nullptr, max_bytes), path.string());
+  return parse_csv(io::read_file(path, nullptr, max_bytes), path.string(), bad_rows);
 }
 
 }  // namespace deform::cli

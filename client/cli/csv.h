@@ -13,9 +13,16 @@ struct Csv {
     std::size_t line = 0;             ///< from 1
     std::vector<std::string> fields;  ///< as many as the header has
   };
+  /// A row that is none; with BadRows::keep only.
+  struct BadRow {
+    std::size_t line = 0;
+    std::vector<std::string> fields;  ///< as far as they could be told apart
+    std::string reason;               ///< with name and line
+  };
   std::string name;  ///< for errors
   std::vector<std::string> header;
   std::vector<Row> rows;
+  std::vector<BadRow> bad_rows;
 
   /// "name:line: column: "
   std::string where(const Row& row, std::size_t column) const;
@@ -23,8 +30,11 @@ struct Csv {
   double number(const Row& row, std::size_t column) const;
 };
 
-/// Throws Error(invalid_argument): no header, empty or repeated column name, a row with more or fewer fields, an open quote.
-Csv parse_csv(const std::string& text, const std::string& name);
-Csv read_csv(const std::filesystem::path& path);
+/// What becomes of a row with more or fewer fields than the header, or an open quote.
+enum class BadRows { refuse, keep };
+
+/// Throws Error(invalid_argument): no header, empty or repeated column name, a bad row unless they are kept.
+Csv parse_csv(const std::string& text, const std::string& name, BadRows bad_rows = BadRows::refuse);
+Csv read_csv(const std::filesystem::path& path, BadRows bad_rows = BadRows::refuse);
 
 }  // namespace deform::cli

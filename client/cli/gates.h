@@ -47,6 +47,7 @@ class DesignGates {
   void add_to(CLI::App& command);
 
   bool empty() const { return gates_.empty(); }
+  const std::vector<Gate>& gates() const { return gates_; }
   /// In the order of the command line.
   std::vector<FailedGate> failed(const v1::DesignResult& result) const;
 

@@ -1,46 +1,40 @@
 #pragma once
 
-#include <cstdint>
 #include <filesystem>
-#include <fstream>
-#include <map>
 #include <memory>
-#include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "client/cli/sweep_designs.h"
+#include "client/cli/manifest.h"
 
 namespace deform::cli {
 
-/// One finished result in the manifest: a text file of JSON lines that grows by one line after each result is safely there. A
-/// line that was torn by a crash does not count.
-struct ManifestEntry {
+/// A result of the sweep as it is now.
+struct ExpectedResult {
   std::string name;
-  std::string hash;          ///< design_hash()
-  std::string file;          ///< in the folder or archive
-  std::uint64_t offset = 0;  ///< of the entry in the archive; 0 in a folder
-  std::uint64_t bytes = 0;
+  std::string hash;  ///< design_hash()
 };
 
-/// Where the results of a sweep go; what is there already is known and kept. Thread-safe.
+/// Where the results of a sweep go; what is there already is known and kept. Thread-safe. A full disk is an
+/// Error(failed_precondition) naming the file; whatever was finished before stays finished.
 class SweepOutput {
  public:
   virtual ~SweepOutput() = default;
-  /// This result is there from an earlier run.
-  virtual bool has(const std::string& name, const std::string& hash) const = 0;
-  /// Stores a result; it counts only when it is complete.
-  virtual void put(const std::string& name, const std::string& hash, const std::string& bytes) = 0;
-  /// All results are there.
+  /// What was found about this result when it was computed; nothing when it is not there.
+  virtual std::optional<ResultVerdicts> find(const ExpectedResult& result) const = 0;
+  /// Stores a result. It is on the disk when this returns, and recorded after that.
+  virtual void put(const ExpectedResult& result, const ResultVerdicts& verdicts, const std::string& bytes) = 0;
+  /// Records why a design has no result. It is tried again by the next run.
+  virtual void fail(const std::string& name, const std::string& reason) = 0;
+  /// Nothing more comes: an archive gets its name and holds the expected results that are there.
   virtual void finish() = 0;
 };
 
-/// Expected results by name, with their hashes: what is stored but not expected must not stand in an archive.
-using ExpectedResults = std::map<std::string, std::string>;
-
-/// A folder, or an archive when the path ends in .tar. `extension` is that of the files (".obj", ".off.gz"). An archive is
-/// written as PATH.part and gets its name in finish(). Throws Error(invalid_argument) when the place cannot be used.
+/// A folder, or an archive when the path ends in .tar. `extension` is that of the files (".obj", ".off.gz"). Throws
+/// Error(invalid_argument) when the place cannot be used, or holds what is not of a sweep and would be overwritten: that is left
+/// as it is.
 std::unique_ptr<SweepOutput> open_sweep_output(const std::filesystem::path& path, const std::string& extension,
-                                               const ExpectedResults& expected);
+                                               std::vector<ExpectedResult> expected);
 
 }  // namespace deform::cli

@@ -1,5 +1,6 @@
 #include "client/cli/tar.h"
 
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <cstring>
@@ -12,6 +13,7 @@ namespace deform::cli {
 namespace {
 
 constexpr std::size_t block = 512;
+constexpr std::size_t longest_name = 100;
 constexpr std::uint64_t largest_entry = 077777777777;  // eleven octal digits
 
 std::size_t padding(std::uint64_t bytes) { return static_cast<std::size_t>((block - bytes % block) % block); }
@@ -50,45 +52,61 @@ Header make_header(const std::string& name, std::uint64_t bytes) {
   return header;
 }
 
+void check_fits(const std::string& name, std::uint64_t bytes) {
+  if (name.size() <= longest_name && bytes <= largest_entry) return;
+  throw Error(ErrorCode::invalid_argument, "archive: " + name + " does not fit; write to a folder instead");
+}
+
 }  // namespace
 
 std::uint64_t tar_entry_bytes(std::uint64_t bytes) { return block + bytes + padding(bytes); }
 
-TarWriter::TarWriter(const std::filesystem::path& path, std::uint64_t end) : path_(path), end_(end) {
-  if (end > 0) {
-    std::filesystem::resize_file(path, end);
-    file_.open(path, std::ios::binary | std::ios::app);
-  } else {
-    file_.open(path, std::ios::binary | std::ios::trunc);
-  }
-  if (!file_)
-    throw Error(ErrorCode::invalid_argument, "cannot write " + path.string() + "; check the folder and its permissions");
+bool tar_has_entry(const DurableFile& archive, std::uint64_t offset, const std::string& name, std::uint64_t bytes) {
+  if (name.size() > longest_name || bytes > largest_entry || archive.size() < offset) return false;
+  if (archive.size() - offset < tar_entry_bytes(bytes)) return false;
+  const Header header = make_header(name, bytes);
+  return archive.read(offset, block) == std::string_view(header.data(), block);
 }
 
-void TarWriter::add(const std::string& name, const std::string& bytes) {
-  constexpr std::size_t longest_name = 100;
-  if (name.size() > longest_name || bytes.size() > largest_entry) {
-    throw Error(ErrorCode::invalid_argument, "archive: " + name + " does not fit; write to a folder instead");
-  }
+TarWriter::TarWriter(const std::filesystem::path& path, std::uint64_t end) : file_(path), end_(end) {
+  if (file_.size() != end) file_.cut(end);
+}
+
+void TarWriter::add(const std::string& name, std::string_view bytes) {
+  check_fits(name, bytes.size());
   const Header header = make_header(name, bytes.size());
-  const std::string zeros(padding(bytes.size()), '\0');
-  file_.write(header.data(), block);
-  file_.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  file_.write(zeros.data(), static_cast<std::streamsize>(zeros.size()));
-  flush();
+  try {
+    file_.append({header.data(), block});
+    file_.append(bytes);
+    file_.append(std::string(padding(bytes.size()), '\0'));
+    file_.sync();
+  } catch (...) {
+    file_.cut(end_);
+    throw;
+  }
   end_ += tar_entry_bytes(bytes.size());
 }
 
-void TarWriter::finish() {
-  const std::string zeros(2 * block, '\0');
-  file_.write(zeros.data(), static_cast<std::streamsize>(zeros.size()));
-  flush();
-  file_.close();
+void TarWriter::add_copy(const std::string& name, const DurableFile& from, std::uint64_t offset, std::uint64_t bytes) {
+  constexpr std::uint64_t piece = 1 << 22;
+  check_fits(name, bytes);
+  const Header header = make_header(name, bytes);
+  file_.append({header.data(), block});
+  for (std::uint64_t done = 0; done < bytes;) {
+    const std::string content = from.read(offset + block + done, static_cast<std::size_t>(std::min(piece, bytes - done)));
+    if (content.empty()) throw Error(ErrorCode::data_loss, "archive " + from.path().string() + ": it has become shorter");
+    file_.append(content);
+    done += content.size();
+  }
+  file_.append(std::string(padding(bytes), '\0'));
+  end_ += tar_entry_bytes(bytes);
 }
 
-void TarWriter::flush() {
-  file_.flush();
-  if (!file_) throw Error(ErrorCode::unavailable, "cannot write " + path_.string() + "; is the disk full?");
+void TarWriter::close() {
+  file_.append(std::string(tar_end_bytes, '\0'));
+  file_.sync();
 }
+
+void TarWriter::rename(const std::filesystem::path& target) { file_.rename(target); }
 
 }  // namespace deform::cli

@@ -81,9 +81,7 @@ LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progre
   return loaded;
 }
 
-namespace {
-
-PreparedSetup prepare(Connection& connection, LoadedSetup&& loaded, Progress& progress) {
+PreparedSetup prepare_loaded(Connection& connection, LoadedSetup&& loaded, Progress& progress) {
   PreparedSetup prepared;
   const auto start = std::chrono::steady_clock::now();
   if (loaded.system) {
@@ -100,16 +98,14 @@ PreparedSetup prepare(Connection& connection, LoadedSetup&& loaded, Progress& pr
   return prepared;
 }
 
-}  // namespace
-
 PreparedSetup prepare_setup(Connection& connection, const PrepareInput& input, Progress& progress) {
   LoadedSetup loaded = load_setup(connection, input, progress);
   loaded.system.reset();
-  return prepare(connection, std::move(loaded), progress);
+  return prepare_loaded(connection, std::move(loaded), progress);
 }
 
 PreparedSetup open_setup(Connection& connection, const PrepareInput& input, Progress& progress) {
-  return prepare(connection, load_setup(connection, input, progress), progress);
+  return prepare_loaded(connection, load_setup(connection, input, progress), progress);
 }
 
 const io::MeshFile& source_of(const PreparedSetup& prepared) {

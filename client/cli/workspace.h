@@ -62,6 +62,9 @@ struct LoadedSetup {
 };
 LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progress& progress);
 
+/// Prepares what was loaded; a system that was named by its id is taken as it is.
+PreparedSetup prepare_loaded(Connection& connection, LoadedSetup&& loaded, Progress& progress);
+
 /// Reads, registers, prepares.
 PreparedSetup prepare_setup(Connection& connection, const PrepareInput& input, Progress& progress);
 /// The same, but a system that is named by its id is taken as it is: the server prepares it again when it has to.

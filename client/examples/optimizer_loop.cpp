@@ -79,13 +79,15 @@ int main(int argc, char** argv) try {
       for (double& value : x) value = std::clamp(value + step * normal(random), -0.05, 0.05);
       v1::DeformRequest request;
       request.set_system_id(system.id());
+      request.set_failures(v1::FAILURES_PER_DESIGN);  // a bad candidate is no reason to end
       *request.add_designs() = client::variables_design(x);
       answers.push_back(session->submit(request));
       population.push_back(std::move(x));
     }
     bool better = false;
     for (std::size_t k = 0; k < population.size(); ++k) {
-      const double value = cost(population[k], answers[k].get().designs[0].points);
+      const client::DeformedDesign design = std::move(answers[k].get().designs[0]);
+      const double value = design.error ? HUGE_VAL : cost(population[k], design.points);
       if (value >= best_cost) continue;
       best_cost = value;
       best = population[k];

@@ -64,6 +64,57 @@ TEST(Client, DeformsAndFetchesThePointsOnce) {
   EXPECT_EQ(fetched, 1);
 }
 
+/// The replies of a request whose first of two designs has failed alone.
+std::vector<v1::DeformReply> first_failed() {
+  ReplyScript script;
+  script.designs = 2;
+  std::vector<v1::DeformReply> answer;
+  for (const auto& reply : test::replies(script)) {
+    if (reply.has_block() && reply.block().design() == 0) continue;
+    answer.push_back(reply);
+    if (!reply.has_result() || reply.result().design() != 0) continue;
+    answer.back().mutable_result()->Clear();
+    answer.back().mutable_result()->mutable_error()->set_code(10);
+    answer.back().mutable_result()->mutable_error()->set_message("singular");
+  }
+  return answer;
+}
+
+TEST(Client, ADesignThatFailsAloneIsNeverOverlooked) {
+  ScriptedService service;
+  v1::Failures asked = v1::FAILURES_DEFAULT;
+  service.on_deform = [&](grpc::ServerContext&, const v1::DeformRequest& request, ScriptedService::Writer& writer) {
+    asked = request.failures();
+    for (const auto& reply : first_failed()) writer.Write(reply, grpc::WriteOptions());
+    return grpc::Status::OK;
+  };
+  service.on_stream = [&](grpc::ServerContext&, ScriptedService::Stream& stream) {
+    v1::DeformStreamRequest message;
+    while (stream.Read(&message)) {
+      asked = message.request().failures();
+      for (auto reply : first_failed()) {
+        reply.set_request_id(message.request_id());
+        stream.Write(reply, grpc::WriteOptions());
+      }
+    }
+    return grpc::Status::OK;
+  };
+  Client client = service.client();
+  keep(client);
+  v1::DeformRequest request = raw_request(2);
+  expect_error(ErrorCode::data_loss, {"singular"}, [&] { client.deform(request); });
+  expect_error(ErrorCode::data_loss, {"singular"}, [&] { client.open_session()->submit(request).get(); });
+  request.set_failures(v1::FAILURES_PER_DESIGN);
+  const auto session = client.open_session();
+  for (const auto& outcome : {client.deform(request), session->submit(request).get()}) {
+    EXPECT_EQ(asked, v1::FAILURES_PER_DESIGN);
+    ASSERT_TRUE(outcome.designs.at(0).error);
+    EXPECT_EQ(outcome.designs[0].error->code(), ErrorCode::numerical_failure);
+    EXPECT_FALSE(outcome.designs.at(1).error);
+    EXPECT_EQ(outcome.designs[1].points, test::deformed_points(5000, 1));
+  }
+}
+
 TEST(Client, RefusesPointsThatDoNotAddUp) {
   ScriptedService service;
   service.on_get_geometry = [](const v1::GetGeometryRequest&, v1::GeometryInfo& info) {

@@ -22,13 +22,14 @@ using test::ReplyScript;
 
 /// Feeds replies to a decoder as a client does and returns its outcome or throws its error.
 DeformOutcome decode(std::vector<v1::DeformReply> messages, const ReplyScript& script, client::DesignSink sink = {},
-                     int threads = 2) {
+                     int threads = 2, v1::Failures failures = v1::FAILURES_DEFAULT) {
   std::promise<DeformOutcome> promise;
   auto future = promise.get_future();
   DecodePool pool(threads);
   ReplyDecoder::Options options;
   options.designs = script.designs;
   options.encoding = script.encoding;
+  options.failures = failures;
   options.sink = std::move(sink);
   options.points_of = [&](const std::string&) { return std::make_shared<const Points>(test::registered_points(script.points)); };
   options.on_done = [&](DeformOutcome&& outcome, const std::exception_ptr& error) {
@@ -161,6 +162,100 @@ TEST(Decoder, RefusesWhatBreaksTheContract) {
       continue;
     }
     expect_error(ErrorCode::data_loss, {row.message}, [&] { decode(messages, script); });
+  }
+}
+
+/// The replies of a script in which a design has failed instead.
+std::vector<v1::DeformReply> replies_without(const ReplyScript& script, std::uint32_t failed) {
+  auto messages = test::replies(script);
+  std::erase_if(messages, [&](const v1::DeformReply& m) { return m.has_block() && m.block().design() == failed; });
+  for (auto& message : messages) {
+    if (!message.has_result() || message.result().design() != failed) continue;
+    message.mutable_result()->Clear();
+    message.mutable_result()->set_design(failed);
+    message.mutable_result()->mutable_error()->set_code(3);
+    message.mutable_result()->mutable_error()->set_message("out of bounds");
+  }
+  return messages;
+}
+
+DeformOutcome decode_per_design(const std::vector<v1::DeformReply>& messages, const ReplyScript& script,
+                                const client::DesignSink& sink = {}) {
+  return decode(messages, script, sink, 2, v1::FAILURES_PER_DESIGN);
+}
+
+TEST(Decoder, ADesignMayHaveFailedAlone) {
+  ReplyScript script;
+  script.designs = 3;
+  for (std::uint32_t failed = 0; failed < 3; ++failed) {
+    const auto outcome = decode_per_design(replies_without(script, failed), script);
+    std::vector<int> seen(3, 0);
+    decode_per_design(replies_without(script, failed), script, [&](std::size_t d, DeformedDesign&& deformed) {
+      EXPECT_EQ(deformed.error.has_value(), d == failed);
+      ++seen[d];
+    });
+    EXPECT_EQ(seen, std::vector<int>(3, 1));
+    for (std::size_t d = 0; d < 3; ++d) {
+      const DeformedDesign& design = outcome.designs.at(d);
+      if (d != failed) {
+        EXPECT_FALSE(design.error);
+        EXPECT_EQ(design.points, test::deformed_points(script.points, d));
+        continue;
+      }
+      ASSERT_TRUE(design.error);
+      EXPECT_EQ(design.error->code(), ErrorCode::invalid_argument);
+      EXPECT_STREQ(design.error->what(), "out of bounds");
+      EXPECT_TRUE(design.points.empty());
+    }
+  }
+}
+
+TEST(Decoder, AnErrorOfADesignThatWasNotAskedForDoesNotPass) {
+  ReplyScript script;
+  script.designs = 2;
+  for (const auto failures : {v1::FAILURES_DEFAULT, v1::FAIL_REQUEST}) {
+    expect_error(ErrorCode::data_loss, {"design 1 has an error", "out of bounds"},
+                 [&] { decode(replies_without(script, 1), script, {}, 2, failures); });
+  }
+}
+
+TEST(Decoder, RefusesAnErrorThatContradictsItself) {
+  ReplyScript script;
+  script.designs = 2;
+  const auto result_of = [](auto& m, std::uint32_t design) -> v1::DesignResult& {
+    for (auto& message : m) {
+      if (message.has_result() && message.result().design() == design) return *message.mutable_result();
+    }
+    throw std::logic_error("no result");
+  };
+  const std::vector<Corruption> table = {
+      {"blocks", [&](auto& m) { result_of(m, 0).mutable_error()->set_code(3); }, "design 0 has blocks and an error"},
+      {"a block before",
+       [&](auto& m) {
+         auto message = test::replies(script)[1];
+         message.mutable_block()->set_design(1);
+         m.insert(m.begin() + 1, message);
+       },
+       "design 1 has blocks and an error"},
+      {"a block behind",
+       [&](auto& m) {
+         auto message = test::replies(script)[1];
+         message.mutable_block()->set_design(1);
+         m.insert(m.end() - 1, message);
+       },
+       "after its result"},
+      {"no code", [&](auto& m) { result_of(m, 1).mutable_error()->set_code(0); }, "without a code"},
+      {"a checksum", [&](auto& m) { result_of(m, 1).set_checksum(1); }, "an error and findings"},
+      {"cells", [&](auto& m) { result_of(m, 1).mutable_cells()->set_cells(1); }, "an error and findings"},
+      {"twice", [&](auto& m) { m.insert(m.end() - 1, m[m.size() - 2]); }, "after its result"},
+      {"neither blocks nor error", [&](auto& m) { result_of(m, 1).clear_error(); }, "comes after 0 of 5000 points"},
+      {"unknown design", [&](auto& m) { result_of(m, 1).set_design(2); }, "a result of design 2, asked were 2"},
+  };
+  for (const auto& row : table) {
+    SCOPED_TRACE(row.name);
+    auto messages = replies_without(script, 1);
+    row.corrupt(messages);
+    expect_error(ErrorCode::data_loss, {row.message}, [&] { decode_per_design(messages, script); });
   }
 }
 

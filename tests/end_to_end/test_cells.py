@@ -108,13 +108,18 @@ class Cells(EndToEnd):
             self.assertEqual(quality["flipped_faces"], 0)
         self.write("designs.csv", "name,turn,shift\nsmall,0.2,0\nlarge,2.3,0\nhopeless,0,0.9\n")
         reply = self.deform("sweep", "square.yaml", "--designs", "designs.csv", "-o", "results", "--split", "uniform",
-                            "--most-steps", "4", "--json").json
+                            "--most-steps", "4", "--json", expect=4).json
         self.assertEqual(reply["written"], 3)
         self.assertEqual(list(reply["inverted"]), ["hopeless"])
-        reply = self.deform("sweep", "square.yaml", "--designs", "designs.csv", "-o", "results", "--json").json
+        self.assertIn("the split did not arrive", reply["bad"]["hopeless"][0])
+        command = ["sweep", "square.yaml", "--designs", "designs.csv", "-o", "results"]
+        reply = self.deform(*command, "--json", expect=4).json
         self.assertEqual(reply["written"], 3, "without splitting these are other results")
         self.assertEqual(sorted(reply["inverted"]), ["hopeless", "large"])
-        self.assertIn("large has inverted cells", self.deform("sweep", "square.yaml", "--designs", "designs.csv", "-o", "again").out)
+        again = self.deform(*command, "--json", expect=4).json
+        self.assertEqual((again["written"], again["inverted"], again["bad"]), (0, reply["inverted"], reply["bad"]), "told again")
+        done = self.fails(4, *command, says=["2 of 3 designs are bad, the first: hopeless: "], prints=True)
+        self.assertRegex(done.out, rf"large: \d+ of {N * N} cells are inverted; none before 0\.\d+ of the motion")
 
     def test_quality_of_a_volume(self):
         self.write("cube.mesh", hexahedra(6))

@@ -128,11 +128,18 @@ class Flow(EndToEnd):
         self.deform("prepare", "setup.yaml")
         child = self.spawn(*command)
         manifest = self.path("results/sweep.manifest")
-        self.wait_until(lambda: os.path.exists(manifest) and os.path.getsize(manifest) > 0, "a first result")
+        def entries():
+            """Of finished results; there are other lines, too."""
+            if not os.path.exists(manifest):
+                return {}
+            with open(manifest) as file:
+                lines = [json.loads(line) for line in file.read().split("\n")[:-1]]
+            return {line["name"]: line for line in lines if "hash" in line}
+
+        self.wait_until(entries, "a first result")
         child.send_signal(signal.SIGKILL)
         child.wait()
-        with open(manifest) as file:
-            recorded = {json.loads(line)["name"]: json.loads(line) for line in file.read().split("\n")[:-1]}
+        recorded = entries()
         for entry in recorded.values():  # what counts as finished is complete
             self.assertEqual(len(read_obj(self.path("results/" + entry["file"]))[0]), self.sample["points"])
         resumed = self.deform(*command).json

@@ -359,6 +359,48 @@ TEST_P(ServiceEngine, BadInputIsToldWhatIsWrongAndLeavesNothing) {
   EXPECT_TRUE(status.ok()) << "and the server goes on";
 }
 
+TEST_P(ServiceEngine, ABadDesignOfAStreamFailsAlone) {
+  prepare_sheet();
+  grpc::ClientContext context;
+  const auto stream = stub->DeformStream(&context);
+  v1::DeformStreamRequest message;
+  message.set_request_id(5);
+  message.set_more(true);
+  *message.mutable_request() = request({0.9, 0});
+  message.mutable_request()->set_failures(v1::FAILURES_PER_DESIGN);
+  ASSERT_TRUE(stream->Write(message));
+  message.Clear();  // the rest of the request in another message
+  message.set_request_id(5);
+  *message.mutable_request()->add_designs() = request({0.2, 0.1}).designs(0);
+  message.mutable_request()->add_designs()->add_motions()->set_handle(std::string("a\0\x1b[2J", 6));
+  ASSERT_TRUE(stream->Write(message));
+  stream->WritesDone();
+  std::map<std::uint32_t, v1::DesignResult> results;
+  Points points;
+  v1::DeformReply reply;
+  bool summary = false;
+  while (stream->Read(&reply)) {
+    EXPECT_EQ(reply.request_id(), 5u);
+    EXPECT_FALSE(reply.has_error()) << reply.error().message();
+    if (reply.has_block()) {
+      EXPECT_EQ(reply.block().design(), 1u);
+      place(reply.block(), points);
+    }
+    if (reply.has_result()) results[reply.result().design()] = reply.result();
+    summary = summary || reply.has_summary();
+  }
+  EXPECT_TRUE(stream->Finish().ok());
+  EXPECT_TRUE(summary);
+  ASSERT_EQ(results.size(), 3u);
+  EXPECT_EQ(results[0].error().code(), static_cast<std::uint32_t>(StatusCode::INVALID_ARGUMENT));
+  EXPECT_EQ(results[0].error().message().substr(0, 21), "variables[0] (\"up\"):");
+  EXPECT_FALSE(results[1].has_error());
+  EXPECT_TRUE(results[2].has_error());
+  EXPECT_EQ(results[2].error().message().find('\x1b'), std::string::npos);
+  grpc::Status status;
+  EXPECT_EQ(points, deform(request({0.2, 0.1}), status));
+}
+
 TEST_P(ServiceEngine, EverythingIsThereAfterARestart) {
   prepare_sheet();
   grpc::Status status;

@@ -2,23 +2,17 @@
 
 #include <cmath>
 #include <cstring>
-#include <fstream>
-#include <iterator>
 #include <optional>
 
 #include "client/cli/csv.h"
 #include "client/cli/motions.h"
 #include "client/cli/point_match.h"
 #include "client/cli/sweep_designs.h"
-#include "client/cli/sweep_output.h"
-#include "client/cli/tar.h"
-#include "core/io/mesh_file.h"
 #include "tests/support/expect_error.h"
 
 namespace deform {
 namespace {
 
-namespace fs = std::filesystem;
 using test::expect_error;
 
 TEST(Csv, ReadsQuotesCommentsAndLineEnds) {
@@ -159,98 +153,89 @@ TEST(Settings, FillOneValuePerVariable) {
   });
 }
 
+cli::DesignTable designs_of(const std::string& text, const v1::Setup& setup = two_variables()) {
+  return cli::read_designs(cli::parse_csv(text, "d.csv", cli::BadRows::keep), setup);
+}
+
 TEST(SweepDesigns, NamesAndHashes) {
-  const auto designs = cli::read_designs(cli::parse_csv("slant_turn\n1\n2\n", "d.csv"), two_variables());
+  const auto designs = designs_of("slant_turn\n1\n2\n").designs;
   ASSERT_EQ(designs.size(), 2u);
   EXPECT_EQ(designs[1].name, "design_0002");
+  EXPECT_EQ(designs[1].where, "d.csv:3: ");
   EXPECT_EQ(designs[1].values, (std::vector<double>{0, 2}));
   const cli::SweepIdentity identity{"system", "raw_f64", 0, ".obj"};
   EXPECT_NE(cli::design_hash(identity, designs[0]), cli::design_hash(identity, designs[1]));
   EXPECT_NE(cli::design_hash(identity, designs[0]), cli::design_hash({"other", "raw_f64", 0, ".obj"}, designs[0]));
-  const auto refused = [](const char* text, std::vector<const char*> parts) {
-    expect_error(ErrorCode::invalid_argument, parts, [&] { cli::read_designs(cli::parse_csv(text, "d.csv"), two_variables()); });
-  };
-  refused("roof_up,name\n1,a/b\n", {"d.csv:2: name", "cannot be a file name"});
-  refused("roof_up,name\n1,..\n", {"cannot be a file name"});
-  refused("roof_up,name\n1,a\n2,a\n", {"d.csv:3", "twice"});
-  refused("roof_up\n", {"no design"});
-  refused("roof_upp\n1\n", {"did you mean"});
-  refused("roof_up\none\n", {"d.csv:2: roof_up"});
 }
 
-std::string content(const fs::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
+TEST(SweepDesigns, ABadTableIsRefused) {
+  expect_error(ErrorCode::invalid_argument, {"no design"}, [] { designs_of("roof_up\n"); });
+  expect_error(ErrorCode::invalid_argument, {"did you mean"}, [] { designs_of("roof_upp\n1\n"); });
 }
 
-class SweepOutput : public testing::Test {
- protected:
-  void SetUp() override {
-    folder_ = fs::temp_directory_path() / ("deform_sweep_" + std::to_string(::getpid()));
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
+v1::Setup bounded() {
+  v1::Setup setup = two_variables();
+  setup.mutable_variables(0)->set_lower(-0.05);
+  setup.mutable_variables(0)->set_upper(0.05);
+  setup.mutable_variables(1)->set_upper(0.1);
+  return setup;
+}
+
+TEST(SweepDesigns, EveryBadRowIsNamedAndTheOthersGoOn) {
+  const auto table = designs_of(
+      "name,roof_up,slant_turn\n"
+      "a,0.05,-7\n"
+      "b,0.3,0\n"
+      "a/b,0,0\n"
+      "c,one,0\n"
+      "d,0\n"
+      "# a comment\n"
+      "a,0,0\n"
+      "e,\"0,0\n"
+      "f,-0.01,0.2\n"
+      "g,0,0.1\n",
+      bounded());
+  std::vector<std::string> good;
+  for (const auto& design : table.designs) good.push_back(design.name);
+  EXPECT_EQ(good, (std::vector<std::string>{"a", "g"}));
+  const std::vector<std::pair<std::string, std::string>> expected{
+      {"b", "d.csv:3: roof_up: 0.3 is outside of its bounds [-0.05, 0.05]"},
+      {"d.csv:4", "d.csv:4: name: \"a/b\" cannot be a file name: letters, digits and _ - . + only, at most 80"},
+      {"c", "d.csv:5: roof_up: expected a finite number, got \"one\""},
+      {"d", "d.csv:6: 2 fields, the header has 3"},
+      {"d.csv:8", "d.csv:8: name: \"a\" stands there twice"},
+      {"e", "d.csv:9: a quote is not closed"},
+      {"f", "d.csv:10: slant_turn: 0.2 is outside of its bounds [-inf, 0.1]"}};
+  ASSERT_EQ(table.bad.size(), expected.size());
+  for (std::size_t k = 0; k < expected.size(); ++k) {
+    EXPECT_EQ(table.bad[k].name, expected[k].first);
+    EXPECT_EQ(table.bad[k].reason, expected[k].second);
   }
-  void TearDown() override { fs::remove_all(folder_); }
-  fs::path folder_;
-};
+}
 
-TEST_F(SweepOutput, FolderKnowsWhatIsThere) {
-  const fs::path path = folder_ / "results";
-  cli::open_sweep_output(path, ".obj", {})->put("a", "1", "content");
-  EXPECT_EQ(content(path / "a.obj"), "content");
-  {
-    const auto again = cli::open_sweep_output(path, ".obj", {});
-    EXPECT_TRUE(again->has("a", "1"));
-    EXPECT_FALSE(again->has("a", "2"));
-    EXPECT_FALSE(again->has("b", "1"));
+TEST(SweepDesigns, BadRowsCountWhereNamesAreNumbers) {
+  const auto table = designs_of("roof_up\n0.01\nx\n1,2\n0.02\n", bounded());
+  ASSERT_EQ(table.designs.size(), 2u);
+  EXPECT_EQ(table.designs[1].name, "design_0004");
+  EXPECT_EQ(table.bad[0].name, "design_0002");
+  EXPECT_EQ(table.bad[1].name, "design_0003");
+}
+
+TEST(SweepDesigns, ABoundInSinglePrecisionIsTheBound) {
+  v1::DesignVariable variable = bounded().variables(0);
+  for (const double bound : {0.05, -0.05}) {
+    EXPECT_FALSE(cli::out_of_bounds(variable, bound));
+    EXPECT_FALSE(cli::out_of_bounds(variable, static_cast<double>(static_cast<float>(bound))));
+    EXPECT_FALSE(cli::out_of_bounds(variable, bound + std::copysign(0.99e-7, bound)));
+    EXPECT_TRUE(cli::out_of_bounds(variable, bound + std::copysign(2e-7, bound)));
   }
-  std::ofstream(path / "a.obj") << "cut";  // another size: not the recorded one
-  EXPECT_FALSE(cli::open_sweep_output(path, ".obj", {})->has("a", "1"));
-}
-
-TEST_F(SweepOutput, TornManifestLineDoesNotCount) {
-  const fs::path path = folder_ / "results";
-  cli::open_sweep_output(path, ".obj", {})->put("a", "1", "content");
-  std::ofstream(path / "sweep.manifest", std::ios::app) << "{\"name\":\"b\",\"hash\":\"1\",\"file\":\"a.obj\",\"off";
-  auto again = cli::open_sweep_output(path, ".obj", {});
-  EXPECT_TRUE(again->has("a", "1"));
-  EXPECT_FALSE(again->has("b", "1"));
-  again->put("c", "1", "more");
-  again.reset();
-  EXPECT_TRUE(cli::open_sweep_output(path, ".obj", {})->has("c", "1"));
-}
-
-TEST_F(SweepOutput, ArchiveGoesOnWhereItStopped) {
-  const cli::ExpectedResults expected{{"a", "1"}, {"b", "2"}};
-  const fs::path path = folder_ / "out.tar", whole = folder_ / "whole.tar";
-  cli::open_sweep_output(path, ".obj", expected)->put("a", "1", std::string(700, 'a'));
-  EXPECT_FALSE(fs::exists(path));
-  std::ofstream(folder_ / "out.tar.part", std::ios::app) << "half an entry";
-  {
-    const auto again = cli::open_sweep_output(path, ".obj", expected);
-    EXPECT_TRUE(again->has("a", "1"));
-    again->put("b", "2", std::string(512, 'b'));
-    again->finish();
-  }
-  const auto at_once = cli::open_sweep_output(whole, ".obj", expected);
-  at_once->put("a", "1", std::string(700, 'a'));
-  at_once->put("b", "2", std::string(512, 'b'));
-  at_once->finish();
-  EXPECT_EQ(content(path), content(whole));
-  EXPECT_EQ(content(path).size(), cli::tar_entry_bytes(700) + cli::tar_entry_bytes(512) + 1024);
-}
-
-TEST_F(SweepOutput, ArchiveOfOtherDesignsBeginsAnew) {
-  const fs::path path = folder_ / "out.tar";
-  const auto first = cli::open_sweep_output(path, ".obj", {{"a", "1"}});
-  first->put("a", "1", "old");
-  first->finish();
-  const auto second = cli::open_sweep_output(path, ".obj", {{"a", "2"}});
-  EXPECT_FALSE(second->has("a", "1"));
-  second->put("a", "2", "new");
-  second->finish();
-  EXPECT_EQ(content(path).size(), cli::tar_entry_bytes(3) + 1024);
-  EXPECT_EQ(content(path).substr(512, 3), "new");
+  variable.set_lower(-HUGE_VAL);
+  EXPECT_TRUE(cli::out_of_bounds(variable, 0.051));
+  variable.set_upper(1e9);
+  EXPECT_FALSE(cli::out_of_bounds(variable, 1e9 + 64));
+  variable.clear_lower();
+  variable.clear_upper();
+  EXPECT_FALSE(cli::out_of_bounds(variable, 1e300));
 }
 
 }  // namespace
