@@ -187,5 +187,17 @@ class ExitCodes(EndToEnd):
         self.assertIn(f"[::1]:{port}", done.stdout)
 
 
+class SmallServer(EndToEnd):
+    def test_what_does_not_fit_fails_with_its_estimate(self):
+        self.start_server("--memory-budget", "200M", "--cache-budget", "0.1G")
+        self.assertEqual(self.status()["memory_budget"], 200 << 20)
+        self.deform("sample", "-o", "long.obj", "--points", 12000)
+        self.write("long.yaml", LONG_SETUP)
+        self.fails(1, "prepare", "long.yaml", "--check", says=["does not fit", "200.0 MiB"], prints=True)
+        told = self.fails(1, "prepare", "long.yaml", "--check", "--json", prints=True).json
+        self.assertEqual((told["fits"], told["error"]["code"]), (False, "RESOURCE_EXHAUSTED"))
+        self.fails(1, "prepare", "long.yaml", says=["MiB"])
+
+
 if __name__ == "__main__":
     main()
