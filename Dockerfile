@@ -23,10 +23,12 @@ RUN /tmp/deploy/install-packages runtime \
  && useradd --system --uid 10001 --user-group --no-create-home --home-dir /nonexistent --shell /usr/sbin/nologin deformd \
  && install -d -o deformd -g deformd /var/lib/deformd
 COPY --from=build /opt/deform/bin/deformd /opt/deform/bin/deform /usr/local/bin/
+COPY deploy/health-check /usr/local/bin/
 
 # deformd listens on loopback unless told otherwise, and beyond it without encryption only when told --insecure. Inside a container
 # it must listen on every address to be reached at all, so both are said here. Who reaches it is decided outside: publish the port
-# to 127.0.0.1 or to a private network, never to the open internet.
+# to 127.0.0.1 or to a private network, never to the open internet. Change the address here, not by --address: the health check asks
+# where DEFORMD_ADDRESS says.
 ENV DEFORMD_ADDRESS=0.0.0.0:50051 \
     DEFORMD_INSECURE=true \
     DEFORMD_DATA_DIR=/var/lib/deformd
@@ -35,5 +37,5 @@ VOLUME /var/lib/deformd
 EXPOSE 50051
 STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=15s --timeout=6s --start-period=10s --retries=3 \
-  CMD ["deform", "--server", "127.0.0.1:50051", "status"]
+  CMD ["health-check"]
 ENTRYPOINT ["deformd"]

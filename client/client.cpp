@@ -151,6 +151,10 @@ void Client::keep_points(const std::string& geometry_id, std::shared_ptr<const P
 v1::EstimateReply Client::estimate(const v1::Setup& setup, const CallOptions& call) {
   v1::EstimateRequest request;
   *request.mutable_setup() = setup;
+  return estimate(request, call);
+}
+
+v1::EstimateReply Client::estimate(const v1::EstimateRequest& request, const CallOptions& call) {
   return unary(*impl_, call, Retry::safe, &Stub::Estimate, request);
 }
 

@@ -111,6 +111,7 @@ class Client {
   Detected detect(const v1::DetectRequest& request, const CallOptions& call = {});
 
   v1::EstimateReply estimate(const v1::Setup& setup, const CallOptions& call = {});
+  v1::EstimateReply estimate(const v1::EstimateRequest& request, const CallOptions& call = {});
   v1::SystemInfo prepare(const v1::Setup& setup, const CallOptions& call = {},
                          const std::function<void(const std::string& stage, double fraction)>& on_progress = {});
   v1::SystemInfo get_system(const std::string& id, const CallOptions& call = {});

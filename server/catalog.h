@@ -8,11 +8,15 @@
 
 namespace deform::server {
 
+/// Does a record agree with its checksum?
+enum class Integrity { intact, damaged };
+
 /// What the catalog keeps of a geometry. `info` is opaque to it.
 struct GeometryRecord {
   std::string id;
   std::string info;
   std::int64_t created_ms = 0;
+  Integrity integrity = Integrity::intact;  ///< of what was read
 };
 
 /// What the catalog keeps of a prepared setup. `setup` and `info` are opaque to it.
@@ -22,6 +26,26 @@ struct SetupRecord {
   std::string setup;
   std::string info;
   std::int64_t created_ms = 0;
+  Integrity integrity = Integrity::intact;  ///< of what was read
+};
+
+/// What is about to be done to files, recorded before the first of them is touched: after a crash, only what an intent names is
+/// garbage.
+struct Intent {
+  enum class Kind {
+    put,    ///< files are written; those still in tmp/ under the number of the intent are garbage
+    remove  ///< files are removed; the records are gone already
+  };
+  enum class What { geometry, setup };
+  struct Entry {
+    What what = What::geometry;
+    std::string id;
+    std::int64_t created_ms = 0;  ///< tells a later file of the same id from the one that was meant
+    std::string info;             ///< of a geometry that is put
+  };
+  Kind kind = Kind::put;
+  std::vector<Entry> entries;
+  std::int64_t number = 0;  ///< given by the catalog, never used twice by one; 0: none
 };
 
 /// Position in a listing, newest first: the entry after which the page starts.
@@ -33,29 +57,45 @@ struct PageStart {
 enum class WithSetups { refuse, remove };
 
 /// Names of what is durably stored. A record is visible when the call that adds it returned, and then survives a crash; no call
-/// has a visible half-way state. Thread-safe. Errors: Error(unavailable) when the storage fails. Several servers could share
-/// another implementation of this interface.
+/// has a visible half-way state. Thread-safe. Errors: Error(unavailable) when the storage fails, Error(out_of_budget) when it is
+/// full, Error(data_loss) when it is damaged. Several servers could share another implementation of this interface.
 class Catalog {
  public:
   virtual ~Catalog() = default;
 
-  /// False when the id is there already (the record stays as it was).
-  virtual bool add_geometry(const GeometryRecord& record) = 0;
+  /// Returns the number of the intent.
+  virtual std::int64_t begin(const Intent& intent) = 0;
+  virtual void end(std::int64_t number) = 0;
+  /// All that are not ended; those that cannot be read any more are left out.
+  virtual std::vector<Intent> intents() = 0;
+
+  /// Ends the intent of that number in the same step. False when the id is there already (the record stays as it was unless it
+  /// was damaged).
+  virtual bool add_geometry(const GeometryRecord& record, std::int64_t intent) = 0;
   virtual std::optional<GeometryRecord> find_geometry(const std::string& id) = 0;
   virtual std::vector<GeometryRecord> list_geometries(const std::optional<PageStart>& after, std::size_t limit) = 0;
-  /// Removes a geometry and its setups; returns the ids of those setups. Throws Error(not_found), or Error(failed_precondition)
-  /// when there are setups and the policy is to refuse.
-  virtual std::vector<std::string> remove_geometry(const std::string& id, WithSetups policy) = 0;
+  /// Removes the records of a geometry and its setups and begins the intent to remove their files, in one step; returns that
+  /// intent. Throws Error(not_found), or Error(failed_precondition) when there are setups and the policy is to refuse.
+  virtual Intent remove_geometry(const std::string& id, WithSetups policy) = 0;
 
-  /// Adds or replaces. Throws Error(not_found) when the geometry is not there.
-  virtual void put_setup(const SetupRecord& record) = 0;
+  /// Adds or replaces; ends the intent of that number in the same step. Throws Error(not_found) when the geometry is not there.
+  virtual void put_setup(const SetupRecord& record, std::int64_t intent) = 0;
   virtual std::optional<SetupRecord> find_setup(const std::string& id) = 0;
   /// geometry_id empty: of all.
   virtual std::vector<SetupRecord> list_setups(const std::string& geometry_id, const std::optional<PageStart>& after,
                                                std::size_t limit) = 0;
-  /// False when there was none.
-  virtual bool remove_setup(const std::string& id) = 0;
+  /// As remove_geometry(). Nothing when there was none.
+  virtual std::optional<Intent> remove_setup(const std::string& id) = 0;
   virtual std::size_t setup_count(const std::string& geometry_id) = 0;
+
+  /// Adds or replaces many records in one step, the geometries first.
+  virtual void restore(const std::vector<GeometryRecord>& geometries, const std::vector<SetupRecord>& setups) = 0;
+  /// Reads everything. Throws Error(data_loss) when the storage itself is damaged; returns the records that are.
+  struct Damaged {
+    std::vector<GeometryRecord> geometries;
+    std::vector<SetupRecord> setups;
+  };
+  virtual Damaged check() = 0;
 
   /// At most `limit` ids that start with the prefix.
   virtual std::vector<std::string> geometry_ids(const std::string& prefix, std::size_t limit) = 0;

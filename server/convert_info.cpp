@@ -1,5 +1,7 @@
 #include "server/convert_info.h"
 
+#include <google/protobuf/io/coded_stream.h>
+
 #include <algorithm>
 #include <utility>
 
@@ -92,6 +94,10 @@ void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const S
   }
 }
 
+void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup) {
+  if (setup.fixed.empty()) *to.Add() = "Nothing is fixed, so everything that is no handle may move.";
+}
+
 v1::EstimateReply estimate_reply(const Estimate& estimate) {
   v1::EstimateReply reply;
   reply.set_constraint_points(estimate.constraint_points);
@@ -103,6 +109,30 @@ v1::EstimateReply estimate_reply(const Estimate& estimate) {
   reply.set_seconds(estimate.seconds);
   for (const auto& note : estimate.notes) reply.add_notes(note);
   return reply;
+}
+
+void list_centres(const std::optional<std::vector<PointId>>& centres, v1::EstimateReply& reply) {
+  if (!centres) {
+    reply.add_notes("The centres are not listed: this method chooses them while preparing.");
+    return;
+  }
+  constexpr std::size_t most_bytes = std::size_t{1} << 20;
+  std::size_t bytes = 0;
+  PointId before = 0;
+  for (const PointId id : *centres) {
+    bytes += google::protobuf::io::CodedOutputStream::VarintSize32(id - before);
+    before = id;
+  }
+  if (bytes > most_bytes) {
+    reply.add_notes("The " + std::to_string(centres->size()) + " centres are not listed: they would take " +
+                    std::to_string(bytes) + " bytes, at most " + std::to_string(most_bytes) + " are sent.");
+    return;
+  }
+  before = 0;
+  for (const PointId id : *centres) {
+    reply.add_centre_steps(id - before);
+    before = id;
+  }
 }
 
 v1::ConstraintsReport constraints_report(const DesignReport& report, const Setup& setup) {
@@ -122,7 +152,20 @@ v1::ConstraintsReport constraints_report(const DesignReport& report, const Setup
   message.set_newton_steps(static_cast<std::uint32_t>(report.newton_steps));
   message.set_convergence_error(report.convergence_error);
   message.set_energy(report.energy);
+  const auto given_up = [](const ConstraintReport& of) { return of.given_up; };
+  message.set_exact_given_up(std::any_of(report.constraints.begin(), report.constraints.end(), given_up));
   return message;
+}
+
+std::string given_up_warning(const DesignReport& report, const Setup& setup) {
+  std::string names;
+  for (std::size_t i = 0; i < report.constraints.size(); ++i) {
+    if (report.constraints[i].given_up) names += (names.empty() ? "" : ", ") + ('"' + setup.constraints[i].name + '"');
+  }
+  if (names.empty()) return {};
+  return "The exact constraints " + names +
+         " contradict each other or points that are held: putting their points on the shapes made the deformation worse and was "
+         "given up; they are met as far as their weight carries them.";
 }
 
 v1::EvaluationPath path_to_proto(EvaluationPath path) {

@@ -34,6 +34,7 @@ std::vector<const char*> kinds_set(const v1::Region& message) {
   note("ids", message.ids_size() > 0);
   note("open_boundary", message.open_boundary());
   note("all", message.all());
+  note("boundary", message.boundary());
   note("union", message.union__size() > 0);
   note("intersection", message.intersection_size() > 0);
   note("difference", message.difference_size() > 0);
@@ -70,6 +71,7 @@ Region convert(const v1::Region& message, const std::string& path, int depth) {
   if (message.ids_size() > 0) return {Region::Ids{{message.ids().begin(), message.ids().end()}}};
   if (message.open_boundary()) return {Region::OpenBoundary{}};
   if (message.all()) return {Region::All{}};
+  if (message.boundary()) return {Region::Boundary{}};
   if (message.union__size() > 0) return {Region::Union{children(message.union_(), path + ".union", depth)}};
   if (message.intersection_size() > 0) {
     return {Region::Intersection{children(message.intersection(), path + ".intersection", depth)}};

@@ -7,13 +7,13 @@
 #include <utility>
 
 #include "core/base/parallel.h"
+#include "core/quality/displacement.h"
 #include "server/convert_info.h"
 
 namespace deform::server {
 
 namespace {
 
-constexpr std::size_t smallest_buffer = 8u << 20;
 // Points evaluated between two looks at the cancel flag.
 constexpr std::size_t slice_points = 4096;
 
@@ -21,19 +21,6 @@ double thread_cpu_ms() {
   timespec now{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
   return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
-}
-
-/// Bytes of replies and running steps at which no further step begins.
-std::size_t high_water(const StepPlan& plan, int workers) {
-  return std::max(smallest_buffer, 2 * static_cast<std::size_t>(workers) * plan.step_bytes());
-}
-
-std::size_t buffer_bytes(const StepPlan& plan, int workers) {
-  const std::size_t everything = plan.designs * plan.points * sizeof(Vec3);
-  // What waits, and the evaluated points of the steps that run.
-  return std::min(everything, high_water(plan, workers)) +
-         std::min(everything, static_cast<std::size_t>(workers) * plan.step_bytes()) +
-         (plan.whole ? plan.group() * plan.points * sizeof(Vec3) : 0);
 }
 
 }  // namespace
@@ -139,21 +126,41 @@ std::shared_ptr<DeformCall::Bound> DeformCall::bind(const SystemCache::Handle& s
   auto bound = std::make_shared<Bound>();
   bound->system = system;
   if (task_.checker) bound->checker = task_.checker(system, run_context(threads));
-  bound->plan = {system->mesh->point_count(), parts_.block_points, task_.designs, bound->checker != nullptr};
+  bound->plan = {system->mesh->point_count(), parts_.block_points, task_.designs};
+  if (bound->checker) {
+    bound->plan.looks = bound->checker->only_faces() ? StepPlan::Looks::after_blocks : StepPlan::Looks::before_blocks;
+  }
   bound->output = encode_options(task_.output, system->info.diagonal());
   const std::size_t solving = std::min(task_.designs, static_cast<std::size_t>(threads)) * system->system->info().design_bytes;
-  const std::size_t bytes = task_.bind_bytes(*system) + solving + buffer_bytes(bound->plan, parts_.scheduler->workers());
-  bound->charge = parts_.memory->charge(bytes, {"deforming with system " + task_.system_id.substr(0, 16),
-                                                "send fewer designs per request", system->charge.bytes()});
+  bound->values = task_.values;
+  charge(*bound, task_.bind_bytes(*system) + solving);
   static_cast<BoundDesigns&>(*bound) = task_.bind(*system, run_context(threads));
   bound->plan.designs = bound->numbers.size();
   bound->failures = task_.failures;
-  bound->charge.shrink(bytes - solving);  // only what is bound stays, however slow the reader is
+  bound->charge.shrink(bound->charge.bytes() - solving);  // only what is bound stays, however slow the reader is
   return bound;
 }
 
+// Where designs are gathered and memory is short, fewer of them share a pass.
+void DeformCall::charge(Bound& bound, std::size_t binding) const {
+  const int workers = parts_.scheduler->workers();
+  const ChargePurpose purpose{"deforming with system " + task_.system_id.substr(0, 16), "send fewer designs per request",
+                              bound.system->charge.bytes()};
+  for (;;) {
+    const StepPlan& plan = bound.plan;
+    const std::size_t looking = plan.gathers() ? plan.open_groups(workers) * bound.checker->check_faces_bytes() : 0;
+    try {
+      bound.charge = parts_.memory->charge(binding + looking + plan.buffer_bytes(workers), purpose);
+      return;
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::out_of_budget || !plan.gathers() || plan.group() == 1) throw;
+      bound.plan.most_designs = plan.group() / 2;
+    }
+  }
+}
+
 void DeformCall::run_step(const std::shared_ptr<const Bound>& bound, std::size_t step,
-                          const std::shared_ptr<const WholeDesigns>& whole) {
+                          const std::shared_ptr<WholeDesigns>& whole) {
   StepResult result;
   try {
     result = bound->plan.is_whole(step) ? make_whole(*bound, step) : make_step(*bound, step, whole.get());
@@ -185,13 +192,18 @@ void DeformCall::run_step(const std::shared_ptr<const Bound>& bound, std::size_t
   notice.check();
 }
 
+void DeformCall::WholeDesigns::gather(std::size_t designs, std::size_t count) {
+  gathered.clear();
+  for (std::size_t d = 0; d < designs; ++d) gathered.push_back(std::make_unique_for_overwrite<Vec3[]>(count));
+}
+
 // Alone in its call, so on all threads that fall to it.
 DeformCall::StepResult DeformCall::make_whole(const Bound& bound, std::size_t step) const {
   const int running = static_cast<int>(std::max<std::size_t>(1, parts_.scheduler->load().running));
   const RunContext context = run_context(std::max(1, parts_.scheduler->workers() / running));
   const auto begun = RunContext::Clock::now();
   StepResult result;
-  result.whole = std::make_shared<WholeDesigns>();
+  result.whole = std::make_shared<WholeDesigns>(0);
   const std::size_t first = bound.plan.first_design(step), count = bound.plan.design_count(step);
   result.whole->points.assign(count, Points(bound.plan.points));
   parallel_for(context, bound.plan.points, slice_points, [&](std::size_t begin, std::size_t end) {
@@ -212,26 +224,25 @@ DeformCall::StepResult DeformCall::make_whole(const Bound& bound, std::size_t st
   return result;
 }
 
-DeformCall::StepResult DeformCall::make_step(const Bound& bound, std::size_t step, const WholeDesigns* whole) const {
+DeformCall::StepResult DeformCall::make_step(const Bound& bound, std::size_t step, WholeDesigns* whole) const {
   const RunContext context = run_context(1);
   const std::size_t designs = bound.plan.design_count(step);
   const std::size_t first = bound.plan.first_point(step);
   const std::size_t count = bound.plan.point_count(step);
   const double begun = thread_cpu_ms();
   std::unique_ptr<Vec3[]> made;
-  std::vector<std::span<const Vec3>> deformed(designs);
-  if (whole == nullptr) {
-    made = std::make_unique_for_overwrite<Vec3[]>(designs * count);
+  std::vector<Vec3*> deformed(designs);
+  if (whole == nullptr) made = std::make_unique_for_overwrite<Vec3[]>(designs * count);
+  if (bound.plan.gathers()) std::call_once(whole->allocated, [&] { whole->gather(designs, bound.plan.points); });
+  for (std::size_t d = 0; d < designs; ++d) deformed[d] = made ? made.get() + d * count : whole->design(d) + first;
+  if (!bound.plan.whole()) {
     std::vector<Vec3*> out(designs);
     for (std::size_t begin = 0; begin < count; begin += slice_points) {
       context.check();
-      for (std::size_t d = 0; d < designs; ++d) out[d] = made.get() + d * count + begin;
+      for (std::size_t d = 0; d < designs; ++d) out[d] = deformed[d] + begin;
       const std::size_t end = std::min(count, begin + slice_points);
       bound.evaluation->evaluate(first + begin, first + end, bound.plan.first_design(step), out);
     }
-  }
-  for (std::size_t d = 0; d < designs; ++d) {
-    deformed[d] = {whole == nullptr ? made.get() + d * count : whole->points[d].data() + first, count};
   }
   const double evaluated = thread_cpu_ms();
   StepResult result;
@@ -239,23 +250,44 @@ DeformCall::StepResult DeformCall::make_step(const Bound& bound, std::size_t ste
   for (std::size_t d = 0; d < designs; ++d) {
     context.check();
     codec::Block& block = result.blocks.emplace_back();
-    if (whole == nullptr || !whole->failed.contains(d)) block = codec::encode(registered, deformed[d], bound.output);
+    Extreme& displacement = result.displacements.emplace_back();
+    if (whole != nullptr && whole->failed.contains(d)) continue;
+    const std::span<const Vec3> points(deformed[d], count);
+    if (bound.values == DeformTask::Values::positions) {
+      const Extreme largest = largest_displacement(points, registered);
+      displacement = {largest.value, largest.id + first};
+    }
+    block = codec::encode(registered, points, bound.output);
     result.bytes += block.bytes.size();
   }
-  result.solve_ms = evaluated - begun;
-  result.encode_ms = thread_cpu_ms() - evaluated;
+  const double encoded = thread_cpu_ms();
+  if (bound.plan.gathers() && whole->missing.fetch_sub(1) == 1) look(bound, designs, *whole);
+  result.solve_ms = evaluated - begun + thread_cpu_ms() - encoded;
+  result.encode_ms = encoded - evaluated;
   return result;
+}
+
+// A lone group is waited for, so it is looked at on all threads that fall to it; otherwise those make the next one.
+void DeformCall::look(const Bound& bound, std::size_t designs, WholeDesigns& whole) const {
+  const int running = static_cast<int>(std::max<std::size_t>(1, parts_.scheduler->load().running));
+  const RunContext context = run_context(bound.plan.groups() > 1 ? 1 : std::max(1, parts_.scheduler->workers() / running));
+  whole.findings.resize(designs);
+  for (std::size_t d = 0; d < designs; ++d) {
+    whole.findings[d].faces = bound.checker->check_faces({whole.design(d), bound.plan.points}, context);
+    whole.gathered[d].reset();
+  }
 }
 
 bool DeformCall::room() const {
   const std::size_t busy = buffered_bytes_ + in_flight_ * bound_->plan.step_bytes();
-  return busy == 0 || busy + bound_->plan.step_bytes() <= high_water(bound_->plan, parts_.scheduler->workers());
+  return busy == 0 || busy + bound_->plan.step_bytes() <= bound_->plan.high_water(parts_.scheduler->workers());
 }
 
 // The blocks of a group need its whole designs, and these the memory of those before.
 bool DeformCall::may_begin(std::size_t step) const {
   const StepPlan& plan = bound_->plan;
-  return !plan.whole || next_release_ > plan.first_step(step) || next_release_ == step;
+  if (plan.gathers()) return step != plan.first_step(step) || whole_.size() < plan.open_groups(parts_.scheduler->workers());
+  return !plan.whole() || next_release_ > plan.first_step(step) || next_release_ == step;
 }
 
 // Many requests use one worker each, a lone one all.
@@ -269,8 +301,13 @@ void DeformCall::schedule_steps() {
   const std::size_t share = std::max<std::size_t>(1, workers / std::max<std::size_t>(1, parts_.scheduler->load().running));
   while (next_step_ < steps && in_flight_ < share && may_begin(next_step_) && room()) {
     ++in_flight_;
+    const std::size_t first = bound_->plan.first_step(next_step_);
+    if (bound_->plan.gathers() && next_step_ == first) whole_[first] = std::make_shared<WholeDesigns>(bound_->plan.blocks());
+    const auto found = whole_.find(first);
     parts_.scheduler->step(
-        this, [call = self(), bound = bound_, step = next_step_, whole = whole_] { call->run_step(bound, step, whole); });
+        this, [call = self(), bound = bound_, step = next_step_, whole = found == whole_.end() ? nullptr : found->second] {
+          call->run_step(bound, step, whole);
+        });
     ++next_step_;
   }
   if (in_flight_ == 0) slot_.leave();  // the reader is behind
@@ -293,17 +330,19 @@ void DeformCall::push_header() {
 void DeformCall::release_step(std::size_t step, StepResult&& result) {
   const StepPlan& plan = bound_->plan;
   if (plan.is_whole(step)) {
-    whole_ = std::move(result.whole);
+    whole_[step] = std::move(result.whole);
     return;
   }
   const std::size_t block = plan.block(step);
   if (block == 0) progress_.assign(plan.design_count(step), {});
+  const auto whole = whole_.find(plan.first_step(step));
   for (std::size_t d = 0; d < result.blocks.size(); ++d) {
-    if (whole_ && whole_->failed.contains(d)) continue;
+    if (whole != whole_.end() && whole->second->failed.contains(d)) continue;
     codec::Block& encoded = result.blocks[d];
     Progress& design = progress_[d];
     design.checksums.push_back(encoded.checksum);
     design.max_error = std::max(design.max_error, encoded.max_error);
+    if (result.displacements[d].value > design.displacement.value) design.displacement = result.displacements[d];
     design.fell_back += encoded.fell_back ? 1 : 0;
     stats_.bytes += encoded.bytes.size();
     v1::Block& message = *push().mutable_block();
@@ -313,15 +352,15 @@ void DeformCall::release_step(std::size_t step, StepResult&& result) {
     block_to_proto(std::move(encoded), message);
   }
   if (block + 1 < plan.blocks()) return;
-  push_results(step);
-  whole_.reset();
+  push_results(step, whole == whole_.end() ? nullptr : whole->second.get());
+  if (whole != whole_.end()) whole_.erase(whole);
 }
 
-void DeformCall::push_results(std::size_t step) {
+void DeformCall::push_results(std::size_t step, WholeDesigns* whole) {
   for (std::size_t d = 0; d < progress_.size(); ++d) {
     const std::size_t design = bound_->plan.first_design(step) + d;
-    if (whole_ && whole_->failed.contains(d)) {
-      push_failure(bound_->numbers[design], whole_->failed.at(d));
+    if (whole != nullptr && whole->failed.contains(d)) {
+      push_failure(bound_->numbers[design], whole->failed.at(d));
       ++failed_;
       continue;
     }
@@ -333,11 +372,20 @@ void DeformCall::push_results(std::size_t step) {
     result.set_blocks_fell_back(progress_[d].fell_back);
     result.set_path(path_to_proto(report.path));
     result.set_interpolation_residual(report.interpolation_residual);
-    result.set_max_displacement(report.max_displacement);
+    const Extreme& displacement = progress_[d].displacement;
+    result.set_max_displacement(displacement.value);
+    result.set_prescribed_displacement(report.prescribed_displacement);
+    const double diagonal = bound_->system->info.diagonal();
+    if (const auto warning = displacement_warning(displacement, report.prescribed_displacement, diagonal)) {
+      result.add_warnings(*warning);
+    }
     if (!bound_->system->setup.constraints.empty()) {
       *result.mutable_constraints() = constraints_report(report, bound_->system->setup);
+      if (const std::string warning = given_up_warning(report, bound_->system->setup); !warning.empty()) {
+        result.add_warnings(warning);
+      }
     }
-    if (whole_) whole_->findings[d].move_to(result);
+    if (whole != nullptr) whole->findings[d].move_to(result);
     fell_back_ += progress_[d].fell_back;
   }
 }
@@ -374,7 +422,7 @@ DeformJob::Poll DeformCall::poll(v1::DeformReply& reply) {
     replies_.pop_front();
     if (reply.has_block()) {
       buffered_bytes_ -= reply.block().data().size();
-      const bool low = buffered_bytes_ <= high_water(bound_->plan, parts_.scheduler->workers()) / 2;
+      const bool low = buffered_bytes_ <= bound_->plan.high_water(parts_.scheduler->workers()) / 2;
       if (low && !slot_.held() && !produced_) schedule_steps();
     }
     if (replies_.empty() && produced_) end();
@@ -401,7 +449,7 @@ void DeformCall::fail(const Error& error) {
 void DeformCall::end() {
   ended_ = true;
   finished_.clear();
-  whole_.reset();
+  whole_.clear();
   place_.leave();
   slot_.leave();
   ticket_.leave();
@@ -419,30 +467,6 @@ std::optional<Error> DeformCall::error() const {
 CallStats DeformCall::stats() const {
   const std::lock_guard lock(mutex_);
   return stats_;
-}
-
-namespace {
-
-class JobHandle : public DeformJob {
- public:
-  explicit JobHandle(std::shared_ptr<DeformCall> call) : call_(std::move(call)) {}
-  ~JobHandle() override { cancel(); }
-  JobHandle(const JobHandle&) = delete;
-  JobHandle& operator=(const JobHandle&) = delete;
-
-  Poll poll(v1::DeformReply& reply) override { return call_->poll(reply); }
-  void cancel() override { call_->fail(Error(ErrorCode::cancelled, "cancelled by the caller")); }
-  std::optional<Error> error() const override { return call_->error(); }
-  CallStats stats() const override { return call_->stats(); }
-
- private:
-  const std::shared_ptr<DeformCall> call_;
-};
-
-}  // namespace
-
-std::shared_ptr<DeformJob> make_deform_job(std::shared_ptr<DeformCall> call) {
-  return std::make_shared<JobHandle>(std::move(call));
 }
 
 }  // namespace deform::server

@@ -30,6 +30,17 @@ v1::CellReport cell_report(const InversionCheck& check, const SafeAmplitude& saf
   return report;
 }
 
+v1::FaceReport face_report(std::size_t faces, const std::vector<Extreme>& flipped) {
+  constexpr std::size_t most_listed = 100;
+  v1::FaceReport report;
+  report.set_faces(faces);
+  report.set_flipped(flipped.size());
+  for (std::size_t k = 0; k < std::min(flipped.size(), most_listed); ++k) {
+    report.add_flipped_ids(static_cast<std::uint32_t>(flipped[k].id));
+  }
+  return report;
+}
+
 v1::QualityReport quality_to_proto(const QualityReport& report) {
   v1::QualityReport message;
   for (const auto& [name, count] : report.counts) {
@@ -84,9 +95,22 @@ std::shared_ptr<const InversionCheck> CellCheckCache::get(const Mesh& mesh, cons
                                                           const RunContext& context) const {
   const std::lock_guard lock(mutex_);
   if (!check_) {
-    charge_ = budget.charge(InversionCheck::bytes_for(cells),
-                            {"checking the cells", "set check: CELL_CHECK_OFF, or raise the server's memory budget", 0});
+    Charge charge = budget.charge(InversionCheck::bytes_for(cells),
+                                  {"checking the cells", "set check: CELL_CHECK_OFF, or raise the server's memory budget", 0});
     check_ = std::make_shared<const InversionCheck>(mesh.points, cells, context);
+    charge_ = std::move(charge);
+  }
+  return check_;
+}
+
+std::shared_ptr<const FlipCheck> FaceCheckCache::get(const Mesh& mesh, MemoryBudget& budget, const RunContext& context) const {
+  const std::lock_guard lock(mutex_);
+  if (!check_) {
+    Charge charge = budget.charge(FlipCheck::bytes_for(mesh),
+                                  {"checking the faces", "set check: CELL_CHECK_OFF, or raise the server's memory budget", 0});
+    check_ = std::make_shared<const FlipCheck>(mesh, mesh.points, context);
+    charge_ = std::move(charge);
+    charge_.shrink(check_->bytes());
   }
   return check_;
 }
@@ -114,6 +138,7 @@ void DesignChecker::Findings::move_to(v1::DesignResult& result) {
   if (cells) *result.mutable_cells() = std::move(*cells);
   if (quality) *result.mutable_quality() = std::move(*quality);
   if (split) *result.mutable_split() = std::move(*split);
+  if (faces) *result.mutable_faces() = std::move(*faces);
 }
 
 std::unique_ptr<const DesignChecker> DesignChecker::make(std::shared_ptr<const ResidentSystem> system, const DesignChecks& checks,
@@ -126,11 +151,14 @@ std::unique_ptr<const DesignChecker> DesignChecker::make(std::shared_ptr<const R
                 "splitting: the geometry has no cells that could be inverted; register a volume mesh or a 2D mesh");
   }
   const bool quality = checks.check == v1::CELL_QUALITY && (cells || mesh.face_count() > 0);
-  if (!cells && !quality) return nullptr;
+  const bool faces = checks.check != v1::CELL_CHECK_OFF && mesh.face_count() > 0;
+  if (!cells && !quality && !faces) return nullptr;
   std::unique_ptr<DesignChecker> checker(new DesignChecker);
   checker->checks_ = checks;
   checker->cells_ = cells;
+  if (faces) checker->flips_ = system->face_check.get(mesh, budget, context);
   std::size_t bytes = 0;
+  if (cells || quality) bytes += checker->check_faces_bytes();
   if (cells) bytes += InversionCheck::bytes_for(*cells);
   if (quality) bytes += quality_bytes(mesh);
   if (checks.splitting) bytes += estimate_substep(mesh, system->setup, *cells).peak_bytes;
@@ -154,7 +182,13 @@ DesignChecker::Findings DesignChecker::check(std::size_t design, Points& points,
     if (checks_.splitting) split(design, points, safety, findings, context);
   }
   if (checks_.check == v1::CELL_QUALITY) findings.quality = quality(points);
+  findings.faces = check_faces(points, context);
   return findings;
+}
+
+std::optional<v1::FaceReport> DesignChecker::check_faces(std::span<const Vec3> points, const RunContext& context) const {
+  if (!flips_) return std::nullopt;
+  return face_report(flips_->face_count(), flips_->flipped(points, context));
 }
 
 void DesignChecker::split(std::size_t design, Points& points, const SafeAmplitude& safety, Findings& findings,

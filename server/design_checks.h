@@ -5,9 +5,11 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "core/deformers/splitting.h"
+#include "core/quality/flipped_faces.h"
 #include "core/quality/safe_amplitude.h"
 #include "deform/v1/deformation.pb.h"
 #include "server/memory.h"
@@ -33,6 +35,19 @@ class CellCheckCache {
   mutable Charge charge_;
 };
 
+/// The same for the faces of a system's mesh. Thread-safe.
+class FaceCheckCache {
+ public:
+  /// Throws Error(out_of_budget), cancelled, deadline_exceeded.
+  std::shared_ptr<const FlipCheck> get(const Mesh& mesh, MemoryBudget& budget, const RunContext& context) const;
+
+ private:
+  mutable std::mutex mutex_;
+  // guarded by mutex_
+  mutable std::shared_ptr<const FlipCheck> check_;
+  mutable Charge charge_;
+};
+
 /// What a request wants to know or have of each of its designs as a whole.
 struct DesignChecks {
   v1::CellCheck check = v1::SAFE_AMPLITUDE;
@@ -51,6 +66,7 @@ class DesignChecker {
     std::optional<v1::CellReport> cells;
     std::optional<v1::QualityReport> quality;
     std::optional<v1::SplitReport> split;
+    std::optional<v1::FaceReport> faces;  ///< of the points that are delivered
     void move_to(v1::DesignResult& result);
   };
 
@@ -60,8 +76,14 @@ class DesignChecker {
                                                    const std::function<std::vector<Design>()>& designs, MemoryBudget& budget,
                                                    const RunContext& context);
 
+  /// Whether only faces are looked at: check_faces() then says all, and design by design it may do so after the blocks were made.
+  bool only_faces() const { return !inversions_ && checks_.check != v1::CELL_QUALITY; }
+
   /// points: n x 3, of the full step; those of a split design take their place.
   Findings check(std::size_t design, Points& points, const RunContext& context) const;
+  /// points: n x 3, as they are delivered. Absent: there are no faces, or they are not to be looked at.
+  std::optional<v1::FaceReport> check_faces(std::span<const Vec3> points, const RunContext& context) const;
+  std::size_t check_faces_bytes() const { return flips_ ? flips_->call_bytes() : 0; }
 
  private:
   DesignChecker() = default;
@@ -74,6 +96,7 @@ class DesignChecker {
   DesignChecks checks_;
   std::optional<CellSet> cells_;
   std::shared_ptr<const InversionCheck> inversions_;  ///< null: there are no cells
+  std::shared_ptr<const FlipCheck> flips_;            ///< null: there are no faces, or they are not to be looked at
   std::vector<Design> designs_;
   Charge charge_;
 };

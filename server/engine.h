@@ -16,11 +16,12 @@
 namespace deform::server {
 
 struct EngineOptions {
-  std::filesystem::path data_dir;  ///< created when missing; locked against a second process
-  std::size_t memory_budget = 0;   ///< bytes; 0 = 80 % of what the machine (or its cgroup) has
-  std::size_t cache_budget = 0;    ///< bytes of resident systems; 0 = half of memory_budget
-  int workers = 0;                 ///< requests computed at once; 0 = number of cores
-  std::size_t queue_limit = 256;   ///< requests waiting; more are refused with a retry hint
+  std::filesystem::path data_dir;                 ///< created when missing; locked against a second process
+  std::size_t keep_free = std::size_t{16} << 20;  ///< bytes that stay free on its disk: below, nothing is added to the store
+  std::size_t memory_budget = 0;                  ///< bytes; 0 = 80 % of what the machine (or its cgroup) has
+  std::size_t cache_budget = 0;                   ///< bytes of resident systems; 0 = half of memory_budget
+  int workers = 0;                                ///< requests computed at once; 0 = number of cores
+  std::size_t queue_limit = 256;                  ///< requests waiting; more are refused with a retry hint
   std::size_t max_points = 50'000'000;
   std::size_t max_faces = 100'000'000;
   std::size_t max_groups = 10'000;
@@ -136,6 +137,12 @@ class Engine {
                                std::function<void(Outcome<v1::VectorJacobianReply>)> on_done) = 0;
 
   virtual v1::ServerInfo info() = 0;
+  /// Whether geometries and setups can be added now; asked every second.
+  virtual v1::StoreInfo store() {
+    v1::StoreInfo info;
+    info.set_writable(true);
+    return info;
+  }
 
   /// No new work is accepted (Error(unavailable)); waits until everything under way is done or the time is over, then cancels the
   /// rest and waits for that. True when nothing had to be cancelled. Idempotent.

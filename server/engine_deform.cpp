@@ -5,6 +5,7 @@
 #include "server/convert.h"
 #include "server/convert_design.h"
 #include "server/convert_info.h"
+#include "server/deform_job.h"
 #include "server/engine_impl.h"
 #include "server/outcome_call.h"
 #include "server/warm_starts.h"
@@ -54,7 +55,7 @@ std::string EngineImpl::resolve_system(const std::string& id) { return cache_->c
 
 SystemCache::Prepare EngineImpl::prepare_again(const std::string& id) {
   return [this, id](const RunContext& context) {
-    const auto record = store_.catalog().find_setup(id);
+    const auto record = store_.find_setup(id);
     if (!record) throw Error(ErrorCode::not_found, "system " + id + ": unknown id");
     Recipe recipe;
     recipe.id = id;
@@ -131,6 +132,7 @@ std::shared_ptr<DeformJob> EngineImpl::jacobian_vector(v1::JacobianVectorRequest
   DeformTask task;
   task.system_id = resolve_system(request.system_id());
   task.output.set_encoding(v1::RAW_F64);
+  task.values = DeformTask::Values::vectors;
   task.bind_bytes = [](const ResidentSystem& system) { return 2 * system.mesh->point_count() * sizeof(Vec3); };
   task.bind = [request = std::move(request)](const ResidentSystem& system, const RunContext& context) -> BoundDesigns {
     const auto variables = values_or_zero(request.variables(), system.setup);

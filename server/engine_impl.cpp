@@ -6,6 +6,7 @@
 #include <thread>
 #include <utility>
 
+#include "core/deformers/known_centres.h"
 #include "server/convert_info.h"
 #include "server/convert_setup.h"
 #include "server/geometry_file.h"
@@ -35,9 +36,25 @@ Scheduler::Options scheduler_options(const EngineOptions& options) {
   return result;
 }
 
+StoreOptions store_options(const EngineOptions& options) {
+  StoreOptions result;
+  result.disk.keep_free = options.keep_free;
+  return result;
+}
+
 constexpr const char* less_memory =
     "use fewer handle and fixed points, smaller regions of constraints, reduce the centres (reduction), store no basis "
     "(BASIS_NEVER), or raise the server's memory budget";
+
+/// About what the file of an upload will take, by what its header claims (which may be anything); groups come on top.
+std::size_t stored_bytes(const v1::GeometryHeader& header) {
+  const auto times = [](double bytes, std::uint64_t count) { return bytes * static_cast<double>(count); };
+  const auto& cells = header.cells();
+  const double bytes = times(24, header.point_count()) + times(4, header.face_count()) + times(4, header.corner_count()) +
+                       times(1, cells.elements()) + times(4, cells.element_points()) + times(12, cells.faces()) +
+                       times(4, cells.face_points()) + times(4, cells.internal_faces());
+  return static_cast<std::size_t>(std::min(bytes, 1e18));
+}
 
 /// The engine's side of an upload.
 class Upload : public GeometryUpload {
@@ -50,7 +67,9 @@ class Upload : public GeometryUpload {
         meshes_(meshes),
         call_(std::move(call)),
         buffer_(header, limits, memory),
-        stored_(!declared_id_.empty() && store.contains(declared_id_)) {}
+        stored_(!declared_id_.empty() && store.contains(declared_id_)) {
+    if (!stored_) store.require_room(stored_bytes(header));
+  }
 
   bool already_stored() const override { return stored_; }
 
@@ -100,7 +119,7 @@ std::unique_ptr<Engine> Engine::open(const EngineOptions& options) { return std:
 EngineImpl::EngineImpl(const EngineOptions& options)
     : options_(effective(options)),
       memory_(options_.memory_budget),
-      store_(options_.data_dir),
+      store_(options_.data_dir, store_options(options_)),
       meshes_(options_.memory_budget / 8, [this](const std::string& id) { return load_mesh(id); }),
       scheduler_(scheduler_options(options_)),
       cache_(std::make_shared<SystemCache>(
@@ -181,9 +200,11 @@ v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request) {
   const Setup setup = setup_from_proto(recipe.canonical, options_.max_handles);
   const SelectedRegions regions = validate(setup, *mesh);
   v1::EstimateReply reply = estimate_reply(deform::estimate(*mesh, setup));
+  if (request.list_centres()) list_centres(known_centres(*mesh, setup), reply);
   reply.set_budget_bytes(memory_.total());
   reply.set_fits(reply.peak_bytes() + mesh_bytes(*mesh) <= memory_.total());
   add_handles(*reply.mutable_handles(), setup, regions);
+  add_setup_notes(*reply.mutable_notes(), setup);
   reply.set_fixed_points(regions.fixed.size());
   reply.set_system_id(recipe.id);
   reply.set_resident(cache_->contains(recipe.id));
@@ -206,9 +227,13 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, St
   resident->charge.shrink(resident->system->bytes());
   resident->info = system_info(resident->system->info(), recipe.canonical, recipe.id);
   add_handles(*resident->info.mutable_handles(), resident->setup, regions);
+  add_setup_notes(*resident->info.mutable_notes(), resident->setup);
   if (storing == Storing::store) {
-    store_.catalog().put_setup({recipe.id, recipe.canonical.geometry(), recipe.canonical.SerializeAsString(),
-                                resident->info.SerializeAsString(), unix_ms()});
+    resident->info.set_created_unix_ms(
+        store_.put_setup({recipe.id, recipe.canonical.geometry(), recipe.canonical.SerializeAsString(),
+                          resident->info.SerializeAsString(), unix_ms()}));
+  } else if (const auto record = store_.find_setup(recipe.id)) {
+    resident->info.set_created_unix_ms(record->created_ms);
   }
   return resident;
 }
@@ -218,6 +243,7 @@ void EngineImpl::prepare(const v1::PrepareRequest& request, const CallContext& c
                          std::function<void(Outcome<v1::SystemInfo>)> on_done) {
   check_open();
   const Recipe recipe = this->recipe(request.setup());
+  if (!store_.catalog().find_setup(recipe.id)) store_.require_room(0);  // before the work, not after it
   OutcomeCall<v1::SystemInfo>::Task task;
   task.system_id = recipe.id;
   task.prepare = [this, recipe](const RunContext& context) { return make_system(recipe, Storing::store, context); };
@@ -241,17 +267,22 @@ void EngineImpl::prepare(const v1::PrepareRequest& request, const CallContext& c
       ->begin();
 }
 
-v1::SystemInfo EngineImpl::stored_info(const SetupRecord& record) const {
+v1::SystemInfo EngineImpl::stored_info(const SetupRecord& record) {
   v1::SystemInfo info;
-  if (!info.ParseFromString(record.info)) {
-    throw Error(ErrorCode::data_loss, "catalog: the entry of system " + record.id + " is damaged");
+  if (record.integrity == Integrity::damaged || !info.ParseFromString(record.info)) {
+    // One damaged entry must not hide the others.
+    info.Clear();
+    info.set_geometry_id(record.geometry_id);
+    info.add_notes("The stored entry of this system is damaged; prepare it again from its setup file.");
   }
+  info.set_id(record.id);
   info.set_resident(cache_->contains(record.id));
+  info.set_created_unix_ms(record.created_ms);
   return info;
 }
 
 v1::SystemInfo EngineImpl::get_system(const std::string& id) {
-  const auto record = store_.catalog().find_setup(store_.resolve_setup(id));
+  const auto record = store_.find_setup(store_.resolve_setup(id));
   if (!record) throw Error(ErrorCode::not_found, "system " + id + ": unknown id");
   return stored_info(*record);
 }
@@ -268,7 +299,7 @@ v1::ListSystemsReply EngineImpl::list_systems(const v1::ListSystemsRequest& requ
 
 v1::ReleaseSystemReply EngineImpl::release_system(const v1::ReleaseSystemRequest& request) {
   const std::string id = store_.resolve_setup(request.id());
-  if (request.forget()) store_.catalog().remove_setup(id);
+  if (request.forget()) store_.remove_setup(id);
   v1::ReleaseSystemReply reply;
   reply.set_bytes_released(cache_->release(id));
   return reply;
@@ -298,6 +329,7 @@ v1::ServerInfo EngineImpl::info() {
   info.set_setups(counts.setups);
   info.set_designs_served(designs_served_);
   info.set_resident_set_bytes(resident_set_bytes());
+  *info.mutable_store() = store();
   v1::Limits& limits = *info.mutable_limits();
   limits.set_max_points(options_.max_points);
   limits.set_max_faces(options_.max_faces);
@@ -306,6 +338,8 @@ v1::ServerInfo EngineImpl::info() {
   limits.set_max_handles(options_.max_handles);
   return info;
 }
+
+v1::StoreInfo EngineImpl::store() { return store_.state(); }
 
 bool EngineImpl::drain(std::chrono::milliseconds limit) {
   calls_.close();

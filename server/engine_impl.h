@@ -45,6 +45,7 @@ class EngineImpl : public Engine {
                        std::function<void(Outcome<v1::VectorJacobianReply>)> on_done) override;
 
   v1::ServerInfo info() override;
+  v1::StoreInfo store() override;
   bool drain(std::chrono::milliseconds limit) override;
 
  private:
@@ -60,7 +61,7 @@ class EngineImpl : public Engine {
   SystemCache::Prepare prepare_again(const std::string& id);
   std::string resolve_system(const std::string& id);
   std::shared_ptr<const Mesh> load_mesh(const std::string& id);
-  v1::SystemInfo stored_info(const SetupRecord& record) const;
+  v1::SystemInfo stored_info(const SetupRecord& record);
   std::shared_ptr<DeformJob> begin_job(DeformTask task, const CallContext& call, std::function<void()> on_ready);
   void check_open() const;
 

@@ -1,10 +1,7 @@
 #include "server/geometry_file.h"
 
 #include <fcntl.h>
-#include <unistd.h>
 
-#include <algorithm>
-#include <cerrno>
 #include <cstring>
 #include <vector>
 
@@ -12,6 +9,7 @@
 #include "core/codec/geometry_id.h"
 #include "core/mesh/cells.h"
 #include "core/mesh/elements.h"
+#include "server/file.h"
 
 namespace deform::server {
 
@@ -19,51 +17,6 @@ namespace {
 
 constexpr char tag[] = "deform.geometry.1";
 constexpr char tag_with_cells[] = "deform.geometry.2";
-
-[[noreturn]] void fail(const char* action, const std::filesystem::path& path) {
-  throw Error(ErrorCode::unavailable, std::string("store: cannot ") + action + " " + path.string() + ": " + std::strerror(errno));
-}
-
-class File {
- public:
-  File(const std::filesystem::path& path, int flags) : path_(path), descriptor_(::open(path.c_str(), flags | O_CLOEXEC, 0640)) {
-    if (descriptor_ < 0) fail("open", path);
-  }
-  ~File() { ::close(descriptor_); }
-  File(const File&) = delete;
-  File& operator=(const File&) = delete;
-
-  void write(const void* data, std::size_t size) const {
-    const auto* from = static_cast<const char*>(data);
-    while (size > 0) {
-      const ssize_t written = ::write(descriptor_, from, std::min<std::size_t>(size, 1u << 30));
-      if (written < 0 && errno == EINTR) continue;
-      if (written <= 0) fail("write", path_);
-      from += written;
-      size -= static_cast<std::size_t>(written);
-    }
-  }
-  /// Number of bytes read; less than size only at the end of the file.
-  std::size_t read(void* data, std::size_t size) const {
-    auto* to = static_cast<char*>(data);
-    std::size_t total = 0;
-    while (total < size) {
-      const ssize_t got = ::read(descriptor_, to + total, std::min<std::size_t>(size - total, 1u << 30));
-      if (got < 0 && errno == EINTR) continue;
-      if (got < 0) fail("read", path_);
-      if (got == 0) break;
-      total += static_cast<std::size_t>(got);
-    }
-    return total;
-  }
-  void sync() const {
-    if (::fsync(descriptor_) != 0) fail("sync", path_);
-  }
-
- private:
-  std::filesystem::path path_;
-  int descriptor_;
-};
 
 codec::GeometryView view(const Mesh& mesh, std::vector<codec::GroupView>& groups) {
   for (const auto& group : mesh.groups) groups.push_back({group.name, group.points, group.faces});
@@ -196,7 +149,5 @@ Mesh read_geometry_file(const std::filesystem::path& path, const std::string& id
   reader.finish();
   return mesh;
 }
-
-void sync_directory(const std::filesystem::path& directory) { File(directory, O_RDONLY | O_DIRECTORY).sync(); }
 
 }  // namespace deform::server

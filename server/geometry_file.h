@@ -14,14 +14,11 @@ std::size_t mesh_bytes(const Mesh& mesh);
 
 std::string mesh_id(const Mesh& mesh);
 
-/// Writes and syncs a new file. Throws Error(unavailable) with the reason of the system; the file is removed then.
+/// Writes and syncs a new file. Throws as a File does; the file is removed then.
 void write_geometry_file(const Mesh& mesh, const std::filesystem::path& file);
 
 /// Reads and verifies. Throws Error(data_loss) when the content is not that of the id, Error(unavailable) when it cannot be read.
 /// Memory: the arrays, whose sizes are checked against the size of the file first.
 Mesh read_geometry_file(const std::filesystem::path& file, const std::string& id);
-
-/// Makes a rename or removal inside the directory durable.
-void sync_directory(const std::filesystem::path& directory);
 
 }  // namespace deform::server

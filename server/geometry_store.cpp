@@ -1,21 +1,17 @@
 #include "server/geometry_store.h"
 
-#include <fcntl.h>
 #include <spdlog/spdlog.h>
-#include <sys/file.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <charconv>
 #include <chrono>
-#include <cstring>
 
 #include "core/base/error.h"
-#include "core/mesh/cells.h"
-#include "core/mesh/elements.h"
+#include "server/catalog_rebuild.h"
+#include "server/catalog_records.h"
+#include "server/file.h"
 #include "server/geometry_file.h"
-#include "server/sqlite_catalog.h"
+#include "server/geometry_info.h"
 
 namespace deform::server {
 
@@ -44,89 +40,20 @@ std::string only_one(const char* what, const std::string& id, const std::vector<
   return found[0];
 }
 
-v1::GeometryInfo describe(const Mesh& mesh, const std::string& id, const std::string& name) {
-  v1::GeometryInfo info;
-  info.set_id(id);
-  info.set_name(name);
-  info.set_points(mesh.point_count());
-  info.set_faces(mesh.face_count());
-  info.set_corners(mesh.face_points.size());
-  for (const auto& group : mesh.groups) {
-    auto* entry = info.add_groups();
-    entry->set_name(group.name);
-    entry->set_points(group.points.size());
-    entry->set_faces(group.faces.size());
-  }
-  info.set_cells(mesh.cell_count());
-  if (mesh.elements) info.set_cell_bytes(mesh.elements->bytes());
-  if (mesh.cells) info.set_cell_bytes(mesh.cells->bytes());
-  const Box box = bounding_box(mesh.points);
-  for (int k = 0; k < 3; ++k) {
-    info.add_box_min(box.min[k]);
-    info.add_box_max(box.max[k]);
-  }
-  info.set_diagonal(box.diagonal());
-  return info;
-}
-
-v1::GeometryInfo parse_info(const GeometryRecord& record) {
-  v1::GeometryInfo info;
-  if (!info.ParseFromString(record.info)) {
-    throw Error(ErrorCode::data_loss, "catalog: the entry of geometry " + record.id + " is damaged");
-  }
-  return info;
-}
-
-int lock_directory(const std::filesystem::path& directory) {
-  const std::filesystem::path file = directory / "lock";
-  const int descriptor = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0640);
-  if (descriptor < 0) {
-    throw Error(ErrorCode::unavailable, "store: cannot open " + file.string() + ": " + std::strerror(errno));
-  }
-  if (::flock(descriptor, LOCK_EX | LOCK_NB) != 0) {
-    ::close(descriptor);
-    throw Error(ErrorCode::unavailable, "store: the data directory " + directory.string() + " is in use by another process");
-  }
-  return descriptor;
-}
-
 }  // namespace
 
-GeometryStore::GeometryStore(const std::filesystem::path& directory) : directory_(directory) {
-  std::error_code error;
-  for (const auto& path : {directory, directory / "geometries", directory / "tmp"}) {
-    std::filesystem::create_directories(path, error);
-    if (error) throw Error(ErrorCode::unavailable, "store: cannot create " + path.string() + ": " + error.message());
-  }
-  lock_descriptor_ = lock_directory(directory);
-  try {
-    sync_directory(directory);
-    catalog_ = open_sqlite_catalog(directory / "catalog.sqlite");
-    collect_orphans();
-  } catch (...) {
-    ::close(lock_descriptor_);
-    throw;
-  }
+GeometryStore::GeometryStore(const std::filesystem::path& directory, StoreOptions options)
+    : options_(std::move(options)),
+      directory_(directory, StoreDirectory::Accept::stores),
+      disk_(directory_.root(), directory_.reserve(), options_.disk) {
+  disk_.release_if_low();
+  catalog_ = open_catalog(directory_, OldCatalog::keep_if_whole).catalog;
+  disk_.hold();
+  const std::string why = disk_.refusal();
+  if (!why.empty()) spdlog::error("store: nothing is written: {}", why);
 }
 
-GeometryStore::~GeometryStore() {
-  catalog_.reset();
-  ::close(lock_descriptor_);
-}
-
-void GeometryStore::collect_orphans() {
-  std::size_t removed = 0;
-  for (const auto& entry : std::filesystem::directory_iterator(directory_ / "tmp")) {
-    removed += std::filesystem::remove_all(entry.path());
-  }
-  for (const auto& entry : std::filesystem::directory_iterator(directory_ / "geometries")) {
-    if (catalog_->find_geometry(entry.path().filename().string())) continue;
-    removed += std::filesystem::remove_all(entry.path());
-  }
-  if (removed > 0) spdlog::info("store: removed {} files that interrupted uploads left behind", removed);
-}
-
-std::filesystem::path GeometryStore::file_of(const std::string& id) const { return directory_ / "geometries" / id; }
+GeometryStore::~GeometryStore() = default;
 
 v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const std::string& id, const std::string& name) {
   if (contains(id)) {
@@ -134,78 +61,228 @@ v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const std::string& id, con
     info.set_existed(true);
     return info;
   }
-  v1::GeometryInfo info = describe(mesh, id, name);
-  info.set_registered_unix_ms(unix_ms());
-  const std::filesystem::path temporary = directory_ / "tmp" / (id + "." + std::to_string(next_temporary_++));
-  write_geometry_file(mesh, temporary);
-
-  bool added = false;
-  {
-    const std::lock_guard lock(visibility_);
-    std::error_code error;
-    std::filesystem::rename(temporary, file_of(id), error);
-    if (error) throw Error(ErrorCode::unavailable, "store: cannot move " + temporary.string() + ": " + error.message());
-    sync_directory(directory_ / "geometries");
-    added = catalog_->add_geometry({id, info.SerializeAsString(), info.registered_unix_ms()});
+  disk_.require(mesh_bytes(mesh));
+  const GeometryRecord record = geometry_record(describe(mesh, id, name), unix_ms());
+  const std::int64_t intent =
+      catalog_->begin({Intent::Kind::put, {{Intent::What::geometry, id, record.created_ms, record.info}}});
+  try {
+    step("an upload is announced");
+    const auto known = put_content(mesh, record, intent);
+    v1::GeometryInfo info = told(known.value_or(record));
+    info.set_existed(known.has_value());
+    return info;
+  } catch (...) {
+    take_back(record, intent);
+    throw;
   }
-  if (added) return info;
-  info = this->info(id);
-  info.set_existed(true);
-  return info;
+}
+
+/// Returns the record that was there, of a geometry whose file was lost or was put at the same time: it keeps its name.
+std::optional<GeometryRecord> GeometryStore::put_content(const Mesh& mesh, const GeometryRecord& record, std::int64_t intent) {
+  const std::filesystem::path temporary = directory_.temporary(record.id, intent);
+  write_geometry_file(mesh, temporary);
+  step("the content is written");
+  const std::lock_guard lock(visibility_);
+  move_file(temporary, directory_.geometries() / record.id);
+  sync_directory(directory_.geometries());
+  step("the content is in place");
+  auto known = catalog_->find_geometry(record.id);
+  if (known && known->integrity == Integrity::damaged) known.reset();
+  const GeometryRecord& kept = known ? *known : record;
+  const std::filesystem::path small = directory_.temporary_record(record.id, intent);
+  write_record(kept, small, Sync::now);
+  step("the small file is written");
+  move_file(small, directory_.names() / record.id);
+  sync_directory(directory_.names());
+  step("the small file is in place");
+  catalog_->add_geometry(kept, intent);
+  step("the row is written");
+  return known;
+}
+
+/// Of an upload that failed; what cannot be removed now is left to the next start.
+void GeometryStore::take_back(const GeometryRecord& record, std::int64_t intent) {
+  const std::lock_guard lock(visibility_);
+  std::error_code ignored;
+  std::filesystem::remove(directory_.temporary(record.id, intent), ignored);
+  std::filesystem::remove(directory_.temporary_record(record.id, intent), ignored);
+  try {
+    if (!catalog_->find_geometry(record.id)) {
+      std::filesystem::remove(directory_.names() / record.id, ignored);
+      std::filesystem::remove(directory_.geometries() / record.id, ignored);
+    }
+    catalog_->end(intent);
+  } catch (const Error& error) {
+    spdlog::warn("store: what a failed upload left is removed at the next start: {}", error.what());
+  }
 }
 
 bool GeometryStore::contains(const std::string& id) {
   std::error_code error;
-  return catalog_->find_geometry(id).has_value() && std::filesystem::exists(file_of(id), error);
+  const auto record = catalog_->find_geometry(id);
+  return record && record->integrity == Integrity::intact && std::filesystem::exists(directory_.geometries() / id, error);
 }
 
 v1::GeometryInfo GeometryStore::info(const std::string& id) {
   const auto record = catalog_->find_geometry(id);
   if (!record) throw Error(ErrorCode::not_found, "geometry " + id + ": unknown id");
-  v1::GeometryInfo info = parse_info(*record);
-  info.set_setups(static_cast<std::uint32_t>(catalog_->setup_count(id)));
+  return told(*record);
+}
+
+v1::GeometryInfo GeometryStore::told(const GeometryRecord& record) {
+  v1::GeometryInfo info;
+  if (record.integrity == Integrity::damaged || !info.ParseFromString(record.info)) {
+    info.Clear();
+    info.set_damage("the entry in the catalog is damaged; register the geometry again");
+    try {
+      const GeometryRecord small = read_geometry_record(directory_.names() / record.id, record.id);
+      if (!info.ParseFromString(small.info)) info.Clear();
+    } catch (const std::exception& error) {
+      spdlog::error("store: geometry {}: {}", record.id, error.what());
+    }
+    info.set_id(record.id);
+  }
+  std::error_code error;
+  if (!std::filesystem::exists(directory_.geometries() / record.id, error)) {
+    info.set_damage("the stored file is missing or damaged; register the geometry again");
+  }
+  info.set_setups(static_cast<std::uint32_t>(catalog_->setup_count(record.id)));
   return info;
 }
 
 Mesh GeometryStore::load(const std::string& id) {
   if (!catalog_->find_geometry(id)) throw Error(ErrorCode::not_found, "geometry " + id + ": unknown id");
+  const std::filesystem::path file = directory_.geometries() / id;
   std::error_code error;
-  if (!std::filesystem::exists(file_of(id), error)) {
+  if (!std::filesystem::exists(file, error)) {
     throw Error(ErrorCode::data_loss, "geometry " + id + ": the stored file is missing; register the geometry again");
   }
   try {
-    return read_geometry_file(file_of(id), id);
+    return read_geometry_file(file, id);
   } catch (const Error& damage) {
     if (damage.code() == ErrorCode::data_loss) quarantine(id);
     throw;
   }
 }
 
-// Out of the way, so that registering again stores a good file.
+// Out of the way, so that registering again stores a good file; kept, because it may be all there is.
 void GeometryStore::quarantine(const std::string& id) {
   const std::lock_guard lock(visibility_);
-  std::error_code error;
-  std::filesystem::rename(file_of(id), directory_ / "tmp" / (id + ".damaged"), error);
-  spdlog::error("store: the file of geometry {} is damaged and was set aside", id);
+  try {
+    const auto kept = directory_.set_aside(directory_.geometries() / id, directory_.damaged());
+    spdlog::error("store: the file of geometry {} is damaged and was set aside as {}", id, kept.string());
+  } catch (const Error& error) {
+    spdlog::error("store: the file of geometry {} is damaged: {}", id, error.what());
+  }
+}
+
+/// Where not even a row can be written and the reserve is gone, the content goes first and makes room. Only in between would a
+/// crash leave what was to be removed, listed as damaged.
+Intent GeometryStore::remove_rows(const std::string& id, WithSetups policy) {
+  try {
+    return catalog_->remove_geometry(id, policy);
+  } catch (const Error& error) {
+    const bool wanted = policy == WithSetups::remove || catalog_->setup_count(id) == 0;
+    if (error.code() != ErrorCode::out_of_budget || !wanted) throw;
+  }
+  std::error_code ignored;
+  std::filesystem::remove(directory_.geometries() / id, ignored);
+  return catalog_->remove_geometry(id, policy);
 }
 
 std::vector<std::string> GeometryStore::remove(const std::string& id, WithSetups policy) {
   const std::lock_guard lock(visibility_);
-  std::vector<std::string> setups = catalog_->remove_geometry(id, policy);
-  std::error_code error;
-  std::filesystem::remove(file_of(id), error);  // left behind, it is an orphan that the next start collects
+  disk_.release_if_low();
+  const Intent removal = remove_rows(id, policy);
+  finish(removal);
+  std::vector<std::string> setups;
+  for (const auto& entry : removal.entries) {
+    if (entry.what == Intent::What::setup) setups.push_back(entry.id);
+  }
   return setups;
+}
+
+/// The rows are gone, so the caller is told that it is done: files that cannot be removed now are left to the next start.
+void GeometryStore::finish(const Intent& removal) {
+  try {
+    step("a removal is announced");
+    finish_removal(directory_, *catalog_, removal, RemoveFiles::all, options_.on_step);
+  } catch (const Error& error) {
+    spdlog::warn("store: the files of a removal are removed at the next start: {}", error.what());
+  }
+  disk_.hold();
+}
+
+std::int64_t GeometryStore::put_setup(SetupRecord record) {
+  const std::lock_guard lock(visibility_);
+  if (!catalog_->find_geometry(record.geometry_id)) {
+    throw Error(ErrorCode::not_found, "geometry " + record.geometry_id + ": unknown id");
+  }
+  const auto known = catalog_->find_setup(record.id);
+  const bool stays = known && known->integrity == Integrity::intact;
+  if (stays) record.created_ms = known->created_ms;
+  if (stays && !disk_.refusal().empty()) return record.created_ms;
+  disk_.require(record.setup.size() + record.info.size());
+  const std::int64_t intent = catalog_->begin({Intent::Kind::put, {{Intent::What::setup, record.id, record.created_ms, {}}}});
+  const std::filesystem::path temporary = directory_.temporary_record(record.id, intent);
+  try {
+    step("a setup is announced");
+    write_record(record, temporary, Sync::now);
+    step("the setup is written");
+    move_file(temporary, directory_.setups() / record.id);
+    sync_directory(directory_.setups());
+    step("the setup is in place");
+    catalog_->put_setup(record, intent);
+    step("the row of the setup is written");
+  } catch (...) {
+    std::error_code ignored;
+    std::filesystem::remove(temporary, ignored);
+    try {
+      if (!catalog_->find_setup(record.id)) std::filesystem::remove(directory_.setups() / record.id, ignored);
+      catalog_->end(intent);
+    } catch (const Error& error) {
+      spdlog::warn("store: what a failed setup left is removed at the next start: {}", error.what());
+    }
+    throw;
+  }
+  return record.created_ms;
+}
+
+std::optional<SetupRecord> GeometryStore::find_setup(const std::string& id) {
+  auto record = catalog_->find_setup(id);
+  if (!record || record->integrity == Integrity::intact) return record;
+  try {
+    return read_setup_record(directory_.setups() / id, id);
+  } catch (const Error&) {
+    throw Error(ErrorCode::data_loss, "system " + id + ": the stored setup is damaged; prepare it again from its file");
+  }
+}
+
+bool GeometryStore::remove_setup(const std::string& id) {
+  const std::lock_guard lock(visibility_);
+  disk_.release_if_low();
+  const auto removal = catalog_->remove_setup(id);
+  if (removal) finish(*removal);
+  return removal.has_value();
+}
+
+v1::StoreInfo GeometryStore::state() {
+  disk_.hold();
+  v1::StoreInfo state;
+  state.set_reason(disk_.refusal());
+  state.set_writable(state.reason().empty());
+  state.set_free_bytes(disk_.free());
+  state.set_needed_bytes(disk_.keep_free());
+  state.set_damaged_files(count_entries(directory_.damaged()));
+  state.set_unclaimed_files(count_entries(directory_.unclaimed()));
+  return state;
 }
 
 v1::ListGeometriesReply GeometryStore::list(const v1::ListGeometriesRequest& request) {
   const std::size_t limit = page_size(request.page_size());
   const auto records = catalog_->list_geometries(parse_page_token(request.page_token()), limit);
   v1::ListGeometriesReply reply;
-  for (const auto& record : records) {
-    *reply.add_geometries() = parse_info(record);
-    reply.mutable_geometries(reply.geometries_size() - 1)
-        ->set_setups(static_cast<std::uint32_t>(catalog_->setup_count(record.id)));
-  }
+  for (const auto& record : records) *reply.add_geometries() = told(record);
   if (records.size() == limit) reply.set_next_page_token(page_token(records.back().created_ms, records.back().id));
   return reply;
 }

@@ -1,11 +1,13 @@
 #include "server/log.h"
 
+#include <spdlog/pattern_formatter.h>
 #include <spdlog/sinks/basic_file_sink.h>
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
 #include <iterator>
 
+#include "core/base/text.h"
 #include "server/service_text.h"
 
 namespace deform::server {
@@ -56,6 +58,21 @@ class Line {
   std::string& out_;
 };
 
+/// Whatever is logged, one record is one line, and nothing in it acts on the terminal that shows it.
+class PrintableFormatter : public spdlog::formatter {
+ public:
+  void format(const spdlog::details::log_msg& message, spdlog::memory_buf_t& to) override {
+    const std::string payload = printable({message.payload.data(), message.payload.size()});
+    spdlog::details::log_msg shown = message;
+    shown.payload = payload;
+    pattern_.format(shown, to);
+  }
+  std::unique_ptr<spdlog::formatter> clone() const override { return std::make_unique<PrintableFormatter>(); }
+
+ private:
+  spdlog::pattern_formatter pattern_{"%Y-%m-%dT%H:%M:%S.%e%z %l %v"};
+};
+
 }  // namespace
 
 void start_logging(const LogOptions& options) {
@@ -70,7 +87,7 @@ void start_logging(const LogOptions& options) {
     throw Error(ErrorCode::invalid_argument, "log_file: " + std::string(error.what()));
   }
   auto logger = std::make_shared<spdlog::logger>("deformd", std::move(sink));
-  logger->set_pattern("%Y-%m-%dT%H:%M:%S.%e%z %l %v");
+  logger->set_formatter(std::make_unique<PrintableFormatter>());
   logger->set_level(options.level);
   logger->flush_on(spdlog::level::info);
   spdlog::set_default_logger(std::move(logger));

@@ -1,6 +1,7 @@
 #include <semaphore.h>
 #include <signal.h>
 #include <spdlog/spdlog.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <atomic>
@@ -16,6 +17,7 @@
 #include "server/options.h"
 #include "server/server.h"
 #include "server/service_text.h"
+#include "server/store_cli.h"
 
 namespace {
 
@@ -107,10 +109,26 @@ void log_configuration(const deform::server::Configuration& configuration) {
   }
 }
 
+/// Every connection is an open file, and the usual soft limit of 1,024 is kept for programs that use select(), which this does
+/// not.
+void raise_open_files() {
+  struct rlimit limit {};
+  if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  const rlim_t before = limit.rlim_cur;
+  limit.rlim_cur = limit.rlim_max;
+  if (before == limit.rlim_cur) return;
+  if (setrlimit(RLIMIT_NOFILE, &limit) == 0) {
+    spdlog::info("open files: at most {}, raised from {}", limit.rlim_cur, before);
+  } else {
+    spdlog::warn("open files: at most {}; the limit cannot be raised to {}", before, limit.rlim_max);
+  }
+}
+
 void serve(const deform::server::Configuration& configuration, const StopSignals& signals) {
   deform::server::start_logging(configuration.log);
   spdlog::info("deformd {} starts, process {}", DEFORM_VERSION, getpid());
   log_configuration(configuration);
+  raise_open_files();
   const auto server = deform::server::start_server(configuration.server);
   if (!configuration.port_file.empty()) write_port_file(configuration.port_file, server->port());
   spdlog::info("listening on {}", server->address());
@@ -136,8 +154,10 @@ std::optional<std::string> environment_variable(const std::string& name) {
 
 int main(int argc, char** argv) {
   try {
+    const deform::server::CommandLine command_line{{argv + 1, argv + argc}, environment_variable};
+    if (const auto code = deform::server::run_store_command(command_line, std::cout)) return *code;
     static const StopSignals signals;  // outlives the thread that waits for the second one
-    const auto configuration = deform::server::read_configuration({{argv + 1, argv + argc}, environment_variable});
+    const auto configuration = deform::server::read_configuration(command_line);
     if (const auto* answer = std::get_if<deform::server::Answer>(&configuration)) {
       std::cout << answer->text << std::flush;
       return exit_ok;

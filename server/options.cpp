@@ -123,6 +123,9 @@ void add_engine_options(std::vector<Option>& all) {
       "data-dir", "where geometries and setups are kept; created when missing",
       [](Configuration & c) -> auto& { return c.server.engine.data_dir; }));
   all.push_back(bytes(
+      "keep-free", "room that stays free on the disk of --data-dir: with less, geometries and setups can only be deleted",
+      [](Configuration & c) -> auto& { return c.server.engine.keep_free; }));
+  all.push_back(bytes(
       "memory-budget", "memory for systems and requests; 0: 80 % of what the machine or its cgroup has",
       [](Configuration & c) -> auto& { return c.server.engine.memory_budget; }));
   all.push_back(bytes(
@@ -246,7 +249,9 @@ Flags read_flags(const std::vector<Option>& options, std::vector<std::string> ar
   app.footer(
       "Every option can also be given as the environment variable in brackets or, with underscores, as a line of the YAML\n"
       "file of --config. A flag wins over the variable, the variable over the file, the file over the default.\n"
-      "Sizes: 512MiB, 4GiB, 1.5GB or plain bytes.");
+      "Sizes: 512MiB or 512M, 4GiB or 4G (powers of 1024), 1.5GB (powers of 1000) or plain bytes.\n"
+      "\"deformd store check\", \"rebuild\", \"backup DIR\" and \"restore DIR\" look after the data directory: deformd store "
+      "--help");
   std::map<std::string, std::string> texts;
   std::map<std::string, bool> switches;
   for (const Option& option : options) {
@@ -282,14 +287,29 @@ Flags read_flags(const std::vector<Option>& options, std::vector<std::string> ar
 }  // namespace
 
 std::size_t parse_bytes(const std::string& text) {
-  static const std::map<std::string, double> units = {
-      {"", 1.0},   {"B", 1.0},  {"KiB", 1024.0}, {"MiB", 1048576.0}, {"GiB", 1073741824.0}, {"TiB", 1099511627776.0},
-      {"kB", 1e3}, {"MB", 1e6}, {"GB", 1e9},     {"TB", 1e12}};
+  static const std::map<std::string, double> units = {{"", 1.0},
+                                                      {"B", 1.0},
+                                                      {"KiB", 1024.0},
+                                                      {"MiB", 1048576.0},
+                                                      {"GiB", 1073741824.0},
+                                                      {"TiB", 1099511627776.0},
+                                                      {"K", 1024.0},
+                                                      {"M", 1048576.0},
+                                                      {"G", 1073741824.0},
+                                                      {"T", 1099511627776.0},
+                                                      {"k", 1024.0},
+                                                      {"m", 1048576.0},
+                                                      {"g", 1073741824.0},
+                                                      {"t", 1099511627776.0},
+                                                      {"kB", 1e3},
+                                                      {"MB", 1e6},
+                                                      {"GB", 1e9},
+                                                      {"TB", 1e12}};
   const std::size_t digits = std::min(text.find_first_not_of("0123456789."), text.size());
   std::size_t unit = digits;
   while (unit < text.size() && text[unit] == ' ') ++unit;
   const auto found = units.find(text.substr(unit));
-  const Error not_a_size = bad("\"" + text + "\" is not a size such as 512MiB, 4GiB or 1000000");
+  const Error not_a_size = bad("\"" + text + "\" is not a size such as 512MiB, 4G or 1000000");
   if (found == units.end() || digits == 0) throw not_a_size;
   double value = 0;
   const auto [end, failure] = std::from_chars(text.data(), text.data() + digits, value);

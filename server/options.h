@@ -44,7 +44,8 @@ struct Answer {
 /// Error(invalid_argument) in one line that names the option and where it was set.
 std::variant<Configuration, Answer> read_configuration(const CommandLine& command_line);
 
-/// "4GiB", "512 MiB", "1.5GB", "123456" -> bytes. Units: B, KiB, MiB, GiB, TiB, kB, MB, GB, TB. Throws Error(invalid_argument).
+/// "4GiB", "512 MiB", "1.5GB", "123456" -> bytes. Units: B; K, M, G, T or KiB, MiB, GiB, TiB, powers of 1024; kB, MB, GB, TB,
+/// powers of 1000. Throws Error(invalid_argument).
 std::size_t parse_bytes(const std::string& text);
 /// The shortest of these forms that gives exactly the same number.
 std::string to_text(std::size_t bytes);

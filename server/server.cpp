@@ -10,7 +10,9 @@
 
 #include <algorithm>
 #include <charconv>
+#include <condition_variable>
 #include <mutex>
+#include <thread>
 #include <utility>
 
 #include "server/service_text.h"
@@ -20,6 +22,9 @@ namespace deform::server {
 namespace {
 
 constexpr char service_name[] = "deform.v1.DeformService";
+/// Can geometries and setups be added? Without room on its disk the server still serves what it has.
+constexpr char write_service_name[] = "deform.v1.DeformService/write";
+constexpr std::chrono::seconds watch_interval{1};
 /// For the last messages to leave.
 constexpr std::chrono::milliseconds last_words{250};
 
@@ -84,6 +89,7 @@ class GrpcServer final : public RunningServer {
       address_ = options.address.substr(0, options.address.rfind(':') + 1) + std::to_string(port_);
     }
     set_serving(true);
+    watch_ = std::thread([this] { watch_store(); });
   }
 
   ~GrpcServer() override { stop(std::chrono::milliseconds(0)); }
@@ -97,6 +103,12 @@ class GrpcServer final : public RunningServer {
     const std::lock_guard lock(stop_mutex_);
     if (stopped_) return clean_;
     const auto deadline = std::chrono::steady_clock::now() + grace;
+    {
+      const std::lock_guard watch_lock(watch_mutex_);
+      stopping_ = true;
+    }
+    stopping_changed_.notify_all();
+    watch_.join();
     set_serving(false);
     service_.drain();
     clean_ = engine_->drain(grace);
@@ -127,6 +139,23 @@ class GrpcServer final : public RunningServer {
     if (health == nullptr) return;
     health->SetServingStatus(serving);
     health->SetServingStatus(service_name, serving);
+    health->SetServingStatus(write_service_name, serving && engine_->store().writable());
+  }
+
+  void watch_store() {
+    bool writable = engine_->store().writable();
+    std::unique_lock lock(watch_mutex_);
+    while (!stopping_changed_.wait_for(lock, watch_interval, [this] { return stopping_; })) {
+      const v1::StoreInfo store = engine_->store();
+      if (store.writable() == writable) continue;
+      writable = store.writable();
+      if (writable) {
+        spdlog::info("store: there is room again, geometries and setups can be added");
+      } else {
+        spdlog::error("store: geometries and setups can only be deleted: {}", store.reason());
+      }
+      if (auto* health = server_->GetHealthCheckService()) health->SetServingStatus(write_service_name, writable);
+    }
   }
 
   // In this order: calls use the service, the service uses the engine.
@@ -135,6 +164,10 @@ class GrpcServer final : public RunningServer {
   std::unique_ptr<grpc::Server> server_;
   int port_ = 0;
   std::string address_;
+  std::thread watch_;
+  std::mutex watch_mutex_;
+  std::condition_variable stopping_changed_;
+  bool stopping_ = false;  // under watch_mutex_
   std::mutex stop_mutex_;
   // under stop_mutex_
   bool stopped_ = false;

@@ -29,6 +29,7 @@ struct ResidentSystem {
   v1::SystemInfo info;  ///< `resident` is set by whoever answers
   Charge charge;        ///< of the system's bytes; the mesh has its own
   CellCheckCache cell_check;
+  FaceCheckCache face_check;
 };
 
 /// Prepared systems by id, bounded by bytes.

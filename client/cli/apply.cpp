@@ -1,18 +1,20 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
 #include <chrono>
 #include <iostream>
 #include <limits>
-#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "client/cli/apply_report.h"
 #include "client/cli/cell_options.h"
 #include "client/cli/command.h"
-#include "client/cli/format.h"
+#include "client/cli/gates.h"
 #include "client/cli/motions.h"
 #include "client/cli/region_points.h"
 #include "client/cli/result_json.h"
+#include "client/cli/setup_file.h"
 #include "client/cli/workspace.h"
 #include "client/design.h"
 
@@ -29,6 +31,9 @@ struct ApplyOptions {
   std::string path = "automatic";
   OutputOptions encoding;
   CellOptions cells;
+  DesignGates gates;
+  bool in_place = false;
+  bool keep_bad = false;
 };
 
 v1::Design make_design(const ApplyOptions& options, const PreparedSetup& prepared, const Mesh& mesh) {
@@ -48,49 +53,45 @@ v1::EvaluationPath evaluation_path(const std::string& name) {
   return name == "basis" ? v1::PATH_BASIS : name == "direct" ? v1::PATH_DIRECT : v1::PATH_AUTOMATIC;
 }
 
-struct Applied {
-  std::string file;
-  std::size_t points = 0;
-  v1::DesignResult result;
-  v1::DeformSummary summary;
-  std::vector<std::pair<std::string, double>> seconds;
-  std::string encoding;
-};
-
-nlohmann::ordered_json applied_json(const Applied& applied) {
-  nlohmann::ordered_json json;
-  json["file"] = applied.file;
-  json["points"] = applied.points;
-  json["encoding"] = applied.encoding;
-  json["max_error"] = applied.result.max_error();
-  json["seconds"] = nlohmann::ordered_json::object();
-  for (const auto& [stage, seconds] : applied.seconds) json["seconds"][stage] = seconds;
-  auto& report = json["report"];
-  report["path"] = v1::EvaluationPath_Name(applied.result.path());
-  report["interpolation_residual"] = applied.result.interpolation_residual();
-  report["max_displacement"] = applied.result.max_displacement();
-  report["blocks_fell_back"] = applied.result.blocks_fell_back();
-  add_findings(applied.result, report);
-  report["bytes"] = applied.summary.bytes();
-  report["prepared_again"] = applied.summary.prepared_again();
-  report["notes"] = std::vector<std::string>(applied.summary.notes().begin(), applied.summary.notes().end());
-  return json;
+/// The mesh file that the setup or --source names; empty when there is none, which source_of() complains about.
+std::filesystem::path source_path(const PrepareInput& input) {
+  if (!input.source.empty()) return input.source;
+  if (!std::filesystem::exists(input.setup)) return {};
+  return read_setup_file(input.setup).geometry_file.value_or(std::filesystem::path());
 }
 
-void print_applied(const Applied& applied) {
-  std::cout << "wrote " << applied.file << ": " << applied.points << " points, " << bytes_text(applied.summary.bytes())
-            << " received as " << applied.encoding << ", encoding error " << number_text(applied.result.max_error())
-            << "\n  residual at the centres " << number_text(applied.result.interpolation_residual()) << ", largest displacement "
-            << number_text(applied.result.max_displacement()) << "\n ";
-  for (const auto& [stage, seconds] : applied.seconds) std::cout << ' ' << stage << ' ' << duration_text(seconds);
-  std::cout << '\n';
-  print_findings(applied.result, std::cout);
-  for (const auto& note : applied.summary.notes()) std::cout << "  note: " << note << '\n';
-  std::cout << std::flush;
+/// Where to write. Throws Error(invalid_argument) when that is the source, and nobody said so.
+std::filesystem::path checked_output(const ApplyOptions& options) {
+  const std::filesystem::path source = source_path(options.input);
+  if (source.empty() || !std::filesystem::exists(source)) {
+    if (options.in_place)
+      throw Error(ErrorCode::invalid_argument, "--in-place: no mesh file is named, by the setup or by --source");
+    return options.output;
+  }
+  const auto replaced = options.output.empty() ? std::nullopt : io::replaced_source(source, options.output);
+  if (options.in_place) {
+    if (!options.output.empty() && !replaced) {
+      throw Error(ErrorCode::invalid_argument,
+                  "--in-place writes to the source mesh " + source.string() + ", -o names " + options.output + "; leave one out");
+    }
+    return io::source_file(source);
+  }
+  if (replaced) {
+    throw Error(ErrorCode::invalid_argument, "-o " + options.output + ": would replace the source mesh " + replaced->string() +
+                                                 ", and the next apply would deform it again; name another file, or give "
+                                                 "--in-place if you mean it");
+  }
+  return options.output;
+}
+
+bool at_rest(const v1::Design& design) {
+  return design.motions_size() == 0 &&
+         std::all_of(design.variables().begin(), design.variables().end(), [](double value) { return value == 0; });
 }
 
 ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
   const auto start = std::chrono::steady_clock::now();
+  const std::filesystem::path output = checked_output(options);
   Connection connection(common);
   Progress progress;
   const PreparedSetup prepared = open_setup(connection, options.input, progress);
@@ -104,16 +105,21 @@ ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
   const auto outcome = connection.client().deform(request, connection.call());
   const auto& design = outcome.designs.at(0);
   const auto before_write = std::chrono::steady_clock::now();
-  io::write_mesh_file(source, design.points, options.output);
-  const auto end = std::chrono::steady_clock::now();
-  const auto seconds = [](auto from, auto to) { return std::chrono::duration<double>(to - from).count(); };
-
   Applied applied;
-  applied.file = options.output;
+  applied.file = output.string();
   applied.points = design.points.size();
   applied.result = design.result;
   applied.summary = outcome.summary;
   applied.encoding = options.encoding.encoding;
+  if (at_rest(request.designs(0)))
+    applied.notes.push_back("no variable is set and no motion is given: nothing was asked to move");
+  const Judgement judgement = judge(design.result);
+  applied.failures = judgement.reasons;
+  for (const auto& gate : options.gates.failed(design.result)) applied.failures.push_back(to_text(gate));
+  applied.written = judgement.verdict != Verdict::discarded || options.keep_bad;
+  if (applied.written) io::write_mesh_file(source, design.points, output);
+  const auto end = std::chrono::steady_clock::now();
+  const auto seconds = [](auto from, auto to) { return std::chrono::duration<double>(to - from).count(); };
   applied.seconds = {{"read", prepared.times.read},
                      {"register", prepared.times.register_geometry},
                      {"prepare", prepared.times.prepare},
@@ -127,9 +133,12 @@ ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
   if (common.style() == Style::json) {
     print(applied_json(applied));
   } else {
-    print_applied(applied);
+    print_applied(applied, std::cout);
   }
-  return exit_ok;
+  for (const auto& warning : warnings_of(applied.result)) warn(warning);
+  if (applied.failures.empty()) return exit_ok;
+  complain(failure_text(applied));
+  return exit_verdict;
 }
 
 }  // namespace
@@ -145,21 +154,27 @@ void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chose
                    "How far a place in a motion file may be from its point, model units; 0: 1e-6 of the bounding-box diagonal")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  command
-      ->add_option("-o,--output", options->output,
-                   "File to write, in the format of the original: only its coordinates change; .gz is added or left out at will")
-      ->required();
+  auto* target = command->add_option_group("target", "Where the result goes");
+  target->add_option(
+      "-o,--output", options->output,
+      "File to write, in the format of the original: only its coordinates change; .gz is added or left out at will");
+  target->add_flag("--in-place", options->in_place, "Overwrite the source mesh, which -o refuses to do");
+  target->require_option(1, 2);
+  command->add_flag("--keep-bad", options->keep_bad, "Write also what misses exact constraints; the exit code stays 4");
   command->add_option("--source", options->input.source, "Mesh file of a setup that names its geometry by id");
   command->add_option("--path", options->path, "How designs are evaluated")
       ->transform(CLI::IsMember({"automatic", "basis", "direct"}, CLI::ignore_case))
       ->capture_default_str();
   options->encoding.add_to(*command);
   options->cells.add_to(*command);
-  command->footer(std::string("Motion files: ") + motion_formats +
-                  "\nSeconds of solve, encode and decode are core seconds, the others wall time.\n"
-                  "Examples:\n"
-                  "  deform apply setup.yaml --set roof_up=0.03 --set slant_turn=0.1 -o out.obj\n"
-                  "  deform apply setup.yaml --motions matrices.csv -o out.obj --json");
+  options->gates.add_to(*command);
+  command->footer(
+      std::string("Motion files: ") + motion_formats +
+      "\nExit code 4 when cells are inverted, a split did not arrive, exact constraints are missed (nothing is written then) or\n"
+      "--fail-on holds.\nSeconds of solve, encode and decode are core seconds, the others wall time.\n"
+      "Examples:\n"
+      "  deform apply setup.yaml --set roof_up=0.03 --set slant_turn=0.1 -o out.obj\n"
+      "  deform apply setup.yaml --motions matrices.csv -o out.obj --json");
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_apply(*options, common); }; });
 }
 

@@ -2,10 +2,12 @@
 
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "client/cli/format.h"
 #include "client/cli/result_json.h"
+#include "core/base/text.h"
 
 namespace deform::cli {
 
@@ -13,8 +15,8 @@ void CellOptions::add_to(CLI::App& command) {
   command
       .add_option(
           "--check", check,
-          "What to find out about the cells of a volume or 2D mesh: off, amplitude (which are inverted, and how far along "
-          "the motion none is), quality (that, and all measures)")
+          "What to find out about the faces and the cells of a volume or 2D mesh: off, amplitude (which faces flipped, which "
+          "cells are inverted, and how far along the motion none is), quality (that, and all measures)")
       ->transform(CLI::IsMember({"off", "amplitude", "quality"}, CLI::ignore_case))
       ->capture_default_str();
   command
@@ -38,6 +40,11 @@ void CellOptions::set(v1::DeformRequest& request) const {
 std::string CellOptions::identity() const { return split == "off" ? "" : split + " " + std::to_string(most_steps); }
 
 void add_findings(const v1::DesignResult& result, nlohmann::ordered_json& json) {
+  if (result.has_faces()) {
+    json["faces"] = result.faces().faces();
+    json["flipped_faces"] = result.faces().flipped();
+    json["flipped"] = std::vector<std::uint32_t>(result.faces().flipped_ids().begin(), result.faces().flipped_ids().end());
+  }
   if (result.has_cells()) json["cells"] = to_json(result.cells());
   if (result.has_quality()) json["quality"] = to_json(result.quality());
   if (result.has_split()) json["split"] = to_json(result.split());
@@ -50,6 +57,24 @@ bool has_inverted_cells(const v1::DesignResult& result) {
 
 namespace {
 
+/// " 17, 23, ..." of ids that come worst first.
+template <typename Ids>
+std::string first_ids(const Ids& ids, std::uint64_t all) {
+  constexpr int most = 10;
+  std::string text;
+  for (int k = 0; k < std::min(most, ids.size()); ++k) text += (k == 0 ? " " : ", ") + std::to_string(ids.Get(k));
+  return text + (all > most ? ", ..." : "");
+}
+
+void print_faces(const v1::FaceReport& faces, std::ostream& out) {
+  if (faces.flipped() == 0) {
+    out << "  none of " << faces.faces() << " faces flipped\n";
+    return;
+  }
+  out << "  " << faces.flipped() << " of " << faces.faces()
+      << " faces flipped:" << first_ids(faces.flipped_ids(), faces.flipped()) << ", worst first\n";
+}
+
 void print_cells(const v1::CellReport& cells, std::ostream& out) {
   out << "  " << cells.cells() << " cells, ";
   if (cells.inverted() == 0 && cells.safe_amplitude() == 1) {
@@ -60,10 +85,7 @@ void print_cells(const v1::CellReport& cells, std::ostream& out) {
   }
   if (cells.inverted_at_rest() > 0) out << " (besides " << cells.inverted_at_rest() << " that are inverted at rest)";
   out << '\n';
-  constexpr int most = 10;
-  if (cells.inverted_ids_size() > 0) out << "  worst cells:";
-  for (int k = 0; k < std::min(most, cells.inverted_ids_size()); ++k) out << ' ' << cells.inverted_ids(k);
-  if (cells.inverted_ids_size() > 0) out << (cells.inverted() > most ? " ...\n" : "\n");
+  if (cells.inverted_ids_size() > 0) out << "  worst cells:" << first_ids(cells.inverted_ids(), cells.inverted()) << '\n';
 }
 
 void print_split(const v1::SplitReport& split, std::ostream& out) {
@@ -78,10 +100,12 @@ void print_split(const v1::SplitReport& split, std::ostream& out) {
 
 void print_constraints(const v1::ConstraintsReport& constraints, std::ostream& out) {
   for (const auto& residual : constraints.residuals()) {
-    out << "  " << residual.name() << ": largest " << number_text(residual.largest()) << ", rms " << number_text(residual.rms())
-        << " (without constraints " << number_text(residual.free_largest()) << ", " << number_text(residual.free_rms()) << ')'
+    out << "  " << printable(residual.name()) << ": largest " << number_text(residual.largest()) << ", rms "
+        << number_text(residual.rms()) << " (without constraints " << number_text(residual.free_largest()) << ", "
+        << number_text(residual.free_rms()) << ')'
         << (residual.missed() ? ", NOT EXACT: it contradicts others, or points that are held\n" : "\n");
   }
+  if (constraints.exact_given_up()) out << "  exact placement GIVEN UP: it made the result worse\n";
   out << "  constraints " << (constraints.converged() ? "converged" : "DID NOT CONVERGE") << " in " << constraints.iterations()
       << " iterations";
   if (constraints.newton_steps() > 0) out << ", " << constraints.newton_steps() << " of them Newton steps";
@@ -94,10 +118,11 @@ void print_constraints(const v1::ConstraintsReport& constraints, std::ostream& o
 
 void print_findings(const v1::DesignResult& result, std::ostream& out) {
   if (result.has_constraints()) print_constraints(result.constraints(), out);
+  if (result.has_faces()) print_faces(result.faces(), out);
   if (result.has_cells()) print_cells(result.cells(), out);
   if (result.has_split()) print_split(result.split(), out);
   for (const auto& measure : result.quality().measures()) {
-    out << "  " << measure.label() << ": " << number_text(measure.value());
+    out << "  " << printable(measure.label()) << ": " << number_text(measure.value());
     if (measure.has_id()) out << " (" << measure.id() << ")";
     out << '\n';
   }

@@ -2,10 +2,17 @@
 
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <exception>
 #include <iostream>
+#include <nlohmann/json.hpp>
+
+#include "client/cli/error_json.h"
+#include "client/cli/printable_stream.h"
+#include "client/cli/result_json.h"
+#include "core/base/text.h"
 
 namespace deform::cli {
 
@@ -48,7 +55,9 @@ std::string one_line(std::string text) {
 
 }  // namespace
 
-void complain(const std::string& message) { std::cerr << "deform: " << one_line(message) << std::endl; }
+void complain(const std::string& message) { std::cerr << "deform: " << printable(one_line(message)) << std::endl; }
+
+void warn(const std::string& message) { complain("warning: " + message); }
 
 namespace {
 
@@ -61,24 +70,29 @@ constexpr char footer[] = R"(A first round, with deformd running on this machine
 
 Exit codes: 0 done; 1 wrong input, also of some rows of a sweep; 2 wrong usage; 3 server unreachable, deadline passed, or
 still refused after all attempts; 4 a gate or verdict failed: --fail-on, inverted cells, missed exact constraints, a split
-that did not arrive; 130 interrupted by Ctrl-C (the server stops working on the request too). One line on stderr says why.
+that did not arrive; 130 interrupted by Ctrl-C (the server stops working on the request too). One line on stderr says why;
+with --json there is {"error": {"code", "message", "field"}} on stdout, too.
 The server may also be named by the environment variable DEFORM_SERVER.)";
 
-ExitCode run_action(const Action& action) {
+/// The line for people, and with --json the same for machines.
+ExitCode fail(ExitCode code, const nlohmann::ordered_json& error, Style style) {
+  complain(error.at("message"));
+  if (style == Style::json) print({{"error", error}});
+  return code;
+}
+
+ExitCode run_action(const Action& action, Style style) {
   try {
     return action();
   } catch (const Error& error) {
-    complain(error.what());
-    return exit_code_of(error);
+    return fail(exit_code_of(error), error_json(error.code(), error.what()), style);
   } catch (const CLI::ParseError& error) {  // what is wrong with the command line can depend on the files it names
-    complain(error.what());
-    return exit_usage;
+    return fail(exit_usage, usage_error_json(error.what()), style);
   } catch (const std::bad_alloc&) {
-    complain("not enough memory on this machine for this mesh");
+    return fail(exit_failed, error_json(ErrorCode::out_of_budget, "not enough memory on this machine for this mesh"), style);
   } catch (const std::exception& error) {
-    complain(error.what());
+    return fail(exit_failed, error_json(ErrorCode::internal, error.what()), style);
   }
-  return exit_failed;
 }
 
 std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
@@ -105,6 +119,7 @@ void add_common_options(CLI::App& app, CommonOptions& common) {
 }  // namespace
 
 int run(int argc, const char* const* argv) {
+  const PrintableStream out(std::cout), err(std::cerr);
   CommonOptions common;
   Action chosen;
   CLI::App app{"deform: client of deformd, deformation of meshes for shape optimization", "deform"};
@@ -114,9 +129,10 @@ int run(int argc, const char* const* argv) {
   app.require_subcommand(1);
   app.get_formatter()->column_width(38);
   add_common_options(app, common);
-  for (const auto add : {add_sample_command, add_inspect_command, add_quality_command, add_register_command, add_detect_command,
-                         add_prepare_command, add_apply_command, add_sweep_command, add_list_command, add_show_command,
-                         add_remove_command, add_status_command, add_bench_command}) {
+  for (const auto add :
+       {add_sample_command, add_inspect_command, add_quality_command, add_register_command, add_detect_command,
+        add_prepare_command, add_apply_command, add_sweep_command, add_list_command, add_show_command, add_remove_command,
+        add_status_command, add_bench_command, add_regions_command, add_read_isolated_command}) {
     add(app, common, chosen);
   }
   try {
@@ -125,10 +141,11 @@ int run(int argc, const char* const* argv) {
     app.exit(help);
     return exit_ok;
   } catch (const CLI::ParseError& error) {
-    complain(usage_error(app, error));
-    return exit_usage;
+    // Reading the command line may have ended before --json.
+    const bool json = std::any_of(argv, argv + argc, [](const char* argument) { return std::string(argument) == "--json"; });
+    return fail(exit_usage, usage_error_json(usage_error(app, error)), json ? Style::json : Style::text);
   }
-  return run_action(chosen);
+  return run_action(chosen, common.style());
 }
 
 }  // namespace deform::cli

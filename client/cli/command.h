@@ -20,8 +20,10 @@ enum ExitCode {
 /// The exit code of a command that ends with this error.
 ExitCode exit_code_of(const Error& error);
 
-/// One line on stderr.
+/// One line on stderr: why the command fails.
 void complain(const std::string& message);
+/// One line on stderr about what the user should look at, although the command succeeds.
+void warn(const std::string& message);
 
 /// How results are printed.
 enum class Style { text, json };
@@ -55,6 +57,8 @@ void add_show_command(CLI::App& app, const CommonOptions& common, Action& chosen
 void add_remove_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_status_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_bench_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_regions_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_read_isolated_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 
 /// The whole program without main: parses, runs, prints errors as one line on stderr.
 int run(int argc, const char* const* argv);

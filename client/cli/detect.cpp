@@ -9,8 +9,10 @@
 #include "client/cli/command.h"
 #include "client/cli/detect_files.h"
 #include "client/cli/format.h"
+#include "client/cli/mesh_reading.h"
 #include "client/cli/result_json.h"
 #include "client/cli/workspace.h"
+#include "core/base/text.h"
 
 namespace deform::cli {
 
@@ -88,15 +90,15 @@ void print_detected(const client::Detected& detected) {
             << std::setw(13) << "radius" << std::setw(13) << "rms" << std::setw(13) << "largest" << '\n';
   for (const auto& primitive : detected.primitives) {
     const auto& about = primitive.about;
-    std::cout << std::left << std::setw(16) << about.name() << std::right << std::setw(9) << std::setprecision(3)
+    std::cout << std::left << std::setw(16) << printable(about.name()) << std::right << std::setw(9) << std::setprecision(3)
               << 100 * about.area() / summary.area() << std::setw(9) << about.points() << std::setw(13)
               << (about.radius() > 0 ? number_text(about.radius()) : "") << std::setw(13) << number_text(about.rms())
               << std::setw(13) << number_text(about.largest()) << '\n';
   }
   for (const auto& edge : detected.edges) {
     const auto& about = edge.about;
-    std::cout << std::left << std::setw(16) << about.name() << std::right << std::setw(9) << "" << std::setw(9) << about.points()
-              << std::setw(13) << (about.radius() > 0 ? number_text(about.radius()) : "") << std::setw(13)
+    std::cout << std::left << std::setw(16) << printable(about.name()) << std::right << std::setw(9) << "" << std::setw(9)
+              << about.points() << std::setw(13) << (about.radius() > 0 ? number_text(about.radius()) : "") << std::setw(13)
               << number_text(about.rms()) << std::setw(13) << number_text(about.largest()) << '\n';
   }
   std::cout << "  " << std::setprecision(4) << 100 * summary.coverage() << " % of the surface belongs to primitives\n"
@@ -117,7 +119,7 @@ std::string geometry_name(const std::string& file, const std::string& setup) {
 ExitCode run_detect(const DetectCommand& options, const CommonOptions& common) {
   Connection connection(common);
   Progress progress;
-  const auto file = io::read_mesh_file(options.file);
+  const auto file = io::read_mesh_file(options.file, own_process(connection.interrupted()));
   const auto info = register_mesh(connection, file->mesh(), std::filesystem::path(options.file).filename().string(), progress);
   progress.clear();
   const client::Detected detected = connection.client().detect(options.request(info.id()), connection.call());

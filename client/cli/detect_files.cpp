@@ -104,8 +104,8 @@ void write_detected(const Mesh& mesh, const client::Detected& detected, const st
     throw Error(ErrorCode::invalid_argument, path.string() + ": coloured faces are written as .ply or .vtp");
   }
   io::VtkArrays arrays;
-  arrays.cells.push_back({"primitive", 1, std::move(primitive)});
-  io::VtkArray channels{"colour", 3, {}};
+  arrays.cells.push_back({"primitive", 1, std::move(primitive), io::VtkArray::Type::int32});
+  io::VtkArray channels{"colour", 3, {}, io::VtkArray::Type::uint8};
   for (const auto& c : colour) {
     for (const unsigned char channel : c) channels.values.push_back(channel);
   }

@@ -1,6 +1,7 @@
 #include "client/cli/format.h"
 
 #include <cstdio>
+#include <ctime>
 
 namespace deform::cli {
 
@@ -31,6 +32,17 @@ std::string duration_text(double seconds) {
   if (seconds < 120) return formatted("%.1f s", seconds);
   if (seconds < 7200) return formatted("%.0f min", seconds / 60);
   return formatted("%.1f h", seconds / 3600);
+}
+
+std::string date_text(std::int64_t unix_ms) {
+  if (unix_ms == 0) return "-";
+  const auto seconds = static_cast<std::time_t>(unix_ms / 1000);
+  std::tm local{};
+  char text[40];
+  if (localtime_r(&seconds, &local) == nullptr) return "-";
+  std::string date(text, std::strftime(text, sizeof(text), "%Y-%m-%dT%H:%M:%S%z", &local));
+  if (date.size() > 2) date.insert(date.size() - 2, ":");
+  return date;
 }
 
 std::string number_text(double value) { return formatted("%.6g", value); }

@@ -10,8 +10,9 @@
 
 #include "client/cli/command.h"
 #include "client/cli/format.h"
+#include "client/cli/mesh_reading.h"
 #include "client/cli/result_json.h"
-#include "core/io/mesh_file.h"
+#include "core/base/text.h"
 #include "core/mesh/elements.h"
 
 namespace deform::cli {
@@ -77,7 +78,7 @@ std::string cells_text(const Mesh& mesh) {
 }
 
 void print_report(const MeshReport& report, const Mesh& mesh, const std::string& file) {
-  std::cout << file << '\n';
+  std::cout << printable(file) << '\n';
   line("points", std::to_string(report.points));
   line("faces", std::to_string(report.faces) + " (" + std::to_string(report.triangles) + " triangles, " +
                     std::to_string(report.quads) + " quads, " + std::to_string(report.other_faces) + " others)");
@@ -95,13 +96,14 @@ void print_report(const MeshReport& report, const Mesh& mesh, const std::string&
   line("coincident points", std::to_string(report.coincident_points));
   if (!report.groups.empty()) std::cout << "  groups\n";
   for (const auto& group : report.groups) {
-    std::cout << "    " << std::left << std::setw(20) << group.name << group.points << " points, " << group.faces << " faces\n";
+    std::cout << "    " << std::left << std::setw(20) << printable(group.name) << group.points << " points, " << group.faces
+              << " faces\n";
   }
   std::cout << std::flush;
 }
 
 ExitCode run_inspect(const InspectOptions& options, const CommonOptions& common) {
-  const auto file = io::read_mesh_file(options.file);
+  const auto file = io::read_mesh_file(options.file, own_process());
   const auto mesh = file->mesh();
   const MeshReport report = inspect(*mesh);
   if (common.style() == Style::json) {

@@ -8,6 +8,7 @@
 #include "client/cli/format.h"
 #include "client/cli/result_json.h"
 #include "client/cli/workspace.h"
+#include "core/base/text.h"
 
 namespace deform::cli {
 
@@ -34,12 +35,14 @@ ExitCode run_list(const ListOptions& options, const CommonOptions& common) {
   }
   constexpr std::size_t shown_digits = 16;
   for (const auto& geometry : geometries) {
-    std::cout << "geometry " << geometry.id().substr(0, shown_digits) << "  " << geometry.points() << " points, "
-              << geometry.faces() << " faces, " << geometry.setups() << " setups  " << geometry.name() << '\n';
+    std::cout << "geometry " << geometry.id().substr(0, shown_digits) << "  " << date_text(geometry.registered_unix_ms()) << "  "
+              << geometry.points() << " points, " << geometry.faces() << " faces, " << geometry.setups() << " setups  "
+              << printable(geometry.name()) << (geometry.damage().empty() ? "" : "  DAMAGED: " + printable(geometry.damage()))
+              << '\n';
   }
   for (const auto& system : systems) {
-    std::cout << "system   " << system.id().substr(0, shown_digits) << "  of geometry "
-              << system.geometry_id().substr(0, shown_digits) << "  "
+    std::cout << "system   " << system.id().substr(0, shown_digits) << "  " << date_text(system.created_unix_ms())
+              << "  of geometry " << system.geometry_id().substr(0, shown_digits) << "  "
               << (system.resident() ? bytes_text(system.bytes()) + " in memory" : std::string("not in memory")) << '\n';
   }
   std::cout << std::flush;
@@ -54,7 +57,9 @@ void add_list_command(CLI::App& app, const CommonOptions& common, Action& chosen
   command->add_option("WHAT", options->what, "geometries, systems or all")
       ->check(CLI::IsMember({"geometries", "systems", "all"}))
       ->capture_default_str();
-  command->footer("Ids are cut to 16 digits, which every command accepts; --json has them in full.");
+  command->footer(
+      "Dates are when a geometry was registered and a setup was prepared first, local time.\nIds are cut to 16 digits, which "
+      "every command accepts; --json has them in full.");
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_list(*options, common); }; });
 }
 

@@ -5,6 +5,7 @@
 #include "client/cli/region_points.h"
 #include "client/cli/setup_file.h"
 #include "core/base/error.h"
+#include "core/quality/flipped_faces.h"
 
 namespace deform::cli {
 
@@ -91,16 +92,16 @@ void add_comparison(Comparison& comparison) {
     return;
   }
   add_displacement(after.report, after.mesh().points, before.mesh().points);
-  if (after.surface) add_flipped(after.report, after.mesh(), flipped_faces(after.mesh(), before.mesh().points));
+  if (after.mesh().face_count() > 0) add_flipped(after.report, after.mesh(), flipped_faces(after.mesh(), before.mesh().points));
 }
 
 }  // namespace
 
-MeasuredMesh::MeasuredMesh(const std::string& file_path)
-    : path(file_path), file(io::read_mesh_file(file_path)), mesh_(file->mesh()) {}
+MeasuredMesh::MeasuredMesh(const std::string& file_path, const io::ReadOptions& reading)
+    : path(file_path), file(io::read_mesh_file(file_path, reading)), mesh_(file->mesh()) {}
 
-MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::string>& walls) {
-  MeasuredMesh result(path);
+MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::string>& walls, const io::ReadOptions& reading) {
+  MeasuredMesh result(path, reading);
   const auto& points = result.mesh().points;
   if (const auto cells = result.file->cells()) {
     result.cells = polyhedral_quality(points, *cells);
@@ -120,9 +121,9 @@ MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::strin
 }
 
 Comparison compare(const ComparisonInput& input) {
-  Comparison result{measured_mesh(input.file, input.walls), std::nullopt, false, {}};
+  Comparison result{measured_mesh(input.file, input.walls, input.reading), std::nullopt, false, {}};
   if (!input.before.empty()) {
-    result.before.emplace(measured_mesh(input.before, input.walls));
+    result.before.emplace(measured_mesh(input.before, input.walls, input.reading));
     add_comparison(result);
   }
   if (!input.setup.empty()) add_jumps(result, read_setup_file(input.setup).setup);

@@ -21,7 +21,7 @@ struct MeasuredMesh {
   QualityReport report;
 
   const Mesh& mesh() const { return *mesh_; }
-  explicit MeasuredMesh(const std::string& file_path);
+  MeasuredMesh(const std::string& file_path, const io::ReadOptions& reading);
 
  private:
   std::shared_ptr<const Mesh> mesh_;
@@ -29,7 +29,7 @@ struct MeasuredMesh {
 
 /// Reads and measures, with the first layer on the walls, which are groups of faces. Throws Error(invalid_argument) when there is
 /// no such group, or walls are asked of a surface.
-MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::string>& walls);
+MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::string>& walls, const io::ReadOptions& reading = {});
 
 /// A mesh and, where it is asked for, what it was before.
 struct Comparison {
@@ -43,6 +43,7 @@ struct ComparisonInput {
   std::string file, before;  ///< before: may be empty
   std::vector<std::string> walls;
   std::string setup;  ///< a setup file whose regions have borders, or empty
+  io::ReadOptions reading{};
 };
 
 /// Measures, and adds displacement, flipped faces and the jumps at the borders of regions. The regions are selected on the

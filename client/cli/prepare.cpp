@@ -8,6 +8,7 @@
 #include "client/cli/format.h"
 #include "client/cli/result_json.h"
 #include "client/cli/workspace.h"
+#include "core/base/text.h"
 
 namespace deform::cli {
 
@@ -21,7 +22,7 @@ struct PrepareOptions {
 void print_estimate(const v1::EstimateReply& estimate) {
   std::cout << "valid\n";
   for (const auto& handle : estimate.handles()) {
-    std::cout << "  handle " << handle.name() << ": " << handle.points() << " points\n";
+    std::cout << "  handle " << printable(handle.name()) << ": " << handle.points() << " points\n";
   }
   std::cout << "  fixed: " << estimate.fixed_points() << " points\n"
             << "  centres: at most " << estimate.centres() << '\n'
@@ -30,7 +31,7 @@ void print_estimate(const v1::EstimateReply& estimate) {
             << '\n'
             << "  time: about " << duration_text(estimate.seconds())
             << (estimate.resident() ? ", but it is prepared already" : "") << '\n';
-  for (const auto& note : estimate.notes()) std::cout << "  note: " << note << '\n';
+  for (const auto& note : estimate.notes()) std::cout << "  note: " << printable(note) << '\n';
   std::cout << std::flush;
 }
 
@@ -47,7 +48,7 @@ void print_system(const v1::SystemInfo& system) {
   std::cout << "\n  prepared in " << duration_text(system.seconds()) << '\n';
   for (const auto& stage : system.stages())
     std::cout << "    " << stage.stage() << ": " << duration_text(stage.seconds()) << '\n';
-  for (const auto& note : system.notes()) std::cout << "  note: " << note << '\n';
+  for (const auto& note : system.notes()) std::cout << "  note: " << printable(note) << '\n';
   std::cout << std::flush;
 }
 
@@ -83,14 +84,14 @@ constexpr char setup_help[] = R"(A setup file is YAML:
   method: {rbf: {kernel: TRIHARMONIC}}
   handles:
     - {name: slant, region: {group: slant}}
-    - {name: roof,  region: {intersection: [{group: roof}, {box: {min: [0.2, -1, 0], max: [0.8, 1, 1]}}]}}
+    - {name: roof,  region: {intersection: [{group: roof}, {box: {min: [0.4, -1, 0], max: [0.6, 1, 1]}}]}}
   fixed: [{group: nose}, {group: underbody}, {group: stilts}]
   variables:
-    - {name: roof_up,    handle: roof,  translate: [0, 0, 1], lower: -0.05, upper: 0.05}
-    - {name: slant_turn, handle: slant, rotate: {axis: [0, 1, 0], centre: [0, 0, 0.3]}, lower: -0.2, upper: 0.2}
+    - {name: roof_up,    handle: roof,  translate: [0, 0, 1], lower: -0.04, upper: 0.04}
+    - {name: slant_turn, handle: slant, rotate: {axis: [0, 1, 0], centre: [0.843, 0, 0.338]}, lower: -0.1, upper: 0.1}
 Regions: group, box {min, max}, sphere {centre, radius}, cylinder {start, end, radius}, half_space {point, normal},
-ids [..], open_boundary: true, all: true, union [..], intersection [..], difference [..], complement {..},
-grow {region, rings}. Variables: translate [x, y, z], rotate {axis, centre} in radians, scale {centre, axis}.
+ids [..], open_boundary: true, boundary: true (the surface of a volume mesh), all: true, union [..], intersection [..],
+difference [..], complement {..}, grow {region, rings}. `deform regions` shows them in colours. Variables: translate [x, y, z], rotate {axis, centre} in radians, scale {centre, axis}.
 A half model: symmetry: [{region: {group: symmetry}}] or [{point: [0, 0, 0], normal: [0, 1, 0]}], up to three planes that stay
 planes while their points slide.
 Kernels: TRIHARMONIC, BIHARMONIC, QUINTIC, GAUSSIAN, MULTIQUADRIC, INVERSE_MULTIQUADRIC, WENDLAND_C2, THIN_PLATE

@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "client/cli/format.h"
+#include "core/base/text.h"
 
 namespace deform::cli {
 
@@ -61,7 +62,7 @@ bool Progress::due(const std::string& stage, bool last) {
 }
 
 void Progress::draw(const std::string& line) {
-  std::fprintf(stderr, "\r\x1b[K%s", line.c_str());
+  std::fprintf(stderr, "\r\x1b[K%s", printable(line).c_str());
   std::fflush(stderr);
   visible_ = true;
 }

@@ -7,12 +7,15 @@
 #include <nlohmann/json.hpp>
 
 #include "client/cli/command.h"
+#include "client/cli/error_json.h"
 #include "client/cli/format.h"
 #include "client/cli/gates.h"
 #include "client/cli/measured_mesh.h"
+#include "client/cli/mesh_reading.h"
 #include "client/cli/quality_files.h"
 #include "client/cli/result_json.h"
 #include "core/base/error.h"
+#include "core/base/text.h"
 
 namespace deform::cli {
 
@@ -53,7 +56,7 @@ nlohmann::ordered_json report_json(const QualityReport& report) {
 
 void print_comparison(const Comparison& comparison) {
   const QualityReport& after = comparison.after.report;
-  std::cout << comparison.after.path << ":";
+  std::cout << printable(comparison.after.path) << ":";
   for (const auto& [name, count] : after.counts) {
     std::string noun = name;
     std::replace(noun.begin(), noun.end(), '_', ' ');
@@ -80,38 +83,48 @@ void print_comparison(const Comparison& comparison) {
   std::cout << std::flush;
 }
 
-void print_json(const Comparison& comparison) {
+void print_json(const Comparison& comparison, const std::string& failure) {
   nlohmann::ordered_json json = report_json(comparison.after.report);
   json["file"] = comparison.after.path;
   if (comparison.before) json["before"] = report_json(comparison.before->report);
   if (!comparison.notes.empty()) json["notes"] = comparison.notes;
+  if (!failure.empty()) json["error"] = verdict_error_json(failure);
   print(json);
 }
 
+/// Of the first gate that fails; empty when none does.
+std::string failure_text(const std::vector<QualityPage::Gate>& gates, const std::string& file) {
+  for (const auto& gate : gates) {
+    if (gate.failed) return file + ": " + to_text({gate.condition, gate.value});
+  }
+  return {};
+}
+
 ExitCode run_quality(const QualityOptions& options, const CommonOptions& common) {
-  const Comparison comparison = compare(options.input);
+  ComparisonInput input = options.input;
+  input.reading = own_process();
+  const Comparison comparison = compare(input);
   std::vector<QualityPage::Gate> gates;
   for (const auto& gate : options.fail_on) gates.push_back(gate_of(gate, comparison.after.report));
+  const std::string failure = failure_text(gates, options.input.file);
   if (common.style() == Style::json) {
-    print_json(comparison);
+    print_json(comparison, failure);
   } else {
     print_comparison(comparison);
   }
   // Written also when a gate fails: that is when they are looked at.
   if (!options.html.empty()) write_quality_page(comparison, gates, options.html);
   if (!options.vtk.empty()) write_quality_arrays(comparison, options.vtk);
-  for (const auto& gate : gates) {
-    if (!gate.failed) continue;
-    complain(options.input.file + ": " + to_text({gate.condition, gate.value}));
-    return exit_verdict;
-  }
-  return exit_ok;
+  if (failure.empty()) return exit_ok;
+  complain(failure);
+  return exit_verdict;
 }
 
 constexpr char footer[] = R"(OpenFOAM meshes get the measures of its checkMesh, by the same formulas; elements the scaled Jacobian
 (Knupp 2000; of quadratic elements that of their quadratic map at all nodes), also those of each type alone.
 Surfaces: twice the radius of the inscribed over that of the circumscribed circle of faces (1: regular), angles at corners,
-discrete mean curvature (cotangent weights, inside the surface), with --before the faces that turned by more than 90 degrees.
+discrete mean curvature (cotangent weights, inside the surface), with --before the faces that turned by more than 90 degrees
+against their surroundings: a part that turns as a whole has none.
 --wall: the height of the first layer of cells (volume over wall face) and the angle of the edges that leave the wall to
 its normal; all walls together.
 --setup: how smoothly handles, fixed regions and the rest meet: jumps of normals and of mean curvature over their borders.

@@ -12,6 +12,22 @@ namespace deform::cli {
 /// The ascending point ids of a handle of a setup that the server accepted.
 std::vector<PointId> handle_points(const v1::Setup& setup, const std::string& handle, const Mesh& mesh);
 
+/// The regions of a setup that nobody has accepted yet, and all that is wrong with them.
+struct ResolvedRegions {
+  static constexpr std::uint32_t free = 0, fixed = 1, first_handle = 2;
+  struct Constraint {
+    std::string name, kind;
+    std::vector<std::vector<PointId>> regions;
+  };
+  std::vector<std::uint32_t> labels;  ///< of every point, as region_labels()
+  std::vector<std::string> handles;   ///< their names
+  std::vector<Constraint> constraints;
+  std::vector<PointId> contested;  ///< ascending: points of two handles, or of a handle and a fixed region
+  /// One sentence each, the words of `deform prepare`: regions that cannot be selected, hold no point or overlap.
+  std::vector<std::string> problems;
+};
+ResolvedRegions resolve_regions(const v1::Setup& setup, const Mesh& mesh);
+
 /// A label per point: 0 for what may deform, 1 for what is fixed, 2 + i for handle i. Of regions that overlap the first handle
 /// has the point.
 std::vector<std::uint32_t> region_labels(const v1::Setup& setup, const Mesh& mesh);

@@ -1,12 +1,15 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "client/cli/command.h"
+#include "client/cli/mesh_reading.h"
 #include "client/cli/result_json.h"
 #include "client/cli/workspace.h"
+#include "core/base/text.h"
 
 namespace deform::cli {
 
@@ -17,10 +20,17 @@ struct RegisterOptions {
   std::string name;
 };
 
+/// Geometries that a server of 0.1 has registered do not know the points of the faces.
+std::string group_size(const v1::GroupInfo& group) {
+  const std::uint64_t points = std::max(group.all_points(), group.points());
+  const std::string faces = std::to_string(group.faces()) + " faces";
+  return points == 0 && group.faces() > 0 ? faces : std::to_string(points) + " points, " + faces;
+}
+
 ExitCode run_register(const RegisterOptions& options, const CommonOptions& common) {
   Connection connection(common);
   Progress progress;
-  const auto file = io::read_mesh_file(options.file);
+  const auto file = io::read_mesh_file(options.file, own_process(connection.interrupted()));
   const std::string label = options.name.empty() ? std::filesystem::path(options.file).filename().string() : options.name;
   const auto info = register_mesh(connection, file->mesh(), label, progress);
   progress.clear();
@@ -31,9 +41,7 @@ ExitCode run_register(const RegisterOptions& options, const CommonOptions& commo
   std::cout << info.id() << '\n';
   std::cout << "  " << (info.existed() ? "was registered before: " : "registered: ") << info.points() << " points, "
             << info.faces() << " faces" << (info.cells() > 0 ? ", " + std::to_string(info.cells()) + " cells" : "") << '\n';
-  for (const auto& group : info.groups()) {
-    std::cout << "  group " << group.name() << ": " << group.points() << " points, " << group.faces() << " faces\n";
-  }
+  for (const auto& group : info.groups()) std::cout << "  group " << printable(group.name()) << ": " << group_size(group) << '\n';
   std::cout << std::flush;
   return exit_ok;
 }

@@ -5,6 +5,9 @@
 
 #include <iostream>
 #include <nlohmann/json.hpp>
+#include <string_view>
+
+#include "core/base/text.h"
 
 namespace deform::cli {
 
@@ -92,8 +95,26 @@ Json to_json(const v1::SplitReport& report) { return message_json(report, Fields
 
 Json to_json(const v1::ConstraintsReport& report) { return message_json(report, Fields::all); }
 
-void print(const Json& json) { std::cout << json.dump(2, ' ', false, Json::error_handler_t::replace) << std::endl; }
+// Escaped down to ASCII: the controls of terminals and of the direction of text, too.
+void print(const Json& json) { std::cout << json.dump(2, ' ', true, Json::error_handler_t::replace) << std::endl; }
 
-std::string setup_text(const v1::Setup& setup) { return message_json(setup, Fields::present).dump(2); }
+std::string setup_text(const v1::Setup& setup) {
+  const std::string json = message_json(setup, Fields::present).dump(2, ' ', false, Json::error_handler_t::replace);
+  // Names stay legible, but what would be escaped on its way to a terminal is escaped as JSON does, so that it can be read again.
+  std::string text;
+  for (std::string_view rest = json; !rest.empty();) {
+    const std::string_view before = rest;
+    const std::string shown = take_printable(rest);
+    const std::string_view plain = before.substr(0, before.size() - rest.size());
+    if (plain == "\n" || shown == plain) {
+      text += plain;
+    } else {
+      const std::string digits = shown.substr(shown.find_first_not_of("\\xu{"));
+      const std::string hexadecimal = digits.substr(0, digits.find('}'));
+      text += "\\u" + std::string(4 - hexadecimal.size(), '0') + hexadecimal;
+    }
+  }
+  return text;
+}
 
 }  // namespace deform::cli

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "client/cli/command.h"
+#include "client/cli/error_json.h"
 #include "client/cli/format.h"
 #include "client/cli/result_json.h"
 #include "client/client.h"
@@ -32,14 +33,17 @@ ExitCode run_status(const CommonOptions& common) {
   client::CallOptions call = common.call_options();
   if (!call.timeout) call.timeout = std::chrono::seconds(5);
   const auto info = client.server_info(call);
+  const Error draining(ErrorCode::unavailable, "the server is draining and takes no new work; use another one");
   if (common.style() == Style::json) {
-    print(to_json(info));
+    auto json = to_json(info);
+    if (info.draining()) json["error"] = error_json(draining.code(), draining.what());
+    print(json);
   } else {
     print_status(info, common.server);
   }
   if (!info.draining()) return exit_ok;
-  std::cerr << "deform: the server is draining and takes no new work; use another one" << std::endl;
-  return exit_failed;
+  complain(draining.what());
+  return exit_code_of(draining);
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <chrono>
 
 #include "client/cli/format.h"
+#include "client/cli/mesh_reading.h"
 
 namespace deform::cli {
 
@@ -42,9 +43,9 @@ v1::GeometryInfo register_mesh(Connection& connection, const std::shared_ptr<con
 
 namespace {
 
-void read_source(LoadedSetup& loaded, const std::filesystem::path& path) {
+void read_source(LoadedSetup& loaded, const std::filesystem::path& path, const CancelFlag& cancel) {
   const auto start = std::chrono::steady_clock::now();
-  loaded.source = io::read_mesh_file(path);
+  loaded.source = io::read_mesh_file(path, own_process(cancel));
   loaded.source_path = path;
   loaded.times.read = seconds_since(start);
 }
@@ -63,10 +64,10 @@ LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progre
       if (!input.source.empty()) {
         throw Error(ErrorCode::invalid_argument, "--source: the setup names its mesh file itself; remove one of the two");
       }
-      read_source(loaded, *file.geometry_file);
+      read_source(loaded, *file.geometry_file, connection.interrupted());
     }
   }
-  if (!input.source.empty()) read_source(loaded, input.source);
+  if (!input.source.empty()) read_source(loaded, input.source, connection.interrupted());
   if (!loaded.source) return loaded;
   const auto start = std::chrono::steady_clock::now();
   const auto info = register_mesh(connection, loaded.source->mesh(), loaded.source_path.filename().string(), progress);

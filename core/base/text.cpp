@@ -19,6 +19,61 @@ std::size_t utf8_length(std::string_view text) {
   return length;
 }
 
+namespace {
+
+constexpr char hex_digits[] = "0123456789abcdef";
+
+/// The code point of a whole UTF-8 sequence.
+char32_t code_point(std::string_view sequence) {
+  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(sequence[i]); };
+  if (sequence.size() == 1) return byte(0);
+  char32_t point = byte(0) & (0x7fu >> sequence.size());
+  for (std::size_t i = 1; i < sequence.size(); ++i) point = point << 6 | (byte(i) & 0x3fu);
+  return point;
+}
+
+bool acts(char32_t point) {
+  return point < 0x20 || (point >= 0x7f && point <= 0x9f) || point == 0x61c || point == 0x200e || point == 0x200f ||
+         (point >= 0x2028 && point <= 0x202e) || (point >= 0x2066 && point <= 0x2069);
+}
+
+std::string byte_escape(char c) {
+  const auto byte = static_cast<unsigned char>(c);
+  return {'\\', 'x', hex_digits[byte >> 4], hex_digits[byte & 15]};
+}
+
+std::string point_escape(char32_t point) {
+  std::string digits;
+  for (; point != 0; point >>= 4) digits.insert(digits.begin(), hex_digits[point & 15]);
+  return "\\u{" + digits + "}";
+}
+
+}  // namespace
+
+std::string take_printable(std::string_view& text) {
+  const std::size_t length = utf8_length(text);
+  const std::string_view sequence = text.substr(0, std::max<std::size_t>(length, 1));
+  text.remove_prefix(sequence.size());
+  if (length == 0) return byte_escape(sequence.front());
+  const char32_t point = code_point(sequence);
+  if (!acts(point)) return std::string(sequence);
+  return length == 1 ? byte_escape(sequence.front()) : point_escape(point);
+}
+
+std::string printable(std::string_view text, std::string_view kept) {
+  std::string out;
+  out.reserve(text.size());
+  while (!text.empty()) {
+    if (kept.find(text.front()) != std::string_view::npos) {
+      out += text.front();
+      text.remove_prefix(1);
+    } else {
+      out += take_printable(text);
+    }
+  }
+  return out;
+}
+
 std::string markup_text(std::string_view text) {
   std::string out;
   while (!text.empty()) {

@@ -5,6 +5,7 @@
 #include <cstdio>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 
 namespace deform {
 
@@ -131,7 +132,7 @@ void HeldPoints::check_coincident(const BoundDesign& design, std::size_t index) 
       const double apart = distance(place(design, cluster[k], MotionKind::position), first);
       if (apart <= agreement * diagonal) continue;
       invalid(index, ": points " + name(cluster[0]) + " and " + name(cluster[k]) +
-                         " coincide but are sent to places a distance of " + std::to_string(apart) + " apart");
+                         " coincide but are sent to places a distance of " + number_digits(apart) + " apart");
     }
   }
 }

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "core/deformers/rbf_evaluation.h"
 #include "core/deformers/stopwatch.h"
 
@@ -288,7 +289,7 @@ void RbfSystem::add_notes() {
   if (info_.condition > 1e13) info_.notes.push_back("The system is ill-conditioned: expect a loss of digits.");
   if (!has_basis()) info_.notes.push_back("No handle basis is stored: every design is solved for and summed directly.");
   if (properties(options.kernel).has_shape && options.shape == 0) {
-    info_.notes.push_back("The shape is " + std::to_string(relative_shape_) + " of the diagonal of the centres (automatic).");
+    info_.notes.push_back("The shape is " + number_digits(relative_shape_) + " of the diagonal of the centres (automatic).");
   }
 }
 

@@ -5,6 +5,7 @@
 #include <sstream>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "core/base/parallel.h"
 
 namespace deform {
@@ -61,7 +62,7 @@ void RbfEvaluation::check_sliding(std::size_t index) const {
       if ((symmetry.on(id) >> k & 1u) == 0 || std::abs(u[k]) <= symmetry.reach(k)) continue;
       std::ostringstream text;
       text << ": point " << id << " (handle \"" << system_->setup_.handles[system_->centres_.region_of[id]].name
-           << "\") lies on symmetry[" << k << "] but is sent a distance of " << u[k]
+           << "\") lies on symmetry[" << k << "] but is sent a distance of " << number_digits(u[k])
            << " out of it; points on a symmetry plane only slide in it: take them out of the handle with `difference`";
       invalid(index, text.str());
     }
@@ -73,15 +74,15 @@ void RbfEvaluation::check_tolerance(std::size_t index) const {
   if (tolerance == 0) return;
   const SystemInfo& info = system_->info_;
   std::ostringstream text;
-  text << ".tolerance: " << tolerance;
+  text << ".tolerance: " << number_digits(tolerance);
   if (!to_tolerance(info.solver)) {
     text << ", but solver " << to_string(info.solver) << " has none";
     invalid(index, text.str());
   }
   const double least = info.solver == Solver::incremental_qr ? info.tolerance : least_tolerance;
   if (tolerance >= least && tolerance <= largest_tolerance) return;
-  text << " is out of range " << least << ".." << largest_tolerance;
-  if (info.solver == Solver::incremental_qr) text << "; the system was prepared for " << info.tolerance;
+  text << " is out of range " << number_digits(least) << ".." << number_digits(largest_tolerance);
+  if (info.solver == Solver::incremental_qr) text << "; the system was prepared for " << number_digits(info.tolerance);
   invalid(index, text.str());
 }
 
@@ -99,7 +100,7 @@ void RbfEvaluation::choose_paths(EvaluationPath path) {
     slot_[i] = direct ? direct_designs_++ : basis_designs_++;
     reports_[i].path = direct ? EvaluationPath::direct : EvaluationPath::basis;
     if (kind_ == MotionKind::derivative) continue;
-    reports_[i].max_displacement = held_.largest_displacement(designs_[i]);
+    reports_[i].prescribed_displacement = held_.largest_displacement(designs_[i]);
   }
 }
 

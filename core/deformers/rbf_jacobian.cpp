@@ -4,6 +4,7 @@
 #include <sstream>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "core/base/parallel.h"
 #include "core/deformers/rbf.h"
 #include "core/deformers/rbf_evaluation.h"
@@ -27,7 +28,8 @@ void RbfSystem::check_sliding(const std::vector<Affine>& derivative, const std::
       }
       std::ostringstream text;
       text << what << ": moves point " << id << " (handle \"" << setup_.handles[handle].name << "\") out of symmetry[" << k
-           << "] at a rate of " << across[k] << "; points on a symmetry plane only slide in it: take them out of the handle with "
+           << "] at a rate of " << number_digits(across[k])
+           << "; points on a symmetry plane only slide in it: take them out of the handle with "
            << "`difference`";
       throw Error(ErrorCode::invalid_argument, text.str());
     }

@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
-#include <sstream>
 
+#include "core/base/bounds.h"
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "core/deformers/constraint_options.h"
+#include "core/mesh/point_owners.h"
 #include "core/mesh/wall_columns.h"
 
 namespace deform {
@@ -102,12 +104,10 @@ std::size_t handle_index(const Setup& setup, const std::string& name) {
 
 void validate_rbf(const RbfOptions& options) {
   if (!(options.tolerance >= least_tolerance && options.tolerance <= largest_tolerance)) {
-    std::ostringstream text;
-    text << "method.rbf.tolerance: " << options.tolerance << " is out of range 1e-10..1e-2";
-    invalid(text.str());
+    invalid("method.rbf.tolerance: " + number_digits(options.tolerance) + " is out of range 1e-10..1e-2");
   }
   if (!(options.shape >= 0 && options.shape <= 100)) {
-    invalid("method.rbf.shape: " + std::to_string(options.shape) + " is out of range, must be 0 (automatic) or up to 100");
+    invalid("method.rbf.shape: " + number_digits(options.shape) + " is out of range, must be 0 (automatic) or up to 100");
   }
   if (options.solver == Solver::sparse_cholesky) {
     invalid("method.rbf.solver: sparse Cholesky is not for RBF systems, whose matrices are full");
@@ -140,9 +140,7 @@ void validate_samples(const Setup& setup) {
 
 void check_range(double value, double least, double most, const std::string& field) {
   if (value >= least && value <= most) return;
-  std::ostringstream text;
-  text << field << ": " << value << " is out of range " << least << ".." << most;
-  invalid(text.str());
+  invalid(field + ": " + number_digits(value) + " is out of range " + number_digits(least) + ".." + number_digits(most));
 }
 
 void check_weights(double stretching, double bending, const std::string& field) {
@@ -155,9 +153,8 @@ template <typename Options>
 void check_energy(const Options& options, const std::string& field, const Setup& setup) {
   check_weights(options.stretching, options.bending, field);
   if (!(options.fixing > 0 && options.fixing <= most_weight)) {
-    std::ostringstream text;
-    text << field << ".fixing: " << options.fixing << " is out of range, must be over 0 and up to " << most_weight;
-    invalid(text.str());
+    invalid(field + ".fixing: " + number_digits(options.fixing) + " is out of range, must be over 0 and up to " +
+            number_digits(most_weight));
   }
   if (!setup.symmetry.empty()) {
     invalid("symmetry: " + field + " does not take symmetry planes, only method.rbf does; deform the whole model");
@@ -177,7 +174,7 @@ void validate_mls(const MlsOptions& options, const Mesh& mesh) {
   for (std::size_t i = 0; i < options.weights.size(); ++i) {
     const std::string field = "method.mls.weights[" + std::to_string(i) + "]";
     check_weights(options.weights[i].stretching, options.weights[i].bending, field);
-    if (select(options.weights[i].region, mesh, field).empty()) invalid(field + ": its region contains no point");
+    if (select(options.weights[i].region, mesh, field).empty()) invalid(field + ": " + no_point_text(mesh));
   }
 }
 
@@ -228,8 +225,8 @@ void validate_variable(const Setup& setup, std::size_t k, std::set<std::string>&
   }
   if (std::isnan(variable.lower) || std::isnan(variable.upper)) invalid(what + ": lower and upper must be numbers");
   if (!(variable.lower <= 0 && variable.upper >= 0)) {
-    invalid(what + ": the rest position 0 must lie within lower = " + std::to_string(variable.lower) +
-            " and upper = " + std::to_string(variable.upper));
+    invalid(what + ": the rest position 0 must lie within lower = " + number_digits(variable.lower) +
+            " and upper = " + number_digits(variable.upper));
   }
 }
 
@@ -267,49 +264,37 @@ void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions&
     for (std::size_t r = 0; r < constraint.regions.size(); ++r) {
       const std::string what = field + ".regions[" + std::to_string(r) + "]";
       ids.push_back(select(constraint.regions[r], mesh, what));
-      if (ids.back().empty()) invalid(what + ": contains no point");
+      if (ids.back().empty()) invalid(what + ": " + no_point_text(mesh));
     }
   }
 }
 
-constexpr std::uint32_t nobody = 0xffffffffu;
-
-// Puts the points of one region under `owner`; refuses points that another handle has, or (for fixed regions) any handle.
+/// Refuses points that another handle has, or (of fixed regions) any handle.
 void claim(const std::vector<PointId>& ids, std::uint32_t owner, const std::string& what, const Setup& setup,
-           std::vector<std::uint32_t>& owners) {
-  std::size_t shared = 0;
-  PointId first = 0;
-  std::uint32_t other = nobody;
-  for (const PointId id : ids) {
-    if (owners[id] != nobody && owners[id] != owner) {
-      if (shared++ == 0) {
-        first = id;
-        other = owners[id];
-      }
-    } else {
-      owners[id] = owner;
-    }
-  }
-  if (shared == 0) return;
-  invalid(what + " overlaps handle " + quoted(setup.handles[other].name) + ": " + std::to_string(shared) +
-          " common points, the first is point " + std::to_string(first) +
-          "; subtract one region from the other with `difference`");
+           PointOwners& owners) {
+  const PointOwners::Overlap overlap = owners.claim(ids, owner);
+  if (overlap.points != 0) invalid(what + " " + overlap.text("handle " + quoted(setup.handles[overlap.other].name)));
 }
 
-void check_values(const Setup& setup, std::span<const double> variables) {
+/// The values, those beside a bound moved onto it.
+std::vector<double> checked_values(const Setup& setup, std::span<const double> variables) {
   if (variables.size() != setup.variables.size()) {
     invalid("variables: expected " + std::to_string(setup.variables.size()) + " values, one per design variable, got " +
             std::to_string(variables.size()));
   }
+  std::vector<double> values;
   for (std::size_t k = 0; k < variables.size(); ++k) {
     const DesignVariable& variable = setup.variables[k];
     const std::string what = "variables[" + std::to_string(k) + "] (" + quoted(variable.name) + ")";
     if (!std::isfinite(variables[k])) invalid(what + ": must be finite");
-    if (variables[k] < variable.lower || variables[k] > variable.upper) {
-      invalid(what + ": " + std::to_string(variables[k]) + " is outside of its bounds [" + std::to_string(variable.lower) + ", " +
-              std::to_string(variable.upper) + "]");
+    const auto value = within_bounds(variables[k], variable.lower, variable.upper);
+    if (!value) {
+      invalid(what + ": " + number_digits(variables[k]) + " is outside of its bounds [" + number_digits(variable.lower) + ", " +
+              number_digits(variable.upper) + "]");
     }
+    values.push_back(*value);
   }
+  return values;
 }
 
 }  // namespace
@@ -333,22 +318,22 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh) {
   validate_samples(setup);
 
   SelectedRegions selected;
-  std::vector<std::uint32_t> owners(mesh.point_count(), nobody);
+  PointOwners owners(mesh.point_count());
   for (std::size_t i = 0; i < setup.handles.size(); ++i) {
     const std::string what = "handle " + quoted(setup.handles[i].name);
     selected.handles.push_back(select(setup.handles[i].region, mesh, what));
-    if (selected.handles.back().empty()) invalid(what + ": its region contains no point");
+    if (selected.handles.back().empty()) invalid(what + ": " + no_point_text(mesh));
     claim(selected.handles.back(), static_cast<std::uint32_t>(i), what, setup, owners);
   }
   const auto fixed_owner = static_cast<std::uint32_t>(setup.handles.size());
   for (std::size_t i = 0; i < setup.fixed.size(); ++i) {
     const std::string what = "fixed[" + std::to_string(i) + "]";
     const std::vector<PointId> ids = select(setup.fixed[i], mesh, what);
-    if (ids.empty()) invalid(what + ": its region contains no point");
+    if (ids.empty()) invalid(what + ": " + no_point_text(mesh));
     claim(ids, fixed_owner, what, setup, owners);
   }
-  for (std::size_t id = 0; id < owners.size(); ++id) {
-    if (owners[id] == fixed_owner) selected.fixed.push_back(static_cast<PointId>(id));
+  for (std::size_t id = 0; id < mesh.point_count(); ++id) {
+    if (owners.owners()[id] == fixed_owner) selected.fixed.push_back(static_cast<PointId>(id));
   }
   validate_constraints(setup, mesh, selected);
   selected.symmetry = Symmetry(setup.symmetry, mesh);
@@ -356,17 +341,17 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh) {
 }
 
 std::vector<Affine> handle_motions(const Setup& setup, std::span<const double> variables) {
-  check_values(setup, variables);
+  const std::vector<double> values = checked_values(setup, variables);
   std::vector<Affine> motions(setup.handles.size(), identity_affine);
-  for (std::size_t k = 0; k < variables.size(); ++k) {
+  for (std::size_t k = 0; k < values.size(); ++k) {
     Affine& motion = motions[handle_index(setup, setup.variables[k].handle)];
-    motion = compose(motion_of(setup.variables[k], variables[k]), motion);
+    motion = compose(motion_of(setup.variables[k], values[k]), motion);
   }
   return motions;
 }
 
 std::vector<Affine> handle_motion_derivative(const Setup& setup, std::span<const double> variables, std::size_t k) {
-  check_values(setup, variables);
+  const std::vector<double> values = checked_values(setup, variables);
   if (k >= setup.variables.size()) {
     invalid("variable " + std::to_string(k) + " is out of range, the setup has " + std::to_string(setup.variables.size()));
   }
@@ -374,12 +359,12 @@ std::vector<Affine> handle_motion_derivative(const Setup& setup, std::span<const
   const std::string& handle = setup.variables[k].handle;
   Affine before = identity_affine;
   Affine result{};
-  for (std::size_t j = 0; j < variables.size(); ++j) {
+  for (std::size_t j = 0; j < values.size(); ++j) {
     const DesignVariable& variable = setup.variables[j];
     if (variable.handle != handle) continue;
-    if (j < k) before = compose(motion_of(variable, variables[j]), before);
-    if (j == k) result = chained(derivative_of(variable, variables[j]), before, 1);
-    if (j > k) result = chained(motion_of(variable, variables[j]), result, 0);
+    if (j < k) before = compose(motion_of(variable, values[j]), before);
+    if (j == k) result = chained(derivative_of(variable, values[j]), before, 1);
+    if (j > k) result = chained(motion_of(variable, values[j]), result, 0);
   }
   derivatives[handle_index(setup, handle)] = result;
   return derivatives;

@@ -178,8 +178,9 @@ struct SelectedRegions {
 /// or layers out of range, layers of a mesh without cells, and what Symmetry throws.
 SelectedRegions validate(const Setup& setup, const Mesh& mesh);
 
-/// The affine motion of every handle for a vector of variable values (size = setup.variables.size()). Throws
-/// Error(invalid_argument): wrong length, non-finite value, value outside its bounds (both named).
+/// The affine motion of every handle for a vector of variable values (size = setup.variables.size()). Values beside
+/// a bound count as the bound, see core/base/bounds.h. Throws Error(invalid_argument): wrong length, non-finite value, value
+/// outside its bounds (both named).
 std::vector<Affine> handle_motions(const Setup& setup, std::span<const double> variables);
 
 /// d(motion of every handle) / d(variable k), as 3 x 4 matrices per handle: exact derivative at `variables`, so a rotation is

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "core/base/parallel.h"
 
 namespace deform {
@@ -24,7 +25,7 @@ void validate_options(const SplitOptions& options) {
   }
   if (!(options.share > 0 && options.share < 1)) {
     throw Error(ErrorCode::invalid_argument,
-                "split.share: " + std::to_string(options.share) + " is out of range, must be between 0 and 1");
+                "split.share: " + number_digits(options.share) + " is out of range, must be between 0 and 1");
   }
 }
 

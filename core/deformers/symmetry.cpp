@@ -7,6 +7,7 @@
 #include <sstream>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 
 namespace deform {
 
@@ -67,6 +68,7 @@ void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& m
   }
   const std::string what = field(index) + ".region";
   found.region = select(std::get<Region>(plane.kind), mesh, what);
+  if (found.region.empty()) throw Error(ErrorCode::invalid_argument, what + ": " + no_point_text(mesh));
   // About the first point, so that points of one coordinate have the mean of exactly that coordinate.
   const auto count = static_cast<double>(found.region.size());
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
@@ -98,8 +100,9 @@ void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& m
     throw Error(ErrorCode::invalid_argument, text.str());
   }
   if (largest > flatness * diagonal) {
-    text << what << ": its points do not lie in one plane: point " << farthest << " is " << largest
-         << " away from the nearest one, the limit is " << flatness * diagonal << " (" << flatness << " of the diagonal)";
+    text << what << ": its points do not lie in one plane: point " << farthest << " is " << number_digits(largest)
+         << " away from the nearest one, the limit is " << number_digits(flatness * diagonal) << " (" << flatness
+         << " of the diagonal)";
     throw Error(ErrorCode::invalid_argument, text.str());
   }
   for (int k = 0; k < 3; ++k) {
@@ -125,8 +128,8 @@ void Symmetry::make_orthonormal(std::span<const Found> found) {
       const double cosine = dot(found[j].normal, found[k].normal);
       if (std::abs(cosine) > limit) {
         std::ostringstream text;
-        text << field(k) << ": is not orthogonal to " << field(j) << ", the cosine of the angle between them is " << cosine
-             << ", the limit is " << limit;
+        text << field(k) << ": is not orthogonal to " << field(j) << ", the cosine of the angle between them is "
+             << number_digits(cosine) << ", the limit is " << number_digits(limit);
         throw Error(ErrorCode::invalid_argument, text.str());
       }
       axes_[k] = moved(axes_[k], -dot(axes_[j], axes_[k]), axes_[j]);
@@ -159,9 +162,9 @@ void Symmetry::mark(std::size_t plane, const Found& found, const Mesh& mesh, dou
     const std::size_t fewer = count[0] <= count[1] ? 0 : 1;
     std::ostringstream text;
     text << field(plane) << ": " << count[fewer] << " points lie beyond the plane, the first is point " << first[fewer]
-         << " at a distance of " << std::abs(distance(first[fewer]))
+         << " at a distance of " << number_digits(std::abs(distance(first[fewer])))
          << "; a half model lies on one side, and points on the plane "
-         << "lie within " << near << " of it (give a patch of points that are not so accurate as `region`)";
+         << "lie within " << number_digits(near) << " of it (give a patch of points that are not so accurate as `region`)";
     throw Error(ErrorCode::invalid_argument, text.str());
   }
   if (count[0] > 0) {

@@ -47,13 +47,17 @@ struct ConstraintReport {
   double max = 0, rms = 0;
   /// An exact one whose max is over 1e-9 D: it contradicts others, or points that are held.
   bool missed = false;
+  /// Placing its points exactly would have made the deformation worse (see ExactPlacement): they are where they are without that.
+  bool given_up = false;
 };
 
 /// Told about one evaluated design.
 struct DesignReport {
   EvaluationPath path = EvaluationPath::basis;
   double interpolation_residual = 0;  ///< max over the centres of |interpolant - prescribed position|, model units
-  double max_displacement = 0;        ///< max over the prescribed displacements, model units
+  /// Max over the points of the handles as they were told to move, model units. Others may move farther: largest_displacement()
+  /// of core/quality/displacement.h says how far any does, displacement_warning() what to think of it.
+  double prescribed_displacement = 0;
 
   // With constraints (thesis 8.5); the defaults without.
   std::vector<ConstraintReport> constraints;  ///< in the order of the setup

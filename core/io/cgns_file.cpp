@@ -1,15 +1,15 @@
 // CGNS: libcgns's lowest layer reads the nodes, see cgns_tree.h; what they mean is written in the SIDS (cgns.org).
 // Hostile files are parsed by libcgns and libhdf5 themselves; this reader checks sizes and ranges of all they hand over. Of some
-// thousand files with flipped bits none did harm, but nobody has hardened those parsers: see exodus_file.cpp.
+// thousand files with flipped bits none did harm, but nobody has hardened those parsers: see container_mesh.h.
 
 #include <algorithm>
 #include <limits>
 
 #include "core/base/error.h"
+#include "core/io/byte_stream.h"
 #include "core/io/cgns_zone.h"
-#include "core/io/container_file.h"
+#include "core/io/container_mesh.h"
 #include "core/io/coordinate_records.h"
-#include "core/io/readers.h"
 
 namespace deform::io {
 
@@ -29,51 +29,45 @@ struct CoordinateArray {
   bool narrow = false;  ///< 32-bit floats
 };
 
-class CgnsFile : public MeshFile {
- public:
-  CgnsFile(std::string bytes, std::shared_ptr<const Mesh> mesh, std::vector<CoordinateArray> arrays, std::string name, bool flat)
-      : bytes_(std::move(bytes)), mesh_(std::move(mesh)), arrays_(std::move(arrays)), name_(std::move(name)), flat_(flat) {}
-
-  Format format() const override { return Format::cgns; }
-  std::shared_ptr<const Mesh> mesh() const override { return mesh_; }
-
-  std::string with_points(std::span<const Vec3> points) const override {
-    check_points(points, mesh_->point_count());
-    if (flat_) check_plane(points, mesh_->points);
-    if (same_points(points, mesh_->points)) return bytes_;
-    ContainerFile file(bytes_);
-    {
-      CgnsTree tree(file, bytes_.size(), name_, CgnsTree::Access::modify);
-      for (const CoordinateArray& array : arrays_) {
-        std::vector<double> values(array.points);
-        for (std::size_t i = 0; i < array.points; ++i) {
-          const std::size_t point = array.first_point + i;
-          values[i] = points[point][array.axis];
-          if (array.narrow) as_float(values[i], point, static_cast<int>(array.axis));
-        }
-        tree.overwrite(tree.at(array.path), values);
-      }
-      tree.close();
+/// The arrays of a file as text, and back.
+std::string text_of(const std::vector<CoordinateArray>& arrays) {
+  std::string text;
+  ByteWriter to([&](std::string_view bytes) { text += bytes; });
+  to.number(arrays.size());
+  for (const CoordinateArray& array : arrays) {
+    to.text(array.path);
+    for (const std::uint64_t number : {array.axis, std::size_t{array.first_point}, array.points, std::size_t{array.narrow}}) {
+      to.number(number);
     }
-    return keep_date(file.bytes(largest_rewritten(bytes_.size())));
   }
+  to.flush();
+  return text;
+}
 
- private:
-  /// ADF notes when a file was last changed behind the tag AdF1 of its first lines. Only coordinates are to differ.
-  std::string keep_date(std::string written) const {
-    constexpr std::size_t tag = 64, date = 68, length = 28;
-    if (bytes_.size() >= date + length && written.size() >= date + length && bytes_.compare(tag, 4, "AdF1") == 0) {
-      written.replace(date, length, bytes_, date, length);
+std::vector<CoordinateArray> arrays_of(std::string_view text, std::size_t points) {
+  const std::size_t size = text.size();
+  ByteReader from(
+      [&](char* to, std::size_t most) {
+        const std::size_t got = text.copy(to, most);
+        text.remove_prefix(got);
+        return got;
+      },
+      size);
+  std::vector<CoordinateArray> arrays;
+  for (std::uint64_t left = from.number(); left > 0; --left) {
+    CoordinateArray array;
+    array.path = from.text();
+    array.axis = static_cast<std::size_t>(from.number());
+    array.first_point = static_cast<PointId>(from.number());
+    array.points = static_cast<std::size_t>(from.number());
+    array.narrow = from.number() != 0;
+    if (array.axis > 2 || array.first_point > points || array.points > points - array.first_point) {
+      throw Error(ErrorCode::internal, array.path + ": coordinates of points that are not there");
     }
-    return written;
+    arrays.push_back(std::move(array));
   }
-
-  const std::string bytes_;
-  const std::shared_ptr<const Mesh> mesh_;
-  const std::vector<CoordinateArray> arrays_;
-  const std::string name_;
-  const bool flat_;
-};
+  return arrays;
+}
 
 struct CgnsContent {
   CgnsMesh mesh;
@@ -214,26 +208,38 @@ void add_sets(CgnsMesh& mesh) {
 
 }  // namespace
 
-std::unique_ptr<MeshFile> parse_cgns(std::string bytes, const std::string& name) {
+ContainerMesh read_cgns(ContainerFile& file, std::size_t bytes, const std::string& name) {
   CgnsContent content;
   {
-    ContainerFile file(bytes);
-    const CgnsTree tree(file, bytes.size(), name, CgnsTree::Access::read);
+    const CgnsTree tree(file, bytes, name, CgnsTree::Access::read);
     CgnsReader reader(tree);
     reader.read();
     content = reader.take();
   }
-  const auto file = [&](std::shared_ptr<const Mesh> mesh) {
-    return std::make_unique<CgnsFile>(std::move(bytes), std::move(mesh), std::move(content.arrays), name, content.flat);
-  };
+  const std::string layout = text_of(content.arrays);
   if (content.mesh.polyhedra.size() > 0) {
     if (content.mesh.elements.elements.size() > 0) {
       throw Error(ErrorCode::invalid_argument, name + ": polyhedra (NFACE_n) beside elements of other types are not supported");
     }
-    return file(cgns_polyhedra(std::move(content.mesh), name));
+    return {cgns_polyhedra(std::move(content.mesh), name), layout, content.flat};
   }
   add_sets(content.mesh);
-  return with_elements(std::move(content.mesh.elements), name, file);
+  return {mesh_of(std::move(content.mesh.elements), name), layout, content.flat};
+}
+
+void overwrite_cgns(ContainerFile& file, std::size_t bytes, const std::string& name, const std::string& layout,
+                    std::span<const Vec3> points) {
+  CgnsTree tree(file, bytes, name, CgnsTree::Access::modify);
+  for (const CoordinateArray& array : arrays_of(layout, points.size())) {
+    std::vector<double> values(array.points);
+    for (std::size_t i = 0; i < array.points; ++i) {
+      const std::size_t point = array.first_point + i;
+      values[i] = points[point][array.axis];
+      if (array.narrow) as_float(values[i], point, static_cast<int>(array.axis));
+    }
+    tree.overwrite(tree.at(array.path), values);
+  }
+  tree.close();
 }
 
 }  // namespace deform::io

@@ -17,4 +17,8 @@ using Colour = std::array<unsigned char, 3>;  ///< red, green, blue
 void write_coloured_ply(const Mesh& mesh, std::span<const Colour> colours, const std::filesystem::path& path);
 std::string coloured_ply_bytes(const Mesh& mesh, std::span<const Colour> colours);
 
+/// The same with one colour for every point: properties red, green, blue of the vertices.
+void write_point_coloured_ply(const Mesh& mesh, std::span<const Colour> colours, const std::filesystem::path& path);
+std::string point_coloured_ply_bytes(const Mesh& mesh, std::span<const Colour> colours);
+
 }  // namespace deform::io

@@ -47,7 +47,7 @@ ContainerFile::ContainerFile(std::string_view bytes)
 
 ContainerFile::~ContainerFile() {
   unlink();
-  ::close(descriptor_);
+  if (descriptor_ >= 0) ::close(descriptor_);
 }
 
 void ContainerFile::unlink() {

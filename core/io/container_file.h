@@ -4,6 +4,7 @@
 #include <mutex>
 #include <string>
 #include <string_view>
+#include <utility>
 
 namespace deform::io {
 
@@ -18,6 +19,8 @@ constexpr std::size_t largest_rewritten(std::size_t bytes) { return 2 * bytes + 
 class ContainerFile {
  public:
   explicit ContainerFile(std::string_view bytes);
+  /// The file of another process, which looks after it; unlink() takes its name away all the same.
+  static ContainerFile of_other_process(const std::string& path) { return ContainerFile(path, Existing{}); }
   ~ContainerFile();
   ContainerFile(const ContainerFile&) = delete;
   ContainerFile& operator=(const ContainerFile&) = delete;
@@ -28,6 +31,9 @@ class ContainerFile {
   std::string bytes(std::size_t most) const;
 
  private:
+  struct Existing {};
+  ContainerFile(std::string path, Existing) : path_(std::move(path)), named_(true) {}
+
   std::string path_;
   int descriptor_ = -1;
   bool named_ = false;

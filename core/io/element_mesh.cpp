@@ -110,9 +110,8 @@ void ElementMesh::add_face(std::span<const PointId> nodes, const std::string& na
   faces.push_back(std::move(face));
 }
 
-std::unique_ptr<MeshFile> with_elements(ElementMesh&& source, const std::string& name,
-                                        const std::function<std::unique_ptr<MeshFile>(std::shared_ptr<const Mesh>)>& make) {
-  const auto mesh = std::make_shared<Mesh>();
+std::shared_ptr<const Mesh> mesh_of(ElementMesh&& source, const std::string& name) {
+  auto mesh = std::make_shared<Mesh>();
   try {
     FaceGroups groups;
     if (source.elements.size() == 0 && !source.cells) {
@@ -133,7 +132,12 @@ std::unique_ptr<MeshFile> with_elements(ElementMesh&& source, const std::string&
   } catch (const Error& error) {
     throw Error(error.code(), name + ": " + error.what());
   }
-  return make(mesh);
+  return mesh;
+}
+
+std::unique_ptr<MeshFile> with_elements(ElementMesh&& source, const std::string& name,
+                                        const std::function<std::unique_ptr<MeshFile>(std::shared_ptr<const Mesh>)>& make) {
+  return make(mesh_of(std::move(source), name));
 }
 
 }  // namespace deform::io

@@ -43,10 +43,13 @@ struct ElementMesh {
   void add_face(std::span<const PointId> nodes, const std::string& name);
 };
 
-/// A file of it. Its faces are those of the boundary of the elements or cells, or the surface elements where there are no others;
-/// a surface element that is a face of the boundary belongs to its group as a face (as all the faces that one with a node amid it
+/// Its mesh. The faces are those of the boundary of the elements or cells, or the surface elements where there are no others; a
+/// surface element that is a face of the boundary belongs to its group as a face (as all the faces that one with a node amid it
 /// is split into), any other with its points. Groups of elements hold their points; they are left out when there is one only.
-/// `make` makes the part that writes points. Throws Error(invalid_argument) naming the file.
+/// Throws Error(invalid_argument) naming the file.
+std::shared_ptr<const Mesh> mesh_of(ElementMesh&& source, const std::string& name);
+
+/// A file of it; `make` makes the part that writes points.
 std::unique_ptr<MeshFile> with_elements(ElementMesh&& source, const std::string& name,
                                         const std::function<std::unique_ptr<MeshFile>(std::shared_ptr<const Mesh>)>& make);
 

@@ -1,18 +1,17 @@
 // Exodus II: a netCDF file with the dimensions and variables of Sjaardema, EXODUS: A Finite Element Data Model (2023).
 // Hostile files are parsed by libnetcdf and libhdf5 themselves; this reader checks sizes and ranges of all they hand over, and
 // that classic files are whole. Of some thousand classic files with flipped bits none did harm; of as many netCDF-4 files one
-// crashed libhdf5 1.10.8 (in H5DSget_num_scales): read netCDF-4 files of people that you do not trust in a process of its own.
+// crashed libhdf5 1.10.8 (in H5DSget_num_scales): they are read in a process of its own by those who ask for it, see
+// container_mesh.h.
 
 #include <limits>
 
 #include "core/base/error.h"
-#include "core/io/container_file.h"
+#include "core/io/container_mesh.h"
 #include "core/io/coordinate_records.h"
 #include "core/io/element_mesh.h"
 #include "core/io/exodus_elements.h"
-#include "core/io/netcdf_classic.h"
 #include "core/io/netcdf_file.h"
-#include "core/io/readers.h"
 
 namespace deform::io {
 
@@ -29,46 +28,14 @@ struct Layout {
 
   std::size_t variables() const { return together ? 1 : axes; }
   const char* variable(std::size_t i) const { return together ? "coord" : axis_variables[i]; }
-};
 
-class ExodusFile : public MeshFile {
- public:
-  ExodusFile(std::string bytes, std::shared_ptr<const Mesh> mesh, Layout layout, std::string name)
-      : bytes_(std::move(bytes)), mesh_(std::move(mesh)), layout_(layout), name_(std::move(name)) {}
-
-  Format format() const override { return Format::exodus; }
-  std::shared_ptr<const Mesh> mesh() const override { return mesh_; }
-
-  std::string with_points(std::span<const Vec3> points) const override {
-    check_points(points, mesh_->point_count());
-    if (layout_.axes == 2) check_plane(points, mesh_->points);
-    if (same_points(points, mesh_->points)) return bytes_;
-    ContainerFile file(bytes_);
-    {
-      NetcdfFile netcdf(file, bytes_.size(), name_, NetcdfFile::Access::modify);
-      for (std::size_t v = 0; v < layout_.variables(); ++v) {
-        const bool narrow = netcdf.is_float(layout_.variable(v));
-        std::vector<double> values;
-        for (std::size_t axis = layout_.together ? 0 : v; axis < (layout_.together ? layout_.axes : v + 1); ++axis) {
-          for (std::size_t i = 0; i < points.size(); ++i) {
-            values.push_back(points[i][axis]);
-            if (narrow) as_float(points[i][axis], i, static_cast<int>(axis));
-          }
-        }
-        netcdf.overwrite(layout_.variable(v), values);
-      }
-      netcdf.close();
+  std::string text() const { return std::to_string(axes) + (together ? " together" : " apart"); }
+  static Layout from(const std::string& text) {
+    for (const Layout& layout : {Layout{2, true}, Layout{2, false}, Layout{3, true}, Layout{3, false}}) {
+      if (layout.text() == text) return layout;
     }
-    std::string written = file.bytes(largest_rewritten(bytes_.size()));
-    if (is_classic_netcdf(bytes_)) written.resize(bytes_.size());  // the library makes room for results that are not there yet
-    return written;
+    throw Error(ErrorCode::internal, "unknown layout of an Exodus file: " + text);
   }
-
- private:
-  const std::string bytes_;
-  const std::shared_ptr<const Mesh> mesh_;
-  const Layout layout_;
-  const std::string name_;
 };
 
 /// A block of elements, numbered from `first` in the whole file.
@@ -265,21 +232,35 @@ class ExodusReader {
 
 }  // namespace
 
-std::unique_ptr<MeshFile> parse_exodus(std::string bytes, const std::string& name) {
-  check_classic_netcdf(bytes, name);
+ContainerMesh read_exodus(ContainerFile& file, std::size_t bytes, const std::string& name) {
   ElementMesh source;
   Layout layout;
   {
-    ContainerFile file(bytes);
-    const NetcdfFile netcdf(file, bytes.size(), name, NetcdfFile::Access::read);
+    const NetcdfFile netcdf(file, bytes, name, NetcdfFile::Access::read);
     ExodusReader reader(netcdf);
     reader.read();
     source = reader.take();
     layout = reader.layout();
   }
-  return with_elements(std::move(source), name, [&](std::shared_ptr<const Mesh> mesh) {
-    return std::make_unique<ExodusFile>(std::move(bytes), std::move(mesh), layout, name);
-  });
+  return {mesh_of(std::move(source), name), layout.text(), layout.axes == 2};
+}
+
+void overwrite_exodus(ContainerFile& file, std::size_t bytes, const std::string& name, const std::string& layout_text,
+                      std::span<const Vec3> points) {
+  const Layout layout = Layout::from(layout_text);
+  NetcdfFile netcdf(file, bytes, name, NetcdfFile::Access::modify);
+  for (std::size_t v = 0; v < layout.variables(); ++v) {
+    const bool narrow = netcdf.is_float(layout.variable(v));
+    std::vector<double> values;
+    for (std::size_t axis = layout.together ? 0 : v; axis < (layout.together ? layout.axes : v + 1); ++axis) {
+      for (std::size_t i = 0; i < points.size(); ++i) {
+        values.push_back(points[i][axis]);
+        if (narrow) as_float(points[i][axis], i, static_cast<int>(axis));
+      }
+    }
+    netcdf.overwrite(layout.variable(v), values);
+  }
+  netcdf.close();
 }
 
 }  // namespace deform::io

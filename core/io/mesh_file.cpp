@@ -26,6 +26,10 @@ void write_parts(const std::vector<MeshFile::FilePart>& parts, const std::filesy
   for (std::size_t i = 1; i < parts.size(); ++i) {
     const std::filesystem::path target = path.parent_path() / parts[i].path;
     std::error_code none;
+    if (std::filesystem::equivalent(path, parts[i].original, none)) {
+      throw Error(ErrorCode::failed_precondition,
+                  path.string() + ": the mesh that was read includes this file; write to another");
+    }
     if (!std::filesystem::equivalent(target, parts[i].original, none)) {
       targets.emplace_back(target, &parts[i].bytes);
     } else if (read_file(target) != parts[i].bytes) {
@@ -108,7 +112,7 @@ const char* to_string(Format format) {
   return "unknown";
 }
 
-std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name, const ReadOptions& options) {
   const Format format = format_of(name);
   const bool compressed = is_gzip(bytes);
   if (compressed) bytes = gunzip(bytes, name, max_unpacked);
@@ -151,10 +155,8 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
       file = parse_vtp(std::move(bytes), name);
       break;
     case Format::cgns:
-      file = parse_cgns(std::move(bytes), name);
-      break;
     case Format::exodus:
-      file = parse_exodus(std::move(bytes), name);
+      file = parse_container(format, std::move(bytes), name, options);
       break;
     case Format::openfoam:
       throw Error(ErrorCode::invalid_argument, name + ": points alone are no mesh, the files beside them are needed");
@@ -163,12 +165,13 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
   return file;
 }
 
-std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path) {
+std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path, const ReadOptions& options) {
   if (is_openfoam(path)) return read_openfoam(path);
   const Format format = format_of(path.string());  // a name that cannot be read is refused before its bytes are
   bool compressed = false;
   std::string bytes = read_file(path, &compressed);
-  auto file = format == Format::abaqus ? read_abaqus(std::move(bytes), path) : parse_mesh(std::move(bytes), path.string());
+  auto file =
+      format == Format::abaqus ? read_abaqus(std::move(bytes), path) : parse_mesh(std::move(bytes), path.string(), options);
   file->compressed = compressed;
   return file;
 }

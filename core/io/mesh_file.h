@@ -2,11 +2,13 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "core/base/run_context.h"
 #include "core/base/types.h"
 #include "core/mesh/cells.h"
 #include "core/mesh/elements.h"
@@ -60,6 +62,22 @@ class MeshFile {
 inline constexpr char mesh_file_names[] =
     ".obj, .off, .ply, .stl, .msh, .su2, .cgns, .e, .vtk, .vtu, .vtp, .mesh, .inp, .bdf, also with .gz, or an OpenFOAM case";
 
+/// Where damaged files may do harm. CGNS and netCDF-4 files are parsed by libraries that nobody hardened: such a file may crash
+/// them, and the process that they are in with them.
+struct ReadOptions {
+  /// A program and its arguments that does nothing but call serve_isolated_reader(), such as {"/proc/self/exe", "read-isolated"}:
+  /// those files are read, and their points written, in a process of it, whose memory, time and files are limited by the size of
+  /// the file. When it crashes or reaches a limit that is Error(invalid_argument) naming the signal. Empty: they are read in this
+  /// process.
+  std::vector<std::string> isolated_reader;
+  /// Ends that process: Error(cancelled).
+  std::optional<CancelFlag> cancel;
+};
+
+/// The main function of such a process: reads what it is to do from standard input and answers on standard output. Gives the exit
+/// code: 2 when nobody asked for anything there.
+int serve_isolated_reader();
+
 /// Reads .obj .off .ply .stl, Medit's .mesh, SU2's .su2, VTK's .vtk, .vtu and .vtp, each also as .gz (recognised by content), and
 /// OpenFOAM meshes: a folder that holds constant/polyMesh, polyMesh or the files of one, or the path of its `points`. Throws
 /// Error(invalid_argument) naming file, line (or byte offset) and what was expected; Error(not_found) when the file cannot be
@@ -68,11 +86,11 @@ inline constexpr char mesh_file_names[] =
 /// Abaqus (.inp): sets and surfaces, those of parts as "PART.NAME" where there are several parts or the assembly has the name
 /// too; the points of an instance are those of its part, not moved to where the instance is. Included files are relative to the
 /// folder of PATH. Nastran (.bdf .nas .dat): "pid_N" for the elements of property N.
-std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path);
+std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path, const ReadOptions& options = {});
 
 /// The same from memory; `name` gives the format by its extension and stands in errors. What the bytes claim (counts) is checked
 /// against their number before anything is allocated.
-std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name);
+std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name, const ReadOptions& options = {});
 
 /// Writes source with new coordinates to `path` (gzipped when it ends in .gz), by temporary file and rename. The extension must
 /// be the source's format. Of an OpenFOAM mesh only `points` is written, with the folders above it: to PATH when that is called
@@ -80,6 +98,14 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name)
 /// The files that an Abaqus deck includes are written beside PATH under the names that it includes them by, those that hold no
 /// node too; the files that were read are never overwritten: Error(failed_precondition) when other points would have to go there.
 void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const std::filesystem::path& path);
+
+/// The file of the mesh at `source` that write_mesh_file() to `output` would replace, under whatever name (links of both kinds,
+/// with or without .gz), or that would no longer be read once `output` is there. An OpenFOAM case: its mesh in constant, and the
+/// time folder `source`. Nothing when the two are apart. Looks at files only; what is not there is nobody's.
+std::optional<std::filesystem::path> replaced_source(const std::filesystem::path& source, const std::filesystem::path& output);
+
+/// The file that holds the coordinates of the mesh at `source`, all links followed.
+std::filesystem::path source_file(const std::filesystem::path& source);
 
 /// A new file from a mesh (samples, conversions): OBJ or STL by extension, groups as g / solid names. STL is text when the mesh
 /// has groups (binary STL has no names) and binary otherwise, triangles only.

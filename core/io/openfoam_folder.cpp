@@ -72,6 +72,27 @@ std::unique_ptr<MeshFile> read_openfoam(const fs::path& path) {
   return file;
 }
 
+fs::path openfoam_source_points(const fs::path& path) { return find_points(path).value(); }
+
+std::optional<fs::path> replaced_openfoam_points(const fs::path& source, const fs::path& output) {
+  const auto same = [](const fs::path& a, const fs::path& b) {
+    std::error_code missing;
+    return fs::equivalent(a, b, missing) && !missing;
+  };
+  const fs::path points = openfoam_source_points(source);
+  const fs::path target = openfoam_points_path(fs::absolute(output));
+  for (const fs::path& used : {fs::absolute(points).parent_path(), topology_folder(points)}) {
+    const fs::path folder = (used / "points").lexically_normal().parent_path();
+    const fs::path held = existing(folder, "points").value_or(points);
+    if (same(target.parent_path(), folder) || same(target, held) || same(output, folder)) return held;
+    // A case is no time folder: what is written into it would not be found, or be taken for its mesh.
+    const fs::path holder = folder.parent_path();
+    const bool in_case = folder.filename() == "polyMesh" && holder.filename() == "constant";
+    if (in_case && same(output, holder.parent_path())) return held;
+  }
+  return std::nullopt;
+}
+
 fs::path openfoam_points_path(const fs::path& path) {
   const fs::path name = path.filename();
   if (name == "points" || name == "points.gz") return path;

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "core/io/mesh_file.h"
@@ -13,8 +14,8 @@ namespace deform::io {
 std::unique_ptr<MeshFile> parse_abaqus(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_gmsh(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_nastran(std::string bytes, const std::string& name);
-std::unique_ptr<MeshFile> parse_cgns(std::string bytes, const std::string& name);
-std::unique_ptr<MeshFile> parse_exodus(std::string bytes, const std::string& name);
+/// CGNS and Exodus.
+std::unique_ptr<MeshFile> parse_container(Format format, std::string bytes, const std::string& name, const ReadOptions& options);
 std::unique_ptr<MeshFile> parse_obj(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_medit(std::string bytes, const std::string& name);
 std::unique_ptr<MeshFile> parse_off(std::string bytes, const std::string& name);
@@ -40,6 +41,11 @@ std::unique_ptr<MeshFile> parse_openfoam(FoamFiles files);
 /// Whether the path is a folder that holds a polyMesh, or the `points` of one.
 bool is_openfoam(const std::filesystem::path& path);
 std::unique_ptr<MeshFile> read_openfoam(const std::filesystem::path& path);
+/// The `points` that is read for `path`, which is_openfoam().
+std::filesystem::path openfoam_source_points(const std::filesystem::path& path);
+/// replaced_source() for a source that is_openfoam().
+std::optional<std::filesystem::path> replaced_openfoam_points(const std::filesystem::path& source,
+                                                              const std::filesystem::path& output);
 /// Where the points of an OpenFOAM mesh go that are written to `path`, see write_mesh_file().
 std::filesystem::path openfoam_points_path(const std::filesystem::path& path);
 

@@ -21,17 +21,28 @@ using Ids = std::vector<std::int64_t>;
 /// The two halves of a file: elements that describe arrays, and the bytes behind them that they point to.
 class VtkDocument {
  public:
-  VtkDocument(const std::string& type, const std::string& piece) : type_(type) {
+  VtkDocument(const std::string& type, const std::string& piece, const std::vector<VtkTexts>& texts) : type_(type) {
     head_ = "<?xml version=\"1.0\"?>\n<VTKFile type=\"" + type +
-            "\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<" + type + ">\n<Piece" + piece + ">\n";
+            "\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<" + type + ">\n";
+    if (!texts.empty()) add_texts(texts);
+    head_ += "<Piece" + piece + ">\n";
   }
 
   void open(const std::string& element) { head_ += "<" + element + ">\n"; }
   void close(const std::string& element) { head_ += "</" + element + ">\n"; }
 
-  void add(const std::string& name, std::size_t components, std::span<const double> values) {
-    describe("Float64", name, components, 8 * values.size());
-    for (const double value : values) append(std::bit_cast<std::uint64_t>(value));
+  /// `values` in the place of those of the array.
+  void add(const VtkArray& array, std::span<const double> values) {
+    if (array.type == VtkArray::Type::float64) {
+      describe("Float64", array.name, array.components, 8 * values.size());
+      for (const double value : values) append(std::bit_cast<std::uint64_t>(value));
+    } else if (array.type == VtkArray::Type::int32) {
+      describe("Int32", array.name, array.components, 4 * values.size());
+      for (const double value : values) append(static_cast<std::uint32_t>(static_cast<std::int32_t>(value)));
+    } else {
+      describe("UInt8", array.name, array.components, values.size());
+      for (const double value : values) append(static_cast<std::uint8_t>(value));
+    }
   }
   void add(const std::string& name, const Ids& values) {
     describe("Int64", name, 1, 8 * values.size());
@@ -51,7 +62,7 @@ class VtkDocument {
   }
   void add_arrays(const std::string& element, const std::vector<VtkArray>& arrays) {
     open(element);
-    for (const VtkArray& array : arrays) add(array.name, array.components, array.values);
+    for (const VtkArray& array : arrays) add(array, array.values);
     close(element);
   }
 
@@ -65,12 +76,27 @@ class VtkDocument {
   void describe(const char* type, const std::string& name, std::size_t components, std::size_t bytes) {
     head_ += std::string("<DataArray type=\"") + type + "\" Name=\"" + markup_text(name) + "\" NumberOfComponents=\"" +
              std::to_string(components) + "\" format=\"appended\" offset=\"" + std::to_string(data_.size()) + "\"/>\n";
-    append(bytes);
+    append(static_cast<std::uint64_t>(bytes));
   }
-  void append(std::uint64_t value) {
-    char bytes[8];
+  template <typename T>
+  void append(T value) {
+    char bytes[sizeof(T)];
     store_scalar(bytes, value, std::endian::little);
     data_.append(bytes, sizeof(bytes));
+  }
+  /// VTK has no other form for texts than the numbers of their bytes, each text with a 0 behind it.
+  void add_texts(const std::vector<VtkTexts>& texts) {
+    open("FieldData");
+    for (const VtkTexts& array : texts) {
+      head_ += "<DataArray type=\"String\" Name=\"" + markup_text(array.name) + "\" NumberOfTuples=\"" +
+               std::to_string(array.values.size()) + "\" format=\"ascii\">\n";
+      for (const std::string& text : array.values) {
+        for (const char c : text) head_ += std::to_string(static_cast<unsigned>(static_cast<unsigned char>(c))) + " ";
+        head_ += "0\n";
+      }
+      head_ += "</DataArray>\n";
+    }
+    close("FieldData");
   }
 
   const std::string type_;
@@ -123,7 +149,8 @@ void check_extension(const std::filesystem::path& path, const char* extension, c
 /// The arrays of an unstructured grid beside its cells.
 std::string grid_bytes(std::span<const Vec3> points, std::size_t cells, const VtkArrays& arrays,
                        const std::function<void(VtkDocument&)>& add_cells) {
-  VtkDocument document("UnstructuredGrid", attribute("NumberOfPoints", points.size()) + attribute("NumberOfCells", cells));
+  VtkDocument document("UnstructuredGrid", attribute("NumberOfPoints", points.size()) + attribute("NumberOfCells", cells),
+                       arrays.texts);
   document.add_arrays("PointData", arrays.points);
   document.add_arrays("CellData", arrays.cells);
   document.add_points(points);
@@ -162,9 +189,11 @@ std::string vtp_bytes(const Mesh& mesh, const VtkArrays& arrays, const std::stri
   const auto offsets = mesh.face_offsets();
   std::vector<std::size_t> kinds[3];  // faces of one corner, of two, of more
   for (std::size_t f = 0; f < mesh.face_count(); ++f) kinds[std::min<std::uint32_t>(mesh.face_sizes[f], 3) - 1].push_back(f);
-  VtkDocument document("PolyData", attribute("NumberOfPoints", mesh.point_count()) + attribute("NumberOfVerts", kinds[0].size()) +
-                                       attribute("NumberOfLines", kinds[1].size()) + attribute("NumberOfStrips", 0) +
-                                       attribute("NumberOfPolys", kinds[2].size()));
+  VtkDocument document("PolyData",
+                       attribute("NumberOfPoints", mesh.point_count()) + attribute("NumberOfVerts", kinds[0].size()) +
+                           attribute("NumberOfLines", kinds[1].size()) + attribute("NumberOfStrips", 0) +
+                           attribute("NumberOfPolys", kinds[2].size()),
+                       arrays.texts);
   document.add_arrays("PointData", arrays.points);
   if (kinds[2].size() == mesh.face_count()) {
     document.add_arrays("CellData", arrays.cells);
@@ -173,14 +202,14 @@ std::string vtp_bytes(const Mesh& mesh, const VtkArrays& arrays, const std::stri
     Ids ids;
     for (const auto& kind : kinds) ids.insert(ids.end(), kind.begin(), kind.end());
     for (const VtkArray& array : arrays.cells) {
-      sorted.push_back({array.name, array.components, {}});
+      sorted.push_back({array.name, array.components, {}, array.type});
       for (const std::int64_t f : ids) {
         const auto at = array.values.begin() + f * static_cast<std::int64_t>(array.components);
         sorted.back().values.insert(sorted.back().values.end(), at, at + static_cast<std::int64_t>(array.components));
       }
     }
     document.open("CellData");
-    for (const VtkArray& array : sorted) document.add(array.name, array.components, array.values);
+    for (const VtkArray& array : sorted) document.add(array, array.values);
     document.add("face", ids);
     document.close("CellData");
   }

@@ -6,6 +6,7 @@
 #include <unordered_map>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "core/mesh/ahmed_lattice.h"
 
 namespace deform {
@@ -242,7 +243,7 @@ AhmedDivisions divisions_for(const AhmedOptions& options) {
 
 Mesh ahmed_body(const AhmedOptions& options) {
   if (!(options.slant_degrees >= 0 && options.slant_degrees <= 40)) {
-    throw Error(ErrorCode::invalid_argument, "slant_degrees: " + std::to_string(options.slant_degrees) + " is outside 0..40");
+    throw Error(ErrorCode::invalid_argument, "slant_degrees: " + number_digits(options.slant_degrees) + " is outside 0..40");
   }
   constexpr std::size_t fewest = 2000, most = 2000000;
   if (options.target_points < fewest || options.target_points > most) {

@@ -84,9 +84,13 @@ std::size_t count_coincident(const Points& points) {
   return count;
 }
 
-std::vector<MeshReport::GroupCount> count_groups(const Mesh& mesh, const Adjacency& adjacency) {
-  std::vector<MeshReport::GroupCount> counts;
+}  // namespace
+
+std::vector<std::size_t> group_point_counts(const Mesh& mesh) {
+  std::vector<std::size_t> counts;
+  if (mesh.groups.empty()) return counts;
   std::vector<std::size_t> seen_in(mesh.point_count(), 0);  // number of the last group, from 1
+  const auto offsets = mesh.face_offsets();
   for (std::size_t g = 0; g < mesh.groups.size(); ++g) {
     std::size_t points = 0;
     const auto see = [&](PointId point) {
@@ -95,14 +99,12 @@ std::vector<MeshReport::GroupCount> count_groups(const Mesh& mesh, const Adjacen
     };
     for (const PointId point : mesh.groups[g].points) see(point);
     for (const FaceId face : mesh.groups[g].faces) {
-      for (const PointId point : adjacency.points_of(face)) see(point);
+      for (auto corner = offsets[face]; corner < offsets[face + 1]; ++corner) see(mesh.face_points[corner]);
     }
-    counts.push_back({mesh.groups[g].name, points, mesh.groups[g].faces.size()});
+    counts.push_back(points);
   }
   return counts;
 }
-
-}  // namespace
 
 MeshReport inspect(const Mesh& mesh) {
   const Adjacency adjacency(mesh);
@@ -121,7 +123,10 @@ MeshReport inspect(const Mesh& mesh) {
     report.non_manifold_points += non_manifold[i] && !isolated;
   }
   report.coincident_points = count_coincident(mesh.points);
-  report.groups = count_groups(mesh, adjacency);
+  const auto group_points = group_point_counts(mesh);
+  for (std::size_t g = 0; g < mesh.groups.size(); ++g) {
+    report.groups.push_back({mesh.groups[g].name, group_points[g], mesh.groups[g].faces.size()});
+  }
   return report;
 }
 

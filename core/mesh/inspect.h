@@ -29,4 +29,7 @@ struct MeshReport {
 
 MeshReport inspect(const Mesh& mesh);
 
+/// Per group of the mesh its points and those of its faces, each once: what a region of this group selects.
+std::vector<std::size_t> group_point_counts(const Mesh& mesh);
+
 }  // namespace deform

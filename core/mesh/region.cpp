@@ -1,11 +1,17 @@
 #include "core/mesh/region.h"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
+#include <iterator>
 #include <optional>
+#include <span>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "core/mesh/adjacency.h"
+#include "core/mesh/cells.h"
+#include "core/mesh/elements.h"
 
 namespace deform {
 
@@ -39,7 +45,7 @@ class Selector {
   }
   void require_radius(double radius, const char* field) const {
     if (!std::isfinite(radius) || radius < 0) {
-      refuse(std::string(field) + ": it must be a finite number that is not negative, not " + std::to_string(radius));
+      refuse(std::string(field) + ": it must be a finite number that is not negative, not " + number_digits(radius));
     }
   }
   void require_one(std::size_t children, const char* field) const {
@@ -93,8 +99,8 @@ class Selector {
     require_finite(box.max, "box.max");
     for (int k = 0; k < 3; ++k) {
       if (box.min[k] > box.max[k]) {
-        refuse(std::string("box: min.") + "xyz"[k] + " = " + std::to_string(box.min[k]) + " is greater than max." + "xyz"[k] +
-               " = " + std::to_string(box.max[k]));
+        refuse(std::string("box: min.") + "xyz"[k] + " = " + number_digits(box.min[k]) + " is greater than max." + "xyz"[k] +
+               " = " + number_digits(box.max[k]));
       }
     }
     return where([&](const Vec3& p) {
@@ -150,6 +156,29 @@ class Selector {
 
   Mask select(const Region::OpenBoundary&, int) { return adjacency().boundary_points(); }
 
+  Mask select(const Region::Boundary&, int) const {
+    if (mesh_.elements) return corners(side_points(*mesh_.elements));
+    if (mesh_.cells) {
+      const PolyhedralCells& cells = *mesh_.cells;
+      return corners(std::span(cells.face_points).subspan(cells.face_offsets[cells.internal_faces()]));
+    }
+    return corners(mesh_.face_points);
+  }
+
+  std::vector<PointId> side_points(const Elements& elements) const {
+    try {
+      return boundary_faces(elements).points;
+    } catch (const Error& error) {
+      refuse(std::string("boundary: ") + error.what());
+    }
+  }
+
+  Mask corners(std::span<const PointId> points) const {
+    Mask mask(mesh_.point_count(), 0);
+    for (const PointId point : points) mask[point] = 1;
+    return mask;
+  }
+
   Mask select(const Region::Union& region, int depth) {
     require_some(region.of.size(), "union");
     Mask result = mask(region.of[0], depth + 1);
@@ -202,7 +231,30 @@ class Selector {
   std::optional<Adjacency> adjacency_;  // built for the first selection that needs neighbours
 };
 
+/// The shortest digits that mean the same number.
+void append(double value, std::string& text) {
+  char digits[32];
+  text.append(digits, std::to_chars(std::begin(digits), std::end(digits), value).ptr);
+}
+
+void append(const Vec3& corner, std::string& text) {
+  for (std::size_t k = 0; k < 3; ++k) {
+    text += k == 0 ? "[" : ", ";
+    append(corner[k], text);
+  }
+  text += ']';
+}
+
 }  // namespace
+
+std::string no_point_text(const Mesh& mesh) {
+  const Box box = bounding_box(mesh.points);
+  std::string text = "its region contains no point; the model's box is ";
+  append(box.min, text);
+  text += " to ";
+  append(box.max, text);
+  return text;
+}
 
 std::vector<PointId> select(const Region& region, const Mesh& mesh, const std::string& what) {
   const Mask mask = Selector(mesh, what).mask(region, 1);

@@ -35,6 +35,9 @@ struct Region {
     std::vector<PointId> ids;
   };
   struct OpenBoundary {};  ///< end points of edges that belong to exactly one face
+  /// The surface of a volume mesh: points of the faces that belong to one cell only, those of patches of type "empty" too. Of a
+  /// mesh without cells: points of its faces.
+  struct Boundary {};
   struct Union {
     std::vector<Region> of;
   };
@@ -52,8 +55,8 @@ struct Region {
     int rings = 1;           ///< 0..1000
   };
 
-  std::variant<All, GroupName, InBox, InSphere, InCylinder, InHalfSpace, Ids, OpenBoundary, Union, Intersection, Difference,
-               Complement, Grow>
+  std::variant<All, GroupName, InBox, InSphere, InCylinder, InHalfSpace, Ids, OpenBoundary, Boundary, Union, Intersection,
+               Difference, Complement, Grow>
       kind;
 };
 
@@ -61,5 +64,8 @@ struct Region {
 /// ("handle \"roof\""). Throws Error(invalid_argument): unknown group (with the nearest names), id out of range, min > max,
 /// negative or non-finite lengths, zero normal, zero-length axis, wrong number of children, nesting deeper than 64.
 std::vector<PointId> select(const Region& region, const Mesh& mesh, const std::string& what);
+
+/// What is wrong with a region that selected nothing: "its region contains no point; the model's box is [0, 0, 0] to [1, 2, 3]".
+std::string no_point_text(const Mesh& mesh);
 
 }  // namespace deform

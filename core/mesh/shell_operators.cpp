@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 
 namespace deform {
 
@@ -125,7 +126,7 @@ std::uint32_t fan_apex(const Points& points, const PointId* corners, std::uint32
 
 void check_scale(double scale) {
   if (!(scale > 0 && std::isfinite(scale))) {
-    throw Error(ErrorCode::invalid_argument, "shell operators: scale must be positive and finite, got " + std::to_string(scale));
+    throw Error(ErrorCode::invalid_argument, "shell operators: scale must be positive and finite, got " + number_digits(scale));
   }
 }
 

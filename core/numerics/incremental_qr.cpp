@@ -5,6 +5,7 @@
 #include <string>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "core/base/parallel.h"
 #include "core/numerics/tiles.h"
 
@@ -55,7 +56,7 @@ void check_values(const MatrixXd& F, std::size_t rows, const char* name) {
 }
 
 void check_tolerance(double tolerance, const char* name) {
-  if (!(tolerance >= 0)) refuse(std::string(name) + ": " + std::to_string(tolerance) + " is out of range, must be at least 0");
+  if (!(tolerance >= 0)) refuse(std::string(name) + ": " + number_digits(tolerance) + " is out of range, must be at least 0");
 }
 
 /// Sums of squares of the rows from i to the end, for every i and one past the end: what is left when the rows above are solved.

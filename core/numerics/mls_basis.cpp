@@ -7,6 +7,7 @@
 #include <string>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "core/base/parallel.h"
 
 namespace deform {
@@ -194,7 +195,7 @@ MlsBasis::MlsBasis(std::span<const Vec3> samples, double radius, const Options& 
     : tree_(samples), radius_(radius), options_(options) {
   if (samples.empty()) throw Error(ErrorCode::invalid_argument, "samples: at least one is needed");
   if (!(radius > 0 && std::isfinite(radius))) {
-    throw Error(ErrorCode::invalid_argument, "radius: " + std::to_string(radius) + " is out of range, must be over 0");
+    throw Error(ErrorCode::invalid_argument, "radius: " + number_digits(radius) + " is out of range, must be over 0");
   }
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <map>
 
+#include "core/quality/displacement.h"
 #include "core/quality/polygon.h"
 #include "core/quality/summary.h"
 
@@ -201,25 +202,23 @@ void add_to(QualityReport& report, const JumpGrowth& growth) {
 }
 
 void add_displacement(QualityReport& report, std::span<const Vec3> points, std::span<const Vec3> original) {
-  Extreme largest;
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const double moved = length(points[i] - original[i]);
-    if (moved > largest.value) largest = {moved, i};
-  }
-  report.rows.push_back(row("displacement", "displacement of a point, largest", largest));
+  report.rows.push_back(row("displacement", "displacement of a point, largest", largest_displacement(points, original)));
 }
 
-void add_flipped(QualityReport& report, const Mesh& mesh, const std::vector<std::size_t>& flipped) {
-  report.rows.push_back(row("flipped_faces", "faces turned by more than 90 degrees", flipped.size(), Better::lower));
-  std::vector<std::size_t> listed(flipped.begin(),
-                                  flipped.begin() + static_cast<std::ptrdiff_t>(std::min(flipped.size(), most_listed)));
-  WorstList list{"Faces turned by more than 90 degrees", "face", {}};
+void add_flipped(QualityReport& report, const Mesh& mesh, std::span<const Extreme> flipped) {
+  report.rows.push_back(row("flipped_faces", "faces flipped against their surroundings", flipped.size(), Better::lower));
+  const auto listed = flipped.first(std::min(flipped.size(), most_listed));
+  WorstList list{"Faces turned by more than 90 degrees against their surroundings (cosine)",
+                 mesh.cell_count() > 0 ? "boundary face" : "face",
+                 {}};
+  std::vector<std::size_t> ids;
   const auto offsets = mesh.face_offsets();
-  for (const std::size_t f : listed) {
-    list.entries.push_back(
-        {f, std::nullopt, mean_of(mesh.points, std::span(mesh.face_points).subspan(offsets[f], mesh.face_sizes[f]))});
+  for (const Extreme& face : listed) {
+    const auto corners = std::span(mesh.face_points).subspan(offsets[face.id], mesh.face_sizes[face.id]);
+    list.entries.push_back({face.id, face.value, mean_of(mesh.points, corners)});
+    ids.push_back(face.id);
   }
-  report.lists.emplace_back("flipped", std::move(listed));
+  report.lists.emplace_back("flipped", std::move(ids));
   report.worst.insert(report.worst.begin(), std::move(list));
 }
 

@@ -67,7 +67,7 @@ void add_to(QualityReport& report, const JumpGrowth& growth);
 
 /// Largest displacement of a point since `original`, which has as many points.
 void add_displacement(QualityReport& report, std::span<const Vec3> points, std::span<const Vec3> original);
-/// Faces that flipped: their number, the first of them, where they are.
-void add_flipped(QualityReport& report, const Mesh& mesh, const std::vector<std::size_t>& flipped);
+/// Faces that flipped, as flipped_faces() lists them: their number, the worst of them, where they are.
+void add_flipped(QualityReport& report, const Mesh& mesh, std::span<const Extreme> flipped);
 
 }  // namespace deform

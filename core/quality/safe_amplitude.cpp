@@ -7,6 +7,7 @@
 #include <string>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "core/base/parallel.h"
 #include "core/quality/moving_cells.h"
 
@@ -75,9 +76,9 @@ class InversionCheck::Impl {
     check_finite(points);
     for (std::size_t i = 0; i < points.size(); ++i) {
       if (std::abs(points[i][2] - plane_) <= off_plane_) continue;
-      throw Error(ErrorCode::invalid_argument, "points[" + std::to_string(i) + "]: z = " + std::to_string(points[i][2]) +
+      throw Error(ErrorCode::invalid_argument, "points[" + std::to_string(i) + "]: z = " + number_digits(points[i][2]) +
                                                    ", but faces can be used as cells only in a plane z = constant, here " +
-                                                   std::to_string(plane_));
+                                                   number_digits(plane_));
     }
   }
 

@@ -147,23 +147,4 @@ SurfaceQuality surface_quality(const Mesh& mesh, const RunContext& context) {
   return result;
 }
 
-std::vector<std::size_t> flipped_faces(const Mesh& mesh, std::span<const Vec3> original, const RunContext& context) {
-  if (original.size() != mesh.point_count()) {
-    throw Error(ErrorCode::invalid_argument, "the original has " + std::to_string(original.size()) + " points, the mesh has " +
-                                                 std::to_string(mesh.point_count()));
-  }
-  const Surface surface(mesh);
-  std::vector<char> flipped(mesh.face_count());
-  parallel_for(context, flipped.size(), grain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t f = begin; f < end; ++f) {
-      flipped[f] = dot(vector_area(original, surface.corners(f)), vector_area(mesh.points, surface.corners(f))) < 0;
-    }
-  });
-  std::vector<std::size_t> ids;
-  for (std::size_t f = 0; f < flipped.size(); ++f) {
-    if (flipped[f]) ids.push_back(f);
-  }
-  return ids;
-}
-
 }  // namespace deform

@@ -43,8 +43,4 @@ struct SurfaceQuality {
 /// deadline_exceeded.
 SurfaceQuality surface_quality(const Mesh& mesh, const RunContext& context = {});
 
-/// The faces whose normals turned by more than 90 degrees since the points were `original` (n), ascending; faces without area in
-/// either have no normal and are not counted. Throws Error(invalid_argument) when the numbers of points differ.
-std::vector<std::size_t> flipped_faces(const Mesh& mesh, std::span<const Vec3> original, const RunContext& context = {});
-
 }  // namespace deform

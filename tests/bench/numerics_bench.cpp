@@ -21,6 +21,7 @@
 #include "core/numerics/lapack.h"
 #include "core/numerics/packed_cholesky.h"
 #include "core/numerics/tiles.h"
+#include "core/quality/flipped_faces.h"
 #include "tests/support/scipy_interpolator.h"
 
 namespace deform {
@@ -267,7 +268,8 @@ void bench_basis(std::size_t points, std::size_t handles, int repetitions) {
   for (const auto& [stage, time] : info.stage_seconds) print_value("prepare: " + stage + ", " + size, time, "s");
   std::vector<double> stream(info.basis_bytes / sizeof(double), 1.0);
   std::vector<Points> out(population, Points(info.points));
-  std::vector<double> streaming, one, singles, together;
+  const FlipCheck flips(*the.mesh, the.mesh->points);
+  std::vector<double> streaming, one, singles, together, looking;
   time_designs(the, 0, population, out);  // touches the pages
   for (int i = 0; i < repetitions; ++i) {
     streaming.push_back(time_stream(stream));
@@ -276,6 +278,7 @@ void bench_basis(std::size_t points, std::size_t handles, int repetitions) {
     for (std::size_t k = 0; k < population; ++k) sum += time_designs(the, k, 1, out);
     singles.push_back(sum);
     together.push_back(time_designs(the, 0, population, out));
+    looking.push_back(seconds([&] { flips.flipped(the.mesh->points); }));
   }
   print_value("streaming the basis once, " + std::to_string(info.basis_bytes >> 20) + " MiB", median(streaming) * 1e3, "ms");
   print_value("one design by the basis", median(one) * 1e3, "ms");
@@ -283,6 +286,9 @@ void bench_basis(std::size_t points, std::size_t handles, int repetitions) {
   print_value("15 designs one by one", median(singles) * 1e3, "ms");
   print_value("15 designs together", median(together) * 1e3, "ms");
   print_at_most("population of 15 / 15 single designs", 0.35, median_ratio(together, singles));
+  print_value("looking for flipped faces, none turned, " + std::to_string(the.mesh->face_count()) + " faces",
+              median(looking) * 1e3, "ms");
+  print_at_most("the same / one design by the basis", 1.0, median_ratio(looking, one));
 }
 
 // The performance case of thesis figure 4.1: 7,800 vertices, 526 handle and 404 fixed ones.

@@ -56,6 +56,18 @@ fixed: [{half_space: {point: [0, 0, 0], normal: [0, 0, -1]}}]
 variables: [{name: up, handle: top, translate: [0, 0, 1]}]
 """
 
+WRECK_SETUP = """\
+geometry: ahmed.obj
+method: {rbf: {kernel: TRIHARMONIC}}
+handles:
+  - {name: slant, region: {group: slant}}
+  - {name: roof,  region: {intersection: [{group: roof}, {box: {min: [0.2, -1, 0], max: [0.8, 1, 1]}}]}}
+fixed: [{group: nose}, {group: underbody}, {group: stilts}]
+variables:
+  - {name: roof_up,    handle: roof,  translate: [0, 0, 1], lower: -0.05, upper: 0.05}
+  - {name: slant_turn, handle: slant, rotate: {axis: [0, 1, 0], centre: [0, 0, 0.3]}, lower: -0.2, upper: 0.2}
+"""
+
 
 class Cells(EndToEnd):
     def setUp(self):
@@ -66,8 +78,8 @@ class Cells(EndToEnd):
         self.write("square.su2", square())
         self.write("square.yaml", SQUARE_SETUP)
 
-    def apply(self, *arguments):
-        return self.deform("apply", *arguments, "-o", "out.su2", "--json").json["report"]
+    def apply(self, *arguments, expect=0):
+        return self.deform("apply", *arguments, "-o", "out.su2", "--json", expect=expect).json["report"]
 
     def test_faces_of_a_plane_mesh(self):
         self.square()
@@ -75,14 +87,14 @@ class Cells(EndToEnd):
         self.assertEqual(report["cells"]["cells"], N * N)
         self.assertEqual((report["cells"]["safe_amplitude"], report["cells"]["inverted"]), (1, 0))
         self.assertNotIn("first_cell", report["cells"])
-        report = self.apply("square.yaml", "--set", "turn=2.3")
+        report = self.apply("square.yaml", "--set", "turn=2.3", expect=4)
         cells = report["cells"]
         self.assertLess(cells["safe_amplitude"], 1)
         self.assertEqual(len(cells["inverted_ids"]), min(100, cells["inverted"]))
         self.assertIn("first_cell", cells)
         self.assertNotIn("split", report)
         self.assertNotIn("cells", self.apply("square.yaml", "--set", "turn=2.3", "--check", "off"))
-        text = self.deform("apply", "square.yaml", "--set", "turn=2.3", "-o", "out.su2").out
+        text = self.deform("apply", "square.yaml", "--set", "turn=2.3", "-o", "out.su2", expect=4).out
         self.assertRegex(text, rf"{N * N} cells, {cells['inverted']} inverted by the full step; none before 0\.\d+ of it")
         self.assertIn("worst cells: ", text)
 
@@ -120,7 +132,7 @@ class Cells(EndToEnd):
         quality = self.deform("quality", "out.mesh", "--json").json
         for name in ("scaled_jacobian", "average_scaled_jacobian", "volume", "total_volume"):
             self.assertEqual(measured[name], quality[name], name)
-        cells = self.deform("apply", "cube.yaml", "--set", "up=-1.25", "-o", "out.mesh", "--json").json["report"]["cells"]
+        cells = self.deform("apply", "cube.yaml", "--set", "up=-1.25", "-o", "out.mesh", "--json", expect=4).json["report"]["cells"]
         self.assertGreater(cells["inverted"], 0)
         self.assertAlmostEqual(cells["safe_amplitude"], 0.8, delta=0.15)
 
@@ -153,6 +165,22 @@ class Cells(EndToEnd):
         reply = self.deform("apply", "ahmed.yaml", "--set", "up=0.01", "-o", "out.obj", "--json").json["report"]
         self.assertNotIn("cells", reply)
         self.fails(1, "apply", "ahmed.yaml", "--set", "up=0.01", "--split", "uniform", "-o", "out.obj", says=["splitting", "no cells"])
+
+    def test_a_wrecked_body_is_not_delivered_without_a_word(self):
+        """The example of version 0.1: the side walls of the body fold over its roof."""
+        self.deform("sample", "-o", "ahmed.obj")
+        self.write("wreck.yaml", WRECK_SETUP)
+        report = self.deform("apply", "wreck.yaml", "--set", "roof_up=0.03", "--set", "slant_turn=0.1", "-o", "out.obj",
+                             "--json").json["report"]
+        self.assertAlmostEqual(report["max_displacement"], 0.2976, delta=2e-3)
+        quality = self.deform("quality", "out.obj", "--before", "ahmed.obj", "--json").json
+        self.assertEqual(quality["displacement"], report["max_displacement"])
+        # They fold in their own plane, so the sign of their normals' y tells which faces flipped.
+        self.assertAlmostEqual(quality["flipped_faces"], 1660, delta=10)
+        self.assertEqual(len(quality["flipped"]), 100)
+        gated = self.deform("quality", "out.obj", "--before", "ahmed.obj", "--fail-on", "flipped_faces>0", expect=None)
+        self.assertNotEqual(gated.code, 0)
+        self.assertIn("flipped_faces", gated.err)
 
 
 if __name__ == "__main__":

@@ -99,8 +99,8 @@ class Constraints(EndToEnd):
         super().setUp()
         self.start_server()
 
-    def apply(self, name, *arguments):
-        reply = self.deform("apply", name, *arguments, "-o", "out.obj", "--json").json
+    def apply(self, name, *arguments, expect=0):
+        reply = self.deform("apply", name, *arguments, "-o", "out.obj", "--json", expect=expect).json
         return reply["report"], read_obj(self.path("out.obj"))[0]
 
     def test_a_bore_stays_round(self):
@@ -194,9 +194,15 @@ class Constraints(EndToEnd):
             self.assertLess(math.hypot(distance(p, middle) - radius, p[2]), 1e-8, "in the plane and on the circle of three of them")
         self.write("torn.yaml", setup("{mls: {}}", """constraints:
   - {name: ends, exact: true, rigid: {}, regions: [{union: [{box: {min: [-1, -1, -1], max: [0.1, 2, 1]}}, {box: {min: [1.9, -1, -1], max: [3, 2, 1]}}]}]}"""))
-        report, _ = self.apply("torn.yaml", "--set", "pull=0.4")
+        report, _ = self.apply("torn.yaml", "--set", "pull=0.4", expect=4)
         self.assertTrue(report["constraints"]["residuals"][0]["missed"], "one end stays, the other moves")
-        self.assertIn("NOT EXACT", self.deform("apply", "torn.yaml", "--set", "pull=0.4", "-o", "out.obj").out)
+        torn = ["apply", "torn.yaml", "--set", "pull=0.4", "-o", "torn.obj"]
+        told = self.fails(4, *torn, says=["torn.obj was not written", "\"ends\"", "--keep-bad"], prints=True)
+        self.assertIn("NOT EXACT", told.out)
+        self.assertIn("did NOT write torn.obj", told.out)
+        self.assertFalse(os.path.exists(self.path("torn.obj")))
+        self.fails(4, *torn, "--keep-bad", "--json", says=["torn.obj", "\"ends\""], prints=True)
+        self.assertEqual(len(read_obj(self.path("torn.obj"))[0]), len(points))
 
     def test_layers_on_a_wall_keep_their_shape(self):
         self.write("cube.mesh", hexahedra(8))

@@ -106,7 +106,7 @@ class Durability(EndToEnd):
         self.deform("sample", "-o", "long.obj", "--points", 12000)
         self.write("long.yaml", LONG_SETUP)
         self.deform("register", "long.obj")
-        self.fails(1, "prepare", "long.yaml", "--timeout", 0.5, says=["deadline"])
+        self.fails(3, "prepare", "long.yaml", "--timeout", 0.5, says=["deadline"])
         self.wait_until(lambda: self.busy() == 0, "the server stopped working", seconds=20)
 
 

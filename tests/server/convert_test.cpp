@@ -99,6 +99,7 @@ TEST(ConvertSetup, every_kind_of_region) {
   add().add_ids(7);
   add().set_open_boundary(true);
   add().set_all(true);
+  add().set_boundary(true);
   add().add_union_()->set_all(true);
   add().add_intersection()->set_all(true);
   add().add_difference()->set_all(true);
@@ -107,15 +108,16 @@ TEST(ConvertSetup, every_kind_of_region) {
   grow.mutable_grow()->mutable_region()->set_group("g");
   grow.mutable_grow()->set_rings(2);
   const deform::Setup setup = setup_from_proto(message, 100);
-  ASSERT_EQ(setup.fixed.size(), 13u);
+  ASSERT_EQ(setup.fixed.size(), 14u);
   EXPECT_EQ(std::get<Region::InBox>(setup.fixed[1].kind).max, (Vec3{3, 4, 5}));
   EXPECT_EQ(std::get<Region::InSphere>(setup.fixed[2].kind).radius, 2);
   EXPECT_EQ(std::get<Region::InCylinder>(setup.fixed[3].kind).end, (Vec3{0, 1, 3}));
   EXPECT_EQ(std::get<Region::InHalfSpace>(setup.fixed[4].kind).normal, (Vec3{0, 0, 1}));
   EXPECT_EQ(std::get<Region::Ids>(setup.fixed[5].kind).ids, std::vector<PointId>{7});
   EXPECT_TRUE(std::holds_alternative<Region::OpenBoundary>(setup.fixed[6].kind));
-  EXPECT_EQ(std::get<Region::Difference>(setup.fixed[10].kind).of.size(), 1u);
-  EXPECT_EQ(std::get<Region::Grow>(setup.fixed[12].kind).rings, 2);
+  EXPECT_TRUE(std::holds_alternative<Region::Boundary>(setup.fixed[8].kind));
+  EXPECT_EQ(std::get<Region::Difference>(setup.fixed[11].kind).of.size(), 1u);
+  EXPECT_EQ(std::get<Region::Grow>(setup.fixed[13].kind).rings, 2);
 }
 
 TEST(ConvertSetup, symmetry_planes) {

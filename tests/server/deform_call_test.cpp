@@ -6,6 +6,7 @@
 #include <thread>
 
 #include "core/codec/block.h"
+#include "server/deform_job.h"
 #include "tests/server/server_fakes.h"
 
 namespace deform::server {

@@ -33,7 +33,7 @@ class GeometryStoreTest : public testing::Test {
     return id;
   }
   void put_setup(const std::string& id, const std::string& geometry) {
-    store->catalog().put_setup({id, geometry, "setup", "info", unix_ms()});
+    store->put_setup({id, geometry, "setup", "info", unix_ms()});
   }
   fs::path file(const std::string& id) const { return directory.path() / "geometries" / id; }
   ErrorCode code_of(const std::function<void()>& action) {
@@ -96,13 +96,13 @@ TEST_F(GeometryStoreTest, a_second_process_is_refused) {
 }
 
 TEST_F(GeometryStoreTest, leftovers_of_interrupted_uploads_are_collected) {
-  const std::string id = put(mesh);
+  const std::string id = put(mesh), other = std::string(64, 'b');
+  const std::int64_t intent = store->catalog().begin({Intent::Kind::put, {{Intent::What::geometry, other, 7, {}}}});
   store.reset();
-  write(directory.path() / "tmp" / (std::string(64, 'b') + ".7"), "half an upload");
-  write(file(std::string(64, 'c')), "renamed, but killed before the row was written");
+  write(directory.path() / "tmp" / (other + "." + std::to_string(intent)), "half an upload");
   reopen();
   EXPECT_TRUE(fs::is_empty(directory.path() / "tmp"));
-  EXPECT_FALSE(fs::exists(file(std::string(64, 'c'))));
+  EXPECT_TRUE(fs::is_empty(directory.path() / "unclaimed"));
   EXPECT_EQ(store->load(id).points, mesh.points);
   EXPECT_EQ(store->list({}).geometries_size(), 1);
 }
@@ -142,12 +142,14 @@ TEST_F(GeometryStoreTest, every_damaged_byte_is_noticed) {
   EXPECT_EQ(store->load(id).points, small.points);
 }
 
-TEST_F(GeometryStoreTest, a_catalog_of_something_else_is_refused) {
+TEST_F(GeometryStoreTest, a_catalog_of_something_else_is_kept_and_replaced) {
+  const std::string id = put(mesh, "wing.obj");
   store.reset();
-  fs::remove(directory.path() / "catalog.sqlite-wal");
-  fs::remove(directory.path() / "catalog.sqlite-shm");
   write(directory.path() / "catalog.sqlite", std::string(5000, 'x'));
-  EXPECT_EQ(code_of([&] { reopen(); }), ErrorCode::data_loss);
+  reopen();
+  EXPECT_EQ(store->info(id).name(), "wing.obj");
+  std::ifstream in(directory.path() / "damaged" / "catalog.0" / "catalog.sqlite");
+  EXPECT_EQ(std::string(std::istreambuf_iterator<char>(in), {}), std::string(5000, 'x'));
 }
 
 TEST_F(GeometryStoreTest, removing) {
@@ -174,8 +176,8 @@ TEST_F(GeometryStoreTest, setups_survive_and_need_their_geometry) {
   ASSERT_TRUE(record);
   EXPECT_EQ(record->geometry_id, id);
   EXPECT_EQ(record->setup, "setup");
-  EXPECT_TRUE(store->catalog().remove_setup(setup_id));
-  EXPECT_FALSE(store->catalog().remove_setup(setup_id));
+  EXPECT_TRUE(store->remove_setup(setup_id));
+  EXPECT_FALSE(store->remove_setup(setup_id));
 }
 
 TEST_F(GeometryStoreTest, ids_by_prefix) {

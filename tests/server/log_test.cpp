@@ -2,6 +2,12 @@
 #include "server/log.h"
 
 #include <gtest/gtest.h>
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <fstream>
+#include <iterator>
 
 namespace deform::server {
 namespace {
@@ -37,6 +43,21 @@ TEST(Log, WhatUsersWriteCannotForgeLinesOrFields) {
   EXPECT_EQ(to_line(record),
             "method=GetGeometry client= geometry=\"x\\\" status=ok\" name=\"car\\x00\\x1b[31m \\\"my\\\"\" status=not_found "
             "message=\"no geometry \\\"x\\x0ay\\\"\"");
+}
+
+TEST(Log, NoRecordActsOnTerminalsOrMakesLines) {
+  const auto before = spdlog::default_logger();
+  const auto file = std::filesystem::temp_directory_path() / ("deform_log_test_" + std::to_string(::getpid()));
+  start_logging({spdlog::level::info, file});
+  spdlog::info("{}", "a\n2026 error forged\x1b]0;owned\x07\u202e \xff Gr\u00f6\u00dfe");
+  spdlog::set_default_logger(before);
+  std::ifstream in(file);
+  const std::string text{std::istreambuf_iterator<char>(in), {}};
+  std::filesystem::remove(file);
+  EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 1);
+  const std::string record = " info a\\x0a2026 error forged\\x1b]0;owned\\x07\\u{202e} \\xff Gr\u00f6\u00dfe\n";
+  ASSERT_GT(text.size(), record.size());
+  EXPECT_EQ(text.substr(text.size() - record.size()), record);
 }
 
 TEST(Log, LongTextIsCut) {

@@ -15,6 +15,27 @@ using std::chrono::milliseconds;
 using std::chrono::seconds;
 using support::eventually;
 
+/// SERVING is 1, NOT_SERVING 2.
+int health_of(const std::shared_ptr<grpc::Channel>& channel, const std::string& service) {
+  std::string request;
+  if (!service.empty()) request = "\n" + std::string(1, static_cast<char>(service.size())) + service;
+  const grpc::Slice slice(request);
+  grpc::GenericStub generic(channel);
+  grpc::ClientContext context;
+  grpc::CompletionQueue queue;
+  auto call = generic.PrepareUnaryCall(&context, "/grpc.health.v1.Health/Check", grpc::ByteBuffer(&slice, 1), &queue);
+  call->StartCall();
+  grpc::ByteBuffer reply;
+  grpc::Status status;
+  call->Finish(&reply, &status, nullptr);
+  void* tag = nullptr;
+  bool ok = false;
+  queue.Next(&tag, &ok);
+  grpc::Slice answer;
+  if (!status.ok() || !reply.DumpToSingleSlice(&answer).ok() || answer.size() != 2) return -1;
+  return answer.begin()[1];
+}
+
 class ServerStop : public ServiceFixture {
  protected:
   /// Stops and says how long it took.
@@ -23,23 +44,7 @@ class ServerStop : public ServiceFixture {
     clean = server->running().stop(grace);
     return std::chrono::steady_clock::now() - begin;
   }
-  /// SERVING is 1, NOT_SERVING 2.
-  int health() {
-    grpc::GenericStub generic(channel);
-    grpc::ClientContext context;
-    grpc::CompletionQueue queue;
-    auto call = generic.PrepareUnaryCall(&context, "/grpc.health.v1.Health/Check", grpc::ByteBuffer(nullptr, 0), &queue);
-    call->StartCall();
-    grpc::ByteBuffer reply;
-    grpc::Status status;
-    call->Finish(&reply, &status, nullptr);
-    void* tag = nullptr;
-    bool ok = false;
-    queue.Next(&tag, &ok);
-    grpc::Slice answer;
-    if (!status.ok() || !reply.DumpToSingleSlice(&answer).ok() || answer.size() != 2) return -1;
-    return answer.begin()[1];
-  }
+  int health() { return health_of(channel, ""); }
   bool clean = false;
 };
 
@@ -160,6 +165,33 @@ ServerOptions at(const std::string& address) {
   ServerOptions options;
   options.address = address;
   return options;
+}
+
+/// Its store has room or not, as the test says.
+class EngineOnADisk : public support::FakeEngine {
+ public:
+  explicit EngineOnADisk(std::shared_ptr<std::atomic<bool>> room) : room_(std::move(room)) {}
+  v1::StoreInfo store() override {
+    v1::StoreInfo info;
+    info.set_writable(*room_);
+    return info;
+  }
+
+ private:
+  const std::shared_ptr<std::atomic<bool>> room_;
+};
+
+TEST(Server, HealthTellsWhetherTheStoreCanBeAddedTo) {
+  const auto room = std::make_shared<std::atomic<bool>>(false);
+  const auto server = start_server(at(""), std::make_unique<EngineOnADisk>(room));
+  const auto channel = server->in_process_channel();
+  EXPECT_EQ(health_of(channel, "deform.v1.DeformService/write"), 2);
+  EXPECT_EQ(health_of(channel, ""), 1) << "what is there is served all the same";
+  EXPECT_EQ(health_of(channel, "deform.v1.DeformService"), 1);
+  *room = true;
+  EXPECT_TRUE(eventually([&] { return health_of(channel, "deform.v1.DeformService/write") == 1; }));
+  *room = false;
+  EXPECT_TRUE(eventually([&] { return health_of(channel, "deform.v1.DeformService/write") == 2; }));
 }
 
 TEST(Server, TwoServersDoNotShareAPort) {

@@ -64,6 +64,7 @@ TEST(Escaped, KeepsTextAndShowsWhatIsNotText) {
   EXPECT_EQ(escaped(std::string_view("a\0b\r\n\x1b[31m\x7f", 11), 100), "a\\x00b\\x0d\\x0a\\x1b[31m\\x7f");
   EXPECT_EQ(escaped("back\\slash", 100), "back\\x5cslash");
   // lone continuation, truncated, overlong, surrogate, beyond Unicode
+  EXPECT_EQ(escaped("\xE2\x80\xAE.obj", 100), "\\u{202e}.obj");
   EXPECT_EQ(escaped("\x80", 100), "\\x80");
   EXPECT_EQ(escaped("\xE2\x82", 100), "\\xe2\\x82");
   EXPECT_EQ(escaped("\xC0\xAF", 100), "\\xc0\\xaf");

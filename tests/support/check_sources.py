@@ -2,6 +2,8 @@
 """House rules that need no compiler. usage: check_sources.py ROOT
 
 Headers have #pragma once; files have at most 450 lines; no marks of unfinished work, no skipped tests, no tabs or trailing blanks.
+Programs print floating-point numbers by number_digits(), not by std::to_string(), which has six decimals for all of them. Without a
+compiler that is told by names: what is declared floating in the file, or in headers and nowhere as anything else.
 """
 import os
 import re
@@ -25,10 +27,72 @@ def check(path, lines):
             yield number, "a tab or a trailing blank"
 
 
+PROGRAMS = ("core", "server", "client")
+FLOATING = re.compile(r"\b(?:double|float)\s+&?(\w+)((?:\s*=[^,;(){}]*)?(?:,\s*\w+(?:\s*=[^,;(){}]*)?)*)")
+FLOATING_ITEMS = re.compile(r"\b(?:Vec3|Points|(?:std::)?(?:vector|span|array)<(?:const )?(?:double|float|Vec3)[^;{}()]*?>)\s*&?\s*(\w+)")
+INTEGRAL = re.compile(r"\b(?:int|unsigned|char|bool|(?:std::)?(?:size_t|u?int\d+_t|string|ptrdiff_t)|PointId|FaceId|CellId|auto)\s+&?(\w+)")
+OBVIOUS = re.compile(r"\d\.\d|\de-\d|\b(?:double|float)\b|std::(?:sqrt|hypot|abs\(.*\.|pow|cos|sin|exp|log)\b")
+
+
+def names_in(text):
+    """Names of floating numbers, of sequences of them, and of anything else, that a text declares."""
+    numbers = set()
+    for found in FLOATING.finditer(text):
+        numbers.add(found.group(1))
+        numbers.update(re.findall(r",\s*(\w+)", found.group(2)))
+    others = set(INTEGRAL.findall(text))
+    for bound in re.findall(r"\bauto&?&? \[([^\]]*)\]", text):
+        others.update(re.findall(r"\w+", bound))
+    return numbers, set(FLOATING_ITEMS.findall(text)), others
+
+
+def argument(text, start):
+    """What stands between the parenthesis that opens before `start` and its end."""
+    depth = 1
+    for end in range(start, len(text)):
+        depth += {"(": 1, ")": -1}.get(text[end], 0)
+        if depth == 0:
+            return text[start:end]
+    return text[start:]
+
+
+def is_floating(expression, numbers, items):
+    if expression.startswith(("static_cast<int", "static_cast<std::", "std::numeric_limits<std::")) or re.search(r"(size|rows|cols|count)\(\)$", expression):
+        return False
+    if OBVIOUS.search(expression):
+        return True
+    last = re.search(r"(\w+)((?:\[[^\[\]]*\])*)(\(\))?$", expression.strip())
+    return last is not None and (last.group(1) in items if last.group(2) else last.group(1) in numbers)
+
+
+class FloatingNumbers:
+    """Finds std::to_string() of them in the programs."""
+
+    def __init__(self, root):
+        self.shared = (set(), set(), set())
+        for top in PROGRAMS:
+            for where, _, names in os.walk(os.path.join(root, top)):
+                for name in names:
+                    if name.endswith(".h"):
+                        with open(os.path.join(where, name), encoding="utf-8") as header:
+                            for known, more in zip(self.shared, names_in(header.read())):
+                                known |= more
+
+    def check(self, text):
+        own = names_in(text)
+        # A name of the file means what the file says; where it says both, nothing is told by the name.
+        numbers = (own[0] - own[2]) | (self.shared[0] - self.shared[2] - own[2] - own[1])
+        items = (own[1] - own[2]) | (self.shared[1] - self.shared[2] - own[2])
+        for found in re.finditer(r"std::to_string\(", text):
+            if is_floating(argument(text, found.end()), numbers, items):
+                yield text.count("\n", 0, found.start()) + 1, "std::to_string of a floating-point number: use number_digits()"
+
+
 def main():
     if len(sys.argv) != 2:
         sys.exit(__doc__)
     root, files, found = sys.argv[1], 0, 0
+    floating = FloatingNumbers(root)
     for top in FOLDERS:
         for where, folders, names in os.walk(os.path.join(root, top)):
             folders[:] = sorted(name for name in folders if name != "__pycache__")
@@ -38,9 +102,13 @@ def main():
                 files += 1
                 path = os.path.join(where, name)
                 with open(path, encoding="utf-8") as source:
-                    for number, what in check(name, source.read().splitlines()):
-                        found += 1
-                        print(f"{os.path.relpath(path, root)}:{number}: {what}")
+                    text = source.read()
+                findings = list(check(name, text.splitlines()))
+                if top in PROGRAMS and name.endswith((".h", ".cpp")):
+                    findings += floating.check(text)
+                for number, what in findings:
+                    found += 1
+                    print(f"{os.path.relpath(path, root)}:{number}: {what}")
     if files == 0:
         sys.exit(f"{root}: no sources found")
     print(f"house rules: {files} files, {found} findings")

@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "core/base/parallel.h"
 #include "core/constraints/detection/clusters.h"
 #include "core/constraints/detection/competition.h"
@@ -28,7 +29,7 @@ constexpr double clusters_in_smallest = 256;  ///< of faces, in the smallest pri
 void check_range(const char* field, double value, double below, const char* meaning) {
   if (value >= 0 && value < below) return;  // false for NaN
   throw Error(ErrorCode::invalid_argument,
-              std::string("detection.") + field + ": " + std::to_string(value) + " is not " + meaning);
+              std::string("detection.") + field + ": " + number_digits(value) + " is not " + meaning);
 }
 
 Limits limits_of(const DetectOptions& options, Surface& surface, const RunContext& context) {

@@ -35,6 +35,39 @@ TEST(RegionLabels, HandlesFixedAndTheRest) {
       << "where regions overlap";
 }
 
+TEST(RegionLabels, OfTheBoundary) {
+  Mesh mesh = line();
+  mesh.face_sizes = {3};
+  mesh.face_points = {1, 2, 3};
+  EXPECT_THAT(region_labels(setup("handles: [{name: a, region: {boundary: true}}]\n"), mesh), ElementsAre(0, 2, 2, 2, 0, 0));
+}
+
+// The same sentences as those of deform::validate(), see setup_test.cpp.
+TEST(ResolvedRegions, CollectAllThatIsWrong) {
+  const ResolvedRegions resolved = resolve_regions(
+      setup("handles: [{name: a, region: {ids: [0, 1]}}, {name: b, region: {ids: [1, 2]}}, {name: c, region: {group: top}},\n"
+            "          {name: d, region: {all: true, ids: [3]}}, {name: e, region: {sphere: {centre: [9, 9], radius: 1}}}]\n"
+            "fixed: [{ids: [2, 3]}, {box: {min: [7, 7, 7], max: [8, 8, 8]}}]\n"
+            "constraints: [{name: k, planar: {}, regions: [{ids: [4, 5]}, {ids: [77]}]}]\n"),
+      line());
+  EXPECT_THAT(resolved.labels, ElementsAre(2, 2, 3, 1, 0, 0)) << "the first keeps a point that two want";
+  EXPECT_THAT(resolved.contested, ElementsAre(1, 2));
+  EXPECT_THAT(resolved.handles, ElementsAre("a", "b", "c", "d", "e"));
+  ASSERT_EQ(resolved.constraints.size(), 1u);
+  EXPECT_EQ(resolved.constraints[0].kind, "planar");
+  EXPECT_THAT(resolved.constraints[0].regions[0], ElementsAre(4, 5));
+  using testing::HasSubstr;
+  EXPECT_THAT(
+      resolved.problems,
+      ElementsAre("handle \"b\" overlaps handle \"a\": 1 common points, the first is point 1; subtract one region from "
+                  "the other with `difference`",
+                  HasSubstr("handle \"c\": group \"top\" does not exist"),
+                  "handle \"d\": expected exactly one kind of region, got ids and all", "handle \"e\": expected 3 numbers, got 2",
+                  HasSubstr("fixed[0] overlaps handle \"b\": 1 common points, the first is point 2"),
+                  "fixed[1]: its region contains no point; the model's box is [0, 0, 0] to [5, 0, 0]",
+                  HasSubstr("constraints[0].regions[1]: ids[0]: point 77")));
+}
+
 TEST(RegionLabels, NamesTheRegionThatCannotBeSelected) {
   test::expect_error(ErrorCode::invalid_argument, {"handle \"roof\"", "group \"top\""},
                      [] { region_labels(setup("handles: [{name: roof, region: {group: top}}]\n"), line()); });

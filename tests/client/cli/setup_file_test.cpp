@@ -24,7 +24,7 @@ method: {rbf: {kernel: TRIHARMONIC, polynomial_degree: 1}}
 handles:
   - {name: slant, region: {group: slant}}
   - {name: roof,  region: {intersection: [{group: roof}, {box: {min: [0.2, -1, 0], max: [.8, +1, 1e0]}}]}}
-fixed: [{group: nose}, {ids: [1, 2, 4294967295]}, {open_boundary: true}, {grow: {region: {group: 12}, rings: 3}}]
+fixed: [{group: nose}, {ids: [1, 2, 4294967295]}, {open_boundary: true}, {boundary: true}, {grow: {region: {group: 12}, rings: 3}}]
 variables:
   - {name: roof_up,    handle: roof,  translate: [0, 0, 1], lower: -0.05, upper: 0.05}
   - {name: slant_turn, handle: slant, rotate: {axis: [0, 1, 0], centre: [0, 0, 0.3]}, lower: -0.2, upper: 0.2}   # radians
@@ -38,7 +38,8 @@ seed: 18446744073709551615
   EXPECT_EQ(setup.handles(1).region().intersection(1).box().max(1), 1.0);
   EXPECT_EQ(setup.fixed(1).ids(2), 4294967295u);
   EXPECT_TRUE(setup.fixed(2).open_boundary());
-  EXPECT_EQ(setup.fixed(3).grow().region().group(), "12");
+  EXPECT_TRUE(setup.fixed(3).boundary());
+  EXPECT_EQ(setup.fixed(4).grow().region().group(), "12");
   EXPECT_TRUE(setup.variables(0).has_lower());
   EXPECT_EQ(setup.variables(1).rotate().centre(2), 0.3);
   EXPECT_EQ(setup.symmetry(0).normal(1), 1.0);

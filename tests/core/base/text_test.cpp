@@ -21,6 +21,40 @@ TEST(MarkupText, NothingIsMarkup) {
       << "overlong, surrogate";
 }
 
+TEST(Printable, EscapesWhatActsOnTerminals) {
+  EXPECT_EQ(printable("\x1b]0;owned\x07"), "\\x1b]0;owned\\x07");
+  EXPECT_EQ(printable("a\r\n\tb\x7f"), "a\\x0d\\x0a\\x09b\\x7f");
+  EXPECT_EQ(printable(std::string_view("\0", 1)), "\\x00");
+  EXPECT_EQ(printable("\xc2\x9b"
+                      "31m"),
+            "\\u{9b}31m")
+      << "a C1 control as UTF-8";
+}
+
+TEST(Printable, EscapesWhatReordersText) {
+  EXPECT_EQ(printable("\u202e.obj"), "\\u{202e}.obj");
+  for (const char* control : {"\u061c", "\u200e", "\u200f", "\u2028", "\u2029", "\u202a", "\u202e", "\u2066", "\u2069"}) {
+    EXPECT_EQ(printable(control).substr(0, 3), "\\u{") << control;
+  }
+  for (const char* plain : {"\u061b", "\u200d", "\u2010", "\u2027", "\u202f", "\u2065", "\u206a", "\u00a0"}) {
+    EXPECT_EQ(printable(plain), plain);
+  }
+}
+
+TEST(Printable, KeepsTextAndWhatItIsToldTo) {
+  EXPECT_EQ(printable("Gr\xc3\xb6\xc3\x9f"
+                      "e \xe2\x88\x9e \xf0\x9f\x9a\x97 C:\\a"),
+            "Gr\xc3\xb6\xc3\x9f"
+            "e \xe2\x88\x9e \xf0\x9f\x9a\x97 C:\\a");
+  EXPECT_EQ(printable("a\n\tb\r", "\n\t"), "a\n\tb\\x0d");
+}
+
+TEST(Printable, EscapesBytesThatAreNoText) {
+  EXPECT_EQ(printable("\xff<\xc3"), "\\xff<\\xc3");
+  EXPECT_EQ(printable("\xe2\x80"), "\\xe2\\x80") << "the front of a control";
+  EXPECT_EQ(printable("\xc0\x9b"), "\\xc0\\x9b") << "overlong";
+}
+
 TEST(Base64, OfEveryLength) {
   EXPECT_EQ(base64_encoded(""), "");
   EXPECT_EQ(base64_encoded("f"), "Zg==");

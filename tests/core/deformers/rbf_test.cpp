@@ -94,7 +94,7 @@ TEST(Rbf, HandlesMoveAsToldAndFixedPointsStay) {
   const auto evaluation = system->bind({&design, 1}, EvaluationPath::automatic, {});
   EXPECT_EQ(evaluation->report(0).path, EvaluationPath::basis);
   EXPECT_LT(evaluation->report(0).interpolation_residual, 1e-9 * system->info().diagonal);
-  EXPECT_GT(evaluation->report(0).max_displacement, 0.04);
+  EXPECT_GT(evaluation->report(0).prescribed_displacement, 0.04);
 }
 
 TEST(Rbf, BasisEqualsDirectSolve) {

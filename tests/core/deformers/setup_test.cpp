@@ -53,12 +53,12 @@ const std::vector<BadSetup>& bad_setups() {
        [](Setup& s) {
          s.handles[1].region = box({9, 9, 9}, {10, 10, 10});
        },
-       {"handle \"middle\"", "no point"}},
+       {"handle \"middle\"", "no point", "the model's box is [0, 0, "}},
       {"empty fixed",
        [](Setup& s) {
          s.fixed.push_back(box({9, 9, 9}, {10, 10, 10}));
        },
-       {"fixed[1]", "no point"}},
+       {"fixed[1]", "no point; the model's box is ["}},
       {"two handles overlap",
        [](Setup& s) {
          s.handles[1].region = box({1.6, -1, -1}, {3, 2, 1});
@@ -116,7 +116,7 @@ const std::vector<BadSetup>& bad_setups() {
        [](Setup& s) {
          s.method = MlsOptions{.weights = {{box({9, 9, 9}, {10, 10, 10})}}};
        },
-       {"method.mls.weights[0]", "no point"}},
+       {"method.mls.weights[0]", "no point; the model's box is ["}},
       {"sparse RBF", [](Setup& s) { options(s).solver = Solver::sparse_cholesky; }, {"method.rbf.solver", "sparse"}},
       {"negative layers", [](Setup& s) { constrain(s, Rigid{-1}); }, {"constraints[0].rigid.layers", "-1", "0..1000"}},
       {"too many layers", [](Setup& s) { constrain(s, Rigid{1001}); }, {"constraints[0].rigid.layers", "1001", "0..1000"}},
@@ -221,6 +221,20 @@ TEST(Setup, DerivativesOfMotionsAgreeWithDifferences) {
       for (std::size_t j = 0; j < 12; ++j) EXPECT_NEAR(exact[i][j], (above[i][j] - below[i][j]) / (2 * h), 1e-9) << k;
     }
   }
+}
+
+TEST(Setup, ValuesBesideABoundMoveHandlesAsTheBoundDoes) {
+  deform::Setup setup = good();
+  setup.variables[2].lower = -0.1;
+  setup.variables[2].upper = 0.1;
+  for (const double bound : {-0.1, 0.1}) {
+    const std::vector<double> at{0.5, 0.7, bound, 0}, beside{0.5, 0.7, static_cast<double>(static_cast<float>(bound)), 0};
+    ASSERT_GT(std::abs(beside[2]), 0.1);
+    EXPECT_EQ(handle_motions(setup, beside), handle_motions(setup, at));
+    EXPECT_EQ(handle_motion_derivative(setup, beside, 1), handle_motion_derivative(setup, at, 1));
+  }
+  test::expect_error(ErrorCode::invalid_argument, {"\"grow\"): 0.100001 is outside of its bounds [-0.1, 0.1]"},
+                     [&] { handle_motions(setup, std::vector<double>{0, 0, 0.100001, 0}); });
 }
 
 TEST(Setup, BadVariableValuesAreRefusedByName) {

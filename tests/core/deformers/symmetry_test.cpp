@@ -138,7 +138,7 @@ TEST(Symmetry, BasisEqualsDirectSolve) {
       const auto evaluation = system->bind(both, EvaluationPath::direct, {});
       for (std::size_t i = 0; i < both.size(); ++i) EXPECT_LT(evaluation->report(i).interpolation_residual, 1e-11 * D);
       EXPECT_LT(system->bind(both, EvaluationPath::automatic, {})->report(0).interpolation_residual, 1e-11 * D);
-      EXPECT_GT(evaluation->report(1).max_displacement, 0.05);
+      EXPECT_GT(evaluation->report(1).prescribed_displacement, 0.05);
     }
   }
 }

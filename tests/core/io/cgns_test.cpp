@@ -119,12 +119,15 @@ TEST_P(CgnsContainer, RefusesToWrite) {
 }
 
 // Files cut off anywhere and with flipped bits: the library parses them, and whatever it makes of them is an answer or an Error.
+// Those in HDF5 in a process of its own, since some of them crash libhdf5 (in H5G__dense_iterate, for one).
 // Not under sanitizers: libcgns leaks and libhdf5 frees what it does not own when files are damaged.
 #ifndef DEFORM_SANITIZED
 TEST_P(CgnsContainer, DamagedFiles) {
   const std::string bytes = house_file(GetParam());
+  ReadOptions options;
+  if (GetParam() == CG_FILE_HDF5) options.isolated_reader = {DEFORM_ISOLATED_READER};
   std::size_t read = 0, refused = 0;
-  for (unsigned seed = 0; seed < 400; ++seed) {
+  for (unsigned seed = 0; seed < 200; ++seed) {
     std::mt19937 random(seed);
     std::string damaged = bytes;
     if (seed % 4 == 0) {
@@ -133,7 +136,7 @@ TEST_P(CgnsContainer, DamagedFiles) {
       for (unsigned i = 0; i < 1u << (seed % 5); ++i) damaged[random() % bytes.size()] ^= static_cast<char>(1 << random() % 8);
     }
     try {
-      const auto file = parse_mesh(damaged, "a.cgns");
+      const auto file = parse_mesh(damaged, "a.cgns", options);
       Points moved = file->mesh()->points;
       moved[0][0] += 1;
       file->with_points(moved);
@@ -143,8 +146,8 @@ TEST_P(CgnsContainer, DamagedFiles) {
       ++refused;
     }
   }
-  EXPECT_GT(read, 20u);
-  EXPECT_GT(refused, 100u);
+  EXPECT_GT(read, 10u);
+  EXPECT_GT(refused, 50u);
 }
 #endif
 

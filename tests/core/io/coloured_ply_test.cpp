@@ -34,6 +34,21 @@ TEST(ColouredPly, IsReadBack) {
   EXPECT_EQ(bytes.substr(bytes.size() - 3), std::string("\xff\x80\x00", 3));
 }
 
+TEST(ColouredPly, PointsAreColouredToo) {
+  const Mesh mesh = two_faces();
+  std::vector<Colour> colours(5, Colour{7, 8, 9});
+  colours[4] = {255, 128, 0};
+  const std::string bytes = point_coloured_ply_bytes(mesh, colours);
+  const auto file = parse_mesh(bytes, "a.ply");
+  EXPECT_EQ(file->mesh()->points, mesh.points);
+  EXPECT_EQ(file->mesh()->face_points, mesh.face_points);
+  const std::size_t begin = bytes.find("end_header\n") + 11;
+  EXPECT_EQ(bytes.substr(begin + 24, 3), "\x07\x08\x09");
+  EXPECT_EQ(bytes.substr(begin + 4 * 27 + 24, 3), std::string("\xff\x80\x00", 3));
+  test::expect_error(ErrorCode::invalid_argument, {"colours", "2 for 5 points"},
+                     [&] { point_coloured_ply_bytes(mesh, std::vector<Colour>(2)); });
+}
+
 TEST(ColouredPly, Refusals) {
   Mesh mesh = two_faces();
   test::expect_error(ErrorCode::invalid_argument, {"colours", "1 for 2"},

@@ -220,6 +220,26 @@ TEST(VtkOutput, SurfacesKeepTheirOrderUnlessFacesAreNone) {
   EXPECT_THAT(array_of<double>(plain, "curvature"), ElementsAre(1, 2, 3, 4, 5));
 }
 
+TEST(VtkOutput, IntegersStayIntegersAndTextsAreFieldData) {
+  using Type = VtkArray::Type;
+  VtkArrays arrays;
+  arrays.points.push_back({"region", 1, {0, -1, 2, 3, 100000}, Type::int32});
+  arrays.points.push_back({"colour", 3, std::vector<double>(15, 255), Type::uint8});
+  arrays.texts.push_back({"names", {"free", "", "Tür"}});
+  const std::string bytes = vtp_bytes(surface(), arrays, "x.vtp");
+  EXPECT_NE(bytes.find("type=\"Int32\" Name=\"region\""), std::string::npos);
+  EXPECT_NE(bytes.find("type=\"UInt8\" Name=\"colour\" NumberOfComponents=\"3\""), std::string::npos);
+  EXPECT_THAT(array_of<std::int32_t>(bytes, "region"), ElementsAre(0, -1, 2, 3, 100000));
+  EXPECT_EQ(array_of<std::uint8_t>(bytes, "colour"), std::vector<std::uint8_t>(15, 255));
+  EXPECT_NE(bytes.find("<FieldData>\n<DataArray type=\"String\" Name=\"names\" NumberOfTuples=\"3\" format=\"ascii\">\n"
+                       "102 114 101 101 0\n0\n84 195 188 114 0\n</DataArray>\n</FieldData>\n<Piece "),
+            std::string::npos);
+  EXPECT_EQ(parse_mesh(bytes, "x.vtp")->mesh()->points, surface().points) << "our own reader passes over them";
+  // An integer array of cells names groups when the file is read back.
+  const std::string labelled = vtp_bytes(surface(), {{}, {{"part", 1, {4, 4, 5, 5, 5}, Type::int32}}}, "x.vtp");
+  EXPECT_NE(parse_mesh(labelled, "x.vtp")->mesh()->find_group("part_5"), nullptr);
+}
+
 TEST(VtkOutput, Refuses) {
   const OneElement tetrahedron = one(ElementType::tetrahedron);
   const auto expect = [](std::vector<const char*> parts, const auto& action) {

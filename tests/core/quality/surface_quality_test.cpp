@@ -151,22 +151,6 @@ TEST(SurfaceQuality, Polygons) {
   EXPECT_LT(surface_quality(mesh).least_face_quality.value, 0.5);
 }
 
-TEST(FlippedFaces, OnlyThoseThatTurnedFarEnough) {
-  const Mesh original = sheet(3, 1, Faces::quads, [](std::uint32_t i, std::uint32_t j) { return Vec3{double(i), double(j), 0}; });
-  for (const double degrees : {89.0, 91.0}) {
-    Mesh turned = original;
-    for (const PointId p : {PointId{3}, PointId{7}}) {
-      turned.points[p] = {2 + std::cos(degrees * pi / 180), original.points[p][1], std::sin(degrees * pi / 180)};
-    }
-    const auto flipped = flipped_faces(turned, original.points);
-    EXPECT_EQ(flipped, degrees > 90 ? std::vector<std::size_t>{2} : std::vector<std::size_t>{});
-  }
-  Mesh flat = original;
-  for (Vec3& p : flat.points) p[0] = 0;
-  EXPECT_TRUE(flipped_faces(flat, original.points).empty()) << "faces without area have no normal";
-  test::expect_error(ErrorCode::invalid_argument, {"7", "8"}, [&] { flipped_faces(original, Points(7)); });
-}
-
 /// Six columns of quads; from column `fold` on the sheet climbs by `angle`. The first three columns of points are one region.
 struct FoldedStrip {
   Mesh mesh;

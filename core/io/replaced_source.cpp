@@ -1,0 +1,38 @@
+#include <optional>
+
+#include "core/io/file_format.h"
+#include "core/io/gzip.h"
+#include "core/io/mesh_file.h"
+#include "core/io/readers.h"
+
+namespace deform::io {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+/// One file under two names: links of both kinds, too. Nothing is the same as what is not there.
+bool same(const fs::path& a, const fs::path& b) {
+  std::error_code missing;
+  return fs::equivalent(a, b, missing) && !missing;
+}
+
+/// The same name but for the .gz at its end.
+fs::path packed_or_not(const fs::path& path) {
+  const std::string name = path.string();
+  return has_gzip_extension(name) ? fs::path(name.substr(0, name.size() - 3)) : fs::path(name + ".gz");
+}
+
+}  // namespace
+
+std::optional<fs::path> replaced_source(const fs::path& source, const fs::path& output) {
+  if (is_openfoam(source)) return replaced_openfoam_points(source, output);
+  if (same(source, output) || same(source, packed_or_not(output))) return source;
+  return std::nullopt;
+}
+
+fs::path source_file(const fs::path& source) {
+  return fs::canonical(is_openfoam(source) ? openfoam_source_points(source) : source);
+}
+
+}  // namespace deform::io

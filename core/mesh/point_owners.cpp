@@ -1,0 +1,23 @@
+#include "core/mesh/point_owners.h"
+
+namespace deform {
+
+std::string PointOwners::Overlap::text(const std::string& other_name) const {
+  return "overlaps " + other_name + ": " + std::to_string(points) + " common points, the first is point " +
+         std::to_string(first) + "; subtract one region from the other with `difference`";
+}
+
+PointOwners::Overlap PointOwners::claim(std::span<const PointId> ids, std::uint32_t owner) {
+  Overlap overlap;
+  for (const PointId id : ids) {
+    if (owners_[id] == nobody || owners_[id] == owner) {
+      owners_[id] = owner;
+    } else if (overlap.points++ == 0) {
+      overlap.first = id;
+      overlap.other = owners_[id];
+    }
+  }
+  return overlap;
+}
+
+}  // namespace deform

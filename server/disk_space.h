@@ -1,0 +1,44 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <mutex>
+#include <string>
+
+namespace deform::server {
+
+struct DiskOptions {
+  /// Bytes that stay free on the disk: nothing is added to the store below. A part of them is held by a file, so that deleting
+  /// works also where another program took the rest.
+  std::uint64_t keep_free = std::uint64_t{16} << 20;
+  /// Bytes free on the disk; empty: asks the system.
+  std::function<std::uint64_t()> free_bytes;
+};
+
+/// The disk of a store. Thread-safe.
+class DiskSpace {
+ public:
+  DiskSpace(const std::filesystem::path& folder, const std::filesystem::path& reserve, DiskOptions options);
+
+  std::uint64_t free() const;
+  std::uint64_t keep_free() const { return options_.keep_free; }
+  /// Empty when the store may be added to; else one clause that says why not.
+  std::string refusal(std::uint64_t bytes = 0) const;
+  /// Throws Error(out_of_budget) when so many bytes cannot be added.
+  void require(std::uint64_t bytes) const;
+
+  /// Gives the file's space to the disk when that has less: there is room now for what makes room.
+  void release_if_low();
+  /// Takes back as much as there is.
+  void hold();
+
+ private:
+  const std::filesystem::path folder_, reserve_;
+  const DiskOptions options_;
+  const std::uint64_t most_;
+  std::mutex mutex_;
+  std::uint64_t held_ = 0;  // under mutex_
+};
+
+}  // namespace deform::server

@@ -1,0 +1,32 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace deform::server {
+
+/// What an operator does to a store by hand; see geometry_store.h for what is where. Errors: as opening a GeometryStore.
+
+/// What a command found and did, in lines to be printed.
+struct StoreReport {
+  enum class Outcome { well, faults };
+  Outcome outcome = Outcome::well;
+  std::vector<std::string> lines;
+};
+
+/// Reads and verifies every file of a store that no server has open; changes nothing.
+StoreReport check_store(const std::filesystem::path& data_dir);
+
+/// Sets the catalog aside and makes a new one of the files; also of a folder that lost its mark. Needs a stopped server.
+StoreReport rebuild_store(const std::filesystem::path& data_dir);
+
+/// Makes `to`, a new or empty folder, a store of the same content, beside a server that may run: a consistent copy of the
+/// catalog, and hard links of the files, which never change; copies where links cannot go. The result is complete when it has its
+/// mark.
+StoreReport backup_store(const std::filesystem::path& data_dir, const std::filesystem::path& to);
+
+/// The same in the other direction; refuses a data directory that is not empty.
+StoreReport restore_store(const std::filesystem::path& from, const std::filesystem::path& data_dir);
+
+}  // namespace deform::server

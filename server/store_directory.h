@@ -1,0 +1,62 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+
+namespace deform::server {
+
+/// Where the files of a store are (see geometry_store.h), and the right to use them: the folder is locked against other processes
+/// while the object lives. Functions that move files are for one thread at a time.
+class StoreDirectory {
+ public:
+  enum class Accept {
+    stores,      ///< stores, empty folders, and stores of 0.1 by their catalog
+    also_files,  ///< what is laid out like a store, too, without mark or catalog: for rebuilding it by hand
+    existing     ///< only what has the mark
+  };
+
+  /// Makes the folder when it is missing or empty, marks it, and makes the folders inside. Throws Error(failed_precondition) for
+  /// a folder of something else, which stays as it is, and for stores of later versions; Error(unavailable) when another process
+  /// has the store or it cannot be written.
+  StoreDirectory(const std::filesystem::path& root, Accept accept);
+  ~StoreDirectory();
+  StoreDirectory(const StoreDirectory&) = delete;
+  StoreDirectory& operator=(const StoreDirectory&) = delete;
+
+  const std::filesystem::path& root() const { return root_; }
+  std::filesystem::path catalog() const { return root_ / "catalog.sqlite"; }
+  std::filesystem::path reserve() const { return root_ / "reserve"; }
+  std::filesystem::path geometries() const { return root_ / "geometries"; }
+  std::filesystem::path names() const { return root_ / "names"; }
+  std::filesystem::path setups() const { return root_ / "setups"; }
+  std::filesystem::path tmp() const { return root_ / "tmp"; }
+  std::filesystem::path damaged() const { return root_ / "damaged"; }
+  std::filesystem::path unclaimed() const { return root_ / "unclaimed"; }
+
+  /// In tmp/, of the intent with that number: the content of a geometry, and the record of a geometry or setup.
+  std::filesystem::path temporary(const std::string& id, std::int64_t intent) const;
+  std::filesystem::path temporary_record(const std::string& id, std::int64_t intent) const;
+
+  /// Puts files aside for good, under a name that nothing has yet; returns the new path. `shelf` is damaged() or unclaimed().
+  std::filesystem::path set_aside(const std::filesystem::path& file, const std::filesystem::path& shelf) const;
+  /// Puts the catalog and its log into a folder of their own in damaged(); returns the new path of the catalog.
+  std::filesystem::path set_aside_catalog() const;
+
+ private:
+  std::filesystem::path root_;
+  int lock_descriptor_ = -1;
+};
+
+/// The mark of a store: the file "deformd-store" and its one line. write_mark throws as a File does.
+bool has_mark(const std::filesystem::path& root);
+void write_mark(const std::filesystem::path& root);
+
+/// Nothing in it but what file systems put there themselves; also when it does not exist.
+bool is_empty_folder(const std::filesystem::path& folder);
+
+/// Number of entries; 0 when there is no such folder.
+std::size_t count_entries(const std::filesystem::path& folder);
+
+}  // namespace deform::server

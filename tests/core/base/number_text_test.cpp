@@ -1,0 +1,27 @@
+#include "core/base/number_text.h"
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <limits>
+
+namespace deform {
+namespace {
+
+TEST(NumberDigits, AreTheFewestThatReadBack) {
+  EXPECT_EQ(number_digits(0.1), "0.1");
+  EXPECT_EQ(number_digits(0.10000000149011612), "0.10000000149011612");
+  EXPECT_EQ(number_digits(-0.05), "-0.05");
+  EXPECT_EQ(number_digits(0), "0");
+  EXPECT_EQ(number_digits(100000), "100000");
+  EXPECT_EQ(number_digits(1e-7), "1e-07");
+  EXPECT_EQ(number_digits(1e300), "1e+300");
+  EXPECT_EQ(number_digits(-std::numeric_limits<double>::infinity()), "-inf");
+  EXPECT_EQ(number_digits(std::numeric_limits<double>::quiet_NaN()), "nan");
+  for (const double value : {1.0 / 3, 2e9 / 3, 1e-4 / 3, 1e8 / 3, 5e-324, 1.7976931348623157e308, -9e15 / 7}) {
+    EXPECT_EQ(std::strtod(number_digits(value).c_str(), nullptr), value);
+  }
+}
+
+}  // namespace
+}  // namespace deform

@@ -1,0 +1,37 @@
+#include "core/quality/displacement.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace deform {
+namespace {
+
+using testing::HasSubstr;
+
+TEST(LargestDisplacement, IsTheFirstOfTheLargest) {
+  const Points rest = {{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {3, 0, 0}};
+  const Points points = {{0, 0, 1}, {1, 3, 4}, {2, 5, 0}, {3, 0, 0}};
+  const Extreme largest = largest_displacement(points, rest);
+  EXPECT_EQ(largest.value, 5);
+  EXPECT_EQ(largest.id, 1u);
+  EXPECT_EQ(largest_displacement(rest, rest).value, 0);
+  EXPECT_EQ(largest_displacement({}, {}).value, 0);
+}
+
+TEST(DisplacementWarning, NamesThePointAndTheRatioFromOneAndAHalfOn) {
+  const auto warning = displacement_warning({0.29812, 4711}, 0.104506, 1.1);
+  ASSERT_TRUE(warning);
+  for (const char* part : {"point 4711 moves 0.298,", "2.9 times", "(0.105)", "folded"}) EXPECT_THAT(*warning, HasSubstr(part));
+  EXPECT_TRUE(displacement_warning({1.5, 0}, 1, 10));
+  EXPECT_FALSE(displacement_warning({1.4999, 0}, 1, 10));
+}
+
+TEST(DisplacementWarning, NoneForRoundingOrWhereNothingWasTold) {
+  EXPECT_FALSE(displacement_warning({1e-10, 0}, 1e-16, 1));
+  EXPECT_FALSE(displacement_warning({1, 0}, 0, 1));
+  EXPECT_FALSE(displacement_warning({0, 0}, 0, 0));
+  EXPECT_TRUE(displacement_warning({1, 0}, 1e-6, 1));
+}
+
+}  // namespace
+}  // namespace deform

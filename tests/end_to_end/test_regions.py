@@ -1,0 +1,166 @@
+"""`deform regions`: what moves, stays and follows, in colours; the region `boundary` from YAML through the wire."""
+
+import os
+import re
+import struct
+
+from harness import AHMED_SETUP, EndToEnd, main, read_bytes
+
+
+def read_vtp(path):
+    """Arrays of a file of ours by name: appended raw data, header of UInt64; and the texts of its field data."""
+    content = read_bytes(path)
+    head, data = content.split(b'<AppendedData encoding="raw">\n_', 1)
+    head = head.decode()
+    arrays, texts = {}, {}
+    forms = {"Float64": ("d", 8), "Int32": ("i", 4), "UInt8": ("B", 1), "Int64": ("q", 8)}
+    for kind, name, components, offset in re.findall(
+            r'<DataArray type="(\w+)" Name="([^"]*)" NumberOfComponents="(\d+)" format="appended" offset="(\d+)"', head):
+        letter, size = forms[kind]
+        begin = int(offset)
+        length = struct.unpack_from("<Q", data, begin)[0]
+        values = struct.unpack_from(f"<{length // size}{letter}", data, begin + 8)
+        width = int(components)
+        arrays[name] = values if width == 1 else [values[i:i + width] for i in range(0, len(values), width)]
+    for name, codes in re.findall(r'<DataArray type="String" Name="(\w+)" NumberOfTuples="\d+" format="ascii">(.*?)</DataArray>', head,
+                                  re.DOTALL):
+        texts[name] = bytes(int(code) for code in codes.split()).decode().split("\0")[:-1]
+    return arrays, texts
+
+
+def read_ply_colours(path):
+    content = read_bytes(path)
+    head, data = content.split(b"end_header\n", 1)
+    count = int(re.search(rb"element vertex (\d+)", head)[1])
+    return [struct.unpack_from("<3d3B", data, 27 * i)[3:] for i in range(count)]
+
+
+class Regions(EndToEnd):
+    def ahmed(self, setup=AHMED_SETUP):
+        self.deform("sample", "-o", "ahmed.obj")
+        return self.write("ahmed.yaml", setup)
+
+    def test_regions_and_centres_of_a_surface(self):
+        self.ahmed()
+        self.start_server()
+        reply = self.deform("regions", "ahmed.yaml", "-o", "regions.vtp", "--json").json
+        arrays, texts = read_vtp(self.path("regions.vtp"))
+        self.assertEqual(texts["region_names"], ["free", "fixed", "slant", "roof"])
+        self.assertEqual(len(arrays["region"]), reply["points"])
+        for entry in reply["regions"]:
+            self.assertEqual(entry["points"], arrays["region"].count(entry["value"]), entry)
+            self.assertGreater(entry["points"], 0)
+        self.assertEqual([entry["name"] for entry in reply["regions"]], ["", "", "slant", "roof"])
+        self.assertEqual(len({entry["colour"] for entry in reply["regions"]}), 4)
+        # The centres are those of the prepared system, and points of handles or fixed ones.
+        system = self.deform("prepare", "ahmed.yaml", "--json").json
+        self.assertEqual(sum(arrays["centre"]), system["centres"])
+        self.assertEqual(reply["centres"], system["centres"])
+        self.assertTrue(all(region > 0 for region, centre in zip(arrays["region"], arrays["centre"]) if centre))
+        counted = {handle["name"]: handle["points"] for handle in self.deform("prepare", "ahmed.yaml", "--check", "--json").json["handles"]}
+        self.assertEqual(counted, {entry["name"]: entry["points"] for entry in reply["regions"] if entry["kind"] == "handle"})
+        # Nothing but looking happened before.
+        colours = dict(zip(arrays["region"], arrays["colour"]))
+        self.assertEqual(colours[0], (208, 208, 208))
+
+    def test_nothing_is_prepared(self):
+        self.ahmed()
+        self.start_server()
+        out = self.deform("regions", "ahmed.yaml", "-o", "regions.ply").out
+        self.assertEqual(self.status()["systems_prepared"], 0)
+        for part in ("handle slant", "handle roof", "fixed", "free", "#e69f00", "wrote regions.ply"):
+            self.assertIn(part, out)
+        colours = read_ply_colours(self.path("regions.ply"))
+        self.assertIn((230, 159, 0), colours)
+        self.assertIn((208, 208, 208), colours)
+
+    def test_without_a_server(self):
+        self.ahmed()
+        reply = self.deform("--server", "127.0.0.1:1", "regions", "ahmed.yaml", "-o", "regions.vtp", "--json").json
+        self.assertIsNone(reply["centres"])
+        self.assertIn("centres are not shown", reply["notes"][0])
+        self.assertNotIn("centre", read_vtp(self.path("regions.vtp"))[0])
+        self.start_server()
+        quiet = self.deform("regions", "ahmed.yaml", "-o", "quiet.vtp", "--no-centres", "--json").json
+        self.assertEqual(quiet["notes"], [])
+        self.assertEqual(read_bytes(self.path("quiet.vtp")), read_bytes(self.path("regions.vtp")))
+        self.assertEqual(self.deform("list", "--json").json["geometries"], [], "the server was not asked")
+
+    def test_what_prepare_refuses_is_drawn_and_refused_in_its_words(self):
+        self.start_server()
+        overlapping = self.ahmed(AHMED_SETUP.replace("{group: slant}", "{union: [{group: slant}, {group: roof}]}"))
+        drawn = self.fails(1, "regions", overlapping, "-o", "overlap.vtp", "--no-centres", prints=True)
+        refused = self.fails(1, "prepare", overlapping)
+        self.assertIn('handle "roof" overlaps handle "slant"', drawn.err)
+        self.assertIn(drawn.err.strip().removeprefix("deform: "), refused.err)
+        arrays, _ = read_vtp(self.path("overlap.vtp"))
+        self.assertEqual(sum(arrays["contested"]), int(re.search(r"(\d+) common points", drawn.err)[1]))
+        empty = self.write("empty.yaml", AHMED_SETUP.replace("min: [0.2", "min: [77").replace("max: [0.8", "max: [78"))
+        words = "its region contains no point; the model's box is ["
+        drawn = self.fails(1, "regions", empty, "-o", "empty.vtp", prints=True, says=['handle "roof": ' + words])
+        self.assertIn(drawn.err.strip().removeprefix("deform: "), self.fails(1, "prepare", empty).err)
+        box = re.search(r"box is \[(\S+), \S+, \S+\] to \[(\S+), \S+, (\S+)\]", drawn.err)
+        inspected = self.deform("inspect", "ahmed.obj", "--json").json["box"]
+        self.assertEqual([float(text) for text in box.groups()], [inspected["min"][0], inspected["max"][0], inspected["max"][2]])
+
+    def test_wrong_arguments(self):
+        self.ahmed()
+        self.fails(1, "regions", "ahmed.yaml", "-o", "regions.obj", "--no-centres", says=[".vtp, .ply or"])
+        self.fails(1, "regions", "ahmed.yaml", "-o", "regions.vtu", "--no-centres", says=["no cells"])
+        by_id = self.write("id.yaml", AHMED_SETUP.replace("ahmed.obj", "0123456789abcdef"))
+        self.fails(1, "regions", by_id, "-o", "a.vtp", says=["--source"])
+        self.deform("regions", by_id, "-o", "a.vtp", "--source", "ahmed.obj", "--no-centres")
+        two = self.write("two.yaml", AHMED_SETUP.replace("{group: slant}}", "{group: slant, all: true}}"))
+        self.fails(1, "regions", two, "-o", "a.vtp", "--no-centres", prints=True, says=['handle "slant"', "exactly one kind"])
+
+    # ---- volumes ----
+
+    def cube(self, n):
+        """n^3 hexahedra as SU2."""
+        at = lambda i, j, k: i + (n + 1) * (j + (n + 1) * k)
+        cells = [(12, at(i, j, k), at(i + 1, j, k), at(i + 1, j + 1, k), at(i, j + 1, k), at(i, j, k + 1), at(i + 1, j, k + 1),
+                  at(i + 1, j + 1, k + 1), at(i, j + 1, k + 1)) for k in range(n) for j in range(n) for i in range(n)]
+        points = [(i, j, k) for k in range(n + 1) for j in range(n + 1) for i in range(n + 1)]
+        self.write("cube.su2", f"NDIME= 3\nNELEM= {len(cells)}\n" + "".join(" ".join(map(str, c)) + "\n" for c in cells) +
+                   f"NPOIN= {len(points)}\n" + "".join(" ".join(map(str, p)) + "\n" for p in points) + "NMARK= 0\n")
+        return points
+
+    def test_boundary_of_a_volume_mesh(self):
+        n = 6
+        points = self.cube(n)
+        self.start_server()
+        self.write("cube.yaml", """
+geometry: cube.su2
+method: {mls: {}}
+handles:
+  - {name: top, region: {intersection: [{boundary: true}, {half_space: {point: [0, 0, 5], normal: [0, 0, 1]}}]}}
+fixed: [{difference: [{boundary: true}, {half_space: {point: [0, 0, 0.5], normal: [0, 0, 1]}}]}]
+variables: [{name: up, handle: top, translate: [0, 0, 1]}]
+constraints:
+  - {name: rod, rigid: {}, regions: [{ids: [171, 172, 173]}]}
+""")
+        surface = [any(x in (0, n) for x in p) for p in points]
+        top = sum(on and p[2] >= 5 for on, p in zip(surface, points))
+        estimate = self.deform("prepare", "cube.yaml", "--check", "--json").json
+        self.assertEqual(estimate["handles"][0]["points"], top)
+        self.assertEqual(estimate["fixed_points"], 49)
+        for name in ("regions.vtp", "regions.vtu"):
+            reply = self.deform("regions", "cube.yaml", "-o", name, "--json").json
+            arrays, texts = read_vtp(self.path(name))
+            self.assertEqual(len(arrays["region"]), len(points), "ids are those of the mesh")
+            self.assertEqual([region == 2 for region in arrays["region"]], [on and p[2] >= 5 for on, p in zip(surface, points)])
+            self.assertEqual([i for i, value in enumerate(arrays["constraint"]) if value], [171, 172, 173])
+            self.assertEqual(arrays["constraint"], arrays["constraint rod"])
+            self.assertEqual(texts["constraint_names"], ["none", "rod"])
+            self.assertEqual(arrays["colour"][172], (51, 34, 136))
+            self.assertEqual(reply["constraints"][0]["points"], 3)
+            self.assertIsNone(reply["centres"])
+            self.assertTrue(any("not listed" in note for note in reply["notes"]), reply["notes"])
+            self.assertEqual(self.deform("inspect", name, "--json").json["points"], len(points), "our own reader reads it")
+        self.assertEqual(len(read_vtp(self.path("regions.vtu"))[0]["types"]), n ** 3)
+        self.deform("regions", "cube.yaml", "-o", "regions.ply", "--no-centres")
+        self.assertEqual(len(read_ply_colours(self.path("regions.ply"))), len(points))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,165 @@
+#pragma once
+
+#include <gtest/gtest.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <random>
+#include <string>
+#include <utility>
+
+#include "server/convert_setup.h"
+#include "server/geometry_file.h"
+#include "server/geometry_store.h"
+#include "tests/server/server_fakes.h"
+#include "tests/server/test_mesh.h"
+
+namespace deform::server {
+
+/// Small: hundreds of stores are opened.
+inline StoreOptions small_store() {
+  StoreOptions options;
+  options.disk.keep_free = std::uint64_t{64} << 10;
+  return options;
+}
+
+inline std::string file_content(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+inline void write_file(const std::filesystem::path& path, const std::string& content) {
+  std::ofstream(path, std::ios::binary) << content;
+}
+
+/// Paths below a folder with the content of files: what must not change when a folder is left alone.
+inline std::map<std::string, std::string> tree_of(const std::filesystem::path& folder) {
+  std::map<std::string, std::string> tree;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
+    tree[entry.path().lexically_relative(folder).string()] = entry.is_regular_file() ? file_content(entry.path()) : "folder";
+  }
+  return tree;
+}
+
+/// As kill -9 leaves it: what the process has written is there, nothing is brought to an end.
+inline void copy_folder(const std::filesystem::path& from, const std::filesystem::path& to) {
+  std::filesystem::copy(from, to, std::filesystem::copy_options::recursive);
+}
+
+/// A setup of a sheet_mesh as preparing it stores it.
+inline SetupRecord setup_record(const std::string& geometry_id, double lower) {
+  v1::Setup setup = sheet_setup(geometry_id);
+  setup.mutable_variables(0)->set_lower(lower);
+  const v1::Setup canonical = canonical_setup(setup, geometry_id);
+  v1::SystemInfo info;
+  info.set_id(system_id(canonical));
+  info.set_geometry_id(geometry_id);
+  info.set_centres(42);
+  return {info.id(), geometry_id, canonical.SerializeAsString(), info.SerializeAsString(), unix_ms()};
+}
+
+/// What was put into a store, and must come out of it again.
+struct StoreContents {
+  struct Registered {
+    Mesh mesh;
+    v1::GeometryInfo info;
+  };
+  std::map<std::string, Registered> geometries;
+  std::map<std::string, SetupRecord> setups;
+
+  std::string add_geometry(GeometryStore& store, const Mesh& mesh, const std::string& name) {
+    const std::string id = mesh_id(mesh);
+    geometries[id] = {mesh, store.put(mesh, id, name)};
+    return id;
+  }
+  std::string add_setup(GeometryStore& store, const std::string& geometry_id, double lower) {
+    SetupRecord record = setup_record(geometry_id, lower);
+    record.created_ms = store.put_setup(record);
+    return setups.insert_or_assign(record.id, record).first->first;
+  }
+  /// A few geometries with a few setups each.
+  void add_some(GeometryStore& store, std::mt19937& random) {
+    const auto below = [&](unsigned n) { return random() % n; };
+    for (unsigned g = 0; g < 1 + below(3); ++g) {
+      const Mesh mesh = sheet_mesh(4 + below(4), 3 + below(4), 0.001 * below(1'000'000));
+      const std::string id = add_geometry(store, mesh, "mesh " + std::to_string(below(1000)) + " \xc3\xbc.obj");
+      for (unsigned s = 0; s < below(4); ++s) add_setup(store, id, -0.001 * (1 + below(1'000'000)));
+    }
+  }
+
+  void expect_in(GeometryStore& store) const {
+    for (const auto& [id, registered] : geometries) {
+      ASSERT_NO_THROW(EXPECT_EQ(store.load(id).points, registered.mesh.points) << id) << id;
+      const v1::GeometryInfo info = store.info(id);
+      EXPECT_EQ(info.name(), registered.info.name());
+      EXPECT_EQ(info.registered_unix_ms(), registered.info.registered_unix_ms());
+      EXPECT_EQ(info.points(), registered.mesh.point_count());
+      EXPECT_EQ(info.damage(), "");
+    }
+    for (const auto& [id, expected] : setups) {
+      const auto found = store.find_setup(id);
+      ASSERT_TRUE(found) << id;
+      EXPECT_EQ(found->setup, expected.setup);
+      EXPECT_EQ(found->info, expected.info);
+      EXPECT_EQ(found->geometry_id, expected.geometry_id);
+      EXPECT_EQ(found->created_ms, expected.created_ms);
+    }
+  }
+  /// That and nothing else.
+  void expect_all_of(GeometryStore& store) const {
+    expect_in(store);
+    EXPECT_EQ(static_cast<std::size_t>(store.list({}).geometries_size()), geometries.size());
+    EXPECT_EQ(store.catalog().list_setups("", std::nullopt, 1000).size(), setups.size());
+  }
+};
+
+/// In memory where that can be: hundreds of stores are written, and what a kill leaves does not depend on the disk.
+class QuickDirectory {
+ public:
+  QuickDirectory() {
+    const std::filesystem::path memory = "/dev/shm";
+    std::string pattern = (memory / "deform_test_XXXXXX").string();
+    if (mkdtemp(pattern.data()) == nullptr) {
+      pattern = (std::filesystem::temp_directory_path() / "deform_test_XXXXXX").string();
+      if (mkdtemp(pattern.data()) == nullptr) throw std::runtime_error("no folder for temporary files");
+    }
+    path_ = pattern;
+  }
+  ~QuickDirectory() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  QuickDirectory(const QuickDirectory&) = delete;
+  QuickDirectory& operator=(const QuickDirectory&) = delete;
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
+class StoreTest : public testing::Test {
+ protected:
+  StoreTest() { spdlog::set_level(spdlog::level::off); }  // damage is caused on purpose
+
+  static std::unique_ptr<GeometryStore> open(const std::filesystem::path& folder) {
+    return std::make_unique<GeometryStore>(folder, small_store());
+  }
+  template <typename Action>
+  static ErrorCode code_of(Action action) {
+    try {
+      action();
+    } catch (const Error& error) {
+      return error.code();
+    }
+    return ErrorCode::internal;
+  }
+
+  QuickDirectory directory;
+  const std::filesystem::path data = directory.path() / "data";
+};
+
+}  // namespace deform::server

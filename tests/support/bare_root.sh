@@ -1,0 +1,76 @@
+#!/usr/bin/env bash
+# What a newcomer's machine makes of the README's two commands: a bare Debian 12 root without anything of this machine.
+#   tests/support/bare_root.sh              their packages and configure steps, as a user with sudo: in .ci/run
+#   tests/support/bare_root.sh --whole      the whole commands, each twice, as root and as a user with sudo: before a release
+# The first command runs before the packages of the second are there. Needs root and mmdebstrap; nothing is kept.
+set -Eeuo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+whole=
+case "$*" in
+  "") ;;
+  --whole) whole=yes ;;
+  *)
+    echo "usage: $0 [--whole]" >&2
+    exit 2
+    ;;
+esac
+if [ "$(id -u)" -ne 0 ]; then
+  echo "bare root: skipped, it needs root"
+  exit 0
+fi
+
+root=$(mktemp -d)
+leave() {
+  umount -l "$root/dev/pts" "$root/dev" "$root/proc" 2>/dev/null || true
+  rm -rf --one-file-system "$root"
+}
+trap leave EXIT
+trap 'echo "bare root: failed: $doing"' ERR
+
+# Packages come from where this machine takes them, by the same settings of its apt.
+doing="making the root"
+sources=$(find /etc/apt -name debian.sources -o -name sources.list | head -1)
+mmdebstrap --quiet --variant=minbase --include=sudo,git,ca-certificates bookworm "$root" "$sources"
+for settings in /etc/apt/apt.conf.d/*; do
+  case $(basename "$settings") in
+    99* | docker-clean | docker-no-languages) cp "$settings" "$root/etc/apt/apt.conf.d/" ;;
+  esac
+done
+cp /etc/resolv.conf "$root/etc/resolv.conf"
+echo force-unsafe-io >"$root/etc/dpkg/dpkg.cfg.d/unsafe-io"  # the root is thrown away, so nothing waits for the disk
+mount --bind /proc "$root/proc"
+mount --bind /dev "$root/dev"
+mount -t devpts devpts "$root/dev/pts" 2>/dev/null || true
+chroot "$root" useradd -m -s /bin/bash engineer
+echo 'engineer ALL=(ALL) NOPASSWD:ALL' >"$root/etc/sudoers.d/engineer"
+
+# clone HOME OWNER: what is committed, and what is not yet.
+clone() {
+  git clone -q . "$root$1/clone"
+  git diff --binary HEAD | (cd "$root$1/clone" && git apply --allow-empty)
+  chroot "$root" chown -R "$2:$2" "$1/clone"
+}
+# as USER COMMAND...
+as() {
+  doing="$* (as $1)"
+  printf '\n== bare root, as %s: %s\n' "$1" "${*:2}"
+  chroot "$root" su - "$1" -c "cd clone && ${*:2}"
+}
+
+clone /home/engineer engineer
+if [ -z "$whole" ]; then
+  as engineer deploy/quick-start --configure-only
+  as engineer deploy/run-tests --configure-only >/dev/null
+  echo "bare root: both commands find what they need"
+  exit 0
+fi
+clone /root root
+for user in engineer root; do
+  as "$user" deploy/quick-start
+  as "$user" deploy/quick-start
+done
+for user in engineer root; do
+  as "$user" deploy/run-tests
+  as "$user" deploy/run-tests
+done
+echo "bare root: both commands work, twice, as a user with sudo and as root"
