@@ -393,7 +393,7 @@ TEST_P(ServiceEngine, ABadDesignOfAStreamFailsAlone) {
   EXPECT_TRUE(summary);
   ASSERT_EQ(results.size(), 3u);
   EXPECT_EQ(results[0].error().code(), static_cast<std::uint32_t>(StatusCode::INVALID_ARGUMENT));
-  EXPECT_EQ(results[0].error().message().substr(0, 21), "variables[0] (\"up\"):");
+  EXPECT_EQ(results[0].error().message().substr(0, 20), "variables[0] (\"up\"):");
   EXPECT_FALSE(results[1].has_error());
   EXPECT_TRUE(results[2].has_error());
   EXPECT_EQ(results[2].error().message().find('\x1b'), std::string::npos);
