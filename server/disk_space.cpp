@@ -48,16 +48,27 @@ void DiskSpace::require(std::uint64_t bytes) const {
   if (!why.empty()) throw Error(ErrorCode::out_of_budget, "store: " + why + "; delete geometries or make room");
 }
 
-void DiskSpace::release_if_low() {
+void DiskSpace::lend() {
   const std::lock_guard lock(mutex_);
+  ++rooms_;
   if (held_ == 0 || free() >= most_) return;
   std::error_code error;
   if (std::filesystem::remove(reserve_, error)) held_ = 0;
 }
 
+void DiskSpace::take_back() {
+  const std::lock_guard lock(mutex_);
+  --rooms_;
+  fill();
+}
+
 void DiskSpace::hold() {
   const std::lock_guard lock(mutex_);
-  if (held_ >= most_ || (held_ > 0 && free() < options_.keep_free)) return;
+  fill();
+}
+
+void DiskSpace::fill() {
+  if (rooms_ > 0 || held_ >= most_ || free() < (held_ > 0 ? options_.keep_free : least_reserve)) return;
   const int descriptor = ::open(reserve_.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0640);
   if (descriptor < 0) return;
   for (std::uint64_t size = most_; size >= least_reserve; size /= 2) {

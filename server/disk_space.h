@@ -28,17 +28,32 @@ class DiskSpace {
   /// Throws Error(out_of_budget) when so many bytes cannot be added.
   void require(std::uint64_t bytes) const;
 
-  /// Gives the file's space to the disk when that has less: there is room now for what makes room.
-  void release_if_low();
-  /// Takes back as much as there is.
+  /// While it lives, the disk has the file's space when it has little else: room for what makes room.
+  class Room {
+   public:
+    explicit Room(DiskSpace& space) : space_(space) { space_.lend(); }
+    ~Room() { space_.take_back(); }
+    Room(const Room&) = delete;
+    Room& operator=(const Room&) = delete;
+
+   private:
+    DiskSpace& space_;
+  };
+  /// Fills the file again as far as the disk has room, unless a Room is open.
   void hold();
 
  private:
   const std::filesystem::path folder_, reserve_;
   const DiskOptions options_;
   const std::uint64_t most_;
+  void lend();
+  void take_back();
+  void fill();
+
   std::mutex mutex_;
-  std::uint64_t held_ = 0;  // under mutex_
+  // under mutex_
+  std::uint64_t held_ = 0;
+  int rooms_ = 0;
 };
 
 }  // namespace deform::server

@@ -243,7 +243,7 @@ void EngineImpl::prepare(const v1::PrepareRequest& request, const CallContext& c
                          std::function<void(Outcome<v1::SystemInfo>)> on_done) {
   check_open();
   const Recipe recipe = this->recipe(request.setup());
-  if (!store_.catalog().find_setup(recipe.id)) store_.require_room(0);  // before the work, not after it
+  if (store_.catalog().setup_ids(recipe.id, 1).empty()) store_.require_room(0);  // before the work, not after it
   OutcomeCall<v1::SystemInfo>::Task task;
   task.system_id = recipe.id;
   task.prepare = [this, recipe](const RunContext& context) { return make_system(recipe, Storing::store, context); };

@@ -46,9 +46,10 @@ GeometryStore::GeometryStore(const std::filesystem::path& directory, StoreOption
     : options_(std::move(options)),
       directory_(directory, StoreDirectory::Accept::stores),
       disk_(directory_.root(), directory_.reserve(), options_.disk) {
-  disk_.release_if_low();
-  catalog_ = open_catalog(directory_, OldCatalog::keep_if_whole).catalog;
-  disk_.hold();
+  {
+    const DiskSpace::Room room(disk_);
+    catalog_ = open_catalog(directory_, OldCatalog::keep_if_whole).catalog;
+  }
   const std::string why = disk_.refusal();
   if (!why.empty()) spdlog::error("store: nothing is written: {}", why);
 }
@@ -192,7 +193,7 @@ Intent GeometryStore::remove_rows(const std::string& id, WithSetups policy) {
 
 std::vector<std::string> GeometryStore::remove(const std::string& id, WithSetups policy) {
   const std::lock_guard lock(visibility_);
-  disk_.release_if_low();
+  const DiskSpace::Room room(disk_);
   const Intent removal = remove_rows(id, policy);
   finish(removal);
   std::vector<std::string> setups;
@@ -210,7 +211,6 @@ void GeometryStore::finish(const Intent& removal) {
   } catch (const Error& error) {
     spdlog::warn("store: the files of a removal are removed at the next start: {}", error.what());
   }
-  disk_.hold();
 }
 
 std::int64_t GeometryStore::put_setup(SetupRecord record) {
@@ -260,7 +260,7 @@ std::optional<SetupRecord> GeometryStore::find_setup(const std::string& id) {
 
 bool GeometryStore::remove_setup(const std::string& id) {
   const std::lock_guard lock(visibility_);
-  disk_.release_if_low();
+  const DiskSpace::Room room(disk_);
   const auto removal = catalog_->remove_setup(id);
   if (removal) finish(*removal);
   return removal.has_value();

@@ -50,21 +50,35 @@ TEST_F(FullDisk, it_starts_lists_loads_deletes_and_registers_again_once_there_is
 }
 
 TEST_F(FullDisk, the_reserve_is_given_to_a_deletion_and_taken_back_when_there_is_room) {
+  const fs::path reserve = data / "reserve";
+  bool held = true;
+  options.on_step = [&](const char*) { held = fs::exists(reserve); };
   GeometryStore store(data, options);
-  StoreContents contents;
-  const std::string id = contents.add_geometry(store, sheet_mesh(5, 4), "a.obj");
-  bool given = false;
-  options.on_step = {};
-  DiskSpace disk(data, data / "reserve", options.disk);
-  free = 0;
-  disk.release_if_low();
-  given = !fs::exists(data / "reserve");
-  EXPECT_TRUE(given);
+  const Mesh mesh = sheet_mesh(5, 4);
+  store.put(mesh, mesh_id(mesh), "a.obj");
+  EXPECT_TRUE(held);
+  free = 1000;
+  store.remove(mesh_id(mesh), WithSetups::refuse);
+  EXPECT_FALSE(held) << "while it was deleted";
   free = std::uint64_t{1} << 30;
+  store.state();
+  EXPECT_EQ(fs::file_size(reserve), 1u << 20);
+}
+
+TEST_F(FullDisk, the_reserve_is_not_taken_back_while_it_is_lent) {
+  fs::create_directories(data);
+  DiskSpace disk(data, data / "reserve", options.disk);
   disk.hold();
-  EXPECT_EQ(fs::file_size(data / "reserve"), 1u << 20);
-  disk.release_if_low();
-  EXPECT_TRUE(fs::exists(data / "reserve")) << "nothing is low";
+  EXPECT_TRUE(fs::exists(data / "reserve"));
+  free = 1000;
+  {
+    const DiskSpace::Room room(disk);
+    EXPECT_FALSE(fs::exists(data / "reserve"));
+    free = std::uint64_t{1} << 30;
+    disk.hold();  // as the thread that watches the disk does
+    EXPECT_FALSE(fs::exists(data / "reserve"));
+  }
+  EXPECT_TRUE(fs::exists(data / "reserve"));
 }
 
 TEST_F(FullDisk, what_an_upload_needs_counts_before_it_is_written) {
