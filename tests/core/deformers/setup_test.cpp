@@ -233,8 +233,9 @@ TEST(Setup, ValuesBesideABoundMoveHandlesAsTheBoundDoes) {
     EXPECT_EQ(handle_motions(setup, beside), handle_motions(setup, at));
     EXPECT_EQ(handle_motion_derivative(setup, beside, 1), handle_motion_derivative(setup, at, 1));
   }
-  test::expect_error(ErrorCode::invalid_argument, {"\"grow\"): 0.100001 is outside of its bounds [-0.1, 0.1]"},
-                     [&] { handle_motions(setup, std::vector<double>{0, 0, 0.100001, 0}); });
+  test::expect_error(ErrorCode::invalid_argument, {"\"grow\"): 0.100001 is outside of its bounds [-0.1, 0.1]"}, [&] {
+    handle_motions(setup, std::vector<double>{0, 0, 0.100001, 0});
+  });
 }
 
 TEST(Setup, BadVariableValuesAreRefusedByName) {
