@@ -1,6 +1,5 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
-#include <algorithm>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -20,13 +19,6 @@ struct RegisterOptions {
   std::string name;
 };
 
-/// Geometries that a server of 0.1 has registered do not know the points of the faces.
-std::string group_size(const v1::GroupInfo& group) {
-  const std::uint64_t points = std::max(group.all_points(), group.points());
-  const std::string faces = std::to_string(group.faces()) + " faces";
-  return points == 0 && group.faces() > 0 ? faces : std::to_string(points) + " points, " + faces;
-}
-
 ExitCode run_register(const RegisterOptions& options, const CommonOptions& common) {
   Connection connection(common);
   Progress progress;
@@ -41,7 +33,8 @@ ExitCode run_register(const RegisterOptions& options, const CommonOptions& commo
   std::cout << info.id() << '\n';
   std::cout << "  " << (info.existed() ? "was registered before: " : "registered: ") << info.points() << " points, "
             << info.faces() << " faces" << (info.cells() > 0 ? ", " + std::to_string(info.cells()) + " cells" : "") << '\n';
-  for (const auto& group : info.groups()) std::cout << "  group " << printable(group.name()) << ": " << group_size(group) << '\n';
+  for (const auto& group : info.groups())
+    std::cout << "  group " << printable(group.name()) << ": " << group_size_text(group) << '\n';
   std::cout << std::flush;
   return exit_ok;
 }

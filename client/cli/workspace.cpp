@@ -2,6 +2,7 @@
 
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
 #include <chrono>
 
 #include "client/cli/format.h"
@@ -39,6 +40,12 @@ v1::GeometryInfo register_mesh(Connection& connection, const std::shared_ptr<con
   // The points of the mesh itself, so that no copy stays.
   connection.client().keep_points(info.id(), std::shared_ptr<const Points>(mesh, &mesh->points));
   return info;
+}
+
+std::string group_size_text(const v1::GroupInfo& group) {
+  const std::uint64_t points = std::max(group.all_points(), group.points());
+  const std::string faces = std::to_string(group.faces()) + " faces";
+  return points == 0 && group.faces() > 0 ? faces : std::to_string(points) + " points, " + faces;
 }
 
 namespace {

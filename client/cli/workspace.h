@@ -39,6 +39,9 @@ struct StageTimes {
 v1::GeometryInfo register_mesh(Connection& connection, const std::shared_ptr<const Mesh>& mesh, const std::string& label,
                                Progress& progress);
 
+/// "12 points, 20 faces": the points that a region of this group selects; "20 faces" where an older server has not counted them.
+std::string group_size_text(const v1::GroupInfo& group);
+
 /// A setup that stands ready on the server, and the file that results are written into.
 struct PreparedSetup {
   v1::SystemInfo system;

@@ -10,6 +10,7 @@
 #include "client/cli/format.h"
 #include "client/cli/printable_stream.h"
 #include "client/cli/result_json.h"
+#include "client/cli/workspace.h"
 
 namespace deform {
 namespace {
@@ -80,6 +81,17 @@ TEST(Dates, AreIsoAndNothingWhenUnknown) {
   const std::string date = cli::date_text(1'700'000'000'000);
   EXPECT_EQ(date.size(), std::string("2023-11-14T22:13:20+00:00").size());
   EXPECT_EQ(date.substr(0, 9), "2023-11-1");
+}
+
+TEST(Groups, TellThePointsThatTheySelect) {
+  v1::GroupInfo group;
+  group.set_faces(20);
+  EXPECT_EQ(cli::group_size_text(group), "20 faces") << "registered by 0.1, which has not counted the corners of faces";
+  group.set_all_points(12);
+  EXPECT_EQ(cli::group_size_text(group), "12 points, 20 faces");
+  group = {};
+  group.set_points(3);
+  EXPECT_EQ(cli::group_size_text(group), "3 points, 0 faces");
 }
 
 cli::Applied applied() {
