@@ -83,6 +83,22 @@ void DeformCall::enqueue(SystemCache::Handle system) {
   parts_.scheduler->start(context().client, this, [call = self()](Scheduler::Slot slot) { call->start(std::move(slot)); });
 }
 
+// What goes wrong ends the call.
+template <typename Work>
+bool DeformCall::attempt(const Work& work) {
+  try {
+    work();
+    return true;
+  } catch (const Error& error) {
+    fail(error);
+  } catch (const std::bad_alloc&) {
+    fail(Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget"));
+  } catch (const std::exception& error) {
+    fail(Error(ErrorCode::internal, error.what()));
+  }
+  return false;
+}
+
 void DeformCall::start(Scheduler::Slot slot) {
   SystemCache::Handle system;
   {
@@ -96,15 +112,7 @@ void DeformCall::start(Scheduler::Slot slot) {
   const int running = static_cast<int>(std::max<std::size_t>(1, parts_.scheduler->load().running));
   const auto from = RunContext::Clock::now();
   std::shared_ptr<Bound> bound;
-  try {
-    bound = bind(system, std::max(1, parts_.scheduler->workers() / running));
-  } catch (const Error& error) {
-    return fail(error);
-  } catch (const std::bad_alloc&) {
-    return fail(Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget"));
-  } catch (const std::exception& error) {
-    return fail(Error(ErrorCode::internal, error.what()));
-  }
+  if (!attempt([&] { bound = bind(system, std::max(1, parts_.scheduler->workers() / running)); })) return;
   Notice notice(*this);
   const std::lock_guard lock(mutex_);
   if (ended_) return;
@@ -162,15 +170,10 @@ void DeformCall::charge(Bound& bound, std::size_t binding) const {
 void DeformCall::run_step(const std::shared_ptr<const Bound>& bound, std::size_t step,
                           const std::shared_ptr<WholeDesigns>& whole) {
   StepResult result;
-  try {
+  const auto make = [&] {
     result = bound->plan.is_whole(step) ? make_whole(*bound, step) : make_step(*bound, step, whole.get());
-  } catch (const Error& error) {
-    return fail(error);
-  } catch (const std::bad_alloc&) {
-    return fail(Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget"));
-  } catch (const std::exception& error) {
-    return fail(Error(ErrorCode::internal, error.what()));
-  }
+  };
+  if (!attempt(make)) return;
   Notice notice(*this);
   const std::lock_guard lock(mutex_);
   if (ended_) return;
@@ -339,11 +342,7 @@ void DeformCall::release_step(std::size_t step, StepResult&& result) {
   for (std::size_t d = 0; d < result.blocks.size(); ++d) {
     if (whole != whole_.end() && whole->second->failed.contains(d)) continue;
     codec::Block& encoded = result.blocks[d];
-    Progress& design = progress_[d];
-    design.checksums.push_back(encoded.checksum);
-    design.max_error = std::max(design.max_error, encoded.max_error);
-    if (result.displacements[d].value > design.displacement.value) design.displacement = result.displacements[d];
-    design.fell_back += encoded.fell_back ? 1 : 0;
+    progress_[d].add(encoded, result.displacements[d]);
     stats_.bytes += encoded.bytes.size();
     v1::Block& message = *push().mutable_block();
     message.set_design(static_cast<std::uint32_t>(bound_->numbers[plan.first_design(step) + d]));
@@ -364,27 +363,10 @@ void DeformCall::push_results(std::size_t step, WholeDesigns* whole) {
       ++failed_;
       continue;
     }
-    const DesignReport& report = bound_->evaluation->report(design);
     v1::DesignResult& result = *push().mutable_result();
+    result =
+        design_result(progress_[d], bound_->evaluation->report(design), bound_->system->setup, bound_->system->info.diagonal());
     result.set_design(static_cast<std::uint32_t>(bound_->numbers[design]));
-    result.set_checksum(codec::fold_checksums(progress_[d].checksums));
-    result.set_max_error(progress_[d].max_error);
-    result.set_blocks_fell_back(progress_[d].fell_back);
-    result.set_path(path_to_proto(report.path));
-    result.set_interpolation_residual(report.interpolation_residual);
-    const Extreme& displacement = progress_[d].displacement;
-    result.set_max_displacement(displacement.value);
-    result.set_prescribed_displacement(report.prescribed_displacement);
-    const double diagonal = bound_->system->info.diagonal();
-    if (const auto warning = displacement_warning(displacement, report.prescribed_displacement, diagonal)) {
-      result.add_warnings(*warning);
-    }
-    if (!bound_->system->setup.constraints.empty()) {
-      *result.mutable_constraints() = constraints_report(report, bound_->system->setup);
-      if (const std::string warning = given_up_warning(report, bound_->system->setup); !warning.empty()) {
-        result.add_warnings(warning);
-      }
-    }
     if (whole != nullptr) whole->findings[d].move_to(result);
     fell_back_ += progress_[d].fell_back;
   }

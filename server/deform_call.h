@@ -16,6 +16,7 @@
 #include "core/quality/extreme.h"
 #include "server/call.h"
 #include "server/design_failures.h"
+#include "server/design_result.h"
 #include "server/memory.h"
 #include "server/scheduler.h"
 #include "server/step_plan.h"
@@ -90,7 +91,7 @@ class DeformCall : public Call {
     std::once_flag allocated;
     std::vector<std::unique_ptr<Vec3[]>> gathered;
     std::atomic<std::size_t> missing;  ///< blocks
-    DesignErrors failed;  ///< by their place in the group: they have no blocks
+    DesignErrors failed;               ///< by their place in the group: they have no blocks
   };
   /// Outcome of one step: per design its block.
   struct StepResult {
@@ -100,19 +101,14 @@ class DeformCall : public Call {
     std::size_t bytes = 0;
     double solve_ms = 0, encode_ms = 0;
   };
-  /// Of a design of the group under way.
-  struct Progress {
-    std::vector<std::uint64_t> checksums;
-    Extreme displacement;
-    double max_error = 0;
-    std::uint32_t fell_back = 0;
-  };
   class Notice;
 
   std::shared_ptr<DeformCall> self() { return std::static_pointer_cast<DeformCall>(shared_from_this()); }
   void on_system(SystemCache::Handle system, const std::optional<Error>& error);
   void enqueue(SystemCache::Handle system);
   void start(Scheduler::Slot slot);
+  template <typename Work>
+  bool attempt(const Work& work);
   std::shared_ptr<Bound> bind(const SystemCache::Handle& system, int threads);
   void charge(Bound& bound, std::size_t binding) const;
   void run_step(const std::shared_ptr<const Bound>& bound, std::size_t step, const std::shared_ptr<WholeDesigns>& whole);
@@ -150,7 +146,7 @@ class DeformCall : public Call {
   std::map<std::size_t, StepResult> finished_;
   std::size_t buffered_bytes_ = 0;  // of finished_ and replies_
   std::deque<v1::DeformReply> replies_;
-  std::vector<Progress> progress_;
+  std::vector<DeliveredDesign> progress_;                       // of the designs of the group under way
   std::map<std::size_t, std::shared_ptr<WholeDesigns>> whole_;  // of the groups under way, by their first steps
   bool reader_waits_ = false;
   bool produced_ = false;  // the summary is in replies_

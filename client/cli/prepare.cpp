@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "client/cli/command.h"
+#include "client/cli/error_json.h"
 #include "client/cli/format.h"
 #include "client/cli/result_json.h"
 #include "client/cli/workspace.h"
@@ -58,12 +59,19 @@ ExitCode run_check(const PrepareOptions& options, const CommonOptions& common) {
   const LoadedSetup loaded = load_setup(connection, options.input, progress);
   progress.clear();
   const auto estimate = connection.client().estimate(loaded.setup, connection.call());
+  const Error too_large(ErrorCode::out_of_budget, "it does not fit: preparing takes " + bytes_text(estimate.peak_bytes()) +
+                                                      " beside the mesh, the budget of the server is " +
+                                                      bytes_text(estimate.budget_bytes()));
   if (common.style() == Style::json) {
-    print(to_json(estimate));
+    auto json = to_json(estimate);
+    if (!estimate.fits()) json["error"] = error_json(too_large.code(), too_large.what());
+    print(json);
   } else {
     print_estimate(estimate);
   }
-  return estimate.fits() ? exit_ok : exit_failed;
+  if (estimate.fits()) return exit_ok;
+  complain(too_large.what());
+  return exit_code_of(too_large);
 }
 
 ExitCode run_prepare(const PrepareOptions& options, const CommonOptions& common) {

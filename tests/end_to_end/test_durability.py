@@ -64,7 +64,7 @@ class Durability(EndToEnd):
         child = self.spawn("prepare", "long.yaml")
         self.wait_until(lambda: self.busy() > 0, "a preparation under way")
         self.server.kill()
-        self.assertEqual(child.wait(60), 1)
+        self.assertEqual(child.wait(60), 3)
         self.assertEqual(child.communicate()[1].count("\n"), 1)
         self.server.start()
         self.assertEqual(self.status()["systems_resident"], 0)
@@ -78,7 +78,7 @@ class Durability(EndToEnd):
         served = self.status()["designs_served"]
         self.wait_until(lambda: self.status()["designs_served"] > served + 20, "designs served")
         self.server.kill()
-        self.assertEqual(child.wait(60), 1)
+        self.assertEqual(child.wait(60), 3)
         self.server.start()
         self.assertTrue(self.apply_by_id(system, "after.obj")["report"]["prepared_again"])
         self.assertEqual(read_obj(self.path("before.obj")), read_obj(self.path("after.obj")))

@@ -165,7 +165,7 @@ class ExitCodes(EndToEnd):
         lines = self.deform("list").out.split("\n")
         self.assertRegex(lines[0], r"^geometry [0-9a-f]{16}  20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d[+-]\d\d:\d\d  \d+ points")
         self.assertRegex(lines[1], r"^system   [0-9a-f]{16}  (-|20\d\d-\S+)  of geometry ")
-        self.assertEqual(self.deform("prepare", "setup.yaml", "--check", "--json").json["notes"], [])
+        self.assertNotIn("Nothing is fixed", self.deform("prepare", "setup.yaml", "--check").out)
         self.write("loose.yaml", BOUNDED.replace("fixed:", "# fixed:"))
         for command in (["prepare", "loose.yaml", "--check"], ["prepare", "loose.yaml"]):
             self.assertIn("note: Nothing is fixed, so everything that is no handle may move.", self.deform(*command).out)
@@ -185,6 +185,18 @@ class ExitCodes(EndToEnd):
         done = check(DEFORMD_ADDRESS=f"[::]:{port}")
         self.assertEqual(done.returncode, 3, done.stdout)
         self.assertIn(f"[::1]:{port}", done.stdout)
+
+
+class SmallServer(EndToEnd):
+    def test_what_does_not_fit_fails_with_its_estimate(self):
+        self.start_server("--memory-budget", "200M", "--cache-budget", "0.1G")
+        self.assertEqual(self.status()["memory_budget"], 200 << 20)
+        self.deform("sample", "-o", "long.obj", "--points", 12000)
+        self.write("long.yaml", LONG_SETUP)
+        self.fails(1, "prepare", "long.yaml", "--check", says=["does not fit", "200.0 MiB"], prints=True)
+        told = self.fails(1, "prepare", "long.yaml", "--check", "--json", prints=True).json
+        self.assertEqual((told["fits"], told["error"]["code"]), (False, "RESOURCE_EXHAUSTED"))
+        self.fails(1, "prepare", "long.yaml", says=["MiB"])
 
 
 if __name__ == "__main__":

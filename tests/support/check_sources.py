@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """House rules that need no compiler. usage: check_sources.py ROOT
 
-Headers have #pragma once; files have at most 450 lines; no marks of unfinished work, no skipped tests, no tabs or trailing blanks.
+Headers have #pragma once; files have at most 900 lines (over 450 they are one idea); no marks of unfinished work, no skipped tests, no tabs or trailing blanks.
 Programs print floating-point numbers by number_digits(), not by std::to_string(), which has six decimals for all of them. Without a
 compiler that is told by names: what is declared floating in the file, or in headers and nowhere as anything else.
 """
@@ -11,7 +11,7 @@ import sys
 
 FOLDERS = ("core", "server", "client", "proto", "tests", "deploy")
 ENDINGS = (".h", ".cpp", ".proto", ".py", ".sh", ".cmake", ".txt")
-LIMIT = 450
+LIMIT = 900
 UNFINISHED = re.compile(r"\b(TO" r"DO\b|FIX" r"ME\b|XX" r"X\b|DIS" r"ABLED_|GTEST_" r"SKIP)")
 
 

@@ -111,7 +111,7 @@ const std::vector<BadSetup>& bad_setups() {
        [](Setup& s) { s.method = SubspaceOptions{.centres = 3}; },
        {"method.subspace.centres", "3", "4..100000"}},
       {"bare cover", [](Setup& s) { mls(s).cover = 4; }, {"method.mls.cover", "5..1000"}},
-      {"too many samples", [](Setup& s) { mls(s).volume_samples = 1000001; }, {"method.mls.volume_samples", "1e+06"}},
+      {"too many samples", [](Setup& s) { mls(s).volume_samples = 1000001; }, {"method.mls.volume_samples", "1000000"}},
       {"weights nowhere",
        [](Setup& s) {
          s.method = MlsOptions{.weights = {{box({9, 9, 9}, {10, 10, 10})}}};
@@ -135,10 +135,10 @@ const std::vector<BadSetup>& bad_setups() {
        {"constraint_options.tolerance", "nan"}},
       {"no iterations",
        [](Setup& s) { s.constraint_options.iterations = 0; },
-       {"constraint_options.iterations", "0", "1..1e+06"}},
+       {"constraint_options.iterations", "0", "1..1000000"}},
       {"too many iterations",
        [](Setup& s) { s.constraint_options.iterations = 1000001; },
-       {"constraint_options.iterations", "1..1e+06"}},
+       {"constraint_options.iterations", "1..1000000"}},
       {"degree too small", [](Setup& s) { options(s).polynomial_degree = -2; }, {"polynomial_degree", "-2"}},
   };
   return table;
@@ -233,8 +233,9 @@ TEST(Setup, ValuesBesideABoundMoveHandlesAsTheBoundDoes) {
     EXPECT_EQ(handle_motions(setup, beside), handle_motions(setup, at));
     EXPECT_EQ(handle_motion_derivative(setup, beside, 1), handle_motion_derivative(setup, at, 1));
   }
-  test::expect_error(ErrorCode::invalid_argument, {"\"grow\"): 0.100001 is outside of its bounds [-0.1, 0.1]"},
-                     [&] { handle_motions(setup, std::vector<double>{0, 0, 0.100001, 0}); });
+  test::expect_error(ErrorCode::invalid_argument, {"\"grow\"): 0.100001 is outside of its bounds [-0.1, 0.1]"}, [&] {
+    handle_motions(setup, std::vector<double>{0, 0, 0.100001, 0});
+  });
 }
 
 TEST(Setup, BadVariableValuesAreRefusedByName) {

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "core/codec/block.h"
+#include "core/deformers/system.h"
+#include "core/quality/extreme.h"
+#include "deform/v1/deformation.pb.h"
+
+namespace deform::server {
+
+/// What is gathered about one design while its blocks are made.
+struct DeliveredDesign {
+  std::vector<std::uint64_t> checksums;  ///< of its blocks, in order
+  Extreme displacement;                  ///< largest so far, model units, and the point that has it
+  double max_error = 0;                  ///< of the encoding, per coordinate
+  std::uint32_t fell_back = 0;           ///< blocks
+
+  void add(const codec::Block& block, const Extreme& largest_displacement);
+};
+
+/// What a client is told about a design all of whose blocks have been made, but for its number and what checks found. `diagonal`:
+/// of the bounding box, model units.
+v1::DesignResult design_result(const DeliveredDesign& delivered, const DesignReport& report, const Setup& setup, double diagonal);
+
+}  // namespace deform::server
