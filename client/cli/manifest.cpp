@@ -21,6 +21,7 @@ std::string to_line(const ManifestEntry& entry) {
   if (entry.place != Place::result) json["in"] = entry.place == Place::part ? "part" : "next";
   if (!entry.verdicts.reasons.empty()) json["bad"] = entry.verdicts.reasons;
   if (entry.verdicts.safe_amplitude) json["safe_amplitude"] = *entry.verdicts.safe_amplitude;
+  if (!entry.verdicts.warnings.empty()) json["warnings"] = entry.verdicts.warnings;
   for (const auto& [gate, failure] : entry.verdicts.gates) json["gate"][gate] = failure.empty() ? "passed" : failure;
   return to_line(json);
 }
@@ -33,6 +34,7 @@ ResultVerdicts parse_verdicts(const Json& json) {
   ResultVerdicts verdicts;
   if (json.contains("bad")) verdicts.reasons = json["bad"].get<std::vector<std::string>>();
   if (json.contains("safe_amplitude")) verdicts.safe_amplitude = json["safe_amplitude"].get<double>();
+  if (json.contains("warnings")) verdicts.warnings = json["warnings"].get<std::vector<std::string>>();
   if (!json.contains("gate")) return verdicts;
   for (const auto& [gate, failure] : json["gate"].get<std::map<std::string, std::string>>()) {
     verdicts.gates[gate] = failure == "passed" ? "" : failure;

@@ -17,6 +17,7 @@ struct ResultVerdicts {
   std::vector<std::string> reasons;          ///< why it is bad, a sentence each; empty: it is not
   std::optional<double> safe_amplitude;      ///< of a result with inverted cells
   std::map<std::string, std::string> gates;  ///< conditions that were looked at, and how they failed; empty: they did not
+  std::vector<std::string> warnings = {};    ///< what is striking about it, a sentence each
 };
 
 /// One finished result.

@@ -11,8 +11,10 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "client/cli/apply_report.h"
 #include "client/cli/cell_options.h"
 #include "client/cli/command.h"
+#include "client/cli/error_json.h"
 #include "client/cli/format.h"
 #include "client/cli/gates.h"
 #include "client/cli/result_json.h"
@@ -55,7 +57,8 @@ struct SweepReport {
   std::map<std::string, std::string> discarded;          ///< those that were computed, but are not what was asked for
   std::map<std::string, std::vector<std::string>> bad;   ///< written ones with a verdict
   std::map<std::string, std::vector<std::string>> gate;  ///< gates that failed
-  std::map<std::string, double> inverted;                ///< designs with inverted cells, and their safe amplitudes
+  std::map<std::string, std::vector<std::string>> warnings;
+  std::map<std::string, double> inverted;  ///< designs with inverted cells, and their safe amplitudes
 
   ExitCode exit_code() const {
     if (!failed.empty()) return exit_failed;
@@ -63,6 +66,7 @@ struct SweepReport {
   }
   void add(const std::string& name, const ResultVerdicts& verdicts) {
     if (!verdicts.reasons.empty()) bad.emplace(name, verdicts.reasons);
+    if (!verdicts.warnings.empty()) warnings.emplace(name, verdicts.warnings);
     if (verdicts.safe_amplitude) inverted.emplace(name, *verdicts.safe_amplitude);
     for (const auto& [text, failure] : verdicts.gates) {
       if (!failure.empty()) gate[name].push_back(failure);
@@ -73,6 +77,7 @@ struct SweepReport {
 ResultVerdicts verdicts_of(const v1::DesignResult& result, const DesignGates& gates) {
   ResultVerdicts verdicts;
   verdicts.reasons = judge(result).reasons;
+  verdicts.warnings = warnings_of(result);
   if (has_inverted_cells(result)) verdicts.safe_amplitude = result.cells().safe_amplitude();
   for (const Gate& gate : gates.gates()) verdicts.gates[gate.text];
   for (const FailedGate& failed : gates.failed(result)) verdicts.gates[failed.text] = to_text(failed);
@@ -233,6 +238,21 @@ class Sweep {
   std::exception_ptr error_;
 };
 
+/// One line that says why the exit code is not 0; empty when it is.
+std::string complaint(const SweepReport& report) {
+  const std::string of = " of " + std::to_string(report.designs) + " designs ";
+  if (!report.failed.empty()) {
+    return std::to_string(report.failed.size()) + of + "failed, the first: " + report.failed.begin()->second;
+  }
+  if (!report.discarded.empty()) {
+    return std::to_string(report.discarded.size()) + of + "were not written, the first: " + report.discarded.begin()->second;
+  }
+  std::map<std::string, std::vector<std::string>> all = report.bad;
+  for (const auto& [name, failures] : report.gate) all[name].insert(all[name].end(), failures.begin(), failures.end());
+  if (all.empty()) return {};
+  return std::to_string(all.size()) + of + "are bad, the first: " + all.begin()->first + ": " + all.begin()->second.front();
+}
+
 void print_json(const SweepReport& report, const std::string& output) {
   nlohmann::ordered_json json;
   json["output"] = output;
@@ -248,6 +268,13 @@ void print_json(const SweepReport& report, const std::string& output) {
   json["failed"] = failed;
   json["bad"] = report.bad;
   json["gate"] = report.gate;
+  json["warnings"] = report.warnings;
+  const std::string text = complaint(report);
+  if (!report.failed.empty()) {
+    json["error"] = error_json(ErrorCode::invalid_argument, text);
+  } else if (!text.empty()) {
+    json["error"] = verdict_error_json(text);
+  }
   print(json);
 }
 
@@ -261,27 +288,13 @@ void print_text(const SweepReport& report, const std::string& output) {
   for (const auto& [name, failures] : report.gate) {
     for (const auto& failure : failures) std::cout << "  " << name << ": " << failure << '\n';
   }
+  for (const auto& [name, warnings] : report.warnings) {
+    for (const auto& warning : warnings) std::cout << "  " << name << " WARNING: " << warning << '\n';
+  }
   for (const auto* without : {&report.discarded, &report.failed}) {
     for (const auto& [name, reason] : *without) std::cout << "  " << name << " FAILED: " << reason << '\n';
   }
   std::cout << std::flush;
-}
-
-/// One line that says why the exit code is not 0.
-void complain_about(const SweepReport& report) {
-  const std::string of = " of " + std::to_string(report.designs) + " designs ";
-  if (!report.failed.empty()) {
-    complain(std::to_string(report.failed.size()) + of + "failed, the first: " + report.failed.begin()->second);
-  } else if (!report.discarded.empty()) {
-    complain(std::to_string(report.discarded.size()) + of + "were not written, the first: " + report.discarded.begin()->second);
-  } else {
-    std::map<std::string, std::vector<std::string>> all = report.bad;
-    for (const auto& [name, failures] : report.gate) all[name].insert(all[name].end(), failures.begin(), failures.end());
-    if (!all.empty()) {
-      complain(std::to_string(all.size()) + of + "are bad, the first: " + all.begin()->first + ": " +
-               all.begin()->second.front());
-    }
-  }
 }
 
 /// The rows of the table, all of them looked at before anything is computed.
@@ -309,7 +322,7 @@ ExitCode run_sweep(const SweepOptions& options, const CommonOptions& common) {
   } else {
     print_text(report, options.output);
   }
-  complain_about(report);
+  if (const std::string text = complaint(report); !text.empty()) complain(text);
   return report.exit_code();
 }
 

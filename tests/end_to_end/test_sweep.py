@@ -255,12 +255,13 @@ f,0.03,0.05
         self.write("designs.csv", table([("a", (0.01, 0)), ("b", (0.04, 0))]))
         gate = ["--fail-on", "interpolation_residual<-1"]  # passes
         self.sweep("designs.csv", "results", *gate)
-        failing = ["--fail-on", "max_displacement>0.03"]
+        failing = ["--fail-on", "prescribed_displacement>0.03"]
         for output in ("results", "results.tar"):
             report, error = self.sweep_fails(4, "designs.csv", output, *failing)
             self.assertEqual(report["written"], 2, "an earlier run did not look at this")
             self.assertEqual(list(report["gate"]), ["b"])
-            self.assertIn("1 of 2 designs are bad, the first: b: max_displacement>0.03: it is 0.04", error)
+            self.assertIn("1 of 2 designs are bad, the first: b: prescribed_displacement>0.03: it is 0.04", error)
+            self.assertEqual("deform: " + report["error"]["message"] + "\n", error)
             report, _ = self.sweep_fails(4, "designs.csv", output, *failing)
             self.assertEqual((report["written"], list(report["gate"])), (0, ["b"]))
             self.assertEqual(self.sweep("designs.csv", output)["gate"], {}, "nobody asks")

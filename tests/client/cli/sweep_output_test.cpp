@@ -210,7 +210,7 @@ TEST_F(SweepOutput, FailuresAreRecordedUntilTheDesignIsThere) {
 }
 
 TEST_F(SweepOutput, VerdictsAreKnownToTheNextRun) {
-  const cli::ResultVerdicts verdicts{{"2 cells are inverted"}, 0.25, {{"flipped_faces>0", ""}, {"missed>0", "it is 1"}}};
+  const cli::ResultVerdicts verdicts{{"2 cells are inverted"}, 0.25, {{"flipped_faces>0", ""}, {"missed>0", "it is 1"}}, {"far"}};
   for (const char* path : {"results", "out.tar"}) {
     const auto first = open(path, {{"a", "1"}, {"b", "2"}});
     first->put({"a", "1"}, verdicts, "x");
@@ -223,6 +223,7 @@ TEST_F(SweepOutput, VerdictsAreKnownToTheNextRun) {
     EXPECT_EQ(found->reasons, verdicts.reasons);
     EXPECT_EQ(found->safe_amplitude, verdicts.safe_amplitude);
     EXPECT_EQ(found->gates, verdicts.gates);
+    EXPECT_EQ(found->warnings, verdicts.warnings);
   }
 }
 
