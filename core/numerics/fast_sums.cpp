@@ -56,7 +56,8 @@ FastSums::FastSums(const RadialKernel& kernel, std::span<const Vec3> points, std
       // A translation costs nodes^2 multiplications, at about six times the rate of kernel values.
       direct_limit_(grid_.nodes() * grid_.nodes() / 6),
       near_(targets_.boxes().size()),
-      incoming_(targets_.boxes().size()) {
+      incoming_(targets_.boxes().size()),
+      expanded_(targets_.boxes().size()) {
   if (!points.empty() && !centres.empty()) pair(0, 0);
   finish_lists();
 }
@@ -132,10 +133,18 @@ void FastSums::finish_lists() {
       if (i - c.groups.back() >= together && c.pairs[i].target != c.pairs[i - 1].target) c.groups.push_back(i);
     }
     c.groups.push_back(c.pairs.size());
+    for (const Pair& pair : c.pairs) expanded_[pair.target] = true;
   }
+  collects_ = !classes_.empty();
   const auto& boxes = targets_.boxes();
   for (std::uint32_t b = 0; b < boxes.size(); ++b) {
+    // Centres that are summed at interpolation points fill them without any translation: where the targets are finer than the
+    // centres, that may be all there is.
+    if (!incoming_[b].empty()) expanded_[b] = true;
+    expands_ = expands_ || expanded_[b];
+    for (std::uint32_t c = boxes[b].child; expanded_[b] && c < boxes[b].child + boxes[b].children; ++c) expanded_[c] = true;
     if (boxes[b].leaf()) {
+      collects_ = collects_ || !near_[b].nodes.empty();
       leaves_.push_back(b);
       // Neighbouring ranges in one: fewer and longer loops.
       auto& direct = near_[b].direct;
@@ -169,13 +178,15 @@ std::vector<double> FastSums::sums(std::span<const double> weights, std::size_t 
       for (std::size_t c = 0; c < width; ++c) sorted[j * width + c] = weights[sources_.order()[j] * columns + first + c];
     }
     Workspace work{sorted, width, {}, {}, std::vector<double>(n * width), context};
-    work.up.resize(sources_.boxes().size() * grid_.nodes() * width);
-    work.down.resize(targets_.boxes().size() * grid_.nodes() * width);
-    if (!classes_.empty() || std::any_of(near_.begin(), near_.end(), [](const Near& near) { return !near.nodes.empty(); })) {
+    if (collects_) {
+      work.up.resize(sources_.boxes().size() * grid_.nodes() * width);
       upward(work);
     }
-    translate(work);
-    downward(work);
+    if (expands_) {
+      work.down.resize(targets_.boxes().size() * grid_.nodes() * width);
+      translate(work);
+      downward(work);
+    }
     evaluate(work);
     for (std::size_t i = 0; i < n; ++i) {
       for (std::size_t c = 0; c < width; ++c) result[targets_.order()[i] * columns + first + c] = work.result[i * width + c];
@@ -274,6 +285,7 @@ void FastSums::downward(Workspace& work) const {
     parallel_for(work.context, targets_.level_begin(level + 1) - begin, 4, [&](std::size_t low, std::size_t high) {
       std::vector<double> out(work.columns * tile_size);
       for (std::size_t b = begin + low; b < begin + high; ++b) {
+        if (!expanded_[b]) continue;
         const Octree::Box& box = targets_.boxes()[b];
         double* down = work.down.data() + b * size;
         if (!incoming_[b].empty()) {
@@ -309,7 +321,7 @@ void FastSums::evaluate_leaf(std::uint32_t b, Workspace& work) const {
   const Octree::Box& box = targets_.boxes()[b];
   const std::size_t nodes = grid_.nodes(), columns = work.columns;
   const TiledPoints tiled(std::span(targets_.points()).subspan(box.begin, box.count()));
-  std::vector<double> values(nodes * tile_size), out(columns * tile_size);
+  std::vector<double> values(expanded_[b] ? nodes * tile_size : 0), out(columns * tile_size);
   for (std::size_t t = 0; t < tiled.tiles(); ++t) {
     std::fill(out.begin(), out.end(), 0.0);
     for (const Range& range : near_[b].direct) {
@@ -321,7 +333,7 @@ void FastSums::evaluate_leaf(std::uint32_t b, Workspace& work) const {
       const std::vector<Vec3> places = grid_.nodes(sources_.centre(from), sources_.half(from.level));
       tile_kernel_sums(kernel_, tiled.tile(t), places, work.up.data() + source * nodes * columns, columns, columns, out.data());
     }
-    if (!classes_.empty()) {
+    if (expanded_[b]) {
       grid_.tile_values(tiled.tile(t), targets_.centre(box), targets_.half(box.level), values.data());
       tile_product(values.data(), nodes, work.down.data() + b * nodes * columns, columns, columns, out.data());
     }
@@ -336,6 +348,7 @@ std::size_t FastSums::bytes() const {
   for (const Class& c : classes_) bytes += c.pairs.size() * sizeof(Pair) + c.groups.size() * sizeof(std::size_t);
   for (const Near& near : near_) bytes += sizeof(Near) + near.direct.size() * sizeof(Range) + near.nodes.size() * 4;
   for (const auto& incoming : incoming_) bytes += sizeof(incoming) + incoming.size() * sizeof(Range);
+  bytes += expanded_.size() / 8;
   return bytes;
 }
 

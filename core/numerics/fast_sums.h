@@ -78,7 +78,10 @@ class FastSums {
   std::vector<Class> classes_;
   std::vector<Near> near_;                    ///< per target box: its own, for leaves those of all above them
   std::vector<std::vector<Range>> incoming_;  ///< per target box: centres summed at its interpolation points
-  std::vector<std::uint32_t> leaves_;         ///< of the targets
+  std::vector<bool> expanded_;  ///< per target box: whether anything reaches its interpolation points, from above or on its level
+  bool expands_ = false;        ///< whether anything reaches those of any
+  bool collects_ = false;       ///< whether interpolation points of some source box are summed or translated
+  std::vector<std::uint32_t> leaves_;  ///< of the targets
 };
 
 }  // namespace deform

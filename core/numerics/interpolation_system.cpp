@@ -4,7 +4,7 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
-#include "core/numerics/fast_sums.h"
+#include "core/numerics/checked_sums.h"
 #include "core/numerics/incremental_qr.h"
 #include "core/numerics/iterative_system.h"
 #include "core/numerics/packed_cholesky.h"
@@ -17,7 +17,8 @@ namespace {
 
 constexpr std::size_t most_terms = 10;
 constexpr std::size_t most_dense = 20000;  // centres that `automatic` factors: 1.6 GB and half a minute
-constexpr int adjoint_order = 12;          // about 12 digits
+constexpr int adjoint_order = 12;          // of the sums to begin with
+constexpr double adjoint_accuracy = 1e-11;
 
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
@@ -116,7 +117,8 @@ Interpolants InterpolationSystem::interpolate(const Eigen::MatrixXd& F, double t
   Eigen::MatrixXd B = Eigen::MatrixXd::Zero(F.rows() + static_cast<Eigen::Index>(polynomials_.terms()), F.cols());
   B.topRows(F.rows()) = F;
   IterativeSystem::Solution solution = iterative_->solve(B, tolerance, context);
-  return {std::move(solution.coefficients), solution.residual, solution.converged, solution.iterations, solution.order};
+  return {
+      std::move(solution.coefficients), solution.residual, solution.converged, solution.iterations, solution.order, tolerance};
 }
 
 std::vector<double> InterpolationSystem::values(const Interpolants& interpolants, std::span<const Vec3> points,
@@ -130,9 +132,9 @@ std::vector<double> InterpolationSystem::values(const Interpolants& interpolants
   const RowMajor rows = interpolants.coefficients;
   const auto columns = static_cast<std::size_t>(rows.cols());
   const std::span<const double> weights(rows.data(), size() * columns);
-  std::vector<double> result = iterative_
-                                   ? FastSums(kernel_, points, centres_, {interpolants.order, 0}).sums(weights, columns, context)
-                                   : kernel_sums(kernel_, points, centres_, weights, columns, context);
+  const SumAccuracy accuracy{interpolants.order, 0.5 * interpolants.tolerance, 0};
+  std::vector<double> result = iterative_ ? checked_sums(kernel_, points, centres_, weights, columns, accuracy, context)
+                                          : kernel_sums(kernel_, points, centres_, weights, columns, context);
   add_polynomials(polynomials_, points, {rows.data() + size() * columns, polynomials_.terms() * columns}, result, context);
   return result;
 }
@@ -140,7 +142,7 @@ std::vector<double> InterpolationSystem::values(const Interpolants& interpolants
 std::vector<double> InterpolationSystem::sums_at_centres(std::span<const Vec3> places, std::span<const double> weights,
                                                          std::size_t columns, const RunContext& context) const {
   if (!iterative_) return kernel_sums(kernel_, centres_, places, weights, columns, context);
-  return FastSums(kernel_, centres_, places, {adjoint_order, 0}).sums(weights, columns, context);
+  return checked_sums(kernel_, centres_, places, weights, columns, {adjoint_order, 0, adjoint_accuracy}, context);
 }
 
 Eigen::MatrixXd InterpolationSystem::adjoint(Eigen::MatrixXd B, const RunContext& context) const {

@@ -70,7 +70,8 @@ struct Interpolants {
   double residual = 0;
   bool converged = true;  ///< iterative: residual <= tolerance; incremental QR: RMS error <= tolerance
   int iterations = 0;
-  int order = 0;  ///< iterative: of the fast sums that are good enough for these weights
+  int order = 0;         ///< iterative: of the fast sums that are good enough for these weights at the centres
+  double tolerance = 0;  ///< that was asked for, in the units of the values
 };
 
 /// An RBF interpolant with everything but the values prepared. Coordinates should be of unit size.
@@ -96,9 +97,11 @@ class InterpolationSystem {
   /// have one: of the iterative one for every column, of incremental QR for the RMS error of one field; the others always deliver
   /// all digits.
   Interpolants interpolate(const Eigen::MatrixXd& F, double tolerance, const RunContext& context = {}) const;
-  /// Their values: n x columns, row by row.
+  /// Their values: n x columns, row by row. Of the iterative solver those of the interpolants to half their tolerance, measured
+  /// at samples of the points.
   std::vector<double> values(const Interpolants& interpolants, std::span<const Vec3> points, const RunContext& context) const;
-  /// Row i = sum over places j of phi(|centre i - place j|) * weights[j]: m x columns, row by row; adjoint of the sums above.
+  /// Row i = sum over places j of phi(|centre i - place j|) * weights[j]: m x columns, row by row; adjoint of the sums above. Of
+  /// the iterative solver to 1e-11 of the largest.
   std::vector<double> sums_at_centres(std::span<const Vec3> places, std::span<const double> weights, std::size_t columns,
                                       const RunContext& context) const;
   /// Adjoint of "values F at the centres to coefficients": B ((m + q) x columns, derivatives by weights and by coefficients of
