@@ -122,7 +122,20 @@ v1::ConstraintsReport constraints_report(const DesignReport& report, const Setup
   message.set_newton_steps(static_cast<std::uint32_t>(report.newton_steps));
   message.set_convergence_error(report.convergence_error);
   message.set_energy(report.energy);
+  const auto given_up = [](const ConstraintReport& of) { return of.given_up; };
+  message.set_exact_given_up(std::any_of(report.constraints.begin(), report.constraints.end(), given_up));
   return message;
+}
+
+std::string given_up_warning(const DesignReport& report, const Setup& setup) {
+  std::string names;
+  for (std::size_t i = 0; i < report.constraints.size(); ++i) {
+    if (report.constraints[i].given_up) names += (names.empty() ? "" : ", ") + ('"' + setup.constraints[i].name + '"');
+  }
+  if (names.empty()) return {};
+  return "The exact constraints " + names +
+         " contradict each other or points that are held: putting their points on the shapes made the deformation worse and was "
+         "given up; they are met as far as their weight carries them.";
 }
 
 v1::EvaluationPath path_to_proto(EvaluationPath path) {

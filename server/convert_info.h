@@ -17,6 +17,8 @@ v1::EstimateReply estimate_reply(const Estimate& estimate);
 
 /// Of a design of a setup with constraints.
 v1::ConstraintsReport constraints_report(const DesignReport& report, const Setup& setup);
+/// A sentence when exact constraints were given up, else empty.
+std::string given_up_warning(const DesignReport& report, const Setup& setup);
 
 v1::EvaluationPath path_to_proto(EvaluationPath path);
 EvaluationPath path_from_proto(v1::EvaluationPath path);

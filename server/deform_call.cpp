@@ -320,6 +320,9 @@ void DeformCall::push_results(std::size_t step) {
     result.set_max_displacement(report.max_displacement);
     if (!bound_->system->setup.constraints.empty()) {
       *result.mutable_constraints() = constraints_report(report, bound_->system->setup);
+      if (const std::string warning = given_up_warning(report, bound_->system->setup); !warning.empty()) {
+        result.add_warnings(warning);
+      }
     }
     if (whole_) whole_->findings[d].move_to(result);
     fell_back_ += progress_[d].fell_back;

@@ -153,7 +153,8 @@ std::vector<Vec3> EnergyEvaluation::final_points(std::size_t design, std::vector
     const double* tile = system_->set_places_.tile(t);
     std::fill(values.begin(), values.end(), 0.0);
     if (system_->correction_) system_->correction_->add_values(tile, solution.correction.data(), 3, values.data());
-    if (system_->placement_) system_->placement_correction_->add_values(tile, solution.placement.data(), 3, values.data());
+    if (solution.placement.size() > 0)
+      system_->placement_correction_->add_values(tile, solution.placement.data(), 3, values.data());
     for (std::size_t i = t * tile_size; i < std::min(points.size(), (t + 1) * tile_size); ++i) {
       for (std::size_t k = 0; k < 3; ++k) points[i][k] += values[k * tile_size + i % tile_size] / system_->box_.scale;
     }
@@ -163,7 +164,7 @@ std::vector<Vec3> EnergyEvaluation::final_points(std::size_t design, std::vector
     for (const PointId id : set.ids) {
       if (system_->exact() && system_->region_of_[id] != deformable_region) {
         points[i] = system_->box_.to_unit(held_.place(designs_[design], id, kind_));
-      } else if (system_->placement_) {
+      } else if (!solution.exact_values.empty()) {
         const std::vector<PointId>& ids = system_->placement_->ids();
         const auto found = std::lower_bound(ids.begin(), ids.end(), id);
         if (found != ids.end() && *found == id) points[i] = solution.exact.points[static_cast<std::size_t>(found - ids.begin())];
@@ -197,6 +198,11 @@ void EnergyEvaluation::measure_constraints(std::size_t design, const Constrained
     counts[system_->constraint_of_[t]] += count;
     first += count;
   }
+  const std::vector<bool>& given_up = solutions_[design].exact.given_up;
+  for (std::size_t t = 0; t < given_up.size(); ++t) {
+    ConstraintReport& report = reports[system_->exact_constraint_of_[t]];
+    report.given_up = report.given_up || given_up[t];
+  }
   for (std::size_t i = 0; i < reports.size(); ++i) {
     reports[i].rms = D * std::sqrt(reports[i].rms / static_cast<double>(counts[i]));
     reports[i].rms_before = D * std::sqrt(reports[i].rms_before / static_cast<double>(counts[i]));
@@ -228,7 +234,10 @@ void EnergyEvaluation::evaluate(std::size_t begin, std::size_t end, std::size_t 
   const auto start = std::lower_bound(ids.begin(), ids.end(), static_cast<std::uint64_t>(begin)) - ids.begin();
   for (auto u = static_cast<std::size_t>(start); u < ids.size() && ids[u] < end; ++u) {
     if (!system_->placement_->moves(u)) continue;
-    for (std::size_t k = 0; k < out.size(); ++k) out[k][ids[u] - begin] = solutions_[first + k].exact_values[u];
+    for (std::size_t k = 0; k < out.size(); ++k) {
+      const std::vector<Vec3>& values = solutions_[first + k].exact_values;
+      if (!values.empty()) out[k][ids[u] - begin] = values[u];
+    }
   }
 }
 

@@ -1,18 +1,30 @@
 // Exact constraints: the last step of a design, and its derivatives.
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 
+#include "core/base/parallel.h"
 #include "core/deformers/energy_system.h"
 #include "core/numerics/farthest_points.h"
 
 namespace deform {
 
 void EnergySystem::prepare_exact(const std::vector<ConstraintSet>& sets, const RunContext& context) {
-  std::vector<ConstraintSet> exact_sets;
+  std::vector<std::size_t> chosen_sets;
   for (std::size_t t = 0; t < sets.size(); ++t) {
-    if (setup_.constraints[constraint_of_[t]].exact) exact_sets.push_back(sets[t]);
+    if (setup_.constraints[constraint_of_[t]].exact) chosen_sets.push_back(t);
   }
-  if (exact_sets.empty()) return;
+  if (chosen_sets.empty()) return;
+  // By content, so that the order in which they are written does not matter.
+  std::stable_sort(chosen_sets.begin(), chosen_sets.end(), [&](std::size_t a, std::size_t b) {
+    const std::string_view kind = sets[a].projection->kind(), other = sets[b].projection->kind();
+    return kind != other ? kind < other : sets[a].ids < sets[b].ids;
+  });
+  std::vector<ConstraintSet> exact_sets;
+  for (const std::size_t t : chosen_sets) {
+    exact_sets.push_back(sets[t]);
+    exact_constraint_of_.push_back(constraint_of_[t]);
+  }
   std::vector<bool> moves(mesh_->point_count());
   for (std::size_t i = 0; i < moves.size(); ++i) moves[i] = !exact() || region_of_[i] == deformable_region;
   placement_ = std::make_unique<const ExactPlacement>(std::move(exact_sets), moves);
@@ -86,13 +98,39 @@ void EnergySystem::set_placement(const std::vector<Vec3>& from, const std::vecto
 
 void EnergySystem::place_exactly(const BoundDesign& design, Solution& solution, const RunContext& context) const {
   solution.exact = placement_->place(before_exact(solution, design, MotionKind::position), context);
+  if (!solution.exact.any()) return;
   set_placement(solution.exact.from, solution.exact.points, solution, context);
+  if (carries_far(solution, context)) {
+    solution.exact.give_up();
+    solution.placement.resize(0, 0);
+    return;
+  }
   solution.exact_values.reserve(solution.exact.points.size());
   for (const Vec3& y : solution.exact.points) solution.exact_values.push_back(box_.to_model(y));
 }
 
+/// Whether some point is carried along farther than an exact one may move: the interpolant of the steps can overshoot where no
+/// point holds it.
+bool EnergySystem::carries_far(const Solution& solution, const RunContext& context) const {
+  const double most = ExactPlacement::most_movement(solution.exact) * box_.scale;
+  std::atomic<bool> far = false;
+  parallel_for(context, following_places_.tiles(), 64, [&](std::size_t begin, std::size_t end) {
+    std::vector<double> values(3 * tile_size);
+    for (std::size_t t = begin; t < end && !far; ++t) {
+      std::fill(values.begin(), values.end(), 0.0);
+      placement_correction_->add_values(following_places_.tile(t), solution.placement.data(), 3, values.data());
+      for (std::size_t i = 0; i < tile_size; ++i) {
+        // So that what is not finite is far.
+        if (!(std::hypot(values[i], values[tile_size + i], values[2 * tile_size + i]) <= most)) far = true;
+      }
+    }
+  });
+  return far;
+}
+
 void EnergySystem::derive_exactly(const ExactPlacement::Placed& at, const BoundDesign& design, Solution& solution,
                                   const RunContext& context) const {
+  if (!at.any()) return;
   const std::vector<Vec3> from = before_exact(solution, design, MotionKind::derivative);
   solution.exact_values = placement_->derivative(at, from, context);
   set_placement(from, solution.exact_values, solution, context);

@@ -53,7 +53,7 @@ std::vector<double> EnergySystem::pull_back(std::span<const double> variables, c
   Constrained at;
   std::vector<Vec3> told;
   if (constrained_) at = constrained_at(variables, context);
-  if (placement_) told = pull_back_exact(at.exact, X, context);
+  if (placement_ && at.exact.any()) told = pull_back_exact(at.exact, X, context);
   Eigen::MatrixXd g = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(solver_->unknowns()), 3);
   for (std::size_t s = 0; s < following_.size(); ++s) {
     for (SparseRows::InnerIterator it(model_.space.values, following_[s]); it; ++it) {

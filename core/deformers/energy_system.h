@@ -40,7 +40,8 @@ EnergyModel energy_model(const Mesh& mesh, const Setup& setup, const std::vector
 ///    depend on each other; or in bind_sequence(). There is no basis then, and derivatives are those of the constrained
 ///    deformation.
 ///  - Exact constraints: their points end where ExactPlacement puts them; how far that moves them is interpolated (triharmonic,
-///    zero at held points) and added everywhere.
+///    zero at held points) and added everywhere. Where that makes the deformation worse it is left out
+///    (ConstraintReport::given_up), for single sets or altogether; derivatives then leave it out as well.
 /// Coincident held points may go to different places with the shell (a crack opens), not with the others.
 class EnergySystem : public System {
  public:
@@ -64,9 +65,9 @@ class EnergySystem : public System {
   struct Solution {
     RowMajor w;                      ///< k x c
     RowMajor correction;             ///< rows x c, or empty
-    RowMajor placement;              ///< of the correction towards exact points: rows x 3, or empty
+    RowMajor placement;              ///< of the correction towards exact points: rows x 3; empty when there is no such step
     ExactPlacement::Placed exact;    ///< where these are, unit coordinates
-    std::vector<Vec3> exact_values;  ///< what they get: positions, or their derivatives, model units
+    std::vector<Vec3> exact_values;  ///< what they get: positions, or their derivatives, model units; empty as well
     std::vector<double> misfits;     ///< c: largest |value - prescribed| at the samples of the held points
   };
 
@@ -98,6 +99,7 @@ class EnergySystem : public System {
   Constrained constrained_at(std::span<const double> variables, const RunContext& context) const;
   std::vector<Vec3> before_exact(const Solution& solution, const BoundDesign& design, MotionKind kind) const;
   void place_exactly(const BoundDesign& design, Solution& solution, const RunContext& context) const;
+  bool carries_far(const Solution& solution, const RunContext& context) const;
   void derive_exactly(const ExactPlacement::Placed& at, const BoundDesign& design, Solution& solution,
                       const RunContext& context) const;
   void set_placement(const std::vector<Vec3>& from, const std::vector<Vec3>& to, Solution& solution,
@@ -128,6 +130,7 @@ class EnergySystem : public System {
   TiledPoints set_places_;                                          ///< of the points of the sets; only with a correction
   std::unique_ptr<const ExactPlacement> placement_;                 ///< null without exact constraints
   std::unique_ptr<const ResidualCorrection> placement_correction_;  ///< of its points that move, then of the held ones
+  std::vector<std::size_t> exact_constraint_of_;                    ///< per set of placement_
   std::vector<std::uint32_t> moving_exact_;                         ///< these points among those of placement_
   TiledPoints exact_places_;                                        ///< of all points of placement_
   std::vector<PointId> following_;                                  ///< ascending: points that the solution moves

@@ -47,6 +47,8 @@ struct ConstraintReport {
   double max = 0, rms = 0;
   /// An exact one whose max is over 1e-9 D: it contradicts others, or points that are held.
   bool missed = false;
+  /// Placing its points exactly would have made the deformation worse (see ExactPlacement): they are where they are without that.
+  bool given_up = false;
 };
 
 /// Told about one evaluated design.

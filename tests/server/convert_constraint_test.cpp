@@ -176,6 +176,21 @@ TEST(ConvertConstraint, ReportsTellHowTheSolutionWent) {
   EXPECT_TRUE(message.residuals(0).missed());
 }
 
+TEST(ConvertConstraint, ExactSetsThatWereGivenUpAreNamedInAWarning) {
+  const auto setup = setup_from_proto(
+      with(R"({"constraints": [{"name": "rim", "planar": {}}, {"name": "bore", "planar": {}}, {"name": "top", "planar": {}}]})"),
+      10);
+  DesignReport report;
+  report.constraints = {{4, 3, 2, 1, true, true}, {4, 3, 0, 0, false, false}, {4, 3, 2, 1, true, true}};
+  EXPECT_TRUE(constraints_report(report, setup).exact_given_up());
+  const std::string warning = given_up_warning(report, setup);
+  EXPECT_NE(warning.find("\"rim\", \"top\""), std::string::npos) << warning;
+  EXPECT_EQ(warning.find("bore"), std::string::npos) << warning;
+  for (ConstraintReport& constraint : report.constraints) constraint.given_up = false;
+  EXPECT_FALSE(constraints_report(report, setup).exact_given_up()) << "missed is something else";
+  EXPECT_EQ(given_up_warning(report, setup), "");
+}
+
 TEST(ConvertConstraint, RefusalsNameTheField) {
   const std::pair<const char*, const char*> rows[] = {
       {R"({"constraints": [{"planar": {}}]})", "constraints[0].name: must not be empty"},
