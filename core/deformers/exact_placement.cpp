@@ -14,7 +14,7 @@ namespace {
 using Entry = Eigen::Triplet<double, std::int64_t>;
 constexpr double stiffness = 1e9;  // of the linearized distances against the changes
 constexpr double damping = 1e-9;   // of parameters of shapes that change nothing
-constexpr int most_steps = 60, most_halvings = 20, most_iterations = 500;
+constexpr int most_steps = 60, most_halvings = 10, most_iterations = 500;
 constexpr double smallest_step = 1e-14;
 constexpr double rounding = 1e-13;  // of the merit: less than this is no change of it
 constexpr double met = 1e-9;        // a distance

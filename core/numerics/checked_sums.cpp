@@ -13,7 +13,7 @@ namespace {
 constexpr std::size_t most_samples = 512;
 constexpr int last_order = 16;
 constexpr double digits_per_order = 0.75;  // at least, where kernels are smooth
-constexpr double rounding = 1e-14;         // of the sum of absolute values
+constexpr double rounding = 1e-15;         // of the sum of absolute values
 constexpr double most_direct = 1e10;       // pairs: some seconds
 
 double largest_magnitude(std::span<const double> values) {

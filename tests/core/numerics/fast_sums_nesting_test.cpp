@@ -7,6 +7,7 @@
 #include <functional>
 #include <string>
 
+#include "core/numerics/checked_sums.h"
 #include "core/numerics/fast_sums.h"
 #include "core/numerics/tiles.h"
 #include "tests/core/numerics/random_points.h"
@@ -86,7 +87,9 @@ struct Case {
   }
 
   double error(const FastSums::Options& options) const {
-    const std::vector<double> fast = FastSums(kernel, points, centres, options).sums(weights, 2);
+    return error(FastSums(kernel, points, centres, options).sums(weights, 2));
+  }
+  double error(const std::vector<double>& fast) const {
     double largest = 0;
     for (std::size_t i = 0; i < exact.size(); ++i) largest = std::max(largest, std::abs(fast[i] - exact[i]));
     return scale > 0 ? largest / scale : largest;
@@ -123,10 +126,24 @@ TEST(FastSums, HoldForPointsAndCentresInEveryNesting) {
   }
 }
 
+TEST(CheckedSums, RaiseTheOrderUntilTheSumsAreAllowedAtTheirOwnPoints) {
+  constexpr double allowed = 1e-9;
+  for (const RadialKernel& kernel : test::all_kernels()) {
+    if (kernel.kernel == Kernel::wendland_c2) continue;
+    for (const Nesting& nesting : nestings()) {
+      const Case sums(kernel, nesting.points(surface(2000, 5)), nesting.centres(surface(700, 6)));
+      const auto got = checked_sums(kernel, sums.points, sums.centres, sums.weights, 2, {4, allowed * sums.scale, 0}, {});
+      EXPECT_LT(sums.error(got), allowed) << properties(kernel.kernel).name << ", " << nesting.name;
+      const auto digits = checked_sums(kernel, sums.points, sums.centres, sums.weights, 2, {6, 0, 1e-7}, {});
+      EXPECT_LT(sums.error(digits), 1e-7) << properties(kernel.kernel).name << ", " << nesting.name;
+    }
+  }
+}
+
 /// Where nothing is interpolated there is no error beyond that of the order of summation.
 TEST(FastSums, FewPointsAreSummedDirectly) {
   const Case sums({Kernel::triharmonic, 1}, volume(40, 5), volume(60, 6));
-  EXPECT_LT(sums.error({8, 0}), 1e-15);
+  EXPECT_LT(sums.error(FastSums::Options{8, 0}), 1e-15);
 }
 
 }  // namespace
