@@ -42,7 +42,7 @@ TEST(KnownCentres, AreNotThereWhereTheyAreChosenWhilePreparing) {
   RbfOptions options;
   options.solver = Solver::incremental_qr;
   EXPECT_FALSE(known_centres(*sheet(), sheet_setup(options)).has_value());
-  Setup setup = sheet_setup({});
+  auto setup = sheet_setup({});
   setup.method = MlsOptions{};
   EXPECT_FALSE(known_centres(*sheet(), setup).has_value());
 }

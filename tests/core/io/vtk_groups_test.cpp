@@ -55,15 +55,18 @@ const CellArray wide{"vtktypeint64", "Int64", "MaterialIds", "MaterialIds", {"1"
 const CellArray spaced{"short", "Int16", "Patch Id &amp; more", "Patch%20Id%20&%20more", {"5", "6", "5", "6"}};
 
 TEST(VtkGroups, OfAllFormatsAreTheSame) {
+  const std::vector<std::string> materials{"MaterialIds_1", "cellZone:MaterialIds_1", "MaterialIds_4",
+                                           "MaterialIds_9007199254740993"};
+  // Where faces and cells have a value in common, the cells are the zone.
   const std::vector<std::pair<std::vector<CellArray>, std::vector<std::string>>> cases = {
       {{}, {}},
       {{quality}, {}},
-      {{parts}, {"part_-7", "part_1", "part_7"}},
-      {{quality, parts}, {"part_-7", "part_1", "part_7"}},
-      {{bytes, parts}, {"zone_1", "zone_2", "zone_255"}},
-      {{parts, wide}, {"MaterialIds_1", "MaterialIds_4", "MaterialIds_9007199254740993"}},
-      {{wide, bytes}, {"MaterialIds_1", "MaterialIds_4", "MaterialIds_9007199254740993"}},
-      {{spaced}, {"Patch Id & more_5", "Patch Id & more_6"}},
+      {{parts}, {"part_-7", "part_1", "part_7", "cellZone:part_7"}},
+      {{quality, parts}, {"part_-7", "part_1", "part_7", "cellZone:part_7"}},
+      {{bytes, parts}, {"zone_1", "zone_2", "cellZone:zone_2", "zone_255"}},
+      {{parts, wide}, materials},
+      {{wide, bytes}, materials},
+      {{spaced}, {"Patch Id & more_5", "Patch Id & more_6", "cellZone:Patch Id & more_5", "cellZone:Patch Id & more_6"}},
   };
   for (const auto& [arrays, names] : cases) {
     const auto vtk = parse_mesh(legacy(arrays), "a.vtk"), vtu = parse_mesh(xml(arrays), "a.vtu");

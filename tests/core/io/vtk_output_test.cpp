@@ -117,6 +117,8 @@ std::vector<T> array_of(const std::string& bytes, const std::string& name) {
   for (std::size_t i = 0; i < values.size(); ++i) {
     if constexpr (sizeof(T) == 8) {
       values[i] = std::bit_cast<T>(load_scalar<std::uint64_t>(place + 8 + 8 * i, std::endian::little));
+    } else if constexpr (sizeof(T) == 4) {
+      values[i] = std::bit_cast<T>(load_scalar<std::uint32_t>(place + 8 + 4 * i, std::endian::little));
     } else {
       values[i] = static_cast<T>(place[8 + i]);
     }
