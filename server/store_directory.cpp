@@ -140,7 +140,9 @@ fs::path StoreDirectory::temporary_record(const std::string& id, std::int64_t in
 
 fs::path StoreDirectory::set_aside(const fs::path& file, const fs::path& shelf) const {
   for (int number = 0;; ++number) {
-    const fs::path to = shelf / (file.filename().string() + (number == 0 ? "" : "." + std::to_string(number)));
+    std::string name = file.filename().string();
+    if (number > 0) name.append(".").append(std::to_string(number));
+    const fs::path to = shelf / name;
     // Not fs::exists(): a link that leads nowhere is something, too. Only this process writes here.
     if (fs::symlink_status(to).type() != fs::file_type::not_found) continue;
     move_file(file, to);

@@ -90,6 +90,7 @@ TEST_F(Options, EveryOptionCanBeSetInEveryWay) {
                                                      {"keep-alive-timeout", "12"},
                                                      {"max-calls-per-connection", "13"},
                                                      {"data-dir", "d"},
+                                                     {"keep-free", "9MiB"},
                                                      {"memory-budget", "8GiB"},
                                                      {"cache-budget", "3GiB"},
                                                      {"workers", "5"},

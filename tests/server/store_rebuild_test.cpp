@@ -145,6 +145,14 @@ TEST_F(StoreRebuild, a_file_whose_hash_is_its_name_is_adopted_and_any_other_is_k
   contents.expect_in(*store);
 }
 
+TEST_F(StoreRebuild, a_file_that_no_upload_would_have_stored_is_not_adopted) {
+  Mesh broken = sheet_mesh(4, 4);
+  broken.face_points[0] = 99;  // the hash is right, the corner is out of range
+  write_geometry_file(broken, data / "geometries" / mesh_id(broken));
+  EXPECT_FALSE(open(data)->contains(mesh_id(broken)));
+  EXPECT_TRUE(fs::exists(data / "unclaimed" / mesh_id(broken)));
+}
+
 TEST_F(StoreRebuild, what_is_unclaimed_or_damaged_is_never_overwritten) {
   for (int start = 0; start < 3; ++start) {
     write_file(data / "geometries" / "notes.txt", "version " + std::to_string(start));
