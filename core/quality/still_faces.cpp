@@ -59,6 +59,7 @@ StillFaces::StillFaces(const FaceCorners& corners, std::span<const Vec3> rest, s
 
 void StillFaces::find_moved(const FaceCorners& corners, std::span<const Vec3> rest, std::span<const Vec3> points,
                             std::vector<char>& moved, const RunContext& context) const {
+  if (limits_.empty()) return;
   const auto u = std::make_unique_for_overwrite<Four[]>(points.size());
   std::vector<float> largest((points.size() + grain - 1) / grain);
   parallel_for(context, points.size(), grain, [&](std::size_t begin, std::size_t end) {
