@@ -195,9 +195,15 @@ void DeformCall::run_step(const std::shared_ptr<const Bound>& bound, std::size_t
   notice.check();
 }
 
-void DeformCall::WholeDesigns::gather(std::size_t designs, std::size_t count) {
+// In the memory of a group that is done, where there is one: fresh memory costs as much as the look at it.
+void DeformCall::WholeDesigns::gather(const Bound& bound, std::size_t designs) {
+  const std::lock_guard lock(bound.spare_mutex);
   gathered.clear();
-  for (std::size_t d = 0; d < designs; ++d) gathered.push_back(std::make_unique_for_overwrite<Vec3[]>(count));
+  for (std::size_t d = 0; d < designs; ++d) {
+    const bool none = bound.spare.empty();
+    gathered.push_back(none ? std::make_unique_for_overwrite<Vec3[]>(bound.plan.points) : std::move(bound.spare.back()));
+    if (!none) bound.spare.pop_back();
+  }
 }
 
 // Alone in its call, so on all threads that fall to it.
@@ -230,13 +236,12 @@ DeformCall::StepResult DeformCall::make_whole(const Bound& bound, std::size_t st
 DeformCall::StepResult DeformCall::make_step(const Bound& bound, std::size_t step, WholeDesigns* whole) const {
   const RunContext context = run_context(1);
   const std::size_t designs = bound.plan.design_count(step);
-  const std::size_t first = bound.plan.first_point(step);
-  const std::size_t count = bound.plan.point_count(step);
+  const std::size_t first = bound.plan.first_point(step), count = bound.plan.point_count(step);
   const double begun = thread_cpu_ms();
   std::unique_ptr<Vec3[]> made;
   std::vector<Vec3*> deformed(designs);
   if (whole == nullptr) made = std::make_unique_for_overwrite<Vec3[]>(designs * count);
-  if (bound.plan.gathers()) std::call_once(whole->allocated, [&] { whole->gather(designs, bound.plan.points); });
+  if (bound.plan.gathers()) std::call_once(whole->allocated, [&] { whole->gather(bound, designs); });
   for (std::size_t d = 0; d < designs; ++d) deformed[d] = made ? made.get() + d * count : whole->design(d) + first;
   if (!bound.plan.whole()) {
     std::vector<Vec3*> out(designs);
@@ -277,8 +282,9 @@ void DeformCall::look(const Bound& bound, std::size_t designs, WholeDesigns& who
   whole.findings.resize(designs);
   for (std::size_t d = 0; d < designs; ++d) {
     whole.findings[d].faces = bound.checker->check_faces({whole.design(d), bound.plan.points}, context);
-    whole.gathered[d].reset();
   }
+  const std::lock_guard lock(bound.spare_mutex);
+  for (auto& points : whole.gathered) bound.spare.push_back(std::move(points));
 }
 
 bool DeformCall::room() const {

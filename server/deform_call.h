@@ -78,11 +78,13 @@ class DeformCall : public Call {
     codec::EncodeOptions output;
     DeformTask::Values values = DeformTask::Values::positions;
     Charge charge;
+    mutable std::mutex spare_mutex;
+    mutable std::vector<std::unique_ptr<Vec3[]>> spare;  ///< guarded by spare_mutex; arrays of groups that are done
   };
   /// All points of the designs of a group, and what was found about them.
   struct WholeDesigns {
     explicit WholeDesigns(std::size_t blocks) : missing(blocks) {}
-    void gather(std::size_t designs, std::size_t count);
+    void gather(const Bound& bound, std::size_t designs);
     Vec3* design(std::size_t d) { return gathered.empty() ? points[d].data() : gathered[d].get(); }
 
     std::vector<Points> points;

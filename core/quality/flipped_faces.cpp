@@ -6,12 +6,14 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <optional>
 #include <string>
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/quality/face_pairs.h"
 #include "core/quality/polygon.h"
+#include "core/quality/still_faces.h"
 #include "core/quality/two_sides.h"
 
 namespace deform {
@@ -23,9 +25,12 @@ using namespace quality;
 constexpr std::size_t grain = 8192;
 constexpr int most_rows = 32;  // of crushed faces, across which neighbours are looked for
 // cos^2 of 30 degrees: two faces that turned by less, with at most 15 degrees between them at rest, have |delta| <= 90.
-constexpr double calm = 0.75;
+constexpr double square_of_calm = 0.75;
 constexpr float smooth = 0.965925826F;  // cos of 15 degrees
 constexpr float unknown = 2;            // no cosine
+
+/// How a face moved: still ones are known not to have turned by more than 30 degrees, calm ones were looked at.
+enum Motion : char { still, moved, calm, turned };
 
 /// What an edge says about its faces: 1 surely on one side, -1 surely on opposite ones.
 double evidence(double cosine) { return cosine > -0.5 ? (cosine + 0.5) / 1.5 : 2 * cosine + 1; }
@@ -75,6 +80,7 @@ class FlipCheck::Impl {
     sharp_ = static_cast<std::size_t>(
         std::stable_partition(pairs_.begin(), pairs_.end(), [](const FacePair& pair) { return pair.cosine < smooth; }) -
         pairs_.begin());
+    still_.emplace(corners_, rest, normals, std::span(pairs_).first(sharp_), context);
     normals_.reserve(normals.size());
     for (const Vec3& n : normals) {
       normals_.push_back({static_cast<float>(n[0]), static_cast<float>(n[1]), static_cast<float>(n[2])});
@@ -83,24 +89,27 @@ class FlipCheck::Impl {
 
   std::vector<Extreme> flipped(std::span<const Vec3> points, const RunContext& context) const {
     if (points.size() != points_) wrong_count("deformed", points.size(), points_);
-    std::vector<char> turned(size());
-    const Turned found = find_turned(points, turned, context);
+    std::vector<char> motion(size());
+    const Turned found = find_turned(points, motion, context);
     std::vector<Vec3> normals;  // all at once where many are needed
     if (found.count > size() / 8) normals = unit_normals(points, context);
-    if (!found.crushed && !is_suspect(points, turned, normals, found.count > 0 ? pairs_.size() : sharp_, context)) return {};
+    if (!found.crushed && !is_suspect(points, motion, normals, found.count > 0 ? pairs_.size() : sharp_, context)) return {};
     if (normals.empty()) normals = unit_normals(points, context);
     const std::vector<char> crushed = drop_crushed(points, normals, context);
     carry_normals(points, normals);
     const std::vector<float> cosines = changes(points, normals, context);
-    const std::vector<char> over = sides(turned, crushed, normals, cosines);
+    const std::vector<char> over = sides(motion, crushed, normals, cosines);
     return listed(points, normals, crushed, cosines, over);
   }
 
   std::size_t size() const { return corners_.size(); }
   std::size_t bytes() const {
-    return normals_.capacity() * sizeof(normals_[0]) + pairs_.capacity() * sizeof(FacePair) + corners_.bytes();
+    return size() * sizeof(float) + normals_.capacity() * sizeof(normals_[0]) + pairs_.capacity() * sizeof(FacePair) +
+           corners_.bytes();
   }
-  std::size_t call_bytes() const { return size() * (sizeof(Vec3) + 96) + pairs_.size() * (2 * sizeof(float) + sizeof(SidePair)); }
+  std::size_t call_bytes() const {
+    return points_ * 4 * sizeof(float) + size() * (sizeof(Vec3) + 96) + pairs_.size() * (2 * sizeof(float) + sizeof(SidePair));
+  }
 
  private:
   [[noreturn]] static void wrong_count(const char* which, std::size_t count, std::size_t expected) {
@@ -123,34 +132,27 @@ class FlipCheck::Impl {
     std::size_t count;
     bool crushed;
   };
-  /// Marks the faces whose normals turned by more than 30 degrees, or are gone. Says how many, and whether one is crushed.
-  Turned find_turned(std::span<const Vec3> points, std::vector<char>& turned, const RunContext& context) const {
+  /// Per face still, calm or turned, by more than 30 degrees or without a normal. Says how many did, and whether one is crushed.
+  Turned find_turned(std::span<const Vec3> points, std::vector<char>& motion, const RunContext& context) const {
+    still_->find_moved(corners_, rest_, points, motion, context);
     std::atomic<std::size_t> all{0};
-    std::atomic<bool> crushed{false};
+    std::atomic<bool> any_crushed{false};
     parallel_for(context, size(), grain, [&](std::size_t begin, std::size_t end) {
       std::size_t count = 0;
-      const auto look = [&](std::size_t f, const Vec3& area) {
-        const Vec3 n = rest_normal(f);
+      for (std::size_t f = begin; f < end; ++f) {
+        if (motion[f] == still) continue;
+        const Vec3 n = rest_normal(f), area = vector_area(points, corners_[f]);
         const double along = dot(n, area);
-        const bool still = along > 0 && along * along >= calm * dot(area, area);
-        turned[f] = !still && takes_part(f);
-        count += static_cast<std::size_t>(turned[f]);
-      };
-      if (corners_.triangles()) {
-        for (std::size_t f = begin; f < end; ++f) {
-          const PointId* at = corners_.triangle(f);
-          look(f, cross(points[at[1]] - points[at[0]], points[at[2]] - points[at[0]]));
+        motion[f] = along > 0 && along * along >= square_of_calm * dot(area, area) ? calm : turned;
+        if (motion[f] == calm) continue;
+        ++count;
+        if (!any_crushed.load(std::memory_order_relaxed) && is_crushed(rest_, points, corners_[f], n)) {
+          any_crushed.store(true, std::memory_order_relaxed);
         }
-      } else {
-        for (std::size_t f = begin; f < end; ++f) look(f, vector_area(points, corners_[f]));
       }
-      if (count == 0) return;
       all.fetch_add(count, std::memory_order_relaxed);
-      for (std::size_t f = begin; f < end && !crushed.load(std::memory_order_relaxed); ++f) {
-        if (turned[f] && is_crushed(rest_, points, corners_[f], rest_normal(f))) crushed.store(true, std::memory_order_relaxed);
-      }
     });
-    return {all.load(), crushed.load()};
+    return {all.load(), any_crushed.load()};
   }
 
   /// cos(delta), or unknown.
@@ -161,14 +163,16 @@ class FlipCheck::Impl {
   }
 
   /// Whether there is an edge beyond 90 degrees, or one of which nothing can be said, among the first `count`. normals: or none.
-  bool is_suspect(std::span<const Vec3> points, const std::vector<char>& turned, const std::vector<Vec3>& normals,
+  bool is_suspect(std::span<const Vec3> points, const std::vector<char>& motion, const std::vector<Vec3>& normals,
                   std::size_t count, const RunContext& context) const {
     const auto normal = [&](FaceId f) { return normals.empty() ? unit_normal(points, corners_[f], rounding_) : normals[f]; };
     std::atomic<bool> found{false};
     parallel_for(context, count, grain, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end && !found.load(std::memory_order_relaxed); ++i) {
         const FacePair& pair = pairs_[i];
-        if (i >= sharp_ && !turned[pair.first] && !turned[pair.second]) continue;
+        const char first = motion[pair.first], second = motion[pair.second];
+        if (i < sharp_ ? corners_.triangles() && first == still && second == still : first != turned && second != turned)
+          continue;
         const float cosine = change(points, pair, normal(pair.first), normal(pair.second));
         if (cosine < 0 || cosine == unknown) found.store(true, std::memory_order_relaxed);
       }
@@ -239,12 +243,12 @@ class FlipCheck::Impl {
   }
 
   /// Per face whether it is on the side that is not upright.
-  std::vector<char> sides(const std::vector<char>& turned, const std::vector<char>& crushed, const std::vector<Vec3>& normals,
+  std::vector<char> sides(const std::vector<char>& motion, const std::vector<char>& crushed, const std::vector<Vec3>& normals,
                           const std::vector<float>& cosines) const {
     std::vector<char> over(size(), 0);
     if (std::none_of(cosines.begin(), cosines.end(), [](float c) { return c < -0.5F; })) return over;
     Clusters clusters(size());
-    const auto is_calm = [&](FaceId f) { return !turned[f] && !crushed[f]; };
+    const auto is_calm = [&](FaceId f) { return motion[f] != turned && !crushed[f]; };
     for (std::size_t i = sharp_; i < pairs_.size(); ++i) {
       if (is_calm(pairs_[i].first) && is_calm(pairs_[i].second)) clusters.join(pairs_[i].first, pairs_[i].second);
     }
@@ -315,6 +319,7 @@ class FlipCheck::Impl {
   std::vector<std::array<float, 3>> normals_;  ///< f, zero: the face takes no part
   std::vector<FacePair> pairs_;                ///< the sharp edges first
   std::size_t sharp_ = 0;
+  std::optional<StillFaces> still_;
 };
 
 FlipCheck::FlipCheck(const Mesh& mesh, std::span<const Vec3> rest, const RunContext& context)
@@ -329,7 +334,7 @@ std::size_t FlipCheck::bytes() const { return impl_->bytes(); }
 std::size_t FlipCheck::call_bytes() const { return impl_->call_bytes(); }
 
 std::size_t FlipCheck::bytes_for(const Mesh& mesh) {
-  return mesh.face_count() * (sizeof(Vec3) + 3 * sizeof(float) + sizeof(std::uint64_t)) +
+  return mesh.face_count() * (sizeof(Vec3) + 4 * sizeof(float) + sizeof(std::uint64_t)) +
          face_pairs_bytes(mesh.point_count(), mesh.face_points.size());
 }
 

@@ -38,8 +38,9 @@ namespace deform {
 /// Faces without area at rest take no part. Faces are neighbours when they share two points by number: parts that only touch are
 /// judged one by one. A part that is reflected or turned inside out as a whole has no surroundings to tell.
 ///
-/// Immutable; any thread may call. Time: a pass over the faces where no normal turned by more than 30 degrees; edges are looked
-/// at only at those that did, and all of them only where a delta exceeds 90.
+/// Immutable; any thread may call. Time: a pass over the faces where the displacements of their corners differ by less than about
+/// a fifth of their size; others are looked at closer, edges only where normals turned by more than 30 degrees, and all of them
+/// only where a delta exceeds 90 or a face is crushed.
 class FlipCheck {
  public:
   /// The mesh says what the faces are, `rest` (n x 3) where its points were; both are borrowed. Throws Error(invalid_argument)
