@@ -2,6 +2,7 @@
 #include <CLI/Formatter.hpp>
 #include <iostream>
 #include <nlohmann/json.hpp>
+#include <string>
 
 #include "client/cli/command.h"
 #include "client/cli/error_json.h"
@@ -13,6 +14,17 @@ namespace deform::cli {
 
 namespace {
 
+/// What an operator should look at; empty when there is nothing.
+std::string store_text(const v1::ServerInfo& info) {
+  if (!info.has_store()) return {};  // a server of 0.1
+  const v1::StoreInfo& store = info.store();
+  std::string text;
+  if (!store.writable()) text += "\n    NOTHING CAN BE ADDED: " + store.reason();
+  if (store.damaged_files() > 0) text += "\n    " + std::to_string(store.damaged_files()) + " damaged files in damaged/";
+  if (store.unclaimed_files() > 0) text += "\n    " + std::to_string(store.unclaimed_files()) + " foreign files in unclaimed/";
+  return text;
+}
+
 void print_status(const v1::ServerInfo& info, const std::string& server) {
   std::cout << "deformd " << info.version() << " at " << server << ", " << (info.draining() ? "DRAINING" : "serving") << " for "
             << duration_text(static_cast<double>(info.uptime_ms()) * 1e-3) << '\n'
@@ -23,7 +35,7 @@ void print_status(const v1::ServerInfo& info, const std::string& server) {
             << "  systems: " << info.systems_resident() << " in memory, " << bytes_text(info.cache_bytes()) << " of "
             << bytes_text(info.cache_budget()) << "; " << info.cache_hits() << " hits, " << info.cache_misses() << " misses, "
             << info.cache_evictions() << " evictions\n"
-            << "  store: " << info.geometries() << " geometries, " << info.setups() << " setups" << std::endl;
+            << "  store: " << info.geometries() << " geometries, " << info.setups() << " setups" << store_text(info) << std::endl;
 }
 
 ExitCode run_status(const CommonOptions& common) {

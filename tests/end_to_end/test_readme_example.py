@@ -53,11 +53,15 @@ class ReadmeExample(EndToEnd):
 
     def check(self, rest, design):
         settings = [word for name, value in design.items() for word in ("--set", f"{name}={value}")]
-        self.deform("apply", "ahmed.yaml", *settings, "-o", "out.obj")
+        report = self.deform("apply", "ahmed.yaml", *settings, "-o", "out.obj", "--fail-on", "flipped_faces>0", "--fail-on",
+                             "displacement_ratio>1.2", "--json").json["report"]
         after, _, _ = read_obj(self.path("out.obj"))
         self.assertEqual(turned_over(rest[0], after, rest[1]), 0, design)
         farthest = max(map(math.dist, rest[0], after))
         self.assertLessEqual(farthest, 1.2 * self.told(rest, design), design)
+        self.assertAlmostEqual(report["max_displacement"], farthest, 9)
+        self.assertAlmostEqual(report["prescribed_displacement"], self.told(rest, design), 9)
+        self.assertEqual(report["flipped_faces"], 0)
         self.deform("quality", "out.obj", "--before", "ahmed.obj", "--setup", "ahmed.yaml", "--fail-on", "flipped_faces>0")
 
     def sweep_corners(self, points):

@@ -86,6 +86,7 @@ class Store(EndToEnd):
         self.assertTrue(self.writable())
         self.fill(self.path("data/filler"))
         self.wait_until(lambda: not self.writable(), "the server notices")
+        self.assertIn("NOTHING CAN BE ADDED", self.deform("status").out)
         for stop in (self.server.kill, self.server.stop):
             stop()
             if stop == self.server.stop:
