@@ -48,7 +48,8 @@ void EnergySystem::prepare_exact(const std::vector<ConstraintSet>& sets, const R
   // In this order again, so that only coincident ones are dropped.
   std::vector<std::uint32_t> centres;
   for (const std::uint32_t i : farthest_point_order(chosen, chosen.size())) centres.push_back(candidates[i]);
-  placement_correction_ = std::make_unique<const ResidualCorrection>(places, std::move(centres), context);
+  placement_correction_ =
+      std::make_unique<const ResidualCorrection>(places, std::move(centres), ResidualCorrection::Kind::gentle, context);
   exact_places_ = TiledPoints(unit_places(placement_->ids()));
   if (!correction_) following_places_ = TiledPoints(unit_places(following_));
 }

@@ -17,6 +17,15 @@ std::vector<Vec3> picked(std::span<const Vec3> places, const std::vector<std::ui
   return result;
 }
 
+InterpolationOptions options_of(ResidualCorrection::Kind kind) {
+  InterpolationOptions options;
+  if (kind == ResidualCorrection::Kind::gentle) {
+    options.kernel.kernel = Kernel::biharmonic;
+    options.polynomial_degree = 0;
+  }
+  return options;
+}
+
 }  // namespace
 
 std::size_t ResidualCorrection::centres_for(std::size_t points) {
@@ -25,11 +34,11 @@ std::size_t ResidualCorrection::centres_for(std::size_t points) {
 }
 
 ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, std::size_t most_centres, const RunContext& context)
-    : ResidualCorrection(places, farthest_point_order(places, most_centres), context) {}
+    : ResidualCorrection(places, farthest_point_order(places, most_centres), Kind::smooth, context) {}
 
-ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, std::vector<std::uint32_t> centres,
+ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, std::vector<std::uint32_t> centres, Kind kind,
                                        const RunContext& context)
-    : held_(places.size()), centres_(std::move(centres)), system_(picked(places, centres_), InterpolationOptions{}, context) {}
+    : held_(places.size()), centres_(std::move(centres)), system_(picked(places, centres_), options_of(kind), context) {}
 
 Eigen::MatrixXd ResidualCorrection::coefficients(const Eigen::MatrixXd& misfit, const RunContext& context) const {
   Eigen::MatrixXd values(static_cast<Eigen::Index>(centres_.size()), misfit.cols());

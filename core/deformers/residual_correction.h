@@ -14,17 +14,24 @@
 
 namespace deform {
 
-/// What a space leaves of the prescribed displacements, carried along smoothly: the triharmonic interpolant of the misfit at a
-/// well-spread part of the held points (farthest-point order). Immutable; any thread.
+/// What a space leaves of the prescribed displacements, carried along smoothly: the interpolant of the misfit at a well-spread
+/// part of the held points (farthest-point order). Immutable; any thread.
 class ResidualCorrection {
  public:
+  enum class Kind {
+    smooth,  ///< triharmonic
+    /// Biharmonic, with constants: what differs between points close to each other is not carried on beyond them. Triharmonic
+    /// interpolants of the small, uneven steps of exact placement were 140 times as large as the steps elsewhere.
+    gentle,
+  };
+
   /// How many centres may be evaluated at that many points: 600 to 2000, more where that is cheap.
   static std::size_t centres_for(std::size_t points);
 
   /// places: of all m held points, unit coordinates.
   ResidualCorrection(std::span<const Vec3> places, std::size_t most_centres, const RunContext& context);
   /// At these of them, no two in one place.
-  ResidualCorrection(std::span<const Vec3> places, std::vector<std::uint32_t> centres, const RunContext& context);
+  ResidualCorrection(std::span<const Vec3> places, std::vector<std::uint32_t> centres, Kind kind, const RunContext& context);
 
   std::size_t bytes() const { return system_.bytes(); }
   const std::vector<std::uint32_t>& centres() const { return centres_; }

@@ -95,7 +95,7 @@ class Regions(EndToEnd):
         self.assertIn("  problem: fixed[0] overlaps", drawn.out)
         arrays, _ = read_vtp(self.path("overlap.vtp"))
         self.assertEqual(sum(arrays["contested"]), sum(map(int, re.findall(r"(\d+) common points", drawn.err + drawn.out))))
-        empty = self.write("empty.yaml", AHMED_SETUP.replace("min: [0.2", "min: [77").replace("max: [0.8", "max: [78"))
+        empty = self.write("empty.yaml", AHMED_SETUP.replace("min: [0.4", "min: [77").replace("max: [0.6", "max: [78"))
         words = "its region contains no point; the model's box is ["
         drawn = self.fails(1, "regions", empty, "-o", "empty.vtp", prints=True, says=['handle "roof": ' + words])
         self.assertIn(drawn.err.strip().removeprefix("deform: "), self.fails(1, "prepare", empty).err)
