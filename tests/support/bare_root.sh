@@ -2,7 +2,8 @@
 # What a newcomer's machine makes of the README's two commands: a bare Debian 12 root without anything of this machine.
 #   tests/support/bare_root.sh              their packages and configure steps, as a user with sudo: in .ci/run
 #   tests/support/bare_root.sh --whole      the whole commands, each twice, as root and as a user with sudo: before a release
-# The first command runs before the packages of the second are there. Needs root and mmdebstrap; nothing is kept.
+# The first command runs before the packages of the second are there. Needs root and mmdebstrap; nothing is kept. With
+# BARE_ROOT_CCACHE=FOLDER what that cache holds is not compiled again; everybody must be able to read it.
 set -Eeuo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 whole=
@@ -21,7 +22,7 @@ fi
 
 root=$(mktemp -d)
 leave() {
-  umount -l "$root/dev/pts" "$root/dev" "$root/proc" 2>/dev/null || true
+  umount -l "$root/ccache" "$root/dev/pts" "$root/dev" "$root/proc" 2>/dev/null || true
   rm -rf --one-file-system "$root"
 }
 trap leave EXIT
@@ -41,6 +42,12 @@ echo force-unsafe-io >"$root/etc/dpkg/dpkg.cfg.d/unsafe-io"  # the root is throw
 mount --bind /proc "$root/proc"
 mount --bind /dev "$root/dev"
 mount -t devpts devpts "$root/dev/pts" 2>/dev/null || true
+cache=
+if [ -n "${BARE_ROOT_CCACHE-}" ]; then
+  mkdir "$root/ccache"
+  mount --bind "$BARE_ROOT_CCACHE" "$root/ccache"
+  cache="export CCACHE_DIR=/ccache CCACHE_READONLY=true; "
+fi
 chroot "$root" useradd -m -s /bin/bash engineer
 echo 'engineer ALL=(ALL) NOPASSWD:ALL' >"$root/etc/sudoers.d/engineer"
 
@@ -54,7 +61,7 @@ clone() {
 as() {
   doing="$* (as $1)"
   printf '\n== bare root, as %s: %s\n' "$1" "${*:2}"
-  chroot "$root" su - "$1" -c "cd clone && ${*:2}"
+  chroot "$root" su - "$1" -c "${cache}cd clone && ${*:2}"
 }
 
 clone /home/engineer engineer
