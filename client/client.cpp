@@ -100,11 +100,15 @@ v1::GeometryInfo Client::register_geometry(const GeometryArrays& arrays, const C
   v1::GeometryInfo info;
   v1::GetGeometryRequest request;
   request.set_id(id);
+  bool known = false;
   try {
     info = unary(*impl_, call, Retry::safe, &Stub::GetGeometry, request);
-    info.set_existed(true);
+    known = info.damage().empty();  // what is damaged there is mended by uploading it again
+    info.set_existed(known);
   } catch (const Error& error) {
     if (error.code() != ErrorCode::not_found) throw;
+  }
+  if (!known) {
     info = with_retries(*impl_, remaining(limits), Retry::safe, [&](Attempt& attempt, const RunContext&) {
       return upload(attempt, *impl_->stub, arrays, id, on_progress);
     });

@@ -138,7 +138,12 @@ void DesignChecker::Findings::move_to(v1::DesignResult& result) {
   if (cells) *result.mutable_cells() = std::move(*cells);
   if (quality) *result.mutable_quality() = std::move(*quality);
   if (split) *result.mutable_split() = std::move(*split);
-  if (faces) *result.mutable_faces() = std::move(*faces);
+  if (!faces) return;
+  if (faces->flipped() > 0) {
+    result.add_warnings(std::to_string(faces->flipped()) + " of " + std::to_string(faces->faces()) + " faces are flipped, face " +
+                        std::to_string(faces->flipped_ids(0)) + " worst: the surface is folded over there");
+  }
+  *result.mutable_faces() = std::move(*faces);
 }
 
 std::unique_ptr<const DesignChecker> DesignChecker::make(std::shared_ptr<const ResidentSystem> system, const DesignChecks& checks,

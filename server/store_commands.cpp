@@ -4,6 +4,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <set>
 
@@ -127,6 +128,11 @@ StoreReport copy_store(const fs::path& from, const fs::path& to) {
     throw Error(ErrorCode::failed_precondition, "store: " + from.string() +
                                                     " is not a store of deformd (it has no mark); one of 0.1 becomes one when a "
                                                     "server starts on it");
+  }
+  const fs::path source = fs::weakly_canonical(from), target = fs::weakly_canonical(to);
+  if (std::mismatch(source.begin(), source.end(), target.begin(), target.end()).first == source.end()) {
+    throw Error(ErrorCode::invalid_argument,
+                "store: " + to.string() + " is inside " + from.string() + "; name a folder elsewhere");
   }
   if (!is_empty_folder(to)) {
     throw Error(ErrorCode::failed_precondition, "store: " + to.string() + " is not empty; nothing in it was touched");

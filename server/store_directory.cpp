@@ -13,6 +13,7 @@
 #include <iterator>
 
 #include "core/base/error.h"
+#include "server/catalog_records.h"
 #include "server/file.h"
 #include "server/sqlite_files.h"
 
@@ -29,10 +30,18 @@ constexpr std::array nothing_of_anybody = {"lost+found", "deformd-store.part", "
 constexpr std::array layout = {"lock",    "geometries", "names",   "setups",     "tmp",
                                "damaged", "unclaimed",  "reserve", "lost+found", "deformd-store.part"};
 
+/// A file in geometries/ that is named as those of a store are.
+bool has_a_geometry(const fs::path& root) {
+  const fs::path folder = root / "geometries";
+  return fs::is_directory(folder) && std::any_of(fs::directory_iterator(folder), fs::directory_iterator(), [](const auto& entry) {
+           return is_full_id(entry.path().filename().string()) && fs::is_regular_file(entry.symlink_status());
+         });
+}
+
 Error not_a_store(const fs::path& root) {
   std::string message = "store: " + root.string() + " is not empty and not a store of deformd (it has no file \"" + mark_name +
                         "\"); nothing in it was touched. Name an empty or a new folder";
-  if (fs::exists(root / "geometries")) {
+  if (has_a_geometry(root)) {
     message += "; if this is a store that lost files, \"deformd store rebuild --data-dir " + root.string() + "\" makes one of it";
   }
   return {ErrorCode::failed_precondition, message};
@@ -44,8 +53,7 @@ bool is_among(const Names& names, const fs::path& name) {
 }
 
 bool laid_out_like_a_store(const fs::path& root) {
-  return fs::is_directory(root / "geometries") &&
-         std::all_of(fs::directory_iterator(root), fs::directory_iterator(), [](const auto& entry) {
+  return has_a_geometry(root) && std::all_of(fs::directory_iterator(root), fs::directory_iterator(), [](const auto& entry) {
            const fs::path name = entry.path().filename();
            return is_among(layout, name) || name.string().starts_with("catalog.sqlite");
          });

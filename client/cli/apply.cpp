@@ -112,7 +112,7 @@ ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
   applied.summary = outcome.summary;
   applied.encoding = options.encoding.encoding;
   if (at_rest(request.designs(0)))
-    applied.notes.push_back("no variable is set and no motion is given: nothing was asked to move");
+    applied.notes.push_back("no variable differs from 0 and no motion is given: nothing was asked to move");
   const Judgement judgement = judge(design.result);
   applied.failures = judgement.reasons;
   for (const auto& gate : options.gates.failed(design.result)) applied.failures.push_back(to_text(gate));
@@ -147,8 +147,14 @@ void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chose
   const auto options = std::make_shared<ApplyOptions>();
   auto* command = app.add_subcommand("apply", "Deform once and write the mesh file with its new coordinates");
   command->add_option("SETUP", options->input.setup, "Setup file, or the id of a prepared system")->required();
-  command->add_option("--set", options->settings, "NAME=VALUE of a design variable; may be repeated")->take_all()->expected(1);
-  command->add_option("--motions", options->motion_files, "CSV file of handle motions; may be repeated")->take_all()->expected(1);
+  command->add_option("--set", options->settings, "NAME=VALUE of a design variable; may be repeated")
+      ->take_all()
+      ->expected(1)
+      ->allow_extra_args(false);
+  command->add_option("--motions", options->motion_files, "CSV file of handle motions; may be repeated")
+      ->take_all()
+      ->expected(1)
+      ->allow_extra_args(false);
   command
       ->add_option("--match-tolerance", options->match_tolerance,
                    "How far a place in a motion file may be from its point, model units; 0: 1e-6 of the bounding-box diagonal")

@@ -145,7 +145,11 @@ int run(int argc, const char* const* argv) {
     const bool json = std::any_of(argv, argv + argc, [](const char* argument) { return std::string(argument) == "--json"; });
     return fail(exit_usage, usage_error_json(usage_error(app, error)), json ? Style::json : Style::text);
   }
-  return run_action(chosen, common.style());
+  const ExitCode code = run_action(chosen, common.style());
+  std::cout.flush();
+  if (std::cout.good()) return code;
+  complain("standard output cannot be written: what was to be printed is lost");
+  return code == exit_ok ? exit_failed : code;
 }
 
 }  // namespace deform::cli

@@ -161,6 +161,7 @@ void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chos
   command->add_option("--kind", options->kinds, "What to look for; may be repeated; default: all")
       ->take_all()
       ->expected(1)
+      ->allow_extra_args(false)
       ->transform(CLI::IsMember({"plane", "cylinder", "sphere", "cone"}, CLI::ignore_case));
   command->footer(
       "The same mesh, options and seed give the same result and the same names.\n"

@@ -30,7 +30,10 @@ struct QualityOptions {
 /// What a gate says of the report. Throws CLI::ValidationError when there is no such measure: which there are depends on the
 /// mesh.
 QualityPage::Gate gate_of(const Gate& gate, const QualityReport& report) {
-  if (const QualityRow* row = report.find(gate.name)) return {gate.text, row->value, gate.holds_for(row->value)};
+  // What `apply` and `sweep` call so, whatever the cells are.
+  const bool elements = gate.name == "inverted_cells" && report.find("inverted_elements") != nullptr;
+  if (const QualityRow* row = report.find(elements ? "inverted_elements" : gate.name))
+    return {gate.text, row->value, gate.holds_for(row->value)};
   std::vector<std::string> names;
   std::string all;
   for (const QualityRow& row : report.rows) {

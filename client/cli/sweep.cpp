@@ -165,7 +165,18 @@ class Sweep {
       });
     }
     for (auto& thread : threads) thread.join();
-    if (error_) std::rethrow_exception(error_);
+    if (error_) rethrow_with_progress();
+  }
+
+  /// What ended the sweep, and that nothing finished is lost.
+  [[noreturn]] void rethrow_with_progress() const {
+    try {
+      std::rethrow_exception(error_);
+    } catch (const Error& error) {
+      if (done_ == 0) throw;
+      throw Error(error.code(), std::string(error.what()) + "; " + std::to_string(done_) + " of " + std::to_string(todo_.size()) +
+                                    " designs are done: run it again for the rest");
+    }
   }
 
   bool next_batch(Progress& progress) {

@@ -93,7 +93,7 @@ class ExitCodes(EndToEnd):
 
     def test_a_design_without_any_change_says_so(self):
         for settings in ([], ["--set", "roof_up=0"]):
-            self.assertIn("note: no variable is set", self.deform("apply", "setup.yaml", *settings, "-o", "x.obj").out)
+            self.assertIn("note: no variable differs from 0", self.deform("apply", "setup.yaml", *settings, "-o", "x.obj").out)
         self.assertIn("nothing was asked to move", self.deform("apply", "setup.yaml", "-o", "x.obj", "--json").json["report"]["notes"][0])
         self.assertNotIn("note: no variable", self.deform("apply", "setup.yaml", "--set", "roof_up=0.01", "-o", "x.obj").out)
 
@@ -147,14 +147,33 @@ class ExitCodes(EndToEnd):
         for key in ("max_displacement", "prescribed_displacement"):
             self.assertIn(key, report)
         self.assertEqual(reply["failures"], [])
-        if report["prescribed_displacement"] > 0:
-            self.assertTrue(math.isclose(report["prescribed_displacement"], 0.03, rel_tol=1e-9))
-            self.assertTrue(math.isclose(report["displacement_ratio"], report["max_displacement"] / 0.03, rel_tol=1e-9))
-            self.assertEqual(reply["warnings"] != [], report["displacement_ratio"] >= 1.5)
+        self.assertTrue(math.isclose(report["prescribed_displacement"], 0.03, rel_tol=1e-9))
+        self.assertTrue(math.isclose(report["displacement_ratio"], report["max_displacement"] / 0.03, rel_tol=1e-9))
+        self.assertEqual(reply["warnings"] != [], report["displacement_ratio"] >= 1.5)
         told = self.deform("apply", "setup.yaml", "--set", "roof_up=0.03", "-o", "x.obj")
         self.assertRegex(told.out, r"  largest displacement 0\.\d+( \(prescribed 0\.03, ratio \d+(\.\d+)?\))?\n")
         self.assertEqual(told.err.count("deform: warning: "), len(reply["warnings"]))
         self.assertEqual(told.out.count("  WARNING: "), len(reply["warnings"]))
+
+    def test_a_folded_surface_is_told_without_being_asked_for(self):
+        self.write("fold.yaml", AHMED_SETUP + "  - {name: slide, handle: roof, translate: [1, 0, 0]}\n")
+        told = self.deform("apply", "fold.yaml", "--set", "slide=0.4", "-o", "folded.obj")
+        self.assertIn("faces flipped", told.out)
+        self.assertIn("folded over", told.err)
+        self.fails(4, "apply", "fold.yaml", "--set", "slide=0.4", "-o", "folded.obj", "--fail-on", "flipped_faces>0", prints=True)
+        self.write("folds.csv", "name,slide\nfolded,0.4\nrest,0\n")
+        swept = self.deform("sweep", "fold.yaml", "--designs", "folds.csv", "-o", "swept", "--json").json
+        self.assertEqual(list(swept["warnings"]), ["folded"])
+
+    def test_options_that_may_be_repeated_take_one_value_each(self):
+        self.deform("apply", "--set", "roof_up=0.01", "setup.yaml", "-o", "x.obj")
+        self.fails(2, "apply", "setup.yaml", "--set", "roof_up=0.01", "slant_turn=0.01", "-o", "x.obj")
+
+    def test_output_that_cannot_be_written_is_a_failure(self):
+        with open("/dev/full", "w") as full:
+            done = subprocess.run([DEFORM, "status", "--server", self.server.address], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("standard output", done.stderr)
 
     def test_what_is_registered_is_told(self):
         inspected = {g["name"]: g["points"] for g in self.deform("inspect", "ahmed.obj", "--json").json["groups"]}

@@ -41,6 +41,8 @@ class Store(EndToEnd):
         self.start_server()
         system = self.prepared()
         self.command("backup", self.path("backup"))
+        self.assertIn("is inside", self.command("backup", self.path("data/backup"), expect=2).stderr)
+        self.assertFalse(os.path.exists(self.path("data/backup")))
         self.command("check", expect=1)  # the server has it
         self.assertEqual(self.server.stop(), 0)
         self.assertIn("every file is whole", self.command("check").stdout)
@@ -62,6 +64,30 @@ class Store(EndToEnd):
         self.apply(system)
         self.assertIn("from their files", self.server.log_text())
 
+    def test_a_damaged_geometry_is_mended_by_registering_it_again(self):
+        self.start_server()
+        system = self.prepared()
+        geometry = self.deform("list", "geometries", "--json").json["geometries"][0]["id"]
+        content = self.path("data/geometries/" + geometry)
+        for damage in (self.flip_a_byte, os.remove):
+            self.assertEqual(self.server.stop(), 0)
+            damage(content)
+            self.server.start()
+            if damage == self.flip_a_byte:  # found where it is used
+                self.fails(1, "apply", system, "--source", "ahmed.obj", "--set", "roof_up=0.03", "-o", "x.obj", says=["register"])
+            self.assertNotEqual(self.deform("list", "geometries", "--json").json["geometries"][0]["damage"], "")
+            self.deform("register", "ahmed.obj")
+            self.assertEqual(self.deform("list", "geometries", "--json").json["geometries"][0]["damage"], "")
+            self.apply(system)
+
+    def flip_a_byte(self, path):
+        os.chmod(path, 0o600)
+        with open(path, "r+b") as file:
+            file.seek(os.path.getsize(path) // 2)
+            byte = file.read(1)
+            file.seek(-1, os.SEEK_CUR)
+            file.write(bytes([byte[0] ^ 1]))
+
     def test_a_folder_of_something_else_is_refused_and_left_untouched(self):
         os.makedirs(self.path("home/tmp"))
         self.write("home/tmp/thesis.tex", "years of work")
@@ -72,6 +98,10 @@ class Store(EndToEnd):
         self.assertIn("not a store of deformd", done.stderr)
         self.assertEqual(tree(self.path("home")), before)
         self.assertEqual(sorted(os.listdir(self.path("home"))), ["tmp"])
+        os.makedirs(self.path("data/geometries"))
+        self.write("data/geometries/atlas.txt", "mine")
+        self.command("rebuild", expect=1)
+        self.assertEqual(tree(self.path("data")), {"geometries/atlas.txt": b"mine"})
 
     def test_a_full_disk_can_be_left(self):
         os.mkdir(self.path("data"))

@@ -43,7 +43,9 @@ TEST(Constraint, EveryKindIsMadeAndCalledByItsName) {
     const Regions rest = two ? Regions{grid(0.3), mirrored} : Regions{noisy(grid(), 0.02, 3)};
     const auto projection = make_projection(kind, rest);
     EXPECT_EQ(projection->point_count(), two ? 40u : 20u);
-    if (!std::holds_alternative<Coplanar>(kind)) EXPECT_EQ(projection->kind(), kind_name(kind));
+    if (!std::holds_alternative<Coplanar>(kind)) {
+      EXPECT_EQ(projection->kind(), kind_name(kind));
+    }
     Points all;
     for (const Points& region : rest) all.insert(all.end(), region.begin(), region.end());
     expect_survives(*projection, all);

@@ -101,8 +101,8 @@ TEST(VtkGroups, OfSurfacesAreTheSame) {
       "<Points><DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"ascii\">0 0 0 1 0 0 1 1 0 0 1 0</DataArray></Points>"
       "<Polys><DataArray type=\"Int32\" Name=\"connectivity\" format=\"ascii\">0 1 2 0 2 3</DataArray>"
       "<DataArray type=\"Int32\" Name=\"offsets\" format=\"ascii\">3 6</DataArray></Polys></Piece></PolyData></VTKFile>\n";
-  for (const auto& [bytes, name] : {std::pair{vtk, "a.vtk"}, {vtp, "a.vtp"}}) {
-    const auto mesh = parse_mesh(bytes, name)->mesh();
+  for (const auto& [file, name] : {std::pair{vtk, "a.vtk"}, {vtp, "a.vtp"}}) {
+    const auto mesh = parse_mesh(file, name)->mesh();
     ASSERT_EQ(mesh->groups.size(), 2u) << name;
     EXPECT_EQ(mesh->groups[0].name, "part_3");
     EXPECT_EQ(mesh->groups[0].faces, std::vector<FaceId>{0});

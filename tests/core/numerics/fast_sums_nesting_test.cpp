@@ -75,14 +75,14 @@ std::vector<Nesting> nestings() {
 
 /// Largest error over the points relative to the largest sum of absolute values at points and centres.
 struct Case {
-  Case(const RadialKernel& kernel, Cloud points, Cloud centres)
-      : kernel(kernel), points(std::move(points)), centres(std::move(centres)) {
-    weights = test::random_values(2 * this->centres.size(), 3);
+  Case(const RadialKernel& of_kernel, Cloud at_points, Cloud of_centres)
+      : kernel(of_kernel), points(std::move(at_points)), centres(std::move(of_centres)) {
+    weights = test::random_values(2 * centres.size(), 3);
     std::vector<double> absolute(weights);
     for (double& w : absolute) w = std::abs(w);
-    exact = kernel_sums(kernel, this->points, this->centres, weights, 2, {});
-    for (const Cloud* at : {&this->points, &this->centres}) {
-      for (const double sum : kernel_sums(kernel, *at, this->centres, absolute, 2, {})) scale = std::max(scale, std::abs(sum));
+    exact = kernel_sums(kernel, points, centres, weights, 2, {});
+    for (const Cloud* at : {&points, &centres}) {
+      for (const double sum : kernel_sums(kernel, *at, centres, absolute, 2, {})) scale = std::max(scale, std::abs(sum));
     }
   }
 
