@@ -129,7 +129,8 @@ class Cells(EndToEnd):
         self.assertRegex(self.deform("inspect", "cube.mesh").out, r"cells +216 \(216 hexahedron\)")
         report = self.deform("apply", "cube.yaml", "--set", "up=0.5", "--check", "quality", "-o", "out.mesh", "--json").json["report"]
         measured = {measure["name"]: measure["value"] for measure in report["quality"]["measures"]}
-        quality = self.deform("quality", "out.mesh", "--json").json
+        quality = self.deform("quality", "out.mesh", "--json", "--fail-on", "inverted_cells>0").json  # as apply and sweep call it
+        self.fails(4, "quality", "out.mesh", "--fail-on", "inverted_cells<1", says=["inverted_cells<1"], prints=True)
         for name in ("scaled_jacobian", "average_scaled_jacobian", "volume", "total_volume"):
             self.assertEqual(measured[name], quality[name], name)
         cells = self.deform("apply", "cube.yaml", "--set", "up=-1.25", "-o", "out.mesh", "--json", expect=4).json["report"]["cells"]

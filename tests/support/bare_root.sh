@@ -1,17 +1,19 @@
 #!/usr/bin/env bash
 # What a newcomer's machine makes of the README's two commands: a bare Debian 12 root without anything of this machine.
 #   tests/support/bare_root.sh              their packages and configure steps, as a user with sudo: in .ci/run
-#   tests/support/bare_root.sh --whole      the whole commands, each twice, as root and as a user with sudo: before a release
+#   tests/support/bare_root.sh --whole [COMMAND]   the whole commands, or one of them, each twice, as root and as a user with sudo:
+#                                                  before a release
 # The first command runs before the packages of the second are there. Needs root and mmdebstrap; nothing is kept. With
 # BARE_ROOT_CCACHE=FOLDER what that cache holds is not compiled again; everybody must be able to read it.
 set -Eeuo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
-whole=
+whole=()
 case "$*" in
   "") ;;
-  --whole) whole=yes ;;
+  --whole) whole=(deploy/quick-start deploy/run-tests) ;;
+  "--whole deploy/quick-start" | "--whole deploy/run-tests") whole=("$2") ;;
   *)
-    echo "usage: $0 [--whole]" >&2
+    echo "usage: $0 [--whole [deploy/quick-start | deploy/run-tests]]" >&2
     exit 2
     ;;
 esac
@@ -65,19 +67,17 @@ as() {
 }
 
 clone /home/engineer engineer
-if [ -z "$whole" ]; then
+if [ ${#whole[@]} -eq 0 ]; then
   as engineer deploy/quick-start --configure-only
   as engineer deploy/run-tests --configure-only >/dev/null
   echo "bare root: both commands find what they need"
   exit 0
 fi
 clone /root root
-for user in engineer root; do
-  as "$user" deploy/quick-start
-  as "$user" deploy/quick-start
+for command in "${whole[@]}"; do
+  for user in engineer root; do
+    as "$user" "$command"
+    as "$user" "$command"
+  done
 done
-for user in engineer root; do
-  as "$user" deploy/run-tests
-  as "$user" deploy/run-tests
-done
-echo "bare root: both commands work, twice, as a user with sudo and as root"
+echo "bare root: ${whole[*]} work, twice, as a user with sudo and as root"
