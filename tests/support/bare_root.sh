@@ -48,7 +48,7 @@ cache=
 if [ -n "${BARE_ROOT_CCACHE-}" ]; then
   mkdir "$root/ccache"
   mount --bind "$BARE_ROOT_CCACHE" "$root/ccache"
-  cache="export CCACHE_DIR=/ccache CCACHE_READONLY=true; "
+  cache="export CCACHE_DIR=/ccache CCACHE_READONLY=true CCACHE_TEMPDIR=/tmp; "
 fi
 chroot "$root" useradd -m -s /bin/bash engineer
 echo 'engineer ALL=(ALL) NOPASSWD:ALL' >"$root/etc/sudoers.d/engineer"
