@@ -29,12 +29,12 @@ namespace deform {
 ///     negative: it looks away from where they would have it. This also finds single faces beyond 90 degrees. With one neighbour
 ///     the sides decide; without any it is not flipped.
 ///  3. A crease is seldom as sharp as an edge: where a motion along the surface also has a part across it, and the faces are
-///  small
-///     enough, the normal turns over several rows of faces. What tells such a crease from a bend is that its faces are crushed:
-///     squeezed in one direction to less than half. So crushed faces (collapsed ones among them) take part in 1 and 2 with the
-///     normals that their neighbours carry on into them, across up to 32 rows; where those from the two banks of a crease meet,
-///     delta tells how the banks lie to each other. A crushed face is flipped where its own normal looks away from the carried
-///     one; one that collapsed has none and is not counted. A crease of which less than 120 degrees are crushed is a bend.
+///     small enough, the normal turns over several rows of faces. What tells such a crease from a bend is that its faces are
+///     crushed: squeezed in one direction to less than half. So crushed faces (collapsed ones among them) take part in 1 and 2
+///     with the normals that their neighbours carry on into them, across up to 32 rows; where those from the two banks of a
+///     crease meet, delta tells how the banks lie to each other. A crushed face is flipped where its own normal looks away from
+///     the carried one; one that collapsed has none and is not counted. A crease of which less than 120 degrees are crushed is a
+///     bend.
 /// Faces without area at rest take no part. Faces are neighbours when they share two points by number: parts that only touch are
 /// judged one by one. A part that is reflected or turned inside out as a whole has no surroundings to tell.
 ///
