@@ -3,8 +3,8 @@
 #   tests/support/bare_root.sh              their packages and configure steps, as a user with sudo: in .ci/run
 #   tests/support/bare_root.sh --whole [COMMAND]   the whole commands, or one of them, each twice, as root and as a user with sudo:
 #                                                  before a release
-# The first command runs before the packages of the second are there. Needs root and mmdebstrap; nothing is kept. With
-# BARE_ROOT_CCACHE=FOLDER what that cache holds is not compiled again; everybody must be able to read it.
+# The first command runs before the packages of the second are there. Needs root and mmdebstrap; nothing is kept. The second
+# user compiles nothing that the first one compiled: both have a clone of their own at the same path and one compiler cache.
 set -Eeuo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 whole=()
@@ -24,7 +24,7 @@ fi
 
 root=$(mktemp -d)
 leave() {
-  umount -l "$root/ccache" "$root/dev/pts" "$root/dev" "$root/proc" 2>/dev/null || true
+  umount -l "$root/dev/pts" "$root/dev" "$root/proc" 2>/dev/null || true
   rm -rf --one-file-system "$root"
 }
 trap leave EXIT
@@ -44,38 +44,34 @@ echo force-unsafe-io >"$root/etc/dpkg/dpkg.cfg.d/unsafe-io"  # the root is throw
 mount --bind /proc "$root/proc"
 mount --bind /dev "$root/dev"
 mount -t devpts devpts "$root/dev/pts" 2>/dev/null || true
-cache=
-if [ -n "${BARE_ROOT_CCACHE-}" ]; then
-  mkdir "$root/ccache"
-  mount --bind "$BARE_ROOT_CCACHE" "$root/ccache"
-  cache="export CCACHE_DIR=/ccache CCACHE_READONLY=true CCACHE_TEMPDIR=/tmp; "
-fi
+mkdir -m 1777 "$root/ccache"
 chroot "$root" useradd -m -s /bin/bash engineer
 echo 'engineer ALL=(ALL) NOPASSWD:ALL' >"$root/etc/sudoers.d/engineer"
 
-# clone HOME OWNER: what is committed, and what is not yet.
+# clone OWNER: what is committed, and what is not yet.
 clone() {
-  git clone -q . "$root$1/clone"
-  git diff --binary HEAD | (cd "$root$1/clone" && git apply --allow-empty)
-  chroot "$root" chown -R "$2:$2" "$1/clone"
+  rm -rf "$root/srv/clone"
+  git clone -q . "$root/srv/clone"
+  git diff --binary HEAD | (cd "$root/srv/clone" && git apply --allow-empty)
+  chroot "$root" chown -R "$1:$1" /srv/clone
 }
 # as USER COMMAND...
 as() {
   doing="$* (as $1)"
   printf '\n== bare root, as %s: %s\n' "$1" "${*:2}"
-  chroot "$root" su - "$1" -c "${cache}cd clone && ${*:2}"
+  chroot "$root" su - "$1" -c "export CCACHE_DIR=/ccache CCACHE_UMASK=000; cd /srv/clone && ${*:2}"
 }
 
-clone /home/engineer engineer
+clone engineer
 if [ ${#whole[@]} -eq 0 ]; then
   as engineer deploy/quick-start --configure-only
   as engineer deploy/run-tests --configure-only >/dev/null
   echo "bare root: both commands find what they need"
   exit 0
 fi
-clone /root root
-for command in "${whole[@]}"; do
-  for user in engineer root; do
+for user in engineer root; do
+  [ "$user" = engineer ] || clone "$user"
+  for command in "${whole[@]}"; do
     as "$user" "$command"
     as "$user" "$command"
   done
