@@ -13,10 +13,10 @@
 #include <mutex>
 #include <thread>
 
-#include "server/log.h"
+#include "core/base/text.h"
 #include "server/options.h"
-#include "server/server.h"
-#include "server/service_text.h"
+#include "server/rpc/log.h"
+#include "server/rpc/server.h"
 #include "server/store_cli.h"
 
 namespace {

@@ -8,8 +8,8 @@
 #include <variant>
 #include <vector>
 
-#include "server/log.h"
-#include "server/server.h"
+#include "server/rpc/log.h"
+#include "server/rpc/server.h"
 
 namespace deform::server {
 

@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "server/log.h"
-#include "server/service_text.h"
-#include "server/store_commands.h"
+#include "core/base/text.h"
+#include "server/rpc/log.h"
+#include "server/store/store_commands.h"
 
 namespace deform::server {
 

@@ -1,3 +1,3 @@
-#include "client/cli/command.h"
+#include "client/cli/commands/command.h"
 
 int main(int argc, char** argv) { return deform::cli::run(argc, argv); }

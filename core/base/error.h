@@ -7,7 +7,7 @@
 
 namespace deform {
 
-/// Whose fault an error is and what the caller can do about it. Mapped to gRPC status in server/status.cpp only.
+/// Whose fault an error is and what the caller can do about it. Mapped to gRPC status in server/rpc/status.cpp only.
 enum class ErrorCode {
   invalid_argument,     ///< the caller's input is wrong; the message names field, index and limit
   not_found,            ///< an id or name that nothing has

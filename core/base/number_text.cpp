@@ -15,4 +15,10 @@ std::string number_digits(double value) {
   return {text, written.ptr};
 }
 
+std::string mebibytes(std::size_t bytes) {
+  char text[32];
+  std::snprintf(text, sizeof(text), "%.1f MiB", static_cast<double>(bytes) / (1024.0 * 1024.0));
+  return text;
+}
+
 }  // namespace deform

@@ -8,4 +8,7 @@ namespace deform {
 /// std::to_string would print 0.1000001 beside a limit of 0.1 as "0.100000".
 std::string number_digits(double value);
 
+/// "12.3 MiB"
+std::string mebibytes(std::size_t bytes);
+
 }  // namespace deform

@@ -18,6 +18,11 @@ std::string take_printable(std::string_view& text);
 /// All of it; the characters of `kept` (ASCII) stay what they are, as "\n\t" in text of our own.
 std::string printable(std::string_view text, std::string_view kept = {});
 
+/// Text that may stand in a log line, a status message or a proto3 string, whatever bytes came in: valid UTF-8 is kept; what
+/// printable() escapes, and backslashes, are escaped. At most `limit` bytes, cut between characters and then
+/// ended by "...". Any thread.
+std::string escaped(std::string_view text, std::size_t limit);
+
 /// Text for the body or a quoted attribute of HTML or XML: & < > " ' as entities, control characters as blanks; bytes that are no
 /// UTF-8 as U+FFFD.
 std::string markup_text(std::string_view text);

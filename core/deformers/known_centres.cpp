@@ -1,7 +1,7 @@
 #include "core/deformers/known_centres.h"
 
-#include "core/deformers/rbf.h"
-#include "core/deformers/rbf_centres.h"
+#include "core/deformers/handles/constraint_points.h"
+#include "core/deformers/rbf/rbf_system.h"
 
 namespace deform {
 

@@ -7,7 +7,6 @@
 #include "core/base/bounds.h"
 #include "core/base/error.h"
 #include "core/base/number_text.h"
-#include "core/deformers/constraint_options.h"
 #include "core/mesh/point_owners.h"
 #include "core/mesh/wall_columns.h"
 

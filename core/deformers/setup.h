@@ -10,10 +10,10 @@
 
 #include "core/base/types.h"
 #include "core/constraints/constraint.h"
-#include "core/deformers/symmetry.h"
+#include "core/deformers/handles/symmetry.h"
 #include "core/mesh/region.h"
-#include "core/numerics/kernel.h"
-#include "core/numerics/solver.h"
+#include "core/numerics/interpolation/solver.h"
+#include "core/numerics/kernels/kernel.h"
 
 namespace deform {
 
@@ -186,5 +186,9 @@ std::vector<Affine> handle_motions(const Setup& setup, std::span<const double> v
 /// d(motion of every handle) / d(variable k), as 3 x 4 matrices per handle: exact derivative at `variables`, so a rotation is
 /// linearised at the current design. Handles that variable k does not move get zeros.
 std::vector<Affine> handle_motion_derivative(const Setup& setup, std::span<const double> variables, std::size_t k);
+
+/// Whether or not there are constraints. Throws Error(invalid_argument) naming the field ("constraint_options.tolerance"), its
+/// value and the limits.
+void validate_constraint_options(const ConstraintOptions& options);
 
 }  // namespace deform

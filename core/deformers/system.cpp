@@ -2,8 +2,8 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
-#include "core/deformers/energy_system.h"
-#include "core/deformers/rbf.h"
+#include "core/deformers/energy/energy_system.h"
+#include "core/deformers/rbf/rbf_system.h"
 
 namespace deform {
 

@@ -1,7 +1,7 @@
 #include "core/io/coloured_ply.h"
 
 #include "core/base/error.h"
-#include "core/io/byte_order.h"
+#include "core/io/binary/byte_order.h"
 #include "core/io/mesh_file.h"
 
 namespace deform::io {

@@ -6,7 +6,7 @@
 #include <unordered_set>
 
 #include "core/base/error.h"
-#include "core/io/byte_order.h"
+#include "core/io/binary/byte_order.h"
 #include "core/io/file_format.h"
 #include "core/io/mesh_file.h"
 

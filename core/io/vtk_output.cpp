@@ -8,9 +8,9 @@
 
 #include "core/base/error.h"
 #include "core/base/text.h"
-#include "core/io/byte_order.h"
+#include "core/io/binary/byte_order.h"
+#include "core/io/formats/vtk/vtk_cells.h"
 #include "core/io/mesh_file.h"
-#include "core/io/vtk_cells.h"
 
 namespace deform::io {
 

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "core/mesh/mesh.h"
-#include "core/numerics/sparse.h"
+#include "core/numerics/sparse/sparse.h"
 
 namespace deform {
 

@@ -16,13 +16,13 @@
 #include <vector>
 
 #include "core/base/parallel.h"
-#include "core/deformers/rbf.h"
+#include "core/deformers/rbf/rbf_system.h"
 #include "core/mesh/ahmed.h"
-#include "core/numerics/fast_sums.h"
-#include "core/numerics/incremental_qr.h"
-#include "core/numerics/interpolation_system.h"
-#include "core/numerics/iterative_system.h"
-#include "core/numerics/tiles.h"
+#include "core/numerics/fast_sums/fast_sums.h"
+#include "core/numerics/interpolation/incremental_qr.h"
+#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/interpolation/iterative_system.h"
+#include "core/numerics/kernels/tiles.h"
 #include "tests/bench/param_case.h"
 
 #ifndef DEFORM_SHARED_DATA

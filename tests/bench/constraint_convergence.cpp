@@ -8,9 +8,9 @@
 #include <utility>
 #include <vector>
 
-#include "core/deformers/constrained_solver.h"
-#include "core/deformers/energy_system.h"
-#include "core/deformers/rbf_centres.h"
+#include "core/deformers/constrained/constrained_solver.h"
+#include "core/deformers/energy/energy_system.h"
+#include "core/deformers/handles/constraint_points.h"
 #include "tests/bench/constraint_cases.h"
 
 namespace deform::bench {

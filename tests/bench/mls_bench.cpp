@@ -10,11 +10,11 @@
 #include <utility>
 #include <vector>
 
-#include "core/deformers/mls_space.h"
-#include "core/deformers/subspace_space.h"
+#include "core/deformers/energy/spaces/mls.h"
+#include "core/deformers/energy/spaces/subspace.h"
 #include "core/mesh/ahmed.h"
-#include "core/numerics/sparse_cholesky.h"
-#include "core/numerics/subspace.h"
+#include "core/numerics/sampling/subspace.h"
+#include "core/numerics/sparse/sparse_cholesky.h"
 #include "tests/bench/report.h"
 
 namespace deform {

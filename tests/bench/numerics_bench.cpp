@@ -14,13 +14,13 @@
 #include <vector>
 
 #include "core/base/parallel.h"
-#include "core/deformers/rbf.h"
+#include "core/deformers/rbf/rbf_system.h"
 #include "core/io/mesh_file.h"
 #include "core/mesh/ahmed.h"
-#include "core/numerics/interpolation_system.h"
-#include "core/numerics/lapack.h"
-#include "core/numerics/packed_cholesky.h"
-#include "core/numerics/tiles.h"
+#include "core/numerics/dense/lapack.h"
+#include "core/numerics/dense/packed_cholesky.h"
+#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/kernels/tiles.h"
 #include "core/quality/flipped_faces.h"
 #include "tests/support/scipy_interpolator.h"
 

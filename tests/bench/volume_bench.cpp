@@ -11,7 +11,7 @@
 
 #include "core/base/error.h"
 #include "core/deformers/splitting.h"
-#include "core/numerics/interpolation_system.h"
+#include "core/numerics/interpolation/interpolation_system.h"
 #include "core/quality/element_quality.h"
 #include "tests/bench/param_case.h"
 #include "tests/bench/report.h"

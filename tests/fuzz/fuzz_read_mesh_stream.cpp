@@ -2,7 +2,7 @@
 // that it sends may harm. Bytes are edits of what write_mesh() makes of a small mesh; without any, the mesh comes back as it was.
 #include <cstring>
 
-#include "core/io/mesh_stream.h"
+#include "core/io/assembly/mesh_stream.h"
 #include "core/mesh/cells.h"
 #include "core/mesh/elements.h"
 #include "tests/fuzz/read_and_write_back.h"

@@ -1,5 +1,5 @@
 // The part of a netCDF file that this project parses itself; the rest is libnetcdf's.
-#include "core/io/netcdf_classic.h"
+#include "core/io/formats/exodus/netcdf_classic.h"
 #include "tests/fuzz/read_and_write_back.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

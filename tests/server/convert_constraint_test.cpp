@@ -5,8 +5,8 @@
 #include <functional>
 
 #include "core/base/error.h"
-#include "server/convert_info.h"
-#include "server/convert_setup.h"
+#include "proto/convert/info.h"
+#include "proto/convert/setup.h"
 #include "tests/server/refusal.h"
 #include "tests/server/test_mesh.h"
 

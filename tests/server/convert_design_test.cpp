@@ -5,8 +5,8 @@
 #include <limits>
 
 #include "core/base/error.h"
-#include "server/convert_design.h"
-#include "server/convert_info.h"
+#include "proto/convert/design.h"
+#include "proto/convert/info.h"
 #include "tests/server/refusal.h"
 #include "tests/server/test_mesh.h"
 

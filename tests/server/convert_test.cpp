@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "core/base/error.h"
-#include "server/convert_setup.h"
+#include "proto/convert/setup.h"
 #include "tests/server/refusal.h"
 #include "tests/server/test_mesh.h"
 

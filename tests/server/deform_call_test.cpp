@@ -1,12 +1,12 @@
 // One deformation over a fake system: order of the replies, the slow reader, cancellation, deadlines, memory.
-#include "server/deform_call.h"
+#include "server/engine/deform_call.h"
 
 #include <gtest/gtest.h>
 
 #include <thread>
 
 #include "core/codec/block.h"
-#include "server/deform_job.h"
+#include "server/engine/deform_job.h"
 #include "tests/server/server_fakes.h"
 
 namespace deform::server {

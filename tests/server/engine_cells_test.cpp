@@ -1,8 +1,8 @@
 // Volume meshes through the engine: cells are stored with their geometry, designs are checked, measured and split.
 #include "core/deformers/splitting.h"
 #include "core/quality/element_quality.h"
-#include "server/convert_setup.h"
-#include "server/geometry_file.h"
+#include "proto/convert/setup.h"
+#include "server/store/geometry_file.h"
 #include "tests/server/engine_fixture.h"
 #include "tests/server/volume_mesh.h"
 #include "tests/support/expect_error.h"

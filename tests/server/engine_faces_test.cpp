@@ -1,7 +1,7 @@
 // What is said about the displacements and the faces of every design.
 #include "core/quality/displacement.h"
 #include "core/quality/flipped_faces.h"
-#include "server/step_plan.h"
+#include "server/engine/step_plan.h"
 #include "tests/server/engine_fixture.h"
 #include "tests/server/volume_mesh.h"
 

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "core/codec/block.h"
-#include "server/engine.h"
+#include "server/engine/engine.h"
 #include "tests/server/server_fakes.h"
 #include "tests/server/test_mesh.h"
 

@@ -1,5 +1,5 @@
 // Before anything is prepared: which points become centres, and the surface of volume meshes as a region.
-#include "server/convert_info.h"
+#include "proto/convert/info.h"
 #include "tests/server/engine_fixture.h"
 #include "tests/server/volume_mesh.h"
 #include "tests/support/expect_error.h"

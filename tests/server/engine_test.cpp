@@ -1,9 +1,9 @@
 // The whole engine without a network: register, prepare, deform, and what restarts and evictions do to it.
-#include "server/engine.h"
+#include "server/engine/engine.h"
 
 #include <algorithm>
 
-#include "server/convert_setup.h"
+#include "proto/convert/setup.h"
 #include "tests/server/engine_fixture.h"
 #include "tests/support/expect_error.h"
 

@@ -1,5 +1,5 @@
 // Durability, visibility, and what a crash leaves behind.
-#include "server/geometry_store.h"
+#include "server/store/geometry_store.h"
 
 #include <gtest/gtest.h>
 #include <spdlog/spdlog.h>
@@ -7,8 +7,8 @@
 #include <fstream>
 
 #include "core/base/error.h"
-#include "server/geometry_file.h"
-#include "server/sqlite_catalog.h"
+#include "server/store/geometry_file.h"
+#include "server/store/sqlite_catalog.h"
 #include "tests/server/server_fakes.h"
 #include "tests/server/test_mesh.h"
 

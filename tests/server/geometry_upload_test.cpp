@@ -1,12 +1,12 @@
 // Joining chunks: the right ones, and a table of wrong ones.
-#include "server/geometry_upload.h"
+#include "server/engine/geometry_upload.h"
 
 #include <gtest/gtest.h>
 
 #include <limits>
 
 #include "core/base/error.h"
-#include "server/geometry_file.h"
+#include "server/store/geometry_file.h"
 #include "tests/server/volume_mesh.h"
 
 namespace deform::server {

@@ -1,5 +1,5 @@
 // The line of a call.
-#include "server/log.h"
+#include "server/rpc/log.h"
 
 #include <gtest/gtest.h>
 #include <spdlog/spdlog.h>

@@ -1,5 +1,5 @@
 // Admission by estimate.
-#include "server/memory.h"
+#include "server/engine/memory.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Geometries in memory.
-#include "server/mesh_cache.h"
+#include "server/engine/mesh_cache.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <thread>
 
 #include "core/base/error.h"
-#include "server/geometry_file.h"
+#include "server/store/geometry_file.h"
 #include "tests/server/server_fakes.h"
 #include "tests/server/test_mesh.h"
 

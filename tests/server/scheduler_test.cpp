@@ -1,5 +1,5 @@
 // Who computes when: the bounded queue, fairness, slots, and preparations that keep out of the way.
-#include "server/scheduler.h"
+#include "server/engine/scheduler.h"
 
 #include <gtest/gtest.h>
 

@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "core/deformers/system.h"
-#include "server/system_cache.h"
+#include "server/engine/system_cache.h"
 
 namespace deform::server {
 

@@ -1,5 +1,5 @@
 // Starting and stopping: drain with live calls of every kind, within the limit; addresses.
-#include "server/server.h"
+#include "server/rpc/server.h"
 
 #include <grpcpp/generic/generic_stub.h>
 

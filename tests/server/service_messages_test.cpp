@@ -1,5 +1,5 @@
 // Bytes on the wire: what we write without copying must be what protobuf would have written.
-#include "server/service_messages.h"
+#include "server/rpc/service_messages.h"
 
 #include <gtest/gtest.h>
 

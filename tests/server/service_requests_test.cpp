@@ -1,5 +1,5 @@
 // The bookkeeping of a DeformStream, without a stream.
-#include "server/service_requests.h"
+#include "server/rpc/service_requests.h"
 
 #include <gtest/gtest.h>
 

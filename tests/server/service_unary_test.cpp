@@ -5,7 +5,7 @@
 #include <mutex>
 #include <thread>
 
-#include "server/status.h"
+#include "server/rpc/status.h"
 #include "tests/server/service_fixture.h"
 
 namespace deform::server {

@@ -1,5 +1,5 @@
 // The translation between Error and gRPC status, both ways.
-#include "server/status.h"
+#include "server/rpc/status.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <set>
 #include <string>
 
-#include "server/service_text.h"
+#include "core/base/text.h"
 
 namespace deform::server {
 namespace {

@@ -1,5 +1,5 @@
 // What an operator does by hand: check, rebuild, backup, restore.
-#include "server/store_commands.h"
+#include "server/store/store_commands.h"
 
 #include <gtest/gtest.h>
 

@@ -12,9 +12,9 @@
 #include <string>
 #include <utility>
 
-#include "server/convert_setup.h"
-#include "server/geometry_file.h"
-#include "server/geometry_store.h"
+#include "proto/convert/setup.h"
+#include "server/store/geometry_file.h"
+#include "server/store/geometry_store.h"
 #include "tests/server/server_fakes.h"
 #include "tests/server/test_mesh.h"
 

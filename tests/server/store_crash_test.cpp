@@ -4,7 +4,7 @@
 #include <unistd.h>
 
 #include "core/base/error.h"
-#include "server/store_commands.h"
+#include "server/store/store_commands.h"
 #include "tests/server/store_contents.h"
 
 namespace deform::server {

@@ -1,12 +1,12 @@
 // Which folders become a store, and that any other is left alone.
-#include "server/store_directory.h"
+#include "server/store/store_directory.h"
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
 #include "core/base/error.h"
-#include "server/sqlite.h"
-#include "server/store_commands.h"
+#include "server/store/sqlite.h"
+#include "server/store/store_commands.h"
 #include "tests/server/store_contents.h"
 
 namespace deform::server {

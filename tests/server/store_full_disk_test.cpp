@@ -1,7 +1,7 @@
 // A full disk: what is there is served, deleting works, adding is refused early. The disk is one that the test fills.
 #include <gtest/gtest.h>
 
-#include "server/disk_space.h"
+#include "server/store/disk_space.h"
 #include "tests/server/engine_fixture.h"
 #include "tests/server/store_contents.h"
 

@@ -3,9 +3,9 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
-#include "server/sqlite.h"
-#include "server/sqlite_files.h"
-#include "server/store_commands.h"
+#include "server/store/sqlite.h"
+#include "server/store/sqlite_files.h"
+#include "server/store/store_commands.h"
 #include "tests/server/store_contents.h"
 
 namespace deform::server {

@@ -1,8 +1,8 @@
 // Whatever happens to the catalog, the files are the truth: nothing registered is lost, nothing unknown is deleted.
 #include <gtest/gtest.h>
 
-#include "server/sqlite.h"
-#include "server/store_commands.h"
+#include "server/store/sqlite.h"
+#include "server/store/store_commands.h"
 #include "tests/server/store_contents.h"
 
 namespace deform::server {

@@ -1,12 +1,12 @@
 // Single flight, failures, eviction, pins.
-#include "server/system_cache.h"
+#include "server/engine/system_cache.h"
 
 #include <gtest/gtest.h>
 
 #include <atomic>
 #include <thread>
 
-#include "server/scheduler.h"
+#include "server/engine/scheduler.h"
 #include "tests/server/server_fakes.h"
 
 namespace deform::server {

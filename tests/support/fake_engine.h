@@ -10,7 +10,7 @@
 #include <optional>
 #include <vector>
 
-#include "server/engine.h"
+#include "server/engine/engine.h"
 
 namespace deform::support {
 

@@ -5,7 +5,7 @@
 #include <memory>
 #include <string>
 
-#include "server/server.h"
+#include "server/rpc/server.h"
 
 namespace deform::support {
 

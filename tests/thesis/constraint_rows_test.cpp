@@ -5,9 +5,9 @@
 #include <cmath>
 #include <memory>
 
-#include "core/deformers/constrained_solver.h"
-#include "core/deformers/rbf_centres.h"
-#include "core/deformers/shell.h"
+#include "core/deformers/constrained/constrained_solver.h"
+#include "core/deformers/energy/spaces/shell.h"
+#include "core/deformers/handles/constraint_points.h"
 #include "tests/core/deformers/energy_cases.h"
 
 namespace deform {

@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "core/deformers/rbf.h"
+#include "core/deformers/rbf/rbf_system.h"
 #include "tests/core/deformers/shapes.h"
 
 namespace deform {

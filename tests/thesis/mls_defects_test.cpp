@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "core/deformers/mls_space.h"
+#include "core/deformers/energy/spaces/mls.h"
 #include "core/io/mesh_file.h"
 #include "tests/core/deformers/space_cases.h"
 

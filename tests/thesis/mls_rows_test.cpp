@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/deformers/mls_space.h"
+#include "core/deformers/energy/spaces/mls.h"
 #include "tests/thesis/plane_case.h"
 
 namespace deform {

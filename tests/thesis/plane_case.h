@@ -5,7 +5,7 @@
 #include <cmath>
 #include <vector>
 
-#include "core/deformers/energy_space.h"
+#include "core/deformers/energy/spaces/energy_space.h"
 #include "core/mesh/mesh.h"
 #include "core/mesh/shell_operators.h"
 #include "tests/core/deformers/space_cases.h"

@@ -6,7 +6,7 @@
 #include <random>
 #include <set>
 
-#include "core/deformers/rbf.h"
+#include "core/deformers/rbf/rbf_system.h"
 #include "core/mesh/adjacency.h"
 #include "tests/core/deformers/shapes.h"
 

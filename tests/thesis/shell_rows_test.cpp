@@ -4,7 +4,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "core/deformers/energy_system.h"
+#include "core/deformers/energy/energy_system.h"
 #include "core/mesh/shell_operators.h"
 #include "tests/core/deformers/energy_cases.h"
 

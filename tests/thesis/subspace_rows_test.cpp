@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "core/base/error.h"
-#include "core/deformers/subspace_space.h"
-#include "core/numerics/kernel_rows.h"
-#include "core/numerics/subspace.h"
+#include "core/deformers/energy/spaces/subspace.h"
+#include "core/numerics/kernels/kernel_rows.h"
+#include "core/numerics/sampling/subspace.h"
 #include "tests/thesis/plane_case.h"
 
 namespace deform {

@@ -8,7 +8,7 @@
 
 #include "core/deformers/system.h"
 #include "core/io/mesh_file.h"
-#include "core/numerics/interpolation_system.h"
+#include "core/numerics/interpolation/interpolation_system.h"
 #include "core/quality/element_quality.h"
 #include "tests/bench/param_case.h"
 

@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "client/cli/cell_options.h"
+#include "client/cli/output/cell_options.h"
 
 namespace deform {
 namespace {

@@ -1,5 +1,5 @@
 // Gates on designs, and the verdicts that need none.
-#include "client/cli/gates.h"
+#include "client/cli/output/gates.h"
 
 #include <gtest/gtest.h>
 

@@ -4,13 +4,13 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "client/cli/apply_report.h"
-#include "client/cli/command.h"
-#include "client/cli/error_json.h"
-#include "client/cli/format.h"
-#include "client/cli/printable_stream.h"
-#include "client/cli/result_json.h"
-#include "client/cli/workspace.h"
+#include "client/cli/commands/command.h"
+#include "client/cli/commands/workspace.h"
+#include "client/cli/output/apply_report.h"
+#include "client/cli/output/error_json.h"
+#include "client/cli/output/format.h"
+#include "client/cli/output/printable_stream.h"
+#include "client/cli/output/result_json.h"
 
 namespace deform {
 namespace {

@@ -1,9 +1,9 @@
-#include "client/cli/setup_file.h"
+#include "client/cli/setup/setup_file.h"
 
 #include <gtest/gtest.h>
 
-#include "client/cli/result_json.h"
-#include "client/cli/yaml_message.h"
+#include "client/cli/output/result_json.h"
+#include "client/cli/setup/yaml_message.h"
 #include "tests/support/expect_error.h"
 
 namespace deform {

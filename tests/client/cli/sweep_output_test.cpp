@@ -1,5 +1,5 @@
 // What a sweep leaves behind, whenever it is cut short: folders, archives and their manifests.
-#include "client/cli/sweep_output.h"
+#include "client/cli/sweep/sweep_output.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -7,7 +7,7 @@
 #include <fstream>
 #include <iterator>
 
-#include "client/cli/tar.h"
+#include "client/cli/sweep/tar.h"
 #include "tests/support/expect_error.h"
 
 namespace deform {

@@ -4,10 +4,10 @@
 #include <cstring>
 #include <optional>
 
-#include "client/cli/csv.h"
-#include "client/cli/motions.h"
-#include "client/cli/point_match.h"
-#include "client/cli/sweep_designs.h"
+#include "client/cli/setup/csv.h"
+#include "client/cli/setup/motions.h"
+#include "client/cli/setup/point_match.h"
+#include "client/cli/sweep/sweep_designs.h"
 #include "tests/support/expect_error.h"
 
 namespace deform {

@@ -4,8 +4,8 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "core/deformers/constrained_solver.h"
-#include "core/deformers/energy_system.h"
+#include "core/deformers/constrained/constrained_solver.h"
+#include "core/deformers/energy/energy_system.h"
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/support/expect_error.h"
 

@@ -6,7 +6,7 @@
 #include <limits>
 #include <thread>
 
-#include "core/deformers/rbf.h"
+#include "core/deformers/rbf/rbf_system.h"
 #include "tests/core/deformers/shapes.h"
 #include "tests/support/expect_error.h"
 

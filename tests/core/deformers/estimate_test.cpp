@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "core/deformers/energy_system.h"
+#include "core/deformers/energy/energy_system.h"
 #include "core/mesh/elements.h"
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/core/deformers/space_cases.h"

@@ -1,4 +1,4 @@
-#include "core/deformers/mls_space.h"
+#include "core/deformers/energy/spaces/mls.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <random>
 #include <string>
 
-#include "core/deformers/mesh_pieces.h"
+#include "core/deformers/energy/spaces/mesh_pieces.h"
 #include "core/mesh/ahmed.h"
 #include "tests/core/deformers/space_cases.h"
 #include "tests/support/expect_error.h"

@@ -1,5 +1,5 @@
 // The RBF system as a user of the core sees it: exactness, paths, populations, derivatives.
-#include "core/deformers/rbf.h"
+#include "core/deformers/rbf/rbf_system.h"
 
 #include <gtest/gtest.h>
 

@@ -1,7 +1,7 @@
 // The interpolant against scipy.interpolate.RBFInterpolator (kernel cubic, degree 1): 1e-9 relative.
 #include <gtest/gtest.h>
 
-#include "core/deformers/rbf.h"
+#include "core/deformers/rbf/rbf_system.h"
 #include "core/mesh/ahmed.h"
 #include "tests/core/deformers/shapes.h"
 #include "tests/support/scipy_interpolator.h"

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "core/deformers/energy_system.h"
+#include "core/deformers/energy/energy_system.h"
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/support/expect_error.h"
 

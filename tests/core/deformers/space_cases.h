@@ -7,10 +7,10 @@
 #include <memory>
 #include <vector>
 
-#include "core/deformers/energy_space.h"
+#include "core/deformers/energy/spaces/energy_space.h"
 #include "core/mesh/elements.h"
 #include "core/mesh/mesh.h"
-#include "core/numerics/sparse_cholesky.h"
+#include "core/numerics/sparse/sparse_cholesky.h"
 
 namespace deform::test {
 

@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "core/deformers/energy_system.h"
+#include "core/deformers/energy/energy_system.h"
 #include "tests/core/deformers/energy_cases.h"
 
 namespace deform {

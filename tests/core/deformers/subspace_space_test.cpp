@@ -1,4 +1,4 @@
-#include "core/deformers/subspace_space.h"
+#include "core/deformers/energy/spaces/subspace.h"
 
 #include <gtest/gtest.h>
 
@@ -8,8 +8,8 @@
 #include <string>
 
 #include "core/mesh/shell_operators.h"
-#include "core/numerics/kernel_rows.h"
-#include "core/numerics/subspace.h"
+#include "core/numerics/kernels/kernel_rows.h"
+#include "core/numerics/sampling/subspace.h"
 #include "tests/core/deformers/space_cases.h"
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/expect_error.h"

@@ -1,5 +1,5 @@
 // Half models: they deform as the whole model does, their planes stay planes, and what does not fit is refused.
-#include "core/deformers/symmetry.h"
+#include "core/deformers/handles/symmetry.h"
 
 #include <gtest/gtest.h>
 

@@ -5,7 +5,7 @@
 
 #include <bit>
 
-#include "core/io/byte_order.h"
+#include "core/io/binary/byte_order.h"
 #include "core/io/mesh_file.h"
 #include "tests/support/expect_error.h"
 

@@ -1,4 +1,4 @@
-#include "core/io/fitted_decimal.h"
+#include "core/io/text/fitted_decimal.h"
 
 #include <gtest/gtest.h>
 

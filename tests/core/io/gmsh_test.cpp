@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-#include "core/io/byte_order.h"
+#include "core/io/binary/byte_order.h"
 #include "core/io/mesh_file.h"
 #include "core/quality/element_quality.h"
 #include "tests/core/io/text_diff.h"

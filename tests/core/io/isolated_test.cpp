@@ -9,8 +9,8 @@
 #include <random>
 #include <thread>
 
-#include "core/io/byte_stream.h"
-#include "core/io/mesh_stream.h"
+#include "core/io/assembly/mesh_stream.h"
+#include "core/io/binary/byte_stream.h"
 #include "tests/core/io/cgns_writer.h"
 #include "tests/core/io/exodus_writer.h"
 #include "tests/core/mesh/polyhedral.h"

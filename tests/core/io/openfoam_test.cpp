@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <filesystem>
 
-#include "core/io/byte_order.h"
+#include "core/io/binary/byte_order.h"
 #include "core/io/readers.h"
 #include "tests/core/io/text_diff.h"
 #include "tests/support/expect_error.h"

@@ -3,7 +3,7 @@
 
 #include <bit>
 
-#include "core/io/byte_order.h"
+#include "core/io/binary/byte_order.h"
 #include "core/io/mesh_file.h"
 
 namespace deform::io {

@@ -9,7 +9,7 @@
 #include <limits>
 #include <numeric>
 
-#include "core/io/byte_order.h"
+#include "core/io/binary/byte_order.h"
 #include "core/io/mesh_file.h"
 #include "tests/support/expect_error.h"
 

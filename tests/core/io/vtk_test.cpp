@@ -5,7 +5,7 @@
 
 #include <bit>
 
-#include "core/io/byte_order.h"
+#include "core/io/binary/byte_order.h"
 #include "core/io/mesh_file.h"
 #include "core/quality/element_quality.h"
 #include "tests/core/io/text_diff.h"

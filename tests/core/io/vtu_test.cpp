@@ -6,7 +6,7 @@
 #include <bit>
 
 #include "core/base/base64.h"
-#include "core/io/byte_order.h"
+#include "core/io/binary/byte_order.h"
 #include "core/io/mesh_file.h"
 #include "tests/support/expect_error.h"
 

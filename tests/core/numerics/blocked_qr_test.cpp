@@ -1,4 +1,4 @@
-#include "core/numerics/blocked_qr.h"
+#include "core/numerics/dense/blocked_qr.h"
 
 #include <gtest/gtest.h>
 

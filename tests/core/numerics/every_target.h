@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "core/numerics/tiles.h"
+#include "core/numerics/kernels/tiles.h"
 
 namespace deform::test {
 

@@ -7,9 +7,9 @@
 #include <functional>
 #include <string>
 
-#include "core/numerics/checked_sums.h"
-#include "core/numerics/fast_sums.h"
-#include "core/numerics/tiles.h"
+#include "core/numerics/fast_sums/checked_sums.h"
+#include "core/numerics/fast_sums/fast_sums.h"
+#include "core/numerics/kernels/tiles.h"
 #include "tests/core/numerics/random_points.h"
 
 namespace deform {

@@ -1,4 +1,4 @@
-#include "core/numerics/fast_sums.h"
+#include "core/numerics/fast_sums/fast_sums.h"
 
 #include <gtest/gtest.h>
 
@@ -7,8 +7,8 @@
 #include <numeric>
 
 #include "core/base/error.h"
-#include "core/numerics/octree.h"
-#include "core/numerics/tiles.h"
+#include "core/numerics/fast_sums/octree.h"
+#include "core/numerics/kernels/tiles.h"
 #include "tests/core/numerics/random_points.h"
 
 namespace deform {

@@ -1,5 +1,5 @@
 // T31 (thesis 7.5): least squares with as many centres as a tolerance needs; greedy centres (thesis 4.5).
-#include "core/numerics/incremental_qr.h"
+#include "core/numerics/interpolation/incremental_qr.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include <set>
 
 #include "core/mesh/ahmed.h"
-#include "core/numerics/interpolation_system.h"
+#include "core/numerics/interpolation/interpolation_system.h"
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/expect_error.h"
 

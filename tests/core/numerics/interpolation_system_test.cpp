@@ -1,5 +1,5 @@
 // Every solver and kernel against a plain dense solve of the bordered system (thesis eq. 3.9, 3.10); breakdowns and limits.
-#include "core/numerics/interpolation_system.h"
+#include "core/numerics/interpolation/interpolation_system.h"
 
 #include <gtest/gtest.h>
 

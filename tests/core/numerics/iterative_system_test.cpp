@@ -1,12 +1,12 @@
-#include "core/numerics/iterative_system.h"
+#include "core/numerics/interpolation/iterative_system.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
 #include "core/base/error.h"
-#include "core/numerics/interpolation_system.h"
-#include "core/numerics/tiles.h"
+#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/kernels/tiles.h"
 #include "tests/core/numerics/random_points.h"
 
 namespace deform {

@@ -1,5 +1,5 @@
 // Kernels against their definitions, and the orders and signs they claim against eigenvalues.
-#include "core/numerics/kernel.h"
+#include "core/numerics/kernels/kernel.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <Eigen/QR>
 #include <cmath>
 
-#include "core/numerics/polynomial.h"
+#include "core/numerics/kernels/polynomial.h"
 #include "tests/core/numerics/random_points.h"
 
 namespace deform {

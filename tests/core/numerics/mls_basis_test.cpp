@@ -1,5 +1,5 @@
 // T35 (thesis 8.3.3): linear moving least squares. The reference is the definition written out with complex numbers.
-#include "core/numerics/mls_basis.h"
+#include "core/numerics/sampling/mls_basis.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "core/numerics/packed_cholesky.h"
+#include "core/numerics/dense/packed_cholesky.h"
 
 #include <gtest/gtest.h>
 

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <vector>
 
-#include "core/numerics/interpolation_system.h"
-#include "core/numerics/residual.h"
-#include "core/numerics/tiles.h"
+#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/kernels/residual.h"
+#include "core/numerics/kernels/tiles.h"
 #include "tests/core/numerics/every_target.h"
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/expect_error.h"

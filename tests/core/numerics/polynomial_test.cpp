@@ -1,5 +1,5 @@
 // The polynomial part on centres that span less than space, and on surfaces where quadratics depend on each other.
-#include "core/numerics/polynomial.h"
+#include "core/numerics/kernels/polynomial.h"
 
 #include <gtest/gtest.h>
 

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "core/base/types.h"
-#include "core/numerics/kernel.h"
+#include "core/numerics/kernels/kernel.h"
 
 namespace deform::test {
 

@@ -1,5 +1,5 @@
 // Double-double residuals against long double, and what refinement with them does for an ill-conditioned system.
-#include "core/numerics/residual.h"
+#include "core/numerics/kernels/residual.h"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <cmath>
 #include <vector>
 
-#include "core/numerics/interpolation_system.h"
+#include "core/numerics/interpolation/interpolation_system.h"
 #include "tests/core/numerics/every_target.h"
 #include "tests/core/numerics/random_points.h"
 

@@ -1,4 +1,4 @@
-#include "core/numerics/row_gram.h"
+#include "core/numerics/sparse/row_gram.h"
 
 #include <gtest/gtest.h>
 

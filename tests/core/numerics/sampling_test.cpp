@@ -1,5 +1,5 @@
 // T33 (thesis 8.3, figure 8.2): dense points, farthest points, Lloyd's method.
-#include "core/numerics/sampling.h"
+#include "core/numerics/sampling/sampling.h"
 
 #include <gtest/gtest.h>
 
@@ -10,8 +10,8 @@
 #include <set>
 #include <vector>
 
-#include "core/numerics/farthest_points.h"
-#include "core/numerics/point_tree.h"
+#include "core/numerics/sampling/farthest_points.h"
+#include "core/numerics/sampling/point_tree.h"
 #include "tests/core/numerics/random_points.h"
 
 namespace deform {

@@ -1,4 +1,4 @@
-#include "core/numerics/sparse_cholesky.h"
+#include "core/numerics/sparse/sparse_cholesky.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Vectorized loops against plain ones, on every instruction set of this machine; independence of place, grouping and threads.
-#include "core/numerics/tiles.h"
+#include "core/numerics/kernels/tiles.h"
 
 #include <gtest/gtest.h>
 

@@ -1,0 +1,187 @@
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <chrono>
+#include <iostream>
+#include <limits>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "client/cli/commands/command.h"
+#include "client/cli/commands/workspace.h"
+#include "client/cli/output/apply_report.h"
+#include "client/cli/output/cell_options.h"
+#include "client/cli/output/gates.h"
+#include "client/cli/output/result_json.h"
+#include "client/cli/setup/motions.h"
+#include "client/cli/setup/region_points.h"
+#include "client/cli/setup/setup_file.h"
+#include "client/design.h"
+
+namespace deform::cli {
+
+namespace {
+
+struct ApplyOptions {
+  PrepareInput input;
+  std::vector<std::string> settings;
+  std::vector<std::string> motion_files;
+  double match_tolerance = 0;
+  std::string output;
+  std::string path = "automatic";
+  OutputOptions encoding;
+  CellOptions cells;
+  DesignGates gates;
+  bool in_place = false;
+  bool keep_bad = false;
+};
+
+v1::Design make_design(const ApplyOptions& options, const PreparedSetup& prepared, const Mesh& mesh) {
+  const v1::Setup& setup = prepared.system.setup();
+  v1::Design design = client::variables_design(parse_settings(options.settings, setup));
+  RestPlaces rest{mesh.points, options.match_tolerance};
+  if (rest.tolerance == 0) rest.tolerance = std::max(1e-6 * prepared.system.diagonal(), std::numeric_limits<double>::min());
+  for (const auto& file : options.motion_files) {
+    const auto motions = read_motions(
+        read_csv(file), [&](const std::string& handle) { return handle_points(setup, handle, mesh); }, rest);
+    for (const auto& motion : motions) *design.add_motions() = motion;
+  }
+  return design;
+}
+
+v1::EvaluationPath evaluation_path(const std::string& name) {
+  return name == "basis" ? v1::PATH_BASIS : name == "direct" ? v1::PATH_DIRECT : v1::PATH_AUTOMATIC;
+}
+
+/// The mesh file that the setup or --source names; empty when there is none, which source_of() complains about.
+std::filesystem::path source_path(const PrepareInput& input) {
+  if (!input.source.empty()) return input.source;
+  if (!std::filesystem::exists(input.setup)) return {};
+  return read_setup_file(input.setup).geometry_file.value_or(std::filesystem::path());
+}
+
+/// Where to write. Throws Error(invalid_argument) when that is the source, and nobody said so.
+std::filesystem::path checked_output(const ApplyOptions& options) {
+  const std::filesystem::path source = source_path(options.input);
+  if (source.empty() || !std::filesystem::exists(source)) {
+    if (options.in_place)
+      throw Error(ErrorCode::invalid_argument, "--in-place: no mesh file is named, by the setup or by --source");
+    return options.output;
+  }
+  const auto replaced = options.output.empty() ? std::nullopt : io::replaced_source(source, options.output);
+  if (options.in_place) {
+    if (!options.output.empty() && !replaced) {
+      throw Error(ErrorCode::invalid_argument,
+                  "--in-place writes to the source mesh " + source.string() + ", -o names " + options.output + "; leave one out");
+    }
+    return io::source_file(source);
+  }
+  if (replaced) {
+    throw Error(ErrorCode::invalid_argument, "-o " + options.output + ": would replace the source mesh " + replaced->string() +
+                                                 ", and the next apply would deform it again; name another file, or give "
+                                                 "--in-place if you mean it");
+  }
+  return options.output;
+}
+
+bool at_rest(const v1::Design& design) {
+  return design.motions_size() == 0 &&
+         std::all_of(design.variables().begin(), design.variables().end(), [](double value) { return value == 0; });
+}
+
+ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
+  const auto start = std::chrono::steady_clock::now();
+  const std::filesystem::path output = checked_output(options);
+  Connection connection(common);
+  Progress progress;
+  const PreparedSetup prepared = open_setup(connection, options.input, progress);
+  const io::MeshFile& source = source_of(prepared);
+  v1::DeformRequest request;
+  request.set_system_id(prepared.system.id());
+  options.encoding.set(request);
+  request.set_path(evaluation_path(options.path));
+  options.cells.set(request);
+  *request.add_designs() = make_design(options, prepared, *source.mesh());
+  const auto outcome = connection.client().deform(request, connection.call());
+  const auto& design = outcome.designs.at(0);
+  const auto before_write = std::chrono::steady_clock::now();
+  Applied applied;
+  applied.file = output.string();
+  applied.points = design.points.size();
+  applied.result = design.result;
+  applied.summary = outcome.summary;
+  applied.encoding = options.encoding.encoding;
+  if (at_rest(request.designs(0)))
+    applied.notes.push_back("no variable differs from 0 and no motion is given: nothing was asked to move");
+  const Judgement judgement = judge(design.result);
+  applied.failures = judgement.reasons;
+  for (const auto& gate : options.gates.failed(design.result)) applied.failures.push_back(to_text(gate));
+  applied.written = judgement.verdict != Verdict::discarded || options.keep_bad;
+  if (applied.written) io::write_mesh_file(source, design.points, output);
+  const auto end = std::chrono::steady_clock::now();
+  const auto seconds = [](auto from, auto to) { return std::chrono::duration<double>(to - from).count(); };
+  applied.seconds = {{"read", prepared.times.read},
+                     {"register", prepared.times.register_geometry},
+                     {"prepare", prepared.times.prepare},
+                     {"queue", outcome.summary.queue_ms() * 1e-3},
+                     {"solve", outcome.summary.solve_ms() * 1e-3},
+                     {"encode", outcome.summary.encode_ms() * 1e-3},
+                     {"decode", outcome.decode_ms * 1e-3},
+                     {"deform", outcome.wall_ms * 1e-3},
+                     {"write", seconds(before_write, end)},
+                     {"total", seconds(start, end)}};
+  if (common.style() == Style::json) {
+    print(applied_json(applied));
+  } else {
+    print_applied(applied, std::cout);
+  }
+  for (const auto& warning : warnings_of(applied.result)) warn(warning);
+  if (applied.failures.empty()) return exit_ok;
+  complain(failure_text(applied));
+  return exit_verdict;
+}
+
+}  // namespace
+
+void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
+  const auto options = std::make_shared<ApplyOptions>();
+  auto* command = app.add_subcommand("apply", "Deform once and write the mesh file with its new coordinates");
+  command->add_option("SETUP", options->input.setup, "Setup file, or the id of a prepared system")->required();
+  command->add_option("--set", options->settings, "NAME=VALUE of a design variable; may be repeated")
+      ->take_all()
+      ->expected(1)
+      ->allow_extra_args(false);
+  command->add_option("--motions", options->motion_files, "CSV file of handle motions; may be repeated")
+      ->take_all()
+      ->expected(1)
+      ->allow_extra_args(false);
+  command
+      ->add_option("--match-tolerance", options->match_tolerance,
+                   "How far a place in a motion file may be from its point, model units; 0: 1e-6 of the bounding-box diagonal")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  auto* target = command->add_option_group("target", "Where the result goes");
+  target->add_option(
+      "-o,--output", options->output,
+      "File to write, in the format of the original: only its coordinates change; .gz is added or left out at will");
+  target->add_flag("--in-place", options->in_place, "Overwrite the source mesh, which -o refuses to do");
+  target->require_option(1, 2);
+  command->add_flag("--keep-bad", options->keep_bad, "Write also what misses exact constraints; the exit code stays 4");
+  command->add_option("--source", options->input.source, "Mesh file of a setup that names its geometry by id");
+  command->add_option("--path", options->path, "How designs are evaluated")
+      ->transform(CLI::IsMember({"automatic", "basis", "direct"}, CLI::ignore_case))
+      ->capture_default_str();
+  options->encoding.add_to(*command);
+  options->cells.add_to(*command);
+  options->gates.add_to(*command);
+  command->footer(
+      std::string("Motion files: ") + motion_formats +
+      "\nExit code 4 when cells are inverted, a split did not arrive, exact constraints are missed (nothing is written then) or\n"
+      "--fail-on holds.\nSeconds of solve, encode and decode are core seconds, the others wall time.\n"
+      "Examples:\n"
+      "  deform apply setup.yaml --set roof_up=0.03 --set slant_turn=0.1 -o out.obj\n"
+      "  deform apply setup.yaml --motions matrices.csv -o out.obj --json");
+  command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_apply(*options, common); }; });
+}
+
+}  // namespace deform::cli

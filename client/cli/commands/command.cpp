@@ -1,0 +1,155 @@
+#include "client/cli/commands/command.h"
+
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <exception>
+#include <iostream>
+#include <nlohmann/json.hpp>
+
+#include "client/cli/output/error_json.h"
+#include "client/cli/output/printable_stream.h"
+#include "client/cli/output/result_json.h"
+#include "core/base/text.h"
+
+namespace deform::cli {
+
+client::ClientOptions CommonOptions::client_options() const {
+  client::ClientOptions options;
+  options.address = server;
+  return options;
+}
+
+client::CallOptions CommonOptions::call_options() const {
+  client::CallOptions options;
+  if (timeout_seconds > 0) {
+    options.timeout = std::chrono::milliseconds(static_cast<std::int64_t>(std::ceil(timeout_seconds * 1e3)));
+  }
+  return options;
+}
+
+ExitCode exit_code_of(const Error& error) {
+  switch (error.code()) {
+    case ErrorCode::cancelled:
+      return exit_interrupted;
+    case ErrorCode::unavailable:
+    case ErrorCode::deadline_exceeded:
+      return exit_unreachable;
+    case ErrorCode::out_of_budget:  // with a hint the same request may succeed later, without one only another request can
+      return error.retry_after_ms() > 0 ? exit_unreachable : exit_failed;
+    default:
+      return exit_failed;
+  }
+}
+
+namespace {
+
+std::string one_line(std::string text) {
+  while (!text.empty() && (text.back() == '\n' || text.back() == ' ')) text.pop_back();
+  std::string line;
+  for (const char c : text) line += c == '\n' ? std::string("; ") : std::string(1, c);
+  return line;
+}
+
+}  // namespace
+
+void complain(const std::string& message) { std::cerr << "deform: " << printable(one_line(message)) << std::endl; }
+
+void warn(const std::string& message) { complain("warning: " + message); }
+
+namespace {
+
+constexpr char footer[] = R"(A first round, with deformd running on this machine:
+  deform sample -o ahmed.obj                 write a reference car body
+  deform inspect ahmed.obj                   what is in it
+  deform prepare setup.yaml                  register and factorize once
+  deform apply setup.yaml --set roof_up=0.03 -o out.obj
+  deform sweep setup.yaml --designs designs.csv -o results/
+
+Exit codes: 0 done; 1 wrong input, also of some rows of a sweep; 2 wrong usage; 3 server unreachable, deadline passed, or
+still refused after all attempts; 4 a gate or verdict failed: --fail-on, inverted cells, missed exact constraints, a split
+that did not arrive; 130 interrupted by Ctrl-C (the server stops working on the request too). One line on stderr says why;
+with --json there is {"error": {"code", "message", "field"}} on stdout, too.
+The server may also be named by the environment variable DEFORM_SERVER.)";
+
+/// The line for people, and with --json the same for machines.
+ExitCode fail(ExitCode code, const nlohmann::ordered_json& error, Style style) {
+  complain(error.at("message"));
+  if (style == Style::json) print({{"error", error}});
+  return code;
+}
+
+ExitCode run_action(const Action& action, Style style) {
+  try {
+    return action();
+  } catch (const Error& error) {
+    return fail(exit_code_of(error), error_json(error.code(), error.what()), style);
+  } catch (const CLI::ParseError& error) {  // what is wrong with the command line can depend on the files it names
+    return fail(exit_usage, usage_error_json(error.what()), style);
+  } catch (const std::bad_alloc&) {
+    return fail(exit_failed, error_json(ErrorCode::out_of_budget, "not enough memory on this machine for this mesh"), style);
+  } catch (const std::exception& error) {
+    return fail(exit_failed, error_json(ErrorCode::internal, error.what()), style);
+  }
+}
+
+std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
+  const auto chosen = app.get_subcommands();
+  const auto unknown = app.remaining();
+  if (chosen.empty() && !unknown.empty()) {
+    std::vector<std::string> names;
+    for (const auto* command : app.get_subcommands({})) names.push_back(command->get_name());
+    const std::string near = nearest_names(unknown.front(), names);
+    return "there is no command \"" + unknown.front() + "\"; " +
+           (near.empty() ? "see deform --help" : "did you mean " + near + "?");
+  }
+  return std::string(error.what()) + "; see deform " + (chosen.empty() ? "" : chosen.front()->get_name() + " ") + "--help";
+}
+
+void add_common_options(CLI::App& app, CommonOptions& common) {
+  app.add_option("--server", common.server, "Address of deformd, HOST:PORT")->envname("DEFORM_SERVER")->capture_default_str();
+  app.add_option("--timeout", common.timeout_seconds, "Seconds that one call to the server may take; 0: no limit")
+      ->check(CLI::Range(0.0, 1e6))
+      ->capture_default_str();
+  app.add_flag("--json", common.json, "Print results as JSON, for machines");
+}
+
+}  // namespace
+
+int run(int argc, const char* const* argv) {
+  const PrintableStream out(std::cout), err(std::cerr);
+  CommonOptions common;
+  Action chosen;
+  CLI::App app{"deform: client of deformd, deformation of meshes for shape optimization", "deform"};
+  app.set_version_flag("--version", std::string("deform ") + DEFORM_VERSION);
+  app.footer(footer);
+  app.fallthrough();
+  app.require_subcommand(1);
+  app.get_formatter()->column_width(38);
+  add_common_options(app, common);
+  for (const auto add :
+       {add_sample_command, add_inspect_command, add_quality_command, add_register_command, add_detect_command,
+        add_prepare_command, add_apply_command, add_sweep_command, add_list_command, add_show_command, add_remove_command,
+        add_status_command, add_bench_command, add_regions_command, add_read_isolated_command}) {
+    add(app, common, chosen);
+  }
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::Success& help) {
+    app.exit(help);
+    return exit_ok;
+  } catch (const CLI::ParseError& error) {
+    // Reading the command line may have ended before --json.
+    const bool json = std::any_of(argv, argv + argc, [](const char* argument) { return std::string(argument) == "--json"; });
+    return fail(exit_usage, usage_error_json(usage_error(app, error)), json ? Style::json : Style::text);
+  }
+  const ExitCode code = run_action(chosen, common.style());
+  std::cout.flush();
+  if (std::cout.good()) return code;
+  complain("standard output cannot be written: what was to be printed is lost");
+  return code == exit_ok ? exit_failed : code;
+}
+
+}  // namespace deform::cli

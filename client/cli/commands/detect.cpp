@@ -1,0 +1,172 @@
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <iomanip>
+#include <iostream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "client/cli/commands/command.h"
+#include "client/cli/commands/mesh_reading.h"
+#include "client/cli/commands/workspace.h"
+#include "client/cli/output/detect_files.h"
+#include "client/cli/output/format.h"
+#include "client/cli/output/result_json.h"
+#include "core/base/text.h"
+
+namespace deform::cli {
+
+namespace {
+
+struct DetectCommand {
+  std::string file, setup, coloured;
+  double tolerance = 0, minimum_area = 0, maximum_angle = 0;
+  std::uint64_t seed = 0;
+  std::vector<std::string> kinds;
+
+  v1::DetectRequest request(const std::string& geometry) const {
+    v1::DetectRequest message;
+    message.set_geometry_id(geometry);
+    message.set_tolerance(tolerance);
+    message.set_minimum_area(minimum_area / 100);
+    message.set_maximum_angle(maximum_angle * std::numbers::pi / 180);
+    message.set_seed(seed);
+    for (const auto& kind : kinds) {
+      message.add_kinds(kind == "plane"      ? v1::PRIMITIVE_PLANE
+                        : kind == "cylinder" ? v1::PRIMITIVE_CYLINDER
+                        : kind == "sphere"   ? v1::PRIMITIVE_SPHERE
+                                             : v1::PRIMITIVE_CONE);
+    }
+    return message;
+  }
+};
+
+template <typename About>
+nlohmann::ordered_json common_json(const About& about) {
+  nlohmann::ordered_json json;
+  json["name"] = about.name();
+  json["constraint"] = about.constraint();
+  json["point"] = std::vector<double>(about.point().begin(), about.point().end());
+  json["axis"] = std::vector<double>(about.axis().begin(), about.axis().end());
+  json["radius"] = about.radius();
+  json["rms"] = about.rms();
+  json["largest"] = about.largest();
+  return json;
+}
+
+nlohmann::ordered_json detected_json(const client::Detected& detected) {
+  nlohmann::ordered_json json;
+  json["primitives"] = nlohmann::ordered_json::array();
+  for (const auto& primitive : detected.primitives) {
+    auto entry = common_json(primitive.about);
+    entry["half_angle"] = primitive.about.half_angle();
+    entry["area"] = primitive.about.area();
+    entry["faces"] = primitive.faces;
+    entry["points"] = primitive.points;
+    json["primitives"].push_back(std::move(entry));
+  }
+  json["edges"] = nlohmann::ordered_json::array();
+  for (const auto& edge : detected.edges) {
+    auto entry = common_json(edge.about);
+    entry["length"] = edge.about.length();
+    entry["points"] = edge.points;
+    json["edges"].push_back(std::move(entry));
+  }
+  const v1::DetectSummary& summary = detected.summary;
+  json["tolerance"] = summary.tolerance();
+  json["minimum_area"] = summary.minimum_area();
+  json["maximum_angle"] = summary.maximum_angle();
+  json["noise"] = summary.noise();
+  json["area"] = summary.area();
+  json["coverage"] = summary.coverage();
+  json["seconds"] = summary.seconds();
+  json["notes"] = std::vector<std::string>(summary.notes().begin(), summary.notes().end());
+  return json;
+}
+
+void print_detected(const client::Detected& detected) {
+  const v1::DetectSummary& summary = detected.summary;
+  std::cout << std::left << std::setw(16) << "name" << std::right << std::setw(9) << "area %" << std::setw(9) << "points"
+            << std::setw(13) << "radius" << std::setw(13) << "rms" << std::setw(13) << "largest" << '\n';
+  for (const auto& primitive : detected.primitives) {
+    const auto& about = primitive.about;
+    std::cout << std::left << std::setw(16) << printable(about.name()) << std::right << std::setw(9) << std::setprecision(3)
+              << 100 * about.area() / summary.area() << std::setw(9) << about.points() << std::setw(13)
+              << (about.radius() > 0 ? number_text(about.radius()) : "") << std::setw(13) << number_text(about.rms())
+              << std::setw(13) << number_text(about.largest()) << '\n';
+  }
+  for (const auto& edge : detected.edges) {
+    const auto& about = edge.about;
+    std::cout << std::left << std::setw(16) << printable(about.name()) << std::right << std::setw(9) << "" << std::setw(9)
+              << about.points() << std::setw(13) << (about.radius() > 0 ? number_text(about.radius()) : "") << std::setw(13)
+              << number_text(about.rms()) << std::setw(13) << number_text(about.largest()) << '\n';
+  }
+  std::cout << "  " << std::setprecision(4) << 100 * summary.coverage() << " % of the surface belongs to primitives\n"
+            << "  tolerance " << number_text(summary.tolerance()) << ", smallest area "
+            << number_text(100 * summary.minimum_area()) << " %, largest angle "
+            << number_text(summary.maximum_angle() * 180 / std::numbers::pi) << " degrees, noise " << number_text(summary.noise())
+            << ", " << duration_text(summary.seconds()) << '\n';
+  for (const auto& note : summary.notes()) std::cout << "  note: " << note << '\n';
+}
+
+/// What a setup file at `setup` calls the mesh file.
+std::string geometry_name(const std::string& file, const std::string& setup) {
+  std::filesystem::path folder = std::filesystem::absolute(setup).parent_path();
+  const std::filesystem::path relative = std::filesystem::absolute(file).lexically_relative(folder);
+  return relative.empty() ? std::filesystem::absolute(file).string() : relative.string();
+}
+
+ExitCode run_detect(const DetectCommand& options, const CommonOptions& common) {
+  Connection connection(common);
+  Progress progress;
+  const auto file = io::read_mesh_file(options.file, own_process(connection.interrupted()));
+  const auto info = register_mesh(connection, file->mesh(), std::filesystem::path(options.file).filename().string(), progress);
+  progress.clear();
+  const client::Detected detected = connection.client().detect(options.request(info.id()), connection.call());
+  if (!options.setup.empty()) {
+    io::write_file(options.setup, detected_setup(detected, geometry_name(options.file, options.setup)));
+  }
+  if (!options.coloured.empty()) write_detected(*file->mesh(), detected, options.coloured);
+  if (common.style() == Style::json) {
+    print(detected_json(detected));
+  } else {
+    print_detected(detected);
+    if (!options.setup.empty()) std::cout << "wrote " << options.setup << '\n';
+    if (!options.coloured.empty()) std::cout << "wrote " << options.coloured << '\n';
+  }
+  std::cout << std::flush;
+  return exit_ok;
+}
+
+}  // namespace
+
+void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
+  const auto options = std::make_shared<DetectCommand>();
+  auto* command = app.add_subcommand("detect", "Find planes, cylinders, spheres, cones and sharp edges of a surface");
+  command->add_option("FILE", options->file, std::string("Mesh: ") + io::mesh_file_names)->required();
+  command->add_option("-o,--setup", options->setup, "Setup file to write, with a constraint for each of them, to be pruned");
+  command->add_option("--coloured", options->coloured, "File to write, .ply or .vtp: every primitive in its colour");
+  command->add_option("--tolerance", options->tolerance, "Distance of a point from its primitive, model units; 0: automatic")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  command->add_option("--min-area", options->minimum_area, "Smallest area of a primitive, percent of the surface; 0: automatic")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+  command
+      ->add_option("--max-angle", options->maximum_angle,
+                   "Largest angle between neighbouring faces of a curved primitive, degrees; 0: automatic")
+      ->check(CLI::Range(0.0, 90.0))
+      ->capture_default_str();
+  command->add_option("--seed", options->seed, "Of the random samples")->capture_default_str();
+  command->add_option("--kind", options->kinds, "What to look for; may be repeated; default: all")
+      ->take_all()
+      ->expected(1)
+      ->allow_extra_args(false)
+      ->transform(CLI::IsMember({"plane", "cylinder", "sphere", "cone"}, CLI::ignore_case));
+  command->footer(
+      "The same mesh, options and seed give the same result and the same names.\n"
+      "Example: deform detect part.obj -o part.yaml --coloured part_primitives.ply");
+  command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_detect(*options, common); }; });
+}
+
+}  // namespace deform::cli

@@ -1,0 +1,34 @@
+#include "client/cli/commands/mesh_reading.h"
+
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+
+#include "client/cli/commands/command.h"
+
+namespace deform::cli {
+
+namespace {
+
+constexpr char command_name[] = "read-isolated";
+
+}  // namespace
+
+io::ReadOptions own_process() {
+  io::ReadOptions options;
+  options.isolated_reader = {"/proc/self/exe", command_name};
+  return options;
+}
+
+io::ReadOptions own_process(const CancelFlag& cancel) {
+  io::ReadOptions options = own_process();
+  options.cancel = cancel;
+  return options;
+}
+
+void add_read_isolated_command(CLI::App& app, const CommonOptions&, Action& chosen) {
+  auto* command = app.add_subcommand(command_name, "Reads a mesh file for another process of this program; not for people");
+  command->group("");  // in no list of commands
+  command->callback([&chosen] { chosen = [] { return static_cast<ExitCode>(io::serve_isolated_reader()); }; });
+}
+
+}  // namespace deform::cli

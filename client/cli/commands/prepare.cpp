@@ -1,0 +1,129 @@
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <iostream>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "client/cli/commands/command.h"
+#include "client/cli/commands/workspace.h"
+#include "client/cli/output/error_json.h"
+#include "client/cli/output/format.h"
+#include "client/cli/output/result_json.h"
+#include "core/base/text.h"
+
+namespace deform::cli {
+
+namespace {
+
+struct PrepareOptions {
+  PrepareInput input;
+  bool check = false;
+};
+
+void print_estimate(const v1::EstimateReply& estimate) {
+  std::cout << "valid\n";
+  for (const auto& handle : estimate.handles()) {
+    std::cout << "  handle " << printable(handle.name()) << ": " << handle.points() << " points\n";
+  }
+  std::cout << "  fixed: " << estimate.fixed_points() << " points\n"
+            << "  centres: at most " << estimate.centres() << '\n'
+            << "  memory: " << bytes_text(estimate.resident_bytes()) << " kept, " << bytes_text(estimate.peak_bytes())
+            << " while preparing, budget " << bytes_text(estimate.budget_bytes()) << (estimate.fits() ? "" : ": DOES NOT FIT")
+            << '\n'
+            << "  time: about " << duration_text(estimate.seconds())
+            << (estimate.resident() ? ", but it is prepared already" : "") << '\n';
+  for (const auto& note : estimate.notes()) std::cout << "  note: " << printable(note) << '\n';
+  std::cout << std::flush;
+}
+
+void print_system(const v1::SystemInfo& system) {
+  std::cout << system.id() << '\n';
+  std::cout << "  centres: " << system.centres() << (system.reduced() ? " (reduced from " : " (of ") << system.constraint_points()
+            << " constraint points)\n"
+            << "  points: " << system.points() << ", of these " << system.handle_points() << " in handles, "
+            << system.fixed_points() << " fixed, " << system.deformable_points() << " deformable\n"
+            << "  memory: " << bytes_text(system.bytes()) << '\n'
+            << "  solver: " << v1::Solver_Name(system.solver());
+  if (system.condition() > 0) std::cout << ", condition " << number_text(system.condition());
+  if (system.tolerance() > 0) std::cout << ", tolerance " << number_text(system.tolerance()) << " D";
+  std::cout << "\n  prepared in " << duration_text(system.seconds()) << '\n';
+  for (const auto& stage : system.stages())
+    std::cout << "    " << stage.stage() << ": " << duration_text(stage.seconds()) << '\n';
+  for (const auto& note : system.notes()) std::cout << "  note: " << printable(note) << '\n';
+  std::cout << std::flush;
+}
+
+ExitCode run_check(const PrepareOptions& options, const CommonOptions& common) {
+  Connection connection(common);
+  Progress progress;
+  const LoadedSetup loaded = load_setup(connection, options.input, progress);
+  progress.clear();
+  const auto estimate = connection.client().estimate(loaded.setup, connection.call());
+  const Error too_large(ErrorCode::out_of_budget, "it does not fit: preparing takes " + bytes_text(estimate.peak_bytes()) +
+                                                      " beside the mesh, the budget of the server is " +
+                                                      bytes_text(estimate.budget_bytes()));
+  if (common.style() == Style::json) {
+    auto json = to_json(estimate);
+    if (!estimate.fits()) json["error"] = error_json(too_large.code(), too_large.what());
+    print(json);
+  } else {
+    print_estimate(estimate);
+  }
+  if (estimate.fits()) return exit_ok;
+  complain(too_large.what());
+  return exit_code_of(too_large);
+}
+
+ExitCode run_prepare(const PrepareOptions& options, const CommonOptions& common) {
+  if (options.check) return run_check(options, common);
+  Connection connection(common);
+  Progress progress;
+  const PreparedSetup prepared = prepare_setup(connection, options.input, progress);
+  if (common.style() == Style::json) {
+    print(to_json(prepared.system));
+  } else {
+    print_system(prepared.system);
+  }
+  return exit_ok;
+}
+
+constexpr char setup_help[] = R"(A setup file is YAML:
+  geometry: ahmed.obj                     # a mesh file next to the setup file, or a geometry id
+  method: {rbf: {kernel: TRIHARMONIC}}
+  handles:
+    - {name: slant, region: {group: slant}}
+    - {name: roof,  region: {intersection: [{group: roof}, {box: {min: [0.4, -1, 0], max: [0.6, 1, 1]}}]}}
+  fixed: [{group: nose}, {group: underbody}, {group: stilts}]
+  variables:
+    - {name: roof_up,    handle: roof,  translate: [0, 0, 1], lower: -0.04, upper: 0.04}
+    - {name: slant_turn, handle: slant, rotate: {axis: [0, 1, 0], centre: [0.843, 0, 0.338]}, lower: -0.1, upper: 0.1}
+Regions: group, box {min, max}, sphere {centre, radius}, cylinder {start, end, radius}, half_space {point, normal},
+ids [..], open_boundary: true, boundary: true (the surface of a volume mesh), all: true, union [..], intersection [..],
+difference [..], complement {..}, grow {region, rings}. `deform regions` shows them in colours. Variables: translate [x, y, z], rotate {axis, centre} in radians, scale {centre, axis}.
+A half model: symmetry: [{region: {group: symmetry}}] or [{point: [0, 0, 0], normal: [0, 1, 0]}], up to three planes that stay
+planes while their points slide.
+Kernels: TRIHARMONIC, BIHARMONIC, QUINTIC, GAUSSIAN, MULTIQUADRIC, INVERSE_MULTIQUADRIC, WENDLAND_C2, THIN_PLATE
+(the default for 2D meshes). Solvers: SOLVER_AUTOMATIC, CHOLESKY, LDLT, LU, ITERATIVE with a tolerance (automatic beyond 20,000
+centres), as in method: {rbf: {solver: ITERATIVE, tolerance: 1e-6}}; INCREMENTAL_QR, as few centres as a tolerance needs (centre_order:
+GREEDY with samples: [{variables: [0.05, 0]}] puts them where those designs need them). Other methods: {shell: {}}, {mls: {}},
+{subspace: {}}, each with energy: {stretching: 0, bending: 1}. With them constraints: [{name: bore, circular: {}, regions: [{group: bore}]}];
+kinds planar, circular, cylindrical, spherical, conical, straight, feature_line, rigid, fixed_plane, symmetric, coplanar, parallel,
+orthogonal, distance, extent; {rigid: {layers: 3}} keeps three layers of cells on a wall of a volume mesh; exact: true puts the points
+on their shape to the last digits; constraint_options: {tolerance: 1e-7, iterations: 3000}. More in setup.proto.
+Examples:
+  deform prepare setup.yaml --check
+  deform prepare setup.yaml --json)";
+
+}  // namespace
+
+void add_prepare_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
+  const auto options = std::make_shared<PrepareOptions>();
+  auto* command = app.add_subcommand("prepare", "Factorize the system of a setup on the server and print its id");
+  command->add_option("SETUP", options->input.setup, "Setup file, or the id of a system")->required();
+  command->add_option("--source", options->input.source, "Mesh file of a setup that names its geometry by id");
+  command->add_flag("--check", options->check, "Only validate, and print the estimate of centres, memory and time");
+  command->footer(setup_help);
+  command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_prepare(*options, common); }; });
+}
+
+}  // namespace deform::cli

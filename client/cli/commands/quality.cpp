@@ -1,0 +1,157 @@
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <iomanip>
+#include <iostream>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "client/cli/commands/command.h"
+#include "client/cli/commands/mesh_reading.h"
+#include "client/cli/output/error_json.h"
+#include "client/cli/output/format.h"
+#include "client/cli/output/gates.h"
+#include "client/cli/output/measured_mesh.h"
+#include "client/cli/output/quality_files.h"
+#include "client/cli/output/result_json.h"
+#include "core/base/error.h"
+#include "core/base/text.h"
+
+namespace deform::cli {
+
+namespace {
+
+struct QualityOptions {
+  ComparisonInput input;
+  std::vector<Gate> fail_on;
+  std::string html, vtk;
+};
+
+/// What a gate says of the report. Throws CLI::ValidationError when there is no such measure: which there are depends on the
+/// mesh.
+QualityPage::Gate gate_of(const Gate& gate, const QualityReport& report) {
+  // What `apply` and `sweep` call so, whatever the cells are.
+  const bool elements = gate.name == "inverted_cells" && report.find("inverted_elements") != nullptr;
+  if (const QualityRow* row = report.find(elements ? "inverted_elements" : gate.name))
+    return {gate.text, row->value, gate.holds_for(row->value)};
+  std::vector<std::string> names;
+  std::string all;
+  for (const QualityRow& row : report.rows) {
+    names.push_back(row.name);
+    all += (all.empty() ? "" : ", ") + row.name;
+  }
+  const std::string near = nearest_names(gate.name, names);
+  throw CLI::ValidationError("--fail-on " + gate.text + ": there is no measure \"" + gate.name + "\"; " +
+                             (near.empty() ? "there are " + all : "did you mean " + near + "?"));
+}
+
+nlohmann::ordered_json report_json(const QualityReport& report) {
+  nlohmann::ordered_json json;
+  for (const auto& [name, count] : report.counts) json[name] = count;
+  for (const QualityRow& row : report.rows) {
+    json[row.name] = row.value;
+    if (row.id) json[row.name + "_at"] = *row.id;
+  }
+  for (const auto& [name, ids] : report.lists) json[name] = ids;
+  for (const QualityHistogram& histogram : report.histograms) json[histogram.name] = histogram.counts;
+  return json;
+}
+
+void print_comparison(const Comparison& comparison) {
+  const QualityReport& after = comparison.after.report;
+  std::cout << printable(comparison.after.path) << ":";
+  for (const auto& [name, count] : after.counts) {
+    std::string noun = name;
+    std::replace(noun.begin(), noun.end(), '_', ' ');
+    if (count > 0) std::cout << ' ' << count << ' ' << noun;
+  }
+  std::cout << '\n';
+  constexpr int label_width = 54, width = 16;
+  if (comparison.before) {
+    std::cout << "  " << std::left << std::setw(label_width) << "" << std::setw(width) << "before"
+              << "after\n";
+  }
+  for (const QualityRow& row : after.rows) {
+    if (!row.in_table) continue;
+    std::cout << "  " << std::left << std::setw(label_width) << row.label;
+    if (comparison.before) {
+      const QualityRow* same = comparison.before->report.find(row.name);
+      std::cout << std::setw(width) << (same ? number_text(same->value) : "-");
+    }
+    std::cout << number_text(row.value);
+    if (row.id) std::cout << "  (" << *row.id << ")";
+    std::cout << '\n';
+  }
+  for (const std::string& note : comparison.notes) std::cout << "  note: " << note << '\n';
+  std::cout << std::flush;
+}
+
+void print_json(const Comparison& comparison, const std::string& failure) {
+  nlohmann::ordered_json json = report_json(comparison.after.report);
+  json["file"] = comparison.after.path;
+  if (comparison.before) json["before"] = report_json(comparison.before->report);
+  if (!comparison.notes.empty()) json["notes"] = comparison.notes;
+  if (!failure.empty()) json["error"] = verdict_error_json(failure);
+  print(json);
+}
+
+/// Of the first gate that fails; empty when none does.
+std::string failure_text(const std::vector<QualityPage::Gate>& gates, const std::string& file) {
+  for (const auto& gate : gates) {
+    if (gate.failed) return file + ": " + to_text({gate.condition, gate.value});
+  }
+  return {};
+}
+
+ExitCode run_quality(const QualityOptions& options, const CommonOptions& common) {
+  ComparisonInput input = options.input;
+  input.reading = own_process();
+  const Comparison comparison = compare(input);
+  std::vector<QualityPage::Gate> gates;
+  for (const auto& gate : options.fail_on) gates.push_back(gate_of(gate, comparison.after.report));
+  const std::string failure = failure_text(gates, options.input.file);
+  if (common.style() == Style::json) {
+    print_json(comparison, failure);
+  } else {
+    print_comparison(comparison);
+  }
+  // Written also when a gate fails: that is when they are looked at.
+  if (!options.html.empty()) write_quality_page(comparison, gates, options.html);
+  if (!options.vtk.empty()) write_quality_arrays(comparison, options.vtk);
+  if (failure.empty()) return exit_ok;
+  complain(failure);
+  return exit_verdict;
+}
+
+constexpr char footer[] = R"(OpenFOAM meshes get the measures of its checkMesh, by the same formulas; elements the scaled Jacobian
+(Knupp 2000; of quadratic elements that of their quadratic map at all nodes), also those of each type alone.
+Surfaces: twice the radius of the inscribed over that of the circumscribed circle of faces (1: regular), angles at corners,
+discrete mean curvature (cotangent weights, inside the surface), with --before the faces that turned by more than 90 degrees
+against their surroundings: a part that turns as a whole has none.
+--wall: the height of the first layer of cells (volume over wall face) and the angle of the edges that leave the wall to
+its normal; all walls together.
+--setup: how smoothly handles, fixed regions and the rest meet: jumps of normals and of mean curvature over their borders.
+Names for --fail-on are keys of --json. Numbers in parentheses are the ids of the point, face, cell or element.
+Examples:
+  deform quality case/0.15 --before case --fail-on "non_orthogonality>70" --fail-on "inverted_cells>0" --wall car_body
+  deform quality out.obj --before ahmed.obj --setup ahmed.yaml --html report.html --vtp out.vtp)";
+
+}  // namespace
+
+void add_quality_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
+  const auto options = std::make_shared<QualityOptions>();
+  auto* command = app.add_subcommand("quality", "Measure a surface or the cells of a volume mesh; needs no server");
+  command->add_option("FILE", options->input.file, "Mesh: surface or volume, or one of the time folders of an OpenFOAM case")
+      ->required();
+  command->add_option("--before", options->input.before, "The undeformed mesh, shown beside it");
+  add_gate_option(*command, options->fail_on, "Exit code 4 when NAME>NUMBER or NAME<NUMBER holds; may be repeated");
+  command->add_option("--wall", options->input.walls, "Group of boundary faces whose first layer is measured; may be repeated")
+      ->allow_extra_args(false);
+  command->add_option("--setup", options->input.setup, "Setup file: measures where its regions meet");
+  command->add_option("--html", options->html, "Writes a page for people, one file that needs no network");
+  command->add_option("--vtu,--vtp", options->vtk, "Writes the mesh with its measures for ParaView: .vtu, of surfaces .vtp");
+  command->footer(footer);
+  command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_quality(*options, common); }; });
+}
+
+}  // namespace deform::cli

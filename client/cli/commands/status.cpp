@@ -1,0 +1,69 @@
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <iostream>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "client/cli/commands/command.h"
+#include "client/cli/output/error_json.h"
+#include "client/cli/output/format.h"
+#include "client/cli/output/result_json.h"
+#include "client/client.h"
+
+namespace deform::cli {
+
+namespace {
+
+/// What an operator should look at; empty when there is nothing.
+std::string store_text(const v1::ServerInfo& info) {
+  if (!info.has_store()) return {};  // a server of 0.1
+  const v1::StoreInfo& store = info.store();
+  std::string text;
+  if (!store.writable()) text += "\n    NOTHING CAN BE ADDED: " + store.reason();
+  if (store.damaged_files() > 0) text += "\n    " + std::to_string(store.damaged_files()) + " damaged files in damaged/";
+  if (store.unclaimed_files() > 0) text += "\n    " + std::to_string(store.unclaimed_files()) + " foreign files in unclaimed/";
+  return text;
+}
+
+void print_status(const v1::ServerInfo& info, const std::string& server) {
+  std::cout << "deformd " << info.version() << " at " << server << ", " << (info.draining() ? "DRAINING" : "serving") << " for "
+            << duration_text(static_cast<double>(info.uptime_ms()) * 1e-3) << '\n'
+            << "  work: " << info.running() << " running on " << info.workers() << " workers, " << info.queue_length()
+            << " waiting (limit " << info.queue_limit() << "), " << info.designs_served() << " designs served\n"
+            << "  memory: " << bytes_text(info.memory_in_use()) << " in use of " << bytes_text(info.memory_budget())
+            << ", process " << bytes_text(info.resident_set_bytes()) << '\n'
+            << "  systems: " << info.systems_resident() << " in memory, " << bytes_text(info.cache_bytes()) << " of "
+            << bytes_text(info.cache_budget()) << "; " << info.cache_hits() << " hits, " << info.cache_misses() << " misses, "
+            << info.cache_evictions() << " evictions\n"
+            << "  store: " << info.geometries() << " geometries, " << info.setups() << " setups" << store_text(info) << std::endl;
+}
+
+ExitCode run_status(const CommonOptions& common) {
+  client::ClientOptions options = common.client_options();
+  options.max_attempts = 1;  // the answer is about now
+  client::Client client(options);
+  client::CallOptions call = common.call_options();
+  if (!call.timeout) call.timeout = std::chrono::seconds(5);
+  const auto info = client.server_info(call);
+  const Error draining(ErrorCode::unavailable, "the server is draining and takes no new work; use another one");
+  if (common.style() == Style::json) {
+    auto json = to_json(info);
+    if (info.draining()) json["error"] = error_json(draining.code(), draining.what());
+    print(json);
+  } else {
+    print_status(info, common.server);
+  }
+  if (!info.draining()) return exit_ok;
+  complain(draining.what());
+  return exit_code_of(draining);
+}
+
+}  // namespace
+
+void add_status_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
+  auto* command = app.add_subcommand("status", "Show how the server is; exit code 0 only when it serves");
+  command->footer("Waits at most 5 seconds unless --timeout says otherwise. Fits a container's health check.");
+  command->callback([&common, &chosen] { chosen = [&common] { return run_status(common); }; });
+}
+
+}  // namespace deform::cli

@@ -1,0 +1,377 @@
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <exception>
+#include <iostream>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "client/cli/commands/command.h"
+#include "client/cli/commands/workspace.h"
+#include "client/cli/output/apply_report.h"
+#include "client/cli/output/cell_options.h"
+#include "client/cli/output/error_json.h"
+#include "client/cli/output/format.h"
+#include "client/cli/output/gates.h"
+#include "client/cli/output/result_json.h"
+#include "client/cli/sweep/sweep_designs.h"
+#include "client/cli/sweep/sweep_output.h"
+#include "client/design.h"
+
+namespace deform::cli {
+
+namespace {
+
+struct SweepOptions {
+  PrepareInput input;
+  std::string designs;
+  std::string output;
+  int parallel = 2;
+  int batch = 0;
+  bool keep_going = true;
+  bool keep_bad = false;
+  OutputOptions encoding;
+  CellOptions cells;
+  DesignGates gates;
+};
+
+/// The extension of the results is that of the original, .gz included. Results of an OpenFOAM mesh are time folders.
+std::string full_extension(const io::MeshFile& source, const std::filesystem::path& path) {
+  if (source.format() == io::Format::openfoam) return source.compressed ? "/polyMesh/points.gz" : "/polyMesh/points";
+  const std::string last = path.extension().string();
+  return last == ".gz" ? path.stem().extension().string() + last : last;
+}
+
+/// What is told in the end.
+struct SweepReport {
+  std::size_t designs = 0, written = 0, skipped = 0;
+  std::uint64_t bytes_received = 0;
+  double max_error = 0;
+  double seconds = 0;
+  std::map<std::string, std::string> failed;             ///< designs without a result, and why
+  std::map<std::string, std::string> discarded;          ///< those that were computed, but are not what was asked for
+  std::map<std::string, std::vector<std::string>> bad;   ///< written ones with a verdict
+  std::map<std::string, std::vector<std::string>> gate;  ///< gates that failed
+  std::map<std::string, std::vector<std::string>> warnings;
+  std::map<std::string, double> inverted;  ///< designs with inverted cells, and their safe amplitudes
+
+  ExitCode exit_code() const {
+    if (!failed.empty()) return exit_failed;
+    return discarded.empty() && bad.empty() && gate.empty() ? exit_ok : exit_verdict;
+  }
+  void add(const std::string& name, const ResultVerdicts& verdicts) {
+    if (!verdicts.reasons.empty()) bad.emplace(name, verdicts.reasons);
+    if (!verdicts.warnings.empty()) warnings.emplace(name, verdicts.warnings);
+    if (verdicts.safe_amplitude) inverted.emplace(name, *verdicts.safe_amplitude);
+    for (const auto& [text, failure] : verdicts.gates) {
+      if (!failure.empty()) gate[name].push_back(failure);
+    }
+  }
+};
+
+ResultVerdicts verdicts_of(const v1::DesignResult& result, const DesignGates& gates) {
+  ResultVerdicts verdicts;
+  verdicts.reasons = judge(result).reasons;
+  verdicts.warnings = warnings_of(result);
+  if (has_inverted_cells(result)) verdicts.safe_amplitude = result.cells().safe_amplitude();
+  for (const Gate& gate : gates.gates()) verdicts.gates[gate.text];
+  for (const FailedGate& failed : gates.failed(result)) verdicts.gates[failed.text] = to_text(failed);
+  return verdicts;
+}
+
+/// Several requests in flight: each thread takes the next few designs, and results are written while the rest still arrives.
+class Sweep {
+ public:
+  Sweep(Connection& connection, const PreparedSetup& prepared, const SweepOptions& options)
+      : connection_(connection), prepared_(prepared), options_(options), source_(source_of(prepared)) {
+    constexpr std::size_t batch_bytes = std::size_t{64} << 20;
+    const std::size_t design_bytes = source_.mesh()->point_count() * sizeof(Vec3) + 1;
+    batch_ =
+        options.batch > 0 ? static_cast<std::size_t>(options.batch) : std::clamp<std::size_t>(batch_bytes / design_bytes, 1, 16);
+  }
+
+  SweepReport run(const DesignTable& table, Progress& progress) {
+    open_output(table);
+    report_.designs = table.designs.size() + table.bad.size();
+    for (const auto& bad : table.bad) {
+      output_->fail(bad.name, bad.reason);
+      report_.failed.emplace(bad.name, bad.reason);
+    }
+    work(progress);
+    output_->finish();
+    return report_;
+  }
+
+ private:
+  struct Todo {
+    const NamedDesign* design;
+    ExpectedResult result;
+  };
+
+  void open_output(const DesignTable& table) {
+    const bool archive = std::filesystem::path(options_.output).extension() == ".tar";
+    std::string extension = full_extension(source_, prepared_.source_path);
+    if (archive && extension.ends_with(".gz")) extension.resize(extension.size() - 3);
+    const SweepIdentity identity{prepared_.system.id(), options_.encoding.encoding, options_.encoding.tolerance, extension,
+                                 options_.cells.identity() + options_.encoding.identity()};
+    std::vector<ExpectedResult> expected;
+    for (const auto& design : table.designs) expected.push_back({design.name, design_hash(identity, design)});
+    output_ = open_sweep_output(options_.output, extension, expected);
+    for (std::size_t k = 0; k < expected.size(); ++k) {
+      const auto found = output_->find(expected[k]);
+      if (found && knows_gates(*found)) {
+        ++report_.skipped;
+        report_.add(expected[k].name, asked_for(*found));
+      } else {
+        todo_.push_back({&table.designs[k], expected[k]});
+      }
+    }
+  }
+
+  /// What an earlier run found out is enough for this one.
+  bool knows_gates(const ResultVerdicts& verdicts) const {
+    const auto& gates = options_.gates.gates();
+    return std::all_of(gates.begin(), gates.end(), [&](const Gate& gate) { return verdicts.gates.contains(gate.text); });
+  }
+
+  /// Without gates that only the earlier run had.
+  ResultVerdicts asked_for(ResultVerdicts verdicts) const {
+    const auto& gates = options_.gates.gates();
+    std::erase_if(verdicts.gates, [&](const auto& item) {
+      return std::none_of(gates.begin(), gates.end(), [&](const Gate& gate) { return gate.text == item.first; });
+    });
+    return verdicts;
+  }
+
+  void work(Progress& progress) {
+    std::vector<std::thread> threads;
+    const auto batches = (todo_.size() + batch_ - 1) / batch_;
+    const auto count = std::min<std::size_t>(static_cast<std::size_t>(options_.parallel), batches);
+    for (std::size_t t = 0; t < count; ++t) {
+      threads.emplace_back([this, &progress] {
+        try {
+          while (next_batch(progress)) {
+          }
+        } catch (...) {
+          const std::lock_guard lock(mutex_);
+          if (!error_) error_ = std::current_exception();
+          stop_ = true;
+        }
+      });
+    }
+    for (auto& thread : threads) thread.join();
+    if (error_) rethrow_with_progress();
+  }
+
+  /// What ended the sweep, and that nothing finished is lost.
+  [[noreturn]] void rethrow_with_progress() const {
+    try {
+      std::rethrow_exception(error_);
+    } catch (const Error& error) {
+      if (done_ == 0) throw;
+      throw Error(error.code(), std::string(error.what()) + "; " + std::to_string(done_) + " of " + std::to_string(todo_.size()) +
+                                    " designs are done: run it again for the rest");
+    }
+  }
+
+  bool next_batch(Progress& progress) {
+    if (stop_) return false;
+    const std::size_t first = next_.fetch_add(batch_);
+    if (first >= todo_.size()) return false;
+    const std::size_t end = std::min(first + batch_, todo_.size());
+    v1::DeformRequest request;
+    request.set_system_id(prepared_.system.id());
+    request.set_failures(v1::FAILURES_PER_DESIGN);
+    options_.encoding.set(request);
+    options_.cells.set(request);
+    for (std::size_t k = first; k < end; ++k) *request.add_designs() = client::variables_design(todo_[k].design->values);
+    const auto outcome =
+        connection_.client().deform(request, connection_.call(), [&](std::size_t k, client::DeformedDesign&& design) {
+          take(todo_[first + k], design);
+          const std::lock_guard lock(mutex_);
+          progress.count("sweep", ++done_, todo_.size());
+        });
+    const std::lock_guard lock(mutex_);
+    report_.bytes_received += outcome.summary.bytes();
+    return true;
+  }
+
+  void take(const Todo& todo, const client::DeformedDesign& design) {
+    if (design.error) return fail(todo, *design.error);
+    const std::string& name = todo.result.name;
+    const ResultVerdicts verdicts = verdicts_of(design.result, options_.gates);
+    if (judge(design.result).verdict == Verdict::discarded && !options_.keep_bad) {
+      const std::string reason = todo.design->where + verdicts.reasons.back() + "; not written without --keep-bad";
+      output_->fail(name, reason);
+      const std::lock_guard lock(mutex_);
+      report_.discarded.emplace(name, reason);
+      return;
+    }
+    std::string bytes;
+    try {
+      bytes = source_.with_points(design.points);
+    } catch (const Error& error) {
+      return fail(todo, error);  // points that this kind of file cannot hold
+    }
+    output_->put(todo.result, verdicts, bytes);
+    const std::lock_guard lock(mutex_);
+    ++report_.written;
+    report_.max_error = std::max(report_.max_error, design.result.max_error());
+    report_.add(name, verdicts);
+  }
+
+  void fail(const Todo& todo, const Error& error) {
+    const std::string reason = todo.design->where + error.what();
+    output_->fail(todo.result.name, reason);
+    if (!options_.keep_going) throw Error(error.code(), reason);
+    const std::lock_guard lock(mutex_);
+    report_.failed.emplace(todo.result.name, reason);
+  }
+
+  Connection& connection_;
+  const PreparedSetup& prepared_;
+  const SweepOptions& options_;
+  const io::MeshFile& source_;
+  std::size_t batch_ = 1;
+  std::unique_ptr<SweepOutput> output_;
+  std::vector<Todo> todo_;
+  std::atomic<std::size_t> next_{0};
+  std::atomic<bool> stop_{false};
+  std::mutex mutex_;
+  // under mutex_
+  SweepReport report_;
+  std::size_t done_ = 0;
+  std::exception_ptr error_;
+};
+
+/// One line that says why the exit code is not 0; empty when it is.
+std::string complaint(const SweepReport& report) {
+  const std::string of = " of " + std::to_string(report.designs) + " designs ";
+  if (!report.failed.empty()) {
+    return std::to_string(report.failed.size()) + of + "failed, the first: " + report.failed.begin()->second;
+  }
+  if (!report.discarded.empty()) {
+    return std::to_string(report.discarded.size()) + of + "were not written, the first: " + report.discarded.begin()->second;
+  }
+  std::map<std::string, std::vector<std::string>> all = report.bad;
+  for (const auto& [name, failures] : report.gate) all[name].insert(all[name].end(), failures.begin(), failures.end());
+  if (all.empty()) return {};
+  return std::to_string(all.size()) + of + "are bad, the first: " + all.begin()->first + ": " + all.begin()->second.front();
+}
+
+void print_json(const SweepReport& report, const std::string& output) {
+  nlohmann::ordered_json json;
+  json["output"] = output;
+  json["designs"] = report.designs;
+  json["written"] = report.written;
+  json["skipped"] = report.skipped;
+  json["seconds"] = report.seconds;
+  json["bytes_received"] = report.bytes_received;
+  json["max_error"] = report.max_error;
+  json["inverted"] = report.inverted;
+  std::map<std::string, std::string> failed = report.failed;
+  failed.insert(report.discarded.begin(), report.discarded.end());
+  json["failed"] = failed;
+  json["bad"] = report.bad;
+  json["gate"] = report.gate;
+  json["warnings"] = report.warnings;
+  const std::string text = complaint(report);
+  if (!report.failed.empty()) {
+    json["error"] = error_json(ErrorCode::invalid_argument, text);
+  } else if (!text.empty()) {
+    json["error"] = verdict_error_json(text);
+  }
+  print(json);
+}
+
+void print_text(const SweepReport& report, const std::string& output) {
+  std::cout << "wrote " << report.written << " of " << report.designs << " designs to " << output << " in "
+            << duration_text(report.seconds)
+            << (report.skipped > 0 ? ", " + std::to_string(report.skipped) + " were there already" : "") << '\n';
+  for (const auto& [name, reasons] : report.bad) {
+    for (const auto& reason : reasons) std::cout << "  " << name << ": " << reason << '\n';
+  }
+  for (const auto& [name, failures] : report.gate) {
+    for (const auto& failure : failures) std::cout << "  " << name << ": " << failure << '\n';
+  }
+  for (const auto& [name, warnings] : report.warnings) {
+    for (const auto& warning : warnings) std::cout << "  " << name << " WARNING: " << warning << '\n';
+  }
+  for (const auto* without : {&report.discarded, &report.failed}) {
+    for (const auto& [name, reason] : *without) std::cout << "  " << name << " FAILED: " << reason << '\n';
+  }
+  std::cout << std::flush;
+}
+
+/// The rows of the table, all of them looked at before anything is computed.
+DesignTable checked_designs(const SweepOptions& options, const v1::Setup& setup) {
+  DesignTable table = read_designs(read_csv(options.designs, BadRows::keep), setup);
+  if (options.keep_going || table.bad.empty()) return table;
+  const std::string more = std::to_string(table.bad.size() - 1) + " more bad rows";
+  throw Error(ErrorCode::invalid_argument,
+              table.bad.front().reason + (table.bad.size() > 1 ? "; and " + more : "") + "; nothing was computed");
+}
+
+ExitCode run_sweep(const SweepOptions& options, const CommonOptions& common) {
+  Connection connection(common);
+  Progress preparing;
+  LoadedSetup loaded = load_setup(connection, options.input, preparing);
+  const DesignTable table = checked_designs(options, loaded.setup);
+  const PreparedSetup prepared = prepare_loaded(connection, std::move(loaded), preparing);
+  const auto start = std::chrono::steady_clock::now();
+  Progress progress;
+  SweepReport report = Sweep(connection, prepared, options).run(table, progress);
+  progress.clear();
+  report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  if (common.style() == Style::json) {
+    print_json(report, options.output);
+  } else {
+    print_text(report, options.output);
+  }
+  if (const std::string text = complaint(report); !text.empty()) complain(text);
+  return report.exit_code();
+}
+
+constexpr char footer[] =
+    R"(A column "name" names the results, else they are design_0001, ...; variables without a column stay 0.
+Resumable: run the same command again after an interruption and only what is missing is computed. What is finished is
+recorded in FOLDER/sweep.manifest or ARCHIVE.manifest with a hash of system, encoding and values; designs whose row has
+changed are computed again, the others are kept. A file has its name only when it is complete; an archive is ARCHIVE.part
+until then, and one that is there is replaced only by a complete one. Files that are not of a sweep are never overwritten.
+All rows are looked at before anything is computed. A bad row, and a design that cannot be computed, is named with its file
+and line, recorded in the manifest and tried again by the next run; the others go on. Exit code 1 when there are any; else 4
+when cells of a design are inverted, its split did not arrive, it misses exact constraints, or a gate of --fail-on fails,
+also of designs that were there already; one whose gate an earlier run did not look at is computed again.
+Example: deform sweep setup.yaml --designs designs.csv -o results/ --fail-on "flipped_faces>0")";
+
+}  // namespace
+
+void add_sweep_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
+  const auto options = std::make_shared<SweepOptions>();
+  auto* command = app.add_subcommand("sweep", "Deform for every line of a table of designs");
+  command->add_option("SETUP", options->input.setup, "Setup file, or the id of a prepared system")->required();
+  command->add_option("--designs", options->designs, "CSV file: header with names of design variables, a design per line")
+      ->required();
+  command->add_option("-o,--output", options->output, "Folder for one file per design, or an archive when it ends in .tar")
+      ->required();
+  command->add_option("--source", options->input.source, "Mesh file of a setup that names its geometry by id");
+  command->add_option("--parallel", options->parallel, "Requests in flight")->check(CLI::Range(1, 64))->capture_default_str();
+  command->add_option("--batch", options->batch, "Designs per request; 0: as many as fit into 64 MiB, at most 16")
+      ->check(CLI::Range(0, 1000))
+      ->capture_default_str();
+  command->add_flag("--keep-going,!--no-keep-going", options->keep_going,
+                    "Go on with the other designs when one fails (default); --no-keep-going ends at the first");
+  command->add_flag("--keep-bad", options->keep_bad, "Write designs that miss exact constraints, too");
+  options->gates.add_to(*command);
+  options->encoding.add_to(*command);
+  options->cells.add_to(*command);
+  command->footer(footer);
+  command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_sweep(*options, common); }; });
+}
+
+}  // namespace deform::cli

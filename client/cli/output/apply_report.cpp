@@ -1,0 +1,89 @@
+#include "client/cli/output/apply_report.h"
+
+#include <nlohmann/json.hpp>
+
+#include "client/cli/output/cell_options.h"
+#include "client/cli/output/error_json.h"
+#include "client/cli/output/format.h"
+#include "core/base/text.h"
+
+namespace deform::cli {
+
+namespace {
+
+std::vector<std::string> all_notes(const Applied& applied) {
+  std::vector<std::string> notes = applied.notes;
+  notes.insert(notes.end(), applied.summary.notes().begin(), applied.summary.notes().end());
+  return notes;
+}
+
+void print_displacement(const v1::DesignResult& result, std::ostream& out) {
+  out << "  largest displacement " << number_text(result.max_displacement());
+  const auto ratio = design_measure("displacement_ratio", result);
+  if (result.prescribed_displacement() > 0 && ratio) {
+    out << " (prescribed " << number_text(result.prescribed_displacement()) << ", ratio " << number_text(*ratio) << ')';
+  }
+  out << '\n';
+}
+
+}  // namespace
+
+std::vector<std::string> warnings_of(const v1::DesignResult& result) {
+  std::vector<std::string> warnings(result.warnings().begin(), result.warnings().end());
+  constexpr double striking = 1.5;
+  const auto ratio = design_measure("displacement_ratio", result);
+  if (warnings.empty() && ratio && *ratio >= striking) {
+    warnings.push_back("a point moves " + number_text(result.max_displacement()) + ", " + number_text(*ratio) +
+                       " times as far as any point was told to; look at the result before using it");
+  }
+  return warnings;
+}
+
+nlohmann::ordered_json applied_json(const Applied& applied) {
+  nlohmann::ordered_json json;
+  json["file"] = applied.file;
+  json["written"] = applied.written;
+  json["points"] = applied.points;
+  json["encoding"] = applied.encoding;
+  json["max_error"] = applied.result.max_error();
+  json["seconds"] = nlohmann::ordered_json::object();
+  for (const auto& [stage, seconds] : applied.seconds) json["seconds"][stage] = seconds;
+  auto& report = json["report"];
+  report["path"] = v1::EvaluationPath_Name(applied.result.path());
+  report["interpolation_residual"] = applied.result.interpolation_residual();
+  report["max_displacement"] = applied.result.max_displacement();
+  report["prescribed_displacement"] = applied.result.prescribed_displacement();
+  if (const auto ratio = design_measure("displacement_ratio", applied.result)) report["displacement_ratio"] = *ratio;
+  report["blocks_fell_back"] = applied.result.blocks_fell_back();
+  add_findings(applied.result, report);
+  report["bytes"] = applied.summary.bytes();
+  report["prepared_again"] = applied.summary.prepared_again();
+  report["notes"] = all_notes(applied);
+  json["warnings"] = warnings_of(applied.result);
+  json["failures"] = applied.failures;
+  if (!applied.failures.empty()) json["error"] = verdict_error_json(failure_text(applied));
+  return json;
+}
+
+void print_applied(const Applied& applied, std::ostream& out) {
+  out << (applied.written ? "wrote " : "did NOT write ") << printable(applied.file) << ": " << applied.points << " points, "
+      << bytes_text(applied.summary.bytes()) << " received as " << applied.encoding << ", encoding error "
+      << number_text(applied.result.max_error()) << '\n';
+  print_displacement(applied.result, out);
+  out << "  residual at the centres " << number_text(applied.result.interpolation_residual()) << "\n ";
+  for (const auto& [stage, seconds] : applied.seconds) out << ' ' << stage << ' ' << duration_text(seconds);
+  out << '\n';
+  print_findings(applied.result, out);
+  for (const auto& note : all_notes(applied)) out << "  note: " << printable(note) << '\n';
+  for (const auto& warning : warnings_of(applied.result)) out << "  WARNING: " << printable(warning) << '\n';
+  for (const auto& failure : applied.failures) out << "  FAILED: " << printable(failure) << '\n';
+  out << std::flush;
+}
+
+std::string failure_text(const Applied& applied) {
+  std::string text = applied.file + (applied.written ? "" : " was not written");
+  for (std::size_t i = 0; i < applied.failures.size(); ++i) text += (i == 0 ? ": " : "; ") + applied.failures[i];
+  return text + (applied.written ? "" : "; --keep-bad writes it all the same");
+}
+
+}  // namespace deform::cli

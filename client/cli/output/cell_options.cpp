@@ -1,0 +1,131 @@
+#include "client/cli/output/cell_options.h"
+
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "client/cli/output/format.h"
+#include "client/cli/output/result_json.h"
+#include "core/base/text.h"
+
+namespace deform::cli {
+
+void CellOptions::add_to(CLI::App& command) {
+  command
+      .add_option(
+          "--check", check,
+          "What to find out about the faces and the cells of a volume or 2D mesh: off, amplitude (which faces flipped, which "
+          "cells are inverted, and how far along the motion none is), quality (that, and all measures)")
+      ->transform(CLI::IsMember({"off", "amplitude", "quality"}, CLI::ignore_case))
+      ->capture_default_str();
+  command
+      .add_option("--split", split,
+                  "Make a design that would invert cells in several steps: uniform (the least number of equal ones that inverts "
+                  "none) or adaptive (steps as long as the mesh bears)")
+      ->transform(CLI::IsMember({"off", "uniform", "adaptive"}, CLI::ignore_case))
+      ->capture_default_str();
+  command.add_option("--most-steps", most_steps, "Steps that --split tries at most")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+}
+
+void CellOptions::set(v1::DeformRequest& request) const {
+  request.set_check(check == "off" ? v1::CELL_CHECK_OFF : check == "quality" ? v1::CELL_QUALITY : v1::SAFE_AMPLITUDE);
+  if (split == "off") return;
+  request.mutable_splitting()->set_mode(split == "adaptive" ? v1::SPLIT_ADAPTIVE : v1::SPLIT_UNIFORM);
+  request.mutable_splitting()->set_most_steps(most_steps);
+}
+
+std::string CellOptions::identity() const { return split == "off" ? "" : split + " " + std::to_string(most_steps); }
+
+void add_findings(const v1::DesignResult& result, nlohmann::ordered_json& json) {
+  if (result.has_faces()) {
+    json["faces"] = result.faces().faces();
+    json["flipped_faces"] = result.faces().flipped();
+    json["flipped"] = std::vector<std::uint32_t>(result.faces().flipped_ids().begin(), result.faces().flipped_ids().end());
+  }
+  if (result.has_cells()) json["cells"] = to_json(result.cells());
+  if (result.has_quality()) json["quality"] = to_json(result.quality());
+  if (result.has_split()) json["split"] = to_json(result.split());
+  if (result.has_constraints()) json["constraints"] = to_json(result.constraints());
+}
+
+bool has_inverted_cells(const v1::DesignResult& result) {
+  return result.has_split() ? !result.split().inversion_free() : result.cells().inverted() > 0;
+}
+
+namespace {
+
+/// " 17, 23, ..." of ids that come worst first.
+template <typename Ids>
+std::string first_ids(const Ids& ids, std::uint64_t all) {
+  constexpr int most = 10;
+  std::string text;
+  for (int k = 0; k < std::min(most, ids.size()); ++k) text += (k == 0 ? " " : ", ") + std::to_string(ids.Get(k));
+  return text + (all > most ? ", ..." : "");
+}
+
+void print_faces(const v1::FaceReport& faces, std::ostream& out) {
+  if (faces.flipped() == 0) {
+    out << "  none of " << faces.faces() << " faces flipped\n";
+    return;
+  }
+  out << "  " << faces.flipped() << " of " << faces.faces()
+      << " faces flipped:" << first_ids(faces.flipped_ids(), faces.flipped()) << ", worst first\n";
+}
+
+void print_cells(const v1::CellReport& cells, std::ostream& out) {
+  out << "  " << cells.cells() << " cells, ";
+  if (cells.inverted() == 0 && cells.safe_amplitude() == 1) {
+    out << "none is inverted";
+  } else {
+    out << cells.inverted() << " inverted by the full step; none before " << number_text(cells.safe_amplitude()) << " of it";
+    if (cells.has_first_cell()) out << ", then cell " << cells.first_cell();
+  }
+  if (cells.inverted_at_rest() > 0) out << " (besides " << cells.inverted_at_rest() << " that are inverted at rest)";
+  out << '\n';
+  if (cells.inverted_ids_size() > 0) out << "  worst cells:" << first_ids(cells.inverted_ids(), cells.inverted()) << '\n';
+}
+
+void print_split(const v1::SplitReport& split, std::ostream& out) {
+  if (split.inversion_free()) {
+    out << "  made in " << split.steps() << (split.steps() == 1 ? " step" : " steps") << " without inverted cells\n";
+    return;
+  }
+  out << "  no number of steps up to " << split.steps() << " is free of inverted cells; written is "
+      << number_text(split.reached()) << " of the motion\n";
+  if (!split.failure().empty()) out << "  " << split.failure() << '\n';
+}
+
+void print_constraints(const v1::ConstraintsReport& constraints, std::ostream& out) {
+  for (const auto& residual : constraints.residuals()) {
+    out << "  " << printable(residual.name()) << ": largest " << number_text(residual.largest()) << ", rms "
+        << number_text(residual.rms()) << " (without constraints " << number_text(residual.free_largest()) << ", "
+        << number_text(residual.free_rms()) << ')'
+        << (residual.missed() ? ", NOT EXACT: it contradicts others, or points that are held\n" : "\n");
+  }
+  if (constraints.exact_given_up()) out << "  exact placement GIVEN UP: it made the result worse\n";
+  out << "  constraints " << (constraints.converged() ? "converged" : "DID NOT CONVERGE") << " in " << constraints.iterations()
+      << " iterations";
+  if (constraints.newton_steps() > 0) out << ", " << constraints.newton_steps() << " of them Newton steps";
+  if (constraints.convergence_error() > 0)
+    out << ", " << number_text(constraints.convergence_error()) << " rms from the solution";
+  out << '\n';
+}
+
+}  // namespace
+
+void print_findings(const v1::DesignResult& result, std::ostream& out) {
+  if (result.has_constraints()) print_constraints(result.constraints(), out);
+  if (result.has_faces()) print_faces(result.faces(), out);
+  if (result.has_cells()) print_cells(result.cells(), out);
+  if (result.has_split()) print_split(result.split(), out);
+  for (const auto& measure : result.quality().measures()) {
+    out << "  " << printable(measure.label()) << ": " << number_text(measure.value());
+    if (measure.has_id()) out << " (" << measure.id() << ")";
+    out << '\n';
+  }
+}
+
+}  // namespace deform::cli

@@ -1,0 +1,33 @@
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+#include <ostream>
+#include <string>
+
+#include "client/cli/commands/command.h"
+#include "deform/v1/deformation.pb.h"
+
+namespace deform::cli {
+
+/// --check, --split, --most-steps: what is done about cells that would be inverted.
+struct CellOptions {
+  std::string check = "amplitude";
+  std::string split = "off";
+  unsigned most_steps = 20;
+
+  void add_to(CLI::App& command);
+  void set(v1::DeformRequest& request) const;
+  /// What of it determines the points of a result; empty without splitting.
+  std::string identity() const;
+};
+
+/// What the server found out about the cells of a design: keys "cells", "quality", "split" and "constraints", those
+/// that are there.
+void add_findings(const v1::DesignResult& result, nlohmann::ordered_json& json);
+/// For people, a line each; nothing without cells.
+void print_findings(const v1::DesignResult& result, std::ostream& out);
+
+/// Cells are inverted in the points that came.
+bool has_inverted_cells(const v1::DesignResult& result);
+
+}  // namespace deform::cli

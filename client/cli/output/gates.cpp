@@ -1,0 +1,161 @@
+#include "client/cli/output/gates.h"
+
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <algorithm>
+
+#include "client/cli/output/format.h"
+#include "client/cli/output/numbers.h"
+#include "core/base/error.h"
+
+namespace deform::cli {
+
+namespace {
+
+using Measured = std::optional<double>;
+
+Measured missed(const v1::DesignResult& result) {
+  const auto& constraints = result.constraints();
+  const auto count = std::count_if(constraints.residuals().begin(), constraints.residuals().end(),
+                                   [](const v1::ConstraintResidual& residual) { return residual.missed(); });
+  return std::max(static_cast<double>(count), constraints.exact_given_up() ? 1.0 : 0.0);
+}
+
+/// A split ends where nothing is inverted, be it short of the whole motion; its cells are reported for one full step.
+Measured inverted_cells(const v1::DesignResult& result) {
+  if (result.has_split()) return 0;
+  return result.has_cells() ? Measured(static_cast<double>(result.cells().inverted())) : std::nullopt;
+}
+
+Measured safe_amplitude(const v1::DesignResult& result) {
+  if (result.has_split()) return result.split().inversion_free() ? 1 : result.split().reached();
+  return result.has_cells() ? Measured(result.cells().safe_amplitude()) : std::nullopt;
+}
+
+Measured displacement_ratio(const v1::DesignResult& result) {
+  if (result.prescribed_displacement() > 0) return result.max_displacement() / result.prescribed_displacement();
+  return result.max_displacement() > 0 ? std::nullopt : Measured(1);
+}
+
+struct Measure {
+  const char* name;
+  Measured (*of)(const v1::DesignResult& result);
+};
+
+constexpr Measure measures[] = {
+    {"flipped_faces",
+     [](const v1::DesignResult& result) {
+       return result.has_faces() ? Measured(static_cast<double>(result.faces().flipped())) : std::nullopt;
+     }},
+    {"inverted_cells", inverted_cells},
+    {"inverted_at_rest",
+     [](const v1::DesignResult& result) {
+       return result.has_cells() ? Measured(static_cast<double>(result.cells().inverted_at_rest())) : std::nullopt;
+     }},
+    {"safe_amplitude", safe_amplitude},
+    {"max_displacement", [](const v1::DesignResult& result) { return Measured(result.max_displacement()); }},
+    {"prescribed_displacement", [](const v1::DesignResult& result) { return Measured(result.prescribed_displacement()); }},
+    {"displacement_ratio", displacement_ratio},
+    {"interpolation_residual", [](const v1::DesignResult& result) { return Measured(result.interpolation_residual()); }},
+    {"max_error", [](const v1::DesignResult& result) { return Measured(result.max_error()); }},
+    {"missed", missed},
+};
+
+std::string all_names() {
+  std::string all;
+  for (const Measure& measure : measures) all += std::string(all.empty() ? "" : ", ") + measure.name;
+  return all;
+}
+
+[[noreturn]] void refuse(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
+
+const Measure& find_measure(const std::string& name, const std::string& where) {
+  for (const Measure& measure : measures) {
+    if (name == measure.name) return measure;
+  }
+  refuse(where + "there is no measure \"" + name + "\" of designs; there are " + all_names());
+}
+
+}  // namespace
+
+Gate parse_gate(const std::string& text) {
+  const std::size_t sign = text.find_first_of("<>");
+  if (sign == std::string::npos || sign == 0) refuse("--fail-on " + text + ": expected NAME>NUMBER or NAME<NUMBER");
+  const auto limit = parse_number(text.substr(sign + 1));
+  if (!limit) refuse("--fail-on " + text + ": \"" + text.substr(sign + 1) + "\" is not a number");
+  return {text, text.substr(0, sign), text[sign] == '>' ? Gate::Fails::above : Gate::Fails::below, *limit};
+}
+
+std::string to_text(const FailedGate& failed) {
+  return failed.text + (failed.value ? ": it is " + number_text(*failed.value)
+                                     : ": it was not measured, there is nothing of that kind or --check is off");
+}
+
+void add_gate_option(CLI::App& command, std::vector<Gate>& gates, const std::string& help,
+                     const std::function<void(const Gate&)>& check) {
+  const auto take = [&gates, check](const std::vector<std::string>& texts) {
+    for (const auto& text : texts) {
+      try {
+        gates.push_back(parse_gate(text));
+        if (check) check(gates.back());
+      } catch (const Error& error) {
+        throw CLI::ValidationError(error.what());
+      }
+    }
+  };
+  command.add_option_function<std::vector<std::string>>("--fail-on", take, help)->type_name("CONDITION")->allow_extra_args(false);
+}
+
+void DesignGates::add_to(CLI::App& command) {
+  add_gate_option(command, gates_,
+                  "Exit code 4 when NAME>NUMBER or NAME<NUMBER holds for a design; may be repeated. Names: " + all_names(),
+                  [](const Gate& gate) { find_measure(gate.name, "--fail-on " + gate.text + ": "); });
+}
+
+std::vector<FailedGate> DesignGates::failed(const v1::DesignResult& result) const {
+  std::vector<FailedGate> failures;
+  for (const Gate& gate : gates_) {
+    const auto value = design_measure(gate.name, result);
+    if (!value || gate.holds_for(*value)) failures.push_back({gate.text, value});
+  }
+  return failures;
+}
+
+std::vector<std::string> design_measures() {
+  std::vector<std::string> names;
+  for (const Measure& measure : measures) names.emplace_back(measure.name);
+  return names;
+}
+
+std::optional<double> design_measure(const std::string& name, const v1::DesignResult& result) {
+  return find_measure(name, "").of(result);
+}
+
+Judgement judge(const v1::DesignResult& result) {
+  Judgement judgement;
+  const auto found = [&](Verdict verdict, const std::string& reason) {
+    judgement.verdict = std::max(judgement.verdict, verdict);
+    judgement.reasons.push_back(reason);
+  };
+  if (result.has_split()) {
+    const auto& split = result.split();
+    if (!split.inversion_free() || split.reached() < 1) {
+      found(Verdict::bad, "the split did not arrive: " + number_text(split.reached()) + " of the motion was reached");
+    }
+  } else if (result.cells().inverted() > 0) {
+    found(Verdict::bad, std::to_string(result.cells().inverted()) + " of " + std::to_string(result.cells().cells()) +
+                            " cells are inverted; none before " + number_text(result.cells().safe_amplitude()) +
+                            " of the motion");
+  }
+  std::string names;
+  for (const auto& residual : result.constraints().residuals()) {
+    if (residual.missed()) names += (names.empty() ? "\"" : ", \"") + residual.name() + "\"";
+  }
+  if (!names.empty()) found(Verdict::discarded, "exact constraints are missed: " + names);
+  if (result.constraints().exact_given_up()) {
+    found(Verdict::discarded, "placing points exactly made the result worse and was given up");
+  }
+  return judgement;
+}
+
+}  // namespace deform::cli

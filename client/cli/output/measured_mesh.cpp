@@ -1,0 +1,133 @@
+#include "client/cli/output/measured_mesh.h"
+
+#include <algorithm>
+
+#include "client/cli/setup/region_points.h"
+#include "client/cli/setup/setup_file.h"
+#include "core/base/error.h"
+#include "core/quality/flipped_faces.h"
+
+namespace deform::cli {
+
+namespace {
+
+/// The faces of groups, each once.
+std::vector<FaceId> faces_of(const MeasuredMesh& measured, const std::vector<std::string>& names) {
+  std::vector<FaceId> faces;
+  for (const std::string& name : names) {
+    const Group* group = measured.mesh().find_group(name);
+    if (group == nullptr) {
+      std::vector<std::string> known;
+      for (const Group& g : measured.mesh().groups) {
+        if (!g.faces.empty()) known.push_back(g.name);
+      }
+      const std::string near = nearest_names(name, known);
+      std::string all;
+      for (const auto& k : known) all += (all.empty() ? "" : ", ") + k;
+      const std::string hint = !near.empty()   ? "did you mean " + near + "?"
+                               : known.empty() ? "it has no groups"
+                                               : "it has " + all;
+      throw Error(ErrorCode::invalid_argument, "--wall " + name + ": " + measured.path + " has no such group; " + hint);
+    }
+    if (group->faces.empty()) {
+      throw Error(ErrorCode::invalid_argument, "--wall " + name + ": this group of " + measured.path + " has no boundary faces");
+    }
+    faces.insert(faces.end(), group->faces.begin(), group->faces.end());
+  }
+  std::sort(faces.begin(), faces.end());
+  faces.erase(std::unique(faces.begin(), faces.end()), faces.end());
+  return faces;
+}
+
+void add_walls(MeasuredMesh& measured, const std::vector<std::string>& walls) {
+  if (walls.empty()) return;
+  if (measured.surface) {
+    throw Error(ErrorCode::invalid_argument,
+                "--wall " + walls.front() + ": " + measured.path + " is a surface; the cells of a volume mesh lie on walls");
+  }
+  const auto& faces = measured.wall_faces = faces_of(measured, walls);
+  if (measured.cells) {
+    add_to(measured.report, wall_quality({measured.mesh(), faces, measured.cells->cell_volume}, *measured.file->cells()));
+  } else {
+    add_to(measured.report, wall_quality({measured.mesh(), faces, measured.elements->volume}, *measured.file->elements()));
+  }
+}
+
+RegionJumps jumps_of(const MeasuredMesh& measured, const std::vector<std::uint32_t>& labels) {
+  const Mesh& mesh = measured.mesh();
+  if (measured.surface) return region_jumps(mesh, labels, measured.surface->mean_curvature);
+  return region_jumps(mesh, labels, mean_curvature(mesh, Adjacency(mesh)));
+}
+
+void add_jumps(Comparison& comparison, const v1::Setup& setup) {
+  MeasuredMesh& after = comparison.after;
+  if (!comparison.before) return add_to(after.report, jumps_of(after, region_labels(setup, after.mesh())));
+  MeasuredMesh& before = *comparison.before;
+  const auto labels = region_labels(setup, before.mesh());
+  const RegionJumps jumps_before = jumps_of(before, labels);
+  const RegionJumps jumps = jumps_of(after, comparison.same_points ? labels : region_labels(setup, after.mesh()));
+  add_to(before.report, jumps_before);
+  add_to(after.report, jumps);
+  if (comparison.same_points) add_to(after.report, jump_growth(jumps, jumps_before));
+}
+
+bool same_kind(const MeasuredMesh& a, const MeasuredMesh& b) {
+  return a.surface.has_value() == b.surface.has_value() && a.elements.has_value() == b.elements.has_value();
+}
+
+bool same_connectivity(const MeasuredMesh& a, const MeasuredMesh& b) {
+  const Mesh &x = a.mesh(), &y = b.mesh();
+  return x.point_count() == y.point_count() && x.face_sizes == y.face_sizes && x.face_points == y.face_points;
+}
+
+void add_comparison(Comparison& comparison) {
+  MeasuredMesh& after = comparison.after;
+  const MeasuredMesh& before = *comparison.before;
+  if (!same_kind(after, before)) {
+    throw Error(ErrorCode::invalid_argument, "--before " + before.path + ": not the kind of mesh that " + after.path + " is");
+  }
+  comparison.same_points = same_connectivity(after, before);
+  if (!comparison.same_points) {
+    comparison.notes.push_back("The meshes differ in their points or faces: there are no displacements and no turned faces.");
+    return;
+  }
+  add_displacement(after.report, after.mesh().points, before.mesh().points);
+  if (after.mesh().face_count() > 0) add_flipped(after.report, after.mesh(), flipped_faces(after.mesh(), before.mesh().points));
+}
+
+}  // namespace
+
+MeasuredMesh::MeasuredMesh(const std::string& file_path, const io::ReadOptions& reading)
+    : path(file_path), file(io::read_mesh_file(file_path, reading)), mesh_(file->mesh()) {}
+
+MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::string>& walls, const io::ReadOptions& reading) {
+  MeasuredMesh result(path, reading);
+  const auto& points = result.mesh().points;
+  if (const auto cells = result.file->cells()) {
+    result.cells = polyhedral_quality(points, *cells);
+    result.report = quality_report(*result.cells, points, *cells);
+  } else if (const auto elements = result.file->elements()) {
+    result.elements = element_quality(points, *elements);
+    result.report = quality_report(*result.elements, points, *elements);
+  } else {
+    if (result.mesh().face_count() == 0) {
+      throw Error(ErrorCode::invalid_argument, path + ": it has no faces and no cells, only points");
+    }
+    result.surface = surface_quality(result.mesh());
+    result.report = quality_report(*result.surface, result.mesh());
+  }
+  add_walls(result, walls);
+  return result;
+}
+
+Comparison compare(const ComparisonInput& input) {
+  Comparison result{measured_mesh(input.file, input.walls, input.reading), std::nullopt, false, {}};
+  if (!input.before.empty()) {
+    result.before.emplace(measured_mesh(input.before, input.walls, input.reading));
+    add_comparison(result);
+  }
+  if (!input.setup.empty()) add_jumps(result, read_setup_file(input.setup).setup);
+  return result;
+}
+
+}  // namespace deform::cli

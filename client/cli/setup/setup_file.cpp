@@ -1,0 +1,36 @@
+#include "client/cli/setup/setup_file.h"
+
+#include <algorithm>
+#include <cctype>
+
+#include "client/cli/setup/yaml_message.h"
+#include "core/base/error.h"
+#include "core/io/mesh_file.h"
+
+namespace deform::cli {
+
+bool looks_like_id(const std::string& text) {
+  return text.size() >= 8 && text.size() <= 64 &&
+         std::all_of(text.begin(), text.end(), [](unsigned char c) { return std::isxdigit(c) != 0; });
+}
+
+SetupFile read_setup_file(const std::filesystem::path& path) {
+  constexpr std::size_t max_bytes = std::size_t{1} << 26;
+  SetupFile file;
+  parse_yaml(io::read_file(path, nullptr, max_bytes), path.string(), file.setup);
+  const std::string geometry = file.setup.geometry();
+  if (geometry.empty()) {
+    throw Error(ErrorCode::invalid_argument, path.string() + ": geometry: missing, expected a mesh file or a geometry id");
+  }
+  const std::filesystem::path mesh = path.parent_path() / geometry;
+  if (std::filesystem::is_regular_file(mesh) || std::filesystem::is_directory(mesh)) {
+    file.geometry_file = mesh;
+    file.setup.clear_geometry();
+  } else if (!looks_like_id(geometry)) {
+    throw Error(ErrorCode::not_found, path.string() + ": geometry: there is no file " + mesh.string() + ", and \"" + geometry +
+                                          "\" is no geometry id (8 to 64 hexadecimal digits)");
+  }
+  return file;
+}
+
+}  // namespace deform::cli

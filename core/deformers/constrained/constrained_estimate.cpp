@@ -1,0 +1,254 @@
+#include "core/deformers/constrained/constrained_estimate.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/base/parallel.h"
+#include "core/deformers/constrained/newton_form.h"
+
+namespace deform {
+
+namespace {
+
+using Triplet = Eigen::Triplet<double, std::int64_t>;
+
+constexpr std::size_t entry_bytes = sizeof(double) + sizeof(std::int64_t);
+constexpr std::size_t grown = 3 * sizeof(Triplet);  // of a vector that grows: the old array beside one of twice the size
+constexpr std::size_t small_assembly = std::size_t{64} << 20;
+constexpr std::size_t shape_bytes = 64;  // of a point in a projection
+constexpr std::size_t most_parameters = 7, few_points = 64;
+
+/// What the bytes follow from.
+struct Counts {
+  std::size_t unknowns = 0;       ///< k
+  std::size_t cover = 1;          ///< functions at a point
+  std::size_t phi = 0;            ///< entries of Phi
+  std::size_t squares = 0;        ///< of Phi^T Phi, lower triangle
+  std::size_t energy = 0;         ///< of S, lower triangle
+  std::size_t borders = 0;        ///< of the rows of the translations
+  std::size_t full = 0;           ///< unknowns of Newton's full matrix
+  std::size_t large = 0;          ///< sets whose parameters Newton's sparse matrix has last
+  std::size_t newton_factor = 0;  ///< bytes of its factor but for these, with one unknown per function
+  /// Bytes from which the matrix itself is made, at most.
+  std::size_t most_assembly = std::numeric_limits<std::size_t>::max() / 2;
+  NewtonSizes newton;                    ///< with r
+  SparseCholesky::Estimate reduced;      ///< S, its factor and the Schur complement
+  SparseCholesky::Estimate global_step;  ///< factor
+};
+
+Counts counts_of(const std::vector<ConstraintSet>& sets) {
+  Counts counts;
+  for (const ConstraintSet& set : sets) {
+    counts.newton.add(*set.projection, set.rest);
+    counts.large += set.ids.size() > few_points ? 1 : 0;
+  }
+  return counts;
+}
+
+/// A Newton step.
+std::size_t newton_bytes(const Counts& counts, NewtonForm form) {
+  const NewtonSizes& sizes = counts.newton;
+  const std::size_t rows = sizes.rows, q = sizes.parameters, r = sizes.functions;
+  const std::size_t linear = rows * (2 * sizeof(Vec3) + sizeof(double) + sizeof(std::uint32_t)) + sizes.jacobian * sizeof(double);
+  switch (form) {
+    case NewtonForm::none:
+      return 0;
+    case NewtonForm::forces:
+      // The matrix; the parameters twice and what is left of them; two points with their normals per row.
+      return linear + sizeof(double) * (rows * rows + 2 * rows * q + 3 * q * q + 8 * rows) + rows * 2 * (sizeof(Vec3) + 16);
+    case NewtonForm::full:
+      return linear + sizeof(double) * counts.full * (counts.full + 8);
+    case NewtonForm::sparse:
+      break;
+  }
+  // J in a vector, itself and its transpose; J^T J, unsorted and sorted, or its lower triangle, the energy and their sum, or
+  // permuted copies and the factor.
+  const std::size_t J = 3 * sizes.touched * counts.cover + sizes.jacobian;
+  const std::size_t crossing = std::min(3 * counts.cover * sizes.jacobian, 3 * r * q);
+  const std::size_t H =
+      std::min(9 * counts.squares + 3 * counts.energy, counts.newton_factor * 10 / sizeof(double)) + crossing + sizes.jacobian;
+  const std::size_t factor = 10 * counts.newton_factor + sizeof(double) * most_parameters * counts.large * 3 * r;
+  const std::size_t assembled = 3 * counts.energy * grown + H * 3 * entry_bytes + std::max(2 * H * entry_bytes, factor);
+  return linear + J * (grown + 3 * entry_bytes) + std::min(assembled, factor + counts.most_assembly);
+}
+
+ConstrainedBytes total(const Counts& counts, NewtonForm form) {
+  const NewtonSizes& sizes = counts.newton;
+  const std::size_t N = sizes.points, r = sizes.functions;
+  const std::size_t points = N * (sizeof(Vec3) + sizeof(PointId));
+  const std::size_t rows = 2 * (counts.phi * entry_bytes + (N + 1) * sizeof(std::int64_t));  // Phi and its transpose
+  const std::size_t compliance = form == NewtonForm::forces ? N * N * sizeof(double) : 0;
+  const std::size_t lower = counts.energy + counts.squares + counts.borders;
+
+  ConstrainedBytes bytes;
+  bytes.resident = points + rows + counts.reduced.factor_bytes + counts.global_step.factor_bytes + compliance;
+  const std::size_t making_rows = rows + counts.phi * grown;
+  const std::size_t making_matrix = rows + lower * (grown + 2 * entry_bytes) + counts.squares * 5 * entry_bytes;
+  const std::size_t factoring = rows + lower * entry_bytes + counts.global_step.peak_bytes;
+  const std::size_t columns = static_cast<std::size_t>(thread_count({})) * 5 * (r + counts.unknowns) * sizeof(double);
+  bytes.preparing =
+      points + N * shape_bytes + counts.unknowns * 2 * sizeof(std::int64_t) +
+      std::max({counts.reduced.peak_bytes, counts.reduced.factor_bytes + std::max({making_rows, making_matrix, factoring}),
+                bytes.resident - points + columns});
+  // States, targets and the window of the alternation; right-hand sides and solutions.
+  bytes.working = sizeof(Vec3) * (40 * N + 24 * r + 12 * counts.unknowns) + newton_bytes(counts, form);
+  bytes.operations = counts.reduced.flops + counts.global_step.flops;
+  return bytes;
+}
+
+ConstrainedBytes larger(const ConstrainedBytes& a, const ConstrainedBytes& b) {
+  return {std::max(a.resident, b.resident), std::max(a.preparing, b.preparing), std::max(a.working, b.working),
+          std::max(a.operations, b.operations)};
+}
+
+/// Of the global step: S, which Phi^T Phi fits into where each point has one function, and the rows of the translations.
+SparseMatrix pattern(const SparseMatrix& matrix, const SparseRows& values, const std::vector<std::int64_t>& chosen, bool dense,
+                     const std::vector<ConstraintSet>& sets) {
+  std::vector<Triplet> entries;
+  auto size = static_cast<std::int64_t>(chosen.size());
+  std::vector<std::int64_t> place(static_cast<std::size_t>(matrix.cols()));
+  if (dense) {
+    for (std::size_t i = 0; i < chosen.size(); ++i) place[static_cast<std::size_t>(chosen[i])] = static_cast<std::int64_t>(i);
+    for (std::int64_t j = 0; j < size; ++j) {
+      for (std::int64_t i = j; i < size; ++i) entries.emplace_back(i, j, 1.0);
+    }
+  } else {
+    size = matrix.cols();
+    for (std::int64_t j = 0; j < size; ++j) {
+      place[static_cast<std::size_t>(j)] = j;
+      for (SparseMatrix::InnerIterator it(matrix, j); it; ++it) entries.emplace_back(it.row(), j, 1.0);
+    }
+  }
+  for (const ConstraintSet& set : sets) {
+    if (!set.projection->moves_with_its_points()) continue;
+    entries.emplace_back(size, size, 1.0);
+    for (const PointId id : set.ids) {
+      for (SparseRows::InnerIterator it(values, id); it; ++it) {
+        entries.emplace_back(size, place[static_cast<std::size_t>(it.col())], 1.0);
+      }
+    }
+    ++size;
+  }
+  SparseMatrix result(size, size);
+  result.setFromTriplets(entries.begin(), entries.end());
+  return result;
+}
+
+/// Newton's sparse matrix eliminates the parameters of small sets first, so that all functions at their points meet.
+std::size_t newton_factor_bytes(const SparseMatrix& matrix, const SparseRows& values, const std::vector<ConstraintSet>& sets) {
+  std::vector<Triplet> entries;
+  for (std::int64_t j = 0; j < matrix.cols(); ++j) {
+    for (SparseMatrix::InnerIterator it(matrix, j); it; ++it) entries.emplace_back(it.row(), j, 1.0);
+  }
+  for (const ConstraintSet& set : sets) {
+    if (set.ids.size() > few_points) continue;
+    std::vector<std::int64_t> reached;
+    for (const PointId id : set.ids) {
+      for (SparseRows::InnerIterator it(values, id); it; ++it) reached.push_back(it.col());
+    }
+    for (const std::int64_t a : reached) {
+      for (const std::int64_t b : reached) {
+        if (a >= b) entries.emplace_back(a, b, 1.0);
+      }
+    }
+  }
+  SparseMatrix pattern(matrix.rows(), matrix.cols());
+  pattern.setFromTriplets(entries.begin(), entries.end());
+  return SparseCholesky::estimate(pattern, SparseCholesky::fill_reducing_order(matrix)).factor_bytes;
+}
+
+}  // namespace
+
+ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const SparseRows& values, const std::vector<ConstraintSet>& sets) {
+  if (sets.empty()) return {};
+  Counts counts = counts_of(sets);
+  const std::vector<std::int64_t> chosen = functions_reaching(values, sets);
+  counts.unknowns = static_cast<std::size_t>(matrix.rows());
+  const bool dense = ReducedEnergy::is_dense(chosen.size(), counts.unknowns);
+  const std::size_t r = dense ? chosen.size() : counts.unknowns;
+  for (const ConstraintSet& set : sets) {
+    std::size_t reached = 0;
+    for (const PointId id : set.ids) reached += static_cast<std::size_t>(values.row(id).nonZeros());
+    counts.phi += reached;
+    counts.borders += set.projection->moves_with_its_points() ? reached + 1 : 0;
+  }
+  counts.squares = chosen.size();
+  counts.energy = dense ? r * (r + 1) / 2 : static_cast<std::size_t>(matrix.nonZeros());
+  counts.reduced = ReducedEnergy::estimate(matrix, chosen);
+  counts.global_step = SparseCholesky::estimate(pattern(matrix, values, chosen, dense, sets));
+  counts.newton.functions = r;
+  counts.full = 3 * r + counts.newton.parameters;
+  counts.newton.dense = dense;
+  counts.newton.factor_bytes = counts.global_step.factor_bytes;
+  counts.newton.factor_operations = counts.global_step.flops;
+  const NewtonForm form = cheapest_newton(counts.newton, 0).form;
+  if (form == NewtonForm::sparse) counts.newton_factor = newton_factor_bytes(matrix, values, sets);
+  return total(counts, form);
+}
+
+ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<ConstraintSet>& sets) {
+  if (sets.empty()) return {};
+  const Counts common = counts_of(sets);
+  const std::size_t N = common.newton.points, k = space.functions;
+  const std::size_t reached = std::min(k, N * space.cover);
+  const auto counts_for = [&](std::size_t r, bool dense) {
+    Counts counts = common;
+    counts.unknowns = k;
+    counts.cover = space.cover;
+    counts.phi = N * space.cover;
+    counts.squares = std::min(r * (r + 1) / 2, N * space.cover * (space.cover + 1) / 2);
+    counts.energy = dense ? r * (r + 1) / 2 : space.energy_entries;
+    for (const ConstraintSet& set : sets) counts.borders += 1 + std::min(r, set.ids.size() * space.cover);
+    const std::size_t entries = (dense ? r * r : space.factor_entries) + counts.borders;
+    counts.global_step.factor_bytes = sizeof(double) * (entries + 8 * (r + sets.size() + 1));
+    counts.global_step.peak_bytes = 2 * counts.global_step.factor_bytes + 2 * (counts.energy + counts.borders) * entry_bytes;
+    counts.global_step.flops = static_cast<double>(entries) * static_cast<double>(entries) / static_cast<double>(r + 1);
+    if (dense) {
+      const std::size_t whole = sizeof(double) * std::min(k * (k + 1) / 2, space.factor_entries + r * k);
+      counts.reduced = {ReducedEnergy::dense_bytes(r), std::max(2 * whole, ReducedEnergy::dense_peak_bytes(r)), 0};
+      counts.reduced.flops = static_cast<double>(whole) / 8 * static_cast<double>(whole) / 8 / static_cast<double>(k + 1);
+    }
+    counts.newton.functions = r;
+    counts.newton.dense = dense;
+    counts.full = std::min({3 * r + counts.newton.parameters, most_full, counts.newton.rows});  // else in forces
+    return counts;
+  };
+  ConstrainedBytes result;
+  const auto consider = [&](Counts counts) {
+    const NewtonSizes& sizes = counts.newton;
+    // In forces only where that takes fewer operations than any other form can.
+    const std::size_t others = 3 * sizes.functions + (sizes.dense ? sizes.parameters : 3 * (sets.size() + 1));
+    const bool few = sizes.rows <= std::min(most_forces, others);
+    if (few) result = larger(result, total(counts, NewtonForm::forces));
+    if (sizes.dense) {
+      result = larger(result, total(counts, NewtonForm::full));
+      return;
+    }
+    // The sparse form takes fewer operations than that in forces, or than can be afforded; so its factor has not many entries.
+    const auto rows = static_cast<double>(sizes.rows), functions = static_cast<double>(k + sets.size());
+    const double solution = solution_cost * static_cast<double>(space.factor_entries + counts.borders);
+    double operations = affordable_newton;
+    if (few && static_cast<double>(N) * solution <= affordable_compliance) {
+      operations = std::min(operations, rows * rows * rows / 3);
+    }
+    operations /= sparse_newton_cost;
+    const ConstrainedBytes plain = total(counts, NewtonForm::none);
+    result = larger(result, plain);
+    const double entries = std::min(static_cast<double>(space.factor_entries), std::sqrt(operations * functions));
+    counts.newton_factor = static_cast<std::size_t>(sizeof(double) * (entries + 8 * functions));
+    // A factor has twice the entries of its matrix or more, and functions that meet at a point meet in the energy too.
+    counts.energy = std::min(counts.energy, static_cast<std::size_t>(entries / 2));
+    counts.squares = std::min(counts.squares, counts.energy);
+    // Of large spaces these two cannot both be as large as that: the factors measured have a third of `entries` or less, and 5 to
+    // 12 times those of their matrix.
+    counts.most_assembly = std::max(small_assembly, 16 * counts.newton_factor);
+    const std::size_t working = operations < functions ? 0 : newton_bytes(counts, NewtonForm::sparse);
+    result.working = std::max(result.working, plain.working + working);
+  };
+  if (k > 2) consider(counts_for(std::min({reached, ReducedEnergy::most_dense, (k - 1) / 2}), true));
+  if (!ReducedEnergy::is_dense(reached, k)) consider(counts_for(k, false));
+  return result;
+}
+
+}  // namespace deform

@@ -1,0 +1,44 @@
+#include "core/deformers/constrained/newton_form.h"
+
+#include <algorithm>
+#include <vector>
+
+namespace deform {
+
+namespace {
+
+double cube(std::size_t n) {
+  const auto x = static_cast<double>(n);
+  return x * x * x / 3;
+}
+
+}  // namespace
+
+void NewtonSizes::add(const Projection& projection, std::span<const Vec3> rest) {
+  std::vector<Vec3> projected(rest.size());
+  ShapeParameters shape;
+  projection.project(rest, projected, shape);
+  const Linearization linear = projection.linearize(rest, shape);
+  points += rest.size();
+  rows += linear.normals.size();
+  touched += linear.normals.size() + linear.partners.size();
+  parameters += static_cast<std::size_t>(linear.parameters.cols());
+  jacobian += static_cast<std::size_t>(linear.parameters.size());
+}
+
+NewtonChoice cheapest_newton(const NewtonSizes& sizes, std::size_t memory_limit) {
+  const auto N = static_cast<double>(sizes.points), rows = static_cast<double>(sizes.rows);
+  const std::size_t size = 3 * sizes.functions + sizes.parameters;
+  const double solution = solution_cost * static_cast<double>(sizes.factor_bytes) / sizeof(double);
+  const double bytes = (N * N + rows * rows) * sizeof(double);
+  const bool fits = memory_limit == 0 || bytes <= static_cast<double>(memory_limit) / 2;
+  const bool in_forces_too = fits && N * solution <= affordable_compliance && sizes.rows <= most_forces;
+  const double in_forces = in_forces_too ? cube(sizes.rows) : HUGE_VAL;
+  const double full = sizes.dense && size <= most_full ? cube(size) : HUGE_VAL;
+  const double sparse = sizes.dense ? HUGE_VAL : sparse_newton_cost * sizes.factor_operations;
+  const double least = std::min({in_forces, full, sparse});
+  if (least > affordable_newton) return {};
+  return {least == in_forces ? NewtonForm::forces : least == full ? NewtonForm::full : NewtonForm::sparse, least};
+}
+
+}  // namespace deform

@@ -1,0 +1,128 @@
+#include "core/deformers/constrained/reduced_energy.h"
+
+#include <algorithm>
+#include <numeric>
+#include <utility>
+
+namespace deform {
+
+namespace {
+
+/// The matrix without the rows and columns of `chosen` (ascending); `kept` are those that stay.
+SparseMatrix without(const SparseMatrix& lower, const std::vector<std::int64_t>& kept) {
+  std::vector<std::int64_t> place(static_cast<std::size_t>(lower.rows()), -1);
+  for (std::size_t i = 0; i < kept.size(); ++i) place[static_cast<std::size_t>(kept[i])] = static_cast<std::int64_t>(i);
+  std::vector<Eigen::Triplet<double, std::int64_t>> entries;
+  for (const std::int64_t c : kept) {
+    for (SparseMatrix::InnerIterator it(lower, c); it; ++it) {
+      const std::int64_t row = place[static_cast<std::size_t>(it.row())];
+      if (row >= 0) entries.emplace_back(row, place[static_cast<std::size_t>(c)], it.value());
+    }
+  }
+  SparseMatrix result(static_cast<std::int64_t>(kept.size()), static_cast<std::int64_t>(kept.size()));
+  result.setFromTriplets(entries.begin(), entries.end());
+  return result;
+}
+
+/// Everything else first, then the chosen.
+std::vector<std::int64_t> chosen_last(const SparseMatrix& lower, const std::vector<std::int64_t>& chosen) {
+  std::vector<std::int64_t> kept;
+  std::size_t next = 0;
+  for (std::int64_t j = 0; j < lower.rows(); ++j) {
+    if (next < chosen.size() && chosen[next] == j) {
+      ++next;
+    } else {
+      kept.push_back(j);
+    }
+  }
+  std::vector<std::int64_t> order;
+  for (const std::int64_t i : SparseCholesky::fill_reducing_order(without(lower, kept))) {
+    order.push_back(kept[static_cast<std::size_t>(i)]);
+  }
+  order.insert(order.end(), chosen.begin(), chosen.end());
+  return order;
+}
+
+/// The end of the factor with that order is the factor of the Schur complement.
+Eigen::MatrixXd schur_complement(const SparseMatrix& lower, const std::vector<std::int64_t>& chosen, const RunContext& context) {
+  const std::vector<std::int64_t> order = chosen_last(lower, chosen);
+  const Eigen::MatrixXd L = SparseCholesky(lower, order, context).trailing(chosen.size());
+  return L.triangularView<Eigen::Lower>() * L.transpose();
+}
+
+SparseMatrix lower_of(const Eigen::MatrixXd& dense) {
+  const Eigen::Index n = dense.rows();
+  SparseMatrix result(n, n);
+  Eigen::Matrix<std::int64_t, Eigen::Dynamic, 1> counts(n);
+  for (Eigen::Index j = 0; j < n; ++j) counts[j] = n - j;
+  result.reserve(counts);
+  for (Eigen::Index j = 0; j < n; ++j) {
+    for (Eigen::Index i = j; i < n; ++i) result.insert(i, j) = dense(i, j);
+  }
+  result.makeCompressed();
+  return result;
+}
+
+}  // namespace
+
+ReducedEnergy::ReducedEnergy(const EnergySolver& solver, std::vector<std::int64_t> chosen, std::size_t memory_limit,
+                             const RunContext& context)
+    : solver_(solver), functions_(std::move(chosen)) {
+  dense_ = is_dense(functions_.size(), solver_.unknowns());
+  if (!dense_) {
+    functions_ = {};
+    return;
+  }
+  matrix_ = lower_of(schur_complement(solver_.matrix(), functions_, context));
+  factor_ = std::make_unique<const SparseCholesky>(EnergySolver::factored(matrix_, memory_limit, context));
+}
+
+/// The lower triangle, and its factor: one block.
+std::size_t ReducedEnergy::dense_bytes(std::size_t chosen) {
+  const std::size_t lower = chosen * (chosen + 1) / 2 * (sizeof(double) + sizeof(std::int64_t));
+  return lower + chosen * chosen * sizeof(double) + 64 * (chosen + 1) * sizeof(std::int64_t);
+}
+
+/// Beside these the full matrix, or the permuted copies of the lower triangle.
+std::size_t ReducedEnergy::dense_peak_bytes(std::size_t chosen) {
+  return dense_bytes(chosen) + 2 * chosen * (chosen + 1) * sizeof(double) + chosen * chosen * sizeof(double);
+}
+
+SparseCholesky::Estimate ReducedEnergy::estimate(const SparseMatrix& matrix, const std::vector<std::int64_t>& chosen) {
+  if (!is_dense(chosen.size(), static_cast<std::size_t>(matrix.rows()))) return {};
+  SparseCholesky::Estimate result = SparseCholesky::estimate(matrix, chosen_last(matrix, chosen));
+  const auto n = static_cast<double>(chosen.size());
+  result.factor_bytes = dense_bytes(chosen.size());
+  result.peak_bytes =
+      std::max(result.peak_bytes + chosen.size() * chosen.size() * sizeof(double), dense_peak_bytes(chosen.size()));
+  result.flops += n * n * n / 3;
+  return result;
+}
+
+std::size_t ReducedEnergy::bytes() const {
+  return dense_ ? sparse_bytes(matrix_) + factor_->bytes() + functions_.size() * sizeof(std::int64_t) : 0;
+}
+
+Eigen::MatrixXd ReducedEnergy::picked(const Eigen::MatrixXd& w) const {
+  if (!dense_) return w;
+  Eigen::MatrixXd result(static_cast<Eigen::Index>(size()), w.cols());
+  for (std::size_t i = 0; i < size(); ++i) result.row(static_cast<Eigen::Index>(i)) = w.row(functions_[i]);
+  return result;
+}
+
+Eigen::MatrixXd ReducedEnergy::times(const Eigen::MatrixXd& v) const { return matrix().selfadjointView<Eigen::Lower>() * v; }
+
+void ReducedEnergy::solve_in_place(Eigen::Ref<Eigen::MatrixXd> b) const {
+  (dense_ ? *factor_ : solver_.factor()).solve_in_place(b);
+}
+
+/// A^-1 E S v: the forces that keep the chosen coefficients there, and what they do to all.
+Eigen::MatrixXd ReducedEnergy::extended(const Eigen::MatrixXd& v, const RunContext& context) const {
+  if (!dense_) return v;
+  const Eigen::MatrixXd forces = times(v);
+  Eigen::MatrixXd b = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(solver_.unknowns()), v.cols());
+  for (std::size_t i = 0; i < size(); ++i) b.row(functions_[i]) = forces.row(static_cast<Eigen::Index>(i));
+  return solver_.inverse(std::move(b), context);
+}
+
+}  // namespace deform

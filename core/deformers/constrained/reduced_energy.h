@@ -1,0 +1,57 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/deformers/constrained/energy_solver.h"
+
+namespace deform {
+
+/// The energy of a deformation as a function of some of its coefficients, all others being the best for them: with u the
+/// unconstrained solution and v the change of the chosen coefficients, v^T S v above that of u. S is the Schur complement of the
+/// chosen ones, dense, when they are few; else all are chosen and S is the matrix of the solver. Immutable; any thread.
+class ReducedEnergy {
+ public:
+  static constexpr std::size_t most_dense = 1200;
+
+  /// chosen: ascending, those that matter; what is really used is functions(). `solver` must outlive this. Throws as EnergySolver
+  /// does.
+  ReducedEnergy(const EnergySolver& solver, std::vector<std::int64_t> chosen, std::size_t memory_limit,
+                const RunContext& context);
+
+  /// Bytes of one, and at most while it is made; operations. From symbolic analysis, so exact to a few percent.
+  static SparseCholesky::Estimate estimate(const SparseMatrix& matrix, const std::vector<std::int64_t>& chosen);
+  /// Whether S is dense for so many chosen functions of all.
+  static bool is_dense(std::size_t chosen, std::size_t unknowns) { return chosen <= most_dense && 2 * chosen < unknowns; }
+  /// Of a dense S, bounds.
+  static std::size_t dense_bytes(std::size_t chosen);
+  static std::size_t dense_peak_bytes(std::size_t chosen);
+
+  bool dense() const { return dense_; }
+  std::size_t size() const { return dense_ ? functions_.size() : solver_.unknowns(); }
+  /// Which coefficient of the solver the i-th is.
+  std::int64_t function(std::size_t i) const { return dense_ ? functions_[i] : static_cast<std::int64_t>(i); }
+  /// S, lower triangle.
+  const SparseMatrix& matrix() const { return dense_ ? matrix_ : solver_.matrix(); }
+  std::size_t bytes() const;
+
+  /// The chosen rows of k x c.
+  Eigen::MatrixXd picked(const Eigen::MatrixXd& w) const;
+  Eigen::MatrixXd times(const Eigen::MatrixXd& v) const;
+  void solve_in_place(Eigen::Ref<Eigen::MatrixXd> b) const;
+  /// All coefficients from the change v of the chosen ones: k x c, zero for v = 0.
+  Eigen::MatrixXd extended(const Eigen::MatrixXd& v, const RunContext& context) const;
+
+ private:
+  const EnergySolver& solver_;
+  std::vector<std::int64_t> functions_;
+  bool dense_ = false;
+  SparseMatrix matrix_;                           ///< empty unless dense
+  std::unique_ptr<const SparseCholesky> factor_;  ///< of it
+};
+
+}  // namespace deform

@@ -1,0 +1,191 @@
+// What an energy system takes, before it is prepared.
+#include <algorithm>
+#include <utility>
+
+#include "core/base/parallel.h"
+#include "core/deformers/constrained/constrained_estimate.h"
+#include "core/deformers/constrained/constraint_sets.h"
+#include "core/deformers/energy/energy_system.h"
+#include "core/deformers/energy/spaces/mls.h"
+#include "core/deformers/energy/spaces/subspace.h"
+#include "core/deformers/handles/handle_basis.h"
+
+namespace deform {
+
+namespace {
+
+constexpr std::size_t entry_bytes = sizeof(double) + sizeof(std::int64_t);
+constexpr std::size_t fill = 12;         // entries of a factor over those of the matrix, supports of a dozen samples
+constexpr std::size_t few_bytes = 1024;  // of matrices without entries
+constexpr double nominal_rate = 5e9;     // flops per second of a sparse factorization on one core
+
+std::vector<RegionIndex> regions_of_points(std::size_t n, const SelectedRegions& regions) {
+  std::vector<RegionIndex> region_of(n, deformable_region);
+  for (std::size_t h = 0; h < regions.handles.size(); ++h) {
+    for (const PointId id : regions.handles[h]) region_of[id] = static_cast<RegionIndex>(h);
+  }
+  for (const PointId id : regions.fixed) region_of[id] = fixed_region;
+  return region_of;
+}
+
+std::size_t shell_assembly_bytes(const Mesh& mesh) {
+  // Triplets of the operators, the operators, and the roots of the bending energy with their triplets.
+  const std::size_t triangles = mesh.face_points.size() - std::min(mesh.face_points.size(), 2 * mesh.face_count());
+  return triangles * (12 * 24 + 4 * entry_bytes + 4 * (24 + 2 * entry_bytes)) + mesh.point_count() * 64;
+}
+
+/// Bytes and work before the system is there.
+struct Sizes {
+  std::size_t assembly = 0;  ///< peak while the space is made
+  std::size_t matrices = 0;  ///< what stays of it
+  std::size_t functions = 0;
+  std::size_t making = 0;   ///< beside these, of the matrix that is factored
+  std::size_t held = 0;     ///< held points that enter the system
+  bool eliminated = false;  ///< these points
+  SparseCholesky::Estimate factor;
+  ConstrainedBytes constrained;
+};
+
+/// The factor of a shell depends on how its surface is connected: ordered, not factored.
+Sizes shell_sizes(const Mesh& mesh, const Setup& setup, const std::vector<RegionIndex>& region_of,
+                  const std::vector<ConstraintSet>& sets, Estimate& estimate) {
+  Sizes sizes;
+  const double diagonal = bounding_box(mesh.points).diagonal();
+  const EnergyModel model = energy_model(mesh, setup, region_of, {{}, diagonal > 0 ? diagonal : 1}, {});
+  sizes.factor = SparseCholesky::estimate(model.space.energy);
+  sizes.constrained = constrained_bytes(model.space.energy, model.space.values, sets);
+  const std::size_t energy = sparse_bytes(model.space.energy);
+  sizes.matrices = energy + sparse_bytes(model.space.values) + sparse_bytes(model.coupling);
+  sizes.assembly = shell_assembly_bytes(mesh) + 2 * sizes.matrices;
+  sizes.functions = model.space.samples;
+  sizes.held = model.held.size();
+  sizes.eliminated = model.eliminated;
+  // The rows of the held points with their weights, and the matrix with their squares.
+  if (!model.eliminated) {
+    sizes.matrices += energy + sizes.held * (3 * entry_bytes + sizeof(double));
+    sizes.making = 2 * energy + 4 * sizes.held * entry_bytes;
+  }
+  estimate.centres = model.eliminated ? model.held.size() : model.space.samples;
+  estimate.notes = model.space.notes;
+  return sizes;
+}
+
+Sizes space_sizes(const Mesh& mesh, const Setup& setup, const std::vector<ConstraintSet>& sets, Estimate& estimate) {
+  Sizes sizes;
+  const auto* mls = std::get_if<MlsOptions>(&setup.method);
+  const SpaceBytes space =
+      mls != nullptr ? estimate_mls_space(mesh, *mls) : estimate_subspace_space(mesh, std::get<SubspaceOptions>(setup.method));
+  // Supports are wide, so that the factor fills up: a multiple of the matrix, at most a full triangle.
+  const std::size_t k = space.samples;
+  const std::size_t entries = std::min(k * (k + 1) / 2, fill * space.energy_entries);
+  // The rows of the held points again, transposed; what stays of the space is mostly rows.
+  sizes.held = estimate.constraint_points;
+  const std::size_t held = space.resident / std::max<std::size_t>(1, mesh.point_count()) * sizes.held;
+  sizes.assembly = space.peak;
+  sizes.matrices = space.resident + held + 2 * space.energy_entries * entry_bytes;
+  sizes.making = 4 * held + 4 * space.energy_entries * entry_bytes;
+  sizes.functions = k;
+  sizes.factor.factor_bytes = entries * sizeof(double);
+  sizes.factor.peak_bytes = 2 * sizes.factor.factor_bytes;
+  sizes.factor.flops =
+      static_cast<double>(entries) * static_cast<double>(entries) / static_cast<double>(std::max<std::size_t>(1, k));
+  sizes.constrained = constrained_bytes({k, space.cover, space.energy_entries, entries}, sets);
+  estimate.centres = k;
+  return sizes;
+}
+
+/// A ResidualCorrection and where it is evaluated.
+struct CorrectionBytes {
+  std::size_t resident = 0, peak = 0;
+};
+
+CorrectionBytes correction_bytes(std::size_t centres, std::size_t places) {
+  const std::size_t own = centres * (sizeof(Vec3) + sizeof(std::uint32_t));
+  return {InterpolationSystem::factor_bytes(centres, Solver::cholesky) + own,
+          InterpolationSystem::peak_bytes(centres, Solver::cholesky) + 3 * own + places * (2 * sizeof(Vec3) + sizeof(double))};
+}
+
+std::size_t tiled_bytes(std::size_t points) { return tile_count(points) * tile_size * sizeof(Vec3); }
+
+/// Exact constraints.
+struct PlacementBytes {
+  std::size_t resident = 0, peak = 0;
+  std::size_t working = 0;  ///< of one design
+};
+
+PlacementBytes placement_bytes(const Setup& setup, const ConstraintSets& constraints, const std::vector<RegionIndex>& region_of,
+                               bool hard, std::size_t following, std::size_t held) {
+  std::vector<ConstraintSet> sets;
+  for (std::size_t t = 0; t < constraints.sets.size(); ++t) {
+    if (setup.constraints[constraints.constraint_of[t]].exact) sets.push_back(constraints.sets[t]);
+  }
+  if (sets.empty()) return {};
+  std::vector<bool> moves(region_of.size());
+  for (std::size_t i = 0; i < moves.size(); ++i) moves[i] = !hard || region_of[i] == deformable_region;
+  const ExactPlacement placement(std::move(sets), moves);
+  std::size_t moving = 0;
+  for (std::size_t u = 0; u < placement.ids().size(); ++u) moving += placement.moves(u) ? 1 : 0;
+  const std::size_t most = ResidualCorrection::centres_for(following);
+  const CorrectionBytes correction = correction_bytes(std::min(most, moving) + std::min(most / 2, held), moving + held);
+  const std::size_t own = placement.bytes() + tiled_bytes(placement.ids().size()) + moving * sizeof(std::uint32_t);
+  const std::size_t columns = 12 * (moving + held) * sizeof(Vec3);
+  return {own + correction.resident, own + correction.peak, placement.working_bytes() + columns};
+}
+
+}  // namespace
+
+Estimate estimate_energy(const Mesh& mesh, const Setup& setup) {
+  const SelectedRegions regions = validate(setup, mesh);
+  const EnergyOptions options = energy_options(setup);
+  const bool hard = options.handles == HandleMode::hard;
+  const std::vector<RegionIndex> region_of = regions_of_points(mesh.point_count(), regions);
+  const Box bounds = bounding_box(mesh.points);
+  const double diagonal = bounds.diagonal();
+  const ConstraintSets constraints = constraint_sets(mesh, setup, regions, {bounds.min, diagonal > 0 ? diagonal : 1});
+  Estimate estimate;
+  for (const RegionIndex region : region_of) estimate.constraint_points += region != deformable_region ? 1 : 0;
+  const std::size_t following = hard ? mesh.point_count() - estimate.constraint_points : mesh.point_count();
+  const Sizes sizes = std::holds_alternative<ShellOptions>(setup.method)
+                          ? shell_sizes(mesh, setup, region_of, constraints.sets, estimate)
+                          : space_sizes(mesh, setup, constraints.sets, estimate);
+  estimate.notes.insert(estimate.notes.end(), constraints.notes.begin(), constraints.notes.end());
+
+  const std::size_t solver = sizes.factor.factor_bytes + sizes.matrices + few_bytes;
+  const bool corrected = hard && !sizes.eliminated && sizes.held > 0;
+  const CorrectionBytes correction =
+      corrected ? correction_bytes(std::min(ResidualCorrection::centres_for(following), sizes.held), sizes.held)
+                : CorrectionBytes();
+  const PlacementBytes placement = placement_bytes(setup, constraints, region_of, hard, following, sizes.held);
+  std::size_t set_points = 0;
+  for (const ConstraintSet& set : constraints.sets) set_points += set.ids.size();
+  const bool placed = placement.resident > 0;
+  const std::size_t places =
+      (corrected || placed ? tiled_bytes(following) : 0) + (corrected || placed ? tiled_bytes(set_points) : 0);
+  const std::size_t before_sets = solver + correction.resident + places;
+  const std::size_t before_placement = before_sets + sizes.constrained.resident;
+  estimate.factor_bytes = before_placement + placement.resident;
+
+  const std::size_t fields = 4 * regions.handles.size();
+  const std::size_t basis_bytes = FieldTiles::bytes_for(following, fields);
+  const bool basis = setup.constraints.empty() && wants_basis(options.basis, basis_bytes, solver);
+  estimate.basis_bytes = basis ? basis_bytes : 0;
+  const std::size_t points = point_bytes(mesh.point_count(), regions.symmetry);
+  estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + points;
+  const std::size_t solving = estimate.basis_bytes + 8 * sizes.functions * 3 * sizeof(double);
+  const std::size_t working = sizes.constrained.working + placement.working;
+  // The sets are there from the beginning.
+  estimate.peak_bytes = points + 2 * set_points * (sizeof(Vec3) + sizeof(PointId)) +
+                        std::max({sizes.assembly, sizes.matrices + std::max(sizes.making, sizes.factor.peak_bytes),
+                                  solver + correction.peak, before_sets + sizes.constrained.preparing,
+                                  before_placement + placement.peak, estimate.factor_bytes + std::max(solving, working)});
+  const auto factor_bytes = static_cast<double>(sizes.factor.factor_bytes);
+  estimate.seconds = (sizes.factor.flops + sizes.constrained.operations) / nominal_rate + factor_bytes * 5e-9 +
+                     (basis ? static_cast<double>(fields) : 0) * factor_bytes / 4e9 / thread_count({}) +
+                     static_cast<double>(sizes.assembly) * 1e-8;
+  if (!basis && setup.constraints.empty()) {
+    estimate.notes.push_back("No handle basis will be stored: every design is solved for.");
+  }
+  return estimate;
+}
+
+}  // namespace deform

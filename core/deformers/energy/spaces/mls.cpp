@@ -1,0 +1,253 @@
+#include "core/deformers/energy/spaces/mls.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/base/parallel.h"
+#include "core/deformers/energy/spaces/mesh_pieces.h"
+#include "core/deformers/energy/spaces/mls_ties.h"
+#include "core/deformers/energy/spaces/unit_points.h"
+#include "core/mesh/region.h"
+#include "core/numerics/sampling/mls_basis.h"
+#include "core/numerics/sampling/sampling.h"
+#include "core/numerics/sparse/row_gram.h"
+
+namespace deform {
+
+namespace {
+
+constexpr std::size_t points_per_range = 128;
+// Thesis 8.6: 4000, or 5000 and 2000 with cells. More inside: handles that move a whole boundary in detail bend the functions
+// there.
+constexpr std::size_t automatic_surface = 4000, automatic_boundary = 5000, automatic_volume = 3000;
+constexpr std::size_t fewest_samples = 64;
+constexpr std::size_t dense_per_point = 20;  // of the integration points: thesis 8.6 takes 28,000
+constexpr double flat_surface = 1e-2;
+
+SampleOptions sample_counts(const Mesh& mesh, const MlsOptions& options) {
+  SampleOptions counts;
+  const bool cells = mesh.cell_count() != 0;
+  const std::size_t some = std::max(mesh.point_count(), fewest_samples);
+  counts.surface =
+      options.surface_samples != 0 ? options.surface_samples : std::min(some, cells ? automatic_boundary : automatic_surface);
+  counts.volume = options.volume_samples;
+  if (counts.volume == 0 && cells) counts.volume = std::min(some, automatic_volume);
+  if (cells && mesh.face_count() == 0) {  // nothing to put the others on
+    counts.volume += counts.surface;
+    counts.surface = 0;
+  }
+  return counts;
+}
+
+SampleOptions times(const SampleOptions& counts, double factor) {
+  SampleOptions more = counts;
+  more.surface = static_cast<std::size_t>(std::llround(factor * static_cast<double>(counts.surface)));
+  more.volume = static_cast<std::size_t>(std::llround(factor * static_cast<double>(counts.volume)));
+  return more;
+}
+
+std::size_t whole_cover(double cover) { return static_cast<std::size_t>(std::ceil(cover)); }
+
+/// gamma_s and gamma_b at every integration point.
+struct Weights {
+  std::vector<double> stretching, bending;
+};
+
+Weights weights_at(const Mesh& mesh, std::span<const Vec3> points, const std::vector<Vec3>& places, const MlsOptions& options,
+                   const RunContext& context) {
+  Weights weights{std::vector<double>(places.size(), options.stretching), std::vector<double>(places.size(), options.bending)};
+  if (options.weights.empty()) return weights;
+  std::vector<std::size_t> last(points.size(), 0);  // the region that counts, from 1
+  for (std::size_t r = 0; r < options.weights.size(); ++r) {
+    const std::string what = "method.mls.weights[" + std::to_string(r) + "]";
+    for (const PointId id : select(options.weights[r].region, mesh, what)) last[id] = r + 1;
+  }
+  const std::vector<std::uint32_t> nearest = nearest_points(PointTree(points), places, context);
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    const std::size_t r = last[nearest[i]];
+    if (r == 0) continue;
+    weights.stretching[i] = options.weights[r - 1].stretching;
+    weights.bending[i] = options.weights[r - 1].bending;
+  }
+  return weights;
+}
+
+/// About one in `factor` of the dense points, as evenly spread as all of them: there are as many per sample then as per
+/// integration point. Points of a cloud, which stand in any order, stay.
+DensePoints thinned(const DensePoints& dense, double factor) {
+  const auto step = static_cast<std::size_t>(factor);
+  if (!dense.strewn || step < 2) return dense;
+  DensePoints few;
+  few.area = dense.area;
+  few.volume = dense.volume;
+  for (std::size_t i = 0; i < dense.surface; i += step) few.points.push_back(dense.points[i]);
+  few.surface = few.points.size();
+  for (std::size_t i = dense.surface; i < dense.points.size(); i += step) few.points.push_back(dense.points[i]);
+  return few;
+}
+
+/// Integration points with the part of the domain that each stands for; those that stand for nothing are left out.
+struct Cubature {
+  std::vector<Vec3> points;
+  std::vector<double> shares;
+};
+
+Cubature cubature_of(const DensePoints& dense, SampleOptions counts, const RunContext& context) {
+  counts.relaxation_steps /= 2;  // they have weights for what is left uneven
+  const Samples all = spread_samples(dense, counts, context);
+  const std::vector<double> shares = voronoi_shares(all.points, dense, context);
+  Cubature cubature;
+  for (std::size_t i = 0; i < shares.size(); ++i) {
+    if (shares[i] == 0) continue;
+    cubature.points.push_back(all.points[i]);
+    cubature.shares.push_back(shares[i]);
+  }
+  return cubature;
+}
+
+/// Which derivatives make the rows of one integration point.
+struct RowForm {
+  bool gradient = false, second = false;
+  BendingForm form = BendingForm::hessian;
+
+  std::size_t height() const {
+    const std::size_t bending = form == BendingForm::hessian ? 6 : 1;
+    return (gradient ? 3 : 0) + (second ? bending : 0);
+  }
+
+  void write(const MlsBasis::Row& row, double root_s, double root_b, double* out) const {
+    for (std::size_t a = 0; a < row.samples.size(); ++a) {
+      if (gradient) {
+        for (std::size_t k = 0; k < 3; ++k) *out++ = root_s * row.gradients[a][k];
+      }
+      if (!second) continue;
+      if (form == BendingForm::laplacian) {
+        *out++ = root_b * row.laplacian(a);
+        continue;
+      }
+      for (std::size_t p = 0; p < 6; ++p) *out++ = root_b * (p < 3 ? 1.0 : std::numbers::sqrt2) * row.hessians[a][p];
+    }
+  }
+};
+
+RowBlocks energy_rows(const MlsBasis& basis, const Cubature& cubature, const Weights& weights, BendingForm form,
+                      const RunContext& context) {
+  const auto any = [](const std::vector<double>& values) {
+    return std::any_of(values.begin(), values.end(), [](double value) { return value > 0; });
+  };
+  const RowForm rows_of{any(weights.stretching), any(weights.bending), form};
+  const std::vector<std::size_t> sizes = basis.row_sizes(cubature.points, context);
+  RowBlocks rows;
+  rows.height = rows_of.height();
+  for (const std::size_t size : sizes) rows.starts.push_back(rows.starts.back() + static_cast<std::int64_t>(size));
+  rows.columns.resize(static_cast<std::size_t>(rows.starts.back()));
+  rows.values.resize(rows.columns.size() * rows.height);
+  const auto order = rows_of.second ? MlsBasis::Order::second : MlsBasis::Order::first;
+  parallel_for(context, sizes.size(), points_per_range, [&](std::size_t begin, std::size_t end) {
+    MlsBasis::Row row;
+    for (std::size_t i = begin; i < end; ++i) {
+      basis.evaluate(cubature.points[i], order, row);
+      const auto start = static_cast<std::size_t>(rows.starts[i]);
+      std::copy(row.samples.begin(), row.samples.end(), rows.columns.begin() + rows.starts[i]);
+      rows_of.write(row, std::sqrt(cubature.shares[i] * weights.stretching[i]),
+                    std::sqrt(cubature.shares[i] * weights.bending[i]), rows.values.data() + start * rows.height);
+    }
+  });
+  return rows;
+}
+
+std::vector<std::string> notes_of(const EnergySpace& space, const Samples& samples, const MlsBasis& basis, bool solid) {
+  const auto count = static_cast<double>(space.values.rows());
+  char cover[32];
+  std::snprintf(cover, sizeof cover, "%.1f", static_cast<double>(space.values.nonZeros()) / std::max(count, 1.0));
+  char radius[32];
+  std::snprintf(radius, sizeof radius, "%.3g", basis.radius());
+  std::vector<std::string> notes;
+  notes.push_back(std::to_string(samples.surface) + " samples on the surface, " +
+                  std::to_string(samples.points.size() - samples.surface) + " in the volume; supports of radius " + radius +
+                  " D, which cover a point " + cover + " times on average");
+  notes.push_back(std::to_string(space.cubature_points) + " integration points " +
+                  (solid ? "in the volume" : "on the surface, with derivatives along it"));
+  return notes;
+}
+
+}  // namespace
+
+EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t seed, const RunContext& context,
+                      BendingForm form) {
+  const std::vector<Vec3> points = unit_points(mesh);
+  const SampleOptions counts = sample_counts(mesh, options);
+  const SampleOptions more = times(counts, options.cubature);
+  context.progress("sample", 0);
+  Samples samples;
+  Cubature cubature;
+  bool solid = false;
+  {
+    const DensePoints dense =
+        dense_points(mesh, points, {dense_per_point * more.surface, dense_per_point * more.volume}, seed, context);
+    solid = dense.in_volume() != 0;
+    samples = spread_samples(thinned(dense, options.cubature), counts, context);
+    cubature = cubature_of(dense, more, context);
+  }
+  context.progress("sample", 1);
+
+  std::vector<Vec3> places = points;
+  places.insert(places.end(), cubature.points.begin(), cubature.points.end());
+  MlsBasis::Options basis_options;
+  basis_options.cover.cover = whole_cover(options.cover);
+  const double radius = covering_radius(PointTree(samples.points), places, basis_options.cover, context);
+  const MlsBasis basis(samples.points, radius, basis_options);
+  MlsBasis::Options along_surface = basis_options;
+  if (!solid) along_surface.flat = flat_surface;
+
+  EnergySpace space;
+  space.samples = samples.points.size();
+  space.cubature_points = cubature.points.size();
+  context.progress("basis", 0);
+  space.values = basis.values(points, context);
+  context.progress("assemble", 0);
+  const RowBlocks rows = energy_rows(MlsBasis(samples.points, radius, along_surface), cubature,
+                                     weights_at(mesh, points, cubature.points, options, context), form, context);
+  space.energy = lower_gram(rows, space.samples, context);
+  space.linear = linear_coefficients(samples.points);
+  space.notes = notes_of(space, samples, basis, solid);
+  const Ties ties = component_ties(samples.points, joined_columns(rows, space.samples), whole_cover(options.cover));
+  if (ties.parts > 1) {
+    // Far below what holds a part itself, far above rounding.
+    const double measure = space.energy.diagonal().mean();
+    space.energy += SparseMatrix(1e-6 * measure * lower_gram(ties.rows, space.samples, context));
+    space.notes.push_back(std::to_string(ties.parts) + " parts that no support joins follow each other weakly");
+  }
+  context.progress("assemble", 1);
+  return space;
+}
+
+SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options) {
+  const SampleOptions counts = sample_counts(mesh, options), more = times(counts, options.cubature);
+  const double k = static_cast<double>(counts.surface + counts.volume), n = static_cast<double>(mesh.point_count());
+  const double N = static_cast<double>(more.surface + more.volume);
+  // The corner of a face needs twice the radius its middle needs, that of a box too: 4 and 8 times the cover there.
+  const double factor = CoverOptions().factor;
+  const bool solid = counts.volume != 0;
+  const double cover = std::min(k, options.cover * (solid ? 8 * factor * factor * factor : 4 * factor * factor));
+  const double couplings = std::min(k, cover * (solid ? 8 : 4));
+  constexpr double entry = sizeof(double) + sizeof(std::int64_t);
+  const double values = n * (cover * entry + sizeof(std::int64_t));
+  const double energy = 0.5 * k * couplings * entry;
+  const double rows = N * cover * (9 * sizeof(double) + sizeof(std::uint32_t) + 12);
+  const double dense = static_cast<double>(dense_per_point) * N * 2 * (sizeof(Vec3) + sizeof(double)) + n * 3 * sizeof(Vec3);
+  SpaceBytes bytes;
+  bytes.samples = counts.surface + counts.volume;
+  bytes.cubature_points = more.surface + more.volume;
+  bytes.cover = static_cast<std::size_t>(std::ceil(cover));
+  bytes.energy_entries = static_cast<std::size_t>(0.5 * k * couplings);
+  bytes.resident = static_cast<std::size_t>(values + energy + 4 * k * entry);
+  bytes.peak = static_cast<std::size_t>(values + std::max(dense, rows + 3 * energy));
+  return bytes;
+}
+
+}  // namespace deform

@@ -1,0 +1,50 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "core/base/run_context.h"
+#include "core/deformers/energy/spaces/energy_space.h"
+#include "core/deformers/setup.h"
+#include "core/mesh/mesh.h"
+
+namespace deform {
+
+/// What takes the place of |laplace d|^2 in the bending energy.
+enum class BendingForm {
+  hessian,    ///< squared Frobenius norm of the second derivatives (thesis eq. 3.2)
+  laplacian,  ///< as printed (thesis eq. 8.13)
+};
+
+/// Moving least squares deformation in space (thesis 8.4): k samples spread over surface and volume, N = cubature * k integration
+/// points spread in the same way, energies gamma_s |grad d|^2 + gamma_b |hessian d|^2 at them with their Voronoi volumes, or on a
+/// mesh without cells their Voronoi areas. All in unit coordinates (divided by the bounding-box diagonal).
+///
+/// Two decisions, because the thesis leaves them open:
+///  - Bending is the whole second derivative. Both forms agree where the rim of the domain is held; but |laplace d|^2 costs
+///    nothing for harmonic functions, so with a free rim, or one where only positions are held, its least is the harmonic one,
+///    which bends sharply at the handles. Here only affine displacements cost nothing.
+///  - A mesh without cells is its surface: integration points lie on it and derivatives count along it. Where the samples around
+///  a point
+///    are flat to a tenth (variance across below 1e-2), derivatives across are left out, because samples do not tell them there:
+///    the least curvature would make them up. Elsewhere (edges, thin walls) it is a body in space like any other. With
+///    volume_samples > 0 the box around the surface is the body.
+///
+/// Parts of the mesh that no support joins (components that are far apart) are tied to the others weakly: they follow the
+/// continuation of their motion, as far as nothing else holds them.
+///
+/// Deterministic for a seed and any number of threads. Throws Error(invalid_argument): a mesh without extent;
+/// cancelled, deadline_exceeded.
+EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t seed, const RunContext& context = {},
+                      BendingForm form = BendingForm::hessian);
+
+/// Upper bound of what mls_space() needs at its peak, and of what the space holds: cheap, before anything is allocated.
+struct SpaceBytes {
+  std::size_t peak = 0, resident = 0;
+  std::size_t samples = 0, cubature_points = 0;
+  std::size_t cover = 0;           ///< functions that reach a point
+  std::size_t energy_entries = 0;  ///< of the lower triangle
+};
+SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options);
+
+}  // namespace deform

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <vector>
+
+#include "core/deformers/energy/spaces/energy_space.h"
+#include "core/deformers/handles/handle_motion.h"
+#include "core/deformers/setup.h"
+#include "core/mesh/mesh.h"
+
+namespace deform {
+
+/// A space, and how the held (handle and fixed) points enter: those of `held` only, the others have no influence.
+///  - eliminated: the functions are zero at held points; w minimizes w^T K w + 2 w^T coupling h with the prescribed displacements
+///    h (m x 3) of the held points.
+///  - otherwise the functions live at held points too, and coupling is empty.
+struct EnergyModel {
+  EnergySpace space;
+  std::vector<PointId> held;  ///< m, ascending
+  bool eliminated = false;
+  SparseMatrix coupling;  ///< k x m
+};
+
+/// Copies nothing, unlike a move: Eigen's sparse matrices have none.
+void swap(EnergyModel& a, EnergyModel& b);
+
+/// The thin shell (thesis 3.1, 8.2) with K = -gamma_s L_s + gamma_b L_s M^-1 L_s: L_s is the integrated cotangent Laplacian, M
+/// the mixed Voronoi areas, both of all points, so that soft handles of growing weight lead to the hard ones.
+///  - Hard handles: one function per deformable point. This is eq. 3.4 times M, symmetric positive definite; of the held points
+///    only those within two rings of the deformable ones enter (the others have no influence at all).
+///  - Soft handles: one function per point (eq. 8.9, 8.10 without the last term).
+/// Throws Error(invalid_argument) for deformable points without a face, and for components of the surface that nothing holds
+/// (with the number and the first point).
+EnergyModel shell_model(const Mesh& mesh, const std::vector<RegionIndex>& region_of, const ShellOptions& options,
+                        double diagonal);
+
+}  // namespace deform

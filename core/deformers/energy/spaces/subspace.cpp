@@ -1,0 +1,144 @@
+#include "core/deformers/energy/spaces/subspace.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/deformers/energy/spaces/mesh_pieces.h"
+#include "core/deformers/energy/spaces/unit_points.h"
+#include "core/mesh/shell_operators.h"
+#include "core/numerics/kernels/kernel_rows.h"
+#include "core/numerics/sampling/mls_basis.h"
+#include "core/numerics/sampling/sampling.h"
+#include "core/numerics/sampling/subspace.h"
+
+namespace deform {
+
+namespace {
+
+constexpr double dependence_ridge = 1e-13;  // of the mean of the diagonal
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+
+constexpr std::size_t dense_per_centre = 20;
+constexpr double gaussian_part = 1.0 / 3;  // of the radius of the support
+
+bool is_global(SubspaceKernel kernel) { return kernel == SubspaceKernel::triharmonic || kernel == SubspaceKernel::biharmonic; }
+
+/// n x n, both triangles. Points without a triangle have no energy.
+SparseMatrix shell_energy(const Mesh& mesh, double diagonal, double stretching, double bending) {
+  const ShellOperators shell = shell_operators(mesh, diagonal);
+  SparseMatrix energy = -stretching * shell.laplacian;
+  if (bending == 0) return energy;
+  SparseMatrix scaled = shell.laplacian;  // symmetric: its columns are its rows
+  for (Index j = 0; j < scaled.outerSize(); ++j) {
+    const double inverse = shell.areas[j] > 0 ? bending / shell.areas[j] : 0;
+    for (SparseMatrix::InnerIterator it(scaled, j); it; ++it) it.valueRef() *= inverse;
+  }
+  energy += SparseMatrix(scaled * shell.laplacian);
+  return energy;
+}
+
+/// Columns of full_kernel_rows() made orthonormal.
+MatrixXd orthonormal_functions(Kernel kernel, const std::vector<Vec3>& centres, const std::vector<Vec3>& points,
+                               const RunContext& context) {
+  return orthonormal_columns(full_kernel_rows({kernel, 1}, centres, points, context), context);
+}
+
+SparseRows as_rows(const MatrixXd& full) {
+  SparseRows rows(full.rows(), full.cols());
+  rows.resizeNonZeros(full.size());
+  for (Index i = 0; i <= full.rows(); ++i) rows.outerIndexPtr()[i] = i * full.cols();
+  for (Index i = 0; i < full.rows(); ++i) {
+    for (Index j = 0; j < full.cols(); ++j) {
+      rows.innerIndexPtr()[i * full.cols() + j] = j;
+      rows.valuePtr()[i * full.cols() + j] = full(i, j);
+    }
+  }
+  return rows;
+}
+
+std::vector<Vec3> spread_centres(const Mesh& mesh, const std::vector<Vec3>& points, std::size_t count, std::uint64_t seed,
+                                 const RunContext& context) {
+  SampleOptions options;
+  options.surface = count;
+  DensePoints dense = dense_points(mesh, points, {dense_per_centre * count, 0}, seed, context);
+  if (dense.surface == 0) {  // cells without faces: the energy is 0, but the functions are there
+    dense.points = points;
+    dense.surface = points.size();
+    dense.area = 1;
+  }
+  return spread_samples(dense, options, context).points;
+}
+
+}  // namespace
+
+EnergySpace subspace_space(const Mesh& mesh, const SubspaceOptions& options, std::uint64_t seed, const RunContext& context) {
+  const std::vector<Vec3> points = unit_points(mesh);
+  context.progress("sample", 0);
+  const std::vector<Vec3> centres = spread_centres(mesh, points, std::min(options.centres, points.size()), seed, context);
+  context.progress("sample", 1);
+  const SparseMatrix energy = shell_energy(mesh, bounding_box(mesh.points).diagonal(), options.stretching, options.bending);
+  EnergySpace space;
+  space.linear = SparseMatrix(static_cast<Index>(centres.size()), 0);
+  context.progress("basis", 0);
+  if (is_global(options.kernel)) {
+    const Kernel kernel = options.kernel == SubspaceKernel::triharmonic ? Kernel::triharmonic : Kernel::biharmonic;
+    const MatrixXd Q = orthonormal_functions(kernel, centres, points, context);
+    context.progress("assemble", 0);
+    space.energy = projected_lower(energy, Q, context);
+    space.values = as_rows(Q);
+    space.linear = SparseMatrix(Q.cols(), 0);
+    if (static_cast<std::size_t>(Q.cols()) < centres.size()) {
+      space.notes.push_back(std::to_string(Q.cols()) + " of " + std::to_string(centres.size()) +
+                            " functions, the others depend on them");
+    }
+  } else {
+    CoverOptions cover;
+    cover.cover = static_cast<std::size_t>(std::ceil(options.cover));
+    const double radius = covering_radius(PointTree(centres), points, cover, context);
+    if (options.kernel == SubspaceKernel::mls) {
+      MlsBasis::Options basis;
+      basis.cover = cover;
+      space.values = MlsBasis(centres, radius, basis).values(points, context);
+      space.linear = linear_coefficients(centres);
+    } else if (options.kernel == SubspaceKernel::wendland_c2) {
+      space.values = kernel_rows({Kernel::wendland_c2, radius}, radius, centres, points, context);
+    } else {
+      space.values = kernel_rows({Kernel::gaussian, gaussian_part * radius}, radius, centres, points, context);
+    }
+    context.progress("assemble", 0);
+    space.energy = projected_lower(energy, space.values, context);
+    // Nearly as many functions as points depend on each other; far below what the others cost, far above rounding.
+    const double ridge = dependence_ridge * space.energy.diagonal().mean();
+    for (Index j = 0; j < space.energy.cols(); ++j) space.energy.coeffRef(j, j) += ridge;
+    space.energy.makeCompressed();
+  }
+  space.samples = static_cast<std::size_t>(space.values.cols());
+  context.progress("assemble", 1);
+  return space;
+}
+
+SpaceBytes estimate_subspace_space(const Mesh& mesh, const SubspaceOptions& options) {
+  const auto n = static_cast<double>(mesh.point_count());
+  const double k = std::min(static_cast<double>(options.centres), n);
+  constexpr double entry = sizeof(double) + sizeof(std::int64_t);
+  const double factor = CoverOptions().factor;
+  const bool full = is_global(options.kernel);
+  const double cover = full ? k : std::min(k, 4 * factor * factor * options.cover), couplings = std::min(k, 4 * cover);
+  const double values = n * (cover * entry + sizeof(std::int64_t)), energy = 0.5 * k * couplings * entry;
+  // The functions, their factorization and Q; or E Phi, with two rings of the mesh per column, and both triangles.
+  const double scratch = full ? 3 * n * k * sizeof(double) + k * k * sizeof(double) : 4 * values + 4 * energy;
+  SpaceBytes bytes;
+  bytes.samples = static_cast<std::size_t>(k);
+  bytes.cover = static_cast<std::size_t>(std::ceil(cover));
+  bytes.energy_entries = static_cast<std::size_t>(0.5 * k * (couplings + 1));
+  bytes.resident = static_cast<std::size_t>(values + energy + 4 * k * entry);
+  bytes.peak = bytes.resident + static_cast<std::size_t>(scratch + n * 40 * entry);
+  return bytes;
+}
+
+}  // namespace deform

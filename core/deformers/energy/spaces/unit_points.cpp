@@ -1,0 +1,23 @@
+#include "core/deformers/energy/spaces/unit_points.h"
+
+#include "core/base/error.h"
+
+namespace deform {
+
+std::vector<Vec3> unit_points(const Mesh& mesh) {
+  const double diagonal = bounding_box(mesh.points).diagonal();
+  if (!(diagonal > 0)) throw Error(ErrorCode::invalid_argument, "mesh: all points coincide, so it has no extent to deform");
+  std::vector<Vec3> points(mesh.points);
+  for (Vec3& x : points) x = {x[0] / diagonal, x[1] / diagonal, x[2] / diagonal};
+  return points;
+}
+
+SparseMatrix linear_coefficients(const std::vector<Vec3>& samples) {
+  Eigen::MatrixXd linear(static_cast<Eigen::Index>(samples.size()), 4);
+  for (std::size_t j = 0; j < samples.size(); ++j) {
+    linear.row(static_cast<Eigen::Index>(j)) << 1, samples[j][0], samples[j][1], samples[j][2];
+  }
+  return linear.sparseView(0, 0);
+}
+
+}  // namespace deform

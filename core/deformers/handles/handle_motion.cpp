@@ -1,0 +1,218 @@
+#include "core/deformers/handles/handle_motion.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "core/base/error.h"
+#include "core/base/number_text.h"
+
+namespace deform {
+
+namespace {
+
+constexpr double agreement = 1e-10;  // of D: how far apart coincident points may be sent
+
+[[noreturn]] void invalid(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
+[[noreturn]] void invalid(std::size_t design, const std::string& message) {
+  invalid("designs[" + std::to_string(design) + "]" + message);
+}
+
+double distance(const Vec3& a, const Vec3& b) { return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]); }
+
+}  // namespace
+
+void field_coefficients(const Affine& motion, MotionKind kind, const HandleFrame& frame, const UnitBox& box, double* out) {
+  // u(x) = J x + b with J = A - I for a map of positions; about the reference c: u = (J c + b) + scale J (unit(x) - unit(c)).
+  const double identity = kind == MotionKind::position ? 1.0 : 0.0;
+  Vec3 c{};
+  for (int k = 0; k < 3; ++k) c[k] = box.origin[k] + box.scale * frame.reference[k];
+  for (int i = 0; i < 3; ++i) {
+    double constant = motion[4 * i + 3];
+    for (int j = 0; j < 3; ++j) {
+      const double slope = motion[4 * i + j] - (i == j ? identity : 0.0);
+      constant += slope * c[j];
+      out[3 * (j + 1) + i] = box.scale * slope;
+    }
+    out[i] = constant;
+  }
+}
+
+std::vector<HandleFrame> handle_frames(const Mesh& mesh, const SelectedRegions& regions, const UnitBox& box) {
+  std::vector<HandleFrame> frames;
+  for (const auto& handle : regions.handles) {
+    Box extent;
+    for (const PointId id : handle) extent.add(box.to_unit(mesh.points[id]));
+    HandleFrame frame;
+    for (int k = 0; k < 3; ++k) frame.reference[k] = 0.5 * (extent.min[k] + extent.max[k]);
+    frames.push_back(frame);
+  }
+  return frames;
+}
+
+bool BoundDesign::is_affine() const {
+  return std::all_of(displacement.begin(), displacement.end(), [](const auto& d) { return d.empty(); });
+}
+
+BoundDesign HeldPoints::bound(const Design& design, std::size_t index) const {
+  const std::size_t handles = setup.handles.size();
+  BoundDesign result{std::vector<Affine>(handles, identity_affine), std::vector<std::vector<Vec3>>(handles), design.tolerance};
+  if (!design.variables.empty()) {
+    try {
+      result.affine = handle_motions(setup, design.variables);
+    } catch (const Error& error) {
+      invalid(index, std::string(".") + error.what());
+    }
+  }
+  std::vector<char> moved(handles);
+  for (std::size_t k = 0; k < design.motions.size(); ++k) {
+    const Motion& motion = design.motions[k];
+    const std::string field = ".motions[" + std::to_string(k) + "]";
+    if (motion.handle >= handles) {
+      invalid(index, field + ".handle: " + std::to_string(motion.handle) + " is out of range, the setup has " +
+                         std::to_string(handles) + " handles");
+    }
+    const std::string name = " (handle \"" + setup.handles[motion.handle].name + "\")";
+    if (moved[motion.handle]++) invalid(index, field + name + ": the handle has two motions");
+    if (result.affine[motion.handle] != identity_affine) {
+      invalid(index, field + name + ": the handle is moved by design variables as well; set those to 0");
+    }
+    if (const auto* affine = std::get_if<Affine>(&motion.value)) {
+      for (std::size_t j = 0; j < affine->size(); ++j) {
+        if (!std::isfinite((*affine)[j]))
+          invalid(index, field + ".affine[" + std::to_string(j) + "]" + name + ": must be finite");
+      }
+      result.affine[motion.handle] = *affine;
+      continue;
+    }
+    const auto& displacement = std::get<std::vector<Vec3>>(motion.value);
+    const std::size_t expected = regions.handles[motion.handle].size();
+    if (displacement.size() != expected) {
+      invalid(index, field + ".displacements" + name + ": expected " + std::to_string(expected) +
+                         " vectors, one per point, got " + std::to_string(displacement.size()));
+    }
+    for (std::size_t j = 0; j < displacement.size(); ++j) {
+      if (!std::isfinite(displacement[j][0] + displacement[j][1] + displacement[j][2])) {
+        invalid(index, field + ".displacements[" + std::to_string(j) + "]" + name + ": must be finite");
+      }
+    }
+    result.displacement[motion.handle] = displacement;
+  }
+  return result;
+}
+
+Vec3 HeldPoints::told(const BoundDesign& design, PointId id, MotionKind kind) const {
+  const RegionIndex region = region_of[id];
+  const Vec3& x = mesh.points[id];
+  if (region == fixed_region) return kind == MotionKind::position ? x : Vec3{};
+  const auto& displacement = design.displacement[region];
+  if (displacement.empty()) {
+    // At rest exactly, not up to the rounding of 1 x + 0 y + 0 z + 0 with huge coordinates.
+    return design.affine[region] == identity_affine ? x : transformed(design.affine[region], x);
+  }
+  const Vec3& u = displacement[rank_of[id]];
+  return {x[0] + u[0], x[1] + u[1], x[2] + u[2]};
+}
+
+Vec3 HeldPoints::place(const BoundDesign& design, PointId id, MotionKind kind) const {
+  const Vec3 to = told(design, id, kind);
+  const unsigned on = regions.symmetry.on(id);
+  if (on == 0) return to;
+  return regions.symmetry.slid(kind == MotionKind::position ? mesh.points[id] : Vec3{}, to, on);
+}
+
+void HeldPoints::check_coincident(const BoundDesign& design, std::size_t index) const {
+  const auto name = [&](PointId id) {
+    const RegionIndex region = region_of[id];
+    return std::to_string(id) + (region == fixed_region ? " (fixed)" : " (handle \"" + setup.handles[region].name + "\")");
+  };
+  for (const auto& cluster : coincident) {
+    const Vec3 first = place(design, cluster[0], MotionKind::position);
+    for (std::size_t k = 1; k < cluster.size(); ++k) {
+      const double apart = distance(place(design, cluster[k], MotionKind::position), first);
+      if (apart <= agreement * diagonal) continue;
+      invalid(index, ": points " + name(cluster[0]) + " and " + name(cluster[k]) +
+                         " coincide but are sent to places a distance of " + number_digits(apart) + " apart");
+    }
+  }
+}
+
+double HeldPoints::largest_displacement(const BoundDesign& design) const {
+  double largest = 0;
+  for (std::size_t h = 0; h < regions.handles.size(); ++h) {
+    if (!design.moves(h)) continue;
+    for (const PointId id : regions.handles[h]) {
+      largest = std::max(largest, distance(place(design, id, MotionKind::position), mesh.points[id]));
+    }
+  }
+  return largest;
+}
+
+std::vector<Affine> motion_derivative(const Setup& setup, std::span<const double> variables, std::span<const double> direction) {
+  const std::size_t count = setup.variables.size();
+  if (direction.size() != count) {
+    invalid("direction: expected " + std::to_string(count) + " values, one per design variable, got " +
+            std::to_string(direction.size()));
+  }
+  std::vector<Affine> motion(setup.handles.size(), Affine{});
+  for (std::size_t k = 0; k < count; ++k) {
+    if (!std::isfinite(direction[k])) invalid("direction[" + std::to_string(k) + "]: must be finite");
+    const std::vector<Affine> derivative = handle_motion_derivative(setup, variables, k);
+    for (std::size_t h = 0; h < motion.size(); ++h) {
+      for (std::size_t j = 0; j < 12; ++j) motion[h][j] += direction[k] * derivative[h][j];
+    }
+  }
+  return motion;
+}
+
+void check_cotangent(const Points& cotangent, std::size_t points) {
+  if (cotangent.size() != points) {
+    invalid("cotangent: expected " + std::to_string(points) + " vectors, one per point, got " + std::to_string(cotangent.size()));
+  }
+  for (std::size_t i = 0; i < cotangent.size(); ++i) {
+    if (!std::isfinite(cotangent[i][0] + cotangent[i][1] + cotangent[i][2])) {
+      invalid("cotangent[" + std::to_string(i) + "]: must be finite");
+    }
+  }
+}
+
+std::vector<double> variable_gradient(const HeldPoints& held, std::span<const double> variables, const Points& cotangent,
+                                      std::span<const double> fields, const std::vector<HandleFrame>& frames,
+                                      const UnitBox& box) {
+  // Moments of the cotangent over the handle points: what an affine derivative there is multiplied with.
+  std::vector<Affine> moments(frames.size(), Affine{});
+  for (std::size_t h = 0; h < frames.size(); ++h) {
+    for (const PointId id : held.regions.handles[h]) {
+      const Vec3& x = held.mesh.points[id];
+      const unsigned on = held.regions.symmetry.on(id);
+      const Vec3 along = on == 0 ? cotangent[id] : held.regions.symmetry.slid({}, cotangent[id], on);
+      for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) moments[h][4 * i + j] += along[i] * x[j];
+        moments[h][4 * i + 3] += along[i];
+      }
+    }
+  }
+  std::vector<double> gradient(held.setup.variables.size(), 0.0);
+  double block[12];
+  for (std::size_t k = 0; k < gradient.size(); ++k) {
+    const std::vector<Affine> derivative = handle_motion_derivative(held.setup, variables, k);
+    for (std::size_t h = 0; h < frames.size(); ++h) {
+      if (derivative[h] == Affine{}) continue;
+      field_coefficients(derivative[h], MotionKind::derivative, frames[h], box, block);
+      for (std::size_t j = 0; j < 12; ++j) gradient[k] += block[j] * fields[12 * h + j] + derivative[h][j] * moments[h][j];
+    }
+  }
+  return gradient;
+}
+
+std::string scientific(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.1e", value);
+  return text;
+}
+
+std::size_t point_bytes(std::size_t n, const Symmetry& symmetry) {
+  return n * (4 + 4 + 4 + 24 + 4 + (symmetry.empty() ? 0 : 1)) + 4096;
+}
+
+}  // namespace deform

@@ -1,0 +1,217 @@
+#include "core/deformers/handles/symmetry.h"
+
+#include <Eigen/Core>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
+#include "core/base/error.h"
+#include "core/base/number_text.h"
+
+namespace deform {
+
+namespace {
+
+double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+Vec3 difference(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
+/// x + t n
+Vec3 moved(const Vec3& x, double t, const Vec3& n) { return {x[0] + t * n[0], x[1] + t * n[1], x[2] + t * n[2]}; }
+Vec3 normalized(const Vec3& v) {
+  const double length = std::hypot(v[0], v[1], v[2]);
+  return {v[0] / length, v[1] / length, v[2] / length};
+}
+Vec3 cross(const Vec3& a, const Vec3& b) {
+  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
+bool finite(const Vec3& v) { return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]); }
+
+std::string field(std::size_t plane) { return "symmetry[" + std::to_string(plane) + "]"; }
+
+/// A unit vector across two others, or one at right angles to one.
+Vec3 across(const Vec3& n) {
+  std::size_t least = 0;
+  for (std::size_t k = 1; k < 3; ++k) {
+    if (std::abs(n[k]) < std::abs(n[least])) least = k;
+  }
+  Vec3 e{};
+  e[least] = 1;
+  return normalized(moved(e, -n[least], n));
+}
+
+std::size_t main_axis(const Vec3& n) {
+  std::size_t main = 0;
+  for (std::size_t k = 1; k < 3; ++k) {
+    if (std::abs(n[k]) > std::abs(n[main])) main = k;
+  }
+  return main;
+}
+
+}  // namespace
+
+/// One plane on the mesh, before they are made orthogonal.
+struct Symmetry::Found {
+  Vec3 point{}, normal{};
+  std::vector<PointId> region;  ///< whose points it was found from
+};
+
+void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& mesh, const Box& box, Found& found) {
+  if (const auto* given = std::get_if<SymmetryPlane::Plane>(&plane.kind)) {
+    if (!finite(given->point)) throw Error(ErrorCode::invalid_argument, field(index) + ".point: must be finite");
+    const double length = std::hypot(given->normal[0], given->normal[1], given->normal[2]);
+    if (!std::isnormal(length)) {
+      throw Error(ErrorCode::invalid_argument, field(index) + ".normal: must be finite and not zero");
+    }
+    found.point = given->point;
+    found.normal = normalized(given->normal);
+    return;
+  }
+  const std::string what = field(index) + ".region";
+  found.region = select(std::get<Region>(plane.kind), mesh, what);
+  if (found.region.empty()) throw Error(ErrorCode::invalid_argument, what + ": " + no_point_text(mesh));
+  // About the first point, so that points of one coordinate have the mean of exactly that coordinate.
+  const auto count = static_cast<double>(found.region.size());
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
+  const auto local = [&](PointId id) {
+    const Vec3 d = difference(mesh.points[id], mesh.points[found.region[0]]);
+    return Eigen::Vector3d(d[0], d[1], d[2]);
+  };
+  for (const PointId id : found.region) mean += local(id) / count;
+  for (const PointId id : found.region) scatter += (local(id) - mean) * (local(id) - mean).transpose();
+  // A 2D mesh is cut along a line.
+  if (box.min[2] == box.max[2]) scatter(2, 2) = 2 * scatter.trace();
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(scatter, Eigen::ComputeFullU);
+  double second = 0, largest = 0;
+  PointId farthest = 0;
+  for (const PointId id : found.region) {
+    const Eigen::Vector3d along = svd.matrixU().transpose() * (local(id) - mean);
+    second = std::max(second, std::abs(along[1]));
+    if (std::abs(along[2]) > largest) {
+      largest = std::abs(along[2]);
+      farthest = id;
+    }
+  }
+  std::ostringstream text;
+  const double diagonal = box.diagonal();
+  if (second <= flatness * diagonal) {
+    text << what << ": its " << found.region.size()
+         << " points do not define a plane; a plane needs three that are not on a line, in a 2D mesh two";
+    throw Error(ErrorCode::invalid_argument, text.str());
+  }
+  if (largest > flatness * diagonal) {
+    text << what << ": its points do not lie in one plane: point " << farthest << " is " << number_digits(largest)
+         << " away from the nearest one, the limit is " << number_digits(flatness * diagonal) << " (" << flatness
+         << " of the diagonal)";
+    throw Error(ErrorCode::invalid_argument, text.str());
+  }
+  for (int k = 0; k < 3; ++k) {
+    found.point[k] = mesh.points[found.region[0]][k] + mean[k];
+    found.normal[k] = svd.matrixU()(k, 2);
+  }
+  found.normal = normalized(found.normal);
+  // What rounding has tilted was meant to be at right angles to an axis.
+  const std::size_t k = main_axis(found.normal);
+  double off_axis = 0;
+  for (const PointId id : found.region) off_axis = std::max(off_axis, std::abs(mesh.points[id][k] - found.point[k]));
+  if (off_axis > 2 * largest + tolerance * diagonal) return;
+  found.normal = {};
+  found.normal[k] = 1;
+}
+
+void Symmetry::make_orthonormal(std::span<const Found> found) {
+  for (std::size_t k = 0; k < planes_; ++k) {
+    axes_[k] = found[k].normal;
+    anchors_[k] = found[k].point;
+    for (std::size_t j = 0; j < k; ++j) {
+      const double limit = found[k].region.empty() && found[j].region.empty() ? tolerance : flatness;
+      const double cosine = dot(found[j].normal, found[k].normal);
+      if (std::abs(cosine) > limit) {
+        std::ostringstream text;
+        text << field(k) << ": is not orthogonal to " << field(j) << ", the cosine of the angle between them is "
+             << number_digits(cosine) << ", the limit is " << number_digits(limit);
+        throw Error(ErrorCode::invalid_argument, text.str());
+      }
+      axes_[k] = moved(axes_[k], -dot(axes_[j], axes_[k]), axes_[j]);
+    }
+    axes_[k] = normalized(axes_[k]);
+  }
+  if (planes_ == 1) axes_[1] = across(axes_[0]);
+  if (planes_ <= 2) axes_[2] = normalized(cross(axes_[0], axes_[1]));
+  for (std::size_t k = planes_; k < 3; ++k) anchors_[k] = anchors_[0];
+}
+
+void Symmetry::mark(std::size_t plane, const Found& found, const Mesh& mesh, double diagonal) {
+  const auto distance = [&](std::size_t id) { return dot(axes_[plane], difference(mesh.points[id], anchors_[plane])); };
+  double near = tolerance * diagonal;
+  for (const PointId id : found.region) near = std::max(near, std::abs(distance(id)));
+  reach_[plane] = near;
+  std::array<std::size_t, 2> count{}, first{};
+  for (std::size_t i = mesh.point_count(); i-- > 0;) {
+    const double d = distance(i);
+    if (std::abs(d) <= near) {
+      on_[i] = static_cast<std::uint8_t>(on_[i] | (1u << plane));
+      ++held_[plane];
+    } else {
+      const std::size_t side = d > 0 ? 1 : 0;
+      ++count[side];
+      first[side] = i;
+    }
+  }
+  if (count[0] > 0 && count[1] > 0) {
+    const std::size_t fewer = count[0] <= count[1] ? 0 : 1;
+    std::ostringstream text;
+    text << field(plane) << ": " << count[fewer] << " points lie beyond the plane, the first is point " << first[fewer]
+         << " at a distance of " << number_digits(std::abs(distance(first[fewer])))
+         << "; a half model lies on one side, and points on the plane "
+         << "lie within " << number_digits(near) << " of it (give a patch of points that are not so accurate as `region`)";
+    throw Error(ErrorCode::invalid_argument, text.str());
+  }
+  if (count[0] > 0) {
+    for (double& x : axes_[plane]) x = -x;
+  }
+}
+
+Symmetry::Symmetry(std::span<const SymmetryPlane> planes, const Mesh& mesh) : planes_(planes.size()) {
+  if (planes.empty()) return;
+  if (planes.size() > 3) {
+    throw Error(ErrorCode::invalid_argument, "symmetry[3]: " + std::to_string(planes.size()) +
+                                                 " planes, there are at most 3 that are orthogonal to each other");
+  }
+  const Box box = bounding_box(mesh.points);
+  std::vector<Found> found(planes.size());
+  for (std::size_t k = 0; k < planes.size(); ++k) find(planes[k], k, mesh, box, found[k]);
+  make_orthonormal(found);
+  on_.assign(mesh.point_count(), 0);
+  for (std::size_t k = 0; k < planes.size(); ++k) mark(k, found[k], mesh, box.diagonal());
+}
+
+Vec3 Symmetry::to_frame(const Vec3& vector) const {
+  return {dot(axes_[0], vector), dot(axes_[1], vector), dot(axes_[2], vector)};
+}
+
+Vec3 Symmetry::from_frame(const Vec3& components) const {
+  Vec3 vector{};
+  for (std::size_t k = 0; k < 3; ++k) vector = moved(vector, components[k], axes_[k]);
+  return vector;
+}
+
+Vec3 Symmetry::coordinates(const Vec3& point) const {
+  Vec3 result{};
+  for (std::size_t k = 0; k < 3; ++k) result[k] = dot(axes_[k], difference(point, anchors_[k]));
+  return result;
+}
+
+Vec3 Symmetry::reflected(const Vec3& point, std::size_t plane) const {
+  return moved(point, -2 * dot(axes_[plane], difference(point, anchors_[plane])), axes_[plane]);
+}
+
+Vec3 Symmetry::slid(const Vec3& x, const Vec3& to, unsigned mask) const {
+  Vec3 result = to;
+  for (std::size_t k = 0; k < planes_; ++k) {
+    if ((mask >> k & 1u) != 0) result = moved(result, -dot(axes_[k], difference(result, x)), axes_[k]);
+  }
+  return result;
+}
+
+}  // namespace deform

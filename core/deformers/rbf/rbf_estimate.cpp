@@ -1,0 +1,109 @@
+// What an RBF system takes, before it is prepared.
+#include <algorithm>
+
+#include "core/base/parallel.h"
+#include "core/deformers/rbf/rbf_system.h"
+#include "core/numerics/fast_sums/fast_sums.h"
+
+namespace deform {
+
+namespace {
+
+/// Of all parts together. The iterative solver's share one system.
+struct Sizes {
+  std::size_t rows = 0;            ///< of the largest
+  std::size_t factor_bytes = 0;    ///< of what stays
+  std::size_t factoring_peak = 0;  ///< while the last one is factored beside the others
+  std::size_t places = 0;          ///< centres that the systems hold
+};
+
+Sizes sizes_of(const std::vector<PartPlan>& parts, Solver solver) {
+  Sizes sizes;
+  for (const PartPlan& part : parts) {
+    sizes.rows = std::max(sizes.rows, part.size);
+    if (solver == Solver::iterative && sizes.places > 0) continue;
+    sizes.places += part.size;
+    sizes.factoring_peak =
+        std::max(sizes.factoring_peak, sizes.factor_bytes + InterpolationSystem::peak_bytes(part.size, solver));
+    sizes.factor_bytes += InterpolationSystem::factor_bytes(part.size, solver);
+  }
+  return sizes;
+}
+
+/// Nominal rates of one current core, halved work for two.
+double seconds_for(const std::vector<PartPlan>& parts, Solver solver, std::size_t images, std::size_t d, std::size_t fields) {
+  const double cores = thread_count({});
+  const auto columns = static_cast<double>(fields);
+  double seconds = 0;
+  for (const PartPlan& part : parts) {
+    const auto M = static_cast<double>(part.size);
+    const double rows = M + (fields > 0 ? static_cast<double>(d) : 0.0);
+    if (solver == Solver::iterative) {
+      // Factors of the subsets, then a dozen fast sums per four fields.
+      const double solves = std::max(1.0, columns / 4);
+      const double factors = seconds == 0 ? M * 2e-4 / cores + 1 : 0;  // once
+      seconds += factors + solves * (M * 2.5e-4 + rows * 2e-5) / cores;
+      continue;
+    }
+    const auto values = static_cast<double>(images);  // of the kernel, for each pair
+    if (solver == Solver::incremental_qr) {
+      const double k = std::min<double>(M, most_incremental_centres);
+      seconds +=
+          (2 * M * k * k / 2e10 + values * rows * k * (1 / 8e8 + 2 * columns / 1.5e10)) / cores + 4 * M * k * columns / 5e9;
+      continue;
+    }
+    seconds += (values * M * M / 2 / 5e8 + M * M * M / 3 / 2.5e10 + rows * M * (values / 8e8 + 2 * columns / 1.5e10)) / cores +
+               4 * values * M * M * columns / 1e10;
+  }
+  return seconds;
+}
+
+}  // namespace
+
+Estimate estimate_rbf(const Mesh& mesh, const Setup& setup) {
+  const auto& options = std::get<RbfOptions>(setup.method);
+  const SelectedRegions regions = validate(setup, mesh);
+  polynomial_degree(options);
+  const RbfCentres centres = choose_centres(mesh, regions, options);
+  const std::size_t d = centres.deformable.size();
+  const Solver solver = chosen_solver(options.solver, options.kernel, centres.ids.size());
+  const std::size_t fields = 4 * regions.handles.size();
+  const std::vector<PartPlan> parts = plan_parts(regions.symmetry, centres, solver);
+  const Sizes sizes = sizes_of(parts, solver);
+
+  Estimate estimate;
+  estimate.constraint_points = centres.constraint_points;
+  estimate.centres = centres.ids.size();
+  estimate.factor_bytes = sizes.factor_bytes + sizes.places * sizeof(Vec3);
+  const std::size_t basis_bytes = parts.size() * HandleBasis::bytes_for(d, fields);
+  const bool basis = wants_basis(options.basis, basis_bytes, sizes.factor_bytes);
+  estimate.basis_bytes = basis ? basis_bytes : 0;
+  estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + point_bytes(mesh.point_count(), regions.symmetry);
+  // What the centres of incremental QR are chosen for, and what the factorization makes of it.
+  const std::size_t columns = options.samples.empty() ? fields : 3 * options.samples.size();
+  const std::size_t samples = solver == Solver::incremental_qr ? 6 * sizes.rows * columns * sizeof(double) : 0;
+  const std::size_t factor_extra = sizes.factoring_peak + 2 * sizes.places * sizeof(Vec3) + samples;
+  // Data, solution and the copies that a solve makes of them, beside the factor.
+  const std::size_t basis_extra =
+      (solver == Solver::iterative ? InterpolationSystem::peak_bytes(sizes.rows, solver) + FastSums::bytes_for(d, sizes.rows, 12)
+                                   : estimate.factor_bytes) +
+      estimate.basis_bytes + (basis ? 4 * (sizes.rows + 10) * fields * sizeof(double) : 0);
+  const std::size_t adjacency = 16 * (mesh.point_count() + mesh.face_count()) + 24 * mesh.face_points.size();
+  // Every part's rows and the data that they are copied from.
+  const std::size_t plans =
+      regions.symmetry.empty() ? 0 : parts.size() * sizes.rows * (sizeof(PartPlan::Row) + fields * sizeof(double));
+  estimate.peak_bytes = point_bytes(mesh.point_count(), regions.symmetry) + d * sizeof(Vec3) + plans +
+                        std::max({factor_extra, basis_extra, adjacency});
+  estimate.notes = centres.notes;
+  const auto planes = symmetry_notes(regions.symmetry, centres);
+  estimate.notes.insert(estimate.notes.end(), planes.begin(), planes.end());
+  if (solver == Solver::incremental_qr) {
+    estimate.notes.push_back("Incremental QR: at most; how many centres the tolerance needs is not known before.");
+  }
+  if (!basis) estimate.notes.push_back("No handle basis will be stored: every design is solved for and summed directly.");
+  estimate.seconds = seconds_for(parts, solver, std::size_t{1} << regions.symmetry.planes(), d, basis ? fields : 0);
+  if (solver != Solver::iterative) estimate.seconds += static_cast<double>(mesh.point_count()) * 2e-7;
+  return estimate;
+}
+
+}  // namespace deform

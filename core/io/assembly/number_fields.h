@@ -1,0 +1,44 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/io/mesh_file.h"
+#include "core/io/text/fitted_decimal.h"
+
+namespace deform::io {
+
+/// Where a coordinate stands in a text file of fields, and what a new one must fit into.
+struct NumberField {
+  enum class Kind : std::uint8_t {
+    free,   ///< between commas
+    fixed,  ///< in columns
+  };
+  std::uint64_t at = 0;       ///< first byte that is replaced
+  std::uint16_t length = 0;   ///< how many are replaced
+  std::uint16_t missing = 0;  ///< commas (free) or blanks (fixed) that the line, which ends there, lacks before it
+  std::uint8_t width = 0;     ///< most characters of a new number; of a fixed field its columns
+  Kind kind = Kind::free;
+  bool new_line = false;  ///< the line that it would stand on is missing: a line end, * and blanks come first
+};
+
+struct FieldRecord {
+  PointId point = 0;
+  std::array<NumberField, 3> axes;
+};
+
+/// `bytes` with the coordinates in which `after` differs from `before` replaced. Records are in the order of the file. Throws
+/// Error(invalid_argument) for a coordinate that does not fit.
+std::string with_number_fields(std::string_view bytes, std::span<const FieldRecord> records, std::span<const Vec3> before,
+                               std::span<const Vec3> after, DecimalStyle style);
+
+/// A file of one such text.
+std::unique_ptr<MeshFile> make_field_mesh_file(Format format, std::string bytes, std::shared_ptr<const Mesh> mesh,
+                                               std::vector<FieldRecord> records, DecimalStyle style);
+
+}  // namespace deform::io

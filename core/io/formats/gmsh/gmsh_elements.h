@@ -1,0 +1,56 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/io/assembly/element_mesh.h"
+
+namespace deform::io {
+
+/// An element type of Gmsh by its number.
+struct GmshElementType {
+  int number;
+  std::size_t nodes;
+  int dimension;
+  ElementType volume;         ///< of dimension 3
+  const std::uint8_t* order;  ///< of dimension 3: node i of `volume` is node order[i] of Gmsh; null: the same
+};
+/// Null for one that is unknown or of an order above the second. Lines of any order are known: only their points matter.
+const GmshElementType* gmsh_element_type(std::int64_t number);
+
+/// Elements and physical groups, as they are read. Groups of surfaces hold faces, all others points.
+class GmshElements {
+ public:
+  /// The physical group `tag` of that dimension is called `name`. Signs of tags tell orientations only.
+  void name_group(int dimension, std::int64_t tag, const std::string& name);
+  /// Numbers of the groups, to be used with add(); groups without a name get one. Tag 0 is none.
+  std::vector<std::size_t> groups_of(int dimension, std::span<const std::int64_t> tags);
+
+  void add(const GmshElementType& type, std::span<const PointId> nodes, std::span<const std::size_t> groups);
+  /// The same in version 2, which repeats an element once for each of its groups.
+  void add_or_repeat(const GmshElementType& type, std::span<const PointId> nodes, std::span<const std::size_t> groups);
+
+  ElementMesh take(std::vector<Vec3>&& points);
+
+ private:
+  struct Group {
+    int dimension;
+    std::string name;
+    std::vector<PointId> points;
+    std::vector<std::size_t> faces;
+  };
+  void join(std::size_t group, int dimension, std::span<const PointId> nodes);
+
+  std::map<std::pair<int, std::int64_t>, std::string> names_;
+  std::map<std::pair<int, std::int64_t>, std::size_t> numbers_;
+  std::vector<Group> groups_;
+  ElementMesh mesh_;
+  std::vector<PointId> last_;             // nodes of the element before
+  std::vector<std::size_t> last_groups_;  // its groups so far
+};
+
+}  // namespace deform::io

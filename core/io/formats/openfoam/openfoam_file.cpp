@@ -1,0 +1,292 @@
+#include <algorithm>
+#include <functional>
+#include <limits>
+
+#include "core/base/error.h"
+#include "core/io/assembly/coordinate_records.h"
+#include "core/io/assembly/face_groups.h"
+#include "core/io/binary/byte_order.h"
+#include "core/io/formats/openfoam/foam_scanner.h"
+#include "core/io/readers.h"
+
+namespace deform::io {
+
+namespace {
+
+using Kind = FaceGroups::Kind;
+
+constexpr std::uint64_t any_label = std::numeric_limits<std::uint32_t>::max();
+
+struct Patch {
+  std::string name;
+  std::vector<std::string> groups;
+  bool empty = false;  ///< of type "empty": the mesh is two-dimensional
+  std::uint64_t first = 0, count = 0;
+};
+
+struct PointFile {
+  std::vector<Vec3> points;
+  TextRecords text;
+  BinaryRecords binary;
+  bool is_binary = false;
+};
+
+PointFile read_points(const FoamFiles::Part& part) {
+  FoamScanner scanner(part.bytes, part.name);
+  scanner.read_header();
+  PointFile file;
+  file.is_binary = scanner.binary();
+  const std::size_t scalar = static_cast<std::size_t>(scanner.scalar_bytes());
+  const std::size_t count = scanner.count("the number of points", file.is_binary ? 3 * scalar : 8);
+  if (count == 0) scanner.fail("a mesh without points");
+  file.points.resize(count);
+  if (file.is_binary) {
+    const std::string_view bytes = scanner.raw(count * 3 * scalar, "the points");
+    file.binary.count = count;
+    file.binary.base = static_cast<std::uint64_t>(bytes.data() - part.bytes.data());
+    file.binary.record_stride = 3 * scalar;
+    file.binary.per_block = std::numeric_limits<std::uint32_t>::max();
+    file.binary.axis_offsets = {0, scalar, 2 * scalar};
+    file.binary.scalar_bytes = static_cast<int>(scalar);
+    file.binary.order = scanner.order();
+    for (std::size_t i = 0; i < count; ++i) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        const char* at = bytes.data() + (3 * i + k) * scalar;
+        file.points[i][k] = scalar == 8
+                                ? std::bit_cast<double>(load_scalar<std::uint64_t>(at, scanner.order()))
+                                : static_cast<double>(std::bit_cast<float>(load_scalar<std::uint32_t>(at, scanner.order())));
+      }
+    }
+    return file;
+  }
+  file.text.tokens.resize(count);
+  scanner.expect('(', "the list of points");
+  for (std::size_t i = 0; i < count; ++i) {
+    scanner.expect('(', "a point");
+    std::size_t positions[3];
+    for (std::size_t k = 0; k < 3; ++k) {
+      scanner.next();
+      positions[k] = scanner.position();
+      file.points[i][k] = scanner.number("a coordinate");
+    }
+    scanner.expect(')', "a point");
+    if (positions[2] - positions[0] > any_label) scanner.fail("the coordinates of one point are more than 4 GiB apart");
+    file.text.tokens[i] = {positions[0], static_cast<std::uint32_t>(positions[1] - positions[0]),
+                           static_cast<std::uint32_t>(positions[2] - positions[0])};
+  }
+  scanner.expect(')', "the list of points");
+  return file;
+}
+
+void read_faces(const FoamFiles::Part& part, std::size_t points, PolyhedralCells& cells) {
+  FoamScanner scanner(part.bytes, part.name);
+  scanner.read_header();
+  if (scanner.binary()) {  // faceCompactList: offsets, then all corners
+    const std::vector<std::uint32_t> offsets = scanner.labels("the offsets of the faces", any_label, any_label);
+    cells.face_points = scanner.labels("a corner of a face", points, any_label);
+    cells.face_offsets.assign(offsets.begin(), offsets.end());
+    if (offsets.empty()) cells.face_offsets.push_back(0);
+    if (cells.face_offsets.front() != 0 || cells.face_offsets.back() != cells.face_points.size() ||
+        !std::is_sorted(cells.face_offsets.begin(), cells.face_offsets.end())) {
+      scanner.fail("the offsets of the faces do not rise from 0 to the number of corners, " +
+                   std::to_string(cells.face_points.size()));
+    }
+    return;
+  }
+  const std::size_t count = scanner.count("the number of faces", 4);
+  cells.face_offsets.reserve(count + 1);
+  cells.face_points.reserve(4 * count);
+  scanner.expect('(', "the list of faces");
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::size_t corners = scanner.count("the number of corners of a face", 2);
+    scanner.expect('(', "a face");
+    for (std::size_t c = 0; c < corners; ++c) cells.face_points.push_back(scanner.index("a corner of a face", points));
+    scanner.expect(')', "a face");
+    cells.face_offsets.push_back(cells.face_points.size());
+  }
+  scanner.expect(')', "the list of faces");
+}
+
+Patch read_patch(FoamScanner& scanner, std::size_t faces) {
+  Patch patch;
+  patch.name = scanner.word("the name of a patch");
+  scanner.next();
+  const std::size_t begin = scanner.position();
+  scanner.expect('{', "a patch");
+  while (!scanner.accept('}')) {
+    const std::string_view key = scanner.word("a key of a patch");
+    if (key == "nFaces") {
+      patch.count = scanner.index("nFaces", any_label);
+    } else if (key == "startFace") {
+      patch.first = scanner.index("startFace", any_label);
+    } else if (key == "type") {
+      patch.empty = scanner.word("the type of a patch") == "empty";
+    } else if (key == "inGroups") {
+      if (scanner.peek() != '(' && scanner.peek() != ';') scanner.integer("the number of groups");
+      if (scanner.accept('(')) {
+        while (!scanner.accept(')')) patch.groups.emplace_back(scanner.word("the name of a group"));
+      }
+    }
+    scanner.skip_entry();
+  }
+  if (patch.first + patch.count > faces) {
+    scanner.fail_at(begin, "patch \"" + patch.name + "\": faces " + std::to_string(patch.first) + " to " +
+                               std::to_string(patch.first + patch.count) + " (exclusive), the mesh has " + std::to_string(faces));
+  }
+  return patch;
+}
+
+std::vector<Patch> read_boundary(const FoamFiles::Part& part, std::size_t faces) {
+  FoamScanner scanner(part.bytes, part.name);
+  scanner.read_header();
+  const std::size_t count = scanner.count("the number of patches", 4);
+  scanner.expect('(', "the list of patches");
+  std::vector<Patch> patches;
+  for (std::size_t i = 0; i < count; ++i) patches.push_back(read_patch(scanner, faces));
+  scanner.expect(')', "the list of patches");
+  return patches;
+}
+
+/// Calls use(name, members) for every zone of the file; `key` holds the members, each in 0..limit-1.
+void read_zones(const FoamFiles::Part& part, std::string_view key, std::uint64_t limit,
+                const std::function<void(const std::string& name, const std::vector<std::uint32_t>& members)>& use) {
+  if (part.bytes.empty()) return;
+  FoamScanner scanner(part.bytes, part.name);
+  scanner.read_header();
+  if (!scanner.next()) return;
+  const std::size_t count = scanner.count("the number of zones", 4);
+  if (scanner.peek() != '(') return;
+  scanner.expect('(', "the list of zones");
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::string name(scanner.word("the name of a zone"));
+    scanner.expect('{', "a zone");
+    std::vector<std::uint32_t> members;
+    while (!scanner.accept('}')) {
+      const std::string_view word = scanner.word("a key of a zone");
+      if (word == key) {
+        if (scanner.peek() == 'L') scanner.word("List<label>");
+        members = scanner.labels("a member of the zone", limit, limit);
+      } else if (word == "flipMap" && scanner.binary()) {
+        if (scanner.peek() == 'L') scanner.word("List<bool>");
+        const std::size_t flips = scanner.count("the number of flips", 1);
+        if (flips > 0 || scanner.peek() == '(') scanner.raw(flips, "the flips");
+      }
+      scanner.skip_entry();
+    }
+    use(name, members);
+  }
+}
+
+class FoamMesh {
+ public:
+  explicit FoamMesh(FoamFiles files) : files_(std::move(files)) {}
+
+  std::unique_ptr<MeshFile> read() {
+    PointFile points = read_points(files_.points);
+    mesh_->points = std::move(points.points);
+    read_faces(files_.faces, mesh_->point_count(), *cells_);
+    read_cells();
+    for (std::size_t f = cells_->internal_faces(); f < cells_->face_count(); ++f) {
+      const auto corners = cells_->face(f);
+      mesh_->face_sizes.push_back(static_cast<std::uint32_t>(corners.size()));
+      mesh_->face_points.insert(mesh_->face_points.end(), corners.begin(), corners.end());
+    }
+    add_patches(read_boundary(files_.boundary, cells_->face_count()));
+    add_zones();
+    mesh_->groups = groups_.finish();
+    mesh_->cells = cells_;
+    try {
+      mesh_->validate();
+    } catch (const Error& error) {
+      throw Error(error.code(), files_.points.name + ": " + error.what());
+    }
+    std::string bytes = std::move(files_.points.bytes);
+    return points.is_binary ? make_binary_mesh_file(Format::openfoam, std::move(bytes), mesh_, std::move(points.binary))
+                            : make_text_mesh_file(Format::openfoam, std::move(bytes), mesh_, std::move(points.text));
+  }
+
+ private:
+  /// Every face has one or two cells, which bounds what the numbers in the files make us allocate.
+  void read_cells() {
+    const std::size_t faces = cells_->face_count();
+    const auto read = [faces](const FoamFiles::Part& part) {
+      FoamScanner scanner(part.bytes, part.name);
+      scanner.read_header();
+      return scanner.labels("the cell of a face", 2 * faces, faces);
+    };
+    cells_->owner = read(files_.owner);
+    cells_->neighbour = read(files_.neighbour);
+    if (cells_->owner.size() != faces) {
+      throw Error(ErrorCode::invalid_argument, files_.owner.name + ": " + std::to_string(cells_->owner.size()) + " owners for " +
+                                                   std::to_string(faces) + " faces");
+    }
+    for (const auto* cells : {&cells_->owner, &cells_->neighbour}) {
+      for (const std::uint32_t cell : *cells)
+        cells_->cell_count = std::max<std::size_t>(cells_->cell_count, std::size_t{cell} + 1);
+    }
+  }
+
+  void add_patches(const std::vector<Patch>& patches) {
+    for (const Patch& patch : patches) {
+      if (patch.first < cells_->internal_faces()) {
+        throw Error(ErrorCode::invalid_argument, files_.boundary.name + ": patch \"" + patch.name + "\" begins at face " +
+                                                     std::to_string(patch.first) + ", which is one of the " +
+                                                     std::to_string(cells_->internal_faces()) + " internal faces");
+      }
+      add_patch(groups_.find_or_add(Kind::group, patch.name), patch);
+      if (!patch.empty) continue;
+      cells_->empty_faces.resize(cells_->face_count());
+      std::fill_n(cells_->empty_faces.begin() + static_cast<std::ptrdiff_t>(patch.first), patch.count, 1);
+    }
+    for (const Patch& patch : patches) {
+      for (const std::string& group : patch.groups) add_patch(groups_.find_or_add(Kind::patch_group, group), patch);
+    }
+  }
+
+  void add_patch(std::size_t group, const Patch& patch) {
+    for (std::uint64_t f = patch.first; f < patch.first + patch.count; ++f) {
+      groups_.add_face(group, static_cast<FaceId>(f - cells_->internal_faces()));
+    }
+  }
+
+  void add_zones() {
+    read_zones(files_.point_zones, "pointLabels", mesh_->point_count(), [&](const std::string& name, const auto& members) {
+      const std::size_t group = groups_.find_or_add(Kind::point_zone, name);
+      for (const PointId point : members) groups_.add_point(group, point);
+    });
+    read_zones(files_.face_zones, "faceLabels", cells_->face_count(), [&](const std::string& name, const auto& members) {
+      const std::size_t group = groups_.find_or_add(Kind::face_zone, name);
+      for (const std::uint32_t face : members) {
+        if (face >= cells_->internal_faces()) {
+          groups_.add_face(group, static_cast<FaceId>(face - cells_->internal_faces()));
+        } else {
+          for (const PointId point : cells_->face(face)) groups_.add_point(group, point);
+        }
+      }
+    });
+    read_zones(files_.cell_zones, "cellLabels", cells_->cell_count, [&](const std::string& name, const auto& members) {
+      if (!members.empty()) add_cells(groups_.find_or_add(Kind::cell_zone, name), members);
+    });
+  }
+
+  /// All points of these cells.
+  void add_cells(std::size_t group, const std::vector<std::uint32_t>& members) {
+    std::vector<char> wanted(cells_->cell_count);
+    for (const std::uint32_t cell : members) wanted[cell] = 1;
+    for (std::size_t f = 0; f < cells_->face_count(); ++f) {
+      if (!wanted[cells_->owner[f]] && !(f < cells_->internal_faces() && wanted[cells_->neighbour[f]])) continue;
+      for (const PointId point : cells_->face(f)) groups_.add_point(group, point);
+    }
+  }
+
+  FoamFiles files_;
+  std::shared_ptr<PolyhedralCells> cells_ = std::make_shared<PolyhedralCells>();
+  FaceGroups groups_;
+  std::shared_ptr<Mesh> mesh_ = std::make_shared<Mesh>();
+};
+
+}  // namespace
+
+std::unique_ptr<MeshFile> parse_openfoam(FoamFiles files) { return FoamMesh(std::move(files)).read(); }
+
+}  // namespace deform::io

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/io/assembly/coordinate_records.h"
+#include "core/io/formats/vtk/vtk_cells.h"
+#include "core/io/formats/vtk/vtu_arrays.h"
+
+namespace deform::io {
+
+/// The points of one piece, and what has to follow when they move.
+struct VtuPoints {
+  VtuArray array;
+  std::size_t first = 0, count = 0;
+  std::vector<CoordinateTokens> tokens;  ///< of a text array
+  struct Range {
+    std::size_t begin, end;  ///< byte offsets of the number
+    enum class Bound { least, largest } bound;
+  };
+  std::vector<Range> ranges;  ///< of the distances from the origin
+};
+
+/// A number in the file that counts bytes of appended data.
+struct VtuOffset {
+  std::size_t begin, end;
+  std::uint64_t value;
+};
+
+struct VtuContent {
+  VtuStorage storage;
+  std::vector<VtuPoints> pieces;
+  std::vector<VtuOffset> offsets;
+  ElementMesh mesh;
+};
+
+/// An UnstructuredGrid or a PolyData file (`type`). Throws Error(invalid_argument) naming file, line and array.
+VtuContent read_vtu(std::string_view bytes, const std::string& name, std::string_view type);
+
+/// One coordinate, `at` the first of its bytes.
+double load_coordinate(const char* at, const VtuStorage& storage, const VtuArray& array);
+
+}  // namespace deform::io

@@ -1,0 +1,12 @@
+#include "core/numerics/dense/lapack.h"
+
+#include <mutex>
+
+namespace deform::lapack {
+
+void use_one_thread() {
+  static std::once_flag once;
+  std::call_once(once, [] { openblas_set_num_threads(1); });
+}
+
+}  // namespace deform::lapack

@@ -1,0 +1,87 @@
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/base/types.h"
+#include "core/numerics/fast_sums/chebyshev_grid.h"
+#include "core/numerics/fast_sums/octree.h"
+#include "core/numerics/kernels/kernel.h"
+
+namespace deform {
+
+/// Kernel sums of many points and many centres in a time that grows like their number and not like its square: a fast multipole
+/// method that interpolates the kernel between separated boxes (Fong, Darve: The black-box fast multipole method, Journal of
+/// Computational Physics 228, 2009). Needs nothing of the kernel but that it is smooth away from 0: every one but Wendland's.
+/// Where boxes hold few points they are summed directly, so small sums are exact.
+///
+/// Immutable; any number of threads may call sums() at once. Results do not depend on the number of threads.
+class FastSums {
+ public:
+  struct Options {
+    int order = 8;                ///< interpolation points per axis, 4..16; every two are worth 1.5 to 2 digits
+    std::size_t leaf_points = 0;  ///< 0 = automatic
+  };
+
+  FastSums(const RadialKernel& kernel, std::span<const Vec3> points, std::span<const Vec3> centres, const Options& options);
+
+  std::size_t points() const { return targets_.points().size(); }
+  std::size_t centres() const { return sources_.points().size(); }
+  /// Row i = sum over centres j of phi(|point i - centre j|) * weights[j]: n x columns from m x columns, row by row, like
+  /// kernel_sums(). Throws Error(cancelled), deadline_exceeded.
+  std::vector<double> sums(std::span<const double> weights, std::size_t columns, const RunContext& context = {}) const;
+
+  std::size_t bytes() const;
+  /// Memory for n points and m centres, an upper bound for points on surfaces, with the workspace of one sums().
+  static std::size_t bytes_for(std::size_t n, std::size_t m, int order);
+
+ private:
+  struct Range {
+    std::uint32_t begin, end;
+  };
+  /// A box and one that is well separated from it, on one level.
+  struct Pair {
+    std::uint32_t target, source;
+    std::uint8_t symmetry;
+  };
+  /// Pairs whose offset is a mirror image of the same one; groups of pairs do not share a target.
+  struct Class {
+    std::size_t level;
+    Vec3 offset;  ///< source - target after the symmetry, in boxes
+    std::vector<Pair> pairs;
+    std::vector<std::size_t> groups;
+  };
+  /// Exact or half-exact contributions to a box of the targets.
+  struct Near {
+    std::vector<Range> direct;         ///< centres summed directly
+    std::vector<std::uint32_t> nodes;  ///< source boxes whose interpolation points are summed
+  };
+  struct Workspace;
+
+  void pair(std::uint32_t target, std::uint32_t source);
+  void far_pair(std::uint32_t target, std::uint32_t source);
+  void finish_lists();
+  void upward(Workspace& work) const;
+  void translate(Workspace& work) const;
+  void translate_group(const Class& group, std::size_t first, std::size_t last, const double* matrix, Workspace& work) const;
+  void downward(Workspace& work) const;
+  void evaluate(Workspace& work) const;
+  void evaluate_leaf(std::uint32_t box, Workspace& work) const;
+
+  RadialKernel kernel_;
+  ChebyshevGrid grid_;
+  Octree sources_, targets_;
+  std::size_t direct_limit_;
+  std::vector<Class> classes_;
+  std::vector<Near> near_;                    ///< per target box: its own, for leaves those of all above them
+  std::vector<std::vector<Range>> incoming_;  ///< per target box: centres summed at its interpolation points
+  std::vector<bool> expanded_;  ///< per target box: whether anything reaches its interpolation points, from above or on its level
+  bool expands_ = false;        ///< whether anything reaches those of any
+  bool collects_ = false;       ///< whether interpolation points of some source box are summed or translated
+  std::vector<std::uint32_t> leaves_;  ///< of the targets
+};
+
+}  // namespace deform

@@ -1,0 +1,275 @@
+#include "core/numerics/interpolation/iterative_system.h"
+
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/base/error.h"
+#include "core/numerics/kernels/tiles.h"
+
+namespace deform {
+
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+constexpr int first_order = 6, last_order = 16;
+constexpr int most_iterations = 60;  // between restarts; what the basis takes in memory
+constexpr int most_restarts = 6;
+constexpr std::size_t most_samples = 1024;
+constexpr double allowed_share = 0.05;  // of the tolerance, for the sums of one step
+
+const RadialKernel& smooth(const RadialKernel& kernel) {
+  if (kernel.kernel == Kernel::wendland_c2) {
+    throw Error(ErrorCode::invalid_argument,
+                "method.rbf.solver: ITERATIVE needs a kernel that is smooth away from its centre, wendland_c2 is not");
+  }
+  return kernel;
+}
+
+/// One column's Krylov space.
+struct Krylov {
+  std::vector<VectorXd> V, Z;
+  MatrixXd H = MatrixXd::Zero(most_iterations + 1, most_iterations);
+  double beta = 0;
+  double left = 0;  ///< norm of the residual
+  std::vector<double> history;
+  bool active = false;
+
+  /// Coefficients of the least squares solution, and of the residual in V.
+  VectorXd solution(VectorXd& rest) const {
+    const auto j = static_cast<Index>(Z.size());
+    VectorXd e = VectorXd::Zero(j + 1);
+    e[0] = beta;
+    const VectorXd y = H.topLeftCorner(j + 1, j).householderQr().solve(e);
+    rest = e - H.topLeftCorner(j + 1, j) * y;
+    return y;
+  }
+};
+
+}  // namespace
+
+IterativeSystem::IterativeSystem(std::vector<Vec3> centres, const RadialKernel& kernel, int polynomial_degree,
+                                 const RunContext& context)
+    : centres_(std::move(centres)),
+      kernel_(smooth(kernel)),
+      polynomials_(centres_, polynomial_degree),
+      preconditioner_(kernel_, centres_, polynomial_degree, context) {}
+
+/// One call of solve().
+class IterativeSystem::Solve {
+ public:
+  Solve(const IterativeSystem& system, double tolerance, const RunContext& context)
+      : system_(system), tolerance_(tolerance), context_(context) {
+    const std::size_t m = system.centres_.size();
+    const std::size_t count = std::min(most_samples, m);
+    for (std::size_t s = 0; s < count; ++s) {
+      samples_.push_back(s * m / count);
+      places_.push_back(system.centres_[samples_.back()]);
+    }
+    use_order(first_order);
+  }
+
+  Solution run(const MatrixXd& B);
+
+ private:
+  void use_order(int order) {
+    order_ = order;
+    sums_ = std::make_unique<FastSums>(system_.kernel_, system_.centres_, system_.centres_, FastSums::Options{order, 0});
+  }
+  MatrixXd product(const MatrixXd& weights) const;
+  VectorXd error_of_sums(const MatrixXd& weights, const MatrixXd& fast) const;
+  MatrixXd accurate_product(const MatrixXd& weights, const std::vector<Krylov*>& columns);
+  void improve(const MatrixXd& residual, MatrixXd& weights);
+  void step(std::vector<Krylov>& columns);
+  bool done(Krylov& column) const;
+  static bool exhausted(Krylov& column);
+
+  const IterativeSystem& system_;
+  const double tolerance_;
+  const RunContext& context_;
+  std::vector<std::size_t> samples_;
+  std::vector<Vec3> places_;
+  int order_ = 0, iterations_ = 0;
+  std::unique_ptr<const FastSums> sums_;
+};
+
+MatrixXd IterativeSystem::Solve::product(const MatrixXd& weights) const {
+  const RowMajor rows = weights;
+  const std::vector<double> sums = sums_->sums(std::span<const double>(rows.data(), static_cast<std::size_t>(rows.size())),
+                                               static_cast<std::size_t>(rows.cols()), context_);
+  return Eigen::Map<const RowMajor>(sums.data(), rows.rows(), rows.cols());
+}
+
+/// Twice the largest error over the samples, per column: elsewhere it may be larger.
+VectorXd IterativeSystem::Solve::error_of_sums(const MatrixXd& weights, const MatrixXd& fast) const {
+  const RowMajor rows = weights;
+  const auto columns = static_cast<std::size_t>(rows.cols());
+  const std::vector<double> exact =
+      kernel_sums(system_.kernel_, places_, system_.centres_,
+                  std::span<const double>(rows.data(), static_cast<std::size_t>(rows.size())), columns, context_);
+  VectorXd largest = VectorXd::Zero(weights.cols());
+  for (std::size_t s = 0; s < samples_.size(); ++s) {
+    for (Index c = 0; c < weights.cols(); ++c) {
+      const double error = exact[s * columns + static_cast<std::size_t>(c)] - fast(static_cast<Index>(samples_[s]), c);
+      largest[c] = std::max(largest[c], 2 * std::abs(error));
+    }
+  }
+  return largest;
+}
+
+/// A direction enters the solution with about the norm of what is left, so its product may be the less accurate the less is left
+/// (Simoncini, Szyld: Theory of inexact Krylov subspace methods, 2003).
+MatrixXd IterativeSystem::Solve::accurate_product(const MatrixXd& weights, const std::vector<Krylov*>& columns) {
+  while (true) {
+    MatrixXd result = product(weights);
+    const VectorXd error = error_of_sums(weights, result);
+    double share = 0;
+    for (std::size_t c = 0; c < columns.size(); ++c) share = std::max(share, error[static_cast<Index>(c)] * columns[c]->left);
+    if (share <= allowed_share * tolerance_ || order_ == last_order) {
+      if (share < 1e-4 * allowed_share * tolerance_ && order_ > first_order) use_order(order_ - 2);
+      return result;
+    }
+    use_order(order_ + 2);
+  }
+}
+
+bool IterativeSystem::Solve::done(Krylov& column) const {
+  VectorXd rest;
+  column.solution(rest);
+  column.left = rest.norm();
+  // The largest entry is at least the root mean square, so look closer only when that is small.
+  const double rms = column.left / std::sqrt(static_cast<double>(column.V[0].size()));
+  if (rms > 0.5 * tolerance_) return false;
+  VectorXd residual = VectorXd::Zero(column.V[0].size());
+  for (std::size_t i = 0; i < column.V.size(); ++i) residual += rest[static_cast<Index>(i)] * column.V[i];
+  return residual.lpNorm<Eigen::Infinity>() <= 0.5 * tolerance_;
+}
+
+/// Beyond the precision of the arithmetic more directions add noise only.
+bool IterativeSystem::Solve::exhausted(Krylov& column) {
+  constexpr std::size_t patience = 8;
+  column.history.push_back(column.left);
+  const std::size_t steps = column.history.size();
+  return column.left < 1e-14 * column.beta || (steps > patience && column.left > 0.9 * column.history[steps - 1 - patience]);
+}
+
+void IterativeSystem::Solve::step(std::vector<Krylov>& columns) {
+  std::vector<Krylov*> active;
+  for (Krylov& column : columns) {
+    if (column.active) active.push_back(&column);
+  }
+  MatrixXd from(active[0]->V[0].size(), static_cast<Index>(active.size()));
+  for (std::size_t c = 0; c < active.size(); ++c) from.col(static_cast<Index>(c)) = active[c]->V.back();
+  const MatrixXd z = system_.preconditioner_.apply(from, context_);
+  MatrixXd product = accurate_product(z, active);
+  system_.preconditioner_.project(product);
+  for (std::size_t c = 0; c < active.size(); ++c) {
+    Krylov& column = *active[c];
+    const auto j = static_cast<Index>(column.Z.size());
+    column.Z.emplace_back(z.col(static_cast<Index>(c)));
+    VectorXd u = product.col(static_cast<Index>(c));
+    // Twice is enough to stay orthogonal.
+    for (int pass = 0; pass < 2; ++pass) {
+      for (Index i = 0; i <= j; ++i) {
+        const double h = column.V[static_cast<std::size_t>(i)].dot(u);
+        column.H(i, j) += h;
+        u -= h * column.V[static_cast<std::size_t>(i)];
+      }
+    }
+    const double norm = u.norm();
+    column.H(j + 1, j) = norm;
+    column.V.emplace_back(norm > 0 ? VectorXd(u / norm) : VectorXd::Zero(u.size()));
+    column.active = norm > 1e-15 * column.H.col(j).norm() && j + 1 < most_iterations && !done(column) && !exhausted(column);
+  }
+  ++iterations_;
+}
+
+void IterativeSystem::Solve::improve(const MatrixXd& residual, MatrixXd& weights) {
+  std::vector<Krylov> columns(static_cast<std::size_t>(residual.cols()));
+  bool any = false;
+  for (std::size_t c = 0; c < columns.size(); ++c) {
+    const auto r = residual.col(static_cast<Index>(c));
+    columns[c].beta = columns[c].left = r.norm();
+    columns[c].active = r.lpNorm<Eigen::Infinity>() > 0.5 * tolerance_;
+    if (!columns[c].active) continue;
+    columns[c].V.emplace_back(r / columns[c].beta);
+    any = true;
+  }
+  for (int j = 0; any; ++j) {
+    step(columns);
+    context_.progress("solve", static_cast<double>(j + 1) / most_iterations);
+    any = std::any_of(columns.begin(), columns.end(), [](const Krylov& column) { return column.active; });
+  }
+  for (std::size_t c = 0; c < columns.size(); ++c) {
+    if (columns[c].Z.empty()) continue;
+    VectorXd rest;
+    const VectorXd y = columns[c].solution(rest);
+    for (std::size_t i = 0; i < columns[c].Z.size(); ++i) {
+      weights.col(static_cast<Index>(c)) += y[static_cast<Index>(i)] * columns[c].Z[i];
+    }
+  }
+}
+
+IterativeSystem::Solution IterativeSystem::Solve::run(const MatrixXd& B) {
+  const auto m = static_cast<Index>(system_.centres_.size());
+  const MatrixXd P = system_.polynomials_.matrix(system_.centres_);
+  const Eigen::HouseholderQR<MatrixXd> qr(P);
+  const MatrixXd& Q = system_.preconditioner_.polynomials();
+  const MatrixXd R = qr.matrixQR().topRows(P.cols()).triangularView<Eigen::Upper>();
+  MatrixXd weights = MatrixXd::Zero(m, B.cols());
+  const auto g = B.bottomRows(P.cols());
+  // The least w with P^T w = g, where P^T P = R^T R; all that is added later is orthogonal to the polynomials.
+  if (!g.isZero(0)) weights = P * (R.transpose() * R).ldlt().solve(g);
+
+  Solution best, solution;
+  best.residual = std::numeric_limits<double>::infinity();
+  MatrixXd residual;
+  double last = std::numeric_limits<double>::infinity();
+  for (int restart = 0;; ++restart) {
+    const MatrixXd fast = product(weights);
+    const double error = error_of_sums(weights, fast).maxCoeff();
+    const MatrixXd whole = B.topRows(m) - fast;
+    residual = whole;
+    if (P.cols() > 0) residual -= Q * (Q.transpose() * whole);
+    solution.residual = residual.cwiseAbs().maxCoeff() + error;
+    solution.converged = solution.residual <= tolerance_;
+    solution.coefficients.resize(m + P.cols(), B.cols());
+    solution.coefficients.topRows(m) = weights;
+    if (P.cols() > 0) solution.coefficients.bottomRows(P.cols()) = qr.solve(whole);
+    solution.order = order_;
+    solution.iterations = iterations_;
+    if (solution.residual < best.residual) best = solution;
+    // Another round helps only while rounds do.
+    const bool stuck = solution.residual > 0.5 * last;
+    if (solution.converged || stuck || restart == most_restarts) return best;
+    last = solution.residual;
+    if (error > 0.25 * tolerance_) {
+      if (order_ == last_order) return best;
+      use_order(order_ + 2);
+      if (error > tolerance_) {
+        // Estimate again before any work on wrong sums.
+        --restart;
+        last = std::numeric_limits<double>::infinity();
+        continue;
+      }
+    }
+    improve(residual, weights);
+  }
+}
+
+IterativeSystem::Solution IterativeSystem::solve(const MatrixXd& B, double tolerance, const RunContext& context) const {
+  return Solve(*this, tolerance, context).run(B);
+}
+
+std::size_t IterativeSystem::bytes_for(std::size_t m) { return SchwarzPreconditioner::bytes_for(m) + m * sizeof(Vec3); }
+
+std::size_t IterativeSystem::peak_bytes(std::size_t m, std::size_t columns) {
+  return bytes_for(m) + FastSums::bytes_for(m, m, 10) + m * columns * sizeof(double) * (2 * most_iterations + 10);
+}
+
+}  // namespace deform

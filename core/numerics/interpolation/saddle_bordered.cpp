@@ -1,0 +1,154 @@
+// LAPACK on the bordered matrix: LDL^T (dsytrf, kept as a packed triangle) and LU (dgetrf).
+#include <algorithm>
+#include <cmath>
+
+#include "core/base/error.h"
+#include "core/base/parallel.h"
+#include "core/numerics/dense/condition.h"
+#include "core/numerics/dense/lapack.h"
+#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/kernels/tiles.h"
+
+namespace deform {
+
+namespace {
+
+using Eigen::MatrixXd;
+
+// The full symmetric bordered matrix, column-major, and its 1-norm.
+std::vector<double> bordered_matrix(const SaddleProblem& problem, const RunContext& context, double& norm1) {
+  const std::size_t m = problem.centres.size();
+  const std::size_t q = problem.polynomials.terms();
+  const std::size_t n = m + q;
+  std::vector<double> A(n * n);
+  const TiledPoints tiled(problem.centres);
+  constexpr std::size_t columns = 64;
+  std::vector<double> sums(n, 0.0);
+  const MatrixXd P = problem.polynomials.matrix(problem.centres);
+  parallel_for(context, m, columns, [&](std::size_t begin, std::size_t end) {
+    std::vector<double> block((end - begin) * tile_size);
+    for (std::size_t t = 0; t < tiled.tiles(); ++t) {
+      tile_kernel(problem.kernel, tiled.tile(t), problem.centres.subspan(begin, end - begin), block.data());
+      const std::size_t first = t * tile_size;
+      const std::size_t count = std::min(tile_size, m - first);
+      for (std::size_t j = begin; j < end; ++j) {
+        std::copy_n(block.data() + (j - begin) * tile_size, count, A.data() + j * n + first);
+      }
+    }
+    for (std::size_t j = begin; j < end; ++j) {
+      for (std::size_t t = 0; t < q; ++t) A[j * n + m + t] = P(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(t));
+      for (std::size_t i = 0; i < n; ++i) sums[j] += std::abs(A[j * n + i]);
+    }
+    context.progress("assemble", static_cast<double>(end) / static_cast<double>(m));
+  });
+  for (std::size_t t = 0; t < q; ++t) {
+    for (std::size_t i = 0; i < m; ++i) {
+      A[(m + t) * n + i] = P(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(t));
+      sums[m + t] += std::abs(A[(m + t) * n + i]);
+    }
+  }
+  norm1 = sums.empty() ? 0 : *std::max_element(sums.begin(), sums.end());
+  return A;
+}
+
+void refuse_singular(int info) {
+  if (info <= 0) return;
+  throw Error(ErrorCode::numerical_failure, "the RBF system is singular: pivot " + std::to_string(info) +
+                                                " is zero; centres coincide or the shape parameter is too large");
+}
+
+class BorderedFactor : public SaddleFactor {
+ public:
+  double condition() const override { return condition_; }
+  std::size_t bytes() const override { return values_.size() * sizeof(double) + pivots_.size() * sizeof(int); }
+
+ protected:
+  void estimate_condition(double norm1, const RunContext& context) {
+    condition_ = norm1 * inverse_norm1(static_cast<Eigen::Index>(pivots_.size()), [&](Eigen::VectorXd& x) {
+                   context.check();
+                   MatrixXd B = x;
+                   solve(B);
+                   x = B.col(0);
+                 });
+  }
+
+  std::vector<double> values_;
+  std::vector<int> pivots_;
+  double condition_ = 0;
+};
+
+class Ldlt : public BorderedFactor {
+ public:
+  Ldlt(const SaddleProblem& problem, const RunContext& context) {
+    lapack::use_one_thread();
+    double norm1 = 0;
+    values_ = bordered_matrix(problem, context, norm1);
+    const int n = static_cast<int>(problem.centres.size() + problem.polynomials.terms());
+    pivots_.resize(static_cast<std::size_t>(n));
+    const int lwork = 64 * n;
+    std::vector<double> work(static_cast<std::size_t>(lwork));
+    int info = 0;
+    context.progress("factor", 0);
+    dsytrf_("L", &n, values_.data(), &n, pivots_.data(), work.data(), &lwork, &info);
+    refuse_singular(info);
+    context.check();
+    pack(static_cast<std::size_t>(n));
+    estimate_condition(norm1, context);
+    context.progress("factor", 1);
+  }
+
+  void solve(MatrixXd& B) const override {
+    const int n = static_cast<int>(pivots_.size());
+    const int columns = static_cast<int>(B.cols());
+    int info = 0;
+    dsptrs_("L", &n, &columns, values_.data(), pivots_.data(), B.data(), &n, &info);
+  }
+
+ private:
+  // The lower triangle, column after column, moved to the front in place: dsptrs reads the same factors as dsytrs.
+  void pack(std::size_t n) {
+    std::size_t to = 0;
+    for (std::size_t j = 0; j < n; ++j) {
+      for (std::size_t i = j; i < n; ++i) values_[to++] = values_[j * n + i];
+    }
+    values_.resize(to);
+    values_.shrink_to_fit();
+  }
+};
+
+class Lu : public BorderedFactor {
+ public:
+  Lu(const SaddleProblem& problem, const RunContext& context) {
+    lapack::use_one_thread();
+    double norm1 = 0;
+    values_ = bordered_matrix(problem, context, norm1);
+    const int n = static_cast<int>(problem.centres.size() + problem.polynomials.terms());
+    pivots_.resize(static_cast<std::size_t>(n));
+    int info = 0;
+    context.progress("factor", 0);
+    dgetrf_(&n, &n, values_.data(), &n, pivots_.data(), &info);
+    refuse_singular(info);
+    context.check();
+    estimate_condition(norm1, context);
+    context.progress("factor", 1);
+  }
+
+  void solve(MatrixXd& B) const override {
+    const int n = static_cast<int>(pivots_.size());
+    const int columns = static_cast<int>(B.cols());
+    int info = 0;
+    dgetrs_("N", &n, &columns, values_.data(), &n, pivots_.data(), B.data(), &n, &info);
+  }
+};
+
+}  // namespace
+
+std::unique_ptr<SaddleFactor> factor_ldlt(const SaddleProblem& problem, const RunContext& context) {
+  return std::make_unique<Ldlt>(problem, context);
+}
+
+std::unique_ptr<SaddleFactor> factor_lu(const SaddleProblem& problem, const RunContext& context) {
+  return std::make_unique<Lu>(problem, context);
+}
+
+}  // namespace deform

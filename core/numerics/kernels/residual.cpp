@@ -1,0 +1,276 @@
+#include "core/numerics/kernels/residual.h"
+
+#include <algorithm>
+
+#include "core/base/parallel.h"
+#include "core/numerics/kernels/tiles.h"
+
+// Compiled once per instruction set, see tiles.cpp.
+#define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_RVV)
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/numerics/kernels/residual.cpp"
+#include <hwy/foreach_target.h>  // must come before highway.h
+
+#include <hwy/highway.h>
+
+#include <hwy/contrib/math/math-inl.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace deform::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+using D = hn::CappedTag<double, 8>;
+using V = hn::Vec<D>;
+constexpr std::size_t lanes = HWY_MIN(HWY_LANES(double), 8);
+
+/// The unevaluated sum hi + lo.
+struct Pair {
+  V hi, lo;
+};
+
+HWY_INLINE Pair fast_two_sum(V a, V b) {  // |a| >= |b|
+  const V s = hn::Add(a, b);
+  return {s, hn::Sub(b, hn::Sub(s, a))};
+}
+
+HWY_INLINE Pair two_sum(V a, V b) {
+  const V s = hn::Add(a, b);
+  const V t = hn::Sub(s, a);
+  return {s, hn::Add(hn::Sub(a, hn::Sub(s, t)), hn::Sub(b, t))};
+}
+
+/// a * b exactly. Without a fused multiply-add the factors are split (Dekker); these are of the order of one.
+HWY_INLINE Pair two_product(D d, V a, V b) {
+  const V p = hn::Mul(a, b);
+#if HWY_NATIVE_FMA
+  (void)d;
+  return {p, hn::MulSub(a, b, p)};
+#else
+  const V splitter = hn::Set(d, 134217729.0);  // 2^27 + 1
+  const V ta = hn::Mul(splitter, a), tb = hn::Mul(splitter, b);
+  const V ah = hn::Sub(ta, hn::Sub(ta, a)), bh = hn::Sub(tb, hn::Sub(tb, b));
+  const V al = hn::Sub(a, ah), bl = hn::Sub(b, bh);
+  const V rest = hn::Sub(p, hn::Mul(ah, bh));
+  return {p, hn::Sub(hn::Mul(al, bl), hn::Sub(hn::Sub(rest, hn::Mul(al, bh)), hn::Mul(ah, bl)))};
+#endif
+}
+
+HWY_INLINE Pair sum(Pair a, Pair b) {
+  const Pair s = two_sum(a.hi, b.hi);
+  return fast_two_sum(s.hi, hn::Add(s.lo, hn::Add(a.lo, b.lo)));
+}
+
+HWY_INLINE Pair product(D d, Pair a, Pair b) {
+  const Pair p = two_product(d, a.hi, b.hi);
+  return fast_two_sum(p.hi, hn::Add(p.lo, hn::Add(hn::Mul(a.hi, b.lo), hn::Mul(a.lo, b.hi))));
+}
+
+HWY_INLINE Pair square_root(D d, Pair a) {
+  const V s = hn::Sqrt(a.hi);
+  const Pair square = two_product(d, s, s);
+  const V rest = hn::Add(hn::Sub(hn::Sub(a.hi, square.hi), square.lo), a.lo);
+  const V lo = hn::IfThenElseZero(hn::Gt(s, hn::Zero(d)), hn::Div(rest, hn::Add(s, s)));
+  return fast_two_sum(s, lo);
+}
+
+HWY_INLINE Pair reciprocal(D d, Pair a) {
+  const V one = hn::Set(d, 1.0);
+  const V y = hn::Div(one, a.hi);
+  const Pair p = two_product(d, y, a.hi);
+  const V rest = hn::Sub(hn::Sub(hn::Sub(one, p.hi), p.lo), hn::Mul(y, a.lo));
+  return fast_two_sum(y, hn::Mul(y, rest));
+}
+
+HWY_INLINE Pair plain(D d, double x) { return {hn::Set(d, x), hn::Zero(d)}; }
+
+/// The policies of tiles.cpp with twice the digits; their constants are the same doubles.
+struct Triharmonic {
+  HWY_INLINE Pair operator()(D d, Pair r2) const { return product(d, r2, square_root(d, r2)); }
+};
+struct Biharmonic {
+  HWY_INLINE Pair operator()(D d, Pair r2) const { return square_root(d, r2); }
+};
+struct Quintic {
+  HWY_INLINE Pair operator()(D d, Pair r2) const { return product(d, product(d, r2, r2), square_root(d, r2)); }
+};
+struct Gaussian {
+  double minus_inverse_s2;
+  HWY_INLINE Pair operator()(D d, Pair r2) const {
+    const Pair t = product(d, r2, plain(d, minus_inverse_s2));
+    const V e = hn::Exp(d, t.hi);
+    return fast_two_sum(e, hn::Mul(e, t.lo));
+  }
+};
+struct Multiquadric {
+  double s2;
+  HWY_INLINE Pair operator()(D d, Pair r2) const { return square_root(d, sum(r2, plain(d, s2))); }
+};
+struct InverseMultiquadric {
+  double s2;
+  HWY_INLINE Pair operator()(D d, Pair r2) const { return reciprocal(d, square_root(d, sum(r2, plain(d, s2)))); }
+};
+struct WendlandC2 {
+  double inverse_s;
+  HWY_INLINE Pair operator()(D d, Pair r2) const {
+    const Pair q = product(d, square_root(d, r2), plain(d, inverse_s));
+    Pair t = sum(plain(d, 1.0), {hn::Neg(q.hi), hn::Neg(q.lo)});
+    const auto inside = hn::Gt(t.hi, hn::Zero(d));
+    t = {hn::IfThenElseZero(inside, t.hi), hn::IfThenElseZero(inside, t.lo)};
+    const Pair t2 = product(d, t, t);
+    const V four = hn::Set(d, 4.0);
+    return product(d, product(d, t2, t2), sum({hn::Mul(four, q.hi), hn::Mul(four, q.lo)}, plain(d, 1.0)));
+  }
+};
+struct ThinPlate {
+  HWY_INLINE Pair operator()(D d, Pair r2) const {
+    const V safe = hn::Max(r2.hi, hn::Set(d, 1e-300));
+    const Pair logarithm = fast_two_sum(hn::Log(d, safe), hn::Div(r2.lo, safe));
+    return product(d, r2, {hn::Mul(hn::Set(d, 0.5), logarithm.hi), hn::Mul(hn::Set(d, 0.5), logarithm.lo)});
+  }
+};
+
+template <typename Body>
+HWY_INLINE void with_policy(const RadialKernel& kernel, const Body& body) {
+  const double s = kernel.shape;
+  switch (kernel.kernel) {
+    case Kernel::triharmonic:
+      return body(Triharmonic{});
+    case Kernel::biharmonic:
+      return body(Biharmonic{});
+    case Kernel::quintic:
+      return body(Quintic{});
+    case Kernel::gaussian:
+      return body(Gaussian{-1 / (s * s)});
+    case Kernel::multiquadric:
+      return body(Multiquadric{s * s});
+    case Kernel::inverse_multiquadric:
+      return body(InverseMultiquadric{s * s});
+    case Kernel::wendland_c2:
+      return body(WendlandC2{1 / s});
+    case Kernel::thin_plate:
+      return body(ThinPlate{});
+  }
+}
+
+constexpr std::size_t chunk = 32;  // 8 KiB of kernel values
+
+HWY_INLINE Pair squared_distance(D d, const double* HWY_RESTRICT points, const Vec3& c) {
+  Pair r2{hn::Zero(d), hn::Zero(d)};
+  for (std::size_t k = 0; k < 3; ++k) {
+    const Pair x = two_sum(hn::LoadU(d, points + k * tile_size), hn::Set(d, -c[k]));
+    r2 = sum(r2, product(d, x, x));
+  }
+  return r2;
+}
+
+template <typename Phi>
+HWY_INLINE void kernel_rows(const Phi& phi, const Images& images, const double* HWY_RESTRICT tile,
+                            const Vec3* HWY_RESTRICT centres, std::size_t count, double* HWY_RESTRICT high,
+                            double* HWY_RESTRICT low) {
+  const D d;
+  for (std::size_t j = 0; j < count; ++j) {
+    for (std::size_t i = 0; i < tile_size; i += lanes) {
+      Pair value = phi(d, squared_distance(d, tile + i, centres[j]));
+      for (std::size_t g = 1; g < images.count; ++g) {
+        const Pair image = phi(d, squared_distance(d, tile + i, images.at[g].of(centres[j])));
+        const V sign = hn::Set(d, images.at[g].sign);
+        value = sum(value, {hn::Mul(sign, image.hi), hn::Mul(sign, image.lo)});
+      }
+      hn::StoreU(value.hi, d, high + j * tile_size + i);
+      hn::StoreU(value.lo, d, low + j * tile_size + i);
+    }
+  }
+}
+
+/// (sums[c][16] high, the next columns x 16 low) -= kernel values times weights, W row by row with row stride `columns`.
+HWY_INLINE void subtract_product(const double* HWY_RESTRICT high, const double* HWY_RESTRICT low, std::size_t count,
+                                 const double* HWY_RESTRICT W, std::size_t columns, double* HWY_RESTRICT sums) {
+  const D d;
+  constexpr std::size_t height = 8;  // sums of 8 points stay in registers
+  double* HWY_RESTRICT rests = sums + columns * tile_size;
+  for (std::size_t c = 0; c < columns; ++c) {
+    for (std::size_t i = 0; i < tile_size; i += height) {
+      V s[height / lanes], e[height / lanes];
+      for (std::size_t v = 0; v < height / lanes; ++v) {
+        s[v] = hn::LoadU(d, sums + c * tile_size + i + v * lanes);
+        e[v] = hn::LoadU(d, rests + c * tile_size + i + v * lanes);
+      }
+      for (std::size_t j = 0; j < count; ++j) {
+        const V w = hn::Set(d, -W[j * columns + c]);
+        for (std::size_t v = 0; v < height / lanes; ++v) {
+          const std::size_t at = j * tile_size + i + v * lanes;
+          const Pair p = two_product(d, hn::LoadU(d, high + at), w);
+          const Pair t = two_sum(s[v], p.hi);
+          s[v] = t.hi;
+          e[v] = hn::Add(e[v], hn::Add(t.lo, hn::MulAdd(hn::LoadU(d, low + at), w, p.lo)));
+        }
+      }
+      for (std::size_t v = 0; v < height / lanes; ++v) {
+        hn::StoreU(s[v], d, sums + c * tile_size + i + v * lanes);
+        hn::StoreU(e[v], d, rests + c * tile_size + i + v * lanes);
+      }
+    }
+  }
+}
+
+/// P: the polynomial terms of the tile's points, [term][16].
+void residual_tile(const RadialKernel& kernel, const double* tile, const Vec3* centres, std::size_t count, const double* P,
+                   std::size_t terms, const double* X, std::size_t columns, double* sums) {
+  HWY_ALIGN double high[chunk * tile_size];
+  HWY_ALIGN double low[chunk * tile_size] = {};
+  subtract_product(P, low, terms, X + count * columns, columns, sums);
+  const Images images(kernel.parity);
+  with_policy(kernel, [&](const auto& phi) {
+    for (std::size_t begin = 0; begin < count; begin += chunk) {
+      const std::size_t size = HWY_MIN(chunk, count - begin);
+      kernel_rows(phi, images, tile, centres + begin, size, high, low);
+      subtract_product(high, low, size, X + begin * columns, columns, sums);
+    }
+  });
+}
+
+}  // namespace deform::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace deform {
+
+HWY_EXPORT(residual_tile);
+
+Eigen::MatrixXd accurate_residual(const RadialKernel& kernel, std::span<const Vec3> centres, const Eigen::MatrixXd& P,
+                                  const Eigen::MatrixXd& X, const Eigen::MatrixXd& F, const RunContext& context) {
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const std::size_t columns = static_cast<std::size_t>(F.cols());
+  const std::size_t terms = static_cast<std::size_t>(P.cols());
+  const RowMajor coefficients = X;
+  const TiledPoints tiled(centres);
+  Eigen::MatrixXd result(F.rows(), F.cols());
+  parallel_for(context, tiled.tiles(), 1, [&](std::size_t t, std::size_t) {
+    const std::size_t first = t * tile_size;
+    const std::size_t count = std::min(tile_size, centres.size() - first);
+    std::vector<double> sums(2 * columns * tile_size, 0.0);
+    for (std::size_t c = 0; c < columns; ++c) {
+      for (std::size_t i = 0; i < count; ++i) {
+        sums[c * tile_size + i] = F(static_cast<Eigen::Index>(first + i), static_cast<Eigen::Index>(c));
+      }
+    }
+    std::vector<double> polynomials(terms * tile_size, 0.0);
+    for (std::size_t k = 0; k < terms; ++k) {
+      for (std::size_t i = 0; i < count; ++i) {
+        polynomials[k * tile_size + i] = P(static_cast<Eigen::Index>(first + i), static_cast<Eigen::Index>(k));
+      }
+    }
+    HWY_DYNAMIC_DISPATCH(residual_tile)
+    (kernel, tiled.tile(t), centres.data(), centres.size(), polynomials.data(), terms, coefficients.data(), columns, sums.data());
+    for (std::size_t c = 0; c < columns; ++c) {
+      for (std::size_t i = 0; i < count; ++i) {
+        result(static_cast<Eigen::Index>(first + i), static_cast<Eigen::Index>(c)) =
+            sums[c * tile_size + i] + sums[(columns + c) * tile_size + i];
+      }
+    }
+  });
+  return result;
+}
+
+}  // namespace deform
+#endif

@@ -1,0 +1,263 @@
+#include "core/numerics/kernels/tiles.h"
+
+#include <algorithm>
+#include <cstring>
+
+#include "core/base/parallel.h"
+
+// Compiled once per instruction set; the calls below pick the best one at run time. Scalable vectors cannot stand in arrays.
+#define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_RVV)
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/numerics/kernels/tiles.cpp"
+#include <hwy/foreach_target.h>  // must come before highway.h
+
+#include <hwy/highway.h>
+
+#include <hwy/contrib/math/math-inl.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace deform::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+using D = hn::CappedTag<double, 8>;
+using V = hn::Vec<D>;
+constexpr std::size_t lanes = HWY_MIN(HWY_LANES(double), 8);
+
+// One policy per kernel: phi from the squared distance.
+struct Triharmonic {
+  HWY_INLINE V operator()(D, V r2) const { return hn::Mul(r2, hn::Sqrt(r2)); }
+};
+struct Biharmonic {
+  HWY_INLINE V operator()(D, V r2) const { return hn::Sqrt(r2); }
+};
+struct Quintic {
+  HWY_INLINE V operator()(D, V r2) const { return hn::Mul(hn::Mul(r2, r2), hn::Sqrt(r2)); }
+};
+struct Gaussian {
+  double minus_inverse_s2;
+  HWY_INLINE V operator()(D d, V r2) const { return hn::Exp(d, hn::Mul(r2, hn::Set(d, minus_inverse_s2))); }
+};
+struct Multiquadric {
+  double s2;
+  HWY_INLINE V operator()(D d, V r2) const { return hn::Sqrt(hn::Add(r2, hn::Set(d, s2))); }
+};
+struct InverseMultiquadric {
+  double s2;
+  HWY_INLINE V operator()(D d, V r2) const { return hn::Div(hn::Set(d, 1.0), hn::Sqrt(hn::Add(r2, hn::Set(d, s2)))); }
+};
+struct WendlandC2 {
+  double inverse_s;
+  HWY_INLINE V operator()(D d, V r2) const {
+    const V q = hn::Mul(hn::Sqrt(r2), hn::Set(d, inverse_s));
+    const V t = hn::Max(hn::Zero(d), hn::Sub(hn::Set(d, 1.0), q));
+    const V t2 = hn::Mul(t, t);
+    return hn::Mul(hn::Mul(t2, t2), hn::MulAdd(hn::Set(d, 4.0), q, hn::Set(d, 1.0)));
+  }
+};
+struct ThinPlate {
+  HWY_INLINE V operator()(D d, V r2) const {
+    const V logarithm = hn::Log(d, hn::Max(r2, hn::Set(d, 1e-300)));  // finite at 0, where r2 wins
+    return hn::Mul(hn::Mul(hn::Set(d, 0.5), r2), logarithm);
+  }
+};
+
+template <typename Body>
+HWY_INLINE void with_policy(const RadialKernel& kernel, const Body& body) {
+  const double s = kernel.shape;
+  switch (kernel.kernel) {
+    case Kernel::triharmonic:
+      return body(Triharmonic{});
+    case Kernel::biharmonic:
+      return body(Biharmonic{});
+    case Kernel::quintic:
+      return body(Quintic{});
+    case Kernel::gaussian:
+      return body(Gaussian{-1 / (s * s)});
+    case Kernel::multiquadric:
+      return body(Multiquadric{s * s});
+    case Kernel::inverse_multiquadric:
+      return body(InverseMultiquadric{s * s});
+    case Kernel::wendland_c2:
+      return body(WendlandC2{1 / s});
+    case Kernel::thin_plate:
+      return body(ThinPlate{});
+  }
+}
+
+// `Rows` points (a multiple of the vector length) times `Columns` columns, accumulated in registers.
+template <std::size_t Rows, std::size_t Columns>
+HWY_INLINE void product_block(const double* HWY_RESTRICT A, std::size_t K, const double* HWY_RESTRICT B, std::size_t ldb,
+                              double* HWY_RESTRICT out) {
+  const D d;
+  constexpr std::size_t vectors = Rows / lanes;
+  V sum[Columns][vectors];
+  for (std::size_t c = 0; c < Columns; ++c) {
+    for (std::size_t v = 0; v < vectors; ++v) sum[c][v] = hn::LoadU(d, out + c * tile_size + v * lanes);
+  }
+  for (std::size_t k = 0; k < K; ++k) {
+    V a[vectors];
+    for (std::size_t v = 0; v < vectors; ++v) a[v] = hn::LoadU(d, A + k * tile_size + v * lanes);
+    for (std::size_t c = 0; c < Columns; ++c) {
+      const V b = hn::Set(d, B[k * ldb + c]);
+      for (std::size_t v = 0; v < vectors; ++v) sum[c][v] = hn::MulAdd(a[v], b, sum[c][v]);
+    }
+  }
+  for (std::size_t c = 0; c < Columns; ++c) {
+    for (std::size_t v = 0; v < vectors; ++v) hn::StoreU(sum[c][v], d, out + c * tile_size + v * lanes);
+  }
+}
+
+// A third of a tile's registers hold three columns at full height; wider products use half the height and twice the columns.
+constexpr std::size_t half = tile_size / 2;
+
+void product(const double* A, std::size_t K, const double* B, std::size_t ldb, std::size_t columns, double* out) {
+  std::size_t c = 0;
+  for (; c + 6 <= columns; c += 6) {
+    product_block<half, 6>(A, K, B + c, ldb, out + c * tile_size);
+    product_block<half, 6>(A + half, K, B + c, ldb, out + c * tile_size + half);
+  }
+  for (; c + 3 <= columns; c += 3) product_block<tile_size, 3>(A, K, B + c, ldb, out + c * tile_size);
+  for (; c < columns; ++c) product_block<tile_size, 1>(A, K, B + c, ldb, out + c * tile_size);
+}
+
+void product_transposed(const double* HWY_RESTRICT A, std::size_t K, const double* HWY_RESTRICT X, std::size_t columns,
+                        double* HWY_RESTRICT out, std::size_t ldo) {
+  const D d;
+  for (std::size_t k = 0; k < K; ++k) {
+    for (std::size_t c = 0; c < columns; ++c) {
+      V sum = hn::Zero(d);
+      for (std::size_t i = 0; i < tile_size; i += lanes) {
+        sum = hn::MulAdd(hn::LoadU(d, A + k * tile_size + i), hn::LoadU(d, X + c * tile_size + i), sum);
+      }
+      out[k * ldo + c] += hn::GetLane(hn::SumOfLanes(d, sum));
+    }
+  }
+}
+
+template <typename Phi>
+HWY_INLINE void kernel_rows(const Phi& phi, const double* HWY_RESTRICT tile, const Vec3* HWY_RESTRICT centres, std::size_t count,
+                            double* HWY_RESTRICT out) {
+  const D d;
+  for (std::size_t j = 0; j < count; ++j) {
+    const V cx = hn::Set(d, centres[j][0]);
+    const V cy = hn::Set(d, centres[j][1]);
+    const V cz = hn::Set(d, centres[j][2]);
+    for (std::size_t i = 0; i < tile_size; i += lanes) {
+      const V x = hn::Sub(hn::LoadU(d, tile + i), cx);
+      const V y = hn::Sub(hn::LoadU(d, tile + tile_size + i), cy);
+      const V z = hn::Sub(hn::LoadU(d, tile + 2 * tile_size + i), cz);
+      const V r2 = hn::MulAdd(x, x, hn::MulAdd(y, y, hn::Mul(z, z)));
+      hn::StoreU(phi(d, r2), d, out + j * tile_size + i);
+    }
+  }
+}
+
+/// The same with the images of every centre, in their order.
+template <typename Phi>
+HWY_INLINE void mirrored_rows(const Phi& phi, const Images& images, const double* HWY_RESTRICT tile,
+                              const Vec3* HWY_RESTRICT centres, std::size_t count, double* HWY_RESTRICT out) {
+  const D d;
+  for (std::size_t j = 0; j < count; ++j) {
+    for (std::size_t i = 0; i < tile_size; i += lanes) {
+      V sum = hn::Zero(d);
+      for (std::size_t g = 0; g < images.count; ++g) {
+        const Vec3 c = images.at[g].of(centres[j]);
+        const V x = hn::Sub(hn::LoadU(d, tile + i), hn::Set(d, c[0]));
+        const V y = hn::Sub(hn::LoadU(d, tile + tile_size + i), hn::Set(d, c[1]));
+        const V z = hn::Sub(hn::LoadU(d, tile + 2 * tile_size + i), hn::Set(d, c[2]));
+        const V r2 = hn::MulAdd(x, x, hn::MulAdd(y, y, hn::Mul(z, z)));
+        sum = hn::MulAdd(hn::Set(d, images.at[g].sign), phi(d, r2), sum);
+      }
+      hn::StoreU(sum, d, out + j * tile_size + i);
+    }
+  }
+}
+
+void kernel_tile(const RadialKernel& kernel, const double* tile, const Vec3* centres, std::size_t count, double* out) {
+  const Images images(kernel.parity);
+  with_policy(kernel, [&](const auto& phi) {
+    images.count == 1 ? kernel_rows(phi, tile, centres, count, out) : mirrored_rows(phi, images, tile, centres, count, out);
+  });
+}
+
+void kernel_tile_sums(const RadialKernel& kernel, const double* tile, const Vec3* centres, std::size_t count,
+                      const double* weights, std::size_t ldw, std::size_t columns, double* out) {
+  constexpr std::size_t chunk = 64;  // 8 KiB of kernel values stay in the first-level cache
+  HWY_ALIGN double values[chunk * tile_size];
+  const Images images(kernel.parity);
+  with_policy(kernel, [&](const auto& phi) {
+    for (std::size_t begin = 0; begin < count; begin += chunk) {
+      const std::size_t size = HWY_MIN(chunk, count - begin);
+      if (images.count == 1) {
+        kernel_rows(phi, tile, centres + begin, size, values);
+      } else {
+        mirrored_rows(phi, images, tile, centres + begin, size, values);
+      }
+      product(values, size, weights + begin * ldw, ldw, columns, out);
+    }
+  });
+}
+
+const char* target_name() { return hwy::TargetName(HWY_TARGET); }
+
+}  // namespace deform::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace deform {
+
+HWY_EXPORT(product);
+HWY_EXPORT(product_transposed);
+HWY_EXPORT(kernel_tile);
+HWY_EXPORT(kernel_tile_sums);
+HWY_EXPORT(target_name);
+
+TiledPoints::TiledPoints(std::span<const Vec3> points) : count_(points.size()), xyz_(tile_count(points.size()) * 3 * tile_size) {
+  for (std::size_t i = 0; i < tile_count(count_) * tile_size; ++i) {
+    const Vec3& p = points[std::min(i, count_ - 1)];
+    double* to = xyz_.data() + (i / tile_size) * 3 * tile_size + i % tile_size;
+    for (std::size_t k = 0; k < 3; ++k) to[k * tile_size] = p[k];
+  }
+}
+
+void tile_product(const double* A, std::size_t K, const double* B, std::size_t ldb, std::size_t columns, double* out) {
+  HWY_DYNAMIC_DISPATCH(product)(A, K, B, ldb, columns, out);
+}
+
+void tile_product_transposed(const double* A, std::size_t K, const double* X, std::size_t columns, double* out, std::size_t ldo) {
+  HWY_DYNAMIC_DISPATCH(product_transposed)(A, K, X, columns, out, ldo);
+}
+
+void tile_kernel(const RadialKernel& kernel, const double* tile, std::span<const Vec3> centres, double* out) {
+  HWY_DYNAMIC_DISPATCH(kernel_tile)(kernel, tile, centres.data(), centres.size(), out);
+}
+
+void tile_kernel_sums(const RadialKernel& kernel, const double* tile, std::span<const Vec3> centres, const double* weights,
+                      std::size_t ldw, std::size_t columns, double* out) {
+  HWY_DYNAMIC_DISPATCH(kernel_tile_sums)(kernel, tile, centres.data(), centres.size(), weights, ldw, columns, out);
+}
+
+std::vector<double> kernel_sums(const RadialKernel& kernel, std::span<const Vec3> points, std::span<const Vec3> centres,
+                                std::span<const double> weights, std::size_t columns, const RunContext& context) {
+  std::vector<double> result(points.size() * columns);
+  // About a million kernel evaluations between two checks of the context.
+  const std::size_t grain = std::max<std::size_t>(1, (std::size_t{1} << 16) / (centres.size() + 1)) * tile_size;
+  parallel_for(context, points.size(), grain, [&](std::size_t begin, std::size_t end) {
+    const TiledPoints tiled(points.subspan(begin, end - begin));
+    std::vector<double> sums(columns * tile_size);
+    for (std::size_t t = 0; t < tiled.tiles(); ++t) {
+      std::fill(sums.begin(), sums.end(), 0.0);
+      tile_kernel_sums(kernel, tiled.tile(t), centres, weights.data(), columns, columns, sums.data());
+      const std::size_t first = begin + t * tile_size;
+      for (std::size_t i = first; i < std::min(first + tile_size, end); ++i) {
+        for (std::size_t c = 0; c < columns; ++c) result[i * columns + c] = sums[c * tile_size + (i - first)];
+      }
+    }
+  });
+  return result;
+}
+
+const char* vector_target() { return HWY_DYNAMIC_DISPATCH(target_name)(); }
+
+}  // namespace deform
+#endif

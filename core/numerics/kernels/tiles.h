@@ -1,0 +1,59 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/base/types.h"
+#include "core/numerics/kernels/kernel.h"
+
+namespace deform {
+
+/// Points per tile: the unit of every vectorized loop. A multiple of every vector length, so that the arithmetic for a point does
+/// not depend on its place.
+inline constexpr std::size_t tile_size = 16;
+
+constexpr std::size_t tile_count(std::size_t points) { return (points + tile_size - 1) / tile_size; }
+
+/// Points in tiles: 16 x, 16 y, 16 z per tile; the last tile is filled up with its last point.
+class TiledPoints {
+ public:
+  TiledPoints() = default;
+  explicit TiledPoints(std::span<const Vec3> points);
+  std::size_t count() const { return count_; }
+  std::size_t tiles() const { return tile_count(count_); }
+  const double* tile(std::size_t t) const { return xyz_.data() + t * 3 * tile_size; }
+  std::size_t bytes() const { return xyz_.size() * sizeof(double); }
+
+ private:
+  std::size_t count_ = 0;
+  std::vector<double> xyz_;
+};
+
+/// out[c][16] += sum over k of A[k][16] * B[k][c], k in order: one tile of points times a K x columns matrix B with row stride
+/// ldb. Every column is summed in the same order however many there are, so results do not depend on how columns are grouped. Any
+/// thread.
+void tile_product(const double* A, std::size_t K, const double* B, std::size_t ldb, std::size_t columns, double* out);
+
+/// out[k][c] += sum over the 16 points of A[k][16] * X[c][16]: the transposed product. out is K x columns, row stride ldo. Any
+/// thread.
+void tile_product_transposed(const double* A, std::size_t K, const double* X, std::size_t columns, double* out, std::size_t ldo);
+
+/// out[j][16] = phi(|point - centre j|) for the points of one tile and all centres; here and below with the images of a kernel
+/// that has a parity. Any thread.
+void tile_kernel(const RadialKernel& kernel, const double* tile, std::span<const Vec3> centres, double* out);
+
+/// out[c][16] += sum over centres j of phi(|point - centre j|) * weights[j][c]: kernel sums of one tile; weights m x columns, row
+/// stride ldw. Bitwise independent of the grouping of columns. Any thread.
+void tile_kernel_sums(const RadialKernel& kernel, const double* tile, std::span<const Vec3> centres, const double* weights,
+                      std::size_t ldw, std::size_t columns, double* out);
+
+/// Kernel sums for all points, in parallel: n x columns, row by row. weights m x columns.
+std::vector<double> kernel_sums(const RadialKernel& kernel, std::span<const Vec3> points, std::span<const Vec3> centres,
+                                std::span<const double> weights, std::size_t columns, const RunContext& context);
+
+/// Name of the instruction set the vectorized loops run with on this machine.
+const char* vector_target();
+
+}  // namespace deform

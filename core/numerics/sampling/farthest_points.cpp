@@ -1,0 +1,54 @@
+#include "core/numerics/sampling/farthest_points.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace deform {
+
+namespace {
+
+double squared(const Vec3& a, const Vec3& b) {
+  const double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
+  return x * x + y * y + z * z;
+}
+
+std::size_t first_largest(const std::vector<double>& values) {
+  return static_cast<std::size_t>(std::max_element(values.begin(), values.end()) - values.begin());
+}
+
+}  // namespace
+
+PointCover::PointCover(std::span<const Vec3> points)
+    : points_(points), squares_(points.size(), std::numeric_limits<double>::infinity()) {}
+
+void PointCover::take(std::size_t point) {
+  const Vec3 place = points_[point];
+  for (std::size_t i = 0; i < points_.size(); ++i) squares_[i] = std::min(squares_[i], squared(points_[i], place));
+  taken_.push_back(static_cast<std::uint32_t>(point));
+}
+
+double PointCover::distance(std::size_t point) const { return std::sqrt(squares_[point]); }
+
+std::size_t PointCover::farthest() const {
+  if (!taken_.empty()) return first_largest(squares_);
+  Vec3 mean{};
+  for (const Vec3& x : points_) {
+    for (std::size_t k = 0; k < 3; ++k) mean[k] += x[k] / static_cast<double>(points_.size());
+  }
+  std::vector<double> squares;
+  for (const Vec3& x : points_) squares.push_back(squared(x, mean));
+  return first_largest(squares);
+}
+
+std::vector<std::uint32_t> farthest_point_order(std::span<const Vec3> points, std::size_t count) {
+  PointCover cover(points);
+  while (cover.taken().size() < std::min(count, points.size())) {
+    const std::size_t next = cover.farthest();
+    if (cover.distance(next) == 0) break;
+    cover.take(next);
+  }
+  return cover.taken();
+}
+
+}  // namespace deform

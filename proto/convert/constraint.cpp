@@ -1,0 +1,150 @@
+#include "proto/convert/constraint.h"
+
+#include "core/deformers/setup.h"
+#include "core/mesh/wall_columns.h"
+#include "proto/convert/fields.h"
+#include "proto/convert/region.h"
+
+namespace deform::server {
+
+namespace {
+
+Size size_of(v1::Size size, const std::string& path) {
+  if (!v1::Size_IsValid(size)) refuse_field(path, "unknown value " + std::to_string(static_cast<int>(size)));
+  return size == v1::KEPT ? Size::kept : Size::free;
+}
+
+Bound bound_of(v1::Bound bound, Bound otherwise, const std::string& path) {
+  switch (bound) {
+    case v1::BOUND_DEFAULT:
+      return otherwise;
+    case v1::EQUAL:
+      return Bound::equal;
+    case v1::MINIMUM:
+      return Bound::minimum;
+    case v1::MAXIMUM:
+      return Bound::maximum;
+    default:
+      refuse_field(path, "unknown value " + std::to_string(static_cast<int>(bound)));
+  }
+}
+
+Rigid rigid(const v1::Constraint::Rigid& message, const std::string& path) {
+  if (message.layers() > most_wall_layers) {
+    refuse_field(path + ".layers", std::to_string(message.layers()) + " is more than " + std::to_string(most_wall_layers));
+  }
+  return {static_cast<int>(message.layers())};
+}
+
+Symmetric symmetric(const v1::Constraint::Symmetric& message, const std::string& path) {
+  Symmetric result;
+  if (message.point().empty() != message.normal().empty()) refuse_field(path, "point and normal come together");
+  if (!message.point().empty()) {
+    result.plane = Symmetric::Plane{vec3(message.point(), path + ".point"), vec3(message.normal(), path + ".normal")};
+  }
+  if (message.tolerance() != 0) result.tolerance = finite(message.tolerance(), path + ".tolerance");
+  return result;
+}
+
+Distance distance(const v1::Constraint::Distance& message, const std::string& path) {
+  Distance result;
+  result.bound = bound_of(message.bound(), Bound::equal, path + ".bound");
+  if (message.has_value()) result.value = finite(message.value(), path + ".value");
+  return result;
+}
+
+Extent extent(const v1::Constraint::Extent& message, const std::string& path) {
+  Extent result;
+  result.axis = vec3(message.axis(), path + ".axis");
+  result.bound = bound_of(message.bound(), Bound::minimum, path + ".bound");
+  result.value = finite(message.value(), path + ".value");
+  if (message.has_ends()) result.ends = finite(message.ends(), path + ".ends");
+  return result;
+}
+
+ConstraintKind kind_from_proto(const v1::Constraint& message, const std::string& path) {
+  switch (message.kind_case()) {
+    case v1::Constraint::kPlanar:
+      return Planar{};
+    case v1::Constraint::kCircular:
+      return Circular{size_of(message.circular().radius(), path + ".circular.radius")};
+    case v1::Constraint::kCylindrical:
+      return Cylindrical{size_of(message.cylindrical().radius(), path + ".cylindrical.radius")};
+    case v1::Constraint::kSpherical:
+      return Spherical{size_of(message.spherical().radius(), path + ".spherical.radius")};
+    case v1::Constraint::kConical:
+      return Conical{size_of(message.conical().angle(), path + ".conical.angle")};
+    case v1::Constraint::kStraight:
+      return Straight{};
+    case v1::Constraint::kFeatureLine:
+      return FeatureLine{};
+    case v1::Constraint::kRigid:
+      return rigid(message.rigid(), path + ".rigid");
+    case v1::Constraint::kFixedPlane:
+      return FixedPlane{vec3(message.fixed_plane().point(), path + ".fixed_plane.point"),
+                        vec3(message.fixed_plane().normal(), path + ".fixed_plane.normal")};
+    case v1::Constraint::kSymmetric:
+      return symmetric(message.symmetric(), path + ".symmetric");
+    case v1::Constraint::kCoplanar:
+      return Coplanar{};
+    case v1::Constraint::kParallel:
+      return Parallel{};
+    case v1::Constraint::kOrthogonal:
+      return Orthogonal{};
+    case v1::Constraint::kDistance:
+      return distance(message.distance(), path + ".distance");
+    case v1::Constraint::kExtent:
+      return extent(message.extent(), path + ".extent");
+    case v1::Constraint::KIND_NOT_SET:
+      break;
+  }
+  refuse_field(path, "no kind of constraint is given (planar, circular, cylindrical, ...)");
+}
+
+}  // namespace
+
+Constraint constraint_from_proto(const v1::Constraint& message, const std::string& path) {
+  Constraint constraint{
+      message.name(), {}, kind_from_proto(message, path), finite(message.weight(), path + ".weight"), message.exact()};
+  for (int i = 0; i < message.regions_size(); ++i) {
+    constraint.regions.push_back(region_from_proto(message.regions(i), path + ".regions[" + std::to_string(i) + "]"));
+  }
+  return constraint;
+}
+
+ConstraintOptions constraint_options_from_proto(const v1::ConstraintOptions& message, const std::string& path) {
+  ConstraintOptions options;
+  if (message.tolerance() != 0) options.tolerance = finite(message.tolerance(), path + ".tolerance");
+  if (message.iterations() > most_constraint_iterations) {
+    refuse_field(path + ".iterations",
+                 std::to_string(message.iterations()) + " is more than " + std::to_string(most_constraint_iterations));
+  }
+  if (message.iterations() != 0) options.iterations = static_cast<int>(message.iterations());
+  validate_constraint_options(options);  // also those that say nothing, as there are no constraints
+  return options;
+}
+
+void canonicalize_constraint_options(v1::ConstraintOptions& message) {
+  const ConstraintOptions defaults;
+  if (message.tolerance() == 0) message.set_tolerance(defaults.tolerance);
+  if (message.iterations() == 0) message.set_iterations(static_cast<std::uint32_t>(defaults.iterations));
+}
+
+void canonicalize_constraint(v1::Constraint& message) {
+  for (auto& region : *message.mutable_regions()) canonicalize_region(region);
+  const auto fill = [](v1::Size size) { return size == v1::SIZE_DEFAULT ? v1::FREE : size; };
+  if (message.has_circular()) message.mutable_circular()->set_radius(fill(message.circular().radius()));
+  if (message.has_cylindrical()) message.mutable_cylindrical()->set_radius(fill(message.cylindrical().radius()));
+  if (message.has_spherical()) message.mutable_spherical()->set_radius(fill(message.spherical().radius()));
+  if (message.has_conical()) message.mutable_conical()->set_angle(fill(message.conical().angle()));
+  if (message.has_symmetric() && message.symmetric().tolerance() == 0) {
+    message.mutable_symmetric()->set_tolerance(Symmetric().tolerance);
+  }
+  if (message.has_distance() && message.distance().bound() == v1::BOUND_DEFAULT) message.mutable_distance()->set_bound(v1::EQUAL);
+  if (message.has_extent()) {
+    if (message.extent().bound() == v1::BOUND_DEFAULT) message.mutable_extent()->set_bound(v1::MINIMUM);
+    if (!message.extent().has_ends()) message.mutable_extent()->set_ends(Extent().ends);
+  }
+}
+
+}  // namespace deform::server

@@ -1,0 +1,246 @@
+#include "proto/convert/method.h"
+
+#include <string>
+
+#include "proto/convert/fields.h"
+#include "proto/convert/region.h"
+
+namespace deform::server {
+
+namespace {
+
+constexpr std::uint32_t default_rings = 3;
+constexpr int most_samples = 1000;
+constexpr double incremental_tolerance = 1e-4;
+
+struct KernelRow {
+  v1::Kernel message;
+  Kernel kernel;
+  std::uint32_t default_degree;  // max(1, order of conditional positive definiteness - 1)
+  bool has_shape;
+};
+constexpr KernelRow kernels[] = {
+    {v1::TRIHARMONIC, Kernel::triharmonic, 1, false},  {v1::BIHARMONIC, Kernel::biharmonic, 1, false},
+    {v1::QUINTIC, Kernel::quintic, 2, false},          {v1::GAUSSIAN, Kernel::gaussian, 1, true},
+    {v1::MULTIQUADRIC, Kernel::multiquadric, 1, true}, {v1::INVERSE_MULTIQUADRIC, Kernel::inverse_multiquadric, 1, true},
+    {v1::WENDLAND_C2, Kernel::wendland_c2, 1, true},   {v1::THIN_PLATE, Kernel::thin_plate, 1, false},
+};
+
+const KernelRow& kernel_row(v1::Kernel kernel) {
+  if (kernel == v1::KERNEL_DEFAULT) return kernels[0];
+  for (const auto& row : kernels) {
+    if (row.message == kernel) return row;
+  }
+  refuse_field("method.rbf.kernel", "unknown value " + std::to_string(static_cast<int>(kernel)));
+}
+
+BasisMode basis_mode(v1::BasisMode mode, const std::string& path) {
+  if (!v1::BasisMode_IsValid(mode)) refuse_field(path, "unknown value " + std::to_string(static_cast<int>(mode)));
+  return mode == v1::BASIS_ALWAYS ? BasisMode::always : mode == v1::BASIS_NEVER ? BasisMode::never : BasisMode::automatic;
+}
+
+RbfOptions rbf_options(const v1::RbfMethod& message) {
+  RbfOptions options;
+  options.kernel = kernel_row(message.kernel()).kernel;
+  options.shape = finite(message.shape(), "method.rbf.shape");
+  if (message.has_polynomial_degree()) {
+    if (message.polynomial_degree() > 2) {
+      refuse_field("method.rbf.polynomial_degree", std::to_string(message.polynomial_degree()) + " is more than 2");
+    }
+    options.polynomial_degree = static_cast<int>(message.polynomial_degree());
+  }
+  switch (message.solver()) {
+    case v1::SOLVER_AUTOMATIC:
+      options.solver = Solver::automatic;
+      break;
+    case v1::CHOLESKY:
+      options.solver = Solver::cholesky;
+      break;
+    case v1::LDLT:
+      options.solver = Solver::ldlt;
+      break;
+    case v1::LU:
+      options.solver = Solver::lu;
+      break;
+    case v1::ITERATIVE:
+      options.solver = Solver::iterative;
+      break;
+    case v1::INCREMENTAL_QR:
+      options.solver = Solver::incremental_qr;
+      options.tolerance = incremental_tolerance;
+      break;
+    default:
+      refuse_field("method.rbf.solver", "unknown value " + std::to_string(static_cast<int>(message.solver())));
+  }
+  if (message.tolerance() != 0) options.tolerance = finite(message.tolerance(), "method.rbf.tolerance");
+  if (!v1::CentreOrder_IsValid(message.centre_order())) {
+    refuse_field("method.rbf.centre_order", "unknown value " + std::to_string(static_cast<int>(message.centre_order())));
+  }
+  options.centre_order = message.centre_order() == v1::GREEDY ? CentreOrder::greedy : CentreOrder::farthest_point;
+  if (message.samples_size() > most_samples) {
+    refuse_field("method.rbf.samples",
+                 std::to_string(message.samples_size()) + " entries are more than the limit of " + std::to_string(most_samples));
+  }
+  for (const auto& sample : message.samples()) {
+    options.samples.emplace_back(sample.variables().begin(), sample.variables().end());
+  }
+  if (!v1::CentreReduction_IsValid(message.reduction())) {
+    refuse_field("method.rbf.reduction", "unknown value " + std::to_string(static_cast<int>(message.reduction())));
+  }
+  options.reduction = message.reduction() == v1::REDUCTION_OFF ? CentreReduction::off : CentreReduction::automatic;
+  if (message.reduction_rings() > 100) {
+    refuse_field("method.rbf.reduction_rings", std::to_string(message.reduction_rings()) + " is more than 100");
+  }
+  if (message.reduction_rings() != 0) options.reduction_rings = static_cast<int>(message.reduction_rings());
+  options.basis = basis_mode(message.basis(), "method.rbf.basis");
+  return options;
+}
+
+/// ShellOptions, SubspaceOptions or MlsOptions.
+template <typename Options>
+void take_energy(const v1::Energy& message, const std::string& path, Options& options) {
+  options.stretching = finite(message.stretching(), path + ".stretching");
+  if (message.has_bending()) options.bending = finite(message.bending(), path + ".bending");
+  if (!v1::HandleMode_IsValid(message.handles())) {
+    refuse_field(path + ".handles", "unknown value " + std::to_string(static_cast<int>(message.handles())));
+  }
+  options.handles = message.handles() == v1::HANDLES_SOFT ? HandleMode::soft : HandleMode::hard;
+  if (message.fixing() != 0) options.fixing = finite(message.fixing(), path + ".fixing");
+  options.basis = basis_mode(message.basis(), path + ".basis");
+}
+
+ShellOptions shell_options(const v1::ShellMethod& message) {
+  ShellOptions options;
+  take_energy(message.energy(), "method.shell.energy", options);
+  return options;
+}
+
+/// The kernels of compact support need more than moving least squares (thesis 8.3.2).
+double default_cover(v1::SubspaceKernel kernel) {
+  const bool compact = kernel == v1::SUBSPACE_WENDLAND_C2 || kernel == v1::SUBSPACE_GAUSSIAN;
+  return compact ? 50 : SubspaceOptions().cover;
+}
+
+SubspaceOptions subspace_options(const v1::SubspaceMethod& message) {
+  SubspaceOptions options;
+  take_energy(message.energy(), "method.subspace.energy", options);
+  switch (message.kernel()) {
+    case v1::SUBSPACE_DEFAULT:
+    case v1::SUBSPACE_MLS:
+      options.kernel = SubspaceKernel::mls;
+      break;
+    case v1::SUBSPACE_TRIHARMONIC:
+      options.kernel = SubspaceKernel::triharmonic;
+      break;
+    case v1::SUBSPACE_BIHARMONIC:
+      options.kernel = SubspaceKernel::biharmonic;
+      break;
+    case v1::SUBSPACE_WENDLAND_C2:
+      options.kernel = SubspaceKernel::wendland_c2;
+      break;
+    case v1::SUBSPACE_GAUSSIAN:
+      options.kernel = SubspaceKernel::gaussian;
+      break;
+    default:
+      refuse_field("method.subspace.kernel", "unknown value " + std::to_string(static_cast<int>(message.kernel())));
+  }
+  if (message.centres() != 0) options.centres = message.centres();
+  options.cover = message.cover() == 0 ? default_cover(message.kernel()) : finite(message.cover(), "method.subspace.cover");
+  return options;
+}
+
+MlsOptions mls_options(const v1::MlsMethod& message) {
+  MlsOptions options;
+  take_energy(message.energy(), "method.mls.energy", options);
+  options.surface_samples = message.surface_samples();
+  options.volume_samples = message.volume_samples();
+  if (message.cubature() != 0) options.cubature = finite(message.cubature(), "method.mls.cubature");
+  if (message.cover() != 0) options.cover = finite(message.cover(), "method.mls.cover");
+  for (int i = 0; i < message.weights_size(); ++i) {
+    const auto& weights = message.weights(i);
+    const std::string path = "method.mls.weights[" + std::to_string(i) + "]";
+    if (!weights.has_region()) refuse_field(path + ".region", "is missing");
+    options.weights.push_back({region_from_proto(weights.region(), path + ".region"),
+                               finite(weights.stretching(), path + ".stretching"), finite(weights.bending(), path + ".bending")});
+  }
+  return options;
+}
+
+void canonicalize_rbf(v1::RbfMethod& rbf) {
+  const KernelRow& kernel = kernel_row(rbf.kernel());
+  rbf.set_kernel(kernel.message);
+  if (!kernel.has_shape || rbf.shape() == 0) rbf.set_shape(0);  // ignored by the others: one value for all
+  const bool incremental = rbf.solver() == v1::INCREMENTAL_QR;
+  const bool may_iterate = rbf.solver() == v1::ITERATIVE || rbf.solver() == v1::SOLVER_AUTOMATIC;
+  if (rbf.tolerance() == 0) rbf.set_tolerance(incremental ? incremental_tolerance : RbfOptions().tolerance);
+  if (!may_iterate && !incremental) rbf.set_tolerance(0);
+  if (!incremental) rbf.clear_samples();
+  rbf.set_centre_order(incremental && rbf.centre_order() == v1::GREEDY ? v1::GREEDY : v1::CENTRE_ORDER_DEFAULT);
+  if (!rbf.has_polynomial_degree()) rbf.set_polynomial_degree(kernel.default_degree);
+  if (rbf.reduction() == v1::REDUCTION_OFF || rbf.reduction_rings() == 0) rbf.set_reduction_rings(default_rings);
+}
+
+void canonicalize_energy(v1::Energy& energy) {
+  if (!energy.has_bending()) energy.set_bending(ShellOptions().bending);
+  if (energy.handles() != v1::HANDLES_SOFT) {
+    energy.set_handles(v1::HANDLES_HARD);
+    energy.set_fixing(0);  // ignored
+  } else if (energy.fixing() == 0) {
+    energy.set_fixing(ShellOptions().fixing);
+  }
+}
+
+void canonicalize_subspace(v1::SubspaceMethod& subspace) {
+  const SubspaceOptions defaults;
+  canonicalize_energy(*subspace.mutable_energy());
+  if (subspace.kernel() == v1::SUBSPACE_DEFAULT) subspace.set_kernel(v1::SUBSPACE_MLS);
+  if (subspace.centres() == 0) subspace.set_centres(static_cast<std::uint32_t>(defaults.centres));
+  const bool global = subspace.kernel() == v1::SUBSPACE_TRIHARMONIC || subspace.kernel() == v1::SUBSPACE_BIHARMONIC;
+  if (global) {
+    subspace.set_cover(0);
+  } else if (subspace.cover() == 0) {
+    subspace.set_cover(default_cover(subspace.kernel()));
+  }
+}
+
+void canonicalize_mls(v1::MlsMethod& mls) {
+  const MlsOptions defaults;
+  canonicalize_energy(*mls.mutable_energy());
+  if (mls.cubature() == 0) mls.set_cubature(defaults.cubature);
+  if (mls.cover() == 0) mls.set_cover(defaults.cover);
+  for (auto& weights : *mls.mutable_weights()) canonicalize_region(*weights.mutable_region());
+}
+
+}  // namespace
+
+decltype(Setup::method) method_from_proto(const v1::Method& message) {
+  switch (message.kind_case()) {
+    case v1::Method::kShell:
+      return shell_options(message.shell());
+    case v1::Method::kSubspace:
+      return subspace_options(message.subspace());
+    case v1::Method::kMls:
+      return mls_options(message.mls());
+    case v1::Method::kRbf:
+    case v1::Method::KIND_NOT_SET:
+      break;
+  }
+  return rbf_options(message.rbf());
+}
+
+void canonicalize_method(v1::Method& message) {
+  switch (message.kind_case()) {
+    case v1::Method::kShell:
+      return canonicalize_energy(*message.mutable_shell()->mutable_energy());
+    case v1::Method::kSubspace:
+      return canonicalize_subspace(*message.mutable_subspace());
+    case v1::Method::kMls:
+      return canonicalize_mls(*message.mutable_mls());
+    case v1::Method::kRbf:
+    case v1::Method::KIND_NOT_SET:
+      break;
+  }
+  canonicalize_rbf(*message.mutable_rbf());
+}
+
+}  // namespace deform::server

@@ -1,0 +1,111 @@
+#include "proto/convert/region.h"
+
+#include <algorithm>
+#include <vector>
+
+#include "proto/convert/fields.h"
+
+namespace deform::server {
+
+namespace {
+
+constexpr int deepest_nesting = 64;
+
+Region convert(const v1::Region& message, const std::string& path, int depth);
+
+std::vector<Region> children(const google::protobuf::RepeatedPtrField<v1::Region>& messages, const std::string& path, int depth) {
+  std::vector<Region> regions;
+  for (int i = 0; i < messages.size(); ++i) {
+    regions.push_back(convert(messages[i], path + "[" + std::to_string(i) + "]", depth + 1));
+  }
+  return regions;
+}
+
+std::vector<const char*> kinds_set(const v1::Region& message) {
+  std::vector<const char*> set;
+  const auto note = [&](const char* kind, bool present) {
+    if (present) set.push_back(kind);
+  };
+  note("group", !message.group().empty());
+  note("box", message.has_box());
+  note("sphere", message.has_sphere());
+  note("cylinder", message.has_cylinder());
+  note("half_space", message.has_half_space());
+  note("ids", message.ids_size() > 0);
+  note("open_boundary", message.open_boundary());
+  note("all", message.all());
+  note("boundary", message.boundary());
+  note("union", message.union__size() > 0);
+  note("intersection", message.intersection_size() > 0);
+  note("difference", message.difference_size() > 0);
+  note("complement", message.has_complement());
+  note("grow", message.has_grow());
+  return set;
+}
+
+Region solid(const v1::Region& message, const std::string& path) {
+  if (message.has_box()) {
+    return {Region::InBox{vec3(message.box().min(), path + ".box.min"), vec3(message.box().max(), path + ".box.max")}};
+  }
+  if (message.has_sphere()) {
+    return {Region::InSphere{vec3(message.sphere().centre(), path + ".sphere.centre"),
+                             finite(message.sphere().radius(), path + ".sphere.radius")}};
+  }
+  if (message.has_cylinder()) {
+    const auto& cylinder = message.cylinder();
+    return {Region::InCylinder{vec3(cylinder.start(), path + ".cylinder.start"), vec3(cylinder.end(), path + ".cylinder.end"),
+                               finite(cylinder.radius(), path + ".cylinder.radius")}};
+  }
+  return {Region::InHalfSpace{vec3(message.half_space().point(), path + ".half_space.point"),
+                              vec3(message.half_space().normal(), path + ".half_space.normal")}};
+}
+
+Region convert(const v1::Region& message, const std::string& path, int depth) {
+  if (depth > deepest_nesting) refuse_field(path, "regions are nested deeper than " + std::to_string(deepest_nesting));
+  const std::vector<const char*> kinds = kinds_set(message);
+  if (kinds.empty()) refuse_field(path, "no kind of region is given (group, box, sphere, ...)");
+  if (kinds.size() > 1) {
+    refuse_field(path, std::string("expected exactly one kind of region, got ") + kinds[0] + " and " + kinds[1]);
+  }
+  if (!message.group().empty()) return {Region::GroupName{message.group()}};
+  if (message.ids_size() > 0) return {Region::Ids{{message.ids().begin(), message.ids().end()}}};
+  if (message.open_boundary()) return {Region::OpenBoundary{}};
+  if (message.all()) return {Region::All{}};
+  if (message.boundary()) return {Region::Boundary{}};
+  if (message.union__size() > 0) return {Region::Union{children(message.union_(), path + ".union", depth)}};
+  if (message.intersection_size() > 0) {
+    return {Region::Intersection{children(message.intersection(), path + ".intersection", depth)}};
+  }
+  if (message.difference_size() > 0) return {Region::Difference{children(message.difference(), path + ".difference", depth)}};
+  if (message.has_complement()) {
+    return {Region::Complement{{convert(message.complement(), path + ".complement", depth + 1)}}};
+  }
+  if (message.has_grow()) {
+    if (!message.grow().has_region()) refuse_field(path + ".grow.region", "is missing");
+    if (message.grow().rings() < 1 || message.grow().rings() > 1000) {
+      refuse_field(path + ".grow.rings", std::to_string(message.grow().rings()) + " is out of range, allowed are 1 to 1000");
+    }
+    Region::Grow grow;
+    grow.of.push_back(convert(message.grow().region(), path + ".grow.region", depth + 1));
+    grow.rings = static_cast<int>(message.grow().rings());
+    return {grow};
+  }
+  return solid(message, path);
+}
+
+}  // namespace
+
+Region region_from_proto(const v1::Region& message, const std::string& path) { return convert(message, path, 0); }
+
+void canonicalize_region(v1::Region& message) {
+  auto& ids = *message.mutable_ids();
+  std::sort(ids.begin(), ids.end());
+  ids.Truncate(static_cast<int>(std::unique(ids.begin(), ids.end()) - ids.begin()));
+  for (auto& child : *message.mutable_union_()) canonicalize_region(child);
+  for (auto& child : *message.mutable_intersection()) canonicalize_region(child);
+  for (auto& child : *message.mutable_difference()) canonicalize_region(child);
+  if (message.has_complement()) canonicalize_region(*message.mutable_complement());
+  if (message.has_grow() && message.grow().has_region()) canonicalize_region(*message.mutable_grow()->mutable_region());
+}
+
+}  // namespace deform::server

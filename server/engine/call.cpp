@@ -1,0 +1,101 @@
+#include "server/engine/call.h"
+
+#include <vector>
+
+namespace deform::server {
+
+std::optional<Error> Call::overdue(RunContext::Clock::time_point now) const {
+  if (context_.cancel.cancelled()) return Error(ErrorCode::cancelled, "cancelled by the caller");
+  if (context_.deadline && now >= *context_.deadline) return Error(ErrorCode::deadline_exceeded, "deadline exceeded");
+  return std::nullopt;
+}
+
+RunContext Call::run_context(int threads) const {
+  RunContext context;
+  context.cancel = stop_;
+  context.deadline = context_.deadline;
+  context.threads = threads;
+  return context;
+}
+
+CallRegistry::CallRegistry() {
+  watcher_ = std::thread([this] { watch(); });
+}
+
+CallRegistry::~CallRegistry() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+    changed_.notify_all();
+  }
+  watcher_.join();
+}
+
+void CallRegistry::add(const std::shared_ptr<Call>& call) {
+  const std::lock_guard lock(mutex_);
+  if (closed_) throw Error(ErrorCode::unavailable, "the server is shutting down");
+  calls_.emplace(call.get(), call);
+  if (calls_.size() == 1) changed_.notify_all();
+}
+
+void CallRegistry::remove(const Call* call) {
+  std::shared_ptr<Call> gone;  // destroyed after the lock
+  const std::lock_guard lock(mutex_);
+  const auto found = calls_.find(call);
+  if (found == calls_.end()) return;
+  gone = std::move(found->second);
+  calls_.erase(found);
+  if (calls_.empty()) changed_.notify_all();
+}
+
+void CallRegistry::close() {
+  const std::lock_guard lock(mutex_);
+  closed_ = true;
+}
+
+bool CallRegistry::closed() const {
+  const std::lock_guard lock(mutex_);
+  return closed_;
+}
+
+bool CallRegistry::wait_until_empty(RunContext::Clock::time_point limit) {
+  std::unique_lock lock(mutex_);
+  return changed_.wait_until(lock, limit, [&] { return calls_.empty(); });
+}
+
+void CallRegistry::fail_all(const Error& error) {
+  std::vector<std::shared_ptr<Call>> calls;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [key, call] : calls_) calls.push_back(call);
+  }
+  for (const auto& call : calls) call->fail(error);
+}
+
+void CallRegistry::watch() {
+  constexpr auto period = std::chrono::milliseconds(10);
+  std::vector<std::pair<std::shared_ptr<Call>, Error>> ended;
+  std::unique_lock lock(mutex_);
+  while (!stopping_) {
+    if (calls_.empty()) {
+      changed_.wait(lock);
+      continue;
+    }
+    changed_.wait_for(lock, period, [&] { return stopping_; });
+    const auto now = RunContext::Clock::now();
+    for (const auto& [key, call] : calls_) {
+      if (const auto error = call->overdue(now)) ended.emplace_back(call, *error);
+    }
+    if (ended.empty()) continue;
+    lock.unlock();
+    for (const auto& [call, error] : ended) call->fail(error);
+    ended.clear();
+    lock.lock();
+  }
+}
+
+double elapsed_ms(RunContext::Clock::time_point from, RunContext::Clock::time_point to) {
+  return std::chrono::duration<double, std::milli>(to - from).count();
+}
+
+}  // namespace deform::server

@@ -1,0 +1,77 @@
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <utility>
+
+#include "core/base/error.h"
+#include "server/engine/engine.h"
+
+namespace deform::server {
+
+/// Asynchronous work of one client request, from its acceptance to its end. Held by shared_ptr.
+class Call : public std::enable_shared_from_this<Call> {
+ public:
+  explicit Call(CallContext context) : context_(std::move(context)) {}
+  virtual ~Call() = default;
+  Call(const Call&) = delete;
+  Call& operator=(const Call&) = delete;
+
+  /// Ends the call with this error unless it has ended. Any thread; quick.
+  virtual void fail(const Error& error) = 0;
+
+  const CallContext& context() const { return context_; }
+  /// The error of a cancelled or overdue call.
+  std::optional<Error> overdue(RunContext::Clock::time_point now) const;
+  /// With the call's deadline and a flag of its own: the caller's may serve many calls, and the registry watches it.
+  RunContext run_context(int threads) const;
+
+ protected:
+  /// Tells what is computing to stop.
+  void stop() const { stop_.cancel(); }
+
+ private:
+  const CallContext context_;
+  const CancelFlag stop_;
+};
+
+/// The calls under way. A thread of its own ends those that are cancelled or overdue, also while they wait in a queue or for
+/// their reader, within about ten milliseconds. Thread-safe.
+class CallRegistry {
+ public:
+  CallRegistry();
+  ~CallRegistry();
+
+  /// Throws Error(unavailable) after close().
+  void add(const std::shared_ptr<Call>& call);
+  void remove(const Call* call);
+
+  /// Nothing is added any more.
+  void close();
+  bool closed() const;
+  /// True when no call is left before the time is over.
+  bool wait_until_empty(RunContext::Clock::time_point limit);
+  void fail_all(const Error& error);
+
+ private:
+  void watch();
+
+  mutable std::mutex mutex_;
+  // guarded by mutex_
+  std::condition_variable changed_;
+  std::map<const Call*, std::shared_ptr<Call>> calls_;
+  bool closed_ = false;
+  bool stopping_ = false;
+  // set by the constructor
+  std::thread watcher_;
+};
+
+/// Milliseconds between two times.
+double elapsed_ms(RunContext::Clock::time_point from, RunContext::Clock::time_point to = RunContext::Clock::now());
+
+}  // namespace deform::server

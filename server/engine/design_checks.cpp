@@ -1,0 +1,231 @@
+#include "server/engine/design_checks.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "core/base/error.h"
+#include "core/mesh/cells.h"
+#include "core/quality/report.h"
+#include "proto/convert/fields.h"
+#include "server/engine/system_cache.h"
+
+namespace deform::server {
+
+namespace {
+
+bool in_one_plane(std::span<const Vec3> points) {
+  return std::all_of(points.begin(), points.end(), [&](const Vec3& p) { return p[2] == points[0][2]; });
+}
+
+v1::CellReport cell_report(const InversionCheck& check, const SafeAmplitude& safety) {
+  v1::CellReport report;
+  report.set_cells(check.cell_count());
+  report.set_safe_amplitude(safety.amplitude);
+  if (safety.first_cell) report.set_first_cell(static_cast<std::uint32_t>(*safety.first_cell));
+  report.set_inverted(safety.inverted.count);
+  for (const Extreme& cell : safety.inverted.worst) report.add_inverted_ids(static_cast<std::uint32_t>(cell.id));
+  report.set_least_determinant(safety.inverted.least_determinant.value);
+  report.set_least_determinant_cell(static_cast<std::uint32_t>(safety.inverted.least_determinant.id));
+  report.set_inverted_at_rest(check.at_rest().count);
+  return report;
+}
+
+v1::FaceReport face_report(std::size_t faces, const std::vector<Extreme>& flipped) {
+  constexpr std::size_t most_listed = 100;
+  v1::FaceReport report;
+  report.set_faces(faces);
+  report.set_flipped(flipped.size());
+  for (std::size_t k = 0; k < std::min(flipped.size(), most_listed); ++k) {
+    report.add_flipped_ids(static_cast<std::uint32_t>(flipped[k].id));
+  }
+  return report;
+}
+
+v1::QualityReport quality_to_proto(const QualityReport& report) {
+  v1::QualityReport message;
+  for (const auto& [name, count] : report.counts) {
+    auto* entry = message.add_counts();
+    entry->set_name(name);
+    entry->set_count(count);
+  }
+  for (const QualityRow& row : report.rows) {
+    auto* measure = message.add_measures();
+    measure->set_name(row.name);
+    measure->set_label(row.label);
+    measure->set_value(row.value);
+    if (row.id) measure->set_id(*row.id);
+  }
+  for (const auto& [name, ids] : report.lists) {
+    auto* list = message.add_lists();
+    list->set_name(name);
+    for (const std::size_t id : ids) list->add_ids(id);
+  }
+  for (const QualityHistogram& histogram : report.histograms) {
+    auto* entry = message.add_histograms();
+    entry->set_name(histogram.name);
+    entry->set_title(histogram.title);
+    entry->set_low(histogram.low);
+    entry->set_high(histogram.high);
+    for (const std::size_t count : histogram.counts) entry->add_counts(count);
+  }
+  message.set_method(report.method);
+  return message;
+}
+
+/// Of the measures of one design: some numbers per point, face and cell.
+std::size_t quality_bytes(const Mesh& mesh) {
+  std::size_t items = mesh.point_count() + mesh.face_count() + mesh.cell_count();
+  if (mesh.cells) items += mesh.cells->face_count();
+  return 128 * items + 4 * mesh.face_points.size();
+}
+
+}  // namespace
+
+std::optional<CellSet> cell_set(const Mesh& mesh) {
+  if (mesh.elements) return CellSet(mesh.elements.get());
+  if (mesh.cells) return CellSet(mesh.cells.get());
+  const bool plane =
+      mesh.face_count() > 0 && in_one_plane(mesh.points) &&
+      std::all_of(mesh.face_sizes.begin(), mesh.face_sizes.end(), [](auto size) { return size == 3 || size == 4; });
+  if (plane) return CellSet(&mesh);
+  return std::nullopt;
+}
+
+std::shared_ptr<const InversionCheck> CellCheckCache::get(const Mesh& mesh, const CellSet& cells, MemoryBudget& budget,
+                                                          const RunContext& context) const {
+  const std::lock_guard lock(mutex_);
+  if (!check_) {
+    Charge charge = budget.charge(InversionCheck::bytes_for(cells),
+                                  {"checking the cells", "set check: CELL_CHECK_OFF, or raise the server's memory budget", 0});
+    check_ = std::make_shared<const InversionCheck>(mesh.points, cells, context);
+    charge_ = std::move(charge);
+  }
+  return check_;
+}
+
+std::shared_ptr<const FlipCheck> FaceCheckCache::get(const Mesh& mesh, MemoryBudget& budget, const RunContext& context) const {
+  const std::lock_guard lock(mutex_);
+  if (!check_) {
+    Charge charge = budget.charge(FlipCheck::bytes_for(mesh),
+                                  {"checking the faces", "set check: CELL_CHECK_OFF, or raise the server's memory budget", 0});
+    check_ = std::make_shared<const FlipCheck>(mesh, mesh.points, context);
+    charge_ = std::move(charge);
+    charge_.shrink(check_->bytes());
+  }
+  return check_;
+}
+
+DesignChecks DesignChecks::from_proto(const v1::DeformRequest& request) {
+  DesignChecks checks;
+  if (!v1::CellCheck_IsValid(request.check())) refuse_field("check", "unknown value " + std::to_string(request.check()));
+  if (request.check() != v1::CELL_CHECK_DEFAULT) checks.check = request.check();
+  const v1::Splitting& splitting = request.splitting();
+  if (!v1::SplitMode_IsValid(splitting.mode())) {
+    refuse_field("splitting.mode", "unknown value " + std::to_string(splitting.mode()));
+  }
+  if (splitting.mode() == v1::SPLIT_OFF) return checks;
+  SplitOptions options;
+  options.mode = splitting.mode() == v1::SPLIT_ADAPTIVE ? SplitMode::adaptive : SplitMode::uniform;
+  if (splitting.most_steps() > 1000) refuse_field("splitting.most_steps", "at most 1000 are allowed");
+  if (splitting.most_steps() > 0) options.most_steps = splitting.most_steps();
+  if (!(splitting.share() >= 0 && splitting.share() < 1)) refuse_field("splitting.share", "must be between 0 and 1");
+  if (splitting.share() > 0) options.share = splitting.share();
+  checks.splitting = options;
+  return checks;
+}
+
+void DesignChecker::Findings::move_to(v1::DesignResult& result) {
+  if (cells) *result.mutable_cells() = std::move(*cells);
+  if (quality) *result.mutable_quality() = std::move(*quality);
+  if (split) *result.mutable_split() = std::move(*split);
+  if (!faces) return;
+  if (faces->flipped() > 0) {
+    result.add_warnings(std::to_string(faces->flipped()) + " of " + std::to_string(faces->faces()) + " faces are flipped, face " +
+                        std::to_string(faces->flipped_ids(0)) + " worst: the surface is folded over there");
+  }
+  *result.mutable_faces() = std::move(*faces);
+}
+
+std::unique_ptr<const DesignChecker> DesignChecker::make(std::shared_ptr<const ResidentSystem> system, const DesignChecks& checks,
+                                                         const std::function<std::vector<Design>()>& designs,
+                                                         MemoryBudget& budget, const RunContext& context) {
+  const Mesh& mesh = *system->mesh;
+  const std::optional<CellSet> cells = checks.none() ? std::nullopt : cell_set(mesh);
+  if (checks.splitting && !cells) {
+    throw Error(ErrorCode::failed_precondition,
+                "splitting: the geometry has no cells that could be inverted; register a volume mesh or a 2D mesh");
+  }
+  const bool quality = checks.check == v1::CELL_QUALITY && (cells || mesh.face_count() > 0);
+  const bool faces = checks.check != v1::CELL_CHECK_OFF && mesh.face_count() > 0;
+  if (!cells && !quality && !faces) return nullptr;
+  std::unique_ptr<DesignChecker> checker(new DesignChecker);
+  checker->checks_ = checks;
+  checker->cells_ = cells;
+  if (faces) checker->flips_ = system->face_check.get(mesh, budget, context);
+  std::size_t bytes = 0;
+  if (cells || quality) bytes += checker->check_faces_bytes();
+  if (cells) bytes += InversionCheck::bytes_for(*cells);
+  if (quality) bytes += quality_bytes(mesh);
+  if (checks.splitting) bytes += estimate_substep(mesh, system->setup, *cells).peak_bytes;
+  checker->charge_ = budget.charge(bytes, {checks.splitting ? "splitting designs" : "checking the cells of designs",
+                                           "set check: CELL_CHECK_OFF and no splitting, or raise the server's memory budget", 0});
+  if (cells) checker->inversions_ = system->cell_check.get(mesh, *cells, budget, context);
+  if (checks.splitting) checker->designs_ = designs();
+  checker->system_ = std::move(system);
+  return checker;
+}
+
+bool DesignChecker::in_plane(const Points& points) const {
+  return !std::holds_alternative<const Mesh*>(*cells_) || in_one_plane(points);
+}
+
+DesignChecker::Findings DesignChecker::check(std::size_t design, Points& points, const RunContext& context) const {
+  Findings findings;
+  if (inversions_ && in_plane(points)) {
+    const SafeAmplitude safety = inversions_->amplitude(system_->mesh->points, points, context);
+    if (checks_.check != v1::CELL_CHECK_OFF) findings.cells = cell_report(*inversions_, safety);
+    if (checks_.splitting) split(design, points, safety, findings, context);
+  }
+  if (checks_.check == v1::CELL_QUALITY) findings.quality = quality(points);
+  findings.faces = check_faces(points, context);
+  return findings;
+}
+
+std::optional<v1::FaceReport> DesignChecker::check_faces(std::span<const Vec3> points, const RunContext& context) const {
+  if (!flips_) return std::nullopt;
+  return face_report(flips_->face_count(), flips_->flipped(points, context));
+}
+
+void DesignChecker::split(std::size_t design, Points& points, const SafeAmplitude& safety, Findings& findings,
+                          const RunContext& context) const {
+  v1::SplitReport& report = findings.split.emplace();
+  report.set_inversion_free(true);
+  report.set_steps(1);
+  report.set_reached(1);
+  if (safety.inverted.count == 0) return;
+  SplitProblem problem;
+  problem.mesh = system_->mesh;
+  problem.setup = system_->setup;
+  problem.cells = *cells_;
+  problem.system = system_->system;
+  SplitResult result = evaluate_split(problem, designs_[design], *checks_.splitting, context);
+  report.set_inversion_free(result.inversion_free);
+  report.set_steps(static_cast<std::uint32_t>(result.steps));
+  report.set_reached(result.reached);
+  report.set_factorizations(static_cast<std::uint32_t>(result.factorizations));
+  if (!result.attempts.empty()) report.set_failure(result.attempts.back().failure);
+  points = std::move(result.points);
+}
+
+v1::QualityReport DesignChecker::quality(const Points& points) const {
+  const Mesh& mesh = *system_->mesh;
+  if (mesh.cells) return quality_to_proto(quality_report(polyhedral_quality(points, *mesh.cells), points, *mesh.cells));
+  if (mesh.elements) return quality_to_proto(quality_report(element_quality(points, *mesh.elements), points, *mesh.elements));
+  Mesh surface;
+  surface.points = points;
+  surface.face_sizes = mesh.face_sizes;
+  surface.face_points = mesh.face_points;
+  return quality_to_proto(quality_report(surface_quality(surface), surface));
+}
+
+}  // namespace deform::server

@@ -1,0 +1,104 @@
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "core/deformers/splitting.h"
+#include "core/quality/flipped_faces.h"
+#include "core/quality/safe_amplitude.h"
+#include "deform/v1/deformation.pb.h"
+#include "server/engine/memory.h"
+
+namespace deform::server {
+
+struct ResidentSystem;
+
+/// What can be inverted in a mesh: its cells; of a 2D mesh of triangles and quads its faces; else nothing.
+std::optional<CellSet> cell_set(const Mesh& mesh);
+
+/// The check of the cells of a system's mesh: made when first asked for, then kept with the memory charged for it. Thread-safe.
+class CellCheckCache {
+ public:
+  /// Throws Error(out_of_budget), cancelled, deadline_exceeded.
+  std::shared_ptr<const InversionCheck> get(const Mesh& mesh, const CellSet& cells, MemoryBudget& budget,
+                                            const RunContext& context) const;
+
+ private:
+  mutable std::mutex mutex_;
+  // guarded by mutex_
+  mutable std::shared_ptr<const InversionCheck> check_;
+  mutable Charge charge_;
+};
+
+/// The same for the faces of a system's mesh. Thread-safe.
+class FaceCheckCache {
+ public:
+  /// Throws Error(out_of_budget), cancelled, deadline_exceeded.
+  std::shared_ptr<const FlipCheck> get(const Mesh& mesh, MemoryBudget& budget, const RunContext& context) const;
+
+ private:
+  mutable std::mutex mutex_;
+  // guarded by mutex_
+  mutable std::shared_ptr<const FlipCheck> check_;
+  mutable Charge charge_;
+};
+
+/// What a request wants to know or have of each of its designs as a whole.
+struct DesignChecks {
+  v1::CellCheck check = v1::SAFE_AMPLITUDE;
+  std::optional<SplitOptions> splitting;
+
+  /// Throws Error(invalid_argument) naming the field.
+  static DesignChecks from_proto(const v1::DeformRequest& request);
+  bool none() const { return check == v1::CELL_CHECK_OFF && !splitting; }
+};
+
+/// Looks at the designs of one request. Immutable; any thread may call.
+class DesignChecker {
+ public:
+  /// What is said about a design.
+  struct Findings {
+    std::optional<v1::CellReport> cells;
+    std::optional<v1::QualityReport> quality;
+    std::optional<v1::SplitReport> split;
+    std::optional<v1::FaceReport> faces;  ///< of the points that are delivered
+    void move_to(v1::DesignResult& result);
+  };
+
+  /// Null when there is nothing to look at. `designs`: those of the request, called for splitting only. Throws
+  /// Error(failed_precondition) for splitting without cells, out_of_budget.
+  static std::unique_ptr<const DesignChecker> make(std::shared_ptr<const ResidentSystem> system, const DesignChecks& checks,
+                                                   const std::function<std::vector<Design>()>& designs, MemoryBudget& budget,
+                                                   const RunContext& context);
+
+  /// Whether only faces are looked at: check_faces() then says all, and design by design it may do so after the blocks were made.
+  bool only_faces() const { return !inversions_ && checks_.check != v1::CELL_QUALITY; }
+
+  /// points: n x 3, of the full step; those of a split design take their place.
+  Findings check(std::size_t design, Points& points, const RunContext& context) const;
+  /// points: n x 3, as they are delivered. Absent: there are no faces, or they are not to be looked at.
+  std::optional<v1::FaceReport> check_faces(std::span<const Vec3> points, const RunContext& context) const;
+  std::size_t check_faces_bytes() const { return flips_ ? flips_->call_bytes() : 0; }
+
+ private:
+  DesignChecker() = default;
+  void split(std::size_t design, Points& points, const SafeAmplitude& safety, Findings& findings,
+             const RunContext& context) const;
+  v1::QualityReport quality(const Points& points) const;
+  bool in_plane(const Points& points) const;
+
+  std::shared_ptr<const ResidentSystem> system_;
+  DesignChecks checks_;
+  std::optional<CellSet> cells_;
+  std::shared_ptr<const InversionCheck> inversions_;  ///< null: there are no cells
+  std::shared_ptr<const FlipCheck> flips_;            ///< null: there are no faces, or they are not to be looked at
+  std::vector<Design> designs_;
+  Charge charge_;
+};
+
+}  // namespace deform::server

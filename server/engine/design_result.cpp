@@ -1,0 +1,36 @@
+#include "server/engine/design_result.h"
+
+#include <algorithm>
+
+#include "core/quality/displacement.h"
+#include "proto/convert/info.h"
+
+namespace deform::server {
+
+void DeliveredDesign::add(const codec::Block& block, const Extreme& largest_displacement) {
+  checksums.push_back(block.checksum);
+  max_error = std::max(max_error, block.max_error);
+  if (largest_displacement.value > displacement.value) displacement = largest_displacement;
+  fell_back += block.fell_back ? 1 : 0;
+}
+
+v1::DesignResult design_result(const DeliveredDesign& delivered, const DesignReport& report, const Setup& setup,
+                               double diagonal) {
+  v1::DesignResult result;
+  result.set_checksum(codec::fold_checksums(delivered.checksums));
+  result.set_max_error(delivered.max_error);
+  result.set_blocks_fell_back(delivered.fell_back);
+  result.set_path(path_to_proto(report.path));
+  result.set_interpolation_residual(report.interpolation_residual);
+  result.set_max_displacement(delivered.displacement.value);
+  result.set_prescribed_displacement(report.prescribed_displacement);
+  if (const auto warning = displacement_warning(delivered.displacement, report.prescribed_displacement, diagonal)) {
+    result.add_warnings(*warning);
+  }
+  if (setup.constraints.empty()) return result;
+  *result.mutable_constraints() = constraints_report(report, setup);
+  if (const std::string warning = given_up_warning(report, setup); !warning.empty()) result.add_warnings(warning);
+  return result;
+}
+
+}  // namespace deform::server

@@ -1,0 +1,79 @@
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <string>
+
+#include "server/engine/call.h"
+#include "server/engine/deform_call.h"
+#include "server/engine/engine.h"
+#include "server/engine/memory.h"
+#include "server/engine/mesh_cache.h"
+#include "server/engine/scheduler.h"
+#include "server/engine/system_cache.h"
+#include "server/store/geometry_store.h"
+
+namespace deform::server {
+
+/// See engine.h. Owns all parts; the order of the members is the order in which they depend on each other.
+class EngineImpl : public Engine {
+ public:
+  explicit EngineImpl(const EngineOptions& options);
+  ~EngineImpl() override;
+
+  std::unique_ptr<GeometryUpload> begin_upload(const v1::GeometryHeader& header, const CallContext& call) override;
+  v1::GeometryInfo get_geometry(const std::string& id) override;
+  v1::ListGeometriesReply list_geometries(const v1::ListGeometriesRequest& request) override;
+  v1::DeleteGeometryReply delete_geometry(const v1::DeleteGeometryRequest& request) override;
+  std::shared_ptr<const Points> get_points(const std::string& id) override;
+
+  void detect(const v1::DetectRequest& request, const CallContext& call,
+              std::function<void(Outcome<DetectReplies>)> on_done) override;
+
+  v1::EstimateReply estimate(const v1::EstimateRequest& request) override;
+  void prepare(const v1::PrepareRequest& request, const CallContext& call, std::function<void(const v1::Progress&)> on_progress,
+               std::function<void(Outcome<v1::SystemInfo>)> on_done) override;
+  v1::SystemInfo get_system(const std::string& id) override;
+  v1::ListSystemsReply list_systems(const v1::ListSystemsRequest& request) override;
+  v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request) override;
+
+  std::shared_ptr<DeformJob> deform(v1::DeformRequest request, std::uint64_t request_id, const CallContext& call,
+                                    std::function<void()> on_ready) override;
+  std::shared_ptr<DeformJob> jacobian_vector(v1::JacobianVectorRequest request, const CallContext& call,
+                                             std::function<void()> on_ready) override;
+  void vector_jacobian(const v1::VectorJacobianHeader& header, Points cotangent, const CallContext& call,
+                       std::function<void(Outcome<v1::VectorJacobianReply>)> on_done) override;
+
+  v1::ServerInfo info() override;
+  v1::StoreInfo store() override;
+  bool drain(std::chrono::milliseconds limit) override;
+
+ private:
+  /// A setup about to be prepared or estimated.
+  struct Recipe {
+    std::string id;
+    v1::Setup canonical;
+  };
+  enum class Storing { store, stored_already };
+
+  Recipe recipe(const v1::Setup& setup);
+  std::shared_ptr<ResidentSystem> make_system(const Recipe& recipe, Storing storing, const RunContext& context);
+  SystemCache::Prepare prepare_again(const std::string& id);
+  std::string resolve_system(const std::string& id);
+  std::shared_ptr<const Mesh> load_mesh(const std::string& id);
+  v1::SystemInfo stored_info(const SetupRecord& record);
+  std::shared_ptr<DeformJob> begin_job(DeformTask task, const CallContext& call, std::function<void()> on_ready);
+  void check_open() const;
+
+  const EngineOptions options_;  // without zeros: defaults are filled in
+  const RunContext::Clock::time_point opened_ = RunContext::Clock::now();
+  MemoryBudget memory_;
+  GeometryStore store_;
+  MeshCache meshes_;
+  Scheduler scheduler_;
+  CallRegistry calls_;
+  const std::shared_ptr<SystemCache> cache_;
+  std::atomic<std::uint64_t> designs_served_{0};
+};
+
+}  // namespace deform::server

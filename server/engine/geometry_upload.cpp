@@ -1,0 +1,210 @@
+#include "server/engine/geometry_upload.h"
+
+#include <algorithm>
+#include <cstring>
+
+#include "core/base/error.h"
+#include "core/base/number_text.h"
+
+namespace deform::server {
+
+namespace {
+
+[[noreturn]] void refuse(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
+
+void check_limit(const char* field, std::uint64_t value, std::uint64_t low, std::uint64_t high) {
+  if (value >= low && value <= high) return;
+  refuse(std::string("header.") + field + ": " + std::to_string(value) + " is out of range, allowed are " + std::to_string(low) +
+         " to " + std::to_string(high));
+}
+
+std::string of(std::uint64_t got, std::uint64_t expected) {
+  return std::to_string(got) + " of " + std::to_string(expected) + " claimed by the header";
+}
+
+const ChargePurpose purpose{"registering a geometry", "raise the server's memory budget", 0};
+
+constexpr std::size_t longest_name = 4096;
+
+void check_cells(const v1::GeometryHeader& header, const EngineOptions& limits) {
+  const v1::CellCounts& cells = header.cells();
+  constexpr std::uint64_t most = 0xffffffffu;
+  check_limit("cells.elements", cells.elements(), 0, limits.max_faces);
+  check_limit("cells.element_points", cells.element_points(), cells.elements(), cells.elements() > 0 ? most : 0);
+  check_limit("cells.faces", cells.faces(), 0, cells.elements() > 0 ? 0 : limits.max_faces);
+  check_limit("cells.cells", cells.cells(), cells.faces() > 0 ? 1 : 0, cells.faces());
+  check_limit("cells.face_points", cells.face_points(), cells.faces(), cells.faces() > 0 ? most : 0);
+  check_limit("cells.internal_faces", cells.internal_faces(), 0, cells.faces());
+}
+
+}  // namespace
+
+UploadBuffer::UploadBuffer(const v1::GeometryHeader& header, const EngineOptions& limits, MemoryBudget& budget)
+    : header_(header), budget_(budget) {
+  check_limit("point_count", header.point_count(), 1, limits.max_points);
+  check_limit("face_count", header.face_count(), 0, limits.max_faces);
+  check_limit("corner_count", header.corner_count(), header.face_count(), 0xffffffffu);
+  check_limit("group_count", header.group_count(), 0, limits.max_groups);
+  if (header.face_count() == 0 && header.corner_count() != 0) refuse("header.corner_count: there are no faces");
+  if (header.name().size() > longest_name) refuse("header.name: longer than " + std::to_string(longest_name) + " bytes");
+  check_cells(header, limits);
+  const v1::CellCounts& cells = header.cells();
+  const std::uint64_t bytes = 24 * header.point_count() + 4 * (header.face_count() + header.corner_count()) +
+                              9 * cells.elements() + 4 * cells.element_points() + 16 * cells.faces() + 4 * cells.face_points();
+  if (bytes > budget.total()) {
+    throw Error(ErrorCode::out_of_budget, purpose.what + ": its arrays need " + mebibytes(bytes) + ", the memory budget is " +
+                                              mebibytes(budget.total()) + "; " + purpose.advice);
+  }
+}
+
+void UploadBuffer::add(const v1::RegisterGeometryRequest& part) {
+  switch (part.part_case()) {
+    case v1::RegisterGeometryRequest::kPoints:
+      return add_points(part.points());
+    case v1::RegisterGeometryRequest::kFaces:
+      return add_faces(part.faces());
+    case v1::RegisterGeometryRequest::kGroup:
+      return add_group(part.group());
+    case v1::RegisterGeometryRequest::kCells:
+      return add_cells(part.cells());
+    case v1::RegisterGeometryRequest::kHeader:
+      refuse("header: sent twice");
+    case v1::RegisterGeometryRequest::PART_NOT_SET:
+      refuse("upload message: none of points, faces, group, cells is set");
+  }
+}
+
+// Chunks of an earlier kind may not follow, and each array must be complete before the next kind begins.
+void UploadBuffer::enter(Stage stage) {
+  if (stage < stage_) refuse("upload: chunks come in the order points, faces, groups, cells");
+  if (stage > Stage::points && mesh_.points.size() != header_.point_count()) {
+    refuse("points: only " + of(mesh_.points.size(), header_.point_count()) + " arrived before the next kind of chunk");
+  }
+  if (stage > Stage::faces) {
+    if (mesh_.face_sizes.size() != header_.face_count()) {
+      refuse("faces.sizes: only " + of(mesh_.face_sizes.size(), header_.face_count()) + " arrived");
+    }
+    if (mesh_.face_points.size() != header_.corner_count()) {
+      refuse("faces.corners: only " + of(mesh_.face_points.size(), header_.corner_count()) + " arrived");
+    }
+  }
+  if (stage > Stage::groups) check_groups();
+  stage_ = stage;
+}
+
+void UploadBuffer::check_groups() const {
+  if (mesh_.groups.size() != header_.group_count())
+    refuse("group: only " + of(mesh_.groups.size(), header_.group_count()) + " arrived");
+}
+
+void UploadBuffer::grow(std::size_t bytes) { budget_.grow(charge_, bytes, purpose); }
+
+template <typename T>
+void UploadBuffer::append(std::vector<T>& array, const std::string& bytes, std::size_t limit, const char* field) {
+  if (bytes.size() % sizeof(T) != 0) {
+    refuse(std::string(field) + ": " + std::to_string(bytes.size()) + " bytes are not a multiple of " +
+           std::to_string(sizeof(T)));
+  }
+  const std::size_t count = bytes.size() / sizeof(T);
+  if (count == 0) return;
+  if (count > limit - array.size()) {
+    refuse(std::string(field) + ": more than the " + std::to_string(limit) + " that the header allows");
+  }
+  const std::size_t size = array.size() + count;
+  if (size > array.capacity()) {
+    const std::size_t capacity = std::min(limit, std::max(size, 2 * array.capacity()));
+    grow((capacity - array.capacity()) * sizeof(T));
+    array.reserve(capacity);
+  }
+  const std::size_t first = array.size();
+  array.resize(size);
+  std::memcpy(array.data() + first, bytes.data(), bytes.size());
+}
+
+void UploadBuffer::add_points(const v1::PointChunk& chunk) {
+  enter(Stage::points);
+  append(mesh_.points, chunk.xyz(), header_.point_count(), "points.xyz");
+}
+
+void UploadBuffer::add_faces(const v1::FaceChunk& chunk) {
+  enter(Stage::faces);
+  const std::size_t first = mesh_.face_sizes.size();
+  append(mesh_.face_sizes, chunk.sizes(), header_.face_count(), "faces.sizes");
+  for (std::size_t i = first; i < mesh_.face_sizes.size(); ++i) corners_claimed_ += mesh_.face_sizes[i];
+  if (corners_claimed_ > header_.corner_count()) {
+    refuse("faces.sizes: they add up to more than the " + std::to_string(header_.corner_count()) + " corners of the header");
+  }
+  append(mesh_.face_points, chunk.corners(), header_.corner_count(), "faces.corners");
+  if (mesh_.face_points.size() > corners_claimed_) refuse("faces.corners: more than the sizes of the faces so far add up to");
+}
+
+void UploadBuffer::add_group(const v1::GroupChunk& chunk) {
+  enter(Stage::groups);
+  if (!chunk.name().empty()) {
+    if (mesh_.groups.size() == header_.group_count())
+      refuse("group: more than the " + of(header_.group_count(), header_.group_count()));
+    if (chunk.name().size() > longest_name) refuse("group.name: longer than " + std::to_string(longest_name) + " bytes");
+    grow(sizeof(Group) + chunk.name().size());
+    mesh_.groups.emplace_back().name = chunk.name();
+  }
+  if (mesh_.groups.empty()) refuse("group.name: the first group chunk has none");
+  append(mesh_.groups.back().points, chunk.points(), header_.point_count(), "group.points");
+  append(mesh_.groups.back().faces, chunk.faces(), header_.face_count(), "group.faces");
+}
+
+void UploadBuffer::add_cells(const v1::CellChunk& chunk) {
+  enter(Stage::cells);
+  const v1::CellCounts& counts = header_.cells();
+  const std::size_t first = elements_.types.size();
+  append(elements_.types, chunk.element_types(), counts.elements(), "cells.element_types");
+  for (std::size_t e = first; e < elements_.types.size(); ++e) {
+    if (static_cast<std::size_t>(elements_.types[e]) < element_types) continue;
+    refuse("cells.element_types: " + std::to_string(static_cast<int>(elements_.types[e])) + " of element " + std::to_string(e) +
+           " is not a type, there are " + std::to_string(element_types));
+  }
+  append(elements_.points, chunk.element_points(), counts.element_points(), "cells.element_points");
+  append(cell_face_sizes_, chunk.face_sizes(), counts.faces(), "cells.face_sizes");
+  append(cells_.face_points, chunk.face_points(), counts.face_points(), "cells.face_points");
+  append(cells_.owner, chunk.owners(), counts.faces(), "cells.owners");
+  append(cells_.neighbour, chunk.neighbours(), counts.internal_faces(), "cells.neighbours");
+  append(cells_.empty_faces, chunk.empty_faces(), counts.empty_faces() ? counts.faces() : 0, "cells.empty_faces");
+}
+
+void UploadBuffer::finish_cells() {
+  const v1::CellCounts& counts = header_.cells();
+  const auto complete = [](const char* field, std::uint64_t got, std::uint64_t expected) {
+    if (got != expected) refuse(std::string(field) + ": only " + of(got, expected) + " arrived");
+  };
+  complete("cells.element_types", elements_.types.size(), counts.elements());
+  complete("cells.element_points", elements_.points.size(), counts.element_points());
+  complete("cells.face_sizes", cell_face_sizes_.size(), counts.faces());
+  complete("cells.face_points", cells_.face_points.size(), counts.face_points());
+  complete("cells.owners", cells_.owner.size(), counts.faces());
+  complete("cells.neighbours", cells_.neighbour.size(), counts.internal_faces());
+  complete("cells.empty_faces", cells_.empty_faces.size(), counts.empty_faces() ? counts.faces() : 0);
+  if (counts.elements() > 0) {
+    grow(elements_.types.size() * sizeof(std::uint64_t));
+    elements_.offsets.reserve(elements_.types.size() + 1);
+    for (const ElementType type : elements_.types) elements_.offsets.push_back(elements_.offsets.back() + shape(type).nodes);
+    mesh_.elements = std::make_shared<const Elements>(std::move(elements_));
+  } else if (counts.faces() > 0) {
+    grow(cell_face_sizes_.size() * sizeof(std::uint64_t));
+    cells_.cell_count = counts.cells();
+    cells_.face_offsets.reserve(cell_face_sizes_.size() + 1);
+    for (const std::uint32_t size : cell_face_sizes_) cells_.face_offsets.push_back(cells_.face_offsets.back() + size);
+    mesh_.cells = std::make_shared<const PolyhedralCells>(std::move(cells_));
+  }
+}
+
+Mesh UploadBuffer::take() {
+  enter(std::max(stage_, Stage::groups));
+  if (corners_claimed_ != header_.corner_count()) {
+    refuse("faces.sizes: they add up to " + of(corners_claimed_, header_.corner_count()) + " corners");
+  }
+  check_groups();
+  finish_cells();
+  mesh_.validate();
+  return std::move(mesh_);
+}
+
+}  // namespace deform::server

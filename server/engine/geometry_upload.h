@@ -1,0 +1,56 @@
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/mesh/cells.h"
+#include "core/mesh/elements.h"
+#include "core/mesh/mesh.h"
+#include "deform/v1/geometry.pb.h"
+#include "server/engine/engine.h"
+#include "server/engine/memory.h"
+
+namespace deform::server {
+
+/// Joins the chunks of an upload into a mesh, checking order and counts as geometry.proto prescribes. Memory is charged before it
+/// is allocated and grows with what has arrived, never with what the header claims. Not thread-safe.
+class UploadBuffer {
+ public:
+  /// Throws Error(invalid_argument) for counts beyond the limits, Error(out_of_budget) for claims that can never fit.
+  UploadBuffer(const v1::GeometryHeader& header, const EngineOptions& limits, MemoryBudget& budget);
+
+  void add(const v1::RegisterGeometryRequest& part);
+
+  /// Checks that everything has arrived and validates the mesh. Ends the object's use.
+  Mesh take();
+
+  /// Of everything that take() returns.
+  Charge take_charge() { return std::move(charge_); }
+
+ private:
+  enum class Stage { points, faces, groups, cells };
+  void add_points(const v1::PointChunk& chunk);
+  void add_faces(const v1::FaceChunk& chunk);
+  void add_group(const v1::GroupChunk& chunk);
+  void add_cells(const v1::CellChunk& chunk);
+  void check_groups() const;
+  void finish_cells();
+  void enter(Stage stage);
+  template <typename T>
+  void append(std::vector<T>& array, const std::string& bytes, std::size_t limit, const char* field);
+  void grow(std::size_t bytes);
+  void check_face_sizes(std::size_t first);
+
+  v1::GeometryHeader header_;
+  MemoryBudget& budget_;
+  Charge charge_;
+  Mesh mesh_;
+  Stage stage_ = Stage::points;
+  std::uint64_t corners_claimed_ = 0;  // by the face sizes so far
+  Elements elements_;
+  PolyhedralCells cells_;
+  std::vector<std::uint32_t> cell_face_sizes_;
+};
+
+}  // namespace deform::server

@@ -1,0 +1,103 @@
+#include "server/engine/memory.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <cstdio>
+#include <fstream>
+#include <utility>
+
+#include "core/base/error.h"
+#include "core/base/number_text.h"
+
+namespace deform::server {
+
+namespace {
+
+constexpr std::uint32_t retry_after_ms = 500;
+
+}  // namespace
+
+std::size_t MemoryMeter::in_use() const {
+  const std::lock_guard lock(mutex_);
+  return in_use_;
+}
+
+bool MemoryMeter::try_take(std::size_t bytes) {
+  const std::lock_guard lock(mutex_);
+  if (bytes > total_ - in_use_) return false;
+  in_use_ += bytes;
+  return true;
+}
+
+void MemoryMeter::give_back(std::size_t bytes) {
+  const std::lock_guard lock(mutex_);
+  in_use_ -= bytes;
+}
+
+Charge::Charge(Charge&& other) noexcept : meter_(std::move(other.meter_)), bytes_(std::exchange(other.bytes_, 0)) {}
+
+Charge& Charge::operator=(Charge&& other) noexcept {
+  if (this != &other) {
+    shrink(0);
+    meter_ = std::move(other.meter_);
+    bytes_ = std::exchange(other.bytes_, 0);
+  }
+  return *this;
+}
+
+Charge::~Charge() { shrink(0); }
+
+void Charge::shrink(std::size_t bytes) {
+  if (meter_ == nullptr || bytes >= bytes_) return;
+  meter_->give_back(bytes_ - bytes);
+  bytes_ = bytes;
+}
+
+Charge MemoryBudget::charge(std::size_t bytes, const ChargePurpose& purpose) {
+  const std::size_t total = meter_->total();
+  const std::size_t ceiling = total - std::min(total, purpose.held_alongside);
+  if (bytes > ceiling) {
+    throw Error(ErrorCode::out_of_budget, purpose.what + ": needs " + mebibytes(bytes) + ", at most " + mebibytes(ceiling) +
+                                              " can ever be available (memory budget " + mebibytes(total) + "); " +
+                                              purpose.advice);
+  }
+  if (meter_->try_take(bytes)) return {meter_, bytes};
+  for (const auto& reclaim : reclaimers_) {
+    const std::size_t free = total - meter_->in_use();
+    reclaim(bytes - std::min(bytes, free));
+    if (meter_->try_take(bytes)) return {meter_, bytes};
+  }
+  throw Error(ErrorCode::out_of_budget,
+              purpose.what + ": needs " + mebibytes(bytes) + ", " + mebibytes(total - meter_->in_use()) + " of " +
+                  mebibytes(total) + " are available now; try again later, or " + purpose.advice,
+              retry_after_ms);
+}
+
+void MemoryBudget::grow(Charge& charge, std::size_t bytes, const ChargePurpose& purpose) {
+  ChargePurpose all = purpose;
+  all.held_alongside += charge.bytes();
+  Charge more = this->charge(bytes, all);
+  charge.meter_ = meter_;
+  charge.bytes_ += std::exchange(more.bytes_, 0);
+}
+
+std::size_t available_memory() {
+  std::size_t bytes = static_cast<std::size_t>(sysconf(_SC_PHYS_PAGES)) * static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+  for (const char* path : {"/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"}) {
+    std::ifstream file(path);
+    std::size_t limit = 0;
+    if (file >> limit && limit > 0) bytes = std::min(bytes, limit);  // "max" does not parse: no limit
+  }
+  return bytes;
+}
+
+std::size_t resident_set_bytes() {
+  std::ifstream file("/proc/self/statm");
+  std::size_t pages = 0, resident = 0;
+  file >> pages >> resident;
+  return resident * static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+}
+
+}  // namespace deform::server

@@ -1,0 +1,88 @@
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+namespace deform::server {
+
+class MemoryBudget;
+
+/// Bytes in use, shared by a budget and its charges.
+class MemoryMeter {
+ public:
+  explicit MemoryMeter(std::size_t total) : total_(total) {}
+  std::size_t total() const { return total_; }
+  std::size_t in_use() const;
+  /// False when so many are not free.
+  bool try_take(std::size_t bytes);
+  void give_back(std::size_t bytes);
+
+ private:
+  const std::size_t total_;
+  mutable std::mutex mutex_;
+  std::size_t in_use_ = 0;  // guarded by mutex_
+};
+
+/// A number of bytes taken from a budget, given back on destruction. Movable; one owner at a time. May outlive its budget.
+class Charge {
+ public:
+  Charge() = default;
+  Charge(Charge&& other) noexcept;
+  Charge& operator=(Charge&& other) noexcept;
+  Charge(const Charge&) = delete;
+  Charge& operator=(const Charge&) = delete;
+  ~Charge();
+
+  std::size_t bytes() const { return bytes_; }
+  /// Gives back what is above `bytes`.
+  void shrink(std::size_t bytes);
+
+ private:
+  friend class MemoryBudget;
+  Charge(std::shared_ptr<MemoryMeter> meter, std::size_t bytes) : meter_(std::move(meter)), bytes_(bytes) {}
+  std::shared_ptr<MemoryMeter> meter_;
+  std::size_t bytes_ = 0;
+};
+
+/// What a charge is for: words of the refusal.
+struct ChargePurpose {
+  std::string what;                ///< "preparing system 1a2b3c4d"
+  std::string advice;              ///< what the caller can change so that it needs less
+  std::size_t held_alongside = 0;  ///< bytes already charged that this work needs at the same time
+};
+
+/// Admission by estimate: bytes are taken before they are allocated. Thread-safe.
+class MemoryBudget {
+ public:
+  explicit MemoryBudget(std::size_t total) : meter_(std::make_shared<MemoryMeter>(total)) {}
+
+  /// Takes bytes, asking the reclaimers for help first. Throws Error(out_of_budget) with needed, available and what to change;
+  /// with a retry hint only when the bytes would fit into an idle server.
+  Charge charge(std::size_t bytes, const ChargePurpose& purpose);
+
+  /// The same for bytes that are added to a charge (an empty one becomes one of this budget).
+  void grow(Charge& charge, std::size_t bytes, const ChargePurpose& purpose);
+
+  /// A reclaimer gives back about `bytes` of idle memory. Called without a lock held, in the order of registration. Register all
+  /// before the first charge.
+  void add_reclaimer(std::function<void(std::size_t bytes)> reclaimer) { reclaimers_.push_back(std::move(reclaimer)); }
+
+  std::size_t total() const { return meter_->total(); }
+  std::size_t in_use() const { return meter_->in_use(); }
+
+ private:
+  const std::shared_ptr<MemoryMeter> meter_;
+  std::vector<std::function<void(std::size_t)>> reclaimers_;
+};
+
+/// Bytes of memory this process may use: of the machine or, where smaller, of its cgroup (version 2 or 1).
+std::size_t available_memory();
+
+/// Bytes of memory this process occupies now.
+std::size_t resident_set_bytes();
+
+}  // namespace deform::server

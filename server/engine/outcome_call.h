@@ -1,0 +1,137 @@
+#pragma once
+
+#include <functional>
+#include <mutex>
+#include <string>
+#include <utility>
+
+#include "server/engine/call.h"
+#include "server/engine/memory.h"
+#include "server/engine/scheduler.h"
+#include "server/engine/system_cache.h"
+
+namespace deform::server {
+
+/// A request with one answer: waits for its system, if it needs one, then computes on a worker. on_done is called
+/// exactly once, from a worker or the registry's thread, without a lock.
+template <typename T>
+class OutcomeCall : public Call {
+ public:
+  struct Parts {
+    Scheduler* scheduler;
+    SystemCache* cache;
+    CallRegistry* calls;
+  };
+  struct Task {
+    std::string system_id;  ///< empty: none is needed, and compute() gets none
+    SystemCache::Prepare prepare;
+    std::function<void(const std::string& stage, double fraction)> on_progress;  ///< may be empty
+    std::function<T(const SystemCache::Handle&, const RunContext&)> compute;
+    std::function<void(Engine::Outcome<T>)> on_done;
+  };
+
+  OutcomeCall(const Parts& parts, Task task, CallContext context)
+      : Call(std::move(context)), parts_(parts), task_(std::move(task)) {
+    stats_.system_id = task_.system_id;
+  }
+
+  /// Throws when refused; on_done is not called then.
+  void begin() {
+    if (const auto error = overdue(accepted_)) throw *error;
+    place_ = parts_.scheduler->enter();
+    parts_.calls->add(shared_from_this());
+    if (task_.system_id.empty()) return enqueue({});
+    SystemCache::Asker asker;
+    asker.on_progress = task_.on_progress;
+    asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
+      call->on_system(std::move(system), error);
+    };
+    auto [system, ticket] = parts_.cache->acquire(task_.system_id, task_.prepare, std::move(asker));
+    if (system) return enqueue(std::move(system));
+    const std::lock_guard lock(mutex_);
+    if (!ended_) ticket_ = std::move(ticket);  // otherwise it leaves here
+  }
+
+  void fail(const Error& error) override {
+    stop();
+    end({std::nullopt, error, {}});
+  }
+
+ private:
+  std::shared_ptr<OutcomeCall> self() { return std::static_pointer_cast<OutcomeCall>(shared_from_this()); }
+
+  void on_system(SystemCache::Handle system, const std::optional<Error>& error) {
+    if (error) return fail(*error);
+    {
+      const std::lock_guard lock(mutex_);
+      stats_.prepare_ms = elapsed_ms(accepted_);
+    }
+    enqueue(std::move(system));
+  }
+
+  void enqueue(SystemCache::Handle system) {
+    const std::lock_guard lock(mutex_);
+    if (ended_) return;
+    parts_.scheduler->start(context().client, this, [call = self(), system = std::move(system)](Scheduler::Slot slot) {
+      call->run(system, std::move(slot));
+    });
+  }
+
+  void run(const SystemCache::Handle& system, Scheduler::Slot slot) {
+    {
+      const std::lock_guard lock(mutex_);
+      if (ended_) return;
+      place_.leave();
+      stats_.queue_ms = elapsed_ms(accepted_);
+      if (system) {
+        stats_.geometry_id = system->info.geometry_id();
+        stats_.points = system->info.points();
+      }
+    }
+    const auto from = RunContext::Clock::now();
+    Engine::Outcome<T> outcome;
+    const int running = static_cast<int>(std::max<std::size_t>(1, parts_.scheduler->load().running));
+    try {
+      outcome.value = task_.compute(system, run_context(std::max(1, parts_.scheduler->workers() / running)));
+    } catch (const Error& error) {
+      outcome.error = error;
+    } catch (const std::bad_alloc&) {
+      outcome.error = Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget");
+    } catch (const std::exception& error) {
+      outcome.error = Error(ErrorCode::internal, error.what());
+    }
+    {
+      const std::lock_guard lock(mutex_);
+      stats_.solve_ms = elapsed_ms(from);
+    }
+    slot.leave();
+    end(std::move(outcome));
+  }
+
+  void end(Engine::Outcome<T> outcome) {
+    {
+      const std::lock_guard lock(mutex_);
+      if (ended_) return;
+      ended_ = true;
+      outcome.stats = stats_;
+      place_.leave();
+      ticket_.leave();
+    }
+    const auto keep_alive = self();
+    parts_.scheduler->remove(this);
+    task_.on_done(std::move(outcome));
+    parts_.calls->remove(this);  // last: a drained engine has called back
+  }
+
+  const Parts parts_;
+  const Task task_;
+  const RunContext::Clock::time_point accepted_ = RunContext::Clock::now();
+  std::mutex mutex_;
+  // guarded by mutex_
+  Scheduler::Place place_;
+  SystemCache::Ticket ticket_;
+  bool ended_ = false;
+  CallStats stats_;
+};
+
+}  // namespace deform::server

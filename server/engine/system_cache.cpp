@@ -1,0 +1,208 @@
+#include "server/engine/system_cache.h"
+
+#include <chrono>
+
+namespace deform::server {
+
+SystemCache::Ticket& SystemCache::Ticket::operator=(Ticket&& other) noexcept {
+  if (this != &other) {
+    leave();
+    cache_ = std::move(other.cache_);
+    flight_ = std::move(other.flight_);
+    asker_ = other.asker_;
+  }
+  return *this;
+}
+
+void SystemCache::Ticket::leave() {
+  const auto flight = std::move(flight_);
+  flight_ = nullptr;
+  if (!flight) return;
+  if (const auto cache = cache_.lock()) cache->leave(flight, asker_);
+}
+
+/// Lands the flight whatever happens to the preparation, so that no asker waits for ever.
+class SystemCache::FlightGuard {
+ public:
+  FlightGuard(SystemCache& cache, std::shared_ptr<Flight> flight) : cache_(cache), flight_(std::move(flight)) {}
+  ~FlightGuard() { cache_.land(flight_, std::move(resident_), error_); }
+  FlightGuard(const FlightGuard&) = delete;
+  FlightGuard& operator=(const FlightGuard&) = delete;
+
+  void succeed(std::shared_ptr<ResidentSystem> resident) {
+    resident_ = std::move(resident);
+    error_.reset();
+  }
+  void fail(const Error& error) { error_ = error; }
+
+ private:
+  SystemCache& cache_;
+  std::shared_ptr<Flight> flight_;
+  std::shared_ptr<ResidentSystem> resident_;
+  std::optional<Error> error_ = Error(ErrorCode::internal, "the preparation ended without an outcome");
+};
+
+bool SystemCache::contains(const std::string& id) const {
+  const std::lock_guard lock(mutex_);
+  return entries_.count(id) > 0;
+}
+
+std::pair<SystemCache::Handle, SystemCache::Ticket> SystemCache::acquire(const std::string& id, const Prepare& prepare,
+                                                                         Asker asker) {
+  std::unique_lock lock(mutex_);
+  if (const auto found = entries_.find(id); found != entries_.end()) {
+    ++counters_.hits;
+    return {pin(id, found->second), Ticket()};
+  }
+  ++counters_.misses;
+  std::shared_ptr<Flight>& flight = flights_[id];
+  const bool begin = flight == nullptr;
+  if (begin) {
+    flight = std::make_shared<Flight>();
+    flight->id = id;
+    flight->prepare = prepare;
+  }
+  Ticket ticket;
+  ticket.cache_ = weak_from_this();
+  ticket.flight_ = flight;
+  ticket.asker_ = next_asker_++;
+  flight->askers.emplace(ticket.asker_, std::move(asker));
+  const std::shared_ptr<Flight> begun = flight;
+  lock.unlock();
+  if (begin) schedule_(begun.get(), [self = shared_from_this(), begun] { self->run(begun); });
+  return {nullptr, std::move(ticket)};
+}
+
+void SystemCache::run(const std::shared_ptr<Flight>& flight) {
+  FlightGuard guard(*this, flight);
+  try {
+    RunContext context;
+    context.cancel = flight->cancel;
+    context.on_progress = [this, flight](const std::string& stage, double fraction) { report(flight, stage, fraction); };
+    context.check();
+    guard.succeed(flight->prepare(context));
+  } catch (const Error& error) {
+    guard.fail(error);
+  } catch (const std::bad_alloc&) {
+    guard.fail(Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget"));
+  } catch (const std::exception& error) {
+    guard.fail(Error(ErrorCode::internal, error.what()));
+  }
+}
+
+void SystemCache::land(const std::shared_ptr<Flight>& flight, std::shared_ptr<ResidentSystem> resident,
+                       const std::optional<Error>& error) {
+  Doomed doomed;
+  std::vector<std::pair<Asker, Handle>> answers;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto current = flights_.find(flight->id);
+    const bool wanted = current != flights_.end() && current->second == flight;  // else all askers have left
+    if (wanted) flights_.erase(current);
+    if (wanted && !error) {
+      Entry& entry = entries_[flight->id];
+      entry.resident = resident;
+      entry.pins = 0;
+      entry.idle = idle_.insert(idle_.end(), flight->id);
+      bytes_ += resident->system->bytes();
+      for (auto& [key, asker] : flight->askers) answers.emplace_back(std::move(asker), pin(flight->id, entry));
+      evict_down_to(budget_, doomed);
+    } else {
+      for (auto& [key, asker] : flight->askers) answers.emplace_back(std::move(asker), nullptr);
+    }
+    flight->askers.clear();
+  }
+  flight->prepare = nullptr;
+  for (auto& [asker, handle] : answers) asker.on_done(std::move(handle), error);
+}
+
+void SystemCache::report(const std::shared_ptr<Flight>& flight, const std::string& stage, double fraction) {
+  constexpr auto interval = std::chrono::milliseconds(100);
+  std::vector<std::function<void(const std::string&, double)>> listeners;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto now = RunContext::Clock::now();
+    if (stage == flight->last_stage && now - flight->last_progress < interval) return;
+    flight->last_stage = stage;
+    flight->last_progress = now;
+    for (const auto& [key, asker] : flight->askers) {
+      if (asker.on_progress) listeners.push_back(asker.on_progress);
+    }
+  }
+  for (const auto& listener : listeners) listener(stage, fraction);
+}
+
+void SystemCache::leave(const std::shared_ptr<Flight>& flight, std::uint64_t asker) {
+  Asker gone;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto found = flight->askers.find(asker);
+    if (found == flight->askers.end()) return;  // it has landed
+    gone = std::move(found->second);
+    flight->askers.erase(found);
+    if (!flight->askers.empty()) return;
+    // Nobody wants it any more. Out of the map at once, so that the next asker begins a new flight.
+    flights_.erase(flight->id);
+  }
+  flight->cancel.cancel();
+  unschedule_(flight.get());
+}
+
+std::size_t SystemCache::release(const std::string& id) {
+  Doomed doomed;
+  const std::lock_guard lock(mutex_);
+  const auto found = entries_.find(id);
+  if (found == entries_.end()) return 0;
+  const std::size_t bytes = found->second.resident->system->bytes();
+  if (found->second.pins == 0) idle_.erase(found->second.idle);
+  doomed.push_back(std::move(found->second.resident));
+  entries_.erase(found);
+  bytes_ -= bytes;
+  return bytes;
+}
+
+void SystemCache::reclaim(std::size_t bytes) {
+  Doomed doomed;
+  const std::lock_guard lock(mutex_);
+  evict_down_to(bytes_ - std::min(bytes, bytes_), doomed);
+}
+
+SystemCache::Stats SystemCache::stats() const {
+  const std::lock_guard lock(mutex_);
+  Stats stats = counters_;
+  stats.systems = entries_.size();
+  stats.bytes = bytes_;
+  return stats;
+}
+
+SystemCache::Handle SystemCache::pin(const std::string& id, Entry& entry) {
+  if (entry.pins++ == 0) idle_.erase(entry.idle);
+  // The deleter holds the system itself, so that it outlives even the cache.
+  return {entry.resident.get(), [cache = weak_from_this(), id, resident = entry.resident](const ResidentSystem*) mutable {
+            if (const auto self = cache.lock()) self->unpin(id, resident.get());
+            resident.reset();
+          }};
+}
+
+void SystemCache::unpin(const std::string& id, const ResidentSystem* resident) {
+  Doomed doomed;
+  const std::lock_guard lock(mutex_);
+  const auto found = entries_.find(id);
+  if (found == entries_.end() || found->second.resident.get() != resident) return;  // released meanwhile
+  if (--found->second.pins > 0) return;
+  found->second.idle = idle_.insert(idle_.end(), id);
+  evict_down_to(budget_, doomed);
+}
+
+void SystemCache::evict_down_to(std::size_t bytes, Doomed& doomed) {
+  while (bytes_ > bytes && !idle_.empty()) {
+    const auto found = entries_.find(idle_.front());
+    idle_.pop_front();
+    bytes_ -= found->second.resident->system->bytes();
+    doomed.push_back(std::move(found->second.resident));
+    entries_.erase(found);
+    ++counters_.evictions;
+  }
+}
+
+}  // namespace deform::server

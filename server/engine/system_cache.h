@@ -1,0 +1,151 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <list>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/base/error.h"
+#include "core/base/run_context.h"
+#include "core/deformers/system.h"
+#include "deform/v1/deformation.pb.h"
+#include "server/engine/design_checks.h"
+#include "server/engine/memory.h"
+
+namespace deform::server {
+
+/// A prepared system with what belongs to it. Immutable.
+struct ResidentSystem {
+  std::shared_ptr<const System> system;
+  std::shared_ptr<const Mesh> mesh;
+  Setup setup;
+  v1::SystemInfo info;  ///< `resident` is set by whoever answers
+  Charge charge;        ///< of the system's bytes; the mesh has its own
+  CellCheckCache cell_check;
+  FaceCheckCache face_check;
+};
+
+/// Prepared systems by id, bounded by bytes.
+///
+///       requests                        SystemCache
+///   +--------------+   strong   +--------------------------------------------+
+///   | SystemHandle |----------->| Entry {pins} --strong--> ResidentSystem    |
+///   | (one pin)    |            |                            |-strong-> System --strong--+
+///   +--------------+            |                            |-strong-> Mesh <-----------+
+///   +--------------+   leaves   |                            '-owns---> Charge           |
+///   | Ticket       |----------->| Flight {askers} --runs--> Prepare (a preparation worker)
+///   | (one asker)  |            +--------------------------------------------+
+///   +--------------+                 weak from handles back to the cache
+///   MeshCache ---- weak or, recently used, strong ----> Mesh
+///
+/// - A handle pins its entry: it is never evicted while a request computes with it, and its bytes stay charged. When the last
+///   handle goes, the entry becomes the most recently used of the idle ones; what exceeds the budget goes then. A budget of 0 is
+///   legal: systems live as long as somebody uses them.
+/// - One preparation per id: later askers join it, all hear its progress and its outcome, a failure is never cached. An asker
+/// that
+///   leaves leaves alone; when the last one has left, the preparation is cancelled.
+///
+/// Thread-safe. No lock is held while preparing or calling back. Must be held by shared_ptr.
+class SystemCache : public std::enable_shared_from_this<SystemCache> {
+ public:
+  using Handle = std::shared_ptr<const ResidentSystem>;
+  /// Makes the system; runs once per flight, throws Error.
+  using Prepare = std::function<std::shared_ptr<ResidentSystem>(const RunContext&)>;
+  /// Runs work later on a thread of its own kind; `owner` names it to Unschedule.
+  using Schedule = std::function<void(const void* owner, std::function<void()> work)>;
+  using Unschedule = std::function<void(const void* owner)>;
+
+  struct Asker {
+    std::function<void(const std::string& stage, double fraction)> on_progress;  ///< may be empty
+    /// Exactly once, unless the ticket left before: a handle, or the error.
+    std::function<void(Handle handle, const std::optional<Error>& error)> on_done;
+  };
+
+ private:
+  struct Flight;
+
+ public:
+  /// Destroying it leaves the flight. Movable.
+  class Ticket {
+   public:
+    Ticket() = default;
+    Ticket(Ticket&& other) noexcept = default;
+    Ticket& operator=(Ticket&& other) noexcept;
+    ~Ticket() { leave(); }
+    void leave();
+
+   private:
+    friend class SystemCache;
+    std::weak_ptr<SystemCache> cache_;
+    std::shared_ptr<Flight> flight_;
+    std::uint64_t asker_ = 0;
+  };
+
+  SystemCache(std::size_t budget, Schedule schedule, Unschedule unschedule)
+      : budget_(budget), schedule_(std::move(schedule)), unschedule_(std::move(unschedule)) {}
+
+  /// Whether the entry is there now. Counts neither as a hit nor as a use.
+  bool contains(const std::string& id) const;
+
+  /// The entry if it is there (the ticket stays empty, nothing is called back), otherwise joins or begins a flight. Callbacks
+  /// come from other threads, never from inside this call.
+  std::pair<Handle, Ticket> acquire(const std::string& id, const Prepare& prepare, Asker asker);
+
+  /// Takes an entry out: new requests do not find it; those that use it finish. Returns the bytes that will be given back.
+  std::size_t release(const std::string& id);
+
+  /// Evicts idle entries, least recently used first, until `bytes` are given back or none is idle.
+  void reclaim(std::size_t bytes);
+
+  struct Stats {
+    std::size_t systems = 0, bytes = 0;
+    std::uint64_t hits = 0, misses = 0, evictions = 0;
+  };
+  Stats stats() const;
+
+ private:
+  struct Entry {
+    std::shared_ptr<ResidentSystem> resident;
+    std::size_t pins = 0;
+    std::list<std::string>::iterator idle;  // valid when pins == 0
+  };
+  struct Flight {
+    std::string id;
+    Prepare prepare;
+    CancelFlag cancel;
+    std::map<std::uint64_t, Asker> askers;  // guarded by the cache's mutex
+    RunContext::Clock::time_point last_progress{};
+    std::string last_stage;
+  };
+  class FlightGuard;
+  using Doomed = std::vector<std::shared_ptr<ResidentSystem>>;  // destroyed after the lock
+
+  void run(const std::shared_ptr<Flight>& flight);
+  void land(const std::shared_ptr<Flight>& flight, std::shared_ptr<ResidentSystem> resident, const std::optional<Error>& error);
+  void report(const std::shared_ptr<Flight>& flight, const std::string& stage, double fraction);
+  void leave(const std::shared_ptr<Flight>& flight, std::uint64_t asker);
+  Handle pin(const std::string& id, Entry& entry);
+  void unpin(const std::string& id, const ResidentSystem* resident);
+  void evict_down_to(std::size_t bytes, Doomed& doomed);
+
+  const std::size_t budget_;
+  const Schedule schedule_;
+  const Unschedule unschedule_;
+  mutable std::mutex mutex_;
+  // guarded by mutex_
+  std::map<std::string, Entry> entries_;
+  std::map<std::string, std::shared_ptr<Flight>> flights_;
+  std::list<std::string> idle_;  // least recently used first
+  std::size_t bytes_ = 0;        // of all entries
+  std::uint64_t next_asker_ = 1;
+  Stats counters_;
+};
+
+}  // namespace deform::server

@@ -1,0 +1,306 @@
+#include "server/rpc/reactors.h"
+
+#include <string>
+#include <utility>
+
+#include "server/rpc/service_messages.h"
+#include "server/rpc/status.h"
+
+namespace deform::server {
+
+namespace {
+
+double milliseconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+}  // namespace
+
+// ---- LiveCalls ----
+
+void LiveCalls::enter() {
+  const std::lock_guard lock(mutex_);
+  ++count_;
+}
+
+void LiveCalls::leave() {
+  const std::lock_guard lock(mutex_);
+  if (--count_ == 0) changed_.notify_all();
+}
+
+bool LiveCalls::wait_for_none(std::chrono::steady_clock::time_point deadline) {
+  std::unique_lock lock(mutex_);
+  return changed_.wait_until(lock, deadline, [this] { return count_ == 0; });
+}
+
+// ---- CallScope ----
+
+CallScope::CallScope(const char* method, const Incoming& incoming)
+    : incoming_(incoming), started_(std::chrono::steady_clock::now()) {
+  incoming_.live->enter();
+  record.method = method;
+  record.client = call_.client = incoming.context->peer();
+  // gRPC keeps wall-clock deadlines, "none" as the end of time.
+  const auto deadline = incoming.context->deadline();
+  const auto now = std::chrono::system_clock::now();
+  if (deadline < now + std::chrono::hours(24 * 365)) {
+    call_.deadline = started_ + std::chrono::duration_cast<std::chrono::steady_clock::duration>(deadline - now);
+  }
+}
+
+Error CallScope::given_up() const {
+  if (call_.deadline && std::chrono::steady_clock::now() >= *call_.deadline) {
+    return {ErrorCode::deadline_exceeded, "the deadline of the call passed"};
+  }
+  return {ErrorCode::cancelled, "the call was cancelled"};
+}
+
+void CallScope::check() const {
+  const bool late = call_.deadline && std::chrono::steady_clock::now() >= *call_.deadline;
+  if (late || call_.cancel.cancelled()) throw given_up();
+}
+
+grpc::Status CallScope::finish(std::optional<Error> error) {
+  record.error = std::move(error);
+  if (!record.error) return grpc::Status::OK;
+  if (const std::uint32_t hint = record.error->retry_after_ms(); hint != 0) {
+    incoming_.context->AddTrailingMetadata(retry_after_key, std::to_string(hint));
+  }
+  return to_status(*record.error);
+}
+
+void CallScope::leave() {
+  record.wall_ms = milliseconds_since(started_);
+  caught([this] { log_call(record); });
+  incoming_.live->leave();
+}
+
+void note_stats(const CallStats& stats, CallRecord& record) {
+  if (!stats.geometry_id.empty()) record.geometry = stats.geometry_id;
+  if (!stats.system_id.empty()) record.system = stats.system_id;
+  if (stats.designs != 0) record.designs = stats.designs;
+  if (stats.points != 0) record.points = stats.points;
+  record.queue_ms = stats.queue_ms;
+  record.prepare_ms = stats.prepare_ms;
+  record.solve_ms = stats.solve_ms;
+  record.encode_ms = stats.encode_ms;
+}
+
+// ---- UnaryCall ----
+
+UnaryCall::UnaryCall(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, Work work)
+    : scope_(method, incoming), reply_(reply), work_(std::move(work)) {}
+
+grpc::ServerUnaryReactor* UnaryCall::launch(CallPool& pool, const char* method, const Incoming& incoming, grpc::ByteBuffer* reply,
+                                            Work work) {
+  auto* call = new UnaryCall(method, incoming, reply, std::move(work));
+  if (auto refused = caught([&] { pool.try_post([call] { call->answer(); }); })) {
+    call->Finish(call->scope_.finish(std::move(refused)));
+  }
+  return call;
+}
+
+void UnaryCall::answer() {
+  auto error = caught([this] {
+    scope_.check();
+    *reply_ = work_(scope_);
+    scope_.record.messages_out = 1;
+    scope_.record.bytes_out = reply_->Length();
+  });
+  Finish(scope_.finish(std::move(error)));  // this may be gone when it returns
+}
+
+void UnaryCall::OnDone() {
+  scope_.leave();
+  delete this;
+}
+
+// ---- ReplyWriter ----
+
+template <typename Reactor>
+Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call) {
+  call->self_ = call;
+  call->run();
+  return call.get();
+}
+
+template <typename Reactor>
+Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call, CallPool& pool) {
+  call->self_ = call;
+  if (auto refused = caught([&] { pool.try_post([call] { call->run(); }); })) call->end(std::move(refused));
+  return call.get();
+}
+
+template <typename Reactor>
+void ReplyWriter<Reactor>::run() {
+  if (auto error = caught([this] { begin(); })) {
+    end(std::move(error));
+  } else {
+    advance();
+  }
+}
+
+template <typename Reactor>
+void ReplyWriter<Reactor>::wake() {
+  {
+    const std::lock_guard lock(mutex_);
+    if (state_ != State::idle) {
+      asked_ = true;
+      return;
+    }
+    state_ = State::working;
+  }
+  advance();
+}
+
+template <typename Reactor>
+bool ReplyWriter<Reactor>::rest() {
+  const std::lock_guard lock(mutex_);
+  if (std::exchange(asked_, false)) return false;
+  state_ = State::idle;
+  return true;
+}
+
+template <typename Reactor>
+void ReplyWriter<Reactor>::advance() {
+  for (;;) {
+    {
+      const std::lock_guard lock(mutex_);
+      asked_ = false;  // what was asked for so far is looked at now
+    }
+    if (given_up_) return end(scope_.given_up());
+    Next step = Next::end;
+    if (auto error = caught([&] { step = next(reply_); })) return end(std::move(error));
+    if (step == Next::end) return end(std::nullopt);
+    if (step == Next::wait) {
+      if (rest()) return;
+      continue;
+    }
+    scope_.record.messages_out += 1;
+    scope_.record.bytes_out += reply_.Length();
+    write_started_ = std::chrono::steady_clock::now();
+    {
+      const std::lock_guard lock(mutex_);
+      state_ = State::writing;
+    }
+    this->StartWrite(&reply_);
+    return;
+  }
+}
+
+template <typename Reactor>
+void ReplyWriter<Reactor>::end(std::optional<Error> error) {
+  {
+    const std::lock_guard lock(mutex_);
+    state_ = State::finished;
+  }
+  if (error) stop();
+  this->Finish(scope_.finish(std::move(error)));
+}
+
+template <typename Reactor>
+void ReplyWriter<Reactor>::OnWriteDone(bool ok) {
+  if (!ok) given_up_ = true;
+  scope_.record.stream_ms += milliseconds_since(write_started_);
+  {
+    const std::lock_guard lock(mutex_);
+    state_ = State::working;
+  }
+  advance();
+}
+
+template <typename Reactor>
+void ReplyWriter<Reactor>::OnCancel() {
+  scope_.cancel();
+  given_up_ = true;
+  stop();
+  wake();
+}
+
+template <typename Reactor>
+void ReplyWriter<Reactor>::OnDone() {
+  // Whoever called Finish has left the lock when it is ours.
+  { const std::lock_guard lock(mutex_); }
+  done();
+  scope_.leave();
+  self_.reset();
+}
+
+template class ReplyWriter<grpc::ServerWriteReactor<grpc::ByteBuffer>>;
+template class ReplyWriter<grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>>;
+
+// ---- RequestStream ----
+
+RequestStream::RequestStream(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool)
+    : scope_(method, incoming), pool_(pool), reply_(reply) {}
+
+grpc::ServerReadReactor<grpc::ByteBuffer>* RequestStream::launch(std::shared_ptr<RequestStream> call) {
+  call->self_ = call;
+  call->state_ = State::reading;
+  call->StartRead(&call->request_);
+  return call.get();
+}
+
+void RequestStream::OnReadDone(bool ok) {
+  {
+    const std::lock_guard lock(mutex_);
+    state_ = State::handling;
+  }
+  pool_.post([self = shared_from_this(), ok] { self->handle(ok); });
+}
+
+void RequestStream::handle(bool ok) {
+  Then then = Then::later;
+  auto error = caught([&] {
+    scope_.check();
+    if (!ok) return half_closed();
+    scope_.record.messages_in += 1;
+    scope_.record.bytes_in += request_.Length();
+    then = message(request_);
+  });
+  if (error) return answer(std::move(error), nullptr);
+  {
+    const std::lock_guard lock(mutex_);
+    if (state_ != State::handling) return;  // answered already
+    state_ = then == Then::read ? State::reading : State::waiting;
+  }
+  if (then == Then::read) {
+    StartRead(&request_);
+  } else if (scope_.call().cancel.cancelled()) {
+    answer(scope_.given_up(), nullptr);  // OnCancel came while we were handling and left the end to us
+  }
+}
+
+void RequestStream::answer(std::optional<Error> error, const google::protobuf::Message* reply, const CallStats& stats) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (state_ == State::finished) return;
+    state_ = State::finished;
+  }
+  note_stats(stats, scope_.record);
+  if (!error && reply != nullptr) {
+    error = caught([&] { *reply_ = serialized(*reply); });
+    scope_.record.messages_out = 1;
+    scope_.record.bytes_out = reply_->Length();
+  }
+  Finish(scope_.finish(std::move(error)));
+}
+
+void RequestStream::OnCancel() {
+  scope_.cancel();
+  bool waiting = false;
+  {
+    const std::lock_guard lock(mutex_);
+    waiting = state_ == State::waiting;
+  }
+  // A read in flight ends by itself, and who is handling looks at the flag afterwards.
+  if (waiting) answer(scope_.given_up(), nullptr);
+}
+
+void RequestStream::OnDone() {
+  { const std::lock_guard lock(mutex_); }
+  scope_.leave();
+  self_.reset();
+}
+
+}  // namespace deform::server

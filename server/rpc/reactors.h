@@ -1,0 +1,198 @@
+#pragma once
+
+#include <grpcpp/server_context.h>
+#include <grpcpp/support/byte_buffer.h>
+#include <grpcpp/support/server_callback.h>
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+
+#include "server/engine/engine.h"
+#include "server/rpc/log.h"
+#include "server/rpc/service_pool.h"
+
+namespace deform::server {
+
+/// The mechanics of gRPC's callback interface, once: one read and one write in flight, half-close, cancel, finish exactly once
+/// from every state (a call that never finishes would hang the server's shutdown). Calls derive from these and only convert. What
+/// they throw ends the call with the error's status; nothing leaves a callback.
+///
+/// A reactor owns itself between launch() and OnDone. Whoever may call back later (engine, pool) holds a weak_ptr or shared_ptr.
+
+/// Counts the calls that have not ended. Thread-safe.
+class LiveCalls {
+ public:
+  void enter();
+  void leave();
+  /// True when none is left, false when the time is over first.
+  bool wait_for_none(std::chrono::steady_clock::time_point deadline);
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::size_t count_ = 0;  // under mutex_
+};
+
+/// A call as it comes in. Both live until OnDone at least.
+struct Incoming {
+  grpc::CallbackServerContext* context;
+  LiveCalls* live;
+};
+
+/// What every call has beside its mechanics. The record belongs to whoever has the turn of the call.
+class CallScope {
+ public:
+  CallScope(const char* method, const Incoming& incoming);
+
+  /// Cancel flag, deadline and peer, for the engine.
+  const CallContext& call() const { return call_; }
+  void cancel() const { call_.cancel.cancel(); }
+  /// Throws Error(cancelled) or Error(deadline_exceeded) when the answer has no reader any more.
+  void check() const;
+  /// Why a call ends that the transport gave up.
+  Error given_up() const;
+  /// Notes how the call ends and makes the status; a retry hint goes into the trailing metadata. Once, before Finish.
+  grpc::Status finish(std::optional<Error> error);
+  /// One line, and the call counts no longer. In OnDone.
+  void leave();
+
+  CallRecord record;
+
+ private:
+  const Incoming incoming_;
+  const std::chrono::steady_clock::time_point started_;
+  CallContext call_;
+};
+
+/// Copies what the engine tells about its work into the record; what it does not know stays.
+void note_stats(const CallStats& stats, CallRecord& record);
+
+/// A call with one request and one reply, answered on the pool.
+class UnaryCall final : public grpc::ServerUnaryReactor {
+ public:
+  /// Fills the reply; may throw.
+  using Work = std::function<grpc::ByteBuffer(CallScope&)>;
+  static grpc::ServerUnaryReactor* launch(CallPool& pool, const char* method, const Incoming& incoming, grpc::ByteBuffer* reply,
+                                          Work work);
+
+ private:
+  UnaryCall(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, Work work);
+  void answer();
+  void OnCancel() override { scope_.cancel(); }
+  void OnDone() override;
+
+  CallScope scope_;
+  grpc::ByteBuffer* const reply_;
+  const Work work_;
+};
+
+/// The writing half of a call that streams replies. Reactor: ServerWriteReactor or ServerBidiReactor of bytes.
+///
+///   working --next(): write--> writing --OnWriteDone--> working
+///   working --next(): wait---> idle ----wake()-------> working
+///   working --next(): end, error, cancel--> finished --OnDone--> destroyed
+template <typename Reactor>
+class ReplyWriter : public Reactor, public std::enable_shared_from_this<ReplyWriter<Reactor>> {
+ public:
+  /// The calling thread runs begin() and the first steps.
+  static Reactor* launch(std::shared_ptr<ReplyWriter> call);
+  /// The pool does. A full pool ends the call.
+  static Reactor* launch(std::shared_ptr<ReplyWriter> call, CallPool& pool);
+
+  /// There may be something to write. Any thread, any time while a shared_ptr is held.
+  void wake();
+
+ protected:
+  enum class Next {
+    write,  ///< `reply` was filled
+    wait,   ///< wake() will be called
+    end     ///< all has been said
+  };
+  ReplyWriter(const char* method, const Incoming& incoming) : scope_(method, incoming) {}
+
+  /// First of all, once. May throw.
+  virtual void begin() = 0;
+  /// By one thread at a time, never while a write is in flight. Must not block. May throw: ends the call.
+  virtual Next next(grpc::ByteBuffer& reply) = 0;
+  /// The call ends before all was said: whatever works for it may stop. Once at most per reason; any thread.
+  virtual void stop() noexcept = 0;
+  /// The call has ended; its log line comes next, then destruction.
+  virtual void done() noexcept {}
+
+  CallScope scope_;
+
+ private:
+  enum class State { idle, working, writing, finished };
+
+  void run();
+  void advance();
+  /// Has the caller, who is working, to stay at it (someone asked meanwhile), or is it idle now?
+  bool rest();
+  void end(std::optional<Error> error);
+  void OnWriteDone(bool ok) override;
+  void OnCancel() override;
+  void OnDone() override;
+
+  std::shared_ptr<ReplyWriter> self_;
+  std::atomic<bool> given_up_{false};  ///< cancelled, or the connection broke
+  std::mutex mutex_;
+  // under mutex_
+  State state_ = State::working;
+  bool asked_ = false;
+  // of whoever is working
+  grpc::ByteBuffer reply_;
+  std::chrono::steady_clock::time_point write_started_;
+};
+
+extern template class ReplyWriter<grpc::ServerWriteReactor<grpc::ByteBuffer>>;
+extern template class ReplyWriter<grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>>;
+
+using ReplyStream = ReplyWriter<grpc::ServerWriteReactor<grpc::ByteBuffer>>;
+
+/// A call that reads a stream of requests and answers once. Every step runs on the pool.
+///
+///   handling --message(): more--> reading --OnReadDone--> handling
+///   handling --later--> waiting --answer()--> finished;  any --error, cancel--> finished
+class RequestStream : public grpc::ServerReadReactor<grpc::ByteBuffer>, public std::enable_shared_from_this<RequestStream> {
+ public:
+  static grpc::ServerReadReactor<grpc::ByteBuffer>* launch(std::shared_ptr<RequestStream> call);
+
+  /// Ends a call that waits. A second answer, or one that comes after a cancel, is dropped. Any thread.
+  void answer(std::optional<Error> error, const google::protobuf::Message* reply, const CallStats& stats = {});
+
+ protected:
+  enum class Then {
+    read,  ///< the next message, please
+    later  ///< answer() has been or will be called
+  };
+  RequestStream(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool);
+
+  /// One message of the client. May throw.
+  virtual Then message(const grpc::ByteBuffer& bytes) = 0;
+  /// The client has said all: must lead to an answer(). May throw.
+  virtual void half_closed() = 0;
+
+  CallScope scope_;
+
+ private:
+  enum class State { handling, reading, waiting, finished };
+
+  void handle(bool ok);
+  void OnReadDone(bool ok) override;
+  void OnCancel() override;
+  void OnDone() override;
+
+  CallPool& pool_;
+  grpc::ByteBuffer* const reply_;
+  grpc::ByteBuffer request_;
+  std::shared_ptr<RequestStream> self_;
+  std::mutex mutex_;
+  State state_ = State::handling;  // under mutex_
+};
+
+}  // namespace deform::server

@@ -1,0 +1,219 @@
+#include "server/rpc/server.h"
+
+#include <google/protobuf/stubs/logging.h>
+#include <grpc/grpc.h>
+#include <grpc/support/log.h>
+#include <grpcpp/ext/proto_server_reflection_plugin.h>
+#include <grpcpp/grpcpp.h>
+#include <grpcpp/health_check_service_interface.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <charconv>
+#include <condition_variable>
+#include <mutex>
+#include <thread>
+#include <utility>
+
+#include "core/base/text.h"
+
+namespace deform::server {
+
+namespace {
+
+constexpr char service_name[] = "deform.v1.DeformService";
+/// Can geometries and setups be added? Without room on its disk the server still serves what it has.
+constexpr char write_service_name[] = "deform.v1.DeformService/write";
+constexpr std::chrono::seconds watch_interval{1};
+/// For the last messages to leave.
+constexpr std::chrono::milliseconds last_words{250};
+
+struct HostPort {
+  std::string host;
+  int port = -1;  ///< -1: no number in 0..65535
+};
+
+HostPort split(const std::string& address) {
+  HostPort out;
+  const std::size_t colon = address.rfind(':');
+  if (colon == std::string::npos) return {address, -1};
+  out.host = address.substr(0, colon);
+  if (out.host.size() >= 2 && out.host.front() == '[' && out.host.back() == ']') {
+    out.host = out.host.substr(1, out.host.size() - 2);
+  }
+  const char* first = address.data() + colon + 1;
+  const char* last = address.data() + address.size();
+  int port = 0;
+  const auto [end, failure] = std::from_chars(first, last, port);
+  if (failure == std::errc() && end == last && first != last && port >= 0 && port <= 65535) out.port = port;
+  return out;
+}
+
+bool is_unix(const std::string& address) { return address.starts_with("unix:") || address.starts_with("unix-abstract:"); }
+
+/// TLS will be another value of TransportSecurity and another branch here.
+std::shared_ptr<grpc::ServerCredentials> credentials(const ServerOptions&) { return grpc::InsecureServerCredentials(); }
+
+/// What the libraries keep per process, before the first builder: reflection, health, and protobuf's complaints about what
+/// clients send, which are answered by a status and would only fill the log.
+void set_up_libraries() {
+  static std::once_flag once;
+  std::call_once(once, [] {
+    grpc_init();  // for good: taking gRPC down with its last server may wait ten seconds for a poller
+    google::protobuf::SetLogHandler(nullptr);
+    gpr_set_log_function([](gpr_log_func_args* entry) {
+      const auto level = entry->severity == GPR_LOG_SEVERITY_ERROR ? spdlog::level::warn : spdlog::level::debug;
+      spdlog::log(level, "grpc: {}", escaped(entry->message, 500));
+    });
+    grpc::EnableDefaultHealthCheckService(true);
+    grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+  });
+}
+
+class GrpcServer final : public RunningServer {
+ public:
+  GrpcServer(const ServerOptions& options, std::unique_ptr<Engine> engine)
+      : engine_(std::move(engine)), service_(*engine_, options.service), address_(options.address) {
+    set_up_libraries();
+    grpc::ServerBuilder builder;
+    configure(builder, options);
+    if (!options.address.empty()) builder.AddListeningPort(options.address, credentials(options), &port_);
+    builder.RegisterService(&service_.grpc_service());
+    server_ = builder.BuildAndStart();
+    const bool bound = options.address.empty() || is_unix(options.address) || port_ > 0;
+    if (!server_ || !bound) {
+      throw Error(ErrorCode::unavailable,
+                  "cannot listen on " + options.address + ": is the address taken or not of this machine?");
+    }
+    if (!options.address.empty() && !is_unix(options.address)) {
+      address_ = options.address.substr(0, options.address.rfind(':') + 1) + std::to_string(port_);
+    }
+    set_serving(true);
+    watch_ = std::thread([this] { watch_store(); });
+  }
+
+  ~GrpcServer() override { stop(std::chrono::milliseconds(0)); }
+
+  std::string address() const override { return address_; }
+  int port() const override { return port_; }
+  Engine& engine() override { return *engine_; }
+  std::shared_ptr<grpc::Channel> in_process_channel() override { return server_->InProcessChannel(grpc::ChannelArguments()); }
+
+  bool stop(std::chrono::milliseconds grace) override {
+    const std::lock_guard lock(stop_mutex_);
+    if (stopped_) return clean_;
+    const auto deadline = std::chrono::steady_clock::now() + grace;
+    {
+      const std::lock_guard watch_lock(watch_mutex_);
+      stopping_ = true;
+    }
+    stopping_changed_.notify_all();
+    watch_.join();
+    set_serving(false);
+    service_.drain();
+    clean_ = engine_->drain(grace);
+    clean_ = service_.wait_for_none(deadline) && clean_;
+    // Calls that still run are cancelled; each then finishes by itself. Not given the rest of the grace: gRPC would wait for idle
+    // connections, too.
+    server_->Shutdown(std::chrono::system_clock::now() + last_words);
+    server_->Wait();
+    stopped_ = true;
+    return clean_;
+  }
+
+ private:
+  static void configure(grpc::ServerBuilder& builder, const ServerOptions& options) {
+    builder.SetDefaultCompressionAlgorithm(GRPC_COMPRESS_NONE);  // blocks are compressed already
+    // The receive limit stays at gRPC's 4 MiB: the contract allows 1 MiB.
+    builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);  // or two servers could share a port unnoticed
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, options.max_calls_per_connection);
+    builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, static_cast<int>(options.keep_alive.count() * 1000));
+    builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, static_cast<int>(options.keep_alive_timeout.count() * 1000));
+    // Clients may watch their connection at the same rate without being taken for an attack.
+    builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, 10'000);
+    builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
+  }
+
+  void set_serving(bool serving) {
+    grpc::HealthCheckServiceInterface* health = server_->GetHealthCheckService();
+    if (health == nullptr) return;
+    health->SetServingStatus(serving);
+    health->SetServingStatus(service_name, serving);
+    health->SetServingStatus(write_service_name, serving && engine_->store().writable());
+  }
+
+  void watch_store() {
+    bool writable = engine_->store().writable();
+    std::unique_lock lock(watch_mutex_);
+    while (!stopping_changed_.wait_for(lock, watch_interval, [this] { return stopping_; })) {
+      const v1::StoreInfo store = engine_->store();
+      if (store.writable() == writable) continue;
+      writable = store.writable();
+      if (writable) {
+        spdlog::info("store: there is room again, geometries and setups can be added");
+      } else {
+        spdlog::error("store: geometries and setups can only be deleted: {}", store.reason());
+      }
+      if (auto* health = server_->GetHealthCheckService()) health->SetServingStatus(write_service_name, writable);
+    }
+  }
+
+  // In this order: calls use the service, the service uses the engine.
+  std::unique_ptr<Engine> engine_;
+  DeformService service_;
+  std::unique_ptr<grpc::Server> server_;
+  int port_ = 0;
+  std::string address_;
+  std::thread watch_;
+  std::mutex watch_mutex_;
+  std::condition_variable stopping_changed_;
+  bool stopping_ = false;  // under watch_mutex_
+  std::mutex stop_mutex_;
+  // under stop_mutex_
+  bool stopped_ = false;
+  bool clean_ = true;
+};
+
+}  // namespace
+
+bool beyond_loopback(const std::string& address) {
+  if (address.empty() || is_unix(address)) return false;
+  const std::string host = split(address).host;
+  if (host == "localhost" || host == "::1") return false;
+  // Only a dotted number is known to stay here: "127.example.org" may be anywhere.
+  const bool dotted =
+      std::count(host.begin(), host.end(), '.') == 3 && host.find_first_not_of("0123456789.") == std::string::npos;
+  return !(dotted && host.starts_with("127."));
+}
+
+void ServerOptions::validate() const {
+  if (!address.empty() && !is_unix(address)) {
+    const HostPort parts = split(address);
+    if (parts.host.empty() || parts.port < 0) {
+      throw Error(ErrorCode::invalid_argument,
+                  "option address: \"" + address + "\" is not HOST:PORT, [IPV6]:PORT or unix:PATH with a port of 0 to 65535");
+    }
+  }
+  if (security == TransportSecurity::loopback_only && beyond_loopback(address)) {
+    throw Error(ErrorCode::invalid_argument, "option address: " + address +
+                                                 " lets other machines connect without encryption; listen on 127.0.0.1 or say "
+                                                 "that this is wanted (--insecure)");
+  }
+  if (max_calls_per_connection < 1) throw Error(ErrorCode::invalid_argument, "option max_calls_per_connection: at least 1");
+  if (keep_alive.count() < 1 || keep_alive_timeout.count() < 1) {
+    throw Error(ErrorCode::invalid_argument, "option keep_alive: at least 1 second");
+  }
+  service.validate();
+}
+
+std::unique_ptr<RunningServer> start_server(const ServerOptions& options) {
+  options.validate();
+  return start_server(options, Engine::open(options.engine));
+}
+
+std::unique_ptr<RunningServer> start_server(const ServerOptions& options, std::unique_ptr<Engine> engine) {
+  options.validate();
+  return std::make_unique<GrpcServer>(options, std::move(engine));
+}
+
+}  // namespace deform::server

@@ -1,0 +1,61 @@
+#pragma once
+
+#include <chrono>
+#include <memory>
+#include <string>
+
+#include "server/engine/engine.h"
+#include "server/rpc/service.h"
+
+namespace grpc {
+class Channel;
+}
+
+namespace deform::server {
+
+/// How bytes travel.
+enum class TransportSecurity {
+  loopback_only,  ///< plain text; refuses to listen where other machines could connect
+  insecure        ///< plain text, everywhere
+};
+
+struct ServerOptions {
+  /// HOST:PORT, [IPV6]:PORT or unix:PATH. Port 0: a free one. Empty: only in-process channels.
+  std::string address = "127.0.0.1:50051";
+  TransportSecurity security = TransportSecurity::loopback_only;
+  std::chrono::seconds keep_alive{60};          ///< a silent connection is asked whether it lives
+  std::chrono::seconds keep_alive_timeout{20};  ///< and closed when it does not answer
+  int max_calls_per_connection = 1024;
+  EngineOptions engine;
+  ServiceOptions service;
+
+  /// Throws Error(invalid_argument) naming the option and its limits.
+  void validate() const;
+};
+
+/// A server that runs from start_server() to stop(). Thread-safe.
+class RunningServer {
+ public:
+  /// Stops without grace unless stopped.
+  virtual ~RunningServer() = default;
+  /// The address with the port that is really used; empty without one.
+  virtual std::string address() const = 0;
+  virtual int port() const = 0;
+  virtual Engine& engine() = 0;
+  /// A connection without a network.
+  virtual std::shared_ptr<grpc::Channel> in_process_channel() = 0;
+  /// Health turns to NOT_SERVING, new work is refused, what is under way may end within `grace`, the rest is cancelled. True when
+  /// nothing had to be. Idempotent; a second caller waits for the first.
+  virtual bool stop(std::chrono::milliseconds grace) = 0;
+};
+
+/// Opens the engine and serves it. Throws Error(invalid_argument) for options, Error(unavailable) when the address or the data
+/// directory is taken.
+std::unique_ptr<RunningServer> start_server(const ServerOptions& options);
+/// Serves an engine made elsewhere; options.engine is not looked at.
+std::unique_ptr<RunningServer> start_server(const ServerOptions& options, std::unique_ptr<Engine> engine);
+
+/// May other machines connect to this address? False for 127.0.0.0/8, ::1, localhost, unix sockets and the empty address.
+bool beyond_loopback(const std::string& address);
+
+}  // namespace deform::server

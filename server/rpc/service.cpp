@@ -1,0 +1,249 @@
+#include "server/rpc/service.h"
+
+#include <algorithm>
+#include <map>
+#include <mutex>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "deform/v1/service.grpc.pb.h"
+#include "server/rpc/service_calls.h"
+#include "server/rpc/service_messages.h"
+#include "server/rpc/service_stream.h"
+
+namespace deform::server {
+
+namespace {
+
+template <template <typename> class... Layers>
+struct Stacked;
+template <>
+struct Stacked<> {
+  using Type = v1::DeformService::Service;
+};
+template <template <typename> class Layer, template <typename> class... Layers>
+struct Stacked<Layer, Layers...> {
+  using Type = Layer<typename Stacked<Layers...>::Type>;
+};
+
+/// Every method gets and gives bytes (see service_messages.h).
+using Rpc = v1::DeformService;
+using RawService =
+    Stacked<Rpc::WithRawCallbackMethod_RegisterGeometry, Rpc::WithRawCallbackMethod_GetGeometry,
+            Rpc::WithRawCallbackMethod_ListGeometries, Rpc::WithRawCallbackMethod_DeleteGeometry,
+            Rpc::WithRawCallbackMethod_GetPoints, Rpc::WithRawCallbackMethod_Detect, Rpc::WithRawCallbackMethod_Estimate,
+            Rpc::WithRawCallbackMethod_Prepare, Rpc::WithRawCallbackMethod_GetSystem, Rpc::WithRawCallbackMethod_ListSystems,
+            Rpc::WithRawCallbackMethod_ReleaseSystem, Rpc::WithRawCallbackMethod_Deform, Rpc::WithRawCallbackMethod_DeformStream,
+            Rpc::WithRawCallbackMethod_JacobianVector, Rpc::WithRawCallbackMethod_VectorJacobian,
+            Rpc::WithRawCallbackMethod_GetServerInfo>::Type;
+
+using Context = grpc::CallbackServerContext;
+using Bytes = grpc::ByteBuffer;
+
+/// The first steps of every call with one request: convert and record.
+template <typename Request>
+Request received(const Bytes& bytes, CallRecord& record) {
+  record.messages_in = 1;
+  record.bytes_in = bytes.Length();
+  Request request;
+  parse(bytes, request);
+  return request;
+}
+
+void refuse_continued_designs(const v1::DeformRequest& request) {
+  for (int i = 0; i < request.designs_size(); ++i) {
+    if (request.designs(i).continues()) {
+      throw Error(ErrorCode::invalid_argument, "designs[" + std::to_string(i) + "].continues: only in DeformStream");
+    }
+  }
+}
+
+}  // namespace
+
+void ServiceOptions::validate() const {
+  const auto check = [](const char* option, std::size_t value, std::size_t low, std::size_t high) {
+    if (value >= low && value <= high) return;
+    throw Error(ErrorCode::invalid_argument, std::string("option ") + option + ": " + std::to_string(value) +
+                                                 " is out of range, allowed are " + std::to_string(low) + " to " +
+                                                 std::to_string(high));
+  };
+  check("max_open_requests", stream.open_requests, 1, 1'000'000);
+  check("max_running_requests", stream.running_requests, 1, 100'000);
+  check("max_buffered_bytes", stream.buffered_bytes, std::size_t{4} << 20, std::size_t{1} << 40);
+  check("call_threads", static_cast<std::size_t>(std::max(call_threads, 0)), 1, 1024);
+  check("max_waiting_calls", waiting_calls, 1, 1'000'000);
+}
+
+/// One function per RPC.
+class DeformService::Methods final : public RawService {
+ public:
+  Methods(Engine& engine, const ServiceOptions& options)
+      : engine_(engine), options_(options), pool_(options.call_threads, options.waiting_calls) {}
+
+  void drain();
+  bool wait_for_none(std::chrono::steady_clock::time_point deadline) { return live_.wait_for_none(deadline); }
+
+  grpc::ServerReadReactor<Bytes>* RegisterGeometry(Context* context, Bytes* reply) override {
+    return RequestStream::launch(std::make_shared<RegisterCall>(engine_, incoming(context), reply, pool_));
+  }
+
+  grpc::ServerUnaryReactor* GetGeometry(Context* context, const Bytes* bytes, Bytes* reply) override {
+    return unary("GetGeometry", context, reply, [this, bytes](CallRecord& record) {
+      const auto request = received<v1::GetGeometryRequest>(*bytes, record);
+      record.geometry = request.id();
+      return engine_.get_geometry(request.id());
+    });
+  }
+
+  grpc::ServerUnaryReactor* ListGeometries(Context* context, const Bytes* bytes, Bytes* reply) override {
+    return unary("ListGeometries", context, reply, [this, bytes](CallRecord& record) {
+      return engine_.list_geometries(received<v1::ListGeometriesRequest>(*bytes, record));
+    });
+  }
+
+  grpc::ServerUnaryReactor* DeleteGeometry(Context* context, const Bytes* bytes, Bytes* reply) override {
+    return unary("DeleteGeometry", context, reply, [this, bytes](CallRecord& record) {
+      const auto request = received<v1::DeleteGeometryRequest>(*bytes, record);
+      record.geometry = request.id();
+      return engine_.delete_geometry(request);
+    });
+  }
+
+  grpc::ServerWriteReactor<Bytes>* GetPoints(Context* context, const Bytes* bytes) override {
+    return ReplyStream::launch(std::make_shared<PointsCall>(engine_, incoming(context), bytes), pool_);
+  }
+
+  grpc::ServerWriteReactor<Bytes>* Detect(Context* context, const Bytes* bytes) override {
+    return ReplyStream::launch(std::make_shared<DetectCall>(engine_, incoming(context), bytes), pool_);
+  }
+
+  grpc::ServerUnaryReactor* Estimate(Context* context, const Bytes* bytes, Bytes* reply) override {
+    return unary("Estimate", context, reply, [this, bytes](CallRecord& record) {
+      const auto request = received<v1::EstimateRequest>(*bytes, record);
+      record.geometry = request.setup().geometry();
+      v1::EstimateReply answer = engine_.estimate(request);
+      record.system = answer.system_id();
+      return answer;
+    });
+  }
+
+  grpc::ServerWriteReactor<Bytes>* Prepare(Context* context, const Bytes* bytes) override {
+    return ReplyStream::launch(std::make_shared<PrepareCall>(engine_, incoming(context), bytes), pool_);
+  }
+
+  grpc::ServerUnaryReactor* GetSystem(Context* context, const Bytes* bytes, Bytes* reply) override {
+    return unary("GetSystem", context, reply, [this, bytes](CallRecord& record) {
+      const auto request = received<v1::GetSystemRequest>(*bytes, record);
+      record.system = request.id();
+      return engine_.get_system(request.id());
+    });
+  }
+
+  grpc::ServerUnaryReactor* ListSystems(Context* context, const Bytes* bytes, Bytes* reply) override {
+    return unary("ListSystems", context, reply, [this, bytes](CallRecord& record) {
+      const auto request = received<v1::ListSystemsRequest>(*bytes, record);
+      record.geometry = request.geometry_id();
+      return engine_.list_systems(request);
+    });
+  }
+
+  grpc::ServerUnaryReactor* ReleaseSystem(Context* context, const Bytes* bytes, Bytes* reply) override {
+    return unary("ReleaseSystem", context, reply, [this, bytes](CallRecord& record) {
+      const auto request = received<v1::ReleaseSystemRequest>(*bytes, record);
+      record.system = request.id();
+      return engine_.release_system(request);
+    });
+  }
+
+  grpc::ServerWriteReactor<Bytes>* Deform(Context* context, const Bytes* bytes) override {
+    return job("Deform", context, [this, bytes](CallScope& scope, JobCall::Ready ready) {
+      auto request = received<v1::DeformRequest>(*bytes, scope.record);
+      scope.record.system = request.system_id();
+      refuse_continued_designs(request);
+      return engine_.deform(std::move(request), 0, scope.call(), std::move(ready));
+    });
+  }
+
+  grpc::ServerBidiReactor<Bytes, Bytes>* DeformStream(Context* context) override;
+
+  grpc::ServerWriteReactor<Bytes>* JacobianVector(Context* context, const Bytes* bytes) override {
+    return job("JacobianVector", context, [this, bytes](CallScope& scope, JobCall::Ready ready) {
+      auto request = received<v1::JacobianVectorRequest>(*bytes, scope.record);
+      scope.record.system = request.system_id();
+      return engine_.jacobian_vector(std::move(request), scope.call(), std::move(ready));
+    });
+  }
+
+  grpc::ServerReadReactor<Bytes>* VectorJacobian(Context* context, Bytes* reply) override {
+    return RequestStream::launch(std::make_shared<VectorJacobianCall>(engine_, incoming(context), reply, pool_));
+  }
+
+  grpc::ServerUnaryReactor* GetServerInfo(Context* context, const Bytes* bytes, Bytes* reply) override {
+    return unary("GetServerInfo", context, reply, [this, bytes](CallRecord& record) {
+      received<v1::GetServerInfoRequest>(*bytes, record);
+      v1::ServerInfo info = engine_.info();
+      info.mutable_limits()->set_max_streams_per_call(options_.stream.open_requests);
+      return info;
+    });
+  }
+
+ private:
+  Incoming incoming(Context* context) { return {context, &live_}; }
+  /// work(record) -> reply message.
+  template <typename Work>
+  grpc::ServerUnaryReactor* unary(const char* method, Context* context, Bytes* reply, Work work) {
+    return UnaryCall::launch(pool_, method, incoming(context), reply,
+                             [work = std::move(work)](CallScope& scope) { return serialized(work(scope.record)); });
+  }
+  grpc::ServerWriteReactor<Bytes>* job(const char* method, Context* context, JobCall::Submit submit) {
+    return ReplyStream::launch(std::make_shared<JobCall>(method, incoming(context), std::move(submit)));
+  }
+
+  Engine& engine_;
+  const ServiceOptions options_;
+  LiveCalls live_;
+  std::mutex streams_mutex_;
+  // under streams_mutex_
+  std::map<DeformStreamCall*, std::weak_ptr<DeformStreamCall>> streams_;
+  bool draining_ = false;
+  // last: its threads end before the rest goes
+  CallPool pool_;
+};
+
+grpc::ServerBidiReactor<Bytes, Bytes>* DeformService::Methods::DeformStream(Context* context) {
+  auto call = std::make_shared<DeformStreamCall>(engine_, options_.stream, incoming(context), [this](DeformStreamCall* ended) {
+    const std::lock_guard lock(streams_mutex_);
+    streams_.erase(ended);
+  });
+  bool draining = false;
+  {
+    const std::lock_guard lock(streams_mutex_);
+    streams_.emplace(call.get(), call);
+    draining = draining_;
+  }
+  auto* reactor = DeformStreamCall::launch(call);
+  if (draining) call->drain();
+  return reactor;
+}
+
+void DeformService::Methods::drain() {
+  std::vector<std::shared_ptr<DeformStreamCall>> live;
+  {
+    const std::lock_guard lock(streams_mutex_);
+    draining_ = true;
+    for (const auto& [key, weak] : streams_) {
+      if (auto call = weak.lock()) live.push_back(std::move(call));
+    }
+  }
+  for (const auto& call : live) call->drain();
+}
+
+DeformService::DeformService(Engine& engine, const ServiceOptions& options)
+    : methods_(std::make_unique<Methods>(engine, options)) {}
+DeformService::~DeformService() = default;
+grpc::Service& DeformService::grpc_service() { return *methods_; }
+void DeformService::drain() { methods_->drain(); }
+bool DeformService::wait_for_none(std::chrono::steady_clock::time_point deadline) { return methods_->wait_for_none(deadline); }
+
+}  // namespace deform::server

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <chrono>
+#include <memory>
+
+#include "server/engine/engine.h"
+#include "server/rpc/service_requests.h"
+
+namespace grpc {
+class Service;
+}
+
+namespace deform::server {
+
+class CallPool;
+
+/// Limits of the transport side; those of the content are the engine's.
+struct ServiceOptions {
+  StreamLimits stream;
+  int call_threads = 8;              ///< for engine calls that wait for the disk
+  std::size_t waiting_calls = 1024;  ///< of those; more are refused with a retry hint
+
+  /// Throws Error(invalid_argument) naming the option and its limits.
+  void validate() const;
+};
+
+/// The gRPC service around an engine: converts, and nothing else. The contract is in proto/deform/v1.
+class DeformService {
+ public:
+  /// The engine must outlive the service, the service the server it is registered with.
+  DeformService(Engine& engine, const ServiceOptions& options);
+  ~DeformService();
+
+  /// To register with a server builder.
+  grpc::Service& grpc_service();
+
+  /// Ends every DeformStream as soon as its open requests are answered, and new ones at once. Does not wait.
+  void drain();
+  /// Waits until no call is left; false when the time is over first.
+  bool wait_for_none(std::chrono::steady_clock::time_point deadline);
+
+ private:
+  class Methods;
+  std::unique_ptr<Methods> methods_;
+};
+
+}  // namespace deform::server

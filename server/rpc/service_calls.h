@@ -1,0 +1,126 @@
+#pragma once
+
+#include <grpcpp/server_context.h>
+
+#include <memory>
+
+#include "server/rpc/reactors.h"
+
+namespace deform::server {
+
+/// The streaming calls of the service, one class per shape of call; service.cpp launches them. Each follows the same five steps:
+/// deadline (CallScope), call (the engine), convert (service_messages), record (CallScope::record), return (status).
+
+/// Deform and JacobianVector: pulls the replies of one job.
+class JobCall : public ReplyStream {
+ public:
+  using Ready = std::function<void()>;
+  /// Parses, records and asks the engine; may throw.
+  using Submit = std::function<std::shared_ptr<DeformJob>(CallScope&, Ready)>;
+  JobCall(const char* method, const Incoming& incoming, Submit submit);
+
+ private:
+  void begin() override;
+  Next next(grpc::ByteBuffer& reply) override;
+  void stop() noexcept override;
+  void done() noexcept override;
+
+  const Submit submit_;
+  std::mutex job_mutex_;
+  std::shared_ptr<DeformJob> job_;  // under job_mutex_ until begin() is over, constant afterwards
+};
+
+/// Prepare: the newest progress, then the system.
+class PrepareCall : public ReplyStream {
+ public:
+  PrepareCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request);
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  void begin() override;
+  Next next(grpc::ByteBuffer& reply) override;
+  void stop() noexcept override {}  // the cancel flag has been set
+  void note_progress(const v1::Progress& progress);
+  void note_outcome(Engine::Outcome<v1::SystemInfo> outcome);
+
+  Engine& engine_;
+  const grpc::ByteBuffer* const request_;
+  std::mutex news_mutex_;
+  // under news_mutex_
+  std::optional<v1::Progress> progress_;  ///< not written yet
+  std::string stage_;
+  Clock::time_point last_progress_{};
+  std::optional<Engine::Outcome<v1::SystemInfo>> outcome_;
+  // of whoever is working
+  bool told_ = false;
+};
+
+/// Detect: all replies once they are there.
+class DetectCall : public ReplyStream {
+ public:
+  DetectCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request);
+
+ private:
+  void begin() override;
+  Next next(grpc::ByteBuffer& reply) override;
+  void stop() noexcept override {}  // the cancel flag has been set
+  void note_outcome(Engine::Outcome<Engine::DetectReplies> outcome);
+
+  Engine& engine_;
+  const grpc::ByteBuffer* const request_;
+  std::mutex news_mutex_;
+  std::optional<Engine::Outcome<Engine::DetectReplies>> outcome_;  // under news_mutex_
+  // of whoever is working
+  Engine::DetectReplies replies_;
+  std::size_t sent_ = 0;
+};
+
+/// GetPoints.
+class PointsCall : public ReplyStream {
+ public:
+  PointsCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request);
+
+ private:
+  void begin() override;
+  Next next(grpc::ByteBuffer& reply) override;
+  void stop() noexcept override {}
+
+  Engine& engine_;
+  const grpc::ByteBuffer* const request_;
+  std::shared_ptr<const Points> points_;
+  std::size_t sent_ = 0;
+};
+
+/// RegisterGeometry. Answers as soon as the geometry turns out to be there.
+class RegisterCall : public RequestStream {
+ public:
+  RegisterCall(Engine& engine, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool);
+
+ private:
+  Then message(const grpc::ByteBuffer& bytes) override;
+  void half_closed() override;
+
+  Engine& engine_;
+  std::unique_ptr<GeometryUpload> upload_;
+};
+
+/// VectorJacobian. The cotangent may have as many points as the geometry and no more.
+class VectorJacobianCall : public RequestStream {
+ public:
+  VectorJacobianCall(Engine& engine, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool);
+
+ private:
+  Then message(const grpc::ByteBuffer& bytes) override;
+  void half_closed() override;
+  void begin(const v1::VectorJacobianHeader& header);
+  void append(const std::string& bytes);
+
+  Engine& engine_;
+  std::optional<v1::VectorJacobianHeader> header_;
+  std::size_t expected_points_ = 0;
+  std::size_t received_ = 0;  ///< bytes of the cotangent
+  Points cotangent_;
+};
+
+}  // namespace deform::server

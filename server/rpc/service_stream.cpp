@@ -1,0 +1,265 @@
+#include "server/rpc/service_stream.h"
+
+#include <string>
+#include <utility>
+
+#include "core/base/text.h"
+#include "server/engine/warm_starts.h"
+#include "server/rpc/service_calls.h"
+#include "server/rpc/service_messages.h"
+#include "server/rpc/status.h"
+
+namespace deform::server {
+
+namespace {
+
+/// Refusals that a slow reader may leave unread before the stream stops reading.
+constexpr std::size_t max_waiting_refusals = 1024;
+
+v1::DeformReply error_reply(std::uint64_t id, const Error& error) {
+  v1::DeformReply reply;
+  reply.set_request_id(id);
+  reply.mutable_error()->set_code(static_cast<std::uint32_t>(to_status_code(error.code())));
+  reply.mutable_error()->set_message(escaped(error.what(), max_status_message));
+  reply.mutable_error()->set_retry_after_ms(error.retry_after_ms());
+  return reply;
+}
+
+CallContext with_warm_starts(CallContext call) {
+  call.warm_starts = std::make_shared<WarmStarts>();
+  return call;
+}
+
+/// The log line of one request.
+void log_request(StreamRequests::Request& request, const std::optional<Error>& error) {
+  request.record.error = error;
+  request.record.wall_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - request.opened).count();
+  log_call(request.record);
+}
+
+}  // namespace
+
+DeformStreamCall::DeformStreamCall(Engine& engine, const StreamLimits& limits, const Incoming& incoming,
+                                   std::function<void(DeformStreamCall*)> on_done)
+    : ReplyWriter("DeformStream", incoming),
+      engine_(engine),
+      on_done_(std::move(on_done)),
+      requests_(limits, with_warm_starts(scope_.call())) {}
+
+void DeformStreamCall::begin() { StartRead(&message_); }
+
+void DeformStreamCall::drain() {
+  {
+    const std::lock_guard lock(mutex_);
+    draining_ = true;
+  }
+  wake();
+}
+
+// ---- reading ----
+
+void DeformStreamCall::OnReadDone(bool ok) {
+  {
+    const std::lock_guard lock(mutex_);
+    reading_ = ok ? Reading::handling : Reading::closed;
+    if (!ok) {
+      const auto unfinished = requests_.half_close();
+      refused_.insert(refused_.end(), unfinished.begin(), unfinished.end());
+    }
+  }
+  if (ok) {
+    if (auto error = caught([this] { take(message_); })) {
+      const std::lock_guard lock(mutex_);
+      failure_ = std::move(error);
+      reading_ = Reading::closed;
+    } else {
+      const std::lock_guard lock(mutex_);
+      reading_ = Reading::paused;
+    }
+    start_requests();
+    read_on();
+  }
+  wake();
+}
+
+void DeformStreamCall::take(const grpc::ByteBuffer& bytes) {
+  v1::DeformStreamRequest message;
+  parse(bytes, message);
+  StreamRequests::Effect effect;
+  {
+    const std::lock_guard lock(mutex_);
+    effect = requests_.accept(std::move(message), bytes.Length());
+    if (effect.answered) refused_.push_back(effect.answered);
+  }
+  if (effect.cancelled) effect.cancelled->cancel();
+}
+
+void DeformStreamCall::read_on() {
+  {
+    const std::lock_guard lock(mutex_);
+    const bool room = requests_.may_read() && refused_.size() < max_waiting_refusals;
+    if (reading_ != Reading::paused || !room) return;
+    reading_ = Reading::under_way;
+  }
+  StartRead(&message_);
+}
+
+// ---- requests ----
+
+void DeformStreamCall::start_requests() {
+  for (;;) {
+    RequestPtr request;
+    {
+      const std::lock_guard lock(mutex_);
+      request = requests_.start();
+    }
+    if (!request) return;
+    start_request(request);
+  }
+}
+
+void DeformStreamCall::start_request(const RequestPtr& request) {
+  std::shared_ptr<DeformJob> job;
+  auto error = caught([&] {
+    scope_.check();
+    job = engine_.deform(std::move(request->message), request->id, request->call,
+                         [weak = weak_self(), waiting = std::weak_ptr(request)] {
+                           const auto self = weak.lock();
+                           const auto ready = waiting.lock();
+                           if (!self || !ready) return;
+                           self->queue_turn(ready);
+                           self->wake();
+                         });
+  });
+  bool wanted = false;
+  {
+    const std::lock_guard lock(mutex_);
+    wanted = request->state == StreamRequests::State::running;  // not cancelled meanwhile
+    if (wanted && error) {
+      requests_.close(request);
+      request->refusal = std::move(error);
+      refused_.push_back(request);
+    } else if (wanted) {
+      request->job = job;
+    }
+  }
+  if (!wanted && job) job->cancel();
+  if (wanted && job) {
+    if (scope_.call().cancel.cancelled()) job->cancel();  // stop() may have come before the job was there
+    queue_turn(request);
+  }
+}
+
+void DeformStreamCall::queue_turn(const RequestPtr& request) {
+  const std::lock_guard lock(mutex_);
+  // Without its job yet, the starter queues it.
+  if (!request->job || request->in_turn) return;
+  request->in_turn = true;
+  turns_.push_back(request);
+}
+
+// ---- writing ----
+
+DeformStreamCall::Next DeformStreamCall::next(grpc::ByteBuffer& reply) {
+  for (;;) {
+    RequestPtr refused;
+    RequestPtr ready;
+    {
+      const std::lock_guard lock(mutex_);
+      if (failure_) throw *failure_;
+      if (!refused_.empty()) {
+        refused = std::move(refused_.front());
+        refused_.pop_front();
+      } else if (!turns_.empty()) {
+        ready = std::move(turns_.front());
+        turns_.pop_front();
+        ready->in_turn = false;
+      } else if (!requests_.empty()) {
+        return Next::wait;
+      } else if (reading_ == Reading::closed) {
+        return Next::end;
+      } else if (draining_) {
+        throw Error(ErrorCode::unavailable, "the server is shutting down");
+      } else {
+        return Next::wait;
+      }
+    }
+    std::optional<v1::DeformReply> message;
+    if (refused) {
+      log_request(*refused, refused->refusal);
+      message = error_reply(refused->id, *refused->refusal);
+      read_on();
+    } else {
+      message = turn(ready);
+    }
+    if (!message) continue;
+    reply = serialized(std::move(*message));
+    if (ready) {
+      ready->record.messages_out += 1;
+      ready->record.bytes_out += reply.Length();
+    }
+    return Next::write;
+  }
+}
+
+std::optional<v1::DeformReply> DeformStreamCall::turn(const RequestPtr& request) {
+  std::shared_ptr<DeformJob> job;
+  {
+    const std::lock_guard lock(mutex_);
+    job = request->job;
+  }
+  if (!job) return std::nullopt;  // refused meanwhile
+  v1::DeformReply message;
+  switch (job->poll(message)) {
+    case DeformJob::Poll::pending:
+      return std::nullopt;
+    case DeformJob::Poll::done:
+      return finished(request, *job);
+    case DeformJob::Poll::reply:
+      break;
+  }
+  queue_turn(request);
+  {
+    const std::lock_guard lock(mutex_);
+    if (request->state != StreamRequests::State::running) return std::nullopt;  // its error is the last word
+  }
+  return message;
+}
+
+std::optional<v1::DeformReply> DeformStreamCall::finished(const RequestPtr& request, const DeformJob& job) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (request->state != StreamRequests::State::running) return std::nullopt;
+    requests_.close(request);
+    request->job = nullptr;
+  }
+  const std::optional<Error> error = job.error();
+  note_stats(job.stats(), request->record);
+  scope_.record.designs += request->record.designs;
+  log_request(*request, error);
+  start_requests();
+  read_on();
+  if (error) return error_reply(request->id, *error);
+  return std::nullopt;
+}
+
+void DeformStreamCall::stop() noexcept {
+  caught([this] {
+    std::deque<std::pair<CallContext, std::shared_ptr<DeformJob>>> open;
+    {
+      const std::lock_guard lock(mutex_);
+      for (const RequestPtr& request : requests_.all()) open.emplace_back(request->call, request->job);
+    }
+    for (const auto& [call, job] : open) {
+      call.cancel.cancel();
+      if (job) job->cancel();
+    }
+  });
+}
+
+void DeformStreamCall::done() noexcept {
+  stop();  // a request that came in while the stream ended
+  on_done_(this);
+}
+
+}  // namespace deform::server

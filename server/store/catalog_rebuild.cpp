@@ -1,0 +1,391 @@
+#include "server/store/catalog_rebuild.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <chrono>
+#include <map>
+#include <optional>
+#include <set>
+#include <utility>
+
+#include "core/base/error.h"
+#include "server/store/catalog_records.h"
+#include "server/store/file.h"
+#include "server/store/geometry_file.h"
+#include "server/store/geometry_info.h"
+#include "server/store/sqlite_catalog.h"
+#include "server/store/sqlite_files.h"
+
+namespace deform::server {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t all = static_cast<std::size_t>(INT64_MAX);
+
+std::set<std::string> as_set(std::vector<std::string> ids) { return {ids.begin(), ids.end()}; }
+
+/// Sorted, so that what is done does not depend on the file system.
+std::vector<fs::path> entries_of(const fs::path& folder) {
+  std::vector<fs::path> paths;
+  for (const auto& entry : fs::directory_iterator(folder)) paths.push_back(entry.path());
+  std::sort(paths.begin(), paths.end());
+  return paths;
+}
+
+std::int64_t modified_ms(const fs::path& file) {
+  const auto time = std::chrono::file_clock::to_sys(fs::last_write_time(file));
+  return std::chrono::duration_cast<std::chrono::milliseconds>(time.time_since_epoch()).count();
+}
+
+bool is_file(const fs::path& path) { return fs::is_regular_file(fs::symlink_status(path)); }
+
+/// What `read` returns, or nothing when it says that there is nothing to be read.
+template <typename Read>
+auto unless_damaged(Read read) -> std::optional<decltype(read())> {
+  try {
+    return read();
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::data_loss && error.code() != ErrorCode::invalid_argument) throw;
+    return std::nullopt;
+  }
+}
+
+class Rebuild {
+ public:
+  Rebuild(const StoreDirectory& directory, OldCatalog old) : directory_(directory) { open(old); }
+
+  OpenedCatalog run() {
+    for (const auto& stage : {&Rebuild::finish_intents, &Rebuild::clear_tmp, &Rebuild::mend, &Rebuild::adopt_geometries,
+                              &Rebuild::adopt_setups, &Rebuild::end_intents, &Rebuild::record, &Rebuild::count_missing}) {
+      try {
+        (this->*stage)();
+      } catch (const Error& error) {
+        if (error.code() != ErrorCode::out_of_budget) throw;
+        report_.full = true;  // what is there is served all the same
+        spdlog::error("store: {}", error.what());
+      }
+    }
+    log();
+    return {std::move(catalog_), report_};
+  }
+
+ private:
+  void open(OldCatalog old) {
+    const fs::path file = directory_.catalog();
+    std::error_code error;
+    const bool emptied = !(fs::file_size(file, error) > 0 && !error);  // SQLite would drop the log of such a one
+    const bool log_left = fs::exists(file.string() + "-wal");
+    if (old == OldCatalog::set_aside || (emptied && log_left)) set_aside("no longer used");
+    try {
+      catalog_ = open_sqlite_catalog(file);
+      damaged_ = catalog_->check();
+      const auto strange = [](const auto& record) { return !is_full_id(record.id); };
+      if (std::any_of(damaged_.geometries.begin(), damaged_.geometries.end(), strange) ||
+          std::any_of(damaged_.setups.begin(), damaged_.setups.end(), strange)) {
+        throw Error(ErrorCode::data_loss, "catalog: has ids that are none");
+      }
+    } catch (const Error& damage) {
+      if (damage.code() != ErrorCode::data_loss) throw;
+      catalog_.reset();
+      damaged_ = {};
+      set_aside(damage.what());
+      catalog_ = open_sqlite_catalog(file);
+    }
+  }
+
+  void set_aside(const std::string& why) {
+    if (!fs::exists(directory_.catalog()) && !fs::exists(directory_.catalog().string() + "-wal")) return;
+    const fs::path kept = directory_.set_aside_catalog();
+    report_.set_aside = kept.string();
+    spdlog::error("store: the catalog was set aside as {} ({}); a new one is made of the files", kept.string(), why);
+    salvaged_ = salvage_catalog(kept);
+  }
+
+  void finish_intents() {
+    std::error_code error;
+    std::vector<Intent> intents = catalog_->intents();
+    intents.insert(intents.end(), salvaged_.intents.begin(), salvaged_.intents.end());  // one of the two has none
+    for (const Intent& intent : intents) {
+      if (intent.kind == Intent::Kind::remove) {
+        report_.garbage += finish_removal(directory_, *catalog_, intent, RemoveFiles::not_renewed, [](const char*) {});
+        continue;
+      }
+      for (const auto& entry : intent.entries) {
+        report_.garbage += fs::remove(directory_.temporary(entry.id, intent.number), error);
+        report_.garbage += fs::remove(directory_.temporary_record(entry.id, intent.number), error);
+        if (entry.what == Intent::What::geometry && !entry.info.empty())
+          announced_[entry.id] = {entry.id, entry.info, entry.created_ms};
+      }
+      finished_.push_back(intent.number);
+    }
+    for (const fs::path& folder : {directory_.tmp(), directory_.names(), directory_.setups(), directory_.geometries()}) {
+      sync_directory(folder);
+    }
+  }
+
+  void end_intents() {
+    for (const std::int64_t number : finished_) catalog_->end(number);
+  }
+
+  // 0.1 kept damaged files here.
+  void clear_tmp() {
+    for (const fs::path& path : entries_of(directory_.tmp())) {
+      if (path.extension() == ".damaged") {
+        keep_damaged(path);
+      } else {
+        unclaim(path);
+      }
+    }
+  }
+
+  void unclaim(const fs::path& path) {
+    const fs::path kept = directory_.set_aside(path, directory_.unclaimed());
+    ++report_.unclaimed;
+    spdlog::warn("store: {} is nothing that this store put there; it is kept as {}", path.string(), kept.string());
+  }
+
+  void mend() {
+    std::vector<GeometryRecord> geometries;
+    std::vector<SetupRecord> setups;
+    for (const auto& record : damaged_.geometries) {
+      if (auto known = known_geometry(record.id)) {
+        geometries.push_back(*std::move(known));
+      } else if (is_file(directory_.geometries() / record.id)) {
+        if (auto found = geometry_from_content(record.id)) geometries.push_back(*std::move(found));
+      }
+    }
+    for (const auto& record : damaged_.setups) {
+      if (auto known = known_setup(record.id)) {
+        setups.push_back(*std::move(known));
+      } else if (is_plausible(record)) {
+        setups.push_back(record);
+      }
+    }
+    if (geometries.size() + setups.size() > 0) catalog_->restore(geometries, setups);
+    report_.mended = geometries.size() + setups.size();
+    report_.still_damaged = damaged_.geometries.size() + damaged_.setups.size() - report_.mended;
+  }
+
+  /// From the small file, else from what the upload announced, else from what the old catalog still told.
+  std::optional<GeometryRecord> known_geometry(const std::string& id) {
+    const fs::path file = directory_.names() / id;
+    if (fs::exists(file)) {
+      auto record = unless_damaged([&] { return read_geometry_record(file, id); });
+      if (record) return record;
+      keep_damaged(file);
+    }
+    if (const auto found = announced_.find(id); found != announced_.end()) return found->second;
+    const auto salvaged =
+        std::find_if(salvaged_.geometries.begin(), salvaged_.geometries.end(), [&](const auto& r) { return r.id == id; });
+    if (salvaged == salvaged_.geometries.end()) return std::nullopt;
+    return *salvaged;
+  }
+
+  std::optional<SetupRecord> known_setup(const std::string& id) {
+    const fs::path file = directory_.setups() / id;
+    if (!fs::exists(file)) return std::nullopt;
+    auto known = unless_damaged([&] {
+      SetupRecord record = read_setup_record(file, id);
+      verify(record);
+      return record;
+    });
+    if (!known) keep_damaged(file);
+    return known;
+  }
+
+  void keep_damaged(const fs::path& path) {
+    const fs::path kept = directory_.set_aside(path, directory_.damaged());
+    ++report_.damaged;
+    spdlog::error("store: {} is damaged; it is kept as {}", path.string(), kept.string());
+  }
+
+  /// Of a file whose content has the id and is a geometry as an upload would have been.
+  std::optional<GeometryRecord> geometry_from_content(const std::string& id) const {
+    const fs::path file = directory_.geometries() / id;
+    return unless_damaged([&] {
+      const Mesh mesh = read_geometry_file(file, id);
+      mesh.validate();
+      return geometry_record(describe(mesh, id, ""), modified_ms(file));
+    });
+  }
+
+  void adopt_geometries() {
+    const auto recorded = as_set(catalog_->geometry_ids("", all));
+    std::vector<GeometryRecord> adopted;
+    std::set<std::string> without_file;
+    for (const fs::path& path : entries_of(directory_.geometries())) {
+      const std::string id = path.filename().string();
+      if (recorded.count(id) > 0 && is_file(path)) continue;
+      auto found = is_full_id(id) && is_file(path) ? geometry_from_content(id) : std::nullopt;
+      if (!found) {
+        unclaim(path);
+        continue;
+      }
+      if (auto known = known_geometry(id)) found = std::move(known);
+      adopted.push_back(*std::move(found));
+    }
+    std::set<std::string> taken = recorded;
+    for (const auto& record : adopted) taken.insert(record.id);
+    // Geometries whose files are gone: what is known of them tells what to register again, and their setups wait for it.
+    for (const fs::path& path : entries_of(directory_.names())) {
+      const std::string id = path.filename().string();
+      if (taken.count(id) > 0 && is_file(path)) continue;
+      const auto known =
+          is_full_id(id) && is_file(path) ? unless_damaged([&] { return read_geometry_record(path, id); }) : std::nullopt;
+      if (known && taken.insert(id).second) {
+        adopted.push_back(*known);
+      } else {
+        unclaim(path);
+      }
+    }
+    for (const auto& record : salvaged_.geometries) {
+      if (taken.insert(record.id).second) adopted.push_back(record);
+    }
+    if (!adopted.empty()) catalog_->restore(adopted, {});
+    report_.adopted_geometries = adopted.size();
+  }
+
+  void adopt_setups() {
+    const auto recorded = as_set(catalog_->setup_ids("", all));
+    const auto geometries = as_set(catalog_->geometry_ids("", all));
+    std::vector<SetupRecord> adopted;
+    std::set<std::string> taken = recorded;
+    for (const fs::path& path : entries_of(directory_.setups())) {
+      const std::string id = path.filename().string();
+      if (recorded.count(id) > 0 && is_file(path)) continue;
+      auto known = is_full_id(id) && is_file(path) ? known_setup(id) : std::nullopt;
+      if (!known || geometries.count(known->geometry_id) == 0) {
+        if (fs::symlink_status(path).type() != fs::file_type::not_found) unclaim(path);  // else it was damaged
+        continue;
+      }
+      taken.insert(id);
+      adopted.push_back(*std::move(known));
+    }
+    for (const auto& record : salvaged_.setups) {
+      if (geometries.count(record.geometry_id) > 0 && taken.insert(record.id).second) adopted.push_back(record);
+    }
+    if (!adopted.empty()) catalog_->restore({}, adopted);
+    report_.adopted_setups = adopted.size();
+  }
+
+  /// Writes the small files that are not there, all at once.
+  void record() {
+    Intent intent{Intent::Kind::put, {}};
+    for (const auto& id : catalog_->geometry_ids("", all)) {
+      if (!fs::exists(directory_.names() / id)) intent.entries.push_back({Intent::What::geometry, id, 0, {}});
+    }
+    for (const auto& id : catalog_->setup_ids("", all)) {
+      if (!fs::exists(directory_.setups() / id)) intent.entries.push_back({Intent::What::setup, id, 0, {}});
+    }
+    if (intent.entries.empty()) return;
+    intent.number = catalog_->begin(intent);
+    std::vector<std::pair<fs::path, fs::path>> moves;
+    for (const auto& entry : intent.entries) {
+      const fs::path part = directory_.temporary_record(entry.id, intent.number);
+      if (entry.what == Intent::What::geometry) {
+        const auto record = catalog_->find_geometry(entry.id);
+        if (!record || record->integrity == Integrity::damaged) continue;
+        write_record(*record, part, Sync::later);
+        moves.emplace_back(part, directory_.names() / entry.id);
+      } else {
+        const auto record = catalog_->find_setup(entry.id);
+        if (!record || record->integrity == Integrity::damaged) continue;
+        write_record(*record, part, Sync::later);
+        moves.emplace_back(part, directory_.setups() / entry.id);
+      }
+    }
+    sync_file_system(directory_.root());
+    for (const auto& [from, to] : moves) move_file(from, to);
+    sync_directory(directory_.names());
+    sync_directory(directory_.setups());
+    catalog_->end(intent.number);
+    report_.recorded = moves.size();
+  }
+
+  void count_missing() {
+    for (const auto& id : catalog_->geometry_ids("", all)) report_.missing += !is_file(directory_.geometries() / id);
+  }
+
+  void log() const {
+    const RebuildReport& r = report_;
+    if (r.garbage > 0) spdlog::info("store: removed {} files of uploads and deletions that were interrupted", r.garbage);
+    if (r.adopted_geometries + r.adopted_setups > 0) {
+      spdlog::warn(
+          "store: {} geometries and {} setups were not in the catalog and are again, from their files. Where an older catalog "
+          "was restored or the catalog was lost, what was deleted since may have returned",
+          r.adopted_geometries, r.adopted_setups);
+    }
+    if (r.mended > 0) spdlog::warn("store: mended {} damaged entries of the catalog", r.mended);
+    if (r.still_damaged > 0)
+      spdlog::error("store: {} entries of the catalog are damaged; their geometries must be registered again", r.still_damaged);
+    if (r.recorded > 0) spdlog::info("store: wrote {} small files from which the catalog can be rebuilt", r.recorded);
+    if (r.missing > 0) {
+      spdlog::error(
+          "store: {} geometries of the catalog have no file: damaged, or deleted after an older catalog was copied. Register or "
+          "delete them again",
+          r.missing);
+    }
+  }
+
+  const StoreDirectory& directory_;
+  std::unique_ptr<Catalog> catalog_;
+  Catalog::Damaged damaged_;
+  Salvaged salvaged_;
+  std::map<std::string, GeometryRecord> announced_;  // by uploads that were interrupted
+  std::vector<std::int64_t> finished_;
+  RebuildReport report_;
+};
+
+/// True when the record in the small file is of that time, or there is none.
+template <typename Read>
+bool is_of(std::int64_t created_ms, const fs::path& file, Read read) {
+  if (!fs::exists(file)) return true;
+  const auto record = unless_damaged([&] { return read(); });
+  return record && record->created_ms == created_ms;
+}
+
+}  // namespace
+
+OpenedCatalog open_catalog(const StoreDirectory& directory, OldCatalog old) {
+  try {
+    return Rebuild(directory, old).run();
+  } catch (const fs::filesystem_error& error) {
+    throw Error(ErrorCode::unavailable, std::string("store: ") + error.what());
+  }
+}
+
+std::size_t finish_removal(const StoreDirectory& directory, Catalog& catalog, const Intent& intent, RemoveFiles which,
+                           const std::function<void(const char*)>& step) {
+  std::size_t removed = 0;
+  std::error_code error;
+  const auto remove = [&](const fs::path& file) {
+    removed += fs::remove(file, error);
+    if (error) throw Error(ErrorCode::unavailable, "store: cannot remove " + file.string() + ": " + error.message());
+    step("a file is removed");
+  };
+  for (const auto& entry : intent.entries) {
+    if (entry.what == Intent::What::setup) {
+      const fs::path file = directory.setups() / entry.id;
+      const bool renewed =
+          catalog.find_setup(entry.id) || !is_of(entry.created_ms, file, [&] { return read_setup_record(file, entry.id); });
+      if (which == RemoveFiles::all || !renewed) remove(file);
+      continue;
+    }
+    const fs::path file = directory.names() / entry.id;
+    const bool renewed =
+        catalog.find_geometry(entry.id) || !is_of(entry.created_ms, file, [&] { return read_geometry_record(file, entry.id); });
+    if (which == RemoveFiles::not_renewed && renewed) continue;
+    remove(file);
+    remove(directory.geometries() / entry.id);
+  }
+  for (const fs::path& folder : {directory.setups(), directory.names(), directory.geometries()}) sync_directory(folder);
+  step("the removal is durable");
+  catalog.end(intent.number);
+  step("the removal is done");
+  return removed;
+}
+
+}  // namespace deform::server

@@ -1,0 +1,162 @@
+#include "server/store/catalog_records.h"
+
+#include <fcntl.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cstdint>
+#include <cstring>
+
+#include "core/base/error.h"
+#include "core/codec/geometry_id.h"
+#include "proto/convert/setup.h"
+#include "server/store/file.h"
+
+namespace deform::server {
+
+namespace {
+
+constexpr char tag[] = "deform.record.1";  // with its terminating zero
+constexpr std::size_t digest_digits = 64;
+/// No record comes near; a file that claims to be longer is none.
+constexpr std::size_t largest_file = std::size_t{1} << 30;
+
+using Fields = std::vector<std::string>;
+
+std::string joined(const Fields& fields) {
+  std::string text;
+  for (const auto& field : fields) {
+    const std::uint64_t size = field.size();
+    text.append(reinterpret_cast<const char*>(&size), sizeof(size));
+    text += field;
+  }
+  return text;
+}
+
+std::string digest(const std::string& text) {
+  codec::Sha256 hash;
+  hash.add(text.data(), text.size());
+  return hash.hex();
+}
+
+std::string sealed(const Fields& fields) {
+  const std::string text = joined(fields);
+  return std::string(tag, sizeof(tag)) + text + digest(text);
+}
+
+[[noreturn]] void damaged(const std::string& what) { throw Error(ErrorCode::data_loss, "store: " + what + " is damaged"); }
+
+Fields unsealed(const std::string& text, const std::string& what) {
+  if (text.size() < sizeof(tag) + digest_digits || std::memcmp(text.data(), tag, sizeof(tag)) != 0) damaged(what);
+  const std::string body = text.substr(sizeof(tag), text.size() - sizeof(tag) - digest_digits);
+  if (digest(body) != text.substr(text.size() - digest_digits)) damaged(what);
+  Fields fields;
+  for (std::size_t at = 0; at < body.size();) {
+    std::uint64_t size = 0;
+    if (body.size() - at < sizeof(size)) damaged(what);
+    std::memcpy(&size, body.data() + at, sizeof(size));
+    at += sizeof(size);
+    if (body.size() - at < size) damaged(what);
+    fields.push_back(body.substr(at, size));
+    at += size;
+  }
+  return fields;
+}
+
+std::int64_t number(const std::string& text, const std::string& what) {
+  std::int64_t value = 0;
+  const auto [end, failure] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (failure != std::errc() || end != text.data() + text.size()) damaged(what);
+  return value;
+}
+
+Fields fields_of(const GeometryRecord& record) { return {"geometry", record.id, record.info, std::to_string(record.created_ms)}; }
+
+Fields fields_of(const SetupRecord& record) {
+  return {"setup", record.id, record.geometry_id, record.setup, record.info, std::to_string(record.created_ms)};
+}
+
+void write_sealed(const Fields& fields, const std::filesystem::path& path, Sync sync) {
+  const std::string text = sealed(fields);
+  const File file(path, O_WRONLY | O_CREAT | O_EXCL);
+  try {
+    file.write(text.data(), text.size());
+    if (sync == Sync::now) file.sync();
+  } catch (...) {
+    std::error_code ignored;
+    std::filesystem::remove(path, ignored);
+    throw;
+  }
+}
+
+Fields read_sealed(const std::filesystem::path& path, const char* kind, std::size_t count, const std::string& id) {
+  const std::string what = std::string("the stored record of ") + kind + " " + id;
+  if (!std::filesystem::is_regular_file(std::filesystem::symlink_status(path))) damaged(what);
+  const std::size_t size = std::filesystem::file_size(path);
+  if (size > largest_file) damaged(what);
+  std::string text(size, '\0');
+  const File file(path, O_RDONLY);
+  text.resize(file.read(text.data(), size));
+  Fields fields = unsealed(text, what);
+  if (fields.size() != count || fields[0] != kind || fields[1] != id) damaged(what);
+  return fields;
+}
+
+}  // namespace
+
+std::string checksum(const GeometryRecord& record) { return digest(joined(fields_of(record))); }
+std::string checksum(const SetupRecord& record) { return digest(joined(fields_of(record))); }
+
+void write_record(const GeometryRecord& record, const std::filesystem::path& file, Sync sync) {
+  write_sealed(fields_of(record), file, sync);
+}
+
+void write_record(const SetupRecord& record, const std::filesystem::path& file, Sync sync) {
+  write_sealed(fields_of(record), file, sync);
+}
+
+GeometryRecord read_geometry_record(const std::filesystem::path& file, const std::string& id) {
+  const Fields fields = read_sealed(file, "geometry", 4, id);
+  return {fields[1], fields[2], number(fields[3], file.string())};
+}
+
+SetupRecord read_setup_record(const std::filesystem::path& file, const std::string& id) {
+  const Fields fields = read_sealed(file, "setup", 6, id);
+  return {fields[1], fields[2], fields[3], fields[4], number(fields[5], file.string())};
+}
+
+void verify(const SetupRecord& record) {
+  v1::Setup setup;
+  if (!setup.ParseFromString(record.setup) || system_id(setup) != record.id || setup.geometry() != record.geometry_id) {
+    damaged("the setup of system " + record.id);
+  }
+}
+
+std::string encode(const Intent& intent) {
+  Fields fields = {intent.kind == Intent::Kind::put ? "put" : "remove"};
+  for (const auto& entry : intent.entries) {
+    const char* what = entry.what == Intent::What::geometry ? "geometry" : "setup";
+    fields.insert(fields.end(), {what, entry.id, std::to_string(entry.created_ms), entry.info});
+  }
+  return sealed(fields);
+}
+
+Intent decode_intent(const std::string& text) {
+  const Fields fields = unsealed(text, "an intent");
+  if (fields.size() % 4 != 1) damaged("an intent");
+  Intent intent;
+  intent.kind = fields[0] == "put" ? Intent::Kind::put : Intent::Kind::remove;
+  for (std::size_t i = 1; i < fields.size(); i += 4) {
+    const auto what = fields[i] == "geometry" ? Intent::What::geometry : Intent::What::setup;
+    if (!is_full_id(fields[i + 1])) damaged("an intent");  // it becomes the name of a file
+    intent.entries.push_back({what, fields[i + 1], number(fields[i + 2], "an intent"), fields[i + 3]});
+  }
+  return intent;
+}
+
+bool is_full_id(const std::string& text) {
+  return text.size() == digest_digits &&
+         std::all_of(text.begin(), text.end(), [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); });
+}
+
+}  // namespace deform::server

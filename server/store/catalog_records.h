@@ -1,0 +1,39 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "server/store/catalog.h"
+
+namespace deform::server {
+
+/// Records as bytes: for checksums, and as the small files from which a catalog is rebuilt. Such a file is a tag, the fields of
+/// the record, each after its length, and the SHA-256 of the fields in hexadecimal digits.
+
+/// SHA-256 of all fields, in hexadecimal digits.
+std::string checksum(const GeometryRecord& record);
+std::string checksum(const SetupRecord& record);
+
+/// For writing many files and syncing once.
+enum class Sync { now, later };
+
+/// Writes a new file, which is removed again when that fails.
+void write_record(const GeometryRecord& record, const std::filesystem::path& file, Sync sync);
+void write_record(const SetupRecord& record, const std::filesystem::path& file, Sync sync);
+
+/// Throws Error(data_loss) when the file is not a whole record of that id, and as a File does.
+GeometryRecord read_geometry_record(const std::filesystem::path& file, const std::string& id);
+SetupRecord read_setup_record(const std::filesystem::path& file, const std::string& id);
+
+/// Throws Error(data_loss) unless the id is the hash of the setup and the setup is one of its geometry.
+void verify(const SetupRecord& record);
+
+/// An intent as one string that notices damage. decode throws Error(data_loss).
+std::string encode(const Intent& intent);
+Intent decode_intent(const std::string& text);
+
+/// 64 lower-case hexadecimal digits.
+bool is_full_id(const std::string& text);
+
+}  // namespace deform::server

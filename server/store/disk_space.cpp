@@ -1,0 +1,89 @@
+#include "server/store/disk_space.h"
+
+#include <fcntl.h>
+#include <spdlog/spdlog.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "core/base/error.h"
+#include "core/base/number_text.h"
+
+namespace deform::server {
+
+namespace {
+
+constexpr std::uint64_t least_reserve = std::uint64_t{64} << 10;
+constexpr std::uint64_t largest_reserve = std::uint64_t{4} << 20;
+
+}  // namespace
+
+DiskSpace::DiskSpace(const std::filesystem::path& folder, const std::filesystem::path& reserve, DiskOptions options)
+    : folder_(folder), reserve_(reserve), options_(std::move(options)), most_(std::min(largest_reserve, options_.keep_free)) {
+  std::error_code error;
+  const auto size = std::filesystem::file_size(reserve_, error);
+  if (!error) held_ = size;
+}
+
+std::uint64_t DiskSpace::free() const {
+  if (options_.free_bytes) return options_.free_bytes();
+  struct statvfs disk {};
+  if (::statvfs(folder_.c_str(), &disk) != 0) return 0;
+  return static_cast<std::uint64_t>(disk.f_bavail) * disk.f_frsize;
+}
+
+std::string DiskSpace::refusal(std::uint64_t bytes) const {
+  const std::uint64_t free = this->free();
+  if (free >= options_.keep_free && free - options_.keep_free >= bytes) return {};
+  std::string text =
+      "the disk of the data directory has " + mebibytes(free) + " free, " + mebibytes(options_.keep_free) + " must stay free";
+  if (bytes > 0) text += " and this needs " + mebibytes(bytes);
+  return text;
+}
+
+void DiskSpace::require(std::uint64_t bytes) const {
+  const std::string why = refusal(bytes);
+  if (!why.empty()) throw Error(ErrorCode::out_of_budget, "store: " + why + "; delete geometries or make room");
+}
+
+void DiskSpace::lend() {
+  const std::lock_guard lock(mutex_);
+  ++rooms_;
+  if (held_ == 0 || free() >= most_) return;
+  std::error_code error;
+  if (std::filesystem::remove(reserve_, error)) held_ = 0;
+}
+
+void DiskSpace::take_back() {
+  const std::lock_guard lock(mutex_);
+  --rooms_;
+  fill();
+}
+
+void DiskSpace::hold() {
+  const std::lock_guard lock(mutex_);
+  fill();
+}
+
+void DiskSpace::fill() {
+  if (rooms_ > 0 || held_ >= most_ || free() < (held_ > 0 ? options_.keep_free : least_reserve)) return;
+  const int descriptor = ::open(reserve_.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0640);
+  if (descriptor < 0) return;
+  for (std::uint64_t size = most_; size >= least_reserve; size /= 2) {
+    if (size <= held_) break;
+    if (::posix_fallocate(descriptor, 0, static_cast<off_t>(size)) == 0) {
+      held_ = size;
+      break;
+    }
+    if (::ftruncate(descriptor, static_cast<off_t>(held_)) != 0) break;  // what the attempt took
+  }
+  ::close(descriptor);
+  if (held_ == 0) {
+    std::error_code ignored;
+    std::filesystem::remove(reserve_, ignored);
+  }
+}
+
+}  // namespace deform::server

@@ -1,0 +1,329 @@
+#include "server/store/geometry_store.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+
+#include "core/base/error.h"
+#include "server/store/catalog_rebuild.h"
+#include "server/store/catalog_records.h"
+#include "server/store/file.h"
+#include "server/store/geometry_file.h"
+#include "server/store/geometry_info.h"
+
+namespace deform::server {
+
+namespace {
+
+constexpr std::size_t id_digits = 64;
+constexpr std::size_t shortest_prefix = 8;
+constexpr std::size_t largest_page = 1000;
+
+bool is_hexadecimal(const std::string& text) {
+  return std::all_of(text.begin(), text.end(), [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); });
+}
+
+void check_id(const char* what, const std::string& id) {
+  if (id.size() >= shortest_prefix && id.size() <= id_digits && is_hexadecimal(id)) return;
+  throw Error(ErrorCode::invalid_argument, std::string(what) + " id \"" + id.substr(0, id_digits + 8) +
+                                               "\": expected 64 lower-case hexadecimal digits or the first 8 or more of them");
+}
+
+std::string only_one(const char* what, const std::string& id, const std::vector<std::string>& found) {
+  if (found.empty()) throw Error(ErrorCode::not_found, std::string(what) + " " + id + ": unknown id");
+  if (found.size() > 1) {
+    throw Error(ErrorCode::invalid_argument, std::string(what) + " " + id + ": several ids start so (" + found[0].substr(0, 16) +
+                                                 ", " + found[1].substr(0, 16) + "); give more digits");
+  }
+  return found[0];
+}
+
+}  // namespace
+
+GeometryStore::GeometryStore(const std::filesystem::path& directory, StoreOptions options)
+    : options_(std::move(options)),
+      directory_(directory, StoreDirectory::Accept::stores),
+      disk_(directory_.root(), directory_.reserve(), options_.disk) {
+  {
+    const DiskSpace::Room room(disk_);
+    catalog_ = open_catalog(directory_, OldCatalog::keep_if_whole).catalog;
+  }
+  const std::string why = disk_.refusal();
+  if (!why.empty()) spdlog::error("store: nothing is written: {}", why);
+}
+
+GeometryStore::~GeometryStore() = default;
+
+v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const std::string& id, const std::string& name) {
+  if (contains(id)) {
+    v1::GeometryInfo info = this->info(id);
+    info.set_existed(true);
+    return info;
+  }
+  disk_.require(mesh_bytes(mesh));
+  const GeometryRecord record = geometry_record(describe(mesh, id, name), unix_ms());
+  const std::int64_t intent =
+      catalog_->begin({Intent::Kind::put, {{Intent::What::geometry, id, record.created_ms, record.info}}});
+  try {
+    step("an upload is announced");
+    const auto known = put_content(mesh, record, intent);
+    v1::GeometryInfo info = told(known.value_or(record));
+    info.set_existed(known.has_value());
+    return info;
+  } catch (...) {
+    take_back(record, intent);
+    throw;
+  }
+}
+
+/// Returns the record that was there, of a geometry whose file was lost or was put at the same time: it keeps its name.
+std::optional<GeometryRecord> GeometryStore::put_content(const Mesh& mesh, const GeometryRecord& record, std::int64_t intent) {
+  const std::filesystem::path temporary = directory_.temporary(record.id, intent);
+  write_geometry_file(mesh, temporary);
+  step("the content is written");
+  const std::lock_guard lock(visibility_);
+  move_file(temporary, directory_.geometries() / record.id);
+  sync_directory(directory_.geometries());
+  step("the content is in place");
+  auto known = catalog_->find_geometry(record.id);
+  if (known && known->integrity == Integrity::damaged) known.reset();
+  const GeometryRecord& kept = known ? *known : record;
+  const std::filesystem::path small = directory_.temporary_record(record.id, intent);
+  write_record(kept, small, Sync::now);
+  step("the small file is written");
+  move_file(small, directory_.names() / record.id);
+  sync_directory(directory_.names());
+  step("the small file is in place");
+  catalog_->add_geometry(kept, intent);
+  step("the row is written");
+  return known;
+}
+
+/// Of an upload that failed; what cannot be removed now is left to the next start.
+void GeometryStore::take_back(const GeometryRecord& record, std::int64_t intent) {
+  const std::lock_guard lock(visibility_);
+  std::error_code ignored;
+  std::filesystem::remove(directory_.temporary(record.id, intent), ignored);
+  std::filesystem::remove(directory_.temporary_record(record.id, intent), ignored);
+  try {
+    if (!catalog_->find_geometry(record.id)) {
+      std::filesystem::remove(directory_.names() / record.id, ignored);
+      std::filesystem::remove(directory_.geometries() / record.id, ignored);
+    }
+    catalog_->end(intent);
+  } catch (const Error& error) {
+    spdlog::warn("store: what a failed upload left is removed at the next start: {}", error.what());
+  }
+}
+
+bool GeometryStore::contains(const std::string& id) {
+  std::error_code error;
+  const auto record = catalog_->find_geometry(id);
+  return record && record->integrity == Integrity::intact && std::filesystem::exists(directory_.geometries() / id, error);
+}
+
+v1::GeometryInfo GeometryStore::info(const std::string& id) {
+  const auto record = catalog_->find_geometry(id);
+  if (!record) throw Error(ErrorCode::not_found, "geometry " + id + ": unknown id");
+  return told(*record);
+}
+
+v1::GeometryInfo GeometryStore::told(const GeometryRecord& record) {
+  v1::GeometryInfo info;
+  if (record.integrity == Integrity::damaged || !info.ParseFromString(record.info)) {
+    info.Clear();
+    info.set_damage("the entry in the catalog is damaged; register the geometry again");
+    try {
+      const GeometryRecord small = read_geometry_record(directory_.names() / record.id, record.id);
+      if (!info.ParseFromString(small.info)) info.Clear();
+    } catch (const std::exception& error) {
+      spdlog::error("store: geometry {}: {}", record.id, error.what());
+    }
+    info.set_id(record.id);
+  }
+  std::error_code error;
+  if (!std::filesystem::exists(directory_.geometries() / record.id, error)) {
+    info.set_damage("the stored file is missing or damaged; register the geometry again");
+  }
+  info.set_setups(static_cast<std::uint32_t>(catalog_->setup_count(record.id)));
+  return info;
+}
+
+Mesh GeometryStore::load(const std::string& id) {
+  if (!catalog_->find_geometry(id)) throw Error(ErrorCode::not_found, "geometry " + id + ": unknown id");
+  const std::filesystem::path file = directory_.geometries() / id;
+  std::error_code error;
+  if (!std::filesystem::exists(file, error)) {
+    throw Error(ErrorCode::data_loss, "geometry " + id + ": the stored file is missing; register the geometry again");
+  }
+  try {
+    return read_geometry_file(file, id);
+  } catch (const Error& damage) {
+    if (damage.code() == ErrorCode::data_loss) quarantine(id);
+    throw;
+  }
+}
+
+// Out of the way, so that registering again stores a good file; kept, because it may be all there is.
+void GeometryStore::quarantine(const std::string& id) {
+  const std::lock_guard lock(visibility_);
+  try {
+    const auto kept = directory_.set_aside(directory_.geometries() / id, directory_.damaged());
+    spdlog::error("store: the file of geometry {} is damaged and was set aside as {}", id, kept.string());
+  } catch (const Error& error) {
+    spdlog::error("store: the file of geometry {} is damaged: {}", id, error.what());
+  }
+}
+
+/// Where not even a row can be written and the reserve is gone, the content goes first and makes room. Only in between would a
+/// crash leave what was to be removed, listed as damaged.
+Intent GeometryStore::remove_rows(const std::string& id, WithSetups policy) {
+  try {
+    return catalog_->remove_geometry(id, policy);
+  } catch (const Error& error) {
+    const bool wanted = policy == WithSetups::remove || catalog_->setup_count(id) == 0;
+    if (error.code() != ErrorCode::out_of_budget || !wanted) throw;
+  }
+  std::error_code ignored;
+  std::filesystem::remove(directory_.geometries() / id, ignored);
+  return catalog_->remove_geometry(id, policy);
+}
+
+std::vector<std::string> GeometryStore::remove(const std::string& id, WithSetups policy) {
+  const std::lock_guard lock(visibility_);
+  const DiskSpace::Room room(disk_);
+  const Intent removal = remove_rows(id, policy);
+  finish(removal);
+  std::vector<std::string> setups;
+  for (const auto& entry : removal.entries) {
+    if (entry.what == Intent::What::setup) setups.push_back(entry.id);
+  }
+  return setups;
+}
+
+/// The rows are gone, so the caller is told that it is done: files that cannot be removed now are left to the next start.
+void GeometryStore::finish(const Intent& removal) {
+  try {
+    step("a removal is announced");
+    finish_removal(directory_, *catalog_, removal, RemoveFiles::all, options_.on_step);
+  } catch (const Error& error) {
+    spdlog::warn("store: the files of a removal are removed at the next start: {}", error.what());
+  }
+}
+
+std::int64_t GeometryStore::put_setup(SetupRecord record) {
+  const std::lock_guard lock(visibility_);
+  if (!catalog_->find_geometry(record.geometry_id)) {
+    throw Error(ErrorCode::not_found, "geometry " + record.geometry_id + ": unknown id");
+  }
+  const auto known = catalog_->find_setup(record.id);
+  const bool stays = known && known->integrity == Integrity::intact;
+  if (stays) record.created_ms = known->created_ms;
+  if (stays && !disk_.refusal().empty()) return record.created_ms;
+  disk_.require(record.setup.size() + record.info.size());
+  const std::int64_t intent = catalog_->begin({Intent::Kind::put, {{Intent::What::setup, record.id, record.created_ms, {}}}});
+  const std::filesystem::path temporary = directory_.temporary_record(record.id, intent);
+  try {
+    step("a setup is announced");
+    write_record(record, temporary, Sync::now);
+    step("the setup is written");
+    move_file(temporary, directory_.setups() / record.id);
+    sync_directory(directory_.setups());
+    step("the setup is in place");
+    catalog_->put_setup(record, intent);
+    step("the row of the setup is written");
+  } catch (...) {
+    std::error_code ignored;
+    std::filesystem::remove(temporary, ignored);
+    try {
+      if (!catalog_->find_setup(record.id)) std::filesystem::remove(directory_.setups() / record.id, ignored);
+      catalog_->end(intent);
+    } catch (const Error& error) {
+      spdlog::warn("store: what a failed setup left is removed at the next start: {}", error.what());
+    }
+    throw;
+  }
+  return record.created_ms;
+}
+
+std::optional<SetupRecord> GeometryStore::find_setup(const std::string& id) {
+  auto record = catalog_->find_setup(id);
+  if (!record || record->integrity == Integrity::intact) return record;
+  try {
+    return read_setup_record(directory_.setups() / id, id);
+  } catch (const Error&) {
+    throw Error(ErrorCode::data_loss, "system " + id + ": the stored setup is damaged; prepare it again from its file");
+  }
+}
+
+bool GeometryStore::remove_setup(const std::string& id) {
+  const std::lock_guard lock(visibility_);
+  const DiskSpace::Room room(disk_);
+  const auto removal = catalog_->remove_setup(id);
+  if (removal) finish(*removal);
+  return removal.has_value();
+}
+
+v1::StoreInfo GeometryStore::state() {
+  disk_.hold();
+  v1::StoreInfo state;
+  state.set_reason(disk_.refusal());
+  state.set_writable(state.reason().empty());
+  state.set_free_bytes(disk_.free());
+  state.set_needed_bytes(disk_.keep_free());
+  state.set_damaged_files(count_entries(directory_.damaged()));
+  state.set_unclaimed_files(count_entries(directory_.unclaimed()));
+  return state;
+}
+
+v1::ListGeometriesReply GeometryStore::list(const v1::ListGeometriesRequest& request) {
+  const std::size_t limit = page_size(request.page_size());
+  const auto records = catalog_->list_geometries(parse_page_token(request.page_token()), limit);
+  v1::ListGeometriesReply reply;
+  for (const auto& record : records) *reply.add_geometries() = told(record);
+  if (records.size() == limit) reply.set_next_page_token(page_token(records.back().created_ms, records.back().id));
+  return reply;
+}
+
+std::string GeometryStore::resolve_geometry(const std::string& id) {
+  check_id("geometry", id);
+  return only_one("geometry", id, catalog_->geometry_ids(id, 2));
+}
+
+std::string GeometryStore::resolve_setup(const std::string& id) {
+  check_id("system", id);
+  return only_one("system", id, catalog_->setup_ids(id, 2));
+}
+
+std::string page_token(std::int64_t created_ms, const std::string& id) { return std::to_string(created_ms) + ":" + id; }
+
+std::optional<PageStart> parse_page_token(const std::string& token) {
+  if (token.empty()) return std::nullopt;
+  PageStart start;
+  const std::size_t colon = token.find(':');
+  const auto [end, error] = std::from_chars(token.data(), token.data() + token.size(), start.created_ms);
+  if (colon == std::string::npos || error != std::errc() || end != token.data() + colon) {
+    throw Error(ErrorCode::invalid_argument, "page_token: not one that a listing returned");
+  }
+  start.id = token.substr(colon + 1);
+  if (start.id.size() != id_digits || !is_hexadecimal(start.id)) {
+    throw Error(ErrorCode::invalid_argument, "page_token: not one that a listing returned");
+  }
+  return start;
+}
+
+std::size_t page_size(std::uint32_t requested) {
+  if (requested > largest_page) {
+    throw Error(ErrorCode::invalid_argument,
+                "page_size: " + std::to_string(requested) + " is more than " + std::to_string(largest_page));
+  }
+  return requested == 0 ? largest_page : requested;
+}
+
+std::int64_t unix_ms() {
+  return std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
+}
+
+}  // namespace deform::server

@@ -1,0 +1,139 @@
+#include "server/store/sqlite_files.h"
+
+#include <fcntl.h>
+#include <spdlog/spdlog.h>
+
+#include <map>
+
+#include "core/base/error.h"
+#include "deform/v1/deformation.pb.h"
+#include "deform/v1/geometry.pb.h"
+#include "server/store/catalog_records.h"
+#include "server/store/file.h"
+#include "server/store/sqlite.h"
+
+namespace deform::server {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+/// The tables are described on the first page, which a catalog that was never checkpointed has in its log only.
+constexpr std::size_t looked_at = std::size_t{1} << 20;
+
+std::string beginning(const fs::path& path) {
+  std::error_code error;
+  if (!fs::is_regular_file(fs::symlink_status(path, error))) return {};
+  std::string text(looked_at, '\0');
+  text.resize(File(path, O_RDONLY).read(text.data(), text.size()));
+  return text;
+}
+
+/// Calls take(row) for every row that can be read, from both ends.
+template <typename Take>
+void read_rows(sqlite3* db, const std::string& select, Take take) {
+  for (const char* order : {" ORDER BY 1 ASC", " ORDER BY 1 DESC"}) {
+    try {
+      sqlite::Statement query(db, (select + order).c_str());
+      while (query.step()) take(query);
+      return;  // all were read
+    } catch (const Error& error) {
+      spdlog::debug("store: salvaging: {}", error.what());
+    }
+  }
+}
+
+bool has_checksums(sqlite3* db) {
+  try {
+    sqlite::Statement(db, "SELECT checksum FROM geometries LIMIT 1");
+    return true;
+  } catch (const Error&) {
+    return false;
+  }
+}
+
+}  // namespace
+
+bool is_plausible(const GeometryRecord& record) {
+  v1::GeometryInfo info;
+  return is_full_id(record.id) && info.ParseFromString(record.info) && info.id() == record.id;
+}
+
+bool is_plausible(const SetupRecord& record) {
+  v1::SystemInfo info;
+  if (!is_full_id(record.id) || !info.ParseFromString(record.info)) return false;
+  try {
+    verify(record);
+    return true;
+  } catch (const Error&) {
+    return false;
+  }
+}
+
+bool is_catalog_of_0_1(const fs::path& file) {
+  for (const fs::path& path : {file, fs::path(file.string() + "-wal")}) {
+    const std::string text = beginning(path);
+    if (text.find(
+            "CREATE TABLE geometries (id TEXT PRIMARY KEY, info BLOB NOT NULL, created_ms INTEGER NOT NULL) WITHOUT ROWID") !=
+            std::string::npos &&
+        text.find("CREATE TABLE setups (id TEXT PRIMARY KEY, geometry_id TEXT NOT NULL REFERENCES geometries (id),") !=
+            std::string::npos) {
+      return true;
+    }
+  }
+  return false;
+}
+
+void copy_catalog(const fs::path& from, const fs::path& to) {
+  const fs::path part = to.string() + ".part";
+  std::error_code ignored;
+  fs::remove(part, ignored);
+  {
+    const auto source = sqlite::open(from, SQLITE_OPEN_READWRITE);
+    const auto target = sqlite::open(part, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);
+    sqlite3_backup* backup = sqlite3_backup_init(target.get(), "main", source.get(), "main");
+    if (backup == nullptr) sqlite::fail(target.get(), sqlite3_errcode(target.get()));
+    const int code = sqlite3_backup_step(backup, -1);
+    sqlite3_backup_finish(backup);
+    if (code != SQLITE_DONE) sqlite::fail(target.get(), code);
+  }
+  File(part, O_RDONLY).sync();
+  move_file(part, to);
+  sync_directory(to.parent_path());
+}
+
+Salvaged salvage_catalog(const fs::path& file) {
+  std::map<std::string, GeometryRecord> geometries;
+  std::map<std::string, SetupRecord> setups;
+  std::map<std::int64_t, Intent> intents;
+  try {
+    const auto db = sqlite::open(file, SQLITE_OPEN_READONLY);
+    const bool checked = has_checksums(db.get());
+    const std::string last = checked ? ", checksum" : "";
+    read_rows(db.get(), "SELECT id, info, created_ms" + last + " FROM geometries", [&](const sqlite::Statement& row) {
+      GeometryRecord record{row.text_at(0), row.text_at(1), row.number_at(2)};
+      const bool whole = checked ? checksum(record) == row.text_at(3) : is_plausible(record);
+      if (whole) geometries.emplace(record.id, std::move(record));
+    });
+    read_rows(db.get(), "SELECT id, geometry_id, setup, info, created_ms" + last + " FROM setups",
+              [&](const sqlite::Statement& row) {
+                SetupRecord record{row.text_at(0), row.text_at(1), row.text_at(2), row.text_at(3), row.number_at(4)};
+                const bool whole = checked ? checksum(record) == row.text_at(5) : is_plausible(record);
+                if (whole) setups.emplace(record.id, std::move(record));
+              });
+    read_rows(db.get(), "SELECT number, entry FROM intents", [&](const sqlite::Statement& row) {
+      Intent intent = decode_intent(row.text_at(1));
+      intent.number = row.number_at(0);
+      intents.emplace(intent.number, std::move(intent));
+    });
+  } catch (const std::exception& error) {
+    spdlog::debug("store: salvaging: {}", error.what());
+  }
+  Salvaged salvaged;
+  for (auto& [id, record] : geometries) salvaged.geometries.push_back(std::move(record));
+  for (auto& [id, record] : setups) salvaged.setups.push_back(std::move(record));
+  for (auto& [number, intent] : intents) salvaged.intents.push_back(std::move(intent));
+  return salvaged;
+}
+
+}  // namespace deform::server

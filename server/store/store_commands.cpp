@@ -1,0 +1,247 @@
+#include "server/store/store_commands.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <set>
+
+#include "core/base/error.h"
+#include "server/store/catalog_rebuild.h"
+#include "server/store/catalog_records.h"
+#include "server/store/file.h"
+#include "server/store/geometry_file.h"
+#include "server/store/sqlite_catalog.h"
+#include "server/store/sqlite_files.h"
+#include "server/store/store_directory.h"
+
+namespace deform::server {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t all = static_cast<std::size_t>(INT64_MAX);
+constexpr const char* folders[] = {"geometries", "names", "setups"};
+
+void say(StoreReport& report, const std::string& line) { report.lines.push_back(line); }
+
+void complain(StoreReport& report, const std::string& line) {
+  report.outcome = StoreReport::Outcome::faults;
+  say(report, line);
+}
+
+std::string counted(std::size_t count, const std::string& what) { return std::to_string(count) + " " + what; }
+
+/// Runs `verify`; its Error becomes a line.
+template <typename Verify>
+void check_one(StoreReport& report, const std::string& what, Verify verify) {
+  try {
+    verify();
+  } catch (const std::exception& error) {
+    complain(report, what + ": " + error.what());
+  }
+}
+
+bool is_empty_or_missing(const fs::path& file) {
+  std::error_code error;
+  const auto size = fs::file_size(file, error);
+  return error || size == 0;
+}
+
+/// Files of a folder that no row names, which the next start would look at.
+void check_strangers(StoreReport& report, const fs::path& folder, const std::vector<std::string>& ids) {
+  const std::set<std::string> known(ids.begin(), ids.end());
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    if (known.count(entry.path().filename().string()) == 0) {
+      complain(report, entry.path().string() + ": not in the catalog; the next start adopts it or moves it to unclaimed/");
+    }
+  }
+}
+
+/// A link where it can go, else a copy.
+void link_or_copy(const fs::path& from, const fs::path& to) {
+  if (::link(from.c_str(), to.c_str()) == 0) return;
+  if (errno == ENOENT) throw Error(ErrorCode::not_found, from.string() + ": is gone");
+  if (errno == EEXIST) return;  // linked by an earlier round
+  const File source(from, O_RDONLY);
+  const File target(to, O_WRONLY | O_CREAT | O_EXCL);
+  std::string buffer(std::size_t{1} << 20, '\0');
+  while (const std::size_t size = source.read(buffer.data(), buffer.size())) target.write(buffer.data(), size);
+}
+
+/// Every file of the three folders that is there now. One that a server removes meanwhile is left out.
+void take_files(const fs::path& from, const fs::path& to) {
+  for (const char* folder : folders) {
+    for (const auto& entry : fs::directory_iterator(from / folder)) {
+      if (!is_full_id(entry.path().filename().string())) continue;
+      try {
+        link_or_copy(entry.path(), to / folder / entry.path().filename());
+      } catch (const Error& error) {
+        if (error.code() != ErrorCode::not_found && fs::exists(entry.path())) throw;
+        std::error_code ignored;
+        fs::remove(to / folder / entry.path().filename(), ignored);  // half a copy
+      }
+    }
+  }
+}
+
+struct Ids {
+  std::vector<std::string> geometries, setups;
+};
+
+Ids ids_of(const fs::path& catalog) {
+  const auto opened = open_sqlite_catalog(catalog);
+  return {opened->geometry_ids("", all), opened->setup_ids("", all)};
+}
+
+/// Files of rows that are not there.
+std::set<fs::path> missing(const fs::path& root, const Ids& ids) {
+  std::set<fs::path> found;
+  const auto look = [&](const char* folder, const std::vector<std::string>& names) {
+    for (const auto& name : names) {
+      if (!fs::exists(root / folder / name)) found.insert(root / folder / name);
+    }
+  };
+  look("geometries", ids.geometries);
+  look("names", ids.geometries);
+  look("setups", ids.setups);
+  return found;
+}
+
+/// Files of what was deleted or not yet registered when the catalog was copied. All here was made by this process.
+void drop_others(const fs::path& to, const Ids& ids) {
+  const std::set<std::string> geometries(ids.geometries.begin(), ids.geometries.end()),
+      setups(ids.setups.begin(), ids.setups.end());
+  for (const char* folder : folders) {
+    const auto& known = std::string(folder) == "setups" ? setups : geometries;
+    for (const auto& entry : fs::directory_iterator(to / folder)) {
+      if (known.count(entry.path().filename().string()) == 0) fs::remove(entry.path());
+    }
+  }
+}
+
+StoreReport copy_store(const fs::path& from, const fs::path& to) {
+  if (!has_mark(from)) {
+    throw Error(ErrorCode::failed_precondition, "store: " + from.string() +
+                                                    " is not a store of deformd (it has no mark); one of 0.1 becomes one when a "
+                                                    "server starts on it");
+  }
+  const fs::path source = fs::weakly_canonical(from), target = fs::weakly_canonical(to);
+  if (std::mismatch(source.begin(), source.end(), target.begin(), target.end()).first == source.end()) {
+    throw Error(ErrorCode::invalid_argument,
+                "store: " + to.string() + " is inside " + from.string() + "; name a folder elsewhere");
+  }
+  if (!is_empty_folder(to)) {
+    throw Error(ErrorCode::failed_precondition, "store: " + to.string() + " is not empty; nothing in it was touched");
+  }
+  fs::create_directories(to);
+  if (::chmod(to.c_str(), 0700) != 0) fail_on("close to others", to);
+  for (const char* folder : folders) fs::create_directory(to / folder);
+  const fs::path catalog = to / "catalog.sqlite";
+  // Every file of a row is there when the row is: so files first, then the catalog, then what came in between. What came and went
+  // in between is found in the next round; what is missing in two of them is missing in the original.
+  Ids ids;
+  std::set<fs::path> before;
+  constexpr int rounds = 10;
+  for (int round = 0;; ++round) {
+    take_files(from, to);
+    copy_catalog(from / "catalog.sqlite", catalog);
+    take_files(from, to);
+    ids = ids_of(catalog);
+    std::set<fs::path> now = missing(to, ids);
+    if (now.empty() || (round > 0 && now == before)) break;
+    if (round == rounds) throw Error(ErrorCode::unavailable, "store: " + from.string() + " changes too fast to be copied");
+    before = std::move(now);
+  }
+  drop_others(to, ids);
+  sync_file_system(to);
+  write_mark(to);
+  StoreReport report;
+  say(report, counted(ids.geometries.size(), "geometries, ") + counted(ids.setups.size(), "setups"));
+  for (const auto& id : ids.geometries) {
+    if (!fs::exists(to / "geometries" / id)) complain(report, "geometry " + id + ": its file is missing in " + from.string());
+  }
+  return report;
+}
+
+/// With the errors of the file system as ours.
+template <typename Work>
+StoreReport guarded(Work work) {
+  try {
+    return work();
+  } catch (const fs::filesystem_error& error) {
+    throw Error(ErrorCode::unavailable, std::string("store: ") + error.what());
+  }
+}
+
+}  // namespace
+
+StoreReport check_store(const fs::path& data_dir) {
+  return guarded([&] {
+    const StoreDirectory directory(data_dir, StoreDirectory::Accept::existing);
+    StoreReport report;
+    std::unique_ptr<Catalog> catalog;
+    Catalog::Damaged damaged;
+    try {
+      if (is_empty_or_missing(directory.catalog())) throw Error(ErrorCode::data_loss, "the catalog is missing or empty");
+      catalog = open_sqlite_catalog(directory.catalog());
+      damaged = catalog->check();
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::data_loss) throw;
+      complain(report,
+               std::string(error.what()) + "; the next start, or \"deformd store rebuild\", makes a new one of the files");
+      return report;
+    }
+    for (const auto& record : damaged.geometries)
+      complain(report, "geometry " + record.id + ": its entry in the catalog is damaged");
+    for (const auto& record : damaged.setups) complain(report, "system " + record.id + ": its entry in the catalog is damaged");
+    const auto geometries = catalog->geometry_ids("", all), setups = catalog->setup_ids("", all);
+    for (const auto& id : geometries) {
+      check_one(report, "geometry " + id, [&] { read_geometry_file(directory.geometries() / id, id).validate(); });
+      check_one(report, "geometry " + id, [&] { read_geometry_record(directory.names() / id, id); });
+    }
+    for (const auto& id : setups) {
+      check_one(report, "system " + id, [&] { verify(read_setup_record(directory.setups() / id, id)); });
+    }
+    check_strangers(report, directory.geometries(), geometries);
+    check_strangers(report, directory.names(), geometries);
+    check_strangers(report, directory.setups(), setups);
+    const std::size_t intents = catalog->intents().size();
+    if (intents > 0) say(report, counted(intents, "interrupted uploads or deletions, which the next start finishes"));
+    say(report, counted(count_entries(directory.damaged()), "entries in damaged/, ") +
+                    counted(count_entries(directory.unclaimed()), "in unclaimed/"));
+    say(report, counted(geometries.size(), "geometries, ") + counted(setups.size(), "setups: ") +
+                    (report.outcome == StoreReport::Outcome::well ? "every file is whole" : "see above"));
+    return report;
+  });
+}
+
+StoreReport rebuild_store(const fs::path& data_dir) {
+  return guarded([&] {
+    const StoreDirectory directory(data_dir, StoreDirectory::Accept::also_files);
+    const OpenedCatalog opened = open_catalog(directory, OldCatalog::set_aside);
+    const RebuildReport& done = opened.report;
+    StoreReport report;
+    if (!done.set_aside.empty()) say(report, "the catalog is kept as " + done.set_aside);
+    const Catalog::Counts counts = opened.catalog->counts();
+    say(report, counted(counts.geometries, "geometries, ") + counted(counts.setups, "setups are in the new one"));
+    if (done.unclaimed > 0) complain(report, counted(done.unclaimed, "files were nothing of this store's and are in unclaimed/"));
+    if (done.damaged > 0) complain(report, counted(done.damaged, "files were damaged and are in damaged/"));
+    if (done.missing > 0) complain(report, counted(done.missing, "geometries have no file; register them again"));
+    if (done.full) complain(report, "the disk was too full to finish");
+    return report;
+  });
+}
+
+StoreReport backup_store(const fs::path& data_dir, const fs::path& to) {
+  return guarded([&] { return copy_store(data_dir, to); });
+}
+
+StoreReport restore_store(const fs::path& from, const fs::path& data_dir) {
+  return guarded([&] { return copy_store(from, data_dir); });
+}
+
+}  // namespace deform::server
