@@ -105,7 +105,7 @@ void write_port_file(const std::filesystem::path& path, int port) {
 
 void log_configuration(const deform::server::Configuration& configuration) {
   for (const auto& [name, value, source] : configuration.effective) {
-    spdlog::info("option {}={} ({})", name, deform::server::escaped(value, 300), deform::server::escaped(source, 300));
+    spdlog::info("option {}={} ({})", name, deform::escaped(value, 300), deform::escaped(source, 300));
   }
 }
 
@@ -165,10 +165,10 @@ int main(int argc, char** argv) {
     serve(std::get<deform::server::Configuration>(configuration), signals);
     return exit_ok;
   } catch (const Error& error) {
-    std::fprintf(stderr, "deformd: %s\n", deform::server::escaped(error.what(), 2000).c_str());
+    std::fprintf(stderr, "deformd: %s\n", deform::escaped(error.what(), 2000).c_str());
     return error.code() == ErrorCode::invalid_argument ? exit_usage : exit_failed;
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "deformd: %s\n", deform::server::escaped(error.what(), 2000).c_str());
+    std::fprintf(stderr, "deformd: %s\n", deform::escaped(error.what(), 2000).c_str());
     return exit_failed;
   }
 }
