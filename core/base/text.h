@@ -23,6 +23,10 @@ std::string printable(std::string_view text, std::string_view kept = {});
 /// ended by "...". Any thread.
 std::string escaped(std::string_view text, std::size_t limit);
 
+/// ASCII letters in lower case or in capitals, everything else as it is.
+std::string lower_case(std::string_view text);
+std::string upper_case(std::string_view text);
+
 /// Text for the body or a quoted attribute of HTML or XML: & < > " ' as entities, control characters as blanks; bytes that are no
 /// UTF-8 as U+FFFD.
 std::string markup_text(std::string_view text);

@@ -11,9 +11,23 @@ double Box::diagonal() const {
   return std::sqrt(sum);
 }
 
-Box bounding_box(const Points& points) {
+int Box::longest_axis() const {
+  int longest = 0;
+  for (int k = 1; k < 3; ++k) {
+    if (side(k) > side(longest)) longest = k;
+  }
+  return longest;
+}
+
+Box bounding_box(std::span<const Vec3> points) {
   Box box;
-  for (const auto& p : points) box.add(p);
+  for (const Vec3& p : points) box.add(p);
+  return box;
+}
+
+Box bounding_box(std::span<const Vec3> points, std::span<const PointId> ids) {
+  Box box;
+  for (const PointId id : ids) box.add(points[id]);
   return box;
 }
 

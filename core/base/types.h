@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace deform {
@@ -25,11 +26,16 @@ struct Box {
       if (p[k] > max[k]) max[k] = p[k];
     }
   }
+  double side(int axis) const { return max[axis] - min[axis]; }
+  /// The first of the axes along which it is longest.
+  int longest_axis() const;
   /// Length of the diagonal, the D of every tolerance; 0 for an empty box.
   double diagonal() const;
 };
 
-Box bounding_box(const Points& points);
+Box bounding_box(std::span<const Vec3> points);
+/// Of some of the points.
+Box bounding_box(std::span<const Vec3> points, std::span<const PointId> ids);
 
 /// x' = A x + b as a 3 x 4 matrix [A b], row-major. Model units.
 using Affine = std::array<double, 12>;

@@ -2,7 +2,9 @@
 
 #include <cmath>
 
+#include "core/base/checks.h"
 #include "core/base/error.h"
+#include "core/base/vectors.h"
 #include "core/constraints/circle.h"
 #include "core/constraints/cone.h"
 #include "core/constraints/cylinder.h"
@@ -48,8 +50,6 @@ struct NeedsOf {
   Needs operator()(const Extent&) const { return {"extent", 1, 1, 2}; }
 };
 
-bool finite(const Vec3& v) { return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]); }
-
 [[noreturn]] void refuse(const std::string& field, const std::string& why) {
   throw Error(ErrorCode::invalid_argument, field + ": " + why);
 }
@@ -69,9 +69,7 @@ void check_points(const Needs& needs, Regions rest, const std::string& what) {
       refuse(region, std::to_string(rest[r].size()) + " points, " + name + " needs at least " +
                          std::to_string(needs.points_each) + " in every region");
     }
-    for (std::size_t i = 0; i < rest[r].size(); ++i) {
-      if (!finite(rest[r][i])) refuse(region, "point " + std::to_string(i) + " is not finite");
-    }
+    check_finite(rest[r], region + ".points");
     all += rest[r].size();
   }
   if (all < needs.points) {
@@ -80,22 +78,20 @@ void check_points(const Needs& needs, Regions rest, const std::string& what) {
 }
 
 void check_units(const UnitMap& units) {
-  if (!finite(units.origin) || !std::isfinite(units.scale) || !(units.scale > 0)) {
+  if (!is_finite(units.origin) || !std::isfinite(units.scale) || !(units.scale > 0)) {
     refuse("units", "the origin must be finite and the scale finite and positive");
   }
 }
 
 Vec3 direction(const Vec3& v, const std::string& field) {
-  const double length = std::hypot(v[0], v[1], v[2]);
+  const double length = norm(v);
   if (!std::isnormal(length)) refuse(field, "must be finite and not zero");
-  return {v[0] / length, v[1] / length, v[2] / length};
+  return v / length;
 }
 
 Vec3 to_unit(const Vec3& point, const UnitMap& units, const std::string& field) {
-  if (!finite(point)) refuse(field, "must be finite");
-  Vec3 unit{};
-  for (std::size_t k = 0; k < 3; ++k) unit[k] = (point[k] - units.origin[k]) / units.scale;
-  return unit;
+  if (!is_finite(point)) refuse(field, "must be finite");
+  return (point - units.origin) / units.scale;
 }
 
 /// Nothing, or the curvature at rest: what is flat there has no radius to keep.
@@ -158,9 +154,7 @@ class Maker {
 
 Maker::Made Maker::operator()(const Symmetric& kind) const {
   if (!(kind.tolerance > 0 && kind.tolerance <= 0.1)) refuse(what_ + ".tolerance", "must be above 0 and at most 0.1");
-  Box box;
-  for (const Vec3& p : all_) box.add(p);
-  const double tolerance = kind.tolerance * box.diagonal();
+  const double tolerance = kind.tolerance * bounding_box(all_).diagonal();
   std::optional<MirrorPlane> plane;
   if (kind.plane) {
     plane = MirrorPlane{to_unit(kind.plane->point, units_, what_ + ".plane.point"),

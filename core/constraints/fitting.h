@@ -182,17 +182,6 @@ FitDerivatives<Model::sizes> fit_derivatives(const Model& model, const PointSamp
   return total;
 }
 
-template <class Model>
-double fit_energy(const Model& model, const PointSample& sample, const Fit<Model::sizes>& fit) {
-  double energy = 0;
-  LocalResidual<Model::rows, Model::sizes> local;
-  for (std::size_t i = 0; i < sample.x.size(); i += sample.stride) {
-    model.residual(i, fit.frame.local(sample.x[i]), fit.size, local);
-    energy += local.value.squaredNorm();
-  }
-  return energy;
-}
-
 /// How far a unit of each active parameter moves the points (root of the sum of squares), for points about `radius` from the
 /// origin of the frame: what makes parameters of different units comparable where the residuals do not.
 Eigen::VectorXd natural_scale(const std::vector<int>& active, double points, double radius);

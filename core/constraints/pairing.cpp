@@ -5,17 +5,12 @@
 #include <limits>
 #include <numeric>
 
+#include "core/base/vectors.h"
 #include "core/constraints/fit_starts.h"
 
 namespace deform {
 
 namespace {
-
-double squared_distance(const Vec3& a, const Vec3& b) {
-  double sum = 0;
-  for (std::size_t k = 0; k < 3; ++k) sum += (a[k] - b[k]) * (a[k] - b[k]);
-  return sum;
-}
 
 /// A balanced k-d tree: the middle of a range divides it across its longest side.
 class PointTree {
@@ -39,12 +34,8 @@ class PointTree {
 
   void split(std::size_t begin, std::size_t end) {
     if (end - begin < 2) return;
-    Box box;
-    for (std::size_t k = begin; k < end; ++k) box.add(points_[order_[k]]);
-    std::uint8_t axis = 0;
-    for (std::uint8_t k = 1; k < 3; ++k) {
-      if (box.max[k] - box.min[k] > box.max[axis] - box.min[axis]) axis = k;
-    }
+    const Box box = bounding_box(points_, {order_.data() + begin, end - begin});
+    const auto axis = static_cast<std::uint8_t>(box.longest_axis());
     const std::size_t middle = begin + (end - begin) / 2;
     const auto at = [&](std::size_t k) { return order_.begin() + static_cast<std::ptrdiff_t>(k); };
     std::nth_element(at(begin), at(middle), at(end), [&](std::uint32_t a, std::uint32_t b) {

@@ -6,6 +6,7 @@
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/parallel.h"
+#include "core/base/vectors.h"
 
 namespace deform {
 
@@ -13,10 +14,6 @@ namespace {
 
 constexpr std::size_t grain = 8192;
 constexpr double least_progress = 1e-3;  // of the motion: smaller steps get ever smaller
-
-Vec3 along(const Vec3& x, const Vec3& y, double fraction) {
-  return {x[0] + fraction * (y[0] - x[0]), x[1] + fraction * (y[1] - x[1]), x[2] + fraction * (y[2] - x[2])};
-}
 
 void validate_options(const SplitOptions& options) {
   if (options.most_steps < 1 || options.most_steps > 1000) {
@@ -118,7 +115,7 @@ class Splitting {
     return system->evaluate(design, context_);
   }
 
-  Vec3 prescribed(PointId id, double fraction) const { return fraction == 1 ? full_[id] : along(rest_[id], full_[id], fraction); }
+  Vec3 prescribed(PointId id, double fraction) const { return fraction == 1 ? full_[id] : lerp(rest_[id], full_[id], fraction); }
 
   /// Handles exactly where they belong, whatever was rounded on the way.
   void put_handles(double fraction, Points& points) const {
@@ -131,7 +128,7 @@ class Splitting {
   Points part_of(const Points& from, const Points& to, double share, double fraction) const {
     Points points(from.size());
     parallel_for(context_, points.size(), grain, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) points[i] = along(from[i], to[i], share);
+      for (std::size_t i = begin; i < end; ++i) points[i] = lerp(from[i], to[i], share);
     });
     put_handles(fraction, points);
     return points;

@@ -7,7 +7,6 @@
 #include <cstring>
 
 #include "core/base/error.h"
-#include "core/io/file_format.h"
 #include "core/io/gzip.h"
 #include "core/io/mesh_file.h"
 

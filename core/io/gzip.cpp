@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "core/base/error.h"
+#include "core/base/text.h"
 
 namespace deform::io {
 
@@ -55,6 +56,8 @@ void make_room(std::string& out, std::size_t used, std::size_t max_bytes, const 
 }
 
 }  // namespace
+
+bool has_gzip_extension(const std::string& name) { return lower_case(name).ends_with(".gz"); }
 
 bool is_gzip(std::string_view bytes) { return bytes.size() >= 3 && bytes.substr(0, 3) == "\x1f\x8b\x08"; }
 

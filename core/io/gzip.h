@@ -7,6 +7,8 @@
 namespace deform::io {
 
 bool is_gzip(std::string_view bytes);
+/// Whether the name ends in .gz, in any case.
+bool has_gzip_extension(const std::string& name);
 
 /// All members of a gzip file one after another. Throws Error(invalid_argument) for damaged or truncated data and
 /// Error(out_of_budget) when more than max_bytes would come out; allocates no more than that.

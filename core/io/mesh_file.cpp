@@ -3,7 +3,8 @@
 #include <algorithm>
 
 #include "core/base/error.h"
-#include "core/io/file_format.h"
+#include "core/io/formats/containers/container_mesh.h"
+#include "core/io/formats/openfoam/openfoam_folder.h"
 #include "core/io/gzip.h"
 #include "core/io/readers.h"
 
@@ -12,13 +13,6 @@ namespace deform::io {
 namespace {
 
 constexpr std::size_t max_unpacked = std::size_t{1} << 36;
-
-std::string lower_case(std::string text) {
-  for (char& c : text) {
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  }
-  return text;
-}
 
 /// The file itself last: when it is there, all is.
 void write_parts(const std::vector<MeshFile::FilePart>& parts, const std::filesystem::path& path) {
@@ -47,131 +41,23 @@ void write_parts(const std::vector<MeshFile::FilePart>& parts, const std::filesy
 
 }  // namespace
 
-bool has_gzip_extension(const std::string& name) { return lower_case(name).ends_with(".gz"); }
-
-Format format_of(const std::string& name) {
-  std::string plain = lower_case(name);
-  if (plain.ends_with(".gz")) plain.resize(plain.size() - 3);
-  if (plain.ends_with(".obj")) return Format::obj;
-  if (plain.ends_with(".off")) return Format::off;
-  if (plain.ends_with(".ply")) return Format::ply;
-  if (plain.ends_with(".stl")) return Format::stl;
-  if (plain.ends_with(".mesh")) return Format::medit;
-  if (plain.ends_with(".inp")) return Format::abaqus;
-  if (plain.ends_with(".msh")) return Format::gmsh;
-  if (plain.ends_with(".bdf") || plain.ends_with(".nas") || plain.ends_with(".dat")) return Format::nastran;
-  if (plain.ends_with(".su2")) return Format::su2;
-  if (plain.ends_with(".vtk")) return Format::vtk;
-  if (plain.ends_with(".vtu")) return Format::vtu;
-  if (plain.ends_with(".vtp")) return Format::vtp;
-  if (plain.ends_with(".cgns")) return Format::cgns;
-  for (const char* extension : {".e", ".exo", ".ex2", ".g"}) {
-    if (plain.ends_with(extension)) return Format::exodus;
-  }
-  if (plain == "points" || plain.ends_with("/points")) return Format::openfoam;
-  throw Error(ErrorCode::invalid_argument, name +
-                                               ": unknown mesh format, expected a name that ends in .obj, .off, .ply, .stl, "
-                                               ".mesh, .su2, .vtk, .vtu, .vtp, .cgns, .e, .exo, .ex2, .g, .msh, .inp, .bdf, .nas "
-                                               "or .dat (optionally .gz), or the folder of "
-                                               "an OpenFOAM mesh");
-}
-
-const char* to_string(Format format) {
-  switch (format) {
-    case Format::obj:
-      return "OBJ";
-    case Format::off:
-      return "OFF";
-    case Format::ply:
-      return "PLY";
-    case Format::stl:
-      return "STL";
-    case Format::openfoam:
-      return "OpenFOAM";
-    case Format::medit:
-      return "Medit";
-    case Format::gmsh:
-      return "Gmsh";
-    case Format::abaqus:
-      return "Abaqus";
-    case Format::nastran:
-      return "Nastran";
-    case Format::su2:
-      return "SU2";
-    case Format::vtk:
-      return "VTK";
-    case Format::vtu:
-      return "VTU";
-    case Format::vtp:
-      return "VTP";
-    case Format::cgns:
-      return "CGNS";
-    case Format::exodus:
-      return "Exodus";
-  }
-  return "unknown";
-}
-
 std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name, const ReadOptions& options) {
-  const Format format = format_of(name);
+  const Reader& reader = reader_of(name);
   const bool compressed = is_gzip(bytes);
   if (compressed) bytes = gunzip(bytes, name, max_unpacked);
-  std::unique_ptr<MeshFile> file;
-  switch (format) {
-    case Format::obj:
-      file = parse_obj(std::move(bytes), name);
-      break;
-    case Format::off:
-      file = parse_off(std::move(bytes), name);
-      break;
-    case Format::ply:
-      file = parse_ply(std::move(bytes), name);
-      break;
-    case Format::stl:
-      file = parse_stl(std::move(bytes), name);
-      break;
-    case Format::medit:
-      file = parse_medit(std::move(bytes), name);
-      break;
-    case Format::abaqus:
-      file = parse_abaqus(std::move(bytes), name);
-      break;
-    case Format::gmsh:
-      file = parse_gmsh(std::move(bytes), name);
-      break;
-    case Format::nastran:
-      file = parse_nastran(std::move(bytes), name);
-      break;
-    case Format::su2:
-      file = parse_su2(std::move(bytes), name);
-      break;
-    case Format::vtk:
-      file = parse_vtk(std::move(bytes), name);
-      break;
-    case Format::vtu:
-      file = parse_vtu(std::move(bytes), name);
-      break;
-    case Format::vtp:
-      file = parse_vtp(std::move(bytes), name);
-      break;
-    case Format::cgns:
-    case Format::exodus:
-      file = parse_container(format, std::move(bytes), name, options);
-      break;
-    case Format::openfoam:
-      throw Error(ErrorCode::invalid_argument, name + ": points alone are no mesh, the files beside them are needed");
-  }
+  std::unique_ptr<MeshFile> file =
+      reader.library ? parse_container(reader, std::move(bytes), name, options) : reader.parse(std::move(bytes), name);
   file->compressed = compressed;
   return file;
 }
 
 std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path, const ReadOptions& options) {
   if (is_openfoam(path)) return read_openfoam(path);
-  const Format format = format_of(path.string());  // a name that cannot be read is refused before its bytes are
+  const Reader& reader = reader_of(path.string());  // a name that cannot be read is refused before its bytes are
   bool compressed = false;
   std::string bytes = read_file(path, &compressed);
-  auto file =
-      format == Format::abaqus ? read_abaqus(std::move(bytes), path) : parse_mesh(std::move(bytes), path.string(), options);
+  auto file = reader.parse_with_includes ? reader.parse_with_includes(std::move(bytes), path)
+                                         : parse_mesh(std::move(bytes), path.string(), options);
   file->compressed = compressed;
   return file;
 }
@@ -182,12 +68,23 @@ void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const
     if (points_path.has_parent_path()) std::filesystem::create_directories(points_path.parent_path());
     return write_file(points_path, source.with_points(points));
   }
-  const Format format = format_of(path.string());
-  if (format != source.format()) {
-    throw Error(ErrorCode::invalid_argument, path.string() + ": the source is an " + to_string(source.format()) +
-                                                 " file and can only be written as one, not as " + to_string(format));
+  const Reader& reader = reader_of(path.string());
+  if (reader.format != source.format()) {
+    throw Error(ErrorCode::invalid_argument, path.string() + ": the source is an " + reader_of(source.format()).name +
+                                                 " file and can only be written as one, not as " + reader.name);
   }
   write_parts(source.parts_with_points(points), path);
+}
+
+void write_new_file(const Mesh& mesh, const std::filesystem::path& path) {
+  const Reader& reader = reader_of(path.string());
+  mesh.validate();
+  if (reader.new_file) return write_file(path, reader.new_file(mesh, path.string()));
+  std::string known;
+  for (const Reader& other : readers()) {
+    if (other.new_file) known += (known.empty() ? "" : " or ") + other.extensions.front();
+  }
+  throw Error(ErrorCode::invalid_argument, path.string() + ": new files are written as " + known + ", not as " + reader.name);
 }
 
 }  // namespace deform::io

@@ -23,7 +23,7 @@ enum class Format { obj, off, ply, stl, openfoam, medit, cgns, exodus, su2, vtk,
 class MeshFile {
  public:
   virtual ~MeshFile() = default;
-  virtual Format format() const = 0;
+  Format format() const { return format_; }
   /// Every point in file order (STL: coincident corners of the whole file welded into one point each, in order of first
   /// appearance). Face groups: OBJ groups, objects and materials by their names; where an object or material has the name of a
   /// group with other faces it is called "object:NAME" or "material:NAME". STL solids by name, the n-th solid of the file
@@ -32,11 +32,11 @@ class MeshFile {
   /// families, sections of surface elements, and where there are several also those of cells, and zones. Exodus: side sets, node
   /// sets, blocks. SU2: markers. VTK: "NAME_VALUE" for the values of an integer array of the cells. Groups without members are
   /// left out.
-  virtual std::shared_ptr<const Mesh> mesh() const = 0;
+  std::shared_ptr<const Mesh> mesh() const { return mesh_; }
   /// The elements of a volume mesh in a finite-element format, over the same points; else null.
-  std::shared_ptr<const Elements> elements() const { return mesh()->elements; }
+  std::shared_ptr<const Elements> elements() const { return mesh_->elements; }
   /// The cells of a volume mesh that is stored by faces, over the same points; else null.
-  std::shared_ptr<const PolyhedralCells> cells() const { return mesh()->cells; }
+  std::shared_ptr<const PolyhedralCells> cells() const { return mesh_->cells; }
 
   /// The original file with the coordinates of `points` (size mesh()->point_count()) and nothing else changed: comments, spacing,
   /// line ends, other properties, normals, face lines stay byte for byte. Text: shortest decimal that parses to the same double;
@@ -56,11 +56,18 @@ class MeshFile {
   virtual std::vector<FilePart> parts_with_points(std::span<const Vec3> points) const { return {{{}, {}, with_points(points)}}; }
 
   bool compressed = false;  ///< the bytes came gzipped
+
+ protected:
+  MeshFile(Format format, std::shared_ptr<const Mesh> mesh) : format_(format), mesh_(std::move(mesh)) {}
+  const Points& original_points() const { return mesh_->points; }
+
+ private:
+  const Format format_;
+  const std::shared_ptr<const Mesh> mesh_;
 };
 
-/// For help texts: what read_mesh_file() reads.
-inline constexpr char mesh_file_names[] =
-    ".obj, .off, .ply, .stl, .msh, .su2, .cgns, .e, .vtk, .vtu, .vtp, .mesh, .inp, .bdf, also with .gz, or an OpenFOAM case";
+/// For help texts: the usual endings of the files that read_mesh_file() reads.
+std::string mesh_file_names();
 
 /// Where damaged files may do harm. CGNS and netCDF-4 files are parsed by libraries that nobody hardened: such a file may crash
 /// them, and the process that they are in with them.

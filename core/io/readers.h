@@ -2,51 +2,38 @@
 
 #include <filesystem>
 #include <memory>
-#include <optional>
 #include <string>
+#include <string_view>
+#include <vector>
 
 #include "core/io/mesh_file.h"
 
 namespace deform::io {
 
-// One reader per format. `bytes` are unpacked already; `name` stands in errors. Errors as parse_mesh().
+struct ContainerLibrary;
 
-std::unique_ptr<MeshFile> parse_abaqus(std::string bytes, const std::string& name);
-std::unique_ptr<MeshFile> parse_gmsh(std::string bytes, const std::string& name);
-std::unique_ptr<MeshFile> parse_nastran(std::string bytes, const std::string& name);
-/// CGNS and Exodus.
-std::unique_ptr<MeshFile> parse_container(Format format, std::string bytes, const std::string& name, const ReadOptions& options);
-std::unique_ptr<MeshFile> parse_obj(std::string bytes, const std::string& name);
-std::unique_ptr<MeshFile> parse_medit(std::string bytes, const std::string& name);
-std::unique_ptr<MeshFile> parse_off(std::string bytes, const std::string& name);
-std::unique_ptr<MeshFile> parse_ply(std::string bytes, const std::string& name);
-std::unique_ptr<MeshFile> parse_su2(std::string bytes, const std::string& name);
-std::unique_ptr<MeshFile> parse_vtk(std::string bytes, const std::string& name);
-std::unique_ptr<MeshFile> parse_vtu(std::string bytes, const std::string& name);
-std::unique_ptr<MeshFile> parse_vtp(std::string bytes, const std::string& name);
-std::unique_ptr<MeshFile> parse_stl(std::string bytes, const std::string& name);
+/// What is known of one format. Each folder of core/io/formats defines those of its formats; readers() lists all of them.
+struct Reader {
+  Format format{};
+  std::string name;                     ///< in messages: "OBJ"
+  std::vector<std::string> extensions;  ///< in lower case, the usual one first; none: a mesh is a folder
 
-/// The same of a file whose includes are relative to its folder.
-std::unique_ptr<MeshFile> read_abaqus(std::string bytes, const std::filesystem::path& path);
+  /// One of these two reads a mesh. `bytes` are unpacked already, `name` stands in errors. Errors as parse_mesh().
+  std::unique_ptr<MeshFile> (*parse)(std::string bytes, const std::string& name) = nullptr;
+  const ContainerLibrary* library = nullptr;  ///< what parses a format that is left to a library
 
-/// The bytes of the files of a polyMesh folder; zones may be missing (empty). Names stand in errors.
-struct FoamFiles {
-  struct Part {
-    std::string bytes, name;
-  };
-  Part points, faces, owner, neighbour, boundary, point_zones, face_zones, cell_zones;
+  /// Reads a file whose includes are relative to its folder, in formats that have any.
+  std::unique_ptr<MeshFile> (*parse_with_includes)(std::string bytes, const std::filesystem::path& path) = nullptr;
+  /// The bytes of a new file, in formats that write_new_file() writes. The mesh is valid.
+  std::string (*new_file)(const Mesh& mesh, const std::string& name) = nullptr;
 };
-std::unique_ptr<MeshFile> parse_openfoam(FoamFiles files);
 
-/// Whether the path is a folder that holds a polyMesh, or the `points` of one.
-bool is_openfoam(const std::filesystem::path& path);
-std::unique_ptr<MeshFile> read_openfoam(const std::filesystem::path& path);
-/// The `points` that is read for `path`, which is_openfoam().
-std::filesystem::path openfoam_source_points(const std::filesystem::path& path);
-/// replaced_source() for a source that is_openfoam().
-std::optional<std::filesystem::path> replaced_openfoam_points(const std::filesystem::path& source,
-                                                              const std::filesystem::path& output);
-/// Where the points of an OpenFOAM mesh go that are written to `path`, see write_mesh_file().
-std::filesystem::path openfoam_points_path(const std::filesystem::path& path);
+/// Every format, in the order of help texts. Any thread.
+const std::vector<Reader>& readers();
+const Reader& reader_of(Format format);
+
+/// The one for the extension in any case, a final .gz not counted; `points` is a file of OpenFOAM. Throws Error(invalid_argument)
+/// for any other name.
+const Reader& reader_of(const std::string& name);
 
 }  // namespace deform::io

@@ -1,9 +1,8 @@
 #include <optional>
 
-#include "core/io/file_format.h"
+#include "core/io/formats/openfoam/openfoam_folder.h"
 #include "core/io/gzip.h"
 #include "core/io/mesh_file.h"
-#include "core/io/readers.h"
 
 namespace deform::io {
 

@@ -6,6 +6,7 @@
 #include <functional>
 #include <numeric>
 
+#include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/base/text.h"
 #include "core/io/binary/byte_order.h"
@@ -115,14 +116,6 @@ void check_arrays(const std::vector<VtkArray>& arrays, std::size_t count, const 
   }
 }
 
-void check_ids(std::span<const PointId> ids, std::size_t points, const std::string& name) {
-  for (const PointId id : ids) {
-    if (id >= points) {
-      refuse(name, "point " + std::to_string(id) + " is out of range, there are " + std::to_string(points));
-    }
-  }
-}
-
 std::string attribute(const char* name, std::size_t value) {
   return std::string(" ") + name + "=\"" + std::to_string(value) + "\"";
 }
@@ -185,7 +178,7 @@ struct CellFaces {
 std::string vtp_bytes(const Mesh& mesh, const VtkArrays& arrays, const std::string& name) {
   check_arrays(arrays.points, mesh.point_count(), "points", name);
   check_arrays(arrays.cells, mesh.face_count(), "faces", name);
-  check_ids(mesh.face_points, mesh.point_count(), name);
+  check_ids(mesh.face_points, mesh.point_count(), name + ": face_points", "point");
   const auto offsets = mesh.face_offsets();
   std::vector<std::size_t> kinds[3];  // faces of one corner, of two, of more
   for (std::size_t f = 0; f < mesh.face_count(); ++f) kinds[std::min<std::uint32_t>(mesh.face_sizes[f], 3) - 1].push_back(f);
@@ -223,7 +216,7 @@ std::string vtp_bytes(const Mesh& mesh, const VtkArrays& arrays, const std::stri
 std::string vtu_bytes(std::span<const Vec3> points, const Elements& elements, const VtkArrays& arrays, const std::string& name) {
   check_arrays(arrays.points, points.size(), "points", name);
   check_arrays(arrays.cells, elements.size(), "elements", name);
-  check_ids(elements.points, points.size(), name);
+  check_ids(elements.points, points.size(), name + ": elements", "point");
   return grid_bytes(points, elements.size(), arrays, [&](VtkDocument& document) {
     Ids connectivity, ends;
     std::string types;
@@ -244,7 +237,7 @@ std::string vtu_bytes(std::span<const Vec3> points, const PolyhedralCells& cells
                       const std::string& name) {
   check_arrays(arrays.points, points.size(), "points", name);
   check_arrays(arrays.cells, cells.cell_count, "cells", name);
-  check_ids(cells.face_points, points.size(), name);
+  check_ids(cells.face_points, points.size(), name + ": face_points", "point");
   return grid_bytes(points, cells.cell_count, arrays, [&](VtkDocument& document) {
     const CellFaces around(cells);
     Ids connectivity, ends, faces, face_ends;

@@ -7,6 +7,7 @@
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
+#include "core/base/vectors.h"
 #include "core/mesh/ahmed_lattice.h"
 
 namespace deform {
@@ -18,20 +19,13 @@ using namespace ahmed;
 enum Part { nose, roof, sides, slant, base, underbody, stilts, part_count };
 constexpr const char* part_names[part_count] = {"nose", "roof", "sides", "slant", "base", "underbody", "stilts"};
 
-Vec3 minus(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-Vec3 mixed(const Vec3& a, const Vec3& b, double t) {
-  return {a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2])};
-}
-
 /// Cosine of the smallest angle of a triangle.
 double sharpest_cosine(const Vec3& a, const Vec3& b, const Vec3& c) {
   const Vec3* corners[3] = {&a, &b, &c};
   double largest = -1;
   for (int k = 0; k < 3; ++k) {
-    const Vec3 u = minus(*corners[(k + 1) % 3], *corners[k]), v = minus(*corners[(k + 2) % 3], *corners[k]);
-    const double cosine =
-        (u[0] * v[0] + u[1] * v[1] + u[2] * v[2]) / (std::hypot(u[0], u[1], u[2]) * std::hypot(v[0], v[1], v[2]));
-    largest = std::max(largest, cosine);
+    const Vec3 u = *corners[(k + 1) % 3] - *corners[k], v = *corners[(k + 2) % 3] - *corners[k];
+    largest = std::max(largest, dot(u, v) / (norm(u) * norm(v)));
   }
   return largest;
 }
@@ -177,7 +171,7 @@ class HalfBody {
   void add_row(std::vector<PointId>& row, const std::vector<Vec3>& from, const std::vector<Vec3>& to, double t, Part part) {
     std::vector<PointId> next;
     next.reserve(row.size());
-    for (std::size_t m = 0; m < row.size(); ++m) next.push_back(add_point(mixed(from[m], to[m], t)));
+    for (std::size_t m = 0; m < row.size(); ++m) next.push_back(add_point(lerp(from[m], to[m], t)));
     add_ring(row, next, part);
     row = std::move(next);
   }

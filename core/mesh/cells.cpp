@@ -2,6 +2,7 @@
 
 #include <string>
 
+#include "core/base/checks.h"
 #include "core/base/error.h"
 
 namespace deform {
@@ -13,15 +14,6 @@ namespace {
 void check_size(const char* array, std::size_t size, std::size_t expected) {
   if (size != expected) {
     refuse(std::string(array) + ": has " + std::to_string(size) + " entries, expected " + std::to_string(expected));
-  }
-}
-
-template <typename Ids>
-void check_ids(const char* array, const Ids& ids, std::size_t limit, const char* noun) {
-  for (std::size_t i = 0; i < ids.size(); ++i) {
-    if (ids[i] < limit) continue;
-    refuse(std::string(array) + "[" + std::to_string(i) + "]: " + noun + " " + std::to_string(ids[i]) +
-           " is out of range, there are " + std::to_string(limit));
   }
 }
 
@@ -45,9 +37,9 @@ void PolyhedralCells::validate(std::size_t points) const {
   check_size("owner", owner.size(), face_count());
   if (neighbour.size() > face_count()) refuse("neighbour: " + std::to_string(neighbour.size()) + ", more than faces");
   if (!empty_faces.empty()) check_size("empty_faces", empty_faces.size(), face_count());
-  check_ids("face_points", face_points, points, "point");
-  check_ids("owner", owner, cell_count, "cell");
-  check_ids("neighbour", neighbour, cell_count, "cell");
+  check_ids(face_points, points, "cells: face_points", "point");
+  check_ids(owner, cell_count, "cells: owner", "cell");
+  check_ids(neighbour, cell_count, "cells: neighbour", "cell");
 }
 
 }  // namespace deform

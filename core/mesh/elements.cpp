@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <numeric>
 
+#include "core/base/checks.h"
 #include "core/base/error.h"
 
 namespace deform {
@@ -129,11 +130,7 @@ void Elements::validate(std::size_t point_count) const {
   if (offsets.back() != points.size()) {
     refuse("offsets: they end at " + std::to_string(offsets.back()) + ", there are " + std::to_string(points.size()) + " nodes");
   }
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    if (points[i] < point_count) continue;
-    refuse("points[" + std::to_string(i) + "]: point " + std::to_string(points[i]) + " is out of range, there are " +
-           std::to_string(point_count));
-  }
+  check_ids(points, point_count, "elements: points", "point");
 }
 
 }  // namespace deform

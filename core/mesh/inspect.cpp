@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "core/base/vectors.h"
 #include "core/mesh/adjacency.h"
 #include "core/mesh/edge_uses.h"
 
@@ -11,19 +12,14 @@ namespace deform {
 
 namespace {
 
-Vec3 minus(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-
 /// Length of the vector area, exact for plane polygons.
 double area(const Mesh& mesh, std::span<const PointId> corners) {
   Vec3 twice{0, 0, 0};
   const Vec3& origin = mesh.points[corners[0]];
   for (std::size_t i = 1; i + 1 < corners.size(); ++i) {
-    const Vec3 u = minus(mesh.points[corners[i]], origin), v = minus(mesh.points[corners[i + 1]], origin);
-    twice[0] += u[1] * v[2] - u[2] * v[1];
-    twice[1] += u[2] * v[0] - u[0] * v[2];
-    twice[2] += u[0] * v[1] - u[1] * v[0];
+    twice = twice + cross(mesh.points[corners[i]] - origin, mesh.points[corners[i + 1]] - origin);
   }
-  return 0.5 * std::hypot(twice[0], twice[1], twice[2]);
+  return 0.5 * norm(twice);
 }
 
 bool repeats_a_corner(std::span<const PointId> corners) {

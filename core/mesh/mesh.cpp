@@ -4,6 +4,7 @@
 #include <limits>
 #include <unordered_set>
 
+#include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/mesh/cells.h"
 #include "core/mesh/elements.h"
@@ -21,13 +22,7 @@ std::string number(std::uint64_t value) { return std::to_string(value); }
 void check_points(const Points& points) {
   if (points.empty()) refuse("points: there must be at least one point");
   if (points.size() > max_count) refuse("points: " + number(points.size()) + " points, the limit is " + number(max_count));
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    for (int k = 0; k < 3; ++k) {
-      if (!std::isfinite(points[i][k])) {
-        refuse("points[" + number(i) + "]: coordinate " + "xyz"[k] + " is not a finite number");
-      }
-    }
-  }
+  check_finite(points, "mesh: points");
 }
 
 void check_faces(const Mesh& mesh) {
@@ -42,22 +37,7 @@ void check_faces(const Mesh& mesh) {
   if (corners != mesh.face_points.size()) {
     refuse("face_sizes: they add up to " + number(corners) + " corners, but face_points has " + number(mesh.face_points.size()));
   }
-  for (std::size_t i = 0; i < mesh.face_points.size(); ++i) {
-    if (mesh.face_points[i] >= mesh.points.size()) {
-      refuse("face_points[" + number(i) + "]: point " + number(mesh.face_points[i]) + " is out of range, the mesh has " +
-             number(mesh.points.size()) + " points");
-    }
-  }
-}
-
-template <typename Id>
-void check_ids(const std::vector<Id>& ids, std::size_t limit, const std::string& field, const char* noun) {
-  for (std::size_t i = 0; i < ids.size(); ++i) {
-    if (ids[i] >= limit) {
-      refuse(field + "[" + number(i) + "]: " + noun + " " + number(ids[i]) + " is out of range, the mesh has " + number(limit) +
-             " " + noun + "s");
-    }
-  }
+  check_ids(mesh.face_points, mesh.points.size(), "mesh: face_points", "point");
 }
 
 void check_groups(const Mesh& mesh) {
@@ -66,8 +46,8 @@ void check_groups(const Mesh& mesh) {
     const Group& group = mesh.groups[i];
     if (group.name.empty()) refuse("groups[" + number(i) + "]: the name is empty");
     if (!names.insert(group.name).second) refuse("groups[" + number(i) + "]: the name \"" + group.name + "\" is used twice");
-    check_ids(group.points, mesh.point_count(), "group \"" + group.name + "\": points", "point");
-    check_ids(group.faces, mesh.face_count(), "group \"" + group.name + "\": faces", "face");
+    check_ids(group.points, mesh.point_count(), "mesh: group \"" + group.name + "\": points", "point");
+    check_ids(group.faces, mesh.face_count(), "mesh: group \"" + group.name + "\": faces", "face");
   }
 }
 

@@ -7,8 +7,10 @@
 #include <optional>
 #include <span>
 
+#include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/base/number_text.h"
+#include "core/base/vectors.h"
 #include "core/mesh/adjacency.h"
 #include "core/mesh/cells.h"
 #include "core/mesh/elements.h"
@@ -21,9 +23,6 @@ using Mask = std::vector<char>;
 
 constexpr int max_depth = 64;
 constexpr int max_rings = 1000;
-
-Vec3 minus(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 /// Evaluates one region tree on one mesh. Masks, not id lists: a combinator is then one pass over bytes.
 class Selector {
@@ -38,11 +37,6 @@ class Selector {
  private:
   [[noreturn]] void refuse(const std::string& message) const { throw Error(ErrorCode::invalid_argument, what_ + ": " + message); }
 
-  void require_finite(const Vec3& v, const char* field) const {
-    for (int k = 0; k < 3; ++k) {
-      if (!std::isfinite(v[k])) refuse(std::string(field) + ": coordinate " + "xyz"[k] + " is not a finite number");
-    }
-  }
   void require_radius(double radius, const char* field) const {
     if (!std::isfinite(radius) || radius < 0) {
       refuse(std::string(field) + ": it must be a finite number that is not negative, not " + number_digits(radius));
@@ -95,8 +89,8 @@ class Selector {
   }
 
   Mask select(const Region::InBox& box, int) const {
-    require_finite(box.min, "box.min");
-    require_finite(box.max, "box.max");
+    check_finite(box.min, what_ + ": box.min");
+    check_finite(box.max, what_ + ": box.max");
     for (int k = 0; k < 3; ++k) {
       if (box.min[k] > box.max[k]) {
         refuse(std::string("box: min.") + "xyz"[k] + " = " + number_digits(box.min[k]) + " is greater than max." + "xyz"[k] +
@@ -110,47 +104,39 @@ class Selector {
   }
 
   Mask select(const Region::InSphere& sphere, int) const {
-    require_finite(sphere.centre, "sphere.centre");
+    check_finite(sphere.centre, what_ + ": sphere.centre");
     require_radius(sphere.radius, "sphere.radius");
-    return where([&](const Vec3& p) {
-      return std::hypot(p[0] - sphere.centre[0], p[1] - sphere.centre[1], p[2] - sphere.centre[2]) <= sphere.radius;
-    });
+    return where([&](const Vec3& p) { return distance(p, sphere.centre) <= sphere.radius; });
   }
 
   Mask select(const Region::InCylinder& cylinder, int) const {
-    require_finite(cylinder.start, "cylinder.start");
-    require_finite(cylinder.end, "cylinder.end");
+    check_finite(cylinder.start, what_ + ": cylinder.start");
+    check_finite(cylinder.end, what_ + ": cylinder.end");
     require_radius(cylinder.radius, "cylinder.radius");
-    const Vec3 axis = minus(cylinder.end, cylinder.start);
-    const double length = std::hypot(axis[0], axis[1], axis[2]);
+    const Vec3 axis = cylinder.end - cylinder.start;
+    const double length = norm(axis);
     if (!(length > 0) || !std::isfinite(length)) refuse("cylinder: start and end must differ, the axis has no length");
-    const Vec3 unit{axis[0] / length, axis[1] / length, axis[2] / length};
+    const Vec3 unit = axis / length;
     return where([&](const Vec3& p) {
       // Measured from both ends, so that points exactly on either cap belong to it in spite of rounding.
-      const Vec3 from_start = minus(p, cylinder.start);
+      const Vec3 from_start = p - cylinder.start;
       const double along = dot(from_start, unit);
-      if (along < 0 || dot(minus(p, cylinder.end), unit) > 0) return false;
-      return std::hypot(from_start[0] - along * unit[0], from_start[1] - along * unit[1], from_start[2] - along * unit[2]) <=
-             cylinder.radius;
+      if (along < 0 || dot(p - cylinder.end, unit) > 0) return false;
+      return distance(from_start, along * unit) <= cylinder.radius;
     });
   }
 
   Mask select(const Region::InHalfSpace& half, int) const {
-    require_finite(half.point, "half_space.point");
-    require_finite(half.normal, "half_space.normal");
+    check_finite(half.point, what_ + ": half_space.point");
+    check_finite(half.normal, what_ + ": half_space.normal");
     if (half.normal == Vec3{0, 0, 0}) refuse("half_space.normal: it must not be zero");
-    return where([&](const Vec3& p) { return dot(minus(p, half.point), half.normal) >= 0; });
+    return where([&](const Vec3& p) { return dot(p - half.point, half.normal) >= 0; });
   }
 
   Mask select(const Region::Ids& region, int) const {
     Mask mask(mesh_.point_count(), 0);
-    for (std::size_t i = 0; i < region.ids.size(); ++i) {
-      if (region.ids[i] >= mask.size()) {
-        refuse("ids[" + std::to_string(i) + "]: point " + std::to_string(region.ids[i]) + " is out of range, the geometry has " +
-               std::to_string(mask.size()) + " points");
-      }
-      mask[region.ids[i]] = 1;
-    }
+    check_ids(region.ids, mask.size(), what_ + ": ids", "point");
+    for (const PointId id : region.ids) mask[id] = 1;
     return mask;
   }
 

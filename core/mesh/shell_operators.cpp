@@ -7,6 +7,7 @@
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
+#include "core/base/vectors.h"
 
 namespace deform {
 
@@ -15,12 +16,6 @@ namespace {
 constexpr std::uint32_t most_fan_corners = 64;  // of faces whose best fan is looked for
 
 using Entry = Eigen::Triplet<double, std::int64_t>;
-
-double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-Vec3 cross(const Vec3& a, const Vec3& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-double norm(const Vec3& a) { return std::hypot(a[0], a[1], a[2]); }
 
 /// A unit vector at right angles to v, which is not zero.
 Vec3 some_normal(const Vec3& v) {
@@ -31,8 +26,7 @@ Vec3 some_normal(const Vec3& v) {
   Vec3 axis{};
   axis[least] = 1;
   const Vec3 n = cross(v, axis);
-  const double length = norm(n);
-  return {n[0] / length, n[1] / length, n[2] / length};
+  return n / norm(n);
 }
 
 /// What the operators need of a triangle.
@@ -48,7 +42,7 @@ struct Shape {
     for (std::size_t i = 0; i < 3; ++i) {
       const Vec3& a = points[triangle.corners[(i + 1) % 3]];
       const Vec3& b = points[triangle.corners[(i + 2) % 3]];
-      for (std::size_t k = 0; k < 3; ++k) edge[i][k] = (b[k] - a[k]) / scale;
+      edge[i] = (b - a) / scale;
       if (norm(edge[i]) > longest) {
         longest = norm(edge[i]);
         at = i;
@@ -59,7 +53,7 @@ struct Shape {
     const double least = ShellOperators::least_height * longest * longest;
     flat = doubled <= least;
     if (doubled > 0) {
-      normal = {n[0] / doubled, n[1] / doubled, n[2] / doubled};
+      normal = n / doubled;
     } else if (longest > 0) {
       normal = some_normal(edge[at]);
     }
@@ -89,8 +83,7 @@ struct Shape {
 
 /// Twice the area of a triangle in the direction of `up` over its longest side squared.
 double height(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& up) {
-  const Vec3 u{b[0] - a[0], b[1] - a[1], b[2] - a[2]}, v{c[0] - a[0], c[1] - a[1], c[2] - a[2]};
-  const Vec3 w{v[0] - u[0], v[1] - u[1], v[2] - u[2]};
+  const Vec3 u = b - a, v = c - a, w = v - u;
   const double longest = std::max({dot(u, u), dot(v, v), dot(w, w)});
   return longest > 0 ? dot(cross(u, v), up) / longest : 0;
 }
@@ -101,12 +94,11 @@ std::uint32_t fan_apex(const Points& points, const PointId* corners, std::uint32
   Vec3 up{};
   for (std::uint32_t i = 2; i < m; ++i) {
     const Vec3 &a = points[corners[0]], &b = points[corners[i - 1]], &c = points[corners[i]];
-    const Vec3 n = cross({b[0] - a[0], b[1] - a[1], b[2] - a[2]}, {c[0] - a[0], c[1] - a[1], c[2] - a[2]});
-    for (std::size_t k = 0; k < 3; ++k) up[k] += n[k];
+    up = up + cross(b - a, c - a);
   }
   const double length = norm(up);
   if (!(length > 0)) return 0;
-  for (double& component : up) component /= length;
+  up = up / length;
   std::uint32_t apex = 0;
   double best = -std::numeric_limits<double>::infinity();
   for (std::uint32_t start = 0; start < m; ++start) {

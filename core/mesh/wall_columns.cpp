@@ -6,6 +6,7 @@
 #include <numeric>
 #include <optional>
 
+#include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/mesh/cells.h"
 #include "core/mesh/elements.h"
@@ -328,13 +329,8 @@ WallColumns wall_columns(const Mesh& mesh, std::span<const PointId> points, int 
     throw Error(ErrorCode::invalid_argument, what + ".layers: the mesh has no cells, only volume meshes have layers of them");
   }
   std::vector<char> set(mesh.point_count());
-  for (const PointId p : points) {
-    if (p >= set.size()) {
-      throw Error(ErrorCode::invalid_argument,
-                  what + ": point " + std::to_string(p) + " is out of range, there are " + std::to_string(set.size()));
-    }
-    set[p] = 1;
-  }
+  check_ids(points, set.size(), what, "point");
+  for (const PointId p : points) set[p] = 1;
   if (mesh.elements) return columns_of(ElementCells(*mesh.elements, set.size(), set), set, layers, what);
   return columns_of(FaceCells(*mesh.cells, set.size(), set), set, layers, what);
 }

@@ -6,7 +6,7 @@
 #include <limits>
 
 #include "core/base/types.h"
-#include "core/quality/vectors.h"
+#include "core/base/vectors.h"
 
 namespace deform::quality {
 

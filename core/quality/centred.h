@@ -6,7 +6,7 @@
 #include <limits>
 
 #include "core/base/types.h"
-#include "core/quality/vectors.h"
+#include "core/base/vectors.h"
 
 namespace deform::quality {
 
@@ -96,6 +96,14 @@ inline double lower_bound(const Centred& a) { return a.range.low; }
 inline double upper_bound(const Centred& a) { return a.range.high; }
 inline double lower_bound(double a) { return a; }
 inline double upper_bound(double a) { return a; }
+
+// Those of vectors, which the ones below would hide.
+using deform::operator+;
+using deform::operator-;
+using deform::operator*;
+using deform::cross;
+using deform::dot;
+using deform::length;
 
 template <typename T>
 using Triple = std::array<T, 3>;

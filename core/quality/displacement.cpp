@@ -1,9 +1,8 @@
 #include "core/quality/displacement.h"
 
-#include <cmath>
 #include <cstdio>
 
-#include "core/quality/vectors.h"
+#include "core/base/vectors.h"
 
 namespace deform {
 
@@ -22,16 +21,14 @@ Extreme largest_displacement(std::span<const Vec3> points, std::span<const Vec3>
   double largest = 0;
   std::size_t at = 0;
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const Vec3 moved = quality::operator-(points[i], original[i]);
-    const double square = quality::dot(moved, moved);
+    const double square = squared_distance(points[i], original[i]);
     if (square > largest) {
       largest = square;
       at = i;
     }
   }
   if (points.empty()) return {};
-  const Vec3 moved = quality::operator-(points[at], original[at]);
-  return {std::hypot(moved[0], moved[1], moved[2]), at};
+  return {distance(points[at], original[at]), at};
 }
 
 std::optional<std::string> displacement_warning(const Extreme& largest, double prescribed, double diagonal) {

@@ -4,11 +4,12 @@
 #include <limits>
 #include <numeric>
 
+#include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/base/vectors.h"
 #include "core/quality/quadratic_map.h"
 #include "core/quality/scaled_jacobian.h"
-#include "core/quality/vectors.h"
 
 namespace deform {
 
@@ -100,12 +101,7 @@ double least_height(std::span<const Vec3> points, std::span<const PointId> nodes
 
 Measured measure(std::span<const Vec3> points, const Elements& elements, std::size_t e) {
   const auto nodes = elements.nodes(e);
-  for (const PointId p : nodes) {
-    if (p >= points.size()) {
-      throw Error(ErrorCode::invalid_argument, "elements[" + std::to_string(e) + "]: point " + std::to_string(p) +
-                                                   " is out of range, there are " + std::to_string(points.size()));
-    }
-  }
+  check_ids(nodes, points.size(), FieldEntry{"elements", e}, "point");
   const ElementShape& form = shape(elements.types[e]);
   Measured result;
   result.scaled_jacobian = scaled_jacobian(points, nodes, elements.types[e]);

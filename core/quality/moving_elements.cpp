@@ -3,6 +3,7 @@
 #include <limits>
 #include <string>
 
+#include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/quality/bernstein.h"
 #include "core/quality/moving_cells.h"
@@ -17,11 +18,6 @@ constexpr double tolerance = 1e-14;           // of the product of lengths; roun
 constexpr double on_the_way = tolerance / 2;  // so that what is not inverted at its start has not got its root there
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-[[noreturn]] void out_of_range(const char* what, std::size_t id, PointId point, std::size_t points) {
-  throw Error(ErrorCode::invalid_argument, std::string(what) + "[" + std::to_string(id) + "]: point " + std::to_string(point) +
-                                               " is out of range, there are " + std::to_string(points));
-}
-
 template <std::size_t N>
 bool collapsed(const std::array<Vec3, N>& edges) {
   return !(determinant(edges, edges, tolerance)[0] > 0);
@@ -31,9 +27,7 @@ class MovingElements : public MovingCells {
  public:
   MovingElements(const Elements& elements, std::size_t points) : elements_(elements) {
     for (std::size_t e = 0; e < elements.size(); ++e) {
-      for (const PointId p : elements.nodes(e)) {
-        if (p >= points) out_of_range("elements", e, p, points);
-      }
+      check_ids(elements.nodes(e), points, FieldEntry{"elements", e}, "point");
     }
   }
 
@@ -92,9 +86,7 @@ class MovingFaces : public MovingCells {
         throw Error(ErrorCode::invalid_argument, "faces[" + std::to_string(f) + "]: has " + std::to_string(corners.size()) +
                                                      " corners, as cells in the plane only triangles and quads can be used");
       }
-      for (const PointId p : corners) {
-        if (p >= rest.size()) out_of_range("faces", f, p, rest.size());
-      }
+      check_ids(corners, rest.size(), FieldEntry{"faces", f}, "point");
       for (std::size_t c = 1; c + 1 < corners.size(); ++c) {
         const Vec3& at = rest[corners[0]];
         area += cross(rest[corners[c]] - at, rest[corners[c + 1]] - at)[2];

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/quality/centred.h"
 #include "core/quality/moving_cells.h"
@@ -193,17 +194,10 @@ class MovingPolyhedra : public MovingCells {
 
  private:
   void check(std::size_t f, std::size_t points) const {
-    const auto refuse = [&](const std::string& what, std::size_t id, std::size_t limit) {
-      throw Error(ErrorCode::invalid_argument, "faces[" + std::to_string(f) + "]: " + what + " " + std::to_string(id) +
-                                                   " is out of range, there are " + std::to_string(limit));
-    };
-    for (const PointId p : cells_.face(f)) {
-      if (p >= points) refuse("point", p, points);
-    }
-    if (cells_.owner[f] >= cells_.cell_count) refuse("cell", cells_.owner[f], cells_.cell_count);
-    if (f < cells_.internal_faces() && cells_.neighbour[f] >= cells_.cell_count) {
-      refuse("cell", cells_.neighbour[f], cells_.cell_count);
-    }
+    const FieldEntry face{"faces", f};
+    check_ids(cells_.face(f), points, face, "point");
+    check_ids({&cells_.owner[f], 1}, cells_.cell_count, face, "cell");
+    if (f < cells_.internal_faces()) check_ids({&cells_.neighbour[f], 1}, cells_.cell_count, face, "cell");
   }
 
   Body body_of(PointSpan from, PointSpan to, std::size_t c) const {

@@ -2,7 +2,7 @@
 
 #include <span>
 
-#include "core/quality/vectors.h"
+#include "core/base/vectors.h"
 
 namespace deform::quality {
 

@@ -5,10 +5,11 @@
 #include <limits>
 #include <numbers>
 
+#include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/base/vectors.h"
 #include "core/quality/summary.h"
-#include "core/quality/vectors.h"
 
 namespace deform {
 
@@ -61,12 +62,7 @@ class Measures {
   // A polygon is the fan of triangles around the mean of its corners.
   void measure_face(std::size_t f) {
     const auto corners = cells_.face(f);
-    for (const PointId p : corners) {
-      if (p >= points_.size()) {
-        throw Error(ErrorCode::invalid_argument, "faces[" + std::to_string(f) + "]: point " + std::to_string(p) +
-                                                     " is out of range, there are " + std::to_string(points_.size()));
-      }
-    }
+    check_ids(corners, points_.size(), FieldEntry{"faces", f}, "point");
     flatness_[f] = 1;
     if (corners.size() == 3) {
       const Vec3 &a = points_[corners[0]], &b = points_[corners[1]], &c = points_[corners[2]];

@@ -3,7 +3,7 @@
 #include <Eigen/LU>
 #include <cmath>
 
-#include "core/quality/vectors.h"
+#include "core/base/vectors.h"
 
 namespace deform {
 

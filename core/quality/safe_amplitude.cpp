@@ -6,6 +6,7 @@
 #include <limits>
 #include <string>
 
+#include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/parallel.h"
@@ -20,13 +21,6 @@ using quality::MovingCells;
 constexpr std::size_t grain = 1024;
 constexpr std::size_t most_listed = 100;
 constexpr double flatness = 1e-9;  // of the diagonal: how far points of a mesh in the plane may lie off it
-
-void check_finite(std::span<const Vec3> points) {
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    if (std::isfinite(points[i][0] + points[i][1] + points[i][2])) continue;
-    throw Error(ErrorCode::invalid_argument, "points[" + std::to_string(i) + "]: coordinates must be finite");
-  }
-}
 
 bool empty(const CellSet& cells) {
   return std::visit([](const auto* borrowed) { return borrowed == nullptr; }, cells);
@@ -50,8 +44,7 @@ class InversionCheck::Impl {
  public:
   Impl(std::span<const Vec3> rest, const CellSet& cells, const RunContext& context) : points_(rest.size()) {
     if (std::holds_alternative<const Mesh*>(cells) && !rest.empty()) {
-      Box box;
-      for (const Vec3& p : rest) box.add(p);
+      const Box box = bounding_box(rest);
       plane_ = 0.5 * (box.min[2] + box.max[2]);
       off_plane_ = flatness * box.diagonal();
     }
@@ -73,7 +66,7 @@ class InversionCheck::Impl {
       throw Error(ErrorCode::invalid_argument,
                   "points: expected " + std::to_string(points_) + ", as many as at rest, got " + std::to_string(points.size()));
     }
-    check_finite(points);
+    check_finite(points, "points");
     for (std::size_t i = 0; i < points.size(); ++i) {
       if (std::abs(points[i][2] - plane_) <= off_plane_) continue;
       throw Error(ErrorCode::invalid_argument, "points[" + std::to_string(i) + "]: z = " + number_digits(points[i][2]) +

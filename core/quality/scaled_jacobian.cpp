@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <limits>
 
+#include "core/base/vectors.h"
 #include "core/quality/quadratic_map.h"
-#include "core/quality/vectors.h"
 
 namespace deform {
 

@@ -8,6 +8,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/quality/boundary_owners.h"
 #include "core/quality/polygon.h"
@@ -35,12 +36,9 @@ class FirstLayer {
   FirstLayer(const Wall& wall, std::vector<BoundaryOwner> owners)
       : wall_(wall), owners_(std::move(owners)), offsets_(wall.mesh.face_offsets()), on_wall_(wall.mesh.point_count()) {
     if (wall.faces.empty()) throw Error(ErrorCode::invalid_argument, "the wall has no faces");
-    for (std::size_t i = 0; i < wall.faces.size(); ++i) {
-      if (wall.faces[i] >= wall.mesh.face_count()) {
-        throw Error(ErrorCode::invalid_argument, "wall[" + std::to_string(i) + "]: face " + std::to_string(wall.faces[i]) +
-                                                     " is out of range, there are " + std::to_string(wall.mesh.face_count()));
-      }
-      for (const PointId p : corners(wall.faces[i])) on_wall_[p] = 1;
+    check_ids(wall.faces, wall.mesh.face_count(), "wall", "face");
+    for (const FaceId face : wall.faces) {
+      for (const PointId p : corners(face)) on_wall_[p] = 1;
     }
     normal_.assign(on_wall_.size(), Vec3{});
     angle_.assign(on_wall_.size(), infinity);

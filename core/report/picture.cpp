@@ -78,8 +78,8 @@ class PictureMaker {
   }
 
   void thin() {
-    Box box = bounding_box(points_);
-    const double longest = std::max({box.max[0] - box.min[0], box.max[1] - box.min[1], box.max[2] - box.min[2]});
+    const Box box = bounding_box(points_);
+    const double longest = box.side(box.longest_axis());
     std::vector<Triangle> all = std::move(triangles_);
     for (std::size_t grid = 2048; grid >= 1; grid /= 2) {
       context_.check();
@@ -142,9 +142,8 @@ class PictureMaker {
   }
 
   void fit() {
-    Box box;
-    for (const std::uint32_t p : used_) box.add(points_[p]);
     if (used_.empty()) return;
+    const Box box = bounding_box(points_, used_);
     picture_.centre = 0.5 * (box.min + box.max);
     picture_.scale = box.diagonal() > 0 ? box.diagonal() / 2 : 1;
     const auto append = [&](std::vector<float>& out, const Vec3& p) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstring>
 
+#include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 
@@ -11,12 +12,6 @@ namespace deform::server {
 namespace {
 
 [[noreturn]] void refuse(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
-
-void check_limit(const char* field, std::uint64_t value, std::uint64_t low, std::uint64_t high) {
-  if (value >= low && value <= high) return;
-  refuse(std::string("header.") + field + ": " + std::to_string(value) + " is out of range, allowed are " + std::to_string(low) +
-         " to " + std::to_string(high));
-}
 
 std::string of(std::uint64_t got, std::uint64_t expected) {
   return std::to_string(got) + " of " + std::to_string(expected) + " claimed by the header";
@@ -29,22 +24,22 @@ constexpr std::size_t longest_name = 4096;
 void check_cells(const v1::GeometryHeader& header, const EngineOptions& limits) {
   const v1::CellCounts& cells = header.cells();
   constexpr std::uint64_t most = 0xffffffffu;
-  check_limit("cells.elements", cells.elements(), 0, limits.max_faces);
-  check_limit("cells.element_points", cells.element_points(), cells.elements(), cells.elements() > 0 ? most : 0);
-  check_limit("cells.faces", cells.faces(), 0, cells.elements() > 0 ? 0 : limits.max_faces);
-  check_limit("cells.cells", cells.cells(), cells.faces() > 0 ? 1 : 0, cells.faces());
-  check_limit("cells.face_points", cells.face_points(), cells.faces(), cells.faces() > 0 ? most : 0);
-  check_limit("cells.internal_faces", cells.internal_faces(), 0, cells.faces());
+  check_range(cells.elements(), 0, limits.max_faces, "header.cells.elements");
+  check_range(cells.element_points(), cells.elements(), cells.elements() > 0 ? most : 0, "header.cells.element_points");
+  check_range(cells.faces(), 0, cells.elements() > 0 ? 0 : limits.max_faces, "header.cells.faces");
+  check_range(cells.cells(), cells.faces() > 0 ? 1 : 0, cells.faces(), "header.cells.cells");
+  check_range(cells.face_points(), cells.faces(), cells.faces() > 0 ? most : 0, "header.cells.face_points");
+  check_range(cells.internal_faces(), 0, cells.faces(), "header.cells.internal_faces");
 }
 
 }  // namespace
 
 UploadBuffer::UploadBuffer(const v1::GeometryHeader& header, const EngineOptions& limits, MemoryBudget& budget)
     : header_(header), budget_(budget) {
-  check_limit("point_count", header.point_count(), 1, limits.max_points);
-  check_limit("face_count", header.face_count(), 0, limits.max_faces);
-  check_limit("corner_count", header.corner_count(), header.face_count(), 0xffffffffu);
-  check_limit("group_count", header.group_count(), 0, limits.max_groups);
+  check_range(header.point_count(), 1, limits.max_points, "header.point_count");
+  check_range(header.face_count(), 0, limits.max_faces, "header.face_count");
+  check_range(header.corner_count(), header.face_count(), 0xffffffffu, "header.corner_count");
+  check_range(header.group_count(), 0, limits.max_groups, "header.group_count");
   if (header.face_count() == 0 && header.corner_count() != 0) refuse("header.corner_count: there are no faces");
   if (header.name().size() > longest_name) refuse("header.name: longer than " + std::to_string(longest_name) + " bytes");
   check_cells(header, limits);

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/base/checks.h"
 #include "deform/v1/service.grpc.pb.h"
 #include "server/rpc/service_calls.h"
 #include "server/rpc/service_messages.h"
@@ -62,17 +63,11 @@ void refuse_continued_designs(const v1::DeformRequest& request) {
 }  // namespace
 
 void ServiceOptions::validate() const {
-  const auto check = [](const char* option, std::size_t value, std::size_t low, std::size_t high) {
-    if (value >= low && value <= high) return;
-    throw Error(ErrorCode::invalid_argument, std::string("option ") + option + ": " + std::to_string(value) +
-                                                 " is out of range, allowed are " + std::to_string(low) + " to " +
-                                                 std::to_string(high));
-  };
-  check("max_open_requests", stream.open_requests, 1, 1'000'000);
-  check("max_running_requests", stream.running_requests, 1, 100'000);
-  check("max_buffered_bytes", stream.buffered_bytes, std::size_t{4} << 20, std::size_t{1} << 40);
-  check("call_threads", static_cast<std::size_t>(std::max(call_threads, 0)), 1, 1024);
-  check("max_waiting_calls", waiting_calls, 1, 1'000'000);
+  check_range(stream.open_requests, 1, 1'000'000, "option max_open_requests");
+  check_range(stream.running_requests, 1, 100'000, "option max_running_requests");
+  check_range(stream.buffered_bytes, std::size_t{4} << 20, std::size_t{1} << 40, "option max_buffered_bytes");
+  check_range(static_cast<std::size_t>(std::max(call_threads, 0)), 1, 1024, "option call_threads");
+  check_range(waiting_calls, 1, 1'000'000, "option max_waiting_calls");
 }
 
 /// One function per RPC.

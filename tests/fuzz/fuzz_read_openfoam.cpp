@@ -1,5 +1,5 @@
 // The files of a polyMesh, separated by the byte 0x1f: points, faces, owner, neighbour, boundary, point, face and cell zones.
-#include "core/io/readers.h"
+#include "core/io/formats/openfoam/openfoam_folder.h"
 #include "tests/fuzz/read_and_write_back.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

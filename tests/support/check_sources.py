@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
 """House rules that need no compiler. usage: check_sources.py ROOT
 
-Headers have #pragma once; files have at most 900 lines (over 450 they are one idea); no marks of unfinished work, no skipped tests, no tabs or trailing blanks.
+Headers have #pragma once; files have at most 900 lines (over 450 they are one idea); no marks of unfinished work, no skipped tests, no
+tabs or trailing blanks. The members of one class are defined in one file. A folder with sources says in a README.md what lives in it,
+and the large ones have at most 25 pairs of files of their own.
 Programs print floating-point numbers by number_digits(), not by std::to_string(), which has six decimals for all of them. Without a
 compiler that is told by names: what is declared floating in the file, or in headers and nowhere as anything else.
 """
@@ -25,6 +27,85 @@ def check(path, lines):
             yield number, "a mark of unfinished work"
         if "\t" in line or line != line.rstrip():
             yield number, "a tab or a trailing blank"
+
+
+# Classes whose members stand in several files. A class that leaves this list does not come back.
+SCATTERED = {
+    "deform::ConstrainedSolver",
+    "deform::ConstrainedSolver::Newton",
+    "deform::EnergySystem",
+    "deform::RbfSystem",
+    "deform::client::Client",
+    "deform::server::EngineImpl",
+}
+
+CLASS = re.compile(r"^\s*(?:class|struct|union)\s+(?:\w+::)*(\w+)[^;()]*\{", re.M)
+NAMESPACE = re.compile(r"^namespace(?: ([\w:]+))? \{$")
+NAMESPACE_END = re.compile(r"^\}  // namespace(?: ([\w:]+))?$")
+MEMBER = re.compile(r"((?:\w+::)*\w+)::(~?\w+|operator[^\w\s]+|operator [\w:]+)\(")
+
+
+def members(lines):
+    """The number of a line that begins the definition of a member, and its class as it is written there with its namespace."""
+    spaces = []
+    for number, line in enumerate(lines, 1):
+        if found := NAMESPACE.match(line):
+            spaces.append(found.group(1))
+        elif NAMESPACE_END.match(line) and spaces:
+            spaces.pop()
+        elif line[:1] not in ("", " ", "#", "/", "}"):
+            found = MEMBER.search(line)
+            if found and not re.search(r"[=(]", line[:found.start()]):
+                yield number, "::".join([space for space in spaces if space] + [found.group(1)])
+
+
+class Classes:
+    """Finds classes whose members are defined in more than one file."""
+
+    def __init__(self):
+        self.declared = set()
+        self.places = {}  # class -> file -> first line
+
+    def add(self, path, text):
+        declared = set(CLASS.findall(text))
+        self.declared |= declared
+        if not path.endswith(".cpp"):
+            return
+        for number, name in members(text.splitlines()):
+            if name.split("::")[-1] not in declared:  # a class of this file is in no other
+                self.places.setdefault(name, {}).setdefault(path, number)
+
+    def findings(self, scattered):
+        found = []
+        for name, places in sorted(self.places.items()):
+            short = name.split("::")[-1]
+            if len(places) == 1 or short not in self.declared or name in scattered:
+                continue
+            first, *others = sorted(places)
+            found += [(path, places[path], f"members of {name}, as in {first}: one class stands in one file") for path in others]
+        for name in sorted(scattered):
+            if len(self.places.get(name, ())) < 2:
+                found.append(("tests/support/check_sources.py", 1, f"{name} stands in one file: take it from the list"))
+        return found
+
+
+DESCRIBED = ("core", "server", "client", "proto", "tests")
+ROOMY = ("core/deformers", "core/io", "core/numerics", "server", "client/cli")
+MOST_PAIRS = 25
+LONGEST_README = 25
+
+
+def check_folder(folder, names, text):
+    """What is wrong with a folder that holds these names and this README.md (None where there is none)."""
+    sources = {os.path.splitext(name)[0] for name in names if name.endswith((".h", ".cpp"))}
+    if folder.startswith(ROOMY) and len(sources) > MOST_PAIRS:
+        yield f"{len(sources)} pairs of files, at most {MOST_PAIRS}: make rooms"
+    if not folder.startswith(DESCRIBED) or not any(name.endswith((".h", ".cpp", ".proto", ".py", ".sh")) for name in names):
+        return
+    if text is None:
+        yield "no README.md that says what lives here"
+    elif not 2 <= len(text.splitlines()) <= LONGEST_README:
+        yield f"README.md has {len(text.splitlines())} lines, 2 to {LONGEST_README} say what lives here"
 
 
 PROGRAMS = ("core", "server", "client")
@@ -93,9 +174,18 @@ def main():
         sys.exit(__doc__)
     root, files, found = sys.argv[1], 0, 0
     floating = FloatingNumbers(root)
+    classes = Classes()
     for top in FOLDERS:
         for where, folders, names in os.walk(os.path.join(root, top)):
             folders[:] = sorted(name for name in folders if name != "__pycache__")
+            folder = os.path.relpath(where, root)
+            readme = None
+            if "README.md" in names:
+                with open(os.path.join(where, "README.md"), encoding="utf-8") as file:
+                    readme = file.read()
+            for what in check_folder(folder, names, readme):
+                found += 1
+                print(f"{folder}:1: {what}")
             for name in sorted(names):
                 if not name.endswith(ENDINGS):
                     continue
@@ -104,11 +194,16 @@ def main():
                 with open(path, encoding="utf-8") as source:
                     text = source.read()
                 findings = list(check(name, text.splitlines()))
-                if top in PROGRAMS and name.endswith((".h", ".cpp")):
-                    findings += floating.check(text)
+                if name.endswith((".h", ".cpp")):
+                    classes.add(os.path.relpath(path, root), text)
+                    if top in PROGRAMS:
+                        findings += floating.check(text)
                 for number, what in findings:
                     found += 1
                     print(f"{os.path.relpath(path, root)}:{number}: {what}")
+    for path, number, what in classes.findings(SCATTERED):
+        found += 1
+        print(f"{path}:{number}: {what}")
     if files == 0:
         sys.exit(f"{root}: no sources found")
     print(f"house rules: {files} files, {found} findings")

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""check_sources.py finds std::to_string() of floating-point numbers, and leaves that of others alone."""
+"""check_sources.py finds std::to_string() of floating-point numbers, classes in several files, and folders without a description."""
 import os
 import tempfile
 import unittest
@@ -54,6 +54,71 @@ class FloatingNumbers(unittest.TestCase):
     def test_other_numbers_are_left_alone(self):
         for text in OTHERS:
             self.assertEqual(self.check(text), [], text)
+
+
+BODY = "#pragma once\nnamespace deform {\nclass Body {\n  void lift();\n  struct Part {\n    void turn();\n  };\n};\n}\n"
+
+
+def source(*definitions, before=""):
+    return "namespace deform {\n" + before + "\n".join(f"{each} {{\n  work();\n}}" for each in definitions) + "\n}  // namespace deform\n"
+
+
+class OneClassOneFile(unittest.TestCase):
+    def check(self, first, second, scattered=()):
+        classes = check_sources.Classes()
+        for path, text in (("core/body.h", BODY), ("core/a.cpp", first), ("core/b.cpp", second)):
+            classes.add(path, text)
+        return classes.findings(set(scattered))
+
+    def test_members_in_two_files_are_found(self):
+        for member in ("Body::Body()", "Body::~Body()", "std::vector<Id> Body::lift(double by) const", "bool Body::operator==(const Body& b) const",
+                       "Body::operator bool() const", "template <typename T>\nT Body::as(int)", "std::unique_ptr<const Body>\nBody::copy()"):
+            found = self.check(source("void Body::lift()"), source("void f()", member))
+            self.assertEqual([place[0] for place in found], ["core/b.cpp"], member)
+            self.assertIn("deform::Body", found[0][2])
+
+    def test_the_line_of_the_first_member_is_named(self):
+        self.assertEqual([place[1] for place in self.check(source("void Body::lift()"), source("void f()", "void Body::lift()", "Body::Body()"))], [5])
+
+    def test_nested_classes_count_for_themselves(self):
+        self.assertEqual(self.check(source("void Body::lift()"), source("void Body::Part::turn()")), [])
+        self.assertEqual(len(self.check(source("void Body::Part::turn()"), source("void Body::Part::turn()"))), 1)
+
+    def test_uses_of_a_class_are_no_definitions(self):
+        for use in ("void f(Body::Part part)", "const int x = Body::count(", "void quality::measure()"):
+            self.assertEqual(self.check(source("void Body::lift()", "void quality::add()"), source(use)), [], use)
+
+    def test_classes_of_one_source_file_may_share_a_name(self):
+        local = source("Body::Body()", before="namespace {\nclass Body {\n  Body();\n};\n}  // namespace\n")
+        self.assertEqual(self.check(source("void Body::lift()"), local), [])
+        other = source("void Body::lift()").replace("namespace deform", "namespace deform::io")
+        self.assertEqual(self.check(source("void Body::lift()"), other), [])
+
+    def test_the_list_of_exceptions_only_shrinks(self):
+        twice = source("void Body::lift()"), source("Body::Body()")
+        self.assertEqual(self.check(*twice, ["deform::Body"]), [])
+        found = self.check(source("void Body::lift()", "Body::Body()"), source("void f()"), ["deform::Body"])
+        self.assertEqual([place[0] for place in found], ["tests/support/check_sources.py"])
+
+
+class Folders(unittest.TestCase):
+    SAID = "# Body\n\nWhat lives here.\n"
+
+    def check(self, folder, names, text):
+        return list(check_sources.check_folder(folder, names, text))
+
+    def test_folders_with_sources_are_described(self):
+        self.assertEqual(len(self.check("core/body", ["a.h", "a.cpp"], None)), 1)
+        self.assertEqual(self.check("core/body", ["a.h", "a.cpp"], self.SAID), [])
+        self.assertEqual(len(self.check("core/body", ["a.h"], "\n")), 1)
+        self.assertEqual(len(self.check("core/body", ["a.h"], 30 * "line\n")), 1)
+        self.assertEqual(self.check("core", ["CMakeLists.txt"], None), [])
+
+    def test_folders_have_rooms(self):
+        names = [f"part{i}{end}" for i in range(25) for end in (".h", ".cpp")]
+        self.assertEqual(self.check("core/io/formats/body", names, self.SAID), [])
+        self.assertEqual(len(self.check("core/io/formats/body", names + ["one_more.h"], self.SAID)), 1)
+        self.assertEqual(self.check("core/quality", names + ["one_more.h"], self.SAID), [])
 
 
 if __name__ == "__main__":

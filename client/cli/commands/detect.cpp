@@ -143,7 +143,7 @@ ExitCode run_detect(const DetectCommand& options, const CommonOptions& common) {
 void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
   const auto options = std::make_shared<DetectCommand>();
   auto* command = app.add_subcommand("detect", "Find planes, cylinders, spheres, cones and sharp edges of a surface");
-  command->add_option("FILE", options->file, std::string("Mesh: ") + io::mesh_file_names)->required();
+  command->add_option("FILE", options->file, "Mesh: " + io::mesh_file_names())->required();
   command->add_option("-o,--setup", options->setup, "Setup file to write, with a constraint for each of them, to be pruned");
   command->add_option("--coloured", options->coloured, "File to write, .ply or .vtp: every primitive in its colour");
   command->add_option("--tolerance", options->tolerance, "Distance of a point from its primitive, model units; 0: automatic")

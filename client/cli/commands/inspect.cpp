@@ -119,7 +119,7 @@ ExitCode run_inspect(const InspectOptions& options, const CommonOptions& common)
 void add_inspect_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
   const auto options = std::make_shared<InspectOptions>();
   auto* command = app.add_subcommand("inspect", "Show what a mesh file contains; needs no server");
-  command->add_option("FILE", options->file, std::string("Mesh: ") + io::mesh_file_names)->required();
+  command->add_option("FILE", options->file, "Mesh: " + io::mesh_file_names())->required();
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_inspect(*options, common); }; });
 }
 

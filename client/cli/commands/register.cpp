@@ -44,7 +44,7 @@ ExitCode run_register(const RegisterOptions& options, const CommonOptions& commo
 void add_register_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
   const auto options = std::make_shared<RegisterOptions>();
   auto* command = app.add_subcommand("register", "Give a mesh to the server and print its id");
-  command->add_option("FILE", options->file, std::string("Mesh: ") + io::mesh_file_names)->required();
+  command->add_option("FILE", options->file, "Mesh: " + io::mesh_file_names())->required();
   command->add_option("--name", options->name, "Label that lists show; default: the file name");
   command->footer(
       "The id is a hash of the content: registering the same mesh again costs nothing. A setup file may name the mesh file\n"

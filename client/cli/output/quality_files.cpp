@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "core/base/vectors.h"
 #include "core/io/vtk_output.h"
 #include "core/quality/boundary_owners.h"
 
@@ -36,9 +37,7 @@ std::vector<PictureField> fields_of(const Comparison& comparison) {
   if (comparison.same_points) {
     PictureField moved{"displacement", Of::points, {}, Better::neither};
     const auto &now = after.mesh().points, &then = comparison.before->mesh().points;
-    for (std::size_t i = 0; i < now.size(); ++i) {
-      moved.values.push_back(std::hypot(now[i][0] - then[i][0], now[i][1] - then[i][1], now[i][2] - then[i][2]));
-    }
+    for (std::size_t i = 0; i < now.size(); ++i) moved.values.push_back(distance(now[i], then[i]));
     fields.push_back(std::move(moved));
   }
   return fields;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/vectors.h"
+
 namespace deform::cli {
 
 std::size_t PointMatch::Hash::operator()(const Cell& cell) const {
@@ -36,10 +38,9 @@ std::optional<std::size_t> PointMatch::nearest(const Vec3& place, std::span<cons
         if (found == cells_.end()) continue;
         for (const std::size_t index : found->second) {
           if (taken[index]) continue;
-          const Vec3& p = points_[ids_[index]];
-          const double distance = std::hypot(p[0] - place[0], p[1] - place[1], p[2] - place[2]);
-          if (distance > least || (distance == least && best && *best < index)) continue;
-          least = distance;
+          const double away = distance(points_[ids_[index]], place);
+          if (away > least || (away == least && best && *best < index)) continue;
+          least = away;
           best = index;
         }
       }

@@ -52,10 +52,8 @@ void Surface::join_points(const Mesh& mesh) {
 
 void Surface::scale(const Mesh& mesh) {
   // The middle weighted by area, so that neither rotation nor sampling moves it.
-  Box box;
-  for (const PointId p : joined_corners) box.add(mesh.points[p]);
   const Vector3d rough = joined_corners.empty() ? Vector3d(0, 0, 0) : vector_of(mesh.points[joined_corners[0]]);
-  const double unit = box.diagonal();
+  const double unit = bounding_box(mesh.points, joined_corners).diagonal();
   Vector3d sum = Vector3d::Zero();
   double weight = 0;
   for (std::size_t f = 0; unit > 0 && f + 1 < offsets.size(); ++f) {

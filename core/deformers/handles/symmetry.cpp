@@ -8,23 +8,13 @@
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
+#include "core/base/vectors.h"
 
 namespace deform {
 
 namespace {
 
-double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-Vec3 difference(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-/// x + t n
-Vec3 moved(const Vec3& x, double t, const Vec3& n) { return {x[0] + t * n[0], x[1] + t * n[1], x[2] + t * n[2]}; }
-Vec3 normalized(const Vec3& v) {
-  const double length = std::hypot(v[0], v[1], v[2]);
-  return {v[0] / length, v[1] / length, v[2] / length};
-}
-Vec3 cross(const Vec3& a, const Vec3& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-bool finite(const Vec3& v) { return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]); }
+Vec3 normalized(const Vec3& v) { return v / norm(v); }
 
 std::string field(std::size_t plane) { return "symmetry[" + std::to_string(plane) + "]"; }
 
@@ -36,7 +26,7 @@ Vec3 across(const Vec3& n) {
   }
   Vec3 e{};
   e[least] = 1;
-  return normalized(moved(e, -n[least], n));
+  return normalized(e - n[least] * n);
 }
 
 std::size_t main_axis(const Vec3& n) {
@@ -57,8 +47,8 @@ struct Symmetry::Found {
 
 void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& mesh, const Box& box, Found& found) {
   if (const auto* given = std::get_if<SymmetryPlane::Plane>(&plane.kind)) {
-    if (!finite(given->point)) throw Error(ErrorCode::invalid_argument, field(index) + ".point: must be finite");
-    const double length = std::hypot(given->normal[0], given->normal[1], given->normal[2]);
+    if (!is_finite(given->point)) throw Error(ErrorCode::invalid_argument, field(index) + ".point: must be finite");
+    const double length = norm(given->normal);
     if (!std::isnormal(length)) {
       throw Error(ErrorCode::invalid_argument, field(index) + ".normal: must be finite and not zero");
     }
@@ -74,7 +64,7 @@ void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& m
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
   const auto local = [&](PointId id) {
-    const Vec3 d = difference(mesh.points[id], mesh.points[found.region[0]]);
+    const Vec3 d = mesh.points[id] - mesh.points[found.region[0]];
     return Eigen::Vector3d(d[0], d[1], d[2]);
   };
   for (const PointId id : found.region) mean += local(id) / count;
@@ -132,7 +122,7 @@ void Symmetry::make_orthonormal(std::span<const Found> found) {
              << number_digits(cosine) << ", the limit is " << number_digits(limit);
         throw Error(ErrorCode::invalid_argument, text.str());
       }
-      axes_[k] = moved(axes_[k], -dot(axes_[j], axes_[k]), axes_[j]);
+      axes_[k] = axes_[k] - dot(axes_[j], axes_[k]) * axes_[j];
     }
     axes_[k] = normalized(axes_[k]);
   }
@@ -142,7 +132,7 @@ void Symmetry::make_orthonormal(std::span<const Found> found) {
 }
 
 void Symmetry::mark(std::size_t plane, const Found& found, const Mesh& mesh, double diagonal) {
-  const auto distance = [&](std::size_t id) { return dot(axes_[plane], difference(mesh.points[id], anchors_[plane])); };
+  const auto distance = [&](std::size_t id) { return dot(axes_[plane], mesh.points[id] - anchors_[plane]); };
   double near = tolerance * diagonal;
   for (const PointId id : found.region) near = std::max(near, std::abs(distance(id)));
   reach_[plane] = near;
@@ -192,24 +182,24 @@ Vec3 Symmetry::to_frame(const Vec3& vector) const {
 
 Vec3 Symmetry::from_frame(const Vec3& components) const {
   Vec3 vector{};
-  for (std::size_t k = 0; k < 3; ++k) vector = moved(vector, components[k], axes_[k]);
+  for (std::size_t k = 0; k < 3; ++k) vector = vector + components[k] * axes_[k];
   return vector;
 }
 
 Vec3 Symmetry::coordinates(const Vec3& point) const {
   Vec3 result{};
-  for (std::size_t k = 0; k < 3; ++k) result[k] = dot(axes_[k], difference(point, anchors_[k]));
+  for (std::size_t k = 0; k < 3; ++k) result[k] = dot(axes_[k], point - anchors_[k]);
   return result;
 }
 
 Vec3 Symmetry::reflected(const Vec3& point, std::size_t plane) const {
-  return moved(point, -2 * dot(axes_[plane], difference(point, anchors_[plane])), axes_[plane]);
+  return point - 2 * dot(axes_[plane], point - anchors_[plane]) * axes_[plane];
 }
 
 Vec3 Symmetry::slid(const Vec3& x, const Vec3& to, unsigned mask) const {
   Vec3 result = to;
   for (std::size_t k = 0; k < planes_; ++k) {
-    if ((mask >> k & 1u) != 0) result = moved(result, -dot(axes_[k], difference(result, x)), axes_[k]);
+    if ((mask >> k & 1u) != 0) result = result - dot(axes_[k], result - x) * axes_[k];
   }
   return result;
 }

@@ -7,6 +7,7 @@
 #include <cstring>
 #include <limits>
 
+#include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/io/binary/byte_order.h"
 
@@ -21,14 +22,11 @@ std::size_t record_point(std::span<const PointId> record_points, std::size_t rec
 class TextMeshFile : public MeshFile {
  public:
   TextMeshFile(Format format, std::string bytes, std::shared_ptr<const Mesh> mesh, TextRecords records)
-      : format_(format), bytes_(std::move(bytes)), mesh_(std::move(mesh)), records_(std::move(records)) {}
-
-  Format format() const override { return format_; }
-  std::shared_ptr<const Mesh> mesh() const override { return mesh_; }
+      : MeshFile(format, std::move(mesh)), bytes_(std::move(bytes)), records_(std::move(records)) {}
 
   std::string with_points(std::span<const Vec3> points) const override {
-    check_points(points, mesh_->point_count());
-    if (records_.dimensions == 2) check_plane(points, mesh_->points);
+    check_points(points, original_points().size());
+    if (records_.dimensions == 2) check_plane(points, original_points());
     std::string out;
     out.reserve(bytes_.size() + bytes_.size() / 4);
     std::size_t copied = 0;
@@ -38,7 +36,7 @@ class TextMeshFile : public MeshFile {
       const std::size_t positions[3] = {tokens.first, tokens.first + tokens.second, tokens.first + tokens.third};
       for (int i = 0; i < records_.dimensions; ++i) {
         const int axis = records_.axes[i];
-        if (same_bits(points[point][axis], mesh_->points[point][axis])) continue;
+        if (same_bits(points[point][axis], original_points()[point][axis])) continue;
         out.append(bytes_, copied, positions[i] - copied);
         append_number(out, points[point][axis]);
         copied = token_end(positions[i]);
@@ -58,28 +56,23 @@ class TextMeshFile : public MeshFile {
     return position;
   }
 
-  const Format format_;
   const std::string bytes_;
-  const std::shared_ptr<const Mesh> mesh_;
   const TextRecords records_;
 };
 
 class BinaryMeshFile : public MeshFile {
  public:
   BinaryMeshFile(Format format, std::string bytes, std::shared_ptr<const Mesh> mesh, BinaryRecords records)
-      : format_(format), bytes_(std::move(bytes)), mesh_(std::move(mesh)), records_(std::move(records)) {}
-
-  Format format() const override { return format_; }
-  std::shared_ptr<const Mesh> mesh() const override { return mesh_; }
+      : MeshFile(format, std::move(mesh)), bytes_(std::move(bytes)), records_(std::move(records)) {}
 
   std::string with_points(std::span<const Vec3> points) const override {
-    check_points(points, mesh_->point_count());
+    check_points(points, original_points().size());
     std::string out = bytes_;
     for (std::uint64_t record = 0; record < records_.count; ++record) {
       const std::size_t point = record_point(records_.record_points, record);
       for (int axis = 0; axis < 3; ++axis) {
         const double value = points[point][axis];
-        if (same_bits(value, mesh_->points[point][axis])) continue;
+        if (same_bits(value, original_points()[point][axis])) continue;
         char* at = out.data() + records_.offset(record, axis);
         if (records_.scalar_bytes == 8) {
           store_scalar(at, std::bit_cast<std::uint64_t>(value), records_.order);
@@ -92,9 +85,7 @@ class BinaryMeshFile : public MeshFile {
   }
 
  private:
-  const Format format_;
   const std::string bytes_;
-  const std::shared_ptr<const Mesh> mesh_;
   const BinaryRecords records_;
 };
 
@@ -105,21 +96,7 @@ void check_points(std::span<const Vec3> points, std::size_t expected) {
     throw Error(ErrorCode::invalid_argument,
                 "points: there are " + std::to_string(points.size()) + ", the mesh file has " + std::to_string(expected));
   }
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    for (int k = 0; k < 3; ++k) {
-      if (!std::isfinite(points[i][k])) {
-        throw Error(ErrorCode::invalid_argument,
-                    "points[" + std::to_string(i) + "]: coordinate " + "xyz"[k] + " is not a finite number");
-      }
-    }
-  }
-}
-
-bool TextRecords::add(const std::size_t (&positions)[3]) {
-  if (positions[2] - positions[0] > std::numeric_limits<std::uint32_t>::max()) return false;
-  tokens.push_back({positions[0], static_cast<std::uint32_t>(positions[1] - positions[0]),
-                    static_cast<std::uint32_t>(positions[2] - positions[0])});
-  return true;
+  check_finite(points, "points");
 }
 
 void append_number(std::string& out, double value) {

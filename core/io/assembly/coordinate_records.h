@@ -1,8 +1,11 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <bit>
+#include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <span>
 #include <string>
@@ -16,6 +19,16 @@ namespace deform::io {
 struct CoordinateTokens {
   std::uint64_t first = 0;              ///< byte offset of the token that comes first in the file
   std::uint32_t second = 0, third = 0;  ///< distance of the other two from it
+
+  /// Of tokens at these positions, the first of them first. They must be less than 4 GiB apart, or the scanner fails there.
+  template <typename Scanner>
+  static CoordinateTokens at(const std::size_t (&positions)[3], const Scanner& scanner) {
+    const std::size_t second = positions[1] - positions[0], third = positions[2] - positions[0];
+    if (std::max(second, third) > std::numeric_limits<std::uint32_t>::max()) {
+      scanner.fail_at(positions[0], "the coordinates of one point are more than 4 GiB apart");
+    }
+    return {positions[0], static_cast<std::uint32_t>(second), static_cast<std::uint32_t>(third)};
+  }
 };
 
 /// Throws Error(invalid_argument) unless there are as many points as expected, all of them finite.
@@ -35,9 +48,6 @@ struct TextRecords {
   int dimensions = 3;                    ///< 2: there is no third token, z must stay as it is (see check_plane())
   /// Several records may be one point (STL); of the mesh, which lives as long.
   std::span<const PointId> record_points;
-
-  /// The next record has its tokens there, in this order. False when they are more than 4 GiB apart.
-  bool add(const std::size_t (&positions)[3]);
 };
 
 /// What a 2D file needs before it is written: throws Error(invalid_argument) naming the point when a z differs from that of

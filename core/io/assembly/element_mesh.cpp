@@ -135,9 +135,4 @@ std::shared_ptr<const Mesh> mesh_of(ElementMesh&& source, const std::string& nam
   return mesh;
 }
 
-std::unique_ptr<MeshFile> with_elements(ElementMesh&& source, const std::string& name,
-                                        const std::function<std::unique_ptr<MeshFile>(std::shared_ptr<const Mesh>)>& make) {
-  return make(mesh_of(std::move(source), name));
-}
-
 }  // namespace deform::io

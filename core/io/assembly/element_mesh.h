@@ -49,8 +49,4 @@ struct ElementMesh {
 /// Throws Error(invalid_argument) naming the file.
 std::shared_ptr<const Mesh> mesh_of(ElementMesh&& source, const std::string& name);
 
-/// A file of it; `make` makes the part that writes points.
-std::unique_ptr<MeshFile> with_elements(ElementMesh&& source, const std::string& name,
-                                        const std::function<std::unique_ptr<MeshFile>(std::shared_ptr<const Mesh>)>& make);
-
 }  // namespace deform::io

@@ -70,19 +70,15 @@ class FieldMeshFile : public MeshFile {
  public:
   FieldMeshFile(Format format, std::string bytes, std::shared_ptr<const Mesh> mesh, std::vector<FieldRecord> records,
                 DecimalStyle style)
-      : format_(format), bytes_(std::move(bytes)), mesh_(std::move(mesh)), records_(std::move(records)), style_(style) {}
+      : MeshFile(format, std::move(mesh)), bytes_(std::move(bytes)), records_(std::move(records)), style_(style) {}
 
-  Format format() const override { return format_; }
-  std::shared_ptr<const Mesh> mesh() const override { return mesh_; }
   std::string with_points(std::span<const Vec3> points) const override {
-    check_points(points, mesh_->point_count());
-    return with_number_fields(bytes_, records_, mesh_->points, points, style_);
+    check_points(points, original_points().size());
+    return with_number_fields(bytes_, records_, original_points(), points, style_);
   }
 
  private:
-  const Format format_;
   const std::string bytes_;
-  const std::shared_ptr<const Mesh> mesh_;
   const std::vector<FieldRecord> records_;
   const DecimalStyle style_;
 };

@@ -34,14 +34,6 @@ std::string_view trimmed(std::string_view text) {
   return text;
 }
 
-std::string upper_case(std::string_view text) {
-  std::string upper(text);
-  for (char& c : upper) {
-    if (c >= 'a' && c <= 'z') c = static_cast<char>(c - 'a' + 'A');
-  }
-  return upper;
-}
-
 std::string in_quotes(std::string_view text) {
   constexpr std::size_t longest = 24;
   std::string shown = "\"";

@@ -40,7 +40,6 @@ class DeckLines {
 
 /// Without blanks and tabs at both ends.
 std::string_view trimmed(std::string_view text);
-std::string upper_case(std::string_view text);
 /// In quotes for an error message, shortened and without control characters.
 std::string in_quotes(std::string_view text);
 

@@ -4,14 +4,11 @@
 #include <cmath>
 #include <limits>
 
+#include "core/base/vectors.h"
+
 namespace deform {
 
 namespace {
-
-double squared(const Vec3& a, const Vec3& b) {
-  const double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
-  return x * x + y * y + z * z;
-}
 
 std::size_t first_largest(const std::vector<double>& values) {
   return static_cast<std::size_t>(std::max_element(values.begin(), values.end()) - values.begin());
@@ -24,7 +21,7 @@ PointCover::PointCover(std::span<const Vec3> points)
 
 void PointCover::take(std::size_t point) {
   const Vec3 place = points_[point];
-  for (std::size_t i = 0; i < points_.size(); ++i) squares_[i] = std::min(squares_[i], squared(points_[i], place));
+  for (std::size_t i = 0; i < points_.size(); ++i) squares_[i] = std::min(squares_[i], squared_distance(points_[i], place));
   taken_.push_back(static_cast<std::uint32_t>(point));
 }
 
@@ -37,7 +34,7 @@ std::size_t PointCover::farthest() const {
     for (std::size_t k = 0; k < 3; ++k) mean[k] += x[k] / static_cast<double>(points_.size());
   }
   std::vector<double> squares;
-  for (const Vec3& x : points_) squares.push_back(squared(x, mean));
+  for (const Vec3& x : points_) squares.push_back(squared_distance(x, mean));
   return first_largest(squares);
 }
 

@@ -55,6 +55,11 @@ TEST(Printable, EscapesBytesThatAreNoText) {
   EXPECT_EQ(printable("\xc0\x9b"), "\\xc0\\x9b") << "overlong";
 }
 
+TEST(Case, ChangesAsciiLettersOnly) {
+  EXPECT_EQ(lower_case("A-z[Z]@`{\xc3\x84"), "a-z[z]@`{\xc3\x84");
+  EXPECT_EQ(upper_case("A-z[Z]@`{\xc3\xa4"), "A-Z[Z]@`{\xc3\xa4");
+}
+
 TEST(Base64, OfEveryLength) {
   EXPECT_EQ(base64_encoded(""), "");
   EXPECT_EQ(base64_encoded("f"), "Zg==");

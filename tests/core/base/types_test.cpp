@@ -14,7 +14,19 @@ TEST(Affine, ComposeAppliesTheSecondFirst) {
 
 TEST(Box, EmptyHasNoDiagonal) {
   EXPECT_EQ(Box{}.diagonal(), 0);
-  EXPECT_EQ(bounding_box({{0, 0, 0}, {3, 4, 0}}).diagonal(), 5);
+  EXPECT_EQ(bounding_box(Points{{0, 0, 0}, {3, 4, 0}}).diagonal(), 5);
+}
+
+TEST(Box, HoldsThePointsAndNoMore) {
+  const Points points{{1, 5, -2}, {0, 7, 3}, {-40, 0, 90}};
+  const std::vector<PointId> ids{0, 1};
+  const Box box = bounding_box(points, ids);
+  EXPECT_EQ(box.min, (Vec3{0, 5, -2}));
+  EXPECT_EQ(box.max, (Vec3{1, 7, 3}));
+  EXPECT_EQ(box.side(1), 2);
+  EXPECT_EQ(box.longest_axis(), 2);
+  EXPECT_EQ(bounding_box(points).longest_axis(), 2);
+  EXPECT_EQ(bounding_box(Points{{0, 0, 0}, {2, 2, 2}}).longest_axis(), 0) << "the first of equal ones";
 }
 
 }  // namespace

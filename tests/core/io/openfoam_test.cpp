@@ -7,7 +7,7 @@
 #include <filesystem>
 
 #include "core/io/binary/byte_order.h"
-#include "core/io/readers.h"
+#include "core/io/formats/openfoam/openfoam_folder.h"
 #include "tests/core/io/text_diff.h"
 #include "tests/support/expect_error.h"
 

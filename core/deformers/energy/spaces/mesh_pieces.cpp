@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/vectors.h"
 #include "core/mesh/cells.h"
 #include "core/mesh/elements.h"
 
@@ -10,18 +11,9 @@ namespace deform {
 
 namespace {
 
-Vec3 minus(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-Vec3 cross(const Vec3& a, const Vec3& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-double area(const Vec3& a, const Vec3& b, const Vec3& c) {
-  const Vec3 normal = cross(minus(b, a), minus(c, a));
-  return 0.5 * std::sqrt(dot(normal, normal));
-}
+double area(const Vec3& a, const Vec3& b, const Vec3& c) { return 0.5 * length(cross(b - a, c - a)); }
 double volume(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
-  return std::abs(dot(cross(minus(b, a), minus(c, a)), minus(d, a))) / 6;
+  return std::abs(dot(cross(b - a, c - a), d - a)) / 6;
 }
 
 /// A part of [0, 1) that belongs to one of several shares of a total: which, and where in it, again in [0, 1).
@@ -132,10 +124,10 @@ Vec3 CellPieces::middle(std::size_t cell) const {
   Vec3 sum{};
   double count = 0;
   triangles(cell, [&](const Vec3& a, const Vec3& b, const Vec3& c) {
-    for (std::size_t k = 0; k < 3; ++k) sum[k] += a[k] + b[k] + c[k];
+    sum = sum + (a + b + c);
     count += 3;
   });
-  return count > 0 ? Vec3{sum[0] / count, sum[1] / count, sum[2] / count} : sum;
+  return count > 0 ? sum / count : sum;
 }
 
 double CellPieces::measure(std::size_t cell) const {

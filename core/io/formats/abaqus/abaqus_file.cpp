@@ -1,6 +1,7 @@
 #include <algorithm>
 
 #include "core/base/error.h"
+#include "core/base/text.h"
 #include "core/io/assembly/coordinate_records.h"
 #include "core/io/assembly/number_fields.h"
 #include "core/io/formats/abaqus/abaqus_deck.h"
@@ -297,10 +298,7 @@ class AbaqusReader {
 class AbaqusMeshFile : public MeshFile {
  public:
   AbaqusMeshFile(std::deque<DeckFile>&& files, std::vector<std::vector<FieldRecord>>&& records, std::shared_ptr<const Mesh> mesh)
-      : files_(std::move(files)), records_(std::move(records)), mesh_(std::move(mesh)) {}
-
-  Format format() const override { return Format::abaqus; }
-  std::shared_ptr<const Mesh> mesh() const override { return mesh_; }
+      : MeshFile(Format::abaqus, std::move(mesh)), files_(std::move(files)), records_(std::move(records)) {}
 
   std::string with_points(std::span<const Vec3> points) const override {
     std::vector<FilePart> parts = parts_with_points(points);
@@ -313,11 +311,11 @@ class AbaqusMeshFile : public MeshFile {
   }
 
   std::vector<FilePart> parts_with_points(std::span<const Vec3> points) const override {
-    check_points(points, mesh_->point_count());
+    check_points(points, original_points().size());
     std::vector<FilePart> parts;
     for (std::size_t i = 0; i < files_.size(); ++i) {
       parts.push_back({files_[i].input, files_[i].original,
-                       with_number_fields(files_[i].bytes, records_[i], mesh_->points, points, DecimalStyle::abaqus)});
+                       with_number_fields(files_[i].bytes, records_[i], original_points(), points, DecimalStyle::abaqus)});
     }
     return parts;
   }
@@ -325,31 +323,33 @@ class AbaqusMeshFile : public MeshFile {
  private:
   const std::deque<DeckFile> files_;
   const std::vector<std::vector<FieldRecord>> records_;
-  const std::shared_ptr<const Mesh> mesh_;
 };
 
 std::unique_ptr<MeshFile> read(DeckFile main, const AbaqusDeck::Open& open) {
   const std::string name = main.name;
   AbaqusReader reader(std::move(main), open);
-  ElementMesh mesh = reader.read();
-  std::vector<std::vector<FieldRecord>> records = reader.take_records();
-  return with_elements(std::move(mesh), name, [&](std::shared_ptr<const Mesh> finished) {
-    return std::make_unique<AbaqusMeshFile>(std::move(reader.files()), std::move(records), std::move(finished));
-  });
+  std::shared_ptr<const Mesh> mesh = mesh_of(reader.read(), name);
+  return std::make_unique<AbaqusMeshFile>(std::move(reader.files()), reader.take_records(), std::move(mesh));
 }
 
-}  // namespace
+std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) { return read({name, std::move(bytes), {}, {}}, {}); }
 
-std::unique_ptr<MeshFile> parse_abaqus(std::string bytes, const std::string& name) {
-  return read({name, std::move(bytes), {}, {}}, {});
-}
-
-std::unique_ptr<MeshFile> read_abaqus(std::string bytes, const std::filesystem::path& path) {
+std::unique_ptr<MeshFile> parse_with_includes(std::string bytes, const std::filesystem::path& path) {
   const std::filesystem::path folder = path.parent_path();
   return read({path.string(), std::move(bytes), {}, path}, [folder](const std::string& input) {
     const std::filesystem::path original = folder / input;
     return DeckFile{original.string(), read_file(original), input, original};
   });
+}
+
+}  // namespace
+
+Reader abaqus_reader() {
+  return {.format = Format::abaqus,
+          .name = "Abaqus",
+          .extensions = {".inp"},
+          .parse = parse,
+          .parse_with_includes = parse_with_includes};
 }
 
 }  // namespace deform::io

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "core/base/error.h"
+#include "core/base/text.h"
 #include "core/io/formats/abaqus/abaqus_deck.h"
 
 namespace deform::io {

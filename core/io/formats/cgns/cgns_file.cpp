@@ -206,9 +206,7 @@ void add_sets(CgnsMesh& mesh) {
   }
 }
 
-}  // namespace
-
-ContainerMesh read_cgns(ContainerFile& file, std::size_t bytes, const std::string& name) {
+ContainerMesh read(ContainerFile& file, std::size_t bytes, const std::string& name) {
   CgnsContent content;
   {
     const CgnsTree tree(file, bytes, name, CgnsTree::Access::read);
@@ -227,8 +225,8 @@ ContainerMesh read_cgns(ContainerFile& file, std::size_t bytes, const std::strin
   return {mesh_of(std::move(content.mesh.elements), name), layout, content.flat};
 }
 
-void overwrite_cgns(ContainerFile& file, std::size_t bytes, const std::string& name, const std::string& layout,
-                    std::span<const Vec3> points) {
+void overwrite(ContainerFile& file, std::size_t bytes, const std::string& name, const std::string& layout,
+               std::span<const Vec3> points) {
   CgnsTree tree(file, bytes, name, CgnsTree::Access::modify);
   for (const CoordinateArray& array : arrays_of(layout, points.size())) {
     std::vector<double> values(array.points);
@@ -241,5 +239,19 @@ void overwrite_cgns(ContainerFile& file, std::size_t bytes, const std::string& n
   }
   tree.close();
 }
+
+/// ADF notes when a file was last changed behind the tag AdF1 of its first lines. Only coordinates are to differ.
+void keep_date(const std::string& original, std::string& written) {
+  constexpr std::size_t tag = 64, date = 68, length = 28;
+  if (original.size() >= date + length && written.size() >= date + length && original.compare(tag, 4, "AdF1") == 0) {
+    written.replace(date, length, original, date, length);
+  }
+}
+
+constexpr ContainerLibrary library{.name = "the CGNS library", .read = read, .overwrite = overwrite, .restore = keep_date};
+
+}  // namespace
+
+Reader cgns_reader() { return {.format = Format::cgns, .name = "CGNS", .extensions = {".cgns"}, .library = &library}; }
 
 }  // namespace deform::io

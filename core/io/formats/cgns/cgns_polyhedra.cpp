@@ -1,6 +1,7 @@
 #include <algorithm>
 
 #include "core/base/error.h"
+#include "core/base/vectors.h"
 #include "core/io/formats/cgns/cgns_zone.h"
 
 namespace deform::io {
@@ -92,11 +93,7 @@ class Builder {
     const Vec3& base = mesh_->points[corners[0]];
     double sum = 0;
     for (std::size_t c = 1; c + 1 < corners.size(); ++c) {
-      const Vec3 &p = mesh_->points[corners[c]], &q = mesh_->points[corners[c + 1]];
-      for (std::size_t k = 0; k < 3; ++k) {
-        const std::size_t l = (k + 1) % 3, m = (k + 2) % 3;
-        sum += (b[k] - a[k]) * ((p[l] - base[l]) * (q[m] - base[m]) - (p[m] - base[m]) * (q[l] - base[l]));
-      }
+      sum += dot(b - a, cross(mesh_->points[corners[c]] - base, mesh_->points[corners[c + 1]] - base));
     }
     return sum >= 0;
   }
@@ -106,11 +103,11 @@ class Builder {
     double count = 0;
     for (const CgnsSide side : source_.polyhedra[cell]) {
       for (const PointId point : source_.polygons[side.polygon]) {
-        for (std::size_t k = 0; k < 3; ++k) sum[k] += mesh_->points[point][k];
+        sum = sum + mesh_->points[point];
         count += 1;
       }
     }
-    return {sum[0] / count, sum[1] / count, sum[2] / count};
+    return sum / count;
   }
 
   void add_groups() {

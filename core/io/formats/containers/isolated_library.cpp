@@ -55,7 +55,7 @@ struct Request {
   Points points;
 };
 
-const char* library_of(Format format) { return format == Format::cgns ? "the CGNS library" : "the netCDF library"; }
+const ContainerLibrary& library_of(const Request& request) { return *reader_of(request.format).library; }
 
 std::string task_text(const Request& request) {
   return request.task == task_read ? "while reading it" : "while writing its points";
@@ -101,7 +101,7 @@ class RequestFile {
 
 /// Why there is no whole answer.
 [[noreturn]] void explain(const Request& request, const std::optional<int>& status, const std::string& found) {
-  const std::string begin = request.name + ": ", library = library_of(request.format);
+  const std::string begin = request.name + ": ", library = library_of(request).name;
   if (status && WIFSIGNALED(*status)) {
     const int signal = WTERMSIG(*status);
     const std::string number = " (signal " + std::to_string(signal) + ")";
@@ -218,9 +218,9 @@ void answer(const Request& request, ByteWriter& to) {
   ContainerFile file = ContainerFile::of_other_process(request.path);
   ContainerMesh content;
   if (request.task == task_read) {
-    content = read_container(request.format, file, request.bytes, request.name);
+    content = library_of(request).read(file, request.bytes, request.name);
   } else {
-    overwrite_container(request.format, file, request.bytes, request.name, request.layout, request.points);
+    library_of(request).overwrite(file, request.bytes, request.name, request.layout, request.points);
   }
   to.number(answer_mark);
   to.number(done);

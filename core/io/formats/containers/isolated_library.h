@@ -9,7 +9,7 @@ class IsolatedLibrary {
  public:
   IsolatedLibrary(Format format, ReadOptions options) : format_(format), options_(std::move(options)) {}
 
-  /// As read_container() and overwrite_container(). Error(invalid_argument) too when the process crashes or reaches a limit,
+  /// As read() and overwrite() of its ContainerLibrary. Error(invalid_argument) too when the process crashes or reaches a limit,
   /// Error(cancelled) when it is interrupted, Error(failed_precondition) when it cannot be started.
   ContainerMesh read(const ContainerFile& file, std::size_t bytes, const std::string& name) const;
   void overwrite(const ContainerFile& file, std::size_t bytes, const std::string& name, const std::string& layout,

@@ -11,6 +11,7 @@
 #include "core/io/assembly/element_mesh.h"
 #include "core/io/formats/containers/container_mesh.h"
 #include "core/io/formats/exodus/exodus_elements.h"
+#include "core/io/formats/exodus/netcdf_classic.h"
 #include "core/io/formats/exodus/netcdf_file.h"
 
 namespace deform::io {
@@ -230,9 +231,7 @@ class ExodusReader {
   std::int64_t next_element_ = 1;
 };
 
-}  // namespace
-
-ContainerMesh read_exodus(ContainerFile& file, std::size_t bytes, const std::string& name) {
+ContainerMesh read(ContainerFile& file, std::size_t bytes, const std::string& name) {
   ElementMesh source;
   Layout layout;
   {
@@ -245,8 +244,8 @@ ContainerMesh read_exodus(ContainerFile& file, std::size_t bytes, const std::str
   return {mesh_of(std::move(source), name), layout.text(), layout.axes == 2};
 }
 
-void overwrite_exodus(ContainerFile& file, std::size_t bytes, const std::string& name, const std::string& layout_text,
-                      std::span<const Vec3> points) {
+void overwrite(ContainerFile& file, std::size_t bytes, const std::string& name, const std::string& layout_text,
+               std::span<const Vec3> points) {
   const Layout layout = Layout::from(layout_text);
   NetcdfFile netcdf(file, bytes, name, NetcdfFile::Access::modify);
   for (std::size_t v = 0; v < layout.variables(); ++v) {
@@ -261,6 +260,27 @@ void overwrite_exodus(ContainerFile& file, std::size_t bytes, const std::string&
     netcdf.overwrite(layout.variable(v), values);
   }
   netcdf.close();
+}
+
+/// All of the header of a classic file is checked before the library sees it.
+bool is_checked_classic(std::string_view bytes, const std::string& name) {
+  if (!is_classic_netcdf(bytes)) return false;
+  check_classic_netcdf(bytes, name);
+  return true;
+}
+
+/// Of classic netCDF the library makes room for results that are not there yet.
+void keep_size(const std::string& original, std::string& written) {
+  if (is_classic_netcdf(original)) written.resize(original.size());
+}
+
+constexpr ContainerLibrary library{
+    .name = "the netCDF library", .read = read, .overwrite = overwrite, .is_harmless = is_checked_classic, .restore = keep_size};
+
+}  // namespace
+
+Reader exodus_reader() {
+  return {.format = Format::exodus, .name = "Exodus", .extensions = {".e", ".exo", ".ex2", ".g"}, .library = &library};
 }
 
 }  // namespace deform::io

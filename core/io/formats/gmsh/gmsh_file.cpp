@@ -203,8 +203,8 @@ class GmshReader {
     points_.push_back(point);
     if (source_.binary()) {
       binary_.offsets.insert(binary_.offsets.end(), positions, positions + 3);
-    } else if (!text_.add(positions)) {
-      source_.fail("the coordinates of one node are more than 4 GiB apart");
+    } else {
+      text_.tokens.push_back(CoordinateTokens::at(positions, source_));
     }
   }
 
@@ -317,18 +317,16 @@ class GmshReader {
   PointId nodes_[27];
 };
 
-}  // namespace
-
-std::unique_ptr<MeshFile> parse_gmsh(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
   GmshReader reader(bytes, name);
   reader.read();
-  const bool binary = reader.binary();
-  TextRecords text = reader.take_text_records();
-  BinaryRecords records = reader.take_binary_records();
-  return with_elements(reader.take(), name, [&](std::shared_ptr<const Mesh> mesh) {
-    return binary ? make_binary_mesh_file(Format::gmsh, std::move(bytes), std::move(mesh), std::move(records))
-                  : make_text_mesh_file(Format::gmsh, std::move(bytes), std::move(mesh), std::move(text));
-  });
+  std::shared_ptr<const Mesh> mesh = mesh_of(reader.take(), name);
+  return reader.binary() ? make_binary_mesh_file(Format::gmsh, std::move(bytes), std::move(mesh), reader.take_binary_records())
+                         : make_text_mesh_file(Format::gmsh, std::move(bytes), std::move(mesh), reader.take_text_records());
 }
+
+}  // namespace
+
+Reader gmsh_reader() { return {.format = Format::gmsh, .name = "Gmsh", .extensions = {".msh"}, .parse = parse}; }
 
 }  // namespace deform::io

@@ -100,11 +100,7 @@ class MeditReader {
       }
       need("the reference of a vertex");
       scanner_.whole_integer("the reference of a vertex");
-      if (positions[2] - positions[0] > std::numeric_limits<std::uint32_t>::max()) {
-        scanner_.fail("the coordinates of one vertex are more than 4 GiB apart");
-      }
-      records_.tokens[i] = {positions[0], static_cast<std::uint32_t>(positions[1] - positions[0]),
-                            static_cast<std::uint32_t>(positions[2] - positions[0])};
+      records_.tokens[i] = CoordinateTokens::at(positions, scanner_);
     }
   }
 
@@ -140,15 +136,14 @@ class MeditReader {
   TextRecords records_;
 };
 
-}  // namespace
-
-std::unique_ptr<MeshFile> parse_medit(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
   MeditReader reader(bytes, name);
   reader.read();
-  TextRecords records = reader.take_records();
-  return with_elements(reader.take(), name, [&](std::shared_ptr<const Mesh> mesh) {
-    return make_text_mesh_file(Format::medit, std::move(bytes), std::move(mesh), std::move(records));
-  });
+  return make_text_mesh_file(Format::medit, std::move(bytes), mesh_of(reader.take(), name), reader.take_records());
 }
+
+}  // namespace
+
+Reader medit_reader() { return {.format = Format::medit, .name = "Medit", .extensions = {".mesh"}, .parse = parse}; }
 
 }  // namespace deform::io

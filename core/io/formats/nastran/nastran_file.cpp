@@ -160,15 +160,17 @@ class NastranReader {
   std::uint16_t longest_free_ = 0;
 };
 
-}  // namespace
-
-std::unique_ptr<MeshFile> parse_nastran(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
   NastranReader reader(bytes, name);
   reader.read();
-  std::vector<FieldRecord> records = reader.take_records();
-  return with_elements(reader.take(), name, [&](std::shared_ptr<const Mesh> mesh) {
-    return make_field_mesh_file(Format::nastran, std::move(bytes), std::move(mesh), std::move(records), DecimalStyle::nastran);
-  });
+  return make_field_mesh_file(Format::nastran, std::move(bytes), mesh_of(reader.take(), name), reader.take_records(),
+                              DecimalStyle::nastran);
+}
+
+}  // namespace
+
+Reader nastran_reader() {
+  return {.format = Format::nastran, .name = "Nastran", .extensions = {".bdf", ".nas", ".dat"}, .parse = parse};
 }
 
 }  // namespace deform::io

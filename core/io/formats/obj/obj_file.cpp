@@ -3,6 +3,7 @@
 
 #include "core/io/assembly/coordinate_records.h"
 #include "core/io/assembly/face_groups.h"
+#include "core/io/formats/obj/new_obj.h"
 #include "core/io/readers.h"
 #include "core/io/text/text_scanner.h"
 
@@ -61,10 +62,8 @@ class ObjReader {
       positions[k] = scanner_.position();
       point[k] = scanner_.number("vertex coordinate");
     }
-    if (positions[2] - positions[0] > max_ids) scanner_.fail("the coordinates of one vertex are more than 4 GiB apart");
     mesh_->points.push_back(point);
-    records_.tokens.push_back({positions[0], static_cast<std::uint32_t>(positions[1] - positions[0]),
-                               static_cast<std::uint32_t>(positions[2] - positions[0])});
+    records_.tokens.push_back(CoordinateTokens::at(positions, scanner_));
   }
 
   void read_face() {
@@ -159,12 +158,16 @@ class ObjReader {
   std::size_t largest_index_at_ = 0;
 };
 
-}  // namespace
-
-std::unique_ptr<MeshFile> parse_obj(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
   ObjReader reader(bytes, name);
   reader.read();
   return make_text_mesh_file(Format::obj, std::move(bytes), reader.mesh(), reader.take_records());
+}
+
+}  // namespace
+
+Reader obj_reader() {
+  return {.format = Format::obj, .name = "OBJ", .extensions = {".obj"}, .parse = parse, .new_file = new_obj};
 }
 
 }  // namespace deform::io

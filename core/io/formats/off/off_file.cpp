@@ -105,11 +105,7 @@ class OffReader {
         positions[k] = scanner_.position();
         mesh_->points[i][k] = scanner_.number("vertex coordinate");
       }
-      if (positions[2] - positions[0] > static_cast<std::size_t>(max_ids)) {
-        scanner_.fail("the coordinates of one vertex are more than 4 GiB apart");
-      }
-      records_.tokens[i] = {positions[0], static_cast<std::uint32_t>(positions[1] - positions[0]),
-                            static_cast<std::uint32_t>(positions[2] - positions[0])};
+      records_.tokens[i] = CoordinateTokens::at(positions, scanner_);
       if (layout_ == Layout::one_vertex_per_line) {
         scanner_.skip_line();
         continue;
@@ -168,9 +164,7 @@ std::unique_ptr<MeshFile> parse_layout(std::string& bytes, const std::string& na
   return make_text_mesh_file(Format::off, std::move(bytes), reader.mesh(), reader.take_records());
 }
 
-}  // namespace
-
-std::unique_ptr<MeshFile> parse_off(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
   const OffHeader header = read_header(bytes, name);
   if (header.binary) return parse_off_binary(std::move(bytes), name, header);
   try {
@@ -183,5 +177,9 @@ std::unique_ptr<MeshFile> parse_off(std::string bytes, const std::string& name) 
     throw;  // what was wrong with the usual layout says more
   }
 }
+
+}  // namespace
+
+Reader off_reader() { return {.format = Format::off, .name = "OFF", .extensions = {".off"}, .parse = parse}; }
 
 }  // namespace deform::io

@@ -17,7 +17,6 @@ class FoamScanner {
   /// The FoamFile dictionary, when the file begins with one: format and arch.
   void read_header();
   bool binary() const { return binary_; }
-  int label_bytes() const { return label_bytes_; }
   int scalar_bytes() const { return scalar_bytes_; }
   std::endian order() const { return order_; }
 

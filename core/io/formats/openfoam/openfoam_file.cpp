@@ -7,7 +7,7 @@
 #include "core/io/assembly/face_groups.h"
 #include "core/io/binary/byte_order.h"
 #include "core/io/formats/openfoam/foam_scanner.h"
-#include "core/io/readers.h"
+#include "core/io/formats/openfoam/openfoam_folder.h"
 
 namespace deform::io {
 
@@ -70,9 +70,7 @@ PointFile read_points(const FoamFiles::Part& part) {
       file.points[i][k] = scanner.number("a coordinate");
     }
     scanner.expect(')', "a point");
-    if (positions[2] - positions[0] > any_label) scanner.fail("the coordinates of one point are more than 4 GiB apart");
-    file.text.tokens[i] = {positions[0], static_cast<std::uint32_t>(positions[1] - positions[0]),
-                           static_cast<std::uint32_t>(positions[2] - positions[0])};
+    file.text.tokens[i] = CoordinateTokens::at(positions, scanner);
   }
   scanner.expect(')', "the list of points");
   return file;

@@ -1,4 +1,4 @@
-#include <optional>
+#include "core/io/formats/openfoam/openfoam_folder.h"
 
 #include "core/base/error.h"
 #include "core/io/readers.h"
@@ -97,6 +97,13 @@ fs::path openfoam_points_path(const fs::path& path) {
   const fs::path name = path.filename();
   if (name == "points" || name == "points.gz") return path;
   return path / "polyMesh" / "points";
+}
+
+Reader openfoam_reader() {
+  const auto refuse = [](std::string, const std::string& name) -> std::unique_ptr<MeshFile> {
+    throw Error(ErrorCode::invalid_argument, name + ": points alone are no mesh, the files beside them are needed");
+  };
+  return {.format = Format::openfoam, .name = "OpenFOAM", .extensions = {}, .parse = refuse};
 }
 
 }  // namespace deform::io

@@ -229,9 +229,7 @@ BinaryRecords binary_records(std::vector<std::uint64_t> offsets, const PlyHeader
   return records;
 }
 
-}  // namespace
-
-std::unique_ptr<MeshFile> parse_ply(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
   const PlyHeader header = read_ply_header(bytes, name);
   const auto vertex =
       std::find_if(header.elements.begin(), header.elements.end(), [](const PlyElement& e) { return e.name == "vertex"; });
@@ -249,5 +247,9 @@ std::unique_ptr<MeshFile> parse_ply(std::string bytes, const std::string& name) 
   TextRecords records = text_records(reader.offsets(), coordinates, name);
   return make_text_mesh_file(Format::ply, std::move(bytes), reader.mesh(), std::move(records));
 }
+
+}  // namespace
+
+Reader ply_reader() { return {.format = Format::ply, .name = "PLY", .extensions = {".ply"}, .parse = parse}; }
 
 }  // namespace deform::io

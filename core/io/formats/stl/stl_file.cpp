@@ -7,6 +7,7 @@
 #include "core/io/assembly/corner_welder.h"
 #include "core/io/assembly/face_groups.h"
 #include "core/io/binary/byte_order.h"
+#include "core/io/formats/stl/new_stl.h"
 #include "core/io/readers.h"
 #include "core/io/text/text_scanner.h"
 
@@ -82,11 +83,9 @@ class StlTextReader {
       positions[k] = scanner_.position();
       place[k] = scanner_.number("vertex coordinate");
     }
-    if (positions[2] - positions[0] > max_ids) scanner_.fail("the coordinates of one vertex are more than 4 GiB apart");
     if (welder_.point_count() == max_ids) scanner_.fail("more than " + std::to_string(max_ids) + " points");
     mesh_->face_points.push_back(welder_.weld(place));
-    records_.tokens.push_back({positions[0], static_cast<std::uint32_t>(positions[1] - positions[0]),
-                               static_cast<std::uint32_t>(positions[2] - positions[0])});
+    records_.tokens.push_back(CoordinateTokens::at(positions, scanner_));
   }
 
   void step_over_word() {
@@ -147,9 +146,7 @@ bool begins_with_solid(std::string_view bytes) {
   return scanner.next_in_file() && scanner.accept("solid");
 }
 
-}  // namespace
-
-std::unique_ptr<MeshFile> parse_stl(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
   if (bytes.empty()) throw Error(ErrorCode::invalid_argument, name + ": line 1: expected an STL file, the file is empty");
   // The size decides, not the first word: many binary headers begin with "solid", and the four count bytes of a text file, read
   // as a number, never fit its size.
@@ -171,6 +168,12 @@ std::unique_ptr<MeshFile> parse_stl(std::string bytes, const std::string& name) 
   throw Error(ErrorCode::invalid_argument, name + ": byte 80: expected \"solid\" at the start or a binary STL file; " +
                                                std::to_string(triangles) + " triangles need " + std::to_string(expected) +
                                                " bytes, found " + std::to_string(bytes.size()));
+}
+
+}  // namespace
+
+Reader stl_reader() {
+  return {.format = Format::stl, .name = "STL", .extensions = {".stl"}, .parse = parse, .new_file = new_stl};
 }
 
 }  // namespace deform::io

@@ -158,11 +158,7 @@ class Su2Reader {
         mesh_.points[i][k] = scanner_.number("a coordinate");
       }
       if (dimension_ == 2) positions[2] = positions[0];
-      if (std::max(positions[1], positions[2]) - positions[0] > std::numeric_limits<std::uint32_t>::max()) {
-        scanner_.fail("the coordinates of one point are more than 4 GiB apart");
-      }
-      records_.tokens[i] = {positions[0], static_cast<std::uint32_t>(positions[1] - positions[0]),
-                            static_cast<std::uint32_t>(positions[2] - positions[0])};
+      records_.tokens[i] = CoordinateTokens::at(positions, scanner_);
     }
     end_section(section, point_count_);
   }
@@ -250,15 +246,14 @@ class Su2Reader {
   TextRecords records_;
 };
 
-}  // namespace
-
-std::unique_ptr<MeshFile> parse_su2(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
   Su2Reader reader(bytes, name);
   reader.read(name);
-  TextRecords records = reader.take_records();
-  return with_elements(reader.take(), name, [&](std::shared_ptr<const Mesh> mesh) {
-    return make_text_mesh_file(Format::su2, std::move(bytes), std::move(mesh), std::move(records));
-  });
+  return make_text_mesh_file(Format::su2, std::move(bytes), mesh_of(reader.take(), name), reader.take_records());
 }
+
+}  // namespace
+
+Reader su2_reader() { return {.format = Format::su2, .name = "SU2", .extensions = {".su2"}, .parse = parse}; }
 
 }  // namespace deform::io

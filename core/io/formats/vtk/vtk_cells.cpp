@@ -5,6 +5,7 @@
 #include <set>
 
 #include "core/base/error.h"
+#include "core/base/vectors.h"
 #include "core/io/assembly/cell_faces.h"
 
 namespace deform::io {
@@ -166,20 +167,13 @@ class CellReader {
 
   /// Six times the volume of a tetrahedron.
   static double signed_volume(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
-    double e[3][3];
-    for (int k = 0; k < 3; ++k) {
-      e[0][k] = b[k] - a[k];
-      e[1][k] = c[k] - a[k];
-      e[2][k] = d[k] - a[k];
-    }
-    return e[0][0] * (e[1][1] * e[2][2] - e[1][2] * e[2][1]) - e[0][1] * (e[1][0] * e[2][2] - e[1][2] * e[2][0]) +
-           e[0][2] * (e[1][0] * e[2][1] - e[1][1] * e[2][0]);
+    return dot(b - a, cross(c - a, d - a));
   }
 
   Vec3 mean(std::span<const PointId> points) const {
     Vec3 sum{};
     for (const PointId point : points) {
-      for (int k = 0; k < 3; ++k) sum[k] += mesh_.points[point][k] / static_cast<double>(points.size());
+      sum = sum + mesh_.points[point] / static_cast<double>(points.size());
     }
     return sum;
   }

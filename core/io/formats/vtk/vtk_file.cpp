@@ -110,11 +110,7 @@ class VtkReader {
         positions[k] = scanner_.position();
         mesh_.points[i][k] = scanner_.number(*type, "a coordinate");
       }
-      if (positions[2] - positions[0] > most_ids) {
-        scanner_.fail_at(positions[0], "the coordinates of one point are more than 4 GiB apart");
-      }
-      text_.tokens[i] = {positions[0], static_cast<std::uint32_t>(positions[1] - positions[0]),
-                         static_cast<std::uint32_t>(positions[2] - positions[0])};
+      text_.tokens[i] = CoordinateTokens::at(positions, scanner_);
     }
   }
 
@@ -343,13 +339,15 @@ class VtkReader {
   VtkCells cells_;
 };
 
-}  // namespace
-
-std::unique_ptr<MeshFile> parse_vtk(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
   VtkReader reader(bytes, name);
   reader.read();
-  return with_elements(reader.take(), name,
-                       [&](std::shared_ptr<const Mesh> mesh) { return reader.make(std::move(bytes), std::move(mesh)); });
+  std::shared_ptr<const Mesh> mesh = mesh_of(reader.take(), name);
+  return reader.make(std::move(bytes), std::move(mesh));
 }
+
+}  // namespace
+
+Reader vtk_reader() { return {.format = Format::vtk, .name = "VTK", .extensions = {".vtk"}, .parse = parse}; }
 
 }  // namespace deform::io

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/base/error.h"
+#include "core/base/text.h"
 #include "core/io/binary/byte_order.h"
 
 namespace deform::io {
@@ -33,14 +34,6 @@ constexpr VtkType types[] = {
     {"string", 0, Kind::text},
     {"utf8_string", 0, Kind::text},
 };
-
-std::string lower_case(std::string_view text) {
-  std::string lower(text);
-  for (char& c : lower) {
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  }
-  return lower;
-}
 
 std::string percent_decoded(std::string_view text) {
   std::string decoded;

@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "core/base/error.h"
+#include "core/base/vectors.h"
 #include "core/io/binary/byte_order.h"
 #include "core/io/formats/vtk/vtu_reader.h"
 #include "core/io/readers.h"
@@ -19,13 +20,10 @@ struct Replacement {
 class VtuMeshFile : public MeshFile {
  public:
   VtuMeshFile(Format format, std::string bytes, VtuContent content, std::shared_ptr<const Mesh> mesh)
-      : format_(format), bytes_(std::move(bytes)), content_(std::move(content)), mesh_(std::move(mesh)) {}
-
-  Format format() const override { return format_; }
-  std::shared_ptr<const Mesh> mesh() const override { return mesh_; }
+      : MeshFile(format, std::move(mesh)), bytes_(std::move(bytes)), content_(std::move(content)) {}
 
   std::string with_points(std::span<const Vec3> points) const override {
-    check_points(points, mesh_->point_count());
+    check_points(points, original_points().size());
     std::vector<Replacement> replacements;
     std::vector<std::pair<std::uint64_t, std::int64_t>> growth;  // of appended data: behind this offset, by so many bytes
     for (const VtuPoints& piece : content_.pieces) {
@@ -57,14 +55,14 @@ class VtuMeshFile : public MeshFile {
   bool changed(const VtuPoints& piece, std::span<const Vec3> points) const {
     for (std::size_t i = piece.first; i < piece.first + piece.count; ++i) {
       for (int k = 0; k < 3; ++k) {
-        if (!same_bits(points[i][k], mesh_->points[i][k])) return true;
+        if (!same_bits(points[i][k], original_points()[i][k])) return true;
       }
     }
     return false;
   }
 
   static void widen(Vec3& range, const Vec3& point, bool first) {
-    const double distance = std::sqrt(point[0] * point[0] + point[1] * point[1] + point[2] * point[2]);
+    const double distance = length(point);
     range[0] = first ? distance : std::min(range[0], distance);
     range[1] = first ? distance : std::max(range[1], distance);
   }
@@ -77,7 +75,7 @@ class VtuMeshFile : public MeshFile {
       const std::size_t positions[3] = {tokens.first, tokens.first + tokens.second, tokens.first + tokens.third};
       const std::size_t point = piece.first + i;
       for (int k = 0; k < 3; ++k) {
-        if (same_bits(points[point][k], mesh_->points[point][k])) continue;
+        if (same_bits(points[point][k], original_points()[point][k])) continue;
         text.append(bytes_, copied, positions[k] - copied);
         append_number(text, points[point][k]);
         copied = positions[k];
@@ -96,7 +94,7 @@ class VtuMeshFile : public MeshFile {
     for (std::size_t i = piece.first; i < piece.first + piece.count; ++i) {
       Vec3 stored{};
       for (int k = 0; k < 3; ++k, at += piece.array.value_bytes) {
-        if (!same_bits(points[i][k], mesh_->points[i][k])) {
+        if (!same_bits(points[i][k], original_points()[i][k])) {
           if (piece.array.value_bytes == 8) {
             store_scalar(at, std::bit_cast<std::uint64_t>(points[i][k]), content_.storage.order);
           } else {
@@ -123,28 +121,30 @@ class VtuMeshFile : public MeshFile {
     return out.append(bytes_, copied);
   }
 
-  const Format format_;
   const std::string bytes_;
   const VtuContent content_;
-  const std::shared_ptr<const Mesh> mesh_;
 };
 
 std::unique_ptr<MeshFile> parse(Format format, std::string bytes, const std::string& name, std::string_view type) {
   VtuContent content = read_vtu(bytes, name, type);
-  ElementMesh mesh = std::move(content.mesh);
-  return with_elements(std::move(mesh), name, [&](std::shared_ptr<const Mesh> whole) {
-    return std::make_unique<VtuMeshFile>(format, std::move(bytes), std::move(content), std::move(whole));
-  });
+  std::shared_ptr<const Mesh> mesh = mesh_of(std::move(content.mesh), name);
+  return std::make_unique<VtuMeshFile>(format, std::move(bytes), std::move(content), std::move(mesh));
 }
 
 }  // namespace
 
-std::unique_ptr<MeshFile> parse_vtu(std::string bytes, const std::string& name) {
-  return parse(Format::vtu, std::move(bytes), name, "UnstructuredGrid");
+Reader vtu_reader() {
+  const auto parse_vtu = [](std::string bytes, const std::string& name) {
+    return parse(Format::vtu, std::move(bytes), name, "UnstructuredGrid");
+  };
+  return {.format = Format::vtu, .name = "VTU", .extensions = {".vtu"}, .parse = parse_vtu};
 }
 
-std::unique_ptr<MeshFile> parse_vtp(std::string bytes, const std::string& name) {
-  return parse(Format::vtp, std::move(bytes), name, "PolyData");
+Reader vtp_reader() {
+  const auto parse_vtp = [](std::string bytes, const std::string& name) {
+    return parse(Format::vtp, std::move(bytes), name, "PolyData");
+  };
+  return {.format = Format::vtp, .name = "VTP", .extensions = {".vtp"}, .parse = parse_vtp};
 }
 
 }  // namespace deform::io

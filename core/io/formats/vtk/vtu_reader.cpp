@@ -113,9 +113,7 @@ class VtuReader {
         positions[k] = scanner.position();
         all[points.first + i][k] = scanner.number("a coordinate");
       }
-      if (positions[2] - positions[0] > most_ids) scanner.fail("the coordinates of one point are more than 4 GiB apart");
-      points.tokens[i] = {positions[0], static_cast<std::uint32_t>(positions[1] - positions[0]),
-                          static_cast<std::uint32_t>(positions[2] - positions[0])};
+      points.tokens[i] = CoordinateTokens::at(positions, scanner);
     }
     if (scanner.next_in_file()) wrong_size(node, points.count, "more");
   }

@@ -1,0 +1,39 @@
+#pragma once
+
+#include <cmath>
+
+#include "core/base/types.h"
+
+namespace deform {
+
+// Operations on vectors of three coordinates. Sums are taken in the order x, y, z, so that the same expression has the same bits
+// everywhere.
+
+inline Vec3 operator+(const Vec3& a, const Vec3& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
+inline Vec3 operator-(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
+inline Vec3 operator*(double s, const Vec3& a) { return {s * a[0], s * a[1], s * a[2]}; }
+inline Vec3 operator/(const Vec3& a, double s) { return {a[0] / s, a[1] / s, a[2] / s}; }
+/// a for t = 0, b (but for rounding) for t = 1.
+inline Vec3 lerp(const Vec3& a, const Vec3& b, double t) {
+  return {a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2])};
+}
+
+inline double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+inline Vec3 cross(const Vec3& a, const Vec3& b) {
+  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
+
+/// The Euclidean length. Squares must neither overflow nor vanish.
+inline double length(const Vec3& a) { return std::sqrt(dot(a, a)); }
+/// The Euclidean length of any vector, at the cost of std::hypot().
+inline double norm(const Vec3& a) { return std::hypot(a[0], a[1], a[2]); }
+/// norm() of the difference.
+inline double distance(const Vec3& a, const Vec3& b) { return norm(a - b); }
+inline double squared_distance(const Vec3& a, const Vec3& b) {
+  const Vec3 d = a - b;
+  return dot(d, d);
+}
+
+inline bool is_finite(const Vec3& v) { return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]); }
+
+}  // namespace deform

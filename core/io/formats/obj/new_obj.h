@@ -1,0 +1,12 @@
+#pragma once
+
+#include <string>
+
+#include "core/mesh/mesh.h"
+
+namespace deform::io {
+
+/// A new OBJ file: points, faces, and groups as g lines. Reader::new_file.
+std::string new_obj(const Mesh& mesh, const std::string& name);
+
+}  // namespace deform::io
