@@ -2,9 +2,10 @@
 #include <cmath>
 #include <utility>
 
+#include "proto/convert/base/block.h"
+#include "proto/convert/base/fields.h"
 #include "proto/convert/design.h"
-#include "proto/convert/fields.h"
-#include "proto/convert/info.h"
+#include "proto/convert/report.h"
 #include "server/engine/deform_job.h"
 #include "server/engine/engine_impl.h"
 #include "server/engine/outcome_call.h"
@@ -29,17 +30,11 @@ class FieldEvaluation : public Evaluation {
   const DesignReport report_;
 };
 
-void check_finite(const google::protobuf::RepeatedField<double>& numbers, const char* field) {
-  for (int k = 0; k < numbers.size(); ++k) {
-    if (!std::isfinite(numbers[k])) refuse_field(std::string(field) + "[" + std::to_string(k) + "]", "must be a finite number");
-  }
-}
-
 /// One value per variable of the setup.
 std::vector<double> values(const google::protobuf::RepeatedField<double>& numbers, const Setup& setup, const char* field) {
   const std::size_t expected = setup.variables.size();
   if (static_cast<std::size_t>(numbers.size()) != expected) {
-    refuse_field(field, "expected " + std::to_string(expected) + " numbers, got " + std::to_string(numbers.size()));
+    convert::refuse_field(field, "expected " + std::to_string(expected) + " numbers, got " + std::to_string(numbers.size()));
   }
   return {numbers.begin(), numbers.end()};
 }
@@ -85,12 +80,12 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
   check_open();
   const Failures failures = failures_from_proto(request);
   if (failures == Failures::fail_request) {
-    check_designs(request, options_.max_designs);
+    convert::check_designs(request, options_.max_designs);
   } else {
-    check_design_count(request, options_.max_designs);
+    convert::check_design_count(request, options_.max_designs);
   }
-  encode_options(request.output(), 1.0);  // refuses at once what is plainly wrong
-  const EvaluationPath path = path_from_proto(request.path());
+  convert::encode_options(request.output(), 1.0);  // refuses at once what is plainly wrong
+  const EvaluationPath path = convert::path_from_proto(request.path());
   const DesignChecks checks = DesignChecks::from_proto(request);
   DeformTask task;
   task.system_id = resolve_system(request.system_id());
@@ -99,7 +94,7 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
   task.output = request.output();
   task.failures = failures;
   const auto shared = std::make_shared<const v1::DeformRequest>(std::move(request));
-  task.bind_bytes = [shared](const ResidentSystem& system) { return bind_bytes(*shared, system.info); };
+  task.bind_bytes = [shared](const ResidentSystem& system) { return convert::bind_bytes(*shared, system.info); };
   task.bind = [shared, path, failures, id = task.system_id, starts = call.warm_starts](
                   const ResidentSystem& system, const RunContext& context) -> BoundDesigns {
     const WarmStart start = shared->warm_start() && starts ? starts->last(id) : WarmStart{};
@@ -110,14 +105,14 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
       return system.system->bind_sequence(designs, path, warm, context);
     };
     BoundDesigns bound = failures == Failures::per_design ? bind_each(convert_each(*shared, system), bind)
-                                                          : BoundDesigns(bind(designs_from_proto(*shared, system.info)));
+                                                          : BoundDesigns(bind(convert::designs_from_proto(*shared, system.info)));
     if (shared->warm_start() && starts && bound.evaluation) starts->set(id, std::move(warm));
     return bound;
   };
   task.checker = [this, shared, checks, failures](const SystemCache::Handle& system, const RunContext& context) {
     const auto designs = [&] {
       return failures == Failures::per_design ? convert_each(*shared, *system).designs
-                                              : designs_from_proto(*shared, system->info);
+                                              : convert::designs_from_proto(*shared, system->info);
     };
     return DesignChecker::make(system, checks, designs, memory_, context);
   };
@@ -127,8 +122,8 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
 std::shared_ptr<DeformJob> EngineImpl::jacobian_vector(v1::JacobianVectorRequest request, const CallContext& call,
                                                        std::function<void()> on_ready) {
   check_open();
-  check_finite(request.variables(), "variables");
-  check_finite(request.direction(), "direction");
+  convert::check_finite(request.variables(), "variables");
+  convert::check_finite(request.direction(), "direction");
   DeformTask task;
   task.system_id = resolve_system(request.system_id());
   task.output.set_encoding(v1::RAW_F64);
@@ -146,10 +141,10 @@ void EngineImpl::vector_jacobian(const v1::VectorJacobianHeader& header, Points 
                                  std::function<void(Outcome<v1::VectorJacobianReply>)> on_done) {
   using Reply = v1::VectorJacobianReply;
   check_open();
-  check_finite(header.variables(), "variables");
+  convert::check_finite(header.variables(), "variables");
   for (std::size_t i = 0; i < cotangent.size(); ++i) {
     for (const double x : cotangent[i]) {
-      if (!std::isfinite(x)) refuse_field("cotangent", "point " + std::to_string(i) + " must be finite");
+      if (!std::isfinite(x)) convert::refuse_field("cotangent", "point " + std::to_string(i) + " must be finite");
     }
   }
   OutcomeCall<Reply>::Task task;
@@ -161,8 +156,8 @@ void EngineImpl::vector_jacobian(const v1::VectorJacobianHeader& header, Points 
   task.compute = [header, charge, field = std::make_shared<const Points>(std::move(cotangent))](const SystemCache::Handle& system,
                                                                                                 const RunContext& context) {
     if (field->size() != system->mesh->point_count()) {
-      refuse_field("cotangent",
-                   "expected " + std::to_string(system->mesh->point_count()) + " points, got " + std::to_string(field->size()));
+      convert::refuse_field("cotangent", "expected " + std::to_string(system->mesh->point_count()) + " points, got " +
+                                             std::to_string(field->size()));
     }
     Reply reply;
     for (const double g : system->system->vector_jacobian(values_or_zero(header.variables(), system->setup), *field, context)) {

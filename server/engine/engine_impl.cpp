@@ -179,7 +179,7 @@ std::shared_ptr<const Points> EngineImpl::get_points(const std::string& id) {
 
 EngineImpl::Recipe EngineImpl::recipe(const v1::Setup& setup) {
   if (setup.geometry().empty()) throw Error(ErrorCode::invalid_argument, "geometry: must not be empty");
-  setup_from_proto(setup, options_.max_handles);  // refuses what has no canonical form
+  convert::setup_from_proto(setup, options_.max_handles);  // refuses what has no canonical form
   Recipe recipe;
   const std::string geometry = store_.resolve_geometry(setup.geometry());
   v1::Setup chosen = setup;
@@ -189,22 +189,22 @@ EngineImpl::Recipe EngineImpl::recipe(const v1::Setup& setup) {
     const bool flat = info.box_min_size() == 3 && info.box_min(2) == info.box_max(2);
     chosen.mutable_method()->mutable_rbf()->set_kernel(flat ? v1::THIN_PLATE : v1::TRIHARMONIC);
   }
-  recipe.canonical = canonical_setup(chosen, geometry);
-  recipe.id = system_id(recipe.canonical);
+  recipe.canonical = convert::canonical_setup(chosen, geometry);
+  recipe.id = convert::system_id(recipe.canonical);
   return recipe;
 }
 
 v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request) {
   const Recipe recipe = this->recipe(request.setup());
   const auto mesh = meshes_.get(recipe.canonical.geometry());
-  const Setup setup = setup_from_proto(recipe.canonical, options_.max_handles);
+  const Setup setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
   const SelectedRegions regions = validate(setup, *mesh);
-  v1::EstimateReply reply = estimate_reply(deform::estimate(*mesh, setup));
-  if (request.list_centres()) list_centres(known_centres(*mesh, setup), reply);
+  v1::EstimateReply reply = convert::estimate_reply(deform::estimate(*mesh, setup));
+  if (request.list_centres()) convert::list_centres(known_centres(*mesh, setup), reply);
   reply.set_budget_bytes(memory_.total());
   reply.set_fits(reply.peak_bytes() + mesh_bytes(*mesh) <= memory_.total());
-  add_handles(*reply.mutable_handles(), setup, regions);
-  add_setup_notes(*reply.mutable_notes(), setup);
+  convert::add_handles(*reply.mutable_handles(), setup, regions);
+  convert::add_setup_notes(*reply.mutable_notes(), setup);
   reply.set_fixed_points(regions.fixed.size());
   reply.set_system_id(recipe.id);
   reply.set_resident(cache_->contains(recipe.id));
@@ -214,7 +214,7 @@ v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request) {
 std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, Storing storing, const RunContext& context) {
   auto resident = std::make_shared<ResidentSystem>();
   resident->mesh = meshes_.get(recipe.canonical.geometry());
-  resident->setup = setup_from_proto(recipe.canonical, options_.max_handles);
+  resident->setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
   context.progress("select", 0);
   const SelectedRegions regions = validate(resident->setup, *resident->mesh);
   const Estimate estimate = deform::estimate(*resident->mesh, resident->setup);
@@ -225,9 +225,9 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, St
   budgeted.threads = std::max(1, cores() / static_cast<int>(std::max<std::size_t>(1, scheduler_.load().preparations)));
   resident->system = deform::prepare(resident->mesh, resident->setup, budgeted);
   resident->charge.shrink(resident->system->bytes());
-  resident->info = system_info(resident->system->info(), recipe.canonical, recipe.id);
-  add_handles(*resident->info.mutable_handles(), resident->setup, regions);
-  add_setup_notes(*resident->info.mutable_notes(), resident->setup);
+  resident->info = convert::system_info(resident->system->info(), recipe.canonical, recipe.id);
+  convert::add_handles(*resident->info.mutable_handles(), resident->setup, regions);
+  convert::add_setup_notes(*resident->info.mutable_notes(), resident->setup);
   if (storing == Storing::store) {
     resident->info.set_created_unix_ms(
         store_.put_setup({recipe.id, recipe.canonical.geometry(), recipe.canonical.SerializeAsString(),

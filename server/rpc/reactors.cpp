@@ -3,6 +3,7 @@
 #include <string>
 #include <utility>
 
+#include "proto/convert/base/error.h"
 #include "server/rpc/service_messages.h"
 #include "server/rpc/status.h"
 
@@ -64,7 +65,7 @@ grpc::Status CallScope::finish(std::optional<Error> error) {
   record.error = std::move(error);
   if (!record.error) return grpc::Status::OK;
   if (const std::uint32_t hint = record.error->retry_after_ms(); hint != 0) {
-    incoming_.context->AddTrailingMetadata(retry_after_key, std::to_string(hint));
+    incoming_.context->AddTrailingMetadata(convert::retry_after_key, std::to_string(hint));
   }
   return to_status(*record.error);
 }
