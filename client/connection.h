@@ -3,6 +3,7 @@
 #include <grpcpp/channel.h>
 
 #include <atomic>
+#include <exception>
 #include <memory>
 #include <optional>
 #include <string>
@@ -97,6 +98,36 @@ Reply unary(Connection& connection, const CallOptions& options, Retry retry,
     attempt.check((connection.stub.get()->*method)(&attempt.context, request, &reply));
     return reply;
   });
+}
+
+/// Takes every reply of a stream. What take() throws cancels the call and is thrown when the stream has ended; then the Error of
+/// a status that is not OK.
+template <typename Reply, typename Take>
+void read_all(Attempt& attempt, grpc::ClientReaderInterface<Reply>& stream, const Take& take) {
+  Reply reply;
+  std::exception_ptr error;
+  while (stream.Read(&reply)) {
+    if (error) continue;  // to the end: Finish() wants nothing unread
+    try {
+      take(std::move(reply));
+    } catch (...) {
+      error = std::current_exception();
+      attempt.context.TryCancel();
+    }
+  }
+  const grpc::Status status = stream.Finish();
+  if (error) std::rethrow_exception(error);
+  attempt.check(status);
+}
+
+/// Writes messages as long as next(message) fills them and the server wants them: it may have heard enough, its status tells.
+template <typename Request, typename Next>
+void write_all(Attempt& attempt, grpc::ClientWriterInterface<Request>& stream, const Next& next) {
+  Request message;
+  while (next(message) && stream.Write(message)) {
+  }
+  stream.WritesDone();
+  attempt.check(stream.Finish());
 }
 
 }  // namespace deform::client
