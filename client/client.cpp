@@ -203,7 +203,7 @@ struct Decoding {
   std::future<DeformOutcome> done;
 };
 
-Decoding start_decoding(ReplyDecoder::Options options, Attempt& attempt, DecodePool& pool) {
+Decoding start_decoding(ReplyDecoder::Options options, Attempt& attempt, ThreadPool& pool) {
   auto promise = std::make_shared<std::promise<DeformOutcome>>();
   Decoding result;
   result.done = promise->get_future();

@@ -10,10 +10,10 @@
 
 #include "client/cancel_watcher.h"
 #include "client/client.h"
-#include "client/decode_pool.h"
 #include "client/points_cache.h"
 #include "client/retry.h"
 #include "client/status.h"
+#include "core/base/thread_pool.h"
 #include "deform/v1/service.grpc.pb.h"
 
 namespace deform::client {
@@ -28,7 +28,7 @@ struct Connection {
   CancelWatcher watcher;
   PointsCache points;
   std::atomic<std::uint64_t> calls{0};
-  DecodePool pool;  // last: its tasks end first
+  ThreadPool pool;  // for decoding; last: its tasks end first
 
   /// Cached, or fetched once.
   std::shared_ptr<const Points> registered_points(const std::string& geometry_id, const RunContext& limits);

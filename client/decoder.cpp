@@ -30,7 +30,7 @@ std::string text(std::uint64_t number) { return std::to_string(number); }
 
 }  // namespace
 
-ReplyDecoder::ReplyDecoder(Options options, DecodePool& pool) : options_(std::move(options)), pool_(pool) {
+ReplyDecoder::ReplyDecoder(Options options, ThreadPool& pool) : options_(std::move(options)), pool_(pool) {
   if (!options_.sink) outcome_.designs.resize(options_.designs);
 }
 
@@ -113,7 +113,7 @@ void ReplyDecoder::add_block(v1::Block&& block) {
     return;
   }
   auto shared = std::make_shared<v1::Block>(std::move(block));
-  pool_.submit([self = shared_from_this(), design, shared] { self->decode(design, *shared); });
+  pool_.post_or_help([self = shared_from_this(), design, shared] { self->decode(design, *shared); });
 }
 
 void ReplyDecoder::decode(std::size_t design, v1::Block& message) {

@@ -15,6 +15,14 @@ double milliseconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
+/// A new call; throws Error(out_of_budget) with a retry hint when too many wait.
+void let_in(ThreadPool& pool, ThreadPool::Task task) {
+  constexpr std::uint32_t busy_retry_ms = 200;
+  if (pool.try_post(std::move(task))) return;
+  throw Error(ErrorCode::out_of_budget,
+              "too many calls are waiting (limit " + std::to_string(pool.queue_limit()) + "), try again later", busy_retry_ms);
+}
+
 }  // namespace
 
 // ---- LiveCalls ----
@@ -92,10 +100,10 @@ void note_stats(const CallStats& stats, CallRecord& record) {
 UnaryCall::UnaryCall(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, Work work)
     : scope_(method, incoming), reply_(reply), work_(std::move(work)) {}
 
-grpc::ServerUnaryReactor* UnaryCall::launch(CallPool& pool, const char* method, const Incoming& incoming, grpc::ByteBuffer* reply,
-                                            Work work) {
+grpc::ServerUnaryReactor* UnaryCall::launch(ThreadPool& pool, const char* method, const Incoming& incoming,
+                                            grpc::ByteBuffer* reply, Work work) {
   auto* call = new UnaryCall(method, incoming, reply, std::move(work));
-  if (auto refused = caught([&] { pool.try_post([call] { call->answer(); }); })) {
+  if (auto refused = caught([&] { let_in(pool, [call] { call->answer(); }); })) {
     call->Finish(call->scope_.finish(std::move(refused)));
   }
   return call;
@@ -126,9 +134,9 @@ Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call) {
 }
 
 template <typename Reactor>
-Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call, CallPool& pool) {
+Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call, ThreadPool& pool) {
   call->self_ = call;
-  if (auto refused = caught([&] { pool.try_post([call] { call->run(); }); })) call->end(std::move(refused));
+  if (auto refused = caught([&] { let_in(pool, [call] { call->run(); }); })) call->end(std::move(refused));
   return call.get();
 }
 
@@ -232,7 +240,7 @@ template class ReplyWriter<grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteB
 
 // ---- RequestStream ----
 
-RequestStream::RequestStream(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool)
+RequestStream::RequestStream(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, ThreadPool& pool)
     : scope_(method, incoming), pool_(pool), reply_(reply) {}
 
 grpc::ServerReadReactor<grpc::ByteBuffer>* RequestStream::launch(std::shared_ptr<RequestStream> call) {
