@@ -3,11 +3,15 @@
 #include <grpcpp/create_channel.h>
 
 #include <algorithm>
+#include <atomic>
+#include <cstring>
+#include <future>
 #include <iterator>
 #include <utility>
 
 #include "client/address.h"
 #include "client/connection.h"
+#include "client/decoder.h"
 #include "client/session.h"
 #include "client/upload.h"
 
@@ -35,15 +39,23 @@ std::shared_ptr<grpc::ChannelInterface> make_channel(const ClientOptions& option
   return grpc::CreateCustomChannel(checked_address(options.address), grpc::InsecureChannelCredentials(), arguments);
 }
 
-/// Follows page tokens to the end.
-template <typename Fetch>
-void for_each_page(const Fetch& fetch) {
-  std::string token;
+/// All items of a list, page by page.
+template <typename Item, typename Request, typename Reply>
+std::vector<Item> all_pages(Connection& connection, const CallOptions& call,
+                            grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Reply*),
+                            google::protobuf::RepeatedPtrField<Item>* (Reply::*items)()) {
+  std::vector<Item> all;
+  Request request;
   do {
-    const std::string next = fetch(token);
-    if (!next.empty() && next == token) throw Error(ErrorCode::data_loss, "list: the server repeats its page token");
-    token = next;
-  } while (!token.empty());
+    Reply page = unary(connection, call, Retry::safe, method, request);
+    if (!page.next_page_token().empty() && page.next_page_token() == request.page_token()) {
+      throw Error(ErrorCode::data_loss, "list: the server repeats its page token");
+    }
+    request.set_page_token(page.next_page_token());
+    auto& more = *(page.*items)();
+    std::move(more.begin(), more.end(), std::back_inserter(all));
+  } while (!request.page_token().empty());
+  return all;
 }
 
 std::vector<codec::GroupView> group_views(const GeometryArrays& arrays) { return {arrays.groups.begin(), arrays.groups.end()}; }
@@ -77,13 +89,11 @@ v1::GeometryInfo upload(Attempt& attempt, Stub& stub, const GeometryArrays& arra
   v1::GeometryInfo info;
   const auto stream = stub.RegisterGeometry(&attempt.context, &info);
   GeometryMessages messages(arrays, id);
-  v1::RegisterGeometryRequest message;
-  while (messages.next(message)) {
-    if (!stream->Write(message)) break;  // the server has it already, or refuses it: the status tells
-    if (on_progress) on_progress(messages.fraction());
-  }
-  stream->WritesDone();
-  attempt.check(stream->Finish());
+  bool sent = false;
+  write_all(attempt, *stream, [&](v1::RegisterGeometryRequest& message) {
+    if (on_progress && sent) on_progress(messages.fraction());
+    return sent = messages.next(message);
+  });
   if (info.id() != id) {
     throw Error(ErrorCode::data_loss, "geometry: the server stored id " + info.id() + ", the arrays have " + id);
   }
@@ -124,15 +134,7 @@ v1::GeometryInfo Client::get_geometry(const std::string& id, const CallOptions& 
 }
 
 std::vector<v1::GeometryInfo> Client::list_geometries(const CallOptions& call) {
-  std::vector<v1::GeometryInfo> all;
-  for_each_page([&](const std::string& token) {
-    v1::ListGeometriesRequest request;
-    request.set_page_token(token);
-    auto page = unary(*impl_, call, Retry::safe, &Stub::ListGeometries, request);
-    std::move(page.mutable_geometries()->begin(), page.mutable_geometries()->end(), std::back_inserter(all));
-    return page.next_page_token();
-  });
-  return all;
+  return all_pages(*impl_, call, &Stub::ListGeometries, &v1::ListGeometriesReply::mutable_geometries);
 }
 
 v1::DeleteGeometryReply Client::delete_geometry(const v1::DeleteGeometryRequest& request, const CallOptions& call) {
@@ -169,12 +171,10 @@ v1::SystemInfo Client::prepare(const v1::Setup& setup, const CallOptions& call,
   return with_retries(*impl_, call, Retry::safe, [&](Attempt& attempt, const RunContext&) {
     const auto stream = impl_->stub->Prepare(&attempt.context, request);
     std::optional<v1::SystemInfo> system;
-    v1::PrepareReply reply;
-    while (stream->Read(&reply)) {
+    read_all(attempt, *stream, [&](v1::PrepareReply&& reply) {
       if (reply.has_progress() && on_progress) on_progress(reply.progress().stage(), reply.progress().fraction());
       if (reply.has_system()) system = std::move(*reply.mutable_system());
-    }
-    attempt.check(stream->Finish());
+    });
     if (!system) throw Error(ErrorCode::data_loss, "prepare: the reply has no system");
     return *system;
   });
@@ -187,20 +187,190 @@ v1::SystemInfo Client::get_system(const std::string& id, const CallOptions& call
 }
 
 std::vector<v1::SystemInfo> Client::list_systems(const CallOptions& call) {
-  std::vector<v1::SystemInfo> all;
-  for_each_page([&](const std::string& token) {
-    v1::ListSystemsRequest request;
-    request.set_page_token(token);
-    auto page = unary(*impl_, call, Retry::safe, &Stub::ListSystems, request);
-    std::move(page.mutable_systems()->begin(), page.mutable_systems()->end(), std::back_inserter(all));
-    return page.next_page_token();
-  });
-  return all;
+  return all_pages(*impl_, call, &Stub::ListSystems, &v1::ListSystemsReply::mutable_systems);
 }
 
 v1::ReleaseSystemReply Client::release_system(const v1::ReleaseSystemRequest& request, const CallOptions& call) {
   return unary(*impl_, call, request.forget() ? Retry::when_refused : Retry::safe, &Stub::ReleaseSystem, request);
 }
+
+// ---- deformations ----
+
+namespace {
+
+struct Decoding {
+  std::shared_ptr<ReplyDecoder> decoder;
+  std::future<DeformOutcome> done;
+};
+
+Decoding start_decoding(ReplyDecoder::Options options, Attempt& attempt, ThreadPool& pool) {
+  auto promise = std::make_shared<std::promise<DeformOutcome>>();
+  Decoding result;
+  result.done = promise->get_future();
+  options.on_failed = [&attempt] { attempt.context.TryCancel(); };
+  options.on_done = [promise](DeformOutcome&& outcome, const std::exception_ptr& error) {
+    error ? promise->set_exception(error) : promise->set_value(std::move(outcome));
+  };
+  result.decoder = std::make_shared<ReplyDecoder>(std::move(options), pool);
+  return result;
+}
+
+/// A running reply stream of Deform or JacobianVector, read to its end into a decoder.
+DeformOutcome read_replies(Attempt& attempt, grpc::ClientReaderInterface<v1::DeformReply>& stream, Decoding decoding) {
+  try {
+    read_all(attempt, stream, [&](v1::DeformReply&& reply) { decoding.decoder->add(std::move(reply)); });
+    if (!decoding.decoder->complete()) throw Error(ErrorCode::data_loss, "reply of the server: it ends before its summary");
+  } catch (...) {
+    decoding.decoder->fail(std::current_exception());
+  }
+  return decoding.done.get();
+}
+
+}  // namespace
+
+DeformOutcome Client::deform(const v1::DeformRequest& request, const CallOptions& call, const DesignSink& sink) {
+  std::atomic<bool> delivered{false};
+  const auto may_repeat = [&] { return !delivered; };
+  const DesignSink watched = !sink ? DesignSink() : [&](std::size_t design, DeformedDesign&& deformed) {
+    delivered = true;
+    sink(design, std::move(deformed));
+  };
+  if (request.ByteSizeLong() > message_payload) {
+    return with_retries(
+        *impl_, call, Retry::safe,
+        [&](Attempt&, const RunContext& limits) {
+          Session::Impl session(impl_, remaining(limits));
+          auto future = session.submit(request, watched);
+          session.finish();
+          return future.get();
+        },
+        may_repeat);
+  }
+  return with_retries(
+      *impl_, call, Retry::safe,
+      [&](Attempt& attempt, const RunContext& limits) {
+        ReplyDecoder::Options options;
+        options.designs = static_cast<std::size_t>(request.designs_size());
+        options.encoding = request.output().encoding();
+        options.failures = request.failures();
+        options.sink = watched;
+        options.points_of = [&](const std::string& id) { return impl_->registered_points(id, limits); };
+        Decoding decoding = start_decoding(std::move(options), attempt, impl_->pool);
+        return read_replies(attempt, *impl_->stub->Deform(&attempt.context, request), std::move(decoding));
+      },
+      may_repeat);
+}
+
+Points Client::jacobian_vector(const v1::JacobianVectorRequest& request, const CallOptions& call) {
+  return with_retries(*impl_, call, Retry::safe, [&](Attempt& attempt, const RunContext& limits) {
+    ReplyDecoder::Options options;
+    options.encoding = v1::RAW_F64;
+    options.points_of = [&](const std::string& id) { return impl_->registered_points(id, limits); };
+    Decoding decoding = start_decoding(std::move(options), attempt, impl_->pool);
+    DeformOutcome outcome = read_replies(attempt, *impl_->stub->JacobianVector(&attempt.context, request), std::move(decoding));
+    return std::move(outcome.designs.at(0).points);
+  });
+}
+
+std::vector<double> Client::vector_jacobian(const std::string& system_id, std::span<const double> variables,
+                                            std::span<const Vec3> cotangent, const CallOptions& call) {
+  return with_retries(*impl_, call, Retry::safe, [&](Attempt& attempt, const RunContext&) {
+    v1::VectorJacobianReply reply;
+    const auto stream = impl_->stub->VectorJacobian(&attempt.context, &reply);
+    constexpr std::size_t points = message_payload / sizeof(Vec3);
+    bool header = true;
+    std::size_t first = 0;
+    write_all(attempt, *stream, [&](v1::VectorJacobianRequest& message) {
+      if (std::exchange(header, false)) {
+        message.mutable_header()->set_system_id(system_id);
+        message.mutable_header()->mutable_variables()->Add(variables.begin(), variables.end());
+        return true;
+      }
+      const auto piece = cotangent.subspan(first, std::min(points, cotangent.size() - first));
+      message.mutable_cotangent()->assign(reinterpret_cast<const char*>(piece.data()), piece.size_bytes());
+      first += piece.size();
+      return !piece.empty();
+    });
+    return std::vector<double>(reply.gradient().begin(), reply.gradient().end());
+  });
+}
+
+// ---- detection ----
+
+namespace {
+
+void append(const std::string& bytes, std::vector<std::uint32_t>& ids) {
+  if (bytes.size() % sizeof(std::uint32_t) != 0) throw Error(ErrorCode::data_loss, "detect: ids are cut off");
+  const std::size_t before = ids.size();
+  ids.resize(before + bytes.size() / sizeof(std::uint32_t));
+  if (!bytes.empty()) std::memcpy(ids.data() + before, bytes.data(), bytes.size());
+}
+
+/// Puts replies together in the order of detection.proto.
+class Collector {
+ public:
+  void take(v1::DetectReply& reply) {
+    if (complete_) throw Error(ErrorCode::data_loss, "detect: something came after the summary");
+    switch (reply.part_case()) {
+      case v1::DetectReply::kPrimitive:
+        detected_.primitives.push_back({std::move(*reply.mutable_primitive()), {}, {}});
+        return;
+      case v1::DetectReply::kEdge:
+        detected_.edges.push_back({std::move(*reply.mutable_edge()), {}});
+        return;
+      case v1::DetectReply::kIds:
+        return take_ids(reply.ids());
+      case v1::DetectReply::kSummary:
+        detected_.summary = std::move(*reply.mutable_summary());
+        complete_ = true;
+        return;
+      case v1::DetectReply::PART_NOT_SET:
+        return;  // of a newer server
+    }
+  }
+
+  Detected result() {
+    if (!complete_) throw Error(ErrorCode::data_loss, "detect: the reply has no summary");
+    for (const auto& primitive : detected_.primitives) {
+      check(primitive.about.name(), primitive.faces.size(), primitive.about.faces());
+      check(primitive.about.name(), primitive.points.size(), primitive.about.points());
+    }
+    for (const auto& edge : detected_.edges) check(edge.about.name(), edge.points.size(), edge.about.points());
+    return std::move(detected_);
+  }
+
+ private:
+  void take_ids(const v1::DetectedIds& ids) {
+    const bool faces = ids.of() == v1::DetectedIds::FACES;
+    if (!detected_.edges.empty() && !faces) return append(ids.ids(), detected_.edges.back().points);
+    if (detected_.primitives.empty() || !detected_.edges.empty()) {
+      throw Error(ErrorCode::data_loss, "detect: ids of nothing");
+    }
+    append(ids.ids(), faces ? detected_.primitives.back().faces : detected_.primitives.back().points);
+  }
+
+  static void check(const std::string& name, std::size_t arrived, std::uint64_t announced) {
+    if (arrived == announced) return;
+    throw Error(ErrorCode::data_loss,
+                "detect: " + std::to_string(arrived) + " of " + std::to_string(announced) + " ids of " + name + " arrived");
+  }
+
+  Detected detected_;
+  bool complete_ = false;
+};
+
+}  // namespace
+
+Detected Client::detect(const v1::DetectRequest& request, const CallOptions& call) {
+  return with_retries(*impl_, call, Retry::safe, [&](Attempt& attempt, const RunContext&) {
+    const auto stream = impl_->stub->Detect(&attempt.context, request);
+    Collector collector;
+    read_all(attempt, *stream, [&](v1::DetectReply&& reply) { collector.take(reply); });
+    return collector.result();
+  });
+}
+
+// ---- the rest ----
 
 v1::ServerInfo Client::server_info(const CallOptions& call) {
   return unary(*impl_, call, Retry::safe, &Stub::GetServerInfo, v1::GetServerInfoRequest());

@@ -70,9 +70,7 @@ std::shared_ptr<const Points> fetch_points(Connection& connection, const std::st
     auto points = std::make_shared<Points>();
     points->reserve(std::min(info.points(), largest_reserve));
     const auto stream = connection.stub->GetPoints(&attempt.context, request);
-    v1::PointChunk chunk;
-    while (stream->Read(&chunk)) append_points(chunk.xyz(), info.points(), *points);
-    attempt.check(stream->Finish());
+    read_all(attempt, *stream, [&](const v1::PointChunk& chunk) { append_points(chunk.xyz(), info.points(), *points); });
     if (points->size() != info.points()) {
       throw Error(ErrorCode::data_loss, "registered points: " + std::to_string(points->size()) + " arrived, the geometry has " +
                                             std::to_string(info.points()));

@@ -3,16 +3,17 @@
 #include <grpcpp/channel.h>
 
 #include <atomic>
+#include <exception>
 #include <memory>
 #include <optional>
 #include <string>
 
 #include "client/cancel_watcher.h"
 #include "client/client.h"
-#include "client/decode_pool.h"
 #include "client/points_cache.h"
 #include "client/retry.h"
 #include "client/status.h"
+#include "core/base/thread_pool.h"
 #include "deform/v1/service.grpc.pb.h"
 
 namespace deform::client {
@@ -27,7 +28,7 @@ struct Connection {
   CancelWatcher watcher;
   PointsCache points;
   std::atomic<std::uint64_t> calls{0};
-  DecodePool pool;  // last: its tasks end first
+  ThreadPool pool;  // for decoding; last: its tasks end first
 
   /// Cached, or fetched once.
   std::shared_ptr<const Points> registered_points(const std::string& geometry_id, const RunContext& limits);
@@ -97,6 +98,36 @@ Reply unary(Connection& connection, const CallOptions& options, Retry retry,
     attempt.check((connection.stub.get()->*method)(&attempt.context, request, &reply));
     return reply;
   });
+}
+
+/// Takes every reply of a stream. What take() throws cancels the call and is thrown when the stream has ended; then the Error of
+/// a status that is not OK.
+template <typename Reply, typename Take>
+void read_all(Attempt& attempt, grpc::ClientReaderInterface<Reply>& stream, const Take& take) {
+  Reply reply;
+  std::exception_ptr error;
+  while (stream.Read(&reply)) {
+    if (error) continue;  // to the end: Finish() wants nothing unread
+    try {
+      take(std::move(reply));
+    } catch (...) {
+      error = std::current_exception();
+      attempt.context.TryCancel();
+    }
+  }
+  const grpc::Status status = stream.Finish();
+  if (error) std::rethrow_exception(error);
+  attempt.check(status);
+}
+
+/// Writes messages as long as next(message) fills them and the server wants them: it may have heard enough, its status tells.
+template <typename Request, typename Next>
+void write_all(Attempt& attempt, grpc::ClientWriterInterface<Request>& stream, const Next& next) {
+  Request message;
+  while (next(message) && stream.Write(message)) {
+  }
+  stream.WritesDone();
+  attempt.check(stream.Finish());
 }
 
 }  // namespace deform::client

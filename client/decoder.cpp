@@ -5,8 +5,9 @@
 #include <cmath>
 #include <utility>
 
-#include "client/status.h"
 #include "core/codec/block.h"
+#include "proto/convert/base/block.h"
+#include "proto/convert/base/error.h"
 
 namespace deform::client {
 
@@ -27,39 +28,9 @@ double thread_cpu_ms() {
 
 std::string text(std::uint64_t number) { return std::to_string(number); }
 
-codec::Encoding to_codec(v1::Encoding encoding) {
-  switch (encoding) {
-    case v1::RAW_F64:
-      return codec::Encoding::raw_f64;
-    case v1::RAW_F32:
-      return codec::Encoding::raw_f32;
-    case v1::DRACO:
-      return codec::Encoding::draco;
-    case v1::DELTA_ZSTD:
-      return codec::Encoding::delta_zstd;
-    default:
-      refuse("unknown encoding " + std::to_string(static_cast<int>(encoding)));
-  }
-}
-
-codec::Block to_codec(v1::Block& block) {
-  codec::Block result;
-  result.encoding = to_codec(block.encoding());
-  result.fell_back = block.fell_back();
-  result.count = block.count();
-  result.step = block.step();
-  for (int k = 0; k < block.offset_size(); ++k) result.offset[static_cast<std::size_t>(k)] = block.offset(k);
-  result.max_error = block.max_error();
-  result.checksum = block.checksum();
-  result.bytes = std::move(*block.mutable_data());
-  return result;
-}
-
-v1::Encoding resolved(v1::Encoding encoding) { return encoding == v1::ENCODING_DEFAULT ? v1::DRACO : encoding; }
-
 }  // namespace
 
-ReplyDecoder::ReplyDecoder(Options options, DecodePool& pool) : options_(std::move(options)), pool_(pool) {
+ReplyDecoder::ReplyDecoder(Options options, ThreadPool& pool) : options_(std::move(options)), pool_(pool) {
   if (!options_.sink) outcome_.designs.resize(options_.designs);
 }
 
@@ -118,10 +89,10 @@ void ReplyDecoder::check_block(const v1::Block& block, const DesignState& state)
     refuse(name + " has " + text(block.count()) + " points, " + text(registered_->size() - block.first()) +
            " are left and a block has at most " + text(codec::max_block_points));
   }
-  if (block.offset_size() != 0 && block.offset_size() != 3) refuse(name + " has " + text(block.offset_size()) + " offsets");
   const bool raw_instead = block.fell_back() && block.encoding() == v1::RAW_F64;
-  if (block.encoding() != resolved(options_.encoding) && !raw_instead) {
-    refuse(name + " is " + v1::Encoding_Name(block.encoding()) + ", asked was " + v1::Encoding_Name(resolved(options_.encoding)));
+  const v1::Encoding asked = convert::resolved(options_.encoding);
+  if (block.encoding() != asked && !raw_instead) {
+    refuse(name + " is " + v1::Encoding_Name(block.encoding()) + ", asked was " + v1::Encoding_Name(asked));
   }
 }
 
@@ -142,7 +113,7 @@ void ReplyDecoder::add_block(v1::Block&& block) {
     return;
   }
   auto shared = std::make_shared<v1::Block>(std::move(block));
-  pool_.submit([self = shared_from_this(), design, shared] { self->decode(design, *shared); });
+  pool_.post_or_help([self = shared_from_this(), design, shared] { self->decode(design, *shared); });
 }
 
 void ReplyDecoder::decode(std::size_t design, v1::Block& message) {
@@ -153,7 +124,7 @@ void ReplyDecoder::decode(std::size_t design, v1::Block& message) {
     // Here and not in the thread that reads: filling the pages takes as long as decoding.
     std::call_once(state.allocated, [&] { state.design.points.resize(registered_->size()); });
     const std::size_t first = message.first();
-    const codec::Block block = to_codec(message);
+    const codec::Block block = convert::block_from_proto(std::move(message));
     codec::decode(block, std::span(*registered_).subspan(first, block.count),
                   std::span(state.design.points).subspan(first, block.count));
   } catch (const Error& e) {
@@ -203,8 +174,7 @@ void ReplyDecoder::add_result(const v1::DesignResult& result) {
   DesignState& state = checked_design(result.design(), "a result");
   if (result.has_error()) {
     check_failed(result, state);
-    state.design.error.emplace(to_error_code(static_cast<int>(result.error().code())), result.error().message(),
-                               result.error().retry_after_ms());
+    state.design.error = convert::error_from_proto(result.error());
   } else {
     check_whole(result, state);
   }

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "client/client.h"
-#include "client/decode_pool.h"
+#include "core/base/thread_pool.h"
 
 namespace deform::client {
 
@@ -37,7 +37,7 @@ class ReplyDecoder : public std::enable_shared_from_this<ReplyDecoder> {
     std::function<void(DeformOutcome&& outcome, std::exception_ptr error)> on_done;
   };
 
-  ReplyDecoder(Options options, DecodePool& pool);
+  ReplyDecoder(Options options, ThreadPool& pool);
 
   /// Next reply; its content is moved out. Throws Error(data_loss) for what breaks the contract; fail() must follow then. Blocks
   /// while finished designs wait for a slow sink.
@@ -80,7 +80,7 @@ class ReplyDecoder : public std::enable_shared_from_this<ReplyDecoder> {
   void settle(std::unique_lock<std::mutex>& lock);
 
   const Options options_;
-  DecodePool& pool_;
+  ThreadPool& pool_;
   const RunContext::Clock::time_point started_ = RunContext::Clock::now();
   // of the thread that adds; constant once tasks exist
   std::shared_ptr<const Points> registered_;

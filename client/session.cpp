@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "client/request_splitter.h"
+#include "proto/convert/base/error.h"
 
 namespace deform::client {
 
@@ -127,7 +128,7 @@ void Session::Impl::route(v1::DeformReply&& reply) {
 }
 
 void Session::Impl::refused(const OpenPtr& open, const v1::RequestError& message) {
-  const Error error(to_error_code(static_cast<int>(message.code())), message.message(), message.retry_after_ms());
+  const Error error = convert::error_from_proto(message);
   const auto wait = open->retry->next_wait(error);
   const auto then = RunContext::Clock::now() + wait.value_or(std::chrono::milliseconds(0));
   const bool too_late = limits_.deadline && then >= *limits_.deadline;

@@ -1,51 +1,15 @@
 #include "client/status.h"
 
-#include <charconv>
+#include "proto/convert/base/error.h"
 
 namespace deform::client {
-
-ErrorCode to_error_code(int status_code) {
-  switch (status_code) {
-    case grpc::StatusCode::INVALID_ARGUMENT:
-    case grpc::StatusCode::OUT_OF_RANGE:
-      return ErrorCode::invalid_argument;
-    case grpc::StatusCode::NOT_FOUND:
-      return ErrorCode::not_found;
-    case grpc::StatusCode::ALREADY_EXISTS:
-      return ErrorCode::already_exists;
-    case grpc::StatusCode::FAILED_PRECONDITION:
-    case grpc::StatusCode::PERMISSION_DENIED:
-    case grpc::StatusCode::UNAUTHENTICATED:
-    case grpc::StatusCode::UNIMPLEMENTED:
-      return ErrorCode::failed_precondition;
-    case grpc::StatusCode::RESOURCE_EXHAUSTED:
-      return ErrorCode::out_of_budget;
-    case grpc::StatusCode::ABORTED:
-      return ErrorCode::numerical_failure;
-    case grpc::StatusCode::CANCELLED:
-      return ErrorCode::cancelled;
-    case grpc::StatusCode::DEADLINE_EXCEEDED:
-      return ErrorCode::deadline_exceeded;
-    case grpc::StatusCode::DATA_LOSS:
-      return ErrorCode::data_loss;
-    case grpc::StatusCode::UNAVAILABLE:
-      return ErrorCode::unavailable;
-    default:
-      return ErrorCode::internal;
-  }
-}
 
 namespace {
 
 std::uint32_t retry_hint(const grpc::ClientContext& context) {
   const auto& trailing = context.GetServerTrailingMetadata();
-  const auto found = trailing.find("retry-after-ms");
-  if (found == trailing.end()) return 0;
-  std::uint32_t value = 0;
-  const char* begin = found->second.data();
-  const char* end = begin + found->second.size();
-  const auto [stopped, failure] = std::from_chars(begin, end, value);
-  return failure == std::errc() && stopped == end ? value : 0;
+  const auto found = trailing.find(convert::retry_after_key);
+  return found == trailing.end() ? 0 : convert::retry_hint({found->second.data(), found->second.size()});
 }
 
 /// Statuses that gRPC makes itself when there is no connection.
@@ -59,7 +23,7 @@ bool not_connected(const std::string& message) {
 }  // namespace
 
 Error to_error(const grpc::Status& status, const grpc::ClientContext& context, const std::string& address) {
-  const ErrorCode code = to_error_code(status.error_code());
+  const ErrorCode code = convert::error_code(static_cast<std::uint32_t>(status.error_code()));
   std::string message = status.error_message();
   if (code == ErrorCode::unavailable && not_connected(message)) {
     message = "cannot reach deformd at " + address + "; start it, or name another server";

@@ -3,15 +3,11 @@
 #include <grpcpp/client_context.h>
 #include <grpcpp/support/status.h>
 
-#include <cstdint>
 #include <string>
 
 #include "core/base/error.h"
 
 namespace deform::client {
-
-/// gRPC status code to Error code; the inverse of the server's table (service.proto).
-ErrorCode to_error_code(int status_code);
 
 /// A status that is not OK as an Error with the server's message; the retry hint is read from the trailing metadata of the
 /// finished call. `address` names the server when it cannot be reached.

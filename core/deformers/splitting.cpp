@@ -15,17 +15,6 @@ namespace {
 constexpr std::size_t grain = 8192;
 constexpr double least_progress = 1e-3;  // of the motion: smaller steps get ever smaller
 
-void validate_options(const SplitOptions& options) {
-  if (options.most_steps < 1 || options.most_steps > 1000) {
-    throw Error(ErrorCode::invalid_argument,
-                "split.most_steps: " + std::to_string(options.most_steps) + " is out of range 1..1000");
-  }
-  if (!(options.share > 0 && options.share < 1)) {
-    throw Error(ErrorCode::invalid_argument,
-                "split.share: " + number_digits(options.share) + " is out of range, must be between 0 and 1");
-  }
-}
-
 /// The regions by their points, so that the mesh may move; nobody asks for a basis, as handles move point by point.
 Setup with_explicit_regions(Setup setup, const SelectedRegions& regions, const Mesh& mesh) {
   for (std::size_t h = 0; h < setup.handles.size(); ++h) setup.handles[h].region = {Region::Ids{regions.handles[h]}};
@@ -266,9 +255,20 @@ class Splitting {
 
 }  // namespace
 
+void validate_split_options(const SplitOptions& options) {
+  if (options.most_steps < 1 || options.most_steps > 1000) {
+    throw Error(ErrorCode::invalid_argument,
+                "splitting.most_steps: " + std::to_string(options.most_steps) + " is out of range 1..1000");
+  }
+  if (!(options.share > 0 && options.share < 1)) {
+    throw Error(ErrorCode::invalid_argument,
+                "splitting.share: " + number_digits(options.share) + " is out of range, must be between 0 and 1");
+  }
+}
+
 SplitResult evaluate_split(const SplitProblem& problem, const Design& design, const SplitOptions& options,
                            const RunContext& context) {
-  validate_options(options);
+  validate_split_options(options);
   return Splitting(problem, options, context).run(design);
 }
 

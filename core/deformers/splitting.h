@@ -29,6 +29,9 @@ struct SplitOptions {
   double share = 0.5;
 };
 
+/// Throws Error(invalid_argument) naming the field ("splitting.most_steps"), its value and the limits.
+void validate_split_options(const SplitOptions& options);
+
 /// What is to be moved without turning cells inside out. Everything is of the mesh at rest.
 struct SplitProblem {
   std::shared_ptr<const Mesh> mesh;

@@ -1,39 +1,18 @@
 #include "proto/convert/constraint.h"
 
 #include "core/deformers/setup.h"
-#include "core/mesh/wall_columns.h"
-#include "proto/convert/fields.h"
-#include "proto/convert/region.h"
+#include "proto/convert/base/fields.h"
+#include "proto/convert/mesh/region.h"
 
-namespace deform::server {
+namespace deform::convert {
 
 namespace {
 
-Size size_of(v1::Size size, const std::string& path) {
-  if (!v1::Size_IsValid(size)) refuse_field(path, "unknown value " + std::to_string(static_cast<int>(size)));
-  return size == v1::KEPT ? Size::kept : Size::free;
-}
+Size size_of(v1::Size size, const std::string& path) { return known(size, path) == v1::KEPT ? Size::kept : Size::free; }
 
 Bound bound_of(v1::Bound bound, Bound otherwise, const std::string& path) {
-  switch (bound) {
-    case v1::BOUND_DEFAULT:
-      return otherwise;
-    case v1::EQUAL:
-      return Bound::equal;
-    case v1::MINIMUM:
-      return Bound::minimum;
-    case v1::MAXIMUM:
-      return Bound::maximum;
-    default:
-      refuse_field(path, "unknown value " + std::to_string(static_cast<int>(bound)));
-  }
-}
-
-Rigid rigid(const v1::Constraint::Rigid& message, const std::string& path) {
-  if (message.layers() > most_wall_layers) {
-    refuse_field(path + ".layers", std::to_string(message.layers()) + " is more than " + std::to_string(most_wall_layers));
-  }
-  return {static_cast<int>(message.layers())};
+  if (known(bound, path) == v1::BOUND_DEFAULT) return otherwise;
+  return bound == v1::EQUAL ? Bound::equal : bound == v1::MINIMUM ? Bound::minimum : Bound::maximum;
 }
 
 Symmetric symmetric(const v1::Constraint::Symmetric& message, const std::string& path) {
@@ -79,7 +58,7 @@ ConstraintKind kind_from_proto(const v1::Constraint& message, const std::string&
     case v1::Constraint::kFeatureLine:
       return FeatureLine{};
     case v1::Constraint::kRigid:
-      return rigid(message.rigid(), path + ".rigid");
+      return Rigid{fitting_int(message.rigid().layers(), path + ".rigid.layers")};
     case v1::Constraint::kFixedPlane:
       return FixedPlane{vec3(message.fixed_plane().point(), path + ".fixed_plane.point"),
                         vec3(message.fixed_plane().normal(), path + ".fixed_plane.normal")};
@@ -104,22 +83,17 @@ ConstraintKind kind_from_proto(const v1::Constraint& message, const std::string&
 }  // namespace
 
 Constraint constraint_from_proto(const v1::Constraint& message, const std::string& path) {
-  Constraint constraint{
-      message.name(), {}, kind_from_proto(message, path), finite(message.weight(), path + ".weight"), message.exact()};
+  Constraint constraint{message.name(), {}, kind_from_proto(message, path), message.weight(), message.exact()};
   for (int i = 0; i < message.regions_size(); ++i) {
     constraint.regions.push_back(region_from_proto(message.regions(i), path + ".regions[" + std::to_string(i) + "]"));
   }
   return constraint;
 }
 
-ConstraintOptions constraint_options_from_proto(const v1::ConstraintOptions& message, const std::string& path) {
+ConstraintOptions constraint_options_from_proto(const v1::ConstraintOptions& message) {
   ConstraintOptions options;
-  if (message.tolerance() != 0) options.tolerance = finite(message.tolerance(), path + ".tolerance");
-  if (message.iterations() > most_constraint_iterations) {
-    refuse_field(path + ".iterations",
-                 std::to_string(message.iterations()) + " is more than " + std::to_string(most_constraint_iterations));
-  }
-  if (message.iterations() != 0) options.iterations = static_cast<int>(message.iterations());
+  if (message.tolerance() != 0) options.tolerance = message.tolerance();
+  if (message.iterations() != 0) options.iterations = fitting_int(message.iterations(), "constraint_options.iterations");
   validate_constraint_options(options);  // also those that say nothing, as there are no constraints
   return options;
 }
@@ -147,4 +121,4 @@ void canonicalize_constraint(v1::Constraint& message) {
   }
 }
 
-}  // namespace deform::server
+}  // namespace deform::convert

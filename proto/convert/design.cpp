@@ -7,20 +7,13 @@
 #include <string_view>
 
 #include "core/base/error.h"
-#include "proto/convert/fields.h"
+#include "proto/convert/base/fields.h"
 
-namespace deform::server {
+namespace deform::convert {
 
 namespace {
 
 std::string item(const char* field, int index) { return std::string(field) + "[" + std::to_string(index) + "]"; }
-
-// The path is only put together when it is needed.
-void check_finite(const google::protobuf::RepeatedField<double>& numbers, const std::string& path, const char* field) {
-  for (int k = 0; k < numbers.size(); ++k) {
-    if (!std::isfinite(numbers[k])) refuse_field(path + item(field, k), "must be a finite number");
-  }
-}
 
 void check_motion(const v1::Motion& motion, const std::string& path) {
   if (motion.handle().empty()) refuse_field(path + ".handle", "must not be empty");
@@ -177,4 +170,4 @@ std::size_t bind_bytes(const v1::DeformRequest& request, const v1::SystemInfo& i
   return 2 * request.ByteSizeLong() + designs * (sizeof(Design) + affine_coefficients + (direct ? direct_columns : 0));
 }
 
-}  // namespace deform::server
+}  // namespace deform::convert

@@ -6,7 +6,7 @@
 #include "core/deformers/system.h"
 #include "deform/v1/deformation.pb.h"
 
-namespace deform::server {
+namespace deform::convert {
 
 /// What can be checked about designs without the system: their number, that no message continues another one, and that every
 /// number is finite. Throws Error(invalid_argument) with the path of the field ("designs[3].motions[0].affine: ...").
@@ -24,4 +24,4 @@ Design design_from_proto(const v1::DeformRequest& request, std::size_t design, c
 /// Bytes of the designs in memory, and of what binding them may add at most, for admission.
 std::size_t bind_bytes(const v1::DeformRequest& request, const v1::SystemInfo& info);
 
-}  // namespace deform::server
+}  // namespace deform::convert

@@ -5,13 +5,11 @@
 #include <algorithm>
 #include <utility>
 
-#include "proto/convert/fields.h"
+#include "proto/convert/base/fields.h"
 
-namespace deform::server {
+namespace deform::convert {
 
 namespace {
-
-constexpr double default_tolerance = 1e-6;  // of the diagonal
 
 v1::Solver solver_to_proto(Solver solver) {
   switch (solver) {
@@ -31,20 +29,6 @@ v1::Solver solver_to_proto(Solver solver) {
       break;
   }
   return v1::SOLVER_AUTOMATIC;
-}
-
-v1::Encoding encoding_to_proto(codec::Encoding encoding) {
-  switch (encoding) {
-    case codec::Encoding::raw_f64:
-      return v1::RAW_F64;
-    case codec::Encoding::raw_f32:
-      return v1::RAW_F32;
-    case codec::Encoding::draco:
-      return v1::DRACO;
-    case codec::Encoding::delta_zstd:
-      return v1::DELTA_ZSTD;
-  }
-  return v1::ENCODING_DEFAULT;
 }
 
 }  // namespace
@@ -135,93 +119,4 @@ void list_centres(const std::optional<std::vector<PointId>>& centres, v1::Estima
   }
 }
 
-v1::ConstraintsReport constraints_report(const DesignReport& report, const Setup& setup) {
-  v1::ConstraintsReport message;
-  for (std::size_t i = 0; i < report.constraints.size(); ++i) {
-    const ConstraintReport& of = report.constraints[i];
-    v1::ConstraintResidual& residual = *message.add_residuals();
-    residual.set_name(setup.constraints[i].name);
-    residual.set_largest(of.max);
-    residual.set_rms(of.rms);
-    residual.set_free_largest(of.max_before);
-    residual.set_free_rms(of.rms_before);
-    residual.set_missed(of.missed);
-  }
-  message.set_converged(report.converged);
-  message.set_iterations(static_cast<std::uint32_t>(report.iterations + report.newton_steps));
-  message.set_newton_steps(static_cast<std::uint32_t>(report.newton_steps));
-  message.set_convergence_error(report.convergence_error);
-  message.set_energy(report.energy);
-  const auto given_up = [](const ConstraintReport& of) { return of.given_up; };
-  message.set_exact_given_up(std::any_of(report.constraints.begin(), report.constraints.end(), given_up));
-  return message;
-}
-
-std::string given_up_warning(const DesignReport& report, const Setup& setup) {
-  std::string names;
-  for (std::size_t i = 0; i < report.constraints.size(); ++i) {
-    if (report.constraints[i].given_up) names += (names.empty() ? "" : ", ") + ('"' + setup.constraints[i].name + '"');
-  }
-  if (names.empty()) return {};
-  return "The exact constraints " + names +
-         " contradict each other or points that are held: putting their points on the shapes made the deformation worse and was "
-         "given up; they are met as far as their weight carries them.";
-}
-
-v1::EvaluationPath path_to_proto(EvaluationPath path) {
-  return path == EvaluationPath::basis ? v1::PATH_BASIS : path == EvaluationPath::direct ? v1::PATH_DIRECT : v1::PATH_AUTOMATIC;
-}
-
-EvaluationPath path_from_proto(v1::EvaluationPath path) {
-  switch (path) {
-    case v1::PATH_AUTOMATIC:
-      return EvaluationPath::automatic;
-    case v1::PATH_BASIS:
-      return EvaluationPath::basis;
-    case v1::PATH_DIRECT:
-      return EvaluationPath::direct;
-    default:
-      refuse_field("path", "unknown value " + std::to_string(static_cast<int>(path)));
-  }
-}
-
-codec::EncodeOptions encode_options(const v1::Output& output, double diagonal) {
-  codec::EncodeOptions options;
-  switch (output.encoding()) {
-    case v1::RAW_F64:
-      options.encoding = codec::Encoding::raw_f64;
-      break;
-    case v1::RAW_F32:
-      options.encoding = codec::Encoding::raw_f32;
-      break;
-    case v1::ENCODING_DEFAULT:
-    case v1::DRACO:
-      options.encoding = codec::Encoding::draco;
-      break;
-    case v1::DELTA_ZSTD:
-      options.encoding = codec::Encoding::delta_zstd;
-      break;
-    default:
-      refuse_field("output.encoding", "unknown value " + std::to_string(static_cast<int>(output.encoding())));
-  }
-  const double tolerance = finite(output.tolerance(), "output.tolerance");
-  if (tolerance < 0) refuse_field("output.tolerance", "must not be negative");
-  // A single point has no diagonal; any positive tolerance will do.
-  options.tolerance = tolerance > 0 ? tolerance : diagonal > 0 ? default_tolerance * diagonal : default_tolerance;
-  return options;
-}
-
-void block_to_proto(codec::Block&& block, v1::Block& message) {
-  message.set_count(block.count);
-  message.set_encoding(encoding_to_proto(block.encoding));
-  message.set_fell_back(block.fell_back);
-  message.set_step(block.step);
-  if (block.step != 0) {
-    for (const std::int64_t offset : block.offset) message.add_offset(offset);
-  }
-  message.set_max_error(block.max_error);
-  message.set_checksum(block.checksum);
-  message.set_data(std::move(block.bytes));
-}
-
-}  // namespace deform::server
+}  // namespace deform::convert

@@ -2,10 +2,10 @@
 
 #include <string>
 
-#include "proto/convert/fields.h"
-#include "proto/convert/region.h"
+#include "proto/convert/base/fields.h"
+#include "proto/convert/mesh/region.h"
 
-namespace deform::server {
+namespace deform::convert {
 
 namespace {
 
@@ -31,24 +31,20 @@ const KernelRow& kernel_row(v1::Kernel kernel) {
   for (const auto& row : kernels) {
     if (row.message == kernel) return row;
   }
-  refuse_field("method.rbf.kernel", "unknown value " + std::to_string(static_cast<int>(kernel)));
+  refuse_unknown("method.rbf.kernel", kernel);
 }
 
 BasisMode basis_mode(v1::BasisMode mode, const std::string& path) {
-  if (!v1::BasisMode_IsValid(mode)) refuse_field(path, "unknown value " + std::to_string(static_cast<int>(mode)));
+  known(mode, path);
   return mode == v1::BASIS_ALWAYS ? BasisMode::always : mode == v1::BASIS_NEVER ? BasisMode::never : BasisMode::automatic;
 }
 
 RbfOptions rbf_options(const v1::RbfMethod& message) {
   RbfOptions options;
   options.kernel = kernel_row(message.kernel()).kernel;
-  options.shape = finite(message.shape(), "method.rbf.shape");
-  if (message.has_polynomial_degree()) {
-    if (message.polynomial_degree() > 2) {
-      refuse_field("method.rbf.polynomial_degree", std::to_string(message.polynomial_degree()) + " is more than 2");
-    }
-    options.polynomial_degree = static_cast<int>(message.polynomial_degree());
-  }
+  options.shape = message.shape();
+  if (message.has_polynomial_degree())
+    options.polynomial_degree = fitting_int(message.polynomial_degree(), "method.rbf.polynomial_degree");
   switch (message.solver()) {
     case v1::SOLVER_AUTOMATIC:
       options.solver = Solver::automatic;
@@ -70,13 +66,11 @@ RbfOptions rbf_options(const v1::RbfMethod& message) {
       options.tolerance = incremental_tolerance;
       break;
     default:
-      refuse_field("method.rbf.solver", "unknown value " + std::to_string(static_cast<int>(message.solver())));
+      refuse_unknown("method.rbf.solver", message.solver());
   }
-  if (message.tolerance() != 0) options.tolerance = finite(message.tolerance(), "method.rbf.tolerance");
-  if (!v1::CentreOrder_IsValid(message.centre_order())) {
-    refuse_field("method.rbf.centre_order", "unknown value " + std::to_string(static_cast<int>(message.centre_order())));
-  }
-  options.centre_order = message.centre_order() == v1::GREEDY ? CentreOrder::greedy : CentreOrder::farthest_point;
+  if (message.tolerance() != 0) options.tolerance = message.tolerance();
+  options.centre_order =
+      known(message.centre_order(), "method.rbf.centre_order") == v1::GREEDY ? CentreOrder::greedy : CentreOrder::farthest_point;
   if (message.samples_size() > most_samples) {
     refuse_field("method.rbf.samples",
                  std::to_string(message.samples_size()) + " entries are more than the limit of " + std::to_string(most_samples));
@@ -84,14 +78,10 @@ RbfOptions rbf_options(const v1::RbfMethod& message) {
   for (const auto& sample : message.samples()) {
     options.samples.emplace_back(sample.variables().begin(), sample.variables().end());
   }
-  if (!v1::CentreReduction_IsValid(message.reduction())) {
-    refuse_field("method.rbf.reduction", "unknown value " + std::to_string(static_cast<int>(message.reduction())));
-  }
-  options.reduction = message.reduction() == v1::REDUCTION_OFF ? CentreReduction::off : CentreReduction::automatic;
-  if (message.reduction_rings() > 100) {
-    refuse_field("method.rbf.reduction_rings", std::to_string(message.reduction_rings()) + " is more than 100");
-  }
-  if (message.reduction_rings() != 0) options.reduction_rings = static_cast<int>(message.reduction_rings());
+  options.reduction =
+      known(message.reduction(), "method.rbf.reduction") == v1::REDUCTION_OFF ? CentreReduction::off : CentreReduction::automatic;
+  if (message.reduction_rings() != 0)
+    options.reduction_rings = fitting_int(message.reduction_rings(), "method.rbf.reduction_rings");
   options.basis = basis_mode(message.basis(), "method.rbf.basis");
   return options;
 }
@@ -101,10 +91,7 @@ template <typename Options>
 void take_energy(const v1::Energy& message, const std::string& path, Options& options) {
   options.stretching = finite(message.stretching(), path + ".stretching");
   if (message.has_bending()) options.bending = finite(message.bending(), path + ".bending");
-  if (!v1::HandleMode_IsValid(message.handles())) {
-    refuse_field(path + ".handles", "unknown value " + std::to_string(static_cast<int>(message.handles())));
-  }
-  options.handles = message.handles() == v1::HANDLES_SOFT ? HandleMode::soft : HandleMode::hard;
+  options.handles = known(message.handles(), path + ".handles") == v1::HANDLES_SOFT ? HandleMode::soft : HandleMode::hard;
   if (message.fixing() != 0) options.fixing = finite(message.fixing(), path + ".fixing");
   options.basis = basis_mode(message.basis(), path + ".basis");
 }
@@ -142,10 +129,10 @@ SubspaceOptions subspace_options(const v1::SubspaceMethod& message) {
       options.kernel = SubspaceKernel::gaussian;
       break;
     default:
-      refuse_field("method.subspace.kernel", "unknown value " + std::to_string(static_cast<int>(message.kernel())));
+      refuse_unknown("method.subspace.kernel", message.kernel());
   }
   if (message.centres() != 0) options.centres = message.centres();
-  options.cover = message.cover() == 0 ? default_cover(message.kernel()) : finite(message.cover(), "method.subspace.cover");
+  options.cover = message.cover() == 0 ? default_cover(message.kernel()) : message.cover();
   return options;
 }
 
@@ -154,8 +141,8 @@ MlsOptions mls_options(const v1::MlsMethod& message) {
   take_energy(message.energy(), "method.mls.energy", options);
   options.surface_samples = message.surface_samples();
   options.volume_samples = message.volume_samples();
-  if (message.cubature() != 0) options.cubature = finite(message.cubature(), "method.mls.cubature");
-  if (message.cover() != 0) options.cover = finite(message.cover(), "method.mls.cover");
+  if (message.cubature() != 0) options.cubature = message.cubature();
+  if (message.cover() != 0) options.cover = message.cover();
   for (int i = 0; i < message.weights_size(); ++i) {
     const auto& weights = message.weights(i);
     const std::string path = "method.mls.weights[" + std::to_string(i) + "]";
@@ -243,4 +230,4 @@ void canonicalize_method(v1::Method& message) {
   canonicalize_rbf(*message.mutable_rbf());
 }
 
-}  // namespace deform::server
+}  // namespace deform::convert

@@ -3,12 +3,12 @@
 #include "core/deformers/setup.h"
 #include "deform/v1/setup.pb.h"
 
-namespace deform::server {
+namespace deform::convert {
 
-/// An empty message means rbf with its defaults. Throws Error(invalid_argument) with the path of the field, see convert_setup.h.
+/// An empty message means rbf with its defaults. Throws Error(invalid_argument) with the path of the field, see setup.h.
 decltype(Setup::method) method_from_proto(const v1::Method& message);
 
 /// Fills in defaults, and drops what the method ignores.
 void canonicalize_method(v1::Method& message);
 
-}  // namespace deform::server
+}  // namespace deform::convert

@@ -7,12 +7,12 @@
 
 #include "core/base/error.h"
 #include "core/codec/geometry_id.h"
+#include "proto/convert/base/fields.h"
 #include "proto/convert/constraint.h"
-#include "proto/convert/fields.h"
+#include "proto/convert/mesh/region.h"
 #include "proto/convert/method.h"
-#include "proto/convert/region.h"
 
-namespace deform::server {
+namespace deform::convert {
 
 namespace {
 
@@ -26,7 +26,6 @@ Vec3 point_or_origin(const google::protobuf::RepeatedField<double>& numbers, con
 }
 
 void check_name(const std::string& name, const std::string& path) {
-  if (name.empty()) refuse_field(path, "must not be empty");
   if (name.size() > longest_name) refuse_field(path, "longer than " + std::to_string(longest_name) + " bytes");
 }
 
@@ -52,7 +51,7 @@ VariableKind variable_kind(const v1::DesignVariable& message, const std::string&
 
 DesignVariable variable(const v1::DesignVariable& message, const std::string& path) {
   check_name(message.name(), path + ".name");
-  check_name(message.handle(), path + ".handle");
+  if (message.handle().empty()) refuse_field(path + ".handle", "must not be empty");
   DesignVariable result{message.name(), message.handle(), variable_kind(message, path)};
   if (message.has_lower()) result.lower = finite(message.lower(), path + ".lower");
   if (message.has_upper()) result.upper = finite(message.upper(), path + ".upper");
@@ -110,7 +109,7 @@ Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles) {
     check_name(message.constraints(i).name(), path + ".name");
     setup.constraints.push_back(constraint_from_proto(message.constraints(i), path));
   }
-  setup.constraint_options = constraint_options_from_proto(message.constraint_options(), "constraint_options");
+  setup.constraint_options = constraint_options_from_proto(message.constraint_options());
   return setup;
 }
 
@@ -152,4 +151,4 @@ std::string system_id(const v1::Setup& canonical) {
   return hash.hex();
 }
 
-}  // namespace deform::server
+}  // namespace deform::convert

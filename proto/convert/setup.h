@@ -6,12 +6,12 @@
 #include "core/deformers/setup.h"
 #include "deform/v1/setup.pb.h"
 
-namespace deform::server {
+namespace deform::convert {
 
 /// The setup that a message describes; geometry is not looked at. Throws Error(invalid_argument) with the path of the field
-/// ("handles[2].region.box.min: expected 3 numbers, got 2"): wrong number of coordinates, non-finite numbers, no or several kinds
-/// of a region or variable, unknown enum values, nesting deeper than 64, more than max_handles handles. What needs the mesh or
-/// the mathematics is checked by deform::validate().
+/// ("handles[2].region.box.min: expected 3 numbers, got 2"): wrong number of coordinates, non-finite coordinates, no or
+/// several kinds of a region or variable, unknown enum values, nesting deeper than 64, more than max_handles handles. What the
+/// values mean, their limits first of all, is checked by deform::validate().
 Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles);
 
 /// The same setup with defaults filled in and id lists sorted, so that messages that mean the same have the same id. The message
@@ -21,4 +21,4 @@ v1::Setup canonical_setup(const v1::Setup& message, const std::string& geometry_
 /// SHA-256 of "deform.setup.1\0" and the deterministic serialization of a canonical setup.
 std::string system_id(const v1::Setup& canonical);
 
-}  // namespace deform::server
+}  // namespace deform::convert

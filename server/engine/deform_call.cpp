@@ -8,7 +8,7 @@
 
 #include "core/base/parallel.h"
 #include "core/quality/displacement.h"
-#include "proto/convert/info.h"
+#include "proto/convert/base/block.h"
 
 namespace deform::server {
 
@@ -138,7 +138,7 @@ std::shared_ptr<DeformCall::Bound> DeformCall::bind(const SystemCache::Handle& s
   if (bound->checker) {
     bound->plan.looks = bound->checker->only_faces() ? StepPlan::Looks::after_blocks : StepPlan::Looks::before_blocks;
   }
-  bound->output = encode_options(task_.output, system->info.diagonal());
+  bound->output = convert::encode_options(task_.output, system->info.diagonal());
   const std::size_t solving = std::min(task_.designs, static_cast<std::size_t>(threads)) * system->system->info().design_bytes;
   bound->values = task_.values;
   charge(*bound, task_.bind_bytes(*system) + solving);
@@ -354,7 +354,7 @@ void DeformCall::release_step(std::size_t step, StepResult&& result) {
     message.set_design(static_cast<std::uint32_t>(bound_->numbers[plan.first_design(step) + d]));
     message.set_block(static_cast<std::uint32_t>(block));
     message.set_first(plan.first_point(step));
-    block_to_proto(std::move(encoded), message);
+    convert::block_to_proto(std::move(encoded), message);
   }
   if (block + 1 < plan.blocks()) return;
   push_results(step, whole == whole_.end() ? nullptr : whole->second.get());
@@ -381,7 +381,7 @@ void DeformCall::push_results(std::size_t step, WholeDesigns* whole) {
 void DeformCall::push_failure(std::size_t number, const Error& error) {
   v1::DesignResult& result = *push().mutable_result();
   result.set_design(static_cast<std::uint32_t>(number));
-  error_to_proto(error, *result.mutable_error());
+  *result.mutable_error() = failure_to_proto(error);
 }
 
 void DeformCall::push_summary() {

@@ -6,7 +6,8 @@
 #include "core/base/error.h"
 #include "core/mesh/cells.h"
 #include "core/quality/report.h"
-#include "proto/convert/fields.h"
+#include "proto/convert/base/fields.h"
+#include "proto/convert/report.h"
 #include "server/engine/system_cache.h"
 
 namespace deform::server {
@@ -15,61 +16,6 @@ namespace {
 
 bool in_one_plane(std::span<const Vec3> points) {
   return std::all_of(points.begin(), points.end(), [&](const Vec3& p) { return p[2] == points[0][2]; });
-}
-
-v1::CellReport cell_report(const InversionCheck& check, const SafeAmplitude& safety) {
-  v1::CellReport report;
-  report.set_cells(check.cell_count());
-  report.set_safe_amplitude(safety.amplitude);
-  if (safety.first_cell) report.set_first_cell(static_cast<std::uint32_t>(*safety.first_cell));
-  report.set_inverted(safety.inverted.count);
-  for (const Extreme& cell : safety.inverted.worst) report.add_inverted_ids(static_cast<std::uint32_t>(cell.id));
-  report.set_least_determinant(safety.inverted.least_determinant.value);
-  report.set_least_determinant_cell(static_cast<std::uint32_t>(safety.inverted.least_determinant.id));
-  report.set_inverted_at_rest(check.at_rest().count);
-  return report;
-}
-
-v1::FaceReport face_report(std::size_t faces, const std::vector<Extreme>& flipped) {
-  constexpr std::size_t most_listed = 100;
-  v1::FaceReport report;
-  report.set_faces(faces);
-  report.set_flipped(flipped.size());
-  for (std::size_t k = 0; k < std::min(flipped.size(), most_listed); ++k) {
-    report.add_flipped_ids(static_cast<std::uint32_t>(flipped[k].id));
-  }
-  return report;
-}
-
-v1::QualityReport quality_to_proto(const QualityReport& report) {
-  v1::QualityReport message;
-  for (const auto& [name, count] : report.counts) {
-    auto* entry = message.add_counts();
-    entry->set_name(name);
-    entry->set_count(count);
-  }
-  for (const QualityRow& row : report.rows) {
-    auto* measure = message.add_measures();
-    measure->set_name(row.name);
-    measure->set_label(row.label);
-    measure->set_value(row.value);
-    if (row.id) measure->set_id(*row.id);
-  }
-  for (const auto& [name, ids] : report.lists) {
-    auto* list = message.add_lists();
-    list->set_name(name);
-    for (const std::size_t id : ids) list->add_ids(id);
-  }
-  for (const QualityHistogram& histogram : report.histograms) {
-    auto* entry = message.add_histograms();
-    entry->set_name(histogram.name);
-    entry->set_title(histogram.title);
-    entry->set_low(histogram.low);
-    entry->set_high(histogram.high);
-    for (const std::size_t count : histogram.counts) entry->add_counts(count);
-  }
-  message.set_method(report.method);
-  return message;
 }
 
 /// Of the measures of one design: some numbers per point, face and cell.
@@ -117,19 +63,14 @@ std::shared_ptr<const FlipCheck> FaceCheckCache::get(const Mesh& mesh, MemoryBud
 
 DesignChecks DesignChecks::from_proto(const v1::DeformRequest& request) {
   DesignChecks checks;
-  if (!v1::CellCheck_IsValid(request.check())) refuse_field("check", "unknown value " + std::to_string(request.check()));
-  if (request.check() != v1::CELL_CHECK_DEFAULT) checks.check = request.check();
+  if (convert::known(request.check(), "check") != v1::CELL_CHECK_DEFAULT) checks.check = request.check();
   const v1::Splitting& splitting = request.splitting();
-  if (!v1::SplitMode_IsValid(splitting.mode())) {
-    refuse_field("splitting.mode", "unknown value " + std::to_string(splitting.mode()));
-  }
-  if (splitting.mode() == v1::SPLIT_OFF) return checks;
+  if (convert::known(splitting.mode(), "splitting.mode") == v1::SPLIT_OFF) return checks;
   SplitOptions options;
   options.mode = splitting.mode() == v1::SPLIT_ADAPTIVE ? SplitMode::adaptive : SplitMode::uniform;
-  if (splitting.most_steps() > 1000) refuse_field("splitting.most_steps", "at most 1000 are allowed");
   if (splitting.most_steps() > 0) options.most_steps = splitting.most_steps();
-  if (!(splitting.share() >= 0 && splitting.share() < 1)) refuse_field("splitting.share", "must be between 0 and 1");
-  if (splitting.share() > 0) options.share = splitting.share();
+  if (splitting.share() != 0) options.share = splitting.share();
+  validate_split_options(options);
   checks.splitting = options;
   return checks;
 }
@@ -183,7 +124,7 @@ DesignChecker::Findings DesignChecker::check(std::size_t design, Points& points,
   Findings findings;
   if (inversions_ && in_plane(points)) {
     const SafeAmplitude safety = inversions_->amplitude(system_->mesh->points, points, context);
-    if (checks_.check != v1::CELL_CHECK_OFF) findings.cells = cell_report(*inversions_, safety);
+    if (checks_.check != v1::CELL_CHECK_OFF) findings.cells = convert::cell_report(*inversions_, safety);
     if (checks_.splitting) split(design, points, safety, findings, context);
   }
   if (checks_.check == v1::CELL_QUALITY) findings.quality = quality(points);
@@ -193,7 +134,7 @@ DesignChecker::Findings DesignChecker::check(std::size_t design, Points& points,
 
 std::optional<v1::FaceReport> DesignChecker::check_faces(std::span<const Vec3> points, const RunContext& context) const {
   if (!flips_) return std::nullopt;
-  return face_report(flips_->face_count(), flips_->flipped(points, context));
+  return convert::face_report(flips_->face_count(), flips_->flipped(points, context));
 }
 
 void DesignChecker::split(std::size_t design, Points& points, const SafeAmplitude& safety, Findings& findings,
@@ -219,13 +160,14 @@ void DesignChecker::split(std::size_t design, Points& points, const SafeAmplitud
 
 v1::QualityReport DesignChecker::quality(const Points& points) const {
   const Mesh& mesh = *system_->mesh;
-  if (mesh.cells) return quality_to_proto(quality_report(polyhedral_quality(points, *mesh.cells), points, *mesh.cells));
-  if (mesh.elements) return quality_to_proto(quality_report(element_quality(points, *mesh.elements), points, *mesh.elements));
+  if (mesh.cells) return convert::quality_to_proto(quality_report(polyhedral_quality(points, *mesh.cells), points, *mesh.cells));
+  if (mesh.elements)
+    return convert::quality_to_proto(quality_report(element_quality(points, *mesh.elements), points, *mesh.elements));
   Mesh surface;
   surface.points = points;
   surface.face_sizes = mesh.face_sizes;
   surface.face_points = mesh.face_points;
-  return quality_to_proto(quality_report(surface_quality(surface), surface));
+  return convert::quality_to_proto(quality_report(surface_quality(surface), surface));
 }
 
 }  // namespace deform::server

@@ -5,10 +5,9 @@
 #include <string_view>
 #include <utility>
 
-#include "core/base/text.h"
+#include "proto/convert/base/error.h"
+#include "proto/convert/base/fields.h"
 #include "proto/convert/design.h"
-#include "proto/convert/fields.h"
-#include "server/engine/status_number.h"
 #include "server/engine/system_cache.h"
 
 namespace deform::server {
@@ -33,10 +32,8 @@ std::string within_design(std::string_view text) {
 }  // namespace
 
 Failures failures_from_proto(const v1::DeformRequest& request) {
-  if (!v1::Failures_IsValid(request.failures())) {
-    refuse_field("failures", "unknown value " + std::to_string(request.failures()));
-  }
-  return request.failures() == v1::FAILURES_PER_DESIGN ? Failures::per_design : Failures::fail_request;
+  return convert::known(request.failures(), "failures") == v1::FAILURES_PER_DESIGN ? Failures::per_design
+                                                                                   : Failures::fail_request;
 }
 
 bool fails_alone(const Error& error) {
@@ -44,9 +41,8 @@ bool fails_alone(const Error& error) {
          error.code() == ErrorCode::numerical_failure;
 }
 
-void error_to_proto(const Error& error, v1::RequestError& message) {
-  message.set_code(status_number(error.code()));
-  message.set_message(escaped(within_design(error.what()), max_status_message));
+v1::RequestError failure_to_proto(const Error& error) {
+  return convert::error_to_proto({error.code(), within_design(error.what()), error.retry_after_ms()});
 }
 
 ConvertedDesigns convert_each(const v1::DeformRequest& request, const ResidentSystem& system) {
@@ -54,8 +50,8 @@ ConvertedDesigns convert_each(const v1::DeformRequest& request, const ResidentSy
   converted.designs.resize(static_cast<std::size_t>(request.designs_size()));
   for (std::size_t d = 0; d < converted.designs.size(); ++d) {
     try {
-      check_design(request, d);
-      Design design = design_from_proto(request, d, system.info);
+      convert::check_design(request, d);
+      Design design = convert::design_from_proto(request, d, system.info);
       // What most bad designs are refused for, found without solving anything.
       if (!design.variables.empty()) handle_motions(system.setup, design.variables);
       converted.designs[d] = std::move(design);

@@ -28,8 +28,8 @@ Failures failures_from_proto(const v1::DeformRequest& request);
 /// An error that is the fault of one design and says nothing about the others: not those of time, memory and the machine.
 bool fails_alone(const Error& error);
 
-/// Why a design has no deformation. The message names the field within the design and is fit for the wire, whatever came in.
-void error_to_proto(const Error& error, v1::RequestError& message);
+/// Why a design has no deformation. The message names the field within the design.
+v1::RequestError failure_to_proto(const Error& error);
 
 /// Errors of designs by their number in the request.
 using DesignErrors = std::map<std::size_t, Error>;

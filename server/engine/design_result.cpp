@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "core/quality/displacement.h"
-#include "proto/convert/info.h"
+#include "proto/convert/report.h"
 
 namespace deform::server {
 
@@ -20,7 +20,7 @@ v1::DesignResult design_result(const DeliveredDesign& delivered, const DesignRep
   result.set_checksum(codec::fold_checksums(delivered.checksums));
   result.set_max_error(delivered.max_error);
   result.set_blocks_fell_back(delivered.fell_back);
-  result.set_path(path_to_proto(report.path));
+  result.set_path(convert::path_to_proto(report.path));
   result.set_interpolation_residual(report.interpolation_residual);
   result.set_max_displacement(delivered.displacement.value);
   result.set_prescribed_displacement(report.prescribed_displacement);
@@ -28,8 +28,8 @@ v1::DesignResult design_result(const DeliveredDesign& delivered, const DesignRep
     result.add_warnings(*warning);
   }
   if (setup.constraints.empty()) return result;
-  *result.mutable_constraints() = constraints_report(report, setup);
-  if (const std::string warning = given_up_warning(report, setup); !warning.empty()) result.add_warnings(warning);
+  *result.mutable_constraints() = convert::constraints_report(report, setup);
+  if (const std::string warning = convert::given_up_warning(report, setup); !warning.empty()) result.add_warnings(warning);
   return result;
 }
 

@@ -1,16 +1,22 @@
 #include "server/engine/engine_impl.h"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
+#include <cmath>
 #include <thread>
 #include <utility>
 
 #include "core/deformers/known_centres.h"
+#include "proto/convert/base/block.h"
+#include "proto/convert/base/fields.h"
+#include "proto/convert/design.h"
+#include "proto/convert/detection.h"
 #include "proto/convert/info.h"
+#include "proto/convert/report.h"
 #include "proto/convert/setup.h"
+#include "server/engine/deform_job.h"
 #include "server/engine/geometry_upload.h"
 #include "server/engine/outcome_call.h"
+#include "server/engine/warm_starts.h"
 #include "server/store/geometry_file.h"
 
 namespace deform::server {
@@ -46,71 +52,38 @@ constexpr const char* less_memory =
     "use fewer handle and fixed points, smaller regions of constraints, reduce the centres (reduction), store no basis "
     "(BASIS_NEVER), or raise the server's memory budget";
 
-/// About what the file of an upload will take, by what its header claims (which may be anything); groups come on top.
-std::size_t stored_bytes(const v1::GeometryHeader& header) {
-  const auto times = [](double bytes, std::uint64_t count) { return bytes * static_cast<double>(count); };
-  const auto& cells = header.cells();
-  const double bytes = times(24, header.point_count()) + times(4, header.face_count()) + times(4, header.corner_count()) +
-                       times(1, cells.elements()) + times(4, cells.element_points()) + times(12, cells.faces()) +
-                       times(4, cells.face_points()) + times(4, cells.internal_faces());
-  return static_cast<std::size_t>(std::min(bytes, 1e18));
+/// What detecting on a mesh takes at most beside the mesh.
+std::size_t detect_bytes(const Mesh& mesh) {
+  return 600 * mesh.face_count() + 200 * mesh.point_count() + 64 * mesh.face_points.size();
 }
 
-/// The engine's side of an upload.
-class Upload : public GeometryUpload {
+/// A field that has been computed already, served as a deformation of one design.
+class FieldEvaluation : public Evaluation {
  public:
-  Upload(const v1::GeometryHeader& header, const EngineOptions& limits, MemoryBudget& memory, GeometryStore& store,
-         MeshCache& meshes, CallContext call)
-      : declared_id_(header.id()),
-        name_(header.name()),
-        store_(store),
-        meshes_(meshes),
-        call_(std::move(call)),
-        buffer_(header, limits, memory),
-        stored_(!declared_id_.empty() && store.contains(declared_id_)) {
-    if (!stored_) store.require_room(stored_bytes(header));
-  }
-
-  bool already_stored() const override { return stored_; }
-
-  void add(const v1::RegisterGeometryRequest& part) override {
-    check_call();
-    if (!stored_) buffer_.add(part);  // what comes all the same is not needed
-  }
-
-  v1::GeometryInfo finish() override {
-    check_call();
-    if (stored_) {
-      v1::GeometryInfo info = store_.info(declared_id_);
-      info.set_existed(true);
-      return info;
-    }
-    Mesh mesh = buffer_.take();
-    const std::string id = mesh_id(mesh);
-    if (!declared_id_.empty() && id != declared_id_) {
-      throw Error(ErrorCode::invalid_argument, "header.id: " + declared_id_ + " was announced, the arrays have id " + id);
-    }
-    check_call();
-    v1::GeometryInfo info = store_.put(mesh, id, name_);
-    meshes_.put(id, MeshCache::share(std::move(mesh), buffer_.take_charge()));
-    return info;
+  explicit FieldEvaluation(Points field) : field_(std::move(field)) {}
+  std::size_t design_count() const override { return 1; }
+  const DesignReport& report(std::size_t) const override { return report_; }
+  void evaluate(std::size_t begin, std::size_t end, std::size_t, std::span<Vec3* const> out) const override {
+    std::copy(field_.begin() + static_cast<std::ptrdiff_t>(begin), field_.begin() + static_cast<std::ptrdiff_t>(end), out[0]);
   }
 
  private:
-  void check_call() const {
-    RunContext context;
-    context.cancel = call_.cancel;
-    context.deadline = call_.deadline;
-    context.check();
-  }
-
-  const std::string declared_id_, name_;
-  GeometryStore& store_;
-  MeshCache& meshes_;
-  const CallContext call_;
-  UploadBuffer buffer_;
-  const bool stored_;
+  const Points field_;
+  const DesignReport report_;
 };
+
+/// One value per variable of the setup.
+std::vector<double> values(const google::protobuf::RepeatedField<double>& numbers, const Setup& setup, const char* field) {
+  const std::size_t expected = setup.variables.size();
+  if (static_cast<std::size_t>(numbers.size()) != expected) {
+    convert::refuse_field(field, "expected " + std::to_string(expected) + " numbers, got " + std::to_string(numbers.size()));
+  }
+  return {numbers.begin(), numbers.end()};
+}
+
+std::vector<double> values_or_zero(const google::protobuf::RepeatedField<double>& numbers, const Setup& setup) {
+  return numbers.empty() ? std::vector<double>(setup.variables.size(), 0.0) : values(numbers, setup, "variables");
+}
 
 }  // namespace
 
@@ -139,13 +112,15 @@ void EngineImpl::check_open() const {
   if (calls_.closed()) throw Error(ErrorCode::unavailable, "the server is shutting down");
 }
 
+// ---- geometries ----
+
 std::unique_ptr<GeometryUpload> EngineImpl::begin_upload(const v1::GeometryHeader& header, const CallContext& call) {
   check_open();
   const auto hexadecimal = [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); };
   if (!header.id().empty() && (header.id().size() != 64 || !std::all_of(header.id().begin(), header.id().end(), hexadecimal))) {
     throw Error(ErrorCode::invalid_argument, "header.id: expected 64 lower-case hexadecimal digits");
   }
-  return std::make_unique<Upload>(header, options_, memory_, store_, meshes_, call);
+  return make_upload(header, options_, {&memory_, &store_, &meshes_}, call);
 }
 
 std::shared_ptr<const Mesh> EngineImpl::load_mesh(const std::string& id) {
@@ -177,9 +152,11 @@ std::shared_ptr<const Points> EngineImpl::get_points(const std::string& id) {
   return {mesh, &mesh->points};
 }
 
+// ---- systems ----
+
 EngineImpl::Recipe EngineImpl::recipe(const v1::Setup& setup) {
   if (setup.geometry().empty()) throw Error(ErrorCode::invalid_argument, "geometry: must not be empty");
-  setup_from_proto(setup, options_.max_handles);  // refuses what has no canonical form
+  convert::setup_from_proto(setup, options_.max_handles);  // refuses what has no canonical form
   Recipe recipe;
   const std::string geometry = store_.resolve_geometry(setup.geometry());
   v1::Setup chosen = setup;
@@ -189,22 +166,22 @@ EngineImpl::Recipe EngineImpl::recipe(const v1::Setup& setup) {
     const bool flat = info.box_min_size() == 3 && info.box_min(2) == info.box_max(2);
     chosen.mutable_method()->mutable_rbf()->set_kernel(flat ? v1::THIN_PLATE : v1::TRIHARMONIC);
   }
-  recipe.canonical = canonical_setup(chosen, geometry);
-  recipe.id = system_id(recipe.canonical);
+  recipe.canonical = convert::canonical_setup(chosen, geometry);
+  recipe.id = convert::system_id(recipe.canonical);
   return recipe;
 }
 
 v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request) {
   const Recipe recipe = this->recipe(request.setup());
   const auto mesh = meshes_.get(recipe.canonical.geometry());
-  const Setup setup = setup_from_proto(recipe.canonical, options_.max_handles);
+  const Setup setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
   const SelectedRegions regions = validate(setup, *mesh);
-  v1::EstimateReply reply = estimate_reply(deform::estimate(*mesh, setup));
-  if (request.list_centres()) list_centres(known_centres(*mesh, setup), reply);
+  v1::EstimateReply reply = convert::estimate_reply(deform::estimate(*mesh, setup));
+  if (request.list_centres()) convert::list_centres(known_centres(*mesh, setup), reply);
   reply.set_budget_bytes(memory_.total());
   reply.set_fits(reply.peak_bytes() + mesh_bytes(*mesh) <= memory_.total());
-  add_handles(*reply.mutable_handles(), setup, regions);
-  add_setup_notes(*reply.mutable_notes(), setup);
+  convert::add_handles(*reply.mutable_handles(), setup, regions);
+  convert::add_setup_notes(*reply.mutable_notes(), setup);
   reply.set_fixed_points(regions.fixed.size());
   reply.set_system_id(recipe.id);
   reply.set_resident(cache_->contains(recipe.id));
@@ -214,7 +191,7 @@ v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request) {
 std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, Storing storing, const RunContext& context) {
   auto resident = std::make_shared<ResidentSystem>();
   resident->mesh = meshes_.get(recipe.canonical.geometry());
-  resident->setup = setup_from_proto(recipe.canonical, options_.max_handles);
+  resident->setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
   context.progress("select", 0);
   const SelectedRegions regions = validate(resident->setup, *resident->mesh);
   const Estimate estimate = deform::estimate(*resident->mesh, resident->setup);
@@ -225,9 +202,9 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, St
   budgeted.threads = std::max(1, cores() / static_cast<int>(std::max<std::size_t>(1, scheduler_.load().preparations)));
   resident->system = deform::prepare(resident->mesh, resident->setup, budgeted);
   resident->charge.shrink(resident->system->bytes());
-  resident->info = system_info(resident->system->info(), recipe.canonical, recipe.id);
-  add_handles(*resident->info.mutable_handles(), resident->setup, regions);
-  add_setup_notes(*resident->info.mutable_notes(), resident->setup);
+  resident->info = convert::system_info(resident->system->info(), recipe.canonical, recipe.id);
+  convert::add_handles(*resident->info.mutable_handles(), resident->setup, regions);
+  convert::add_setup_notes(*resident->info.mutable_notes(), resident->setup);
   if (storing == Storing::store) {
     resident->info.set_created_unix_ms(
         store_.put_setup({recipe.id, recipe.canonical.geometry(), recipe.canonical.SerializeAsString(),
@@ -304,6 +281,158 @@ v1::ReleaseSystemReply EngineImpl::release_system(const v1::ReleaseSystemRequest
   reply.set_bytes_released(cache_->release(id));
   return reply;
 }
+
+// ---- deformations and derivatives ----
+
+// The catalog is asked only for what is not in memory.
+std::string EngineImpl::resolve_system(const std::string& id) { return cache_->contains(id) ? id : store_.resolve_setup(id); }
+
+SystemCache::Prepare EngineImpl::prepare_again(const std::string& id) {
+  return [this, id](const RunContext& context) {
+    const auto record = store_.find_setup(id);
+    if (!record) throw Error(ErrorCode::not_found, "system " + id + ": unknown id");
+    Recipe recipe;
+    recipe.id = id;
+    if (!recipe.canonical.ParseFromString(record->setup)) {
+      throw Error(ErrorCode::data_loss, "catalog: the setup of system " + id + " is damaged");
+    }
+    return make_system(recipe, Storing::stored_already, context);
+  };
+}
+
+std::shared_ptr<DeformJob> EngineImpl::begin_job(DeformTask task, const CallContext& call, std::function<void()> on_ready) {
+  task.prepare = prepare_again(task.system_id);
+  DeformParts parts;
+  parts.scheduler = &scheduler_;
+  parts.cache = cache_.get();
+  parts.memory = &memory_;
+  parts.calls = &calls_;
+  parts.block_points = options_.block_points;
+  parts.on_served = [this](std::size_t designs) { designs_served_ += designs; };
+  const auto deform_call = std::make_shared<DeformCall>(parts, std::move(task), call, std::move(on_ready));
+  deform_call->begin();
+  return make_deform_job(deform_call);
+}
+
+std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::uint64_t request_id, const CallContext& call,
+                                              std::function<void()> on_ready) {
+  check_open();
+  const Failures failures = failures_from_proto(request);
+  if (failures == Failures::fail_request) {
+    convert::check_designs(request, options_.max_designs);
+  } else {
+    convert::check_design_count(request, options_.max_designs);
+  }
+  convert::encode_options(request.output(), 1.0);  // refuses at once what is plainly wrong
+  const EvaluationPath path = convert::path_from_proto(request.path());
+  const DesignChecks checks = DesignChecks::from_proto(request);
+  DeformTask task;
+  task.system_id = resolve_system(request.system_id());
+  task.request_id = request_id;
+  task.designs = static_cast<std::size_t>(request.designs_size());
+  task.output = request.output();
+  task.failures = failures;
+  const auto shared = std::make_shared<const v1::DeformRequest>(std::move(request));
+  task.bind_bytes = [shared](const ResidentSystem& system) { return convert::bind_bytes(*shared, system.info); };
+  task.bind = [shared, path, failures, id = task.system_id, starts = call.warm_starts](
+                  const ResidentSystem& system, const RunContext& context) -> BoundDesigns {
+    const WarmStart start = shared->warm_start() && starts ? starts->last(id) : WarmStart{};
+    WarmStart warm;
+    const auto bind = [&](std::span<const Design> designs) {
+      if (!shared->warm_start()) return system.system->bind(designs, path, context);
+      warm = start;
+      return system.system->bind_sequence(designs, path, warm, context);
+    };
+    BoundDesigns bound = failures == Failures::per_design ? bind_each(convert_each(*shared, system), bind)
+                                                          : BoundDesigns(bind(convert::designs_from_proto(*shared, system.info)));
+    if (shared->warm_start() && starts && bound.evaluation) starts->set(id, std::move(warm));
+    return bound;
+  };
+  task.checker = [this, shared, checks, failures](const SystemCache::Handle& system, const RunContext& context) {
+    const auto designs = [&] {
+      return failures == Failures::per_design ? convert_each(*shared, *system).designs
+                                              : convert::designs_from_proto(*shared, system->info);
+    };
+    return DesignChecker::make(system, checks, designs, memory_, context);
+  };
+  return begin_job(std::move(task), call, std::move(on_ready));
+}
+
+std::shared_ptr<DeformJob> EngineImpl::jacobian_vector(v1::JacobianVectorRequest request, const CallContext& call,
+                                                       std::function<void()> on_ready) {
+  check_open();
+  convert::check_finite(request.variables(), "variables");
+  convert::check_finite(request.direction(), "direction");
+  DeformTask task;
+  task.system_id = resolve_system(request.system_id());
+  task.output.set_encoding(v1::RAW_F64);
+  task.values = DeformTask::Values::vectors;
+  task.bind_bytes = [](const ResidentSystem& system) { return 2 * system.mesh->point_count() * sizeof(Vec3); };
+  task.bind = [request = std::move(request)](const ResidentSystem& system, const RunContext& context) -> BoundDesigns {
+    const auto variables = values_or_zero(request.variables(), system.setup);
+    const auto direction = values(request.direction(), system.setup, "direction");
+    return BoundDesigns(std::make_unique<const FieldEvaluation>(system.system->jacobian_vector(variables, direction, context)));
+  };
+  return begin_job(std::move(task), call, std::move(on_ready));
+}
+
+void EngineImpl::vector_jacobian(const v1::VectorJacobianHeader& header, Points cotangent, const CallContext& call,
+                                 std::function<void(Outcome<v1::VectorJacobianReply>)> on_done) {
+  using Reply = v1::VectorJacobianReply;
+  check_open();
+  convert::check_finite(header.variables(), "variables");
+  for (std::size_t i = 0; i < cotangent.size(); ++i) {
+    for (const double x : cotangent[i]) {
+      if (!std::isfinite(x)) convert::refuse_field("cotangent", "point " + std::to_string(i) + " must be finite");
+    }
+  }
+  OutcomeCall<Reply>::Task task;
+  task.system_id = resolve_system(header.system_id());
+  task.prepare = prepare_again(task.system_id);
+  const std::size_t bytes = 2 * cotangent.size() * sizeof(Vec3);
+  const auto charge =
+      std::make_shared<Charge>(memory_.charge(bytes, {"vector-Jacobian product", "raise the server's memory budget", 0}));
+  task.compute = [header, charge, field = std::make_shared<const Points>(std::move(cotangent))](const SystemCache::Handle& system,
+                                                                                                const RunContext& context) {
+    if (field->size() != system->mesh->point_count()) {
+      convert::refuse_field("cotangent", "expected " + std::to_string(system->mesh->point_count()) + " points, got " +
+                                             std::to_string(field->size()));
+    }
+    Reply reply;
+    for (const double g : system->system->vector_jacobian(values_or_zero(header.variables(), system->setup), *field, context)) {
+      reply.add_gradient(g);
+    }
+    return reply;
+  };
+  task.on_done = std::move(on_done);
+  std::make_shared<OutcomeCall<Reply>>(OutcomeCall<Reply>::Parts{&scheduler_, cache_.get(), &calls_}, std::move(task), call)
+      ->begin();
+}
+
+// ---- detection ----
+
+void EngineImpl::detect(const v1::DetectRequest& request, const CallContext& call,
+                        std::function<void(Outcome<DetectReplies>)> on_done) {
+  check_open();
+  const DetectOptions options = convert::detect_options(request);
+  if (request.geometry_id().empty()) throw Error(ErrorCode::invalid_argument, "geometry_id: must not be empty");
+  const std::string geometry = store_.resolve_geometry(request.geometry_id());
+  OutcomeCall<DetectReplies>::Task task;
+  task.compute = [this, options, geometry](const SystemCache::Handle&, const RunContext& context) -> DetectReplies {
+    const auto from = RunContext::Clock::now();
+    const auto mesh = meshes_.get(geometry);
+    const Charge charge = memory_.charge(detect_bytes(*mesh), {"detecting primitives of geometry " + geometry.substr(0, 16),
+                                                               "raise the server's memory budget", mesh_bytes(*mesh)});
+    std::vector<v1::DetectReply> replies = convert::detect_replies(deform::detect(*mesh, options, context));
+    replies.back().mutable_summary()->set_seconds(elapsed_ms(from) * 1e-3);
+    return std::make_shared<const std::vector<v1::DetectReply>>(std::move(replies));
+  };
+  task.on_done = std::move(on_done);
+  using DetectCall = OutcomeCall<DetectReplies>;
+  std::make_shared<DetectCall>(DetectCall::Parts{&scheduler_, cache_.get(), &calls_}, std::move(task), call)->begin();
+}
+
+// ---- the server ----
 
 v1::ServerInfo EngineImpl::info() {
   v1::ServerInfo info;

@@ -6,6 +6,9 @@
 #include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/base/number_text.h"
+#include "server/engine/mesh_cache.h"
+#include "server/store/geometry_file.h"
+#include "server/store/geometry_store.h"
 
 namespace deform::server {
 
@@ -200,6 +203,80 @@ Mesh UploadBuffer::take() {
   finish_cells();
   mesh_.validate();
   return std::move(mesh_);
+}
+
+namespace {
+
+/// About what the file of an upload will take, by what its header claims (which may be anything); groups come on top.
+std::size_t stored_bytes(const v1::GeometryHeader& header) {
+  const auto times = [](double bytes, std::uint64_t count) { return bytes * static_cast<double>(count); };
+  const auto& cells = header.cells();
+  const double bytes = times(24, header.point_count()) + times(4, header.face_count()) + times(4, header.corner_count()) +
+                       times(1, cells.elements()) + times(4, cells.element_points()) + times(12, cells.faces()) +
+                       times(4, cells.face_points()) + times(4, cells.internal_faces());
+  return static_cast<std::size_t>(std::min(bytes, 1e18));
+}
+
+/// The engine's side of an upload.
+class Upload : public GeometryUpload {
+ public:
+  Upload(const v1::GeometryHeader& header, const EngineOptions& limits, const UploadParts& parts, CallContext call)
+      : declared_id_(header.id()),
+        name_(header.name()),
+        store_(*parts.store),
+        meshes_(*parts.meshes),
+        call_(std::move(call)),
+        buffer_(header, limits, *parts.memory),
+        stored_(!declared_id_.empty() && store_.contains(declared_id_)) {
+    if (!stored_) store_.require_room(stored_bytes(header));
+  }
+
+  bool already_stored() const override { return stored_; }
+
+  void add(const v1::RegisterGeometryRequest& part) override {
+    check_call();
+    if (!stored_) buffer_.add(part);  // what comes all the same is not needed
+  }
+
+  v1::GeometryInfo finish() override {
+    check_call();
+    if (stored_) {
+      v1::GeometryInfo info = store_.info(declared_id_);
+      info.set_existed(true);
+      return info;
+    }
+    Mesh mesh = buffer_.take();
+    const std::string id = mesh_id(mesh);
+    if (!declared_id_.empty() && id != declared_id_) {
+      throw Error(ErrorCode::invalid_argument, "header.id: " + declared_id_ + " was announced, the arrays have id " + id);
+    }
+    check_call();
+    v1::GeometryInfo info = store_.put(mesh, id, name_);
+    meshes_.put(id, MeshCache::share(std::move(mesh), buffer_.take_charge()));
+    return info;
+  }
+
+ private:
+  void check_call() const {
+    RunContext context;
+    context.cancel = call_.cancel;
+    context.deadline = call_.deadline;
+    context.check();
+  }
+
+  const std::string declared_id_, name_;
+  GeometryStore& store_;
+  MeshCache& meshes_;
+  const CallContext call_;
+  UploadBuffer buffer_;
+  const bool stored_;
+};
+
+}  // namespace
+
+std::unique_ptr<GeometryUpload> make_upload(const v1::GeometryHeader& header, const EngineOptions& limits,
+                                            const UploadParts& parts, const CallContext& call) {
+  return std::make_unique<Upload>(header, limits, parts, call);
 }
 
 }  // namespace deform::server

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
@@ -12,6 +13,9 @@
 #include "server/engine/memory.h"
 
 namespace deform::server {
+
+class GeometryStore;
+class MeshCache;
 
 /// Joins the chunks of an upload into a mesh, checking order and counts as geometry.proto prescribes. Memory is charged before it
 /// is allocated and grows with what has arrived, never with what the header claims. Not thread-safe.
@@ -40,7 +44,6 @@ class UploadBuffer {
   template <typename T>
   void append(std::vector<T>& array, const std::string& bytes, std::size_t limit, const char* field);
   void grow(std::size_t bytes);
-  void check_face_sizes(std::size_t first);
 
   v1::GeometryHeader header_;
   MemoryBudget& budget_;
@@ -52,5 +55,16 @@ class UploadBuffer {
   PolyhedralCells cells_;
   std::vector<std::uint32_t> cell_face_sizes_;
 };
+
+/// What an upload needs of the engine; all outlive it.
+struct UploadParts {
+  MemoryBudget* memory;
+  GeometryStore* store;
+  MeshCache* meshes;
+};
+
+/// Throws as UploadBuffer does, and what GeometryStore::require_room() throws.
+std::unique_ptr<GeometryUpload> make_upload(const v1::GeometryHeader& header, const EngineOptions& limits,
+                                            const UploadParts& parts, const CallContext& call);
 
 }  // namespace deform::server

@@ -3,6 +3,7 @@
 #include <string>
 #include <utility>
 
+#include "proto/convert/base/error.h"
 #include "server/rpc/service_messages.h"
 #include "server/rpc/status.h"
 
@@ -12,6 +13,14 @@ namespace {
 
 double milliseconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+/// A new call; throws Error(out_of_budget) with a retry hint when too many wait.
+void let_in(ThreadPool& pool, ThreadPool::Task task) {
+  constexpr std::uint32_t busy_retry_ms = 200;
+  if (pool.try_post(std::move(task))) return;
+  throw Error(ErrorCode::out_of_budget,
+              "too many calls are waiting (limit " + std::to_string(pool.queue_limit()) + "), try again later", busy_retry_ms);
 }
 
 }  // namespace
@@ -64,7 +73,7 @@ grpc::Status CallScope::finish(std::optional<Error> error) {
   record.error = std::move(error);
   if (!record.error) return grpc::Status::OK;
   if (const std::uint32_t hint = record.error->retry_after_ms(); hint != 0) {
-    incoming_.context->AddTrailingMetadata(retry_after_key, std::to_string(hint));
+    incoming_.context->AddTrailingMetadata(convert::retry_after_key, std::to_string(hint));
   }
   return to_status(*record.error);
 }
@@ -91,10 +100,10 @@ void note_stats(const CallStats& stats, CallRecord& record) {
 UnaryCall::UnaryCall(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, Work work)
     : scope_(method, incoming), reply_(reply), work_(std::move(work)) {}
 
-grpc::ServerUnaryReactor* UnaryCall::launch(CallPool& pool, const char* method, const Incoming& incoming, grpc::ByteBuffer* reply,
-                                            Work work) {
+grpc::ServerUnaryReactor* UnaryCall::launch(ThreadPool& pool, const char* method, const Incoming& incoming,
+                                            grpc::ByteBuffer* reply, Work work) {
   auto* call = new UnaryCall(method, incoming, reply, std::move(work));
-  if (auto refused = caught([&] { pool.try_post([call] { call->answer(); }); })) {
+  if (auto refused = caught([&] { let_in(pool, [call] { call->answer(); }); })) {
     call->Finish(call->scope_.finish(std::move(refused)));
   }
   return call;
@@ -125,9 +134,9 @@ Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call) {
 }
 
 template <typename Reactor>
-Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call, CallPool& pool) {
+Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call, ThreadPool& pool) {
   call->self_ = call;
-  if (auto refused = caught([&] { pool.try_post([call] { call->run(); }); })) call->end(std::move(refused));
+  if (auto refused = caught([&] { let_in(pool, [call] { call->run(); }); })) call->end(std::move(refused));
   return call.get();
 }
 
@@ -231,7 +240,7 @@ template class ReplyWriter<grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteB
 
 // ---- RequestStream ----
 
-RequestStream::RequestStream(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool)
+RequestStream::RequestStream(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, ThreadPool& pool)
     : scope_(method, incoming), pool_(pool), reply_(reply) {}
 
 grpc::ServerReadReactor<grpc::ByteBuffer>* RequestStream::launch(std::shared_ptr<RequestStream> call) {

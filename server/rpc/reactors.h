@@ -12,15 +12,17 @@
 #include <mutex>
 #include <optional>
 
+#include "core/base/thread_pool.h"
 #include "server/engine/engine.h"
 #include "server/rpc/log.h"
-#include "server/rpc/service_pool.h"
 
 namespace deform::server {
 
 /// The mechanics of gRPC's callback interface, once: one read and one write in flight, half-close, cancel, finish exactly once
 /// from every state (a call that never finishes would hang the server's shutdown). Calls derive from these and only convert. What
 /// they throw ends the call with the error's status; nothing leaves a callback.
+///
+/// The pool is for engine calls that block (disk, hashing), so that gRPC's own threads never do.
 ///
 /// A reactor owns itself between launch() and OnDone. Whoever may call back later (engine, pool) holds a weak_ptr or shared_ptr.
 
@@ -77,7 +79,7 @@ class UnaryCall final : public grpc::ServerUnaryReactor {
  public:
   /// Fills the reply; may throw.
   using Work = std::function<grpc::ByteBuffer(CallScope&)>;
-  static grpc::ServerUnaryReactor* launch(CallPool& pool, const char* method, const Incoming& incoming, grpc::ByteBuffer* reply,
+  static grpc::ServerUnaryReactor* launch(ThreadPool& pool, const char* method, const Incoming& incoming, grpc::ByteBuffer* reply,
                                           Work work);
 
  private:
@@ -102,7 +104,7 @@ class ReplyWriter : public Reactor, public std::enable_shared_from_this<ReplyWri
   /// The calling thread runs begin() and the first steps.
   static Reactor* launch(std::shared_ptr<ReplyWriter> call);
   /// The pool does. A full pool ends the call.
-  static Reactor* launch(std::shared_ptr<ReplyWriter> call, CallPool& pool);
+  static Reactor* launch(std::shared_ptr<ReplyWriter> call, ThreadPool& pool);
 
   /// There may be something to write. Any thread, any time while a shared_ptr is held.
   void wake();
@@ -170,7 +172,7 @@ class RequestStream : public grpc::ServerReadReactor<grpc::ByteBuffer>, public s
     read,  ///< the next message, please
     later  ///< answer() has been or will be called
   };
-  RequestStream(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool);
+  RequestStream(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, ThreadPool& pool);
 
   /// One message of the client. May throw.
   virtual Then message(const grpc::ByteBuffer& bytes) = 0;
@@ -187,7 +189,7 @@ class RequestStream : public grpc::ServerReadReactor<grpc::ByteBuffer>, public s
   void OnCancel() override;
   void OnDone() override;
 
-  CallPool& pool_;
+  ThreadPool& pool_;
   grpc::ByteBuffer* const reply_;
   grpc::ByteBuffer request_;
   std::shared_ptr<RequestStream> self_;

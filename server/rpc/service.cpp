@@ -42,16 +42,6 @@ using RawService =
 using Context = grpc::CallbackServerContext;
 using Bytes = grpc::ByteBuffer;
 
-/// The first steps of every call with one request: convert and record.
-template <typename Request>
-Request received(const Bytes& bytes, CallRecord& record) {
-  record.messages_in = 1;
-  record.bytes_in = bytes.Length();
-  Request request;
-  parse(bytes, request);
-  return request;
-}
-
 void refuse_continued_designs(const v1::DeformRequest& request) {
   for (int i = 0; i < request.designs_size(); ++i) {
     if (request.designs(i).continues()) {
@@ -203,7 +193,7 @@ class DeformService::Methods final : public RawService {
   std::map<DeformStreamCall*, std::weak_ptr<DeformStreamCall>> streams_;
   bool draining_ = false;
   // last: its threads end before the rest goes
-  CallPool pool_;
+  ThreadPool pool_;
 };
 
 grpc::ServerBidiReactor<Bytes, Bytes>* DeformService::Methods::DeformStream(Context* context) {

@@ -12,8 +12,6 @@ class Service;
 
 namespace deform::server {
 
-class CallPool;
-
 /// Limits of the transport side; those of the content are the engine's.
 struct ServiceOptions {
   StreamLimits stream;

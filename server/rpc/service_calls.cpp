@@ -18,6 +18,15 @@ constexpr std::size_t chunk_points = 1u << 15;
 /// Of one stage; a new stage is always told.
 constexpr std::chrono::milliseconds progress_interval{100};
 
+/// The value of an outcome, whose statistics are recorded; throws its error.
+template <typename T>
+T taken(Engine::Outcome<T>& outcome, CallRecord& record, const char* what) {
+  note_stats(outcome.stats, record);
+  if (outcome.error) throw *outcome.error;
+  if (!outcome.value) throw Error(ErrorCode::internal, std::string(what) + " ended with neither a result nor an error");
+  return std::move(*outcome.value);
+}
+
 Error incomplete(const char* what) { return {ErrorCode::invalid_argument, std::string("the stream ended before ") + what}; }
 
 }  // namespace
@@ -78,10 +87,7 @@ PrepareCall::PrepareCall(Engine& engine, const Incoming& incoming, const grpc::B
 
 void PrepareCall::begin() {
   scope_.check();
-  v1::PrepareRequest request;
-  parse(*request_, request);
-  scope_.record.messages_in = 1;
-  scope_.record.bytes_in = request_->Length();
+  const auto request = received<v1::PrepareRequest>(*request_, scope_.record);
   scope_.record.geometry = request.setup().geometry();
   const std::weak_ptr<PrepareCall> weak = std::static_pointer_cast<PrepareCall>(shared_from_this());
   engine_.prepare(
@@ -120,10 +126,7 @@ PrepareCall::Next PrepareCall::next(grpc::ByteBuffer& reply) {
   {
     const std::lock_guard lock(news_mutex_);
     if (outcome_) {
-      note_stats(outcome_->stats, scope_.record);
-      if (outcome_->error) throw *outcome_->error;
-      if (!outcome_->value) throw Error(ErrorCode::internal, "the preparation ended with neither a system nor an error");
-      *message.mutable_system() = std::move(*outcome_->value);
+      *message.mutable_system() = taken(*outcome_, scope_.record, "the preparation");
       told_ = true;
     } else if (progress_) {
       *message.mutable_progress() = std::move(*std::exchange(progress_, std::nullopt));
@@ -146,10 +149,7 @@ DetectCall::DetectCall(Engine& engine, const Incoming& incoming, const grpc::Byt
 
 void DetectCall::begin() {
   scope_.check();
-  v1::DetectRequest request;
-  parse(*request_, request);
-  scope_.record.messages_in = 1;
-  scope_.record.bytes_in = request_->Length();
+  const auto request = received<v1::DetectRequest>(*request_, scope_.record);
   scope_.record.geometry = request.geometry_id();
   const std::weak_ptr<DetectCall> weak = std::static_pointer_cast<DetectCall>(shared_from_this());
   engine_.detect(request, scope_.call(), [weak](Engine::Outcome<Engine::DetectReplies> outcome) {
@@ -169,12 +169,7 @@ DetectCall::Next DetectCall::next(grpc::ByteBuffer& reply) {
   if (!replies_) {
     const std::lock_guard lock(news_mutex_);
     if (!outcome_) return Next::wait;
-    note_stats(outcome_->stats, scope_.record);
-    if (outcome_->error) throw *outcome_->error;
-    if (!outcome_->value || !*outcome_->value) {
-      throw Error(ErrorCode::internal, "the detection ended with neither replies nor an error");
-    }
-    replies_ = *outcome_->value;
+    replies_ = taken(*outcome_, scope_.record, "the detection");
   }
   if (sent_ == replies_->size()) return Next::end;
   reply = serialized((*replies_)[sent_++]);
@@ -188,10 +183,7 @@ PointsCall::PointsCall(Engine& engine, const Incoming& incoming, const grpc::Byt
 
 void PointsCall::begin() {
   scope_.check();
-  v1::GetPointsRequest request;
-  parse(*request_, request);
-  scope_.record.messages_in = 1;
-  scope_.record.bytes_in = request_->Length();
+  const auto request = received<v1::GetPointsRequest>(*request_, scope_.record);
   scope_.record.geometry = request.id();
   points_ = engine_.get_points(request.id());
   scope_.record.points = points_->size();
@@ -207,7 +199,7 @@ PointsCall::Next PointsCall::next(grpc::ByteBuffer& reply) {
 
 // ---- RegisterCall ----
 
-RegisterCall::RegisterCall(Engine& engine, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool)
+RegisterCall::RegisterCall(Engine& engine, const Incoming& incoming, grpc::ByteBuffer* reply, ThreadPool& pool)
     : RequestStream("RegisterGeometry", incoming, reply, pool), engine_(engine) {}
 
 RegisterCall::Then RegisterCall::message(const grpc::ByteBuffer& bytes) {
@@ -238,7 +230,7 @@ void RegisterCall::half_closed() {
 
 // ---- VectorJacobianCall ----
 
-VectorJacobianCall::VectorJacobianCall(Engine& engine, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool)
+VectorJacobianCall::VectorJacobianCall(Engine& engine, const Incoming& incoming, grpc::ByteBuffer* reply, ThreadPool& pool)
     : RequestStream("VectorJacobian", incoming, reply, pool), engine_(engine) {}
 
 VectorJacobianCall::Then VectorJacobianCall::message(const grpc::ByteBuffer& bytes) {

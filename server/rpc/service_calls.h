@@ -5,8 +5,19 @@
 #include <memory>
 
 #include "server/rpc/reactors.h"
+#include "server/rpc/service_messages.h"
 
 namespace deform::server {
+
+/// The first steps of every call with one request: convert and record.
+template <typename Request>
+Request received(const grpc::ByteBuffer& bytes, CallRecord& record) {
+  record.messages_in = 1;
+  record.bytes_in = bytes.Length();
+  Request request;
+  parse(bytes, request);
+  return request;
+}
 
 /// The streaming calls of the service, one class per shape of call; service.cpp launches them. Each follows the same five steps:
 /// deadline (CallScope), call (the engine), convert (service_messages), record (CallScope::record), return (status).
@@ -95,7 +106,7 @@ class PointsCall : public ReplyStream {
 /// RegisterGeometry. Answers as soon as the geometry turns out to be there.
 class RegisterCall : public RequestStream {
  public:
-  RegisterCall(Engine& engine, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool);
+  RegisterCall(Engine& engine, const Incoming& incoming, grpc::ByteBuffer* reply, ThreadPool& pool);
 
  private:
   Then message(const grpc::ByteBuffer& bytes) override;
@@ -108,7 +119,7 @@ class RegisterCall : public RequestStream {
 /// VectorJacobian. The cotangent may have as many points as the geometry and no more.
 class VectorJacobianCall : public RequestStream {
  public:
-  VectorJacobianCall(Engine& engine, const Incoming& incoming, grpc::ByteBuffer* reply, CallPool& pool);
+  VectorJacobianCall(Engine& engine, const Incoming& incoming, grpc::ByteBuffer* reply, ThreadPool& pool);
 
  private:
   Then message(const grpc::ByteBuffer& bytes) override;

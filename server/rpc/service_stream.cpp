@@ -3,7 +3,7 @@
 #include <string>
 #include <utility>
 
-#include "core/base/text.h"
+#include "proto/convert/base/error.h"
 #include "server/engine/warm_starts.h"
 #include "server/rpc/service_calls.h"
 #include "server/rpc/service_messages.h"
@@ -19,9 +19,7 @@ constexpr std::size_t max_waiting_refusals = 1024;
 v1::DeformReply error_reply(std::uint64_t id, const Error& error) {
   v1::DeformReply reply;
   reply.set_request_id(id);
-  reply.mutable_error()->set_code(static_cast<std::uint32_t>(to_status_code(error.code())));
-  reply.mutable_error()->set_message(escaped(error.what(), max_status_message));
-  reply.mutable_error()->set_retry_after_ms(error.retry_after_ms());
+  *reply.mutable_error() = convert::error_to_proto(error);
   return reply;
 }
 

@@ -10,10 +10,10 @@
 #include <utility>
 
 #include "core/base/error.h"
+#include "proto/convert/mesh/geometry.h"
 #include "server/store/catalog_records.h"
 #include "server/store/file.h"
 #include "server/store/geometry_file.h"
-#include "server/store/geometry_info.h"
 #include "server/store/sqlite_catalog.h"
 #include "server/store/sqlite_files.h"
 
@@ -208,7 +208,7 @@ class Rebuild {
     return unless_damaged([&] {
       const Mesh mesh = read_geometry_file(file, id);
       mesh.validate();
-      return geometry_record(describe(mesh, id, ""), modified_ms(file));
+      return geometry_record(convert::geometry_info(mesh, id, ""), modified_ms(file));
     });
   }
 

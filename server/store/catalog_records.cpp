@@ -104,6 +104,11 @@ Fields read_sealed(const std::filesystem::path& path, const char* kind, std::siz
 
 }  // namespace
 
+GeometryRecord geometry_record(v1::GeometryInfo info, std::int64_t registered_ms) {
+  info.set_registered_unix_ms(registered_ms);
+  return {info.id(), info.SerializeAsString(), registered_ms};
+}
+
 std::string checksum(const GeometryRecord& record) { return digest(joined(fields_of(record))); }
 std::string checksum(const SetupRecord& record) { return digest(joined(fields_of(record))); }
 
@@ -127,7 +132,7 @@ SetupRecord read_setup_record(const std::filesystem::path& file, const std::stri
 
 void verify(const SetupRecord& record) {
   v1::Setup setup;
-  if (!setup.ParseFromString(record.setup) || system_id(setup) != record.id || setup.geometry() != record.geometry_id) {
+  if (!setup.ParseFromString(record.setup) || convert::system_id(setup) != record.id || setup.geometry() != record.geometry_id) {
     damaged("the setup of system " + record.id);
   }
 }

@@ -1,15 +1,20 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
 
+#include "deform/v1/geometry.pb.h"
 #include "server/store/catalog.h"
 
 namespace deform::server {
 
 /// Records as bytes: for checksums, and as the small files from which a catalog is rebuilt. Such a file is a tag, the fields of
 /// the record, each after its length, and the SHA-256 of the fields in hexadecimal digits.
+
+/// The record of a geometry registered at that time (milliseconds since 1970).
+GeometryRecord geometry_record(v1::GeometryInfo info, std::int64_t registered_ms);
 
 /// SHA-256 of all fields, in hexadecimal digits.
 std::string checksum(const GeometryRecord& record);

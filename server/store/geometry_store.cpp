@@ -7,11 +7,11 @@
 #include <chrono>
 
 #include "core/base/error.h"
+#include "proto/convert/mesh/geometry.h"
 #include "server/store/catalog_rebuild.h"
 #include "server/store/catalog_records.h"
 #include "server/store/file.h"
 #include "server/store/geometry_file.h"
-#include "server/store/geometry_info.h"
 
 namespace deform::server {
 
@@ -63,7 +63,7 @@ v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const std::string& id, con
     return info;
   }
   disk_.require(mesh_bytes(mesh));
-  const GeometryRecord record = geometry_record(describe(mesh, id, name), unix_ms());
+  const GeometryRecord record = geometry_record(convert::geometry_info(mesh, id, name), unix_ms());
   const std::int64_t intent =
       catalog_->begin({Intent::Kind::put, {{Intent::What::geometry, id, record.created_ms, record.info}}});
   try {

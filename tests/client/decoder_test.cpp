@@ -13,7 +13,6 @@
 namespace deform {
 namespace {
 
-using client::DecodePool;
 using client::DeformedDesign;
 using client::DeformOutcome;
 using client::ReplyDecoder;
@@ -25,7 +24,7 @@ DeformOutcome decode(std::vector<v1::DeformReply> messages, const ReplyScript& s
                      int threads = 2, v1::Failures failures = v1::FAILURES_DEFAULT) {
   std::promise<DeformOutcome> promise;
   auto future = promise.get_future();
-  DecodePool pool(threads);
+  ThreadPool pool(threads);
   ReplyDecoder::Options options;
   options.designs = script.designs;
   options.encoding = script.encoding;

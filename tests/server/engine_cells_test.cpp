@@ -23,7 +23,7 @@ class EngineCells : public EngineFixture {
     const auto info = register_mesh(prepared.mesh);
     EXPECT_EQ(info.cells(), prepared.mesh.cell_count());
     prepared.system = prepare(block_setup_message(info.id(), dimensions));
-    prepared.setup = setup_from_proto(prepared.system.setup(), 100);
+    prepared.setup = convert::setup_from_proto(prepared.system.setup(), 100);
     return prepared;
   }
   static MotionSafety expected(const Prepared& prepared, const Points& points) {

@@ -58,12 +58,12 @@ TEST(ListCentres, EndsAtOneMebibyte) {
   std::vector<PointId> ids(std::size_t{1} << 20);
   for (std::size_t i = 0; i < ids.size(); ++i) ids[i] = static_cast<PointId>(i);
   v1::EstimateReply reply;
-  list_centres(ids, reply);
+  convert::list_centres(ids, reply);
   EXPECT_EQ(listed(reply), ids) << "a byte for each";
   EXPECT_LE(reply.ByteSizeLong(), (std::size_t{1} << 20) + 16);
   ids.push_back(ids.back() + 1);
   v1::EstimateReply without;
-  list_centres(ids, without);
+  convert::list_centres(ids, without);
   EXPECT_EQ(without.centre_steps_size(), 0);
   EXPECT_TRUE(has_note(without, "1048577 centres are not listed"));
 }

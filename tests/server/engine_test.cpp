@@ -21,7 +21,8 @@ class EngineTest : public EngineFixture {
   }
   /// The same without a server.
   Points reference(const std::vector<double>& variables) {
-    if (!direct) direct = deform::prepare(std::make_shared<Mesh>(mesh), setup_from_proto(sheet_setup(geometry.id()), 10));
+    if (!direct)
+      direct = deform::prepare(std::make_shared<Mesh>(mesh), convert::setup_from_proto(sheet_setup(geometry.id()), 10));
     Design design;
     design.variables = variables;
     return direct->evaluate(design);
@@ -379,7 +380,7 @@ TEST_F(EngineTest, a_half_model_keeps_its_plane) {
   const std::string note = "Symmetry: plane 1 holds 60 points, 4 of them centres.";
   EXPECT_NE(std::find(half.notes().begin(), half.notes().end(), note), half.notes().end());
   const Design design{{0.3, -0.2}, {}};
-  const Points expected = deform::prepare(std::make_shared<Mesh>(mesh), setup_from_proto(setup, 10))->evaluate(design);
+  const Points expected = deform::prepare(std::make_shared<Mesh>(mesh), convert::setup_from_proto(setup, 10))->evaluate(design);
   reopen();  // the plane is stored
   const Points got = deform(request_for(half.id(), {{0.3, -0.2}})).points[0];
   EXPECT_EQ(largest_difference(got, expected), 0);

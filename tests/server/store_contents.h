@@ -54,9 +54,9 @@ inline void copy_folder(const std::filesystem::path& from, const std::filesystem
 inline SetupRecord setup_record(const std::string& geometry_id, double lower) {
   v1::Setup setup = sheet_setup(geometry_id);
   setup.mutable_variables(0)->set_lower(lower);
-  const v1::Setup canonical = canonical_setup(setup, geometry_id);
+  const v1::Setup canonical = convert::canonical_setup(setup, geometry_id);
   v1::SystemInfo info;
-  info.set_id(system_id(canonical));
+  info.set_id(convert::system_id(canonical));
   info.set_geometry_id(geometry_id);
   info.set_centres(42);
   return {info.id(), geometry_id, canonical.SerializeAsString(), info.SerializeAsString(), unix_ms()};

@@ -40,24 +40,28 @@ FLOORS = {
                                                                    "core/deformers/energy/spaces"],
     "core/deformers": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles", "core/deformers/rbf", "core/deformers/constrained",
                                                             "core/deformers/energy"],
-    "proto/convert": ["core/base", "core/codec", "core/mesh", "core/quality", "core/constraints", "core/deformers", "deform/v1"],
+    # Messages to core types and back: each room needs as much of the core as the types it names.
+    "proto/convert/base": ["core/base", "core/codec", "deform/v1"],
+    "proto/convert/mesh": ["core/base", "core/mesh", "proto/convert/base", "deform/v1"],
+    "proto/convert": ["core/base", "core/codec", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",
+                      "core/deformers", "proto/convert/base", "proto/convert/mesh", "deform/v1"],
     # The server never reads a user's file.
-    "server/store": ["core/base", "core/codec", "core/mesh", "proto/convert", "deform/v1"],
+    "server/store": ["core/base", "core/codec", "core/mesh", "proto/convert", "proto/convert/mesh", "deform/v1"],
     "server/engine": ["core/base", "core/codec", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",
-                      "core/deformers", "proto/convert", "deform/v1", "server/store"],
-    "server/rpc": ["core/base", "core/codec", "deform/v1", "server/engine"],
+                      "core/deformers", "proto/convert", "proto/convert/base", "deform/v1", "server/store"],
+    "server/rpc": ["core/base", "core/codec", "proto/convert/base", "deform/v1", "server/engine"],
     "server": ["core/base", "server/store", "server/engine", "server/rpc"],
-    "client": ["core/base", "core/codec", "deform/v1"],
+    "client": ["core/base", "core/codec", "proto/convert/base", "deform/v1"],
     # Executables that read files.
-    "client/cli": ["core/base", "core/codec", "core/mesh", "core/io", "core/quality", "core/report", "core/constraints/detection", "deform/v1",
-                   "client"],
+    "client/cli": ["core/base", "core/codec", "core/mesh", "core/io", "core/quality", "core/report", "core/constraints/detection", "proto/convert/mesh",
+                   "deform/v1", "client"],
     "client/examples": ["core/base", "core/codec", "core/mesh", "core/io", "deform/v1", "client"],
 }
 
 # Start of a library's header -> the only folders that know the library.
 LIBRARIES = {
     "grpc": ["server/rpc", "client"],
-    "google/protobuf/": ["proto/convert", "server/store", "server/engine", "server/rpc", "client", "client/cli", "client/examples"],
+    "google/protobuf/": ["proto/convert/base", "proto/convert/mesh", "proto/convert", "server/store", "server/engine", "server/rpc", "client", "client/cli", "client/examples"],
     "draco/": ["core/codec"],
     "hwy/": ["core/numerics"],
     "cholmod.h": ["core/numerics"],

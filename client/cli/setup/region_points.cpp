@@ -6,73 +6,15 @@
 #include "core/base/error.h"
 #include "core/mesh/point_owners.h"
 #include "core/mesh/region.h"
+#include "proto/convert/mesh/region.h"
 
 namespace deform::cli {
 
 namespace {
 
-[[noreturn]] void invalid(const std::string& what) { throw Error(ErrorCode::invalid_argument, what); }
-
-Vec3 vec3(const google::protobuf::RepeatedField<double>& numbers) {
-  if (numbers.size() != 3) invalid("expected 3 numbers, got " + std::to_string(numbers.size()));
-  return {numbers[0], numbers[1], numbers[2]};
-}
-
-void expect_one_kind(const v1::Region& message) {
-  std::vector<const google::protobuf::FieldDescriptor*> kinds;
-  message.GetReflection()->ListFields(message, &kinds);
-  if (kinds.empty()) invalid("no kind of region is given (group, box, sphere, ...)");
-  if (kinds.size() > 1) invalid("expected exactly one kind of region, got " + kinds[0]->name() + " and " + kinds[1]->name());
-}
-
-Region region_of(const v1::Region& message);
-
-std::vector<Region> regions_of(const google::protobuf::RepeatedPtrField<v1::Region>& messages) {
-  std::vector<Region> regions;
-  for (const auto& message : messages) regions.push_back(region_of(message));
-  return regions;
-}
-
-std::vector<Region> only(const v1::Region& message) {
-  std::vector<Region> regions;
-  regions.push_back(region_of(message));
-  return regions;
-}
-
-Region region_of(const v1::Region& message) {
-  expect_one_kind(message);
-  if (!message.group().empty()) return {Region::GroupName{message.group()}};
-  if (message.has_box()) return {Region::InBox{vec3(message.box().min()), vec3(message.box().max())}};
-  if (message.has_sphere()) return {Region::InSphere{vec3(message.sphere().centre()), message.sphere().radius()}};
-  if (message.has_cylinder()) {
-    const auto& cylinder = message.cylinder();
-    return {Region::InCylinder{vec3(cylinder.start()), vec3(cylinder.end()), cylinder.radius()}};
-  }
-  if (message.has_half_space()) {
-    return {Region::InHalfSpace{vec3(message.half_space().point()), vec3(message.half_space().normal())}};
-  }
-  if (message.ids_size() > 0) return {Region::Ids{{message.ids().begin(), message.ids().end()}}};
-  if (message.open_boundary()) return {Region::OpenBoundary{}};
-  if (message.all()) return {Region::All{}};
-  if (message.boundary()) return {Region::Boundary{}};
-  if (message.union__size() > 0) return {Region::Union{regions_of(message.union_())}};
-  if (message.intersection_size() > 0) return {Region::Intersection{regions_of(message.intersection())}};
-  if (message.difference_size() > 0) return {Region::Difference{regions_of(message.difference())}};
-  if (message.has_complement()) return {Region::Complement{only(message.complement())}};
-  if (message.has_grow()) return {Region::Grow{only(message.grow().region()), static_cast<int>(message.grow().rings())}};
-  throw Error(ErrorCode::failed_precondition, "the setup has a kind of region that this program does not know; update it");
-}
-
 /// select() of a message; `what` stands before whatever is wrong with it.
 std::vector<PointId> points_of(const v1::Region& message, const Mesh& mesh, const std::string& what) {
-  const auto region = [&] {
-    try {
-      return region_of(message);
-    } catch (const Error& error) {
-      throw Error(error.code(), what + ": " + error.what());
-    }
-  }();
-  return select(region, mesh, what);
+  return select(convert::region_from_proto(message, what), mesh, what);
 }
 
 class Resolver {

@@ -1,17 +1,18 @@
 #include "client/cli/setup/yaml_message.h"
 
 #include <google/protobuf/descriptor.h>
-#include <google/protobuf/util/json_util.h>
 #include <yaml-cpp/yaml.h>
 
 #include <charconv>
-#include <cmath>
 #include <limits>
+#include <optional>
 #include <set>
+#include <string_view>
 #include <vector>
 
 #include "client/cli/output/numbers.h"
 #include "core/base/error.h"
+#include "core/base/text.h"
 
 namespace deform::cli {
 
@@ -19,28 +20,11 @@ namespace {
 
 using google::protobuf::Descriptor;
 using google::protobuf::FieldDescriptor;
+using google::protobuf::Message;
 
 constexpr int max_depth = 100;
 /// Aliases can blow up a short text.
-constexpr std::size_t max_json_bytes = std::size_t{1} << 28;
-
-std::string json_string(const std::string& text) {
-  std::string result = "\"";
-  for (const char c : text) {
-    if (c == '"' || c == '\\') {
-      result += '\\';
-      result += c;
-    } else if (static_cast<unsigned char>(c) < 0x20) {
-      const char* digits = "0123456789abcdef";
-      result += "\\u00";
-      result += digits[static_cast<unsigned char>(c) >> 4];
-      result += digits[static_cast<unsigned char>(c) & 15];
-    } else {
-      result += c;
-    }
-  }
-  return result + "\"";
-}
+constexpr std::size_t max_content_bytes = std::size_t{1} << 28;
 
 std::string shown(const YAML::Node& node) {
   if (node.IsNull()) return "nothing";
@@ -55,14 +39,12 @@ class Walker {
  public:
   explicit Walker(const std::string& name) : name_(name) {}
 
-  std::string json() && { return std::move(json_); }
-
-  void map(const YAML::Node& node, const Descriptor& type, const std::string& path) {
+  void map(const YAML::Node& node, Message& message, const std::string& path) {
+    const Descriptor& type = *message.GetDescriptor();
     if (!node.IsMap()) refuse(node, path, "expected a map of " + keys_of(type) + ", got " + shown(node));
     const Nesting nesting(*this, node, path);
     std::set<std::string> seen;
     std::set<const google::protobuf::OneofDescriptor*> chosen;
-    json_ += '{';
     for (const auto& entry : node) {
       if (!entry.first.IsScalar()) refuse(entry.first, path, "a key must be a word");
       const std::string key = entry.first.Scalar();
@@ -73,13 +55,10 @@ class Walker {
       if (oneof != nullptr && !chosen.insert(oneof).second) {
         refuse(entry.first, path, "\"" + key + "\" cannot stand beside another " + oneof->name());
       }
-      if (seen.size() > 1) json_ += ',';
-      json_ += json_string(key) + ":";
       const std::string inner = path.empty() ? key : path + "." + key;
       if (entry.second.IsNull()) refuse(entry.first, inner, "expected a value, got nothing");  // a null may stand on a later line
-      member(entry.second, *field, inner);
+      member(entry.second, message, *field, inner);
     }
-    json_ += '}';
   }
 
  private:
@@ -89,7 +68,7 @@ class Walker {
     Nesting(Walker& walker, const YAML::Node& node, const std::string& path) : walker_(walker) {
       if (++walker_.depth_ > max_depth)
         walker_.refuse(node, path.substr(0, 80), "nested deeper than " + std::to_string(max_depth));
-      if (walker_.json_.size() > max_json_bytes) walker_.refuse(node, path.substr(0, 80), "too much content");
+      if (walker_.content_bytes_ > max_content_bytes) walker_.refuse(node, path.substr(0, 80), "too much content");
     }
     ~Nesting() { --walker_.depth_; }
 
@@ -97,64 +76,74 @@ class Walker {
     Walker& walker_;
   };
 
-  void member(const YAML::Node& node, const FieldDescriptor& field, const std::string& path) {
-    if (!field.is_repeated()) return value(node, field, path);
+  void member(const YAML::Node& node, Message& message, const FieldDescriptor& field, const std::string& path) {
+    if (!field.is_repeated()) return value(node, message, field, path);
     if (!node.IsSequence()) refuse(node, path, "expected a list, got " + shown(node));
     const Nesting nesting(*this, node, path);
-    json_ += '[';
     std::size_t index = 0;
-    for (const auto& item : node) {
-      if (index > 0) json_ += ',';
-      value(item, field, path + "[" + std::to_string(index++) + "]");
-    }
-    json_ += ']';
+    for (const auto& item : node) value(item, message, field, path + "[" + std::to_string(index++) + "]");
   }
 
-  void value(const YAML::Node& node, const FieldDescriptor& field, const std::string& path) {
-    if (field.cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) return map(node, *field.message_type(), path);
+  /// Sets a field, or appends to it when it is repeated.
+  void value(const YAML::Node& node, Message& message, const FieldDescriptor& field, const std::string& path) {
+    const google::protobuf::Reflection& reflection = *message.GetReflection();
+    content_bytes_ += sizeof(double);
+    if (field.cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
+      return map(node,
+                 *(field.is_repeated() ? reflection.AddMessage(&message, &field) : reflection.MutableMessage(&message, &field)),
+                 path);
+    }
     if (!node.IsScalar()) refuse(node, path, "expected " + expectation(field) + ", got " + shown(node));
     const std::string& text = node.Scalar();
+    content_bytes_ += text.size();
+    if (!is_utf8(text)) refuse(node, path, "the text is not UTF-8");
     const bool quoted = node.Tag() == "!";
+    const auto put = [&](auto number, auto set, auto add) {
+      if (quoted || !number) return false;
+      field.is_repeated() ? (reflection.*add)(&message, &field, *number) : (reflection.*set)(&message, &field, *number);
+      return true;
+    };
+    using google::protobuf::Reflection;
     bool fits = false;
     switch (field.cpp_type()) {
       case FieldDescriptor::CPPTYPE_STRING:
         fits = true;
-        json_ += json_string(text);
+        field.is_repeated() ? reflection.AddString(&message, &field, text) : reflection.SetString(&message, &field, text);
         break;
+      case FieldDescriptor::CPPTYPE_ENUM: {
+        const auto* name = enumerator(node, *field.enum_type(), path);
+        fits = true;
+        field.is_repeated() ? reflection.AddEnum(&message, &field, name) : reflection.SetEnum(&message, &field, name);
+        break;
+      }
       case FieldDescriptor::CPPTYPE_BOOL:
-        fits = !quoted && (text == "true" || text == "false");
-        json_ += text;
-        break;
-      case FieldDescriptor::CPPTYPE_ENUM:
-        fits = enumerator(node, *field.enum_type(), path);
+        fits = put(boolean(text), &Reflection::SetBool, &Reflection::AddBool);
         break;
       case FieldDescriptor::CPPTYPE_DOUBLE:
-      case FieldDescriptor::CPPTYPE_FLOAT:
-        fits = !quoted && floating(text);
+        fits = put(parse_number(text), &Reflection::SetDouble, &Reflection::AddDouble);
         break;
       case FieldDescriptor::CPPTYPE_UINT32:
-        fits = !quoted && integer<std::uint32_t>(text);
+        fits = put(integer<std::uint32_t>(text), &Reflection::SetUInt32, &Reflection::AddUInt32);
         break;
       case FieldDescriptor::CPPTYPE_UINT64:
-        fits = !quoted && integer<std::uint64_t>(text);
+        fits = put(integer<std::uint64_t>(text), &Reflection::SetUInt64, &Reflection::AddUInt64);
         break;
       case FieldDescriptor::CPPTYPE_INT32:
-        fits = !quoted && integer<std::int32_t>(text);
+        fits = put(integer<std::int32_t>(text), &Reflection::SetInt32, &Reflection::AddInt32);
         break;
       case FieldDescriptor::CPPTYPE_INT64:
-        fits = !quoted && integer<std::int64_t>(text);
+        fits = put(integer<std::int64_t>(text), &Reflection::SetInt64, &Reflection::AddInt64);
         break;
+      case FieldDescriptor::CPPTYPE_FLOAT:  // no message that people write has one
       case FieldDescriptor::CPPTYPE_MESSAGE:
         break;
     }
     if (!fits) refuse(node, path, "expected " + expectation(field) + ", got " + (quoted ? "the text " : "") + shown(node));
   }
 
-  bool enumerator(const YAML::Node& node, const google::protobuf::EnumDescriptor& type, const std::string& path) {
-    if (type.FindValueByName(node.Scalar()) != nullptr) {
-      json_ += json_string(node.Scalar());
-      return true;
-    }
+  const google::protobuf::EnumValueDescriptor* enumerator(const YAML::Node& node, const google::protobuf::EnumDescriptor& type,
+                                                          const std::string& path) const {
+    if (const auto* found = type.FindValueByName(node.Scalar())) return found;
     std::vector<std::string> names;
     std::string all;
     for (int i = 0; i < type.value_count(); ++i) {
@@ -167,22 +156,26 @@ class Walker {
     refuse(node, path, shown(node) + " is none of " + all + (near.empty() ? "" : "; did you mean " + near + "?"));
   }
 
-  bool floating(const std::string& text) {
-    const auto number = parse_number(text);
-    if (!number) return false;
-    char shortest[32];
-    const auto end = std::to_chars(shortest, shortest + sizeof(shortest), *number).ptr;
-    json_.append(shortest, end);
+  static bool is_utf8(std::string_view text) {
+    while (!text.empty()) {
+      const std::size_t length = utf8_length(text);
+      if (length == 0) return false;
+      text.remove_prefix(length);
+    }
     return true;
   }
 
+  static std::optional<bool> boolean(const std::string& text) {
+    if (text == "true" || text == "false") return text == "true";
+    return std::nullopt;
+  }
+
   template <typename T>
-  bool integer(const std::string& text) {
+  static std::optional<T> integer(const std::string& text) {
     T number{};
     const auto [end, failure] = std::from_chars(text.data(), text.data() + text.size(), number);
-    if (failure != std::errc() || end != text.data() + text.size()) return false;
-    json_ += std::to_string(number);
-    return true;
+    if (failure != std::errc() || end != text.data() + text.size()) return std::nullopt;
+    return number;
   }
 
   static std::string expectation(const FieldDescriptor& field) {
@@ -194,7 +187,6 @@ class Walker {
       case FieldDescriptor::CPPTYPE_ENUM:
         return "a name such as " + field.enum_type()->value(field.enum_type()->value_count() > 1 ? 1 : 0)->name();
       case FieldDescriptor::CPPTYPE_DOUBLE:
-      case FieldDescriptor::CPPTYPE_FLOAT:
         return "a finite number";
       case FieldDescriptor::CPPTYPE_UINT32:
         return "an integer from 0 to " + std::to_string(std::numeric_limits<std::uint32_t>::max());
@@ -229,13 +221,13 @@ class Walker {
   }
 
   const std::string& name_;
-  std::string json_;
+  std::size_t content_bytes_ = 0;
   int depth_ = 0;
 };
 
 }  // namespace
 
-void parse_yaml(const std::string& text, const std::string& name, google::protobuf::Message& message) {
+void parse_yaml(const std::string& text, const std::string& name, Message& message) {
   YAML::Node root;
   try {
     root = YAML::Load(text);
@@ -243,11 +235,8 @@ void parse_yaml(const std::string& text, const std::string& name, google::protob
     throw Error(ErrorCode::invalid_argument, name + ":" + std::to_string(error.mark.line + 1) + ": " + error.msg);
   }
   if (!root.IsDefined() || root.IsNull()) throw Error(ErrorCode::invalid_argument, name + ":1: the file is empty");
-  Walker walker(name);
-  walker.map(root, *message.GetDescriptor(), "");
-  const std::string json = std::move(walker).json();
-  const auto status = google::protobuf::util::JsonStringToMessage(json, &message);
-  if (!status.ok()) throw Error(ErrorCode::invalid_argument, name + ": " + std::string(status.message()));
+  message.Clear();
+  Walker(name).map(root, message, "");
 }
 
 }  // namespace deform::cli

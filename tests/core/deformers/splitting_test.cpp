@@ -276,14 +276,14 @@ TEST(Splitting, Refuses) {
   };
   SplitOptions options;
   options.most_steps = 0;
-  refused(options, {"split.most_steps", "0", "1..1000"});
+  refused(options, {"splitting.most_steps", "0", "1..1000"});
   options.most_steps = 1001;
-  refused(options, {"split.most_steps", "1001"});
+  refused(options, {"splitting.most_steps", "1001"});
   options.most_steps = 20;
   options.share = 1;
-  refused(options, {"split.share", "1"});
+  refused(options, {"splitting.share", "1"});
   options.share = std::nan("");
-  refused(options, {"split.share"});
+  refused(options, {"splitting.share"});
   SplitProblem without = problem;
   without.cells = {};
   test::expect_error(ErrorCode::invalid_argument, {"no cells"}, [&] { evaluate_split(without, moved_block(0.1, {})); });

@@ -1,13 +1,13 @@
-#include "server/engine/detection.h"
+#include "proto/convert/detection.h"
 
 #include <algorithm>
 #include <cstring>
 #include <span>
 #include <string>
 
-#include "proto/convert/fields.h"
+#include "proto/convert/base/fields.h"
 
-namespace deform::server {
+namespace deform::convert {
 
 namespace {
 
@@ -45,15 +45,15 @@ void add_ids(std::span<const std::uint32_t> ids, v1::DetectedIds::Of of, std::ve
 
 DetectOptions detect_options(const v1::DetectRequest& request) {
   DetectOptions options;
-  options.tolerance = finite(request.tolerance(), "tolerance");
-  options.minimum_area = finite(request.minimum_area(), "minimum_area");
-  options.maximum_angle = finite(request.maximum_angle(), "maximum_angle");
+  options.tolerance = request.tolerance();
+  options.minimum_area = request.minimum_area();
+  options.maximum_angle = request.maximum_angle();
   options.seed = request.seed();
   for (int i = 0; i < request.kinds_size(); ++i) {
     const auto* row =
         std::find_if(std::begin(kinds), std::end(kinds), [&](const auto& k) { return k.first == request.kinds(i); });
     if (row == std::end(kinds)) {
-      refuse_field("kinds[" + std::to_string(i) + "]", "unknown value " + std::to_string(static_cast<int>(request.kinds(i))));
+      refuse_unknown("kinds[" + std::to_string(i) + "]", request.kinds(i));
     }
     if (std::find(options.kinds.begin(), options.kinds.end(), row->second) == options.kinds.end()) {
       options.kinds.push_back(row->second);
@@ -61,10 +61,6 @@ DetectOptions detect_options(const v1::DetectRequest& request) {
   }
   options.validate();
   return options;
-}
-
-std::size_t detect_bytes(const Mesh& mesh) {
-  return 600 * mesh.face_count() + 200 * mesh.point_count() + 64 * mesh.face_points.size();
 }
 
 std::vector<v1::DetectReply> detect_replies(const Detection& detection) {
@@ -111,4 +107,4 @@ std::vector<v1::DetectReply> detect_replies(const Detection& detection) {
   return replies;
 }
 
-}  // namespace deform::server
+}  // namespace deform::convert

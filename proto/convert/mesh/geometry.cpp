@@ -1,12 +1,12 @@
-#include "server/store/geometry_info.h"
+#include "proto/convert/mesh/geometry.h"
 
 #include "core/mesh/cells.h"
 #include "core/mesh/elements.h"
 #include "core/mesh/inspect.h"
 
-namespace deform::server {
+namespace deform::convert {
 
-v1::GeometryInfo describe(const Mesh& mesh, const std::string& id, const std::string& name) {
+v1::GeometryInfo geometry_info(const Mesh& mesh, const std::string& id, const std::string& name) {
   v1::GeometryInfo info;
   info.set_id(id);
   info.set_name(name);
@@ -33,9 +33,4 @@ v1::GeometryInfo describe(const Mesh& mesh, const std::string& id, const std::st
   return info;
 }
 
-GeometryRecord geometry_record(v1::GeometryInfo info, std::int64_t registered_ms) {
-  info.set_registered_unix_ms(registered_ms);
-  return {info.id(), info.SerializeAsString(), registered_ms};
-}
-
-}  // namespace deform::server
+}  // namespace deform::convert

@@ -5,13 +5,18 @@
 #include <limits>
 
 #include "core/base/error.h"
+#include "proto/convert/base/block.h"
 #include "proto/convert/design.h"
-#include "proto/convert/info.h"
+#include "proto/convert/report.h"
 #include "tests/server/refusal.h"
 #include "tests/server/test_mesh.h"
 
-namespace deform::server {
+namespace deform::convert {
 namespace {
+
+using server::raw_bytes;
+using server::refusal;
+using server::sheet_setup;
 
 const std::string geometry(64, 'a');
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
@@ -163,4 +168,4 @@ TEST(ConvertOutput, tolerances_and_encodings) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::convert

@@ -5,13 +5,17 @@
 #include <functional>
 
 #include "core/base/error.h"
-#include "proto/convert/info.h"
+#include "proto/convert/report.h"
 #include "proto/convert/setup.h"
 #include "tests/server/refusal.h"
 #include "tests/server/test_mesh.h"
 
-namespace deform::server {
+namespace deform::convert {
 namespace {
+
+using server::refusal;
+using server::sheet_mesh;
+using server::sheet_setup;
 
 const std::string geometry(64, 'a');
 
@@ -25,8 +29,9 @@ v1::Setup with(const std::string& json) {
   return setup;
 }
 
+/// As a client sees it: whether the message cannot be read, or core refuses what it means.
 std::string setup_refusal(const std::string& json) {
-  return refusal([&] { setup_from_proto(with(json), 10); });
+  return refusal([&] { validate(setup_from_proto(with(json), 10), sheet_mesh(8, 4)); });
 }
 
 std::string id_of(const std::string& json) { return system_id(canonical_setup(with(json), geometry)); }
@@ -193,24 +198,29 @@ TEST(ConvertConstraint, ExactSetsThatWereGivenUpAreNamedInAWarning) {
 
 TEST(ConvertConstraint, RefusalsNameTheField) {
   const std::pair<const char*, const char*> rows[] = {
-      {R"({"constraints": [{"planar": {}}]})", "constraints[0].name: must not be empty"},
+      {R"({"method": {"shell": {}}, "constraints": [{"planar": {}}]})", "constraints[0].name: must not be empty"},
       {R"({"constraints": [{"name": "c"}]})", "constraints[0]: no kind of constraint is given"},
       {R"({"constraints": [{"name": "c", "planar": {}, "regions": [{}]}]})", "constraints[0].regions[0]: no kind of region"},
-      {R"({"constraints": [{"name": "c", "planar": {}, "weight": "NaN"}]})", "constraints[0].weight"},
+      {R"({"method": {"shell": {}}, "constraints": [{"name": "c", "planar": {}, "weight": "NaN"}]})",
+       "constraints[0].weight: nan is out of range"},
       {R"({"constraints": [{"name": "c", "fixedPlane": {"point": [0, 0]}}]})",
        "constraints[0].fixed_plane.point: expected 3 numbers"},
       {R"({"constraints": [{"name": "c", "symmetric": {"point": [0, 0, 0]}}]})", "constraints[0].symmetric: point and normal"},
       {R"({"constraints": [{"name": "c", "circular": {"radius": 9}}]})", "constraints[0].circular.radius: unknown value 9"},
       {R"({"constraints": [{"name": "c", "extent": {"axis": [1, 0, 0], "bound": 9}}]})",
        "constraints[0].extent.bound: unknown value 9"},
-      {R"({"constraints": [{"name": "c", "rigid": {"layers": 1001}}]})", "constraints[0].rigid.layers: 1001 is more than 1000"},
+      {R"({"method": {"shell": {}}, "constraints": [{"name": "c", "rigid": {"layers": 1001}, "regions": [{"group": "left"}]}]})",
+       "constraints[0].rigid.layers: 1001 is out of range 0..1000"},
       {R"({"constraints": [{"name": "c", "rigid": {"layers": 4294967295}}]})", "constraints[0].rigid.layers: 4294967295"},
       {R"({"constraintOptions": {"tolerance": "NaN"}})", "constraint_options.tolerance"},
       {R"({"constraintOptions": {"tolerance": 0.5}})", "constraint_options.tolerance: 0.5 is out of range 1e-12..0.01"},
       {R"({"constraintOptions": {"tolerance": -1e-7}})", "constraint_options.tolerance: -1e-07 is out of range"},
-      {R"({"constraintOptions": {"iterations": 1000001}})", "constraint_options.iterations: 1000001 is more than 1000000"},
+      {R"({"constraintOptions": {"iterations": 1000001}})", "constraint_options.iterations: 1000001 is out of range"},
       {R"({"method": {"shell": {"energy": {"stretching": "NaN"}}}})", "method.shell.energy.stretching"},
       {R"({"method": {"shell": {"energy": {"handles": 9}}}})", "method.shell.energy.handles: unknown value 9"},
+      {R"({"method": {"subspace": {"cover": "NaN"}}})", "method.subspace.cover: nan is out of range"},
+      {R"({"method": {"mls": {"cover": "Infinity"}}})", "method.mls.cover: inf is out of range"},
+      {R"({"method": {"mls": {"cubature": "NaN"}}})", "method.mls.cubature: nan is out of range"},
       {R"({"method": {"subspace": {"kernel": 9}}})", "method.subspace.kernel: unknown value 9"},
       {R"({"method": {"mls": {"weights": [{"bending": 1}]}}})", "method.mls.weights[0].region: is missing"},
   };
@@ -242,4 +252,4 @@ TEST(ConvertMethod, MessagesThatMeanTheSameHaveTheSameId) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::convert

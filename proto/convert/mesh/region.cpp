@@ -1,11 +1,11 @@
-#include "proto/convert/region.h"
+#include "proto/convert/mesh/region.h"
 
 #include <algorithm>
 #include <vector>
 
-#include "proto/convert/fields.h"
+#include "proto/convert/base/fields.h"
 
-namespace deform::server {
+namespace deform::convert {
 
 namespace {
 
@@ -21,26 +21,14 @@ std::vector<Region> children(const google::protobuf::RepeatedPtrField<v1::Region
   return regions;
 }
 
-std::vector<const char*> kinds_set(const v1::Region& message) {
-  std::vector<const char*> set;
-  const auto note = [&](const char* kind, bool present) {
-    if (present) set.push_back(kind);
-  };
-  note("group", !message.group().empty());
-  note("box", message.has_box());
-  note("sphere", message.has_sphere());
-  note("cylinder", message.has_cylinder());
-  note("half_space", message.has_half_space());
-  note("ids", message.ids_size() > 0);
-  note("open_boundary", message.open_boundary());
-  note("all", message.all());
-  note("boundary", message.boundary());
-  note("union", message.union__size() > 0);
-  note("intersection", message.intersection_size() > 0);
-  note("difference", message.difference_size() > 0);
-  note("complement", message.has_complement());
-  note("grow", message.has_grow());
-  return set;
+/// Every field of the message is a kind.
+void check_one_kind(const v1::Region& message, const std::string& path) {
+  std::vector<const google::protobuf::FieldDescriptor*> kinds;
+  message.GetReflection()->ListFields(message, &kinds);
+  if (kinds.empty()) refuse_field(path, "no kind of region is given (group, box, sphere, ...)");
+  if (kinds.size() > 1) {
+    refuse_field(path, "expected exactly one kind of region, got " + kinds[0]->name() + " and " + kinds[1]->name());
+  }
 }
 
 Region solid(const v1::Region& message, const std::string& path) {
@@ -62,11 +50,7 @@ Region solid(const v1::Region& message, const std::string& path) {
 
 Region convert(const v1::Region& message, const std::string& path, int depth) {
   if (depth > deepest_nesting) refuse_field(path, "regions are nested deeper than " + std::to_string(deepest_nesting));
-  const std::vector<const char*> kinds = kinds_set(message);
-  if (kinds.empty()) refuse_field(path, "no kind of region is given (group, box, sphere, ...)");
-  if (kinds.size() > 1) {
-    refuse_field(path, std::string("expected exactly one kind of region, got ") + kinds[0] + " and " + kinds[1]);
-  }
+  check_one_kind(message, path);
   if (!message.group().empty()) return {Region::GroupName{message.group()}};
   if (message.ids_size() > 0) return {Region::Ids{{message.ids().begin(), message.ids().end()}}};
   if (message.open_boundary()) return {Region::OpenBoundary{}};
@@ -108,4 +92,4 @@ void canonicalize_region(v1::Region& message) {
   if (message.has_grow() && message.grow().has_region()) canonicalize_region(*message.mutable_grow()->mutable_region());
 }
 
-}  // namespace deform::server
+}  // namespace deform::convert

@@ -9,17 +9,22 @@
 #include "tests/server/refusal.h"
 #include "tests/server/test_mesh.h"
 
-namespace deform::server {
+namespace deform::convert {
 namespace {
+
+using server::refusal;
+using server::sheet_mesh;
+using server::sheet_setup;
 
 const std::string geometry(64, 'a');
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 constexpr double infinite = std::numeric_limits<double>::infinity();
 
+/// As a client sees it: whether the message cannot be read, or core refuses what it means.
 std::string setup_refusal(const std::function<void(v1::Setup&)>& spoil) {
   v1::Setup setup = sheet_setup(geometry);
   spoil(setup);
-  return refusal([&] { setup_from_proto(setup, 10); });
+  return refusal([&] { validate(setup_from_proto(setup, 10), sheet_mesh(8, 4)); });
 }
 
 v1::Region& region(v1::Setup& setup) {
@@ -246,10 +251,13 @@ TEST(ConvertSetup, refusals_name_the_field) {
        [](auto& s) { s.mutable_method()->mutable_rbf()->set_reduction(static_cast<v1::CentreReduction>(5)); }},
       {"method.rbf.basis: unknown value 5",
        [](auto& s) { s.mutable_method()->mutable_rbf()->set_basis(static_cast<v1::BasisMode>(5)); }},
-      {"method.rbf.shape: must be a finite number", [](auto& s) { s.mutable_method()->mutable_rbf()->set_shape(nan); }},
-      {"method.rbf.polynomial_degree: 3 is more than 2",
+      {"method.rbf.shape: nan is out of range", [](auto& s) { s.mutable_method()->mutable_rbf()->set_shape(nan); }},
+      {"method.rbf.polynomial_degree: 3 is out of range",
        [](auto& s) { s.mutable_method()->mutable_rbf()->set_polynomial_degree(3); }},
-      {"method.rbf.reduction_rings: 101 is more than 100",
+      {"method.rbf.polynomial_degree: 4294967295 is out of range",
+       [](auto& s) { s.mutable_method()->mutable_rbf()->set_polynomial_degree(0xffffffffu); }},
+      {"method.rbf.tolerance: nan is out of range", [](auto& s) { s.mutable_method()->mutable_rbf()->set_tolerance(nan); }},
+      {"method.rbf.reduction_rings: 101 is out of range 1..100",
        [](auto& s) { s.mutable_method()->mutable_rbf()->set_reduction_rings(101); }},
       {"handles: 12 entries are more than the limit of 10",
        [](auto& s) {
@@ -309,4 +317,4 @@ TEST(ConvertSetup, a_canonical_setup_is_its_own_canonical_form_and_means_the_sam
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::convert

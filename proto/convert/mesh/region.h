@@ -1,0 +1,18 @@
+#pragma once
+
+#include <string>
+
+#include "core/mesh/region.h"
+#include "deform/v1/setup.pb.h"
+
+namespace deform::convert {
+
+/// Throws Error(invalid_argument) with the path of the field ("handles[2].region.box.min: expected 3 numbers, got 2"): no or
+/// several kinds, wrong number of coordinates, non-finite numbers, nesting deeper than 64. What needs the mesh is checked by
+/// select().
+Region region_from_proto(const v1::Region& message, const std::string& path);
+
+/// Sorts id lists and drops repeated ids, everywhere in the tree.
+void canonicalize_region(v1::Region& message);
+
+}  // namespace deform::convert
