@@ -56,7 +56,7 @@ struct RbfOptions {
 /// How handles and fixed points hold the energy methods below.
 enum class HandleMode {
   hard,  ///< exactly: by elimination (shell), by multipliers and an interpolated correction (the others)
-  soft,  ///< least squares with the weight `fixing` (thesis 8.8)
+  soft,  ///< least squares with the weight `fixing` (thesis eq. 8.8)
 };
 
 /// Thin shell on the faces of the mesh (thesis 3.1, 8.2): least gamma_s |grad d|^2 + gamma_b |laplace d|^2 integrated over the
