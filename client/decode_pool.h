@@ -20,6 +20,7 @@ class DecodePool {
   DecodePool(const DecodePool&) = delete;
   DecodePool& operator=(const DecodePool&) = delete;
 
+  /// Runs the task on a thread of the pool, or, when the queue is full, the oldest one on this thread.
   void submit(std::function<void()> task);
 
  private:
