@@ -10,6 +10,7 @@ prints FILE:LINE: what is wrong; exit code 1 when anything is
   column, and their defaults in its second one. A page with `<!-- options of deform -->` has a heading for every command.
 - A table under `<!-- fields of MESSAGE -->` names all fields of that message of proto/deform/v1, one under `<!-- values of ENUM -->` all of
   its values, but for the one that stands for the default. (That the defaults of fields are right is tested against a server.)
+- A table under `<!-- enumerators of ENUM in HEADER -->` names all of them in its first column, or their numbers where they have some.
 - The keys of a YAML block are fields of the contract.
 - Every path, every link to a file and every link to a heading leads somewhere; NAME in a path stands for any.
 """
@@ -20,7 +21,7 @@ import sys
 import textwrap
 
 FROM = re.compile(r"^<!-- from (\S+) -->$")
-TABLE = re.compile(r"^<!-- (options|fields|values) of ([\w ]+?)(?: at [\w.]+)? -->$")
+TABLE = re.compile(r"^<!-- (options|fields|values|enumerators) of ([\w ]+?)(?: at [\w.]+| in (?P<header>[\w./]+))? -->$")
 CELL = re.compile(r"^\| `([^`]*)`(?: \| (?:`([^`]*)`)?)?")
 COMMAND = re.compile(r"(?<![\w/.-])(deformd?)(?=[ `])([^`|#;&\n]*)")
 LINK = re.compile(r"\]\((?!https?:)([^)\s]+)\)")
@@ -51,7 +52,8 @@ def read_blocks(lines):
 
 
 def read_tables(lines):
-    """(line number, what is listed, of what, rows) of every marked table; a row is (line number, name, default or None)."""
+    """(line number, what is listed, of what, rows) of every marked table; a row is (line number, name, default or None). Enumerators are
+    of (name, header)."""
     tables = []
     for number, line in enumerate(lines, 1):
         marked = TABLE.match(line)
@@ -64,7 +66,7 @@ def read_tables(lines):
             cell = CELL.match(row)
             if cell:
                 rows.append((at, cell[1], cell[2]))
-        tables.append((number, marked[1], marked[2], rows))
+        tables.append((number, marked[1], (marked[2], marked["header"]) if marked["header"] else marked[2], rows))
     return tables
 
 
@@ -157,6 +159,17 @@ class Contract:
         return [name for name in self.values[owner] if not name.endswith("_DEFAULT")] if owner in self.values else None
 
 
+def enumerators(root, name, header):
+    """Names of a C++ enumeration, or their numbers where they are given; None when it is not there."""
+    path = root / header
+    text = re.sub(r"//.*", "", path.read_text()) if path.is_file() else ""
+    found = re.search(r"\benum (?:class )?" + name + r"\b[^{;]*\{([^}]*)\}", text)
+    if not found:
+        return None
+    items = [item.strip() for item in found[1].split(",") if item.strip()]
+    return [item.partition("=")[2].strip() or item for item in items]
+
+
 def check_blocks(root, lines, contract):
     known = {name for names in contract.fields.values() for name in names}
     for number, language, source, block in read_blocks(lines):
@@ -188,14 +201,19 @@ def check_options(number, words, rows, programs):
             yield at, f"{name}: {default} is not the default that `{' '.join(words)} --help` gives, {found[0]}"
 
 
-def check_tables(lines, programs, contract):
+def check_tables(root, lines, programs, contract):
     for number, kind, owner, rows in read_tables(lines):
         if kind == "options":
             yield from check_options(number, owner.split(), rows, programs)
             continue
-        wanted = contract.names(kind, owner)
+        if kind == "enumerators":
+            owner, place = owner if isinstance(owner, tuple) else (owner, "")
+            wanted = enumerators(root, owner, place)
+        else:
+            place = "proto/deform/v1"
+            wanted = contract.names(kind, owner)
         if wanted is None:
-            yield number, f"there is no {owner} in proto/deform/v1"
+            yield number, f"there is no {owner} in {place}"
             continue
         named = [name for _, name, _ in rows]
         yield from ((number, f"{name} of {owner} is missing") for name in wanted if name not in named)
@@ -251,7 +269,7 @@ def problems(root, deform, deformd):
     programs, contract, found = Programs(deform, deformd), Contract(root), []
     for page in documents(root):
         lines = page.read_text().splitlines()
-        for number, why in [*check_blocks(root, lines, contract), *check_tables(lines, programs, contract), *check_commands(lines, programs),
+        for number, why in [*check_blocks(root, lines, contract), *check_tables(root, lines, programs, contract), *check_commands(lines, programs),
                             *check_lines(root, page, lines, programs)]:
             found.append(f"{page.relative_to(root)}:{number}: {why}")
     return found

@@ -16,6 +16,7 @@ HELP = {
     "deformd store": "  --data-dir PATH=data\n",
 }
 SOURCE = "int main() {\n  call(1);\n\n  call(2);\n}\n"
+HEADER = "enum class Colour {\n  red,  ///< warm, or so\n  green\n};\nenum Code : int { ok = 0, stopped = 130 };\n"
 PROTO = ("message Box {\n  repeated double min = 1;  // not this = 7;\n  message Inner {\n    bool deep = 1;\n  }\n  oneof kind {\n"
          "    Inner a = 2;\n  }\n  reserved 4;\n}\nenum Kind {\n  KIND_DEFAULT = 0;\n  ROUND = 1;\n}\n"
          "service S {\n  rpc Call(Box) returns (stream Box);\n}\n")
@@ -36,6 +37,8 @@ GOOD = [
     "<!-- fields of Box -->\n| field |\n|---|\n| `min` | least |\n| `a` | |",
     "<!-- fields of Box at method.box -->\n| `min` | `1` |\n| `a` | |",
     "<!-- values of Kind -->\n| `ROUND` | round |",
+    "<!-- enumerators of Colour in core/a.h -->\n| colour |\n|---|\n| `red` | |\n| `green` | |",
+    "<!-- enumerators of Code in core/a.h -->\n| `0` | |\n| `130` | |",
     "[a](core/a.cpp), `core/`, `core/NAME.cpp`, [web](https://example.org/x)",
     "# The `heading`, one\n\n[it](#the-heading-one), [there](docs/page.md#over-there), ![picture](core/a.cpp)",
 ]
@@ -57,6 +60,9 @@ BAD = [
     ("<!-- fields of Box -->\n| `min` | |\n| `a` | |\n| `deep` | |", 4, "Box has no deep"),
     ("<!-- fields of Ball -->\n| `min` | |", 1, "there is no Ball"),
     ("<!-- values of Kind -->\n| value |", 1, "ROUND of Kind is missing"),
+    ("<!-- enumerators of Colour in core/a.h -->\n| `red` | |", 1, "green of Colour is missing"),
+    ("<!-- enumerators of Code in core/a.h -->\n| `0` | |\n| `130` | |\n| `7` | |", 4, "Code has no 7"),
+    ("<!-- enumerators of Shape in core/a.h -->\n| `0` | |", 1, "there is no Shape in core/a.h"),
     ("[a](core/b.cpp)", 1, "there is no core/b.cpp"),
     ("`core/b.cpp`", 1, "there is no core/b.cpp"),
     ("[it](#nothing)", 1, "no heading #nothing"),
@@ -72,6 +78,7 @@ class Docs(unittest.TestCase):
         for name in ("core", "docs", "proto/deform/v1"):
             (self.root / name).mkdir(parents=True)
         (self.root / "core/a.cpp").write_text(SOURCE)
+        (self.root / "core/a.h").write_text(HEADER)
         (self.root / "proto/deform/v1/a.proto").write_text(PROTO)
         (self.root / "docs/page.md").write_text("## Over there\n")
         (self.root / "CONTRIBUTING.md").write_text("")
