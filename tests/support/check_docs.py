@@ -12,7 +12,8 @@ prints FILE:LINE: what is wrong; exit code 1 when anything is
   its values, but for the one that stands for the default. (That the defaults of fields are right is tested against a server.)
 - A table under `<!-- enumerators of ENUM in HEADER -->` names all of them in its first column, or their numbers where they have some.
 - The keys of a YAML block are fields of the contract.
-- Every path, every link to a file and every link to a heading leads somewhere; NAME in a path stands for any.
+- Every path, every link to a file and every link to a heading leads somewhere; NAME in a path stands for any. Every page of docs/ is
+  reached by links from README.md.
 """
 import pathlib
 import re
@@ -265,8 +266,21 @@ def check_lines(root, page, lines, programs):
             yield number, why
 
 
+def unreached(root):
+    """Pages that no way of links leads to."""
+    waiting, reached = [root / "README.md"], set()
+    while waiting:
+        page = waiting.pop().resolve()
+        if page in reached or page.suffix != ".md" or not page.is_file():
+            continue
+        reached.add(page)
+        waiting += [page.parent / link.partition("#")[0] for link in LINK.findall(page.read_text())]
+    return [page for page in documents(root) if page.resolve() not in reached]
+
+
 def problems(root, deform, deformd):
-    programs, contract, found = Programs(deform, deformd), Contract(root), []
+    programs, contract = Programs(deform, deformd), Contract(root)
+    found = [f"{page.relative_to(root)}:1: no page that README.md leads to has a link to it" for page in unreached(root)]
     for page in documents(root):
         lines = page.read_text().splitlines()
         for number, why in [*check_blocks(root, lines, contract), *check_tables(root, lines, programs, contract), *check_commands(lines, programs),

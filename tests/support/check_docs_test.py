@@ -81,7 +81,6 @@ class Docs(unittest.TestCase):
         (self.root / "core/a.h").write_text(HEADER)
         (self.root / "proto/deform/v1/a.proto").write_text(PROTO)
         (self.root / "docs/page.md").write_text("## Over there\n")
-        (self.root / "CONTRIBUTING.md").write_text("")
         for name in ("deform", "deformd"):
             cases = "".join(f'"{words}") cat <<"END" ;;\n{text}\nEND\n' for words, text in HELP.items())
             (self.root / name).write_text(f'#!/bin/sh\nfor last; do :; done\n[ "$last" = --help ] || exit 2\n'
@@ -90,7 +89,7 @@ class Docs(unittest.TestCase):
             (self.root / name).chmod(0o755)
 
     def check(self, text, page="README.md"):
-        (self.root / page).write_text(text + "\n")
+        (self.root / page).write_text(text + "\n[page](docs/page.md)\n" if page == "README.md" else text + "\n")
         return check_docs.problems(self.root, self.root / "deform", self.root / "deformd")
 
     def test_what_is_right_is_not_reported(self):
@@ -107,11 +106,16 @@ class Docs(unittest.TestCase):
                 self.assertIn(why, found[0])
 
     def test_pages_in_folders_are_checked_and_their_links_start_there(self):
-        (self.root / "README.md").write_text("")
+        (self.root / "README.md").write_text("[a](docs/methods/a.md) [page](docs/page.md)")
         (self.root / "docs/methods").mkdir()
         self.assertEqual(self.check("[up](../page.md#over-there)", "docs/methods/a.md"), [])
         found = self.check("[up](page.md)", "docs/methods/a.md")
         self.assertEqual(found, ["docs/methods/a.md:1: there is no page.md"])
+
+    def test_pages_that_nothing_leads_to_are_reported(self):
+        self.assertEqual(self.check(""), [])
+        (self.root / "docs/alone.md").write_text("[there](page.md)")
+        self.assertEqual([line.partition(": ")[0] for line in self.check("")], ["docs/alone.md:1"])
 
 
 if __name__ == "__main__":
