@@ -22,6 +22,7 @@ class ChannelInterface;
 
 namespace deform::client {
 
+/// How to reach a server.
 struct ClientOptions {
   std::string address = "127.0.0.1:50051";          ///< HOST:PORT, [IPv6]:PORT or unix:PATH
   std::chrono::milliseconds connect_timeout{5000};  ///< of one attempt to connect
@@ -36,8 +37,8 @@ struct ClientOptions {
 
 /// Per call. The deadline travels to the server and reaches its computations; so does cancel.
 struct CallOptions {
-  std::optional<std::chrono::milliseconds> timeout;
-  std::optional<CancelFlag> cancel;
+  std::optional<std::chrono::milliseconds> timeout;  ///< of the whole call, all attempts together; absent: no limit
+  std::optional<CancelFlag> cancel;                  ///< ends the call with Error(cancelled) when it is set
 };
 
 /// Plain arrays of a geometry; must stay alive during the call.
@@ -45,25 +46,26 @@ struct GeometryArrays {
   std::span<const Vec3> points;                ///< n x 3
   std::span<const std::uint32_t> face_sizes;   ///< f
   std::span<const std::uint32_t> face_points;  ///< sum of face_sizes
-  std::vector<codec::GroupView> groups;
-  std::string name;      ///< label
-  CellsView cells = {};  ///< of a volume mesh
+  std::vector<codec::GroupView> groups;        ///< named points and faces
+  std::string name;                            ///< label
+  CellsView cells = {};                        ///< of a volume mesh
 };
 
 /// One deformed design.
 struct DeformedDesign {
-  Points points;  ///< n x 3, registered order; empty when there is an error
-  v1::DesignResult result;
+  Points points;            ///< n x 3, registered order; empty when there is an error
+  v1::DesignResult result;  ///< the server's report on the design
   /// Why there is no deformation: of requests with FAILURES_PER_DESIGN only, whose sender looks here. Without, a design that
   /// cannot be evaluated fails its request, and the call throws.
   std::optional<Error> error = std::nullopt;
 };
 
+/// The answer to one request.
 struct DeformOutcome {
   std::vector<DeformedDesign> designs;  ///< in order of the request; empty when a sink took them
-  v1::DeformSummary summary;
-  double decode_ms = 0;  ///< core time
-  double wall_ms = 0;    ///< from the call to the last decoded point
+  v1::DeformSummary summary;            ///< the server's times and notes
+  double decode_ms = 0;                 ///< core time
+  double wall_ms = 0;                   ///< from the call to the last decoded point
 };
 
 /// Called once per finished design, from one thread at a time, in order of completion; may move the points out.
@@ -71,18 +73,20 @@ using DesignSink = std::function<void(std::size_t design, DeformedDesign&& defor
 
 /// Primitives and edges of a geometry. Ids as they came; those of an edge in order along it.
 struct Detected {
+  /// A plane, cylinder, sphere or cone.
   struct Primitive {
-    v1::DetectedPrimitive about;
-    std::vector<FaceId> faces;
-    std::vector<PointId> points;
+    v1::DetectedPrimitive about;  ///< kind, parameters and residuals
+    std::vector<FaceId> faces;    ///< that lie on it
+    std::vector<PointId> points;  ///< corners of these faces
   };
+  /// A straight or circular stretch of sharp edges.
   struct Edge {
-    v1::DetectedEdge about;
-    std::vector<PointId> points;
+    v1::DetectedEdge about;       ///< kind, parameters and residuals
+    std::vector<PointId> points;  ///< in order along it
   };
-  std::vector<Primitive> primitives;
-  std::vector<Edge> edges;
-  v1::DetectSummary summary;
+  std::vector<Primitive> primitives;  ///< in the order of the server
+  std::vector<Edge> edges;            ///< in the order of the server
+  v1::DetectSummary summary;          ///< what the automatic options became, and how much of the surface was covered
 };
 
 class Session;
@@ -93,29 +97,43 @@ class Session;
 ///   register_geometry -> prepare -> deform ... deform -> release_system
 class Client {
  public:
+  /// Connects with the first call. Throws Error(invalid_argument) for options.
   explicit Client(const ClientOptions& options = {});
   /// Over an existing channel (in-process tests, own credentials).
   Client(std::shared_ptr<grpc::ChannelInterface> channel, const ClientOptions& options);
   ~Client();
+  /// Moves the connection; a client that was moved from may only be destroyed or assigned to.
   Client(Client&&) noexcept;
+  /// Moves the connection, as the constructor does.
   Client& operator=(Client&&) noexcept;
 
   /// Uploads unless the server already has it. on_progress: fraction sent.
   v1::GeometryInfo register_geometry(const GeometryArrays& arrays, const CallOptions& call = {},
                                      const std::function<void(double)>& on_progress = {});
+  /// One geometry by its id or a unique prefix of at least 8 digits. Throws Error(not_found).
   v1::GeometryInfo get_geometry(const std::string& id, const CallOptions& call = {});
+  /// All geometries, the newest first.
   std::vector<v1::GeometryInfo> list_geometries(const CallOptions& call = {});
+  /// Deletes a geometry. Throws Error(failed_precondition) when setups refer to it and are not to be deleted too.
   v1::DeleteGeometryReply delete_geometry(const v1::DeleteGeometryRequest& request, const CallOptions& call = {});
+  /// The registered points, n x 3, in order.
   Points get_points(const std::string& geometry_id, const CallOptions& call = {});
 
+  /// Planes, cylinders, spheres, cones and sharp edges of a registered geometry.
   Detected detect(const v1::DetectRequest& request, const CallOptions& call = {});
 
+  /// Validates a setup and says what preparing it would cost; allocates nothing large on the server.
   v1::EstimateReply estimate(const v1::Setup& setup, const CallOptions& call = {});
+  /// The same, with the options of the request.
   v1::EstimateReply estimate(const v1::EstimateRequest& request, const CallOptions& call = {});
+  /// Stores the setup and prepares its system, or answers at once when it is in memory. on_progress: stage and fraction of it.
   v1::SystemInfo prepare(const v1::Setup& setup, const CallOptions& call = {},
                          const std::function<void(const std::string& stage, double fraction)>& on_progress = {});
+  /// One system by its id or a unique prefix of at least 8 digits. Throws Error(not_found).
   v1::SystemInfo get_system(const std::string& id, const CallOptions& call = {});
+  /// All systems whose setups are stored, in memory or not.
   std::vector<v1::SystemInfo> list_systems(const CallOptions& call = {});
+  /// Gives the memory of a system back, and deletes its setup when the request says so.
   v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request, const CallOptions& call = {});
 
   /// Deforms. With request.failures() = FAILURES_PER_DESIGN a bad design has an error of its own (DeformedDesign::error) and the
@@ -126,10 +144,13 @@ class Client {
   /// Hands over registered points, so that they need not be fetched.
   void keep_points(const std::string& geometry_id, std::shared_ptr<const Points> points);
 
+  /// d(points)/d(variables) times a direction: n x 3.
   Points jacobian_vector(const v1::JacobianVectorRequest& request, const CallOptions& call = {});
+  /// d(points)/d(variables)^T times a field on the points (n x 3): one value per variable.
   std::vector<double> vector_jacobian(const std::string& system_id, std::span<const double> variables,
                                       std::span<const Vec3> cotangent, const CallOptions& call = {});
 
+  /// Version, load, memory, cache, store and limits of the server.
   v1::ServerInfo server_info(const CallOptions& call = {});
 
   /// The pipelined stream for optimizers.

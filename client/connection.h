@@ -20,20 +20,22 @@ namespace deform::client {
 
 /// What the calls of one Client share; sessions keep it alive. Thread-safe.
 struct Connection {
+  /// Over a channel that exists; nothing is sent.
   Connection(std::shared_ptr<grpc::ChannelInterface> channel_in, const ClientOptions& options_in);
 
-  const ClientOptions options;
-  const std::shared_ptr<grpc::ChannelInterface> channel;
-  const std::unique_ptr<v1::DeformService::StubInterface> stub;
-  CancelWatcher watcher;
-  PointsCache points;
-  std::atomic<std::uint64_t> calls{0};
-  ThreadPool pool;  // for decoding; last: its tasks end first
+  const ClientOptions options;                                   ///< as given
+  const std::shared_ptr<grpc::ChannelInterface> channel;         ///< to the server
+  const std::unique_ptr<v1::DeformService::StubInterface> stub;  ///< over that channel
+  CancelWatcher watcher;                                         ///< of all calls
+  PointsCache points;                                            ///< registered points that decoding needs
+  std::atomic<std::uint64_t> calls{0};                           ///< so far; gives each call a seed of its own
+  ThreadPool pool;                                               ///< for decoding; last, so that its tasks end first
 
   /// Cached, or fetched once.
   std::shared_ptr<const Points> registered_points(const std::string& geometry_id, const RunContext& limits);
 };
 
+/// What a Client holds.
 struct Client::Impl : Connection {
   using Connection::Connection;
 };
@@ -46,6 +48,7 @@ CallOptions remaining(const RunContext& limits);
 /// One attempt of a call: its gRPC context with the deadline, cancelled when the caller's flag is set.
 class Attempt {
  public:
+  /// Sets the deadline and watches the cancel flag of `limits`.
   Attempt(Connection& connection, const RunContext& limits);
   ~Attempt();
   Attempt(const Attempt&) = delete;
@@ -54,7 +57,7 @@ class Attempt {
   /// Throws the Error of a status that is not OK.
   void check(const grpc::Status& status) const;
 
-  grpc::ClientContext context;
+  grpc::ClientContext context;  ///< of this attempt alone
 
  private:
   Connection& connection_;
@@ -83,6 +86,7 @@ auto with_retries(Connection& connection, const CallOptions& options, Retry retr
   }
 }
 
+/// The same where every attempt may be repeated.
 template <typename Body>
 auto with_retries(Connection& connection, const CallOptions& options, Retry retry, const Body& body) {
   return with_retries(connection, options, retry, body, [] { return true; });

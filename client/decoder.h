@@ -24,6 +24,7 @@ namespace deform::client {
 /// bounded by the designs asked for. Held by shared_ptr: tasks in the pool keep it alive.
 class ReplyDecoder : public std::enable_shared_from_this<ReplyDecoder> {
  public:
+  /// What was asked for, and who takes the answer.
   struct Options {
     std::size_t designs = 1;                       ///< asked for
     v1::Encoding encoding = v1::ENCODING_DEFAULT;  ///< asked for; RAW_F64 is always accepted when a block fell back to it
@@ -37,6 +38,7 @@ class ReplyDecoder : public std::enable_shared_from_this<ReplyDecoder> {
     std::function<void(DeformOutcome&& outcome, std::exception_ptr error)> on_done;
   };
 
+  /// The pool must outlive the decoder.
   ReplyDecoder(Options options, ThreadPool& pool);
 
   /// Next reply; its content is moved out. Throws Error(data_loss) for what breaks the contract; fail() must follow then. Blocks

@@ -15,12 +15,16 @@ namespace deform::client {
 /// Registered points by geometry id: fetched once, while others that ask for the same wait. Thread-safe.
 class PointsCache {
  public:
+  /// Shared by all that use them.
   using PointsPtr = std::shared_ptr<const Points>;
 
   /// `fetch` runs without a lock; its failure reaches all that wait and is not kept.
   PointsPtr get(const std::string& geometry_id, const RunContext& limits, const std::function<PointsPtr()>& fetch);
+  /// Enters points that are in memory anyway.
   void keep(const std::string& geometry_id, PointsPtr points);
+  /// Whether the points are there, or on their way.
   bool has(const std::string& geometry_id) const;
+  /// Lets go of the points of a geometry that was deleted.
   void forget(const std::string& geometry_id);
 
  private:

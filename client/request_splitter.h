@@ -11,6 +11,7 @@ namespace deform::client {
 /// reference.
 class RequestSplitter {
  public:
+  /// The request must outlive this.
   RequestSplitter(const v1::DeformRequest& request, std::uint64_t request_id) : request_(request), request_id_(request_id) {}
 
   /// False after the last one.

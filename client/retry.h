@@ -19,11 +19,13 @@ enum class Retry {
 /// 0.5 to 1.5), the server's own hint (times 1 to 1.5) for refusals. Same seed, same waiting times. One thread.
 class RetryPolicy {
  public:
+  /// How often, and after which errors.
   struct Options {
-    int max_attempts = 4;
-    std::uint64_t seed = 1;
-    Retry retry = Retry::safe;
+    int max_attempts = 4;       ///< the first one included
+    std::uint64_t seed = 1;     ///< of the jitter
+    Retry retry = Retry::safe;  ///< which errors allow another attempt
   };
+  /// For one call.
   explicit RetryPolicy(const Options& options) : options_(options), random_(options.seed) {}
 
   /// How long to wait before the next attempt, or nothing when there shall be none.

@@ -22,11 +22,14 @@ namespace deform::client {
 ///                ^---- refused, after the hint ----'
 class Session::Impl {
  public:
+  /// Opens the stream.
   Impl(std::shared_ptr<Connection> connection, const CallOptions& options);
   /// Cancels what is open and waits for its end.
   ~Impl();
 
+  /// As Session::submit(); a sink takes the designs one by one.
   std::future<DeformOutcome> submit(const v1::DeformRequest& request, DesignSink sink);
+  /// As Session::finish().
   void finish();
 
  private:

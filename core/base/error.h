@@ -25,8 +25,10 @@ enum class ErrorCode {
 /// The one exception type of core, codec, server and client. Not converging is a result, never an Error.
 class Error : public std::runtime_error {
  public:
+  /// The message is one sentence or more for people; retry_after_ms is the hint below.
   Error(ErrorCode code, const std::string& message, std::uint32_t retry_after_ms = 0)
       : std::runtime_error(message), code_(code), retry_after_ms_(retry_after_ms) {}
+  /// What kind of error it is.
   ErrorCode code() const { return code_; }
   /// With out_of_budget and unavailable: after so long the same request may succeed. 0: no hint, only another request can.
   std::uint32_t retry_after_ms() const { return retry_after_ms_; }

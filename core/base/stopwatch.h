@@ -9,6 +9,7 @@ namespace deform {
 /// Seconds since the last call.
 class Stopwatch {
  public:
+  /// Seconds since construction or the last call.
   double lap() {
     const auto now = RunContext::Clock::now();
     const double seconds = std::chrono::duration<double>(now - last_).count();

@@ -10,9 +10,9 @@ namespace deform {
 /// what is beyond U+10FFFF are none (RFC 3629).
 std::size_t utf8_length(std::string_view text);
 
-/// Takes the first character from `text` (not empty) and returns it as a terminal or a log may show it: itself, or as \xNN or
-/// \u{NNNN} what controls a terminal (C0, DEL, C1), ends a line (U+2028, U+2029) or changes the direction of text (U+061C,
-/// U+200E, U+200F, U+202A to U+202E, U+2066 to U+2069); a byte that is no UTF-8 as \xNN.
+/// Takes the first character from `text` (not empty) and returns it as a terminal or a log may show it: itself, or as `\xNN` or
+/// `\u{NNNN}` what controls a terminal (C0, DEL, C1), ends a line (U+2028, U+2029) or changes the direction of text (U+061C,
+/// U+200E, U+200F, U+202A to U+202E, U+2066 to U+2069); a byte that is no UTF-8 as `\xNN`.
 std::string take_printable(std::string_view& text);
 
 /// All of it; the characters of `kept` (ASCII) stay what they are, as "\n\t" in text of our own.

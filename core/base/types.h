@@ -17,9 +17,10 @@ using FaceId = std::uint32_t;
 
 /// Axis-aligned box. Empty (min > max) until something is added.
 struct Box {
-  Vec3 min{1e300, 1e300, 1e300};
-  Vec3 max{-1e300, -1e300, -1e300};
+  Vec3 min{1e300, 1e300, 1e300};     ///< least coordinates
+  Vec3 max{-1e300, -1e300, -1e300};  ///< greatest coordinates
 
+  /// Enlarges the box so that it holds the point.
   void add(const Vec3& p) {
     for (int k = 0; k < 3; ++k) {
       if (p[k] < min[k]) min[k] = p[k];

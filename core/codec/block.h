@@ -20,8 +20,9 @@ enum class Encoding : std::uint8_t {
 /// Largest number of points of a block that any decoder accepts.
 inline constexpr std::size_t max_block_points = 1u << 16;
 
+/// How to encode.
 struct EncodeOptions {
-  Encoding encoding = Encoding::draco;
+  Encoding encoding = Encoding::draco;  ///< asked for; a block may fall back to raw_f64
   /// Largest absolute error per coordinate, model units; > 0 for draco and delta_zstd, ignored by the raw encodings.
   double tolerance = 0;
 };
@@ -29,13 +30,13 @@ struct EncodeOptions {
 /// Points [first, first + count) of one design, independently decodable with the same points of the registered geometry.
 struct Block {
   Encoding encoding = Encoding::raw_f64;  ///< the one used: raw_f64 when the integers did not fit (fell_back is true then)
-  bool fell_back = false;
-  std::uint32_t count = 0;
-  double step = 0;                       ///< grid spacing of the integers, model units; 0 for the raw encodings
-  std::array<std::int64_t, 3> offset{};  ///< added to the decoded integers
-  double max_error = 0;                  ///< true largest |decoded - deformed| over points and coordinates, model units
-  std::uint64_t checksum = 0;            ///< XXH64 (seed 0) of the raw bytes, or of the decoded int32 triples, little endian
-  std::string bytes;
+  bool fell_back = false;                 ///< to raw_f64, since the integers did not fit
+  std::uint32_t count = 0;                ///< points
+  double step = 0;                        ///< grid spacing of the integers, model units; 0 for the raw encodings
+  std::array<std::int64_t, 3> offset{};   ///< added to the decoded integers
+  double max_error = 0;                   ///< true largest |decoded - deformed| over points and coordinates, model units
+  std::uint64_t checksum = 0;             ///< XXH64 (seed 0) of the raw bytes, or of the decoded int32 triples, little endian
+  std::string bytes;                      ///< as `encoding` says
 };
 
 /// Encodes one block. registered.size() == deformed.size() <= max_block_points. A pure function: any thread. Throws

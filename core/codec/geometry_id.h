@@ -14,10 +14,12 @@ namespace deform::codec {
 /// SHA-256, incremental. One thread.
 class Sha256 {
  public:
+  /// Of no bytes yet.
   Sha256();
   ~Sha256();
   Sha256(const Sha256&) = delete;
   Sha256& operator=(const Sha256&) = delete;
+  /// Appends bytes.
   void add(const void* data, std::size_t size);
   /// Lower-case hexadecimal, 64 characters. Ends the object's use.
   std::string hex();
@@ -28,9 +30,9 @@ class Sha256 {
 
 /// One group as it enters the id.
 struct GroupView {
-  std::string_view name;
-  std::span<const PointId> points;
-  std::span<const FaceId> faces;
+  std::string_view name;            ///< bytes, in whatever encoding
+  std::span<const PointId> points;  ///< named by the group itself, in order
+  std::span<const FaceId> faces;    ///< in order
 };
 
 /// The id of a geometry: SHA-256 over, little endian, without padding: "deform.geometry.1\0"; u64 n, n x 3 f64; u64 f, f x u32
@@ -41,11 +43,11 @@ struct GroupView {
 /// and server compute the same id from the same arrays. The byte sequence itself goes to visit_geometry_bytes(): a stored
 /// geometry is exactly these bytes, so that the id is its checksum.
 struct GeometryView {
-  std::span<const Vec3> points;
-  std::span<const std::uint32_t> face_sizes;
-  std::span<const PointId> face_points;
-  std::span<const GroupView> groups;
-  CellsView cells = {};
+  std::span<const Vec3> points;               ///< n x 3
+  std::span<const std::uint32_t> face_sizes;  ///< f: corners per face
+  std::span<const PointId> face_points;       ///< c: corners of all faces, one face after the other
+  std::span<const GroupView> groups;          ///< in order
+  CellsView cells = {};                       ///< of a volume mesh
 };
 using ByteSink = std::function<void(const void* data, std::size_t size)>;
 void visit_geometry_bytes(const GeometryView& geometry, const ByteSink& sink);

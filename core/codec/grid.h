@@ -13,8 +13,8 @@ namespace deform::codec {
 /// Displacements of a block on an integer grid: point i is registered[i] + (values[3 i + k] + offset[k]) * step. The offset is
 /// the first point's, so that the values are small and the first one is zero.
 struct Grid {
-  double step = 0;  ///< model units
-  std::array<std::int64_t, 3> offset{};
+  double step = 0;                         ///< model units
+  std::array<std::int64_t, 3> offset{};    ///< added to the values, in steps
   std::unique_ptr<std::int32_t[]> buffer;  ///< not initialized before it is filled: that costs as much as filling it
   std::size_t size = 0;                    ///< 3 x count
   double max_error = 0;                    ///< true largest |reconstructed - deformed|, model units
@@ -23,6 +23,7 @@ struct Grid {
   std::span<const std::int32_t> values() const { return {buffer.get(), size}; }
 };
 
+/// Largest magnitude of a value of a grid.
 inline constexpr std::int32_t largest_value = 1 << 29;
 
 /// Fills `grid`; false when the block has no such representation within the tolerance: coordinates that are not finite, a range

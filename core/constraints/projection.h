@@ -43,7 +43,7 @@ class Projection {
   virtual std::string_view kind() const = 0;  ///< "plane", "circle", ...
   virtual std::size_t point_count() const = 0;
   /// Whether the projection moves along when all its points are translated: then the translation of the set is free in the global
-  /// step (METHODS: one extra unknown per set instead of mean-centring). False e.g. for a plane that is given.
+  /// step (one extra unknown per set instead of mean-centring). False e.g. for a plane that is given.
   virtual bool moves_with_its_points() const { return true; }
 
   /// out = projection of x (both point_count() long; may not overlap); returns the sum of |x - out|^2. Never fails: degenerate

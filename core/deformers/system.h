@@ -26,8 +26,8 @@ enum class EvaluationPath {
 /// What one design prescribes for one handle: an affine map of its points, or a displacement per point of the handle (in the
 /// order of the sorted point ids).
 struct Motion {
-  std::size_t handle = 0;
-  std::variant<Affine, std::vector<Vec3>> value = identity_affine;
+  std::size_t handle = 0;                                           ///< its position in the setup
+  std::variant<Affine, std::vector<Vec3>> value = identity_affine;  ///< the map, or the displacements
 };
 
 /// One set of motions, or one vector of design variables, or both for different handles. Handles that nothing mentions stay at
@@ -43,18 +43,20 @@ struct Design {
 
 /// How far the points of a constraint are from its shape, model units.
 struct ConstraintReport {
-  double max_before = 0, rms_before = 0;  ///< in the deformation without constraints
-  double max = 0, rms = 0;
+  double max_before = 0;  ///< largest distance in the deformation without constraints
+  double rms_before = 0;  ///< root mean square distance in the deformation without constraints
+  double max = 0;         ///< largest distance as delivered
+  double rms = 0;         ///< root mean square distance as delivered
   /// An exact one whose max is over 1e-9 D: it contradicts others, or points that are held.
   bool missed = false;
   /// Placing its points exactly would have made the deformation worse (see ExactPlacement): they are where they are without that.
   bool given_up = false;
 };
 
-/// Told about one evaluated design.
+/// Report on one evaluated design.
 struct DesignReport {
-  EvaluationPath path = EvaluationPath::basis;
-  double interpolation_residual = 0;  ///< max over the centres of |interpolant - prescribed position|, model units
+  EvaluationPath path = EvaluationPath::basis;  ///< the one taken
+  double interpolation_residual = 0;            ///< max over the centres of |interpolant - prescribed position|, model units
   /// Max over the points of the handles as they were told to move, model units. Others may move farther: largest_displacement()
   /// of core/quality/displacement.h says how far any does, displacement_warning() what to think of it.
   double prescribed_displacement = 0;
@@ -63,33 +65,37 @@ struct DesignReport {
   std::vector<ConstraintReport> constraints;  ///< in the order of the setup
   int iterations = 0;                         ///< global steps
   int newton_steps = 0;                       ///< besides them
-  bool converged = true;
+  bool converged = true;                      ///< within the tolerance and the iterations of the setup
   double energy = 0;  ///< of the deformation above that without constraints, and of what they are missed by; unit coordinates
   double convergence_error = 0;  ///< estimated rms distance of the constrained points from the limit, model units
 };
 
-/// Told about a prepared system. Lengths in model units.
+/// Facts about a prepared system. Lengths in model units.
 struct SystemInfo {
-  std::size_t points = 0;
-  std::size_t fixed_points = 0, handle_points = 0, deformable_points = 0;
+  std::size_t points = 0;             ///< of the mesh
+  std::size_t fixed_points = 0;       ///< in fixed regions
+  std::size_t handle_points = 0;      ///< in handles
+  std::size_t deformable_points = 0;  ///< all others
   std::size_t constraint_points = 0;  ///< handle and fixed points: candidate centres
   /// RBF: after reduction and merging of coincident ones; of incremental QR those it chose. Shell: held points that enter the
   /// system. Subspace and MLS: samples.
   std::size_t centres = 0;
-  std::size_t functions = 0;        ///< unknowns per coordinate of an energy method
-  std::size_t cubature_points = 0;  ///< at which its energies are integrated; 0 on the faces of the mesh
-  std::size_t merged_duplicates = 0;
-  std::size_t polynomial_terms = 0;
-  int affine_hull_dimension = 3;  ///< of the centres: 0 point, 1 line, 2 plane, 3 space
-  std::size_t basis_fields = 0;   ///< 4H, or 0 without a basis
-  std::size_t bytes = 0, factor_bytes = 0, basis_bytes = 0;
-  std::size_t design_bytes = 0;      ///< about what a thread takes to solve a design with constraints
-  double diagonal = 0;               ///< D, of all points
-  double condition = 0;              ///< 1-norm estimate of the factored matrix; 0 = none (iterative, incremental QR)
-  double tolerance = 0;              ///< of the iterative solver or incremental QR, as a fraction of D; else 0
-  Solver solver = Solver::cholesky;  ///< the one that was used
-  bool reduced = false;
-  std::vector<std::string> notes;                             ///< what was decided and why, one sentence each
+  std::size_t functions = 0;          ///< unknowns per coordinate of an energy method
+  std::size_t cubature_points = 0;    ///< at which its energies are integrated; 0 on the faces of the mesh
+  std::size_t merged_duplicates = 0;  ///< centres saved where constraint points coincide
+  std::size_t polynomial_terms = 0;   ///< of an RBF
+  int affine_hull_dimension = 3;      ///< of the centres: 0 point, 1 line, 2 plane, 3 space
+  std::size_t basis_fields = 0;       ///< 4H, or 0 without a basis
+  std::size_t bytes = 0;              ///< of all that the system holds but the mesh
+  std::size_t factor_bytes = 0;       ///< of the factorization
+  std::size_t basis_bytes = 0;        ///< of the handle basis
+  std::size_t design_bytes = 0;       ///< about what a thread takes to solve a design with constraints
+  double diagonal = 0;                ///< D, of all points
+  double condition = 0;               ///< 1-norm estimate of the factored matrix; 0 = none (iterative, incremental QR)
+  double tolerance = 0;               ///< of the iterative solver or incremental QR, as a fraction of D; else 0
+  Solver solver = Solver::cholesky;   ///< the one that was used
+  bool reduced = false;               ///< not all constraint points are centres
+  std::vector<std::string> notes;     ///< what was decided and why, one sentence each
   std::vector<std::pair<std::string, double>> stage_seconds;  ///< "select", "assemble", "factor", "basis", in order
 };
 
@@ -98,7 +104,9 @@ struct SystemInfo {
 class Evaluation {
  public:
   virtual ~Evaluation() = default;
+  /// How many designs were bound.
   virtual std::size_t design_count() const = 0;
+  /// What is known of a design, in the order in which they were bound.
   virtual const DesignReport& report(std::size_t design) const = 0;
 
   /// Deformed points [begin, end) of designs [first, first + out.size()): out[k] points to end - begin points. The result for a
@@ -112,8 +120,8 @@ class System;
 /// Where a sequence of similar designs stands: what the next one starts from. Small; copies share it. Not for two threads at
 /// once.
 struct WarmStart {
-  std::weak_ptr<const System> of;  ///< another system takes no notice of it
-  std::shared_ptr<const void> state;
+  std::weak_ptr<const System> of;     ///< another system takes no notice of it
+  std::shared_ptr<const void> state;  ///< only the system knows what it is
 };
 
 /// A prepared method (thesis 4.2: prepare once, evaluate often). Immutable; any number of threads may call every method at once.
@@ -122,6 +130,7 @@ class System : public std::enable_shared_from_this<System> {
  public:
   virtual ~System() = default;
 
+  /// Counts, sizes, solver and notes; constant.
   virtual const SystemInfo& info() const = 0;
   /// What the cache charges.
   std::size_t bytes() const { return info().bytes; }
@@ -154,13 +163,14 @@ class System : public std::enable_shared_from_this<System> {
 
 /// Cheap upper bounds, before anything is allocated.
 struct Estimate {
-  std::size_t constraint_points = 0;
-  std::size_t centres = 0;
-  std::size_t factor_bytes = 0, basis_bytes = 0;
-  std::size_t resident_bytes = 0;  ///< of the prepared system
-  std::size_t peak_bytes = 0;      ///< while preparing, including the system
-  double seconds = 0;              ///< rough: from flop and byte counts at nominal rates
-  std::vector<std::string> notes;
+  std::size_t constraint_points = 0;  ///< handle and fixed points
+  std::size_t centres = 0;            ///< as SystemInfo::centres
+  std::size_t factor_bytes = 0;       ///< of the factorization
+  std::size_t basis_bytes = 0;        ///< of the handle basis
+  std::size_t resident_bytes = 0;     ///< of the prepared system
+  std::size_t peak_bytes = 0;         ///< while preparing, including the system
+  double seconds = 0;                 ///< rough: from flop and byte counts at nominal rates
+  std::vector<std::string> notes;     ///< one sentence each
 };
 
 /// Dispatches on setup.method. Throws what validate() throws.

@@ -23,6 +23,7 @@ enum class Format { obj, off, ply, stl, openfoam, medit, cgns, exodus, su2, vtk,
 class MeshFile {
  public:
   virtual ~MeshFile() = default;
+  /// The format that was read, in which alone it can be written.
   Format format() const { return format_; }
   /// Every point in file order (STL: coincident corners of the whole file welded into one point each, in order of first
   /// appearance). Face groups: OBJ groups, objects and materials by their names; where an object or material has the name of a
@@ -51,8 +52,9 @@ class MeshFile {
   struct FilePart {
     std::filesystem::path path;      ///< as the first file names it, relative to that; of the first empty
     std::filesystem::path original;  ///< where it was read from
-    std::string bytes;
+    std::string bytes;               ///< its new content
   };
+  /// The first file and all that it includes, see FilePart.
   virtual std::vector<FilePart> parts_with_points(std::span<const Vec3> points) const { return {{{}, {}, with_points(points)}}; }
 
   bool compressed = false;  ///< the bytes came gzipped

@@ -44,7 +44,7 @@ struct ShellOperators {
 ShellOperators shell_operators(const Mesh& mesh, double scale, const std::vector<char>& faces = {});
 
 /// G, 3 rows per triangle of fan_triangles(), n columns: gradient of the linear function on each triangle times the root of its
-/// area, so that G^T G = -laplacian and |G u|^2 is the integral of |grad u|^2 (thesis 8.6, 8.9).
+/// area, so that G^T G = -laplacian and |G u|^2 is the integral of |grad u|^2 (thesis eq. 8.6, 8.9).
 SparseMatrix shell_gradient(const Mesh& mesh, double scale);
 
 }  // namespace deform

@@ -151,7 +151,7 @@ void constraint_convergence(bool quick, Report& report) {
     const ConstrainedResult solution = shell.solve(converged);
     const ConstrainedResult result = shell.solve(default_to_wanted);
     const int steps = result.iterations + result.newton_steps;
-    const std::string figure = "T38 " + name + ", gamma_c = " + Report::text(weight) + ": ";
+    const std::string figure = "Thesis 8.5, " + name + ", gamma_c = " + Report::text(weight) + ": ";
     report.at_most(figure + "iterations and Newton steps to 1e-4 D", steps, most, "");
     report.at_most(figure + "distance from the solution there / D", distance(result.after.points, solution.after.points), wanted,
                    "");
@@ -175,7 +175,7 @@ void constraint_convergence(bool quick, Report& report) {
     newton.tolerance = wanted;
     newton.patience = 8;
     const ConstrainedResult result = shell.solve(newton), solution = shell.solve(converged);
-    const std::string figure = "T38 nine overlapping sets, gamma_c = " + Report::text(weight) + ": ";
+    const std::string figure = "Thesis 8.5, nine overlapping sets, gamma_c = " + Report::text(weight) + ": ";
     report.at_most(figure + "Newton steps to 1e-4 D", result.newton_steps, 15, "");
     report.at_most(figure + "distance from the solution there / D", distance(result.after.points, solution.after.points), wanted,
                    "");

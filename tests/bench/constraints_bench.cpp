@@ -132,7 +132,7 @@ void kinds(bool quick, Report& report) {
   }
   report.open();
   for (const auto& [method, result] : all) {
-    const std::string name = "T40 " + result.name + ", " + method;
+    const std::string name = "Thesis 8.5.2, " + result.name + ", " + method;
     report.at_most(name + ", default weight: residual over the unconstrained one", result.automatic, 0.05, "");
     report.at_most(name + ", exact: largest distance from the shape / D", result.exact, 1e-9, "");
   }
@@ -143,9 +143,9 @@ void kinds(bool quick, Report& report) {
 void model(const ConstraintCase& of, Report& report) {
   std::string sets;
   for (const Constraint& constraint : of.setup.constraints) sets += (sets.empty() ? "" : ", ") + constraint.name;
-  report.info("T43 " + of.name + ": constraints", sets);
+  report.info("Thesis 8.6.1, " + of.name + ": constraints", sets);
   for (const auto& [method_name, method] : methods(0)) {
-    const std::string name = "T43 " + of.name + ", " + method_name;
+    const std::string name = "Thesis 8.6.1, " + of.name + ", " + method_name;
     for (const Exactness exact : {Exactness::off, Exactness::on}) {
       const auto system = prepare(of.mesh, with_method(of, method, 0, exact));
       const Outcome outcome = solved(*system, of.design);
@@ -203,7 +203,7 @@ void large_car(const fs::path& data, bool quick, Report& report) {
   std::shared_ptr<const System> system;
   const double prepared = seconds([&] { system = prepare(car.mesh, with_method(car, options)); });
   const SystemInfo& info = system->info();
-  const std::string name = "T43 " + car.name + ", " + std::to_string(info.points) + " points, mls: ";
+  const std::string name = "Thesis 8.6.1, " + car.name + ", " + std::to_string(info.points) + " points, mls: ";
   report.info(name + "samples, cubature points", std::to_string(info.functions) + ", " + std::to_string(info.cubature_points));
   report.info(name + "prepared in", Report::text(prepared) + " s");
   for (const auto& [stage, time] : info.stage_seconds) report.info(name + "of which " + stage, Report::text(time) + " s");
@@ -277,13 +277,13 @@ void volumes(const fs::path& data, Report& report) {
   finer.volume_samples = 4000;
   for (const double shift : {0.1, 0.2, 0.3}) {
     const InnerSphere ball = read_inner_sphere(data / "B_volume" / "tet_medit" / "sphere.mesh.gz", shift);
-    AgainstRbf against("T44 ball, inner sphere moved by " + Report::text(shift) + " radii", ball.mesh, *ball.elements, ball.setup,
-                       ball.design);
+    AgainstRbf against("Thesis 8.6.2, ball, inner sphere moved by " + Report::text(shift) + " radii", ball.mesh, *ball.elements,
+                       ball.setup, ball.design);
     against.mls("hard handles", {}, report);
   }
   const ParamCase pipe = read_param_case(data / "B_volume" / "param", "pipe_hex");
-  AgainstRbf against("T44 pipe_hex, full change at once", pipe.mesh, *pipe.elements, boundary_setup(pipe, Kernel::triharmonic),
-                     boundary_motion(pipe.places.front(), pipe.places.back()));
+  AgainstRbf against("Thesis 8.6.2, pipe_hex, full change at once", pipe.mesh, *pipe.elements,
+                     boundary_setup(pipe, Kernel::triharmonic), boundary_motion(pipe.places.front(), pipe.places.back()));
   against.mls("soft handles (1e6)", soft, report);
   against.mls("hard handles", {}, report);
   against.mls("hard handles, 8000 + 4000 samples", finer, report);
@@ -300,7 +300,7 @@ void detection(bool quick, Report& report) {
   const double alone = seconds([&] { one = detect(mesh, {}, context); });
   context.threads = 2;
   const double both = seconds([&] { two = detect(mesh, {}, context); });
-  const std::string name = "T41 detection on an Ahmed body of " + std::to_string(mesh.face_count()) + " faces: ";
+  const std::string name = "Thesis 8.5.3, detection on an Ahmed body of " + std::to_string(mesh.face_count()) + " faces: ";
   report.info(name + "seconds with 1 and 2 threads", Report::text(alone) + ", " + Report::text(both));
   report.info(
       name + "primitives, feature edges, share of the area",

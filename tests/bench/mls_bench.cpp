@@ -114,7 +114,7 @@ int run(bool quick) {
   const Series wendland = growth(mesh, "Wendland s = 50", SubspaceKernel::wendland_c2, 50, counts);
   const Series mls = growth(mesh, "MLS s = 5", SubspaceKernel::mls, 5, counts);
 
-  Report report("Growth with the number of functions (T36)");
+  Report report("Growth with the number of functions (thesis figure 8.4)");
   report.at_most("MLS: exponent of the time", exponent(x, mls.times), 1.5, "");
   report.at_most("MLS: exponent of the memory", exponent(x, mls.bytes), 1.1, "");
   report.at_least("global biharmonic: exponent of the time", exponent(x_fewer, biharmonic.times), 2, "");

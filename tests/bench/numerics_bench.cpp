@@ -315,9 +315,9 @@ void bench_sphere(const std::string& mesh_path, const std::string& selection_pat
     note = std::to_string(system->info().points) + " points, " + std::to_string(handle.ids.size()) + " handle, " +
            std::to_string(fixed.ids.size()) + " fixed, " + std::to_string(system->info().centres) + " centres";
   }
-  print_value("thesis 4.1 sphere, prepare: " + note, median(preparing) * 1e3, "ms");
-  print_value("thesis 4.1 sphere, one design", median(evaluating) * 1e3, "ms");
-  print_value("thesis 4.1 sphere, prepare and five designs", (median(preparing) + 5 * median(evaluating)) * 1e3, "ms");
+  print_value("thesis figure 4.1, sphere, prepare: " + note, median(preparing) * 1e3, "ms");
+  print_value("thesis figure 4.1, sphere, one design", median(evaluating) * 1e3, "ms");
+  print_value("thesis figure 4.1, sphere, prepare and five designs", (median(preparing) + 5 * median(evaluating)) * 1e3, "ms");
 }
 
 }  // namespace

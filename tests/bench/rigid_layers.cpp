@@ -98,7 +98,7 @@ void rigid_layers(const fs::path& car_case, const fs::path& work, Report& report
   for (const auto& [name, result] : {std::pair{"without rigid columns", &loose},
                                      {"with rigid columns on the whole body", &body},
                                      {"and those of the roof exact", &rigid}}) {
-    const std::string figure = std::string("T45 roof lift, ") + name + ": ";
+    const std::string figure = std::string("Thesis 8.6.3, roof lift, ") + name + ": ";
     report.info(figure + "time and memory", result->text);
     report.at_most(figure + "failed checks (ours)", static_cast<double>(result->ours.failed), 0, "");
     if (result->theirs) report.at_most(figure + "failed checks (checkMesh)", static_cast<double>(result->theirs->failed), 0, "");
@@ -106,10 +106,11 @@ void rigid_layers(const fs::path& car_case, const fs::path& work, Report& report
                 Report::text(result->change.largest) + " / " + Report::text(result->change.mean) + " / " +
                     Report::text(result->change.largest_distance / diagonal));
   }
-  report.at_most("T45 roof lift: shape change inside the exactly rigid columns, over their size", rigid.change.largest, 1e-3, "");
-  report.at_most("T45 roof lift: largest non-orthogonality with rigid columns less without",
+  report.at_most("Thesis 8.6.3, roof lift: shape change inside the exactly rigid columns, over their size", rigid.change.largest,
+                 1e-3, "");
+  report.at_most("Thesis 8.6.3, roof lift: largest non-orthogonality with rigid columns less without",
                  body.ours.non_orthogonality - loose.ours.non_orthogonality, 0, " degrees");
-  report.at_most("T45 roof lift: largest non-orthogonality with those of the roof exact less without",
+  report.at_most("Thesis 8.6.3, roof lift: largest non-orthogonality with those of the roof exact less without",
                  rigid.ours.non_orthogonality - loose.ours.non_orthogonality, 0, " degrees");
 }
 

@@ -97,7 +97,7 @@ void roof_lift(const std::filesystem::path& car_case, const std::filesystem::pat
   report.open();
   for (std::size_t i = 0; i < worst.size(); ++i) {
     const Worst& most = worst[i];
-    const std::string name = "T28 roof lift, " + most.name + ": ";
+    const std::string name = "Thesis 7.3.2, roof lift, " + most.name + ": ";
     report.info(name + "prepared", prepared[i]);
     report.at_most(name + "change of the largest non-orthogonality", most.change, 5, " degrees");
     report.at_most(name + "largest non-orthogonality", most.most, 70, " degrees");

@@ -80,7 +80,7 @@ void conditions(const ParamCase& param, Report& report) {
     };
     const double projected = condition(Solver::cholesky, 1 / size), bordered = condition(Solver::ldlt, 1 / size),
                  raw = condition(Solver::ldlt, 1000);
-    const std::string name = "T26 " + param.name + ", " + properties(kernel).name + ": condition";
+    const std::string name = "Thesis 7.2.4, " + param.name + ", " + properties(kernel).name + ": condition";
     report.info(name, Report::text(projected) + "; bordered " + Report::text(bordered) + ", in thousandths of the unit " +
                           Report::text(raw) + (projected > 1e13 ? "; WARNING above 1e13" : ""));
     if (before > 0) report.info(name + ", growth per order", Report::text(projected / before));
@@ -90,7 +90,7 @@ void conditions(const ParamCase& param, Report& report) {
 
 /// The whole change in one step, or where that inverts elements in as many as it takes.
 void full_change(const ParamCase& param, const Series& absolute, const Series& relative, Report& report) {
-  const std::string name = "T24 " + param.name + ", r^3, full change: ";
+  const std::string name = "Thesis 7.2, " + param.name + ", r^3, full change: ";
   report.info(name + "inverted elements, in one step / in the steps of the case",
               std::to_string(absolute.inverted.back()) + " / " + std::to_string(relative.inverted.back()));
   if (absolute.inverted.back() == 0) {
@@ -119,7 +119,7 @@ void summary(const ParamCase& param, const ByMethod& absolute, const ByMethod& r
   full_change(param, ours, relative[1], report);
   for (const auto& [mode, series] : {std::pair{"absolute", &absolute}, {"relative", &relative}}) {
     const Comparison comparison = compare((*series)[1], (*series)[3]);
-    const std::string name = std::string("T24 ") + param.name + ", " + mode + ": ";
+    const std::string name = std::string("Thesis 7.2, ") + param.name + ", " + mode + ": ";
     report.at_least(name + "share of the steps with r^3 >= harmonic", share(comparison), 0.9, "");
     if (comparison.shortfall > 0) {
       report.info(name + "largest shortfall of r^3, and the share of the way where the last is",
@@ -129,17 +129,17 @@ void summary(const ParamCase& param, const ByMethod& absolute, const ByMethod& r
     std::size_t worse = 0;
     const Series &tri = (*series)[1], &fifth = (*series)[2];
     for (std::size_t k = 0; k < tri.inverted.size(); ++k) worse += tri.inverted[k] == 0 && fifth.inverted[k] > 0;
-    report.at_most("T25 " + param.name + ", " + mode + ": steps where r^5 inverts and r^3 does not", static_cast<double>(worse),
-                   0, "");
+    report.at_most("Thesis table 7.1, " + param.name + ", " + mode + ": steps where r^5 inverts and r^3 does not",
+                   static_cast<double>(worse), 0, "");
     all.steps += comparison.steps;
     all.at_least += comparison.at_least;
   }
-  report.info("T25 " + param.name + ", full change in one step: r / r^3 / r^5", Report::text(absolute[0].least.back()) + " / " +
-                                                                                    Report::text(ours.least.back()) + " / " +
-                                                                                    Report::text(absolute[2].least.back()));
-  report.at_most("T23 " + param.name + ", r^3: boundary points off their places / D",
+  report.info("Thesis table 7.1, " + param.name + ", full change in one step: r / r^3 / r^5",
+              Report::text(absolute[0].least.back()) + " / " + Report::text(ours.least.back()) + " / " +
+                  Report::text(absolute[2].least.back()));
+  report.at_most("Thesis 6.3, " + param.name + ", r^3: boundary points off their places / D",
                  std::max(ours.boundary, relative[1].boundary), 1e-9, "");
-  report.at_most("T23 " + param.name + ", r^3: interpolant off the boundary's places / D",
+  report.at_most("Thesis 6.3, " + param.name + ", r^3: interpolant off the boundary's places / D",
                  std::max(ours.residual, relative[1].residual), 1e-9, "");
   conditions(param, report);
 }
@@ -152,8 +152,8 @@ void inner_sphere(const std::filesystem::path& file, Report& report) {
     const ElementQuality before = element_quality(ball.mesh->points, *ball.elements);
     const Points points = prepare(ball.mesh, ball.setup)->evaluate(ball.design);
     const ElementQuality after = element_quality(points, *ball.elements);
-    const std::string name = "T44 ball, " + std::to_string(ball.mesh->point_count()) + " points, r^3, inner sphere moved by " +
-                             Report::text(shift) + " radii: ";
+    const std::string name = "Thesis 8.6.2, ball, " + std::to_string(ball.mesh->point_count()) +
+                             " points, r^3, inner sphere moved by " + Report::text(shift) + " radii: ";
     report.info(name + "least scaled Jacobian before and after",
                 Report::text(before.least_scaled_jacobian.value) + ", " + Report::text(after.least_scaled_jacobian.value));
     report.at_most(name + "inverted elements", static_cast<double>(after.inverted_elements), 0, "");
@@ -174,7 +174,7 @@ int run(const std::filesystem::path& data, const std::filesystem::path& work, bo
     summary(param, absolute, relative, all, report);
   }
   report.open();
-  report.at_least("T24 all cases, absolute and relative: share of the steps with r^3 >= harmonic", share(all), 0.9, "");
+  report.at_least("Thesis 7.2, all cases, absolute and relative: share of the steps with r^3 >= harmonic", share(all), 0.9, "");
   inner_sphere(data / "B_volume" / "tet_medit" / "sphere.mesh.gz", report);
   if (!quick) roof_lift(data / "B_volume" / "openfoam" / "car_fastback", work, report);
   return 0;

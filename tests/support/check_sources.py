@@ -35,8 +35,6 @@ SCATTERED = {
     "deform::ConstrainedSolver::Newton",
     "deform::EnergySystem",
     "deform::RbfSystem",
-    "deform::client::Client",
-    "deform::server::EngineImpl",
 }
 
 CLASS = re.compile(r"^\s*(?:class|struct|union)\s+(?:\w+::)*(\w+)[^;()]*\{", re.M)

@@ -1,4 +1,4 @@
-// T43 (thesis 8.6.1, figures 8.8 and 8.9): constraints found on the fandisk and the joint stay in a deformation.
+// Thesis 8.6.1, figures 8.8 and 8.9: constraints found on the fandisk and the joint stay in a deformation.
 #include <gtest/gtest.h>
 
 #include <string>
@@ -34,7 +34,7 @@ void expect_kept(const ConstraintCase& of, const decltype(deform::Setup::method)
   for (const PointId id : regions.handles[0]) expect_at(id, transformed(motion, of.mesh->points[id]));
 }
 
-TEST(T43, TheBoreOfTheJointStaysRound) {
+TEST(DetectedParts, TheBoreOfTheJointStaysRound) {
   const ConstraintCase joint = bench::joint_case(DEFORM_SHARED_DATA);
   ASSERT_EQ(joint.setup.constraints.size(), 2u);
   expect_kept(joint, ShellOptions{});
@@ -43,7 +43,7 @@ TEST(T43, TheBoreOfTheJointStaysRound) {
   expect_kept(joint, options);
 }
 
-TEST(T43, FeatureLinesAndAPlaneOfTheFandisk) {
+TEST(DetectedParts, FeatureLinesAndAPlaneOfTheFandisk) {
   const ConstraintCase fandisk = bench::fandisk_case(DEFORM_SHARED_DATA);
   ASSERT_GE(fandisk.setup.constraints.size(), 3u);
   expect_kept(fandisk, ShellOptions{});

@@ -1,4 +1,4 @@
-// T42 and T45 (thesis 8.6): what does not depend on how many points a set has, and rigid columns of cells on a wall.
+// Thesis 8.6 and 8.6.3: what does not depend on how many points a set has, and rigid columns of cells on a wall.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -42,7 +42,7 @@ double change(const ConstraintCase& of, const Points& a, const Points& b) {
   return difference / moved;
 }
 
-class T42 : public testing::TestWithParam<const char*> {
+class NormalizedWeights : public testing::TestWithParam<const char*> {
  protected:
   static ConstraintCase find(const std::string& name) {
     const std::vector<ConstraintCase> cases = bench::constraint_cases(40);
@@ -50,7 +50,7 @@ class T42 : public testing::TestWithParam<const char*> {
   }
 };
 
-TEST_P(T42, TwiceAsManyConstrainedPointsChangeLittle) {
+TEST_P(NormalizedWeights, TwiceAsManyConstrainedPointsChangeLittle) {
   ConstraintCase of = find(GetParam());
   const Outcome all = bench::solved(*prepare(of.mesh, bench::with_method(of, few_samples())), of.design);
   for (Region& region : of.setup.constraints[0].regions) region = every_other(region);
@@ -63,12 +63,12 @@ TEST_P(T42, TwiceAsManyConstrainedPointsChangeLittle) {
   EXPECT_LT(changed, 0.01);
 }
 
-INSTANTIATE_TEST_SUITE_P(Kinds, T42, testing::Values("planar", "circular", "cylindrical", "feature_line", "rigid"),
+INSTANTIATE_TEST_SUITE_P(Kinds, NormalizedWeights, testing::Values("planar", "circular", "cylindrical", "feature_line", "rigid"),
                          [](const auto& tested) { return std::string(tested.param); });
 
-class T42Handles : public testing::TestWithParam<HandleMode> {};
+class NormalizedHandleWeights : public testing::TestWithParam<HandleMode> {};
 
-TEST_P(T42Handles, TwiceAsManyHandlePointsChangeLittle) {
+TEST_P(NormalizedHandleWeights, TwiceAsManyHandlePointsChangeLittle) {
   ConstraintCase of = bench::constraint_cases(40)[0];
   of.setup.constraints.clear();
   MlsOptions options = few_samples();
@@ -82,10 +82,10 @@ TEST_P(T42Handles, TwiceAsManyHandlePointsChangeLittle) {
   EXPECT_LT(changed, 0.01);
 }
 
-INSTANTIATE_TEST_SUITE_P(Modes, T42Handles, testing::Values(HandleMode::hard, HandleMode::soft),
+INSTANTIATE_TEST_SUITE_P(Modes, NormalizedHandleWeights, testing::Values(HandleMode::hard, HandleMode::soft),
                          [](const auto& tested) { return tested.param == HandleMode::hard ? "hard" : "soft"; });
 
-TEST(T45, RigidColumnsKeepTheShapeOfThinCells) {
+TEST(RigidLayers, RigidColumnsKeepTheShapeOfThinCells) {
   const ConstraintCase block = bench::prism_block();
   const WallColumns columns = wall_columns(*block.mesh, select(block.setup.constraints[0].regions[0], *block.mesh, "columns"), 4);
   EXPECT_EQ(columns.points.size(), 80u);

@@ -1,4 +1,4 @@
-// The rows of the thesis on constraints inside the deformation: T38, T39, T40.
+// Constraints inside the deformation: thesis 8.5 to 8.5.2.
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -69,8 +69,8 @@ ConstrainedSolver::Options plain() {
   return options;
 }
 
-// T38: the objective never rises; the accelerated iteration has the same fixed point and takes fewer steps.
-TEST(T38, AlternationDescendsToOneFixedPoint) {
+// Thesis 8.5: the objective never rises; the accelerated iteration has the same fixed point and takes fewer steps.
+TEST(Alternation, AlternationDescendsToOneFixedPoint) {
   const Case c({patch(Planar{}, 1.2, 1.6, 1e4), patch(Rigid{}, 0.5, 1.25, 1e4)});
   ConstrainedSolver::Options slow = plain();
   slow.tolerance = 1e-8;
@@ -88,8 +88,8 @@ TEST(T38, AlternationDescendsToOneFixedPoint) {
   }
 }
 
-// T38: overlapping sets with stiff weights end with Gauss-Newton, at a point that the alternation leaves alone.
-TEST(T38, StiffWeightsFallBackToGaussNewton) {
+// Thesis 8.5: overlapping sets with stiff weights end with Gauss-Newton, at a point that the alternation leaves alone.
+TEST(Alternation, StiffWeightsFallBackToGaussNewton) {
   const Case c({patch(Planar{}, 1.2, 1.6, 1e8), patch(Rigid{}, 0.5, 1.25, 1e8)}, 21);
   const ConstrainedResult result = c.solve({});
   EXPECT_TRUE(result.converged);
@@ -99,8 +99,8 @@ TEST(T38, StiffWeightsFallBackToGaussNewton) {
   EXPECT_LE(result.after.objective, c.solve(more).after.objective + 1e-9);
 }
 
-// T39: one unknown translation per set gives the iterates of the mean-centred form.
-TEST(T39, TranslationsAreMeanCentring) {
+// Thesis 8.5.1: one unknown translation per set gives the iterates of the mean-centred form.
+TEST(SparseConstraintRows, TranslationsAreMeanCentring) {
   const Case c({patch(Planar{}, 1.2, 1.6, 1e4), patch(Rigid{}, 0.5, 1.25, 1e4)}, 21);
   const auto k = static_cast<Eigen::Index>(c.solver->unknowns());
   const SparseMatrix full = c.solver->matrix().selfadjointView<Eigen::Lower>();
@@ -144,9 +144,9 @@ TEST(T39, TranslationsAreMeanCentring) {
   }
 }
 
-// T39: the thesis' own forms. The mean-centred one has the same iterates; subtracting one point instead has another fixed point,
-// farther from the shapes.
-TEST(T39, FormsOfTheThesis) {
+// Thesis 8.5.1: the thesis' own forms. The mean-centred one has the same iterates; subtracting one point instead has another
+// fixed point, farther from the shapes.
+TEST(SparseConstraintRows, FormsOfTheThesis) {
   const Case c({patch(Planar{}, 1.2, 1.6, 1e4), patch(Rigid{}, 0.5, 1.25, 1e4)}, 21);
   const auto solved = [&](ConstrainedSolver::Form form, int iterations) {
     ConstrainedSolver::Options options = plain();
@@ -167,8 +167,8 @@ TEST(T39, FormsOfTheThesis) {
   EXPECT_LT(bordered.after.objective, anchored.after.objective);
 }
 
-// T40: the distance from the shape falls like 1 / gamma_c where every point has functions of its own.
-TEST(T40, ResidualFallsWithTheWeight) {
+// Thesis 8.5.2: the distance from the shape falls like 1 / gamma_c where every point has functions of its own.
+TEST(ConstraintWeight, ResidualFallsWithTheWeight) {
   for (const ConstraintKind& kind : {ConstraintKind{Planar{}}, ConstraintKind{Rigid{}}, ConstraintKind{FeatureLine{}}}) {
     double last = 0;
     for (const double weight : {1e8, 1e9}) {

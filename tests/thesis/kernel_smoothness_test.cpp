@@ -1,4 +1,4 @@
-// T12 (thesis 3.5, figure 3.9): the biharmonic kernel leaves a kink at the centres, the triharmonic one is C2.
+// Thesis 3.5, figure 3.9: the biharmonic kernel leaves a kink at the centres, the triharmonic one is C2.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -38,7 +38,7 @@ double curvature_at_the_handle(Kernel kernel, double h) {
   return std::abs(sum - 4 * got[60][2]) / (2 * h * h);
 }
 
-TEST(T12, BiharmonicCurvatureDivergesTriharmonicConverges) {
+TEST(KernelSmoothness, BiharmonicCurvatureDivergesTriharmonicConverges) {
   double biharmonic = curvature_at_the_handle(Kernel::biharmonic, 0.02);
   double triharmonic = curvature_at_the_handle(Kernel::triharmonic, 0.02);
   double change = HUGE_VAL;

@@ -1,4 +1,5 @@
-// T37 on real meshes: many components, holes, degenerate and non-manifold faces, soups, volumes. Nothing is asked of the faces.
+// Thesis 8.4 on real meshes: many components, holes, degenerate and non-manifold faces, soups, volumes. Nothing is asked of the
+// faces.
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -22,7 +23,7 @@ using Eigen::VectorXd;
 /// when both ends move.
 class Defects : public testing::TestWithParam<const char*> {};
 
-TEST_P(Defects, T37MoveSmoothlyWhateverTheFacesAre) {
+TEST_P(Defects, MoveSmoothlyWhateverTheFacesAre) {
   const Mesh mesh = *io::read_mesh_file(std::filesystem::path(DEFORM_SHARED_DATA) / GetParam())->mesh();
   const Box box = bounding_box(mesh.points);
   std::size_t axis = 0;

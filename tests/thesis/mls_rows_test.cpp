@@ -1,4 +1,4 @@
-// T37 (thesis 8.4, figure 8.5): energies in space give what energies on the mesh give.
+// Thesis 8.4, figure 8.5: energies in space give what energies on the mesh give.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -24,9 +24,9 @@ struct Regime {
   double stretching, bending;
 };
 
-class T37 : public testing::TestWithParam<Regime> {};
+class VolumeEnergies : public testing::TestWithParam<Regime> {};
 
-TEST_P(T37, EnergiesInSpaceGiveTheSolutionOfTheMesh) {
+TEST_P(VolumeEnergies, EnergiesInSpaceGiveTheSolutionOfTheMesh) {
   const Mesh plane = test::thesis_plane();
   ASSERT_EQ(plane.points.size(), 1100u);
   const auto& [name, stretching, bending] = GetParam();
@@ -52,12 +52,12 @@ TEST_P(T37, EnergiesInSpaceGiveTheSolutionOfTheMesh) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Regimes, T37,
+INSTANTIATE_TEST_SUITE_P(Regimes, VolumeEnergies,
                          testing::Values(Regime{"bending", 0, 1}, Regime{"stretching", 1, 0}, Regime{"both", 1, 0.6}),
                          [](const auto& tested) { return std::string(tested.param.name); });
 
 // Why bending is the whole second derivative: with free rims, as with the strip, |laplace d|^2 lets the rim go.
-TEST(T37Forms, LaplacianAsPrintedLetsFreeRimsGo) {
+TEST(BendingForms, LaplacianAsPrintedLetsFreeRimsGo) {
   const Mesh plane = test::thesis_plane();
   const EnergySpace reference = mesh_space(plane, 0, 1);
   MlsOptions options;
@@ -74,7 +74,7 @@ TEST(T37Forms, LaplacianAsPrintedLetsFreeRimsGo) {
 
 // Faces added on the same points, degenerate, double and non-manifold, change where samples fall, but hardly the result; a grid
 // cut into single triangles is as good as a whole one.
-TEST(T37Defects, FacesDoNotMatter) {
+TEST(DefectiveFaces, FacesDoNotMatter) {
   const Mesh plane = test::thesis_plane();
   Mesh defect = plane;
   for (PointId i = 100; i < 160; ++i) {

@@ -1,5 +1,4 @@
-// The rows of the thesis that end with the RBF deformation: T01, T02, T11, T13, T14, T16. T12 stands in
-// kernel_smoothness_test.cpp.
+// RBF deformation: thesis 2.1, 3.5, 4.2 and 4.3. Figure 3.9 is tested in kernel_smoothness_test.cpp.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -39,8 +38,8 @@ Points deformed(const std::shared_ptr<const Mesh>& mesh, const deform::Setup& se
   return prepare(mesh, setup)->evaluate(design);
 }
 
-// T01: handles go where they are told, fixed points stay, the interpolant itself passes through both to 1e-9 D.
-TEST(T01, HandleFixedAndDeformableRegions) {
+// Thesis 2.1.1: handles go where they are told, fixed points stay, the interpolant itself passes through both to 1e-9 D.
+TEST(Regions, HandleFixedAndDeformableRegions) {
   const auto mesh = shared(bumpy_sheet(41, 21));
   const double D = bounding_box(mesh->points).diagonal();
   const SelectedRegions regions = validate(sheet_setup(), *mesh);
@@ -83,8 +82,8 @@ std::vector<std::shared_ptr<const Mesh>> representations() {
   return {shared(quads), shared(triangles), shared(polygons), shared(points)};
 }
 
-// T02: one space deformation; the same coordinates get bitwise the same displacements, whatever connects them.
-TEST(T02, RepresentationsDoNotMatter) {
+// Thesis 2.1.3: one space deformation; the same coordinates get bitwise the same displacements, whatever connects them.
+TEST(Representations, RepresentationsDoNotMatter) {
   RbfOptions all_centres;
   all_centres.reduction = CentreReduction::off;
   const auto meshes = representations();
@@ -97,8 +96,8 @@ TEST(T02, RepresentationsDoNotMatter) {
   }
 }
 
-// T11: every kernel interpolates, reproduces any affine map of everything, and is factored symmetrically.
-TEST(T11, AffineMapsAreReproducedByEveryKernel) {
+// Thesis 3.5: every kernel interpolates, reproduces any affine map of everything, and is factored symmetrically.
+TEST(Kernels, AffineMapsAreReproducedByEveryKernel) {
   const auto mesh = shared(bumpy_sheet(41, 21));
   const double D = bounding_box(mesh->points).diagonal();
   std::mt19937_64 random(11);
@@ -121,8 +120,8 @@ TEST(T11, AffineMapsAreReproducedByEveryKernel) {
   }
 }
 
-// T11: the side conditions sum w = 0, sum w x^T = 0 (eq. 3.9) hold to 1e-10 of the weights.
-TEST(T11, WeightsCarryNoPolynomial) {
+// Thesis 3.5: the side conditions sum w = 0, sum w x^T = 0 (eq. 3.9) hold to 1e-10 of the weights.
+TEST(Kernels, WeightsCarryNoPolynomial) {
   const Mesh mesh = bumpy_sheet(21, 11);
   for (const Solver solver : {Solver::cholesky, Solver::ldlt}) {
     InterpolationOptions options;
@@ -157,8 +156,9 @@ double border_jump(const Points& points, std::size_t columns, std::size_t rows, 
   return largest;
 }
 
-// T13: exactly the constraint points within three rings of the deformable region are centres; the result hardly changes.
-TEST(T13, ThreeRingsOfCentres) {
+// Thesis 3.5, figure 3.10: exactly the constraint points within three rings of the deformable region are centres; the result
+// hardly changes.
+TEST(CentreReduction, ThreeRingsOfCentres) {
   constexpr std::size_t columns = 81, rows = 41;
   Mesh sheet = bumpy_sheet(columns, rows);
   const auto mesh = shared(sheet);
@@ -186,7 +186,7 @@ TEST(T13, ThreeRingsOfCentres) {
   EXPECT_LT(border_jump(few, columns, rows, 56), 1.05 * border_jump(many, columns, rows, 56));
 }
 
-TEST(T13, RingsAreThoseOfTheMesh) {
+TEST(CentreReduction, RingsAreThoseOfTheMesh) {
   const Mesh sheet = bumpy_sheet(41, 21);
   for (const int rings : {1, 2, 3, 5}) {
     RbfOptions options;
@@ -203,7 +203,7 @@ TEST(T13, RingsAreThoseOfTheMesh) {
   }
 }
 
-TEST(T13, FullSetWhereTheMeshDoesNotAllowIt) {
+TEST(CentreReduction, FullSetWhereTheMeshDoesNotAllowIt) {
   const auto full = [](Mesh mesh, const char* reason) {
     const auto system = prepare(shared(std::move(mesh)), sheet_setup());
     EXPECT_FALSE(system->info().reduced);
@@ -230,8 +230,8 @@ TEST(T13, FullSetWhereTheMeshDoesNotAllowIt) {
   full(isolated, "no face holds 1 of the deformable points");
 }
 
-// T14: the handle basis equals the direct solve to 1e-10 D.
-TEST(T14, BasisEqualsDirectSolve) {
+// Thesis 4.2: the handle basis equals the direct solve to 1e-10 D.
+TEST(RbfBasis, BasisEqualsDirectSolve) {
   const auto mesh = shared(bumpy_sheet(61, 31));
   const auto system = prepare(mesh, sheet_setup());
   const Design design = moved(turn_and_shift());
@@ -250,9 +250,9 @@ deform::Setup with_variables() {
   return setup;
 }
 
-// T14: products with the Jacobian and its transpose agree (1e-12 of the sizes) and with central differences (1e-6), at
+// Thesis 4.2: products with the Jacobian and its transpose agree (1e-12 of the sizes) and with central differences (1e-6), at
 // rotations that are far from 0.
-TEST(T14, JacobianProducts) {
+TEST(RbfBasis, JacobianProducts) {
   const auto mesh = shared(bumpy_sheet(41, 21));
   for (const BasisMode mode : {BasisMode::always, BasisMode::never}) {
     RbfOptions options;
@@ -292,8 +292,8 @@ TEST(T14, JacobianProducts) {
   }
 }
 
-// T14: a population is the same as its designs one by one, bit for bit, on both paths.
-TEST(T14, PopulationsEqualSingles) {
+// Thesis 4.2: a population is the same as its designs one by one, bit for bit, on both paths.
+TEST(RbfBasis, PopulationsEqualSingles) {
   const auto system = prepare(shared(bumpy_sheet(41, 21)), with_variables());
   std::mt19937_64 random(15);
   std::uniform_real_distribution<double> uniform(-0.3, 0.3);
@@ -307,9 +307,9 @@ TEST(T14, PopulationsEqualSingles) {
   }
 }
 
-// T16: caps, needles, collapsed and repeated faces, a third face at an edge and faces through each other change nothing when all
-// constraint points are centres.
-TEST(T16, DegenerateFacesDoNotMatter) {
+// Thesis 4.3: caps, needles, collapsed and repeated faces, a third face at an edge and faces through each other change nothing
+// when all constraint points are centres.
+TEST(DegenerateFaces, DegenerateFacesDoNotMatter) {
   const Mesh clean = bumpy_sheet(41, 21);
   Mesh defective = clean;
   const auto add = [&](std::initializer_list<PointId> face) {

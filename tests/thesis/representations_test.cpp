@@ -1,4 +1,4 @@
-// T02 for volume meshes: one space deformation for points, surfaces, elements of every type and polyhedra.
+// Thesis 2.1.3 for volume meshes: one space deformation for points, surfaces, elements of every type and polyhedra.
 #include <gtest/gtest.h>
 
 #include <functional>
@@ -158,7 +158,7 @@ Mesh surface(bool triangles) {
   return mesh;
 }
 
-TEST(T02, VolumesOfEveryElementType) {
+TEST(Representations, VolumesOfEveryElementType) {
   std::vector<std::pair<const char*, Mesh>> meshes;
   Mesh cloud;
   cloud.points = Lattice().points();

@@ -1,4 +1,4 @@
-// The rows of the thesis that end with the deformation of shells: T03, T04, T05, T32.
+// Deformation of thin shells: thesis 3.1, 4.2 and 8.2.
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -46,8 +46,8 @@ double slope_jump(const Points& points, std::size_t columns, std::size_t rows, d
   return std::abs(slope(i) - slope(i - 1));
 }
 
-// T03: three regimes on a plane; stretching alone breaks the normal at the border of the handle, bending does not.
-TEST(T03, BendingKeepsTheNormalAtTheBorder) {
+// Thesis 3.1: three regimes on a plane; stretching alone breaks the normal at the border of the handle, bending does not.
+TEST(ShellEnergies, BendingKeepsTheNormalAtTheBorder) {
   constexpr std::size_t columns = 121, rows = 31;
   const auto mesh = shared(test::flat_sheet(columns, rows));
   double jumps[3];
@@ -63,8 +63,8 @@ TEST(T03, BendingKeepsTheNormalAtTheBorder) {
   EXPECT_LT(jumps[2], jumps[1]);
 }
 
-// T03: a translation of all handles is reproduced.
-TEST(T03, TranslationsAreReproduced) {
+// Thesis 3.1: a translation of all handles is reproduced.
+TEST(ShellEnergies, TranslationsAreReproduced) {
   const auto mesh = shared(test::bumpy_sheet(41, 21));
   Affine motion = lift(0.4);
   motion[3] = -0.7;
@@ -99,8 +99,8 @@ Eigen::VectorXd dense_solution(const Mesh& mesh, const deform::Setup& setup, con
   return u;
 }
 
-// T04: the held points within two rings give the result of all of them.
-TEST(T04, TwoRingsAreEnough) {
+// Thesis 3.1: the held points within two rings give the result of all of them.
+TEST(ShellRings, TwoRingsAreEnough) {
   const auto mesh = shared(test::bumpy_sheet(33, 17));
   const SelectedRegions regions = validate(test::sheet_setup(), *mesh);
   for (const Weights weights : {Weights{1, 0}, Weights{0, 1}, Weights{0.6, 1}}) {
@@ -121,8 +121,8 @@ TEST(T04, TwoRingsAreEnough) {
   }
 }
 
-// T05: the basis of affine motions gives the direct solution, without solving.
-TEST(T05, BasisEqualsDirectSolve) {
+// Thesis 4.2: the basis of affine motions gives the direct solution, without solving.
+TEST(ShellBasis, BasisEqualsDirectSolve) {
   const auto mesh = shared(test::bumpy_sheet(61, 31));
   for (const Weights weights : {Weights{1, 0}, Weights{0, 1}, Weights{10, 1}}) {
     const auto system = prepare(mesh, shell(weights));
@@ -143,9 +143,9 @@ double handle_error(const Mesh& mesh, const Points& points, const deform::Setup&
   return largest / height;
 }
 
-// T32: least squares with weights on a plane of 1100 points; the error of the handle falls, in the end like 1 / gamma_f (at 100,
-// the weight of the thesis, it is 8 % of the motion here: its weights depend on the units of its plane).
-TEST(T32, SoftHandles) {
+// Thesis 8.2: least squares with weights on a plane of 1100 points; the error of the handle falls, in the end like 1 / gamma_f
+// (at 100, the weight of the thesis, it is 8 % of the motion here: its weights depend on the units of its plane).
+TEST(LeastSquaresShell, SoftHandles) {
   const auto mesh = shared(test::flat_sheet(44, 25));
   const Design design{{}, {{0, lift(0.3)}}};
   constexpr std::size_t count = 5;
@@ -165,8 +165,8 @@ TEST(T32, SoftHandles) {
   }
 }
 
-// T32: an orthogonal factorization of the stacked rows (eq. 8.9) agrees with the normal equations.
-TEST(T32, OrthogonalFactorizationAgrees) {
+// Thesis 8.2: an orthogonal factorization of the stacked rows (eq. 8.9) agrees with the normal equations.
+TEST(LeastSquaresShell, OrthogonalFactorizationAgrees) {
   const auto mesh = shared(test::flat_sheet(22, 13));
   const deform::Setup setup = shell({0.6, 1}, HandleMode::soft, 100);
   const double diagonal = bounding_box(mesh->points).diagonal();

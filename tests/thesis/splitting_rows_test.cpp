@@ -1,4 +1,4 @@
-// T29 (thesis 7.4, figure 7.9): a large motion in one step inverts cells, the same in n <= 20 equal steps does not; n, the least
+// Thesis 7.4, figure 7.9: a large motion in one step inverts cells, the same in n <= 20 equal steps does not; n, the least
 // determinant of every step and the factorizations are reported, and so is that no n up to the cap is enough.
 #include <gtest/gtest.h>
 
@@ -45,7 +45,7 @@ SplitResult expect_saved(const SplitProblem& problem, const Design& design) {
   return result;
 }
 
-TEST(T29, BlockInASquare) {
+TEST(Splitting, BlockInASquare) {
   const SplitProblem problem = problem_of(test::square(30), 2);
   const SplitResult turned = expect_saved(problem, moved_block(2.3, {}));
   EXPECT_EQ(turned.steps, 3u);
@@ -55,7 +55,7 @@ TEST(T29, BlockInASquare) {
   for (const Vec3& p : turned.points) EXPECT_EQ(p[2], 0);
 }
 
-TEST(T29, BlockInACubeOfHexahedra) {
+TEST(Splitting, BlockInACubeOfHexahedra) {
   const test::Cube cube = test::cube(10);
   SplitProblem problem = problem_of(cube.mesh, 3);
   problem.cells = &cube.elements;
@@ -82,7 +82,7 @@ Elements tetrahedra_of(const Elements& hexahedra) {
   return result;
 }
 
-TEST(T29, BlockInACubeOfTetrahedra) {
+TEST(Splitting, BlockInACubeOfTetrahedra) {
   const test::Cube cube = test::cube(10);
   const Elements tetrahedra = tetrahedra_of(cube.elements);
   SplitProblem problem = problem_of(cube.mesh, 3);
@@ -91,7 +91,7 @@ TEST(T29, BlockInACubeOfTetrahedra) {
   EXPECT_EQ(element_quality(result.points, tetrahedra).inverted_elements, 0u);
 }
 
-TEST(T29, BlockInACubeOfPolyhedra) {
+TEST(Splitting, BlockInACubeOfPolyhedra) {
   constexpr std::uint32_t n = 10;
   test::Grid grid = test::grid(n, n, n);
   for (Vec3& p : grid.points) {
@@ -107,7 +107,7 @@ TEST(T29, BlockInACubeOfPolyhedra) {
 }
 
 // The cells at the block are too coarse for this turn in any number of steps: it is said so, and how far the mesh got.
-TEST(T29, FailsHonestlyAtTheCap) {
+TEST(Splitting, FailsHonestlyAtTheCap) {
   const SplitProblem problem = problem_of(test::square(20), 2);
   const SplitResult result = evaluate_split(problem, moved_block(2.4, {}));
   EXPECT_FALSE(result.inversion_free);

@@ -1,4 +1,4 @@
-// T34 (thesis 8.3, figure 8.3): functions in space for the energies of the mesh.
+// Thesis 8.3, figure 8.3: functions in space for the energies of the mesh.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -24,7 +24,7 @@ using test::mesh_space;
 using test::solution;
 
 // 1000 functions for 1100 points, errors relative to the lift of 0.2 (largest, root mean square), the strip lifted.
-TEST(T34, OrderOfFigure83) {
+TEST(SubspaceFunctions, OrderOfFigure83) {
   const Mesh plane = test::thesis_plane();
   const Held held = lift(plane, Lifted::strip);
   struct Row {
@@ -52,7 +52,7 @@ TEST(T34, OrderOfFigure83) {
       const VectorXd error = solution(subspace_space(plane, options, 1), held) - reference;
       largest[name] = error.cwiseAbs().maxCoeff();
       mean[name] = error.norm() / std::sqrt(1100.0);
-      std::printf("T34 %-10s %-12s largest %.5f rms %.5f\n", bending ? "bending" : "stretching", name, largest[name], mean[name]);
+      std::printf("%-10s %-12s largest %.5f rms %.5f\n", bending ? "bending" : "stretching", name, largest[name], mean[name]);
     }
     for (const char* poor : {"wendland 5", "gaussian 5"}) EXPECT_LT(10 * largest["mls 5"], largest[poor]) << poor;
     EXPECT_LT(largest["mls 5"], bending ? 0.005 : 0.03);
@@ -69,7 +69,7 @@ TEST(T34, OrderOfFigure83) {
 }
 
 // The thesis' own way: normal equations of the functions as they stand.
-TEST(T34, TriharmonicFunctionsAsTheyStandFailForStretching) {
+TEST(SubspaceFunctions, TriharmonicFunctionsAsTheyStandFailForStretching) {
   const Mesh plane = test::thesis_plane();
   const Held held = lift(plane, Lifted::strip);
   std::vector<Vec3> centres(plane.points.begin(), plane.points.end());

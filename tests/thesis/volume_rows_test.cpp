@@ -1,4 +1,4 @@
-// T23 to T26 and the RBF side of T44 (thesis 6.3, 7.2, 8.6.2) on the stand-ins for Bore and Pipe: the whole boundary moves, all
+// Thesis 6.3, 7.2 and 8.6.2 on the stand-ins for Bore and Pipe: the whole boundary moves, all
 // of its points are centres. Every fifth of the 20 steps of volume_bench, which prints all of them.
 #include <gtest/gtest.h>
 
@@ -29,7 +29,7 @@ class Volumes : public testing::TestWithParam<const char*> {
   const ParamCase param_ = bench::read_param_case(volumes() / "param", GetParam());
 };
 
-TEST_P(Volumes, T23T24BoundaryExactNothingInvertedBesideHarmonic) {
+TEST_P(Volumes, BoundaryExactNothingInvertedBesideHarmonic) {
   for (const Walk mode : {Walk::absolute, Walk::relative}) {
     const Series ours = walk(param_, Method::triharmonic, mode, stride);
     const Series harmonic = walk(param_, Method::harmonic, mode, stride);
@@ -57,7 +57,7 @@ TEST_P(Volumes, T23T24BoundaryExactNothingInvertedBesideHarmonic) {
 
 // Thesis table 7.1, the whole change at once. Which of r and r^3 is better depends on the case; with quadratic polynomials r^5
 // inverts nothing either. (In twenty relative steps it does, one element of pipe_tet: see volume_bench.)
-TEST_P(Volumes, T25KernelOrders) {
+TEST_P(Volumes, KernelOrders) {
   for (const Method method : {Method::biharmonic, Method::quintic}) {
     const Series series = walk(param_, method, Walk::absolute, ParamCase::steps);
     EXPECT_EQ(series.failure, "");
@@ -71,7 +71,7 @@ INSTANTIATE_TEST_SUITE_P(All, Volumes, testing::Values("bore_hex", "bore_tet", "
 
 // Thesis 7.2.4, 1-norm: the condition of the bordered system grows by three orders of magnitude per order of the kernel (by 925
 // from r^3 to r^5 here), falls when coordinates are scaled to a unit box, and again when the polynomials are projected out.
-TEST(T26, ConditionGrowsWithTheOrderAndFallsWithScaling) {
+TEST(Conditions, ConditionGrowsWithTheOrderAndFallsWithScaling) {
   const ParamCase param = bench::read_param_case(volumes() / "param", "bore_tet");
   const auto condition = [&](Kernel kernel, Solver solver, double scale) {
     std::vector<Vec3> centres = param.places[0];
@@ -94,7 +94,7 @@ TEST(T26, ConditionGrowsWithTheOrderAndFallsWithScaling) {
 }
 
 // Thesis 8.6.2, figures 8.12 and 8.13, the side of the RBFs.
-TEST(T44, InnerSphereOfABall) {
+TEST(ElementQuality, InnerSphereOfABall) {
   double before = 1;
   for (const double shift : {0.1, 0.2, 0.3}) {
     const bench::InnerSphere ball = bench::read_inner_sphere(volumes() / "tet_medit" / "sphere.mesh.gz", shift);
@@ -109,7 +109,7 @@ TEST(T44, InnerSphereOfABall) {
 
 // Moving least squares invert nothing and keep the least scaled Jacobian of the RBF to 0.01. The boundary of the pipe changes in
 // detail: with hard handles that takes more samples than the 4000 + 2000 of the default (0.91 then).
-TEST(T44, MovingLeastSquaresBesideRbf) {
+TEST(ElementQuality, MovingLeastSquaresBesideRbf) {
   const auto compare = [](std::shared_ptr<const Mesh> mesh, deform::Setup setup, const Design& design, const Elements& elements,
                           const MlsOptions& options) {
     const auto quality = [&] { return element_quality(prepare(mesh, setup)->evaluate(design), elements); };
@@ -135,7 +135,7 @@ TEST(T44, MovingLeastSquaresBesideRbf) {
   RecordProperty("pipe_soft", compare(pipe.mesh, setup, design, *pipe.elements, options));
 }
 
-TEST(T44, Pipe) {
+TEST(ElementQuality, Pipe) {
   const ParamCase param = bench::read_param_case(volumes() / "param", "pipe_hex");
   const Series series = walk(param, Method::triharmonic, Walk::absolute, ParamCase::steps);
   EXPECT_EQ(series.inverted.back(), 0u);

@@ -13,7 +13,7 @@ namespace deform {
 /// How prescribed displacements h enter the minimization over w.
 enum class Hold {
   eliminated,   ///< w^T K w - 2 w^T R h
-  soft,         ///< w^T K w + |B w - h|^2 with a weight per row (thesis 8.10, 8.14)
+  soft,         ///< w^T K w + |B w - h|^2 with a weight per row (thesis eq. 8.10, 8.14)
   multipliers,  ///< least w^T K w under B w = h (in the least squares sense where that cannot be)
 };
 

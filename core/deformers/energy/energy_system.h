@@ -34,7 +34,8 @@ EnergyModel energy_model(const Mesh& mesh, const Setup& setup, const std::vector
 ///  - Hard handles: held points are set exactly, as for RBF. The shell eliminates them. Other spaces cannot meet every prescribed
 ///    displacement; what they leave is interpolated and added (ResidualCorrection). report().interpolation_residual is the
 ///    largest remaining misfit, at up to 256 held points (an upper bound on the basis path); 0 for the shell.
-///  - Soft handles (thesis 8.8): held points follow the solution as all others do, each handle and the fixed points with weight
+///  - Soft handles (thesis eq. 8.8): held points follow the solution as all others do, each handle and the fixed points with
+///  weight
 ///    `fixing` for the mean square of their misfit; interpolation_residual is the largest misfit.
 ///  - Constraints (thesis 8.5) are solved for in bind(), each design from its deformation without them, so that designs do not
 ///    depend on each other; or in bind_sequence(). There is no basis then, and derivatives are those of the constrained

@@ -70,7 +70,7 @@ TEST(MlsSpace, LinearMotionsDoNotBendAndStretchByTheirSize) {
   EXPECT_GE(energy(flat, at_samples(flat, [](double x, double y, double /*z*/) { return x * y; })), 0);
 }
 
-// The second derivatives of linear moving least squares of a quadratic function are not those of the function; METHODS: from a
+// The second derivatives of linear moving least squares of a quadratic function are not those of the function: from a
 // cover of 12 they are close.
 TEST(MlsSpace, BendingOfQuadraticFunctions) {
   const Mesh cube = test::solid_cube(5);

@@ -85,8 +85,8 @@ Eigen::VectorXd at_samples(const EnergySpace& space, const Function& f) {
   return w;
 }
 
-/// Values of one component at all points that hold `prescribed` at `held` by a penalty on the mean square misfit (thesis 8.8) and
-/// cost the least energy.
+/// Values of one component at all points that hold `prescribed` at `held` by a penalty on the mean square misfit (thesis eq. 8.8)
+/// and cost the least energy.
 inline Eigen::VectorXd least_energy(const EnergySpace& space, const std::vector<PointId>& held, const Eigen::VectorXd& prescribed,
                                     double penalty = 1e7) {
   std::vector<Eigen::Triplet<double, std::int64_t>> entries;

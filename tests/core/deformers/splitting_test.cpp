@@ -1,5 +1,5 @@
-// Splitting: what a step starts from and ends at, what is counted, how it fails, what it refuses. That it helps is T29's
-// (tests/thesis/splitting_rows_test.cpp).
+// Splitting: what a step starts from and ends at, what is counted, how it fails, what it refuses. That it helps is tested in
+// tests/thesis/splitting_rows_test.cpp.
 #include "core/deformers/splitting.h"
 
 #include <gtest/gtest.h>

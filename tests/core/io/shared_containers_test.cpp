@@ -1,5 +1,5 @@
-// Every shared CGNS and Exodus mesh: read with the counts and qualities of its provenance table, written back undeformed byte for
-// byte, and deformed with nothing but coordinates changed.
+// Every shared CGNS and Exodus mesh: read with the counts and qualities that are published with it, written back undeformed byte
+// for byte, and deformed with nothing but coordinates changed.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
-// Every shared surface, Medit and OpenFOAM mesh: read with the counts of its provenance table, written back undeformed byte for
-// byte, and deformed with nothing but coordinates changed.
+// Every shared surface, Medit and OpenFOAM mesh: read with the counts that are published with it, written back undeformed byte
+// for byte, and deformed with nothing but coordinates changed.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -237,7 +237,7 @@ TEST(SharedDataFoldersTest, AnEmptyBinaryStlIsRefused) {
                      [] { read_mesh_file(shared_data / "C_defects/stl_empty_bin.stl"); });
 }
 
-/// Numbers of the provenance tables that need edges.
+/// Numbers published with the meshes that need edges.
 TEST(SharedDataInspectTest, AgreesWithTheProvenance) {
   const auto report_of = [](const char* path) { return inspect(*read_mesh_file(shared_data / path)->mesh()); };
   const MeshReport boeing = report_of("C_defects/boeing.off");

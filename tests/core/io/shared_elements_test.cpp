@@ -1,4 +1,4 @@
-// Every shared Gmsh mesh and Abaqus deck: read with the counts of its provenance table, written back undeformed byte for byte,
+// Every shared Gmsh mesh and Abaqus deck: read with the counts that are published with it, written back undeformed byte for byte,
 // and deformed with nothing but coordinates changed.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -22,7 +22,7 @@ const fs::path folder = fs::path(DEFORM_SHARED_DATA) / "B_volume";
 struct SharedFile {
   const char* path;
   std::size_t points, faces, elements;
-  double least_scaled_jacobian;  // of the provenance table, to three digits; 0: it has none
+  double least_scaled_jacobian;  // as published, to three digits; 0: it has none
   std::vector<std::string> groups = {};
 };
 

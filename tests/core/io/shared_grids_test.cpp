@@ -1,4 +1,4 @@
-// Every shared SU2, VTK and VTU mesh: counts and quality of its provenance table, written back undeformed byte for byte, and
+// Every shared SU2, VTK and VTU mesh: counts and quality that are published with it, written back undeformed byte for byte, and
 // deformed with the same cells.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

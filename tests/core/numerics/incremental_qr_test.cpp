@@ -1,4 +1,4 @@
-// T31 (thesis 7.5): least squares with as many centres as a tolerance needs; greedy centres (thesis 4.5).
+// Thesis 7.5: least squares with as many centres as a tolerance needs; greedy centres (thesis 4.5).
 #include "core/numerics/interpolation/incremental_qr.h"
 
 #include <gtest/gtest.h>
@@ -155,7 +155,7 @@ TEST(IncrementalQr, WithAllPointsIsTheInterpolant) {
   for (std::size_t i = 0; i < ours.size(); ++i) EXPECT_NEAR(ours[i], theirs[i], 1e-8) << i;
 }
 
-// T31: a smooth field needs few centres.
+// Thesis 7.5: a smooth field needs few centres.
 TEST(IncrementalQr, SmoothFieldOnACarNeedsATenth) {
   const std::vector<Vec3> points = body(3000);
   MatrixXd F = 0.05 * smooth_values(points);  // of D

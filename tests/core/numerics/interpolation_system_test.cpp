@@ -116,7 +116,7 @@ TEST(InterpolationSystem, QuinticOnASphere) {
   EXPECT_LT((bordered(system).topRows(150) * system.solve(F) - F).cwiseAbs().maxCoeff(), 1e-9);
 }
 
-// METHODS: 60 pairs 1e-8 apart stop Cholesky, while LDL^T still delivers.
+// 60 pairs 1e-8 apart stop Cholesky, while LDL^T still delivers.
 std::vector<Vec3> pairs() {
   auto centres = test::random_points(300, 8);
   for (std::size_t i = 0; i < 60; ++i) centres.push_back({centres[i][0] + 1e-8, centres[i][1], centres[i][2]});

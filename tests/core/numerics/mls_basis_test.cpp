@@ -1,4 +1,4 @@
-// T35 (thesis 8.3.3): linear moving least squares. The reference is the definition written out with complex numbers.
+// Thesis 8.3.3: linear moving least squares. The reference is the definition written out with complex numbers.
 #include "core/numerics/sampling/mls_basis.h"
 
 #include <gtest/gtest.h>
@@ -70,7 +70,7 @@ class MlsCase : public testing::TestWithParam<Case> {
   const MlsBasis basis_{samples_, GetParam().radius, {}};
 };
 
-TEST_P(MlsCase, T35AddUpToOneAndReproduceLinearFunctions) {
+TEST_P(MlsCase, AddUpToOneAndReproduceLinearFunctions) {
   const SparseRows values = basis_.values(points_);
   for (std::size_t i = 0; i < points_.size(); ++i) {
     double sum = 0;
@@ -87,7 +87,7 @@ TEST_P(MlsCase, T35AddUpToOneAndReproduceLinearFunctions) {
   }
 }
 
-TEST_P(MlsCase, T35DerivativesOfLinearFunctions) {
+TEST_P(MlsCase, DerivativesOfLinearFunctions) {
   const auto derivatives = basis_.derivatives(points_);
   Eigen::MatrixXd linear(samples_.size(), 4);
   for (std::size_t j = 0; j < samples_.size(); ++j) {
@@ -103,7 +103,7 @@ TEST_P(MlsCase, T35DerivativesOfLinearFunctions) {
   EXPECT_LT((derivatives.laplacian * linear).cwiseAbs().maxCoeff(), 1e-12 * scale);
 }
 
-TEST_P(MlsCase, T35DerivativesAgreeWithComplexSteps) {
+TEST_P(MlsCase, DerivativesAgreeWithComplexSteps) {
   MlsBasis::Row row;
   std::size_t compared = 0;
   for (const Vec3& x : points_) {
@@ -143,12 +143,12 @@ TEST_P(MlsCase, T35DerivativesAgreeWithComplexSteps) {
   EXPECT_GT(compared, 20u);
 }
 
-INSTANTIATE_TEST_SUITE_P(T35, MlsCase,
+INSTANTIATE_TEST_SUITE_P(Samples, MlsCase,
                          testing::Values(Case{"space", 3, 500, 0.3}, Case{"plane", 2, 300, 0.25}, Case{"line", 1, 60, 0.25}),
                          [](const auto& tested) { return std::string(tested.param.name); });
 
 // A turned plane: the axes that are left out are found, not given.
-TEST(MlsBasis, T35LeavesOutTheNormalOfAnyPlane) {
+TEST(MlsBasis, LeavesOutTheNormalOfAnyPlane) {
   const Vec3 u{0.6, 0.8, 0}, v{-0.48, 0.36, 0.8}, n{0.64, -0.48, 0.6};
   std::vector<Vec3> samples, points;
   for (const Vec3& x : test::random_points(300, 5)) {
@@ -173,7 +173,7 @@ TEST(MlsBasis, T35LeavesOutTheNormalOfAnyPlane) {
 
 // Slightly curved: the third axis is kept until its variance is 1e-6 of all; linear functions are reproduced on both sides of
 // that to what was left out.
-TEST(MlsBasis, T35NearlyFlatSamples) {
+TEST(MlsBasis, NearlyFlatSamples) {
   for (const double height : {1e-1, 1e-2, 1e-3, 1e-4, 1e-8, 1e-15}) {
     std::vector<Vec3> samples = test::random_points(300, 6), points = test::random_points(50, 7);
     const auto lift = [&](Vec3& x) { x[2] = height * (x[0] * x[0] + std::sin(5 * x[1])); };
@@ -195,7 +195,7 @@ TEST(MlsBasis, T35NearlyFlatSamples) {
   }
 }
 
-TEST(MlsBasis, T35EveryPlaceIsCovered) {
+TEST(MlsBasis, EveryPlaceIsCovered) {
   std::vector<Vec3> samples = test::random_points(400, 8), points = test::random_points(3000, 9);
   points.push_back({0, 0, 0});
   const PointTree tree(samples);
@@ -212,7 +212,7 @@ TEST(MlsBasis, T35EveryPlaceIsCovered) {
   EXPECT_NEAR((values * Eigen::VectorXd::Ones(400)).cwiseAbs().maxCoeff(), 1, 1e-9);
 }
 
-TEST(MlsBasis, T35NoNansAtSamplesAndWithFewOfThem) {
+TEST(MlsBasis, NoNansAtSamplesAndWithFewOfThem) {
   const std::vector<std::vector<Vec3>> sets{{{1, 2, 3}}, {{1, 2, 3}, {1, 2, 4}}, {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
   for (const auto& samples : sets) {
     const MlsBasis basis(samples, 0.5, {});

@@ -1,4 +1,4 @@
-// T33 (thesis 8.3, figure 8.2): dense points, farthest points, Lloyd's method.
+// Thesis 8.3, figure 8.2: dense points, farthest points, Lloyd's method.
 #include "core/numerics/sampling/sampling.h"
 
 #include <gtest/gtest.h>
@@ -147,7 +147,7 @@ TEST(FarthestPoints, KeepAwayFromThoseTaken) {
   EXPECT_TRUE(fast_farthest_points(taken, 10, taken).empty());
 }
 
-TEST(T33, LloydMakesSamplesEvenOnASurface) {
+TEST(SurfaceSampling, LloydMakesSamplesEvenOnASurface) {
   const DensePoints dense = square_and_cube(40000, 0, 5);
   SampleOptions options;
   options.surface = 1000;
@@ -165,7 +165,7 @@ TEST(T33, LloydMakesSamplesEvenOnASurface) {
   RecordProperty("after", std::to_string(evenness(samples.points)));
 }
 
-TEST(T33, LloydRaisesTheRatioOfRandomSamples) {
+TEST(SurfaceSampling, LloydRaisesTheRatioOfRandomSamples) {
   const DensePoints dense = square_and_cube(20000, 20000, 8);
   SampleOptions options;
   options.surface = 300;
@@ -183,7 +183,7 @@ TEST(T33, LloydRaisesTheRatioOfRandomSamples) {
   EXPECT_LT(std::sqrt(PointTree(on_surface).kth_square(on_surface[0], 2)), std::cbrt(share));
 }
 
-TEST(T33, SameSeedSameSamplesForAnyNumberOfThreads) {
+TEST(SurfaceSampling, SameSeedSameSamplesForAnyNumberOfThreads) {
   SampleOptions options;
   options.surface = 200;
   options.volume = 200;
