@@ -61,9 +61,9 @@ enum class HandleMode {
   soft,  ///< least squares with the weight `fixing` (thesis eq. 8.8)
 };
 
-/// Thin shell on the faces of the mesh (thesis 3.1, 8.2): least gamma_s |grad d|^2 + gamma_b |laplace d|^2 integrated over the
-/// surface in coordinates divided by D, so that weights do not depend on units. Every point must be a corner of a face.
-struct ShellOptions {
+/// What the energy methods have in common: least gamma_s |grad d|^2 + gamma_b |laplace d|^2, integrated in coordinates divided by
+/// D, so that weights do not depend on units.
+struct EnergyOptions {
   double stretching = 0;                  ///< gamma_s, 0..1e12
   double bending = 1;                     ///< gamma_b, 0..1e12; not both 0
   HandleMode handles = HandleMode::hard;  ///< whether prescribed positions are met exactly
@@ -72,32 +72,25 @@ struct ShellOptions {
   BasisMode basis = BasisMode::automatic;  ///< of the affine motions of the handles
 };
 
+/// Thin shell on the faces of the mesh (thesis 3.1, 8.2). Every point must be a corner of a face.
+struct ShellOptions : EnergyOptions {};
+
 /// The functions of a subspace (thesis 8.3).
 enum class SubspaceKernel { triharmonic, biharmonic, wendland_c2, gaussian, mls };
 
 /// The energy of the shell over few functions in space around centres on the surface (thesis 8.3, eq. 8.11).
-struct SubspaceOptions {
+struct SubspaceOptions : EnergyOptions {
   SubspaceKernel kernel = SubspaceKernel::mls;  ///< which functions
   std::size_t centres = 1000;                   ///< 4..100000
-  double cover = 8;                        ///< s: centres whose function reaches a point, 4..1000; of the kernels with a support
-  double stretching = 0;                   ///< as for the shell
-  double bending = 1;                      ///< as for the shell
-  HandleMode handles = HandleMode::hard;   ///< as for the shell
-  double fixing = 1000;                    ///< as for the shell
-  BasisMode basis = BasisMode::automatic;  ///< as for the shell
+  double cover = 8;  ///< s: centres whose function reaches a point, 4..1000; of the kernels with a support
 };
 
 /// Moving least squares in space with energies integrated over the volume (thesis 8.4). Works for every kind of mesh.
-struct MlsOptions {
-  std::size_t surface_samples = 0;         ///< 0 = automatic; at most 1,000,000
-  std::size_t volume_samples = 0;          ///< 0 = automatic; at most 1,000,000
-  double cubature = 4;                     ///< integration points per sample, 1..64
-  double cover = 12;                       ///< s: samples that reach a point, 5..1000
-  double stretching = 0;                   ///< as for the shell
-  double bending = 1;                      ///< as for the shell
-  HandleMode handles = HandleMode::hard;   ///< as for the shell
-  double fixing = 1000;                    ///< as for the shell
-  BasisMode basis = BasisMode::automatic;  ///< as for the shell
+struct MlsOptions : EnergyOptions {
+  std::size_t surface_samples = 0;  ///< 0 = automatic; at most 1,000,000
+  std::size_t volume_samples = 0;   ///< 0 = automatic; at most 1,000,000
+  double cubature = 4;              ///< integration points per sample, 1..64
+  double cover = 12;                ///< s: samples that reach a point, 5..1000
   /// Other weights where a region is: at the integration points whose nearest point of the mesh belongs to it; of several the
   /// last counts.
   struct Weights {
@@ -164,7 +157,7 @@ struct ConstraintOptions {
 /// What a system is prepared from, besides the mesh. Several variables of one handle compose in their order here (the first acts
 /// first).
 struct Setup {
-  std::variant<RbfOptions, ShellOptions, SubspaceOptions, MlsOptions> method;  ///< the method and its options
+  std::variant<RbfOptions, ShellOptions, SubspaceOptions, MlsOptions> method;  ///< the options of one method (methods.h)
   std::vector<Handle> handles;                                                 ///< at least one; disjoint
   std::vector<Region> fixed;                                                   ///< whose points stay; disjoint from the handles
   std::vector<DesignVariable> variables;                                       ///< what designs are made of

@@ -7,6 +7,7 @@
 #include "core/base/number_text.h"
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
+#include "core/deformers/methods.h"
 
 namespace deform {
 
@@ -15,7 +16,13 @@ namespace {
 constexpr std::size_t grain = 8192;
 constexpr double least_progress = 1e-3;  // of the motion: smaller steps get ever smaller
 
-/// The regions by their points, so that the mesh may move; nobody asks for a basis, as handles move point by point.
+/// Without a basis: the handles of a step move point by point.
+Setup without_basis(Setup setup) {
+  with_method(setup, []<Method M>(typename M::Options& options) { options.basis = BasisMode::never; });
+  return setup;
+}
+
+/// The regions by their points, so that the mesh may move.
 Setup with_explicit_regions(Setup setup, const SelectedRegions& regions, const Mesh& mesh) {
   for (std::size_t h = 0; h < setup.handles.size(); ++h) setup.handles[h].region = {Region::Ids{regions.handles[h]}};
   setup.fixed.clear();
@@ -25,8 +32,7 @@ Setup with_explicit_regions(Setup setup, const SelectedRegions& regions, const M
     if (auto* region = std::get_if<Region>(&plane.kind)) *region = {Region::Ids{select(*region, mesh, "symmetry")}};
   }
   setup.variables.clear();
-  if (auto* rbf = std::get_if<RbfOptions>(&setup.method)) rbf->basis = BasisMode::never;
-  return setup;
+  return without_basis(std::move(setup));
 }
 
 /// The moved mesh, and the points before, after and at the best place so far, beside those of the full step.
@@ -273,13 +279,11 @@ SplitResult evaluate_split(const SplitProblem& problem, const Design& design, co
 }
 
 Estimate estimate_substep(const Mesh& mesh, const Setup& setup, const CellSet& cells) {
-  Setup without_basis = setup;
-  if (auto* rbf = std::get_if<RbfOptions>(&without_basis.method)) rbf->basis = BasisMode::never;
-  Estimate result = estimate(mesh, without_basis);
+  Estimate result = estimate(mesh, without_basis(setup));
   result.peak_bytes += copies(mesh, cells);
   result.resident_bytes = copies(mesh, cells);  // no system stays
   // Nominal rates of one current core: kernel values of every point and centre, cells looked at twice.
-  const double pairs = static_cast<double>(mesh.point_count()) * static_cast<double>(result.centres);
+  const double pairs = static_cast<double>(mesh.point_count()) * static_cast<double>(result.size());
   const double bytes = static_cast<double>(InversionCheck::bytes_for(cells));
   result.seconds += (pairs / 8e8 + 1e-7 * bytes) / thread_count({});
   result.notes.push_back("This is for each step of a split motion after the first; how many there are is not known before.");

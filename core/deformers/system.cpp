@@ -2,8 +2,7 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
-#include "core/deformers/energy/energy_system.h"
-#include "core/deformers/rbf/rbf_system.h"
+#include "core/deformers/methods.h"
 
 namespace deform {
 
@@ -43,7 +42,9 @@ std::vector<Points> System::evaluate(std::span<const Design> designs, Evaluation
 }
 
 Estimate estimate(const Mesh& mesh, const Setup& setup) {
-  return std::holds_alternative<RbfOptions>(setup.method) ? estimate_rbf(mesh, setup) : estimate_energy(mesh, setup);
+  const SelectedRegions regions = validate(setup, mesh);
+  return with_method(setup,
+                     [&]<Method M>(const typename M::Options& options) { return M::estimate(options, mesh, setup, regions); });
 }
 
 std::shared_ptr<const System> prepare(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context,
@@ -51,21 +52,16 @@ std::shared_ptr<const System> prepare(std::shared_ptr<const Mesh> mesh, const Se
   if (memory_budget != 0) {
     const Estimate expected = estimate(*mesh, setup);
     if (expected.peak_bytes > memory_budget) {
-      const std::string constraints = setup.constraints.empty() ? "" : ", smaller regions of constraints";
-      const bool rbf = std::holds_alternative<RbfOptions>(setup.method);
-      throw Error(
-          ErrorCode::out_of_budget,
-          "preparing needs up to " + gibibytes(expected.peak_bytes) + " (" + std::to_string(expected.centres) +
-              (rbf ? " centres: factor " : " centres or held points: factor ") + gibibytes(expected.factor_bytes) + ", basis " +
-              gibibytes(expected.basis_bytes) + "), available are " + gibibytes(memory_budget) +
-              (rbf ? "; use solver ITERATIVE, smaller handle and fixed regions, fewer handles or basis BASIS_NEVER"
-                   : "; use a larger fixed region, fewer samples, fewer handles" + constraints + " or basis BASIS_NEVER"));
+      const char* size = expected.centres > 0 ? " centres" : expected.samples > 0 ? " samples" : " held points";
+      throw Error(ErrorCode::out_of_budget, "preparing needs up to " + gibibytes(expected.peak_bytes) + " (" +
+                                                std::to_string(expected.size()) + size + ": factor " +
+                                                gibibytes(expected.factor_bytes) + ", basis " + gibibytes(expected.basis_bytes) +
+                                                "), available are " + gibibytes(memory_budget) + "; " + expected.advice);
     }
   }
-  if (!std::holds_alternative<RbfOptions>(setup.method)) {
-    return std::make_shared<const EnergySystem>(std::move(mesh), setup, context, memory_budget);
-  }
-  return std::make_shared<const RbfSystem>(std::move(mesh), setup, context, memory_budget);
+  return with_method(setup, [&]<Method M>(const typename M::Options& options) {
+    return M::prepare(options, mesh, setup, context, memory_budget);
+  });
 }
 
 }  // namespace deform

@@ -77,9 +77,9 @@ struct SystemInfo {
   std::size_t handle_points = 0;      ///< in handles
   std::size_t deformable_points = 0;  ///< all others
   std::size_t constraint_points = 0;  ///< handle and fixed points: candidate centres
-  /// RBF: after reduction and merging of coincident ones; of incremental QR those it chose. Shell: held points that enter the
-  /// system. Subspace and MLS: samples.
-  std::size_t centres = 0;
+  std::size_t centres = 0;      ///< of an RBF, after reduction and merging of coincident ones; of incremental QR those it chose
+  std::size_t held_points = 0;  ///< handle and fixed points that enter the system of a shell with hard handles, else 0
+  std::size_t samples = 0;      ///< of the other energy methods: the places of their functions, else 0
   std::size_t functions = 0;          ///< unknowns per coordinate of an energy method
   std::size_t cubature_points = 0;    ///< at which its energies are integrated; 0 on the faces of the mesh
   std::size_t merged_duplicates = 0;  ///< centres saved where constraint points coincide
@@ -165,15 +165,21 @@ class System : public std::enable_shared_from_this<System> {
 struct Estimate {
   std::size_t constraint_points = 0;  ///< handle and fixed points
   std::size_t centres = 0;            ///< as SystemInfo::centres
+  std::size_t held_points = 0;        ///< as SystemInfo::held_points
+  std::size_t samples = 0;            ///< as SystemInfo::samples
   std::size_t factor_bytes = 0;       ///< of the factorization
   std::size_t basis_bytes = 0;        ///< of the handle basis
   std::size_t resident_bytes = 0;     ///< of the prepared system
   std::size_t peak_bytes = 0;         ///< while preparing, including the system
   double seconds = 0;                 ///< rough: from flop and byte counts at nominal rates
   std::vector<std::string> notes;     ///< one sentence each
+  std::string advice;                 ///< what takes less memory: "use fewer handles"
+
+  /// The one of the three counts that is not 0.
+  std::size_t size() const { return centres + held_points + samples; }
 };
 
-/// Dispatches on setup.method. Throws what validate() throws.
+/// By the method of the setup. Throws what validate() throws.
 Estimate estimate(const Mesh& mesh, const Setup& setup);
 
 /// Prepares a system. The mesh is kept alive by the system and not copied. Throws what validate() throws,

@@ -42,7 +42,7 @@ v1::SystemInfo system_info(const SystemInfo& info, const v1::Setup& canonical, c
   message.set_handle_points(info.handle_points);
   message.set_deformable_points(info.deformable_points);
   message.set_constraint_points(info.constraint_points);
-  message.set_centres(info.centres);
+  message.set_centres(info.centres + info.held_points + info.samples);
   message.set_functions(info.functions);
   message.set_cubature_points(info.cubature_points);
   message.set_merged_duplicates(info.merged_duplicates);
@@ -85,7 +85,7 @@ void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const 
 v1::EstimateReply estimate_reply(const Estimate& estimate) {
   v1::EstimateReply reply;
   reply.set_constraint_points(estimate.constraint_points);
-  reply.set_centres(estimate.centres);
+  reply.set_centres(estimate.size());
   reply.set_factor_bytes(estimate.factor_bytes);
   reply.set_basis_bytes(estimate.basis_bytes);
   reply.set_resident_bytes(estimate.resident_bytes);

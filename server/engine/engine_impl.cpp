@@ -5,7 +5,7 @@
 #include <thread>
 #include <utility>
 
-#include "core/deformers/known_centres.h"
+#include "core/deformers/methods.h"
 #include "proto/convert/base/block.h"
 #include "proto/convert/base/fields.h"
 #include "proto/convert/design.h"

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "core/deformers/constrained/constrained_solver.h"
-#include "core/deformers/energy/energy_system.h"
+#include "core/deformers/energy/spaces/shell.h"
 #include "core/deformers/handles/constraint_points.h"
 #include "tests/bench/constraint_cases.h"
 
@@ -29,8 +29,8 @@ class ShellCase {
     const Box bounds = bounding_box(mesh_.points);
     const double D = bounds.diagonal();
     const UnitBox box{bounds.min, D};
-    const std::vector<RegionIndex> region_of = choose_centres(mesh_, regions, {}).region_of;
-    model_ = energy_model(mesh_, setup, region_of, box, {});
+    const std::vector<RegionIndex> region_of = constraint_points(mesh_, regions).region_of;
+    model_ = shell_model(mesh_, region_of, ShellOptions{}, box.scale);
     EnergySolver::Problem problem;
     problem.energy = model_.space.energy;
     problem.coupling = -model_.coupling;

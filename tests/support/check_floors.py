@@ -11,7 +11,7 @@ import sys
 # Folder, or one header -> folders and headers of the project that it may include besides itself. The ground floor stands first.
 DEFORMERS_GROUND = ["core/base", "core/numerics", "core/mesh", "core/quality", "core/constraints"]
 # What every room of the deformers speaks, whatever methods there are.
-DEFORMERS_TERMS = ["core/deformers/setup.h", "core/deformers/system.h"]
+DEFORMERS_TERMS = ["core/deformers/setup.h", "core/deformers/system.h", "core/deformers/method.h", "core/deformers/option_checks.h"]
 FLOORS = {
     "core/base": [],
     "core/codec": ["core/base"],
@@ -32,6 +32,8 @@ FLOORS = {
     "core/deformers/setup.h": DEFORMERS_GROUND + ["core/deformers/handles/symmetry.h"],
     "core/deformers/handles/symmetry.h": ["core/base", "core/mesh"],
     "core/deformers/system.h": DEFORMERS_GROUND + ["core/deformers/setup.h"],
+    "core/deformers/method.h": DEFORMERS_GROUND + ["core/deformers/setup.h", "core/deformers/system.h"],
+    "core/deformers/option_checks.h": [],
     "core/deformers/handles": DEFORMERS_GROUND + DEFORMERS_TERMS,
     "core/deformers/rbf": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles"],
     "core/deformers/constrained": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles"],

@@ -23,7 +23,7 @@ struct Case {
     setup.method = ShellOptions{};
     const SelectedRegions regions = validate(setup, mesh);
     const double diagonal = bounding_box(mesh.points).diagonal();
-    model = shell_model(mesh, choose_centres(mesh, regions, {}).region_of, ShellOptions{}, diagonal);
+    model = shell_model(mesh, constraint_points(mesh, regions).region_of, ShellOptions{}, diagonal);
     EnergySolver::Problem problem;
     problem.energy = model.space.energy;
     problem.coupling = -model.coupling;

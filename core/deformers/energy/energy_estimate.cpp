@@ -1,13 +1,17 @@
-// What an energy system takes, before it is prepared.
+#include "core/deformers/energy/energy_estimate.h"
+
 #include <algorithm>
 #include <utility>
 
 #include "core/base/parallel.h"
 #include "core/deformers/constrained/constrained_estimate.h"
 #include "core/deformers/constrained/constraint_sets.h"
-#include "core/deformers/energy/energy_system.h"
+#include "core/deformers/constrained/exact_placement.h"
+#include "core/deformers/energy/residual_correction.h"
 #include "core/deformers/energy/spaces/mls.h"
+#include "core/deformers/energy/spaces/shell.h"
 #include "core/deformers/energy/spaces/subspace.h"
+#include "core/deformers/handles/constraint_points.h"
 #include "core/deformers/handles/handle_basis.h"
 
 namespace deform {
@@ -18,15 +22,6 @@ constexpr std::size_t entry_bytes = sizeof(double) + sizeof(std::int64_t);
 constexpr std::size_t fill = 12;         // entries of a factor over those of the matrix, supports of a dozen samples
 constexpr std::size_t few_bytes = 1024;  // of matrices without entries
 constexpr double nominal_rate = 5e9;     // flops per second of a sparse factorization on one core
-
-std::vector<RegionIndex> regions_of_points(std::size_t n, const SelectedRegions& regions) {
-  std::vector<RegionIndex> region_of(n, deformable_region);
-  for (std::size_t h = 0; h < regions.handles.size(); ++h) {
-    for (const PointId id : regions.handles[h]) region_of[id] = static_cast<RegionIndex>(h);
-  }
-  for (const PointId id : regions.fixed) region_of[id] = fixed_region;
-  return region_of;
-}
 
 std::size_t shell_assembly_bytes(const Mesh& mesh) {
   // Triplets of the operators, the operators, and the roots of the bending energy with their triplets.
@@ -46,17 +41,23 @@ struct Sizes {
   ConstrainedBytes constrained;
 };
 
+/// What the spaces need to know.
+struct Case {
+  const Mesh& mesh;
+  const ConstraintPoints& points;
+  const std::vector<ConstraintSet>& sets;
+};
+
 /// The factor of a shell depends on how its surface is connected: ordered, not factored.
-Sizes shell_sizes(const Mesh& mesh, const Setup& setup, const std::vector<RegionIndex>& region_of,
-                  const std::vector<ConstraintSet>& sets, Estimate& estimate) {
+Sizes sizes_of(const ShellOptions& options, const Case& of, Estimate& estimate) {
   Sizes sizes;
-  const double diagonal = bounding_box(mesh.points).diagonal();
-  const EnergyModel model = energy_model(mesh, setup, region_of, {{}, diagonal > 0 ? diagonal : 1}, {});
+  const double diagonal = bounding_box(of.mesh.points).diagonal();
+  const EnergyModel model = shell_model(of.mesh, of.points.region_of, options, diagonal > 0 ? diagonal : 1);
   sizes.factor = SparseCholesky::estimate(model.space.energy);
-  sizes.constrained = constrained_bytes(model.space.energy, model.space.values, sets);
+  sizes.constrained = constrained_bytes(model.space.energy, model.space.values, of.sets);
   const std::size_t energy = sparse_bytes(model.space.energy);
   sizes.matrices = energy + sparse_bytes(model.space.values) + sparse_bytes(model.coupling);
-  sizes.assembly = shell_assembly_bytes(mesh) + 2 * sizes.matrices;
+  sizes.assembly = shell_assembly_bytes(of.mesh) + 2 * sizes.matrices;
   sizes.functions = model.space.samples;
   sizes.held = model.held.size();
   sizes.eliminated = model.eliminated;
@@ -65,22 +66,24 @@ Sizes shell_sizes(const Mesh& mesh, const Setup& setup, const std::vector<Region
     sizes.matrices += energy + sizes.held * (3 * entry_bytes + sizeof(double));
     sizes.making = 2 * energy + 4 * sizes.held * entry_bytes;
   }
-  estimate.centres = model.eliminated ? model.held.size() : model.space.samples;
+  (model.eliminated ? estimate.held_points : estimate.samples) = model.eliminated ? sizes.held : sizes.functions;
   estimate.notes = model.space.notes;
   return sizes;
 }
 
-Sizes space_sizes(const Mesh& mesh, const Setup& setup, const std::vector<ConstraintSet>& sets, Estimate& estimate) {
+SpaceBytes space_bytes(const SubspaceOptions& options, const Mesh& mesh) { return estimate_subspace_space(mesh, options); }
+SpaceBytes space_bytes(const MlsOptions& options, const Mesh& mesh) { return estimate_mls_space(mesh, options); }
+
+template <typename Options>
+Sizes sizes_of(const Options& options, const Case& of, Estimate& estimate) {
   Sizes sizes;
-  const auto* mls = std::get_if<MlsOptions>(&setup.method);
-  const SpaceBytes space =
-      mls != nullptr ? estimate_mls_space(mesh, *mls) : estimate_subspace_space(mesh, std::get<SubspaceOptions>(setup.method));
+  const SpaceBytes space = space_bytes(options, of.mesh);
   // Supports are wide, so that the factor fills up: a multiple of the matrix, at most a full triangle.
   const std::size_t k = space.samples;
   const std::size_t entries = std::min(k * (k + 1) / 2, fill * space.energy_entries);
   // The rows of the held points again, transposed; what stays of the space is mostly rows.
   sizes.held = estimate.constraint_points;
-  const std::size_t held = space.resident / std::max<std::size_t>(1, mesh.point_count()) * sizes.held;
+  const std::size_t held = space.resident / std::max<std::size_t>(1, of.mesh.point_count()) * sizes.held;
   sizes.assembly = space.peak;
   sizes.matrices = space.resident + held + 2 * space.energy_entries * entry_bytes;
   sizes.making = 4 * held + 4 * space.energy_entries * entry_bytes;
@@ -89,8 +92,8 @@ Sizes space_sizes(const Mesh& mesh, const Setup& setup, const std::vector<Constr
   sizes.factor.peak_bytes = 2 * sizes.factor.factor_bytes;
   sizes.factor.flops =
       static_cast<double>(entries) * static_cast<double>(entries) / static_cast<double>(std::max<std::size_t>(1, k));
-  sizes.constrained = constrained_bytes({k, space.cover, space.energy_entries, entries}, sets);
-  estimate.centres = k;
+  sizes.constrained = constrained_bytes({k, space.cover, space.energy_entries, entries}, of.sets);
+  estimate.samples = k;
   return sizes;
 }
 
@@ -132,22 +135,18 @@ PlacementBytes placement_bytes(const Setup& setup, const ConstraintSets& constra
   return {own + correction.resident, own + correction.peak, placement.working_bytes() + columns};
 }
 
-}  // namespace
-
-Estimate estimate_energy(const Mesh& mesh, const Setup& setup) {
-  const SelectedRegions regions = validate(setup, mesh);
-  const EnergyOptions options = energy_options(setup);
+/// Constraints count with what their points at rest say, and with one design that is solved for (peak_bytes).
+template <typename Options>
+Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   const bool hard = options.handles == HandleMode::hard;
-  const std::vector<RegionIndex> region_of = regions_of_points(mesh.point_count(), regions);
+  const ConstraintPoints constrained_points = constraint_points(mesh, regions);
   const Box bounds = bounding_box(mesh.points);
   const double diagonal = bounds.diagonal();
   const ConstraintSets constraints = constraint_sets(mesh, setup, regions, {bounds.min, diagonal > 0 ? diagonal : 1});
   Estimate estimate;
-  for (const RegionIndex region : region_of) estimate.constraint_points += region != deformable_region ? 1 : 0;
-  const std::size_t following = hard ? mesh.point_count() - estimate.constraint_points : mesh.point_count();
-  const Sizes sizes = std::holds_alternative<ShellOptions>(setup.method)
-                          ? shell_sizes(mesh, setup, region_of, constraints.sets, estimate)
-                          : space_sizes(mesh, setup, constraints.sets, estimate);
+  estimate.constraint_points = constrained_points.count;
+  const std::size_t following = hard ? constrained_points.deformable.size() : mesh.point_count();
+  const Sizes sizes = sizes_of(options, Case{mesh, constrained_points, constraints.sets}, estimate);
   estimate.notes.insert(estimate.notes.end(), constraints.notes.begin(), constraints.notes.end());
 
   const std::size_t solver = sizes.factor.factor_bytes + sizes.matrices + few_bytes;
@@ -155,7 +154,7 @@ Estimate estimate_energy(const Mesh& mesh, const Setup& setup) {
   const CorrectionBytes correction =
       corrected ? correction_bytes(std::min(ResidualCorrection::centres_for(following), sizes.held), sizes.held)
                 : CorrectionBytes();
-  const PlacementBytes placement = placement_bytes(setup, constraints, region_of, hard, following, sizes.held);
+  const PlacementBytes placement = placement_bytes(setup, constraints, constrained_points.region_of, hard, following, sizes.held);
   std::size_t set_points = 0;
   for (const ConstraintSet& set : constraints.sets) set_points += set.ids.size();
   const bool placed = placement.resident > 0;
@@ -166,7 +165,7 @@ Estimate estimate_energy(const Mesh& mesh, const Setup& setup) {
   estimate.factor_bytes = before_placement + placement.resident;
 
   const std::size_t fields = 4 * regions.handles.size();
-  const std::size_t basis_bytes = FieldTiles::bytes_for(following, fields);
+  const std::size_t basis_bytes = HandleBasis::bytes_for(following, fields);
   const bool basis = setup.constraints.empty() && wants_basis(options.basis, basis_bytes, solver);
   estimate.basis_bytes = basis ? basis_bytes : 0;
   const std::size_t points = point_bytes(mesh.point_count(), regions.symmetry);
@@ -185,7 +184,21 @@ Estimate estimate_energy(const Mesh& mesh, const Setup& setup) {
   if (!basis && setup.constraints.empty()) {
     estimate.notes.push_back("No handle basis will be stored: every design is solved for.");
   }
+  estimate.advice = std::string("use a larger fixed region, fewer samples, fewer handles") +
+                    (setup.constraints.empty() ? "" : ", smaller regions of constraints") + " or basis BASIS_NEVER";
   return estimate;
+}
+
+}  // namespace
+
+Estimate estimate_energy(const ShellOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
+  return estimate_of(options, mesh, setup, regions);
+}
+Estimate estimate_energy(const SubspaceOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
+  return estimate_of(options, mesh, setup, regions);
+}
+Estimate estimate_energy(const MlsOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
+  return estimate_of(options, mesh, setup, regions);
 }
 
 }  // namespace deform

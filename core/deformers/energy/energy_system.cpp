@@ -4,13 +4,9 @@
 #include <cmath>
 #include <utility>
 
-#include "core/base/error.h"
 #include "core/base/parallel.h"
-#include "core/base/stopwatch.h"
 #include "core/deformers/constrained/constraint_sets.h"
 #include "core/deformers/energy/energy_evaluation.h"
-#include "core/deformers/handles/constraint_points.h"
-#include "core/deformers/handles/handle_basis.h"
 
 namespace deform {
 
@@ -36,59 +32,26 @@ SparseMatrix transposed_rows(const SparseRows& values, const std::vector<PointId
 
 }  // namespace
 
-EnergyOptions energy_options(const Setup& setup) {
-  if (const auto* shell = std::get_if<ShellOptions>(&setup.method)) return {shell->handles, shell->fixing, shell->basis};
-  if (const auto* subspace = std::get_if<SubspaceOptions>(&setup.method)) {
-    return {subspace->handles, subspace->fixing, subspace->basis};
-  }
-  const auto& mls = std::get<MlsOptions>(setup.method);
-  return {mls.handles, mls.fixing, mls.basis};
-}
-
-EnergySystem::EnergySystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context,
-                           std::size_t memory_budget)
-    : mesh_(std::move(mesh)), setup_(setup), options_(energy_options(setup)) {
-  Stopwatch watch;
-  context.progress("select", 0);
-  regions_ = validate(setup_, *mesh_);
-  const Box bounds = bounding_box(mesh_->points);
-  info_.diagonal = bounds.diagonal();
-  box_ = {bounds.min, info_.diagonal > 0 ? info_.diagonal : 1};
-  place_points();
+EnergySystem::EnergySystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const EnergyOptions& options,
+                           const MakeEnergyModel& model, const RunContext& context, std::size_t memory_budget)
+    : HandleSystem(std::move(mesh), setup, options.handles, Unit::diagonal, context), options_(options) {
   ConstraintSets constraints = constraint_sets(*mesh_, setup_, regions_, box_);
-  info_.stage_seconds.emplace_back("select", watch.lap());
+  end_stage("select");
   context.check();
   context.progress("assemble", 0);
   {
-    EnergyModel model = energy_model(*mesh_, setup_, region_of_, box_, context);
-    swap(model_, model);
+    EnergyModel made = model(points_.region_of, box_.scale);
+    swap(model_, made);
   }
-  info_.stage_seconds.emplace_back("assemble", watch.lap());
+  if (model_.may_crack) points_.coincident.clear();
+  end_stage("assemble");
   context.progress("factor", 0);
   prepare_solver(context, memory_budget);
-  info_.stage_seconds.emplace_back("factor", watch.lap());
+  end_stage("factor");
   prepare_constraints(std::move(constraints), context, memory_budget);
   prepare_basis(context, memory_budget);
-  info_.stage_seconds.emplace_back("basis", watch.lap());
+  end_stage("basis");
   fill_info();
-}
-
-void EnergySystem::place_points() {
-  RbfOptions all;
-  all.reduction = CentreReduction::off;
-  RbfCentres points = choose_centres(*mesh_, regions_, all);
-  region_of_ = std::move(points.region_of);
-  if (!std::holds_alternative<ShellOptions>(setup_.method)) coincident_ = std::move(points.coincident);
-  info_.constraint_points = points.constraint_points;
-  info_.deformable_points = points.deformable.size();
-  rank_of_.assign(mesh_->point_count(), 0);
-  for (const auto& handle : regions_.handles) {
-    for (std::size_t k = 0; k < handle.size(); ++k) rank_of_[handle[k]] = static_cast<std::uint32_t>(k);
-  }
-  frames_ = handle_frames(*mesh_, regions_, box_);
-  for (std::size_t i = 0; i < region_of_.size(); ++i) {
-    if (!exact() || region_of_[i] == deformable_region) following_.push_back(static_cast<PointId>(i));
-  }
 }
 
 void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_budget) {
@@ -100,11 +63,11 @@ void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_
     SparseMatrix().swap(model_.coupling);
   } else {
     problem.coupling = transposed_rows(model_.space.values, model_.held);
-    problem.hold = exact() ? Hold::multipliers : Hold::soft;
+    problem.hold = hard_handles() ? Hold::multipliers : Hold::soft;
     problem.weights = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(model_.held.size()),
-                                                exact() ? multiplier_weight(problem.energy, problem.coupling) : 0.0);
-    for (std::size_t j = 0; j < model_.held.size() && !exact(); ++j) {
-      const RegionIndex region = region_of_[model_.held[j]];
+                                                hard_handles() ? multiplier_weight(problem.energy, problem.coupling) : 0.0);
+    for (std::size_t j = 0; j < model_.held.size() && !hard_handles(); ++j) {
+      const RegionIndex region = points_.region_of[model_.held[j]];
       const std::size_t count = region == fixed_region ? regions_.fixed.size() : regions_.handles[region].size();
       problem.weights[static_cast<Eigen::Index>(j)] = options_.fixing / static_cast<double>(count);
     }
@@ -112,10 +75,10 @@ void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_
   const std::size_t used = sparse_bytes(model_.space.values) + sparse_bytes(problem.energy) + sparse_bytes(problem.coupling);
   const std::size_t limit = memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, used));
   solver_ = std::make_unique<const EnergySolver>(std::move(problem), limit, context);
-  if (!exact() || model_.eliminated || model_.held.empty()) return;
-  correction_ = std::make_unique<const ResidualCorrection>(unit_places(model_.held),
-                                                           ResidualCorrection::centres_for(following_.size()), context);
-  following_places_ = TiledPoints(unit_places(following_));
+  if (!hard_handles() || model_.eliminated || model_.held.empty()) return;
+  correction_ = std::make_unique<const ResidualCorrection>(unit_places(*mesh_, box_, model_.held),
+                                                           ResidualCorrection::centres_for(following().size()), context);
+  following_places_ = TiledPoints(unit_places(*mesh_, box_, following()));
 }
 
 void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunContext& context, std::size_t memory_budget) {
@@ -129,18 +92,40 @@ void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunCont
   options.most_iterations = setup_.constraint_options.iterations;
   constrained_ = std::make_unique<const ConstrainedSolver>(*solver_, model_.space.values, std::move(constraints.sets), options,
                                                            limit, context);
-  prepare_exact(constrained_->sets(), context);
-  if (!correction_ && !placement_) return;
+  const bool exact = std::any_of(constraint_of_.begin(), constraint_of_.end(),
+                                 [&](std::size_t constraint) { return setup_.constraints[constraint].exact; });
+  if (exact) {
+    if (!correction_) following_places_ = TiledPoints(unit_places(*mesh_, box_, following()));
+    const DeformationBefore before{
+        held(), box_, model_.held, following(), following_places_, model_.space.values, correction_.get(), hard_handles()};
+    exact_ = std::make_unique<const ExactStep>(before, constrained_->sets(), constraint_of_, context);
+  }
+  if (!correction_ && !exact) return;
   std::vector<Vec3> places;
   for (const ConstraintSet& set : constrained_->sets()) places.insert(places.end(), set.rest.begin(), set.rest.end());
   set_places_ = TiledPoints(places);
 }
 
-std::vector<Vec3> EnergySystem::unit_places(const std::vector<PointId>& ids) const {
-  std::vector<Vec3> places;
-  places.reserve(ids.size());
-  for (const PointId id : ids) places.push_back(box_.to_unit(mesh_->points[id]));
-  return places;
+EnergySystem::Prescribed EnergySystem::prescribed(const BoundDesign& design, MotionKind kind) const {
+  const HeldPoints points = held();
+  const auto displacement = [&](PointId id) {
+    const Vec3 to = points.place(design, id, kind);
+    const Vec3 from = kind == MotionKind::position ? mesh_->points[id] : Vec3{};
+    return Vec3{(to[0] - from[0]) / box_.scale, (to[1] - from[1]) / box_.scale, (to[2] - from[2]) / box_.scale};
+  };
+  Prescribed result{Eigen::MatrixXd(static_cast<Eigen::Index>(model_.held.size()), 3), {}};
+  for (std::size_t j = 0; j < model_.held.size(); ++j) {
+    const Vec3 u = displacement(model_.held[j]);
+    for (std::size_t k = 0; k < 3; ++k) result.h(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(k)) = u[k];
+  }
+  if (!constrained_) return result;
+  for (const ConstraintSet& set : constrained_->sets()) {
+    for (const PointId id : set.ids) {
+      const bool is_held = model_.eliminated && points_.region_of[id] != deformable_region;
+      result.offsets.push_back(is_held ? displacement(id) : Vec3{});
+    }
+  }
+  return result;
 }
 
 Eigen::MatrixXd EnergySystem::misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w) const {
@@ -155,10 +140,10 @@ EnergySystem::Solution EnergySystem::solve(const Eigen::MatrixXd& h, const RunCo
 EnergySystem::Solution EnergySystem::completed(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w,
                                                const RunContext& context) const {
   Solution solution;
-  solution.w = w;
+  solution.field.w = w;
   solution.misfits.assign(static_cast<std::size_t>(h.cols()), 0.0);
   if (model_.eliminated) return solution;
-  if (correction_) solution.correction = correction_->coefficients(misfit(h, w), context);
+  if (correction_) solution.field.correction = correction_->coefficients(misfit(h, w), context);
   measure(h, solution);
   return solution;
 }
@@ -176,12 +161,12 @@ void EnergySystem::measure(const Eigen::MatrixXd& h, Solution& solution) const {
   std::vector<double> values(columns * tile_size);
   for (std::size_t t = 0; t < tiled.tiles(); ++t) {
     std::fill(values.begin(), values.end(), 0.0);
-    if (correction_) correction_->add_values(tiled.tile(t), solution.correction.data(), columns, values.data());
+    if (correction_) correction_->add_values(tiled.tile(t), solution.field.correction.data(), columns, values.data());
     for (std::size_t s = t * tile_size; s < std::min((t + 1) * tile_size, count); ++s) {
       for (std::size_t c = 0; c < columns; ++c) {
         double value = values[c * tile_size + s % tile_size];
         for (SparseRows::InnerIterator it(model_.space.values, model_.held[which[s]]); it; ++it) {
-          value += it.value() * solution.w(it.col(), static_cast<Eigen::Index>(c));
+          value += it.value() * solution.field.w(it.col(), static_cast<Eigen::Index>(c));
         }
         const double target = h(static_cast<Eigen::Index>(which[s]), static_cast<Eigen::Index>(c));
         solution.misfits[c] = std::max(solution.misfits[c], std::abs(value - target));
@@ -191,78 +176,66 @@ void EnergySystem::measure(const Eigen::MatrixXd& h, Solution& solution) const {
 }
 
 void EnergySystem::fill_tile(const Solution& solution, std::size_t tile, double* out) const {
-  const auto columns = static_cast<std::size_t>(solution.w.cols());
+  const auto columns = static_cast<std::size_t>(solution.field.w.cols());
   std::fill_n(out, columns * tile_size, 0.0);
-  if (solution.correction.size() > 0) {
-    correction_->add_values(following_places_.tile(tile), solution.correction.data(), columns, out);
+  if (solution.field.correction.size() > 0) {
+    correction_->add_values(following_places_.tile(tile), solution.field.correction.data(), columns, out);
   }
-  if (solution.placement.size() > 0) {
-    placement_correction_->add_values(following_places_.tile(tile), solution.placement.data(), columns, out);
-  }
-  const std::size_t end = std::min((tile + 1) * tile_size, following_.size());
+  if (exact_) exact_->add_values(following_places_.tile(tile), solution.exact, out);
+  const std::size_t end = std::min((tile + 1) * tile_size, following().size());
   for (std::size_t s = tile * tile_size; s < end; ++s) {
-    for (SparseRows::InnerIterator it(model_.space.values, following_[s]); it; ++it) {
-      const double* w = solution.w.data() + static_cast<std::size_t>(it.col()) * columns;
+    for (SparseRows::InnerIterator it(model_.space.values, following()[s]); it; ++it) {
+      const double* w = solution.field.w.data() + static_cast<std::size_t>(it.col()) * columns;
       for (std::size_t c = 0; c < columns; ++c) out[c * tile_size + s % tile_size] += it.value() * w[c];
     }
   }
 }
 
-Eigen::MatrixXd EnergySystem::handle_fields(std::size_t handle) const {
-  Eigen::MatrixXd fields = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(model_.held.size()), 4);
+Eigen::MatrixXd EnergySystem::fields_at_held(std::size_t handle) const {
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(model_.held.size()), 4);
   for (std::size_t j = 0; j < model_.held.size(); ++j) {
-    if (region_of_[model_.held[j]] != handle) continue;
-    const Vec3 x = box_.to_unit(mesh_->points[model_.held[j]]);
-    const auto row = static_cast<Eigen::Index>(j);
-    fields(row, 0) = 1;
-    for (int k = 0; k < 3; ++k) fields(row, 1 + k) = x[k] - frames_[handle].reference[k];
+    if (points_.region_of[model_.held[j]] != handle) continue;
+    const std::array<double, 4> values = handle_fields(handle, model_.held[j]);
+    for (std::size_t f = 0; f < 4; ++f) result(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(f)) = values[f];
   }
-  return fields;
+  return result;
 }
 
 /// A handle at a time: its four fields share the solution's memory.
 void EnergySystem::prepare_basis(const RunContext& context, std::size_t memory_budget) {
-  const std::size_t fields = 4 * frames_.size();
-  const std::size_t bytes = FieldTiles::bytes_for(following_.size(), fields);
+  const std::size_t bytes = HandleBasis::bytes_for(following().size(), fields());
   if (!setup_.constraints.empty() || !wants_basis(options_.basis, bytes, solver_->bytes())) return;
   if (memory_budget != 0 && options_.basis == BasisMode::automatic && solver_->bytes() + bytes > memory_budget) return;
-  auto basis = std::make_unique<FieldTiles>(following_.size(), fields);
+  HandleBasis basis{{0, 1, 2}, FieldTiles(following().size(), fields()), {}};
   for (std::size_t h = 0; h < frames_.size(); ++h) {
-    const Solution solution = solve(handle_fields(h), context);
-    basis_misfits_.insert(basis_misfits_.end(), solution.misfits.begin(), solution.misfits.end());
-    parallel_for(context, tile_count(following_.size()), tiles_per_task, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t t = begin; t < end; ++t) fill_tile(solution, t, basis->tile(t) + 4 * h * tile_size);
+    const Solution solution = solve(fields_at_held(h), context);
+    basis.residuals.insert(basis.residuals.end(), solution.misfits.begin(), solution.misfits.end());
+    parallel_for(context, tile_count(following().size()), tiles_per_task, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t t = begin; t < end; ++t) fill_tile(solution, t, basis.tiles.tile(t) + 4 * h * tile_size);
     });
     context.progress("basis", static_cast<double>(h + 1) / static_cast<double>(frames_.size()));
   }
-  basis_ = std::move(basis);
+  basis_.push_back(std::move(basis));
 }
 
 void EnergySystem::fill_info() {
-  info_.points = mesh_->point_count();
-  info_.fixed_points = regions_.fixed.size();
-  for (const auto& handle : regions_.handles) info_.handle_points += handle.size();
-  info_.centres = model_.eliminated ? model_.held.size() : model_.space.samples;
+  (model_.eliminated ? info_.held_points : info_.samples) = model_.eliminated ? model_.held.size() : model_.space.samples;
   info_.functions = solver_->unknowns();
   info_.cubature_points = model_.space.cubature_points;
   info_.reduced = model_.eliminated && model_.held.size() < info_.constraint_points;
   info_.solver = Solver::sparse_cholesky;
   info_.condition = 1 / std::max(solver_->factor().reciprocal_condition(), 1e-300);
-  info_.factor_bytes = solver_->bytes() + (constrained_ ? constrained_->bytes() : 0) + (correction_ ? correction_->bytes() : 0) +
-                       following_places_.bytes() + set_places_.bytes() +
-                       (placement_ ? placement_->bytes() + placement_correction_->bytes() + exact_places_.bytes() : 0);
   info_.design_bytes = constrained_ ? constrained_->working_bytes() : 0;
-  info_.basis_fields = basis_ ? basis_->fields() : 0;
-  info_.basis_bytes = basis_ ? basis_->bytes() : 0;
-  info_.bytes = info_.factor_bytes + info_.basis_bytes + sparse_bytes(model_.space.values) +
-                point_bytes(mesh_->point_count(), regions_.symmetry);
+  set_bytes(solver_->bytes() + (constrained_ ? constrained_->bytes() : 0) + (correction_ ? correction_->bytes() : 0) +
+                following_places_.bytes() + set_places_.bytes() + (exact_ ? exact_->bytes() : 0),
+            sparse_bytes(model_.space.values));
   info_.notes = model_.space.notes;
   if (info_.reduced) {
     info_.notes.push_back(std::to_string(model_.held.size()) + " of " + std::to_string(info_.constraint_points) +
                           " constraint points enter the system: those within two rings of the deformable region.");
   }
   if (info_.condition > 1e13) info_.notes.push_back("The system is ill-conditioned: expect a loss of digits.");
-  if (!basis_ && setup_.constraints.empty()) {
+  if (!has_basis() && setup_.constraints.empty()) {
     info_.notes.push_back("No handle basis is stored: every design is solved for.");
   }
 }
@@ -278,6 +251,82 @@ std::unique_ptr<const Evaluation> EnergySystem::bind_sequence(std::span<const De
   auto self = std::static_pointer_cast<const EnergySystem>(shared_from_this());
   if (warm.of.lock() != self) warm = {self, nullptr};
   return std::make_unique<EnergyEvaluation>(std::move(self), designs, path, &warm, context);
+}
+
+/// The design of some variables is solved for.
+EnergySystem::Constrained EnergySystem::constrained_at(std::span<const double> variables, const RunContext& context) const {
+  const Design design{{variables.begin(), variables.end()}, {}};
+  const BoundDesign bound = held().bound(design, 0);
+  const Prescribed to = prescribed(bound, MotionKind::position);
+  ConstrainedResult result = constrained_->solve(to.h, to.offsets, context);
+  if (!exact_) return {std::move(result), {}};
+  const Solution solution = completed(to.h * box_.scale, result.w * box_.scale, context);
+  return {std::move(result), exact_->place(solution.field, bound, context).placed};
+}
+
+std::unique_ptr<const Evaluation> EnergySystem::derivative(std::span<const double> variables, const std::vector<Affine>& maps,
+                                                           const RunContext& context) const {
+  Constrained at;
+  if (constrained_) at = constrained_at(variables, context);
+  return std::make_unique<EnergyEvaluation>(std::static_pointer_cast<const EnergySystem>(shared_from_this()), maps, at, context);
+}
+
+/// Handle fields at the held points, transposed, times `back` (m x 3): 4H x 3.
+std::vector<double> EnergySystem::contract_fields(const Eigen::MatrixXd& back) const {
+  std::vector<double> result;
+  for (std::size_t h = 0; h < frames_.size(); ++h) {
+    const Eigen::MatrixXd G = fields_at_held(h).transpose() * back;
+    for (Eigen::Index f = 0; f < 4; ++f) {
+      for (Eigen::Index k = 0; k < 3; ++k) result.push_back(G(f, k));
+    }
+  }
+  return result;
+}
+
+std::vector<double> EnergySystem::adjoint(std::span<const double> variables, const std::vector<Vec3>& at_following,
+                                          const RunContext& context) const {
+  std::vector<Vec3> X = at_following;
+  Constrained at;
+  std::vector<Vec3> at_exact;
+  if (constrained_) at = constrained_at(variables, context);
+  if (exact_ && at.exact.any()) at_exact = exact_->adjoint(at.exact, X, context);
+  Eigen::MatrixXd g = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(solver_->unknowns()), 3);
+  for (std::size_t s = 0; s < following().size(); ++s) {
+    for (SparseRows::InnerIterator it(model_.space.values, following()[s]); it; ++it) {
+      for (Eigen::Index k = 0; k < 3; ++k) g(it.col(), k) += it.value() * X[s][static_cast<std::size_t>(k)];
+    }
+  }
+  Eigen::MatrixXd direct = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(model_.held.size()), 3);
+  if (correction_) {
+    // The correction interpolates h - B w, so it acts on h directly and through w.
+    direct = correction_->adjoint(unit_places(*mesh_, box_, following()), X, context);
+    g -= solver_->problem().coupling * direct;
+  }
+  if (!constrained_) return contract_fields(direct + solver_->adjoint(g, context));
+
+  const ConstrainedSolver::Adjoint back = constrained_->adjoint(at.result, g, context);
+  std::vector<double> result = contract_fields(direct + back.h);
+  std::size_t i = 0;
+  for (const ConstraintSet& set : constrained_->sets()) {
+    for (const PointId id : set.ids) {
+      const Vec3& y = back.offsets[i++];
+      if (model_.eliminated) add_fields(id, y, result);
+    }
+  }
+  for (std::size_t u = 0; u < at_exact.size(); ++u) {
+    if (!exact_->moves(u)) add_fields(exact_->ids()[u], at_exact[u], result);
+  }
+  return result;
+}
+
+/// Adds what a point with a prescribed displacement does to the sums over the fields.
+void EnergySystem::add_fields(PointId id, const Vec3& cotangent, std::vector<double>& fields) const {
+  const RegionIndex region = points_.region_of[id];
+  if (region == deformable_region || region == fixed_region) return;
+  const std::array<double, 4> values = handle_fields(region, id);
+  for (std::size_t f = 0; f < 4; ++f) {
+    for (std::size_t k = 0; k < 3; ++k) fields[3 * (4 * region + f) + k] += values[f] * cotangent[k];
+  }
 }
 
 }  // namespace deform

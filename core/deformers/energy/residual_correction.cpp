@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "core/deformers/handles/handle_basis.h"
+#include "core/deformers/handles/interpolant_tiles.h"
 #include "core/numerics/sampling/farthest_points.h"
 
 namespace deform {

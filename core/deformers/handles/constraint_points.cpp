@@ -4,9 +4,7 @@
 #include <cmath>
 #include <map>
 #include <unordered_map>
-#include <unordered_set>
-
-#include "core/mesh/adjacency.h"
+#include <utility>
 
 namespace deform {
 
@@ -68,119 +66,33 @@ class Coincidence {
   std::unordered_map<Cell, std::vector<PointId>, CellHash> first_;
 };
 
-// Points in the components of the deformable region that a constraint point can be reached from.
-bool every_component_is_held(const Adjacency& adjacency, const RbfCentres& centres) {
-  std::vector<char> held(centres.region_of.size());
-  for (std::size_t i = 0; i < held.size(); ++i) held[i] = centres.region_of[i] != deformable_region;
-  const std::vector<char> reached = adjacency.grow(held, -1);
-  return std::all_of(centres.deformable.begin(), centres.deformable.end(), [&](PointId id) { return reached[id] != 0; });
-}
-
-// The centres within the rings, or the reason why all of them are needed.
-std::string reduce(const Mesh& mesh, const RbfOptions& options, std::size_t handles, const RbfCentres& centres,
-                   std::vector<PointId>& kept) {
-  if (centres.deformable.empty()) return "no point is deformable";
-  if (mesh.face_count() == 0) return "the geometry has no faces";
-  const Adjacency adjacency(mesh);
-  const auto loose = std::count_if(centres.deformable.begin(), centres.deformable.end(),
-                                   [&](PointId id) { return adjacency.faces_of(id).empty(); });
-  if (loose > 0) return "no face holds " + std::to_string(loose) + " of the deformable points (the inside of a volume)";
-  std::vector<char> deformable(mesh.point_count());
-  for (const PointId id : centres.deformable) deformable[id] = 1;
-  const std::vector<char> near = adjacency.grow(deformable, options.reduction_rings);
-  const std::vector<char> defects = adjacency.non_manifold_points();
-  std::size_t bad = 0;
-  PointId first = 0;
-  for (std::size_t i = mesh.point_count(); i-- > 0;) {
-    if (near[i] && defects[i]) {
-      ++bad;
-      first = static_cast<PointId>(i);
-    }
-  }
-  if (bad != 0) {
-    return "the mesh is not manifold at " + std::to_string(bad) + " points near the deformable region, the first is point " +
-           std::to_string(first);
-  }
-  if (!every_component_is_held(adjacency, centres)) return "a component of the mesh has no handle and no fixed point";
-  std::vector<char> seen(handles);
-  for (std::size_t i = 0; i < mesh.point_count(); ++i) {
-    const RegionIndex region = centres.region_of[i];
-    if (!near[i] || region == deformable_region) continue;
-    kept.push_back(static_cast<PointId>(i));
-    if (region < handles) seen[region] = 1;
-  }
-  if (std::find(seen.begin(), seen.end(), 0) != seen.end()) return "a handle lies farther away from the deformable region";
-  return {};
-}
-
-void list_coincident(const std::unordered_map<PointId, PointId>& clusters, RbfCentres& centres) {
-  std::map<PointId, std::vector<PointId>> members;
-  for (const auto& [id, representative] : clusters) members[representative].push_back(id);
-  for (auto& [representative, others] : members) {
-    std::sort(others.begin(), others.end());
-    others.insert(others.begin(), representative);
-    centres.coincident.push_back(std::move(others));
-  }
-}
-
-// All points of a place must move alike, so the first candidate there stands for it.
-void keep_one_per_place(const std::unordered_map<PointId, PointId>& clusters, const std::vector<PointId>& candidates,
-                        RbfCentres& centres) {
-  std::unordered_set<PointId> taken;
-  for (const PointId id : candidates) {
-    const auto found = clusters.find(id);
-    if (taken.insert(found == clusters.end() ? id : found->second).second) {
-      centres.ids.push_back(id);
-    } else {
-      ++centres.merged;
-    }
-  }
-}
-
 }  // namespace
 
-RbfCentres choose_centres(const Mesh& mesh, const SelectedRegions& regions, const RbfOptions& options) {
-  RbfCentres centres;
-  centres.region_of.assign(mesh.point_count(), deformable_region);
+ConstraintPoints constraint_points(const Mesh& mesh, const SelectedRegions& regions) {
+  ConstraintPoints result;
+  result.region_of.assign(mesh.point_count(), deformable_region);
   for (std::size_t h = 0; h < regions.handles.size(); ++h) {
-    for (const PointId id : regions.handles[h]) centres.region_of[id] = static_cast<RegionIndex>(h);
+    for (const PointId id : regions.handles[h]) result.region_of[id] = static_cast<RegionIndex>(h);
   }
-  for (const PointId id : regions.fixed) centres.region_of[id] = fixed_region;
-  std::vector<PointId> candidates;
-  for (std::size_t i = 0; i < mesh.point_count(); ++i) {
-    (centres.region_of[i] == deformable_region ? centres.deformable : candidates).push_back(static_cast<PointId>(i));
-  }
-  centres.constraint_points = candidates.size();
-
+  for (const PointId id : regions.fixed) result.region_of[id] = fixed_region;
   const Box box = bounding_box(mesh.points);
   Coincidence finder(mesh, box.min, std::max(coincidence * box.diagonal(), 1e-290));
-  std::unordered_map<PointId, PointId> clusters;  // point -> smallest id at its place, where that is another
-  for (const PointId id : candidates) {
-    const PointId representative = finder.representative(id);
-    if (representative != id) clusters[id] = representative;
-  }
-  list_coincident(clusters, centres);
-
-  if (options.reduction == CentreReduction::automatic) {
-    std::vector<PointId> kept;
-    const std::string reason = reduce(mesh, options, regions.handles.size(), centres, kept);
-    const std::string rings = std::to_string(options.reduction_rings) + " rings around the deformable region";
-    if (!reason.empty()) {
-      centres.notes.push_back("All " + std::to_string(candidates.size()) + " constraint points are centres, not only " + rings +
-                              ": " + reason + ".");
-    } else if (kept.size() < candidates.size()) {
-      centres.notes.push_back(std::to_string(kept.size()) + " of " + std::to_string(candidates.size()) +
-                              " constraint points are centres: those within " + rings + ".");
-      centres.reduced = true;
-      candidates = std::move(kept);
+  std::map<PointId, std::vector<PointId>> clusters;
+  for (std::size_t i = 0; i < mesh.point_count(); ++i) {
+    const auto id = static_cast<PointId>(i);
+    if (result.region_of[i] == deformable_region) {
+      result.deformable.push_back(id);
+      continue;
     }
+    ++result.count;
+    const PointId first = finder.representative(id);
+    if (first != id) clusters[first].push_back(id);
   }
-
-  keep_one_per_place(clusters, candidates, centres);
-  if (centres.merged != 0) {
-    centres.notes.push_back(std::to_string(centres.merged) + " coincident constraint points were merged with others.");
+  for (auto& [first, others] : clusters) {
+    others.insert(others.begin(), first);
+    result.coincident.push_back(std::move(others));
   }
-  return centres;
+  return result;
 }
 
 }  // namespace deform

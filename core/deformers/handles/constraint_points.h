@@ -1,6 +1,6 @@
 #pragma once
 
-#include <string>
+#include <cstddef>
 #include <vector>
 
 #include "core/deformers/handles/handle_motion.h"
@@ -9,20 +9,15 @@
 
 namespace deform {
 
-/// The constraint points that become centres of an RBF, and what was decided about the others (thesis 3.5, figure 3.10).
-struct RbfCentres {
+/// The points of handles and fixed regions (constraint points) of a mesh, and the others.
+struct ConstraintPoints {
   std::vector<RegionIndex> region_of;  ///< n
   std::vector<PointId> deformable;     ///< ascending
-  std::vector<PointId> ids;            ///< ascending; one representative (the smallest id) per place
-  /// Constraint points that coincide (within 1e-12 D), the representative first, at least two each: a design must send them to
-  /// one place.
+  /// Constraint points that coincide (within 1e-12 D), ascending, at least two each.
   std::vector<std::vector<PointId>> coincident;
-  std::size_t constraint_points = 0;
-  std::size_t merged = 0;  ///< centres saved by merging
-  bool reduced = false;
-  std::vector<std::string> notes;
+  std::size_t count = 0;  ///< of the constraint points
 };
 
-RbfCentres choose_centres(const Mesh& mesh, const SelectedRegions& regions, const RbfOptions& options);
+ConstraintPoints constraint_points(const Mesh& mesh, const SelectedRegions& regions);
 
 }  // namespace deform

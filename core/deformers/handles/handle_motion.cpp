@@ -22,6 +22,13 @@ double distance(const Vec3& a, const Vec3& b) { return std::hypot(a[0] - b[0], a
 
 }  // namespace
 
+std::vector<Vec3> unit_places(const Mesh& mesh, const UnitBox& box, std::span<const PointId> ids) {
+  std::vector<Vec3> places;
+  places.reserve(ids.size());
+  for (const PointId id : ids) places.push_back(box.to_unit(mesh.points[id]));
+  return places;
+}
+
 void field_coefficients(const Affine& motion, MotionKind kind, const HandleFrame& frame, const UnitBox& box, double* out) {
   // u(x) = J x + b with J = A - I for a map of positions; about the reference c: u = (J c + b) + scale J (unit(x) - unit(c)).
   const double identity = kind == MotionKind::position ? 1.0 : 0.0;
@@ -101,7 +108,7 @@ BoundDesign HeldPoints::bound(const Design& design, std::size_t index) const {
   return result;
 }
 
-Vec3 HeldPoints::told(const BoundDesign& design, PointId id, MotionKind kind) const {
+Vec3 HeldPoints::prescribed_position(const BoundDesign& design, PointId id, MotionKind kind) const {
   const RegionIndex region = region_of[id];
   const Vec3& x = mesh.points[id];
   if (region == fixed_region) return kind == MotionKind::position ? x : Vec3{};
@@ -115,7 +122,7 @@ Vec3 HeldPoints::told(const BoundDesign& design, PointId id, MotionKind kind) co
 }
 
 Vec3 HeldPoints::place(const BoundDesign& design, PointId id, MotionKind kind) const {
-  const Vec3 to = told(design, id, kind);
+  const Vec3 to = prescribed_position(design, id, kind);
   const unsigned on = regions.symmetry.on(id);
   if (on == 0) return to;
   return regions.symmetry.slid(kind == MotionKind::position ? mesh.points[id] : Vec3{}, to, on);

@@ -30,6 +30,8 @@ struct UnitBox {
   Vec3 to_model(const Vec3& y) const { return {origin[0] + scale * y[0], origin[1] + scale * y[1], origin[2] + scale * y[2]}; }
 };
 
+std::vector<Vec3> unit_places(const Mesh& mesh, const UnitBox& box, std::span<const PointId> ids);
+
 /// What moves with a handle: the fields 1, x, y, z of its points, in unit coordinates relative to a point of reference
 /// (thesis 4.2).
 struct HandleFrame {
@@ -60,13 +62,13 @@ struct HeldPoints {
   const SelectedRegions& regions;
   const std::vector<RegionIndex>& region_of;            ///< n
   const std::vector<std::uint32_t>& rank_of;            ///< n: position of a handle point among the points of its handle
-  const std::vector<std::vector<PointId>>& coincident;  ///< see CoincidentPoints
+  const std::vector<std::vector<PointId>>& coincident;  ///< see ConstraintPoints
   double diagonal = 0;
 
   /// Throws Error(invalid_argument) starting with designs[index], see System::bind().
   BoundDesign bound(const Design& design, std::size_t index) const;
   /// Where a point is sent; with MotionKind::derivative the derivative of that. Points on symmetry planes are not slid.
-  Vec3 told(const BoundDesign& design, PointId id, MotionKind kind) const;
+  Vec3 prescribed_position(const BoundDesign& design, PointId id, MotionKind kind) const;
   /// Where it goes: points on a symmetry plane stay in it to the last digit, whatever was rounded on the way.
   Vec3 place(const BoundDesign& design, PointId id, MotionKind kind) const;
   /// Refuses coincident points that are sent to different places.

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "core/base/error.h"
-
 namespace deform {
 
 namespace {
@@ -107,17 +105,6 @@ std::vector<std::string> symmetry_notes(const Symmetry& symmetry, const RbfCentr
                     std::to_string(held) + " of them centres.");
   }
   return notes;
-}
-
-int polynomial_degree(const RbfOptions& options) {
-  const KernelProperties kernel = properties(options.kernel);
-  if (options.polynomial_degree < 0) return std::max(1, kernel.order - 1);
-  if (options.polynomial_degree < kernel.order - 1) {
-    throw Error(ErrorCode::invalid_argument, "method.rbf.polynomial_degree: " + std::to_string(options.polynomial_degree) +
-                                                 " is too small, the kernel " + kernel.name + " needs at least " +
-                                                 std::to_string(kernel.order - 1));
-  }
-  return options.polynomial_degree;
 }
 
 }  // namespace deform

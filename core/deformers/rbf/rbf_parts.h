@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "core/deformers/handles/constraint_points.h"
-#include "core/deformers/handles/handle_basis.h"
+#include "core/deformers/handles/symmetry.h"
+#include "core/deformers/rbf/centres.h"
 #include "core/deformers/setup.h"
 #include "core/numerics/interpolation/interpolation_system.h"
 
@@ -49,10 +49,6 @@ std::vector<std::string> symmetry_notes(const Symmetry& symmetry, const RbfCentr
 struct RbfPart {
   PartPlan plan;
   std::shared_ptr<const InterpolationSystem> system;
-  std::unique_ptr<const HandleBasis> basis;  ///< null without one
 };
-
-/// Checked degree of the polynomial part. Throws Error(invalid_argument).
-int polynomial_degree(const RbfOptions& options);
 
 }  // namespace deform

@@ -4,20 +4,16 @@
 #include <cmath>
 #include <limits>
 
-#include "core/base/error.h"
 #include "core/base/number_text.h"
-#include "core/base/stopwatch.h"
+#include "core/deformers/rbf/interpolated_basis.h"
 #include "core/deformers/rbf/rbf_evaluation.h"
 
 namespace deform {
 
 namespace {
 
-UnitBox unit_box(const Box& box) {
-  UnitBox unit{box.min, 0};
-  for (int k = 0; k < 3; ++k) unit.scale = std::max(unit.scale, box.max[k] - box.min[k]);
-  if (unit.scale <= 0) unit.scale = 1;
-  return unit;
+int degree(const RbfOptions& options) {
+  return options.polynomial_degree >= 0 ? options.polynomial_degree : std::max(1, properties(options.kernel).order - 1);
 }
 
 /// Median distance to the nearest other place, over an evenly strided sample of the first `count` places.
@@ -41,54 +37,34 @@ double median_spacing(const std::vector<Vec3>& places, std::size_t count) {
 
 }  // namespace
 
-RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context, std::size_t memory_budget)
-    : mesh_(std::move(mesh)), setup_(setup) {
-  const auto& options = std::get<RbfOptions>(setup_.method);
-  Stopwatch watch;
-  context.progress("select", 0);
-  regions_ = validate(setup_, *mesh_);
-  polynomial_degree(options);
-  const Box bounds = bounding_box(mesh_->points);
-  box_ = unit_box(bounds);
-  info_.diagonal = bounds.diagonal();
-  centres_ = choose_centres(*mesh_, regions_, options);
-  place_points();
-  info_.stage_seconds.emplace_back("select", watch.lap());
+RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RbfOptions& options, const RunContext& context,
+                     std::size_t memory_budget)
+    : HandleSystem(std::move(mesh), setup, HandleMode::hard, Unit::longest_edge, context), options_(options) {
+  centres_ = choose_centres(*mesh_, points_, regions_.handles.size(), options_);
+  deformable_ = TiledPoints(coordinates(following()));
+  end_stage("select");
   context.check();
   prepare_parts(context, memory_budget);
-  info_.stage_seconds.emplace_back("factor", watch.lap());
+  end_stage("factor");
   prepare_basis(context);
-  info_.stage_seconds.emplace_back("basis", watch.lap());
+  end_stage("basis");
   fill_info();
   add_notes();
 }
 
-Vec3 RbfSystem::coordinates(PointId id) const {
-  const Vec3& x = mesh_->points[id];
-  if (regions_.symmetry.empty()) return box_.to_unit(x);
-  const Vec3 y = regions_.symmetry.coordinates(x);
-  return {y[0] / box_.scale, y[1] / box_.scale, y[2] / box_.scale};
-}
-
-void RbfSystem::place_points() {
-  rank_of_.assign(mesh_->point_count(), 0);
-  for (const auto& handle : regions_.handles) {
-    for (std::size_t k = 0; k < handle.size(); ++k) {
-      rank_of_[handle[k]] = static_cast<std::uint32_t>(k);
-      if (regions_.symmetry.on(handle[k]) != 0) sliding_.push_back(handle[k]);
-    }
+std::vector<Vec3> RbfSystem::coordinates(const std::vector<PointId>& ids) const {
+  if (regions_.symmetry.empty()) return unit_places(*mesh_, box_, ids);
+  std::vector<Vec3> result;
+  result.reserve(ids.size());
+  for (const PointId id : ids) {
+    const Vec3 y = regions_.symmetry.coordinates(mesh_->points[id]);
+    result.push_back({y[0] / box_.scale, y[1] / box_.scale, y[2] / box_.scale});
   }
-  std::sort(sliding_.begin(), sliding_.end());
-  std::vector<Vec3> unit;
-  unit.reserve(centres_.deformable.size());
-  for (const PointId id : centres_.deformable) unit.push_back(coordinates(id));
-  deformable_ = TiledPoints(unit);
-  frames_ = handle_frames(*mesh_, regions_, box_);
+  return result;
 }
 
 /// Of the centres and their images together: the shape is that of the whole model.
 InterpolationOptions RbfSystem::interpolation_options(const std::vector<Vec3>& places) {
-  const auto& options = std::get<RbfOptions>(setup_.method);
   const Symmetry& symmetry = regions_.symmetry;
   const unsigned images = 1u << symmetry.planes();
   Box extent;
@@ -107,24 +83,23 @@ InterpolationOptions RbfSystem::interpolation_options(const std::vector<Vec3>& p
   }
   const double size = extent.diagonal() > 0 ? extent.diagonal() : 1.0;
   InterpolationOptions interpolation;
-  interpolation.kernel = {options.kernel, options.shape * size};
-  if (options.shape == 0) {
-    interpolation.kernel.shape = automatic_shape(options.kernel, median_spacing(all, places.size()), size);
+  interpolation.kernel = {options_.kernel, options_.shape * size};
+  if (options_.shape == 0) {
+    interpolation.kernel.shape = automatic_shape(options_.kernel, median_spacing(all, places.size()), size);
   }
-  interpolation.polynomial_degree = polynomial_degree(options);
+  interpolation.polynomial_degree = degree(options_);
   relative_shape_ = interpolation.kernel.shape / size;
-  const bool iterative = chosen_solver(options.solver, options.kernel, places.size()) == Solver::iterative;
-  interpolation.solver = iterative ? Solver::iterative : options.solver;
+  const bool iterative = chosen_solver(options_.solver, options_.kernel, places.size()) == Solver::iterative;
+  interpolation.solver = iterative ? Solver::iterative : options_.solver;
   return interpolation;
 }
 
 void RbfSystem::prepare_parts(const RunContext& context, std::size_t memory_budget) {
-  std::vector<Vec3> places;
-  for (const PointId id : centres_.ids) places.push_back(coordinates(id));
+  const std::vector<Vec3> places = coordinates(centres_.ids);
   InterpolationOptions interpolation = interpolation_options(places);
-  std::size_t used = 0;
+  std::size_t& used = factor_bytes_;
   for (PartPlan& plan : plan_parts(regions_.symmetry, centres_, interpolation.solver)) {
-    RbfPart part{std::move(plan), nullptr, nullptr};
+    RbfPart part{std::move(plan), nullptr};
     if (interpolation.solver == Solver::iterative && !parts_.empty()) {
       part.system = parts_.front().system;
     } else {
@@ -137,33 +112,31 @@ void RbfSystem::prepare_parts(const RunContext& context, std::size_t memory_budg
     }
     parts_.push_back(std::move(part));
   }
-  info_.factor_bytes = used;
 }
 
-Eigen::MatrixXd RbfSystem::handle_fields() const {
-  Eigen::MatrixXd fields =
-      Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(centres_.ids.size()), static_cast<Eigen::Index>(4 * frames_.size()));
+Eigen::MatrixXd RbfSystem::fields_at_centres() const {
+  Eigen::MatrixXd result =
+      Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(centres_.ids.size()), static_cast<Eigen::Index>(fields()));
   for (std::size_t j = 0; j < centres_.ids.size(); ++j) {
-    const RegionIndex region = centres_.region_of[centres_.ids[j]];
+    const RegionIndex region = points_.region_of[centres_.ids[j]];
     if (region == fixed_region) continue;
-    const Vec3 x = box_.to_unit(mesh_->points[centres_.ids[j]]);
-    const auto row = static_cast<Eigen::Index>(j);
-    const auto column = static_cast<Eigen::Index>(4 * region);
-    fields(row, column) = 1;
-    for (int k = 0; k < 3; ++k) fields(row, column + 1 + k) = x[k] - frames_[region].reference[k];
+    const std::array<double, 4> values = handle_fields(region, centres_.ids[j]);
+    for (std::size_t f = 0; f < 4; ++f) {
+      result(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(4 * region + f)) = values[f];
+    }
   }
-  return fields;
+  return result;
 }
 
 Eigen::MatrixXd RbfSystem::sample_fields() const {
-  const auto& samples = std::get<RbfOptions>(setup_.method).samples;
+  const auto& samples = options_.samples;
   Eigen::MatrixXd fields =
       Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(centres_.ids.size()), static_cast<Eigen::Index>(3 * samples.size()));
   for (std::size_t s = 0; s < samples.size(); ++s) {
     const std::vector<Affine> motions = handle_motions(setup_, samples[s]);
     for (std::size_t j = 0; j < centres_.ids.size(); ++j) {
       const PointId id = centres_.ids[j];
-      const RegionIndex region = centres_.region_of[id];
+      const RegionIndex region = points_.region_of[id];
       if (region == fixed_region) continue;
       const Vec3& x = mesh_->points[id];
       const Vec3 to = transformed(motions[region], x);
@@ -179,11 +152,10 @@ Eigen::MatrixXd RbfSystem::sample_fields() const {
 
 /// What the centres of incremental QR are chosen for: the samples, or without any the fields that affine motions combine.
 void RbfSystem::set_samples(InterpolationOptions& interpolation, const PartPlan& plan) const {
-  const auto& options = std::get<RbfOptions>(setup_.method);
-  interpolation.sample_tolerance = options.tolerance;
-  interpolation.order = options.centre_order;
-  if (options.samples.empty()) {
-    interpolation.samples = plan.data(handle_fields());
+  interpolation.sample_tolerance = options_.tolerance;
+  interpolation.order = options_.centre_order;
+  if (options_.samples.empty()) {
+    interpolation.samples = plan.data(fields_at_centres());
     interpolation.columns_per_field = 4;
     return;
   }
@@ -200,28 +172,20 @@ void RbfSystem::set_samples(InterpolationOptions& interpolation, const PartPlan&
 }
 
 void RbfSystem::prepare_basis(const RunContext& context) {
-  const auto& options = std::get<RbfOptions>(setup_.method);
-  const std::size_t fields = 4 * frames_.size();
   std::size_t factor_bytes = 0;
   const InterpolationSystem* last = nullptr;
   for (const RbfPart& part : parts_) {
     if (part.system.get() != last) factor_bytes += InterpolationSystem::factor_bytes(part.system->size(), part.system->solver());
     last = part.system.get();
   }
-  if (!wants_basis(options.basis, parts_.size() * HandleBasis::bytes_for(deformable_.count(), fields), factor_bytes)) return;
-  for (RbfPart& part : parts_) {
-    part.basis =
-        std::make_unique<HandleBasis>(*part.system, part.plan.data(handle_fields()), deformable_, options.tolerance, context);
+  if (!wants_basis(options_.basis, parts_.size() * HandleBasis::bytes_for(deformable_.count(), fields()), factor_bytes)) return;
+  for (const RbfPart& part : parts_) {
+    basis_.push_back(interpolated_basis(part.plan.components, *part.system, part.plan.data(fields_at_centres()), deformable_,
+                                        options_.tolerance, context));
   }
 }
 
 void RbfSystem::fill_info() {
-  const auto& options = std::get<RbfOptions>(setup_.method);
-  info_.points = mesh_->point_count();
-  info_.fixed_points = regions_.fixed.size();
-  for (const auto& handle : regions_.handles) info_.handle_points += handle.size();
-  info_.deformable_points = centres_.deformable.size();
-  info_.constraint_points = centres_.constraint_points;
   info_.centres = centres_.ids.size();
   info_.merged_duplicates = centres_.merged;
   info_.affine_hull_dimension = 0;
@@ -231,7 +195,6 @@ void RbfSystem::fill_info() {
     if (!shared) info_.polynomial_terms += part.system->polynomials().terms();
     info_.affine_hull_dimension = std::max(info_.affine_hull_dimension, part.system->polynomials().hull_dimension());
     info_.condition = std::max(info_.condition, part.system->condition());
-    if (part.basis) info_.basis_bytes += part.basis->bytes();
     if (part.system->solver() == Solver::incremental_qr) weighted = std::max(weighted, part.system->weighted());
   }
   if (weighted > 0) info_.centres = weighted;
@@ -240,14 +203,12 @@ void RbfSystem::fill_info() {
   for (const RbfPart& part : parts_) {
     if (part.system->solver() == Solver::ldlt) info_.solver = Solver::ldlt;
   }
-  info_.tolerance = to_tolerance(info_.solver) ? options.tolerance : 0;
+  info_.tolerance = to_tolerance(info_.solver) ? options_.tolerance : 0;
   info_.reduced = centres_.reduced;
-  info_.basis_fields = has_basis() ? parts_.front().basis->fields() : 0;
-  info_.bytes = info_.factor_bytes + info_.basis_bytes + point_bytes(mesh_->point_count(), regions_.symmetry);
+  set_bytes(factor_bytes_, 0);
 }
 
 void RbfSystem::add_notes() {
-  const auto& options = std::get<RbfOptions>(setup_.method);
   info_.notes = centres_.notes;
   const auto symmetry_notes = deform::symmetry_notes(regions_.symmetry, centres_);
   info_.notes.insert(info_.notes.end(), symmetry_notes.begin(), symmetry_notes.end());
@@ -255,11 +216,11 @@ void RbfSystem::add_notes() {
   bool converged = true;
   double residual = 0;
   const InterpolationSystem* last = nullptr;
+  for (const HandleBasis& basis : basis_) {
+    converged = converged && basis.converged;
+    residual = std::max(residual, *std::max_element(basis.residuals.begin(), basis.residuals.end()));
+  }
   for (const RbfPart& part : parts_) {
-    if (part.basis) {
-      converged = converged && part.basis->converged();
-      residual = std::max(residual, *std::max_element(part.basis->residuals().begin(), part.basis->residuals().end()));
-    }
     if (part.system.get() == last) continue;
     last = part.system.get();
     dropped += last->polynomials().dropped();
@@ -267,7 +228,7 @@ void RbfSystem::add_notes() {
     info_.notes.insert(info_.notes.end(), solver_notes.begin(), solver_notes.end());
   }
   static const char* const hulls[] = {"in one point", "on a line", "in a plane"};
-  if (polynomial_degree(options) > 0 && info_.affine_hull_dimension < 3) {
+  if (degree(options_) > 0 && info_.affine_hull_dimension < 3) {
     info_.notes.push_back(std::string("The centres lie ") + hulls[info_.affine_hull_dimension] +
                           ": the polynomial part is constant across it.");
   }
@@ -288,7 +249,7 @@ void RbfSystem::add_notes() {
   }
   if (info_.condition > 1e13) info_.notes.push_back("The system is ill-conditioned: expect a loss of digits.");
   if (!has_basis()) info_.notes.push_back("No handle basis is stored: every design is solved for and summed directly.");
-  if (properties(options.kernel).has_shape && options.shape == 0) {
+  if (properties(options_.kernel).has_shape && options_.shape == 0) {
     info_.notes.push_back("The shape is " + number_digits(relative_shape_) + " of the diagonal of the centres (automatic).");
   }
 }
@@ -296,6 +257,48 @@ void RbfSystem::add_notes() {
 std::unique_ptr<const Evaluation> RbfSystem::bind(std::span<const Design> designs, EvaluationPath path,
                                                   const RunContext& context) const {
   return std::make_unique<RbfEvaluation>(std::static_pointer_cast<const RbfSystem>(shared_from_this()), designs, path, context);
+}
+
+std::unique_ptr<const Evaluation> RbfSystem::derivative(std::span<const double>, const std::vector<Affine>& maps,
+                                                        const RunContext& context) const {
+  return std::make_unique<RbfEvaluation>(std::static_pointer_cast<const RbfSystem>(shared_from_this()), maps, context);
+}
+
+/// Transpose of "fields of the handles to deformable points" for one part: 4H x 3, of which the columns of its components count.
+Eigen::MatrixXd RbfSystem::adjoint(const RbfPart& part, std::span<const Vec3> at_deformable, const RunContext& context) const {
+  // u = [Phi P] S [fields; 0] with the symmetric S, so the adjoint is fields^T times the first rows of S [Phi^T; P^T].
+  const std::vector<Vec3> unit = coordinates(following());
+  const std::size_t m = part.system->size();
+  const auto q = static_cast<Eigen::Index>(part.system->polynomials().terms());
+  const std::span<const double> weights(unit.empty() ? nullptr : at_deformable[0].data(), 3 * unit.size());
+  const std::vector<double> sums = part.system->sums_at_centres(unit, weights, 3, context);
+  Eigen::MatrixXd B = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(m) + q, 3);
+  for (std::size_t j = 0; j < m; ++j) {
+    for (int k = 0; k < 3; ++k) B(static_cast<Eigen::Index>(j), k) = sums[3 * j + static_cast<std::size_t>(k)];
+  }
+  std::vector<double> terms(static_cast<std::size_t>(q));
+  for (std::size_t i = 0; i < unit.size(); ++i) {
+    part.system->polynomials().values(unit[i], terms.data());
+    for (Eigen::Index t = 0; t < q; ++t) {
+      for (int k = 0; k < 3; ++k)
+        B(static_cast<Eigen::Index>(m) + t, k) += terms[static_cast<std::size_t>(t)] * at_deformable[i][k];
+    }
+  }
+  return part.plan.data(fields_at_centres()).transpose() * part.system->adjoint(std::move(B), context);
+}
+
+std::vector<double> RbfSystem::adjoint(std::span<const double>, const std::vector<Vec3>& at_following,
+                                       const RunContext& context) const {
+  std::vector<double> result(3 * fields(), 0.0);
+  for (const RbfPart& part : parts_) {
+    const Eigen::MatrixXd G = adjoint(part, at_following, context);
+    for (std::size_t f = 0; f < fields(); ++f) {
+      for (const std::size_t k : part.plan.components) {
+        result[3 * f + k] = G(static_cast<Eigen::Index>(f), static_cast<Eigen::Index>(k));
+      }
+    }
+  }
+  return result;
 }
 
 }  // namespace deform

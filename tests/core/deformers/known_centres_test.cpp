@@ -1,5 +1,5 @@
 // Which points become centres is known before anything is prepared, where it is known at all.
-#include "core/deformers/known_centres.h"
+#include "core/deformers/methods.h"
 
 #include <gtest/gtest.h>
 

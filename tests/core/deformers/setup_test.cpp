@@ -33,6 +33,8 @@ struct BadSetup {
 };
 
 RbfOptions& options(Setup& setup) { return std::get<RbfOptions>(setup.method); }
+ShellOptions& shell(Setup& setup) { return setup.method.emplace<ShellOptions>(); }
+SubspaceOptions& subspace(Setup& setup) { return setup.method.emplace<SubspaceOptions>(); }
 MlsOptions& mls(Setup& setup) { return setup.method.emplace<MlsOptions>(); }
 
 /// One on the handle "end", of the method mls.
@@ -95,26 +97,22 @@ const std::vector<BadSetup>& bad_setups() {
       {"no rings", [](Setup& s) { options(s).reduction_rings = 0; }, {"reduction_rings", "1..100"}},
       {"too many rings", [](Setup& s) { options(s).reduction_rings = 101; }, {"reduction_rings", "101"}},
       {"degree too large", [](Setup& s) { options(s).polynomial_degree = 3; }, {"polynomial_degree", "3"}},
-      {"negative stretching",
-       [](Setup& s) { s.method = ShellOptions{.stretching = -1}; },
-       {"method.shell.stretching", "-1", "0"}},
-      {"NaN bending", [](Setup& s) { s.method = SubspaceOptions{.bending = nan}; }, {"method.subspace.bending", "nan"}},
+      {"negative stretching", [](Setup& s) { shell(s).stretching = -1; }, {"method.shell.stretching", "-1", "0"}},
+      {"NaN bending", [](Setup& s) { subspace(s).bending = nan; }, {"method.subspace.bending", "nan"}},
       {"no energy", [](Setup& s) { mls(s).bending = 0; }, {"method.mls", "stretching", "bending", "both"}},
-      {"no fixing", [](Setup& s) { s.method = ShellOptions{.fixing = 0}; }, {"method.shell.fixing", "over 0", "1e+12"}},
+      {"no fixing", [](Setup& s) { shell(s).fixing = 0; }, {"method.shell.fixing", "over 0", "1e+12"}},
       {"symmetric shell",
        [](Setup& s) {
          s.method = ShellOptions{};
          s.symmetry.push_back({SymmetryPlane::Plane{{0, 0, 0}, {1, 0, 0}}});
        },
-       {"symmetry", "method.shell", "method.rbf"}},
-      {"three centres",
-       [](Setup& s) { s.method = SubspaceOptions{.centres = 3}; },
-       {"method.subspace.centres", "3", "4..100000"}},
+       {"symmetry", "method.shell", "method rbf"}},
+      {"three centres", [](Setup& s) { subspace(s).centres = 3; }, {"method.subspace.centres", "3", "4..100000"}},
       {"bare cover", [](Setup& s) { mls(s).cover = 4; }, {"method.mls.cover", "5..1000"}},
       {"too many samples", [](Setup& s) { mls(s).volume_samples = 1000001; }, {"method.mls.volume_samples", "1000000"}},
       {"weights nowhere",
        [](Setup& s) {
-         s.method = MlsOptions{.weights = {{box({9, 9, 9}, {10, 10, 10})}}};
+         mls(s).weights.push_back({box({9, 9, 9}, {10, 10, 10})});
        },
        {"method.mls.weights[0]", "no point; the model's box is ["}},
       {"sparse RBF", [](Setup& s) { options(s).solver = Solver::sparse_cholesky; }, {"method.rbf.solver", "sparse"}},

@@ -86,12 +86,12 @@ TEST(Shell, InfoSaysWhatWasDone) {
   EXPECT_EQ(info.functions, info.deformable_points);
   EXPECT_EQ(info.deformable_points + info.constraint_points, info.points);
   EXPECT_TRUE(info.reduced);
-  EXPECT_LE(info.centres, 2u * 2 * 41);
+  EXPECT_LE(info.held_points, 2u * 2 * 41);
   EXPECT_EQ(info.basis_fields, 4u);
   EXPECT_GT(info.condition, 10);
   EXPECT_LT(info.condition, 1e12);
   const Estimate expected = estimate(*mesh, shell(test::sheet_setup()));
-  EXPECT_EQ(expected.centres, info.centres);
+  EXPECT_EQ(expected.held_points, info.held_points);
   EXPECT_GE(expected.resident_bytes, info.bytes * 95 / 100);
   EXPECT_LE(expected.resident_bytes, info.bytes * 3 / 2);
   EXPECT_GE(expected.peak_bytes, expected.resident_bytes);

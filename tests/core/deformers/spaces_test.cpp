@@ -36,7 +36,7 @@ TEST(Spaces, HardHandlesAreMet) {
   for (const SubspaceKernel kernel : {SubspaceKernel::mls, SubspaceKernel::wendland_c2}) {
     const auto system = prepare(mesh, with(test::sheet_setup(), subspace(kernel)));
     EXPECT_EQ(system->info().solver, Solver::sparse_cholesky);
-    EXPECT_EQ(system->info().centres, 250u);
+    EXPECT_EQ(system->info().samples, 250u);
     const Points got = system->evaluate(turned);
     for (const PointId id : regions.fixed) EXPECT_EQ(got[id], mesh->points[id]);
     for (const PointId id : regions.handles[0]) {
@@ -110,7 +110,7 @@ TEST(Spaces, VolumesMoveWithMovingLeastSquares) {
   EXPECT_LT(system->bind({&turned, 1}, EvaluationPath::automatic, {})->report(0).interpolation_residual, 1e-3);
   const Estimate expected = estimate(*mesh, setup);
   EXPECT_GE(expected.peak_bytes, system->info().bytes);
-  EXPECT_EQ(expected.centres, 200u);
+  EXPECT_EQ(expected.samples, 200u);
 }
 
 TEST(Spaces, ConstraintsHoldInSpaces) {

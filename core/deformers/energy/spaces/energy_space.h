@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/types.h"
 #include "core/numerics/sparse/sparse.h"
 
 namespace deform {
@@ -18,5 +19,20 @@ struct EnergySpace {
   std::vector<std::string> notes;
   std::size_t samples = 0, cubature_points = 0;
 };
+
+/// A space, and how the held (handle and fixed) points enter: those of `held` only, the others have no influence.
+///  - eliminated: the functions are zero at held points; w minimizes w^T K w + 2 w^T coupling h with the prescribed displacements
+///    h (m x 3) of the held points.
+///  - otherwise the functions live at held points too, and coupling is empty.
+struct EnergyModel {
+  EnergySpace space;
+  std::vector<PointId> held;  ///< m, ascending
+  bool eliminated = false;
+  SparseMatrix coupling;   ///< k x m
+  bool may_crack = false;  ///< coincident held points may go to different places
+};
+
+/// Copies nothing, unlike a move: Eigen's sparse matrices have none.
+void swap(EnergyModel& a, EnergyModel& b);
 
 }  // namespace deform

@@ -151,6 +151,7 @@ EnergyModel shell_model(const Mesh& mesh, const std::vector<RegionIndex>& region
   const std::size_t n = mesh.point_count();
   EnergyModel model;
   model.eliminated = options.handles == HandleMode::hard;
+  model.may_crack = true;
   std::vector<char> faces;
   if (model.eliminated) {
     std::vector<char> deformable(n);

@@ -9,20 +9,6 @@
 
 namespace deform {
 
-/// A space, and how the held (handle and fixed) points enter: those of `held` only, the others have no influence.
-///  - eliminated: the functions are zero at held points; w minimizes w^T K w + 2 w^T coupling h with the prescribed displacements
-///    h (m x 3) of the held points.
-///  - otherwise the functions live at held points too, and coupling is empty.
-struct EnergyModel {
-  EnergySpace space;
-  std::vector<PointId> held;  ///< m, ascending
-  bool eliminated = false;
-  SparseMatrix coupling;  ///< k x m
-};
-
-/// Copies nothing, unlike a move: Eigen's sparse matrices have none.
-void swap(EnergyModel& a, EnergyModel& b);
-
 /// The thin shell (thesis 3.1, 8.2) with K = -gamma_s L_s + gamma_b L_s M^-1 L_s: L_s is the integrated cotangent Laplacian, M
 /// the mixed Voronoi areas, both of all points, so that soft handles of growing weight lead to the hard ones.
 ///  - Hard handles: one function per deformable point. This is eq. 3.4 times M, symmetric positive definite; of the held points

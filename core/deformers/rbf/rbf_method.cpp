@@ -1,7 +1,13 @@
-// What an RBF system takes, before it is prepared.
-#include <algorithm>
+#include "core/deformers/rbf/rbf_method.h"
 
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "core/base/parallel.h"
+#include "core/deformers/option_checks.h"
 #include "core/deformers/rbf/rbf_system.h"
 #include "core/numerics/fast_sums/fast_sums.h"
 
@@ -58,21 +64,53 @@ double seconds_for(const std::vector<PartPlan>& parts, Solver solver, std::size_
   return seconds;
 }
 
+void validate_sample(const Setup& setup, const std::vector<double>& sample, const std::string& field) {
+  try {
+    handle_motions(setup, sample);
+  } catch (const Error& error) {
+    refuse_setup(field + "." + error.what());
+  }
+  if (std::all_of(sample.begin(), sample.end(), [](double value) { return value == 0; })) {
+    refuse_setup(field + ": moves nothing; all its variables are 0");
+  }
+}
+
 }  // namespace
 
-Estimate estimate_rbf(const Mesh& mesh, const Setup& setup) {
-  const auto& options = std::get<RbfOptions>(setup.method);
-  const SelectedRegions regions = validate(setup, mesh);
-  polynomial_degree(options);
-  const RbfCentres centres = choose_centres(mesh, regions, options);
-  const std::size_t d = centres.deformable.size();
+void RbfMethod::validate(const RbfOptions& options, const Setup& setup, const Mesh&) {
+  check_range(options.tolerance, least_tolerance, largest_tolerance, "method.rbf.tolerance");
+  if (!(options.shape >= 0 && options.shape <= 100)) {
+    refuse_setup("method.rbf.shape: " + number_digits(options.shape) + " is out of range, must be 0 (automatic) or up to 100");
+  }
+  if (options.solver == Solver::sparse_cholesky) {
+    refuse_setup("method.rbf.solver: sparse Cholesky is not for RBF systems, whose matrices are full");
+  }
+  check_range(options.reduction_rings, 1, 100, "method.rbf.reduction_rings");
+  const KernelProperties kernel = properties(options.kernel);
+  if (options.polynomial_degree < -1 || options.polynomial_degree > 2) {
+    refuse_setup("method.rbf.polynomial_degree: " + std::to_string(options.polynomial_degree) +
+                 " is out of range, at least the order of the kernel - 1 and at most 2");
+  }
+  if (options.polynomial_degree >= 0 && options.polynomial_degree < kernel.order - 1) {
+    refuse_setup("method.rbf.polynomial_degree: " + std::to_string(options.polynomial_degree) + " is too small, the kernel " +
+                 kernel.name + " needs at least " + std::to_string(kernel.order - 1));
+  }
+  for (std::size_t s = 0; s < options.samples.size(); ++s) {
+    validate_sample(setup, options.samples[s], "method.rbf.samples[" + std::to_string(s) + "]");
+  }
+}
+
+Estimate RbfMethod::estimate(const RbfOptions& options, const Mesh& mesh, const Setup&, const SelectedRegions& regions) {
+  const ConstraintPoints points = constraint_points(mesh, regions);
+  const RbfCentres centres = choose_centres(mesh, points, regions.handles.size(), options);
+  const std::size_t d = points.deformable.size();
   const Solver solver = chosen_solver(options.solver, options.kernel, centres.ids.size());
   const std::size_t fields = 4 * regions.handles.size();
   const std::vector<PartPlan> parts = plan_parts(regions.symmetry, centres, solver);
   const Sizes sizes = sizes_of(parts, solver);
 
   Estimate estimate;
-  estimate.constraint_points = centres.constraint_points;
+  estimate.constraint_points = points.count;
   estimate.centres = centres.ids.size();
   estimate.factor_bytes = sizes.factor_bytes + sizes.places * sizeof(Vec3);
   const std::size_t basis_bytes = parts.size() * HandleBasis::bytes_for(d, fields);
@@ -103,7 +141,20 @@ Estimate estimate_rbf(const Mesh& mesh, const Setup& setup) {
   if (!basis) estimate.notes.push_back("No handle basis will be stored: every design is solved for and summed directly.");
   estimate.seconds = seconds_for(parts, solver, std::size_t{1} << regions.symmetry.planes(), d, basis ? fields : 0);
   if (solver != Solver::iterative) estimate.seconds += static_cast<double>(mesh.point_count()) * 2e-7;
+  estimate.advice = "use solver ITERATIVE, smaller handle and fixed regions, fewer handles or basis BASIS_NEVER";
   return estimate;
+}
+
+std::optional<std::vector<PointId>> RbfMethod::known_centres(const RbfOptions& options, const Mesh& mesh,
+                                                             const SelectedRegions& regions) {
+  RbfCentres centres = choose_centres(mesh, constraint_points(mesh, regions), regions.handles.size(), options);
+  if (chosen_solver(options.solver, options.kernel, centres.ids.size()) == Solver::incremental_qr) return std::nullopt;
+  return std::move(centres.ids);
+}
+
+std::shared_ptr<const System> RbfMethod::prepare(const RbfOptions& options, const std::shared_ptr<const Mesh>& mesh,
+                                                 const Setup& setup, const RunContext& context, std::size_t memory_budget) {
+  return std::make_shared<const RbfSystem>(mesh, setup, options, context, memory_budget);
 }
 
 }  // namespace deform

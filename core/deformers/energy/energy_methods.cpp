@@ -1,0 +1,95 @@
+#include "core/deformers/energy/energy_methods.h"
+
+#include <string>
+
+#include "core/base/number_text.h"
+#include "core/deformers/energy/energy_estimate.h"
+#include "core/deformers/energy/energy_system.h"
+#include "core/deformers/energy/spaces/mls.h"
+#include "core/deformers/energy/spaces/shell.h"
+#include "core/deformers/energy/spaces/subspace.h"
+#include "core/deformers/option_checks.h"
+
+namespace deform {
+
+namespace {
+
+constexpr double most_weight = 1e12;
+constexpr double most_samples = 1e6;
+
+void check_weights(double stretching, double bending, const std::string& field) {
+  check_range(stretching, 0, most_weight, field + ".stretching");
+  check_range(bending, 0, most_weight, field + ".bending");
+  if (stretching == 0 && bending == 0) refuse_setup(field + ": stretching and bending must not both be 0");
+}
+
+void check_energy(const EnergyOptions& options, const std::string& field) {
+  check_weights(options.stretching, options.bending, field);
+  if (!(options.fixing > 0 && options.fixing <= most_weight)) {
+    refuse_setup(field + ".fixing: " + number_digits(options.fixing) + " is out of range, must be over 0 and up to " +
+                 number_digits(most_weight));
+  }
+}
+
+void check(const ShellOptions& options, const Mesh&) { check_energy(options, "method.shell"); }
+
+void check(const SubspaceOptions& options, const Mesh&) {
+  check_energy(options, "method.subspace");
+  check_range(static_cast<double>(options.centres), 4, 100000, "method.subspace.centres");
+  check_range(options.cover, 4, 1000, "method.subspace.cover");
+}
+
+void check(const MlsOptions& options, const Mesh& mesh) {
+  check_energy(options, "method.mls");
+  check_range(static_cast<double>(options.surface_samples), 0, most_samples, "method.mls.surface_samples");
+  check_range(static_cast<double>(options.volume_samples), 0, most_samples, "method.mls.volume_samples");
+  check_range(options.cubature, 1, 64, "method.mls.cubature");
+  check_range(options.cover, 5, 1000, "method.mls.cover");
+  for (std::size_t i = 0; i < options.weights.size(); ++i) {
+    const std::string field = "method.mls.weights[" + std::to_string(i) + "]";
+    check_weights(options.weights[i].stretching, options.weights[i].bending, field);
+    if (select(options.weights[i].region, mesh, field).empty()) refuse_setup(field + ": " + no_point_text(mesh));
+  }
+}
+
+EnergySpace space_of(const SubspaceOptions& options, const Mesh& mesh, std::uint64_t seed, const RunContext& context) {
+  return subspace_space(mesh, options, seed, context);
+}
+EnergySpace space_of(const MlsOptions& options, const Mesh& mesh, std::uint64_t seed, const RunContext& context) {
+  return mls_space(mesh, options, seed, context);
+}
+
+}  // namespace
+
+template <typename O>
+void EnergyMethod<O>::validate(const O& options, const Setup&, const Mesh& mesh) {
+  check(options, mesh);
+}
+
+template <typename O>
+Estimate EnergyMethod<O>::estimate(const O& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
+  return estimate_energy(options, mesh, setup, regions);
+}
+
+template <typename O>
+std::shared_ptr<const System> EnergyMethod<O>::prepare(const O& options, const std::shared_ptr<const Mesh>& mesh,
+                                                       const Setup& setup, const RunContext& context, std::size_t memory_budget) {
+  const auto model = [&](const std::vector<RegionIndex>& region_of, double diagonal) {
+    if constexpr (std::is_same_v<O, ShellOptions>) {
+      return shell_model(*mesh, region_of, options, diagonal);
+    } else {
+      EnergyModel result{space_of(options, *mesh, setup.seed, context), {}, false, {}};
+      for (std::size_t i = 0; i < region_of.size(); ++i) {
+        if (region_of[i] != deformable_region) result.held.push_back(static_cast<PointId>(i));
+      }
+      return result;
+    }
+  };
+  return std::make_shared<const EnergySystem>(mesh, setup, options, model, context, memory_budget);
+}
+
+template struct EnergyMethod<ShellOptions>;
+template struct EnergyMethod<SubspaceOptions>;
+template struct EnergyMethod<MlsOptions>;
+
+}  // namespace deform

@@ -1,0 +1,40 @@
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "core/deformers/method.h"
+
+namespace deform {
+
+/// The methods of least energy: see EnergySystem.
+template <typename O>
+struct EnergyMethod {
+  using Options = O;
+  static constexpr MethodFeatures features{.symmetry = false, .constraints = true};
+  static void validate(const O& options, const Setup& setup, const Mesh& mesh);
+  /// They have none.
+  static std::optional<std::vector<PointId>> known_centres(const O&, const Mesh&, const SelectedRegions&) { return std::nullopt; }
+  static Estimate estimate(const O& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
+  static std::shared_ptr<const System> prepare(const O& options, const std::shared_ptr<const Mesh>& mesh, const Setup& setup,
+                                               const RunContext& context, std::size_t memory_budget);
+};
+extern template struct EnergyMethod<ShellOptions>;
+extern template struct EnergyMethod<SubspaceOptions>;
+extern template struct EnergyMethod<MlsOptions>;
+
+/// Thin shell (thesis 3.1, 8.2), its subspaces (8.3), moving least squares in space (8.4).
+struct ShellMethod : EnergyMethod<ShellOptions> {
+  static constexpr std::string_view name = "shell";
+};
+struct SubspaceMethod : EnergyMethod<SubspaceOptions> {
+  static constexpr std::string_view name = "subspace";
+};
+struct MlsMethod : EnergyMethod<MlsOptions> {
+  static constexpr std::string_view name = "mls";
+};
+
+}  // namespace deform

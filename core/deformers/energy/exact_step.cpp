@@ -1,0 +1,181 @@
+#include "core/deformers/energy/exact_step.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+
+#include "core/base/parallel.h"
+#include "core/numerics/sampling/farthest_points.h"
+
+namespace deform {
+
+ExactStep::ExactStep(const DeformationBefore& before, const std::vector<ConstraintSet>& sets,
+                     const std::vector<std::size_t>& constraint_of, const RunContext& context)
+    : before_(before) {
+  std::vector<std::size_t> chosen_sets;
+  for (std::size_t t = 0; t < sets.size(); ++t) {
+    if (before_.held.setup.constraints[constraint_of[t]].exact) chosen_sets.push_back(t);
+  }
+  // By content, so that the order in which they are written does not matter.
+  std::stable_sort(chosen_sets.begin(), chosen_sets.end(), [&](std::size_t a, std::size_t b) {
+    const std::string_view kind = sets[a].projection->kind(), other = sets[b].projection->kind();
+    return kind != other ? kind < other : sets[a].ids < sets[b].ids;
+  });
+  std::vector<ConstraintSet> exact_sets;
+  for (const std::size_t t : chosen_sets) {
+    exact_sets.push_back(sets[t]);
+    constraint_of_.push_back(constraint_of[t]);
+  }
+  const Mesh& mesh = before_.held.mesh;
+  std::vector<bool> moves(mesh.point_count());
+  for (std::size_t i = 0; i < moves.size(); ++i) {
+    moves[i] = !before_.hard_handles || before_.held.region_of[i] == deformable_region;
+  }
+  placement_ = std::make_unique<const ExactPlacement>(std::move(exact_sets), moves);
+
+  std::vector<PointId> moving;
+  for (std::size_t u = 0; u < ids().size(); ++u) {
+    if (!placement_->moves(u)) continue;
+    moving_.push_back(static_cast<std::uint32_t>(u));
+    moving.push_back(ids()[u]);
+  }
+  const std::size_t most = ResidualCorrection::centres_for(before_.following.size());
+  std::vector<Vec3> places = unit_places(mesh, before_.box, moving);
+  const std::vector<Vec3> held_places = unit_places(mesh, before_.box, before_.held_ids);
+  std::vector<std::uint32_t> candidates = farthest_point_order(places, most);
+  for (const std::uint32_t j : farthest_point_order(held_places, most / 2)) {
+    candidates.push_back(static_cast<std::uint32_t>(places.size()) + j);
+  }
+  places.insert(places.end(), held_places.begin(), held_places.end());
+  std::vector<Vec3> chosen;
+  for (const std::uint32_t i : candidates) chosen.push_back(places[i]);
+  // In this order again, so that only coincident ones are dropped.
+  std::vector<std::uint32_t> centres;
+  for (const std::uint32_t i : farthest_point_order(chosen, chosen.size())) centres.push_back(candidates[i]);
+  carrier_ = std::make_unique<const ResidualCorrection>(places, std::move(centres), ResidualCorrection::Kind::gentle, context);
+  places_ = TiledPoints(unit_places(mesh, before_.box, ids()));
+}
+
+/// Where the points are without the last step, or how they change there; unit coordinates.
+std::vector<Vec3> ExactStep::points_before(const EnergyField& field, const BoundDesign& design, MotionKind kind) const {
+  const std::vector<PointId>& ids = placement_->ids();
+  const HeldPoints& points = before_.held;
+  const UnitBox& box = before_.box;
+  const bool positions = kind == MotionKind::position;
+  std::vector<Vec3> result(ids.size());
+  std::vector<double> values(3 * tile_size);
+  for (std::size_t t = 0; t < places_.tiles(); ++t) {
+    std::fill(values.begin(), values.end(), 0.0);
+    if (field.correction.size() > 0) before_.correction->add_values(places_.tile(t), field.correction.data(), 3, values.data());
+    for (std::size_t u = t * tile_size; u < std::min(ids.size(), (t + 1) * tile_size); ++u) {
+      if (!placement_->moves(u)) {
+        const Vec3 told = points.place(design, ids[u], kind);
+        result[u] = positions ? box.to_unit(told) : Vec3{told[0] / box.scale, told[1] / box.scale, told[2] / box.scale};
+        continue;
+      }
+      if (positions) result[u] = box.to_unit(points.mesh.points[ids[u]]);
+      for (std::size_t k = 0; k < 3; ++k) {
+        double value = values[k * tile_size + u % tile_size];
+        for (SparseRows::InnerIterator it(before_.values, ids[u]); it; ++it) {
+          value += it.value() * field.w(it.col(), static_cast<Eigen::Index>(k));
+        }
+        result[u][k] += value / box.scale;
+      }
+    }
+  }
+  return result;
+}
+
+/// The field that carries the step of the points along.
+RowMajorMatrix ExactStep::carried(const std::vector<Vec3>& from, const std::vector<Vec3>& to, const RunContext& context) const {
+  Eigen::MatrixXd step = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(moving_.size() + before_.held_ids.size()), 3);
+  for (std::size_t i = 0; i < moving_.size(); ++i) {
+    const std::uint32_t u = moving_[i];
+    for (std::size_t k = 0; k < 3; ++k) {
+      step(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = before_.box.scale * (to[u][k] - from[u][k]);
+    }
+  }
+  return carrier_->coefficients(step, context);
+}
+
+void ExactStep::add_values(const double* tile, const Step& step, double* out) const {
+  if (step.carried.size() > 0) carrier_->add_values(tile, step.carried.data(), 3, out);
+}
+
+ExactStep::Step ExactStep::place(const EnergyField& field, const BoundDesign& design, const RunContext& context) const {
+  Step step;
+  step.placed = placement_->place(points_before(field, design, MotionKind::position), context);
+  if (!step.placed.any()) return step;
+  step.carried = carried(step.placed.from, step.placed.points, context);
+  if (carries_far(step, context)) {
+    step.placed.give_up();
+    step.carried.resize(0, 0);
+    return step;
+  }
+  step.values.reserve(step.placed.points.size());
+  for (const Vec3& y : step.placed.points) step.values.push_back(before_.box.to_model(y));
+  return step;
+}
+
+/// Whether some point is carried along farther than an exact one may move: the interpolant of the steps can overshoot where no
+/// point holds it.
+bool ExactStep::carries_far(const Step& step, const RunContext& context) const {
+  const double most = ExactPlacement::most_movement(step.placed) * before_.box.scale;
+  std::atomic<bool> far = false;
+  parallel_for(context, before_.following_places.tiles(), 64, [&](std::size_t begin, std::size_t end) {
+    std::vector<double> values(3 * tile_size);
+    for (std::size_t t = begin; t < end && !far; ++t) {
+      std::fill(values.begin(), values.end(), 0.0);
+      add_values(before_.following_places.tile(t), step, values.data());
+      for (std::size_t i = 0; i < tile_size; ++i) {
+        // So that what is not finite is far.
+        if (!(std::hypot(values[i], values[tile_size + i], values[2 * tile_size + i]) <= most)) far = true;
+      }
+    }
+  });
+  return far;
+}
+
+ExactStep::Step ExactStep::derivative(const ExactPlacement::Placed& at, const EnergyField& field, const BoundDesign& design,
+                                      const RunContext& context) const {
+  Step step;
+  if (!at.any()) return step;
+  const std::vector<Vec3> from = points_before(field, design, MotionKind::derivative);
+  step.values = placement_->derivative(at, from, context);
+  step.carried = carried(from, step.values, context);
+  for (Vec3& value : step.values) {
+    for (double& x : value) x *= before_.box.scale;
+  }
+  return step;
+}
+
+std::vector<Vec3> ExactStep::adjoint(const ExactPlacement::Placed& at, std::vector<Vec3>& cotangents,
+                                     const RunContext& context) const {
+  const std::vector<PointId>& following = before_.following;
+  const std::vector<PointId>& ids = placement_->ids();
+  std::vector<Vec3> places = unit_places(before_.held.mesh, before_.box, following), others = cotangents;
+  std::vector<std::size_t> slots(ids.size(), following.size());
+  std::vector<Vec3> y(ids.size(), Vec3{});
+  for (const std::uint32_t u : moving_) {
+    slots[u] = static_cast<std::size_t>(std::lower_bound(following.begin(), following.end(), ids[u]) - following.begin());
+    y[u] = cotangents[slots[u]];
+    others[slots[u]] = {};
+  }
+  const Eigen::MatrixXd steps = carrier_->adjoint(places, others, context);
+  const auto step = [&](std::size_t i, std::size_t k) {
+    return steps(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k));
+  };
+  for (std::size_t i = 0; i < moving_.size(); ++i) {
+    for (std::size_t k = 0; k < 3; ++k) y[moving_[i]][k] += step(i, k);
+  }
+  std::vector<Vec3> from = placement_->adjoint(at, y, context);
+  for (std::size_t i = 0; i < moving_.size(); ++i) {
+    Vec3& x = from[moving_[i]];
+    for (std::size_t k = 0; k < 3; ++k) x[k] -= step(i, k);
+    cotangents[slots[moving_[i]]] = x;
+    x = {};
+  }
+  return from;
+}
+
+}  // namespace deform

@@ -1,0 +1,72 @@
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "core/base/parallel.h"
+#include "core/deformers/handles/handle_system.h"
+
+namespace deform {
+
+/// Designs bound to a HandleSystem: their paths, the coefficients of those on the basis path, and the points from the
+/// displacements of tiles. The constructor of a derived class solves for the designs on the direct path and completes their
+/// reports; direct_tile() gives their displacements.
+class HandleEvaluation : public Evaluation {
+ public:
+  std::size_t design_count() const final { return designs_.size(); }
+  const DesignReport& report(std::size_t design) const final { return reports_[design]; }
+  void evaluate(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const final;
+
+ protected:
+  /// Positions for the designs of System::bind().
+  HandleEvaluation(std::shared_ptr<const HandleSystem> system, std::span<const Design> designs, EvaluationPath path,
+                   const RunContext& context);
+  /// A displacement field from one affine map per handle (a derivative): evaluate() gives the field itself.
+  HandleEvaluation(std::shared_ptr<const HandleSystem> system, const std::vector<Affine>& derivatives);
+
+  /// Displacements of `count` designs on the direct path at a tile of the following points, in the frame of the symmetry planes:
+  /// values[design][component][16].
+  virtual void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const = 0;
+  /// Replaces points of [begin, end) that the solution does not decide about; see evaluate().
+  virtual void replace_points(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;
+
+  bool is_direct(std::size_t design) const { return reports_[design].path == EvaluationPath::direct; }
+  std::size_t direct_designs() const { return direct_designs_; }
+  /// Of each design among those of its path.
+  std::size_t slot(std::size_t design) const { return slot_[design]; }
+  /// The displacement of a handle or fixed point, in the frame of the planes when there are any.
+  Vec3 prescribed_displacement(const BoundDesign& design, PointId id) const;
+  /// solve(design) for those on the direct path, in parallel, always one at a time: BLAS sums in another order for another number
+  /// of columns, and a design must not depend on the others bit for bit.
+  template <typename Solve>
+  void for_each_direct(const RunContext& context, const Solve& solve) const {
+    parallel_for(context, designs_.size(), 1, [&](std::size_t design, std::size_t) {
+      if (is_direct(design)) solve(design);
+    });
+    context.check();
+  }
+
+  HeldPoints held_;  ///< of the system
+  MotionKind kind_ = MotionKind::position;
+  std::vector<BoundDesign> designs_;
+  std::vector<DesignReport> reports_;
+
+ private:
+  void choose_paths(EvaluationPath path);
+  void set_basis_coefficients();
+  void evaluate_following(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;
+  void fill_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const;
+
+  std::shared_ptr<const HandleSystem> system_;
+  std::vector<std::size_t> slot_;
+  std::size_t basis_designs_ = 0, direct_designs_ = 0;
+  /// Per basis of the system: 4H x (its components, of each design on the basis path), row by row.
+  std::vector<std::vector<double>> coefficients_;
+};
+
+/// Puts the values of some components into those of all: values[design][component][16] from part[design][of these][16].
+void place_components(const std::vector<std::size_t>& components, std::size_t designs, const double* part, double* values);
+
+}  // namespace deform

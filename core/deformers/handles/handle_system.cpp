@@ -1,0 +1,183 @@
+#include "core/deformers/handles/handle_system.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <sstream>
+
+#include "core/base/error.h"
+#include "core/base/number_text.h"
+#include "core/base/parallel.h"
+
+namespace deform {
+
+namespace {
+
+constexpr std::size_t points_per_task = 8192;
+constexpr const char* only_slides =
+    "; points on a symmetry plane only slide in it: take them out of the handle with `difference`";
+
+[[noreturn]] void invalid(std::size_t design, const std::string& message) {
+  throw Error(ErrorCode::invalid_argument, "designs[" + std::to_string(design) + "]" + message);
+}
+
+}  // namespace
+
+HandleSystem::HandleSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, HandleMode handles, Unit unit,
+                           const RunContext& context)
+    : mesh_(std::move(mesh)), setup_(setup), handles_(handles) {
+  context.progress("select", 0);
+  regions_ = validate(setup_, *mesh_);
+  const Box bounds = bounding_box(mesh_->points);
+  info_.diagonal = bounds.diagonal();
+  box_ = {bounds.min, unit == Unit::diagonal ? info_.diagonal : 0};
+  for (int k = 0; k < 3 && unit == Unit::longest_edge; ++k) box_.scale = std::max(box_.scale, bounds.max[k] - bounds.min[k]);
+  if (!(box_.scale > 0)) box_.scale = 1;
+  points_ = constraint_points(*mesh_, regions_);
+  if (!hard_handles()) {
+    all_.resize(mesh_->point_count());
+    std::iota(all_.begin(), all_.end(), PointId{0});
+  }
+  rank_of_.assign(mesh_->point_count(), 0);
+  for (const auto& handle : regions_.handles) {
+    info_.handle_points += handle.size();
+    for (std::size_t k = 0; k < handle.size(); ++k) {
+      rank_of_[handle[k]] = static_cast<std::uint32_t>(k);
+      if (regions_.symmetry.on(handle[k]) != 0) sliding_.push_back(handle[k]);
+    }
+  }
+  std::sort(sliding_.begin(), sliding_.end());
+  frames_ = handle_frames(*mesh_, regions_, box_);
+  info_.points = mesh_->point_count();
+  info_.fixed_points = regions_.fixed.size();
+  info_.constraint_points = points_.count;
+  info_.deformable_points = points_.deformable.size();
+}
+
+std::array<double, 4> HandleSystem::handle_fields(std::size_t handle, PointId id) const {
+  const Vec3 x = box_.to_unit(mesh_->points[id]);
+  const Vec3& c = frames_[handle].reference;
+  return {1, x[0] - c[0], x[1] - c[1], x[2] - c[2]};
+}
+
+Vec3 HandleSystem::components(Vec3 in_frame, PointId id) const {
+  const unsigned on = regions_.symmetry.on(id);
+  for (std::size_t k = 0; k < 3; ++k) {
+    if ((on >> k & 1u) != 0) in_frame[k] = 0;
+  }
+  return in_frame;
+}
+
+void HandleSystem::set_bytes(std::size_t factor_bytes, std::size_t more) {
+  info_.factor_bytes = factor_bytes;
+  info_.basis_fields = has_basis() ? fields() : 0;
+  for (const HandleBasis& basis : basis_) info_.basis_bytes += basis.bytes();
+  info_.bytes = factor_bytes + info_.basis_bytes + more + point_bytes(mesh_->point_count(), regions_.symmetry);
+}
+
+void HandleSystem::check(const BoundDesign& design, std::size_t index) const {
+  check_tolerance(design, index);
+  held().check_coincident(design, index);
+  check_sliding(design, index);
+}
+
+void HandleSystem::check_tolerance(const BoundDesign& design, std::size_t index) const {
+  const double tolerance = design.tolerance;
+  if (tolerance == 0) return;
+  const std::string text = ".tolerance: " + number_digits(tolerance);
+  if (!to_tolerance(info_.solver)) invalid(index, text + ", but solver " + to_string(info_.solver) + " has none");
+  const bool prepared_for = info_.solver == Solver::incremental_qr;
+  const double least = prepared_for ? info_.tolerance : least_tolerance;
+  if (tolerance >= least && tolerance <= largest_tolerance) return;
+  invalid(index, text + " is out of range " + number_digits(least) + ".." + number_digits(largest_tolerance) +
+                     (prepared_for ? "; the system was prepared for " + number_digits(info_.tolerance) : ""));
+}
+
+void HandleSystem::check_sliding(const BoundDesign& design, std::size_t index) const {
+  const Symmetry& symmetry = regions_.symmetry;
+  const HeldPoints points = held();
+  for (const PointId id : sliding_) {
+    const Vec3& x = mesh_->points[id];
+    const Vec3 to = points.prescribed_position(design, id, MotionKind::position);
+    const Vec3 u = symmetry.to_frame({to[0] - x[0], to[1] - x[1], to[2] - x[2]});
+    for (std::size_t k = 0; k < symmetry.planes(); ++k) {
+      if ((symmetry.on(id) >> k & 1u) == 0 || std::abs(u[k]) <= symmetry.reach(k)) continue;
+      std::ostringstream text;
+      text << ": point " << id << " (handle \"" << setup_.handles[points_.region_of[id]].name << "\") lies on symmetry[" << k
+           << "] but is sent a distance of " << number_digits(u[k]) << " out of it" << only_slides;
+      invalid(index, text.str());
+    }
+  }
+}
+
+void HandleSystem::check_sliding(const std::vector<Affine>& derivative, const std::string& what) const {
+  const Symmetry& symmetry = regions_.symmetry;
+  for (const PointId id : sliding_) {
+    const RegionIndex handle = points_.region_of[id];
+    const Affine& m = derivative[handle];
+    if (m == Affine{}) continue;
+    const Vec3& x = mesh_->points[id];
+    const Vec3 u = transformed(m, x);
+    double size = 0;  // of the terms of u
+    for (std::size_t i = 0; i < 12; ++i) size = std::max(size, std::abs(m[i] * (i % 4 == 3 ? 1.0 : x[i % 4])));
+    const Vec3 across = symmetry.to_frame(u);
+    for (std::size_t k = 0; k < symmetry.planes(); ++k) {
+      if ((symmetry.on(id) >> k & 1u) == 0 || std::abs(across[k]) * info_.diagonal <= symmetry.reach(k) * size) continue;
+      std::ostringstream text;
+      text << what << ": moves point " << id << " (handle \"" << setup_.handles[handle].name << "\") out of symmetry[" << k
+           << "] at a rate of " << number_digits(across[k]) << only_slides;
+      throw Error(ErrorCode::invalid_argument, text.str());
+    }
+  }
+}
+
+Points HandleSystem::jacobian_vector(std::span<const double> variables, std::span<const double> direction,
+                                     const RunContext& context) const {
+  const std::vector<Affine> maps = motion_derivative(setup_, variables, direction);
+  check_sliding(maps, "direction");
+  const std::unique_ptr<const Evaluation> evaluation = derivative(variables, maps, context);
+  Points result(mesh_->point_count());
+  parallel_for(context, result.size(), points_per_task, [&](std::size_t begin, std::size_t end) {
+    Vec3* out = result.data() + begin;
+    evaluation->evaluate(begin, end, 0, std::span<Vec3* const>(&out, 1));
+  });
+  return result;
+}
+
+/// Transpose of "fields of the handles to displacements of the following points": 4H x 3, model coordinates.
+std::vector<double> HandleSystem::pull_back(std::span<const double> variables, const Points& cotangent,
+                                            const RunContext& context) const {
+  const Symmetry& symmetry = regions_.symmetry;
+  std::vector<Vec3> at_following;
+  at_following.reserve(following().size());
+  for (const PointId id : following()) {
+    at_following.push_back(symmetry.empty() ? cotangent[id] : components(symmetry.to_frame(cotangent[id]), id));
+  }
+  std::vector<double> result(3 * fields(), 0.0);
+  if (!has_basis()) result = adjoint(variables, at_following, context);
+  for (const HandleBasis& basis : basis_) {
+    const std::vector<double> part = basis.tiles.transposed_product(at_following, context);
+    for (std::size_t f = 0; f < fields(); ++f) {
+      for (const std::size_t k : basis.components) result[3 * f + k] = part[3 * f + k];
+    }
+  }
+  for (std::size_t f = 0; f < fields() && !symmetry.empty(); ++f) {
+    const Vec3 back = symmetry.from_frame({result[3 * f], result[3 * f + 1], result[3 * f + 2]});
+    std::copy(back.begin(), back.end(), result.begin() + static_cast<std::ptrdiff_t>(3 * f));
+  }
+  return result;
+}
+
+std::vector<double> HandleSystem::vector_jacobian(std::span<const double> variables, const Points& cotangent,
+                                                  const RunContext& context) const {
+  check_cotangent(cotangent, mesh_->point_count());
+  handle_motions(setup_, variables);  // checks them
+  for (std::size_t k = 0; k < setup_.variables.size() && !sliding_.empty(); ++k) {
+    check_sliding(handle_motion_derivative(setup_, variables, k), "variable \"" + setup_.variables[k].name + "\"");
+  }
+  const std::vector<double> field_sums = pull_back(variables, cotangent, context);
+  const Points nothing(hard_handles() ? 0 : cotangent.size());  // is prescribed by soft handles
+  return variable_gradient(held(), variables, hard_handles() ? cotangent : nothing, field_sums, frames_, box_);
+}
+
+}  // namespace deform

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <tuple>
+#include <type_traits>
+#include <variant>
+
+#include "core/deformers/energy/energy_methods.h"
+#include "core/deformers/method.h"
+#include "core/deformers/rbf/rbf_method.h"
+
+namespace deform {
+
+/// The methods, in the order of the alternatives of Setup::method. An alternative without a method, or a method that lacks a
+/// function, does not compile.
+template <Method... M>
+struct MethodList {
+  using Options = std::variant<typename M::Options...>;
+
+  /// Calls use.template operator()<M>() for every method.
+  template <typename Use>
+  static void for_each(const Use& use) {
+    (use.template operator()<M>(), ...);
+  }
+  /// The method of some options.
+  template <typename O>
+  using Of = std::tuple_element_t<
+      0, decltype(std::tuple_cat(
+             std::declval<std::conditional_t<std::is_same_v<typename M::Options, O>, std::tuple<M>, std::tuple<>>>()...))>;
+};
+using Methods = MethodList<RbfMethod, ShellMethod, SubspaceMethod, MlsMethod>;
+static_assert(std::is_same_v<Methods::Options, decltype(Setup::method)>);
+
+/// use.template operator()<M>(options) for the method M of a setup and its options, which are const if the setup is.
+template <typename SetupType, typename Use>
+decltype(auto) with_method(SetupType& setup, const Use& use) {
+  return std::visit(
+      [&](auto& options) -> decltype(auto) {
+        return use.template operator()<Methods::Of<std::remove_cvref_t<decltype(options)>>>(options);
+      },
+      setup.method);
+}
+
+/// Whether the method of the setup can do what the setup asks for, and its options. Throws Error(invalid_argument) naming the
+/// field. Part of validate(), after handles and variables.
+void validate_method(const Setup& setup, const Mesh& mesh);
+
+/// The points that become centres of an RBF system, ascending. Nothing where they are chosen while preparing: by INCREMENTAL_QR
+/// and by the other methods. Throws what validate() throws.
+std::optional<std::vector<PointId>> known_centres(const Mesh& mesh, const Setup& setup);
+
+}  // namespace deform

@@ -1,0 +1,15 @@
+#include "core/deformers/option_checks.h"
+
+#include "core/base/error.h"
+#include "core/base/number_text.h"
+
+namespace deform {
+
+void refuse_setup(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
+
+void check_range(double value, double least, double most, const std::string& field) {
+  if (value >= least && value <= most) return;
+  refuse_setup(field + ": " + number_digits(value) + " is out of range " + number_digits(least) + ".." + number_digits(most));
+}
+
+}  // namespace deform

@@ -1,0 +1,27 @@
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "core/deformers/method.h"
+
+namespace deform {
+
+/// RBF deformation (thesis 3.5): see RbfSystem.
+struct RbfMethod {
+  using Options = RbfOptions;
+  static constexpr std::string_view name = "rbf";
+  static constexpr MethodFeatures features{.symmetry = true, .constraints = false};
+  static void validate(const RbfOptions& options, const Setup& setup, const Mesh& mesh);
+  /// Nothing for INCREMENTAL_QR.
+  static std::optional<std::vector<PointId>> known_centres(const RbfOptions& options, const Mesh& mesh,
+                                                           const SelectedRegions& regions);
+  static Estimate estimate(const RbfOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
+  static std::shared_ptr<const System> prepare(const RbfOptions& options, const std::shared_ptr<const Mesh>& mesh,
+                                               const Setup& setup, const RunContext& context, std::size_t memory_budget);
+};
+
+}  // namespace deform
