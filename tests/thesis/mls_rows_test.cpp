@@ -56,22 +56,6 @@ INSTANTIATE_TEST_SUITE_P(Regimes, VolumeEnergies,
                          testing::Values(Regime{"bending", 0, 1}, Regime{"stretching", 1, 0}, Regime{"both", 1, 0.6}),
                          [](const auto& tested) { return std::string(tested.param.name); });
 
-// Why bending is the whole second derivative: with free rims, as with the strip, |laplace d|^2 lets the rim go.
-TEST(BendingForms, LaplacianAsPrintedLetsFreeRimsGo) {
-  const Mesh plane = test::thesis_plane();
-  const EnergySpace reference = mesh_space(plane, 0, 1);
-  MlsOptions options;
-  options.surface_samples = 1000;
-  const auto worst = [&](BendingForm form, Lifted lifted) {
-    const Held held = lift(plane, lifted);
-    const VectorXd error = test::least_energy(mls_space(plane, options, 1, {}, form), held.points, held.prescribed) -
-                           test::least_energy(reference, held.points, held.prescribed);
-    return error.cwiseAbs().maxCoeff() / held.prescribed.maxCoeff();
-  };
-  EXPECT_LE(worst(BendingForm::laplacian, Lifted::disc), 0.05);
-  EXPECT_GT(worst(BendingForm::laplacian, Lifted::strip), 0.2);
-}
-
 // Faces added on the same points, degenerate, double and non-manifold, change where samples fall, but hardly the result; a grid
 // cut into single triangles is as good as a whole one.
 TEST(DefectiveFaces, FacesDoNotMatter) {

@@ -77,9 +77,8 @@ TEST(MlsSpace, BendingOfQuadraticFunctions) {
   MlsOptions chosen = options(0, 1, 400, 400);
   const double volume = std::pow(3.0, -1.5);
   const auto saddle = [](double x, double y, double /*z*/) { return x * x - y * y; };
-  const EnergySpace full = mls_space(cube, chosen, 1), printed = mls_space(cube, chosen, 1, {}, BendingForm::laplacian);
+  const EnergySpace full = mls_space(cube, chosen, 1);
   EXPECT_NEAR(energy(full, at_samples(full, saddle)) / (8 * volume), 1, 0.35);
-  EXPECT_LT(energy(printed, at_samples(printed, saddle)) / (8 * volume), 0.35);
 }
 
 TEST(MlsSpace, SameForEveryUnitAndNumberOfThreads) {

@@ -112,34 +112,24 @@ Cubature cubature_of(const DensePoints& dense, SampleOptions counts, const RunCo
 /// Which derivatives make the rows of one integration point.
 struct RowForm {
   bool gradient = false, second = false;
-  BendingForm form = BendingForm::hessian;
 
-  std::size_t height() const {
-    const std::size_t bending = form == BendingForm::hessian ? 6 : 1;
-    return (gradient ? 3 : 0) + (second ? bending : 0);
-  }
+  std::size_t height() const { return (gradient ? 3 : 0) + (second ? 6 : 0); }
 
   void write(const MlsBasis::Row& row, double root_s, double root_b, double* out) const {
     for (std::size_t a = 0; a < row.samples.size(); ++a) {
       if (gradient) {
         for (std::size_t k = 0; k < 3; ++k) *out++ = root_s * row.gradients[a][k];
       }
-      if (!second) continue;
-      if (form == BendingForm::laplacian) {
-        *out++ = root_b * row.laplacian(a);
-        continue;
-      }
-      for (std::size_t p = 0; p < 6; ++p) *out++ = root_b * (p < 3 ? 1.0 : std::numbers::sqrt2) * row.hessians[a][p];
+      for (std::size_t p = 0; second && p < 6; ++p) *out++ = root_b * (p < 3 ? 1.0 : std::numbers::sqrt2) * row.hessians[a][p];
     }
   }
 };
 
-RowBlocks energy_rows(const MlsBasis& basis, const Cubature& cubature, const Weights& weights, BendingForm form,
-                      const RunContext& context) {
+RowBlocks energy_rows(const MlsBasis& basis, const Cubature& cubature, const Weights& weights, const RunContext& context) {
   const auto any = [](const std::vector<double>& values) {
     return std::any_of(values.begin(), values.end(), [](double value) { return value > 0; });
   };
-  const RowForm rows_of{any(weights.stretching), any(weights.bending), form};
+  const RowForm rows_of{any(weights.stretching), any(weights.bending)};
   const std::vector<std::size_t> sizes = basis.row_sizes(cubature.points, context);
   RowBlocks rows;
   rows.height = rows_of.height();
@@ -177,8 +167,7 @@ std::vector<std::string> notes_of(const EnergySpace& space, const Samples& sampl
 
 }  // namespace
 
-EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t seed, const RunContext& context,
-                      BendingForm form) {
+EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t seed, const RunContext& context) {
   const std::vector<Vec3> points = unit_points(mesh);
   const SampleOptions counts = sample_counts(mesh, options);
   const SampleOptions more = times(counts, options.cubature);
@@ -211,7 +200,7 @@ EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t
   space.values = basis.values(points, context);
   context.progress("assemble", 0);
   const RowBlocks rows = energy_rows(MlsBasis(samples.points, radius, along_surface), cubature,
-                                     weights_at(mesh, points, cubature.points, options, context), form, context);
+                                     weights_at(mesh, points, cubature.points, options, context), context);
   space.energy = lower_gram(rows, space.samples, context);
   space.linear = linear_coefficients(samples.points);
   space.notes = notes_of(space, samples, basis, solid);

@@ -10,18 +10,13 @@
 
 namespace deform {
 
-/// What takes the place of |laplace d|^2 in the bending energy.
-enum class BendingForm {
-  hessian,    ///< squared Frobenius norm of the second derivatives (thesis eq. 3.2)
-  laplacian,  ///< as printed (thesis eq. 8.13)
-};
-
 /// Moving least squares deformation in space (thesis 8.4): k samples spread over surface and volume, N = cubature * k integration
 /// points spread in the same way, energies gamma_s |grad d|^2 + gamma_b |hessian d|^2 at them with their Voronoi volumes, or on a
 /// mesh without cells their Voronoi areas. All in unit coordinates (divided by the bounding-box diagonal).
 ///
 /// Two decisions, because the thesis leaves them open:
-///  - Bending is the whole second derivative. Both forms agree where the rim of the domain is held; but |laplace d|^2 costs
+///  - Bending is the whole second derivative. It agrees with |laplace d|^2 (eq. 8.13) where the rim of the domain is held; but
+///  that costs
 ///    nothing for harmonic functions, so with a free rim, or one where only positions are held, its least is the harmonic one,
 ///    which bends sharply at the handles. Here only affine displacements cost nothing.
 ///  - A mesh without cells is its surface: integration points lie on it and derivatives count along it. Where the samples around
@@ -35,8 +30,7 @@ enum class BendingForm {
 ///
 /// Deterministic for a seed and any number of threads. Throws Error(invalid_argument): a mesh without extent;
 /// cancelled, deadline_exceeded.
-EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t seed, const RunContext& context = {},
-                      BendingForm form = BendingForm::hessian);
+EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t seed, const RunContext& context = {});
 
 /// Upper bound of what mls_space() needs at its peak, and of what the space holds: cheap, before anything is allocated.
 struct SpaceBytes {
