@@ -12,6 +12,7 @@
 #include "core/deformers/energy/spaces/shell.h"
 #include "core/deformers/handles/constraint_points.h"
 #include "tests/bench/constraint_cases.h"
+#include "tests/bench/plain_alternation.h"
 
 namespace deform::bench {
 
@@ -55,6 +56,7 @@ class ShellCase {
   ConstrainedResult solve(const ConstrainedSolver::Options& options) const {
     return ConstrainedSolver(*solver_, model_.space.values, sets_, options, 0, {}).solve(h_, offsets_, {});
   }
+  PlainAlternation plain() const { return PlainAlternation(*solver_, model_.space.values, sets_, h_, offsets_); }
 
  private:
   const Mesh& mesh_;
@@ -75,21 +77,12 @@ double distance(const std::vector<Vec3>& a, const std::vector<Vec3>& b) {
 
 /// Of the plain alternation: as many as are needed.
 int plain_iterations(const ShellCase& of, const std::vector<Vec3>& solution) {
-  const auto near = [&](int iterations) {
-    ConstrainedSolver::Options plain;
-    plain.acceleration = ConstrainedSolver::Acceleration::none;
-    plain.tolerance = 0;
-    plain.most_iterations = iterations;
-    return distance(of.solve(plain).after.points, solution) <= wanted;
-  };
-  int high = 1;
-  while (high < most_plain && !near(high)) high *= 2;
-  int low = high / 2;
-  while (high - low > std::max(1, high / 50)) {
-    const int middle = (low + high) / 2;
-    (near(middle) ? high : low) = middle;
+  PlainAlternation plain = of.plain();
+  for (int iterations = 1; iterations < most_plain; ++iterations) {
+    plain.step();
+    if (distance(plain.state().points, solution) <= wanted) return iterations;
   }
-  return high;
+  return most_plain;
 }
 
 /// Of the default, counted like those: as many steps as bring the points near, whether it knows or not.

@@ -8,11 +8,13 @@
 #include "core/deformers/constrained/constrained_solver.h"
 #include "core/deformers/energy/spaces/shell.h"
 #include "core/deformers/handles/constraint_points.h"
+#include "tests/bench/plain_alternation.h"
 #include "tests/core/deformers/energy_cases.h"
 
 namespace deform {
 namespace {
 
+using bench::PlainAlternation;
 using test::distance;
 
 /// A bent shell with a plane and a rigid patch, as the solver sees it.
@@ -49,6 +51,9 @@ struct Case {
   ConstrainedResult solve(const ConstrainedSolver::Options& options) const {
     return ConstrainedSolver(*solver, model.space.values, sets, options, 0, {}).solve(h, offsets, {});
   }
+  PlainAlternation plain(PlainAlternation::Form form = PlainAlternation::Form::translations) const {
+    return PlainAlternation(*solver, model.space.values, sets, h, offsets, form);
+  }
 
   Mesh mesh;
   EnergyModel model;
@@ -62,29 +67,23 @@ Constraint patch(const ConstraintKind& kind, double from, double to, double weig
   return {"patch", {test::box({from, 0.1, -9}, {to, 0.9, 9})}, kind, weight};
 }
 
-ConstrainedSolver::Options plain() {
-  ConstrainedSolver::Options options;
-  options.acceleration = ConstrainedSolver::Acceleration::none;
-  options.most_iterations = options.patience = 20000;
-  return options;
-}
-
 // Thesis 8.5: the objective never rises; the accelerated iteration has the same fixed point and takes fewer steps.
 TEST(Alternation, AlternationDescendsToOneFixedPoint) {
   const Case c({patch(Planar{}, 1.2, 1.6, 1e4), patch(Rigid{}, 0.5, 1.25, 1e4)});
-  ConstrainedSolver::Options slow = plain();
-  slow.tolerance = 1e-8;
-  const ConstrainedResult alternating = c.solve(slow);
+  PlainAlternation alternating = c.plain();
+  int iterations = 1;
+  for (double before = alternating.state().objective; alternating.step() > 1e-9; ++iterations) {
+    ASSERT_LT(iterations, 20000);
+    EXPECT_LE(alternating.state().objective, before + 1e-12 * std::abs(before));
+    before = alternating.state().objective;
+  }
   const ConstrainedResult accelerated = c.solve({});
-  ASSERT_TRUE(alternating.converged);
   ASSERT_TRUE(accelerated.converged);
-  RecordProperty("iterations", std::to_string(alternating.iterations) + " " + std::to_string(accelerated.iterations));
-  EXPECT_LT(accelerated.iterations, alternating.iterations);
-  EXPECT_LT(distance(alternating.after.points, accelerated.after.points), 1e-6);
-  for (const ConstrainedResult* result : {&alternating, &accelerated}) {
-    for (std::size_t i = 1; i < result->objectives.size(); ++i) {
-      EXPECT_LE(result->objectives[i], result->objectives[i - 1] + 1e-12 * std::abs(result->objectives[i]));
-    }
+  RecordProperty("iterations", std::to_string(iterations) + " " + std::to_string(accelerated.iterations));
+  EXPECT_LT(accelerated.iterations, iterations);
+  EXPECT_LT(distance(alternating.state().points, accelerated.after.points), 1e-6);
+  for (std::size_t i = 1; i < accelerated.objectives.size(); ++i) {
+    EXPECT_LE(accelerated.objectives[i], accelerated.objectives[i - 1] + 1e-12 * std::abs(accelerated.objectives[i]));
   }
 }
 
@@ -94,9 +93,9 @@ TEST(Alternation, StiffWeightsFallBackToGaussNewton) {
   const ConstrainedResult result = c.solve({});
   EXPECT_TRUE(result.converged);
   EXPECT_GT(result.newton_steps, 0);
-  ConstrainedSolver::Options more = plain();
-  more.most_iterations = more.patience = 1000;
-  EXPECT_LE(result.after.objective, c.solve(more).after.objective + 1e-9);
+  PlainAlternation more = c.plain();
+  for (int i = 0; i < 1000; ++i) more.step();
+  EXPECT_LE(result.after.objective, more.state().objective + 1e-9);
 }
 
 // Thesis 8.5.1: one unknown translation per set gives the iterates of the mean-centred form.
@@ -119,9 +118,7 @@ TEST(SparseConstraintRows, TranslationsAreMeanCentring) {
     A += weighted.back() * Phi;
   }
   const Eigen::LLT<Eigen::MatrixXd> factor(A);
-  ConstrainedSolver::Options options = plain();
-  options.tolerance = 0;
-  ConstrainedState state = c.solve(plain()).before;
+  PlainAlternation plain = c.plain();
   for (int iterations = 1; iterations <= 5; ++iterations) {
     Eigen::MatrixXd b = c.solver->right_side(c.h);
     std::size_t first = 0;
@@ -130,17 +127,15 @@ TEST(SparseConstraintRows, TranslationsAreMeanCentring) {
       for (Eigen::Index i = 0; i < y.rows(); ++i) {
         for (Eigen::Index a = 0; a < 3; ++a) {
           const auto at = static_cast<std::size_t>(i), axis = static_cast<std::size_t>(a);
-          y(i, a) = state.targets[first + at][axis] - c.sets[t].rest[at][axis];
+          y(i, a) = plain.state().targets[first + at][axis] - c.sets[t].rest[at][axis];
         }
       }
       b += weighted[t] * y;
       first += c.sets[t].ids.size();
     }
     const Eigen::MatrixXd expected = factor.solve(b);
-    options.most_iterations = options.patience = iterations;
-    const ConstrainedResult result = c.solve(options);
-    state = result.after;
-    EXPECT_LT((result.w - expected).cwiseAbs().maxCoeff(), 1e-9) << iterations;
+    plain.step();
+    EXPECT_LT((plain.w() - expected).cwiseAbs().maxCoeff(), 1e-9) << iterations;
   }
 }
 
@@ -148,23 +143,19 @@ TEST(SparseConstraintRows, TranslationsAreMeanCentring) {
 // fixed point, farther from the shapes.
 TEST(SparseConstraintRows, FormsOfTheThesis) {
   const Case c({patch(Planar{}, 1.2, 1.6, 1e4), patch(Rigid{}, 0.5, 1.25, 1e4)}, 21);
-  const auto solved = [&](ConstrainedSolver::Form form, int iterations) {
-    ConstrainedSolver::Options options = plain();
-    options.form = form;
-    options.tolerance = iterations > 0 ? 0 : 1e-9;
-    if (iterations > 0) options.most_iterations = iterations;
-    return c.solve(options);
-  };
-  for (const int iterations : {1, 7, 50}) {
-    EXPECT_LT(distance(solved(ConstrainedSolver::Form::mean_centred, iterations).after.points,
-                       solved(ConstrainedSolver::Form::bordered, iterations).after.points),
-              1e-9)
-        << iterations;
+  PlainAlternation translations = c.plain(), mean_centred = c.plain(PlainAlternation::Form::mean_centred),
+                   anchored = c.plain(PlainAlternation::Form::anchored);
+  for (int i = 1; i <= 50; ++i) {
+    translations.step();
+    mean_centred.step();
+    if (i != 1 && i != 7 && i != 50) continue;
+    EXPECT_LT(distance(mean_centred.state().points, translations.state().points), 1e-9) << i;
   }
-  const ConstrainedResult bordered = solved(ConstrainedSolver::Form::bordered, 0);
-  const ConstrainedResult anchored = solved(ConstrainedSolver::Form::anchored, 0);
-  EXPECT_GT(distance(bordered.after.points, anchored.after.points), 1e-6);
-  EXPECT_LT(bordered.after.objective, anchored.after.objective);
+  for (PlainAlternation* form : {&translations, &anchored}) {
+    for (int i = 0; i < 20000 && form->step() > 1e-10; ++i) continue;
+  }
+  EXPECT_GT(distance(translations.state().points, anchored.state().points), 1e-6);
+  EXPECT_LT(translations.state().objective, anchored.state().objective);
 }
 
 // Thesis 8.5.2: the distance from the shape falls like 1 / gamma_c where every point has functions of its own.

@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "core/deformers/constrained/constrained_solver.h"
+#include "core/deformers/constrained/constrained_points.h"
 
 namespace deform {
 

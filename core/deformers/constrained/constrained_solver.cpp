@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <utility>
 
 #include "core/base/parallel.h"
@@ -14,6 +13,13 @@ namespace {
 
 constexpr double round_accuracy = 1e-9;  // of the prescribed displacements
 constexpr std::size_t sets_per_task = 64;
+constexpr int least_patience = 4, most_patience = 150;
+constexpr double steps_per_round = 1;  // Gauss-Newton matrices that one round of the alternation may cost
+constexpr double dense_speed = 8;      // operations of a factorization in the time of one of a triangular solution
+constexpr double direction_accuracy = 1e-3;
+constexpr int most_with_old_matrix = 12;  // iterations; a new matrix costs about as much or more
+constexpr int most_steps = 30, most_halvings = 10, most_steps_of_a_design = 100;
+constexpr double whole_accuracy = 1e-11;  // of the right-hand side, of derivatives
 
 double rms(const std::vector<Vec3>& a, const std::vector<Vec3>& b) {
   double sum = 0;
@@ -23,46 +29,69 @@ double rms(const std::vector<Vec3>& a, const std::vector<Vec3>& b) {
   return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(1, a.size())));
 }
 
+std::vector<Vec3> differences(const std::vector<Vec3>& a, const std::vector<Vec3>& b) {
+  std::vector<Vec3> result(a.size());
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    for (std::size_t k = 0; k < 3; ++k) result[i][k] = a[i][k] - b[i][k];
+  }
+  return result;
+}
+
 }  // namespace
 
+ConstrainedSolver::ConstrainedSolver(const EnergySolver& solver, const SparseRows& values, std::vector<ConstraintSet> sets,
+                                     const Options& options, std::size_t memory_limit, const RunContext& context)
+    : solver_(solver),
+      options_(options),
+      reduced_(solver, functions_reaching(values, sets), memory_limit, context),
+      points_(std::move(sets), values, reduced_),
+      global_step_(points_, reduced_, memory_limit, context),
+      gauss_newton_(points_, reduced_, global_step_.factor(), memory_limit, context),
+      patience_(options_.patience > 0 ? options_.patience : patience_by_cost()) {}
+
+int ConstrainedSolver::patience_by_cost() const {
+  if (gauss_newton_.form() == NewtonForm::none) return most_patience;
+  const double iteration = 12.0 * static_cast<double>(global_step_.factor().bytes()) / sizeof(double) +
+                           40.0 * static_cast<double>(points_.phi().nonZeros());
+  const double ratio = steps_per_round * gauss_newton_.operations() / (dense_speed * iteration);
+  return static_cast<int>(std::clamp(ratio, double{least_patience}, double{most_patience}));
+}
+
+std::size_t ConstrainedSolver::bytes() const {
+  return gauss_newton_.bytes() + reduced_.bytes() + global_step_.factor().bytes() + points_.bytes();
+}
+
+std::size_t ConstrainedSolver::working_bytes() const {
+  const std::size_t vectors = 40 * points_.count() + 24 * reduced_.size() + 12 * solver_.unknowns();
+  return gauss_newton_.matrix_bytes() + vectors * sizeof(Vec3);
+}
+
 void ConstrainedSolver::evaluate(const Case& c, ConstrainedState& state) const {
-  state.points = rows_times(state.v);
+  state.points = points_.displacements(state.v);
   state.targets.resize(state.points.size());
-  state.shapes.resize(sets_.size());
-  state.squares.assign(sets_.size(), 0.0);
-  parallel_for(c.context, sets_.size(), sets_per_task, [&](std::size_t begin, std::size_t end) {
+  state.shapes.resize(sets().size());
+  state.squares.assign(sets().size(), 0.0);
+  parallel_for(c.context, sets().size(), sets_per_task, [&](std::size_t begin, std::size_t end) {
     for (std::size_t t = begin; t < end; ++t) {
-      const std::size_t first = first_[t], count = set_size(t);
+      const std::size_t first = points_.first(t), count = points_.size(t);
       for (std::size_t i = first; i < first + count; ++i) {
         for (std::size_t k = 0; k < 3; ++k) state.points[i][k] += c.unconstrained[i][k];
       }
-      state.squares[t] = sets_[t].projection->project({state.points.data() + first, count}, {state.targets.data() + first, count},
-                                                      state.shapes[t]);
+      state.squares[t] = sets()[t].projection->project({state.points.data() + first, count},
+                                                       {state.targets.data() + first, count}, state.shapes[t]);
     }
   });
   state.objective = state.v.cwiseProduct(reduced_.times(state.v)).sum();
-  for (std::size_t t = 0; t < sets_.size(); ++t) state.objective += per_point(t) * state.squares[t];
-}
-
-Eigen::MatrixXd ConstrainedSolver::global_step(const Case& c, const std::vector<Vec3>& targets) const {
-  std::vector<Vec3> y(targets.size());
-  for (std::size_t i = 0; i < y.size(); ++i) {
-    for (std::size_t k = 0; k < 3; ++k) y[i][k] = targets[i][k] - c.unconstrained[i][k];
-  }
-  return solve_bordered({}, y, c.context);
+  for (std::size_t t = 0; t < sets().size(); ++t) state.objective += points_.weight_per_point(t) * state.squares[t];
 }
 
 /// How far the points would move if the forces that the last step left unbalanced met the deformation energy alone: right for the
 /// slow modes of the alternation, along the shapes, and too much for the others, which are balanced long before.
 double ConstrainedSolver::distance_left(const Case& c, const std::vector<Vec3>& from, const std::vector<Vec3>& to) const {
-  std::vector<Vec3> y(to.size());
-  for (std::size_t i = 0; i < y.size(); ++i) {
-    for (std::size_t k = 0; k < 3; ++k) y[i][k] = to[i][k] - from[i][k];
-  }
-  Eigen::MatrixXd b = weighted_transposed(y);
+  Eigen::MatrixXd b = points_.weighted_sums(differences(to, from));
   parallel_for(c.context, 3, 1,
                [&](std::size_t k, std::size_t) { reduced_.solve_in_place(b.col(static_cast<Eigen::Index>(k))); });
-  const std::vector<Vec3> moved = rows_times(b);
+  const std::vector<Vec3> moved = points_.displacements(b);
   return rms(moved, std::vector<Vec3>(moved.size(), Vec3{}));
 }
 
@@ -75,7 +104,7 @@ void ConstrainedSolver::alternate(const Case& c, int most, ConstrainedResult& re
   while (result.iterations < most) {
     c.context.check();
     ConstrainedState next;
-    next.v = global_step(c, from);
+    next.v = global_step_.solve({}, differences(from, c.unconstrained), c.context);
     next.shapes = now.shapes;
     evaluate(c, next);
     ++result.iterations;
@@ -98,7 +127,7 @@ void ConstrainedSolver::alternate(const Case& c, int most, ConstrainedResult& re
       }
       check_below = step * std::max(0.1, std::min(0.9, options_.tolerance / result.error));
     }
-    accelerated = options_.acceleration == Acceleration::anderson && window.size() > 0;
+    accelerated = window.size() > 0;
     from = accelerated ? window.next() : now.targets;
   }
 }
@@ -112,10 +141,10 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
   Case c{{}, context};
   const auto start = [&] {
     free = solver_.solve_loads(loads, context);
-    c.unconstrained = rows_times(reduced_.picked(free));
-    for (std::size_t t = 0; t < sets_.size(); ++t) {
-      for (std::size_t i = first_[t]; i < first_[t + 1]; ++i) {
-        for (std::size_t k = 0; k < 3; ++k) c.unconstrained[i][k] += sets_[t].rest[i - first_[t]][k] + offsets[i][k];
+    c.unconstrained = points_.displacements(reduced_.restricted(free));
+    for (std::size_t t = 0; t < sets().size(); ++t) {
+      for (std::size_t i = points_.first(t); i < points_.first(t + 1); ++i) {
+        for (std::size_t k = 0; k < 3; ++k) c.unconstrained[i][k] += sets()[t].rest[i - points_.first(t)][k] + offsets[i][k];
       }
     }
   };
@@ -132,10 +161,10 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
     near = warm.objective < result.before.objective;
     if (near) result.after = std::move(warm);
   }
-  const bool multipliers = problem.hold == Hold::multipliers;
+  const bool multipliers = problem.enforcement == HandleEnforcement::multipliers;
   const double wanted = round_accuracy * (h.size() > 0 ? h.cwiseAbs().maxCoeff() : 0.0);
-  NewtonPtr matrix;
-  const bool newton_too = newton_form_ != NewtonForm::none && options_.acceleration != Acceleration::none;
+  NewtonMatrix matrix;
+  const bool newton_too = gauss_newton_.form() != NewtonForm::none;
   for (int round = 1;; ++round) {
     result.converged = false;
     result.objectives.clear();
@@ -155,6 +184,147 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
     evaluate(c, result.after);
     near = true;
   }
+}
+
+ConstrainedSolver::NewtonMatrix ConstrainedSolver::newton_at(const ConstrainedState& at, const RunContext& context) const {
+  return gauss_newton_.at(at.points, at.shapes, context);
+}
+
+/// The Hessian of half the squared distance from a shape is I - P'. The matrix of an earlier step serves as preconditioner as
+/// long as few iterations are enough: making one is most of what a step costs.
+Eigen::MatrixXd ConstrainedSolver::newton_direction(const ConstrainedState& at, NewtonMatrix& matrix,
+                                                    const RunContext& context) const {
+  const Eigen::MatrixXd gradient = reduced_.times(at.v) + points_.weighted_sums(differences(at.points, at.targets));
+  if (matrix != nullptr) {
+    bool finished = true;
+    Eigen::MatrixXd direction =
+        solve_linearized(at, matrix.get(), -gradient, direction_accuracy, context, most_with_old_matrix, &finished);
+    if (finished) return direction;
+    matrix = nullptr;
+  }
+  matrix = newton_at(at, context);
+  return solve_linearized(at, matrix.get(), -gradient, direction_accuracy, context);
+}
+
+/// Steps as long as they lower the objective; converged when a whole step moves the sets by less than the tolerance.
+void ConstrainedSolver::newton(const Case& c, ConstrainedResult& result, NewtonMatrix& matrix) const {
+  ConstrainedState& now = result.after;
+  for (int step = 0; step < most_steps && result.newton_steps < most_steps_of_a_design; ++step) {
+    c.context.check();
+    const Eigen::MatrixXd direction = newton_direction(now, matrix, c.context);
+    ++result.newton_steps;
+    const std::vector<Vec3> change = points_.displacements(direction);
+    double moved = 0;
+    for (const Vec3& u : change) moved += u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
+    moved = std::sqrt(moved / static_cast<double>(std::max<std::size_t>(1, points_.count())));
+    double share = 1;
+    bool lower = false;
+    for (int halving = 0; halving < most_halvings && !lower; ++halving, share /= 2) {
+      ConstrainedState next;
+      next.v = now.v + share * direction;
+      next.shapes = now.shapes;
+      evaluate(c, next);
+      lower = next.objective < now.objective;
+      if (lower) now = std::move(next);
+    }
+    result.error = moved;
+    if (moved <= options_.tolerance) result.converged = true;
+    if (lower) result.objectives.push_back(now.objective);
+    if (result.converged || !lower) return;
+  }
+}
+
+/// dx - P'(x) dx: how the vectors from the projections to the points change.
+std::vector<Vec3> ConstrainedSolver::residual_change(const ConstrainedState& at, const std::vector<Vec3>& dx) const {
+  return points_.projection_residual_change(at.points, at.shapes, dx);
+}
+
+/// (S + sum g Phi^T (I - P') Phi) x = b by conjugate gradients. Preconditioner: the Gauss-Newton matrix, which leaves out the
+/// curvature of the shapes only, where it can be afforded; else the matrix of the global step. *finished, if given, becomes false
+/// where `most` iterations do not reach the accuracy.
+Eigen::MatrixXd ConstrainedSolver::solve_linearized(const ConstrainedState& at, const GaussNewton::Matrix* newton,
+                                                    const Eigen::MatrixXd& b, double accuracy, const RunContext& context,
+                                                    int most, bool* finished) const {
+  const auto preconditioned = [&](const Eigen::MatrixXd& r) {
+    return newton ? newton->inverse(r) : global_step_.solve(r, {}, context);
+  };
+  Eigen::MatrixXd x = Eigen::MatrixXd::Zero(b.rows(), 3), residual = b;
+  Eigen::MatrixXd z = preconditioned(residual), p = z;
+  double rz = residual.cwiseProduct(z).sum();
+  const double wanted = accuracy * std::sqrt(std::abs(rz));
+  for (int i = 0; std::sqrt(std::abs(rz)) > wanted; ++i) {
+    if (i == most) {
+      if (finished != nullptr) *finished = false;
+      return x;
+    }
+    context.check();
+    const Eigen::MatrixXd Hp = reduced_.times(p) + points_.weighted_sums(residual_change(at, points_.displacements(p)));
+    const double curvature = p.cwiseProduct(Hp).sum();
+    // Not a minimum: what there is so far is the best that can be said.
+    if (!(curvature > 0)) return i == 0 ? p : x;
+    const double alpha = rz / curvature;
+    x += alpha * p;
+    residual -= alpha * Hp;
+    z = preconditioned(residual);
+    const double next = residual.cwiseProduct(z).sum();
+    p = z + (next / rz) * p;
+    rz = next;
+  }
+  return x;
+}
+
+/// The solution of the linearized problem for a right-hand side of all coefficients: a = A^-1 b, moved where the sets resist by
+/// y - a, (S + D) y = S a. Symmetric in b.
+Eigen::MatrixXd ConstrainedSolver::linearized_solution(const ConstrainedState& at, const Eigen::MatrixXd& b,
+                                                       const RunContext& context) const {
+  const auto newton = newton_at(at, context);
+  if (!reduced_.dense()) return solve_linearized(at, newton.get(), b, whole_accuracy, context);
+  const Eigen::MatrixXd a = solver_.inverse(b, context), chosen = reduced_.restricted(a);
+  const Eigen::MatrixXd y = solve_linearized(at, newton.get(), reduced_.times(chosen), whole_accuracy, context);
+  return a + reduced_.extended(y - chosen, context);
+}
+
+Eigen::MatrixXd ConstrainedSolver::derivative(const ConstrainedResult& at, const Eigen::MatrixXd& dh,
+                                              const std::vector<Vec3>& offsets, const RunContext& context) const {
+  Eigen::MatrixXd loads = solver_.loads(dh, context);
+  for (const ConstrainedState& round : at.rounds) {
+    loads += dh - solver_.problem().coupling.transpose() * linearized_solution(round, solver_.right_side(loads), context);
+  }
+  const Eigen::MatrixXd w = linearized_solution(at.after, solver_.right_side(loads), context);
+  if (solver_.problem().enforcement != HandleEnforcement::eliminated) return w;
+  // What the offsets do to the distances acts like a force.
+  const Eigen::MatrixXd force = points_.weighted_sums(residual_change(at.after, offsets));
+  const auto newton = newton_at(at.after, context);
+  return w - reduced_.extended(solve_linearized(at.after, newton.get(), force, whole_accuracy, context), context);
+}
+
+/// Without multipliers w = G R dh - E H^-1 Phi^T g (I - P') offsets with a symmetric G. With them (no offsets then) w = G_n R
+/// u_n, u_0 = p(dh) of the unconstrained solution and u_i+1 = u_i + dh - C_i u_i, C_i = B G_i R and R = B^T W at the end of round
+/// i. W C_i is symmetric, so the transpose is W times the same steps backwards, from B G_n g.
+ConstrainedSolver::Adjoint ConstrainedSolver::adjoint(const ConstrainedResult& at, const Eigen::MatrixXd& g,
+                                                      const RunContext& context) const {
+  const EnergySolver::Problem& problem = solver_.problem();
+  Eigen::MatrixXd x = problem.coupling.transpose() * linearized_solution(at.after, g, context);
+  Adjoint result{x, std::vector<Vec3>(points_.count(), Vec3{})};
+  if (problem.enforcement == HandleEnforcement::eliminated) {
+    const auto newton = newton_at(at.after, context);
+    const Eigen::MatrixXd b = reduced_.dense() ? reduced_.times(reduced_.restricted(solver_.inverse(g, context))) : g;
+    result.offsets =
+        residual_change(at.after, points_.displacements(solve_linearized(at.after, newton.get(), b, whole_accuracy, context)));
+    for (std::size_t t = 0; t < sets().size(); ++t) {
+      for (std::size_t i = points_.first(t); i < points_.first(t + 1); ++i) {
+        for (double& value : result.offsets[i]) value *= -points_.weight_per_point(t);
+      }
+    }
+    return result;
+  }
+  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(x.rows(), x.cols());
+  for (auto round = at.rounds.rbegin(); round != at.rounds.rend(); ++round) {
+    sum += x;
+    x -= problem.coupling.transpose() * linearized_solution(*round, solver_.right_side(x), context);
+  }
+  result.h = problem.weights.asDiagonal() * (sum + solver_.loads(x, context));
+  return result;
 }
 
 }  // namespace deform

@@ -1,31 +1,18 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <memory>
-#include <span>
-#include <string>
 #include <vector>
 
 #include "core/base/run_context.h"
-#include "core/constraints/projection.h"
+#include "core/deformers/constrained/constrained_points.h"
 #include "core/deformers/constrained/energy_solver.h"
-#include "core/deformers/constrained/newton_form.h"
+#include "core/deformers/constrained/gauss_newton.h"
+#include "core/deformers/constrained/global_step.h"
 #include "core/deformers/constrained/reduced_energy.h"
-#include "core/mesh/mesh.h"
 
 namespace deform {
-
-/// Points and what they are held to. Unit coordinates.
-struct ConstraintSet {
-  std::string name;
-  std::shared_ptr<const Projection> projection;
-  std::vector<PointId> ids;  ///< of all its regions, one after the other
-  std::vector<Vec3> rest;    ///< of these points
-  double weight = 0;         ///< gamma_c: of the mean square distance from the projection
-};
-
-/// The functions that some point of the sets is reached by; ascending. values: n x k at all points of the mesh.
-std::vector<std::int64_t> functions_reaching(const SparseRows& values, const std::vector<ConstraintSet>& sets);
 
 /// Where a constrained solution stands.
 struct ConstrainedState {
@@ -68,11 +55,9 @@ struct ConstrainedResult {
 ///
 ///  - Everything is about the functions that reach the sets (ReducedEnergy): the whole mesh and the other functions are only
 ///    touched before and after.
-///  - Each set that moves with its points has its translation as one more unknown, min over c of |x_i - p_i - c|^2, which gives
-///    the iterates of the mean-centred form with a sparse positive definite matrix. The alternation is accelerated (Anderson
-///    1965; window 5): an accelerated step that lets the objective rise is thrown away for the plain one, which never does. It
-///    ends when step * rho / (1 - rho) <= tolerance for the observed contraction rho of the plain map, and what the unbalanced
-///    forces could still move is as small.
+///  - The alternation of projections and GlobalStep is accelerated (Anderson 1965; window 5): an accelerated step that lets the
+///    objective rise is thrown away for the plain one, which never does. It ends when step * rho / (1 - rho) <= tolerance for the
+///    observed contraction rho of the plain map, and what the unbalanced forces could still move is as small.
 ///  - When that has not happened after `patience` iterations, Newton steps follow, as long as they lower the objective; then the
 ///    alternation again. Their systems are solved by conjugate gradients with the Gauss-Newton matrix (in the coefficients and
 ///    the parameters of the shapes) as preconditioner, which leaves out the curvature of the shapes only. Patience is as many
@@ -81,30 +66,20 @@ struct ConstrainedResult {
 /// Not converging is a result. Immutable; any number of threads may solve at once.
 class ConstrainedSolver {
  public:
-  enum class Acceleration { none, anderson };
-  /// How a set is freed of its translation in the global step. The thesis' forms are for comparison: the mean-centred one (its
-  /// matrix is dense over each set) and that of 8.5.1, which subtracts the first point of the set instead of the mean (another
-  /// fixed point; the objective may rise).
-  enum class Form { bordered, mean_centred, anchored };
   struct Options {
     double tolerance = 1e-7;     ///< unit coordinates, rms over the points of the sets
     int most_iterations = 3000;  ///< of a design
-    int patience = 0;            ///< iterations before Gauss-Newton; 0 = by cost, 8..150
-    Acceleration acceleration = Acceleration::anderson;
-    Form form = Form::bordered;
+    int patience = 0;            ///< iterations before Gauss-Newton; 0 = by cost, 4..150
   };
 
   /// values: n x k at all points of the mesh. `solver` must outlive this. Throws as EnergySolver does.
   ConstrainedSolver(const EnergySolver& solver, const SparseRows& values, std::vector<ConstraintSet> sets, const Options& options,
                     std::size_t memory_limit, const RunContext& context);
 
-  const std::vector<ConstraintSet>& sets() const { return sets_; }
-  std::size_t point_count() const { return static_cast<std::size_t>(phi_.rows()); }
-  std::size_t unknowns() const { return reduced_.size(); }  ///< r
-  int patience() const { return patience_; }
+  const std::vector<ConstraintSet>& sets() const { return points_.sets(); }
   std::size_t bytes() const;
   /// About what one solution or derivative takes, mostly for a Newton step.
-  std::size_t working_bytes() const { return working_bytes_; }
+  std::size_t working_bytes() const;
 
   /// h: m x 3 prescribed displacements of EnergySolver; offsets: N displacements of the points of the sets that no function
   /// reaches (eliminated held points), zero for the others. start: of a similar design, or null; taken when it is better than
@@ -124,8 +99,7 @@ class ConstrainedSolver {
   Adjoint adjoint(const ConstrainedResult& at, const Eigen::MatrixXd& g, const RunContext& context) const;
 
  private:
-  class Newton;
-  using NewtonPtr = std::shared_ptr<const Newton>;
+  using NewtonMatrix = std::shared_ptr<const GaussNewton::Matrix>;
 
   /// What one solution is about.
   struct Case {
@@ -133,44 +107,27 @@ class ConstrainedSolver {
     const RunContext& context;
   };
 
-  SparseMatrix constrained_matrix() const;
-  double newton_by_cost(std::size_t memory_limit);
-  int patience_by_cost(double newton_step) const;
-  void prepare_compliance(const RunContext& context);
-  Eigen::MatrixXd global_step(const Case& c, const std::vector<Vec3>& targets) const;
+  int patience_by_cost() const;
   void evaluate(const Case& c, ConstrainedState& state) const;
   void alternate(const Case& c, int most, ConstrainedResult& result) const;
   double distance_left(const Case& c, const std::vector<Vec3>& from, const std::vector<Vec3>& to) const;
-  void newton(const Case& c, ConstrainedResult& result, NewtonPtr& matrix) const;
-  Eigen::MatrixXd newton_direction(const ConstrainedState& at, NewtonPtr& matrix, const RunContext& context) const;
-  std::vector<Vec3> centred(const std::vector<Vec3>& y) const;
-  Eigen::MatrixXd solve_bordered(const Eigen::MatrixXd& top, const std::vector<Vec3>& at_points, const RunContext& context) const;
-  std::vector<Vec3> rows_times(const Eigen::MatrixXd& v) const;
-  Eigen::MatrixXd weighted_transposed(const std::vector<Vec3>& y) const;
-  std::vector<Vec3> unmet(const ConstrainedState& at, const std::vector<Vec3>& dx) const;
-  Eigen::MatrixXd solve_linearized(const ConstrainedState& at, const Newton* newton, const Eigen::MatrixXd& b, double accuracy,
-                                   const RunContext& context, int most = 1000, bool* finished = nullptr) const;
+  void newton(const Case& c, ConstrainedResult& result, NewtonMatrix& matrix) const;
+  Eigen::MatrixXd newton_direction(const ConstrainedState& at, NewtonMatrix& matrix, const RunContext& context) const;
+  NewtonMatrix newton_at(const ConstrainedState& at, const RunContext& context) const;
+  std::vector<Vec3> residual_change(const ConstrainedState& at, const std::vector<Vec3>& dx) const;
+  Eigen::MatrixXd solve_linearized(const ConstrainedState& at, const GaussNewton::Matrix* newton, const Eigen::MatrixXd& b,
+                                   double accuracy, const RunContext& context, int most = 1000, bool* finished = nullptr) const;
   Eigen::MatrixXd linearized_solution(const ConstrainedState& at, const Eigen::MatrixXd& b, const RunContext& context) const;
-  NewtonPtr newton_at(const ConstrainedState& at, const RunContext& context) const;
-  double per_point(std::size_t set) const { return sets_[set].weight / static_cast<double>(sets_[set].ids.size()); }
-  std::size_t set_size(std::size_t set) const { return first_[set + 1] - first_[set]; }
 
   static constexpr int rounds = 3;  ///< of multipliers: updates of the loads, and one
 
   const EnergySolver& solver_;
-  std::vector<ConstraintSet> sets_;
-  Options options_;
-  std::vector<std::size_t> first_;  ///< sets + 1: where the points of each set start
-  ReducedEnergy reduced_;
-  SparseRows phi_;                         ///< N x r
-  SparseMatrix transposed_;                ///< r x N, times the weights per point
-  std::vector<std::int64_t> translation_;  ///< per set: row of its translation, or -1
-  std::unique_ptr<const SparseCholesky> factor_;
-  NewtonForm newton_form_ = NewtonForm::none;  ///< that takes the fewest operations
-  std::vector<std::int64_t> newton_order_;     ///< elimination order of S, of the sparse form
-  Eigen::MatrixXd compliance_;                 ///< N x N, Phi S^-1 Phi^T, of the form in forces; else empty
-  int patience_ = 0;
-  std::size_t working_bytes_ = 0;
+  const Options options_;
+  const ReducedEnergy reduced_;
+  const ConstrainedPoints points_;
+  const GlobalStep global_step_;
+  const GaussNewton gauss_newton_;
+  const int patience_;
 };
 
 }  // namespace deform

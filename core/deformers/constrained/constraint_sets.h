@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "core/deformers/constrained/constrained_solver.h"
+#include "core/deformers/constrained/constrained_points.h"
 #include "core/deformers/handles/handle_motion.h"
 #include "core/deformers/setup.h"
 #include "core/mesh/mesh.h"

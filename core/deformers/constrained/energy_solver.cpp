@@ -35,7 +35,7 @@ EnergySolver::Problem&& squeezed(EnergySolver::Problem& problem) {
 
 }  // namespace
 
-EnergySolver::Problem::Problem(Problem&& other) : hold(other.hold), weights(std::move(other.weights)) {
+EnergySolver::Problem::Problem(Problem&& other) : enforcement(other.enforcement), weights(std::move(other.weights)) {
   energy.swap(other.energy);
   coupling.swap(other.coupling);
 }
@@ -55,7 +55,7 @@ double multiplier_weight(const SparseMatrix& energy, const SparseMatrix& transpo
 }
 
 SparseMatrix EnergySolver::matrix_of(const Problem& problem) {
-  if (problem.hold == Hold::eliminated || problem.coupling.cols() == 0) return {};
+  if (problem.enforcement == HandleEnforcement::eliminated || problem.coupling.cols() == 0) return {};
   const SparseMatrix weighted = problem.coupling * problem.weights.asDiagonal();
   const SparseMatrix square = weighted * SparseMatrix(problem.coupling.transpose());
   SparseMatrix result = problem.energy + SparseMatrix(square.triangularView<Eigen::Lower>());
@@ -92,7 +92,7 @@ std::size_t EnergySolver::bytes() const {
 }
 
 Eigen::MatrixXd EnergySolver::right_side(const Eigen::MatrixXd& h) const {
-  if (problem_.hold == Hold::eliminated) return problem_.coupling * h;
+  if (problem_.enforcement == HandleEnforcement::eliminated) return problem_.coupling * h;
   return problem_.coupling * (problem_.weights.asDiagonal() * h);
 }
 
@@ -104,7 +104,7 @@ void EnergySolver::solve_columns(Eigen::MatrixXd& b, const RunContext& context) 
 
 Eigen::MatrixXd EnergySolver::loads(const Eigen::MatrixXd& h, const RunContext& context) const {
   Eigen::MatrixXd u = h;
-  for (int step = 1; problem_.hold == Hold::multipliers && step < multiplier_steps; ++step) {
+  for (int step = 1; problem_.enforcement == HandleEnforcement::multipliers && step < multiplier_steps; ++step) {
     context.check();
     Eigen::MatrixXd w = right_side(u);
     solve_columns(w, context);
@@ -132,9 +132,9 @@ Eigen::MatrixXd EnergySolver::adjoint(const Eigen::MatrixXd& g, const RunContext
   Eigen::MatrixXd w = g;
   solve_columns(w, context);
   const Eigen::MatrixXd v = problem_.coupling.transpose() * w;
-  if (problem_.hold == Hold::eliminated) return v;
+  if (problem_.enforcement == HandleEnforcement::eliminated) return v;
   Eigen::MatrixXd u = v;
-  for (int step = 1; problem_.hold == Hold::multipliers && step < multiplier_steps; ++step) {
+  for (int step = 1; problem_.enforcement == HandleEnforcement::multipliers && step < multiplier_steps; ++step) {
     context.check();
     w = right_side(u);
     solve_columns(w, context);

@@ -11,7 +11,7 @@
 namespace deform {
 
 /// How prescribed displacements h enter the minimization over w.
-enum class Hold {
+enum class HandleEnforcement {
   eliminated,   ///< w^T K w - 2 w^T R h
   soft,         ///< w^T K w + |B w - h|^2 with a weight per row (thesis eq. 8.10, 8.14)
   multipliers,  ///< least w^T K w under B w = h (in the least squares sense where that cannot be)
@@ -31,7 +31,7 @@ class EnergySolver {
     Problem& operator=(const Problem&) = default;
 
     SparseMatrix energy;  ///< K, k x k, lower triangle
-    Hold hold = Hold::eliminated;
+    HandleEnforcement enforcement = HandleEnforcement::eliminated;
     SparseMatrix coupling;    ///< k x m: R; or B^T
     Eigen::VectorXd weights;  ///< m, of the rows of B; not for elimination
   };

@@ -113,14 +113,14 @@ class ExactPlacement::Joint {
   void follow(std::vector<Vec3>& change, const RunContext& context) const {
     std::vector<Vec3> held = change;
     put(Eigen::VectorXd::Zero(unknowns_), held);
-    put(solved(moving(change) - stiffness * moving(unmet(held)), context), change);
+    put(solved(moving(change) - stiffness * moving(residual_change(held)), context), change);
   }
 
   /// Its transpose.
   void pull_back(std::vector<Vec3>& cotangent, const RunContext& context) const {
     std::vector<Vec3> at_moving(cotangent.size(), Vec3{});
     put(solved(moving(cotangent), context), at_moving);
-    const std::vector<Vec3> pushed = unmet(at_moving);
+    const std::vector<Vec3> pushed = residual_change(at_moving);
     for (std::size_t u = 0; u < cotangent.size(); ++u) {
       for (std::size_t k = 0; k < 3; ++k) cotangent[u][k] -= stiffness * pushed[u][k];
     }
@@ -129,7 +129,7 @@ class ExactPlacement::Joint {
 
  private:
   /// sum over the sets of (I - P') applied to U vectors.
-  std::vector<Vec3> unmet(const std::vector<Vec3>& change) const {
+  std::vector<Vec3> residual_change(const std::vector<Vec3>& change) const {
     std::vector<Vec3> result(change.size(), Vec3{});
     for (std::size_t s = 0; s < piece_.sets.size(); ++s) {
       const std::size_t t = piece_.sets[s];
@@ -158,7 +158,7 @@ class ExactPlacement::Joint {
     for (int i = 0; i < most_iterations && std::sqrt(std::abs(rz)) > wanted; ++i) {
       context.check();
       put(p, field);
-      const Eigen::VectorXd Hp = p + stiffness * moving(unmet(field));
+      const Eigen::VectorXd Hp = p + stiffness * moving(residual_change(field));
       const double curvature = p.dot(Hp);
       if (!(curvature > 0)) break;  // not a minimum: what there is so far is the best that can be said
       x += rz / curvature * p;

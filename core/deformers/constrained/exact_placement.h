@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "core/base/run_context.h"
-#include "core/deformers/constrained/constrained_solver.h"
+#include "core/deformers/constrained/constrained_points.h"
 
 namespace deform {
 

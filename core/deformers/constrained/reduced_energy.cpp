@@ -103,7 +103,7 @@ std::size_t ReducedEnergy::bytes() const {
   return dense_ ? sparse_bytes(matrix_) + factor_->bytes() + functions_.size() * sizeof(std::int64_t) : 0;
 }
 
-Eigen::MatrixXd ReducedEnergy::picked(const Eigen::MatrixXd& w) const {
+Eigen::MatrixXd ReducedEnergy::restricted(const Eigen::MatrixXd& w) const {
   if (!dense_) return w;
   Eigen::MatrixXd result(static_cast<Eigen::Index>(size()), w.cols());
   for (std::size_t i = 0; i < size(); ++i) result.row(static_cast<Eigen::Index>(i)) = w.row(functions_[i]);

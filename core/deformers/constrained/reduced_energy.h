@@ -38,9 +38,11 @@ class ReducedEnergy {
   /// S, lower triangle.
   const SparseMatrix& matrix() const { return dense_ ? matrix_ : solver_.matrix(); }
   std::size_t bytes() const;
+  /// Elimination order of the factor of all coefficients.
+  std::vector<std::int64_t> order() const { return solver_.factor().order(); }
 
   /// The chosen rows of k x c.
-  Eigen::MatrixXd picked(const Eigen::MatrixXd& w) const;
+  Eigen::MatrixXd restricted(const Eigen::MatrixXd& w) const;
   Eigen::MatrixXd times(const Eigen::MatrixXd& v) const;
   void solve_in_place(Eigen::Ref<Eigen::MatrixXd> b) const;
   /// All coefficients from the change v of the chosen ones: k x c, zero for v = 0.

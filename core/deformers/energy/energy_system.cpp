@@ -63,7 +63,7 @@ void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_
     SparseMatrix().swap(model_.coupling);
   } else {
     problem.coupling = transposed_rows(model_.space.values, model_.held);
-    problem.hold = hard_handles() ? Hold::multipliers : Hold::soft;
+    problem.enforcement = hard_handles() ? HandleEnforcement::multipliers : HandleEnforcement::soft;
     problem.weights = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(model_.held.size()),
                                                 hard_handles() ? multiplier_weight(problem.energy, problem.coupling) : 0.0);
     for (std::size_t j = 0; j < model_.held.size() && !hard_handles(); ++j) {

@@ -1,0 +1,86 @@
+#include "core/deformers/constrained/constrained_points.h"
+
+#include <utility>
+
+namespace deform {
+
+std::vector<std::int64_t> functions_reaching(const SparseRows& values, const std::vector<ConstraintSet>& sets) {
+  std::vector<bool> reaches(static_cast<std::size_t>(values.cols()), false);
+  for (const ConstraintSet& set : sets) {
+    for (const PointId id : set.ids) {
+      for (SparseRows::InnerIterator it(values, id); it; ++it) reaches[static_cast<std::size_t>(it.col())] = true;
+    }
+  }
+  std::vector<std::int64_t> result;
+  for (std::size_t j = 0; j < reaches.size(); ++j) {
+    if (reaches[j]) result.push_back(static_cast<std::int64_t>(j));
+  }
+  return result;
+}
+
+ConstrainedPoints::ConstrainedPoints(std::vector<ConstraintSet> sets, const SparseRows& values, const ReducedEnergy& energy)
+    : sets_(std::move(sets)), first_{0} {
+  const auto r = static_cast<std::int64_t>(energy.size());
+  std::vector<std::int64_t> place(static_cast<std::size_t>(values.cols()), -1);
+  for (std::int64_t i = 0; i < r; ++i) place[static_cast<std::size_t>(energy.function(static_cast<std::size_t>(i)))] = i;
+  std::vector<Eigen::Triplet<double, std::int64_t>> rows;
+  for (const ConstraintSet& set : sets_) {
+    for (std::size_t i = 0; i < set.ids.size(); ++i) {
+      for (SparseRows::InnerIterator it(values, set.ids[i]); it; ++it) {
+        rows.emplace_back(static_cast<std::int64_t>(first_.back() + i), place[static_cast<std::size_t>(it.col())], it.value());
+      }
+    }
+    first_.push_back(first_.back() + set.ids.size());
+  }
+  phi_.resize(static_cast<std::int64_t>(count()), r);
+  phi_.setFromTriplets(rows.begin(), rows.end());
+  transposed_ = SparseMatrix(phi_.transpose());
+  for (std::size_t t = 0; t < sets_.size(); ++t) {
+    for (std::size_t i = first_[t]; i < first_[t + 1]; ++i) {
+      for (SparseMatrix::InnerIterator it(transposed_, static_cast<std::int64_t>(i)); it; ++it) {
+        it.valueRef() *= weight_per_point(t);
+      }
+    }
+  }
+}
+
+std::size_t ConstrainedPoints::bytes() const {
+  return sparse_bytes(phi_) + sparse_bytes(transposed_) + count() * (sizeof(Vec3) + sizeof(PointId));
+}
+
+std::vector<Vec3> ConstrainedPoints::displacements(const Eigen::MatrixXd& v) const {
+  std::vector<Vec3> result(count(), Vec3{});
+  for (std::size_t i = 0; i < result.size(); ++i) {
+    for (SparseRows::InnerIterator it(phi_, static_cast<std::int64_t>(i)); it; ++it) {
+      for (std::size_t k = 0; k < 3; ++k) result[i][k] += it.value() * v(it.col(), static_cast<Eigen::Index>(k));
+    }
+  }
+  return result;
+}
+
+Eigen::MatrixXd ConstrainedPoints::weighted_sums(const std::vector<Vec3>& y) const {
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(transposed_.rows(), 3);
+  for (std::size_t i = 0; i < y.size(); ++i) {
+    for (SparseMatrix::InnerIterator it(transposed_, static_cast<std::int64_t>(i)); it; ++it) {
+      for (Eigen::Index k = 0; k < 3; ++k) result(it.row(), k) += it.value() * y[i][static_cast<std::size_t>(k)];
+    }
+  }
+  return result;
+}
+
+std::vector<Vec3> ConstrainedPoints::projection_residual_change(const std::vector<Vec3>& points,
+                                                                const std::vector<ShapeParameters>& shapes,
+                                                                const std::vector<Vec3>& dx) const {
+  std::vector<Vec3> result(dx.size());
+  for (std::size_t t = 0; t < sets_.size(); ++t) {
+    const std::size_t begin = first(t), count = size(t);
+    sets_[t].projection->derivative({points.data() + begin, count}, shapes[t], {dx.data() + begin, count},
+                                    {result.data() + begin, count});
+  }
+  for (std::size_t i = 0; i < dx.size(); ++i) {
+    for (std::size_t k = 0; k < 3; ++k) result[i][k] = dx[i][k] - result[i][k];
+  }
+  return result;
+}
+
+}  // namespace deform
