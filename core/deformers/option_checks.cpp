@@ -5,11 +5,11 @@
 
 namespace deform {
 
-void refuse_setup(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
+void refuse_argument(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
 
-void check_range(double value, double least, double most, const std::string& field) {
+void check_option_range(double value, double least, double most, const std::string& field) {
   if (value >= least && value <= most) return;
-  refuse_setup(field + ": " + number_digits(value) + " is out of range " + number_digits(least) + ".." + number_digits(most));
+  refuse_argument(field + ": " + number_digits(value) + " is out of range " + number_digits(least) + ".." + number_digits(most));
 }
 
 }  // namespace deform

@@ -7,6 +7,7 @@
 #include "core/base/bounds.h"
 #include "core/base/error.h"
 #include "core/base/number_text.h"
+#include "core/base/vectors.h"
 #include "core/deformers/methods.h"
 #include "core/deformers/option_checks.h"
 #include "core/mesh/point_owners.h"
@@ -18,13 +19,8 @@ namespace {
 
 constexpr double most_constraint_weight = 1e10;
 
-bool finite(const Vec3& v) { return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]); }
 bool is_zero(const Vec3& v) { return v[0] == 0 && v[1] == 0 && v[2] == 0; }
-double norm(const Vec3& v) { return std::hypot(v[0], v[1], v[2]); }
-Vec3 normalized(const Vec3& v) {
-  const double length = norm(v);
-  return {v[0] / length, v[1] / length, v[2] / length};
-}
+Vec3 normalized(const Vec3& v) { return v / norm(v); }
 
 std::string quoted(const std::string& name) { return "\"" + name + "\""; }
 
@@ -102,22 +98,22 @@ std::size_t handle_index(const Setup& setup, const std::string& name) {
 void validate_variable(const Setup& setup, std::size_t k, std::set<std::string>& names) {
   const DesignVariable& variable = setup.variables[k];
   const std::string field = "variables[" + std::to_string(k) + "]";
-  if (variable.name.empty()) refuse_setup(field + ".name: must not be empty");
-  if (!names.insert(variable.name).second) refuse_setup(field + ".name: " + quoted(variable.name) + " is used twice");
+  if (variable.name.empty()) refuse_argument(field + ".name: must not be empty");
+  if (!names.insert(variable.name).second) refuse_argument(field + ".name: " + quoted(variable.name) + " is used twice");
   const std::string what = "variable " + quoted(variable.name);
   if (handle_index(setup, variable.handle) == setup.handles.size()) {
     std::vector<std::string> candidates;
     for (const auto& handle : setup.handles) candidates.push_back(handle.name);
     const std::string near = nearest_names(variable.handle, candidates);
-    refuse_setup(what + ": handle " + quoted(variable.handle) + " does not exist" +
-                 (near.empty() ? "" : "; did you mean " + near + "?"));
+    refuse_argument(what + ": handle " + quoted(variable.handle) + " does not exist" +
+                    (near.empty() ? "" : "; did you mean " + near + "?"));
   }
   const auto check = [&](const Vec3& v, const char* part) {
-    if (!finite(v)) refuse_setup(what + ": " + part + " must be finite");
+    if (!is_finite(v)) refuse_argument(what + ": " + part + " must be finite");
   };
   const auto check_nonzero = [&](const Vec3& v, const char* part) {
     check(v, part);
-    if (is_zero(v) || !std::isnormal(norm(v))) refuse_setup(what + ": " + part + " must not be zero");
+    if (is_zero(v) || !std::isnormal(norm(v))) refuse_argument(what + ": " + part + " must not be zero");
   };
   if (const auto* t = std::get_if<DesignVariable::Translate>(&variable.kind)) {
     check_nonzero(t->direction, "translate");
@@ -129,19 +125,19 @@ void validate_variable(const Setup& setup, std::size_t k, std::set<std::string>&
     check(s.centre, "scale.centre");
     check(s.axis, "scale.axis");
   }
-  if (std::isnan(variable.lower) || std::isnan(variable.upper)) refuse_setup(what + ": lower and upper must be numbers");
+  if (std::isnan(variable.lower) || std::isnan(variable.upper)) refuse_argument(what + ": lower and upper must be numbers");
   if (!(variable.lower <= 0 && variable.upper >= 0)) {
-    refuse_setup(what + ": the rest position 0 must lie within lower = " + number_digits(variable.lower) +
-                 " and upper = " + number_digits(variable.upper));
+    refuse_argument(what + ": the rest position 0 must lie within lower = " + number_digits(variable.lower) +
+                    " and upper = " + number_digits(variable.upper));
   }
 }
 
 void check_layers(const ConstraintKind& kind, const Mesh& mesh, const std::string& field) {
   const auto* rigid = std::get_if<Rigid>(&kind);
   if (rigid == nullptr) return;
-  check_range(rigid->layers, 0, most_wall_layers, field + ".rigid.layers");
+  check_option_range(rigid->layers, 0, most_wall_layers, field + ".rigid.layers");
   if (rigid->layers > 0 && mesh.cell_count() == 0) {
-    refuse_setup(field + ".rigid.layers: the mesh has no cells, only volume meshes have layers of them");
+    refuse_argument(field + ".rigid.layers: the mesh has no cells, only volume meshes have layers of them");
   }
 }
 
@@ -151,23 +147,23 @@ void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions&
   for (std::size_t i = 0; i < setup.constraints.size(); ++i) {
     const Constraint& constraint = setup.constraints[i];
     const std::string field = "constraints[" + std::to_string(i) + "]";
-    if (constraint.name.empty()) refuse_setup(field + ".name: must not be empty");
-    if (!names.insert(constraint.name).second) refuse_setup(field + ".name: " + quoted(constraint.name) + " is used twice");
-    check_range(constraint.weight, 0, most_constraint_weight, field + ".weight");
+    if (constraint.name.empty()) refuse_argument(field + ".name: must not be empty");
+    if (!names.insert(constraint.name).second) refuse_argument(field + ".name: " + quoted(constraint.name) + " is used twice");
+    check_option_range(constraint.weight, 0, most_constraint_weight, field + ".weight");
     const auto [least, most] = region_counts(constraint.kind);
     if (constraint.regions.size() < least || constraint.regions.size() > most) {
-      refuse_setup(field + ".regions: " + std::string(kind_name(constraint.kind)) + " takes " + std::to_string(least) +
-                   (most == least ? ""
-                    : most > 1000 ? " or more"
-                                  : " to " + std::to_string(most)) +
-                   " regions, got " + std::to_string(constraint.regions.size()));
+      refuse_argument(field + ".regions: " + std::string(kind_name(constraint.kind)) + " takes " + std::to_string(least) +
+                      (most == least ? ""
+                       : most > 1000 ? " or more"
+                                     : " to " + std::to_string(most)) +
+                      " regions, got " + std::to_string(constraint.regions.size()));
     }
     check_layers(constraint.kind, mesh, field);
     auto& ids = selected.constraints.emplace_back();
     for (std::size_t r = 0; r < constraint.regions.size(); ++r) {
       const std::string what = field + ".regions[" + std::to_string(r) + "]";
       ids.push_back(select(constraint.regions[r], mesh, what));
-      if (ids.back().empty()) refuse_setup(what + ": " + no_point_text(mesh));
+      if (ids.back().empty()) refuse_argument(what + ": " + no_point_text(mesh));
     }
   }
 }
@@ -176,24 +172,24 @@ void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions&
 void claim(const std::vector<PointId>& ids, std::uint32_t owner, const std::string& what, const Setup& setup,
            PointOwners& owners) {
   const PointOwners::Overlap overlap = owners.claim(ids, owner);
-  if (overlap.points != 0) refuse_setup(what + " " + overlap.text("handle " + quoted(setup.handles[overlap.other].name)));
+  if (overlap.points != 0) refuse_argument(what + " " + overlap.text("handle " + quoted(setup.handles[overlap.other].name)));
 }
 
 /// The values, those beside a bound moved onto it.
 std::vector<double> checked_values(const Setup& setup, std::span<const double> variables) {
   if (variables.size() != setup.variables.size()) {
-    refuse_setup("variables: expected " + std::to_string(setup.variables.size()) + " values, one per design variable, got " +
-                 std::to_string(variables.size()));
+    refuse_argument("variables: expected " + std::to_string(setup.variables.size()) + " values, one per design variable, got " +
+                    std::to_string(variables.size()));
   }
   std::vector<double> values;
   for (std::size_t k = 0; k < variables.size(); ++k) {
     const DesignVariable& variable = setup.variables[k];
     const std::string what = "variables[" + std::to_string(k) + "] (" + quoted(variable.name) + ")";
-    if (!std::isfinite(variables[k])) refuse_setup(what + ": must be finite");
+    if (!std::isfinite(variables[k])) refuse_argument(what + ": must be finite");
     const auto value = within_bounds(variables[k], variable.lower, variable.upper);
     if (!value) {
-      refuse_setup(what + ": " + number_digits(variables[k]) + " is outside of its bounds [" + number_digits(variable.lower) +
-                   ", " + number_digits(variable.upper) + "]");
+      refuse_argument(what + ": " + number_digits(variables[k]) + " is outside of its bounds [" + number_digits(variable.lower) +
+                      ", " + number_digits(variable.upper) + "]");
     }
     values.push_back(*value);
   }
@@ -203,18 +199,18 @@ std::vector<double> checked_values(const Setup& setup, std::span<const double> v
 }  // namespace
 
 void validate_constraint_options(const ConstraintOptions& options) {
-  check_range(options.tolerance, 1e-12, 1e-2, "constraint_options.tolerance");
-  check_range(options.iterations, 1, most_constraint_iterations, "constraint_options.iterations");
+  check_option_range(options.tolerance, 1e-12, 1e-2, "constraint_options.tolerance");
+  check_option_range(options.iterations, 1, most_constraint_iterations, "constraint_options.iterations");
 }
 
 SelectedRegions validate(const Setup& setup, const Mesh& mesh) {
-  if (setup.handles.empty()) refuse_setup("handles: at least one is needed");
+  if (setup.handles.empty()) refuse_argument("handles: at least one is needed");
   std::set<std::string> names;
   for (std::size_t i = 0; i < setup.handles.size(); ++i) {
     const std::string field = "handles[" + std::to_string(i) + "].name";
-    if (setup.handles[i].name.empty()) refuse_setup(field + ": must not be empty");
+    if (setup.handles[i].name.empty()) refuse_argument(field + ": must not be empty");
     if (!names.insert(setup.handles[i].name).second)
-      refuse_setup(field + ": " + quoted(setup.handles[i].name) + " is used twice");
+      refuse_argument(field + ": " + quoted(setup.handles[i].name) + " is used twice");
   }
   std::set<std::string> variable_names;
   for (std::size_t k = 0; k < setup.variables.size(); ++k) validate_variable(setup, k, variable_names);
@@ -225,14 +221,14 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh) {
   for (std::size_t i = 0; i < setup.handles.size(); ++i) {
     const std::string what = "handle " + quoted(setup.handles[i].name);
     selected.handles.push_back(select(setup.handles[i].region, mesh, what));
-    if (selected.handles.back().empty()) refuse_setup(what + ": " + no_point_text(mesh));
+    if (selected.handles.back().empty()) refuse_argument(what + ": " + no_point_text(mesh));
     claim(selected.handles.back(), static_cast<std::uint32_t>(i), what, setup, owners);
   }
   const auto fixed_owner = static_cast<std::uint32_t>(setup.handles.size());
   for (std::size_t i = 0; i < setup.fixed.size(); ++i) {
     const std::string what = "fixed[" + std::to_string(i) + "]";
     const std::vector<PointId> ids = select(setup.fixed[i], mesh, what);
-    if (ids.empty()) refuse_setup(what + ": " + no_point_text(mesh));
+    if (ids.empty()) refuse_argument(what + ": " + no_point_text(mesh));
     claim(ids, fixed_owner, what, setup, owners);
   }
   for (std::size_t id = 0; id < mesh.point_count(); ++id) {
@@ -256,7 +252,8 @@ std::vector<Affine> handle_motions(const Setup& setup, std::span<const double> v
 std::vector<Affine> handle_motion_derivative(const Setup& setup, std::span<const double> variables, std::size_t k) {
   const std::vector<double> values = checked_values(setup, variables);
   if (k >= setup.variables.size()) {
-    refuse_setup("variable " + std::to_string(k) + " is out of range, the setup has " + std::to_string(setup.variables.size()));
+    refuse_argument("variable " + std::to_string(k) + " is out of range, the setup has " +
+                    std::to_string(setup.variables.size()));
   }
   std::vector<Affine> derivatives(setup.handles.size(), Affine{});
   const std::string& handle = setup.variables[k].handle;

@@ -80,7 +80,7 @@ struct SystemInfo {
   std::size_t centres = 0;      ///< of an RBF, after reduction and merging of coincident ones; of incremental QR those it chose
   std::size_t held_points = 0;  ///< handle and fixed points that enter the system of a shell with hard handles, else 0
   std::size_t samples = 0;      ///< of the other energy methods: the places of their functions, else 0
-  std::size_t functions = 0;          ///< unknowns per coordinate of an energy method
+  std::size_t functions = 0;    ///< unknowns per coordinate of an energy method
   std::size_t cubature_points = 0;    ///< at which its energies are integrated; 0 on the faces of the mesh
   std::size_t merged_duplicates = 0;  ///< centres saved where constraint points coincide
   std::size_t polynomial_terms = 0;   ///< of an RBF

@@ -2,6 +2,8 @@
 
 #include <utility>
 
+#include "core/base/vectors.h"
+
 namespace deform {
 
 std::vector<std::int64_t> functions_reaching(const SparseRows& values, const std::vector<ConstraintSet>& sets) {
@@ -77,9 +79,7 @@ std::vector<Vec3> ConstrainedPoints::projection_residual_change(const std::vecto
     sets_[t].projection->derivative({points.data() + begin, count}, shapes[t], {dx.data() + begin, count},
                                     {result.data() + begin, count});
   }
-  for (std::size_t i = 0; i < dx.size(); ++i) {
-    for (std::size_t k = 0; k < 3; ++k) result[i][k] = dx[i][k] - result[i][k];
-  }
+  for (std::size_t i = 0; i < dx.size(); ++i) result[i] = dx[i] - result[i];
   return result;
 }
 

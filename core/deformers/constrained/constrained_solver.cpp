@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "core/base/parallel.h"
+#include "core/base/vectors.h"
 #include "core/deformers/constrained/anderson.h"
 
 namespace deform {
@@ -31,9 +32,7 @@ double rms(const std::vector<Vec3>& a, const std::vector<Vec3>& b) {
 
 std::vector<Vec3> differences(const std::vector<Vec3>& a, const std::vector<Vec3>& b) {
   std::vector<Vec3> result(a.size());
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    for (std::size_t k = 0; k < 3; ++k) result[i][k] = a[i][k] - b[i][k];
-  }
+  for (std::size_t i = 0; i < a.size(); ++i) result[i] = a[i] - b[i];
   return result;
 }
 

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "core/base/error.h"
+#include "core/base/vectors.h"
 #include "core/numerics/sparse/sparse_cholesky.h"
 
 namespace deform {
@@ -19,12 +20,6 @@ constexpr double smallest_step = 1e-14;
 constexpr double rounding = 1e-13;  // of the merit: less than this is no change of it
 constexpr double met = 1e-9;        // a distance
 constexpr double accuracy = 1e-11;  // of derivatives
-
-double squared_distance(const Vec3& a, const Vec3& b) {
-  double sum = 0;
-  for (std::size_t k = 0; k < 3; ++k) sum += (a[k] - b[k]) * (a[k] - b[k]);
-  return sum;
-}
 
 }  // namespace
 

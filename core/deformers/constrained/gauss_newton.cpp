@@ -6,6 +6,7 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/base/vectors.h"
 #include "core/numerics/dense/lapack.h"
 
 namespace deform {
@@ -17,8 +18,6 @@ constexpr std::size_t few_points = 64;  // of a set whose parameters are elimina
 constexpr double damping = 1e-9;        // of the diagonal: parameters of shapes that change nothing stay
 constexpr std::size_t columns_per_task = 16, rows_per_task = 32;
 constexpr std::size_t permuted_and_factored = 2;  // copies of a sparse matrix, in factors
-
-double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 }  // namespace
 

@@ -3,14 +3,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/vectors.h"
+
 namespace deform {
 
 namespace {
 
 constexpr double exact_limit = 1e-9;  // of D: ConstraintReport::missed
-
-double length(const Vec3& v) { return std::hypot(v[0], v[1], v[2]); }
-double distance(const Vec3& a, const Vec3& b) { return length({a[0] - b[0], a[1] - b[1], a[2] - b[2]}); }
 
 }  // namespace
 
@@ -50,7 +49,7 @@ void EnergyEvaluation::solve(const RunContext& context) {
 
 void EnergyEvaluation::report_misfit(std::size_t design) {
   const auto& misfits = solutions_[design].misfits;
-  reports_[design].interpolation_residual = length({misfits[0], misfits[1], misfits[2]});
+  reports_[design].interpolation_residual = norm({misfits[0], misfits[1], misfits[2]});
 }
 
 void EnergyEvaluation::solve_constrained(std::size_t design, WarmStart* warm, const RunContext& context) {

@@ -18,16 +18,16 @@ constexpr double most_weight = 1e12;
 constexpr double most_samples = 1e6;
 
 void check_weights(double stretching, double bending, const std::string& field) {
-  check_range(stretching, 0, most_weight, field + ".stretching");
-  check_range(bending, 0, most_weight, field + ".bending");
-  if (stretching == 0 && bending == 0) refuse_setup(field + ": stretching and bending must not both be 0");
+  check_option_range(stretching, 0, most_weight, field + ".stretching");
+  check_option_range(bending, 0, most_weight, field + ".bending");
+  if (stretching == 0 && bending == 0) refuse_argument(field + ": stretching and bending must not both be 0");
 }
 
 void check_energy(const EnergyOptions& options, const std::string& field) {
   check_weights(options.stretching, options.bending, field);
   if (!(options.fixing > 0 && options.fixing <= most_weight)) {
-    refuse_setup(field + ".fixing: " + number_digits(options.fixing) + " is out of range, must be over 0 and up to " +
-                 number_digits(most_weight));
+    refuse_argument(field + ".fixing: " + number_digits(options.fixing) + " is out of range, must be over 0 and up to " +
+                    number_digits(most_weight));
   }
 }
 
@@ -35,20 +35,20 @@ void check(const ShellOptions& options, const Mesh&) { check_energy(options, "me
 
 void check(const SubspaceOptions& options, const Mesh&) {
   check_energy(options, "method.subspace");
-  check_range(static_cast<double>(options.centres), 4, 100000, "method.subspace.centres");
-  check_range(options.cover, 4, 1000, "method.subspace.cover");
+  check_option_range(static_cast<double>(options.centres), 4, 100000, "method.subspace.centres");
+  check_option_range(options.cover, 4, 1000, "method.subspace.cover");
 }
 
 void check(const MlsOptions& options, const Mesh& mesh) {
   check_energy(options, "method.mls");
-  check_range(static_cast<double>(options.surface_samples), 0, most_samples, "method.mls.surface_samples");
-  check_range(static_cast<double>(options.volume_samples), 0, most_samples, "method.mls.volume_samples");
-  check_range(options.cubature, 1, 64, "method.mls.cubature");
-  check_range(options.cover, 5, 1000, "method.mls.cover");
+  check_option_range(static_cast<double>(options.surface_samples), 0, most_samples, "method.mls.surface_samples");
+  check_option_range(static_cast<double>(options.volume_samples), 0, most_samples, "method.mls.volume_samples");
+  check_option_range(options.cubature, 1, 64, "method.mls.cubature");
+  check_option_range(options.cover, 5, 1000, "method.mls.cover");
   for (std::size_t i = 0; i < options.weights.size(); ++i) {
     const std::string field = "method.mls.weights[" + std::to_string(i) + "]";
     check_weights(options.weights[i].stretching, options.weights[i].bending, field);
-    if (select(options.weights[i].region, mesh, field).empty()) refuse_setup(field + ": " + no_point_text(mesh));
+    if (select(options.weights[i].region, mesh, field).empty()) refuse_argument(field + ": " + no_point_text(mesh));
   }
 }
 

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/base/error.h"
+#include "core/base/vectors.h"
 
 namespace deform {
 
@@ -84,14 +85,13 @@ void HandleEvaluation::set_basis_coefficients() {
         }
       }
     }
-    reports_[i].interpolation_residual = std::hypot(bound[0], bound[1], bound[2]);
+    reports_[i].interpolation_residual = norm(bound);
   }
 }
 
 Vec3 HandleEvaluation::prescribed_displacement(const BoundDesign& design, PointId id) const {
   Vec3 u = held_.place(design, id, kind_);
-  const Vec3 x = kind_ == MotionKind::position ? held_.mesh.points[id] : Vec3{};
-  for (std::size_t k = 0; k < 3; ++k) u[k] -= x[k];
+  if (kind_ == MotionKind::position) u = u - held_.mesh.points[id];
   const Symmetry& symmetry = held_.regions.symmetry;
   return symmetry.empty() ? u : system_->components(symmetry.to_frame(u), id);
 }

@@ -6,6 +6,7 @@
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
+#include "core/base/vectors.h"
 
 namespace deform {
 
@@ -17,8 +18,6 @@ constexpr double agreement = 1e-10;  // of D: how far apart coincident points ma
 [[noreturn]] void invalid(std::size_t design, const std::string& message) {
   invalid("designs[" + std::to_string(design) + "]" + message);
 }
-
-double distance(const Vec3& a, const Vec3& b) { return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]); }
 
 }  // namespace
 
@@ -118,7 +117,7 @@ Vec3 HeldPoints::prescribed_position(const BoundDesign& design, PointId id, Moti
     return design.affine[region] == identity_affine ? x : transformed(design.affine[region], x);
   }
   const Vec3& u = displacement[rank_of[id]];
-  return {x[0] + u[0], x[1] + u[1], x[2] + u[2]};
+  return x + u;
 }
 
 Vec3 HeldPoints::place(const BoundDesign& design, PointId id, MotionKind kind) const {

@@ -8,6 +8,7 @@
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/parallel.h"
+#include "core/base/vectors.h"
 
 namespace deform {
 
@@ -55,9 +56,8 @@ HandleSystem::HandleSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
 }
 
 std::array<double, 4> HandleSystem::handle_fields(std::size_t handle, PointId id) const {
-  const Vec3 x = box_.to_unit(mesh_->points[id]);
-  const Vec3& c = frames_[handle].reference;
-  return {1, x[0] - c[0], x[1] - c[1], x[2] - c[2]};
+  const Vec3 x = box_.to_unit(mesh_->points[id]) - frames_[handle].reference;
+  return {1, x[0], x[1], x[2]};
 }
 
 Vec3 HandleSystem::components(Vec3 in_frame, PointId id) const {
@@ -97,9 +97,7 @@ void HandleSystem::check_sliding(const BoundDesign& design, std::size_t index) c
   const Symmetry& symmetry = regions_.symmetry;
   const HeldPoints points = held();
   for (const PointId id : sliding_) {
-    const Vec3& x = mesh_->points[id];
-    const Vec3 to = points.prescribed_position(design, id, MotionKind::position);
-    const Vec3 u = symmetry.to_frame({to[0] - x[0], to[1] - x[1], to[2] - x[2]});
+    const Vec3 u = symmetry.to_frame(points.prescribed_position(design, id, MotionKind::position) - mesh_->points[id]);
     for (std::size_t k = 0; k < symmetry.planes(); ++k) {
       if ((symmetry.on(id) >> k & 1u) == 0 || std::abs(u[k]) <= symmetry.reach(k)) continue;
       std::ostringstream text;

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/base/parallel.h"
+#include "core/base/vectors.h"
 #include "core/deformers/handles/interpolant_tiles.h"
 
 namespace deform {
@@ -110,7 +111,7 @@ void RbfEvaluation::measure_residuals() {
         for (std::size_t k = 0; k < 3; ++k) error[k] -= values[(3 * slot(i) + k) * tile_size + s % tile_size];
         error = system_.components(error, samples[s]);
         double& residual = reports_[i].interpolation_residual;
-        residual = std::max(residual, std::hypot(error[0], error[1], error[2]));
+        residual = std::max(residual, norm(error));
       }
     }
   }

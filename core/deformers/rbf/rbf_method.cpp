@@ -68,32 +68,32 @@ void validate_sample(const Setup& setup, const std::vector<double>& sample, cons
   try {
     handle_motions(setup, sample);
   } catch (const Error& error) {
-    refuse_setup(field + "." + error.what());
+    refuse_argument(field + "." + error.what());
   }
   if (std::all_of(sample.begin(), sample.end(), [](double value) { return value == 0; })) {
-    refuse_setup(field + ": moves nothing; all its variables are 0");
+    refuse_argument(field + ": moves nothing; all its variables are 0");
   }
 }
 
 }  // namespace
 
 void RbfMethod::validate(const RbfOptions& options, const Setup& setup, const Mesh&) {
-  check_range(options.tolerance, least_tolerance, largest_tolerance, "method.rbf.tolerance");
+  check_option_range(options.tolerance, least_tolerance, largest_tolerance, "method.rbf.tolerance");
   if (!(options.shape >= 0 && options.shape <= 100)) {
-    refuse_setup("method.rbf.shape: " + number_digits(options.shape) + " is out of range, must be 0 (automatic) or up to 100");
+    refuse_argument("method.rbf.shape: " + number_digits(options.shape) + " is out of range, must be 0 (automatic) or up to 100");
   }
   if (options.solver == Solver::sparse_cholesky) {
-    refuse_setup("method.rbf.solver: sparse Cholesky is not for RBF systems, whose matrices are full");
+    refuse_argument("method.rbf.solver: sparse Cholesky is not for RBF systems, whose matrices are full");
   }
-  check_range(options.reduction_rings, 1, 100, "method.rbf.reduction_rings");
+  check_option_range(options.reduction_rings, 1, 100, "method.rbf.reduction_rings");
   const KernelProperties kernel = properties(options.kernel);
   if (options.polynomial_degree < -1 || options.polynomial_degree > 2) {
-    refuse_setup("method.rbf.polynomial_degree: " + std::to_string(options.polynomial_degree) +
-                 " is out of range, at least the order of the kernel - 1 and at most 2");
+    refuse_argument("method.rbf.polynomial_degree: " + std::to_string(options.polynomial_degree) +
+                    " is out of range, at least the order of the kernel - 1 and at most 2");
   }
   if (options.polynomial_degree >= 0 && options.polynomial_degree < kernel.order - 1) {
-    refuse_setup("method.rbf.polynomial_degree: " + std::to_string(options.polynomial_degree) + " is too small, the kernel " +
-                 kernel.name + " needs at least " + std::to_string(kernel.order - 1));
+    refuse_argument("method.rbf.polynomial_degree: " + std::to_string(options.polynomial_degree) + " is too small, the kernel " +
+                    kernel.name + " needs at least " + std::to_string(kernel.order - 1));
   }
   for (std::size_t s = 0; s < options.samples.size(); ++s) {
     validate_sample(setup, options.samples[s], "method.rbf.samples[" + std::to_string(s) + "]");

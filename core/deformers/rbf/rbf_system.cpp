@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/base/number_text.h"
+#include "core/base/vectors.h"
 #include "core/deformers/rbf/interpolated_basis.h"
 #include "core/deformers/rbf/rbf_evaluation.h"
 
@@ -24,9 +25,7 @@ double median_spacing(const std::vector<Vec3>& places, std::size_t count) {
   for (std::size_t i = 0; i < count; i += stride) {
     double least = std::numeric_limits<double>::infinity();
     for (std::size_t j = 0; j < places.size(); ++j) {
-      if (j != i)
-        least =
-            std::min(least, std::hypot(places[i][0] - places[j][0], places[i][1] - places[j][1], places[i][2] - places[j][2]));
+      if (j != i) least = std::min(least, distance(places[i], places[j]));
     }
     nearest.push_back(least);
   }
@@ -58,7 +57,7 @@ std::vector<Vec3> RbfSystem::coordinates(const std::vector<PointId>& ids) const 
   result.reserve(ids.size());
   for (const PointId id : ids) {
     const Vec3 y = regions_.symmetry.coordinates(mesh_->points[id]);
-    result.push_back({y[0] / box_.scale, y[1] / box_.scale, y[2] / box_.scale});
+    result.push_back(y / box_.scale);
   }
   return result;
 }
@@ -139,8 +138,7 @@ Eigen::MatrixXd RbfSystem::sample_fields() const {
       const RegionIndex region = points_.region_of[id];
       if (region == fixed_region) continue;
       const Vec3& x = mesh_->points[id];
-      const Vec3 to = transformed(motions[region], x);
-      Vec3 u{to[0] - x[0], to[1] - x[1], to[2] - x[2]};
+      Vec3 u = transformed(motions[region], x) - x;
       if (!regions_.symmetry.empty()) u = components(regions_.symmetry.to_frame(u), id);
       for (std::size_t k = 0; k < 3; ++k) {
         fields(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(3 * s + k)) = u[k] / info_.diagonal;
