@@ -57,15 +57,15 @@ TEST(ResolvedRegions, CollectAllThatIsWrong) {
   EXPECT_EQ(resolved.constraints[0].kind, "planar");
   EXPECT_THAT(resolved.constraints[0].regions[0], ElementsAre(4, 5));
   using testing::HasSubstr;
-  EXPECT_THAT(
-      resolved.problems,
-      ElementsAre("handle \"b\" overlaps handle \"a\": 1 common points, the first is point 1; subtract one region from "
-                  "the other with `difference`",
-                  HasSubstr("handle \"c\": group \"top\" does not exist"),
-                  "handle \"d\": expected exactly one kind of region, got ids and all", "handle \"e\": expected 3 numbers, got 2",
-                  HasSubstr("fixed[0] overlaps handle \"b\": 1 common points, the first is point 2"),
-                  "fixed[1]: its region contains no point; the model's box is [0, 0, 0] to [5, 0, 0]",
-                  HasSubstr("constraints[0].regions[1]: ids[0]: point 77")));
+  EXPECT_THAT(resolved.problems,
+              ElementsAre("handle \"b\" overlaps handle \"a\": 1 common points, the first is point 1; subtract one region from "
+                          "the other with `difference`",
+                          HasSubstr("handle \"c\": group \"top\" does not exist"),
+                          "handle \"d\": expected exactly one kind of region, got ids and all",
+                          "handle \"e\".sphere.centre: expected 3 numbers, got 2",
+                          HasSubstr("fixed[0] overlaps handle \"b\": 1 common points, the first is point 2"),
+                          "fixed[1]: its region contains no point; the model's box is [0, 0, 0] to [5, 0, 0]",
+                          HasSubstr("constraints[0].regions[1]: ids[0]: point 77")));
 }
 
 TEST(RegionLabels, NamesTheRegionThatCannotBeSelected) {
