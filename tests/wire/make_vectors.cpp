@@ -46,7 +46,7 @@ int run(const std::filesystem::path& folder, bool check) {
   }
   if (differences == 0) return 0;
   std::cerr
-      << "The bytes on the wire have changed. Clients and stores of earlier versions depend on them: see README.md there.\n";
+      << "The bytes on the wire have changed. Clients and stores of earlier versions depend on them: see tests/wire/README.md.\n";
   return 1;
 }
 
