@@ -27,7 +27,7 @@ struct EncodeOptions {
   double tolerance = 0;
 };
 
-/// Points [first, first + count) of one design, independently decodable with the same points of the registered geometry.
+/// Points [first, first + count) of one design, each block decodable for itself. deformation.proto describes the bytes.
 struct Block {
   Encoding encoding = Encoding::raw_f64;  ///< the one used: raw_f64 when the integers did not fit (fell_back is true then)
   bool fell_back = false;                 ///< to raw_f64, since the integers did not fit

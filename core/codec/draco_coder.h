@@ -10,7 +10,8 @@ namespace deform::codec {
 /// neighbours, so it collapses beyond about 20 bits.
 bool suits_draco(std::span<const std::int32_t> triples);
 
-/// Integer triples as one generic attribute of a Draco point cloud, sequential encoder, differences predicted.
+/// Integer triples to the bytes of DRACO, which deformation.proto describes: one generic attribute of a Draco point cloud,
+/// sequential encoder, differences predicted.
 std::string encode_draco(std::span<const std::int32_t> triples);
 
 /// Decodes exactly triples.size() numbers; throws Error(data_loss) for anything else. Everything that the header claims and that

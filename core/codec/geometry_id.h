@@ -35,13 +35,9 @@ struct GroupView {
   std::span<const FaceId> faces;    ///< in order
 };
 
-/// The id of a geometry: SHA-256 over, little endian, without padding: "deform.geometry.1\0"; u64 n, n x 3 f64; u64 f, f x u32
-/// sizes; u64 c, c x u32 corners; u64 g, then per group in order: u64 length and bytes of the name, u64 count and u32 points, u64
-/// count and u32 faces. With cells the tag is "deform.geometry.2\0" and there follow u64 count and u8 types, u64 count and u32
-/// nodes of elements; u64 cells by faces, u64 count and u64 offsets, u64 count and u32 corners, u64 count and u32 owners, u64
-/// count and u32 neighbours, u64 count and u8 empty faces. Negative zero is hashed as it is: other bits, other geometry. Client
-/// and server compute the same id from the same arrays. The byte sequence itself goes to visit_geometry_bytes(): a stored
-/// geometry is exactly these bytes, so that the id is its checksum.
+/// The arrays of a geometry, borrowed. Its id is the SHA-256 of the bytes that proto/deform/v1/geometry.proto describes, which
+/// visit_geometry_bytes() hands to the sink piece by piece. A stored geometry is exactly these bytes, so that the id is its
+/// checksum.
 struct GeometryView {
   std::span<const Vec3> points;               ///< n x 3
   std::span<const std::uint32_t> face_sizes;  ///< f: corners per face

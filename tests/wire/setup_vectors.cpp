@@ -1,0 +1,128 @@
+#include <google/protobuf/util/json_util.h>
+
+#include <stdexcept>
+
+#include "deform/v1/setup.pb.h"
+#include "proto/convert/setup.h"
+#include "tests/wire/vectors.h"
+
+namespace deform::wire {
+
+namespace {
+
+enum class Geometry { flat, solid };  ///< whether all points have the same z
+
+struct SetupCase {
+  const char* name;
+  const char* json;
+  Geometry geometry = Geometry::solid;
+};
+
+constexpr SetupCase cases[] = {
+    {"no method", R"({"handles": [{"name": "roof", "region": {"group": "roof"}}]})"},
+    {"no method, flat geometry", R"({"handles": [{"name": "roof", "region": {"group": "roof"}}]})", Geometry::flat},
+    {"an empty method",
+     R"({"method": {"rbf": {}}, "handles": [{"name": "a", "region": {"all": true}}], "seed": "18446744073709551615"})"},
+    {"defaults said",
+     R"({"method": {"rbf": {"kernel": "TRIHARMONIC", "polynomialDegree": 1, "reductionRings": 3, "tolerance": 1e-6}},
+         "handles": [{"name": "roof", "region": {"group": "roof"}}]})"},
+    {"shape of a kernel without shape",
+     R"({"method": {"rbf": {"kernel": "BIHARMONIC", "shape": 0.25, "solver": "CHOLESKY", "tolerance": 1e-8, "centreOrder": "GREEDY",
+         "samples": [{"variables": [1]}]}}, "handles": [{"name": "a", "region": {"boundary": true}}]})"},
+    {"negative zeros", R"({"method": {"rbf": {"kernel": "GAUSSIAN", "shape": -0.0, "tolerance": -0.0, "polynomialDegree": 0}},
+         "handles": [{"name": "a", "region": {"sphere": {"centre": [-0.0, 0, 1], "radius": 0}}}]})"},
+    {"shapes and rings",
+     R"({"method": {"rbf": {"kernel": "WENDLAND_C2", "shape": 0.75, "solver": "SOLVER_AUTOMATIC", "reduction": "REDUCTION_OFF",
+         "reductionRings": 7, "basis": "BASIS_NEVER"}}, "handles": [{"name": "a", "region": {"openBoundary": true}}]})"},
+    {"quintic, LU", R"({"method": {"rbf": {"kernel": "QUINTIC", "solver": "LU", "reductionRings": 5}},
+         "handles": [{"name": "a", "region": {"openBoundary": true}}]})"},
+    {"iterative", R"({"method": {"rbf": {"kernel": "MULTIQUADRIC", "solver": "ITERATIVE", "tolerance": 1e-7}},
+         "handles": [{"name": "a", "region": {"all": true}}]})"},
+    {"incremental QR, greedy",
+     R"({"method": {"rbf": {"solver": "INCREMENTAL_QR", "centreOrder": "GREEDY", "samples": [{"variables": [0.5, -0.25]},
+         {"variables": [0, 1]}]}}, "handles": [{"name": "a", "region": {"group": "g"}}], "variables": [{"name": "u", "handle": "a",
+         "translate": [0, 0, 1]}, {"name": "v", "handle": "a", "translate": [1, 0, 0], "lower": 0, "upper": 2.5}]})"},
+    {"incremental QR, farthest point", R"({"method": {"rbf": {"solver": "INCREMENTAL_QR", "centreOrder": "FARTHEST_POINT"}},
+         "handles": [{"name": "a", "region": {"group": "g"}}]})"},
+    {"shell", R"({"method": {"shell": {}}, "handles": [{"name": "a", "region": {"group": "g"}}]})"},
+    {"soft shell",
+     R"({"method": {"shell": {"energy": {"stretching": 0.5, "bending": 0, "handles": "HANDLES_SOFT", "basis": "BASIS_ALWAYS"}}},
+         "handles": [{"name": "a", "region": {"group": "g"}}]})"},
+    {"hard shell with a weight that is ignored", R"({"method": {"shell": {"energy": {"fixing": 5}}}, "handles": [{"name": "a",
+         "region": {"group": "g"}}], "constraintOptions": {"iterations": 10}})"},
+    {"subspace", R"({"method": {"subspace": {}}, "handles": [{"name": "a", "region": {"group": "g"}}]})"},
+    {"subspace, global kernel", R"({"method": {"subspace": {"kernel": "SUBSPACE_BIHARMONIC", "centres": 200, "cover": 30}},
+         "handles": [{"name": "a", "region": {"group": "g"}}]})"},
+    {"subspace, compact kernel", R"({"method": {"subspace": {"kernel": "SUBSPACE_WENDLAND_C2", "energy": {"stretching": 1}}},
+         "handles": [{"name": "a", "region": {"group": "g"}}]})"},
+    {"mls", R"({"method": {"mls": {"surfaceSamples": 300, "weights": [{"region": {"ids": [9, 2, 9, 0]}, "bending": 2}]}},
+         "handles": [{"name": "a", "region": {"group": "g"}}]})"},
+    {"regions", R"({"method": {"rbf": {}}, "handles": [
+         {"name": "box", "region": {"box": {"min": [0, 0, 0], "max": [1, 2, 3]}}},
+         {"name": "cylinder", "region": {"cylinder": {"start": [0, 0, 0], "end": [0, 0, 1], "radius": 0.5}}},
+         {"name": "set", "region": {"difference": [{"union": [{"ids": [3, 1, 2]}, {"group": "g"}]}, {"intersection": [{"all": true},
+           {"ids": [5, 5]}]}]}}],
+         "fixed": [{"halfSpace": {"point": [0, 0, 0.1], "normal": [0, 0, -2]}}, {"complement": {"grow": {"region": {"ids": [4294967295, 7]},
+           "rings": 2}}}]})"},
+    {"variables", R"({"handles": [{"name": "a", "region": {"group": "g"}}], "variables": [
+         {"name": "t", "handle": "a", "translate": [0, 0, 1], "lower": -1, "upper": 0},
+         {"name": "r", "handle": "a", "rotate": {"axis": [0, 1, 0]}},
+         {"name": "q", "handle": "a", "rotate": {"axis": [0, 1, 0], "centre": [1, 2, 3]}},
+         {"name": "s", "handle": "a", "scale": {}},
+         {"name": "d\u00e9formation", "handle": "a", "scale": {"centre": [1, 0, 0], "axis": [1, 0, 0]}}]})"},
+    {"symmetry", R"({"handles": [{"name": "a", "region": {"group": "g"}}], "symmetry": [{"point": [0, 0, 0], "normal": [0, 1, 0]},
+         {"region": {"ids": [2, 1]}}]})"},
+    {"constraints with their defaults",
+     R"({"method": {"mls": {}}, "handles": [{"name": "a", "region": {"group": "g"}}], "constraints": [
+         {"name": "1", "regions": [{"ids": [2, 1, 1]}], "planar": {}}, {"name": "2", "regions": [{"group": "p"}], "circular": {}},
+         {"name": "3", "regions": [{"group": "p"}], "cylindrical": {}}, {"name": "4", "regions": [{"group": "p"}], "spherical": {}},
+         {"name": "5", "regions": [{"group": "p"}], "conical": {}}, {"name": "6", "regions": [{"group": "p"}], "straight": {}},
+         {"name": "7", "regions": [{"group": "p"}], "featureLine": {}}, {"name": "8", "regions": [{"group": "p"}], "rigid": {}},
+         {"name": "9", "regions": [{"group": "p"}], "fixedPlane": {"point": [0, 0, 0], "normal": [0, 0, 1]}},
+         {"name": "10", "regions": [{"group": "p"}], "symmetric": {}},
+         {"name": "11", "regions": [{"group": "p"}, {"group": "q"}], "coplanar": {}},
+         {"name": "12", "regions": [{"group": "p"}, {"group": "q"}], "parallel": {}},
+         {"name": "13", "regions": [{"group": "p"}, {"group": "q"}], "orthogonal": {}},
+         {"name": "14", "regions": [{"group": "p"}, {"group": "q"}], "distance": {}},
+         {"name": "15", "regions": [{"group": "p"}], "extent": {"axis": [1, 0, 0], "value": 2}}]})"},
+    {"constraints with everything said",
+     R"({"method": {"shell": {}}, "handles": [{"name": "a", "region": {"group": "g"}}], "constraints": [
+         {"name": "1", "regions": [{"group": "p"}], "weight": 1e6, "exact": true, "circular": {"radius": "KEPT"}},
+         {"name": "2", "regions": [{"group": "p"}], "conical": {"angle": "FREE"}},
+         {"name": "3", "regions": [{"group": "p"}], "rigid": {"layers": 3}},
+         {"name": "4", "regions": [{"group": "p"}], "symmetric": {"point": [0, 0, 0], "normal": [0, 1, 0], "tolerance": 0.01}},
+         {"name": "5", "regions": [{"group": "p"}, {"group": "q"}], "distance": {"bound": "MAXIMUM", "value": 0.5}},
+         {"name": "6", "regions": [{"group": "p"}], "extent": {"axis": [1, 0, 0], "bound": "MAXIMUM", "value": 2, "ends": 0}}],
+         "constraintOptions": {"tolerance": 1e-9}})"},
+};
+
+v1::Setup parsed(const SetupCase& setup) {
+  v1::Setup message;
+  const auto status = google::protobuf::util::JsonStringToMessage(setup.json, &message);
+  if (!status.ok()) throw std::runtime_error(std::string(setup.name) + ": " + status.ToString());
+  convert::setup_from_proto(message, 1000);  // it must be one that a server takes
+  return message;
+}
+
+}  // namespace
+
+void add_setup_vectors(Vectors& vectors) {
+  const std::string geometry(64, 'a');
+  Json& file = vectors["setups.json"] = Json::array();
+  for (const SetupCase& setup : cases) {
+    v1::Setup message = parsed(setup);
+    const bool rbf = message.method().has_rbf() || message.method().kind_case() == v1::Method::KIND_NOT_SET;
+    if (rbf && setup.geometry == Geometry::flat) message.mutable_method()->mutable_rbf()->set_kernel(v1::THIN_PLATE);
+    const v1::Setup canonical = convert::canonical_setup(message, geometry);
+    Json json;
+    json["name"] = setup.name;
+    json["flat"] = setup.geometry == Geometry::flat;
+    json["geometry"] = geometry;
+    json["setup"] = Json::parse(setup.json);
+    json["canonical"] = base64(canonical.SerializeAsString());
+    json["id"] = convert::system_id(canonical);
+    file.push_back(json);
+  }
+}
+
+}  // namespace deform::wire
