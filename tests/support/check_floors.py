@@ -9,14 +9,13 @@ import re
 import sys
 
 # Folder, or one header -> folders and headers of the project that it may include besides itself. The ground floor stands first.
-DEFORMERS_GROUND = ["core/base", "core/numerics", "core/mesh", "core/quality", "core/constraints"]
+DEFORMERS_GROUND = ["core/base", "core/numerics", "core/mesh", "core/mesh/operators", "core/quality", "core/constraints"]
 # What every room of the deformers speaks, whatever methods there are.
 DEFORMERS_TERMS = ["core/deformers/setup.h", "core/deformers/system.h"]
 FLOORS = {
     "core/base": [],
     "core/codec": ["core/base"],
-    "core/numerics": ["core/base"],
-    "core/mesh": ["core/base", "core/numerics"],
+    "core/mesh": ["core/base"],
     "core/io/mesh_file.h": ["core/base", "core/mesh"],
     "core/io/readers.h": ["core/base", "core/io/mesh_file.h"],
     "core/io/binary": ["core/base"],
@@ -27,6 +26,8 @@ FLOORS = {
     "core/io": ["core/base", "core/mesh", "core/io/mesh_file.h", "core/io/readers.h", "core/io/binary", "core/io/assembly", "core/io/formats"],
     "core/quality": ["core/base", "core/mesh"],
     "core/report": ["core/base", "core/mesh", "core/quality"],
+    "core/numerics": ["core/base"],
+    "core/mesh/operators": ["core/base", "core/numerics", "core/mesh"],
     "core/constraints": ["core/base", "core/numerics", "core/mesh"],
     "core/constraints/detection": ["core/base", "core/numerics", "core/mesh", "core/constraints"],
     "core/deformers/setup.h": DEFORMERS_GROUND + ["core/deformers/handles/symmetry.h"],
