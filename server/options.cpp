@@ -10,6 +10,8 @@
 #include <map>
 #include <utility>
 
+#include "core/base/commit/commit.h"
+
 namespace deform::server {
 
 namespace {
@@ -275,7 +277,7 @@ Flags read_flags(const std::vector<Option>& options, std::vector<std::string> ar
   } catch (const CLI::ParseError& error) {
     throw bad(std::string(error.what()) + " (deformd --help lists the options)");
   }
-  if (app.count("--version") > 0) out.answer = "deformd " DEFORM_VERSION "\n";
+  if (app.count("--version") > 0) out.answer = version_line("deformd") + "\n";
   if (app.count("--config") > 0) out.config = config;
   for (const Option& option : options) {
     if (app.count("--" + option.name) == 0) continue;

@@ -14,6 +14,7 @@ DEFORMERS_GROUND = ["core/base", "core/numerics", "core/mesh", "core/mesh/operat
 DEFORMERS_TERMS = ["core/deformers/setup.h", "core/deformers/system.h"]
 FLOORS = {
     "core/base": [],
+    "core/base/commit": ["core/base"],
     "core/codec": ["core/base"],
     "core/mesh": ["core/base"],
     "core/io/mesh_file.h": ["core/base", "core/mesh"],
@@ -51,11 +52,11 @@ FLOORS = {
     "server/engine": ["core/base", "core/codec", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",
                       "core/deformers", "proto/convert", "proto/convert/base", "deform/v1", "server/store"],
     "server/rpc": ["core/base", "core/codec", "proto/convert/base", "deform/v1", "server/engine"],
-    "server": ["core/base", "server/store", "server/engine", "server/rpc"],
+    "server": ["core/base", "core/base/commit", "server/store", "server/engine", "server/rpc"],
     "client": ["core/base", "core/codec", "proto/convert/base", "deform/v1"],
     # Executables that read files.
-    "client/cli": ["core/base", "core/codec", "core/mesh", "core/io", "core/quality", "core/report", "core/constraints/detection", "proto/convert/mesh",
-                   "deform/v1", "client"],
+    "client/cli": ["core/base", "core/base/commit", "core/codec", "core/mesh", "core/io", "core/quality", "core/report",
+                   "core/constraints/detection", "proto/convert/mesh", "deform/v1", "client"],
     "client/examples": ["core/base", "core/codec", "core/mesh", "core/io", "deform/v1", "client"],
 }
 

@@ -12,6 +12,7 @@
 #include "client/cli/output/error_json.h"
 #include "client/cli/output/printable_stream.h"
 #include "client/cli/output/result_json.h"
+#include "core/base/commit/commit.h"
 #include "core/base/text.h"
 
 namespace deform::cli {
@@ -123,7 +124,7 @@ int run(int argc, const char* const* argv) {
   CommonOptions common;
   Action chosen;
   CLI::App app{"deform: client of deformd, deformation of meshes for shape optimization", "deform"};
-  app.set_version_flag("--version", std::string("deform ") + DEFORM_VERSION);
+  app.set_version_flag("--version", version_line("deform"));
   app.footer(footer);
   app.fallthrough();
   app.require_subcommand(1);
