@@ -7,14 +7,19 @@ FROM docker.io/library/debian:bookworm-slim AS build
 WORKDIR /src
 COPY deploy/packages.txt deploy/install-packages deploy/
 RUN deploy/install-packages build
-COPY CMakeLists.txt ./
+COPY CMakeLists.txt LICENSE ./
+COPY deploy/cmake deploy/cmake
+COPY deploy/manual deploy/manual
+COPY docs/licenses docs/licenses
 COPY proto proto
 COPY core core
 COPY server server
 COPY client client
-RUN cmake -S . -B /build -G Ninja -DCMAKE_BUILD_TYPE=Release -DDEFORM_BUILD_TESTS=OFF \
- && cmake --build /build --target deformd deform \
- && cmake --install /build --strip --prefix /opt/deform
+# What --version names; the sources here are no clone that could be asked.
+ARG COMMIT=
+RUN cmake -S . -B /build -G Ninja -DCMAKE_BUILD_TYPE=Release -DDEFORM_BUILD_TESTS=OFF -DDEFORM_COMMIT="$COMMIT" \
+ && cmake --build /build --target deformd deform manual \
+ && cmake --install /build --strip --component programs --prefix /opt/deform
 
 FROM docker.io/library/debian:bookworm-slim
 COPY deploy/packages.txt deploy/install-packages /tmp/deploy/
@@ -22,7 +27,7 @@ RUN /tmp/deploy/install-packages runtime \
  && rm -rf /tmp/deploy /var/lib/apt/lists/* /var/cache/apt/*.bin /var/log/apt /var/log/dpkg.log \
  && useradd --system --uid 10001 --user-group --no-create-home --home-dir /nonexistent --shell /usr/sbin/nologin deformd \
  && install -d -o deformd -g deformd /var/lib/deformd
-COPY --from=build /opt/deform/bin/deformd /opt/deform/bin/deform /usr/local/bin/
+COPY --from=build /opt/deform /usr/local
 COPY deploy/health-check /usr/local/bin/
 
 # deformd listens on loopback unless told otherwise, and beyond it without encryption only when told --insecure. Inside a container

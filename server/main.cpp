@@ -13,6 +13,7 @@
 #include <mutex>
 #include <thread>
 
+#include "core/base/commit/commit.h"
 #include "core/base/text.h"
 #include "server/options.h"
 #include "server/rpc/log.h"
@@ -126,7 +127,7 @@ void raise_open_files() {
 
 void serve(const deform::server::Configuration& configuration, const StopSignals& signals) {
   deform::server::start_logging(configuration.log);
-  spdlog::info("deformd {} starts, process {}", DEFORM_VERSION, getpid());
+  spdlog::info("{} starts, process {}", deform::version_line("deformd"), getpid());
   log_configuration(configuration);
   raise_open_files();
   const auto server = deform::server::start_server(configuration.server);

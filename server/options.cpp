@@ -10,6 +10,8 @@
 #include <map>
 #include <utility>
 
+#include "core/base/commit/commit.h"
+
 namespace deform::server {
 
 namespace {
@@ -244,16 +246,25 @@ struct Flags {
 
 std::string description(const Option& option) { return option.help + " [" + option.variable() + "]"; }
 
-Flags read_flags(const std::vector<Option>& options, std::vector<std::string> arguments, const Configuration& defaults) {
-  CLI::App app("deformd: mesh deformation as a service", "deformd");
+/// The command line and what is read from it.
+struct FlagReader {
+  FlagReader(const std::vector<Option>& options, const Configuration& defaults);
+  FlagReader(const FlagReader&) = delete;
+  FlagReader& operator=(const FlagReader&) = delete;
+
+  CLI::App app{"deformd: mesh deformation as a service", "deformd"};
+  std::map<std::string, std::string> texts;
+  std::map<std::string, bool> switches;
+  std::string config;
+};
+
+FlagReader::FlagReader(const std::vector<Option>& options, const Configuration& defaults) {
   app.footer(
       "Every option can also be given as the environment variable in brackets or, with underscores, as a line of the YAML\n"
       "file of --config. A flag wins over the variable, the variable over the file, the file over the default.\n"
       "Sizes: 512MiB or 512M, 4GiB or 4G (powers of 1024), 1.5GB (powers of 1000) or plain bytes.\n"
       "\"deformd store check\", \"rebuild\", \"backup DIR\" and \"restore DIR\" look after the data directory: deformd store "
       "--help");
-  std::map<std::string, std::string> texts;
-  std::map<std::string, bool> switches;
   for (const Option& option : options) {
     if (option.value.empty()) {
       app.add_flag("--" + option.name, switches[option.name], description(option));
@@ -262,9 +273,13 @@ Flags read_flags(const std::vector<Option>& options, std::vector<std::string> ar
       app.add_option("--" + option.name, texts[option.name], description(option))->type_name(option.value)->default_str(shown);
     }
   }
-  std::string config;
   app.add_option("--config", config, "YAML file with options [DEFORMD_CONFIG]")->type_name("PATH");
   app.add_flag("--version", switches["version"], "print the version");
+}
+
+Flags read_flags(const std::vector<Option>& options, std::vector<std::string> arguments, const Configuration& defaults) {
+  FlagReader reader(options, defaults);
+  CLI::App& app = reader.app;
   Flags out;
   try {
     std::reverse(arguments.begin(), arguments.end());  // as CLI11 wants them
@@ -275,16 +290,21 @@ Flags read_flags(const std::vector<Option>& options, std::vector<std::string> ar
   } catch (const CLI::ParseError& error) {
     throw bad(std::string(error.what()) + " (deformd --help lists the options)");
   }
-  if (app.count("--version") > 0) out.answer = "deformd " DEFORM_VERSION "\n";
-  if (app.count("--config") > 0) out.config = config;
+  if (app.count("--version") > 0) out.answer = version_line("deformd") + "\n";
+  if (app.count("--config") > 0) out.config = reader.config;
   for (const Option& option : options) {
     if (app.count("--" + option.name) == 0) continue;
-    out.values[option.name] = {option.value.empty() ? "true" : texts[option.name], "flag"};
+    out.values[option.name] = {option.value.empty() ? "true" : reader.texts[option.name], "flag"};
   }
   return out;
 }
 
 }  // namespace
+
+void describe_command_line(const std::function<void(const CLI::App&)>& describe) {
+  const FlagReader reader(all_options(), Configuration());
+  describe(reader.app);
+}
 
 std::size_t parse_bytes(const std::string& text) {
   static const std::map<std::string, double> units = {{"", 1.0},

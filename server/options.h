@@ -11,6 +11,10 @@
 #include "server/rpc/log.h"
 #include "server/rpc/server.h"
 
+namespace CLI {
+class App;
+}
+
 namespace deform::server {
 
 /// Everything that can be set from outside about a deformd process.
@@ -43,6 +47,9 @@ struct Answer {
 /// Flags win over environment variables (DEFORMD_...), those over the YAML file (--config), that over the defaults. Throws
 /// Error(invalid_argument) in one line that names the option and where it was set.
 std::variant<Configuration, Answer> read_configuration(const CommandLine& command_line);
+
+/// Hands over the command line that read_configuration() reads, for its description in another form than --help.
+void describe_command_line(const std::function<void(const CLI::App&)>& describe);
 
 /// "4GiB", "512 MiB", "1.5GB", "123456" -> bytes. Units: B; K, M, G, T or KiB, MiB, GiB, TiB, powers of 1024; kB, MB, GB, TB,
 /// powers of 1000. Throws Error(invalid_argument).

@@ -12,4 +12,7 @@ namespace deform::server {
 /// for mistakes in it, and what the commands throw (store_commands.h).
 std::optional<int> run_store_command(const CommandLine& command_line, std::ostream& out);
 
+/// Hands over its command line, for its description in another form than --help.
+void describe_store_command(const std::function<void(const CLI::App&)>& describe);
+
 }  // namespace deform::server

@@ -1,7 +1,7 @@
 #include "core/quality/quadratic_map.h"
 
-#include <Eigen/LU>
 #include <cmath>
+#include <utility>
 
 #include "core/base/vectors.h"
 
@@ -109,25 +109,52 @@ std::pair<Vec3, double> collapse(Family kind, const Vec3& cube) {
   return {cube, 1};
 }
 
-/// Coefficients of the monomials, a column per shape function.
-Eigen::MatrixXd coefficients(const std::vector<Monomial>& basis, const std::vector<Vec3>& nodes) {
-  const auto n = static_cast<Eigen::Index>(nodes.size());
-  Eigen::MatrixXd values(n, n);
-  for (Eigen::Index node = 0; node < n; ++node) {
-    for (Eigen::Index term = 0; term < n; ++term) {
-      values(node, term) = basis[static_cast<std::size_t>(term)].value(nodes[static_cast<std::size_t>(node)]);
+/// A square matrix, row by row.
+using SquareMatrix = std::vector<std::vector<double>>;
+
+/// By Gauss-Jordan elimination with row pivots.
+SquareMatrix inverse(SquareMatrix matrix) {
+  const std::size_t n = matrix.size();
+  SquareMatrix result(n, std::vector<double>(n));
+  for (std::size_t i = 0; i < n; ++i) result[i][i] = 1;
+  for (std::size_t pivot = 0; pivot < n; ++pivot) {
+    std::size_t largest = pivot;
+    for (std::size_t row = pivot + 1; row < n; ++row) {
+      if (std::abs(matrix[row][pivot]) > std::abs(matrix[largest][pivot])) largest = row;
+    }
+    std::swap(matrix[pivot], matrix[largest]);
+    std::swap(result[pivot], result[largest]);
+    const double divisor = matrix[pivot][pivot];
+    for (std::size_t column = 0; column < n; ++column) {
+      matrix[pivot][column] /= divisor;
+      result[pivot][column] /= divisor;
+    }
+    for (std::size_t row = 0; row < n; ++row) {
+      const double factor = matrix[row][pivot];
+      if (row == pivot || factor == 0) continue;
+      for (std::size_t column = 0; column < n; ++column) {
+        matrix[row][column] -= factor * matrix[pivot][column];
+        result[row][column] -= factor * result[pivot][column];
+      }
     }
   }
-  return values.fullPivLu().inverse();
+  return result;
 }
 
-QuadraticMap::Gradients gradients_at(const Vec3& point, const std::vector<Monomial>& basis, const Eigen::MatrixXd& shapes) {
+/// Coefficients of the monomials, a column per shape function.
+SquareMatrix coefficients(const std::vector<Monomial>& basis, const std::vector<Vec3>& nodes) {
+  SquareMatrix values(nodes.size(), std::vector<double>(basis.size()));
+  for (std::size_t node = 0; node < nodes.size(); ++node) {
+    for (std::size_t term = 0; term < basis.size(); ++term) values[node][term] = basis[term].value(nodes[node]);
+  }
+  return inverse(std::move(values));
+}
+
+QuadraticMap::Gradients gradients_at(const Vec3& point, const std::vector<Monomial>& basis, const SquareMatrix& shapes) {
   QuadraticMap::Gradients result(basis.size());
   for (std::size_t term = 0; term < basis.size(); ++term) {
     const Vec3 slope = basis[term].gradient(point);
-    for (std::size_t node = 0; node < basis.size(); ++node) {
-      result[node] = result[node] + shapes(static_cast<Eigen::Index>(term), static_cast<Eigen::Index>(node)) * slope;
-    }
+    for (std::size_t node = 0; node < basis.size(); ++node) result[node] = result[node] + shapes[term][node] * slope;
   }
   return result;
 }
@@ -138,7 +165,7 @@ QuadraticMap::QuadraticMap(ElementType type) {
   const ElementShape& form = shape(type);
   const std::vector<Monomial> basis = monomials(type);
   const std::vector<Vec3> nodes = reference_nodes(form);
-  const Eigen::MatrixXd shapes = coefficients(basis, nodes);
+  const SquareMatrix shapes = coefficients(basis, nodes);
 
   std::vector<std::array<Vec3, 3>> frames;
   for (const auto& corner : form.corner_edges) {

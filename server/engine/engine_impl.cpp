@@ -5,6 +5,7 @@
 #include <thread>
 #include <utility>
 
+#include "core/base/version.h"
 #include "core/deformers/methods.h"
 #include "proto/convert/base/block.h"
 #include "proto/convert/base/fields.h"
@@ -436,7 +437,7 @@ void EngineImpl::detect(const v1::DetectRequest& request, const CallContext& cal
 
 v1::ServerInfo EngineImpl::info() {
   v1::ServerInfo info;
-  info.set_version(DEFORM_VERSION);
+  info.set_version(version());
   info.set_uptime_ms(static_cast<std::uint64_t>(elapsed_ms(opened_)));
   info.set_draining(calls_.closed());
   const Scheduler::Load load = scheduler_.load();

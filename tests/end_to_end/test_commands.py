@@ -208,7 +208,7 @@ class Flow(EndToEnd):
         self.fails(2, "apply", says=["SETUP", "deform apply --help"])
         self.fails(2, "apply", "setup.yaml", "-o", "x.obj", "--encoding", "zip", says=["zip"])
         self.fails(2, "sample", "-o", "x.obj", "--points", 10, says=["10"])
-        self.assertIn("0.1.0", self.deform("--version").out)
+        self.assertRegex(self.deform("--version").out, r"^deform \d+\.\d+\.\d+ \(commit (unknown|[0-9a-f]{12,}(-dirty)?)\)$")
         for command in ("sample", "inspect", "register", "prepare", "apply", "sweep", "list", "show", "remove", "status", "bench"):
             self.assertIn("Usage", self.deform(command, "--help").out)
             self.assertIn(command, self.deform("--help").out)

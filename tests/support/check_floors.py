@@ -9,14 +9,14 @@ import re
 import sys
 
 # Folder, or one header -> folders and headers of the project that it may include besides itself. The ground floor stands first.
-DEFORMERS_GROUND = ["core/base", "core/numerics", "core/mesh", "core/quality", "core/constraints"]
+DEFORMERS_GROUND = ["core/base", "core/numerics", "core/mesh", "core/mesh/operators", "core/quality", "core/constraints"]
 # What every room of the deformers speaks, whatever methods there are.
 DEFORMERS_TERMS = ["core/deformers/setup.h", "core/deformers/system.h", "core/deformers/method.h", "core/deformers/option_checks.h"]
 FLOORS = {
     "core/base": [],
+    "core/base/commit": ["core/base"],
     "core/codec": ["core/base"],
-    "core/numerics": ["core/base"],
-    "core/mesh": ["core/base", "core/numerics"],
+    "core/mesh": ["core/base"],
     "core/io/mesh_file.h": ["core/base", "core/mesh"],
     "core/io/readers.h": ["core/base", "core/io/mesh_file.h"],
     "core/io/binary": ["core/base"],
@@ -27,6 +27,8 @@ FLOORS = {
     "core/io": ["core/base", "core/mesh", "core/io/mesh_file.h", "core/io/readers.h", "core/io/binary", "core/io/assembly", "core/io/formats"],
     "core/quality": ["core/base", "core/mesh"],
     "core/report": ["core/base", "core/mesh", "core/quality"],
+    "core/numerics": ["core/base"],
+    "core/mesh/operators": ["core/base", "core/numerics", "core/mesh"],
     "core/constraints": ["core/base", "core/numerics", "core/mesh"],
     "core/constraints/detection": ["core/base", "core/numerics", "core/mesh", "core/constraints"],
     "core/deformers/setup.h": DEFORMERS_GROUND + ["core/deformers/handles/symmetry.h"],
@@ -52,11 +54,11 @@ FLOORS = {
     "server/engine": ["core/base", "core/codec", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",
                       "core/deformers", "proto/convert", "proto/convert/base", "deform/v1", "server/store"],
     "server/rpc": ["core/base", "core/codec", "proto/convert/base", "deform/v1", "server/engine"],
-    "server": ["core/base", "server/store", "server/engine", "server/rpc"],
+    "server": ["core/base", "core/base/commit", "server/store", "server/engine", "server/rpc"],
     "client": ["core/base", "core/codec", "proto/convert/base", "deform/v1"],
     # Executables that read files.
-    "client/cli": ["core/base", "core/codec", "core/mesh", "core/io", "core/quality", "core/report", "core/constraints/detection", "proto/convert/mesh",
-                   "deform/v1", "client"],
+    "client/cli": ["core/base", "core/base/commit", "core/codec", "core/mesh", "core/io", "core/quality", "core/report",
+                   "core/constraints/detection", "proto/convert/mesh", "deform/v1", "client"],
     "client/examples": ["core/base", "core/codec", "core/mesh", "core/io", "deform/v1", "client"],
 }
 

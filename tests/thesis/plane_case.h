@@ -7,7 +7,7 @@
 
 #include "core/deformers/energy/spaces/energy_space.h"
 #include "core/mesh/mesh.h"
-#include "core/mesh/shell_operators.h"
+#include "core/mesh/operators/shell_operators.h"
 #include "tests/core/deformers/space_cases.h"
 
 namespace deform::test {

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "core/deformers/energy/energy_system.h"
-#include "core/mesh/shell_operators.h"
+#include "core/mesh/operators/shell_operators.h"
 #include "tests/core/deformers/energy_cases.h"
 
 namespace deform {

@@ -12,6 +12,7 @@
 #include "client/cli/output/error_json.h"
 #include "client/cli/output/printable_stream.h"
 #include "client/cli/output/result_json.h"
+#include "core/base/commit/commit.h"
 #include "core/base/text.h"
 
 namespace deform::cli {
@@ -118,12 +119,10 @@ void add_common_options(CLI::App& app, CommonOptions& common) {
 
 }  // namespace
 
-int run(int argc, const char* const* argv) {
-  const PrintableStream out(std::cout), err(std::cerr);
-  CommonOptions common;
-  Action chosen;
-  CLI::App app{"deform: client of deformd, deformation of meshes for shape optimization", "deform"};
-  app.set_version_flag("--version", std::string("deform ") + DEFORM_VERSION);
+void define_command_line(CLI::App& app, CommonOptions& common, Action& chosen) {
+  app.name("deform");
+  app.description("deform: client of deformd, deformation of meshes for shape optimization");
+  app.set_version_flag("--version", version_line("deform"));
   app.footer(footer);
   app.fallthrough();
   app.require_subcommand(1);
@@ -135,6 +134,14 @@ int run(int argc, const char* const* argv) {
         add_status_command, add_bench_command, add_regions_command, add_read_isolated_command}) {
     add(app, common, chosen);
   }
+}
+
+int run(int argc, const char* const* argv) {
+  const PrintableStream out(std::cout), err(std::cerr);
+  CommonOptions common;
+  Action chosen;
+  CLI::App app;
+  define_command_line(app, common, chosen);
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success& help) {

@@ -60,6 +60,9 @@ void add_bench_command(CLI::App& app, const CommonOptions& common, Action& chose
 void add_regions_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_read_isolated_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 
+/// The whole command line: common options and commands. They and `chosen` outlive the application.
+void define_command_line(CLI::App& app, CommonOptions& common, Action& chosen);
+
 /// The whole program without main: parses, runs, prints errors as one line on stderr.
 int run(int argc, const char* const* argv);
 

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "core/base/vectors.h"
+#include "core/base/version.h"
 #include "core/io/vtk_output.h"
 #include "core/quality/boundary_owners.h"
 
@@ -59,7 +60,7 @@ void write_quality_page(const Comparison& comparison, const std::vector<QualityP
   page.gates = gates;
   page.notes = comparison.notes;
   page.picture = &picture;
-  page.program = std::string("deform ") + DEFORM_VERSION;
+  page.program = std::string("deform ") + version();
   io::write_file(path, html_page(page));
 }
 

@@ -7,7 +7,7 @@
 #include <limits>
 #include <string>
 
-#include "core/mesh/shell_operators.h"
+#include "core/mesh/operators/shell_operators.h"
 #include "core/numerics/kernels/kernel_rows.h"
 #include "core/numerics/sampling/subspace.h"
 #include "tests/core/deformers/space_cases.h"

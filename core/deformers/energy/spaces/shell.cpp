@@ -6,7 +6,7 @@
 
 #include "core/base/error.h"
 #include "core/mesh/adjacency.h"
-#include "core/mesh/shell_operators.h"
+#include "core/mesh/operators/shell_operators.h"
 
 namespace deform {
 

@@ -8,7 +8,7 @@
 
 #include "core/deformers/energy/spaces/mesh_pieces.h"
 #include "core/deformers/energy/spaces/unit_points.h"
-#include "core/mesh/shell_operators.h"
+#include "core/mesh/operators/shell_operators.h"
 #include "core/numerics/kernels/kernel_rows.h"
 #include "core/numerics/sampling/mls_basis.h"
 #include "core/numerics/sampling/sampling.h"

@@ -1,4 +1,4 @@
-#include "core/mesh/shell_operators.h"
+#include "core/mesh/operators/shell_operators.h"
 
 #include <gtest/gtest.h>
 

@@ -1,0 +1,7 @@
+#include "core/base/version.h"
+
+namespace deform {
+
+const char* version() { return DEFORM_VERSION; }
+
+}  // namespace deform

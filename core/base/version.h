@@ -1,0 +1,8 @@
+#pragma once
+
+namespace deform {
+
+/// The version of this build: MAJOR.MINOR.PATCH.
+const char* version();
+
+}  // namespace deform

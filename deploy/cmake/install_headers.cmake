@@ -1,0 +1,28 @@
+# Installs headers and all headers of the project that they include, as deform/NAME: core/base/error.h becomes deform/base/error.h,
+# client/client.h deform/client.h, and their includes are changed accordingly. A part of CMake's install script, with
+#   source, target    root of the repository, folder to install to
+#   headers           those that users include
+cmake_policy(VERSION 3.25)
+set(waiting ${headers})
+set(installed "")
+while(waiting)
+  list(POP_FRONT waiting header)
+  if(header IN_LIST installed)
+    continue()
+  endif()
+  list(APPEND installed ${header})
+  file(READ ${source}/${header} text)
+  string(REGEX MATCHALL "#include \"(core|client)/[^\"]+\"" includes "${text}")
+  foreach(include IN LISTS includes)
+    string(REGEX REPLACE "#include \"(.*)\"" "\\1" include ${include})
+    list(APPEND waiting ${include})
+  endforeach()
+  string(REGEX REPLACE "#include \"(core|client)/" "#include \"deform/" text "${text}")
+  string(REGEX REPLACE "^(core|client)/" "" name ${header})
+  set(file ${target}/deform/${name})
+  file(WRITE ${file}.part "${text}")
+  file(COPY_FILE ${file}.part ${file} ONLY_IF_DIFFERENT)
+  file(REMOVE ${file}.part)
+  list(APPEND CMAKE_INSTALL_MANIFEST_FILES ${file})
+  message(STATUS "Installed: ${file}")
+endwhile()
