@@ -163,6 +163,11 @@ void check_energy(const Options& options, const std::string& field, const Setup&
 void validate_subspace(const SubspaceOptions& options) {
   check_range(static_cast<double>(options.centres), 4, 100000, "method.subspace.centres");
   check_range(options.cover, 4, 1000, "method.subspace.cover");
+  if (!options.kernel) return;
+  const KernelProperties kernel = properties(*options.kernel);
+  if (kernel.has_shape && kernel.local_shape == 0) {
+    invalid(std::string("method.subspace.kernel: ") + kernel.name + " has a shape but does not decay");
+  }
 }
 
 void validate_mls(const MlsOptions& options, const Mesh& mesh) {

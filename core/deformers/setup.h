@@ -72,13 +72,12 @@ struct ShellOptions {
   BasisMode basis = BasisMode::automatic;  ///< of the affine motions of the handles
 };
 
-/// The functions of a subspace (thesis 8.3).
-enum class SubspaceKernel { triharmonic, biharmonic, wendland_c2, gaussian, mls };
-
 /// The energy of the shell over few functions in space around centres on the surface (thesis 8.3, eq. 8.11).
 struct SubspaceOptions {
-  SubspaceKernel kernel = SubspaceKernel::mls;  ///< which functions
-  std::size_t centres = 1000;                   ///< 4..100000
+  /// The functions: none are those of moving least squares (thesis 8.3.3); else a kernel without a shape (8.3.1) or one that
+  /// decays (8.3.2), see KernelProperties::local_shape.
+  std::optional<Kernel> kernel = std::nullopt;
+  std::size_t centres = 1000;              ///< 4..100000
   double cover = 8;                        ///< s: centres whose function reaches a point, 4..1000; of the kernels with a support
   double stretching = 0;                   ///< as for the shell
   double bending = 1;                      ///< as for the shell

@@ -111,7 +111,7 @@ std::vector<std::string> symmetry_notes(const Symmetry& symmetry, const RbfCentr
 
 int polynomial_degree(const RbfOptions& options) {
   const KernelProperties kernel = properties(options.kernel);
-  if (options.polynomial_degree < 0) return std::max(1, kernel.order - 1);
+  if (options.polynomial_degree < 0) return kernel.default_degree();
   if (options.polynomial_degree < kernel.order - 1) {
     throw Error(ErrorCode::invalid_argument, "method.rbf.polynomial_degree: " + std::to_string(options.polynomial_degree) +
                                                  " is too small, the kernel " + kernel.name + " needs at least " +

@@ -47,7 +47,7 @@ const char* to_string(Solver solver) {
 
 Solver chosen_solver(Solver solver, Kernel kernel, std::size_t centres) {
   if (solver != Solver::automatic) return solver;
-  return centres > most_dense && kernel != Kernel::wendland_c2 ? Solver::iterative : Solver::cholesky;
+  return centres > most_dense && properties(kernel).smooth ? Solver::iterative : Solver::cholesky;
 }
 
 InterpolationSystem::InterpolationSystem(std::vector<Vec3> centres, const InterpolationOptions& options,

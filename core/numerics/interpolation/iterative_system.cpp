@@ -24,9 +24,11 @@ constexpr std::size_t most_samples = 1024;
 constexpr double allowed_share = 0.05;  // of the tolerance, for the sums of one step
 
 const RadialKernel& smooth(const RadialKernel& kernel) {
-  if (kernel.kernel == Kernel::wendland_c2) {
+  const KernelProperties known = properties(kernel.kernel);
+  if (!known.smooth) {
     throw Error(ErrorCode::invalid_argument,
-                "method.rbf.solver: ITERATIVE needs a kernel that is smooth away from its centre, wendland_c2 is not");
+                std::string("method.rbf.solver: ITERATIVE needs a kernel that is smooth away from its centre, ") + known.name +
+                    " is not");
   }
   return kernel;
 }
