@@ -108,9 +108,6 @@ void validate_rbf(const RbfOptions& options) {
   if (!(options.shape >= 0 && options.shape <= 100)) {
     invalid("method.rbf.shape: " + number_digits(options.shape) + " is out of range, must be 0 (automatic) or up to 100");
   }
-  if (options.solver == Solver::sparse_cholesky) {
-    invalid("method.rbf.solver: sparse Cholesky is not for RBF systems, whose matrices are full");
-  }
   if (options.reduction_rings < 1 || options.reduction_rings > 100) {
     invalid("method.rbf.reduction_rings: " + std::to_string(options.reduction_rings) + " is out of range 1..100");
   }

@@ -56,10 +56,8 @@ RbfOptions rbf_options(const v1::RbfMethod& message) {
       options.solver = Solver::cholesky;
       break;
     case v1::LDLT:
-      options.solver = Solver::ldlt;
-      break;
     case v1::LU:
-      options.solver = Solver::lu;
+      options.solver = Solver::ldlt;
       break;
     case v1::ITERATIVE:
       options.solver = Solver::iterative;

@@ -47,7 +47,7 @@ TEST(ConvertSetup, everything_arrives) {
   EXPECT_EQ(rbf.kernel, Kernel::gaussian);
   EXPECT_EQ(rbf.shape, 0.25);
   EXPECT_EQ(rbf.polynomial_degree, 0);
-  EXPECT_EQ(rbf.solver, Solver::lu);
+  EXPECT_EQ(rbf.solver, Solver::ldlt) << "LU of earlier setups";
   EXPECT_EQ(rbf.reduction, CentreReduction::off);
   EXPECT_EQ(rbf.basis, BasisMode::never);
   EXPECT_EQ(setup.seed, 77u);

@@ -14,7 +14,7 @@ constexpr std::size_t basis_always_fits = std::size_t{1} << 30;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 // Largest difference between the interpolants and their data over the centres, per column.
-std::vector<double> centre_residuals(const InterpolationSystem& system, const RowMajor& coefficients, const Eigen::MatrixXd& data,
+std::vector<double> centre_residuals(const Interpolator& system, const RowMajor& coefficients, const Eigen::MatrixXd& data,
                                      const RunContext& context) {
   const TiledPoints tiled(system.centres());
   const auto columns = static_cast<std::size_t>(data.cols());
@@ -40,13 +40,13 @@ std::vector<double> centre_residuals(const InterpolationSystem& system, const Ro
 
 }  // namespace
 
-void interpolate_tile(const InterpolationSystem& system, const double* tile, const double* coefficients, std::size_t columns,
+void interpolate_tile(const Interpolator& system, const double* tile, const double* coefficients, std::size_t columns,
                       double* out) {
   std::fill_n(out, columns * tile_size, 0.0);
   interpolate_tile_columns(system, tile, coefficients, columns, columns, out);
 }
 
-void interpolate_tile_columns(const InterpolationSystem& system, const double* tile, const double* coefficients, std::size_t ld,
+void interpolate_tile_columns(const Interpolator& system, const double* tile, const double* coefficients, std::size_t ld,
                               std::size_t columns, double* out) {
   tile_kernel_sums(system.kernel(), tile, system.centres(), coefficients, ld, columns, out);
   const std::size_t q = system.polynomials().terms();
@@ -60,7 +60,7 @@ void interpolate_tile_columns(const InterpolationSystem& system, const double* t
   tile_product(P, q, coefficients + system.size() * ld, ld, columns, out);
 }
 
-HandleBasis::HandleBasis(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
+HandleBasis::HandleBasis(const Interpolator& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
                          double tolerance, const RunContext& context)
     : FieldTiles(deformable.count(), static_cast<std::size_t>(fields.cols())) {
   if (to_tolerance(system.solver())) {
@@ -71,8 +71,8 @@ HandleBasis::HandleBasis(const InterpolationSystem& system, const Eigen::MatrixX
 }
 
 /// A handle at a time: its four fields share the sums, and a solution takes memory per field.
-void HandleBasis::fill_to_tolerance(const InterpolationSystem& system, const Eigen::MatrixXd& fields,
-                                    const TiledPoints& deformable, double tolerance, const RunContext& context) {
+void HandleBasis::fill_to_tolerance(const Interpolator& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
+                                    double tolerance, const RunContext& context) {
   constexpr std::size_t together = 4;
   std::vector<Vec3> places(points());
   for (std::size_t i = 0; i < points(); ++i) {
@@ -93,9 +93,9 @@ void HandleBasis::fill_to_tolerance(const InterpolationSystem& system, const Eig
   }
 }
 
-void HandleBasis::fill(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
+void HandleBasis::fill(const Interpolator& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
                        const RunContext& context) {
-  const RowMajor coefficients = system.solve(fields, context);
+  const RowMajor coefficients = system.interpolate(fields, 0, context).coefficients;
   residuals_ = centre_residuals(system, coefficients, fields, context);
   parallel_for(context, deformable.tiles(), tiles_per_task, [&](std::size_t begin, std::size_t end) {
     for (std::size_t t = begin; t < end; ++t) {

@@ -9,7 +9,7 @@
 #include "core/base/types.h"
 #include "core/deformers/handles/field_tiles.h"
 #include "core/deformers/handles/handle_motion.h"
-#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/interpolation/interpolator.h"
 #include "core/numerics/kernels/tiles.h"
 
 namespace deform {
@@ -19,7 +19,7 @@ namespace deform {
 class HandleBasis : public FieldTiles {
  public:
   /// fields: m x 4H values at the centres. `tolerance` is for the solvers that have one. Progress "basis".
-  HandleBasis(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable, double tolerance,
+  HandleBasis(const Interpolator& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable, double tolerance,
               const RunContext& context);
 
   std::size_t bytes() const { return FieldTiles::bytes() + residuals_.size() * sizeof(double); }
@@ -34,9 +34,8 @@ class HandleBasis : public FieldTiles {
   bool converged() const { return converged_; }
 
  private:
-  void fill(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
-            const RunContext& context);
-  void fill_to_tolerance(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
+  void fill(const Interpolator& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable, const RunContext& context);
+  void fill_to_tolerance(const Interpolator& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
                          double tolerance, const RunContext& context);
 
   std::vector<double> residuals_;
@@ -45,10 +44,10 @@ class HandleBasis : public FieldTiles {
 
 /// Adds the values of interpolants at one tile of points: out[c][16] += kernel sums plus polynomials. coefficients (m + q) rows
 /// of row stride ld, of which `columns` columns count.
-void interpolate_tile_columns(const InterpolationSystem& system, const double* tile, const double* coefficients, std::size_t ld,
+void interpolate_tile_columns(const Interpolator& system, const double* tile, const double* coefficients, std::size_t ld,
                               std::size_t columns, double* out);
 /// The same for all columns, into zeroed memory.
-void interpolate_tile(const InterpolationSystem& system, const double* tile, const double* coefficients, std::size_t columns,
+void interpolate_tile(const Interpolator& system, const double* tile, const double* coefficients, std::size_t columns,
                       double* out);
 
 /// Whether a basis of so many bytes is stored beside a factor of so many.

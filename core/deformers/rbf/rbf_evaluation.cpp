@@ -191,7 +191,7 @@ void RbfEvaluation::solve_direct(const RunContext& context) {
     // others bit for bit.
     parallel_for(context, designs_.size(), 1, [&](std::size_t i, std::size_t) {
       if (reports_[i].path != EvaluationPath::direct) return;
-      const Eigen::MatrixXd solution = part.system->solve(part_data(designs_[i], part), context);
+      const Eigen::MatrixXd solution = part.system->interpolate(part_data(designs_[i], part), 0, context).coefficients;
       for (std::size_t r = 0; r < rows; ++r) {
         for (std::size_t c = 0; c < width; ++c) {
           direct[(r * direct_designs_ + slot_[i]) * width + c] =

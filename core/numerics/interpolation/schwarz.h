@@ -8,7 +8,7 @@
 #include "core/base/run_context.h"
 #include "core/base/types.h"
 #include "core/numerics/fast_sums/fast_sums.h"
-#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/interpolation/saddle_factor.h"
 
 namespace deform {
 

@@ -120,7 +120,6 @@ const std::vector<BadSetup>& bad_setups() {
       {"shape without decay",
        [](Setup& s) { s.method = SubspaceOptions{.kernel = Kernel::multiquadric}; },
        {"method.subspace.kernel", "multiquadric"}},
-      {"sparse RBF", [](Setup& s) { options(s).solver = Solver::sparse_cholesky; }, {"method.rbf.solver", "sparse"}},
       {"negative layers", [](Setup& s) { constrain(s, Rigid{-1}); }, {"constraints[0].rigid.layers", "-1", "0..1000"}},
       {"too many layers", [](Setup& s) { constrain(s, Rigid{1001}); }, {"constraints[0].rigid.layers", "1001", "0..1000"}},
       {"layers of a surface", [](Setup& s) { constrain(s, Rigid{2}); }, {"constraints[0].rigid.layers", "no cells"}},
