@@ -1,7 +1,6 @@
 // Derivatives of constrained solutions by the implicit function theorem.
-#include <cmath>
-
 #include "core/deformers/constrained/constrained_newton.h"
+#include "core/numerics/sparse/conjugate_gradients.h"
 
 namespace deform {
 
@@ -26,36 +25,20 @@ std::vector<Vec3> ConstrainedSolver::unmet(const ConstrainedState& at, const std
 }
 
 /// (S + sum g Phi^T (I - P') Phi) x = b by conjugate gradients. Preconditioner: the Gauss-Newton matrix, which leaves out the
-/// curvature of the shapes only, where it can be afforded; else the matrix of the global step. *finished, if told, becomes false
+/// curvature of the shapes only, where it can be afforded; else the matrix of the global step. *finished becomes false
 /// where `most` iterations do not reach the accuracy.
 Eigen::MatrixXd ConstrainedSolver::solve_linearized(const ConstrainedState& at, const Newton* newton, const Eigen::MatrixXd& b,
                                                     double accuracy, const RunContext& context, int most, bool* finished) const {
   const auto preconditioned = [&](const Eigen::MatrixXd& r) {
     return newton ? newton->inverse(r) : solve_bordered(r, {}, context);
   };
-  Eigen::MatrixXd x = Eigen::MatrixXd::Zero(b.rows(), 3), residual = b;
-  Eigen::MatrixXd z = preconditioned(residual), p = z;
-  double rz = residual.cwiseProduct(z).sum();
-  const double wanted = accuracy * std::sqrt(std::abs(rz));
-  for (int i = 0; std::sqrt(std::abs(rz)) > wanted; ++i) {
-    if (i == most) {
-      if (finished != nullptr) *finished = false;
-      return x;
-    }
-    context.check();
-    const Eigen::MatrixXd Hp = reduced_.times(p) + weighted_transposed(unmet(at, rows_times(p)));
-    const double curvature = p.cwiseProduct(Hp).sum();
-    // Not a minimum: what there is so far is the best that can be said.
-    if (!(curvature > 0)) return i == 0 ? p : x;
-    const double alpha = rz / curvature;
-    x += alpha * p;
-    residual -= alpha * Hp;
-    z = preconditioned(residual);
-    const double next = residual.cwiseProduct(z).sum();
-    p = z + (next / rz) * p;
-    rz = next;
-  }
-  return x;
+  const auto product = [&](const Eigen::MatrixXd& p) -> Eigen::MatrixXd {
+    return reduced_.times(p) + weighted_transposed(unmet(at, rows_times(p)));
+  };
+  const auto result = conjugate_gradients(b, product, preconditioned, accuracy, most, context);
+  if (finished != nullptr) *finished = result.end != GradientsEnd::limit;
+  // Not a minimum: what there is so far is the best that can be said.
+  return result.end == GradientsEnd::indefinite && result.iterations == 0 ? preconditioned(b) : result.x;
 }
 
 /// The solution of the linearized problem for a right-hand side of all coefficients: a = A^-1 b, moved where the sets resist by
