@@ -15,8 +15,6 @@ namespace deform {
 
 namespace {
 
-using namespace quality;
-
 constexpr std::size_t grain = 4096;
 constexpr std::size_t most_listed = 100;
 constexpr double infinity = std::numeric_limits<double>::infinity();

@@ -9,8 +9,6 @@ namespace deform {
 
 namespace {
 
-using namespace quality;
-
 enum class Family { tetrahedron, pyramid, prism, hexahedron };
 
 Family family(const ElementShape& form) {

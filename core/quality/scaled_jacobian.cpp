@@ -10,8 +10,6 @@ namespace deform {
 
 namespace {
 
-using namespace quality;
-
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 double scaled_determinant(const Vec3& a, const Vec3& b, const Vec3& c) {
