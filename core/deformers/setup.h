@@ -75,14 +75,13 @@ struct EnergyOptions {
 /// Thin shell on the faces of the mesh (thesis 3.1, 8.2). Every point must be a corner of a face.
 struct ShellOptions : EnergyOptions {};
 
-/// The functions of a subspace (thesis 8.3).
-enum class SubspaceKernel { triharmonic, biharmonic, wendland_c2, gaussian, mls };
-
 /// The energy of the shell over few functions in space around centres on the surface (thesis 8.3, eq. 8.11).
 struct SubspaceOptions : EnergyOptions {
-  SubspaceKernel kernel = SubspaceKernel::mls;  ///< which functions
-  std::size_t centres = 1000;                   ///< 4..100000
-  double cover = 8;  ///< s: centres whose function reaches a point, 4..1000; of the kernels with a support
+  /// The functions: none are those of moving least squares (thesis 8.3.3); else a kernel without a shape (8.3.1) or one that
+  /// decays (8.3.2), see KernelProperties::local_shape.
+  std::optional<Kernel> kernel = std::nullopt;
+  std::size_t centres = 1000;  ///< 4..100000
+  double cover = 8;            ///< s: centres whose function reaches a point, 4..1000; of the kernels with a support
 };
 
 /// Moving least squares in space with energies integrated over the volume (thesis 8.4). Works for every kind of mesh.

@@ -93,7 +93,7 @@ struct SystemInfo {
   double diagonal = 0;                ///< D, of all points
   double condition = 0;               ///< 1-norm estimate of the factored matrix; 0 = none (iterative, incremental QR)
   double tolerance = 0;               ///< of the iterative solver or incremental QR, as a fraction of D; else 0
-  Solver solver = Solver::cholesky;   ///< the one that was used
+  Solver solver = Solver::cholesky;   ///< the one that was used; of energy methods sparse Cholesky
   bool reduced = false;               ///< not all constraint points are centres
   std::vector<std::string> notes;     ///< what was decided and why, one sentence each
   std::vector<std::pair<std::string, double>> stage_seconds;  ///< "select", "assemble", "factor", "basis", in order

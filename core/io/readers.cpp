@@ -39,7 +39,9 @@ const Reader& reader_of(Format format) {
 }
 
 const Reader& reader_of(const std::string& name) {
-  const std::string plain = "/" + lower_case(has_gzip_extension(name) ? name.substr(0, name.size() - 3) : name);
+  std::string plain("/");
+  plain += lower_case(name);
+  if (has_gzip_extension(name)) plain.resize(plain.size() - 3);
   std::string known;
   for (const Reader& reader : readers()) {
     for (const std::string& extension : reader.extensions) {

@@ -17,14 +17,10 @@ v1::Solver solver_to_proto(Solver solver) {
       return v1::CHOLESKY;
     case Solver::ldlt:
       return v1::LDLT;
-    case Solver::lu:
-      return v1::LU;
     case Solver::iterative:
       return v1::ITERATIVE;
     case Solver::incremental_qr:
       return v1::INCREMENTAL_QR;
-    case Solver::sparse_cholesky:
-      return v1::CHOLESKY;
     case Solver::automatic:
       break;
   }

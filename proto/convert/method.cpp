@@ -1,5 +1,7 @@
 #include "proto/convert/method.h"
 
+#include <cctype>
+#include <optional>
 #include <string>
 
 #include "proto/convert/base/fields.h"
@@ -13,25 +15,26 @@ constexpr std::uint32_t default_rings = 3;
 constexpr int most_samples = 1000;
 constexpr double incremental_tolerance = 1e-4;
 
-struct KernelRow {
-  v1::Kernel message;
-  Kernel kernel;
-  std::uint32_t default_degree;  // max(1, order of conditional positive definiteness - 1)
-  bool has_shape;
-};
-constexpr KernelRow kernels[] = {
-    {v1::TRIHARMONIC, Kernel::triharmonic, 1, false},  {v1::BIHARMONIC, Kernel::biharmonic, 1, false},
-    {v1::QUINTIC, Kernel::quintic, 2, false},          {v1::GAUSSIAN, Kernel::gaussian, 1, true},
-    {v1::MULTIQUADRIC, Kernel::multiquadric, 1, true}, {v1::INVERSE_MULTIQUADRIC, Kernel::inverse_multiquadric, 1, true},
-    {v1::WENDLAND_C2, Kernel::wendland_c2, 1, true},   {v1::THIN_PLATE, Kernel::thin_plate, 1, false},
-};
+/// Kernels have the same names on the wire and in the core, there in lower case.
+std::optional<Kernel> kernel_named_as(std::string name) {
+  for (char& c : name) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return kernel_named(name);
+}
 
-const KernelRow& kernel_row(v1::Kernel kernel) {
-  if (kernel == v1::KERNEL_DEFAULT) return kernels[0];
-  for (const auto& row : kernels) {
-    if (row.message == kernel) return row;
-  }
+Kernel kernel_from_proto(v1::Kernel kernel) {
+  if (kernel == v1::KERNEL_DEFAULT) return RbfOptions().kernel;
+  if (const auto found = kernel_named_as(v1::Kernel_Name(kernel))) return *found;
   refuse_unknown("method.rbf.kernel", kernel);
+}
+
+/// None: moving least squares.
+std::optional<Kernel> subspace_kernel(v1::SubspaceKernel kernel) {
+  if (kernel == v1::SUBSPACE_DEFAULT || kernel == v1::SUBSPACE_MLS) return std::nullopt;
+  const std::string name = v1::SubspaceKernel_Name(kernel), prefix = "SUBSPACE_";
+  if (name.starts_with(prefix)) {
+    if (const auto found = kernel_named_as(name.substr(prefix.size()))) return found;
+  }
+  refuse_unknown("method.subspace.kernel", kernel);
 }
 
 BasisMode basis_mode(v1::BasisMode mode, const std::string& path) {
@@ -41,7 +44,7 @@ BasisMode basis_mode(v1::BasisMode mode, const std::string& path) {
 
 RbfOptions rbf_options(const v1::RbfMethod& message) {
   RbfOptions options;
-  options.kernel = kernel_row(message.kernel()).kernel;
+  options.kernel = kernel_from_proto(message.kernel());
   options.shape = message.shape();
   if (message.has_polynomial_degree())
     options.polynomial_degree = fitting_int(message.polynomial_degree(), "method.rbf.polynomial_degree");
@@ -53,10 +56,8 @@ RbfOptions rbf_options(const v1::RbfMethod& message) {
       options.solver = Solver::cholesky;
       break;
     case v1::LDLT:
-      options.solver = Solver::ldlt;
-      break;
     case v1::LU:
-      options.solver = Solver::lu;
+      options.solver = Solver::ldlt;
       break;
     case v1::ITERATIVE:
       options.solver = Solver::iterative;
@@ -102,35 +103,16 @@ ShellOptions shell_options(const v1::ShellMethod& message) {
   return options;
 }
 
-/// The kernels of compact support need more than moving least squares (thesis 8.3.2).
-double default_cover(v1::SubspaceKernel kernel) {
-  const bool compact = kernel == v1::SUBSPACE_WENDLAND_C2 || kernel == v1::SUBSPACE_GAUSSIAN;
-  return compact ? 50 : SubspaceOptions().cover;
+/// Kernels that decay need more than moving least squares (thesis 8.3.2).
+double default_cover(v1::SubspaceKernel message) {
+  const std::optional<Kernel> kernel = subspace_kernel(message);
+  return kernel && properties(*kernel).local_shape > 0 ? 50 : SubspaceOptions().cover;
 }
 
 SubspaceOptions subspace_options(const v1::SubspaceMethod& message) {
   SubspaceOptions options;
   take_energy(message.energy(), "method.subspace.energy", options);
-  switch (message.kernel()) {
-    case v1::SUBSPACE_DEFAULT:
-    case v1::SUBSPACE_MLS:
-      options.kernel = SubspaceKernel::mls;
-      break;
-    case v1::SUBSPACE_TRIHARMONIC:
-      options.kernel = SubspaceKernel::triharmonic;
-      break;
-    case v1::SUBSPACE_BIHARMONIC:
-      options.kernel = SubspaceKernel::biharmonic;
-      break;
-    case v1::SUBSPACE_WENDLAND_C2:
-      options.kernel = SubspaceKernel::wendland_c2;
-      break;
-    case v1::SUBSPACE_GAUSSIAN:
-      options.kernel = SubspaceKernel::gaussian;
-      break;
-    default:
-      refuse_unknown("method.subspace.kernel", message.kernel());
-  }
+  options.kernel = subspace_kernel(message.kernel());
   if (message.centres() != 0) options.centres = message.centres();
   options.cover = message.cover() == 0 ? default_cover(message.kernel()) : message.cover();
   return options;
@@ -154,8 +136,8 @@ MlsOptions mls_options(const v1::MlsMethod& message) {
 }
 
 void canonicalize_rbf(v1::RbfMethod& rbf) {
-  const KernelRow& kernel = kernel_row(rbf.kernel());
-  rbf.set_kernel(kernel.message);
+  const KernelProperties kernel = properties(kernel_from_proto(rbf.kernel()));
+  if (rbf.kernel() == v1::KERNEL_DEFAULT) rbf.set_kernel(v1::TRIHARMONIC);
   if (!kernel.has_shape || rbf.shape() == 0) rbf.set_shape(0);  // ignored by the others: one value for all
   const bool incremental = rbf.solver() == v1::INCREMENTAL_QR;
   const bool may_iterate = rbf.solver() == v1::ITERATIVE || rbf.solver() == v1::SOLVER_AUTOMATIC;
@@ -163,7 +145,7 @@ void canonicalize_rbf(v1::RbfMethod& rbf) {
   if (!may_iterate && !incremental) rbf.set_tolerance(0);
   if (!incremental) rbf.clear_samples();
   rbf.set_centre_order(incremental && rbf.centre_order() == v1::GREEDY ? v1::GREEDY : v1::CENTRE_ORDER_DEFAULT);
-  if (!rbf.has_polynomial_degree()) rbf.set_polynomial_degree(kernel.default_degree);
+  if (!rbf.has_polynomial_degree()) rbf.set_polynomial_degree(static_cast<std::uint32_t>(kernel.default_degree()));
   if (rbf.reduction() == v1::REDUCTION_OFF || rbf.reduction_rings() == 0) rbf.set_reduction_rings(default_rings);
 }
 
@@ -182,8 +164,8 @@ void canonicalize_subspace(v1::SubspaceMethod& subspace) {
   canonicalize_energy(*subspace.mutable_energy());
   if (subspace.kernel() == v1::SUBSPACE_DEFAULT) subspace.set_kernel(v1::SUBSPACE_MLS);
   if (subspace.centres() == 0) subspace.set_centres(static_cast<std::uint32_t>(defaults.centres));
-  const bool global = subspace.kernel() == v1::SUBSPACE_TRIHARMONIC || subspace.kernel() == v1::SUBSPACE_BIHARMONIC;
-  if (global) {
+  const std::optional<Kernel> kernel = subspace_kernel(subspace.kernel());
+  if (kernel && !properties(*kernel).has_shape) {
     subspace.set_cover(0);
   } else if (subspace.cover() == 0) {
     subspace.set_cover(default_cover(subspace.kernel()));

@@ -19,10 +19,10 @@
 #include "core/deformers/rbf/rbf_system.h"
 #include "core/mesh/ahmed.h"
 #include "core/numerics/fast_sums/fast_sums.h"
-#include "core/numerics/interpolation/incremental_qr.h"
-#include "core/numerics/interpolation/interpolation_system.h"
-#include "core/numerics/interpolation/iterative_system.h"
+#include "core/numerics/interpolation/interpolator.h"
+#include "core/numerics/interpolation/least_squares_interpolator.h"
 #include "core/numerics/kernels/tiles.h"
+#include "tests/bench/bordered_lu.h"
 #include "tests/bench/param_case.h"
 
 #ifndef DEFORM_SHARED_DATA
@@ -102,13 +102,13 @@ MatrixXd displacements(const std::vector<Vec3>& places, Data data) {
 }
 
 /// Largest error over all centres by direct summation.
-double error_by_summation(const InterpolationSystem& system, const MatrixXd& coefficients, const MatrixXd& F) {
-  const auto m = static_cast<Index>(system.size());
+double error_by_summation(const std::vector<Vec3>& places, const MatrixXd& coefficients, const MatrixXd& F) {
+  const auto m = static_cast<Index>(places.size());
   const RowMajor weights = coefficients.topRows(m);
-  const std::vector<double> sums = kernel_sums(system.kernel(), system.centres(), system.centres(),
-                                               {weights.data(), static_cast<std::size_t>(weights.size())}, 3, {});
+  const std::vector<double> sums =
+      kernel_sums({}, places, places, {weights.data(), static_cast<std::size_t>(weights.size())}, 3, {});
   const MatrixXd values = Eigen::Map<const RowMajor>(sums.data(), m, 3) +
-                          system.polynomials().matrix(system.centres()) * coefficients.bottomRows(coefficients.rows() - m);
+                          PolynomialSpace(places, 1).matrix(places) * coefficients.bottomRows(coefficients.rows() - m);
   return (values - F).cwiseAbs().maxCoeff();
 }
 
@@ -122,12 +122,23 @@ Run run(const std::vector<Vec3>& places, Solver solver, const MatrixXd& F) {
   Run result;
   InterpolationOptions options;
   options.solver = solver;
-  std::unique_ptr<InterpolationSystem> system;
-  result.prepare = seconds([&] { system = std::make_unique<InterpolationSystem>(places, options, RunContext()); });
+  std::unique_ptr<const Interpolator> system;
+  result.prepare = seconds([&] { system = make_interpolator(places, options, {}); });
   result.solve = seconds([&] { result.interpolants = system->interpolate(F, 1e-6); });
   result.bytes = system->bytes();
   result.centres = system->size();
-  result.error = error_by_summation(*system, result.interpolants.coefficients, F);
+  result.error = error_by_summation(places, result.interpolants.coefficients, F);
+  return result;
+}
+
+Run run_lu(const std::vector<Vec3>& places, const MatrixXd& F) {
+  Run result;
+  std::unique_ptr<const bench::BorderedLu> lu;
+  result.prepare = seconds([&] { lu = std::make_unique<const bench::BorderedLu>(places); });
+  result.solve = seconds([&] { result.interpolants.coefficients = lu->solve(F); });
+  result.bytes = lu->bytes();
+  result.centres = places.size();
+  result.error = error_by_summation(places, result.interpolants.coefficients, F);
   return result;
 }
 
@@ -169,22 +180,28 @@ void print_row(const char* solver, double prepare, double solve, std::size_t byt
   std::fflush(stdout);
 }
 
+/// How many centres have a weight.
+std::size_t used(const LeastSquaresInterpolator& qr, const Interpolants& solution) {
+  return static_cast<std::size_t>(solution.coefficients.rows()) - qr.polynomials().terms();
+}
+
 /// Least squares of a smooth deformation, as many centres as the tolerances need.
 void incremental_rows(const std::vector<Vec3>& places) {
   const MatrixXd F = displacements(places, Data::smooth);
   for (const auto& [name, order] : {std::pair{"QR, even", CentreOrder::farthest_point}, {"QR, greedy", CentreOrder::greedy}}) {
-    IncrementalQrOptions options;
+    InterpolationOptions options;
     options.order = order;
     options.samples = F;
     options.sample_tolerance = 1e-4;
-    std::unique_ptr<IncrementalQr> qr;
-    const double prepare = seconds([&] { qr = std::make_unique<IncrementalQr>(places, options); });
-    IncrementalQr::Solution solution;
-    const double solve = seconds([&] { solution = qr->solve(F, 1e-4); });
-    print_row(name, prepare, solve, qr->bytes(), solution.centres, solution.largest_error);
+    options.most_centres = places.size();
+    std::unique_ptr<LeastSquaresInterpolator> qr;
+    const double prepare = seconds([&] { qr = std::make_unique<LeastSquaresInterpolator>(places, options); });
+    Interpolants solution;
+    const double solve = seconds([&] { solution = qr->interpolate(F, 1e-4); });
+    print_row(name, prepare, solve, qr->bytes(), used(*qr, solution), solution.residual);
     at_most(std::string(name) + ", smooth: RMS error / D", 1e-4, solution.rms);
     at_most(std::string(name) + ", smooth: share of the points that are centres", 0.1,
-            static_cast<double>(solution.centres) / static_cast<double>(places.size()));
+            static_cast<double>(used(*qr, solution)) / static_cast<double>(places.size()));
   }
 }
 
@@ -195,12 +212,14 @@ void solver_table(const std::string& name, const std::vector<Vec3>& places) {
               places.size());
   std::printf("%-14s %10s %10s %10s %8s %12s\n", "solver", "prepare s", "solve s", "MiB", "centres", "error / D");
   std::map<Solver, Run> runs;
-  for (const Solver solver : {Solver::lu, Solver::ldlt, Solver::cholesky, Solver::iterative}) {
+  const Run lu = run_lu(places, F);
+  print_row("LU", lu.prepare, lu.solve, lu.bytes, lu.centres, lu.error);
+  for (const Solver solver : {Solver::ldlt, Solver::cholesky, Solver::iterative}) {
     const Run& r = runs[solver] = run(places, solver, F);
     print_row(to_string(solver), r.prepare, r.solve, r.bytes, r.centres, r.error);
   }
   incremental_rows(places);
-  const Run &lu = runs[Solver::lu], &ldlt = runs[Solver::ldlt], &cholesky = runs[Solver::cholesky];
+  const Run &ldlt = runs[Solver::ldlt], &cholesky = runs[Solver::cholesky];
   at_most("Cholesky / LDL^T, time of preparation", 0.55, cholesky.prepare / ldlt.prepare);
   at_most("Cholesky / LU, time of preparation", 0.8, cholesky.prepare / lu.prepare);
   at_most("LDL^T / LU, time of preparation", 0.8, ldlt.prepare / lu.prepare);
@@ -219,8 +238,10 @@ void incremental_qr(const std::vector<Vec3>& places) {
   std::printf("\nincremental QR, r^3, m = %zu\n", m);
   RunContext one;
   one.threads = 1;
-  std::unique_ptr<IncrementalQr> qr;
-  const double ours = seconds([&] { qr = std::make_unique<IncrementalQr>(places, IncrementalQrOptions(), one); });
+  InterpolationOptions options;
+  options.most_centres = m;
+  std::unique_ptr<LeastSquaresInterpolator> qr;
+  const double ours = seconds([&] { qr = std::make_unique<LeastSquaresInterpolator>(places, options, one); });
   const PolynomialSpace& polynomials = qr->polynomials();
   const auto size = static_cast<Index>(m), q = static_cast<Index>(polynomials.terms());
   MatrixXd A = MatrixXd::Zero(size + q, size + q);
@@ -238,13 +259,13 @@ void incremental_qr(const std::vector<Vec3>& places) {
   const double full = seconds([&] { dgeqrf_(&n, &n, A.data(), &n, tau.data(), work.data(), &lwork, &info); });
   at_most("all points as centres / Householder QR of LAPACK (dgeqrf), time", 1.3, ours / full);
   const MatrixXd F = displacements(places, Data::smooth);
-  const std::vector<double> values = qr->values(qr->solve(F, 0), places);
+  const std::vector<double> values = qr->values(qr->interpolate(F, 0), places);
   at_most("all points as centres: largest error by direct summation / D", 1e-9,
           (Eigen::Map<const RowMajor>(values.data(), size, 3) - F).cwiseAbs().maxCoeff());
   std::printf("%-12s %10s %12s %12s\n", "tolerance", "centres", "RMS / D", "largest / D");
   for (const double tolerance : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7}) {
-    const IncrementalQr::Solution solution = qr->solve(F, tolerance);
-    std::printf("%-12.0e %10zu %12.2e %12.2e\n", tolerance, solution.centres, solution.rms, solution.largest_error);
+    const Interpolants solution = qr->interpolate(F, tolerance);
+    std::printf("%-12.0e %10zu %12.2e %12.2e\n", tolerance, used(*qr, solution), solution.rms, solution.residual);
   }
 }
 

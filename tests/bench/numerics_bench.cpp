@@ -19,7 +19,7 @@
 #include "core/mesh/ahmed.h"
 #include "core/numerics/dense/lapack.h"
 #include "core/numerics/dense/packed_cholesky.h"
-#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/interpolation/dense_interpolator.h"
 #include "core/numerics/kernels/tiles.h"
 #include "core/quality/flipped_faces.h"
 #include "tests/support/scipy_interpolator.h"
@@ -156,13 +156,13 @@ void bench_scipy(std::size_t n, std::size_t m, int repetitions) {
     for (double& x : p) x += jitter(random);
   }
   InterpolationOptions options;
-  const InterpolationSystem system(samples.places, options, {});
+  const DenseInterpolator system(samples.places, options, {});
   Eigen::MatrixXd F(static_cast<Eigen::Index>(m), 3);
   for (std::size_t j = 0; j < m; ++j) {
     for (std::size_t k = 0; k < 3; ++k)
       F(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(k)) = samples.displacements[j][k];
   }
-  const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> W = system.solve(F);
+  const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> W = system.interpolate(F, 0).coefficients;
   const std::span<const double> weights(W.data(), 3 * m);
   std::vector<double> ours, theirs, sums;
   double difference = 0, largest = 0;

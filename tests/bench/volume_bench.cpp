@@ -11,7 +11,7 @@
 
 #include "core/base/error.h"
 #include "core/deformers/splitting.h"
-#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/interpolation/dense_interpolator.h"
 #include "core/quality/element_quality.h"
 #include "tests/bench/param_case.h"
 #include "tests/bench/report.h"
@@ -73,7 +73,7 @@ void conditions(const ParamCase& param, Report& report) {
       options.polynomial_degree = degree;
       options.solver = solver;
       try {
-        return InterpolationSystem(std::move(centres), options, {}).condition();
+        return DenseInterpolator(std::move(centres), options, {}).condition();
       } catch (const Error&) {
         return std::nan("");  // singular to working precision
       }

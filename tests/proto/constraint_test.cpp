@@ -57,14 +57,14 @@ TEST(ConvertMethod, Subspace) {
   const auto options = std::get<SubspaceOptions>(
       setup_from_proto(with(R"({"method": {"subspace": {"kernel": "SUBSPACE_WENDLAND_C2", "centres": 300, "cover": 50}}})"), 10)
           .method);
-  EXPECT_EQ(options.kernel, SubspaceKernel::wendland_c2);
+  EXPECT_EQ(options.kernel, Kernel::wendland_c2);
   EXPECT_EQ(options.centres, 300u);
   EXPECT_EQ(options.cover, 50);
   const auto defaults = [](const std::string& kernel) {
     const v1::Setup setup = canonical_setup(with(R"({"method": {"subspace": {"kernel": ")" + kernel + R"("}}})"), geometry);
     return std::get<SubspaceOptions>(setup_from_proto(setup, 10).method);
   };
-  EXPECT_EQ(defaults("SUBSPACE_DEFAULT").kernel, SubspaceKernel::mls);
+  EXPECT_EQ(defaults("SUBSPACE_DEFAULT").kernel, std::nullopt);
   EXPECT_EQ(defaults("SUBSPACE_DEFAULT").centres, 1000u);
   EXPECT_EQ(defaults("SUBSPACE_DEFAULT").cover, 8);
   EXPECT_EQ(defaults("SUBSPACE_GAUSSIAN").cover, 50);

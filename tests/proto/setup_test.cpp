@@ -47,7 +47,7 @@ TEST(ConvertSetup, everything_arrives) {
   EXPECT_EQ(rbf.kernel, Kernel::gaussian);
   EXPECT_EQ(rbf.shape, 0.25);
   EXPECT_EQ(rbf.polynomial_degree, 0);
-  EXPECT_EQ(rbf.solver, Solver::lu);
+  EXPECT_EQ(rbf.solver, Solver::ldlt) << "LU of earlier setups";
   EXPECT_EQ(rbf.reduction, CentreReduction::off);
   EXPECT_EQ(rbf.basis, BasisMode::never);
   EXPECT_EQ(setup.seed, 77u);
@@ -59,6 +59,17 @@ TEST(ConvertSetup, everything_arrives) {
   EXPECT_EQ(std::get<DesignVariable::Translate>(setup.variables[0].kind).direction, (Vec3{0, 0, 1}));
   EXPECT_EQ(std::get<DesignVariable::Rotate>(setup.variables[1].kind).centre, (Vec3{1, 0, 0}));
   EXPECT_EQ(setup.variables[1].upper, infinite);
+}
+
+TEST(ConvertSetup, every_kernel_has_its_name_on_the_wire) {
+  const auto& messages = *v1::Kernel_descriptor();
+  ASSERT_EQ(static_cast<std::size_t>(messages.value_count()), all_kernels().size() + 1);
+  for (int i = 1; i < messages.value_count(); ++i) {
+    v1::Setup message = sheet_setup(geometry);
+    message.mutable_method()->mutable_rbf()->set_kernel(static_cast<v1::Kernel>(messages.value(i)->number()));
+    const auto& rbf = std::get<RbfOptions>(setup_from_proto(message, 10).method);
+    EXPECT_EQ(rbf.kernel, all_kernels()[static_cast<std::size_t>(i - 1)].kernel) << messages.value(i)->name();
+  }
 }
 
 TEST(ConvertSetup, incremental_qr) {

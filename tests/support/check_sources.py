@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """House rules that need no compiler. usage: check_sources.py ROOT
 
-Headers have #pragma once; files have at most 900 lines (over 450 they are one idea); no marks of unfinished work, no skipped tests, no
-tabs or trailing blanks. The members of one class are defined in one file. A folder with sources says in a README.md what lives in it,
+Headers have #pragma once, but for those that are included once per instruction set (-inl.h); files have at most 900 lines (over 450 they
+are one idea); no marks of unfinished work, no skipped tests, no tabs or trailing blanks. The members of one class are defined in one file. A folder with sources says in a README.md what lives in it,
 and the large ones have at most 25 pairs of files of their own.
 Programs print floating-point numbers by number_digits(), not by std::to_string(), which has six decimals for all of them. Without a
 compiler that is told by names: what is declared floating in the file, or in headers and nowhere as anything else.
@@ -18,7 +18,7 @@ UNFINISHED = re.compile(r"\b(TO" r"DO\b|FIX" r"ME\b|XX" r"X\b|DIS" r"ABLED_|GTES
 
 
 def check(path, lines):
-    if path.endswith(".h") and "#pragma once" not in (line.strip() for line in lines):
+    if path.endswith(".h") and not path.endswith("-inl.h") and "#pragma once" not in (line.strip() for line in lines):
         yield 1, "no #pragma once"
     if len(lines) > LIMIT:
         yield LIMIT + 1, f"{len(lines)} lines, at most {LIMIT}: split it by idea"

@@ -7,6 +7,7 @@
 
 #include "core/deformers/rbf/rbf_system.h"
 #include "core/mesh/adjacency.h"
+#include "core/numerics/interpolation/dense_interpolator.h"
 #include "tests/core/deformers/shapes.h"
 
 namespace deform {
@@ -126,10 +127,10 @@ TEST(Kernels, WeightsCarryNoPolynomial) {
   for (const Solver solver : {Solver::cholesky, Solver::ldlt}) {
     InterpolationOptions options;
     options.solver = solver;
-    const InterpolationSystem system(mesh.points, options, {});
+    const DenseInterpolator system(mesh.points, options, {});
     Eigen::MatrixXd F(mesh.point_count(), 1);
     for (std::size_t i = 0; i < mesh.point_count(); ++i) F(static_cast<Eigen::Index>(i), 0) = std::sin(2 * mesh.points[i][0]);
-    const Eigen::VectorXd w = system.solve(F).topRows(F.rows());
+    const Eigen::VectorXd w = system.interpolate(F, 0).coefficients.topRows(F.rows());
     Vec3 moments{};
     for (std::size_t i = 0; i < mesh.point_count(); ++i) {
       for (std::size_t k = 0; k < 3; ++k) moments[k] += w[static_cast<Eigen::Index>(i)] * mesh.points[i][k];

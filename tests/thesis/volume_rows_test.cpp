@@ -8,7 +8,7 @@
 
 #include "core/deformers/system.h"
 #include "core/io/mesh_file.h"
-#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/interpolation/dense_interpolator.h"
 #include "core/quality/element_quality.h"
 #include "tests/bench/param_case.h"
 
@@ -80,7 +80,7 @@ TEST(Conditions, ConditionGrowsWithTheOrderAndFallsWithScaling) {
     options.kernel.kernel = kernel;
     options.polynomial_degree = kernel == Kernel::quintic ? 2 : 1;
     options.solver = solver;
-    return InterpolationSystem(std::move(centres), options, {}).condition();
+    return DenseInterpolator(std::move(centres), options, {}).condition();
   };
   double before = 0;
   for (const Kernel kernel : {Kernel::biharmonic, Kernel::triharmonic, Kernel::quintic}) {

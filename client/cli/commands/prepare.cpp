@@ -103,7 +103,7 @@ difference [..], complement {..}, grow {region, rings}. `deform regions` shows t
 A half model: symmetry: [{region: {group: symmetry}}] or [{point: [0, 0, 0], normal: [0, 1, 0]}], up to three planes that stay
 planes while their points slide.
 Kernels: TRIHARMONIC, BIHARMONIC, QUINTIC, GAUSSIAN, MULTIQUADRIC, INVERSE_MULTIQUADRIC, WENDLAND_C2, THIN_PLATE
-(the default for 2D meshes). Solvers: SOLVER_AUTOMATIC, CHOLESKY, LDLT, LU, ITERATIVE with a tolerance (automatic beyond 20,000
+(the default for 2D meshes). Solvers: SOLVER_AUTOMATIC, CHOLESKY, LDLT, ITERATIVE with a tolerance (automatic beyond 20,000
 centres), as in method: {rbf: {solver: ITERATIVE, tolerance: 1e-6}}; INCREMENTAL_QR, as few centres as a tolerance needs (centre_order:
 GREEDY with samples: [{variables: [0.05, 0]}] puts them where those designs need them). Other methods: {shell: {}}, {mls: {}},
 {subspace: {}}, each with energy: {stretching: 0, bending: 1}. With them constraints: [{name: bore, circular: {}, regions: [{group: bore}]}];

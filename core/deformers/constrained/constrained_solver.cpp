@@ -7,6 +7,7 @@
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
 #include "core/deformers/constrained/anderson.h"
+#include "core/numerics/sparse/conjugate_gradients.h"
 
 namespace deform {
 
@@ -247,29 +248,13 @@ Eigen::MatrixXd ConstrainedSolver::solve_linearized(const ConstrainedState& at, 
   const auto preconditioned = [&](const Eigen::MatrixXd& r) {
     return newton ? newton->inverse(r) : global_step_.solve(r, {}, context);
   };
-  Eigen::MatrixXd x = Eigen::MatrixXd::Zero(b.rows(), 3), residual = b;
-  Eigen::MatrixXd z = preconditioned(residual), p = z;
-  double rz = residual.cwiseProduct(z).sum();
-  const double wanted = accuracy * std::sqrt(std::abs(rz));
-  for (int i = 0; std::sqrt(std::abs(rz)) > wanted; ++i) {
-    if (i == most) {
-      if (finished != nullptr) *finished = false;
-      return x;
-    }
-    context.check();
-    const Eigen::MatrixXd Hp = reduced_.times(p) + points_.weighted_sums(residual_change(at, points_.displacements(p)));
-    const double curvature = p.cwiseProduct(Hp).sum();
-    // Not a minimum: what there is so far is the best that can be said.
-    if (!(curvature > 0)) return i == 0 ? p : x;
-    const double alpha = rz / curvature;
-    x += alpha * p;
-    residual -= alpha * Hp;
-    z = preconditioned(residual);
-    const double next = residual.cwiseProduct(z).sum();
-    p = z + (next / rz) * p;
-    rz = next;
-  }
-  return x;
+  const auto product = [&](const Eigen::MatrixXd& p) -> Eigen::MatrixXd {
+    return reduced_.times(p) + points_.weighted_sums(residual_change(at, points_.displacements(p)));
+  };
+  const auto result = conjugate_gradients(b, product, preconditioned, accuracy, most, context);
+  if (finished != nullptr) *finished = result.end != GradientsEnd::limit;
+  // Not a minimum: what there is so far is the best that can be said.
+  return result.end == GradientsEnd::indefinite && result.iterations == 0 ? preconditioned(b) : result.x;
 }
 
 /// The solution of the linearized problem for a right-hand side of all coefficients: a = A^-1 b, moved where the sets resist by

@@ -6,6 +6,7 @@
 
 #include "core/base/error.h"
 #include "core/base/vectors.h"
+#include "core/numerics/sparse/conjugate_gradients.h"
 #include "core/numerics/sparse/sparse_cholesky.h"
 
 namespace deform {
@@ -147,23 +148,12 @@ class ExactPlacement::Joint {
       return Eigen::VectorXd(z.head(r.size()));
     };
     std::vector<Vec3> field(points_.size(), Vec3{});
-    Eigen::VectorXd x = Eigen::VectorXd::Zero(b.size()), r = b, z = preconditioned(r), p = z;
-    double rz = r.dot(z);
-    const double wanted = accuracy * std::sqrt(std::abs(rz));
-    for (int i = 0; i < most_iterations && std::sqrt(std::abs(rz)) > wanted; ++i) {
-      context.check();
+    const auto product = [&](const Eigen::VectorXd& p) -> Eigen::VectorXd {
       put(p, field);
-      const Eigen::VectorXd Hp = p + stiffness * moving(residual_change(field));
-      const double curvature = p.dot(Hp);
-      if (!(curvature > 0)) break;  // not a minimum: what there is so far is the best that can be said
-      x += rz / curvature * p;
-      r -= rz / curvature * Hp;
-      z = preconditioned(r);
-      const double next = r.dot(z);
-      p = z + next / rz * p;
-      rz = next;
-    }
-    return x;
+      return p + stiffness * moving(residual_change(field));
+    };
+    // Where this is not a minimum, what there is so far is the best that can be said.
+    return conjugate_gradients(b, product, preconditioned, accuracy, most_iterations, context).x;
   }
 
   Eigen::VectorXd moving(const std::vector<Vec3>& points) const {

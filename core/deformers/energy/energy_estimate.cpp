@@ -104,8 +104,8 @@ struct CorrectionBytes {
 
 CorrectionBytes correction_bytes(std::size_t centres, std::size_t places) {
   const std::size_t own = centres * (sizeof(Vec3) + sizeof(std::uint32_t));
-  return {InterpolationSystem::factor_bytes(centres, Solver::cholesky) + own,
-          InterpolationSystem::peak_bytes(centres, Solver::cholesky) + 3 * own + places * (2 * sizeof(Vec3) + sizeof(double))};
+  return {interpolator_bytes(centres, Solver::cholesky) + own,
+          interpolator_peak_bytes(centres, Solver::cholesky) + 3 * own + places * (2 * sizeof(Vec3) + sizeof(double))};
 }
 
 std::size_t tiled_bytes(std::size_t points) { return tile_count(points) * tile_size * sizeof(Vec3); }

@@ -37,6 +37,11 @@ void check(const SubspaceOptions& options, const Mesh&) {
   check_energy(options, "method.subspace");
   check_option_range(static_cast<double>(options.centres), 4, 100000, "method.subspace.centres");
   check_option_range(options.cover, 4, 1000, "method.subspace.cover");
+  if (!options.kernel) return;
+  const KernelProperties kernel = properties(*options.kernel);
+  if (kernel.has_shape && kernel.local_shape == 0) {
+    refuse_argument(std::string("method.subspace.kernel: ") + kernel.name + " has a shape but does not decay");
+  }
 }
 
 void check(const MlsOptions& options, const Mesh& mesh) {

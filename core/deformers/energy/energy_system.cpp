@@ -223,7 +223,6 @@ void EnergySystem::fill_info() {
   info_.functions = solver_->unknowns();
   info_.cubature_points = model_.space.cubature_points;
   info_.reduced = model_.eliminated && model_.held.size() < info_.constraint_points;
-  info_.solver = Solver::sparse_cholesky;
   info_.condition = 1 / std::max(solver_->factor().reciprocal_condition(), 1e-300);
   info_.design_bytes = constrained_ ? constrained_->working_bytes() : 0;
   set_bytes(solver_->bytes() + (constrained_ ? constrained_->bytes() : 0) + (correction_ ? correction_->bytes() : 0) +

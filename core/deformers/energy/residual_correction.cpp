@@ -47,7 +47,7 @@ Eigen::MatrixXd ResidualCorrection::coefficients(const Eigen::MatrixXd& misfit, 
   }
   // Column by column: BLAS sums in another order for another number of columns.
   Eigen::MatrixXd result(static_cast<Eigen::Index>(rows()), misfit.cols());
-  for (Eigen::Index c = 0; c < misfit.cols(); ++c) result.col(c) = system_.solve(values.col(c), context);
+  for (Eigen::Index c = 0; c < misfit.cols(); ++c) result.col(c) = system_.interpolate(values.col(c), 0, context).coefficients;
   return result;
 }
 
@@ -74,10 +74,10 @@ Eigen::MatrixXd ResidualCorrection::adjoint(std::span<const Vec3> points, std::s
       for (std::size_t k = 0; k < 3; ++k) B(m + static_cast<Eigen::Index>(t), static_cast<Eigen::Index>(k)) += terms[t] * X[i][k];
     }
   }
-  system_.solve_saddle(B, context);
+  const Eigen::MatrixXd back = system_.adjoint(std::move(B), context);
   Eigen::MatrixXd result = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(held_), 3);
   for (std::size_t j = 0; j < centres_.size(); ++j) {
-    result.row(static_cast<Eigen::Index>(centres_[j])) = B.row(static_cast<Eigen::Index>(j));
+    result.row(static_cast<Eigen::Index>(centres_[j])) = back.row(static_cast<Eigen::Index>(j));
   }
   return result;
 }

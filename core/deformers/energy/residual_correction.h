@@ -9,7 +9,7 @@
 
 #include "core/base/run_context.h"
 #include "core/base/types.h"
-#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/interpolation/dense_interpolator.h"
 #include "core/numerics/kernels/tiles.h"
 
 namespace deform {
@@ -47,7 +47,7 @@ class ResidualCorrection {
  private:
   std::size_t held_;
   std::vector<std::uint32_t> centres_;  ///< among the held points
-  InterpolationSystem system_;
+  DenseInterpolator system_;
 };
 
 }  // namespace deform

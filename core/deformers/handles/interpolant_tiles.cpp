@@ -4,13 +4,13 @@
 
 namespace deform {
 
-void interpolate_tile(const InterpolationSystem& system, const double* tile, const double* coefficients, std::size_t columns,
+void interpolate_tile(const Interpolator& system, const double* tile, const double* coefficients, std::size_t columns,
                       double* out) {
   std::fill_n(out, columns * tile_size, 0.0);
   interpolate_tile_columns(system, tile, coefficients, columns, columns, out);
 }
 
-void interpolate_tile_columns(const InterpolationSystem& system, const double* tile, const double* coefficients, std::size_t ld,
+void interpolate_tile_columns(const Interpolator& system, const double* tile, const double* coefficients, std::size_t ld,
                               std::size_t columns, double* out) {
   tile_kernel_sums(system.kernel(), tile, system.centres(), coefficients, ld, columns, out);
   const std::size_t q = system.polynomials().terms();

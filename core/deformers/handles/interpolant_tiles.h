@@ -2,17 +2,17 @@
 
 #include <cstddef>
 
-#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/interpolation/interpolator.h"
 #include "core/numerics/kernels/tiles.h"
 
 namespace deform {
 
 /// Adds the values of interpolants at one tile of points: out[c][16] += kernel sums plus polynomials. coefficients (m + q) rows
 /// of row stride ld, of which `columns` columns count.
-void interpolate_tile_columns(const InterpolationSystem& system, const double* tile, const double* coefficients, std::size_t ld,
+void interpolate_tile_columns(const Interpolator& system, const double* tile, const double* coefficients, std::size_t ld,
                               std::size_t columns, double* out);
 /// The same for all columns, into zeroed memory.
-void interpolate_tile(const InterpolationSystem& system, const double* tile, const double* coefficients, std::size_t columns,
+void interpolate_tile(const Interpolator& system, const double* tile, const double* coefficients, std::size_t columns,
                       double* out);
 
 }  // namespace deform

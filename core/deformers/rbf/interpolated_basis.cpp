@@ -14,7 +14,7 @@ constexpr std::size_t tiles_per_task = 64;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 // Largest difference between the interpolants and their data over the centres, per column.
-std::vector<double> centre_residuals(const InterpolationSystem& system, const RowMajor& coefficients, const Eigen::MatrixXd& data,
+std::vector<double> centre_residuals(const Interpolator& system, const RowMajor& coefficients, const Eigen::MatrixXd& data,
                                      const RunContext& context) {
   const TiledPoints tiled(system.centres());
   const auto columns = static_cast<std::size_t>(data.cols());
@@ -39,8 +39,8 @@ std::vector<double> centre_residuals(const InterpolationSystem& system, const Ro
 }
 
 /// A handle at a time: its four fields share the sums, and a solution takes memory per field.
-void fill_to_tolerance(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
-                       double tolerance, const RunContext& context, HandleBasis& basis) {
+void fill_to_tolerance(const Interpolator& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable, double tolerance,
+                       const RunContext& context, HandleBasis& basis) {
   constexpr std::size_t together = 4;
   const std::size_t points = deformable.count(), count = basis.tiles.fields();
   std::vector<Vec3> places(points);
@@ -62,9 +62,9 @@ void fill_to_tolerance(const InterpolationSystem& system, const Eigen::MatrixXd&
   }
 }
 
-void fill(const InterpolationSystem& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
-          const RunContext& context, HandleBasis& basis) {
-  const RowMajor coefficients = system.solve(fields, context);
+void fill(const Interpolator& system, const Eigen::MatrixXd& fields, const TiledPoints& deformable, const RunContext& context,
+          HandleBasis& basis) {
+  const RowMajor coefficients = system.interpolate(fields, 0, context).coefficients;
   basis.residuals = centre_residuals(system, coefficients, fields, context);
   parallel_for(context, deformable.tiles(), tiles_per_task, [&](std::size_t begin, std::size_t end) {
     for (std::size_t t = begin; t < end; ++t) {
@@ -77,7 +77,7 @@ void fill(const InterpolationSystem& system, const Eigen::MatrixXd& fields, cons
 
 }  // namespace
 
-HandleBasis interpolated_basis(const std::vector<std::size_t>& components, const InterpolationSystem& system,
+HandleBasis interpolated_basis(const std::vector<std::size_t>& components, const Interpolator& system,
                                const Eigen::MatrixXd& fields, const TiledPoints& deformable, double tolerance,
                                const RunContext& context) {
   HandleBasis basis{components, FieldTiles(deformable.count(), static_cast<std::size_t>(fields.cols())), {}};

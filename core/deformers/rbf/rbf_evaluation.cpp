@@ -78,7 +78,7 @@ void RbfEvaluation::solve_exactly(const RunContext& context) {
     std::vector<double>& coefficients = solutions_[p].coefficients;
     coefficients.resize(rows * direct_designs() * width);
     for_each_direct(context, [&](std::size_t i) {
-      const Eigen::MatrixXd solution = part.system->solve(part_data(designs_[i], part), context);
+      const Eigen::MatrixXd solution = part.system->interpolate(part_data(designs_[i], part), 0, context).coefficients;
       for (std::size_t r = 0; r < rows; ++r) {
         for (std::size_t c = 0; c < width; ++c) {
           coefficients[(r * direct_designs() + slot(i)) * width + c] =

@@ -29,9 +29,8 @@ Sizes sizes_of(const std::vector<PartPlan>& parts, Solver solver) {
     sizes.rows = std::max(sizes.rows, part.size);
     if (solver == Solver::iterative && sizes.places > 0) continue;
     sizes.places += part.size;
-    sizes.factoring_peak =
-        std::max(sizes.factoring_peak, sizes.factor_bytes + InterpolationSystem::peak_bytes(part.size, solver));
-    sizes.factor_bytes += InterpolationSystem::factor_bytes(part.size, solver);
+    sizes.factoring_peak = std::max(sizes.factoring_peak, sizes.factor_bytes + interpolator_peak_bytes(part.size, solver));
+    sizes.factor_bytes += interpolator_bytes(part.size, solver);
   }
   return sizes;
 }
@@ -82,9 +81,6 @@ void RbfMethod::validate(const RbfOptions& options, const Setup& setup, const Me
   if (!(options.shape >= 0 && options.shape <= 100)) {
     refuse_argument("method.rbf.shape: " + number_digits(options.shape) + " is out of range, must be 0 (automatic) or up to 100");
   }
-  if (options.solver == Solver::sparse_cholesky) {
-    refuse_argument("method.rbf.solver: sparse Cholesky is not for RBF systems, whose matrices are full");
-  }
   check_option_range(options.reduction_rings, 1, 100, "method.rbf.reduction_rings");
   const KernelProperties kernel = properties(options.kernel);
   if (options.polynomial_degree < -1 || options.polynomial_degree > 2) {
@@ -123,7 +119,7 @@ Estimate RbfMethod::estimate(const RbfOptions& options, const Mesh& mesh, const 
   const std::size_t factor_extra = sizes.factoring_peak + 2 * sizes.places * sizeof(Vec3) + samples;
   // Data, solution and the copies that a solve makes of them, beside the factor.
   const std::size_t basis_extra =
-      (solver == Solver::iterative ? InterpolationSystem::peak_bytes(sizes.rows, solver) + FastSums::bytes_for(d, sizes.rows, 12)
+      (solver == Solver::iterative ? interpolator_peak_bytes(sizes.rows, solver) + FastSums::bytes_for(d, sizes.rows, 12)
                                    : estimate.factor_bytes) +
       estimate.basis_bytes + (basis ? 4 * (sizes.rows + 10) * fields * sizeof(double) : 0);
   const std::size_t adjacency = 16 * (mesh.point_count() + mesh.face_count()) + 24 * mesh.face_points.size();

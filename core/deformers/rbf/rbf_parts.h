@@ -10,7 +10,7 @@
 #include "core/deformers/handles/symmetry.h"
 #include "core/deformers/rbf/centres.h"
 #include "core/deformers/setup.h"
-#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/interpolation/interpolator.h"
 
 namespace deform {
 
@@ -48,7 +48,7 @@ std::vector<std::string> symmetry_notes(const Symmetry& symmetry, const RbfCentr
 /// A prepared part. The parts of the iterative solver share one system.
 struct RbfPart {
   PartPlan plan;
-  std::shared_ptr<const InterpolationSystem> system;
+  std::shared_ptr<const Interpolator> system;
 };
 
 }  // namespace deform

@@ -14,7 +14,7 @@ namespace deform {
 namespace {
 
 int degree(const RbfOptions& options) {
-  return options.polynomial_degree >= 0 ? options.polynomial_degree : std::max(1, properties(options.kernel).order - 1);
+  return options.polynomial_degree >= 0 ? options.polynomial_degree : properties(options.kernel).default_degree();
 }
 
 /// Median distance to the nearest other place, over an evenly strided sample of the first `count` places.
@@ -106,7 +106,7 @@ void RbfSystem::prepare_parts(const RunContext& context, std::size_t memory_budg
       if (interpolation.solver == Solver::incremental_qr) set_samples(interpolation, part.plan);
       interpolation.memory_limit =
           memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, used));
-      part.system = std::make_shared<const InterpolationSystem>(part.plan.places(places), interpolation, context);
+      part.system = make_interpolator(part.plan.places(places), interpolation, context);
       used += part.system->bytes();
     }
     parts_.push_back(std::move(part));
@@ -171,9 +171,9 @@ void RbfSystem::set_samples(InterpolationOptions& interpolation, const PartPlan&
 
 void RbfSystem::prepare_basis(const RunContext& context) {
   std::size_t factor_bytes = 0;
-  const InterpolationSystem* last = nullptr;
+  const Interpolator* last = nullptr;
   for (const RbfPart& part : parts_) {
-    if (part.system.get() != last) factor_bytes += InterpolationSystem::factor_bytes(part.system->size(), part.system->solver());
+    if (part.system.get() != last) factor_bytes += interpolator_bytes(part.system->size(), part.system->solver());
     last = part.system.get();
   }
   if (!wants_basis(options_.basis, parts_.size() * HandleBasis::bytes_for(deformable_.count(), fields()), factor_bytes)) return;
@@ -213,7 +213,7 @@ void RbfSystem::add_notes() {
   std::size_t dropped = 0;
   bool converged = true;
   double residual = 0;
-  const InterpolationSystem* last = nullptr;
+  const Interpolator* last = nullptr;
   for (const HandleBasis& basis : basis_) {
     converged = converged && basis.converged;
     residual = std::max(residual, *std::max_element(basis.residuals.begin(), basis.residuals.end()));

@@ -4,8 +4,6 @@
 
 namespace deform::lapack {
 
-using Int = int;
-
 /// OpenBLAS runs single-threaded: the callers parallelise (core/base/parallel.h), so that requests share the cores without
 /// oversubscription and results do not depend on the number of threads. Call before any BLAS or LAPACK work; cheap, any thread.
 void use_one_thread();
@@ -17,11 +15,8 @@ void dpotrf_(const char* uplo, const int* n, double* a, const int* lda, int* inf
 void dsytrf_(const char* uplo, const int* n, double* a, const int* lda, int* ipiv, double* work, const int* lwork, int* info);
 void dsptrs_(const char* uplo, const int* n, const int* nrhs, const double* ap, const int* ipiv, double* b, const int* ldb,
              int* info);
-void dgetrf_(const int* m, const int* n, double* a, const int* lda, int* ipiv, int* info);
 void dgeqrt3_(const int* m, const int* n, double* a, const int* lda, double* t, const int* ldt, int* info);
 void dlarfb_(const char* side, const char* trans, const char* direct, const char* storev, const int* m, const int* n,
              const int* k, const double* v, const int* ldv, const double* t, const int* ldt, double* c, const int* ldc,
              double* work, const int* ldwork);
-void dgetrs_(const char* trans, const int* n, const int* nrhs, const double* a, const int* lda, const int* ipiv, double* b,
-             const int* ldb, int* info);
 }

@@ -10,7 +10,7 @@
 #include "core/numerics/dense/condition.h"
 #include "core/numerics/dense/lapack.h"
 #include "core/numerics/dense/packed_cholesky.h"
-#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/interpolation/saddle_factor.h"
 #include "core/numerics/kernels/tiles.h"
 
 namespace deform {

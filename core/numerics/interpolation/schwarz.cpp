@@ -6,7 +6,7 @@
 #include <numeric>
 
 #include "core/base/parallel.h"
-#include "core/numerics/dense/packed_cholesky.h"
+#include "core/numerics/interpolation/dense_interpolator.h"
 
 namespace deform {
 
@@ -193,8 +193,8 @@ std::size_t SchwarzPreconditioner::bytes_for(std::size_t m) {
   const std::size_t size = std::min(m, most_own + most_own * overlap_percent / 100);
   const std::size_t coarse = std::min(m, std::max(coarse_in_all, domains * least_per_domain));
   // Domains are half full where there are twice as many: the sum of squares is largest where they are full.
-  return (m / most_own + 1) * InterpolationSystem::factor_bytes(size, Solver::cholesky) +
-         InterpolationSystem::factor_bytes(coarse, Solver::cholesky) + m * 10 * sizeof(double) +
+  return (m / most_own + 1) * DenseInterpolator::bytes_for(size, Solver::cholesky) +
+         DenseInterpolator::bytes_for(coarse, Solver::cholesky) + m * 10 * sizeof(double) +
          FastSums::bytes_for(coarse, m, coarse_order);
 }
 

@@ -8,7 +8,7 @@
 #include "core/base/run_context.h"
 #include "core/base/types.h"
 #include "core/numerics/fast_sums/fast_sums.h"
-#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/interpolation/saddle_factor.h"
 
 namespace deform {
 
@@ -29,7 +29,6 @@ class SchwarzPreconditioner {
   Eigen::MatrixXd apply(const Eigen::MatrixXd& values, const RunContext& context) const;
 
   std::size_t domains() const { return domains_.size(); }
-  std::size_t coarse_centres() const { return coarse_ids_.size(); }
   std::size_t bytes() const;
   /// Upper bound for m centres.
   static std::size_t bytes_for(std::size_t m);

@@ -1,62 +1,45 @@
 #include "core/numerics/kernels/kernel.h"
 
 #include <algorithm>
-#include <cmath>
+
+#include "core/numerics/kernels/radial_functions-inl.h"
 
 namespace deform {
 
-KernelProperties properties(Kernel kernel) {
-  switch (kernel) {
-    case Kernel::triharmonic:
-      return {"triharmonic", 2, 1, false};
-    case Kernel::biharmonic:
-      return {"biharmonic", 1, -1, false};
-    case Kernel::quintic:
-      return {"quintic", 3, -1, false};
-    case Kernel::gaussian:
-      return {"gaussian", 0, 1, true};
-    case Kernel::multiquadric:
-      return {"multiquadric", 1, -1, true};
-    case Kernel::inverse_multiquadric:
-      return {"inverse_multiquadric", 0, 1, true};
-    case Kernel::wendland_c2:
-      return {"wendland_c2", 0, 1, true};
-    case Kernel::thin_plate:
-      return {"thin_plate", 2, 1, false};
+namespace {
+
+using HWY_NAMESPACE::AllKernels;
+
+constexpr bool in_order_of_the_enum() {
+  for (std::size_t i = 0; i < AllKernels::properties.size(); ++i) {
+    if (static_cast<std::size_t>(AllKernels::properties[i].kernel) != i) return false;
   }
-  return {"triharmonic", 2, 1, false};
+  return true;
+}
+static_assert(in_order_of_the_enum());
+
+}  // namespace
+
+std::span<const KernelProperties> all_kernels() { return AllKernels::properties; }
+
+KernelProperties properties(Kernel kernel) { return AllKernels::properties.at(static_cast<std::size_t>(kernel)); }
+
+std::optional<Kernel> kernel_named(std::string_view name) {
+  for (const KernelProperties& kernel : all_kernels()) {
+    if (kernel.name == name) return kernel.kernel;
+  }
+  return std::nullopt;
 }
 
 double automatic_shape(Kernel kernel, double spacing, double diagonal) {
-  const double largest = 0.5 * diagonal;
-  if (kernel == Kernel::wendland_c2) return largest;
-  return std::min(largest, (kernel == Kernel::gaussian ? 2 : 3) * spacing);
+  const KernelProperties known = properties(kernel);
+  return known.has_shape ? std::min(0.5 * diagonal, known.spacings * spacing) : 1;
 }
 
 double value(const RadialKernel& kernel, double r2) {
-  const double r = std::sqrt(r2);
-  const double s = kernel.shape;
-  switch (kernel.kernel) {
-    case Kernel::triharmonic:
-      return r2 * r;
-    case Kernel::biharmonic:
-      return r;
-    case Kernel::quintic:
-      return r2 * r2 * r;
-    case Kernel::gaussian:
-      return std::exp(-r2 / (s * s));
-    case Kernel::multiquadric:
-      return std::sqrt(r2 + s * s);
-    case Kernel::inverse_multiquadric:
-      return 1 / std::sqrt(r2 + s * s);
-    case Kernel::wendland_c2: {
-      const double t = std::max(0.0, 1 - r / s);
-      return t * t * t * t * (4 * r / s + 1);
-    }
-    case Kernel::thin_plate:
-      return r2 > 0 ? 0.5 * r2 * std::log(r2) : 0;
-  }
-  return 0;
+  double result = 0;
+  AllKernels::visit(kernel, [&](const auto& phi) { result = phi(r2); });
+  return result;
 }
 
 double value(const RadialKernel& kernel, const Vec3& x, const Vec3& c) {

@@ -2,38 +2,52 @@
 
 #include <array>
 #include <cstddef>
+#include <optional>
+#include <span>
+#include <string_view>
 
 #include "core/base/types.h"
 
 namespace deform {
 
-/// Radial kernels (thesis table 3.1). r is a distance, s the shape parameter.
+/// Radial kernels (thesis table 3.1). What each is stands in radial_functions-inl.h.
 enum class Kernel {
-  triharmonic,           ///< r^3, order 2
-  biharmonic,            ///< r, order 1
-  quintic,               ///< r^5, order 3
-  gaussian,              ///< exp(-(r/s)^2), positive definite
-  multiquadric,          ///< sqrt(r^2 + s^2), order 1
-  inverse_multiquadric,  ///< 1 / sqrt(r^2 + s^2), positive definite
-  wendland_c2,           ///< (1 - r/s)_+^4 (4 r/s + 1), positive definite in three dimensions
-  thin_plate,            ///< r^2 log r, order 2: in the plane what r^3 is in space, the interpolant of least bending
+  triharmonic,
+  biharmonic,
+  quintic,
+  gaussian,
+  multiquadric,
+  inverse_multiquadric,
+  wendland_c2,
+  thin_plate,
 };
 
 /// What a kernel says about the system it leads to: sign * phi is positive definite on the complement of the polynomials of total
 /// degree order - 1 (Wendland, Scattered Data Approximation, chapter 8), so the polynomial part is derived and never remembered.
 struct KernelProperties {
-  const char* name;  ///< lower case, as in messages
-  int order;         ///< of conditional positive definiteness; 0 = positive definite
-  int sign;          ///< +1 or -1
-  bool has_shape;
+  Kernel kernel;
+  const char* name;        ///< lower case, as in messages
+  int order;               ///< of conditional positive definiteness; 0 = positive definite
+  int sign;                ///< +1 or -1
+  bool has_shape = false;  ///< whether it depends on s
+  bool smooth = true;      ///< everywhere but at its centre, as fast sums and the iterative solver need it
+  double spacings = 0;     ///< see automatic_shape()
+  /// s of a function that is cut off at distance 1, where it is next to nothing (thesis 8.3.2); 0: it does not decay.
+  double local_shape = 0;
+
+  /// Of the polynomial part, unless another one is asked for.
+  int default_degree() const { return order > 2 ? order - 1 : 1; }
 };
 
+/// Every kernel, in the order of the enum.
+std::span<const KernelProperties> all_kernels();
 KernelProperties properties(Kernel kernel);
+/// None for a name that is not that of a kernel.
+std::optional<Kernel> kernel_named(std::string_view name);
 
-/// A shape parameter for centres that are `spacing` apart and `diagonal` across. The Gaussian and the multiquadrics are analytic:
-/// their systems are numerically singular as soon as s is many spacings, so s is 2 of them for the Gaussian and 3 for the
-/// multiquadrics, at most half the diagonal (conditions of 1e6 to 1e11 on surfaces). Wendland's condition grows with a power
-/// only: half the diagonal.
+/// A shape parameter for centres that are `spacing` apart and `diagonal` across: `spacings` times the spacing, at most half the
+/// diagonal. The Gaussian and the multiquadrics are analytic: their systems are numerically singular as soon as s is many
+/// spacings (conditions of 1e6 to 1e11 on surfaces with 2 and 3). 1 for kernels without a shape.
 double automatic_shape(Kernel kernel, double spacing, double diagonal);
 
 /// How functions behave under the reflections x_k -> -x_k of the coordinates they are evaluated in.
@@ -48,11 +62,11 @@ struct Parity {
 /// counts twice (its weight is half as large); an odd kernel is zero there.
 struct RadialKernel {
   Kernel kernel = Kernel::triharmonic;
-  double shape = 1;  ///< s; ignored by r, r^3, r^5
+  double shape = 1;  ///< s
   Parity parity{};
 };
 
-/// phi at squared distance r2, without the images. The reference that the vectorized sums are tested against.
+/// phi at squared distance r2, without the images.
 double value(const RadialKernel& kernel, double r2);
 /// With the images.
 double value(const RadialKernel& kernel, const Vec3& x, const Vec3& c);

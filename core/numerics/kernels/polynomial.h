@@ -17,6 +17,8 @@ namespace deform {
 /// minimum-norm choice. Immutable; any thread.
 class PolynomialSpace {
  public:
+  static constexpr std::size_t most_terms = 10;
+
   /// degree 0..2, or -1 for no polynomials. At least one centre. With a parity: those polynomials of that parity which the
   /// centres and their images together can tell apart (the coordinates of the reflections are axes).
   PolynomialSpace(std::span<const Vec3> centres, int degree, const Parity& parity = {});

@@ -15,6 +15,8 @@
 
 #include <hwy/contrib/math/math-inl.h>
 
+#include "core/numerics/kernels/radial_functions-inl.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace deform::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
@@ -23,7 +25,7 @@ using D = hn::CappedTag<double, 8>;
 using V = hn::Vec<D>;
 constexpr std::size_t lanes = HWY_MIN(HWY_LANES(double), 8);
 
-/// The unevaluated sum hi + lo.
+/// The unevaluated sum hi + lo, as a number type of the kernels.
 struct Pair {
   V hi, lo;
 };
@@ -40,13 +42,12 @@ HWY_INLINE Pair two_sum(V a, V b) {
 }
 
 /// a * b exactly. Without a fused multiply-add the factors are split (Dekker); these are of the order of one.
-HWY_INLINE Pair two_product(D d, V a, V b) {
+HWY_INLINE Pair two_product(V a, V b) {
   const V p = hn::Mul(a, b);
 #if HWY_NATIVE_FMA
-  (void)d;
   return {p, hn::MulSub(a, b, p)};
 #else
-  const V splitter = hn::Set(d, 134217729.0);  // 2^27 + 1
+  const V splitter = hn::Set(D(), 134217729.0);  // 2^27 + 1
   const V ta = hn::Mul(splitter, a), tb = hn::Mul(splitter, b);
   const V ah = hn::Sub(ta, hn::Sub(ta, a)), bh = hn::Sub(tb, hn::Sub(tb, b));
   const V al = hn::Sub(a, ah), bl = hn::Sub(b, bh);
@@ -55,101 +56,56 @@ HWY_INLINE Pair two_product(D d, V a, V b) {
 #endif
 }
 
-HWY_INLINE Pair sum(Pair a, Pair b) {
+HWY_INLINE Pair constant(double x) { return {hn::Set(D(), x), hn::Zero(D())}; }
+
+HWY_INLINE Pair operator+(Pair a, Pair b) {
   const Pair s = two_sum(a.hi, b.hi);
   return fast_two_sum(s.hi, hn::Add(s.lo, hn::Add(a.lo, b.lo)));
 }
+HWY_INLINE Pair operator+(Pair a, double b) { return a + constant(b); }
+HWY_INLINE Pair operator-(double a, Pair b) { return constant(a) + Pair{hn::Neg(b.hi), hn::Neg(b.lo)}; }
 
-HWY_INLINE Pair product(D d, Pair a, Pair b) {
-  const Pair p = two_product(d, a.hi, b.hi);
+HWY_INLINE Pair operator*(Pair a, Pair b) {
+  const Pair p = two_product(a.hi, b.hi);
   return fast_two_sum(p.hi, hn::Add(p.lo, hn::Add(hn::Mul(a.hi, b.lo), hn::Mul(a.lo, b.hi))));
 }
+HWY_INLINE Pair operator*(Pair a, double b) { return a * constant(b); }
 
-HWY_INLINE Pair square_root(D d, Pair a) {
+HWY_INLINE Pair sqrt(Pair a) {
   const V s = hn::Sqrt(a.hi);
-  const Pair square = two_product(d, s, s);
+  const Pair square = two_product(s, s);
   const V rest = hn::Add(hn::Sub(hn::Sub(a.hi, square.hi), square.lo), a.lo);
-  const V lo = hn::IfThenElseZero(hn::Gt(s, hn::Zero(d)), hn::Div(rest, hn::Add(s, s)));
+  const V lo = hn::IfThenElseZero(hn::Gt(s, hn::Zero(D())), hn::Div(rest, hn::Add(s, s)));
   return fast_two_sum(s, lo);
 }
 
-HWY_INLINE Pair reciprocal(D d, Pair a) {
-  const V one = hn::Set(d, 1.0);
+HWY_INLINE Pair reciprocal(Pair a) {
+  const V one = hn::Set(D(), 1.0);
   const V y = hn::Div(one, a.hi);
-  const Pair p = two_product(d, y, a.hi);
+  const Pair p = two_product(y, a.hi);
   const V rest = hn::Sub(hn::Sub(hn::Sub(one, p.hi), p.lo), hn::Mul(y, a.lo));
   return fast_two_sum(y, hn::Mul(y, rest));
 }
 
-HWY_INLINE Pair plain(D d, double x) { return {hn::Set(d, x), hn::Zero(d)}; }
+HWY_INLINE Pair exp(Pair a) {
+  const V e = hn::Exp(D(), a.hi);
+  return fast_two_sum(e, hn::Mul(e, a.lo));
+}
 
-/// The policies of tiles.cpp with twice the digits; their constants are the same doubles.
-struct Triharmonic {
-  HWY_INLINE Pair operator()(D d, Pair r2) const { return product(d, r2, square_root(d, r2)); }
-};
-struct Biharmonic {
-  HWY_INLINE Pair operator()(D d, Pair r2) const { return square_root(d, r2); }
-};
-struct Quintic {
-  HWY_INLINE Pair operator()(D d, Pair r2) const { return product(d, product(d, r2, r2), square_root(d, r2)); }
-};
-struct Gaussian {
-  double minus_inverse_s2;
-  HWY_INLINE Pair operator()(D d, Pair r2) const {
-    const Pair t = product(d, r2, plain(d, minus_inverse_s2));
-    const V e = hn::Exp(d, t.hi);
-    return fast_two_sum(e, hn::Mul(e, t.lo));
-  }
-};
-struct Multiquadric {
-  double s2;
-  HWY_INLINE Pair operator()(D d, Pair r2) const { return square_root(d, sum(r2, plain(d, s2))); }
-};
-struct InverseMultiquadric {
-  double s2;
-  HWY_INLINE Pair operator()(D d, Pair r2) const { return reciprocal(d, square_root(d, sum(r2, plain(d, s2)))); }
-};
-struct WendlandC2 {
-  double inverse_s;
-  HWY_INLINE Pair operator()(D d, Pair r2) const {
-    const Pair q = product(d, square_root(d, r2), plain(d, inverse_s));
-    Pair t = sum(plain(d, 1.0), {hn::Neg(q.hi), hn::Neg(q.lo)});
-    const auto inside = hn::Gt(t.hi, hn::Zero(d));
-    t = {hn::IfThenElseZero(inside, t.hi), hn::IfThenElseZero(inside, t.lo)};
-    const Pair t2 = product(d, t, t);
-    const V four = hn::Set(d, 4.0);
-    return product(d, product(d, t2, t2), sum({hn::Mul(four, q.hi), hn::Mul(four, q.lo)}, plain(d, 1.0)));
-  }
-};
-struct ThinPlate {
-  HWY_INLINE Pair operator()(D d, Pair r2) const {
-    const V safe = hn::Max(r2.hi, hn::Set(d, 1e-300));
-    const Pair logarithm = fast_two_sum(hn::Log(d, safe), hn::Div(r2.lo, safe));
-    return product(d, r2, {hn::Mul(hn::Set(d, 0.5), logarithm.hi), hn::Mul(hn::Set(d, 0.5), logarithm.lo)});
-  }
-};
+HWY_INLINE Pair finite_log(Pair a) {
+  const V safe = hn::Max(a.hi, hn::Set(D(), 1e-300));
+  return fast_two_sum(hn::Log(D(), safe), hn::Div(a.lo, safe));
+}
 
-template <typename Body>
-HWY_INLINE void with_policy(const RadialKernel& kernel, const Body& body) {
-  const double s = kernel.shape;
-  switch (kernel.kernel) {
-    case Kernel::triharmonic:
-      return body(Triharmonic{});
-    case Kernel::biharmonic:
-      return body(Biharmonic{});
-    case Kernel::quintic:
-      return body(Quintic{});
-    case Kernel::gaussian:
-      return body(Gaussian{-1 / (s * s)});
-    case Kernel::multiquadric:
-      return body(Multiquadric{s * s});
-    case Kernel::inverse_multiquadric:
-      return body(InverseMultiquadric{s * s});
-    case Kernel::wendland_c2:
-      return body(WendlandC2{1 / s});
-    case Kernel::thin_plate:
-      return body(ThinPlate{});
-  }
+HWY_INLINE Pair positive_part(Pair a) {
+  const auto positive = hn::Gt(a.hi, hn::Zero(D()));
+  return {hn::IfThenElseZero(positive, a.hi), hn::IfThenElseZero(positive, a.lo)};
+}
+
+/// a is a power of two.
+HWY_INLINE Pair multiply_add(double a, Pair x, double b) {
+  const V scale = hn::Set(D(), a);
+  return Pair{hn::Mul(scale, x.hi), hn::Mul(scale, x.lo)} + b;
 }
 
 constexpr std::size_t chunk = 32;  // 8 KiB of kernel values
@@ -158,7 +114,7 @@ HWY_INLINE Pair squared_distance(D d, const double* HWY_RESTRICT points, const V
   Pair r2{hn::Zero(d), hn::Zero(d)};
   for (std::size_t k = 0; k < 3; ++k) {
     const Pair x = two_sum(hn::LoadU(d, points + k * tile_size), hn::Set(d, -c[k]));
-    r2 = sum(r2, product(d, x, x));
+    r2 = r2 + x * x;
   }
   return r2;
 }
@@ -170,11 +126,11 @@ HWY_INLINE void kernel_rows(const Phi& phi, const Images& images, const double* 
   const D d;
   for (std::size_t j = 0; j < count; ++j) {
     for (std::size_t i = 0; i < tile_size; i += lanes) {
-      Pair value = phi(d, squared_distance(d, tile + i, centres[j]));
+      Pair value = phi(squared_distance(d, tile + i, centres[j]));
       for (std::size_t g = 1; g < images.count; ++g) {
-        const Pair image = phi(d, squared_distance(d, tile + i, images.at[g].of(centres[j])));
+        const Pair image = phi(squared_distance(d, tile + i, images.at[g].of(centres[j])));
         const V sign = hn::Set(d, images.at[g].sign);
-        value = sum(value, {hn::Mul(sign, image.hi), hn::Mul(sign, image.lo)});
+        value = value + Pair{hn::Mul(sign, image.hi), hn::Mul(sign, image.lo)};
       }
       hn::StoreU(value.hi, d, high + j * tile_size + i);
       hn::StoreU(value.lo, d, low + j * tile_size + i);
@@ -199,7 +155,7 @@ HWY_INLINE void subtract_product(const double* HWY_RESTRICT high, const double* 
         const V w = hn::Set(d, -W[j * columns + c]);
         for (std::size_t v = 0; v < height / lanes; ++v) {
           const std::size_t at = j * tile_size + i + v * lanes;
-          const Pair p = two_product(d, hn::LoadU(d, high + at), w);
+          const Pair p = two_product(hn::LoadU(d, high + at), w);
           const Pair t = two_sum(s[v], p.hi);
           s[v] = t.hi;
           e[v] = hn::Add(e[v], hn::Add(t.lo, hn::MulAdd(hn::LoadU(d, low + at), w, p.lo)));
@@ -220,7 +176,7 @@ void residual_tile(const RadialKernel& kernel, const double* tile, const Vec3* c
   HWY_ALIGN double low[chunk * tile_size] = {};
   subtract_product(P, low, terms, X + count * columns, columns, sums);
   const Images images(kernel.parity);
-  with_policy(kernel, [&](const auto& phi) {
+  AllKernels::visit(kernel, [&](const auto& phi) {
     for (std::size_t begin = 0; begin < count; begin += chunk) {
       const std::size_t size = HWY_MIN(chunk, count - begin);
       kernel_rows(phi, images, tile, centres + begin, size, high, low);

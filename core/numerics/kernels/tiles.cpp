@@ -15,6 +15,8 @@
 
 #include <hwy/contrib/math/math-inl.h>
 
+#include "core/numerics/kernels/radial_functions-inl.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace deform::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
@@ -23,66 +25,21 @@ using D = hn::CappedTag<double, 8>;
 using V = hn::Vec<D>;
 constexpr std::size_t lanes = HWY_MIN(HWY_LANES(double), 8);
 
-// One policy per kernel: phi from the squared distance.
-struct Triharmonic {
-  HWY_INLINE V operator()(D, V r2) const { return hn::Mul(r2, hn::Sqrt(r2)); }
+/// A vector as the number type of the kernels.
+struct Lanes {
+  V v;
 };
-struct Biharmonic {
-  HWY_INLINE V operator()(D, V r2) const { return hn::Sqrt(r2); }
-};
-struct Quintic {
-  HWY_INLINE V operator()(D, V r2) const { return hn::Mul(hn::Mul(r2, r2), hn::Sqrt(r2)); }
-};
-struct Gaussian {
-  double minus_inverse_s2;
-  HWY_INLINE V operator()(D d, V r2) const { return hn::Exp(d, hn::Mul(r2, hn::Set(d, minus_inverse_s2))); }
-};
-struct Multiquadric {
-  double s2;
-  HWY_INLINE V operator()(D d, V r2) const { return hn::Sqrt(hn::Add(r2, hn::Set(d, s2))); }
-};
-struct InverseMultiquadric {
-  double s2;
-  HWY_INLINE V operator()(D d, V r2) const { return hn::Div(hn::Set(d, 1.0), hn::Sqrt(hn::Add(r2, hn::Set(d, s2)))); }
-};
-struct WendlandC2 {
-  double inverse_s;
-  HWY_INLINE V operator()(D d, V r2) const {
-    const V q = hn::Mul(hn::Sqrt(r2), hn::Set(d, inverse_s));
-    const V t = hn::Max(hn::Zero(d), hn::Sub(hn::Set(d, 1.0), q));
-    const V t2 = hn::Mul(t, t);
-    return hn::Mul(hn::Mul(t2, t2), hn::MulAdd(hn::Set(d, 4.0), q, hn::Set(d, 1.0)));
-  }
-};
-struct ThinPlate {
-  HWY_INLINE V operator()(D d, V r2) const {
-    const V logarithm = hn::Log(d, hn::Max(r2, hn::Set(d, 1e-300)));  // finite at 0, where r2 wins
-    return hn::Mul(hn::Mul(hn::Set(d, 0.5), r2), logarithm);
-  }
-};
-
-template <typename Body>
-HWY_INLINE void with_policy(const RadialKernel& kernel, const Body& body) {
-  const double s = kernel.shape;
-  switch (kernel.kernel) {
-    case Kernel::triharmonic:
-      return body(Triharmonic{});
-    case Kernel::biharmonic:
-      return body(Biharmonic{});
-    case Kernel::quintic:
-      return body(Quintic{});
-    case Kernel::gaussian:
-      return body(Gaussian{-1 / (s * s)});
-    case Kernel::multiquadric:
-      return body(Multiquadric{s * s});
-    case Kernel::inverse_multiquadric:
-      return body(InverseMultiquadric{s * s});
-    case Kernel::wendland_c2:
-      return body(WendlandC2{1 / s});
-    case Kernel::thin_plate:
-      return body(ThinPlate{});
-  }
-}
+HWY_INLINE Lanes constant(double x) { return {hn::Set(D(), x)}; }
+HWY_INLINE Lanes operator+(Lanes a, double b) { return {hn::Add(a.v, constant(b).v)}; }
+HWY_INLINE Lanes operator-(double a, Lanes b) { return {hn::Sub(constant(a).v, b.v)}; }
+HWY_INLINE Lanes operator*(Lanes a, Lanes b) { return {hn::Mul(a.v, b.v)}; }
+HWY_INLINE Lanes operator*(Lanes a, double b) { return a * constant(b); }
+HWY_INLINE Lanes sqrt(Lanes a) { return {hn::Sqrt(a.v)}; }
+HWY_INLINE Lanes exp(Lanes a) { return {hn::Exp(D(), a.v)}; }
+HWY_INLINE Lanes finite_log(Lanes a) { return {hn::Log(D(), hn::Max(a.v, constant(1e-300).v))}; }
+HWY_INLINE Lanes reciprocal(Lanes a) { return {hn::Div(constant(1).v, a.v)}; }
+HWY_INLINE Lanes positive_part(Lanes a) { return {hn::Max(hn::Zero(D()), a.v)}; }
+HWY_INLINE Lanes multiply_add(double a, Lanes x, double b) { return {hn::MulAdd(constant(a).v, x.v, constant(b).v)}; }
 
 // `Rows` points (a multiple of the vector length) times `Columns` columns, accumulated in registers.
 template <std::size_t Rows, std::size_t Columns>
@@ -147,7 +104,7 @@ HWY_INLINE void kernel_rows(const Phi& phi, const double* HWY_RESTRICT tile, con
       const V y = hn::Sub(hn::LoadU(d, tile + tile_size + i), cy);
       const V z = hn::Sub(hn::LoadU(d, tile + 2 * tile_size + i), cz);
       const V r2 = hn::MulAdd(x, x, hn::MulAdd(y, y, hn::Mul(z, z)));
-      hn::StoreU(phi(d, r2), d, out + j * tile_size + i);
+      hn::StoreU(phi(Lanes{r2}).v, d, out + j * tile_size + i);
     }
   }
 }
@@ -166,7 +123,7 @@ HWY_INLINE void mirrored_rows(const Phi& phi, const Images& images, const double
         const V y = hn::Sub(hn::LoadU(d, tile + tile_size + i), hn::Set(d, c[1]));
         const V z = hn::Sub(hn::LoadU(d, tile + 2 * tile_size + i), hn::Set(d, c[2]));
         const V r2 = hn::MulAdd(x, x, hn::MulAdd(y, y, hn::Mul(z, z)));
-        sum = hn::MulAdd(hn::Set(d, images.at[g].sign), phi(d, r2), sum);
+        sum = hn::MulAdd(hn::Set(d, images.at[g].sign), phi(Lanes{r2}).v, sum);
       }
       hn::StoreU(sum, d, out + j * tile_size + i);
     }
@@ -175,7 +132,7 @@ HWY_INLINE void mirrored_rows(const Phi& phi, const Images& images, const double
 
 void kernel_tile(const RadialKernel& kernel, const double* tile, const Vec3* centres, std::size_t count, double* out) {
   const Images images(kernel.parity);
-  with_policy(kernel, [&](const auto& phi) {
+  AllKernels::visit(kernel, [&](const auto& phi) {
     images.count == 1 ? kernel_rows(phi, tile, centres, count, out) : mirrored_rows(phi, images, tile, centres, count, out);
   });
 }
@@ -185,7 +142,7 @@ void kernel_tile_sums(const RadialKernel& kernel, const double* tile, const Vec3
   constexpr std::size_t chunk = 64;  // 8 KiB of kernel values stay in the first-level cache
   HWY_ALIGN double values[chunk * tile_size];
   const Images images(kernel.parity);
-  with_policy(kernel, [&](const auto& phi) {
+  AllKernels::visit(kernel, [&](const auto& phi) {
     for (std::size_t begin = 0; begin < count; begin += chunk) {
       const std::size_t size = HWY_MIN(chunk, count - begin);
       if (images.count == 1) {

@@ -278,29 +278,4 @@ SparseRows MlsBasis::values(std::span<const Vec3> points, const RunContext& cont
   return rows;
 }
 
-MlsBasis::Derivatives MlsBasis::derivatives(std::span<const Vec3> points, const RunContext& context) const {
-  const std::vector<std::size_t> sizes = row_sizes(points, context);
-  Derivatives out;
-  for (SparseRows& rows : out.gradient) rows = with_rows(sizes, size());
-  out.laplacian = with_rows(sizes, size());
-  parallel_for(context, points.size(), points_per_range, [&](std::size_t begin, std::size_t end) {
-    Row row;
-    for (std::size_t i = begin; i < end; ++i) {
-      evaluate(points[i], Order::second, row);
-      const std::int64_t start = out.laplacian.outerIndexPtr()[i];
-      for (std::size_t k = 0; k < 3; ++k) {
-        std::copy(row.samples.begin(), row.samples.end(), out.gradient[k].innerIndexPtr() + start);
-        for (std::size_t a = 0; a < row.samples.size(); ++a) {
-          out.gradient[k].valuePtr()[start + static_cast<std::int64_t>(a)] = row.gradients[a][k];
-        }
-      }
-      std::copy(row.samples.begin(), row.samples.end(), out.laplacian.innerIndexPtr() + start);
-      for (std::size_t a = 0; a < row.samples.size(); ++a) {
-        out.laplacian.valuePtr()[start + static_cast<std::int64_t>(a)] = row.laplacian(a);
-      }
-    }
-  });
-  return out;
-}
-
 }  // namespace deform

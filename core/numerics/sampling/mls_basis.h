@@ -71,12 +71,6 @@ class MlsBasis {
   /// n x k, row i the functions at point i, in parallel.
   SparseRows values(std::span<const Vec3> points, const RunContext& context = {}) const;
 
-  struct Derivatives {
-    std::array<SparseRows, 3> gradient;  ///< n x k each: d/dx, d/dy, d/dz
-    SparseRows laplacian;                ///< n x k
-  };
-  Derivatives derivatives(std::span<const Vec3> points, const RunContext& context = {}) const;
-
   /// How many functions are not 0 at each point: row sizes, before anything is allocated.
   std::vector<std::size_t> row_sizes(std::span<const Vec3> points, const RunContext& context = {}) const;
 

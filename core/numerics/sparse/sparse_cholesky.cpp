@@ -140,25 +140,18 @@ class Analysis {
 }  // namespace
 
 struct SparseCholesky::Factor {
-  Factor(const SparseMatrix& lower, std::span<const std::int64_t> order)
-      : matrix(view(lower)), analysis(&matrix, order, common), flops(common.flops()) {}
-
-  /// The numbers of `lower` into the analysis.
-  void factorize(const SparseMatrix& lower, const RunContext& context);
+  Factor(cholmod_sparse matrix, std::span<const std::int64_t> order, const RunContext& context);
   void measure_diagonal();
 
   Common common;
-  cholmod_sparse matrix;  ///< of the last factorization: valid only while it runs
   Analysis analysis;
   double flops;
-  std::int64_t entries = 0;
   double smallest = 0, largest = 0;  ///< of the diagonal of L
 };
 
-void SparseCholesky::Factor::factorize(const SparseMatrix& lower, const RunContext& context) {
+SparseCholesky::Factor::Factor(cholmod_sparse matrix, std::span<const std::int64_t> order, const RunContext& context)
+    : analysis(&matrix, order, common), flops(common.flops()) {
   context.check();
-  entries = lower.nonZeros();
-  matrix = view(lower);
   {
     const LoopsOnThisThread alone;
     cholmod_l_factorize(&matrix, analysis.get(), common.get());
@@ -167,10 +160,10 @@ void SparseCholesky::Factor::factorize(const SparseMatrix& lower, const RunConte
   if (common.status() < CHOLMOD_OK) fail(common.status(), "factorization", L->n);
   // The failing column is that of the permuted matrix.
   if (common.status() == CHOLMOD_NOT_POSDEF || L->minor < L->n) {
-    const auto* order = static_cast<const SuiteSparse_long*>(L->Perm);
+    const auto* rows = static_cast<const SuiteSparse_long*>(L->Perm);
     const std::size_t column = std::min<std::size_t>(L->minor, L->n - 1);
     throw Error(ErrorCode::numerical_failure, "sparse Cholesky: the matrix is not positive definite, column " +
-                                                  std::to_string(order[column]) + " of " + std::to_string(L->n) +
+                                                  std::to_string(rows[column]) + " of " + std::to_string(L->n) +
                                                   " has no positive pivot");
   }
   common.free_scratch();  // it lives as long as the factor, and its size is that of a dozen vectors
@@ -235,21 +228,12 @@ SparseCholesky::SparseCholesky(const SparseMatrix& lower, std::span<const std::i
   }
   context.check();
   if (lower.rows() == 0) return;
-  factor_ = std::make_unique<Factor>(lower, order);
-  factor_->factorize(lower, context);
+  factor_ = std::make_unique<Factor>(view(lower), order, context);
 }
 
 SparseCholesky::~SparseCholesky() = default;
 SparseCholesky::SparseCholesky(SparseCholesky&&) noexcept = default;
 SparseCholesky& SparseCholesky::operator=(SparseCholesky&&) noexcept = default;
-
-void SparseCholesky::refactor(const SparseMatrix& lower, const RunContext& context) {
-  check_shape(lower);
-  if (static_cast<std::size_t>(lower.rows()) != size() || (factor_ && lower.nonZeros() != factor_->entries)) {
-    throw Error(ErrorCode::internal, "sparse Cholesky: refactor needs a matrix of the same pattern");
-  }
-  if (factor_) factor_->factorize(lower, context);
-}
 
 std::size_t SparseCholesky::size() const { return factor_ ? factor_->analysis.get()->n : 0; }
 std::size_t SparseCholesky::bytes() const { return factor_ ? factor_->analysis.bytes() : 0; }

@@ -34,9 +34,6 @@ class SparseCholesky {
   SparseCholesky(SparseCholesky&&) noexcept;
   SparseCholesky& operator=(SparseCholesky&&) noexcept;
 
-  /// Another matrix of the same pattern: keeps the ordering and the symbolic analysis (weights that change).
-  void refactor(const SparseMatrix& lower, const RunContext& context = {});
-
   std::size_t size() const;
   std::size_t bytes() const;
   double flops() const;  ///< of factoring

@@ -77,8 +77,9 @@ TEST(Estimate, OfShells) {
 }
 
 TEST(Estimate, OfSubspaces) {
-  for (const SubspaceKernel kernel : {SubspaceKernel::mls, SubspaceKernel::wendland_c2, SubspaceKernel::triharmonic}) {
-    SCOPED_TRACE(static_cast<int>(kernel));
+  for (const std::optional<Kernel> kernel :
+       std::vector<std::optional<Kernel>>{std::nullopt, Kernel::wendland_c2, Kernel::triharmonic}) {
+    SCOPED_TRACE(kernel ? properties(*kernel).name : "mls");
     SubspaceOptions options;
     options.kernel = kernel;
     options.centres = 150;

@@ -115,7 +115,9 @@ const std::vector<BadSetup>& bad_setups() {
          mls(s).weights.push_back({box({9, 9, 9}, {10, 10, 10})});
        },
        {"method.mls.weights[0]", "no point; the model's box is ["}},
-      {"sparse RBF", [](Setup& s) { options(s).solver = Solver::sparse_cholesky; }, {"method.rbf.solver", "sparse"}},
+      {"shape without decay",
+       [](Setup& s) { s.method = SubspaceOptions{.kernel = Kernel::multiquadric}; },
+       {"method.subspace.kernel", "multiquadric"}},
       {"negative layers", [](Setup& s) { constrain(s, Rigid{-1}); }, {"constraints[0].rigid.layers", "-1", "0..1000"}},
       {"too many layers", [](Setup& s) { constrain(s, Rigid{1001}); }, {"constraints[0].rigid.layers", "1001", "0..1000"}},
       {"layers of a surface", [](Setup& s) { constrain(s, Rigid{2}); }, {"constraints[0].rigid.layers", "no cells"}},

@@ -81,7 +81,7 @@ TEST(Shell, InfoSaysWhatWasDone) {
   const auto mesh = shared(test::bumpy_sheet(81, 41));
   const auto system = prepare(mesh, shell(test::sheet_setup()));
   const SystemInfo& info = system->info();
-  EXPECT_EQ(info.solver, Solver::sparse_cholesky);
+  EXPECT_EQ(info.solver, Solver::cholesky);
   EXPECT_EQ(info.points, 81u * 41);
   EXPECT_EQ(info.functions, info.deformable_points);
   EXPECT_EQ(info.deformable_points + info.constraint_points, info.points);

@@ -81,7 +81,7 @@ TEST(Symmetry, HalfModelDeformsAsTheWholeOne) {
 
 TEST(Symmetry, EverySolverAndShapeDeformsAsTheWholeModel) {
   for (const Kernel kernel : {Kernel::gaussian, Kernel::multiquadric, Kernel::inverse_multiquadric, Kernel::wendland_c2}) {
-    for (const Solver solver : {Solver::automatic, Solver::ldlt, Solver::lu}) {
+    for (const Solver solver : {Solver::automatic, Solver::ldlt}) {
       HalfModel half(2, test::Frame{});
       auto& options = std::get<RbfOptions>(half.setup.method);
       options.kernel = kernel;

@@ -62,6 +62,27 @@ TEST(Kernel, OrderAndSignMakeThemPositiveDefinite) {
   }
 }
 
+TEST(Kernel, EveryOneIsTestedAndFoundByItsName) {
+  const auto tested = test::all_kernels();
+  ASSERT_EQ(tested.size(), all_kernels().size());
+  for (std::size_t i = 0; i < tested.size(); ++i) {
+    EXPECT_EQ(all_kernels()[i].kernel, tested[i].kernel);
+    EXPECT_EQ(properties(tested[i].kernel).kernel, tested[i].kernel);
+    EXPECT_EQ(kernel_named(all_kernels()[i].name), tested[i].kernel);
+  }
+  EXPECT_EQ(kernel_named("Gaussian"), std::nullopt);
+  EXPECT_EQ(kernel_named(""), std::nullopt);
+}
+
+// What the functions of a subspace are cut off at is next to nothing (thesis 8.3.2).
+TEST(Kernel, LocalOnesHaveDecayedAtTheirReach) {
+  for (const KernelProperties& kernel : all_kernels()) {
+    if (kernel.local_shape == 0) continue;
+    EXPECT_EQ(value({kernel.kernel, kernel.local_shape}, 0), 1) << kernel.name;
+    EXPECT_LT(value({kernel.kernel, kernel.local_shape}, 1), 2e-4) << kernel.name;
+  }
+}
+
 TEST(Kernel, AutomaticShapeFollowsTheSpacingUpToHalfTheDiagonal) {
   EXPECT_DOUBLE_EQ(automatic_shape(Kernel::gaussian, 0.01, 2), 0.02);
   EXPECT_DOUBLE_EQ(automatic_shape(Kernel::multiquadric, 0.01, 2), 0.03);

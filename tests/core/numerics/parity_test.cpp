@@ -5,7 +5,7 @@
 #include <cmath>
 #include <vector>
 
-#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/interpolation/interpolator.h"
 #include "core/numerics/kernels/residual.h"
 #include "core/numerics/kernels/tiles.h"
 #include "tests/core/numerics/every_target.h"
@@ -146,13 +146,13 @@ TEST(Parity, EverySolverFindsTheInterpolantOfAllImages) {
         data.middleRows(70 * static_cast<Index>(g), 70) = images.at[g].sign * half_data;
       options.kernel.parity = {};
       options.solver = Solver::ldlt;
-      const InterpolationSystem whole(all, options, {});
-      const auto expected = whole.values(whole.interpolate(data, 0), points, {});
+      const auto whole = make_interpolator(all, options, {});
+      const auto expected = whole->values(whole->interpolate(data, 0), points, {});
       options.kernel.parity = parity;
-      for (const Solver solver : {Solver::cholesky, Solver::ldlt, Solver::lu}) {
+      for (const Solver solver : {Solver::cholesky, Solver::ldlt}) {
         options.solver = solver;
-        const InterpolationSystem half(centres, options, {});
-        const auto got = half.values(half.interpolate(half_data, 0), points, {});
+        const auto half = make_interpolator(centres, options, {});
+        const auto got = half->values(half->interpolate(half_data, 0), points, {});
         for (std::size_t i = 0; i < got.size(); ++i) {
           EXPECT_NEAR(got[i], expected[i], 1e-9) << properties(kernel.kernel).name << " " << to_string(solver);
         }
@@ -162,7 +162,7 @@ TEST(Parity, EverySolverFindsTheInterpolantOfAllImages) {
   InterpolationOptions iterative;
   iterative.kernel.parity = {{1, 0, 0}};
   iterative.solver = Solver::iterative;
-  test::expect_error(ErrorCode::invalid_argument, {"iterative", "images"}, [&] { InterpolationSystem(centres, iterative, {}); });
+  test::expect_error(ErrorCode::invalid_argument, {"iterative", "images"}, [&] { make_interpolator(centres, iterative, {}); });
 }
 
 }  // namespace

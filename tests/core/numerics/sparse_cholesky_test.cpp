@@ -73,15 +73,6 @@ TEST(SparseCholesky, ColumnsDoNotDependOnEachOther) {
   for (Eigen::Index c = 0; c < B.cols(); ++c) EXPECT_TRUE((factor.solve(B.col(c)).array() == together.col(c).array()).all());
 }
 
-TEST(SparseCholesky, RefactorTakesNewNumbers) {
-  SparseCholesky factor(grid(15, 1));
-  const SparseMatrix other = grid(15, 0.02);
-  factor.refactor(other);
-  const Eigen::MatrixXd B = right_sides(225, 3, 6);
-  EXPECT_TRUE((factor.solve(B).array() == SparseCholesky(other).solve(B).array()).all());
-  test::expect_error(ErrorCode::internal, {"same pattern"}, [&] { factor.refactor(grid(14, 1)); });
-}
-
 TEST(SparseCholesky, IndefiniteMatricesAreRefusedByColumn) {
   SparseMatrix lower(3, 3);
   lower.insert(0, 0) = 1;
@@ -90,11 +81,6 @@ TEST(SparseCholesky, IndefiniteMatricesAreRefusedByColumn) {
   lower.makeCompressed();
   test::expect_error(ErrorCode::numerical_failure, {"not positive definite", "column 1 of 3"}, [&] { SparseCholesky{lower}; });
   test::expect_error(ErrorCode::numerical_failure, {"not positive definite"}, [&] { SparseCholesky{grid(40, -0.5)}; });
-  SparseCholesky factor(grid(10, 1));
-  EXPECT_THROW(factor.refactor(grid(10, -5)), Error);
-  const Eigen::MatrixXd B = right_sides(100, 1, 7);
-  factor.refactor(grid(10, 1));  // usable again
-  EXPECT_LT((dense(grid(10, 1)) * factor.solve(B) - B).cwiseAbs().maxCoeff(), 1e-12);
 }
 
 TEST(SparseCholesky, AnEmptyMatrixHasNothingToSolve) {

@@ -24,9 +24,8 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 
 constexpr std::size_t dense_per_centre = 20;
-constexpr double gaussian_part = 1.0 / 3;  // of the radius of the support
 
-bool is_global(SubspaceKernel kernel) { return kernel == SubspaceKernel::triharmonic || kernel == SubspaceKernel::biharmonic; }
+bool is_global(const SubspaceOptions& options) { return options.kernel && !properties(*options.kernel).has_shape; }
 
 /// n x n, both triangles. Points without a triangle have no energy.
 SparseMatrix shell_energy(const Mesh& mesh, double diagonal, double stretching, double bending) {
@@ -85,9 +84,8 @@ EnergySpace subspace_space(const Mesh& mesh, const SubspaceOptions& options, std
   EnergySpace space;
   space.linear = SparseMatrix(static_cast<Index>(centres.size()), 0);
   context.progress("basis", 0);
-  if (is_global(options.kernel)) {
-    const Kernel kernel = options.kernel == SubspaceKernel::triharmonic ? Kernel::triharmonic : Kernel::biharmonic;
-    const MatrixXd Q = orthonormal_functions(kernel, centres, points, context);
+  if (is_global(options)) {
+    const MatrixXd Q = orthonormal_functions(*options.kernel, centres, points, context);
     context.progress("assemble", 0);
     space.energy = projected_lower(energy, Q, context);
     space.values = as_rows(Q);
@@ -100,15 +98,14 @@ EnergySpace subspace_space(const Mesh& mesh, const SubspaceOptions& options, std
     CoverOptions cover;
     cover.cover = static_cast<std::size_t>(std::ceil(options.cover));
     const double radius = covering_radius(PointTree(centres), points, cover, context);
-    if (options.kernel == SubspaceKernel::mls) {
+    if (options.kernel) {
+      const double shape = properties(*options.kernel).local_shape * radius;
+      space.values = kernel_rows({*options.kernel, shape}, radius, centres, points, context);
+    } else {
       MlsBasis::Options basis;
       basis.cover = cover;
       space.values = MlsBasis(centres, radius, basis).values(points, context);
       space.linear = linear_coefficients(centres);
-    } else if (options.kernel == SubspaceKernel::wendland_c2) {
-      space.values = kernel_rows({Kernel::wendland_c2, radius}, radius, centres, points, context);
-    } else {
-      space.values = kernel_rows({Kernel::gaussian, gaussian_part * radius}, radius, centres, points, context);
     }
     context.progress("assemble", 0);
     space.energy = projected_lower(energy, space.values, context);
@@ -127,7 +124,7 @@ SpaceBytes estimate_subspace_space(const Mesh& mesh, const SubspaceOptions& opti
   const double k = std::min(static_cast<double>(options.centres), n);
   constexpr double entry = sizeof(double) + sizeof(std::int64_t);
   const double factor = CoverOptions().factor;
-  const bool full = is_global(options.kernel);
+  const bool full = is_global(options);
   const double cover = full ? k : std::min(k, 4 * factor * factor * options.cover), couplings = std::min(k, 4 * cover);
   const double values = n * (cover * entry + sizeof(std::int64_t)), energy = 0.5 * k * couplings * entry;
   // The functions, their factorization and Q; or E Phi, with two rings of the mesh per column, and both triangles.

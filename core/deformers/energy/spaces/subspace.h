@@ -13,10 +13,10 @@ namespace deform {
 
 /// The shell's energy on the mesh over few functions in space (thesis 8.3, eq. 8.11): K = Phi^T E Phi with E = -gamma_s L +
 /// gamma_b L M^-1 L of shell_operators(), all in unit coordinates. Centres are spread over the faces (8.3, figure 8.2).
-///  - mls: linear moving least squares (8.3.3); reproduces linear motions.
-///  - wendland_c2: support of the radius that the cover asks for (8.3.2).
-///  - gaussian: exp(-(3 r / R)^2) cut off at that radius R, where it is 1e-4.
-///  - triharmonic, biharmonic: r^3 and r (8.3.1). Full matrices, and as they stand hopelessly dependent (thesis: they "fail" for
+///  - without a kernel: linear moving least squares (8.3.3); reproduces linear motions.
+///  - kernels that decay: cut off at the radius that the cover asks for (8.3.2), see KernelProperties::local_shape.
+///  - kernels without a shape, such as r^3 and r (8.3.1). Full matrices, and as they stand hopelessly dependent (thesis: they
+///  "fail" for
 ///    stretching: the Cholesky factorization of Phi^T E Phi breaks down); so the functions are replaced by combinations that are
 ///    orthonormal at the points, which span the same space.
 /// No polynomials are added. Fewer functions than `centres` where the mesh has fewer points or they become dependent (noted).

@@ -1,4 +1,4 @@
-#include "core/numerics/interpolation/incremental_qr.h"
+#include "core/numerics/interpolation/least_squares_interpolator.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,6 +8,7 @@
 #include "core/base/number_text.h"
 #include "core/base/parallel.h"
 #include "core/numerics/kernels/tiles.h"
+#include "core/numerics/sampling/farthest_points.h"
 
 namespace deform {
 
@@ -20,7 +21,7 @@ using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::Ro
 constexpr std::size_t least_block = 64, block = 256;  // columns appended at a time: the more there are, a quarter of them
 constexpr std::size_t greedy_block = 8;  // looking after every column saves a tenth of them and takes ten times as long
 constexpr double greedy_share = 0.5;     // of the largest residual: below it, better look again after the next columns
-constexpr std::size_t most_terms = 10;
+constexpr std::size_t most_terms = PolynomialSpace::most_terms;
 
 [[noreturn]] void refuse(const std::string& what) { throw Error(ErrorCode::invalid_argument, what); }
 
@@ -34,7 +35,7 @@ std::vector<Vec3> checked(std::vector<Vec3> points) {
   return points;
 }
 
-int checked_degree(const IncrementalQrOptions& options) {
+int checked_degree(const InterpolationOptions& options) {
   const KernelProperties kernel = properties(options.kernel.kernel);
   if (options.polynomial_degree < kernel.order - 1 || options.polynomial_degree > 2) {
     refuse("polynomial_degree: " + std::to_string(options.polynomial_degree) + " is out of range " +
@@ -71,11 +72,9 @@ std::vector<double> tails(const MatrixXd& Y, Index first_column, Index columns) 
 
 }  // namespace
 
-IncrementalQr::IncrementalQr(std::vector<Vec3> points, const IncrementalQrOptions& options, const RunContext& context)
-    : points_(checked(std::move(points))),
-      kernel_(options.kernel),
-      polynomials_(points_, checked_degree(options), options.kernel.parity),
-      qr_(points_.size() + polynomials_.terms()) {
+LeastSquaresInterpolator::LeastSquaresInterpolator(std::vector<Vec3> centres, const InterpolationOptions& options,
+                                                   const RunContext& context)
+    : Interpolator(checked(std::move(centres)), options.kernel, checked_degree(options)), qr_(size() + polynomials_.terms()) {
   if (options.samples.size() > 0 || options.order == CentreOrder::greedy) check_values(options.samples, size(), "samples");
   check_tolerance(options.sample_tolerance, "sample_tolerance");
   if (options.columns_per_field == 0) refuse("columns_per_field: must be at least 1");
@@ -90,16 +89,16 @@ IncrementalQr::IncrementalQr(std::vector<Vec3> points, const IncrementalQrOption
   context.progress("factor", 1);
 }
 
-std::size_t IncrementalQr::bytes_for(std::size_t m, std::size_t k) {
+std::size_t LeastSquaresInterpolator::bytes_for(std::size_t m, std::size_t k) {
   return BlockedQr::bytes_for(m + most_terms, k + most_terms, block) + 4 * m * sizeof(Vec3);
 }
 
-std::size_t IncrementalQr::bytes() const {
-  return qr_.bytes() + (points_.size() + centres_.size()) * sizeof(Vec3) + order_.size() * sizeof(std::uint32_t);
+std::size_t LeastSquaresInterpolator::bytes() const {
+  return qr_.bytes() + (centres_.size() + chosen_.size()) * sizeof(Vec3) + order_.size() * sizeof(std::uint32_t);
 }
 
-std::size_t IncrementalQr::allowed(const IncrementalQrOptions& options) const {
-  std::size_t most = options.most_centres == 0 ? size() : std::min(options.most_centres, size());
+std::size_t LeastSquaresInterpolator::allowed(const InterpolationOptions& options) const {
+  std::size_t most = std::min(options.most_centres, size());
   if (options.memory_limit == 0 || bytes_for(size(), most) <= options.memory_limit) return most;
   if (bytes_for(size(), 1) > options.memory_limit) {
     throw Error(ErrorCode::out_of_budget, "incremental QR of " + std::to_string(size()) + " points needs " +
@@ -114,8 +113,8 @@ std::size_t IncrementalQr::allowed(const IncrementalQrOptions& options) const {
   return fits;
 }
 
-void IncrementalQr::append_polynomials(const RunContext& context) {
-  const MatrixXd P = polynomials_.matrix(points_);
+void LeastSquaresInterpolator::append_polynomials(const RunContext& context) {
+  const MatrixXd P = polynomials_.matrix(centres_);
   const std::size_t taken = qr_.append(
       polynomials_.terms(),
       [&](double* out) {
@@ -129,14 +128,14 @@ void IncrementalQr::append_polynomials(const RunContext& context) {
 }
 
 /// Appends the columns of these points as centres; how many of them were independent.
-std::size_t IncrementalQr::append(std::span<const std::uint32_t> indices, const RunContext& context) {
+std::size_t LeastSquaresInterpolator::append(std::span<const std::uint32_t> indices, const RunContext& context) {
   std::vector<Vec3> centres;
-  for (const std::uint32_t i : indices) centres.push_back(points_[i]);
+  for (const std::uint32_t i : indices) centres.push_back(centres_[i]);
   const std::size_t m = size(), rows = qr_.rows();
   const std::size_t taken = qr_.append(
       indices.size(),
       [&](double* out) {
-        const TiledPoints tiled(points_);
+        const TiledPoints tiled(centres_);
         parallel_for(context, tiled.tiles(), 64, [&](std::size_t begin, std::size_t end) {
           std::vector<double> values(centres.size() * tile_size);
           for (std::size_t t = begin; t < end; ++t) {
@@ -151,23 +150,17 @@ std::size_t IncrementalQr::append(std::span<const std::uint32_t> indices, const 
       },
       context);
   order_.insert(order_.end(), indices.begin(), indices.begin() + static_cast<std::ptrdiff_t>(taken));
-  centres_.insert(centres_.end(), centres.begin(), centres.begin() + static_cast<std::ptrdiff_t>(taken));
+  chosen_.insert(chosen_.end(), centres.begin(), centres.begin() + static_cast<std::ptrdiff_t>(taken));
   return taken;
 }
 
-void IncrementalQr::keep(std::size_t centres) {
+void LeastSquaresInterpolator::keep(std::size_t centres) {
   order_.resize(std::min(order_.size(), centres));
-  centres_.resize(order_.size());
-}
-
-MatrixXd IncrementalQr::with_side_conditions(const MatrixXd& F) const {
-  MatrixXd Y = MatrixXd::Zero(static_cast<Index>(qr_.rows()), F.cols());
-  Y.topRows(F.rows()) = F;
-  return Y;
+  chosen_.resize(order_.size());
 }
 
 /// Whether all fields are within the tolerance with the columns that Y went through, and the first number of centres for that.
-bool IncrementalQr::met(const MatrixXd& projected, const IncrementalQrOptions& options, std::size_t& centres) const {
+bool LeastSquaresInterpolator::met(const MatrixXd& projected, const InterpolationOptions& options, std::size_t& centres) const {
   const std::size_t q = polynomials_.terms();
   const double limit = options.sample_tolerance * options.sample_tolerance * static_cast<double>(size());
   const auto field = static_cast<Index>(options.columns_per_field);
@@ -175,18 +168,19 @@ bool IncrementalQr::met(const MatrixXd& projected, const IncrementalQrOptions& o
   for (Index c = 0; c < projected.cols(); c += field) {
     const std::vector<double> left = tails(projected, c, std::min(field, projected.cols() - c));
     std::size_t k = 0;
-    while (k <= centres_.size() && left[q + k] > limit) ++k;
+    while (k <= chosen_.size() && left[q + k] > limit) ++k;
     needed = std::max(needed, k);
   }
-  centres = std::min(needed, centres_.size());
-  return needed <= centres_.size();
+  centres = std::min(needed, chosen_.size());
+  return needed <= chosen_.size();
 }
 
-void IncrementalQr::prepare_farthest(const IncrementalQrOptions& options, std::size_t most, const RunContext& context) {
+void LeastSquaresInterpolator::prepare_farthest(const InterpolationOptions& options, std::size_t most,
+                                                const RunContext& context) {
   const bool ends = options.samples.size() > 0 && options.sample_tolerance > 0;
   MatrixXd Y = ends ? with_side_conditions(options.samples) : MatrixXd();
   for (std::size_t p = 0; ends && p < qr_.panels(); ++p) qr_.apply_transposed(p, Y);
-  PointCover cover(points_);
+  PointCover cover(centres_);
   std::vector<std::uint32_t> next;
   std::size_t needed = 0;
   while (!(ends && met(Y, options, needed)) && order_.size() < most) {
@@ -245,17 +239,18 @@ std::vector<std::uint32_t> worst_points(const std::vector<double>& residuals, st
 
 }  // namespace
 
-void IncrementalQr::prepare_greedily(const IncrementalQrOptions& options, std::size_t most, const RunContext& context) {
+void LeastSquaresInterpolator::prepare_greedily(const InterpolationOptions& options, std::size_t most,
+                                                const RunContext& context) {
   MatrixXd Y = with_side_conditions(options.samples);
   for (std::size_t p = 0; p < qr_.panels(); ++p) qr_.apply_transposed(p, Y);
-  PointCover cover(points_);
+  PointCover cover(centres_);
   std::size_t needed = 0;
   while (!met(Y, options, needed) && order_.size() < most) {
     context.check();
     const MatrixXd left = residual(Y, order_.size(), qr_.panels());
     std::vector<double> residuals(size());
     for (std::size_t i = 0; i < size(); ++i) residuals[i] = left.row(static_cast<Index>(i)).norm();
-    const auto next = worst_points(residuals, points_, std::min(greedy_block, most - order_.size()), cover);
+    const auto next = worst_points(residuals, centres_, std::min(greedy_block, most - order_.size()), cover);
     if (next.empty()) break;
     const std::size_t taken = append(next, context);
     if (taken > 0) qr_.apply_transposed(qr_.panels() - 1, Y);
@@ -266,13 +261,13 @@ void IncrementalQr::prepare_greedily(const IncrementalQrOptions& options, std::s
 }
 
 /// Of the least squares with so many centres, from what the reflectors of so many panels left of the values.
-MatrixXd IncrementalQr::residual(MatrixXd projected, std::size_t centres, std::size_t panels) const {
+MatrixXd LeastSquaresInterpolator::residual(MatrixXd projected, std::size_t centres, std::size_t panels) const {
   projected.topRows(static_cast<Index>(polynomials_.terms() + centres)).setZero();
   qr_.apply(panels, projected);
   return projected;
 }
 
-IncrementalQr::Solution IncrementalQr::solve(const MatrixXd& F, double tolerance) const {
+Interpolants LeastSquaresInterpolator::interpolate(const MatrixXd& F, double tolerance, const RunContext& /*context*/) const {
   check_values(F, size(), "values");
   check_tolerance(tolerance, "tolerance");
   const std::size_t q = polynomials_.terms();
@@ -289,12 +284,11 @@ IncrementalQr::Solution IncrementalQr::solve(const MatrixXd& F, double tolerance
   while (!converged && panels < qr_.panels()) {
     qr_.apply_transposed(panels, Y);
     left = tails(Y, 0, Y.cols());
-    last = std::min(qr_.first(panels) + qr_.width(panels), q + prepared());
+    last = std::min(qr_.first(panels) + qr_.width(panels), q + weighted());
     ++panels;
     converged = done();
   }
-  Solution solution;
-  solution.centres = k;
+  Interpolants solution;
   solution.converged = converged;
   solution.rms = std::sqrt(left[q + k] / static_cast<double>(size()));
   MatrixXd X = Y.topRows(static_cast<Index>(q + k));
@@ -302,42 +296,38 @@ IncrementalQr::Solution IncrementalQr::solve(const MatrixXd& F, double tolerance
   solution.coefficients.resize(X.rows(), X.cols());
   solution.coefficients << X.bottomRows(static_cast<Index>(k)), X.topRows(static_cast<Index>(q));
   const MatrixXd errors = residual(std::move(Y), k, panels);
-  for (Index i = 0; i < F.rows(); ++i) solution.largest_error = std::max(solution.largest_error, errors.row(i).norm());
+  for (Index i = 0; i < F.rows(); ++i) solution.residual = std::max(solution.residual, errors.row(i).norm());
   return solution;
 }
 
-std::vector<double> IncrementalQr::errors(const MatrixXd& F) const {
+std::vector<double> LeastSquaresInterpolator::errors(const MatrixXd& F) const {
   check_values(F, size(), "values");
   MatrixXd Y = with_side_conditions(F);
   for (std::size_t p = 0; p < qr_.panels(); ++p) qr_.apply_transposed(p, Y);
   const std::vector<double> left = tails(Y, 0, Y.cols());
   std::vector<double> result;
-  for (std::size_t k = 0; k <= prepared(); ++k) {
+  for (std::size_t k = 0; k <= weighted(); ++k) {
     result.push_back(std::sqrt(left[polynomials_.terms() + k] / static_cast<double>(size())));
   }
   return result;
 }
 
-MatrixXd IncrementalQr::adjoint(const MatrixXd& B) const {
-  const auto k = static_cast<Index>(prepared()), q = static_cast<Index>(polynomials_.terms());
-  if (B.rows() != k + q) refuse("adjoint: expected " + std::to_string(k + q) + " rows, got " + std::to_string(B.rows()));
-  MatrixXd X(k + q, B.cols());
-  X << B.bottomRows(q), B.topRows(k);
-  qr_.solve_transposed(static_cast<std::size_t>(k + q), X);
+MatrixXd LeastSquaresInterpolator::adjoint(MatrixXd B, const RunContext& /*context*/) const {
+  const auto m = static_cast<Index>(size()), k = static_cast<Index>(weighted()), q = B.rows() - m;
+  MatrixXd X(q + k, B.cols());
+  X.topRows(q) = B.bottomRows(q);
+  for (Index j = 0; j < k; ++j) X.row(q + j) = B.row(order_[static_cast<std::size_t>(j)]);
+  qr_.solve_transposed(static_cast<std::size_t>(q + k), X);
   MatrixXd Y = MatrixXd::Zero(static_cast<Index>(qr_.rows()), B.cols());
-  Y.topRows(k + q) = X;
+  Y.topRows(q + k) = X;
   qr_.apply(qr_.panels(), Y);
-  return Y.topRows(static_cast<Index>(size()));
+  return Y.topRows(m);
 }
 
-std::vector<double> IncrementalQr::values(const Solution& solution, std::span<const Vec3> at, const RunContext& context) const {
-  const RowMajor rows = solution.coefficients;
-  const auto columns = static_cast<std::size_t>(rows.cols());
-  const std::size_t k = solution.centres;
-  std::vector<double> result =
-      kernel_sums(kernel_, at, std::span(centres_).first(k), {rows.data(), k * columns}, columns, context);
-  add_polynomials(polynomials_, at, {rows.data() + k * columns, polynomials_.terms() * columns}, result, context);
-  return result;
+std::vector<double> LeastSquaresInterpolator::weighted_sums(const Interpolants& interpolants, std::span<const double> weights,
+                                                            std::span<const Vec3> points, const RunContext& context) const {
+  const auto columns = static_cast<std::size_t>(interpolants.coefficients.cols());
+  return kernel_sums(kernel_, points, std::span(chosen_).first(weights.size() / columns), weights, columns, context);
 }
 
 }  // namespace deform

@@ -1,4 +1,4 @@
-// LAPACK on the bordered matrix: LDL^T (dsytrf, kept as a packed triangle) and LU (dgetrf).
+// LDL^T of the bordered matrix by LAPACK (dsytrf), kept as a packed triangle.
 #include <algorithm>
 #include <cmath>
 
@@ -6,7 +6,7 @@
 #include "core/base/parallel.h"
 #include "core/numerics/dense/condition.h"
 #include "core/numerics/dense/lapack.h"
-#include "core/numerics/interpolation/interpolation_system.h"
+#include "core/numerics/interpolation/saddle_factor.h"
 #include "core/numerics/kernels/tiles.h"
 
 namespace deform {
@@ -51,33 +51,7 @@ std::vector<double> bordered_matrix(const SaddleProblem& problem, const RunConte
   return A;
 }
 
-void refuse_singular(int info) {
-  if (info <= 0) return;
-  throw Error(ErrorCode::numerical_failure, "the RBF system is singular: pivot " + std::to_string(info) +
-                                                " is zero; centres coincide or the shape parameter is too large");
-}
-
-class BorderedFactor : public SaddleFactor {
- public:
-  double condition() const override { return condition_; }
-  std::size_t bytes() const override { return values_.size() * sizeof(double) + pivots_.size() * sizeof(int); }
-
- protected:
-  void estimate_condition(double norm1, const RunContext& context) {
-    condition_ = norm1 * inverse_norm1(static_cast<Eigen::Index>(pivots_.size()), [&](Eigen::VectorXd& x) {
-                   context.check();
-                   MatrixXd B = x;
-                   solve(B);
-                   x = B.col(0);
-                 });
-  }
-
-  std::vector<double> values_;
-  std::vector<int> pivots_;
-  double condition_ = 0;
-};
-
-class Ldlt : public BorderedFactor {
+class Ldlt final : public SaddleFactor {
  public:
   Ldlt(const SaddleProblem& problem, const RunContext& context) {
     lapack::use_one_thread();
@@ -90,12 +64,23 @@ class Ldlt : public BorderedFactor {
     int info = 0;
     context.progress("factor", 0);
     dsytrf_("L", &n, values_.data(), &n, pivots_.data(), work.data(), &lwork, &info);
-    refuse_singular(info);
+    if (info > 0) {
+      throw Error(ErrorCode::numerical_failure, "the RBF system is singular: pivot " + std::to_string(info) +
+                                                    " is zero; centres coincide or the shape parameter is too large");
+    }
     context.check();
     pack(static_cast<std::size_t>(n));
-    estimate_condition(norm1, context);
+    condition_ = norm1 * inverse_norm1(n, [&](Eigen::VectorXd& x) {
+                   context.check();
+                   MatrixXd B = x;
+                   solve(B);
+                   x = B.col(0);
+                 });
     context.progress("factor", 1);
   }
+
+  double condition() const override { return condition_; }
+  std::size_t bytes() const override { return values_.size() * sizeof(double) + pivots_.size() * sizeof(int); }
 
   void solve(MatrixXd& B) const override {
     const int n = static_cast<int>(pivots_.size());
@@ -114,41 +99,16 @@ class Ldlt : public BorderedFactor {
     values_.resize(to);
     values_.shrink_to_fit();
   }
-};
 
-class Lu : public BorderedFactor {
- public:
-  Lu(const SaddleProblem& problem, const RunContext& context) {
-    lapack::use_one_thread();
-    double norm1 = 0;
-    values_ = bordered_matrix(problem, context, norm1);
-    const int n = static_cast<int>(problem.centres.size() + problem.polynomials.terms());
-    pivots_.resize(static_cast<std::size_t>(n));
-    int info = 0;
-    context.progress("factor", 0);
-    dgetrf_(&n, &n, values_.data(), &n, pivots_.data(), &info);
-    refuse_singular(info);
-    context.check();
-    estimate_condition(norm1, context);
-    context.progress("factor", 1);
-  }
-
-  void solve(MatrixXd& B) const override {
-    const int n = static_cast<int>(pivots_.size());
-    const int columns = static_cast<int>(B.cols());
-    int info = 0;
-    dgetrs_("N", &n, &columns, values_.data(), &n, pivots_.data(), B.data(), &n, &info);
-  }
+  std::vector<double> values_;
+  std::vector<int> pivots_;
+  double condition_ = 0;
 };
 
 }  // namespace
 
 std::unique_ptr<SaddleFactor> factor_ldlt(const SaddleProblem& problem, const RunContext& context) {
   return std::make_unique<Ldlt>(problem, context);
-}
-
-std::unique_ptr<SaddleFactor> factor_lu(const SaddleProblem& problem, const RunContext& context) {
-  return std::make_unique<Lu>(problem, context);
 }
 
 }  // namespace deform

@@ -1,4 +1,4 @@
-#include "core/numerics/interpolation/iterative_system.h"
+#include "core/numerics/interpolation/iterative_interpolator.h"
 
 #include <Eigen/QR>
 #include <algorithm>
@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "core/base/error.h"
+#include "core/numerics/fast_sums/checked_sums.h"
 #include "core/numerics/kernels/tiles.h"
 
 namespace deform {
@@ -21,12 +22,20 @@ constexpr int first_order = 6, last_order = 16;
 constexpr int most_iterations = 60;  // between restarts; what the basis takes in memory
 constexpr int most_restarts = 6;
 constexpr std::size_t most_samples = 1024;
-constexpr double allowed_share = 0.05;  // of the tolerance, for the sums of one step
+constexpr double adjoint_tolerance = 1e-10;  // of the largest value
+constexpr double adjoint_accuracy = 1e-11;   // of the largest sum
+constexpr int adjoint_order = 12;            // of these sums to begin with
+constexpr double allowed_share = 0.05;       // of the tolerance, for the sums of one step
 
-const RadialKernel& smooth(const RadialKernel& kernel) {
-  if (kernel.kernel == Kernel::wendland_c2) {
+const RadialKernel& taken(const RadialKernel& kernel) {
+  const KernelProperties known = properties(kernel.kernel);
+  if (!known.smooth) {
     throw Error(ErrorCode::invalid_argument,
-                "method.rbf.solver: ITERATIVE needs a kernel that is smooth away from its centre, wendland_c2 is not");
+                std::string("method.rbf.solver: ITERATIVE needs a kernel that is smooth away from its centre, ") + known.name +
+                    " is not");
+  }
+  if (!kernel.parity.none()) {
+    throw Error(ErrorCode::invalid_argument, "solver: the iterative one has no images; give it all centres and their images");
   }
   return kernel;
 }
@@ -53,17 +62,15 @@ struct Krylov {
 
 }  // namespace
 
-IterativeSystem::IterativeSystem(std::vector<Vec3> centres, const RadialKernel& kernel, int polynomial_degree,
-                                 const RunContext& context)
-    : centres_(std::move(centres)),
-      kernel_(smooth(kernel)),
-      polynomials_(centres_, polynomial_degree),
-      preconditioner_(kernel_, centres_, polynomial_degree, context) {}
+IterativeInterpolator::IterativeInterpolator(std::vector<Vec3> centres, const InterpolationOptions& options,
+                                             const RunContext& context)
+    : Interpolator(std::move(centres), taken(options.kernel), options.polynomial_degree),
+      preconditioner_(kernel_, centres_, options.polynomial_degree, context) {}
 
-/// One call of solve().
-class IterativeSystem::Solve {
+/// One call of solve_saddle().
+class IterativeInterpolator::Solve {
  public:
-  Solve(const IterativeSystem& system, double tolerance, const RunContext& context)
+  Solve(const IterativeInterpolator& system, double tolerance, const RunContext& context)
       : system_(system), tolerance_(tolerance), context_(context) {
     const std::size_t m = system.centres_.size();
     const std::size_t count = std::min(most_samples, m);
@@ -74,7 +81,7 @@ class IterativeSystem::Solve {
     use_order(first_order);
   }
 
-  Solution run(const MatrixXd& B);
+  Interpolants run(const MatrixXd& B);
 
  private:
   void use_order(int order) {
@@ -89,7 +96,7 @@ class IterativeSystem::Solve {
   bool done(Krylov& column) const;
   static bool exhausted(Krylov& column);
 
-  const IterativeSystem& system_;
+  const IterativeInterpolator& system_;
   const double tolerance_;
   const RunContext& context_;
   std::vector<std::size_t> samples_;
@@ -98,7 +105,7 @@ class IterativeSystem::Solve {
   std::unique_ptr<const FastSums> sums_;
 };
 
-MatrixXd IterativeSystem::Solve::product(const MatrixXd& weights) const {
+MatrixXd IterativeInterpolator::Solve::product(const MatrixXd& weights) const {
   const RowMajor rows = weights;
   const std::vector<double> sums = sums_->sums(std::span<const double>(rows.data(), static_cast<std::size_t>(rows.size())),
                                                static_cast<std::size_t>(rows.cols()), context_);
@@ -106,7 +113,7 @@ MatrixXd IterativeSystem::Solve::product(const MatrixXd& weights) const {
 }
 
 /// Twice the largest error over the samples, per column: elsewhere it may be larger.
-VectorXd IterativeSystem::Solve::error_of_sums(const MatrixXd& weights, const MatrixXd& fast) const {
+VectorXd IterativeInterpolator::Solve::error_of_sums(const MatrixXd& weights, const MatrixXd& fast) const {
   const RowMajor rows = weights;
   const auto columns = static_cast<std::size_t>(rows.cols());
   const std::vector<double> exact =
@@ -124,7 +131,7 @@ VectorXd IterativeSystem::Solve::error_of_sums(const MatrixXd& weights, const Ma
 
 /// A direction enters the solution with about the norm of what is left, so its product may be the less accurate the less is left
 /// (Simoncini, Szyld: Theory of inexact Krylov subspace methods, 2003).
-MatrixXd IterativeSystem::Solve::accurate_product(const MatrixXd& weights, const std::vector<Krylov*>& columns) {
+MatrixXd IterativeInterpolator::Solve::accurate_product(const MatrixXd& weights, const std::vector<Krylov*>& columns) {
   while (true) {
     MatrixXd result = product(weights);
     const VectorXd error = error_of_sums(weights, result);
@@ -138,7 +145,7 @@ MatrixXd IterativeSystem::Solve::accurate_product(const MatrixXd& weights, const
   }
 }
 
-bool IterativeSystem::Solve::done(Krylov& column) const {
+bool IterativeInterpolator::Solve::done(Krylov& column) const {
   VectorXd rest;
   column.solution(rest);
   column.left = rest.norm();
@@ -151,14 +158,14 @@ bool IterativeSystem::Solve::done(Krylov& column) const {
 }
 
 /// Beyond the precision of the arithmetic more directions add noise only.
-bool IterativeSystem::Solve::exhausted(Krylov& column) {
+bool IterativeInterpolator::Solve::exhausted(Krylov& column) {
   constexpr std::size_t patience = 8;
   column.history.push_back(column.left);
   const std::size_t steps = column.history.size();
   return column.left < 1e-14 * column.beta || (steps > patience && column.left > 0.9 * column.history[steps - 1 - patience]);
 }
 
-void IterativeSystem::Solve::step(std::vector<Krylov>& columns) {
+void IterativeInterpolator::Solve::step(std::vector<Krylov>& columns) {
   std::vector<Krylov*> active;
   for (Krylov& column : columns) {
     if (column.active) active.push_back(&column);
@@ -189,7 +196,7 @@ void IterativeSystem::Solve::step(std::vector<Krylov>& columns) {
   ++iterations_;
 }
 
-void IterativeSystem::Solve::improve(const MatrixXd& residual, MatrixXd& weights) {
+void IterativeInterpolator::Solve::improve(const MatrixXd& residual, MatrixXd& weights) {
   std::vector<Krylov> columns(static_cast<std::size_t>(residual.cols()));
   bool any = false;
   for (std::size_t c = 0; c < columns.size(); ++c) {
@@ -215,7 +222,7 @@ void IterativeSystem::Solve::improve(const MatrixXd& residual, MatrixXd& weights
   }
 }
 
-IterativeSystem::Solution IterativeSystem::Solve::run(const MatrixXd& B) {
+Interpolants IterativeInterpolator::Solve::run(const MatrixXd& B) {
   const auto m = static_cast<Index>(system_.centres_.size());
   const MatrixXd P = system_.polynomials_.matrix(system_.centres_);
   const Eigen::HouseholderQR<MatrixXd> qr(P);
@@ -226,8 +233,10 @@ IterativeSystem::Solution IterativeSystem::Solve::run(const MatrixXd& B) {
   // The least w with P^T w = g, where P^T P = R^T R; all that is added later is orthogonal to the polynomials.
   if (!g.isZero(0)) weights = P * (R.transpose() * R).ldlt().solve(g);
 
-  Solution best, solution;
+  Interpolants best, solution;
   best.residual = std::numeric_limits<double>::infinity();
+  best.converged = false;
+  best.tolerance = solution.tolerance = tolerance_;
   MatrixXd residual;
   double last = std::numeric_limits<double>::infinity();
   for (int restart = 0;; ++restart) {
@@ -262,13 +271,34 @@ IterativeSystem::Solution IterativeSystem::Solve::run(const MatrixXd& B) {
   }
 }
 
-IterativeSystem::Solution IterativeSystem::solve(const MatrixXd& B, double tolerance, const RunContext& context) const {
+Interpolants IterativeInterpolator::solve_saddle(const MatrixXd& B, double tolerance, const RunContext& context) const {
   return Solve(*this, tolerance, context).run(B);
 }
 
-std::size_t IterativeSystem::bytes_for(std::size_t m) { return SchwarzPreconditioner::bytes_for(m) + m * sizeof(Vec3); }
+Interpolants IterativeInterpolator::interpolate(const MatrixXd& F, double tolerance, const RunContext& context) const {
+  return solve_saddle(with_side_conditions(F), tolerance, context);
+}
 
-std::size_t IterativeSystem::peak_bytes(std::size_t m, std::size_t columns) {
+MatrixXd IterativeInterpolator::adjoint(MatrixXd B, const RunContext& context) const {
+  const double tolerance = adjoint_tolerance * B.cwiseAbs().maxCoeff();
+  return solve_saddle(B, tolerance, context).coefficients.topRows(static_cast<Index>(size()));  // symmetric
+}
+
+std::vector<double> IterativeInterpolator::weighted_sums(const Interpolants& interpolants, std::span<const double> weights,
+                                                         std::span<const Vec3> points, const RunContext& context) const {
+  const SumAccuracy accuracy{interpolants.order, 0.5 * interpolants.tolerance, 0};
+  return checked_sums(kernel_, points, centres_, weights, static_cast<std::size_t>(interpolants.coefficients.cols()), accuracy,
+                      context);
+}
+
+std::vector<double> IterativeInterpolator::sums_at_centres(std::span<const Vec3> places, std::span<const double> weights,
+                                                           std::size_t columns, const RunContext& context) const {
+  return checked_sums(kernel_, centres_, places, weights, columns, {adjoint_order, 0, adjoint_accuracy}, context);
+}
+
+std::size_t IterativeInterpolator::bytes_for(std::size_t m) { return SchwarzPreconditioner::bytes_for(m) + m * sizeof(Vec3); }
+
+std::size_t IterativeInterpolator::peak_bytes(std::size_t m, std::size_t columns) {
   return bytes_for(m) + FastSums::bytes_for(m, m, 10) + m * columns * sizeof(double) * (2 * most_iterations + 10);
 }
 

@@ -1,0 +1,87 @@
+#include "core/numerics/interpolation/dense_interpolator.h"
+
+#include "core/base/error.h"
+#include "core/base/number_text.h"
+#include "core/numerics/dense/packed_cholesky.h"
+#include "core/numerics/kernels/residual.h"
+
+namespace deform {
+
+namespace {
+
+constexpr std::size_t most_terms = PolynomialSpace::most_terms;
+
+}  // namespace
+
+DenseInterpolator::DenseInterpolator(std::vector<Vec3> centres, const InterpolationOptions& options, const RunContext& context)
+    : Interpolator(std::move(centres), options.kernel, options.polynomial_degree),
+      solver_(options.solver == Solver::ldlt ? Solver::ldlt : Solver::cholesky) {
+  const SaddleProblem problem{kernel_, centres_, polynomials_};
+  factor_ = solver_ == Solver::ldlt ? factor_ldlt(problem, context) : factor_cholesky(problem, context);
+  if (factor_) return;
+  const std::string reason = "Cholesky broke down: the system of " + std::to_string(size()) +
+                             " centres is not positive definite to working precision (nearly coincident centres, or a shape "
+                             "parameter that is too large)";
+  if (options.solver == Solver::cholesky) {
+    throw Error(ErrorCode::numerical_failure, reason + "; use solver AUTOMATIC or LDLT");
+  }
+  const std::size_t needed = peak_bytes(size(), Solver::ldlt);
+  if (options.memory_limit != 0 && needed > options.memory_limit) {
+    throw Error(ErrorCode::out_of_budget, reason + ", and LDL^T needs " + mebibytes(needed) + ", available are " +
+                                              mebibytes(options.memory_limit) + "; remove nearly coincident centres");
+  }
+  solver_ = Solver::ldlt;
+  factor_ = factor_ldlt(problem, context);
+  notes_.push_back(reason + "; LDL^T was used instead.");
+}
+
+Interpolants DenseInterpolator::interpolate(const Eigen::MatrixXd& F, double /*tolerance*/, const RunContext& context) const {
+  return {solve_saddle(with_side_conditions(F), context)};
+}
+
+Eigen::MatrixXd DenseInterpolator::adjoint(Eigen::MatrixXd B, const RunContext& context) const {
+  return solve_saddle(B, context).topRows(static_cast<Eigen::Index>(size()));
+}
+
+Eigen::MatrixXd DenseInterpolator::solve_saddle(const Eigen::MatrixXd& B, const RunContext& context) const {
+  constexpr int most_steps = 2;
+  constexpr double enough = 1e-15;
+  const auto m = static_cast<Eigen::Index>(size());
+  const Eigen::MatrixXd P = polynomials_.matrix(centres_);
+  Eigen::MatrixXd X = B;
+  factor_->solve(X);
+  double last = X.norm();
+  for (int step = 0; step < most_steps && last > 0; ++step) {
+    context.check();
+    Eigen::MatrixXd correction(X.rows(), X.cols());
+    correction.topRows(m) = accurate_residual(kernel_, centres_, P, X, B.topRows(m), context);
+    correction.bottomRows(P.cols()) =
+        (B.bottomRows(P.cols()).cast<long double>() - P.cast<long double>().transpose() * X.topRows(m).cast<long double>())
+            .cast<double>();
+    factor_->solve(correction);
+    const double size = correction.norm();
+    // A factor without correct digits cannot refine.
+    if (!(size < 0.5 * last)) break;
+    X += correction;
+    if (size <= enough * X.norm()) break;
+    last = size;
+  }
+  return X;
+}
+
+std::size_t DenseInterpolator::bytes_for(std::size_t m, Solver solver) {
+  const std::size_t bordered = m + most_terms;
+  const std::size_t side = 4 * most_terms * bordered * sizeof(double) + (std::size_t{1} << 12);
+  if (solver == Solver::ldlt) return bordered * (bordered + 1) / 2 * sizeof(double) + side;
+  return PackedCholesky::bytes_for(m) + side;
+}
+
+std::size_t DenseInterpolator::peak_bytes(std::size_t m, Solver solver) {
+  const std::size_t bordered = m + most_terms;
+  const std::size_t square = bordered * bordered * sizeof(double);
+  std::size_t matrix = PackedCholesky::bytes_for(m);
+  if (solver == Solver::ldlt) matrix = square + square / 2 + 64 * bordered * sizeof(double);  // the triangle beside the square
+  return matrix + 8 * most_terms * bordered * sizeof(double) + (std::size_t{1} << 12);
+}
+
+}  // namespace deform

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <memory>
+#include <span>
+
+#include "core/base/run_context.h"
+#include "core/base/types.h"
+#include "core/numerics/kernels/kernel.h"
+#include "core/numerics/kernels/polynomial.h"
+
+namespace deform {
+
+/// One factorization of the bordered RBF system (thesis eq. 3.9, 3.10)
+///
+///   [ Phi  P ] [w]   [f]      Phi_ij = phi(|x_i - x_j|), m x m
+///   [ P^T  0 ] [c] = [g]      P_ij = p_j(x_i), m x q of full rank
+///
+/// Immutable after construction; any number of threads may solve at once.
+class SaddleFactor {
+ public:
+  virtual ~SaddleFactor() = default;
+  /// B = [f; g], (m + q) x columns, becomes [w; c].
+  virtual void solve(Eigen::MatrixXd& B) const = 0;
+  virtual std::size_t bytes() const = 0;
+  /// Estimate of the 1-norm condition of the factored matrix (of the projected one for Cholesky).
+  virtual double condition() const = 0;
+};
+
+/// What every back-end assembles its matrix from. Must outlive the construction of a factor, not the factor.
+struct SaddleProblem {
+  RadialKernel kernel;
+  std::span<const Vec3> centres;
+  const PolynomialSpace& polynomials;
+};
+
+/// Back-ends. Null when the matrix is not positive definite to working precision (Cholesky). Throw Error(numerical_failure) when
+/// it is singular, cancelled, deadline_exceeded.
+std::unique_ptr<SaddleFactor> factor_cholesky(const SaddleProblem& problem, const RunContext& context);
+std::unique_ptr<SaddleFactor> factor_ldlt(const SaddleProblem& problem, const RunContext& context);
+
+}  // namespace deform
