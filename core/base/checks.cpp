@@ -15,7 +15,7 @@ namespace {
 std::string item(const std::string& field, std::size_t index) { return field + "[" + std::to_string(index) + "]"; }
 
 std::string out_of_range(const char* noun, std::size_t id, std::size_t limit) {
-  return std::string(noun) + " " + std::to_string(id) + " is out of range, there are " + std::to_string(limit);
+  return std::string(noun) + " " + std::to_string(id) + " is out of range, there are " + std::to_string(limit) + " " + noun + "s";
 }
 
 }  // namespace

@@ -17,9 +17,9 @@ struct FieldEntry {
   std::size_t index;
 };
 
-/// "FIELD[I]: NOUN ID is out of range, there are LIMIT" unless all ids are below the limit.
+/// "FIELD[I]: NOUN ID is out of range, there are LIMIT NOUNs" unless all ids are below the limit.
 void check_ids(std::span<const std::uint32_t> ids, std::size_t limit, const std::string& field, const char* noun);
-/// The same of the ids that one entry of a field holds: "FIELD[INDEX]: NOUN ID is out of range, there are LIMIT".
+/// The same of the ids that one entry of a field holds: "FIELD[INDEX]: NOUN ID is out of range, there are LIMIT NOUNs".
 void check_ids(std::span<const std::uint32_t> ids, std::size_t limit, const FieldEntry& entry, const char* noun);
 
 /// "FIELD[I]: coordinate y is not a finite number".

@@ -20,8 +20,11 @@ TEST(Checks, NameTheIdThatIsOutOfRange) {
   const std::vector<PointId> ids{0, 4, 5, 9};
   check_ids(ids, 10, "ids", "point");
   check_ids({}, 0, "ids", "point");
-  expect_refused("handle: ids[2]: point 5 is out of range, there are 5", [&] { check_ids(ids, 5, "handle: ids", "point"); });
-  expect_refused("faces[17]: cell 5 is out of range, there are 5", [&] { check_ids(ids, 5, FieldEntry{"faces", 17}, "cell"); });
+  expect_refused("handle: ids[2]: point 5 is out of range, there are 5 points",
+                 [&] { check_ids(ids, 5, "handle: ids", "point"); });
+  expect_refused("faces[17]: cell 5 is out of range, there are 5 cells", [&] {
+    check_ids(ids, 5, FieldEntry{"faces", 17}, "cell");
+  });
 }
 
 TEST(Checks, NameTheCoordinateThatIsNotFinite) {

@@ -38,8 +38,8 @@ TEST(Vectors, HaveLengthsAndDistances) {
   EXPECT_EQ(norm({2, 3, 6}), 7);
   EXPECT_EQ(distance({1, 1, 1}, {3, 4, 7}), 7);
   EXPECT_EQ(squared_distance({1, 1, 1}, {3, 4, 7}), 49);
-  EXPECT_EQ(norm({3e200, 0, 4e200}), 5e200) << "whose square is infinite";
-  EXPECT_EQ(norm({3e-200, 0, 4e-200}), 5e-200) << "whose square is 0";
+  EXPECT_DOUBLE_EQ(norm({3e200, 0, 4e200}), 5e200) << "whose square is infinite";
+  EXPECT_DOUBLE_EQ(norm({3e-200, 0, 4e-200}), 5e-200) << "whose square is 0";
 }
 
 TEST(Vectors, AreFiniteWhenAllCoordinatesAre) {

@@ -120,7 +120,7 @@ TEST(Constraint, RefusesBadInput) {
   refused(Planar{}, {{}}, {"constraints[1].regions[0]", "0 points"});
   Points broken = x;
   broken[7][1] = std::nan("");
-  refused(Planar{}, {broken}, {"constraints[1].regions[0]", "point 7", "finite"});
+  refused(Planar{}, {broken}, {"constraints[1].regions[0].points[7]", "coordinate y", "finite"});
   refused(FixedPlane{{0, 0, 0}, {0, 0, 0}}, {x}, {"constraints[1].normal", "not zero"});
   refused(FixedPlane{{0, INFINITY, 0}, {0, 0, 1}}, {x}, {"constraints[1].point", "finite"});
   refused(Symmetric{{}, 0.5}, {x}, {"constraints[1].tolerance", "0.1"});
