@@ -1,4 +1,5 @@
 #!/usr/bin/python3
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Renders the README's picture: the example at rest and deformed, coloured by displacement.
 
 usage: xvfb-run -a docs/render_example.py AHMED.obj OUT.obj PICTURE.png      (`deform sample --points 2500` and the example)

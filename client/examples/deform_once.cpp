@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Registers a mesh, prepares a deformation, deforms once and looks at the result.
 //   deform_once [HOST:PORT]
 #include <cstdio>

@@ -1,4 +1,5 @@
 #!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
 """Registers a mesh, prepares a deformation, deforms once and looks at the result. docs/clients.md says how to generate the stubs.
 
 usage: PYTHONPATH=STUBS deform_once.py [HOST:PORT]

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // An evolution strategy over a pipelined session: whole generations are submitted, answers come as they get done.
 // Finds roof and slant positions that give the Ahmed body 2 % more volume with the smallest motion.
 //   optimizer_loop [HOST:PORT]

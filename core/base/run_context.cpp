@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/base/run_context.h"
 
 #include "core/base/error.h"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/codec/delta_coder.h"
 
 #include <zstd.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/codec/draco_coder.h"
 
 #include <draco/compression/point_cloud/point_cloud_sequential_decoder.h>

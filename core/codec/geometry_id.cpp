@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/codec/geometry_id.h"
 
 #include <openssl/evp.h>

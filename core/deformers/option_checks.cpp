@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/option_checks.h"
 
 #include "core/base/error.h"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/io/vtk_output.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/quality/face_pairs.h"
 
 #include <algorithm>

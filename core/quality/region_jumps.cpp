@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/quality/region_jumps.h"
 
 #include <cmath>

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 # What cmake --install puts under its prefix, in three components:
 #   client     headers (deform/client.h), libraries, CMake and pkg-config files of the client library; the contract (deform/v1/*.proto)
 #   files      the same of the libraries that read, write and measure meshes; needs client

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 # Installs headers and all headers of the project that they include, as deform/NAME: core/base/error.h becomes deform/base/error.h,
 # client/client.h deform/client.h, and their includes are changed accordingly. A part of CMake's install script, with
 #   source, target    root of the repository, folder to install to

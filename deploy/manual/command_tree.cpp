@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "deploy/manual/command_tree.h"
 
 #include <CLI/Config.hpp>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "deploy/manual/manual_page.h"
 
 #include <algorithm>

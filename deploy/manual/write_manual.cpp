@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Writes the manual pages of both programs and what shells need to complete their command lines:
 //   write_manual FOLDER        FOLDER/man1/deform.1 ..., FOLDER/man8/deformd.8 ..., FOLDER/bash/deform, zsh/_deform,
 //   fish/deform.fish ...

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "proto/convert/design.h"
 
 #include <cmath>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/rpc/log.h"
 
 #include <spdlog/pattern_formatter.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/rpc/server.h"
 
 #include <google/protobuf/stubs/logging.h>

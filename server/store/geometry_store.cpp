@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/store/geometry_store.h"
 
 #include <spdlog/spdlog.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Many centres: the iterative solver against its limits, all solvers beside each other, growth, evaluation of many points.
 //
 // usage: centres_bench [--quick | --solvers]      --solvers: only their table

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What the deformation does with geometric constraints (thesis 8.5 and 8.6), required against measured.
 //
 // usage: constraints_bench [--quick] [--only TEXT] [--data FOLDER] [--work FOLDER]

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Functions in space for large models (thesis 8.3, figure 8.4): time and memory to prepare against the number of functions.
 //
 // usage: mls_bench [--quick]

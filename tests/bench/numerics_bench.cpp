@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Prints the figures of numerics and deformers, each against what it must reach, everything measured in one run.
 //
 // usage: numerics_bench [--quick] [SPHERE_OFF SPHERE_SELECTION_CSV]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Interpolates with scipy.interpolate.RBFInterpolator (kernel cubic, degree 1) for a comparison.
 
 usage: numerics_scipy.py FOLDER

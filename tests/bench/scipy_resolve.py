@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Solves one design from scratch with SciPy, as one would without a prepared system.
 
 usage: scipy_resolve.py FOLDER

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What a user of the service sees, measured with a deformd process on loopback and clients in this one.
 //   service_bench [--quick]
 // Prints Markdown tables; exit code 1 when a figure misses its limit. Figures need an otherwise idle machine.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Volume meshes deformed by their boundaries (thesis 7.2 and 7.3.2) on the shared folder of real meshes.
 //
 // usage: volume_bench [--quick] [--data FOLDER] [--work FOLDER]

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "tests/client/scripted_service.h"
 
 #include <grpcpp/security/server_credentials.h>

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What cmake --install gives to somebody else's project: found by CMake and by pkg-config, compiled, linked and run against a server."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A real deformd process, the real deform command, and just enough mesh reading to check what they write."""
 
 import gzip

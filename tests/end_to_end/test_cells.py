@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Cells through a real server: checks in every reply, quality, splitting, motions of boundary nodes by place."""
 
 import math

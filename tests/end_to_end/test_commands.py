@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The command line as a user meets it: the README's flow, JSON keys, exit codes, one-line errors, resumable sweeps."""
 
 import json

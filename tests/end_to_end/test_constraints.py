@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Constraints through a real server: found by detection, kept by moving least squares and shells."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What other programs read of CGNS and Exodus files before and after their points were moved: VTK's readers see the moved points and
 everything else unchanged; cgnsdiff, cgnscheck and ncdump see nothing but coordinates. What is not installed is left out, and says so.
 """

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Damaged CGNS and netCDF-4 files: whatever their libraries make of them, the command says one line, ends by itself and leaves nothing
 behind. DEFORM_LONG=1 tries twenty times as many.
 """

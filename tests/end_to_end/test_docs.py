@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the documentation shows, against real programs: defaults of the tables, commands of the first round, the Python client."""
 
 import os

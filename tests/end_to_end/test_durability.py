@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Whatever is interrupted, by a signal or by kill -9: nothing registered is lost, nothing half-registered appears."""
 
 import os

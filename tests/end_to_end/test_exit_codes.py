@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What a script learns from `deform` without reading its text: exit codes, errors as JSON, gates, and that sources are not overwritten."""
 
 import gzip

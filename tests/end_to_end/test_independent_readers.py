@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Other readers see what was written: every shared mesh, its points moved by displace_mesh, is read by meshio and by VTK before and
 after. The points must be the moved ones, everything else the same. What is not installed is left out, and says so.
 

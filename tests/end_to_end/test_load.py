@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Many clients with different systems at once, and a cache too small for all of them."""
 
 from harness import AHMED_SETUP, EndToEnd, main

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`deform quality` on surfaces and volumes: table, gates, page, files for ParaView. No server."""
 
 import base64

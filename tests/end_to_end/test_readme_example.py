@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The README's example at every corner of its bounds and at three sizes: what comes out is a car, and its gate says so."""
 
 import csv

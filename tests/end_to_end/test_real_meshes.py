@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Meshes from elsewhere go through a real server and come back deformed, in order, correct to 1e-9 of the diagonal."""
 
 import math

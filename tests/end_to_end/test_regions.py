@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """`deform regions`: what moves, stays and follows, in colours; the region `boundary` from YAML through the wire."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The data directory on a bad day: a full disk, a lost catalog, the wrong folder, too many connections; and what looks after it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Sweeps on a bad day: kill -9 of client and server at random points, a full disk, bad rows, files of others. No finished design is
 lost, none is computed twice, and the manifest is true. DEFORM_LONG=1 kills 300 times instead of 20."""
 

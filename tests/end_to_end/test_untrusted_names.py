@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Names in meshes, setups and errors reach terminals and logs only as text: nothing in them moves the cursor or reorders a line."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Simulation meshes through a real server: the inside follows the surface, and the solver's own checks still pass."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What VTK writes in all of its ways is read, and what comes out VTK reads again: points moved, everything else as it was."""
 
 import itertools

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "tests/fuzz/decode_hostile.h"
 
 // Every other input stands behind the header that an encoder writes for so many points, so that what follows it is reached.

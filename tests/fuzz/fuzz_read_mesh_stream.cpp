@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What a child process sends that reads a file for its parent. The child runs a library that may have been taken over, so nothing
 // that it sends may harm. Bytes are edits of what write_mesh() makes of a small mesh; without any, the mesh comes back as it was.
 #include <cstring>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The part of a netCDF file that this project parses itself; the rest is libnetcdf's.
 #include "core/io/formats/exodus/netcdf_classic.h"
 #include "tests/fuzz/read_and_write_back.h"

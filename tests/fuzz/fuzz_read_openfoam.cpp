@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The files of a polyMesh, separated by the byte 0x1f: points, faces, owner, neighbour, boundary, point, face and cell zones.
 #include "core/io/formats/openfoam/openfoam_folder.h"
 #include "tests/fuzz/read_and_write_back.h"

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Writes small valid mesh files, one per feature of each format, as starting points for the fuzz_read_* targets.
 
 usage: make_read_seeds.py CORPUS_FOLDER      (writes CORPUS_FOLDER/fuzz_read_FORMAT/NAME)

@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: GPL-3.0-or-later
 # Runs every fuzz target for a while; stops at the first finding and leaves it in BUILD_FOLDER/tests/fuzz/findings.
 #   cmake --preset fuzz && cmake --build --preset fuzz && tests/fuzz/run.sh build/fuzz SECONDS [TARGET...]
 # Every run tries other bytes and goes on from what earlier runs found, unless FUZZ_SEED is set: then it begins anew, and the same

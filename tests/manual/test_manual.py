@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Manual pages and completion know every command and option that --help names."""
 
 import os

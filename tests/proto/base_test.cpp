@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What client and server share: errors as they travel, encodings.
 #include <gtest/gtest.h>
 

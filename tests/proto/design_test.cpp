@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Messages to designs and what is asked of a request: paths of fields in refusals.
 #include <gtest/gtest.h>
 

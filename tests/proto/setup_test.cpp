@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Messages to core types: paths of fields in refusals, canonical forms, ids.
 #include <gtest/gtest.h>
 

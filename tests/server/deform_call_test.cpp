@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // One deformation over a fake system: order of the replies, the slow reader, cancellation, deadlines, memory.
 #include "server/engine/deform_call.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The deformd process: port file, signals, exit codes, one-line errors.
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>

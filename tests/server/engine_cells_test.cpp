@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Volume meshes through the engine: cells are stored with their geometry, designs are checked, measured and split.
 #include "core/deformers/splitting.h"
 #include "core/quality/element_quality.h"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Detection through the engine: what comes, in pieces, and what is refused.
 #include <cstring>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What is said about the displacements and the faces of every design.
 #include "core/quality/displacement.h"
 #include "core/quality/flipped_faces.h"

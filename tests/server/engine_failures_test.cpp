@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // FAILURES_PER_DESIGN: a bad design fails alone, whatever is wrong with it, and the others are as if it had not been there.
 #include <limits>
 

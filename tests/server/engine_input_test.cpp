@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What the engine refuses: one table per message. The state afterwards is as if the call had not been made.
 #include <functional>
 #include <limits>

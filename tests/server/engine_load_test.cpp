@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Many clients at once: different systems, one system, more systems than the cache holds, a full queue.
 #include <atomic>
 #include <map>

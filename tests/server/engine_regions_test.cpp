@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Before anything is prepared: which points become centres, and the surface of volume meshes as a region.
 #include "proto/convert/info.h"
 #include "tests/server/engine_fixture.h"

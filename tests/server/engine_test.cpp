@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The whole engine without a network: register, prepare, deform, and what restarts and evictions do to it.
 #include "server/engine/engine.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Durability, visibility, and what a crash leaves behind.
 #include "server/store/geometry_store.h"
 

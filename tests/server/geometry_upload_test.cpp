@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Joining chunks: the right ones, and a table of wrong ones.
 #include "server/engine/geometry_upload.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The line of a call.
 #include "server/rpc/log.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Geometries in memory.
 #include "server/engine/mesh_cache.h"
 

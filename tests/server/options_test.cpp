@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // deformd's options: flags over environment over file over defaults, and clear refusals.
 #include "server/options.h"
 

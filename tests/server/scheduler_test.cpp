@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Who computes when: the bounded queue, fairness, slots, and preparations that keep out of the way.
 #include "server/engine/scheduler.h"
 

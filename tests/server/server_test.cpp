@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Starting and stopping: drain with live calls of every kind, within the limit; addresses.
 #include "server/rpc/server.h"
 

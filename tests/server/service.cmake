@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 # The transport side: the real service in front of an engine that the tests play.
 deform_test(service_test
   SOURCES log_test.cpp

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // DeformStream: pipelining, fairness, refusals that leave the stream going, cancellation, half-close, draining.
 #include <algorithm>
 #include <map>

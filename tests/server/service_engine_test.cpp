@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Every RPC on the real engine through the real service: the life of a geometry, and what bad input is told.
 #include <cstring>
 #include <map>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Bytes on the wire: what we write without copying must be what protobuf would have written.
 #include "server/rpc/service_messages.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The bookkeeping of a DeformStream, without a stream.
 #include "server/rpc/service_requests.h"
 

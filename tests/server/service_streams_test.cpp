@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Calls that stream replies: order, cancellation before, during and while writing, deadlines, slow readers, early
 // ends.
 #include <thread>

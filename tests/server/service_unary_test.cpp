@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Calls with one request and one reply, and what surrounds every call: errors, limits, health, reflection.
 #include <grpcpp/generic/generic_stub.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Calls whose requests are streams: geometries and the cotangents of vector-Jacobian products.
 #include "tests/server/service_fixture.h"
 

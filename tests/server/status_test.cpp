@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Errors as gRPC statuses.
 #include "server/rpc/status.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What an operator does by hand: check, rebuild, backup, restore.
 #include "server/store/store_commands.h"
 

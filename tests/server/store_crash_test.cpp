@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Killed or failing after any step of what changes a store: it is before or after, never in between.
 #include <gtest/gtest.h>
 #include <sys/wait.h>

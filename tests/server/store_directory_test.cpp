@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Which folders become a store, and that any other is left alone.
 #include "server/store/store_directory.h"
 

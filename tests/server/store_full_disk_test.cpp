@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // A full disk: what is there is served, deleting works, adding is refused early. The disk is one that the test fills.
 #include <gtest/gtest.h>
 

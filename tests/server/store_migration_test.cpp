@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Stores that deformd 0.1 has written: stopped, and killed with its catalog still in the log. Two sheets of 12 points with two
 // setups each.
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Whatever happens to the catalog, the files are the truth: nothing registered is lost, nothing unknown is deleted.
 #include <gtest/gtest.h>
 

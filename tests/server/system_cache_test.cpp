@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Single flight, failures, eviction, pins.
 #include "server/engine/system_cache.h"
 

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: GPL-3.0-or-later
 # What a newcomer's machine makes of the README's two commands: a bare Debian 12 root without anything of this machine.
 #   tests/support/bare_root.sh              their packages and configure steps, as a user with sudo: in .ci/run
 #   tests/support/bare_root.sh --whole [COMMAND]   the whole commands, or one of them, each twice, as root and as a user with sudo:

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Checks that README.md, CONTRIBUTING.md and docs/ agree with the programs, the wire contract and the files of the repository.
 
 usage: check_docs.py ROOT DEFORM DEFORMD      (the root of the repository and the two built programs)

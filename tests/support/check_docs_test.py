@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
 """check_docs.py finds what it is there to find: one small page per row, against two programs that only know --help."""
 import pathlib
 import tempfile

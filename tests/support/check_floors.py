@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Checks that a folder includes only from floors below it.
 
 usage: check_floors.py [ROOT]      prints FILE:LINE: what is wrong; exit code 1 when anything is

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
 """check_floors.py finds what it is there to find: one small tree per row."""
 import pathlib
 import tempfile

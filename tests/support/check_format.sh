@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: GPL-3.0-or-later
 # Fails when clang-format would change a C++ file. In a clone: the tracked files; in a plain copy: all of them.
 #   tests/support/check_format.sh          clang-format-14 -i FILE mends a file
 set -eu

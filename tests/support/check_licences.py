@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Checks that every source file names its licence, and that what is under Apache-2.0 includes nothing under the GPL (docs/licenses.md).
 
 usage: check_licences.py [--write] [ROOT]      prints FILE:LINE: what is wrong; exit code 1 when anything is

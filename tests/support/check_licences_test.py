@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
 """check_licences.py finds what it is there to find."""
 import pathlib
 import tempfile

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Checks that comments, names of tests and texts refer only to what is in the repository.
 
 usage: check_references.py ROOT      prints FILE:LINE: what is wrong; exit code 1 when anything is

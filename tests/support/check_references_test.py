@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
 """check_references.py finds references that lead out of the repository, and leaves others alone."""
 import pathlib
 import tempfile

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
 """House rules that need no compiler. usage: check_sources.py ROOT
 
 Headers have #pragma once, but for those that are included once per instruction set (-inl.h); files have at most 900 lines (over 450 they

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
 """check_sources.py finds std::to_string() of floating-point numbers, classes in several files, and folders without a description."""
 import os
 import tempfile

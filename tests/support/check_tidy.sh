@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: GPL-3.0-or-later
 # clang-tidy with the rules of .clang-tidy (names are errors, the rest are warnings).
 #   tests/support/check_tidy.sh BUILD_FOLDER            names only, of every header
 #   tests/support/check_tidy.sh BUILD_FOLDER --sources  names only, of every header and every source of the core: minutes

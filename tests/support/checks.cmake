@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 # Checks of the sources themselves, as tests. Once is enough: not in the sanitizer builds.
 if(NOT DEFORM_SANITIZE)
   set(checks ${CMAKE_CURRENT_LIST_DIR})
@@ -5,6 +6,7 @@ if(NOT DEFORM_SANITIZE)
   add_test(NAME sources.floors_are_checked COMMAND ${DEFORM_PYTHON} ${checks}/check_floors_test.py)
   add_test(NAME sources.house_rules_are_checked COMMAND ${DEFORM_PYTHON} ${checks}/check_sources_test.py)
   add_test(NAME sources.house_rules COMMAND ${DEFORM_PYTHON} ${checks}/check_sources.py ${PROJECT_SOURCE_DIR})
+  add_test(NAME sources.licences COMMAND ${DEFORM_PYTHON} ${checks}/check_licences.py ${PROJECT_SOURCE_DIR})
   add_test(NAME sources.licences_are_checked COMMAND ${DEFORM_PYTHON} ${checks}/check_licences_test.py)
   add_test(NAME sources.references_are_checked COMMAND ${DEFORM_PYTHON} ${checks}/check_references_test.py)
   add_test(NAME sources.references COMMAND ${DEFORM_PYTHON} ${checks}/check_references.py ${PROJECT_SOURCE_DIR})
@@ -15,6 +17,6 @@ if(NOT DEFORM_SANITIZE)
   endif()
   add_test(NAME sources.documents_are_checked COMMAND ${DEFORM_PYTHON} ${checks}/check_docs_test.py)
   set_tests_properties(sources.floors_are_checked sources.house_rules_are_checked sources.references_are_checked
-                       sources.licences_are_checked
+                       sources.licences sources.licences_are_checked
                        sources.documents_are_checked PROPERTIES ENVIRONMENT PYTHONDONTWRITEBYTECODE=1)
 endif()

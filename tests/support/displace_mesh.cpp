@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // usage: displace_mesh IN OUT
 //
 // Reads a mesh file and writes it with every point moved by a shear and a bump that depend on the bounding box only: exact

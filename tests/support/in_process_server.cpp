@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "tests/support/in_process_server.h"
 
 #include <grpcpp/grpcpp.h>

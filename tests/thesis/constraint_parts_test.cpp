@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Thesis 8.6.1, figures 8.8 and 8.9: constraints found on the fandisk and the joint stay in a deformation.
 #include <gtest/gtest.h>
 

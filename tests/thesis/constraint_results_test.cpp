@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Thesis 8.6 and 8.6.3: what does not depend on how many points a set has, and rigid columns of cells on a wall.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Constraints inside the deformation: thesis 8.5 to 8.5.2.
 #include <gtest/gtest.h>
 

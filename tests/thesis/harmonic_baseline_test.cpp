@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What thesis 7.2 is compared with in volume_bench and volume_rows_test must be right itself.
 #include <gtest/gtest.h>
 

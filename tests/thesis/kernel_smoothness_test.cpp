@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Thesis 3.5, figure 3.9: the biharmonic kernel leaves a kink at the centres, the triharmonic one is C2.
 #include <gtest/gtest.h>
 

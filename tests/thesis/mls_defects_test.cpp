@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Thesis 8.4 on real meshes: many components, holes, degenerate and non-manifold faces, soups, volumes. Nothing is asked of the
 // faces.
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Thesis 8.4, figure 8.5: energies in space give what energies on the mesh give.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // RBF deformation: thesis 2.1, 3.5, 4.2 and 4.3. Figure 3.9 is tested in kernel_smoothness_test.cpp.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Thesis 2.1.3 for volume meshes: one space deformation for points, surfaces, elements of every type and polyhedra.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Deformation of thin shells: thesis 3.1, 4.2 and 8.2.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Thesis 7.4, figure 7.9: a large motion in one step inverts cells, the same in n <= 20 equal steps does not; n, the least
 // determinant of every step and the factorizations are reported, and so is that no n up to the cap is enough.
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Thesis 8.3, figure 8.3: functions in space for the energies of the mesh.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Thesis 6.3, 7.2 and 8.6.2 on the stand-ins for Bore and Pipe: the whole boundary moves, all
 // of its points are centres. Every fifth of the 20 steps of volume_bench, which prints all of them.
 #include <gtest/gtest.h>

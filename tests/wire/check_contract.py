@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Compares the messages, enums and calls of the wire contract with a snapshot, so that no number ever means something else.
 
 usage: check_contract.py [--update] DESCRIPTORS SNAPSHOT     prints what is wrong; exit code 1 when anything is

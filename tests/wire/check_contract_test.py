@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """check_contract.py finds every kind of breach, and nothing else."""
 
 import unittest

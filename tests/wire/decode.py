@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A second implementation of what the wire contract says about bytes, written from the comments in proto/deform/v1 alone: checksums, blocks
 of every encoding, ids of geometries and of systems. It shares nothing with the C++ code; Zstandard's own library decompresses, Draco's
 entropy coder is read here, by the bitstream specification of that project."""

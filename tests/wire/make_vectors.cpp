@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // make_vectors FOLDER           writes the test vectors of the wire contract
 // make_vectors --check FOLDER   says which of the files there are not what the code writes; exit code 1 when any is not
 #include <filesystem>

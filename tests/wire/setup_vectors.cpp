@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include <google/protobuf/util/json_util.h>
 
 #include <stdexcept>

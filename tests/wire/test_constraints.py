@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What the contract says about constraints: a system with one of every kind reports the distances of their points from the admissible
 configurations nearest to them; the same distances are computed here from the delivered points, by the definitions of the contract."""
 

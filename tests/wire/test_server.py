@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The client talks to a real server: registers, prepares, deforms, decodes, differentiates."""
 
 import base64

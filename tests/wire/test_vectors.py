@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The test vectors, read by the second implementation of the contract."""
 
 import base64

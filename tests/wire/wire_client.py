@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """A client in Python, written from the contract alone: a real server, a plate registered with it, a prepared system, decoded deformations."""
 
 import os

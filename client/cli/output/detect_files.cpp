@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "client/cli/output/detect_files.h"
 
 #include <sstream>

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # Writes commit.cpp, only when the commit is another than before:
 #   cmake -D SOURCE=ROOT -D OUTPUT=FILE [-D DEFORM_COMMIT=NAME] -P commit.cmake
 if(NOT DEFORM_COMMIT AND EXISTS ${SOURCE}/.git)

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/handles/field_tiles.h"
 
 #include "core/base/parallel.h"

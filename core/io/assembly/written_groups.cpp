@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/io/assembly/written_groups.h"
 
 #include <unordered_set>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/numerics/fast_sums/fast_sums.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/numerics/interpolation/dense_interpolator.h"
 
 #include "core/base/error.h"

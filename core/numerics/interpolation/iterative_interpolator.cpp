@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/numerics/interpolation/iterative_interpolator.h"
 
 #include <Eigen/QR>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Cholesky on the complement of the polynomials (null-space method). With P = Q [R; 0], w = Q [w1; w2] and A = sign * Phi:
 //   R^T w1 = g,   K22 w2 = s f2 - K21 w1,   R c s = s f1 - K11 w1 - K12 w2,   K = Q^T A Q,
 // where K22 is positive definite. Q = I - V T V^T (Householder), so K = A - Z V^T - V Z^T with Z = W - V S / 2, W = A V T and

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // LDL^T of the bordered matrix by LAPACK (dsytrf), kept as a packed triangle.
 #include <algorithm>
 #include <cmath>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The radial kernels: each is one struct that says what it is and evaluates itself in any number type. Included once per
 // instruction set by what includes hwy/foreach_target.h, so without #pragma once.
 #if defined(DEFORM_RADIAL_FUNCTIONS_INL_H) == defined(HWY_TARGET_TOGGLE)

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What is printed about a design with constraints.
 #include <gtest/gtest.h>
 

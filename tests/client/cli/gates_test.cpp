@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Gates on designs, and the verdicts that need none.
 #include "client/cli/output/gates.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What the command line prints: errors as JSON, streams that do not act on terminals, what became of a design.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Labels of points by the regions of a setup.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What a sweep leaves behind, whenever it is cut short: folders, archives and their manifests.
 #include "client/cli/sweep/sweep_output.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Reads a mesh file, deforms the mesh on a server and writes the file with its new coordinates:
 //   deform_file HOST:PORT IN OUT GROUP_THAT_RISES GROUP_THAT_STAYS HEIGHT
 #include <deform/base/version.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Blocks: order, true error, tolerance, fall-back.
 #include "core/codec/block.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The byte sequence behind an id, written out by hand once.
 #include "core/codec/geometry_id.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What decoders do with bytes that no encoder made: an error, with bounded memory, and never a wrong answer without one.
 #include <gtest/gtest.h>
 #include <zstd.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Cones: geometric fits with free and with kept angle, the apex, and the limits cylinder and plane.
 #include "core/constraints/cone.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Kinds to projections: names, units and what is refused.
 #include "core/constraints/constraint.h"
 

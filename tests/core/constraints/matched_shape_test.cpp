@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Feature lines (similarity) and rigid shapes.
 #include "core/constraints/matched_shape.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Plane, line and given plane: closed forms.
 #include "core/constraints/plane.h"
 

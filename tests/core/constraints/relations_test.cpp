@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Relations: parallel and orthogonal planes, mirror images, distances, extents.
 #include <algorithm>
 #include <cmath>

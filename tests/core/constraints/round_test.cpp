@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Circles, cylinders and spheres: geometric fits with free and with kept radius.
 #include <cmath>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Geometric constraints inside the deformation (thesis 8.5).
 #include <gtest/gtest.h>
 

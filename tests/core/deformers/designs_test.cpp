@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What bind() refuses and how it says so; coincident points; systems at the edge: no deformable point, one point, a line.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Setups whose exact constraints are sets as detect() finds them, with handles and fixed points inside: sets that overlap (a
 // cylinder, the circles at its ends, the planes beside it) and may contradict each other.
 #pragma once

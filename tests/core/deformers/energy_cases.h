@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Systems and checks that the tests of the energy methods share.
 #pragma once
 

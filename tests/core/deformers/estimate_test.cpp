@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What is said of a system before it is prepared, against what it takes then.
 #include <gtest/gtest.h>
 

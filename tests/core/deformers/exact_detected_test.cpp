@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Exact constraints on sets as detect() finds them, with handles and fixed points inside: what contradicts itself does no harm.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The RBF system solved by incremental QR: what holds for the other solvers holds to its tolerance, with fewer centres.
 #include <gtest/gtest.h>
 

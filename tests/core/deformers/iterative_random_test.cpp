@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The iterative solver against the dense one where the user looks: at every point of the mesh, on setups of few centres, whose
 // trees are shallow and meet those of the points on any level.
 #include <gtest/gtest.h>

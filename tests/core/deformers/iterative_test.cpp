@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The RBF system with the iterative solver: what holds for the others holds to its tolerance.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Which points become centres is known before anything is prepared, where it is known at all.
 #include "core/deformers/methods.h"
 

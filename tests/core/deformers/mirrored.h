@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Half models, and the whole ones that they were cut from.
 #pragma once
 

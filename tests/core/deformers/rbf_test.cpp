@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The RBF system as a user of the core sees it: exactness, paths, populations, derivatives.
 #include "core/deformers/rbf/rbf_system.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The interpolant against scipy.interpolate.RBFInterpolator (kernel cubic, degree 1): 1e-9 relative.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What validate() refuses and how it says so; motions of design variables and their derivatives.
 #include "core/deformers/setup.h"
 

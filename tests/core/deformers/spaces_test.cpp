@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Systems over subspaces and moving least squares: hard and soft handles, basis, derivatives.
 #include <gtest/gtest.h>
 

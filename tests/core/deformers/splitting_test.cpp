@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Splitting: what a step starts from and ends at, what is counted, how it fails, what it refuses. That it helps is tested in
 // tests/thesis/splitting_rows_test.cpp.
 #include "core/deformers/splitting.h"

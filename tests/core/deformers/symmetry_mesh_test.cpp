@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What symmetry planes do for the cells at them.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Half models: they deform as the whole model does, their planes stay planes, and what does not fit is refused.
 #include "core/deformers/handles/symmetry.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The template of a method does with its few lines what every method does.
 #include "tests/support/uniform_blend.h"
 

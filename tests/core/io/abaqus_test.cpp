@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Abaqus: nodes, sets and surfaces, parts and included files, and what is written and refused.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // What every reader must refuse, and how: file, line or byte, and what was expected.
 
 #include <gmock/gmock.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // NGON_n and NFACE_n of CGNS files made by libcgns, in the layouts of CGNS 3 and 4.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // CGNS files made by libcgns: zones of elements, lattices and polyhedra, with boundary conditions and families.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Coloured faces as PLY: our own reader finds the mesh in it.
 #include "core/io/coloured_ply.h"
 

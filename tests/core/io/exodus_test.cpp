@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Exodus files made by libnetcdf in every container, with blocks of all types, side sets and node sets.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

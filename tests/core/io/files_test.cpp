@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Files on disk: reading, packing, replacing, new files.
 
 #include <gmock/gmock.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Gmsh: one mesh, a cube with a pyramid on top, in every version and encoding of the format.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Files of libraries that may crash are read in a process of their own: with the same result, and whatever becomes of it.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Medit: a cube with a pyramid on top and two tetrahedra beside it, surface elements on the boundary and inside.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Nastran: the three field formats, what a changed coordinate does to its field, and what is refused.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // OpenFOAM polyMesh: two cubes side by side, in text and in every binary layout, with zones; folders; what is refused.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What VTK makes of the files that vtk_output_test.cpp wrote into a folder. usage: read_vtk.py FOLDER"""
 import os
 import sys

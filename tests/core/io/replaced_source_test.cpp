@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Which outputs would overwrite, or hide, the mesh they are made from.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Every shared CGNS and Exodus mesh: read with the counts and qualities that are published with it, written back undeformed byte
 // for byte, and deformed with nothing but coordinates changed.
 

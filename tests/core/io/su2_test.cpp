@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // SU2: a cube under a prism in three dimensions, two triangles and a quad in two.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

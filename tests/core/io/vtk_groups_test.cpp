@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Integer arrays of cells name groups by one rule, whichever of VTK's formats a mesh is stored in.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

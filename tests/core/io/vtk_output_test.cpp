@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Files for ParaView: their structure here, what VTK makes of them in read_vtk.py where it is installed.
 #include "core/io/vtk_output.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Legacy VTK: a cube under a wedge with surface cells on and between them, in every version and form; surfaces, lattices,
 // quadratic cells, polyhedra.
 #include <gmock/gmock.h>

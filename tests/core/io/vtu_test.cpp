@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // VTK's XML files: one tetrahedron and a face of it, in every kind of storage; files of several pieces, polyhedra, surfaces.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Writes bricks.cgns (in HDF5), bricks_adf.cgns and bricks.e (netCDF-4) into a folder: N x N x N hexahedra with the quads of one
 // side as a group. For tests of the command line, and to measure how long reading takes. usage: write_containers FOLDER N
 #include <cstdio>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The region `boundary`: the surface of volume meshes, counted by brute force from the definition.
 #include <gtest/gtest.h>
 

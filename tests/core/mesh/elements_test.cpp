@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Shapes of all element types and the faces of their boundary.
 #include "core/mesh/elements.h"
 

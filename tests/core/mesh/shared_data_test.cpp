@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Columns of cells on the walls of a real mesh of snappyHexMesh, against numbers counted by another program from the files.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Columns of cells on walls: every kind of cell that stands on a face, by its nodes and by its faces, and what ends a column.
 #include "core/mesh/wall_columns.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Conjugate gradients against a dense solve, and how they end.
 #include "core/numerics/sparse/conjugate_gradients.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Every solver and kernel against a plain dense solve of the bordered system (thesis eq. 3.9, 3.10); breakdowns and limits.
 #include "core/numerics/interpolation/dense_interpolator.h"
 

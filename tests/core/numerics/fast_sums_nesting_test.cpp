@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Fast sums against direct ones where they are evaluated, for points and centres that lie in each other in every way: each makes
 // the two trees meet on other levels, so that other lists of the method are all there is.
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Kernels against their definitions, and the orders and signs they claim against eigenvalues.
 #include "core/numerics/kernels/kernel.h"
 

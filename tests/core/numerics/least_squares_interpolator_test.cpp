@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Thesis 7.5: least squares with as many centres as a tolerance needs; greedy centres (thesis 4.5).
 #include "core/numerics/interpolation/least_squares_interpolator.h"
 

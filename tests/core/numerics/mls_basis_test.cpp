@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Thesis 8.3.3: linear moving least squares. The reference is the definition written out with complex numbers.
 #include "core/numerics/sampling/mls_basis.h"
 

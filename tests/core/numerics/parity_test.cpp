@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Kernels with mirror images: against plain sums over the images, and systems against those of all images.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The polynomial part on centres that span less than space, and on surfaces where quadratics depend on each other.
 #include "core/numerics/kernels/polynomial.h"
 

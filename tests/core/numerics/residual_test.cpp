@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Double-double residuals against long double, and what refinement with them does for an ill-conditioned system.
 #include "core/numerics/kernels/residual.h"
 

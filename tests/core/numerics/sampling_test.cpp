@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Thesis 8.3, figure 8.2: dense points, farthest points, Lloyd's method.
 #include "core/numerics/sampling/sampling.h"
 

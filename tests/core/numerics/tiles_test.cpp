@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Vectorized loops against plain ones, on every instruction set of this machine; independence of place, grouping and threads.
 #include "core/numerics/kernels/tiles.h"
 

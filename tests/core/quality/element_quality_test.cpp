@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Elements whose measures are known.
 #include "core/quality/element_quality.h"
 

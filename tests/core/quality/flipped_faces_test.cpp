@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Faces that are folded over, against what is known without looking at angles: the signed areas of motions in a plane.
 #include "core/quality/flipped_faces.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Cells whose measures are known: boxes, sheared, skewed, slender, inverted, two-dimensional.
 #include "core/quality/polyhedral_quality.h"
 

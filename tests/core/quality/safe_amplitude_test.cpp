@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Amplitudes that are known, and many that are not, against dense sampling of the way by independent measures.
 #include "core/quality/safe_amplitude.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The numbers that OpenFOAM's checkMesh printed for every shared case, to three digits and better.
 #include <gtest/gtest.h>
 

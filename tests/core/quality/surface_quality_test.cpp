@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Surfaces whose curvature, quality and jumps are known.
 #include "core/quality/surface_quality.h"
 

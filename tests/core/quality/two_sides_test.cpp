@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/quality/two_sides.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // First layers of known height and slant, as polyhedra and as elements.
 #include "core/quality/wall_quality.h"
 

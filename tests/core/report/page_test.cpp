@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Pages: everything is in them, nothing that came from a file is markup, large surfaces are thinned.
 #include "core/report/page.h"
 

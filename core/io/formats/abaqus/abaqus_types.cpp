@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/io/formats/abaqus/abaqus_types.h"
 
 #include <algorithm>

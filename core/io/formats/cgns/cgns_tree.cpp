@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/io/formats/cgns/cgns_tree.h"
 
 #include <cgns_io.h>

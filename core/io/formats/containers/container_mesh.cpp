@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/io/formats/containers/container_mesh.h"
 
 #include "core/io/assembly/coordinate_records.h"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The parent sends a request through a file in memory, which becomes the child's standard input, and reads the answer from a
 // pipe. The mesh file itself is the temporary file that the libraries need anyway: the child opens it by its name.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Exodus II: a netCDF file with the dimensions and variables of Sjaardema, EXODUS: A Finite Element Data Model (2023).
 // Hostile files are parsed by libnetcdf and libhdf5 themselves; this reader checks sizes and ranges of all they hand over, and
 // that classic files are whole. Of some thousand classic files with flipped bits none did harm; of as many netCDF-4 files one

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/io/formats/openfoam/foam_scanner.h"
 
 #include <algorithm>

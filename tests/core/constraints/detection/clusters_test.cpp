@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Clusters of faces, and detection over them on fine meshes.
 #include "core/constraints/detection/clusters.h"
 

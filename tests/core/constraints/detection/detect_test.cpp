@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Parts whose planes, cylinders, spheres and cones are known by construction.
 #include "core/constraints/detection/detect.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Shared models: primitives are compared with what the CAD files, or the meshes by other means, say.
 #include <gtest/gtest.h>
 
