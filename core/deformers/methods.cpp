@@ -9,13 +9,13 @@ namespace deform {
 
 namespace {
 
-/// "method.shell, subspace or mls": those that have a feature.
+/// "method.shell, method.subspace or method.mls": those that have a feature.
 std::string methods_with(bool MethodFeatures::*feature) {
   std::vector<std::string> names;
   Methods::for_each([&]<Method M>() {
-    if (M::features.*feature) names.emplace_back(M::name);
+    if (M::features.*feature) names.push_back("method." + std::string(M::name));
   });
-  std::string text = "method ";
+  std::string text;
   for (std::size_t i = 0; i < names.size(); ++i) {
     text += (i == 0 ? "" : i + 1 == names.size() ? " or " : ", ") + names[i];
   }

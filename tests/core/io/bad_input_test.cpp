@@ -53,7 +53,7 @@ INSTANTIATE_TEST_SUITE_P(
         BadInput{"ExodusText", "a.exo", "EXODUS, an epic", {"a.exo", "Unknown file format"}},
         BadInput{
             "ExodusHeader", "a.g", std::string("CDF\1\0\0\0\0\0\0\0\12\0\0\0\11", 16), {"a.g: byte 16", "a list of 9 entries"}},
-        BadInput{"UnknownExtension", "car.step", "x", {".obj, .off, .ply, .stl, .mesh, .su2, .vtk, .vtu, .vtp, .cgns"}},
+        BadInput{"UnknownExtension", "car.step", "x", {".obj, .off, .ply, .stl", ".cgns", ".vtk, .vtu, .vtp", ".nas"}},
         BadInput{"NoExtension", "car", "x", {"unknown mesh format"}},
         BadInput{"OnlyGzip", "car.gz", "x", {"unknown mesh format"}},
         BadInput{"DamagedGzip", "car.obj", std::string("\x1f\x8b\x08\0\0\0\0\0\0\0\xff\xff", 12), {"gzip data"}},
