@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "tests/bench/peak_cases.h"
+
+#include <utility>
+
+#include "core/mesh/ahmed.h"
+#include "core/mesh/elements.h"
+#include "tests/core/deformers/block_meshes.h"
+
+namespace deform::test {
+
+namespace {
+
+std::shared_ptr<const Mesh> body(std::size_t points) {
+  AhmedOptions options;
+  options.target_points = points;
+  return std::make_shared<const Mesh>(ahmed_body(options));
+}
+
+/// The roof of the Ahmed body moves, its underbody and stilts stay.
+template <typename Method>
+Setup body_setup(Method method) {
+  Setup setup;
+  setup.method = std::move(method);
+  setup.handles = {{"roof", {Region::GroupName{"roof"}}}};
+  setup.fixed = {{Region::GroupName{"underbody"}}, {Region::GroupName{"stilts"}}};
+  setup.variables = {{"up", "roof", DesignVariable::Translate{{0, 0, 1}}, -0.1, 0.1}};
+  return setup;
+}
+
+Setup rbf(Solver solver) {
+  RbfOptions options;
+  options.solver = solver;
+  options.reduction = CentreReduction::off;
+  options.basis = BasisMode::never;
+  return body_setup(options);
+}
+
+/// Four bands of the body as handles: their basis is larger than the factor.
+Setup wide_basis() {
+  Setup setup = body_setup(RbfOptions{});
+  setup.handles.clear();
+  setup.variables.clear();
+  for (int i = 0; i < 6; ++i) {
+    const double x = 0.3 + 0.08 * i;
+    setup.handles.push_back({"band" + std::to_string(i), box({x, -1, 0.3}, {x + 0.02, 1, 1})});
+  }
+  return setup;
+}
+
+Setup with_constraint(Setup setup, const ConstraintKind& kind, bool exact) {
+  setup.constraints = {{"slant", {{Region::GroupName{"slant"}}}, kind, 0, exact}};
+  return setup;
+}
+
+Setup subspace(std::optional<Kernel> kernel, std::size_t centres) {
+  SubspaceOptions options;
+  options.kernel = kernel;
+  options.centres = centres;
+  options.basis = BasisMode::never;
+  return body_setup(options);
+}
+
+Setup shell() {
+  ShellOptions options;
+  options.basis = BasisMode::never;
+  return body_setup(options);
+}
+
+Setup moving_least_squares() {
+  MlsOptions options;
+  options.surface_samples = 4000;
+  options.basis = BasisMode::never;
+  return body_setup(options);
+}
+
+std::shared_ptr<const Mesh> solid() {
+  Cube made = cube(30);
+  made.mesh.elements = std::make_shared<const Elements>(std::move(made.elements));
+  return std::make_shared<const Mesh>(std::move(made.mesh));
+}
+
+Setup solid_setup() {
+  Setup setup;
+  MlsOptions options;
+  options.surface_samples = 1500;
+  options.volume_samples = 1500;
+  setup.method = options;
+  setup.handles = {{"top", box({-1, -1, 0.99}, {2, 2, 2})}};
+  setup.fixed = {box({-1, -1, -1}, {2, 2, 0.01})};
+  return setup;
+}
+
+}  // namespace
+
+const std::vector<PeakCase>& peak_cases() {
+  static const std::vector<PeakCase> cases{
+      {"rbf_cholesky", [] { return body(12000); }, [] { return rbf(Solver::cholesky); }},
+      {"rbf_ldlt", [] { return body(10000); }, [] { return rbf(Solver::ldlt); }},
+      {"rbf_iterative", [] { return body(60000); }, [] { return rbf(Solver::iterative); }},
+      {"rbf_incremental_qr", [] { return body(20000); }, [] { return rbf(Solver::incremental_qr); }},
+      {"rbf_wide_basis", [] { return body(200000); }, wide_basis},
+      {"shell", [] { return body(50000); }, shell},
+      {"shell_planar", [] { return body(50000); }, [] { return with_constraint(shell(), Planar{}, false); }},
+      {"shell_cylindrical_exact", [] { return body(20000); }, [] { return with_constraint(shell(), Cylindrical{}, true); }},
+      {"subspace_mls", [] { return body(50000); }, [] { return subspace(std::nullopt, 4000); }},
+      {"subspace_wendland", [] { return body(50000); }, [] { return subspace(Kernel::wendland_c2, 4000); }},
+      {"subspace_triharmonic", [] { return body(20000); }, [] { return subspace(Kernel::triharmonic, 1000); }},
+      {"mls", [] { return body(50000); }, moving_least_squares},
+      {"mls_planar", [] { return body(20000); }, [] { return with_constraint(moving_least_squares(), Planar{}, false); }},
+      {"mls_solid", solid, solid_setup},
+  };
+  return cases;
+}
+
+}  // namespace deform::test
