@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/system.h"
 
+#include <algorithm>
+
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/deformers/methods.h"
@@ -9,6 +11,7 @@ namespace deform {
 
 namespace {
 
+constexpr std::size_t most_overhead = std::size_t{8} << 20;  // stacks of threads, scratch memory of libraries and allocators
 constexpr std::size_t points_per_task = 8192;
 constexpr std::size_t designs_per_pass = 16;  // as many as keep a tile's results in the first-level cache
 
@@ -44,8 +47,10 @@ std::vector<Points> System::evaluate(std::span<const Design> designs, Evaluation
 
 Estimate estimate(const Mesh& mesh, const Setup& setup) {
   const SelectedRegions regions = validate(setup, mesh);
-  return with_method(setup,
-                     [&]<Method M>(const typename M::Options& options) { return M::estimate(options, mesh, setup, regions); });
+  Estimate expected = with_method(
+      setup, [&]<Method M>(const typename M::Options& options) { return M::estimate(options, mesh, setup, regions); });
+  expected.peak_bytes += std::min(expected.peak_bytes / 8, most_overhead);
+  return expected;
 }
 
 std::shared_ptr<const System> prepare(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context,

@@ -58,7 +58,8 @@ Sizes sizes_of(const ShellOptions& options, const Case& of, Estimate& estimate) 
   sizes.constrained = constrained_bytes(model.space.energy, model.space.values, of.sets);
   const std::size_t energy = sparse_bytes(model.space.energy);
   sizes.matrices = energy + sparse_bytes(model.space.values) + sparse_bytes(model.coupling);
-  sizes.assembly = shell_assembly_bytes(of.mesh) + 2 * sizes.matrices;
+  // The bending energy is a product, of which both triangles are made and sorted before one is kept.
+  sizes.assembly = shell_assembly_bytes(of.mesh) + 2 * sizes.matrices + 2 * energy;
   sizes.functions = model.space.samples;
   sizes.held = model.held.size();
   sizes.eliminated = model.eliminated;

@@ -107,7 +107,7 @@ const std::vector<BadSetup>& bad_setups() {
          s.method = ShellOptions{};
          s.symmetry.push_back({SymmetryPlane::Plane{{0, 0, 0}, {1, 0, 0}}});
        },
-       {"symmetry", "method.shell", "method rbf"}},
+       {"symmetry", "method.shell", "method.rbf"}},
       {"three centres", [](Setup& s) { subspace(s).centres = 3; }, {"method.subspace.centres", "3", "4..100000"}},
       {"bare cover", [](Setup& s) { mls(s).cover = 4; }, {"method.mls.cover", "5..1000"}},
       {"too many samples", [](Setup& s) { mls(s).volume_samples = 1000001; }, {"method.mls.volume_samples", "1000000"}},

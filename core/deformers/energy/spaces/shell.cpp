@@ -96,6 +96,7 @@ struct Bending {
 
 Bending bending_roots(const ShellOperators& operators, const Columns& columns) {
   std::vector<Entry> unknown, held;
+  unknown.reserve(static_cast<std::size_t>(operators.laplacian.nonZeros()));
   for (std::int64_t r = 0; r < operators.laplacian.cols(); ++r) {
     if (operators.areas[r] <= 0) continue;
     const double root = 1 / std::sqrt(operators.areas[r]);
