@@ -14,8 +14,8 @@ namespace deform {
 
 /// The field and the entry of it that is looked at: "elements[7]".
 struct FieldEntry {
-  const char* field;
-  std::size_t index;
+  const char* field;  ///< path of the field
+  std::size_t index;  ///< of the entry
 };
 
 /// "FIELD[I]: NOUN ID is out of range, there are LIMIT NOUNs" unless all ids are below the limit.

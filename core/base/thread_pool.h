@@ -14,7 +14,7 @@ namespace deform {
 /// A few threads that take up tasks in the order in which they came. Tasks must not throw. Thread-safe.
 class ThreadPool {
  public:
-  using Task = std::function<void()>;
+  using Task = std::function<void()>;  ///< what a thread runs
 
   /// threads: 0 = all cores; they start with the first tasks. queue_limit: 0 = 4 tasks for each thread.
   explicit ThreadPool(int threads, std::size_t queue_limit = 0);
@@ -31,7 +31,7 @@ class ThreadPool {
   /// helps them.
   void post_or_help(Task task);
 
-  std::size_t queue_limit() const { return queue_limit_; }
+  std::size_t queue_limit() const { return queue_limit_; }  ///< tasks that may wait
 
  private:
   void enqueue(Task task);

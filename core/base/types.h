@@ -28,7 +28,7 @@ struct Box {
       if (p[k] > max[k]) max[k] = p[k];
     }
   }
-  double side(int axis) const { return max[axis] - min[axis]; }
+  double side(int axis) const { return max[axis] - min[axis]; }  ///< its length
   /// The first of the axes along which it is longest.
   int longest_axis() const;
   /// Length of the diagonal, the D of every tolerance; 0 for an empty box.

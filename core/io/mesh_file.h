@@ -61,8 +61,8 @@ class MeshFile {
   bool compressed = false;  ///< the bytes came gzipped
 
  protected:
-  MeshFile(Format format, std::shared_ptr<const Mesh> mesh) : format_(format), mesh_(std::move(mesh)) {}
-  const Points& original_points() const { return mesh_->points; }
+  MeshFile(Format format, std::shared_ptr<const Mesh> mesh) : format_(format), mesh_(std::move(mesh)) {}  ///< mesh: as read
+  const Points& original_points() const { return mesh_->points; }                                         ///< as read
 
  private:
   const Format format_;
