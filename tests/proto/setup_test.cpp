@@ -62,13 +62,13 @@ TEST(ConvertSetup, everything_arrives) {
   EXPECT_EQ(setup.variables[1].upper, infinite);
 }
 
-TEST(ConvertSetup, every_kernel_has_its_name_on_the_wire) {
+TEST(ConvertSetup, EveryKernelHasItsNameOnTheWire) {
   const auto& messages = *v1::Kernel_descriptor();
   ASSERT_EQ(static_cast<std::size_t>(messages.value_count()), all_kernels().size() + 1);
   for (int i = 1; i < messages.value_count(); ++i) {
     v1::Setup message = sheet_setup(geometry);
     message.mutable_method()->mutable_rbf()->set_kernel(static_cast<v1::Kernel>(messages.value(i)->number()));
-    const auto& rbf = std::get<RbfOptions>(setup_from_proto(message, 10).method);
+    const auto rbf = std::get<RbfOptions>(setup_from_proto(message, 10).method);
     EXPECT_EQ(rbf.kernel, all_kernels()[static_cast<std::size_t>(i - 1)].kernel) << messages.value(i)->name();
   }
 }
