@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cctype>
 #include <charconv>
+#include <string_view>
 
 #include "core/base/error.h"
 
@@ -20,6 +21,36 @@ bool is_port(const std::string& text) {
   unsigned value = 0;
   const auto [end, failure] = std::from_chars(text.data(), text.data() + text.size(), value);
   return failure == std::errc() && end == text.data() + text.size() && value >= 1 && value <= 65535;
+}
+
+/// 127.a.b.c in decimal numbers up to 255.
+bool is_ipv4_loopback(std::string_view host) {
+  int numbers = 0;
+  while (true) {
+    unsigned value = 0;
+    const auto [end, failure] = std::from_chars(host.data(), host.data() + host.size(), value);
+    if (failure != std::errc() || value > 255 || (numbers == 0 && value != 127)) return false;
+    ++numbers;
+    host.remove_prefix(static_cast<std::size_t>(end - host.data()));
+    if (host.empty()) return numbers == 4;
+    if (host.front() != '.' || numbers == 4) return false;
+    host.remove_prefix(1);
+  }
+}
+
+std::string lower_case(std::string text) {
+  for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return text;
+}
+
+/// Without brackets: [0:...:0:]:1 with any way to write the zeros, or ::ffff: and an IPv4 address.
+bool is_ipv6_loopback(const std::string& host) {
+  constexpr std::string_view mapped = "::ffff:";
+  if (host.starts_with(mapped)) return is_ipv4_loopback(std::string_view(host).substr(mapped.size()));
+  const auto last = host.rfind(':');
+  if (last == std::string::npos || host.find_first_not_of("0:") <= last) return false;
+  const std::string group = host.substr(last + 1);
+  return group.size() <= 4 && group.ends_with('1') && group.find_first_not_of('0') == group.size() - 1;
 }
 
 bool is_host_character(char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '.' || c == '-' || c == '_'; }
@@ -46,5 +77,14 @@ std::string checked_address(const std::string& address) {
   if (!std::all_of(host.begin(), host.end(), is_host_character)) refuse(address, "the host has characters that no host name has");
   return address;
 }
+
+bool is_local(const std::string& address) {
+  if (address.starts_with("unix:")) return true;
+  const std::string host = lower_case(address.substr(0, address.rfind(':')));
+  if (host.starts_with('[') && host.ends_with(']')) return is_ipv6_loopback(host.substr(1, host.size() - 2));
+  return host == "localhost" || host == "localhost." || is_ipv4_loopback(host);
+}
+
+v1::Encoding encoding_for(const std::string& address) { return is_local(address) ? v1::RAW_F64 : v1::DELTA_ZSTD; }
 
 }  // namespace deform::client

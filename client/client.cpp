@@ -68,6 +68,7 @@ void ClientOptions::validate() const {
   check_range("max_attempts", max_attempts, 1, 100);
   check_range("decode_threads", decode_threads, 0, 1024);
   check_range("max_in_flight", max_in_flight, 1, 10'000);
+  check_range("encoding", encoding, v1::Encoding_MIN, v1::Encoding_MAX);
 }
 
 Client::Client(const ClientOptions& options) : Client(make_channel(options), options) {}
@@ -229,7 +230,10 @@ DeformOutcome read_replies(Attempt& attempt, grpc::ClientReaderInterface<v1::Def
 
 }  // namespace
 
-DeformOutcome Client::deform(const v1::DeformRequest& request, const CallOptions& call, const DesignSink& sink) {
+v1::Encoding Client::encoding() const { return impl_->options.encoding; }
+
+DeformOutcome Client::deform(const v1::DeformRequest& given, const CallOptions& call, const DesignSink& sink) {
+  const v1::DeformRequest request = impl_->named(given);
   std::atomic<bool> delivered{false};
   const auto may_repeat = [&] { return !delivered; };
   const DesignSink watched = !sink ? DesignSink() : [&](std::size_t design, DeformedDesign&& deformed) {

@@ -29,7 +29,10 @@ struct ClientOptions {
   std::chrono::milliseconds connect_timeout{5000};  ///< of one attempt to connect
   int max_attempts = 4;    ///< of calls that are safe to retry, for UNAVAILABLE and for RESOURCE_EXHAUSTED with a retry hint
   int decode_threads = 0;  ///< 0 = all cores
-  int max_in_flight = 16;  ///< open requests of one Session; submit() blocks beyond it
+  /// Of requests that name none (their tolerance then counts for it). ENCODING_DEFAULT: RAW_F64 when `address` is a unix socket
+  /// or a loopback address, else DELTA_ZSTD.
+  v1::Encoding encoding = v1::ENCODING_DEFAULT;
+  int max_in_flight = 16;        ///< open requests of one Session; submit() blocks beyond it
   std::uint64_t retry_seed = 1;  ///< of the jitter in waiting times before another attempt; give clients different ones
 
   /// Throws Error(invalid_argument) naming the option and its limits.
@@ -100,7 +103,8 @@ class Client {
  public:
   /// Connects with the first call. Throws Error(invalid_argument) for options.
   explicit Client(const ClientOptions& options = {});
-  /// Over an existing channel (in-process tests, own credentials).
+  /// Over an existing channel (in-process tests, own credentials). The address of the options is not connected to, but `encoding`
+  /// still follows it.
   Client(std::shared_ptr<grpc::ChannelInterface> channel, const ClientOptions& options);
   ~Client();
   /// Moves the connection; a client that was moved from may only be destroyed or assigned to.
@@ -136,6 +140,9 @@ class Client {
   std::vector<v1::SystemInfo> list_systems(const CallOptions& call = {});
   /// Gives the memory of a system back, and deletes its setup when the request says so.
   v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request, const CallOptions& call = {});
+
+  /// What requests that name no encoding are sent with: never ENCODING_DEFAULT.
+  v1::Encoding encoding() const;
 
   /// Deforms. With request.failures() = FAILURES_PER_DESIGN a bad design has an error of its own (DeformedDesign::error) and the
   /// others are there; else it is thrown, and there are none. The registered points are needed to decode: they are fetched once

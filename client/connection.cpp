@@ -5,13 +5,29 @@
 #include <cstring>
 #include <utility>
 
+#include "client/address.h"
+
 namespace deform::client {
 
+namespace {
+
+ClientOptions with_encoding(ClientOptions options) {
+  if (options.encoding == v1::ENCODING_DEFAULT) options.encoding = encoding_for(options.address);
+  return options;
+}
+
+}  // namespace
+
 Connection::Connection(std::shared_ptr<grpc::ChannelInterface> channel_in, const ClientOptions& options_in)
-    : options(options_in),
+    : options(with_encoding(options_in)),
       channel(std::move(channel_in)),
       stub(v1::DeformService::NewStub(channel)),
       pool(options_in.decode_threads) {}
+
+v1::DeformRequest Connection::named(v1::DeformRequest request) const {
+  if (request.output().encoding() == v1::ENCODING_DEFAULT) request.mutable_output()->set_encoding(options.encoding);
+  return request;
+}
 
 RunContext limits_of(const CallOptions& options) {
   RunContext limits;

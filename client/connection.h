@@ -24,7 +24,7 @@ struct Connection {
   /// Over a channel that exists; nothing is sent.
   Connection(std::shared_ptr<grpc::ChannelInterface> channel_in, const ClientOptions& options_in);
 
-  const ClientOptions options;                                   ///< as given
+  const ClientOptions options;                                   ///< as given, but that `encoding` is named
   const std::shared_ptr<grpc::ChannelInterface> channel;         ///< to the server
   const std::unique_ptr<v1::DeformService::StubInterface> stub;  ///< over that channel
   CancelWatcher watcher;                                         ///< of all calls
@@ -32,6 +32,8 @@ struct Connection {
   std::atomic<std::uint64_t> calls{0};                           ///< so far; gives each call a seed of its own
   ThreadPool pool;                                               ///< for decoding; last, so that its tasks end first
 
+  /// With the encoding named.
+  v1::DeformRequest named(v1::DeformRequest request) const;
   /// Cached, or fetched once.
   std::shared_ptr<const Points> registered_points(const std::string& geometry_id, const RunContext& limits);
 };

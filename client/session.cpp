@@ -34,7 +34,7 @@ Session::Impl::~Impl() {
 
 std::future<DeformOutcome> Session::Impl::submit(const v1::DeformRequest& request, DesignSink sink) {
   auto open = std::make_shared<Open>();
-  open->request = request;
+  open->request = connection_->named(request);
   open->sink = std::move(sink);
   auto future = open->promise.get_future();
   const auto most = static_cast<std::size_t>(connection_->options.max_in_flight);

@@ -65,7 +65,7 @@ class StopSignals {
   void give_up_at_the_next() const {
     std::thread([this] {
       wait();
-      give_up("told to stop a second time: ending at once");
+      give_up("asked to stop a second time: ending at once");
     }).detach();
   }
 };

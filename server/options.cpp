@@ -174,7 +174,7 @@ void add_service_options(std::vector<Option>& all) {
 }
 
 void add_process_options(std::vector<Option>& all) {
-  all.push_back({"grace", "SECONDS", "time for what is under way when the server is told to stop",
+  all.push_back({"grace", "SECONDS", "time for what is under way when the server is asked to stop",
                  [](Configuration& c, const std::string& text) { c.grace = parse_seconds(text); },
                  [](const Configuration& c) { return to_seconds(c.grace); }});
   all.push_back({"log-level", "LEVEL", "trace, debug, info, warning, error, critical or off",

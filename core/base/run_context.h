@@ -23,7 +23,7 @@ class CancelFlag {
   std::shared_ptr<std::atomic<bool>> flag_;
 };
 
-/// What a call may use and how it is told to stop: handed down the call chain by const reference. A default-constructed context
+/// What a call may use and how it is cancelled: handed down the call chain by const reference. A default-constructed context
 /// is uncancellable, has no deadline, reports no progress and may use all cores. Any number of threads may call check() and
 /// progress().
 class RunContext {

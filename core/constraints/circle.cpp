@@ -6,6 +6,7 @@
 #include "core/constraints/fit_starts.h"
 #include "core/constraints/fitted_projection.h"
 #include "core/constraints/round.h"
+#include "core/constraints/sections.h"
 
 namespace deform {
 
@@ -67,9 +68,16 @@ class CircleModel {
   std::vector<int> active_;
 };
 
+/// Of any radius.
+class FreeCircle final : public FittedProjection<CircleModel>, public IsSection {
+ public:
+  explicit FreeCircle(std::size_t points) : FittedProjection(CircleModel({}), points) {}
+};
+
 }  // namespace
 
 std::unique_ptr<const Projection> circle_projection(std::size_t points, std::optional<double> curvature) {
+  if (!curvature) return std::make_unique<FreeCircle>(points);
   return std::make_unique<FittedProjection<CircleModel>>(CircleModel(curvature), points);
 }
 

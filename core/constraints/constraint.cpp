@@ -51,6 +51,34 @@ struct NeedsOf {
   Needs operator()(const Extent&) const { return {"extent", 1, 1, 2}; }
 };
 
+struct NumbersOf {
+  using Numbers = std::vector<double>;
+  static Numbers of(Size size) { return {static_cast<double>(size)}; }
+  static Numbers of(const Vec3& a, const Vec3& b) { return {a[0], a[1], a[2], b[0], b[1], b[2]}; }
+
+  Numbers operator()(const Planar&) const { return {}; }
+  Numbers operator()(const Circular& kind) const { return of(kind.radius); }
+  Numbers operator()(const Cylindrical& kind) const { return of(kind.radius); }
+  Numbers operator()(const Spherical& kind) const { return of(kind.radius); }
+  Numbers operator()(const Conical& kind) const { return of(kind.angle); }
+  Numbers operator()(const Straight&) const { return {}; }
+  Numbers operator()(const FeatureLine&) const { return {}; }
+  Numbers operator()(const Rigid& kind) const { return {static_cast<double>(kind.layers)}; }
+  Numbers operator()(const FixedPlane& kind) const { return of(kind.point, kind.normal); }
+  Numbers operator()(const Symmetric& kind) const {
+    Numbers numbers = kind.plane ? of(kind.plane->point, kind.plane->normal) : Numbers{};
+    numbers.push_back(kind.tolerance);
+    return numbers;
+  }
+  Numbers operator()(const Coplanar&) const { return {}; }
+  Numbers operator()(const Parallel&) const { return {}; }
+  Numbers operator()(const Orthogonal&) const { return {}; }
+  Numbers operator()(const Distance& kind) const { return {static_cast<double>(kind.bound), kind.value.value_or(0)}; }
+  Numbers operator()(const Extent& kind) const {
+    return {kind.axis[0], kind.axis[1], kind.axis[2], static_cast<double>(kind.bound), kind.value, kind.ends};
+  }
+};
+
 [[noreturn]] void refuse(const std::string& field, const std::string& why) {
   throw Error(ErrorCode::invalid_argument, field + ": " + why);
 }
@@ -208,10 +236,14 @@ Maker::Made Maker::operator()(const Extent& kind) const {
 
 std::string_view kind_name(const ConstraintKind& kind) { return std::visit(NeedsOf{}, kind).name; }
 
+std::vector<double> numbers_of(const ConstraintKind& kind) { return std::visit(NumbersOf{}, kind); }
+
 std::array<std::size_t, 2> region_counts(const ConstraintKind& kind) {
   const Needs needs = std::visit(NeedsOf{}, kind);
   return {needs.least_regions, needs.most_regions};
 }
+
+std::size_t least_points(const ConstraintKind& kind) { return std::visit(NeedsOf{}, kind).points; }
 
 std::unique_ptr<const Projection> make_projection(const ConstraintKind& kind, Regions rest, const UnitMap& units,
                                                   const std::string& what) {

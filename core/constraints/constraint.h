@@ -103,8 +103,14 @@ using ConstraintKind = std::variant<Planar, Circular, Cylindrical, Spherical, Co
 /// "planar", "circular", ..., "symmetric", "distance", "extent": as the alternative is called, in snake case.
 std::string_view kind_name(const ConstraintKind& kind);
 
+/// The options of a kind as numbers, so that two constraints of a kind can be compared. Directions as they are given.
+std::vector<double> numbers_of(const ConstraintKind& kind);
+
 /// Least and greatest number of regions that a kind takes.
 std::array<std::size_t, 2> region_counts(const ConstraintKind& kind);
+
+/// Number of points, of all regions together, below which a kind is refused.
+std::size_t least_points(const ConstraintKind& kind);
 
 /// The projection for points whose positions at rest are `rest`: per region its points, in unit coordinates; the projection takes
 /// the points of all regions one after the other (a point of two regions stands there twice, and each copy has its own target).

@@ -7,6 +7,7 @@
 #include "core/constraints/fit_starts.h"
 #include "core/constraints/fitted_projection.h"
 #include "core/constraints/round.h"
+#include "core/constraints/sections.h"
 
 namespace deform {
 
@@ -63,10 +64,190 @@ class CylinderModel {
   std::vector<int> active_;
 };
 
+/// A cylinder with sections: to the squared distances from it are added those of the points of each section from a plane across
+/// the axis, which goes through their mean.
+class SectionedModel {
+ public:
+  static constexpr int rows = 1, sizes = 1;
+  SectionedModel(CylinderModel cylinder, std::vector<Section> sections)
+      : cylinder_(std::move(cylinder)), sections_(std::move(sections)) {}
+
+  const CylinderModel& cylinder() const { return cylinder_; }
+  const std::vector<int>& active() const { return cylinder_.active(); }
+  const std::vector<Section>& sections() const { return sections_; }
+
+  /// Calls use(point, place about the mean of its section, in the frame; section).
+  template <typename Use>
+  void for_each(std::span<const Vec3> x, const Fit<1>& fit, const Use& use) const {
+    for (std::size_t s = 0; s < sections_.size(); ++s) {
+      Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+      for (const std::uint32_t i : sections_[s]) mean += fit.frame.local(x[i]);
+      mean /= static_cast<double>(sections_[s].size());
+      for (const std::uint32_t i : sections_[s]) use(i, Eigen::Vector3d(fit.frame.local(x[i]) - mean), s);
+    }
+  }
+
+  static LocalResidual<1, 1> height(const Eigen::Vector3d& y) {
+    LocalResidual<1, 1> local;
+    local.value[0] = y[2];
+    local.gradient << 0, 0, 1, 0;
+    local.curvature.setZero();
+    return local;
+  }
+
+ private:
+  CylinderModel cylinder_;
+  std::vector<Section> sections_;
+};
+
+/// Moving the frame moves means along: only turning it changes the distances from the sections. Of all points.
+FitDerivatives<1> fit_derivatives(const SectionedModel& model, const PointSample& sample, const Fit<1>& fit) {
+  FitDerivatives<1> total = fit_derivatives(model.cylinder(), sample, fit), sections;
+  model.for_each(sample.x, fit, [&](std::uint32_t, const Eigen::Vector3d& y, std::size_t) {
+    add_point(SectionedModel::height(y), y, sections);
+  });
+  sections.gradient.head<3>().setZero();
+  for (auto* matrix : {&sections.gauss_newton, &sections.curvature}) {
+    matrix->topRows<3>().setZero();
+    matrix->leftCols<3>().setZero();
+  }
+  sections.curvature.triangularView<Eigen::StrictlyLower>() = sections.curvature.transpose();
+  total.add(sections);
+  return total;
+}
+
+class SectionedCylinder final : public Projection {
+ public:
+  SectionedCylinder(SectionedModel model, std::size_t points) : model_(std::move(model)), points_(points) {}
+
+  std::string_view kind() const override { return "cylindrical"; }
+  std::size_t point_count() const override { return points_; }
+
+  double project(std::span<const Vec3> x, std::span<Vec3> out, ShapeParameters& shape) const override {
+    const bool warm = shape.size() == Fit<1>::length;
+    Fit<1> start = warm ? Fit<1>::unpacked(shape) : model_.cylinder().fitted(x, nullptr);
+    if (warm) start.frame.origin += spread({x}).mean - start.mean;
+    const Fit<1> fit = minimized(model_, {x}, start);
+    shape = fit.packed();
+    double energy = 0;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      LocalResidual<1, 1> local;
+      model_.cylinder().residual(i, fit.frame.local(x[i]), fit.size, local);
+      out[i] = to_vec3(to_eigen(x[i]) - fit.frame.axes * (local.gradient.leftCols<3>().transpose() * local.value));
+      energy += local.value.squaredNorm();
+    }
+    // Along the axis, so that points stay on the cylinder.
+    model_.for_each(x, fit, [&](std::uint32_t i, const Eigen::Vector3d& y, std::size_t) {
+      out[i] = to_vec3(to_eigen(out[i]) - y[2] * fit.frame.axes.col(2));
+      energy += y[2] * y[2];
+    });
+    return energy;
+  }
+
+  void derivative(std::span<const Vec3> x, const ShapeParameters& shape, std::span<const Vec3> dx,
+                  std::span<Vec3> out) const override {
+    const Fit<1> fit = Fit<1>::unpacked(shape);
+    const std::vector<int>& active = model_.active();
+    const FitDerivatives<1> at = fit_derivatives(model_, {x}, fit);
+    const Eigen::MatrixXd gauss_newton = at.gauss_newton(active, active), H = gauss_newton + at.curvature(active, active);
+    const double points = std::sqrt(static_cast<double>(x.size()));
+    const Eigen::VectorXd scale = residual_scale(gauss_newton, natural_scale(active, points, spread({x}).reach()));
+    std::vector<Mixed> mixed(x.size(), Mixed::Zero());
+    Parameters right = Parameters::Zero();
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      const Eigen::Vector3d y = fit.frame.local(x[i]);
+      LocalResidual<1, 1> local;
+      model_.cylinder().residual(i, y, fit.size, local);
+      Eigen::Matrix3d xx;
+      mixed[i] = second(local, y, fit, xx);
+      out[i] = to_vec3(to_eigen(dx[i]) - xx * to_eigen(dx[i]));
+    }
+    const Eigen::Vector3d axis = fit.frame.axes.col(2);
+    std::vector<double> mean(model_.sections().size(), 0.0);
+    for (std::size_t s = 0; s < mean.size(); ++s) {
+      for (const std::uint32_t i : model_.sections()[s]) mean[s] += axis.dot(to_eigen(dx[i]));
+      mean[s] /= static_cast<double>(model_.sections()[s].size());
+    }
+    model_.for_each(x, fit, [&](std::uint32_t i, const Eigen::Vector3d& y, std::size_t s) {
+      Eigen::Matrix3d xx;
+      Mixed turning = second(SectionedModel::height(y), y, fit, xx);
+      turning.leftCols<3>().setZero();
+      mixed[i] += turning;
+      out[i] = to_vec3(to_eigen(out[i]) - (axis.dot(to_eigen(dx[i])) - mean[s]) * axis);
+    });
+    for (std::size_t i = 0; i < x.size(); ++i) right += mixed[i].transpose() * to_eigen(dx[i]);
+    Parameters turn = Parameters::Zero();
+    turn(active) = scaled_inverse(H, scale, 1e-13) * right(active);
+    for (std::size_t i = 0; i < x.size(); ++i) out[i] = to_vec3(to_eigen(out[i]) + mixed[i] * turn);
+  }
+
+  /// Two rows per point: from the cylinder, and from the plane of its section, which moves along the axis by a parameter of its
+  /// own.
+  Linearization linearize(std::span<const Vec3> x, const ShapeParameters& shape) const override {
+    const Fit<1> fit = Fit<1>::unpacked(shape);
+    const std::vector<int>& active = model_.active();
+    const auto columns = static_cast<Eigen::Index>(active.size());
+    Linearization result;
+    result.rows_per_point = 2;
+    result.normals.assign(2 * x.size(), Vec3{});
+    result.residual.setZero(static_cast<Eigen::Index>(2 * x.size()));
+    result.parameters.setZero(result.residual.size(), columns + static_cast<Eigen::Index>(model_.sections().size()));
+    const auto put = [&](std::size_t row, const LocalResidual<1, 1>& local, const Eigen::Vector3d& y, int first_parameter) {
+      const Eigen::Matrix<double, 1, motions + 1> J = local.gradient * chart<1>(y);
+      result.normals[row] = to_vec3(fit.frame.axes * local.gradient.leftCols<3>().transpose());
+      result.residual[static_cast<Eigen::Index>(row)] = local.value[0];
+      for (Eigen::Index k = 0; k < columns; ++k) {
+        const int parameter = active[static_cast<std::size_t>(k)];
+        if (parameter >= first_parameter) result.parameters(static_cast<Eigen::Index>(row), k) = J[parameter];
+      }
+    };
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      const Eigen::Vector3d y = fit.frame.local(x[i]);
+      LocalResidual<1, 1> local;
+      model_.cylinder().residual(i, y, fit.size, local);
+      put(2 * i, local, y, along_x);
+    }
+    model_.for_each(x, fit, [&](std::uint32_t i, const Eigen::Vector3d& y, std::size_t s) {
+      put(2 * i + 1, SectionedModel::height(y), y, about_x);
+      result.parameters(static_cast<Eigen::Index>(2 * i + 1), columns + static_cast<Eigen::Index>(s)) = -1;
+    });
+    return result;
+  }
+
+ private:
+  using Parameters = Eigen::Matrix<double, motions + 1, 1>;
+  using Mixed = Eigen::Matrix<double, 3, motions + 1>;
+
+  /// Second derivatives of half a squared distance: by the point, and by the point and the parameters (the result).
+  static Mixed second(const LocalResidual<1, 1>& local, const Eigen::Vector3d& y, const Fit<1>& fit, Eigen::Matrix3d& xx) {
+    const auto gradient_y = local.gradient.leftCols<3>();
+    const Eigen::Vector3d g = gradient_y.transpose() * local.value;
+    const Eigen::Matrix<double, 3, 4> rows = gradient_y.transpose() * local.gradient + local.curvature.topRows<3>();
+    Mixed mixed = rows * chart<1>(y);
+    mixed.block<3, 3>(0, about_x) -= cross_matrix(g);
+    xx = fit.frame.axes * rows.leftCols<3>() * fit.frame.axes.transpose();
+    return fit.frame.axes * mixed;
+  }
+
+  SectionedModel model_;
+  std::size_t points_;
+};
+
+class CylinderProjection final : public FittedProjection<CylinderModel>, public WithSections {
+ public:
+  CylinderProjection(const CylinderModel& model, std::size_t points) : FittedProjection(model, points), cylinder_(model) {}
+  std::unique_ptr<const Projection> with_sections(std::vector<Section> sections) const override {
+    return std::make_unique<SectionedCylinder>(SectionedModel(cylinder_, std::move(sections)), point_count());
+  }
+
+ private:
+  CylinderModel cylinder_;
+};
+
 }  // namespace
 
 std::unique_ptr<const Projection> cylinder_projection(std::size_t points, std::optional<double> curvature) {
-  return std::make_unique<FittedProjection<CylinderModel>>(CylinderModel(curvature), points);
+  return std::make_unique<CylinderProjection>(CylinderModel(curvature), points);
 }
 
 double cylinder_curvature(std::span<const Vec3> x) { return std::abs(CylinderModel({}).fitted(x, nullptr).size[0]); }

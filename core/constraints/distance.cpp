@@ -2,6 +2,7 @@
 #include "core/constraints/distance.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "core/constraints/fitting.h"
@@ -16,6 +17,9 @@ class DistanceProjection final : public Projection {
 
   std::string_view kind() const override { return "distance"; }
   std::size_t point_count() const override { return points_; }
+  bool has_bounds() const override {
+    return std::any_of(pairs_.begin(), pairs_.end(), [](const PointPair& pair) { return pair.least != pair.most; });
+  }
 
   double project(std::span<const Vec3> x, std::span<Vec3> out, ShapeParameters& shape) const override {
     shape.clear();
@@ -35,7 +39,7 @@ class DistanceProjection final : public Projection {
     std::copy(dx.begin(), dx.end(), out.begin());
     for (const PointPair& pair : pairs_) {
       const State at = state(pair, x);
-      if (at.excess == 0) continue;
+      if (!at.counts) continue;
       const Eigen::Vector3d d = to_eigen(dx[pair.a]) - to_eigen(dx[pair.b]);
       const double lengthened = at.direction.dot(d);
       // The direction turns with the pair.
@@ -44,6 +48,18 @@ class DistanceProjection final : public Projection {
       out[pair.a] = to_vec3(to_eigen(dx[pair.a]) - half);
       out[pair.b] = to_vec3(to_eigen(dx[pair.b]) + half);
     }
+  }
+
+  /// Of pairs: how far their distance is out of the bounds, of which each of the two points takes one half.
+  Misfit misfit(std::span<const Vec3> x, std::span<const Vec3>) const override {
+    Misfit misfit;
+    misfit.count = pairs_.size();
+    for (const PointPair& pair : pairs_) {
+      const double excess = std::abs(state(pair, x).excess);
+      misfit.squares += excess * excess;
+      misfit.largest = std::max(misfit.largest, excess);
+    }
+    return misfit;
   }
 
   Linearization linearize(std::span<const Vec3> x, const ShapeParameters&) const override {
@@ -59,7 +75,7 @@ class DistanceProjection final : public Projection {
       result.partners[pair.a] = static_cast<std::uint32_t>(pair.b);
       result.partners[pair.b] = static_cast<std::uint32_t>(pair.a);
       const State at = state(pair, x);
-      if (at.excess == 0) continue;
+      if (!at.counts) continue;
       const Vec3 half = to_vec3(0.5 * at.direction), back = to_vec3(-0.5 * at.direction);
       result.normals[pair.a] = result.partner_normals[pair.b] = half;
       result.normals[pair.b] = result.partner_normals[pair.a] = back;
@@ -72,6 +88,7 @@ class DistanceProjection final : public Projection {
   struct State {
     Eigen::Vector3d direction;
     double length = 0, excess = 0;  ///< over the bounds (negative: below them)
+    bool counts = false;            ///< out of the bounds, or held to one length
   };
 
   static State state(const PointPair& pair, std::span<const Vec3> x) {
@@ -84,6 +101,7 @@ class DistanceProjection final : public Projection {
       at.direction = to_eigen(pair.direction);
     }
     at.excess = at.length - std::clamp(at.length, pair.least, pair.most);
+    at.counts = at.excess != 0 || pair.least == pair.most;
     return at;
   }
 

@@ -25,6 +25,7 @@ class ExtentProjection final : public Projection {
 
   std::string_view kind() const override { return "extent"; }
   std::size_t point_count() const override { return ranges_.size(); }
+  bool has_bounds() const override { return true; }
 
   double project(std::span<const Vec3> x, std::span<Vec3> out, ShapeParameters& shape) const override {
     std::vector<double> heights(x.size());

@@ -20,7 +20,7 @@ namespace deform {
 ///   Fit<sizes> fitted(x, const Fit<sizes>* last) const    the least-squares fit; `last` is where an earlier one ended, or null
 /// The shape parameters are those of Fit::packed().
 template <class Model>
-class FittedProjection final : public Projection {
+class FittedProjection : public Projection {
  public:
   FittedProjection(Model model, std::size_t points) : model_(std::move(model)), points_(points) {}
 

@@ -46,6 +46,8 @@ class Projection {
   /// Whether the projection moves along when all its points are translated: then the translation of the set is free in the global
   /// step (one extra unknown per set instead of mean-centring). False e.g. for a plane that is given.
   virtual bool moves_with_its_points() const { return true; }
+  /// Whether it holds distances within bounds, so that rows of linearize() count only where points are out of them.
+  virtual bool has_bounds() const { return false; }
 
   /// out = projection of x (both point_count() long; may not overlap); returns the sum of |x - out|^2. Never fails: degenerate
   /// input (coincident or collinear points) projects on some nearest configuration and is reported by the residual.
@@ -55,6 +57,13 @@ class Projection {
   /// function, so its derivative is symmetric: this serves forward and backward.
   virtual void derivative(std::span<const Vec3> x, const ShapeParameters& shape, std::span<const Vec3> dx,
                           std::span<Vec3> out) const = 0;
+
+  /// What a report says of points x whose projections are y: by default how far they are apart.
+  struct Misfit {
+    double largest = 0, squares = 0;  ///< of an error, and the sum of its squares
+    std::size_t count = 0;            ///< of errors
+  };
+  virtual Misfit misfit(std::span<const Vec3> x, std::span<const Vec3> y) const;
 
   /// At x, where project() left `shape`.
   virtual Linearization linearize(std::span<const Vec3> x, const ShapeParameters& shape) const = 0;

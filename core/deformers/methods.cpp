@@ -24,19 +24,46 @@ std::string methods_with(bool MethodFeatures::*feature) {
 
 }  // namespace
 
-void validate_method(const Setup& setup, const Mesh& mesh) {
+void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems) {
   with_method(setup, [&]<Method M>(const typename M::Options& options) {
     const auto refuse = [](const std::string& field, const std::string& what, const std::string& use) {
       throw Error(ErrorCode::invalid_argument,
                   field + ": method." + std::string(M::name) + " does not take " + what + "; use " + use);
     };
-    if (!setup.symmetry.empty() && !M::features.symmetry) {
-      refuse("symmetry", "symmetry planes", methods_with(&MethodFeatures::symmetry) + ", or deform the whole model");
-    }
-    if (!setup.constraints.empty() && !M::features.constraints) {
-      refuse("constraints", "geometric constraints", methods_with(&MethodFeatures::constraints));
-    }
-    M::validate(options, setup, mesh);
+    problems.check("method", [&] {
+      if (!setup.symmetry.empty() && !M::features.symmetry) {
+        refuse("symmetry", "symmetry planes", methods_with(&MethodFeatures::symmetry) + ", or deform the whole model");
+      }
+    });
+    problems.check("method", [&] {
+      if (!setup.constraints.empty() && !M::features.constraints) {
+        refuse("constraints", "geometric constraints", methods_with(&MethodFeatures::constraints));
+      }
+    });
+    problems.check("method", [&] {
+      if constexpr (requires { options.samples; }) {
+        // Samples are values of the variables: whether they are right cannot be said of wrong ones.
+        auto without_samples = options;
+        if (problems.concern("variables")) without_samples.samples.clear();
+        M::validate(without_samples, setup, mesh);
+      } else {
+        M::validate(options, setup, mesh);
+      }
+    });
+  });
+}
+
+bool selects_controls(const Setup& setup) {
+  return with_method(setup, []<Method M>([[maybe_unused]] const typename M::Options& options) {
+    if constexpr (requires { M::selects_controls(options); }) return M::selects_controls(options);
+    return false;
+  });
+}
+
+ControlSet controls_of(const Setup& setup, const Mesh& mesh) {
+  return with_method(setup, [&]<Method M>([[maybe_unused]] const typename M::Options& options) {
+    if constexpr (requires { M::controls(options, mesh); }) return M::controls(options, mesh);
+    return ControlSet{};
   });
 }
 

@@ -5,7 +5,9 @@
 #include <type_traits>
 #include <variant>
 
+#include "core/deformers/cage/cage_method.h"
 #include "core/deformers/energy/energy_methods.h"
+#include "core/deformers/ffd/ffd_method.h"
 #include "core/deformers/method.h"
 #include "core/deformers/rbf/rbf_method.h"
 
@@ -28,7 +30,7 @@ struct MethodList {
       0, decltype(std::tuple_cat(
              std::declval<std::conditional_t<std::is_same_v<typename M::Options, O>, std::tuple<M>, std::tuple<>>>()...))>;
 };
-using Methods = MethodList<RbfMethod, ShellMethod, SubspaceMethod, MlsMethod>;
+using Methods = MethodList<RbfMethod, ShellMethod, SubspaceMethod, MlsMethod, FfdMethod, CageMethod>;
 static_assert(std::is_same_v<Methods::Options, decltype(Setup::method)>);
 
 /// use.template operator()<M>(options) for the method M of a setup and its options, which are const if the setup is.
@@ -43,7 +45,13 @@ decltype(auto) with_method(SetupType& setup, const Use& use) {
 
 /// Whether the method of the setup can do what the setup asks for, and its options. Throws Error(invalid_argument) naming the
 /// field. Part of validate(), after handles and variables.
-void validate_method(const Setup& setup, const Mesh& mesh);
+void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems);
+
+/// Whether handles and fixed regions of the setup select control points, as far as its method says so: it has
+/// `static bool selects_controls(const Options&)` and `static ControlSet controls(const Options&, const Mesh&)`.
+bool selects_controls(const Setup& setup);
+/// Those control points, of options that are valid.
+ControlSet controls_of(const Setup& setup, const Mesh& mesh);
 
 /// The points that become centres of an RBF system, ascending. Nothing where they are chosen while preparing: by INCREMENTAL_QR
 /// and by the other methods. Throws what validate() throws.

@@ -16,64 +16,15 @@
 
 namespace deform {
 
+double default_cover(const std::optional<Kernel>& kernel) { return kernel && properties(*kernel).local_shape > 0 ? 50 : 8; }
+
 namespace {
 
 constexpr double most_constraint_weight = 1e10;
 
 bool is_zero(const Vec3& v) { return v[0] == 0 && v[1] == 0 && v[2] == 0; }
-Vec3 normalized(const Vec3& v) { return v / norm(v); }
 
 std::string quoted(const std::string& name) { return "\"" + name + "\""; }
-
-// The affine map of one variable at value v and its derivative with respect to v.
-Affine translation(const Vec3& d, double v) { return {1, 0, 0, v * d[0], 0, 1, 0, v * d[1], 0, 0, 1, v * d[2]}; }
-
-// A and b = c - A c for the linear map A about the centre c.
-Affine about(const std::array<double, 9>& A, const Vec3& c, double keep) {
-  Affine m{};
-  for (int i = 0; i < 3; ++i) {
-    double moved = 0;
-    for (int j = 0; j < 3; ++j) {
-      m[4 * i + j] = A[3 * i + j];
-      moved += A[3 * i + j] * c[j];
-    }
-    m[4 * i + 3] = keep * c[i] - moved;
-  }
-  return m;
-}
-
-// Rodrigues: cos I + sin [a]x + (1 - cos) a a^T, with the factors given, so that the derivative is the same expression.
-std::array<double, 9> rodrigues(const Vec3& a, double identity, double cross, double outer) {
-  return {identity + outer * a[0] * a[0],     outer * a[0] * a[1] - cross * a[2], outer * a[0] * a[2] + cross * a[1],
-          outer * a[1] * a[0] + cross * a[2], identity + outer * a[1] * a[1],     outer * a[1] * a[2] - cross * a[0],
-          outer * a[2] * a[0] - cross * a[1], outer * a[2] * a[1] + cross * a[0], identity + outer * a[2] * a[2]};
-}
-
-std::array<double, 9> scaling(const Vec3& axis, double identity, double v) {
-  if (is_zero(axis)) return {identity + v, 0, 0, 0, identity + v, 0, 0, 0, identity + v};
-  return rodrigues(normalized(axis), identity, 0, v);
-}
-
-Affine motion_of(const DesignVariable& variable, double v) {
-  if (v == 0) return identity_affine;  // exactly at rest, whatever the centre
-  if (const auto* t = std::get_if<DesignVariable::Translate>(&variable.kind)) return translation(t->direction, v);
-  if (const auto* r = std::get_if<DesignVariable::Rotate>(&variable.kind)) {
-    return about(rodrigues(normalized(r->axis), std::cos(v), std::sin(v), 1 - std::cos(v)), r->centre, 1);
-  }
-  const auto& s = std::get<DesignVariable::Scale>(variable.kind);
-  return about(scaling(s.axis, 1, v), s.centre, 1);
-}
-
-Affine derivative_of(const DesignVariable& variable, double v) {
-  if (const auto* t = std::get_if<DesignVariable::Translate>(&variable.kind)) {
-    return {0, 0, 0, t->direction[0], 0, 0, 0, t->direction[1], 0, 0, 0, t->direction[2]};
-  }
-  if (const auto* r = std::get_if<DesignVariable::Rotate>(&variable.kind)) {
-    return about(rodrigues(normalized(r->axis), -std::sin(v), std::cos(v), std::sin(v)), r->centre, 0);
-  }
-  const auto& s = std::get<DesignVariable::Scale>(variable.kind);
-  return about(scaling(s.axis, 0, 1), s.centre, 0);
-}
 
 // compose() for a derivative on either side: the translation column of the inner map is carried by the linear part of the outer
 // one, and the outer translation counts only where the inner map is a map (weight 1), not a derivative (weight 0).
@@ -96,11 +47,15 @@ std::size_t handle_index(const Setup& setup, const std::string& name) {
   return setup.handles.size();
 }
 
+void check_name(const std::string& name, const std::string& field, std::set<std::string>& names) {
+  if (name.empty()) refuse_argument(field + ": must not be empty");
+  if (!names.insert(name).second) refuse_argument(field + ": " + quoted(name) + " is used twice");
+}
+
 void validate_variable(const Setup& setup, std::size_t k, std::set<std::string>& names) {
   const DesignVariable& variable = setup.variables[k];
   const std::string field = "variables[" + std::to_string(k) + "]";
-  if (variable.name.empty()) refuse_argument(field + ".name: must not be empty");
-  if (!names.insert(variable.name).second) refuse_argument(field + ".name: " + quoted(variable.name) + " is used twice");
+  check_name(variable.name, field + ".name", names);
   const std::string what = "variable " + quoted(variable.name);
   if (handle_index(setup, variable.handle) == setup.handles.size()) {
     std::vector<std::string> candidates;
@@ -142,29 +97,71 @@ void check_layers(const ConstraintKind& kind, const Mesh& mesh, const std::strin
   }
 }
 
-void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions& selected) {
-  validate_constraint_options(setup.constraint_options);
+std::string indexed(const char* list, std::size_t index) { return std::string(list) + "[" + std::to_string(index) + "]"; }
+
+/// select(), and it must not be empty.
+std::vector<PointId> selected_points(const Region& region, const Mesh& mesh, const std::string& what) {
+  std::vector<PointId> ids = select(region, mesh, what);
+  if (ids.empty()) refuse_argument(what + ": " + no_point_text(mesh));
+  return ids;
+}
+
+/// Selects what handles and fixed regions hold: points of the mesh, or control points.
+class HeldRegions {
+ public:
+  /// Control points of options that have problems are not known: then nothing is selected.
+  HeldRegions(const Setup& setup, const Mesh& mesh, const Problems& problems) : mesh_(mesh) {
+    if (!selects_controls(setup)) return;
+    of_ = SelectedRegions::Of::control_points;
+    known_ = !problems.concern("method");
+    if (known_) controls_ = controls_of(setup, mesh);
+  }
+
+  SelectedRegions::Of of() const { return of_; }
+  bool known() const { return known_; }
+  std::size_t size() const { return of_ == SelectedRegions::Of::mesh_points ? mesh_.point_count() : controls_.size; }
+  std::vector<PointId> select(const Region& region, const std::string& what) const {
+    if (of_ == SelectedRegions::Of::mesh_points) return selected_points(region, mesh_, what);
+    std::vector<PointId> ids = select_controls(region, controls_, what);
+    if (ids.empty()) refuse_argument(what + ": its region contains no control point");
+    return ids;
+  }
+
+ private:
+  const Mesh& mesh_;
+  SelectedRegions::Of of_ = SelectedRegions::Of::mesh_points;
+  bool known_ = true;
+  ControlSet controls_;
+};
+
+/// All but its regions.
+void check_constraint(const Constraint& constraint, const Mesh& mesh, const std::string& field) {
+  check_option_range(constraint.weight, 0, most_constraint_weight, field + ".weight");
+  const auto [least, most] = region_counts(constraint.kind);
+  if (constraint.regions.size() < least || constraint.regions.size() > most) {
+    refuse_argument(field + ".regions: " + std::string(kind_name(constraint.kind)) + " takes " + std::to_string(least) +
+                    (most == least ? ""
+                     : most > 1000 ? " or more"
+                                   : " to " + std::to_string(most)) +
+                    " regions, got " + std::to_string(constraint.regions.size()));
+  }
+  check_layers(constraint.kind, mesh, field);
+}
+
+void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions& selected, Problems& problems) {
+  problems.check("constraint_options", [&] { validate_constraint_options(setup.constraint_options); });
   std::set<std::string> names;
   for (std::size_t i = 0; i < setup.constraints.size(); ++i) {
     const Constraint& constraint = setup.constraints[i];
-    const std::string field = "constraints[" + std::to_string(i) + "]";
-    if (constraint.name.empty()) refuse_argument(field + ".name: must not be empty");
-    if (!names.insert(constraint.name).second) refuse_argument(field + ".name: " + quoted(constraint.name) + " is used twice");
-    check_option_range(constraint.weight, 0, most_constraint_weight, field + ".weight");
-    const auto [least, most] = region_counts(constraint.kind);
-    if (constraint.regions.size() < least || constraint.regions.size() > most) {
-      refuse_argument(field + ".regions: " + std::string(kind_name(constraint.kind)) + " takes " + std::to_string(least) +
-                      (most == least ? ""
-                       : most > 1000 ? " or more"
-                                     : " to " + std::to_string(most)) +
-                      " regions, got " + std::to_string(constraint.regions.size()));
-    }
-    check_layers(constraint.kind, mesh, field);
-    auto& ids = selected.constraints.emplace_back();
+    const std::string field = indexed("constraints", i);
+    auto& ids = selected.constraints.emplace_back(constraint.regions.size());
+    if (problems.concern(field)) continue;
+    problems.check(field + ".name", [&] { check_name(constraint.name, field + ".name", names); });
+    problems.check(field, [&] { check_constraint(constraint, mesh, field); });
     for (std::size_t r = 0; r < constraint.regions.size(); ++r) {
-      const std::string what = field + ".regions[" + std::to_string(r) + "]";
-      ids.push_back(select(constraint.regions[r], mesh, what));
-      if (ids.back().empty()) refuse_argument(what + ": " + no_point_text(mesh));
+      const std::string what = field + indexed(".regions", r);
+      if (problems.concern(what)) continue;
+      problems.check(what, [&] { ids[r] = selected_points(constraint.regions[r], mesh, what); });
     }
   }
 }
@@ -205,38 +202,54 @@ void validate_constraint_options(const ConstraintOptions& options) {
 }
 
 SelectedRegions validate(const Setup& setup, const Mesh& mesh) {
-  if (setup.handles.empty()) refuse_argument("handles: at least one is needed");
-  std::set<std::string> names;
+  Problems problems(Problems::Mode::throw_first);
+  return validate(setup, mesh, problems);
+}
+
+SelectedRegions validate(const Setup& setup, const Mesh& mesh, Problems& problems) {
+  problems.check("handles", [&] {
+    if (setup.handles.empty()) refuse_argument("handles: at least one is needed");
+  });
+  std::set<std::string> names, variable_names;
   for (std::size_t i = 0; i < setup.handles.size(); ++i) {
-    const std::string field = "handles[" + std::to_string(i) + "].name";
-    if (setup.handles[i].name.empty()) refuse_argument(field + ": must not be empty");
-    if (!names.insert(setup.handles[i].name).second)
-      refuse_argument(field + ": " + quoted(setup.handles[i].name) + " is used twice");
+    const std::string field = indexed("handles", i) + ".name";
+    if (problems.concern(field)) continue;
+    problems.check(field, [&] { check_name(setup.handles[i].name, field, names); });
   }
-  std::set<std::string> variable_names;
-  for (std::size_t k = 0; k < setup.variables.size(); ++k) validate_variable(setup, k, variable_names);
-  validate_method(setup, mesh);
+  for (std::size_t k = 0; k < setup.variables.size(); ++k) {
+    const std::string field = indexed("variables", k);
+    if (problems.concern(field)) continue;
+    problems.check(field, [&] { validate_variable(setup, k, variable_names); });
+  }
+  if (!problems.concern("method")) validate_method(setup, mesh, problems);
 
   SelectedRegions selected;
-  PointOwners owners(mesh.point_count());
+  const HeldRegions held(setup, mesh, problems);
+  selected.of = held.of();
+  PointOwners owners(held.size());
   for (std::size_t i = 0; i < setup.handles.size(); ++i) {
-    const std::string what = "handle " + quoted(setup.handles[i].name);
-    selected.handles.push_back(select(setup.handles[i].region, mesh, what));
-    if (selected.handles.back().empty()) refuse_argument(what + ": " + no_point_text(mesh));
-    claim(selected.handles.back(), static_cast<std::uint32_t>(i), what, setup, owners);
+    const std::string field = indexed("handles", i) + ".region";
+    auto& ids = selected.handles.emplace_back();
+    if (problems.concern(field) || !held.known()) continue;
+    problems.check(field, [&] {
+      const std::string what = "handle " + quoted(setup.handles[i].name);
+      ids = held.select(setup.handles[i].region, what);
+      claim(ids, static_cast<std::uint32_t>(i), what, setup, owners);
+    });
   }
   const auto fixed_owner = static_cast<std::uint32_t>(setup.handles.size());
   for (std::size_t i = 0; i < setup.fixed.size(); ++i) {
-    const std::string what = "fixed[" + std::to_string(i) + "]";
-    const std::vector<PointId> ids = select(setup.fixed[i], mesh, what);
-    if (ids.empty()) refuse_argument(what + ": " + no_point_text(mesh));
-    claim(ids, fixed_owner, what, setup, owners);
+    const std::string what = indexed("fixed", i);
+    if (problems.concern(what) || !held.known()) continue;
+    problems.check(what, [&] { claim(held.select(setup.fixed[i], what), fixed_owner, what, setup, owners); });
   }
-  for (std::size_t id = 0; id < mesh.point_count(); ++id) {
+  for (std::size_t id = 0; id < held.size(); ++id) {
     if (owners.owners()[id] == fixed_owner) selected.fixed.push_back(static_cast<PointId>(id));
   }
-  validate_constraints(setup, mesh, selected);
-  selected.symmetry = Symmetry(setup.symmetry, mesh);
+  validate_constraints(setup, mesh, selected, problems);
+  if (!problems.concern("symmetry")) {
+    problems.check("symmetry", [&] { selected.symmetry = Symmetry(setup.symmetry, mesh); });
+  }
   return selected;
 }
 
@@ -245,7 +258,7 @@ std::vector<Affine> handle_motions(const Setup& setup, std::span<const double> v
   std::vector<Affine> motions(setup.handles.size(), identity_affine);
   for (std::size_t k = 0; k < values.size(); ++k) {
     Affine& motion = motions[handle_index(setup, setup.variables[k].handle)];
-    motion = compose(motion_of(setup.variables[k], values[k]), motion);
+    motion = compose(motion_at(setup.variables[k].kind, values[k]), motion);
   }
   return motions;
 }
@@ -263,9 +276,9 @@ std::vector<Affine> handle_motion_derivative(const Setup& setup, std::span<const
   for (std::size_t j = 0; j < values.size(); ++j) {
     const DesignVariable& variable = setup.variables[j];
     if (variable.handle != handle) continue;
-    if (j < k) before = compose(motion_of(variable, values[j]), before);
-    if (j == k) result = chained(derivative_of(variable, values[j]), before, 1);
-    if (j > k) result = chained(motion_of(variable, values[j]), result, 0);
+    if (j < k) before = compose(motion_at(variable.kind, values[j]), before);
+    if (j == k) result = chained(motion_rate(variable.kind, values[j]), before, 1);
+    if (j > k) result = chained(motion_at(variable.kind, values[j]), result, 0);
   }
   derivatives[handle_index(setup, handle)] = result;
   return derivatives;

@@ -28,6 +28,9 @@ struct SplitOptions {
   /// Adaptive: a step goes this far along the safe amplitude of what remains. 0 < share < 1; nearer to 1 takes fewer steps and
   /// leaves flatter cells behind. A step of less than 1e-3 of the motion ends the attempt.
   double share = 0.5;
+  /// Least normalized determinant (Inversions) that the cells shall keep, 0 <= margin < 1: a place where a cell has less counts
+  /// as one with an inverted cell. Cells that have less at rest are only kept from inversion.
+  double margin = 0;
 };
 
 /// Throws Error(invalid_argument) naming the field ("splitting.most_steps"), its value and the limits.
@@ -56,7 +59,7 @@ struct Substep {
 struct SplitAttempt {
   std::size_t steps = 1;
   std::size_t completed = 0;     ///< steps after which nothing was inverted
-  std::size_t inverted = 0;      ///< cells, after the step that ended it
+  std::size_t inverted = 0;      ///< cells, after the step that ended it; with a margin those that have less
   double least_determinant = 1;  ///< then
   std::string failure;           ///< why there is no such step instead: the system at the place reached cannot be solved
 };
@@ -66,7 +69,11 @@ struct SplitResult {
   std::size_t steps = 1;        ///< n; those of the last attempt when there is none that is free of inversions
   /// How much of the motion `points` have made: 1 when free of inversions, else the farthest place that was reached without any.
   double reached = 0;
-  Points points;                       ///< n x 3; handle points are exactly on their prescribed places, at x + reached u(x)
+  /// Short of its end: `points` are X + reached (Y - X), on the straight way to those Y of the full step, which bears more than
+  /// any number of steps along the way of the handles did.
+  bool straight = false;
+  Points points;                       ///< n x 3; handle points are exactly where their way is at `reached`
+  Extreme least_determinant{1, 0};     ///< of `points`, without the cells that are inverted at rest
   std::vector<Substep> substeps;       ///< to `points`
   std::vector<SplitAttempt> attempts;  ///< in their order; adaptive: one
   SafeAmplitude full_step;             ///< of the motion in one step
@@ -77,24 +84,31 @@ struct SplitResult {
 
 /// Deformation without inverted elements by iterative splitting (thesis 7.4, figure 7.9; Gain, Dodgson 2001).
 ///
-/// The motion of a handle point x with the prescribed displacement u(x) is cut along the straight line: after k of n steps the
-/// point is at x + (k / n) u(x) (absolute positions). So a rotation goes through shrunken copies of its handle; one by half a
-/// turn through its axis, which no splitting saves: set such a motion up as several. Every step moves the centres, hence is
+/// The motion of a handle is cut along its way: at fraction t of it the design variables have t times their values, so that
+/// handles which turn go on arcs and keep their shape. An affine motion without variables is a stretch and then a rigid motion:
+/// at t the stretch is 1 + t (P - 1) about the middle of the handle, P the symmetric factor of the polar decomposition, and the
+/// rigid motion a screw by t times its angle and its shift. Affine motions that mirror, and displacements point by point, go
+/// straight, to x + t u(x); so do all when faces in the plane would leave it on their way. Every step moves the centres, hence is
 /// prepared anew with the points of the regions at rest and the mesh where the step before left it. All steps from rest share one
 /// system, as the deformation is linear in the displacements.
+///
+/// Where no number of steps arrives, the farthest place is looked for beyond the last sound one, by halving with one more system,
+/// and on the straight way to the full step: the result is never less than X + t* (Y - X), t* that of full_step (less where a
+/// margin asks for it).
 ///
 /// In one step, when that is enough, the result is that of System::evaluate(), bit for bit. When no number of steps up to
 /// most_steps is, that is a result, not an error.
 ///
-/// Throws what validate(), prepare(), System::bind() and InversionCheck throw; Error(invalid_argument) for options out of range,
-/// out_of_budget, cancelled, deadline_exceeded. Progress "split": the fraction of the motion in the current attempt, besides the
-/// stages of prepare().
+/// Throws what validate(), prepare(), System::bind() and InversionCheck throw; Error(invalid_argument) for options out of range
+/// and for handles that select control points, out_of_budget, cancelled, deadline_exceeded. Progress "split": the fraction of the
+/// motion in the current attempt, besides the stages of prepare().
 SplitResult evaluate_split(const SplitProblem& problem, const Design& design, const SplitOptions& options = {},
                            const RunContext& context = {});
 
 /// What one step costs beyond the first, which needs the prepared system only: peak_bytes includes the copies of the mesh,
 /// seconds are those to prepare, evaluate and check. How many it takes is not known before: uniform splitting makes at most 1 + 2
-/// + ... + (most_steps - 1) of them, adaptive most_steps - 1. Throws what validate() throws.
+/// + ... + (most_steps - 1) of them, adaptive most_steps - 1. Throws what validate() throws, and for handles that select control
+/// points.
 Estimate estimate_substep(const Mesh& mesh, const Setup& setup, const CellSet& cells);
 
 }  // namespace deform

@@ -2,9 +2,11 @@
 #include "core/deformers/system.h"
 
 #include <algorithm>
+#include <limits>
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/deformers/constrained/constraint_sets.h"
 #include "core/deformers/methods.h"
 
 namespace deform {
@@ -51,6 +53,13 @@ Estimate estimate(const Mesh& mesh, const Setup& setup) {
       setup, [&]<Method M>(const typename M::Options& options) { return M::estimate(options, mesh, setup, regions); });
   expected.peak_bytes += std::min(expected.peak_bytes / 8, most_overhead);
   return expected;
+}
+
+void find_problems(const Mesh& mesh, const Setup& setup, Problems& problems) {
+  const SelectedRegions regions = validate(setup, mesh, problems);
+  const Box box = bounding_box(mesh.points);
+  check_constraint_sets(mesh, setup, regions, {box.min, std::max(box.diagonal(), std::numeric_limits<double>::min())}, problems);
+  if (problems.empty()) problems.check("", [&] { estimate(mesh, setup); });
 }
 
 std::shared_ptr<const System> prepare(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context,

@@ -42,7 +42,7 @@ struct Design {
   double tolerance = 0;
 };
 
-/// How far the points of a constraint are from its shape, model units.
+/// How far the points of a constraint are from its shape, model units; of Distance how far distances are out of their bounds.
 struct ConstraintReport {
   double max_before = 0;  ///< largest distance in the deformation without constraints
   double rms_before = 0;  ///< root mean square distance in the deformation without constraints
@@ -50,7 +50,8 @@ struct ConstraintReport {
   double rms = 0;         ///< root mean square distance as delivered
   /// An exact one whose max is over 1e-9 D: it contradicts others, or points that are held.
   bool missed = false;
-  /// Placing its points exactly would have made the deformation worse (see ExactPlacement): they are where they are without that.
+  /// An exact one that contradicts others or points that are held, or is too far (see ExactPlacement): it keeps the fit that it
+  /// has without that.
   bool given_up = false;
 };
 
@@ -58,20 +59,31 @@ struct ConstraintReport {
 struct DesignReport {
   EvaluationPath path = EvaluationPath::basis;  ///< the one taken
   double interpolation_residual = 0;            ///< max over the centres of |interpolant - prescribed position|, model units
-  /// Max over the points of the handles as they were told to move, model units. Others may move farther: largest_displacement()
+  /// Largest prescribed displacement of a handle point, model units. Others may move farther: largest_displacement()
   /// of core/quality/displacement.h says how far any does, displacement_warning() what to think of it.
   double prescribed_displacement = 0;
+  /// Estimated largest error at the points, model units: how far they may be from where the exact solution of the method's own
+  /// equations puts them (of INCREMENTAL_QR the interpolant of all constraint points). At least half of what it is.
+  double error = 0;
+  /// Of FfdControl::mesh and controls: largest displacement of a control point, model units. With mesh far more than prescribed:
+  /// the clamp is too small.
+  double control_displacement = 0;
+  /// Of FfdControl::controls: edges of the mesh that are torn where the lattice ends, between points that move and points that
+  /// stay.
+  std::size_t torn_edges = 0;
+  bool converged = true;              ///< whether the solver, and the solution with constraints, reached their tolerances
+  std::vector<std::string> warnings;  ///< why the method may not suit this design, one sentence each
 
   // With constraints (thesis 8.5); the defaults without.
   std::vector<ConstraintReport> constraints;  ///< in the order of the setup
   int iterations = 0;                         ///< global steps
   int newton_steps = 0;                       ///< besides them
-  bool converged = true;                      ///< within the tolerance and the iterations of the setup
   double energy = 0;  ///< of the deformation above that without constraints, and of what they are missed by; unit coordinates
   double convergence_error = 0;  ///< estimated rms distance of the constrained points from the limit, model units
 };
 
-/// Facts about a prepared system. Lengths in model units.
+/// Facts about a prepared system. Lengths in model units. Where handles select control points (SelectedRegions::of),
+/// handle_points, fixed_points and constraint_points count these, and all points of the mesh are deformable.
 struct SystemInfo {
   std::size_t points = 0;             ///< of the mesh
   std::size_t fixed_points = 0;       ///< in fixed regions
@@ -96,7 +108,11 @@ struct SystemInfo {
   double tolerance = 0;               ///< of the iterative solver or incremental QR, as a fraction of D; else 0
   Solver solver = Solver::cholesky;   ///< the one that was used; of energy methods sparse Cholesky
   bool reduced = false;               ///< not all constraint points are centres
-  std::vector<std::string> notes;     ///< what was decided and why, one sentence each
+  double reduction_tolerance = 0;     ///< what the centres were chosen to; 0: by another rule, or all are centres
+  /// With a reduction tolerance the largest misfit of the fields 1, x, y, z of a handle at any constraint point, as a fraction of
+  /// the largest value of the field on the handle. Over the tolerance: it takes more centres than there may be.
+  double reduction_misfit = 0;
+  std::vector<std::string> notes;                             ///< what was decided and why, one sentence each
   std::vector<std::pair<std::string, double>> stage_seconds;  ///< "select", "assemble", "factor", "basis", in order
 };
 
@@ -137,7 +153,7 @@ class System : public std::enable_shared_from_this<System> {
   std::size_t bytes() const { return info().bytes; }
 
   /// Checks the designs (Error(invalid_argument) naming design, handle, point and limit: wrong length, non-finite, out of bounds,
-  /// coincident constraint points that are told to go to different places, a path that cannot be taken) and solves what is
+  /// coincident constraint points that are sent to different places, a path that cannot be taken) and solves what is
   /// global.
   virtual std::unique_ptr<const Evaluation> bind(std::span<const Design> designs, EvaluationPath path,
                                                  const RunContext& context) const = 0;
@@ -182,6 +198,11 @@ struct Estimate {
 
 /// By the method of the setup. Throws what validate() throws.
 Estimate estimate(const Mesh& mesh, const Setup& setup);
+
+/// All that is wrong with a setup, as far as it can be told without numerics: what validate() finds (see there), constraints that
+/// their points cannot make, and when there is nothing of that, what estimate() throws. `problems` may have some already; entries
+/// that these are about are left out.
+void find_problems(const Mesh& mesh, const Setup& setup, Problems& problems);
 
 /// Prepares a system. The mesh is kept alive by the system and not copied. Throws what validate() throws,
 /// Error(numerical_failure) when the system is singular (with the reason), cancelled, deadline_exceeded. `memory_budget` (bytes,

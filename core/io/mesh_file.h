@@ -41,7 +41,8 @@ class MeshFile {
   std::shared_ptr<const PolyhedralCells> cells() const { return mesh_->cells; }
 
   /// The original file with the coordinates of `points` (size mesh()->point_count()) and nothing else changed: comments, spacing,
-  /// line ends, other properties, normals, face lines stay byte for byte. Text: shortest decimal that parses to the same double;
+  /// line ends, other properties, vertex normals, face lines stay byte for byte. The normals of STL facets whose corners moved
+  /// become those of the new corners, unless they are zero or not finite. Text: shortest decimal that parses to the same double;
   /// a coordinate whose value did not change keeps its token. Binary floats: nearest float. Abaqus and Nastran: where the
   /// shortest decimal is longer than the field, the nearest one that fits: 20 characters in Abaqus, 8 or 16 columns in Nastran,
   /// between commas as much, or as the longest number between commas in the file. Throws Error(invalid_argument) for a wrong
@@ -89,13 +90,14 @@ struct ReadOptions {
 int serve_isolated_reader();
 
 /// Reads .obj .off .ply .stl, Medit's .mesh, SU2's .su2, VTK's .vtk, .vtu and .vtp, each also as .gz (recognised by content), and
-/// OpenFOAM meshes: a folder that holds constant/polyMesh, polyMesh or the files of one, or the path of its `points`. Throws
-/// Error(invalid_argument) naming file, line (or byte offset) and what was expected; Error(not_found) when the file cannot be
-/// opened.
-/// Gmsh (.msh): physical groups of surfaces hold faces, all others points; a group without a name is called "physical_2d_7".
-/// Abaqus (.inp): sets and surfaces, those of parts as "PART.NAME" where there are several parts or the assembly has the name
-/// too; the points of an instance are those of its part, not moved to where the instance is. Included files are relative to the
-/// folder of PATH. Nastran (.bdf .nas .dat): "pid_N" for the elements of property N.
+/// OpenFOAM meshes: a folder that holds constant/polyMesh, polyMesh or the files of one, the path of its `points`, or a time
+/// folder of a case or the folder of a region in one, whose files are looked for as OpenFOAM does: in it, else in the last time
+/// folder before it that has them, else in constant. Throws Error(invalid_argument) naming file, line (or byte offset) and what
+/// was expected; Error(not_found) when the file cannot be opened. Gmsh (.msh): physical groups of surfaces hold faces, all others
+/// points; a group without a name is called "physical_2d_7". Abaqus (.inp): sets and surfaces, those of parts as "PART.NAME"
+/// where there are several parts or the assembly has the name too; the points of an instance are those of its part, not moved to
+/// where the instance is. Included files are relative to the folder of PATH. Nastran (.bdf .nas .dat): "pid_N" for the elements
+/// of property N.
 std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path, const ReadOptions& options = {});
 
 /// The same from memory; `name` gives the format by its extension and stands in errors. What the bytes claim (counts) is checked
@@ -113,6 +115,10 @@ void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const
 /// with or without .gz), or that would no longer be read once `output` is there. An OpenFOAM case: its mesh in constant, and the
 /// time folder `source`. Nothing when the two are apart. Looks at files only; what is not there is nobody's.
 std::optional<std::filesystem::path> replaced_source(const std::filesystem::path& source, const std::filesystem::path& output);
+
+/// Throws Error(invalid_argument) where a mesh that is written to `output` would not be found again: of an OpenFOAM mesh a case
+/// instead of one of its time folders, or a time folder instead of the region of `source` in it.
+void check_output(const std::filesystem::path& source, const std::filesystem::path& output);
 
 /// The file that holds the coordinates of the mesh at `source`, all links followed.
 std::filesystem::path source_file(const std::filesystem::path& source);

@@ -31,6 +31,10 @@ std::optional<fs::path> replaced_source(const fs::path& source, const fs::path& 
   return std::nullopt;
 }
 
+void check_output(const fs::path& source, const fs::path& output) {
+  if (is_openfoam(source)) check_openfoam_output(source, output);
+}
+
 fs::path source_file(const fs::path& source) {
   return fs::canonical(is_openfoam(source) ? openfoam_source_points(source) : source);
 }

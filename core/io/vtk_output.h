@@ -41,8 +41,8 @@ struct VtkArrays {
 /// the cells have another order, and an array `face` says which face each is.
 void write_vtp(const Mesh& mesh, const VtkArrays& arrays, const std::filesystem::path& path);
 
-/// .vtu: finite elements, linear and quadratic, their nodes in the order of VTK. VTK has no pyramid of 14 nodes: the node amid
-/// its base stays a point without a cell.
+/// .vtu: finite elements, linear and quadratic, their nodes in the order of VTK. VTK has no pyramid of 14 nodes: the mid-face
+/// node of its base stays a point without a cell.
 void write_vtu(std::span<const Vec3> points, const Elements& elements, const VtkArrays& arrays,
                const std::filesystem::path& path);
 

@@ -44,7 +44,7 @@ const ElementShape hexahedron{
 const Edges prism_edges{{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 4}, {2, 5}, {3, 4}, {4, 5}, {5, 3}};
 const Edges hexahedron_edges{{0, 1}, {1, 2}, {2, 3}, {3, 0}, {0, 4}, {1, 5}, {2, 6}, {3, 7}, {4, 5}, {5, 6}, {6, 7}, {7, 4}};
 
-/// `faces` of the linear element get nodes amid them, in this order; `inner` nodes lie amid the element.
+/// `faces` of the linear element get mid-face nodes, in this order; `inner` nodes lie in the middle of the element.
 ElementShape quadratic(const char* name, const ElementShape& linear, const Edges& edges,
                        const std::vector<std::size_t>& faces = {}, std::size_t inner = 0) {
   ElementShape form = linear;

@@ -29,7 +29,7 @@ inline constexpr std::size_t element_types = 11;
 
 /// The cells of a finite-element mesh by their nodes. The corners stand in the order of Gmsh, CGNS and Medit: the Jacobian of a
 /// good element is positive, so the base (first face) seen from inside goes counter-clockwise. Quadratic elements in the order of
-/// CGNS (SIDS 3.3, TETRA_10 to HEXA_27), from 0: corners, the nodes amid edges, those amid faces, the one in the middle.
+/// CGNS (SIDS 3.3, TETRA_10 to HEXA_27), from 0: corners, mid-edge nodes, mid-face nodes, the one in the middle.
 ///   tetrahedron10  4..9: edges 01 12 20 03 13 23
 ///   pyramid13      5..12: edges 01 12 23 30 04 14 24 34; pyramid14 also 13: base
 ///   prism15        6..14: edges 01 12 20 03 14 25 34 45 53; prism18 also 15..17: faces 0143 1254 2035
@@ -59,11 +59,11 @@ struct ElementShape {
   std::size_t nodes, corners;
   /// Counter-clockwise from outside: corners; of quadratic elements corner, mid, corner, mid, ...
   std::vector<std::vector<std::uint8_t>> faces;
-  /// Corners, each edge once. Of quadratic elements node `corners` + i is amid edge i.
+  /// Corners, each edge once. Of quadratic elements node `corners` + i is the mid-edge node of edge i.
   std::vector<std::array<std::uint8_t, 2>> edges;
   /// A corner and its three neighbours, right-handed; of a pyramid's apex none.
   std::vector<std::array<std::uint8_t, 4>> corner_edges;
-  /// The node amid each face, or no_node; empty: none has one.
+  /// The mid-face node of each face, or no_node; empty: none has one.
   std::vector<std::uint8_t> face_centres;
 
   static constexpr std::uint8_t no_node = 0xff;
@@ -74,7 +74,7 @@ struct ElementShape {
 const ElementShape& shape(ElementType type);
 
 /// The faces that belong to one element only, outward, in the order of the elements: face sizes and corners of a surface mesh.
-/// Those of quadratic elements have their mid nodes as corners too, and are four quads around the node amid them where there is
+/// Those of quadratic elements have their mid nodes as corners too, and are four quads around the mid-face node where there is
 /// one, so that every node of the boundary lies in a face. Faces are the same when their nodes are. Throws
 /// Error(invalid_argument) when a face belongs to more than two elements.
 struct BoundaryFaces {
@@ -84,7 +84,7 @@ struct BoundaryFaces {
 };
 BoundaryFaces boundary_faces(const Elements& elements);
 
-/// Appends a face to those of a surface mesh: `around` as it is, or where it has a node amid it, around.size() / 2 quads of
+/// Appends a face to those of a surface mesh: `around` as it is, or where it has a mid-face node, around.size() / 2 quads of
 /// corner, mid, centre, mid.
 void append_face(std::span<const PointId> around, std::vector<std::uint32_t>& sizes, std::vector<PointId>& points);
 void append_face(std::span<const PointId> around, PointId centre, std::vector<std::uint32_t>& sizes,

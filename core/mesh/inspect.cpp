@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "core/base/vectors.h"
@@ -30,13 +31,14 @@ bool repeats_a_corner(std::span<const PointId> corners) {
 }
 
 void count_faces(const Mesh& mesh, const Adjacency& adjacency, MeshReport& report) {
-  constexpr double relative_area = 1e-12;
-  const double smallest = relative_area * report.box.diagonal() * report.box.diagonal();
+  const double diagonal = report.box.diagonal();
   for (std::size_t face = 0; face < mesh.face_count(); ++face) {
     const std::uint32_t size = mesh.face_sizes[face];
     ++(size == 3 ? report.triangles : size == 4 ? report.quads : report.other_faces);
     const auto corners = adjacency.points_of(static_cast<FaceId>(face));
-    if (size < 3 || area(mesh, corners) < smallest || repeats_a_corner(corners)) ++report.degenerate_faces;
+    const bool sound =
+        size >= 3 && !repeats_a_corner(corners) && area(mesh, corners) >= least_area(mesh.points, corners, diagonal);
+    if (!sound) ++report.degenerate_faces;
   }
 }
 
@@ -101,6 +103,15 @@ std::vector<std::size_t> group_point_counts(const Mesh& mesh) {
     counts.push_back(points);
   }
   return counts;
+}
+
+double least_area(std::span<const Vec3> points, std::span<const PointId> corners, double diagonal) {
+  constexpr double relative_area = 1e-12, rounding = std::numeric_limits<double>::epsilon();
+  double longest = 0;
+  for (std::size_t c = 0; c < corners.size(); ++c) {
+    longest = std::max(longest, norm(points[corners[(c + 1) % corners.size()]] - points[corners[c]]));
+  }
+  return std::max({relative_area * longest * longest, rounding * diagonal * longest, std::numeric_limits<double>::min()});
 }
 
 MeshReport inspect(const Mesh& mesh) {

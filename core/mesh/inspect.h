@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -18,7 +19,7 @@ struct MeshReport {
   std::size_t components = 0;  ///< connected by shared points; isolated points not counted
   std::size_t edges = 0, boundary_edges = 0, non_manifold_edges = 0, inconsistent_edges = 0;
   std::size_t non_manifold_points = 0;  ///< as Adjacency::non_manifold_points(), isolated points not counted
-  std::size_t degenerate_faces = 0;     ///< repeated corner, fewer than three corners, or area below 1e-12 D^2
+  std::size_t degenerate_faces = 0;     ///< repeated corner, fewer than three corners, or area below least_area()
   std::size_t isolated_points = 0;
   std::size_t coincident_points = 0;  ///< points with exactly the coordinates of an earlier one
   struct GroupCount {
@@ -27,6 +28,10 @@ struct MeshReport {
   };
   std::vector<GroupCount> groups;
 };
+
+/// What the area of a face must reach lest it be degenerate: 1e-12 of the square of its longest edge, and what the rounding of
+/// coordinates leaves of an area in a mesh whose box has this diagonal.
+double least_area(std::span<const Vec3> points, std::span<const PointId> corners, double diagonal);
 
 MeshReport inspect(const Mesh& mesh);
 

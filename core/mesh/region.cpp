@@ -7,6 +7,7 @@
 #include <iterator>
 #include <optional>
 #include <span>
+#include <type_traits>
 
 #include "core/base/checks.h"
 #include "core/base/error.h"
@@ -25,24 +26,26 @@ using Mask = std::vector<char>;
 constexpr int max_depth = 64;
 constexpr int max_rings = 1000;
 
-/// Evaluates one region tree on one mesh. Masks, not id lists: a combinator is then one pass over bytes.
-class Selector {
+template <typename Kind>
+concept CombinedRegion = std::is_same_v<Kind, Region::Union> || std::is_same_v<Kind, Region::Intersection> ||
+    std::is_same_v<Kind, Region::Difference> || std::is_same_v<Kind, Region::Complement>;
+
+/// What combines selections, of whatever there is. Masks, not id lists: a combinator is then one pass over bytes.
+class Combiner {
  public:
-  Selector(const Mesh& mesh, const std::string& what) : mesh_(mesh), what_(what) {}
+  explicit Combiner(const std::string& what) : what_(what) {}
+  virtual ~Combiner() = default;
 
   Mask mask(const Region& region, int depth) {
     if (depth > max_depth) refuse("regions are nested deeper than " + std::to_string(max_depth));
-    return std::visit([&](const auto& kind) { return select(kind, depth); }, region.kind);
+    return of_kind(region, depth);
   }
 
- private:
+ protected:
+  /// Of a region of any kind.
+  virtual Mask of_kind(const Region& region, int depth) = 0;
+
   [[noreturn]] void refuse(const std::string& message) const { throw Error(ErrorCode::invalid_argument, what_ + ": " + message); }
-
-  void require_radius(double radius, const char* field) const {
-    if (!std::isfinite(radius) || radius < 0) {
-      refuse(std::string(field) + ": it must be a finite number that is not negative, not " + number_digits(radius));
-    }
-  }
   void require_one(std::size_t children, const char* field) const {
     if (children != 1) refuse(std::string(field) + ": needs exactly one region, not " + std::to_string(children));
   }
@@ -50,6 +53,74 @@ class Selector {
     if (children == 0) refuse(std::string(field) + ": needs at least one region");
   }
 
+  Mask combined(const Region::Union& region, int depth) {
+    require_some(region.of.size(), "union");
+    Mask result = mask(region.of[0], depth + 1);
+    for (std::size_t child = 1; child < region.of.size(); ++child) {
+      const Mask other = mask(region.of[child], depth + 1);
+      for (std::size_t i = 0; i < result.size(); ++i) result[i] |= other[i];
+    }
+    return result;
+  }
+
+  Mask combined(const Region::Intersection& region, int depth) {
+    require_some(region.of.size(), "intersection");
+    Mask result = mask(region.of[0], depth + 1);
+    for (std::size_t child = 1; child < region.of.size(); ++child) {
+      const Mask other = mask(region.of[child], depth + 1);
+      for (std::size_t i = 0; i < result.size(); ++i) result[i] &= other[i];
+    }
+    return result;
+  }
+
+  Mask combined(const Region::Difference& region, int depth) {
+    require_some(region.of.size(), "difference");
+    Mask result = mask(region.of[0], depth + 1);
+    for (std::size_t child = 1; child < region.of.size(); ++child) {
+      const Mask other = mask(region.of[child], depth + 1);
+      for (std::size_t i = 0; i < result.size(); ++i) result[i] = result[i] && !other[i];
+    }
+    return result;
+  }
+
+  Mask combined(const Region::Complement& region, int depth) {
+    require_one(region.of.size(), "complement");
+    Mask result = mask(region.of[0], depth + 1);
+    for (char& selected : result) selected = !selected;
+    return result;
+  }
+
+  const std::string& what_;
+};
+
+/// Evaluates one region tree on one mesh.
+class MeshSelector : public Combiner {
+ public:
+  MeshSelector(const Mesh& mesh, const std::string& what) : Combiner(what), mesh_(mesh) {}
+
+ private:
+  Mask of_kind(const Region& region, int depth) override {
+    return std::visit([&](const auto& kind) { return select(kind, depth); }, region.kind);
+  }
+
+  // Combiner has these.
+  template <CombinedRegion Kind>
+  Mask select(const Kind& kind, int depth) {
+    return combined(kind, depth);
+  }
+  Mask select(const Region::LatticeRange&, int) const { refuse_controls("lattice"); }
+  Mask select(const Region::ControlIds&, int) const { refuse_controls("control"); }
+  [[noreturn]] void refuse_controls(const char* field) const {
+    refuse(std::string(field) +
+           ": control points can be selected only by handles and fixed regions, and only with control "
+           "CONTROLS of method.ffd or method.cage; here take points of the mesh");
+  }
+
+  void require_radius(double radius, const char* field) const {
+    if (!std::isfinite(radius) || radius < 0) {
+      refuse(std::string(field) + ": it must be a finite number that is not negative, not " + number_digits(radius));
+    }
+  }
   template <typename Predicate>
   Mask where(Predicate inside) const {
     Mask mask(mesh_.point_count());
@@ -166,43 +237,6 @@ class Selector {
     return mask;
   }
 
-  Mask select(const Region::Union& region, int depth) {
-    require_some(region.of.size(), "union");
-    Mask result = mask(region.of[0], depth + 1);
-    for (std::size_t child = 1; child < region.of.size(); ++child) {
-      const Mask other = mask(region.of[child], depth + 1);
-      for (std::size_t i = 0; i < result.size(); ++i) result[i] |= other[i];
-    }
-    return result;
-  }
-
-  Mask select(const Region::Intersection& region, int depth) {
-    require_some(region.of.size(), "intersection");
-    Mask result = mask(region.of[0], depth + 1);
-    for (std::size_t child = 1; child < region.of.size(); ++child) {
-      const Mask other = mask(region.of[child], depth + 1);
-      for (std::size_t i = 0; i < result.size(); ++i) result[i] &= other[i];
-    }
-    return result;
-  }
-
-  Mask select(const Region::Difference& region, int depth) {
-    require_some(region.of.size(), "difference");
-    Mask result = mask(region.of[0], depth + 1);
-    for (std::size_t child = 1; child < region.of.size(); ++child) {
-      const Mask other = mask(region.of[child], depth + 1);
-      for (std::size_t i = 0; i < result.size(); ++i) result[i] = result[i] && !other[i];
-    }
-    return result;
-  }
-
-  Mask select(const Region::Complement& region, int depth) {
-    require_one(region.of.size(), "complement");
-    Mask result = mask(region.of[0], depth + 1);
-    for (char& selected : result) selected = !selected;
-    return result;
-  }
-
   Mask select(const Region::Grow& region, int depth) {
     require_one(region.of.size(), "grow");
     if (region.rings < 0 || region.rings > max_rings) {
@@ -213,10 +247,71 @@ class Selector {
   }
 
   const Mesh& mesh_;
-  const std::string& what_;
   std::vector<std::uint64_t> offsets_;
   std::optional<Adjacency> adjacency_;  // built for the first selection that needs neighbours
 };
+
+/// Evaluates one region tree on control points.
+class ControlSelector : public Combiner {
+ public:
+  ControlSelector(const ControlSet& controls, const std::string& what) : Combiner(what), controls_(controls) {}
+
+ private:
+  Mask of_kind(const Region& region, int depth) override {
+    return std::visit([&](const auto& kind) { return select(kind, depth); }, region.kind);
+  }
+
+  template <CombinedRegion Kind>
+  Mask select(const Kind& kind, int depth) {
+    return combined(kind, depth);
+  }
+  template <typename Kind>
+  Mask select(const Kind&, int) {
+    refuse(std::string("its region selects points of the mesh, but with control CONTROLS handles and fixed regions select "
+                       "control points: ") +
+           (controls_.lattice ? "`lattice: {i: [FIRST, LAST], j: .., k: ..}`, " : "") +
+           "`control: {ids: [..]}` and what combines these");
+  }
+  Mask select(const Region::ControlIds& region, int) {
+    Mask mask(controls_.size, 0);
+    check_ids(region.ids, mask.size(), what_ + ": control.ids", "control point");
+    for (const std::uint32_t id : region.ids) mask[id] = 1;
+    return mask;
+  }
+  Mask select(const Region::LatticeRange& region, int) {
+    if (!controls_.lattice) refuse("lattice: there is none; use `control: {ids: [..]}`");
+    std::array<Region::LatticeRange::Range, 3> ranges;
+    for (std::size_t k = 0; k < 3; ++k) ranges[k] = range(region, k);
+    Mask mask(controls_.size, 0);
+    const auto& [l, m, n] = *controls_.lattice;
+    for (std::size_t k = ranges[2].first; k <= ranges[2].last; ++k) {
+      for (std::size_t j = ranges[1].first; j <= ranges[1].last; ++j) {
+        for (std::size_t i = ranges[0].first; i <= ranges[0].last; ++i) mask[i + l * (j + m * k)] = 1;
+      }
+    }
+    return mask;
+  }
+
+  Region::LatticeRange::Range range(const Region::LatticeRange& region, std::size_t axis) const {
+    const std::size_t points = (*controls_.lattice)[axis];
+    const Region::LatticeRange::Range given =
+        region.along[axis].value_or(Region::LatticeRange::Range{0, static_cast<std::uint32_t>(points - 1)});
+    if (given.first <= given.last && given.last < points) return given;
+    refuse(std::string("lattice.") + "ijk"[axis] + ": [" + std::to_string(given.first) + ", " + std::to_string(given.last) +
+           "] must be the first and the last of the " + std::to_string(points) + " control points along that axis, from 0 to " +
+           std::to_string(points - 1));
+  }
+
+  const ControlSet& controls_;
+};
+
+std::vector<PointId> ids_of(const Mask& mask) {
+  std::vector<PointId> ids;
+  for (std::size_t i = 0; i < mask.size(); ++i) {
+    if (mask[i]) ids.push_back(static_cast<PointId>(i));
+  }
+  return ids;
+}
 
 /// The shortest digits that mean the same number.
 void append(double value, std::string& text) {
@@ -244,12 +339,11 @@ std::string no_point_text(const Mesh& mesh) {
 }
 
 std::vector<PointId> select(const Region& region, const Mesh& mesh, const std::string& what) {
-  const Mask mask = Selector(mesh, what).mask(region, 1);
-  std::vector<PointId> ids;
-  for (std::size_t i = 0; i < mask.size(); ++i) {
-    if (mask[i]) ids.push_back(static_cast<PointId>(i));
-  }
-  return ids;
+  return ids_of(MeshSelector(mesh, what).mask(region, 1));
+}
+
+std::vector<PointId> select_controls(const Region& region, const ControlSet& controls, const std::string& what) {
+  return ids_of(ControlSelector(controls, what).mask(region, 1));
 }
 
 }  // namespace deform

@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
+#include <cstddef>
+#include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <variant>
 #include <vector>
@@ -11,8 +15,9 @@
 
 namespace deform {
 
-/// A set of points of a mesh, described so that it can be selected again on any mesh. A tree: combinators hold child regions.
-/// Lengths in model units; all selections are closed sets (points exactly on the surface of a box, sphere, ... belong to it).
+/// A set of points of a mesh, described so that it can be selected again on any mesh, or of control points of a deformation. A
+/// tree: combinators hold child regions, and only Union, Intersection, Difference and Complement combine control points. Lengths
+/// in model units; all selections are closed sets (points exactly on the surface of a box, sphere, ... belong to it).
 struct Region {
   struct All {};
   struct GroupName {
@@ -39,6 +44,16 @@ struct Region {
   /// The surface of a volume mesh: points of the faces that belong to one cell only, those of patches of type "empty" too. Of a
   /// mesh without cells: points of its faces.
   struct Boundary {};
+  /// Control points (i, j, k) of a lattice: from the first to the last along each axis, both inclusive; none: the whole axis.
+  struct LatticeRange {
+    struct Range {
+      std::uint32_t first = 0, last = 0;
+    };
+    std::array<std::optional<Range>, 3> along{};
+  };
+  struct ControlIds {  ///< control points by number
+    std::vector<std::uint32_t> ids;
+  };
   struct Union {
     std::vector<Region> of;
   };
@@ -56,15 +71,28 @@ struct Region {
     int rings = 1;           ///< 0..1000
   };
 
-  std::variant<All, GroupName, InBox, InSphere, InCylinder, InHalfSpace, Ids, OpenBoundary, Boundary, Union, Intersection,
-               Difference, Complement, Grow>
+  std::variant<All, GroupName, InBox, InSphere, InCylinder, InHalfSpace, Ids, OpenBoundary, Boundary, LatticeRange, ControlIds,
+               Union, Intersection, Difference, Complement, Grow>
       kind;
 };
 
 /// The selected point ids, sorted, unique; may be empty (whoever needs points refuses that). `what` names the region in errors
 /// ("handle \"roof\""). Throws Error(invalid_argument): unknown group (with the nearest names), id out of range, min > max,
-/// negative or non-finite lengths, zero normal, zero-length axis, wrong number of children, nesting deeper than 64.
+/// negative or non-finite lengths, zero normal, zero-length axis, wrong number of children, nesting deeper than 64, control
+/// points.
 std::vector<PointId> select(const Region& region, const Mesh& mesh, const std::string& what);
+
+/// The control points that handles select from.
+struct ControlSet {
+  std::size_t size = 0;  ///< how many
+  std::optional<std::array<std::size_t, 3>> lattice =
+      std::nullopt;  ///< along each axis; (i, j, k) is i + l (j + m k) of l x m x n
+};
+
+/// The numbers of the selected control points, sorted, unique; may be empty. Throws Error(invalid_argument) naming `what` and the
+/// field: a kind that selects points of the mesh, numbers out of range, first > last, a range where there is no lattice, and of
+/// combinators what select() throws.
+std::vector<PointId> select_controls(const Region& region, const ControlSet& controls, const std::string& what);
 
 /// What is wrong with a region that selected nothing: "its region contains no point; the model's box is [0, 0, 0] to [1, 2, 3]".
 std::string no_point_text(const Mesh& mesh);

@@ -21,7 +21,7 @@ inline constexpr int most_wall_layers = 1000;
 /// is the cell on a face of the boundary, the cell behind its opposite face, and so on; it ends at the wall across, where the
 /// next cell is of another kind, or where the next cell does not meet it in a whole face (hanging points).
 struct WallColumns {
-  std::vector<std::vector<PointId>> points;  ///< per column all points of its cells, also those amid edges and faces; sorted
+  std::vector<std::vector<PointId>> points;  ///< per column all points of its cells, mid-edge and mid-face nodes too; sorted
   std::size_t faces = 0;                     ///< of the boundary that have all corners in the set
   std::size_t shorter = 0;                   ///< columns of fewer cells than asked for
   std::size_t bare = 0;                      ///< faces without a column, because what is behind them does not stand on them

@@ -16,7 +16,7 @@ struct BoundaryOwner {
   std::uint32_t side = 0;  ///< number of the face in the element's shape; of polyhedral cells the face
 };
 
-/// For every face of a boundary mesh its element. Faces around the node amid a quadratic side have the same owner. Throws
+/// For every face of a boundary mesh its element. Faces around the mid-face node of a quadratic side have the same owner. Throws
 /// Error(invalid_argument) naming a face that belongs to none.
 std::vector<BoundaryOwner> boundary_owners(const Mesh& boundary, const Elements& elements);
 

@@ -29,9 +29,9 @@ inline Interval operator*(const Interval& a, const Interval& b) {
   return product;
 }
 
-/// What is known of a function of u in [-1, 1]: its value amid, bounds of it and of its derivative. By the mean value theorem it
-/// is within value +- |derivative|, so halving the interval brings the bounds closer by a factor of four. Moore, Kearfott, Cloud,
-/// Introduction to Interval Analysis (2009), chapter 6.
+/// What is known of a function of u in [-1, 1]: its value at the midpoint, bounds of it and of its derivative. By the mean value
+/// theorem it is within value +- |derivative|, so halving the interval brings the bounds closer by a factor of four. Moore,
+/// Kearfott, Cloud, Introduction to Interval Analysis (2009), chapter 6.
 struct Centred {
   double value = 0;
   Interval range, derivative;

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/quality/displacement.h"
 
+#include <cmath>
 #include <cstdio>
+#include <limits>
 
 #include "core/base/vectors.h"
 
@@ -23,6 +25,7 @@ Extreme largest_displacement(std::span<const Vec3> points, std::span<const Vec3>
   std::size_t at = 0;
   for (std::size_t i = 0; i < points.size(); ++i) {
     const double square = squared_distance(points[i], original[i]);
+    if (std::isnan(square)) return {std::numeric_limits<double>::infinity(), i};
     if (square > largest) {
       largest = square;
       at = i;
@@ -37,7 +40,7 @@ std::optional<std::string> displacement_warning(const Extreme& largest, double p
   const double ratio = largest.value / prescribed;
   if (!(ratio >= displacement_ratio_to_warn)) return std::nullopt;
   return "point " + std::to_string(largest.id) + " moves " + rounded("%.3g", largest.value) + ", " +
-         rounded(ratio < 1000 ? "%.1f" : "%.0e", ratio) + " times as far as any point was told to (" +
+         rounded(ratio < 1000 ? "%.1f" : "%.0e", ratio) + " times the largest prescribed displacement (" +
          rounded("%.3g", prescribed) +
          "): the surface may be folded or stretched there; move more of what is around the handles, " + "or move them less";
 }

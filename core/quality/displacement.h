@@ -11,14 +11,14 @@
 namespace deform {
 
 /// How far the point that moves farthest is from where it was, and which it is: the first of several. Both spans have as many
-/// points; 0 without any.
+/// points; 0 without any, infinite where a point is not finite.
 Extreme largest_displacement(std::span<const Vec3> points, std::span<const Vec3> original);
 
-/// Points that move so much farther than any was told to are worth a warning.
+/// Points that move so much farther than the largest prescribed displacement are worth a warning.
 inline constexpr double displacement_ratio_to_warn = 1.5;
 
-/// The warning in one sentence: when `largest` exceeds `prescribed`, the largest displacement that a point was told to make, by
-/// that ratio or more. None where nothing was told to move, nor for what is below 1e-9 of the diagonal.
+/// The warning in one sentence: when `largest` exceeds `prescribed`, the largest prescribed displacement, by
+/// that ratio or more. None where nothing is prescribed, nor for what is below 1e-9 of the diagonal.
 std::optional<std::string> displacement_warning(const Extreme& largest, double prescribed, double diagonal);
 
 }  // namespace deform

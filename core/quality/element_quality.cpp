@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <limits>
 #include <numeric>
+#include <utility>
 
-#include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
+#include "core/quality/moving_cells.h"
 #include "core/quality/quadratic_map.h"
-#include "core/quality/scaled_jacobian.h"
 
 namespace deform {
 
@@ -22,6 +22,7 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 
 struct Measured {
   double scaled_jacobian = 0, volume = 0, edge_ratio = 0, aspect_ratio = 0;
+  bool inverted = false;
 };
 
 // Sum of the cones from the first node to every face: triangles, or fans around the mean of four corners.
@@ -98,13 +99,15 @@ double least_height(std::span<const Vec3> points, std::span<const PointId> nodes
   return least;
 }
 
-Measured measure(std::span<const Vec3> points, const Elements& elements, std::size_t e) {
+Measured measure(std::span<const Vec3> points, const Elements& elements, const quality::MovingCells& cells, std::size_t e) {
   const auto nodes = elements.nodes(e);
-  check_ids(nodes, points.size(), FieldEntry{"elements", e}, "point");
   const ElementShape& form = shape(elements.types[e]);
   Measured result;
-  result.scaled_jacobian = scaled_jacobian(points, nodes, elements.types[e]);
-  result.volume = form.quadratic() ? volume(points, nodes, QuadraticMap::of(elements.types[e])) : volume(points, nodes, form);
+  const auto state = cells.state(points, e);
+  result.scaled_jacobian = state.determinant;
+  result.inverted = state.inverted;
+  result.volume = (cells.left_handed(e) ? -1 : 1) *
+                  (form.quadratic() ? volume(points, nodes, QuadraticMap::of(elements.types[e])) : volume(points, nodes, form));
   const Lengths edges = edge_lengths(points, nodes, form);
   result.edge_ratio = edges.least > 0 ? edges.largest / edges.least : infinity;
   result.aspect_ratio = result.volume > 0 ? edges.largest / least_height(points, nodes, form, result.volume) : infinity;
@@ -129,23 +132,32 @@ void add(const Measured& m, std::size_t e, std::size_t all, ElementMeasures& res
   if (m.edge_ratio < result.least_edge_ratio.value) result.least_edge_ratio = {m.edge_ratio, e};
   if (m.edge_ratio > result.largest_edge_ratio.value) result.largest_edge_ratio = {m.edge_ratio, e};
   if (m.aspect_ratio > result.largest_aspect_ratio.value) result.largest_aspect_ratio = {m.aspect_ratio, e};
-  result.inverted_elements += m.scaled_jacobian <= 0;
+  result.inverted_elements += m.inverted;
 }
 
 }  // namespace
 
 ElementQuality element_quality(std::span<const Vec3> points, const Elements& elements, const RunContext& context) {
+  return element_quality(points, elements, std::vector<char>{}, context);
+}
+
+ElementQuality element_quality(std::span<const Vec3> points, const Elements& elements, std::vector<char> left_handed,
+                               const RunContext& context) {
   const std::size_t n = elements.size();
   if (n == 0) throw Error(ErrorCode::invalid_argument, "the mesh has no elements");
+  const auto left = static_cast<std::size_t>(std::count(left_handed.begin(), left_handed.end(), 1));
+  const auto cells = quality::moving_elements(elements, points.size());
+  cells->take_as_left_handed(std::move(left_handed));
   std::vector<Measured> all(n);
   parallel_for(context, n, grain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t e = begin; e < end; ++e) all[e] = measure(points, elements, e);
+    for (std::size_t e = begin; e < end; ++e) all[e] = measure(points, elements, *cells, e);
   });
   std::array<std::size_t, element_types> counts{};
   for (const ElementType type : elements.types) ++counts[static_cast<std::size_t>(type)];
   ElementQuality result;
   static_cast<ElementMeasures&>(result) = none();
   result.points = points.size();
+  result.left_handed = left;
   for (std::size_t type = 0; type < element_types; ++type) {
     result.of_type[type] = counts[type] > 0 ? none() : ElementMeasures{};
   }

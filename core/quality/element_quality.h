@@ -40,13 +40,14 @@ struct ElementMeasures {
   double total_volume = 0;
   Extreme least_edge_ratio, largest_edge_ratio;  ///< longest over shortest edge of an element
   Extreme largest_aspect_ratio;
-  std::size_t inverted_elements = 0;  ///< scaled Jacobian <= 0 somewhere
+  std::size_t inverted_elements = 0;  ///< as InversionCheck has it: the determinant is not positive at a corner or a node
 };
 
 struct ElementQuality : ElementMeasures {
   static constexpr std::size_t bins = 20;
 
   std::size_t points = 0;
+  std::size_t left_handed = 0;                         ///< elements
   std::array<ElementMeasures, element_types> of_type;  ///< by ElementType
   std::array<std::size_t, bins> histogram{};           ///< of the scaled Jacobian, from -1 to 1
   std::vector<std::size_t> worst;               ///< ids of the elements with the least scaled Jacobian, worst first, at most 100
@@ -56,5 +57,10 @@ struct ElementQuality : ElementMeasures {
 /// points: n x 3. Parallel; the result does not depend on the number of threads. Throws Error(invalid_argument) when elements
 /// name points beyond n or there is none, cancelled, deadline_exceeded.
 ElementQuality element_quality(std::span<const Vec3> points, const Elements& elements, const RunContext& context = {});
+
+/// The same where elements are left-handed, as left_handed_cells() has them (one entry each, or none at all): their determinants
+/// and volumes have the other sign, as those of their mirror images.
+ElementQuality element_quality(std::span<const Vec3> points, const Elements& elements, std::vector<char> left_handed,
+                               const RunContext& context = {});
 
 }  // namespace deform

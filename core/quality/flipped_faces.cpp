@@ -239,7 +239,7 @@ class FlipCheck::Impl {
     }
   }
 
-  double told(const FacePair& pair, float cosine) const {
+  double prescribed_cosine(const FacePair& pair, float cosine) const {
     return length(rest_[pair.to] - rest_[pair.from]) * weight(pair) * evidence(static_cast<double>(cosine));
   }
 
@@ -258,7 +258,7 @@ class FlipCheck::Impl {
     for (std::size_t i = 0; i < pairs_.size(); ++i) {
       const FaceId a = clusters[pairs_[i].first], b = clusters[pairs_[i].second];
       if (a == b || cosines[i] == unknown) continue;
-      pairs.push_back({a, b, static_cast<std::uint32_t>(i), told(pairs_[i], cosines[i])});
+      pairs.push_back({a, b, static_cast<std::uint32_t>(i), prescribed_cosine(pairs_[i], cosines[i])});
     }
     const TwoSides found = two_sides(count, std::move(pairs));
     struct Side {

@@ -79,13 +79,14 @@ struct Side {
 
 /// The corners of a face and their mean.
 struct Outline {
-  std::vector<Straight> corners;
+  std::span<const Straight> corners;  ///< in those of the Body
   Straight mean;
   double sign;
 };
 
 /// A cell on its way, relative to one of its points: what all move alike does not blur the bounds.
 struct Body {
+  std::vector<Straight> corners;  ///< of all faces; never moved
   std::vector<Outline> faces;
   Straight mean;  ///< of the faces' means
 };
@@ -179,9 +180,24 @@ class MovingPolyhedra : public MovingCells {
       if (!is_volume || state.inverted) state.determinant = std::min(state.determinant, normalized);
       if (!is_volume) return true;
       is_volume = false;
+      state.without_volume = state.inverted;
       return !state.inverted;  // without a volume there is no centre
     });
+    state.without_volume = state.without_volume || body.faces.empty();
+    state.wrong_pyramid = state.inverted && !state.without_volume;
     return state;
+  }
+
+  Orientation orientation(PointSpan points, std::size_t c) const override {
+    if (sound(body_of(points, points, c, 1))) return Orientation::positive;
+    return sound(body_of(points, points, c, -1)) ? Orientation::mirrored : Orientation::neither;
+  }
+
+  /// Faces know their sides: all neighbours are of one kind.
+  std::vector<CellLink> links() const override {
+    std::vector<CellLink> links;
+    for (std::size_t f = 0; f < cells_.internal_faces(); ++f) links.push_back({cells_.owner[f], cells_.neighbour[f], true});
+    return links;
   }
 
   double first_inversion(PointSpan from, PointSpan to, std::size_t c, double bound) const override {
@@ -193,7 +209,37 @@ class MovingPolyhedra : public MovingCells {
     return rigid ? unbounded : search(body, 0, 1, bound);
   }
 
+  CellTolerance motion_tolerance(PointSpan rest, std::size_t c, double determinant) const override {
+    std::vector<SignedFace> faces;
+    for (const Side& side : sides(c)) faces.push_back({cells_.face(side.face), left_handed(c) ? -side.sign : side.sign});
+    return polyhedron_tolerance(rest, faces, determinant);
+  }
+  int distortion() const override { return 1; }
+  NodeLists nodes() const override { return {node_offsets_, node_ids_}; }
+
+  void list_nodes() override {
+    node_offsets_ = {0};
+    node_offsets_.reserve(size() + 1);
+    std::vector<PointId> of_cell;
+    for (std::size_t c = 0; c < size(); ++c) {
+      of_cell.clear();
+      for (const Side& side : sides(c)) {
+        const auto corners = cells_.face(side.face);
+        of_cell.insert(of_cell.end(), corners.begin(), corners.end());
+      }
+      std::sort(of_cell.begin(), of_cell.end());
+      node_ids_.insert(node_ids_.end(), of_cell.begin(), std::unique(of_cell.begin(), of_cell.end()));
+      node_offsets_.push_back(node_ids_.size());
+    }
+    node_ids_.shrink_to_fit();
+  }
+
  private:
+  std::span<const Side> sides(std::size_t c) const {
+    return std::span(sides_).subspan(static_cast<std::size_t>(offsets_[c]),
+                                     static_cast<std::size_t>(offsets_[c + 1] - offsets_[c]));
+  }
+
   void check(std::size_t f, std::size_t points) const {
     const FieldEntry face{"faces", f};
     check_ids(cells_.face(f), points, face, "point");
@@ -201,23 +247,36 @@ class MovingPolyhedra : public MovingCells {
     if (f < cells_.internal_faces()) check_ids({&cells_.neighbour[f], 1}, cells_.cell_count, face, "cell");
   }
 
-  Body body_of(PointSpan from, PointSpan to, std::size_t c) const {
+  Body body_of(PointSpan from, PointSpan to, std::size_t c) const { return body_of(from, to, c, left_handed(c) ? -1 : 1); }
+
+  Body body_of(PointSpan from, PointSpan to, std::size_t c, double sign) const {
     Body body;
-    const auto sides = std::span(sides_).subspan(offsets_[c], static_cast<std::size_t>(offsets_[c + 1] - offsets_[c]));
-    body.faces.reserve(sides.size());
-    const PointId base = sides.empty() || cells_.face(sides[0].face).empty() ? 0 : cells_.face(sides[0].face)[0];
-    for (const Side& side : sides) {
-      Outline& face = body.faces.emplace_back(Outline{{}, {}, side.sign});
+    const auto all = sides(c);
+    body.faces.reserve(all.size());
+    std::size_t corners = 0;
+    for (const Side& side : all) corners += cells_.face(side.face).size();
+    body.corners.reserve(corners);
+    const PointId base = all.empty() || cells_.face(all[0].face).empty() ? 0 : cells_.face(all[0].face)[0];
+    for (const Side& side : all) {
+      Outline& face = body.faces.emplace_back(Outline{{}, {}, sign * side.sign});
+      const std::size_t first = body.corners.size();
       for (const PointId p : cells_.face(side.face)) {
         const Vec3 start = from[p] - from[base];
-        face.corners.push_back({start, (to[p] - to[base]) - start});
-        face.mean = face.mean + face.corners.back();
+        body.corners.push_back({start, (to[p] - to[base]) - start});
+        face.mean = face.mean + body.corners.back();
       }
+      face.corners = std::span<const Straight>(body.corners).subspan(first);
       face.mean = (1.0 / static_cast<double>(std::max<std::size_t>(1, face.corners.size()))) * face.mean;
       body.mean = body.mean + face.mean;
     }
-    body.mean = (1.0 / static_cast<double>(std::max<std::size_t>(1, sides.size()))) * body.mean;
+    body.mean = (1.0 / static_cast<double>(std::max<std::size_t>(1, all.size()))) * body.mean;
     return body;
+  }
+
+  static bool sound(const Body& body) {
+    bool sound = !body.faces.empty();
+    measure(body, Moment{0}, tolerance, [&](double, double margin) { return sound = margin > 0; });
+    return sound;
   }
 
   static bool proven(const Body& body, double low, double high) {
@@ -238,11 +297,13 @@ class MovingPolyhedra : public MovingCells {
   const PolyhedralCells& cells_;
   std::vector<std::uint64_t> offsets_;  ///< cells + 1
   std::vector<Side> sides_;             ///< of cell i: offsets_[i] .. offsets_[i+1]
+  std::vector<std::uint64_t> node_offsets_;
+  std::vector<PointId> node_ids_;
 };
 
 }  // namespace
 
-std::unique_ptr<const MovingCells> moving_polyhedra(const PolyhedralCells& cells, std::size_t points) {
+std::unique_ptr<MovingCells> moving_polyhedra(const PolyhedralCells& cells, std::size_t points) {
   return std::make_unique<MovingPolyhedra>(cells, points);
 }
 

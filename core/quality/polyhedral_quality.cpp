@@ -5,11 +5,13 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 #include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
+#include "core/quality/moving_cells.h"
 #include "core/quality/summary.h"
 
 namespace deform {
@@ -19,6 +21,7 @@ namespace {
 using namespace quality;
 
 constexpr double tiny = 1e-150;  // OpenFOAM's ROOTVSMALL
+constexpr double right = 1e-15;  // OpenFOAM's SMALL: a cosine that is no larger is an error
 constexpr std::size_t grain = 4096;
 
 class Measures {
@@ -37,6 +40,7 @@ class Measures {
     find_directions();
     rate_cells();
     rate_faces();
+    find_inverted();
     result_.cell_volume = std::move(volume_);
     return result_;
   }
@@ -122,7 +126,20 @@ class Measures {
       if (volume_[c] < result_.least_volume.value) result_.least_volume = {volume_[c], c};
       if (volume_[c] > result_.largest_volume.value) result_.largest_volume = {volume_[c], c};
       result_.total_volume += volume_[c];
-      if (volume_[c] >= limits_.volume) continue;
+      result_.negative_volumes += volume_[c] < limits_.volume;
+    }
+  }
+
+  void find_inverted() {
+    const auto moving = moving_polyhedra(cells_, points_.size());
+    result_.left_handed = static_cast<std::size_t>(std::count(limits_.left_handed.begin(), limits_.left_handed.end(), 1));
+    moving->take_as_left_handed(limits_.left_handed);
+    std::vector<char> inverted(result_.cells);
+    parallel_for(context_, inverted.size(), grain, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t c = begin; c < end; ++c) inverted[c] = moving->state(points_, c).inverted;
+    });
+    for (std::size_t c = 0; c < inverted.size(); ++c) {
+      if (!inverted[c]) continue;
       ++result_.inverted_cells;
       if (result_.inverted.size() < most_listed) result_.inverted.push_back(c);
     }
@@ -177,17 +194,17 @@ class Measures {
   void rate_faces() {
     const std::size_t n = cells_.face_count(), internal = cells_.internal_faces();
     std::vector<double> cosine(internal), skewness(n);
-    std::vector<char> wrong(n);
+    std::vector<char> wrong(n);  // pyramids
     parallel_for(context_, n, grain, [&](std::size_t begin, std::size_t end) {
       for (std::size_t f = begin; f < end; ++f) {
         const Vec3& own = cell_centre_[cells_.owner[f]];
-        wrong[f] = dot(area_[f], centre_[f] - own) / 3 < limits_.pyramid_volume;
+        wrong[f] = dot(area_[f], centre_[f] - own) / 3 < limits_.pyramid_volume ? 1 : 0;
         if (f < internal) {
           const Vec3& other = cell_centre_[cells_.neighbour[f]];
           const Vec3 d = other - own;
           cosine[f] = dot(d, area_[f]) / (length(d) * length(area_[f]) + tiny);
           skewness[f] = skew(f, own, d, 0.2);
-          wrong[f] = wrong[f] || dot(area_[f], other - centre_[f]) / 3 < limits_.pyramid_volume;
+          wrong[f] = static_cast<char>(wrong[f] + (dot(area_[f], other - centre_[f]) / 3 < limits_.pyramid_volume ? 1 : 0));
         } else {
           const Vec3 normal = (1 / (length(area_[f]) + tiny)) * area_[f];
           skewness[f] = skew(f, own, dot(normal, centre_[f] - own) * normal, 0.4);
@@ -200,7 +217,8 @@ class Measures {
     for (std::size_t f = 0; f < internal; ++f) {
       sum += cosine[f];
       if (cosine[f] < least_cosine.value) least_cosine = {cosine[f], f};
-      result_.non_orthogonal_faces += cosine[f] < severe;
+      if (cosine[f] >= severe) continue;
+      ++(cosine[f] > right ? result_.non_orthogonal_faces : result_.non_orthogonality_errors);
     }
     const auto degrees = [](double c) { return std::acos(std::clamp(c, -1.0, 1.0)) * 180 / std::numbers::pi; };
     list_non_orthogonality(cosine, degrees);
@@ -212,8 +230,8 @@ class Measures {
       if (skewness[f] > result_.largest_skewness.value) result_.largest_skewness = {skewness[f], f};
       result_.skew_faces += skewness[f] > limits_.skewness;
       ++result_.skewness_histogram[bin_of(skewness[f], 0, 4, PolyhedralQuality::skewness_bins)];
-      result_.wrong_pyramids += wrong[f];
-      if (wrong[f] && result_.wrong_faces.size() < most_listed) result_.wrong_faces.push_back(f);
+      result_.wrong_pyramids += static_cast<std::size_t>(wrong[f]);
+      if (wrong[f] > 0 && result_.wrong_faces.size() < most_listed) result_.wrong_faces.push_back(f);
     }
   }
 
@@ -255,13 +273,25 @@ class Measures {
 
 }  // namespace
 
-std::size_t PolyhedralQuality::failed_checks() const {
-  std::size_t failed = 0;
-  for (const std::size_t count : {skew_faces, wrong_pyramids, small_faces, inverted_cells, slender_cells, open_cells}) {
-    failed += count > 0;
+std::vector<PolyhedralQuality::Failure> PolyhedralQuality::failures() const {
+  std::vector<Failure> failed;
+  const auto check = [&](const char* name, std::size_t count) {
+    if (count > 0) failed.push_back({name, count});
+  };
+  if (slender_cells == 0) {
+    check("open cells", open_cells);
+  } else {
+    check(open_cells > 0 ? "open cells, and aspect ratio" : "aspect ratio", open_cells + slender_cells);
   }
+  check("face areas", small_faces);
+  check("cell volumes", negative_volumes);
+  check("non-orthogonality", non_orthogonality_errors);
+  check("face pyramids", wrong_pyramids);
+  check("skewness", skew_faces);
   return failed;
 }
+
+std::size_t PolyhedralQuality::failed_checks() const { return failures().size(); }
 
 PolyhedralQuality polyhedral_quality(std::span<const Vec3> points, const PolyhedralCells& cells, const PolyhedralLimits& limits,
                                      const RunContext& context) {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <map>
+#include <utility>
 
 #include "core/quality/displacement.h"
 #include "core/quality/polygon.h"
@@ -50,6 +51,12 @@ std::map<std::size_t, Vec3> cell_positions(std::span<const Vec3> points, const P
   return sums;
 }
 
+/// In the table only where there are any.
+void add_left_handed(QualityReport& report, std::size_t count, const char* name) {
+  QualityRow& added = report.rows.emplace_back(row(name, "left-handed: nodes in mirrored order", count));
+  added.in_table = count > 0;
+}
+
 /// Of all elements, or with a prefix of those of a type.
 std::vector<QualityRow> rows_of(const ElementMeasures& q, const std::string& name, const std::string& label) {
   std::vector<QualityRow> rows = {
@@ -91,16 +98,20 @@ QualityReport quality_report(const PolyhedralQuality& q, std::span<const Vec3> p
                  row("largest_volume", "volume of a cell, largest", q.largest_volume),
                  row("total_volume", "volume, total", q.total_volume),
                  row("area", "area of a face, least", q.least_area),
-                 row("inverted_cells", "cells without positive volume", q.inverted_cells, lower),
-                 row("wrong_pyramids", "faces that look the wrong way", q.wrong_pyramids, lower),
-                 row("non_orthogonal_faces", "faces beyond 70 degrees", q.non_orthogonal_faces, lower),
+                 row("inverted_cells", "inverted cells: volume or a pyramid not positive", q.inverted_cells, lower),
+                 row("negative_volumes", "cells without positive volume", q.negative_volumes, lower),
+                 row("wrong_pyramids", "wrong pyramids, on each side of a face", q.wrong_pyramids, lower),
+                 row("non_orthogonal_faces", "faces from 70 to 90 degrees", q.non_orthogonal_faces, lower),
+                 row("non_orthogonality_errors", "faces from 90 degrees", q.non_orthogonality_errors, lower),
                  row("skew_faces", "faces of skewness beyond 4", q.skew_faces, lower),
                  row("failed_checks", "failed checks", q.failed_checks(), lower)};
+  add_left_handed(result, q.left_handed, "left_handed_cells");
+  for (const auto& failure : q.failures()) result.failed.push_back(failure.check + ": " + std::to_string(failure.count));
   result.lists = {{"inverted", q.inverted}, {"wrong_faces", q.wrong_faces}};
   result.histograms = {
       histogram("non_orthogonality_histogram", "Non-orthogonality of internal faces (degrees)", 0, 90, q.histogram),
       histogram("skewness_histogram", "Skewness of faces (the last bar also holds what is beyond)", 0, 4, q.skewness_histogram)};
-  WorstList inverted{"Cells without positive volume", "cell", {}}, wrong{"Faces that look the wrong way", "face", {}};
+  WorstList inverted{"Inverted cells (volume)", "cell", {}}, wrong{"Faces that look the wrong way", "face", {}};
   WorstList worst{"Internal faces of largest non-orthogonality (degrees)", "face", {}};
   const auto positions = cell_positions(points, cells, q.inverted);
   for (const std::size_t c : q.inverted) inverted.entries.push_back({c, q.cell_volume[c], positions.at(c)});
@@ -119,6 +130,7 @@ QualityReport quality_report(const ElementQuality& q, std::span<const Vec3> poin
       "inverted.";
   result.counts = {{"elements", q.elements}, {"points", q.points}};
   result.rows = rows_of(q, "", "");
+  add_left_handed(result, q.left_handed, "left_handed_elements");
   for (std::size_t i = 0; i < q.of_type.size(); ++i) {
     const std::string type = shape(static_cast<ElementType>(i)).name;
     result.counts.emplace_back(type, q.of_type[i].elements);
@@ -170,6 +182,28 @@ QualityReport quality_report(const SurfaceQuality& q, const Mesh& mesh) {
   }
   result.worst = {worst, curved};
   return result;
+}
+
+void add_to(QualityReport& report, const PlaneQuality& q, std::span<const Vec3> points, const Mesh& mesh) {
+  constexpr Better lower = Better::lower, higher = Better::higher;
+  const std::vector<QualityRow> rows = {
+      row("scaled_jacobian", "plane elements: scaled Jacobian, least", q.least_scaled_jacobian, higher),
+      row("average_scaled_jacobian", "plane elements: scaled Jacobian, average", q.average_scaled_jacobian, higher),
+      row("skewness", "plane elements: equiangle skewness, largest", q.largest_skewness, lower),
+      row("average_skewness", "plane elements: equiangle skewness, average", q.average_skewness, lower),
+      row("inverted_elements", "inverted elements", q.inverted_elements, lower)};
+  report.rows.insert(report.rows.begin(), rows.begin(), rows.end());
+  add_left_handed(report, q.left_handed, "left_handed_elements");
+  WorstList worst{"Elements of least scaled Jacobian", "face", {}};
+  const auto offsets = mesh.face_offsets();
+  for (const std::size_t f : q.worst) {
+    const auto corners = std::span(mesh.face_points).subspan(offsets[f], mesh.face_sizes[f]);
+    worst.entries.push_back({f, q.scaled_jacobian[f], mean_of(points, corners)});
+  }
+  report.worst.insert(report.worst.begin(), std::move(worst));
+  report.method +=
+      " The mesh is plane: its faces are measured as elements, too (scaled Jacobian: least sine of a corner, 1 for "
+      "rectangles; equiangle skewness, 0 for regular faces).";
 }
 
 void add_to(QualityReport& report, const WallQuality& wall) {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/quality/element_quality.h"
+#include "core/quality/plane_quality.h"
 #include "core/quality/polyhedral_quality.h"
 #include "core/quality/region_jumps.h"
 #include "core/quality/surface_quality.h"
@@ -53,7 +54,8 @@ struct QualityReport {
   std::vector<std::pair<std::string, std::vector<std::size_t>>> lists;  ///< ids
   std::vector<QualityHistogram> histograms;
   std::vector<WorstList> worst;
-  std::string method;  ///< a sentence about how it was measured
+  std::vector<std::string> failed = {};  ///< the checks that failed, with their counts: "face pyramids: 19"
+  std::string method;                    ///< a sentence about how it was measured
 
   const QualityRow* find(const std::string& name) const;
 };
@@ -62,6 +64,8 @@ QualityReport quality_report(const PolyhedralQuality& quality, std::span<const V
 QualityReport quality_report(const ElementQuality& quality, std::span<const Vec3> points, const Elements& elements);
 QualityReport quality_report(const SurfaceQuality& quality, const Mesh& mesh);
 
+/// Of a surface in a plane z = constant: its faces as elements. mesh: its faces, points: where they are.
+void add_to(QualityReport& report, const PlaneQuality& plane, std::span<const Vec3> points, const Mesh& mesh);
 void add_to(QualityReport& report, const WallQuality& wall);
 void add_to(QualityReport& report, const RegionJumps& jumps);
 void add_to(QualityReport& report, const JumpGrowth& growth);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <string>
 
@@ -11,15 +12,19 @@
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/parallel.h"
+#include "core/quality/motion_certificate.h"
 #include "core/quality/moving_cells.h"
 
 namespace deform {
 
 namespace {
 
+using quality::MotionCertificate;
 using quality::MovingCells;
 
 constexpr std::size_t grain = 1024;
+constexpr std::size_t blocks_grain = 32;
+constexpr std::size_t suspects_grain = 16;  // each takes long
 constexpr std::size_t most_listed = 100;
 constexpr double flatness = 1e-9;  // of the diagonal: how far points of a mesh in the plane may lie off it
 
@@ -27,10 +32,60 @@ bool empty(const CellSet& cells) {
   return std::visit([](const auto* borrowed) { return borrowed == nullptr; }, cells);
 }
 
-std::unique_ptr<const MovingCells> moving(const CellSet& cells, std::span<const Vec3> rest) {
-  if (const auto* elements = std::get_if<const Elements*>(&cells)) return quality::moving_elements(**elements, rest.size());
-  if (const auto* mesh = std::get_if<const Mesh*>(&cells)) return quality::moving_faces(**mesh, rest);
-  return quality::moving_polyhedra(*std::get<const PolyhedralCells*>(cells), rest.size());
+std::unique_ptr<MovingCells> moving(const CellSet& cells, std::size_t points) {
+  if (const auto* elements = std::get_if<const Elements*>(&cells)) return quality::moving_elements(**elements, points);
+  if (const auto* mesh = std::get_if<const Mesh*>(&cells)) return quality::moving_faces(**mesh);
+  return quality::moving_polyhedra(*std::get<const PolyhedralCells*>(cells), points);
+}
+
+std::size_t cell_count(const CellSet& cells) {
+  if (const auto* elements = std::get_if<const Elements*>(&cells)) return (*elements)->size();
+  if (const auto* mesh = std::get_if<const Mesh*>(&cells)) return (*mesh)->face_count();
+  return std::get<const PolyhedralCells*>(cells)->cell_count;
+}
+
+std::size_t side_count(const CellSet& cells) {
+  if (const auto* mesh = std::get_if<const Mesh*>(&cells)) return (*mesh)->face_points.size();
+  if (const auto* polyhedra = std::get_if<const PolyhedralCells*>(&cells)) return (*polyhedra)->internal_faces();
+  const Elements& elements = *std::get<const Elements*>(cells);
+  std::size_t sides = 0;
+  for (const ElementType type : elements.types) sides += shape(type).faces.size();
+  return sides;
+}
+
+/// Of all cells, counted in each; an upper bound. A node of a polyhedron is a corner of three of its faces, if it is closed.
+std::size_t node_count(const CellSet& cells) {
+  if (const auto* elements = std::get_if<const Elements*>(&cells)) return (*elements)->points.size();
+  if (const auto* mesh = std::get_if<const Mesh*>(&cells)) return (*mesh)->face_points.size();
+  const PolyhedralCells& polyhedra = *std::get<const PolyhedralCells*>(cells);
+  const std::uint64_t inner = polyhedra.face_offsets[polyhedra.internal_faces()];
+  return static_cast<std::size_t>(inner + polyhedra.face_points.size()) / 3 + polyhedra.cell_count;
+}
+
+/// The first point that is not at the height of the first one; their number when there is none.
+std::size_t first_off_plane(std::span<const Vec3> points) {
+  const double allowed = flatness * bounding_box(points).diagonal();
+  const auto off = [&](const Vec3& p) { return !(std::abs(p[2] - points[0][2]) <= allowed); };
+  return static_cast<std::size_t>(std::find_if(points.begin(), points.end(), off) - points.begin());
+}
+
+/// As rest has them; nothing to do where no cell is other than the format wants it.
+std::vector<char> left_handed(const MovingCells& cells, std::span<const Vec3> rest, const RunContext& context) {
+  std::vector<quality::Orientation> orientations(cells.size());
+  parallel_for(context, cells.size(), grain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t c = begin; c < end; ++c) orientations[c] = cells.orientation(rest, c);
+  });
+  const auto mirrored = std::count(orientations.begin(), orientations.end(), quality::Orientation::mirrored);
+  if (mirrored == 0) return {};
+  return quality::left_handed_cells(orientations, cells.links());
+}
+
+/// What each range of a loop has found, in the order of the ranges.
+template <typename T>
+std::vector<T> joined(std::vector<std::vector<T>> ranges) {
+  std::vector<T> all;
+  for (const auto& range : ranges) all.insert(all.end(), range.begin(), range.end());
+  return all;
 }
 
 void lower(std::atomic<double>& bound, double value) {
@@ -39,82 +94,201 @@ void lower(std::atomic<double>& bound, double value) {
   }
 }
 
+struct Look {
+  std::size_t cell;
+  MovingCells::State state;
+};
+
+/// A cell that may be inverted on the way, as far as bounds can tell: its deformation at both ends.
+struct Suspect {
+  std::size_t cell;
+  MotionCertificate::Stretch from, to;
+};
+
 }  // namespace
 
 class InversionCheck::Impl {
  public:
-  Impl(std::span<const Vec3> rest, const CellSet& cells, const RunContext& context) : points_(rest.size()) {
-    if (std::holds_alternative<const Mesh*>(cells) && !rest.empty()) {
-      const Box box = bounding_box(rest);
-      plane_ = 0.5 * (box.min[2] + box.max[2]);
-      off_plane_ = flatness * box.diagonal();
-    }
+  Impl(std::span<const Vec3> rest, const CellSet& cells, const RunContext& context)
+      : rest_(rest.begin(), rest.end()), plane_(std::holds_alternative<const Mesh*>(cells)) {
     check(rest);
     if (empty(cells)) throw Error(ErrorCode::invalid_argument, "the mesh has no cells");
-    cells_ = moving(cells, rest);
-    if (cells_->size() == 0) throw Error(ErrorCode::invalid_argument, "the mesh has no cells");
-    const auto all = states(rest, context);
-    excluded_.resize(all.size());
+    auto all_cells = moving(cells, rest.size());
+    if (all_cells->size() == 0) throw Error(ErrorCode::invalid_argument, "the mesh has no cells");
+    auto left = deform::left_handed(*all_cells, rest, context);
+    left_handed_ = static_cast<std::size_t>(std::count(left.begin(), left.end(), 1));
+    all_cells->take_as_left_handed(std::move(left));
+    all_cells->list_nodes();
+    cells_ = std::move(all_cells);
+    std::vector<Look> all(size());
+    parallel_for(context, size(), grain, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t c = begin; c < end; ++c) all[c] = {c, cells_->state(rest_, c)};
+    });
     at_rest_ = summary(all);
-    for (std::size_t c = 0; c < all.size(); ++c) excluded_[c] = all[c].inverted;
+    excluded_.resize(size());
+    std::vector<double> determinants(size());
+    for (std::size_t c = 0; c < size(); ++c) {
+      excluded_[c] = all[c].state.inverted;
+      determinants[c] = all[c].state.determinant;
+      if (!excluded_[c] && !(determinants[c] >= determinants[worst_] && !excluded_[worst_])) worst_ = c;
+    }
+    certificate_.emplace(rest_, *cells_, excluded_, determinants, context);
   }
 
   std::size_t size() const { return cells_->size(); }
 
   /// What is wrong with points, as far as it concerns whoever looks at them.
   void check(std::span<const Vec3> points) const {
-    if (points.size() != points_) {
-      throw Error(ErrorCode::invalid_argument,
-                  "points: expected " + std::to_string(points_) + ", as many as at rest, got " + std::to_string(points.size()));
+    if (points.size() != rest_.size()) {
+      throw Error(ErrorCode::invalid_argument, "points: expected " + std::to_string(rest_.size()) + ", as many as at rest, got " +
+                                                   std::to_string(points.size()));
     }
     check_finite(points, "points");
-    for (std::size_t i = 0; i < points.size(); ++i) {
-      if (std::abs(points[i][2] - plane_) <= off_plane_) continue;
-      throw Error(ErrorCode::invalid_argument, "points[" + std::to_string(i) + "]: z = " + number_digits(points[i][2]) +
-                                                   ", but faces can be used as cells only in a plane z = constant, here " +
-                                                   number_digits(plane_));
-    }
+    if (!plane_ || in_one_plane(points)) return;
+    const std::size_t i = first_off_plane(points);
+    throw Error(ErrorCode::invalid_argument, "points[" + std::to_string(i) + "]: z = " + number_digits(points[i][2]) +
+                                                 ", but faces can be used as cells only in a plane z = constant, points[0] has " +
+                                                 number_digits(points[0][2]));
   }
 
   const Inversions& at_rest() const { return at_rest_; }
+  std::size_t left_handed() const { return left_handed_; }
 
   Inversions inversions(std::span<const Vec3> points, const RunContext& context) const {
-    return summary(states(points, context));
+    return at_end(points, context).inverted;
   }
 
-  /// The first inversion of all, and whose it is. `bound` only saves work: no cell with a smaller or equal one is passed over.
-  Extreme first(std::span<const Vec3> from, std::span<const Vec3> to, const RunContext& context) const {
-    std::vector<Extreme> of_range((size() + grain - 1) / grain, Extreme{std::numeric_limits<double>::infinity(), 0});
-    std::atomic<double> bound{1};
+  std::size_t below(double margin, std::span<const Vec3> rest, std::span<const Vec3> points, const RunContext& context) const {
+    std::atomic<std::size_t> count{0};
     parallel_for(context, size(), grain, [&](std::size_t begin, std::size_t end) {
-      Extreme& least = of_range[begin / grain];
+      std::size_t of_range = 0;
       for (std::size_t c = begin; c < end; ++c) {
-        if (excluded_[c]) continue;
-        const double s = cells_->first_inversion(from, to, c, bound.load(std::memory_order_relaxed));
-        if (s < least.value) least = {s, c};
-        lower(bound, s);
+        if (excluded_[c] || cells_->state(points, c).determinant >= margin) continue;
+        of_range += cells_->state(rest, c).determinant >= margin;
       }
+      count += of_range;
     });
-    return *std::min_element(of_range.begin(), of_range.end(),
-                             [](const Extreme& a, const Extreme& b) { return a.value < b.value; });
+    return count;
+  }
+
+  bool is_rest(std::span<const Vec3> points) const {
+    return std::equal(points.begin(), points.end(), rest_.begin(), rest_.end());
+  }
+
+  SafeAmplitude amplitude(std::span<const Vec3> from, bool from_rest, std::span<const Vec3> to, const RunContext& context) const {
+    End end = at_end(to, context);
+    std::vector<std::span<const Vec3>> ends{to};
+    if (!from_rest) {
+      ends.push_back(from);
+      const auto others = doubtful(from, -std::numeric_limits<double>::infinity(), context);
+      std::vector<std::uint32_t> either;
+      std::set_union(end.suspects.begin(), end.suspects.end(), others.begin(), others.end(), std::back_inserter(either));
+      end.suspects = std::move(either);
+    }
+    std::vector<Suspect> suspects = stretched(ends, end.suspects, context);
+    SafeAmplitude result;
+    result.inverted = std::move(end.inverted);
+    result.suspects = suspects.size();
+    Extreme first = first_inversion(from, to, std::move(suspects), context);
+    // The tolerance on the way is half of that at its end.
+    if (first.value > 1 && result.inverted.count > 0) first = {1, result.inverted.worst.front().id};
+    if (first.value > 1) return result;
+    result.amplitude = std::min(first.value, std::nextafter(1.0, 0.0));
+    result.first_cell = first.id;
+    return result;
   }
 
  private:
-  std::vector<MovingCells::State> states(std::span<const Vec3> points, const RunContext& context) const {
-    std::vector<MovingCells::State> all(size());
-    parallel_for(context, all.size(), grain, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t c = begin; c < end; ++c) all[c] = cells_->state(points, c);
+  /// What is found at the end of a motion, and the cells that bounds from rest to there do not clear.
+  struct End {
+    Inversions inverted;
+    std::vector<std::uint32_t> suspects;
+  };
+
+  /// Cells that are not excluded and of which the bounds for blocks do not say that they are sound and above `floor`; ascending.
+  std::vector<std::uint32_t> doubtful(std::span<const Vec3> points, double floor, const RunContext& context) const {
+    std::vector<std::vector<std::uint32_t>> of_range((certificate_->block_count() + blocks_grain - 1) / blocks_grain);
+    parallel_for(context, certificate_->block_count(), blocks_grain, [&](std::size_t begin, std::size_t end) {
+      certificate_->doubtful(points, floor, begin, end, of_range[begin / blocks_grain]);
     });
+    auto all = joined(std::move(of_range));
+    std::sort(all.begin(), all.end());
     return all;
   }
 
-  /// Of the cells that are not excluded.
-  Inversions summary(const std::vector<MovingCells::State>& all) const {
+  /// Passes over the cells that are sound at a place and better than one that has been looked at: none of them is in the summary.
+  End at_end(std::span<const Vec3> points, const RunContext& context) const {
+    std::atomic<double> least{1};
+    if (!excluded_[worst_]) lower(least, cells_->state(points, worst_).determinant);
+    const auto cells = doubtful(points, least.load(), context);
+    std::vector<std::vector<Look>> looks((cells.size() + grain - 1) / grain);
+    std::vector<std::vector<std::uint32_t>> suspects(looks.size());
+    parallel_for(context, cells.size(), grain, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        const std::size_t c = cells[i];
+        const auto bound = certificate_->bound(c, certificate_->stretch(points, c));
+        if (!bound.sound) suspects[begin / grain].push_back(cells[i]);
+        if (bound.sound && bound.determinant > least.load(std::memory_order_relaxed)) continue;
+        looks[begin / grain].push_back({c, cells_->state(points, c)});
+        lower(least, looks[begin / grain].back().state.determinant);
+      }
+    });
+    return {summary(joined(std::move(looks))), joined(std::move(suspects))};
+  }
+
+  /// Those of `cells` that bounds of their deformation do not clear; the most deformed ones first.
+  std::vector<Suspect> stretched(std::span<const std::span<const Vec3>> ends, std::span<const std::uint32_t> cells,
+                                 const RunContext& context) const {
+    std::vector<std::vector<Suspect>> of_range((cells.size() + grain - 1) / grain);
+    parallel_for(context, cells.size(), grain, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        Suspect suspect{cells[i], {}, certificate_->stretch(ends[0], cells[i])};
+        if (ends.size() > 1) suspect.from = certificate_->stretch(ends[1], cells[i]);
+        if (!cleared(suspect, 1)) of_range[begin / grain].push_back(suspect);
+      }
+    });
+    auto all = joined(std::move(of_range));
+    std::stable_sort(all.begin(), all.end(), [](const Suspect& a, const Suspect& b) { return a.to.gradient > b.to.gradient; });
+    return all;
+  }
+
+  /// Not inverted on the way as far as `share` of it.
+  bool cleared(const Suspect& suspect, double share) const {
+    return certificate_->bound(suspect.cell, MotionCertificate::Stretch::between(suspect.from, suspect.to, share)).sound &&
+           certificate_->bound(suspect.cell, suspect.from).sound;
+  }
+
+  /// The first inversion of all, and whose it is. `bound` only saves work: no cell with a smaller or equal one is passed over.
+  Extreme first_inversion(std::span<const Vec3> from, std::span<const Vec3> to, std::vector<Suspect> suspects,
+                          const RunContext& context) const {
+    const Extreme none{std::numeric_limits<double>::infinity(), 0};
+    std::vector<Extreme> of_range((suspects.size() + suspects_grain - 1) / suspects_grain, none);
+    std::atomic<double> bound{1};
+    parallel_for(context, suspects.size(), suspects_grain, [&](std::size_t begin, std::size_t end) {
+      Extreme& least = of_range[begin / suspects_grain];
+      for (std::size_t i = begin; i < end; ++i) {
+        const double share = bound.load(std::memory_order_relaxed);
+        if (cleared(suspects[i], share)) continue;
+        const Extreme found{cells_->first_inversion(from, to, suspects[i].cell, share), suspects[i].cell};
+        if (before(found, least)) least = found;
+        lower(bound, found.value);
+      }
+    });
+    const auto first = std::min_element(of_range.begin(), of_range.end(), before);
+    return first == of_range.end() ? none : *first;
+  }
+
+  static bool before(const Extreme& a, const Extreme& b) { return a.value != b.value ? a.value < b.value : a.id < b.id; }
+
+  /// Of the cells that are not excluded; looks in ascending order of cells.
+  Inversions summary(const std::vector<Look>& looks) const {
     Inversions result;
-    for (std::size_t c = 0; c < all.size(); ++c) {
-      if (excluded_[c]) continue;
-      if (all[c].inverted) result.worst.push_back({all[c].determinant, c});
-      if (all[c].determinant < result.least_determinant.value) result.least_determinant = {all[c].determinant, c};
+    for (const auto& [c, state] : looks) {
+      if (!excluded_.empty() && excluded_[c]) continue;
+      if (state.inverted) result.worst.push_back({state.determinant, c});
+      result.without_volume += state.without_volume;
+      result.wrong_pyramid += state.wrong_pyramid;
+      if (state.determinant < result.least_determinant.value) result.least_determinant = {state.determinant, c};
     }
     result.count = result.worst.size();
     const auto listed = static_cast<std::ptrdiff_t>(std::min(result.count, most_listed));
@@ -124,11 +298,14 @@ class InversionCheck::Impl {
     return result;
   }
 
-  std::size_t points_;
-  double plane_ = 0, off_plane_ = std::numeric_limits<double>::infinity();
+  const Points rest_;
+  const bool plane_;
+  std::size_t left_handed_ = 0;
   std::unique_ptr<const MovingCells> cells_;
   std::vector<char> excluded_;
+  std::size_t worst_ = 0;  ///< of the cells that are not excluded the one of least determinant at rest
   Inversions at_rest_;
+  std::optional<MotionCertificate> certificate_;
 };
 
 InversionCheck::InversionCheck(std::span<const Vec3> rest, const CellSet& cells, const RunContext& context)
@@ -139,33 +316,62 @@ InversionCheck& InversionCheck::operator=(InversionCheck&&) noexcept = default;
 
 std::size_t InversionCheck::cell_count() const { return impl_->size(); }
 const Inversions& InversionCheck::at_rest() const { return impl_->at_rest(); }
+std::size_t InversionCheck::left_handed() const { return impl_->left_handed(); }
 
 Inversions InversionCheck::inverted(std::span<const Vec3> points, const RunContext& context) const {
   impl_->check(points);
   return impl_->inversions(points, context);
 }
 
-SafeAmplitude InversionCheck::amplitude(std::span<const Vec3> from, std::span<const Vec3> to, const RunContext& context) const {
-  impl_->check(from);
-  SafeAmplitude result;
-  result.inverted = inverted(to, context);
-  Extreme first = impl_->first(from, to, context);
-  // The tolerance on the way is half of that at its end.
-  if (first.value > 1 && result.inverted.count > 0) first = {1, result.inverted.worst.front().id};
-  if (first.value > 1) return result;
-  result.amplitude = std::min(first.value, std::nextafter(1.0, 0.0));
-  result.first_cell = first.id;
-  return result;
+std::size_t InversionCheck::below(double margin, std::span<const Vec3> rest, std::span<const Vec3> points,
+                                  const RunContext& context) const {
+  impl_->check(rest);
+  impl_->check(points);
+  return impl_->below(margin, rest, points, context);
 }
 
-std::size_t InversionCheck::bytes_for(const CellSet& cells) {
+SafeAmplitude InversionCheck::amplitude(std::span<const Vec3> from, std::span<const Vec3> to, const RunContext& context) const {
+  const bool at_rest = impl_->is_rest(from);
+  if (!at_rest) impl_->check(from);
+  impl_->check(to);
+  return impl_->amplitude(from, at_rest, to, context);
+}
+
+std::size_t InversionCheck::bytes_for(const CellSet& cells, std::size_t points) {
   if (empty(cells)) return 0;
-  // Excluded or not, where its sides begin, and while looking the states and the inverted ones among them.
-  constexpr std::size_t each = 1 + sizeof(std::uint64_t) + sizeof(MovingCells::State) + sizeof(Extreme), side = 16;
-  if (const auto* elements = std::get_if<const Elements*>(&cells)) return each * (*elements)->size();
-  if (const auto* mesh = std::get_if<const Mesh*>(&cells)) return each * (*mesh)->face_count();
-  const PolyhedralCells& polyhedra = *std::get<const PolyhedralCells*>(cells);
-  return each * polyhedra.cell_count + side * (polyhedra.face_count() + polyhedra.internal_faces());
+  // Excluded and left-handed or not, where its sides and its nodes begin; and while looking what is found out about it.
+  constexpr std::size_t each = 2 + 2 * sizeof(std::uint64_t),
+                        looking = 2 * sizeof(std::uint32_t) + 2 * sizeof(Look) + sizeof(Extreme);
+  constexpr std::size_t side = 16;
+  const auto* polyhedra = std::get_if<const PolyhedralCells*>(&cells);
+  const std::size_t count = deform::cell_count(cells), nodes = node_count(cells);
+  const std::size_t kept = each * count + sizeof(Vec3) * points + MotionCertificate::bytes_for(count, nodes);
+  if (polyhedra == nullptr) return kept + looking * count;
+  return kept + looking * count + side * ((*polyhedra)->face_count() + (*polyhedra)->internal_faces()) + sizeof(PointId) * nodes;
+}
+
+std::size_t InversionCheck::bytes_to_make(const CellSet& cells, std::size_t points) {
+  if (empty(cells)) return 0;
+  // Orientations, sets of cells and their votes; later determinants and what the certificate takes beside what it keeps.
+  constexpr std::size_t each = 1 + 2 * sizeof(std::uint32_t) + 4 * sizeof(std::uint64_t);
+  const std::size_t count = deform::cell_count(cells), nodes = node_count(cells);
+  return bytes_for(cells, points) + each * count + quality::SideLinks::bytes_for(side_count(cells)) +
+         MotionCertificate::bytes_to_make(count, points, nodes) - MotionCertificate::bytes_for(count, nodes);
+}
+
+std::optional<CellSet> cell_set(const Mesh& mesh) {
+  if (mesh.elements) return CellSet(mesh.elements.get());
+  if (mesh.cells) return CellSet(mesh.cells.get());
+  const bool plane =
+      mesh.face_count() > 0 && in_one_plane(mesh.points) &&
+      std::all_of(mesh.face_sizes.begin(), mesh.face_sizes.end(), [](auto size) { return size == 3 || size == 4; });
+  return plane ? std::optional<CellSet>(&mesh) : std::nullopt;
+}
+
+bool in_one_plane(std::span<const Vec3> points) { return first_off_plane(points) == points.size(); }
+
+std::vector<char> left_handed_cells(std::span<const Vec3> points, const CellSet& cells, const RunContext& context) {
+  return empty(cells) ? std::vector<char>{} : left_handed(*moving(cells, points.size()), points, context);
 }
 
 MotionSafety safe_amplitude(std::span<const Vec3> X, std::span<const Vec3> Y, const CellSet& cells, const RunContext& context) {

@@ -30,12 +30,15 @@ using CellSet = std::variant<const Elements*, const PolyhedralCells*, const Mesh
 ///    between outward area vector and the way from the cell's centre to the face's (its sign is that of the face's pyramid);
 ///    where the volume is not positive, that over the sum of |area| |way| instead. Inverted: volume or a pyramid is not positive;
 ///    checkMesh lets pyramids down to -1e-15 pass, here a collapsed one does not.
-///  - faces in the plane: the least sine of a corner, positive in the orientation that most of the area has at rest.
-///    Inverted: the signed area of a corner is not positive.
-/// "Not positive" is meant up to rounding: determinants at most 1e-14 of the product of their lengths (polyhedra: 1e-13 of areas
-/// times the size of the cell) count as collapsed, so a cell at the brink is rather called inverted.
+///  - faces in the plane: the least sine of a corner. Inverted: the signed area of a corner is not positive.
+/// Left-handed cells, which are all the cells of a mesh or of a block of it whose nodes stand in mirrored order (clockwise faces
+/// in the plane, polyhedra whose faces look inwards), are measured as in a mirror: what counts is the change of sign. "Not
+/// positive" is meant up to rounding: determinants at most 1e-14 of the product of their lengths (polyhedra: 1e-13 of areas times
+/// the size of the cell) count as collapsed, so a cell at the brink is rather called inverted.
 struct Inversions {
   std::size_t count = 0;
+  /// The check that failed, of the inverted polyhedra: that of the volume, or where it is positive that of a pyramid.
+  std::size_t without_volume = 0, wrong_pyramid = 0;
   std::vector<Extreme> worst;  ///< the inverted cells of least normalized determinant, worst first, at most 100
   /// Of all cells looked at, and which one has it; 1 without any.
   Extreme least_determinant{1, 0};
@@ -49,6 +52,8 @@ struct SafeAmplitude {
   double amplitude = 1;
   std::optional<std::size_t> first_cell;  ///< that is inverted from there on; the smallest id; none when the amplitude is 1
   Inversions inverted;                    ///< at Y; without the cells excluded
+  /// How many cells may be inverted on the way as far as bounds can tell, so that their roots were looked at.
+  std::size_t suspects = 0;
 };
 
 /// Answers for many motions of one mesh. Cells that are inverted in its rest position are named and left out of everything else:
@@ -59,6 +64,10 @@ struct SafeAmplitude {
 /// the tolerance above is felt (1e-7 for a double root). Centres of polyhedral cells and faces are no polynomials: bounds of the
 /// measures and their derivatives on intervals of s, halved until they prove the sign or the interval is 1e-12 of s. All
 /// amplitudes are safe: never late. The points X + s (Y - X) are meant without rounding.
+///
+/// Fast where the motion bends cells little: how much each cell bears is computed once from its shape at rest, and a bound of
+/// its deformation says of most cells that they are not inverted (quality::MotionCertificate). The other ones, the suspects, are
+/// looked at as said above, and so are those that might have the least determinant. The answers are the same.
 ///
 /// Immutable; any thread may call. The cells must outlive it.
 /// Source: thesis 7.4 (inversions of elements under deformation).
@@ -74,14 +83,21 @@ class InversionCheck {
   std::size_t cell_count() const;
   /// Those left out; the least determinant is over all cells.
   const Inversions& at_rest() const;
+  /// How many cells are left-handed.
+  std::size_t left_handed() const;
 
-  /// points: n x 3. Parallel; the results do not depend on the number of threads. Both throw Error(invalid_argument) for another
+  /// points: n x 3. Parallel; the results do not depend on the number of threads. All throw Error(invalid_argument) for another
   /// number of points, coordinates that are not finite and, in the plane, points off it; cancelled, deadline_exceeded.
   Inversions inverted(std::span<const Vec3> points, const RunContext& context = {}) const;
+  /// How many of the cells that have a normalized determinant of at least `margin` at `rest` have less at `points`.
+  std::size_t below(double margin, std::span<const Vec3> rest, std::span<const Vec3> points,
+                    const RunContext& context = {}) const;
   SafeAmplitude amplitude(std::span<const Vec3> from, std::span<const Vec3> to, const RunContext& context = {}) const;
 
-  /// Upper bound of the memory that a check of these cells holds, and needs for a call.
-  static std::size_t bytes_for(const CellSet& cells);
+  /// Upper bound of the memory that a check of these cells holds, and needs for a call. points: of the mesh.
+  static std::size_t bytes_for(const CellSet& cells, std::size_t points);
+  /// The same while it is made.
+  static std::size_t bytes_to_make(const CellSet& cells, std::size_t points);
 
  private:
   class Impl;
@@ -94,5 +110,16 @@ struct MotionSafety : SafeAmplitude {
 };
 MotionSafety safe_amplitude(std::span<const Vec3> X, std::span<const Vec3> Y, const CellSet& cells,
                             const RunContext& context = {});
+
+/// Which cells are left-handed, one entry each; empty: none. A block, of which there may be several, is what is connected by
+/// sides that the nodes of both cells run around in opposite directions; it is left-handed when most of its cells are (see
+/// quality::left_handed_cells()). Throws what the constructor of InversionCheck throws for cells.
+std::vector<char> left_handed_cells(std::span<const Vec3> points, const CellSet& cells, const RunContext& context = {});
+
+/// What can be inverted in a mesh, borrowed from it: its cells; of a 2D mesh of triangles and quads its faces; else nothing.
+std::optional<CellSet> cell_set(const Mesh& mesh);
+
+/// All points have the same z, up to 1e-9 of the diagonal of their box.
+bool in_one_plane(std::span<const Vec3> points);
 
 }  // namespace deform

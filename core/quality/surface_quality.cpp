@@ -8,6 +8,7 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/mesh/inspect.h"
 #include "core/quality/polygon.h"
 #include "core/quality/summary.h"
 
@@ -123,7 +124,7 @@ SurfaceQuality surface_quality(const Mesh& mesh, const RunContext& context) {
   result.least_face_quality.value = result.least_area.value = infinity;
   result.largest_area.value = -infinity;
   result.least_angle.value = 180;
-  const double diagonal = bounding_box(mesh.points).diagonal(), smallest = 1e-12 * diagonal * diagonal;
+  const double diagonal = bounding_box(mesh.points).diagonal();
   result.face_quality.resize(n);
   for (std::size_t f = 0; f < n; ++f) {
     const Measured& m = all[f];
@@ -138,7 +139,7 @@ SurfaceQuality surface_quality(const Mesh& mesh, const RunContext& context) {
     if (m.area < result.least_area.value) result.least_area = {m.area, f};
     if (m.area > result.largest_area.value) result.largest_area = {m.area, f};
     result.total_area += m.area;
-    if (mesh.face_sizes[f] >= 3 && !m.repeats && m.area >= smallest) continue;
+    if (mesh.face_sizes[f] >= 3 && !m.repeats && m.area >= least_area(mesh.points, surface.corners(f), diagonal)) continue;
     ++result.degenerate_faces;
     if (result.degenerate.size() < most_listed) result.degenerate.push_back(f);
   }

@@ -27,7 +27,7 @@ struct SurfaceQuality {
   Extreme least_angle, largest_angle;  ///< at a corner of a face, degrees 0..180 (a reflex corner counts as 360 less its angle)
   Extreme least_area, largest_area;    ///< of a face
   double total_area = 0;
-  /// Fewer than three corners, a repeated corner, or area below 1e-12 D^2, as `deform inspect` counts them.
+  /// Fewer than three corners, a repeated corner, or area below least_area(), as `deform inspect` counts them.
   std::size_t degenerate_faces = 0;
   Extreme largest_mean_curvature;             ///< point
   double average_mean_curvature = 0;          ///< weighted with the areas of the points

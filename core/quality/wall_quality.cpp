@@ -25,7 +25,7 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 /// A cell of the first layer by its edges; every end of an edge is a point of the cell.
 using Edges = std::vector<std::pair<PointId, PointId>>;
 
-/// Wall faces of the same side of a cell: one, or those around the node amid a side of a quadratic element.
+/// Wall faces of the same side of a cell: one, or those around the mid-face node of a quadratic element.
 struct Side {
   FaceId face = 0;             ///< the first
   std::vector<PointId> nodes;  ///< of all

@@ -23,7 +23,7 @@ struct Wall {
 ///
 /// Height over a wall face: the volume of its cell over its area, which in a straight prism or hexahedron is the distance to the
 /// opposite face and otherwise a mean of it; in a cell with a single corner off the wall face (tetrahedra, pyramids) three times
-/// that, the distance of this corner. Negative in an inverted cell. Faces around the node amid a quadratic side are one.
+/// that, the distance of this corner. Negative in an inverted cell. Faces around the mid-face node of a quadratic side are one.
 /// Angle at a wall point: between the wall's normal there (the mean of its wall faces, weighted with their areas) and the edge of
 /// a cell of the first layer that leaves the wall, from corner to corner; the least of them where several do (tetrahedra). Points
 /// from which no edge leaves the wall, as in a corner between two walls, have none.

@@ -109,6 +109,24 @@ void append_measures(std::string& out, const QualityPage& page) {
   out += "</tbody></table></div>\n<p class=\"soft\">" + markup_text(page.after.method) + "</p>\n</section>\n";
 }
 
+void append_constraints(std::string& out, const QualityPage& page) {
+  if (page.constraints.empty()) return;
+  out +=
+      "<section>\n<h2>Constraints</h2>\n<div class=\"scroll\"><table>\n<thead><tr><th>constraint</th><th>largest</th><th>rms</th>"
+      "<th>largest without</th><th>rms without</th><th></th></tr></thead>\n<tbody>\n";
+  for (const auto& constraint : page.constraints) {
+    out += "<tr><td>" + markup_text(constraint.name) + "</td>";
+    for (const double value : {constraint.largest, constraint.rms, constraint.free_largest, constraint.free_rms}) {
+      out += "<td>" + number(value) + "</td>";
+    }
+    out += constraint.missed ? "<td class=\"bad\">not exact</td></tr>\n" : "<td></td></tr>\n";
+  }
+  out +=
+      "</tbody></table></div>\n<p class=\"soft\">Residuals: how far the points are from the shape that fits them best, of a "
+      "distance "
+      "the error of the distance; without any constraint on the right.</p>\n</section>\n";
+}
+
 /// Bars of `after`, and the outline of `before` over them; heights are shares of all, so that other numbers of cells compare.
 class Plot {
  public:
@@ -298,6 +316,7 @@ std::string html_page(const QualityPage& page) {
   out += "</style>\n</head>\n<body>\n";
   append_header(out, page);
   append_measures(out, page);
+  append_constraints(out, page);
   append_picture(out, page);
   append_histograms(out, page);
   append_worst(out, page);

@@ -17,11 +17,19 @@ struct QualityPage {
     double value = 0;
     bool failed = false;
   };
+  /// How far the points of a constraint are from its shape, model units.
+  struct Constraint {
+    std::string name;
+    double largest = 0, rms = 0;            ///< as delivered
+    double free_largest = 0, free_rms = 0;  ///< without any constraint
+    bool missed = false;                    ///< an exact one
+  };
   std::string file, before_file;  ///< before_file: empty without `before`
   const QualityReport& after;
   const QualityReport* before = nullptr;
   std::vector<Gate> gates{};
   std::vector<std::string> notes{};
+  std::vector<Constraint> constraints{};
   const Picture* picture = nullptr;
   std::string program{};  ///< "deform 1.2.3"
 };

@@ -79,7 +79,8 @@ std::vector<v1::DetectReply> detect_replies(const Detection& detection) {
     message.set_largest(primitive.max);
     message.set_faces(primitive.faces.size());
     message.set_points(primitive.points.size());
-    message.set_constraint(std::string(constraint_kind(primitive.kind)));
+    message.set_constraint(primitive.constraint);
+    message.mutable_implied_by()->Assign(primitive.implied_by.begin(), primitive.implied_by.end());
     add_ids(primitive.faces, v1::DetectedIds::FACES, replies);
     add_ids(primitive.points, v1::DetectedIds::POINTS, replies);
   }
@@ -94,7 +95,9 @@ std::vector<v1::DetectReply> detect_replies(const Detection& detection) {
     message.set_rms(edge.rms);
     message.set_largest(edge.max);
     message.set_points(edge.points.size());
-    message.set_constraint(std::string(constraint_kind(edge.kind)));
+    message.set_constraint(edge.constraint);
+    message.mutable_implied_by()->Assign(edge.implied_by.begin(), edge.implied_by.end());
+    message.mutable_lies_on()->Assign(edge.lies_on.begin(), edge.lies_on.end());
     add_ids(edge.points, v1::DetectedIds::POINTS, replies);
   }
   v1::DetectSummary& summary = *replies.emplace_back().mutable_summary();

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/deformers/methods.h"
 #include "proto/convert/base/fields.h"
 
 namespace deform::convert {
@@ -54,6 +55,8 @@ v1::SystemInfo system_info(const SystemInfo& info, const v1::Setup& canonical, c
   message.set_tolerance(info.tolerance);
   message.set_solver(solver_to_proto(info.solver));
   message.set_reduced(info.reduced);
+  message.set_reduction_tolerance(info.reduction_tolerance);
+  message.set_reduction_misfit(info.reduction_misfit);
   for (const auto& note : info.notes) message.add_notes(note);
   double seconds = 0;
   for (const auto& [stage, time] : info.stage_seconds) {
@@ -76,7 +79,7 @@ void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const S
 }
 
 void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup) {
-  if (setup.fixed.empty()) *to.Add() = "Nothing is fixed, so everything that is no handle may move.";
+  if (setup.fixed.empty() && !selects_controls(setup)) *to.Add() = "Nothing is fixed, so everything that is no handle may move.";
 }
 
 v1::EstimateReply estimate_reply(const Estimate& estimate) {
@@ -89,6 +92,21 @@ v1::EstimateReply estimate_reply(const Estimate& estimate) {
   reply.set_peak_bytes(estimate.peak_bytes);
   reply.set_seconds(estimate.seconds);
   for (const auto& note : estimate.notes) reply.add_notes(note);
+  return reply;
+}
+
+v1::EstimateReply problems_reply(const Problems& problems) {
+  constexpr std::size_t most_bytes = std::size_t{1} << 19;
+  v1::EstimateReply reply;
+  std::size_t bytes = 0;
+  for (const Problem& problem : problems.list()) {
+    bytes += problem.field.size() + problem.message.size() + 16;
+    if (bytes > most_bytes) break;
+    v1::SetupProblem& message = *reply.add_problems();
+    message.set_field(problem.field);
+    message.set_message(problem.message);
+  }
+  reply.set_problems_left_out(problems.list().size() - static_cast<std::size_t>(reply.problems_size()));
   return reply;
 }
 

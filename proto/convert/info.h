@@ -11,7 +11,7 @@
 
 namespace deform::convert {
 
-/// What a client is told about a prepared system.
+/// The reply about a prepared system.
 v1::SystemInfo system_info(const SystemInfo& info, const v1::Setup& canonical, const std::string& id);
 void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const Setup& setup, const SelectedRegions& regions);
 
@@ -19,6 +19,8 @@ void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const S
 void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup);
 
 v1::EstimateReply estimate_reply(const Estimate& estimate);
+/// Of EstimateRequest.list_problems.
+v1::EstimateReply problems_reply(const Problems& problems);
 /// Of EstimateRequest.list_centres: ascending ids, or a note why they are not listed.
 void list_centres(const std::optional<std::vector<PointId>>& centres, v1::EstimateReply& reply);
 

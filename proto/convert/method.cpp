@@ -6,6 +6,7 @@
 #include <string>
 
 #include "proto/convert/base/fields.h"
+#include "proto/convert/controls/controls.h"
 #include "proto/convert/mesh/region.h"
 
 namespace deform::convert {
@@ -14,7 +15,6 @@ namespace {
 
 constexpr std::uint32_t default_rings = 3;
 constexpr int most_samples = 1000;
-constexpr double incremental_tolerance = 1e-4;
 
 /// Kernels have the same names on the wire and in the core, there in lower case.
 std::optional<Kernel> kernel_named_as(std::string name) {
@@ -22,9 +22,10 @@ std::optional<Kernel> kernel_named_as(std::string name) {
   return kernel_named(name);
 }
 
-Kernel kernel_from_proto(v1::Kernel kernel) {
-  if (kernel == v1::KERNEL_DEFAULT) return RbfOptions().kernel;
-  if (const auto found = kernel_named_as(v1::Kernel_Name(kernel))) return *found;
+/// None: the default of the mesh.
+std::optional<Kernel> kernel_from_proto(v1::Kernel kernel) {
+  if (kernel == v1::KERNEL_DEFAULT) return std::nullopt;
+  if (const auto found = kernel_named_as(v1::Kernel_Name(kernel))) return found;
   refuse_unknown("method.rbf.kernel", kernel);
 }
 
@@ -36,6 +37,20 @@ std::optional<Kernel> subspace_kernel(v1::SubspaceKernel kernel) {
     if (const auto found = kernel_named_as(name.substr(prefix.size()))) return found;
   }
   refuse_unknown("method.subspace.kernel", kernel);
+}
+
+/// REDUCTION_AUTOMATIC with rings is what setups were stored with when rings were the default.
+CentreReduction centre_reduction(const v1::RbfMethod& message) {
+  switch (known(message.reduction(), "method.rbf.reduction")) {
+    case v1::REDUCTION_OFF:
+      return CentreReduction::off;
+    case v1::REDUCTION_RINGS:
+      return CentreReduction::rings;
+    case v1::REDUCTION_TOLERANCE:
+      return CentreReduction::tolerance;
+    default:
+      return message.reduction_rings() != 0 ? CentreReduction::rings : CentreReduction::tolerance;
+  }
 }
 
 BasisMode basis_mode(v1::BasisMode mode, const std::string& path) {
@@ -65,12 +80,11 @@ RbfOptions rbf_options(const v1::RbfMethod& message) {
       break;
     case v1::INCREMENTAL_QR:
       options.solver = Solver::incremental_qr;
-      options.tolerance = incremental_tolerance;
       break;
     default:
       refuse_unknown("method.rbf.solver", message.solver());
   }
-  if (message.tolerance() != 0) options.tolerance = message.tolerance();
+  options.tolerance = message.tolerance() != 0 ? message.tolerance() : default_tolerance(options.solver);
   options.centre_order =
       known(message.centre_order(), "method.rbf.centre_order") == v1::GREEDY ? CentreOrder::greedy : CentreOrder::farthest_point;
   if (message.samples_size() > most_samples) {
@@ -80,15 +94,16 @@ RbfOptions rbf_options(const v1::RbfMethod& message) {
   for (const auto& sample : message.samples()) {
     options.samples.emplace_back(sample.variables().begin(), sample.variables().end());
   }
-  options.reduction =
-      known(message.reduction(), "method.rbf.reduction") == v1::REDUCTION_OFF ? CentreReduction::off : CentreReduction::automatic;
+  options.reduction = centre_reduction(message);
   if (message.reduction_rings() != 0)
     options.reduction_rings = fitting_int(message.reduction_rings(), "method.rbf.reduction_rings");
+  options.reduction_tolerance = message.reduction_tolerance();
   options.basis = basis_mode(message.basis(), "method.rbf.basis");
+  options.basis_tolerance = finite(message.basis_tolerance(), "method.rbf.basis_tolerance");
   return options;
 }
 
-/// ShellOptions, SubspaceOptions or MlsOptions.
+/// ShellOptions, SubspaceOptions, MlsOptions or FfdOptions.
 template <typename Options>
 void take_energy(const v1::Energy& message, const std::string& path, Options& options) {
   options.stretching = finite(message.stretching(), path + ".stretching");
@@ -96,6 +111,7 @@ void take_energy(const v1::Energy& message, const std::string& path, Options& op
   options.handles = known(message.handles(), path + ".handles") == v1::HANDLES_SOFT ? HandleMode::soft : HandleMode::hard;
   if (message.fixing() != 0) options.fixing = finite(message.fixing(), path + ".fixing");
   options.basis = basis_mode(message.basis(), path + ".basis");
+  options.basis_tolerance = finite(message.basis_tolerance(), path + ".basis_tolerance");
 }
 
 ShellOptions shell_options(const v1::ShellMethod& message) {
@@ -104,28 +120,49 @@ ShellOptions shell_options(const v1::ShellMethod& message) {
   return options;
 }
 
-/// Kernels that decay need more than moving least squares (thesis 8.3.2).
-double default_cover(v1::SubspaceKernel message) {
-  const std::optional<Kernel> kernel = subspace_kernel(message);
-  return kernel && properties(*kernel).local_shape > 0 ? 50 : SubspaceOptions().cover;
+/// How setups of kernels that decay were stored before there was `linear`: without it, but with what else has a default.
+bool stored_without_linear(const v1::SubspaceMethod& message) {
+  return message.linear() == v1::LINEAR_DEFAULT && message.centres() != 0 && message.cover() != 0 &&
+         message.energy().has_bending() && message.energy().handles() != v1::HANDLES_DEFAULT;
+}
+
+SubspaceLinear subspace_linear(const v1::SubspaceMethod& message) {
+  const bool left_out =
+      known(message.linear(), "method.subspace.linear") == v1::LINEAR_LEFT_OUT || stored_without_linear(message);
+  const std::optional<Kernel> kernel = subspace_kernel(message.kernel());
+  const bool decays = kernel && properties(*kernel).local_shape > 0;
+  return left_out || !decays ? SubspaceLinear::left_out : SubspaceLinear::added;
 }
 
 SubspaceOptions subspace_options(const v1::SubspaceMethod& message) {
   SubspaceOptions options;
   take_energy(message.energy(), "method.subspace.energy", options);
   options.kernel = subspace_kernel(message.kernel());
+  options.linear = subspace_linear(message);
   if (message.centres() != 0) options.centres = message.centres();
-  options.cover = message.cover() == 0 ? default_cover(message.kernel()) : message.cover();
+  options.cover = message.cover() == 0 ? default_cover(options.kernel) : message.cover();
   return options;
+}
+
+/// How setups were stored before there was a domain: without it, but with what else has a default.
+bool stored_without_domain(const v1::MlsMethod& message) {
+  return message.domain() == v1::DOMAIN_DEFAULT && message.cubature() != 0 && message.cover() != 0 &&
+         message.energy().has_bending() && message.energy().handles() != v1::HANDLES_DEFAULT;
+}
+
+MlsDomain mls_domain(const v1::MlsMethod& message) {
+  const bool surface = known(message.domain(), "method.mls.domain") == v1::DOMAIN_SURFACE || stored_without_domain(message);
+  return surface ? MlsDomain::surface : MlsDomain::enclosed;
 }
 
 MlsOptions mls_options(const v1::MlsMethod& message) {
   MlsOptions options;
   take_energy(message.energy(), "method.mls.energy", options);
+  options.domain = mls_domain(message);
   options.surface_samples = message.surface_samples();
   options.volume_samples = message.volume_samples();
   if (message.cubature() != 0) options.cubature = message.cubature();
-  if (message.cover() != 0) options.cover = message.cover();
+  options.cover = message.cover() != 0 ? message.cover() : default_cover(options.domain);
   for (int i = 0; i < message.weights_size(); ++i) {
     const auto& weights = message.weights(i);
     const std::string path = "method.mls.weights[" + std::to_string(i) + "]";
@@ -136,18 +173,89 @@ MlsOptions mls_options(const v1::MlsMethod& message) {
   return options;
 }
 
+FfdControl ffd_control(v1::FfdControl control) {
+  switch (known(control, "method.ffd.control")) {
+    case v1::MESH:
+      return FfdControl::mesh;
+    case v1::CONTROLS:
+      return FfdControl::controls;
+    default:
+      return FfdControl::energy;
+  }
+}
+
+FfdOptions ffd_options(const v1::FfdMethod& message) {
+  FfdOptions options;
+  take_energy(message.energy(), "method.ffd.energy", options);
+  options.lattice = lattice_from_proto(message.lattice());
+  options.control = ffd_control(message.control());
+  options.clamp = finite(message.clamp(), "method.ffd.clamp");
+  return options;
+}
+
+CageOptions cage_options(const v1::CageMethod& message) {
+  const std::string path = "method.cage";
+  if (!message.file().empty()) {
+    refuse_field(path + ".file",
+                 "only setup files name one; send the points and triangles of the cage as vertices and triangles");
+  }
+  known(message.coordinates(), path + ".coordinates");
+  const v1::FfdControl control = known(message.control(), path + ".control");
+  if (control == v1::ENERGY) refuse_field(path + ".control", "a cage has no ENERGY; use CONTROLS or MESH");
+  CageOptions options;
+  const auto threes = [&](int numbers, const char* field) {
+    if (numbers % 3 != 0) refuse_field(path + field, std::to_string(numbers) + " numbers are not a multiple of 3");
+    return static_cast<std::size_t>(numbers) / 3;
+  };
+  options.vertices.resize(threes(message.vertices_size(), ".vertices"));
+  options.triangles.resize(threes(message.triangles_size(), ".triangles"));
+  for (std::size_t i = 0; i < 3 * options.vertices.size(); ++i) {
+    options.vertices[i / 3][i % 3] = message.vertices(static_cast<int>(i));
+  }
+  for (std::size_t i = 0; i < 3 * options.triangles.size(); ++i) {
+    options.triangles[i / 3][i % 3] = message.triangles(static_cast<int>(i));
+  }
+  options.control = control == v1::MESH ? CageControl::mesh : CageControl::controls;
+  options.clamp = finite(message.clamp(), path + ".clamp");
+  options.basis = basis_mode(message.basis(), path + ".basis");
+  options.basis_tolerance = finite(message.basis_tolerance(), path + ".basis_tolerance");
+  return options;
+}
+
+/// Ignored without a basis; 0 also for -0.0.
+double canonical_basis_tolerance(v1::BasisMode basis, double tolerance) {
+  return basis == v1::BASIS_NEVER || tolerance == 0 ? 0 : tolerance;
+}
+
+void canonicalize_reduction(v1::RbfMethod& rbf) {
+  CentreReduction reduction = centre_reduction(rbf);
+  const bool rings = reduction == CentreReduction::rings;
+  if (reduction == CentreReduction::tolerance && rbf.solver() == v1::INCREMENTAL_QR) reduction = CentreReduction::off;
+  if (reduction == CentreReduction::tolerance) {
+    rbf.set_reduction(v1::REDUCTION_TOLERANCE);
+    rbf.set_reduction_rings(0);
+    if (rbf.reduction_tolerance() == 0)
+      rbf.set_reduction_tolerance(default_reduction_tolerance(*kernel_from_proto(rbf.kernel())));
+    return;
+  }
+  rbf.set_reduction(rings ? v1::REDUCTION_AUTOMATIC : v1::REDUCTION_OFF);
+  if (!rings || rbf.reduction_rings() == 0) rbf.set_reduction_rings(default_rings);
+  rbf.set_reduction_tolerance(0);
+}
+
 void canonicalize_rbf(v1::RbfMethod& rbf) {
-  const KernelProperties kernel = properties(kernel_from_proto(rbf.kernel()));
   if (rbf.kernel() == v1::KERNEL_DEFAULT) rbf.set_kernel(v1::TRIHARMONIC);
+  const KernelProperties kernel = properties(*kernel_from_proto(rbf.kernel()));
   if (!kernel.has_shape || rbf.shape() == 0) rbf.set_shape(0);  // ignored by the others: one value for all
   const bool incremental = rbf.solver() == v1::INCREMENTAL_QR;
   const bool may_iterate = rbf.solver() == v1::ITERATIVE || rbf.solver() == v1::SOLVER_AUTOMATIC;
-  if (rbf.tolerance() == 0) rbf.set_tolerance(incremental ? incremental_tolerance : RbfOptions().tolerance);
+  if (rbf.tolerance() == 0) rbf.set_tolerance(default_tolerance(incremental ? Solver::incremental_qr : Solver::iterative));
   if (!may_iterate && !incremental) rbf.set_tolerance(0);
   if (!incremental) rbf.clear_samples();
   rbf.set_centre_order(incremental && rbf.centre_order() == v1::GREEDY ? v1::GREEDY : v1::CENTRE_ORDER_DEFAULT);
   if (!rbf.has_polynomial_degree()) rbf.set_polynomial_degree(static_cast<std::uint32_t>(kernel.default_degree()));
-  if (rbf.reduction() == v1::REDUCTION_OFF || rbf.reduction_rings() == 0) rbf.set_reduction_rings(default_rings);
+  rbf.set_basis_tolerance(canonical_basis_tolerance(rbf.basis(), rbf.basis_tolerance()));
+  canonicalize_reduction(rbf);
 }
 
 void canonicalize_energy(v1::Energy& energy) {
@@ -158,10 +266,12 @@ void canonicalize_energy(v1::Energy& energy) {
   } else if (energy.fixing() == 0) {
     energy.set_fixing(ShellOptions().fixing);
   }
+  energy.set_basis_tolerance(canonical_basis_tolerance(energy.basis(), energy.basis_tolerance()));
 }
 
 void canonicalize_subspace(v1::SubspaceMethod& subspace) {
   const SubspaceOptions defaults;
+  subspace.set_linear(subspace_linear(subspace) == SubspaceLinear::added ? v1::LINEAR_ADDED : v1::LINEAR_DEFAULT);
   canonicalize_energy(*subspace.mutable_energy());
   if (subspace.kernel() == v1::SUBSPACE_DEFAULT) subspace.set_kernel(v1::SUBSPACE_MLS);
   if (subspace.centres() == 0) subspace.set_centres(static_cast<std::uint32_t>(defaults.centres));
@@ -169,16 +279,41 @@ void canonicalize_subspace(v1::SubspaceMethod& subspace) {
   if (kernel && !properties(*kernel).has_shape) {
     subspace.set_cover(0);
   } else if (subspace.cover() == 0) {
-    subspace.set_cover(default_cover(subspace.kernel()));
+    subspace.set_cover(default_cover(kernel));
   }
 }
 
 void canonicalize_mls(v1::MlsMethod& mls) {
   const MlsOptions defaults;
+  const MlsDomain domain = mls_domain(mls);
+  mls.set_domain(domain == MlsDomain::surface ? v1::DOMAIN_DEFAULT : v1::DOMAIN_ENCLOSED);
   canonicalize_energy(*mls.mutable_energy());
   if (mls.cubature() == 0) mls.set_cubature(defaults.cubature);
-  if (mls.cover() == 0) mls.set_cover(defaults.cover);
+  if (mls.cover() == 0) mls.set_cover(default_cover(domain));
   for (auto& weights : *mls.mutable_weights()) canonicalize_region(*weights.mutable_region());
+}
+
+void canonicalize_ffd(v1::FfdMethod& ffd) {
+  if (ffd.control() == v1::MESH || ffd.control() == v1::CONTROLS) {
+    const v1::Energy given = ffd.energy();
+    ffd.clear_energy();
+    ffd.mutable_energy()->set_basis(given.basis());
+    ffd.mutable_energy()->set_basis_tolerance(given.basis_tolerance());
+  } else {
+    ffd.set_control(v1::ENERGY);
+  }
+  if (ffd.control() != v1::MESH || ffd.clamp() == 0) ffd.set_clamp(0);  // ignored, or -0.0
+  canonicalize_energy(*ffd.mutable_energy());
+  v1::Lattice& lattice = *ffd.mutable_lattice();
+  if (lattice.basis() == v1::LATTICE_BASIS_DEFAULT) lattice.set_basis(v1::UNIFORM_CUBIC);
+}
+
+void canonicalize_cage(v1::CageMethod& cage) {
+  cage.clear_file();
+  cage.set_coordinates(v1::MEAN_VALUE);
+  if (cage.control() != v1::MESH) cage.set_control(v1::CONTROLS);
+  if (cage.control() != v1::MESH || cage.clamp() == 0) cage.set_clamp(0);  // ignored, or -0.0
+  cage.set_basis_tolerance(canonical_basis_tolerance(cage.basis(), cage.basis_tolerance()));
 }
 
 }  // namespace
@@ -191,11 +326,25 @@ decltype(Setup::method) method_from_proto(const v1::Method& message) {
       return subspace_options(message.subspace());
     case v1::Method::kMls:
       return mls_options(message.mls());
+    case v1::Method::kFfd:
+      return ffd_options(message.ffd());
+    case v1::Method::kCage:
+      return cage_options(message.cage());
     case v1::Method::kRbf:
     case v1::Method::KIND_NOT_SET:
       break;
   }
   return rbf_options(message.rbf());
+}
+
+void set_default_kernel(v1::Method& message, const v1::GeometryInfo& geometry) {
+  const bool rbf = message.has_rbf() || message.kind_case() == v1::Method::KIND_NOT_SET;
+  if (!rbf || message.rbf().kernel() != v1::KERNEL_DEFAULT || geometry.box_min_size() != 3 || geometry.box_max_size() != 3)
+    return;
+  Box box;
+  box.add({geometry.box_min(0), geometry.box_min(1), geometry.box_min(2)});
+  box.add({geometry.box_max(0), geometry.box_max(1), geometry.box_max(2)});
+  message.mutable_rbf()->set_kernel(default_kernel(box) == Kernel::thin_plate ? v1::THIN_PLATE : v1::TRIHARMONIC);
 }
 
 void canonicalize_method(v1::Method& message) {
@@ -206,6 +355,10 @@ void canonicalize_method(v1::Method& message) {
       return canonicalize_subspace(*message.mutable_subspace());
     case v1::Method::kMls:
       return canonicalize_mls(*message.mutable_mls());
+    case v1::Method::kFfd:
+      return canonicalize_ffd(*message.mutable_ffd());
+    case v1::Method::kCage:
+      return canonicalize_cage(*message.mutable_cage());
     case v1::Method::kRbf:
     case v1::Method::KIND_NOT_SET:
       break;

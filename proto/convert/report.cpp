@@ -36,8 +36,9 @@ std::string given_up_warning(const DesignReport& report, const Setup& setup) {
   }
   if (names.empty()) return {};
   return "The exact constraints " + names +
-         " contradict each other or points that are held: putting their points on the shapes made the deformation worse and was "
-         "given up; they are met as far as their weight carries them.";
+         " contradict others or points that are held, or their shapes are farther away than points may be moved: putting their "
+         "points "
+         "on the shapes was given up; they are met as far as their weight carries them.";
 }
 
 v1::EvaluationPath path_to_proto(EvaluationPath path) {
@@ -61,6 +62,9 @@ v1::CellReport cell_report(const InversionCheck& check, const SafeAmplitude& saf
   report.set_least_determinant(safety.inverted.least_determinant.value);
   report.set_least_determinant_cell(static_cast<std::uint32_t>(safety.inverted.least_determinant.id));
   report.set_inverted_at_rest(check.at_rest().count);
+  report.set_without_volume(safety.inverted.without_volume);
+  report.set_wrong_pyramid(safety.inverted.wrong_pyramid);
+  report.set_left_handed(check.left_handed());
   return report;
 }
 
@@ -102,6 +106,7 @@ v1::QualityReport quality_to_proto(const QualityReport& report) {
     entry->set_high(histogram.high);
     for (const std::size_t count : histogram.counts) entry->add_counts(count);
   }
+  for (const std::string& failed : report.failed) message.add_failed(failed);
   message.set_method(report.method);
   return message;
 }

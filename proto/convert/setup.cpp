@@ -10,6 +10,7 @@
 #include "core/codec/geometry_id.h"
 #include "proto/convert/base/fields.h"
 #include "proto/convert/constraint.h"
+#include "proto/convert/controls/controls.h"
 #include "proto/convert/mesh/region.h"
 #include "proto/convert/method.h"
 
@@ -22,38 +23,16 @@ constexpr std::size_t most_planes = 3;
 constexpr std::size_t most_constraints = 10000;
 constexpr std::size_t longest_name = 4096;
 
-Vec3 point_or_origin(const google::protobuf::RepeatedField<double>& numbers, const std::string& path) {
-  return numbers.empty() ? Vec3{} : vec3(numbers, path);
-}
+std::string indexed(const char* list, int index) { return std::string(list) + "[" + std::to_string(index) + "]"; }
 
 void check_name(const std::string& name, const std::string& path) {
   if (name.size() > longest_name) refuse_field(path, "longer than " + std::to_string(longest_name) + " bytes");
 }
 
-using VariableKind = decltype(DesignVariable::kind);
-
-VariableKind variable_kind(const v1::DesignVariable& message, const std::string& path) {
-  const int kinds = (message.translate().empty() ? 0 : 1) + (message.has_rotate() ? 1 : 0) + (message.has_scale() ? 1 : 0);
-  if (kinds != 1) {
-    refuse_field(path, "expected exactly one of translate, rotate, scale, got " + std::to_string(kinds));
-  }
-  if (message.has_rotate()) {
-    const std::string field = path + ".rotate";
-    return DesignVariable::Rotate{vec3(message.rotate().axis(), field + ".axis"),
-                                  point_or_origin(message.rotate().centre(), field + ".centre")};
-  }
-  if (message.has_scale()) {
-    const std::string field = path + ".scale";
-    return DesignVariable::Scale{point_or_origin(message.scale().centre(), field + ".centre"),
-                                 point_or_origin(message.scale().axis(), field + ".axis")};
-  }
-  return DesignVariable::Translate{vec3(message.translate(), path + ".translate")};
-}
-
 DesignVariable variable(const v1::DesignVariable& message, const std::string& path) {
   check_name(message.name(), path + ".name");
   if (message.handle().empty()) refuse_field(path + ".handle", "must not be empty");
-  DesignVariable result{message.name(), message.handle(), variable_kind(message, path)};
+  DesignVariable result{message.name(), message.handle(), motion_from_proto(message, path)};
   if (message.has_lower()) result.lower = finite(message.lower(), path + ".lower");
   if (message.has_upper()) result.upper = finite(message.upper(), path + ".upper");
   return result;
@@ -75,6 +54,11 @@ void fill_point(google::protobuf::RepeatedField<double>& numbers) {
 }  // namespace
 
 Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles) {
+  Problems problems(Problems::Mode::throw_first);
+  return setup_from_proto(message, max_handles, problems);
+}
+
+Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles, Problems& problems) {
   const auto check_count = [&](const char* field, int count, std::size_t limit) {
     if (static_cast<std::size_t>(count) > limit) {
       refuse_field(field, std::to_string(count) + " entries are more than the limit of " + std::to_string(limit));
@@ -88,30 +72,52 @@ Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles) {
   check_count("constraints", message.constraints_size(), most_constraints);
 
   Setup setup;
-  setup.method = method_from_proto(message.method());
+  problems.check("method", [&] { setup.method = method_from_proto(message.method()); });
   setup.seed = message.seed();
   for (int i = 0; i < message.handles_size(); ++i) {
-    const std::string path = "handles[" + std::to_string(i) + "]";
-    check_name(message.handles(i).name(), path + ".name");
-    if (!message.handles(i).has_region()) refuse_field(path + ".region", "is missing");
-    setup.handles.push_back({message.handles(i).name(), region_from_proto(message.handles(i).region(), path + ".region")});
+    const std::string path = indexed("handles", i);
+    Handle& handle = setup.handles.emplace_back();
+    problems.check(path + ".name", [&] {
+      check_name(message.handles(i).name(), path + ".name");
+      handle.name = message.handles(i).name();
+    });
+    problems.check(path + ".region", [&] {
+      if (!message.handles(i).has_region()) refuse_field(path + ".region", "is missing");
+      handle.region = region_from_proto(message.handles(i).region(), path + ".region");
+    });
   }
   for (int i = 0; i < message.fixed_size(); ++i) {
-    setup.fixed.push_back(region_from_proto(message.fixed(i), "fixed[" + std::to_string(i) + "]"));
+    const std::string path = indexed("fixed", i);
+    Region& region = setup.fixed.emplace_back();
+    problems.check(path, [&] { region = region_from_proto(message.fixed(i), path); });
   }
   for (int i = 0; i < message.variables_size(); ++i) {
-    setup.variables.push_back(variable(message.variables(i), "variables[" + std::to_string(i) + "]"));
+    const std::string path = indexed("variables", i);
+    DesignVariable& to = setup.variables.emplace_back(DesignVariable{"", "", DesignVariable::Translate{}});
+    problems.check(path, [&] { to = variable(message.variables(i), path); });
   }
   for (int i = 0; i < message.symmetry_size(); ++i) {
-    setup.symmetry.push_back(symmetry_plane(message.symmetry(i), "symmetry[" + std::to_string(i) + "]"));
+    const std::string path = indexed("symmetry", i);
+    SymmetryPlane& plane = setup.symmetry.emplace_back(SymmetryPlane{SymmetryPlane::Plane{}});
+    problems.check(path, [&] { plane = symmetry_plane(message.symmetry(i), path); });
   }
   for (int i = 0; i < message.constraints_size(); ++i) {
-    const std::string path = "constraints[" + std::to_string(i) + "]";
-    check_name(message.constraints(i).name(), path + ".name");
-    setup.constraints.push_back(constraint_from_proto(message.constraints(i), path));
+    const std::string path = indexed("constraints", i);
+    Constraint& constraint = setup.constraints.emplace_back();
+    constraint.name = message.constraints(i).name().substr(0, longest_name);
+    problems.check(path, [&] {
+      check_name(message.constraints(i).name(), path + ".name");
+      constraint = constraint_from_proto(message.constraints(i), path);
+    });
   }
-  setup.constraint_options = constraint_options_from_proto(message.constraint_options());
+  problems.check("constraint_options",
+                 [&] { setup.constraint_options = constraint_options_from_proto(message.constraint_options()); });
   return setup;
+}
+
+v1::Setup with_kernel(v1::Setup message, const v1::GeometryInfo& geometry) {
+  set_default_kernel(*message.mutable_method(), geometry);
+  return message;
 }
 
 v1::Setup canonical_setup(const v1::Setup& message, const std::string& geometry_id) {

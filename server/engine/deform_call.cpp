@@ -10,6 +10,7 @@
 #include "core/base/parallel.h"
 #include "core/quality/displacement.h"
 #include "proto/convert/base/block.h"
+#include "proto/convert/verdict.h"
 
 namespace deform::server {
 
@@ -371,10 +372,14 @@ void DeformCall::push_results(std::size_t step, WholeDesigns* whole) {
       continue;
     }
     v1::DesignResult& result = *push().mutable_result();
-    result =
-        design_result(progress_[d], bound_->evaluation->report(design), bound_->system->setup, bound_->system->info.diagonal());
+    const DesignReport& report = bound_->evaluation->report(design);
+    const auto& info = bound_->system->info;
+    result = design_result(progress_[d], report, bound_->system->setup, info.diagonal());
     result.set_design(static_cast<std::uint32_t>(bound_->numbers[design]));
     if (whole != nullptr) whole->findings[d].move_to(result);
+    if (bound_->values == DeformTask::Values::positions) {
+      convert::set_verdict({info.diagonal(), info.condition(), report.converged, report.torn_edges}, result);
+    }
     fell_back_ += progress_[d].fell_back;
   }
 }

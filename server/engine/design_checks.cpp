@@ -6,6 +6,7 @@
 
 #include "core/base/error.h"
 #include "core/mesh/cells.h"
+#include "core/quality/plane_quality.h"
 #include "core/quality/report.h"
 #include "proto/convert/base/fields.h"
 #include "proto/convert/report.h"
@@ -14,10 +15,6 @@
 namespace deform::server {
 
 namespace {
-
-bool in_one_plane(std::span<const Vec3> points) {
-  return std::all_of(points.begin(), points.end(), [&](const Vec3& p) { return p[2] == points[0][2]; });
-}
 
 /// Of the measures of one design: some numbers per point, face and cell.
 std::size_t quality_bytes(const Mesh& mesh) {
@@ -28,24 +25,15 @@ std::size_t quality_bytes(const Mesh& mesh) {
 
 }  // namespace
 
-std::optional<CellSet> cell_set(const Mesh& mesh) {
-  if (mesh.elements) return CellSet(mesh.elements.get());
-  if (mesh.cells) return CellSet(mesh.cells.get());
-  const bool plane =
-      mesh.face_count() > 0 && in_one_plane(mesh.points) &&
-      std::all_of(mesh.face_sizes.begin(), mesh.face_sizes.end(), [](auto size) { return size == 3 || size == 4; });
-  if (plane) return CellSet(&mesh);
-  return std::nullopt;
-}
-
 std::shared_ptr<const InversionCheck> CellCheckCache::get(const Mesh& mesh, const CellSet& cells, MemoryBudget& budget,
                                                           const RunContext& context) const {
   const std::lock_guard lock(mutex_);
   if (!check_) {
-    Charge charge = budget.charge(InversionCheck::bytes_for(cells),
+    Charge charge = budget.charge(InversionCheck::bytes_to_make(cells, mesh.points.size()),
                                   {"checking the cells", "set check: CELL_CHECK_OFF, or raise the server's memory budget", 0});
     check_ = std::make_shared<const InversionCheck>(mesh.points, cells, context);
     charge_ = std::move(charge);
+    charge_.shrink(InversionCheck::bytes_for(cells, mesh.points.size()));
   }
   return check_;
 }
@@ -71,6 +59,7 @@ DesignChecks DesignChecks::from_proto(const v1::DeformRequest& request) {
   options.mode = splitting.mode() == v1::SPLIT_ADAPTIVE ? SplitMode::adaptive : SplitMode::uniform;
   if (splitting.most_steps() > 0) options.most_steps = splitting.most_steps();
   if (splitting.share() != 0) options.share = splitting.share();
+  options.margin = splitting.margin();
   validate_split_options(options);
   checks.splitting = options;
   return checks;
@@ -106,7 +95,7 @@ std::unique_ptr<const DesignChecker> DesignChecker::make(std::shared_ptr<const R
   if (faces) checker->flips_ = system->face_check.get(mesh, budget, context);
   std::size_t bytes = 0;
   if (cells || quality) bytes += checker->check_faces_bytes();
-  if (cells) bytes += InversionCheck::bytes_for(*cells);
+  if (cells) bytes += InversionCheck::bytes_for(*cells, mesh.points.size());
   if (quality) bytes += quality_bytes(mesh);
   if (checks.splitting) bytes += estimate_substep(mesh, system->setup, *cells).peak_bytes;
   checker->charge_ = budget.charge(bytes, {checks.splitting ? "splitting designs" : "checking the cells of designs",
@@ -144,7 +133,8 @@ void DesignChecker::split(std::size_t design, Points& points, const SafeAmplitud
   report.set_inversion_free(true);
   report.set_steps(1);
   report.set_reached(1);
-  if (safety.inverted.count == 0) return;
+  report.set_least_determinant(safety.inverted.least_determinant.value);
+  if (safety.inverted.count == 0 && !(safety.inverted.least_determinant.value < checks_.splitting->margin)) return;
   SplitProblem problem;
   problem.mesh = system_->mesh;
   problem.setup = system_->setup;
@@ -154,6 +144,8 @@ void DesignChecker::split(std::size_t design, Points& points, const SafeAmplitud
   report.set_inversion_free(result.inversion_free);
   report.set_steps(static_cast<std::uint32_t>(result.steps));
   report.set_reached(result.reached);
+  report.set_straight(result.straight);
+  report.set_least_determinant(result.least_determinant.value);
   report.set_factorizations(static_cast<std::uint32_t>(result.factorizations));
   if (!result.attempts.empty()) report.set_failure(result.attempts.back().failure);
   points = std::move(result.points);
@@ -161,14 +153,24 @@ void DesignChecker::split(std::size_t design, Points& points, const SafeAmplitud
 
 v1::QualityReport DesignChecker::quality(const Points& points) const {
   const Mesh& mesh = *system_->mesh;
-  if (mesh.cells) return convert::quality_to_proto(quality_report(polyhedral_quality(points, *mesh.cells), points, *mesh.cells));
-  if (mesh.elements)
-    return convert::quality_to_proto(quality_report(element_quality(points, *mesh.elements), points, *mesh.elements));
+  // Left-handed is what is so at rest.
+  const auto left_handed = [&] { return left_handed_cells(mesh.points, *cells_); };
+  if (mesh.cells) {
+    PolyhedralLimits limits;
+    limits.left_handed = left_handed();
+    return convert::quality_to_proto(quality_report(polyhedral_quality(points, *mesh.cells, limits), points, *mesh.cells));
+  }
+  if (mesh.elements) {
+    const ElementQuality measured = element_quality(points, *mesh.elements, left_handed());
+    return convert::quality_to_proto(quality_report(measured, points, *mesh.elements));
+  }
   Mesh surface;
   surface.points = points;
   surface.face_sizes = mesh.face_sizes;
   surface.face_points = mesh.face_points;
-  return convert::quality_to_proto(quality_report(surface_quality(surface), surface));
+  QualityReport report = quality_report(surface_quality(surface), surface);
+  if (cells_ && in_plane(points)) add_to(report, plane_quality(points, mesh, left_handed()), points, mesh);
+  return convert::quality_to_proto(report);
 }
 
 }  // namespace deform::server

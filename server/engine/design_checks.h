@@ -19,9 +19,6 @@ namespace deform::server {
 
 struct ResidentSystem;
 
-/// What can be inverted in a mesh: its cells; of a 2D mesh of triangles and quads its faces; else nothing.
-std::optional<CellSet> cell_set(const Mesh& mesh);
-
 /// The check of the cells of a system's mesh: made when first asked for, then kept with the memory charged for it. Thread-safe.
 class CellCheckCache {
  public:

@@ -25,9 +25,13 @@ v1::DesignResult design_result(const DeliveredDesign& delivered, const DesignRep
   result.set_interpolation_residual(report.interpolation_residual);
   result.set_max_displacement(delivered.displacement.value);
   result.set_prescribed_displacement(report.prescribed_displacement);
+  result.set_control_displacement(report.control_displacement);
+  result.set_estimated_error(report.error);
+  if (result.max_displacement() > 0) result.set_relative_error(report.error / result.max_displacement());
   if (const auto warning = displacement_warning(delivered.displacement, report.prescribed_displacement, diagonal)) {
     result.add_warnings(*warning);
   }
+  for (const std::string& warning : report.warnings) result.add_warnings(warning);
   if (setup.constraints.empty()) return result;
   *result.mutable_constraints() = convert::constraints_report(report, setup);
   if (const std::string warning = convert::given_up_warning(report, setup); !warning.empty()) result.add_warnings(warning);

@@ -22,7 +22,7 @@ struct DeliveredDesign {
   void add(const codec::Block& block, const Extreme& largest_displacement);
 };
 
-/// What a client is told about a design all of whose blocks have been made, but for its number and what checks found. `diagonal`:
+/// The reply about a design all of whose blocks have been made, but for its number and what checks found. `diagonal`:
 /// of the bounding box, model units.
 v1::DesignResult design_result(const DeliveredDesign& delivered, const DesignReport& report, const Setup& setup, double diagonal);
 

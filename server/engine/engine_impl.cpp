@@ -161,19 +161,27 @@ EngineImpl::Recipe EngineImpl::recipe(const v1::Setup& setup) {
   convert::setup_from_proto(setup, options_.max_handles);  // refuses what has no canonical form
   Recipe recipe;
   const std::string geometry = store_.resolve_geometry(setup.geometry());
-  v1::Setup chosen = setup;
-  const bool rbf = setup.method().has_rbf() || setup.method().kind_case() == v1::Method::KIND_NOT_SET;
-  if (rbf && setup.method().rbf().kernel() == v1::KERNEL_DEFAULT) {
-    const v1::GeometryInfo info = store_.info(geometry);
-    const bool flat = info.box_min_size() == 3 && info.box_min(2) == info.box_max(2);
-    chosen.mutable_method()->mutable_rbf()->set_kernel(flat ? v1::THIN_PLATE : v1::TRIHARMONIC);
-  }
-  recipe.canonical = convert::canonical_setup(chosen, geometry);
+  recipe.canonical = convert::canonical_setup(convert::with_kernel(setup, store_.info(geometry)), geometry);
   recipe.id = convert::system_id(recipe.canonical);
   return recipe;
 }
 
+Problems EngineImpl::problems_of(const v1::Setup& message) {
+  Problems problems(Problems::Mode::collect);
+  const Setup setup = convert::setup_from_proto(message, options_.max_handles, problems);
+  problems.check("geometry", [&] {
+    if (message.geometry().empty()) throw Error(ErrorCode::invalid_argument, "geometry: must not be empty");
+  });
+  if (message.geometry().empty()) return problems;
+  find_problems(*meshes_.get(store_.resolve_geometry(message.geometry())), setup, problems);
+  return problems;
+}
+
 v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request) {
+  if (request.list_problems()) {
+    const Problems problems = problems_of(request.setup());
+    if (!problems.empty()) return convert::problems_reply(problems);
+  }
   const Recipe recipe = this->recipe(request.setup());
   const auto mesh = meshes_.get(recipe.canonical.geometry());
   const Setup setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
@@ -204,6 +212,8 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, St
   budgeted.threads = std::max(1, cores() / static_cast<int>(std::max<std::size_t>(1, scheduler_.load().preparations)));
   resident->system = deform::prepare(resident->mesh, resident->setup, budgeted);
   resident->charge.shrink(resident->system->bytes());
+  resident->memory_return.bytes = resident->system->bytes();
+  return_freed_memory(estimate.peak_bytes - std::min(estimate.peak_bytes, resident->system->bytes()));
   resident->info = convert::system_info(resident->system->info(), recipe.canonical, recipe.id);
   convert::add_handles(*resident->info.mutable_handles(), resident->setup, regions);
   convert::add_setup_notes(*resident->info.mutable_notes(), resident->setup);

@@ -58,6 +58,7 @@ class EngineImpl : public Engine {
   enum class Storing { store, stored_already };
 
   Recipe recipe(const v1::Setup& setup);
+  Problems problems_of(const v1::Setup& message);
   std::shared_ptr<ResidentSystem> make_system(const Recipe& recipe, Storing storing, const RunContext& context);
   SystemCache::Prepare prepare_again(const std::string& id);
   std::string resolve_system(const std::string& id);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/engine/memory.h"
 
+#include <malloc.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -16,7 +17,7 @@ namespace deform::server {
 
 namespace {
 
-constexpr std::uint32_t retry_after_ms = 500;
+constexpr std::uint32_t retry_memory_ms = 500;
 
 }  // namespace
 
@@ -73,7 +74,7 @@ Charge MemoryBudget::charge(std::size_t bytes, const ChargePurpose& purpose) {
   throw Error(ErrorCode::out_of_budget,
               purpose.what + ": needs " + mebibytes(bytes) + ", " + mebibytes(total - meter_->in_use()) + " of " +
                   mebibytes(total) + " are available now; try again later, or " + purpose.advice,
-              retry_after_ms);
+              retry_memory_ms);
 }
 
 void MemoryBudget::grow(Charge& charge, std::size_t bytes, const ChargePurpose& purpose) {
@@ -92,6 +93,10 @@ std::size_t available_memory() {
     if (file >> limit && limit > 0) bytes = std::min(bytes, limit);  // "max" does not parse: no limit
   }
   return bytes;
+}
+
+void return_freed_memory(std::size_t bytes) {
+  if (bytes >= freed_bytes_worth_returning) malloc_trim(0);
 }
 
 std::size_t resident_set_bytes() {

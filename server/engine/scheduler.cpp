@@ -10,7 +10,7 @@ namespace deform::server {
 
 namespace {
 
-constexpr std::uint32_t retry_after_ms = 200;
+constexpr std::uint32_t retry_queue_ms = 200;
 
 template <typename Queue>
 void remove_from(Queue& queue, const void* owner, Queue& removed) {
@@ -63,7 +63,7 @@ Scheduler::Place Scheduler::enter() {
     throw Error(ErrorCode::out_of_budget,
                 "the queue is full: " + std::to_string(load_.waiting) + " requests wait, the limit is " +
                     std::to_string(options_.queue_limit) + "; try again later",
-                retry_after_ms);
+                retry_queue_ms);
   }
   ++load_.waiting;
   return Place(this);

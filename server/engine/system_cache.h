@@ -24,6 +24,11 @@ namespace deform::server {
 
 /// A prepared system with what belongs to it. Immutable.
 struct ResidentSystem {
+  /// Destroyed last.
+  struct MemoryReturn {
+    std::size_t bytes = 0;
+    ~MemoryReturn() { return_freed_memory(bytes); }
+  } memory_return;
   std::shared_ptr<const System> system;
   std::shared_ptr<const Mesh> mesh;
   Setup setup;

@@ -20,7 +20,7 @@ struct LogOptions {
 /// Sets up the process-wide logger (spdlog's default one). Throws Error(invalid_argument) when the file cannot be opened.
 void start_logging(const LogOptions& options);
 
-/// What is told about one call, or about one request of a DeformStream. Fields that do not apply stay empty and are left out.
+/// What is logged about one call, or about one request of a DeformStream. Fields that do not apply stay empty and are left out.
 struct CallRecord {
   std::string method;
   std::string client;

@@ -89,8 +89,10 @@ class GrpcServer final : public RunningServer {
     if (!options.address.empty() && !is_unix(options.address)) {
       address_ = options.address.substr(0, options.address.rfind(':') + 1) + std::to_string(port_);
     }
-    set_serving(true);
-    watch_ = std::thread([this] { watch_store(); });
+    // Asked once: what the watcher compares with must be what the health service was told.
+    const bool writable = engine_->store().writable();
+    set_serving(true, writable);
+    watch_ = std::thread([this, writable] { watch_store(writable); });
   }
 
   ~GrpcServer() override { stop(std::chrono::milliseconds(0)); }
@@ -110,7 +112,7 @@ class GrpcServer final : public RunningServer {
     }
     stopping_changed_.notify_all();
     watch_.join();
-    set_serving(false);
+    set_serving(false, false);
     service_.drain();
     clean_ = engine_->drain(grace);
     clean_ = service_.wait_for_none(deadline) && clean_;
@@ -135,16 +137,15 @@ class GrpcServer final : public RunningServer {
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
   }
 
-  void set_serving(bool serving) {
+  void set_serving(bool serving, bool writable) {
     grpc::HealthCheckServiceInterface* health = server_->GetHealthCheckService();
     if (health == nullptr) return;
     health->SetServingStatus(serving);
     health->SetServingStatus(service_name, serving);
-    health->SetServingStatus(write_service_name, serving && engine_->store().writable());
+    health->SetServingStatus(write_service_name, serving && writable);
   }
 
-  void watch_store() {
-    bool writable = engine_->store().writable();
+  void watch_store(bool writable) {
     std::unique_lock lock(watch_mutex_);
     while (!stopping_changed_.wait_for(lock, watch_interval, [this] { return stopping_; })) {
       const v1::StoreInfo store = engine_->store();

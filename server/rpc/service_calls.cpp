@@ -16,7 +16,7 @@ namespace {
 /// Points per PointChunk: 768 KiB.
 constexpr std::size_t chunk_points = 1u << 15;
 
-/// Of one stage; a new stage is always told.
+/// Of one stage; a new stage is always reported.
 constexpr std::chrono::milliseconds progress_interval{100};
 
 /// The value of an outcome, whose statistics are recorded; throws its error.
@@ -122,20 +122,20 @@ void PrepareCall::note_outcome(Engine::Outcome<v1::SystemInfo> outcome) {
 }
 
 PrepareCall::Next PrepareCall::next(grpc::ByteBuffer& reply) {
-  if (told_) return Next::end;
+  if (reported_) return Next::end;
   v1::PrepareReply message;
   {
     const std::lock_guard lock(news_mutex_);
     if (outcome_) {
       *message.mutable_system() = taken(*outcome_, scope_.record, "the preparation");
-      told_ = true;
+      reported_ = true;
     } else if (progress_) {
       *message.mutable_progress() = std::move(*std::exchange(progress_, std::nullopt));
     } else {
       return Next::wait;
     }
   }
-  if (told_) {
+  if (reported_) {
     scope_.record.system = message.system().id();
     scope_.record.points = message.system().points();
   }

@@ -65,7 +65,7 @@ class PrepareCall : public ReplyStream {
   Clock::time_point last_progress_{};
   std::optional<Engine::Outcome<v1::SystemInfo>> outcome_;
   // of whoever is working
-  bool told_ = false;
+  bool reported_ = false;
 };
 
 /// Detect: all replies once they are there.

@@ -45,7 +45,7 @@ class StreamRequests {
   };
   using RequestPtr = std::shared_ptr<Request>;
 
-  /// A request that ends without having run, or a job that has to be told to stop.
+  /// A request that ends without having run, or a job that has to be cancelled.
   struct Effect {
     RequestPtr answered;                   ///< its refusal is to be sent; it is closed
     std::shared_ptr<DeformJob> cancelled;  ///< call cancel() on it

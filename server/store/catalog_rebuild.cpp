@@ -170,7 +170,7 @@ class Rebuild {
     report_.still_damaged = damaged_.geometries.size() + damaged_.setups.size() - report_.mended;
   }
 
-  /// From the small file, else from what the upload announced, else from what the old catalog still told.
+  /// From the small file, else from what the upload announced, else from what the old catalog still had.
   std::optional<GeometryRecord> known_geometry(const std::string& id) {
     const fs::path file = directory_.names() / id;
     if (fs::exists(file)) {

@@ -17,7 +17,7 @@ namespace deform::server {
 
 namespace {
 
-constexpr char tag[] = "deform.record.1";  // with its terminating zero
+constexpr char record_tag[] = "deform.record.1";  // with its terminating zero
 constexpr std::size_t digest_digits = 64;
 /// No record comes near; a file that claims to be longer is none.
 constexpr std::size_t largest_file = std::size_t{1} << 30;
@@ -42,14 +42,15 @@ std::string digest(const std::string& text) {
 
 std::string sealed(const Fields& fields) {
   const std::string text = joined(fields);
-  return std::string(tag, sizeof(tag)) + text + digest(text);
+  return std::string(record_tag, sizeof(record_tag)) + text + digest(text);
 }
 
 [[noreturn]] void damaged(const std::string& what) { throw Error(ErrorCode::data_loss, "store: " + what + " is damaged"); }
 
 Fields unsealed(const std::string& text, const std::string& what) {
-  if (text.size() < sizeof(tag) + digest_digits || std::memcmp(text.data(), tag, sizeof(tag)) != 0) damaged(what);
-  const std::string body = text.substr(sizeof(tag), text.size() - sizeof(tag) - digest_digits);
+  if (text.size() < sizeof(record_tag) + digest_digits || std::memcmp(text.data(), record_tag, sizeof(record_tag)) != 0)
+    damaged(what);
+  const std::string body = text.substr(sizeof(record_tag), text.size() - sizeof(record_tag) - digest_digits);
   if (digest(body) != text.substr(text.size() - digest_digits)) damaged(what);
   Fields fields;
   for (std::size_t at = 0; at < body.size();) {

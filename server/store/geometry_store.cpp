@@ -70,7 +70,7 @@ v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const std::string& id, con
   try {
     step("an upload is announced");
     const auto known = put_content(mesh, record, intent);
-    v1::GeometryInfo info = told(known.value_or(record));
+    v1::GeometryInfo info = described(known.value_or(record));
     info.set_existed(known.has_value());
     return info;
   } catch (...) {
@@ -128,10 +128,10 @@ bool GeometryStore::contains(const std::string& id) {
 v1::GeometryInfo GeometryStore::info(const std::string& id) {
   const auto record = catalog_->find_geometry(id);
   if (!record) throw Error(ErrorCode::not_found, "geometry " + id + ": unknown id");
-  return told(*record);
+  return described(*record);
 }
 
-v1::GeometryInfo GeometryStore::told(const GeometryRecord& record) {
+v1::GeometryInfo GeometryStore::described(const GeometryRecord& record) {
   v1::GeometryInfo info;
   if (record.integrity == Integrity::damaged || !info.ParseFromString(record.info)) {
     info.Clear();
@@ -283,7 +283,7 @@ v1::ListGeometriesReply GeometryStore::list(const v1::ListGeometriesRequest& req
   const std::size_t limit = page_size(request.page_size());
   const auto records = catalog_->list_geometries(parse_page_token(request.page_token()), limit);
   v1::ListGeometriesReply reply;
-  for (const auto& record : records) *reply.add_geometries() = told(record);
+  for (const auto& record : records) *reply.add_geometries() = described(record);
   if (records.size() == limit) reply.set_next_page_token(page_token(records.back().created_ms, records.back().id));
   return reply;
 }

@@ -91,7 +91,7 @@ class GeometryStore {
   Catalog& catalog() { return *catalog_; }
 
  private:
-  v1::GeometryInfo told(const GeometryRecord& record);
+  v1::GeometryInfo described(const GeometryRecord& record);
   std::optional<GeometryRecord> put_content(const Mesh& mesh, const GeometryRecord& record, std::int64_t intent);
   void take_back(const GeometryRecord& record, std::int64_t intent);
   Intent remove_rows(const std::string& id, WithSetups policy);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Many centres: the iterative solver against its limits, all solvers beside each other, growth, evaluation of many points.
 //
-// usage: centres_bench [--quick | --solvers]      --solvers: only their table
+// usage: centres_bench [--quick | --solvers | --reduction | --reduction-large]
+//   --solvers, --reduction: only their tables; --reduction-large: the reduction of 2,000,000 points
 #include <sys/resource.h>
 
 #include <algorithm>
@@ -24,6 +25,7 @@
 #include "core/numerics/interpolation/least_squares_interpolator.h"
 #include "core/numerics/kernels/tiles.h"
 #include "tests/bench/bordered_lu.h"
+#include "tests/bench/centre_reduction.h"
 #include "tests/bench/param_case.h"
 
 #ifndef DEFORM_SHARED_DATA
@@ -322,7 +324,7 @@ Setup car(Solver solver, CentreReduction reduction = CentreReduction::off) {
   return setup;
 }
 
-/// Handle motion of the same mesh, from few centres (some rings around what is deformed) and from all constraint points.
+/// Handle motion of the same mesh, from few centres (to the reduction tolerance) and from all constraint points.
 void handle_motion(bool quick) {
   AhmedOptions options;
   options.target_points = quick ? 6000 : 60000;
@@ -339,7 +341,7 @@ void handle_motion(bool quick) {
            });
   };
   std::size_t few = 0, many = 0;
-  const double a = designs_per_second(CentreReduction::automatic, few);
+  const double a = designs_per_second(CentreReduction::tolerance, few);
   const double b = designs_per_second(CentreReduction::off, many);
   std::printf("\nhandle motion of %zu points: designs per second with %zu and with %zu centres\n", mesh->point_count(), few,
               many);
@@ -357,9 +359,17 @@ int main(int argc, char** argv) {
     deform::solvers(false, DEFORM_SHARED_DATA);
     return 0;
   }
+  const bool large = argc > 1 && std::strcmp(argv[1], "--reduction-large") == 0;
+  if (large || (argc > 1 && std::strcmp(argv[1], "--reduction") == 0)) {
+    deform::bench::centre_reduction(large ? deform::bench::ReductionSizes::large : deform::bench::ReductionSizes::usual,
+                                    DEFORM_SHARED_DATA);
+    return 0;
+  }
   deform::iterative_tier(quick);
   deform::solvers(quick, DEFORM_SHARED_DATA);
   deform::evaluation(quick);
   deform::handle_motion(quick);
+  deform::bench::centre_reduction(quick ? deform::bench::ReductionSizes::small : deform::bench::ReductionSizes::usual,
+                                  DEFORM_SHARED_DATA);
   return 0;
 }

@@ -30,6 +30,7 @@
 #include "tests/bench/peak_memory.h"
 #include "tests/bench/report.h"
 #include "tests/bench/rigid_layers.h"
+#include "tests/support/thesis_options.h"
 #ifdef DEFORMD_BINARY
 #include "tests/bench/constrained_population.h"
 #endif
@@ -55,7 +56,7 @@ using Methods = std::vector<std::pair<const char*, AnyMethod>>;
 
 /// samples: 0 = automatic.
 Methods methods(std::size_t samples) {
-  MlsOptions mls;
+  MlsOptions mls = test::thesis_mls();
   mls.surface_samples = samples;
   return {{"shell", ShellOptions{}}, {"mls", mls}};
 }
@@ -198,7 +199,7 @@ void line_search(const System& system, const Design& design, const std::string& 
 
 void large_car(const fs::path& data, bool quick, Report& report) {
   const ConstraintCase car = stretched_car(data, quick ? 30'000 : 465'000);
-  MlsOptions options;
+  MlsOptions options = test::thesis_mls();
   options.surface_samples = quick ? 400 : 4000;
   reset_peak();
   std::shared_ptr<const System> system;
@@ -271,7 +272,7 @@ class AgainstRbf {
 
 void volumes(const fs::path& data, Report& report) {
   // As in the thesis, where handles are soft; and exactly, for which a change with much detail takes more samples.
-  MlsOptions soft, finer;
+  MlsOptions soft = test::thesis_mls(), finer = test::thesis_mls();
   soft.handles = HandleMode::soft;
   soft.fixing = 1e6;
   finer.surface_samples = 8000;

@@ -17,6 +17,7 @@
 #include "core/numerics/sampling/subspace.h"
 #include "core/numerics/sparse/sparse_cholesky.h"
 #include "tests/bench/report.h"
+#include "tests/support/thesis_options.h"
 
 namespace deform {
 namespace {
@@ -87,7 +88,7 @@ Series growth(const Mesh& mesh, const char* name, std::optional<Kernel> kernel, 
               const std::vector<std::size_t>& counts) {
   Series series;
   for (const std::size_t k : counts) {
-    SubspaceOptions options;
+    SubspaceOptions options = test::thesis_subspace();
     options.kernel = kernel;
     options.cover = cover;
     options.centres = k;
@@ -129,7 +130,7 @@ int run(bool quick) {
 
   // Energies in space: what a car body and a volume mesh take (thesis 8.6: 4000 samples on 465,000 points).
   const Mesh large = ahmed_body({.target_points = quick ? 5000u : 465000u});
-  MlsOptions options;
+  MlsOptions options = test::thesis_mls();
   options.surface_samples = quick ? 300 : 4000;
   const SpaceBytes estimated = estimate_mls_space(large, options);
   const Measured body = prepare(large, [&] { return mls_space(large, options, 1); });

@@ -6,6 +6,7 @@
 #include "core/mesh/ahmed.h"
 #include "core/mesh/elements.h"
 #include "tests/core/deformers/block_meshes.h"
+#include "tests/support/thesis_options.h"
 
 namespace deform::test {
 
@@ -54,7 +55,7 @@ Setup with_constraint(Setup setup, const ConstraintKind& kind, bool exact) {
 }
 
 Setup subspace(std::optional<Kernel> kernel, std::size_t centres) {
-  SubspaceOptions options;
+  SubspaceOptions options = test::thesis_subspace();
   options.kernel = kernel;
   options.centres = centres;
   options.basis = BasisMode::never;
@@ -68,7 +69,7 @@ Setup shell() {
 }
 
 Setup moving_least_squares() {
-  MlsOptions options;
+  MlsOptions options = test::thesis_mls();
   options.surface_samples = 4000;
   options.basis = BasisMode::never;
   return body_setup(options);
@@ -82,7 +83,7 @@ std::shared_ptr<const Mesh> solid() {
 
 Setup solid_setup() {
   Setup setup;
-  MlsOptions options;
+  MlsOptions options = test::thesis_mls();
   options.surface_samples = 1500;
   options.volume_samples = 1500;
   setup.method = options;

@@ -42,7 +42,7 @@ std::vector<Edge> edges_of(const Mesh& mesh) {
   return edges;
 }
 
-/// The triangles of one with some of its edges cut; mids[k]: amid corners k and k + 1, or none.
+/// The triangles of one with some of its edges cut; mids[k]: between corners k and k + 1, or none.
 constexpr PointId none = 0xffffffff;
 void add_parts(std::array<PointId, 3> p, std::array<PointId, 3> mids, std::vector<PointId>& out) {
   const auto add = [&](PointId a, PointId b, PointId c) { out.insert(out.end(), {a, b, c}); };
@@ -70,10 +70,10 @@ void add_parts(std::array<PointId, 3> p, std::array<PointId, 3> mids, std::vecto
 }
 
 void cut(Mesh& mesh, const std::vector<Edge>& edges) {
-  std::unordered_map<std::uint64_t, PointId> amid;
-  amid.reserve(2 * edges.size());
+  std::unordered_map<std::uint64_t, PointId> middle_of;
+  middle_of.reserve(2 * edges.size());
   for (const Edge& edge : edges) {
-    amid.emplace(key(edge.a, edge.b), static_cast<PointId>(mesh.points.size()));
+    middle_of.emplace(key(edge.a, edge.b), static_cast<PointId>(mesh.points.size()));
     const Vec3 a = mesh.points[edge.a], b = mesh.points[edge.b];
     mesh.points.push_back({0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])});
   }
@@ -83,7 +83,7 @@ void cut(Mesh& mesh, const std::vector<Edge>& edges) {
     const std::array<PointId, 3> p{mesh.face_points[3 * f], mesh.face_points[3 * f + 1], mesh.face_points[3 * f + 2]};
     std::array<PointId, 3> mids{none, none, none};
     for (std::size_t k = 0; k < 3; ++k) {
-      if (const auto found = amid.find(key(p[k], p[(k + 1) % 3])); found != amid.end()) mids[k] = found->second;
+      if (const auto found = middle_of.find(key(p[k], p[(k + 1) % 3])); found != middle_of.end()) mids[k] = found->second;
     }
     add_parts(p, mids, corners);
     first.push_back(static_cast<FaceId>(corners.size() / 3));

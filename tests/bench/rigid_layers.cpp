@@ -14,6 +14,7 @@
 #include "tests/bench/constraint_cases.h"
 #include "tests/bench/foam_case.h"
 #include "tests/bench/peak_memory.h"
+#include "tests/support/thesis_options.h"
 
 namespace deform::bench {
 
@@ -58,7 +59,7 @@ void rigid_layers(const fs::path& car_case, const fs::path& work, Report& report
     ShapeChange change;
     std::string text;
   };
-  MlsOptions options;
+  MlsOptions options = test::thesis_mls();
   options.surface_samples = 5000;
   options.volume_samples = 2000;
   const double diagonal = bounding_box(car.mesh->points).diagonal();

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Volume meshes deformed by their boundaries (thesis 7.2 and 7.3.2) on the shared folder of real meshes.
 //
-// usage: volume_bench [--quick] [--data FOLDER] [--work FOLDER]
+// usage: volume_bench [--quick | --checks] [--data FOLDER] [--work FOLDER]
+//   --checks what the checks of cells cost, and nothing else
 //   --data   the folder of shared meshes; default: the one that was given to CMake (DEFORM_SHARED_DATA)
 //   --work   for OpenFOAM cases that are handed to checkMesh; default volume_bench.work
 #include <cmath>
@@ -14,6 +15,7 @@
 #include "core/deformers/splitting.h"
 #include "core/numerics/interpolation/dense_interpolator.h"
 #include "core/quality/element_quality.h"
+#include "tests/bench/cell_check_cost.h"
 #include "tests/bench/param_case.h"
 #include "tests/bench/report.h"
 #include "tests/bench/roof_lift.h"
@@ -177,7 +179,9 @@ int run(const std::filesystem::path& data, const std::filesystem::path& work, bo
   report.open();
   report.at_least("Thesis 7.2, all cases, absolute and relative: share of the steps with r^3 >= harmonic", share(all), 0.9, "");
   inner_sphere(data / "B_volume" / "tet_medit" / "sphere.mesh.gz", report);
-  if (!quick) roof_lift(data / "B_volume" / "openfoam" / "car_fastback", work, report);
+  if (quick) return 0;
+  roof_lift(data / "B_volume" / "openfoam" / "car_fastback", work, report);
+  cell_check_cost(data / "B_volume" / "openfoam" / "car_fastback", report);
   return 0;
 }
 
@@ -185,17 +189,19 @@ int run(const std::filesystem::path& data, const std::filesystem::path& work, bo
 }  // namespace deform::bench
 
 int main(int argc, char** argv) {
-  bool quick = false;
+  bool quick = false, checks = false;
   std::filesystem::path data = DEFORM_SHARED_DATA, work = "volume_bench.work";
   for (int i = 1; i < argc; ++i) {
     if (std::strcmp(argv[i], "--quick") == 0) {
       quick = true;
+    } else if (std::strcmp(argv[i], "--checks") == 0) {
+      checks = true;
     } else if (std::strcmp(argv[i], "--data") == 0 && i + 1 < argc) {
       data = argv[++i];
     } else if (std::strcmp(argv[i], "--work") == 0 && i + 1 < argc) {
       work = argv[++i];
     } else {
-      std::fprintf(stderr, "usage: %s [--quick] [--data FOLDER] [--work FOLDER]\n", argv[0]);
+      std::fprintf(stderr, "usage: %s [--quick | --checks] [--data FOLDER] [--work FOLDER]\n", argv[0]);
       return 2;
     }
   }
@@ -204,6 +210,11 @@ int main(int argc, char** argv) {
     return 0;
   }
   try {
+    if (checks) {
+      deform::bench::Report report;
+      deform::bench::cell_check_cost(data / "B_volume" / "openfoam" / "car_fastback", report);
+      return 0;
+    }
     return deform::bench::run(data, work, quick);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "volume_bench: %s\n", error.what());

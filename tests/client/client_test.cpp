@@ -65,6 +65,58 @@ TEST(Client, DeformsAndFetchesThePointsOnce) {
   EXPECT_EQ(fetched, 1);
 }
 
+/// The encodings that a client asks for, by deform() and in a session, when its request names `asked`.
+std::vector<v1::Encoding> sent_encodings(const ClientOptions& options, v1::Encoding asked) {
+  ScriptedService service;
+  std::vector<v1::Encoding> sent;
+  const auto script_for = [&](const v1::DeformRequest& request) {
+    sent.push_back(request.output().encoding());
+    ReplyScript script;
+    script.encoding = request.output().encoding();
+    return script;
+  };
+  service.on_deform = [&](grpc::ServerContext&, const v1::DeformRequest& request, ScriptedService::Writer& writer) {
+    return answer(writer, script_for(request));
+  };
+  service.on_stream = [&](grpc::ServerContext&, ScriptedService::Stream& stream) {
+    v1::DeformStreamRequest message;
+    while (stream.Read(&message)) {
+      ReplyScript script = script_for(message.request());
+      script.request_id = message.request_id();
+      for (const auto& reply : test::replies(script)) stream.Write(reply, grpc::WriteOptions());
+    }
+    return grpc::Status::OK;
+  };
+  Client client = service.client(options);
+  keep(client);
+  v1::DeformRequest request = raw_request();
+  request.mutable_output()->set_encoding(asked);
+  EXPECT_EQ(client.deform(request).designs.size(), 1u);
+  EXPECT_EQ(client.open_session()->submit(request).get().designs.size(), 1u);
+  return sent;
+}
+
+TEST(Client, NamesTheEncodingThatSuitsTheServer) {
+  using Sent = std::vector<v1::Encoding>;
+  ClientOptions options;
+  EXPECT_EQ(sent_encodings(options, v1::ENCODING_DEFAULT), Sent(2, v1::RAW_F64));  // 127.0.0.1
+  EXPECT_EQ(sent_encodings(options, v1::DRACO), Sent(2, v1::DRACO));
+  options.encoding = v1::DELTA_ZSTD;
+  EXPECT_EQ(sent_encodings(options, v1::ENCODING_DEFAULT), Sent(2, v1::DELTA_ZSTD));
+  EXPECT_EQ(sent_encodings(options, v1::RAW_F64), Sent(2, v1::RAW_F64));
+  options.encoding = v1::RAW_F32;
+  EXPECT_EQ(sent_encodings(options, v1::ENCODING_DEFAULT), Sent(2, v1::RAW_F32));
+  options.encoding = static_cast<v1::Encoding>(77);
+  expect_error(ErrorCode::invalid_argument, {"encoding", "77"}, [&] { options.validate(); });
+}
+
+TEST(Client, SaysWhichEncodingItNames) {
+  ClientOptions options;
+  EXPECT_EQ(Client(options).encoding(), v1::RAW_F64);
+  options.address = "deformd.example.org:50051";
+  EXPECT_EQ(Client(options).encoding(), v1::DELTA_ZSTD);
+}
+
 /// The replies of a request whose first of two designs has failed alone.
 std::vector<v1::DeformReply> first_failed() {
   ReplyScript script;

@@ -31,6 +31,40 @@ TEST(Address, RefusesAndSaysWhatWasExpected) {
   }
 }
 
+TEST(Address, EncodingFollowsWhereTheServerIs) {
+  for (const char* local : {"unix:/run/deformd.sock", "unix:relative.sock", "localhost:50051", "LocalHost:1", "localhost.:1",
+                            "127.0.0.1:50051", "127.255.3.1:50051", "[::1]:50051", "[0:0:0:0:0:0:0:1]:50051",
+                            "[0000::0001]:50051", "[::ffff:127.0.0.1]:50051", "[::FFFF:127.9.9.9]:50051"}) {
+    EXPECT_EQ(client::checked_address(local), local);
+    EXPECT_TRUE(client::is_local(local)) << local;
+    EXPECT_EQ(client::encoding_for(local), v1::RAW_F64) << local;
+  }
+  for (const char* elsewhere : {"deformd.example.org:50051",
+                                "localhost.example.org:50051",
+                                "mylocalhost:50051",
+                                "127.example.org:50051",
+                                "127.0.0.1.example.org:50051",
+                                "127.0.0:50051",
+                                "127.0.0.256:50051",
+                                "127.0.0.1.1:50051",
+                                "10.0.0.1:50051",
+                                "128.0.0.1:50051",
+                                "0.0.0.0:50051",
+                                "[::]:50051",
+                                "[::2]:50051",
+                                "[::11]:50051",
+                                "[::1:1]:50051",
+                                "[1::]:50051",
+                                "[fe80::1]:50051",
+                                "[2001:db8::1]:50051",
+                                "[::ffff:10.0.0.1]:50051",
+                                "unix.example.org:50051"}) {
+    EXPECT_EQ(client::checked_address(elsewhere), elsewhere);
+    EXPECT_FALSE(client::is_local(elsewhere)) << elsewhere;
+    EXPECT_EQ(client::encoding_for(elsewhere), v1::DELTA_ZSTD) << elsewhere;
+  }
+}
+
 TEST(Retry, SameSeedSameWaitingTimesThatGrow) {
   const Error lost(ErrorCode::unavailable, "lost");
   client::RetryPolicy a({5, 7, client::Retry::safe}), b({5, 7, client::Retry::safe}), c({5, 8, client::Retry::safe});

@@ -219,24 +219,27 @@ def read_off(path):
 
 
 def read_stl_corners(path):
-    """Corner coordinates in file order, of an ascii or a binary STL, and everything but coordinates."""
+    """Corner coordinates and normals in file order, of an ascii or a binary STL, and everything else."""
     content = read_bytes(path)
     if content[:5] == b"solid" and b"facet" in content[:1000]:
-        corners, rest = [], []
+        corners, normals, rest = [], [], []
         for line in content.decode().split("\n"):
             words = line.split()
             if words[:1] == ["vertex"]:
                 corners.append(tuple(map(float, words[1:4])))
+            elif words[:1] == ["facet"]:
+                normals.append(tuple(map(float, words[2:5])))
             else:
                 rest.append(line)
-        return corners, rest
+        return corners, normals, rest
     count = struct.unpack_from("<I", content, 80)[0]
-    corners, rest = [], [content[:84]]
+    corners, normals, rest = [], [], [content[:84]]
     for k in range(count):
         numbers = struct.unpack_from("<12f", content, 84 + 50 * k)
+        normals.append(numbers[:3])
         corners += [numbers[3:6], numbers[6:9], numbers[9:12]]
-        rest.append(content[84 + 50 * k:96 + 50 * k] + content[132 + 50 * k:134 + 50 * k])
-    return corners, rest
+        rest.append(content[132 + 50 * k:134 + 50 * k])
+    return corners, normals, rest
 
 
 def box(points):

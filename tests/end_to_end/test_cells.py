@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Cells through a real server: checks in every reply, quality, splitting, motions of boundary nodes by place."""
 
+import json
 import math
 
 from harness import EndToEnd, main
@@ -59,7 +60,7 @@ variables: [{name: up, handle: top, translate: [0, 0, 1]}]
 
 WRECK_SETUP = """\
 geometry: ahmed.obj
-method: {rbf: {kernel: TRIHARMONIC}}
+method: {rbf: {kernel: TRIHARMONIC, reduction: REDUCTION_RINGS}}
 handles:
   - {name: slant, region: {group: slant}}
   - {name: roof,  region: {intersection: [{group: roof}, {box: {min: [0.2, -1, 0], max: [0.8, 1, 1]}}]}}
@@ -110,17 +111,31 @@ class Cells(EndToEnd):
         self.write("designs.csv", "name,turn,shift\nsmall,0.2,0\nlarge,2.3,0\nhopeless,0,0.9\n")
         reply = self.deform("sweep", "square.yaml", "--designs", "designs.csv", "-o", "results", "--split", "uniform",
                             "--most-steps", "4", "--json", expect=4).json
-        self.assertEqual(reply["written"], 3)
-        self.assertEqual(list(reply["inverted"]), ["hopeless"])
+        self.assertEqual((reply["written"], list(reply["failed"])), (2, ["hopeless"]), "bad ones are not written")
+        self.assertEqual(reply["inverted"], {}, "a split ends where nothing is inverted")
+        self.assertEqual(list(reply["partial"]), ["hopeless"])
+        reached = reply["partial"]["hopeless"]
+        self.assertTrue(0 < reached < 1)
         self.assertIn("the split did not arrive", reply["bad"]["hopeless"][0])
+        split_command = ["sweep", "square.yaml", "--designs", "designs.csv", "-o", "results", "--split", "uniform", "--most-steps", "4"]
+        with open(self.path("results/sweep.manifest")) as manifest:
+            entries = {entry["name"]: entry for entry in map(json.loads, manifest) if "hash" in entry}
+        self.assertEqual((entries["hopeless"]["state"], entries["hopeless"]["reached"]), ("final", reached))
+        self.assertNotIn("state", entries["large"])
+        again = self.deform(*split_command, "--json", expect=4).json
+        self.assertEqual((again["written"], again["skipped"], again["partial"]), (0, 3, reply["partial"]), "final: not computed again")
+        self.assertEqual(again["failed"], reply["failed"])
+        kept = self.deform(*split_command, "--json", "--keep-bad", expect=4).json
+        self.assertEqual((kept["written"], kept["skipped"], kept["failed"], kept["partial"]), (1, 2, {}, reply["partial"]))
+        self.assertIn("1 made only a part of their motion", self.deform(*split_command, expect=4).out)
         command = ["sweep", "square.yaml", "--designs", "designs.csv", "-o", "results"]
         reply = self.deform(*command, "--json", expect=4).json
-        self.assertEqual(reply["written"], 3, "without splitting these are other results")
+        self.assertEqual(reply["written"], 1, "without splitting these are other results")
         self.assertEqual(sorted(reply["inverted"]), ["hopeless", "large"])
         again = self.deform(*command, "--json", expect=4).json
         self.assertEqual((again["written"], again["inverted"], again["bad"]), (0, reply["inverted"], reply["bad"]), "told again")
-        done = self.fails(4, *command, says=["2 of 3 designs are bad, the first: hopeless: "], prints=True)
-        self.assertRegex(done.out, rf"large: \d+ of {N * N} cells are inverted; none before 0\.\d+ of the motion")
+        done = self.fails(4, *command, says=["2 of 3 designs were not written, the first: designs.csv:4: "], prints=True)
+        self.assertRegex(done.out, rf"large bad: \d+ of {N * N} cells are inverted; none before 0\.\d+ of the motion")
 
     def test_quality_of_a_volume(self):
         self.write("cube.mesh", hexahedra(6))
@@ -137,6 +152,54 @@ class Cells(EndToEnd):
         cells = self.deform("apply", "cube.yaml", "--set", "up=-1.25", "-o", "out.mesh", "--json", expect=4).json["report"]["cells"]
         self.assertGreater(cells["inverted"], 0)
         self.assertAlmostEqual(cells["safe_amplitude"], 0.8, delta=0.15)
+
+    def test_a_split_goes_as_far_as_is_safe(self):
+        self.square()
+        quality = ["quality", "out.su2", "--before", "square.su2", "--json"]
+        for margin in (0, 0.2):
+            report = self.apply("square.yaml", "--set", "shift=0.9", "--split", "adaptive", "--most-steps", "4", "--margin", str(margin),
+                                "--keep-bad", expect=4)
+            self.assertGreaterEqual(report["split"]["reached"], (1 - 1e-9) * report["cells"]["safe_amplitude"] * (margin == 0))
+            self.assertGreaterEqual(report["split"]["least_determinant"], margin)
+            measured = self.deform(*quality, "--fail-on", "inverted_cells>0").json
+            self.assertAlmostEqual(measured["scaled_jacobian"], report["split"]["least_determinant"], delta=1e-4)
+        text = self.deform("apply", "square.yaml", "--set", "shift=0.9", "--split", "adaptive", "-o", "out.su2", expect=4).out
+        self.assertIn("the motion does NOT ARRIVE", text)
+        self.fails(1, "apply", "square.yaml", "--set", "turn=2.3", "--split", "uniform", "--margin", "1", "-o", "out.su2",
+                   says=["splitting.margin"])
+
+    def test_turns_arrive(self):
+        self.square()
+        self.write("square.yaml", SQUARE_SETUP.replace("[0.4, 0.4, ", "[0.45, 0.45, ").replace("[0.6, 0.6, ", "[0.55, 0.55, "))
+        split = self.apply("square.yaml", "--set", "turn=3.1415926", "--split", "adaptive")["split"]
+        self.assertEqual((split["inversion_free"], split["reached"]), (True, 1))
+
+    def test_clockwise_meshes_are_protected(self):
+        lines = square().split("\n")
+        turned = [" ".join(["9"] + line.split()[:0:-1]) if line.startswith("9 ") else line for line in lines]
+        self.write("square.yaml", SQUARE_SETUP)
+        found = []
+        for text in (lines, turned):
+            self.write("square.su2", "\n".join(text))
+            found.append(self.apply("square.yaml", "--set", "turn=2.3", "--keep-bad", expect=4)["cells"])
+        self.assertEqual((found[0]["left_handed"], found[1]["left_handed"]), (0, N * N))
+        for key in ("inverted", "inverted_ids", "inverted_at_rest"):
+            self.assertEqual(found[0][key], found[1][key], key)
+        self.assertAlmostEqual(found[0]["safe_amplitude"], found[1]["safe_amplitude"], delta=1e-12)
+        quality = self.deform("quality", "out.su2", "--before", "square.su2", "--json").json
+        self.assertEqual(quality["inverted_elements"], found[1]["inverted"])
+        self.assertEqual(quality["left_handed_elements"], N * N)
+        self.assertIn("left-handed", quality["notes"][0])
+
+    def test_a_plate_may_leave_its_plane_as_a_whole(self):
+        faces = [f"f {point_id(i, j) + 1} {point_id(i + 1, j) + 1} {point_id(i + 1, j + 1) + 1} {point_id(i, j + 1) + 1}"
+                 for j in range(N) for i in range(N)]
+        points = [f"v {i / N!r} {j / N!r} 0" for j in range(N + 1) for i in range(N + 1)]
+        self.write("plate.obj", "\n".join(points + faces) + "\n")
+        self.write("plate.yaml", "geometry: plate.obj\nhandles: [{name: all, region: {box: {min: [0, 0, -1], max: [1, 0.5, 1]}}}]\n"
+                   "variables: [{name: up, handle: all, translate: [0, 0, 1]}]\nmethod: {rbf: {kernel: BIHARMONIC}}\n")
+        report = self.deform("apply", "plate.yaml", "--set", "up=0.3", "-o", "out.obj", "--json").json["report"]
+        self.assertEqual((report["cells"]["inverted"], report["cells"]["safe_amplitude"]), (0, 1))
 
     def test_boundary_nodes_by_place(self):
         """As another program gives them: positions at rest and displacements, in any order, rounded."""

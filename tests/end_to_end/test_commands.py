@@ -172,9 +172,13 @@ class Flow(EndToEnd):
         self.assertNotIn("tolerance", self.deform("prepare", "setup.yaml").out)
         self.assertLess(3 * prepared["centres"], prepared["constraint_points"])
         design = ["--set", "roof_up=0.03", "--set", "slant_turn=0.1", "-o", "out.obj", "--json"]
-        fine = self.deform("apply", "qr.yaml", *design).json["report"]["interpolation_residual"]
-        coarse = self.deform("apply", "qr.yaml", "--solver-tolerance", "5e-3", *design).json["report"]["interpolation_residual"]
-        self.assertLess(2 * fine, coarse)  # by how much depends on the BLAS of the machine, which decides between like centres
+        # Between the constraint points both are farther off than 1e-3 of the motion, and say so.
+        fine = self.deform("apply", "qr.yaml", "--keep-bad", *design, expect=4).json["report"]
+        coarse = self.deform("apply", "qr.yaml", "--keep-bad", "--solver-tolerance", "5e-3", *design, expect=4).json["report"]
+        for report in (fine, coarse):
+            self.assertEqual(report["verdict"], "bad")
+            self.assertGreater(report["relative_error"], 1e-3)
+        self.assertLess(2 * fine["interpolation_residual"], coarse["interpolation_residual"])  # by how much depends on the BLAS of the machine, which decides between like centres
         self.check_result("ahmed.obj", "out.obj")
         self.fails(1, "apply", "qr.yaml", "--solver-tolerance", "1e-6", *design[:-1], says=["tolerance", "prepared for 0.0001"])
         self.fails(1, "apply", "setup.yaml", "--solver-tolerance", "1e-3", *design[:-1], says=["tolerance", "cholesky"])

@@ -238,18 +238,24 @@ constraints: [{name: wall, rigid: {layers: LAYERS}, regions: [{box: {min: [0, 0.
     def test_few_iterations_are_reported(self):
         self.write("plate.obj", plate())
         self.write("few.yaml", setup("{mls: {}}", f"{CIRCLE}\nconstraint_options: {{iterations: 1, tolerance: 1e-12}}"))
-        report, _ = self.apply("few.yaml", "--set", "pull=0.4")
+        report, _ = self.apply("few.yaml", "--set", "pull=0.4", "--keep-bad", expect=4)
+        self.assertEqual(report["verdict"], "bad")
         self.assertFalse(report["constraints"]["converged"])
         self.assertEqual(report["constraints"]["iterations"] - report["constraints"]["newton_steps"], 1)
-        self.assertIn("constraints DID NOT CONVERGE in ", self.deform("apply", "few.yaml", "--set", "pull=0.4", "-o", "out.obj").out)
+        self.assertIn("constraints DID NOT CONVERGE in ", self.deform("apply", "few.yaml", "--set", "pull=0.4", "-o", "out.obj", expect=4).out)
 
     def test_detected_primitives_are_kept(self):
         self.write("drum.obj", drum())
         found = self.deform("detect", "drum.obj", "-o", "drum.yaml", "--coloured", "drum.ply", "--json").json
         names = [primitive["name"] for primitive in found["primitives"]]
-        self.assertEqual(names, ["plane_1", "plane_2", "cylinder_1"])
+        self.assertEqual(sorted(names), ["cylinder_d1_1", "plane_z0_1", "plane_z2_1"])
+        self.assertEqual(names[2], "cylinder_d1_1", "planes come first")
         self.assertAlmostEqual(found["primitives"][2]["radius"], 0.5, delta=1e-6)
         self.assertEqual([edge["constraint"] for edge in found["edges"]], ["circular", "circular"])
+        self.assertEqual([edge["implied_by"] for edge in found["edges"]], [[], []])
+        for edge in found["edges"]:
+            self.assertIn("cylinder_d1_1", edge["lies_on"])
+            self.assertEqual(len(edge["lies_on"]), 2)
         self.assertAlmostEqual(found["coverage"], 1, delta=1e-9)
         text = self.deform("detect", "drum.obj", "--coloured", "drum.vtp").out
         for name in names:
@@ -268,12 +274,12 @@ constraints: [{name: wall, rigid: {layers: LAYERS}, regions: [{box: {min: [0, 0.
 handles: [{name: top, region: {half_space: {point: [0, 0, 1.99], normal: [0, 0, 1]}}}]
 fixed: [{half_space: {point: [0, 0, 0.01], normal: [0, 0, -1]}}]
 variables: [{name: shift, handle: top, translate: [0.3, 0, 0]}]
-""" + lines[end:lines.index("  # ", lines.index("name: cylinder_1"))]
+""" + lines[end:lines.index("  # ", lines.index("name: cylinder_d1_1"))]
         self.write("kept.yaml", lines)
         reply = self.deform("apply", "kept.yaml", "--set", "shift=1", "-o", "out.obj", "--json").json["report"]
         residuals = {entry["name"]: entry for entry in reply["constraints"]["residuals"]}
         self.assertEqual(sorted(residuals), sorted(names))
-        self.assertLess(residuals["cylinder_1"]["rms"], residuals["cylinder_1"]["free_rms"])
+        self.assertLess(residuals["cylinder_d1_1"]["rms"], residuals["cylinder_d1_1"]["free_rms"])
         self.fails(1, "detect", "drum.obj", "--coloured", "drum.png", says=[".ply or .vtp"])
 
 

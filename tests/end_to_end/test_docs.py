@@ -18,6 +18,11 @@ import check_docs  # noqa: E402
 HANDLES = """handles: [{name: roof, region: {group: roof}}]
 fixed: [{group: underbody}]
 """
+# A method that has no bare setup: a cage around the model, whose vertices are handles.
+CAGE = """method: {cage: {file: cage.obj}}
+handles: [{name: roof, region: {control: {ids: [0]}}}]
+"""
+CAGE_MESH = "v -9 -9 -9\nv 99 -9 -9\nv -9 99 -9\nv -9 -9 99\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 CONSTRAINT = "constraints: [{name: slant, planar: {}, regions: [{group: slant}]}]\n"
 PLACE = re.compile(r"^<!-- fields of (\w+) at ([\w.]+) -->$")
 DEFAULT = re.compile(r"(\w+_(?:DEFAULT|AUTOMATIC)) = 0;(?:\s*//\s*(\w+))?")
@@ -51,7 +56,9 @@ class Defaults(EndToEnd):
     def shown(self, place):
         method = place.split(".")[1] if place.startswith("method.") else "mls"
         energy = "" if method == "rbf" else CONSTRAINT
-        self.write("setup.yaml", f"geometry: ahmed.obj\nmethod: {{{method}: {{}}}}\n" + HANDLES + energy)
+        self.write("cage.obj", CAGE_MESH)
+        of_method = CAGE if method == "cage" else f"method: {{{method}: {{}}}}\n" + HANDLES + energy
+        self.write("setup.yaml", "geometry: ahmed.obj\n" + of_method)
         system = self.deform("prepare", "setup.yaml", "--json").json["id"]
         node = self.deform("show", system, "--setup", "--json").json
         for name in place.split("."):

@@ -128,14 +128,17 @@ class ExitCodes(EndToEnd):
         os.remove(self.path("case/constant/polyMesh/points"))
         self.write("case.yaml", FOAM_SETUP)
         apply = ["apply", "case.yaml", "--set", "up=0.1"]
-        for name in ("case", "case/", "case/constant", "case/constant/polyMesh", "case/constant/polyMesh/points"):
+        for name in ("case", "case/"):
+            self.fails(1, *apply, "-o", name, says=["is an OpenFOAM case", "time folder", "case/1"])
+        for name in ("case/constant", "case/constant/polyMesh", "case/constant/polyMesh/points"):
             self.fails(1, *apply, "-o", name, says=["source mesh", "case/constant/polyMesh/points.gz"])
         self.assertEqual(os.listdir(self.path("case")), ["constant"])
         self.deform(*apply, "-o", "case/1")
         self.deform(*apply, "-o", "case/1")
         self.write("time.yaml", FOAM_SETUP.replace("geometry: case", "geometry: case/1"))
-        for name in ("case", "case/constant", "case/1"):
+        for name in ("case/constant", "case/1"):
             self.fails(1, "apply", "time.yaml", "--set", "up=0.1", "-o", name, says=["source mesh"])
+        self.fails(1, "apply", "time.yaml", "--set", "up=0.1", "-o", "case", says=["is an OpenFOAM case"])
         self.deform(*apply, "--in-place")
         self.assertIn(b"(0 0 1.1)", gzip.decompress(self.bytes_of("case/constant/polyMesh/points.gz")))
         self.assertNotIn("points", os.listdir(self.path("case/constant/polyMesh")))

@@ -13,7 +13,7 @@ class Load(EndToEnd):
         names = []
         for k in range(count):
             kernel = self.kernels[k % len(self.kernels)]
-            text = AHMED_SETUP.replace("kernel: TRIHARMONIC", f"kernel: {kernel}" + (", shape: 0.1" if k >= 3 else ""))
+            text = AHMED_SETUP.replace("kernel: TRIHARMONIC", f"kernel: {kernel}" + (", shape: 0.01" if k >= 3 else ""))
             names.append(self.write(f"setup{k}.yaml", text + f"seed: {k}\n"))
         return names
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Meshes from elsewhere go through a real server and come back deformed, in order, correct to 1e-9 of the diagonal."""
 
+import json
 import math
 import os
 import re
@@ -64,6 +65,15 @@ def off_circle(points):
     return worst
 
 
+def height_and_normal(a, b, c):
+    """Of a triangle: its least height and its unit normal, by the right hand."""
+    u, v = [q - p for p, q in zip(a, b)], [q - p for p, q in zip(a, c)]
+    cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+    twice = math.hypot(*cross)
+    longest = max(math.dist(a, b), math.dist(b, c), math.dist(c, a))
+    return (twice / longest if longest > 0 else 0), [x / twice for x in cross] if twice > 0 else [0, 0, 0]
+
+
 class RealMeshes(EndToEnd):
     def setUp(self):
         super().setUp()
@@ -107,9 +117,11 @@ class RealMeshes(EndToEnd):
         self.deform("detect", name, "-o", "found.yaml")
         with open(self.path("found.yaml"), encoding="utf-8") as file:
             found = re.split(r"^(?=  - name: |  #)", file.read(), flags=re.MULTILINE)
-        rims = [entry.rstrip() for entry in found if re.match(r"  - name: circle_[12]\n", entry)]
+        rims = [entry.rstrip() for entry in found if re.match(r"  - name: circle_", entry)][:2]  # the longest come first
         self.assertEqual(len(rims), 2)
-        points = [[int(i) for i in re.search(r"ids: \[([^]]*)\]", rim).group(1).split(",")] for rim in rims]
+        with open(self.path("found.points.json"), encoding="utf-8") as file:
+            sets = json.load(file)
+        points = [sets[re.match(r"  - name: (\S+)", rim).group(1)] for rim in rims]
         for method in ("{shell: {}}", "{mls: {}}"):
             self.write("round.yaml", JOINT.format(method=method, top=high[2] - margin, bottom=low[2] + margin) +
                        "\n".join(rim + "\n    exact: true" for rim in rims) + "\n")
@@ -122,6 +134,26 @@ class RealMeshes(EndToEnd):
                 self.assertLess(residual["rms"], 1e-2 * residual["free_rms"])
                 self.assertLess(off_circle([after[i] for i in ids]), 1e-9 * diagonal)
                 self.assertGreater(max(distance(before[i], after[i]) for i in ids), 0.01 * diagonal)
+
+    def test_what_is_detected_is_accepted(self):
+        """As it is written, with a handle in it; and without what a handle holds, when it is known."""
+        volume = os.path.join(SHARED_DATA, "B_volume", "mambo", "mambo_s1_tet_cadclassified.msh.gz")
+        names = ["joint.off", "joint_remeshed.off.gz", "flange.stl.gz", "fandisk.off.gz", "fandisk_dual.off.gz", "anchor_dense.off.gz",
+                 "pinion.off", "ChineseDragon-10kv.off.gz", "NACA0012.obj.gz"]
+        for name in names:
+            self.mesh(name)
+        os.symlink(volume, self.path("volume.msh.gz"))
+        for name in names + ["volume.msh.gz"]:
+            with self.subTest(name):
+                self.deform("detect", name, "-o", "found.yaml")
+                with open(self.path("found.yaml"), encoding="utf-8") as file:
+                    text = file.read()
+                self.assertEqual(text.count("\nhandles: []"), 1)
+                self.write("found.yaml", text.replace("\nhandles: []", "\nhandles: [{name: corner, region: {ids: [0]}}]"))
+                self.deform("prepare", "found.yaml", "--check")
+                comments = text.replace("# - {name", "- {name")  # what is left out is as legal, too few points aside
+                self.write("all.yaml", comments.replace("\nhandles: []", "\nhandles: [{name: corner, region: {ids: [0]}}]"))
+                self.deform("prepare", "all.yaml", "--check")
 
     def compare_with_scipy(self, name, before, low, high, diagonal):
         """The free points between small handle and fixed regions, against an interpolant computed here."""
@@ -146,14 +178,14 @@ class RealMeshes(EndToEnd):
 
     def test_car(self):
         name = "car_fastback.stl.gz"
-        before, rest_before = read_stl_corners(self.mesh(name))
+        before, normals_before, rest_before = read_stl_corners(self.mesh(name))
         low, high = box(before)
         diagonal = math.dist(low, high)
         bottom, top = 0.4, 1.2
         self.write_setup(name, 2, bottom, top)
         self.deform("apply", "setup.yaml", "--set", "up=0.1", "--set", "turn=0.05", "-o", "out.stl.gz")
-        after, rest_after = read_stl_corners(self.path("out.stl.gz"))
-        self.assertEqual(rest_before, rest_after)
+        after, normals_after, rest_after = read_stl_corners(self.path("out.stl.gz"))
+        self.assertTrue(rest_before == rest_after, "what is neither a corner nor a normal is as it was")
         self.assertEqual(len(before), len(after))
         handles = fixed = 0
         for a, b in zip(before, after):
@@ -168,6 +200,19 @@ class RealMeshes(EndToEnd):
         corners = {}
         for a, b in zip(before, after):  # coincident corners stay coincident
             self.assertEqual(corners.setdefault(a, b), b)
+
+        turned = 0
+        for k, (old, new) in enumerate(zip(normals_before, normals_after)):
+            corners_before, corners_after = before[3 * k:3 * k + 3], after[3 * k:3 * k + 3]
+            if corners_before == corners_after or not any(old):
+                self.assertEqual(old, new)
+                continue
+            turned += math.dist(old, new) > 1e-3
+            height, normal = height_and_normal(*corners_after)
+            # Corners are rounded to floats, which turns thin facets.
+            allowed = 1e-6 + 4 * max(map(self.rounding, corners_after)) / height if height > 0 else 2
+            self.assertLessEqual(math.dist(new, normal) if height > 0 else 0, allowed)
+        self.assertGreater(turned, 100)
 
     def rounding(self, point):
         """Half a unit in the last place of the floats that an STL holds."""

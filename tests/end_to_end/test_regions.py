@@ -35,13 +35,49 @@ def read_ply_colours(path):
     return [struct.unpack_from("<3d3B", data, 27 * i)[3:] for i in range(count)]
 
 
+CONTROLS_SETUP = """\
+geometry: ahmed.obj
+method: {ffd: {control: CONTROLS, lattice: {basis: CLAMPED_CUBIC, points: [5, 4, 4], box: {min: [-0.1, -0.3, -0.1], max: [1.1, 0.3, 0.4]}}}}
+handles:
+  - {name: tail, region: {lattice: {i: [3, 3]}}}
+  - {name: one, region: {control: {ids: [42]}}}
+fixed: [{lattice: {i: [0, 0]}}]
+variables:
+  - {name: up, handle: tail, translate: [0, 0, 1], upper: 0.2}
+  - {name: turn, handle: one, rotate: {axis: [1, 0, 0]}}
+"""
+
+
+CAGE_SETUP = """\
+geometry: ahmed.obj
+method: {cage: {file: cage.obj}}
+handles:
+  - {name: tail, region: {control: {ids: [1, 3, 5, 7]}}}
+  - {name: nose, region: {control: {ids: [0, 2, 4, 6]}}}
+variables:
+  - {name: tail_up, handle: tail, translate: [0, 0, 1], upper: 0.2}
+  - {name: nose_up, handle: nose, translate: [0, 0, 1]}
+"""
+
+
+def clamped_splines(points, u):
+    """Values at u of the cubic B-splines with knots four-fold at the ends, by their recurrence."""
+    t = [0.0] * 3 + [k / (points - 3) for k in range(points - 2)] + [1.0] * 3
+    values = [1.0 if t[i] <= u < t[i + 1] else 0.0 for i in range(points + 3)]
+    for degree in (1, 2, 3):
+        values = [((u - t[i]) / (t[i + degree] - t[i]) * values[i] if t[i + degree] > t[i] else 0.0) +
+                  ((t[i + degree + 1] - u) / (t[i + degree + 1] - t[i + 1]) * values[i + 1] if t[i + degree + 1] > t[i + 1] else 0.0)
+                  for i in range(len(values) - 1)]
+    return values[:points]
+
+
 class Regions(EndToEnd):
     def ahmed(self, setup=AHMED_SETUP):
         self.deform("sample", "-o", "ahmed.obj")
         return self.write("ahmed.yaml", setup)
 
     def test_regions_and_centres_of_a_surface(self):
-        self.ahmed()
+        self.ahmed(AHMED_SETUP.replace("kernel: TRIHARMONIC", "reduction: REDUCTION_RINGS"))
         self.start_server()
         reply = self.deform("regions", "ahmed.yaml", "-o", "regions.vtp", "--json").json
         arrays, texts = read_vtp(self.path("regions.vtp"))
@@ -113,6 +149,98 @@ class Regions(EndToEnd):
         self.deform("regions", by_id, "-o", "a.vtp", "--source", "ahmed.obj", "--no-centres")
         two = self.write("two.yaml", AHMED_SETUP.replace("{group: slant}}", "{group: slant, all: true}}"))
         self.fails(1, "regions", two, "-o", "a.vtp", "--no-centres", prints=True, says=['handle "slant"', "exactly one kind"])
+
+    # ---- lattices ----
+
+    def test_lattice_that_control_points_move(self):
+        self.deform("sample", "--points", "2000", "-o", "ahmed.obj")
+        self.write("ffd.yaml", CONTROLS_SETUP)
+        at_rest = self.deform("--server", "127.0.0.1:1", "lattice", "ffd.yaml", "-o", "rest.vtp", "--json").json
+        self.assertEqual((at_rest["points"], at_rest["in_handles"], at_rest["max_displacement"]), ([5, 4, 4], 17, 0))
+        self.deform("lattice", "ffd.yaml", "--set", "up=0.1", "--set", "turn=0.3", "-o", "moved.vtp")
+        arrays, texts = read_vtp(self.path("moved.vtp"))
+        self.assertIn(b'NumberOfLines="184"', read_bytes(self.path("moved.vtp")), "edges along three axes: 64, 60 and 60")
+        self.assertEqual(texts["region_names"], ["other", "fixed", "tail", "one"])
+        self.assertEqual(arrays["region"].count(1), 16)
+        self.assertEqual(arrays["index"][5 * (3 + 4 * 2) + 4], (4, 3, 2))
+        self.assertEqual(len({value for value, u in zip(arrays["region"], arrays["displacement"]) if any(u)}), 2)
+        self.start_server()
+        self.assertIn("control points: 80, of these 17 in handles, 16 fixed", self.deform("prepare", "ffd.yaml").out)
+        self.assertIn("handle tail: 16 control points", self.deform("prepare", "ffd.yaml", "--check").out)
+        said = self.deform("apply", "ffd.yaml", "--set", "up=0.1", "--set", "turn=0.3", "-o", "out.obj").out
+        self.assertIn("control points moved by up to", said)
+        self.assertNotIn("centres", said)
+        # The server deforms as the lattice that was written: sums of clamped splines over it, one span along two axes.
+        before, after = ([tuple(map(float, line.split()[1:4])) for line in read_bytes(self.path(name)).decode().splitlines() if line.startswith("v ")]
+                         for name in ("ahmed.obj", "out.obj"))
+        largest = 0
+        for x, y in zip(before, after):
+            u = [x[0] / 1.2 + 0.1 / 1.2, x[1] / 0.6 + 0.5, x[2] / 0.5 + 0.2]
+            values = [clamped_splines(5, u[0]), clamped_splines(4, u[1]), clamped_splines(4, u[2])]
+            d = [sum(values[0][i] * values[1][j] * values[2][k] * arrays["displacement"][i + 5 * (j + 4 * k)][c]
+                     for i in range(5) for j in range(4) for k in range(4)) for c in range(3)]
+            largest = max(largest, max(map(abs, d)))
+            for c in range(3):
+                self.assertAlmostEqual(y[c], x[c] + d[c], delta=2e-6)
+        self.assertGreater(largest, 0.01)
+        self.fails(1, "quality", "out.obj", "--before", "ahmed.obj", "--setup", "ffd.yaml", says=["--setup", "CONTROLS"])
+        # A lattice that ends in the middle of the body.
+        self.write("cut.yaml", CONTROLS_SETUP.replace("max: [1.1,", "max: [0.5,").replace("i: [3, 3]", "i: [4, 4]"))
+        torn = self.deform("apply", "cut.yaml", "--set", "up=0.1", "-o", "cut.obj", "--json").json["report"]
+        self.assertEqual(torn["verdict"], "doubtful")
+        self.assertRegex(torn["reasons"][0], "[1-9][0-9]* edges are torn at the boundary of the lattice")
+
+    def test_lattice_from_a_file(self):
+        self.deform("sample", "--points", "2000", "-o", "ahmed.obj")
+        self.write("ffd.yaml", CONTROLS_SETUP)
+        self.deform("lattice", "ffd.yaml", "--set", "up=0.1", "-o", "moved.vtp")
+        self.write("moved.yaml", CONTROLS_SETUP.replace("points: [5, 4, 4]", "points: [5, 4, 4], control_points: {file: moved.vtp}"))
+        self.start_server()
+        system = self.deform("prepare", "moved.yaml", "--json").json
+        # The setup that the server shows holds the control points.
+        self.write("shown.yaml", self.deform("show", system["id"], "--setup").out)
+        self.assertEqual(self.deform("prepare", "shown.yaml", "--source", "ahmed.obj", "--json").json["id"], system["id"])
+        self.deform("lattice", "shown.yaml", "--source", "ahmed.obj", "-o", "again.vtp")
+        rest, again = read_vtp(self.path("moved.vtp"))[0]["Points"], read_vtp(self.path("again.vtp"))[0]["Points"]
+        self.assertEqual(rest, again)
+        self.fails(1, "lattice", self.write("energy.yaml", CONTROLS_SETUP.replace("control: CONTROLS, ", "")), "--set", "up=0.1",
+                   "-o", "a.vtp", says=["--set", "CONTROLS"])
+        self.fails(1, "regions", "ffd.yaml", "-o", "a.vtp", says=["CONTROLS", "deform lattice"])
+        self.fails(1, "lattice", "ffd.yaml", "--set", "up=0.3", "-o", "a.vtp", says=["up", "0.3", "0.2"])
+
+    # ---- cages ----
+
+    def test_cage(self):
+        self.deform("sample", "--points", "2000", "-o", "ahmed.obj")
+        corners = [(x, y, z) for z in (-0.1, 0.5) for y in (-0.4, 0.4) for x in (-0.2, 1.3)]
+        quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+        triangles = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
+        self.write("cage.obj", "".join("v %r %r %r\n" % c for c in corners) + "".join("f %d %d %d\n" % tuple(i + 1 for i in t) for t in triangles))
+        self.write("cage.yaml", CAGE_SETUP)
+        self.start_server()
+        system = self.deform("prepare", "cage.yaml", "--json").json
+        self.assertIn("control points: 8, of these 8 in handles, 0 fixed", self.deform("prepare", "cage.yaml").out)
+        self.assertIn("handle tail: 4 control points", self.deform("prepare", "cage.yaml", "--check").out)
+        # The setup that the server shows holds the cage.
+        self.write("shown.yaml", self.deform("show", system["id"], "--setup").out)
+        self.assertEqual(self.deform("prepare", "shown.yaml", "--source", "ahmed.obj", "--json").json["id"], system["id"])
+        points = lambda name: [tuple(map(float, line.split()[1:4])) for line in read_bytes(self.path(name)).decode().splitlines()
+                               if line.startswith("v ")]
+        said = self.deform("apply", "cage.yaml", "--set", "tail_up=0.1", "--set", "nose_up=0.1", "-o", "out.obj").out
+        self.assertIn("control points moved by up to", said)
+        for before, after in zip(points("ahmed.obj"), points("out.obj")):  # all vertices go the same way, and so do all points
+            for x, y, d in zip(before, after, (0, 0, 0.1)):
+                self.assertAlmostEqual(y, x + d, delta=2e-6)
+        # A linear function of the vertices is the same function of the points: no vertex but those at the tail moves, by x.
+        self.write("moves.csv", "handle,x,y,z,dx,dy,dz\n" + "".join(
+            "%s,%r,%r,%r,0,0,%r\n" % ("tail" if c[0] > 1 else "nose", *c, 0.1 * c[0]) for c in corners))
+        self.deform("apply", "cage.yaml", "--motions", "moves.csv", "-o", "bent.obj")
+        for before, after in zip(points("ahmed.obj"), points("bent.obj")):
+            self.assertAlmostEqual(after[2], before[2] + 0.1 * before[0], delta=2e-6)
+        self.write("open.obj", "".join("v %r %r %r\n" % c for c in corners) + "f 1 2 3\n")
+        self.fails(1, "prepare", self.write("open.yaml", CAGE_SETUP.replace("cage.obj", "open.obj")), says=["method.cage.vertices[3]"])
+        self.fails(1, "prepare", self.write("none.yaml", CAGE_SETUP.replace("cage.obj", "none.obj")), says=["method.cage.file", "none.obj"])
+        self.fails(1, "regions", "cage.yaml", "-o", "a.vtp", says=["CONTROLS"])
 
     # ---- volumes ----
 

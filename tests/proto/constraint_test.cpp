@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Messages of energy methods and constraints to core types, and their canonical forms.
+#include <gmock/gmock.h>
 #include <google/protobuf/util/json_util.h>
 #include <gtest/gtest.h>
 
@@ -10,6 +11,7 @@
 #include "proto/convert/setup.h"
 #include "tests/server/refusal.h"
 #include "tests/server/test_mesh.h"
+#include "tests/support/expect_error.h"
 
 namespace deform::convert {
 namespace {
@@ -87,6 +89,120 @@ TEST(ConvertMethod, Mls) {
   ASSERT_EQ(options.weights.size(), 1u);
   EXPECT_EQ(std::get<Region::GroupName>(options.weights[0].region.kind).name, "left");
   EXPECT_EQ(options.weights[0].bending, 4);
+}
+
+TEST(ConvertMethod, Ffd) {
+  const auto options_of = [](const std::string& ffd) {
+    return std::get<FfdOptions>(setup_from_proto(with(R"({"method": {"ffd": )" + ffd + "}}"), 10).method);
+  };
+  const FfdOptions plain = options_of("{}");
+  EXPECT_EQ(plain.control, FfdControl::energy);
+  EXPECT_EQ(plain.lattice.basis, LatticeBasis::uniform_cubic);
+  EXPECT_EQ(plain.lattice.points, (std::array<std::size_t, 3>{0, 0, 0}));
+  EXPECT_FALSE(plain.lattice.frame);
+  EXPECT_EQ(plain.clamp, 0);
+  const FfdOptions in_box = options_of(R"({"control": "MESH", "clamp": 1e-4, "energy": {"basis": "BASIS_NEVER"}, "lattice": {
+      "box": {"min": [0, 1, 2], "max": [1, 3, 5]}, "points": [4, 5, 6], "basis": "BERNSTEIN"}})");
+  EXPECT_EQ(in_box.control, FfdControl::mesh);
+  EXPECT_EQ(in_box.clamp, 1e-4);
+  EXPECT_EQ(in_box.basis, BasisMode::never);
+  EXPECT_EQ(in_box.lattice.basis, LatticeBasis::bernstein);
+  EXPECT_EQ(in_box.lattice.points, (std::array<std::size_t, 3>{4, 5, 6}));
+  EXPECT_EQ(in_box.lattice.frame->origin, (Vec3{0, 1, 2}));
+  EXPECT_EQ(in_box.lattice.frame->axes, (std::array<Vec3, 3>{{{1, 0, 0}, {0, 2, 0}, {0, 0, 3}}}));
+  const FfdOptions turned =
+      options_of(R"({"energy": {"stretching": 2, "handles": "HANDLES_SOFT"}, "lattice": {"basis": "CLAMPED_CUBIC",
+      "frame": {"origin": [1, 2, 3], "axes": [1, 2, 0, -2, 1, 0, 0, 0, 4]}}})");
+  EXPECT_EQ(turned.stretching, 2);
+  EXPECT_EQ(turned.handles, HandleMode::soft);
+  EXPECT_EQ(turned.lattice.basis, LatticeBasis::clamped_cubic);
+  EXPECT_EQ(turned.lattice.frame->origin, (Vec3{1, 2, 3}));
+  EXPECT_EQ(turned.lattice.frame->axes, (std::array<Vec3, 3>{{{1, 2, 0}, {-2, 1, 0}, {0, 0, 4}}}));
+}
+
+TEST(ConvertMethod, FfdWithControlPoints) {
+  const std::vector<Vec3> places(24, Vec3{0.5, -1, 2});
+  v1::Setup message = with(R"({"method": {"ffd": {"control": "CONTROLS", "clamp": 0.1, "lattice": {"points": [4, 3, 2]},
+      "energy": {"bending": 3, "basis": "BASIS_NEVER"}}}})");
+  message.mutable_handles(0)->mutable_region()->Clear();
+  message.clear_fixed();
+  auto& range = *message.mutable_handles(0)->mutable_region()->mutable_lattice();
+  range.add_i(1);
+  range.add_i(2);
+  message.add_fixed()->mutable_control()->add_ids(7);
+  message.mutable_fixed(0)->mutable_control()->add_ids(3);
+  message.mutable_fixed(0)->mutable_control()->add_ids(7);
+  message.mutable_method()->mutable_ffd()->mutable_lattice()->set_control_points(places.data(), places.size() * sizeof(Vec3));
+  const deform::Setup setup = setup_from_proto(message, 10);
+  const auto& options = std::get<FfdOptions>(setup.method);
+  EXPECT_EQ(options.control, FfdControl::controls);
+  EXPECT_EQ(options.lattice.control_points, places);
+  const auto& along = std::get<Region::LatticeRange>(setup.handles[0].region.kind).along;
+  EXPECT_EQ(along[0]->first, 1u);
+  EXPECT_EQ(along[0]->last, 2u);
+  EXPECT_FALSE(along[1] || along[2]);
+  EXPECT_EQ(std::get<Region::ControlIds>(setup.fixed[0].kind).ids, (std::vector<std::uint32_t>{7, 3, 7}));
+
+  const v1::Setup canonical = canonical_setup(message, "geometry");
+  EXPECT_EQ(canonical.method().ffd().clamp(), 0) << "of MESH only";
+  EXPECT_EQ(canonical.method().ffd().energy().bending(), 1) << "of ENERGY only";
+  EXPECT_EQ(canonical.method().ffd().energy().basis(), v1::BASIS_NEVER);
+  EXPECT_EQ(canonical.method().ffd().control(), v1::CONTROLS);
+  EXPECT_EQ(canonical.method().ffd().lattice().control_points(), message.method().ffd().lattice().control_points());
+  EXPECT_THAT(canonical.fixed(0).control().ids(), testing::ElementsAre(3, 7));
+}
+
+constexpr const char* tetrahedron =
+    R"("vertices": [0, 0, 0, 4, 0, 0, 0, 4, 0, 0, 0, 4], "triangles": [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3])";
+
+std::string cage_json(const std::string& more, const std::string& mesh = tetrahedron) {
+  return R"({"method": {"cage": {)" + mesh + more + R"(}}, "handles": [{"name": "a", "region": {"control": {"ids": [2]}}}]})";
+}
+
+v1::Setup cage_message(const std::string& json) {
+  v1::Setup message;
+  EXPECT_TRUE(google::protobuf::util::JsonStringToMessage(json, &message).ok()) << json;
+  return message;
+}
+
+TEST(ConvertMethod, Cage) {
+  const auto options = std::get<CageOptions>(
+      setup_from_proto(cage_message(cage_json(R"(, "basis": "BASIS_NEVER", "basisTolerance": 1e-6)")), 10).method);
+  EXPECT_EQ(options.vertices, (std::vector<Vec3>{{0, 0, 0}, {4, 0, 0}, {0, 4, 0}, {0, 0, 4}}));
+  EXPECT_EQ(options.triangles, (std::vector<std::array<std::uint32_t, 3>>{{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}}));
+  EXPECT_EQ(options.control, CageControl::controls);
+  EXPECT_EQ(options.basis, BasisMode::never);
+  EXPECT_EQ(options.basis_tolerance, 1e-6);
+  const auto direct =
+      std::get<CageOptions>(setup_from_proto(cage_message(cage_json(R"(, "control": "MESH", "clamp": 1e-3)")), 10).method);
+  EXPECT_EQ(direct.control, CageControl::mesh);
+  EXPECT_EQ(direct.clamp, 1e-3);
+
+  const auto id = [](const std::string& json) { return system_id(canonical_setup(cage_message(json), "geometry")); };
+  EXPECT_EQ(id(cage_json("")), id(cage_json(R"(, "coordinates": "MEAN_VALUE", "control": "CONTROLS", "basisTolerance": -0.0)")));
+  EXPECT_NE(id(cage_json("")), id(cage_json(R"(, "basis": "BASIS_NEVER")")));
+  EXPECT_EQ(id(cage_json("")), id(cage_json(R"(, "clamp": 0.1)")));
+  EXPECT_NE(id(cage_json("")), id(cage_json(R"(, "control": "MESH")")));
+  EXPECT_NE(id(cage_json(R"(, "control": "MESH")")), id(cage_json(R"(, "control": "MESH", "clamp": 0.1)")));
+  EXPECT_NE(id(cage_json("")),
+            id(cage_json(
+                "", R"("vertices": [0, 0, 0, 4, 0, 0, 0, 4, 0, 0, 0, 5], "triangles": [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3])")));
+}
+
+TEST(ConvertMethod, CagesThatAreRefused) {
+  const std::pair<std::string, const char*> rows[] = {
+      {cage_json(R"(, "file": "cage.obj")"), "method.cage.file: only setup files"},
+      {cage_json(R"(, "control": "ENERGY")"), "method.cage.control: a cage has no ENERGY"},
+      {cage_json(R"(, "control": "MESH", "clamp": "NaN")"), "method.cage.clamp"},
+      {cage_json(R"(, "control": 9)"), "method.cage.control: unknown value 9"},
+      {cage_json(R"(, "coordinates": 9)"), "method.cage.coordinates: unknown value 9"},
+      {cage_json(R"(, "basisTolerance": "NaN")"), "method.cage.basis_tolerance"},
+      {cage_json("", R"("vertices": [0, 0])"), "method.cage.vertices: 2 numbers are not a multiple of 3"},
+      {cage_json("", R"("triangles": [0, 0])"), "method.cage.triangles: 2 numbers are not a multiple of 3"},
+  };
+  for (const auto& [json, expected] : rows) {
+    test::expect_error(ErrorCode::invalid_argument, {expected}, [&] { setup_from_proto(cage_message(json), 10); });
+  }
 }
 
 TEST(ConvertConstraint, EveryKind) {
@@ -224,6 +340,29 @@ TEST(ConvertConstraint, RefusalsNameTheField) {
       {R"({"method": {"mls": {"cubature": "NaN"}}})", "method.mls.cubature: nan is out of range"},
       {R"({"method": {"subspace": {"kernel": 9}}})", "method.subspace.kernel: unknown value 9"},
       {R"({"method": {"mls": {"weights": [{"bending": 1}]}}})", "method.mls.weights[0].region: is missing"},
+      {R"({"method": {"ffd": {"control": 9}}})", "method.ffd.control: unknown value 9"},
+      {R"({"method": {"ffd": {"control": "MESH", "clamp": "NaN"}}})", "method.ffd.clamp"},
+      {R"({"method": {"ffd": {"control": "MESH", "clamp": 0.9}}})", "method.ffd.clamp: 0.9 is out of range 1e-15..0.5"},
+      {R"({"method": {"ffd": {"lattice": {"basis": 9}}}})", "method.ffd.lattice.basis: unknown value 9"},
+      {R"({"method": {"ffd": {"lattice": {"controlPoints": "AAAA"}}}})",
+       "method.ffd.lattice.control_points: 3 bytes are not a multiple of 24"},
+      {R"({"fixed": [{"lattice": {"k": [1]}}]})", ".lattice.k: must have two numbers"},
+      {R"({"fixed": [{"control": {}}]})", ".control.ids: must not be empty"},
+      {R"({"fixed": [{"control": {"ids": [1]}}]})", ": control: control points"},
+      {R"({"fixed": [{"lattice": {}, "ids": [1]}]})", "expected exactly one kind of region"},
+      {R"({"method": {"ffd": {"lattice": {"points": [4, 4]}}}})", "method.ffd.lattice.points: must have three numbers"},
+      {R"({"method": {"ffd": {"lattice": {"points": [4, 0, 4]}}}})", "method.ffd.lattice.points[1]: must not be 0"},
+      {R"({"method": {"ffd": {"lattice": {"points": [4, 4, 3]}}}})", "method.ffd.lattice.points[2]: 3 is out of range 4..1000"},
+      {R"({"method": {"ffd": {"lattice": {"box": {"min": [0, 0, 0], "max": [1, 0, 1]}}}}})",
+       "method.ffd.lattice.box: min must be"},
+      {R"({"method": {"ffd": {"lattice": {"frame": {"origin": [0, 0, 0], "axes": [1, 0, 0]}}}}})",
+       "method.ffd.lattice.frame.axes: must have nine numbers"},
+      {R"({"method": {"ffd": {"lattice": {"frame": {"origin": [0, 0], "axes": [1, 0, 0, 0, 1, 0, 0, 0, 1]}}}}})",
+       "method.ffd.lattice.frame.origin: expected 3 numbers"},
+      {R"({"method": {"ffd": {"lattice": {"frame": {"origin": [0, 0, 0], "axes": [1, 0, 0, 0, 1, 0, 0, "NaN", 1]}}}}})",
+       "method.ffd.lattice.frame.axes[7]"},
+      {R"({"method": {"ffd": {"lattice": {"frame": {"origin": [0, 0, 0], "axes": [1, 0, 0, 2, 0, 0, 0, 0, 1]}}}}})",
+       "method.ffd.lattice: the axes"},
   };
   for (const auto& [json, expected] : rows) {
     EXPECT_NE(setup_refusal(json).find(expected), std::string::npos) << json << " gave " << setup_refusal(json);
@@ -234,7 +373,17 @@ TEST(ConvertMethod, MessagesThatMeanTheSameHaveTheSameId) {
   EXPECT_EQ(id_of(R"({"method": {"shell": {}}})"), id_of(R"({"method": {"shell": {"energy": {"bending": 1, "fixing": 9}}}})"));
   EXPECT_NE(id_of(R"({"method": {"shell": {}}})"), id_of(R"({"method": {"shell": {"energy": {"stretching": 1}}}})"));
   EXPECT_NE(id_of(R"({"method": {"shell": {}}})"), id_of(R"({"method": {"mls": {}}})"));
-  EXPECT_EQ(id_of(R"({"method": {"mls": {}}})"), id_of(R"({"method": {"mls": {"cover": 12, "cubature": 4}}})"));
+  EXPECT_EQ(id_of(R"({"method": {"mls": {}}})"), id_of(R"({"method": {"mls": {"cover": 20, "cubature": 4}}})"));
+  const std::string ffd = id_of(R"({"method": {"ffd": {}}})");
+  EXPECT_EQ(ffd, id_of(R"({"method": {"ffd": {"control": "ENERGY", "clamp": 0.1, "lattice": {"basis": "UNIFORM_CUBIC"}}}})"));
+  EXPECT_NE(ffd, id_of(R"({"method": {"ffd": {"lattice": {"points": [5, 5, 5]}}}})"));
+  EXPECT_NE(ffd, id_of(R"({"method": {"ffd": {"control": "MESH"}}})"));
+  EXPECT_EQ(
+      id_of(R"({"method": {"ffd": {"control": "MESH"}}})"),
+      id_of(
+          R"({"method": {"ffd": {"control": "MESH", "clamp": -0.0, "energy": {"stretching": 4, "handles": "HANDLES_SOFT"}}}})"));
+  EXPECT_NE(id_of(R"({"method": {"ffd": {"control": "MESH"}}})"),
+            id_of(R"({"method": {"ffd": {"control": "MESH", "energy": {"basis": "BASIS_NEVER"}}}})"));
   EXPECT_EQ(id_of(R"({"method": {"subspace": {}}})"),
             id_of(R"({"method": {"subspace": {"kernel": "SUBSPACE_MLS", "centres": 1000}}})"));
   EXPECT_EQ(id_of(R"({"constraints": [{"name": "c", "circular": {}}]})"),

@@ -271,6 +271,14 @@ TEST(ConvertSetup, refusals_name_the_field) {
       {"method.rbf.tolerance: nan is out of range", [](auto& s) { s.mutable_method()->mutable_rbf()->set_tolerance(nan); }},
       {"method.rbf.reduction_rings: 101 is out of range 1..100",
        [](auto& s) { s.mutable_method()->mutable_rbf()->set_reduction_rings(101); }},
+      {"method.rbf.reduction_tolerance: 0.2 is out of range",
+       [](auto& s) { s.mutable_method()->mutable_rbf()->set_reduction_tolerance(0.2); }},
+      {"method.rbf.basis_tolerance: 0.01 is out of range 1e-12..0.001",
+       [](auto& s) { s.mutable_method()->mutable_rbf()->set_basis_tolerance(0.01); }},
+      {"method.rbf.basis_tolerance: must be a finite number",
+       [](auto& s) { s.mutable_method()->mutable_rbf()->set_basis_tolerance(nan); }},
+      {"method.shell.energy.basis_tolerance: must be a finite number",
+       [](auto& s) { s.mutable_method()->mutable_shell()->mutable_energy()->set_basis_tolerance(nan); }},
       {"handles: 12 entries are more than the limit of 10",
        [](auto& s) {
          for (int i = 0; i < 11; ++i) region(s).set_all(true);
@@ -298,13 +306,85 @@ TEST(ConvertSetup, messages_that_mean_the_same_have_the_same_id) {
   EXPECT_TRUE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_shape(0); }));
   EXPECT_TRUE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_shape(0.9); })) << "r^3 has no shape";
   EXPECT_TRUE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_polynomial_degree(1); }));
-  EXPECT_TRUE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_reduction_rings(3); }));
+  EXPECT_TRUE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_reduction(v1::REDUCTION_TOLERANCE); }));
+  EXPECT_TRUE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_reduction_tolerance(1e-4); }));
+  EXPECT_FALSE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_reduction_tolerance(1e-3); }));
+  EXPECT_FALSE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_reduction_rings(3); })) << "rings";
+  EXPECT_TRUE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_basis_tolerance(-0.0); }));
+  EXPECT_FALSE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_basis_tolerance(1e-8); }));
   EXPECT_TRUE(same([](auto& s) { s.set_geometry(geometry.substr(0, 8)); }));
   EXPECT_FALSE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_kernel(v1::BIHARMONIC); }));
   EXPECT_FALSE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_polynomial_degree(2); }));
   EXPECT_FALSE(same([](auto& s) { s.mutable_variables(0)->clear_lower(); }));
   EXPECT_FALSE(same([](auto& s) { s.mutable_handles(0)->set_name("other"); }));
   EXPECT_FALSE(same([](auto& s) { s.set_seed(1); }));
+}
+
+// What a store or a client holds from before there were tolerances: rings without a name, said as a number.
+TEST(ConvertSetup, stored_rings_stay_rings_and_keep_their_id) {
+  v1::Setup stored = sheet_setup(geometry);
+  auto& rbf = *stored.mutable_method()->mutable_rbf();
+  rbf.set_kernel(v1::TRIHARMONIC);
+  rbf.set_polynomial_degree(1);
+  rbf.set_tolerance(1e-6);
+  rbf.set_reduction_rings(3);
+  const v1::Setup canonical = canonical_setup(stored, geometry);
+  EXPECT_EQ(canonical.method().SerializeAsString(), stored.method().SerializeAsString());
+  const auto reduction = [](const v1::Setup& setup) {
+    return std::get<RbfOptions>(setup_from_proto(setup, 10).method).reduction;
+  };
+  EXPECT_EQ(reduction(stored), CentreReduction::rings);
+  v1::Setup named = sheet_setup(geometry);
+  named.mutable_method()->mutable_rbf()->set_reduction(v1::REDUCTION_RINGS);
+  EXPECT_EQ(reduction(named), CentreReduction::rings);
+  EXPECT_EQ(system_id(canonical_setup(named, geometry)), system_id(canonical));
+  EXPECT_EQ(reduction(sheet_setup(geometry)), CentreReduction::tolerance);
+  EXPECT_EQ(reduction(canonical_setup(sheet_setup(geometry), geometry)), CentreReduction::tolerance);
+  rbf.set_reduction(v1::REDUCTION_OFF);
+  EXPECT_EQ(canonical_setup(stored, geometry).method().SerializeAsString(), stored.method().SerializeAsString());
+  EXPECT_EQ(reduction(stored), CentreReduction::off);
+  // Incremental QR chooses its centres itself: all are candidates by default.
+  v1::Setup incremental = sheet_setup(geometry);
+  incremental.mutable_method()->mutable_rbf()->set_solver(v1::INCREMENTAL_QR);
+  EXPECT_EQ(reduction(canonical_setup(incremental, geometry)), CentreReduction::off);
+}
+
+// What a store or a client holds from before the domain of moving least squares and the linear functions of a subspace.
+TEST(ConvertSetup, stored_spaces_keep_their_meaning_and_their_id) {
+  const auto store = [](v1::Energy& energy) {
+    energy.set_bending(1);
+    energy.set_handles(v1::HANDLES_HARD);
+  };
+  v1::Setup stored = sheet_setup(geometry), named = stored, plain = stored;
+  auto& mls = *stored.mutable_method()->mutable_mls();
+  store(*mls.mutable_energy());
+  mls.set_cubature(4);
+  mls.set_cover(12);
+  named.mutable_method()->mutable_mls()->set_domain(v1::DOMAIN_SURFACE);
+  plain.mutable_method()->mutable_mls();
+  const auto domain = [](const v1::Setup& setup) { return std::get<MlsOptions>(setup_from_proto(setup, 10).method).domain; };
+  EXPECT_EQ(canonical_setup(stored, geometry).method().SerializeAsString(), stored.method().SerializeAsString());
+  EXPECT_EQ(canonical_setup(named, geometry).method().SerializeAsString(), stored.method().SerializeAsString());
+  for (const v1::Setup& surface : {stored, named}) EXPECT_EQ(domain(surface), MlsDomain::surface);
+  for (const v1::Setup& enclosed : {plain, canonical_setup(plain, geometry)}) {
+    EXPECT_EQ(domain(enclosed), MlsDomain::enclosed);
+    EXPECT_EQ(std::get<MlsOptions>(setup_from_proto(enclosed, 10).method).cover, 20);
+  }
+
+  for (v1::Setup* setup : {&stored, &named, &plain}) {
+    *setup = sheet_setup(geometry);
+    setup->mutable_method()->mutable_subspace()->set_kernel(v1::SUBSPACE_GAUSSIAN);
+  }
+  auto& subspace = *stored.mutable_method()->mutable_subspace();
+  store(*subspace.mutable_energy());
+  subspace.set_centres(1000);
+  subspace.set_cover(50);
+  named.mutable_method()->mutable_subspace()->set_linear(v1::LINEAR_LEFT_OUT);
+  const auto linear = [](const v1::Setup& setup) { return std::get<SubspaceOptions>(setup_from_proto(setup, 10).method).linear; };
+  EXPECT_EQ(canonical_setup(stored, geometry).method().SerializeAsString(), stored.method().SerializeAsString());
+  EXPECT_EQ(canonical_setup(named, geometry).method().SerializeAsString(), stored.method().SerializeAsString());
+  for (const v1::Setup& left_out : {stored, named}) EXPECT_EQ(linear(left_out), SubspaceLinear::left_out);
+  for (const v1::Setup& added : {plain, canonical_setup(plain, geometry)}) EXPECT_EQ(linear(added), SubspaceLinear::added);
 }
 
 TEST(ConvertSetup, id_lists_are_sets) {

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Volume meshes through the engine: cells are stored with their geometry, designs are checked, measured and split.
+#include <algorithm>
+
 #include "core/deformers/splitting.h"
 #include "core/quality/element_quality.h"
 #include "proto/convert/setup.h"
@@ -152,7 +154,34 @@ TEST_F(EngineCells, OnlyDesignsThatNeedItAreSplit) {
   // Through the side: nothing helps.
   EXPECT_FALSE(split.results[2].split().inversion_free());
   EXPECT_LT(split.results[2].split().reached(), 1);
-  EXPECT_EQ(InversionCheck(problem.mesh->points, cells).inverted(split.points[2]).count, 0u);
+  EXPECT_GE(split.results[2].split().reached(), (1 - 1e-9) * split.results[2].cells().safe_amplitude());
+  const Inversions inversions = InversionCheck(problem.mesh->points, cells).inverted(split.points[2]);
+  EXPECT_EQ(inversions.count, 0u);
+  EXPECT_EQ(split.results[2].split().least_determinant(), inversions.least_determinant.value);
+
+  // A margin is kept, by designs that invert nothing, too.
+  const double least = plain.results[0].cells().least_determinant();
+  request.mutable_splitting()->set_margin(std::min(0.9, 1.02 * least));
+  const auto kept = deform(request);
+  for (const auto& result : kept.results) EXPECT_GE(result.split().least_determinant(), request.splitting().margin());
+  EXPECT_NE(kept.points[0], plain.points[0]);
+}
+
+TEST_F(EngineCells, LeftHandedMeshesAreProtected) {
+  const Mesh right = polyhedral_mesh(6), left = [&] {
+    Mesh mirrored = right;
+    for (Vec3& p : mirrored.points) p[0] = 1 - p[0];
+    return mirrored;
+  }();
+  const auto report_of = [&](const Mesh& mesh) {
+    return deform(request_for(prepare_mesh(mesh, 3).system.id(), {{0, 0.9}})).results[0].cells();
+  };
+  const v1::CellReport a = report_of(right), b = report_of(left);
+  EXPECT_EQ(a.left_handed(), 0u);
+  EXPECT_EQ(b.left_handed(), 216u);
+  EXPECT_EQ(b.inverted_at_rest(), 0u);
+  EXPECT_GT(b.inverted(), 0u);
+  for (const auto& report : {a, b}) EXPECT_EQ(report.without_volume() + report.wrong_pyramid(), report.inverted());
 }
 
 TEST_F(EngineCells, RefusesWhatCannotBeSplitOrIsUnknown) {
@@ -165,6 +194,9 @@ TEST_F(EngineCells, RefusesWhatCannotBeSplitOrIsUnknown) {
   request.mutable_splitting()->set_most_steps(0);
   request.mutable_splitting()->set_share(1);
   test::expect_error(ErrorCode::invalid_argument, {"splitting.share"}, [&] { deform(request); });
+  request.mutable_splitting()->set_share(0);
+  request.mutable_splitting()->set_margin(1);
+  test::expect_error(ErrorCode::invalid_argument, {"splitting.margin"}, [&] { deform(request); });
   request.clear_splitting();
   request.set_check(static_cast<v1::CellCheck>(77));
   test::expect_error(ErrorCode::invalid_argument, {"check", "77"}, [&] { deform(request); });

@@ -2,7 +2,9 @@
 // Many clients at once: different systems, one system, more systems than the cache holds, a full queue.
 #include <atomic>
 #include <map>
+#include <memory>
 #include <thread>
+#include <vector>
 
 #include "tests/server/engine_fixture.h"
 
@@ -44,6 +46,39 @@ TEST_F(EngineLoadTest, eight_clients_with_different_systems) {
   EXPECT_EQ(wrong, 0);
   EXPECT_EQ(engine->info().designs_served(), 8u + 160u);
 }
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+TEST_F(EngineLoadTest, memory_of_released_systems_goes_back_to_the_system) {
+  constexpr std::size_t mebibyte = std::size_t{1} << 20;
+  const std::string id = register_mesh(sheet_mesh(300, 300)).id();
+  std::vector<std::unique_ptr<char[]>> kept;
+  const auto prepare_and_release = [&] {
+    std::vector<std::string> prepared;
+    for (int k = 0; k < 8; ++k) {
+      v1::Setup setup = sheet_setup(id);
+      setup.mutable_method()->mutable_rbf()->set_reduction(v1::REDUCTION_RINGS);  // as many systems as numbers of rings
+      setup.mutable_method()->mutable_rbf()->set_reduction_rings(static_cast<std::uint32_t>(k + 4));
+      prepared.push_back(prepare(setup).id());
+    }
+    // What is kept lies behind what is freed, so that the heap does not shrink by itself.
+    for (int k = 0; k < 100; ++k) kept.push_back(std::make_unique<char[]>(100'000));
+    const std::size_t full = resident_set_bytes();
+    std::size_t released = 0;
+    for (const std::string& system : prepared) {
+      v1::ReleaseSystemRequest release;
+      release.set_id(system);
+      released += engine->release_system(release).bytes_released();
+    }
+    EXPECT_GT(released, 90 * mebibyte);
+    return full;
+  };
+  prepare_and_release();  // what a server keeps anyway: pools, caches, the mesh
+  const std::size_t before = resident_set_bytes();
+  EXPECT_GT(prepare_and_release(), before + 70 * mebibyte);
+  EXPECT_TRUE(eventually([&] { return resident_set_bytes() < before + 48 * mebibyte; }))
+      << (resident_set_bytes() - before) / mebibyte << " MiB more than before";
+}
+#endif
 
 TEST_F(EngineLoadTest, more_systems_than_the_cache_holds) {
   prepare_all();

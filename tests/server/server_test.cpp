@@ -195,6 +195,25 @@ TEST(Server, HealthTellsWhetherTheStoreCanBeAddedTo) {
   EXPECT_TRUE(eventually([&] { return health_of(channel, "deform.v1.DeformService/write") == 2; }));
 }
 
+/// There is room from the second time on that it is asked.
+class EngineWithRoomSoon : public support::FakeEngine {
+ public:
+  v1::StoreInfo store() override {
+    v1::StoreInfo info;
+    info.set_writable(asked_++ > 0);
+    return info;
+  }
+
+ private:
+  std::atomic<int> asked_ = 0;
+};
+
+TEST(Server, RoomThatComesWhileTheServerStartsIsTold) {
+  const auto server = start_server(at(""), std::make_unique<EngineWithRoomSoon>());
+  const auto channel = server->in_process_channel();
+  EXPECT_TRUE(eventually([&] { return health_of(channel, "deform.v1.DeformService/write") == 1; }));
+}
+
 TEST(Server, TwoServersDoNotShareAPort) {
   const auto first = start_server(at("127.0.0.1:0"), std::make_unique<support::FakeEngine>());
   EXPECT_GT(first->port(), 0);

@@ -27,7 +27,7 @@ inline Mesh polyhedral_mesh(std::size_t n) {
   return mesh;
 }
 
-/// block_setup() of block_meshes.h: the sides stay, the block amid them turns about z and moves along x.
+/// block_setup() of block_meshes.h: the sides stay, the block between them turns about z and moves along x.
 inline v1::Setup block_setup_message(const std::string& geometry_id, int dimensions) {
   v1::Setup setup;
   setup.set_geometry(geometry_id);

@@ -54,6 +54,7 @@ clone() {
   rm -rf "$root/srv/clone"
   git clone -q . "$root/srv/clone"
   git diff --binary HEAD | (cd "$root/srv/clone" && git apply --allow-empty)
+  git ls-files -z --others --exclude-standard | xargs -0r cp --parents -t "$root/srv/clone"
   chroot "$root" chown -R "$1:$1" /srv/clone
 }
 # as USER COMMAND...

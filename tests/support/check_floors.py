@@ -18,6 +18,8 @@ FLOORS = {
     "core/base/commit": ["core/base"],
     "core/codec": ["core/base"],
     "core/mesh": ["core/base"],
+    "core/mesh/surface_mesh": ["core/base", "core/mesh"],
+    "core/mesh/remeshing": ["core/base", "core/mesh", "core/mesh/surface_mesh"],
     "core/io/mesh_file.h": ["core/base", "core/mesh"],
     "core/io/readers.h": ["core/base", "core/io/mesh_file.h"],
     "core/io/binary": ["core/base"],
@@ -43,13 +45,17 @@ FLOORS = {
     "core/deformers/energy/spaces": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles"],
     "core/deformers/energy": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles", "core/deformers/constrained",
                                                                    "core/deformers/energy/spaces"],
+    "core/deformers/ffd": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles", "core/deformers/energy",
+                                                                "core/deformers/energy/spaces"],
+    "core/deformers/cage": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles", "core/deformers/ffd"],
     "core/deformers": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles", "core/deformers/rbf", "core/deformers/constrained",
-                                                            "core/deformers/energy"],
+                                                            "core/deformers/energy", "core/deformers/ffd", "core/deformers/cage"],
     # Messages to core types and back: each room needs as much of the core as the types it names.
     "proto/convert/base": ["core/base", "core/codec", "deform/v1"],
     "proto/convert/mesh": ["core/base", "core/mesh", "proto/convert/base", "deform/v1"],
+    "proto/convert/controls": ["core/base", "core/mesh", "core/numerics", "proto/convert/base", "proto/convert/mesh", "deform/v1"],
     "proto/convert": ["core/base", "core/codec", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",
-                      "core/deformers", "proto/convert/base", "proto/convert/mesh", "deform/v1"],
+                      "core/deformers", "proto/convert/base", "proto/convert/mesh", "proto/convert/controls", "deform/v1"],
     # The server never reads a user's file.
     "server/store": ["core/base", "core/codec", "core/mesh", "proto/convert", "proto/convert/mesh", "deform/v1"],
     "server/engine": ["core/base", "core/codec", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",
@@ -59,7 +65,8 @@ FLOORS = {
     "client": ["core/base", "core/codec", "proto/convert/base", "deform/v1"],
     # Executables that read files.
     "client/cli": ["core/base", "core/base/commit", "core/codec", "core/mesh", "core/io", "core/quality", "core/report",
-                   "core/constraints/detection", "proto/convert/mesh", "deform/v1", "client"],
+                   "core/constraints/detection", "core/numerics", "proto/convert/mesh", "proto/convert/controls", "deform/v1",
+                   "client"],
     "client/examples": ["core/base", "core/codec", "core/mesh", "core/io", "deform/v1", "client"],
 }
 

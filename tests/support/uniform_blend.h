@@ -26,7 +26,7 @@ class UniformBlend : public HandleSystem {
         for (std::size_t f = 0; f < 4; ++f) basis.tiles.at(s, 4 * h + f) = share_ * values[f];
       }
     }
-    basis_.push_back(std::move(basis));
+    add_basis(std::move(basis), 0, context);
     end_stage("basis");
     set_bytes(0, 0);
   }
@@ -88,7 +88,7 @@ struct UniformBlendMethod {
   static std::optional<std::vector<PointId>> known_centres(const Options&, const Mesh&, const SelectedRegions&) { return {}; }
   static Estimate estimate(const Options&, const Mesh& mesh, const Setup&, const SelectedRegions& regions) {
     Estimate estimate;
-    estimate.basis_bytes = HandleBasis::bytes_for(mesh.point_count(), 4 * regions.handles.size());
+    estimate.basis_bytes = HandleBasis::bytes_for(mesh.point_count(), 4 * regions.handles.size(), 0);
     estimate.resident_bytes = estimate.peak_bytes = estimate.basis_bytes + point_bytes(mesh.point_count(), regions.symmetry);
     estimate.advice = "use fewer handles";
     return estimate;

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "tests/bench/constraint_parts.h"
+#include "tests/support/thesis_options.h"
 
 namespace deform {
 namespace {
@@ -39,7 +40,7 @@ TEST(DetectedParts, TheBoreOfTheJointStaysRound) {
   const ConstraintCase joint = bench::joint_case(DEFORM_SHARED_DATA);
   ASSERT_EQ(joint.setup.constraints.size(), 2u);
   expect_kept(joint, ShellOptions{});
-  MlsOptions options;
+  MlsOptions options = test::thesis_mls();
   options.surface_samples = 1500;
   expect_kept(joint, options);
 }
@@ -48,7 +49,7 @@ TEST(DetectedParts, FeatureLinesAndAPlaneOfTheFandisk) {
   const ConstraintCase fandisk = bench::fandisk_case(DEFORM_SHARED_DATA);
   ASSERT_GE(fandisk.setup.constraints.size(), 3u);
   expect_kept(fandisk, ShellOptions{});
-  MlsOptions options;
+  MlsOptions options = test::thesis_mls();
   options.surface_samples = 1500;
   expect_kept(fandisk, options);
 }

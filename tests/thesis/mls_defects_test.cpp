@@ -14,6 +14,7 @@
 #include "core/deformers/energy/spaces/mls.h"
 #include "core/io/mesh_file.h"
 #include "tests/core/deformers/space_cases.h"
+#include "tests/support/thesis_options.h"
 
 namespace deform {
 namespace {
@@ -38,7 +39,7 @@ TEST_P(Defects, MoveSmoothlyWhateverTheFacesAre) {
     held.push_back(i);
     one_end.push_back(at > 0.5 ? 1 : 0);
   }
-  MlsOptions options;
+  MlsOptions options = test::thesis_mls();
   options.stretching = 1;
   options.bending = 0.1;
   options.surface_samples = 600;

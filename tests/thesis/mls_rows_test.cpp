@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/deformers/energy/spaces/mls.h"
+#include "tests/support/thesis_options.h"
 #include "tests/thesis/plane_case.h"
 
 namespace deform {
@@ -31,7 +32,7 @@ TEST_P(VolumeEnergies, EnergiesInSpaceGiveTheSolutionOfTheMesh) {
   const Mesh plane = test::thesis_plane();
   ASSERT_EQ(plane.points.size(), 1100u);
   const auto& [name, stretching, bending] = GetParam();
-  MlsOptions options;
+  MlsOptions options = test::thesis_mls();
   options.stretching = stretching;
   options.bending = bending;
   options.surface_samples = 1000;
@@ -75,7 +76,7 @@ TEST(DefectiveFaces, FacesDoNotMatter) {
     }
     soup.face_sizes.push_back(size);
   }
-  MlsOptions options;
+  MlsOptions options = test::thesis_mls();
   options.surface_samples = 600;
   options.stretching = 1;
   options.bending = 0.6;

@@ -167,7 +167,9 @@ TEST(CentreReduction, ThreeRingsOfCentres) {
   deform::Setup setup = sheet_setup();
   setup.handles[0].region = test::box({1.4, -1, -1}, {3, 2, 1});
   setup.fixed[0] = test::box({-1, -1, -1}, {0.6, 2, 1});
-  const auto reduced = prepare(mesh, setup);
+  RbfOptions rings;
+  rings.reduction = CentreReduction::rings;
+  const auto reduced = prepare(mesh, with(setup, rings));
   RbfOptions off;
   off.reduction = CentreReduction::off;
   const auto full = prepare(mesh, with(setup, off));
@@ -192,6 +194,7 @@ TEST(CentreReduction, RingsAreThoseOfTheMesh) {
   const Mesh sheet = bumpy_sheet(41, 21);
   for (const int rings : {1, 2, 3, 5}) {
     RbfOptions options;
+    options.reduction = CentreReduction::rings;
     options.reduction_rings = rings;
     const auto system = prepare(shared(sheet), with(sheet_setup(), options));
     const SelectedRegions regions = validate(sheet_setup(), sheet);
@@ -207,7 +210,9 @@ TEST(CentreReduction, RingsAreThoseOfTheMesh) {
 
 TEST(CentreReduction, FullSetWhereTheMeshDoesNotAllowIt) {
   const auto full = [](Mesh mesh, const char* reason) {
-    const auto system = prepare(shared(std::move(mesh)), sheet_setup());
+    RbfOptions rings;
+    rings.reduction = CentreReduction::rings;
+    const auto system = prepare(shared(std::move(mesh)), with(sheet_setup(), rings));
     EXPECT_FALSE(system->info().reduced);
     EXPECT_EQ(system->info().centres + system->info().merged_duplicates, system->info().constraint_points);
     ASSERT_FALSE(system->info().notes.empty());
@@ -333,16 +338,12 @@ TEST(DegenerateFaces, DegenerateFacesDoNotMatter) {
     const Points expected = deformed(shared(clean), setup, moved(turn_and_shift()));
     EXPECT_TRUE(deformed(shared(defective), setup, moved(turn_and_shift())) == expected);
   }
-  // And with the reduction left on, the mesh is noticed and the full set taken.
-  EXPECT_TRUE(deformed(shared(defective), sheet_setup(), moved(turn_and_shift())) == deformed(shared(clean),
-                                                                                              with(sheet_setup(),
-                                                                                                   [] {
-                                                                                                     RbfOptions off;
-                                                                                                     off.reduction =
-                                                                                                         CentreReduction::off;
-                                                                                                     return off;
-                                                                                                   }()),
-                                                                                              moved(turn_and_shift())));
+  // With rings as centres the mesh is noticed, and the full set taken.
+  RbfOptions rings, off;
+  rings.reduction = CentreReduction::rings;
+  off.reduction = CentreReduction::off;
+  EXPECT_TRUE(deformed(shared(defective), with(sheet_setup(), rings), moved(turn_and_shift())) ==
+              deformed(shared(clean), with(sheet_setup(), off), moved(turn_and_shift())));
 }
 
 }  // namespace

@@ -14,8 +14,8 @@ namespace {
 
 using Corner = std::array<std::size_t, 3>;
 
-/// [0, 2] x [0, 1] x [0, 1] as a lattice of points, and blocks of 2 x 2 x 2 of its cells, which have a node amid every edge, face
-/// and in their middle.
+/// [0, 2] x [0, 1] x [0, 1] as a lattice of points, and blocks of 2 x 2 x 2 of its cells, which have a node in the middle of
+/// every edge, face and in their middle.
 class Lattice {
  public:
   static constexpr Corner cells{12, 6, 6};
@@ -52,7 +52,7 @@ class Lattice {
     return result;
   }
 
-  PointId amid(PointId a, PointId b) const {
+  PointId middle(PointId a, PointId b) const {
     Corner middle{};
     std::size_t x = a, y = b;
     for (std::size_t k = 0; k < 3; ++k) {
@@ -83,9 +83,9 @@ Mesh elements(ElementType type, const std::vector<std::vector<std::size_t>>& par
     const auto corners = lattice.corners(from, size);
     for (const auto& part : parts) {
       std::vector<PointId> nodes;
-      for (const std::size_t c : part) nodes.push_back(c < 8 ? corners[c] : lattice.amid(corners[0], corners[6]));
+      for (const std::size_t c : part) nodes.push_back(c < 8 ? corners[c] : lattice.middle(corners[0], corners[6]));
       if (form.quadratic()) {
-        for (const auto& edge : form.edges) nodes.push_back(lattice.amid(nodes[edge[0]], nodes[edge[1]]));
+        for (const auto& edge : form.edges) nodes.push_back(lattice.middle(nodes[edge[0]], nodes[edge[1]]));
       }
       cells->add(type, nodes);
     }

@@ -49,7 +49,7 @@ SplitResult expect_saved(const SplitProblem& problem, const Design& design) {
 TEST(Splitting, BlockInASquare) {
   const SplitProblem problem = problem_of(test::square(30), 2);
   const SplitResult turned = expect_saved(problem, moved_block(2.3, {}));
-  EXPECT_EQ(turned.steps, 3u);
+  EXPECT_EQ(turned.steps, 2u);
   EXPECT_GT(turned.full_step.inverted.count, 100u);
   const SplitResult shifted = expect_saved(problem, moved_block(0, {0.28, 0.28, 0}));
   EXPECT_EQ(shifted.steps, 3u);
@@ -110,7 +110,7 @@ TEST(Splitting, BlockInACubeOfPolyhedra) {
 // The cells at the block are too coarse for this turn in any number of steps: it is said so, and how far the mesh got.
 TEST(Splitting, FailsHonestlyAtTheCap) {
   const SplitProblem problem = problem_of(test::square(20), 2);
-  const SplitResult result = evaluate_split(problem, moved_block(2.4, {}));
+  const SplitResult result = evaluate_split(problem, moved_block(2.7, {}));
   EXPECT_FALSE(result.inversion_free);
   EXPECT_EQ(result.steps, 20u);
   ASSERT_EQ(result.attempts.size(), 20u);
@@ -122,7 +122,7 @@ TEST(Splitting, FailsHonestlyAtTheCap) {
     EXPECT_LE(result.attempts[k].least_determinant, 0);
     factorizations += result.attempts[k].completed;
   }
-  EXPECT_EQ(result.factorizations, factorizations);
+  EXPECT_EQ(result.factorizations, factorizations + 1) << "and one to go on from the farthest place";
   EXPECT_GT(result.reached, 0.5);
   EXPECT_LT(result.reached, 1);
   EXPECT_EQ(InversionCheck(problem.mesh->points, problem.cells).inverted(result.points).count, 0u);

@@ -12,6 +12,7 @@
 #include "core/deformers/energy/spaces/subspace.h"
 #include "core/numerics/kernels/kernel_rows.h"
 #include "core/numerics/sampling/subspace.h"
+#include "tests/support/thesis_options.h"
 #include "tests/thesis/plane_case.h"
 
 namespace deform {
@@ -44,7 +45,7 @@ TEST(SubspaceFunctions, OrderOfFigure83) {
     const VectorXd reference = solution(mesh_space(plane, bending ? 0 : 1, bending ? 1 : 0), held);
     std::map<std::string, double> largest, mean;
     for (const auto& [name, kernel, cover] : rows) {
-      SubspaceOptions options;
+      SubspaceOptions options = test::thesis_subspace();
       options.kernel = kernel;
       options.cover = cover;
       options.centres = 1000;

@@ -12,6 +12,7 @@
 #include "core/numerics/interpolation/dense_interpolator.h"
 #include "core/quality/element_quality.h"
 #include "tests/bench/param_case.h"
+#include "tests/support/thesis_options.h"
 
 namespace deform {
 namespace {
@@ -126,7 +127,7 @@ TEST(ElementQuality, MovingLeastSquaresBesideRbf) {
   const ParamCase pipe = bench::read_param_case(volumes() / "param", "pipe_hex");
   const deform::Setup setup = bench::boundary_setup(pipe, Kernel::triharmonic);
   const Design design = bench::boundary_motion(pipe.places.front(), pipe.places.back());
-  MlsOptions options;
+  MlsOptions options = test::thesis_mls();
   options.surface_samples = 8000;
   options.volume_samples = 4000;
   RecordProperty("pipe_hard", compare(pipe.mesh, setup, design, *pipe.elements, options));

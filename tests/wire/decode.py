@@ -335,12 +335,30 @@ def canonical_rbf(rbf, flat):
         del rbf.samples[:]
     if not incremental or rbf.centre_order == setup_pb2.FARTHEST_POINT:
         rbf.centre_order = setup_pb2.CENTRE_ORDER_DEFAULT
+    canonical_basis(rbf)
+    if rbf.reduction == setup_pb2.REDUCTION_AUTOMATIC and rbf.reduction_rings == 0:
+        rbf.reduction = setup_pb2.REDUCTION_TOLERANCE
+    if incremental and rbf.reduction == setup_pb2.REDUCTION_TOLERANCE:
+        rbf.reduction = setup_pb2.REDUCTION_OFF
+    if rbf.reduction == setup_pb2.REDUCTION_TOLERANCE:
+        rbf.reduction_rings = 0
+        instead_of_zero(rbf, "reduction_tolerance", 1e-3 if rbf.kernel == setup_pb2.BIHARMONIC else 1e-4)
+        return
+    if rbf.reduction == setup_pb2.REDUCTION_RINGS:
+        rbf.reduction = setup_pb2.REDUCTION_AUTOMATIC
     if rbf.reduction == setup_pb2.REDUCTION_OFF:
         rbf.reduction_rings = 3
     instead_of_zero(rbf, "reduction_rings", 3)
+    rbf.reduction_tolerance = 0
+
+
+def canonical_basis(options):
+    if options.basis == setup_pb2.BASIS_NEVER or options.basis_tolerance == 0:
+        options.basis_tolerance = 0
 
 
 def canonical_energy(energy):
+    canonical_basis(energy)
     energy.SetInParent()
     if not energy.HasField("bending"):
         energy.bending = 1
@@ -352,9 +370,10 @@ def canonical_energy(energy):
 
 
 def canonical_region(region):
-    ids = sorted(set(region.ids))
-    del region.ids[:]
-    region.ids.extend(ids)
+    for holder in [region] + ([region.control] if region.HasField("control") else []):
+        ids = sorted(set(holder.ids))
+        del holder.ids[:]
+        holder.ids.extend(ids)
     for children in (region.union, region.intersection, region.difference):
         for child in children:
             canonical_region(child)
@@ -370,17 +389,47 @@ def canonical_method(method, flat):
     chosen.SetInParent()
     if kind == "rbf":
         return canonical_rbf(chosen, flat)
+    if kind == "cage":
+        chosen.file = ""
+        chosen.coordinates = setup_pb2.MEAN_VALUE
+        if chosen.control == setup_pb2.MESH:
+            instead_of_zero(chosen, "clamp", 0)
+        else:
+            chosen.control = setup_pb2.CONTROLS
+            chosen.clamp = 0
+        return canonical_basis(chosen)
+    # How setups were stored before there were MlsMethod.domain and SubspaceMethod.linear.
+    stored = chosen.energy.HasField("bending") and chosen.energy.handles != setup_pb2.HANDLES_DEFAULT
     canonical_energy(chosen.energy)
     if kind == "subspace":
+        stored = stored and chosen.centres != 0 and chosen.cover != 0 and chosen.linear == setup_pb2.LINEAR_DEFAULT
+        decays = chosen.kernel in (setup_pb2.SUBSPACE_WENDLAND_C2, setup_pb2.SUBSPACE_GAUSSIAN)
+        left_out = stored or not decays or chosen.linear == setup_pb2.LINEAR_LEFT_OUT
+        chosen.linear = setup_pb2.LINEAR_DEFAULT if left_out else setup_pb2.LINEAR_ADDED
         instead_of_zero(chosen, "kernel", setup_pb2.SUBSPACE_MLS)
         instead_of_zero(chosen, "centres", 1000)
         if chosen.kernel in (setup_pb2.SUBSPACE_TRIHARMONIC, setup_pb2.SUBSPACE_BIHARMONIC):
             chosen.cover = 0
         else:
             instead_of_zero(chosen, "cover", 8 if chosen.kernel == setup_pb2.SUBSPACE_MLS else 50)
+    if kind == "ffd":
+        if chosen.control in (setup_pb2.MESH, setup_pb2.CONTROLS):
+            basis, basis_tolerance = chosen.energy.basis, chosen.energy.basis_tolerance
+            chosen.ClearField("energy")
+            chosen.energy.basis, chosen.energy.basis_tolerance = basis, basis_tolerance
+            canonical_energy(chosen.energy)
+        else:
+            chosen.control = setup_pb2.ENERGY
+        if chosen.control != setup_pb2.MESH or chosen.clamp == 0:
+            chosen.clamp = 0
+        chosen.lattice.SetInParent()
+        instead_of_zero(chosen.lattice, "basis", setup_pb2.UNIFORM_CUBIC)
     if kind == "mls":
+        stored = stored and chosen.cubature != 0 and chosen.cover != 0 and chosen.domain == setup_pb2.DOMAIN_DEFAULT
+        surface = stored or chosen.domain == setup_pb2.DOMAIN_SURFACE
+        chosen.domain = setup_pb2.DOMAIN_DEFAULT if surface else setup_pb2.DOMAIN_ENCLOSED
         instead_of_zero(chosen, "cubature", 4)
-        instead_of_zero(chosen, "cover", 12)
+        instead_of_zero(chosen, "cover", 12 if surface else 20)
         for weights in chosen.weights:
             canonical_region(weights.region)
 

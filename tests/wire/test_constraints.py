@@ -103,8 +103,7 @@ def symmetric(x, partner):
 
 def distance(a, b, least, most):
     apart = numpy.linalg.norm(a - b, axis=1)
-    half = (apart - numpy.clip(apart, least, most)) / 2
-    return abs(numpy.concatenate([half, half]))
+    return abs(apart - numpy.clip(apart, least, most))
 
 
 def extent_at_most(heights, value):

@@ -14,6 +14,7 @@
 #include "client/cli/output/cell_options.h"
 #include "client/cli/output/gates.h"
 #include "client/cli/output/result_json.h"
+#include "client/cli/setup/control_lattice.h"
 #include "client/cli/setup/motions.h"
 #include "client/cli/setup/region_points.h"
 #include "client/cli/setup/setup_file.h"
@@ -40,7 +41,9 @@ struct ApplyOptions {
 v1::Design make_design(const ApplyOptions& options, const PreparedSetup& prepared, const Mesh& mesh) {
   const v1::Setup& setup = prepared.system.setup();
   v1::Design design = client::variables_design(parse_settings(options.settings, setup));
-  RestPlaces rest{mesh.points, options.match_tolerance};
+  const std::vector<Vec3> controls =
+      selects_controls(setup) && !options.motion_files.empty() ? control_places(setup, mesh) : std::vector<Vec3>();
+  RestPlaces rest{controls.empty() ? std::span(mesh.points) : std::span(controls), options.match_tolerance};
   if (rest.tolerance == 0) rest.tolerance = std::max(1e-6 * prepared.system.diagonal(), std::numeric_limits<double>::min());
   for (const auto& file : options.motion_files) {
     const auto motions = read_motions(
@@ -77,6 +80,11 @@ std::filesystem::path checked_output(const ApplyOptions& options) {
     }
     return io::source_file(source);
   }
+  try {
+    if (!options.output.empty()) io::check_output(source, options.output);
+  } catch (const Error& error) {
+    throw Error(error.code(), std::string("-o ") + error.what());
+  }
   if (replaced) {
     throw Error(ErrorCode::invalid_argument, "-o " + options.output + ": would replace the source mesh " + replaced->string() +
                                                  ", and the next apply would deform it again; name another file, or give "
@@ -99,7 +107,8 @@ ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
   const io::MeshFile& source = source_of(prepared);
   v1::DeformRequest request;
   request.set_system_id(prepared.system.id());
-  options.encoding.set(request);
+  const OutputOptions encoding = options.encoding.named(connection.client(), prepared.system);
+  encoding.set(request);
   request.set_path(evaluation_path(options.path));
   options.cells.set(request);
   *request.add_designs() = make_design(options, prepared, *source.mesh());
@@ -111,13 +120,13 @@ ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
   applied.points = design.points.size();
   applied.result = design.result;
   applied.summary = outcome.summary;
-  applied.encoding = options.encoding.encoding;
+  applied.encoding = encoding.encoding;
+  applied.method = prepared.system.setup().method();
   if (at_rest(request.designs(0)))
     applied.notes.push_back("no variable differs from 0 and no motion is given: nothing was asked to move");
-  const Judgement judgement = judge(design.result);
-  applied.failures = judgement.reasons;
+  applied.failures = bad_reasons(design.result);
+  applied.written = applied.failures.empty() || options.keep_bad;
   for (const auto& gate : options.gates.failed(design.result)) applied.failures.push_back(to_text(gate));
-  applied.written = judgement.verdict != Verdict::discarded || options.keep_bad;
   if (applied.written) io::write_mesh_file(source, design.points, output);
   const auto end = std::chrono::steady_clock::now();
   const auto seconds = [](auto from, auto to) { return std::chrono::duration<double>(to - from).count(); };
@@ -167,7 +176,7 @@ void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chose
       "File to write, in the format of the original: only its coordinates change; .gz is added or left out at will");
   target->add_flag("--in-place", options->in_place, "Overwrite the source mesh, which -o refuses to do");
   target->require_option(1, 2);
-  command->add_flag("--keep-bad", options->keep_bad, "Write also what misses exact constraints; the exit code stays 4");
+  command->add_flag("--keep-bad", options->keep_bad, "Write bad designs, too; the exit code stays 4");
   command->add_option("--source", options->input.source, "Mesh file of a setup that names its geometry by id");
   command->add_option("--path", options->path, "How designs are evaluated")
       ->transform(CLI::IsMember({"automatic", "basis", "direct"}, CLI::ignore_case))
@@ -175,13 +184,14 @@ void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chose
   options->encoding.add_to(*command);
   options->cells.add_to(*command);
   options->gates.add_to(*command);
-  command->footer(
-      std::string("Motion files: ") + motion_formats +
-      "\nExit code 4 when cells are inverted, a split did not arrive, exact constraints are missed (nothing is written then) or\n"
-      "--fail-on holds.\nSeconds of solve, encode and decode are core seconds, the others wall time.\n"
-      "Examples:\n"
-      "  deform apply setup.yaml --set roof_up=0.03 --set slant_turn=0.1 -o out.obj\n"
-      "  deform apply setup.yaml --motions matrices.csv -o out.obj --json");
+  command->footer(std::string("Motion files: ") + motion_formats +
+                  "\nExit code 4 when the design is bad (then nothing is written without --keep-bad) or --fail-on holds. Bad: "
+                  "not finite, not\n"
+                  "converged, off by more than 1e-3 of the motion, cells newly inverted, a split that did not arrive, exact "
+                  "constraints missed.\nSeconds of solve, encode and decode are core seconds, the others wall time.\n"
+                  "Examples:\n"
+                  "  deform apply setup.yaml --set roof_up=0.03 --set slant_turn=0.1 -o out.obj\n"
+                  "  deform apply setup.yaml --motions matrices.csv -o out.obj --json");
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_apply(*options, common); }; });
 }
 

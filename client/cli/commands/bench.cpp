@@ -183,10 +183,12 @@ void print_bench(const nlohmann::ordered_json& json) {
   std::cout << "  max error     " << number(json["max_error"]) << std::endl;
 }
 
-ExitCode run_bench(const BenchOptions& options, const CommonOptions& common) {
+ExitCode run_bench(const BenchOptions& given, const CommonOptions& common) {
   Connection connection(common);
   Progress preparing;
-  const PreparedSetup prepared = open_setup(connection, options.input, preparing);
+  const PreparedSetup prepared = open_setup(connection, given.input, preparing);
+  BenchOptions options = given;
+  options.encoding = given.encoding.named(connection.client(), prepared.system);
   Progress progress;
   const Measured measured = Bench(connection, common, prepared.system, options).run(progress);
   progress.clear();

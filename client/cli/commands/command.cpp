@@ -63,7 +63,7 @@ void warn(const std::string& message) { complain("warning: " + message); }
 
 namespace {
 
-constexpr char footer[] = R"(A first round, with deformd running on this machine:
+constexpr char main_footer[] = R"(A first round, with deformd running on this machine:
   deform sample -o ahmed.obj                 write a reference car body
   deform inspect ahmed.obj                   what is in it
   deform prepare setup.yaml                  register and factorize once
@@ -124,7 +124,7 @@ void define_command_line(CLI::App& app, CommonOptions& common, Action& chosen) {
   app.name("deform");
   app.description("deform: client of deformd, deformation of meshes for shape optimization");
   app.set_version_flag("--version", version_line("deform"));
-  app.footer(footer);
+  app.footer(main_footer);
   app.fallthrough();
   app.require_subcommand(1);
   app.get_formatter()->column_width(38);
@@ -132,7 +132,7 @@ void define_command_line(CLI::App& app, CommonOptions& common, Action& chosen) {
   for (const auto add :
        {add_sample_command, add_inspect_command, add_quality_command, add_register_command, add_detect_command,
         add_prepare_command, add_apply_command, add_sweep_command, add_list_command, add_show_command, add_remove_command,
-        add_status_command, add_bench_command, add_regions_command, add_read_isolated_command}) {
+        add_status_command, add_bench_command, add_regions_command, add_lattice_command, add_read_isolated_command}) {
     add(app, common, chosen);
   }
 }

@@ -11,8 +11,10 @@
 #include "client/cli/commands/mesh_reading.h"
 #include "client/cli/commands/workspace.h"
 #include "client/cli/output/detect_files.h"
+#include "client/cli/output/detected_setup.h"
 #include "client/cli/output/format.h"
 #include "client/cli/output/result_json.h"
+#include "client/cli/setup/region_points.h"
 #include "core/base/text.h"
 
 namespace deform::cli {
@@ -47,6 +49,7 @@ nlohmann::ordered_json common_json(const About& about) {
   nlohmann::ordered_json json;
   json["name"] = about.name();
   json["constraint"] = about.constraint();
+  json["implied_by"] = std::vector<std::string>(about.implied_by().begin(), about.implied_by().end());
   json["point"] = std::vector<double>(about.point().begin(), about.point().end());
   json["axis"] = std::vector<double>(about.axis().begin(), about.axis().end());
   json["radius"] = about.radius();
@@ -70,6 +73,7 @@ nlohmann::ordered_json detected_json(const client::Detected& detected) {
   for (const auto& edge : detected.edges) {
     auto entry = common_json(edge.about);
     entry["length"] = edge.about.length();
+    entry["lies_on"] = std::vector<std::string>(edge.about.lies_on().begin(), edge.about.lies_on().end());
     entry["points"] = edge.points;
     json["edges"].push_back(std::move(entry));
   }
@@ -87,18 +91,18 @@ nlohmann::ordered_json detected_json(const client::Detected& detected) {
 
 void print_detected(const client::Detected& detected) {
   const v1::DetectSummary& summary = detected.summary;
-  std::cout << std::left << std::setw(16) << "name" << std::right << std::setw(9) << "area %" << std::setw(9) << "points"
+  std::cout << std::left << std::setw(20) << "name" << std::right << std::setw(9) << "area %" << std::setw(9) << "points"
             << std::setw(13) << "radius" << std::setw(13) << "rms" << std::setw(13) << "largest" << '\n';
   for (const auto& primitive : detected.primitives) {
     const auto& about = primitive.about;
-    std::cout << std::left << std::setw(16) << printable(about.name()) << std::right << std::setw(9) << std::setprecision(3)
+    std::cout << std::left << std::setw(20) << printable(about.name()) << std::right << std::setw(9) << std::setprecision(3)
               << 100 * about.area() / summary.area() << std::setw(9) << about.points() << std::setw(13)
               << (about.radius() > 0 ? number_text(about.radius()) : "") << std::setw(13) << number_text(about.rms())
               << std::setw(13) << number_text(about.largest()) << '\n';
   }
   for (const auto& edge : detected.edges) {
     const auto& about = edge.about;
-    std::cout << std::left << std::setw(16) << printable(about.name()) << std::right << std::setw(9) << "" << std::setw(9)
+    std::cout << std::left << std::setw(20) << printable(about.name()) << std::right << std::setw(9) << "" << std::setw(9)
               << about.points() << std::setw(13) << (about.radius() > 0 ? number_text(about.radius()) : "") << std::setw(13)
               << number_text(about.rms()) << std::setw(13) << number_text(about.largest()) << '\n';
   }
@@ -117,22 +121,88 @@ std::string geometry_name(const std::string& file, const std::string& setup) {
   return relative.empty() ? std::filesystem::absolute(file).string() : relative.string();
 }
 
+/// Where the point ids of a setup go: "part.points.json" of "part.yaml".
+std::filesystem::path points_path(const std::string& setup) {
+  return std::filesystem::path(setup).replace_extension(".points.json");
+}
+
+void check_ids(const std::vector<PointId>& ids, const Mesh& mesh, const std::string& name) {
+  for (const PointId id : ids) {
+    if (id < mesh.point_count()) continue;
+    throw Error(ErrorCode::data_loss,
+                name + ": point " + std::to_string(id) + " is out of range, the mesh has " + std::to_string(mesh.point_count()));
+  }
+}
+
+bool is_setup(const std::filesystem::path& file) {
+  const std::string extension = file.extension().string();
+  return extension == ".yaml" || extension == ".yml";
+}
+
+/// What the command works on: a mesh, and what a setup says about it.
+struct Input {
+  std::filesystem::path mesh;
+  v1::Setup setup;
+  DetectedSetupOptions written;
+};
+
+Input input_of(const DetectCommand& options) {
+  Input input{options.file, {}, {}};
+  if (!options.setup.empty()) input.written.points_file = points_path(options.setup).filename().string();
+  if (!is_setup(options.file)) {
+    if (!options.setup.empty()) input.written.geometry = geometry_name(options.file, options.setup);
+    return input;
+  }
+  SetupFile file = read_setup_file(options.file);
+  if (!file.geometry_file) {
+    throw Error(ErrorCode::invalid_argument, options.file + ": it names its geometry by id; name the mesh file");
+  }
+  input.mesh = *file.geometry_file;
+  input.setup = std::move(file.setup);
+  if (options.setup.empty()) return input;
+  const auto folder = [](const std::string& path) { return std::filesystem::absolute(path).lexically_normal().parent_path(); };
+  if (folder(options.file) != folder(options.setup)) {
+    throw Error(ErrorCode::invalid_argument,
+                "--setup " + options.setup + ": must be in the folder of " + options.file + ", where its paths start");
+  }
+  input.written.beginning = continued_text(options.file);
+  return input;
+}
+
+DetectedSetup write_setup(const DetectCommand& options, const Input& input, const client::Detected& detected, const Mesh& mesh) {
+  DetectedSetupOptions written = input.written;
+  if (!written.beginning.empty()) {
+    written.held.labels = region_labels(input.setup, mesh);
+    for (const auto& handle : input.setup.handles()) written.held.handles.push_back(handle.name());
+  }
+  for (const auto& primitive : detected.primitives) check_ids(primitive.points, mesh, primitive.about.name());
+  for (const auto& edge : detected.edges) check_ids(edge.points, mesh, edge.about.name());
+  const DetectedSetup result = detected_setup(detected, written);
+  // The ids first: the setup is never there without them.
+  if (!result.points.empty()) io::write_file(points_path(options.setup), result.points);
+  io::write_file(options.setup, result.text);
+  return result;
+}
+
 ExitCode run_detect(const DetectCommand& options, const CommonOptions& common) {
+  const Input input = input_of(options);
   Connection connection(common);
   Progress progress;
-  const auto file = io::read_mesh_file(options.file, own_process(connection.interrupted()));
-  const auto info = register_mesh(connection, file->mesh(), std::filesystem::path(options.file).filename().string(), progress);
+  const auto file = io::read_mesh_file(input.mesh, own_process(connection.interrupted()));
+  const auto info = register_mesh(connection, file->mesh(), input.mesh.filename().string(), progress);
   progress.clear();
   const client::Detected detected = connection.client().detect(options.request(info.id()), connection.call());
-  if (!options.setup.empty()) {
-    io::write_file(options.setup, detected_setup(detected, geometry_name(options.file, options.setup)));
-  }
+  DetectedSetup written;
+  if (!options.setup.empty()) written = write_setup(options, input, detected, *file->mesh());
   if (!options.coloured.empty()) write_detected(*file->mesh(), detected, options.coloured);
   if (common.style() == Style::json) {
     print(detected_json(detected));
   } else {
     print_detected(detected);
-    if (!options.setup.empty()) std::cout << "wrote " << options.setup << '\n';
+    if (!options.setup.empty()) {
+      std::cout << "wrote " << options.setup << ": " << written.written << " constraints, " << written.left_out << " left out\n";
+    }
+    if (!written.points.empty()) std::cout << "wrote " << points_path(options.setup).string() << '\n';
     if (!options.coloured.empty()) std::cout << "wrote " << options.coloured << '\n';
   }
   std::cout << std::flush;
@@ -144,8 +214,12 @@ ExitCode run_detect(const DetectCommand& options, const CommonOptions& common) {
 void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
   const auto options = std::make_shared<DetectCommand>();
   auto* command = app.add_subcommand("detect", "Find planes, cylinders, spheres, cones and sharp edges of a surface");
-  command->add_option("FILE", options->file, "Mesh: " + io::mesh_file_names())->required();
-  command->add_option("-o,--setup", options->setup, "Setup file to write, with a constraint for each of them, to be pruned");
+  command->add_option("FILE", options->file, "Mesh: " + io::mesh_file_names() + "; or a setup (.yaml, .yml) that names one")
+      ->required();
+  command->add_option(
+      "-o,--setup", options->setup,
+      "Setup file to write, with a constraint for each of them, to be pruned; long lists of points go into a file "
+      "beside it (.points.json)");
   command->add_option("--coloured", options->coloured, "File to write, .ply or .vtp: every primitive in its colour");
   command->add_option("--tolerance", options->tolerance, "Distance of a point from its primitive, model units; 0: automatic")
       ->check(CLI::NonNegativeNumber)
@@ -166,6 +240,8 @@ void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chos
       ->transform(CLI::IsMember({"plane", "cylinder", "sphere", "cone"}, CLI::ignore_case));
   command->footer(
       "The same mesh, options and seed give the same result and the same names.\n"
+      "Of a setup without constraints, -o continues it with what is found; sets that its handles and fixed regions hold as a\n"
+      "whole are left out. What follows from other sets (a line on two planes) is left out, too, as a comment.\n"
       "Example: deform detect part.obj -o part.yaml --coloured part_primitives.ply");
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_detect(*options, common); }; });
 }

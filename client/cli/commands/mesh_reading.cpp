@@ -5,6 +5,7 @@
 #include <CLI/Formatter.hpp>
 
 #include "client/cli/commands/command.h"
+#include "core/base/error.h"
 
 namespace deform::cli {
 
@@ -24,6 +25,15 @@ io::ReadOptions own_process(const CancelFlag& cancel) {
   io::ReadOptions options = own_process();
   options.cancel = cancel;
   return options;
+}
+
+std::filesystem::path mesh_path(const std::string& setup, const SetupFile& file, const std::string& source) {
+  if (file.geometry_file && !source.empty()) {
+    throw Error(ErrorCode::invalid_argument, "--source: the setup names its mesh file itself; remove one of the two");
+  }
+  if (file.geometry_file) return *file.geometry_file;
+  if (!source.empty()) return source;
+  throw Error(ErrorCode::invalid_argument, setup + ": it names its geometry by id: give the mesh file, --source FILE");
 }
 
 void add_read_isolated_command(CLI::App& app, const CommonOptions&, Action& chosen) {

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <filesystem>
+#include <string>
+
+#include "client/cli/setup/setup_file.h"
 #include "core/io/mesh_file.h"
 
 namespace deform::cli {
@@ -9,5 +13,9 @@ namespace deform::cli {
 io::ReadOptions own_process();
 /// The same; `cancel` ends it.
 io::ReadOptions own_process(const CancelFlag& cancel);
+
+/// The mesh file of a setup file: the one that it names, or `source` where it names its geometry by id. Throws
+/// Error(invalid_argument) when there are both or none. setup: the name of the setup file.
+std::filesystem::path mesh_path(const std::string& setup, const SetupFile& file, const std::string& source);
 
 }  // namespace deform::cli

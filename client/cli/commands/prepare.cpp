@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <filesystem>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -10,6 +11,7 @@
 #include "client/cli/output/error_json.h"
 #include "client/cli/output/format.h"
 #include "client/cli/output/result_json.h"
+#include "client/cli/setup/control_lattice.h"
 #include "core/base/text.h"
 
 namespace deform::cli {
@@ -21,13 +23,57 @@ struct PrepareOptions {
   bool check = false;
 };
 
-void print_estimate(const v1::EstimateReply& estimate) {
+/// All that is wrong with a setup.
+struct Findings {
+  std::vector<Problem> problems;
+  std::uint64_t left_out = 0;  ///< problems that the server found besides
+};
+
+Findings findings_in(const v1::EstimateReply& reply) {
+  Findings findings{{}, reply.problems_left_out()};
+  for (const auto& problem : reply.problems()) findings.problems.push_back({problem.field(), problem.message()});
+  return findings;
+}
+
+/// The problem with its field, which many messages name themselves.
+std::string problem_text(const Problem& problem, const std::string& setup) {
+  const bool named = problem.field.empty() || problem.message.starts_with(setup) || !field_of(problem.message).empty();
+  return named ? problem.message : problem.field + ": " + problem.message;
+}
+
+/// One line each, unless there is only one, which is the error itself.
+ExitCode tell(const Findings& findings, const std::string& setup, Style style) {
+  const std::uint64_t count = findings.problems.size() + findings.left_out;
+  const std::string first = problem_text(findings.problems[0], setup);
+  const Error error(ErrorCode::invalid_argument,
+                    count == 1 ? first : setup + ": " + std::to_string(count) + " problems, the first is: " + first);
+  if (style == Style::json) {
+    nlohmann::ordered_json json;
+    json["problems"] = nlohmann::ordered_json::array();
+    for (const Problem& problem : findings.problems) {
+      json["problems"].push_back({{"field", problem.field}, {"message", problem.message}});
+    }
+    json["problems_left_out"] = findings.left_out;
+    json["error"] = error_json(error.code(), error.what());
+    print(json);
+  } else if (count > 1) {
+    for (const Problem& problem : findings.problems) std::cout << printable(problem_text(problem, setup)) << '\n';
+    if (findings.left_out > 0) std::cout << "and " << findings.left_out << " more\n";
+    std::cout << std::flush;
+  }
+  complain(error.what());
+  return exit_code_of(error);
+}
+
+void print_estimate(const v1::EstimateReply& estimate, const v1::Setup& setup) {
+  const char* held = selects_controls(setup) ? " control points" : " points";
   std::cout << "valid\n";
   for (const auto& handle : estimate.handles()) {
-    std::cout << "  handle " << printable(handle.name()) << ": " << handle.points() << " points\n";
+    std::cout << "  handle " << printable(handle.name()) << ": " << handle.points() << held << '\n';
   }
-  std::cout << "  fixed: " << estimate.fixed_points() << " points\n"
-            << "  centres: at most " << estimate.centres() << '\n'
+  std::cout << "  fixed: " << estimate.fixed_points() << held << '\n'
+            << (setup.method().has_ffd() || setup.method().has_cage() ? "  control points: " : "  centres: at most ")
+            << estimate.centres() << '\n'
             << "  memory: " << bytes_text(estimate.resident_bytes()) << " kept, " << bytes_text(estimate.peak_bytes())
             << " while preparing, budget " << bytes_text(estimate.budget_bytes()) << (estimate.fits() ? "" : ": DOES NOT FIT")
             << '\n'
@@ -37,14 +83,26 @@ void print_estimate(const v1::EstimateReply& estimate) {
   std::cout << std::flush;
 }
 
+void print_counts(const v1::SystemInfo& system) {
+  const std::string held =
+      std::to_string(system.handle_points()) + " in handles, " + std::to_string(system.fixed_points()) + " fixed";
+  if (selects_controls(system.setup())) {
+    std::cout << "  control points: " << system.centres() << ", of these " << held << "\n  points: " << system.points() << '\n';
+    return;
+  }
+  if (system.setup().method().has_ffd() || system.setup().method().has_cage()) {
+    std::cout << "  control points: " << system.centres() << '\n';
+  } else {
+    std::cout << "  centres: " << system.centres() << (system.reduced() ? " (reduced from " : " (of ")
+              << system.constraint_points() << " constraint points)\n";
+  }
+  std::cout << "  points: " << system.points() << ", of these " << held << ", " << system.deformable_points() << " deformable\n";
+}
+
 void print_system(const v1::SystemInfo& system) {
   std::cout << system.id() << '\n';
-  std::cout << "  centres: " << system.centres() << (system.reduced() ? " (reduced from " : " (of ") << system.constraint_points()
-            << " constraint points)\n"
-            << "  points: " << system.points() << ", of these " << system.handle_points() << " in handles, "
-            << system.fixed_points() << " fixed, " << system.deformable_points() << " deformable\n"
-            << "  memory: " << bytes_text(system.bytes()) << '\n'
-            << "  solver: " << v1::Solver_Name(system.solver());
+  print_counts(system);
+  std::cout << "  memory: " << bytes_text(system.bytes()) << '\n' << "  solver: " << v1::Solver_Name(system.solver());
   if (system.condition() > 0) std::cout << ", condition " << number_text(system.condition());
   if (system.tolerance() > 0) std::cout << ", tolerance " << number_text(system.tolerance()) << " D";
   std::cout << "\n  prepared in " << duration_text(system.seconds()) << '\n';
@@ -55,11 +113,20 @@ void print_system(const v1::SystemInfo& system) {
 }
 
 ExitCode run_check(const PrepareOptions& options, const CommonOptions& common) {
+  if (std::filesystem::is_regular_file(options.input.setup)) {
+    Problems problems(Problems::Mode::collect);
+    read_setup_file(options.input.setup, problems);
+    if (!problems.empty()) return tell({problems.list()}, options.input.setup, common.style());
+  }
   Connection connection(common);
   Progress progress;
   const LoadedSetup loaded = load_setup(connection, options.input, progress);
   progress.clear();
-  const auto estimate = connection.client().estimate(loaded.setup, connection.call());
+  v1::EstimateRequest request;
+  *request.mutable_setup() = loaded.setup;
+  request.set_list_problems(true);
+  const auto estimate = connection.client().estimate(request, connection.call());
+  if (estimate.problems_size() > 0) return tell(findings_in(estimate), options.input.setup, common.style());
   const Error too_large(ErrorCode::out_of_budget, "it does not fit: preparing takes " + bytes_text(estimate.peak_bytes()) +
                                                       " beside the mesh, the budget of the server is " +
                                                       bytes_text(estimate.budget_bytes()));
@@ -68,7 +135,7 @@ ExitCode run_check(const PrepareOptions& options, const CommonOptions& common) {
     if (!estimate.fits()) json["error"] = error_json(too_large.code(), too_large.what());
     print(json);
   } else {
-    print_estimate(estimate);
+    print_estimate(estimate, loaded.setup);
   }
   if (estimate.fits()) return exit_ok;
   complain(too_large.what());
@@ -99,7 +166,7 @@ constexpr char setup_help[] = R"(A setup file is YAML:
     - {name: roof_up,    handle: roof,  translate: [0, 0, 1], lower: -0.04, upper: 0.04}
     - {name: slant_turn, handle: slant, rotate: {axis: [0, 1, 0], centre: [0.843, 0, 0.338]}, lower: -0.1, upper: 0.1}
 Regions: group, box {min, max}, sphere {centre, radius}, cylinder {start, end, radius}, half_space {point, normal},
-ids [..], open_boundary: true, boundary: true (the surface of a volume mesh), all: true, union [..], intersection [..],
+ids [..] or ids {file: part.points.json, set: bore} (a list in JSON, or lists by name), open_boundary: true, boundary: true (the surface of a volume mesh), all: true, union [..], intersection [..],
 difference [..], complement {..}, grow {region, rings}. `deform regions` shows them in colours. Variables: translate [x, y, z], rotate {axis, centre} in radians, scale {centre, axis}.
 A half model: symmetry: [{region: {group: symmetry}}] or [{point: [0, 0, 0], normal: [0, 1, 0]}], up to three planes that stay
 planes while their points slide.
@@ -107,7 +174,11 @@ Kernels: TRIHARMONIC, BIHARMONIC, QUINTIC, GAUSSIAN, MULTIQUADRIC, INVERSE_MULTI
 (the default for 2D meshes). Solvers: SOLVER_AUTOMATIC, CHOLESKY, LDLT, ITERATIVE with a tolerance (automatic beyond 20,000
 centres), as in method: {rbf: {solver: ITERATIVE, tolerance: 1e-6}}; INCREMENTAL_QR, as few centres as a tolerance needs (centre_order:
 GREEDY with samples: [{variables: [0.05, 0]}] puts them where those designs need them). Other methods: {shell: {}}, {mls: {}},
-{subspace: {}}, each with energy: {stretching: 0, bending: 1}. With them constraints: [{name: bore, circular: {}, regions: [{group: bore}]}];
+{subspace: {}}, {ffd: {lattice: {points: [9, 7, 7]}}}, each with energy: {stretching: 0, bending: 1}; {ffd: {control: MESH}}
+manipulates a lattice directly (thesis 3.3), with clamp: 1e-4 and without constraints; {ffd: {control: CONTROLS}} is the classical FFD
+whose handles and fixed regions select control points: region: {lattice: {i: [0, 2], k: [4, 4]}} (first and last, all j) or
+{control: {ids: [7]}}, and lattice: {control_points: {file: moved.vtp}} starts from a lattice that was moved (`deform lattice`);
+{cage: {file: cage.obj}}, a closed mesh of triangles whose vertices handles move in the same way, control: {ids: [7]}; with control: MESH handles are regions of the mesh. With energies constraints: [{name: bore, circular: {}, regions: [{group: bore}]}];
 kinds planar, circular, cylindrical, spherical, conical, straight, feature_line, rigid, fixed_plane, symmetric, coplanar, parallel,
 orthogonal, distance, extent; {rigid: {layers: 3}} keeps three layers of cells on a wall of a volume mesh; exact: true puts the points
 on their shape to the last digits; constraint_options: {tolerance: 1e-7, iterations: 3000}. More in setup.proto.
@@ -122,7 +193,8 @@ void add_prepare_command(CLI::App& app, const CommonOptions& common, Action& cho
   auto* command = app.add_subcommand("prepare", "Factorize the system of a setup on the server and print its id");
   command->add_option("SETUP", options->input.setup, "Setup file, or the id of a system")->required();
   command->add_option("--source", options->input.source, "Mesh file of a setup that names its geometry by id");
-  command->add_flag("--check", options->check, "Only validate, and print the estimate of centres, memory and time");
+  command->add_flag("--check", options->check,
+                    "Only validate, and print all that is wrong or the estimate of centres, memory and time");
   command->footer(setup_help);
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_prepare(*options, common); }; });
 }

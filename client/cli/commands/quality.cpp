@@ -25,7 +25,7 @@ namespace {
 struct QualityOptions {
   ComparisonInput input;
   std::vector<Gate> fail_on;
-  std::string html, vtk;
+  std::string html, vtk, result;
 };
 
 /// What a gate says of the report. Throws CLI::ValidationError when there is no such measure: which there are depends on the
@@ -54,6 +54,7 @@ nlohmann::ordered_json report_json(const QualityReport& report) {
     if (row.id) json[row.name + "_at"] = *row.id;
   }
   for (const auto& [name, ids] : report.lists) json[name] = ids;
+  if (!report.failed.empty()) json["failed"] = report.failed;
   for (const QualityHistogram& histogram : report.histograms) json[histogram.name] = histogram.counts;
   return json;
 }
@@ -83,6 +84,7 @@ void print_comparison(const Comparison& comparison) {
     if (row.id) std::cout << "  (" << *row.id << ")";
     std::cout << '\n';
   }
+  for (const std::string& failed : after.failed) std::cout << "  check failed: " << failed << '\n';
   for (const std::string& note : comparison.notes) std::cout << "  note: " << note << '\n';
   std::cout << std::flush;
 }
@@ -107,8 +109,10 @@ std::string failure_text(const std::vector<QualityPage::Gate>& gates, const std:
 ExitCode run_quality(const QualityOptions& options, const CommonOptions& common) {
   ComparisonInput input = options.input;
   input.reading = own_process();
+  PageExtras extras;
+  if (!options.result.empty()) extras.constraints = constraints_of(options.result);
   const Comparison comparison = compare(input);
-  std::vector<QualityPage::Gate> gates;
+  std::vector<QualityPage::Gate>& gates = extras.gates;
   for (const auto& gate : options.fail_on) gates.push_back(gate_of(gate, comparison.after.report));
   const std::string failure = failure_text(gates, options.input.file);
   if (common.style() == Style::json) {
@@ -117,18 +121,22 @@ ExitCode run_quality(const QualityOptions& options, const CommonOptions& common)
     print_comparison(comparison);
   }
   // Written also when a gate fails: that is when they are looked at.
-  if (!options.html.empty()) write_quality_page(comparison, gates, options.html);
+  if (!options.html.empty()) write_quality_page(comparison, extras, options.html);
   if (!options.vtk.empty()) write_quality_arrays(comparison, options.vtk);
   if (failure.empty()) return exit_ok;
   complain(failure);
   return exit_verdict;
 }
 
-constexpr char footer[] = R"(OpenFOAM meshes get the measures of its checkMesh, by the same formulas; elements the scaled Jacobian
+constexpr char quality_footer[] =
+    R"(OpenFOAM meshes get the measures of its checkMesh, by the same formulas; elements the scaled Jacobian
 (Knupp 2000; of quadratic elements that of their quadratic map at all nodes), also those of each type alone.
+Inverted means the same as in `deform apply`: elements with a determinant that is not positive at a corner or a node, cells
+whose volume or a pyramid is not positive; the checks of checkMesh that fail are named with their counts.
 Surfaces: twice the radius of the inscribed over that of the circumscribed circle of faces (1: regular), angles at corners,
 discrete mean curvature (cotangent weights, inside the surface), with --before the faces that turned by more than 90 degrees
-against their surroundings: a part that turns as a whole has none.
+against their surroundings: a part that turns as a whole has none. Triangles and quads in a plane z = constant (2D) also as
+elements: scaled Jacobian, inverted elements, equiangle skewness.
 --wall: the height of the first layer of cells (volume over wall face) and the angle of the edges that leave the wall to
 its normal; all walls together.
 --setup: how smoothly handles, fixed regions and the rest meet: jumps of normals and of mean curvature over their borders.
@@ -150,8 +158,10 @@ void add_quality_command(CLI::App& app, const CommonOptions& common, Action& cho
       ->allow_extra_args(false);
   command->add_option("--setup", options->input.setup, "Setup file: measures where its regions meet");
   command->add_option("--html", options->html, "Writes a page for people, one file that needs no network");
+  command->add_option("--result", options->result,
+                      "What `deform apply --json` printed: its constraints are on the page of --html");
   command->add_option("--vtu,--vtp", options->vtk, "Writes the mesh with its measures for ParaView: .vtu, of surfaces .vtp");
-  command->footer(footer);
+  command->footer(quality_footer);
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_quality(*options, common); }; });
 }
 

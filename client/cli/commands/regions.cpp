@@ -27,15 +27,6 @@ struct Outcome {
   std::vector<std::string> notes;
 };
 
-std::filesystem::path mesh_path(const RegionsCommand& options, const SetupFile& file) {
-  if (file.geometry_file && !options.source.empty()) {
-    throw Error(ErrorCode::invalid_argument, "--source: the setup names its mesh file itself; remove one of the two");
-  }
-  if (file.geometry_file) return *file.geometry_file;
-  if (!options.source.empty()) return options.source;
-  throw Error(ErrorCode::invalid_argument, options.setup + ": it names its geometry by id: give the mesh file, --source FILE");
-}
-
 std::vector<PointId> ids_of(const v1::EstimateReply& estimate, std::size_t points) {
   std::vector<PointId> ids;
   std::uint64_t id = 0;
@@ -122,7 +113,7 @@ void print_json(const Outcome& outcome, const std::string& output) {
 
 ExitCode run_regions(const RegionsCommand& options, const CommonOptions& common) {
   const SetupFile file = read_setup_file(options.setup);
-  const std::filesystem::path path = mesh_path(options, file);
+  const std::filesystem::path path = mesh_path(options.setup, file, options.source);
   const auto mesh = io::read_mesh_file(path, own_process())->mesh();
   Outcome outcome{{resolve_regions(file.setup, *mesh), std::nullopt}, {}};
   auto& problems = outcome.picture.regions.problems;
@@ -145,7 +136,7 @@ ExitCode run_regions(const RegionsCommand& options, const CommonOptions& common)
   throw Error(ErrorCode::invalid_argument, problems.front() + more);
 }
 
-constexpr char footer[] =
+constexpr char regions_footer[] =
     R"(Points are coloured by handle (orange, sky blue, green, vermilion, blue, purple, yellow, then darker and lighter
 ones), dark grey where they are fixed, light grey where they are free, indigo where they are free and constrained. Points of
 handles and fixed ones that are no centres of the deformation are pale.
@@ -168,7 +159,7 @@ void add_regions_command(CLI::App& app, const CommonOptions& common, Action& cho
   command->add_option("-o,--output", options->output, "File to write: .vtp, .ply or, of a volume mesh, .vtu")->required();
   command->add_option("--source", options->source, "Mesh file of a setup that names its geometry by id");
   command->add_flag("--no-centres", options->no_centres, "Do not ask the server which points become centres");
-  command->footer(footer);
+  command->footer(regions_footer);
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_regions(*options, common); }; });
 }
 

@@ -48,18 +48,20 @@ std::string full_extension(const io::MeshFile& source, const std::filesystem::pa
   return last == ".gz" ? path.stem().extension().string() + last : last;
 }
 
-/// What is told in the end.
+/// The summary at the end.
 struct SweepReport {
   std::size_t designs = 0, written = 0, skipped = 0;
   std::uint64_t bytes_received = 0;
   double max_error = 0;
   double seconds = 0;
-  std::map<std::string, std::string> failed;             ///< designs without a result, and why
-  std::map<std::string, std::string> discarded;          ///< those that were computed, but are not what was asked for
-  std::map<std::string, std::vector<std::string>> bad;   ///< written ones with a verdict
+  std::map<std::string, std::string> failed;            ///< designs without a result, and why
+  std::map<std::string, std::string> discarded;         ///< bad ones that were not written
+  std::map<std::string, std::vector<std::string>> bad;  ///< why
+  std::map<std::string, std::vector<std::string>> doubtful;
   std::map<std::string, std::vector<std::string>> gate;  ///< gates that failed
   std::map<std::string, std::vector<std::string>> warnings;
   std::map<std::string, double> inverted;  ///< designs with inverted cells, and their safe amplitudes
+  std::map<std::string, double> partial;   ///< written ones whose split did not arrive, and how much of the motion they made
 
   ExitCode exit_code() const {
     if (!failed.empty()) return exit_failed;
@@ -67,8 +69,10 @@ struct SweepReport {
   }
   void add(const std::string& name, const ResultVerdicts& verdicts) {
     if (!verdicts.reasons.empty()) bad.emplace(name, verdicts.reasons);
+    if (!verdicts.doubts.empty()) doubtful.emplace(name, verdicts.doubts);
     if (!verdicts.warnings.empty()) warnings.emplace(name, verdicts.warnings);
     if (verdicts.safe_amplitude) inverted.emplace(name, *verdicts.safe_amplitude);
+    if (verdicts.reached) partial.emplace(name, *verdicts.reached);
     for (const auto& [text, failure] : verdicts.gates) {
       if (!failure.empty()) gate[name].push_back(failure);
     }
@@ -77,9 +81,11 @@ struct SweepReport {
 
 ResultVerdicts verdicts_of(const v1::DesignResult& result, const DesignGates& gates) {
   ResultVerdicts verdicts;
-  verdicts.reasons = judge(result).reasons;
+  verdicts.reasons = bad_reasons(result);
+  if (result.verdict() == v1::VERDICT_DOUBTFUL) verdicts.doubts = {result.reasons().begin(), result.reasons().end()};
   verdicts.warnings = warnings_of(result);
   if (has_inverted_cells(result)) verdicts.safe_amplitude = result.cells().safe_amplitude();
+  verdicts.reached = fraction_reached(result);
   for (const Gate& gate : gates.gates()) verdicts.gates[gate.text];
   for (const FailedGate& failed : gates.failed(result)) verdicts.gates[failed.text] = to_text(failed);
   return verdicts;
@@ -89,7 +95,11 @@ ResultVerdicts verdicts_of(const v1::DesignResult& result, const DesignGates& ga
 class Sweep {
  public:
   Sweep(Connection& connection, const PreparedSetup& prepared, const SweepOptions& options)
-      : connection_(connection), prepared_(prepared), options_(options), source_(source_of(prepared)) {
+      : connection_(connection),
+        prepared_(prepared),
+        options_(options),
+        encoding_(options.encoding.named(connection.client(), prepared.system)),
+        source_(source_of(prepared)) {
     constexpr std::size_t batch_bytes = std::size_t{64} << 20;
     const std::size_t design_bytes = source_.mesh()->point_count() * sizeof(Vec3) + 1;
     batch_ =
@@ -100,7 +110,7 @@ class Sweep {
     open_output(table);
     report_.designs = table.designs.size() + table.bad.size();
     for (const auto& bad : table.bad) {
-      output_->fail(bad.name, bad.reason);
+      output_->fail(bad.name, {bad.reason});
       report_.failed.emplace(bad.name, bad.reason);
     }
     work(progress);
@@ -118,8 +128,8 @@ class Sweep {
     const bool archive = std::filesystem::path(options_.output).extension() == ".tar";
     std::string extension = full_extension(source_, prepared_.source_path);
     if (archive && extension.ends_with(".gz")) extension.resize(extension.size() - 3);
-    const SweepIdentity identity{prepared_.system.id(), options_.encoding.encoding, options_.encoding.tolerance, extension,
-                                 options_.cells.identity() + options_.encoding.identity()};
+    const SweepIdentity identity{prepared_.system.id(), encoding_.encoding, encoding_.tolerance, extension,
+                                 options_.cells.identity() + encoding_.identity()};
     std::vector<ExpectedResult> expected;
     for (const auto& design : table.designs) expected.push_back({design.name, design_hash(identity, design)});
     output_ = open_sweep_output(options_.output, extension, expected);
@@ -128,6 +138,13 @@ class Sweep {
       if (found && knows_gates(*found)) {
         ++report_.skipped;
         report_.add(expected[k].name, asked_for(*found));
+        continue;
+      }
+      const auto failure = options_.keep_bad ? std::nullopt : output_->find_failure(expected[k]);
+      if (failure && knows_gates(failure->verdicts)) {
+        ++report_.skipped;
+        report_.discarded.emplace(expected[k].name, failure->reason);
+        report_.add(expected[k].name, asked_for(failure->verdicts));
       } else {
         todo_.push_back({&table.designs[k], expected[k]});
       }
@@ -188,7 +205,7 @@ class Sweep {
     v1::DeformRequest request;
     request.set_system_id(prepared_.system.id());
     request.set_failures(v1::FAILURES_PER_DESIGN);
-    options_.encoding.set(request);
+    encoding_.set(request);
     options_.cells.set(request);
     for (std::size_t k = first; k < end; ++k) *request.add_designs() = client::variables_design(todo_[k].design->values);
     const auto outcome =
@@ -206,11 +223,12 @@ class Sweep {
     if (design.error) return fail(todo, *design.error);
     const std::string& name = todo.result.name;
     const ResultVerdicts verdicts = verdicts_of(design.result, options_.gates);
-    if (judge(design.result).verdict == Verdict::discarded && !options_.keep_bad) {
-      const std::string reason = todo.design->where + verdicts.reasons.back() + "; not written without --keep-bad";
-      output_->fail(name, reason);
+    if (!verdicts.reasons.empty() && !options_.keep_bad) {
+      const std::string reason = todo.design->where + verdicts.reasons.front() + "; not written without --keep-bad";
+      output_->fail(name, {reason, todo.result.hash, verdicts});
       const std::lock_guard lock(mutex_);
       report_.discarded.emplace(name, reason);
+      report_.add(name, verdicts);
       return;
     }
     std::string bytes;
@@ -228,7 +246,7 @@ class Sweep {
 
   void fail(const Todo& todo, const Error& error) {
     const std::string reason = todo.design->where + error.what();
-    output_->fail(todo.result.name, reason);
+    output_->fail(todo.result.name, {reason});
     if (!options_.keep_going) throw Error(error.code(), reason);
     const std::lock_guard lock(mutex_);
     report_.failed.emplace(todo.result.name, reason);
@@ -237,6 +255,7 @@ class Sweep {
   Connection& connection_;
   const PreparedSetup& prepared_;
   const SweepOptions& options_;
+  const OutputOptions encoding_;  // named
   const io::MeshFile& source_;
   std::size_t batch_ = 1;
   std::unique_ptr<SweepOutput> output_;
@@ -275,10 +294,12 @@ void print_json(const SweepReport& report, const std::string& output) {
   json["bytes_received"] = report.bytes_received;
   json["max_error"] = report.max_error;
   json["inverted"] = report.inverted;
+  json["partial"] = report.partial;
   std::map<std::string, std::string> failed = report.failed;
   failed.insert(report.discarded.begin(), report.discarded.end());
   json["failed"] = failed;
   json["bad"] = report.bad;
+  json["doubtful"] = report.doubtful;
   json["gate"] = report.gate;
   json["warnings"] = report.warnings;
   const std::string text = complaint(report);
@@ -293,9 +314,14 @@ void print_json(const SweepReport& report, const std::string& output) {
 void print_text(const SweepReport& report, const std::string& output) {
   std::cout << "wrote " << report.written << " of " << report.designs << " designs to " << output << " in "
             << duration_text(report.seconds)
-            << (report.skipped > 0 ? ", " + std::to_string(report.skipped) + " were there already" : "") << '\n';
+            << (report.skipped > 0 ? ", " + std::to_string(report.skipped) + " were there already" : "")
+            << (report.partial.empty() ? "" : "; " + std::to_string(report.partial.size()) + " made only a part of their motion")
+            << '\n';
   for (const auto& [name, reasons] : report.bad) {
-    for (const auto& reason : reasons) std::cout << "  " << name << ": " << reason << '\n';
+    for (const auto& reason : reasons) std::cout << "  " << name << " bad: " << reason << '\n';
+  }
+  for (const auto& [name, reasons] : report.doubtful) {
+    for (const auto& reason : reasons) std::cout << "  " << name << " doubtful: " << reason << '\n';
   }
   for (const auto& [name, failures] : report.gate) {
     for (const auto& failure : failures) std::cout << "  " << name << ": " << failure << '\n';
@@ -338,16 +364,16 @@ ExitCode run_sweep(const SweepOptions& options, const CommonOptions& common) {
   return report.exit_code();
 }
 
-constexpr char footer[] =
+constexpr char sweep_footer[] =
     R"(A column "name" names the results, else they are design_0001, ...; variables without a column stay 0.
 Resumable: run the same command again after an interruption and only what is missing is computed. What is finished is
 recorded in FOLDER/sweep.manifest or ARCHIVE.manifest with a hash of system, encoding and values; designs whose row has
-changed are computed again, the others are kept. A file has its name only when it is complete; an archive is ARCHIVE.part
-until then, and one that is there is replaced only by a complete one. Files that are not of a sweep are never overwritten.
+changed are computed again, the others are kept. A bad design is not written without --keep-bad, recorded with its reasons
+(when its split did not arrive, as final with the fraction of its motion that it reached) and not computed again. A file has
+its name only when it is complete; an archive is ARCHIVE.part until then, and one that is there is replaced only by a complete one. Files that are not of a sweep are never overwritten.
 All rows are looked at before anything is computed. A bad row, and a design that cannot be computed, is named with its file
 and line, recorded in the manifest and tried again by the next run; the others go on. Exit code 1 when there are any; else 4
-when cells of a design are inverted, its split did not arrive, it misses exact constraints, or a gate of --fail-on fails,
-also of designs that were there already; one whose gate an earlier run did not look at is computed again.
+when a design is bad (see `deform apply --help`) or a gate of --fail-on fails, also of designs that were there already; one whose gate an earlier run did not look at is computed again.
 Example: deform sweep setup.yaml --designs designs.csv -o results/ --fail-on "flipped_faces>0")";
 
 }  // namespace
@@ -367,11 +393,11 @@ void add_sweep_command(CLI::App& app, const CommonOptions& common, Action& chose
       ->capture_default_str();
   command->add_flag("--keep-going,!--no-keep-going", options->keep_going,
                     "Go on with the other designs when one fails (default); --no-keep-going ends at the first");
-  command->add_flag("--keep-bad", options->keep_bad, "Write designs that miss exact constraints, too");
+  command->add_flag("--keep-bad", options->keep_bad, "Write bad designs, too; the exit code stays 4");
   options->gates.add_to(*command);
   options->encoding.add_to(*command);
   options->cells.add_to(*command);
-  command->footer(footer);
+  command->footer(sweep_footer);
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_sweep(*options, common); }; });
 }
 

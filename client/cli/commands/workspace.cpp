@@ -13,6 +13,8 @@ namespace deform::cli {
 
 namespace {
 
+constexpr double written_tolerance = 1e-9;  // of D: below the first cell of any boundary layer
+
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
@@ -125,12 +127,15 @@ const io::MeshFile& source_of(const PreparedSetup& prepared) {
 void OutputOptions::add_to(CLI::App& command) {
   command
       .add_option("--encoding", encoding,
-                  "How points travel: raw_f64 (bit-exact), raw_f32, draco or delta_zstd (both within the tolerance)")
-      ->transform(CLI::IsMember({"raw_f64", "raw_f32", "draco", "delta_zstd"}, CLI::ignore_case))
+                  "How points travel: raw_f64 (bit-exact), raw_f32, draco or delta_zstd (both within the tolerance); automatic: "
+                  "raw_f64 when the server is on this machine, else delta_zstd with a tolerance of 1e-9 of the diagonal")
+      ->transform(CLI::IsMember({"automatic", "raw_f64", "raw_f32", "draco", "delta_zstd"}, CLI::ignore_case))
       ->capture_default_str();
   command
-      .add_option("--tolerance", tolerance,
-                  "Largest error of a coordinate for draco and delta_zstd, model units; 0: 1e-6 of the bounding-box diagonal")
+      .add_option(
+          "--tolerance", tolerance,
+          "Largest error of a coordinate for draco and delta_zstd, model units; 0: 1e-6 of the bounding-box diagonal where "
+          "they are named")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   command
@@ -143,6 +148,14 @@ void OutputOptions::add_to(CLI::App& command) {
 
 std::string OutputOptions::identity() const {
   return solver_tolerance == 0 ? "" : " solver tolerance " + number_text(solver_tolerance);
+}
+
+OutputOptions OutputOptions::named(const client::Client& client, const v1::SystemInfo& system) const {
+  OutputOptions result = *this;
+  if (encoding != "automatic") return result;
+  result.encoding = client.encoding() == v1::RAW_F64 ? "raw_f64" : "delta_zstd";
+  if (tolerance == 0 && result.encoding != "raw_f64") result.tolerance = written_tolerance * system.diagonal();
+  return result;
 }
 
 void OutputOptions::set(v1::DeformRequest& request) const {

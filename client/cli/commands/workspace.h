@@ -79,11 +79,15 @@ const io::MeshFile& source_of(const PreparedSetup& prepared);
 
 /// --encoding, --tolerance.
 struct OutputOptions {
-  std::string encoding = "raw_f64";
+  std::string encoding = "automatic";
   double tolerance = 0;
   double solver_tolerance = 0;
 
   void add_to(CLI::App& command);
+  /// With an encoding in the place of "automatic": the one that the client takes for its server. Files are to hold what was
+  /// computed, so one that rounds gets 1e-9 of the diagonal where no tolerance was given.
+  OutputOptions named(const client::Client& client, const v1::SystemInfo& system) const;
+  /// Of named() options.
   void set(v1::DeformRequest& request) const;
   /// What of it determines the points before they are encoded; empty by default.
   std::string identity() const;

@@ -27,6 +27,24 @@ void print_displacement(const v1::DesignResult& result, std::ostream& out) {
   out << '\n';
 }
 
+void print_verdict(const v1::DesignResult& result, std::ostream& out) {
+  if (result.verdict() == v1::VERDICT_UNKNOWN) return;
+  out << "  estimated error " << number_text(result.estimated_error()) << " (" << number_text(result.relative_error())
+      << " of the largest displacement): " << verdict_name(result.verdict()) << '\n';
+  for (const auto& reason : result.reasons()) out << "    " << printable(reason) << '\n';
+}
+
+void print_residual(const Applied& applied, std::ostream& out) {
+  if (applied.result.control_displacement() > 0) {
+    out << "  control points moved by up to " << number_text(applied.result.control_displacement()) << '\n';
+  }
+  const bool cage = applied.method.has_cage();
+  const bool controls = cage ? applied.method.cage().control() != v1::MESH : applied.method.ffd().control() == v1::CONTROLS;
+  if (controls) return;  // they go where they are sent
+  out << (cage || applied.method.has_ffd() ? "  residual at handle and fixed points " : "  residual at the centres ")
+      << number_text(applied.result.interpolation_residual()) << '\n';
+}
+
 }  // namespace
 
 std::vector<std::string> warnings_of(const v1::DesignResult& result) {
@@ -35,7 +53,7 @@ std::vector<std::string> warnings_of(const v1::DesignResult& result) {
   const auto ratio = design_measure("displacement_ratio", result);
   if (warnings.empty() && ratio && *ratio >= striking) {
     warnings.push_back("a point moves " + number_text(result.max_displacement()) + ", " + number_text(*ratio) +
-                       " times as far as any point was told to; look at the result before using it");
+                       " times the largest prescribed displacement; look at the result before using it");
   }
   return warnings;
 }
@@ -55,7 +73,12 @@ nlohmann::ordered_json applied_json(const Applied& applied) {
   report["max_displacement"] = applied.result.max_displacement();
   report["prescribed_displacement"] = applied.result.prescribed_displacement();
   if (const auto ratio = design_measure("displacement_ratio", applied.result)) report["displacement_ratio"] = *ratio;
+  if (applied.result.control_displacement() > 0) report["control_displacement"] = applied.result.control_displacement();
   report["blocks_fell_back"] = applied.result.blocks_fell_back();
+  report["estimated_error"] = applied.result.estimated_error();
+  report["relative_error"] = applied.result.relative_error();
+  report["verdict"] = verdict_name(applied.result.verdict());
+  report["reasons"] = std::vector<std::string>(applied.result.reasons().begin(), applied.result.reasons().end());
   add_findings(applied.result, report);
   report["bytes"] = applied.summary.bytes();
   report["prepared_again"] = applied.summary.prepared_again();
@@ -71,7 +94,9 @@ void print_applied(const Applied& applied, std::ostream& out) {
       << bytes_text(applied.summary.bytes()) << " received as " << applied.encoding << ", encoding error "
       << number_text(applied.result.max_error()) << '\n';
   print_displacement(applied.result, out);
-  out << "  residual at the centres " << number_text(applied.result.interpolation_residual()) << "\n ";
+  print_verdict(applied.result, out);
+  print_residual(applied, out);
+  out << ' ';
   for (const auto& [stage, seconds] : applied.seconds) out << ' ' << stage << ' ' << duration_text(seconds);
   out << '\n';
   print_findings(applied.result, out);

@@ -20,13 +20,14 @@ struct Applied {
   v1::DeformSummary summary;
   std::vector<std::pair<std::string, double>> seconds;  ///< by stage
   std::string encoding;
+  v1::Method method;                  ///< of the system
   std::vector<std::string> notes;     ///< our own; those of the server are in `summary`
   std::vector<std::string> failures;  ///< gates and verdicts
   bool written = true;
 };
 
 /// What deserves a look although it is no failure: the server's warnings, or our own when it has none and a point moves 1.5 times
-/// as far as any was told to.
+/// the largest prescribed displacement.
 std::vector<std::string> warnings_of(const v1::DesignResult& result);
 
 nlohmann::ordered_json applied_json(const Applied& applied);

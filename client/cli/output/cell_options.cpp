@@ -8,6 +8,7 @@
 
 #include "client/cli/output/format.h"
 #include "client/cli/output/result_json.h"
+#include "core/base/number_text.h"
 #include "core/base/text.h"
 
 namespace deform::cli {
@@ -29,6 +30,12 @@ void CellOptions::add_to(CLI::App& command) {
   command.add_option("--most-steps", most_steps, "Steps that --split tries at most")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
+  command
+      .add_option(
+          "--margin", margin,
+          "Of --split: least scaled Jacobian (of polyhedral cells least cosine of a pyramid) that cells shall keep, below 1")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
 }
 
 void CellOptions::set(v1::DeformRequest& request) const {
@@ -36,9 +43,14 @@ void CellOptions::set(v1::DeformRequest& request) const {
   if (split == "off") return;
   request.mutable_splitting()->set_mode(split == "adaptive" ? v1::SPLIT_ADAPTIVE : v1::SPLIT_UNIFORM);
   request.mutable_splitting()->set_most_steps(most_steps);
+  request.mutable_splitting()->set_margin(margin);
 }
 
-std::string CellOptions::identity() const { return split == "off" ? "" : split + " " + std::to_string(most_steps); }
+// "way 2": designs that were split before went straight and stopped earlier.
+std::string CellOptions::identity() const {
+  if (split == "off") return "";
+  return split + " " + std::to_string(most_steps) + " way 2" + (margin > 0 ? " margin " + number_digits(margin) : "");
+}
 
 void add_findings(const v1::DesignResult& result, nlohmann::ordered_json& json) {
   if (result.has_faces()) {
@@ -52,8 +64,11 @@ void add_findings(const v1::DesignResult& result, nlohmann::ordered_json& json) 
   if (result.has_constraints()) json["constraints"] = to_json(result.constraints());
 }
 
-bool has_inverted_cells(const v1::DesignResult& result) {
-  return result.has_split() ? !result.split().inversion_free() : result.cells().inverted() > 0;
+bool has_inverted_cells(const v1::DesignResult& result) { return !result.has_split() && result.cells().inverted() > 0; }
+
+std::optional<double> fraction_reached(const v1::DesignResult& result) {
+  const auto& split = result.split();
+  return result.has_split() && (!split.inversion_free() || split.reached() < 1) ? std::optional(split.reached()) : std::nullopt;
 }
 
 namespace {
@@ -84,6 +99,9 @@ void print_cells(const v1::CellReport& cells, std::ostream& out) {
     out << cells.inverted() << " inverted by the full step; none before " << number_text(cells.safe_amplitude()) << " of it";
     if (cells.has_first_cell()) out << ", then cell " << cells.first_cell();
   }
+  if (cells.without_volume() > 0) out << " (" << cells.without_volume() << " without positive volume)";
+  if (cells.wrong_pyramid() > 0) out << " (" << cells.wrong_pyramid() << " with a wrong pyramid)";
+  if (cells.left_handed() > 0) out << " (" << cells.left_handed() << " are left-handed and judged by the change of sign)";
   if (cells.inverted_at_rest() > 0) out << " (besides " << cells.inverted_at_rest() << " that are inverted at rest)";
   out << '\n';
   if (cells.inverted_ids_size() > 0) out << "  worst cells:" << first_ids(cells.inverted_ids(), cells.inverted()) << '\n';
@@ -94,8 +112,9 @@ void print_split(const v1::SplitReport& split, std::ostream& out) {
     out << "  made in " << split.steps() << (split.steps() == 1 ? " step" : " steps") << " without inverted cells\n";
     return;
   }
-  out << "  no number of steps up to " << split.steps() << " is free of inverted cells; written is "
-      << number_text(split.reached()) << " of the motion\n";
+  out << "  the motion does NOT ARRIVE: no number of steps up to " << split.steps() << " is free of inverted cells; written is "
+      << number_text(split.reached()) << " of it, the farthest safe place" << (split.straight() ? " on the straight way" : "")
+      << ", least determinant " << number_text(split.least_determinant()) << '\n';
   if (!split.failure().empty()) out << "  " << split.failure() << '\n';
 }
 
@@ -106,7 +125,7 @@ void print_constraints(const v1::ConstraintsReport& constraints, std::ostream& o
         << number_text(residual.free_rms()) << ')'
         << (residual.missed() ? ", NOT EXACT: it contradicts others, or points that are held\n" : "\n");
   }
-  if (constraints.exact_given_up()) out << "  exact placement GIVEN UP: it made the result worse\n";
+  if (constraints.exact_given_up()) out << "  exact placement GIVEN UP for some constraints, see the warnings\n";
   out << "  constraints " << (constraints.converged() ? "converged" : "DID NOT CONVERGE") << " in " << constraints.iterations()
       << " iterations";
   if (constraints.newton_steps() > 0) out << ", " << constraints.newton_steps() << " of them Newton steps";

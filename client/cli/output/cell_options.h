@@ -2,6 +2,7 @@
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <ostream>
 #include <string>
 
@@ -10,11 +11,12 @@
 
 namespace deform::cli {
 
-/// --check, --split, --most-steps: what is done about cells that would be inverted.
+/// --check, --split, --most-steps, --margin: what is done about cells that would be inverted.
 struct CellOptions {
   std::string check = "amplitude";
   std::string split = "off";
   unsigned most_steps = 20;
+  double margin = 0;
 
   void add_to(CLI::App& command);
   void set(v1::DeformRequest& request) const;
@@ -28,7 +30,9 @@ void add_findings(const v1::DesignResult& result, nlohmann::ordered_json& json);
 /// For people, a line each; nothing without cells.
 void print_findings(const v1::DesignResult& result, std::ostream& out);
 
-/// Cells are inverted in the points that came.
+/// Cells are inverted in the points that came: never after splitting, which ends where none is.
 bool has_inverted_cells(const v1::DesignResult& result);
+/// How much of the motion the points have made when a split did not arrive.
+std::optional<double> fraction_reached(const v1::DesignResult& result);
 
 }  // namespace deform::cli

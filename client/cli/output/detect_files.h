@@ -9,10 +9,6 @@
 
 namespace deform::cli {
 
-/// A setup file (YAML) with a constraint for every primitive and edge, to be pruned: without handles. `geometry` is what it names
-/// its mesh file.
-std::string detected_setup(const client::Detected& detected, const std::string& geometry);
-
 /// The faces in one colour per primitive, grey where there is none: .ply, or .vtp with arrays `primitive` (0: none, then in
 /// order) and `colour`. Throws Error(invalid_argument) for another extension.
 void write_detected(const Mesh& mesh, const client::Detected& detected, const std::filesystem::path& path);

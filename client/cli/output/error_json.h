@@ -13,7 +13,7 @@ namespace deform::cli {
 /// empty.
 nlohmann::ordered_json error_json(ErrorCode code, const std::string& message);
 nlohmann::ordered_json usage_error_json(const std::string& message);
-/// The command did what it was told, but a gate or verdict failed.
+/// The command was carried out, but a gate or verdict failed.
 nlohmann::ordered_json verdict_error_json(const std::string& message);
 
 /// The field that a message names before its first ": ", else empty.

@@ -7,6 +7,7 @@
 
 #include "client/cli/output/format.h"
 #include "client/cli/output/numbers.h"
+#include "client/cli/setup/refuse.h"
 #include "core/base/error.h"
 
 namespace deform::cli {
@@ -14,6 +15,8 @@ namespace deform::cli {
 namespace {
 
 using Measured = std::optional<double>;
+
+constexpr char missed_alone[] = "missed";
 
 Measured missed(const v1::DesignResult& result) {
   const auto& constraints = result.constraints();
@@ -58,6 +61,8 @@ constexpr Measure measures[] = {
     {"prescribed_displacement", [](const v1::DesignResult& result) { return Measured(result.prescribed_displacement()); }},
     {"displacement_ratio", displacement_ratio},
     {"interpolation_residual", [](const v1::DesignResult& result) { return Measured(result.interpolation_residual()); }},
+    {"estimated_error", [](const v1::DesignResult& result) { return Measured(result.estimated_error()); }},
+    {"relative_error", [](const v1::DesignResult& result) { return Measured(result.relative_error()); }},
     {"max_error", [](const v1::DesignResult& result) { return Measured(result.max_error()); }},
     {"missed", missed},
 };
@@ -67,8 +72,6 @@ std::string all_names() {
   for (const Measure& measure : measures) all += std::string(all.empty() ? "" : ", ") + measure.name;
   return all;
 }
-
-[[noreturn]] void refuse(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
 
 const Measure& find_measure(const std::string& name, const std::string& where) {
   for (const Measure& measure : measures) {
@@ -80,6 +83,7 @@ const Measure& find_measure(const std::string& name, const std::string& where) {
 }  // namespace
 
 Gate parse_gate(const std::string& text) {
+  if (text == missed_alone) return {text, text, Gate::Fails::above, 0};
   const std::size_t sign = text.find_first_of("<>");
   if (sign == std::string::npos || sign == 0) refuse("--fail-on " + text + ": expected NAME>NUMBER or NAME<NUMBER");
   const auto limit = parse_number(text.substr(sign + 1));
@@ -108,9 +112,10 @@ void add_gate_option(CLI::App& command, std::vector<Gate>& gates, const std::str
 }
 
 void DesignGates::add_to(CLI::App& command) {
-  add_gate_option(command, gates_,
-                  "Exit code 4 when NAME>NUMBER or NAME<NUMBER holds for a design; may be repeated. Names: " + all_names(),
-                  [](const Gate& gate) { find_measure(gate.name, "--fail-on " + gate.text + ": "); });
+  add_gate_option(
+      command, gates_,
+      "Exit code 4 when NAME>NUMBER or NAME<NUMBER holds for a design, or missed alone; may be repeated. Names: " + all_names(),
+      [](const Gate& gate) { find_measure(gate.name, "--fail-on " + gate.text + ": "); });
 }
 
 std::vector<FailedGate> DesignGates::failed(const v1::DesignResult& result) const {
@@ -132,31 +137,16 @@ std::optional<double> design_measure(const std::string& name, const v1::DesignRe
   return find_measure(name, "").of(result);
 }
 
-Judgement judge(const v1::DesignResult& result) {
-  Judgement judgement;
-  const auto found = [&](Verdict verdict, const std::string& reason) {
-    judgement.verdict = std::max(judgement.verdict, verdict);
-    judgement.reasons.push_back(reason);
-  };
-  if (result.has_split()) {
-    const auto& split = result.split();
-    if (!split.inversion_free() || split.reached() < 1) {
-      found(Verdict::bad, "the split did not arrive: " + number_text(split.reached()) + " of the motion was reached");
-    }
-  } else if (result.cells().inverted() > 0) {
-    found(Verdict::bad, std::to_string(result.cells().inverted()) + " of " + std::to_string(result.cells().cells()) +
-                            " cells are inverted; none before " + number_text(result.cells().safe_amplitude()) +
-                            " of the motion");
-  }
-  std::string names;
-  for (const auto& residual : result.constraints().residuals()) {
-    if (residual.missed()) names += (names.empty() ? "\"" : ", \"") + residual.name() + "\"";
-  }
-  if (!names.empty()) found(Verdict::discarded, "exact constraints are missed: " + names);
-  if (result.constraints().exact_given_up()) {
-    found(Verdict::discarded, "placing points exactly made the result worse and was given up");
-  }
-  return judgement;
+std::vector<std::string> bad_reasons(const v1::DesignResult& result) {
+  if (result.verdict() != v1::VERDICT_BAD) return {};
+  return {result.reasons().begin(), result.reasons().end()};
+}
+
+std::string verdict_name(v1::Verdict verdict) {
+  return verdict == v1::VERDICT_GOOD       ? "good"
+         : verdict == v1::VERDICT_DOUBTFUL ? "doubtful"
+         : verdict == v1::VERDICT_BAD      ? "bad"
+                                           : "unknown";
 }
 
 }  // namespace deform::cli

@@ -11,7 +11,7 @@
 
 namespace deform::cli {
 
-/// A condition that must not hold: NAME>NUMBER or NAME<NUMBER.
+/// A condition that must not hold: NAME>NUMBER or NAME<NUMBER; missed alone stands for missed>0.
 struct Gate {
   enum class Fails { above, below };
 
@@ -62,17 +62,10 @@ std::vector<std::string> design_measures();
 /// A measure of a design: nothing where it was not measured. Throws Error(invalid_argument) for names that are none.
 std::optional<double> design_measure(const std::string& name, const v1::DesignResult& result);
 
-/// A design can fail without any gate.
-enum class Verdict {
-  good,
-  bad,       ///< inverted cells, or a split that did not arrive: still what was asked for, as far as it went
-  discarded  ///< exact constraints that are missed: not what was asked for, and not to be written without being told
-};
+/// Why the server calls a design bad, the worst first; empty when it does not. Bad designs are not written unless asked for.
+std::vector<std::string> bad_reasons(const v1::DesignResult& result);
 
-struct Judgement {
-  Verdict verdict = Verdict::good;
-  std::vector<std::string> reasons;  ///< one sentence each, for people; empty when good
-};
-Judgement judge(const v1::DesignResult& result);
+/// "good", "doubtful", "bad"; "unknown" from a server that does not say.
+std::string verdict_name(v1::Verdict verdict);
 
 }  // namespace deform::cli

@@ -2,11 +2,16 @@
 #include "client/cli/output/measured_mesh.h"
 
 #include <algorithm>
+#include <span>
+#include <utility>
 
+#include "client/cli/setup/control_lattice.h"
 #include "client/cli/setup/region_points.h"
 #include "client/cli/setup/setup_file.h"
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "core/quality/flipped_faces.h"
+#include "core/quality/safe_amplitude.h"
 
 namespace deform::cli {
 
@@ -61,6 +66,11 @@ RegionJumps jumps_of(const MeasuredMesh& measured, const std::vector<std::uint32
 }
 
 void add_jumps(Comparison& comparison, const v1::Setup& setup) {
+  if (selects_controls(setup)) {
+    throw Error(ErrorCode::invalid_argument,
+                "--setup: with control CONTROLS handles and fixed regions hold no points of the mesh, so there are no borders to "
+                "measure");
+  }
   MeasuredMesh& after = comparison.after;
   if (!comparison.before) return add_to(after.report, jumps_of(after, region_labels(setup, after.mesh())));
   MeasuredMesh& before = *comparison.before;
@@ -76,9 +86,24 @@ bool same_kind(const MeasuredMesh& a, const MeasuredMesh& b) {
   return a.surface.has_value() == b.surface.has_value() && a.elements.has_value() == b.elements.has_value();
 }
 
-bool same_connectivity(const MeasuredMesh& a, const MeasuredMesh& b) {
-  const Mesh &x = a.mesh(), &y = b.mesh();
-  return x.point_count() == y.point_count() && x.face_sizes == y.face_sizes && x.face_points == y.face_points;
+bool same_connectivity(const Mesh& x, const Mesh& y) {
+  if (x.point_count() != y.point_count() || x.face_sizes != y.face_sizes || x.face_points != y.face_points) return false;
+  if (static_cast<bool>(x.elements) != static_cast<bool>(y.elements) ||
+      static_cast<bool>(x.cells) != static_cast<bool>(y.cells)) {
+    return false;
+  }
+  if (x.elements) return x.elements->types == y.elements->types && x.elements->points == y.elements->points;
+  return !x.cells || (x.cells->face_points == y.cells->face_points && x.cells->owner == y.cells->owner &&
+                      x.cells->neighbour == y.cells->neighbour);
+}
+
+std::vector<char> left_handed_in(const Mesh& mesh, std::span<const Vec3> points) {
+  const std::optional<CellSet> cells = cell_set(mesh);
+  return cells ? left_handed_cells(points, *cells) : std::vector<char>{};
+}
+
+std::size_t cells_in(const MeasuredMesh& measured) {
+  return measured.plane ? measured.plane->elements : measured.mesh().cell_count();
 }
 
 void add_comparison(Comparison& comparison) {
@@ -87,7 +112,7 @@ void add_comparison(Comparison& comparison) {
   if (!same_kind(after, before)) {
     throw Error(ErrorCode::invalid_argument, "--before " + before.path + ": not the kind of mesh that " + after.path + " is");
   }
-  comparison.same_points = same_connectivity(after, before);
+  comparison.same_points = same_connectivity(after.mesh(), before.mesh());
   if (!comparison.same_points) {
     comparison.notes.push_back("The meshes differ in their points or faces: there are no displacements and no turned faces.");
     return;
@@ -101,14 +126,19 @@ void add_comparison(Comparison& comparison) {
 MeasuredMesh::MeasuredMesh(const std::string& file_path, const io::ReadOptions& reading)
     : path(file_path), file(io::read_mesh_file(file_path, reading)), mesh_(file->mesh()) {}
 
-MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::string>& walls, const io::ReadOptions& reading) {
+MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::string>& walls, const io::ReadOptions& reading,
+                           const Mesh* rest) {
   MeasuredMesh result(path, reading);
   const auto& points = result.mesh().points;
+  const bool same = rest != nullptr && same_connectivity(result.mesh(), *rest);
+  const std::vector<char> left_handed = left_handed_in(result.mesh(), same ? rest->points : points);
   if (const auto cells = result.file->cells()) {
-    result.cells = polyhedral_quality(points, *cells);
+    PolyhedralLimits limits;
+    limits.left_handed = left_handed;
+    result.cells = polyhedral_quality(points, *cells, limits);
     result.report = quality_report(*result.cells, points, *cells);
   } else if (const auto elements = result.file->elements()) {
-    result.elements = element_quality(points, *elements);
+    result.elements = element_quality(points, *elements, left_handed);
     result.report = quality_report(*result.elements, points, *elements);
   } else {
     if (result.mesh().face_count() == 0) {
@@ -116,16 +146,29 @@ MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::strin
     }
     result.surface = surface_quality(result.mesh());
     result.report = quality_report(*result.surface, result.mesh());
+    if (cell_set(result.mesh())) {
+      result.plane = plane_quality(points, result.mesh(), left_handed);
+      add_to(result.report, *result.plane, points, result.mesh());
+    }
   }
   add_walls(result, walls);
   return result;
 }
 
 Comparison compare(const ComparisonInput& input) {
-  Comparison result{measured_mesh(input.file, input.walls, input.reading), std::nullopt, false, {}};
-  if (!input.before.empty()) {
-    result.before.emplace(measured_mesh(input.before, input.walls, input.reading));
-    add_comparison(result);
+  std::optional<MeasuredMesh> before;
+  if (!input.before.empty()) before.emplace(measured_mesh(input.before, input.walls, input.reading));
+  Comparison result{
+      measured_mesh(input.file, input.walls, input.reading, before ? &before->mesh() : nullptr), std::nullopt, false, {}};
+  result.before = std::move(before);
+  if (result.before) add_comparison(result);
+  for (const QualityRow& row : result.after.report.rows) {
+    if (!row.name.starts_with("left_handed") || row.value == 0) continue;
+    result.notes.push_back(
+        number_digits(row.value) + " of " + std::to_string(cells_in(result.after)) +
+        " cells have their nodes in mirrored order (left-handed): they are measured as in a mirror. Solvers may "
+        "refuse them" +
+        (result.before ? "." : "; --before tells them from cells that a deformation turned inside out."));
   }
   if (!input.setup.empty()) add_jumps(result, read_setup_file(input.setup).setup);
   return result;

@@ -18,7 +18,8 @@ struct MeasuredMesh {
   std::optional<SurfaceQuality> surface;
   std::optional<ElementQuality> elements;
   std::optional<PolyhedralQuality> cells;
-  std::vector<FaceId> wall_faces;  ///< ascending
+  std::optional<PlaneQuality> plane;  ///< beside `surface`, of triangles and quads in a plane z = constant
+  std::vector<FaceId> wall_faces;     ///< ascending
   QualityReport report;
 
   const Mesh& mesh() const { return *mesh_; }
@@ -28,9 +29,11 @@ struct MeasuredMesh {
   std::shared_ptr<const Mesh> mesh_;
 };
 
-/// Reads and measures, with the first layer on the walls, which are groups of faces. Throws Error(invalid_argument) when there is
-/// no such group, or walls are asked of a surface.
-MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::string>& walls, const io::ReadOptions& reading = {});
+/// Reads and measures, with the first layer on the walls, which are groups of faces. Left-handed are the cells that are so at the
+/// points of `rest`, which are those of the mesh itself when it is null or has not as many. Throws Error(invalid_argument) when
+/// there is no such group, or walls are asked of a surface.
+MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::string>& walls, const io::ReadOptions& reading = {},
+                           const Mesh* rest = nullptr);
 
 /// A mesh and, where it is asked for, what it was before.
 struct Comparison {

@@ -2,7 +2,10 @@
 #include "client/cli/output/quality_files.h"
 
 #include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
 
+#include "core/base/error.h"
 #include "core/base/vectors.h"
 #include "core/base/version.h"
 #include "core/io/vtk_output.h"
@@ -25,6 +28,7 @@ std::vector<PictureField> fields_of(const Comparison& comparison) {
   const MeasuredMesh& after = comparison.after;
   std::vector<PictureField> fields;
   if (after.surface) {
+    if (after.plane) fields.push_back({"scaled Jacobian", Of::faces, after.plane->scaled_jacobian, Better::higher});
     fields.push_back({"quality of faces 2r/R", Of::faces, after.surface->face_quality, Better::higher});
     fields.push_back({"mean curvature", Of::points, after.surface->mean_curvature.value, Better::neither});
   } else if (after.elements) {
@@ -47,8 +51,28 @@ std::vector<PictureField> fields_of(const Comparison& comparison) {
 
 }  // namespace
 
-void write_quality_page(const Comparison& comparison, const std::vector<QualityPage::Gate>& gates,
-                        const std::filesystem::path& path) {
+std::vector<QualityPage::Constraint> constraints_of(const std::string& path) {
+  const auto refuse = [&](const std::string& why) { throw Error(ErrorCode::invalid_argument, "--result " + path + ": " + why); };
+  std::ifstream file(path);
+  if (!file) throw Error(ErrorCode::not_found, "--result " + path + ": cannot be read");
+  const auto json = nlohmann::json::parse(file, nullptr, false);
+  const nlohmann::json::json_pointer place("/report/constraints/residuals");
+  if (json.is_discarded()) refuse("is not JSON");
+  if (!json.is_object() || !json.contains("report")) refuse("is not what `deform apply --json` prints");
+  if (!json.contains(place)) refuse("its design had no constraints");
+  std::vector<QualityPage::Constraint> constraints;
+  try {
+    for (const auto& residual : json.at(place)) {
+      constraints.push_back({residual.at("name"), residual.at("largest"), residual.at("rms"), residual.at("free_largest"),
+                             residual.at("free_rms"), residual.at("missed")});
+    }
+  } catch (const nlohmann::json::exception& error) {
+    refuse(error.what());
+  }
+  return constraints;
+}
+
+void write_quality_page(const Comparison& comparison, const PageExtras& extras, const std::filesystem::path& path) {
   PictureSource source{comparison.after.mesh(), {}, fields_of(comparison)};
   if (comparison.same_points) source.before = comparison.before->mesh().points;
   source.shown = comparison.after.wall_faces;
@@ -58,7 +82,8 @@ void write_quality_page(const Comparison& comparison, const std::vector<QualityP
     page.before_file = comparison.before->path;
     page.before = &comparison.before->report;
   }
-  page.gates = gates;
+  page.gates = extras.gates;
+  page.constraints = extras.constraints;
   page.notes = comparison.notes;
   page.picture = &picture;
   page.program = std::string("deform ") + version();
@@ -79,6 +104,7 @@ void write_quality_arrays(const Comparison& comparison, const std::filesystem::p
   if (after.surface) {
     arrays.points.push_back({"mean_curvature", 1, after.surface->mean_curvature.value});
     arrays.cells.push_back({"face_quality", 1, after.surface->face_quality});
+    if (after.plane) arrays.cells.push_back({"scaled_jacobian", 1, after.plane->scaled_jacobian});
     return io::write_vtp(mesh, arrays, path);
   }
   if (after.elements) {

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <string_view>
 
+#include "core/base/base64.h"
 #include "core/base/text.h"
 
 namespace deform::cli {
@@ -46,8 +47,11 @@ Json value_json(const Message& message, const FieldDescriptor& field, int index,
       return many ? reflection.GetRepeatedBool(message, &field, index) : reflection.GetBool(message, &field);
     case FieldDescriptor::CPPTYPE_ENUM:
       return (many ? reflection.GetRepeatedEnum(message, &field, index) : reflection.GetEnum(message, &field))->name();
-    case FieldDescriptor::CPPTYPE_STRING:
-      return many ? reflection.GetRepeatedString(message, &field, index) : reflection.GetString(message, &field);
+    case FieldDescriptor::CPPTYPE_STRING: {
+      const std::string text =
+          many ? reflection.GetRepeatedString(message, &field, index) : reflection.GetString(message, &field);
+      return field.type() == FieldDescriptor::TYPE_BYTES ? base64_encoded(text) : text;
+    }
     case FieldDescriptor::CPPTYPE_MESSAGE:
       return message_json(many ? reflection.GetRepeatedMessage(message, &field, index) : reflection.GetMessage(message, &field),
                           fields);

@@ -17,17 +17,17 @@ std::string trimmed(const std::string& text) {
   return text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
 }
 
-[[noreturn]] void refuse(const std::string& name, std::size_t line, const std::string& why) {
+[[noreturn]] void refuse_line(const std::string& name, std::size_t line, const std::string& why) {
   throw Error(ErrorCode::invalid_argument, name + ":" + std::to_string(line) + ": " + why);
 }
 
-struct Fields {
+struct SplitLine {
   std::vector<std::string> fields;
   bool open_quote = false;
 };
 
-Fields split(const std::string& line) {
-  Fields result;
+SplitLine split(const std::string& line) {
+  SplitLine result;
   std::string field;
   bool quoted = false, was_quoted = false;
   for (std::size_t i = 0; i < line.size(); ++i) {
@@ -59,8 +59,8 @@ Fields split(const std::string& line) {
 void check_header(const Csv& csv, std::size_t line) {
   std::set<std::string> seen;
   for (std::size_t k = 0; k < csv.header.size(); ++k) {
-    if (csv.header[k].empty()) refuse(csv.name, line, "column " + std::to_string(k + 1) + " has no name");
-    if (!seen.insert(csv.header[k]).second) refuse(csv.name, line, "two columns are named \"" + csv.header[k] + "\"");
+    if (csv.header[k].empty()) refuse_line(csv.name, line, "column " + std::to_string(k + 1) + " has no name");
+    if (!seen.insert(csv.header[k]).second) refuse_line(csv.name, line, "two columns are named \"" + csv.header[k] + "\"");
   }
 }
 
@@ -89,10 +89,10 @@ Csv parse_csv(const std::string& text, const std::string& name, BadRows bad_rows
     begin = end + 1;
     const std::string bare = trimmed(content);
     if (bare.empty() || bare.front() == '#') continue;
-    Fields found = split(content);
+    SplitLine found = split(content);
     std::string problem = found.open_quote ? "a quote is not closed" : "";
     if (csv.header.empty()) {
-      if (!problem.empty()) refuse(name, line, problem);
+      if (!problem.empty()) refuse_line(name, line, problem);
       csv.header = std::move(found.fields);
       check_header(csv, line);
       continue;
@@ -103,7 +103,7 @@ Csv parse_csv(const std::string& text, const std::string& name, BadRows bad_rows
     if (problem.empty()) {
       csv.rows.push_back({line, std::move(found.fields)});
     } else if (bad_rows == BadRows::refuse) {
-      refuse(name, line, problem);
+      refuse_line(name, line, problem);
     } else {
       csv.bad_rows.push_back({line, std::move(found.fields), name + ":" + std::to_string(line) + ": " + problem});
     }

@@ -9,6 +9,7 @@
 #include "client/cli/output/format.h"
 #include "client/cli/output/numbers.h"
 #include "client/cli/setup/point_match.h"
+#include "client/cli/setup/refuse.h"
 #include "client/design.h"
 #include "core/base/error.h"
 
@@ -18,8 +19,6 @@ namespace {
 
 const std::vector<std::string> matrix_columns{"handle", "m00", "m01", "m02", "m03", "m10", "m11",
                                               "m12",    "m13", "m20", "m21", "m22", "m23"};
-
-[[noreturn]] void refuse(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
 
 std::vector<v1::Motion> matrices(const Csv& csv, const HandlePoints& handle_points) {
   std::vector<v1::Motion> motions;

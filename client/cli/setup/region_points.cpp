@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "client/cli/setup/control_lattice.h"
 #include "core/base/error.h"
 #include "core/mesh/point_owners.h"
 #include "core/mesh/region.h"
@@ -86,21 +87,32 @@ class Resolver {
 
 }  // namespace
 
-ResolvedRegions resolve_regions(const v1::Setup& setup, const Mesh& mesh) { return Resolver(setup, mesh).resolve(); }
+ResolvedRegions resolve_regions(const v1::Setup& setup, const Mesh& mesh) {
+  if (!selects_controls(setup)) return Resolver(setup, mesh).resolve();
+  throw Error(ErrorCode::invalid_argument,
+              std::string(setup.method().has_cage() ? "method.cage" : "method.ffd") +
+                  ".control: with CONTROLS handles and fixed regions are control points and no regions of the mesh" +
+                  (setup.method().has_cage() ? "" : "; `deform lattice` shows them"));
+}
 
 std::vector<PointId> handle_points(const v1::Setup& setup, const std::string& handle, const Mesh& mesh) {
   std::vector<std::string> names;
+  const std::string what = "handle \"" + handle + "\"";
   for (const auto& candidate : setup.handles()) {
-    if (candidate.name() == handle) return points_of(candidate.region(), mesh, "handle \"" + handle + "\"");
+    if (candidate.name() == handle) {
+      if (selects_controls(setup)) return control_points_of(candidate.region(), setup, mesh, what);
+      return points_of(candidate.region(), mesh, what);
+    }
     names.push_back(candidate.name());
   }
   const std::string near = nearest_names(handle, names);
   throw Error(ErrorCode::invalid_argument,
-              "handle \"" + handle + "\": the setup has no such handle" + (near.empty() ? "" : "; did you mean " + near + "?"));
+              what + ": the setup has no such handle" + (near.empty() ? "" : "; did you mean " + near + "?"));
 }
 
 std::vector<std::uint32_t> region_labels(const v1::Setup& setup, const Mesh& mesh) {
   std::vector<std::uint32_t> labels(mesh.point_count(), 0);
+  if (selects_controls(setup)) return labels;
   const auto mark = [&](const v1::Region& region, std::uint32_t label, const std::string& what) {
     for (const PointId point : points_of(region, mesh, what)) labels[point] = label;
   };

@@ -4,6 +4,9 @@
 #include <algorithm>
 #include <cctype>
 
+#include "client/cli/setup/cage_file.h"
+#include "client/cli/setup/control_lattice.h"
+#include "client/cli/setup/id_files.h"
 #include "client/cli/setup/yaml_message.h"
 #include "core/base/error.h"
 #include "core/io/mesh_file.h"
@@ -16,20 +19,39 @@ bool looks_like_id(const std::string& text) {
 }
 
 SetupFile read_setup_file(const std::filesystem::path& path) {
+  Problems problems(Problems::Mode::throw_first);
+  return read_setup_file(path, problems);
+}
+
+SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems) {
   constexpr std::size_t max_bytes = std::size_t{1} << 26;
   SetupFile file;
-  parse_yaml(io::read_file(path, nullptr, max_bytes), path.string(), file.setup);
+  IdFiles id_files(path.parent_path());
+  const ValueFiles files{[&](const std::string& name, const std::string& set) { return id_files.ids(name, set); },
+                         [&](const std::string& name) { return read_control_points(path.parent_path() / name); }};
+  parse_yaml(io::read_file(path, nullptr, max_bytes), path.string(), file.setup, files, problems);
+  problems.check("method", [&] {
+    try {
+      read_cage(path.parent_path(), file.setup);
+    } catch (const Error& error) {
+      throw Error(error.code(), path.string() + ": " + error.what());
+    }
+  });
   const std::string geometry = file.setup.geometry();
-  if (geometry.empty()) {
+  const bool given = problems.check("geometry", [&] {
+    if (!geometry.empty()) return;
     throw Error(ErrorCode::invalid_argument, path.string() + ": geometry: missing, expected a mesh file or a geometry id");
-  }
+  });
+  if (!given) return file;
   const std::filesystem::path mesh = path.parent_path() / geometry;
   if (std::filesystem::is_regular_file(mesh) || std::filesystem::is_directory(mesh)) {
     file.geometry_file = mesh;
     file.setup.clear_geometry();
   } else if (!looks_like_id(geometry)) {
-    throw Error(ErrorCode::not_found, path.string() + ": geometry: there is no file " + mesh.string() + ", and \"" + geometry +
-                                          "\" is no geometry id (8 to 64 hexadecimal digits)");
+    problems.check("geometry", [&] {
+      throw Error(ErrorCode::not_found, path.string() + ": geometry: there is no file " + mesh.string() + ", and \"" + geometry +
+                                            "\" is no geometry id (8 to 64 hexadecimal digits)");
+    });
   }
   return file;
 }

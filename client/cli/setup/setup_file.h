@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 
+#include "core/base/problems.h"
 #include "deform/v1/setup.pb.h"
 
 namespace deform::cli {
@@ -17,6 +18,10 @@ struct SetupFile {
 
 /// Throws Error(invalid_argument) with file and line; Error(not_found) when a file does not exist.
 SetupFile read_setup_file(const std::filesystem::path& path);
+
+/// The same, with what is wrong going to `problems`: collecting, the setup lacks what could not be read. Where the file itself
+/// cannot be read or is no YAML, an Error all the same.
+SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems);
 
 /// 8 to 64 hexadecimal digits: an id or the beginning of one.
 bool looks_like_id(const std::string& text);

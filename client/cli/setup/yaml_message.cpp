@@ -9,9 +9,11 @@
 #include <optional>
 #include <set>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "client/cli/output/numbers.h"
+#include "core/base/base64.h"
 #include "core/base/error.h"
 #include "core/base/text.h"
 
@@ -38,7 +40,8 @@ std::string shown(const YAML::Node& node) {
 
 class Walker {
  public:
-  explicit Walker(const std::string& name) : name_(name) {}
+  Walker(const std::string& name, const ValueFiles& files, Problems& problems)
+      : name_(name), files_(files), problems_(problems) {}
 
   void map(const YAML::Node& node, Message& message, const std::string& path) {
     const Descriptor& type = *message.GetDescriptor();
@@ -47,18 +50,21 @@ class Walker {
     std::set<std::string> seen;
     std::set<const google::protobuf::OneofDescriptor*> chosen;
     for (const auto& entry : node) {
-      if (!entry.first.IsScalar()) refuse(entry.first, path, "a key must be a word");
-      const std::string key = entry.first.Scalar();
-      const FieldDescriptor* field = type.FindFieldByName(key);
-      if (field == nullptr) unknown_key(entry.first, key, type, path);
-      if (!seen.insert(key).second) refuse(entry.first, path, "the key \"" + key + "\" stands there twice");
-      const auto* oneof = field->real_containing_oneof();
-      if (oneof != nullptr && !chosen.insert(oneof).second) {
-        refuse(entry.first, path, "\"" + key + "\" cannot stand beside another " + oneof->name());
-      }
-      const std::string inner = path.empty() ? key : path + "." + key;
-      if (entry.second.IsNull()) refuse(entry.first, inner, "expected a value, got nothing");  // a null may stand on a later line
-      member(entry.second, message, *field, inner);
+      problems_.check(path, [&] {
+        if (!entry.first.IsScalar()) refuse(entry.first, path, "a key must be a word");
+        const std::string key = entry.first.Scalar();
+        const FieldDescriptor* field = type.FindFieldByName(key);
+        if (field == nullptr) unknown_key(entry.first, key, type, path);
+        if (!seen.insert(key).second) refuse(entry.first, path, "the key \"" + key + "\" stands there twice");
+        const auto* oneof = field->real_containing_oneof();
+        if (oneof != nullptr && !chosen.insert(oneof).second) {
+          refuse(entry.first, path, "\"" + key + "\" cannot stand beside another " + oneof->name());
+        }
+        const std::string inner = path.empty() ? key : path + "." + key;
+        // A null may stand on a later line.
+        if (entry.second.IsNull()) refuse(entry.first, inner, "expected a value, got nothing");
+        member(entry.second, message, *field, inner);
+      });
     }
   }
 
@@ -79,10 +85,60 @@ class Walker {
 
   void member(const YAML::Node& node, Message& message, const FieldDescriptor& field, const std::string& path) {
     if (!field.is_repeated()) return value(node, message, field, path);
+    if (files_.ids && node.IsMap() && field.cpp_type() == FieldDescriptor::CPPTYPE_UINT32) {
+      return ids_of_file(node, message, field, path);
+    }
     if (!node.IsSequence()) refuse(node, path, "expected a list, got " + shown(node));
     const Nesting nesting(*this, node, path);
     std::size_t index = 0;
-    for (const auto& item : node) value(item, message, field, path + "[" + std::to_string(index++) + "]");
+    for (const auto& item : node) {
+      const std::string inner = path + "[" + std::to_string(index++) + "]";
+      problems_.check(inner, [&] { value(item, message, field, inner); });
+    }
+  }
+
+  void ids_of_file(const YAML::Node& node, Message& message, const FieldDescriptor& field, const std::string& path) {
+    std::string file, set;
+    for (const auto& entry : node) {
+      const std::string key = entry.first.IsScalar() ? entry.first.Scalar() : std::string();
+      if (key != "file" && key != "set") refuse(entry.first, path, "expected a list, or a map of file, set");
+      if (!entry.second.IsScalar() || entry.second.Scalar().empty()) refuse(entry.first, path + "." + key, "expected a text");
+      (key == "file" ? file : set) = entry.second.Scalar();
+    }
+    if (file.empty()) refuse(node, path, "expected a list, or a map of file, set");
+    std::vector<std::uint32_t> ids;
+    try {
+      ids = files_.ids(file, set);
+    } catch (const Error& error) {
+      refuse_file(node, path, error);
+    }
+    content_bytes_ += sizeof(double) * ids.size();
+    const Nesting nesting(*this, node, path);
+    const google::protobuf::Reflection& reflection = *message.GetReflection();
+    for (const std::uint32_t id : ids) reflection.AddUInt32(&message, &field, id);
+  }
+
+  /// Wrong content is told with the line.
+  [[noreturn]] void refuse_file(const YAML::Node& node, const std::string& path, const Error& error) const {
+    if (error.code() != ErrorCode::invalid_argument && error.code() != ErrorCode::not_found) throw error;
+    refuse(node, path, error.what());
+  }
+
+  /// Base64, or the name of a file.
+  std::string bytes(const YAML::Node& node, const std::string& path) {
+    constexpr const char* expected = "expected a map of file, or bytes in base64";
+    if (node.IsScalar()) {
+      const auto decoded = base64_decoded(node.Scalar());
+      if (!decoded) refuse(node, path, std::string(expected) + ", got " + shown(node));
+      return *decoded;
+    }
+    const YAML::Node file = node.IsMap() && node.size() == 1 ? node["file"] : YAML::Node();
+    if (!files_.bytes || !file.IsDefined() || !file.IsScalar() || file.Scalar().empty()) refuse(node, path, expected);
+    try {
+      return files_.bytes(file.Scalar());
+    } catch (const Error& error) {
+      refuse_file(node, path, error);
+    }
   }
 
   /// Sets a field, or appends to it when it is repeated.
@@ -93,6 +149,11 @@ class Walker {
       return map(node,
                  *(field.is_repeated() ? reflection.AddMessage(&message, &field) : reflection.MutableMessage(&message, &field)),
                  path);
+    }
+    if (field.type() == FieldDescriptor::TYPE_BYTES && !field.is_repeated()) {
+      std::string content = bytes(node, path);
+      content_bytes_ += content.size();
+      return reflection.SetString(&message, &field, std::move(content));
     }
     if (!node.IsScalar()) refuse(node, path, "expected " + expectation(field) + ", got " + shown(node));
     const std::string& text = node.Scalar();
@@ -222,6 +283,8 @@ class Walker {
   }
 
   const std::string& name_;
+  const ValueFiles& files_;
+  Problems& problems_;
   std::size_t content_bytes_ = 0;
   int depth_ = 0;
 };
@@ -229,6 +292,11 @@ class Walker {
 }  // namespace
 
 void parse_yaml(const std::string& text, const std::string& name, Message& message) {
+  Problems problems(Problems::Mode::throw_first);
+  parse_yaml(text, name, message, {}, problems);
+}
+
+void parse_yaml(const std::string& text, const std::string& name, Message& message, const ValueFiles& files, Problems& problems) {
   YAML::Node root;
   try {
     root = YAML::Load(text);
@@ -237,7 +305,7 @@ void parse_yaml(const std::string& text, const std::string& name, Message& messa
   }
   if (!root.IsDefined() || root.IsNull()) throw Error(ErrorCode::invalid_argument, name + ":1: the file is empty");
   message.Clear();
-  Walker(name).map(root, message, "");
+  problems.check("", [&] { Walker(name, files, problems).map(root, message, ""); });
 }
 
 }  // namespace deform::cli

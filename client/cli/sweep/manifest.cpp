@@ -17,24 +17,38 @@ constexpr char first_line[] = "{\"sweep_manifest\":1}\n";
 
 std::string to_line(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n"; }
 
+void add(const ResultVerdicts& verdicts, Json& json) {
+  if (!verdicts.reasons.empty()) json["bad"] = verdicts.reasons;
+  if (verdicts.safe_amplitude) json["safe_amplitude"] = *verdicts.safe_amplitude;
+  if (verdicts.reached) {
+    json["state"] = "final";  // not "done": it made only a part of its motion, and no further run makes more
+    json["reached"] = *verdicts.reached;
+  }
+  if (!verdicts.doubts.empty()) json["doubtful"] = verdicts.doubts;
+  if (!verdicts.warnings.empty()) json["warnings"] = verdicts.warnings;
+  for (const auto& [gate, failure] : verdicts.gates) json["gate"][gate] = failure.empty() ? "passed" : failure;
+}
+
 std::string to_line(const ManifestEntry& entry) {
   Json json{{"name", entry.name}, {"hash", entry.hash}, {"file", entry.file}, {"offset", entry.offset}, {"bytes", entry.bytes}};
   if (entry.place != Place::result) json["in"] = entry.place == Place::part ? "part" : "next";
-  if (!entry.verdicts.reasons.empty()) json["bad"] = entry.verdicts.reasons;
-  if (entry.verdicts.safe_amplitude) json["safe_amplitude"] = *entry.verdicts.safe_amplitude;
-  if (!entry.verdicts.warnings.empty()) json["warnings"] = entry.verdicts.warnings;
-  for (const auto& [gate, failure] : entry.verdicts.gates) json["gate"][gate] = failure.empty() ? "passed" : failure;
+  add(entry.verdicts, json);
   return to_line(json);
 }
 
-std::string failure_line(const std::string& name, const std::string& reason) {
-  return to_line(Json{{"name", name}, {"failed", reason}});
+std::string failure_line(const std::string& name, const SweepFailure& failure) {
+  Json json{{"name", name}, {"failed", failure.reason}};
+  if (!failure.hash.empty()) json["hash"] = failure.hash;
+  add(failure.verdicts, json);
+  return to_line(json);
 }
 
 ResultVerdicts parse_verdicts(const Json& json) {
   ResultVerdicts verdicts;
   if (json.contains("bad")) verdicts.reasons = json["bad"].get<std::vector<std::string>>();
   if (json.contains("safe_amplitude")) verdicts.safe_amplitude = json["safe_amplitude"].get<double>();
+  if (json.contains("reached")) verdicts.reached = json["reached"].get<double>();
+  if (json.contains("doubtful")) verdicts.doubts = json["doubtful"].get<std::vector<std::string>>();
   if (json.contains("warnings")) verdicts.warnings = json["warnings"].get<std::vector<std::string>>();
   if (!json.contains("gate")) return verdicts;
   for (const auto& [gate, failure] : json["gate"].get<std::map<std::string, std::string>>()) {
@@ -107,7 +121,8 @@ void Manifest::take(const std::string& line) {
       results_.erase(file);
       writing_.insert(file);
     } else if (json.contains("failed")) {
-      failed_[json.at("name").get<std::string>()] = json["failed"].get<std::string>();
+      failed_[json.at("name").get<std::string>()] = {json["failed"].get<std::string>(), json.value("hash", ""),
+                                                     parse_verdicts(json)};
     } else if (json.contains("hash")) {
       take(parse_entry(json));
     }
@@ -140,9 +155,14 @@ void Manifest::add(const std::vector<ManifestEntry>& entries) {
   for (auto entry : entries) take(std::move(entry));
 }
 
-void Manifest::fail(const std::string& name, const std::string& reason) {
-  file_.append(failure_line(name, reason));
-  failed_[name] = reason;
+void Manifest::fail(const std::string& name, const SweepFailure& failure) {
+  file_.append(failure_line(name, failure));
+  failed_[name] = failure;
+}
+
+std::optional<SweepFailure> Manifest::find_failure(const std::string& name, const std::string& hash) const {
+  const auto found = failed_.find(name);
+  return found != failed_.end() && found->second.hash == hash ? std::optional(found->second) : std::nullopt;
 }
 
 void Manifest::replace(const std::string& file) {
@@ -155,14 +175,14 @@ void Manifest::replace(const std::string& file) {
 void Manifest::rewrite(const std::map<std::string, ManifestEntry>& results, const std::vector<ManifestEntry>& part,
                        const std::set<std::string>& names) {
   std::string lines = first_line;
-  std::map<std::string, std::string> failed;
+  std::map<std::string, SweepFailure> failed;
   for (const auto& [file, entry] : results) lines += to_line(entry);
   for (const auto& entry : part) lines += to_line(entry);
   for (const auto& file : writing_) lines += to_line(Json{{"writing", file}});
-  for (const auto& [name, reason] : failed_) {
+  for (const auto& [name, failure] : failed_) {
     if (!names.contains(name)) continue;
-    lines += failure_line(name, reason);
-    failed[name] = reason;
+    lines += failure_line(name, failure);
+    failed[name] = failure;
   }
   const std::filesystem::path path = file_.path();
   DurableFile fresh(path.string() + ".new");

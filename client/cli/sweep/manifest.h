@@ -18,7 +18,18 @@ struct ResultVerdicts {
   std::vector<std::string> reasons;          ///< why it is bad, a sentence each; empty: it is not
   std::optional<double> safe_amplitude;      ///< of a result with inverted cells
   std::map<std::string, std::string> gates;  ///< conditions that were looked at, and how they failed; empty: they did not
+  std::vector<std::string> doubts = {};      ///< why it is doubtful, a sentence each
   std::vector<std::string> warnings = {};    ///< what is striking about it, a sentence each
+  /// How much of the motion it has made where a split did not arrive: final, but not the design that was asked for.
+  std::optional<double> reached = {};
+};
+
+/// Why a design has no result.
+struct SweepFailure {
+  std::string reason;
+  std::string hash =
+      {};  ///< design_hash() of one that is bad and was not written: computed again it would be the same; else empty
+  ResultVerdicts verdicts = {};
 };
 
 /// One finished result.
@@ -53,13 +64,15 @@ class Manifest {
   const std::vector<ManifestEntry>& part() const { return part_; }                  ///< in order of their offsets
   const std::vector<ManifestEntry>& next() const { return next_; }
   /// Designs without a result, and why.
-  const std::map<std::string, std::string>& failed() const { return failed_; }
+  const std::map<std::string, SweepFailure>& failed() const { return failed_; }
+  /// Of a design with this hash.
+  std::optional<SweepFailure> find_failure(const std::string& name, const std::string& hash) const;
   /// A file that was being replaced when its entry ended: it is ours, but may be the old or the new one.
   bool is_being_written(const std::string& file) const { return writing_.contains(file); }
 
   void add(const ManifestEntry& entry);
   void add(const std::vector<ManifestEntry>& entries);
-  void fail(const std::string& name, const std::string& reason);
+  void fail(const std::string& name, const SweepFailure& failure);
   /// This file is about to be replaced, its entry does not hold any more. On the disk when this returns.
   void replace(const std::string& file);
   void sync() { file_.sync(); }
@@ -76,7 +89,7 @@ class Manifest {
   bool is_new_ = false;
   std::map<std::string, ManifestEntry> results_;
   std::vector<ManifestEntry> part_, next_;
-  std::map<std::string, std::string> failed_;
+  std::map<std::string, SweepFailure> failed_;
   std::set<std::string> writing_;
 };
 

@@ -13,19 +13,19 @@ namespace {
 namespace fs = std::filesystem;
 using Place = ManifestEntry::Place;
 
-[[noreturn]] void refuse(const fs::path& path, const std::string& why) {
+[[noreturn]] void refuse_archive(const fs::path& path, const std::string& why) {
   throw Error(ErrorCode::invalid_argument,
               path.string() + ": " + why + "; it was left as it is: move it away, or choose another name");
 }
 
 fs::path checked(const fs::path& path) {
   const auto status = fs::symlink_status(path);
-  if (fs::exists(status) && !fs::is_regular_file(status)) refuse(path, "is there and no plain file");
+  if (fs::exists(status) && !fs::is_regular_file(status)) refuse_archive(path, "is there and no plain file");
   // Before a manifest is begun beside it.
   const fs::path manifest = path.string() + ".manifest";
   if (fs::exists(manifest)) return path;
   for (const fs::path& file : {path, fs::path(path.string() + ".part")}) {
-    if (fs::exists(file)) refuse(file, "is not of this sweep (there is no " + manifest.filename().string() + ")");
+    if (fs::exists(file)) refuse_archive(file, "is not of this sweep (there is no " + manifest.filename().string() + ")");
   }
   return path;
 }
@@ -92,8 +92,8 @@ SweepArchive::Results SweepArchive::recovered_results() {
     }
     return results;
   }
-  if (manifest_.results().empty()) refuse(path_, "is not of this sweep (its manifest names nothing in it)");
-  if (!is_whole(path_, by_offset(manifest_.results()))) refuse(path_, "is not what its manifest says");
+  if (manifest_.results().empty()) refuse_archive(path_, "is not of this sweep (its manifest names nothing in it)");
+  if (!is_whole(path_, by_offset(manifest_.results()))) refuse_archive(path_, "is not what its manifest says");
   return manifest_.results();
 }
 
@@ -138,9 +138,14 @@ void SweepArchive::put(const ExpectedResult& result, const ResultVerdicts& verdi
   present_.insert_or_assign({entry.name, entry.hash}, entry);
 }
 
-void SweepArchive::fail(const std::string& name, const std::string& reason) {
+std::optional<SweepFailure> SweepArchive::find_failure(const ExpectedResult& result) const {
   const std::lock_guard lock(mutex_);
-  manifest_.fail(name, reason);
+  return manifest_.find_failure(result.name, result.hash);
+}
+
+void SweepArchive::fail(const std::string& name, const SweepFailure& failure) {
+  const std::lock_guard lock(mutex_);
+  manifest_.fail(name, failure);
   failed_.insert(name);
 }
 

@@ -24,7 +24,8 @@ class SweepArchive : public SweepOutput {
 
   std::optional<ResultVerdicts> find(const ExpectedResult& result) const override;
   void put(const ExpectedResult& result, const ResultVerdicts& verdicts, const std::string& bytes) override;
-  void fail(const std::string& name, const std::string& reason) override;
+  void fail(const std::string& name, const SweepFailure& failure) override;
+  std::optional<SweepFailure> find_failure(const ExpectedResult& result) const override;
   void finish() override;
 
  private:

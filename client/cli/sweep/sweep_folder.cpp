@@ -138,9 +138,14 @@ void SweepFolder::put(const ExpectedResult& result, const ResultVerdicts& verdic
   manifest_.add(entry);
 }
 
-void SweepFolder::fail(const std::string& name, const std::string& reason) {
+std::optional<SweepFailure> SweepFolder::find_failure(const ExpectedResult& result) const {
   const std::lock_guard lock(mutex_);
-  manifest_.fail(name, reason);
+  return manifest_.find_failure(result.name, result.hash);
+}
+
+void SweepFolder::fail(const std::string& name, const SweepFailure& failure) {
+  const std::lock_guard lock(mutex_);
+  manifest_.fail(name, failure);
   failed_.insert(name);
 }
 

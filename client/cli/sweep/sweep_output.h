@@ -26,8 +26,10 @@ class SweepOutput {
   virtual std::optional<ResultVerdicts> find(const ExpectedResult& result) const = 0;
   /// Stores a result. It is on the disk when this returns, and recorded after that.
   virtual void put(const ExpectedResult& result, const ResultVerdicts& verdicts, const std::string& bytes) = 0;
-  /// Records why a design has no result. It is tried again by the next run.
-  virtual void fail(const std::string& name, const std::string& reason) = 0;
+  /// Records why a design has no result. It is tried again by the next run, unless the failure has the hash of its result.
+  virtual void fail(const std::string& name, const SweepFailure& failure) = 0;
+  /// What was found about this result when it was not written because it is bad; nothing when that is not known.
+  virtual std::optional<SweepFailure> find_failure(const ExpectedResult& result) const = 0;
   /// Nothing more comes: an archive gets its name and holds the expected results that are there.
   virtual void finish() = 0;
 };

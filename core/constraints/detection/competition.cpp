@@ -89,11 +89,12 @@ void drop_islands(const Surface& surface, Segmentation& segmentation) {
   }
 }
 
-void drop_small(const Limits& limits, Segmentation& segmentation) {
+template <typename Drop>
+void drop_regions(Segmentation& segmentation, const Drop& drop) {
   std::vector<std::uint32_t> renumbered(segmentation.regions.size(), unlabelled);
   std::vector<Region> kept;
   for (std::size_t r = 0; r < segmentation.regions.size(); ++r) {
-    if (segmentation.regions[r].area < limits.minimum_area * (1 - 1e-9)) continue;
+    if (drop(segmentation.regions[r])) continue;
     renumbered[r] = static_cast<std::uint32_t>(kept.size());
     kept.push_back(std::move(segmentation.regions[r]));
   }
@@ -101,6 +102,10 @@ void drop_small(const Limits& limits, Segmentation& segmentation) {
   for (auto& label : segmentation.labels) {
     if (label != unlabelled) label = renumbered[label];
   }
+}
+
+void drop_small(const Limits& limits, Segmentation& segmentation) {
+  drop_regions(segmentation, [&](const Region& region) { return region.area < limits.minimum_area * (1 - 1e-9); });
 }
 
 /// Half of the area is off by less in direction.
@@ -256,6 +261,10 @@ void trim(const Surface& surface, const Limits& limits, Segmentation& segmentati
   }
   refit(surface, segmentation, changed, context);
   drop_small(limits, segmentation);
+}
+
+void drop_accidental(const Surface& surface, Segmentation& segmentation) {
+  drop_regions(segmentation, [&](const Region& region) { return !evident(surface, region); });
 }
 
 void join_regions(const Surface& surface, const Limits& limits, Segmentation& segmentation) {

@@ -22,6 +22,9 @@ void compete(const Surface& surface, const Limits& limits, Segmentation& segment
 /// than the others in their region.
 void trim(const Surface& surface, const Limits& limits, Segmentation& segmentation, const RunContext& context);
 
+/// Takes away curved regions that are not evident() now that they are whole.
+void drop_accidental(const Surface& surface, Segmentation& segmentation);
+
 /// Joins regions of one surface (see Primitive).
 void join_regions(const Surface& surface, const Limits& limits, Segmentation& segmentation);
 

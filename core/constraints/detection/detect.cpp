@@ -8,10 +8,13 @@
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/parallel.h"
+#include "core/constraints/constraint.h"
 #include "core/constraints/detection/clusters.h"
 #include "core/constraints/detection/competition.h"
 #include "core/constraints/detection/edges.h"
+#include "core/constraints/detection/implied.h"
 #include "core/constraints/detection/judgement.h"
+#include "core/constraints/detection/names.h"
 #include "core/constraints/detection/seeds.h"
 
 namespace deform {
@@ -179,7 +182,7 @@ Primitive primitive_of(const Mesh& mesh, const std::vector<std::uint64_t>& offse
 }
 
 /// By kind and falling area; areas that are equal up to rounding by the first face.
-void sort_and_name(std::vector<Primitive>& primitives) {
+void sort(std::vector<Primitive>& primitives) {
   std::sort(primitives.begin(), primitives.end(), [](const Primitive& a, const Primitive& b) {
     return a.kind != b.kind ? a.kind < b.kind : a.area != b.area ? a.area > b.area : a.faces[0] < b.faces[0];
   });
@@ -187,12 +190,30 @@ void sort_and_name(std::vector<Primitive>& primitives) {
     while (end != primitives.end() && end->kind == begin->kind && end->area >= begin->area * (1 - 1e-6)) ++end;
     std::sort(begin, end, [](const Primitive& a, const Primitive& b) { return a.faces[0] < b.faces[0]; });
   }
-  std::array<std::size_t, 4> counts{};
-  for (Primitive& p : primitives) {
-    p.name = to_string(p.kind);
-    p.name += '_';
-    p.name += std::to_string(++counts[static_cast<std::size_t>(p.kind)]);
+}
+
+/// The kind of constraint for a set of so many points, or nothing when it takes more.
+std::string constraint_for(const ConstraintKind& kind, std::size_t points) {
+  return points < least_points(kind) ? std::string() : std::string(kind_name(kind));
+}
+
+ConstraintKind constraint_of(PrimitiveKind kind) {
+  switch (kind) {
+    case PrimitiveKind::plane:
+      return Planar{};
+    case PrimitiveKind::cylinder:
+      return Cylindrical{};
+    case PrimitiveKind::sphere:
+      return Spherical{};
+    case PrimitiveKind::cone:
+      break;
   }
+  return Conical{};
+}
+
+ConstraintKind constraint_of(EdgeKind kind) {
+  if (kind == EdgeKind::line) return Straight{};
+  return Circular{};
 }
 
 }  // namespace
@@ -218,6 +239,7 @@ Detection detect(const Mesh& mesh, const DetectOptions& options, const RunContex
   join_regions(surface, limits, segmentation);
   compete(surface, limits, segmentation, context);
   trim(surface, limits, segmentation, context);
+  drop_accidental(surface, segmentation);
 
   Detection result;
   result.size = surface.size;
@@ -230,8 +252,12 @@ Detection detect(const Mesh& mesh, const DetectOptions& options, const RunContex
     result.primitives.push_back(primitive_of(mesh, surface.offsets, surface, region));
     result.coverage += region.area / surface.total_area;
   }
-  sort_and_name(result.primitives);
+  sort(result.primitives);
   result.edges = feature_edges(mesh, surface, limits, segmentation.labels);
+  set_names(result);
+  for (Primitive& p : result.primitives) p.constraint = constraint_for(constraint_of(p.kind), p.points.size());
+  for (EdgeFeature& e : result.edges) e.constraint = constraint_for(constraint_of(e.kind), e.points.size());
+  find_implied(result);
   std::size_t without_area = 0;
   for (const double a : surface.area) without_area += a == 0 ? 1 : 0;
   if (without_area > 0) result.notes.push_back(std::to_string(without_area) + " faces have no area");
@@ -265,20 +291,8 @@ std::string_view to_string(EdgeKind kind) {
   return "";
 }
 
-std::string_view constraint_kind(PrimitiveKind kind) {
-  switch (kind) {
-    case PrimitiveKind::plane:
-      return "planar";
-    case PrimitiveKind::cylinder:
-      return "cylindrical";
-    case PrimitiveKind::sphere:
-      return "spherical";
-    case PrimitiveKind::cone:
-      return "conical";
-  }
-  return "";
-}
+std::string_view constraint_kind(PrimitiveKind kind) { return kind_name(constraint_of(kind)); }
 
-std::string_view constraint_kind(EdgeKind kind) { return kind == EdgeKind::line ? "feature_line" : "circular"; }
+std::string_view constraint_kind(EdgeKind kind) { return kind_name(constraint_of(kind)); }
 
 }  // namespace deform

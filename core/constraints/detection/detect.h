@@ -44,27 +44,34 @@ struct DetectOptions {
 /// axis (a bore that is cut by slots); two bores one behind the other stay two, and so do coplanar faces that do not touch.
 struct Primitive {
   PrimitiveKind kind = PrimitiveKind::plane;
-  std::string name;       ///< "plane_1", "plane_2", "cylinder_1", ...: by falling area within the kind, then by the first face
-  Vec3 point{};           ///< in the plane, on the axis beside the middle of the faces, the centre of the sphere, the apex
-  Vec3 axis{};            ///< unit normal or axis (cone: from the apex into it); zero for a sphere
-  double radius = 0;      ///< of cylinder and sphere
-  double half_angle = 0;  ///< of the cone, radians, 0..pi / 2
+  /// "plane_z0.3_1", "cylinder_d12.5_1", ...: kind, measure (see detection/names.h), then counted by falling area
+  std::string name;
+  Vec3 point{};                 ///< in the plane, on the axis beside the middle of the faces, the centre of the sphere, the apex
+  Vec3 axis{};                  ///< unit normal or axis (cone: from the apex into it); zero for a sphere
+  double radius = 0;            ///< of cylinder and sphere
+  double half_angle = 0;        ///< of the cone, radians, 0..pi / 2
   std::vector<FaceId> faces;    ///< ascending; every face belongs to one primitive at most
   std::vector<PointId> points;  ///< all points of these faces, ascending; a point on an edge belongs to several primitives
   double area = 0;
   double rms = 0, max = 0;  ///< distance of the points from the primitive
+  std::string constraint;   ///< constraint_kind(), or empty where the points are fewer than it takes
+  /// Names of the sets whose constraints together imply that of this one (see detection/implied.h); mostly none.
+  std::vector<std::string> implied_by;
 };
 
 /// A stretch of sharp edges, or of edges between two primitives, that is straight or circular.
 struct EdgeFeature {
   EdgeKind kind = EdgeKind::line;
-  std::string name;             ///< "line_1", "circle_1", "arc_1", ...: by falling length
+  std::string name;             ///< "line_l20_1", "circle_d8_1", "arc_d8_1", ...: kind, measure, then counted by falling length
   std::vector<PointId> points;  ///< in order along the curve, each once; of a circle the last is joined to the first
   Vec3 point{};                 ///< the first point of a line, the centre of a circle or arc
   Vec3 axis{};                  ///< unit direction of a line, unit normal of the plane of a circle or arc
   double radius = 0;            ///< of circle and arc
   double length = 0;            ///< of the polygon
   double rms = 0, max = 0;      ///< distance of the points from the curve
+  std::string constraint;       ///< as of a primitive
+  std::vector<std::string> implied_by;  ///< as of a primitive
+  std::vector<std::string> lies_on;     ///< names of the primitives that have all its points
 };
 
 struct Detection {
@@ -92,7 +99,7 @@ struct Detection {
 Detection detect(const Mesh& mesh, const DetectOptions& options, const RunContext& context = {});
 
 /// What a constraint on the points of such a primitive is called: "planar", "cylindrical", "spherical", "conical"; of edges
-/// "feature_line" and "circular".
+/// "straight" and "circular".
 std::string_view constraint_kind(PrimitiveKind kind);
 std::string_view constraint_kind(EdgeKind kind);
 

@@ -17,7 +17,12 @@ Region simplest(const Surface& surface, const Limits& limits, const Region& regi
 /// of a torus, or of a free form, taken for a cylinder.
 bool convincing(const Surface& surface, const Limits& limits, const Region& region);
 
-/// The last part of this, from fewer points; true for faces with few points.
+/// Whether a curved region, whole by now, is curved enough for it: how far its points rise above a flat piece (the sagitta) must
+/// be large against their distances from the shape, and what turns by less than 30 degrees must leave nothing but noise behind.
+/// Any free-form panel is nearly a cylinder of large radius over a few degrees. True for planes.
+bool evident(const Surface& surface, const Region& region);
+
+/// The last part of convincing(), from fewer points; true for faces with few points.
 bool noisy(const Surface& surface, const Limits& limits, const Shape& shape, std::span<const FaceId> faces);
 
 }  // namespace deform::detection

@@ -14,11 +14,11 @@ namespace {
 
 using Triplet = Eigen::Triplet<double, std::int64_t>;
 
-constexpr std::size_t entry_bytes = sizeof(double) + sizeof(std::int64_t);
+constexpr std::size_t form_entry_bytes = sizeof(double) + sizeof(std::int64_t);
 constexpr std::size_t grown = 3 * sizeof(Triplet);  // of a vector that grows: the old array beside one of twice the size
 constexpr std::size_t small_assembly = std::size_t{64} << 20;
 constexpr std::size_t shape_bytes = 64;  // of a point in a projection
-constexpr std::size_t most_parameters = 7, few_points = 64;
+constexpr std::size_t most_parameters = 7, few_set_points = 64;
 
 /// What the bytes follow from.
 struct Counts {
@@ -42,7 +42,7 @@ Counts counts_of(const std::vector<ConstraintSet>& sets) {
   Counts counts;
   for (const ConstraintSet& set : sets) {
     counts.newton.add(*set.projection, set.rest);
-    counts.large += set.ids.size() > few_points ? 1 : 0;
+    counts.large += set.ids.size() > few_set_points ? 1 : 0;
   }
   return counts;
 }
@@ -70,23 +70,23 @@ std::size_t newton_bytes(const Counts& counts, NewtonForm form) {
   const std::size_t H =
       std::min(9 * counts.squares + 3 * counts.energy, counts.newton_factor * 10 / sizeof(double)) + crossing + sizes.jacobian;
   const std::size_t factor = 10 * counts.newton_factor + sizeof(double) * most_parameters * counts.large * 3 * r;
-  const std::size_t assembled = 3 * counts.energy * grown + H * 3 * entry_bytes + std::max(2 * H * entry_bytes, factor);
-  return linear + J * (grown + 3 * entry_bytes) + std::min(assembled, factor + counts.most_assembly);
+  const std::size_t assembled = 3 * counts.energy * grown + H * 3 * form_entry_bytes + std::max(2 * H * form_entry_bytes, factor);
+  return linear + J * (grown + 3 * form_entry_bytes) + std::min(assembled, factor + counts.most_assembly);
 }
 
 ConstrainedBytes total(const Counts& counts, NewtonForm form) {
   const NewtonSizes& sizes = counts.newton;
   const std::size_t N = sizes.points, r = sizes.functions;
   const std::size_t points = N * (sizeof(Vec3) + sizeof(PointId));
-  const std::size_t rows = 2 * (counts.phi * entry_bytes + (N + 1) * sizeof(std::int64_t));  // Phi and its transpose
+  const std::size_t rows = 2 * (counts.phi * form_entry_bytes + (N + 1) * sizeof(std::int64_t));  // Phi and its transpose
   const std::size_t compliance = form == NewtonForm::forces ? N * N * sizeof(double) : 0;
   const std::size_t lower = counts.energy + counts.squares + counts.borders;
 
   ConstrainedBytes bytes;
   bytes.resident = points + rows + counts.reduced.factor_bytes + counts.global_step.factor_bytes + compliance;
   const std::size_t making_rows = rows + counts.phi * grown;
-  const std::size_t making_matrix = rows + lower * (grown + 2 * entry_bytes) + counts.squares * 5 * entry_bytes;
-  const std::size_t factoring = rows + lower * entry_bytes + counts.global_step.peak_bytes;
+  const std::size_t making_matrix = rows + lower * (grown + 2 * form_entry_bytes) + counts.squares * 5 * form_entry_bytes;
+  const std::size_t factoring = rows + lower * form_entry_bytes + counts.global_step.peak_bytes;
   const std::size_t columns = static_cast<std::size_t>(thread_count({})) * 5 * (r + counts.unknowns) * sizeof(double);
   bytes.preparing =
       points + N * shape_bytes + counts.unknowns * 2 * sizeof(std::int64_t) +
@@ -104,7 +104,7 @@ ConstrainedBytes larger(const ConstrainedBytes& a, const ConstrainedBytes& b) {
 }
 
 /// Of the global step: S, which Phi^T Phi fits into where each point has one function, and the rows of the translations.
-SparseMatrix pattern(const SparseMatrix& matrix, const SparseRows& values, const std::vector<std::int64_t>& chosen, bool dense,
+SparseMatrix pattern(const SparseMatrix& matrix, const FunctionRows& values, const std::vector<std::int64_t>& chosen, bool dense,
                      const std::vector<ConstraintSet>& sets) {
   std::vector<Triplet> entries;
   auto size = static_cast<std::int64_t>(chosen.size());
@@ -125,9 +125,8 @@ SparseMatrix pattern(const SparseMatrix& matrix, const SparseRows& values, const
     if (!set.projection->moves_with_its_points()) continue;
     entries.emplace_back(size, size, 1.0);
     for (const PointId id : set.ids) {
-      for (SparseRows::InnerIterator it(values, id); it; ++it) {
-        entries.emplace_back(size, place[static_cast<std::size_t>(it.col())], 1.0);
-      }
+      values.for_each(
+          id, [&](std::int64_t column, double) { entries.emplace_back(size, place[static_cast<std::size_t>(column)], 1.0); });
     }
     ++size;
   }
@@ -137,16 +136,16 @@ SparseMatrix pattern(const SparseMatrix& matrix, const SparseRows& values, const
 }
 
 /// Newton's sparse matrix eliminates the parameters of small sets first, so that all functions at their points meet.
-std::size_t newton_factor_bytes(const SparseMatrix& matrix, const SparseRows& values, const std::vector<ConstraintSet>& sets) {
+std::size_t newton_factor_bytes(const SparseMatrix& matrix, const FunctionRows& values, const std::vector<ConstraintSet>& sets) {
   std::vector<Triplet> entries;
   for (std::int64_t j = 0; j < matrix.cols(); ++j) {
     for (SparseMatrix::InnerIterator it(matrix, j); it; ++it) entries.emplace_back(it.row(), j, 1.0);
   }
   for (const ConstraintSet& set : sets) {
-    if (set.ids.size() > few_points) continue;
+    if (set.ids.size() > few_set_points) continue;
     std::vector<std::int64_t> reached;
     for (const PointId id : set.ids) {
-      for (SparseRows::InnerIterator it(values, id); it; ++it) reached.push_back(it.col());
+      values.for_each(id, [&](std::int64_t column, double) { reached.push_back(column); });
     }
     for (const std::int64_t a : reached) {
       for (const std::int64_t b : reached) {
@@ -161,7 +160,8 @@ std::size_t newton_factor_bytes(const SparseMatrix& matrix, const SparseRows& va
 
 }  // namespace
 
-ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const SparseRows& values, const std::vector<ConstraintSet>& sets) {
+ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRows& values,
+                                   const std::vector<ConstraintSet>& sets) {
   if (sets.empty()) return {};
   Counts counts = counts_of(sets);
   const std::vector<std::int64_t> chosen = functions_reaching(values, sets);
@@ -170,7 +170,7 @@ ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const SparseRows&
   const std::size_t r = dense ? chosen.size() : counts.unknowns;
   for (const ConstraintSet& set : sets) {
     std::size_t reached = 0;
-    for (const PointId id : set.ids) reached += static_cast<std::size_t>(values.row(id).nonZeros());
+    for (const PointId id : set.ids) reached += values.count(id);
     counts.phi += reached;
     counts.borders += set.projection->moves_with_its_points() ? reached + 1 : 0;
   }
@@ -203,7 +203,7 @@ ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<C
     for (const ConstraintSet& set : sets) counts.borders += 1 + std::min(r, set.ids.size() * space.cover);
     const std::size_t entries = (dense ? r * r : space.factor_entries) + counts.borders;
     counts.global_step.factor_bytes = sizeof(double) * (entries + 8 * (r + sets.size() + 1));
-    counts.global_step.peak_bytes = 2 * counts.global_step.factor_bytes + 2 * (counts.energy + counts.borders) * entry_bytes;
+    counts.global_step.peak_bytes = 2 * counts.global_step.factor_bytes + 2 * (counts.energy + counts.borders) * form_entry_bytes;
     counts.global_step.flops = static_cast<double>(entries) * static_cast<double>(entries) / static_cast<double>(r + 1);
     if (dense) {
       const std::size_t whole = sizeof(double) * std::min(k * (k + 1) / 2, space.factor_entries + r * k);

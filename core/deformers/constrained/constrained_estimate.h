@@ -18,7 +18,8 @@ struct ConstrainedBytes {
 
 /// From the lower triangle of the matrix that the solver factors and the values at all points: by symbolic analysis, to a few
 /// percent.
-ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const SparseRows& values, const std::vector<ConstraintSet>& sets);
+ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRows& values,
+                                   const std::vector<ConstraintSet>& sets);
 
 /// Of a space that is not there yet; every count at most.
 struct SpaceCounts {

@@ -7,11 +7,11 @@
 
 namespace deform {
 
-std::vector<std::int64_t> functions_reaching(const SparseRows& values, const std::vector<ConstraintSet>& sets) {
+std::vector<std::int64_t> functions_reaching(const FunctionRows& values, const std::vector<ConstraintSet>& sets) {
   std::vector<bool> reaches(static_cast<std::size_t>(values.cols()), false);
   for (const ConstraintSet& set : sets) {
     for (const PointId id : set.ids) {
-      for (SparseRows::InnerIterator it(values, id); it; ++it) reaches[static_cast<std::size_t>(it.col())] = true;
+      values.for_each(id, [&](std::int64_t column, double) { reaches[static_cast<std::size_t>(column)] = true; });
     }
   }
   std::vector<std::int64_t> result;
@@ -21,7 +21,7 @@ std::vector<std::int64_t> functions_reaching(const SparseRows& values, const std
   return result;
 }
 
-ConstrainedPoints::ConstrainedPoints(std::vector<ConstraintSet> sets, const SparseRows& values, const ReducedEnergy& energy)
+ConstrainedPoints::ConstrainedPoints(std::vector<ConstraintSet> sets, const FunctionRows& values, const ReducedEnergy& energy)
     : sets_(std::move(sets)), first_{0} {
   const auto r = static_cast<std::int64_t>(energy.size());
   std::vector<std::int64_t> place(static_cast<std::size_t>(values.cols()), -1);
@@ -29,9 +29,9 @@ ConstrainedPoints::ConstrainedPoints(std::vector<ConstraintSet> sets, const Spar
   std::vector<Eigen::Triplet<double, std::int64_t>> rows;
   for (const ConstraintSet& set : sets_) {
     for (std::size_t i = 0; i < set.ids.size(); ++i) {
-      for (SparseRows::InnerIterator it(values, set.ids[i]); it; ++it) {
-        rows.emplace_back(static_cast<std::int64_t>(first_.back() + i), place[static_cast<std::size_t>(it.col())], it.value());
-      }
+      values.for_each(set.ids[i], [&](std::int64_t column, double value) {
+        rows.emplace_back(static_cast<std::int64_t>(first_.back() + i), place[static_cast<std::size_t>(column)], value);
+      });
     }
     first_.push_back(first_.back() + set.ids.size());
   }

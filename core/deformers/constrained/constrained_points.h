@@ -11,6 +11,7 @@
 #include "core/constraints/projection.h"
 #include "core/deformers/constrained/reduced_energy.h"
 #include "core/mesh/mesh.h"
+#include "core/numerics/sparse/function_rows.h"
 #include "core/numerics/sparse/sparse.h"
 
 namespace deform {
@@ -25,14 +26,14 @@ struct ConstraintSet {
 };
 
 /// The functions that some point of the sets is reached by; ascending. values: n x k at all points of the mesh.
-std::vector<std::int64_t> functions_reaching(const SparseRows& values, const std::vector<ConstraintSet>& sets);
+std::vector<std::int64_t> functions_reaching(const FunctionRows& values, const std::vector<ConstraintSet>& sets);
 
 /// The points of all sets, one set after the other, and the coefficients that move them: displacements Phi v with Phi of N x r
 /// over the functions of a ReducedEnergy. Immutable; any thread.
 class ConstrainedPoints {
  public:
   /// values: n x k at all points of the mesh.
-  ConstrainedPoints(std::vector<ConstraintSet> sets, const SparseRows& values, const ReducedEnergy& energy);
+  ConstrainedPoints(std::vector<ConstraintSet> sets, const FunctionRows& values, const ReducedEnergy& energy);
 
   const std::vector<ConstraintSet>& sets() const { return sets_; }
   std::size_t count() const { return first_.back(); }  ///< N

@@ -40,7 +40,7 @@ std::vector<Vec3> differences(const std::vector<Vec3>& a, const std::vector<Vec3
 
 }  // namespace
 
-ConstrainedSolver::ConstrainedSolver(const EnergySolver& solver, const SparseRows& values, std::vector<ConstraintSet> sets,
+ConstrainedSolver::ConstrainedSolver(const EnergySolver& solver, const FunctionRows& values, std::vector<ConstraintSet> sets,
                                      const Options& options, std::size_t memory_limit, const RunContext& context)
     : solver_(solver),
       options_(options),

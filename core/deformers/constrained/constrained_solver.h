@@ -74,8 +74,8 @@ class ConstrainedSolver {
   };
 
   /// values: n x k at all points of the mesh. `solver` must outlive this. Throws as EnergySolver does.
-  ConstrainedSolver(const EnergySolver& solver, const SparseRows& values, std::vector<ConstraintSet> sets, const Options& options,
-                    std::size_t memory_limit, const RunContext& context);
+  ConstrainedSolver(const EnergySolver& solver, const FunctionRows& values, std::vector<ConstraintSet> sets,
+                    const Options& options, std::size_t memory_limit, const RunContext& context);
 
   const std::vector<ConstraintSet>& sets() const { return points_.sets(); }
   std::size_t bytes() const;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/constrained/constraint_sets.h"
 
+#include <algorithm>
+#include <numeric>
 #include <utility>
 
 #include "core/mesh/wall_columns.h"
@@ -38,23 +40,63 @@ void add_columns(const Constraint& constraint, const WallColumns& columns, int l
                          std::to_string(columns.bare) + " faces of the wall without one");
 }
 
+void add_constraint(const Constraint& constraint, const std::vector<std::vector<PointId>>& regions, const Mesh& mesh,
+                    const UnitBox& box, const std::string& what, ConstraintSets& result) {
+  const auto* rigid = std::get_if<Rigid>(&constraint.kind);
+  if (rigid == nullptr || rigid->layers == 0) {
+    result.sets.push_back(set_of(constraint, regions, mesh, box, what));
+    return;
+  }
+  const WallColumns columns = wall_columns(mesh, regions[0], rigid->layers, what + ".regions[0]");
+  add_columns(constraint, columns, rigid->layers, mesh, box, what, result);
+}
+
+/// The constraints by what they say, so that the order in which they are written changes no bit of a result.
+std::vector<std::size_t> order_by_content(const Setup& setup, const SelectedRegions& regions) {
+  std::vector<std::size_t> order(setup.constraints.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::vector<std::vector<double>> numbers;
+  for (const Constraint& constraint : setup.constraints) {
+    numbers.push_back(numbers_of(constraint.kind));
+    numbers.back().push_back(constraint.weight);
+    numbers.back().push_back(constraint.exact ? 1 : 0);
+  }
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+    const std::size_t kind = setup.constraints[a].kind.index(), other = setup.constraints[b].kind.index();
+    if (kind != other) return kind < other;
+    if (regions.constraints[a] != regions.constraints[b]) return regions.constraints[a] < regions.constraints[b];
+    return numbers[a] < numbers[b];
+  });
+  return order;
+}
+
 }  // namespace
 
 ConstraintSets constraint_sets(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions, const UnitBox& box) {
-  ConstraintSets result;
+  ConstraintSets result, written;
+  std::vector<std::size_t> first{0};
   for (std::size_t i = 0; i < setup.constraints.size(); ++i) {
-    const Constraint& constraint = setup.constraints[i];
-    const std::string what = "constraints[" + std::to_string(i) + "]";
-    const auto* rigid = std::get_if<Rigid>(&constraint.kind);
-    if (rigid == nullptr || rigid->layers == 0) {
-      result.sets.push_back(set_of(constraint, regions.constraints[i], mesh, box, what));
-    } else {
-      const WallColumns columns = wall_columns(mesh, regions.constraints[i][0], rigid->layers, what + ".regions[0]");
-      add_columns(constraint, columns, rigid->layers, mesh, box, what, result);
-    }
+    add_constraint(setup.constraints[i], regions.constraints[i], mesh, box, "constraints[" + std::to_string(i) + "]", written);
+    first.push_back(written.sets.size());
+  }
+  result.notes = std::move(written.notes);
+  for (const std::size_t i : order_by_content(setup, regions)) {
+    for (std::size_t t = first[i]; t < first[i + 1]; ++t) result.sets.push_back(std::move(written.sets[t]));
     result.constraint_of.resize(result.sets.size(), i);
   }
   return result;
+}
+
+void check_constraint_sets(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions, const UnitBox& box,
+                           Problems& problems) {
+  for (std::size_t i = 0; i < setup.constraints.size(); ++i) {
+    const std::string field = "constraints[" + std::to_string(i) + "]";
+    if (problems.concern(field)) continue;
+    problems.check(field, [&] {
+      ConstraintSets ignored;
+      add_constraint(setup.constraints[i], regions.constraints[i], mesh, box, field, ignored);
+    });
+  }
 }
 
 }  // namespace deform

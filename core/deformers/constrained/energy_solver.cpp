@@ -127,6 +127,38 @@ Eigen::MatrixXd EnergySolver::solve(const Eigen::MatrixXd& h, const RunContext& 
   return solve_loads(loads(h, context), context);
 }
 
+/// From K and B themselves, not from the matrix that was rounded when it was assembled.
+Eigen::MatrixXd EnergySolver::uncertainty(const Eigen::MatrixXd& h, const Eigen::MatrixXd& u, const Eigen::MatrixXd& w,
+                                          const RunContext& context) const {
+  using Column = Eigen::Matrix<long double, Eigen::Dynamic, 1>;
+  const SparseMatrix &K = problem_.energy, &B = problem_.coupling;
+  const bool eliminated = problem_.enforcement == HandleEnforcement::eliminated;
+  const bool multipliers = problem_.enforcement == HandleEnforcement::multipliers;
+  Eigen::MatrixXd residual(w.rows(), w.cols());
+  parallel_for(context, static_cast<std::size_t>(w.cols()), 1, [&](std::size_t begin, std::size_t end) {
+    for (auto c = static_cast<Eigen::Index>(begin); c < static_cast<Eigen::Index>(end); ++c) {
+      Column r = Column::Zero(w.rows());
+      for (std::int64_t j = 0; j < B.outerSize(); ++j) {
+        long double load = u(j, c);
+        if (!eliminated) {
+          long double value = 0;
+          for (SparseMatrix::InnerIterator it(B, j); it; ++it) value += static_cast<long double>(it.value()) * w(it.row(), c);
+          load = problem_.weights[j] * (load - value + (multipliers ? h(j, c) - value : 0));
+        }
+        for (SparseMatrix::InnerIterator it(B, j); it; ++it) r[it.row()] += it.value() * load;
+      }
+      for (std::int64_t j = 0; j < K.outerSize(); ++j) {
+        for (SparseMatrix::InnerIterator it(K, j); it; ++it) {
+          r[it.row()] -= static_cast<long double>(it.value()) * w(j, c);
+          if (it.row() != j) r[j] -= static_cast<long double>(it.value()) * w(it.row(), c);
+        }
+      }
+      residual.col(c) = r.cast<double>();
+    }
+  });
+  return inverse(std::move(residual), context);
+}
+
 /// With S = B A^-1 B^T, u = q(S W) h for a polynomial q, and the solution is A^-1 B^T W u. W q(S W) is symmetric, so the
 /// transpose is W q(S W) B A^-1 g: the same steps, from B A^-1 g.
 Eigen::MatrixXd EnergySolver::adjoint(const Eigen::MatrixXd& g, const RunContext& context) const {

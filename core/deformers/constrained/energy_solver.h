@@ -61,6 +61,10 @@ class EnergySolver {
   Eigen::MatrixXd solve_loads(const Eigen::MatrixXd& u, const RunContext& context) const;
   /// k x c from h (m x c).
   Eigen::MatrixXd solve(const Eigen::MatrixXd& h, const RunContext& context) const;
+  /// How far w = solve_loads(u) with u = loads(h) may be off: the next step of refinement, with the residual in extended
+  /// precision, and of the method of multipliers; k x c.
+  Eigen::MatrixXd uncertainty(const Eigen::MatrixXd& h, const Eigen::MatrixXd& u, const Eigen::MatrixXd& w,
+                              const RunContext& context) const;
   /// m x c from g (k x c): the transpose of solve().
   Eigen::MatrixXd adjoint(const Eigen::MatrixXd& g, const RunContext& context) const;
 

@@ -1,392 +1,309 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/constrained/exact_placement.h"
 
-#include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
-#include "core/base/error.h"
 #include "core/base/vectors.h"
-#include "core/numerics/sparse/conjugate_gradients.h"
-#include "core/numerics/sparse/sparse_cholesky.h"
 
 namespace deform {
 
 namespace {
 
-using Entry = Eigen::Triplet<double, std::int64_t>;
-constexpr double stiffness = 1e9;  // of the linearized distances against the changes
-constexpr double damping = 1e-9;   // of parameters of shapes that change nothing
-constexpr int most_steps = 60, most_halvings = 10, most_iterations = 500;
-constexpr double smallest_step = 1e-14;
-constexpr double rounding = 1e-13;  // of the merit: less than this is no change of it
-constexpr double met = 1e-9;        // a distance
-constexpr double accuracy = 1e-11;  // of derivatives
+std::vector<Vec3> chosen(const std::vector<Vec3>& all, const std::vector<std::uint32_t>& which) {
+  std::vector<Vec3> result;
+  result.reserve(which.size());
+  for (const std::uint32_t u : which) result.push_back(all[u]);
+  return result;
+}
+
+void put(const std::vector<Vec3>& some, const std::vector<std::uint32_t>& where, std::vector<Vec3>& all) {
+  for (std::size_t i = 0; i < where.size(); ++i) all[where[i]] = some[i];
+}
+
+/// The sets of a group that are tried again: without the one that is missed most or, when all are met but too far away, that
+/// pulls most; of many sets without more of these at once. Ascending.
+std::vector<std::size_t> without_worst(const JointSets::State& at) {
+  std::vector<double> badness = at.distances;
+  if (*std::max_element(badness.begin(), badness.end()) <= JointSets::met && !at.forces.empty()) {
+    for (std::size_t s = 0; s < badness.size(); ++s) {
+      for (const Vec3& force : at.forces[s]) badness[s] = std::max(badness[s], length(force));
+    }
+  }
+  std::vector<std::size_t> order(badness.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return badness[a] < badness[b]; });
+  order.resize(order.size() - std::max<std::size_t>(1, order.size() / 8));
+  std::sort(order.begin(), order.end());
+  return order;
+}
 
 }  // namespace
-
-/// The sets of a piece about some positions: [I + W J^T J, W J^T P; W P^T J, W P^T P].
-class ExactPlacement::Joint {
- public:
-  /// Factored.
-  Joint(const ExactPlacement& placement, const Piece& piece, const std::vector<Vec3>& points, const RunContext& context)
-      : Joint(placement, piece, points) {
-    factor_ = std::make_unique<const SparseCholesky>(matrix(), context);
-  }
-
-  /// Not factored, so that nothing can be solved.
-  Joint(const ExactPlacement& placement, const Piece& piece, const std::vector<Vec3>& points)
-      : placement_(placement),
-        piece_(piece),
-        unknowns_(3 * static_cast<std::int64_t>(piece.moving.size())),
-        points_(points),
-        shapes_(piece.sets.size()) {
-    std::vector<Entry> entries;
-    std::vector<double> residuals;
-    std::int64_t columns = unknowns_;
-    for (std::size_t s = 0; s < piece.sets.size(); ++s) {
-      const std::size_t t = piece.sets[s];
-      const std::vector<Vec3> x = placement.of_set(t, points);
-      std::vector<Vec3> projected(x.size());
-      const Projection& projection = *placement.sets_[t].projection;
-      projection.project(x, projected, shapes_[s]);
-      const Linearization linear = projection.linearize(x, shapes_[s]);
-      const auto add = [&](std::size_t i, const Vec3& normal) {
-        const std::int64_t column = placement.unknown_[placement.places_[t][i]];
-        const auto row = static_cast<std::int64_t>(residuals.size());
-        for (std::int64_t a = 0; column >= 0 && a < 3; ++a) {
-          entries.emplace_back(row, column + a, normal[static_cast<std::size_t>(a)]);
-        }
-      };
-      for (std::size_t r = 0; r < linear.normals.size(); ++r) {
-        add(r / linear.rows_per_point, linear.normals[r]);
-        if (!linear.partners.empty()) add(linear.partners[r], linear.partner_normals[r]);
-        for (Eigen::Index q = 0; q < linear.parameters.cols(); ++q) {
-          entries.emplace_back(static_cast<std::int64_t>(residuals.size()), columns + q,
-                               linear.parameters(static_cast<Eigen::Index>(r), q));
-        }
-        residuals.push_back(linear.residual[static_cast<Eigen::Index>(r)]);
-      }
-      columns += linear.parameters.cols();
-    }
-    const auto rows = static_cast<std::int64_t>(residuals.size());
-    J_.resize(rows, columns);
-    J_.setFromTriplets(entries.begin(), entries.end());
-    residual_ = Eigen::Map<const Eigen::VectorXd>(residuals.data(), rows);
-  }
-
-  SparseMatrix matrix() const {
-    const std::int64_t columns = J_.cols();
-    SparseMatrix H = stiffness * SparseMatrix(SparseMatrix(J_.transpose()) * J_).triangularView<Eigen::Lower>();
-    const double largest = H.nonZeros() > 0 ? std::max(1.0, H.diagonal().maxCoeff()) : 1.0;
-    SparseMatrix diagonal(columns, columns);
-    diagonal.reserve(Eigen::VectorXi::Constant(static_cast<int>(columns), 1));
-    for (std::int64_t j = 0; j < columns; ++j) diagonal.insert(j, j) = j < unknowns_ ? 1.0 : damping * largest;
-    H += diagonal;
-    H.makeCompressed();
-    return H;
-  }
-
-  /// While it is made, with a factor.
-  std::size_t bytes() const {
-    const SparseMatrix H = matrix();
-    // The entries of J in a vector that has grown, J and its transpose; J^T J, sorted, its lower triangle and sums of it.
-    const auto entries = static_cast<std::size_t>(J_.nonZeros()), squares = static_cast<std::size_t>(H.nonZeros());
-    constexpr std::size_t entry = sizeof(double) + sizeof(std::int64_t);
-    return entries * (3 * sizeof(Entry) + 3 * entry) + squares * 7 * entry + SparseCholesky::estimate(H).peak_bytes;
-  }
-
-  /// Where the model is least that starts at `from`; only what moves is different from `points`.
-  std::vector<Vec3> least(const std::vector<Vec3>& from) const {
-    Eigen::VectorXd b = -stiffness * (J_.transpose() * residual_);
-    b.head(unknowns_) += moving(from) - moving(points_);
-    factor_->solve_in_place(b);
-    std::vector<Vec3> result = points_;
-    put(moving(points_) + b.head(unknowns_), result);
-    return result;
-  }
-
-  /// The derivative at the end: (I + W sum (I - P')) dy = dx over the points that move, with what the others do on the right.
-  void follow(std::vector<Vec3>& change, const RunContext& context) const {
-    std::vector<Vec3> held = change;
-    put(Eigen::VectorXd::Zero(unknowns_), held);
-    put(solved(moving(change) - stiffness * moving(residual_change(held)), context), change);
-  }
-
-  /// Its transpose.
-  void pull_back(std::vector<Vec3>& cotangent, const RunContext& context) const {
-    std::vector<Vec3> at_moving(cotangent.size(), Vec3{});
-    put(solved(moving(cotangent), context), at_moving);
-    const std::vector<Vec3> pushed = residual_change(at_moving);
-    for (std::size_t u = 0; u < cotangent.size(); ++u) {
-      for (std::size_t k = 0; k < 3; ++k) cotangent[u][k] -= stiffness * pushed[u][k];
-    }
-    for (const std::uint32_t u : piece_.moving) cotangent[u] = at_moving[u];
-  }
-
- private:
-  /// sum over the sets of (I - P') applied to U vectors.
-  std::vector<Vec3> residual_change(const std::vector<Vec3>& change) const {
-    std::vector<Vec3> result(change.size(), Vec3{});
-    for (std::size_t s = 0; s < piece_.sets.size(); ++s) {
-      const std::size_t t = piece_.sets[s];
-      const std::vector<Vec3> x = placement_.of_set(t, points_), dx = placement_.of_set(t, change);
-      std::vector<Vec3> along(x.size());
-      placement_.sets_[t].projection->derivative(x, shapes_[s], dx, along);
-      for (std::size_t i = 0; i < x.size(); ++i) {
-        for (std::size_t k = 0; k < 3; ++k) result[placement_.places_[t][i]][k] += dx[i][k] - along[i][k];
-      }
-    }
-    return result;
-  }
-
-  /// Conjugate gradients; the factor leaves out the curvature of the shapes only.
-  Eigen::VectorXd solved(const Eigen::VectorXd& b, const RunContext& context) const {
-    const auto preconditioned = [&](const Eigen::VectorXd& r) {
-      Eigen::VectorXd z = Eigen::VectorXd::Zero(J_.cols());
-      z.head(r.size()) = r;
-      factor_->solve_in_place(z);
-      return Eigen::VectorXd(z.head(r.size()));
-    };
-    std::vector<Vec3> field(points_.size(), Vec3{});
-    const auto product = [&](const Eigen::VectorXd& p) -> Eigen::VectorXd {
-      put(p, field);
-      return p + stiffness * moving(residual_change(field));
-    };
-    // Where this is not a minimum, what there is so far is the best that can be said.
-    return conjugate_gradients(b, product, preconditioned, accuracy, most_iterations, context).x;
-  }
-
-  Eigen::VectorXd moving(const std::vector<Vec3>& points) const {
-    Eigen::VectorXd result(unknowns_);
-    for (std::size_t i = 0; i < piece_.moving.size(); ++i) {
-      for (std::size_t k = 0; k < 3; ++k) result[static_cast<Eigen::Index>(3 * i + k)] = points[piece_.moving[i]][k];
-    }
-    return result;
-  }
-  void put(const Eigen::VectorXd& from, std::vector<Vec3>& points) const {
-    for (std::size_t i = 0; i < piece_.moving.size(); ++i) {
-      for (std::size_t k = 0; k < 3; ++k) points[piece_.moving[i]][k] = from[static_cast<Eigen::Index>(3 * i + k)];
-    }
-  }
-
-  const ExactPlacement& placement_;
-  const Piece& piece_;
-  std::int64_t unknowns_;
-  std::vector<Vec3> points_;
-  std::vector<ShapeParameters> shapes_;  ///< per set of the piece
-  SparseMatrix J_;                       ///< distances by unknowns and parameters
-  Eigen::VectorXd residual_;
-  std::unique_ptr<const SparseCholesky> factor_;
-};
 
 ExactPlacement::ExactPlacement(std::vector<ConstraintSet> sets, const std::vector<bool>& moves) : sets_(std::move(sets)) {
   for (const ConstraintSet& set : sets_) ids_.insert(ids_.end(), set.ids.begin(), set.ids.end());
   std::sort(ids_.begin(), ids_.end());
   ids_.erase(std::unique(ids_.begin(), ids_.end()), ids_.end());
-  std::vector<int> uses(ids_.size(), 0);
+  for (const PointId id : ids_) moves_.push_back(moves[id]);
   for (const ConstraintSet& set : sets_) {
     std::vector<std::uint32_t>& places = places_.emplace_back();
     for (const PointId id : set.ids) {
       places.push_back(static_cast<std::uint32_t>(std::lower_bound(ids_.begin(), ids_.end(), id) - ids_.begin()));
-      ++uses[places.back()];
     }
+    // A point of two regions of a set stands there twice: it has two places.
+    std::vector<std::uint32_t> own = places;
+    std::sort(own.begin(), own.end());
+    const bool once = std::adjacent_find(own.begin(), own.end()) == own.end();
+    all_move_.push_back(once &&
+                        std::all_of(own.begin(), own.end(), [&](std::uint32_t u) { return static_cast<bool>(moves_[u]); }));
   }
-  for (const PointId id : ids_) moves_.push_back(moves[id]);
-  connect(uses);
 }
 
-/// uses: per point, how many sets hold it.
-void ExactPlacement::connect(const std::vector<int>& uses) {
-  std::vector<std::size_t> root(sets_.size()), holder(ids_.size(), sets_.size());
+/// Sets that hang together by common points that move; in the order of their first.
+std::vector<std::vector<std::size_t>> ExactPlacement::connected(const std::vector<std::size_t>& sets) const {
+  std::vector<std::size_t> root(sets.size()), holder(ids_.size(), sets.size());
   const auto root_of = [&](std::size_t t) {
     while (root[t] != t) t = root[t] = root[root[t]];
     return t;
   };
-  for (std::size_t t = 0; t < sets_.size(); ++t) {
-    root[t] = t;
-    for (const std::uint32_t u : places_[t]) {
-      if (holder[u] == sets_.size()) holder[u] = t;
-      const std::size_t a = root_of(holder[u]), b = root_of(t);
+  for (std::size_t s = 0; s < sets.size(); ++s) {
+    root[s] = s;
+    for (const std::uint32_t u : places_[sets[s]]) {
+      if (!moves_[u]) continue;
+      if (holder[u] == sets.size()) holder[u] = s;
+      const std::size_t a = root_of(holder[u]), b = root_of(s);
       root[std::max(a, b)] = std::min(a, b);
     }
   }
-  unknown_.assign(ids_.size(), -1);
-  std::vector<std::size_t> piece_of(sets_.size());
-  for (std::size_t t = 0; t < sets_.size(); ++t) {
-    if (root_of(t) == t) {
-      piece_of[t] = pieces_.size();
-      pieces_.emplace_back();
+  std::vector<std::vector<std::size_t>> groups;
+  std::vector<std::size_t> group_of(sets.size());
+  for (std::size_t s = 0; s < sets.size(); ++s) {
+    if (root_of(s) == s) {
+      group_of[s] = groups.size();
+      groups.emplace_back();
     }
-    Piece& piece = pieces_[piece_of[root_of(t)]];
-    piece.sets.push_back(t);
-    const auto single = [&](std::uint32_t u) { return uses[u] == 1 && moves_[u]; };
-    piece.alone = std::all_of(places_[t].begin(), places_[t].end(), single);
-    for (const std::uint32_t u : places_[t]) {
-      if (piece.alone || !moves_[u] || unknown_[u] >= 0) continue;
-      unknown_[u] = 3 * static_cast<std::int64_t>(piece.moving.size());
-      piece.moving.push_back(u);
+    groups[group_of[root_of(s)]].push_back(sets[s]);
+  }
+  return groups;
+}
+
+/// The circles among `sets` that lie on a cylinder with all their points, by their places in it; told: per entry of `sets`.
+std::vector<Section> ExactPlacement::sections_of(std::size_t cylinder, const std::vector<std::size_t>& sets,
+                                                 std::vector<bool>& told) const {
+  constexpr std::size_t fewest = 5;  // four points of a circle may lie on a cylinder in other ways
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> places;
+  for (std::uint32_t i = 0; i < places_[cylinder].size(); ++i) places.emplace_back(places_[cylinder][i], i);
+  std::sort(places.begin(), places.end());
+  std::vector<bool> taken(places_[cylinder].size(), false);
+  std::vector<Section> sections;
+  for (std::size_t s = 0; s < sets.size(); ++s) {
+    if (told[s] || sets_[sets[s]].ids.size() < fewest ||
+        dynamic_cast<const IsSection*>(sets_[sets[s]].projection.get()) == nullptr) {
+      continue;
+    }
+    Section section;
+    for (const std::uint32_t u : places_[sets[s]]) {
+      const auto found = std::lower_bound(places.begin(), places.end(), std::pair<std::uint32_t, std::uint32_t>(u, 0));
+      if (found == places.end() || found->first != u || taken[found->second]) break;
+      section.push_back(found->second);
+    }
+    if (section.size() < places_[sets[s]].size()) continue;
+    for (const std::uint32_t i : section) taken[i] = true;
+    told[s] = true;
+    sections.push_back(std::move(section));
+  }
+  return sections;
+}
+
+ExactPlacement::Part ExactPlacement::part_of(const std::vector<std::size_t>& sets, Circles circles) const {
+  Part part;
+  for (const std::size_t t : sets) part.points.insert(part.points.end(), places_[t].begin(), places_[t].end());
+  std::sort(part.points.begin(), part.points.end());
+  part.points.erase(std::unique(part.points.begin(), part.points.end()), part.points.end());
+  for (const std::uint32_t u : part.points) part.on.moves.push_back(moves_[u]);
+  std::vector<bool> told(sets.size(), false);
+  std::vector<const ConstraintSet*> of(sets.size());
+  for (std::size_t s = 0; s < sets.size(); ++s) {
+    const ConstraintSet& set = sets_[sets[s]];
+    of[s] = &set;
+    const auto* shape = dynamic_cast<const WithSections*>(set.projection.get());
+    if (circles == Circles::apart || shape == nullptr) continue;
+    std::vector<Section> sections = sections_of(sets[s], sets, told);
+    if (sections.empty()) continue;
+    part.made.push_back(std::make_unique<const ConstraintSet>(
+        ConstraintSet{set.name, shape->with_sections(std::move(sections)), set.ids, set.rest, set.weight}));
+    of[s] = part.made.back().get();
+  }
+  for (std::size_t s = 0; s < sets.size(); ++s) {
+    if (told[s]) continue;
+    part.first.push_back(sets[s]);
+    part.on.sets.push_back(of[s]);
+    std::vector<std::uint32_t>& places = part.on.places.emplace_back();
+    for (const std::uint32_t u : places_[sets[s]]) {
+      const auto found = std::lower_bound(part.points.begin(), part.points.end(), u);
+      places.push_back(static_cast<std::uint32_t>(found - part.points.begin()));
     }
   }
+  return part;
 }
 
 std::size_t ExactPlacement::bytes() const {
-  std::size_t bytes = ids_.size() * (sizeof(PointId) + sizeof(std::int64_t) + sizeof(std::uint32_t) + 1);
+  std::size_t bytes = ids_.size() * (sizeof(PointId) + 1);
   for (const ConstraintSet& set : sets_) bytes += set.ids.size() * (sizeof(PointId) + sizeof(Vec3) + sizeof(std::uint32_t));
-  return bytes + pieces_.size() * sizeof(Piece) + sets_.size() * sizeof(std::size_t);
+  return bytes + sets_.size() * (sizeof(ConstraintSet) + sizeof(std::vector<std::uint32_t>));
 }
 
-std::size_t ExactPlacement::working_bytes() const {
+std::size_t ExactPlacement::working_bytes(const RunContext& context) const {
   std::vector<Vec3> rest(ids_.size());
+  std::vector<std::size_t> all;
   for (std::size_t t = 0; t < sets_.size(); ++t) {
+    all.push_back(t);
     for (std::size_t i = 0; i < places_[t].size(); ++i) rest[places_[t][i]] = sets_[t].rest[i];
   }
   std::size_t largest = 0;
-  for (const Piece& piece : pieces_) {
-    if (!piece.alone) largest = std::max(largest, Joint(*this, piece, rest).bytes());
+  for (const std::vector<std::size_t>& group : connected(all)) {
+    if (is_projected(group)) continue;
+    const Part part = part_of(group);
+    largest = std::max(largest, JointSets(part.on).working_bytes(chosen(rest, part.points), context));
   }
   return 12 * ids_.size() * sizeof(Vec3) + largest;
 }
 
 std::vector<Vec3> ExactPlacement::of_set(std::size_t t, const std::vector<Vec3>& points) const {
-  std::vector<Vec3> result;
-  result.reserve(places_[t].size());
-  for (const std::uint32_t u : places_[t]) result.push_back(points[u]);
-  return result;
+  return chosen(points, places_[t]);
 }
 
-void ExactPlacement::project(std::size_t t, std::vector<Vec3>& points) const {
-  const std::vector<Vec3> x = of_set(t, points);
-  std::vector<Vec3> y(x.size());
-  ShapeParameters shape;
-  sets_[t].projection->project(x, y, shape);
-  for (std::size_t i = 0; i < y.size(); ++i) points[places_[t][i]] = y[i];
-}
-
-double ExactPlacement::merit(const Piece& piece, const std::vector<Vec3>& from, const std::vector<Vec3>& points) const {
-  double moved = 0, missed = 0;
-  for (const std::uint32_t u : piece.moving) moved += squared_distance(from[u], points[u]);
-  for (const std::size_t t : piece.sets) {
-    const std::vector<Vec3> x = of_set(t, points);
-    std::vector<Vec3> y(x.size());
-    ShapeParameters shape;
-    missed += sets_[t].projection->project(x, y, shape);
-  }
-  return moved + stiffness * missed;
-}
-
-/// Every step lowers the merit, so that the last place is the best.
-void ExactPlacement::descend(const Piece& piece, const std::vector<Vec3>& from, std::vector<Vec3>& points,
-                             const RunContext& context) const {
-  double best = merit(piece, from, points);
-  for (int step = 0; step < most_steps; ++step) {
-    std::vector<Vec3> least;
-    try {
-      least = Joint(*this, piece, points, context).least(from);
-    } catch (const Error& error) {
-      // Shapes that have run off make no matrix: what there is so far has to do.
-      if (error.code() != ErrorCode::numerical_failure) throw;
-      return;
+/// Gives up the worst sets until the others are met; what is left may hang together no more.
+void ExactPlacement::place_group(const std::vector<std::size_t>& sets, const std::vector<ShapeParameters>& shapes, Placed& placed,
+                                 const RunContext& context) const {
+  std::vector<std::vector<std::size_t>> waiting{sets};
+  while (!waiting.empty()) {
+    const std::vector<std::size_t> now = std::move(waiting.back());
+    waiting.pop_back();
+    Group group{now, {}, is_projected(now)};
+    if (group.projected) {
+      const std::size_t t = now[0];
+      const std::vector<Vec3> x = of_set(t, placed.from);
+      group.at.points.resize(x.size());
+      group.at.shapes = {shapes[t]};
+      sets_[t].projection->project(x, group.at.points, group.at.shapes[0]);
+      put(group.at.points, places_[t], placed.points);
+      placed.groups.push_back(std::move(group));
+      continue;
     }
-    double squares = 0;
-    for (const std::uint32_t u : piece.moving) squares += squared_distance(points[u], least[u]);
-    bool taken = false;
-    double share = 1;
-    for (int halving = 0; halving < most_halvings && !taken; ++halving, share /= 2) {
-      std::vector<Vec3> next = points;
-      for (const std::uint32_t u : piece.moving) {
-        for (std::size_t k = 0; k < 3; ++k)
-          next[u][k] = share == 1 ? least[u][k] : next[u][k] + share * (least[u][k] - next[u][k]);
+    for (const Circles circles : {Circles::sections, Circles::apart}) {
+      const Part part = part_of(now, circles);
+      if (circles == Circles::sections && part.made.empty()) continue;
+      std::vector<ShapeParameters> starts;
+      for (const std::size_t t : part.first) starts.push_back(shapes[t]);
+      group.at = JointSets(part.on).place(chosen(placed.from, part.points), starts, placed.most_movement(), context);
+      group.sectioned = circles == Circles::sections;
+      if (!group.at.found) continue;
+      put(group.at.points, part.points, placed.points);
+      break;
+    }
+    if (group.at.found) {
+      placed.groups.push_back(std::move(group));
+      continue;
+    }
+    std::vector<std::size_t> rest;
+    for (const std::size_t s : without_worst(group.at)) rest.push_back(now[s]);
+    for (const std::size_t t : now) placed.given_up[t] = !std::binary_search(rest.begin(), rest.end(), t);
+    std::vector<std::vector<std::size_t>> parts = connected(rest);
+    waiting.insert(waiting.end(), std::make_move_iterator(parts.rbegin()), std::make_move_iterator(parts.rend()));
+  }
+}
+
+/// What shares points with a set that is given up must not leave that worse than the worst was.
+void ExactPlacement::check_given_up(const std::vector<ShapeParameters>& shapes, Placed& placed) const {
+  std::vector<std::size_t> group_of(ids_.size());
+  for (bool again = true; again;) {
+    again = false;
+    std::fill(group_of.begin(), group_of.end(), placed.groups.size());
+    for (std::size_t g = 0; g < placed.groups.size(); ++g) {
+      for (const std::size_t t : placed.groups[g].sets) {
+        for (const std::uint32_t u : places_[t]) group_of[u] = g;
       }
-      const double value = merit(piece, from, next);
-      // A full step that rounding hides goes along the shapes.
-      taken = value < best || (share == 1 && value <= best * (1 + rounding));
-      if (!taken) continue;
-      best = value;
-      points = std::move(next);
     }
-    if (!taken || squares <= smallest_step * smallest_step * static_cast<double>(piece.moving.size())) return;
-  }
-}
-
-double ExactPlacement::largest_distance(const Piece& piece, const std::vector<Vec3>& points) const {
-  double largest = 0;
-  for (const std::size_t t : piece.sets) {
-    const std::vector<Vec3> x = of_set(t, points);
-    std::vector<Vec3> y(x.size());
-    ShapeParameters shape;
-    sets_[t].projection->project(x, y, shape);
-    for (std::size_t i = 0; i < x.size(); ++i) largest = std::max(largest, squared_distance(x[i], y[i]));
-  }
-  return std::sqrt(largest);
-}
-
-bool ExactPlacement::is_worse(const Piece& piece, double before, double left, const Placed& placed) const {
-  const double most = most_movement(placed, left <= met);
-  for (const std::size_t t : piece.sets) {
-    for (const std::uint32_t u : places_[t]) {
-      // So that what is not finite is worse.
-      if (!(std::sqrt(squared_distance(placed.from[u], placed.points[u])) <= most)) return true;
+    for (std::size_t t = 0; t < sets_.size() && !again; ++t) {
+      if (!placed.given_up[t]) continue;
+      ShapeParameters shape = shapes[t];
+      if (largest_distance(sets_[t], of_set(t, placed.points), shape) <= placed.distance) continue;
+      for (const std::uint32_t u : places_[t]) {
+        const std::size_t g = group_of[u];
+        if (g == placed.groups.size()) continue;
+        for (const std::size_t s : placed.groups[g].sets) {
+          placed.given_up[s] = true;
+          for (const std::uint32_t v : places_[s]) placed.points[v] = placed.from[v];
+        }
+        placed.groups.erase(placed.groups.begin() + static_cast<std::ptrdiff_t>(g));
+        again = true;
+        break;
+      }
     }
   }
-  return !(left <= met || left < before);
 }
 
 ExactPlacement::Placed ExactPlacement::place(std::vector<Vec3> from, const RunContext& context) const {
   Placed placed;
   placed.from = std::move(from);
   placed.points = placed.from;
-  placed.given_up.resize(sets_.size());
-  std::vector<double> before;
-  for (const Piece& piece : pieces_) before.push_back(largest_distance(piece, placed.from));
-  for (const double distance : before) placed.distance = std::max(placed.distance, distance);
-  for (std::size_t i = 0; i < pieces_.size(); ++i) {
-    const Piece& piece = pieces_[i];
-    if (piece.alone) {
-      project(piece.sets[0], placed.points);
-    } else {
-      descend(piece, placed.from, placed.points, context);
-    }
-    const double left = largest_distance(piece, placed.points);
-    if (!is_worse(piece, before[i], left, placed)) {
-      placed.met = placed.met && left <= met;
-      continue;
-    }
-    for (const std::size_t t : piece.sets) {
-      placed.given_up[t] = true;
-      for (const std::uint32_t u : places_[t]) placed.points[u] = placed.from[u];
-    }
+  placed.given_up.assign(sets_.size(), false);
+  std::vector<ShapeParameters> shapes(sets_.size());
+  for (std::size_t t = 0; t < sets_.size(); ++t) {
+    placed.distance = std::max(placed.distance, largest_distance(sets_[t], of_set(t, placed.from), shapes[t]));
   }
+  std::vector<std::size_t> possible;
+  for (std::size_t t = 0; t < sets_.size(); ++t) {
+    if (!all_move_[t]) {
+      const Part part = part_of({t});
+      const JointSets::State alone =
+          JointSets(part.on).place(chosen(placed.from, part.points), {shapes[t]}, placed.most_movement(), context);
+      placed.given_up[t] = !alone.found;
+    }
+    if (!placed.given_up[t]) possible.push_back(t);
+  }
+  for (const std::vector<std::size_t>& group : connected(possible)) place_group(group, shapes, placed, context);
+  check_given_up(shapes, placed);
   return placed;
 }
 
-std::vector<Vec3> ExactPlacement::alone_derivative(const Placed& at, const std::vector<Vec3>& change) const {
-  std::vector<Vec3> result = change;
-  for (const Piece& piece : pieces_) {
-    const std::size_t t = piece.sets[0];
-    if (!piece.alone || at.given_up[t]) continue;
-    const std::vector<Vec3> x = of_set(t, at.from), dx = of_set(t, change);
-    std::vector<Vec3> y(x.size());
-    ShapeParameters shape;
-    sets_[t].projection->project(x, y, shape);
-    sets_[t].projection->derivative(x, shape, dx, y);
-    for (std::size_t i = 0; i < y.size(); ++i) result[places_[t][i]] = y[i];
-  }
-  return result;
-}
-
 std::vector<Vec3> ExactPlacement::derivative(const Placed& at, const std::vector<Vec3>& change, const RunContext& context) const {
-  std::vector<Vec3> result = alone_derivative(at, change);
-  for (const Piece& piece : pieces_) {
-    if (!piece.alone && !at.given_up[piece.sets[0]]) Joint(*this, piece, at.points, context).follow(result, context);
+  std::vector<Vec3> result = change;
+  for (const Group& group : at.groups) {
+    if (group.projected) {
+      const std::size_t t = group.sets[0];
+      const std::vector<Vec3> dx = of_set(t, change);
+      std::vector<Vec3> dy(dx.size());
+      sets_[t].projection->derivative(of_set(t, at.from), group.at.shapes[0], dx, dy);
+      put(dy, places_[t], result);
+      continue;
+    }
+    const Part part = part_of(group.sets, group.sectioned ? Circles::sections : Circles::apart);
+    put(JointSets(part.on).derivative(group.at, chosen(change, part.points), context), part.points, result);
   }
   return result;
 }
 
+/// Groups share points only where these do not move: what arrives there adds up.
 std::vector<Vec3> ExactPlacement::adjoint(const Placed& at, const std::vector<Vec3>& cotangent, const RunContext& context) const {
-  std::vector<Vec3> result = alone_derivative(at, cotangent);
-  for (const Piece& piece : pieces_) {
-    if (!piece.alone && !at.given_up[piece.sets[0]]) Joint(*this, piece, at.points, context).pull_back(result, context);
+  std::vector<Vec3> result = cotangent;
+  for (const Group& group : at.groups) {
+    if (group.projected) {
+      const std::size_t t = group.sets[0];
+      const std::vector<Vec3> y = of_set(t, cotangent);
+      std::vector<Vec3> x(y.size());
+      sets_[t].projection->derivative(of_set(t, at.from), group.at.shapes[0], y, x);
+      put(x, places_[t], result);
+      continue;
+    }
+    const Part part = part_of(group.sets, group.sectioned ? Circles::sections : Circles::apart);
+    const std::vector<Vec3> g = chosen(cotangent, part.points), x = JointSets(part.on).adjoint(group.at, g, context);
+    for (std::size_t i = 0; i < part.points.size(); ++i) {
+      Vec3& sum = result[part.points[i]];
+      sum = moves_[part.points[i]] ? x[i] : sum + (x[i] - g[i]);
+    }
   }
   return result;
 }

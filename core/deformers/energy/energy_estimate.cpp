@@ -9,6 +9,7 @@
 #include "core/deformers/constrained/constraint_sets.h"
 #include "core/deformers/constrained/exact_placement.h"
 #include "core/deformers/energy/residual_correction.h"
+#include "core/deformers/energy/spaces/lattice_space.h"
 #include "core/deformers/energy/spaces/mls.h"
 #include "core/deformers/energy/spaces/shell.h"
 #include "core/deformers/energy/spaces/subspace.h"
@@ -69,6 +70,27 @@ Sizes sizes_of(const ShellOptions& options, const Case& of, Estimate& estimate) 
     sizes.making = 2 * energy + 4 * sizes.held * entry_bytes;
   }
   (model.eliminated ? estimate.held_points : estimate.samples) = model.eliminated ? sizes.held : sizes.functions;
+  estimate.notes = model.space.notes;
+  return sizes;
+}
+
+/// The matrix of a lattice is made as well: it is small, and its factor has its pattern, which the held points do not change.
+Sizes sizes_of(const FfdOptions& options, const Case& of, Estimate& estimate) {
+  Sizes sizes;
+  const EnergyModel model = lattice_model(of.mesh, options, of.points.region_of, {});
+  sizes.factor = SparseCholesky::estimate(model.space.energy);
+  sizes.constrained = constrained_bytes(model.space.energy, model.space.functions(), of.sets);
+  const std::size_t energy = sparse_bytes(model.space.energy);
+  sizes.held = model.held.size();
+  std::size_t entries = 0;
+  for (const PointId id : model.held) entries += model.space.functions().count(id);
+  const std::size_t rows = entries * entry_bytes + sizes.held * (sizeof(double) + sizeof(std::int64_t));
+  sizes.functions = model.space.samples;
+  // Beside the matrices their sums and the held points' rows weighted, transposed and multiplied, whose product is full.
+  sizes.assembly = model.space.value_bytes() + 3 * energy;
+  sizes.matrices = model.space.value_bytes() + rows + 2 * energy + sparse_bytes(model.space.linear);
+  sizes.making = 2 * rows + 4 * energy;
+  estimate.samples = sizes.functions;
   estimate.notes = model.space.notes;
   return sizes;
 }
@@ -134,7 +156,7 @@ PlacementBytes placement_bytes(const Setup& setup, const ConstraintSets& constra
   const CorrectionBytes correction = correction_bytes(std::min(most, moving) + std::min(most / 2, held), moving + held);
   const std::size_t own = placement.bytes() + tiled_bytes(placement.ids().size()) + moving * sizeof(std::uint32_t);
   const std::size_t columns = 12 * (moving + held) * sizeof(Vec3);
-  return {own + correction.resident, own + correction.peak, placement.working_bytes() + columns};
+  return {own + correction.resident, own + correction.peak, placement.working_bytes({}) + columns};
 }
 
 /// Constraints count with what their points at rest say, and with one design that is solved for (peak_bytes).
@@ -167,12 +189,13 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
   estimate.factor_bytes = before_placement + placement.resident;
 
   const std::size_t fields = 4 * regions.handles.size();
-  const std::size_t basis_bytes = HandleBasis::bytes_for(following, fields);
+  const std::size_t basis_bytes = HandleBasis::bytes_for(following, fields, options.basis_tolerance);
   const bool basis = setup.constraints.empty() && wants_basis(options.basis, basis_bytes, solver);
   estimate.basis_bytes = basis ? basis_bytes : 0;
   const std::size_t points = point_bytes(mesh.point_count(), regions.symmetry);
   estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + points;
-  const std::size_t solving = estimate.basis_bytes + 8 * sizes.functions * 3 * sizeof(double);
+  const std::size_t making = basis ? HandleBasis::peak_bytes_for(following, fields, options.basis_tolerance) : 0;
+  const std::size_t solving = making + 8 * sizes.functions * 3 * sizeof(double);
   const std::size_t working = sizes.constrained.working + placement.working;
   // The sets are there from the beginning.
   estimate.peak_bytes = points + 2 * set_points * (sizeof(Vec3) + sizeof(PointId)) +
@@ -200,6 +223,9 @@ Estimate estimate_energy(const SubspaceOptions& options, const Mesh& mesh, const
   return estimate_of(options, mesh, setup, regions);
 }
 Estimate estimate_energy(const MlsOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
+  return estimate_of(options, mesh, setup, regions);
+}
+Estimate estimate_energy(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   return estimate_of(options, mesh, setup, regions);
 }
 

@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/energy/energy_evaluation.h"
 
+#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <numbers>
+#include <string>
 
 #include "core/base/vectors.h"
 
@@ -10,13 +14,28 @@ namespace deform {
 
 namespace {
 
-constexpr double exact_limit = 1e-9;  // of D: ConstraintReport::missed
+constexpr double exact_limit = 1e-9;      // of D: ConstraintReport::missed
+constexpr double convergence_margin = 4;  // largest error of a point against the estimated rms one of the constrained points
+
+constexpr double largest_turn = 15;  // degrees: beyond, a shell that keeps its energy linear loses more than its details
+
+/// By how many degrees an affine map turns: of the orthogonal part of its polar decomposition, but for a reflection.
+double turn_of(const Affine& map) {
+  Eigen::Matrix3d A;
+  A << map[0], map[1], map[2], map[4], map[5], map[6], map[8], map[9], map[10];
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(A, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Eigen::Matrix3d U = svd.matrixU();
+  if ((U * svd.matrixV().transpose()).determinant() < 0) U.col(2) *= -1;
+  const double cosine = 0.5 * ((U * svd.matrixV().transpose()).trace() - 1);
+  return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / std::numbers::pi;
+}
 
 }  // namespace
 
 EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, std::span<const Design> designs,
                                    EvaluationPath path, WarmStart* warm, const RunContext& context)
     : HandleEvaluation(system, designs, path, context), system_(*system), solutions_(designs.size()) {
+  for (std::size_t i = 0; i < designs.size() && system_.model_.of_shell; ++i) warn_of_turns(i);
   if (system_.constrained_ == nullptr) {
     solve(context);
   } else if (warm == nullptr) {
@@ -45,7 +64,22 @@ void EnergyEvaluation::solve(const RunContext& context) {
   for_each_direct(context, [&](std::size_t i) {
     solutions_[i] = system_.solve(system_.prescribed(designs_[i], kind_).h * system_.box_.scale, context);
     report_misfit(i);
+    const auto& errors = solutions_[i].errors;
+    set_error(i, norm({errors[0], errors[1], errors[2]}));
   });
+}
+
+void EnergyEvaluation::warn_of_turns(std::size_t design) {
+  for (std::size_t h = 0; h < system_.setup_.handles.size(); ++h) {
+    if (!designs_[design].displacement[h].empty()) continue;
+    const double turn = turn_of(designs_[design].affine[h]);
+    if (turn <= largest_turn) continue;
+    char degrees[32];
+    std::snprintf(degrees, sizeof degrees, "%.0f", turn);
+    reports_[design].warnings.push_back("handle \"" + system_.setup_.handles[h].name + "\" turns by " + degrees +
+                                        " degrees: the energy of the shell is linear, so that what is between the handles does "
+                                        "not turn with them but shears and swells; mls and rbf follow turns of all handles");
+  }
 }
 
 void EnergyEvaluation::report_misfit(std::size_t design) {
@@ -69,6 +103,7 @@ void EnergyEvaluation::solve_constrained(std::size_t design, WarmStart* warm, co
   report.converged = result.converged;
   report.energy = result.after.objective;
   report.convergence_error = result.error * D;
+  set_error(design, convergence_margin * report.convergence_error + system_.linear_error_ * report.prescribed_displacement);
   measure_constraints(design, result);
 }
 
@@ -115,14 +150,16 @@ void EnergyEvaluation::measure_constraints(std::size_t design, const Constrained
     std::vector<Vec3> projected(count);
     ShapeParameters shape = result.after.shapes[t];
     ConstraintReport& report = reports[system_.constraint_of_[t]];
-    report.rms += set.projection->project({points.data() + first, count}, projected, shape);
-    report.rms_before += result.before.squares[t];
-    for (std::size_t i = 0; i < count; ++i) {
-      report.max = std::max(report.max, D * distance(points[first + i], projected[i]));
-      report.max_before =
-          std::max(report.max_before, D * distance(result.before.points[first + i], result.before.targets[first + i]));
-    }
-    counts[system_.constraint_of_[t]] += count;
+    const std::span<const Vec3> x{points.data() + first, count};
+    set.projection->project(x, projected, shape);
+    const Projection::Misfit after = set.projection->misfit(x, projected);
+    const Projection::Misfit before =
+        set.projection->misfit({result.before.points.data() + first, count}, {result.before.targets.data() + first, count});
+    report.rms += after.squares;
+    report.rms_before += before.squares;
+    report.max = std::max(report.max, D * after.largest);
+    report.max_before = std::max(report.max_before, D * before.largest);
+    counts[system_.constraint_of_[t]] += after.count;
     first += count;
   }
   const std::vector<bool>& given_up = solutions_[design].exact.placed.given_up;
@@ -131,8 +168,8 @@ void EnergyEvaluation::measure_constraints(std::size_t design, const Constrained
     report.given_up = report.given_up || given_up[t];
   }
   for (std::size_t i = 0; i < reports.size(); ++i) {
-    reports[i].rms = D * std::sqrt(reports[i].rms / static_cast<double>(counts[i]));
-    reports[i].rms_before = D * std::sqrt(reports[i].rms_before / static_cast<double>(counts[i]));
+    reports[i].rms = D * std::sqrt(reports[i].rms / std::max(1.0, static_cast<double>(counts[i])));
+    reports[i].rms_before = D * std::sqrt(reports[i].rms_before / std::max(1.0, static_cast<double>(counts[i])));
     reports[i].missed = system_.setup_.constraints[i].exact && reports[i].max > exact_limit * D;
   }
 }

@@ -22,6 +22,8 @@ class EnergyEvaluation : public HandleEvaluation {
  private:
   void solve(const RunContext& context);
   void solve_constrained(std::size_t design, WarmStart* warm, const RunContext& context);
+  /// What is bound, where the energy is that of a shell. Handles with a displacement per point are not looked at.
+  void warn_of_turns(std::size_t design);
   void report_misfit(std::size_t design);
   std::vector<Vec3> final_points(std::size_t design, std::vector<Vec3> points) const;
   void measure_constraints(std::size_t design, const ConstrainedResult& result);

@@ -6,9 +6,12 @@
 #include "core/base/number_text.h"
 #include "core/deformers/energy/energy_estimate.h"
 #include "core/deformers/energy/energy_system.h"
+#include "core/deformers/energy/spaces/lattice_space.h"
 #include "core/deformers/energy/spaces/mls.h"
+#include "core/deformers/energy/spaces/model_lattice.h"
 #include "core/deformers/energy/spaces/shell.h"
 #include "core/deformers/energy/spaces/subspace.h"
+#include "core/deformers/handles/handle_basis.h"
 #include "core/deformers/option_checks.h"
 
 namespace deform {
@@ -30,6 +33,7 @@ void check_energy(const EnergyOptions& options, const std::string& field) {
     refuse_argument(field + ".fixing: " + number_digits(options.fixing) + " is out of range, must be over 0 and up to " +
                     number_digits(most_weight));
   }
+  check_basis_tolerance(options.basis_tolerance, field + ".basis_tolerance");
 }
 
 void check(const ShellOptions& options, const Mesh&) { check_energy(options, "method.shell"); }
@@ -37,7 +41,7 @@ void check(const ShellOptions& options, const Mesh&) { check_energy(options, "me
 void check(const SubspaceOptions& options, const Mesh&) {
   check_energy(options, "method.subspace");
   check_option_range(static_cast<double>(options.centres), 4, 100000, "method.subspace.centres");
-  check_option_range(options.cover, 4, 1000, "method.subspace.cover");
+  if (options.cover != 0) check_option_range(options.cover, 4, 1000, "method.subspace.cover");
   if (!options.kernel) return;
   const KernelProperties kernel = properties(*options.kernel);
   if (kernel.has_shape && kernel.local_shape == 0) {
@@ -50,12 +54,17 @@ void check(const MlsOptions& options, const Mesh& mesh) {
   check_option_range(static_cast<double>(options.surface_samples), 0, most_samples, "method.mls.surface_samples");
   check_option_range(static_cast<double>(options.volume_samples), 0, most_samples, "method.mls.volume_samples");
   check_option_range(options.cubature, 1, 64, "method.mls.cubature");
-  check_option_range(options.cover, 5, 1000, "method.mls.cover");
+  if (options.cover != 0) check_option_range(options.cover, 5, 1000, "method.mls.cover");
   for (std::size_t i = 0; i < options.weights.size(); ++i) {
     const std::string field = "method.mls.weights[" + std::to_string(i) + "]";
     check_weights(options.weights[i].stretching, options.weights[i].bending, field);
     if (select(options.weights[i].region, mesh, field).empty()) refuse_argument(field + ": " + no_point_text(mesh));
   }
+}
+
+void check(const FfdOptions& options, const Mesh& mesh) {
+  check_energy(options, "method.ffd");
+  check_lattice(options.lattice, mesh);
 }
 
 EnergySpace space_of(const SubspaceOptions& options, const Mesh& mesh, std::uint64_t seed, const RunContext& context) {
@@ -82,9 +91,14 @@ std::shared_ptr<const System> EnergyMethod<O>::prepare(const O& options, const s
                                                        const Setup& setup, const RunContext& context, std::size_t memory_budget) {
   const auto model = [&](const std::vector<RegionIndex>& region_of, double diagonal) {
     if constexpr (std::is_same_v<O, ShellOptions>) {
-      return shell_model(*mesh, region_of, options, diagonal);
+      EnergyModel result = shell_model(*mesh, region_of, options, diagonal);
+      result.of_shell = true;
+      return result;
+    } else if constexpr (std::is_same_v<O, FfdOptions>) {
+      return lattice_model(*mesh, options, region_of, context);
     } else {
       EnergyModel result{space_of(options, *mesh, setup.seed, context), {}, false, {}};
+      result.of_shell = std::is_same_v<O, SubspaceOptions>;
       for (std::size_t i = 0; i < region_of.size(); ++i) {
         if (region_of[i] != deformable_region) result.held.push_back(static_cast<PointId>(i));
       }
@@ -97,5 +111,6 @@ std::shared_ptr<const System> EnergyMethod<O>::prepare(const O& options, const s
 template struct EnergyMethod<ShellOptions>;
 template struct EnergyMethod<SubspaceOptions>;
 template struct EnergyMethod<MlsOptions>;
+template struct EnergyMethod<FfdOptions>;
 
 }  // namespace deform

@@ -26,8 +26,10 @@ struct EnergyMethod {
 extern template struct EnergyMethod<ShellOptions>;
 extern template struct EnergyMethod<SubspaceOptions>;
 extern template struct EnergyMethod<MlsOptions>;
+extern template struct EnergyMethod<FfdOptions>;
 
-/// Thin shell (thesis 3.1, 8.2), its subspaces (8.3), moving least squares in space (8.4).
+/// Thin shell (thesis 3.1, 8.2), its subspaces (8.3), moving least squares in space (8.4). Free-form deformation by
+/// energy (3.2) is a part of FfdMethod.
 struct ShellMethod : EnergyMethod<ShellOptions> {
   static constexpr std::string_view name = "shell";
 };

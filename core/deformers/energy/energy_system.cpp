@@ -3,29 +3,31 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "core/base/parallel.h"
 #include "core/deformers/constrained/constraint_sets.h"
 #include "core/deformers/energy/energy_evaluation.h"
+#include "core/numerics/interpolation/point_errors.h"
 
 namespace deform {
 
 namespace {
 
-constexpr std::size_t most_samples = 256;  // held points at which a solution is checked
-constexpr std::size_t tiles_per_task = 64;
+constexpr std::size_t most_checked_points = 256;  // held points at which a solution is checked
+constexpr std::size_t basis_tiles_per_task = 64;
+constexpr std::size_t checked_points = 96;  // at which errors are estimated
 
 /// B^T: values of the functions at the held points, one column each.
-SparseMatrix transposed_rows(const SparseRows& values, const std::vector<PointId>& ids) {
+SparseMatrix transposed_rows(const FunctionRows& values, const std::vector<PointId>& ids) {
   SparseMatrix result(values.cols(), static_cast<std::int64_t>(ids.size()));
   std::vector<std::int64_t> counts(ids.size());
-  for (std::size_t j = 0; j < ids.size(); ++j) counts[j] = values.row(ids[j]).nonZeros();
+  for (std::size_t j = 0; j < ids.size(); ++j) counts[j] = static_cast<std::int64_t>(values.count(ids[j]));
   result.reserve(counts);
   for (std::size_t j = 0; j < ids.size(); ++j) {
-    for (SparseRows::InnerIterator it(values, ids[j]); it; ++it) {
-      result.insert(it.col(), static_cast<std::int64_t>(j)) = it.value();
-    }
+    values.for_each(ids[j],
+                    [&](std::int64_t column, double value) { result.insert(column, static_cast<std::int64_t>(j)) = value; });
   }
   result.makeCompressed();
   return result;
@@ -63,7 +65,7 @@ void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_
     problem.coupling = -model_.coupling;
     SparseMatrix().swap(model_.coupling);
   } else {
-    problem.coupling = transposed_rows(model_.space.values, model_.held);
+    problem.coupling = transposed_rows(model_.space.functions(), model_.held);
     problem.enforcement = hard_handles() ? HandleEnforcement::multipliers : HandleEnforcement::soft;
     problem.weights = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(model_.held.size()),
                                                 hard_handles() ? multiplier_weight(problem.energy, problem.coupling) : 0.0);
@@ -73,9 +75,10 @@ void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_
       problem.weights[static_cast<Eigen::Index>(j)] = options_.fixing / static_cast<double>(count);
     }
   }
-  const std::size_t used = sparse_bytes(model_.space.values) + sparse_bytes(problem.energy) + sparse_bytes(problem.coupling);
+  const std::size_t used = model_.space.value_bytes() + sparse_bytes(problem.energy) + sparse_bytes(problem.coupling);
   const std::size_t limit = memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, used));
   solver_ = std::make_unique<const EnergySolver>(std::move(problem), limit, context);
+  samples_ = check_points(unit_places(*mesh_, box_, following()), unit_places(*mesh_, box_, model_.held), checked_points);
   if (!hard_handles() || model_.eliminated || model_.held.empty()) return;
   correction_ = std::make_unique<const ResidualCorrection>(unit_places(*mesh_, box_, model_.held),
                                                            ResidualCorrection::centres_for(following().size()), context);
@@ -91,14 +94,21 @@ void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunCont
   ConstrainedSolver::Options options;
   options.tolerance = setup_.constraint_options.tolerance;
   options.most_iterations = setup_.constraint_options.iterations;
-  constrained_ = std::make_unique<const ConstrainedSolver>(*solver_, model_.space.values, std::move(constraints.sets), options,
-                                                           limit, context);
+  constrained_ = std::make_unique<const ConstrainedSolver>(*solver_, model_.space.functions(), std::move(constraints.sets),
+                                                           options, limit, context);
+  // Of one load: the handles shifted by one, in alternating directions.
+  Eigen::MatrixXd shifts = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(model_.held.size()), 1);
+  for (std::size_t j = 0; j < model_.held.size(); ++j) {
+    const RegionIndex region = points_.region_of[model_.held[j]];
+    if (region != fixed_region) shifts(static_cast<Eigen::Index>(j), 0) = region % 2 == 0 ? 1 : -1;
+  }
+  linear_error_ = solve(shifts, context).errors[0];
   const bool exact = std::any_of(constraint_of_.begin(), constraint_of_.end(),
                                  [&](std::size_t constraint) { return setup_.constraints[constraint].exact; });
   if (exact) {
     if (!correction_) following_places_ = TiledPoints(unit_places(*mesh_, box_, following()));
     const DeformationBefore before{
-        held(), box_, model_.held, following(), following_places_, model_.space.values, correction_.get(), hard_handles()};
+        held(), box_, model_.held, following(), following_places_, model_.space.functions(), correction_.get(), hard_handles()};
     exact_ = std::make_unique<const ExactStep>(before, constrained_->sets(), constraint_of_, context);
   }
   if (!correction_ && !exact) return;
@@ -134,7 +144,42 @@ Eigen::MatrixXd EnergySystem::misfit(const Eigen::MatrixXd& h, const Eigen::Matr
 }
 
 EnergySystem::Solution EnergySystem::solve(const Eigen::MatrixXd& h, const RunContext& context) const {
-  return completed(h, solver_->solve(h, context), context);
+  const Eigen::MatrixXd u = solver_->loads(h, context);
+  const Eigen::MatrixXd w = solver_->solve_loads(u, context);
+  Solution solution = completed(h, w, context);
+  const Eigen::MatrixXd uncertainty = solver_->uncertainty(h, u, w, context);
+  EnergyField change{uncertainty, {}};
+  if (correction_)
+    change.correction = correction_->coefficients(misfit(Eigen::MatrixXd::Zero(h.rows(), h.cols()), uncertainty), context);
+  measure_errors(change, solution);
+  return solution;
+}
+
+/// From how far the solution may be off; with what hard handles leave at the held points, which the points beside them notice.
+void EnergySystem::measure_errors(const EnergyField& change, Solution& solution) const {
+  constexpr double rounding = 4 * std::numeric_limits<double>::epsilon();
+  const auto columns = static_cast<std::size_t>(change.w.cols());
+  solution.errors.assign(columns, 0.0);
+  const FunctionRows functions = model_.space.functions();
+  std::vector<double> values(columns * tile_size);
+  std::size_t filled = following().size();
+  for (const std::uint32_t s : samples_) {
+    if (change.correction.size() > 0 && filled != s / tile_size) {
+      filled = s / tile_size;
+      std::fill(values.begin(), values.end(), 0.0);
+      correction_->add_values(following_places_.tile(filled), change.correction.data(), columns, values.data());
+    }
+    for (std::size_t c = 0; c < columns; ++c) {
+      double error = values[c * tile_size + s % tile_size], size = 0;
+      functions.for_each(following()[s], [&](std::int64_t column, double value) {
+        error += value * change.w(column, static_cast<Eigen::Index>(c));
+        size += std::abs(value * solution.field.w(column, static_cast<Eigen::Index>(c)));
+      });
+      solution.errors[c] = std::max(solution.errors[c], std::abs(error) + rounding * size);
+    }
+  }
+  for (std::size_t c = 0; c < columns; ++c)
+    solution.errors[c] = error_margin * solution.errors[c] + (hard_handles() ? solution.misfits[c] : 0.0);
 }
 
 /// With what the functions leave of h.
@@ -150,7 +195,7 @@ EnergySystem::Solution EnergySystem::completed(const Eigen::MatrixXd& h, const E
 }
 
 void EnergySystem::measure(const Eigen::MatrixXd& h, Solution& solution) const {
-  const std::size_t count = std::min(most_samples, model_.held.size());
+  const std::size_t count = std::min(most_checked_points, model_.held.size());
   std::vector<Vec3> places(count);
   std::vector<std::size_t> which(count);
   for (std::size_t s = 0; s < count; ++s) {
@@ -158,6 +203,7 @@ void EnergySystem::measure(const Eigen::MatrixXd& h, Solution& solution) const {
     places[s] = box_.to_unit(mesh_->points[model_.held[which[s]]]);
   }
   const TiledPoints tiled(places);
+  const FunctionRows functions = model_.space.functions();
   const auto columns = static_cast<std::size_t>(h.cols());
   std::vector<double> values(columns * tile_size);
   for (std::size_t t = 0; t < tiled.tiles(); ++t) {
@@ -166,9 +212,9 @@ void EnergySystem::measure(const Eigen::MatrixXd& h, Solution& solution) const {
     for (std::size_t s = t * tile_size; s < std::min((t + 1) * tile_size, count); ++s) {
       for (std::size_t c = 0; c < columns; ++c) {
         double value = values[c * tile_size + s % tile_size];
-        for (SparseRows::InnerIterator it(model_.space.values, model_.held[which[s]]); it; ++it) {
-          value += it.value() * solution.field.w(it.col(), static_cast<Eigen::Index>(c));
-        }
+        functions.for_each(model_.held[which[s]], [&](std::int64_t column, double weight) {
+          value += weight * solution.field.w(column, static_cast<Eigen::Index>(c));
+        });
         const double target = h(static_cast<Eigen::Index>(which[s]), static_cast<Eigen::Index>(c));
         solution.misfits[c] = std::max(solution.misfits[c], std::abs(value - target));
       }
@@ -183,12 +229,13 @@ void EnergySystem::fill_tile(const Solution& solution, std::size_t tile, double*
     correction_->add_values(following_places_.tile(tile), solution.field.correction.data(), columns, out);
   }
   if (exact_) exact_->add_values(following_places_.tile(tile), solution.exact, out);
+  const FunctionRows functions = model_.space.functions();
   const std::size_t end = std::min((tile + 1) * tile_size, following().size());
   for (std::size_t s = tile * tile_size; s < end; ++s) {
-    for (SparseRows::InnerIterator it(model_.space.values, following()[s]); it; ++it) {
-      const double* w = solution.field.w.data() + static_cast<std::size_t>(it.col()) * columns;
-      for (std::size_t c = 0; c < columns; ++c) out[c * tile_size + s % tile_size] += it.value() * w[c];
-    }
+    functions.for_each(following()[s], [&](std::int64_t column, double value) {
+      const double* w = solution.field.w.data() + static_cast<std::size_t>(column) * columns;
+      for (std::size_t c = 0; c < columns; ++c) out[c * tile_size + s % tile_size] += value * w[c];
+    });
   }
 }
 
@@ -204,19 +251,21 @@ Eigen::MatrixXd EnergySystem::fields_at_held(std::size_t handle) const {
 
 /// A handle at a time: its four fields share the solution's memory.
 void EnergySystem::prepare_basis(const RunContext& context, std::size_t memory_budget) {
-  const std::size_t bytes = HandleBasis::bytes_for(following().size(), fields());
+  const std::size_t bytes = HandleBasis::bytes_for(following().size(), fields(), options_.basis_tolerance);
   if (!setup_.constraints.empty() || !wants_basis(options_.basis, bytes, solver_->bytes())) return;
-  if (memory_budget != 0 && options_.basis == BasisMode::automatic && solver_->bytes() + bytes > memory_budget) return;
+  const std::size_t making = HandleBasis::peak_bytes_for(following().size(), fields(), options_.basis_tolerance);
+  if (memory_budget != 0 && options_.basis == BasisMode::automatic && solver_->bytes() + making > memory_budget) return;
   HandleBasis basis{{0, 1, 2}, FieldTiles(following().size(), fields()), {}};
   for (std::size_t h = 0; h < frames_.size(); ++h) {
     const Solution solution = solve(fields_at_held(h), context);
     basis.residuals.insert(basis.residuals.end(), solution.misfits.begin(), solution.misfits.end());
-    parallel_for(context, tile_count(following().size()), tiles_per_task, [&](std::size_t begin, std::size_t end) {
+    basis.more.insert(basis.more.end(), solution.errors.begin(), solution.errors.end());
+    parallel_for(context, tile_count(following().size()), basis_tiles_per_task, [&](std::size_t begin, std::size_t end) {
       for (std::size_t t = begin; t < end; ++t) fill_tile(solution, t, basis.tiles.tile(t) + 4 * h * tile_size);
     });
     context.progress("basis", static_cast<double>(h + 1) / static_cast<double>(frames_.size()));
   }
-  basis_.push_back(std::move(basis));
+  add_basis(std::move(basis), options_.basis_tolerance, context);
 }
 
 void EnergySystem::fill_info() {
@@ -228,7 +277,7 @@ void EnergySystem::fill_info() {
   info_.design_bytes = constrained_ ? constrained_->working_bytes() : 0;
   set_bytes(solver_->bytes() + (constrained_ ? constrained_->bytes() : 0) + (correction_ ? correction_->bytes() : 0) +
                 following_places_.bytes() + set_places_.bytes() + (exact_ ? exact_->bytes() : 0),
-            sparse_bytes(model_.space.values));
+            model_.space.value_bytes());
   info_.notes = model_.space.notes;
   if (info_.reduced) {
     info_.notes.push_back(std::to_string(model_.held.size()) + " of " + std::to_string(info_.constraint_points) +
@@ -292,9 +341,9 @@ std::vector<double> EnergySystem::adjoint(std::span<const double> variables, con
   if (exact_ && at.exact.any()) at_exact = exact_->adjoint(at.exact, X, context);
   Eigen::MatrixXd g = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(solver_->unknowns()), 3);
   for (std::size_t s = 0; s < following().size(); ++s) {
-    for (SparseRows::InnerIterator it(model_.space.values, following()[s]); it; ++it) {
-      for (Eigen::Index k = 0; k < 3; ++k) g(it.col(), k) += it.value() * X[s][static_cast<std::size_t>(k)];
-    }
+    model_.space.functions().for_each(following()[s], [&](std::int64_t column, double value) {
+      for (Eigen::Index k = 0; k < 3; ++k) g(column, k) += value * X[s][static_cast<std::size_t>(k)];
+    });
   }
   Eigen::MatrixXd direct = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(model_.held.size()), 3);
   if (correction_) {

@@ -49,6 +49,7 @@ class EnergySystem : public HandleSystem {
     EnergyField field;
     ExactStep::Step exact;
     std::vector<double> misfits;  ///< c: largest |value - prescribed| at the samples of the held points
+    std::vector<double> errors;   ///< c: estimated largest error at the following points; empty: not measured
   };
 
   /// Prescribed displacements or their derivatives, in units of D.
@@ -75,6 +76,7 @@ class EnergySystem : public HandleSystem {
   Solution solve(const Eigen::MatrixXd& h, const RunContext& context) const;
   Eigen::MatrixXd misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w) const;
   void measure(const Eigen::MatrixXd& h, Solution& solution) const;
+  void measure_errors(const EnergyField& change, Solution& solution) const;
   Solution completed(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w, const RunContext& context) const;
   Prescribed prescribed(const BoundDesign& design, MotionKind kind) const;
   Constrained constrained_at(std::span<const double> variables, const RunContext& context) const;
@@ -91,6 +93,8 @@ class EnergySystem : public HandleSystem {
   std::vector<std::size_t> constraint_of_;                ///< per set
   TiledPoints set_places_;                                ///< of the points of the sets; only with a correction or exact ones
   std::unique_ptr<const ExactStep> exact_;                ///< null without exact constraints
+  std::vector<std::uint32_t> samples_;                    ///< of the following points, where errors are measured
+  double linear_error_ = 0;                               ///< of solutions, relative to the motion; with constraints
   TiledPoints following_places_;                          ///< unit coordinates; only with a correction or exact constraints
 };
 

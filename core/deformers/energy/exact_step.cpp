@@ -17,11 +17,6 @@ ExactStep::ExactStep(const DeformationBefore& before, const std::vector<Constrai
   for (std::size_t t = 0; t < sets.size(); ++t) {
     if (before_.held.setup.constraints[constraint_of[t]].exact) chosen_sets.push_back(t);
   }
-  // By content, so that the order in which they are written does not matter.
-  std::stable_sort(chosen_sets.begin(), chosen_sets.end(), [&](std::size_t a, std::size_t b) {
-    const std::string_view kind = sets[a].projection->kind(), other = sets[b].projection->kind();
-    return kind != other ? kind < other : sets[a].ids < sets[b].ids;
-  });
   std::vector<ConstraintSet> exact_sets;
   for (const std::size_t t : chosen_sets) {
     exact_sets.push_back(sets[t]);
@@ -70,16 +65,15 @@ std::vector<Vec3> ExactStep::points_before(const EnergyField& field, const Bound
     if (field.correction.size() > 0) before_.correction->add_values(places_.tile(t), field.correction.data(), 3, values.data());
     for (std::size_t u = t * tile_size; u < std::min(ids.size(), (t + 1) * tile_size); ++u) {
       if (!placement_->moves(u)) {
-        const Vec3 told = points.place(design, ids[u], kind);
-        result[u] = positions ? box.to_unit(told) : Vec3{told[0] / box.scale, told[1] / box.scale, told[2] / box.scale};
+        const Vec3 target = points.place(design, ids[u], kind);
+        result[u] = positions ? box.to_unit(target) : Vec3{target[0] / box.scale, target[1] / box.scale, target[2] / box.scale};
         continue;
       }
       if (positions) result[u] = box.to_unit(points.mesh.points[ids[u]]);
       for (std::size_t k = 0; k < 3; ++k) {
         double value = values[k * tile_size + u % tile_size];
-        for (SparseRows::InnerIterator it(before_.values, ids[u]); it; ++it) {
-          value += it.value() * field.w(it.col(), static_cast<Eigen::Index>(k));
-        }
+        before_.values.for_each(
+            ids[u], [&](std::int64_t column, double weight) { value += weight * field.w(column, static_cast<Eigen::Index>(k)); });
         result[u][k] += value / box.scale;
       }
     }
@@ -121,7 +115,7 @@ ExactStep::Step ExactStep::place(const EnergyField& field, const BoundDesign& de
 /// Whether some point is carried along farther than an exact one may move: the interpolant of the steps can overshoot where no
 /// point holds it.
 bool ExactStep::carries_far(const Step& step, const RunContext& context) const {
-  const double most = ExactPlacement::most_movement(step.placed) * before_.box.scale;
+  const double most = step.placed.most_movement() * before_.box.scale;
   std::atomic<bool> far = false;
   parallel_for(context, before_.following_places.tiles(), 64, [&](std::size_t begin, std::size_t end) {
     std::vector<double> values(3 * tile_size);

@@ -31,7 +31,7 @@ struct DeformationBefore {
   const std::vector<PointId>& held_ids;  ///< those that enter the system
   const std::vector<PointId>& following;
   const TiledPoints& following_places;  ///< unit coordinates
-  const SparseRows& values;             ///< of the functions at all points
+  const FunctionRows values;            ///< of the functions at all points
   const ResidualCorrection* correction;
   bool hard_handles;
 };

@@ -11,7 +11,7 @@ namespace deform {
 
 namespace {
 
-std::vector<Vec3> picked(std::span<const Vec3> places, const std::vector<std::uint32_t>& which) {
+std::vector<Vec3> subset(std::span<const Vec3> places, const std::vector<std::uint32_t>& which) {
   std::vector<Vec3> result;
   result.reserve(which.size());
   for (const std::uint32_t i : which) result.push_back(places[i]);
@@ -39,7 +39,7 @@ ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, std::size_t
 
 ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, std::vector<std::uint32_t> centres, Kind kind,
                                        const RunContext& context)
-    : held_(places.size()), centres_(std::move(centres)), system_(picked(places, centres_), options_of(kind), context) {}
+    : held_(places.size()), centres_(std::move(centres)), system_(subset(places, centres_), options_of(kind), context) {}
 
 Eigen::MatrixXd ResidualCorrection::coefficients(const Eigen::MatrixXd& misfit, const RunContext& context) const {
   Eigen::MatrixXd values(static_cast<Eigen::Index>(centres_.size()), misfit.cols());

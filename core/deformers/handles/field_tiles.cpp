@@ -7,16 +7,16 @@ namespace deform {
 
 namespace {
 
-constexpr std::size_t tiles_per_task = 64;
+constexpr std::size_t field_tiles_per_task = 64;
 
 }  // namespace
 
 std::vector<double> FieldTiles::transposed_product(std::span<const Vec3> X, const RunContext& context) const {
   const std::size_t tiles = tile_count(points_);
-  const std::size_t tasks = (tiles + tiles_per_task - 1) / tiles_per_task;
+  const std::size_t tasks = (tiles + field_tiles_per_task - 1) / field_tiles_per_task;
   std::vector<std::vector<double>> partial(tasks, std::vector<double>(fields_ * 3, 0.0));
-  parallel_for(context, tiles, tiles_per_task, [&](std::size_t begin, std::size_t end) {
-    std::vector<double>& sums = partial[begin / tiles_per_task];
+  parallel_for(context, tiles, field_tiles_per_task, [&](std::size_t begin, std::size_t end) {
+    std::vector<double>& sums = partial[begin / field_tiles_per_task];
     double columns[3 * tile_size];
     for (std::size_t t = begin; t < end; ++t) {
       for (std::size_t i = 0; i < tile_size; ++i) {

@@ -27,6 +27,7 @@ class FieldTiles {
 
   const double* tile(std::size_t t) const { return values_.data() + t * fields_ * tile_size; }
   double* tile(std::size_t t) { return values_.data() + t * fields_ * tile_size; }
+  double at(std::size_t point, std::size_t field) const { return tile(point / tile_size)[field * tile_size + point % tile_size]; }
   double& at(std::size_t point, std::size_t field) { return tile(point / tile_size)[field * tile_size + point % tile_size]; }
 
   /// tiles^T times X (points x 3): fields x 3, row by row. Summed in a fixed order. Any thread.

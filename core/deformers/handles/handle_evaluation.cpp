@@ -2,12 +2,15 @@
 #include "core/deformers/handles/handle_evaluation.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 #include <string>
 #include <utility>
 
 #include "core/base/error.h"
 #include "core/base/vectors.h"
+#include "core/numerics/interpolation/interpolator.h"
 
 namespace deform {
 
@@ -67,6 +70,7 @@ void HandleEvaluation::set_basis_coefficients() {
   for (const HandleBasis& basis : bases) {
     coefficients_.emplace_back(4 * handles * basis_designs_ * basis.components.size(), 0.0);
   }
+  const bool converged = std::all_of(bases.begin(), bases.end(), [](const HandleBasis& basis) { return basis.converged; });
   double block[12];
   for (std::size_t i = 0; i < designs_.size(); ++i) {
     if (is_direct(i)) continue;
@@ -87,7 +91,71 @@ void HandleEvaluation::set_basis_coefficients() {
       }
     }
     reports_[i].interpolation_residual = norm(bound);
+    set_error(i, basis_error(i, error_margin) + compression_error(i));
+    reports_[i].converged = converged;
   }
+  choose_fields();
+}
+
+void HandleEvaluation::choose_fields() {
+  for (const std::vector<double>& coefficients : coefficients_) {
+    std::vector<std::uint32_t>& moving = moving_fields_.emplace_back();
+    const std::size_t fields = system_->fields(), width = coefficients.size() / fields;
+    for (std::size_t f = 0; f < fields; ++f) {
+      const auto row = coefficients.begin() + static_cast<std::ptrdiff_t>(f * width);
+      const bool still = std::all_of(row, row + static_cast<std::ptrdiff_t>(width), [](double c) { return c == 0; });
+      if (!still) moving.push_back(static_cast<std::uint32_t>(f));
+    }
+  }
+}
+
+void HandleEvaluation::set_error(std::size_t design, double error) {
+  reports_[design].error = error + std::numeric_limits<double>::epsilon() * system_->largest_coordinate_;
+}
+
+const double* HandleEvaluation::coefficients(std::size_t basis, std::size_t field, std::size_t design) const {
+  return coefficients_[basis].data() + (field * basis_designs_ + slot_[design]) * system_->basis_[basis].components.size();
+}
+
+double HandleEvaluation::basis_error(std::size_t design, double margin) const {
+  const auto& bases = system_->basis_;
+  const std::size_t fields = system_->fields();
+  const std::size_t places = bases.empty() ? 0 : bases[0].errors.size() / fields;
+  double largest = 0;
+  for (std::size_t s = 0; s < places; ++s) {
+    Vec3 error{};
+    for (std::size_t b = 0; b < bases.size(); ++b) {
+      for (std::size_t f = 0; f < fields; ++f) {
+        const double* row = coefficients(b, f, design);
+        for (const std::size_t k : bases[b].components) error[k] += bases[b].errors[s * fields + f] * *row++;
+      }
+    }
+    const double length = norm(error);
+    if (!std::isfinite(length)) return std::numeric_limits<double>::infinity();
+    largest = std::max(largest, length);
+  }
+  Vec3 sums{};
+  for (std::size_t b = 0; b < bases.size(); ++b) {
+    for (std::size_t f = 0; f < bases[b].more.size(); ++f) {
+      const double* row = coefficients(b, f, design);
+      for (const std::size_t k : bases[b].components) sums[k] += bases[b].more[f] * std::abs(*row++);
+    }
+  }
+  return margin * largest + norm(sums);
+}
+
+double HandleEvaluation::compression_error(std::size_t design) const {
+  if (is_direct(design)) return 0;
+  Vec3 sums{};
+  for (std::size_t b = 0; b < system_->basis_.size(); ++b) {
+    const HandleBasis& basis = system_->basis_[b];
+    if (!basis.compressed) continue;
+    for (std::size_t f = 0; f < system_->fields(); ++f) {
+      const double* row = coefficients(b, f, design);
+      for (const std::size_t k : basis.components) sums[k] += basis.compressed->errors()[f] * std::abs(*row++);
+    }
+  }
+  return norm(sums);
 }
 
 Vec3 HandleEvaluation::prescribed_displacement(const BoundDesign& design, PointId id) const {
@@ -98,65 +166,132 @@ Vec3 HandleEvaluation::prescribed_displacement(const BoundDesign& design, PointI
 }
 
 void HandleEvaluation::evaluate(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const {
-  for (std::size_t i = begin; i < end; ++i) {
-    const auto id = static_cast<PointId>(i);
-    if (!system_->is_prescribed(id)) continue;
-    for (std::size_t k = 0; k < out.size(); ++k) out[k][i - begin] = held_.place(designs_[first + k], id, kind_);
-  }
+  evaluate_prescribed(begin, end, first, out);
   evaluate_following(begin, end, first, out);
   replace_points(begin, end, first, out);
 }
 
 void HandleEvaluation::replace_points(std::size_t, std::size_t, std::size_t, std::span<Vec3* const>) const {}
 
-/// For designs on one path, as direct_tile().
-void HandleEvaluation::fill_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const {
-  if (is_direct(first)) return direct_tile(tile, first, count, values);
-  std::fill_n(values, 3 * count * tile_size, 0.0);
+namespace {
+
+/// Where points from `id` on begin among ascending ids.
+std::size_t position(const std::vector<PointId>& ids, std::size_t id) {
+  return static_cast<std::size_t>(std::lower_bound(ids.begin(), ids.end(), static_cast<std::uint64_t>(id)) - ids.begin());
+}
+
+}  // namespace
+
+/// The points between those that follow.
+void HandleEvaluation::evaluate_prescribed(std::size_t begin, std::size_t end, std::size_t first,
+                                           std::span<Vec3* const> out) const {
+  const std::vector<PointId>& ids = system_->following();
+  std::size_t next = position(ids, begin);
+  for (std::size_t i = begin; i < end; ++i) {
+    if (next < ids.size() && ids[next] == i) {
+      ++next;
+      continue;
+    }
+    for (std::size_t k = 0; k < out.size(); ++k) {
+      out[k][i - begin] = held_.place(designs_[first + k], static_cast<PointId>(i), kind_);
+    }
+  }
+}
+
+/// What one call of evaluate() works with.
+struct HandleEvaluation::Pass {
+  std::size_t first_slot = 0;          ///< of the designs on the basis path
+  std::vector<CompressedSums> sums;    ///< per basis, if they are compressed
+  std::vector<double> values;          ///< of a tile: [design][component][16]
+  std::vector<double> part;            ///< the same of one basis, with symmetry planes
+  std::size_t low = 0, high = 0;       ///< the tile's points among those that follow
+  std::array<Vec3, tile_size> x{};     ///< their places, model units
+  std::array<Vec3, tile_size> unit{};  ///< the same in unit coordinates, for compressed bases
+};
+
+/// For designs on one path, as direct_tile(), into pass.values from its beginning.
+void HandleEvaluation::fill_tile(std::size_t tile, std::size_t first, std::size_t count, Pass& pass) const {
+  if (is_direct(first)) return direct_tile(tile, first, count, pass.values.data());
+  std::fill_n(pass.values.data(), 3 * count * tile_size, 0.0);
   const auto product = [&](std::size_t b, double* to) {
     const HandleBasis& basis = system_->basis_[b];
     const std::size_t width = basis.components.size();
-    tile_product(basis.tiles.tile(tile), basis.tiles.fields(), coefficients_[b].data() + width * slot_[first],
-                 width * basis_designs_, width * count, to);
+    if (moving_fields_[b].empty()) return;
+    if (basis.compressed) {
+      const std::span<const Vec3> places(pass.unit.data(), pass.high - pass.low);
+      return pass.sums[b].add_tile(tile, places, width * (slot_[first] - pass.first_slot), width * count, to);
+    }
+    const double* coefficients = coefficients_[b].data() + width * slot_[first];
+    const std::size_t ldb = width * basis_designs_, columns = width * count;
+    if (moving_fields_[b].size() == basis.tiles.fields()) {
+      tile_product(basis.tiles.tile(tile), basis.tiles.fields(), coefficients, ldb, columns, to);
+    } else {
+      tile_product(basis.tiles.tile(tile), basis.tiles.fields(), moving_fields_[b], coefficients, ldb, columns, to);
+    }
   };
-  if (system_->regions_.symmetry.empty()) return product(0, values);
-  std::vector<double> part(3 * count * tile_size);
+  if (system_->regions_.symmetry.empty()) return product(0, pass.values.data());
+  pass.part.resize(3 * count * tile_size);
   for (std::size_t b = 0; b < system_->basis_.size(); ++b) {
-    std::fill(part.begin(), part.end(), 0.0);
-    product(b, part.data());
-    place_components(system_->basis_[b].components, count, part.data(), values);
+    std::fill(pass.part.begin(), pass.part.end(), 0.0);
+    product(b, pass.part.data());
+    place_components(system_->basis_[b].components, count, pass.part.data(), pass.values.data());
+  }
+}
+
+/// Points [low, high) of those that follow, of one tile, from its displacements.
+void HandleEvaluation::place_tile(std::size_t low, std::size_t high, std::size_t begin, const Pass& pass,
+                                  std::span<Vec3* const> out) const {
+  const std::vector<PointId>& ids = system_->following();
+  const Symmetry& symmetry = system_->regions_.symmetry;
+  const double keep = kind_ == MotionKind::position ? 1.0 : 0.0;
+  for (std::size_t k = 0; k < out.size(); ++k) {
+    const double* const values = pass.values.data() + 3 * k * tile_size;
+    for (std::size_t s = low; s < high; ++s) {
+      const std::size_t i = s - pass.low;
+      Vec3 u{values[i], values[tile_size + i], values[2 * tile_size + i]};
+      if (!symmetry.empty()) u = symmetry.from_frame(system_->components(u, ids[s]));
+      const Vec3& x = pass.x[i];
+      out[k][ids[s] - begin] = {keep * x[0] + u[0], keep * x[1] + u[1], keep * x[2] + u[2]};
+    }
   }
 }
 
 void HandleEvaluation::evaluate_following(std::size_t begin, std::size_t end, std::size_t first,
                                           std::span<Vec3* const> out) const {
   const std::vector<PointId>& ids = system_->following();
-  const Symmetry& symmetry = system_->regions_.symmetry;
-  const auto position = [&](std::size_t id) {
-    return static_cast<std::size_t>(std::lower_bound(ids.begin(), ids.end(), static_cast<std::uint64_t>(id)) - ids.begin());
-  };
-  const std::size_t low = position(begin), high = position(end);
-  const double keep = kind_ == MotionKind::position ? 1.0 : 0.0;
-  std::vector<double> values(low == high ? 0 : 3 * out.size() * tile_size);
-  for (std::size_t t = low / tile_size; t * tile_size < high && low < high; ++t) {
+  const std::size_t low = position(ids, begin), high = position(ids, end);
+  if (low == high || out.empty()) return;
+  Pass pass;
+  pass.values.resize(3 * out.size() * tile_size);
+  const bool compressed = system_->has_basis() && system_->basis_.front().compressed;
+  if (compressed) start_sums(first, out.size(), pass);
+  for (std::size_t t = low / tile_size; t * tile_size < high; ++t) {
+    pass.low = t * tile_size;
+    pass.high = std::min(ids.size(), pass.low + tile_size);
+    for (std::size_t s = pass.low; s < pass.high; ++s) pass.x[s - pass.low] = system_->mesh_->points[ids[s]];
+    for (std::size_t i = 0; i < pass.high - pass.low && compressed; ++i) pass.unit[i] = system_->box_.to_unit(pass.x[i]);
     // Runs of designs on one path share a pass over the tile.
     for (std::size_t k = 0; k < out.size();) {
       std::size_t last = k + 1;
       while (last < out.size() && is_direct(first + last) == is_direct(first + k)) ++last;
-      fill_tile(t, first + k, last - k, values.data() + 3 * k * tile_size);
+      fill_tile(t, first + k, last - k, pass);
+      place_tile(std::max(low, pass.low), std::min(high, pass.high), begin, pass, out.subspan(k, last - k));
       k = last;
     }
-    for (std::size_t s = std::max(low, t * tile_size); s < std::min(high, (t + 1) * tile_size); ++s) {
-      const Vec3& x = held_.mesh.points[ids[s]];
-      const double* value = values.data() + s % tile_size;
-      for (std::size_t k = 0; k < out.size(); ++k) {
-        Vec3 u;
-        for (std::size_t c = 0; c < 3; ++c) u[c] = value[(3 * k + c) * tile_size];
-        if (!symmetry.empty()) u = symmetry.from_frame(system_->components(u, ids[s]));
-        Vec3& y = out[k][ids[s] - begin];
-        for (std::size_t c = 0; c < 3; ++c) y[c] = keep * x[c] + u[c];
-      }
-    }
+  }
+}
+
+/// The sums of the designs of a call that are on the basis path.
+void HandleEvaluation::start_sums(std::size_t first, std::size_t count, Pass& pass) const {
+  std::size_t designs = 0;
+  for (std::size_t i = first; i < first + count; ++i) {
+    if (is_direct(i)) continue;
+    if (designs++ == 0) pass.first_slot = slot_[i];
+  }
+  for (std::size_t b = 0; b < system_->basis_.size() && designs > 0; ++b) {
+    const std::size_t width = system_->basis_[b].components.size();
+    pass.sums.emplace_back(*system_->basis_[b].compressed, moving_fields_[b], coefficients_[b].data() + width * pass.first_slot,
+                           width * basis_designs_, width * designs);
   }
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>
@@ -33,10 +34,17 @@ class HandleEvaluation : public Evaluation {
   /// Replaces points of [begin, end) that the solution does not decide about; see evaluate().
   virtual void replace_points(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;
 
+  /// What the errors of the bases come to in a design on the basis path, model units: `margin` times the largest length at the
+  /// points where they are known, and those of the sums; 0 when they are not known.
+  double basis_error(std::size_t design, double margin) const;
+  /// What the tolerance of compressed bases comes to in a design on the basis path at most, model units.
+  double compression_error(std::size_t design) const;
   bool is_direct(std::size_t design) const { return reports_[design].path == EvaluationPath::direct; }
   std::size_t direct_designs() const { return direct_designs_; }
   /// Of each design among those of its path.
   std::size_t slot(std::size_t design) const { return slot_[design]; }
+  /// Completes the report of a design: the estimated error of its displacements, to which the rounding of the points is added.
+  void set_error(std::size_t design, double error);
   /// The displacement of a handle or fixed point, in the frame of the planes when there are any.
   Vec3 prescribed_displacement(const BoundDesign& design, PointId id) const;
   /// solve(design) for those on the direct path, in parallel, always one at a time: BLAS sums in another order for another number
@@ -57,14 +65,23 @@ class HandleEvaluation : public Evaluation {
  private:
   void choose_paths(EvaluationPath path);
   void set_basis_coefficients();
+  void choose_fields();
+  void evaluate_prescribed(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;
+  struct Pass;
   void evaluate_following(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;
-  void fill_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const;
+  void start_sums(std::size_t first, std::size_t count, Pass& pass) const;
+  void fill_tile(std::size_t tile, std::size_t first, std::size_t count, Pass& pass) const;
+  void place_tile(std::size_t low, std::size_t high, std::size_t begin, const Pass& pass, std::span<Vec3* const> out) const;
+  /// The coefficients of a design in one of the bases for one field, a number per component.
+  const double* coefficients(std::size_t basis, std::size_t field, std::size_t design) const;
 
   std::shared_ptr<const HandleSystem> system_;
   std::vector<std::size_t> slot_;
   std::size_t basis_designs_ = 0, direct_designs_ = 0;
   /// Per basis of the system: 4H x (its components, of each design on the basis path), row by row.
   std::vector<std::vector<double>> coefficients_;
+  /// Per basis: the fields that have a coefficient other than 0 in any design, ascending. A translation needs one of four.
+  std::vector<std::vector<std::uint32_t>> moving_fields_;
 };
 
 /// Puts the values of some components into those of all: values[design][component][16] from part[design][of these][16].

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
@@ -36,14 +37,41 @@ void field_coefficients(const Affine& motion, MotionKind kind, const HandleFrame
   for (int k = 0; k < 3; ++k) c[k] = box.origin[k] + box.scale * frame.reference[k];
   for (int i = 0; i < 3; ++i) {
     double constant = motion[4 * i + 3];
+    Vec3 slope;
     for (int j = 0; j < 3; ++j) {
-      const double slope = motion[4 * i + j] - (i == j ? identity : 0.0);
-      constant += slope * c[j];
-      out[3 * (j + 1) + i] = box.scale * slope;
+      slope[j] = motion[4 * i + j] - (i == j ? identity : 0.0);
+      constant += slope[j] * c[j];
     }
     out[i] = constant;
+    for (int j = 0; j < 3; ++j) out[3 * (j + 1) + i] = box.scale * dot(slope, frame.axes[j]);
   }
 }
+
+namespace {
+
+void put_on_planes(const Mesh& mesh, const Symmetry& symmetry, const std::vector<PointId>& handle, const UnitBox& box,
+                   HandleFrame& frame) {
+  for (std::size_t k = 0; k < 3; ++k) {
+    Vec3 e{};
+    e[k] = 1;
+    frame.axes[k] = symmetry.from_frame(e);
+  }
+  for (std::size_t k = 0; k < symmetry.planes(); ++k) {
+    double nearest = std::numeric_limits<double>::infinity(), farthest = 0;
+    bool on = false;
+    for (const PointId id : handle) {
+      const double away = std::abs(symmetry.coordinates(mesh.points[id])[k]);
+      nearest = std::min(nearest, away);
+      farthest = std::max(farthest, away);
+      on = on || (symmetry.on(id) >> k & 1u) != 0;
+    }
+    if (!on && nearest > farthest - nearest) continue;
+    const double away = symmetry.coordinates(box.to_model(frame.reference))[k] / box.scale;
+    frame.reference = frame.reference - away * frame.axes[k];
+  }
+}
+
+}  // namespace
 
 std::vector<HandleFrame> handle_frames(const Mesh& mesh, const SelectedRegions& regions, const UnitBox& box) {
   std::vector<HandleFrame> frames;
@@ -52,6 +80,7 @@ std::vector<HandleFrame> handle_frames(const Mesh& mesh, const SelectedRegions& 
     for (const PointId id : handle) extent.add(box.to_unit(mesh.points[id]));
     HandleFrame frame;
     for (int k = 0; k < 3; ++k) frame.reference[k] = 0.5 * (extent.min[k] + extent.max[k]);
+    if (!regions.symmetry.empty()) put_on_planes(mesh, regions.symmetry, handle, box, frame);
     frames.push_back(frame);
   }
   return frames;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -33,10 +34,11 @@ struct UnitBox {
 
 std::vector<Vec3> unit_places(const Mesh& mesh, const UnitBox& box, std::span<const PointId> ids);
 
-/// What moves with a handle: the fields 1, x, y, z of its points, in unit coordinates relative to a point of reference
-/// (thesis 4.2).
+/// What moves with a handle: the fields 1, x, y, z of its points, in unit coordinates relative to a point of reference and along
+/// three axes (thesis 4.2).
 struct HandleFrame {
-  Vec3 reference{};  ///< unit coordinates
+  Vec3 reference{};                                             ///< unit coordinates
+  std::array<Vec3, 3> axes{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};  ///< orthonormal
 };
 
 /// Displacement field of an affine motion on a handle as the coefficients of its four fields, 4 x 3 row by row, model units.
@@ -44,7 +46,9 @@ struct HandleFrame {
 enum class MotionKind { position, derivative };
 void field_coefficients(const Affine& motion, MotionKind kind, const HandleFrame& frame, const UnitBox& box, double* out);
 
-/// Frames in the middle of the boxes of the handles.
+/// Frames in the middle of the boxes of the handles. With symmetry planes the axes are those of the planes, and a handle that
+/// reaches a plane, or comes closer to it than it is thick across it, has its reference in that plane: the component of a
+/// displacement along the normal of a plane is odd there, so its fields are smooth across the plane if they vanish on it.
 std::vector<HandleFrame> handle_frames(const Mesh& mesh, const SelectedRegions& regions, const UnitBox& box);
 
 /// What a design comes down to: per handle an affine map or displacements, borrowed from nobody.
@@ -56,7 +60,7 @@ struct BoundDesign {
   bool moves(std::size_t handle) const { return !displacement[handle].empty() || affine[handle] != identity_affine; }
 };
 
-/// The handle and fixed points of a system, borrowed from it.
+/// The handle and fixed points of a system, borrowed from it: points of the mesh, or control points.
 struct HeldPoints {
   const Mesh& mesh;
   const Setup& setup;

@@ -15,32 +15,50 @@ namespace deform {
 
 namespace {
 
-constexpr std::size_t points_per_task = 8192;
+constexpr std::size_t held_points_per_task = 8192;
 constexpr const char* only_slides =
     "; points on a symmetry plane only slide in it: take them out of the handle with `difference`";
 
-[[noreturn]] void invalid(std::size_t design, const std::string& message) {
+[[noreturn]] void refuse(std::size_t design, const std::string& message) {
   throw Error(ErrorCode::invalid_argument, "designs[" + std::to_string(design) + "]" + message);
 }
 
 }  // namespace
 
+/// What follows, and what is held.
+struct HandleSystem::Held {
+  std::shared_ptr<const Mesh> mesh, held;
+};
+
 HandleSystem::HandleSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, HandleMode handles, Unit unit,
                            const RunContext& context)
-    : mesh_(std::move(mesh)), setup_(setup), handles_(handles) {
+    : HandleSystem(Held{mesh, mesh}, setup, handles, unit, context) {}
+
+HandleSystem::HandleSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, std::shared_ptr<const Mesh> controls,
+                           const RunContext& context)
+    : HandleSystem(Held{std::move(mesh), std::move(controls)}, setup, HandleMode::soft, Unit::diagonal, context) {
+  points_.coincident.clear();  // control points may part
+  info_.deformable_points = mesh_->point_count();
+}
+
+HandleSystem::HandleSystem(Held held, const Setup& setup, HandleMode handles, Unit unit, const RunContext& context)
+    : mesh_(std::move(held.mesh)), held_mesh_(std::move(held.held)), setup_(setup), handles_(handles) {
   context.progress("select", 0);
   regions_ = validate(setup_, *mesh_);
   const Box bounds = bounding_box(mesh_->points);
   info_.diagonal = bounds.diagonal();
+  for (std::size_t k = 0; k < 3; ++k) {
+    largest_coordinate_ = std::max({largest_coordinate_, std::abs(bounds.min[k]), std::abs(bounds.max[k])});
+  }
   box_ = {bounds.min, unit == Unit::diagonal ? info_.diagonal : 0};
   for (int k = 0; k < 3 && unit == Unit::longest_edge; ++k) box_.scale = std::max(box_.scale, bounds.max[k] - bounds.min[k]);
   if (!(box_.scale > 0)) box_.scale = 1;
-  points_ = constraint_points(*mesh_, regions_);
+  points_ = constraint_points(*held_mesh_, regions_);
   if (!hard_handles()) {
     all_.resize(mesh_->point_count());
     std::iota(all_.begin(), all_.end(), PointId{0});
   }
-  rank_of_.assign(mesh_->point_count(), 0);
+  rank_of_.assign(held_mesh_->point_count(), 0);
   for (const auto& handle : regions_.handles) {
     info_.handle_points += handle.size();
     for (std::size_t k = 0; k < handle.size(); ++k) {
@@ -49,7 +67,7 @@ HandleSystem::HandleSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
     }
   }
   std::sort(sliding_.begin(), sliding_.end());
-  frames_ = handle_frames(*mesh_, regions_, box_);
+  frames_ = handle_frames(*held_mesh_, regions_, box_);
   info_.points = mesh_->point_count();
   info_.fixed_points = regions_.fixed.size();
   info_.constraint_points = points_.count;
@@ -57,8 +75,9 @@ HandleSystem::HandleSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
 }
 
 std::array<double, 4> HandleSystem::handle_fields(std::size_t handle, PointId id) const {
-  const Vec3 x = box_.to_unit(mesh_->points[id]) - frames_[handle].reference;
-  return {1, x[0], x[1], x[2]};
+  const HandleFrame& frame = frames_[handle];
+  const Vec3 x = box_.to_unit(held_mesh_->points[id]) - frame.reference;
+  return {1, dot(frame.axes[0], x), dot(frame.axes[1], x), dot(frame.axes[2], x)};
 }
 
 Vec3 HandleSystem::components(Vec3 in_frame, PointId id) const {
@@ -67,6 +86,11 @@ Vec3 HandleSystem::components(Vec3 in_frame, PointId id) const {
     if ((on >> k & 1u) != 0) in_frame[k] = 0;
   }
   return in_frame;
+}
+
+void HandleSystem::add_basis(HandleBasis&& basis, double tolerance, const RunContext& context) {
+  if (tolerance > 0) basis.compress(following_places(), tolerance, context);
+  basis_.push_back(std::move(basis));
 }
 
 void HandleSystem::set_bytes(std::size_t factor_bytes, std::size_t more) {
@@ -86,12 +110,12 @@ void HandleSystem::check_tolerance(const BoundDesign& design, std::size_t index)
   const double tolerance = design.tolerance;
   if (tolerance == 0) return;
   const std::string text = ".tolerance: " + number_digits(tolerance);
-  if (!to_tolerance(info_.solver)) invalid(index, text + ", but solver " + to_string(info_.solver) + " has none");
+  if (!to_tolerance(info_.solver)) refuse(index, text + ", but solver " + to_string(info_.solver) + " has none");
   const bool prepared_for = info_.solver == Solver::incremental_qr;
   const double least = prepared_for ? info_.tolerance : least_tolerance;
   if (tolerance >= least && tolerance <= largest_tolerance) return;
-  invalid(index, text + " is out of range " + number_digits(least) + ".." + number_digits(largest_tolerance) +
-                     (prepared_for ? "; the system was prepared for " + number_digits(info_.tolerance) : ""));
+  refuse(index, text + " is out of range " + number_digits(least) + ".." + number_digits(largest_tolerance) +
+                    (prepared_for ? "; the system was prepared for " + number_digits(info_.tolerance) : ""));
 }
 
 void HandleSystem::check_sliding(const BoundDesign& design, std::size_t index) const {
@@ -104,7 +128,7 @@ void HandleSystem::check_sliding(const BoundDesign& design, std::size_t index) c
       std::ostringstream text;
       text << ": point " << id << " (handle \"" << setup_.handles[points_.region_of[id]].name << "\") lies on symmetry[" << k
            << "] but is sent a distance of " << number_digits(u[k]) << " out of it" << only_slides;
-      invalid(index, text.str());
+      refuse(index, text.str());
     }
   }
 }
@@ -136,7 +160,7 @@ Points HandleSystem::jacobian_vector(std::span<const double> variables, std::spa
   check_sliding(maps, "direction");
   const std::unique_ptr<const Evaluation> evaluation = derivative(variables, maps, context);
   Points result(mesh_->point_count());
-  parallel_for(context, result.size(), points_per_task, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, result.size(), held_points_per_task, [&](std::size_t begin, std::size_t end) {
     Vec3* out = result.data() + begin;
     evaluation->evaluate(begin, end, 0, std::span<Vec3* const>(&out, 1));
   });
@@ -154,8 +178,11 @@ std::vector<double> HandleSystem::pull_back(std::span<const double> variables, c
   }
   std::vector<double> result(3 * fields(), 0.0);
   if (!has_basis()) result = adjoint(variables, at_following, context);
+  const bool compressed = has_basis() && basis_.front().compressed;
+  const std::vector<Vec3> places = compressed ? following_places() : std::vector<Vec3>();
   for (const HandleBasis& basis : basis_) {
-    const std::vector<double> part = basis.tiles.transposed_product(at_following, context);
+    const std::vector<double> part = basis.compressed ? basis.compressed->transposed_product(at_following, places, context)
+                                                      : basis.tiles.transposed_product(at_following, context);
     for (std::size_t f = 0; f < fields(); ++f) {
       for (const std::size_t k : basis.components) result[3 * f + k] = part[3 * f + k];
     }
@@ -175,7 +202,7 @@ std::vector<double> HandleSystem::vector_jacobian(std::span<const double> variab
     check_sliding(handle_motion_derivative(setup_, variables, k), "variable \"" + setup_.variables[k].name + "\"");
   }
   const std::vector<double> field_sums = pull_back(variables, cotangent, context);
-  const Points nothing(hard_handles() ? 0 : cotangent.size());  // is prescribed by soft handles
+  const Points nothing(hard_handles() ? 0 : held_mesh_->point_count());  // is prescribed by soft handles
   return variable_gradient(held(), variables, hard_handles() ? cotangent : nothing, field_sums, frames_, box_);
 }
 

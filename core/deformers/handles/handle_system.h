@@ -38,6 +38,10 @@ class HandleSystem : public System {
   /// How long a unit of the solution's coordinates is.
   enum class Unit { longest_edge, diagonal };
   HandleSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, HandleMode handles, Unit unit, const RunContext& context);
+  /// Handles and fixed regions select control points (SelectedRegions::of), whose places are the points of `controls`; all points
+  /// of the mesh follow. Units are those of the diagonal of the mesh.
+  HandleSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, std::shared_ptr<const Mesh> controls,
+               const RunContext& context);
 
   /// The derivative of a deformation at `variables`, where the handles change as the maps say: a displacement field.
   virtual std::unique_ptr<const Evaluation> derivative(std::span<const double> variables, const std::vector<Affine>& maps,
@@ -54,37 +58,48 @@ class HandleSystem : public System {
   const std::vector<PointId>& following() const { return hard_handles() ? points_.deformable : all_; }
   bool has_basis() const { return !basis_.empty(); }
   std::size_t fields() const { return 4 * frames_.size(); }
-  HeldPoints held() const { return {*mesh_, setup_, regions_, points_.region_of, rank_of_, points_.coincident, info_.diagonal}; }
+  HeldPoints held() const {
+    return {*held_mesh_, setup_, regions_, points_.region_of, rank_of_, points_.coincident, info_.diagonal};
+  }
   /// 1, x, y, z of a handle at one of its points: unit coordinates, from its point of reference.
   std::array<double, 4> handle_fields(std::size_t handle, PointId id) const;
   /// A displacement in the frame of the planes, without its components along the normals of those that the point lies on.
   Vec3 components(Vec3 in_frame, PointId id) const;
   /// Refuses what System::bind() says: tolerances, coincident points that part, points that leave their symmetry plane.
   void check(const BoundDesign& design, std::size_t index) const;
+  /// Unit coordinates of the points that follow.
+  std::vector<Vec3> following_places() const { return unit_places(*mesh_, box_, following()); }
+  /// Stores a basis, to a tolerance (see HandleBasis::compress()) or, with 0, as
+  /// it is.
+  void add_basis(HandleBasis&& basis, double tolerance, const RunContext& context);
   /// Ends a stage of preparing: its seconds in info().
   void end_stage(const char* name) { info_.stage_seconds.emplace_back(name, watch_.lap()); }
   /// Bytes and basis in info(); `more` bytes are neither of the factor nor of the basis.
   void set_bytes(std::size_t factor_bytes, std::size_t more);
 
   const std::shared_ptr<const Mesh> mesh_;
+  const std::shared_ptr<const Mesh> held_mesh_;  ///< of the points of handles and fixed regions: the mesh, or control points
   const Setup setup_;
   SelectedRegions regions_;
-  ConstraintPoints points_;
-  std::vector<std::uint32_t> rank_of_;  ///< n: position of a handle point among the points of its handle
+  ConstraintPoints points_;             ///< of held_mesh_
+  std::vector<std::uint32_t> rank_of_;  ///< per point of held_mesh_: position of a handle point among the points of its handle
   UnitBox box_;
   std::vector<HandleFrame> frames_;
   std::vector<HandleBasis> basis_;  ///< of different components; empty: none is stored
   SystemInfo info_;
 
  private:
+  struct Held;
+  HandleSystem(Held held, const Setup& setup, HandleMode handles, Unit unit, const RunContext& context);
   void check_tolerance(const BoundDesign& design, std::size_t index) const;
   void check_sliding(const BoundDesign& design, std::size_t index) const;
   void check_sliding(const std::vector<Affine>& derivative, const std::string& what) const;
   std::vector<double> pull_back(std::span<const double> variables, const Points& cotangent, const RunContext& context) const;
 
   const HandleMode handles_;
-  std::vector<PointId> all_;      ///< of soft handles
-  std::vector<PointId> sliding_;  ///< handle points on symmetry planes, ascending
+  std::vector<PointId> all_;       ///< of soft handles
+  std::vector<PointId> sliding_;   ///< handle points on symmetry planes, ascending
+  double largest_coordinate_ = 0;  ///< by magnitude, of the mesh
   Stopwatch watch_;
 };
 

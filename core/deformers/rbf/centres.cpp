@@ -2,15 +2,26 @@
 #include "core/deformers/rbf/centres.h"
 
 #include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <numeric>
 #include <unordered_map>
 #include <unordered_set>
 #include <utility>
 
+#include "core/base/parallel.h"
+#include "core/base/vectors.h"
 #include "core/mesh/adjacency.h"
+#include "core/numerics/sampling/point_tree.h"
 
 namespace deform {
 
 namespace {
+
+constexpr std::size_t few = 5000;                  // constraint points that are all centres
+constexpr std::size_t aim = 4000;                  // of centres by distance alone, where that is enough
+constexpr double almost_all = 0.75;                // of the constraint points: the others are not worth a loss
+constexpr double ratios[] = {0.5, 0.6, 0.7, 0.8};  // of the distance between centres to that from the deformable region
 
 // Points in the components of the deformable region that a constraint point can be reached from.
 bool every_component_is_held(const Adjacency& adjacency, const ConstraintPoints& points) {
@@ -74,15 +85,121 @@ void keep_one_per_place(const ConstraintPoints& points, const std::vector<PointI
   }
 }
 
+/// Constraint points that another one at their place stands for.
+std::size_t merged_points(const ConstraintPoints& points) {
+  std::size_t count = 0;
+  for (const auto& cluster : points.coincident) count += cluster.size() - 1;
+  return count;
+}
+
+/// Mask of the constraint points that share a face with a deformable point.
+std::vector<char> border_of(const Mesh& mesh, const ConstraintPoints& points) {
+  std::vector<char> border(mesh.point_count());
+  const auto deformable = [&](PointId id) { return points.region_of[id] == deformable_region; };
+  const PointId* corners = mesh.face_points.data();
+  for (const std::uint32_t size : mesh.face_sizes) {
+    if (std::any_of(corners, corners + size, deformable)) {
+      for (std::uint32_t c = 0; c < size; ++c) border[corners[c]] = deformable(corners[c]) ? 0 : 1;
+    }
+    corners += size;
+  }
+  return border;
+}
+
+/// The candidates for centres by their distance from the deformable region.
+class GradedChoice {
+ public:
+  GradedChoice(const Mesh& mesh, const ConstraintPoints& points, const std::vector<PointId>& candidates,
+               const RunContext& context)
+      : candidates_(candidates), tree_(places(mesh, candidates)), distance_(candidates.size()), order_(candidates.size()) {
+    const PointTree deformable(places(mesh, points.deformable));
+    parallel_for(context, candidates.size(), 4096, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) distance_[i] = std::sqrt(deformable.nearest(tree_.points()[i]).square);
+    });
+    const std::vector<char> border = border_of(mesh, points);
+    for (const PointId id : candidates) border_.push_back(border[id]);
+    std::iota(order_.begin(), order_.end(), std::uint32_t{0});
+    std::stable_sort(order_.begin(), order_.end(), [&](std::uint32_t a, std::uint32_t b) {
+      return border_[a] != border_[b] ? border_[a] > border_[b] : distance_[a] < distance_[b];
+    });
+  }
+
+  /// All at the border, and of the others those at least `ratio` times their distance from the deformable region away from what
+  /// was chosen before. Ascending; more than `most` when there are more than that.
+  std::vector<PointId> chosen(double ratio, std::size_t most, const RunContext& context) const {
+    std::vector<PointId> result;
+    std::vector<char> covered(candidates_.size());
+    std::vector<PointTree::Near> near;
+    for (const std::uint32_t i : order_) {
+      if (covered[i] && !border_[i]) continue;
+      result.push_back(candidates_[i]);
+      if (result.size() > most) return result;
+      if (result.size() % 64 == 0) context.check();
+      // A point z that i covers has |z - i| < ratio d(z) <= ratio (d(i) + |z - i|).
+      const double reach = ratio * distance_[i] / (1 - ratio);
+      tree_.within(tree_.points()[i], reach * reach, near);
+      for (const auto& [other, square] : near) {
+        const double own = ratio * distance_[other];
+        if (square < own * own) covered[other] = 1;
+      }
+    }
+    std::sort(result.begin(), result.end());
+    return result;
+  }
+
+ private:
+  static std::vector<Vec3> places(const Mesh& mesh, const std::vector<PointId>& ids) {
+    std::vector<Vec3> result;
+    result.reserve(ids.size());
+    for (const PointId id : ids) result.push_back(mesh.points[id]);
+    return result;
+  }
+
+  const std::vector<PointId>& candidates_;
+  const PointTree tree_;              ///< of the candidates
+  std::vector<double> distance_;      ///< of each candidate from the nearest deformable point
+  std::vector<char> border_;          ///< of each candidate: at the border
+  std::vector<std::uint32_t> order_;  ///< the border first, then by distance
+};
+
+/// Those that distances choose, or the reason why all of them are needed; empty without one worth telling.
+std::string choose_graded(const Mesh& mesh, const RbfOptions& options, const ConstraintPoints& points,
+                          const std::vector<PointId>& candidates, const RunContext& context, std::vector<PointId>& kept) {
+  if (candidates.size() <= few || options.solver == Solver::incremental_qr) return {};
+  if (points.deformable.empty()) return "no point is deformable";
+  if (properties(*options.kernel).has_shape) return "a kernel with a shape needs them as dense as the mesh";
+  const GradedChoice choice(mesh, points, candidates, context);
+  for (const double ratio : ratios) {
+    const std::size_t most = ratio == *std::rbegin(ratios) ? candidates.size() : aim;
+    kept = choice.chosen(ratio, most, context);
+    if (kept.size() <= most) break;
+  }
+  if (static_cast<double>(kept.size()) <= almost_all * static_cast<double>(candidates.size())) return {};
+  kept.clear();
+  return "most of them are near the deformable points";
+}
+
 }  // namespace
 
-RbfCentres choose_centres(const Mesh& mesh, const ConstraintPoints& points, std::size_t handles, const RbfOptions& options) {
+RbfCentres choose_centres(const Mesh& mesh, const ConstraintPoints& points, std::size_t handles, const RbfOptions& options,
+                          const RunContext& context) {
   RbfCentres centres;
   std::vector<PointId> candidates;
   for (std::size_t i = 0; i < mesh.point_count(); ++i) {
     if (points.region_of[i] != deformable_region) candidates.push_back(static_cast<PointId>(i));
   }
-  if (options.reduction == CentreReduction::automatic) {
+  if (options.reduction == CentreReduction::tolerance) {
+    std::vector<PointId> kept;
+    const std::string reason = choose_graded(mesh, options, points, candidates, context, kept);
+    if (!reason.empty()) {
+      centres.notes.push_back("All " + std::to_string(candidates.size()) + " constraint points are centres: " + reason + ".");
+    }
+    if (!kept.empty()) {
+      centres.reduced = true;
+      candidates = std::move(kept);
+    }
+  }
+  if (options.reduction == CentreReduction::rings) {
     std::vector<PointId> kept;
     const std::string reason = reduce(mesh, options, handles, points, kept);
     const std::string rings = std::to_string(options.reduction_rings) + " rings around the deformable region";
@@ -100,7 +217,55 @@ RbfCentres choose_centres(const Mesh& mesh, const ConstraintPoints& points, std:
   if (centres.merged != 0) {
     centres.notes.push_back(std::to_string(centres.merged) + " coincident constraint points were merged with others.");
   }
+  const std::size_t m = centres.ids.size();
+  centres.most = m;
+  if (centres.reduced && options.reduction == CentreReduction::tolerance) {
+    centres.most = std::min(points.count - merged_points(points), 2 * std::max(m, aim));
+  }
   return centres;
+}
+
+void take_most(const ConstraintPoints& points, RbfCentres& centres) {
+  std::vector<char> chosen(points.region_of.size());
+  for (const PointId id : centres.ids) chosen[id] = 1;
+  for (std::size_t i = 0; i < chosen.size() && centres.ids.size() < centres.most; ++i) {
+    if (!chosen[i] && points.region_of[i] != deformable_region) centres.ids.push_back(static_cast<PointId>(i));
+  }
+  std::sort(centres.ids.begin(), centres.ids.end());
+}
+
+std::vector<PointId> most_missed(const Mesh& mesh, const std::vector<PointId>& centres, std::span<const PointId> ids,
+                                 std::span<const double> misfits, double tolerance, std::size_t most) {
+  constexpr std::size_t most_candidates = 20000;
+  std::vector<std::uint32_t> order;
+  for (std::size_t i = 0; i < ids.size(); ++i) {
+    if (misfits[i] > 0.5 * tolerance) order.push_back(static_cast<std::uint32_t>(i));
+  }
+  const auto worse = [&](std::uint32_t a, std::uint32_t b) {
+    return misfits[a] != misfits[b] ? misfits[a] > misfits[b] : ids[a] < ids[b];
+  };
+  if (order.size() > most_candidates) {
+    std::nth_element(order.begin(), order.begin() + most_candidates, order.end(), worse);
+    order.resize(most_candidates);
+  }
+  std::sort(order.begin(), order.end(), worse);
+  std::vector<Vec3> places;
+  for (const PointId id : centres) places.push_back(mesh.points[id]);
+  const PointTree tree(places);
+  std::vector<PointId> result;
+  for (const std::uint32_t i : order) {
+    if (result.size() >= most) break;
+    const Vec3& x = mesh.points[ids[i]];
+    const double clear = 0.5 * tree.nearest(x).square;
+    if (clear == 0) continue;
+    const auto near = [&](PointId id) {
+      const Vec3 d = mesh.points[id] - x;
+      return dot(d, d) < clear;
+    };
+    if (std::none_of(result.begin(), result.end(), near)) result.push_back(ids[i]);
+  }
+  std::sort(result.begin(), result.end());
+  return result;
 }
 
 }  // namespace deform

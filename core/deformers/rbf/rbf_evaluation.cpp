@@ -7,12 +7,14 @@
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
 #include "core/deformers/handles/interpolant_tiles.h"
+#include "core/numerics/interpolation/value_errors.h"
+#include "core/numerics/interpolation/values_to_tolerance.h"
 
 namespace deform {
 
 namespace {
 
-constexpr std::size_t most_samples = 256;  // centres at which a direct solution is checked
+constexpr std::size_t most_checked_centres = 256;  // centres at which a direct solution is checked
 
 }  // namespace
 
@@ -20,6 +22,7 @@ RbfEvaluation::RbfEvaluation(std::shared_ptr<const RbfSystem> system, std::span<
                              const RunContext& context)
     : HandleEvaluation(system, designs, path, context), system_(*system) {
   solve(context);
+  if (to_tolerance(system_.info_.solver)) judge();
 }
 
 RbfEvaluation::RbfEvaluation(std::shared_ptr<const RbfSystem> system, const std::vector<Affine>& derivatives,
@@ -31,7 +34,8 @@ RbfEvaluation::RbfEvaluation(std::shared_ptr<const RbfSystem> system, const std:
 void RbfEvaluation::solve(const RunContext& context) {
   if (direct_designs() == 0) return;
   solutions_.resize(system_.parts_.size());
-  to_tolerance(system_.info_.solver) ? solve_to_tolerance(context) : solve_exactly(context);
+  if (!to_tolerance(system_.info_.solver)) return solve_exactly(context);
+  kind_ == MotionKind::position ? solve_to_tolerance(context) : solve_derivative(context);
 }
 
 /// Displacements of the centres: rows of the part x its components.
@@ -54,20 +58,53 @@ void RbfEvaluation::solve_to_tolerance(const RunContext& context) {
   for (Solution& solution : solutions_) solution.values.resize(designs_.size());
   for (std::size_t i = 0; i < designs_.size(); ++i) {
     if (!is_direct(i)) continue;
-    const double tolerance = designs_[i].tolerance > 0 ? designs_[i].tolerance : system_.info_.tolerance;
-    double squares = 0;
+    double squares = 0, more_squares = 0;
+    Eigen::MatrixXd errors = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(system_.checked_.size()), 3);
     for (std::size_t p = 0; p < solutions_.size(); ++p) {
       const RbfPart& part = system_.parts_[p];
       const Eigen::MatrixXd F = part_data(designs_[i], part);
-      // A derivative has no length to compare with but its own.
-      const double unit = kind_ == MotionKind::position ? system_.info_.diagonal : F.cwiseAbs().maxCoeff();
-      const Interpolants interpolants = part.system->interpolate(F, tolerance * unit, context);
-      solutions_[p].values[i] = part.system->values(interpolants, points, context);
-      // The iterative solver's is the largest of single components, that of incremental QR of rows.
-      const double width = system_.info_.solver == Solver::iterative ? static_cast<double>(F.cols()) : 1.0;
-      squares += width * interpolants.residual * interpolants.residual;
+      const bool iterative = part.system->solver() == Solver::iterative;
+      // The iterative solver's is of single components, that of incremental QR of rows.
+      const double allowed = iterative ? allowed_error(i) / std::sqrt(3.0) : allowed_error(i);
+      CheckedValues solved = values_to_tolerance(*part.system, *part.check, system_.checked_, F, allowed, points, context);
+      const double width = iterative ? static_cast<double>(F.cols()) : 1.0;
+      squares += width * solved.residual * solved.residual;
+      more_squares += static_cast<double>(F.cols()) * solved.more * solved.more;
+      for (std::size_t c = 0; c < part.plan.components.size(); ++c) {
+        errors.col(static_cast<Eigen::Index>(part.plan.components[c])) = solved.errors.col(static_cast<Eigen::Index>(c));
+      }
+      if (!iterative) reports_[i].converged = reports_[i].converged && solved.converged;
+      solutions_[p].values[i] = std::move(solved.values);
     }
     reports_[i].interpolation_residual = std::sqrt(squares);
+    set_error(i, error_margin * largest_magnitude(errors.rowwise().norm()) + std::sqrt(more_squares));
+  }
+}
+
+/// With all digits that there are: gradients are compared with differences and with each other.
+void RbfEvaluation::solve_derivative(const RunContext& context) {
+  const std::vector<Vec3> points = system_.coordinates(system_.following());
+  for (std::size_t p = 0; p < solutions_.size(); ++p) {
+    const RbfPart& part = system_.parts_[p];
+    const Eigen::MatrixXd F = part_data(designs_[0], part);
+    const bool iterative = part.system->solver() == Solver::iterative;
+    const double tolerance = iterative ? derivative_tolerance * F.cwiseAbs().maxCoeff() : 0.0;
+    solutions_[p].values = {
+        values_to_tolerance(*part.system, *part.check, system_.checked_, F, tolerance, points, context).values};
+  }
+}
+
+/// The tolerance is a fraction of D, or of the motion where that is larger.
+double RbfEvaluation::allowed_error(std::size_t design) const {
+  const double tolerance = designs_[design].tolerance > 0 ? designs_[design].tolerance : system_.info_.tolerance;
+  return tolerance * std::max(system_.info_.diagonal, reports_[design].prescribed_displacement);
+}
+
+void RbfEvaluation::judge() {
+  if (system_.info_.solver != Solver::iterative) return;
+  // Not (error > allowed): an error that is not a number is one. What a basis is stored to is not the solver's.
+  for (std::size_t i = 0; i < designs_.size(); ++i) {
+    reports_[i].converged = reports_[i].error - compression_error(i) <= allowed_error(i);
   }
 }
 
@@ -79,7 +116,9 @@ void RbfEvaluation::solve_exactly(const RunContext& context) {
     std::vector<double>& coefficients = solutions_[p].coefficients;
     coefficients.resize(rows * direct_designs() * width);
     for_each_direct(context, [&](std::size_t i) {
-      const Eigen::MatrixXd solution = part.system->interpolate(part_data(designs_[i], part), 0, context).coefficients;
+      const Interpolants interpolants = part.system->interpolate(part_data(designs_[i], part), 0, context);
+      const Eigen::MatrixXd& solution = interpolants.coefficients;
+      if (kind_ == MotionKind::position) set_error(i, std::hypot(reports_[i].error, part_error(i, part, interpolants, context)));
       for (std::size_t r = 0; r < rows; ++r) {
         for (std::size_t c = 0; c < width; ++c) {
           coefficients[(r * direct_designs() + slot(i)) * width + c] =
@@ -91,9 +130,35 @@ void RbfEvaluation::solve_exactly(const RunContext& context) {
   measure_residuals();
 }
 
+/// Of the displacements of the components of a part.
+double RbfEvaluation::part_error(std::size_t design, const RbfPart& part, const Interpolants& interpolants,
+                                 const RunContext& context) {
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  DesignReport& report = reports_[design];
+  report.converged = report.converged && interpolants.converged;
+  const std::vector<Vec3>& places = system_.checked_places_;
+  if (places.empty()) return 0;
+  const RowMajor coefficients = interpolants.coefficients;
+  const auto columns = static_cast<std::size_t>(coefficients.cols());
+  const TiledPoints tiled(places);
+  Eigen::MatrixXd delivered(static_cast<Eigen::Index>(places.size()), coefficients.cols());
+  std::vector<double> values(columns * tile_size);
+  for (std::size_t s = 0; s < places.size(); ++s) {
+    if (s % tile_size == 0) {
+      std::fill(values.begin(), values.end(), 0.0);
+      interpolate_tile(*part.system, tiled.tile(s / tile_size), coefficients.data(), columns, values.data());
+    }
+    for (std::size_t c = 0; c < columns; ++c) {
+      delivered(static_cast<Eigen::Index>(s), static_cast<Eigen::Index>(c)) = values[c * tile_size + s % tile_size];
+    }
+  }
+  const Eigen::MatrixXd errors = value_errors(*part.system, interpolants, places, delivered, context);
+  return error_margin * errors.rowwise().norm().maxCoeff();
+}
+
 void RbfEvaluation::measure_residuals() {
   const auto& ids = system_.centres_.ids;
-  const std::size_t count = std::min(most_samples, ids.size()), designs = direct_designs();
+  const std::size_t count = std::min(most_checked_centres, ids.size()), designs = direct_designs();
   std::vector<PointId> samples(count);
   for (std::size_t s = 0; s < count; ++s) samples[s] = ids[s * ids.size() / count];
   const TiledPoints tiled(system_.coordinates(samples));

@@ -21,7 +21,12 @@ class RbfEvaluation : public HandleEvaluation {
   void solve_exactly(const RunContext& context);
   void solve_to_tolerance(const RunContext& context);
   Eigen::MatrixXd part_data(const BoundDesign& design, const RbfPart& part) const;
+  double part_error(std::size_t design, const RbfPart& part, const Interpolants& interpolants, const RunContext& context);
   void measure_residuals();
+  /// Errors and convergence of solvers to a tolerance, of designs on either path.
+  void judge();
+  double allowed_error(std::size_t design) const;
+  void solve_derivative(const RunContext& context);
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
   void part_tile(std::size_t part, std::size_t tile, std::size_t first, std::size_t count, double* values) const;
 

@@ -8,6 +8,7 @@
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/parallel.h"
+#include "core/deformers/handles/handle_basis.h"
 #include "core/deformers/option_checks.h"
 #include "core/deformers/rbf/rbf_system.h"
 #include "core/numerics/fast_sums/fast_sums.h"
@@ -17,21 +18,27 @@ namespace deform {
 namespace {
 
 /// Of all parts together. The iterative solver's share one system.
-struct Sizes {
+struct CentreSizes {
   std::size_t rows = 0;            ///< of the largest
   std::size_t factor_bytes = 0;    ///< of what stays
   std::size_t factoring_peak = 0;  ///< while the last one is factored beside the others
   std::size_t places = 0;          ///< centres that the systems hold
+  std::size_t check_bytes = 0;     ///< of what estimates errors
 };
 
-Sizes sizes_of(const std::vector<PartPlan>& parts, Solver solver) {
-  Sizes sizes;
+CentreSizes centre_sizes(const std::vector<PartPlan>& parts, Solver solver) {
+  CentreSizes sizes;
   for (const PartPlan& part : parts) {
     sizes.rows = std::max(sizes.rows, part.size);
     if (solver == Solver::iterative && sizes.places > 0) continue;
     sizes.places += part.size;
-    sizes.factoring_peak = std::max(sizes.factoring_peak, sizes.factor_bytes + interpolator_peak_bytes(part.size, solver));
+    sizes.factoring_peak =
+        std::max(sizes.factoring_peak, sizes.factor_bytes + sizes.check_bytes + interpolator_peak_bytes(part.size, solver));
     sizes.factor_bytes += interpolator_bytes(part.size, solver);
+    if (!to_tolerance(solver)) continue;
+    sizes.factoring_peak =
+        std::max(sizes.factoring_peak, sizes.factor_bytes + sizes.check_bytes + PointErrors::peak_bytes(part.size));
+    sizes.check_bytes += PointErrors::bytes_for(part.size);
   }
   return sizes;
 }
@@ -77,13 +84,23 @@ void validate_sample(const Setup& setup, const std::vector<double>& sample, cons
 
 }  // namespace
 
-void RbfMethod::validate(const RbfOptions& options, const Setup& setup, const Mesh&) {
-  check_option_range(options.tolerance, least_tolerance, largest_tolerance, "method.rbf.tolerance");
+RbfOptions with_defaults(RbfOptions options, const Mesh& mesh) {
+  if (!options.kernel) options.kernel = default_kernel(bounding_box(mesh.points));
+  if (options.tolerance == 0) options.tolerance = default_tolerance(options.solver);
+  return options;
+}
+
+void RbfMethod::validate(const RbfOptions& options, const Setup& setup, const Mesh& mesh) {
+  if (options.tolerance != 0) check_option_range(options.tolerance, least_tolerance, largest_tolerance, "method.rbf.tolerance");
   if (!(options.shape >= 0 && options.shape <= 100)) {
     refuse_argument("method.rbf.shape: " + number_digits(options.shape) + " is out of range, must be 0 (automatic) or up to 100");
   }
   check_option_range(options.reduction_rings, 1, 100, "method.rbf.reduction_rings");
-  const KernelProperties kernel = properties(options.kernel);
+  check_basis_tolerance(options.basis_tolerance, "method.rbf.basis_tolerance");
+  if (options.reduction_tolerance != 0) {
+    check_option_range(options.reduction_tolerance, 1e-8, 0.1, "method.rbf.reduction_tolerance");
+  }
+  const KernelProperties kernel = properties(*with_defaults(options, mesh).kernel);
   if (options.polynomial_degree < -1 || options.polynomial_degree > 2) {
     refuse_argument("method.rbf.polynomial_degree: " + std::to_string(options.polynomial_degree) +
                     " is out of range, at least the order of the kernel - 1 and at most 2");
@@ -97,41 +114,59 @@ void RbfMethod::validate(const RbfOptions& options, const Setup& setup, const Me
   }
 }
 
-Estimate RbfMethod::estimate(const RbfOptions& options, const Mesh& mesh, const Setup&, const SelectedRegions& regions) {
+Estimate RbfMethod::estimate(const RbfOptions& given, const Mesh& mesh, const Setup&, const SelectedRegions& regions) {
+  const RbfOptions options = with_defaults(given, mesh);
   const ConstraintPoints points = constraint_points(mesh, regions);
-  const RbfCentres centres = choose_centres(mesh, points, regions.handles.size(), options);
+  RbfCentres centres = choose_centres(mesh, points, regions.handles.size(), options);
+  const bool open = centres.most > centres.ids.size();
+  if (open) take_most(points, centres);
   const std::size_t d = points.deformable.size();
-  const Solver solver = chosen_solver(options.solver, options.kernel, centres.ids.size());
+  const Solver solver = chosen_solver(options.solver, *options.kernel, centres.ids.size());
   const std::size_t fields = 4 * regions.handles.size();
   const std::vector<PartPlan> parts = plan_parts(regions.symmetry, centres, solver);
-  const Sizes sizes = sizes_of(parts, solver);
+  const CentreSizes sizes = centre_sizes(parts, solver);
 
   Estimate estimate;
   estimate.constraint_points = points.count;
   estimate.centres = centres.ids.size();
   estimate.factor_bytes = sizes.factor_bytes + sizes.places * sizeof(Vec3);
-  const std::size_t basis_bytes = parts.size() * HandleBasis::bytes_for(d, fields);
+  const std::size_t basis_bytes = parts.size() * HandleBasis::bytes_for(d, fields, options.basis_tolerance);
   const bool basis = wants_basis(options.basis, basis_bytes, sizes.factor_bytes);
   estimate.basis_bytes = basis ? basis_bytes : 0;
-  estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + point_bytes(mesh.point_count(), regions.symmetry);
+  const std::size_t errors_bytes = basis && to_tolerance(solver) ? parts.size() * 400 * fields * sizeof(double) : 0;
+  estimate.resident_bytes = estimate.factor_bytes + sizes.check_bytes + errors_bytes + estimate.basis_bytes +
+                            point_bytes(mesh.point_count(), regions.symmetry);
   // What the centres of incremental QR are chosen for, and what the factorization makes of it.
   const std::size_t columns = options.samples.empty() ? fields : 3 * options.samples.size();
   const std::size_t samples = solver == Solver::incremental_qr ? 6 * sizes.rows * columns * sizeof(double) : 0;
   const std::size_t factor_extra = sizes.factoring_peak + 2 * sizes.places * sizeof(Vec3) + samples;
+  // A part's basis is compressed before the next is made.
+  const std::size_t making = basis ? (parts.size() - 1) * HandleBasis::bytes_for(d, fields, options.basis_tolerance) +
+                                         HandleBasis::peak_bytes_for(d, fields, options.basis_tolerance)
+                                   : 0;
   // Data, solution and the copies that a solve makes of them, beside the factor.
   const std::size_t basis_extra =
       (solver == Solver::iterative ? interpolator_peak_bytes(sizes.rows, solver) + FastSums::bytes_for(d, sizes.rows, 12)
                                    : estimate.factor_bytes) +
-      estimate.basis_bytes + (basis ? 4 * (sizes.rows + 10) * fields * sizeof(double) : 0);
+      sizes.check_bytes + errors_bytes + making + (basis ? 5 * (sizes.rows + 10) * fields * sizeof(double) : 0);
   const std::size_t adjacency = 16 * (mesh.point_count() + mesh.face_count()) + 24 * mesh.face_points.size();
   // Every part's rows and the data that they are copied from.
   const std::size_t plans =
       regions.symmetry.empty() ? 0 : parts.size() * sizes.rows * (sizeof(PartPlan::Row) + fields * sizeof(double));
+  // Searches while centres are chosen, and the fields at the points where they are looked at.
+  const std::size_t choice = open ? mesh.point_count() * 100 + points_looked_at * (2 * fields + 8) * sizeof(double) : 0;
   estimate.peak_bytes = point_bytes(mesh.point_count(), regions.symmetry) + d * sizeof(Vec3) + plans +
-                        std::max({factor_extra, basis_extra, adjacency});
+                        std::max({factor_extra, basis_extra, adjacency, choice}) + (open ? choice : 0);
   estimate.notes = centres.notes;
-  const auto planes = symmetry_notes(regions.symmetry, centres);
-  estimate.notes.insert(estimate.notes.end(), planes.begin(), planes.end());
+  if (open) {
+    estimate.notes.push_back("At most " + std::to_string(centres.ids.size()) + " of " + std::to_string(points.count) +
+                             " constraint points become centres; how many the reduction tolerance of " +
+                             scientific(reduction_tolerance(options)) + " needs is not known before.");
+  }
+  if (!open) {
+    const auto planes = symmetry_notes(regions.symmetry, centres);
+    estimate.notes.insert(estimate.notes.end(), planes.begin(), planes.end());
+  }
   if (solver == Solver::incremental_qr) {
     estimate.notes.push_back("Incremental QR: at most; how many centres the tolerance needs is not known before.");
   }
@@ -142,16 +177,18 @@ Estimate RbfMethod::estimate(const RbfOptions& options, const Mesh& mesh, const 
   return estimate;
 }
 
-std::optional<std::vector<PointId>> RbfMethod::known_centres(const RbfOptions& options, const Mesh& mesh,
+std::optional<std::vector<PointId>> RbfMethod::known_centres(const RbfOptions& given, const Mesh& mesh,
                                                              const SelectedRegions& regions) {
+  const RbfOptions options = with_defaults(given, mesh);
   RbfCentres centres = choose_centres(mesh, constraint_points(mesh, regions), regions.handles.size(), options);
-  if (chosen_solver(options.solver, options.kernel, centres.ids.size()) == Solver::incremental_qr) return std::nullopt;
+  if (chosen_solver(options.solver, *options.kernel, centres.ids.size()) == Solver::incremental_qr) return std::nullopt;
+  if (centres.most > centres.ids.size()) return std::nullopt;
   return std::move(centres.ids);
 }
 
 std::shared_ptr<const System> RbfMethod::prepare(const RbfOptions& options, const std::shared_ptr<const Mesh>& mesh,
                                                  const Setup& setup, const RunContext& context, std::size_t memory_budget) {
-  return std::make_shared<const RbfSystem>(mesh, setup, options, context, memory_budget);
+  return std::make_shared<const RbfSystem>(mesh, setup, with_defaults(options, *mesh), context, memory_budget);
 }
 
 }  // namespace deform

@@ -12,6 +12,7 @@
 #include "core/deformers/rbf/centres.h"
 #include "core/deformers/setup.h"
 #include "core/numerics/interpolation/interpolator.h"
+#include "core/numerics/interpolation/point_errors.h"
 
 namespace deform {
 
@@ -46,10 +47,14 @@ std::vector<PartPlan> plan_parts(const Symmetry& symmetry, const RbfCentres& cen
 /// How many points and centres each plane holds.
 std::vector<std::string> symmetry_notes(const Symmetry& symmetry, const RbfCentres& centres);
 
+/// Derivatives are solved to this share of their largest value, whatever the tolerance of the setup.
+inline constexpr double derivative_tolerance = 1e-11;
+
 /// A prepared part. The parts of the iterative solver share one system.
 struct RbfPart {
   PartPlan plan;
   std::shared_ptr<const Interpolator> system;
+  std::shared_ptr<const PointErrors> check;  ///< of solvers to a tolerance
 };
 
 }  // namespace deform

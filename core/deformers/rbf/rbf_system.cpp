@@ -9,13 +9,23 @@
 #include "core/base/vectors.h"
 #include "core/deformers/rbf/interpolated_basis.h"
 #include "core/deformers/rbf/rbf_evaluation.h"
+#include "core/numerics/interpolation/values_to_tolerance.h"
 
 namespace deform {
 
 namespace {
 
+/// Points at which errors are estimated.
+constexpr std::size_t checked_to_tolerance = 384, checked_of_exact = 96;
+
 int degree(const RbfOptions& options) {
-  return options.polynomial_degree >= 0 ? options.polynomial_degree : properties(options.kernel).default_degree();
+  return options.polynomial_degree >= 0 ? options.polynomial_degree : properties(*options.kernel).default_degree();
+}
+
+/// Bits of the planes across which a part is odd.
+unsigned odd_planes(const PartPlan& plan, const Symmetry& symmetry) {
+  const bool odd = plan.components.size() == 1 && plan.components.front() < symmetry.planes();
+  return odd ? 1u << plan.components.front() : 0u;
 }
 
 /// Median distance to the nearest other place, over an evenly strided sample of the first `count` places.
@@ -40,16 +50,107 @@ double median_spacing(const std::vector<Vec3>& places, std::size_t count) {
 RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RbfOptions& options, const RunContext& context,
                      std::size_t memory_budget)
     : HandleSystem(std::move(mesh), setup, HandleMode::hard, Unit::longest_edge, context), options_(options) {
-  centres_ = choose_centres(*mesh_, points_, regions_.handles.size(), options_);
-  deformable_ = TiledPoints(coordinates(following()));
+  centres_ = choose_centres(*mesh_, points_, regions_.handles.size(), options_, context);
+  const std::vector<Vec3> places = coordinates(following());
+  deformable_ = TiledPoints(places);
+  const bool exact = !to_tolerance(chosen_solver(options_.solver, *options_.kernel, centres_.ids.size()));
+  checked_ = check_points(places, coordinates(centres_.ids), exact ? checked_of_exact : checked_to_tolerance);
+  for (const std::uint32_t i : checked_) checked_places_.push_back(places[i]);
   end_stage("select");
   context.check();
   prepare_parts(context, memory_budget);
+  if (centres_.most > centres_.ids.size()) refine_centres(context, memory_budget);
   end_stage("factor");
   prepare_basis(context);
   end_stage("basis");
   fill_info();
   add_notes();
+}
+
+void RbfSystem::refine_centres(const RunContext& context, std::size_t memory_budget) {
+  constexpr int most_rounds = 8;
+  constexpr std::size_t sampled = 50000;
+  std::vector<PointId> all;
+  for (std::size_t i = 0; i < mesh_->point_count(); ++i) {
+    if (points_.region_of[i] != deformable_region) all.push_back(static_cast<PointId>(i));
+  }
+  // Every so many of them as long as there is something to add, all of them in the end.
+  std::size_t stride = (all.size() + sampled - 1) / sampled;
+  for (int round = 0;; ++round) {
+    std::vector<PointId> ids;
+    for (std::size_t i = 0; i < all.size(); i += stride) ids.push_back(all[i]);
+    const std::vector<double> missed = misfits(ids, context);
+    misfit_ = *std::max_element(missed.begin(), missed.end());
+    const std::size_t m = centres_.ids.size();
+    std::vector<PointId> more;
+    if (misfit_ > reduction_tolerance(options_) && round < most_rounds) {
+      const std::size_t most = std::min(centres_.most - m, std::max<std::size_t>(200, m / 2));
+      more = most_missed(*mesh_, centres_.ids, ids, missed, reduction_tolerance(options_), most);
+    }
+    if (more.empty() && stride == 1) return;
+    if (more.empty()) {
+      stride = 1;
+      continue;
+    }
+    centres_.ids.insert(centres_.ids.end(), more.begin(), more.end());
+    std::sort(centres_.ids.begin(), centres_.ids.end());
+    parts_.clear();
+    factor_bytes_ = check_bytes_ = 0;
+    prepare_parts(context, memory_budget);
+  }
+}
+
+std::vector<double> RbfSystem::misfits(const std::vector<PointId>& ids, const RunContext& context) const {
+  std::vector<double> result(ids.size(), 0.0);
+  const Eigen::MatrixXd at_centres = fields_at_centres();
+  // What a solver leaves must not look like a lack of centres.
+  const double solver_tolerance = std::min(options_.tolerance, 0.1 * reduction_tolerance(options_));
+  for (const RbfPart& part : parts_) {
+    const std::vector<double> weights = field_weights(part);
+    const unsigned odd = odd_planes(part.plan, regions_.symmetry);
+    const Interpolants interpolants = part.system->interpolate(part.plan.data(at_centres), solver_tolerance, context);
+    for (std::size_t first = 0; first < ids.size(); first += points_looked_at) {
+      const auto begin = ids.begin() + static_cast<std::ptrdiff_t>(first);
+      const std::vector<PointId> some(begin, begin + static_cast<std::ptrdiff_t>(std::min(points_looked_at, ids.size() - first)));
+      const std::vector<double> values = part.system->values(interpolants, coordinates(some), context);
+      for (std::size_t i = 0; i < some.size(); ++i) {
+        if ((regions_.symmetry.on(some[i]) & odd) != 0) continue;  // it is zero there
+        const RegionIndex region = points_.region_of[some[i]];
+        std::array<double, 4> own{};
+        if (region != fixed_region) own = handle_fields(region, some[i]);
+        for (std::size_t f = 0; f < weights.size(); ++f) {
+          const double target = f / 4 == region ? own[f % 4] : 0.0;
+          const double missed = weights[f] * std::abs(values[i * weights.size() + f] - target);
+          double& largest = result[first + i];
+          if (!(missed <= largest)) largest = std::isnan(missed) ? std::numeric_limits<double>::infinity() : missed;
+        }
+      }
+    }
+  }
+  return result;
+}
+
+std::vector<double> RbfSystem::field_weights(const RbfPart& part) const {
+  constexpr double flat = 1e-6;  // of the size of a handle: there is no motion that is large in such a field alone
+  const Symmetry& symmetry = regions_.symmetry;
+  const unsigned odd = odd_planes(part.plan, symmetry);
+  std::vector<double> weights;
+  for (std::size_t h = 0; h < regions_.handles.size(); ++h) {
+    std::array<double, 4> largest{};
+    unsigned touched = 0;
+    for (const PointId id : regions_.handles[h]) {
+      const std::array<double, 4> values = handle_fields(h, id);
+      for (std::size_t f = 0; f < 4; ++f) largest[f] = std::max(largest[f], std::abs(values[f]));
+      touched |= symmetry.on(id);
+    }
+    const double size = *std::max_element(largest.begin() + 1, largest.end());
+    for (std::size_t f = 0; f < 4; ++f) {
+      const unsigned field_is_odd = f > 0 && f <= symmetry.planes() ? 1u << (f - 1) : 0u;
+      const bool counts = (f == 0 || largest[f] > flat * size) && ((field_is_odd ^ odd) & touched) == 0;
+      weights.push_back(counts ? 1 / largest[f] : 0);
+    }
+  }
+  return weights;
 }
 
 std::vector<Vec3> RbfSystem::coordinates(const std::vector<PointId>& ids) const {
@@ -83,13 +184,13 @@ InterpolationOptions RbfSystem::interpolation_options(const std::vector<Vec3>& p
   }
   const double size = extent.diagonal() > 0 ? extent.diagonal() : 1.0;
   InterpolationOptions interpolation;
-  interpolation.kernel = {options_.kernel, options_.shape * size};
+  interpolation.kernel = {*options_.kernel, options_.shape * size};
   if (options_.shape == 0) {
-    interpolation.kernel.shape = automatic_shape(options_.kernel, median_spacing(all, places.size()), size);
+    interpolation.kernel.shape = automatic_shape(*options_.kernel, median_spacing(all, places.size()), size);
   }
   interpolation.polynomial_degree = degree(options_);
   relative_shape_ = interpolation.kernel.shape / size;
-  const bool iterative = chosen_solver(options_.solver, options_.kernel, places.size()) == Solver::iterative;
+  const bool iterative = chosen_solver(options_.solver, *options_.kernel, places.size()) == Solver::iterative;
   interpolation.solver = iterative ? Solver::iterative : options_.solver;
   return interpolation;
 }
@@ -99,16 +200,21 @@ void RbfSystem::prepare_parts(const RunContext& context, std::size_t memory_budg
   InterpolationOptions interpolation = interpolation_options(places);
   std::size_t& used = factor_bytes_;
   for (PartPlan& plan : plan_parts(regions_.symmetry, centres_, interpolation.solver)) {
-    RbfPart part{std::move(plan), nullptr};
+    RbfPart part{std::move(plan), nullptr, nullptr};
     if (interpolation.solver == Solver::iterative && !parts_.empty()) {
       part.system = parts_.front().system;
+      part.check = parts_.front().check;
     } else {
       interpolation.kernel.parity = part.plan.parity;
       if (interpolation.solver == Solver::incremental_qr) set_samples(interpolation, part.plan);
       interpolation.memory_limit =
-          memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, used));
+          memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, used + check_bytes_));
       part.system = make_interpolator(part.plan.places(places), interpolation, context);
       used += part.system->bytes();
+      if (to_tolerance(part.system->solver())) {
+        part.check = std::make_shared<const PointErrors>(*part.system, degree(options_), checked_places_, context);
+        check_bytes_ += part.check->bytes();
+      }
     }
     parts_.push_back(std::move(part));
   }
@@ -177,10 +283,11 @@ void RbfSystem::prepare_basis(const RunContext& context) {
     if (part.system.get() != last) factor_bytes += interpolator_bytes(part.system->size(), part.system->solver());
     last = part.system.get();
   }
-  if (!wants_basis(options_.basis, parts_.size() * HandleBasis::bytes_for(deformable_.count(), fields()), factor_bytes)) return;
+  const std::size_t bytes = HandleBasis::bytes_for(deformable_.count(), fields(), options_.basis_tolerance);
+  if (!wants_basis(options_.basis, parts_.size() * bytes, factor_bytes)) return;
   for (const RbfPart& part : parts_) {
-    basis_.push_back(interpolated_basis(part.plan.components, *part.system, part.plan.data(fields_at_centres()), deformable_,
-                                        options_.tolerance, context));
+    add_basis(interpolated_basis(part, part.plan.data(fields_at_centres()), deformable_, checked_, options_.tolerance, context),
+              options_.basis_tolerance, context);
   }
 }
 
@@ -204,11 +311,26 @@ void RbfSystem::fill_info() {
   }
   info_.tolerance = to_tolerance(info_.solver) ? options_.tolerance : 0;
   info_.reduced = centres_.reduced;
-  set_bytes(factor_bytes_, 0);
+  if (centres_.reduced && options_.reduction == CentreReduction::tolerance) {
+    info_.reduction_tolerance = reduction_tolerance(options_);
+    info_.reduction_misfit = misfit_;
+  }
+  for (const HandleBasis& basis : basis_) check_bytes_ += (basis.errors.size() + basis.more.size()) * sizeof(double);
+  set_bytes(factor_bytes_, check_bytes_);
 }
 
 void RbfSystem::add_notes() {
   info_.notes = centres_.notes;
+  if (info_.reduction_tolerance > 0) {
+    const bool met = info_.reduction_misfit <= info_.reduction_tolerance;
+    info_.notes.push_back(
+        std::to_string(centres_.ids.size()) + " of " + std::to_string(points_.count) +
+        " constraint points are centres: motions of the handles are met at all of them to " + scientific(misfit_) +
+        " of their largest displacement" +
+        (met ? "."
+             : ", not to the reduction tolerance of " + scientific(reduction_tolerance(options_)) +
+                   ", which takes more centres (regions that touch each other and move apart need all of them)."));
+  }
   const auto symmetry_notes = deform::symmetry_notes(regions_.symmetry, centres_);
   info_.notes.insert(info_.notes.end(), symmetry_notes.begin(), symmetry_notes.end());
   std::size_t dropped = 0;
@@ -248,7 +370,7 @@ void RbfSystem::add_notes() {
   }
   if (info_.condition > 1e13) info_.notes.push_back("The system is ill-conditioned: expect a loss of digits.");
   if (!has_basis()) info_.notes.push_back("No handle basis is stored: every design is solved for and summed directly.");
-  if (properties(options_.kernel).has_shape && options_.shape == 0) {
+  if (properties(*options_.kernel).has_shape && options_.shape == 0) {
     info_.notes.push_back("The shape is " + number_digits(relative_shape_) + " of the diagonal of the centres (automatic).");
   }
 }
@@ -261,6 +383,29 @@ std::unique_ptr<const Evaluation> RbfSystem::bind(std::span<const Design> design
 std::unique_ptr<const Evaluation> RbfSystem::derivative(std::span<const double>, const std::vector<Affine>& maps,
                                                         const RunContext& context) const {
   return std::make_unique<RbfEvaluation>(std::static_pointer_cast<const RbfSystem>(shared_from_this()), maps, context);
+}
+
+/// The same as adjoint() from the values of the fields, as a basis would have it: a system with few centres can be so badly
+/// conditioned that its transpose, which starts from sums of all points, loses all digits.
+Eigen::MatrixXd RbfSystem::adjoint_by_fields(const RbfPart& part, std::span<const Vec3> at_deformable,
+                                             const RunContext& context) const {
+  const std::vector<Vec3> points = coordinates(following());
+  const Eigen::MatrixXd F = part.plan.data(fields_at_centres());
+  Eigen::MatrixXd G = Eigen::MatrixXd::Zero(F.cols(), 3);
+  for (Eigen::Index first = 0; first < F.cols(); first += 4) {
+    const Eigen::MatrixXd data = F.middleCols(first, 4);
+    const double tolerance = derivative_tolerance * data.cwiseAbs().maxCoeff();
+    const std::vector<double> values =
+        values_to_tolerance(*part.system, *part.check, checked_, data, tolerance, points, context).values;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      for (Eigen::Index f = 0; f < 4; ++f) {
+        for (Eigen::Index k = 0; k < 3; ++k) {
+          G(first + f, k) += values[4 * i + static_cast<std::size_t>(f)] * at_deformable[i][static_cast<std::size_t>(k)];
+        }
+      }
+    }
+  }
+  return G;
 }
 
 /// Transpose of "fields of the handles to deformable points" for one part: 4H x 3, of which the columns of its components count.
@@ -290,7 +435,8 @@ std::vector<double> RbfSystem::adjoint(std::span<const double>, const std::vecto
                                        const RunContext& context) const {
   std::vector<double> result(3 * fields(), 0.0);
   for (const RbfPart& part : parts_) {
-    const Eigen::MatrixXd G = adjoint(part, at_following, context);
+    const bool by_fields = info_.solver == Solver::iterative && part.check->complete();
+    const Eigen::MatrixXd G = by_fields ? adjoint_by_fields(part, at_following, context) : adjoint(part, at_following, context);
     for (std::size_t f = 0; f < fields(); ++f) {
       for (const std::size_t k : part.plan.components) {
         result[3 * f + k] = G(static_cast<Eigen::Index>(f), static_cast<Eigen::Index>(k));

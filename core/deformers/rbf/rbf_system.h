@@ -12,14 +12,17 @@ namespace deform {
 /// RBF space deformation (thesis 3.5, eq. 3.8 to 3.10) with the handle basis of thesis 4.2. Constraint points are set exactly
 /// (affine image, displacement, rest); deformable points get the interpolant. What differs from System:
 ///  - report().interpolation_residual is an upper bound over all centres on the basis path and with solvers to a tolerance, and
-///    the largest value over at most 256 evenly spread centres on the direct path of the others. An iterative solution that did
-///    not reach its tolerance shows there; notes tell of the basis only.
+///    the largest value over at most 256 evenly spread centres on the direct path of the others;
+///  - report().error and report().converged are set with solvers to a tolerance: see values_to_tolerance(). The tolerance of the
+///    iterative one is a fraction of D, or of the largest prescribed displacement where that is more, for the error at the
+///    following points.
 ///
 /// With symmetry planes the result is that of the whole, mirrored model (one system per parity, see PartPlan): points on a plane
 /// keep their distance from it and slide. A motion that sends a handle point on a plane out of it by more than its reach() is
 /// refused, what is less is left out; so are derivatives with respect to variables that would.
 class RbfSystem : public HandleSystem {
  public:
+  /// `options` name a kernel.
   RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RbfOptions& options, const RunContext& context,
             std::size_t memory_budget);
 
@@ -33,6 +36,14 @@ class RbfSystem : public HandleSystem {
                                                const RunContext& context) const override;
   std::vector<double> adjoint(std::span<const double> variables, const std::vector<Vec3>& at_following,
                               const RunContext& context) const override;
+  /// Adds centres where the handles' fields are missed most, until CentreReduction::tolerance is content.
+  void refine_centres(const RunContext& context, std::size_t memory_budget);
+  /// At constraint points: largest |interpolant - field| over the fields of all handles, as fractions of their largest values on
+  /// their handles. On a handle that touches a symmetry plane only the fields that can occur there count: in the components along
+  /// the plane those that are even across it, in the other one the odd one.
+  std::vector<double> misfits(const std::vector<PointId>& ids, const RunContext& context) const;
+  /// 4H: one over the largest value of each field, or 0 where it does not count for the part.
+  std::vector<double> field_weights(const RbfPart& part) const;
   InterpolationOptions interpolation_options(const std::vector<Vec3>& places);
   void prepare_parts(const RunContext& context, std::size_t memory_budget);
   void prepare_basis(const RunContext& context);
@@ -44,15 +55,20 @@ class RbfSystem : public HandleSystem {
   Eigen::MatrixXd sample_fields() const;
   void set_samples(InterpolationOptions& interpolation, const PartPlan& plan) const;
   Eigen::MatrixXd adjoint(const RbfPart& part, std::span<const Vec3> at_deformable, const RunContext& context) const;
+  Eigen::MatrixXd adjoint_by_fields(const RbfPart& part, std::span<const Vec3> at_deformable, const RunContext& context) const;
   /// Of points, in what the systems are solved in: unit coordinates, in the frame of the planes when there are any.
   std::vector<Vec3> coordinates(const std::vector<PointId>& ids) const;
 
   const RbfOptions options_;
   RbfCentres centres_;
-  TiledPoints deformable_;      ///< coordinates()
-  std::vector<RbfPart> parts_;  ///< one without symmetry planes
+  TiledPoints deformable_;              ///< coordinates()
+  std::vector<RbfPart> parts_;          ///< one without symmetry planes
+  std::vector<std::uint32_t> checked_;  ///< positions in following() of the points at which errors are estimated
+  std::vector<Vec3> checked_places_;    ///< coordinates() of these
   std::size_t factor_bytes_ = 0;
-  double relative_shape_ = 0;  ///< of the kernel, as a fraction of the diagonal of the centres
+  std::size_t check_bytes_ = 0;  ///< of what estimates errors
+  double misfit_ = 0;            ///< see SystemInfo::reduction_misfit
+  double relative_shape_ = 0;    ///< of the kernel, as a fraction of the diagonal of the centres
 };
 
 }  // namespace deform

@@ -71,6 +71,7 @@ class BinaryMeshFile : public MeshFile {
     std::string out = bytes_;
     for (std::uint64_t record = 0; record < records_.count; ++record) {
       const std::size_t point = record_point(records_.record_points, record);
+      if (point == fixed_record) continue;
       for (int axis = 0; axis < 3; ++axis) {
         const double value = points[point][axis];
         if (same_bits(value, original_points()[point][axis])) continue;

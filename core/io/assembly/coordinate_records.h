@@ -62,6 +62,8 @@ bool same_points(std::span<const Vec3> a, std::span<const Vec3> b);
 std::unique_ptr<MeshFile> make_text_mesh_file(Format format, std::string bytes, std::shared_ptr<const Mesh> mesh,
                                               TextRecords records);
 
+inline constexpr PointId fixed_record = 0xffffffffu;
+
 /// What a binary reader hands to the writer. Coordinate k of record i stands at offsets[3 i + k], or, when that is empty, at
 /// base + (i / per_block) * block_stride + (i % per_block) * record_stride + axis_offsets[k].
 struct BinaryRecords {
@@ -72,7 +74,7 @@ struct BinaryRecords {
   std::array<std::uint64_t, 3> axis_offsets{0, 4, 8};
   int scalar_bytes = 4;  ///< 4: float, 8: double
   std::endian order = std::endian::little;
-  std::span<const PointId> record_points;  ///< as in TextRecords
+  std::span<const PointId> record_points;  ///< as in TextRecords; fixed_record: it stays as it is
 
   std::uint64_t offset(std::uint64_t record, int axis) const {
     if (!offsets.empty()) return offsets[3 * record + static_cast<std::uint64_t>(axis)];

@@ -19,7 +19,7 @@ struct ElementMesh {
   struct Face {
     std::vector<PointId> corners;  ///< around it; of a quadratic one with its mid nodes: corner, mid, corner, mid, ...
     std::string name;              ///< of the group it belongs to; none when empty
-    std::optional<PointId> centre = std::nullopt;  ///< the node amid it, where it has one
+    std::optional<PointId> centre = std::nullopt;  ///< the mid-face node, where it has one
   };
   struct FaceSet {
     std::string name;
@@ -39,13 +39,13 @@ struct ElementMesh {
   std::vector<FaceSet> face_sets;  ///< further groups of surface elements
   std::vector<PointSet> point_sets;
 
-  /// A surface element of 3, 4, 6, 7, 8 or 9 nodes: corners, then the nodes amid its edges, then the one amid it (CGNS, Gmsh,
+  /// A surface element of 3, 4, 6, 7, 8 or 9 nodes: corners, then its mid-edge nodes, then its mid-face node (CGNS, Gmsh,
   /// Exodus, Abaqus, VTK).
   void add_face(std::span<const PointId> nodes, const std::string& name);
 };
 
 /// Its mesh. The faces are those of the boundary of the elements or cells, or the surface elements where there are no others; a
-/// surface element that is a face of the boundary belongs to its group as a face (as all the faces that one with a node amid it
+/// surface element that is a face of the boundary belongs to its group as a face (as all the faces that one with a mid-face node
 /// is split into), any other with its points. Groups of elements hold their points; they are left out when there is one only.
 /// Throws Error(invalid_argument) naming the file.
 std::shared_ptr<const Mesh> mesh_of(ElementMesh&& source, const std::string& name);

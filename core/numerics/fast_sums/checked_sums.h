@@ -17,13 +17,19 @@ struct SumAccuracy {
   double relative = 0;  ///< of the largest sum; the larger of the two counts
 };
 
-/// FastSums (n x columns, row by row) whose error is measured where they are wanted: at up to 512 of the points, evenly taken,
+/// Sums and what they are wrong by: twice the largest error seen; 0 when nothing was left out.
+struct CheckedSums {
+  std::vector<double> sums;
+  double error = 0;
+};
+
+/// FastSums (n x columns, row by row) whose error is measured where they are wanted: at up to 512 of the points,
 /// against direct sums. The order is raised until twice the largest error seen is allowed, or is that of the arithmetic; what the
 /// last order misses is summed directly as long as that is affordable. The order that serves at the centres says nothing here:
 /// trees of other points meet on other levels. Not for Wendland's kernel. Deterministic; any thread. Throws Error(cancelled),
 /// deadline_exceeded.
-std::vector<double> checked_sums(const RadialKernel& kernel, std::span<const Vec3> points, std::span<const Vec3> centres,
-                                 std::span<const double> weights, std::size_t columns, const SumAccuracy& accuracy,
-                                 const RunContext& context);
+CheckedSums checked_sums(const RadialKernel& kernel, std::span<const Vec3> points, std::span<const Vec3> centres,
+                         std::span<const double> weights, std::size_t columns, const SumAccuracy& accuracy,
+                         const RunContext& context);
 
 }  // namespace deform

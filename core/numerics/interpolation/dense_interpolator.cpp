@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/numerics/interpolation/dense_interpolator.h"
 
+#include <limits>
+#include <random>
+#include <utility>
+
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/numerics/dense/packed_cholesky.h"
@@ -37,37 +41,58 @@ DenseInterpolator::DenseInterpolator(std::vector<Vec3> centres, const Interpolat
 }
 
 Interpolants DenseInterpolator::interpolate(const Eigen::MatrixXd& F, double /*tolerance*/, const RunContext& context) const {
-  return {solve_saddle(with_side_conditions(F), context)};
+  return solve_saddle(with_side_conditions(F), context);
 }
 
 Eigen::MatrixXd DenseInterpolator::adjoint(Eigen::MatrixXd B, const RunContext& context) const {
-  return solve_saddle(B, context).topRows(static_cast<Eigen::Index>(size()));
+  return solve_saddle(B, context).coefficients.topRows(static_cast<Eigen::Index>(size()));
 }
 
-Eigen::MatrixXd DenseInterpolator::solve_saddle(const Eigen::MatrixXd& B, const RunContext& context) const {
+Interpolants DenseInterpolator::solve_saddle(const Eigen::MatrixXd& B, const RunContext& context) const {
   constexpr int most_steps = 2;
-  constexpr double enough = 1e-15;
+  constexpr double enough = 1e-15, contracting = 0.5;
   const auto m = static_cast<Eigen::Index>(size());
   const Eigen::MatrixXd P = polynomials_.matrix(centres_);
-  Eigen::MatrixXd X = B;
+  Interpolants solution;
+  Eigen::MatrixXd& X = solution.coefficients;
+  X = B;
   factor_->solve(X);
-  double last = X.norm();
+  double last = X.norm(), rate = 0;
   for (int step = 0; step < most_steps && last > 0; ++step) {
     context.check();
     Eigen::MatrixXd correction(X.rows(), X.cols());
-    correction.topRows(m) = accurate_residual(kernel_, centres_, P, X, B.topRows(m), context);
+    correction.topRows(m) = deform::accurate_residual(kernel_, centres_, centres_, P, X, B.topRows(m), context);
     correction.bottomRows(P.cols()) =
         (B.bottomRows(P.cols()).cast<long double>() - P.cast<long double>().transpose() * X.topRows(m).cast<long double>())
             .cast<double>();
     factor_->solve(correction);
     const double size = correction.norm();
-    // A factor without correct digits cannot refine.
-    if (!(size < 0.5 * last)) break;
-    X += correction;
+    rate = size / last;
+    solution.uncertainty = std::move(correction);
+    if (!(rate < contracting)) {
+      // The factor has no correct digits, unless those that are missing are the last ones.
+      solution.converged = size <= 1e-12 * X.norm();
+      return solution;
+    }
+    X += solution.uncertainty;
     if (size <= enough * X.norm()) break;
     last = size;
   }
-  return X;
+  // The next correction would be smaller by the rate again, and so on.
+  solution.uncertainty *= rate / (1 - rate);
+  if (properties(kernel_.kernel).has_shape || kernel_.kernel == Kernel::thin_plate) {
+    // The shape, exponentials and logarithms have the digits of a double: the exact matrix may be any with as many.
+    constexpr double rounding = std::numeric_limits<double>::epsilon();
+    Eigen::MatrixXd noise = Eigen::MatrixXd::Zero(X.rows(), X.cols());
+    noise.topRows(m) = rounding * root_square_sums(kernel_, centres_, centres_, X, context);
+    std::minstd_rand signs;
+    for (Eigen::Index i = 0; i < m; ++i) {
+      if (signs() % 2 == 0) noise.row(i) *= -1;
+    }
+    factor_->solve(noise);
+    solution.uncertainty += noise;
+  }
+  return solution;
 }
 
 std::size_t DenseInterpolator::bytes_for(std::size_t m, Solver solver) {

@@ -21,10 +21,10 @@ class DenseInterpolator : public Interpolator {
   Interpolants interpolate(const Eigen::MatrixXd& F, double tolerance, const RunContext& context = {}) const override;
   Eigen::MatrixXd adjoint(Eigen::MatrixXd B, const RunContext& context = {}) const override;
 
-  /// Right-hand sides B = [f; g] for both parts, (m + q) x columns, to [w; c]; the system is symmetric, so this serves adjoints.
-  /// Refined with accurate residuals, at most twice: the result is right to its last digits as long as condition * eps is well
-  /// below one, whichever the solver.
-  Eigen::MatrixXd solve_saddle(const Eigen::MatrixXd& B, const RunContext& context = {}) const;
+  /// Right-hand sides B = [f; g] for both parts, (m + q) x columns, to coefficients [w; c] with their uncertainty; the system is
+  /// symmetric, so this serves adjoints. Refined with accurate residuals, at most twice: the result is right to its last digits
+  /// as long as condition * eps is well below one, whichever the solver; where it is not, `converged` is false.
+  Interpolants solve_saddle(const Eigen::MatrixXd& B, const RunContext& context = {}) const;
 
   /// Upper bounds for m centres.
   static std::size_t bytes_for(std::size_t m, Solver solver);

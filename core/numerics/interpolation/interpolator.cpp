@@ -2,10 +2,14 @@
 #include "core/numerics/interpolation/interpolator.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
 
 #include "core/numerics/interpolation/dense_interpolator.h"
 #include "core/numerics/interpolation/iterative_interpolator.h"
 #include "core/numerics/interpolation/least_squares_interpolator.h"
+#include "core/numerics/kernels/residual.h"
 #include "core/numerics/kernels/tiles.h"
 
 namespace deform {
@@ -13,19 +17,83 @@ namespace deform {
 Interpolator::Interpolator(std::vector<Vec3> centres, const RadialKernel& kernel, int polynomial_degree)
     : centres_(std::move(centres)), kernel_(kernel), polynomials_(centres_, polynomial_degree, kernel.parity) {}
 
-std::vector<double> Interpolator::values(const Interpolants& interpolants, std::span<const Vec3> points,
-                                         const RunContext& context) const {
-  const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> rows = interpolants.coefficients;
+namespace {
+
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// sums(weights) and the polynomials.
+template <typename Sums>
+std::vector<double> with_polynomials(const PolynomialSpace& space, const RowMajor& rows, std::span<const Vec3> points,
+                                     const RunContext& context, const Sums& sums) {
   const std::span<const double> all(rows.data(), static_cast<std::size_t>(rows.size()));
-  const std::size_t polynomials = polynomials_.terms() * static_cast<std::size_t>(rows.cols());
-  std::vector<double> result = weighted_sums(interpolants, all.first(all.size() - polynomials), points, context);
-  add_polynomials(polynomials_, points, all.last(polynomials), result, context);
+  const std::size_t polynomials = space.terms() * static_cast<std::size_t>(rows.cols());
+  std::vector<double> result = sums(all.first(all.size() - polynomials));
+  add_polynomials(space, points, all.last(polynomials), result, context);
   return result;
 }
 
+}  // namespace
+
+std::vector<std::uint32_t> worst_rows(const Eigen::MatrixXd& residual) {
+  constexpr std::size_t most = 32;
+  const Eigen::VectorXd largest = residual.cwiseAbs().rowwise().maxCoeff();
+  std::vector<std::uint32_t> rows(static_cast<std::size_t>(residual.rows()));
+  std::iota(rows.begin(), rows.end(), 0u);
+  const std::size_t count = std::min(rows.size(), most);
+  std::partial_sort(rows.begin(), rows.begin() + static_cast<std::ptrdiff_t>(count), rows.end(),
+                    [&](std::uint32_t a, std::uint32_t b) { return largest[a] != largest[b] ? largest[a] > largest[b] : a < b; });
+  rows.resize(count);
+  return rows;
+}
+
+std::vector<double> Interpolator::values(const Interpolants& interpolants, std::span<const Vec3> points,
+                                         const RunContext& context) const {
+  double error = 0;
+  return values(interpolants, points, error, context);
+}
+
+std::vector<double> Interpolator::values(const Interpolants& interpolants, std::span<const Vec3> points, double& error,
+                                         const RunContext& context) const {
+  error = 0;
+  return with_polynomials(polynomials_, interpolants.coefficients, points, context, [&](std::span<const double> weights) {
+    return weighted_sums(interpolants, weights, points, error, context);
+  });
+}
+
+std::vector<double> Interpolator::direct_values(const Interpolants& interpolants, std::span<const Vec3> points,
+                                                const RunContext& context) const {
+  double error = 0;
+  return with_polynomials(polynomials_, interpolants.coefficients, points, context, [&](std::span<const double> weights) {
+    return Interpolator::weighted_sums(interpolants, weights, points, error, context);
+  });
+}
+
 std::vector<double> Interpolator::weighted_sums(const Interpolants& interpolants, std::span<const double> weights,
-                                                std::span<const Vec3> points, const RunContext& context) const {
-  return kernel_sums(kernel_, points, centres_, weights, static_cast<std::size_t>(interpolants.coefficients.cols()), context);
+                                                std::span<const Vec3> points, double& /*error*/,
+                                                const RunContext& context) const {
+  const auto columns = static_cast<std::size_t>(interpolants.coefficients.cols());
+  return kernel_sums(kernel_, points, weighted_centres(weights.size() / columns), weights, columns, context);
+}
+
+Eigen::MatrixXd Interpolator::accurate_residual(const Interpolants& interpolants, std::span<const Vec3> points,
+                                                const Eigen::MatrixXd& wanted, const RunContext& context) const {
+  const auto weights = static_cast<std::size_t>(interpolants.coefficients.rows()) - polynomials_.terms();
+  return deform::accurate_residual(kernel_, points, weighted_centres(weights), polynomials_.matrix(points),
+                                   interpolants.coefficients, wanted, context);
+}
+
+double Interpolator::rounding(const Interpolants& interpolants, std::span<const Vec3> points, const RunContext& context) const {
+  constexpr double unit = std::numeric_limits<double>::epsilon() / 2;
+  const RowMajor absolute = interpolants.coefficients.cwiseAbs();
+  const auto columns = static_cast<std::size_t>(absolute.cols());
+  const std::size_t count = static_cast<std::size_t>(absolute.rows()) - polynomials_.terms();
+  const std::span<const double> weights(absolute.data(), count * columns);
+  const std::vector<double> sums = kernel_sums(kernel_, points, weighted_centres(count), weights, columns, context);
+  const Eigen::MatrixXd terms =
+      polynomials_.matrix(points).cwiseAbs() * absolute.bottomRows(static_cast<Eigen::Index>(polynomials_.terms()));
+  double largest = terms.size() > 0 ? terms.maxCoeff() : 0.0;
+  for (const double sum : sums) largest = std::max(largest, std::abs(sum));
+  return unit * largest;
 }
 
 std::vector<double> Interpolator::sums_at_centres(std::span<const Vec3> places, std::span<const double> weights,

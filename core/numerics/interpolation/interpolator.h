@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
@@ -40,14 +41,27 @@ struct Interpolants {
   /// Iterative: largest |interpolant - value| over the centres and columns, with the error of the sums; incremental QR: largest
   /// length of a row of errors over the points; else 0, not measured.
   double residual = 0;
-  bool converged = true;  ///< iterative: residual <= tolerance; incremental QR: rms <= tolerance, else it took all its centres
+  std::vector<std::uint32_t> worst{};  ///< some of the centres where it is largest, where it was measured at all of them
+  Eigen::VectorXd residuals{};  ///< the same per column: largest |interpolant - value| over the centres; empty where not measured
+  /// Iterative: residual <= tolerance; incremental QR: rms <= tolerance, else it took all its centres; else false when the
+  /// factor has no correct digits, so that refinement does not help.
+  bool converged = true;
+  /// Cholesky, LDL^T: how far the coefficients may be off, as the last step of refinement shows; else empty.
+  Eigen::MatrixXd uncertainty;
   int iterations = 0;
-  int order = 0;         ///< iterative: of the fast sums that are good enough for these weights at the centres
-  double tolerance = 0;  ///< iterative: that was asked for, in the units of the values
+  int order = 0;  ///< iterative: of the fast sums that are good enough for these weights at the centres
+  double tolerance =
+      0;  ///< iterative: twice what values() may be off by, in the units of the values; at first that was asked for
   /// Incremental QR: sqrt((sum over the points of |error|^2 + what is left in the side conditions, squared) / m), units of the
   /// values. Does not rise with k.
   double rms = 0;
 };
+
+/// The largest error of all points is taken for so many times that of the points that are checked.
+inline constexpr double error_margin = 2;
+
+/// The numbers of the rows with the largest entries, at most 32, the largest first.
+std::vector<std::uint32_t> worst_rows(const Eigen::MatrixXd& residual);
 
 /// An RBF interpolant (thesis 3.5) with everything but the values prepared. Coordinates should be of unit size. Immutable after
 /// construction; any number of threads may use it at once. No result depends on the number of threads.
@@ -76,6 +90,22 @@ class Interpolator {
   /// Their values: n x columns, row by row.
   std::vector<double> values(const Interpolants& interpolants, std::span<const Vec3> points,
                              const RunContext& context = {}) const;
+  /// And what sums that are not direct may be wrong by, as far as samples of the points show it.
+  std::vector<double> values(const Interpolants& interpolants, std::span<const Vec3> points, double& error,
+                             const RunContext& context) const;
+  /// The same with direct sums, whichever the solver: right to rounding.
+  std::vector<double> direct_values(const Interpolants& interpolants, std::span<const Vec3> points,
+                                    const RunContext& context = {}) const;
+  /// Wanted (n x columns) - values with twice the digits of a double, where direct sums lose too many.
+  Eigen::MatrixXd accurate_residual(const Interpolants& interpolants, std::span<const Vec3> points, const Eigen::MatrixXd& wanted,
+                                    const RunContext& context = {}) const;
+  /// What rounding makes of values() there, about: that of the largest sum of absolute values of all terms.
+  double rounding(const Interpolants& interpolants, std::span<const Vec3> points, const RunContext& context = {}) const;
+  /// Goes on from interpolants of F to a smaller tolerance; only the iterative one has anything to add.
+  virtual Interpolants refine(Interpolants interpolants, const Eigen::MatrixXd& /*F*/, double /*tolerance*/,
+                              const RunContext& /*context*/) const {
+    return interpolants;
+  }
   /// Row i = sum over places j of phi(|centre i - place j|) * weights[j]: m x columns, row by row; adjoint of the sums above.
   virtual std::vector<double> sums_at_centres(std::span<const Vec3> places, std::span<const double> weights, std::size_t columns,
                                               const RunContext& context) const;
@@ -87,7 +117,9 @@ class Interpolator {
   Interpolator(std::vector<Vec3> centres, const RadialKernel& kernel, int polynomial_degree);
   /// Of the kernels with the weights of some interpolants (as many of them as there are rows): n x columns, row by row.
   virtual std::vector<double> weighted_sums(const Interpolants& interpolants, std::span<const double> weights,
-                                            std::span<const Vec3> points, const RunContext& context) const;
+                                            std::span<const Vec3> points, double& error, const RunContext& context) const;
+  /// The centres of so many weights.
+  virtual std::span<const Vec3> weighted_centres(std::size_t /*weights*/) const { return centres_; }
   /// [F; 0], (m + q) x columns.
   Eigen::MatrixXd with_side_conditions(const Eigen::MatrixXd& F) const;
 

@@ -8,7 +8,9 @@
 
 #include "core/base/error.h"
 #include "core/numerics/fast_sums/checked_sums.h"
+#include "core/numerics/kernels/residual.h"
 #include "core/numerics/kernels/tiles.h"
+#include "core/numerics/sampling/stratified.h"
 
 namespace deform {
 
@@ -20,11 +22,13 @@ using Eigen::VectorXd;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 constexpr int first_order = 6, last_order = 16;
-constexpr int most_iterations = 60;  // between restarts; what the basis takes in memory
+constexpr int direct = last_order + 2;              // "order" of direct sums, which are exact
+constexpr std::size_t most_direct_centres = 30000;  // a second or two per product
+constexpr int most_iterations = 60;                 // between restarts; what the basis takes in memory
 constexpr int most_restarts = 6;
 constexpr std::size_t most_samples = 1024;
-constexpr double adjoint_tolerance = 1e-10;  // of the largest value
-constexpr double adjoint_accuracy = 1e-11;   // of the largest sum
+constexpr double adjoint_tolerance = 1e-13;  // of the largest value: what is left grows by about the size of the weights
+constexpr double adjoint_accuracy = 1e-13;   // of the largest sum
 constexpr int adjoint_order = 12;            // of these sums to begin with
 constexpr double allowed_share = 0.05;       // of the tolerance, for the sums of one step
 
@@ -73,23 +77,25 @@ class IterativeInterpolator::Solve {
  public:
   Solve(const IterativeInterpolator& system, double tolerance, const RunContext& context)
       : system_(system), tolerance_(tolerance), context_(context) {
-    const std::size_t m = system.centres_.size();
-    const std::size_t count = std::min(most_samples, m);
-    for (std::size_t s = 0; s < count; ++s) {
-      samples_.push_back(s * m / count);
-      places_.push_back(system.centres_[samples_.back()]);
-    }
+    samples_ = stratified_numbers(system.centres_.size(), most_samples);
+    for (const std::size_t s : samples_) places_.push_back(system.centres_[s]);
     use_order(first_order);
   }
 
-  Interpolants run(const MatrixXd& B);
+  /// From some interpolants, or none.
+  Interpolants run(const MatrixXd& B, const Interpolants* start);
 
  private:
   void use_order(int order) {
     order_ = order;
+    sums_.reset();
+    if (order == direct) return;
     sums_ = std::make_unique<FastSums>(system_.kernel_, system_.centres_, system_.centres_, FastSums::Options{order, 0});
   }
+  /// What there is beyond the orders.
+  int highest() const { return system_.centres_.size() <= most_direct_centres ? direct : last_order; }
   MatrixXd product(const MatrixXd& weights) const;
+  MatrixXd accurate_difference(const MatrixXd& weights, const MatrixXd& values) const;
   VectorXd error_of_sums(const MatrixXd& weights, const MatrixXd& fast) const;
   MatrixXd accurate_product(const MatrixXd& weights, const std::vector<Krylov*>& columns);
   void improve(const MatrixXd& residual, MatrixXd& weights);
@@ -108,13 +114,22 @@ class IterativeInterpolator::Solve {
 
 MatrixXd IterativeInterpolator::Solve::product(const MatrixXd& weights) const {
   const RowMajor rows = weights;
-  const std::vector<double> sums = sums_->sums(std::span<const double>(rows.data(), static_cast<std::size_t>(rows.size())),
-                                               static_cast<std::size_t>(rows.cols()), context_);
+  const std::span<const double> all(rows.data(), static_cast<std::size_t>(rows.size()));
+  const auto columns = static_cast<std::size_t>(rows.cols());
+  const std::vector<double> sums = sums_
+                                       ? sums_->sums(all, columns, context_)
+                                       : kernel_sums(system_.kernel_, system_.centres_, system_.centres_, all, columns, context_);
   return Eigen::Map<const RowMajor>(sums.data(), rows.rows(), rows.cols());
+}
+
+MatrixXd IterativeInterpolator::Solve::accurate_difference(const MatrixXd& weights, const MatrixXd& values) const {
+  return deform::accurate_residual(system_.kernel_, system_.centres_, system_.centres_, MatrixXd(values.rows(), 0), weights,
+                                   values, context_);
 }
 
 /// Twice the largest error over the samples, per column: elsewhere it may be larger.
 VectorXd IterativeInterpolator::Solve::error_of_sums(const MatrixXd& weights, const MatrixXd& fast) const {
+  if (order_ == direct) return VectorXd::Zero(weights.cols());
   const RowMajor rows = weights;
   const auto columns = static_cast<std::size_t>(rows.cols());
   const std::vector<double> exact =
@@ -138,7 +153,7 @@ MatrixXd IterativeInterpolator::Solve::accurate_product(const MatrixXd& weights,
     const VectorXd error = error_of_sums(weights, result);
     double share = 0;
     for (std::size_t c = 0; c < columns.size(); ++c) share = std::max(share, error[static_cast<Index>(c)] * columns[c]->left);
-    if (share <= allowed_share * tolerance_ || order_ == last_order) {
+    if (share <= allowed_share * tolerance_ || order_ >= highest()) {
       if (share < 1e-4 * allowed_share * tolerance_ && order_ > first_order) use_order(order_ - 2);
       return result;
     }
@@ -223,7 +238,7 @@ void IterativeInterpolator::Solve::improve(const MatrixXd& residual, MatrixXd& w
   }
 }
 
-Interpolants IterativeInterpolator::Solve::run(const MatrixXd& B) {
+Interpolants IterativeInterpolator::Solve::run(const MatrixXd& B, const Interpolants* start) {
   const auto m = static_cast<Index>(system_.centres_.size());
   const MatrixXd P = system_.polynomials_.matrix(system_.centres_);
   const Eigen::HouseholderQR<MatrixXd> qr(P);
@@ -232,7 +247,11 @@ Interpolants IterativeInterpolator::Solve::run(const MatrixXd& B) {
   MatrixXd weights = MatrixXd::Zero(m, B.cols());
   const auto g = B.bottomRows(P.cols());
   // The least w with P^T w = g, where P^T P = R^T R; all that is added later is orthogonal to the polynomials.
-  if (!g.isZero(0)) weights = P * (R.transpose() * R).ldlt().solve(g);
+  if (start != nullptr) {
+    weights = start->coefficients.topRows(m);
+    use_order(std::clamp(start->order, first_order, highest()));
+  } else if (!g.isZero(0))
+    weights = P * (R.transpose() * R).ldlt().solve(g);
 
   Interpolants best, solution;
   best.residual = std::numeric_limits<double>::infinity();
@@ -242,11 +261,15 @@ Interpolants IterativeInterpolator::Solve::run(const MatrixXd& B) {
   double last = std::numeric_limits<double>::infinity();
   for (int restart = 0;; ++restart) {
     const MatrixXd fast = product(weights);
-    const double error = error_of_sums(weights, fast).maxCoeff();
-    const MatrixXd whole = B.topRows(m) - fast;
+    const VectorXd errors = error_of_sums(weights, fast);
+    const double error = errors.maxCoeff();
+    // Beyond fast sums it is the rounding of sums that is in the way.
+    const MatrixXd whole = order_ == direct ? accurate_difference(weights, B.topRows(m)) : MatrixXd(B.topRows(m) - fast);
     residual = whole;
     if (P.cols() > 0) residual -= Q * (Q.transpose() * whole);
     solution.residual = residual.cwiseAbs().maxCoeff() + error;
+    solution.worst = worst_rows(residual);
+    solution.residuals = residual.cwiseAbs().colwise().maxCoeff().transpose() + errors;
     solution.converged = solution.residual <= tolerance_;
     solution.coefficients.resize(m + P.cols(), B.cols());
     solution.coefficients.topRows(m) = weights;
@@ -259,7 +282,7 @@ Interpolants IterativeInterpolator::Solve::run(const MatrixXd& B) {
     if (solution.converged || stuck || restart == most_restarts) return best;
     last = solution.residual;
     if (error > 0.25 * tolerance_) {
-      if (order_ == last_order) return best;
+      if (order_ >= highest()) return best;
       use_order(order_ + 2);
       if (error > tolerance_) {
         // Estimate again before any work on wrong sums.
@@ -273,7 +296,16 @@ Interpolants IterativeInterpolator::Solve::run(const MatrixXd& B) {
 }
 
 Interpolants IterativeInterpolator::solve_saddle(const MatrixXd& B, double tolerance, const RunContext& context) const {
-  return Solve(*this, tolerance, context).run(B);
+  return Solve(*this, tolerance, context).run(B, nullptr);
+}
+
+Interpolants IterativeInterpolator::refine(Interpolants interpolants, const MatrixXd& F, double tolerance,
+                                           const RunContext& context) const {
+  const int before = interpolants.iterations;
+  Interpolants better = Solve(*this, tolerance, context).run(with_side_conditions(F), &interpolants);
+  if (!(better.residual < interpolants.residual)) return interpolants;
+  better.iterations += before;
+  return better;
 }
 
 Interpolants IterativeInterpolator::interpolate(const MatrixXd& F, double tolerance, const RunContext& context) const {
@@ -286,15 +318,18 @@ MatrixXd IterativeInterpolator::adjoint(MatrixXd B, const RunContext& context) c
 }
 
 std::vector<double> IterativeInterpolator::weighted_sums(const Interpolants& interpolants, std::span<const double> weights,
-                                                         std::span<const Vec3> points, const RunContext& context) const {
-  const SumAccuracy accuracy{interpolants.order, 0.5 * interpolants.tolerance, 0};
-  return checked_sums(kernel_, points, centres_, weights, static_cast<std::size_t>(interpolants.coefficients.cols()), accuracy,
-                      context);
+                                                         std::span<const Vec3> points, double& error,
+                                                         const RunContext& context) const {
+  const SumAccuracy accuracy{std::clamp(interpolants.order, first_order, last_order), 0.5 * interpolants.tolerance, 0};
+  CheckedSums checked = checked_sums(kernel_, points, centres_, weights,
+                                     static_cast<std::size_t>(interpolants.coefficients.cols()), accuracy, context);
+  error = checked.error;
+  return std::move(checked.sums);
 }
 
 std::vector<double> IterativeInterpolator::sums_at_centres(std::span<const Vec3> places, std::span<const double> weights,
                                                            std::size_t columns, const RunContext& context) const {
-  return checked_sums(kernel_, centres_, places, weights, columns, {adjoint_order, 0, adjoint_accuracy}, context);
+  return checked_sums(kernel_, centres_, places, weights, columns, {adjoint_order, 0, adjoint_accuracy}, context).sums;
 }
 
 std::size_t IterativeInterpolator::bytes_for(std::size_t m) { return SchwarzPreconditioner::bytes_for(m) + m * sizeof(Vec3); }

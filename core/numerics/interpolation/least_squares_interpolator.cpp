@@ -298,6 +298,8 @@ Interpolants LeastSquaresInterpolator::interpolate(const MatrixXd& F, double tol
   solution.coefficients << X.bottomRows(static_cast<Index>(k)), X.topRows(static_cast<Index>(q));
   const MatrixXd errors = residual(std::move(Y), k, panels);
   for (Index i = 0; i < F.rows(); ++i) solution.residual = std::max(solution.residual, errors.row(i).norm());
+  solution.worst = worst_rows(errors.topRows(F.rows()));
+  solution.residuals = errors.topRows(F.rows()).cwiseAbs().colwise().maxCoeff();
   return solution;
 }
 
@@ -323,12 +325,6 @@ MatrixXd LeastSquaresInterpolator::adjoint(MatrixXd B, const RunContext& /*conte
   Y.topRows(q + k) = X;
   qr_.apply(qr_.panels(), Y);
   return Y.topRows(m);
-}
-
-std::vector<double> LeastSquaresInterpolator::weighted_sums(const Interpolants& interpolants, std::span<const double> weights,
-                                                            std::span<const Vec3> points, const RunContext& context) const {
-  const auto columns = static_cast<std::size_t>(interpolants.coefficients.cols());
-  return kernel_sums(kernel_, points, std::span(chosen_).first(weights.size() / columns), weights, columns, context);
 }
 
 }  // namespace deform

@@ -48,8 +48,7 @@ class LeastSquaresInterpolator : public Interpolator {
   std::vector<double> errors(const Eigen::MatrixXd& F) const;
 
  private:
-  std::vector<double> weighted_sums(const Interpolants& interpolants, std::span<const double> weights,
-                                    std::span<const Vec3> points, const RunContext& context) const override;
+  std::span<const Vec3> weighted_centres(std::size_t weights) const override { return std::span(chosen_).first(weights); }
   std::size_t allowed(const InterpolationOptions& options) const;
   void append_polynomials(const RunContext& context);
   std::size_t append(std::span<const std::uint32_t> indices, const RunContext& context);

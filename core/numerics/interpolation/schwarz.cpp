@@ -22,7 +22,7 @@ constexpr std::size_t most_own = 400;
 constexpr std::size_t overlap_percent = 200;
 // Coarse centres: a number in all that a dense factorization takes in a second, but a few per subset.
 constexpr std::size_t coarse_in_all = 3600;
-constexpr std::size_t least_per_domain = 4, most_per_domain = 30;
+constexpr std::size_t least_per_domain = 4, most_per_domain = 400;
 // Order of the sums between the two stages: a preconditioner needs few digits.
 constexpr int coarse_order = 8;
 

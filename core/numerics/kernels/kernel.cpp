@@ -32,6 +32,8 @@ std::optional<Kernel> kernel_named(std::string_view name) {
   return std::nullopt;
 }
 
+Kernel default_kernel(const Box& box) { return box.min[2] == box.max[2] ? Kernel::thin_plate : Kernel::triharmonic; }
+
 double automatic_shape(Kernel kernel, double spacing, double diagonal) {
   const KernelProperties known = properties(kernel);
   return known.has_shape ? std::min(0.5 * diagonal, known.spacings * spacing) : 1;

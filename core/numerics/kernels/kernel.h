@@ -46,6 +46,10 @@ KernelProperties properties(Kernel kernel);
 /// None for a name that is not that of a kernel.
 std::optional<Kernel> kernel_named(std::string_view name);
 
+/// Of a deformation that names no kernel, from the box of its points: r^2 log r in a plane z = constant, else r^3, the least
+/// bending in two and in three dimensions (thesis 3.5).
+Kernel default_kernel(const Box& box);
+
 /// A shape parameter for centres that are `spacing` apart and `diagonal` across: `spacings` times the spacing, at most half the
 /// diagonal. The Gaussian and the multiquadrics are analytic: their systems are numerically singular as soon as s is many
 /// spacings (conditions of 1e6 to 1e11 on surfaces with 2 and 3). 1 for kernels without a shape.

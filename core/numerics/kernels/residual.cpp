@@ -194,17 +194,18 @@ namespace deform {
 
 HWY_EXPORT(residual_tile);
 
-Eigen::MatrixXd accurate_residual(const RadialKernel& kernel, std::span<const Vec3> centres, const Eigen::MatrixXd& P,
-                                  const Eigen::MatrixXd& X, const Eigen::MatrixXd& F, const RunContext& context) {
+Eigen::MatrixXd accurate_residual(const RadialKernel& kernel, std::span<const Vec3> points, std::span<const Vec3> centres,
+                                  const Eigen::MatrixXd& P, const Eigen::MatrixXd& X, const Eigen::MatrixXd& F,
+                                  const RunContext& context) {
   using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   const std::size_t columns = static_cast<std::size_t>(F.cols());
   const std::size_t terms = static_cast<std::size_t>(P.cols());
   const RowMajor coefficients = X;
-  const TiledPoints tiled(centres);
+  const TiledPoints tiled(points);
   Eigen::MatrixXd result(F.rows(), F.cols());
   parallel_for(context, tiled.tiles(), 1, [&](std::size_t t, std::size_t) {
     const std::size_t first = t * tile_size;
-    const std::size_t count = std::min(tile_size, centres.size() - first);
+    const std::size_t count = std::min(tile_size, points.size() - first);
     std::vector<double> sums(2 * columns * tile_size, 0.0);
     for (std::size_t c = 0; c < columns; ++c) {
       for (std::size_t i = 0; i < count; ++i) {
@@ -226,6 +227,23 @@ Eigen::MatrixXd accurate_residual(const RadialKernel& kernel, std::span<const Ve
       }
     }
   });
+  return result;
+}
+
+Eigen::MatrixXd root_square_sums(const RadialKernel& kernel, std::span<const Vec3> points, std::span<const Vec3> centres,
+                                 const Eigen::MatrixXd& W, const RunContext& context) {
+  const auto m = static_cast<Eigen::Index>(centres.size());
+  Eigen::MatrixXd result(static_cast<Eigen::Index>(points.size()), W.cols());
+  parallel_for(context, points.size(), 4, [&](std::size_t begin, std::size_t end) {
+    Eigen::VectorXd row(m);
+    for (std::size_t i = begin; i < end; ++i) {
+      for (std::size_t j = 0; j < centres.size(); ++j) row[static_cast<Eigen::Index>(j)] = value(kernel, points[i], centres[j]);
+      for (Eigen::Index c = 0; c < W.cols(); ++c) {
+        result(static_cast<Eigen::Index>(i), c) = row.cwiseProduct(W.col(c).head(m)).norm();
+      }
+    }
+  });
+  context.check();
   return result;
 }
 

@@ -10,11 +10,18 @@
 
 namespace deform {
 
-/// F - Phi W - P C (m x columns) with Phi_ij = phi(|x_i - x_j|) (and the images of a parity), X = [W; C] and P of m x q, for
-/// iterative refinement: distances, kernel and sums carry twice the digits of a double (double-double arithmetic; Hida, Li,
-/// Bailey 2001), so that the result is right to its last digits although it is a small difference of large numbers. The
-/// Gaussian's exponential has the digits of a double, its sums twice as many. Bitwise independent of the number of threads.
-Eigen::MatrixXd accurate_residual(const RadialKernel& kernel, std::span<const Vec3> centres, const Eigen::MatrixXd& P,
-                                  const Eigen::MatrixXd& X, const Eigen::MatrixXd& F, const RunContext& context);
+/// F - Phi W - P C (n x columns) at n points with Phi_ij = phi(|x_i - c_j|) (and the images of a parity), X = [W; C] and P of
+/// n x q, for iterative refinement and for the error of an interpolant: distances, kernel and sums carry twice the digits of a
+/// double (double-double arithmetic; Hida, Li, Bailey 2001), so that the result is right to its last digits although it is a
+/// small difference of large numbers. The Gaussian's exponential has the digits of a double, its sums twice as many. Bitwise
+/// independent of the number of threads.
+Eigen::MatrixXd accurate_residual(const RadialKernel& kernel, std::span<const Vec3> points, std::span<const Vec3> centres,
+                                  const Eigen::MatrixXd& P, const Eigen::MatrixXd& X, const Eigen::MatrixXd& F,
+                                  const RunContext& context);
+
+/// sqrt(sum over the centres of |phi(|x_i - c_j|) w_jc|^2), n x columns, from the first m rows of W: what independent relative
+/// errors of size one of the kernel or the weights come to at n points. Throws Error(cancelled), deadline_exceeded.
+Eigen::MatrixXd root_square_sums(const RadialKernel& kernel, std::span<const Vec3> points, std::span<const Vec3> centres,
+                                 const Eigen::MatrixXd& W, const RunContext& context);
 
 }  // namespace deform

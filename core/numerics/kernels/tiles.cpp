@@ -12,6 +12,7 @@
 #define HWY_TARGET_INCLUDE "core/numerics/kernels/tiles.cpp"
 #include <hwy/foreach_target.h>  // must come before highway.h
 
+#include <hwy/cache_control.h>
 #include <hwy/highway.h>
 
 #include <hwy/contrib/math/math-inl.h>
@@ -42,21 +43,33 @@ HWY_INLINE Lanes reciprocal(Lanes a) { return {hn::Div(constant(1).v, a.v)}; }
 HWY_INLINE Lanes positive_part(Lanes a) { return {hn::Max(hn::Zero(D()), a.v)}; }
 HWY_INLINE Lanes multiply_add(double a, Lanes x, double b) { return {hn::MulAdd(constant(a).v, x.v, constant(b).v)}; }
 
-// `Rows` points (a multiple of the vector length) times `Columns` columns, accumulated in registers.
-template <std::size_t Rows, std::size_t Columns>
-HWY_INLINE void product_block(const double* HWY_RESTRICT A, std::size_t K, const double* HWY_RESTRICT B, std::size_t ldb,
+/// Which rows of A and B a product sums over.
+struct AllRows {
+  std::size_t count;
+  HWY_INLINE std::size_t operator[](std::size_t k) const { return k; }
+};
+struct SomeRows {
+  std::size_t count;
+  const std::uint32_t* rows;
+  HWY_INLINE std::size_t operator[](std::size_t k) const { return rows[k]; }
+};
+
+// `Height` points (a multiple of the vector length) times `Columns` columns, accumulated in registers.
+template <std::size_t Height, std::size_t Columns, typename Rows>
+HWY_INLINE void product_block(const double* HWY_RESTRICT A, const Rows& rows, const double* HWY_RESTRICT B, std::size_t ldb,
                               double* HWY_RESTRICT out) {
   const D d;
-  constexpr std::size_t vectors = Rows / lanes;
+  constexpr std::size_t vectors = Height / lanes;
   V sum[Columns][vectors];
   for (std::size_t c = 0; c < Columns; ++c) {
     for (std::size_t v = 0; v < vectors; ++v) sum[c][v] = hn::LoadU(d, out + c * tile_size + v * lanes);
   }
-  for (std::size_t k = 0; k < K; ++k) {
+  for (std::size_t k = 0; k < rows.count; ++k) {
+    const double* HWY_RESTRICT row = A + rows[k] * tile_size;
     V a[vectors];
-    for (std::size_t v = 0; v < vectors; ++v) a[v] = hn::LoadU(d, A + k * tile_size + v * lanes);
+    for (std::size_t v = 0; v < vectors; ++v) a[v] = hn::LoadU(d, row + v * lanes);
     for (std::size_t c = 0; c < Columns; ++c) {
-      const V b = hn::Set(d, B[k * ldb + c]);
+      const V b = hn::Set(d, B[rows[k] * ldb + c]);
       for (std::size_t v = 0; v < vectors; ++v) sum[c][v] = hn::MulAdd(a[v], b, sum[c][v]);
     }
   }
@@ -68,14 +81,35 @@ HWY_INLINE void product_block(const double* HWY_RESTRICT A, std::size_t K, const
 // A third of a tile's registers hold three columns at full height; wider products use half the height and twice the columns.
 constexpr std::size_t half = tile_size / 2;
 
-void product(const double* A, std::size_t K, const double* B, std::size_t ldb, std::size_t columns, double* out) {
+template <typename Rows>
+HWY_INLINE void product_of(const double* A, const Rows& rows, const double* B, std::size_t ldb, std::size_t columns,
+                           double* out) {
   std::size_t c = 0;
   for (; c + 6 <= columns; c += 6) {
-    product_block<half, 6>(A, K, B + c, ldb, out + c * tile_size);
-    product_block<half, 6>(A + half, K, B + c, ldb, out + c * tile_size + half);
+    product_block<half, 6>(A, rows, B + c, ldb, out + c * tile_size);
+    product_block<half, 6>(A + half, rows, B + c, ldb, out + c * tile_size + half);
   }
-  for (; c + 3 <= columns; c += 3) product_block<tile_size, 3>(A, K, B + c, ldb, out + c * tile_size);
-  for (; c < columns; ++c) product_block<tile_size, 1>(A, K, B + c, ldb, out + c * tile_size);
+  for (; c + 3 <= columns; c += 3) product_block<tile_size, 3>(A, rows, B + c, ldb, out + c * tile_size);
+  for (; c < columns; ++c) product_block<tile_size, 1>(A, rows, B + c, ldb, out + c * tile_size);
+}
+
+void product(const double* A, std::size_t K, const double* B, std::size_t ldb, std::size_t columns, double* out) {
+  product_of(A, AllRows{K}, B, ldb, columns, out);
+}
+
+// Rows with gaps between them are beyond what processors fetch by themselves.
+constexpr std::size_t tiles_ahead = 4;
+constexpr std::size_t line = 64;  // bytes
+
+void product_of_rows(const double* A, std::size_t K, const std::uint32_t* rows, std::size_t count, const double* B,
+                     std::size_t ldb, std::size_t columns, double* out) {
+  // A number and no pointer: there may be no such tile.
+  const std::uintptr_t ahead = reinterpret_cast<std::uintptr_t>(A) + tiles_ahead * K * tile_size * sizeof(double);
+  for (std::size_t r = 0; r < count; ++r) {
+    const std::uintptr_t row = ahead + rows[r] * tile_size * sizeof(double);
+    for (std::size_t i = 0; i < tile_size * sizeof(double); i += line) hwy::Prefetch(reinterpret_cast<const char*>(row + i));
+  }
+  product_of(A, SomeRows{count, rows}, B, ldb, columns, out);
 }
 
 void product_transposed(const double* HWY_RESTRICT A, std::size_t K, const double* HWY_RESTRICT X, std::size_t columns,
@@ -165,6 +199,7 @@ HWY_AFTER_NAMESPACE();
 namespace deform {
 
 HWY_EXPORT(product);
+HWY_EXPORT(product_of_rows);
 HWY_EXPORT(product_transposed);
 HWY_EXPORT(kernel_tile);
 HWY_EXPORT(kernel_tile_sums);
@@ -180,6 +215,11 @@ TiledPoints::TiledPoints(std::span<const Vec3> points) : count_(points.size()), 
 
 void tile_product(const double* A, std::size_t K, const double* B, std::size_t ldb, std::size_t columns, double* out) {
   HWY_DYNAMIC_DISPATCH(product)(A, K, B, ldb, columns, out);
+}
+
+void tile_product(const double* A, std::size_t K, std::span<const std::uint32_t> rows, const double* B, std::size_t ldb,
+                  std::size_t columns, double* out) {
+  HWY_DYNAMIC_DISPATCH(product_of_rows)(A, K, rows.data(), rows.size(), B, ldb, columns, out);
 }
 
 void tile_product_transposed(const double* A, std::size_t K, const double* X, std::size_t columns, double* out, std::size_t ldo) {

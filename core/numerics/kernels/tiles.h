@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -36,6 +37,10 @@ class TiledPoints {
 /// ldb. Every column is summed in the same order however many there are, so results do not depend on how columns are grouped. Any
 /// thread.
 void tile_product(const double* A, std::size_t K, const double* B, std::size_t ldb, std::size_t columns, double* out);
+/// The same sum over some of the K rows of A and B only, in the order in which they are named; the others are not read. Such rows
+/// of the tiles behind A, as if there were more of them, are fetched meanwhile. Any thread.
+void tile_product(const double* A, std::size_t K, std::span<const std::uint32_t> rows, const double* B, std::size_t ldb,
+                  std::size_t columns, double* out);
 
 /// out[k][c] += sum over the 16 points of A[k][16] * X[c][16]: the transposed product. out is K x columns, row stride ldo. Any
 /// thread.

@@ -102,7 +102,7 @@ void relax(std::vector<Vec3>& samples, const DensePoints& dense, double surface_
 
 }  // namespace
 
-StrewnPoints strew(const Pieces& pieces, std::size_t count, std::uint64_t seed, const RunContext& context) {
+UniformSamples sample_uniformly(const Pieces& pieces, std::size_t count, std::uint64_t seed, const RunContext& context) {
   std::vector<double> until(pieces.count());  // the total measure up to and with a piece
   parallel_for(context, until.size(), points_per_range, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) until[i] = pieces.measure(i);
@@ -112,21 +112,21 @@ StrewnPoints strew(const Pieces& pieces, std::size_t count, std::uint64_t seed, 
     total += value;
     value = total;
   }
-  StrewnPoints strewn;
-  strewn.measure = total;
-  if (!(total > 0) || count == 0) return strewn;
-  strewn.points.resize(count);
+  UniformSamples samples;
+  samples.measure = total;
+  if (!(total > 0) || count == 0) return samples;
+  samples.points.resize(count);
   parallel_for(context, count, points_per_range, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const double at = (static_cast<double>(i) + even(seed, 4 * i)) / static_cast<double>(count) * total;
       // The first whose end lies beyond has a measure; rounding at the very end must not leave the pieces.
       auto piece = std::upper_bound(until.begin(), until.end(), at);
       if (piece == until.end()) piece = std::lower_bound(until.begin(), until.end(), total);
-      strewn.points[i] = pieces.place(static_cast<std::size_t>(piece - until.begin()),
-                                      {even(seed, 4 * i + 1), even(seed, 4 * i + 2), even(seed, 4 * i + 3)});
+      samples.points[i] = pieces.place(static_cast<std::size_t>(piece - until.begin()),
+                                       {even(seed, 4 * i + 1), even(seed, 4 * i + 2), even(seed, 4 * i + 3)});
     }
   });
-  return strewn;
+  return samples;
 }
 
 Vec3 place_in_triangle(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& random) {

@@ -11,7 +11,7 @@
 
 namespace deform {
 
-/// Something that points can be strewn over: pieces of known measure (triangles and their area, cells and their volume).
+/// Something that can be sampled uniformly: pieces of known measure (triangles and their area, cells and their volume).
 class Pieces {
  public:
   Pieces() = default;
@@ -28,11 +28,11 @@ class Pieces {
 /// Points evenly distributed over pieces (thesis 8.3: random points within each triangle), in the order of the pieces: one in
 /// each of `count` equal parts of the total measure. The same for a seed, whatever the number of threads. Empty when the total is
 /// 0.
-struct StrewnPoints {
+struct UniformSamples {
   std::vector<Vec3> points;
   double measure = 0;  ///< of all pieces
 };
-StrewnPoints strew(const Pieces& pieces, std::size_t count, std::uint64_t seed, const RunContext& context = {});
+UniformSamples sample_uniformly(const Pieces& pieces, std::size_t count, std::uint64_t seed, const RunContext& context = {});
 
 /// Evenly distributed in a tetrahedron: folds the cube of three even numbers into it (Rocchini, Cignoni 2000).
 Vec3 place_in_tetrahedron(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d, Vec3 random);
@@ -51,7 +51,7 @@ struct DensePoints {
   std::vector<Vec3> points;  ///< those of the surface first
   std::size_t surface = 0;   ///< how many
   double area = 0, volume = 0;
-  bool strewn = true;  ///< by strew(); false: points as they came
+  bool uniform = true;  ///< by sample_uniformly(); false: points as they came
 
   std::size_t in_volume() const { return points.size() - surface; }
 };

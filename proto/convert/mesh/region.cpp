@@ -14,6 +14,11 @@ constexpr int deepest_nesting = 64;
 
 Region convert(const v1::Region& message, const std::string& path, int depth);
 
+void sort_unique(google::protobuf::RepeatedField<std::uint32_t>& ids) {
+  std::sort(ids.begin(), ids.end());
+  ids.Truncate(static_cast<int>(std::unique(ids.begin(), ids.end()) - ids.begin()));
+}
+
 std::vector<Region> children(const google::protobuf::RepeatedPtrField<v1::Region>& messages, const std::string& path, int depth) {
   std::vector<Region> regions;
   for (int i = 0; i < messages.size(); ++i) {
@@ -49,11 +54,30 @@ Region solid(const v1::Region& message, const std::string& path) {
                               vec3(message.half_space().normal(), path + ".half_space.normal")}};
 }
 
+Region lattice_range(const v1::LatticeRange& message, const std::string& path) {
+  const google::protobuf::RepeatedField<std::uint32_t>* given[] = {&message.i(), &message.j(), &message.k()};
+  Region::LatticeRange range;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (given[axis]->empty()) continue;
+    if (given[axis]->size() != 2) {
+      refuse_field(path + "." + "ijk"[axis],
+                   "must have two numbers, the first and the last control point, but has " + std::to_string(given[axis]->size()));
+    }
+    range.along[axis] = {given[axis]->Get(0), given[axis]->Get(1)};
+  }
+  return {range};
+}
+
 Region convert(const v1::Region& message, const std::string& path, int depth) {
   if (depth > deepest_nesting) refuse_field(path, "regions are nested deeper than " + std::to_string(deepest_nesting));
   check_one_kind(message, path);
   if (!message.group().empty()) return {Region::GroupName{message.group()}};
   if (message.ids_size() > 0) return {Region::Ids{{message.ids().begin(), message.ids().end()}}};
+  if (message.has_lattice()) return lattice_range(message.lattice(), path + ".lattice");
+  if (message.has_control()) {
+    if (message.control().ids().empty()) refuse_field(path + ".control.ids", "must not be empty");
+    return {Region::ControlIds{{message.control().ids().begin(), message.control().ids().end()}}};
+  }
   if (message.open_boundary()) return {Region::OpenBoundary{}};
   if (message.all()) return {Region::All{}};
   if (message.boundary()) return {Region::Boundary{}};
@@ -83,9 +107,8 @@ Region convert(const v1::Region& message, const std::string& path, int depth) {
 Region region_from_proto(const v1::Region& message, const std::string& path) { return convert(message, path, 0); }
 
 void canonicalize_region(v1::Region& message) {
-  auto& ids = *message.mutable_ids();
-  std::sort(ids.begin(), ids.end());
-  ids.Truncate(static_cast<int>(std::unique(ids.begin(), ids.end()) - ids.begin()));
+  sort_unique(*message.mutable_ids());
+  if (message.has_control()) sort_unique(*message.mutable_control()->mutable_ids());
   for (auto& child : *message.mutable_union_()) canonicalize_region(child);
   for (auto& child : *message.mutable_intersection()) canonicalize_region(child);
   for (auto& child : *message.mutable_difference()) canonicalize_region(child);

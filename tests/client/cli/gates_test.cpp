@@ -48,6 +48,8 @@ TEST(Gates, AreNameSignAndNumber) {
   EXPECT_EQ(gate.limit, 10);
   EXPECT_TRUE(gate.holds_for(11));
   EXPECT_FALSE(gate.holds_for(10));
+  const cli::Gate missed = cli::parse_gate("missed");
+  EXPECT_TRUE(missed.name == "missed" && missed.holds_for(1) && !missed.holds_for(0));
   EXPECT_TRUE(cli::parse_gate("a<0").holds_for(-1));
   EXPECT_FALSE(cli::parse_gate("a<0").holds_for(0));
   for (const char* text : {"a", ">1", "a>", "a>b", "a>1>2", "a=1"}) {
@@ -110,37 +112,17 @@ TEST(Gates, HaveNoRatioToNothing) {
   EXPECT_EQ(cli::design_measure("displacement_ratio", result), 1);
 }
 
-TEST(Verdicts, AreBadForInvertedCellsAndSplitsThatDidNotArrive) {
+TEST(Verdicts, HaveTheReasonsOfTheServer) {
   v1::DesignResult result = good_result();
-  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::good);
-  EXPECT_TRUE(cli::judge(result).reasons.empty());
-  result.mutable_cells()->set_inverted_at_rest(3);  // the fault of the mesh, not of the design
-  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::good);
-  result.mutable_cells()->set_inverted(2);
-  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::bad);
-  EXPECT_NE(cli::judge(result).reasons.at(0).find("2 of 50 cells are inverted"), std::string::npos);
-  // The full step would have inverted cells, which is why it was split.
-  result.mutable_split()->set_inversion_free(true);
-  result.mutable_split()->set_reached(1);
-  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::good);
-  result.mutable_split()->set_reached(0.5);
-  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::bad);
-  result.mutable_split()->set_inversion_free(false);
-  EXPECT_NE(cli::judge(result).reasons.at(0).find("0.5 of the motion"), std::string::npos);
-}
-
-TEST(Verdicts, DiscardMissedExactConstraints) {
-  v1::DesignResult result = good_result();
-  result.mutable_constraints()->add_residuals()->set_name("bore");
-  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::good);
-  result.mutable_constraints()->mutable_residuals(0)->set_missed(true);
-  result.mutable_cells()->set_inverted(2);
-  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::discarded);
-  EXPECT_EQ(cli::judge(result).reasons.size(), 2u);
-  EXPECT_NE(cli::judge(result).reasons.at(1).find("\"bore\""), std::string::npos);
-  result.mutable_constraints()->mutable_residuals(0)->set_missed(false);
-  result.mutable_constraints()->set_exact_given_up(true);
-  EXPECT_EQ(cli::judge(result).verdict, cli::Verdict::discarded);
+  EXPECT_TRUE(cli::bad_reasons(result).empty());
+  EXPECT_EQ(cli::verdict_name(result.verdict()), "unknown");
+  result.set_verdict(v1::VERDICT_DOUBTFUL);
+  result.add_reasons("2 of 100 faces are flipped");
+  EXPECT_TRUE(cli::bad_reasons(result).empty());
+  EXPECT_EQ(cli::verdict_name(result.verdict()), "doubtful");
+  result.set_verdict(v1::VERDICT_BAD);
+  EXPECT_EQ(cli::bad_reasons(result), std::vector<std::string>{"2 of 100 faces are flipped"});
+  EXPECT_EQ(cli::verdict_name(result.verdict()), "bad");
 }
 
 }  // namespace

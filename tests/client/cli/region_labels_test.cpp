@@ -69,6 +69,17 @@ TEST(ResolvedRegions, CollectAllThatIsWrong) {
                           HasSubstr("constraints[0].regions[1]: ids[0]: point 77")));
 }
 
+const char* const with_controls =
+    "method: {ffd: {control: CONTROLS, lattice: {box: {min: [-1, -1, -1], max: [6, 1, 1]}, points: [6, 4, 5]}}}\n"
+    "handles: [{name: a, region: {lattice: {i: [4, 5], j: [1, 1], k: [0, 0]}}}]\n";
+
+TEST(RegionLabels, ControlPointsAreNoRegionsOfTheMesh) {
+  EXPECT_THAT(region_labels(setup(with_controls), line()), ElementsAre(0, 0, 0, 0, 0, 0));
+  EXPECT_THAT(handle_points(setup(with_controls), "a", line()), ElementsAre(10, 11)) << "for motion files";
+  test::expect_error(ErrorCode::invalid_argument, {"CONTROLS", "deform lattice"},
+                     [] { resolve_regions(setup(with_controls), line()); });
+}
+
 TEST(RegionLabels, NamesTheRegionThatCannotBeSelected) {
   test::expect_error(ErrorCode::invalid_argument, {"handle \"roof\"", "group \"top\""},
                      [] { region_labels(setup("handles: [{name: roof, region: {group: top}}]\n"), line()); });

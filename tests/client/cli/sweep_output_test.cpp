@@ -199,8 +199,8 @@ TEST_F(SweepOutput, FailuresAreRecordedUntilTheDesignIsThere) {
     {
       const auto output = open(path, {{"a", "1"}, {"b", "2"}});
       output->put({"a", "1"}, {}, "x");
-      output->fail("b", "d.csv:3: why \"so\"");
-      output->fail("d.csv:4", "d.csv:4: no name");
+      output->fail("b", {"d.csv:3: why \"so\""});
+      output->fail("d.csv:4", {"d.csv:4: no name"});
       output->finish();
     }
     EXPECT_NE(content(file).find("{\"failed\":\"d.csv:3: why \\\"so\\\"\",\"name\":\"b\"}\n"), std::string::npos);
@@ -211,7 +211,8 @@ TEST_F(SweepOutput, FailuresAreRecordedUntilTheDesignIsThere) {
 }
 
 TEST_F(SweepOutput, VerdictsAreKnownToTheNextRun) {
-  const cli::ResultVerdicts verdicts{{"2 cells are inverted"}, 0.25, {{"flipped_faces>0", ""}, {"missed>0", "it is 1"}}, {"far"}};
+  const cli::ResultVerdicts verdicts{
+      {"2 cells are inverted"}, 0.25, {{"flipped_faces>0", ""}, {"missed>0", "it is 1"}}, {"steep"}, {"far"}};
   for (const char* path : {"results", "out.tar"}) {
     const auto first = open(path, {{"a", "1"}, {"b", "2"}});
     first->put({"a", "1"}, verdicts, "x");
@@ -224,7 +225,34 @@ TEST_F(SweepOutput, VerdictsAreKnownToTheNextRun) {
     EXPECT_EQ(found->reasons, verdicts.reasons);
     EXPECT_EQ(found->safe_amplitude, verdicts.safe_amplitude);
     EXPECT_EQ(found->gates, verdicts.gates);
+    EXPECT_EQ(found->doubts, verdicts.doubts);
     EXPECT_EQ(found->warnings, verdicts.warnings);
+  }
+}
+
+TEST_F(SweepOutput, ABadDesignThatWasNotWrittenIsKnownToTheNextRuns) {
+  const cli::ResultVerdicts verdicts{.reasons = {"the split did not arrive"}, .reached = 0.625};
+  for (const char* path : {"results", "out.tar"}) {
+    const Expected expected{{"a", "1"}, {"b", "2"}, {"c", "3"}};
+    const auto first = open(path, expected);
+    first->fail("a", {"bad", "1", verdicts});
+    first->fail("b", {"no server"});
+    first->put({"c", "3"}, {}, "x");
+    first->finish();
+  }
+  for (int run = 0; run < 2; ++run) {
+    for (const char* path : {"results", "out.tar"}) {
+      const auto again = open(path, {{"a", "1"}, {"b", "2"}, {"c", "3"}});
+      const auto found = again->find_failure({"a", "1"});
+      ASSERT_TRUE(found) << path << run;
+      EXPECT_EQ(found->reason, "bad");
+      EXPECT_EQ(found->verdicts.reasons, verdicts.reasons);
+      EXPECT_EQ(found->verdicts.reached, 0.625);
+      EXPECT_FALSE(again->find_failure({"a", "other values"}));
+      EXPECT_FALSE(again->find_failure({"b", "2"})) << "to be tried again";
+      EXPECT_FALSE(again->find_failure({"c", "3"}));
+      again->finish();
+    }
   }
 }
 
@@ -369,7 +397,7 @@ TEST_F(SweepOutput, APartThatLostItsEndIsCutToWhatIsWhole) {
 
 TEST_F(SweepOutput, OnlyFailuresMakeNoArchive) {
   const auto output = open("out.tar", {{"a", "1"}});
-  output->fail("a", "why");
+  output->fail("a", {"why"});
   output->finish();
   EXPECT_FALSE(fs::exists(folder_ / "out.tar"));
   EXPECT_FALSE(fs::exists(folder_ / "out.tar.part"));

@@ -49,10 +49,10 @@ TEST(ThreadPool, RefusesWhatIsTriedBeyondTheLimitOnly) {
 
 TEST(ThreadPool, AProducerThatOutrunsTheThreadsDoesTheOldestTaskItself) {
   std::vector<int> order;
+  const auto here = std::this_thread::get_id();  // outlives the pool, whose last tasks read it
   {
     ThreadPool pool(1, 2);
     const Blockade blockade(pool);
-    const auto here = std::this_thread::get_id();
     for (int k = 0; k < 4; ++k) {
       pool.post_or_help([&, k] {
         if (std::this_thread::get_id() == here) order.push_back(k);

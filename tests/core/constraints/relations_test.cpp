@@ -197,6 +197,26 @@ TEST(Distance, BoundsHoldOnlyWhatBreaksThem) {
   expect_derivative(*projection, x);
 }
 
+TEST(Distance, ReportsTheErrorOfTheDistanceItself) {
+  const auto projection = distance_projection({{0, 1, 0.2, 0.5, {0, 0, 1}}, {2, 3, 0.3, 0.3, {0, 0, 1}}}, 5);
+  const Points x = {{0, 0, 0}, {0, 0, 0.6}, {0, 1, 0}, {0, 1, 0.1}, {5, 5, 5}};
+  const Projection::Misfit misfit = projection->misfit(x, projected(*projection, x).points);
+  EXPECT_NEAR(misfit.largest, 0.2, 1e-15);
+  EXPECT_NEAR(misfit.squares, 0.1 * 0.1 + 0.2 * 0.2, 1e-15);
+  EXPECT_EQ(misfit.count, 2u) << "pairs, not points";
+}
+
+/// What is met exactly is held there all the same.
+TEST(Distance, HoldsPairsThatAreMet) {
+  const auto projection = distance_projection({{0, 1, 0.5, 0.5, {0, 0, 1}}}, 2);
+  const Points x = {{0, 0, 0}, {0, 0, 0.5}}, apart = {{0, 0, -1}, {0, 0, 1}};
+  Points moved(2);
+  projection->derivative(x, {}, apart, moved);
+  EXPECT_LE(largest(moved, Points(2)), 1e-15);
+  const Linearization linear = projection->linearize(x, {});
+  EXPECT_NE(linear.normals[0], Vec3{});
+}
+
 /// The least over the offset by a fine raster.
 double brute_extent(const Points& x, double value, const ExtentEnds* ends) {
   double best = 1e300;

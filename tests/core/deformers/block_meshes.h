@@ -68,6 +68,7 @@ inline Cube cube(std::size_t n) {
 /// sides below and above stay too.
 inline Setup block_setup(int dimensions) {
   Setup setup;
+  setup.method = RbfOptions{.kernel = Kernel::triharmonic};
   const double low = dimensions == 3 ? 0.4 : -1, high = dimensions == 3 ? 0.6 : 1;
   setup.handles = {{"block", box({0.399, 0.399, low - 0.001}, {0.601, 0.601, high + 0.001})}};
   const auto side = [](int axis, double at) {

@@ -3,6 +3,8 @@
 // cylinder, the circles at its ends, the planes beside it) and may contradict each other.
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -119,12 +121,13 @@ inline std::optional<DetectedCase> detected_case(const Mesh& mesh, const std::ve
 /// What exact constraints make of a case, beside the same without `exact`. Lengths over D.
 struct ExactOutcome {
   bool given_up = false, missed = false;
+  std::size_t met = 0;        ///< sets
   double soft_residual = 0;   ///< largest of the sets
   double exact_residual = 0;  ///< as delivered
   double moved = 0;           ///< largest distance of a point from its soft place
 
   /// How far a point may have moved: see ExactPlacement.
-  double most_moved() const { return (missed ? 3 : 10) * soft_residual + 1.001e-6; }
+  double most_moved() const { return 3 * soft_residual + 1.001e-6; }
 };
 
 inline Points points_of(const Evaluation& evaluation, std::size_t design, std::size_t count) {
@@ -147,6 +150,7 @@ inline ExactOutcome exact_outcome(const std::shared_ptr<const Mesh>& mesh, const
     const ConstraintReport& report = bound->report(0).constraints[i];
     outcome.given_up = outcome.given_up || report.given_up;
     outcome.missed = outcome.missed || report.missed;
+    outcome.met += report.missed ? 0 : 1;
     outcome.soft_residual = std::max(outcome.soft_residual, soft_bound->report(0).constraints[i].max / D);
     outcome.exact_residual = std::max(outcome.exact_residual, report.max / D);
   }
@@ -154,5 +158,26 @@ inline ExactOutcome exact_outcome(const std::shared_ptr<const Mesh>& mesh, const
   outcome.moved = distance(points_of(*bound, 0, n), points_of(*soft_bound, 0, n)) / D;
   return outcome;
 }
+
+/// Random cases, each held against what exact constraints promise.
+struct ExactCases {
+  std::size_t cases = 0, sets = 0, met = 0;
+
+  void check(const std::string& name, const std::shared_ptr<const Mesh>& mesh, std::uint64_t seeds) {
+    const std::vector<DetectedSet> found = detected_sets(*mesh);
+    if (found.size() < 2) return;
+    for (std::uint64_t seed = 0; seed < seeds; ++seed) {
+      const auto of = detected_case(*mesh, found, seed);
+      if (!of) continue;
+      const ExactOutcome outcome = exact_outcome(mesh, *of);
+      EXPECT_LE(outcome.moved, outcome.most_moved()) << name << ' ' << seed;
+      // What keeps its soft fit is measured in other coordinates.
+      EXPECT_LE(outcome.exact_residual, std::max((1 + 1e-9) * outcome.soft_residual, 1e-9)) << name << ' ' << seed;
+      ++cases;
+      sets += of->setup.constraints.size();
+      met += outcome.met;
+    }
+  }
+};
 
 }  // namespace deform::test

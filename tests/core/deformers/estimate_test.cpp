@@ -12,6 +12,7 @@
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/core/deformers/space_cases.h"
 #include "tests/support/expect_error.h"
+#include "tests/support/thesis_options.h"
 
 namespace deform {
 namespace {
@@ -81,7 +82,7 @@ TEST(Estimate, OfSubspaces) {
   for (const std::optional<Kernel> kernel :
        std::vector<std::optional<Kernel>>{std::nullopt, Kernel::wendland_c2, Kernel::triharmonic}) {
     SCOPED_TRACE(kernel ? properties(*kernel).name : "mls");
-    SubspaceOptions options;
+    SubspaceOptions options = test::thesis_subspace();
     options.kernel = kernel;
     options.centres = 150;
     expect_bounds(options, 41, 21, 3);
@@ -89,7 +90,7 @@ TEST(Estimate, OfSubspaces) {
 }
 
 TEST(Estimate, OfMovingLeastSquares) {
-  MlsOptions options;
+  MlsOptions options = test::thesis_mls();
   options.surface_samples = 250;
   // Whether Newton's matrix is in the forces, which need N x N numbers, is not known before.
   expect_bounds(options, 41, 21, 3.5);
@@ -99,7 +100,7 @@ TEST(Estimate, OfMovingLeastSquares) {
 
 deform::Setup cube_setup() {
   deform::Setup setup;
-  MlsOptions options;
+  MlsOptions options = test::thesis_mls();
   options.surface_samples = 200;
   options.volume_samples = 100;
   setup.method = options;

@@ -3,9 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdlib>
+#include <stdexcept>
 
 #include "tests/core/constraints/detection/parts.h"
 #include "tests/core/deformers/detected_cases.h"
+#include "tests/support/thesis_options.h"
 
 namespace deform {
 namespace {
@@ -18,10 +21,11 @@ using test::shared;
 struct BentCylinder {
   BentCylinder() {
     for (const test::DetectedSet& set : test::detected_sets(*mesh)) {
-      if (set.name == "cylinder_1" || set.name == "circle_1" || set.name == "circle_2") {
+      if (set.name.starts_with("cylinder_") || set.name.starts_with("circle_")) {
         setup.constraints.push_back(test::exact_constraint(set));
       }
     }
+    if (setup.constraints.size() != 3) throw std::logic_error("expected a cylinder and its two rims");
     setup.handles = {{"head", box({-9, -9, 1.3}, {0.2, 9, 9})}};
     setup.fixed = {box({-9, -9, -9}, {9, -0.3, 0.3})};
     setup.variables.push_back({"turn", "head", DesignVariable::Rotate{{0, 1, 0}, {0, 0, 1.5}}});
@@ -54,7 +58,7 @@ TEST(ExactConstraints, DetectedSetsThatContradictEachOtherDoNotThrowPointsAway) 
     auto of = test::detected_case(*mesh, test::detected_sets(*mesh), row.seed);
     ASSERT_TRUE(of);
     ASSERT_GE(of->setup.constraints.size(), 2u);
-    MlsOptions mls;
+    MlsOptions mls = test::thesis_mls();
     mls.surface_samples = 400;
     for (const int method : {0, 1}) {
       if (method == 1 && row.part.name != "capped_cylinder") break;
@@ -113,7 +117,7 @@ TEST(ExactConstraints, OnlySetsThatHangTogetherAreGivenUpTogether) {
   BentCylinder cylinder;
   for (const test::DetectedSet& set : test::detected_sets(*cylinder.mesh)) {
     // The middle of a cap, away from the rim.
-    if (set.name != "plane_1" && set.name != "plane_2") continue;
+    if (!set.name.starts_with("plane_")) continue;
     cylinder.setup.constraints.push_back(test::exact_constraint(set));
     cylinder.setup.constraints.back().regions = {
         {Region::Intersection{{{Region::Ids{set.points}}, {Region::InCylinder{{0, 0, -1}, {0, 0, 2.5}, 0.4}}}}}};
@@ -138,24 +142,21 @@ TEST(ExactConstraints, TheOrderOfSetsDoesNotMatter) {
   for (const double turn : {0.4, 0.01}) {
     const Design design{{turn, 0.01}, {}};
     const auto a = prepare(cylinder.mesh, cylinder.setup), b = prepare(cylinder.mesh, reversed);
-    EXPECT_LT(distance(a->evaluate(design), b->evaluate(design)), 1e-5) << turn;
+    EXPECT_TRUE(a->evaluate(design) == b->evaluate(design)) << turn;
   }
 }
 
 /// Sets and motions at random, with a limit for the whole lot of them.
 TEST(ExactConstraints, NoPointOfRandomDetectedSetsIsThrownAway) {
-  for (const test::Part& part : test::all_parts(1)) {
-    const auto mesh = shared(part.mesh);
-    const std::vector<test::DetectedSet> sets = test::detected_sets(*mesh);
-    if (sets.size() < 2) continue;
-    for (std::uint64_t seed = 0; seed < 3; ++seed) {
-      const auto of = test::detected_case(*mesh, sets, seed);
-      if (!of) continue;
-      const test::ExactOutcome outcome = test::exact_outcome(mesh, *of);
-      EXPECT_LE(outcome.moved, outcome.most_moved()) << part.name << ' ' << seed;
-      EXPECT_LE(outcome.exact_residual, std::max(outcome.soft_residual, 1e-9)) << part.name << ' ' << seed;
-    }
+  const bool many = std::getenv("DEFORM_LONG") != nullptr;
+  test::ExactCases cases;
+  for (const int n : {1, 2}) {
+    if (n == 2 && !many) break;
+    for (const test::Part& part : test::all_parts(n)) cases.check(part.name, shared(part.mesh), many ? 45 : 3);
   }
+  EXPECT_GE(cases.cases, many ? 500u : 15u);
+  // Not by giving up everything: most of these motions contradict the sets that they are in.
+  EXPECT_GE(20 * cases.met, cases.sets);
 }
 
 }  // namespace

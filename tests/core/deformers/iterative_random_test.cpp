@@ -1,22 +1,28 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The iterative solver against the dense one where the user looks: at every point of the mesh, on setups of few centres, whose
-// trees are shallow and meet those of the points on any level.
+// What the solvers to a tolerance promise at the points that the user gets: on random setups of all kernels, sizes, units and
+// nestings of free points and centres, against dense solutions whose residuals and sums carry twice the digits of a double.
+// DEFORM_LONG=1 takes 200 setups and more centres.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
+#include <cstdlib>
 #include <random>
+#include <string>
 
 #include "core/deformers/system.h"
+#include "core/numerics/interpolation/dense_interpolator.h"
 #include "tests/core/deformers/shapes.h"
 
 namespace deform {
 namespace {
 
-constexpr double tolerance = 1e-8;
+using Eigen::Index;
+using Eigen::MatrixXd;
 
-enum class Model { sphere, box, cloud };
+bool is_long() { return std::getenv("DEFORM_LONG") != nullptr; }
+
+enum class Model { sphere, box, cloud, sheet };
 
 Mesh model(Model kind, std::size_t count, std::mt19937_64& random) {
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
@@ -31,6 +37,7 @@ Mesh model(Model kind, std::size_t count, std::mt19937_64& random) {
       const std::size_t axis = i % 3;
       p[axis] = std::copysign(axis == 0 ? 2.0 : 1.0, p[axis]);
     }
+    if (kind == Model::sheet) p[2] = 0.3 * std::sin(2 * p[0]) * std::cos(3 * p[1]);
     mesh.points.push_back(p);
   }
   return mesh;
@@ -52,52 +59,256 @@ Region nearest(const Mesh& mesh, const Vec3& place, std::size_t count, std::size
   return {Region::Ids{ids}};
 }
 
-TEST(Iterative, RandomSetupsOfFewCentresAgreeWithTheDenseSolution) {
-  // What is left at the centres is some times that away from them. r^5 does not always converge, and says so.
-  const Kernel kernels[] = {Kernel::triharmonic, Kernel::biharmonic, Kernel::triharmonic, Kernel::quintic, Kernel::multiquadric};
-  for (std::uint64_t seed = 0; seed < 30; ++seed) {
-    std::mt19937_64 random(seed);
-    std::uniform_real_distribution<double> uniform(-1.0, 1.0);
-    const auto kind = static_cast<Model>(seed % 3);
-    const std::size_t count = 1200 + random() % 3000;
-    const auto mesh = test::shared(model(kind, count, random));
-    deform::Setup setup;
-    std::vector<bool> taken(count);
-    // Dense patches, or few of many points: the latter are spread over the model.
-    const std::size_t spread = 1 + random() % 4;
-    const std::size_t centres = 30 + random() % 900;
-    for (const char* name : {"a", "b"}) {
-      const Vec3 place{2 * uniform(random), uniform(random), uniform(random)};
-      setup.handles.push_back({name, nearest(*mesh, place, centres / 4, spread * centres / 4, taken, random)});
+struct Case {
+  std::shared_ptr<const Mesh> mesh;
+  deform::Setup setup;
+  RbfOptions options;
+  Design design;
+  std::vector<PointId> free;
+  MatrixXd expected;  ///< displacements of the free points
+  double condition = 0, rounding = 0;
+
+  std::string text() const {
+    return std::string(properties(*options.kernel).name) + ", " + std::to_string(mesh->points.size() - free.size()) +
+           " centres of " + std::to_string(mesh->points.size()) + ", tolerance " + std::to_string(std::log10(options.tolerance)) +
+           ", condition " + std::to_string(std::log10(condition)) + ": ";
+  }
+  /// Largest distance of the free points from where they belong.
+  double error(const Points& points) const {
+    double largest = 0, extent = 0;
+    for (std::size_t i = 0; i < free.size(); ++i) {
+      Vec3 d;
+      for (std::size_t k = 0; k < 3; ++k) {
+        d[k] = points[free[i]][k] - mesh->points[free[i]][k] - expected(static_cast<Index>(i), static_cast<Index>(k));
+      }
+      largest = std::max(largest, std::hypot(d[0], d[1], d[2]));
+      extent = std::max(extent, std::abs(points[free[i]][0]));
     }
-    setup.fixed = {
-        nearest(*mesh, {uniform(random), uniform(random), uniform(random)}, centres / 2, spread * centres / 2, taken, random)};
-    RbfOptions options;
-    options.kernel = kernels[seed % 5];
-    options.reduction = CentreReduction::off;
-    options.basis = seed % 2 == 0 ? BasisMode::never : BasisMode::always;
-    options.tolerance = tolerance;
-    options.solver = Solver::cholesky;
-    setup.method = options;
-    const auto dense = prepare(mesh, setup);
-    options.solver = Solver::iterative;
-    setup.method = options;
-    const auto iterative = prepare(mesh, setup);
-    ASSERT_LT(iterative->info().centres, 1000u);
-    Design design;
-    design.motions = {{0, test::turn_and_shift()}, {1, Affine{1.1, 0, 0, 0.1, 0, 0.9, 0.1, 0, 0, 0, 1, 0.2}}};
-    const double unit = tolerance * dense->info().diagonal;
-    const auto evaluation = iterative->bind({&design, 1}, EvaluationPath::automatic, {});
-    const double left = evaluation->report(0).interpolation_residual;
-    // Systems of r^5 are conditioned so badly that how far free points are off depends on the BLAS of the machine.
-    const bool quintic = kernels[seed % 5] == Kernel::quintic;
-    const double factor = quintic ? 300 : 30;
-    if (!quintic) {
-      // On the basis path a bound over all fields.
-      EXPECT_LE(left, 10 * unit) << seed;
+    // Positions are doubles, too.
+    return std::max(0.0, largest - 1e-15 * extent);
+  }
+};
+
+void solve(Case& problem) {
+  const auto& points = problem.mesh->points;
+  const Box box = bounding_box(points);
+  const double unit = std::max({box.max[0] - box.min[0], box.max[1] - box.min[1], box.max[2] - box.min[2]});
+  const auto place = [&](PointId id) {
+    const Vec3& p = points[id];
+    return Vec3{(p[0] - box.min[0]) / unit, (p[1] - box.min[1]) / unit, (p[2] - box.min[2]) / unit};
+  };
+  const SelectedRegions regions = validate(problem.setup, *problem.mesh);
+  std::vector<bool> held(points.size());
+  std::vector<Vec3> centres, places;
+  std::vector<Vec3> moves;
+  for (std::size_t h = 0; h < regions.handles.size(); ++h) {
+    const Affine& a = std::get<Affine>(problem.design.motions[h].value);
+    for (const PointId id : regions.handles[h]) {
+      held[id] = true;
+      centres.push_back(place(id));
+      Vec3 u;
+      for (std::size_t k = 0; k < 3; ++k) {
+        long double sum = static_cast<long double>(a[4 * k + 3]) - points[id][k];
+        for (std::size_t l = 0; l < 3; ++l) sum += static_cast<long double>(a[4 * k + l]) * points[id][l];
+        u[k] = static_cast<double>(sum);
+      }
+      moves.push_back(u);
     }
-    EXPECT_LE(test::distance(iterative->evaluate(design), dense->evaluate(design)), factor * std::max(unit, left))
-        << "seed " << seed << ", " << iterative->info().centres << " centres of " << count;
+  }
+  for (const PointId id : regions.fixed) {
+    held[id] = true;
+    centres.push_back(place(id));
+    moves.push_back({});
+  }
+  problem.free.clear();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (held[i]) continue;
+    problem.free.push_back(static_cast<PointId>(i));
+    places.push_back(place(static_cast<PointId>(i)));
+  }
+  MatrixXd F(static_cast<Index>(moves.size()), 3);
+  for (Index i = 0; i < F.rows(); ++i) {
+    for (Index k = 0; k < 3; ++k) F(i, k) = moves[static_cast<std::size_t>(i)][static_cast<std::size_t>(k)];
+  }
+  InterpolationOptions options;
+  options.kernel = {*problem.options.kernel, problem.options.shape * bounding_box(centres).diagonal()};
+  options.polynomial_degree = properties(*problem.options.kernel).default_degree();
+  const DenseInterpolator dense(centres, options, {});
+  // The solution, and what its rounded weights leave.
+  const MatrixXd none = MatrixXd::Zero(static_cast<Index>(places.size()), 3);
+  const Interpolants first = dense.interpolate(F, 0);
+  const Interpolants rest = dense.interpolate(dense.accurate_residual(first, centres, F), 0);
+  problem.expected = -dense.accurate_residual(first, places, none) - dense.accurate_residual(rest, places, none);
+  problem.condition = dense.condition();
+  problem.rounding = dense.rounding(first, places);
+}
+
+Case random_case(std::uint64_t seed, double most_centres) {
+  const Kernel kernels[] = {Kernel::triharmonic, Kernel::biharmonic,           Kernel::quintic,
+                            Kernel::gaussian,    Kernel::inverse_multiquadric, Kernel::multiquadric};
+  const double tolerances[] = {1e-4, 1e-6, 1e-8, 1e-10};
+  std::mt19937_64 random(seed);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  Case result;
+  const auto centres = static_cast<std::size_t>(30 * std::pow(most_centres / 30, 0.5 + 0.5 * uniform(random)));
+  const std::size_t count = 2 * centres + 300 + random() % 2000;
+  const double size = std::pow(10.0, 3 * uniform(random));  // of the units
+  Mesh mesh = model(static_cast<Model>(seed / 6 % 4), count, random);
+  for (Vec3& p : mesh.points) p = {(p[0] + 3) * size, p[1] * size, p[2] * size};
+  result.mesh = test::shared(std::move(mesh));
+  std::vector<bool> taken(count);
+  // Dense patches, or few of many points: the latter are spread over the model.
+  const std::size_t spread = 1 + random() % 4, handles = 1 + random() % 4;
+  for (std::size_t h = 0; h < handles; ++h) {
+    const Vec3 place{(3 + 2 * uniform(random)) * size, uniform(random) * size, uniform(random) * size};
+    const std::size_t part = std::max<std::size_t>(6, centres / (2 * handles));
+    result.setup.handles.push_back(
+        {std::string(1, static_cast<char>('a' + h)), nearest(*result.mesh, place, part, spread * part, taken, random)});
+    Affine motion = identity_affine;
+    for (std::size_t k = 0; k < 3; ++k) {
+      motion[4 * k + 3] = 0.2 * size * uniform(random);
+      for (std::size_t l = 0; l < 3; ++l) motion[4 * k + l] += 0.2 * uniform(random);
+      motion[4 * k + 3] -= (motion[4 * k] - (k == 0 ? 1 : 0)) * 3 * size;  // about the middle of the model
+    }
+    result.design.motions.push_back({h, motion});
+  }
+  const Vec3 place{(3 + uniform(random)) * size, uniform(random) * size, uniform(random) * size};
+  result.setup.fixed = {nearest(*result.mesh, place, centres / 2, spread * centres / 2, taken, random)};
+  result.options.kernel = kernels[seed % 6];
+  result.options.reduction = CentreReduction::off;
+  result.options.basis = random() % 2 == 0 ? BasisMode::never : BasisMode::always;
+  result.options.tolerance = tolerances[random() % 4];
+  if (properties(*result.options.kernel).has_shape) result.options.shape = 0.02 + 0.04 * std::abs(uniform(random));
+  result.setup.method = result.options;
+  solve(result);
+  return result;
+}
+
+std::shared_ptr<const System> prepared(const Case& problem, Solver solver) {
+  deform::Setup setup = problem.setup;
+  RbfOptions options = problem.options;
+  options.solver = solver;
+  setup.method = options;
+  return prepare(problem.mesh, setup);
+}
+
+TEST(Iterative, TheToleranceHoldsAtTheFreePointsAndTheErrorIsNotUnderestimated) {
+  std::vector<double> ratios;
+  std::size_t reached = 0, solvable = 0;
+  const std::uint64_t setups = is_long() ? 200 : 36;
+  for (std::uint64_t seed = 0; seed < setups; ++seed) {
+    const Case problem = random_case(seed, is_long() ? 3000 : 900);
+    const auto system = prepared(problem, Solver::iterative);
+    const auto evaluation = system->bind({&problem.design, 1}, EvaluationPath::automatic, {});
+    const DesignReport& report = evaluation->report(0);
+    const double error = problem.error(system->evaluate(problem.design));
+    const double allowed = problem.options.tolerance * std::max(system->info().diagonal, report.prescribed_displacement);
+    // Where a solution in double precision has no digits left there is nothing to compare with.
+    if (problem.condition > 1e15) continue;
+    EXPECT_GE(report.error, 0.5 * error) << seed << ": " << problem.text() << error;
+    EXPECT_EQ(report.converged, report.error <= allowed) << seed;
+    if (report.converged) {
+      EXPECT_LE(error, allowed) << seed << ": " << problem.text();
+    }
+    // The weights are doubles: what their rounding makes of the points is no fault of the solver.
+    if (20 * problem.rounding < allowed) {
+      ++solvable;
+      if (report.converged) ++reached;
+      EXPECT_TRUE(report.converged) << seed << ": " << problem.text() << report.error / allowed << " of the tolerance";
+    }
+    if (error > 0) ratios.push_back(report.error / error);
+  }
+  EXPECT_GE(solvable, setups * 3 / 4);
+  EXPECT_EQ(reached, solvable);
+  std::sort(ratios.begin(), ratios.end());
+  EXPECT_LE(ratios[ratios.size() / 2], 20);
+  RecordProperty("least_ratio", std::to_string(ratios.front()));
+  RecordProperty("median_ratio", std::to_string(ratios[ratios.size() / 2]));
+}
+
+TEST(IncrementalQr, TheErrorAtTheFreePointsIsNotUnderestimated) {
+  std::vector<double> ratios;
+  for (std::uint64_t seed = 0; seed < (is_long() ? 100u : 18u); ++seed) {
+    Case problem = random_case(1000 + seed, is_long() ? 2000 : 600);
+    problem.options.tolerance = std::max(1e-6, problem.options.tolerance);
+    if (problem.condition > 1e15) continue;
+    const auto system = prepared(problem, Solver::incremental_qr);
+    const auto evaluation = system->bind({&problem.design, 1}, EvaluationPath::automatic, {});
+    const double error = problem.error(system->evaluate(problem.design));
+    EXPECT_GE(evaluation->report(0).error, 0.5 * error) << seed << ": " << problem.text() << error;
+    if (error > 0) ratios.push_back(evaluation->report(0).error / error);
+  }
+  std::sort(ratios.begin(), ratios.end());
+  EXPECT_LE(ratios[ratios.size() / 2], 20);
+  RecordProperty("least_ratio", std::to_string(ratios.front()));
+}
+
+TEST(Iterative, ASmallerToleranceMakesAnAccurateResultMoreAccurate) {
+  Case problem = random_case(6, 1500);
+  double last = HUGE_VAL;
+  for (const double tolerance : {1e-4, 1e-7, 1e-10}) {
+    problem.options.tolerance = tolerance;
+    const auto system = prepared(problem, Solver::iterative);
+    const double error = problem.error(system->evaluate(problem.design));
+    EXPECT_LE(error, tolerance * system->info().diagonal) << tolerance;
+    EXPECT_LE(error, last) << tolerance;
+    last = error;
+  }
+}
+
+TEST(Iterative, ToleranceOutOfReachIsTold) {
+  // r^5 with centres in small patches: weights of 1e10 and more, whose rounding alone is above the tolerance.
+  for (std::uint64_t seed = 2; seed < 200; seed += 6) {
+    Case problem = random_case(seed, 900);
+    const double D = bounding_box(problem.mesh->points).diagonal();
+    if (!(problem.rounding > 1e-8 * D)) continue;
+    for (const BasisMode basis : {BasisMode::never, BasisMode::always}) {
+      problem.options.tolerance = 1e-10;
+      problem.options.basis = basis;
+      const auto system = prepared(problem, Solver::iterative);
+      const auto evaluation = system->bind({&problem.design, 1}, EvaluationPath::automatic, {});
+      EXPECT_FALSE(evaluation->report(0).converged);
+      EXPECT_GT(evaluation->report(0).error, 1e-10 * D);
+    }
+    return;
+  }
+  FAIL() << "no setup is that bad";
+}
+
+double dot_error(const System& system, const Mesh& mesh, std::uint64_t seed) {
+  std::mt19937_64 random(seed);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  const std::vector<double> at{0.1, 0.2}, direction{0.7, -0.4};
+  Points cotangent(mesh.point_count());
+  for (Vec3& c : cotangent) c = {uniform(random), uniform(random), uniform(random)};
+  const Points forward = system.jacobian_vector(at, direction, {});
+  const std::vector<double> backward = system.vector_jacobian(at, cotangent, {});
+  long double left = 0, right = 0, size = 0;
+  for (std::size_t i = 0; i < cotangent.size(); ++i) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      left += static_cast<long double>(forward[i][k]) * cotangent[i][k];
+      size += std::abs(forward[i][k] * cotangent[i][k]);
+    }
+  }
+  for (std::size_t k = 0; k < 2; ++k) right += static_cast<long double>(backward[k]) * direction[k];
+  return static_cast<double>(std::abs(left - right) / size);
+}
+
+TEST(Iterative, DerivativesAreAdjointWhateverTheTolerance) {
+  for (std::uint64_t seed = 0; seed < (is_long() ? 60u : 8u); ++seed) {
+    Case problem = random_case(500 + seed, is_long() ? 3000 : 700);
+    if (problem.condition > 1e13) continue;
+    problem.setup.variables.push_back({"up", "a", DesignVariable::Translate{{0, 0, 1}}});
+    problem.setup.variables.push_back({"turn", "a", DesignVariable::Rotate{{0, 0, 1}, problem.mesh->points[0]}});
+    problem.options.tolerance = 1e-4;
+    for (const BasisMode basis : {BasisMode::always, BasisMode::never}) {
+      problem.options.basis = basis;
+      const auto system = prepared(problem, Solver::iterative);
+      // Or what the rounding of the weights, which are doubles, makes of the motion.
+      const double rounding = problem.rounding / problem.expected.cwiseAbs().maxCoeff();
+      const double limit = basis == BasisMode::always ? 1e-12 : std::max(1e-9, rounding);
+      EXPECT_LE(dot_error(*system, *problem.mesh, seed), limit) << seed << ": " << problem.text();
+    }
   }
 }
 

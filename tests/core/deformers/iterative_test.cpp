@@ -102,7 +102,7 @@ TEST(Iterative, JacobianProductsAreAdjoint) {
 }
 
 TEST(Iterative, ToleranceIsChecked) {
-  for (const double bad : {0.0, -1.0, 1e-11, 0.1, std::nan("")}) {
+  for (const double bad : {-1.0, 1e-11, 0.1, std::nan("")}) {
     deform::Setup setup = iterative_setup(BasisMode::never);
     std::get<RbfOptions>(setup.method).tolerance = bad;
     try {

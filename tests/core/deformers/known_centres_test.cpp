@@ -4,6 +4,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <optional>
+#include <utility>
+
 #include "core/deformers/system.h"
 #include "tests/core/deformers/block_meshes.h"
 
@@ -21,8 +25,26 @@ Setup sheet_setup(const RbfOptions& options) {
 
 std::shared_ptr<const Mesh> sheet() { return std::make_shared<const Mesh>(test::square(40)); }
 
+/// The sheet with its right end lifted, by rbf with a kernel or without one.
+Points lifted(std::shared_ptr<const Mesh> mesh, std::optional<Kernel> kernel) {
+  Design design;
+  design.motions.push_back({0, Affine{1, 0, 0, 0.1, 0, 1, 0, 0.02, 0, 0, 1, 0}});
+  return prepare(std::move(mesh), sheet_setup({.kernel = kernel}))->evaluate(design);
+}
+
+TEST(DefaultKernel, IsTheThinPlateInAPlaneAndTriharmonicInSpace) {
+  EXPECT_EQ(lifted(sheet(), std::nullopt), lifted(sheet(), Kernel::thin_plate));
+  EXPECT_NE(lifted(sheet(), std::nullopt), lifted(sheet(), Kernel::triharmonic));
+  Mesh curved = *sheet();
+  for (Vec3& x : curved.points) x[2] = 0.1 * x[0] * x[0];
+  const auto in_space = std::make_shared<const Mesh>(std::move(curved));
+  EXPECT_EQ(lifted(in_space, std::nullopt), lifted(in_space, Kernel::triharmonic));
+  EXPECT_EQ(estimate(*sheet(), sheet_setup({})).seconds, estimate(*sheet(), sheet_setup({.kernel = Kernel::thin_plate})).seconds);
+}
+
 TEST(KnownCentres, AreThoseOfThePreparedSystem) {
   RbfOptions options;
+  options.reduction = CentreReduction::rings;
   const auto reduced = known_centres(*sheet(), sheet_setup(options));
   ASSERT_TRUE(reduced.has_value());
   EXPECT_EQ(reduced->size(), prepare(sheet(), sheet_setup(options))->info().centres);

@@ -12,6 +12,7 @@
 #include "core/mesh/ahmed.h"
 #include "tests/core/deformers/space_cases.h"
 #include "tests/support/expect_error.h"
+#include "tests/support/thesis_options.h"
 
 namespace deform {
 namespace {
@@ -20,7 +21,7 @@ using test::at_samples;
 using test::energy;
 
 MlsOptions options(double stretching, double bending, std::size_t surface = 300, std::size_t volume = 0) {
-  MlsOptions chosen;
+  MlsOptions chosen = test::thesis_mls();
   chosen.stretching = stretching;
   chosen.bending = bending;
   chosen.surface_samples = surface;

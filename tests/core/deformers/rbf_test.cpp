@@ -172,6 +172,7 @@ TEST(Rbf, JacobianProducts) {
     deform::Setup setup = car_setup();
     RbfOptions options;
     options.basis = basis;
+    options.reduction = CentreReduction::rings;  // the condition of few centres: the limits below are those of rounding
     setup.method = options;
     const auto system = prepare(mesh, setup);
     const std::vector<double> at{0.02, 0.3, 0.1, -0.1};

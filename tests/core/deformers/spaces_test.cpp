@@ -6,6 +6,7 @@
 
 #include "core/deformers/energy/energy_system.h"
 #include "tests/core/deformers/energy_cases.h"
+#include "tests/support/thesis_options.h"
 
 namespace deform {
 namespace {
@@ -21,7 +22,7 @@ deform::Setup with(deform::Setup setup, const SubspaceOptions& options) {
 }
 
 SubspaceOptions subspace(std::optional<Kernel> kernel, std::size_t centres = 250) {
-  SubspaceOptions options;
+  SubspaceOptions options = test::thesis_subspace();
   options.kernel = kernel;
   options.centres = centres;
   options.cover = kernel == Kernel::wendland_c2 ? 50 : 8;  // thesis 8.3.2: less leaves kinks
@@ -98,7 +99,7 @@ TEST(Spaces, PopulationsEqualSingles) {
 TEST(Spaces, VolumesMoveWithMovingLeastSquares) {
   const auto mesh = shared(test::bumpy_sheet(31, 16));
   deform::Setup setup = test::sheet_setup();
-  MlsOptions options;
+  MlsOptions options = test::thesis_mls();
   options.surface_samples = 200;
   setup.method = options;
   const auto system = prepare(mesh, setup);

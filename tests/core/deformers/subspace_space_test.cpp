@@ -14,6 +14,7 @@
 #include "tests/core/deformers/space_cases.h"
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/expect_error.h"
+#include "tests/support/thesis_options.h"
 
 namespace deform {
 namespace {
@@ -25,7 +26,7 @@ constexpr std::optional<Kernel> every_kind[] = {Kernel::triharmonic, Kernel::bih
                                                 std::nullopt};
 
 SubspaceOptions options(std::optional<Kernel> kernel, double stretching = 1, double bending = 0.5, std::size_t centres = 80) {
-  SubspaceOptions chosen;
+  SubspaceOptions chosen = test::thesis_subspace();
   chosen.kernel = kernel;
   chosen.centres = centres;
   chosen.stretching = stretching;

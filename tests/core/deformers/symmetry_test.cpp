@@ -144,6 +144,36 @@ TEST(Symmetry, BasisEqualsDirectSolve) {
   }
 }
 
+// The fields of a handle on a plane are smooth across it, so that the basis has the digits of the direct path.
+TEST(Symmetry, BasisHasTheDigitsOfTheDirectPath) {
+  for (const auto& frame : {test::Frame{}, test::oblique()}) {
+    for (const Kernel kernel : {Kernel::triharmonic, Kernel::quintic}) {
+      Mesh half = test::bumpy_sheet(61, 31);
+      for (Vec3& x : half.points) x = frame.point(x);
+      deform::Setup setup;
+      setup.handles = {{"end", {Region::Ids{}}}};
+      setup.fixed = {{Region::Ids{}}};
+      for (PointId id = 0; id < half.point_count(); ++id) {
+        const PointId column = id % 61;
+        if (column >= 30) std::get<Region::Ids>(setup.handles[0].region.kind).ids.push_back(id);
+        if (column <= 8) std::get<Region::Ids>(setup.fixed[0].kind).ids.push_back(id);
+      }
+      setup.symmetry = {{SymmetryPlane::Plane{frame.origin, frame.axes[1]}}};
+      use(setup, kernel, -1);
+      setup.variables = {{"turn", "end", DesignVariable::Rotate{frame.axes[1], frame.point({1.5, 0.3, 0})}},
+                         {"wider", "end", DesignVariable::Scale{frame.origin, frame.axes[1]}},
+                         {"up", "end", DesignVariable::Translate{frame.axes[2]}}};
+      const auto mesh = std::make_shared<const Mesh>(half);
+      const auto system = prepare(mesh, setup);
+      const Design design{{0.2, 0.3, 0.1}, {}};
+      const Points basis = system->evaluate({&design, 1}, EvaluationPath::basis)[0];
+      const Points direct = system->evaluate({&design, 1}, EvaluationPath::direct)[0];
+      EXPECT_LT(test::distance(basis, direct), 1e-10 * diagonal(half)) << properties(kernel).name;
+      EXPECT_GT(test::distance(basis, half.points), 0.05);
+    }
+  }
+}
+
 deform::Setup with_variables(const HalfModel& half) {
   deform::Setup setup = half.setup;
   const auto& frame = half.frame;

@@ -301,5 +301,128 @@ TEST_F(OpenFoamFolder, SaysWhatIsMissing) {
   test::expect_error(ErrorCode::invalid_argument, {"unknown mesh format", "OpenFOAM"}, [&] { read_mesh_file(folder_); });
 }
 
+/// Two other cubes: the same cells, but with one more point in every face.
+void write_other_topology(const fs::path& mesh) {
+  fs::create_directories(mesh);
+  const FoamFiles files = ascii_files();
+  write_file(mesh / "points", header("vectorField") + "14\n(" + std::string(points_text.begin() + 4, points_text.end() - 2) +
+                                  "(0 0 5) (0 0 6))\n");
+  std::string faces = std::to_string(faces_list.size()) + "\n(\n";
+  for (std::size_t f = 0; f < faces_list.size(); ++f) {
+    auto face = faces_list[f];
+    if (f > 8) face.push_back(f == 9 ? 12 : 13);
+    faces += joined(face) + "\n";
+  }
+  write_file(mesh / "faces", header("faceList") + faces + ")\n");
+  write_file(mesh / "owner", files.owner.bytes);
+  write_file(mesh / "neighbour", files.neighbour.bytes);
+  write_file(mesh / "boundary", files.boundary.bytes);
+}
+
+// As OpenFOAM's Time::findInstance(): each file in the last time up to the one that is read.
+TEST_F(OpenFoamFolder, TimesHaveTheTopologyOfTheLastOneBefore) {
+  write_other_topology(folder_ / "0.2" / "polyMesh");
+  const auto other = read_mesh_file(folder_ / "0.2");
+  ASSERT_EQ(other->mesh()->point_count(), 14u);
+  Points moved = other->mesh()->points;
+  moved[3][1] += 0.01;
+  write_mesh_file(*other, moved, folder_ / "0.5");
+  write_mesh_file(*read_mesh_file(folder_), read_mesh_file(folder_)->mesh()->points, folder_ / "1e-1");
+  for (const char* name : {"0.5", "0.5/", "0.5/polyMesh", "0.5/polyMesh/points"}) {
+    const auto file = read_mesh_file(folder_ / name);
+    EXPECT_EQ(file->mesh()->points, moved) << name;
+    EXPECT_EQ(file->mesh()->cells->face(10).size(), 5u) << "the faces of 0.2";
+  }
+  EXPECT_EQ(read_mesh_file(folder_ / "1e-1")->mesh()->cells->face(10).size(), 4u) << "those of 0.2 are later";
+  // Times without a mesh of their own.
+  fs::create_directories(folder_ / "0.7");
+  fs::create_directories(folder_ / "0.15");
+  EXPECT_EQ(read_mesh_file(folder_ / "0.7")->mesh()->points, moved);
+  EXPECT_EQ(read_mesh_file(folder_ / "0.15")->mesh()->point_count(), 12u);
+  EXPECT_EQ(read_mesh_file(folder_)->mesh()->point_count(), 12u) << "a case is its mesh in constant";
+}
+
+TEST_F(OpenFoamFolder, RefusesPointsOfAnotherTopology) {
+  write_other_topology(folder_ / "0.2" / "polyMesh");
+  fs::create_directories(folder_ / "0.1" / "polyMesh");
+  fs::copy_file(folder_ / "0.2" / "polyMesh" / "points", folder_ / "0.1" / "polyMesh" / "points");
+  test::expect_error(ErrorCode::invalid_argument, {"0.1", "14 points", "constant", "12", "another mesh"},
+                     [&] { read_mesh_file(folder_ / "0.1"); });
+  fs::create_directories(folder_ / "0.3" / "polyMesh");
+  write_file(folder_ / "0.3" / "polyMesh" / "points", header("vectorField") + points_text);
+  test::expect_error(ErrorCode::invalid_argument, {"faces", "12", "0..12"}, [&] { read_mesh_file(folder_ / "0.3"); });
+}
+
+TEST_F(OpenFoamFolder, Regions) {
+  write_other_topology(folder_ / "constant" / "solid" / "polyMesh");
+  fs::create_directories(folder_ / "constant" / "fluid");
+  fs::rename(folder_ / "constant" / "polyMesh", folder_ / "constant" / "fluid" / "polyMesh");
+  const auto solid = read_mesh_file(folder_ / "constant" / "solid");
+  EXPECT_EQ(solid->mesh()->point_count(), 14u);
+  Points moved = solid->mesh()->points;
+  moved[0][2] -= 0.5;
+  write_mesh_file(*solid, moved, folder_ / "2" / "solid");
+  EXPECT_EQ(read_mesh_file(folder_ / "2" / "solid")->mesh()->points, moved);
+  fs::create_directories(folder_ / "2" / "fluid");
+  EXPECT_EQ(read_mesh_file(folder_ / "2" / "fluid")->mesh()->point_count(), 12u);
+  test::expect_error(ErrorCode::invalid_argument, {"several regions", "constant/fluid", "constant/solid"},
+                     [&] { read_mesh_file(folder_); });
+  // Results go where they are found again.
+  const fs::path source = folder_ / "constant" / "solid";
+  EXPECT_NO_THROW(check_output(source, folder_ / "3" / "solid"));
+  EXPECT_NO_THROW(check_output(source, folder_ / "3" / "solid" / "polyMesh" / "points"));
+  EXPECT_NO_THROW(check_output(source, fs::path(testing::TempDir()) / "elsewhere"));
+  test::expect_error(ErrorCode::invalid_argument, {"region solid", "1/solid"}, [&] { check_output(source, folder_ / "3"); });
+}
+
+TEST_F(OpenFoamFolder, CasesAreNoOutputs) {
+  EXPECT_NO_THROW(check_output(folder_, folder_ / "0.1"));
+  EXPECT_NO_THROW(check_output(folder_, folder_ / "constant" / "polyMesh" / "points"));
+  const fs::path other = folder_ / "other";
+  fs::create_directories(other / "constant");
+  for (const fs::path& output : {folder_, folder_ / "", other}) {
+    test::expect_error(ErrorCode::invalid_argument, {"is an OpenFOAM case", "time folder", "/1"},
+                       [&] { check_output(folder_, output); });
+  }
+}
+
+TEST_F(OpenFoamFolder, DecomposedCases) {
+  fs::create_directories(folder_ / "whole" / "constant");
+  for (const char* part : {"processor0", "processor1"}) {
+    write_other_topology(folder_ / "whole" / part / "constant" / "polyMesh");
+  }
+  test::expect_error(ErrorCode::invalid_argument, {"decomposed", "reconstructParMesh", "processor0", "processor1"},
+                     [&] { read_mesh_file(folder_ / "whole"); });
+  EXPECT_EQ(read_mesh_file(folder_ / "whole" / "processor1")->mesh()->point_count(), 14u);
+}
+
+// Before OpenFOAM 1.5 `neighbour` was as long as `owner`.
+TEST(OpenFoam, OldNeighbours) {
+  FoamFiles files = ascii_files();
+  files.neighbour.bytes = header("labelList") + "11(1 -1 -1 -1 -1 -1 -1 -1 -1 -1 -1)";
+  const auto mesh = parse_openfoam(files)->mesh();
+  EXPECT_EQ(mesh->cells->internal_faces(), 1u);
+  EXPECT_EQ(mesh->cells->cell_count, 2u);
+  EXPECT_EQ(mesh->face_count(), 10u);
+  for (const std::size_t label : {4u, 8u}) {
+    for (const std::endian order : {std::endian::little, std::endian::big}) {
+      FoamFiles binary = binary_files(mesh->points, label, 8, order);
+      std::vector<std::uint64_t> entries(11, label == 8 ? ~std::uint64_t{0} : 0xffffffffu);
+      entries[0] = 1;
+      const std::string arch =
+          std::string(order == std::endian::little ? "LSB" : "MSB") + ";label=" + std::to_string(8 * label) + ";scalar=64";
+      binary.neighbour.bytes = header("labelList", "binary", arch) + packed(entries, label, order);
+      EXPECT_EQ(parse_openfoam(binary)->mesh()->cells->neighbour, (std::vector<std::uint32_t>{1}));
+    }
+  }
+  files.neighbour.bytes = "2(-1 1)";
+  test::expect_error(ErrorCode::invalid_argument, {"neighbour", "face 0", "internal face 1"}, [&] { parse_openfoam(files); });
+  files.neighbour.bytes = "2(1 -2)";
+  test::expect_error(ErrorCode::invalid_argument, {"neighbour", "-1"}, [&] { parse_openfoam(files); });
+  files.neighbour.bytes = "1(1)";
+  files.owner.bytes = "11(0 0 1 0 1 0 1 0 1 0 -1)";
+  test::expect_error(ErrorCode::invalid_argument, {"owner", "-1"}, [&] { parse_openfoam(files); });
+}
+
 }  // namespace
 }  // namespace deform::io

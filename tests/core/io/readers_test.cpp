@@ -51,7 +51,8 @@ TEST(Readers, RefuseOtherNamesAndListWhatThereIs) {
 
 TEST(Readers, AreListedForHelp) {
   for (const Reader& reader : readers()) {
-    if (!reader.extensions.empty()) EXPECT_THAT(mesh_file_names(), HasSubstr(reader.extensions.front() + ", "));
+    if (reader.extensions.empty()) continue;
+    EXPECT_THAT(mesh_file_names(), HasSubstr(reader.extensions.front() + ", "));
   }
   EXPECT_THAT(mesh_file_names(), HasSubstr("OpenFOAM"));
 }

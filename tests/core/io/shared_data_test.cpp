@@ -167,7 +167,8 @@ TEST_P(SharedDataTest, DeformedPointsChangeNothingButCoordinates) {
     for (std::size_t i = 0; i < mesh->point_count(); ++i) ASSERT_EQ(back->points[i], expected(i)) << "point " << i;
   }
 
-  const std::size_t records = file_->format() == Format::stl ? mesh->face_points.size() : mesh->point_count();
+  const bool stl = file_->format() == Format::stl;
+  const std::size_t records = stl ? mesh->face_points.size() + mesh->face_count() : mesh->point_count();  // with facet normals
   if (binary) {
     ASSERT_EQ(written.size(), bytes_.size());
     std::size_t changed = 0;
@@ -175,7 +176,10 @@ TEST_P(SharedDataTest, DeformedPointsChangeNothingButCoordinates) {
     EXPECT_LE(changed, 12 * records);
   } else {
     const auto changed = test::changed_words(bytes_, written);
-    ASSERT_EQ(changed.size(), 3 * records);
+    // The normal of a facet may keep some of its words.
+    EXPECT_LE(changed.size(), 3 * records);
+    EXPECT_GE(changed.size(), 3 * (stl ? mesh->face_points.size() : records));
+    ASSERT_FALSE(changed.empty());
     EXPECT_NE(changed[0], -1);
   }
 }

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <bit>
+#include <cmath>
+#include <cstdio>
 
 #include "core/io/binary/byte_order.h"
 #include "core/io/mesh_file.h"
@@ -25,7 +27,7 @@ std::string binary(const std::string& start, std::initializer_list<std::array<fl
   bytes.resize(84, ' ');
   store_scalar(bytes.data() + 80, static_cast<std::uint32_t>(triangles.size()), std::endian::little);
   for (const auto& triangle : triangles) {
-    std::string record(50, '\x7f');  // normal and attribute bytes that must survive
+    std::string record(50, '\xff');  // a normal that is no number and attribute bytes, which must survive
     for (std::size_t i = 0; i < 9; ++i)
       store_scalar(record.data() + 12 + 4 * i, std::bit_cast<std::uint32_t>(triangle[i]), std::endian::little);
     bytes += record;
@@ -91,6 +93,75 @@ TEST(StlTest, Binary) {
   EXPECT_EQ(file->with_points(file->mesh()->points), bytes);
   EXPECT_EQ(file->with_points(Points{{0, 0, 0}, {1, 0.1, 0}, {0, 1, 0}, {1, 1, 7}}),
             binary("any header", {{0, 0, 0, 1, 0.1F, 0, 0, 1, 0}, {1, 0.1F, -0.F, 1, 1, 7, 0, 1, 0}}));
+}
+
+/// Two facets with the given normals over the same corners.
+std::string with_normals(const std::string& first, const std::string& second, const std::string& corner) {
+  return "solid s\n facet normal " + first + " outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endfacet\n" +
+         " facet normal " + second + " outer loop vertex 1 0 0 vertex " + corner + " vertex 0 1 0 endloop endfacet\nendsolid\n";
+}
+
+TEST(StlTest, NormalsOfMovedFacetsAreThoseOfTheNewCorners) {
+  const std::string text = with_normals("0 0 1.000", "0.0 0 1e0", "1 1 0");
+  const auto file = parse_mesh(text, "test.stl");
+  Points points = file->mesh()->points;
+  EXPECT_EQ(file->with_points(points), text) << "at rest the same bytes";
+  points[3] = {1, 0, 1};  // the second facet stands upright
+  const double share = std::sqrt(0.5);
+  const auto written = file->with_points(points);
+  const auto read = parse_mesh(written, "test.stl");
+  EXPECT_EQ(read->mesh()->points, points);
+  EXPECT_NE(written.find("normal 0 0 1.000 outer"), std::string::npos) << "the first facet has not moved";
+  double normal[3];
+  ASSERT_EQ(std::sscanf(written.c_str() + written.rfind("normal"), "normal %lf %lf %lf", normal, normal + 1, normal + 2), 3);
+  EXPECT_NEAR(normal[0], -share, 1e-15);
+  EXPECT_NEAR(normal[1], -share, 1e-15);
+  EXPECT_NEAR(normal[2], 0, 1e-15);
+  // A normal that pointed to the other side goes on doing so; zero, broken and missing ones stay.
+  const auto inward = parse_mesh(with_normals("0 0 -1", "0 0 -2", "1 1 0"), "test.stl")->with_points(points);
+  ASSERT_EQ(std::sscanf(inward.c_str() + inward.rfind("normal"), "normal %lf", normal), 1);
+  EXPECT_NEAR(normal[0], share, 1e-15);
+  for (const char* kept : {"0 0 0", "-0 0 0.0", "nan 0 1", "", "1 2", "x y z"}) {
+    const auto unchanged = parse_mesh(with_normals("0 0 1", kept, "1 1 0"), "test.stl")->with_points(points);
+    EXPECT_EQ(unchanged, with_normals("0 0 1", kept, "1 0 1")) << kept;
+  }
+  // Collapsed to a line: no normal.
+  points[3] = points[1];
+  const auto collapsed = parse_mesh(text, "test.stl")->with_points(points);
+  EXPECT_NE(collapsed.find("normal 0.0 0 0 outer"), std::string::npos) << collapsed;
+}
+
+TEST(StlTest, NormalsInBinary) {
+  const auto store = [](std::string& bytes, std::size_t triangle, const std::array<float, 3>& normal) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      store_scalar(bytes.data() + 84 + 50 * triangle + 4 * k, std::bit_cast<std::uint32_t>(normal[k]), std::endian::little);
+    }
+  };
+  const auto of = [&](const std::array<float, 9>& second) {
+    return binary("any", {{0, 0, 0, 1, 0, 0, 0, 1, 0}, second, {5, 0, 0, 6, 0, 0, 5, 1, 0}});
+  };
+  std::string bytes = of({1, 0, 0, 1, 1, 0, 0, 1, 0}), expected = of({1, 0, 0, 1, 0, 1, 0, 1, 0});
+  for (std::string* one : {&bytes, &expected}) {
+    store(*one, 0, {0, 0, 1});
+    store(*one, 1, {0, 0, 1});
+    store(*one, 2, {0, 0, 0});
+  }
+  const auto file = parse_mesh(bytes, "test.stl");
+  Points points = file->mesh()->points;
+  EXPECT_EQ(file->with_points(points), bytes);
+  points[3] = {1, 0, 1};
+  const auto share = static_cast<float>(std::sqrt(0.5));
+  const std::string written = file->with_points(points);
+  store(expected, 1, {-share, -share, 0});
+  // The last bit of the float may go either way.
+  const auto z = [&](std::size_t k) {
+    return std::bit_cast<float>(load_scalar<std::uint32_t>(written.data() + 84 + 50 + 4 * k, std::endian::little));
+  };
+  EXPECT_NEAR(z(0), -share, 1e-7);
+  EXPECT_NEAR(z(1), -share, 1e-7);
+  EXPECT_EQ(std::abs(z(2)), 0);
+  store(expected, 1, {z(0), z(1), z(2)});
+  EXPECT_EQ(written, expected) << "nothing else changes: the facet at rest, the zero normal, attributes";
 }
 
 TEST(StlTest, ABinaryHeaderMayBeginWithSolid) {

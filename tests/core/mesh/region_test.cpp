@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <limits>
+#include <optional>
 
 #include "tests/core/mesh/named_meshes.h"
 #include "tests/support/expect_error.h"
@@ -146,6 +147,54 @@ TEST_F(RegionTest, NestingEndsAtSixtyFour) {
   for (int depth = 1; depth < 64; ++depth) region = Region{Region::Complement{{region}}};
   EXPECT_EQ(chosen(region).size(), 24U);  // 63 complements
   expect_refused(Region{Region::Complement{{region}}}, {"nested deeper than 64"});
+}
+
+// ---- control points ----
+
+Region range(std::optional<Region::LatticeRange::Range> i, std::optional<Region::LatticeRange::Range> j,
+             std::optional<Region::LatticeRange::Range> k) {
+  return {Region::LatticeRange{{i, j, k}}};
+}
+Region controls(Ids list) { return {Region::ControlIds{std::move(list)}}; }
+const ControlSet lattice{4 * 3 * 2, {{4, 3, 2}}};
+
+Ids chosen_controls(const Region& region, const ControlSet& from = lattice) {
+  return select_controls(region, from, "handle \"h\"");
+}
+
+TEST(ControlRegions, RangesAreClosedAndMissingOnesAreTheWholeAxis) {
+  EXPECT_THAT(chosen_controls(range({{1, 2}}, {{2, 2}}, {{0, 1}})), ElementsAre(9, 10, 21, 22));
+  EXPECT_THAT(chosen_controls(range({{3, 3}}, {}, {{1, 1}})), ElementsAre(15, 19, 23));
+  EXPECT_EQ(chosen_controls(range({}, {}, {})).size(), 24u);
+}
+
+TEST(ControlRegions, Combine) {
+  EXPECT_THAT(chosen_controls(controls({7, 3, 7})), ElementsAre(3, 7));
+  EXPECT_THAT(chosen_controls({Region::Union{{controls({20}), range({{0, 0}}, {}, {{0, 0}})}}}), ElementsAre(0, 4, 8, 20));
+  EXPECT_THAT(chosen_controls({Region::Intersection{{controls({3, 4, 5}), range({{0, 0}}, {}, {})}}}), ElementsAre(4));
+  EXPECT_THAT(chosen_controls({Region::Difference{{controls({3, 4, 5}), range({{0, 0}}, {}, {})}}}), ElementsAre(3, 5));
+  EXPECT_THAT(chosen_controls({Region::Complement{{range({{0, 2}}, {}, {})}}}), ElementsAre(3, 7, 11, 15, 19, 23));
+  EXPECT_THAT(chosen_controls(controls({4}), {5, std::nullopt}), ElementsAre(4)) << "without a lattice";
+}
+
+TEST(ControlRegions, RefuseWhatThereIsNot) {
+  const auto refused = [](const Region& region, const std::vector<const char*>& parts, const ControlSet& from = lattice) {
+    expect_error(ErrorCode::invalid_argument, {"handle \"h\": "}, [&] { chosen_controls(region, from); });
+    expect_error(ErrorCode::invalid_argument, parts, [&] { chosen_controls(region, from); });
+  };
+  refused(controls({3, 24}), {"control.ids[1]", "control point 24", "24"});
+  refused(range({}, {{1, 3}}, {}), {"lattice.j", "[1, 3]", "3 control points", "0 to 2"});
+  refused(range({{2, 1}}, {}, {}), {"lattice.i", "[2, 1]"});
+  refused(range({}, {}, {}), {"lattice", "control"}, {5, std::nullopt});
+  refused({Region::All{}}, {"points of the mesh", "lattice"});
+  refused({Region::Union{{controls({1}), ids({1})}}}, {"points of the mesh"});
+  refused({Region::Complement{}}, {"complement", "exactly one"});
+}
+
+TEST_F(RegionTest, ControlPointsAreNoPoints) {
+  expect_refused(range({}, {}, {}), {"lattice", "CONTROLS"});
+  expect_refused(controls({1}), {"control", "CONTROLS"});
+  expect_refused({Region::Union{{ids({1}), controls({1})}}}, {"control", "CONTROLS"});
 }
 
 }  // namespace

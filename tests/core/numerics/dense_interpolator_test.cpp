@@ -72,7 +72,7 @@ TEST(DenseInterpolator, EverySolverAndKernelEqualsADenseSolve) {
       const MatrixXd A = bordered(system);
       // Both parts of the right-hand side, as adjoints need them.
       const MatrixXd B = random_matrix(A.rows(), 4, 2);
-      const MatrixXd X = system.solve_saddle(B);
+      const MatrixXd X = system.solve_saddle(B).coefficients;
       const MatrixXd expected = A.fullPivLu().solve(B);
       const double limit = 1e-14 * (A.cwiseAbs().colwise().sum().maxCoeff() * A.inverse().cwiseAbs().colwise().sum().maxCoeff());
       EXPECT_LT((X - expected).norm(), std::max(1e-11, limit) * expected.norm());

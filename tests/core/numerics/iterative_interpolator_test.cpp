@@ -102,10 +102,14 @@ TEST(IterativeInterpolator, RightHandSidesOfTheSideConditionsCount) {
   B.topRows(1500) = data(centres).leftCols(1);
   B.bottomRows(4) << 0.3, -0.2, 0.7, 0.1;
   const IterativeInterpolator iterative(centres, {}, {});
-  const MatrixXd expected = exact.solve_saddle(B);
+  const MatrixXd expected = exact.solve_saddle(B).coefficients;
   const MatrixXd solution = iterative.solve_saddle(B, 1e-10, {}).coefficients;
   // Compared where it matters: in the values of the interpolants.
-  const auto values = [&](const MatrixXd& X) { return exact.values({X}, centres); };
+  const auto values = [&](const MatrixXd& X) {
+    Interpolants interpolants;
+    interpolants.coefficients = X;
+    return exact.values(interpolants, centres);
+  };
   const std::vector<double> u = values(expected), v = values(solution);
   for (std::size_t i = 0; i < u.size(); ++i) ASSERT_NEAR(u[i], v[i], 1e-8) << i;
   const MatrixXd P = exact.polynomials().matrix(centres);

@@ -74,7 +74,7 @@ TEST(Residual, HasItsDigitsWhereDoublesCancel) {
     const MatrixXd F = product.cast<double>();
     const MatrixXd expected = (F.cast<Long>() - product).cast<double>();
     test::on_every_target([&] {
-      const MatrixXd got = accurate_residual(kernel, centres, P, X, F, {});
+      const MatrixXd got = accurate_residual(kernel, centres, centres, P, X, F, {});
       // long double itself has 64 bits; the Gaussian's exponential only 53.
       const double limit = (kernel.kernel == Kernel::gaussian ? 2e-16 : 1e-19) * 75 * 1000;
       EXPECT_LT((got - expected).cwiseAbs().maxCoeff(), limit * 20) << properties(kernel.kernel).name;
@@ -91,7 +91,7 @@ TEST(Residual, SameBitsForAnyNumberOfThreads) {
   const MatrixXd F = X.topRows(333);
   RunContext one;
   one.threads = 1;
-  EXPECT_EQ(accurate_residual({}, centres, P, X, F, one), accurate_residual({}, centres, P, X, F, {}));
+  EXPECT_EQ(accurate_residual({}, centres, centres, P, X, F, one), accurate_residual({}, centres, centres, P, X, F, {}));
 }
 
 __extension__ typedef __float128 Quad;

@@ -78,8 +78,8 @@ DensePoints square_and_cube(std::size_t surface, std::size_t volume, std::uint64
   RunContext context;
   context.threads = threads;
   DensePoints dense;
-  const StrewnPoints flat = strew(Triangles(), surface, seed, context);
-  const StrewnPoints solid = strew(UnitCube(), volume, seed + 1, context);
+  const UniformSamples flat = sample_uniformly(Triangles(), surface, seed, context);
+  const UniformSamples solid = sample_uniformly(UnitCube(), volume, seed + 1, context);
   dense.points = flat.points;
   dense.points.insert(dense.points.end(), solid.points.begin(), solid.points.end());
   dense.surface = flat.points.size();
@@ -88,12 +88,12 @@ DensePoints square_and_cube(std::size_t surface, std::size_t volume, std::uint64
   return dense;
 }
 
-TEST(Strew, FillsPiecesByTheirMeasure) {
-  const StrewnPoints strewn = strew(Triangles(), 10000, 7);
-  EXPECT_DOUBLE_EQ(strewn.measure, 1);
-  ASSERT_EQ(strewn.points.size(), 10000u);
+TEST(SampleUniformly, FillsPiecesByTheirMeasure) {
+  const UniformSamples samples = sample_uniformly(Triangles(), 10000, 7);
+  EXPECT_DOUBLE_EQ(samples.measure, 1);
+  ASSERT_EQ(samples.points.size(), 10000u);
   std::array<int, 16> in_cell{};
-  for (const Vec3& x : strewn.points) {
+  for (const Vec3& x : samples.points) {
     ASSERT_TRUE(x[0] >= 0 && x[0] <= 1 && x[1] >= 0 && x[1] <= 1 && x[2] == 0);
     ++in_cell[static_cast<std::size_t>(std::min(3.0, 4 * x[0])) * 4 + static_cast<std::size_t>(std::min(3.0, 4 * x[1]))];
   }
@@ -101,16 +101,16 @@ TEST(Strew, FillsPiecesByTheirMeasure) {
   for (const int count : in_cell) EXPECT_NEAR(count, 625, 5 * 24);
 }
 
-TEST(Strew, NothingToStrewOver) {
+TEST(SampleUniformly, NothingToSample) {
   Triangles none;
   none.corners.clear();
-  EXPECT_TRUE(strew(none, 100, 1).points.empty());
+  EXPECT_TRUE(sample_uniformly(none, 100, 1).points.empty());
   Triangles degenerate;
   degenerate.corners = {{Vec3{0, 0, 0}, Vec3{1, 0, 0}, Vec3{2, 0, 0}}};
-  EXPECT_TRUE(strew(degenerate, 100, 1).points.empty());
+  EXPECT_TRUE(sample_uniformly(degenerate, 100, 1).points.empty());
 }
 
-TEST(Strew, TetrahedraAreFilledEvenly) {
+TEST(SampleUniformly, TetrahedraAreFilledEvenly) {
   const Vec3 a{0, 0, 0}, b{2, 0, 0}, c{0, 3, 0}, d{0, 0, 4};
   Vec3 middle{};
   const auto numbers = test::random_points(20000, 3);

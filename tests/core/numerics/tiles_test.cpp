@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "core/base/error.h"
@@ -72,6 +73,31 @@ TEST(Tiles, ProductsOnEveryTarget) {
           EXPECT_NEAR(transposed[k * columns + c], sum, 1e-14);
         }
       }
+    });
+  }
+}
+
+TEST(Tiles, ProductsOfSomeRowsLeaveTheOthersAlone) {
+  constexpr std::size_t K = 29;
+  const std::vector<std::uint32_t> rows{1, 2, 7, 20, 28};
+  for (const std::size_t columns : {1, 3, 6, 10}) {
+    auto A = test::random_values(K * tile_size, 3);
+    auto B = test::random_values(K * columns, 4);
+    std::vector<double> few_A, few_B;
+    for (const std::uint32_t r : rows) {
+      few_A.insert(few_A.end(), A.begin() + r * tile_size, A.begin() + (r + 1) * tile_size);
+      few_B.insert(few_B.end(), B.begin() + static_cast<std::ptrdiff_t>(r * columns),
+                   B.begin() + static_cast<std::ptrdiff_t>((r + 1) * columns));
+    }
+    for (std::size_t k = 0; k < K; ++k) {  // what is read shows
+      if (std::find(rows.begin(), rows.end(), k) != rows.end()) continue;
+      std::fill_n(A.begin() + static_cast<std::ptrdiff_t>(k * tile_size), tile_size, NAN);
+    }
+    test::on_every_target([&] {
+      std::vector<double> out(columns * tile_size, 0.25), expected = out;
+      tile_product(A.data(), K, rows, B.data(), columns, columns, out.data());
+      tile_product(few_A.data(), rows.size(), few_B.data(), columns, columns, expected.data());
+      EXPECT_TRUE(out == expected) << columns;
     });
   }
 }

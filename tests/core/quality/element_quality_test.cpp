@@ -127,6 +127,23 @@ TEST(ElementQuality, ShellOfAQuarterCylinder) {
   EXPECT_NEAR(element_quality(points, one(ElementType::hexahedron20)).total_volume, area, 1e-13);
 }
 
+// Taken as left-handed, a mirrored element has all the numbers of its original.
+TEST(ElementQuality, LeftHandedElementsAreMeasuredInAMirror) {
+  for (std::size_t i = 0; i < element_types; ++i) {
+    const auto type = static_cast<ElementType>(i);
+    SCOPED_TRACE(shape(type).name);
+    Points points = reference(type), mirrored = points;
+    for (std::size_t n = 0; n < points.size(); ++n) mirrored[n][0] = -points[n][0];
+    const ElementQuality q = element_quality(points, one(type)), left = element_quality(mirrored, one(type), {1});
+    EXPECT_EQ(left.least_scaled_jacobian.value, q.least_scaled_jacobian.value);
+    EXPECT_NEAR(left.total_volume, q.total_volume, 1e-15);
+    EXPECT_NEAR(left.largest_aspect_ratio.value, q.largest_aspect_ratio.value, 1e-13);
+    EXPECT_EQ(left.inverted_elements, 0u);
+    EXPECT_EQ(left.left_handed, 1u);
+    EXPECT_EQ(element_quality(points, one(type), {1}).inverted_elements, 1u);
+  }
+}
+
 // A mid node of an edge drawn past a corner turns the element inside out there, which corners alone would not show.
 TEST(ElementQuality, MisplacedMidNodesInvert) {
   for (const ElementType type : quadratic_types) {

@@ -4,9 +4,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numeric>
 
+#include "core/quality/safe_amplitude.h"
 #include "tests/core/quality/cell_shapes.h"
 #include "tests/support/expect_error.h"
 
@@ -84,13 +86,66 @@ TEST(PolyhedralQuality, NamesInvertedCells) {
   Grid g = grid(3, 3, 3);
   g.points[1 + 4 * (1 + 4 * 1)] = {2.7, 2.7, 2.7};  // through cell (1, 1, 1)
   const PolyhedralQuality q = polyhedral_quality(g.points, g.cells);
-  EXPECT_GT(q.inverted_cells, 0u);
-  ASSERT_FALSE(q.inverted.empty());
-  EXPECT_EQ(q.inverted.front(), 1u + 3 * (1 + 3 * 1));
-  EXPECT_EQ(q.least_volume.id, q.inverted.front());
+  EXPECT_GT(q.negative_volumes, 0u);
+  EXPECT_GE(q.inverted_cells, q.negative_volumes);
+  ASSERT_EQ(q.inverted.size(), q.inverted_cells);
+  EXPECT_EQ(q.least_volume.id, 1u + 3 * (1 + 3 * 1));
+  EXPECT_EQ(std::count(q.inverted.begin(), q.inverted.end(), q.least_volume.id), 1);
   EXPECT_LT(q.least_volume.value, 0);
   EXPECT_GT(q.wrong_pyramids, 0u);
   EXPECT_GT(q.failed_checks(), 1u);
+}
+
+struct Counted {
+  double amplitude;
+  std::size_t negative_volumes, severe, errors, pyramids, skew, failed_checks;
+};
+
+// What checkMesh of OpenFOAM 1912 counts in 5 x 4 x 4 cubes whose inner points were moved like this.
+TEST(PolyhedralQuality, CountsOfBrokenMeshesAreThoseOfCheckMesh) {
+  for (const Counted& expected : {Counted{0.6, 0, 0, 0, 0, 0, 0}, Counted{0.9, 0, 6, 0, 0, 0, 0},
+                                  Counted{1.5, 0, 23, 32, 72, 8, 3}, Counted{3, 17, 36, 59, 135, 6, 5}}) {
+    SCOPED_TRACE(expected.amplitude);
+    Grid g = grid(5, 4, 4);
+    const double size[] = {5, 4, 4};
+    for (std::size_t i = 0; i < g.points.size(); ++i) {
+      Vec3& p = g.points[i];
+      bool inside = true;
+      for (std::size_t k = 0; k < 3; ++k) inside = inside && p[k] > 0 && p[k] < size[k];
+      for (std::size_t k = 0; inside && k < 3; ++k) {
+        p[k] += expected.amplitude * std::sin(3.7 * static_cast<double>(i) + 2.3 * static_cast<double>(k));
+      }
+    }
+    const PolyhedralQuality q = polyhedral_quality(g.points, g.cells);
+    EXPECT_EQ(q.negative_volumes, expected.negative_volumes);
+    EXPECT_EQ(q.non_orthogonal_faces, expected.severe);
+    EXPECT_EQ(q.non_orthogonality_errors, expected.errors);
+    EXPECT_EQ(q.wrong_pyramids, expected.pyramids);
+    EXPECT_EQ(q.skew_faces, expected.skew);
+    EXPECT_EQ(q.failed_checks(), expected.failed_checks);
+    // One meaning of inverted: that of the checks on the way of a design, and of every cell with a wrong pyramid.
+    EXPECT_EQ(q.inverted_cells, InversionCheck(g.points, &g.cells).at_rest().count);
+    EXPECT_EQ(q.inverted_cells > 0, q.wrong_pyramids + q.negative_volumes > 0);
+    EXPECT_GE(q.inverted_cells, q.negative_volumes);
+  }
+}
+
+TEST(PolyhedralQuality, NamesTheChecksThatFail) {
+  Grid g = grid(3, 3, 3);
+  EXPECT_TRUE(polyhedral_quality(g.points, g.cells).failures().empty());
+  for (Vec3& p : g.points) p[1] = -p[1];
+  const PolyhedralQuality q = polyhedral_quality(g.points, g.cells);
+  std::vector<std::string> names;
+  for (const auto& failure : q.failures()) names.push_back(failure.check);
+  EXPECT_EQ(names, (std::vector<std::string>{"aspect ratio", "cell volumes", "non-orthogonality", "face pyramids"}));
+  EXPECT_EQ(q.inverted_cells, 27u);
+  // In a mesh whose faces all look inwards nothing is inverted, though checkMesh fails it.
+  PolyhedralLimits limits;
+  limits.left_handed = left_handed_cells(g.points, &g.cells);
+  const PolyhedralQuality left = polyhedral_quality(g.points, g.cells, limits);
+  EXPECT_EQ(left.inverted_cells, 0u);
+  EXPECT_EQ(left.left_handed, 27u);
+  EXPECT_EQ(left.negative_volumes, 27u);
 }
 
 TEST(PolyhedralQuality, OpenCells) {

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The numbers that OpenFOAM's checkMesh printed for every shared case, to three digits and better.
+// The numbers that OpenFOAM's checkMesh printed for every shared case, to three digits and better; inversions of real cells.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <filesystem>
 #include <regex>
 
 #include "core/io/mesh_file.h"
 #include "core/quality/polyhedral_quality.h"
+#include "tests/core/quality/cell_by_cell.h"
 
 namespace deform {
 namespace {
@@ -50,6 +52,44 @@ TEST_P(CheckMesh, PrintsTheSameNumbers) {
 
 INSTANTIATE_TEST_SUITE_P(All, CheckMesh, testing::Values("airFoil2D", "car_fastback", "pipe_poly", "pipe_tet"),
                          [](const auto& tested) { return std::string(tested.param); });
+
+class RealCells : public testing::TestWithParam<const char*> {};
+
+// Polyhedra, tetrahedra, layers, slivers and quadratic elements: bent more and more, by what is looked at and by every cell.
+TEST_P(RealCells, SameAnswersAsCellByCell) {
+  const auto file = io::read_mesh_file(fs::path(DEFORM_SHARED_DATA) / "B_volume" / GetParam());
+  const auto mesh = file->mesh();
+  const auto cells = cell_set(*mesh);
+  ASSERT_TRUE(cells.has_value());
+  const InversionCheck check(mesh->points, *cells);
+  const double diagonal = bounding_box(mesh->points).diagonal();
+  std::size_t inverting = 0, cleared = 0;
+  for (const double by : {1e-4, 0.01, 0.1, 0.5}) {
+    SCOPED_TRACE(by);
+    Points to = mesh->points;
+    for (Vec3& p : to) {
+      const Vec3 x = p;
+      for (std::size_t k = 0; k < 3; ++k)
+        p[k] += by * diagonal * std::sin(5 / diagonal * x[(k + 1) % 3] + static_cast<double>(k));
+    }
+    const SafeAmplitude found = check.amplitude(mesh->points, to);
+    test::expect_same(found, test::cell_by_cell(mesh->points, mesh->points, to, *cells));
+    inverting += found.amplitude < 1;
+    cleared += found.suspects < check.cell_count() / 20;
+  }
+  EXPECT_GE(inverting, 1u);
+  EXPECT_GE(cleared, 1u);
+}
+
+INSTANTIATE_TEST_SUITE_P(All, RealCells,
+                         testing::Values("openfoam/airFoil2D", "openfoam/pipe_poly", "openfoam/pipe_tet",
+                                         "exodus/simple-cube-pyramid5.e", "exodus/simple-cube-wedge6.e",
+                                         "abaqus/segmenttet.inp.gz", "hex_medit/block_in.mesh"),
+                         [](const auto& tested) {
+                           std::string name = tested.param;
+                           for (char& c : name) c = std::isalnum(static_cast<unsigned char>(c)) ? c : '_';
+                           return name;
+                         });
 
 }  // namespace
 }  // namespace deform

@@ -50,6 +50,16 @@ class Page : public testing::Test {
   Picture picture_;
 };
 
+TEST_F(Page, ShowsResidualsOfConstraints) {
+  EXPECT_FALSE(has(page(), "Constraints"));
+  QualityPage with{"after.obj", "", after_report_};
+  with.constraints = {{"<bore>", 0.25, 0.125, 2, 1.5, true}, {"flange", 3e-12, 1e-12, 0.5, 0.25, false}};
+  const std::string text = html_page(with);
+  EXPECT_TRUE(has(
+      text, "<tr><td>&lt;bore&gt;</td><td>0.25</td><td>0.125</td><td>2</td><td>1.5</td><td class=\"bad\">not exact</td></tr>"));
+  EXPECT_TRUE(has(text, "<tr><td>flange</td><td>3e-12</td><td>1e-12</td><td>0.5</td><td>0.25</td><td></td></tr>"));
+}
+
 TEST_F(Page, EscapesWhatComesFromFiles) {
   const std::string text = page();
   for (const char* raw : {"<img", "<b>", "<i>", "be<fore", "a<b", "note & more"}) EXPECT_FALSE(has(text, raw));

@@ -5,8 +5,15 @@
 
 namespace deform {
 
+std::size_t EnergySpace::value_bytes() const {
+  constexpr std::size_t entry = sizeof(double) + sizeof(std::int64_t);
+  return static_cast<std::size_t>(values.nonZeros()) * entry +
+         static_cast<std::size_t>(values.outerSize() + 1) * sizeof(std::int64_t) + (computed != nullptr ? computed->bytes() : 0);
+}
+
 void swap(EnergyModel& a, EnergyModel& b) {
   a.space.values.swap(b.space.values);
+  a.space.computed.swap(b.space.computed);
   a.space.energy.swap(b.space.energy);
   a.space.linear.swap(b.space.linear);
   a.space.notes.swap(b.space.notes);
@@ -16,6 +23,7 @@ void swap(EnergyModel& a, EnergyModel& b) {
   std::swap(a.eliminated, b.eliminated);
   a.coupling.swap(b.coupling);
   std::swap(a.may_crack, b.may_crack);
+  std::swap(a.of_shell, b.of_shell);
 }
 
 }  // namespace deform

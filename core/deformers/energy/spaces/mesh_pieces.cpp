@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/base/vectors.h"
+#include "core/deformers/energy/spaces/enclosed_pieces.h"
 #include "core/mesh/cells.h"
 #include "core/mesh/elements.h"
 
@@ -154,17 +155,22 @@ Vec3 CellPieces::place(std::size_t cell, const Vec3& random) const {
 DensePoints dense_points(const Mesh& mesh, std::span<const Vec3> points, const DenseCounts& counts, std::uint64_t seed,
                          const RunContext& context) {
   DensePoints dense;
-  StrewnPoints surface = strew(FacePieces(mesh, points), counts.surface, seed, context);
-  StrewnPoints volume;
+  UniformSamples surface = sample_uniformly(FacePieces(mesh, points), counts.surface, seed, context);
+  UniformSamples volume;
   if (mesh.cell_count() != 0) {
-    volume = strew(CellPieces(mesh, points), counts.volume, seed + 1, context);
+    volume = sample_uniformly(CellPieces(mesh, points), counts.volume, seed + 1, context);
   } else if (counts.volume != 0) {
-    volume = strew(BoxPieces(points), counts.volume, seed + 1, context);
+    if (counts.volume_of != VolumeOf::box) {
+      const EnclosedPieces enclosed(mesh, points, surface.points, seed + 1, context);
+      volume = sample_uniformly(enclosed, counts.volume, seed + 1, context);
+    }
+    if (volume.points.empty() && counts.volume_of != VolumeOf::enclosed)
+      volume = sample_uniformly(BoxPieces(points), counts.volume, seed + 1, context);
   }
   if (surface.points.empty() && mesh.cell_count() == 0) {
     surface.points.assign(points.begin(), points.end());
     surface.measure = 1;
-    dense.strewn = false;
+    dense.uniform = false;
   }
   dense.points = std::move(surface.points);
   dense.surface = dense.points.size();

@@ -47,11 +47,18 @@ class CellPieces : public Pieces {
   std::vector<std::uint32_t> cell_faces_;
 };
 
-/// What is sampled of a mesh (thesis 8.3, 8.4): `surface` points strewn over the faces and `volume` ones in the cells. Without
-/// faces of any area and without cells the surface is the points themselves, each an equal part of an area of 1. Without cells
-/// the volume is the bounding box, a twentieth of its diagonal larger on all sides.
+/// The volume of a mesh without cells.
+enum class VolumeOf {
+  box,              ///< its bounding box, a twentieth of the diagonal larger on all sides
+  enclosed_or_box,  ///< what its faces enclose (EnclosedPieces); if they do not, the box
+  enclosed,         ///< if they do not, there is none
+};
+
+/// What is sampled of a mesh (thesis 8.3, 8.4): `surface` points spread uniformly over the faces and `volume` ones in the cells.
+/// Without faces of any area and without cells the surface is the points themselves, each an equal part of an area of 1.
 struct DenseCounts {
   std::size_t surface = 0, volume = 0;
+  VolumeOf volume_of = VolumeOf::box;
 };
 DensePoints dense_points(const Mesh& mesh, std::span<const Vec3> points, const DenseCounts& counts, std::uint64_t seed,
                          const RunContext& context = {});

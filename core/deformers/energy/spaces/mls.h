@@ -20,11 +20,12 @@ namespace deform {
 ///  that costs
 ///    nothing for harmonic functions, so with a free rim, or one where only positions are held, its least is the harmonic one,
 ///    which bends sharply at the handles. Here only affine displacements cost nothing.
-///  - A mesh without cells is its surface: integration points lie on it and derivatives count along it. Where the samples around
-///  a point
+///  - With MlsDomain::enclosed a mesh without cells is what its faces enclose (EnclosedPieces), a body like that of cells, in
+///  which affine motions are exact. Where they do not, and with MlsDomain::surface, it is its surface: integration points lie on
+///  it and derivatives count along it. Where the samples around a point
 ///    are flat to a tenth (variance across below 1e-2), derivatives across are left out, because samples do not tell them there:
-///    the least curvature would make them up. Elsewhere (edges, thin walls) it is a body in space like any other. With
-///    volume_samples > 0 the box around the surface is the body.
+///    the least curvature would make them up; so curved parts do not turn exactly. Elsewhere (edges, thin walls) it is a body in
+///    space like any other. With volume_samples > 0 the box around the surface is the body.
 ///
 /// Parts of the mesh that no support joins (components that are far apart) are tied to the others weakly: they follow the
 /// continuation of their motion, as far as nothing else holds them.

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/base/vectors.h"
 #include "core/deformers/energy/spaces/mesh_pieces.h"
 #include "core/deformers/energy/spaces/unit_points.h"
 #include "core/mesh/operators/shell_operators.h"
@@ -19,7 +20,10 @@ namespace deform {
 
 namespace {
 
+double cover_of(const SubspaceOptions& options) { return options.cover != 0 ? options.cover : default_cover(options.kernel); }
+
 constexpr double dependence_ridge = 1e-13;  // of the mean of the diagonal
+constexpr double linear_cost = 1e-11;       // likewise
 
 using Eigen::Index;
 using Eigen::MatrixXd;
@@ -74,6 +78,43 @@ std::vector<Vec3> spread_centres(const Mesh& mesh, const std::vector<Vec3>& poin
   return spread_samples(dense, options, context).points;
 }
 
+bool adds_linear(const SubspaceOptions& options) {
+  return options.linear == SubspaceLinear::added && options.kernel && !is_global(options);
+}
+
+/// 1, x, y and z about the mean of the points as the last four functions, so that space.linear is there.
+void add_linear(const std::vector<Vec3>& points, EnergySpace& space) {
+  Vec3 mean{};
+  for (const Vec3& x : points) mean = mean + x;
+  mean = mean / static_cast<double>(points.size());
+  const Index n = space.values.rows(), k = space.values.cols();
+  SparseRows values(n, k + 4);
+  values.resizeNonZeros(space.values.nonZeros() + 4 * n);
+  Index next = 0;
+  for (Index i = 0; i < n; ++i) {
+    values.outerIndexPtr()[i] = next;
+    const auto put = [&](Index column, double value) {
+      values.innerIndexPtr()[next] = column;
+      values.valuePtr()[next++] = value;
+    };
+    for (SparseRows::InnerIterator it(space.values, i); it; ++it) put(it.col(), it.value());
+    const Vec3 x = points[static_cast<std::size_t>(i)] - mean;
+    put(k, 1);
+    for (int c = 0; c < 3; ++c) put(k + 1 + c, x[static_cast<std::size_t>(c)]);
+  }
+  values.outerIndexPtr()[n] = next;
+  space.values.swap(values);
+  // Held points in a plane or on a line do not tell all of them apart, so that these must cost something.
+  const double cost = linear_cost * space.energy.diagonal().mean();
+  space.energy.conservativeResize(k + 4, k + 4);
+  for (Index j = k; j < k + 4; ++j) space.energy.coeffRef(j, j) = cost;
+  space.energy.makeCompressed();
+  Eigen::MatrixXd linear = Eigen::MatrixXd::Zero(k + 4, 4);
+  linear.bottomRows(4).setIdentity();
+  for (int c = 0; c < 3; ++c) linear(k, 1 + c) = mean[static_cast<std::size_t>(c)];
+  space.linear = linear.sparseView();
+}
+
 }  // namespace
 
 EnergySpace subspace_space(const Mesh& mesh, const SubspaceOptions& options, std::uint64_t seed, const RunContext& context) {
@@ -97,7 +138,7 @@ EnergySpace subspace_space(const Mesh& mesh, const SubspaceOptions& options, std
     }
   } else {
     CoverOptions cover;
-    cover.cover = static_cast<std::size_t>(std::ceil(options.cover));
+    cover.cover = static_cast<std::size_t>(std::ceil(cover_of(options)));
     const double radius = covering_radius(PointTree(centres), points, cover, context);
     if (options.kernel) {
       const double shape = properties(*options.kernel).local_shape * radius;
@@ -114,6 +155,7 @@ EnergySpace subspace_space(const Mesh& mesh, const SubspaceOptions& options, std
     const double ridge = dependence_ridge * space.energy.diagonal().mean();
     for (Index j = 0; j < space.energy.cols(); ++j) space.energy.coeffRef(j, j) += ridge;
     space.energy.makeCompressed();
+    if (adds_linear(options)) add_linear(points, space);
   }
   space.samples = static_cast<std::size_t>(space.values.cols());
   context.progress("assemble", 1);
@@ -126,12 +168,14 @@ SpaceBytes estimate_subspace_space(const Mesh& mesh, const SubspaceOptions& opti
   constexpr double entry = sizeof(double) + sizeof(std::int64_t);
   const double factor = CoverOptions().factor;
   const bool full = is_global(options);
-  const double cover = full ? k : std::min(k, 4 * factor * factor * options.cover), couplings = std::min(k, 4 * cover);
+  const double linear = adds_linear(options) ? 4 : 0;
+  const double cover = linear + (full ? k : std::min(k, 4 * factor * factor * cover_of(options))),
+               couplings = std::min(k, 4 * cover);
   const double values = n * (cover * entry + sizeof(std::int64_t)), energy = 0.5 * k * couplings * entry;
   // The functions, their factorization and Q; or E Phi, with two rings of the mesh per column, and both triangles.
   const double scratch = full ? 3 * n * k * sizeof(double) + k * k * sizeof(double) : 4 * values + 4 * energy;
   SpaceBytes bytes;
-  bytes.samples = static_cast<std::size_t>(k);
+  bytes.samples = static_cast<std::size_t>(k + linear);
   bytes.cover = static_cast<std::size_t>(std::ceil(cover));
   bytes.energy_entries = static_cast<std::size_t>(0.5 * k * (couplings + 1));
   bytes.resident = static_cast<std::size_t>(values + energy + 4 * k * entry);

@@ -20,7 +20,8 @@ namespace deform {
 ///  "fail" for
 ///    stretching: the Cholesky factorization of Phi^T E Phi breaks down); so the functions are replaced by combinations that are
 ///    orthonormal at the points, which span the same space.
-/// No polynomials are added. Fewer functions than `centres` where the mesh has fewer points or they become dependent (noted).
+/// No polynomials are added, unless SubspaceOptions::linear says so: to kernels that decay, without energy. Fewer functions than
+/// `centres` where the mesh has fewer points or they become dependent (noted).
 ///
 /// Deterministic for a seed and any number of threads. Throws Error(invalid_argument): a mesh without extent;
 /// cancelled, deadline_exceeded.

@@ -73,7 +73,7 @@ AbaqusType abaqus_type(std::string_view name) {
     const auto [end, status] = std::from_chars(rest.data(), rest.data() + rest.size(), nodes);
     if (status != std::errc{}) continue;
     if (family.use == Use::volume) {
-      // The nodes amid faces of C3D15V may be left out.
+      // The mid-face nodes of C3D15V may be left out.
       return nodes == 15 && end != rest.data() + rest.size() && *end == 'V' ? AbaqusType{Use::unsupported} : volume(nodes);
     }
     if (family.letters == "STRI" && nodes == 65) nodes = 6;

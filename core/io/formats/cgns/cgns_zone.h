@@ -58,7 +58,7 @@ struct CgnsNamedSet {
 /// All zones of a file.
 struct CgnsMesh {
   ElementMesh elements;                       ///< its points are all points
-  std::vector<std::array<PointId, 3>> edges;  ///< ends, and a node amid or the second end again
+  std::vector<std::array<PointId, 3>> edges;  ///< ends, and the mid-edge node or the second end again
   CgnsLists<PointId> polygons;                ///< NGON_n
   CgnsLists<CgnsSide> polyhedra;              ///< NFACE_n
   std::vector<CgnsNamedSet> sets;

@@ -37,7 +37,7 @@ class Descriptor {
   const int descriptor_, error_;
 };
 
-/// What posix_spawn() is told.
+/// The arguments of posix_spawn().
 class SpawnPlan {
  public:
   SpawnPlan(int request, int answer) {

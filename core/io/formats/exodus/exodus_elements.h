@@ -28,7 +28,7 @@ void exodus_to_cgns(ElementType type, std::span<PointId> nodes);
 /// The face of our shape that is side `side` (from 1) of a cell; none when it has not that many.
 std::optional<std::size_t> exodus_cell_side(ElementType type, std::int64_t side);
 
-/// The nodes of edge `edge` (from 0) of a surface element of 3 to 9 nodes, with that amid it where it has one.
+/// The nodes of edge `edge` (from 0) of a surface element of 3 to 9 nodes, with its mid-edge node where it has one.
 std::vector<PointId> exodus_face_edge(std::span<const PointId> nodes, std::size_t edge);
 
 }  // namespace deform::io

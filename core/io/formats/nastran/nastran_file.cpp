@@ -18,7 +18,7 @@ struct ElementCard {
   bool volume;
   std::size_t corners;
   ElementType linear;
-  std::size_t nodes;  ///< with those amid edges; `corners` when the card has none
+  std::size_t nodes;  ///< with mid-edge nodes; `corners` when the card has none
   ElementType quadratic;
 };
 constexpr ElementType none{};
@@ -134,7 +134,7 @@ class NastranReader {
     }
     if (count != card.corners && count != card.nodes) {
       fail("has " + std::to_string(count - card.corners) + " of its " + std::to_string(card.nodes - card.corners) +
-           " grid points amid edges, only all or none are supported");
+           " mid-edge grid points, only all or none are supported");
     }
     const std::string name = "pid_" + std::to_string(element.property);
     if (card.volume) {

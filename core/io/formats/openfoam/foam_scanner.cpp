@@ -180,7 +180,8 @@ std::string_view FoamScanner::raw(std::size_t bytes, const char* what) {
   return result;
 }
 
-std::vector<std::uint32_t> FoamScanner::labels(const char* what, std::uint64_t limit, std::uint64_t most) {
+std::vector<std::uint32_t> FoamScanner::labels(const char* what, std::uint64_t limit, std::uint64_t most, MinusOne minus_one_is) {
+  const bool allowed = minus_one_is == MinusOne::allowed;
   next();
   const std::size_t begin = at_;
   const std::size_t bytes_each = static_cast<std::size_t>(label_bytes_);
@@ -194,6 +195,10 @@ std::vector<std::uint32_t> FoamScanner::labels(const char* what, std::uint64_t l
       const char* at = bytes.data() + i * bytes_each;
       const std::uint64_t value =
           label_bytes_ == 8 ? load_scalar<std::uint64_t>(at, order_) : load_scalar<std::uint32_t>(at, order_);
+      if (allowed && value == (label_bytes_ == 8 ? ~std::uint64_t{0} : std::uint64_t{minus_one})) {
+        result[i] = minus_one;
+        continue;
+      }
       if (value >= limit) {
         fail_at(begin,
                 std::string(what) + ": entry " + std::to_string(i) + " is outside 0.." + std::to_string(limit) + " (exclusive)");
@@ -214,7 +219,11 @@ std::vector<std::uint32_t> FoamScanner::labels(const char* what, std::uint64_t l
   move_to(begin);
   result.reserve(count(what, 2));
   expect('(', what);
-  while (result.size() < static_cast<std::size_t>(size)) result.push_back(index(what, limit));
+  while (result.size() < static_cast<std::size_t>(size)) {
+    const bool none = allowed && peek() == '-';
+    if (none && integer(what) != -1) fail(std::string(what) + ": the only negative number here is -1");
+    result.push_back(none ? minus_one : index(what, limit));
+  }
   expect(')', what);
   return result;
 }

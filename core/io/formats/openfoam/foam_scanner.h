@@ -46,8 +46,11 @@ class FoamScanner {
   /// How many entries a list has: at most what `least_bytes` per entry leave room for.
   std::size_t count(const char* what, std::size_t least_bytes);
 
-  /// N ( ... ), N { value } or binary: labels in 0..limit-1, at most `most` of them.
-  std::vector<std::uint32_t> labels(const char* what, std::uint64_t limit, std::uint64_t most);
+  /// N ( ... ), N { value } or binary: labels in 0..limit-1, at most `most` of them; where it is allowed, -1 as `minus_one`.
+  enum class MinusOne { refused, allowed };
+  static constexpr std::uint32_t minus_one = 0xffffffffu;
+  std::vector<std::uint32_t> labels(const char* what, std::uint64_t limit, std::uint64_t most,
+                                    MinusOne minus_one_is = MinusOne::refused);
   /// After a count: steps over '(' and, in binary, gives the raw bytes and steps over ')'.
   std::string_view raw(std::size_t bytes, const char* what);
 

@@ -208,13 +208,14 @@ class FoamMesh {
   /// Every face has one or two cells, which bounds what the numbers in the files make us allocate.
   void read_cells() {
     const std::size_t faces = cells_->face_count();
-    const auto read = [faces](const FoamFiles::Part& part) {
+    const auto read = [faces](const FoamFiles::Part& part, FoamScanner::MinusOne minus_one) {
       FoamScanner scanner(part.bytes, part.name);
       scanner.read_header();
-      return scanner.labels("the cell of a face", 2 * faces, faces);
+      return scanner.labels("the cell of a face", 2 * faces, faces, minus_one);
     };
-    cells_->owner = read(files_.owner);
-    cells_->neighbour = read(files_.neighbour);
+    cells_->owner = read(files_.owner, FoamScanner::MinusOne::refused);
+    cells_->neighbour = read(files_.neighbour, FoamScanner::MinusOne::allowed);
+    drop_old_entries();
     if (cells_->owner.size() != faces) {
       throw Error(ErrorCode::invalid_argument, files_.owner.name + ": " + std::to_string(cells_->owner.size()) + " owners for " +
                                                    std::to_string(faces) + " faces");
@@ -223,6 +224,20 @@ class FoamMesh {
       for (const std::uint32_t cell : *cells)
         cells_->cell_count = std::max<std::size_t>(cells_->cell_count, std::size_t{cell} + 1);
     }
+  }
+
+  /// Old files have an entry for every face, -1 for those of the boundary, which stand last.
+  void drop_old_entries() {
+    auto& neighbour = cells_->neighbour;
+    const auto boundary = std::find(neighbour.begin(), neighbour.end(), FoamScanner::minus_one);
+    const auto internal =
+        std::find_if(boundary, neighbour.end(), [](std::uint32_t cell) { return cell != FoamScanner::minus_one; });
+    if (internal != neighbour.end()) {
+      throw Error(ErrorCode::invalid_argument, files_.neighbour.name + ": face " + std::to_string(boundary - neighbour.begin()) +
+                                                   " has no neighbour (-1) and stands before the internal face " +
+                                                   std::to_string(internal - neighbour.begin()));
+    }
+    neighbour.erase(boundary, neighbour.end());
   }
 
   void add_patches(const std::vector<Patch>& patches) {
@@ -287,5 +302,7 @@ class FoamMesh {
 }  // namespace
 
 std::unique_ptr<MeshFile> parse_openfoam(FoamFiles files) { return FoamMesh(std::move(files)).read(); }
+
+std::size_t openfoam_point_count(const FoamFiles::Part& points) { return read_points(points).points.size(); }
 
 }  // namespace deform::io

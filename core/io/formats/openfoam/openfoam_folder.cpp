@@ -1,6 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/io/formats/openfoam/openfoam_folder.h"
 
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <utility>
+#include <vector>
+
 #include "core/base/error.h"
 #include "core/io/readers.h"
 
@@ -19,23 +25,93 @@ std::optional<fs::path> existing(const fs::path& folder, const char* name) {
   return std::nullopt;
 }
 
+/// The name of a time folder as a number.
+std::optional<double> time_of(const fs::path& folder) {
+  const std::string name = folder.filename().string();
+  double time = 0;
+  const auto [end, error] = std::from_chars(name.data(), name.data() + name.size(), time);
+  if (error != std::errc() || end != name.data() + name.size() || !std::isfinite(time)) return std::nullopt;
+  return time;
+}
+
+bool is_constant(const fs::path& folder) { return folder.filename() == "constant"; }
+bool is_instance(const fs::path& folder) { return is_constant(folder) || time_of(folder); }
+bool has_constant(const fs::path& folder) { return fs::is_directory(folder / "constant"); }
+
+/// Where a mesh stands in a case: CASE/INSTANCE/polyMesh or CASE/INSTANCE/REGION/polyMesh, the instance being constant or a time.
+struct CasePlace {
+  fs::path root;
+  std::optional<double> time;  ///< none: constant
+  fs::path region;             ///< empty without regions
+};
+
+/// Of the folder that a polyMesh is in, an instance or a region; nothing when it is in no case.
+std::optional<CasePlace> place_in_case(fs::path holder) {
+  holder = fs::absolute(holder).lexically_normal();
+  if (!holder.has_filename()) holder = holder.parent_path();
+  const fs::path above = holder.parent_path();
+  if (is_instance(holder) && has_constant(above)) return CasePlace{above, time_of(holder), {}};
+  if (is_instance(above) && has_constant(above.parent_path())) {
+    return CasePlace{above.parent_path(), time_of(above), holder.filename()};
+  }
+  return std::nullopt;
+}
+
+/// The folder that has a file of a mesh at a time, as OpenFOAM looks for it: the last time up to then that has one, else
+/// constant.
+std::optional<fs::path> instance_with(const CasePlace& place, const char* name) {
+  std::vector<std::pair<double, fs::path>> times;
+  std::error_code unreadable;
+  for (const auto& entry : fs::directory_iterator(place.root, unreadable)) {
+    const auto time = time_of(entry.path());
+    if (time && place.time && *time <= *place.time) times.emplace_back(*time, entry.path());
+  }
+  std::sort(times.rbegin(), times.rend());
+  times.emplace_back(0, place.root / "constant");
+  for (const auto& [time, instance] : times) {
+    const fs::path folder = instance / place.region / "polyMesh";
+    if (existing(folder, name)) return folder;
+  }
+  return std::nullopt;
+}
+
 std::optional<fs::path> find_points(const fs::path& path) {
   if (fs::is_directory(path)) {
     for (const fs::path& folder : {path / "constant" / "polyMesh", path / "polyMesh", path}) {
       if (auto points = existing(folder, "points")) return points;
     }
-    return std::nullopt;
+    // A time without points of its own has those of an earlier one.
+    const auto place = place_in_case(path);
+    const auto folder = place ? instance_with(*place, "points") : std::nullopt;
+    return folder ? existing(*folder, "points") : std::nullopt;
   }
   const fs::path name = path.filename();
   if ((name == "points" || name == "points.gz") && fs::is_regular_file(path)) return path;
   return std::nullopt;
 }
 
-/// A time folder has only the points that moved: the rest is in constant/polyMesh of the case.
+/// The folder of the faces, cells and patches. A time folder may have nothing but the points that moved.
 fs::path topology_folder(const fs::path& points) {
   const fs::path own = fs::absolute(points).parent_path();
   if (existing(own, "faces")) return own;
+  if (const auto place = place_in_case(own.parent_path())) {
+    return instance_with(*place, "faces").value_or(place->root / "constant" / place->region / "polyMesh");
+  }
   return own.parent_path().parent_path() / "constant" / "polyMesh";
+}
+
+/// A case whose time has another topology, or time folders that were copied together: points of one mesh, faces of another.
+void check_all_used(const MeshFile& file, const fs::path& points, const fs::path& folder) {
+  const Mesh& mesh = *file.mesh();
+  std::vector<char> used(mesh.point_count());
+  for (const PointId p : mesh.cells->face_points) used[p] = 1;
+  const auto count = static_cast<std::size_t>(std::count(used.begin(), used.end(), 1));
+  if (count == used.size()) return;
+  const auto own = existing(folder, "points");
+  if (own && openfoam_point_count({read_file(*own), own->string()}) == used.size()) return;  // so it was before they moved
+  throw Error(ErrorCode::invalid_argument, points.string() + ": has " + std::to_string(used.size()) +
+                                               " points, but the faces of " + folder.string() + " use only " +
+                                               std::to_string(count) + " of them: they belong to another mesh");
 }
 
 FoamFiles::Part load(const fs::path& folder, const char* name) {
@@ -70,7 +146,53 @@ std::unique_ptr<MeshFile> read_openfoam(const fs::path& path) {
   files.cell_zones = load_if_there(folder, "cellZones");
   auto file = parse_openfoam(std::move(files));
   file->compressed = compressed;
+  if (folder != fs::absolute(points).parent_path()) check_all_used(*file, points, folder);
   return file;
+}
+
+void explain_no_mesh(const fs::path& path) {
+  if (!fs::is_directory(path)) return;
+  std::vector<std::string> regions, parts;
+  std::error_code unreadable;
+  for (const auto& entry : fs::directory_iterator(path / "constant", unreadable)) {
+    if (existing(entry.path() / "polyMesh", "points")) regions.push_back(entry.path().string());
+  }
+  for (const auto& entry : fs::directory_iterator(path, unreadable)) {
+    if (entry.path().filename().string().starts_with("processor") && find_points(entry.path())) {
+      parts.push_back(entry.path().string());
+    }
+  }
+  const auto listed = [](std::vector<std::string>& names) {
+    constexpr std::size_t most = 10;
+    std::sort(names.begin(), names.end());
+    std::string all;
+    for (std::size_t i = 0; i < std::min(most, names.size()); ++i) all += (i == 0 ? "" : ", ") + names[i];
+    return all + (names.size() > most ? ", ..." : "");
+  };
+  if (!regions.empty()) {
+    throw Error(ErrorCode::invalid_argument,
+                path.string() + ": is an OpenFOAM case of several regions; name the one to read: " + listed(regions));
+  }
+  if (!parts.empty()) {
+    throw Error(ErrorCode::invalid_argument, path.string() + ": is a decomposed OpenFOAM case; put its mesh together " +
+                                                 "(reconstructParMesh -constant), or name one of its parts: " + listed(parts));
+  }
+}
+
+void check_openfoam_output(const fs::path& source, const fs::path& output) {
+  const fs::path name = output.filename();
+  if (name == "points" || name == "points.gz") return;
+  if (has_constant(output)) {
+    throw Error(ErrorCode::invalid_argument, output.string() +
+                                                 ": is an OpenFOAM case, whose mesh in constant would not change; " +
+                                                 "name a time folder of it, such as " + (output / "1").string());
+  }
+  const auto from = place_in_case(fs::absolute(openfoam_source_points(source)).parent_path().parent_path());
+  const auto to = place_in_case(output);
+  if (!from || !to || from->region.empty() || from->region == to->region) return;
+  throw Error(ErrorCode::invalid_argument, output.string() + ": the mesh is that of region " + from->region.string() +
+                                               "; name the folder of the region in a time, such as " +
+                                               (to->root / "1" / from->region).string());
 }
 
 fs::path openfoam_source_points(const fs::path& path) { return find_points(path).value(); }

@@ -52,7 +52,7 @@ const Volume* find_volume(std::uint8_t type) {
   return table[type];
 }
 
-/// A surface cell: the points around it, then the one amid it.
+/// A surface cell: the points around it, then its mid-face node.
 struct Surface {
   std::uint8_t type;
   std::vector<std::uint8_t> around;

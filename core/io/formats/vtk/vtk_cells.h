@@ -37,7 +37,7 @@ struct VtkCells {
 void add_vtk_cells(const VtkCells& cells, const std::string& name, ElementMesh& mesh);
 
 /// How VTK stores an element: the number of its type and, node by node in VTK's order, which of ours stands there. It has no
-/// pyramid14: the node amid the base is left out.
+/// pyramid14: the mid-face node of the base is left out.
 struct VtkElement {
   std::uint8_t type = 0;
   std::vector<std::uint8_t> nodes;

@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "client/cli/setup/control_lattice.h"
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+
+#include "client/cli/output/format.h"
+#include "client/cli/setup/csv.h"
+#include "client/cli/setup/refuse.h"
+#include "core/base/bounds.h"
+#include "core/base/error.h"
+#include "core/io/mesh_file.h"
+#include "proto/convert/controls/controls.h"
+#include "proto/convert/mesh/region.h"
+
+namespace deform::cli {
+
+namespace {
+
+/// The value at v, within its bounds.
+Affine motion_of(const v1::DesignVariable& variable, double v) {
+  constexpr double infinity = std::numeric_limits<double>::infinity();
+  const double lower = variable.has_lower() ? variable.lower() : -infinity;
+  const double upper = variable.has_upper() ? variable.upper() : infinity;
+  const auto value = within_bounds(v, lower, upper);
+  const std::string what = "variable \"" + variable.name() + "\"";
+  if (!value) {
+    refuse(what + ": " + number_text(v) + " is outside of its bounds [" + number_text(lower) + ", " + number_text(upper) + "]");
+  }
+  return motion_at(convert::motion_from_proto(variable, what), *value);
+}
+
+std::vector<Vec3> places_in_csv(const std::filesystem::path& path) {
+  const Csv csv = read_csv(path);
+  std::array<std::size_t, 3> columns{};
+  for (std::size_t k = 0; k < 3; ++k) {
+    const std::string name(1, "xyz"[k]);
+    const auto found = std::find(csv.header.begin(), csv.header.end(), name);
+    if (found == csv.header.end()) refuse(path.string() + ": the header has no column \"" + name + "\"");
+    columns[k] = static_cast<std::size_t>(found - csv.header.begin());
+  }
+  std::vector<Vec3> places;
+  for (const auto& row : csv.rows) {
+    places.push_back({csv.number(row, columns[0]), csv.number(row, columns[1]), csv.number(row, columns[2])});
+  }
+  return places;
+}
+
+}  // namespace
+
+bool selects_controls(const v1::Setup& setup) {
+  if (setup.method().has_cage()) return setup.method().cage().control() != v1::MESH;
+  return setup.method().has_ffd() && setup.method().ffd().control() == v1::CONTROLS;
+}
+
+std::vector<Vec3> control_places(const v1::Setup& setup, const Mesh& mesh) {
+  if (!setup.method().has_cage()) return control_lattice(setup, mesh).places;
+  const auto& numbers = setup.method().cage().vertices();
+  std::vector<Vec3> places(static_cast<std::size_t>(numbers.size()) / 3);
+  for (std::size_t i = 0; i < 3 * places.size(); ++i) places[i / 3][i % 3] = numbers[static_cast<int>(i)];
+  return places;
+}
+
+std::vector<PointId> control_points_of(const v1::Region& region, const v1::Setup& setup, const Mesh& mesh,
+                                       const std::string& what) {
+  if (!setup.method().has_cage()) return control_points_of(region, control_lattice(setup, mesh), what);
+  const ControlSet vertices{static_cast<std::size_t>(setup.method().cage().vertices_size()) / 3};
+  return select_controls(convert::region_from_proto(region, what), vertices, what);
+}
+
+ControlSet ControlLattice::controls() const {
+  return {lattice.size(), {{lattice.axis(0).size(), lattice.axis(1).size(), lattice.axis(2).size()}}};
+}
+
+ControlLattice control_lattice(const v1::Setup& setup, const Mesh& mesh) {
+  if (!setup.method().has_ffd()) refuse("method: only method.ffd has a lattice");
+  const std::string field = "method.ffd.lattice";
+  LatticeOptions options = convert::lattice_from_proto(setup.method().ffd().lattice());
+  try {
+    ControlLattice made{lattice_around(options, bounding_box(mesh.points)), std::move(options.control_points)};
+    if (made.places.empty()) made.places = made.lattice.control_points();
+    if (made.places.size() == made.lattice.size()) return made;
+    refuse("control_points: " + std::to_string(made.places.size()) + " for a lattice of " + std::to_string(made.lattice.size()));
+  } catch (const Error& error) {
+    refuse(field + ": " + error.what());
+  }
+}
+
+std::vector<PointId> control_points_of(const v1::Region& region, const ControlLattice& lattice, const std::string& what) {
+  return select_controls(convert::region_from_proto(region, what), lattice.controls(), what);
+}
+
+std::vector<Vec3> moved_controls(const v1::Setup& setup, const ControlLattice& lattice, const std::vector<double>& values) {
+  std::vector<Vec3> places = lattice.places;
+  for (const auto& handle : setup.handles()) {
+    Affine motion = identity_affine;
+    for (int k = 0; k < setup.variables_size(); ++k) {
+      if (setup.variables(k).handle() != handle.name()) continue;
+      motion = compose(motion_of(setup.variables(k), values.at(static_cast<std::size_t>(k))), motion);
+    }
+    if (motion == identity_affine) continue;
+    for (const PointId p : control_points_of(handle.region(), lattice, "handle \"" + handle.name() + "\"")) {
+      places[p] = transformed(motion, lattice.places[p]);
+    }
+  }
+  return places;
+}
+
+std::string read_control_points(const std::filesystem::path& path) {
+  const std::vector<Vec3> places = path.extension() == ".csv" ? places_in_csv(path) : io::read_mesh_file(path)->mesh()->points;
+  if (places.empty()) refuse(path.string() + ": holds no control point");
+  std::string bytes(places.size() * sizeof(Vec3), '\0');
+  std::memcpy(bytes.data(), places.data(), bytes.size());
+  return bytes;
+}
+
+}  // namespace deform::cli

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "core/mesh/mesh.h"
+#include "core/mesh/region.h"
+#include "core/numerics/lattice/lattice.h"
+#include "deform/v1/setup.pb.h"
+
+namespace deform::cli {
+
+/// Whether handles and fixed regions of the setup select control points.
+bool selects_controls(const v1::Setup& setup);
+
+/// Where the control points of a setup that selects_controls() are at rest: those of its lattice, or the vertices of its cage.
+/// Throws what control_lattice() throws.
+std::vector<Vec3> control_places(const v1::Setup& setup, const Mesh& mesh);
+
+/// The control points of a region of a setup that selects_controls(). Throws what select_controls() throws.
+std::vector<PointId> control_points_of(const v1::Region& region, const v1::Setup& setup, const Mesh& mesh,
+                                       const std::string& what);
+
+/// The lattice of a setup with method.ffd around a mesh, as the server makes it.
+struct ControlLattice {
+  Lattice lattice;
+  std::vector<Vec3> places;  ///< of the control points before a design moves them
+  ControlSet controls() const;
+};
+/// Throws Error(invalid_argument) naming the field: another method, a lattice that cannot be made, control points of the wrong
+/// number.
+ControlLattice control_lattice(const v1::Setup& setup, const Mesh& mesh);
+
+/// The control points of a region of a setup that selects_controls(). Throws what select_controls() throws.
+std::vector<PointId> control_points_of(const v1::Region& region, const ControlLattice& lattice, const std::string& what);
+
+/// Where the control points are in a design, of a setup that selects_controls(). values: one per variable. Throws
+/// Error(invalid_argument): a value out of its bounds, regions as above.
+std::vector<Vec3> moved_controls(const v1::Setup& setup, const ControlLattice& lattice, const std::vector<double>& values);
+
+/// Control points from a file, as little-endian doubles: the points of a mesh file (as `deform lattice` writes it) in their
+/// order, or a CSV with the columns x, y, z and a line per control point, i fastest. Throws Error(not_found, invalid_argument)
+/// naming the file.
+std::string read_control_points(const std::filesystem::path& path);
+
+}  // namespace deform::cli

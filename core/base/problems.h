@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <algorithm>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "core/base/error.h"
+
+namespace deform {
+
+/// One reason to refuse an input.
+struct Problem {
+  std::string field;    ///< the entry that is wrong, with its index: "constraints[3].regions[0]"
+  std::string message;  ///< of the Error
+};
+
+/// What becomes of the problems that checks find: the first is thrown, or all are collected. Not thread-safe.
+///
+///   Problems problems(Problems::Mode::collect);
+///   for (...) problems.check("handles[" + std::to_string(i) + "]", [&] { check_handle(i); });
+class Problems {
+ public:
+  /// What becomes of a problem.
+  enum class Mode {
+    throw_first,  ///< check() throws what a check throws
+    collect,      ///< check() notes it
+  };
+  explicit Problems(Mode mode) : mode_(mode) {}  ///< none yet
+
+  /// Runs a check, which throws Error(invalid_argument) or Error(not_found) when something is wrong; other errors always pass
+  /// through. Whether nothing was.
+  template <typename Check>
+  bool check(const std::string& field, const Check& check) {
+    if (mode_ == Mode::throw_first) {
+      check();
+      return true;
+    }
+    try {
+      check();
+      return true;
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::invalid_argument && error.code() != ErrorCode::not_found) throw;
+      list_.push_back({field, error.what()});
+      return false;
+    }
+  }
+
+  bool empty() const { return list_.empty(); }                ///< whether none was found
+  const std::vector<Problem>& list() const { return list_; }  ///< in the order in which they were found
+  /// Whether there is one with the field or with a part of it ("handles[0].region" of "handles[0]").
+  bool concern(std::string_view field) const {
+    return std::any_of(list_.begin(), list_.end(), [&](const Problem& p) {
+      return p.field.starts_with(field) &&
+             (p.field.size() == field.size() || p.field[field.size()] == '.' || p.field[field.size()] == '[');
+    });
+  }
+
+ private:
+  Mode mode_;
+  std::vector<Problem> list_;
+};
+
+}  // namespace deform

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/deformers/handles/control_functions.h"
+#include "core/deformers/handles/control_system.h"
+#include "core/deformers/setup.h"
+#include "core/mesh/mesh.h"
+#include "core/numerics/cage/cage.h"
+#include "core/numerics/cage/mean_value.h"
+
+namespace deform {
+
+/// The cage of a setup. Throws Error(invalid_argument) with the field, "method.cage.vertices" or "method.cage.triangles", as Cage
+/// does.
+Cage cage_of(const CageOptions& options);
+
+/// A cage and what its vertices do to a mesh. No coordinates are kept: every use computes them again from the point, which takes
+/// time in proportion to the triangles of the cage.
+ControlModel cage_model(const CageOptions& options, const std::shared_ptr<const Mesh>& mesh);
+
+/// Coordinates of the points of a mesh. Those of some points are kept, others computed whenever they are asked for.
+class CageRows : public ControlFunctions {
+ public:
+  CageRows(Cage cage, std::shared_ptr<const Mesh> mesh);
+  /// Keeps the coordinates of the points `kept` (ascending).
+  CageRows(Cage cage, std::shared_ptr<const Mesh> mesh, std::vector<PointId> kept, const RunContext& context);
+  CageRows(const CageRows&) = delete;
+  CageRows& operator=(const CageRows&) = delete;
+
+  std::int64_t rows() const override { return static_cast<std::int64_t>(mesh_->point_count()); }
+  std::int64_t cols() const override { return static_cast<std::int64_t>(cage_.size()); }
+  std::size_t count(std::int64_t) const override { return cage_.size(); }
+  void for_each(std::int64_t row, const std::function<void(std::int64_t, double)>& use) const override;
+  std::size_t bytes() const override { return bytes_for(cage_, kept_.size()); }
+  static std::size_t bytes_for(const Cage& cage, std::size_t kept);
+
+  const Cage& cage() const { return cage_; }
+
+ private:
+  std::vector<double> values_at(PointId id) const;
+
+  const Cage cage_;
+  const MeanValue coordinates_;
+  const std::shared_ptr<const Mesh> mesh_;
+  const std::vector<PointId> kept_;
+  std::vector<double> values_;  ///< kept points x vertices
+};
+
+/// "A cage of 8 vertices and 12 triangles, of diagonal 2.5."
+std::string size_note(const Cage& cage);
+/// Points outside are named where there are any.
+void add_outside_note(const Cage& cage, const Mesh& mesh, const RunContext& context, std::vector<std::string>& notes);
+/// About what the coordinates of a point take.
+double seconds_per_row(const Cage& cage);
+
+/// Points of the mesh outside of the cage, where its winding number is 0.
+std::size_t points_outside(const Cage& cage, const Mesh& mesh, const RunContext& context);
+
+}  // namespace deform

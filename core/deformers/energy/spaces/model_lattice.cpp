@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/deformers/energy/spaces/model_lattice.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <optional>
+#include <span>
+#include <utility>
+
+#include "core/base/checks.h"
+#include "core/base/error.h"
+#include "core/base/vectors.h"
+#include "core/deformers/option_checks.h"
+#include "core/mesh/cells.h"
+#include "core/mesh/elements.h"
+#include "core/numerics/lattice/moved_lattice.h"
+
+namespace deform {
+
+namespace {
+
+constexpr std::size_t most_points = 1000, most_in_all = 100000;
+
+void refuse_outside(const std::vector<std::uint32_t>& outside, const std::vector<RegionIndex>& region_of) {
+  std::size_t handle_points = 0, others = 0;
+  std::uint32_t first = 0;
+  for (const std::uint32_t i : outside) {
+    if (region_of[i] == fixed_region) continue;
+    if (handle_points + others == 0) first = i;
+    ++(region_of[i] == deformable_region ? others : handle_points);
+  }
+  if (handle_points + others == 0) return;
+  refuse_argument("method.ffd.lattice: " + std::to_string(handle_points + others) + " points lie outside of the lattice (" +
+                  std::to_string(handle_points) + " of handles, " + std::to_string(others) +
+                  " that are neither in a handle nor fixed), the first is " + std::to_string(first) +
+                  "; make it larger or put them into a fixed region");
+}
+
+/// Of faces and cells, from points inside to points outside; ascending.
+std::vector<std::pair<PointId, PointId>> cut_edges(const Mesh& mesh, const std::vector<std::uint32_t>& outside) {
+  std::vector<std::pair<PointId, PointId>> cut;
+  if (outside.empty()) return cut;
+  std::vector<bool> out(mesh.point_count(), false);
+  for (const std::uint32_t i : outside) out[i] = true;
+  const auto add = [&](PointId a, PointId b) {
+    if (out[a] != out[b]) cut.emplace_back(out[a] ? b : a, out[a] ? a : b);
+  };
+  const auto add_face = [&](std::span<const PointId> face) {
+    for (std::size_t i = 0; i < face.size(); ++i) add(face[i], face[(i + 1) % face.size()]);
+  };
+  std::size_t at = 0;
+  for (const std::uint32_t size : mesh.face_sizes) {
+    add_face(std::span(mesh.face_points).subspan(at, size));
+    at += size;
+  }
+  for (std::size_t f = 0; mesh.cells && f < mesh.cells->face_count(); ++f) add_face(mesh.cells->face(f));
+  for (std::size_t e = 0; mesh.elements && e < mesh.elements->size(); ++e) {
+    const std::span<const PointId> nodes = mesh.elements->nodes(e);
+    for (const auto& [a, b] : shape(mesh.elements->types[e]).edges) add(nodes[a], nodes[b]);
+  }
+  std::sort(cut.begin(), cut.end());
+  cut.erase(std::unique(cut.begin(), cut.end()), cut.end());
+  return cut;
+}
+
+const char* name_of(LatticeBasis basis) {
+  switch (basis) {
+    case LatticeBasis::uniform_cubic:
+      return "UNIFORM_CUBIC";
+    case LatticeBasis::clamped_cubic:
+      return "CLAMPED_CUBIC";
+    case LatticeBasis::bernstein:
+      return "BERNSTEIN";
+  }
+  return "";
+}
+
+std::vector<std::string> notes_of(const Lattice& lattice, LatticeBasis basis) {
+  std::string size, cell;
+  for (std::size_t k = 0; k < 3; ++k) {
+    char length[32];
+    std::snprintf(length, sizeof length, "%.3g", norm(lattice.frame().axes[k]) / static_cast<double>(lattice.axis(k).spans()));
+    size += (k == 0 ? "" : " x ") + std::to_string(lattice.axis(k).size());
+    cell += (k == 0 ? "" : " x ") + std::string(length);
+  }
+  return {size + " control points of " + name_of(basis) + ", in cells of " + cell};
+}
+
+/// points: "120 fixed points"; end: what to do about it.
+void add_outside_note(const Mesh& mesh, const char* points, const char* end, ModelLattice& made) {
+  if (made.outside.empty()) return;
+  made.notes.push_back(std::to_string(made.outside.size()) + points + " lie outside of the lattice, the first is " +
+                       std::to_string(made.outside.front()) + "; " + std::to_string(cut_edges(mesh, made.outside).size()) +
+                       " edges cross its boundary, where the deformation ends at once unless " + end);
+}
+
+LatticeCoordinates coordinates_of(const Mesh& mesh, const LatticeOptions& options, const Lattice& lattice,
+                                  const RunContext& context) {
+  if (options.control_points.empty()) return coordinates_in(lattice, mesh.points, context);
+  try {
+    return MovedLattice(lattice, options.control_points).coordinates(mesh.points, context);
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::invalid_argument) throw;
+    refuse_argument(std::string("method.ffd.lattice.control_points: ") + error.what());
+  }
+}
+
+ModelLattice made_lattice(const Mesh& mesh, const LatticeOptions& options, const RunContext& context) {
+  const Lattice lattice = lattice_of(options, mesh);
+  LatticeCoordinates at = coordinates_of(mesh, options, lattice, context);
+  std::vector<std::uint32_t> outside = at.outside;
+  return {lattice, std::make_shared<const LatticeRows>(lattice, std::move(at)), notes_of(lattice, options.basis),
+          std::move(outside)};
+}
+
+void check_control_points(const LatticeOptions& options, const Lattice& lattice, const std::string& field) {
+  if (options.control_points.empty()) return;
+  if (options.control_points.size() != lattice.size()) {
+    refuse_argument(field + ": " + std::to_string(options.control_points.size()) + " control points for a lattice of " +
+                    std::to_string(lattice.axis(0).size()) + " x " + std::to_string(lattice.axis(1).size()) + " x " +
+                    std::to_string(lattice.axis(2).size()));
+  }
+  if (lattice.size() > most_moved_points) {
+    refuse_argument(field + ": " + std::to_string(lattice.size()) + " are more than the limit of " +
+                    std::to_string(most_moved_points));
+  }
+  check_finite(options.control_points, field);
+}
+
+}  // namespace
+
+void check_lattice(const LatticeOptions& options, const Mesh& mesh) {
+  const std::string field = "method.ffd.lattice";
+  const bool bernstein = options.basis == LatticeBasis::bernstein;
+  if (options.points != std::array<std::size_t, 3>{}) {
+    const double least = bernstein ? 2 : static_cast<double>(SplineAxis::least_points);
+    const auto most = static_cast<double>(bernstein ? SplineAxis::most_bernstein_points : most_points);
+    for (std::size_t k = 0; k < 3; ++k) {
+      check_option_range(static_cast<double>(options.points[k]), least, most, field + ".points[" + std::to_string(k) + "]");
+    }
+  }
+  const std::size_t all = options.points[0] * options.points[1] * options.points[2];
+  if (all > most_in_all) {
+    refuse_argument(field + ".points: " + std::to_string(all) + " control points are more than the limit of " +
+                    std::to_string(most_in_all));
+  }
+  std::optional<Lattice> lattice;
+  try {
+    lattice = lattice_of(options, mesh);
+  } catch (const Error& error) {
+    refuse_argument(field + ": " + error.what());
+  }
+  check_control_points(options, *lattice, field + ".control_points");
+}
+
+LatticeRows::LatticeRows(const Lattice& lattice, LatticeCoordinates at) : lattice_(lattice), u_(std::move(at.u)) {
+  for (const std::uint32_t i : at.outside) u_[i][0] = -1;
+}
+
+void LatticeRows::sums(std::int64_t row, std::span<const Vec3* const> vectors, Vec3* out) const {
+  const auto point = static_cast<std::size_t>(row);
+  if (is_outside(point)) {
+    std::fill_n(out, vectors.size(), Vec3{});
+    return;
+  }
+  const LatticeWeights at = lattice_.weights(u_[point]);
+  const std::size_t l = lattice_.axis(0).order(), m = lattice_.axis(1).order(), n = lattice_.axis(2).order();
+  for (std::size_t d = 0; d < vectors.size(); ++d) {
+    Vec3 sum{};
+    for (std::size_t k = 0; k < n; ++k) {
+      Vec3 plane{};
+      for (std::size_t j = 0; j < m; ++j) {
+        const Vec3* const values = vectors[d] + lattice_.number(at.first[0], at.first[1] + j, at.first[2] + k);
+        Vec3 line{};
+        for (std::size_t i = 0; i < l; ++i) line = line + at.along[0][i] * values[i];
+        plane = plane + at.along[1][j] * line;
+      }
+      sum = sum + at.along[2][k] * plane;
+    }
+    out[d] = sum;
+  }
+}
+
+ModelLattice model_lattice(const Mesh& mesh, const LatticeOptions& options, const std::vector<RegionIndex>& region_of,
+                           const RunContext& context) {
+  ModelLattice made = made_lattice(mesh, options, context);
+  refuse_outside(made.outside, region_of);
+  add_outside_note(mesh, " fixed points", "what is near is fixed", made);
+  return made;
+}
+
+ModelLattice control_lattice(const Mesh& mesh, const LatticeOptions& options, const RunContext& context) {
+  ModelLattice made = made_lattice(mesh, options, context);
+  add_outside_note(mesh, " points", "the control points near it stay", made);
+  return made;
+}
+
+std::vector<Vec3> boundary_crossings(const Mesh& mesh, const LatticeOptions& options, const ModelLattice& made) {
+  std::vector<Vec3> crossings;
+  for (const auto& [in, out] : cut_edges(mesh, made.outside)) {
+    const Vec3& from = made.rows->coordinates(in);
+    if (options.control_points.empty()) {
+      const Vec3 to = made.lattice.coordinates(mesh.points[out]);
+      double t = 1;  // of the way to the first face on it
+      for (std::size_t k = 0; k < 3; ++k) {
+        const double limit = to[k] < 0 ? 0 : 1;
+        if (to[k] < 0 || to[k] > 1) t = std::min(t, (limit - from[k]) / (to[k] - from[k]));
+      }
+      Vec3 u = lerp(from, to, t);
+      for (double& value : u) value = std::clamp(value, 0.0, 1.0);
+      crossings.push_back(u);
+      continue;
+    }
+    std::size_t axis = 0;
+    double nearest = 1;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double away = std::min(from[k], 1 - from[k]);
+      if (away < nearest) {
+        nearest = away;
+        axis = k;
+      }
+    }
+    Vec3 u = from;
+    u[axis] = from[axis] < 0.5 ? 0 : 1;
+    crossings.push_back(u);
+  }
+  return crossings;
+}
+
+}  // namespace deform

@@ -1,0 +1,249 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/deformers/ffd/clamped_inverse.h"
+
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <string>
+#include <utility>
+
+#include "core/base/error.h"
+#include "core/base/parallel.h"
+#include "core/numerics/dense/thin_svd.h"
+
+namespace deform {
+
+namespace {
+
+// Below 1e-8 rounding is multiplied to more than 1e-7 of the motion.
+constexpr double candidates_per_decade = 4, first_decade = 1, last_decade = 8;
+constexpr double rounding_floor = 1e-13;  // of the prescribed values: a misfit below is none
+constexpr double rounding_growth = 8;     // of singular values, over epsilon times the largest one
+
+std::vector<std::int64_t> reached(const FunctionRows& rows, const std::vector<PointId>& held) {
+  std::vector<bool> any(static_cast<std::size_t>(rows.cols()), false);
+  for (const PointId id : held) {
+    rows.for_each(id, [&](std::int64_t column, double) { any[static_cast<std::size_t>(column)] = true; });
+  }
+  std::vector<std::int64_t> result;
+  for (std::size_t j = 0; j < any.size(); ++j) {
+    if (any[j]) result.push_back(static_cast<std::int64_t>(j));
+  }
+  if (result.size() > ClampedInverse::most_functions) {
+    throw Error(ErrorCode::invalid_argument,
+                "method.ffd.control: MESH takes at most " + std::to_string(ClampedInverse::most_functions) +
+                    " control points that reach handles and fixed regions, here are " + std::to_string(result.size()) +
+                    "; use fewer points of the lattice, or control ENERGY");
+  }
+  return result;
+}
+
+}  // namespace
+
+/// By the first function: rows of one cell have the same ones. Points outside have none and are left out.
+std::vector<ClampedInverse::Group> ClampedInverse::groups_of(const FunctionRows& rows, const std::vector<PointId>& held) {
+  std::map<std::int64_t, Group> by_first;
+  for (std::size_t j = 0; j < held.size(); ++j) {
+    if (rows.count(held[j]) == 0) continue;
+    std::int64_t first = -1;
+    rows.for_each(held[j], [&](std::int64_t column, double) { first = first < 0 ? column : first; });
+    by_first[first].points.push_back(static_cast<std::int64_t>(j));
+  }
+  std::vector<Group> groups;
+  Eigen::Index next = 0;
+  for (auto& [first, group] : by_first) {
+    const std::size_t functions = rows.count(held[static_cast<std::size_t>(group.points[0])]);
+    group.first = next;
+    group.rows = static_cast<Eigen::Index>(std::min(functions, group.points.size()));
+    next += group.rows;
+    groups.push_back(std::move(group));
+  }
+  return groups;
+}
+
+ClampedInverse::ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double clamp,
+                               const Eigen::MatrixXd& fields, const RunContext& context)
+    : columns_(rows.cols()), held_(held.size()), groups_(groups_of(rows, held)), active_(reached(rows, held)) {
+  if (active_.empty()) {
+    throw Error(ErrorCode::numerical_failure, "no control point of the lattice reaches a handle or fixed point");
+  }
+  std::vector<Eigen::Index> place(static_cast<std::size_t>(columns_), -1);
+  for (std::size_t i = 0; i < active_.size(); ++i) place[static_cast<std::size_t>(active_[i])] = static_cast<Eigen::Index>(i);
+  compressed_rows_ = groups_.back().first + groups_.back().rows;
+  Eigen::MatrixXd M = Eigen::MatrixXd::Zero(compressed_rows_, static_cast<Eigen::Index>(active_.size()));
+  parallel_for(context, groups_.size(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t g = begin; g < end; ++g) {
+      Group& group = groups_[g];
+      std::vector<Eigen::Index> columns;
+      rows.for_each(held[static_cast<std::size_t>(group.points[0])],
+                    [&](std::int64_t column, double) { columns.push_back(place[static_cast<std::size_t>(column)]); });
+      const auto count = static_cast<Eigen::Index>(group.points.size());
+      Eigen::MatrixXd part(count, static_cast<Eigen::Index>(columns.size()));
+      for (Eigen::Index i = 0; i < count; ++i) {
+        Eigen::Index c = 0;
+        rows.for_each(held[static_cast<std::size_t>(group.points[static_cast<std::size_t>(i)])],
+                      [&](std::int64_t, double value) { part(i, c++) = value; });
+      }
+      if (count > group.rows) {
+        const Eigen::HouseholderQR<Eigen::MatrixXd> qr(part);
+        group.Q = qr.householderQ() * Eigen::MatrixXd::Identity(count, group.rows);
+        part = Eigen::MatrixXd(qr.matrixQR().topRows(group.rows).triangularView<Eigen::Upper>());
+      }
+      for (Eigen::Index c = 0; c < part.cols(); ++c) {
+        M.block(group.first, columns[static_cast<std::size_t>(c)], group.rows, 1) = part.col(c);
+      }
+    }
+  });
+  context.check();
+  const ThinSvd svd = thin_svd(std::move(M));
+  largest_ = svd.values[0];
+  clamp_ = clamp > 0 ? clamp : automatic_clamp(svd.U, svd.values, fields);
+  Eigen::Index rank = 1;
+  while (rank < svd.values.size() && svd.values[rank] > clamp_ * largest_) ++rank;
+  left_out_ = rank < svd.values.size() ? svd.values[rank] : 0;
+  U_ = svd.U.leftCols(rank);
+  V_ = svd.V.leftCols(rank);
+  values_ = svd.values.head(rank);
+}
+
+/// Least product of misfit and motion.
+double ClampedInverse::automatic_clamp(const Eigen::MatrixXd& U, const Eigen::VectorXd& values,
+                                       const Eigen::MatrixXd& fields) const {
+  const Eigen::MatrixXd parts = U.transpose() * compressed(fields);
+  const double all = fields.squaredNorm();
+  const Eigen::VectorXd squares = parts.rowwise().squaredNorm();
+  // What no function can meet, so that small misfits are not differences of large numbers.
+  const double beyond = (fields -
+                         [&] {
+                           Eigen::MatrixXd met = Eigen::MatrixXd::Zero(fields.rows(), fields.cols());
+                           const Eigen::MatrixXd in_rows = U * parts;
+                           for (const Group& group : groups_) {
+                             const Eigen::MatrixXd back = in_rows.middleRows(group.first, group.rows);
+                             const Eigen::MatrixXd at = group.Q.size() > 0 ? Eigen::MatrixXd(group.Q * back) : back;
+                             for (std::size_t i = 0; i < group.points.size(); ++i) {
+                               met.row(group.points[i]) = at.row(static_cast<Eigen::Index>(i));
+                             }
+                           }
+                           return met;
+                         }())
+                            .squaredNorm();
+  double best = 0, least = std::numeric_limits<double>::infinity();
+  for (double decade = first_decade; decade <= last_decade; decade += 1 / candidates_per_decade) {
+    const double candidate = std::pow(10.0, -decade);
+    double misfit = beyond, motion = 0;
+    for (Eigen::Index i = values.size() - 1; i >= 0; --i) {
+      if (i > 0 && values[i] <= candidate * values[0]) {
+        misfit += squares[i];
+      } else {
+        motion += squares[i] / (values[i] * values[i]);
+      }
+    }
+    const double product = std::max(std::sqrt(misfit), rounding_floor * std::sqrt(all)) * std::sqrt(motion);
+    if (product < least) {
+      least = product;
+      best = candidate;
+    }
+  }
+  return best > 0 ? best : std::pow(10.0, -first_decade);
+}
+
+Eigen::MatrixXd ClampedInverse::compressed(const Eigen::MatrixXd& h) const {
+  Eigen::MatrixXd result(compressed_rows_, h.cols());
+  for (const Group& group : groups_) {
+    Eigen::MatrixXd part(static_cast<Eigen::Index>(group.points.size()), h.cols());
+    for (std::size_t i = 0; i < group.points.size(); ++i) part.row(static_cast<Eigen::Index>(i)) = h.row(group.points[i]);
+    if (group.Q.size() > 0) part = Eigen::MatrixXd(group.Q.transpose() * part);
+    result.middleRows(group.first, group.rows) = part;
+  }
+  return result;
+}
+
+/// Column by column: products with several columns sum in another order, and a design must not depend on others.
+Eigen::MatrixXd ClampedInverse::solve(const Eigen::MatrixXd& h) const {
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(columns_, h.cols());
+  for (Eigen::Index c = 0; c < h.cols(); ++c) {
+    const Eigen::VectorXd parts = (U_.transpose() * compressed(h.col(c)).col(0)).cwiseQuotient(values_);
+    const Eigen::VectorXd w = V_ * parts;
+    for (std::size_t i = 0; i < active_.size(); ++i) result(active_[i], c) = w[static_cast<Eigen::Index>(i)];
+  }
+  return result;
+}
+
+Eigen::MatrixXd ClampedInverse::adjoint(const Eigen::MatrixXd& g) const {
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(held_), g.cols());
+  for (Eigen::Index c = 0; c < g.cols(); ++c) {
+    Eigen::VectorXd some(static_cast<Eigen::Index>(active_.size()));
+    for (std::size_t i = 0; i < active_.size(); ++i) some[static_cast<Eigen::Index>(i)] = g(active_[i], c);
+    const Eigen::VectorXd rows = U_ * (V_.transpose() * some).cwiseQuotient(values_);
+    for (const Group& group : groups_) {
+      Eigen::VectorXd part = rows.segment(group.first, group.rows);
+      if (group.Q.size() > 0) part = Eigen::VectorXd(group.Q * part);
+      for (std::size_t i = 0; i < group.points.size(); ++i) {
+        result(group.points[i], c) = part[static_cast<Eigen::Index>(i)];
+      }
+    }
+  }
+  return result;
+}
+
+/// Rounding moves the singular vectors that are kept towards those left out, the more the closer their values are.
+double ClampedInverse::uncertainty(double size, double misfit) const {
+  const double change = rounding_growth * std::numeric_limits<double>::epsilon() * largest_;
+  const double smallest = values_[values_.size() - 1];
+  const double gap = std::max(smallest - left_out_, change);
+  return change * (size / gap + misfit / (smallest * gap));
+}
+
+std::size_t ClampedInverse::bytes() const {
+  std::size_t sum = static_cast<std::size_t>(U_.size() + V_.size() + values_.size()) * sizeof(double) +
+                    active_.size() * sizeof(std::int64_t) + groups_.size() * sizeof(Group);
+  for (const Group& group : groups_) {
+    sum += group.points.size() * sizeof(std::int64_t) + static_cast<std::size_t>(group.Q.size()) * sizeof(double);
+  }
+  return sum;
+}
+
+namespace {
+
+/// Of groups with so many points and rows, kept as they are met.
+struct GroupBytes {
+  ClampedInverse::Bytes bytes;
+  std::size_t compressed = 0, largest = 0;
+
+  void add(std::size_t count, std::size_t kept, std::size_t group) {
+    compressed += kept;
+    bytes.resident += 2 * count * sizeof(std::int64_t) + group + (count > kept ? count * kept * sizeof(double) : 0);
+    largest = std::max(largest, count * std::max(kept, std::size_t{1}) * sizeof(double));
+    bytes.flops += count > kept ? 6.0 * static_cast<double>(count) * static_cast<double>(kept * kept) : 0;
+  }
+  ClampedInverse::Bytes all(std::size_t functions) const {
+    ClampedInverse::Bytes result = bytes;
+    result.functions = functions;
+    const std::size_t k = std::min(compressed, functions);
+    result.resident += (compressed + functions + 1) * k * sizeof(double) + functions * sizeof(std::int64_t);
+    result.peak = thin_svd_bytes(compressed, functions) + 4 * largest;
+    result.flops += 20.0 * static_cast<double>(std::max(compressed, functions)) * static_cast<double>(k * k);
+    return result;
+  }
+};
+
+}  // namespace
+
+ClampedInverse::Bytes ClampedInverse::estimate(const FunctionRows& rows, const std::vector<PointId>& held) {
+  const std::size_t functions = reached(rows, held).size();
+  GroupBytes sum;
+  for (const Group& group : groups_of(rows, held)) {
+    sum.add(group.points.size(), static_cast<std::size_t>(group.rows), sizeof(Group));
+  }
+  return sum.all(functions);
+}
+
+ClampedInverse::Bytes ClampedInverse::estimate(std::size_t held, std::size_t functions) {
+  GroupBytes sum;
+  sum.add(held, std::min(held, functions), sizeof(Group));
+  return sum.all(functions);
+}
+
+}  // namespace deform

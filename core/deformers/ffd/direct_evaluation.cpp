@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/deformers/ffd/direct_evaluation.h"
+
+#include <algorithm>
+#include <string>
+
+#include "core/base/number_text.h"
+#include "core/base/vectors.h"
+
+namespace deform {
+
+namespace {
+
+constexpr double far = 20;  // control points against handles: a clamp that is too small
+
+}  // namespace
+
+DirectEvaluation::DirectEvaluation(std::shared_ptr<const DirectSystem> system, std::span<const Design> designs,
+                                   EvaluationPath path, const RunContext& context)
+    : HandleEvaluation(system, designs, path, context), system_(*system), controls_(designs.size()) {
+  solve(context);
+  report_controls();
+}
+
+DirectEvaluation::DirectEvaluation(std::shared_ptr<const DirectSystem> system, const std::vector<Affine>& derivatives,
+                                   const RunContext& context)
+    : HandleEvaluation(system, derivatives), system_(*system), controls_(1) {
+  solve(context);
+}
+
+void DirectEvaluation::solve(const RunContext& context) {
+  for_each_direct(context, [&](std::size_t i) {
+    const Eigen::MatrixXd h = system_.prescribed(designs_[i], kind_);
+    const Eigen::MatrixXd controls = system_.inverse_->solve(h);
+    const Eigen::MatrixXd missed = system_.misfit(h, controls);
+    reports_[i].interpolation_residual = missed.rowwise().norm().maxCoeff();
+    Vec3 errors{};
+    for (std::size_t k = 0; k < 3; ++k) errors[k] = system_.error_of(controls, missed, static_cast<Eigen::Index>(k));
+    set_error(i, norm(errors));
+    controls_[i] = controls;
+  });
+}
+
+void DirectEvaluation::report_controls() {
+  for (std::size_t i = 0; i < designs_.size(); ++i) {
+    const DirectSystem::RowMajor controls = is_direct(i) ? controls_[i] : system_.affine_controls(designs_[i], kind_);
+    DesignReport& report = reports_[i];
+    report.control_displacement = controls.rowwise().norm().maxCoeff();
+    if (report.control_displacement <= far * report.prescribed_displacement) continue;
+    report.warnings.push_back(
+        "control points move by up to " + scientific(report.control_displacement) + ", over " + number_digits(far) +
+        " times as far as handles do, so that what is between these swings: " + system_.model_.remedy + " keep them back");
+  }
+}
+
+void DirectEvaluation::direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const {
+  for (std::size_t k = 0; k < count; ++k) system_.fill_tile(controls_[first + k], tile, values + 3 * k * tile_size);
+}
+
+}  // namespace deform

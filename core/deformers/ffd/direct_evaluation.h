@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "core/deformers/ffd/direct_system.h"
+#include "core/deformers/handles/handle_evaluation.h"
+
+namespace deform {
+
+/// Designs bound to an DirectSystem.
+class DirectEvaluation : public HandleEvaluation {
+ public:
+  DirectEvaluation(std::shared_ptr<const DirectSystem> system, std::span<const Design> designs, EvaluationPath path,
+                   const RunContext& context);
+  DirectEvaluation(std::shared_ptr<const DirectSystem> system, const std::vector<Affine>& derivatives, const RunContext& context);
+
+ private:
+  void solve(const RunContext& context);
+  void report_controls();
+  void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
+
+  const DirectSystem& system_;
+  std::vector<DirectSystem::RowMajor> controls_;  ///< per design on the direct path: displacements of the control points
+};
+
+}  // namespace deform

@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/deformers/ffd/direct_system.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string>
+#include <utility>
+
+#include "core/base/error.h"
+#include "core/base/parallel.h"
+#include "core/deformers/ffd/direct_evaluation.h"
+
+namespace deform {
+
+namespace {
+
+constexpr std::size_t tiles_per_task = 64;
+constexpr double decomposition_rate = 5e9;  // flops per second of a decomposition on one core
+
+}  // namespace
+
+DirectSystem::DirectSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const MakeDirectModel& make,
+                           const RunContext& context, std::size_t memory_budget)
+    : HandleSystem(std::move(mesh), setup, HandleMode::soft, Unit::diagonal, context) {
+  // They go to one place in between, as least squares have it.
+  points_.coincident.clear();
+  for (std::size_t i = 0; i < points_.region_of.size(); ++i) {
+    if (points_.region_of[i] != deformable_region) ids_.push_back(static_cast<PointId>(i));
+  }
+  end_stage("select");
+  context.progress("assemble", 0);
+  model_ = make(points_.region_of);
+  end_stage("assemble");
+  context.progress("factor", 0);
+  const Eigen::MatrixXd fields = fields_at_held();
+  inverse_ = std::make_unique<const ClampedInverse>(*model_.rows, ids_, model_.clamp, fields, context);
+  controls_ = inverse_->solve(fields);
+  end_stage("factor");
+  prepare_basis(memory_budget, context);
+  end_stage("basis");
+  fill_info();
+}
+
+Eigen::MatrixXd DirectSystem::fields_at_held() const {
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(ids_.size()), static_cast<Eigen::Index>(fields()));
+  for (std::size_t j = 0; j < ids_.size(); ++j) {
+    const RegionIndex region = points_.region_of[ids_[j]];
+    if (region == fixed_region) continue;
+    const std::array<double, 4> values = handle_fields(region, ids_[j]);
+    for (std::size_t f = 0; f < 4; ++f)
+      result(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(4 * region + f)) = values[f];
+  }
+  return result;
+}
+
+Eigen::MatrixXd DirectSystem::prescribed(const BoundDesign& design, MotionKind kind) const {
+  const HeldPoints points = held();
+  Eigen::MatrixXd result(static_cast<Eigen::Index>(ids_.size()), 3);
+  for (std::size_t j = 0; j < ids_.size(); ++j) {
+    const Vec3 to = points.place(design, ids_[j], kind);
+    const Vec3 from = kind == MotionKind::position ? mesh_->points[ids_[j]] : Vec3{};
+    for (std::size_t k = 0; k < 3; ++k) result(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(k)) = to[k] - from[k];
+  }
+  return result;
+}
+
+DirectSystem::RowMajor DirectSystem::affine_controls(const BoundDesign& design, MotionKind kind) const {
+  Eigen::MatrixXd coefficients(static_cast<Eigen::Index>(fields()), 3);
+  double block[12];
+  for (std::size_t h = 0; h < frames_.size(); ++h) {
+    field_coefficients(design.affine[h], kind, frames_[h], box_, block);
+    for (std::size_t f = 0; f < 4; ++f) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        coefficients(static_cast<Eigen::Index>(4 * h + f), static_cast<Eigen::Index>(k)) = block[3 * f + k];
+      }
+    }
+  }
+  return controls_ * coefficients;
+}
+
+Eigen::MatrixXd DirectSystem::misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& controls) const {
+  Eigen::MatrixXd result = h;
+  for (std::size_t j = 0; j < ids_.size(); ++j) {
+    model_.rows->for_each(ids_[j], [&](std::int64_t column, double value) {
+      result.row(static_cast<Eigen::Index>(j)) -= value * controls.row(column);
+    });
+  }
+  return result;
+}
+
+double DirectSystem::error_of(const Eigen::MatrixXd& controls, const Eigen::MatrixXd& missed, Eigen::Index c) const {
+  return model_.growth * inverse_->uncertainty(controls.col(c).norm(), missed.col(c).norm());
+}
+
+void DirectSystem::fill_tile(const RowMajor& controls, std::size_t tile, double* out) const {
+  const auto columns = static_cast<std::size_t>(controls.cols());
+  std::fill_n(out, columns * tile_size, 0.0);
+  const std::size_t end = std::min((tile + 1) * tile_size, following().size());
+  for (std::size_t s = tile * tile_size; s < end; ++s) {
+    model_.rows->for_each(following()[s], [&](std::int64_t column, double value) {
+      const double* w = controls.data() + static_cast<std::size_t>(column) * columns;
+      for (std::size_t c = 0; c < columns; ++c) out[c * tile_size + s % tile_size] += value * w[c];
+    });
+  }
+}
+
+void DirectSystem::prepare_basis(std::size_t memory_budget, const RunContext& context) {
+  const std::size_t bytes = HandleBasis::bytes_for(following().size(), fields(), model_.basis_tolerance);
+  if (!wants_basis(model_.basis, bytes, inverse_->bytes())) return;
+  const std::size_t making = HandleBasis::peak_bytes_for(following().size(), fields(), model_.basis_tolerance);
+  if (memory_budget != 0 && model_.basis == BasisMode::automatic && inverse_->bytes() + making > memory_budget) return;
+  HandleBasis basis{{0, 1, 2}, FieldTiles(following().size(), fields()), {}};
+  const Eigen::MatrixXd missed = misfit(fields_at_held(), controls_);
+  for (Eigen::Index f = 0; f < controls_.cols(); ++f) {
+    basis.residuals.push_back(missed.col(f).cwiseAbs().maxCoeff());
+    basis.more.push_back(error_of(controls_, missed, f));
+  }
+  parallel_for(context, tile_count(following().size()), tiles_per_task, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t t = begin; t < end; ++t) fill_tile(controls_, t, basis.tiles.tile(t));
+  });
+  add_basis(std::move(basis), model_.basis_tolerance, context);
+}
+
+void DirectSystem::fill_info() {
+  info_.samples = info_.functions = static_cast<std::size_t>(model_.rows->cols());
+  info_.condition = inverse_->condition();
+  set_bytes(inverse_->bytes() + static_cast<std::size_t>(controls_.size()) * sizeof(double),
+            model_.rows->bytes() + ids_.size() * sizeof(PointId) + following().size() * sizeof(PointId));
+  info_.notes = model_.notes;
+  const Eigen::MatrixXd missed = misfit(fields_at_held(), controls_);
+  info_.notes.push_back("Singular values up to " + scientific(inverse_->clamp()) + " of the largest one are left out: rank " +
+                        std::to_string(inverse_->rank()) + ", " + std::to_string(inverse_->functions()) +
+                        " control points reach handles or fixed points.");
+  double misfit = 0, motion = 0;  // of handles that are shifted
+  for (std::size_t h = 0; h < frames_.size(); ++h) {
+    const auto f = static_cast<Eigen::Index>(4 * h);
+    misfit = std::max(misfit, missed.col(f).cwiseAbs().maxCoeff());
+    motion = std::max(motion, controls_.col(f).cwiseAbs().maxCoeff());
+  }
+  info_.notes.push_back("Where one handle is shifted, handle and fixed points are off by up to " + scientific(misfit) +
+                        " of that, and control points move by up to " + scientific(motion) + " of it.");
+  if (!has_basis()) info_.notes.push_back("No handle basis is stored: every design is solved for.");
+}
+
+std::unique_ptr<const Evaluation> DirectSystem::bind(std::span<const Design> designs, EvaluationPath path,
+                                                     const RunContext& context) const {
+  return std::make_unique<DirectEvaluation>(std::static_pointer_cast<const DirectSystem>(shared_from_this()), designs, path,
+                                            context);
+}
+
+std::unique_ptr<const Evaluation> DirectSystem::derivative(std::span<const double>, const std::vector<Affine>& maps,
+                                                           const RunContext& context) const {
+  return std::make_unique<DirectEvaluation>(std::static_pointer_cast<const DirectSystem>(shared_from_this()), maps, context);
+}
+
+std::vector<double> DirectSystem::adjoint(std::span<const double>, const std::vector<Vec3>& at_following,
+                                          const RunContext& context) const {
+  context.check();
+  Eigen::MatrixXd g = Eigen::MatrixXd::Zero(model_.rows->cols(), 3);
+  for (std::size_t s = 0; s < following().size(); ++s) {
+    model_.rows->for_each(following()[s], [&](std::int64_t column, double value) {
+      for (Eigen::Index k = 0; k < 3; ++k) g(column, k) += value * at_following[s][static_cast<std::size_t>(k)];
+    });
+  }
+  const Eigen::MatrixXd G = fields_at_held().transpose() * inverse_->adjoint(g);
+  std::vector<double> result;
+  for (Eigen::Index f = 0; f < G.rows(); ++f) {
+    for (Eigen::Index k = 0; k < 3; ++k) result.push_back(G(f, k));
+  }
+  return result;
+}
+
+Estimate estimate_direct(const Mesh& mesh, const SelectedRegions& regions, const DirectEstimate& of) {
+  const std::size_t n = mesh.point_count(), k = of.functions, fields = 4 * regions.handles.size();
+  Estimate estimate;
+  estimate.constraint_points = of.held;
+  estimate.samples = k;
+  estimate.factor_bytes = of.inverse.resident + k * fields * sizeof(double);
+  const std::size_t basis_bytes = HandleBasis::bytes_for(n, fields, of.basis_tolerance);
+  const bool basis = wants_basis(of.basis, basis_bytes, estimate.factor_bytes);
+  estimate.basis_bytes = basis ? basis_bytes + fields * sizeof(double) : 0;
+  const std::size_t own = point_bytes(n, regions.symmetry) + of.row_bytes + (of.held + n) * sizeof(PointId);
+  estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + own;
+  const std::size_t making = basis ? HandleBasis::peak_bytes_for(n, fields, of.basis_tolerance) : 0;
+  // Fields, their misfits and copies of them.
+  const std::size_t data = 4 * of.held * fields * sizeof(double) + 3 * k * fields * sizeof(double);
+  estimate.peak_bytes = own + data + std::max(of.inverse.resident + of.inverse.peak, estimate.factor_bytes + making);
+  const double rows = static_cast<double>(n) * of.seconds_per_row;
+  estimate.seconds =
+      of.inverse.flops / decomposition_rate + (static_cast<double>(n * (fields + 8)) * 1e-7 + rows) / thread_count({});
+  if (!basis) estimate.notes.push_back("No handle basis will be stored: every design is solved for.");
+  return estimate;
+}
+
+}  // namespace deform

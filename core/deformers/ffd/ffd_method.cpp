@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/deformers/ffd/ffd_method.h"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "core/base/parallel.h"
+#include "core/deformers/energy/energy_methods.h"
+#include "core/deformers/energy/spaces/model_lattice.h"
+#include "core/deformers/ffd/clamped_inverse.h"
+#include "core/deformers/ffd/direct_system.h"
+#include "core/deformers/handles/control_system.h"
+#include "core/deformers/option_checks.h"
+
+namespace deform {
+
+namespace {
+
+using ByEnergy = EnergyMethod<FfdOptions>;
+
+const char* name_of(FfdControl control) { return control == FfdControl::mesh ? "MESH" : "CONTROLS"; }
+
+ControlModel control_model(const FfdOptions& options, const Mesh& mesh, const RunContext& context) {
+  ModelLattice made = control_lattice(mesh, options.lattice, context);
+  auto controls = std::make_shared<Mesh>();
+  controls->points = options.lattice.control_points.empty() ? made.lattice.control_points() : options.lattice.control_points;
+  std::vector<Vec3> crossings = boundary_crossings(mesh, options.lattice, made);
+  ControlModel model{std::move(controls), made.rows, std::move(made.notes), std::move(made.outside), nullptr};
+  if (!crossings.empty()) {
+    model.crossings = std::make_shared<const LatticeRows>(made.lattice, LatticeCoordinates{std::move(crossings), {}});
+  }
+  return model;
+}
+
+Estimate estimate_mesh(const FfdOptions& options, const Mesh& mesh, const SelectedRegions& regions) {
+  const ConstraintPoints points = constraint_points(mesh, regions);
+  std::vector<PointId> held;
+  for (std::size_t i = 0; i < points.region_of.size(); ++i) {
+    if (points.region_of[i] != deformable_region) held.push_back(static_cast<PointId>(i));
+  }
+  const ModelLattice made = model_lattice(mesh, options.lattice, points.region_of, {});
+  DirectEstimate of{ClampedInverse::estimate(*made.rows, held),
+                    held.size(),
+                    static_cast<std::size_t>(made.rows->cols()),
+                    made.rows->bytes(),
+                    options.basis,
+                    options.basis_tolerance};
+  Estimate estimate = estimate_direct(mesh, regions, of);
+  estimate.notes.insert(estimate.notes.begin(), made.notes.begin(), made.notes.end());
+  estimate.advice = "use fewer points of the lattice, smaller handle and fixed regions, fewer handles or basis BASIS_NEVER";
+  return estimate;
+}
+
+}  // namespace
+
+void FfdMethod::validate(const FfdOptions& options, const Setup& setup, const Mesh& mesh) {
+  ByEnergy::validate(options, setup, mesh);
+  if (options.control == FfdControl::energy) {
+    if (options.lattice.control_points.empty()) return;
+    refuse_argument(
+        "method.ffd.lattice.control_points: control ENERGY integrates over a lattice at rest; use control MESH or "
+        "CONTROLS, or leave them out");
+  }
+  if (!setup.constraints.empty()) {
+    refuse_argument(std::string("constraints: method.ffd with control ") + name_of(options.control) +
+                    " does not take geometric constraints; use control ENERGY");
+  }
+  if (options.control == FfdControl::controls) return;
+  if (options.clamp != 0) {
+    check_option_range(options.clamp, ClampedInverse::least_clamp, ClampedInverse::largest_clamp, "method.ffd.clamp");
+  }
+}
+
+ControlSet FfdMethod::controls(const FfdOptions& options, const Mesh& mesh) {
+  const Lattice lattice = lattice_of(options.lattice, mesh);
+  return {lattice.size(), {{lattice.axis(0).size(), lattice.axis(1).size(), lattice.axis(2).size()}}};
+}
+
+Estimate FfdMethod::estimate(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
+  if (options.control == FfdControl::energy) return ByEnergy::estimate(options, mesh, setup, regions);
+  if (options.control == FfdControl::controls) {
+    return estimate_controls(mesh, control_model(options, mesh, {}), options, regions);
+  }
+  return estimate_mesh(options, mesh, regions);
+}
+
+std::shared_ptr<const System> FfdMethod::prepare(const FfdOptions& options, const std::shared_ptr<const Mesh>& mesh,
+                                                 const Setup& setup, const RunContext& context, std::size_t memory_budget) {
+  if (options.control == FfdControl::energy) return ByEnergy::prepare(options, mesh, setup, context, memory_budget);
+  if (options.control == FfdControl::controls) {
+    validate(options, setup, *mesh);
+    return std::make_shared<const ControlSystem>(mesh, setup, control_model(options, *mesh, context), options, context);
+  }
+  const auto make = [&](const std::vector<RegionIndex>& region_of) {
+    ModelLattice made = model_lattice(*mesh, options.lattice, region_of, context);
+    return DirectModel{made.rows,
+                       std::move(made.notes),
+                       options.clamp,
+                       1,
+                       options.basis,
+                       options.basis_tolerance,
+                       "a larger method.ffd.clamp, fewer points of the lattice or control ENERGY"};
+  };
+  return std::make_shared<const DirectSystem>(mesh, setup, make, context, memory_budget);
+}
+
+}  // namespace deform

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "core/deformers/method.h"
+
+namespace deform {
+
+/// Free-form deformation (thesis 3.2, 3.3): see FfdOptions.
+struct FfdMethod {
+  using Options = FfdOptions;
+  static constexpr std::string_view name = "ffd";
+  static constexpr MethodFeatures features{.symmetry = false, .constraints = true};
+  /// Constraints are refused but for FfdControl::energy, moved control points with it.
+  static void validate(const FfdOptions& options, const Setup& setup, const Mesh& mesh);
+  static bool selects_controls(const FfdOptions& options) { return options.control == FfdControl::controls; }
+  static ControlSet controls(const FfdOptions& options, const Mesh& mesh);
+  /// There are none.
+  static std::optional<std::vector<PointId>> known_centres(const FfdOptions&, const Mesh&, const SelectedRegions&) {
+    return std::nullopt;
+  }
+  static Estimate estimate(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
+  static std::shared_ptr<const System> prepare(const FfdOptions& options, const std::shared_ptr<const Mesh>& mesh,
+                                               const Setup& setup, const RunContext& context, std::size_t memory_budget);
+};
+
+}  // namespace deform

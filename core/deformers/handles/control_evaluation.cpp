@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/deformers/handles/control_evaluation.h"
+
+#include <algorithm>
+#include <string>
+
+#include "core/base/number_text.h"
+#include "core/base/vectors.h"
+
+namespace deform {
+
+namespace {
+
+constexpr double least_jump = 1e-9;  // of D: what rounding does is less
+
+}  // namespace
+
+ControlEvaluation::ControlEvaluation(std::shared_ptr<const ControlSystem> system, std::span<const Design> designs,
+                                     EvaluationPath path, const RunContext& context)
+    : HandleEvaluation(system, designs, path, context), system_(*system), controls_(designs.size()) {
+  move_controls(context);
+  for (std::size_t i = 0; i < designs_.size(); ++i) {
+    reports_[i].control_displacement = reports_[i].prescribed_displacement;
+    if (system_.model_.crossings) add_jump_warning(i);
+  }
+}
+
+ControlEvaluation::ControlEvaluation(std::shared_ptr<const ControlSystem> system, const std::vector<Affine>& derivatives,
+                                     const RunContext& context)
+    : HandleEvaluation(system, derivatives), system_(*system), controls_(1) {
+  move_controls(context);
+}
+
+void ControlEvaluation::move_controls(const RunContext& context) {
+  for_each_direct(context, [&](std::size_t i) {
+    controls_[i] = system_.displacements(designs_[i], kind_);
+    double largest = 0;
+    for (const Vec3& u : controls_[i]) largest = std::max(largest, norm(u));
+    set_error(i, system_.model_.rounding * largest);
+  });
+}
+
+void ControlEvaluation::add_jump_warning(std::size_t design) {
+  const std::vector<Vec3> controls = is_direct(design) ? controls_[design] : system_.displacements(designs_[design], kind_);
+  const ControlFunctions& crossings = *system_.model_.crossings;
+  const Vec3* const vectors = controls.data();
+  std::size_t torn = 0;
+  double largest = 0;
+  for (std::int64_t e = 0; e < crossings.rows(); ++e) {
+    Vec3 jump{};
+    crossings.sums(e, {&vectors, 1}, &jump);
+    const double length = norm(jump);
+    torn += length > least_jump * held_.diagonal ? 1 : 0;
+    largest = std::max(largest, length);
+  }
+  if (torn == 0) return;
+  reports_[design].torn_edges = torn;
+  reports_[design].warnings.push_back(
+      "the deformation ends at the boundary of the lattice while control points near it move: " +
+      std::to_string(system_.model_.outside.size()) + " points outside stay, and of the " + std::to_string(crossings.rows()) +
+      " edges that cross the boundary " + std::to_string(torn) + " are torn there by up to " + scientific(largest) +
+      "; leave the two or three layers of control points next to the boundary where they are, or make the lattice larger");
+}
+
+void ControlEvaluation::direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const {
+  const std::vector<PointId>& ids = system_.following();
+  const std::size_t begin = tile * tile_size, end = std::min(begin + tile_size, ids.size());
+  std::vector<const Vec3*> vectors;
+  for (std::size_t d = 0; d < count; ++d) vectors.push_back(controls_[first + d].data());
+  std::vector<Vec3> sums(count);
+  std::fill_n(values, 3 * count * tile_size, 0.0);
+  for (std::size_t s = begin; s < end; ++s) {
+    system_.model_.rows->sums(ids[s], vectors, sums.data());
+    for (std::size_t d = 0; d < count; ++d) {
+      for (std::size_t k = 0; k < 3; ++k) values[(3 * d + k) * tile_size + s - begin] = sums[d][k];
+    }
+  }
+}
+
+}  // namespace deform

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "core/deformers/handles/control_system.h"
+#include "core/deformers/handles/handle_evaluation.h"
+
+namespace deform {
+
+/// Designs bound to a ControlSystem.
+class ControlEvaluation : public HandleEvaluation {
+ public:
+  ControlEvaluation(std::shared_ptr<const ControlSystem> system, std::span<const Design> designs, EvaluationPath path,
+                    const RunContext& context);
+  ControlEvaluation(std::shared_ptr<const ControlSystem> system, const std::vector<Affine>& derivatives,
+                    const RunContext& context);
+
+ private:
+  void move_controls(const RunContext& context);
+  void add_jump_warning(std::size_t design);
+  void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
+
+  const ControlSystem& system_;
+  std::vector<std::vector<Vec3>> controls_;  ///< per design on the direct path: displacements of the control points
+};
+
+}  // namespace deform

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "core/base/types.h"
+#include "core/base/vectors.h"
+#include "core/numerics/sparse/function_rows.h"
+
+namespace deform {
+
+/// Functions of control points (columns) at points (rows). Immutable; any thread.
+class ControlFunctions : public ComputedRows {
+ public:
+  /// out[d] = sum over the entries of a row of their value times vectors[d][column]: of a vector per control point. Each sum
+  /// has the bits that it has alone.
+  virtual void sums(std::int64_t row, std::span<const Vec3* const> vectors, Vec3* out) const {
+    for (std::size_t d = 0; d < vectors.size(); ++d) out[d] = {};
+    for_each(row, [&](std::int64_t column, double value) {
+      for (std::size_t d = 0; d < vectors.size(); ++d) out[d] = out[d] + value * vectors[d][column];
+    });
+  }
+};
+
+}  // namespace deform

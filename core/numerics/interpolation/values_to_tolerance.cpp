@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/numerics/interpolation/values_to_tolerance.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace deform {
+
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+// Of the tolerance: for the coefficients, and for the sums, of which values() allows half of Interpolants::tolerance.
+constexpr double coefficients_share = 0.5, sums_share = 0.25;
+constexpr double first_residual = 0.3;  // of the tolerance: residuals grow more often than not
+constexpr double aim = 0.5;             // of what is allowed
+constexpr int most_rounds = 4;
+constexpr double rounding_share =
+    0.5;  // of what rounding makes of sums, for that of the weights, which differs from point to point
+// Pairs of points and centres that are summed with twice the digits where rounding alone would miss the tolerance: seconds.
+constexpr double most_accurate = 1e9;
+
+/// The points nearest to the centres with the largest residuals.
+std::vector<Vec3> beside_the_worst(const Interpolator& system, const Interpolants& interpolants, std::span<const Vec3> points) {
+  std::vector<Vec3> places;
+  for (const std::uint32_t centre : interpolants.worst) {
+    const Vec3& c = system.centres()[centre];
+    double least = std::numeric_limits<double>::infinity();
+    std::size_t nearest = 0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const Vec3 d{points[i][0] - c[0], points[i][1] - c[1], points[i][2] - c[2]};
+      const double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+      if (square < least) {
+        least = square;
+        nearest = i;
+      }
+    }
+    if (!points.empty()) places.push_back(points[nearest]);
+  }
+  return places;
+}
+
+/// One more round: by the exact solution of what is missing where it is known, else by the solver to less than it left.
+bool improve(const Interpolator& system, const PointErrors& check, const MatrixXd& F, const PointErrors::Missing& missing,
+             double smaller, Interpolants& interpolants, const RunContext& context) {
+  if (check.complete()) {
+    interpolants.coefficients += missing.coefficients;
+    return true;
+  }
+  const double before = interpolants.residual;
+  interpolants = system.refine(std::move(interpolants), F, smaller * before, context);
+  return interpolants.residual < before;
+}
+
+/// Until the estimate is allowed or there are no more digits.
+Interpolants refined(const Interpolator& system, const PointErrors& check, const MatrixXd& F, double tolerance,
+                     PointErrors::Missing& left, const RunContext& context) {
+  const double allowed = coefficients_share * tolerance;
+  Interpolants interpolants = system.interpolate(F, first_residual * tolerance, context);
+  Interpolants best;
+  double least = std::numeric_limits<double>::infinity();
+  for (int round = 0;; ++round) {
+    const PointErrors::Missing missing = check.missing(system, interpolants, F, context);
+    const double error = error_margin * largest_magnitude(check.errors(missing, context));
+    if (round > 0 && !(error < least)) break;
+    const bool slow = error > 0.5 * least;
+    best = interpolants;
+    if (check.complete()) best.residual = missing.residual;
+    left = missing;
+    least = error;
+    if (error <= allowed || slow || round == most_rounds) break;
+    const double smaller = std::clamp(aim * allowed / error, 1e-4, aim);
+    if (!improve(system, check, F, missing, smaller, interpolants, context)) break;
+  }
+  best.tolerance = 2 * sums_share * tolerance;
+  return best;
+}
+
+}  // namespace
+
+CheckedValues values_to_tolerance(const Interpolator& system, const PointErrors& check, std::span<const std::uint32_t> checked,
+                                  const MatrixXd& F, double tolerance, std::span<const Vec3> points, const RunContext& context) {
+  CheckedValues result;
+  const bool iterative = system.solver() == Solver::iterative;
+  Interpolants interpolants;
+  PointErrors::Missing missing;
+  if (iterative) {
+    interpolants = refined(system, check, F, tolerance, missing, context);
+  } else {
+    interpolants = system.interpolate(F, tolerance, context);
+    missing = check.missing(system, interpolants, F, context);
+  }
+  result.errors = check.errors(missing, context);
+  // Where the residual is largest, free points may be off by more than at the places.
+  const std::vector<Vec3> beside = beside_the_worst(system, interpolants, points);
+  double elsewhere = largest_magnitude(check.errors(missing, beside, context)) - largest_magnitude(result.errors);
+  if (!iterative) elsewhere = std::max(elsewhere, interpolants.residual - largest_magnitude(result.errors));
+  elsewhere = std::max(0.0, error_margin * elsewhere);
+  double sums_error = 0;
+  const double rounding = system.rounding(interpolants, check.places(), context);
+  const bool accurate = iterative && 8 * rounding > sums_share * tolerance &&
+                        static_cast<double>(points.size()) * static_cast<double>(system.size()) <= most_accurate;
+  if (accurate) {
+    const RowMajor negative =
+        system.accurate_residual(interpolants, points, MatrixXd::Zero(static_cast<Index>(points.size()), F.cols()), context);
+    result.values.assign(negative.data(), negative.data() + negative.size());
+    for (double& value : result.values) value = -value;
+  } else {
+    result.values = system.values(interpolants, points, sums_error, context);
+  }
+  MatrixXd delivered(static_cast<Index>(checked.size()), F.cols());
+  for (Index s = 0; s < delivered.rows(); ++s) {
+    for (Index c = 0; c < F.cols(); ++c) {
+      delivered(s, c) =
+          result.values[checked[static_cast<std::size_t>(s)] * static_cast<std::size_t>(F.cols()) + static_cast<std::size_t>(c)];
+    }
+  }
+  // (exact - interpolant) + (interpolant - delivered).
+  result.errors -= system.accurate_residual(interpolants, check.places(), delivered, context);
+  result.more = elsewhere + sums_error + rounding_share * rounding;
+  result.error = error_margin * largest_magnitude(result.errors) + result.more;
+  result.residual = interpolants.residual;
+  result.converged = iterative ? result.error <= tolerance : interpolants.converged;
+  return result;
+}
+
+}  // namespace deform

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "proto/convert/verdict.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <utility>
+
+#include "core/quality/displacement.h"
+
+namespace deform::convert {
+
+namespace {
+
+constexpr double bad_error = 1e-3, doubtful_error = 1e-6;  // of the motion
+constexpr double negligible_error = 1e-12;                 // of D
+constexpr double doubtful_condition = 1e12;
+
+std::string rounded(double value) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.3g", value);
+  return text;
+}
+
+using Finding = std::pair<v1::Verdict, std::string>;
+
+void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, std::vector<Finding>& found) {
+  if (!std::isfinite(result.max_displacement()) || !std::isfinite(result.estimated_error())) {
+    found.emplace_back(v1::VERDICT_BAD, "points are not finite");
+    return;
+  }
+  if (!facts.converged) {
+    found.emplace_back(v1::VERDICT_BAD,
+                       "the solver did not reach its tolerance: the estimated error is " + rounded(result.estimated_error()));
+  }
+  if (result.estimated_error() > negligible_error * facts.diagonal && result.relative_error() > doubtful_error) {
+    found.emplace_back(result.relative_error() > bad_error ? v1::VERDICT_BAD : v1::VERDICT_DOUBTFUL,
+                       "the estimated error is " + rounded(result.estimated_error()) + ", " + rounded(result.relative_error()) +
+                           " of the largest displacement");
+  }
+  if (facts.condition > doubtful_condition) {
+    found.emplace_back(v1::VERDICT_DOUBTFUL, "the condition of the system is " + rounded(facts.condition));
+  }
+}
+
+/// ", 2 without positive volume, 3 with a wrong pyramid", of polyhedral cells.
+std::string failed_checks(const v1::CellReport& cells) {
+  const auto said = [](std::uint64_t count, const char* what) {
+    return count > 0 ? ", " + std::to_string(count) + what : std::string();
+  };
+  return said(cells.without_volume(), " without positive volume") + said(cells.wrong_pyramid(), " with a wrong pyramid");
+}
+
+void judge_mesh(const SolutionFacts& facts, const v1::DesignResult& result, std::vector<Finding>& found) {
+  if (result.has_split()) {
+    const auto& split = result.split();
+    if (!split.inversion_free() || split.reached() < 1) {
+      found.emplace_back(v1::VERDICT_BAD, "the split did not arrive: " + rounded(split.reached()) + " of the motion was reached");
+    }
+  } else if (result.cells().inverted() > 0) {
+    found.emplace_back(v1::VERDICT_BAD, std::to_string(result.cells().inverted()) + " of " +
+                                            std::to_string(result.cells().cells()) + " cells are inverted; none before " +
+                                            rounded(result.cells().safe_amplitude()) + " of the motion" +
+                                            failed_checks(result.cells()));
+  }
+  if (result.faces().flipped() > 0) {
+    found.emplace_back(v1::VERDICT_DOUBTFUL, std::to_string(result.faces().flipped()) + " of " +
+                                                 std::to_string(result.faces().faces()) + " faces are flipped");
+  }
+  if (facts.torn_edges > 0) {
+    found.emplace_back(v1::VERDICT_DOUBTFUL, std::to_string(facts.torn_edges) + " edges are torn at the boundary of the lattice");
+  }
+  if (std::isfinite(result.max_displacement()) &&
+      displacement_warning({result.max_displacement(), 0}, result.prescribed_displacement(), facts.diagonal)) {
+    found.emplace_back(v1::VERDICT_DOUBTFUL, "a point moves " +
+                                                 rounded(result.max_displacement() / result.prescribed_displacement()) +
+                                                 " times the largest prescribed displacement");
+  }
+}
+
+void judge_constraints(const v1::ConstraintsReport& constraints, std::vector<Finding>& found) {
+  std::string names;
+  for (const auto& residual : constraints.residuals()) {
+    if (residual.missed()) names += (names.empty() ? "\"" : ", \"") + residual.name() + "\"";
+  }
+  if (!names.empty()) found.emplace_back(v1::VERDICT_BAD, "exact constraints are missed: " + names);
+  if (constraints.exact_given_up()) {
+    found.emplace_back(v1::VERDICT_BAD, "placing points exactly was given up for some constraints");
+  }
+}
+
+}  // namespace
+
+void set_verdict(const SolutionFacts& facts, v1::DesignResult& result) {
+  std::vector<Finding> found;
+  judge_solution(facts, result, found);
+  judge_mesh(facts, result, found);
+  judge_constraints(result.constraints(), found);
+  std::stable_sort(found.begin(), found.end(), [](const Finding& a, const Finding& b) { return a.first > b.first; });
+  result.set_verdict(found.empty() ? v1::VERDICT_GOOD : found.front().first);
+  result.clear_reasons();
+  for (const Finding& finding : found) result.add_reasons(finding.second);
+}
+
+}  // namespace deform::convert

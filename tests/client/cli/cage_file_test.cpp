@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Cages of setup files: their points and faces come from mesh files.
+#include "client/cli/setup/cage_file.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "client/cli/setup/control_lattice.h"
+#include "client/cli/setup/setup_file.h"
+#include "client/cli/setup/yaml_message.h"
+#include "core/mesh/mesh.h"
+#include "tests/support/expect_error.h"
+
+namespace deform::cli {
+namespace {
+
+using test::expect_error;
+
+class CageFile : public testing::Test {
+ protected:
+  CageFile() { std::filesystem::create_directory(folder_); }
+  ~CageFile() override { std::filesystem::remove_all(folder_); }
+
+  void write(const std::string& name, const std::string& text) const { std::ofstream(folder_ / name) << text; }
+  v1::Setup read(const std::string& cage) const {
+    write("setup.yaml",
+          "geometry: 0123456789abcdef\nmethod: {cage: " + cage + "}\nhandles: [{name: a, region: {control: {ids: [3, 0]}}}]\n");
+    return read_setup_file(folder_ / "setup.yaml").setup;
+  }
+
+  const std::filesystem::path folder_ =
+      std::filesystem::temp_directory_path() / ("deform_cage_file_" + std::to_string(::getpid()));
+};
+
+constexpr const char* tetrahedron = "v 0 0 0\nv 4 0 0\nv 0 4 0\nv 0 0 4.5\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+
+TEST_F(CageFile, IsPutIntoTheSetup) {
+  write("cage.obj", tetrahedron);
+  const v1::Setup setup = read("{file: cage.obj, basis: BASIS_NEVER}");
+  const v1::CageMethod& cage = setup.method().cage();
+  EXPECT_EQ(cage.file(), "");
+  EXPECT_THAT(cage.vertices(), testing::ElementsAre(0, 0, 0, 4, 0, 0, 0, 4, 0, 0, 0, 4.5));
+  EXPECT_THAT(cage.triangles(), testing::ElementsAre(0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3));
+  EXPECT_EQ(cage.basis(), v1::BASIS_NEVER);
+
+  EXPECT_TRUE(selects_controls(setup));
+  EXPECT_EQ(control_places(setup, Mesh()), (std::vector<Vec3>{{0, 0, 0}, {4, 0, 0}, {0, 4, 0}, {0, 0, 4.5}}));
+  EXPECT_EQ(control_points_of(setup.handles(0).region(), setup, Mesh(), "a"), (std::vector<PointId>{0, 3}));
+}
+
+TEST_F(CageFile, EveryFormatGivesTheSameTriangles) {
+  write("cage.off", "OFF\n4 4 0\n0 0 0\n4 0 0\n0 4 0\n0 0 4.5\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n");
+  EXPECT_EQ(read("{file: cage.off}").method().cage().triangles_size(), 12);
+  const auto facet = [](const char* a, const char* b, const char* c) {
+    return std::string("facet normal 0 0 0\nouter loop\nvertex ") + a + "\nvertex " + b + "\nvertex " + c +
+           "\nendloop\nendfacet\n";
+  };
+  const char *o = "0 0 0", *x = "4 0 0", *y = "0 4 0", *z = "0 0 4.5";
+  write("cage.stl", "solid cage\n" + facet(o, y, x) + facet(o, x, z) + facet(o, z, y) + facet(x, y, z) + "endsolid cage\n");
+  EXPECT_EQ(read("{file: cage.stl}").method().cage().vertices_size(), 12) << "corners at one place are one vertex";
+}
+
+TEST_F(CageFile, SaysWhatIsWrong) {
+  write("cage.obj", tetrahedron);
+  write("quads.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 2 3 4\n");
+  expect_error(ErrorCode::not_found, {"setup.yaml: method.cage.file", "none.obj"}, [&] { read("{file: none.obj}"); });
+  expect_error(ErrorCode::invalid_argument, {"method.cage.file", "quads.obj", "face 1 has 4 corners"},
+               [&] { read("{file: quads.obj}"); });
+  expect_error(ErrorCode::invalid_argument, {"method.cage.file", "as well"},
+               [&] { read("{file: cage.obj, vertices: [0, 0, 0]}"); });
+  std::string many;
+  for (int i = 0; i < 10001; ++i) many += "v " + std::to_string(i) + " 0 0\n";
+  write("many.obj", many + "f 1 2 3\n");
+  expect_error(ErrorCode::invalid_argument, {"many.obj", "has 10001 points", "10000"}, [&] { read("{file: many.obj}"); });
+}
+
+}  // namespace
+}  // namespace deform::cli

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Exact constraints on sets that detect() finds on real meshes.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+
+#include "core/io/mesh_file.h"
+#include "tests/core/deformers/detected_cases.h"
+
+namespace deform {
+namespace {
+
+TEST(ExactConstraints, NoPointOfRealMeshesIsThrownAway) {
+  const std::filesystem::path folder = std::filesystem::path(DEFORM_SHARED_DATA) / "A_surface";
+  const bool many = std::getenv("DEFORM_LONG") != nullptr;
+  test::ExactCases cases;
+  for (const char* name :
+       {"joint.off", "spool.off", "pipe.off", "joint_remeshed.off.gz", "fandisk.off.gz", "anchor_dense.off.gz"}) {
+    if (!many && cases.cases >= 4) break;
+    cases.check(name, io::read_mesh_file(folder / name)->mesh(), many ? 20 : 2);
+  }
+  EXPECT_GE(cases.cases, many ? 60u : 3u);
+}
+
+}  // namespace
+}  // namespace deform

@@ -1,0 +1,421 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The method ffd: by energy (thesis 3.2) and by direct manipulation (thesis 3.3).
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <numbers>
+
+#include "core/base/vectors.h"
+#include "core/deformers/energy/spaces/lattice_space.h"
+#include "core/deformers/energy/spaces/model_lattice.h"
+#include "core/deformers/ffd/clamped_inverse.h"
+#include "core/deformers/handles/constraint_points.h"
+#include "tests/core/deformers/energy_cases.h"
+#include "tests/support/expect_error.h"
+
+namespace deform {
+namespace {
+
+using test::distance;
+using test::shared;
+
+const Design turned{{}, {{0, test::turn_and_shift()}}};
+
+FfdOptions by_energy(const std::array<std::size_t, 3>& points = {11, 8, 5}) {
+  FfdOptions options;
+  options.lattice.points = points;
+  return options;
+}
+
+FfdOptions by_mesh(const std::array<std::size_t, 3>& points = {8, 6, 4}, double clamp = 0) {
+  FfdOptions options = by_energy(points);
+  options.control = FfdControl::mesh;
+  options.clamp = clamp;
+  return options;
+}
+
+deform::Setup with(deform::Setup setup, const FfdOptions& options) {
+  setup.method = options;
+  return setup;
+}
+
+TEST(FfdByEnergy, HardHandlesAreMet) {
+  const auto mesh = shared(test::bumpy_sheet(41, 21));
+  const SelectedRegions regions = validate(test::sheet_setup(), *mesh);
+  for (const LatticeBasis basis : {LatticeBasis::uniform_cubic, LatticeBasis::clamped_cubic, LatticeBasis::bernstein}) {
+    FfdOptions options = by_energy();
+    options.lattice.basis = basis;
+    const auto system = prepare(mesh, with(test::sheet_setup(), options));
+    EXPECT_EQ(system->info().functions, 11u * 8 * 5);
+    const Points got = system->evaluate(turned);
+    for (const PointId id : regions.fixed) EXPECT_EQ(got[id], mesh->points[id]);
+    for (const PointId id : regions.handles[0]) EXPECT_EQ(got[id], transformed(test::turn_and_shift(), mesh->points[id]));
+    // Points beside a handle go nearly where it does.
+    for (const EvaluationPath path : {EvaluationPath::basis, EvaluationPath::direct}) {
+      EXPECT_LT(system->bind({&turned, 1}, path, {})->report(0).interpolation_residual, 1e-3);
+    }
+    const Points direct = system->evaluate({&turned, 1}, EvaluationPath::direct)[0];
+    EXPECT_LE(distance(got, direct), 1e-8 * system->info().diagonal);
+  }
+}
+
+/// Softly held points, from the definition: least w^T K w + sum of the weights times the squares of what is missed.
+TEST(FfdByEnergy, SoftHandlesAreTheNormalEquations) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  FfdOptions options = by_energy({7, 6, 4});
+  options.handles = HandleMode::soft;
+  options.stretching = 0.3;
+  const deform::Setup setup = with(test::sheet_setup(), options);
+  const SelectedRegions regions = validate(setup, *mesh);
+  const ConstraintPoints points = constraint_points(*mesh, regions);
+  const EnergyModel model = lattice_model(*mesh, options, points.region_of, {});
+  const Lattice lattice = lattice_of(options.lattice, *mesh);
+  Eigen::MatrixXd A = Eigen::MatrixXd(model.space.energy).selfadjointView<Eigen::Lower>();
+  Eigen::MatrixXd b = Eigen::MatrixXd::Zero(A.rows(), 3);
+  const auto row_of = [&](PointId id) {
+    Eigen::RowVectorXd row = Eigen::RowVectorXd::Zero(A.rows());
+    lattice.for_each(lattice.weights(lattice.coordinates(mesh->points[id])),
+                     [&](std::size_t p, double weight) { row[static_cast<Eigen::Index>(p)] = weight; });
+    return row;
+  };
+  const auto hold = [&](const std::vector<PointId>& ids, const Affine& motion) {
+    for (const PointId id : ids) {
+      const Eigen::RowVectorXd row = row_of(id);
+      const double weight = options.fixing / static_cast<double>(ids.size());
+      const Vec3 u = transformed(motion, mesh->points[id]) - mesh->points[id];
+      A += weight * row.transpose() * row;
+      b += weight * row.transpose() * Eigen::RowVector3d(u[0], u[1], u[2]);
+    }
+  };
+  hold(regions.handles[0], test::turn_and_shift());
+  hold(regions.fixed, identity_affine);
+  const Eigen::MatrixXd w = A.ldlt().solve(b);
+  const Points got = prepare(mesh, setup)->evaluate(turned);
+  for (std::size_t i = 0; i < got.size(); ++i) {
+    const Eigen::RowVector3d u = row_of(static_cast<PointId>(i)) * w;
+    EXPECT_LT(distance(got[i], mesh->points[i] + Vec3{u[0], u[1], u[2]}), 1e-9);
+  }
+}
+
+TEST(FfdByEnergy, FollowsAffineMotionsOfAllHandles) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  deform::Setup setup = with(test::sheet_setup(), by_energy());
+  setup.handles.push_back({"start", setup.fixed[0]});
+  setup.fixed.clear();
+  const Affine motion{1.1, -0.2, 0.3, 0.1, 0.25, 0.9, 0.1, -0.05, -0.1, 0.2, 1.3, 0.2};
+  const Points got = prepare(mesh, setup)->evaluate({{}, {{0, motion}, {1, motion}}});
+  for (std::size_t i = 0; i < got.size(); ++i) EXPECT_LT(distance(got[i], transformed(motion, mesh->points[i])), 1e-9);
+}
+
+// In a plane no point tells how displacements change across it.
+TEST(FfdByEnergy, TakesPlaneMeshes) {
+  const auto mesh = shared(test::flat_sheet(31, 16));
+  deform::Setup setup = with(test::sheet_setup(), by_energy());
+  setup.handles.push_back({"start", setup.fixed[0]});
+  setup.fixed.clear();
+  const Affine motion{1.1, -0.2, 0.3, 0.1, 0.25, 0.9, 0.1, -0.05, -0.1, 0.2, 1.3, 0.2};
+  const auto system = prepare(mesh, setup);
+  EXPECT_LT(system->info().condition, 1e12);
+  const Points got = system->evaluate({{}, {{0, motion}, {1, motion}}});
+  for (std::size_t i = 0; i < got.size(); ++i) EXPECT_LT(distance(got[i], transformed(motion, mesh->points[i])), 1e-9);
+}
+
+/// Model, handles and lattice turned together: the result turns.
+TEST(Ffd, DoesNotDependOnAxes) {
+  const double c = std::cos(0.7), s = std::sin(0.7);
+  const Affine turn{c, -s * 0.6, s * 0.8, 3, s, c * 0.6, -c * 0.8, -1, 0, 0.8, 0.6, 2};
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  Mesh other = *mesh;
+  for (Vec3& x : other.points) x = transformed(turn, x);
+  const auto turned_mesh = shared(std::move(other));
+  const LatticeFrame frame{{-0.1, -0.1, -0.3}, {{{2.2, 0, 0}, {0, 1.2, 0}, {0, 0, 0.6}}}};
+  const auto linear = [&](const Vec3& v) { return transformed(turn, v) - transformed(turn, Vec3{}); };
+  for (const FfdControl control : {FfdControl::energy, FfdControl::mesh}) {
+    FfdOptions options = control == FfdControl::energy ? by_energy() : by_mesh({8, 6, 4}, 1e-5);
+    options.handles = HandleMode::soft;
+    options.lattice.frame = frame;
+    deform::Setup setup = with(test::sheet_setup(), options);
+    const SelectedRegions regions = validate(setup, *mesh);
+    const Points got = prepare(mesh, setup)->evaluate({{}, {{0, identity_affine}}});
+    EXPECT_LT(distance(got, mesh->points), 1e-12);
+    std::vector<Vec3> lift(regions.handles[0].size());
+    for (std::size_t i = 0; i < lift.size(); ++i) lift[i] = {0.1, 0, 0.3 + 0.1 * mesh->points[regions.handles[0][i]][1]};
+    const Points moved = prepare(mesh, setup)->evaluate({{}, {{0, lift}}});
+
+    options.lattice.frame =
+        LatticeFrame{transformed(turn, frame.origin), {linear(frame.axes[0]), linear(frame.axes[1]), linear(frame.axes[2])}};
+    // Bending counts like 1 / D against the misfit, and the box of the turned model is another one.
+    options.bending *= bounding_box(mesh->points).diagonal() / bounding_box(turned_mesh->points).diagonal();
+    setup.method = options;
+    setup.handles[0].region = Region{Region::Ids{regions.handles[0]}};
+    setup.fixed = {Region{Region::Ids{regions.fixed}}};
+    for (Vec3& v : lift) v = linear(v);
+    const Points also = prepare(turned_mesh, setup)->evaluate({{}, {{0, lift}}});
+    for (std::size_t i = 0; i < also.size(); ++i) EXPECT_LT(distance(also[i], transformed(turn, moved[i])), 1e-8);
+  }
+}
+
+TEST(Ffd, JacobianProducts) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  for (const BasisMode basis : {BasisMode::always, BasisMode::never}) {
+    for (const HandleMode handles : {HandleMode::hard, HandleMode::soft}) {
+      FfdOptions options = by_energy({8, 6, 4});
+      options.handles = handles;
+      options.basis = basis;
+      test::check_jacobians(*prepare(mesh, with(test::setup_with_variables(), options)), 1e-8, 1e-6);
+    }
+    FfdOptions options = by_mesh({8, 6, 4}, 1e-4);
+    options.basis = basis;
+    test::check_jacobians(*prepare(mesh, with(test::setup_with_variables(), options)), 1e-9, 1e-6);
+  }
+}
+
+TEST(Ffd, PopulationsEqualSingles) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  test::check_population(*prepare(mesh, with(test::setup_with_variables(), by_energy({8, 6, 4}))), 5);
+  test::check_population(*prepare(mesh, with(test::setup_with_variables(), by_mesh())), 5);
+}
+
+TEST(FfdByEnergy, ConstraintsHold) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  for (const bool exact : {false, true}) {
+    deform::Setup setup = with(test::setup_with_variables(), by_energy());
+    setup.constraints = {{"patch", {test::box({1.2, 0.1, -9}, {1.6, 0.9, 9})}, Planar{}, 1e6, exact}};
+    const auto system = prepare(mesh, setup);
+    const Design design{{0.4, 0.5, 0.2, -0.4}, {}};
+    const auto evaluation = system->bind({&design, 1}, EvaluationPath::automatic, {});
+    const DesignReport& report = evaluation->report(0);
+    EXPECT_TRUE(report.converged);
+    EXPECT_FALSE(report.constraints[0].missed);
+    EXPECT_LT(report.constraints[0].rms, 0.3 * report.constraints[0].rms_before);
+    const Estimate expected = estimate(*mesh, setup);
+    EXPECT_GE(expected.resident_bytes, system->info().bytes);
+    if (!exact) test::check_jacobians(*system, 1e-6, 2e-2);
+  }
+}
+
+TEST(FfdByEnergy, PointsOutsideStay) {
+  const auto mesh = shared(test::bumpy_sheet(41, 21));
+  FfdOptions options = by_energy();
+  options.lattice.frame = LatticeFrame{{0.2, -0.1, -0.5}, {{{1.9, 0, 0}, {0, 1.2, 0}, {0, 0, 1}}}};
+  const auto system = prepare(mesh, with(test::sheet_setup(), options));
+  const Points got = system->evaluate(turned);
+  const SelectedRegions regions = validate(test::sheet_setup(), *mesh);
+  for (const PointId id : regions.fixed) EXPECT_EQ(got[id], mesh->points[id]);
+  EXPECT_LT(system->bind({&turned, 1}, EvaluationPath::direct, {})->report(0).interpolation_residual, 1e-3);
+}
+
+TEST(Ffd, EstimatesBoundWhatIsTaken) {
+  for (const std::size_t columns : {31u, 91u}) {
+    const auto mesh = shared(test::bumpy_sheet(columns, columns / 2 + 1));
+    FfdOptions soft = by_energy();
+    soft.handles = HandleMode::soft;
+    for (const FfdOptions& options : {by_energy(), soft, by_mesh(), by_mesh({6, 5, 4}, 1e-3)}) {
+      const deform::Setup setup = with(test::setup_with_variables(), options);
+      const Estimate expected = estimate(*mesh, setup);
+      const auto system = prepare(mesh, setup);
+      const SystemInfo& info = system->info();
+      EXPECT_GE(expected.factor_bytes, info.factor_bytes);
+      EXPECT_GE(expected.basis_bytes, info.basis_bytes);
+      EXPECT_GE(expected.resident_bytes, info.bytes);
+      EXPECT_LE(static_cast<double>(expected.resident_bytes), 2.5 * static_cast<double>(info.bytes));
+      EXPECT_GE(expected.peak_bytes, expected.resident_bytes);
+      EXPECT_EQ(expected.samples, info.samples);
+    }
+  }
+}
+
+TEST(Ffd, RefusesBadOptions) {
+  const auto mesh = shared(test::bumpy_sheet(11, 6));
+  const auto refused = [&](const std::vector<const char*>& parts, const auto& spoil) {
+    deform::Setup setup = test::sheet_setup();
+    FfdOptions& options = setup.method.emplace<FfdOptions>();
+    spoil(setup, options);
+    test::expect_error(ErrorCode::invalid_argument, parts, [&] { validate(setup, *mesh); });
+  };
+  using Setup = deform::Setup;
+  refused({"method.ffd.lattice.points[1]", "3", "4..1000"}, [](Setup&, FfdOptions& o) { o.lattice.points = {4, 3, 4}; });
+  refused({"method.ffd.lattice.points[0]", "17", "2..16"}, [](Setup&, FfdOptions& o) {
+    o.lattice.points = {17, 3, 4};
+    o.lattice.basis = LatticeBasis::bernstein;
+  });
+  refused({"method.ffd.lattice.points", "125000", "100000"}, [](Setup&, FfdOptions& o) { o.lattice.points = {50, 50, 50}; });
+  refused({"method.ffd.lattice", "axes"}, [](Setup&, FfdOptions& o) {
+    o.lattice.frame = LatticeFrame{{0, 0, 0}, {{{1, 0, 0}, {2, 0, 0}, {0, 0, 1}}}};
+  });
+  refused({"method.ffd", "stretching", "bending"}, [](Setup&, FfdOptions& o) { o.bending = 0; });
+  refused({"method.ffd.clamp", "0.6"}, [](Setup&, FfdOptions& o) {
+    o.control = FfdControl::mesh;
+    o.clamp = 0.6;
+  });
+  refused({"constraints", "method.ffd", "MESH", "ENERGY"}, [](Setup& s, FfdOptions& o) {
+    o.control = FfdControl::mesh;
+    s.constraints.push_back({"kept", {s.handles[0].region}, Planar{}});
+  });
+  refused({"symmetry", "method.ffd"}, [](Setup& s, FfdOptions&) {
+    s.symmetry.push_back({SymmetryPlane::Plane{{0, 0, 0}, {1, 0, 0}}});
+  });
+}
+
+// ---- direct manipulation ----
+
+/// The matrix of eq. 3.5 and its singular value decomposition by Jacobi rotations, which share nothing with what is tested.
+struct Dense {
+  Eigen::MatrixXd Phi;
+  Eigen::JacobiSVD<Eigen::MatrixXd> svd;
+  Dense(const Mesh& mesh, const FfdOptions& options, const std::vector<PointId>& held) {
+    const Lattice lattice = lattice_of(options.lattice, mesh);
+    Phi = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(held.size()), static_cast<Eigen::Index>(lattice.size()));
+    for (std::size_t j = 0; j < held.size(); ++j) {
+      lattice.for_each(lattice.weights(lattice.coordinates(mesh.points[held[j]])), [&](std::size_t p, double weight) {
+        Phi(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(p)) = weight;
+      });
+    }
+    svd.compute(Phi, Eigen::ComputeThinU | Eigen::ComputeThinV);
+  }
+  Eigen::MatrixXd solve(const Eigen::MatrixXd& h, double clamp) const {
+    const Eigen::VectorXd& s = svd.singularValues();
+    Eigen::Index rank = 1;
+    while (rank < s.size() && s[rank] > clamp * s[0]) ++rank;
+    return svd.matrixV().leftCols(rank) * s.head(rank).cwiseInverse().asDiagonal() *
+           (svd.matrixU().leftCols(rank).transpose() * h);
+  }
+};
+
+std::vector<PointId> held_points(const Mesh& mesh, const deform::Setup& setup) {
+  const ConstraintPoints points = constraint_points(mesh, validate(setup, mesh));
+  std::vector<PointId> held;
+  for (std::size_t i = 0; i < mesh.point_count(); ++i) {
+    if (points.region_of[i] != deformable_region) held.push_back(static_cast<PointId>(i));
+  }
+  return held;
+}
+
+Eigen::MatrixXd random_matrix(Eigen::Index rows, Eigen::Index columns, unsigned seed) {
+  std::mt19937_64 random(seed);
+  std::normal_distribution<double> normal;
+  Eigen::MatrixXd result(rows, columns);
+  for (Eigen::Index i = 0; i < rows; ++i) {
+    for (Eigen::Index j = 0; j < columns; ++j) result(i, j) = normal(random);
+  }
+  return result;
+}
+
+TEST(ClampedInverse, IsThePseudoInverse) {
+  // Many points per cell (least squares), and fewer points than functions (least motion).
+  for (const std::size_t columns : {61u, 15u}) {
+    const Mesh mesh = test::bumpy_sheet(columns, columns / 2 + 1);
+    for (const LatticeBasis basis : {LatticeBasis::uniform_cubic, LatticeBasis::bernstein}) {
+      FfdOptions options = by_mesh({6, 5, 4});
+      options.lattice.basis = basis;
+      const deform::Setup setup = with(test::sheet_setup(), options);
+      const std::vector<PointId> held = held_points(mesh, setup);
+      const Dense dense(mesh, options, held);
+      const ModelLattice made =
+          model_lattice(mesh, options.lattice, std::vector<RegionIndex>(mesh.point_count(), deformable_region), {});
+      const auto m = static_cast<Eigen::Index>(held.size());
+      const Eigen::MatrixXd h = random_matrix(m, 3, 1), g = random_matrix(dense.Phi.cols(), 2, 2);
+      for (const double clamp : {1e-2, 1e-4, 1e-6}) {
+        SCOPED_TRACE(testing::Message() << columns << " " << static_cast<int>(basis) << " " << clamp);
+        const ClampedInverse inverse(*made.rows, held, clamp, h, {});
+        const Eigen::MatrixXd expected = dense.solve(h, clamp), got = inverse.solve(h);
+        const double size = expected.norm();
+        EXPECT_LT((got - expected).norm(), 1e-8 * size);
+        // What is said of the error covers it; both solutions have one.
+        for (Eigen::Index c = 0; c < 3; ++c) {
+          const double missed = (h - dense.Phi * got).col(c).norm();
+          EXPECT_LT((got - expected).col(c).norm(), 2 * inverse.uncertainty(got.col(c).norm(), missed));
+          EXPECT_LT(inverse.uncertainty(got.col(c).norm(), missed), 1e-3 * size);
+        }
+        const Eigen::MatrixXd back = inverse.adjoint(g);
+        const double left = (got.leftCols(2).cwiseProduct(g)).sum(), right = (h.leftCols(2).cwiseProduct(back)).sum();
+        EXPECT_NEAR(left, right, 1e-12 * size * g.norm());
+        const ClampedInverse::Bytes bytes = ClampedInverse::estimate(*made.rows, held);
+        EXPECT_GE(bytes.resident, inverse.bytes());
+        EXPECT_EQ(bytes.functions, inverse.functions());
+      }
+    }
+  }
+}
+
+TEST(FfdByMesh, MeetsWhatItCanWithTheLeastMotion) {
+  // Few points, many functions (thesis 3.3: under-determined): handles are met.
+  const auto mesh = shared(test::bumpy_sheet(15, 8));
+  const FfdOptions options = by_mesh({14, 10, 4}, 1e-14);
+  const deform::Setup setup = with(test::sheet_setup(), options);
+  const auto system = prepare(mesh, setup);
+  const std::vector<PointId> held = held_points(*mesh, setup);
+  const Points got = system->evaluate(turned);
+  const SelectedRegions regions = validate(setup, *mesh);
+  for (const PointId id : regions.handles[0]) {
+    EXPECT_LT(distance(got[id], transformed(test::turn_and_shift(), mesh->points[id])), 1e-10);
+  }
+  for (const PointId id : regions.fixed) EXPECT_LT(distance(got[id], mesh->points[id]), 1e-10);
+  EXPECT_LT(system->bind({&turned, 1}, EvaluationPath::direct, {})->report(0).interpolation_residual, 1e-10);
+}
+
+TEST(FfdByMesh, AllPointsFollowTheLattice) {
+  const auto mesh = shared(test::bumpy_sheet(61, 31));
+  const FfdOptions options = by_mesh({8, 6, 4}, 1e-4);
+  const deform::Setup setup = with(test::sheet_setup(), options);
+  const std::vector<PointId> held = held_points(*mesh, setup);
+  const SelectedRegions regions = validate(setup, *mesh);
+  Eigen::MatrixXd h = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(held.size()), 3);
+  for (std::size_t j = 0; j < held.size(); ++j) {
+    if (!std::binary_search(regions.handles[0].begin(), regions.handles[0].end(), held[j])) continue;
+    const Vec3 u = transformed(test::turn_and_shift(), mesh->points[held[j]]) - mesh->points[held[j]];
+    h.row(static_cast<Eigen::Index>(j)) << u[0], u[1], u[2];
+  }
+  const Dense dense(*mesh, options, held);
+  const Eigen::MatrixXd w = dense.solve(h, options.clamp);
+  const Lattice lattice = lattice_of(options.lattice, *mesh);
+  const auto system = prepare(mesh, setup);
+  for (const EvaluationPath path : {EvaluationPath::basis, EvaluationPath::direct}) {
+    const Points got = system->evaluate({&turned, 1}, path)[0];
+    for (std::size_t i = 0; i < got.size(); ++i) {
+      Vec3 expected = mesh->points[i];
+      lattice.for_each(lattice.weights(lattice.coordinates(expected)), [&, at = expected](std::size_t p, double weight) {
+        for (std::size_t k = 0; k < 3; ++k) expected[k] += weight * w(static_cast<Eigen::Index>(p), static_cast<Eigen::Index>(k));
+      });
+      EXPECT_LT(distance(got[i], expected), 1e-9);
+    }
+    const DesignReport report = system->bind({&turned, 1}, path, {})->report(0);
+    EXPECT_NEAR(report.control_displacement, w.rowwise().norm().maxCoeff(), 1e-8 * report.control_displacement);
+    const double missed = (h - dense.Phi * w).rowwise().norm().maxCoeff();
+    EXPECT_GE(report.interpolation_residual, missed * (1 - 1e-6));
+    if (path == EvaluationPath::direct) {
+      EXPECT_NEAR(report.interpolation_residual, missed, 1e-9);
+    }
+  }
+}
+
+// Thesis 4.3, figure 4.3: smaller clamps meet handles better and move control points farther; the automatic one is in between.
+TEST(FfdByMesh, ClampsTradeMisfitForMotion) {
+  const auto mesh = shared(test::bumpy_sheet(61, 31));
+  const auto report = [&](double clamp, std::vector<std::string>* notes = nullptr) {
+    const auto system = prepare(mesh, with(test::sheet_setup(), by_mesh({6, 5, 4}, clamp)));
+    if (notes != nullptr) *notes = system->info().notes;
+    return system->bind({&turned, 1}, EvaluationPath::direct, {})->report(0);
+  };
+  std::vector<std::string> notes;
+  const DesignReport strong = report(0.3), weak = report(1e-12), automatic = report(0, &notes);
+  EXPECT_GT(strong.interpolation_residual, 2 * weak.interpolation_residual);
+  EXPECT_GT(weak.control_displacement, 100 * strong.control_displacement);
+  EXPECT_LT(automatic.interpolation_residual, strong.interpolation_residual);
+  EXPECT_LT(automatic.control_displacement, 20 * automatic.prescribed_displacement);
+  EXPECT_TRUE(automatic.warnings.empty());
+  ASSERT_EQ(weak.warnings.size(), 1u);
+  EXPECT_NE(weak.warnings[0].find("control points move by up to"), std::string::npos);
+  EXPECT_TRUE(std::any_of(notes.begin(), notes.end(), [](const std::string& n) { return n.find("rank") != std::string::npos; }));
+}
+
+TEST(FfdByMesh, RefusesTooManyControlPoints) {
+  const auto mesh = shared(test::bumpy_sheet(161, 81));
+  const deform::Setup setup = with(test::sheet_setup(), by_mesh({120, 70, 4}));
+  test::expect_error(ErrorCode::invalid_argument, {"method.ffd.control", "at most 4000"}, [&] { estimate(*mesh, setup); });
+  test::expect_error(ErrorCode::invalid_argument, {"method.ffd.control", "at most 4000"}, [&] { prepare(mesh, setup); });
+}
+
+}  // namespace
+}  // namespace deform

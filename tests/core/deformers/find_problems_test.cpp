@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// All that is wrong with a setup at once.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/deformers/system.h"
+#include "tests/core/deformers/shapes.h"
+#include "tests/support/expect_error.h"
+
+namespace deform {
+namespace {
+
+using test::box;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+const Region nowhere = box({9, 9, 9}, {10, 10, 10});
+
+deform::Setup good() {
+  deform::Setup setup = test::sheet_setup();
+  setup.method = MlsOptions{};
+  setup.variables.push_back({"up", "end", DesignVariable::Translate{{0, 0, 2}}});
+  setup.constraints.push_back({"flat", {box({0.8, -1, -1}, {1.2, 2, 1})}, Planar{}});
+  return setup;
+}
+
+std::vector<Problem> found_in(const deform::Setup& setup) {
+  Problems problems(Problems::Mode::collect);
+  find_problems(test::bumpy_sheet(21, 11), setup, problems);
+  return problems.list();
+}
+
+std::vector<std::string> fields(const std::vector<Problem>& problems) {
+  std::vector<std::string> result;
+  for (const Problem& p : problems) result.push_back(p.field);
+  return result;
+}
+
+TEST(FindProblems, FindsNoneInAGoodSetup) { EXPECT_THAT(fields(found_in(good())), ElementsAre()); }
+
+TEST(FindProblems, FindsAllOfThemEachWithItsField) {
+  deform::Setup setup = good();
+  setup.handles.push_back({"end", nowhere});
+  setup.handles.push_back({"over", box({1.6, -1, -1}, {3, 2, 1})});
+  setup.fixed.push_back(nowhere);
+  setup.fixed.push_back({Region::Ids{{4711}}});
+  setup.variables.push_back({"up", "end", DesignVariable::Translate{{0, 0, 1}}});
+  setup.variables.push_back({"away", "nobody", DesignVariable::Translate{{0, 0, 1}}});
+  std::get<MlsOptions>(setup.method).cover = 4;
+  setup.constraints.push_back({"flat", {nowhere}, Planar{}});                   // twice, and nowhere
+  setup.constraints.push_back({"round", {{Region::Ids{{1, 2}}}}, Circular{}});  // too few points
+  setup.constraints.push_back({"pair", {{Region::All{}}}, Parallel{}});         // one region
+  setup.constraints.push_back({"line", {{Region::Ids{{1, 2}}}}, Straight{}});   // too few points
+  setup.constraints.push_back({"good", {{Region::Ids{{1, 2, 3}}}}, Straight{}});
+  setup.constraint_options.iterations = 0;
+  setup.symmetry.push_back({SymmetryPlane::Plane{{0, 0, 0}, {0, 0, 0}}});
+  const std::vector<Problem> found = found_in(setup);
+  EXPECT_THAT(fields(found),
+              ElementsAre("handles[1].name", "variables[1]", "variables[2]", "method", "method", "handles[1].region",
+                          "handles[2].region", "fixed[1]", "fixed[2]", "constraint_options", "constraints[1].name",
+                          "constraints[1].regions[0]", "constraints[3]", "symmetry", "constraints[2]", "constraints[4]"));
+  ASSERT_EQ(found.size(), 16u);
+  EXPECT_THAT(found[6].message, HasSubstr("overlaps handle \"end\""));
+  EXPECT_THAT(found[14].message, HasSubstr("2 points, circular needs at least 4"));
+  EXPECT_THAT(found[15].message, HasSubstr("2 points, straight needs at least 3"));
+  test::expect_error(ErrorCode::invalid_argument, {found[0].message.c_str()},
+                     [&] { validate(setup, test::bumpy_sheet(21, 11)); });
+}
+
+TEST(FindProblems, SamplesOfWrongVariablesAreNotLookedAt) {
+  deform::Setup setup = good();
+  setup.constraints.clear();
+  setup.method = RbfOptions{.tolerance = 1, .samples = {{0.5}}};
+  EXPECT_THAT(fields(found_in(setup)), ElementsAre("method"));
+  setup.variables[0].handle = "nobody";
+  EXPECT_THAT(fields(found_in(setup)), ElementsAre("variables[0]", "method")) << "the tolerance is wrong all the same";
+}
+
+TEST(FindProblems, LeavesOutWhatIsKnownAlready) {
+  deform::Setup setup = good();
+  setup.fixed.push_back(nowhere);
+  setup.constraints[0].regions = {nowhere};
+  Problems problems(Problems::Mode::collect);
+  const auto known = [] { throw Error(ErrorCode::invalid_argument, "could not be read"); };
+  problems.check("fixed[1]", known);
+  problems.check("constraints[0]", known);
+  find_problems(test::bumpy_sheet(21, 11), setup, problems);
+  EXPECT_EQ(problems.list().size(), 2u);
+}
+
+}  // namespace
+}  // namespace deform

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// How far solutions of the energy methods may be off, against dense solutions in extended precision.
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <cmath>
+#include <random>
+
+#include "core/deformers/constrained/energy_solver.h"
+
+namespace deform {
+namespace {
+
+using Matrix = Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic>;
+
+constexpr std::int64_t unknowns = 160, held = 12;
+
+/// Bending of a rod of random stiffness, clamped at one end: condition about 1e10.
+SparseMatrix rod(std::mt19937& random) {
+  SparseMatrix second(unknowns, unknowns);
+  for (std::int64_t i = 0; i < unknowns; ++i) {
+    const double stiffness = std::uniform_real_distribution<double>(0.5, 2)(random);
+    second.insert(i, i) = stiffness;
+    if (i >= 1) second.insert(i, i - 1) = -2 * stiffness;
+    if (i >= 2) second.insert(i, i - 2) = stiffness;
+  }
+  const SparseMatrix square = SparseMatrix(second.transpose()) * second;
+  SparseMatrix lower = square.triangularView<Eigen::Lower>();
+  lower.makeCompressed();
+  return lower;
+}
+
+SparseMatrix random_coupling(std::mt19937& random) {
+  std::uniform_real_distribution<double> value(-1, 1);
+  SparseMatrix coupling(unknowns, held);
+  for (std::int64_t j = 0; j < held; ++j) {
+    const std::int64_t at = 5 + j * (unknowns - 10) / held;
+    for (std::int64_t i = at; i < at + 3; ++i) coupling.insert(i, j) = value(random);
+  }
+  coupling.makeCompressed();
+  return coupling;
+}
+
+/// The solution in extended precision.
+Matrix reference(const EnergySolver::Problem& problem, const Eigen::MatrixXd& h) {
+  const Matrix lower = Eigen::MatrixXd(problem.energy).cast<long double>();
+  Matrix K = lower.selfadjointView<Eigen::Lower>();
+  const Matrix B = Eigen::MatrixXd(problem.coupling).cast<long double>().transpose();
+  const Matrix H = h.cast<long double>();
+  if (problem.enforcement == HandleEnforcement::eliminated) return K.partialPivLu().solve(B.transpose() * H);
+  if (problem.enforcement == HandleEnforcement::soft) {
+    const Matrix W = problem.weights.cast<long double>().asDiagonal();
+    return (K + B.transpose() * W * B).partialPivLu().solve(B.transpose() * W * H);
+  }
+  Matrix saddle = Matrix::Zero(unknowns + held, unknowns + held), right = Matrix::Zero(unknowns + held, h.cols());
+  saddle.topLeftCorner(unknowns, unknowns) = K;
+  saddle.topRightCorner(unknowns, held) = B.transpose();
+  saddle.bottomLeftCorner(held, unknowns) = B;
+  right.bottomRows(held) = H;
+  return saddle.partialPivLu().solve(right).topRows(unknowns);
+}
+
+class SolverError : public testing::TestWithParam<HandleEnforcement> {};
+
+TEST_P(SolverError, IsWhatItsUncertaintySays) {
+  for (std::uint32_t seed = 0; seed < 20; ++seed) {
+    std::mt19937 random(seed);
+    EnergySolver::Problem problem;
+    problem.energy = rod(random);
+    problem.coupling = random_coupling(random);
+    problem.enforcement = GetParam();
+    if (GetParam() != HandleEnforcement::eliminated) {
+      const double weight = GetParam() == HandleEnforcement::soft ? 1000 : multiplier_weight(problem.energy, problem.coupling);
+      problem.weights = Eigen::VectorXd::Constant(held, weight);
+    }
+    const EnergySolver solver(problem, 0, {});
+    Eigen::MatrixXd h(held, 2);
+    for (double& x : h.reshaped()) x = std::uniform_real_distribution<double>(-1, 1)(random);
+    const Eigen::MatrixXd u = solver.loads(h, {});
+    const Eigen::MatrixXd w = solver.solve_loads(u, {});
+    const Eigen::MatrixXd uncertainty = solver.uncertainty(h, u, w, {});
+    const Matrix exact = reference(problem, h);
+    for (Eigen::Index c = 0; c < 2; ++c) {
+      const double truth = static_cast<double>((w.col(c).cast<long double>() - exact.col(c)).cwiseAbs().maxCoeff());
+      const double said = uncertainty.col(c).cwiseAbs().maxCoeff();
+      EXPECT_GE(said, 0.5 * truth) << seed;
+      EXPECT_LE(said, 2 * truth + 1e-15 * w.col(c).cwiseAbs().maxCoeff()) << seed;
+      EXPECT_GT(truth, 1e-15 * w.col(c).cwiseAbs().maxCoeff()) << "the rod is too easy to show anything";
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Enforcements, SolverError,
+                         testing::Values(HandleEnforcement::eliminated, HandleEnforcement::soft, HandleEnforcement::multipliers));
+
+}  // namespace
+}  // namespace deform

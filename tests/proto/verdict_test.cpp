@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What makes a design bad or doubtful, and that the reasons come with it, the worst first.
+#include "proto/convert/verdict.h"
+
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <limits>
+#include <string>
+#include <vector>
+
+namespace deform::convert {
+namespace {
+
+v1::DesignResult good_result() {
+  v1::DesignResult result;
+  result.set_max_displacement(0.1);
+  result.set_prescribed_displacement(0.1);
+  result.set_estimated_error(1e-14);
+  result.set_relative_error(1e-13);
+  result.mutable_faces()->set_faces(100);
+  result.mutable_cells()->set_cells(50);
+  result.mutable_cells()->set_safe_amplitude(1);
+  result.mutable_cells()->set_inverted_at_rest(3);  // the fault of the mesh, not of the design
+  result.mutable_constraints()->add_residuals()->set_name("bore");
+  return result;
+}
+
+const SolutionFacts good_facts{.diagonal = 1, .condition = 1e6, .converged = true, .torn_edges = 0};
+
+void set_error(v1::DesignResult& result, double error) {
+  result.set_estimated_error(error);
+  result.set_relative_error(error / result.max_displacement());
+}
+
+struct Case {
+  const char* name;
+  std::function<void(SolutionFacts&, v1::DesignResult&)> change;
+  v1::Verdict verdict;
+  const char* reason;
+};
+
+const std::vector<Case> cases = {
+    {"nothing", [](auto&, auto&) {}, v1::VERDICT_GOOD, ""},
+    {"infinite", [](auto&, auto& r) { r.set_max_displacement(std::numeric_limits<double>::infinity()); }, v1::VERDICT_BAD,
+     "points are not finite"},
+    {"unknown_error", [](auto&, auto& r) { r.set_estimated_error(std::numeric_limits<double>::quiet_NaN()); }, v1::VERDICT_BAD,
+     "points are not finite"},
+    {"not_converged", [](auto& f, auto&) { f.converged = false; }, v1::VERDICT_BAD, "the solver did not reach its tolerance"},
+    {"large_error", [](auto&, auto& r) { set_error(r, 1.1e-4); }, v1::VERDICT_BAD,
+     "the estimated error is 0.00011, 0.0011 of the largest displacement"},
+    {"error", [](auto&, auto& r) { set_error(r, 0.9e-4); }, v1::VERDICT_DOUBTFUL, "the estimated error is 9e-05"},
+    {"small_error", [](auto&, auto& r) { set_error(r, 0.9e-7); }, v1::VERDICT_GOOD, ""},
+    {"error_of_next_to_no_motion",
+     [](auto&, auto& r) {
+       r.set_max_displacement(1e-11);
+       set_error(r, 0.9e-12);
+     },
+     v1::VERDICT_GOOD, ""},
+    {"condition", [](auto& f, auto&) { f.condition = 1.1e12; }, v1::VERDICT_DOUBTFUL, "the condition of the system is 1.1e+12"},
+    {"flipped", [](auto&, auto& r) { r.mutable_faces()->set_flipped(2); }, v1::VERDICT_DOUBTFUL, "2 of 100 faces are flipped"},
+    {"torn", [](auto& f, auto&) { f.torn_edges = 3; }, v1::VERDICT_DOUBTFUL, "3 edges are torn at the boundary of the lattice"},
+    {"far", [](auto&, auto& r) { r.set_prescribed_displacement(0.06); }, v1::VERDICT_DOUBTFUL,
+     "a point moves 1.67 times the largest prescribed displacement"},
+    {"inverted",
+     [](auto&, auto& r) {
+       r.mutable_cells()->set_inverted(2);
+       r.mutable_cells()->set_safe_amplitude(0.25);
+     },
+     v1::VERDICT_BAD, "2 of 50 cells are inverted; none before 0.25 of the motion"},
+    {"split_that_mends",
+     [](auto&, auto& r) {
+       r.mutable_cells()->set_inverted(2);
+       r.mutable_split()->set_inversion_free(true);
+       r.mutable_split()->set_reached(1);
+     },
+     v1::VERDICT_GOOD, ""},
+    {"split", [](auto&, auto& r) { r.mutable_split()->set_reached(0.5); }, v1::VERDICT_BAD,
+     "the split did not arrive: 0.5 of the motion was reached"},
+    {"missed", [](auto&, auto& r) { r.mutable_constraints()->mutable_residuals(0)->set_missed(true); }, v1::VERDICT_BAD,
+     "exact constraints are missed: \"bore\""},
+    {"given_up", [](auto&, auto& r) { r.mutable_constraints()->set_exact_given_up(true); }, v1::VERDICT_BAD, "given up"},
+};
+
+class Verdict : public testing::TestWithParam<Case> {};
+
+TEST_P(Verdict, IsWhatIsFound) {
+  SolutionFacts facts = good_facts;
+  v1::DesignResult result = good_result();
+  GetParam().change(facts, result);
+  set_verdict(facts, result);
+  EXPECT_EQ(result.verdict(), GetParam().verdict);
+  ASSERT_EQ(result.reasons_size(), GetParam().verdict == v1::VERDICT_GOOD ? 0 : 1);
+  if (result.reasons_size() > 0) EXPECT_NE(result.reasons(0).find(GetParam().reason), std::string::npos) << result.reasons(0);
+}
+
+INSTANTIATE_TEST_SUITE_P(Results, Verdict, testing::ValuesIn(cases),
+                         [](const auto& info) { return std::string(info.param.name); });
+
+TEST(Verdicts, TheWorstReasonComesFirst) {
+  SolutionFacts facts = good_facts;
+  facts.condition = 1e13;
+  v1::DesignResult result = good_result();
+  result.mutable_cells()->set_inverted(2);
+  set_verdict(facts, result);
+  set_verdict(facts, result);  // what was there before does not count
+  EXPECT_EQ(result.verdict(), v1::VERDICT_BAD);
+  ASSERT_EQ(result.reasons_size(), 2);
+  EXPECT_NE(result.reasons(0).find("inverted"), std::string::npos);
+  EXPECT_NE(result.reasons(1).find("condition"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace deform::convert

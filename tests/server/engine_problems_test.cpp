@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// EstimateRequest.list_problems: all that is wrong with a setup in one reply.
+#include "tests/server/engine_fixture.h"
+#include "tests/support/expect_error.h"
+
+namespace deform::server {
+namespace {
+
+class EngineProblems : public EngineFixture {
+ protected:
+  v1::EstimateReply estimate(const v1::Setup& setup) {
+    v1::EstimateRequest request;
+    *request.mutable_setup() = setup;
+    request.set_list_problems(true);
+    return engine->estimate(request);
+  }
+  std::vector<std::string> fields(const v1::Setup& setup) {
+    std::vector<std::string> result;
+    const v1::EstimateReply reply = estimate(setup);
+    for (const auto& problem : reply.problems()) result.push_back(problem.field());
+    return result;
+  }
+};
+
+TEST_F(EngineProblems, AGoodSetupIsEstimated) {
+  const v1::Setup setup = sheet_setup(register_mesh(sheet_mesh(30, 10)).id());
+  const v1::EstimateReply reply = estimate(setup);
+  EXPECT_EQ(reply.problems_size(), 0);
+  EXPECT_GT(reply.centres(), 0u);
+  EXPECT_EQ(reply.system_id(), prepare(setup).id());
+}
+
+TEST_F(EngineProblems, WhatCannotBeReadAndWhatIsRefusedAreToldTogether) {
+  v1::Setup setup = sheet_setup(register_mesh(sheet_mesh(30, 10)).id());
+  const int handle = setup.handles_size(), fixed = setup.fixed_size();
+  setup.add_handles()->set_name("no region");
+  setup.add_fixed()->mutable_box()->add_min(1);  // two numbers are missing
+  setup.add_fixed()->set_group("nobody");
+  setup.add_variables()->set_name("moves nothing");
+  setup.mutable_method()->mutable_mls();
+  auto* line = setup.add_constraints();
+  line->set_name("line");
+  line->mutable_straight();
+  line->add_regions()->add_ids(1);
+  setup.add_constraints()->set_name("no kind");
+  const std::string last = std::to_string(setup.variables_size() - 1);
+  EXPECT_THAT(fields(setup),
+              testing::UnorderedElementsAre("handles[" + std::to_string(handle) + "].region",
+                                            "fixed[" + std::to_string(fixed) + "]", "fixed[" + std::to_string(fixed + 1) + "]",
+                                            "variables[" + last + "]", "constraints[0]", "constraints[1]"));
+  v1::EstimateRequest plain;
+  *plain.mutable_setup() = setup;
+  test::expect_error(ErrorCode::invalid_argument, {"handles[", "region", "is missing"}, [&] { engine->estimate(plain); });
+}
+
+TEST_F(EngineProblems, AGeometryIsNeeded) {
+  v1::Setup setup = sheet_setup("");
+  setup.add_handles();
+  EXPECT_THAT(fields(setup), testing::Contains("geometry"));
+  setup = sheet_setup(std::string(64, 'f'));
+  test::expect_error(ErrorCode::not_found, {}, [&] { estimate(setup); });
+}
+
+TEST_F(EngineProblems, AReplyStaysBelowOneMebibyte) {
+  v1::Setup setup = sheet_setup(register_mesh(sheet_mesh(30, 10)).id());
+  setup.mutable_method()->mutable_mls();
+  for (int i = 0; i < 9000; ++i) setup.add_constraints()->set_name(std::string(100, 'x'));
+  const v1::EstimateReply reply = estimate(setup);
+  EXPECT_LT(reply.ByteSizeLong(), std::size_t{1} << 20);
+  EXPECT_GT(reply.problems_size(), 1000);
+  EXPECT_EQ(static_cast<std::uint64_t>(reply.problems_size()) + reply.problems_left_out(), 9000u);
+}
+
+}  // namespace
+}  // namespace deform::server
