@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cstdint>
 #include <cstdio>
 #include <fstream>
@@ -95,8 +96,12 @@ std::size_t available_memory() {
   return bytes;
 }
 
-void return_freed_memory(std::size_t bytes) {
-  if (bytes >= freed_bytes_worth_returning) malloc_trim(0);
+bool return_freed_memory(std::size_t bytes) {
+  static std::atomic<std::size_t> freed{0};
+  if (freed.fetch_add(bytes) + bytes < freed_bytes_worth_returning) return false;
+  freed = 0;
+  malloc_trim(0);
+  return true;
 }
 
 std::size_t resident_set_bytes() {

@@ -83,9 +83,9 @@ class MemoryBudget {
 /// Bytes of memory this process may use: of the machine or, where smaller, of its cgroup (version 2 or 1).
 std::size_t available_memory();
 
-/// Called where so many bytes have been freed: from 16 MiB on the allocator gives what is free back to the system, which it
-/// otherwise keeps for later. Any thread.
-void return_freed_memory(std::size_t bytes);
+/// Called where so many bytes have been freed. Once 16 MiB have come together in this process, by one call or by many, the
+/// allocator gives what is free back to the system, which it otherwise keeps for later; true when it did. Any thread.
+bool return_freed_memory(std::size_t bytes);
 inline constexpr std::size_t freed_bytes_worth_returning = std::size_t{16} << 20;
 
 /// Bytes of memory this process occupies now.

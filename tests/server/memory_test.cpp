@@ -132,5 +132,17 @@ TEST(Memory, of_this_process_and_machine) {
   EXPECT_LT(resident_set_bytes(), available_memory());
 }
 
+TEST(Memory, small_pieces_that_are_freed_add_up) {
+  const auto returned = [](std::size_t pieces) {
+    const std::size_t piece = freed_bytes_worth_returning / pieces;
+    int calls = 1;
+    while (!return_freed_memory(piece)) ++calls;
+    return calls;
+  };
+  EXPECT_EQ(returned(1), 1);  // nothing is left over from before
+  EXPECT_EQ(returned(4), 4);
+  EXPECT_EQ(returned(1), 1);
+}
+
 }  // namespace
 }  // namespace deform::server
