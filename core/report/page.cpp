@@ -109,6 +109,17 @@ void append_measures(std::string& out, const QualityPage& page) {
   out += "</tbody></table></div>\n<p class=\"soft\">" + markup_text(page.after.method) + "</p>\n</section>\n";
 }
 
+/// The checks that failed; those that `before` did not fail with the same count are marked.
+void append_failed_checks(std::string& out, const QualityPage& page) {
+  if (page.after.failed.empty()) return;
+  out += "<section>\n<h2>Failed checks</h2>\n<ul>\n";
+  for (const std::string& check : page.after.failed) {
+    const bool same = page.before && std::count(page.before->failed.begin(), page.before->failed.end(), check) > 0;
+    out += (same ? "<li class=\"soft\">" : "<li class=\"bad\">") + markup_text(check) + (same ? " (as before)" : "") + "</li>\n";
+  }
+  out += "</ul>\n</section>\n";
+}
+
 void append_constraints(std::string& out, const QualityPage& page) {
   if (page.constraints.empty()) return;
   out +=
@@ -315,6 +326,7 @@ std::string html_page(const QualityPage& page) {
   out += quality::page_style();
   out += "</style>\n</head>\n<body>\n";
   append_header(out, page);
+  append_failed_checks(out, page);
   append_measures(out, page);
   append_constraints(out, page);
   append_picture(out, page);

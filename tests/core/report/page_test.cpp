@@ -60,6 +60,16 @@ TEST_F(Page, ShowsResidualsOfConstraints) {
   EXPECT_TRUE(has(text, "<tr><td>flange</td><td>3e-12</td><td>1e-12</td><td>0.5</td><td>0.25</td><td></td></tr>"));
 }
 
+TEST_F(Page, NamesTheChecksThatFailed) {
+  EXPECT_FALSE(has(page(), "Failed checks"));
+  after_report_.failed = {"face pyramids: 19", "open cells: 1"};
+  before_report_.failed = {"face pyramids: 17", "open cells: 1"};
+  const std::string text = page();
+  EXPECT_TRUE(has(text, "<li class=\"bad\">face pyramids: 19</li>"));
+  EXPECT_TRUE(has(text, "<li class=\"soft\">open cells: 1 (as before)</li>"));
+  EXPECT_TRUE(has(html_page({"after.obj", "", after_report_}), "<li class=\"bad\">open cells: 1</li>"));
+}
+
 TEST_F(Page, EscapesWhatComesFromFiles) {
   const std::string text = page();
   for (const char* raw : {"<img", "<b>", "<i>", "be<fore", "a<b", "note & more"}) EXPECT_FALSE(has(text, raw));
