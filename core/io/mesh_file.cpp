@@ -46,8 +46,9 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name,
   const Reader& reader = reader_of(name);
   const bool compressed = is_gzip(bytes);
   if (compressed) bytes = gunzip(bytes, name, max_unpacked);
+  const auto parse = options.turn_normals && reader.parse_turning_normals ? reader.parse_turning_normals : reader.parse;
   std::unique_ptr<MeshFile> file =
-      reader.library ? parse_container(reader, std::move(bytes), name, options) : reader.parse(std::move(bytes), name);
+      reader.library ? parse_container(reader, std::move(bytes), name, options) : parse(std::move(bytes), name);
   file->compressed = compressed;
   return file;
 }

@@ -42,8 +42,10 @@ class MeshFile {
 
   /// The original file with the coordinates of `points` (size mesh()->point_count()) and nothing else changed: comments, spacing,
   /// line ends, other properties, vertex normals, face lines stay byte for byte. The normals of STL facets whose corners moved
-  /// become those of the new corners, unless they are zero or not finite. Text: shortest decimal that parses to the same double;
-  /// a coordinate whose value did not change keeps its token. Binary floats: nearest float. Abaqus and Nastran: where the
+  /// become those of the new corners, unless they are zero or not finite. With ReadOptions::turn_normals a vertex normal of an
+  /// OBJ file turns by the least rotation that takes the area-weighted mean normal of its faces to that of the deformed faces;
+  /// one whose faces do not move, or have no mean normal, stays byte for byte. Text: shortest decimal that parses to the same
+  /// double; a coordinate whose value did not change keeps its token. Binary floats: nearest float. Abaqus and Nastran: where the
   /// shortest decimal is longer than the field, the nearest one that fits: 20 characters in Abaqus, 8 or 16 columns in Nastran,
   /// between commas as much, or as the longest number between commas in the file. Throws Error(invalid_argument) for a wrong
   /// size, non-finite coordinates, and z that leaves the plane of a two-dimensional file.
@@ -83,6 +85,9 @@ struct ReadOptions {
   std::vector<std::string> isolated_reader;
   /// Ends that process: Error(cancelled).
   std::optional<CancelFlag> cancel;
+  /// Of OBJ: with_points() turns the vertex normals (vn) of faces whose corners move. They take 60 bytes each and every corner 4
+  /// until the mesh file is destroyed. See MeshFile::with_points().
+  bool turn_normals = false;
 };
 
 /// The main function of such a process: reads what it is to do from standard input and answers on standard output. Gives the exit

@@ -19,8 +19,10 @@ struct Reader {
   std::string name;                     ///< in messages: "OBJ"
   std::vector<std::string> extensions;  ///< in lower case, the usual one first; none: a mesh is a folder
 
-  /// One of these two reads a mesh. `bytes` are unpacked already, `name` stands in errors. Errors as parse_mesh().
+  /// This one or `library` reads a mesh. `bytes` are unpacked already, `name` stands in errors. Errors as parse_mesh().
   std::unique_ptr<MeshFile> (*parse)(std::string bytes, const std::string& name) = nullptr;
+  /// The same, with vertex normals that ReadOptions::turn_normals is about, in formats that have any.
+  std::unique_ptr<MeshFile> (*parse_turning_normals)(std::string bytes, const std::string& name) = nullptr;
   const ContainerLibrary* library = nullptr;  ///< what parses a format that is left to a library
 
   /// Reads a file whose includes are relative to its folder, in formats that have any.

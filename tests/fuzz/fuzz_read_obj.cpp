@@ -2,6 +2,10 @@
 #include "tests/fuzz/read_and_write_back.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  deform::fuzz::read_and_write_back({reinterpret_cast<const char*>(data), size}, "fuzz.obj");
+  const std::string_view bytes(reinterpret_cast<const char*>(data), size);
+  deform::fuzz::read_and_write_back(bytes, "fuzz.obj");
+  deform::io::ReadOptions turning;
+  turning.turn_normals = true;
+  deform::fuzz::read_and_write_back(bytes, "fuzz.obj", deform::fuzz::FaceOrder::same, turning);
   return 0;
 }

@@ -71,10 +71,11 @@ void check_reader(const std::string& bytes, const Parse& parse, FaceOrder order 
           "faces do not change when points move");
 }
 
-inline void read_and_write_back(std::string_view bytes, const std::string& name, FaceOrder order = FaceOrder::same) {
+inline void read_and_write_back(std::string_view bytes, const std::string& name, FaceOrder order = FaceOrder::same,
+                                const io::ReadOptions& options = {}) {
   if (io::is_gzip(bytes)) return;  // zlib has its own fuzzers, and the bytes behind it come without packing as well
   check_reader(
-      std::string(bytes), [&](const std::string& file) { return io::parse_mesh(file, name); }, order);
+      std::string(bytes), [&](const std::string& file) { return io::parse_mesh(file, name, options); }, order);
 }
 
 }  // namespace deform::fuzz

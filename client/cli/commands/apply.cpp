@@ -178,6 +178,7 @@ void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chose
   target->require_option(1, 2);
   command->add_flag("--keep-bad", options->keep_bad, "Write bad designs, too; the exit code stays 4");
   command->add_option("--source", options->input.source, "Mesh file of a setup that names its geometry by id");
+  add_turn_normals(*command, options->input);
   command->add_option("--path", options->path, "How designs are evaluated")
       ->transform(CLI::IsMember({"automatic", "basis", "direct"}, CLI::ignore_case))
       ->capture_default_str();

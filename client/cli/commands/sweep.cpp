@@ -128,7 +128,8 @@ class Sweep {
     const bool archive = std::filesystem::path(options_.output).extension() == ".tar";
     std::string extension = full_extension(source_, prepared_.source_path);
     if (archive && extension.ends_with(".gz")) extension.resize(extension.size() - 3);
-    const SweepIdentity identity{prepared_.system.id(), encoding_.encoding, encoding_.tolerance, extension,
+    const std::string normals = options_.input.turn_normals ? " turned normals" : "";
+    const SweepIdentity identity{prepared_.system.id(), encoding_.encoding, encoding_.tolerance, extension + normals,
                                  options_.cells.identity() + encoding_.identity()};
     std::vector<ExpectedResult> expected;
     for (const auto& design : table.designs) expected.push_back({design.name, design_hash(identity, design)});
@@ -387,6 +388,7 @@ void add_sweep_command(CLI::App& app, const CommonOptions& common, Action& chose
   command->add_option("-o,--output", options->output, "Folder for one file per design, or an archive when it ends in .tar")
       ->required();
   command->add_option("--source", options->input.source, "Mesh file of a setup that names its geometry by id");
+  add_turn_normals(*command, options->input);
   command->add_option("--parallel", options->parallel, "Requests in flight")->check(CLI::Range(1, 64))->capture_default_str();
   command->add_option("--batch", options->batch, "Designs per request; 0: as many as fit into 64 MiB, at most 16")
       ->check(CLI::Range(0, 1000))

@@ -53,14 +53,22 @@ std::string group_size_text(const v1::GroupInfo& group) {
 
 namespace {
 
-void read_source(LoadedSetup& loaded, const std::filesystem::path& path, const CancelFlag& cancel) {
+void read_source(LoadedSetup& loaded, const std::filesystem::path& path, const PrepareInput& input, const CancelFlag& cancel) {
   const auto start = std::chrono::steady_clock::now();
-  loaded.source = io::read_mesh_file(path, own_process(cancel));
+  io::ReadOptions reading = own_process(cancel);
+  reading.turn_normals = input.turn_normals;
+  loaded.source = io::read_mesh_file(path, reading);
   loaded.source_path = path;
   loaded.times.read = seconds_since(start);
 }
 
 }  // namespace
+
+void add_turn_normals(CLI::App& command, PrepareInput& input) {
+  command.add_flag(
+      "--turn-normals", input.turn_normals,
+      "Of OBJ files: write vertex normals turned with their faces (those of STL facets are, always); else they stay");
+}
 
 LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progress& progress) {
   LoadedSetup loaded;
@@ -74,10 +82,10 @@ LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progre
       if (!input.source.empty()) {
         throw Error(ErrorCode::invalid_argument, "--source: the setup names its mesh file itself; remove one of the two");
       }
-      read_source(loaded, *file.geometry_file, connection.interrupted());
+      read_source(loaded, *file.geometry_file, input, connection.interrupted());
     }
   }
-  if (!input.source.empty()) read_source(loaded, input.source, connection.interrupted());
+  if (!input.source.empty()) read_source(loaded, input.source, input, connection.interrupted());
   if (!loaded.source) return loaded;
   const auto start = std::chrono::steady_clock::now();
   const auto info = register_mesh(connection, loaded.source->mesh(), loaded.source_path.filename().string(), progress);

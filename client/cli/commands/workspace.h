@@ -52,9 +52,13 @@ struct PreparedSetup {
 };
 
 struct PrepareInput {
-  std::string setup;   ///< a setup file, or the id of a system
-  std::string source;  ///< the mesh file of a setup that names its geometry by id; else empty
+  std::string setup;          ///< a setup file, or the id of a system
+  std::string source;         ///< the mesh file of a setup that names its geometry by id; else empty
+  bool turn_normals = false;  ///< io::ReadOptions::turn_normals
 };
+
+/// --turn-normals
+void add_turn_normals(CLI::App& command, PrepareInput& input);
 
 /// The setup with its geometry registered, not prepared yet.
 struct LoadedSetup {

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdio>
+#include <sstream>
 
 #include "core/io/mesh_file.h"
 #include "tests/core/io/text_diff.h"
@@ -161,6 +163,93 @@ TEST(ObjTest, EveryDoubleSurvives) {
     const Points points{{value, -value, value / 7}};
     EXPECT_EQ(parse_mesh(file->with_points(points), "one.obj")->mesh()->points, points);
   }
+}
+
+// ---- normals that turn ----
+
+std::unique_ptr<MeshFile> read_turning(const std::string& text) {
+  ReadOptions options;
+  options.turn_normals = true;
+  return parse_mesh(text, "test.obj", options);
+}
+
+/// The numbers of all lines that begin with "vn ".
+std::vector<Vec3> normals_in(const std::string& text) {
+  std::vector<Vec3> normals;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    Vec3 n;
+    if (std::sscanf(line.c_str(), "vn %lf %lf %lf", n.data(), n.data() + 1, n.data() + 2) == 3) normals.push_back(n);
+  }
+  return normals;
+}
+
+void expect_near(const Vec3& a, const Vec3& b) {
+  for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(a[k], b[k], 1e-14);
+}
+
+// A roof of two squares with an edge between them: (0, 0) to (1, 1) flat, beyond x = 1 falling by 45 degrees.
+const std::string roof =
+    "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 0 -1\nv 2 1 -1\n"
+    "vn 0 0 1.000\nvn 0.6 0 0.8\nvn nan 0 0\nvn 1 0\nvn 0 0 0\n";
+
+TEST(ObjTest, NormalsStayWithoutTheOption) {
+  const std::string text = roof + "f 1//1 2//1 3//1 4//1\n";
+  const auto file = parse_mesh(text, "test.obj");
+  Points points = file->mesh()->points;
+  points[2][2] = points[3][2] = 1;
+  EXPECT_EQ(normals_in(file->with_points(points))[0], (Vec3{0, 0, 1}));
+}
+
+TEST(ObjTest, NormalsTurnWithTheirFaces) {
+  const std::string text = roof + "f 1//1 2//2 3//2 4//1\nf 2//2 5//2 6//2 3//2\nf 1/3/3 2//4 3//5\n";
+  const auto file = read_turning(text);
+  EXPECT_EQ(file->with_points(file->mesh()->points), text);
+  // A rotation turns every normal by itself, whether or not it is that of its faces.
+  const double c = std::cos(0.7), s = std::sin(0.7);
+  const auto rotated = [&](const Vec3& x) { return Vec3{c * x[0] - s * x[2], x[1], s * x[0] + c * x[2]}; };
+  Points points = file->mesh()->points;
+  for (Vec3& x : points) x = rotated(x);
+  const std::string written = file->with_points(points);
+  const auto normals = normals_in(written);
+  ASSERT_GE(normals.size(), 2U);
+  expect_near(normals[0], rotated({0, 0, 1}));
+  expect_near(normals[1], rotated({0.6, 0, 0.8}));
+  EXPECT_NE(written.find("vn nan 0 0\nvn 1 0\nvn 0 0 0\n"), std::string::npos) << "what is no normal stays";
+}
+
+TEST(ObjTest, NormalsOfFacesAtRestKeepTheirSpelling) {
+  // Relative and later normals; only the second square moves, and the normal of the first one keeps its spelling.
+  const std::string text =
+      "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 0 0\nv 2 1 0\nvn 0 0 1.000\nf 1//-1 2//-1 3//-1 4//-1\n"
+      "f 2//2 5//2 6//2 3//2\nvn 0.0 0 2e0\nf 1//9 2//-9 3//0 4//\n";
+  const auto file = read_turning(text);
+  Points points = file->mesh()->points;
+  points[4] = {1, 0, 1};
+  points[5] = {1, 1, 1};  // stands upright now, facing -x
+  const std::string written = file->with_points(points);
+  EXPECT_NE(written.find("vn 0 0 1.000\n"), std::string::npos);
+  const auto normals = normals_in(written);
+  ASSERT_EQ(normals.size(), 2U);
+  expect_near(normals[1], {-2, 0, 0});
+}
+
+TEST(ObjTest, NormalsAreWeightedByArea) {
+  // One normal for a flat triangle and one of three times its area, which is folded up by a right angle.
+  const auto file = read_turning("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 -3 0\nvn 0 0 1\nf 1//1 2//1 3//1\nf 1//1 4//1 2//1\n");
+  Points points = file->mesh()->points;
+  points[3] = {1, 0, 3};
+  const auto normals = normals_in(file->with_points(points));
+  ASSERT_EQ(normals.size(), 1U);
+  const double length = std::sqrt(10.0);
+  expect_near(normals[0], {0, 3 / length, 1 / length});
+}
+
+TEST(ObjTest, NormalsOfFacesThatLoseTheirAreaStay) {
+  const auto file = read_turning("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n");
+  EXPECT_EQ(normals_in(file->with_points(Points{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}}))[0], (Vec3{0, 0, 1}));
+  // Turned right over.
+  expect_near(normals_in(file->with_points(Points{{0, 0, 0}, {1, 0, 0}, {0, -1, 0}}))[0], {0, 0, -1});
 }
 
 }  // namespace
