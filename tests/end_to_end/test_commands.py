@@ -102,6 +102,31 @@ class Flow(EndToEnd):
             self.assertLessEqual(largest, reply["max_error"] * (1 + 1e-9) + 1e-16)
             self.assertLessEqual(reply["max_error"], tolerance * (1 + 1e-9))
 
+    def test_vertex_normals_turn_when_asked(self):
+        with open(self.path("ahmed.obj"), encoding="utf-8") as file:
+            lines = file.read().splitlines()
+        roof = "vn 0 0 1.00"  # spelled so that it is found again
+        with_normals = [roof] + [" ".join(word if k == 0 else word + "//1" for k, word in enumerate(line.split()))
+                                 if line.startswith("f ") else line for line in lines]
+        self.write("normals.obj", "\n".join(with_normals) + "\n")
+        self.write("normals.yaml", AHMED_SETUP.replace("ahmed.obj", "normals.obj"))
+        command = ["apply", "normals.yaml", "--set", "slant_turn=0.1", "-o", "out.obj"]
+        def written():
+            with open(self.path("out.obj"), encoding="utf-8") as file:
+                return next(line for line in file.read().splitlines() if line.startswith("vn "))
+        self.deform(*command)
+        self.assertEqual(written(), roof)
+        self.deform(*command, "--turn-normals")
+        turned = [float(word) for word in written().split()[1:]]
+        self.assertNotEqual(written(), roof)
+        self.assertAlmostEqual(math.hypot(*turned), 1, delta=1e-14)
+        # A sweep that is asked for other normals does not take the files that are there.
+        self.write("designs.csv", "name,slant_turn\na,0.1\n")
+        sweep = ["sweep", "normals.yaml", "--designs", "designs.csv", "-o", "swept", "--json"]
+        self.assertEqual(self.deform(*sweep).json["written"], 1)
+        self.assertEqual(self.deform(*sweep).json["skipped"], 1)
+        self.assertEqual(self.deform(*sweep, "--turn-normals").json["written"], 1)
+
     def test_motions_from_files(self):
         self.write("matrix.csv", "handle,m00,m01,m02,m03,m10,m11,m12,m13,m20,m21,m22,m23\n"
                                  "roof,1,0,0,0,0,1,0,0,0,0,1,0.03\n")
