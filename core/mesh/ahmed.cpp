@@ -157,7 +157,7 @@ class HalfBody {
       square[m] = points_[row[m]];
       circle[m] = {centre_x + stilt_radius * std::cos(angle), stilt_y + stilt_radius * std::sin(angle), clearance};
     }
-    const double growth = 2 * block_half / (stilt_radius * std::numbers::pi / 2);  // of the steps along the rows
+    const double growth = 2 * block_half / (stilt_radius * std::numbers::pi / 2);  // ratio of the last step to the first
     for (int l = d_.ring - 1; l >= 0; --l) {
       const double t = growing(l, d_.ring, growth);
       add_row(row, circle, square, t, underbody);

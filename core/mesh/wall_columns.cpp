@@ -18,20 +18,20 @@ namespace {
 
 constexpr std::uint32_t nobody = std::numeric_limits<std::uint32_t>::max();
 
-/// A face as its cell sees it: of polyhedral cells the number of the face, of elements the number in the element's shape.
+/// The number of a face of a cell: of the mesh for polyhedral cells, of the element's shape for elements.
 struct Side {
   std::uint32_t cell = 0, face = 0;
 };
 
 using Corners = std::span<const PointId>;
 
-/// Finds the face opposite to another one. In time of the order of the first face's corners, so that no cell, however odd, costs
-/// more than it is large.
+/// Finds the opposite face in time proportional to the number of corners of the first face, so that the cost of any cell, however
+/// odd, is linear in its size.
 class Prisms {
  public:
   explicit Prisms(std::size_t points) : place_(points, nobody) {}
 
-  /// Which of a cell's faces is opposite to faces[base]; nothing when the cell is no prism over it.
+  /// The face of the cell that is opposite to faces[base]; std::nullopt if the cell is not a prism over it.
   std::optional<std::size_t> opposite(std::span<const Corners> faces, std::size_t base) {
     const std::optional<std::size_t> top = candidate(faces, base);
     if (!top) return {};
@@ -43,7 +43,7 @@ class Prisms {
   }
 
  private:
-  /// By numbers of corners; among quads the one that has no point of the base.
+  /// Found by its number of corners; among quads it is the one without a point of the base.
   static std::optional<std::size_t> candidate(std::span<const Corners> faces, std::size_t base) {
     const std::size_t n = faces[base].size();
     if (n < 3 || faces.size() != n + 2) return {};
@@ -64,7 +64,7 @@ class Prisms {
     return top;
   }
 
-  /// False when a corner has a place already.
+  /// Returns false if a corner already has a place.
   bool mark(Corners corners, std::size_t first) {
     for (const PointId p : corners) {
       if (place_[p] != nobody) return false;
