@@ -261,7 +261,8 @@ void LeastSquaresInterpolator::prepare_greedily(const InterpolationOptions& opti
   if (met(Y, options, needed)) keep(needed);
 }
 
-/// Of the least squares with so many centres, from what the reflectors of so many panels left of the values.
+/// The residual of the least-squares problem with this number of centres, from the values after the reflectors of this number
+/// of panels.
 MatrixXd LeastSquaresInterpolator::residual(MatrixXd projected, std::size_t centres, std::size_t panels) const {
   projected.topRows(static_cast<Index>(polynomials_.terms() + centres)).setZero();
   qr_.apply(panels, projected);

@@ -13,7 +13,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-// Of the tolerance: for the coefficients, and for the sums, of which values() allows half of Interpolants::tolerance.
+// Shares of the tolerance: for the coefficients, and for the sums, where values() allows half of Interpolants::tolerance.
 constexpr double coefficients_share = 0.5, sums_share = 0.25;
 constexpr double first_residual = 0.3;  // of the tolerance: residuals grow more often than not
 constexpr double aim = 0.5;             // of what is allowed

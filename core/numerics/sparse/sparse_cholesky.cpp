@@ -3,7 +3,7 @@
 
 #include <cholmod.h>
 
-// Of libgomp, which CHOLMOD is linked to; omp.h is not there for every compiler.
+// Declared by libgomp, to which CHOLMOD is linked; not every compiler has omp.h.
 extern "C" {
 int omp_get_max_active_levels(void);
 void omp_set_max_active_levels(int levels);
