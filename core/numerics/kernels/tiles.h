@@ -42,8 +42,8 @@ void tile_product(const double* A, std::size_t K, const double* B, std::size_t l
 void tile_product(const double* A, std::size_t K, std::span<const std::uint32_t> rows, const double* B, std::size_t ldb,
                   std::size_t columns, double* out);
 
-/// out[k][c] += sum over the 16 points of A[k][16] * X[c][16]: the transposed product. out is K x columns, row stride ldo. Any
-/// thread.
+/// out[k][c] += sum over the 16 points of A[k][16] * X[c][16]: the transposed product. out is K x columns with row stride ldo.
+/// May be called from any thread.
 void tile_product_transposed(const double* A, std::size_t K, const double* X, std::size_t columns, double* out, std::size_t ldo);
 
 /// out[j][16] = phi(|point - centre j|) for the points of one tile and all centres. Here and below, kernels with a parity include
