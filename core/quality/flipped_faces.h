@@ -12,15 +12,15 @@
 
 namespace deform {
 
-/// Finds the faces of a surface that are folded over: whose normals turned by more than 90 degrees against the rigid motion of
-/// their surroundings. Prepared once for a rest state, asked for many deformed ones.
+/// Finds the faces of a surface that are folded over, that is whose normals turned by more than 90 degrees relative to the rigid
+/// motion of their neighbourhood. Prepared once for a rest state, then used for many deformed ones.
 ///
-/// Two faces with a common edge are like a hinge: the angle about the edge by which the normal turns from one to the other says
-/// all about how they lie to each other. By how much that angle changed since the rest state, delta in (-180, 180] degrees, does
-/// not depend on how the two moved together, on sharp edges or on windings that disagree at rest. A surface that is folded over
-/// in itself, as motions along it do, has edges with delta = 180 at any resolution, and what is between two such rows of edges
-/// lies the wrong way round; a smooth bend has small deltas. So
-///  1. Faces are put on two sides: on the same one where |delta| < 120, on opposite ones beyond, the surer the closer delta is to
+/// Two faces with a common edge form a hinge, whose state is the angle about the edge by which the normal turns from one to the
+/// other. The change delta in (-180, 180] degrees of that angle since the rest state does not depend on a common motion of the
+/// two faces, on sharp edges, or on inconsistent orientations at rest. A surface that is folded onto itself, as by motions along
+/// it, has edges with delta = 180 at any resolution, and the faces between two rows of such edges are upside down; a smooth bend
+/// has small deltas. Therefore: 1. Faces are put on two sides: on the same one where |delta| < 120, on opposite ones beyond, the
+/// surer the closer delta is to
 ///     0 or 180, weighted with the length of the edge at rest; where that contradicts itself, many edges outvote few
 ///     (two_sides.h). Sharp edges count less (times 0.05 from 90 degrees at rest on): where both sheets of a box's corner are
 ///     folded over along their edge, delta is 180 there too, although both lie the wrong way round. A lid that is turned about
@@ -44,19 +44,19 @@ namespace deform {
 /// only where a delta exceeds 90 or a face is crushed.
 class FlipCheck {
  public:
-  /// The mesh says what the faces are, `rest` (n x 3) where its points were; both are borrowed. Throws Error(invalid_argument)
-  /// for another number of points, cancelled, deadline_exceeded.
+  /// `rest` (n x 3) holds the rest points of the mesh; both must outlive this object. Throws Error(invalid_argument) for a wrong
+  /// number of points, cancelled, deadline_exceeded.
   FlipCheck(const Mesh& mesh, std::span<const Vec3> rest, const RunContext& context = {});
   ~FlipCheck();
 
-  /// The faces that are flipped when the points are `points` (n x 3), with the cosine of step 2, worst first; equal ones by id.
-  /// Parallel; the same for any number of threads, and for any order of the faces. Throws like the constructor.
+  /// The flipped faces for deformed points (n x 3), with the mean cosine of step 2, worst first, equal ones by id. Parallel; the
+  /// result depends neither on the number of threads nor on the order of the faces. Throws like the constructor.
   std::vector<Extreme> flipped(std::span<const Vec3> points, const RunContext& context = {}) const;
 
   std::size_t face_count() const;
-  std::size_t bytes() const;  ///< that it holds
+  std::size_t bytes() const;  ///< memory of this object
 
-  /// Upper bounds: of what is held, and needed besides while it is made; and of what a call needs.
+  /// Upper bounds in bytes: of the memory of this object with that of its construction, and of the memory of a call.
   static std::size_t bytes_for(const Mesh& mesh);
   std::size_t call_bytes() const;
 
@@ -65,7 +65,7 @@ class FlipCheck {
   std::unique_ptr<const Impl> impl_;
 };
 
-/// The same for one deformation: the mesh has the deformed points.
+/// The flipped faces of a single deformation, where `mesh` has the deformed points.
 std::vector<Extreme> flipped_faces(const Mesh& mesh, std::span<const Vec3> rest, const RunContext& context = {});
 
 }  // namespace deform

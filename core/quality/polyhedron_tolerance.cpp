@@ -163,9 +163,9 @@ struct Change {
   double area = 0;    ///< |A' - A|
 };
 
-/// Of a motion with q of length r and B of condition chi. A: the sum over corners of half of q x (after - before), and of q x q.
-/// C: within r of the mean of the old centres c with new weights. Up to a common factor these differ from a by e, at most
-/// chi |n' - n| + (chi - 1) a angle(n, A): the length of the image of a unit vector changes with its angle by no more than the
+/// Bounds for a motion with |q| <= r and B of condition chi. A: the sum over corners of half of q x (after - before), and of q x
+/// q. C: within r of the mean of the old centres c with new weights. Up to a common factor these differ from a by e, at most chi
+/// |n' - n| + (chi - 1) a angle(n, A): the length of the image of a unit vector changes with its angle by no more than the
 /// largest singular value less the least. |n' - n| <= r perimeter + (3 sqrt 3 / 2) r^2 (the largest triangle in a circle). As the
 /// sum of a (c - C) is 0, that mean is off by at most the sum of e |c - C| over what sizes there are. Infinite where e takes too
 /// much of them.

@@ -53,7 +53,8 @@ std::size_t side_count(const CellSet& cells) {
   return sides;
 }
 
-/// Of all cells, counted in each; an upper bound. A node of a polyhedron is a corner of three of its faces, if it is closed.
+/// An upper bound of the sum of the numbers of nodes of all cells. A node of a polyhedron is a corner of three of its faces, if
+/// it is closed.
 std::size_t node_count(const CellSet& cells) {
   if (const auto* elements = std::get_if<const Elements*>(&cells)) return (*elements)->points.size();
   if (const auto* mesh = std::get_if<const Mesh*>(&cells)) return (*mesh)->face_points.size();
@@ -280,7 +281,7 @@ class InversionCheck::Impl {
 
   static bool before(const Extreme& a, const Extreme& b) { return a.value != b.value ? a.value < b.value : a.id < b.id; }
 
-  /// Of the cells that are not excluded; looks in ascending order of cells.
+  /// Summarizes the states of checked cells, in ascending order, without the excluded ones.
   Inversions summary(const std::vector<Look>& looks) const {
     Inversions result;
     for (const auto& [c, state] : looks) {
