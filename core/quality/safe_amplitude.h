@@ -23,18 +23,21 @@ using CellSet = std::variant<const Elements*, const PolyhedralCells*, const Mesh
 
 /// Cells that are inverted or nearly inverted.
 ///
-/// The normalized determinant of a cell is in [-1, 1] and positive unless the cell is inverted (or collapsed up to rounding): -
-/// elements: the scaled Jacobian of ElementQuality. An element is inverted if the determinant of the edges at a corner, or for
-/// quadratic elements that of their map at a node, is not positive. Points between the nodes are not checked, even if the map is
-/// not affine. - polyhedral cells: the errors of checkMesh, by the formulas of PolyhedralQuality. The determinant is the minimum
-/// over the faces of the cosine between the outward area vector and the vector from the centre of the cell to that of the face,
-/// which has the sign of the pyramid of the face; if the volume is not positive, it is the volume over the sum of |area|
-/// |vector|. A cell is inverted if its volume or a pyramid is not positive; checkMesh accepts pyramids down to -1e-15, here a
-/// collapsed one counts. - faces in the plane: the minimum of the sines of the corners. A face is inverted if the signed area at
-/// a corner is not positive. Left-handed cells, that is all cells of a mesh or of a block of it with nodes in mirrored order
-/// (clockwise faces in the plane, polyhedra with faces oriented inwards), are measured as their mirror images: only a change of
-/// sign counts. "Not positive" is meant up to rounding: determinants of at most 1e-14 of the product of their lengths (polyhedra:
-/// 1e-13 of areas times the size of the cell) count as collapsed, so a borderline cell counts as inverted.
+/// The normalized determinant of a cell is in [-1, 1] and positive unless the cell is inverted (or collapsed up to rounding):
+///  - elements: the scaled Jacobian of ElementQuality. An element is inverted if the determinant of the edges at a corner, or for
+///    quadratic elements that of their map at a node, is not positive. Points between the nodes are not checked, even if the map
+///    is not affine.
+///  - polyhedral cells: the errors of checkMesh, by the formulas of PolyhedralQuality. The determinant is the minimum over the
+///    faces of the cosine between the outward area vector and the vector from the centre of the cell to that of the face, which
+///    has the sign of the pyramid of the face. If the volume is not positive, it is the volume over the sum of |area| |vector|.
+///    A cell is inverted if its volume or a pyramid is not positive; checkMesh accepts pyramids down to -1e-15, but here a
+///    collapsed one counts.
+///  - faces in the plane: the minimum of the sines of the corners. A face is inverted if the signed area at a corner is not
+///    positive.
+/// Left-handed cells, that is all cells of a mesh or of a block of it with nodes in mirrored order (clockwise faces in the plane,
+/// polyhedra with faces oriented inwards), are measured as their mirror images: only a change of sign counts. "Not positive" is
+/// meant up to rounding: determinants of at most 1e-14 of the product of their lengths (polyhedra: 1e-13 of areas times the size
+/// of the cell) count as collapsed, so a borderline cell counts as inverted.
 struct Inversions {
   std::size_t count = 0;
   /// Inverted polyhedra by the failed check: the volume, or if it is positive a pyramid.
