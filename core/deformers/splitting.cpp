@@ -59,7 +59,7 @@ std::size_t copies(const Mesh& mesh, const CellSet& cells) {
          mesh.face_points.size() * sizeof(PointId) + InversionCheck::bytes_to_make(cells, mesh.points.size());
 }
 
-/// Of the budget, for systems.
+/// The part of the memory budget that is left for systems.
 std::size_t left_of(const SplitProblem& problem) {
   if (problem.memory_budget == 0) return 0;
   const std::size_t needed = copies(*problem.mesh, problem.cells);

@@ -138,7 +138,7 @@ class InversionCheck::Impl {
 
   std::size_t size() const { return cells_->size(); }
 
-  /// What is wrong with points, as far as it concerns whoever looks at them.
+  /// Checks points before any evaluation.
   void check(std::span<const Vec3> points) const {
     if (points.size() != rest_.size()) {
       throw Error(ErrorCode::invalid_argument, "points: expected " + std::to_string(rest_.size()) + ", as many as at rest, got " +

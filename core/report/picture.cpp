@@ -186,7 +186,7 @@ class PictureMaker {
     picture_.fields.push_back(std::move(field));
   }
 
-  /// Of a middle point the mean of the corners that have a value.
+  /// The value of a point; for the middle of a face the mean of the corners that have a value.
   double point_value(const std::vector<double>& values, std::uint32_t point) {
     const std::size_t n = source_.mesh.point_count();
     if (point < n) return values[point];

@@ -103,7 +103,8 @@ ConstrainedBytes larger(const ConstrainedBytes& a, const ConstrainedBytes& b) {
           std::max(a.operations, b.operations)};
 }
 
-/// Of the global step: S, which Phi^T Phi fits into where each point has one function, and the rows of the translations.
+/// The pattern of the matrix of the global step: S, which contains that of Phi^T Phi if each point has one function, and the rows
+/// of the translations.
 SparseMatrix pattern(const SparseMatrix& matrix, const FunctionRows& values, const std::vector<std::int64_t>& chosen, bool dense,
                      const std::vector<ConstraintSet>& sets) {
   std::vector<Triplet> entries;
@@ -241,8 +242,8 @@ ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<C
     // A factor has twice the entries of its matrix or more, and functions that meet at a point meet in the energy too.
     counts.energy = std::min(counts.energy, static_cast<std::size_t>(entries / 2));
     counts.squares = std::min(counts.squares, counts.energy);
-    // Of large spaces these two cannot both be as large as that: the factors measured have a third of `entries` or less, and 5 to
-    // 12 times those of their matrix.
+    // For large spaces these two bounds are not attained together: the measured factors have at most a third of `entries`, and 5
+    // to 12 times the entries of their matrix.
     counts.most_assembly = std::max(small_assembly, 16 * counts.newton_factor);
     const std::size_t working = operations < functions ? 0 : newton_bytes(counts, NewtonForm::sparse);
     result.working = std::max(result.working, plain.working + working);

@@ -88,7 +88,8 @@ std::vector<std::vector<std::size_t>> ExactPlacement::connected(const std::vecto
   return groups;
 }
 
-/// The circles among `sets` that lie on a cylinder with all their points, by their places in it; told: per entry of `sets`.
+/// The circles among `sets` whose points are all on a cylinder, as positions in it. Marks these circles in `told`, which has one
+/// entry for each of `sets`.
 std::vector<Section> ExactPlacement::sections_of(std::size_t cylinder, const std::vector<std::size_t>& sets,
                                                  std::vector<bool>& told) const {
   constexpr std::size_t fewest = 5;  // four points of a circle may lie on a cylinder in other ways

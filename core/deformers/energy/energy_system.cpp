@@ -96,7 +96,7 @@ void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunCont
   options.most_iterations = setup_.constraint_options.iterations;
   constrained_ = std::make_unique<const ConstrainedSolver>(*solver_, model_.space.functions(), std::move(constraints.sets),
                                                            options, limit, context);
-  // Of one load: the handles shifted by one, in alternating directions.
+  // The error for one load: the handles shifted by one, in alternating directions.
   Eigen::MatrixXd shifts = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(model_.held.size()), 1);
   for (std::size_t j = 0; j < model_.held.size(); ++j) {
     const RegionIndex region = points_.region_of[model_.held[j]];

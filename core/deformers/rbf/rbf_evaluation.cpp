@@ -130,7 +130,7 @@ void RbfEvaluation::solve_exactly(const RunContext& context) {
   measure_residuals();
 }
 
-/// Of the displacements of the components of a part.
+/// The error of the displacement components of a part.
 double RbfEvaluation::part_error(std::size_t design, const RbfPart& part, const Interpolants& interpolants,
                                  const RunContext& context) {
   using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;

@@ -17,13 +17,13 @@ namespace deform {
 
 namespace {
 
-/// Of all parts together. The iterative solver's share one system.
+/// The sizes of all parts together. With the iterative solver they share one system.
 struct CentreSizes {
-  std::size_t rows = 0;            ///< of the largest
-  std::size_t factor_bytes = 0;    ///< of what stays
-  std::size_t factoring_peak = 0;  ///< while the last one is factored beside the others
-  std::size_t places = 0;          ///< centres that the systems hold
-  std::size_t check_bytes = 0;     ///< of what estimates errors
+  std::size_t rows = 0;            ///< rows of the largest system
+  std::size_t factor_bytes = 0;    ///< memory of all factors
+  std::size_t factoring_peak = 0;  ///< peak while the last one is factored, including the others
+  std::size_t places = 0;          ///< centres of all systems
+  std::size_t check_bytes = 0;     ///< memory of the error estimation
 };
 
 CentreSizes centre_sizes(const std::vector<PartPlan>& parts, Solver solver) {

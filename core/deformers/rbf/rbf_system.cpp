@@ -164,7 +164,7 @@ std::vector<Vec3> RbfSystem::coordinates(const std::vector<PointId>& ids) const 
   return result;
 }
 
-/// Of the centres and their images together: the shape is that of the whole model.
+/// Uses the centres and their images together: the shape is that of the whole model.
 InterpolationOptions RbfSystem::interpolation_options(const std::vector<Vec3>& places) {
   const Symmetry& symmetry = regions_.symmetry;
   const unsigned images = 1u << symmetry.planes();
@@ -304,7 +304,7 @@ void RbfSystem::fill_info() {
     if (part.system->solver() == Solver::incremental_qr) weighted = std::max(weighted, part.system->weighted());
   }
   if (weighted > 0) info_.centres = weighted;
-  // Of several parts the one that fell back to another solver.
+  // If any part fell back to another solver, that is the solver shown.
   if (!parts_.empty()) info_.solver = parts_.front().system->solver();
   for (const RbfPart& part : parts_) {
     if (part.system->solver() == Solver::ldlt) info_.solver = Solver::ldlt;

@@ -17,7 +17,7 @@ void put(const std::vector<T>& values, ByteWriter& to) {
   to.array(std::span<const T>(values));
 }
 
-/// Group names are what FaceGroups makes of them, so whoever sends others is not our reader.
+/// Group names must be in the form that FaceGroups gives them; a stream with others was not written by our reader.
 void check_name(std::string_view name) {
   while (!name.empty()) {
     const std::size_t length = utf8_length(name);

@@ -49,7 +49,7 @@ struct Grid {
   }
 };
 
-/// Of a grid, `width` cubes wide. Without a face in it a block is inside or outside as a whole.
+/// Blocks of a grid, `width` cubes wide. A block without faces is inside or outside as a whole.
 class Blocks {
  public:
   explicit Blocks(const Grid& grid) : grid_(grid) {
@@ -75,7 +75,7 @@ class Blocks {
   std::array<std::size_t, 3> counts_{};
 };
 
-/// Of a cube, with a random point in each. The same whenever they are asked for.
+/// The octants of a cube, with a random point in each. Deterministic.
 struct Eighths {
   std::array<Vec3, 8> corners, random;
 
@@ -177,7 +177,7 @@ EnclosedPieces::EnclosedPieces(const Mesh& mesh, std::span<const Vec3> points, s
   TouchedCubes faces(grid);
   each_triangle(mesh, points, [&](const Vec3& a, const Vec3& b, const Vec3& c) { faces.add(a, b, c); });
 
-  // Of untouched cubes the eighths are all inside or none is.
+  // The octants of untouched cubes are all inside or all outside.
   std::vector<unsigned char> inside_eighths(grid.cubes(), 0);
   const Blocks blocks(grid);
   parallel_for(context, blocks.count(), 1, [&](std::size_t begin, std::size_t end) {

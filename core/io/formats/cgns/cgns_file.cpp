@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// CGNS: libcgns's lowest layer reads the nodes, see cgns_tree.h; what they mean is written in the SIDS (cgns.org).
-// Hostile files are parsed by libcgns and libhdf5 themselves; this reader checks sizes and ranges of all they hand over. Of some
-// thousand files with flipped bits none did harm, but nobody has hardened those parsers: see container_mesh.h.
+// CGNS: libcgns's lowest layer reads the nodes, see cgns_tree.h; what they mean is written in the SIDS (cgns.org). Hostile files
+// are parsed by libcgns and libhdf5 themselves; this reader checks sizes and ranges of all they hand over. Several thousand files
+// with flipped bits caused no harm, but those parsers are not hardened: see container_mesh.h.
 
 #include <algorithm>
 #include <limits>

@@ -192,7 +192,7 @@ void limit(__rlimit_resource resource, std::uint64_t soft, std::uint64_t hard) {
   ::setrlimit(resource, &allowed);
 }
 
-/// Of the program and the libraries as they were loaded.
+/// The address space of the program with its libraries, in bytes.
 std::uint64_t address_space() {
   std::uint64_t pages = 0;
   if (std::FILE* file = std::fopen("/proc/self/statm", "r")) {
@@ -204,7 +204,7 @@ std::uint64_t address_space() {
 }
 
 void limit_this_process(const Request& request) {
-  ::prctl(PR_SET_PDEATHSIG, SIGKILL);  // nobody waits for the answer any more
+  ::prctl(PR_SET_PDEATHSIG, SIGKILL);  // no one is waiting for the answer then
   std::signal(SIGXFSZ, SIG_IGN);       // an error of writing instead
   constexpr std::uint64_t grace_seconds = 5;
   const std::uint64_t space = address_space() + request.limits.memory_bytes;

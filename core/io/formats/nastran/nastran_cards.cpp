@@ -19,7 +19,7 @@ bool begins_bulk(std::string_view line) {
   return upper.starts_with("BEGIN") && trimmed(std::string_view(upper).substr(5)).starts_with("BULK");
 }
 
-/// Of a continuation, what is behind the + or *.
+/// The text after the + or * of a continuation mark.
 std::string_view mark_name(std::string_view mark) {
   return mark.starts_with('+') || mark.starts_with('*') ? trimmed(mark.substr(1)) : mark;
 }

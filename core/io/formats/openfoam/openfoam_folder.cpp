@@ -45,7 +45,7 @@ struct CasePlace {
   fs::path region;             ///< empty without regions
 };
 
-/// Of the folder that a polyMesh is in, an instance or a region; nothing when it is in no case.
+/// The place of the folder that contains a polyMesh, an instance or a region; std::nullopt if it is not in a case.
 std::optional<CasePlace> place_in_case(fs::path holder) {
   holder = fs::absolute(holder).lexically_normal();
   if (!holder.has_filename()) holder = holder.parent_path();
