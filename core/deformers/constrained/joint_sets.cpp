@@ -98,7 +98,7 @@ class JointSets::Iteration {
       now_.forces = sets.forces(-sets.adjoint(back));
       if (!std::isfinite(length)) break;
       if (!take(d, length, most)) {
-        ended = largest(now_) <= met && length <= last_stalled_step;
+        ended = largest(now_) <= satisfied_distance && length <= last_stalled_step;
         break;
       }
       if (largest(now_) <= largest(best)) best = now_;
@@ -109,12 +109,12 @@ class JointSets::Iteration {
       last = length;
     }
     // The last one is where the steps ended; another may have been nearer to the shapes by rounding alone.
-    if (ended && largest(now_) <= met) best = now_;
+    if (ended && largest(now_) <= satisfied_distance) best = now_;
     // What sets said before and no longer say where they are met was said by their misfit alone.
     const bool regular = std::all_of(ranks.begin(), ranks.end(), [&](const auto& rank) {
       return rank.first <= ranks.back().first && rank.second <= ranks.back().second;
     });
-    best.found = ended && regular && largest(best) <= met && !far(best, most);
+    best.found = ended && regular && largest(best) <= satisfied_distance && !far(best, most);
     return best;
   }
 

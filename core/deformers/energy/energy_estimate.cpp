@@ -95,7 +95,7 @@ Sizes sizes_of(const FfdOptions& options, const Case& of, Estimate& estimate) {
   return sizes;
 }
 
-SpaceBytes space_bytes(const SubspaceOptions& options, const Mesh& mesh) { return estimate_subspace_space(mesh, options); }
+SpaceBytes space_bytes(const SubspaceOptions& options, const Mesh& mesh) { return estimate_shell_subspace(mesh, options); }
 SpaceBytes space_bytes(const MlsOptions& options, const Mesh& mesh) { return estimate_mls_space(mesh, options); }
 
 template <typename Options>

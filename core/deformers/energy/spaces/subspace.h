@@ -24,9 +24,9 @@ namespace deform {
 ///
 /// The result depends on the seed only, not on the number of threads. Throws Error(invalid_argument) for a mesh without extent,
 /// cancelled, deadline_exceeded.
-EnergySpace subspace_space(const Mesh& mesh, const SubspaceOptions& options, std::uint64_t seed, const RunContext& context = {});
+EnergySpace shell_subspace(const Mesh& mesh, const SubspaceOptions& options, std::uint64_t seed, const RunContext& context = {});
 
-/// Upper bounds for subspace_space(), before anything is allocated.
-SpaceBytes estimate_subspace_space(const Mesh& mesh, const SubspaceOptions& options);
+/// Upper bounds for shell_subspace(), before anything is allocated.
+SpaceBytes estimate_shell_subspace(const Mesh& mesh, const SubspaceOptions& options);
 
 }  // namespace deform
