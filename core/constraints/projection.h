@@ -25,7 +25,7 @@ struct Linearization {
   std::size_t rows_per_point = 1;  ///< 1 for surfaces, 2 for curves, 3 for points
   std::vector<Vec3> normals;       ///< zero for an inactive row (a bound that holds)
   Eigen::VectorXd residual;
-  std::vector<std::uint32_t> partners;  ///< of each row; empty without partners
+  std::vector<std::uint32_t> partners;  ///< partner of each row; empty without partners
   std::vector<Vec3> partner_normals;    ///< as long as partners
   /// rows x q with small q. Columns have different units and may be linearly dependent (a cylinder fitted to coplanar points).
   Eigen::MatrixXd parameters;

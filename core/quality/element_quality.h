@@ -50,7 +50,7 @@ struct ElementQuality : ElementMeasures {
   std::array<ElementMeasures, element_types> of_type;  ///< by ElementType
   std::array<std::size_t, bins> histogram{};           ///< scaled Jacobians from -1 to 1
   std::vector<std::size_t> worst;                      ///< ids of the elements of least scaled Jacobian, worst first, at most 100
-  std::vector<double> scaled_jacobian, volume;         ///< of every element
+  std::vector<double> scaled_jacobian, volume;         ///< values of all elements
 };
 
 /// Measures all elements over the points (n x 3), in parallel. The result does not depend on the number of threads. Throws

@@ -25,7 +25,7 @@ struct PlaneQuality {
   Extreme largest_skewness;
   double average_skewness = 0;
   std::vector<std::size_t> worst;       ///< ids of the faces of least scaled Jacobian, worst first, at most 100
-  std::vector<double> scaled_jacobian;  ///< of every face
+  std::vector<double> scaled_jacobian;  ///< values of all faces
 };
 
 /// Measures the faces of `mesh` over `points` (n x 3), which replace its own. `left_handed` is the result of left_handed_cells().

@@ -25,7 +25,7 @@ struct SurfaceQuality {
   Extreme least_face_quality;
   double average_face_quality = 0;
   Extreme least_angle, largest_angle;  ///< at a corner of a face, degrees 0..180 (a reflex corner counts as 360 less its angle)
-  Extreme least_area, largest_area;    ///< of a face
+  Extreme least_area, largest_area;    ///< areas of faces
   double total_area = 0;
   /// Faces with fewer than three corners, a repeated corner, or an area below least_area(), as counted by `deform inspect`.
   std::size_t degenerate_faces = 0;

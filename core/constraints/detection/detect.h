@@ -47,8 +47,8 @@ struct Primitive {
   std::string name;
   Vec3 point{};                 ///< on the plane; on the axis next to the middle of the faces; centre of the sphere; apex
   Vec3 axis{};                  ///< unit normal or axis (cone: from the apex into it); zero for a sphere
-  double radius = 0;            ///< of cylinder and sphere
-  double half_angle = 0;        ///< of the cone, radians, 0..pi / 2
+  double radius = 0;            ///< radius of cylinder and sphere
+  double half_angle = 0;        ///< half the opening angle of the cone, radians, 0..pi / 2
   std::vector<FaceId> faces;    ///< ascending; each face belongs to at most one primitive
   std::vector<PointId> points;  ///< all points of these faces, ascending; a point on an edge belongs to several primitives
   double area = 0;
@@ -65,8 +65,8 @@ struct EdgeFeature {
   std::vector<PointId> points;  ///< in order along the curve, each once; a circle closes from the last to the first
   Vec3 point{};                 ///< the first point of a line, the centre of a circle or arc
   Vec3 axis{};                  ///< unit direction of a line, unit normal of the plane of a circle or arc
-  double radius = 0;            ///< of circle and arc
-  double length = 0;            ///< of the polygon
+  double radius = 0;            ///< radius of circle and arc
+  double length = 0;            ///< length of the polyline
   double rms = 0, max = 0;      ///< distance of the points from the curve
   std::string constraint;       ///< as of a primitive
   std::vector<std::string> implied_by;  ///< as of a primitive
@@ -82,7 +82,7 @@ struct Detection {
   double maximum_angle = 0;
   double size = 0;   ///< twice the largest distance of a corner from the centre of the surface, which is invariant under rotation
   double noise = 0;  ///< estimated standard deviation of points from a smooth surface
-  double area = 0;   ///< of all faces
+  double area = 0;   ///< area of all faces
   double coverage = 0;  ///< fraction of the area that belongs to primitives
   std::vector<std::string> notes;
 };

@@ -19,7 +19,7 @@ struct Shape {
   Vector3d axis = Vector3d::UnitZ();  ///< unit length; towards the wider side of a cone
   double radius = 0;                  ///< for a cone, at `point`
   double angle = 0;                   ///< half angle of a cone, radians
-  double sine = 0, cosine = 1;        ///< of angle
+  double sine = 0, cosine = 1;        ///< sine and cosine of angle
 
   /// Signed distance of x and the unit normal there (the gradient).
   struct Foot {

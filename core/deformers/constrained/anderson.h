@@ -26,7 +26,7 @@ class Anderson {
   std::vector<Vec3> next() const;
 
  private:
-  Eigen::VectorXd p_, q_;  ///< of the previous step
+  Eigen::VectorXd p_, q_;  ///< pair of the previous step
   std::deque<Eigen::VectorXd> q_changes_, f_changes_;
   std::deque<double> ratios_;
 };

@@ -25,7 +25,7 @@ ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRow
 struct SpaceCounts {
   std::size_t functions = 0;
   std::size_t cover = 0;           ///< functions that are nonzero at a point
-  std::size_t energy_entries = 0;  ///< of the lower triangle of the matrix
+  std::size_t energy_entries = 0;  ///< entries of the lower triangle of the matrix
   std::size_t factor_entries = 0;
 };
 /// The bounds for any functions that reach the sets and any form of Newton's matrix.

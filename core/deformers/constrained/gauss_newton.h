@@ -30,8 +30,8 @@ class GaussNewton {
               std::size_t memory_limit, const RunContext& context);
 
   NewtonForm form() const { return form_; }
-  double operations() const { return operations_; }           ///< of one Newton step
-  std::size_t matrix_bytes() const { return matrix_bytes_; }  ///< of one matrix
+  double operations() const { return operations_; }           ///< operations of one Newton step
+  std::size_t matrix_bytes() const { return matrix_bytes_; }  ///< memory of one matrix
   std::size_t bytes() const { return static_cast<std::size_t>(compliance_.size()) * sizeof(double); }
 
   /// The factored matrix at a state; null if it is too expensive or not positive definite to working precision.
@@ -83,7 +83,7 @@ class GaussNewton::Matrix {
 
   const GaussNewton& common_;
   const ConstrainedPoints& points_;
-  std::vector<Linearization> linear_;       ///< of each set
+  std::vector<Linearization> linear_;       ///< linearization of each set
   std::vector<std::int64_t> first_column_;  ///< first column of the parameters of each set
   std::int64_t functions_ = 0, size_ = 0;   ///< 3 r, and 3 r plus the number of parameters
   Eigen::MatrixXd full_;                    ///< lower Cholesky factor, or empty; for the form in forces that of J S^-1 J^T + G^-1

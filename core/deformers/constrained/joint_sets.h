@@ -31,8 +31,8 @@ class JointSets {
 
   struct State {
     std::vector<Vec3> points;
-    std::vector<ShapeParameters> shapes;    ///< of each set
-    std::vector<std::vector<Vec3>> forces;  ///< of each set, at its points
+    std::vector<ShapeParameters> shapes;    ///< shape of each set
+    std::vector<std::vector<Vec3>> forces;  ///< forces of each set at its points
     std::vector<double> distances;          ///< largest remaining distance of each set
     bool found = false;                     ///< whether the sets are satisfied
   };

@@ -89,7 +89,7 @@ class LinearizedSets {
   const SetsOnPoints& on_;
   std::vector<Row> rows_;
   Eigen::VectorXd residual_;
-  std::vector<Eigen::MatrixXd> parameters_;  ///< of each set, scaled
+  std::vector<Eigen::MatrixXd> parameters_;  ///< scaled parameters of each set
   std::vector<Eigen::Index> first_;          ///< first parameter of each set
   Eigen::Index parameter_count_ = 0;
   std::vector<Block> blocks_;

@@ -54,7 +54,7 @@ class ReducedEnergy {
   std::vector<std::int64_t> functions_;
   bool dense_ = false;
   SparseMatrix matrix_;                           ///< empty unless dense
-  std::unique_ptr<const SparseCholesky> factor_;  ///< of S
+  std::unique_ptr<const SparseCholesky> factor_;  ///< factor of S
 };
 
 }  // namespace deform

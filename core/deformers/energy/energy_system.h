@@ -89,7 +89,7 @@ class EnergySystem : public HandleSystem {
   std::unique_ptr<const EnergySolver> solver_;
   std::unique_ptr<const ResidualCorrection> correction_;  ///< null for the shell and soft handles
   std::unique_ptr<const ConstrainedSolver> constrained_;  ///< null without constraints
-  std::vector<std::size_t> constraint_of_;                ///< of each set
+  std::vector<std::size_t> constraint_of_;                ///< constraint of each set
   TiledPoints set_places_;                                ///< points of the sets; only with a correction or exact constraints
   std::unique_ptr<const ExactStep> exact_;                ///< null without exact constraints
   std::vector<std::uint32_t> samples_;                    ///< following points at which errors are measured

@@ -78,7 +78,7 @@ class ExactStep {
   std::unique_ptr<const ExactPlacement> placement_;
   std::unique_ptr<const ResidualCorrection> carrier_;  ///< centres: the points that move, then handle and fixed points
   std::vector<std::uint32_t> moving_;                  ///< positions in ids()
-  TiledPoints places_;                                 ///< of ids()
+  TiledPoints places_;                                 ///< points of ids()
 };
 
 }  // namespace deform

@@ -13,7 +13,7 @@
 #include "core/deformers/system.h"
 #include "core/mesh/mesh.h"
 
-// What every method does with handles and designs.
+// Handles and designs, common to all methods.
 
 namespace deform {
 

@@ -53,8 +53,8 @@ class HandleWays {
  private:
   const Setup& setup_;
   const Design design_;
-  std::vector<std::optional<AffineWay>> ways_;  ///< of handles with a given motion
-  std::vector<Affine> ends_;                    ///< of handles moved by variables
+  std::vector<std::optional<AffineWay>> ways_;  ///< paths of handles with a given motion
+  std::vector<Affine> ends_;                    ///< motions at the end of handles moved by variables
   bool straight_ = true;
   Kind kind_;
 };

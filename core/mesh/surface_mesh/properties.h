@@ -116,7 +116,7 @@ class PropertySet {
   void enlarge(std::size_t count);
 
   std::vector<std::unique_ptr<PropertyArrayBase>> arrays_;
-  std::size_t size_ = 0;  // of every array
+  std::size_t size_ = 0;  // size of every array
 };
 
 }  // namespace deform

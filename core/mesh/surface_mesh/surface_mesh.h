@@ -44,7 +44,7 @@ struct Reordering {
 /// boundary if it has one; none if it is isolated. The previous half-edge is not stored, so a closed triangle mesh with points
 /// and normals of vertices and faces in double precision takes 180 bytes per vertex.
 ///
-///   SurfaceMesh mesh(input);                                      // refuses what is not manifold
+///   SurfaceMesh mesh(input);                                      // throws if not manifold
 ///   auto weight = mesh.add_property<EdgeHandle, double>("weight", 1.0);
 ///   for (const VertexHandle v : mesh.vertices())
 ///     for (const VertexHandle w : mesh.neighbours(v)) ...

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The radial kernels: each is one struct that says what it is and evaluates itself in any number type. Included once per
+// The radial kernels: each is one struct with its properties and its evaluation in any number type. Included once per
 // instruction set by what includes hwy/foreach_target.h, so without #pragma once.
 #if defined(DEFORM_RADIAL_FUNCTIONS_INL_H) == defined(HWY_TARGET_TOGGLE)
 #ifdef DEFORM_RADIAL_FUNCTIONS_INL_H

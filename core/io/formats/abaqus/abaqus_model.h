@@ -86,8 +86,8 @@ class AbaqusModel {
 
  private:
   struct Element : NewElement {
-    std::uint32_t scope = 0, count = 0;  // of its nodes
-    std::size_t first = 0;               // the same
+    std::uint32_t scope = 0, count = 0;  // scope, number of nodes
+    std::size_t first = 0;               // first node
     std::uint32_t number = 0;            // among the volumes or faces of the mesh
   };
   /// The members of a set, once resolved.
@@ -97,7 +97,7 @@ class AbaqusModel {
   };
   struct GroupMembers {
     std::vector<PointId> points;
-    std::vector<std::size_t> faces;  // of the surface elements
+    std::vector<std::size_t> faces;  // surface elements
   };
   struct Part {
     std::string name;
@@ -132,8 +132,8 @@ class AbaqusModel {
   std::map<std::string, Scope> part_numbers_, instances_;
   std::vector<AbaqusType> types_;
   std::vector<Element> elements_;
-  std::vector<std::int64_t> node_labels_;  // of the elements
-  std::vector<PointId> nodes_;             // the same, found
+  std::vector<std::int64_t> node_labels_;  // labels of the nodes of all elements
+  std::vector<PointId> nodes_;             // the same as point ids
   std::set<std::vector<PointId>> free_;    // keys of the boundary, once they are needed
   ElementMesh mesh_;
 };

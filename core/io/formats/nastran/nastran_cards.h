@@ -52,7 +52,7 @@ class NastranCards {
   void check_mark(std::string_view mark) const;
 
   DeckLines lines_;
-  std::string_view content_;  // of the line, without comment
+  std::string_view content_;  // the line without comment
   bool ahead_ = false;        // the line is read, but not yet part of a card
   std::string card_;
   std::size_t position_ = 0;
@@ -60,7 +60,7 @@ class NastranCards {
   std::string_view mark_;  // at the end of the last line
   bool large_ = false;     // the last line
   bool free_ = false;
-  std::size_t end_ = 0;  // of the last line
+  std::size_t end_ = 0;  // end of the last line
 };
 
 }  // namespace deform::io

@@ -64,7 +64,7 @@ class PlyBinarySource {
   const std::string& name_;
   std::size_t at_;
   std::endian order_;
-  PlyType type_{};  // of the value at the cursor
+  PlyType type_{};  // type of the value at the cursor
 };
 
 }  // namespace deform::io
