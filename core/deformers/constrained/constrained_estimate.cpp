@@ -20,7 +20,7 @@ constexpr std::size_t small_assembly = std::size_t{64} << 20;
 constexpr std::size_t shape_bytes = 64;  // of a point in a projection
 constexpr std::size_t most_parameters = 7, few_set_points = 64;
 
-/// What the bytes follow from.
+/// The counts that determine the memory.
 struct Counts {
   std::size_t unknowns = 0;       ///< k
   std::size_t cover = 1;          ///< functions at a point
@@ -219,7 +219,7 @@ ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<C
   ConstrainedBytes result;
   const auto consider = [&](Counts counts) {
     const NewtonSizes& sizes = counts.newton;
-    // In forces only where that takes fewer operations than any other form can.
+    // The form in forces is chosen only if it takes fewer operations than any other form can.
     const std::size_t others = 3 * sizes.functions + (sizes.dense ? sizes.parameters : 3 * (sets.size() + 1));
     const bool few = sizes.rows <= std::min(most_forces, others);
     if (few) result = larger(result, total(counts, NewtonForm::forces));

@@ -51,7 +51,7 @@ ExactPlacement::ExactPlacement(std::vector<ConstraintSet> sets, const std::vecto
     for (const PointId id : set.ids) {
       places.push_back(static_cast<std::uint32_t>(std::lower_bound(ids_.begin(), ids_.end(), id) - ids_.begin()));
     }
-    // A point of two regions of a set stands there twice: it has two places.
+    // A point in two regions of a set occurs there twice.
     std::vector<std::uint32_t> own = places;
     std::sort(own.begin(), own.end());
     const bool once = std::adjacent_find(own.begin(), own.end()) == own.end();
@@ -175,7 +175,7 @@ std::vector<Vec3> ExactPlacement::of_set(std::size_t t, const std::vector<Vec3>&
   return chosen(points, places_[t]);
 }
 
-/// Gives up the worst sets until the others are met; what is left may hang together no more.
+/// Gives up the worst sets until the others are satisfied; the remaining sets may no longer be connected.
 void ExactPlacement::place_group(const std::vector<std::size_t>& sets, const std::vector<ShapeParameters>& shapes, Placed& placed,
                                  const RunContext& context) const {
   std::vector<std::vector<std::size_t>> waiting{sets};
@@ -216,7 +216,7 @@ void ExactPlacement::place_group(const std::vector<std::size_t>& sets, const std
   }
 }
 
-/// What shares points with a set that is given up must not leave that worse than the worst was.
+/// Sets that share points with a set that is given up must not increase its distance beyond the largest initial one.
 void ExactPlacement::check_given_up(const std::vector<ShapeParameters>& shapes, Placed& placed) const {
   std::vector<std::size_t> group_of(ids_.size());
   for (bool again = true; again;) {
@@ -287,7 +287,7 @@ std::vector<Vec3> ExactPlacement::derivative(const Placed& at, const std::vector
   return result;
 }
 
-/// Groups share points only where these do not move: what arrives there adds up.
+/// Groups share only fixed points, where cotangents add up.
 std::vector<Vec3> ExactPlacement::adjoint(const Placed& at, const std::vector<Vec3>& cotangent, const RunContext& context) const {
   std::vector<Vec3> result = cotangent;
   for (const Group& group : at.groups) {

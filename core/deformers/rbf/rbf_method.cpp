@@ -136,7 +136,7 @@ Estimate RbfMethod::estimate(const RbfOptions& given, const Mesh& mesh, const Se
   const std::size_t errors_bytes = basis && to_tolerance(solver) ? parts.size() * 400 * fields * sizeof(double) : 0;
   estimate.resident_bytes = estimate.factor_bytes + sizes.check_bytes + errors_bytes + estimate.basis_bytes +
                             point_bytes(mesh.point_count(), regions.symmetry);
-  // What the centres of incremental QR are chosen for, and what the factorization makes of it.
+  // The samples for which the centres of incremental QR are chosen, and their transforms by the factorization.
   const std::size_t columns = options.samples.empty() ? fields : 3 * options.samples.size();
   const std::size_t samples = solver == Solver::incremental_qr ? 6 * sizes.rows * columns * sizeof(double) : 0;
   const std::size_t factor_extra = sizes.factoring_peak + 2 * sizes.places * sizeof(Vec3) + samples;

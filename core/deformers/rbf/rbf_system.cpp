@@ -74,7 +74,7 @@ void RbfSystem::refine_centres(const RunContext& context, std::size_t memory_bud
   for (std::size_t i = 0; i < mesh_->point_count(); ++i) {
     if (points_.region_of[i] != deformable_region) all.push_back(static_cast<PointId>(i));
   }
-  // Every so many of them as long as there is something to add, all of them in the end.
+  // Check a subset as long as there is something to add, and all points in the end.
   std::size_t stride = (all.size() + sampled - 1) / sampled;
   for (int round = 0;; ++round) {
     std::vector<PointId> ids;
@@ -103,7 +103,7 @@ void RbfSystem::refine_centres(const RunContext& context, std::size_t memory_bud
 std::vector<double> RbfSystem::misfits(const std::vector<PointId>& ids, const RunContext& context) const {
   std::vector<double> result(ids.size(), 0.0);
   const Eigen::MatrixXd at_centres = fields_at_centres();
-  // What a solver leaves must not look like a lack of centres.
+  // The residual of the solver must not be mistaken for a lack of centres.
   const double solver_tolerance = std::min(options_.tolerance, 0.1 * reduction_tolerance(options_));
   for (const RbfPart& part : parts_) {
     const std::vector<double> weights = field_weights(part);
@@ -255,7 +255,8 @@ Eigen::MatrixXd RbfSystem::sample_fields() const {
   return fields;
 }
 
-/// What the centres of incremental QR are chosen for: the samples, or without any the fields that affine motions combine.
+/// Sets the samples for which the centres of incremental QR are chosen: those of the options, or by default the fields of
+/// affine motions.
 void RbfSystem::set_samples(InterpolationOptions& interpolation, const PartPlan& plan) const {
   interpolation.sample_tolerance = options_.tolerance;
   interpolation.order = options_.centre_order;
