@@ -90,7 +90,7 @@ class HalfBody {
     return static_cast<PointId>(points_.size() - 1);
   }
 
-  /// The point of the lattice, made when a patch asks for it first.
+  /// The point of the lattice, created on first use.
   PointId at(int i, int j, int k) {
     const std::uint64_t key =
         (static_cast<std::uint64_t>(i) << 42) | (static_cast<std::uint64_t>(j) << 21) | static_cast<std::uint64_t>(k);
@@ -217,7 +217,7 @@ class HalfBody {
   std::vector<Part> parts_;
 };
 
-/// The spacing whose number of points comes closest to the target. The number is a staircase, so all steps are looked at.
+/// The spacing whose number of points is closest to the target. The number is a step function, so all steps are tried.
 AhmedDivisions divisions_for(const AhmedOptions& options) {
   const auto target = static_cast<double>(options.target_points);
   constexpr double surface = 1.7;  // m^2, rounded up

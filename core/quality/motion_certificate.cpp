@@ -142,7 +142,7 @@ double half_diagonal(const std::vector<FourFloats>& places, std::span<const std:
   return half_diagonal(low, high);
 }
 
-/// What LinearFit finds, in floats.
+/// The result of LinearFit in floats.
 struct LinearPart {
   std::array<FourFloats, 3> columns;
   double size = 0;  ///< Frobenius norm
@@ -189,7 +189,7 @@ FourFloats times(const std::array<FourFloats, 3>& columns, const FourFloats& x) 
 
 }  // namespace
 
-/// A block while it is looked at; of one thread.
+/// The working data of a block; one per thread.
 struct MotionCertificate::Block {
   std::vector<FourFloats> at_rest;  ///< from the first node
   std::vector<FourFloats> left;     ///< of the displacements, without their affine part

@@ -81,7 +81,7 @@ std::vector<char> left_handed(const MovingCells& cells, std::span<const Vec3> re
   return quality::left_handed_cells(orientations, cells.links());
 }
 
-/// What each range of a loop has found, in the order of the ranges.
+/// The results of the ranges of a loop, in their order.
 template <typename T>
 std::vector<T> joined(std::vector<std::vector<T>> ranges) {
   std::vector<T> all;
@@ -206,7 +206,7 @@ class InversionCheck::Impl {
     std::vector<std::uint32_t> suspects;
   };
 
-  /// Cells that are not excluded and of which the bounds for blocks do not say that they are sound and above `floor`; ascending.
+  /// The cells that are not excluded and that the bounds of blocks do not prove to be sound and above `floor`; ascending.
   std::vector<std::uint32_t> doubtful(std::span<const Vec3> points, double floor, const RunContext& context) const {
     std::vector<std::vector<std::uint32_t>> of_range((certificate_->block_count() + blocks_grain - 1) / blocks_grain);
     parallel_for(context, certificate_->block_count(), blocks_grain, [&](std::size_t begin, std::size_t end) {

@@ -57,7 +57,7 @@ class PictureMaker {
                 "picture: " + what + " has " + std::to_string(size) + " values, expected " + std::to_string(expected));
   }
 
-  /// Into triangles; middle points of polygons stand behind the points of the mesh.
+  /// Triangulates the faces; the middle points of polygons follow the points of the mesh.
   void cut() {
     const Mesh& mesh = source_.mesh;
     points_ = mesh.points;

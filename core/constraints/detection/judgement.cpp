@@ -62,7 +62,7 @@ bool bounded_by_sharp_edges(const Surface& surface, const Limits& limits, const 
 }
 
 struct Residuals {
-  double systematic = 0;  ///< rms of what the polynomial explains, less what it would of noise
+  double systematic = 0;  ///< rms of the part explained by the polynomial, less that expected from noise
   double random = 0;      ///< standard deviation of the rest
 };
 

@@ -82,7 +82,7 @@ Mesh read_mesh(ByteReader& from) {
     cells.neighbour = from.array<std::uint32_t>();
     cells.cell_count = static_cast<std::size_t>(from.number());
     cells.empty_faces = from.array<char>();
-    // Whoever looks for the faces of cells takes memory for each.
+    // Later steps allocate memory for each face of a cell.
     if (cells.cell_count > cells.owner.size() + cells.neighbour.size()) {
       throw Error(ErrorCode::invalid_argument, std::to_string(cells.cell_count) + " cells are more than their faces have sides");
     }

@@ -43,7 +43,7 @@ std::vector<Vec3> beside_the_worst(const Interpolator& system, const Interpolant
   return places;
 }
 
-/// One more round: by the exact solution of what is missing where it is known, else by the solver to less than it left.
+/// One more round: by the exact correction if it is known, else by the solver with a tolerance below its residual.
 bool improve(const Interpolator& system, const PointErrors& check, const MatrixXd& F, const PointErrors::Missing& missing,
              double smaller, Interpolants& interpolants, const RunContext& context) {
   if (check.complete()) {

@@ -241,7 +241,8 @@ void overwrite(ContainerFile& file, std::size_t bytes, const std::string& name, 
   tree.close();
 }
 
-/// ADF notes when a file was last changed behind the tag AdF1 of its first lines. Only coordinates are to differ.
+/// Restores the date of the last change, which ADF stores after the tag AdF1 of its first lines, because only coordinates
+/// may differ.
 void keep_date(const std::string& original, std::string& written) {
   constexpr std::size_t tag = 64, date = 68, length = 28;
   if (original.size() >= date + length && written.size() >= date + length && original.compare(tag, 4, "AdF1") == 0) {

@@ -144,7 +144,7 @@ void NastranCards::add_free(std::size_t most) {
       }
     } else if (!more && is_mark(text)) {  // of a line that ends early
       mark_ = text;
-      end_ = lines_.begin() + begin - 1;  // what is missing goes before its comma
+      end_ = lines_.begin() + begin - 1;  // missing fields are inserted before its comma
       break;
     } else {
       place.at = text.empty() ? lines_.begin() + begin : lines_.begin() + static_cast<std::size_t>(text.data() - content_.data());

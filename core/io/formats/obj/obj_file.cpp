@@ -13,7 +13,7 @@ namespace deform::io {
 namespace {
 
 constexpr std::uint64_t max_ids = std::numeric_limits<std::uint32_t>::max();
-constexpr std::size_t max_names_per_line = 64;  // bounds what one face can cost
+constexpr std::size_t max_names_per_line = 64;  // limits the cost of one face
 
 /// Wavefront OBJ: v, f, g, o, usemtl, and the points of p and l; everything else is stepped over and stays in the file.
 class ObjReader {

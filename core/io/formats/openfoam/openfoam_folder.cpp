@@ -208,7 +208,7 @@ std::optional<fs::path> replaced_openfoam_points(const fs::path& source, const f
     const fs::path folder = (used / "points").lexically_normal().parent_path();
     const fs::path held = existing(folder, "points").value_or(points);
     if (same(target.parent_path(), folder) || same(target, held) || same(output, folder)) return held;
-    // A case is no time folder: what is written into it would not be found, or be taken for its mesh.
+    // A case is no time folder: files written there would not be found, or be taken for its mesh.
     const fs::path holder = folder.parent_path();
     const bool in_case = folder.filename() == "polyMesh" && holder.filename() == "constant";
     if (in_case && same(output, holder.parent_path())) return held;

@@ -167,7 +167,7 @@ class VtuReader {
     for (const XmlNode& child : node.children) find_offsets(child);
   }
 
-  /// Whoever shares its bytes with the points would change with them.
+  /// An array that shares its bytes with the points would change with them.
   void check_appended_points() const {
     for (const VtuPoints& points : content_.pieces) {
       if (points.array.form != VtuArray::Form::appended_raw && points.array.form != VtuArray::Form::appended_base64) continue;
