@@ -125,8 +125,8 @@ class HalfBody {
            (i >= lattice_.station_after(3) && i < lattice_.station_after(4));
   }
 
-  /// Strip between two closed rows of equally many points; `outer` runs counter-clockwise seen from outside the body around
-  /// `inner`.
+  /// Strip between two closed rows of equally many points; `outer` runs counter-clockwise seen from outside the body
+  /// around `inner`.
   void add_ring(const std::vector<PointId>& outer, const std::vector<PointId>& inner, Part part) {
     for (std::size_t m = 0; m < outer.size(); ++m) {
       const std::size_t next = (m + 1) % outer.size();

@@ -50,8 +50,8 @@ struct Inversions {
 /// The safe fraction of a motion from X to Y.
 struct SafeAmplitude {
   /// t*: the largest t in [0, 1] such that no cell is inverted at X + s (Y - X) for all s in [0, t).
-  /// 1: none is anywhere on the way, both ends included. Less than 1 whenever one is inverted at Y.
-  /// 0: only where a cell that is not excluded is inverted at X.
+  /// It is 1 if no cell is inverted anywhere on the path, both ends included, less than 1 if one is inverted at Y, and 0 only if
+  /// a cell that is not excluded is inverted at X.
   double amplitude = 1;
   std::optional<std::size_t> first_cell;  ///< inverted from there on; the one with the smallest id; none if the amplitude is 1
   Inversions inverted;                    ///< at Y, without the excluded cells

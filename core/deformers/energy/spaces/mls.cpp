@@ -26,8 +26,8 @@ namespace {
 double cover_of(const MlsOptions& options) { return options.cover != 0 ? options.cover : default_cover(options.domain); }
 
 constexpr std::size_t mls_points_per_range = 128;
-// Thesis 8.6: 4000, or 5000 and 2000 with cells. More inside: handles that move a whole boundary in detail bend the functions
-// there.
+// Thesis 8.6: 4000, or 5000 and 2000 with cells. More inside: handles that move a whole boundary in detail bend the
+// functions there.
 constexpr std::size_t automatic_surface = 4000, automatic_boundary = 5000, automatic_volume = 3000;
 constexpr std::size_t enclosed_surface = 4000, enclosed_volume = 5000;
 constexpr std::size_t fewest_samples = 64;

@@ -57,8 +57,8 @@ std::optional<CasePlace> place_in_case(fs::path holder) {
   return std::nullopt;
 }
 
-/// The folder that has a file of a mesh at a time, as OpenFOAM looks for it: the last time up to then that has one, else
-/// constant.
+/// The folder that has a file of a mesh at a time, as OpenFOAM looks for it: the last time up to then that has one,
+/// else constant.
 std::optional<fs::path> instance_with(const CasePlace& place, const char* name) {
   std::vector<std::pair<double, fs::path>> times;
   std::error_code unreadable;

@@ -72,8 +72,8 @@ struct RecordedMesh : Mesh {
   std::vector<PointId> record_points;
 };
 
-/// solid NAME / facet normal i j k / outer loop / 3 x vertex x y z / endloop / endfacet / endsolid, any number of solids, any
-/// case.
+/// solid NAME / facet normal i j k / outer loop / 3 x vertex x y z / endloop / endfacet / endsolid, any number of solids,
+/// any case.
 class StlTextReader {
  public:
   StlTextReader(std::string_view bytes, const std::string& name) : scanner_(bytes, name, Syntax::plain) {}
