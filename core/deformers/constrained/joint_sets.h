@@ -24,8 +24,8 @@ namespace deform {
 /// the derivative of the projection, which is (1 - s S_t)^-1 at y + s f_t. Unit coordinates. Immutable; any thread.
 class JointSets {
  public:
-  static constexpr double satisfied_distance = 5e-10;  ///< largest distance of a satisfied set; half of what is reported as
-                                                       ///< missed, because the points of a pair share theirs
+  /// The largest distance of a satisfied set: half of what is reported as missed, because the points of a pair share theirs.
+  static constexpr double satisfied_distance = 5e-10;
 
   explicit JointSets(SetsOnPoints on) : on_(std::move(on)) {}
 
