@@ -8,12 +8,12 @@
 
 namespace deform {
 
-/// Characters that hold so many bytes, padding included.
+/// Length in characters of the encoding of `bytes` bytes, padding included.
 constexpr std::size_t base64_size(std::size_t bytes) { return (bytes + 2) / 3 * 4; }
 
-/// RFC 4648 with padding, no line ends.
+/// Encodes bytes as Base64 (RFC 4648, section 4) with padding and without line ends.
 std::string base64_encoded(std::string_view bytes);
-/// Nothing when it is no such text.
+/// The inverse; std::nullopt if `text` is not padded Base64.
 std::optional<std::string> base64_decoded(std::string_view text);
 
 }  // namespace deform

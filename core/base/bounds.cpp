@@ -9,7 +9,7 @@ namespace deform {
 
 namespace {
 
-/// How far beyond `bound` counts as the bound: one step beyond what a float makes of it, and its share of the range.
+/// The tolerance at a bound: one step of float beyond its rounded value, or 1e-6 of the range.
 double slack(double bound, double range) {
   constexpr double share = 1e-6;
   const auto rounded = static_cast<float>(std::abs(bound));

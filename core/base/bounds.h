@@ -5,9 +5,9 @@
 
 namespace deform {
 
-/// `value` where lower <= value <= upper. What is outside by at most 1e-6 of the range, or by one step of single precision from
-/// the bound, is that bound exactly: optimizers that compute in float32 end beside their bounds. Nothing for anything else, NaN
-/// too. Bounds may be infinite.
+/// Returns `value` if lower <= value <= upper. A value outside by at most 1e-6 of the range, or by one single-precision step from
+/// the bound, is clamped to that bound, because optimizers that compute in float32 overshoot their bounds slightly. Returns
+/// std::nullopt for any other value, including NaN. Bounds may be infinite.
 std::optional<double> within_bounds(double value, double lower, double upper);
 
 }  // namespace deform

@@ -8,17 +8,17 @@
 
 namespace deform {
 
-/// The cells of a volume mesh as plain arrays, for ids, files and messages: elements by their nodes (types are the numbers of
-/// ElementType), or cells by their faces (PolyhedralCells). Borrowed. Nothing is there: a surface.
+/// A non-owning view of the cells of a volume mesh as plain arrays, for ids, files and messages. The cells are given either as
+/// elements by their nodes (Elements) or by their faces (PolyhedralCells). All arrays are empty for a surface mesh.
 struct CellsView {
-  std::span<const std::uint8_t> element_types;  ///< per element the number of its ElementType
-  std::span<const PointId> element_points;      ///< nodes of all elements, one element after the other
-  std::uint64_t cell_count = 0;                 ///< of cells by faces
-  std::span<const std::uint64_t> face_offsets;  ///< where the corners of each face begin in face_points, and the end
-  std::span<const PointId> face_points;         ///< corners of all faces; the normal points out of the owner
-  std::span<const std::uint32_t> owner;         ///< per face the cell behind it
-  std::span<const std::uint32_t> neighbour;     ///< per internal face, which stand first, the cell before it
-  std::span<const char> empty_faces;            ///< per face 1 across which a 2D mesh has no extent; or none at all
+  std::span<const std::uint8_t> element_types;  ///< ElementType of each element, as its number
+  std::span<const PointId> element_points;      ///< nodes of all elements, element by element
+  std::uint64_t cell_count = 0;                 ///< number of cells given by faces
+  std::span<const std::uint64_t> face_offsets;  ///< faces + 1 offsets into face_points
+  std::span<const PointId> face_points;         ///< corners of all faces; normals point out of the owner
+  std::span<const std::uint32_t> owner;         ///< owner cell of each face
+  std::span<const std::uint32_t> neighbour;     ///< neighbour cell of each internal face; these come first
+  std::span<const char> empty_faces;            ///< 1 for each face of type "empty" (2D meshes); may be empty
 
   /// Whether there are cells of either kind.
   bool any() const { return !element_types.empty() || cell_count != 0; }

@@ -8,17 +8,17 @@
 
 namespace deform {
 
-/// Whose fault an error is and what the caller can do about it. Mapped to gRPC status in server/rpc/status.cpp only.
+/// Says where the fault lies and what the caller can do about it. Mapped to a gRPC status in server/rpc/status.cpp only.
 enum class ErrorCode {
   invalid_argument,     ///< the caller's input is wrong; the message names field, index and limit
-  not_found,            ///< an id or name that nothing has
-  already_exists,       ///< a name that is taken
-  failed_precondition,  ///< right input at the wrong time (a geometry that systems still use, ...)
-  out_of_budget,        ///< would need more memory, queue or time than allowed; the message gives the numbers
+  not_found,            ///< no object has this id or name
+  already_exists,       ///< the name is already in use
+  failed_precondition,  ///< valid input in the wrong state (a geometry is still in use, ...)
+  out_of_budget,        ///< more memory, queue space or time needed than allowed; the message gives the numbers
   numerical_failure,    ///< the mathematics broke down (singular system, ...)
   cancelled,            ///< the caller cancelled
   deadline_exceeded,    ///< the caller's deadline passed
-  data_loss,            ///< checksum or format violation of stored or transmitted bytes
+  data_loss,            ///< stored or transmitted bytes violate their checksum or format
   unavailable,          ///< temporary; try again
   internal,             ///< a bug
 };
@@ -26,12 +26,13 @@ enum class ErrorCode {
 /// The one exception type of core, codec, server and client. Not converging is a result, never an Error.
 class Error : public std::runtime_error {
  public:
-  /// The message is one sentence or more for people; retry_after_ms is the hint below.
+  /// The message is made of whole sentences that can be shown to a user. For retry_after_ms see the accessor.
   Error(ErrorCode code, const std::string& message, std::uint32_t retry_after_ms = 0)
       : std::runtime_error(message), code_(code), retry_after_ms_(retry_after_ms) {}
-  /// What kind of error it is.
+  /// The kind of error.
   ErrorCode code() const { return code_; }
-  /// With out_of_budget and unavailable: after so long the same request may succeed. 0: no hint, only another request can.
+  /// For out_of_budget and unavailable: the time in milliseconds after which the same request may succeed. 0 means that only a
+  /// different request can succeed.
   std::uint32_t retry_after_ms() const { return retry_after_ms_; }
 
  private:
@@ -39,11 +40,11 @@ class Error : public std::runtime_error {
   std::uint32_t retry_after_ms_;
 };
 
-/// Lower-case snake name of the code ("invalid_argument").
+/// The name of the code in snake case ("invalid_argument").
 const char* to_string(ErrorCode code);
 
-/// "did you mean": up to three of `candidates` nearest to `name` by edit distance, quoted and comma-separated; empty if none is
-/// near.
+/// For "did you mean" hints: up to three of `candidates` nearest to `name` by edit distance, quoted and separated by commas;
+/// empty if none is near.
 std::string nearest_names(const std::string& name, const std::vector<std::string>& candidates);
 
 }  // namespace deform

@@ -8,7 +8,7 @@ namespace deform {
 
 std::string number_digits(double value) {
   char text[32];
-  // Left alone, to_chars writes 100000 as 1e+05, because it is shorter.
+  // By default to_chars() writes 100000 as 1e+05, which is shorter.
   const double magnitude = std::abs(value);
   const bool plain = magnitude >= 1e-4 && magnitude < 1e9;
   const auto written = plain ? std::to_chars(text, text + sizeof(text), value, std::chars_format::fixed)

@@ -5,11 +5,11 @@
 
 namespace deform {
 
-/// The fewest decimal digits that read back as the same double: "0.1", "1e-07", "-inf". Independent of the locale. For messages:
-/// std::to_string would print 0.1000001 beside a limit of 0.1 as "0.100000".
+/// The shortest decimal text that reads back as the same double: "0.1", "1e-07", "-inf". Independent of the locale. Meant for
+/// messages: std::to_string would print 0.1000001 beside a limit of 0.1 as "0.100000".
 std::string number_digits(double value);
 
-/// "12.3 MiB"
+/// Formats a number of bytes in mebibytes: "12.3 MiB".
 std::string mebibytes(std::size_t bytes);
 
 }  // namespace deform

@@ -32,8 +32,8 @@ using RunRange = std::function<void(std::size_t)>;
 
 #ifdef DEFORM_THREAD_SANITIZER
 
-// oneTBB as it is installed is not instrumented, so the sanitizer sees none of its synchronization. Plain threads instead: then
-// the bodies of all loops are checked for what they are.
+// The packaged oneTBB is not instrumented, so the thread sanitizer cannot see its synchronization. Under the sanitizer plain
+// threads are used instead, so that the bodies of all loops are checked.
 void run_ranges(std::size_t ranges, int threads, const RunRange& run) {
   std::atomic<std::size_t> next{0};
   std::mutex mutex;

@@ -8,15 +8,13 @@
 
 namespace deform {
 
-/// Calls body(begin, end) for disjoint ranges covering [0, count), each at most `grain` long (except that a range is never split
-/// below it), on at most context.threads threads; runs inline when count <= grain. Checks the context before every range, and the
-/// first exception thrown by any range leaves from here. The split into ranges depends only on count and grain, never on the
-/// number of threads: range k is [k * grain, min((k + 1) * grain, count)), so a body that writes only to its own range is
-/// deterministic.
+/// Calls body(begin, end) for disjoint ranges that cover [0, count), on at most context.threads threads. Range k is [k * grain,
+/// min((k + 1) * grain, count)), whatever the number of threads, so a body that writes only to its own range is deterministic.
+/// Runs inline if count <= grain. Checks the context before every range and rethrows the first exception that any range throws.
 void parallel_for(const RunContext& context, std::size_t count, std::size_t grain,
                   const std::function<void(std::size_t begin, std::size_t end)>& body);
 
-/// Number of threads a call with this context uses at most.
+/// The largest number of threads that a call with this context uses.
 int thread_count(const RunContext& context);
 
 }  // namespace deform

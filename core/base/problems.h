@@ -11,27 +11,27 @@
 
 namespace deform {
 
-/// One reason to refuse an input.
+/// One reason for rejecting an input.
 struct Problem {
   std::string field;    ///< the entry that is wrong, with its index: "constraints[3].regions[0]"
-  std::string message;  ///< of the Error
+  std::string message;  ///< message of the Error
 };
 
-/// What becomes of the problems that checks find: the first is thrown, or all are collected. Not thread-safe.
+/// Runs checks of an input, and either throws the first problem or collects all of them. Not thread-safe.
 ///
 ///   Problems problems(Problems::Mode::collect);
 ///   for (...) problems.check("handles[" + std::to_string(i) + "]", [&] { check_handle(i); });
 class Problems {
  public:
-  /// What becomes of a problem.
+  /// What happens to a problem.
   enum class Mode {
-    throw_first,  ///< check() throws what a check throws
-    collect,      ///< check() notes it
+    throw_first,  ///< check() rethrows it
+    collect,      ///< check() appends it to the list
   };
-  explicit Problems(Mode mode) : mode_(mode) {}  ///< none yet
+  explicit Problems(Mode mode) : mode_(mode) {}  ///< starts with an empty list
 
-  /// Runs a check, which throws Error(invalid_argument) or Error(not_found) when something is wrong; other errors always pass
-  /// through. Whether nothing was.
+  /// Runs a check, which throws Error(invalid_argument) or Error(not_found) if it fails, and returns whether it passed. Other
+  /// errors are never collected.
   template <typename Check>
   bool check(const std::string& field, const Check& check) {
     if (mode_ == Mode::throw_first) {
@@ -48,9 +48,9 @@ class Problems {
     }
   }
 
-  bool empty() const { return list_.empty(); }                ///< whether none was found
-  const std::vector<Problem>& list() const { return list_; }  ///< in the order in which they were found
-  /// Whether there is one with the field or with a part of it ("handles[0].region" of "handles[0]").
+  bool empty() const { return list_.empty(); }                ///< whether no problem was found
+  const std::vector<Problem>& list() const { return list_; }  ///< in the order of the checks
+  /// Whether a problem concerns the field or a part of it ("handles[0].region" is a part of "handles[0]").
   bool concern(std::string_view field) const {
     return std::any_of(list_.begin(), list_.end(), [&](const Problem& p) {
       return p.field.starts_with(field) &&

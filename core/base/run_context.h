@@ -10,27 +10,27 @@
 
 namespace deform {
 
-/// Set once, from any thread; long loops see it at their next check. Copies share the flag.
+/// A flag that any thread may set once and that long loops read at their next check. Copies share the flag.
 class CancelFlag {
  public:
   CancelFlag() : flag_(std::make_shared<std::atomic<bool>>(false)) {}
-  /// Sets the flag for good.
+  /// Sets the flag; it cannot be reset.
   void cancel() const { flag_->store(true, std::memory_order_relaxed); }
-  /// Whether it was set.
+  /// Whether the flag is set.
   bool cancelled() const { return flag_->load(std::memory_order_relaxed); }
 
  private:
   std::shared_ptr<std::atomic<bool>> flag_;
 };
 
-/// What a call may use and how it is cancelled: handed down the call chain by const reference. A default-constructed context
-/// is uncancellable, has no deadline, reports no progress and may use all cores. Any number of threads may call check() and
-/// progress().
+/// Cancellation, deadline, progress and thread limit of a call, passed down the call chain by const reference. A
+/// default-constructed context cannot be cancelled, has no deadline, reports no progress and may use all cores. Any number of
+/// threads may call check() and progress().
 class RunContext {
  public:
-  /// Of deadlines; does not jump when the time of day is set.
+  /// The clock of deadlines. It is monotonic.
   using Clock = std::chrono::steady_clock;
-  /// stage name ("assemble", "factor", "basis", ...) and the fraction of it that is done, 0..1
+  /// Receives the name of a stage ("assemble", "factor", "basis", ...) and the fraction of it that is done, 0..1.
   using Progress = std::function<void(const std::string& stage, double fraction)>;
 
   RunContext() = default;
@@ -40,7 +40,7 @@ class RunContext {
   Progress on_progress;                       ///< must be callable from any thread; may be empty
   int threads = 0;                            ///< upper limit of threads for this call; 0 = all cores
 
-  /// Throws Error(cancelled) or Error(deadline_exceeded) when it is time to stop. Cheap: call once per block of work.
+  /// Throws Error(cancelled) or Error(deadline_exceeded) if the work must stop. Cheap; call it once per block of work.
   void check() const;
 
   /// Reports progress to on_progress, if there is one.

@@ -7,7 +7,7 @@
 
 namespace deform {
 
-/// Seconds since the last call.
+/// Measures intervals of time.
 class Stopwatch {
  public:
   /// Seconds since construction or the last call.

@@ -7,29 +7,29 @@
 
 namespace deform {
 
-/// Length in bytes of the UTF-8 sequence at the front of `text` (not empty), 0 when there is none: overlong forms, surrogates and
-/// what is beyond U+10FFFF are none (RFC 3629).
+/// Length in bytes of the UTF-8 sequence at the front of `text`, which must not be empty; 0 if the sequence is invalid (RFC
+/// 3629), as overlong forms, surrogates and code points beyond U+10FFFF are.
 std::size_t utf8_length(std::string_view text);
 
-/// Takes the first character from `text` (not empty) and returns it as a terminal or a log may show it: itself, or as `\xNN` or
-/// `\u{NNNN}` what controls a terminal (C0, DEL, C1), ends a line (U+2028, U+2029) or changes the direction of text (U+061C,
-/// U+200E, U+200F, U+202A to U+202E, U+2066 to U+2069); a byte that is no UTF-8 as `\xNN`.
+/// Removes the first character from `text`, which must not be empty, and returns it in a form that is safe to show in a terminal
+/// or a log. Characters that control a terminal (C0, DEL, C1), end a line (U+2028, U+2029) or change the direction of text
+/// (U+061C, U+200E, U+200F, U+202A to U+202E, U+2066 to U+2069) are escaped as `\xNN` or `\u{NNNN}`, bytes that are not valid
+/// UTF-8 as `\xNN`; all others are returned unchanged.
 std::string take_printable(std::string_view& text);
 
-/// All of it; the characters of `kept` (ASCII) stay what they are, as "\n\t" in text of our own.
+/// Applies take_printable() to the whole text. The ASCII characters in `kept`, such as "\n\t", are not escaped.
 std::string printable(std::string_view text, std::string_view kept = {});
 
-/// Text that may stand in a log line, a status message or a proto3 string, whatever bytes came in: valid UTF-8 is kept; what
-/// printable() escapes, and backslashes, are escaped. At most `limit` bytes, cut between characters and then
-/// ended by "...". Any thread.
+/// Turns arbitrary bytes into text for a log line, a status message or a proto3 string: escapes backslashes and what printable()
+/// escapes. The result has at most `limit` bytes; longer text is cut between characters and ends in "...".
 std::string escaped(std::string_view text, std::size_t limit);
 
-/// ASCII letters in lower case or in capitals, everything else as it is.
+/// Converts ASCII letters to lower or upper case and leaves other bytes unchanged.
 std::string lower_case(std::string_view text);
 std::string upper_case(std::string_view text);
 
-/// Text for the body or a quoted attribute of HTML or XML: & < > " ' as entities, control characters as blanks; bytes that are no
-/// UTF-8 as U+FFFD.
+/// Escapes text for the body or a quoted attribute of HTML or XML: & < > " ' become entities, control characters blanks, and
+/// bytes that are not valid UTF-8 become U+FFFD.
 std::string markup_text(std::string_view text);
 
 }  // namespace deform

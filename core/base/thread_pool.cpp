@@ -27,7 +27,7 @@ ThreadPool::~ThreadPool() {
   for (auto& thread : threads_) thread.join();
 }
 
-// With mutex_ held.
+// Requires mutex_.
 void ThreadPool::enqueue(Task task) {
   if (threads_.size() < thread_count_) threads_.emplace_back([this] { run(); });
   queue_.push_back(std::move(task));
@@ -67,7 +67,7 @@ void ThreadPool::run() {
     queue_.pop_front();
     lock.unlock();
     task();
-    task = nullptr;  // what it kept alive goes before the lock comes back
+    task = nullptr;  // destroys captured objects before the mutex is locked again
     lock.lock();
   }
 }

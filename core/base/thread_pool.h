@@ -11,27 +11,27 @@
 
 namespace deform {
 
-/// A few threads that take up tasks in the order in which they came. Tasks must not throw. Thread-safe.
+/// A fixed number of threads that run tasks in the order in which they were posted. Tasks must not throw. Thread-safe.
 class ThreadPool {
  public:
-  using Task = std::function<void()>;  ///< what a thread runs
+  using Task = std::function<void()>;  ///< a unit of work
 
-  /// threads: 0 = all cores; they start with the first tasks. queue_limit: 0 = 4 tasks for each thread.
+  /// threads = 0 means one per core, queue_limit = 0 four tasks per thread. Threads are started with the first tasks.
   explicit ThreadPool(int threads, std::size_t queue_limit = 0);
-  /// Runs what is still queued.
+  /// Runs the tasks that are still queued, then joins the threads.
   ~ThreadPool();
   ThreadPool(const ThreadPool&) = delete;
   ThreadPool& operator=(const ThreadPool&) = delete;
 
-  /// Whatever the limit.
+  /// Queues the task, even beyond queue_limit.
   void post(Task task);
-  /// False, without the task, when queue_limit tasks wait.
+  /// Queues the task; returns false and drops it if queue_limit tasks are waiting already.
   bool try_post(Task task);
-  /// When more than queue_limit tasks would wait, the calling thread does the oldest itself: a producer that outruns the threads
-  /// helps them.
+  /// Queues the task. If more than queue_limit tasks would wait, the calling thread runs the oldest one itself, which slows down
+  /// a producer that is faster than the threads.
   void post_or_help(Task task);
 
-  std::size_t queue_limit() const { return queue_limit_; }  ///< tasks that may wait
+  std::size_t queue_limit() const { return queue_limit_; }  ///< largest number of waiting tasks
 
  private:
   void enqueue(Task task);

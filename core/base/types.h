@@ -16,7 +16,7 @@ using Points = std::vector<Vec3>;
 using PointId = std::uint32_t;
 using FaceId = std::uint32_t;
 
-/// Axis-aligned box. Empty (min > max) until something is added.
+/// Axis-aligned box. It is empty (min > max) until a point is added.
 struct Box {
   Vec3 min{1e300, 1e300, 1e300};     ///< least coordinates
   Vec3 max{-1e300, -1e300, -1e300};  ///< greatest coordinates
@@ -28,15 +28,15 @@ struct Box {
       if (p[k] > max[k]) max[k] = p[k];
     }
   }
-  double side(int axis) const { return max[axis] - min[axis]; }  ///< its length
-  /// The first of the axes along which it is longest.
+  double side(int axis) const { return max[axis] - min[axis]; }  ///< length of the side along an axis
+  /// The axis of the longest side; of several, the first.
   int longest_axis() const;
-  /// Length of the diagonal, the D of every tolerance; 0 for an empty box.
+  /// Length of the diagonal, 0 for an empty box. Tolerances are fractions of it, written D.
   double diagonal() const;
 };
 
 Box bounding_box(std::span<const Vec3> points);
-/// Of some of the points.
+/// The bounding box of the points with these ids.
 Box bounding_box(std::span<const Vec3> points, std::span<const PointId> ids);
 
 /// x' = A x + b as a 3 x 4 matrix [A b], row-major. Model units.
@@ -48,7 +48,7 @@ inline Vec3 transformed(const Affine& m, const Vec3& p) {
           m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11]};
 }
 
-/// The map "first b, then a".
+/// The composition a after b: x -> a(b(x)).
 Affine compose(const Affine& a, const Affine& b);
 
 }  // namespace deform

@@ -7,14 +7,13 @@
 
 namespace deform {
 
-// Operations on vectors of three coordinates. Sums are taken in the order x, y, z, so that the same expression has the same bits
-// everywhere.
+// Operations on 3-vectors. Sums are taken in the order x, y, z, so that results are reproducible bit for bit.
 
 inline Vec3 operator+(const Vec3& a, const Vec3& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
 inline Vec3 operator-(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
 inline Vec3 operator*(double s, const Vec3& a) { return {s * a[0], s * a[1], s * a[2]}; }
 inline Vec3 operator/(const Vec3& a, double s) { return {a[0] / s, a[1] / s, a[2] / s}; }
-/// a for t = 0, b (but for rounding) for t = 1.
+/// Linear interpolation: a for t = 0, b up to rounding for t = 1.
 inline Vec3 lerp(const Vec3& a, const Vec3& b, double t) {
   return {a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2])};
 }
@@ -24,9 +23,9 @@ inline Vec3 cross(const Vec3& a, const Vec3& b) {
   return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
 
-/// The Euclidean length. Squares must neither overflow nor vanish.
+/// The Euclidean norm. Fast, but the squares must neither overflow nor underflow.
 inline double length(const Vec3& a) { return std::sqrt(dot(a, a)); }
-/// The Euclidean length of any vector, at the cost of std::hypot().
+/// The Euclidean norm without overflow or underflow of squares, at the cost of std::hypot().
 inline double norm(const Vec3& a) { return std::hypot(a[0], a[1], a[2]); }
 /// norm() of the difference.
 inline double distance(const Vec3& a, const Vec3& b) { return norm(a - b); }

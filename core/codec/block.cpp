@@ -32,7 +32,7 @@ void encode_raw_f32(std::span<const Vec3> deformed, Block& block) {
   for (std::size_t i = 0; i < 3 * deformed.size(); ++i) {
     const auto rounded = static_cast<float>(values[i]);
     std::memcpy(to + i * sizeof(float), &rounded, sizeof(float));
-    // What is not finite stays what it was, or becomes infinite beyond the range of float; neither is a distance.
+    // Differences of coordinates that are not finite, or become infinite in float, are not counted as errors.
     const double error = std::fabs(static_cast<double>(rounded) - values[i]);
     if (error > block.max_error && std::isfinite(error)) block.max_error = error;
   }

@@ -21,31 +21,33 @@ enum class Encoding : std::uint8_t {
 /// Largest number of points of a block that any decoder accepts.
 inline constexpr std::size_t max_block_points = 1u << 16;
 
-/// How to encode.
+/// Options of encode().
 struct EncodeOptions {
-  Encoding encoding = Encoding::draco;  ///< asked for; a block may fall back to raw_f64
+  Encoding encoding = Encoding::draco;  ///< requested encoding; a block may fall back to raw_f64
   /// Largest absolute error per coordinate, model units; > 0 for draco and delta_zstd, ignored by the raw encodings.
   double tolerance = 0;
 };
 
-/// Points [first, first + count) of one design, each block decodable for itself. deformation.proto describes the bytes.
+/// A range of consecutive points of one design that can be decoded on its own. deformation.proto describes the bytes.
 struct Block {
-  Encoding encoding = Encoding::raw_f64;  ///< the one used: raw_f64 when the integers did not fit (fell_back is true then)
-  bool fell_back = false;                 ///< to raw_f64, since the integers did not fit
-  std::uint32_t count = 0;                ///< points
+  Encoding encoding = Encoding::raw_f64;  ///< encoding in use
+  bool fell_back = false;                 ///< whether raw_f64 replaces the requested encoding, because the integers did not fit
+  std::uint32_t count = 0;                ///< number of points
   double step = 0;                        ///< grid spacing of the integers, model units; 0 for the raw encodings
-  std::array<std::int64_t, 3> offset{};   ///< added to the decoded integers
+  std::array<std::int64_t, 3> offset{};   ///< added to the decoded integers, in steps
   double max_error = 0;                   ///< true largest |decoded - deformed| over points and coordinates, model units
   std::uint64_t checksum = 0;             ///< XXH64 (seed 0) of the raw bytes, or of the decoded int32 triples, little endian
-  std::string bytes;                      ///< as `encoding` says
+  std::string bytes;                      ///< payload in this encoding
 };
 
-/// Encodes one block. registered.size() == deformed.size() <= max_block_points. A pure function: any thread. Throws
-/// Error(invalid_argument) for sizes or a tolerance out of range. Non-finite coordinates are kept by falling back to raw_f64.
+/// Encodes one block of points, where registered.size() == deformed.size() <= max_block_points. Blocks with non-finite
+/// coordinates fall back to raw_f64, which keeps them. Throws Error(invalid_argument) if the sizes or the tolerance are out of
+/// range. May be called from any thread.
 Block encode(std::span<const Vec3> registered, std::span<const Vec3> deformed, const EncodeOptions& options);
 
-/// Decodes into out (same size as registered and block.count). Hostile bytes end as Error(data_loss) with bounded memory: what
-/// the bytes claim is checked against block.count before anything is allocated. Verifies the checksum.
+/// Decodes a block into `out`, where out.size() == registered.size() == block.count, and verifies the checksum. Throws
+/// Error(data_loss) for bytes that are not a valid encoding of that many points; sizes that the bytes claim are checked against
+/// block.count before anything is allocated, so memory is bounded for hostile input.
 void decode(const Block& block, std::span<const Vec3> registered, std::span<Vec3> out);
 
 /// Folds block checksums (in block order) into the checksum of a design: XXH64 over the 8-byte little-endian checksums.

@@ -7,8 +7,8 @@
 
 namespace deform::codec {
 
-/// Integer triples to the bytes of DELTA_ZSTD, which deformation.proto describes: difference to the previous triple, zigzag, one
-/// plane per axis and byte, one zstd frame.
+/// Encodes integer triples as DELTA_ZSTD, described in deformation.proto: difference to the previous triple, zigzag, one plane
+/// per axis and byte, one zstd frame.
 std::string encode_delta(std::span<const std::int32_t> triples);
 
 /// Decodes exactly triples.size() numbers; throws Error(data_loss) for anything else. Memory: 4 bytes per number plus what zstd

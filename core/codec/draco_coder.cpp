@@ -25,14 +25,14 @@ namespace {
 constexpr std::int64_t largest_difference = 1 << 19;  // a symbol is twice that
 // Symbols are predicted differences, zigzag coded: with their table they take 8 bytes each in Draco's decoder.
 constexpr std::uint64_t most_symbols = 1u << 20;
-constexpr int compression_level = 5;  // of the entropy coder; draco::PointCloudSequentialEncoder has it at its speed 5
+constexpr int compression_level = 5;  // that of draco::PointCloudSequentialEncoder at speed 5
 constexpr std::uint8_t tagged = draco::SYMBOL_CODING_TAGGED, raw = draco::SYMBOL_CODING_RAW;
-constexpr int most_raw_bits = 18;  // of the largest symbol: beyond, Draco never chooses the raw scheme
+constexpr int most_raw_bits = 18;                                // Draco never chooses the raw scheme for symbols of more bits
 constexpr std::uint8_t generic_attribute = 4, int32_values = 5;  // GeometryAttribute::GENERIC and draco::DT_INT32
 
 [[noreturn]] void damaged(const std::string& what) { throw Error(ErrorCode::data_loss, "draco block: " + what); }
 
-// Reads what stands before the entropy-coded data, in the order in which Draco 2.x bitstreams have it.
+// Reads the fields before the entropy-coded data, in the order of Draco 2.x bitstreams.
 class Header {
  public:
   explicit Header(const std::string& bytes) : bytes_(bytes) {}
@@ -131,9 +131,9 @@ std::string header_for(std::size_t points) {
 struct Wrap {
   std::int32_t least = 0, largest = 0;
   std::int32_t size = 1;                              ///< values in the range
-  std::int32_t least_difference, largest_difference;  ///< that need no wrapping
+  std::int32_t least_difference, largest_difference;  ///< range without wrapping
 
-  /// None: the range does not fit 32 bits.
+  /// Returns std::nullopt if the range does not fit into 32 bits.
   static std::optional<Wrap> around(std::int32_t least, std::int32_t largest) {
     const std::int64_t range = std::int64_t{largest} - least;
     if (range < 0 || range >= std::numeric_limits<std::int32_t>::max()) return std::nullopt;
@@ -164,7 +164,7 @@ void from_symbols(std::span<std::int32_t> triples, const Wrap& wrap) {
   std::int32_t before[3] = {start, start, start};
   for (std::size_t i = 0; i < triples.size(); i += 3) {
     for (std::size_t k = 0; k < 3; ++k) {
-      // What the bytes say need not stay in 32 bits.
+      // Hostile bytes may overflow 32 bits.
       const std::uint32_t sum = static_cast<std::uint32_t>(before[k]) + unzigzag(static_cast<std::uint32_t>(triples[i + k]));
       auto value = static_cast<std::int32_t>(sum);
       if (value > wrap.largest) {
@@ -178,12 +178,12 @@ void from_symbols(std::span<std::int32_t> triples, const Wrap& wrap) {
   }
 }
 
-/// Bits one after the other, the lowest of each number first.
+/// Writes a sequence of bits, lowest bit of each number first.
 class BitWriter {
  public:
   explicit BitWriter(std::size_t most_bits) : bytes_(std::make_unique_for_overwrite<char[]>(most_bits / 8 + 16)) {}
 
-  /// At most 32 at a time.
+  /// Appends at most 32 bits.
   void put(std::uint32_t value, int count) {
     pending_ |= std::uint64_t{value} << bits_;
     bits_ += count;
@@ -199,11 +199,11 @@ class BitWriter {
   std::unique_ptr<char[]> bytes_;
   std::size_t size_ = 0;
   std::uint64_t pending_ = 0;
-  int bits_ = 0;  ///< of pending_, below 8 between calls
+  int bits_ = 0;  ///< number of bits in pending_, below 8 between calls
 };
 
-/// Draco's tagged scheme: the bits that the largest symbol of each point takes, entropy coded, then all symbols with so many
-/// bits. The same bytes as draco::EncodeSymbols() makes, which writes these bits one by one.
+/// Draco's tagged scheme: the number of bits of the largest symbol of each point, entropy coded, then all symbols with that many
+/// bits. Gives the same bytes as draco::EncodeSymbols(), which writes these bits one by one.
 void encode_tagged(const std::uint32_t* symbols, std::size_t count, draco::EncoderBuffer& buffer) {
   constexpr int most_tags = 32;
   const std::size_t points = count / 3;

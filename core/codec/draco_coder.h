@@ -7,12 +7,12 @@
 
 namespace deform::codec {
 
-/// Whether Draco codes these triples well: its entropy coder counts symbols in a table as long as the largest difference between
-/// neighbours, so it collapses beyond about 20 bits.
+/// Whether Draco compresses these triples well. The symbol table of its entropy coder is as long as the largest difference
+/// between neighbours, so it becomes inefficient beyond about 20 bits.
 bool suits_draco(std::span<const std::int32_t> triples);
 
-/// Integer triples to the bytes of DRACO, which deformation.proto describes: one generic attribute of a Draco point cloud,
-/// sequential encoder, differences predicted.
+/// Encodes integer triples as DRACO, described in deformation.proto: one generic attribute of a Draco point cloud, sequential
+/// encoder, difference prediction.
 std::string encode_draco(std::span<const std::int32_t> triples);
 
 /// Decodes exactly triples.size() numbers; throws Error(data_loss) for anything else. Everything that the header claims and that

@@ -12,39 +12,39 @@
 
 namespace deform::codec {
 
-/// SHA-256, incremental. One thread.
+/// Incremental SHA-256. Not thread-safe.
 class Sha256 {
  public:
-  /// Of no bytes yet.
+  /// Starts with the hash of no bytes.
   Sha256();
   ~Sha256();
   Sha256(const Sha256&) = delete;
   Sha256& operator=(const Sha256&) = delete;
   /// Appends bytes.
   void add(const void* data, std::size_t size);
-  /// Lower-case hexadecimal, 64 characters. Ends the object's use.
+  /// Finishes the hash and returns it as 64 lower-case hexadecimal digits. The object must not be used afterwards.
   std::string hex();
 
  private:
   void* context_;
 };
 
-/// One group as it enters the id.
+/// One group of a geometry, borrowed.
 struct GroupView {
-  std::string_view name;            ///< bytes, in whatever encoding
-  std::span<const PointId> points;  ///< named by the group itself, in order
+  std::string_view name;            ///< bytes in any encoding
+  std::span<const PointId> points;  ///< listed by the group itself, without those of its faces; in order
   std::span<const FaceId> faces;    ///< in order
 };
 
-/// The arrays of a geometry, borrowed. Its id is the SHA-256 of the bytes that proto/deform/v1/geometry.proto describes, which
-/// visit_geometry_bytes() hands to the sink piece by piece. A stored geometry is exactly these bytes, so that the id is its
-/// checksum.
+/// The arrays of a geometry, borrowed. Its id is the SHA-256 of the bytes described in proto/deform/v1/geometry.proto, which
+/// visit_geometry_bytes() passes to the sink piece by piece. A stored geometry consists of exactly these bytes, so its id is also
+/// its checksum.
 struct GeometryView {
   std::span<const Vec3> points;               ///< n x 3
-  std::span<const std::uint32_t> face_sizes;  ///< f: corners per face
-  std::span<const PointId> face_points;       ///< c: corners of all faces, one face after the other
+  std::span<const std::uint32_t> face_sizes;  ///< number of corners of each face
+  std::span<const PointId> face_points;       ///< corners of all faces, face by face
   std::span<const GroupView> groups;          ///< in order
-  CellsView cells = {};                       ///< of a volume mesh
+  CellsView cells = {};                       ///< cells of a volume mesh
 };
 using ByteSink = std::function<void(const void* data, std::size_t size)>;
 void visit_geometry_bytes(const GeometryView& geometry, const ByteSink& sink);

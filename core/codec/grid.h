@@ -11,12 +11,12 @@
 
 namespace deform::codec {
 
-/// Displacements of a block on an integer grid: point i is registered[i] + (values[3 i + k] + offset[k]) * step. The offset is
-/// the first point's, so that the values are small and the first one is zero.
+/// The displacements of a block, quantized to an integer grid: coordinate k of point i is registered[i][k] + (values[3 i + k] +
+/// offset[k]) * step. The offset is that of the first point, so that values are small and the first triple is zero.
 struct Grid {
   double step = 0;                         ///< model units
   std::array<std::int64_t, 3> offset{};    ///< added to the values, in steps
-  std::unique_ptr<std::int32_t[]> buffer;  ///< not initialized before it is filled: that costs as much as filling it
+  std::unique_ptr<std::int32_t[]> buffer;  ///< 3 x count; not initialized before it is filled, to save time
   std::size_t size = 0;                    ///< 3 x count
   double max_error = 0;                    ///< true largest |reconstructed - deformed|, model units
 
@@ -27,14 +27,14 @@ struct Grid {
 /// Largest magnitude of a value of a grid.
 inline constexpr std::int32_t largest_value = 1 << 29;
 
-/// Fills `grid`; false when the block has no such representation within the tolerance: coordinates that are not finite, a range
-/// of more than 2^29 steps, or a tolerance near the rounding error of the coordinates.
+/// Quantizes a block with the given tolerance per coordinate, in model units. Returns false if that is impossible: coordinates
+/// that are not finite, a range of more than 2^29 steps, or a tolerance near the rounding error of the coordinates.
 bool to_grid(std::span<const Vec3> registered, std::span<const Vec3> deformed, double tolerance, Grid& grid);
 
-/// The inverse, with the very floating-point expression that to_grid() measured.
+/// The inverse of to_grid(). It evaluates the same floating-point expression, so that Grid::max_error holds exactly.
 void from_grid(std::span<const Vec3> registered, std::span<const std::int32_t> values, const Grid& grid, std::span<Vec3> out);
 
-/// What a decoder accepts of step and offset: then every reconstruction is exact up to its two roundings.
+/// Whether a decoder accepts this step and offset. If so, every reconstruction is exact up to its two roundings.
 bool plausible(double step, const std::array<std::int64_t, 3>& offset);
 
 }  // namespace deform::codec

@@ -68,7 +68,7 @@ class CircleModel {
   std::vector<int> active_;
 };
 
-/// Of any radius.
+/// The projection onto a circle of free radius.
 class FreeCircle final : public FittedProjection<CircleModel>, public IsSection {
  public:
   explicit FreeCircle(std::size_t points) : FittedProjection(CircleModel({}), points) {}

@@ -10,11 +10,11 @@
 
 namespace deform {
 
-/// All points on one nappe of a round cone, by geometric distance; beyond the apex the apex is the nearest point. A given angle
-/// (half the opening, radians) is kept. The limits, cylinder and plane, are included.
+/// Projects points onto one nappe of a circular cone, by geometric distance; for points beyond the apex the apex is nearest. A
+/// given half opening angle (radians) is kept. The limits, cylinder and plane, are included.
 std::unique_ptr<const Projection> cone_projection(std::size_t points, std::optional<double> angle = {});
 
-/// Half the opening angle of the cone that fits best, radians; 0 for a cylinder.
+/// Half the opening angle of the best-fitting cone, radians; 0 for a cylinder.
 double cone_angle(std::span<const Vec3> x);
 
 }  // namespace deform

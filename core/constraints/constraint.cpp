@@ -123,7 +123,7 @@ Vec3 to_unit(const Vec3& point, const UnitMap& units, const std::string& field) 
   return (point - units.origin) / units.scale;
 }
 
-/// Nothing, or the curvature at rest: what is flat there has no radius to keep.
+/// The curvature at rest if it is to be kept, otherwise std::nullopt. Coplanar points have no radius to keep.
 std::optional<double> kept_curvature(Size size, double (*curvature)(std::span<const Vec3>), std::span<const Vec3> rest,
                                      const std::string& what) {
   if (size == Size::free) return {};

@@ -181,8 +181,8 @@ class SectionedCylinder final : public Projection {
     for (std::size_t i = 0; i < x.size(); ++i) out[i] = to_vec3(to_eigen(out[i]) + mixed[i] * turn);
   }
 
-  /// Two rows per point: from the cylinder, and from the plane of its section, which moves along the axis by a parameter of its
-  /// own.
+  /// Two rows per point: from the cylinder, and from the plane of its section, which moves along the axis by a parameter of
+  /// its own.
   Linearization linearize(std::span<const Vec3> x, const ShapeParameters& shape) const override {
     const Fit<1> fit = Fit<1>::unpacked(shape);
     const std::vector<int>& active = model_.active();

@@ -50,7 +50,7 @@ class DistanceProjection final : public Projection {
     }
   }
 
-  /// Of pairs: how far their distance is out of the bounds, of which each of the two points takes one half.
+  /// The error of a pair is the violation of its bounds; each of the two points moves by half of it.
   Misfit misfit(std::span<const Vec3> x, std::span<const Vec3>) const override {
     Misfit misfit;
     misfit.count = pairs_.size();

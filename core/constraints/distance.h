@@ -11,15 +11,15 @@
 
 namespace deform {
 
-/// Two points whose distance stays between the bounds; `direction` (unit length) is used where they coincide.
+/// Two points with bounds on their distance. `direction` (unit length) is used if they coincide.
 struct PointPair {
   std::uint32_t a = 0, b = 0;
   double least = 0, most = std::numeric_limits<double>::infinity();
   Vec3 direction{1, 0, 0};  ///< from b to a
 };
 
-/// Every pair moves apart or together along the line through it, both points by the same length. Points in no pair are free; no
-/// point may be in two.
+/// Projects each pair onto its bounds: both points move by the same length along their connecting line. A point may be in at most
+/// one pair; points in no pair are free.
 std::unique_ptr<const Projection> distance_projection(std::vector<PointPair> pairs, std::size_t points);
 
 }  // namespace deform

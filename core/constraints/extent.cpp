@@ -88,7 +88,7 @@ class ExtentProjection final : public Projection {
     }
     double at = 0.5 * (low + high);
     if (low <= high) return at;
-    std::swap(low, high);  // not all can be served: the best is between
+    std::swap(low, high);  // infeasible for all points: the optimum is in between
     for (int step = 0; step < 200; ++step) {
       double slope = 0, count = 0;
       for (std::size_t i = 0; i < heights.size(); ++i) {

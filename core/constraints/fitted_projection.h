@@ -12,12 +12,12 @@
 
 namespace deform {
 
-/// The projection on a fitted shape. A Model has
+/// The projection onto a fitted shape. A Model has
 ///   static constexpr int rows, sizes          residuals per point and parameters besides the motion of the frame
 ///   std::string_view kind() const
-///   const std::vector<int>& active() const    parameters that change the shape and are free, ascending
+///   const std::vector<int>& active() const    the free parameters of the shape, ascending
 ///   void residual(i, y, sizes, LocalResidual&) const
-///   Fit<sizes> fitted(x, const Fit<sizes>* last) const    the least-squares fit; `last` is where an earlier one ended, or null
+///   Fit<sizes> fitted(x, const Fit<sizes>* last) const    the least-squares fit; `last` is an earlier one to start from, or null
 /// The shape parameters are those of Fit::packed().
 template <class Model>
 class FittedProjection : public Projection {
@@ -97,7 +97,7 @@ class FittedProjection : public Projection {
   using LocalType = LocalResidual<Model::rows, Model::sizes>;
   using Parameters = Eigen::Matrix<double, motions + Model::sizes, 1>;
 
-  /// Of half the squared distance of one point.
+  /// Second derivatives of half the squared distance of one point, with respect to x twice, and to x and the parameters.
   struct Second {
     Eigen::Matrix3d xx;
     Eigen::Matrix<double, 3, motions + Model::sizes> xq;

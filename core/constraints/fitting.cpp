@@ -86,7 +86,7 @@ Eigen::VectorXd damped_step(const StepRequest& request) {
     if (H == &request.newton && values.minCoeff() < -1e-12 * largest) continue;
     Eigen::VectorXd step = eigen.eigenvectors().transpose() * gradient;
     for (Eigen::Index k = 0; k < step.size(); ++k) {
-      // Directions without any information (turning about the axis of what is round) stay as they are.
+      // Directions without information (rotation about the axis of a surface of revolution) are kept.
       step[k] = values[k] > 1e-14 * largest ? -step[k] / (values[k] + request.damping * largest) : 0;
     }
     return by.cwiseProduct(eigen.eigenvectors() * step);

@@ -14,13 +14,13 @@
 #include "core/base/types.h"
 #include "core/constraints/projection.h"
 
-// Least-squares fits of a shape that moves with a frame: what all fitted projections share.
+// Least-squares fits of a shape that moves with a frame, the common part of all fitted projections.
 //
-// A shape is known by its residuals in its own frame: of point i at y = axes^T (x - origin) they are r(y, sizes), their gradients
-// with respect to y orthonormal, so that sum r^2 is the squared distance from the shape. Everything else follows: moving the
-// shape by a small motion (v, w) takes y to exp(-w)(y - v), which gives the derivatives with respect to position and orientation.
-// The energy F(x, q) = 1/2 sum r^2 at its minimum over q = (motion, sizes) has the gradient x - P(x), and its Hessian gives the
-// derivative of the projection, P' = I - F_xx + F_xq F_qq^-1 F_qx (implicit function theorem on F_q = 0).
+// A shape is defined by its residuals in its own frame: those of point i are r(y, sizes) at y = axes^T (x - origin). Their
+// gradients with respect to y are orthonormal, so that sum r^2 is the squared distance from the shape. A small motion (v, w) of
+// the shape takes y to exp(-w)(y - v), which gives the derivatives with respect to position and orientation. The energy F(x, q) =
+// 1/2 sum r^2 at its minimum over q = (motion, sizes) has the gradient x - P(x), and its Hessian gives the derivative of the
+// projection, P' = I - F_xx + F_xq F_qq^-1 F_qx (implicit function theorem on F_q = 0).
 
 namespace deform {
 
@@ -33,11 +33,11 @@ struct Frame {
   Eigen::Matrix3d axes = Eigen::Matrix3d::Identity();  ///< columns
 
   Eigen::Vector3d local(const Vec3& x) const { return axes.transpose() * (to_eigen(x) - origin); }
-  /// Moved by v and then turned by the rotation vector w, both in the frame's own axes.
+  /// The frame translated by v and then rotated by the rotation vector w, both in its own axes.
   Frame moved(const Eigen::Vector3d& v, const Eigen::Vector3d& w) const;
 };
 
-/// Parameters 0..5 of every shape: along and about the axes of its frame. Sizes follow.
+/// Parameters 0..5 of every shape are translations along and rotations about the axes of its frame; the sizes follow.
 enum FrameMotion : int { along_x, along_y, along_z, about_x, about_y, about_z, motions };
 
 inline Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v) {
@@ -59,7 +59,7 @@ template <int sizes>
 struct Fit {
   Frame frame;
   Eigen::Matrix<double, sizes, 1> size = Eigen::Matrix<double, sizes, 1>::Zero();
-  Eigen::Vector3d mean = Eigen::Vector3d::Zero();  ///< of the points that it was fitted to: a later fit starts where they are
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();  ///< mean of the fitted points, to translate the start of a later fit
   double energy = 0;                               ///< sum of squared residuals
 
   static constexpr std::size_t length = 15 + sizes;
@@ -88,21 +88,21 @@ struct PointSample {
   std::size_t stride = 1;
 };
 
-/// Mean and root mean square distance from it.
+/// The mean of the points and their root-mean-square distance from it.
 struct Spread {
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   double radius = 0;
 
-  /// For scaling: never so small that its powers vanish.
+  /// The radius for scaling, bounded from below so that its powers do not underflow.
   double reach() const { return std::max({radius, 1e-14 * mean.norm(), 1e-60}); }
 };
 Spread spread(const PointSample& sample);
 
-/// Inverse of a symmetric matrix on the directions that it says something about: variables scaled by `scale`, eigenvalues up to
-/// `cut` times the largest taken for zero.
+/// The pseudo-inverse of a symmetric matrix in variables scaled by `scale`; eigenvalues up to `cut` times the largest count
+/// as zero.
 Eigen::MatrixXd scaled_inverse(const Eigen::MatrixXd& H, const Eigen::VectorXd& scale, double cut);
 
-/// Energy and its derivatives with respect to all parameters (motions, then sizes).
+/// The energy and its derivatives with respect to all parameters (motions, then sizes).
 template <int sizes>
 struct FitDerivatives {
   static constexpr int count = motions + sizes;
@@ -132,9 +132,8 @@ Eigen::Matrix<double, 3 + sizes, motions + sizes> chart(const Eigen::Vector3d& y
   return Y;
 }
 
-/// What y contributes to the curvature of the energy of one point: Y^T K Y with the derivatives Y of y with respect to the
-/// motion, and g . d^2 y / dq^2 with the gradient g, as y depends on the motion to second order. Adds the upper triangle by
-/// blocks.
+/// Adds the contribution of y to the curvature of the energy of one point: Y^T K Y, where Y is the derivative of y with respect
+/// to the motion, and g . d^2 y / dq^2 with the gradient g. Adds the blocks of the upper triangle only.
 void add_motion_curvature(const Eigen::Matrix3d& K, const Eigen::Vector3d& g, const Eigen::Vector3d& y,
                           Eigen::Ref<Eigen::Matrix<double, motions, motions>, 0, Eigen::OuterStride<>> H);
 
@@ -183,14 +182,14 @@ FitDerivatives<Model::sizes> fit_derivatives(const Model& model, const PointSamp
   return total;
 }
 
-/// How far a unit of each active parameter moves the points (root of the sum of squares), for points about `radius` from the
-/// origin of the frame: what makes parameters of different units comparable where the residuals do not.
+/// The displacement of the points (root of the sum of squares) per unit of each active parameter, for points at a distance of
+/// about `radius` from the origin of the frame. Makes parameters of different units comparable where the residuals do not.
 Eigen::VectorXd natural_scale(const std::vector<int>& active, double points, double radius);
 
-/// The same for the residuals, at least 1e-6 of the natural one.
+/// The change of the residuals per unit of each active parameter, at least 1e-6 of the natural scale.
 Eigen::VectorXd residual_scale(const Eigen::MatrixXd& gauss_newton, const Eigen::VectorXd& natural);
 
-/// A step of the damped Newton method in the scaled parameters; Gauss-Newton where the Hessian is not positive.
+/// A step of the damped Newton method in scaled parameters, or of Gauss-Newton if the Hessian is not positive definite.
 struct StepRequest {
   const Eigen::MatrixXd& newton;
   const Eigen::MatrixXd& gauss_newton;
@@ -212,9 +211,9 @@ Fit<sizes> stepped(const Fit<sizes>& fit, const std::vector<int>& active, const 
   return moved;
 }
 
-/// The nearest local minimum of the energy from `start` over the parameters in `active`: Levenberg-Marquardt with the full
-/// Hessian where it is positive, so that it converges quadratically whatever the residual. Ends where rounding does not allow a
-/// better one. The same input gives the same bits.
+/// Finds a local minimum of the energy over the active parameters from `start` by the Levenberg-Marquardt method, with the full
+/// Hessian where it is positive definite, so that it converges quadratically even for large residuals. Stops at the level of
+/// rounding. Deterministic, bit for bit.
 template <class Model>
 Fit<Model::sizes> minimized(const Model& model, const PointSample& sample, const Fit<Model::sizes>& start, int steps = 200) {
   const std::vector<int>& active = model.active();
@@ -254,7 +253,7 @@ Fit<Model::sizes> minimized(const Model& model, const PointSample& sample, const
   return fit;
 }
 
-/// The best of the minima that are reached from several starts. Large sets are searched on a sample first.
+/// The best of the minima reached from several starts. Large sets are first fitted on a sample.
 template <class Model>
 Fit<Model::sizes> best_minimum(const Model& model, std::span<const Vec3> x, const std::vector<Fit<Model::sizes>>& starts) {
   constexpr std::size_t sample_size = 1000;
@@ -272,7 +271,7 @@ Fit<Model::sizes> best_minimum(const Model& model, std::span<const Vec3> x, cons
   return best;
 }
 
-/// From where the points were when `last` was fitted.
+/// The minimum reached from `last`, translated with the mean of the points.
 template <class Model>
 Fit<Model::sizes> refitted(const Model& model, std::span<const Vec3> x, Fit<Model::sizes> last) {
   last.frame.origin += spread({x}).mean - last.mean;

@@ -11,8 +11,8 @@ namespace deform {
 
 enum class Match { rigid, similar };  ///< without and with uniform scaling; never mirrored
 
-/// The shape `rest`, moved, turned and with Match::similar scaled as the points are best met: Kabsch (1976), Umeyama (1991).
-/// Closed form; never needs a start.
+/// Projects points onto the best-fitting translated, rotated and, for Match::similar, scaled copy of `rest` (Kabsch 1976, Umeyama
+/// 1991). Closed form; needs no start.
 std::unique_ptr<const Projection> matched_projection(std::span<const Vec3> rest, Match match);
 
 }  // namespace deform

@@ -7,13 +7,13 @@
 
 namespace deform {
 
-/// All points in one plane: the one across the axis of least moment (total least squares; closed form). Never needs a start.
+/// Projects points onto one plane, perpendicular to the axis of least moment (total least squares; closed form). Needs no start.
 std::unique_ptr<const Projection> plane_projection(std::size_t points);
 
-/// All points on one straight line, the axis of greatest moment.
+/// Projects points onto one straight line, the axis of greatest moment.
 std::unique_ptr<const Projection> line_projection(std::size_t points);
 
-/// The points slide in the plane through `point` at right angles to `normal` (unit length).
+/// Projects points onto the given plane through `point` with unit normal `normal`, in which they may slide.
 std::unique_ptr<const Projection> fixed_plane_projection(const Vec3& point, const Vec3& normal, std::size_t points);
 
 }  // namespace deform

@@ -8,11 +8,11 @@
 
 namespace deform {
 
-/// Each region in a plane of its own, all parallel: the common normal is the axis of least moment of the regions about their own
-/// means (closed form). `points`: per region, one after the other.
+/// Projects each region onto a plane of its own, with all planes parallel: the common normal is the axis of least moment of the
+/// regions about their own means (closed form). `points` holds the number of points of each region.
 std::unique_ptr<const Projection> parallel_projection(const std::vector<std::size_t>& points);
 
-/// Two regions, each in a plane, at right angles to each other.
+/// Projects two regions onto one plane each, with the planes perpendicular.
 std::unique_ptr<const Projection> orthogonal_projection(const std::vector<std::size_t>& points);
 
 }  // namespace deform

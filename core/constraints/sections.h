@@ -9,21 +9,21 @@
 
 namespace deform {
 
-/// Points of a set, by their places in it.
+/// The points of a cross-section, as positions in a set.
 using Section = std::vector<std::uint32_t>;
 
-/// A projection on a shape about an axis, on which circles are cross-sections.
+/// A projection onto a shape of revolution, of which circles can be cross-sections.
 class WithSections {
  public:
   virtual ~WithSections() = default;
-  /// The same shape with the points of each section in one plane across its axis, wherever that is; sections have no point in
-  /// common. On such a shape they are circles, which five points or more on a circle and on the shape are in no other way; but
-  /// that the planes are square to the axis is said to first order here, which distances from circles and from the shape do not.
-  /// The shape parameters are those of the shape alone.
+  /// The same shape with the additional condition that the points of each section lie in one plane perpendicular to the axis.
+  /// Sections are disjoint. Five or more points that lie on a circle and on the shape satisfy the condition already; but the
+  /// linearization here expresses it to first order, which distances from circle and shape do not. The shape parameters are those
+  /// of the shape alone.
   virtual std::unique_ptr<const Projection> with_sections(std::vector<Section> sections) const = 0;
 };
 
-/// A projection on a circle of any radius, which may be a section.
+/// Marks a projection onto a circle of free radius, which may be a section.
 class IsSection {
  public:
   virtual ~IsSection() = default;

@@ -14,17 +14,17 @@
 
 namespace deform {
 
-/// Which parts of a setup a method can do.
+/// The optional parts of a setup that a method supports.
 struct MethodFeatures {
   bool symmetry = false;     ///< symmetry planes
   bool constraints = false;  ///< geometric constraints
 };
 
 /// A deformation method, from its options to a prepared system. All functions are stateless.
-///  - name: what users call it; its options are the field method.NAME of a setup.
+///  - name: the name of the method; its options are the field method.NAME of a setup.
 ///  - validate: throws Error(invalid_argument) naming the field for options that are out of range. Handles and design variables
 ///    have been checked before.
-///  - known_centres: the points that become centres of an RBF, ascending, where preparing does not choose them.
+///  - known_centres: the points that become centres of an RBF, ascending, unless the preparation chooses them.
 ///  - estimate, prepare: see estimate() and prepare() of system.h; the regions are those of validate().
 template <typename M>
 concept Method = requires(const typename M::Options& options, typename M::Options& changed, const Setup& setup, const Mesh& mesh,

@@ -43,18 +43,18 @@ decltype(auto) with_method(SetupType& setup, const Use& use) {
       setup.method);
 }
 
-/// Whether the method of the setup can do what the setup asks for, and its options. Throws Error(invalid_argument) naming the
-/// field. Part of validate(), after handles and variables.
+/// Checks that the method of the setup supports all parts of the setup, and its options. Throws Error(invalid_argument) naming
+/// the field. Called by validate() after the checks of handles and variables.
 void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems);
 
-/// Whether handles and fixed regions of the setup select control points, as far as its method says so: it has
-/// `static bool selects_controls(const Options&)` and `static ControlSet controls(const Options&, const Mesh&)`.
+/// Whether handles and fixed regions of the setup select control points. A method that supports this has `static bool
+/// selects_controls(const Options&)` and `static ControlSet controls(const Options&, const Mesh&)`.
 bool selects_controls(const Setup& setup);
-/// Those control points, of options that are valid.
+/// The control points of a setup with valid options.
 ControlSet controls_of(const Setup& setup, const Mesh& mesh);
 
-/// The points that become centres of an RBF system, ascending. Nothing where they are chosen while preparing: by INCREMENTAL_QR
-/// and by the other methods. Throws what validate() throws.
+/// The points that become centres of an RBF system, ascending. std::nullopt for other methods, and if the preparation chooses
+/// them (INCREMENTAL_QR). Throws what validate() throws.
 std::optional<std::vector<PointId>> known_centres(const Mesh& mesh, const Setup& setup);
 
 }  // namespace deform

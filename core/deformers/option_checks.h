@@ -5,10 +5,10 @@
 
 namespace deform {
 
-/// Throws Error(invalid_argument).
+/// Throws Error(invalid_argument) with this message.
 [[noreturn]] void refuse_argument(const std::string& message);
 
-/// Refuses a value outside of least..most (not a number is outside), naming the field and the limits.
+/// Throws Error(invalid_argument) naming the field and the limits unless least <= value <= most; NaN is rejected.
 void check_option_range(double value, double least, double most, const std::string& field);
 
 }  // namespace deform

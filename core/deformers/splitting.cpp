@@ -59,7 +59,7 @@ std::size_t copies(const Mesh& mesh, const CellSet& cells) {
          mesh.face_points.size() * sizeof(PointId) + InversionCheck::bytes_to_make(cells, mesh.points.size());
 }
 
-/// Of the budget, for systems.
+/// The part of the memory budget that is left for systems.
 std::size_t left_of(const SplitProblem& problem) {
   if (problem.memory_budget == 0) return 0;
   const std::size_t needed = copies(*problem.mesh, problem.cells);
@@ -111,7 +111,7 @@ class Splitting {
     std::vector<Substep> substeps;
   };
 
-  /// What the check says of a place.
+  /// The result of the check at a state.
   struct Judged {
     Inversions inverted;
     std::size_t wrong = 0;  ///< cells that are inverted, or have less than the margin
@@ -172,7 +172,7 @@ class Splitting {
     return on == 0 ? to : regions_.symmetry.slid(rest_[id], to, on);
   }
 
-  /// Handles exactly where they belong, whatever was rounded on the way.
+  /// Sets the handle points to their exact positions, without accumulated rounding.
   void put_handles(double fraction, Points& points) const {
     const auto motions = ways_->motions(fraction);
     for (std::size_t h = 0; h < regions_.handles.size(); ++h) {
@@ -234,8 +234,8 @@ class Splitting {
     return {*this, rest_, from_rest_, true};
   }
 
-  /// Nothing where the mesh has moved so that no system can be prepared: the reason is the attempt's failure. `from` must outlive
-  /// the result.
+  /// std::nullopt if the mesh has moved such that no system can be prepared; the reason is stored in the attempt. `from` must
+  /// outlive the result.
   std::optional<Start> start_at(const Points& from, SplitAttempt& attempt) {
     Mesh moved;
     moved.points = from;
@@ -350,7 +350,7 @@ class Splitting {
     keep_if_farther(std::move(place));
   }
 
-  /// From the last sound place on as far as one more step goes, by halving.
+  /// Goes as far beyond the last valid state as one more step can, by bisection.
   void go_farther() {
     SplitAttempt ignored;
     const Points from = best_.points;
@@ -371,7 +371,7 @@ class Splitting {
     }
   }
 
-  /// The straight way to the full step may be sound farther than that: as far as t*, less what rounding or a margin take.
+  /// The straight path to the full step may be valid for longer: up to t*, less an allowance for rounding or a margin.
   void go_straight() {
     const auto sound = [&](double t) { return judged(between(rest_, full_, t)).wrong == 0; };
     double t = result_.full_step.amplitude;

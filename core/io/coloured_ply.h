@@ -12,13 +12,13 @@ namespace deform::io {
 
 using Colour = std::array<unsigned char, 3>;  ///< red, green, blue
 
-/// The faces of a mesh, each in its colour, as PLY 1.0 (binary, little-endian; coordinates as double, ids as uint, properties
-/// red, green, blue of the faces). Points and faces keep their order. Throws Error(invalid_argument) when there is not one colour
-/// for every face or a face has more than 255 corners, and what writing files throws.
+/// Writes a mesh with one colour for each face as PLY 1.0 (binary, little-endian; coordinates as double, ids as uint, face
+/// properties red, green, blue). Points and faces keep their order. Throws Error(invalid_argument) if the number of colours is
+/// not that of faces or a face has more than 255 corners, and the errors of write_file().
 void write_coloured_ply(const Mesh& mesh, std::span<const Colour> colours, const std::filesystem::path& path);
 std::string coloured_ply_bytes(const Mesh& mesh, std::span<const Colour> colours);
 
-/// The same with one colour for every point: properties red, green, blue of the vertices.
+/// The same with one colour for each point, as vertex properties red, green, blue.
 void write_point_coloured_ply(const Mesh& mesh, std::span<const Colour> colours, const std::filesystem::path& path);
 std::string point_coloured_ply_bytes(const Mesh& mesh, std::span<const Colour> colours);
 

@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// One file under two names: links of both kinds, too. Nothing is the same as what is not there.
+/// Whether two names refer to the same file, including hard and symbolic links. False if either does not exist.
 bool same(const fs::path& a, const fs::path& b) {
   std::error_code missing;
   return fs::equivalent(a, b, missing) && !missing;

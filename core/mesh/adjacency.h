@@ -9,25 +9,26 @@
 
 namespace deform {
 
-/// Compressed lists of faces around each point, and what the k-ring and boundary selections need. Read-only after construction.
+/// The faces around each point as compressed rows, with the k-ring and boundary selections built on them. Immutable; any number
+/// of threads may read.
 class Adjacency {
  public:
   explicit Adjacency(const Mesh& mesh);
 
-  /// Faces that have `point` as a corner, ascending, each once.
+  /// The faces with `point` as a corner, ascending, each once.
   std::span<const FaceId> faces_of(PointId point) const;
-  /// Corners of a face.
+  /// The corners of a face.
   std::span<const PointId> points_of(FaceId face) const;
 
-  /// mask of n: `seed` and everything reachable from it in at most `rings` steps between points of one face (thesis 3.5: k-ring).
-  /// For rings < 0: everything reachable.
+  /// A mask of n points: `seed` and all points reachable from it in at most `rings` steps between points of a common face (thesis
+  /// 3.5: k-ring). If rings < 0, all points reachable in any number of steps.
   std::vector<char> grow(const std::vector<char>& seed, int rings) const;
 
-  /// mask of n: end points of edges with exactly one incident face.
+  /// A mask of n points: the end points of edges with exactly one incident face.
   std::vector<char> boundary_points() const;
 
-  /// mask of n: points where the surface is not a (half-)disc: an edge with more than two faces or traversed twice in the same
-  /// direction, several fans at one vertex, a face that repeats a corner, or no face at all.
+  /// A mask of n points: those where the surface is not a disc or half-disc, because of an edge with more than two faces or with
+  /// two faces that traverse it in the same direction, several fans, a face that repeats a corner, or no face at all.
   std::vector<char> non_manifold_points() const;
 
  private:

@@ -90,7 +90,7 @@ class HalfBody {
     return static_cast<PointId>(points_.size() - 1);
   }
 
-  /// The point of the lattice, made when a patch asks for it first.
+  /// The point of the lattice, created on first use.
   PointId at(int i, int j, int k) {
     const std::uint64_t key =
         (static_cast<std::uint64_t>(i) << 42) | (static_cast<std::uint64_t>(j) << 21) | static_cast<std::uint64_t>(k);
@@ -125,8 +125,8 @@ class HalfBody {
            (i >= lattice_.station_after(3) && i < lattice_.station_after(4));
   }
 
-  /// Strip between two closed rows of equally many points; `outer` runs counter-clockwise seen from outside the body around
-  /// `inner`.
+  /// Strip between two closed rows of equally many points; `outer` runs counter-clockwise seen from outside the body
+  /// around `inner`.
   void add_ring(const std::vector<PointId>& outer, const std::vector<PointId>& inner, Part part) {
     for (std::size_t m = 0; m < outer.size(); ++m) {
       const std::size_t next = (m + 1) % outer.size();
@@ -157,7 +157,7 @@ class HalfBody {
       square[m] = points_[row[m]];
       circle[m] = {centre_x + stilt_radius * std::cos(angle), stilt_y + stilt_radius * std::sin(angle), clearance};
     }
-    const double growth = 2 * block_half / (stilt_radius * std::numbers::pi / 2);  // of the steps along the rows
+    const double growth = 2 * block_half / (stilt_radius * std::numbers::pi / 2);  // ratio of the last step to the first
     for (int l = d_.ring - 1; l >= 0; --l) {
       const double t = growing(l, d_.ring, growth);
       add_row(row, circle, square, t, underbody);
@@ -217,7 +217,7 @@ class HalfBody {
   std::vector<Part> parts_;
 };
 
-/// The spacing whose number of points comes closest to the target. The number is a staircase, so all steps are looked at.
+/// The spacing whose number of points is closest to the target. The number is a step function, so all steps are tried.
 AhmedDivisions divisions_for(const AhmedOptions& options) {
   const auto target = static_cast<double>(options.target_points);
   constexpr double surface = 1.7;  // m^2, rounded up

@@ -13,7 +13,7 @@ namespace deform {
 /// from the ground.
 struct AhmedOptions {
   double slant_degrees = 25;          ///< 0..40
-  std::size_t target_points = 10000;  ///< about so many; 2000..2000000
+  std::size_t target_points = 10000;  ///< approximate number of points, 2000..2000000
 };
 
 /// A closed, manifold, consistently oriented (outward) triangle mesh without degenerate faces, with the face groups nose, roof,

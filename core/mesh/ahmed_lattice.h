@@ -18,23 +18,23 @@ struct AhmedDivisions {
   int stilt = 0;  ///< rows from the underbody to the ground
   int disc = 0;   ///< rows from the circle at the ground to the square inside
 
-  /// For edges of about `spacing`.
+  /// Divisions for edges of length `spacing` (approximately), in metres.
   static AhmedDivisions for_spacing(double spacing, double slant_degrees);
   int x_count() const;
   int y_count() const { return y[0] + y[1]; }
   int block() const { return y[1]; }
-  /// Points of the whole body.
+  /// The number of points of the whole body.
   std::size_t point_count() const;
 };
 
-/// The box-shaped lattice that the body without its stilts is the surface of: x station i = 0..x_count() from the nose to the
-/// base, j = 0..y_count() from the symmetry plane to the side, k = 0..z from the underbody to the roof.
+/// A hexahedral lattice whose surface is the body without its stilts: station i = 0..x_count() in x from the nose to the base, j
+/// = 0..y_count() from the symmetry plane to the side, k = 0..z from the underbody to the roof.
 class AhmedLattice {
  public:
   AhmedLattice(const AhmedDivisions& divisions, double slant_degrees);
 
   Vec3 point(int i, int j, int k) const;
-  /// First station behind segment `segment` of AhmedDivisions::x.
+  /// The first station behind a segment of AhmedDivisions::x.
   int station_after(int segment) const { return ends_[segment]; }
 
  private:
@@ -47,7 +47,7 @@ class AhmedLattice {
   std::array<int, 7> ends_{};
 };
 
-/// Measures of the body in metres (SAE 840300).
+/// Dimensions of the body in metres (SAE 840300).
 namespace ahmed {
 inline constexpr double length = 1.044, width = 0.389, height = 0.288, clearance = 0.050;
 inline constexpr double front_radius = 0.100, slant_length = 0.222;

@@ -9,8 +9,8 @@
 
 namespace deform {
 
-/// The cells of a volume mesh by their faces, as finite-volume solvers keep them (OpenFOAM's polyMesh): every face has an owner;
-/// internal faces stand first and have a neighbour, and their normals point from the owner to the neighbour. Immutable by
+/// The cells of a volume mesh, given by their faces as in finite-volume solvers (OpenFOAM's polyMesh). Every face has an owner
+/// cell. Internal faces come first and have a neighbour cell; their normals point from the owner to the neighbour. Immutable by
 /// convention once validated: any thread may read.
 struct PolyhedralCells {
   std::vector<std::uint64_t> face_offsets{0};  ///< f + 1: face i has corners face_points[face_offsets[i] .. face_offsets[i+1])
@@ -18,7 +18,7 @@ struct PolyhedralCells {
   std::vector<std::uint32_t> owner;      ///< f
   std::vector<std::uint32_t> neighbour;  ///< one per internal face
   std::size_t cell_count = 0;
-  std::vector<char> empty_faces;  ///< f, or none: faces of patches of type "empty", across which a 2D mesh has no extent
+  std::vector<char> empty_faces;  ///< f or 0; nonzero for faces of patches of type "empty" (2D meshes)
 
   std::size_t face_count() const { return face_offsets.size() - 1; }
   std::size_t internal_faces() const { return neighbour.size(); }
@@ -27,8 +27,8 @@ struct PolyhedralCells {
   }
   std::size_t bytes() const;
 
-  /// Throws Error(invalid_argument) naming the array, index and limit: arrays of other lengths than said above, corners, owners
-  /// and neighbours out of range, a face without corners, no cell.
+  /// Throws Error(invalid_argument) naming the array, index and limit: array lengths that do not match, corners, owners or
+  /// neighbours out of range, a face without corners, no cell.
   void validate(std::size_t points) const;
 };
 

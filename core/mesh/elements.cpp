@@ -11,13 +11,13 @@ namespace deform {
 
 namespace {
 
-/// A face of an element, and where its key stands.
+/// A face of an element and the position of its key.
 struct Side {
   std::uint32_t element;
   std::uint8_t face;
 };
 
-constexpr std::size_t most_nodes = 9;  // of a face
+constexpr std::size_t most_nodes = 9;  // largest number of nodes of a face
 
 /// The sides that belong to one element only. Keys of at most `width` nodes, padded; sorting them brings equal faces together.
 template <std::size_t width>

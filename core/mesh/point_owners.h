@@ -10,24 +10,25 @@
 
 namespace deform {
 
-/// Who has which point of a mesh: handles and what is fixed, by numbers of the caller's. A point has one owner at most.
+/// Assigns the points of a mesh to handles and fixed regions, which the caller numbers. A point has at most one owner.
 class PointOwners {
  public:
   static constexpr std::uint32_t nobody = 0xffffffff;
 
   explicit PointOwners(std::size_t points) : owners_(points, nobody) {}
 
-  /// Points that were to get a second owner.
+  /// Points claimed for a second owner.
   struct Overlap {
     std::size_t points = 0;
     PointId first = 0;
-    std::uint32_t other = nobody;  ///< who has the first
+    std::uint32_t other = nobody;  ///< owner of the first
 
     /// "overlaps OTHER: 2 common points, the first is point 7; ...".
     std::string text(const std::string& other_name) const;
   };
 
-  /// Gives points, whose ids are in range, to `owner` (not nobody); those that another has stay with that one.
+  /// Assigns points to `owner`, which must not be nobody. Ids must be in range. Points that have an owner keep it and are
+  /// returned as the overlap.
   Overlap claim(std::span<const PointId> ids, std::uint32_t owner);
 
   const std::vector<std::uint32_t>& owners() const { return owners_; }

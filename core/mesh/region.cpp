@@ -30,7 +30,7 @@ template <typename Kind>
 concept CombinedRegion = std::is_same_v<Kind, Region::Union> || std::is_same_v<Kind, Region::Intersection> ||
     std::is_same_v<Kind, Region::Difference> || std::is_same_v<Kind, Region::Complement>;
 
-/// What combines selections, of whatever there is. Masks, not id lists: a combinator is then one pass over bytes.
+/// Combines selections of points or control points. They are masks and not id lists, so that a combinator is one pass over bytes.
 class Combiner {
  public:
   explicit Combiner(const std::string& what) : what_(what) {}
@@ -42,7 +42,7 @@ class Combiner {
   }
 
  protected:
-  /// Of a region of any kind.
+  /// Evaluates a region of any kind.
   virtual Mask of_kind(const Region& region, int depth) = 0;
 
   [[noreturn]] void refuse(const std::string& message) const { throw Error(ErrorCode::invalid_argument, what_ + ": " + message); }
@@ -103,7 +103,7 @@ class MeshSelector : public Combiner {
     return std::visit([&](const auto& kind) { return select(kind, depth); }, region.kind);
   }
 
-  // Combiner has these.
+  // Combiner handles these.
   template <CombinedRegion Kind>
   Mask select(const Kind& kind, int depth) {
     return combined(kind, depth);

@@ -15,13 +15,14 @@
 
 namespace deform {
 
-/// A set of points of a mesh, described so that it can be selected again on any mesh, or of control points of a deformation. A
-/// tree: combinators hold child regions, and only Union, Intersection, Difference and Complement combine control points. Lengths
-/// in model units; all selections are closed sets (points exactly on the surface of a box, sphere, ... belong to it).
+/// Describes a set of points of a mesh, or of control points of a deformation, so that it can be selected on any mesh. A region
+/// is a tree, in which combinators have child regions; only Union, Intersection, Difference and Complement apply to control
+/// points. Lengths are in model units. All selections are closed sets: points exactly on the surface of a box, sphere, ... belong
+/// to it.
 struct Region {
   struct All {};
   struct GroupName {
-    std::string name;  ///< points of the group and of its faces
+    std::string name;  ///< selects the points of the group and of its faces
   };
   struct InBox {
     Vec3 min{}, max{};
@@ -41,10 +42,11 @@ struct Region {
     std::vector<PointId> ids;
   };
   struct OpenBoundary {};  ///< end points of edges that belong to exactly one face
-  /// The surface of a volume mesh: points of the faces that belong to one cell only, those of patches of type "empty" too. Of a
+  /// The surface of a volume mesh: points of the faces that belong to exactly one cell, including patches of type "empty". In a
   /// mesh without cells: points of its faces.
   struct Boundary {};
-  /// Control points (i, j, k) of a lattice: from the first to the last along each axis, both inclusive; none: the whole axis.
+  /// Control points (i, j, k) of a lattice, from the first to the last along each axis, both inclusive; the whole axis if
+  /// not set.
   struct LatticeRange {
     struct Range {
       std::uint32_t first = 0, last = 0;
@@ -60,7 +62,7 @@ struct Region {
   struct Intersection {
     std::vector<Region> of;
   };
-  struct Difference {  ///< the first without all the others
+  struct Difference {  ///< the first region without all the others
     std::vector<Region> of;
   };
   struct Complement {
@@ -76,25 +78,26 @@ struct Region {
       kind;
 };
 
-/// The selected point ids, sorted, unique; may be empty (whoever needs points refuses that). `what` names the region in errors
-/// ("handle \"roof\""). Throws Error(invalid_argument): unknown group (with the nearest names), id out of range, min > max,
-/// negative or non-finite lengths, zero normal, zero-length axis, wrong number of children, nesting deeper than 64, control
-/// points.
+/// The selected point ids, sorted and unique. May be empty; callers that need points check this. `what` names the region in
+/// errors ("handle \"roof\""). Throws Error(invalid_argument): unknown group (with the nearest names), id out of range, min >
+/// max, negative or non-finite lengths, zero normal, zero-length axis, wrong number of children, nesting deeper than 64,
+/// control points.
 std::vector<PointId> select(const Region& region, const Mesh& mesh, const std::string& what);
 
 /// The control points that handles select from.
 struct ControlSet {
-  std::size_t size = 0;  ///< how many
-  std::optional<std::array<std::size_t, 3>> lattice =
-      std::nullopt;  ///< along each axis; (i, j, k) is i + l (j + m k) of l x m x n
+  std::size_t size = 0;  ///< number of control points
+  /// Numbers of control points along each axis, if they form a lattice: (i, j, k) of an l x m x n lattice has the number
+  /// i + l (j + m k).
+  std::optional<std::array<std::size_t, 3>> lattice = std::nullopt;
 };
 
-/// The numbers of the selected control points, sorted, unique; may be empty. Throws Error(invalid_argument) naming `what` and the
-/// field: a kind that selects points of the mesh, numbers out of range, first > last, a range where there is no lattice, and of
-/// combinators what select() throws.
+/// The numbers of the selected control points, sorted and unique; may be empty. Throws Error(invalid_argument) naming `what` and
+/// the field: a kind that selects points of the mesh, numbers out of range, first > last, a range without a lattice, and the
+/// errors of select() for combinators.
 std::vector<PointId> select_controls(const Region& region, const ControlSet& controls, const std::string& what);
 
-/// What is wrong with a region that selected nothing: "its region contains no point; the model's box is [0, 0, 0] to [1, 2, 3]".
+/// The message for a region that selects no point: "its region contains no point; the model's box is [0, 0, 0] to [1, 2, 3]".
 std::string no_point_text(const Mesh& mesh);
 
 }  // namespace deform

@@ -16,34 +16,34 @@ namespace deform {
 
 namespace {
 
-constexpr std::uint32_t nobody = std::numeric_limits<std::uint32_t>::max();
+constexpr std::uint32_t none = std::numeric_limits<std::uint32_t>::max();
 
-/// A face as its cell sees it: of polyhedral cells the number of the face, of elements the number in the element's shape.
+/// The number of a face of a cell: of the mesh for polyhedral cells, of the element's shape for elements.
 struct Side {
   std::uint32_t cell = 0, face = 0;
 };
 
 using Corners = std::span<const PointId>;
 
-/// Finds the face opposite to another one. In time of the order of the first face's corners, so that no cell, however odd, costs
-/// more than it is large.
+/// Finds the opposite face in time proportional to the number of corners of the first face, so that the cost of any cell, however
+/// odd, is linear in its size.
 class Prisms {
  public:
-  explicit Prisms(std::size_t points) : place_(points, nobody) {}
+  explicit Prisms(std::size_t points) : place_(points, none) {}
 
-  /// Which of a cell's faces is opposite to faces[base]; nothing when the cell is no prism over it.
+  /// The face of the cell that is opposite to faces[base]; std::nullopt if the cell is not a prism over it.
   std::optional<std::size_t> opposite(std::span<const Corners> faces, std::size_t base) {
     const std::optional<std::size_t> top = candidate(faces, base);
     if (!top) return {};
     const bool prism = mark(faces[base], 0) && mark(faces[*top], faces[base].size()) && joined(faces, base, *top);
     for (const std::size_t f : {base, *top}) {
-      for (const PointId p : faces[f]) place_[p] = nobody;
+      for (const PointId p : faces[f]) place_[p] = none;
     }
     return prism ? top : std::nullopt;
   }
 
  private:
-  /// By numbers of corners; among quads the one that has no point of the base.
+  /// Found by its number of corners; among quads it is the one without a point of the base.
   static std::optional<std::size_t> candidate(std::span<const Corners> faces, std::size_t base) {
     const std::size_t n = faces[base].size();
     if (n < 3 || faces.size() != n + 2) return {};
@@ -64,10 +64,10 @@ class Prisms {
     return top;
   }
 
-  /// False when a corner has a place already.
+  /// Returns false if a corner already has a place.
   bool mark(Corners corners, std::size_t first) {
     for (const PointId p : corners) {
-      if (place_[p] != nobody) return false;
+      if (place_[p] != none) return false;
       place_[p] = static_cast<std::uint32_t>(first++);
     }
     return true;
@@ -76,7 +76,7 @@ class Prisms {
   /// Whether the quads lead from every edge of the base to one of the top, all the way around.
   bool joined(std::span<const Corners> faces, std::size_t base, std::size_t top) {
     const std::size_t n = faces[base].size();
-    above_.assign(n, nobody);
+    above_.assign(n, none);
     seen_.assign(n, 0);
     for (std::size_t f = 0; f < faces.size(); ++f) {
       if (f != base && f != top && !join(faces[f], n)) return false;
@@ -94,7 +94,7 @@ class Prisms {
     std::size_t first = 0;  // corner after which the second one of the base follows
     for (std::size_t c = 0; c < 4; ++c) {
       at[c] = place_[quad[c]];
-      if (at[c] == nobody) return false;
+      if (at[c] == none) return false;
     }
     while (first < 4 && !(at[first] < n && at[(first + 1) % 4] < n && at[(first + 2) % 4] >= n && at[(first + 3) % 4] >= n)) {
       ++first;
@@ -108,7 +108,7 @@ class Prisms {
   }
 
   bool put(std::size_t corner, std::size_t above) {
-    if (above_[corner] != nobody) return above_[corner] == above;
+    if (above_[corner] != none) return above_[corner] == above;
     above_[corner] = static_cast<std::uint32_t>(above);
     return true;
   }
@@ -231,7 +231,7 @@ class ElementCells {
 
  private:
   static constexpr std::size_t most_faces = 6;
-  using Key = std::array<PointId, 4>;  // sorted corners; triangles end with `nobody`
+  using Key = std::array<PointId, 4>;  // sorted corners; triangles end with `none`
 
   struct Quad {
     std::array<PointId, 4> points{};
@@ -252,7 +252,7 @@ class ElementCells {
 
   Key key_of(Side side) const {
     Quad quad = corners(side);
-    std::fill(quad.points.begin() + at(quad.size), quad.points.end(), nobody);
+    std::fill(quad.points.begin() + at(quad.size), quad.points.end(), none);
     std::sort(quad.points.begin(), quad.points.end());
     return quad.points;
   }

@@ -14,7 +14,7 @@ namespace {
 constexpr std::uint32_t leaf_size = 8;
 constexpr double far = 3;  // radii
 
-/// Over 4 pi (van Oosterom, Strackee 1983).
+/// The solid angle over 4 pi (van Oosterom, Strackee 1983).
 double solid_angle(const Vec3& a, const Vec3& b, const Vec3& c) {
   const double la = length(a), lb = length(b), lc = length(c);
   const double below = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb;

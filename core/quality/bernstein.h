@@ -11,14 +11,14 @@
 
 namespace deform::quality {
 
-/// The coefficients of a polynomial on an interval in the basis of Bernstein. The polynomial lies between the least and the
-/// largest of them, and halving the interval brings them closer to it by a factor of four.
+/// The coefficients of a polynomial on an interval in the Bernstein basis. The polynomial lies between the smallest and the
+/// largest coefficient; halving the interval reduces the gap by a factor of four.
 template <std::size_t N>
 using Bernstein = std::array<double, N>;
 
-/// The first s in [low, high], on which p is given, with p(s) <= 0; infinity when there is none or it lies beyond `bound`. Found
-/// by halving (de Casteljau) to the last bit and never late: what lies before it has positive coefficients. So roots of any
-/// multiplicity come out alike. Not a number counts as not positive.
+/// The first s in [low, high], the interval of p, with p(s) <= 0; infinity if there is none or it is beyond `bound`. Found by
+/// bisection (de Casteljau) to the last bit and never too late, because the part before it has positive coefficients; so roots of
+/// any multiplicity are treated alike. NaN counts as not positive.
 template <std::size_t N>
 double first_not_positive(const Bernstein<N>& p, double low, double high, double bound) {
   if (low > bound || std::all_of(p.begin(), p.end(), [](double c) { return c > 0; })) {
@@ -35,9 +35,9 @@ double first_not_positive(const Bernstein<N>& p, double low, double high, double
   return first <= middle ? first : first_not_positive(right, middle, high, bound);
 }
 
-/// det(a(s), b(s), c(s)) - share |a|(s) |b|(s) |c|(s) on [0, 1], where a, b, c go straight from the first to the second of each
-/// pair and |a|(s) from the length of the first to that of the second: at the ends the determinant over the product of the
-/// lengths is compared with `share`, between them with a product that is not smaller than that of the lengths.
+/// det(a(s), b(s), c(s)) - share |a|(s) |b|(s) |c|(s) on [0, 1], where a, b, c and the lengths |a|, |b|, |c| are interpolated
+/// linearly between `from` and `to`. At the ends this compares the normalized determinant with `share`; in between the product of
+/// the interpolated lengths is an upper bound of the product of the lengths.
 inline Bernstein<4> determinant(const std::array<Vec3, 3>& from, const std::array<Vec3, 3>& to, double share) {
   const Vec3 fa = cross(from[1], from[2]), ta = cross(to[1], to[2]);
   const Vec3 mixed = cross(from[1], to[2]) + cross(to[1], from[2]);
@@ -53,7 +53,7 @@ inline Bernstein<4> determinant(const std::array<Vec3, 3>& from, const std::arra
           coefficient(dot(to[0], ta), t[0] * t[1] * t[2])};
 }
 
-/// The same in the plane, of x and y.
+/// The same in the plane, for x and y.
 inline Bernstein<3> determinant(const std::array<Vec3, 2>& from, const std::array<Vec3, 2>& to, double share) {
   const auto area = [](const Vec3& a, const Vec3& b) { return a[0] * b[1] - a[1] * b[0]; };
   const double fa = length(from[0]), fb = length(from[1]), ta = length(to[0]), tb = length(to[1]);

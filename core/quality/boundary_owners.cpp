@@ -44,7 +44,7 @@ struct SideFaces {
 
 std::vector<BoundaryOwner> boundary_owners(const Mesh& boundary, const Elements& elements) {
   std::unordered_map<std::vector<PointId>, FaceId, KeyHash> ids;
-  std::vector<char> outside(boundary.point_count());  // most sides of elements are inside, which their points tell
+  std::vector<char> outside(boundary.point_count());  // most sides of elements are internal, as their points show
   std::size_t corner = 0;
   for (std::size_t f = 0; f < boundary.face_count(); ++f) {
     const auto corners = std::span(boundary.face_points).subspan(corner, boundary.face_sizes[f]);

@@ -10,18 +10,18 @@
 
 namespace deform {
 
-/// The cell that a face of the boundary belongs to.
+/// The cell to which a boundary face belongs.
 struct BoundaryOwner {
   std::uint32_t cell = 0;
-  std::uint32_t side = 0;  ///< number of the face in the element's shape; of polyhedral cells the face
+  std::uint32_t side = 0;  ///< number of the face in the element's shape; for polyhedral cells the id of the face
 };
 
-/// For every face of a boundary mesh its element. Faces around the mid-face node of a quadratic side have the same owner. Throws
-/// Error(invalid_argument) naming a face that belongs to none.
+/// The element of each face of a boundary mesh. Faces around the mid-face node of a quadratic side have the same owner. Throws
+/// Error(invalid_argument) naming a face that belongs to no element.
 std::vector<BoundaryOwner> boundary_owners(const Mesh& boundary, const Elements& elements);
 
-/// For every face of a boundary mesh, which are the faces of the cells behind the internal ones, its cell. Throws
-/// Error(invalid_argument) when there are not as many.
+/// The cell of each face of a boundary mesh, which consists of the faces of the cells that follow the internal ones. Throws
+/// Error(invalid_argument) if their numbers differ.
 std::vector<BoundaryOwner> boundary_owners(const Mesh& boundary, const PolyhedralCells& cells);
 
 }  // namespace deform

@@ -8,29 +8,30 @@
 
 namespace deform::quality {
 
-/// Motions that leave a cell sound, by bounds that hold for every motion of their kind. From its shape at rest the cell goes to
-/// B (x + q) up to a translation, B a matrix of condition (largest over least singular value) chi, |q| at most r at every node.
-/// Where on all of the way chi <= condition and r <= radius, the cell is not inverted on it, beyond all rounding and tolerances,
-/// and its normalized determinant is at least
+/// Bounds of the motions that do not invert a cell. The cell moves from its rest shape to B (x + q) up to a translation, where
+/// the matrix B has the condition number chi (largest over smallest singular value) and |q| <= r at every node. If chi <=
+/// condition and r <= radius hold on the whole path, the cell is not inverted on it, whatever the rounding and tolerances, and
+/// its normalized determinant is at least
 ///   (determinant - min(loss max(x, r / radius), warp_loss + (loss - warp_loss) r / radius)) / chi^p,
-/// x = (chi - 1) / (condition - 1) and p = MovingCells::distortion(). In units of the coordinates.
+/// with x = (chi - 1) / (condition - 1) and p = MovingCells::distortion(). Lengths are in the units of the coordinates.
 struct CellTolerance {
-  double radius = -1;      ///< negative: of this cell nothing can be said
-  double condition = 1;    ///< > 1 where radius >= 0
-  double determinant = 0;  ///< normalized, least at rest
+  double radius = -1;      ///< negative if there is no bound for this cell
+  double condition = 1;    ///< > 1 if radius >= 0
+  double determinant = 0;  ///< smallest normalized determinant at rest
   double loss = 0;         ///< with r = radius and chi = condition
   double warp_loss = 0;    ///< with r = 0 and chi = condition, <= loss
 };
 
-/// A face of a polyhedral cell and the side of it on which the cell lies: sign -1 where the face's normal points into the cell.
+/// A face of a polyhedral cell. The sign is -1 if its normal points into the cell.
 struct SignedFace {
   std::span<const PointId> corners;
   double sign = 1;
 };
 
-/// Of a polyhedral cell with the inversions of MovingCells, `determinant` as at rest. First-order bounds of area vectors, face
-/// centres (weights of their triangles are bounded, too) and the cell's centre; none for cells whose volume or a pyramid is
-/// below 1e-4 of its size, with edges below 1e-11 of the cell, or with faces of less than three corners.
+/// The tolerance of a polyhedral cell, for the inversions of MovingCells; `determinant` is the one at rest. Uses first-order
+/// bounds of area vectors, face centres (including the weights of their triangles) and the centre of the cell. There is no
+/// bound for cells with a volume or pyramid below 1e-4 of their size, edges below 1e-11 of their size, or faces with fewer than
+/// three corners.
 CellTolerance polyhedron_tolerance(std::span<const Vec3> rest, std::span<const SignedFace> faces, double determinant);
 
 }  // namespace deform::quality

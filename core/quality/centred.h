@@ -13,7 +13,7 @@ namespace deform::quality {
 
 inline constexpr double unbounded = std::numeric_limits<double>::infinity();
 
-/// Closed; bounds up to rounding. Unbounded ones stay so, also times 0.
+/// A closed interval, with bounds up to rounding. Unbounded intervals remain unbounded, even when multiplied by 0.
 struct Interval {
   double low = 0, high = 0;
   double magnitude() const { return std::max(std::abs(low), std::abs(high)); }
@@ -29,15 +29,15 @@ inline Interval operator*(const Interval& a, const Interval& b) {
   return product;
 }
 
-/// What is known of a function of u in [-1, 1]: its value at the midpoint, bounds of it and of its derivative. By the mean value
-/// theorem it is within value +- |derivative|, so halving the interval brings the bounds closer by a factor of four. Moore,
-/// Kearfott, Cloud, Introduction to Interval Analysis (2009), chapter 6.
+/// The centred form of a function of u in [-1, 1]: its value at the midpoint, and bounds of the function and its derivative. By
+/// the mean value theorem the function is within value +- |derivative|, so halving the interval reduces the excess of the bounds
+/// by a factor of four. Moore, Kearfott, Cloud, Introduction to Interval Analysis (2009), chapter 6.
 struct Centred {
   double value = 0;
   Interval range, derivative;
 
   Centred() = default;
-  Centred(double v) : value(v), range{v, v} {}  // NOLINT: a number is one
+  Centred(double v) : value(v), range{v, v} {}  // NOLINT: implicit from a number
   Centred(double v, const Interval& r, const Interval& d) : value(v), range(r), derivative(d) {
     const double reach = d.magnitude();
     range.low = std::max(range.low, v - reach);
@@ -71,7 +71,7 @@ inline Centred inverse(const Centred& a) {
 }
 inline double inverse(double a) { return 1 / a; }
 
-/// The length of a vector does not change faster than the vector.
+/// Uses that the length of a vector does not change faster than the vector.
 inline Centred length(const std::array<Centred, 3>& a) {
   double least = 0, largest = 0, speed = 0;
   Interval product;
@@ -92,13 +92,13 @@ inline Centred length(const std::array<Centred, 3>& a) {
   return {std::sqrt(a[0].value * a[0].value + a[1].value * a[1].value + a[2].value * a[2].value), range, derivative};
 }
 
-/// Bounds of what is known of a number.
+/// Bounds of a function, or of a plain number.
 inline double lower_bound(const Centred& a) { return a.range.low; }
 inline double upper_bound(const Centred& a) { return a.range.high; }
 inline double lower_bound(double a) { return a; }
 inline double upper_bound(double a) { return a; }
 
-// Those of vectors, which the ones below would hide.
+// The operators of vectors, which those below would hide.
 using deform::operator+;
 using deform::operator-;
 using deform::operator*;

@@ -10,15 +10,15 @@
 
 namespace deform {
 
-/// How far the point that moves farthest is from where it was, and which it is: the first of several. Both spans have as many
-/// points; 0 without any, infinite where a point is not finite.
+/// The largest displacement of a point and the id of that point, the first of several. Both spans have the same size. The value
+/// is 0 without points, and infinite if a point is not finite.
 Extreme largest_displacement(std::span<const Vec3> points, std::span<const Vec3> original);
 
-/// Points that move so much farther than the largest prescribed displacement are worth a warning.
+/// The ratio to the largest prescribed displacement from which on displacement_warning() warns.
 inline constexpr double displacement_ratio_to_warn = 1.5;
 
-/// The warning in one sentence: when `largest` exceeds `prescribed`, the largest prescribed displacement, by
-/// that ratio or more. None where nothing is prescribed, nor for what is below 1e-9 of the diagonal.
+/// A warning in one sentence if `largest` exceeds `prescribed`, the largest prescribed displacement, by this ratio or more. No
+/// warning if nothing is prescribed or if the displacement is below 1e-9 of the diagonal.
 std::optional<std::string> displacement_warning(const Extreme& largest, double prescribed, double diagonal);
 
 }  // namespace deform

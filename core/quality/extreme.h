@@ -5,7 +5,7 @@
 
 namespace deform {
 
-/// A value and where it was found: id of a face, a cell or an element.
+/// An extreme value and the id of the point, face, cell or element that has it.
 struct Extreme {
   double value = 0;
   std::size_t id = 0;

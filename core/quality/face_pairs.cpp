@@ -97,7 +97,7 @@ bool is_crushed(std::span<const Vec3> rest, std::span<const Vec3> points, std::s
   return least < half && least < half * most;
 }
 
-// Normals of warped faces are not quite perpendicular to their edges: what is along the edge does not count.
+// Normals of warped faces are not exactly perpendicular to their edges: the component along the edge is ignored.
 Turn turn_between(const Vec3& normal, const Vec3& next, const Vec3& edge) {
   const double size = length(edge);
   if (!(size > 0) || !std::isfinite(size)) return {};

@@ -24,16 +24,16 @@ namespace {
 using namespace quality;
 
 constexpr std::size_t grain = 8192;
-constexpr int most_rows = 32;  // of crushed faces, across which neighbours are looked for
+constexpr int most_rows = 32;  // rows of crushed faces across which normals are extrapolated
 // cos^2 of 30 degrees: two faces that turned by less, with at most 15 degrees between them at rest, have |delta| <= 90.
 constexpr double square_of_calm = 0.75;
 constexpr float smooth = 0.965925826F;  // cos of 15 degrees
 constexpr float unknown = 2;            // no cosine
 
-/// How a face moved: still ones are known not to have turned by more than 30 degrees, calm ones were looked at.
+/// How a face moved: still faces are proved not to have turned by more than 30 degrees, calm ones were checked.
 enum Motion : char { still, moved, calm, turned };
 
-/// What an edge says about its faces: 1 surely on one side, -1 surely on opposite ones.
+/// The evidence of an edge about its faces: 1 certainly on the same side, -1 certainly on opposite ones.
 double evidence(double cosine) { return cosine > -0.5 ? (cosine + 0.5) / 1.5 : 2 * cosine + 1; }
 
 /// How much an edge has to say by its angle at rest.
@@ -48,7 +48,7 @@ class Clusters {
     return face;
   }
   void join(FaceId a, FaceId b) { parent_[find(a)] = find(b); }
-  /// Per face a number from 0 on; returns how many there are. Nothing can be joined any more.
+  /// Numbers the sets of faces from 0 and returns their number. No sets can be joined afterwards.
   std::size_t number() {
     for (FaceId f = 0; f < parent_.size(); ++f) parent_[f] = find(f);
     std::vector<FaceId> numbers(parent_.size());

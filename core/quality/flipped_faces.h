@@ -12,51 +12,51 @@
 
 namespace deform {
 
-/// Finds the faces of a surface that are folded over: whose normals turned by more than 90 degrees against the rigid motion of
-/// their surroundings. Prepared once for a rest state, asked for many deformed ones.
+/// Finds the faces of a surface that are folded over, that is whose normals turned by more than 90 degrees relative to the rigid
+/// motion of their neighbourhood. Prepared once for a rest state, then used for many deformed ones.
 ///
-/// Two faces with a common edge are like a hinge: the angle about the edge by which the normal turns from one to the other says
-/// all about how they lie to each other. By how much that angle changed since the rest state, delta in (-180, 180] degrees, does
-/// not depend on how the two moved together, on sharp edges or on windings that disagree at rest. A surface that is folded over
-/// in itself, as motions along it do, has edges with delta = 180 at any resolution, and what is between two such rows of edges
-/// lies the wrong way round; a smooth bend has small deltas. So
-///  1. Faces are put on two sides: on the same one where |delta| < 120, on opposite ones beyond, the surer the closer delta is to
-///     0 or 180, weighted with the length of the edge at rest; where that contradicts itself, many edges outvote few
-///     (two_sides.h). Sharp edges count less (times 0.05 from 90 degrees at rest on): where both sheets of a box's corner are
-///     folded over along their edge, delta is 180 there too, although both lie the wrong way round. A lid that is turned about
-///     its hinge by up to 120 degrees stays on its side. The side with more area at rest is upright, connected part by connected
-///     part; of two equal ones that which turned less.
-///  2. A face is flipped where the mean of cos(delta) over its neighbours, with opposite sign for those that are not upright, is
-///     negative: it looks away from where they would have it. This also finds single faces beyond 90 degrees. With one neighbour
-///     the sides decide; without any it is not flipped.
-///  3. A crease is seldom as sharp as an edge: where a motion along the surface also has a part across it, and the faces are
-///     small enough, the normal turns over several rows of faces. What tells such a crease from a bend is that its faces are
-///     crushed: squeezed in one direction to less than half. So crushed faces (collapsed ones among them) take part in 1 and 2
-///     with the normals that their neighbours carry on into them, across up to 32 rows; where those from the two banks of a
-///     crease meet, delta tells how the banks lie to each other. A crushed face is flipped where its own normal looks away from
-///     the carried one; one that collapsed has none and is not counted. A crease of which less than 120 degrees are crushed is a
-///     bend.
-/// Faces without area at rest take no part. Faces are neighbours when they share two points by number: parts that only touch are
-/// judged one by one. A part that is reflected or turned inside out as a whole has no surroundings to tell.
+/// Two faces with a common edge form a hinge, whose state is the angle about the edge by which the normal turns from one to the
+/// other. The change delta in (-180, 180] degrees of that angle since the rest state does not depend on a common motion of the
+/// two faces, on sharp edges, or on inconsistent orientations at rest. A surface that is folded onto itself, as by motions along
+/// it, has edges with delta = 180 at any resolution, and the faces between two rows of such edges are upside down; a smooth bend
+/// has small deltas. Therefore:
+///  1. Faces are assigned to two sides: two neighbours to the same side if |delta| < 120, to opposite sides otherwise, with a
+///     weight that grows towards 0 and 180 and with the length of the edge at rest; if the assignments are contradictory, many
+///     edges outvote few (two_sides.h). Sharp edges count less (factor 0.05 from 90 degrees at rest on): if both sheets at a
+///     corner of a box are folded over along their edge, delta is 180 there too, although both are upside down. A lid that is
+///     rotated about its hinge by up to 120 degrees stays on its side. In each connected component the side with the larger area
+///     at rest is upright; of two equal ones, the one that turned less.
+///  2. A face is flipped if the mean of cos(delta) over its neighbours, with opposite sign for those that are not upright, is
+///     negative, that is if it faces away from the orientation that they imply. This also finds single faces that turned by more
+///     than 90 degrees. With one neighbour the sides decide; a face without neighbours is not flipped.
+///  3. A crease is rarely as sharp as an edge: if a motion along the surface also has a component across it, and the faces are
+///     small enough, the normal turns over several rows of faces. Such a crease differs from a bend in that its faces are
+///     crushed, that is compressed in one direction to less than half. So in steps 1 and 2 crushed faces (including collapsed
+///     ones) have the normals that their neighbours extrapolate into them, across up to 32 rows; where the extrapolations from
+///     both sides of a crease meet, delta relates the two sides. A crushed face is flipped if its own normal is opposite to the
+///     extrapolated one; a collapsed face has no normal and is not counted. A crease of which less than 120 degrees are crushed
+///     counts as a bend.
+/// Faces without area at rest are ignored. Faces are neighbours if they share two points by id: parts that only touch are
+/// checked separately. A component that is reflected or turned inside out as a whole is not detected.
 ///
-/// Immutable; any thread may call. Time: a pass over the faces where the displacements of their corners differ by less than about
-/// a fifth of their size; others are looked at closer, edges only where normals turned by more than 30 degrees, and all of them
-/// only where a delta exceeds 90 or a face is crushed.
+/// Immutable; any thread may call. Time: one pass over the faces if the displacements of the corners of each face differ by less
+/// than about a fifth of its size. Otherwise edges are examined only where normals turned by more than 30 degrees, and all of
+/// them only if some delta exceeds 90 degrees or a face is crushed.
 class FlipCheck {
  public:
-  /// The mesh says what the faces are, `rest` (n x 3) where its points were; both are borrowed. Throws Error(invalid_argument)
-  /// for another number of points, cancelled, deadline_exceeded.
+  /// `rest` (n x 3) holds the rest points of the mesh; both must outlive this object. Throws Error(invalid_argument) for a wrong
+  /// number of points, cancelled, deadline_exceeded.
   FlipCheck(const Mesh& mesh, std::span<const Vec3> rest, const RunContext& context = {});
   ~FlipCheck();
 
-  /// The faces that are flipped when the points are `points` (n x 3), with the cosine of step 2, worst first; equal ones by id.
-  /// Parallel; the same for any number of threads, and for any order of the faces. Throws like the constructor.
+  /// The flipped faces for deformed points (n x 3), with the mean cosine of step 2, worst first, equal ones by id. Parallel; the
+  /// result depends neither on the number of threads nor on the order of the faces. Throws like the constructor.
   std::vector<Extreme> flipped(std::span<const Vec3> points, const RunContext& context = {}) const;
 
   std::size_t face_count() const;
-  std::size_t bytes() const;  ///< that it holds
+  std::size_t bytes() const;  ///< memory of this object
 
-  /// Upper bounds: of what is held, and needed besides while it is made; and of what a call needs.
+  /// Upper bounds in bytes: of the memory of this object with that of its construction, and of the memory of a call.
   static std::size_t bytes_for(const Mesh& mesh);
   std::size_t call_bytes() const;
 
@@ -65,7 +65,7 @@ class FlipCheck {
   std::unique_ptr<const Impl> impl_;
 };
 
-/// The same for one deformation: the mesh has the deformed points.
+/// The flipped faces of a single deformation, where `mesh` has the deformed points.
 std::vector<Extreme> flipped_faces(const Mesh& mesh, std::span<const Vec3> rest, const RunContext& context = {});
 
 }  // namespace deform

@@ -7,13 +7,13 @@
 
 namespace deform::quality {
 
-/// Three coordinates and one number that does not matter, in one register of every processor: the vectors of GCC and Clang.
+/// Three coordinates and an unused fourth number in one SIMD register, by the vector extension of GCC and Clang.
 struct FourFloats {
   using Lanes = float __attribute__((vector_size(16)));
   Lanes lanes{};
 
   FourFloats() = default;
-  FourFloats(Lanes l) : lanes(l) {}  // NOLINT: they are one
+  FourFloats(Lanes l) : lanes(l) {}  // NOLINT: implicit
   FourFloats(float x, float y, float z) : lanes{x, y, z, 0} {}
   static FourFloats all(float x) { return Lanes{x, x, x, x}; }
   static FourFloats load(const float* four) {
@@ -29,7 +29,7 @@ struct FourFloats {
 inline FourFloats operator+(const FourFloats& a, const FourFloats& b) { return a.lanes + b.lanes; }
 inline FourFloats operator-(const FourFloats& a, const FourFloats& b) { return a.lanes - b.lanes; }
 inline FourFloats operator*(float a, const FourFloats& b) { return FourFloats::all(a).lanes * b.lanes; }
-/// Coordinate by coordinate; of what is not a number b.
+/// Componentwise minimum and maximum; b where either is NaN.
 inline FourFloats least(const FourFloats& a, const FourFloats& b) { return a.lanes < b.lanes ? a.lanes : b.lanes; }
 inline FourFloats greatest(const FourFloats& a, const FourFloats& b) { return a.lanes > b.lanes ? a.lanes : b.lanes; }
 inline FourFloats magnitude(const FourFloats& a) { return greatest(a, -a.lanes); }

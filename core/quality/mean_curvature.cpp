@@ -17,7 +17,7 @@ using namespace quality;
 constexpr std::size_t grain = 4096;
 constexpr double degenerate = 1e-10;  // twice the area over the longest edge squared
 
-/// What triangles say about one of their corners: the gradient of their area and the part of it that is the corner's.
+/// The contribution of triangles to one of their corners: the gradient of their area, and the share of the corner in it.
 struct Share {
   Vec3 gradient{};
   double area = 0;

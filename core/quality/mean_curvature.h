@@ -10,20 +10,20 @@
 
 namespace deform {
 
-/// Discrete absolute mean curvature H = 1/2 |Laplace-Beltrami x| of every point (thesis 4.4; Meyer et al. 2003).
+/// The discrete absolute mean curvature H = 1/2 |Laplace-Beltrami x| of each point (thesis 4.4; Meyer et al. 2003).
 struct MeanCurvature {
-  std::vector<double> value;  ///< n, 1 / length; not a number where a surface has none: see defined()
-  std::vector<double> area;   ///< n, mixed area of the point; the areas of all points add up to that of the faces
+  std::vector<double> value;  ///< n, in 1 / length; NaN where it is undefined, see defined()
+  std::vector<double> area;   ///< n, mixed areas of the points; they add up to the area of the faces
 
   bool defined(std::size_t point) const { return !std::isnan(value[point]); }
 };
 
-/// Cotangent weights, Voronoi areas (halves and quarters in obtuse triangles). A polygon of more than three corners is the fan of
-/// triangles around the mean of its corners, which moves with them and hands its area to them in equal parts (Bunge et al. 2020
-/// with the mean as virtual point), so that no corner comes first. Triangles without area (below 1e-10 of their longest edge
-/// squared) contribute nothing. Points with an edge that has not exactly two faces (boundary, non-manifold) or without area have
-/// no curvature. `adjacency` is that of the mesh. Parallel; the same bits for any number of threads. Throws Error(cancelled),
-/// deadline_exceeded.
+/// Uses cotangent weights and Voronoi areas (halves and quarters in obtuse triangles). A polygon with more than three corners is
+/// a fan of triangles around the mean of its corners, a virtual point whose area is distributed equally to the corners (Bunge et
+/// al. 2020), so that no corner is preferred. Triangles with an area below 1e-10 of their squared longest edge are ignored. The
+/// curvature is undefined at points with an edge that does not have exactly two faces (boundary, non-manifold) and at points
+/// without area. `adjacency` is that of the mesh. Runs in parallel; bitwise independent of the number of threads. Throws
+/// Error(cancelled), deadline_exceeded.
 MeanCurvature mean_curvature(const Mesh& mesh, const Adjacency& adjacency, const RunContext& context = {});
 
 }  // namespace deform

@@ -39,7 +39,7 @@ void add_product(Matrix& a, const Vec3& b, const Vec3& c) {
   for (std::size_t i = 0; i < 3; ++i) a[i] = a[i] + b[i] * c;
 }
 
-/// Of a symmetric positive semidefinite matrix and a little more, so that flat sets have one.
+/// The inverse of a symmetric positive semidefinite matrix, regularized so that it exists for flat sets.
 Matrix inverse_of_symmetric(Matrix m) {
   const double trace = m[0][0] + m[1][1] + m[2][2];
   for (std::size_t i = 0; i < 3; ++i) m[i][i] += 1e-14 * trace;
@@ -51,7 +51,8 @@ Matrix inverse_of_symmetric(Matrix m) {
 
 Vec3 times(const Matrix& a, const Vec3& x) { return {dot(a[0], x), dot(a[1], x), dot(a[2], x)}; }
 
-/// The linear map nearest to displacements at places, all from their means. Any would do; this one leaves little.
+/// The least-squares linear map from places to displacements, both relative to their means. Any map would be valid; this one
+/// leaves small residuals.
 class LinearFit {
  public:
   void add(const Vec3& x, const Vec3& d) {
@@ -131,7 +132,7 @@ double half_diagonal(const FourFloats& low, const FourFloats& high) {
   return 0.5 * std::sqrt(square) * (1 + 1e-6);
 }
 
-/// Of the box around some of the places: all of them are within that distance of its centre.
+/// Half the diagonal of the box around some of the places: all of them are within that distance of its centre.
 double half_diagonal(const std::vector<FourFloats>& places, std::span<const std::uint16_t> nodes) {
   FourFloats low = places[nodes[0]], high = low;
   for (std::size_t k = 1; k < nodes.size(); ++k) {
@@ -141,7 +142,7 @@ double half_diagonal(const std::vector<FourFloats>& places, std::span<const std:
   return half_diagonal(low, high);
 }
 
-/// What LinearFit finds, in floats.
+/// The result of LinearFit in floats.
 struct LinearPart {
   std::array<FourFloats, 3> columns;
   double size = 0;  ///< Frobenius norm
@@ -188,7 +189,7 @@ FourFloats times(const std::array<FourFloats, 3>& columns, const FourFloats& x) 
 
 }  // namespace
 
-/// A block while it is looked at; of one thread.
+/// The working data of a block; one per thread.
 struct MotionCertificate::Block {
   std::vector<FourFloats> at_rest;  ///< from the first node
   std::vector<FourFloats> left;     ///< of the displacements, without their affine part

@@ -13,61 +13,60 @@
 
 namespace deform::quality {
 
-/// Proves of most cells that a motion does not invert them, for much less than their roots cost: what each cell bears is computed
-/// once (CellTolerance) and compared with how its nodes move against each other when the affine part of the motion is taken
-/// away. First, in single precision, that of a block of cells which lie together, and where that proves nothing that of the cell;
-/// in the end that of the cell in double precision. What is said holds beyond all rounding. Immutable; any thread may call. The
-/// cells and `rest` must outlive it.
+/// Proves for most cells that a motion does not invert them, at much lower cost than finding roots. The tolerance of each cell
+/// (CellTolerance) is computed once and compared with the relative motion of its nodes after removing an affine part: first that
+/// of a block of neighbouring cells in single precision, then, where that is not conclusive, that of the cell, in the end in
+/// double precision. The proofs account for rounding. Immutable; any thread may call. The cells and `rest` must outlive it.
 class MotionCertificate {
  public:
   static constexpr std::size_t block_size = 128;  ///< cells
 
-  /// left_out, determinants: one entry per cell, the latter normalized and at rest.
+  /// left_out and determinants have one entry for each cell; the determinants are normalized and at rest.
   MotionCertificate(std::span<const Vec3> rest, const MovingCells& cells, std::span<const char> left_out,
                     std::span<const double> determinants, const RunContext& context);
 
   std::size_t block_count() const { return (order_.size() + block_size - 1) / block_size; }
-  /// Appends the cells of some blocks of which bounds in single precision do not prove that they are sound on the way from rest
-  /// to `points`, with a normalized determinant above `floor` at its end. Those left out are not among them. points: as many as
-  /// at rest, finite.
+  /// Appends the cells of a range of blocks for which bounds in single precision do not prove that they are never inverted on the
+  /// straight path from rest to `points` and have a normalized determinant above `floor` at its end. Cells left out are not
+  /// appended. There must be as many points as at rest, all finite.
   void doubtful(std::span<const Vec3> points, double floor, std::size_t begin_block, std::size_t end_block,
                 std::vector<std::uint32_t>& cells) const;
 
-  /// How a cell is moved and deformed from rest to elsewhere: displacements are G x + q up to a translation. Then B = I + s G on
-  /// the way has singular values from 1 + min(0, least) to sqrt(1 + 2 max(0, largest) + gradient^2), as |B x| >= x.B x / |x|.
+  /// The deformation of a cell from rest: displacements are G x + q up to a translation. On the straight path B = I + s G has
+  /// singular values from 1 + min(0, least) to sqrt(1 + 2 max(0, largest) + gradient^2), because |B x| >= x.B x / |x|.
   struct Stretch {
     double least = 0, largest = 0;  ///< eigenvalues of the symmetric part of G
     double gradient = 0;            ///< Frobenius norm of G
     double residual = 0;            ///< largest |q|
-    /// Of (1 - share) times one motion and share times another one, or bounds of it.
+    /// The stretch, or bounds of it, of (1 - share) times one motion plus share times another one.
     static Stretch between(const Stretch& from, const Stretch& to, double share);
   };
   Stretch stretch(std::span<const Vec3> points, std::size_t cell) const;
 
   struct Bound {
     bool sound = false;
-    double determinant = 0;  ///< what the normalized determinant is at least, of sound cells
+    double determinant = 0;  ///< lower bound of the normalized determinant if sound
   };
-  /// On the straight way from rest to where the cell is stretched like this.
+  /// The bound on the straight path from rest to a state with this stretch.
   Bound bound(std::size_t cell, const Stretch& stretch) const;
 
-  /// Upper bound of what is kept; nodes: of all cells, counted in each.
+  /// An upper bound of the memory in bytes. `nodes` is the sum of the numbers of nodes of all cells.
   static std::size_t bytes_for(std::size_t cells, std::size_t nodes);
-  /// The same while it is made.
+  /// An upper bound of the peak memory of the construction.
   static std::size_t bytes_to_make(std::size_t cells, std::size_t points, std::size_t nodes);
 
  private:
-  /// A CellTolerance, rounded to the safe side; infinite: none.
+  /// A CellTolerance rounded to the safe side; infinite if there is none.
   struct Tolerance {
     float inverse_radius, inverse_condition;  ///< 1 / radius, 1 / (condition - 1)
     float determinant, loss, warp_loss;
   };
   static Tolerance kept(const CellTolerance& found);
 
-  /// What the affine part of a motion does to bounds.
+  /// The effect of the affine part of a motion on the bounds.
   struct Affinity {
     double excess;           ///< condition - 1
-    double inverse_least;    ///< 1 / the least singular value; infinite where it is not known to be positive
+    double inverse_least;    ///< 1 / smallest singular value; infinite if not known to be positive
     double inverse_falling;  ///< 1 / (condition to the power distortion_)
   };
   Affinity affinity(const Stretch& stretch) const;
@@ -83,13 +82,13 @@ class MotionCertificate {
   MovingCells::NodeLists nodes_;
   int distortion_;
   std::vector<Tolerance> tolerances_;  ///< one per cell
-  std::vector<std::uint32_t> order_;   ///< cells that are not left out; each block_size of them are a block
+  std::vector<std::uint32_t> order_;   ///< cells that are not left out, in blocks of block_size
   std::vector<Tolerance> in_order_;
-  std::vector<std::uint64_t> block_nodes_begin_{0}, local_begin_{0};  ///< per block
-  std::vector<PointId> block_nodes_;                                  ///< each once in its block
-  std::vector<float> block_places_;                                   ///< three of each, from the first node of the block
-  std::vector<std::uint32_t> cell_ends_;                              ///< per cell in order, from local_begin_ of its block
-  std::vector<std::uint16_t> local_;                                  ///< nodes of the cells, as numbers within their block
+  std::vector<std::uint64_t> block_nodes_begin_{0}, local_begin_{0};  ///< offsets of each block
+  std::vector<PointId> block_nodes_;                                  ///< nodes of each block, each once
+  std::vector<float> block_places_;       ///< 3 coordinates of each, relative to the first node of the block
+  std::vector<std::uint32_t> cell_ends_;  ///< end of each cell in order, relative to local_begin_ of its block
+  std::vector<std::uint16_t> local_;      ///< nodes of the cells, as numbers within their block
 };
 
 }  // namespace deform::quality

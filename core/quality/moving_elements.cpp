@@ -51,7 +51,7 @@ double growth(const std::array<Vec3, 2>& at_rest, const Vec3& weights) {
   return (weights[0] * length(at_rest[1]) + weights[1] * length(at_rest[0])) / determinant(at_rest, at_rest, 0)[0];
 }
 
-/// Of cells whose determinants are those of columns F = B (I + N) F_rest, |N| <= growth r < most_growth. On the way
+/// The tolerance of cells whose determinants are those of columns F = B (I + N) F_rest, |N| <= growth r < most_growth. On the way
 /// X + s (Y - X) the symmetric part of B (I + N) has no eigenvalue below (1 - most_growth) times the least one of that of B, see
 /// MotionCertificate::Stretch, so determinants stay positive. Over the lengths of its D columns a determinant falls by at most
 /// the condition to the power D - 1, and ((1 - x) / (1 + x))^(D - 1) >= 1 - 2 (D - 1) x.

@@ -7,14 +7,14 @@
 
 namespace deform::quality {
 
-/// Mean of the corners; the origin without any.
+/// The mean of the corners, or the origin if there are none.
 inline Vec3 mean_of(std::span<const Vec3> points, std::span<const PointId> corners) {
   Vec3 sum{};
   for (const PointId p : corners) sum = sum + points[p];
   return corners.empty() ? sum : (1 / static_cast<double>(corners.size())) * sum;
 }
 
-/// Area times unit normal. The same for every way to cut the polygon into triangles, flat or not.
+/// Area times unit normal. Does not depend on the triangulation, even if the polygon is not planar.
 inline Vec3 vector_area(std::span<const Vec3> points, std::span<const PointId> corners) {
   Vec3 twice{};
   for (std::size_t c = 1; c + 1 < corners.size(); ++c) {
@@ -23,7 +23,7 @@ inline Vec3 vector_area(std::span<const Vec3> points, std::span<const PointId> c
   return 0.5 * twice;
 }
 
-/// Radians, 0..pi; also of nearly parallel vectors to full precision. 0 when one of them is zero.
+/// The angle in radians, 0..pi, accurate also for nearly parallel vectors. 0 if one of them is zero.
 inline double angle_between(const Vec3& a, const Vec3& b) { return std::atan2(length(cross(a, b)), dot(a, b)); }
 
 }  // namespace deform::quality

@@ -14,21 +14,21 @@
 
 namespace deform {
 
-/// OpenFOAM's limits (checkMesh and snappyHexMesh defaults): beyond them a check fails.
+/// The limits beyond which a check fails (defaults of OpenFOAM's checkMesh and snappyHexMesh).
 struct PolyhedralLimits {
   double non_orthogonality = 70;   ///< degrees; checkMesh calls faces beyond it severely non-orthogonal
   double skewness = 4;             ///< of a face
   double aspect_ratio = 1000;      ///< of a cell
   double openness = 1e-6;          ///< of a cell: its face areas should cancel
-  double pyramid_volume = -1e-15;  ///< of a face and a cell: below it the face looks the wrong way
+  double pyramid_volume = -1e-15;  ///< of a face and a cell: below it the face has the wrong orientation
   double volume = 1e-300;          ///< of a cell
   double face_area = 1e-300;
-  /// Not a limit of checkMesh's: left-handed cells, as left_handed_cells() has them (one entry each, or none at all), are not
-  /// inverted by that. All other numbers stay those of checkMesh, which calls their volumes negative.
+  /// Left-handed cells, as found by left_handed_cells() (one entry for each cell, or empty), which do not count as inverted for
+  /// that reason. checkMesh does not know them: all other numbers agree with it, including their negative volumes.
   std::vector<char> left_handed = {};
 };
 
-/// The measures that OpenFOAM's checkMesh prints, by the same formulas (primitiveMeshTools, v1912), so that the numbers agree.
+/// The measures of OpenFOAM's checkMesh by the same formulas (primitiveMeshTools, v1912), so that the numbers agree.
 struct PolyhedralQuality {
   static constexpr std::size_t bins = 18, skewness_bins = 20;
 
@@ -46,34 +46,34 @@ struct PolyhedralQuality {
   std::size_t non_orthogonal_faces = 0;      ///< severe: beyond the limit, but not beyond 90 degrees
   std::size_t non_orthogonality_errors = 0;  ///< faces from 90 degrees
   std::size_t skew_faces = 0, small_faces = 0;
-  std::size_t wrong_pyramids = 0;    ///< as checkMesh counts "incorrectly oriented" faces: an internal face counts for each side
+  std::size_t wrong_pyramids = 0;    ///< "incorrectly oriented" faces as in checkMesh; an internal face counts for each side
   std::size_t negative_volumes = 0;  ///< cells whose volume is zero or negative
   std::size_t slender_cells = 0, open_cells = 0;
-  /// Cells whose volume or a pyramid is not positive, as InversionCheck has it; checkMesh has no such number.
+  /// Cells whose volume or a pyramid is not positive, as in InversionCheck; checkMesh has no such number.
   std::size_t inverted_cells = 0;
-  std::size_t left_handed = 0;                ///< cells
-  std::vector<std::size_t> inverted;          ///< the first of the inverted cells, at most 100
-  std::vector<std::size_t> wrong_faces;       ///< the first of the faces with wrong pyramids, at most 100
+  std::size_t left_handed = 0;                ///< number of left-handed cells
+  std::vector<std::size_t> inverted;          ///< the first inverted cells, at most 100
+  std::vector<std::size_t> wrong_faces;       ///< the first faces with wrong pyramids, at most 100
   std::vector<std::size_t> worst;             ///< the internal faces of largest non-orthogonality, worst first, at most 100
-  std::array<std::size_t, bins> histogram{};  ///< of the non-orthogonality, from 0 to 90 degrees and beyond
+  std::array<std::size_t, bins> histogram{};  ///< non-orthogonality from 0 to 90 degrees and beyond
   std::array<std::size_t, skewness_bins> skewness_histogram{};  ///< from 0 to 4 and beyond
   std::vector<double> cell_volume;                              ///< signed
   std::vector<double> cell_non_orthogonality;                   ///< degrees, largest of the cell's internal faces; 0 without any
   std::vector<double> face_non_orthogonality;                   ///< degrees, of the internal faces
 
-  /// A check that fails: its name, and of how many faces or cells.
+  /// A failed check: its name and the number of faces or cells that fail.
   struct Failure {
     std::string check;
     std::size_t count = 0;
   };
-  /// The checks of cells and faces that fail, in the order of checkMesh (severe non-orthogonality alone is a warning there; open
-  /// and slender cells fail one check).
+  /// The failed checks of cells and faces, in the order of checkMesh. (Severe non-orthogonality alone is only a warning there;
+  /// open and slender cells belong to one check.)
   std::vector<Failure> failures() const;
   std::size_t failed_checks() const;
 };
 
-/// points: n x 3. Parallel over faces and cells; the result does not depend on the number of threads. Throws
-/// Error(invalid_argument) when the cells name points beyond n, cancelled, deadline_exceeded.
+/// Measures all cells over `points` (n x 3), in parallel over faces and cells. The result does not depend on the number of
+/// threads. Throws Error(invalid_argument) if the cells refer to points beyond n, cancelled, deadline_exceeded.
 PolyhedralQuality polyhedral_quality(std::span<const Vec3> points, const PolyhedralCells& cells,
                                      const PolyhedralLimits& limits = {}, const RunContext& context = {});
 

@@ -20,7 +20,7 @@ constexpr double most_of_product = 0.9;  // of a pyramid, that it may lose
 constexpr double most_of_volume = 0.5;
 constexpr double most_of_sizes = 0.5;  // of a face's triangles
 
-/// What the bounds need of a face.
+/// The data of a face for the bounds.
 struct Face {
   Vec3 centre{}, normal{};  ///< C, A out of the cell
   double corners = 0;
@@ -41,7 +41,7 @@ struct Face {
   double product = 0;  ///< A . that
 };
 
-/// What a cell's faces have in common.
+/// The common data of the faces of a cell.
 struct Cell {
   std::vector<Face> faces;
   double extent = 0, volume = 0, moment = 0;  ///< volume: sum of the pyramids; moment: |sum of pyramid way|
@@ -104,7 +104,7 @@ Face measured(std::span<const Vec3> corners, double sign, std::vector<Triangle>&
   return face;
 }
 
-/// Nothing where the cell is collapsed, or nearly.
+/// Measures a cell; returns false if it is collapsed or nearly so.
 bool measure(std::span<const Vec3> rest, std::span<const SignedFace> faces, Cell& cell) {
   if (faces.empty()) return false;
   std::vector<Vec3> corners;
@@ -156,16 +156,16 @@ bool measure(std::span<const Vec3> rest, std::span<const SignedFace> faces, Cell
   return true;
 }
 
-/// What a face changes at most; lengths and areas.
+/// Upper bounds of the changes of a face: lengths and areas.
 struct Change {
   double centre = 0;  ///< |C' - C|
   double across = 0;  ///< the same along A
   double area = 0;    ///< |A' - A|
 };
 
-/// Of a motion with q of length r and B of condition chi. A: the sum over corners of half of q x (after - before), and of q x q.
-/// C: within r of the mean of the old centres c with new weights. Up to a common factor these differ from a by e, at most
-/// chi |n' - n| + (chi - 1) a angle(n, A): the length of the image of a unit vector changes with its angle by no more than the
+/// Bounds for a motion with |q| <= r and B of condition chi. A: the sum over corners of half of q x (after - before), and of q x
+/// q. C: within r of the mean of the old centres c with new weights. Up to a common factor these differ from a by e, at most chi
+/// |n' - n| + (chi - 1) a angle(n, A): the length of the image of a unit vector changes with its angle by no more than the
 /// largest singular value less the least. |n' - n| <= r perimeter + (3 sqrt 3 / 2) r^2 (the largest triangle in a circle). As the
 /// sum of a (c - C) is 0, that mean is off by at most the sum of e |c - C| over what sizes there are. Infinite where e takes too
 /// much of them.

@@ -24,8 +24,9 @@ class QuadraticMap {
  public:
   /// Derivatives of every shape function at a point of the reference element: nodes x 3.
   using Gradients = std::vector<Vec3>;
-  /// A point where the Jacobian is looked at, along the directions of edges at some corner there: at corners their own edges, at
-  /// other nodes those of every corner; at a pyramid's apex, where derivatives depend on the way there, the limit along its axis.
+  /// A node at which the Jacobian is evaluated along the directions of the edges of some corner: at corners their own edges, at
+  /// other nodes the edges of each corner. At a pyramid's apex, where derivatives depend on the direction of approach, the limit
+  /// along its axis is taken.
   struct Sample {
     Gradients gradients;
     std::vector<std::array<Vec3, 3>> frames;  ///< directions in the reference element
@@ -35,12 +36,12 @@ class QuadraticMap {
     double weight;
   };
 
-  /// Of a quadratic type; made once.
+  /// The map of a quadratic element type, created on first use.
   static const QuadraticMap& of(ElementType type);
 
   const std::vector<Sample>& samples() const { return samples_; }  ///< one for each node
-  /// 27 points, exact for the determinant: Gauss points of the cube that is collapsed to the reference element, on which the map
-  /// is of degree 2 in each coordinate and the determinant of degree 5.
+  /// 27 points, exact for the determinant: Gauss points of the cube, collapsed to the reference element. On the cube the map has
+  /// degree 2 and the determinant degree 5 in each coordinate.
   const std::vector<QuadraturePoint>& quadrature() const { return quadrature_; }
 
  private:
@@ -50,7 +51,7 @@ class QuadraticMap {
   std::vector<QuadraturePoint> quadrature_;
 };
 
-/// The columns of the Jacobian where the shape functions have these gradients.
+/// The columns of the Jacobian at a point where the shape functions have these gradients.
 std::array<Vec3, 3> jacobian(std::span<const Vec3> points, std::span<const PointId> nodes,
                              const QuadraticMap::Gradients& gradients);
 

@@ -57,7 +57,7 @@ void add_left_handed(QualityReport& report, std::size_t count, const char* name)
   added.in_table = count > 0;
 }
 
-/// Of all elements, or with a prefix of those of a type.
+/// Adds the measures of all elements, or with a prefix those of one type.
 std::vector<QualityRow> rows_of(const ElementMeasures& q, const std::string& name, const std::string& label) {
   std::vector<QualityRow> rows = {
       row("scaled_jacobian", "scaled Jacobian, least", q.least_scaled_jacobian, Better::higher),

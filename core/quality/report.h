@@ -17,17 +17,17 @@
 
 namespace deform {
 
-/// Which way a measure gets better.
+/// The direction in which a measure improves.
 enum class Better { neither, lower, higher };
 
-/// A measure: a row of the table.
+/// A measure, shown as a row of the table.
 struct QualityRow {
-  std::string name;   ///< for machines
-  std::string label;  ///< for people
+  std::string name;   ///< machine-readable
+  std::string label;  ///< human-readable
   double value = 0;
-  std::optional<std::size_t> id;  ///< of the point, face, cell or element where it was found
+  std::optional<std::size_t> id;  ///< id of the point, face, cell or element with this value
   Better better = Better::neither;
-  bool in_table = true;  ///< otherwise for machines only
+  bool in_table = true;  ///< otherwise only in machine-readable output
 };
 
 struct QualityHistogram {
@@ -36,7 +36,7 @@ struct QualityHistogram {
   std::vector<std::size_t> counts;
 };
 
-/// The worst of a kind, worst first.
+/// The worst entities of a kind, worst first.
 struct WorstList {
   struct Entry {
     std::size_t id = 0;
@@ -47,15 +47,15 @@ struct WorstList {
   std::vector<Entry> entries;
 };
 
-/// What can be said about the quality of a mesh, for a table, JSON or a page.
+/// The quality of a mesh, to be shown as a table, JSON or a page.
 struct QualityReport {
   std::vector<std::pair<std::string, std::size_t>> counts;
   std::vector<QualityRow> rows;
   std::vector<std::pair<std::string, std::vector<std::size_t>>> lists;  ///< ids
   std::vector<QualityHistogram> histograms;
   std::vector<WorstList> worst;
-  std::vector<std::string> failed = {};  ///< the checks that failed, with their counts: "face pyramids: 19"
-  std::string method;                    ///< a sentence about how it was measured
+  std::vector<std::string> failed = {};  ///< failed checks with their counts: "face pyramids: 19"
+  std::string method;                    ///< a sentence on how the quality was measured
 
   const QualityRow* find(const std::string& name) const;
 };
@@ -64,15 +64,15 @@ QualityReport quality_report(const PolyhedralQuality& quality, std::span<const V
 QualityReport quality_report(const ElementQuality& quality, std::span<const Vec3> points, const Elements& elements);
 QualityReport quality_report(const SurfaceQuality& quality, const Mesh& mesh);
 
-/// Of a surface in a plane z = constant: its faces as elements. mesh: its faces, points: where they are.
+/// Adds the measures of a 2D mesh in a plane z = constant: `mesh` has its faces, `points` are their coordinates.
 void add_to(QualityReport& report, const PlaneQuality& plane, std::span<const Vec3> points, const Mesh& mesh);
 void add_to(QualityReport& report, const WallQuality& wall);
 void add_to(QualityReport& report, const RegionJumps& jumps);
 void add_to(QualityReport& report, const JumpGrowth& growth);
 
-/// Largest displacement of a point since `original`, which has as many points.
+/// Adds the largest displacement of a point relative to `original`, which has the same size.
 void add_displacement(QualityReport& report, std::span<const Vec3> points, std::span<const Vec3> original);
-/// Faces that flipped, as flipped_faces() lists them: their number, the worst of them, where they are.
+/// Adds the flipped faces, as listed by flipped_faces(): their number, and the worst with their positions.
 void add_flipped(QualityReport& report, const Mesh& mesh, std::span<const Extreme> flipped);
 
 }  // namespace deform

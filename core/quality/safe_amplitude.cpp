@@ -53,7 +53,8 @@ std::size_t side_count(const CellSet& cells) {
   return sides;
 }
 
-/// Of all cells, counted in each; an upper bound. A node of a polyhedron is a corner of three of its faces, if it is closed.
+/// An upper bound of the sum of the numbers of nodes of all cells. A node of a polyhedron is a corner of three of its faces, if
+/// it is closed.
 std::size_t node_count(const CellSet& cells) {
   if (const auto* elements = std::get_if<const Elements*>(&cells)) return (*elements)->points.size();
   if (const auto* mesh = std::get_if<const Mesh*>(&cells)) return (*mesh)->face_points.size();
@@ -80,7 +81,7 @@ std::vector<char> left_handed(const MovingCells& cells, std::span<const Vec3> re
   return quality::left_handed_cells(orientations, cells.links());
 }
 
-/// What each range of a loop has found, in the order of the ranges.
+/// The results of the ranges of a loop, in their order.
 template <typename T>
 std::vector<T> joined(std::vector<std::vector<T>> ranges) {
   std::vector<T> all;
@@ -137,7 +138,7 @@ class InversionCheck::Impl {
 
   std::size_t size() const { return cells_->size(); }
 
-  /// What is wrong with points, as far as it concerns whoever looks at them.
+  /// Checks points before any evaluation.
   void check(std::span<const Vec3> points) const {
     if (points.size() != rest_.size()) {
       throw Error(ErrorCode::invalid_argument, "points: expected " + std::to_string(rest_.size()) + ", as many as at rest, got " +
@@ -205,7 +206,7 @@ class InversionCheck::Impl {
     std::vector<std::uint32_t> suspects;
   };
 
-  /// Cells that are not excluded and of which the bounds for blocks do not say that they are sound and above `floor`; ascending.
+  /// The cells that are not excluded and that the bounds of blocks do not prove to be sound and above `floor`; ascending.
   std::vector<std::uint32_t> doubtful(std::span<const Vec3> points, double floor, const RunContext& context) const {
     std::vector<std::vector<std::uint32_t>> of_range((certificate_->block_count() + blocks_grain - 1) / blocks_grain);
     parallel_for(context, certificate_->block_count(), blocks_grain, [&](std::size_t begin, std::size_t end) {
@@ -280,7 +281,7 @@ class InversionCheck::Impl {
 
   static bool before(const Extreme& a, const Extreme& b) { return a.value != b.value ? a.value < b.value : a.id < b.id; }
 
-  /// Of the cells that are not excluded; looks in ascending order of cells.
+  /// Summarizes the states of checked cells, in ascending order, without the excluded ones.
   Inversions summary(const std::vector<Look>& looks) const {
     Inversions result;
     for (const auto& [c, state] : looks) {

@@ -17,57 +17,60 @@
 
 namespace deform {
 
-/// What of a mesh must not turn inside out; borrowed. Of a Mesh its faces are the cells: triangles and quads in a plane
-/// z = constant (2D).
+/// The cells of a mesh that must not be inverted; borrowed. For a Mesh these are its faces: triangles and quads in a plane z =
+/// constant (2D).
 using CellSet = std::variant<const Elements*, const PolyhedralCells*, const Mesh*>;
 
-/// Cells that are inverted, or about to be.
+/// Cells that are inverted or nearly inverted.
 ///
-/// Normalized determinant of a cell, in [-1, 1], positive unless the cell is inverted (or collapsed up to rounding):
-///  - elements: the scaled Jacobian of ElementQuality. Inverted: the determinant of the edges at a corner, of quadratic elements
-///    that of their map at a node, is not positive. Between the nodes of elements whose map is not affine nobody looks.
-///  - polyhedral cells: what checkMesh calls errors, by the formulas of PolyhedralQuality. The least cosine, over the faces,
-///    between outward area vector and the way from the cell's centre to the face's (its sign is that of the face's pyramid);
-///    where the volume is not positive, that over the sum of |area| |way| instead. Inverted: volume or a pyramid is not positive;
-///    checkMesh lets pyramids down to -1e-15 pass, here a collapsed one does not.
-///  - faces in the plane: the least sine of a corner. Inverted: the signed area of a corner is not positive.
-/// Left-handed cells, which are all the cells of a mesh or of a block of it whose nodes stand in mirrored order (clockwise faces
-/// in the plane, polyhedra whose faces look inwards), are measured as in a mirror: what counts is the change of sign. "Not
-/// positive" is meant up to rounding: determinants at most 1e-14 of the product of their lengths (polyhedra: 1e-13 of areas times
-/// the size of the cell) count as collapsed, so a cell at the brink is rather called inverted.
+/// The normalized determinant of a cell is in [-1, 1] and positive unless the cell is inverted (or collapsed up to rounding):
+///  - elements: the scaled Jacobian of ElementQuality. An element is inverted if the determinant of the edges at a corner, or for
+///    quadratic elements that of their map at a node, is not positive. Points between the nodes are not checked, even if the map
+///    is not affine.
+///  - polyhedral cells: the errors of checkMesh, by the formulas of PolyhedralQuality. The determinant is the minimum over the
+///    faces of the cosine between the outward area vector and the vector from the centre of the cell to that of the face, which
+///    has the sign of the pyramid of the face. If the volume is not positive, it is the volume over the sum of |area| |vector|.
+///    A cell is inverted if its volume or a pyramid is not positive; checkMesh accepts pyramids down to -1e-15, but here a
+///    collapsed one counts.
+///  - faces in the plane: the minimum of the sines of the corners. A face is inverted if the signed area at a corner is not
+///    positive.
+/// Left-handed cells, that is all cells of a mesh or of a block of it with nodes in mirrored order (clockwise faces in the plane,
+/// polyhedra with faces oriented inwards), are measured as their mirror images: only a change of sign counts. "Not positive" is
+/// meant up to rounding: determinants of at most 1e-14 of the product of their lengths (polyhedra: 1e-13 of areas times the size
+/// of the cell) count as collapsed, so a borderline cell counts as inverted.
 struct Inversions {
   std::size_t count = 0;
-  /// The check that failed, of the inverted polyhedra: that of the volume, or where it is positive that of a pyramid.
+  /// Inverted polyhedra by the failed check: the volume, or if it is positive a pyramid.
   std::size_t without_volume = 0, wrong_pyramid = 0;
   std::vector<Extreme> worst;  ///< the inverted cells of least normalized determinant, worst first, at most 100
-  /// Of all cells looked at, and which one has it; 1 without any.
+  /// Smallest normalized determinant of all checked cells and the cell that has it; 1 without cells.
   Extreme least_determinant{1, 0};
 };
 
-/// How much of a motion a mesh bears.
+/// The safe fraction of a motion from X to Y.
 struct SafeAmplitude {
   /// t*: the largest t in [0, 1] such that no cell is inverted at X + s (Y - X) for all s in [0, t).
-  /// 1: none is anywhere on the way, both ends included. Less than 1 whenever one is inverted at Y.
-  /// 0: only where a cell that is not excluded is inverted at X.
+  /// It is 1 if no cell is inverted anywhere on the path, both ends included, less than 1 if one is inverted at Y, and 0 only if
+  /// a cell that is not excluded is inverted at X.
   double amplitude = 1;
-  std::optional<std::size_t> first_cell;  ///< that is inverted from there on; the smallest id; none when the amplitude is 1
-  Inversions inverted;                    ///< at Y; without the cells excluded
-  /// How many cells may be inverted on the way as far as bounds can tell, so that their roots were looked at.
+  std::optional<std::size_t> first_cell;  ///< inverted from there on; the one with the smallest id; none if the amplitude is 1
+  Inversions inverted;                    ///< at Y, without the excluded cells
+  /// The number of cells that bounds do not prove to be safe, so that their roots were computed.
   std::size_t suspects = 0;
 };
 
-/// Answers for many motions of one mesh. Cells that are inverted in its rest position are named and left out of everything else:
-/// they would make every amplitude 0.
+/// Checks many motions of one mesh for inversions. Cells that are inverted in its rest position are reported by at_rest() and
+/// excluded from all other results, because they would make every amplitude 0.
 ///
-/// Exact: determinants of elements and areas of faces are cubic and quadratic polynomials of s, their first roots are found by
-/// halving to the last bit, whatever their multiplicity; so a cell that only touches zero counts, its root early by as much as
-/// the tolerance above is felt (1e-7 for a double root). Centres of polyhedral cells and faces are no polynomials: bounds of the
-/// measures and their derivatives on intervals of s, halved until they prove the sign or the interval is 1e-12 of s. All
-/// amplitudes are safe: never late. The points X + s (Y - X) are meant without rounding.
+/// Accuracy: determinants of elements and areas of faces are cubic and quadratic polynomials of s; their first roots are found by
+/// bisection to the last bit, for any multiplicity. So a cell that only touches zero counts, with a root that is early by the
+/// effect of the tolerance above (1e-7 for a double root). Centres of polyhedral cells and faces are not polynomials; here bounds
+/// of the measures and their derivatives on intervals of s are bisected until they prove the sign or the interval is 1e-12 of s.
+/// Amplitudes are never too large. The points X + s (Y - X) are meant without rounding.
 ///
-/// Fast where the motion bends cells little: how much each cell bears is computed once from its shape at rest, and a bound of
-/// its deformation says of most cells that they are not inverted (quality::MotionCertificate). The other ones, the suspects, are
-/// looked at as said above, and so are those that might have the least determinant. The answers are the same.
+/// Speed: the tolerance of each cell is computed once from its rest shape, and for moderate motions a bound of its deformation
+/// proves for most cells that they are not inverted (quality::MotionCertificate). Only the other cells, the suspects, and those
+/// that may have the smallest determinant are checked as above. The results are the same.
 ///
 /// Immutable; any thread may call. The cells must outlive it.
 /// Source: thesis 7.4 (inversions of elements under deformation).
@@ -81,22 +84,24 @@ class InversionCheck {
   InversionCheck& operator=(InversionCheck&&) noexcept;
 
   std::size_t cell_count() const;
-  /// Those left out; the least determinant is over all cells.
+  /// The excluded cells; the smallest determinant is over all cells.
   const Inversions& at_rest() const;
-  /// How many cells are left-handed.
+  /// The number of left-handed cells.
   std::size_t left_handed() const;
 
-  /// points: n x 3. Parallel; the results do not depend on the number of threads. All throw Error(invalid_argument) for another
-  /// number of points, coordinates that are not finite and, in the plane, points off it; cancelled, deadline_exceeded.
+  /// The checks take points of size n x 3, run in parallel, and do not depend on the number of threads. They throw
+  /// Error(invalid_argument) for a wrong number of points, coordinates that are not finite and, for a 2D mesh, points off the
+  /// plane; cancelled, deadline_exceeded.
   Inversions inverted(std::span<const Vec3> points, const RunContext& context = {}) const;
-  /// How many of the cells that have a normalized determinant of at least `margin` at `rest` have less at `points`.
+  /// The number of cells with a normalized determinant of at least `margin` at `rest` and less at `points`.
   std::size_t below(double margin, std::span<const Vec3> rest, std::span<const Vec3> points,
                     const RunContext& context = {}) const;
   SafeAmplitude amplitude(std::span<const Vec3> from, std::span<const Vec3> to, const RunContext& context = {}) const;
 
-  /// Upper bound of the memory that a check of these cells holds, and needs for a call. points: of the mesh.
+  /// An upper bound of the memory in bytes for these cells, including that of a call. `points` is the number of points of
+  /// the mesh.
   static std::size_t bytes_for(const CellSet& cells, std::size_t points);
-  /// The same while it is made.
+  /// An upper bound of the peak memory of the construction.
   static std::size_t bytes_to_make(const CellSet& cells, std::size_t points);
 
  private:
@@ -104,22 +109,23 @@ class InversionCheck {
   std::unique_ptr<const Impl> impl_;
 };
 
-/// The same for one motion; at_rest are the cells that are inverted at X, left out of the rest of the answer.
+/// The result for a single motion; at_rest are the cells inverted at X, which are excluded from the rest.
 struct MotionSafety : SafeAmplitude {
   Inversions at_rest;
 };
 MotionSafety safe_amplitude(std::span<const Vec3> X, std::span<const Vec3> Y, const CellSet& cells,
                             const RunContext& context = {});
 
-/// Which cells are left-handed, one entry each; empty: none. A block, of which there may be several, is what is connected by
-/// sides that the nodes of both cells run around in opposite directions; it is left-handed when most of its cells are (see
-/// quality::left_handed_cells()). Throws what the constructor of InversionCheck throws for cells.
+/// Finds the left-handed cells: one entry for each cell, or empty if there are none. Cells connected by sides around which the
+/// nodes of both run in opposite directions form a block, which is left-handed if most of its cells are (see
+/// quality::left_handed_cells()). Throws the errors of the constructor of InversionCheck for cells.
 std::vector<char> left_handed_cells(std::span<const Vec3> points, const CellSet& cells, const RunContext& context = {});
 
-/// What can be inverted in a mesh, borrowed from it: its cells; of a 2D mesh of triangles and quads its faces; else nothing.
+/// The cells of a mesh that can be inverted, borrowed from it: its volume cells, or the faces of a 2D mesh of triangles and
+/// quads. std::nullopt if there are none.
 std::optional<CellSet> cell_set(const Mesh& mesh);
 
-/// All points have the same z, up to 1e-9 of the diagonal of their box.
+/// Whether all points have the same z, up to 1e-9 of the diagonal of their bounding box.
 bool in_one_plane(std::span<const Vec3> points);
 
 }  // namespace deform

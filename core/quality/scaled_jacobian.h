@@ -8,11 +8,11 @@
 
 namespace deform {
 
-/// Whether the determinant of a good element is positive or, since its nodes stand in mirrored order, negative.
+/// Whether the determinant of a valid element is positive (right) or, with its nodes in mirrored order, negative (left).
 enum class Handedness { right, left };
 
-/// The scaled Jacobian of ElementQuality of one element with these nodes; 0 where an edge has no length. Unchecked: every node is
-/// one of the points. That of a left-handed element is that of its mirror image.
+/// The scaled Jacobian, as in ElementQuality, of one element with these nodes; 0 if an edge has zero length. A left-handed
+/// element has that of its mirror image. Node ids must be in range; they are not checked.
 double scaled_jacobian(std::span<const Vec3> points, std::span<const PointId> nodes, ElementType type,
                        Handedness handedness = Handedness::right);
 

@@ -22,7 +22,7 @@ constexpr double rounding = 2.5e-7;                // of differences of floats, 
 using Four = float __attribute__((vector_size(16)));
 using Mask = std::int64_t __attribute__((vector_size(16)));
 
-/// Whether no component is beyond -limit..limit; not so for what is no number.
+/// Whether all components are within -limit..limit; false for NaN.
 inline Mask within(Four x, float limit) {
   const Four high = {limit, limit, limit, limit};
   return reinterpret_cast<Mask>((x <= high) & (x >= -high));

@@ -10,11 +10,11 @@
 
 namespace deform::quality {
 
-/// How many ids a list of the worst has.
+/// The largest number of ids in a list of the worst.
 constexpr std::size_t most_listed = 100;
 
-/// Ids from 0 to count - 1 with the least value(id), least first, equal ones by id, at most most_listed. What is not a number is
-/// least.
+/// The ids from 0 to count - 1 with the smallest value(id), in ascending order, equal ones by id; at most most_listed. NaN counts
+/// as smallest.
 template <typename Value>
 std::vector<std::size_t> worst_of(std::size_t count, const Value& value) {
   std::vector<std::size_t> ids(count);
@@ -32,8 +32,7 @@ std::vector<std::size_t> worst_of(std::size_t count, const Value& value) {
   return ids;
 }
 
-/// Which of `bins` equal parts of low..high a value is in; what is beyond in the first or last, what is not a number in the
-/// first.
+/// The index of a value in `bins` equal parts of low..high. Values outside belong to the first or last bin, NaN to the first.
 inline std::size_t bin_of(double value, double low, double high, std::size_t bins) {
   const double place = (value - low) / (high - low) * static_cast<double>(bins);
   if (!(place > 0)) return 0;

@@ -69,7 +69,7 @@ void append_header(std::string& out, const QualityPage& page) {
   out += "</header>\n";
 }
 
-/// How a value changed, marked when it matters.
+/// The change of a value, highlighted if significant.
 std::string change_cell(const QualityRow& row, double before) {
   const double change = row.value - before;
   if (change == 0) return "<td class=\"soft\">0</td>";

@@ -10,19 +10,19 @@
 
 namespace deform {
 
-/// What a page shows. Texts may contain anything: they are escaped.
+/// The content of a page. Texts are escaped.
 struct QualityPage {
   struct Gate {
     std::string condition;  ///< "inverted_cells>0"
     double value = 0;
     bool failed = false;
   };
-  /// How far the points of a constraint are from its shape, model units.
+  /// Distances of the points of a constraint from its shape, in model units.
   struct Constraint {
     std::string name;
-    double largest = 0, rms = 0;            ///< as delivered
+    double largest = 0, rms = 0;            ///< in the delivered deformation
     double free_largest = 0, free_rms = 0;  ///< without any constraint
-    bool missed = false;                    ///< an exact one
+    bool missed = false;                    ///< whether an exact constraint is violated
   };
   std::string file, before_file;  ///< before_file: empty without `before`
   const QualityReport& after;
@@ -34,13 +34,13 @@ struct QualityPage {
   std::string program{};  ///< "deform 1.2.3"
 };
 
-/// A page of HTML that needs nothing else: styles, script and data are in it, and its content security policy forbids any
-/// request. The picture turns with WebGL 2, or without it on a plain canvas. Deterministic.
+/// A self-contained HTML page with styles, script and data; its content security policy forbids any request. The picture can be
+/// rotated with WebGL 2 or, without it, on a plain canvas. Deterministic.
 std::string html_page(const QualityPage& page);
 
 namespace quality {
 
-/// The parts of the page that do not change (report.css, report.js).
+/// The constant parts of the page (report.css, report.js).
 std::string_view page_style();
 std::string_view page_script();
 

@@ -57,7 +57,7 @@ class PictureMaker {
                 "picture: " + what + " has " + std::to_string(size) + " values, expected " + std::to_string(expected));
   }
 
-  /// Into triangles; middle points of polygons stand behind the points of the mesh.
+  /// Triangulates the faces; the middle points of polygons follow the points of the mesh.
   void cut() {
     const Mesh& mesh = source_.mesh;
     points_ = mesh.points;
@@ -186,7 +186,7 @@ class PictureMaker {
     picture_.fields.push_back(std::move(field));
   }
 
-  /// Of a middle point the mean of the corners that have a value.
+  /// The value of a point; for the middle of a face the mean of the corners that have a value.
   double point_value(const std::vector<double>& values, std::uint32_t point) {
     const std::size_t n = source_.mesh.point_count();
     if (point < n) return values[point];

@@ -8,13 +8,13 @@
 
 namespace deform::convert {
 
-/// Throws Error(invalid_argument) with the path of the field, see setup.h. The numbers of regions and points and all
-/// limits are checked by validate().
+/// Converts a constraint. Throws Error(invalid_argument) with the path of the field, see setup.h. The numbers of regions and
+/// points and all limits are checked by validate().
 Constraint constraint_from_proto(const v1::Constraint& message, const std::string& path);
 
 ConstraintOptions constraint_options_from_proto(const v1::ConstraintOptions& message);
 
-/// Both fill in defaults; see canonical_setup().
+/// Fill in defaults, see canonical_setup().
 void canonicalize_constraint(v1::Constraint& message);
 void canonicalize_constraint_options(v1::ConstraintOptions& message);
 

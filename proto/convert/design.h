@@ -9,20 +9,20 @@
 
 namespace deform::convert {
 
-/// What can be checked about designs without the system: their number, that no message continues another one, and that every
-/// number is finite. Throws Error(invalid_argument) with the path of the field ("designs[3].motions[0].affine: ...").
+/// Makes the checks of designs that need no system: their number, that no message continues another one, and that all numbers are
+/// finite. Throws Error(invalid_argument) with the path of the field ("designs[3].motions[0].affine: ...").
 void check_designs(const v1::DeformRequest& request, std::size_t max_designs);
-/// The part of it that is about the request as a whole, and the part that is about one design.
+/// The checks of the request as a whole, and those of one design.
 void check_design_count(const v1::DeformRequest& request, std::size_t max_designs);
 void check_design(const v1::DeformRequest& request, std::size_t design);
 
 /// The designs of a checked request for a setup whose handles have info.handles(i).points() points. Throws as above: unknown
 /// handle (with the nearest names), wrong number of values, displacements that do not cover the handle exactly once.
 std::vector<Design> designs_from_proto(const v1::DeformRequest& request, const v1::SystemInfo& info);
-/// One of them.
+/// One design of the request.
 Design design_from_proto(const v1::DeformRequest& request, std::size_t design, const v1::SystemInfo& info);
 
-/// Bytes of the designs in memory, and of what binding them may add at most, for admission.
+/// An upper bound of the memory of the designs and of binding them, in bytes, for admission control.
 std::size_t bind_bytes(const v1::DeformRequest& request, const v1::SystemInfo& info);
 
 }  // namespace deform::convert

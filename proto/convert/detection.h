@@ -8,10 +8,10 @@
 
 namespace deform::convert {
 
-/// Throws Error(invalid_argument) with the path of the field.
+/// Converts the options. Throws Error(invalid_argument) with the path of the field.
 DetectOptions detect_options(const v1::DetectRequest& request);
 
-/// In the order of detection.proto, without `seconds`.
+/// The replies in the order of detection.proto, without `seconds`.
 std::vector<v1::DetectReply> detect_replies(const Detection& detection);
 
 }  // namespace deform::convert

@@ -15,13 +15,13 @@ namespace deform::convert {
 v1::SystemInfo system_info(const SystemInfo& info, const v1::Setup& canonical, const std::string& id);
 void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const Setup& setup, const SelectedRegions& regions);
 
-/// Notes about the setup itself, which its system does not make.
+/// Adds the notes on the setup itself, which are not in SystemInfo.
 void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup);
 
 v1::EstimateReply estimate_reply(const Estimate& estimate);
-/// Of EstimateRequest.list_problems.
+/// The reply for EstimateRequest.list_problems.
 v1::EstimateReply problems_reply(const Problems& problems);
-/// Of EstimateRequest.list_centres: ascending ids, or a note why they are not listed.
+/// Fills in the reply for EstimateRequest.list_centres: ascending ids, or a note that tells why they are not listed.
 void list_centres(const std::optional<std::vector<PointId>>& centres, v1::EstimateReply& reply);
 
 }  // namespace deform::convert

@@ -39,7 +39,7 @@ std::optional<Kernel> subspace_kernel(v1::SubspaceKernel kernel) {
   refuse_unknown("method.subspace.kernel", kernel);
 }
 
-/// REDUCTION_AUTOMATIC with rings is what setups were stored with when rings were the default.
+/// Setups were stored with REDUCTION_AUTOMATIC and rings when rings were the default.
 CentreReduction centre_reduction(const v1::RbfMethod& message) {
   switch (known(message.reduction(), "method.rbf.reduction")) {
     case v1::REDUCTION_OFF:

@@ -7,13 +7,14 @@
 
 namespace deform::convert {
 
-/// An empty message means rbf with its defaults. Throws Error(invalid_argument) with the path of the field, see setup.h.
+/// Converts a method; an empty message means rbf with its defaults. Throws Error(invalid_argument) with the path of the field,
+/// see setup.h.
 decltype(Setup::method) method_from_proto(const v1::Method& message);
 
-/// Names the kernel of an rbf that names none, by the box of the geometry (default_kernel() of core).
+/// Sets the kernel of an rbf method without one from the bounding box of the geometry (default_kernel() of core).
 void set_default_kernel(v1::Method& message, const v1::GeometryInfo& geometry);
 
-/// Fills in defaults, and drops what the method ignores.
+/// Fills in defaults and drops fields that the method ignores.
 void canonicalize_method(v1::Method& message);
 
 }  // namespace deform::convert

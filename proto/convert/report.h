@@ -13,16 +13,16 @@
 
 namespace deform::convert {
 
-/// Of a design of a setup with constraints.
+/// Converts the constraint report of a design.
 v1::ConstraintsReport constraints_report(const DesignReport& report, const Setup& setup);
-/// A sentence when exact constraints were given up, else empty.
+/// A sentence if exact constraints were given up, else an empty string.
 std::string given_up_warning(const DesignReport& report, const Setup& setup);
 
 v1::EvaluationPath path_to_proto(EvaluationPath path);
 EvaluationPath path_from_proto(v1::EvaluationPath path);
 
 v1::CellReport cell_report(const InversionCheck& check, const SafeAmplitude& safety);
-/// Of so many faces those that flipped, the worst first.
+/// The report on flipped faces, worst first, of a mesh with this number of faces.
 v1::FaceReport face_report(std::size_t faces, const std::vector<Extreme>& flipped);
 v1::QualityReport quality_to_proto(const QualityReport& report);
 

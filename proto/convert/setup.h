@@ -10,21 +10,21 @@
 
 namespace deform::convert {
 
-/// The setup that a message describes; geometry is not looked at. Throws Error(invalid_argument) with the path of the field
-/// ("handles[2].region.box.min: expected 3 numbers, got 2"): wrong number of coordinates, non-finite coordinates, no or
-/// several kinds of a region or variable, unknown enum values, nesting deeper than 64, more than max_handles handles. What the
-/// values mean, their limits first of all, is checked by deform::validate().
+/// Converts a setup, without its geometry. Throws Error(invalid_argument) with the path of the field ("handles[2].region.box.min:
+/// expected 3 numbers, got 2"): wrong number of coordinates, non-finite coordinates, no or several kinds of a region or variable,
+/// unknown enum values, nesting deeper than 64, more than max_handles handles. The meaning and the limits of values are checked
+/// by deform::validate().
 Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles);
 
-/// The same, with what is found going to `problems`. Collecting, an entry that cannot be read stands in the setup as a default of
-/// its type, so that indices agree; too many entries are an Error all the same.
+/// The same, adding errors to `problems`. In collecting mode an entry that cannot be converted is default-constructed in the
+/// setup, so that indices agree; too many entries are still an Error.
 Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles, Problems& problems);
 
-/// The same setup with the kernel named that an rbf without one has for this geometry.
+/// The same setup, in which an rbf method without a kernel has the default one for this geometry.
 v1::Setup with_kernel(v1::Setup message, const v1::GeometryInfo& geometry);
 
-/// The same setup with defaults filled in and id lists sorted, so that messages that mean the same have the same id. The message
-/// must have passed setup_from_proto().
+/// The same setup with defaults filled in and id lists sorted, so that equivalent messages have the same id. The message must
+/// have passed setup_from_proto().
 v1::Setup canonical_setup(const v1::Setup& message, const std::string& geometry_id);
 
 /// SHA-256 of "deform.setup.1\0" and the deterministic serialization of a canonical setup.

@@ -9,15 +9,15 @@
 
 namespace deform::convert {
 
-/// What a verdict takes into account besides the result of a design.
+/// The facts on which a verdict depends besides the result of a design.
 struct SolutionFacts {
-  double diagonal = 0;         ///< of the bounding box at rest, model units
-  double condition = 0;        ///< of the factored matrix; 0 = not estimated
+  double diagonal = 0;         ///< diagonal of the bounding box at rest, model units
+  double condition = 0;        ///< condition number of the factored matrix; 0 = not estimated
   bool converged = true;       ///< DesignReport::converged
   std::size_t torn_edges = 0;  ///< DesignReport::torn_edges
 };
 
-/// From everything that `result` says, but for its verdict and reasons, sets these; see v1::Verdict.
+/// Sets the verdict and its reasons from all other fields of `result`; see v1::Verdict.
 void set_verdict(const SolutionFacts& facts, v1::DesignResult& result);
 
 }  // namespace deform::convert

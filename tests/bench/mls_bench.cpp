@@ -94,7 +94,7 @@ Series growth(const Mesh& mesh, const char* name, std::optional<Kernel> kernel, 
     options.centres = k;
     options.stretching = 1;
     options.bending = 0.01;
-    const Measured measured = prepare(mesh, [&] { return subspace_space(mesh, options, 1); });
+    const Measured measured = prepare(mesh, [&] { return shell_subspace(mesh, options, 1); });
     std::printf("| %s | %zu | %.2f | %.2f | %.3f | %.0f |\n", name, k, measured.space, measured.factor, measured.solve,
                 measured.bytes / (1 << 20));
     std::fflush(stdout);

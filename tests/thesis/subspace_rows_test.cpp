@@ -51,7 +51,7 @@ TEST(SubspaceFunctions, OrderOfFigure83) {
       options.centres = 1000;
       options.stretching = bending ? 0 : 1;
       options.bending = bending ? 1 : 0;
-      const VectorXd error = solution(subspace_space(plane, options, 1), held) - reference;
+      const VectorXd error = solution(shell_subspace(plane, options, 1), held) - reference;
       largest[name] = error.cwiseAbs().maxCoeff();
       mean[name] = error.norm() / std::sqrt(1100.0);
       std::printf("%-10s %-12s largest %.5f rms %.5f\n", bending ? "bending" : "stretching", name, largest[name], mean[name]);

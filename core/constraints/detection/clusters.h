@@ -8,9 +8,9 @@
 
 namespace deform::detection {
 
-/// The faces of a fine mesh in small clusters, over which regions find their shapes before they look at all faces: connected, not
-/// across sharp edges, bent by less than a quarter of the maximum angle (and what noise explains), of an area up to `largest`
-/// unless it is one face. Read-only once built.
+/// Partitions the faces of a fine mesh into small clusters, on which regions find their shapes before all faces are used. A
+/// cluster is connected without crossing sharp edges, bends by less than a quarter of the maximum angle (plus the effect of
+/// noise), and has an area of at most `largest` unless it is a single face. Immutable after construction.
 struct Clusters {
   Clusters(const Surface& fine, double largest);
 
@@ -18,14 +18,14 @@ struct Clusters {
   std::span<const FaceId> faces(std::size_t cluster) const {
     return {order.data() + begin[cluster], begin[cluster + 1] - begin[cluster]};
   }
-  /// The labels of the faces that stand for the clusters.
+  /// The labels of the clusters: those of their representative faces.
   std::vector<std::uint32_t> labels(std::span<const std::uint32_t> of_faces) const;
 
-  std::vector<FaceId> order;       ///< all faces, cluster by cluster; the first of each stands for it
-  std::vector<std::size_t> begin;  ///< first of each cluster in order; one more entry at the end
-  std::vector<FaceId> cluster_of;  ///< per face
-  /// One face for each cluster: the one that stands for it, with the area of all. Its neighbours are those that it passes to, by
-  /// the smallest angle and without an edge.
+  std::vector<FaceId> order;       ///< all faces, cluster by cluster; the first one represents its cluster
+  std::vector<std::size_t> begin;  ///< count() + 1 offsets of the clusters in `order`
+  std::vector<FaceId> cluster_of;  ///< index of the cluster of each face
+  /// A surface with one face for each cluster: its representative, with the area of the cluster. Neighbours are the adjacent
+  /// clusters that are not behind a sharp edge, with the smallest angle; their edges are not set.
   Surface surface;
 
  private:

@@ -20,7 +20,7 @@ double angle_off(const Surface& surface, const Shape& shape, FaceId face) {
   return std::acos(std::min(1.0, std::abs(shape.foot(surface.centre[face]).normal.dot(surface.normal[face]))));
 }
 
-/// How badly the shape describes the face: squared distance and angle over what noise makes of them.
+/// The misfit of a face: squared distance and angle relative to those caused by noise.
 double cost(const Surface& surface, const Limits& limits, const Shape& shape, std::size_t face) {
   const auto corners = surface.corners(face);
   const double length = std::max(limits.floor, 2 * surface.noise);

@@ -8,27 +8,27 @@
 
 namespace deform::detection {
 
-/// Regions and for each face the index of its region or unlabelled.
+/// Regions, and for each face the index of its region or `unlabelled`.
 struct Segmentation {
   std::vector<Region> regions;
   std::vector<std::uint32_t> labels;
 };
 
-/// Gives every face at the rim of a region to the neighbour that describes it best in distance and direction, refitting, until
-/// nothing changes or a few sweeps are done; then takes away pieces that came off and regions that became too small.
+/// Moves each face at the boundary of a region to the neighbouring region that fits it best in distance and direction, and refits
+/// the regions, until nothing changes or for a few sweeps. Then removes disconnected pieces and regions that became too small.
 void compete(const Surface& surface, const Limits& limits, Segmentation& segmentation, const RunContext& context);
 
-/// Takes away what ran on tangentially at the rims of the regions: faces that are off both in distance and in direction by more
-/// than the others in their region.
+/// Removes faces that joined a region tangentially at its boundary: those whose error is larger than that of the others in the
+/// region both in distance and in direction.
 void trim(const Surface& surface, const Limits& limits, Segmentation& segmentation, const RunContext& context);
 
-/// Takes away curved regions that are not evident() now that they are whole.
+/// Removes complete curved regions that are not evident().
 void drop_accidental(const Surface& surface, Segmentation& segmentation);
 
 /// Joins regions of one surface (see Primitive).
 void join_regions(const Surface& surface, const Limits& limits, Segmentation& segmentation);
 
-/// Region r refitted to the faces with its label, with area and rms.
+/// Refits each region with a nonzero entry in `changed` to the faces with its label, and updates its area and rms.
 void refit(const Surface& surface, Segmentation& segmentation, std::span<const char> changed, const RunContext& context);
 
 }  // namespace deform::detection

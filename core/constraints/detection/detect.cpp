@@ -26,7 +26,7 @@ using namespace detection;
 constexpr double default_minimum_area = 0.01;
 constexpr double default_maximum_angle = 0.6;
 constexpr double default_tolerance = 1e-3;
-constexpr double least_floor = 1e-5;          ///< what coordinates in files of six or seven digits are off
+constexpr double least_floor = 1e-5;          ///< rounding of coordinates in files with six or seven digits
 constexpr std::size_t batch = 32;             ///< seeds that grow before the best of them are taken
 constexpr double clusters_in_smallest = 256;  ///< of faces, in the smallest primitive
 
@@ -192,7 +192,7 @@ void sort(std::vector<Primitive>& primitives) {
   }
 }
 
-/// The kind of constraint for a set of so many points, or nothing when it takes more.
+/// The kind of constraint for a set of this number of points, or an empty string if it needs more.
 std::string constraint_for(const ConstraintKind& kind, std::size_t points) {
   return points < least_points(kind) ? std::string() : std::string(kind_name(kind));
 }

@@ -86,7 +86,7 @@ class Chains {
       at_[next[edges[i].a]++] = i;
       at_[next[edges[i].b]++] = i;
     }
-    // From the ends first; what then remains is closed.
+    // Start at the ends; the remaining chains are closed.
     for (std::size_t p = 0; p < points; ++p) {
       if (degree(p) == 0 || !is_end(p)) continue;
       for (std::size_t i = first_[p]; i < first_[p + 1]; ++i) walk(static_cast<PointId>(p), at_[i]);
@@ -211,7 +211,7 @@ class Fitter {
     return circle(ids, closed);
   }
 
-  /// Whether the fit is no accident, as that of a smooth curve over a short piece is. What noise puts off does not count.
+  /// Whether the fit is significant, unlike that of a smooth curve over a short piece. Deviations caused by noise are ignored.
   bool evident(const Fit& fit, std::span<const PointId> ids) const {
     const double off = std::max(0.0, fit.max - 3 * surface_.noise), along = length(ids, false);
     if (fit.kind == EdgeKind::line) return along >= least_straightness * off;
@@ -303,7 +303,7 @@ class Features {
   }
 
  private:
-  /// Points of what is beside no primitive.
+  /// The least number of points of a chain without an adjacent primitive.
   static std::size_t fewest_alone(EdgeKind kind) { return kind == EdgeKind::line ? fewest_points : fewest_on_any_arc; }
 
   /// The longest piece from the front that fits, and so on.

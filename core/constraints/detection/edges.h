@@ -8,11 +8,11 @@
 
 namespace deform::detection {
 
-/// Lines, circles and arcs among the feature edges: those that are sharper than the maximum angle, those between two primitives
-/// that do not run into each other smoothly, and rims. Chains of them end where they branch or where the primitives beside them
-/// change; a chain that is no line, circle or arc as a whole is cut into the longest pieces that are. Pieces, and chains that are
-/// not between primitives or at their rims, need five points and must be longer than smooth curves are straight by chance; arcs
-/// that are not need eight, lines as whole chains only three. Sorted.
+/// Finds lines, circles and arcs among the feature edges: edges sharper than the maximum angle, edges between two primitives that
+/// do not join smoothly, and boundary edges. Chains of feature edges end where they branch or where the adjacent primitives
+/// change. A chain that is not a line, circle or arc as a whole is cut into the longest pieces that are. Pieces, and chains that
+/// neither separate primitives nor bound one, need five points (arcs eight) and must be longer than a smooth curve looks straight
+/// by chance; lines that are whole chains need only three points. The result is sorted.
 std::vector<EdgeFeature> feature_edges(const Mesh& mesh, const Surface& surface, const Limits& limits,
                                        std::span<const std::uint32_t> labels);
 

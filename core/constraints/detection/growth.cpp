@@ -10,7 +10,7 @@ namespace deform::detection {
 
 namespace {
 
-constexpr std::size_t quick_faces = 400;  ///< faces that a fit looks at while the region grows
+constexpr std::size_t quick_faces = 400;  ///< largest number of faces in a fit while the region grows
 constexpr std::size_t full_faces = 2000;  ///< and in the end
 constexpr int rounds = 30;
 
@@ -133,7 +133,7 @@ std::optional<Region> Growth::converged(const Shape& shape, std::span<const Face
     const bool settled = !grew && area >= 0.999 * region.area;
     region = {*next, std::move(faces), area, rms_distance(*next, data)};
     standing = grew ? 0 : standing + 1;
-    // What drifts along another surface is found out on the way.
+    // Regions that drift along another surface are detected during growth.
     if (round % 3 == 2 && region.rms > limits_.tolerance / 40 && region.faces.size() > 8 * start.size() &&
         !noisy(surface_, limits_, region.shape, region.faces)) {
       return std::nullopt;

@@ -13,10 +13,10 @@
 
 namespace deform::detection {
 
-/// The options over the size of the surface.
+/// The options of detection, with lengths divided by the size of the surface.
 struct Limits {
-  double tolerance = 0;      ///< greatest distance of a corner
-  double floor = 0;          ///< distances below this are always taken
+  double tolerance = 0;      ///< largest distance of a corner
+  double floor = 0;          ///< distances below this are always accepted
   double maximum_angle = 0;  ///< across an edge
   double minimum_area = 0;
   std::uint64_t seed = 0;
@@ -34,28 +34,29 @@ struct Region {
   double rms = 0;
 };
 
-/// Label of a face that belongs to nothing.
+/// The label of a face that belongs to no region.
 inline constexpr std::uint32_t unlabelled = 0xffffffff;
 
-/// Whether all corners of the face are within `threshold` of the shape and its normal agrees with the shape's up to half the
-/// maximum angle and what noise explains.
+/// Whether all corners of the face are within `threshold` of the shape, and its normal agrees with that of the shape up to half
+/// the maximum angle plus the effect of noise.
 bool fits(const Surface& surface, const Shape& shape, FaceId face, double threshold);
 
-/// Region growing over the unlabelled faces. Holds marks for all faces: one per thread.
+/// Region growing over the unlabelled faces. Stores a mark for each face, so each thread needs its own object.
 class Growth {
  public:
   Growth(const Surface& surface, const Limits& limits) : surface_(surface), limits_(limits), marks_(surface.face_count(), 0) {}
 
-  /// Faces around `seed` (first) that are not behind sharp edges, ring by ring, until they have that area and are so many.
+  /// Collects faces around `seed`, which comes first, ring by ring without crossing sharp edges, until they reach both this area
+  /// and this count.
   std::vector<FaceId> neighbourhood(FaceId seed, double area, std::size_t count, std::span<const std::uint32_t> labels);
 
-  /// Grows from `start` while refitting: the threshold follows the rms distance of what has been taken, and each round takes at
-  /// most four times as many faces as the last, so that a first guess from few faces improves before it reaches far. None when
-  /// the shape is off by more than the tolerance where it starts, or loses what it started from.
+  /// Grows from `start` and refits after each round. The threshold follows the rms distance of the current region, and each round
+  /// has at most four times as many faces as the last, so that a first guess from few faces improves before it extends far.
+  /// Returns std::nullopt if the shape deviates from `start` by more than the tolerance, or if the region loses `start`.
   std::optional<Region> converged(const Shape& shape, std::span<const FaceId> start, std::span<const std::uint32_t> labels);
 
  private:
-  /// The largest connected piece of fitting faces that holds one of `start`, breadth first, at most `most`.
+  /// The largest connected set of fitting faces that contains a face of `start`, breadth first, at most `most` faces.
   std::vector<FaceId> grown(const Shape& shape, double threshold, std::span<const FaceId> start, std::size_t most,
                             std::span<const std::uint32_t> labels);
   void flood(const Shape& shape, double threshold, std::size_t most, std::span<const std::uint32_t> labels,
@@ -68,7 +69,7 @@ class Growth {
   std::uint32_t mark_ = 0;
 };
 
-/// Growths for as many threads as ask at once.
+/// A pool of Growth objects for concurrent threads. Thread-safe.
 class GrowthPool {
  public:
   GrowthPool(const Surface& surface, const Limits& limits) : surface_(surface), limits_(limits) {}

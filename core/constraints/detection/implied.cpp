@@ -66,7 +66,7 @@ class Rounds {
   }
 
  private:
-  /// What keeps a plane square to a cylinder or cone.
+  /// Circles that keep a plane perpendicular to a cylinder or cone.
   std::map<std::pair<const Primitive*, const Primitive*>, const EdgeFeature*> square_;
 };
 

@@ -14,8 +14,8 @@ constexpr std::size_t fit_faces = 600;
 constexpr std::size_t judged_faces = 2000;
 constexpr int terms = 20;  ///< monomials in x, y, z up to degree 3
 constexpr std::size_t few_points = 3 * terms;
-// Measured: noise and facets have a restlessness of 0.8 to 1.3; free forms below 0.19, or up to 0.57 with a systematic part from
-// 0.67.
+// Measured: noise and facets have a restlessness of 0.8 to 1.3; free forms below 0.19, or up to 0.57 with a systematic part
+// from 0.67.
 constexpr double noise_restlessness = 0.7;
 constexpr double least_restlessness = 0.25;
 constexpr double largest_systematic = 0.65;
@@ -62,7 +62,7 @@ bool bounded_by_sharp_edges(const Surface& surface, const Limits& limits, const 
 }
 
 struct Residuals {
-  double systematic = 0;  ///< rms of what the polynomial explains, less what it would of noise
+  double systematic = 0;  ///< rms of the part explained by the polynomial, less that expected from noise
   double random = 0;      ///< standard deviation of the rest
 };
 
@@ -94,8 +94,8 @@ Residuals residuals(const Surface& surface, const Shape& shape, std::span<const 
   return {std::sqrt(std::max(0.0, explained - terms * rest) / n), std::sqrt(rest)};
 }
 
-/// How much the residual jumps along edges over how large it is (von Neumann's ratio): 1 for noise, near 0 where it swings
-/// slowly.
+/// How much the residual jumps along edges over how large it is (von Neumann's ratio): 1 for noise, near 0 where it
+/// swings slowly.
 double restlessness(const Surface& surface, const Shape& shape, std::span<const FaceId> faces, std::size_t most) {
   const std::size_t stride = std::max<std::size_t>(1, faces.size() / most);
   double jumps = 0, squares = 0;

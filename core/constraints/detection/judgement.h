@@ -7,22 +7,22 @@
 
 namespace deform::detection {
 
-/// The simplest kind that describes the faces of the region as well as the best does, refitted: a cone or sphere also fits two
-/// circles of a coarse cylinder, and anything of large radius fits a plane. Directions decide between kinds whose distances are
-/// alike. The region itself when no kind is better.
+/// Refits the region with the simplest kind that describes its faces as well as the best one: a cone or sphere also fits two
+/// circles of a coarse cylinder, and any shape of large radius fits a plane. Normals decide between kinds with similar distances.
+/// Returns the region unchanged if no kind is better.
 Region simplest(const Surface& surface, const Limits& limits, const Region& region);
 
-/// Whether the region is evidence for its shape: enough different directions for a curved one, enough points for a plane, and
-/// residuals that look like noise. Residuals that polynomials of degree 3 over the region explain belong to another shape: those
-/// of a torus, or of a free form, taken for a cylinder.
+/// Whether the region is sufficient evidence for its shape: enough distinct normals for a curved shape, enough points for a
+/// plane, and residuals that look like noise. Residuals that cubic polynomials over the region explain indicate another shape,
+/// such as a torus or a free form taken for a cylinder.
 bool convincing(const Surface& surface, const Limits& limits, const Region& region);
 
-/// Whether a curved region, whole by now, is curved enough for it: how far its points rise above a flat piece (the sagitta) must
-/// be large against their distances from the shape, and what turns by less than 30 degrees must leave nothing but noise behind.
-/// Any free-form panel is nearly a cylinder of large radius over a few degrees. True for planes.
+/// Whether a complete curved region is curved enough to be evidence for its shape: its sagitta must be large compared with the
+/// distances of its points from the shape, and regions that turn by less than 30 degrees must have residuals of pure noise. (Over
+/// a few degrees any free-form panel is close to a cylinder of large radius.) True for planes.
 bool evident(const Surface& surface, const Region& region);
 
-/// The last part of convincing(), from fewer points; true for faces with few points.
+/// The noise test of convincing() with fewer points; true if there are few points.
 bool noisy(const Surface& surface, const Limits& limits, const Shape& shape, std::span<const FaceId> faces);
 
 }  // namespace deform::detection

@@ -11,15 +11,15 @@ namespace deform::detection {
 
 using Eigen::Vector3d;
 
-/// A plane, cylinder, sphere or cone. A cone is given where it is cut across beside its points rather than by its apex, which
-/// runs off to infinity for half angles near zero.
+/// A plane, cylinder, sphere or cone. A cone is given by a cross-section near its points instead of its apex, which goes to
+/// infinity as the half angle goes to zero.
 struct Shape {
   PrimitiveKind kind = PrimitiveKind::plane;
-  Vector3d point = Vector3d::Zero();  ///< on the plane or axis, or the centre
-  Vector3d axis = Vector3d::UnitZ();  ///< unit; of a cone towards the wider side
-  double radius = 0;                  ///< of a cone at `point`
-  double angle = 0;                   ///< half angle of a cone
-  double sine = 0, cosine = 1;        ///< of angle
+  Vector3d point = Vector3d::Zero();  ///< on the plane or axis, or centre of the sphere
+  Vector3d axis = Vector3d::UnitZ();  ///< unit length; towards the wider side of a cone
+  double radius = 0;                  ///< for a cone, at `point`
+  double angle = 0;                   ///< half angle of a cone, radians
+  double sine = 0, cosine = 1;        ///< sine and cosine of angle
 
   /// Signed distance of x and the unit normal there (the gradient).
   struct Foot {
@@ -39,7 +39,7 @@ struct Shape {
     }
     return foot<PrimitiveKind::cone>(x);
   }
-  /// The same of what is known to be of that kind.
+  /// The same for a kind known at compile time.
   template <PrimitiveKind known>
   Foot foot(const Vector3d& x) const {
     const Vector3d q = x - point;
@@ -58,7 +58,7 @@ struct Shape {
   Vector3d apex() const { return point - axis * (radius * cosine / sine); }
 };
 
-/// What a shape is fitted to: corners for distances, faces for directions.
+/// The data for a fit: corners for distances, faces for normals.
 struct FitData {
   std::vector<Vector3d> corners;
   std::vector<double> corner_weights;
@@ -66,21 +66,23 @@ struct FitData {
   std::vector<double> weights;
 };
 
-/// A first guess from the normals: axis of a cylinder or cone from their spread, centre and radius from the regression of centres
-/// over normals. No shape for data that has none (the normals of a plane make no cylinder).
+/// An initial guess from the normals: the axis of a cylinder or cone from their distribution, centre and radius from the
+/// regression of face centres on normals. Returns std::nullopt if the data do not determine a shape (a plane does not determine
+/// a cylinder).
 std::optional<Shape> guess(PrimitiveKind kind, const FitData& data);
 
-/// How far to go: while faces are still being collected the last digits do not matter.
+/// The accuracy of a fit: while faces are still being collected the last digits do not matter.
 enum class Effort { quick, full };
 
-/// The shape of least squared distance to the corners, by Levenberg-Marquardt from `start`; none when it runs off (radius beyond
-/// 20, half angle out of 0.5..89.5 degrees). Lengths over the size of the surface.
+/// Fits a shape to the corners in the least-squares sense by Levenberg-Marquardt iterations from `start`. Returns std::nullopt if
+/// it diverges (radius beyond 20, half angle outside 0.5..89.5 degrees). Lengths are divided by the size of the surface.
 std::optional<Shape> refine(const Shape& start, const FitData& data, Effort effort);
 
-/// Both.
+/// Calls guess(), then refine().
 std::optional<Shape> fitted(PrimitiveKind kind, const FitData& data, Effort effort);
 
-/// Weighted root mean square of the distances of the corners, and of the angles (radians) between normals of face and shape.
+/// The weighted root mean square of the distances of the corners, and of the angles (radians) between the normals of faces
+/// and shape.
 double rms_distance(const Shape& shape, const FitData& data);
 double rms_angle(const Shape& shape, const FitData& data);
 

@@ -193,7 +193,7 @@ void Surface::find_passages(double angle) {
       if (n.angle < same_plane) level[f] = 1;
     }
     first_passage.push_back(passage.size());
-    // Half the maximum angle and what noise explains.
+    // Half the maximum angle plus the effect of noise.
     const double off = maximum_angle / 2 * (1 + 1e-6) + allowance(f);
     least_cosine[f] = off < 1.5 ? std::cos(off) : -1;
   }
@@ -283,7 +283,7 @@ double estimated_noise(const Surface& surface, double sharp, const RunContext& c
       const auto face = static_cast<FaceId>(i * stride);
       if (surface.area[face] == 0) continue;
       surroundings(surface, face, sharp, faces, points);
-      // What bends much here is no quadratic surface, noise or not.
+      // A strongly bent neighbourhood is no quadratic surface, with or without noise.
       const bool bent = std::any_of(faces.begin(), faces.end(), [&](FaceId f) {
         return surface.area[f] > 0 && surface.normal[f].dot(surface.normal[face]) < most_bent;
       });

@@ -12,16 +12,17 @@
 
 namespace deform::detection {
 
-/// A face on the other side of an edge.
+/// The adjacent face across an edge.
 struct Neighbour {
   FaceId face = 0;
-  PointId from = 0, to = 0;  ///< the edge, by joined points
-  double angle = 0;          ///< between the normals, 0..pi; 0 beside a face without area
+  PointId from = 0, to = 0;  ///< end points of the edge, after merging coincident points
+  double angle = 0;          ///< angle between the normals, 0..pi; 0 next to a face without area
 };
 
-/// What detection asks of a mesh: lengths over its size, around its middle. Read-only once built; any number of threads may read.
+/// A mesh prepared for detection, in coordinates relative to its centre and divided by its size. Immutable after construction;
+/// any number of threads may read.
 struct Surface {
-  Surface() = default;  ///< to be filled
+  Surface() = default;  ///< empty, to be filled by the caller
   explicit Surface(const Mesh& mesh, const RunContext& context);
 
   std::size_t face_count() const { return area.size(); }
@@ -31,7 +32,7 @@ struct Surface {
   std::span<const Neighbour> neighbours(std::size_t face) const {
     return {adjacent.data() + first[face], static_cast<std::size_t>(first[face + 1] - first[face])};
   }
-  /// How far the normal of a face may be off for the noise of its corners.
+  /// The largest error of a face normal caused by noise of its corners, radians.
   double allowance(std::size_t face) const { return height[face] > 0 ? std::min(1.6, (4 * noise + 1e-8) / height[face]) : 1.6; }
   /// Neighbours that are not behind a sharp edge.
   std::span<const FaceId> passages(std::size_t face) const {
@@ -40,9 +41,10 @@ struct Surface {
   bool passable(std::size_t face, const Neighbour& n) const {
     return n.angle <= maximum_angle + allowance(face) + allowance(n.face);
   }
-  /// Decides what of this depends on the angle of sharp edges, once the noise is known.
+  /// Sets the members that depend on the angle of sharp edges. Requires the noise to be set.
   void find_passages(double maximum_angle);
-  /// Corners and normals of about `most` faces, evenly taken; of so many that corners repeat only one corner of each face.
+  /// Corners and normals of about `most` evenly chosen faces. For many faces only one corner of each is used, since
+  /// corners repeat.
   FitData data(std::span<const FaceId> faces, std::size_t most) const;
 
   Vector3d middle = Vector3d::Zero();  ///< model units
@@ -54,8 +56,8 @@ struct Surface {
 
   std::vector<Vector3d> points;
   std::vector<std::uint64_t> offsets;
-  std::vector<PointId> joined_corners;  ///< corners; of coincident points the first
-  std::vector<Vector3d> normal;         ///< unit, made consistent across edges; zero without area
+  std::vector<PointId> joined_corners;  ///< corners, with coincident points merged into the first
+  std::vector<Vector3d> normal;         ///< unit normals, oriented consistently across edges; zero for faces without area
   std::vector<Vector3d> centre;
   std::vector<double> area;
   std::vector<double> height;  ///< twice the area over the longest edge
@@ -63,8 +65,8 @@ struct Surface {
   std::vector<Neighbour> adjacent;
   std::vector<std::uint64_t> first_passage;
   std::vector<FaceId> passage;
-  std::vector<double> least_cosine;  ///< of a normal with that of a shape the face belongs to
-  std::vector<char> level;           ///< a neighbour lies in the same plane
+  std::vector<double> least_cosine;  ///< smallest cosine between the normals of a face and of its shape
+  std::vector<char> level;           ///< whether a neighbour lies in the same plane
 
  private:
   void join_points(const Mesh& mesh);
@@ -74,8 +76,8 @@ struct Surface {
   void orient();
 };
 
-/// Standard deviation of the points from the quadratic surface through their surroundings (second ring, inside sharp edges): the
-/// lower quartile over up to 4000 points, so that feature edges do not count. 0 for meshes without such surroundings.
+/// The standard deviation of points from a quadratic surface fitted to their 2-ring inside sharp edges: the lower quartile over
+/// up to 4000 points, so that feature edges have no influence. 0 if no point has such a neighbourhood.
 double estimated_noise(const Surface& surface, double sharp, const RunContext& context);
 
 }  // namespace deform::detection

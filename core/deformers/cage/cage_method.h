@@ -19,7 +19,7 @@ struct CageMethod {
   static void validate(const CageOptions& options, const Setup& setup, const Mesh& mesh);
   static bool selects_controls(const CageOptions& options) { return options.control == CageControl::controls; }
   static ControlSet controls(const CageOptions& options, const Mesh&) { return {options.vertices.size()}; }
-  /// There are none.
+  /// A cage has no centres.
   static std::optional<std::vector<PointId>> known_centres(const CageOptions&, const Mesh&, const SelectedRegions&) {
     return std::nullopt;
   }

@@ -18,7 +18,7 @@ namespace {
 constexpr std::size_t cage_points_per_task = 1024, cage_rows_per_task = 16;
 constexpr double least_winding = 0.02;  // on an edge or vertex of the cage it is the solid angle there over 4 pi
 constexpr double seconds_per_triangle = 1.2e-7;
-/// Of the sum over all vertices, whose coordinates may be negative, of the largest displacement.
+/// The rounding error of the sum over all vertices, whose coordinates may be negative, as a fraction of the largest displacement.
 constexpr double cage_rounding = 1e-12;
 
 }  // namespace

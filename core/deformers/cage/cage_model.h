@@ -18,19 +18,19 @@
 
 namespace deform {
 
-/// The cage of a setup. Throws Error(invalid_argument) with the field, "method.cage.vertices" or "method.cage.triangles", as Cage
-/// does.
+/// The cage of a setup. Throws Error(invalid_argument) as Cage does, naming the field "method.cage.vertices"
+/// or "method.cage.triangles".
 Cage cage_of(const CageOptions& options);
 
-/// A cage and what its vertices do to a mesh. No coordinates are kept: every use computes them again from the point, which takes
-/// time in proportion to the triangles of the cage.
+/// A cage with the coordinates of a mesh in it. The coordinates are not stored: every use computes them from the point, in time
+/// proportional to the number of triangles of the cage.
 ControlModel cage_model(const CageOptions& options, const std::shared_ptr<const Mesh>& mesh);
 
-/// Coordinates of the points of a mesh. Those of some points are kept, others computed whenever they are asked for.
+/// The mean value coordinates of the points of a mesh. Those of some points are stored, the others are computed on demand.
 class CageRows : public ControlFunctions {
  public:
   CageRows(Cage cage, std::shared_ptr<const Mesh> mesh);
-  /// Keeps the coordinates of the points `kept` (ascending).
+  /// Stores the coordinates of the points `kept` (ascending).
   CageRows(Cage cage, std::shared_ptr<const Mesh> mesh, std::vector<PointId> kept, const RunContext& context);
   CageRows(const CageRows&) = delete;
   CageRows& operator=(const CageRows&) = delete;
@@ -56,12 +56,12 @@ class CageRows : public ControlFunctions {
 
 /// "A cage of 8 vertices and 12 triangles, of diagonal 2.5."
 std::string size_note(const Cage& cage);
-/// Points outside are named where there are any.
+/// Adds a note on the points outside the cage, if there are any.
 void add_outside_note(const Cage& cage, const Mesh& mesh, const RunContext& context, std::vector<std::string>& notes);
-/// About what the coordinates of a point take.
+/// The approximate time to compute the coordinates of a point, in seconds.
 double seconds_per_row(const Cage& cage);
 
-/// Points of the mesh outside of the cage, where its winding number is 0.
+/// The number of points of the mesh outside the cage, where its winding number is 0.
 std::size_t points_outside(const Cage& cage, const Mesh& mesh, const RunContext& context);
 
 }  // namespace deform

@@ -20,7 +20,7 @@ constexpr std::size_t small_assembly = std::size_t{64} << 20;
 constexpr std::size_t shape_bytes = 64;  // of a point in a projection
 constexpr std::size_t most_parameters = 7, few_set_points = 64;
 
-/// What the bytes follow from.
+/// The counts that determine the memory.
 struct Counts {
   std::size_t unknowns = 0;       ///< k
   std::size_t cover = 1;          ///< functions at a point
@@ -103,7 +103,8 @@ ConstrainedBytes larger(const ConstrainedBytes& a, const ConstrainedBytes& b) {
           std::max(a.operations, b.operations)};
 }
 
-/// Of the global step: S, which Phi^T Phi fits into where each point has one function, and the rows of the translations.
+/// The pattern of the matrix of the global step: S, which contains that of Phi^T Phi if each point has one function, and the rows
+/// of the translations.
 SparseMatrix pattern(const SparseMatrix& matrix, const FunctionRows& values, const std::vector<std::int64_t>& chosen, bool dense,
                      const std::vector<ConstraintSet>& sets) {
   std::vector<Triplet> entries;
@@ -218,7 +219,7 @@ ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<C
   ConstrainedBytes result;
   const auto consider = [&](Counts counts) {
     const NewtonSizes& sizes = counts.newton;
-    // In forces only where that takes fewer operations than any other form can.
+    // The form in forces is chosen only if it takes fewer operations than any other form can.
     const std::size_t others = 3 * sizes.functions + (sizes.dense ? sizes.parameters : 3 * (sets.size() + 1));
     const bool few = sizes.rows <= std::min(most_forces, others);
     if (few) result = larger(result, total(counts, NewtonForm::forces));
@@ -241,8 +242,8 @@ ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<C
     // A factor has twice the entries of its matrix or more, and functions that meet at a point meet in the energy too.
     counts.energy = std::min(counts.energy, static_cast<std::size_t>(entries / 2));
     counts.squares = std::min(counts.squares, counts.energy);
-    // Of large spaces these two cannot both be as large as that: the factors measured have a third of `entries` or less, and 5 to
-    // 12 times those of their matrix.
+    // For large spaces these two bounds are not attained together: the measured factors have at most a third of `entries`, and 5
+    // to 12 times the entries of their matrix.
     counts.most_assembly = std::max(small_assembly, 16 * counts.newton_factor);
     const std::size_t working = operations < functions ? 0 : newton_bytes(counts, NewtonForm::sparse);
     result.working = std::max(result.working, plain.working + working);

@@ -8,27 +8,27 @@
 
 namespace deform {
 
-/// What a ConstrainedSolver takes beside the EnergySolver, before it is made. Bytes, at most.
+/// Upper bounds in bytes of the memory of a ConstrainedSolver besides that of the EnergySolver, known before it is constructed.
 struct ConstrainedBytes {
   std::size_t resident = 0;   ///< ConstrainedSolver::bytes()
-  std::size_t preparing = 0;  ///< while it is made, with what stays
-  std::size_t working = 0;    ///< of one design or derivative, with a Newton step
-  double operations = 0;      ///< of the factorizations
+  std::size_t preparing = 0;  ///< peak during construction, including `resident`
+  std::size_t working = 0;    ///< for one design or derivative, with a Newton step
+  double operations = 0;      ///< floating-point operations of the factorizations
 };
 
-/// From the lower triangle of the matrix that the solver factors and the values at all points: by symbolic analysis, to a few
-/// percent.
+/// The bounds from the lower triangle of the matrix that the solver factors and the values at all points. Uses symbolic analysis,
+/// accurate to a few percent.
 ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRows& values,
                                    const std::vector<ConstraintSet>& sets);
 
-/// Of a space that is not there yet; every count at most.
+/// Upper bounds of the counts of a space that is not built yet.
 struct SpaceCounts {
   std::size_t functions = 0;
-  std::size_t cover = 0;           ///< functions that reach a point
-  std::size_t energy_entries = 0;  ///< of the lower triangle of the matrix
+  std::size_t cover = 0;           ///< functions that are nonzero at a point
+  std::size_t energy_entries = 0;  ///< entries of the lower triangle of the matrix
   std::size_t factor_entries = 0;
 };
-/// Whatever functions reach the sets, whichever form Newton's matrix takes.
+/// The bounds for any functions that reach the sets and any form of Newton's matrix.
 ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<ConstraintSet>& sets);
 
 }  // namespace deform

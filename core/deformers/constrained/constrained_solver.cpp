@@ -191,8 +191,8 @@ ConstrainedSolver::NewtonMatrix ConstrainedSolver::newton_at(const ConstrainedSt
   return gauss_newton_.at(at.points, at.shapes, context);
 }
 
-/// The Hessian of half the squared distance from a shape is I - P'. The matrix of an earlier step serves as preconditioner as
-/// long as few iterations are enough: making one is most of what a step costs.
+/// The Hessian of half the squared distance from a shape is I - P'. The matrix of an earlier step is reused as preconditioner as
+/// long as few iterations suffice, because computing a new one dominates the cost of a step.
 Eigen::MatrixXd ConstrainedSolver::newton_direction(const ConstrainedState& at, NewtonMatrix& matrix,
                                                     const RunContext& context) const {
   const Eigen::MatrixXd gradient = reduced_.times(at.v) + points_.weighted_sums(differences(at.points, at.targets));
@@ -240,9 +240,9 @@ std::vector<Vec3> ConstrainedSolver::residual_change(const ConstrainedState& at,
   return points_.projection_residual_change(at.points, at.shapes, dx);
 }
 
-/// (S + sum g Phi^T (I - P') Phi) x = b by conjugate gradients. Preconditioner: the Gauss-Newton matrix, which leaves out the
-/// curvature of the shapes only, where it can be afforded; else the matrix of the global step. *finished, if given, becomes false
-/// where `most` iterations do not reach the accuracy.
+/// (S + sum g Phi^T (I - P') Phi) x = b by conjugate gradients. The preconditioner is the Gauss-Newton matrix, which lacks only
+/// the curvature of the shapes, or if that is too expensive the matrix of the global step. Sets *finished to false, if given, if
+/// `most` iterations do not reach the accuracy.
 Eigen::MatrixXd ConstrainedSolver::solve_linearized(const ConstrainedState& at, const GaussNewton::Matrix* newton,
                                                     const Eigen::MatrixXd& b, double accuracy, const RunContext& context,
                                                     int most, bool* finished) const {
@@ -254,12 +254,12 @@ Eigen::MatrixXd ConstrainedSolver::solve_linearized(const ConstrainedState& at, 
   };
   const auto result = conjugate_gradients(b, product, preconditioned, accuracy, most, context);
   if (finished != nullptr) *finished = result.end != GradientsEnd::limit;
-  // Not a minimum: what there is so far is the best that can be said.
+  // At an indefinite direction the current iterate is the best available result.
   return result.end == GradientsEnd::indefinite && result.iterations == 0 ? preconditioned(b) : result.x;
 }
 
-/// The solution of the linearized problem for a right-hand side of all coefficients: a = A^-1 b, moved where the sets resist by
-/// y - a, (S + D) y = S a. Symmetric in b.
+/// The solution of the linearized problem for a right-hand side b of all coefficients: a = A^-1 b, corrected by y - a for the
+/// coefficients that reach the sets, where (S + D) y = S a. Symmetric in b.
 Eigen::MatrixXd ConstrainedSolver::linearized_solution(const ConstrainedState& at, const Eigen::MatrixXd& b,
                                                        const RunContext& context) const {
   const auto newton = newton_at(at, context);
@@ -277,7 +277,7 @@ Eigen::MatrixXd ConstrainedSolver::derivative(const ConstrainedResult& at, const
   }
   const Eigen::MatrixXd w = linearized_solution(at.after, solver_.right_side(loads), context);
   if (solver_.problem().enforcement != HandleEnforcement::eliminated) return w;
-  // What the offsets do to the distances acts like a force.
+  // The effect of the offsets on the distances acts like a force.
   const Eigen::MatrixXd force = points_.weighted_sums(residual_change(at.after, offsets));
   const auto newton = newton_at(at.after, context);
   return w - reduced_.extended(solve_linearized(at.after, newton.get(), force, whole_accuracy, context), context);

@@ -15,84 +15,85 @@
 
 namespace deform {
 
-/// Where a constrained solution stands.
+/// An iterate of a constrained solution.
 struct ConstrainedState {
-  Eigen::MatrixXd v;          ///< r x 3: change of the coefficients that reach the sets, from the deformation without them
-  std::vector<Vec3> points;   ///< N: the points of all sets, one set after the other
-  std::vector<Vec3> targets;  ///< N: their projections
-  std::vector<ShapeParameters> shapes;  ///< per set
-  std::vector<double> squares;          ///< per set: sum of squared distances from the projections
+  Eigen::MatrixXd v;         ///< r x 3: change of the coefficients that reach the sets, relative to the unconstrained deformation
+  std::vector<Vec3> points;  ///< N: the points of all sets, set by set
+  std::vector<Vec3> targets;            ///< N: projections of these points
+  std::vector<ShapeParameters> shapes;  ///< one for each set
+  std::vector<double> squares;          ///< sum of squared distances from the projections, for each set
   /// Energy of the deformation above that without constraints, plus the weighted squares.
   double objective = 0;
 };
 
-/// What a similar design may start from.
+/// A start for the solution of a similar design.
 struct ConstrainedStart {
   Eigen::MatrixXd v;  ///< as in ConstrainedState
   std::vector<ShapeParameters> shapes;
 };
 
 struct ConstrainedResult {
-  ConstrainedState before;  ///< of the unconstrained deformation
+  ConstrainedState before;  ///< the unconstrained deformation
   ConstrainedState after;
-  std::vector<ConstrainedState> rounds;  ///< with multipliers: the ends of the rounds before the last
-  Eigen::MatrixXd w;                     ///< k x 3: all coefficients, after
-  std::vector<double> objectives;        ///< after each accepted iteration of the last round, never rising
+  std::vector<ConstrainedState> rounds;  ///< with multipliers: the results of all rounds but the last
+  Eigen::MatrixXd w;                     ///< k x 3: all coefficients of `after`
+  std::vector<double> objectives;        ///< after each accepted iteration of the last round, nonincreasing
   int iterations = 0;                    ///< global steps of all rounds
   int newton_steps = 0;
   bool converged = false;
-  double error = 0;  ///< estimate of how far the points still are from the solution, rms, unit coordinates
+  double error = 0;  ///< estimated rms distance of the points from the solution, unit coordinates
 
-  /// For the next design.
+  /// The start for the next design.
   ConstrainedStart start() const {
     const ConstrainedState& first = rounds.empty() ? after : rounds.front();
     return {first.v, first.shapes};
   }
 };
 
-/// The deformation of least energy plus gamma_c times the distances of some point sets from geometric shapes (thesis 8.5,
-/// eq. 8.15 to 8.17; Bouaziz et al. 2012), by alternating projections of the sets (local step) and a linear solution towards the
-/// projections (global step) with one factorization.
+/// Minimizes the energy plus gamma_c times the squared distances of point sets from geometric shapes (thesis 8.5, eq. 8.15 to
+/// 8.17; Bouaziz et al. 2012), by alternating projections of the sets (local step) and linear solves towards the projections
+/// (global step) with one factorization.
 ///
-///  - Everything is about the functions that reach the sets (ReducedEnergy): the whole mesh and the other functions are only
-///    touched before and after.
-///  - The alternation of projections and GlobalStep is accelerated (Anderson 1965; window 5): an accelerated step that lets the
-///    objective rise is thrown away for the plain one, which never does. It ends when step * rho / (1 - rho) <= tolerance for the
-///    observed contraction rho of the plain map, and what the unbalanced forces could still move is as small.
-///  - When that has not happened after `patience` iterations, Newton steps follow, as long as they lower the objective; then the
+///  - The iteration works on the functions that reach the sets (ReducedEnergy); the whole mesh and the other functions are
+///    involved only before and after it.
+///  - The alternation of projections and GlobalStep is accelerated (Anderson 1965; window 5). An accelerated step that increases
+///    the objective is replaced by the plain one, which never does. The iteration stops when step * rho / (1 - rho) <= tolerance,
+///    where rho is the observed contraction of the plain map, and the displacement that the unbalanced forces can still cause is
+///    as small.
+///  - After `patience` iterations without convergence, Newton steps follow as long as they decrease the objective, and then the
 ///    alternation again. Their systems are solved by conjugate gradients with the Gauss-Newton matrix (in the coefficients and
-///    the parameters of the shapes) as preconditioner, which leaves out the curvature of the shapes only. Patience is as many
-///    iterations as cost what a few of these steps cost, so stiff weights and overlapping sets end quickly where factorizations
-///    are cheap.
-/// Not converging is a result. Immutable; any number of threads may solve at once.
+///    the parameters of the shapes) as preconditioner, which lacks only the curvature of the shapes. By default patience is the
+///    number of iterations that cost as much as a few Newton steps, so stiff weights and overlapping sets converge quickly where
+///    factorizations are cheap.
+/// Not converging is a result, not an error. Immutable; any number of threads may solve at once.
 class ConstrainedSolver {
  public:
   struct Options {
     double tolerance = 1e-7;     ///< unit coordinates, rms over the points of the sets
-    int most_iterations = 3000;  ///< of a design
-    int patience = 0;            ///< iterations before Gauss-Newton; 0 = by cost, 4..150
+    int most_iterations = 3000;  ///< for one design
+    int patience = 0;            ///< iterations before Newton steps; 0 = by cost, 4..150
   };
 
-  /// values: n x k at all points of the mesh. `solver` must outlive this. Throws as EnergySolver does.
+  /// `values` is n x k, for all points of the mesh. `solver` must outlive this object. Throws as EnergySolver does.
   ConstrainedSolver(const EnergySolver& solver, const FunctionRows& values, std::vector<ConstraintSet> sets,
                     const Options& options, std::size_t memory_limit, const RunContext& context);
 
   const std::vector<ConstraintSet>& sets() const { return points_.sets(); }
   std::size_t bytes() const;
-  /// About what one solution or derivative takes, mostly for a Newton step.
+  /// The approximate memory of one solution or derivative, mostly for a Newton step.
   std::size_t working_bytes() const;
 
-  /// h: m x 3 prescribed displacements of EnergySolver; offsets: N displacements of the points of the sets that no function
-  /// reaches (eliminated held points), zero for the others. start: of a similar design, or null; taken when it is better than
-  /// the deformation without constraints.
+  /// h: m x 3 prescribed displacements of EnergySolver. offsets: N displacements of the points of the sets, nonzero only where
+  /// all functions vanish (eliminated handle and fixed points). start: that of a similar design, or null; used if it is better
+  /// than the unconstrained deformation.
   ConstrainedResult solve(const Eigen::MatrixXd& h, const std::vector<Vec3>& offsets, const RunContext& context,
                           const ConstrainedStart* start = nullptr) const;
 
-  /// Derivative of a converged solution: k x 3 from dh (m x 3) and the derivative of the offsets. Conjugate gradients; exact up
-  /// to 1e-10 of the right-hand side.
+  /// The derivative of a converged solution, k x 3, from dh (m x 3) and the derivative of the offsets. Solved by conjugate
+  /// gradients to 1e-10 of the right-hand side.
   Eigen::MatrixXd derivative(const ConstrainedResult& at, const Eigen::MatrixXd& dh, const std::vector<Vec3>& offsets,
                              const RunContext& context) const;
-  /// Its transpose: from g (k x 3) to m x 3, and N vectors at the offsets.
+  /// The transpose of derivative(): from g (k x 3) to h (m x 3) and N vectors for the offsets.
   struct Adjoint {
     Eigen::MatrixXd h;
     std::vector<Vec3> offsets;
@@ -102,7 +103,7 @@ class ConstrainedSolver {
  private:
   using NewtonMatrix = std::shared_ptr<const GaussNewton::Matrix>;
 
-  /// What one solution is about.
+  /// The data of one solution.
   struct Case {
     std::vector<Vec3> unconstrained;  ///< N
     const RunContext& context;
@@ -120,7 +121,7 @@ class ConstrainedSolver {
                                    double accuracy, const RunContext& context, int most = 1000, bool* finished = nullptr) const;
   Eigen::MatrixXd linearized_solution(const ConstrainedState& at, const Eigen::MatrixXd& b, const RunContext& context) const;
 
-  static constexpr int rounds = 3;  ///< of multipliers: updates of the loads, and one
+  static constexpr int rounds = 3;  ///< of the method of multipliers: one more than the updates of the loads
 
   const EnergySolver& solver_;
   const Options options_;

@@ -51,7 +51,7 @@ void add_constraint(const Constraint& constraint, const std::vector<std::vector<
   add_columns(constraint, columns, rigid->layers, mesh, box, what, result);
 }
 
-/// The constraints by what they say, so that the order in which they are written changes no bit of a result.
+/// Sorts the constraints by content, so that results do not depend on their order in the setup, bit for bit.
 std::vector<std::size_t> order_by_content(const Setup& setup, const SelectedRegions& regions) {
   std::vector<std::size_t> order(setup.constraints.size());
   std::iota(order.begin(), order.end(), std::size_t{0});

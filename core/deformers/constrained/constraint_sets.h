@@ -12,20 +12,20 @@
 
 namespace deform {
 
-/// What the constraints of a setup are about on one mesh: sorted by what they say (kind, points, options), not as they are
-/// written.
+/// The constraints of a setup on one mesh. They are sorted by content (kind, points, options), so that the result does not depend
+/// on their order in the setup.
 struct ConstraintSets {
-  std::vector<ConstraintSet> sets;         ///< one per constraint, but of layers one per column of cells
-  std::vector<std::size_t> constraint_of;  ///< per set
+  std::vector<ConstraintSet> sets;         ///< one for each constraint, or with layers for each column of cells
+  std::vector<std::size_t> constraint_of;  ///< constraint of each set, as its position in the setup
   std::vector<std::string> notes;
 };
 
-/// Regions as validate() gives them. Throws what make_projection() and wall_columns() throw, naming the constraint's field. One
-/// pass over the cells for every constraint with layers, else O(points log points).
+/// Builds the sets. `regions` is the result of validate(). Throws the errors of make_projection() and wall_columns(), naming the
+/// field of the constraint. Takes one pass over the cells for every constraint with layers, otherwise O(points log points).
 ConstraintSets constraint_sets(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions, const UnitBox& box);
 
-/// Whether constraint_sets() takes the constraints, each for itself; those that `problems` has already are left out. Allocates
-/// what the largest of them takes.
+/// Checks each constraint separately as constraint_sets() does and adds the errors to `problems`; constraints that already have
+/// one are skipped. Allocates the memory of the largest constraint.
 void check_constraint_sets(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions, const UnitBox& box,
                            Problems& problems);
 

@@ -26,7 +26,7 @@ void put(const std::vector<Vec3>& some, const std::vector<std::uint32_t>& where,
 /// pulls most; of many sets without more of these at once. Ascending.
 std::vector<std::size_t> without_worst(const JointSets::State& at) {
   std::vector<double> badness = at.distances;
-  if (*std::max_element(badness.begin(), badness.end()) <= JointSets::met && !at.forces.empty()) {
+  if (*std::max_element(badness.begin(), badness.end()) <= JointSets::satisfied_distance && !at.forces.empty()) {
     for (std::size_t s = 0; s < badness.size(); ++s) {
       for (const Vec3& force : at.forces[s]) badness[s] = std::max(badness[s], length(force));
     }
@@ -51,7 +51,7 @@ ExactPlacement::ExactPlacement(std::vector<ConstraintSet> sets, const std::vecto
     for (const PointId id : set.ids) {
       places.push_back(static_cast<std::uint32_t>(std::lower_bound(ids_.begin(), ids_.end(), id) - ids_.begin()));
     }
-    // A point of two regions of a set stands there twice: it has two places.
+    // A point in two regions of a set occurs there twice.
     std::vector<std::uint32_t> own = places;
     std::sort(own.begin(), own.end());
     const bool once = std::adjacent_find(own.begin(), own.end()) == own.end();
@@ -88,9 +88,10 @@ std::vector<std::vector<std::size_t>> ExactPlacement::connected(const std::vecto
   return groups;
 }
 
-/// The circles among `sets` that lie on a cylinder with all their points, by their places in it; told: per entry of `sets`.
+/// The circles among `sets` whose points are all on a cylinder, as positions in it. Marks these circles in `in_section`, which
+/// has one entry for each of `sets`.
 std::vector<Section> ExactPlacement::sections_of(std::size_t cylinder, const std::vector<std::size_t>& sets,
-                                                 std::vector<bool>& told) const {
+                                                 std::vector<bool>& in_section) const {
   constexpr std::size_t fewest = 5;  // four points of a circle may lie on a cylinder in other ways
   std::vector<std::pair<std::uint32_t, std::uint32_t>> places;
   for (std::uint32_t i = 0; i < places_[cylinder].size(); ++i) places.emplace_back(places_[cylinder][i], i);
@@ -98,7 +99,7 @@ std::vector<Section> ExactPlacement::sections_of(std::size_t cylinder, const std
   std::vector<bool> taken(places_[cylinder].size(), false);
   std::vector<Section> sections;
   for (std::size_t s = 0; s < sets.size(); ++s) {
-    if (told[s] || sets_[sets[s]].ids.size() < fewest ||
+    if (in_section[s] || sets_[sets[s]].ids.size() < fewest ||
         dynamic_cast<const IsSection*>(sets_[sets[s]].projection.get()) == nullptr) {
       continue;
     }
@@ -110,7 +111,7 @@ std::vector<Section> ExactPlacement::sections_of(std::size_t cylinder, const std
     }
     if (section.size() < places_[sets[s]].size()) continue;
     for (const std::uint32_t i : section) taken[i] = true;
-    told[s] = true;
+    in_section[s] = true;
     sections.push_back(std::move(section));
   }
   return sections;
@@ -122,21 +123,21 @@ ExactPlacement::Part ExactPlacement::part_of(const std::vector<std::size_t>& set
   std::sort(part.points.begin(), part.points.end());
   part.points.erase(std::unique(part.points.begin(), part.points.end()), part.points.end());
   for (const std::uint32_t u : part.points) part.on.moves.push_back(moves_[u]);
-  std::vector<bool> told(sets.size(), false);
+  std::vector<bool> in_section(sets.size(), false);
   std::vector<const ConstraintSet*> of(sets.size());
   for (std::size_t s = 0; s < sets.size(); ++s) {
     const ConstraintSet& set = sets_[sets[s]];
     of[s] = &set;
     const auto* shape = dynamic_cast<const WithSections*>(set.projection.get());
     if (circles == Circles::apart || shape == nullptr) continue;
-    std::vector<Section> sections = sections_of(sets[s], sets, told);
+    std::vector<Section> sections = sections_of(sets[s], sets, in_section);
     if (sections.empty()) continue;
     part.made.push_back(std::make_unique<const ConstraintSet>(
         ConstraintSet{set.name, shape->with_sections(std::move(sections)), set.ids, set.rest, set.weight}));
     of[s] = part.made.back().get();
   }
   for (std::size_t s = 0; s < sets.size(); ++s) {
-    if (told[s]) continue;
+    if (in_section[s]) continue;
     part.first.push_back(sets[s]);
     part.on.sets.push_back(of[s]);
     std::vector<std::uint32_t>& places = part.on.places.emplace_back();
@@ -174,7 +175,7 @@ std::vector<Vec3> ExactPlacement::of_set(std::size_t t, const std::vector<Vec3>&
   return chosen(points, places_[t]);
 }
 
-/// Gives up the worst sets until the others are met; what is left may hang together no more.
+/// Gives up the worst sets until the others are satisfied; the remaining sets may no longer be connected.
 void ExactPlacement::place_group(const std::vector<std::size_t>& sets, const std::vector<ShapeParameters>& shapes, Placed& placed,
                                  const RunContext& context) const {
   std::vector<std::vector<std::size_t>> waiting{sets};
@@ -215,7 +216,7 @@ void ExactPlacement::place_group(const std::vector<std::size_t>& sets, const std
   }
 }
 
-/// What shares points with a set that is given up must not leave that worse than the worst was.
+/// Sets that share points with a set that is given up must not increase its distance beyond the largest initial one.
 void ExactPlacement::check_given_up(const std::vector<ShapeParameters>& shapes, Placed& placed) const {
   std::vector<std::size_t> group_of(ids_.size());
   for (bool again = true; again;) {
@@ -286,7 +287,7 @@ std::vector<Vec3> ExactPlacement::derivative(const Placed& at, const std::vector
   return result;
 }
 
-/// Groups share points only where these do not move: what arrives there adds up.
+/// Groups share only fixed points, where cotangents add up.
 std::vector<Vec3> ExactPlacement::adjoint(const Placed& at, const std::vector<Vec3>& cotangent, const RunContext& context) const {
   std::vector<Vec3> result = cotangent;
   for (const Group& group : at.groups) {

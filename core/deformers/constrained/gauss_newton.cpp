@@ -185,7 +185,8 @@ void GaussNewton::Matrix::make_sparse(const RunContext& context) {
   energy.setFromTriplets(entries.begin(), entries.end());
   H += energy;
   H.makeCompressed();
-  // Parameters of small sets first: they join what is joined already. Those of large ones last: they would join everything.
+  // Eliminate parameters of small sets first, as they couple functions that are coupled already, and those of large sets last, as
+  // they would couple everything.
   std::vector<std::int64_t> order, last;
   for (std::size_t t = 0; t < linear_.size(); ++t) {
     std::vector<std::int64_t>& place = points_.size(t) <= few_points ? order : last;

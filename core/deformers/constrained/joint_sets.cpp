@@ -50,7 +50,7 @@ std::vector<Vec3> points_from(const Eigen::VectorXd& flat) {
 double longest(const std::vector<Vec3>& vectors) {
   double longest = 0;
   for (const Vec3& v : vectors) {
-    // So that what is not finite is longest.
+    // The negation makes NaN the largest.
     if (!(dot(v, v) <= longest)) longest = dot(v, v);
   }
   return std::sqrt(longest);
@@ -65,7 +65,7 @@ double largest_distance(const ConstraintSet& set, const std::vector<Vec3>& x, Sh
   return longest(y);
 }
 
-/// Where an iteration stands.
+/// The state of an iteration.
 class JointSets::Iteration {
  public:
   Iteration(const SetsOnPoints& on, const std::vector<Vec3>& from, const std::vector<ShapeParameters>& shapes)
@@ -98,7 +98,7 @@ class JointSets::Iteration {
       now_.forces = sets.forces(-sets.adjoint(back));
       if (!std::isfinite(length)) break;
       if (!take(d, length, most)) {
-        ended = largest(now_) <= met && length <= last_stalled_step;
+        ended = largest(now_) <= satisfied_distance && length <= last_stalled_step;
         break;
       }
       if (largest(now_) <= largest(best)) best = now_;
@@ -108,13 +108,13 @@ class JointSets::Iteration {
       ended = length <= smallest_step || (stalled >= 1 && length <= last_step) || (stalled >= 4 && length <= last_stalled_step);
       last = length;
     }
-    // The last one is where the steps ended; another may have been nearer to the shapes by rounding alone.
-    if (ended && largest(now_) <= met) best = now_;
-    // What sets said before and no longer say where they are met was said by their misfit alone.
+    // Use the last iterate, where the steps ended; another one may be closer to the shapes only by rounding.
+    if (ended && largest(now_) <= satisfied_distance) best = now_;
+    // A rank that has decreased at the solution was caused by the misfit.
     const bool regular = std::all_of(ranks.begin(), ranks.end(), [&](const auto& rank) {
       return rank.first <= ranks.back().first && rank.second <= ranks.back().second;
     });
-    best.found = ended && regular && largest(best) <= met && !far(best, most);
+    best.found = ended && regular && largest(best) <= satisfied_distance && !far(best, most);
     return best;
   }
 
@@ -219,14 +219,14 @@ std::vector<Vec3> JointSets::tangent_solution(const State& at, const LinearizedS
     return u - flat(sets.step(curved(at, points_from(u)), none));
   };
   const auto same = [](const Eigen::VectorXd& u) { return u; };
-  // Where this is not a minimum, what there is so far is the best that can be said.
+  // At an indefinite direction the current iterate is the best available result.
   return points_from(
       conjugate_gradients(Eigen::VectorXd(flat(sets.step(right, none))), product, same, accuracy, most_iterations, context).x);
 }
 
 std::vector<Vec3> JointSets::derivative(const State& at, const std::vector<Vec3>& change, const RunContext& context) const {
   const LinearizedSets sets = linearized(at, context);
-  // What follows the held points to first order, and then along the shapes.
+  // First the response to the fixed points to first order, then the part along the shapes.
   std::vector<Vec3> result = sets.step(std::vector<Vec3>(change.size(), Vec3{}), sets.held_rows(change));
   for (std::size_t u = 0; u < change.size(); ++u) {
     if (!on_.moves[u]) result[u] = change[u];

@@ -9,39 +9,41 @@
 
 namespace deform {
 
-/// The nearest points that are on the shapes of several sets at once: least |y - x|^2 with y = P_t(y) for all sets t, while some
-/// points are held.
+/// Finds the nearest points on the shapes of several sets at once: minimizes |y - x|^2 subject to y = P_t(y) for all sets t, with
+/// some points fixed.
 ///
-/// Gauss-Newton steps with the rank revealed (LinearizedSets): the limits follow the misfit, since shapes that coincide in the
-/// end (the plane of a circle on a plane) differ by an angle of about the misfit over their size before. Steps are no longer than
-/// points may move in all, and are halved until the distances that are left fall or are below half the step. Sets are met when
-/// the steps have ended, all distances are below 5e-10, no point has moved too far, and the rank has not changed after the first
-/// step: where it does (a circle that has to turn square to its cylinder, which no distance says to first order) positions would
-/// hang on rounding.
+/// Uses Gauss-Newton steps with a rank-revealing decomposition (LinearizedSets). The rank thresholds follow the misfit, because
+/// shapes that coincide at the solution (the plane of a circle on a plane) differ by an angle of about the misfit over their size
+/// before. Steps are limited by the largest allowed movement, and halved until the remaining distances decrease or are below half
+/// the step. The sets are satisfied if the iteration has ended, all distances are below 5e-10, no point has moved too far, and
+/// the rank has not changed after the first step. If it changes (a circle that must become perpendicular to its cylinder, which
+/// no distance expresses to first order), positions would depend on rounding.
 ///
-/// Derivatives: with the tangent space T of all sets at y, the forces f_t that add up to x - y and the curvatures S_t of the sets
-/// along these, (T - T sum S_t T) dy = T dx by conjugate gradients. S_t comes from the derivative of the projection, which is
-/// (1 - s S_t)^-1 at y + s f_t. Unit coordinates. Immutable; any thread.
+/// Derivatives: with the projection T onto the tangent space of all sets at y, the forces f_t that add up to x - y, and the
+/// curvatures S_t of the sets along these forces, (T - T sum S_t T) dy = T dx is solved by conjugate gradients. S_t comes from
+/// the derivative of the projection, which is (1 - s S_t)^-1 at y + s f_t. Unit coordinates. Immutable; any thread.
 class JointSets {
  public:
-  static constexpr double met = 5e-10;  ///< a distance; half of what counts as missed, since the points of a pair share theirs
+  /// The largest distance of a satisfied set: half of what is reported as missed, because the points of a pair share theirs.
+  static constexpr double satisfied_distance = 5e-10;
 
   explicit JointSets(SetsOnPoints on) : on_(std::move(on)) {}
 
   struct State {
     std::vector<Vec3> points;
-    std::vector<ShapeParameters> shapes;    ///< per set
-    std::vector<std::vector<Vec3>> forces;  ///< per set and point of it
-    std::vector<double> distances;          ///< per set: largest that is left
-    bool found = false;                     ///< the sets are met
+    std::vector<ShapeParameters> shapes;    ///< shape of each set
+    std::vector<std::vector<Vec3>> forces;  ///< forces of each set at its points
+    std::vector<double> distances;          ///< largest remaining distance of each set
+    bool found = false;                     ///< whether the sets are satisfied
   };
-  /// most: how far a point may move. shapes: of `from`. Of the iterates the one with the least distances.
+  /// Returns the iterate with the smallest distances. `shapes` are those fitted to `from`, `most` is the largest movement of
+  /// a point.
   State place(const std::vector<Vec3>& from, const std::vector<ShapeParameters>& shapes, double most,
               const RunContext& context) const;
-  /// The change of all points from that of `from`, where points that do not move change by what is given.
+  /// The derivative of all points with respect to `from`; fixed points change by the given values.
   std::vector<Vec3> derivative(const State& at, const std::vector<Vec3>& change, const RunContext& context) const;
   std::vector<Vec3> adjoint(const State& at, const std::vector<Vec3>& cotangent, const RunContext& context) const;
-  /// What placing takes at the points.
+  /// The memory of place() at the points, in bytes.
   std::size_t working_bytes(const std::vector<Vec3>& points, const RunContext& context) const;
 
  private:
@@ -54,7 +56,7 @@ class JointSets {
   const SetsOnPoints on_;
 };
 
-/// The largest distance of points from the shape of a set; `shape` becomes that of the fit.
+/// The largest distance of the points from the fitted shape of a set, whose parameters are stored in `shape`.
 double largest_distance(const ConstraintSet& set, const std::vector<Vec3>& x, ShapeParameters& shape);
 
 }  // namespace deform

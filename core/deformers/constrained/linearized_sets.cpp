@@ -73,7 +73,7 @@ class LinearizedSets::Shapes {
     const Eigen::VectorXd q = -(M_ * a);
     return q - W_ * (h + BtB_ * q);
   }
-  /// The transpose: what -p does to A^T a and B^T h.
+  /// The transpose: the contributions of -p to A^T a and B^T h.
   std::pair<Eigen::VectorXd, Eigen::VectorXd> adjoint(const Eigen::VectorXd& p) const {
     if (factor_) {
       Eigen::VectorXd q = p;
@@ -149,7 +149,7 @@ void LinearizedSets::linearize(const std::vector<Vec3>& points, std::vector<Shap
   residual_ = Eigen::Map<const Eigen::VectorXd>(residuals.data(), static_cast<Eigen::Index>(residuals.size()));
 }
 
-/// An orthogonal basis of what the parameters do to the distances; those that do nothing are left out.
+/// Replaces the parameters by an orthogonal basis of their effect on the distances; parameters without effect are left out.
 void LinearizedSets::scale_parameters(std::size_t set, const Eigen::MatrixXd& parameters) {
   first_.push_back(parameter_count_);
   Dense& scaled = parameters_.emplace_back(parameters.rows(), 0);

@@ -13,29 +13,30 @@
 
 namespace deform {
 
-/// Sets on common points. Points are numbered from 0; what is said of points is one entry per point.
+/// Sets on common points, which are numbered from 0.
 struct SetsOnPoints {
   std::vector<const ConstraintSet*> sets;          ///< not owned
-  std::vector<std::vector<std::uint32_t>> places;  ///< per set: its points
-  std::vector<bool> moves;                         ///< per point
+  std::vector<std::vector<std::uint32_t>> places;  ///< points of each set
+  std::vector<bool> moves;                         ///< whether each point may move
   std::size_t count() const { return moves.size(); }
 };
 
-/// Singular values below these say nothing: what two sets say about one point, and what shared or held points say about the
-/// shapes. Sets that agree in the end are only nearly the same as long as they are not met.
+/// Singular values below these thresholds count as zero: for the conditions of several sets on one point, and for those of shared
+/// or fixed points on the shapes. Sets that agree at the solution agree only approximately before.
 struct RankLimits {
   double points = 1e-6, shapes = 1e-6;
 };
 
-/// The distances r + N d + Q q of sets from their shapes when points move by d and shapes change by q, and the least squares of
-/// them, with the rank revealed. Rows of one point (of points that a relation pairs, together) make a small block; the singular
-/// value decomposition of its N gives what the point can meet, and leaves equations for the shapes alone, which eigenvalues of
-/// their Gram matrix solve. For more than 400 parameters of shapes in all these are solved with Tikhonov's regularization instead
-/// of a cut. Parameters of a shape are scaled to move its points by one, root mean square. Immutable; any thread.
+/// The linearized distances r + N d + Q q of sets from their shapes when points move by d and shapes change by q, and their
+/// rank-revealing least-squares solution. The rows of one point (or of points paired by a relation) form a small block; the
+/// singular value decomposition of its N eliminates the points and leaves equations for the shapes alone, which are solved by the
+/// eigenvalues of their Gram matrix. For more than 400 shape parameters in total, Tikhonov regularization replaces the
+/// truncation. Parameters of a shape are scaled to move its points by one, root mean square. Immutable; any thread.
 class LinearizedSets {
  public:
-  /// At the points; shapes: per set, what an earlier fit left or empty, replaced by the fit. forces: per set and point of it, or
-  /// empty: bounds are looked at where these pull, so that one stays active while something pulls against it.
+  /// Linearizes at the points. `shapes` holds an earlier fit of each set, or nothing, and is replaced by the new fit. `forces`
+  /// (for each set, at its points) may be empty; bounds are evaluated at points displaced along them, so that a bound with a
+  /// force against it stays active.
   LinearizedSets(const SetsOnPoints& on, const std::vector<Vec3>& points, std::vector<ShapeParameters>& shapes,
                  const std::vector<std::vector<Vec3>>& forces, const RankLimits& limits, const RunContext& context);
   ~LinearizedSets();
@@ -45,24 +46,24 @@ class LinearizedSets {
   std::size_t shape_rank() const { return shape_rank_; }
   std::size_t bytes() const;
 
-  /// The d nearest to `wanted` among those with the least |rows + N d + Q q| over d and q; zero at points that do not move.
+  /// The d closest to `wanted` among the minimizers of |rows + N d + Q q| over d and q; zero at fixed points.
   std::vector<Vec3> step(const std::vector<Vec3>& wanted, const Eigen::VectorXd& rows) const;
   /// The transpose of rows -> step(0, rows).
   Eigen::VectorXd adjoint(const std::vector<Vec3>& cotangent) const;
-  /// Per set the vectors N^T rows at its points, held ones too.
+  /// The vectors N^T rows of each set at its points, including fixed ones.
   std::vector<std::vector<Vec3>> forces(const Eigen::VectorXd& rows) const;
-  /// N d of the points that do not move, and its transpose.
+  /// N d for the fixed points, and its transpose.
   Eigen::VectorXd held_rows(const std::vector<Vec3>& change) const;
   std::vector<Vec3> held_adjoint(const Eigen::VectorXd& rows) const;
 
  private:
   static constexpr std::uint32_t none = ~std::uint32_t{0};
   struct Row {
-    std::uint32_t set = 0, place = 0, partner = none;  ///< places in the set
-    Eigen::Index parameters = 0;                       ///< its row of the set's parameters
+    std::uint32_t set = 0, place = 0, partner = none;  ///< positions in the set
+    Eigen::Index parameters = 0;                       ///< its row in the parameters of the set
     Vec3 normal{}, partner_normal{};
   };
-  /// Rows that share points that move.
+  /// Rows that share points that may move.
   struct Block {
     std::vector<std::uint32_t> rows, points;
     Eigen::MatrixXd U, V;    ///< N = U [S 0; 0 0] V^T with all of U; V has as many columns as the rank
@@ -88,8 +89,8 @@ class LinearizedSets {
   const SetsOnPoints& on_;
   std::vector<Row> rows_;
   Eigen::VectorXd residual_;
-  std::vector<Eigen::MatrixXd> parameters_;  ///< per set, scaled
-  std::vector<Eigen::Index> first_;          ///< per set: its first parameter
+  std::vector<Eigen::MatrixXd> parameters_;  ///< scaled parameters of each set
+  std::vector<Eigen::Index> first_;          ///< first parameter of each set
   Eigen::Index parameter_count_ = 0;
   std::vector<Block> blocks_;
   std::unique_ptr<const Shapes> shapes_;

@@ -117,7 +117,7 @@ void ReducedEnergy::solve_in_place(Eigen::Ref<Eigen::MatrixXd> b) const {
   (dense_ ? *factor_ : solver_.factor()).solve_in_place(b);
 }
 
-/// A^-1 E S v: the forces that keep the chosen coefficients there, and what they do to all.
+/// Returns A^-1 E S v: the response of all coefficients to the forces that hold the chosen ones.
 Eigen::MatrixXd ReducedEnergy::extended(const Eigen::MatrixXd& v, const RunContext& context) const {
   if (!dense_) return v;
   const Eigen::MatrixXd forces = times(v);

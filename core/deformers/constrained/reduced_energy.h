@@ -12,41 +12,41 @@
 
 namespace deform {
 
-/// The energy of a deformation as a function of some of its coefficients, all others being the best for them: with u the
-/// unconstrained solution and v the change of the chosen coefficients, v^T S v above that of u. S is the Schur complement of the
-/// chosen ones, dense, when they are few; else all are chosen and S is the matrix of the solver. Immutable; any thread.
+/// The energy of a deformation as a function of some of its coefficients, minimized over all others: with the unconstrained
+/// solution u and the change v of the chosen coefficients, it is v^T S v above that of u. If few coefficients are chosen, S is
+/// their dense Schur complement; otherwise all are chosen and S is the matrix of the solver. Immutable; any thread.
 class ReducedEnergy {
  public:
   static constexpr std::size_t most_dense = 1200;
 
-  /// chosen: ascending, those that matter; what is really used is functions(). `solver` must outlive this. Throws as EnergySolver
-  /// does.
+  /// `chosen` is ascending; see function() for the coefficients in use. `solver` must outlive this object. Throws as
+  /// EnergySolver does.
   ReducedEnergy(const EnergySolver& solver, std::vector<std::int64_t> chosen, std::size_t memory_limit,
                 const RunContext& context);
 
-  /// Bytes of one, and at most while it is made; operations. From symbolic analysis, so exact to a few percent.
+  /// The memory, the peak memory of the construction and its operations, from symbolic analysis to a few percent.
   static SparseCholesky::Estimate estimate(const SparseMatrix& matrix, const std::vector<std::int64_t>& chosen);
-  /// Whether S is dense for so many chosen functions of all.
+  /// Whether S is dense for this number of chosen functions.
   static bool is_dense(std::size_t chosen, std::size_t unknowns) { return chosen <= most_dense && 2 * chosen < unknowns; }
-  /// Of a dense S, bounds.
+  /// Upper bounds of the memory of a dense S and of the peak of its construction.
   static std::size_t dense_bytes(std::size_t chosen);
   static std::size_t dense_peak_bytes(std::size_t chosen);
 
   bool dense() const { return dense_; }
   std::size_t size() const { return dense_ ? functions_.size() : solver_.unknowns(); }
-  /// Which coefficient of the solver the i-th is.
+  /// The coefficient of the solver that is the i-th one here.
   std::int64_t function(std::size_t i) const { return dense_ ? functions_[i] : static_cast<std::int64_t>(i); }
   /// S, lower triangle.
   const SparseMatrix& matrix() const { return dense_ ? matrix_ : solver_.matrix(); }
   std::size_t bytes() const;
-  /// Elimination order of the factor of all coefficients.
+  /// The elimination order of the factor of all coefficients.
   std::vector<std::int64_t> order() const { return solver_.factor().order(); }
 
-  /// The chosen rows of k x c.
+  /// The chosen rows of w (k x c).
   Eigen::MatrixXd restricted(const Eigen::MatrixXd& w) const;
   Eigen::MatrixXd times(const Eigen::MatrixXd& v) const;
   void solve_in_place(Eigen::Ref<Eigen::MatrixXd> b) const;
-  /// All coefficients from the change v of the chosen ones: k x c, zero for v = 0.
+  /// The change of all coefficients for a change v of the chosen ones: k x c, zero for v = 0.
   Eigen::MatrixXd extended(const Eigen::MatrixXd& v, const RunContext& context) const;
 
  private:
@@ -54,7 +54,7 @@ class ReducedEnergy {
   std::vector<std::int64_t> functions_;
   bool dense_ = false;
   SparseMatrix matrix_;                           ///< empty unless dense
-  std::unique_ptr<const SparseCholesky> factor_;  ///< of it
+  std::unique_ptr<const SparseCholesky> factor_;  ///< factor of S
 };
 
 }  // namespace deform

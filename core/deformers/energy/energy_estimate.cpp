@@ -43,7 +43,7 @@ struct Sizes {
   ConstrainedBytes constrained;
 };
 
-/// What the spaces need to know.
+/// The input of the estimates of spaces.
 struct Case {
   const Mesh& mesh;
   const ConstraintPoints& points;
@@ -95,7 +95,7 @@ Sizes sizes_of(const FfdOptions& options, const Case& of, Estimate& estimate) {
   return sizes;
 }
 
-SpaceBytes space_bytes(const SubspaceOptions& options, const Mesh& mesh) { return estimate_subspace_space(mesh, options); }
+SpaceBytes space_bytes(const SubspaceOptions& options, const Mesh& mesh) { return estimate_shell_subspace(mesh, options); }
 SpaceBytes space_bytes(const MlsOptions& options, const Mesh& mesh) { return estimate_mls_space(mesh, options); }
 
 template <typename Options>
@@ -121,7 +121,7 @@ Sizes sizes_of(const Options& options, const Case& of, Estimate& estimate) {
   return sizes;
 }
 
-/// A ResidualCorrection and where it is evaluated.
+/// A ResidualCorrection and its evaluation points.
 struct CorrectionBytes {
   std::size_t resident = 0, peak = 0;
 };
@@ -159,7 +159,7 @@ PlacementBytes placement_bytes(const Setup& setup, const ConstraintSets& constra
   return {own + correction.resident, own + correction.peak, placement.working_bytes({}) + columns};
 }
 
-/// Constraints count with what their points at rest say, and with one design that is solved for (peak_bytes).
+/// Constraints are counted by their rest points, and with the solution of one design (peak_bytes).
 template <typename Options>
 Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   const bool hard = options.handles == HandleMode::hard;

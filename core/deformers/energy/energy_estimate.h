@@ -7,9 +7,8 @@
 
 namespace deform {
 
-/// What an EnergySystem takes, before it is prepared. Constraints count with what their points at rest say, and with one design
-/// that is solved for (peak_bytes). Throws what shell_model(), lattice_model() and
-/// constraint_sets() throw.
+/// Estimates the cost of an EnergySystem before it is prepared. Constraints are counted by their rest points; peak_bytes includes
+/// the solution of one design. Throws the errors of shell_model(), lattice_model() and constraint_sets().
 Estimate estimate_energy(const ShellOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
 Estimate estimate_energy(const SubspaceOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
 Estimate estimate_energy(const MlsOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);

@@ -12,27 +12,27 @@ namespace deform {
 /// Designs bound to an EnergySystem.
 class EnergyEvaluation : public HandleEvaluation {
  public:
-  /// warm: what the designs of bind_sequence() start from, or null.
+  /// `warm` is the start of the designs of bind_sequence(), or null.
   EnergyEvaluation(std::shared_ptr<const EnergySystem> system, std::span<const Design> designs, EvaluationPath path,
                    WarmStart* warm, const RunContext& context);
-  /// With constraints the derivative at a solution.
+  /// The derivative at the solution `at`, for systems with constraints.
   EnergyEvaluation(std::shared_ptr<const EnergySystem> system, const std::vector<Affine>& derivatives,
                    const EnergySystem::Constrained& at, const RunContext& context);
 
  private:
   void solve(const RunContext& context);
   void solve_constrained(std::size_t design, WarmStart* warm, const RunContext& context);
-  /// What is bound, where the energy is that of a shell. Handles with a displacement per point are not looked at.
+  /// Warns of handles that rotate if the energy is that of a shell. Handles with a displacement per point are not checked.
   void warn_of_turns(std::size_t design);
   void report_misfit(std::size_t design);
   std::vector<Vec3> final_points(std::size_t design, std::vector<Vec3> points) const;
   void measure_constraints(std::size_t design, const ConstrainedResult& result);
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
-  /// Exact points.
+  /// Replaces the points of exact constraints.
   void replace_points(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const override;
 
   const EnergySystem& system_;
-  std::vector<EnergySystem::Solution> solutions_;  ///< per design; empty on the basis path
+  std::vector<EnergySystem::Solution> solutions_;  ///< one for each design; empty on the basis path
 };
 
 }  // namespace deform

@@ -68,7 +68,7 @@ void check(const FfdOptions& options, const Mesh& mesh) {
 }
 
 EnergySpace space_of(const SubspaceOptions& options, const Mesh& mesh, std::uint64_t seed, const RunContext& context) {
-  return subspace_space(mesh, options, seed, context);
+  return shell_subspace(mesh, options, seed, context);
 }
 EnergySpace space_of(const MlsOptions& options, const Mesh& mesh, std::uint64_t seed, const RunContext& context) {
   return mls_space(mesh, options, seed, context);

@@ -11,13 +11,13 @@
 
 namespace deform {
 
-/// The methods of least energy: see EnergySystem.
+/// The energy methods, see EnergySystem.
 template <typename O>
 struct EnergyMethod {
   using Options = O;
   static constexpr MethodFeatures features{.symmetry = false, .constraints = true};
   static void validate(const O& options, const Setup& setup, const Mesh& mesh);
-  /// They have none.
+  /// Energy methods have no centres.
   static std::optional<std::vector<PointId>> known_centres(const O&, const Mesh&, const SelectedRegions&) { return std::nullopt; }
   static Estimate estimate(const O& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
   static std::shared_ptr<const System> prepare(const O& options, const std::shared_ptr<const Mesh>& mesh, const Setup& setup,
@@ -28,8 +28,8 @@ extern template struct EnergyMethod<SubspaceOptions>;
 extern template struct EnergyMethod<MlsOptions>;
 extern template struct EnergyMethod<FfdOptions>;
 
-/// Thin shell (thesis 3.1, 8.2), its subspaces (8.3), moving least squares in space (8.4). Free-form deformation by
-/// energy (3.2) is a part of FfdMethod.
+/// Thin shell (thesis 3.1, 8.2), its subspaces (8.3), moving least squares in space (8.4). Free-form deformation by energy (3.2)
+/// belongs to FfdMethod.
 struct ShellMethod : EnergyMethod<ShellOptions> {
   static constexpr std::string_view name = "shell";
 };

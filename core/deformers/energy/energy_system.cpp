@@ -96,7 +96,7 @@ void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunCont
   options.most_iterations = setup_.constraint_options.iterations;
   constrained_ = std::make_unique<const ConstrainedSolver>(*solver_, model_.space.functions(), std::move(constraints.sets),
                                                            options, limit, context);
-  // Of one load: the handles shifted by one, in alternating directions.
+  // The error for one load: the handles shifted by one, in alternating directions.
   Eigen::MatrixXd shifts = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(model_.held.size()), 1);
   for (std::size_t j = 0; j < model_.held.size(); ++j) {
     const RegionIndex region = points_.region_of[model_.held[j]];
@@ -155,7 +155,8 @@ EnergySystem::Solution EnergySystem::solve(const Eigen::MatrixXd& h, const RunCo
   return solution;
 }
 
-/// From how far the solution may be off; with what hard handles leave at the held points, which the points beside them notice.
+/// Estimates errors from the uncertainty of the solution and, for hard handles, from the remaining misfit at the held points,
+/// which affects the points next to them.
 void EnergySystem::measure_errors(const EnergyField& change, Solution& solution) const {
   constexpr double rounding = 4 * std::numeric_limits<double>::epsilon();
   const auto columns = static_cast<std::size_t>(change.w.cols());
@@ -182,7 +183,7 @@ void EnergySystem::measure_errors(const EnergyField& change, Solution& solution)
     solution.errors[c] = error_margin * solution.errors[c] + (hard_handles() ? solution.misfits[c] : 0.0);
 }
 
-/// With what the functions leave of h.
+/// Completes a solution by the correction for the misfit of the functions to h.
 EnergySystem::Solution EnergySystem::completed(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w,
                                                const RunContext& context) const {
   Solution solution;
@@ -368,7 +369,7 @@ std::vector<double> EnergySystem::adjoint(std::span<const double> variables, con
   return result;
 }
 
-/// Adds what a point with a prescribed displacement does to the sums over the fields.
+/// Adds the contribution of a point with prescribed displacement to the sums over the fields.
 void EnergySystem::add_fields(PointId id, const Vec3& cotangent, std::vector<double>& fields) const {
   const RegionIndex region = points_.region_of[id];
   if (region == deformable_region || region == fixed_region) return;

@@ -15,22 +15,21 @@
 
 namespace deform {
 
-/// The space of a method and its held points, from the regions of the points and the diagonal D.
+/// Creates the space of a method with its handle and fixed points, from the regions of the points and the diagonal D.
 using MakeEnergyModel = std::function<EnergyModel(const std::vector<RegionIndex>& region_of, double diagonal)>;
 
-/// The deformation of least energy over an energy space (thesis 3.1, 8.2 to 8.4): one sparse factorization, then designs. What
-/// differs from System:
-///  - Hard handles: held points are set exactly, as for RBF. The shell eliminates them. Other spaces cannot meet every prescribed
-///    displacement; what they leave is interpolated and added (ResidualCorrection). report().interpolation_residual is the
-///    largest remaining misfit, at up to 256 held points (an upper bound on the basis path); 0 for the shell.
-///  - Soft handles (thesis eq. 8.8): held points follow the solution as all others do, each handle and the fixed points with
-///  weight
-///    `fixing` for the mean square of their misfit; interpolation_residual is the largest misfit.
-///  - Constraints (thesis 8.5) are solved for in bind(), each design from its deformation without them, so that designs do not
-///    depend on each other; or in bind_sequence(). There is no basis then, and derivatives are those of the constrained
-///    deformation. Exact constraints take an ExactStep at the end (ConstraintReport::given_up where it is left out; derivatives
-///    then leave it out as well).
-/// Coincident held points may go to different places with the shell (a crack opens), not with the others.
+/// The deformation of least energy in an energy space (thesis 3.1, 8.2 to 8.4), with one sparse factorization for all designs.
+/// Differences from System:
+///  - Hard handles: handle and fixed points are set exactly, as for RBF. The shell eliminates them. Other spaces cannot represent
+///    every prescribed displacement; their misfit is interpolated and added (ResidualCorrection). report().interpolation_residual
+///    is the largest remaining misfit at up to 256 handle and fixed points (an upper bound on the basis path), 0 for the shell.
+///  - Soft handles (thesis eq. 8.8): handle and fixed points follow the solution like all others. The mean square misfit of each
+///    handle, and of the fixed points, has the weight `fixing`; interpolation_residual is the largest misfit.
+///  - Constraints (thesis 8.5) are solved for in bind(), starting each design from its unconstrained deformation, so that
+///    designs do not depend on each other, or in bind_sequence(). There is no basis then, and derivatives are those of the
+///    constrained deformation. Exact constraints end with an ExactStep (ConstraintReport::given_up if it is omitted;
+///    derivatives omit it as well).
+/// Coincident handle or fixed points may be moved to different places with the shell (a crack opens), but not with other spaces.
 class EnergySystem : public HandleSystem {
  public:
   EnergySystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const EnergyOptions& options, const MakeEnergyModel& model,
@@ -44,21 +43,21 @@ class EnergySystem : public HandleSystem {
  private:
   friend class EnergyEvaluation;
 
-  /// Of one design or of some fields.
+  /// The solution for one design or for several fields.
   struct Solution {
     EnergyField field;
     ExactStep::Step exact;
-    std::vector<double> misfits;  ///< c: largest |value - prescribed| at the samples of the held points
-    std::vector<double> errors;   ///< c: estimated largest error at the following points; empty: not measured
+    std::vector<double> misfits;  ///< largest |value - prescribed| of each column at the sampled handle and fixed points
+    std::vector<double> errors;   ///< estimated largest error of each column at the following points; empty if not measured
   };
 
-  /// Prescribed displacements or their derivatives, in units of D.
+  /// The prescribed displacements or their derivatives, in units of D.
   struct Prescribed {
-    Eigen::MatrixXd h;          ///< m x 3, of the held points that count
-    std::vector<Vec3> offsets;  ///< of the points of the constraints that no function reaches, zero for the others
+    Eigen::MatrixXd h;          ///< m x 3, of the handle and fixed points that enter the system
+    std::vector<Vec3> offsets;  ///< as in ConstrainedSolver::solve()
   };
 
-  /// A constrained design and where its exact points are.
+  /// A constrained design and the positions of its exact points.
   struct Constrained {
     ConstrainedResult result;
     ExactPlacement::Placed exact;
@@ -80,7 +79,7 @@ class EnergySystem : public HandleSystem {
   Solution completed(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w, const RunContext& context) const;
   Prescribed prescribed(const BoundDesign& design, MotionKind kind) const;
   Constrained constrained_at(std::span<const double> variables, const RunContext& context) const;
-  /// out[c][16] = values of a solution at a tile of the following points.
+  /// Writes the values of a solution at a tile of the following points to out[c][16].
   void fill_tile(const Solution& solution, std::size_t tile, double* out) const;
   void add_fields(PointId id, const Vec3& cotangent, std::vector<double>& fields) const;
   std::vector<double> contract_fields(const Eigen::MatrixXd& back) const;
@@ -90,12 +89,12 @@ class EnergySystem : public HandleSystem {
   std::unique_ptr<const EnergySolver> solver_;
   std::unique_ptr<const ResidualCorrection> correction_;  ///< null for the shell and soft handles
   std::unique_ptr<const ConstrainedSolver> constrained_;  ///< null without constraints
-  std::vector<std::size_t> constraint_of_;                ///< per set
-  TiledPoints set_places_;                                ///< of the points of the sets; only with a correction or exact ones
+  std::vector<std::size_t> constraint_of_;                ///< constraint of each set
+  TiledPoints set_places_;                                ///< points of the sets; only with a correction or exact constraints
   std::unique_ptr<const ExactStep> exact_;                ///< null without exact constraints
-  std::vector<std::uint32_t> samples_;                    ///< of the following points, where errors are measured
-  double linear_error_ = 0;                               ///< of solutions, relative to the motion; with constraints
-  TiledPoints following_places_;                          ///< unit coordinates; only with a correction or exact constraints
+  std::vector<std::uint32_t> samples_;                    ///< following points at which errors are measured
+  double linear_error_ = 0;       ///< with constraints: error of the linear solves, relative to the motion
+  TiledPoints following_places_;  ///< unit coordinates; only with a correction or exact constraints
 };
 
 }  // namespace deform

@@ -112,8 +112,7 @@ ExactStep::Step ExactStep::place(const EnergyField& field, const BoundDesign& de
   return step;
 }
 
-/// Whether some point is carried along farther than an exact one may move: the interpolant of the steps can overshoot where no
-/// point holds it.
+/// Whether some point moves farther than an exact one may: the interpolant of the steps can overshoot away from the centres.
 bool ExactStep::carries_far(const Step& step, const RunContext& context) const {
   const double most = step.placed.most_movement() * before_.box.scale;
   std::atomic<bool> far = false;
@@ -123,7 +122,7 @@ bool ExactStep::carries_far(const Step& step, const RunContext& context) const {
       std::fill(values.begin(), values.end(), 0.0);
       add_values(before_.following_places.tile(t), step, values.data());
       for (std::size_t i = 0; i < tile_size; ++i) {
-        // So that what is not finite is far.
+        // The negation makes NaN count as far.
         if (!(std::hypot(values[i], values[tile_size + i], values[2 * tile_size + i]) <= most)) far = true;
       }
     }

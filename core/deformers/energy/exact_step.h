@@ -18,43 +18,45 @@ namespace deform {
 
 using RowMajorMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-/// A displacement field over the mesh, in the units of what it was made from.
+/// A displacement field over the mesh, in the units of the data from which it was computed.
 struct EnergyField {
   RowMajorMatrix w;           ///< k x c: coefficients of the functions
-  RowMajorMatrix correction;  ///< of the ResidualCorrection: rows x c, or empty
+  RowMajorMatrix correction;  ///< coefficients of the ResidualCorrection, rows x c, or empty
 };
 
-/// The deformation that an exact step starts from; everything is borrowed from its system.
+/// The deformation before an exact step; borrowed from the system.
 struct DeformationBefore {
   HeldPoints held;
   const UnitBox& box;
-  const std::vector<PointId>& held_ids;  ///< those that enter the system
+  const std::vector<PointId>& held_ids;  ///< handle and fixed points that enter the system
   const std::vector<PointId>& following;
   const TiledPoints& following_places;  ///< unit coordinates
-  const FunctionRows values;            ///< of the functions at all points
+  const FunctionRows values;            ///< values of the functions at all points
   const ResidualCorrection* correction;
   bool hard_handles;
 };
 
-/// The last step of a design with exact constraints, and its derivatives: ExactPlacement puts their points on the shapes; how far
-/// that moves them is interpolated (zero at held points) and added to all points that follow. Where that makes the deformation
-/// worse it is left out, for single sets or altogether. Immutable; any thread.
+/// The last step of a design with exact constraints, and its derivatives: ExactPlacement moves their points onto the shapes, and
+/// these displacements are interpolated (zero at handle and fixed points) and added at all following points. The step is omitted,
+/// for single sets or as a whole, if it would make the deformation worse. Immutable; any thread.
 class ExactStep {
  public:
-  /// Takes the sets of exact constraints; constraint_of: per set. What `before` refers to must outlive this.
+  /// Uses the sets of exact constraints; `constraint_of` holds the constraint of each set. The objects that `before` refers to
+  /// must outlive this object.
   ExactStep(const DeformationBefore& before, const std::vector<ConstraintSet>& sets,
             const std::vector<std::size_t>& constraint_of, const RunContext& context);
 
   /// The step of one design or derivative.
   struct Step {
     ExactPlacement::Placed placed;  ///< unit coordinates
-    RowMajorMatrix carried;         ///< coefficients of the field that is added: rows x 3, or empty
-    std::vector<Vec3> values;       ///< what the points get: positions or their derivatives, model units; empty as well
+    RowMajorMatrix carried;         ///< coefficients of the added field, rows x 3, or empty
+    std::vector<Vec3> values;       ///< resulting positions or their derivatives, model units; may be empty too
   };
   Step place(const EnergyField& field, const BoundDesign& design, const RunContext& context) const;
   Step derivative(const ExactPlacement::Placed& at, const EnergyField& field, const BoundDesign& design,
                   const RunContext& context) const;
-  /// Cotangents of the following points become those of the deformation before the step; the result is what arrives at ids().
+  /// Replaces cotangents of the following points by those of the deformation before the step, and returns the cotangents
+  /// at ids().
   std::vector<Vec3> adjoint(const ExactPlacement::Placed& at, std::vector<Vec3>& cotangents, const RunContext& context) const;
 
   /// Adds the field of a step at a tile of points: out[component][16].
@@ -62,7 +64,7 @@ class ExactStep {
   /// The points of all sets, ascending, and whether the step may move one.
   const std::vector<PointId>& ids() const { return placement_->ids(); }
   bool moves(std::size_t u) const { return placement_->moves(u); }
-  /// Of each set: its constraint in the setup.
+  /// The constraint of each set, as its position in the setup.
   const std::vector<std::size_t>& constraint_of() const { return constraint_of_; }
   std::size_t bytes() const { return placement_->bytes() + carrier_->bytes() + places_.bytes(); }
 
@@ -74,9 +76,9 @@ class ExactStep {
   const DeformationBefore before_;
   std::vector<std::size_t> constraint_of_;
   std::unique_ptr<const ExactPlacement> placement_;
-  std::unique_ptr<const ResidualCorrection> carrier_;  ///< of the points that move, then of the held ones
-  std::vector<std::uint32_t> moving_;                  ///< among ids()
-  TiledPoints places_;                                 ///< of ids()
+  std::unique_ptr<const ResidualCorrection> carrier_;  ///< centres: the points that move, then handle and fixed points
+  std::vector<std::uint32_t> moving_;                  ///< positions in ids()
+  TiledPoints places_;                                 ///< points of ids()
 };
 
 }  // namespace deform

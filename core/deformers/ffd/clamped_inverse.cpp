@@ -207,7 +207,7 @@ std::size_t ClampedInverse::bytes() const {
 
 namespace {
 
-/// Of groups with so many points and rows, kept as they are met.
+/// Sums up the memory of groups of held points from their numbers of points and rows.
 struct GroupBytes {
   ClampedInverse::Bytes bytes;
   std::size_t compressed = 0, largest = 0;

@@ -13,59 +13,60 @@
 namespace deform {
 
 /// Direct manipulation (thesis 3.3, eq. 3.5 to 3.7): the pseudo-inverse of the m x k matrix Phi of the functions at the held
-/// points. Singular values up to `clamp` times the largest one count as zero (eq. 3.6), since they move control points far to
-/// mend little.
+/// points, that is the handle and fixed points. Singular values up to `clamp` times the largest one count as zero (eq. 3.6),
+/// because they would move control points far for little gain.
 ///
-/// Points of one cell of the lattice share their functions, so their rows are first turned into as many as there are functions
-/// (QR): the decomposition then depends on the lattice and not on the number of points. Functions that reach no held point get 0.
-/// Immutable; any thread.
+/// Points in the same cell of a lattice have the same functions, so their rows are first compressed by QR to as many as there are
+/// functions: the cost of the decomposition then depends on the lattice and not on the number of points. Functions that are zero
+/// at all held points get the coefficient 0. Immutable; any thread.
 class ClampedInverse {
  public:
-  /// Smallest clamp: below, singular values are rounding.
+  /// Limits of the clamp. Smaller singular values are dominated by rounding.
   static constexpr double least_clamp = 1e-15, largest_clamp = 0.5;
-  /// Functions that may reach held points.
+  /// The largest number of functions that are nonzero at held points.
   static constexpr std::size_t most_functions = 4000;
 
-  /// held: rows of `rows`. clamp: 0 = automatic, the point of the L-curve of `fields` (m x f, what will be prescribed) with slope
-  /// -1 (misfit against motion of the control points, both logarithmic: Reginska 1996; Hansen, Rank-Deficient and Discrete
-  /// Ill-Posed Problems, 7.5), among 1e-1, 1e-1.25 .. 1e-8. Throws Error(invalid_argument) for more than most_functions,
-  /// Error(numerical_failure) when no function reaches a held point, and what thin_svd() and the context throw.
+  /// `held` are the held points, as rows of `rows`. clamp = 0 is automatic: among 1e-1, 1e-1.25 .. 1e-8 the point of slope -1 on
+  /// the L-curve of `fields`, which are m x f typical prescribed fields (misfit against motion of the control points, both
+  /// logarithmic: Reginska 1996; Hansen, Rank-Deficient and Discrete Ill-Posed Problems, 7.5). Throws Error(invalid_argument) for
+  /// more than most_functions functions, Error(numerical_failure) if all functions are zero at all held points, and what
+  /// thin_svd() and the context throw.
   ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double clamp, const Eigen::MatrixXd& fields,
                  const RunContext& context);
 
-  /// Upper bounds of bytes() and of what the constructor needs beside them, from the rows. Throws as the constructor for too many
-  /// functions.
+  /// Upper bounds of bytes() and of the additional memory of the constructor, computed from the rows. Throws as the constructor
+  /// does for too many functions.
   struct Bytes {
     std::size_t resident = 0, peak = 0;
     std::size_t functions = 0;
     double flops = 0;
   };
   static Bytes estimate(const FunctionRows& rows, const std::vector<PointId>& held);
-  /// The same where every function reaches every held point.
+  /// The same if every function is nonzero at every held point.
   static Bytes estimate(std::size_t held, std::size_t functions);
 
   double clamp() const { return clamp_; }
-  /// Of what is kept: largest over smallest singular value.
+  /// The ratio of the largest to the smallest singular value in use.
   double condition() const { return largest_ / values_[values_.size() - 1]; }
   std::size_t rank() const { return static_cast<std::size_t>(values_.size()); }
-  /// Functions that reach held points.
+  /// The number of functions that are nonzero at some held point.
   std::size_t functions() const { return active_.size(); }
   std::size_t bytes() const;
 
-  /// Phi^+ h: k x c from m x c.
+  /// Returns Phi^+ h: k x c from m x c.
   Eigen::MatrixXd solve(const Eigen::MatrixXd& h) const;
-  /// (Phi^+)^T g: m x c from k x c.
+  /// Returns (Phi^+)^T g: m x c from k x c.
   Eigen::MatrixXd adjoint(const Eigen::MatrixXd& g) const;
-  /// How far a column of the solution may be off in the 2-norm, from rounding, for one whose length is `size` and whose misfit
-  /// has the length `misfit` (first-order perturbation of truncated singular values).
+  /// Estimates the rounding error in the 2-norm of a column of the solution with norm `size` whose misfit has the norm `misfit`
+  /// (first-order perturbation of truncated singular values).
   double uncertainty(double size, double misfit) const;
 
  private:
-  /// Held points that share their functions.
+  /// Held points with the same functions.
   struct Group {
     std::vector<std::int64_t> points;  ///< positions in `held`
-    Eigen::MatrixXd Q;                 ///< points x rows, orthonormal columns; empty: the rows are the points themselves
-    Eigen::Index first = 0, rows = 0;  ///< of the compressed matrix
+    Eigen::MatrixXd Q;                 ///< points x rows, orthonormal columns; empty if rows and points are the same
+    Eigen::Index first = 0, rows = 0;  ///< rows in the compressed matrix
   };
   static std::vector<Group> groups_of(const FunctionRows& rows, const std::vector<PointId>& held);
   Eigen::MatrixXd compressed(const Eigen::MatrixXd& h) const;
@@ -75,9 +76,9 @@ class ClampedInverse {
   std::size_t held_ = 0;
   std::vector<Group> groups_;
   Eigen::Index compressed_rows_ = 0;
-  std::vector<std::int64_t> active_;  ///< functions that reach held points, ascending
+  std::vector<std::int64_t> active_;  ///< functions that are nonzero at some held point, ascending
   double clamp_ = 0;
-  double largest_ = 0, left_out_ = 0;  ///< singular values: the largest of all and of those left out
+  double largest_ = 0, left_out_ = 0;  ///< largest of all singular values, and of those left out
   Eigen::MatrixXd U_, V_;              ///< compressed rows x rank, functions() x rank
   Eigen::VectorXd values_;             ///< rank
 };

@@ -9,7 +9,7 @@
 
 namespace deform {
 
-/// Designs bound to an DirectSystem.
+/// Designs bound to a DirectSystem.
 class DirectEvaluation : public HandleEvaluation {
  public:
   DirectEvaluation(std::shared_ptr<const DirectSystem> system, std::span<const Design> designs, EvaluationPath path,
@@ -22,7 +22,7 @@ class DirectEvaluation : public HandleEvaluation {
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
 
   const DirectSystem& system_;
-  std::vector<DirectSystem::RowMajor> controls_;  ///< per design on the direct path: displacements of the control points
+  std::vector<DirectSystem::RowMajor> controls_;  ///< displacements of the control points for each design on the direct path
 };
 
 }  // namespace deform

@@ -13,26 +13,26 @@
 
 namespace deform {
 
-/// What direct manipulation moves, and how.
+/// The control points of direct manipulation and its options.
 struct DirectModel {
   std::shared_ptr<const ComputedRows> rows;  ///< functions of the control points at the points of the mesh, n x k
   std::vector<std::string> notes;
   double clamp = 0;   ///< see ClampedInverse
-  double growth = 1;  ///< bound of the 2-norm of a row
+  double growth = 1;  ///< upper bound of the 2-norm of a row
   BasisMode basis = BasisMode::automatic;
   double basis_tolerance = 0;
-  std::string remedy;  ///< what keeps control points back that move too far: "a larger clamp"
+  std::string remedy;  ///< shown in warnings about control points that move too far: "a larger clamp"
 };
-/// Of the regions of the points of the mesh, which are not known before.
+/// Creates the model from the regions of the points, which are not known before.
 using MakeDirectModel = std::function<DirectModel(const std::vector<RegionIndex>& region_of)>;
 
-/// Direct manipulation of a lattice or a cage (thesis 3.3): the control points go where handles and fixed points are met best, in
-/// the sense of ClampedInverse. All points follow the control points, those of handles and fixed regions too, so that they are
-/// met as well as the control points can: report().interpolation_residual is the largest misfit at any of them (an upper bound on
-/// the basis path). Points that no function reaches stay.
+/// Direct manipulation of a lattice or a cage (thesis 3.3): the control points move such that the handle and fixed points are
+/// matched best, in the sense of ClampedInverse. All points follow the control points, including those of handles and fixed
+/// regions, which are matched only approximately: report().interpolation_residual is the largest misfit at any of them (an upper
+/// bound on the basis path). Points at which all functions are zero stay at rest.
 class DirectSystem : public HandleSystem {
  public:
-  /// Throws what `make` and ClampedInverse throw.
+  /// Throws the errors of `make` and ClampedInverse.
   DirectSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const MakeDirectModel& make, const RunContext& context,
                std::size_t memory_budget);
 
@@ -49,35 +49,35 @@ class DirectSystem : public HandleSystem {
                               const RunContext& context) const override;
   void prepare_basis(std::size_t memory_budget, const RunContext& context);
   void fill_info();
-  /// m x 4H: 1, x, y, z of every handle at the held points, in unit coordinates.
+  /// The fields 1, x, y, z of every handle at the held points, m x 4H, in unit coordinates.
   Eigen::MatrixXd fields_at_held() const;
-  /// Displacements of the held points: m x 3, model units.
+  /// The prescribed displacements of the held points: m x 3, model units.
   Eigen::MatrixXd prescribed(const BoundDesign& design, MotionKind kind) const;
-  /// Displacements of the control points (k x 3, model units) in a design of affine motions, from controls_.
+  /// The displacements of the control points (k x 3, model units) for a design of affine motions, from controls_.
   RowMajor affine_controls(const BoundDesign& design, MotionKind kind) const;
-  /// Misfits of a solution at the held points, m x c: prescribed minus reached.
+  /// The misfit of a solution at the held points, prescribed minus actual: m x c.
   Eigen::MatrixXd misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& controls) const;
-  /// How far column c of a solution may be off at any point.
+  /// The estimated largest error of column c of a solution at any point.
   double error_of(const Eigen::MatrixXd& controls, const Eigen::MatrixXd& missed, Eigen::Index c) const;
-  /// out[c][16] = values at a tile of the following points.
+  /// Writes the values at a tile of the following points to out[c][16].
   void fill_tile(const RowMajor& controls, std::size_t tile, double* out) const;
 
   std::vector<PointId> ids_;  ///< m: handle and fixed points, ascending
   DirectModel model_;
   std::unique_ptr<const ClampedInverse> inverse_;
-  RowMajor controls_;  ///< k x 4H: the control points for the fields of the handles
+  RowMajor controls_;  ///< k x 4H: displacements of the control points for the fields of the handles
 };
 
-/// What estimate_direct() counts from.
+/// The input of estimate_direct().
 struct DirectEstimate {
   ClampedInverse::Bytes inverse;
   std::size_t held = 0, functions = 0;
-  std::size_t row_bytes = 0;  ///< of the rows
+  std::size_t row_bytes = 0;  ///< memory of the rows
   BasisMode basis = BasisMode::automatic;
   double basis_tolerance = 0;
-  double seconds_per_row = 0;  ///< that the functions at a point take besides
+  double seconds_per_row = 0;  ///< additional time to compute the functions at a point
 };
-/// Without advice.
+/// Estimates the cost of a DirectSystem. Sets no advice.
 Estimate estimate_direct(const Mesh& mesh, const SelectedRegions& regions, const DirectEstimate& of);
 
 }  // namespace deform

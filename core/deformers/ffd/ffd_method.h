@@ -16,11 +16,11 @@ struct FfdMethod {
   using Options = FfdOptions;
   static constexpr std::string_view name = "ffd";
   static constexpr MethodFeatures features{.symmetry = false, .constraints = true};
-  /// Constraints are refused but for FfdControl::energy, moved control points with it.
+  /// Rejects constraints unless control is FfdControl::energy, and moved control points if it is.
   static void validate(const FfdOptions& options, const Setup& setup, const Mesh& mesh);
   static bool selects_controls(const FfdOptions& options) { return options.control == FfdControl::controls; }
   static ControlSet controls(const FfdOptions& options, const Mesh& mesh);
-  /// There are none.
+  /// Free-form deformation has no centres.
   static std::optional<std::vector<PointId>> known_centres(const FfdOptions&, const Mesh&, const SelectedRegions&) {
     return std::nullopt;
   }

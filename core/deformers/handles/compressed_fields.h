@@ -13,22 +13,22 @@
 
 namespace deform {
 
-/// What FieldTiles holds, to a bound that is kept at every point, in a fraction of the memory. Places are those of the points, in
-/// unit coordinates, and always the same ones.
+/// The fields of FieldTiles in a fraction of the memory, with an error bound that holds at every point. Places are the points in
+/// unit coordinates; all calls must pass the same ones.
 class CompressedFields {
  public:
-  /// No stored value is off by more than `bound`, over 0. Progress "basis", without fractions.
+  /// Compresses the fields with an error of at most `bound` > 0 in every value. Reports "basis" progress without fractions.
   CompressedFields(const FieldTiles& fields, std::span<const Vec3> places, double bound, const RunContext& context);
 
   std::size_t points() const { return points_; }
   std::size_t fields() const { return fields_; }
-  /// Per field: what a stored value is off by at most, with the rounding of sums of them; measured at all points.
+  /// The largest error of each field, measured at all points, including the rounding of sums.
   const std::vector<double>& errors() const { return errors_; }
   std::size_t bytes() const;
-  /// About the most that fields of size 1 take, at most what FieldTiles takes.
+  /// An approximate upper bound of the memory of fields of magnitude 1, at most that of FieldTiles.
   static std::size_t bytes_for(std::size_t points, std::size_t fields, double bound);
 
-  /// As FieldTiles::transposed_product(), of the stored values.
+  /// As FieldTiles::transposed_product(), for the compressed values.
   std::vector<double> transposed_product(std::span<const Vec3> X, std::span<const Vec3> places, const RunContext& context) const;
 
  private:
@@ -39,16 +39,18 @@ class CompressedFields {
   std::vector<double> errors_;
 };
 
-/// Sums of compressed fields at tiles of points. What a block needs is worked out once for tiles in order. For one thread.
+/// Sums of compressed fields at tiles of points. Tiles should be visited in order, because the preparation of a block is kept for
+/// the next tile. Not thread-safe.
 class CompressedSums {
  public:
-  /// Columns of coefficients: fields x columns with row stride ldb, of which only the named rows count. Borrows all of them.
+  /// B holds the coefficients, fields x columns with row stride ldb, of which only the given rows are used. All arguments must
+  /// outlive this object.
   CompressedSums(const CompressedFields& fields, std::span<const std::uint32_t> rows, const double* B, std::size_t ldb,
                  std::size_t columns)
       : fields_(fields), rows_(rows), B_(B), ldb_(ldb), columns_(columns) {}
 
-  /// out[c][16] += the sums of the columns [first, first + count) at the points of a tile, of which `places` has up to 16. Every
-  /// column has the same bits however many there are.
+  /// Adds the sums of the columns [first, first + count) at the points of a tile to out[c][16]. `places` are the up to 16 points
+  /// of the tile. The result of a column does not depend on the other columns, bit for bit.
   void add_tile(std::size_t tile, std::span<const Vec3> places, std::size_t first, std::size_t count, double* out);
 
  private:
@@ -58,7 +60,7 @@ class CompressedSums {
   const std::span<const std::uint32_t> rows_;
   const double* const B_;
   const std::size_t ldb_, columns_;
-  std::size_t block_ = static_cast<std::size_t>(-1);  ///< entered
+  std::size_t block_ = static_cast<std::size_t>(-1);  ///< the current block
   std::vector<double> coefficients_;                  ///< (4 + columns of the block) x columns_
   std::vector<double> along_;                         ///< columns_ x stride of the block
   std::vector<double> values_;                        ///< (4 + columns of the block) x 16

@@ -10,13 +10,13 @@
 
 namespace deform {
 
-/// The points of handles and fixed regions (constraint points) of a mesh, and the others.
+/// The points of handles and fixed regions of a mesh (constraint points), and the others.
 struct ConstraintPoints {
   std::vector<RegionIndex> region_of;  ///< n
   std::vector<PointId> deformable;     ///< ascending
   /// Constraint points that coincide (within 1e-12 D), ascending, at least two each.
   std::vector<std::vector<PointId>> coincident;
-  std::size_t count = 0;  ///< of the constraint points
+  std::size_t count = 0;  ///< number of constraint points
 };
 
 ConstraintPoints constraint_points(const Mesh& mesh, const SelectedRegions& regions);

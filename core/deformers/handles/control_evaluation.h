@@ -23,7 +23,7 @@ class ControlEvaluation : public HandleEvaluation {
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
 
   const ControlSystem& system_;
-  std::vector<std::vector<Vec3>> controls_;  ///< per design on the direct path: displacements of the control points
+  std::vector<std::vector<Vec3>> controls_;  ///< displacements of the control points for each design on the direct path
 };
 
 }  // namespace deform

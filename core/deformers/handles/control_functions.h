@@ -13,8 +13,8 @@ namespace deform {
 /// Functions of control points (columns) at points (rows). Immutable; any thread.
 class ControlFunctions : public ComputedRows {
  public:
-  /// out[d] = sum over the entries of a row of their value times vectors[d][column]: of a vector per control point. Each sum
-  /// has the bits that it has alone.
+  /// out[d] = sum over the entries of a row of value times vectors[d][column], where vectors[d] holds one vector for each control
+  /// point. The sums do not depend on each other, bit for bit.
   virtual void sums(std::int64_t row, std::span<const Vec3* const> vectors, Vec3* out) const {
     for (std::size_t d = 0; d < vectors.size(); ++d) out[d] = {};
     for_each(row, [&](std::int64_t column, double value) {

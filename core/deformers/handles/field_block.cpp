@@ -60,8 +60,8 @@ MatrixXd affine_matrix(const FieldBlock& block, std::span<const Vec3> places) {
   return A;
 }
 
-/// What is left of the fields without their affine parts as U V^T, V of floats: each direction is the row of the point where most
-/// is left.
+/// The fields without their affine parts as U V^T with V in floats. Each direction is the row of the point with the
+/// largest remainder.
 struct Factors {
   MatrixXd U;  ///< points x columns
   MatrixXd V;  ///< fields x columns
@@ -113,7 +113,8 @@ struct Quantized {
   }
 };
 
-/// With steps of at most `step`. A column that needs more than 31 bits becomes two, the second of what the first leaves.
+/// Quantizes with steps of at most `step`. A column that needs more than 31 bits becomes two, the second one for the remainder of
+/// the first.
 Quantized quantized(const Factors& factors, double step) {
   Quantized result;
   const Index most = 2 * factors.U.cols();
@@ -134,8 +135,8 @@ Quantized quantized(const Factors& factors, double step) {
   return result;
 }
 
-/// What sums of the parts in any order may be off by, per field and unit of its coefficient: with n terms n roundings of all of
-/// their magnitudes together (Higham, Accuracy and Stability of Numerical Algorithms, 4.2), doubled.
+/// A bound of the rounding error of sums of the parts in any order, for each field and unit of its coefficient: for n terms, n
+/// roundings of the sum of their magnitudes (Higham, Accuracy and Stability of Numerical Algorithms, 4.2), doubled.
 Eigen::VectorXd rounding_of(const MatrixXd& affine, const MatrixXd& U, const MatrixXd& V) {
   Eigen::VectorXd sizes = affine.cwiseAbs().colwise().sum().transpose();
   for (Index k = 0; k < U.cols(); ++k) {

@@ -11,38 +11,39 @@
 
 namespace deform {
 
-/// Some consecutive points of fields in less memory. Fields that are smooth differ little from affine functions of the place
-/// among neighbouring points, and what is left of many fields is spanned by few directions:
+/// Compressed fields at a block of consecutive points. Smooth fields differ little from affine functions of the place over
+/// neighbouring points, and the remainders of many fields span a space of low dimension:
 ///   field f at point p = (1, x, y, z)(p) . affine[f] + sum over k of (offset[k] + step[k] code[k](p)) directions[f][k]
-/// with whole numbers as codes. The places are those of the mesh and cost nothing. Numerical rank: Golub and Van Loan, Matrix
-/// Computations, 5.4; the quantization of orthogonal coefficients: Goyal, Theoretical foundations of transform coding (2001).
+/// where the codes are integers and the places, which are known from the mesh, need not be stored. Numerical rank: Golub and
+/// Van Loan, Matrix Computations, 5.4; quantization of orthogonal coefficients: Goyal, Theoretical foundations of transform
+/// coding (2001).
 struct FieldBlock {
-  static constexpr std::size_t tiles = 32;  ///< that a block is made of, but the last
+  static constexpr std::size_t tiles = 32;  ///< tiles of each block but the last
   static constexpr std::size_t points = tiles * tile_size;
   static constexpr std::size_t affine_terms = 4;
 
   Vec3 centre{};
   double inverse_radius = 1;       ///< local coordinates are (place - centre) * inverse_radius, at most 1
   std::vector<double> affine;      ///< fields x 4
-  std::vector<double> steps;       ///< per column
-  std::vector<double> offsets;     ///< per column
-  std::vector<std::uint8_t> bits;  ///< per column, see coded_tiles.h
-  std::size_t stride = 0;          ///< of `directions`: the columns, rounded up to a multiple of four
+  std::vector<double> steps;       ///< step of each column
+  std::vector<double> offsets;     ///< offset of each column
+  std::vector<std::uint8_t> bits;  ///< bits of each column, see coded_tiles.h
+  std::size_t stride = 0;          ///< row stride of `directions`: the number of columns, rounded up to a multiple of four
   std::vector<float> directions;   ///< fields x stride
-  std::size_t tile_bytes = 0;      ///< of the codes of a tile, column after column
+  std::size_t tile_bytes = 0;      ///< bytes of the codes of a tile, column by column
   std::vector<std::uint8_t> codes;
-  std::vector<double>
-      exact;  ///< the fields themselves, as FieldTiles has them, where the above would take more; all others empty
+  /// The uncompressed fields as in FieldTiles, if compression would take more memory; the other arrays are empty then.
+  std::vector<double> exact;
 
   std::size_t columns() const { return bits.size(); }
-  /// 1, x, y, z in local coordinates at up to 16 places: rows[4][16], 0 behind the last.
+  /// Writes 1, x, y, z in local coordinates at up to 16 places to rows[4][16], padded with 0.
   void affine_rows(std::span<const Vec3> places, double* rows) const;
   std::size_t bytes() const;
 };
 
-/// The block of `fields` that begins at point `first`, such that no value is off by more than `bound`; places of all points of
-/// the fields, unit coordinates. errors[f] becomes the largest error of a field at the points, with what sums in another order
-/// may add. A pure function.
+/// Compresses the block of `fields` that begins at point `first`, with an error of at most `bound` in every value. `places` are
+/// all points of the fields in unit coordinates. errors[f] receives the largest error of field f at the points of the block,
+/// including the rounding of sums in another order. Any thread.
 FieldBlock compress_block(const FieldTiles& fields, std::size_t first, std::span<const Vec3> places, double bound,
                           std::span<double> errors);
 

@@ -11,8 +11,8 @@
 
 namespace deform {
 
-/// Values of some fields at points, stored in tiles of 16 points, field after field in a tile, so that one design (a sum of the
-/// fields) is one pass through memory in order and a population is a matrix product.
+/// The values of fields at points, stored in tiles of 16 points and field by field within a tile, so that evaluating a design (a
+/// sum of the fields) is one sequential pass through memory, and a population is a matrix product.
 class FieldTiles {
  public:
   FieldTiles(std::size_t points, std::size_t fields)
@@ -30,7 +30,7 @@ class FieldTiles {
   double at(std::size_t point, std::size_t field) const { return tile(point / tile_size)[field * tile_size + point % tile_size]; }
   double& at(std::size_t point, std::size_t field) { return tile(point / tile_size)[field * tile_size + point % tile_size]; }
 
-  /// tiles^T times X (points x 3): fields x 3, row by row. Summed in a fixed order. Any thread.
+  /// The transposed fields times X (points x 3): fields x 3, row-major. The order of summation is fixed. Any thread.
   std::vector<double> transposed_product(std::span<const Vec3> X, const RunContext& context) const;
 
  private:

@@ -14,38 +14,40 @@
 
 namespace deform {
 
-/// The handle basis of thesis 4.2 (eq. 4.1): the values at the points that follow (d x 4H) for the fields 1, x, y, z of every
-/// handle.
+/// The handle basis of thesis 4.2 (eq. 4.1): the values at the following points (d x 4H) for the fields 1, x, y, z of each of
+/// H handles.
 struct HandleBasis {
-  /// Of the displacement, in the frame of the symmetry planes: those that have these values.
+  /// The components of the displacement, in the frame of the symmetry planes, to which these values apply.
   std::vector<std::size_t> components;
   FieldTiles tiles;
-  std::vector<double> residuals;  ///< per field: largest |value - prescribed value| over the handle and fixed points
-  /// exact - stored value, estimated, at some of the points x fields, row by row; of all bases of a system at the same points.
+  std::vector<double> residuals;  ///< largest |value - prescribed value| of each field over the handle and fixed points
+  /// Estimates of exact - stored values, checked points x fields, row-major. All bases of a system use the same points.
   std::vector<double> errors{};
-  std::vector<double> more{};  ///< per field: to be added for what may be worse at other points, or all that is known; or empty
-  bool converged = true;       ///< false when a solution stopped above its tolerance, or a factor has no correct digits
-  std::optional<CompressedFields> compressed{};  ///< in the place of the tiles, which have no points then
+  /// For each field an allowance for larger errors at other points, or the whole error if nothing else is known; may be empty.
+  std::vector<double> more{};
+  bool converged = true;                         ///< false if a solution missed its tolerance or a factor has no correct digits
+  std::optional<CompressedFields> compressed{};  ///< replaces `tiles`, which have no points then
 
-  /// Stores the fields to a tolerance from now on: the errors of all of them together stay within that fraction of D in a design
-  /// whose handles move by D and turn by one radian. Each has the same share, the tolerance over the number of fields: the
-  /// coefficients of a handle are then at most D for the field 1, and for x, y and z sqrt(12 (1 - cos 1)) < 2.4 D together.
-  /// Places of the points that follow, unit coordinates.
+  /// Compresses the fields: the error of all of them together is at most `tolerance` D in a design whose handles move by D and
+  /// rotate by one radian. Each field has the same share, the tolerance over the number of fields, because the coefficients of a
+  /// handle are then at most D for the field 1, and sqrt(12 (1 - cos 1)) < 2.4 D for x, y and z together. `places` are the
+  /// following points in unit coordinates.
   void compress(std::span<const Vec3> places, double tolerance, const RunContext& context);
 
-  /// Without the errors.
+  /// Memory in bytes, without the errors.
   std::size_t bytes() const;
-  /// About the most that a basis takes, to a tolerance or, with 0, in doubles.
+  /// An approximate upper bound of the memory of a basis with this tolerance, or in doubles if it is 0.
   static std::size_t bytes_for(std::size_t points, std::size_t fields, double tolerance);
-  /// The same while it is made: it is there in doubles before it is compressed.
+  /// The same for the peak while it is computed; it exists in doubles before it is compressed.
   static std::size_t peak_bytes_for(std::size_t points, std::size_t fields, double tolerance);
 };
 
-/// Limits of the tolerance of a basis; 0 stands for doubles. Throws Error(invalid_argument) naming the field.
+/// The limits of the tolerance of a basis; 0 means doubles. check_basis_tolerance() throws Error(invalid_argument) naming
+/// the field.
 inline constexpr double least_basis_tolerance = 1e-12, largest_basis_tolerance = 1e-3;
 void check_basis_tolerance(double tolerance, const std::string& field);
 
-/// Whether a basis of so many bytes is stored beside a factor of so many.
+/// Whether a basis of this size is stored in addition to a factor of this size, in bytes.
 bool wants_basis(BasisMode mode, std::size_t basis_bytes, std::size_t factor_bytes);
 
 }  // namespace deform

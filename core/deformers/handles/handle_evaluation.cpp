@@ -198,7 +198,7 @@ void HandleEvaluation::evaluate_prescribed(std::size_t begin, std::size_t end, s
   }
 }
 
-/// What one call of evaluate() works with.
+/// The working data of one call of evaluate().
 struct HandleEvaluation::Pass {
   std::size_t first_slot = 0;          ///< of the designs on the basis path
   std::vector<CompressedSums> sums;    ///< per basis, if they are compressed

@@ -12,9 +12,9 @@
 
 namespace deform {
 
-/// Designs bound to a HandleSystem: their paths, the coefficients of those on the basis path, and the points from the
-/// displacements of tiles. The constructor of a derived class solves for the designs on the direct path and completes their
-/// reports; direct_tile() gives their displacements.
+/// Designs bound to a HandleSystem. This class chooses their paths, computes the coefficients of those on the basis path, and
+/// computes points from the displacements of tiles. The constructor of a derived class solves for the designs on the direct path
+/// and completes their reports; its direct_tile() returns their displacements.
 class HandleEvaluation : public Evaluation {
  public:
   std::size_t design_count() const final { return designs_.size(); }
@@ -25,30 +25,30 @@ class HandleEvaluation : public Evaluation {
   /// Positions for the designs of System::bind().
   HandleEvaluation(std::shared_ptr<const HandleSystem> system, std::span<const Design> designs, EvaluationPath path,
                    const RunContext& context);
-  /// A displacement field from one affine map per handle (a derivative): evaluate() gives the field itself.
+  /// A derivative: the displacement field for one affine map per handle. evaluate() returns the field itself.
   HandleEvaluation(std::shared_ptr<const HandleSystem> system, const std::vector<Affine>& derivatives);
 
-  /// Displacements of `count` designs on the direct path at a tile of the following points, in the frame of the symmetry planes:
-  /// values[design][component][16].
+  /// Writes the displacements of `count` designs on the direct path at a tile of the following points to
+  /// values[design][component][16], in the frame of the symmetry planes.
   virtual void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const = 0;
-  /// Replaces points of [begin, end) that the solution does not decide about; see evaluate().
+  /// Replaces those of the points [begin, end) that the solution does not determine; see evaluate().
   virtual void replace_points(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;
 
-  /// What the errors of the bases come to in a design on the basis path, model units: `margin` times the largest length at the
-  /// points where they are known, and those of the sums; 0 when they are not known.
+  /// The error of a design on the basis path that results from the errors of the bases, model units: `margin` times the largest
+  /// norm at the checked points, plus that of the sums; 0 if they are unknown.
   double basis_error(std::size_t design, double margin) const;
-  /// What the tolerance of compressed bases comes to in a design on the basis path at most, model units.
+  /// The largest error of a design on the basis path that the compression of the bases can cause, model units.
   double compression_error(std::size_t design) const;
   bool is_direct(std::size_t design) const { return reports_[design].path == EvaluationPath::direct; }
   std::size_t direct_designs() const { return direct_designs_; }
-  /// Of each design among those of its path.
+  /// The position of a design among those of its path.
   std::size_t slot(std::size_t design) const { return slot_[design]; }
-  /// Completes the report of a design: the estimated error of its displacements, to which the rounding of the points is added.
+  /// Sets the error in the report of a design from that of its displacements, to which the rounding of the points is added.
   void set_error(std::size_t design, double error);
-  /// The displacement of a handle or fixed point, in the frame of the planes when there are any.
+  /// The displacement of a handle or fixed point, in the frame of the symmetry planes, if any.
   Vec3 prescribed_displacement(const BoundDesign& design, PointId id) const;
-  /// solve(design) for those on the direct path, in parallel, always one at a time: BLAS sums in another order for another number
-  /// of columns, and a design must not depend on the others bit for bit.
+  /// Calls solve(design) for the designs on the direct path, in parallel but each separately: BLAS changes the order of summation
+  /// with the number of columns, and a design must not depend on the others, bit for bit.
   template <typename Solve>
   void for_each_direct(const RunContext& context, const Solve& solve) const {
     parallel_for(context, designs_.size(), 1, [&](std::size_t design, std::size_t) {
@@ -57,7 +57,7 @@ class HandleEvaluation : public Evaluation {
     context.check();
   }
 
-  HeldPoints held_;  ///< of the system
+  HeldPoints held_;  ///< those of the system
   MotionKind kind_ = MotionKind::position;
   std::vector<BoundDesign> designs_;
   std::vector<DesignReport> reports_;
@@ -72,19 +72,19 @@ class HandleEvaluation : public Evaluation {
   void start_sums(std::size_t first, std::size_t count, Pass& pass) const;
   void fill_tile(std::size_t tile, std::size_t first, std::size_t count, Pass& pass) const;
   void place_tile(std::size_t low, std::size_t high, std::size_t begin, const Pass& pass, std::span<Vec3* const> out) const;
-  /// The coefficients of a design in one of the bases for one field, a number per component.
+  /// The coefficients of a design for one field of a basis, one for each component.
   const double* coefficients(std::size_t basis, std::size_t field, std::size_t design) const;
 
   std::shared_ptr<const HandleSystem> system_;
   std::vector<std::size_t> slot_;
   std::size_t basis_designs_ = 0, direct_designs_ = 0;
-  /// Per basis of the system: 4H x (its components, of each design on the basis path), row by row.
+  /// For each basis of the system 4H x (components of each design on the basis path), row-major.
   std::vector<std::vector<double>> coefficients_;
-  /// Per basis: the fields that have a coefficient other than 0 in any design, ascending. A translation needs one of four.
+  /// For each basis, the fields with a nonzero coefficient in any design, ascending. A translation needs only one of four.
   std::vector<std::vector<std::uint32_t>> moving_fields_;
 };
 
-/// Puts the values of some components into those of all: values[design][component][16] from part[design][of these][16].
+/// Copies the values of some components, part[design][position in `components`][16], to values[design][component][16].
 void place_components(const std::vector<std::size_t>& components, std::size_t designs, const double* part, double* values);
 
 }  // namespace deform

@@ -13,11 +13,11 @@
 #include "core/deformers/system.h"
 #include "core/mesh/mesh.h"
 
-// What every method does with handles and designs.
+// Handles and designs, common to all methods.
 
 namespace deform {
 
-/// Region number of a point: a handle's index, `fixed_region` or `deformable_region`.
+/// The region of a point: the index of a handle, `fixed_region` or `deformable_region`.
 using RegionIndex = std::uint32_t;
 inline constexpr RegionIndex fixed_region = 0xfffffffeu;
 inline constexpr RegionIndex deformable_region = 0xffffffffu;
@@ -34,33 +34,34 @@ struct UnitBox {
 
 std::vector<Vec3> unit_places(const Mesh& mesh, const UnitBox& box, std::span<const PointId> ids);
 
-/// What moves with a handle: the fields 1, x, y, z of its points, in unit coordinates relative to a point of reference and along
-/// three axes (thesis 4.2).
+/// The frame of a handle, in which the fields 1, x, y, z of its points are measured: unit coordinates relative to a reference
+/// point, along three axes (thesis 4.2).
 struct HandleFrame {
   Vec3 reference{};                                             ///< unit coordinates
   std::array<Vec3, 3> axes{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};  ///< orthonormal
 };
 
-/// Displacement field of an affine motion on a handle as the coefficients of its four fields, 4 x 3 row by row, model units.
-/// `motion` maps positions to positions (displacement = motion(x) - x) or, with derivative, positions to displacements.
+/// The displacement field of an affine motion of a handle as the coefficients of its four fields, 4 x 3, row-major, model
+/// units. `motion` maps positions to positions (displacement = motion(x) - x) or, for MotionKind::derivative, positions
+/// to displacements.
 enum class MotionKind { position, derivative };
 void field_coefficients(const Affine& motion, MotionKind kind, const HandleFrame& frame, const UnitBox& box, double* out);
 
-/// Frames in the middle of the boxes of the handles. With symmetry planes the axes are those of the planes, and a handle that
-/// reaches a plane, or comes closer to it than it is thick across it, has its reference in that plane: the component of a
-/// displacement along the normal of a plane is odd there, so its fields are smooth across the plane if they vanish on it.
+/// The frames of the handles, centred in their bounding boxes. With symmetry planes the axes are those of the planes, and a
+/// handle that touches a plane, or whose distance from it is less than its thickness across it, has its reference in that plane:
+/// the normal component of a displacement is odd there, so its fields are smooth across the plane if they vanish on it.
 std::vector<HandleFrame> handle_frames(const Mesh& mesh, const SelectedRegions& regions, const UnitBox& box);
 
-/// What a design comes down to: per handle an affine map or displacements, borrowed from nobody.
+/// A design as one affine map or displacements for each handle; owns its data.
 struct BoundDesign {
   std::vector<Affine> affine;                   ///< H
-  std::vector<std::vector<Vec3>> displacement;  ///< H, empty where the affine map holds
-  double tolerance = 0;                         ///< of its solution; 0: that of the setup
+  std::vector<std::vector<Vec3>> displacement;  ///< H; empty if the handle has an affine map
+  double tolerance = 0;                         ///< tolerance of its solution; 0: that of the setup
   bool is_affine() const;
   bool moves(std::size_t handle) const { return !displacement[handle].empty() || affine[handle] != identity_affine; }
 };
 
-/// The handle and fixed points of a system, borrowed from it: points of the mesh, or control points.
+/// A view of the handle and fixed points of a system, which are points of the mesh or control points.
 struct HeldPoints {
   const Mesh& mesh;
   const Setup& setup;
@@ -72,13 +73,14 @@ struct HeldPoints {
 
   /// Throws Error(invalid_argument) starting with designs[index], see System::bind().
   BoundDesign bound(const Design& design, std::size_t index) const;
-  /// Where a point is sent; with MotionKind::derivative the derivative of that. Points on symmetry planes are not slid.
+  /// The prescribed position of a point or, for MotionKind::derivative, its derivative. Points are not projected to their
+  /// symmetry planes.
   Vec3 prescribed_position(const BoundDesign& design, PointId id, MotionKind kind) const;
-  /// Where it goes: points on a symmetry plane stay in it to the last digit, whatever was rounded on the way.
+  /// The resulting position of a point: points on a symmetry plane stay in it exactly, without rounding errors.
   Vec3 place(const BoundDesign& design, PointId id, MotionKind kind) const;
-  /// Refuses coincident points that are sent to different places.
+  /// Throws if coincident points have different prescribed positions.
   void check_coincident(const BoundDesign& design, std::size_t index) const;
-  /// Largest displacement of a handle point, model units.
+  /// The largest displacement of a handle point, model units.
   double largest_displacement(const BoundDesign& design) const;
 };
 
@@ -88,15 +90,17 @@ std::vector<Affine> motion_derivative(const Setup& setup, std::span<const double
 /// Throws Error(invalid_argument) for a cotangent field of the wrong length or not finite.
 void check_cotangent(const Points& cotangent, std::size_t points);
 
-/// d/d(variables)^T from what the cotangent field sums up to: `fields` (4H x 3, row by row) over the points that follow the
-/// handles' fields, in units of the fields; and over the handle points themselves, which go where the motions say.
+/// Applies the transpose of d(points)/d(variables): from `fields` (4H x 3, row-major, in units of the fields), the contraction of
+/// the cotangent field with the handle fields over the following points, and from the cotangent field at the handle points, whose
+/// motion is prescribed.
 std::vector<double> variable_gradient(const HeldPoints& held, std::span<const double> variables, const Points& cotangent,
                                       std::span<const double> fields, const std::vector<HandleFrame>& frames, const UnitBox& box);
 
-/// "1.2e-05"
+/// Formats a number as "1.2e-05".
 std::string scientific(double value);
 
-/// What a system keeps of n points. Per point: region, rank, id and unit coordinates (a tile more), group lists; planes.
+/// The memory of a system for n points, in bytes: for each point region, rank, id and unit coordinates (plus one tile),
+/// coincident groups, symmetry planes.
 std::size_t point_bytes(std::size_t n, const Symmetry& symmetry);
 
 }  // namespace deform

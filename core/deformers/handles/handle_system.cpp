@@ -25,7 +25,7 @@ constexpr const char* only_slides =
 
 }  // namespace
 
-/// What follows, and what is held.
+/// The mesh whose points follow, and the mesh with the handle and fixed points.
 struct HandleSystem::Held {
   std::shared_ptr<const Mesh> mesh, held;
 };

@@ -17,13 +17,13 @@
 
 namespace deform {
 
-/// A system that is driven by handles: the regions of a setup on a mesh, what their motions come to, the handle basis and the
-/// chain rule from the points to the design variables. A method derives from it and from HandleEvaluation and supplies its
-/// solution: see tests/support/uniform_blend.h for a small one.
+/// The base class of systems driven by handles. It holds the regions of a setup on a mesh, the handle basis and the chain rule
+/// from the points to the design variables. A method derives from it and from HandleEvaluation and supplies its solution;
+/// tests/support/uniform_blend.h is a small example.
 ///
-/// Points that are prescribed (handles and fixed regions, unless these are soft) go exactly where they are sent; the others
-/// follow the solution. With symmetry planes the displacements of the following points are handled in the frame of the planes,
-/// where a component along the normal of a plane is zero at its points.
+/// Prescribed points (of handles and fixed regions, unless these are soft) get exactly their prescribed positions; the others
+/// follow the solution. With symmetry planes the displacements of the following points are expressed in the frame of the planes,
+/// where the normal component of a plane is zero at its points.
 class HandleSystem : public System {
  public:
   const SystemInfo& info() const final { return info_; }
@@ -35,57 +35,57 @@ class HandleSystem : public System {
  protected:
   friend class HandleEvaluation;
 
-  /// How long a unit of the solution's coordinates is.
+  /// The length of a unit of the solution's coordinates.
   enum class Unit { longest_edge, diagonal };
   HandleSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, HandleMode handles, Unit unit, const RunContext& context);
-  /// Handles and fixed regions select control points (SelectedRegions::of), whose places are the points of `controls`; all points
-  /// of the mesh follow. Units are those of the diagonal of the mesh.
+  /// For handles and fixed regions that select control points (SelectedRegions::of), which are the points of `controls`. All
+  /// points of the mesh follow. The unit is the diagonal of the mesh.
   HandleSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, std::shared_ptr<const Mesh> controls,
                const RunContext& context);
 
-  /// The derivative of a deformation at `variables`, where the handles change as the maps say: a displacement field.
+  /// The derivative of the deformation at `variables` when the motions of the handles change by `maps`: a displacement field.
   virtual std::unique_ptr<const Evaluation> derivative(std::span<const double> variables, const std::vector<Affine>& maps,
                                                        const RunContext& context) const = 0;
-  /// The transpose of "fields of the handles to displacements of the following points" (in the frame of the planes) without a
-  /// basis: 4H x 3, row by row, from one vector per following point.
+  /// The transpose of the map from fields of the handles to displacements of the following points (in the frame of the planes),
+  /// without a basis: 4H x 3, row-major, from one vector for each following point.
   virtual std::vector<double> adjoint(std::span<const double> variables, const std::vector<Vec3>& at_following,
                                       const RunContext& context) const = 0;
 
-  /// Whether handle and fixed points are prescribed.
+  /// Whether handle and fixed points are met exactly.
   bool hard_handles() const { return handles_ == HandleMode::hard; }
   bool is_prescribed(PointId id) const { return hard_handles() && points_.region_of[id] != deformable_region; }
-  /// Points that follow the solution, ascending.
+  /// The points that follow the solution, ascending.
   const std::vector<PointId>& following() const { return hard_handles() ? points_.deformable : all_; }
   bool has_basis() const { return !basis_.empty(); }
   std::size_t fields() const { return 4 * frames_.size(); }
   HeldPoints held() const {
     return {*held_mesh_, setup_, regions_, points_.region_of, rank_of_, points_.coincident, info_.diagonal};
   }
-  /// 1, x, y, z of a handle at one of its points: unit coordinates, from its point of reference.
+  /// The fields 1, x, y, z of a handle at one of its points, in unit coordinates relative to its reference point.
   std::array<double, 4> handle_fields(std::size_t handle, PointId id) const;
-  /// A displacement in the frame of the planes, without its components along the normals of those that the point lies on.
+  /// A displacement in the frame of the planes without the normal components of those on which the point lies.
   Vec3 components(Vec3 in_frame, PointId id) const;
-  /// Refuses what System::bind() says: tolerances, coincident points that part, points that leave their symmetry plane.
+  /// Throws the errors of System::bind(): tolerances out of range, coincident points that separate, points that leave their
+  /// symmetry plane.
   void check(const BoundDesign& design, std::size_t index) const;
-  /// Unit coordinates of the points that follow.
+  /// The following points in unit coordinates.
   std::vector<Vec3> following_places() const { return unit_places(*mesh_, box_, following()); }
-  /// Stores a basis, to a tolerance (see HandleBasis::compress()) or, with 0, as
-  /// it is.
+  /// Stores a basis, compressed with a tolerance (see HandleBasis::compress()) or, if it is 0, unchanged.
   void add_basis(HandleBasis&& basis, double tolerance, const RunContext& context);
-  /// Ends a stage of preparing: its seconds in info().
+  /// Ends a stage of the preparation and records its seconds in info().
   void end_stage(const char* name) { info_.stage_seconds.emplace_back(name, watch_.lap()); }
-  /// Bytes and basis in info(); `more` bytes are neither of the factor nor of the basis.
+  /// Sets memory and basis in info(). `more` is the memory of neither the factor nor the basis.
   void set_bytes(std::size_t factor_bytes, std::size_t more);
 
   const std::shared_ptr<const Mesh> mesh_;
-  const std::shared_ptr<const Mesh> held_mesh_;  ///< of the points of handles and fixed regions: the mesh, or control points
+  const std::shared_ptr<const Mesh> held_mesh_;  ///< whose points handles and fixed regions select: mesh_, or control points
   const Setup setup_;
   SelectedRegions regions_;
-  ConstraintPoints points_;             ///< of held_mesh_
-  std::vector<std::uint32_t> rank_of_;  ///< per point of held_mesh_: position of a handle point among the points of its handle
+  ConstraintPoints points_;             ///< those of held_mesh_
+  std::vector<std::uint32_t> rank_of_;  ///< for each point of held_mesh_: position of a handle point among those of its handle
   UnitBox box_;
   std::vector<HandleFrame> frames_;
-  std::vector<HandleBasis> basis_;  ///< of different components; empty: none is stored
+  std::vector<HandleBasis> basis_;  ///< bases of different components; empty if none is stored
   SystemInfo info_;
 
  private:
@@ -97,9 +97,9 @@ class HandleSystem : public System {
   std::vector<double> pull_back(std::span<const double> variables, const Points& cotangent, const RunContext& context) const;
 
   const HandleMode handles_;
-  std::vector<PointId> all_;       ///< of soft handles
+  std::vector<PointId> all_;       ///< all points, for soft handles
   std::vector<PointId> sliding_;   ///< handle points on symmetry planes, ascending
-  double largest_coordinate_ = 0;  ///< by magnitude, of the mesh
+  double largest_coordinate_ = 0;  ///< largest magnitude of a coordinate of the mesh
   Stopwatch watch_;
 };
 

@@ -12,18 +12,18 @@
 
 namespace deform {
 
-/// The way of an affine motion from the identity: x -> s(t)(c + (1 + t (P - 1)) (x - c)), where R P is the polar decomposition of
-/// its linear part and s(t) a screw by t times the angle of R and t times the shift along its axis. Motions that mirror or
-/// collapse, and those that do not turn, go straight: 1 + t (M - 1).
+/// A path from the identity to an affine motion: x -> s(t)(c + (1 + t (P - 1)) (x - c)), where R P is the polar decomposition of
+/// its linear part and s(t) is a screw motion by t times the angle of R and t times the shift along its axis. Motions that
+/// reflect, collapse or do not rotate have a straight path: 1 + t (M - 1).
 class AffineWay {
  public:
-  /// middle: c, which moves least where a motion both stretches and turns.
+  /// `middle` is c, the centre of the stretch.
   AffineWay(const Affine& motion, const Vec3& middle);
   Affine at(double t) const;
 
  private:
   struct Screw {
-    Vec3 axis{}, place{}, shift{};  ///< of unit length; a point of it; along it
+    Vec3 axis{}, place{}, shift{};  ///< unit axis, a point on it, translation along it
     double angle = 0;
     Affine stretch{};  ///< P about c
   };
@@ -32,28 +32,29 @@ class AffineWay {
   std::optional<Screw> screw_;
 };
 
-/// The ways of the handles of a design: along its variables, of affine motions as AffineWay has it, of displacements straight.
+/// The paths of the handles of a design: handles with variables follow t times their values, affine motions an AffineWay, and
+/// displacements straight lines.
 class HandleWays {
  public:
   enum class Kind {
     natural,
-    straight  ///< of all handles
+    straight  ///< straight paths for all handles
   };
-  /// The design has been bound before: it is right. setup and mesh must outlive it.
+  /// The design must be valid, as checked by System::bind(). `setup` and `mesh` must outlive this object.
   HandleWays(const Setup& setup, const SelectedRegions& regions, const Mesh& mesh, const Design& design, Kind kind);
 
-  /// Every handle goes straight to its place.
+  /// Whether all paths are straight.
   bool straight() const { return straight_; }
-  /// Per handle; nothing for one that is moved point by point.
+  /// The motion of each handle at t; std::nullopt for handles moved point by point.
   std::vector<std::optional<Affine>> motions(double t) const;
-  /// What a system that was prepared at rest is to be asked for.
+  /// The design at t for a system prepared at rest.
   Design design(double t) const;
 
  private:
   const Setup& setup_;
   const Design design_;
-  std::vector<std::optional<AffineWay>> ways_;  ///< of the handles whose motion is given as such
-  std::vector<Affine> ends_;                    ///< of those that variables move
+  std::vector<std::optional<AffineWay>> ways_;  ///< paths of handles with a given motion
+  std::vector<Affine> ends_;                    ///< motions at the end of handles moved by variables
   bool straight_ = true;
   Kind kind_;
 };

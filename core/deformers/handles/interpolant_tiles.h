@@ -8,11 +8,11 @@
 
 namespace deform {
 
-/// Adds the values of interpolants at one tile of points: out[c][16] += kernel sums plus polynomials. coefficients (m + q) rows
-/// of row stride ld, of which `columns` columns count.
+/// Adds the values of interpolants at one tile of points: out[c][16] += kernel sums plus polynomials. `coefficients` has m + q
+/// rows with row stride ld, of which the first `columns` columns are used.
 void interpolate_tile_columns(const Interpolator& system, const double* tile, const double* coefficients, std::size_t ld,
                               std::size_t columns, double* out);
-/// The same for all columns, into zeroed memory.
+/// The same for coefficients with row stride `columns`; overwrites `out`.
 void interpolate_tile(const Interpolator& system, const double* tile, const double* coefficients, std::size_t columns,
                       double* out);
 

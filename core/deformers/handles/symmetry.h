@@ -15,27 +15,27 @@
 
 namespace deform {
 
-/// A plane that a half model was cut at: the model and its mirror image are deformed as one.
+/// A symmetry plane of a half model: the model and its mirror image are deformed as a whole.
 struct SymmetryPlane {
   struct Plane {
     Vec3 point{}, normal{};  ///< the normal need not be of unit length; its direction does not matter
   };
-  /// Or a region whose points lie in one plane (a patch; in a mesh of one z a line), which is found by least squares; at right
-  /// angles to a coordinate axis when that fits the points as well (twice as far away at most).
+  /// Either a given plane, or a region whose points lie in one plane (a patch, or a line in a planar mesh). The latter is fitted
+  /// by least squares, and made perpendicular to a coordinate axis if that fits the points as well (up to twice the distance).
   std::variant<Plane, Region> kind;
 };
 
-/// The symmetry planes of a setup on one mesh. Points within `Symmetry::tolerance` D of a given plane lie on it, as do the points
-/// of the region of a plane that was found and all that are no farther away than they. Nothing is snapped: points keep their
-/// distance, whatever it is. Immutable; any thread.
+/// The symmetry planes of a setup on one mesh. Points within `Symmetry::tolerance` D of a given plane lie on it, and so do the
+/// points of the region of a fitted plane and all that are no farther away. Points are not snapped: they keep their distance from
+/// the plane. Immutable; any thread.
 class Symmetry {
  public:
-  static constexpr double tolerance = 1e-9;  ///< of D: what lies on a plane, and how far normals may be from orthogonal
-  static constexpr double flatness = 1e-6;   ///< of D: how far the points of a region may be from one plane
+  static constexpr double tolerance = 1e-9;  ///< fraction of D: distance of points on a plane, and deviation from orthogonality
+  static constexpr double flatness = 1e-6;   ///< fraction of D: distance of the points of a region from their plane
 
   Symmetry() = default;
   /// Throws Error(invalid_argument) naming symmetry[i]: more than three planes or planes that are not orthogonal (within
-  /// `tolerance`; `flatness` when one of them was found), zero or non-finite normal, a region whose points do not define a plane
+  /// `tolerance`, or `flatness` if one of them is fitted), zero or non-finite normal, a region whose points do not define a plane
   /// or do not lie in one (with the largest distance and its point), a mesh on both sides of a plane (with the number of points
   /// on the side with fewer, the first and its distance), and what select() throws.
   Symmetry(std::span<const SymmetryPlane> planes, const Mesh& mesh);
@@ -43,8 +43,8 @@ class Symmetry {
   std::size_t planes() const { return planes_; }
   bool empty() const { return planes_ == 0; }
   const Vec3& normal(std::size_t plane) const { return axes_[plane]; }  ///< unit, to the side of the mesh
-  std::size_t held(std::size_t plane) const { return held_[plane]; }    ///< points on a plane
-  double reach(std::size_t plane) const { return reach_[plane]; }       ///< how near they are, at least `tolerance` D
+  std::size_t held(std::size_t plane) const { return held_[plane]; }    ///< number of points on a plane
+  double reach(std::size_t plane) const { return reach_[plane]; }  ///< largest distance of these points, at least `tolerance` D
 
   /// Bit k: the point lies on plane k. 0 without planes.
   unsigned on(PointId id) const { return on_.empty() ? 0u : on_[id]; }
@@ -52,13 +52,13 @@ class Symmetry {
   /// Components of a vector in the frame of the planes: first along their normals, in order, then tangential ones; and back.
   Vec3 to_frame(const Vec3& vector) const;
   Vec3 from_frame(const Vec3& components) const;
-  /// Position in the frame; the reflections of plane k change the sign of coordinate k. Model units.
+  /// The position in the frame of the planes, model units. The reflection in plane k changes the sign of coordinate k.
   Vec3 coordinates(const Vec3& point) const;
   /// The mirror image of a point in a plane, in model coordinates.
   Vec3 reflected(const Vec3& point, std::size_t plane) const;
 
-  /// `to` without what it is away from x along the normals of the planes that x lies on (mask): for axis-aligned planes these
-  /// coordinates are those of x exactly.
+  /// `to` with the normal components of x for the planes on which x lies (mask). For axis-aligned planes these coordinates equal
+  /// those of x exactly.
   Vec3 slid(const Vec3& x, const Vec3& to, unsigned mask) const;
 
  private:
@@ -69,7 +69,7 @@ class Symmetry {
 
   std::size_t planes_ = 0;
   std::array<Vec3, 3> axes_{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};  ///< orthonormal
-  std::array<Vec3, 3> anchors_{};                                ///< where coordinate k is zero
+  std::array<Vec3, 3> anchors_{};                                ///< origins of coordinate k
   std::array<std::size_t, 3> held_{};
   std::array<double, 3> reach_{};
   std::vector<std::uint8_t> on_;  ///< n, or empty

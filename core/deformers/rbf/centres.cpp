@@ -68,7 +68,7 @@ std::string reduce(const Mesh& mesh, const RbfOptions& options, std::size_t hand
   return {};
 }
 
-// All points of a place must move alike, so the first candidate there stands for it.
+// Coincident points must have the same motion, so the first candidate represents them.
 void keep_one_per_place(const ConstraintPoints& points, const std::vector<PointId>& candidates, RbfCentres& centres) {
   std::unordered_map<PointId, PointId> first_of;
   for (const auto& cluster : points.coincident) {
@@ -85,7 +85,7 @@ void keep_one_per_place(const ConstraintPoints& points, const std::vector<PointI
   }
 }
 
-/// Constraint points that another one at their place stands for.
+/// The number of constraint points represented by a coincident one.
 std::size_t merged_points(const ConstraintPoints& points) {
   std::size_t count = 0;
   for (const auto& cluster : points.coincident) count += cluster.size() - 1;
@@ -124,8 +124,8 @@ class GradedChoice {
     });
   }
 
-  /// All at the border, and of the others those at least `ratio` times their distance from the deformable region away from what
-  /// was chosen before. Ascending; more than `most` when there are more than that.
+  /// All candidates at the border, and of the others those whose distance from the ones chosen before is at least `ratio` times
+  /// their distance from the deformable region. Ascending; stops after exceeding `most`.
   std::vector<PointId> chosen(double ratio, std::size_t most, const RunContext& context) const {
     std::vector<PointId> result;
     std::vector<char> covered(candidates_.size());
@@ -162,7 +162,8 @@ class GradedChoice {
   std::vector<std::uint32_t> order_;  ///< the border first, then by distance
 };
 
-/// Those that distances choose, or the reason why all of them are needed; empty without one worth telling.
+/// Chooses candidates by distance. Otherwise returns the reason why all are needed, or an empty string if there is nothing
+/// to report.
 std::string choose_graded(const Mesh& mesh, const RbfOptions& options, const ConstraintPoints& points,
                           const std::vector<PointId>& candidates, const RunContext& context, std::vector<PointId>& kept) {
   if (candidates.size() <= few || options.solver == Solver::incremental_qr) return {};

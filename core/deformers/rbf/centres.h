@@ -13,37 +13,39 @@
 
 namespace deform {
 
-/// The constraint points that become centres of an RBF, and what was decided about the others (thesis 3.5, figure 3.10).
+/// The constraint points that become centres of an RBF (thesis 3.5, figure 3.10).
 struct RbfCentres {
-  std::vector<PointId> ids;  ///< ascending; one representative (the smallest id) per place
+  std::vector<PointId> ids;  ///< ascending; coincident points are represented by the smallest id
   std::size_t merged = 0;    ///< centres saved by merging
   bool reduced = false;
-  /// More than there are: those that the motions of the handles are missed at most by are to be added, until the tolerance of the
-  /// options is met or there are so many. Else as many as there are.
+  /// The largest number of centres. If it exceeds ids.size(), points with the largest misfit of the motions of the handles are to
+  /// be added until the tolerance of the options is met or this number is reached.
   std::size_t most = 0;
   std::vector<std::string> notes;
 };
 
-/// That of the options or its default.
+/// The tolerance of the options, or its default.
 inline double reduction_tolerance(const RbfOptions& options) {
   return options.reduction_tolerance != 0 ? options.reduction_tolerance : default_reduction_tolerance(*options.kernel);
 }
 
-/// By the rule of the options. CentreReduction::tolerance gives what depends on places alone: constraint points that share a face
-/// with a deformable point, and of the others as many as have a distance of half (where that makes too many, up to 0.8 of) their
-/// distance from the nearest deformable point from each other. So the density depends on where points are, not on how the mesh
-/// connects them, and what is near to deformable points, as in layers of cells on a wall, is kept.
+/// Chooses centres by the rule of the options. For CentreReduction::tolerance this is the initial set, which depends on positions
+/// alone: constraint points that share a face with a deformable point, and of the others a subset whose mutual distances are at
+/// least half their distance from the nearest deformable point (up to 0.8 of it if that gives too many). So the density depends
+/// on the positions of points and not on the connectivity of the mesh, and points near deformable ones, as in boundary layers,
+/// are kept.
 RbfCentres choose_centres(const Mesh& mesh, const ConstraintPoints& points, std::size_t handles, const RbfOptions& options,
                           const RunContext& context = {});
 
-/// Points whose misfits are measured at once.
+/// The number of points whose misfits are measured at once.
 inline constexpr std::size_t points_looked_at = 65536;
 
-/// As many as there may be: any ones, for upper bounds.
+/// Fills the centres up to their largest number with arbitrary constraint points, for upper bounds.
 void take_most(const ConstraintPoints& points, RbfCentres& centres);
 
-/// Of some constraint points, with the motions' misfits there, those that are to become centres: where the misfit is largest and
-/// over half of the tolerance, at distances from each other that are like those from the centres, at most `most`. Ascending.
+/// Selects the constraint points among `ids` that are to become centres, from the misfits of the motions there: those with
+/// the largest misfits above half of the tolerance, with mutual distances similar to those from the centres. At most
+/// `most`, ascending.
 std::vector<PointId> most_missed(const Mesh& mesh, const std::vector<PointId>& centres, std::span<const PointId> ids,
                                  std::span<const double> misfits, double tolerance, std::size_t most);
 

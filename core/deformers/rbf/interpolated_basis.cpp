@@ -77,7 +77,7 @@ void fill_to_tolerance(const RbfPart& part, const Eigen::MatrixXd& fields, const
   }
 }
 
-/// Of what is stored, per field.
+/// The errors of the stored values of each field at the samples.
 std::vector<double> errors_at(std::span<const std::uint32_t> samples, const Interpolator& system,
                               const Interpolants& interpolants, const TiledPoints& deformable, const FieldTiles& tiles,
                               const RunContext& context) {

@@ -13,9 +13,9 @@
 
 namespace deform {
 
-/// The basis of the components of a part from the interpolants of the handles' fields (m x 4H values at the centres). Of the
-/// solvers to a tolerance it is one of the sum over the fields, which is what a design gets. Errors are estimated at the points
-/// of the numbers `checked`. Progress "basis".
+/// Computes the basis for the components of a part from the interpolants of the handle fields (m x 4H values at the centres). For
+/// solvers that work to a tolerance, `tolerance` applies to the sum over the fields, that is to a design. Errors are estimated at
+/// the points with the indices `checked`. Reports "basis" progress.
 HandleBasis interpolated_basis(const RbfPart& part, const Eigen::MatrixXd& fields, const TiledPoints& deformable,
                                std::span<const std::uint32_t> checked, double tolerance, const RunContext& context);
 

@@ -94,7 +94,7 @@ void RbfEvaluation::solve_derivative(const RunContext& context) {
   }
 }
 
-/// The tolerance is a fraction of D, or of the motion where that is larger.
+/// The tolerance is a fraction of D, or of the motion if that is larger.
 double RbfEvaluation::allowed_error(std::size_t design) const {
   const double tolerance = designs_[design].tolerance > 0 ? designs_[design].tolerance : system_.info_.tolerance;
   return tolerance * std::max(system_.info_.diagonal, reports_[design].prescribed_displacement);
@@ -102,7 +102,7 @@ double RbfEvaluation::allowed_error(std::size_t design) const {
 
 void RbfEvaluation::judge() {
   if (system_.info_.solver != Solver::iterative) return;
-  // Not (error > allowed): an error that is not a number is one. What a basis is stored to is not the solver's.
+  // Not (error > allowed), so that NaN counts as an error. The compression error of a basis is not an error of the solver.
   for (std::size_t i = 0; i < designs_.size(); ++i) {
     reports_[i].converged = reports_[i].error - compression_error(i) <= allowed_error(i);
   }
@@ -130,7 +130,7 @@ void RbfEvaluation::solve_exactly(const RunContext& context) {
   measure_residuals();
 }
 
-/// Of the displacements of the components of a part.
+/// The error of the displacement components of a part.
 double RbfEvaluation::part_error(std::size_t design, const RbfPart& part, const Interpolants& interpolants,
                                  const RunContext& context) {
   using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;

@@ -23,23 +23,23 @@ class RbfEvaluation : public HandleEvaluation {
   Eigen::MatrixXd part_data(const BoundDesign& design, const RbfPart& part) const;
   double part_error(std::size_t design, const RbfPart& part, const Interpolants& interpolants, const RunContext& context);
   void measure_residuals();
-  /// Errors and convergence of solvers to a tolerance, of designs on either path.
+  /// Sets error and convergence of designs on both paths for solvers that work to a tolerance.
   void judge();
   double allowed_error(std::size_t design) const;
   void solve_derivative(const RunContext& context);
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
   void part_tile(std::size_t part, std::size_t tile, std::size_t first, std::size_t count, double* values) const;
 
-  /// Of one part, for the designs on the direct path; each has as many columns as the part has components.
+  /// The solution of one part for the designs on the direct path. Each design has one column for each component of the part.
   struct Solution {
     std::vector<double> coefficients;  ///< (m + q) x columns, row by row
-    /// To a tolerance: values at the deformable points, d x components of each design. Fast sums have a global part, so they are
-    /// computed as a whole.
+    /// For solvers that work to a tolerance: values at the deformable points, d x components for each design. They are computed
+    /// for all points at once, because fast sums have a global part.
     std::vector<std::vector<double>> values;
   };
 
   const RbfSystem& system_;
-  std::vector<Solution> solutions_;  ///< per part of the system
+  std::vector<Solution> solutions_;  ///< one for each part of the system
 };
 
 }  // namespace deform

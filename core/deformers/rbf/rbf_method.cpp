@@ -17,13 +17,13 @@ namespace deform {
 
 namespace {
 
-/// Of all parts together. The iterative solver's share one system.
+/// The sizes of all parts together. With the iterative solver they share one system.
 struct CentreSizes {
-  std::size_t rows = 0;            ///< of the largest
-  std::size_t factor_bytes = 0;    ///< of what stays
-  std::size_t factoring_peak = 0;  ///< while the last one is factored beside the others
-  std::size_t places = 0;          ///< centres that the systems hold
-  std::size_t check_bytes = 0;     ///< of what estimates errors
+  std::size_t rows = 0;            ///< rows of the largest system
+  std::size_t factor_bytes = 0;    ///< memory of all factors
+  std::size_t factoring_peak = 0;  ///< peak while the last one is factored, including the others
+  std::size_t places = 0;          ///< centres of all systems
+  std::size_t check_bytes = 0;     ///< memory of the error estimation
 };
 
 CentreSizes centre_sizes(const std::vector<PartPlan>& parts, Solver solver) {
@@ -136,7 +136,7 @@ Estimate RbfMethod::estimate(const RbfOptions& given, const Mesh& mesh, const Se
   const std::size_t errors_bytes = basis && to_tolerance(solver) ? parts.size() * 400 * fields * sizeof(double) : 0;
   estimate.resident_bytes = estimate.factor_bytes + sizes.check_bytes + errors_bytes + estimate.basis_bytes +
                             point_bytes(mesh.point_count(), regions.symmetry);
-  // What the centres of incremental QR are chosen for, and what the factorization makes of it.
+  // The samples for which the centres of incremental QR are chosen, and their transforms by the factorization.
   const std::size_t columns = options.samples.empty() ? fields : 3 * options.samples.size();
   const std::size_t samples = solver == Solver::incremental_qr ? 6 * sizes.rows * columns * sizeof(double) : 0;
   const std::size_t factor_extra = sizes.factoring_peak + 2 * sizes.places * sizeof(Vec3) + samples;

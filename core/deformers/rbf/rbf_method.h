@@ -11,7 +11,7 @@
 
 namespace deform {
 
-/// The options with what they leave to defaults: the kernel of the mesh, the tolerance of the solver.
+/// The options with defaults filled in: the kernel for the mesh, the tolerance of the solver.
 RbfOptions with_defaults(RbfOptions options, const Mesh& mesh);
 
 /// RBF deformation (thesis 3.5): see RbfSystem.
@@ -20,7 +20,7 @@ struct RbfMethod {
   static constexpr std::string_view name = "rbf";
   static constexpr MethodFeatures features{.symmetry = true, .constraints = false};
   static void validate(const RbfOptions& options, const Setup& setup, const Mesh& mesh);
-  /// Nothing for INCREMENTAL_QR, and where they are chosen to a tolerance.
+  /// std::nullopt for INCREMENTAL_QR, and if centres are chosen to a tolerance.
   static std::optional<std::vector<PointId>> known_centres(const RbfOptions& options, const Mesh& mesh,
                                                            const SelectedRegions& regions);
   static Estimate estimate(const RbfOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);

@@ -74,7 +74,7 @@ void RbfSystem::refine_centres(const RunContext& context, std::size_t memory_bud
   for (std::size_t i = 0; i < mesh_->point_count(); ++i) {
     if (points_.region_of[i] != deformable_region) all.push_back(static_cast<PointId>(i));
   }
-  // Every so many of them as long as there is something to add, all of them in the end.
+  // Check a subset as long as there is something to add, and all points in the end.
   std::size_t stride = (all.size() + sampled - 1) / sampled;
   for (int round = 0;; ++round) {
     std::vector<PointId> ids;
@@ -103,7 +103,7 @@ void RbfSystem::refine_centres(const RunContext& context, std::size_t memory_bud
 std::vector<double> RbfSystem::misfits(const std::vector<PointId>& ids, const RunContext& context) const {
   std::vector<double> result(ids.size(), 0.0);
   const Eigen::MatrixXd at_centres = fields_at_centres();
-  // What a solver leaves must not look like a lack of centres.
+  // The residual of the solver must not be mistaken for a lack of centres.
   const double solver_tolerance = std::min(options_.tolerance, 0.1 * reduction_tolerance(options_));
   for (const RbfPart& part : parts_) {
     const std::vector<double> weights = field_weights(part);
@@ -164,7 +164,7 @@ std::vector<Vec3> RbfSystem::coordinates(const std::vector<PointId>& ids) const 
   return result;
 }
 
-/// Of the centres and their images together: the shape is that of the whole model.
+/// Uses the centres and their images together: the shape is that of the whole model.
 InterpolationOptions RbfSystem::interpolation_options(const std::vector<Vec3>& places) {
   const Symmetry& symmetry = regions_.symmetry;
   const unsigned images = 1u << symmetry.planes();
@@ -255,7 +255,8 @@ Eigen::MatrixXd RbfSystem::sample_fields() const {
   return fields;
 }
 
-/// What the centres of incremental QR are chosen for: the samples, or without any the fields that affine motions combine.
+/// Sets the samples for which the centres of incremental QR are chosen: those of the options, or by default the fields of
+/// affine motions.
 void RbfSystem::set_samples(InterpolationOptions& interpolation, const PartPlan& plan) const {
   interpolation.sample_tolerance = options_.tolerance;
   interpolation.order = options_.centre_order;
@@ -304,7 +305,7 @@ void RbfSystem::fill_info() {
     if (part.system->solver() == Solver::incremental_qr) weighted = std::max(weighted, part.system->weighted());
   }
   if (weighted > 0) info_.centres = weighted;
-  // Of several parts the one that fell back to another solver.
+  // If any part fell back to another solver, that is the solver shown.
   if (!parts_.empty()) info_.solver = parts_.front().system->solver();
   for (const RbfPart& part : parts_) {
     if (part.system->solver() == Solver::ldlt) info_.solver = Solver::ldlt;

@@ -10,19 +10,19 @@
 namespace deform {
 
 /// RBF space deformation (thesis 3.5, eq. 3.8 to 3.10) with the handle basis of thesis 4.2. Constraint points are set exactly
-/// (affine image, displacement, rest); deformable points get the interpolant. What differs from System:
-///  - report().interpolation_residual is an upper bound over all centres on the basis path and with solvers to a tolerance, and
-///    the largest value over at most 256 evenly spread centres on the direct path of the others;
-///  - report().error and report().converged are set with solvers to a tolerance: see values_to_tolerance(). The tolerance of the
-///    iterative one is a fraction of D, or of the largest prescribed displacement where that is more, for the error at the
-///    following points.
+/// (affine image, displacement, rest); deformable points follow the interpolant. Differences from System:
+///  - report().interpolation_residual is an upper bound over all centres on the basis path and for solvers that work to a
+///    tolerance, otherwise the largest value over at most 256 evenly distributed centres;
+///  - report().error and report().converged are set for solvers that work to a tolerance, see values_to_tolerance(). The
+///    tolerance of the iterative solver bounds the error at the following points as a fraction of D, or of the largest prescribed
+///    displacement if that is larger.
 ///
 /// With symmetry planes the result is that of the whole, mirrored model (one system per parity, see PartPlan): points on a plane
-/// keep their distance from it and slide. A motion that sends a handle point on a plane out of it by more than its reach() is
-/// refused, what is less is left out; so are derivatives with respect to variables that would.
+/// slide and keep their distance from it. A motion that moves a handle point on a plane out of it by more than its reach() is
+/// rejected, smaller normal components are dropped. The same holds for derivatives.
 class RbfSystem : public HandleSystem {
  public:
-  /// `options` name a kernel.
+  /// `options` must name a kernel.
   RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RbfOptions& options, const RunContext& context,
             std::size_t memory_budget);
 
@@ -36,27 +36,27 @@ class RbfSystem : public HandleSystem {
                                                const RunContext& context) const override;
   std::vector<double> adjoint(std::span<const double> variables, const std::vector<Vec3>& at_following,
                               const RunContext& context) const override;
-  /// Adds centres where the handles' fields are missed most, until CentreReduction::tolerance is content.
+  /// Adds centres at the largest misfits of the handle fields until the tolerance of the reduction is met.
   void refine_centres(const RunContext& context, std::size_t memory_budget);
-  /// At constraint points: largest |interpolant - field| over the fields of all handles, as fractions of their largest values on
-  /// their handles. On a handle that touches a symmetry plane only the fields that can occur there count: in the components along
-  /// the plane those that are even across it, in the other one the odd one.
+  /// The misfits at constraint points: largest |interpolant - field| over the fields of all handles, as fractions of their
+  /// largest values on the handle. On a handle that touches a symmetry plane only fields with the right parity count: even ones
+  /// in the tangential components, the odd one in the normal component.
   std::vector<double> misfits(const std::vector<PointId>& ids, const RunContext& context) const;
-  /// 4H: one over the largest value of each field, or 0 where it does not count for the part.
+  /// For each of the 4H fields one over its largest value, or 0 if it does not count for the part.
   std::vector<double> field_weights(const RbfPart& part) const;
   InterpolationOptions interpolation_options(const std::vector<Vec3>& places);
   void prepare_parts(const RunContext& context, std::size_t memory_budget);
   void prepare_basis(const RunContext& context);
   void fill_info();
   void add_notes();
-  /// m x 4H: 1, x, y, z of every handle at the centres, in unit coordinates.
+  /// The fields 1, x, y, z of every handle at the centres, m x 4H, in unit coordinates.
   Eigen::MatrixXd fields_at_centres() const;
-  /// m x 3 columns per sample: displacements of the centres over D, in the frame of the planes.
+  /// The displacements of the centres for each sample, divided by D, in the frame of the planes: m rows, 3 columns per sample.
   Eigen::MatrixXd sample_fields() const;
   void set_samples(InterpolationOptions& interpolation, const PartPlan& plan) const;
   Eigen::MatrixXd adjoint(const RbfPart& part, std::span<const Vec3> at_deformable, const RunContext& context) const;
   Eigen::MatrixXd adjoint_by_fields(const RbfPart& part, std::span<const Vec3> at_deformable, const RunContext& context) const;
-  /// Of points, in what the systems are solved in: unit coordinates, in the frame of the planes when there are any.
+  /// The coordinates in which the systems are solved: unit coordinates, in the frame of the symmetry planes if there are any.
   std::vector<Vec3> coordinates(const std::vector<PointId>& ids) const;
 
   const RbfOptions options_;
@@ -66,9 +66,9 @@ class RbfSystem : public HandleSystem {
   std::vector<std::uint32_t> checked_;  ///< positions in following() of the points at which errors are estimated
   std::vector<Vec3> checked_places_;    ///< coordinates() of these
   std::size_t factor_bytes_ = 0;
-  std::size_t check_bytes_ = 0;  ///< of what estimates errors
+  std::size_t check_bytes_ = 0;  ///< memory of the error estimation
   double misfit_ = 0;            ///< see SystemInfo::reduction_misfit
-  double relative_shape_ = 0;    ///< of the kernel, as a fraction of the diagonal of the centres
+  double relative_shape_ = 0;    ///< shape of the kernel, as a fraction of the diagonal of the centres
 };
 
 }  // namespace deform

@@ -10,10 +10,10 @@
 
 namespace deform::io {
 
-/// Every cell with all of its faces, outward; a face between two cells is there twice.
+/// The cells of a mesh, each with all of its faces, oriented outwards; a face between two cells occurs twice.
 struct CellFaces {
-  std::vector<std::uint64_t> cell_offsets{0};  ///< one more than cells: faces of cell i
-  std::vector<std::uint64_t> face_offsets{0};  ///< one more than faces: points of face i
+  std::vector<std::uint64_t> cell_offsets{0};  ///< cells + 1 offsets into the faces
+  std::vector<std::uint64_t> face_offsets{0};  ///< faces + 1 offsets into `points`
   std::vector<PointId> points;
 
   std::size_t cell_count() const { return cell_offsets.size() - 1; }
@@ -25,8 +25,8 @@ struct CellFaces {
   void end_cell() { cell_offsets.push_back(face_count()); }
 };
 
-/// The same cells by owner and neighbour: the first of the two cells of a face owns it. Throws Error(invalid_argument) when a
-/// face belongs to more than two cells, or twice to one.
+/// Converts the cells to owner and neighbour form; the first of the two cells of a face is its owner. Throws
+/// Error(invalid_argument) if a face belongs to more than two cells, or twice to one.
 PolyhedralCells joined(const CellFaces& cells);
 
 }  // namespace deform::io

@@ -8,10 +8,10 @@
 
 namespace deform::io {
 
-/// Numbers points by their exact coordinates in order of first appearance (zero and minus zero are the same place).
+/// Merges points with equal coordinates and numbers them in order of first appearance (zero and minus zero are equal).
 class CornerWelder {
  public:
-  /// The number of the point at this place, a new one when nothing was there.
+  /// The number of the point at this place; adds a point if there is none.
   PointId weld(const Vec3& place);
   std::size_t point_count() const { return points_.size(); }
   Points take_points() { return std::move(points_); }

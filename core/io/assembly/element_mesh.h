@@ -14,12 +14,12 @@
 
 namespace deform::io {
 
-/// What a reader of a finite-element format collects: points, elements, named surface elements and named sets of points.
+/// The result of a reader of a finite-element format: points, elements, named surface elements and named sets of points.
 struct ElementMesh {
   struct Face {
-    std::vector<PointId> corners;  ///< around it; of a quadratic one with its mid nodes: corner, mid, corner, mid, ...
-    std::string name;              ///< of the group it belongs to; none when empty
-    std::optional<PointId> centre = std::nullopt;  ///< the mid-face node, where it has one
+    std::vector<PointId> corners;                  ///< corners in order around the face; quadratic: corner, mid, corner, mid, ...
+    std::string name;                              ///< name of its group; empty if it has none
+    std::optional<PointId> centre = std::nullopt;  ///< mid-face node, if any
   };
   struct FaceSet {
     std::string name;
@@ -34,7 +34,7 @@ struct ElementMesh {
   std::vector<Vec3> points;
   Elements elements;
   std::optional<PolyhedralCells> cells;   ///< instead of elements
-  std::vector<std::string> volume_names;  ///< of the elements' groups; one per element, or none
+  std::vector<std::string> volume_names;  ///< names of the groups of the elements; one for each element, or empty
   std::vector<Face> faces;
   std::vector<FaceSet> face_sets;  ///< further groups of surface elements
   std::vector<PointSet> point_sets;
@@ -44,9 +44,9 @@ struct ElementMesh {
   void add_face(std::span<const PointId> nodes, const std::string& name);
 };
 
-/// Its mesh. The faces are those of the boundary of the elements or cells, or the surface elements where there are no others; a
-/// surface element that is a face of the boundary belongs to its group as a face (as all the faces that one with a mid-face node
-/// is split into), any other with its points. Groups of elements hold their points; they are left out when there is one only.
+/// Builds the mesh. Its faces are the boundary of the elements or cells, or the surface elements if there are no volume elements.
+/// A surface element on the boundary is added to its group as a face (or as the faces into which one with a mid-face node is
+/// split), any other one by its points. Groups of volume elements contain their points; they are left out if there is only one.
 /// Throws Error(invalid_argument) naming the file.
 std::shared_ptr<const Mesh> mesh_of(ElementMesh&& source, const std::string& name);
 

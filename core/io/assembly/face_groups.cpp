@@ -58,7 +58,7 @@ std::size_t FaceGroups::find_or_add(Kind kind, std::string_view original) {
 std::vector<Group> FaceGroups::finish() {
   std::vector<std::string> names(entries_.size());  // empty: left out
   std::unordered_map<std::string, std::size_t> taken;
-  // Kind by kind, so that a name does not depend on what stands first in the file.
+  // Kind by kind, so that names do not depend on the order in the file.
   for (int number = 0; number < kinds; ++number) {
     const auto kind = static_cast<Kind>(number);
     for (std::size_t i = 0; i < entries_.size(); ++i) {

@@ -10,21 +10,21 @@
 
 namespace deform::io {
 
-/// Collects named groups while a file is read. The same name of the same kind, met again, continues the group.
+/// Collects named groups while a file is read. A repeated name of the same kind continues its group.
 class FaceGroups {
  public:
   enum class Kind { group, object, material, patch_group, point_zone, face_zone, cell_zone, family, section };
   static constexpr int kinds = 9;
 
-  /// Number of the group, to be used with add_face() and add_point(). Names become UTF-8 without control characters: what is not
-  /// UTF-8 is taken as Latin-1.
+  /// The number of a group for add_face() and add_point(). Names are converted to UTF-8 without control characters; names that
+  /// are not valid UTF-8 are taken as Latin-1.
   std::size_t find_or_add(Kind kind, std::string_view original);
   void add_face(std::size_t group, FaceId face) { entries_[group].members.faces.push_back(face); }
   void add_point(std::size_t group, PointId point) { entries_[group].members.points.push_back(point); }
 
-  /// The groups that got members, in order of first appearance, with unique names: a group keeps its name; one of another kind
-  /// whose name is taken by a group with other members is called "object:NAME", "material:NAME", "patchGroup:NAME",
-  /// "pointZone:NAME", "faceZone:NAME", "cellZone:NAME", "family:NAME" or "section:NAME"; with the same members it is left out.
+  /// The groups with members, in order of first appearance, with unique names. If the name of a group is taken by a group of
+  /// another kind with different members, it is called "object:NAME", "material:NAME", "patchGroup:NAME", "pointZone:NAME",
+  /// "faceZone:NAME", "cellZone:NAME", "family:NAME" or "section:NAME"; with the same members it is omitted.
   std::vector<Group> finish();
 
  private:

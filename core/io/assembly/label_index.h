@@ -10,12 +10,12 @@
 
 namespace deform::io {
 
-/// Points of a file by the numbers that it calls them by, which may be sparse and in any order.
+/// Maps the labels of the points of a file, which may be sparse and in any order, to point ids.
 class LabelIndex {
  public:
-  /// The next point, from 0, is called `label`. False when a point is called so already.
+  /// Gives the next point, counted from 0, this label. Returns false if the label is already in use.
   bool add(std::int64_t label);
-  /// The point of that name. A table where labels are dense, a hash otherwise.
+  /// The point with this label. Uses a table if labels are dense and a hash map otherwise.
   std::optional<PointId> find(std::int64_t label) const;
   std::size_t size() const { return count_; }
 

@@ -17,7 +17,7 @@ void put(const std::vector<T>& values, ByteWriter& to) {
   to.array(std::span<const T>(values));
 }
 
-/// Group names are what FaceGroups makes of them, so whoever sends others is not our reader.
+/// Group names must be in the form that FaceGroups gives them; a stream with others was not written by our reader.
 void check_name(std::string_view name) {
   while (!name.empty()) {
     const std::size_t length = utf8_length(name);
@@ -82,7 +82,7 @@ Mesh read_mesh(ByteReader& from) {
     cells.neighbour = from.array<std::uint32_t>();
     cells.cell_count = static_cast<std::size_t>(from.number());
     cells.empty_faces = from.array<char>();
-    // Whoever looks for the faces of cells takes memory for each.
+    // Later steps allocate memory for each face of a cell.
     if (cells.cell_count > cells.owner.size() + cells.neighbour.size()) {
       throw Error(ErrorCode::invalid_argument, std::to_string(cells.cell_count) + " cells are more than their faces have sides");
     }

@@ -6,10 +6,11 @@
 
 namespace deform::io {
 
-/// All of a mesh, with its groups and cells.
+/// Writes a whole mesh, with its groups and cells.
 void write_mesh(const Mesh& mesh, ByteWriter& to);
 
-/// Validated. Throws Error(data_loss) for what no write_mesh() wrote, Error(invalid_argument) for what is no mesh.
+/// Reads and validates a mesh. Throws Error(data_loss) for bytes not written by write_mesh(), Error(invalid_argument) for an
+/// invalid mesh.
 Mesh read_mesh(ByteReader& from);
 
 }  // namespace deform::io

@@ -14,18 +14,18 @@
 
 namespace deform::io {
 
-/// Where a coordinate stands in a text file of fields, and what a new one must fit into.
+/// The position of a coordinate in a text file of fields, and the limits of its replacement.
 struct NumberField {
   enum class Kind : std::uint8_t {
     free,   ///< between commas
     fixed,  ///< in columns
   };
-  std::uint64_t at = 0;       ///< first byte that is replaced
-  std::uint16_t length = 0;   ///< how many are replaced
-  std::uint16_t missing = 0;  ///< commas (free) or blanks (fixed) that the line, which ends there, lacks before it
-  std::uint8_t width = 0;     ///< most characters of a new number; of a fixed field its columns
+  std::uint64_t at = 0;       ///< first byte to replace
+  std::uint16_t length = 0;   ///< number of bytes to replace
+  std::uint16_t missing = 0;  ///< commas (free) or blanks (fixed) to insert before it if the line ends early
+  std::uint8_t width = 0;     ///< largest number of characters; for a fixed field its columns
   Kind kind = Kind::free;
-  bool new_line = false;  ///< the line that it would stand on is missing: a line end, * and blanks come first
+  bool new_line = false;  ///< its line is missing: insert a line end, * and blanks first
 };
 
 struct FieldRecord {
@@ -33,12 +33,12 @@ struct FieldRecord {
   std::array<NumberField, 3> axes;
 };
 
-/// `bytes` with the coordinates in which `after` differs from `before` replaced. Records are in the order of the file. Throws
+/// Replaces the coordinates in which `after` differs from `before`. Records are in the order of the file. Throws
 /// Error(invalid_argument) for a coordinate that does not fit.
 std::string with_number_fields(std::string_view bytes, std::span<const FieldRecord> records, std::span<const Vec3> before,
                                std::span<const Vec3> after, DecimalStyle style);
 
-/// A file of one such text.
+/// A mesh file that consists of one such text.
 std::unique_ptr<MeshFile> make_field_mesh_file(Format format, std::string bytes, std::shared_ptr<const Mesh> mesh,
                                                std::vector<FieldRecord> records, DecimalStyle style);
 

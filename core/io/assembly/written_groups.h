@@ -11,10 +11,10 @@
 
 namespace deform::io {
 
-/// Names as the format can hold them, still different from one another: `reserved` characters become underscores.
+/// The names of the groups with `reserved` characters replaced by underscores, still unique.
 std::vector<std::string> writable_names(const Mesh& mesh, std::string_view reserved);
 
-/// For each face the groups that hold it, as one compressed list.
+/// The groups of each face as compressed rows.
 class FaceMembership {
  public:
   explicit FaceMembership(const Mesh& mesh);

@@ -7,7 +7,7 @@
 
 namespace deform::io {
 
-/// An unsigned integer from unaligned bytes of the given order.
+/// Loads an unsigned integer from unaligned bytes in the given order.
 template <std::unsigned_integral T>
 T load_scalar(const char* bytes, std::endian order) {
   unsigned char raw[sizeof(T)];

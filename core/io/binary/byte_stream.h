@@ -13,7 +13,7 @@
 
 namespace deform::io {
 
-/// Numbers, texts and arrays one after the other, as this machine stores them: between processes of one program, not for files.
+/// Writes a sequence of numbers, texts and arrays in native representation, for communication between processes of one program.
 class ByteWriter {
  public:
   using Sink = std::function<void(std::string_view)>;
@@ -27,7 +27,7 @@ class ByteWriter {
     number(values.size());
     put({reinterpret_cast<const char*>(values.data()), values.size_bytes()});
   }
-  /// Hands over what is still here.
+  /// Passes buffered bytes to the sink.
   void flush();
 
  private:
@@ -37,11 +37,11 @@ class ByteWriter {
   std::string pending_;
 };
 
-/// Reads what a ByteWriter wrote. Nothing that it claims is believed: memory is taken as the bytes arrive, and never for more
-/// than `most_bytes` in all. Throws Error(data_loss) when the bytes end early or claim more than that.
+/// Reads the output of a ByteWriter. Sizes in the input are not trusted: memory is allocated as bytes arrive, at most
+/// `most_bytes` in total. Throws Error(data_loss) if the bytes end early or claim more than that.
 class ByteReader {
  public:
-  /// Fills at most so many bytes and says how many; 0 at the end.
+  /// Reads at most `size` bytes and returns their number; 0 at the end.
   using Source = std::function<std::size_t(char* to, std::size_t size)>;
   ByteReader(Source source, std::uint64_t most_bytes) : source_(std::move(source)), left_(most_bytes) {}
 

@@ -13,22 +13,22 @@ class DeckLines {
  public:
   DeckLines(std::string_view bytes, const std::string& name);
 
-  /// To the next line; false at the end of the file.
+  /// Moves to the next line; returns false at the end of the file.
   bool next();
   /// The line without its end.
   std::string_view line() const { return line_; }
-  /// Where the line begins, and where its end does.
+  /// The positions of the first character of the line and of its line end.
   std::size_t begin() const { return begin_; }
   std::size_t end() const { return begin_ + line_.size(); }
-  /// Where the next line begins, to be used with move_to().
+  /// The position of the next line, for move_to().
   std::size_t next_begin() const { return next_; }
-  /// next() goes to the line that begins there.
+  /// Makes next() continue with the line at this position.
   void move_to(std::size_t position) { next_ = position; }
 
   std::string_view bytes() const { return bytes_; }
   const std::string& name() const { return name_; }
   [[noreturn]] void fail(const std::string& message) const { fail_at(begin_, message); }
-  /// "NAME: line L: MESSAGE", L being the line of `position`.
+  /// Throws Error(invalid_argument) "NAME: line L: MESSAGE", where L is the line of `position`.
   [[noreturn]] void fail_at(std::size_t position, const std::string& message) const;
 
  private:
@@ -39,9 +39,9 @@ class DeckLines {
   char line_end_ = '\n';
 };
 
-/// Without blanks and tabs at both ends.
+/// Removes blanks and tabs at both ends.
 std::string_view trimmed(std::string_view text);
-/// In quotes for an error message, shortened and without control characters.
+/// Quotes text for an error message, shortened and without control characters.
 std::string in_quotes(std::string_view text);
 
 }  // namespace deform::io

@@ -18,7 +18,7 @@ std::string digits_of(double size, std::chars_format format, int decimals) {
   return {buffer, result.ptr};
 }
 
-/// Drops zeros at the end of a fraction, and what the style does without.
+/// Drops trailing zeros of a fraction, and characters that the style does not need.
 std::string tidied(std::string digits, DecimalStyle style) {
   if (digits.find('.') == std::string::npos) digits += '.';
   digits.erase(digits.find_last_not_of('0') + 1);

@@ -8,10 +8,10 @@
 
 namespace deform::io {
 
-/// Ends a number or a word: white space, a comment or a line continuation.
+/// Whether a character ends a number or a word: white space, a comment or a line continuation.
 inline bool is_delimiter(char c) { return static_cast<unsigned char>(c) <= ' ' || c == '#' || c == '\\'; }
 
-/// What stands between the words of a text format besides white space.
+/// What may separate the words of a text format besides white space.
 enum class Syntax {
   plain,    ///< nothing (STL, PLY)
   hash,     ///< # starts a comment that ends with the line (OFF)
@@ -28,43 +28,43 @@ class TextScanner {
   std::size_t position() const { return static_cast<std::size_t>(at_ - begin_); }
   void move_to(std::size_t position) { at_ = begin_ + position; }
 
-  /// To the next word of this line; false at its end.
+  /// Moves to the next word of this line; returns false at its end.
   bool next_in_line();
-  /// To the next word of the file; false at its end.
+  /// Moves to the next word of the file; returns false at its end.
   bool next_in_file();
-  /// Past the end of this line (in obj syntax: with its continuations).
+  /// Skips the rest of this line (in obj syntax with its continuations).
   void skip_line();
-  /// The rest of this line without surrounding white space; the cursor stays before the line end.
+  /// Returns the rest of this line, trimmed; the cursor stays before the line end.
   std::string_view rest_of_line();
 
   char peek() const { return at_ == end_ ? '\0' : *at_; }
   void advance(std::size_t count) { at_ += count; }
   bool at_end() const { return at_ == end_; }
 
-  /// The word at the cursor, up to a delimiter; steps over it.
+  /// Returns the word at the cursor, up to a delimiter, and steps over it.
   std::string_view word();
-  /// The name at the cursor, up to white space (a continued line ends it too); steps over it. Not empty after next_in_line().
+  /// Returns the name at the cursor, up to white space or a line continuation, and steps over it. Not empty after next_in_line().
   std::string_view name();
-  /// Steps over the word at the cursor when it is `lower_case` in any case.
+  /// Steps over the word at the cursor if it equals `lower_case`, ignoring case.
   bool accept(std::string_view lower_case);
 
-  /// The finite number at the cursor; steps over it. `what` stands in the error ("vertex coordinate").
+  /// Returns the finite number at the cursor and steps over it. `what` is used in the error ("vertex coordinate").
   double number(const char* what);
-  /// The integer at the cursor; steps over it. Does not look at what follows.
+  /// Returns the integer at the cursor and steps over it. Any character may follow.
   std::int64_t integer(const char* what);
-  /// The same, and a delimiter must follow.
+  /// The same, but a delimiter must follow.
   std::int64_t whole_integer(const char* what);
 
   [[noreturn]] void fail(const std::string& message) const { fail_at(position(), message); }
-  /// "NAME: line L: MESSAGE", L being the line of `position`.
+  /// Throws Error(invalid_argument) "NAME: line L: MESSAGE", where L is the line of `position`.
   [[noreturn]] void fail_at(std::size_t position, const std::string& message) const;
-  /// The word at the cursor quoted for an error message, shortened and without control characters; "the end of the file" there.
+  /// The word at the cursor quoted for an error message, shortened and without control characters, or "the end of the file".
   std::string quoted() const;
 
  private:
   bool is_blank(char c) const { return c == ' ' || c == '\t' || c == '\v' || c == '\f' || (c == '\r' && line_end_ != '\r'); }
   bool starts_comment(char c) const { return syntax_ == Syntax::percent ? c == '%' : syntax_ != Syntax::plain && c == '#'; }
-  /// Behind the line end when the backslash at `at` continues the line, else nullptr.
+  /// The position after the line end if the backslash at `at` continues the line, else nullptr.
   const char* behind_continuation(const char* at) const;
   double unusual_number(const char* first, const char* what) const;
 

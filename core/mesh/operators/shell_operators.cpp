@@ -14,7 +14,7 @@ namespace deform {
 
 namespace {
 
-constexpr std::uint32_t most_fan_corners = 64;  // of faces whose best fan is looked for
+constexpr std::uint32_t most_fan_corners = 64;  // faces with more corners use their first fan
 
 using Entry = Eigen::Triplet<double, std::int64_t>;
 
@@ -30,11 +30,11 @@ Vec3 some_normal(const Vec3& v) {
   return n / norm(n);
 }
 
-/// What the operators need of a triangle.
+/// The data of a triangle that the operators need.
 struct Shape {
   Vec3 edge[3];        ///< opposite to each corner, around the triangle
-  Vec3 normal{};       ///< unit; any across a flat triangle
-  double doubled = 0;  ///< twice the area, or what counts as that; 0 when all corners coincide
+  Vec3 normal{};       ///< unit length; arbitrary for a flat triangle
+  double doubled = 0;  ///< twice the effective area; 0 if all corners coincide
   bool flat = false;
 
   Shape(const Points& points, const Triangle& triangle, double scale) {
@@ -61,7 +61,7 @@ struct Shape {
     if (flat) doubled = least;
   }
 
-  /// Of the angle at a corner.
+  /// Cotangent of the angle at a corner.
   double cotangent(std::size_t corner) const { return -dot(edge[(corner + 1) % 3], edge[(corner + 2) % 3]) / doubled; }
 
   /// Shares of the corners in the area: Voronoi cells, cut off at the longest side of an obtuse triangle.

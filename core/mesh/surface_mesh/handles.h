@@ -6,17 +6,17 @@
 
 namespace deform {
 
-/// The number of an entity of a SurfaceMesh, typed by its kind so that a face is never taken for a vertex. 32 bits. A handle
-/// stays the same until garbage_collection() or reorder().
+/// The 32-bit index of an entity of a SurfaceMesh, typed so that a face cannot be passed for a vertex. Handles stay valid until
+/// garbage_collection() or reorder().
 template <typename Kind>
 class Handle {
  public:
-  static constexpr std::uint32_t none = 0xFFFFFFFF;  ///< the number of no entity
+  static constexpr std::uint32_t none = 0xFFFFFFFF;  ///< index of an invalid handle
 
   constexpr Handle() = default;
   constexpr explicit Handle(std::uint32_t index) : index_(index) {}
   constexpr std::uint32_t index() const { return index_; }
-  constexpr bool valid() const { return index_ != none; }  ///< whether it names an entity at all
+  constexpr bool valid() const { return index_ != none; }  ///< whether it refers to an entity
   friend constexpr auto operator<=>(const Handle&, const Handle&) = default;
 
  private:

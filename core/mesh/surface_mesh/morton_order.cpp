@@ -10,7 +10,7 @@ namespace {
 
 constexpr std::uint64_t cells = std::uint64_t{1} << 21;
 
-/// Two zero bits after each of 21.
+/// Spreads 21 bits, with two zero bits after each.
 std::uint64_t spread(std::uint64_t x) {
   x = (x | x << 32) & 0x1f00000000ffff;
   x = (x | x << 16) & 0x1f0000ff0000ff;

@@ -10,15 +10,15 @@
 
 namespace deform {
 
-/// The one-rings of all vertices and the corners of all faces of a SurfaceMesh as compressed rows: a picture of its connectivity
-/// at one time, for sweeps. Entities that were removed have empty rows. Immutable; any number of threads.
+/// A snapshot of the connectivity of a SurfaceMesh for sweeps: the one-rings of all vertices and the corners of all faces as
+/// compressed rows. Removed entities have empty rows. Immutable; any number of threads may read.
 class OneRings {
  public:
   explicit OneRings(const SurfaceMesh& mesh);
 
-  /// The vertices connected with v by edges. By ascending number of the edge, not around the vertex.
+  /// The vertices connected with v by edges, ordered by the index of the edge and not around the vertex.
   std::span<const VertexHandle> neighbours(VertexHandle v) const { return row(neighbours_, neighbour_offsets_, v.index()); }
-  /// The faces around v, in the order of their half-edges that end there.
+  /// The faces around v, ordered by the index of their half-edges that end in v.
   std::span<const FaceHandle> faces(VertexHandle v) const { return row(faces_, face_offsets_, v.index()); }
   /// The corners of f, counter-clockwise, from the target of its first half-edge.
   std::span<const VertexHandle> corners(FaceHandle f) const { return row(corners_, corner_offsets_, f.index()); }

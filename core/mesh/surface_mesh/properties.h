@@ -11,7 +11,8 @@
 
 namespace deform {
 
-/// One property of all entities of a kind, whatever its type: what keeps the arrays of a mesh synchronized.
+/// The values of one property for all entities of a kind, independent of the type of the values. Keeps the arrays of a
+/// mesh synchronized.
 class PropertyArrayBase {
  public:
   explicit PropertyArrayBase(std::string name) : name_(std::move(name)) {}
@@ -28,7 +29,7 @@ class PropertyArrayBase {
   std::string name_;
 };
 
-/// The values of one property. Not of bool, whose vector has no addresses: use char.
+/// The values of one property. T must not be bool, because elements of std::vector<bool> have no addresses; use char.
 template <typename T>
 class PropertyArray final : public PropertyArrayBase {
   static_assert(!std::is_same_v<T, bool>, "std::vector<bool> has no addresses: use char");
@@ -61,7 +62,7 @@ class Property {
   explicit Property(PropertyArray<T>* array) : array_(array) {}
 
   T& operator[](HandleType handle) const { return array_->values[handle.index()]; }
-  T* data() const { return array_->values.data(); }  ///< by index; changes when entities are added
+  T* data() const { return array_->values.data(); }  ///< invalidated when entities are added
   bool valid() const { return array_ != nullptr; }   ///< false: the mesh has no such property
   const std::string& name() const { return array_->name(); }
 
@@ -88,7 +89,7 @@ class PropertySet {
     arrays_.push_back(std::move(array));
     return added;
   }
-  /// Null when there is none; throws Error(invalid_argument) when it is of another type.
+  /// Returns nullptr if there is no such property; throws Error(invalid_argument) if it has another type.
   template <typename T>
   PropertyArray<T>* find(const std::string& name) const {
     PropertyArrayBase* const found = find_any(name);
@@ -97,10 +98,10 @@ class PropertySet {
     if (typed == nullptr) refuse_type(name);
     return typed;
   }
-  /// False when there is none.
+  /// Returns false if there is no such property.
   bool remove(const std::string& name);
 
-  /// Makes room for `count` entities. Arrays are kept larger than needed, so that adding one entity is one comparison.
+  /// Makes room for `count` entities. Arrays are kept larger than needed, so that adding an entity usually costs one comparison.
   void grow(std::size_t count) {
     if (count > size_) enlarge(count);
   }
@@ -115,7 +116,7 @@ class PropertySet {
   void enlarge(std::size_t count);
 
   std::vector<std::unique_ptr<PropertyArrayBase>> arrays_;
-  std::size_t size_ = 0;  // of every array
+  std::size_t size_ = 0;  // size of every array
 };
 
 }  // namespace deform

@@ -394,7 +394,7 @@ void SurfaceMesh::flip(EdgeHandle e) {
 
 // Collapses.
 
-// One side of the edge: a triangle must not hang on the edge alone, nor its apex be left with one edge.
+// Checks one side of the edge: a triangle must not be attached by this edge alone, and its apex must keep more than one edge.
 bool SurfaceMesh::allows_collapse(HalfedgeHandle h, VertexHandle apex) const {
   if (!apex.valid()) return true;
   const HalfedgeHandle first = next(h), second = next(first);

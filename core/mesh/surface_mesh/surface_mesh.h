@@ -31,7 +31,7 @@ struct FaceAroundVertexStep;
 struct HalfedgeOfFaceStep;
 struct VertexOfFaceStep;
 
-/// Which old entity each new one was: entry i of a list is the former number of entity i.
+/// A renumbering of entities: entry i of a list is the former index of entity i.
 struct Reordering {
   std::vector<std::uint32_t> vertices, edges, faces;
 };
@@ -39,31 +39,32 @@ struct Reordering {
 /// A polygonal 2-manifold with or without boundary as half-edges in arrays (thesis appendix A; D. Sieger, M. Botsch, Design,
 /// implementation, and evaluation of the Surface_mesh data structure, 2011), for algorithms that change connectivity.
 ///
-/// Half-edges 2 e and 2 e + 1 are the opposite directions of edge e. Each has its target, the next one of its face (or hole) and
-/// its face, which lies to its left; none of them on the boundary. A vertex has one outgoing half-edge, on the boundary if there
-/// is one there; none when it is isolated. The previous half-edge is not stored, which keeps a closed triangle mesh with double
-/// points and normals of vertices and faces at 180 B per vertex.
+/// Half-edges 2 e and 2 e + 1 are the opposite directions of edge e. A half-edge stores its target, the next half-edge of its
+/// face or hole, and the face to its left, which is none on the boundary. A vertex stores one outgoing half-edge, one on the
+/// boundary if it has one; none if it is isolated. The previous half-edge is not stored, so a closed triangle mesh with points
+/// and normals of vertices and faces in double precision takes 180 bytes per vertex.
 ///
-///   SurfaceMesh mesh(input);                                      // refuses what is not manifold
+///   SurfaceMesh mesh(input);                                      // throws if not manifold
 ///   auto weight = mesh.add_property<EdgeHandle, double>("weight", 1.0);
 ///   for (const VertexHandle v : mesh.vertices())
 ///     for (const VertexHandle w : mesh.neighbours(v)) ...
 ///   if (mesh.can_collapse(h)) mesh.collapse(h);                   // marks as removed
-///   mesh.garbage_collection();                                    // handles change here only
+///   mesh.garbage_collection();                                    // invalidates handles
 ///
-/// Removed entities keep their numbers until garbage_collection(); ranges skip them, also those that are removed on the way. Any
-/// number of threads may call const members while none calls others. Handles must be valid and not removed (undefined otherwise).
+/// Removed entities keep their indices until garbage_collection(); ranges skip them, even if they are removed during the
+/// loop. Any number of threads may call const members while none calls others. Handles must be valid and not removed
+/// (undefined otherwise).
 class SurfaceMesh {
  public:
   SurfaceMesh() = default;
-  /// Points and faces with their numbers. Throws Error(invalid_argument) for what mesh.validate() refuses, and naming what is not
-  /// a 2-manifold: edges as in paired_corners(), vertices whose faces form more than one fan.
+  /// Takes the points and faces of a mesh and keeps their numbers. Throws Error(invalid_argument) if mesh.validate() does, and if
+  /// the faces are not a 2-manifold, naming the edge as paired_corners() does or the vertex whose faces form more than one fan.
   explicit SurfaceMesh(const Mesh& mesh);
-  /// Points and faces, without groups. Vertices and faces keep their numbers; throws Error(failed_precondition) when some are
-  /// removed.
+  /// Returns points and faces, without groups. Vertices and faces keep their numbers; throws Error(failed_precondition) if there
+  /// are removed entities.
   Mesh to_mesh() const;
 
-  // Numbers of entities that are not removed, and of all slots: handles are below those.
+  // The number of entities that are not removed, and the number of slots, an upper bound of all indices.
   std::size_t vertex_count() const { return vertices_.size() - removed_vertices_; }
   std::size_t edge_count() const { return edge_slots() - removed_edges_; }
   std::size_t face_count() const { return faces_.size() - removed_faces_; }
@@ -80,24 +81,24 @@ class SurfaceMesh {
   std::uint64_t topology_stamp() const { return stamp_; }
   /// Bytes of the arrays and all properties, without one_rings().
   std::size_t bytes() const;
-  /// Makes room, so that so many entities in all can be added without moving arrays.
+  /// Reserves memory for this total number of entities.
   void reserve(std::size_t vertices, std::size_t edges, std::size_t faces);
 
   // Relations.
   HalfedgeHandle next(HalfedgeHandle h) const { return HalfedgeHandle(halfedges_[h.index()].next); }
-  /// Found by a walk around the face, on the boundary around the source.
+  /// Found by walking around the face, or around the source on the boundary.
   HalfedgeHandle previous(HalfedgeHandle h) const;
   static HalfedgeHandle opposite(HalfedgeHandle h) { return HalfedgeHandle(h.index() ^ 1); }
   VertexHandle target(HalfedgeHandle h) const { return VertexHandle(halfedges_[h.index()].target); }
   VertexHandle source(HalfedgeHandle h) const { return target(opposite(h)); }
-  FaceHandle face(HalfedgeHandle h) const { return FaceHandle(halfedges_[h.index()].face); }  ///< not valid on the boundary
+  FaceHandle face(HalfedgeHandle h) const { return FaceHandle(halfedges_[h.index()].face); }  ///< invalid on the boundary
   HalfedgeHandle halfedge(VertexHandle v) const { return HalfedgeHandle(vertices_[v.index()]); }
   HalfedgeHandle halfedge(FaceHandle f) const { return HalfedgeHandle(faces_[f.index()]); }
   static HalfedgeHandle halfedge(EdgeHandle e) { return HalfedgeHandle(2 * e.index()); }
   static EdgeHandle edge(HalfedgeHandle h) { return EdgeHandle(h.index() / 2); }
   /// The next outgoing half-edge of the source, clockwise seen from outside.
   HalfedgeHandle rotated(HalfedgeHandle h) const { return next(opposite(h)); }
-  /// From a to b; not valid when there is no such edge.
+  /// The half-edge from a to b; invalid if there is no such edge.
   HalfedgeHandle find_halfedge(VertexHandle a, VertexHandle b) const;
   bool is_boundary(HalfedgeHandle h) const { return halfedges_[h.index()].face == none; }
   bool is_boundary(EdgeHandle e) const { return is_boundary(halfedge(e)) || is_boundary(opposite(halfedge(e))); }
@@ -119,11 +120,11 @@ class SurfaceMesh {
   CirculatorRange<FaceAroundVertexStep> faces(VertexHandle v) const;
   CirculatorRange<HalfedgeOfFaceStep> halfedges(FaceHandle f) const;
   CirculatorRange<VertexOfFaceStep> vertices(FaceHandle f) const;
-  /// The one-rings as compressed rows, which sweeps over the whole mesh read several times faster than circulators. Built where
-  /// connectivity has changed since the last call; the reference holds until connectivity changes.
+  /// The one-rings as compressed rows; sweeps over the whole mesh are several times faster with them than with circulators.
+  /// Rebuilt if connectivity has changed since the last call; the reference is valid until it changes.
   const OneRings& one_rings();
 
-  // Geometry. Slots of removed vertices are there too.
+  // Geometry. points() includes the slots of removed vertices.
   const Vec3& point(VertexHandle v) const { return points_[v.index()]; }
   void set_point(VertexHandle v, const Vec3& x) { points_[v.index()] = x; }
   std::span<const Vec3> points() const { return points_; }
@@ -136,7 +137,7 @@ class SurfaceMesh {
     properties.grow(slots_of<HandleType>());
     return Property<HandleType, T>(properties.template add<T>(name, std::move(initial)));
   }
-  /// Not valid when there is none of this name; throws Error(invalid_argument) when it is of another type.
+  /// Returns an invalid property if there is none of this name; throws Error(invalid_argument) if it has another type.
   template <typename HandleType, typename T>
   Property<HandleType, T> find_property(const std::string& name) {
     return Property<HandleType, T>(properties_of<HandleType>().template find<T>(name));
@@ -149,37 +150,38 @@ class SurfaceMesh {
 
   // Changes of connectivity.
   VertexHandle add_vertex(const Vec3& point);
-  /// A face with these corners, counter-clockwise seen from outside. Throws Error(invalid_argument), with nothing changed, naming
-  /// the edge or vertex: fewer than three corners, a repeated one, an edge that has a face on this side already, a vertex without
-  /// a gap for it. A vertex may have several fans while a mesh is put together.
+  /// Adds a face with these corners, counter-clockwise seen from outside. Throws Error(invalid_argument) naming the edge or
+  /// vertex, and leaves the mesh unchanged, for fewer than three corners, a repeated corner, an edge that already has a face on
+  /// this side, or a vertex without a gap for the face. A vertex may have several fans while a mesh is being built.
   FaceHandle add_face(std::span<const VertexHandle> corners);
-  /// Edges that lose their last face go with it, vertices become isolated. What remains may touch in a vertex only.
+  /// Removes a face and the edges that have no other face; their vertices may become isolated. The remaining faces may meet in a
+  /// single vertex.
   void remove(FaceHandle f);
   void remove(EdgeHandle e);    ///< with its faces
   void remove(VertexHandle v);  ///< with its faces
-  /// Whether the edge has two triangles whose other two corners have no edge yet.
+  /// Whether the edge has two triangles whose opposite corners are not connected yet.
   bool can_flip(EdgeHandle e) const;
-  /// The edge connects the other two corners of its triangles. Requires can_flip(e).
+  /// Makes the edge connect the opposite corners of its two triangles. Requires can_flip(e).
   void flip(EdgeHandle e);
-  /// The link condition (T. K. Dey, H. Edelsbrunner, S. Guha, D. V. Nekhayev, Topology preserving edge contraction, 1999), with
-  /// faces of higher degree: afterwards the surface is a manifold of the same topology.
+  /// The link condition (T. K. Dey, H. Edelsbrunner, S. Guha, D. V. Nekhayev, Topology preserving edge contraction, 1999),
+  /// extended to faces of higher degree: after the collapse the surface is a manifold of the same topology.
   bool can_collapse(HalfedgeHandle h) const;
-  /// The source of h moves into its target and is removed, with the edge and its triangles. Requires can_collapse(h).
+  /// Merges the source of h into its target and removes the source, the edge and its triangles. Requires can_collapse(h).
   void collapse(HalfedgeHandle h);
-  /// A new vertex in the edge; triangles beside it become two each, other faces get one more corner.
+  /// Inserts a vertex into the edge. Each adjacent triangle is split in two; other faces get one more corner.
   VertexHandle split(EdgeHandle e, const Vec3& point);
-  /// A new vertex in the face, connected with all corners. The face keeps its first half-edge; the outgoing half-edge of the new
-  /// vertex is opposite to the face in a triangle, so that its collapse restores the face.
+  /// Inserts a vertex into the face and connects it with all corners. The face keeps its first half-edge. In a triangle, the
+  /// outgoing half-edge of the new vertex is opposite to the face, so that collapsing it restores the face.
   VertexHandle split(FaceHandle f, const Vec3& point);
-  /// Cuts a face between the targets of two of its half-edges, which must not be neighbours in it. Gives the half-edge from the
-  /// target of `from` to that of `to`, which has the new face.
+  /// Cuts a face between the targets of two of its half-edges, which must not be neighbours in it. Returns the half-edge from the
+  /// target of `from` to that of `to`; its face is the new one.
   HalfedgeHandle split(HalfedgeHandle from, HalfedgeHandle to);
-  /// Renumbers what is not removed without gaps, in the same order.
+  /// Drops removed entities and renumbers the others without gaps, in the same order.
   void garbage_collection();
-  /// Renumbers everything so that neighbours lie near in memory: vertices along a Morton curve, faces by their least vertex,
-  /// edges as faces meet them. Deterministic; collects garbage as well.
+  /// Renumbers all entities so that neighbours are close in memory: vertices along a Morton curve, faces by their smallest
+  /// vertex, edges in the order of the faces. Also collects garbage. Deterministic.
   Reordering reorder();
-  /// Throws Error(internal) naming the first entity whose relations contradict each other: for tests and assertions.
+  /// Throws Error(internal) naming the first entity with inconsistent relations. For tests and assertions.
   void check() const;
 
  private:
@@ -239,12 +241,12 @@ class SurfaceMesh {
   Points points_;
   PropertySet vertex_properties_, halfedge_properties_, edge_properties_, face_properties_;
 
-  std::shared_ptr<const OneRings> rings_;  // of rings_stamp_
+  std::shared_ptr<const OneRings> rings_;  // built at rings_stamp_
   std::uint64_t rings_stamp_ = 0;
 };
 
-/// All entities of a kind that are not removed, ascending; also skips what is removed, and ends before what is added, during the
-/// loop.
+/// The entities of a kind that are not removed, ascending. Skips entities that are removed during the loop and does not visit
+/// those that are added.
 template <typename HandleType>
 class EntityRange {
  public:
@@ -288,7 +290,7 @@ class EntityRange {
   std::uint32_t count_;
 };
 
-/// What a circulator visits once around a vertex or face. The connectivity around it must not change on the way.
+/// The entities around a vertex or face, each once. The connectivity around it must not change during the loop.
 template <typename Step>
 class CirculatorRange {
  public:
@@ -354,7 +356,7 @@ struct HalfedgeOfFaceStep {
   static HalfedgeHandle next(const SurfaceMesh& mesh, HalfedgeHandle h) { return mesh.next(h); }
   static HalfedgeHandle value(const SurfaceMesh&, HalfedgeHandle h) { return h; }
 };
-/// From the target of the first half-edge of the face.
+/// Starts with the target of the first half-edge of the face.
 struct VertexOfFaceStep : HalfedgeOfFaceStep {
   static VertexHandle value(const SurfaceMesh& mesh, HalfedgeHandle h) { return mesh.target(h); }
 };

@@ -11,11 +11,12 @@
 
 namespace deform {
 
-/// A = Q R of a tall matrix that grows by columns on its right: Householder reflectors in blocks, compact WY form (Schreiber, Van
-/// Loan 1989; LAPACK dgeqrt3, dlarfb). What is appended leaves the factors of earlier columns as they are.
+/// The QR factorization A = Q R of a tall matrix to which columns are appended on the right: blocked Householder reflectors
+/// in compact WY form (Schreiber, Van Loan 1989; LAPACK dgeqrt3, dlarfb). Appending columns leaves the factors of earlier
+/// ones unchanged.
 ///
-/// append() is for one thread; everything else only reads: any number of threads at once. The factors do not depend on the number
-/// of threads.
+/// append() must not run concurrently with any other call; the const members may be called by any number of threads. The factors
+/// do not depend on the number of threads.
 class BlockedQr {
  public:
   explicit BlockedQr(std::size_t rows) : rows_(rows) {}
@@ -23,23 +24,24 @@ class BlockedQr {
   std::size_t rows() const { return rows_; }
   std::size_t columns() const { return columns_; }
   std::size_t panels() const { return panels_.size(); }
-  std::size_t first(std::size_t panel) const { return panels_[panel].first; }  ///< column
+  std::size_t first(std::size_t panel) const { return panels_[panel].first; }  ///< index of its first column
   std::size_t width(std::size_t panel) const { return panels_[panel].width; }
   std::size_t bytes() const;
-  /// Of `columns` columns appended `block` at a time.
+  /// Memory in bytes for `columns` columns appended `block` at a time.
   static std::size_t bytes_for(std::size_t rows, std::size_t columns, std::size_t block);
 
-  /// Appends a panel of columns, at most rows() - columns() of them, which `fill` writes: column-major, leading dimension rows().
-  /// Columns that depend on those before them to working precision end it: returns how many were taken.
+  /// Appends a panel of at most rows() - columns() columns, which `fill` writes in column-major order with leading
+  /// dimension rows(). Stops at the first column that depends on the preceding ones to working precision; returns the
+  /// number of columns appended.
   std::size_t append(std::size_t columns, const std::function<void(double*)>& fill, const RunContext& context);
 
-  /// Y (rows x any) becomes that of Q_p^T Y, Q_p the reflectors of one panel; all panels in order give Q^T Y.
+  /// Replaces Y (rows x any) by Q_p^T Y, where Q_p is the product of the reflectors of one panel. All panels in order give Q^T Y.
   void apply_transposed(std::size_t panel, Eigen::MatrixXd& Y) const;
-  /// Y becomes Q Y with the reflectors of the first `panels` panels.
+  /// Replaces Y (rows x any) by Q Y with the reflectors of the first `panels` panels.
   void apply(std::size_t panels, Eigen::MatrixXd& Y) const;
-  /// The leading columns x columns triangle of R: Y (columns x any) becomes R^-1 Y.
+  /// Replaces Y (columns x any) by R^-1 Y, where R is the leading columns x columns triangle.
   void solve(std::size_t columns, Eigen::MatrixXd& Y) const;
-  /// Y becomes R^-T Y.
+  /// Replaces Y (columns x any) by R^-T Y.
   void solve_transposed(std::size_t columns, Eigen::MatrixXd& Y) const;
 
  private:

@@ -5,8 +5,9 @@
 
 namespace deform::lapack {
 
-/// OpenBLAS runs single-threaded: the callers parallelise (core/base/parallel.h), so that requests share the cores without
-/// oversubscription and results do not depend on the number of threads. Call before any BLAS or LAPACK work; cheap, any thread.
+/// Makes OpenBLAS single-threaded. The callers parallelize (core/base/parallel.h), so that requests share the cores without
+/// oversubscription and results do not depend on the number of threads. Call it before any use of BLAS or LAPACK; cheap,
+/// any thread.
 void use_one_thread();
 
 }  // namespace deform::lapack

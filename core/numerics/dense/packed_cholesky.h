@@ -10,10 +10,10 @@
 
 namespace deform {
 
-/// A symmetric positive definite matrix in block columns: panel p holds rows first(p) .. size of columns first(p) .. first(p) +
-/// width(p), column-major, so a little more than half of the full square. Not initialized: filled panel by panel (at and
-/// below the diagonal), then factored in place, L L^T.
-/// solve() only reads: any number of threads at once; everything else is for one thread.
+/// A symmetric positive definite matrix stored in block columns and factored in place, A = L L^T. Panel p holds rows first(p) ..
+/// size of columns first(p) .. first(p) + width(p), column-major, so the storage is a little more than half of the full square.
+/// It is not initialized: the caller fills it panel by panel, at and below the diagonal, then calls factor(). Any number of
+/// threads may call solve(); the other members are not thread-safe.
 class PackedCholesky {
  public:
   explicit PackedCholesky(std::size_t size);
@@ -28,14 +28,14 @@ class PackedCholesky {
   std::size_t bytes() const { return offsets_.back() * sizeof(double); }
   static std::size_t bytes_for(std::size_t size);
 
-  /// Largest column sum of absolute values of the symmetric matrix, before factor().
+  /// The 1-norm of the symmetric matrix. Call before factor().
   double norm1(const RunContext& context) const;
 
-  /// False when a pivot is not positive (the contents are lost then). Same result for any number of threads. Reports "factor"
-  /// progress.
+  /// Factors in place. Returns false if a pivot is not positive; the contents are lost then. The result does not depend on the
+  /// number of threads. Reports "factor" progress.
   bool factor(const RunContext& context);
 
-  /// B (size x columns, column-major, leading dimension ldb) becomes A^-1 B.
+  /// Replaces B (size x columns, column-major, leading dimension ldb) by A^-1 B.
   void solve(double* B, std::size_t ldb, std::size_t columns) const;
 
  private:

@@ -10,8 +10,8 @@
 
 namespace deform {
 
-/// Polynomial interpolation in a box at the tensor product of `order` Chebyshev points per axis (Fong, Darve: The black-box fast
-/// multipole method, 2009). Nodes are numbered (i * order + j) * order + k. Immutable; any thread.
+/// Polynomial interpolation in a box at a tensor grid of `order` Chebyshev points per axis (Fong, Darve: The black-box fast
+/// multipole method, 2009). Node (i, j, k) has the number (i * order + j) * order + k. Immutable; any thread.
 class ChebyshevGrid {
  public:
   explicit ChebyshevGrid(int order);
@@ -21,18 +21,20 @@ class ChebyshevGrid {
   /// The nodes of a box.
   std::vector<Vec3> nodes(const Vec3& centre, double half) const;
 
-  /// Values of the interpolation polynomials at a coordinate in [-1, 1].
+  /// Values of the `order` one-dimensional interpolation polynomials at x in [-1, 1].
   void values(double x, double* out) const;
-  /// Those of all nodes at the 16 points of a tile (coordinates of the points, not of the box): out[node][16].
+  /// Values of the polynomials of all nodes at the 16 points of a tile, as out[node][16]. The coordinates of the tile are global,
+  /// not relative to the box.
   void tile_values(const double* tile, const Vec3& centre, double half, double* out) const;
 
-  /// parent += transposed interpolation from the nodes of child number `octant` (bits: x 4, y 2, z 1) to those of its parent, and
-  /// child += interpolation. Both nodes x columns, row by row.
+  /// to_parent() adds the transposed interpolation of the values at the nodes of child `octant` (bits: x 4, y 2, z 1) to
+  /// those of its parent; to_child() adds the interpolation of the parent's values to those of the child. Both are nodes x
+  /// columns, row-major.
   void to_parent(unsigned octant, const double* child, std::size_t columns, double* parent) const;
   void to_child(unsigned octant, const double* parent, std::size_t columns, double* child) const;
 
-  /// For every one of the 48 symmetries of the cube the number of the node that a node goes to. Symmetry s = 8 * p + f: axes are
-  /// permuted by axis_order(p), then flipped where f has the bit (x 4, y 2, z 1).
+  /// The permutation of the nodes under symmetry s of the cube, 0..47. Symmetry s = 8 * p + f permutes the axes by axis_order(p),
+  /// then flips those whose bit is set in f (x 4, y 2, z 1).
   const std::vector<std::uint16_t>& symmetry(std::size_t s) const { return symmetries_[s]; }
   static const std::array<std::uint8_t, 3>& axis_order(std::size_t p);
 

@@ -10,24 +10,24 @@
 
 namespace deform {
 
-/// What kernel sums may be wrong by.
+/// The error allowed in kernel sums: the larger of `absolute` and `relative`.
 struct SumAccuracy {
-  int order = 8;        ///< of FastSums to begin with, 4..16
+  int order = 8;        ///< initial order of FastSums, 4..16
   double absolute = 0;  ///< in the units of the sums
-  double relative = 0;  ///< of the largest sum; the larger of the two counts
+  double relative = 0;  ///< as a fraction of the largest sum
 };
 
-/// Sums and what they are wrong by: twice the largest error seen; 0 when nothing was left out.
+/// Kernel sums and an estimate of their error: twice the largest measured error, or 0 if all sums are direct.
 struct CheckedSums {
   std::vector<double> sums;
   double error = 0;
 };
 
-/// FastSums (n x columns, row by row) whose error is measured where they are wanted: at up to 512 of the points,
-/// against direct sums. The order is raised until twice the largest error seen is allowed, or is that of the arithmetic; what the
-/// last order misses is summed directly as long as that is affordable. The order that serves at the centres says nothing here:
-/// trees of other points meet on other levels. Not for Wendland's kernel. Deterministic; any thread. Throws Error(cancelled),
-/// deadline_exceeded.
+/// Computes kernel sums (n x columns, row-major) by FastSums and measures their error against direct sums at up to 512 of the
+/// points. The order is raised until twice the largest measured error is within `accuracy` or at the level of rounding; if the
+/// highest order is not enough, sums are direct as far as that is affordable. The order that suffices at the centres need not
+/// suffice here, because trees of other points interact on other levels. Not for Wendland's kernel. Deterministic; any thread.
+/// Throws Error(cancelled), deadline_exceeded.
 CheckedSums checked_sums(const RadialKernel& kernel, std::span<const Vec3> points, std::span<const Vec3> centres,
                          std::span<const double> weights, std::size_t columns, const SumAccuracy& accuracy,
                          const RunContext& context);

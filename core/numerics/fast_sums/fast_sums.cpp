@@ -15,7 +15,7 @@ namespace {
 
 // Pairs of boxes translated together: enough columns for the product to run out of the cache, and enough groups for the threads.
 constexpr std::size_t group_pairs = 16, least_pairs = 4, wanted_groups = 16;
-// Columns at once: what keeps the interpolation points of all boxes in memory.
+// The number of columns at once, which limits the memory of the interpolation points of all boxes.
 constexpr std::size_t most_columns = 12;
 
 std::size_t automatic_leaf(int order) {

@@ -14,16 +14,16 @@
 
 namespace deform {
 
-/// Kernel sums of many points and many centres in a time that grows like their number and not like its square: a fast multipole
-/// method that interpolates the kernel between separated boxes (Fong, Darve: The black-box fast multipole method, Journal of
-/// Computational Physics 228, 2009). Needs nothing of the kernel but that it is smooth away from 0: every one but Wendland's.
-/// Where boxes hold few points they are summed directly, so small sums are exact.
+/// Kernel sums over many points and centres in linear time: a fast multipole method that interpolates the kernel between
+/// well-separated boxes (Fong, Darve: The black-box fast multipole method, Journal of Computational Physics 228, 2009). It
+/// needs a kernel that is smooth away from 0, that is any but Wendland's. Boxes with few points are summed directly, so small
+/// sums are exact.
 ///
 /// Immutable; any number of threads may call sums() at once. Results do not depend on the number of threads.
 class FastSums {
  public:
   struct Options {
-    int order = 8;                ///< interpolation points per axis, 4..16; every two are worth 1.5 to 2 digits
+    int order = 8;                ///< interpolation points per axis, 4..16; two more give 1.5 to 2 digits
     std::size_t leaf_points = 0;  ///< 0 = automatic
   };
 
@@ -31,31 +31,32 @@ class FastSums {
 
   std::size_t points() const { return targets_.points().size(); }
   std::size_t centres() const { return sources_.points().size(); }
-  /// Row i = sum over centres j of phi(|point i - centre j|) * weights[j]: n x columns from m x columns, row by row, like
-  /// kernel_sums(). Throws Error(cancelled), deadline_exceeded.
+  /// Row i = sum over centres j of phi(|point i - centre j|) * weights[j]: n x columns from m x columns, both row-major, as
+  /// kernel_sums() does. Throws Error(cancelled), deadline_exceeded.
   std::vector<double> sums(std::span<const double> weights, std::size_t columns, const RunContext& context = {}) const;
 
   std::size_t bytes() const;
-  /// Memory for n points and m centres, an upper bound for points on surfaces, with the workspace of one sums().
+  /// Memory in bytes for n points and m centres, including the workspace of one call of sums(). An upper bound for points
+  /// on surfaces.
   static std::size_t bytes_for(std::size_t n, std::size_t m, int order);
 
  private:
   struct Range {
     std::uint32_t begin, end;
   };
-  /// A box and one that is well separated from it, on one level.
+  /// Two well-separated boxes of the same level.
   struct Pair {
     std::uint32_t target, source;
     std::uint8_t symmetry;
   };
-  /// Pairs whose offset is a mirror image of the same one; groups of pairs do not share a target.
+  /// Pairs whose offsets are equal up to a symmetry of the cube. The pairs of a group have distinct targets.
   struct Class {
     std::size_t level;
-    Vec3 offset;  ///< source - target after the symmetry, in boxes
+    Vec3 offset;  ///< source - target after the symmetry, in units of boxes
     std::vector<Pair> pairs;
     std::vector<std::size_t> groups;
   };
-  /// Exact or half-exact contributions to a box of the targets.
+  /// Contributions to a target box that are summed directly or at the nodes of the source only.
   struct Near {
     std::vector<Range> direct;         ///< centres summed directly
     std::vector<std::uint32_t> nodes;  ///< source boxes whose interpolation points are summed
@@ -77,12 +78,12 @@ class FastSums {
   Octree sources_, targets_;
   std::size_t direct_limit_;
   std::vector<Class> classes_;
-  std::vector<Near> near_;                    ///< per target box: its own, for leaves those of all above them
-  std::vector<std::vector<Range>> incoming_;  ///< per target box: centres summed at its interpolation points
-  std::vector<bool> expanded_;  ///< per target box: whether anything reaches its interpolation points, from above or on its level
-  bool expands_ = false;        ///< whether anything reaches those of any
-  bool collects_ = false;       ///< whether interpolation points of some source box are summed or translated
-  std::vector<std::uint32_t> leaves_;  ///< of the targets
+  std::vector<Near> near_;                    ///< for each target box its own; for leaves also those of their ancestors
+  std::vector<std::vector<Range>> incoming_;  ///< for each target box, centres summed at its nodes
+  std::vector<bool> expanded_;                ///< for each target box, whether its nodes receive anything
+  bool expands_ = false;                      ///< whether the nodes of any target box receive anything
+  bool collects_ = false;                     ///< whether the nodes of any source box are summed or translated
+  std::vector<std::uint32_t> leaves_;         ///< leaves of the targets
 };
 
 }  // namespace deform

@@ -11,35 +11,35 @@
 
 namespace deform {
 
-/// A cube whose cells the trees of two sets of points can share, so that boxes of one level lie on one lattice.
+/// The root cube of octrees. Two trees with the same root have boxes on the same lattice at each level.
 struct Cube {
   Vec3 centre{};
-  double half = 1;  ///< of the edge
+  double half = 1;  ///< half the edge length
 };
-/// The least cube around all points of both sets, a little enlarged.
+/// The smallest cube around all points of both sets, slightly enlarged.
 Cube enclosing_cube(std::span<const Vec3> a, std::span<const Vec3> b);
 
-/// Points sorted into the boxes of an adaptive octree. Boxes stand level by level; the points of a box are contiguous. Empty
-/// boxes do not exist. Deterministic; immutable.
+/// An adaptive octree without empty boxes. Boxes are ordered level by level; the points of a box are contiguous.
+/// Deterministic; immutable.
 class Octree {
  public:
   struct Box {
-    std::array<std::int32_t, 3> cell;  ///< on the lattice of its level
-    std::uint32_t begin = 0, end = 0;  ///< its points, in points()
+    std::array<std::int32_t, 3> cell;  ///< position on the lattice of its level
+    std::uint32_t begin = 0, end = 0;  ///< range of its points in points()
     std::uint32_t child = 0;           ///< first of its children, which are contiguous
     std::uint8_t children = 0, level = 0;
     bool leaf() const { return children == 0; }
     std::size_t count() const { return end - begin; }
   };
 
-  /// Boxes with more than leaf_points points are split, down to level 20.
+  /// Splits boxes with more than leaf_points points, down to level 20.
   Octree(std::span<const Vec3> points, const Cube& root, std::size_t leaf_points);
 
   const std::vector<Vec3>& points() const { return points_; }         ///< sorted
-  const std::vector<std::uint32_t>& order() const { return order_; }  ///< sorted position -> number of the point
+  const std::vector<std::uint32_t>& order() const { return order_; }  ///< original index of each sorted point
   const std::vector<Box>& boxes() const { return boxes_; }
   std::size_t levels() const { return level_begin_.size() - 1; }
-  std::size_t level_begin(std::size_t level) const { return level_begin_[level]; }  ///< of levels() + 1 entries
+  std::size_t level_begin(std::size_t level) const { return level_begin_[level]; }  ///< first box of a level, or the end
   double half(std::size_t level) const { return root_.half / static_cast<double>(std::uint64_t{1} << level); }
   Vec3 centre(const Box& box) const;
   std::size_t bytes() const;

@@ -8,8 +8,8 @@
 
 namespace deform {
 
-/// The interpolant by a dense factorization of its system: Cholesky on the complement of the polynomials, or LDL^T of the
-/// bordered matrix (asked for, or where Cholesky breaks down and the options leave the choice).
+/// Interpolation by a dense factorization of the system: Cholesky on the complement of the polynomials, or LDL^T of the bordered
+/// matrix, either on request or if Cholesky breaks down and the solver is `automatic`.
 class DenseInterpolator : public Interpolator {
  public:
   DenseInterpolator(std::vector<Vec3> centres, const InterpolationOptions& options, const RunContext& context);
@@ -21,12 +21,13 @@ class DenseInterpolator : public Interpolator {
   Interpolants interpolate(const Eigen::MatrixXd& F, double tolerance, const RunContext& context = {}) const override;
   Eigen::MatrixXd adjoint(Eigen::MatrixXd B, const RunContext& context = {}) const override;
 
-  /// Right-hand sides B = [f; g] for both parts, (m + q) x columns, to coefficients [w; c] with their uncertainty; the system is
-  /// symmetric, so this serves adjoints. Refined with accurate residuals, at most twice: the result is right to its last digits
-  /// as long as condition * eps is well below one, whichever the solver; where it is not, `converged` is false.
+  /// Solves for right-hand sides B = [f; g], (m + q) x columns, and returns coefficients [w; c] with their uncertainty. The
+  /// system is symmetric, so this also solves adjoint problems. At most two steps of iterative refinement with accurate residuals
+  /// make the result accurate to its last digits as long as condition * eps is well below one, with either solver; otherwise
+  /// `converged` is false.
   Interpolants solve_saddle(const Eigen::MatrixXd& B, const RunContext& context = {}) const;
 
-  /// Upper bounds for m centres.
+  /// Upper bounds of bytes() and of the peak memory of the construction for m centres.
   static std::size_t bytes_for(std::size_t m, Solver solver);
   static std::size_t peak_bytes(std::size_t m, Solver solver);
 

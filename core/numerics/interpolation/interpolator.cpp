@@ -132,7 +132,7 @@ std::size_t interpolator_bytes(std::size_t m, Solver solver) {
 
 std::size_t interpolator_peak_bytes(std::size_t m, Solver solver) {
   if (solver == Solver::iterative) return IterativeInterpolator::peak_bytes(m, 4);
-  // Beside the factor the samples, what was made of them, and a request.
+  // In addition to the factor: the samples, their transforms, and a request.
   if (solver == Solver::incremental_qr) {
     return interpolator_bytes(m, solver) + 16 * (m + PolynomialSpace::most_terms) * sizeof(double);
   }

@@ -24,10 +24,10 @@ using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::Ro
 constexpr int first_order = 6, last_order = 16;
 constexpr int direct = last_order + 2;              // "order" of direct sums, which are exact
 constexpr std::size_t most_direct_centres = 30000;  // a second or two per product
-constexpr int most_iterations = 60;                 // between restarts; what the basis takes in memory
+constexpr int most_iterations = 60;                 // between restarts; determines the memory of the basis
 constexpr int most_restarts = 6;
 constexpr std::size_t most_samples = 1024;
-constexpr double adjoint_tolerance = 1e-13;  // of the largest value: what is left grows by about the size of the weights
+constexpr double adjoint_tolerance = 1e-13;  // of the largest value: the residual grows by about the size of the weights
 constexpr double adjoint_accuracy = 1e-13;   // of the largest sum
 constexpr int adjoint_order = 12;            // of these sums to begin with
 constexpr double allowed_share = 0.05;       // of the tolerance, for the sums of one step
@@ -92,7 +92,7 @@ class IterativeInterpolator::Solve {
     if (order == direct) return;
     sums_ = std::make_unique<FastSums>(system_.kernel_, system_.centres_, system_.centres_, FastSums::Options{order, 0});
   }
-  /// What there is beyond the orders.
+  /// The highest order, which is `direct` for few centres.
   int highest() const { return system_.centres_.size() <= most_direct_centres ? direct : last_order; }
   MatrixXd product(const MatrixXd& weights) const;
   MatrixXd accurate_difference(const MatrixXd& weights, const MatrixXd& values) const;
@@ -145,8 +145,8 @@ VectorXd IterativeInterpolator::Solve::error_of_sums(const MatrixXd& weights, co
   return largest;
 }
 
-/// A direction enters the solution with about the norm of what is left, so its product may be the less accurate the less is left
-/// (Simoncini, Szyld: Theory of inexact Krylov subspace methods, 2003).
+/// A direction enters the solution with about the norm of the residual, so the smaller the residual, the less accurate its
+/// product may be (Simoncini, Szyld: Theory of inexact Krylov subspace methods, 2003).
 MatrixXd IterativeInterpolator::Solve::accurate_product(const MatrixXd& weights, const std::vector<Krylov*>& columns) {
   while (true) {
     MatrixXd result = product(weights);

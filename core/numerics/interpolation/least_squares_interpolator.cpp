@@ -61,7 +61,7 @@ void check_tolerance(double tolerance, const char* name) {
   if (!(tolerance >= 0)) refuse(std::string(name) + ": " + number_digits(tolerance) + " is out of range, must be at least 0");
 }
 
-/// Sums of squares of the rows from i to the end, for every i and one past the end: what is left when the rows above are solved.
+/// Sums of squares of the rows from i to the end, for every i and one past the end: the residual after solving the rows above.
 std::vector<double> tails(const MatrixXd& Y, Index first_column, Index columns) {
   std::vector<double> sums(static_cast<std::size_t>(Y.rows()) + 1, 0.0);
   for (Index i = Y.rows(); i > 0; --i) {
@@ -261,7 +261,8 @@ void LeastSquaresInterpolator::prepare_greedily(const InterpolationOptions& opti
   if (met(Y, options, needed)) keep(needed);
 }
 
-/// Of the least squares with so many centres, from what the reflectors of so many panels left of the values.
+/// The residual of the least-squares problem with this number of centres, from the values after the reflectors of this number
+/// of panels.
 MatrixXd LeastSquaresInterpolator::residual(MatrixXd projected, std::size_t centres, std::size_t panels) const {
   projected.topRows(static_cast<Index>(polynomials_.terms() + centres)).setZero();
   qr_.apply(panels, projected);

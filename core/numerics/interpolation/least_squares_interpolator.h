@@ -11,40 +11,40 @@
 
 namespace deform {
 
-/// RBF least squares with a growing number of centres (thesis 7.5, eq. 7.1). Values are given at m places; the first k of them in
-/// some order have weights, and
+/// RBF least squares with a growing number of centres (thesis 7.5, eq. 7.1). Values are given at m points, of which the first k
+/// in a certain order are centres. The system
 ///
-///   [ Phi_k   P ] [w]   [f]      Phi_k: kernel between the m places and the k of them, m x k
-///   [ P_k^T   0 ] [c] = [0]      P, P_k: polynomials at all places and at the k, m x q and k x q
+///   [ Phi_k   P ] [w]   [f]      Phi_k: kernel between the m points and the k centres, m x k
+///   [ P_k^T   0 ] [c] = [0]      P, P_k: polynomials at the points and the centres, m x q, k x q
 ///
-/// is solved in the sense of least squares, side conditions included (without them the field is ten times worse far away from the
-/// places). k = m gives the interpolant of the dense solvers. The matrix is factored once, A = Q R, by columns appended in
-/// blocks; as these leave earlier columns alone, one preparation serves every smaller k, and a request takes the first k within
-/// its tolerance. Preparation takes about 2 m k^2 operations and 8 m k bytes, a request 12 m k operations.
+/// is solved in the least-squares sense, side conditions included (without them the error far away from the points is ten times
+/// larger). k = m gives the interpolant of the dense solvers. The matrix is factored once, A = Q R, by appending columns in
+/// blocks. Since this leaves earlier columns unchanged, one factorization serves all smaller k, and a request uses the first k
+/// that meets its tolerance. Preparation takes about 2 m k^2 operations and 8 m k bytes, a request 12 m k operations.
 class LeastSquaresInterpolator : public Interpolator {
  public:
-  /// Of coincident places one gets a weight. Throws Error(invalid_argument) naming the field: no places, non-finite coordinates
-  /// or samples, a polynomial degree that does not suit the kernel, samples of another number of rows, greedy without samples, a
-  /// negative tolerance; out_of_budget when not even one centre fits; cancelled, deadline_exceeded. Progress "factor": the share
-  /// of the centres allowed.
+  /// Only one of several coincident points gets a weight. Throws Error(invalid_argument) naming the field: no points, non-finite
+  /// coordinates or samples, a polynomial degree below what the kernel needs, samples with a wrong number of rows, greedy without
+  /// samples, a negative tolerance. Throws out_of_budget if not even one centre fits into the memory limit; cancelled,
+  /// deadline_exceeded. Reports "factor" progress as the fraction of the allowed centres.
   LeastSquaresInterpolator(std::vector<Vec3> centres, const InterpolationOptions& options, const RunContext& context = {});
 
   Solver solver() const override { return Solver::incremental_qr; }
-  /// The largest k that can be had. Less than allowed when the samples need no more, or when what is left are columns that depend
-  /// on those before to working precision.
+  /// The largest k. It is below the allowed number of centres if the samples need no more, or if the remaining columns depend on
+  /// the preceding ones to working precision.
   std::size_t weighted() const override { return order_.size(); }
-  const std::vector<std::uint32_t>& order() const { return order_; }  ///< which places, as indices
+  const std::vector<std::uint32_t>& order() const { return order_; }  ///< the centres, as indices of points
   std::size_t bytes() const override;
-  /// Upper bound for k centres of m places.
+  /// An upper bound of bytes() for k centres of m points.
   static std::size_t bytes_for(std::size_t m, std::size_t k);
 
-  /// The first k with RMS <= tolerance for one field F (m x columns; three of a displacement field). tolerance >= 0, units of the
-  /// values. Not reaching it is a result. Throws Error(invalid_argument): another number of rows, non-finite values, a negative
-  /// tolerance.
+  /// Uses the first k with RMS error <= tolerance for one field F (m x columns; three columns for displacements). The tolerance
+  /// is in the units of the values. Missing it is not an error. Throws Error(invalid_argument) for a wrong number of rows,
+  /// non-finite values or a negative tolerance.
   Interpolants interpolate(const Eigen::MatrixXd& F, double tolerance, const RunContext& context = {}) const override;
-  /// With all weighted() centres.
+  /// The adjoint for all weighted() centres.
   Eigen::MatrixXd adjoint(Eigen::MatrixXd B, const RunContext& context = {}) const override;
-  /// RMS error for k = 0 .. weighted(): quality against cost. Does not rise.
+  /// The RMS error for each k = 0 .. weighted(), nonincreasing: quality against cost.
   std::vector<double> errors(const Eigen::MatrixXd& F) const;
 
  private:
@@ -59,7 +59,7 @@ class LeastSquaresInterpolator : public Interpolator {
   bool met(const Eigen::MatrixXd& projected, const InterpolationOptions& options, std::size_t& centres) const;
 
   std::vector<std::uint32_t> order_;
-  std::vector<Vec3> chosen_;  ///< in that order
+  std::vector<Vec3> chosen_;  ///< coordinates, in this order
   BlockedQr qr_;
 };
 

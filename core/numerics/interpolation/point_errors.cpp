@@ -20,14 +20,13 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-constexpr std::size_t most_candidates = 8192;  // points that are looked at for the choice
-// Of the centres that take part: some of all, and around each place so many of all, of a quarter of them, of a sixteenth, ...
+constexpr std::size_t most_candidates = 8192;  // largest number of points to choose from
+// Numbers of the centres in use: a sample of all; around each place the nearest of all, of a quarter, of a sixteenth, ...
 constexpr std::size_t overall = 700, around = 6, thinner = 4;
-constexpr std::size_t most_surrounded = 96;  // of the places
+constexpr std::size_t most_surrounded = 96;  // largest number of places treated this way
 constexpr double many_roundings = 1e3;       // below, a residual in double precision has few digits
 
-/// Numbers 0 .. count - 1 in an order that has no period, so that every prefix is spread over them: multiples of the golden
-/// ratio.
+/// Numbers 0 .. count - 1 in a low-discrepancy order (multiples of the golden ratio), so that every prefix is spread over them.
 std::vector<std::uint32_t> spread_order(std::size_t count) {
   std::vector<std::uint32_t> order;
   std::vector<bool> taken(count);

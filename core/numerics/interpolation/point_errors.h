@@ -14,44 +14,45 @@
 
 namespace deform {
 
-/// Which of the points an approximate interpolant is checked at, as indices, ascending: those next to centres, those farthest
-/// from them (where errors at the centres grow most), and some of all. At most `most`. Deterministic.
+/// Selects the points at which to check an approximate interpolant: points next to centres, points farthest from them (where
+/// errors at the centres are amplified most), and a sample of all. Returns at most `most` indices, ascending. Deterministic.
 std::vector<std::uint32_t> check_points(std::span<const Vec3> points, std::span<const Vec3> centres, std::size_t most = 384);
 
-/// Infinity when any is not a number.
+/// The largest absolute value of an entry; infinity if any entry is NaN.
 double largest_magnitude(const Eigen::MatrixXd& errors);
 
-/// How far interpolants that miss their values at the centres a little are from the exact one at other places. What is missing is
-/// the interpolant of the residual, so an exact solution for the residual tells, with whatever the residual grows by on the way
-/// to a place. Up to most_centres all centres take part; of more those around every place, the farther away the fewer of them,
-/// and some of all. Shares neither the solver nor the sums with what it checks: a dense factorization and direct sums. Immutable;
-/// any thread.
+/// Estimates the error of approximate interpolants at given places. The difference between the exact interpolant and an
+/// approximate one is the interpolant of the residual at the centres, so an exact solution for the residual gives the error,
+/// including its amplification between the centres. Up to most_centres centres all of them are used; beyond that those around
+/// every place, fewer with increasing distance, and a sample of all. Uses a dense factorization and direct sums, so it shares
+/// neither the solver nor the sums with the interpolants it checks. Immutable; any thread.
 class PointErrors {
  public:
   static constexpr std::size_t most_centres = 3000;
 
-  /// Places in the coordinates of the system. Throws Error(numerical_failure), cancelled, deadline_exceeded.
+  /// The places are in the coordinates of the system. Throws Error(numerical_failure), cancelled, deadline_exceeded.
   PointErrors(const Interpolator& system, int polynomial_degree, std::vector<Vec3> places, const RunContext& context);
 
   const std::vector<Vec3>& places() const { return places_; }
-  /// Whether all centres of the system take part, so that what is missing is known exactly.
+  /// Whether all centres of the system are used, so that the error is exact up to rounding.
   bool complete() const { return complete_; }
-  /// What interpolants of F (values at all centres of the system, m x columns) are missing: the interpolant of their residual at
-  /// the centres that take part. With twice the digits where the residual is near rounding. Where it is larger at other centres,
-  /// it is taken for as much larger.
+  /// The correction to interpolants of F (values at all centres of the system, m x columns): the interpolant of their residual at
+  /// the centres in use. The residual is computed in double-double arithmetic if it is near rounding. If it is larger at the
+  /// other centres, the correction is scaled up accordingly.
   struct Missing {
-    Eigen::MatrixXd coefficients;  ///< as Interpolants::coefficients, of the centres that take part
-    double residual = 0;           ///< largest at these
+    Eigen::MatrixXd coefficients;  ///< as Interpolants::coefficients, for the centres in use
+    double residual = 0;           ///< largest at these centres
   };
   Missing missing(const Interpolator& system, const Interpolants& interpolants, const Eigen::MatrixXd& F,
                   const RunContext& context) const;
-  /// Its values: exact interpolant - the one given, estimated, places x columns, units of F.
+  /// Values of the correction at the places, that is the estimated exact - approximate interpolant: places x columns, in the
+  /// units of F.
   Eigen::MatrixXd errors(const Missing& missing, const RunContext& context) const { return errors(missing, places_, context); }
-  /// The same at other places.
+  /// As above at other places.
   Eigen::MatrixXd errors(const Missing& missing, std::span<const Vec3> places, const RunContext& context) const;
 
   std::size_t bytes() const;
-  /// Upper bounds for m centres: of bytes(), and while it is made.
+  /// Upper bounds for m centres: of bytes(), and of the peak memory of the construction.
   static std::size_t bytes_for(std::size_t m);
   static std::size_t peak_bytes(std::size_t m);
 
@@ -60,7 +61,7 @@ class PointErrors {
                            const RunContext& context) const;
 
   std::vector<Vec3> places_;
-  std::vector<std::uint32_t> ids_;  ///< of the centres that take part
+  std::vector<std::uint32_t> ids_;  ///< centres in use
   bool complete_ = false;
   std::unique_ptr<const DenseInterpolator> exact_;
 };

@@ -13,7 +13,7 @@
 
 namespace deform {
 
-/// One factorization of the bordered RBF system (thesis eq. 3.9, 3.10)
+/// A factorization of the bordered RBF system (thesis eq. 3.9, 3.10)
 ///
 ///   [ Phi  P ] [w]   [f]      Phi_ij = phi(|x_i - x_j|), m x m
 ///   [ P^T  0 ] [c] = [g]      P_ij = p_j(x_i), m x q of full rank
@@ -22,22 +22,22 @@ namespace deform {
 class SaddleFactor {
  public:
   virtual ~SaddleFactor() = default;
-  /// B = [f; g], (m + q) x columns, becomes [w; c].
+  /// Replaces B = [f; g], (m + q) x columns, by [w; c].
   virtual void solve(Eigen::MatrixXd& B) const = 0;
   virtual std::size_t bytes() const = 0;
-  /// Estimate of the 1-norm condition of the factored matrix (of the projected one for Cholesky).
+  /// An estimate of the 1-norm condition number of the factored matrix; for Cholesky that is the projected one.
   virtual double condition() const = 0;
 };
 
-/// What every back-end assembles its matrix from. Must outlive the construction of a factor, not the factor.
+/// The input of the back-ends. Must outlive the construction of a factor, but not the factor.
 struct SaddleProblem {
   RadialKernel kernel;
   std::span<const Vec3> centres;
   const PolynomialSpace& polynomials;
 };
 
-/// Back-ends. Null when the matrix is not positive definite to working precision (Cholesky). Throw Error(numerical_failure) when
-/// it is singular, cancelled, deadline_exceeded.
+/// The back-ends. factor_cholesky() returns nullptr if the matrix is not positive definite to working precision. Throw
+/// Error(numerical_failure) if it is singular, cancelled, deadline_exceeded.
 std::unique_ptr<SaddleFactor> factor_cholesky(const SaddleProblem& problem, const RunContext& context);
 std::unique_ptr<SaddleFactor> factor_ldlt(const SaddleProblem& problem, const RunContext& context);
 

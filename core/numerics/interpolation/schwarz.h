@@ -13,34 +13,35 @@
 
 namespace deform {
 
-/// Approximate inverse of an RBF system with many centres: exact interpolants on overlapping subsets, of which the weights inside
-/// are kept (restricted additive Schwarz), then the exact interpolant of what remains on a few centres of every subset (Beatson,
-/// Light, Billings: Fast solution of the radial basis function interpolation equations: domain decomposition methods, SIAM J.
-/// Sci. Comput. 22, 2000). A fixed number of iterations for any number of centres as long as the coarse set is not much smaller
-/// than the subsets are many; memory and time of its preparation are linear in the number of centres.
+/// An approximate inverse of an RBF system with many centres: exact interpolants on overlapping subdomains, restricted to the
+/// weights of their interiors (restricted additive Schwarz), then an exact interpolant of the remaining residual on a coarse set
+/// with a few centres of each subdomain (Beatson, Light, Billings: Fast solution of the radial basis function interpolation
+/// equations: domain decomposition methods, SIAM J. Sci. Comput. 22, 2000). The number of iterations does not depend on the
+/// number of centres as long as the coarse set grows with the number of subdomains; memory and time of the preparation are linear
+/// in the number of centres.
 ///
 /// Immutable; any number of threads may call apply() at once.
 class SchwarzPreconditioner {
  public:
-  /// Centres in unit coordinates. polynomials: of all centres. Throws Error(numerical_failure), cancelled, deadline_exceeded.
+  /// The centres are in unit coordinates. Throws Error(numerical_failure), cancelled, deadline_exceeded.
   SchwarzPreconditioner(const RadialKernel& kernel, std::span<const Vec3> centres, int polynomial_degree,
                         const RunContext& context);
 
-  /// Weights (m x columns, orthogonal to the polynomials) for values (m x columns) at the centres.
+  /// Returns weights (m x columns, orthogonal to the polynomials) for values (m x columns) at the centres.
   Eigen::MatrixXd apply(const Eigen::MatrixXd& values, const RunContext& context) const;
 
   std::size_t domains() const { return domains_.size(); }
   std::size_t bytes() const;
-  /// Upper bound for m centres.
+  /// An upper bound of bytes() for m centres.
   static std::size_t bytes_for(std::size_t m);
-  /// Orthogonal projection onto the complement of the polynomials.
+  /// Projects weights (m x columns) orthogonally onto the complement of the polynomials.
   void project(Eigen::MatrixXd& weights) const;
-  /// Orthonormal basis of the polynomials at the centres, m x q.
+  /// An orthonormal basis of the polynomials at the centres, m x q.
   const Eigen::MatrixXd& polynomials() const { return Q_; }
 
  private:
   struct Domain {
-    std::vector<std::uint32_t> ids;  ///< its own centres first
+    std::vector<std::uint32_t> ids;  ///< centres of the interior first
     std::size_t own = 0;
     std::size_t terms = 0;
     std::unique_ptr<SaddleFactor> factor;

@@ -8,30 +8,30 @@
 namespace deform {
 
 enum class Solver {
-  automatic,  ///< Cholesky, with LDL^T as the fallback when it breaks down; iterative beyond 20,000 centres
-  cholesky,   ///< on the complement of the polynomials
-  ldlt,       ///< Bunch-Kaufman (dsytrf) of the bordered system
-  iterative,  ///< GMRES with domain decomposition and fast sums: to a tolerance, memory linear in the number of centres
-  /// Least squares over all constraint points with as many of them as centres as a tolerance needs (thesis 7.5): smooth motions
-  /// need few, which makes evaluation cheap. At most most_incremental_centres.
+  automatic,  ///< Cholesky with LDL^T as fallback if it breaks down; iterative beyond 20,000 centres
+  cholesky,   ///< dense Cholesky on the complement of the polynomials
+  ldlt,       ///< dense Bunch-Kaufman factorization (dsytrf) of the bordered system
+  iterative,  ///< GMRES with domain decomposition and fast sums, to a tolerance; memory linear in the number of centres
+  /// Least squares over all constraint points, with as many of them as centres as the tolerance requires (thesis 7.5). Smooth
+  /// motions need few centres, which makes evaluation cheap. At most most_incremental_centres centres.
   incremental_qr,
 };
 
-/// Bounds the memory of incremental_qr (8 bytes times this times the constraint points) and its time.
+/// Limits the time and memory of incremental_qr: it stores 8 bytes per centre and constraint point.
 inline constexpr int most_incremental_centres = 4000;
 
-/// Whether the solver delivers a tolerance that the request gives, instead of all digits.
+/// Whether the solver works to the tolerance of a request, rather than to rounding.
 constexpr bool to_tolerance(Solver solver) { return solver == Solver::iterative || solver == Solver::incremental_qr; }
 
-/// What `automatic` stands for; Cholesky still has its fallback.
+/// Resolves `automatic`; other solvers are returned unchanged. Cholesky still has its fallback then.
 Solver chosen_solver(Solver solver, Kernel kernel, std::size_t centres);
 
 const char* to_string(Solver solver);
 
-/// In which order constraint points become centres of incremental_qr.
+/// The order in which constraint points become centres of incremental_qr.
 enum class CentreOrder {
-  farthest_point,  ///< each is the one farthest from those before: the same whatever the values, evenly spread
-  greedy,          ///< where the sample values are missed most (thesis 4.5): for values like the samples, narrow features
+  farthest_point,  ///< farthest from the preceding ones: evenly spread, independent of the values
+  greedy,          ///< largest error of the sample values (thesis 4.5): for values like the samples, narrow features
 };
 
 }  // namespace deform

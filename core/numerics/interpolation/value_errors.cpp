@@ -20,7 +20,7 @@ Eigen::MatrixXd value_errors(const Interpolator& system, const Interpolants& int
   }
   errors += rounding *
             (root_square_sums(system.kernel(), points, system.centres(), interpolants.coefficients, context) + values.cwiseAbs());
-  // What is not a number may be anything.
+  // NaN has an infinite error.
   return errors.unaryExpr([](double error) { return std::isnan(error) ? std::numeric_limits<double>::infinity() : error; });
 }
 

@@ -10,10 +10,9 @@
 
 namespace deform {
 
-/// How far values of the interpolants of a dense solver may be off at n points: n x columns, at least 0. They are compared with
-/// sums in double-double (accurate_residual()), what the uncertainty of the coefficients comes to is added, and so is the
-/// rounding of the stored coefficients, taken as independent. `values`: as delivered, n x columns. Throws Error(cancelled),
-/// deadline_exceeded.
+/// Estimates the errors of `values` (n x columns), computed from the interpolants of a dense solver at n points: n x columns,
+/// nonnegative. Adds the differences from double-double sums (accurate_residual()), the propagated uncertainty of the
+/// coefficients, and the rounding of the stored coefficients, assumed independent. Throws Error(cancelled), deadline_exceeded.
 Eigen::MatrixXd value_errors(const Interpolator& system, const Interpolants& interpolants, std::span<const Vec3> points,
                              const Eigen::MatrixXd& values, const RunContext& context);
 

@@ -13,7 +13,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-// Of the tolerance: for the coefficients, and for the sums, of which values() allows half of Interpolants::tolerance.
+// Shares of the tolerance: for the coefficients, and for the sums, where values() allows half of Interpolants::tolerance.
 constexpr double coefficients_share = 0.5, sums_share = 0.25;
 constexpr double first_residual = 0.3;  // of the tolerance: residuals grow more often than not
 constexpr double aim = 0.5;             // of what is allowed
@@ -43,7 +43,7 @@ std::vector<Vec3> beside_the_worst(const Interpolator& system, const Interpolant
   return places;
 }
 
-/// One more round: by the exact solution of what is missing where it is known, else by the solver to less than it left.
+/// One more round: by the exact correction if it is known, else by the solver with a tolerance below its residual.
 bool improve(const Interpolator& system, const PointErrors& check, const MatrixXd& F, const PointErrors::Missing& missing,
              double smaller, Interpolants& interpolants, const RunContext& context) {
   if (check.complete()) {

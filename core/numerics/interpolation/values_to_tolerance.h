@@ -13,22 +13,22 @@
 
 namespace deform {
 
-/// Values of interpolants at points, and how wrong they may be there.
+/// Values of interpolants at points, with their errors.
 struct CheckedValues {
   std::vector<double> values;  ///< n x columns, row by row
-  /// At the points that are checked x columns: exact interpolant - value, estimated; of the coefficients and of the sums.
+  /// Estimated exact - computed values, checked points x columns: errors of the coefficients and of the sums.
   Eigen::MatrixXd errors;
-  /// To be added for what may be worse at other points: beside the worst centres, by sums that are not direct, and by rounding.
+  /// An allowance for larger errors at the other points: next to the worst centres, by sums that are not direct, and by rounding.
   double more = 0;
-  double error = 0;       ///< error_margin times the largest of the errors, and `more`
+  double error = 0;       ///< error_margin times the largest of `errors`, plus `more`
   double residual = 0;    ///< Interpolants::residual
   bool converged = true;  ///< iterative: error <= tolerance; incremental QR: Interpolants::converged
 };
 
-/// By a solver to a tolerance (units of the values). That of the iterative one holds at the points: it goes on until what is left
-/// at the centres, grown by as much as it does on its way to the points, and what fast sums leave out are within it together.
-/// That of incremental QR is the one of Interpolator::interpolate(). check: places are the points with the numbers `checked`.
-/// Deterministic; any thread. Throws Error(cancelled), deadline_exceeded.
+/// Computes values with a solver that works to a tolerance, in the units of the values. The iterative solver keeps the tolerance
+/// at the points: it iterates until the residual at the centres, amplified as `check` measures it, and the error of the fast sums
+/// together are within it. For incremental QR the tolerance is that of Interpolator::interpolate(). The places of `check` are the
+/// points with the indices `checked`. Deterministic; any thread. Throws Error(cancelled), deadline_exceeded.
 CheckedValues values_to_tolerance(const Interpolator& system, const PointErrors& check, std::span<const std::uint32_t> checked,
                                   const Eigen::MatrixXd& F, double tolerance, std::span<const Vec3> points,
                                   const RunContext& context);

@@ -11,7 +11,7 @@
 
 namespace deform {
 
-/// Radial kernels (thesis table 3.1). What each is stands in radial_functions-inl.h.
+/// Radial kernels (thesis table 3.1), defined in radial_functions-inl.h.
 enum class Kernel {
   triharmonic,
   biharmonic,
@@ -23,48 +23,50 @@ enum class Kernel {
   thin_plate,
 };
 
-/// What a kernel says about the system it leads to: sign * phi is positive definite on the complement of the polynomials of total
-/// degree order - 1 (Wendland, Scattered Data Approximation, chapter 8), so the polynomial part is derived and never remembered.
+/// The properties of a kernel. sign * phi is conditionally positive definite of this order, that is positive definite on the
+/// complement of the polynomials of total degree order - 1 (Wendland, Scattered Data Approximation, chapter 8). The least degree
+/// of the polynomial part follows from it.
 struct KernelProperties {
   Kernel kernel;
-  const char* name;        ///< lower case, as in messages
-  int order;               ///< of conditional positive definiteness; 0 = positive definite
+  const char* name;        ///< lower case, as shown in messages
+  int order;               ///< order of conditional positive definiteness; 0 = positive definite
   int sign;                ///< +1 or -1
-  bool has_shape = false;  ///< whether it depends on s
-  bool smooth = true;      ///< everywhere but at its centre, as fast sums and the iterative solver need it
+  bool has_shape = false;  ///< whether it has a shape parameter s
+  bool smooth = true;      ///< away from its centre, as fast sums and the iterative solver require
   double spacings = 0;     ///< see automatic_shape()
-  /// s of a function that is cut off at distance 1, where it is next to nothing (thesis 8.3.2); 0: it does not decay.
+  /// The s at which the kernel is negligible beyond distance 1, where it is cut off (thesis 8.3.2); 0 if it does not decay.
   double local_shape = 0;
 
-  /// Of the polynomial part, unless another one is asked for.
+  /// Default degree of the polynomial part.
   int default_degree() const { return order > 2 ? order - 1 : 1; }
 };
 
-/// Every kernel, in the order of the enum.
+/// All kernels, in the order of the enum.
 std::span<const KernelProperties> all_kernels();
 KernelProperties properties(Kernel kernel);
-/// None for a name that is not that of a kernel.
+/// The kernel with this name, or std::nullopt.
 std::optional<Kernel> kernel_named(std::string_view name);
 
-/// Of a deformation that names no kernel, from the box of its points: r^2 log r in a plane z = constant, else r^3, the least
-/// bending in two and in three dimensions (thesis 3.5).
+/// The default kernel of a deformation, from the bounding box of its points: r^2 log r in a plane z = constant, otherwise r^3.
+/// They minimize the bending energy in two and three dimensions (thesis 3.5).
 Kernel default_kernel(const Box& box);
 
-/// A shape parameter for centres that are `spacing` apart and `diagonal` across: `spacings` times the spacing, at most half the
-/// diagonal. The Gaussian and the multiquadrics are analytic: their systems are numerically singular as soon as s is many
-/// spacings (conditions of 1e6 to 1e11 on surfaces with 2 and 3). 1 for kernels without a shape.
+/// The default shape parameter for centres with this typical spacing and this diagonal of their bounding box: `spacings` times
+/// the spacing, but at most half the diagonal. The Gaussian and the multiquadrics are analytic, so their systems become
+/// numerically singular if s is many spacings (condition numbers of 1e6 to 1e11 on surfaces for 2 and 3 spacings). Returns 1 for
+/// kernels without a shape.
 double automatic_shape(Kernel kernel, double spacing, double diagonal);
 
-/// How functions behave under the reflections x_k -> -x_k of the coordinates they are evaluated in.
+/// The parity of functions under the reflections x_k -> -x_k of the coordinates in which they are evaluated.
 struct Parity {
-  std::array<int, 3> sign{};  ///< per coordinate: 0 no reflection, +1 even, -1 odd; at most one odd
+  std::array<int, 3> sign{};  ///< for each coordinate 0 (no reflection), +1 (even) or -1 (odd); at most one is odd
   bool none() const { return sign == std::array<int, 3>{}; }
 };
 
-/// A kernel with its parameter, in the coordinates it is evaluated in. With a parity its value for a point x and a centre c is
-/// the sum over the group of the reflections g of chi(g) phi(|x - g c|), where chi(g) = -1 for each odd coordinate that g
-/// reflects: a function of x and of c with that parity, symmetric in both. A centre on a plane of reflection is its own image and
-/// counts twice (its weight is half as large); an odd kernel is zero there.
+/// A kernel with its shape parameter, in the coordinates in which it is evaluated. With a parity its value for a point x and a
+/// centre c is the sum over the group of the reflections g of chi(g) phi(|x - g c|), where chi(g) = -1 for each odd coordinate
+/// that g reflects: a function of x and of c with that parity, symmetric in both. A centre on a plane of reflection is its own
+/// image and counts twice (so its weight is halved); an odd kernel is zero there.
 struct RadialKernel {
   Kernel kernel = Kernel::triharmonic;
   double shape = 1;  ///< s
@@ -73,11 +75,11 @@ struct RadialKernel {
 
 /// phi at squared distance r2, without the images.
 double value(const RadialKernel& kernel, double r2);
-/// With the images.
+/// The sum over the images for a point x and a centre c.
 double value(const RadialKernel& kernel, const Vec3& x, const Vec3& c);
 
-/// The group of reflections of a parity: every image of a centre c is (flip[k] * c[k]), of weight `sign`. The odd coordinate is
-/// reflected first, so that on its plane the sum over the images in order is exactly zero.
+/// The group of reflections of a parity. Each image of a centre c is (flip[k] * c[k]) with the weight `sign`. The odd coordinate
+/// is reflected first, so that the sum over the images in this order is exactly zero on its plane.
 struct Images {
   struct Image {
     Vec3 flip{1, 1, 1};

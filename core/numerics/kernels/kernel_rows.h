@@ -11,12 +11,12 @@
 
 namespace deform {
 
-/// Radial functions around centres as the functions of a subspace (thesis 8.3.1, 8.3.2): n x k, entry (i, j) is
-/// kernel(|points[i] - centres[j]|), 0 from `reach` on; infinite: a full matrix. In parallel.
+/// The values of radial functions that span a subspace (thesis 8.3.1, 8.3.2): n x k, entry (i, j) is kernel(|points[i] -
+/// centres[j]|) for distances below `reach`, else 0. An infinite reach gives a full matrix. Runs in parallel.
 SparseRows kernel_rows(const RadialKernel& kernel, double reach, std::span<const Vec3> centres, std::span<const Vec3> points,
                        const RunContext& context = {});
 
-/// The same without a reach, as a full column-major matrix.
+/// The same for an infinite reach, as a dense column-major matrix.
 Eigen::MatrixXd full_kernel_rows(const RadialKernel& kernel, std::span<const Vec3> centres, std::span<const Vec3> points,
                                  const RunContext& context = {});
 

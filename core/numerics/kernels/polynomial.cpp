@@ -21,7 +21,7 @@ constexpr std::array<Exponents, 10> monomials{
 
 }  // namespace
 
-/// Of the centres and their images: origin, axes and the largest distance from the origin.
+/// Sets origin and axes from the centres and their images, and returns their largest distance from the origin.
 double PolynomialSpace::find_axes(std::span<const Vec3> centres, const Parity& parity) {
   const auto m = static_cast<Eigen::Index>(centres.size());
   const auto mirrored = [&](int k) { return parity.sign[static_cast<std::size_t>(k)] != 0; };

@@ -12,26 +12,26 @@
 
 namespace deform {
 
-/// The polynomials that a set of centres can tell apart: monomials up to a total degree in the coordinates of the centres' affine
-/// hull (SVD of the centred centres, directions below 1e-6 of the extent are left out), without those that depend on the others
-/// there (column-pivoted QR; quadratics on a sphere). On coplanar and collinear centres they are constant across the hull, the
-/// minimum-norm choice. Immutable; any thread.
+/// The polynomials for which a set of centres is unisolvent: monomials up to a total degree in the coordinates of the affine hull
+/// of the centres (SVD of the centred coordinates; directions below 1e-6 of the extent are left out), without those that are
+/// linearly dependent on the centres (column-pivoted QR; an example are quadratics on a sphere). For coplanar or collinear
+/// centres they are constant across the hull, which is the minimum-norm choice. Immutable; any thread.
 class PolynomialSpace {
  public:
   static constexpr std::size_t most_terms = 10;
 
-  /// degree 0..2, or -1 for no polynomials. At least one centre. With a parity: those polynomials of that parity which the
-  /// centres and their images together can tell apart (the coordinates of the reflections are axes).
+  /// The degree is 0..2, or -1 for no polynomials; there must be a centre. With a parity, only polynomials of this parity are
+  /// used, and the images of the centres are taken into account (the coordinates of the reflections are axes then).
   PolynomialSpace(std::span<const Vec3> centres, int degree, const Parity& parity = {});
 
   std::size_t terms() const { return terms_.size(); }
   int hull_dimension() const { return dimension_; }
-  /// Monomials left out because they depend on the others on the centres.
+  /// The number of monomials left out because they depend on the others at the centres.
   std::size_t dropped() const { return dropped_; }
 
-  /// Values of all terms at x.
+  /// Writes the values of all terms at x.
   void values(const Vec3& x, double* out) const;
-  /// n x terms.
+  /// The values of all terms at n points, n x terms.
   Eigen::MatrixXd matrix(std::span<const Vec3> points) const;
 
  private:
@@ -40,14 +40,14 @@ class PolynomialSpace {
   Vec3 local(const Vec3& x) const;
 
   Vec3 origin_{};
-  std::array<Vec3, 3> axes_{};  // orthonormal, the first dimension_ span the hull
+  std::array<Vec3, 3> axes_{};  // orthonormal, the first dimension_ of them span the hull
   double scale_ = 1;            // local coordinates are about -1..1
   int dimension_ = 0;
   std::size_t dropped_ = 0;
   std::vector<int> terms_;  // indices into the table of monomials
 };
 
-/// Adds the values of polynomials to those of other fields: values n x columns, coefficients terms x columns, both row by row.
+/// Adds polynomials with these coefficients (terms x columns, row-major) to the values at n points (n x columns, row-major).
 void add_polynomials(const PolynomialSpace& polynomials, std::span<const Vec3> points, std::span<const double> coefficients,
                      std::span<double> values, const RunContext& context);
 

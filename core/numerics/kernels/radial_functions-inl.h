@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The radial kernels: each is one struct that says what it is and evaluates itself in any number type. Included once per
+// The radial kernels: each is one struct with its properties and its evaluation in any number type. Included once per
 // instruction set by what includes hwy/foreach_target.h, so without #pragma once.
 #if defined(DEFORM_RADIAL_FUNCTIONS_INL_H) == defined(HWY_TARGET_TOGGLE)
 #ifdef DEFORM_RADIAL_FUNCTIONS_INL_H
@@ -20,7 +20,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace deform::HWY_NAMESPACE {
 
-// What a number type T offers besides +, - and * (also with a double): these functions. Here for double.
+// A number type T needs +, - and * (also with a double) and these functions. These are the ones of double.
 using std::exp;
 using std::sqrt;
 HWY_INLINE double positive_part(double x) { return std::max(0.0, x); }
@@ -28,8 +28,9 @@ HWY_INLINE double reciprocal(double x) { return 1 / x; }
 HWY_INLINE double multiply_add(double a, double x, double b) { return a * x + b; }
 HWY_INLINE double finite_log(double x) { return std::log(std::max(x, 1e-300)); }  // finite at 0
 
-// A kernel: `properties`, a constructor from the shape parameter s, and phi from the squared distance r2 of type T. To add one,
-// write its struct, list it at the end of AllKernels and its name in the enum of kernel.h, in the same order.
+// A kernel has `properties`, a constructor from the shape parameter s, and an operator that evaluates phi at a squared
+// distance r2 of type T. To add one, write its struct, append it to AllKernels and append its name to the enum of kernel.h,
+// in the same order.
 
 /// r^3
 struct Triharmonic {
@@ -61,7 +62,7 @@ struct Quintic {
   }
 };
 
-/// exp(-(r/s)^2); at r = 3 s it is 1e-4.
+/// exp(-(r/s)^2), which is 1e-4 at r = 3 s
 struct Gaussian {
   static constexpr KernelProperties properties{.kernel = Kernel::gaussian,
                                                .name = "gaussian",
@@ -106,7 +107,7 @@ struct InverseMultiquadric {
   double s2;
 };
 
-/// (1 - r/s)_+^4 (4 r/s + 1), positive definite in three dimensions. Its condition grows with a power of s only, so that the
+/// (1 - r/s)_+^4 (4 r/s + 1), positive definite in three dimensions. The condition number grows only like a power of s, so the
 /// spacing sets no limit.
 struct WendlandC2 {
   static constexpr KernelProperties properties{.kernel = Kernel::wendland_c2,
@@ -128,7 +129,7 @@ struct WendlandC2 {
   double inverse_s;
 };
 
-/// r^2 log r: in the plane what r^3 is in space, the interpolant of least bending.
+/// r^2 log r, the interpolant of least bending energy in the plane, as r^3 is in space
 struct ThinPlate {
   static constexpr KernelProperties properties{.kernel = Kernel::thin_plate, .name = "thin_plate", .order = 2, .sign = 1};
   explicit ThinPlate(double) {}
@@ -142,7 +143,7 @@ template <typename... Kernels>
 struct KernelList {
   static constexpr std::array<KernelProperties, sizeof...(Kernels)> properties{Kernels::properties...};
 
-  /// body(phi) with the struct of the kernel.
+  /// Calls body(phi) with the struct of the kernel.
   template <typename Body>
   static HWY_INLINE void visit(const RadialKernel& kernel, const Body& body) {
     (void)((kernel.kernel == Kernels::properties.kernel && (body(Kernels(kernel.shape)), true)) || ...);

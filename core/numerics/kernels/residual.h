@@ -10,17 +10,16 @@
 
 namespace deform {
 
-/// F - Phi W - P C (n x columns) at n points with Phi_ij = phi(|x_i - c_j|) (and the images of a parity), X = [W; C] and P of
-/// n x q, for iterative refinement and for the error of an interpolant: distances, kernel and sums carry twice the digits of a
-/// double (double-double arithmetic; Hida, Li, Bailey 2001), so that the result is right to its last digits although it is a
-/// small difference of large numbers. The Gaussian's exponential has the digits of a double, its sums twice as many. Bitwise
-/// independent of the number of threads.
+/// Computes F - Phi W - P C (n x columns) at n points, where Phi_ij = phi(|x_i - c_j|) (with the images of a parity), X = [W; C]
+/// and P is n x q, for iterative refinement and for the error of an interpolant. Distances, kernel and sums are in double-double
+/// arithmetic (Hida, Li, Bailey 2001), so that the result is accurate to its last digits although it is a small difference of
+/// large numbers. Only the exponential of the Gaussian is in double. Bitwise independent of the number of threads.
 Eigen::MatrixXd accurate_residual(const RadialKernel& kernel, std::span<const Vec3> points, std::span<const Vec3> centres,
                                   const Eigen::MatrixXd& P, const Eigen::MatrixXd& X, const Eigen::MatrixXd& F,
                                   const RunContext& context);
 
-/// sqrt(sum over the centres of |phi(|x_i - c_j|) w_jc|^2), n x columns, from the first m rows of W: what independent relative
-/// errors of size one of the kernel or the weights come to at n points. Throws Error(cancelled), deadline_exceeded.
+/// sqrt(sum over the centres of |phi(|x_i - c_j|) w_jc|^2), n x columns, from the first m rows of W: the effect at n points of
+/// independent relative errors of size one in the kernel or the weights. Throws Error(cancelled), deadline_exceeded.
 Eigen::MatrixXd root_square_sums(const RadialKernel& kernel, std::span<const Vec3> points, std::span<const Vec3> centres,
                                  const Eigen::MatrixXd& W, const RunContext& context);
 

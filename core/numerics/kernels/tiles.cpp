@@ -6,7 +6,7 @@
 
 #include "core/base/parallel.h"
 
-// Compiled once per instruction set; the calls below pick the best one at run time. Scalable vectors cannot stand in arrays.
+// Compiled once per instruction set; the calls below pick the best one at run time. Scalable vectors cannot be stored in arrays.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_RVV)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/numerics/kernels/tiles.cpp"
@@ -97,7 +97,7 @@ void product(const double* A, std::size_t K, const double* B, std::size_t ldb, s
   product_of(A, AllRows{K}, B, ldb, columns, out);
 }
 
-// Rows with gaps between them are beyond what processors fetch by themselves.
+// Processors do not prefetch rows with gaps between them.
 constexpr std::size_t tiles_ahead = 4;
 constexpr std::size_t line = 64;  // bytes
 

@@ -12,13 +12,13 @@
 
 namespace deform {
 
-/// Points per tile: the unit of every vectorized loop. A multiple of every vector length, so that the arithmetic for a point does
-/// not depend on its place.
+/// Points per tile, the unit of all vectorized loops. It is a multiple of every vector length, so that the arithmetic for a point
+/// does not depend on its position in the tile.
 inline constexpr std::size_t tile_size = 16;
 
 constexpr std::size_t tile_count(std::size_t points) { return (points + tile_size - 1) / tile_size; }
 
-/// Points in tiles: 16 x, 16 y, 16 z per tile; the last tile is filled up with its last point.
+/// Points in tiles of 16 x, 16 y and 16 z. The last tile is padded with its last point.
 class TiledPoints {
  public:
   TiledPoints() = default;
@@ -33,33 +33,33 @@ class TiledPoints {
   std::vector<double> xyz_;
 };
 
-/// out[c][16] += sum over k of A[k][16] * B[k][c], k in order: one tile of points times a K x columns matrix B with row stride
-/// ldb. Every column is summed in the same order however many there are, so results do not depend on how columns are grouped. Any
-/// thread.
+/// out[c][16] += sum over k of A[k][16] * B[k][c], with k ascending: one tile of points times a K x columns matrix B with
+/// row stride ldb. The order of the sum is the same for every column, so results do not depend on how columns are grouped.
+/// Any thread.
 void tile_product(const double* A, std::size_t K, const double* B, std::size_t ldb, std::size_t columns, double* out);
-/// The same sum over some of the K rows of A and B only, in the order in which they are named; the others are not read. Such rows
-/// of the tiles behind A, as if there were more of them, are fetched meanwhile. Any thread.
+/// The same sum over the given rows of A and B only, in the given order; the others are not read. Prefetches these rows of the
+/// tiles that follow A in memory. Any thread.
 void tile_product(const double* A, std::size_t K, std::span<const std::uint32_t> rows, const double* B, std::size_t ldb,
                   std::size_t columns, double* out);
 
-/// out[k][c] += sum over the 16 points of A[k][16] * X[c][16]: the transposed product. out is K x columns, row stride ldo. Any
-/// thread.
+/// out[k][c] += sum over the 16 points of A[k][16] * X[c][16]: the transposed product. out is K x columns with row stride ldo.
+/// May be called from any thread.
 void tile_product_transposed(const double* A, std::size_t K, const double* X, std::size_t columns, double* out, std::size_t ldo);
 
-/// out[j][16] = phi(|point - centre j|) for the points of one tile and all centres; here and below with the images of a kernel
-/// that has a parity. Any thread.
+/// out[j][16] = phi(|point - centre j|) for the points of one tile and all centres. Here and below, kernels with a parity include
+/// their images. Any thread.
 void tile_kernel(const RadialKernel& kernel, const double* tile, std::span<const Vec3> centres, double* out);
 
-/// out[c][16] += sum over centres j of phi(|point - centre j|) * weights[j][c]: kernel sums of one tile; weights m x columns, row
-/// stride ldw. Bitwise independent of the grouping of columns. Any thread.
+/// out[c][16] += sum over centres j of phi(|point - centre j|) * weights[j][c]: kernel sums of one tile. `weights` is m x columns
+/// with row stride ldw. Bitwise independent of the grouping of columns. Any thread.
 void tile_kernel_sums(const RadialKernel& kernel, const double* tile, std::span<const Vec3> centres, const double* weights,
                       std::size_t ldw, std::size_t columns, double* out);
 
-/// Kernel sums for all points, in parallel: n x columns, row by row. weights m x columns.
+/// Kernel sums for all points, in parallel: n x columns, row-major. `weights` is m x columns, row-major.
 std::vector<double> kernel_sums(const RadialKernel& kernel, std::span<const Vec3> points, std::span<const Vec3> centres,
                                 std::span<const double> weights, std::size_t columns, const RunContext& context);
 
-/// Name of the instruction set the vectorized loops run with on this machine.
+/// The name of the instruction set that the vectorized loops use on this machine.
 const char* vector_target();
 
 }  // namespace deform

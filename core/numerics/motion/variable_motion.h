@@ -11,23 +11,23 @@ namespace deform {
 struct Translation {
   Vec3 direction{};  ///< not zero; need not be of unit length
 };
-/// By v radians about the axis through the centre, right-handed.
+/// Right-handed rotation by v radians about the axis through the centre.
 struct Rotation {
   Vec3 axis{};    ///< not zero; need not be of unit length
   Vec3 centre{};  ///< a point of the axis
 };
-/// x' = centre + (1 + v)(x - centre); with an axis (not zero) only along it.
+/// x' = centre + (1 + v)(x - centre), or only along the axis if it is not zero.
 struct Scaling {
-  Vec3 centre{};  ///< stays where it is
-  Vec3 axis{};    ///< zero: in all directions
+  Vec3 centre{};  ///< fixed point
+  Vec3 axis{};    ///< zero: scales in all directions
 };
 
-/// How a design variable v moves; 0 is the rest position.
+/// The motion that a design variable v prescribes; v = 0 is the rest position.
 using VariableMotion = std::variant<Translation, Rotation, Scaling>;
 
-/// The map of positions at v; the identity exactly at 0.
+/// The map of positions at v, exactly the identity at v = 0.
 Affine motion_at(const VariableMotion& motion, double v);
-/// Its derivative with respect to v: maps positions at rest to rates.
+/// The derivative of motion_at() with respect to v; maps rest positions to their rates.
 Affine motion_rate(const VariableMotion& motion, double v);
 
 }  // namespace deform

@@ -10,27 +10,29 @@
 
 namespace deform {
 
-/// Points one after the other, and how far the others are from those taken. For one thread.
+/// Selects points one by one and keeps the distances of all points to the selected ones. Not thread-safe.
 class PointCover {
  public:
   explicit PointCover(std::span<const Vec3> points);
 
-  /// Makes a point the next one.
+  /// Selects a point.
   void take(std::size_t point);
   const std::vector<std::uint32_t>& taken() const { return taken_; }
-  /// To the nearest point taken; 0 for those taken and all that coincide with one, infinite before any.
+  /// Distance to the nearest selected point: 0 for selected points and those that coincide with one, infinite before the
+  /// first selection.
   double distance(std::size_t point) const;
-  /// The point of largest distance to those taken, of equal ones the first; before any the one farthest from the mean of all.
+  /// The point with the largest distance to the selected ones, the first of several; before the first selection, the point
+  /// farthest from the mean of all.
   std::size_t farthest() const;
 
  private:
   std::span<const Vec3> points_;
-  std::vector<double> squares_;  ///< of the distances
+  std::vector<double> squares_;  ///< squared distances
   std::vector<std::uint32_t> taken_;
 };
 
-/// The farthest-point order (Gonzalez 1985; thesis 7.5) of `count` of the points: each has the largest distance to those before.
-/// Fewer when only points are left that coincide with earlier ones. Deterministic; takes size x count steps.
+/// The first `count` points of a farthest-point order (Gonzalez 1985; thesis 7.5): each has the largest distance to the preceding
+/// ones. Returns fewer if all remaining points coincide with earlier ones. Deterministic; O(size x count).
 std::vector<std::uint32_t> farthest_point_order(std::span<const Vec3> points, std::size_t count);
 
 }  // namespace deform

@@ -52,7 +52,7 @@ struct Frame {
   std::size_t rank = 0;
 };
 
-/// What is needed of one sample, in local coordinates and with weights that add up to 1.
+/// The data of one sample, in local coordinates and with weights that add up to 1.
 struct Active {
   Vector4d q;
   double weight;
@@ -77,7 +77,7 @@ Frame local_frame(const MlsBasis::Row& row, const std::vector<Vec3>& samples, do
   }
   frame.inverse[0] = 1;
   const double spread = C.trace();
-  // Nothing but rounding of coordinates of size 1: a single sample.
+  // Only rounding of coordinates of size 1: a single sample.
   if (!(spread > 1e-28 * (1 + frame.origin.squaredNorm()))) return frame;
   frame.unit = std::sqrt(spread);
   const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(C / spread);

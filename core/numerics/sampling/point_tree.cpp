@@ -13,10 +13,10 @@ namespace {
 constexpr std::size_t leaf_points = 10;
 constexpr std::size_t places_per_range = 1024;
 
-/// What nanoflann reads points from.
+/// The adaptor from which nanoflann reads points.
 struct Cloud {
   std::vector<Vec3> points;
-  // Names that nanoflann asks for.
+  // Names required by nanoflann.
   std::size_t kdtree_get_point_count() const { return points.size(); }
   double kdtree_get_pt(std::size_t i, std::size_t k) const { return points[i][k]; }
   template <typename Bounds>
@@ -28,7 +28,7 @@ struct Cloud {
 using Metric = nanoflann::L2_Simple_Adaptor<double, Cloud>;
 using Index = nanoflann::KDTreeSingleIndexAdaptor<Metric, Cloud, 3, std::uint32_t>;
 
-/// Collects what lies within a distance.
+/// Collects the points within a distance.
 struct Within {
   using DistanceType = double;
   double square;

@@ -12,13 +12,13 @@
 
 namespace deform {
 
-/// Nearest points and points within a distance (k-d tree of nanoflann). Keeps its own copy of the points. Coincident points are
-/// all kept. Immutable; any number of threads may search at once.
+/// Nearest-neighbour and radius search (k-d tree of nanoflann) in a copy of the points, which keeps all coincident points.
+/// Immutable; any number of threads may search at once.
 class PointTree {
  public:
   struct Near {
     std::uint32_t point;
-    double square;  ///< of the distance
+    double square;  ///< squared distance
   };
 
   explicit PointTree(std::span<const Vec3> points);
@@ -29,11 +29,11 @@ class PointTree {
   std::size_t size() const;
   const std::vector<Vec3>& points() const;
 
-  /// The point nearest to x, which need not be one of them; there must be a point.
+  /// The point nearest to x. The tree must not be empty.
   Near nearest(const Vec3& x) const;
   /// Squared distance from x to the k-th nearest point, 1 <= k <= size().
   double kth_square(const Vec3& x, std::size_t k) const;
-  /// All points whose squared distance from x is less than `square`, in an order that depends on the points only.
+  /// Stores all points with a squared distance from x below `square` in `out`, in an order that depends on the points only.
   void within(const Vec3& x, double square, std::vector<Near>& out) const;
 
  private:
@@ -41,7 +41,7 @@ class PointTree {
   std::unique_ptr<const Tree> tree_;
 };
 
-/// For every one of `places` the nearest point of the tree, in parallel.
+/// The nearest point of the tree for each place, in parallel.
 std::vector<std::uint32_t> nearest_points(const PointTree& tree, std::span<const Vec3> places, const RunContext& context = {});
 
 }  // namespace deform

@@ -8,12 +8,12 @@
 
 namespace deform {
 
-/// Q with orthonormal columns that spans the columns of a tall matrix (Householder). Columns that depend on those before them to
-/// working precision end it: Q then has fewer, those of the columns up to there.
+/// A matrix with orthonormal columns that spans the columns of a tall matrix (Householder QR). Stops at the first column that
+/// depends on the preceding ones to working precision; the result then has only the columns before it.
 Eigen::MatrixXd orthonormal_columns(const Eigen::MatrixXd& columns, const RunContext& context = {});
 
-/// The lower triangle of Phi^T E Phi, E symmetric with both triangles stored. In parallel over columns where Phi is full; the
-/// same for any number of threads.
+/// The lower triangle of Phi^T E Phi, where E is symmetric with both triangles stored. Runs in parallel over columns if Phi is
+/// dense; the result does not depend on the number of threads.
 SparseMatrix projected_lower(const SparseMatrix& E, const Eigen::MatrixXd& phi, const RunContext& context = {});
 SparseMatrix projected_lower(const SparseMatrix& E, const SparseRows& phi, const RunContext& context = {});
 

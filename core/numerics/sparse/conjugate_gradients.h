@@ -10,8 +10,8 @@ namespace deform {
 /// How conjugate_gradients() ended.
 enum class GradientsEnd {
   converged,
-  limit,       ///< after the most iterations allowed
-  indefinite,  ///< the matrix is not positive definite along a direction: x is what there was before it
+  limit,       ///< the limit of iterations was reached
+  indefinite,  ///< the matrix is not positive definite along a direction; x is the iterate before it
 };
 
 template <typename Vectors>
@@ -21,9 +21,9 @@ struct GradientsResult {
   int iterations = 0;
 };
 
-/// A x = b by preconditioned conjugate gradients (Hestenes, Stiefel 1952). Vectors is any Eigen matrix, a vector of its own as a
-/// whole; product(p) is A p, preconditioned(r) about A^-1 r, both symmetric. Until the residual in the norm of the preconditioner
-/// is `accuracy` times that of b. Throws what the context throws.
+/// Solves A x = b by preconditioned conjugate gradients (Hestenes, Stiefel 1952). Vectors is an Eigen vector, or a matrix that is
+/// treated as one long vector. product(p) returns A p and preconditioned(r) an approximation of A^-1 r; both are symmetric. Stops
+/// when the residual, in the norm of the preconditioner, is `accuracy` times that of b. Throws what the context throws.
 template <typename Vectors, typename Product, typename Preconditioned>
 GradientsResult<Vectors> conjugate_gradients(const Vectors& b, const Product& product, const Preconditioned& preconditioned,
                                              double accuracy, int most_iterations, const RunContext& context) {

@@ -11,30 +11,31 @@
 
 namespace deform {
 
-/// Rows of a tall sparse matrix B in blocks of `height` that share their columns: derivatives of the functions around a point.
+/// A tall sparse matrix B in blocks of `height` rows with the same columns, such as the derivatives of the functions at
+/// one point.
 struct RowBlocks {
   std::size_t height = 1;
-  std::vector<std::int64_t> starts{0};  ///< blocks + 1: the entries of block i are starts[i] .. starts[i + 1]
+  std::vector<std::int64_t> starts{0};  ///< blocks + 1: block i has the entries starts[i] .. starts[i + 1]
   std::vector<std::uint32_t> columns;   ///< ascending in each block
-  std::vector<double> values;           ///< `height` per entry
+  std::vector<double> values;           ///< `height` values for each entry
 
   std::size_t blocks() const { return starts.size() - 1; }
 };
 
-/// The lower triangle of B^T B, columns x columns, with the whole diagonal, in parallel; every sum in the order of the blocks, so
-/// the same for any number of threads.
+/// The lower triangle of B^T B, columns x columns, with all diagonal entries stored. Runs in parallel; sums are taken in the
+/// order of the blocks, so the result does not depend on the number of threads.
 SparseMatrix lower_gram(const RowBlocks& rows, std::size_t columns, const RunContext& context = {});
 
-/// One column of a lower triangle: rows ascending, from the diagonal on.
+/// One column of a lower triangular matrix: rows ascending, starting with the diagonal.
 struct LowerColumn {
   std::vector<std::int64_t> rows;
   std::vector<double> values;
 };
-/// A square matrix from its columns, which are emptied.
+/// Builds a square matrix from its columns, which are emptied.
 SparseMatrix lower_matrix(std::vector<LowerColumn>& columns);
 
-/// Which columns hang together: two that have entries in the same block have the same number, counted from 0 in the order of the
-/// columns.
+/// The connected components of the columns, where two columns are connected if they have entries in the same block. Components
+/// are numbered from 0 in the order of their first columns.
 std::vector<std::uint32_t> joined_columns(const RowBlocks& rows, std::size_t columns);
 
 }  // namespace deform

@@ -6,9 +6,9 @@
 
 namespace deform {
 
-/// 64-bit indices: what CHOLMOD's long interface takes without a copy.
+/// Has 64-bit indices, so that CHOLMOD's long interface uses it without a copy.
 using SparseMatrix = Eigen::SparseMatrix<double, Eigen::ColMajor, std::int64_t>;
-/// One row per point: evaluated row by row.
+/// A matrix with one row for each point, evaluated row by row.
 using SparseRows = Eigen::SparseMatrix<double, Eigen::RowMajor, std::int64_t>;
 
 }  // namespace deform

@@ -3,7 +3,7 @@
 
 #include <cholmod.h>
 
-// Of libgomp, which CHOLMOD is linked to; omp.h is not there for every compiler.
+// Declared by libgomp, to which CHOLMOD is linked; not every compiler has omp.h.
 extern "C" {
 int omp_get_max_active_levels(void);
 void omp_set_max_active_levels(int levels);
@@ -55,7 +55,7 @@ class Common {
   Common& operator=(const Common&) = delete;
 
   cholmod_common* get() { return &common_; }
-  /// Not postordered: what comes last has to stay there.
+  /// Without postordering, because the last columns must stay last.
   void take_given_order() {
     common_.nmethods = 1;
     common_.method[0].ordering = CHOLMOD_GIVEN;
@@ -306,7 +306,7 @@ void SparseCholesky::solve_in_place(Eigen::Ref<Eigen::MatrixXd> b) const {
     B.x = b.col(c).data();
     B.xtype = CHOLMOD_REAL;
     B.dtype = CHOLMOD_DOUBLE;
-    // The factor is only read: it has its final form, and what the solve writes are X, Y, E and its own common.
+    // The factor is only read: it is in its final form, and the solve writes only to X, Y, E and its own common.
     cholmod_l_solve2(CHOLMOD_A, factor_->analysis.get(), &B, nullptr, &X, nullptr, &Y, &E, common.get());
     status = common.status();
     if (status == CHOLMOD_OK) std::copy_n(static_cast<const double*>(X->x), n, b.col(c).data());

@@ -14,22 +14,22 @@
 namespace deform {
 
 /// Sparse Cholesky factorization P A P^T = L L^T of a symmetric positive definite matrix (CHOLMOD, supernodal; Chen et al. 2008).
-/// Any number of threads may solve at once: the factor is only read, each solve has its own workspace.
+/// Any number of threads may solve at once; each solve has its own workspace.
 class SparseCholesky {
  public:
-  /// What factoring `lower` will need: from the symbolic analysis alone, so cheap and exact to a few percent.
+  /// The cost of factoring `lower`, from the symbolic analysis alone: cheap, and accurate to a few percent.
   struct Estimate {
     std::size_t factor_bytes = 0, peak_bytes = 0;
     double flops = 0;
   };
   static Estimate estimate(const SparseMatrix& lower, std::span<const std::int64_t> order = {});
-  /// A fill-reducing elimination order: that of the constructor without one.
+  /// A fill-reducing elimination order, the one that the constructor uses by default.
   static std::vector<std::int64_t> fill_reducing_order(const SparseMatrix& lower);
 
-  /// Only the lower triangle of `lower` is read. Throws Error(numerical_failure) naming the column when the matrix is not
-  /// positive definite, Error(out_of_budget) when memory runs out, and what the context throws.
+  /// Reads only the lower triangle of `lower`. Throws Error(numerical_failure) naming the column if the matrix is not positive
+  /// definite, Error(out_of_budget) if memory runs out, and what the context throws.
   explicit SparseCholesky(const SparseMatrix& lower, const RunContext& context = {});
-  /// With an elimination order: order[i] is the row that comes i-th (a permutation of all rows).
+  /// Uses a given elimination order, a permutation of all rows: order[i] is the row that is eliminated i-th.
   SparseCholesky(const SparseMatrix& lower, std::span<const std::int64_t> order, const RunContext& context = {});
   ~SparseCholesky();
   SparseCholesky(SparseCholesky&&) noexcept;
@@ -37,16 +37,16 @@ class SparseCholesky {
 
   std::size_t size() const;
   std::size_t bytes() const;
-  double flops() const;  ///< of factoring
+  double flops() const;  ///< floating-point operations of the factorization
   /// The elimination order.
   std::vector<std::int64_t> order() const;
-  /// The rows and columns of L that were eliminated last: with A = [A_11 .; A_21 A_22] in elimination order, `count` rows of
-  /// A_22, L_22 L_22^T = A_22 - A_21 A_11^-1 A_21^T. Lower triangle, count x count.
+  /// The trailing `count` x `count` block L_22 of L (lower triangle). With A = [A_11 .; A_21 A_22] in elimination order, L_22
+  /// L_22^T is the Schur complement A_22 - A_21 A_11^-1 A_21^T.
   Eigen::MatrixXd trailing(std::size_t count) const;
-  /// Rough reciprocal condition: (smallest / largest diagonal entry of L)^2.
+  /// A rough estimate of the reciprocal condition number: (smallest / largest diagonal entry of L)^2.
   double reciprocal_condition() const;
 
-  /// A x = b for every column; columns are independent of each other, bit for bit.
+  /// Solves A x = b for every column. The result of a column does not depend on the others, bit for bit.
   Eigen::MatrixXd solve(const Eigen::Ref<const Eigen::MatrixXd>& b) const;
   void solve_in_place(Eigen::Ref<Eigen::MatrixXd> b) const;
 

@@ -8,17 +8,18 @@
 
 namespace deform::convert {
 
-/// What ENCODING_DEFAULT means; any other encoding is itself.
+/// Replaces ENCODING_DEFAULT by its meaning; other encodings are unchanged.
 v1::Encoding resolved(v1::Encoding encoding);
 
-/// Nothing for a number that is no encoding.
+/// std::nullopt for an unknown encoding.
 std::optional<codec::Encoding> encoding_from_proto(v1::Encoding encoding);
 v1::Encoding encoding_to_proto(codec::Encoding encoding);
 
-/// tolerance 0 becomes 1e-6 of the diagonal. Throws Error(invalid_argument) "output.tolerance: ...".
+/// The options of an output. A tolerance of 0 becomes 1e-6 of the diagonal. Throws Error(invalid_argument)
+/// "output.tolerance: ...".
 codec::EncodeOptions encode_options(const v1::Output& output, double diagonal);
 
-/// Both move the bytes. Design and position are the caller's.
+/// These functions move the bytes. The caller sets design and position.
 void block_to_proto(codec::Block&& block, v1::Block& message);
 /// Throws Error(data_loss) for an unknown encoding or an offset without three numbers.
 codec::Block block_from_proto(v1::Block&& message);

@@ -10,21 +10,22 @@
 
 namespace deform::convert {
 
-/// Messages of errors are cut at so many bytes.
+/// The length in bytes to which messages of errors are cut.
 inline constexpr std::size_t max_error_message = 2000;
 
-/// Trailing metadata of a call that carries Error::retry_after_ms(), decimal.
+/// The key of the trailing metadata that carries Error::retry_after_ms() in decimal.
 inline constexpr char retry_after_key[] = "retry-after-ms";
 
-/// The gRPC status code that an error travels as. Every code of ours has its own.
+/// The gRPC status code of an error. Each ErrorCode has its own.
 std::uint32_t status_number(ErrorCode code);
-/// Its inverse. Status codes that deformd never sends (a proxy's, a broken transport's) become the nearest of ours.
+/// The inverse of status_number(). Status codes that deformd never sends (from a proxy or a broken transport) become the
+/// closest ErrorCode.
 ErrorCode error_code(std::uint32_t status_number);
 
-/// The milliseconds of a retry hint; a text that is no number is no hint, 0.
+/// The milliseconds of a retry hint; 0, meaning no hint, if the text is not a number.
 std::uint32_t retry_hint(std::string_view text);
 
-/// The message is made printable and cut.
+/// Makes the message printable and cuts it.
 v1::RequestError error_to_proto(const Error& error);
 Error error_from_proto(const v1::RequestError& message);
 

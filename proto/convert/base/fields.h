@@ -16,7 +16,7 @@ namespace deform::convert {
 /// Throws "path: unknown value 17".
 [[noreturn]] void refuse_unknown(const std::string& path, int value);
 
-/// The value, which must be one that the enum names.
+/// Returns the value; throws if it is not an enumerator.
 template <typename Enum>
 Enum known(Enum value, const std::string& path) {
   if (google::protobuf::GetEnumDescriptor<Enum>()->FindValueByNumber(value) == nullptr) refuse_unknown(path, value);
@@ -29,7 +29,7 @@ int fitting_int(std::uint64_t number, const std::string& path);
 Vec3 vec3(const google::protobuf::RepeatedField<double>& numbers, const std::string& path);
 
 double finite(double number, const std::string& path);
-/// Of all; an error names path + field + "[index]".
+/// Checks that all numbers are finite; an error names path + field + "[index]".
 void check_finite(const google::protobuf::RepeatedField<double>& numbers, const std::string& path, const char* field = "");
 
 }  // namespace deform::convert

@@ -56,7 +56,7 @@ LatticeOptions lattice_from_proto(const v1::Lattice& message) {
                  "must have three numbers, one for each axis, but has " + std::to_string(message.points_size()));
   }
   for (int k = 0; k < message.points_size(); ++k) {
-    // Zeros stand for "automatic" in the options.
+    // Zeros mean "automatic" in the options.
     if (message.points(k) == 0) refuse_field(path + ".points[" + std::to_string(k) + "]", "must not be 0");
     options.points[static_cast<std::size_t>(k)] = message.points(k);
   }

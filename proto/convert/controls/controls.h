@@ -9,11 +9,12 @@
 
 namespace deform::convert {
 
-/// Throws Error(invalid_argument) with the path of the field ("method.ffd.lattice.points"): what can be told without a mesh.
+/// Converts a lattice and makes the checks that need no mesh. Throws Error(invalid_argument) with the path of the
+/// field ("method.ffd.lattice.points").
 LatticeOptions lattice_from_proto(const v1::Lattice& message);
 
-/// What the variable does. Throws Error(invalid_argument) with the path of the field, which starts with `path`: not exactly one
-/// of translate, rotate, scale, vectors without three finite numbers.
+/// The motion of a variable. Throws Error(invalid_argument) with the path of the field, which starts with `path`: not exactly one
+/// of translate, rotate, scale, or vectors without three finite numbers.
 VariableMotion motion_from_proto(const v1::DesignVariable& message, const std::string& path);
 
 }  // namespace deform::convert

@@ -8,7 +8,7 @@
 
 namespace deform::convert {
 
-/// The reply about a geometry, but for the time of its registration and its setups.
+/// The reply about a geometry, without the time of its registration and its setups.
 v1::GeometryInfo geometry_info(const Mesh& mesh, const std::string& id, const std::string& name);
 
 }  // namespace deform::convert

@@ -40,7 +40,7 @@ class Subspaces : public testing::TestWithParam<std::optional<Kernel>> {
 };
 
 TEST_P(Subspaces, EnergyIsThatOfTheShellForEveryFunction) {
-  const EnergySpace space = subspace_space(plane_, options(GetParam()), 3);
+  const EnergySpace space = shell_subspace(plane_, options(GetParam()), 3);
   const ShellOperators shell = shell_operators(plane_, bounding_box(plane_.points).diagonal());
   const MatrixXd L(shell.laplacian), phi(space.values), K = SparseMatrix(space.energy.selfadjointView<Eigen::Lower>());
   const MatrixXd E = -L + 0.5 * L * shell.areas.cwiseInverse().asDiagonal() * L;
@@ -55,8 +55,8 @@ TEST_P(Subspaces, SameForAnyNumberOfThreads) {
   RunContext one, two;
   one.threads = 1;
   two.threads = 2;
-  const EnergySpace a = subspace_space(plane_, options(GetParam()), 3, one),
-                    b = subspace_space(plane_, options(GetParam()), 3, two);
+  const EnergySpace a = shell_subspace(plane_, options(GetParam()), 3, one),
+                    b = shell_subspace(plane_, options(GetParam()), 3, two);
   ASSERT_EQ(a.values.nonZeros(), b.values.nonZeros());
   EXPECT_TRUE(std::equal(a.values.valuePtr(), a.values.valuePtr() + a.values.nonZeros(), b.values.valuePtr()));
   ASSERT_EQ(a.energy.nonZeros(), b.energy.nonZeros());
@@ -65,8 +65,8 @@ TEST_P(Subspaces, SameForAnyNumberOfThreads) {
 
 TEST_P(Subspaces, EstimateIsAnUpperBound) {
   const auto chosen = options(GetParam(), 1, 1, 200);
-  const EnergySpace space = subspace_space(plane_, chosen, 3);
-  const SpaceBytes bytes = estimate_subspace_space(plane_, chosen);
+  const EnergySpace space = shell_subspace(plane_, chosen, 3);
+  const SpaceBytes bytes = estimate_shell_subspace(plane_, chosen);
   EXPECT_GE(bytes.resident, 16 * static_cast<std::size_t>(space.values.nonZeros() + space.energy.nonZeros()));
   EXPECT_GE(bytes.energy_entries, static_cast<std::size_t>(space.energy.nonZeros()));
   EXPECT_GT(bytes.peak, bytes.resident);
@@ -74,7 +74,7 @@ TEST_P(Subspaces, EstimateIsAnUpperBound) {
 
 TEST_P(Subspaces, MoreCentresThanPoints) {
   const Mesh small = test::flat_grid(4, 3, 2, 1);
-  const EnergySpace space = subspace_space(small, options(GetParam(), 1, 0, 1000), 3);
+  const EnergySpace space = shell_subspace(small, options(GetParam(), 1, 0, 1000), 3);
   EXPECT_LE(space.values.cols(), 12);
   EXPECT_GE(space.values.cols(), 4);
   EXPECT_TRUE(MatrixXd(space.values).allFinite());
@@ -84,7 +84,7 @@ TEST_P(Subspaces, Cancelled) {
   RunContext context;
   context.cancel.emplace();
   context.cancel->cancel();
-  test::expect_error(ErrorCode::cancelled, {}, [&] { subspace_space(plane_, options(GetParam()), 1, context); });
+  test::expect_error(ErrorCode::cancelled, {}, [&] { shell_subspace(plane_, options(GetParam()), 1, context); });
 }
 
 INSTANTIATE_TEST_SUITE_P(All, Subspaces, testing::ValuesIn(every_kind));

@@ -49,7 +49,7 @@ struct Grid {
   }
 };
 
-/// Of a grid, `width` cubes wide. Without a face in it a block is inside or outside as a whole.
+/// Blocks of a grid, `width` cubes wide. A block without faces is inside or outside as a whole.
 class Blocks {
  public:
   explicit Blocks(const Grid& grid) : grid_(grid) {
@@ -75,11 +75,11 @@ class Blocks {
   std::array<std::size_t, 3> counts_{};
 };
 
-/// Of a cube, with a random point in each. The same whenever they are asked for.
-struct Eighths {
+/// The octants of a cube, with a random point in each. Deterministic.
+struct Octants {
   std::array<Vec3, 8> corners, random;
 
-  Eighths(const Grid& grid, std::size_t cube, std::uint64_t seed) {
+  Octants(const Grid& grid, std::size_t cube, std::uint64_t seed) {
     std::mt19937_64 numbers(seed + cube);
     corners.fill(grid.corner(cube));
     for (std::size_t e = 0; e < 8; ++e) {
@@ -177,8 +177,8 @@ EnclosedPieces::EnclosedPieces(const Mesh& mesh, std::span<const Vec3> points, s
   TouchedCubes faces(grid);
   each_triangle(mesh, points, [&](const Vec3& a, const Vec3& b, const Vec3& c) { faces.add(a, b, c); });
 
-  // Of untouched cubes the eighths are all inside or none is.
-  std::vector<unsigned char> inside_eighths(grid.cubes(), 0);
+  // The octants of untouched cubes are all inside or all outside.
+  std::vector<unsigned char> inside_octants(grid.cubes(), 0);
   const Blocks blocks(grid);
   parallel_for(context, blocks.count(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t b = begin; b < end; ++b) {
@@ -187,25 +187,25 @@ EnclosedPieces::EnclosedPieces(const Mesh& mesh, std::span<const Vec3> points, s
       const bool all = !touched && inside(winding_, grid.middle(cubes[cubes.size() / 2]));
       for (const std::size_t i : cubes) {
         if (faces.touched[i] == 0) {
-          inside_eighths[i] = (touched ? inside(winding_, grid.middle(i)) : all) ? 0xff : 0;
+          inside_octants[i] = (touched ? inside(winding_, grid.middle(i)) : all) ? 0xff : 0;
           continue;
         }
-        const Eighths eighths(grid, i, seed);
+        const Octants octants(grid, i, seed);
         for (std::size_t e = 0; e < 8; ++e) {
-          if (inside(winding_, eighths.random[e])) inside_eighths[i] |= static_cast<unsigned char>(1U << e);
+          if (inside(winding_, octants.random[e])) inside_octants[i] |= static_cast<unsigned char>(1U << e);
         }
       }
     }
   });
   for (std::size_t i = 0; i < grid.cubes(); ++i) {
-    if (inside_eighths[i] == 0) continue;
+    if (inside_octants[i] == 0) continue;
     if (faces.touched[i] == 0) {
       pieces_.push_back({grid.middle(i), grid.corner(i), true});
       continue;
     }
-    const Eighths eighths(grid, i, seed);
+    const Octants octants(grid, i, seed);
     for (std::size_t e = 0; e < 8; ++e) {
-      if ((inside_eighths[i] >> e & 1U) != 0) pieces_.push_back({eighths.random[e], eighths.corners[e], false});
+      if ((inside_octants[i] >> e & 1U) != 0) pieces_.push_back({octants.random[e], octants.corners[e], false});
     }
   }
 }

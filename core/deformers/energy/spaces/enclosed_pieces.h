@@ -14,40 +14,40 @@
 
 namespace deform {
 
-/// What the faces of a mesh enclose: where their winding number is over a half, faces that all face inwards included. In pieces
-/// of equal cubes: those that no face touches and whose middle is inside, and of those that faces touch the eighths in which a
+/// The volume enclosed by the faces of a mesh, that is where the absolute value of their winding number exceeds 1/2. The pieces
+/// are equal cubes that no face touches and whose centre is inside, and those octants of the cubes touched by faces in which a
 /// random point is inside.
 ///
-/// Faces enclose a volume when nine tenths of their area lie between a winding number of 1 (to a tenth) on the one side and 0 on
-/// the other. So small holes and cracks do no harm, and bowls, tubes and faces that disagree about their sides enclose nothing.
+/// The faces count as enclosing a volume if on 90 % of their area the winding number is 1 on one side and 0 on the other, up to
+/// 0.1. So small holes and cracks are harmless, but bowls, tubes and inconsistently oriented faces enclose nothing.
 class EnclosedPieces : public Pieces {
  public:
-  /// `on_faces`: points evenly distributed over the area of the faces, by which it is decided whether they enclose anything. If
-  /// not, there is no piece.
+  /// `on_faces` are points distributed uniformly over the faces, which decide whether these enclose a volume. If they do not,
+  /// there are no pieces.
   EnclosedPieces(const Mesh& mesh, std::span<const Vec3> points, std::span<const Vec3> on_faces, std::uint64_t seed,
                  const RunContext& context = {});
   std::size_t count() const override { return pieces_.size(); }
   double measure(std::size_t piece) const override;
-  /// Inside, in pieces that faces touch too.
+  /// A point inside the volume, even in pieces touched by faces.
   Vec3 place(std::size_t piece, const Vec3& random) const override;
 
-  /// The part of the area that is between inside and outside.
+  /// The fraction of the area that separates inside from outside.
   double enclosing_area() const { return enclosing_area_; }
 
  private:
   struct Piece {
-    Vec3 inside{};  ///< a point of it
-    Vec3 least{};   ///< its corner
+    Vec3 inside{};  ///< a point of the piece inside the volume
+    Vec3 least{};   ///< its corner with the smallest coordinates
     bool whole = true;
   };
 
   WindingNumber winding_;
   double enclosing_area_ = 0;
-  double size_ = 0;  ///< of the edges of cubes
+  double size_ = 0;  ///< edge length of the cubes
   std::vector<Piece> pieces_;
 };
 
-/// Upper bound of the bytes of EnclosedPieces while they are made.
+/// An upper bound of the peak memory of the construction of EnclosedPieces, in bytes.
 std::size_t enclosed_pieces_bytes(const Mesh& mesh);
 
 }  // namespace deform

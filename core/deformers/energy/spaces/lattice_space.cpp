@@ -75,7 +75,7 @@ AxisGrams axis_grams(const Lattice& lattice) {
   return grams;
 }
 
-/// Of the matrix that the terms make: that of a product is the product of those along the axes.
+/// The trace of the matrix of the terms; the trace of a Kronecker product is the product of the traces along the axes.
 double trace(const std::vector<EnergyTerm>& terms, const AxisGrams& grams) {
   double sum = 0;
   for (const EnergyTerm& term : terms) {

@@ -11,10 +11,10 @@
 
 namespace deform {
 
-/// Free-form deformation as an energy space (thesis 3.2): the functions are the splines of the control points, computed when they
-/// are asked for. The energy gamma_s |grad d|^2 + gamma_b |hessian d|^2 is integrated over the whole lattice, exactly: sums of
-/// products of Gram matrices along the axes. Only affine displacements have no bending energy. Throws what model_lattice()
-/// throws.
+/// Free-form deformation as an energy space (thesis 3.2): the functions are the splines of the control points, computed
+/// on demand. The energy gamma_s |grad d|^2 + gamma_b |hessian d|^2 is integrated exactly over the whole lattice, as
+/// sums of products of Gram matrices along the axes. Only affine displacements have zero bending energy. Throws the
+/// errors of model_lattice().
 EnergyModel lattice_model(const Mesh& mesh, const FfdOptions& options, const std::vector<RegionIndex>& region_of,
                           const RunContext& context);
 

@@ -11,10 +11,10 @@
 
 namespace deform {
 
-/// The faces of a mesh, fanned into triangles from their first corner. Faces without area get no point.
+/// The faces of a mesh, as fans of triangles around their first corner. Faces without area get no point.
 class FacePieces : public Pieces {
  public:
-  /// The mesh must outlive this.
+  /// The mesh must outlive this object.
   FacePieces(const Mesh& mesh, std::span<const Vec3> points);
   std::size_t count() const override;
   double measure(std::size_t face) const override;
@@ -26,8 +26,8 @@ class FacePieces : public Pieces {
   std::vector<std::uint64_t> offsets_;
 };
 
-/// The cells of a volume mesh, cut into tetrahedra between the mean of their corners and their fanned faces; by the size of these
-/// without sign, so that cells that are not convex, or inverted, are sampled too.
+/// The cells of a volume mesh, cut into tetrahedra between the mean of their corners and their faces as fans. Volumes are
+/// unsigned, so that nonconvex and inverted cells are sampled too.
 class CellPieces : public Pieces {
  public:
   CellPieces(const Mesh& mesh, std::span<const Vec3> points);
@@ -43,19 +43,19 @@ class CellPieces : public Pieces {
 
   const Mesh& mesh_;
   std::span<const Vec3> points_;
-  std::vector<std::uint64_t> cell_starts_;  ///< of cells by faces: where their faces stand in cell_faces_
+  std::vector<std::uint64_t> cell_starts_;  ///< for cells by faces: offsets into cell_faces_
   std::vector<std::uint32_t> cell_faces_;
 };
 
 /// The volume of a mesh without cells.
 enum class VolumeOf {
-  box,              ///< its bounding box, a twentieth of the diagonal larger on all sides
-  enclosed_or_box,  ///< what its faces enclose (EnclosedPieces); if they do not, the box
-  enclosed,         ///< if they do not, there is none
+  box,              ///< its bounding box, enlarged by D / 20 on all sides
+  enclosed_or_box,  ///< the volume enclosed by its faces (EnclosedPieces), or else the box
+  enclosed,         ///< the enclosed volume, or else none
 };
 
-/// What is sampled of a mesh (thesis 8.3, 8.4): `surface` points spread uniformly over the faces and `volume` ones in the cells.
-/// Without faces of any area and without cells the surface is the points themselves, each an equal part of an area of 1.
+/// The numbers of points sampled uniformly on the faces and in the cells of a mesh (thesis 8.3, 8.4). If no face has an area and
+/// there are no cells, the points of the mesh represent the surface, as equal parts of an area of 1.
 struct DenseCounts {
   std::size_t surface = 0, volume = 0;
   VolumeOf volume_of = VolumeOf::box;

@@ -26,8 +26,8 @@ namespace {
 double cover_of(const MlsOptions& options) { return options.cover != 0 ? options.cover : default_cover(options.domain); }
 
 constexpr std::size_t mls_points_per_range = 128;
-// Thesis 8.6: 4000, or 5000 and 2000 with cells. More inside: handles that move a whole boundary in detail bend the functions
-// there.
+// Thesis 8.6: 4000, or 5000 and 2000 with cells. More inside: handles that move a whole boundary in detail bend the
+// functions there.
 constexpr std::size_t automatic_surface = 4000, automatic_boundary = 5000, automatic_volume = 3000;
 constexpr std::size_t enclosed_surface = 4000, enclosed_volume = 5000;
 constexpr std::size_t fewest_samples = 64;
@@ -35,7 +35,7 @@ constexpr std::size_t dense_per_point = 20;  // of the integration points: thesi
 constexpr double flat_surface = 1e-2;
 constexpr double open_share = 0.25;  // of the area: holes that leave nothing enclosed
 
-/// Whether to look for what the faces enclose. Area vectors of faces that do add up to nothing, but for holes.
+/// Whether to determine the enclosed volume. The area vectors of closed faces add up to zero, except for holes.
 bool may_enclose(const Mesh& mesh, const MlsOptions& options) {
   if (options.domain != MlsDomain::enclosed || mesh.cell_count() != 0) return false;
   Vec3 sum{};
@@ -102,8 +102,8 @@ Weights weights_at(const Mesh& mesh, std::span<const Vec3> points, const std::ve
   return weights;
 }
 
-/// About one in `factor` of the dense points, as evenly spread as all of them: there are as many per sample then as per
-/// integration point. Points of a cloud, which stand in any order, stay.
+/// Keeps about one in `factor` of the dense points, equally distributed, so that there are as many per sample as per integration
+/// point. Points of a cloud, which may be in any order, are all kept.
 DensePoints thinned(const DensePoints& dense, double factor) {
   const auto step = static_cast<std::size_t>(factor);
   if (!dense.uniform || step < 2) return dense;
@@ -116,7 +116,7 @@ DensePoints thinned(const DensePoints& dense, double factor) {
   return few;
 }
 
-/// Integration points with the part of the domain that each stands for; those that stand for nothing are left out.
+/// Integration points with the measures of their Voronoi cells; points with empty cells are left out.
 struct Cubature {
   std::vector<Vec3> points;
   std::vector<double> shares;
@@ -243,7 +243,7 @@ EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t
   }
   const Ties ties = component_ties(samples.points, joined_columns(rows, space.samples), whole_cover(cover_of(options)));
   if (ties.parts > 1) {
-    // Far below what holds a part itself, far above rounding.
+    // Far below the stiffness of a part itself, far above rounding.
     const double measure = space.energy.diagonal().mean();
     space.energy += SparseMatrix(1e-6 * measure * lower_gram(ties.rows, space.samples, context));
     space.notes.push_back(std::to_string(ties.parts) + " parts that no support joins follow each other weakly");

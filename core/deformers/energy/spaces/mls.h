@@ -11,35 +11,35 @@
 
 namespace deform {
 
-/// Moving least squares deformation in space (thesis 8.4): k samples spread over surface and volume, N = cubature * k integration
-/// points spread in the same way, energies gamma_s |grad d|^2 + gamma_b |hessian d|^2 at them with their Voronoi volumes, or on a
-/// mesh without cells their Voronoi areas. All in unit coordinates (divided by the bounding-box diagonal).
+/// Moving least squares deformation in space (thesis 8.4): k samples distributed over surface and volume, and N = cubature * k
+/// integration points distributed in the same way. The energies gamma_s |grad d|^2 + gamma_b |hessian d|^2 are weighted with the
+/// Voronoi volumes of the integration points or, for a mesh without cells, with their Voronoi areas. All quantities are in unit
+/// coordinates (divided by the bounding-box diagonal).
 ///
-/// Two decisions, because the thesis leaves them open:
-///  - Bending is the whole second derivative. It agrees with |laplace d|^2 (eq. 8.13) where the rim of the domain is held; but
-///  that costs
-///    nothing for harmonic functions, so with a free rim, or one where only positions are held, its least is the harmonic one,
-///    which bends sharply at the handles. Here only affine displacements cost nothing.
-///  - With MlsDomain::enclosed a mesh without cells is what its faces enclose (EnclosedPieces), a body like that of cells, in
-///  which affine motions are exact. Where they do not, and with MlsDomain::surface, it is its surface: integration points lie on
-///  it and derivatives count along it. Where the samples around a point
-///    are flat to a tenth (variance across below 1e-2), derivatives across are left out, because samples do not tell them there:
-///    the least curvature would make them up; so curved parts do not turn exactly. Elsewhere (edges, thin walls) it is a body in
-///    space like any other. With volume_samples > 0 the box around the surface is the body.
+/// Two choices that the thesis leaves open:
+///  - The bending energy uses the full second derivative. It agrees with |laplace d|^2 (eq. 8.13) if the boundary of the domain
+///    is clamped; but the Laplacian vanishes for harmonic functions, so with a free boundary, or one where only positions are
+///    prescribed, the minimizer is harmonic and bends sharply at the handles. Here only affine displacements have zero energy.
+///  - With MlsDomain::enclosed a mesh without cells is the volume enclosed by its faces (EnclosedPieces), a body like one with
+///    cells, for which affine motions are exact. If the faces do not enclose a volume, and with MlsDomain::surface, it is the
+///    surface: integration points lie on it and tangential derivatives count. Where the samples around a point are nearly
+///    coplanar (normal variance below 1e-2), normal derivatives are left out, because the samples do not determine them and the
+///    least curvature would be arbitrary; so curved parts do not rotate exactly. Elsewhere (edges, thin walls) the surface is a
+///    body in space. With volume_samples > 0 the body is the box around the surface.
 ///
-/// Parts of the mesh that no support joins (components that are far apart) are tied to the others weakly: they follow the
-/// continuation of their motion, as far as nothing else holds them.
+/// Parts of the mesh that no support connects (components far apart) are weakly coupled to the others: they follow the
+/// extrapolated motion, as far as they are free.
 ///
-/// Deterministic for a seed and any number of threads. Throws Error(invalid_argument): a mesh without extent;
+/// The result depends on the seed only, not on the number of threads. Throws Error(invalid_argument) for a mesh without extent,
 /// cancelled, deadline_exceeded.
 EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t seed, const RunContext& context = {});
 
-/// Upper bound of what mls_space() needs at its peak, and of what the space holds: cheap, before anything is allocated.
+/// Upper bounds of the peak memory of mls_space() and of the memory of the space: cheap, before anything is allocated.
 struct SpaceBytes {
   std::size_t peak = 0, resident = 0;
   std::size_t samples = 0, cubature_points = 0;
-  std::size_t cover = 0;           ///< functions that reach a point
-  std::size_t energy_entries = 0;  ///< of the lower triangle
+  std::size_t cover = 0;           ///< functions that are nonzero at a point
+  std::size_t energy_entries = 0;  ///< entries of the lower triangle of the energy
 };
 SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options);
 

@@ -11,15 +11,16 @@
 
 namespace deform {
 
-/// What joins parts of a set of samples that have no energy in common (components of a model further apart than the supports
-/// reach). Starting with the largest part, the part nearest to those joined is joined next: its samples are asked to follow the
-/// moving least squares continuation from the nearest samples of those. Affine motions of the whole agree with that exactly.
+/// Rows that couple parts of a set of samples without common energy (components of a model further apart than the
+/// supports). Starting with the largest part, the part nearest to the coupled ones is coupled next: its samples are to
+/// follow the moving-least-squares extrapolation from the nearest coupled samples. Affine motions of the whole model
+/// satisfy these rows exactly.
 struct Ties {
-  RowBlocks rows;         ///< of height 1, one per sample of every part but the first; each counts 1 / (samples of its part)
-  std::size_t parts = 0;  ///< 1: nothing to join
+  RowBlocks rows;         ///< height 1; one row per sample of all parts but the first, with weight 1 / (samples of its part)
+  std::size_t parts = 0;  ///< 1 if there is nothing to couple
 };
 
-/// part[j] numbers the part of sample j from 0; the continuation is from about `cover` samples.
+/// Couples the parts. part[j] is the part of sample j, from 0; the extrapolation uses about `cover` samples.
 Ties component_ties(std::span<const Vec3> samples, const std::vector<std::uint32_t>& part, std::size_t cover);
 
 }  // namespace deform

@@ -38,7 +38,7 @@ void refuse_outside(const std::vector<std::uint32_t>& outside, const std::vector
                   "; make it larger or put them into a fixed region");
 }
 
-/// Of faces and cells, from points inside to points outside; ascending.
+/// The edges of faces and cells from points inside to points outside, ascending.
 std::vector<std::pair<PointId, PointId>> cut_edges(const Mesh& mesh, const std::vector<std::uint32_t>& outside) {
   std::vector<std::pair<PointId, PointId>> cut;
   if (outside.empty()) return cut;

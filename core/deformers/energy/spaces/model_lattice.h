@@ -18,19 +18,19 @@
 
 namespace deform {
 
-/// Throws Error(invalid_argument) naming the field: numbers of points out of range, a frame without volume or not finite, moved
-/// control points of the wrong number, not finite or more than most_moved_points.
+/// Throws Error(invalid_argument) naming the field: numbers of control points out of range, a frame without volume or not finite,
+/// moved control points that are not finite, of the wrong number or more than most_moved_points.
 void check_lattice(const LatticeOptions& options, const Mesh& mesh);
-/// The search for local coordinates in a moved lattice keeps samples of it: 64 per control point.
+/// The limit of moved control points. The search for local coordinates in a moved lattice stores 64 samples for each.
 inline constexpr std::size_t most_moved_points = 10000;
 
-/// lattice_around() the box of a mesh.
+/// Calls lattice_around() with the bounding box of a mesh.
 inline Lattice lattice_of(const LatticeOptions& options, const Mesh& mesh) {
   return lattice_around(options, bounding_box(mesh.points));
 }
 
-/// Splines of the control points (columns) at points (rows), from three local coordinates per point; no function reaches points
-/// outside of the lattice.
+/// The splines of the control points (columns) at points (rows), computed from the local coordinates of the points. All functions
+/// are zero at points outside the lattice.
 class LatticeRows : public ControlFunctions {
  public:
   LatticeRows(const Lattice& lattice, LatticeCoordinates at);
@@ -41,14 +41,14 @@ class LatticeRows : public ControlFunctions {
   void for_each(std::int64_t row, const std::function<void(std::int64_t, double)>& use) const override {
     visit(static_cast<std::size_t>(row), [&](std::size_t p, double weight) { use(static_cast<std::int64_t>(p), weight); });
   }
-  /// Along one axis after the other.
+  /// Sums along one axis after the other.
   void sums(std::int64_t row, std::span<const Vec3* const> vectors, Vec3* out) const override;
   std::size_t bytes() const override { return u_.size() * sizeof(Vec3); }
 
   const Lattice& lattice() const { return lattice_; }
   bool is_outside(std::size_t point) const { return u_[point][0] < 0; }
   const Vec3& coordinates(std::size_t point) const { return u_[point]; }
-  /// for_each() without an indirection: use(control point, value).
+  /// Calls use(control point, value) as for_each() does, without an indirection.
   template <typename Use>
   void visit(std::size_t point, const Use& use) const {
     if (!is_outside(point)) lattice_.for_each(lattice_.weights(u_[point]), use);
@@ -56,7 +56,7 @@ class LatticeRows : public ControlFunctions {
 
  private:
   Lattice lattice_;
-  std::vector<Vec3> u_;  ///< per point; the first coordinate is negative outside
+  std::vector<Vec3> u_;  ///< local coordinates of each point; the first one is negative outside
 };
 
 /// A lattice around a mesh.
@@ -67,18 +67,19 @@ struct ModelLattice {
   std::vector<std::uint32_t> outside;  ///< points, ascending
 };
 
-/// Points outside of the lattice are reached by no function and stay; they must be fixed: throws Error(invalid_argument) with
-/// their count and the first of them. Points next to these jump unless the region near the boundary is fixed, so a note counts
-/// the edges that cross it. In a moved lattice local coordinates are those of MovedLattice, whose errors this throws, too.
+/// The lattice of a mesh. All functions are zero at points outside the lattice, so these must be fixed: throws
+/// Error(invalid_argument) with their number and the first one otherwise. The displacement is discontinuous there unless the
+/// region near the boundary is fixed, so a note counts the edges that cross the boundary. Local coordinates in a moved lattice
+/// are those of MovedLattice, whose errors are thrown too.
 ModelLattice model_lattice(const Mesh& mesh, const LatticeOptions& options, const std::vector<RegionIndex>& region_of,
                            const RunContext& context);
 
-/// The same of a deformation that control points themselves decide about: all points outside stay.
+/// The same for handles that move control points: all points outside stay at rest and need not be fixed.
 ModelLattice control_lattice(const Mesh& mesh, const LatticeOptions& options, const RunContext& context);
 
-/// Edges of faces and cells that join a point inside with one outside (ascending): where each of them leaves the lattice, in
-/// local coordinates. In a moved lattice, which has none outside, it is the place on the boundary with the coordinates most like
-/// those of the point inside.
+/// The local coordinates at which edges of faces and cells leave the lattice, for all edges from a point inside to one outside,
+/// in ascending order. Coordinates are not defined outside a moved lattice; there it is the place on the boundary closest to the
+/// coordinates of the point inside.
 std::vector<Vec3> boundary_crossings(const Mesh& mesh, const LatticeOptions& options, const ModelLattice& made);
 
 }  // namespace deform

@@ -31,7 +31,7 @@ std::vector<char> faces_at(const Mesh& mesh, const std::vector<char>& points) {
   return mask;
 }
 
-/// Whatever is not connected with a held point could go anywhere.
+/// Components without a held point are not determined.
 void check_held(const SparseMatrix& L, const Eigen::VectorXd& areas, const std::vector<RegionIndex>& region_of) {
   const std::size_t n = region_of.size();
   std::size_t loose = 0, first_loose = 0, floating = 0, first_floating = 0;

@@ -10,13 +10,13 @@
 
 namespace deform {
 
-/// The thin shell (thesis 3.1, 8.2) with K = -gamma_s L_s + gamma_b L_s M^-1 L_s: L_s is the integrated cotangent Laplacian, M
-/// the mixed Voronoi areas, both of all points, so that soft handles of growing weight lead to the hard ones.
-///  - Hard handles: one function per deformable point. This is eq. 3.4 times M, symmetric positive definite; of the held points
-///    only those within two rings of the deformable ones enter (the others have no influence at all).
+/// The thin shell (thesis 3.1, 8.2) with K = -gamma_s L_s + gamma_b L_s M^-1 L_s: L_s is the integrated cotangent Laplacian and M
+/// the mixed Voronoi areas, both for all points, so that soft handles converge to hard ones as their weight grows.
+///  - Hard handles: one function per deformable point. The system is eq. 3.4 times M, symmetric positive definite. Only held
+///    points within two rings of the deformable points enter; the others have no influence.
 ///  - Soft handles: one function per point (eq. 8.9, 8.10 without the last term).
-/// Throws Error(invalid_argument) for deformable points without a face, and for components of the surface that nothing holds
-/// (with the number and the first point).
+/// Throws Error(invalid_argument) for deformable points without a face, and for components of the surface without handle or fixed
+/// points (with their number and the first point).
 EnergyModel shell_model(const Mesh& mesh, const std::vector<RegionIndex>& region_of, const ShellOptions& options,
                         double diagonal);
 

@@ -117,7 +117,7 @@ void add_linear(const std::vector<Vec3>& points, EnergySpace& space) {
 
 }  // namespace
 
-EnergySpace subspace_space(const Mesh& mesh, const SubspaceOptions& options, std::uint64_t seed, const RunContext& context) {
+EnergySpace shell_subspace(const Mesh& mesh, const SubspaceOptions& options, std::uint64_t seed, const RunContext& context) {
   const std::vector<Vec3> points = unit_points(mesh);
   context.progress("sample", 0);
   const std::vector<Vec3> centres = spread_centres(mesh, points, std::min(options.centres, points.size()), seed, context);
@@ -162,7 +162,7 @@ EnergySpace subspace_space(const Mesh& mesh, const SubspaceOptions& options, std
   return space;
 }
 
-SpaceBytes estimate_subspace_space(const Mesh& mesh, const SubspaceOptions& options) {
+SpaceBytes estimate_shell_subspace(const Mesh& mesh, const SubspaceOptions& options) {
   const auto n = static_cast<double>(mesh.point_count());
   const double k = std::min(static_cast<double>(options.centres), n);
   constexpr double entry = sizeof(double) + sizeof(std::int64_t);

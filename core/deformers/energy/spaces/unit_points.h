@@ -8,10 +8,10 @@
 
 namespace deform {
 
-/// The points of a mesh divided by the diagonal of their box. Throws Error(invalid_argument) when all coincide.
+/// The points of a mesh divided by the diagonal of their bounding box. Throws Error(invalid_argument) if all coincide.
 std::vector<Vec3> unit_points(const Mesh& mesh);
 
-/// k x 4: coefficients of moving least squares that reproduce 1, x, y, z, which are the values at the samples.
+/// The coefficients of moving least squares that reproduce 1, x, y, z, that is their values at the samples: k x 4.
 SparseMatrix linear_coefficients(const std::vector<Vec3>& samples);
 
 }  // namespace deform

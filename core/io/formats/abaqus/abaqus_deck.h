@@ -15,45 +15,45 @@
 
 namespace deform::io {
 
-/// The file of an Abaqus deck, or one that it includes.
+/// The main file of an Abaqus deck, or an included one.
 struct DeckFile {
-  std::string name;                ///< stands in errors
-  std::string bytes;               ///< unpacked
-  std::filesystem::path input;     ///< as the deck names it; of the deck itself empty
+  std::string name;                ///< name in errors
+  std::string bytes;               ///< uncompressed
+  std::filesystem::path input;     ///< as written in the deck; empty for the main file
   std::filesystem::path original;  ///< where it was read from
 };
 
-/// A cursor over the keyword and data lines of an Abaqus deck: comments, continued keyword lines and included files are taken
-/// care of. Source: Abaqus Analysis User's Guide, "Input syntax rules". Throws Error(invalid_argument) with file and line.
+/// A cursor over the keyword and data lines of an Abaqus deck that handles comments, continued keyword lines and included files.
+/// Source: Abaqus Analysis User's Guide, "Input syntax rules". Throws Error(invalid_argument) with file and line.
 class AbaqusDeck {
  public:
   using Open = std::function<DeckFile(const std::string& input)>;
   enum class Kind { keyword, data };
   struct Field {
     std::string_view text;  ///< without blanks around it
-    std::size_t at;         ///< where that begins in the file
+    std::size_t at;         ///< its position in the file
   };
 
-  /// `open` gives the file of that name; without it included files are refused.
+  /// `open` opens an included file; without it included files are an error.
   AbaqusDeck(DeckFile main, Open open);
 
   bool next();
   Kind kind() const { return kind_; }
 
-  /// Of a keyword line: the keyword in capitals, without * and blanks.
+  /// The keyword of a keyword line in capitals, without * and blanks.
   const std::string& keyword() const { return keyword_; }
-  /// The value of the parameter (name in capitals) as it is written, without quotes; empty when it has none.
+  /// The value of a parameter (name in capitals) as written, without quotes; an empty string if it has no value.
   std::optional<std::string> parameter(const std::string& name) const;
-  /// Goes on with the lines of another file; those behind this line follow.
+  /// Continues with the lines of another file, then with those after this line.
   void include(const std::string& input);
 
-  /// Of a data line: between commas. A comma at the end adds no field.
+  /// The comma-separated fields of a data line. A trailing comma adds no field.
   const std::vector<Field>& fields() const { return fields_; }
   bool ends_in_comma() const { return ends_in_comma_; }
-  /// Behind the last character of the data line that is not blank.
+  /// The position after the last nonblank character of the data line.
   std::size_t line_end() const { return line_end_; }
 
-  /// The file of the line, and where the line begins in it.
+  /// The file of the line and its position there.
   std::uint32_t file() const { return stack_.back().file; }
   std::size_t position() const { return stack_.back().lines.begin(); }
   std::deque<DeckFile>& files() { return files_; }
@@ -82,7 +82,7 @@ class AbaqusDeck {
   std::size_t line_end_ = 0;
 };
 
-/// The whole text as an integer.
+/// Parses the whole text as an integer.
 std::optional<std::int64_t> parse_integer(std::string_view text);
 
 }  // namespace deform::io

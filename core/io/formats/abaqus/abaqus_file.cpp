@@ -15,7 +15,7 @@ namespace {
 
 using Members = AbaqusModel::Members;
 
-/// Abaqus reads numbers of at most so many characters.
+/// The largest number of characters of a number in Abaqus.
 constexpr std::uint8_t longest_number = 20;
 
 class AbaqusReader {
@@ -103,7 +103,7 @@ class AbaqusReader {
     include_input();
   }
 
-  /// The data lines may stand in a file of their own.
+  /// The data lines may be in a separate file.
   void include_input() {
     if (const auto input = deck_.parameter("INPUT")) deck_.include(*input);
   }

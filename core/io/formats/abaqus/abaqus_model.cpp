@@ -244,7 +244,7 @@ void AbaqusModel::add_entry(const Set::Entry& entry, Members members, int depth,
   }
 }
 
-/// Of a range of labels those that are there.
+/// Adds the existing labels of a range.
 void AbaqusModel::add_range(const Set::Entry& entry, Members members, std::vector<std::uint32_t>& found) const {
   const Part& part = parts_[entry.scope];
   const auto& global = part.global[number(members)];
@@ -299,7 +299,7 @@ void AbaqusModel::add_side(const Element& element, const Surface::Entry& entry, 
   }
   const std::vector<PointId> points = points_of(element);
   const bool shell = type_of(element).use == Use::shell;
-  // Of shells, S1 and S2 are their two sides in CalculiX, and S3 is the first edge.
+  // For shells, S1 and S2 are the two sides in CalculiX, and S3 is the first edge.
   const std::int64_t edge = letter == 'S' && shell ? number - 2 : number;
   const bool whole = number == 0 || edge < 1;
   if (type_of(element).use != Use::other && whole) {

@@ -17,33 +17,33 @@
 
 namespace deform::io {
 
-/// Nodes, elements, sets and surfaces of an Abaqus deck by their labels, each in the part that it belongs to; finish() makes a
-/// mesh of them. What is named may be defined later.
+/// Collects the nodes, elements, sets and surfaces of an Abaqus deck by label, for each part; finish() builds the mesh. Names may
+/// be used before they are defined.
 class AbaqusModel {
  public:
-  /// Where something stands, for errors.
+  /// A position in the files of the deck, for errors.
   struct Place {
     std::uint32_t file = 0;
     std::size_t at = 0;
   };
   /// Throws an Error that names the place.
   using Fail = std::function<void(const Place& place, const std::string& message)>;
-  using Scope = std::size_t;  ///< number of a part; 0: the deck itself, and the assembly
+  using Scope = std::size_t;  ///< number of a part; 0 for the deck itself and the assembly
   enum class Members { nodes, elements };
 
   /// A set as the deck describes it.
   struct Set {
     struct Entry {
       std::int64_t first = 0, last = 0, step = 1;  ///< labels
-      std::string name;                            ///< of another set instead
-      Scope scope = 0;                             ///< whose labels and sets these are
+      std::string name;                            ///< name of another set, instead of labels
+      Scope scope = 0;                             ///< scope of the labels or the set
       Place place;
-      Members of = Members::nodes;  ///< elements: the nodes of those
+      Members of = Members::nodes;  ///< elements: their nodes
     };
     std::string name;
-    std::vector<std::uint32_t> members;  ///< numbers in the part
+    std::vector<std::uint32_t> members;  ///< indices in the part
     std::vector<Entry> entries;
-    bool internal = false;  ///< made by a program for itself
+    bool internal = false;  ///< marked as internal by the program that wrote it
   };
   struct Surface {
     struct Entry {
@@ -59,16 +59,16 @@ class AbaqusModel {
 
   explicit AbaqusModel(Fail fail) : fail_(std::move(fail)), parts_(1) {}
 
-  /// The part of that name; a new one when there is none.
+  /// The part with this name, created if necessary.
   Scope part(const std::string& name);
-  /// A new part, called so in names of groups.
+  /// Adds a part, whose name appears in names of groups.
   Scope add_part(const std::string& name);
   bool has_nodes(Scope scope) const { return parts_[scope].nodes.size() > 0; }
-  /// Sets and labels of the instance are those of the scope.
+  /// Makes the sets and labels of a scope those of an instance.
   void name_instance(const std::string& name, Scope scope);
   std::optional<Scope> find_instance(const std::string& name) const;
 
-  /// Their number in the part.
+  /// These return the index in the part.
   std::uint32_t add_node(Scope scope, std::int64_t label, const Vec3& position, const Place& place);
   struct NewElement {
     std::int64_t label = 0;
@@ -77,7 +77,7 @@ class AbaqusModel {
   };
   std::uint32_t add_type(const AbaqusType& type);
   std::uint32_t add_element(Scope scope, const NewElement& element, std::span<const std::int64_t> nodes);
-  /// The set of that name; a new one when there is none. Valid until another is added.
+  /// The set with this name, created if necessary. The reference is valid until another set is added.
   Set& set(Scope scope, Members members, const std::string& name);
   Surface& surface(Scope scope, const std::string& name);
 
@@ -86,18 +86,18 @@ class AbaqusModel {
 
  private:
   struct Element : NewElement {
-    std::uint32_t scope = 0, count = 0;  // of its nodes
-    std::size_t first = 0;               // the same
+    std::uint32_t scope = 0, count = 0;  // scope, number of nodes
+    std::size_t first = 0;               // first node
     std::uint32_t number = 0;            // among the volumes or faces of the mesh
   };
-  /// The members of a set once they are known.
+  /// The members of a set, once resolved.
   struct Resolved {
     enum class State { unknown, under_way, known } state = State::unknown;
     std::vector<std::uint32_t> members;
   };
   struct GroupMembers {
     std::vector<PointId> points;
-    std::vector<std::size_t> faces;  // of the surface elements
+    std::vector<std::size_t> faces;  // surface elements
   };
   struct Part {
     std::string name;
@@ -132,8 +132,8 @@ class AbaqusModel {
   std::map<std::string, Scope> part_numbers_, instances_;
   std::vector<AbaqusType> types_;
   std::vector<Element> elements_;
-  std::vector<std::int64_t> node_labels_;  // of the elements
-  std::vector<PointId> nodes_;             // the same, found
+  std::vector<std::int64_t> node_labels_;  // labels of the nodes of all elements
+  std::vector<PointId> nodes_;             // the same as point ids
   std::set<std::vector<PointId>> free_;    // keys of the boundary, once they are needed
   ElementMesh mesh_;
 };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// CGNS: libcgns's lowest layer reads the nodes, see cgns_tree.h; what they mean is written in the SIDS (cgns.org).
-// Hostile files are parsed by libcgns and libhdf5 themselves; this reader checks sizes and ranges of all they hand over. Of some
-// thousand files with flipped bits none did harm, but nobody has hardened those parsers: see container_mesh.h.
+// CGNS: libcgns's lowest layer reads the nodes, see cgns_tree.h; what they mean is written in the SIDS (cgns.org). Hostile files
+// are parsed by libcgns and libhdf5 themselves; this reader checks sizes and ranges of all they hand over. Several thousand files
+// with flipped bits caused no harm, but those parsers are not hardened: see container_mesh.h.
 
 #include <algorithm>
 #include <limits>
@@ -241,7 +241,8 @@ void overwrite(ContainerFile& file, std::size_t bytes, const std::string& name, 
   tree.close();
 }
 
-/// ADF notes when a file was last changed behind the tag AdF1 of its first lines. Only coordinates are to differ.
+/// Restores the date of the last change, which ADF stores after the tag AdF1 of its first lines, because only coordinates
+/// may differ.
 void keep_date(const std::string& original, std::string& written) {
   constexpr std::size_t tag = 64, date = 68, length = 28;
   if (original.size() >= date + length && written.size() >= date + length && original.compare(tag, 4, "AdF1") == 0) {

@@ -12,9 +12,9 @@ namespace deform::io {
 
 namespace {
 
-// What deflate can reach, and some for the file itself. ADF does not compress.
+// The largest compression ratio of deflate, with an allowance for the file itself. ADF does not compress.
 constexpr std::uint64_t best_compression = 1100;
-// The library's limits of texts hold for what it writes; damaged ADF nodes have longer ones.
+// The limits of texts in the library apply to writing; damaged ADF nodes may have longer ones.
 constexpr std::size_t text_size = 1024;
 
 std::string library_message() {

@@ -13,30 +13,30 @@
 
 namespace deform::io {
 
-/// The nodes of a CGNS file in either container, ADF or HDF5, read through the lowest layer of libcgns (cgio): it hands over
-/// names, types and sizes before any data, so that what a file claims is checked before anything is allocated; the layer above
-/// would allocate first and end the process where that fails. It also reads files of later versions of CGNS, whose new nodes this
-/// reader knows itself. Holds the lock of the containers while it lives. Errors are Error(invalid_argument) naming file and node.
+/// The nodes of a CGNS file in ADF or HDF5, read through the lowest layer of libcgns (cgio). That layer returns names, types and
+/// sizes before any data, so that sizes are checked before anything is allocated; the layer above allocates first and terminates
+/// the process on failure. It also reads files of later versions of CGNS, whose new nodes this reader handles itself. Holds the
+/// lock of the containers during its lifetime. Throws Error(invalid_argument) naming file and node.
 class CgnsTree {
  public:
   enum class Access { read, modify };
   struct Node {
     double id = 0;
     std::string path, name, label;
-    bool link = false;  ///< to a node elsewhere, perhaps in another file; without a label when that is not found
+    bool link = false;  ///< link to another node, possibly in another file; its label is empty if that is not found
   };
 
-  /// `name` stands in errors. `file` loses its name.
+  /// `name` is used in errors. Unlinks `file`.
   CgnsTree(ContainerFile& file, std::size_t bytes, std::string name, Access access);
   ~CgnsTree();
   CgnsTree(const CgnsTree&) = delete;
   CgnsTree& operator=(const CgnsTree&) = delete;
 
-  /// Writes what is not yet written and gives up the file; errors are only seen here.
+  /// Writes pending data and closes the file. Write errors are reported only here.
   void close();
 
   Node root() const;
-  /// In the order of the file.
+  /// The children in the order of the file.
   std::vector<Node> children(const Node& parent) const;
   std::vector<Node> children(const Node& parent, std::string_view label) const;
   std::optional<Node> child(const Node& parent, std::string_view name) const;
@@ -44,24 +44,24 @@ class CgnsTree {
 
   /// "MT", "I4", "I8", "R4", "R8", "C1", ...
   std::string type(const Node& node) const;
-  /// The first varies fastest; empty for a node without data.
+  /// The dimensions, fastest first; empty for a node without data.
   std::vector<std::int64_t> dimensions(const Node& node) const;
 
   std::vector<std::int64_t> integers(const Node& node) const;
   std::vector<double> reals(const Node& node) const;
-  /// Without the blanks behind it.
+  /// The text of a node without trailing blanks.
   std::string text(const Node& node) const;
 
-  /// Of all data, with the node's own type, which is R4 or R8; the size must be the same.
+  /// Overwrites all data of a node of type R4 or R8 with as many values, in its own type.
   void overwrite(const Node& node, std::span<const double> values);
 
   [[noreturn]] void fail(const Node& node, const std::string& what) const;
 
  private:
-  /// The library's own words.
+  /// Throws with the message of the library.
   void check(int status, const Node& node, const char* what) const;
   void refuse_link(const Node& node) const;
-  /// The number of a node's entries, of `size` bytes each; throws when the file cannot hold them.
+  /// The number of entries of a node, of `size` bytes each; throws if the file is too small for them.
   std::size_t entries(const Node& node, std::size_t size) const;
 
   const std::unique_lock<std::mutex> lock_;

@@ -13,21 +13,21 @@
 
 namespace deform::io {
 
-/// What the elements of a zone became.
+/// The entity into which an element of a zone was converted.
 struct CgnsElement {
   enum class Kind : std::uint8_t { point, edge, face, polygon, cell, polyhedron };
   Kind kind;
   std::uint32_t index;  ///< in CgnsMesh: of points, edges, elements.faces, polygons, elements.elements, polyhedra
 };
 
-/// Consecutive elements of a zone, by their numbers in the file.
+/// Consecutive elements of a zone, numbered as in the file.
 struct CgnsSection {
   std::string name;
   std::int64_t first = 1;
   std::vector<CgnsElement> elements;
 };
 
-/// Lists of lists.
+/// A list of lists as compressed rows.
 template <typename T>
 struct CgnsLists {
   std::vector<std::uint64_t> offsets{0};
@@ -43,7 +43,7 @@ struct CgnsLists {
   }
 };
 
-/// Half a face of a polyhedron: polygon and whether its normal points out of the cell.
+/// A face of a polyhedron: a polygon, and whether its normal points out of the cell.
 struct CgnsSide {
   std::uint32_t polygon;
   bool outward;
@@ -58,22 +58,22 @@ struct CgnsNamedSet {
 /// All zones of a file.
 struct CgnsMesh {
   ElementMesh elements;                       ///< its points are all points
-  std::vector<std::array<PointId, 3>> edges;  ///< ends, and the mid-edge node or the second end again
+  std::vector<std::array<PointId, 3>> edges;  ///< end points, and the mid-edge node or the second end point again
   CgnsLists<PointId> polygons;                ///< NGON_n
   CgnsLists<CgnsSide> polyhedra;              ///< NFACE_n
   std::vector<CgnsNamedSet> sets;
 };
 
-/// A zone while it is read.
+/// A zone being read.
 struct CgnsZone {
   CgnsTree::Node node;
   std::string name;
-  std::vector<std::int64_t> vertices;  ///< along each index; unstructured: the number of points
+  std::vector<std::int64_t> vertices;  ///< points along each index; unstructured: the number of points
   bool structured = false;
   PointId first_point = 0;
   std::size_t points = 0;
   std::vector<CgnsSection> sections;
-  mutable std::size_t recent_section = 0;  ///< where element() found the last one
+  mutable std::size_t recent_section = 0;  ///< section of the last result of element()
 
   /// Point `number` of the file, from 1. Throws naming the node.
   PointId point(std::int64_t number, const CgnsTree& tree, const CgnsTree::Node& where) const;
@@ -81,19 +81,18 @@ struct CgnsZone {
   const CgnsElement* element(std::int64_t number) const;
 };
 
-/// Elements_t nodes of an unstructured zone, and groups of the names of surface sections.
+/// Reads the Elements_t nodes of an unstructured zone, and makes groups of named surface sections.
 void read_cgns_sections(const CgnsTree& tree, CgnsZone& zone, CgnsMesh& mesh);
 
-/// Hexahedra (three indices) or quads (two) of a structured zone.
+/// Reads the hexahedra (three indices) or quads (two) of a structured zone.
 void read_cgns_lattice(const CgnsTree& tree, CgnsZone& zone, CgnsMesh& mesh);
-/// The corners of the face of a lattice that stands across `axis` at cell (i, j, k), from 0; indices beyond the lattice give
-/// none.
+/// The corners of the lattice face perpendicular to `axis` at cell (i, j, k), counted from 0; empty if out of range.
 std::vector<PointId> cgns_lattice_face(const CgnsZone& zone, std::size_t axis, const std::array<std::int64_t, 3>& cell);
 
-/// BC_t nodes of a zone and the families they belong to.
+/// Reads the BC_t nodes of a zone and their families.
 void read_cgns_conditions(const CgnsTree& tree, const CgnsZone& zone, CgnsMesh& mesh);
 
-/// The mesh of a file of polyhedra: its cells, their boundary, its groups. `name` stands in errors.
+/// Builds the mesh of a file of polyhedra: its cells, their boundary and its groups. `name` is used in errors.
 std::shared_ptr<const Mesh> cgns_polyhedra(CgnsMesh&& mesh, const std::string& name);
 
 }  // namespace deform::io

@@ -9,18 +9,19 @@
 
 namespace deform::io {
 
-/// libcgns, libnetcdf and the HDF5 library below both keep global state without locks: whoever calls one of them holds this lock.
+/// Locks libcgns, libnetcdf and the HDF5 library below both, which have global state without locks. Hold the lock during any call
+/// of them.
 std::unique_lock<std::mutex> lock_containers();
 
-/// What a file may grow to when its coordinates are overwritten: HDF5 may place compressed data anew.
+/// The largest size of a file after overwriting its coordinates: HDF5 may relocate compressed data.
 constexpr std::size_t largest_rewritten(std::size_t bytes) { return 2 * bytes + (std::size_t{1} << 20); }
 
-/// Bytes as a file that those libraries can open by its name: a new file in the temporary folder (TMPDIR, else /tmp) which only
-/// its owner may read. It vanishes from the folder with unlink(), once a library has it open, at the latest with this object.
+/// A temporary file (in TMPDIR, else /tmp) that those libraries can open by name and only its owner can read. It is removed from
+/// the folder by unlink(), once a library has opened it, or by the destructor.
 class ContainerFile {
  public:
   explicit ContainerFile(std::string_view bytes);
-  /// The file of another process, which looks after it; unlink() takes its name away all the same.
+  /// A file owned by another process. unlink() removes its name nevertheless.
   static ContainerFile of_other_process(const std::string& path) { return ContainerFile(path, Existing{}); }
   ~ContainerFile();
   ContainerFile(const ContainerFile&) = delete;
@@ -28,7 +29,7 @@ class ContainerFile {
 
   const std::string& path() const { return path_; }
   void unlink();
-  /// What it holds now; throws Error(invalid_argument) when that is more than `most` bytes.
+  /// The current content; throws Error(invalid_argument) if it has more than `most` bytes.
   std::string bytes(std::size_t most) const;
 
  private:

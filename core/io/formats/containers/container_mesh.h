@@ -12,28 +12,28 @@
 
 namespace deform::io {
 
-/// What is read of a file that only a library can parse: CGNS and Exodus.
+/// The content of a file that only a library can parse: CGNS and Exodus.
 struct ContainerMesh {
   std::shared_ptr<const Mesh> mesh;
-  std::string layout;  ///< where its coordinates stand; only overwrite() of the same library understands it
-  bool flat = false;   ///< the file has no place for z
+  std::string layout;  ///< positions of its coordinates, opaque except for overwrite() of the same library
+  bool flat = false;   ///< the file cannot store z
 };
 
-/// The library that parses a format, by what it is called for. All of these may crash on damaged files and take one caller at a
-/// time. `bytes` is the size of the file, `name` stands in errors, which are Error(invalid_argument).
+/// The functions of a library that parses a format. They may crash on damaged files and are not thread-safe. `bytes` is the size
+/// of the file, `name` is used in errors, which are Error(invalid_argument).
 struct ContainerLibrary {
   const char* name = "";  ///< in messages: "the CGNS library"
   ContainerMesh (*read)(ContainerFile& file, std::size_t bytes, const std::string& name) = nullptr;
-  /// Other coordinates of as many points as were read.
+  /// Replaces the coordinates; the number of points must be unchanged.
   void (*overwrite)(ContainerFile& file, std::size_t bytes, const std::string& name, const std::string& layout,
                     std::span<const Vec3> points) = nullptr;
-  /// Whether the library can do no harm with these bytes, all of which were checked; throws when they are damaged.
+  /// Whether the library is safe for these bytes, all of which have been checked; throws if they are damaged.
   bool (*is_harmless)(std::string_view bytes, const std::string& name) = nullptr;
-  /// Takes back what the library wrote beside coordinates.
+  /// Undoes changes by the library other than those of coordinates.
   void (*restore)(const std::string& original, std::string& written) = nullptr;
 };
 
-/// The mesh file of a reader with a library, in this process or in one of its own.
+/// Creates the mesh file of a format with a library, which runs in this process or in a separate one.
 std::unique_ptr<MeshFile> parse_container(const Reader& reader, std::string bytes, const std::string& name,
                                           const ReadOptions& options);
 

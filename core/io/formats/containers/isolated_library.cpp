@@ -28,17 +28,17 @@ namespace deform::io {
 
 namespace {
 
-constexpr std::uint64_t request_mark = 0x6465666f726d2031;  // what both sides have to begin with
+constexpr std::uint64_t request_mark = 0x6465666f726d2031;  // first word of requests and answers
 constexpr std::uint64_t answer_mark = 0x6465666f726d2032, end_mark = 0x6465666f726d2033;
 enum Task : std::uint64_t { task_read, task_overwrite };
 enum Outcome : std::uint64_t { done, failed };
 
-/// What a file of so many bytes may cost: far more than any mesh, and not all of the machine.
+/// The limits for a file of this size: far more than any mesh needs, but not the whole machine.
 struct Limits {
   std::uint64_t memory_bytes, processor_seconds;
 
   static Limits of(std::size_t bytes) {
-    constexpr std::uint64_t room = std::uint64_t{2} << 30, per_byte = 64;  // compressed arrays, and what is made of them
+    constexpr std::uint64_t room = std::uint64_t{2} << 30, per_byte = 64;  // for compressed arrays and the mesh built from them
     constexpr std::uint64_t seconds = 60, bytes_per_second = 1 << 18;
     const auto machine =
         static_cast<std::uint64_t>(::sysconf(_SC_PHYS_PAGES)) * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
@@ -131,7 +131,7 @@ class RequestFile {
               begin + "the process of " + library + " gave no mesh " + task_text(request) + (found.empty() ? "" : ": " + found));
 }
 
-/// Sends a request, lets `receive` take the answer, and throws what the child threw.
+/// Sends a request, passes the answer to `receive`, and rethrows the error of the child.
 void ask(const Request& request, std::span<const Vec3> points, const ReadOptions& options,
          const std::function<void(ByteReader&)>& receive) {
   const RequestFile file(request, points);
@@ -192,7 +192,7 @@ void limit(__rlimit_resource resource, std::uint64_t soft, std::uint64_t hard) {
   ::setrlimit(resource, &allowed);
 }
 
-/// Of the program and the libraries as they were loaded.
+/// The address space of the program with its libraries, in bytes.
 std::uint64_t address_space() {
   std::uint64_t pages = 0;
   if (std::FILE* file = std::fopen("/proc/self/statm", "r")) {
@@ -204,7 +204,7 @@ std::uint64_t address_space() {
 }
 
 void limit_this_process(const Request& request) {
-  ::prctl(PR_SET_PDEATHSIG, SIGKILL);  // nobody waits for the answer any more
+  ::prctl(PR_SET_PDEATHSIG, SIGKILL);  // no one is waiting for the answer then
   std::signal(SIGXFSZ, SIG_IGN);       // an error of writing instead
   constexpr std::uint64_t grace_seconds = 5;
   const std::uint64_t space = address_space() + request.limits.memory_bytes;

@@ -12,21 +12,21 @@
 
 namespace deform::io {
 
-/// A program that was started to answer one request. It inherits nothing but its standard input, which is `request`, its standard
-/// output, which is read here, and the environment; its standard error goes nowhere, since what a crashing library has to say
-/// there helps nobody. For one thread.
+/// A program started to answer one request. It inherits only its standard input, which is `request`, its standard output, which
+/// is read here, and the environment; its standard error is discarded, because messages of a crashing library are of no use.
+/// Not thread-safe.
 class IsolatedProcess {
  public:
-  /// Throws Error(failed_precondition) when it cannot be started.
+  /// Throws Error(failed_precondition) if the program cannot be started.
   IsolatedProcess(const std::vector<std::string>& command, int request);
   ~IsolatedProcess() { end(); }
   IsolatedProcess(const IsolatedProcess&) = delete;
   IsolatedProcess& operator=(const IsolatedProcess&) = delete;
 
-  /// At most `size` bytes of its answer; 0 when it ended or closed its output. Throws Error(cancelled).
+  /// Reads at most `size` bytes of its answer; returns 0 if it has ended or closed its output. Throws Error(cancelled).
   std::size_t read(char* to, std::size_t size, const std::optional<CancelFlag>& cancel);
 
-  /// How it ended, as wait() says it; nothing when nobody knows. What still runs is killed.
+  /// The status of wait(), or std::nullopt if it is unknown. Kills the process if it is still running.
   std::optional<int> end();
 
  private:

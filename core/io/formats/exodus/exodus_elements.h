@@ -15,20 +15,20 @@ namespace deform::io {
 struct ExodusForm {
   enum class Kind { points, edge, face, cell };
   Kind kind;
-  ElementType type = ElementType::tetrahedron;  ///< of cells
+  ElementType type = ElementType::tetrahedron;  ///< type of cells
 };
 
-/// From `elem_type` in any case, of which digits and what follows the first three letters do not matter, and the number of nodes.
-/// None when there is no such element here.
+/// The form for `elem_type` (in any case; only its first three letters count) and the number of nodes; std::nullopt if it is
+/// not supported.
 std::optional<ExodusForm> exodus_form(const std::string& elem_type, std::size_t nodes);
 
-/// From the order of nodes of Exodus to that of CGNS, see Elements: they differ in the last seven of 27 only.
+/// Converts nodes from the order of Exodus to that of CGNS (see Elements). They differ only in the last seven of 27.
 void exodus_to_cgns(ElementType type, std::span<PointId> nodes);
 
-/// The face of our shape that is side `side` (from 1) of a cell; none when it has not that many.
+/// The face of shape(type) that is side `side` (from 1) of a cell; std::nullopt if there is none.
 std::optional<std::size_t> exodus_cell_side(ElementType type, std::int64_t side);
 
-/// The nodes of edge `edge` (from 0) of a surface element of 3 to 9 nodes, with its mid-edge node where it has one.
+/// The nodes of edge `edge` (from 0) of a surface element of 3 to 9 nodes, with its mid-edge node, if any.
 std::vector<PointId> exodus_face_edge(std::span<const PointId> nodes, std::size_t edge);
 
 }  // namespace deform::io

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exodus II: a netCDF file with the dimensions and variables of Sjaardema, EXODUS: A Finite Element Data Model (2023).
-// Hostile files are parsed by libnetcdf and libhdf5 themselves; this reader checks sizes and ranges of all they hand over, and
-// that classic files are whole. Of some thousand classic files with flipped bits none did harm; of as many netCDF-4 files one
-// crashed libhdf5 1.10.8 (in H5DSget_num_scales): they are read in a process of its own by those who ask for it, see
-// container_mesh.h.
+// Exodus II: a netCDF file with the dimensions and variables of Sjaardema, EXODUS: A Finite Element Data Model (2023). Hostile
+// files are parsed by libnetcdf and libhdf5 themselves; this reader checks sizes and ranges of all they hand over, and that
+// classic files are whole. Several thousand classic files with flipped bits caused no harm; of as many netCDF-4 files one crashed
+// libhdf5 1.10.8 (in H5DSget_num_scales), so they can be read in a separate process, see container_mesh.h.
 
 #include <limits>
 
@@ -270,7 +269,7 @@ bool is_checked_classic(std::string_view bytes, const std::string& name) {
   return true;
 }
 
-/// Of classic netCDF the library makes room for results that are not there yet.
+/// Undoes the growth of classic netCDF files, where the library makes room for results that do not exist yet.
 void keep_size(const std::string& original, std::string& written) {
   if (is_classic_netcdf(original)) written.resize(original.size());
 }

@@ -11,7 +11,7 @@ namespace deform::io {
 
 namespace {
 
-// What deflate can reach, and some for the file itself. The classic formats do not compress.
+// The largest compression ratio of deflate, with an allowance for the file itself. The classic formats do not compress.
 constexpr std::uint64_t best_compression = 1100;
 constexpr std::size_t longest_attribute = 4096;
 

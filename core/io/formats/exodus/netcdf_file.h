@@ -13,43 +13,43 @@
 
 namespace deform::io {
 
-/// A netCDF file, classic (32 and 64 bit) or netCDF-4, through libnetcdf. What a variable claims to hold is checked against the
-/// size of the file before anything is allocated. Holds the lock of the containers while it lives. Errors are
-/// Error(invalid_argument) naming file and variable.
+/// A netCDF file, classic (32 and 64 bit) or netCDF-4, read through libnetcdf. The size of a variable is checked against that of
+/// the file before anything is allocated. Holds the lock of the containers during its lifetime. Throws Error(invalid_argument)
+/// naming file and variable.
 class NetcdfFile {
  public:
   enum class Access { read, modify };
 
-  /// `name` stands in errors. `file` loses its name.
+  /// `name` is used in errors. Unlinks `file`.
   NetcdfFile(ContainerFile& file, std::size_t bytes, std::string name, Access access);
   ~NetcdfFile();
   NetcdfFile(const NetcdfFile&) = delete;
   NetcdfFile& operator=(const NetcdfFile&) = delete;
 
-  /// Writes what is not yet written and gives up the file; errors are only seen here.
+  /// Writes pending data and closes the file. Write errors are reported only here.
   void close();
 
   std::optional<std::size_t> dimension(const std::string& name) const;
   bool has(const std::string& variable) const;
-  /// Lengths of a variable, the last varies fastest.
+  /// The lengths of a variable; the last dimension varies fastest.
   std::vector<std::size_t> lengths(const std::string& variable) const;
-  bool is_float(const std::string& variable) const;  ///< 32 bits
+  bool is_float(const std::string& variable) const;  ///< whether it has 32 bits
 
-  /// All of a variable; numbers that are not of the wanted kind are refused.
+  /// All values of a variable; throws if they are of another kind.
   std::vector<std::int64_t> integers(const std::string& variable) const;
   std::vector<double> reals(const std::string& variable) const;
-  /// Rows of characters without what follows the first 0 and the blanks before it.
+  /// Rows of characters, cut at the first 0 and without trailing blanks.
   std::vector<std::string> texts(const std::string& variable) const;
-  /// Empty when there is none.
+  /// An attribute, or an empty string.
   std::string attribute(const std::string& variable, const char* name) const;
 
-  /// All of a variable of floats or doubles, which keeps its type; the size must be the same.
+  /// Overwrites all values of a variable of floats or doubles, which keeps its type. The size must match.
   void overwrite(const std::string& variable, std::span<const double> values);
 
   [[noreturn]] void fail(const std::string& variable, const std::string& what) const;
 
  private:
-  void check(int status, const std::string& variable) const;  ///< the library's own words
+  void check(int status, const std::string& variable) const;  ///< throws with the message of the library
   int id(const std::string& variable) const;
   int type(const std::string& variable) const;
   std::size_t entries(const std::string& variable, std::size_t size) const;

@@ -17,22 +17,23 @@ struct GmshElementType {
   int number;
   std::size_t nodes;
   int dimension;
-  ElementType volume;         ///< of dimension 3
-  const std::uint8_t* order;  ///< of dimension 3: node i of `volume` is node order[i] of Gmsh; null: the same
+  ElementType volume;         ///< type for dimension 3
+  const std::uint8_t* order;  ///< for dimension 3: node i of `volume` is node order[i] of Gmsh; null: the same
 };
-/// Null for one that is unknown or of an order above the second. Lines of any order are known: only their points matter.
+/// Returns nullptr for types that are unknown or of an order above two. Lines of any order are known, because only their
+/// points matter.
 const GmshElementType* gmsh_element_type(std::int64_t number);
 
-/// Elements and physical groups, as they are read. Groups of surfaces hold faces, all others points.
+/// Collects elements and physical groups. Groups of surfaces contain faces, all others points.
 class GmshElements {
  public:
-  /// The physical group `tag` of that dimension is called `name`. Signs of tags tell orientations only.
+  /// Names the physical group `tag` of a dimension. The sign of a tag is only an orientation.
   void name_group(int dimension, std::int64_t tag, const std::string& name);
-  /// Numbers of the groups, to be used with add(); groups without a name get one. Tag 0 is none.
+  /// The numbers of the groups for add(); groups without a name get one. Tag 0 means no group.
   std::vector<std::size_t> groups_of(int dimension, std::span<const std::int64_t> tags);
 
   void add(const GmshElementType& type, std::span<const PointId> nodes, std::span<const std::size_t> groups);
-  /// The same in version 2, which repeats an element once for each of its groups.
+  /// The same for version 2, which repeats an element for each of its groups.
   void add_or_repeat(const GmshElementType& type, std::span<const PointId> nodes, std::span<const std::size_t> groups);
 
   ElementMesh take(std::vector<Vec3>&& points);

@@ -55,7 +55,7 @@ class MeditReader {
   TextRecords take_records() { return std::move(records_); }
 
  private:
-  /// To the next word that begins with a letter: what this reader does not know is passed over.
+  /// Moves to the next word that begins with a letter; unknown content is skipped.
   bool next_keyword() {
     while (scanner_.next_in_file()) {
       const char c = scanner_.peek();

@@ -19,7 +19,7 @@ bool begins_bulk(std::string_view line) {
   return upper.starts_with("BEGIN") && trimmed(std::string_view(upper).substr(5)).starts_with("BULK");
 }
 
-/// Of a continuation, what is behind the + or *.
+/// The text after the + or * of a continuation mark.
 std::string_view mark_name(std::string_view mark) {
   return mark.starts_with('+') || mark.starts_with('*') ? trimmed(mark.substr(1)) : mark;
 }
@@ -144,7 +144,7 @@ void NastranCards::add_free(std::size_t most) {
       }
     } else if (!more && is_mark(text)) {  // of a line that ends early
       mark_ = text;
-      end_ = lines_.begin() + begin - 1;  // what is missing goes before its comma
+      end_ = lines_.begin() + begin - 1;  // missing fields are inserted before its comma
       break;
     } else {
       place.at = text.empty() ? lines_.begin() + begin : lines_.begin() + static_cast<std::size_t>(text.data() - content_.data());

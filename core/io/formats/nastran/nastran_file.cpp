@@ -96,7 +96,7 @@ class NastranReader {
     records_.push_back(record);
   }
 
-  /// Who wrote longer numbers between commas than the format asks for reads them too.
+  /// A program that writes longer numbers in free format than the format allows also reads them.
   void widen_free_fields() {
     constexpr std::uint16_t longest_double = 24;
     const auto longest = static_cast<std::uint8_t>(std::min(longest_free_, longest_double));

@@ -7,7 +7,7 @@
 
 namespace deform::io {
 
-/// A new OBJ file: points, faces, and groups as g lines. Reader::new_file.
+/// The bytes of a new OBJ file: points, faces, and groups as g lines (Reader::new_file).
 std::string new_obj(const Mesh& mesh, const std::string& name);
 
 }  // namespace deform::io

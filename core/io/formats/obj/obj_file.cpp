@@ -16,7 +16,7 @@ namespace deform::io {
 namespace {
 
 constexpr std::uint64_t max_ids = std::numeric_limits<std::uint32_t>::max();
-constexpr std::size_t max_names_per_line = 64;  // bounds what one face can cost
+constexpr std::size_t max_names_per_line = 64;  // limits the cost of one face
 
 /// The vertex normals of a file, and which corners of faces have them.
 struct VertexNormals {

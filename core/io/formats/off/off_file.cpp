@@ -175,7 +175,7 @@ std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
       return parse_layout(bytes, name, header, Layout::free);
     } catch (const Error&) {
     }
-    throw;  // what was wrong with the usual layout says more
+    throw;  // the error for the usual layout is more helpful
   }
 }
 

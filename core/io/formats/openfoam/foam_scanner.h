@@ -9,13 +9,13 @@
 
 namespace deform::io {
 
-/// A cursor over an OpenFOAM file: words and punctuation ( ) { } ; with comments skipped, and lists of labels in text or in
-/// binary as the header says. Throws Error(invalid_argument) with file and line. The bytes and the name must outlive it.
+/// A cursor over an OpenFOAM file: words and punctuation ( ) { } ; without comments, and lists of labels in text or binary
+/// according to the header. Throws Error(invalid_argument) with file and line. The bytes and the name must outlive it.
 class FoamScanner {
  public:
   FoamScanner(std::string_view bytes, const std::string& name) : bytes_(bytes), name_(name) {}
 
-  /// The FoamFile dictionary, when the file begins with one: format and arch.
+  /// Reads format and arch from the FoamFile dictionary, if the file begins with one.
   void read_header();
   bool binary() const { return binary_; }
   int scalar_bytes() const { return scalar_bytes_; }
@@ -25,33 +25,34 @@ class FoamScanner {
   void move_to(std::size_t position) { at_ = position; }
   std::size_t left() const { return bytes_.size() - at_; }
 
-  /// To the next token; false at the end of the file.
+  /// Moves to the next token; returns false at the end of the file.
   bool next();
   /// The character at the cursor after skipping blanks and comments; 0 at the end.
   char peek();
-  /// Steps over c or fails. `where` says what was being read ("the list of faces").
+  /// Steps over c or fails. `where` describes the context in the error ("the list of faces").
   void expect(char c, const char* where);
   bool accept(char c);
-  /// A word, a quoted string or a number as text, up to a blank or punctuation; steps over it.
+  /// Steps over a word, a quoted string or a number up to a blank or punctuation, and returns it as text.
   std::string_view word(const char* what);
-  /// Skips to behind the ; that ends this entry, or over its { } or ( ) blocks.
+  /// Skips to after the ; that ends this entry, or over its { } or ( ) blocks.
   void skip_entry();
   /// Skips a balanced block that begins at the cursor.
   void skip_block();
 
   double number(const char* what);
   std::int64_t integer(const char* what);
-  /// An integer in 0..limit-1, or -1 .. when `limit` says so by the caller; names value and limit in the error.
+  /// An integer in 0..limit-1; otherwise fails naming value and limit.
   std::uint32_t index(const char* what, std::uint64_t limit);
-  /// How many entries a list has: at most what `least_bytes` per entry leave room for.
+  /// The number of entries of a list; fails if the file is too short for `least_bytes` per entry.
   std::size_t count(const char* what, std::size_t least_bytes);
 
-  /// N ( ... ), N { value } or binary: labels in 0..limit-1, at most `most` of them; where it is allowed, -1 as `minus_one`.
+  /// A list of at most `most` labels in 0..limit-1, written as N ( ... ), N { value } or binary. If allowed, -1 is returned
+  /// as `minus_one`.
   enum class MinusOne { refused, allowed };
   static constexpr std::uint32_t minus_one = 0xffffffffu;
   std::vector<std::uint32_t> labels(const char* what, std::uint64_t limit, std::uint64_t most,
                                     MinusOne minus_one_is = MinusOne::refused);
-  /// After a count: steps over '(' and, in binary, gives the raw bytes and steps over ')'.
+  /// After a count: steps over '(', returns the raw bytes of a binary list and steps over ')'.
   std::string_view raw(std::size_t bytes, const char* what);
 
   [[noreturn]] void fail(const std::string& message) const { fail_at(at_, message); }

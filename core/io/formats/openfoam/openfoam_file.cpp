@@ -205,7 +205,7 @@ class FoamMesh {
   }
 
  private:
-  /// Every face has one or two cells, which bounds what the numbers in the files make us allocate.
+  /// Every face has one or two cells, which limits allocations caused by numbers in the files.
   void read_cells() {
     const std::size_t faces = cells_->face_count();
     const auto read = [faces](const FoamFiles::Part& part, FoamScanner::MinusOne minus_one) {
@@ -226,7 +226,7 @@ class FoamMesh {
     }
   }
 
-  /// Old files have an entry for every face, -1 for those of the boundary, which stand last.
+  /// Old files have an entry for every face, with -1 for the boundary faces, which come last.
   void drop_old_entries() {
     auto& neighbour = cells_->neighbour;
     const auto boundary = std::find(neighbour.begin(), neighbour.end(), FoamScanner::minus_one);

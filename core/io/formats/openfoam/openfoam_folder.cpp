@@ -45,7 +45,7 @@ struct CasePlace {
   fs::path region;             ///< empty without regions
 };
 
-/// Of the folder that a polyMesh is in, an instance or a region; nothing when it is in no case.
+/// The place of the folder that contains a polyMesh, an instance or a region; std::nullopt if it is not in a case.
 std::optional<CasePlace> place_in_case(fs::path holder) {
   holder = fs::absolute(holder).lexically_normal();
   if (!holder.has_filename()) holder = holder.parent_path();
@@ -57,8 +57,8 @@ std::optional<CasePlace> place_in_case(fs::path holder) {
   return std::nullopt;
 }
 
-/// The folder that has a file of a mesh at a time, as OpenFOAM looks for it: the last time up to then that has one, else
-/// constant.
+/// The folder that has a file of a mesh at a time, as OpenFOAM looks for it: the last time up to then that has one,
+/// else constant.
 std::optional<fs::path> instance_with(const CasePlace& place, const char* name) {
   std::vector<std::pair<double, fs::path>> times;
   std::error_code unreadable;
@@ -208,7 +208,7 @@ std::optional<fs::path> replaced_openfoam_points(const fs::path& source, const f
     const fs::path folder = (used / "points").lexically_normal().parent_path();
     const fs::path held = existing(folder, "points").value_or(points);
     if (same(target.parent_path(), folder) || same(target, held) || same(output, folder)) return held;
-    // A case is no time folder: what is written into it would not be found, or be taken for its mesh.
+    // A case is no time folder: files written there would not be found, or be taken for its mesh.
     const fs::path holder = folder.parent_path();
     const bool in_case = folder.filename() == "polyMesh" && holder.filename() == "constant";
     if (in_case && same(output, holder.parent_path())) return held;

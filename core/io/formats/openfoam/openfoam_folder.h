@@ -10,7 +10,7 @@
 
 namespace deform::io {
 
-/// The bytes of the files of a polyMesh folder; zones may be missing (empty). Names stand in errors.
+/// The bytes of the files of a polyMesh folder; zones may be missing (empty). Names are used in errors.
 struct FoamFiles {
   struct Part {
     std::string bytes, name;
@@ -18,25 +18,26 @@ struct FoamFiles {
   Part points, faces, owner, neighbour, boundary, point_zones, face_zones, cell_zones;
 };
 std::unique_ptr<MeshFile> parse_openfoam(FoamFiles files);
-/// How many points a file of them has.
+/// The number of points in a `points` file.
 std::size_t openfoam_point_count(const FoamFiles::Part& points);
 
-/// Whether the path is a folder that holds a polyMesh, or the `points` of one, or a time or a region of one in a case.
+/// Whether the path is a folder with a polyMesh, the `points` of one, or a time or region folder of a case.
 bool is_openfoam(const std::filesystem::path& path);
-/// Throws Error(invalid_argument) where a folder that is not is_openfoam() is a case of several regions or of processor folders.
+/// Throws Error(invalid_argument) if a folder that is not is_openfoam() is a case of several regions or of processor folders.
 void explain_no_mesh(const std::filesystem::path& path);
-/// Throws Error(invalid_argument) where the result of a mesh would not be found again at `output`: a case instead of one of its
-/// time folders, a time folder instead of the region of the source in it.
+/// Throws Error(invalid_argument) if a mesh written to `output` would not be found there again: a case instead of one of its time
+/// folders, or a time folder instead of the region of the source in it.
 void check_openfoam_output(const std::filesystem::path& source, const std::filesystem::path& output);
-/// Faces, cells and patches that do not stand beside the points are those of the last time folder up to that of the points that
-/// has some, else of constant, in the same region. Throws Error(invalid_argument) where those faces leave points without use.
+/// Reads a mesh. Faces, cells and patches that are not next to the points are taken from the last time folder up to that of the
+/// points that has some, otherwise from constant, in the same region. Throws Error(invalid_argument) if those faces leave
+/// points unused.
 std::unique_ptr<MeshFile> read_openfoam(const std::filesystem::path& path);
-/// The `points` that is read for `path`, which is_openfoam().
+/// The `points` file that is read for `path`, which must satisfy is_openfoam().
 std::filesystem::path openfoam_source_points(const std::filesystem::path& path);
-/// replaced_source() for a source that is_openfoam().
+/// replaced_source() for a source that satisfies is_openfoam().
 std::optional<std::filesystem::path> replaced_openfoam_points(const std::filesystem::path& source,
                                                               const std::filesystem::path& output);
-/// Where the points of an OpenFOAM mesh go that are written to `path`, see write_mesh_file().
+/// The file to which the points of an OpenFOAM mesh are written for `path`, see write_mesh_file().
 std::filesystem::path openfoam_points_path(const std::filesystem::path& path);
 
 }  // namespace deform::io

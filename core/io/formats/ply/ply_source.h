@@ -11,19 +11,19 @@
 
 namespace deform::io {
 
-/// The values of an ascii PLY file one after another. Throws Error(invalid_argument) with the line.
+/// Reads the values of an ascii PLY file in order. Throws Error(invalid_argument) with the line.
 class PlyTextSource {
  public:
   PlyTextSource(std::string_view bytes, const std::string& name, const PlyHeader& header);
 
   std::uint64_t left() const { return size_ - scanner_.position(); }
-  /// Bytes that a record of this element needs at least.
+  /// The smallest size of a record of this element, in bytes.
   static std::uint64_t smallest_record(const PlyElement& element) { return 2 * element.properties.size(); }
   static std::uint64_t smallest_value(PlyType) { return 2; }
-  /// The separator that the last value of a file need not have.
+  /// The separator after the last value of a file may be missing.
   static constexpr std::uint64_t slack = 1;
 
-  /// To the next value; its byte offset.
+  /// Moves to the next value and returns its byte offset.
   std::size_t next(PlyType type);
   double number(const char* what) { return scanner_.number(what); }
   std::int64_t integer(const char* what) { return scanner_.whole_integer(what); }
@@ -38,7 +38,7 @@ class PlyTextSource {
   std::size_t size_;
 };
 
-/// The values of a binary PLY file one after another. Throws Error(invalid_argument) with the byte offset.
+/// Reads the values of a binary PLY file in order. Throws Error(invalid_argument) with the byte offset.
 class PlyBinarySource {
  public:
   PlyBinarySource(std::string_view bytes, const std::string& name, const PlyHeader& header)
@@ -54,7 +54,7 @@ class PlyBinarySource {
   std::int64_t integer(const char* what);
   void skip(PlyType type, std::uint64_t count);
   void end_record() {}
-  /// A final line feed is harmless.
+  /// A final line feed is ignored.
   bool at_end() const { return left() == 0 || (left() == 1 && bytes_[at_] == '\n'); }
   [[noreturn]] void fail(const std::string& message) const { fail_at(at_, message); }
   [[noreturn]] void fail_at(std::size_t position, const std::string& message) const;
@@ -64,7 +64,7 @@ class PlyBinarySource {
   const std::string& name_;
   std::size_t at_;
   std::endian order_;
-  PlyType type_{};  // of the value at the cursor
+  PlyType type_{};  // type of the value at the cursor
 };
 
 }  // namespace deform::io

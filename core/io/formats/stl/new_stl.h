@@ -7,8 +7,8 @@
 
 namespace deform::io {
 
-/// A new STL file: text with a solid for each group, or binary, which has no names, of a mesh without groups. Reader::new_file;
-/// throws Error(invalid_argument) for faces other than triangles.
+/// The bytes of a new STL file (Reader::new_file): text with a solid for each group, or binary, which has no names, for a mesh
+/// without groups. Throws Error(invalid_argument) for faces other than triangles.
 std::string new_stl(const Mesh& mesh, const std::string& name);
 
 }  // namespace deform::io

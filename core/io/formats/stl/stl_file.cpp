@@ -72,8 +72,8 @@ struct RecordedMesh : Mesh {
   std::vector<PointId> record_points;
 };
 
-/// solid NAME / facet normal i j k / outer loop / 3 x vertex x y z / endloop / endfacet / endsolid, any number of solids, any
-/// case.
+/// solid NAME / facet normal i j k / outer loop / 3 x vertex x y z / endloop / endfacet / endsolid, any number of solids,
+/// any case.
 class StlTextReader {
  public:
   StlTextReader(std::string_view bytes, const std::string& name) : scanner_(bytes, name, Syntax::plain) {}
@@ -91,7 +91,7 @@ class StlTextReader {
   std::shared_ptr<const Mesh> mesh() { return mesh_; }
   FacetNormals take_normals() { return std::move(normals_); }
   std::vector<CoordinateTokens> take_tokens() { return std::move(tokens_); }
-  /// What the records of the file are in RecordedMesh.
+  /// The records of the file, as indices into RecordedMesh.
   std::vector<PointId> record_points() const {
     std::vector<PointId> points;
     points.reserve(mesh_->face_points.size() + normals_.facets.size());

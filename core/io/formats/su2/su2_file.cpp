@@ -22,7 +22,7 @@ enum VtkType : std::uint8_t {
   pyramid = 14
 };
 
-/// 0 for what SU2 does not know.
+/// 0 for types that SU2 does not support.
 std::size_t node_count(std::int64_t type) {
   switch (type) {
     case vertex:
@@ -47,7 +47,7 @@ std::size_t node_count(std::int64_t type) {
 
 struct Statement {
   std::string_view keyword;
-  std::size_t line, value;  ///< byte offsets of the line and of what follows the =
+  std::size_t line, value;  ///< byte offsets of the line and of the text after the =
 };
 
 class Su2Reader {
@@ -128,7 +128,7 @@ class Su2Reader {
     return static_cast<std::size_t>(count);
   }
 
-  /// To the next line of a section; what is left of the one before is its index and of no interest.
+  /// Moves to the next line of a section; the rest of the previous one is its index, which is ignored.
   void next_line(const Statement& section, std::size_t read, std::size_t count) {
     scanner_.skip_line();
     if (scanner_.next_in_file()) return;

@@ -232,7 +232,7 @@ class VtkReader {
     return true;
   }
 
-  /// False for what is not known: the length of what follows is not known then either, and it is not needed.
+  /// Returns false for an unknown keyword; the length of its data is then unknown too, and the data are not needed.
   bool read_attribute(const std::string& keyword, std::uint64_t tuples) {
     static const std::pair<std::string_view, std::uint64_t> fixed[] = {{"vectors", 3},    {"normals", 3},    {"tensors", 9},
                                                                        {"tensors6", 6},   {"global_ids", 1}, {"pedigree_ids", 1},

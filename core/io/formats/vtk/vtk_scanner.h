@@ -13,7 +13,7 @@ namespace deform::io {
 /// A type of the arrays of a legacy VTK file.
 struct VtkType {
   std::string_view name;
-  std::uint32_t bits;  ///< per value of a binary file; 0: strings, whose lengths differ
+  std::uint32_t bits;  ///< bits per value in a binary file; 0 for strings
   enum class Kind { signed_integer, unsigned_integer, floating, text } kind;
 };
 
@@ -24,7 +24,7 @@ class VtkScanner {
   VtkScanner(std::string_view bytes, const std::string& name)
       : bytes_(bytes), name_(name), scanner_(bytes, name, Syntax::plain) {}
 
-  /// The three lines before the data set.
+  /// Reads the three lines before the data set.
   void read_header();
   int major_version() const { return major_version_; }
   bool binary() const { return binary_; }
@@ -34,12 +34,12 @@ class VtkScanner {
   bool at_end() { return !scanner_.next_in_file(); }
   /// The next word in lower case.
   std::string keyword(const char* what);
-  /// The next word as it is, percent-encoding undone.
+  /// The next word with percent-encoding decoded.
   std::string word(const char* what);
   std::uint64_t count(const char* what);
-  /// A known type; null for others.
+  /// A type, or nullptr if it is unknown.
   const VtkType* type();
-  /// Whether the line of the last word goes on.
+  /// Whether another word follows on the line.
   bool more_in_line() { return scanner_.next_in_line(); }
 
   /// Before an array: checks that the file is large enough for that many values (no overflow) and steps to the first.
@@ -47,7 +47,7 @@ class VtkScanner {
   double number(const VtkType& type, const char* what);
   std::int64_t integer(const VtkType& type, const char* what);
   void skip_array(const VtkType& type, std::uint64_t count);
-  /// METADATA: to behind the next empty line.
+  /// Skips METADATA up to and including the next empty line.
   void skip_metadata();
   void move_to(std::size_t position) { scanner_.move_to(position); }
 

@@ -11,17 +11,17 @@
 
 namespace deform::io {
 
-/// How the arrays of a VTK XML file are stored: what its VTKFile and AppendedData elements say.
+/// How the arrays of a VTK XML file are stored, according to its VTKFile and AppendedData elements.
 struct VtuStorage {
-  std::string name;  ///< of the file, for errors
+  std::string name;  ///< name of the file, for errors
   std::size_t header_bytes = 4;
   std::endian order = std::endian::little;
-  std::string compressor;                      ///< empty: none
-  std::size_t appended = 0, appended_end = 0;  ///< where offsets count from; 0: there is no appended data
+  std::string compressor;                      ///< empty if none
+  std::size_t appended = 0, appended_end = 0;  ///< origin of offsets and end; 0 without appended data
   bool appended_base64 = false;
 };
 
-/// Where an array stands and what its values are.
+/// The position and type of an array.
 struct VtuArray {
   enum class Kind { signed_integer, unsigned_integer, floating };
   enum class Form { ascii, base64, appended_base64, appended_raw };
@@ -30,33 +30,33 @@ struct VtuArray {
   std::size_t value_bytes = 0;
   std::uint64_t components = 1;
   Form form{};
-  std::size_t begin = 0, end = 0;  ///< of the text; where appended data may end at most
+  std::size_t begin = 0, end = 0;  ///< range of the text; for appended data `end` is an upper bound
 };
 
-/// What a binary array holds, and how it is cut into compressed blocks.
+/// The content of a binary array and its compressed blocks.
 struct VtuData {
   std::string values;         ///< in the byte order of the file
-  std::size_t end = 0;        ///< byte offset behind it in the file
-  bool header_apart = false;  ///< base64: the header is padded, a second text follows (always when compressed)
+  std::size_t end = 0;        ///< byte offset after it in the file
+  bool header_apart = false;  ///< base64: the header is padded and a second text follows (always if compressed)
   std::uint64_t block_bytes = 0, last_bytes = 0;
-  std::vector<std::string> blocks;  ///< as they are in the file; empty when not compressed
+  std::vector<std::string> blocks;  ///< as in the file; empty if not compressed
 };
 
 // All throw Error(invalid_argument) with file, line and array.
 
 VtuStorage read_storage(std::string_view bytes, const std::string& name, const XmlNode& root);
 
-/// Whether this is an array of numbers (strings are not).
+/// Whether the node is an array of numbers and not of strings.
 bool is_numeric(std::string_view bytes, const XmlNode& node);
 VtuArray find_array(std::string_view bytes, const VtuStorage& storage, const XmlNode& node);
 /// Claimed sizes are checked against the bytes before anything is allocated.
 VtuData decoded(std::string_view bytes, const VtuStorage& storage, const VtuArray& array);
-/// Integers of any kind of storage. Sets where appended ones end.
+/// Integers in any kind of storage. Sets the end of an appended array.
 std::vector<std::int64_t> integers(std::string_view bytes, const VtuStorage& storage, VtuArray& array);
-/// `values` (of the same size) in the place of `old`; blocks that did not change keep their bytes.
+/// Encodes `values` (of the same size) to replace `old`; unchanged blocks keep their bytes.
 std::string encoded(const VtuStorage& storage, const VtuArray& array, const VtuData& old, std::string_view values);
 
-/// A number of an attribute: 0 or more. `fallback` where there is no such attribute.
+/// The nonnegative number in an attribute, or `fallback` if there is no such attribute.
 std::uint64_t count_attribute(std::string_view bytes, const std::string& name, const XmlNode& node, std::string_view attribute,
                               std::uint64_t fallback);
 

@@ -167,7 +167,7 @@ class VtuReader {
     for (const XmlNode& child : node.children) find_offsets(child);
   }
 
-  /// Whoever shares its bytes with the points would change with them.
+  /// An array that shares its bytes with the points would change with them.
   void check_appended_points() const {
     for (const VtuPoints& points : content_.pieces) {
       if (points.array.form != VtuArray::Form::appended_raw && points.array.form != VtuArray::Form::appended_base64) continue;
@@ -294,7 +294,7 @@ class VtuReader {
       cell_faces_ = array(node, "faces");
       cell_ends_ = array(node, "faceoffsets");
       cell_ends_.insert(cell_ends_.begin(), 0);
-      // Of cells that are none -1 stands there.
+      // The offset of cells that are no polyhedra is -1.
       for (std::size_t i = 1; i < cell_ends_.size(); ++i) {
         if (cell_ends_[i] < 0) cell_ends_[i] = cell_ends_[i - 1];
         if (cell_ends_[i] >= cell_ends_[i - 1] && static_cast<std::uint64_t>(cell_ends_[i]) <= cell_faces_.size()) continue;
@@ -324,7 +324,7 @@ class VtuReader {
       }
       return;
     }
-    // The counts in the stream are checked with the cell; here points are told from counts.
+    // The counts in the stream are checked with the cell; here points are distinguished from counts.
     std::size_t corners = 0;
     for (std::size_t at = first; at < last; ++at) {
       const std::int64_t value = cell_faces_[at];

@@ -11,16 +11,16 @@
 
 namespace deform::io {
 
-/// The points of one piece, and what has to follow when they move.
+/// The points of one piece, and the values in the file that depend on them.
 struct VtuPoints {
   VtuArray array;
   std::size_t first = 0, count = 0;
-  std::vector<CoordinateTokens> tokens;  ///< of a text array
+  std::vector<CoordinateTokens> tokens;  ///< positions in a text array
   struct Range {
     std::size_t begin, end;  ///< byte offsets of the number
     enum class Bound { least, largest } bound;
   };
-  std::vector<Range> ranges;  ///< of the distances from the origin
+  std::vector<Range> ranges;  ///< ranges of the distances from the origin
 };
 
 /// A number in the file that counts bytes of appended data.
@@ -36,10 +36,10 @@ struct VtuContent {
   ElementMesh mesh;
 };
 
-/// An UnstructuredGrid or a PolyData file (`type`). Throws Error(invalid_argument) naming file, line and array.
+/// Reads an UnstructuredGrid or a PolyData file (`type`). Throws Error(invalid_argument) naming file, line and array.
 VtuContent read_vtu(std::string_view bytes, const std::string& name, std::string_view type);
 
-/// One coordinate, `at` the first of its bytes.
+/// Loads one coordinate from its first byte.
 double load_coordinate(const char* at, const VtuStorage& storage, const VtuArray& array);
 
 }  // namespace deform::io
