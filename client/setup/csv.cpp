@@ -1,13 +1,13 @@
-// SPDX-License-Identifier: GPL-3.0-or-later
-#include "client/cli/setup/csv.h"
+// SPDX-License-Identifier: Apache-2.0
+#include "client/setup/csv.h"
 
 #include <set>
 
-#include "client/cli/output/numbers.h"
+#include "client/setup/numbers.h"
 #include "core/base/error.h"
 #include "core/io/mesh_file.h"
 
-namespace deform::cli {
+namespace deform::client {
 
 namespace {
 
@@ -117,4 +117,4 @@ Csv read_csv(const std::filesystem::path& path, BadRows bad_rows) {
   return parse_csv(io::read_file(path, nullptr, max_bytes), path.string(), bad_rows);
 }
 
-}  // namespace deform::cli
+}  // namespace deform::client

@@ -1,4 +1,4 @@
-// SPDX-License-Identifier: GPL-3.0-or-later
+// SPDX-License-Identifier: Apache-2.0
 #pragma once
 
 #include <filesystem>
@@ -8,7 +8,7 @@
 #include "core/base/problems.h"
 #include "deform/v1/setup.pb.h"
 
-namespace deform::cli {
+namespace deform::client {
 
 /// A setup as a file describes it.
 struct SetupFile {
@@ -23,7 +23,17 @@ SetupFile read_setup_file(const std::filesystem::path& path);
 /// cannot be read or is no YAML, an Error all the same.
 SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems);
 
+/// What becomes of the geometry that a setup names.
+enum class GeometryEntry {
+  needed,    ///< a setup without one is refused
+  left_out,  ///< the caller has another: it is neither looked at nor kept
+};
+
+/// The same from text: `name` stands in errors, the files that it names are looked for in `folder`.
+SetupFile parse_setup(const std::string& text, const std::string& name, const std::filesystem::path& folder,
+                      GeometryEntry geometry, Problems& problems);
+
 /// 8 to 64 hexadecimal digits: an id or the beginning of one.
 bool looks_like_id(const std::string& text);
 
-}  // namespace deform::cli
+}  // namespace deform::client

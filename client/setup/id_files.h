@@ -1,4 +1,4 @@
-// SPDX-License-Identifier: GPL-3.0-or-later
+// SPDX-License-Identifier: Apache-2.0
 #pragma once
 
 #include <filesystem>
@@ -9,7 +9,7 @@
 
 #include "core/base/types.h"
 
-namespace deform::cli {
+namespace deform::client {
 
 /// Point ids that a setup file takes from files beside it: `ids: {file: part.points.json, set: bore}`. A file is JSON: one list
 /// of ids, or an object with a list for every set. Each file is read once. Not thread-safe.
@@ -30,4 +30,4 @@ class IdFiles {
   std::map<std::string, nlohmann::json> contents_;
 };
 
-}  // namespace deform::cli
+}  // namespace deform::client

@@ -1,13 +1,13 @@
-// SPDX-License-Identifier: GPL-3.0-or-later
+// SPDX-License-Identifier: Apache-2.0
 #pragma once
 
 #include <string>
 
 #include "core/base/error.h"
 
-namespace deform::cli {
+namespace deform::client {
 
 /// Throws Error(invalid_argument).
 [[noreturn]] inline void refuse(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
 
-}  // namespace deform::cli
+}  // namespace deform::client

@@ -1,10 +1,10 @@
-// SPDX-License-Identifier: GPL-3.0-or-later
-#include "client/cli/output/numbers.h"
+// SPDX-License-Identifier: Apache-2.0
+#include "client/setup/numbers.h"
 
 #include <charconv>
 #include <cmath>
 
-namespace deform::cli {
+namespace deform::client {
 
 std::optional<double> parse_number(std::string_view text) {
   while (!text.empty() && (text.front() == ' ' || text.front() == '\t')) text.remove_prefix(1);
@@ -16,4 +16,4 @@ std::optional<double> parse_number(std::string_view text) {
   return value;
 }
 
-}  // namespace deform::cli
+}  // namespace deform::client

@@ -1,5 +1,5 @@
-// SPDX-License-Identifier: GPL-3.0-or-later
-#include "client/cli/setup/yaml_message.h"
+// SPDX-License-Identifier: Apache-2.0
+#include "client/setup/yaml_message.h"
 
 #include <google/protobuf/descriptor.h>
 #include <yaml-cpp/yaml.h>
@@ -12,12 +12,12 @@
 #include <utility>
 #include <vector>
 
-#include "client/cli/output/numbers.h"
+#include "client/setup/numbers.h"
 #include "core/base/base64.h"
 #include "core/base/error.h"
 #include "core/base/text.h"
 
-namespace deform::cli {
+namespace deform::client {
 
 namespace {
 
@@ -308,4 +308,4 @@ void parse_yaml(const std::string& text, const std::string& name, Message& messa
   problems.check("", [&] { Walker(name, files, problems).map(root, message, ""); });
 }
 
-}  // namespace deform::cli
+}  // namespace deform::client

@@ -1,13 +1,13 @@
-// SPDX-License-Identifier: GPL-3.0-or-later
-#include "client/cli/setup/cage_file.h"
+// SPDX-License-Identifier: Apache-2.0
+#include "client/setup/cage_file.h"
 
 #include <string>
 
-#include "client/cli/setup/refuse.h"
+#include "client/setup/refuse.h"
 #include "core/base/error.h"
 #include "core/io/mesh_file.h"
 
-namespace deform::cli {
+namespace deform::client {
 
 namespace {
 
@@ -44,4 +44,4 @@ void read_cage(const std::filesystem::path& folder, v1::Setup& setup) {
   cage.clear_file();
 }
 
-}  // namespace deform::cli
+}  // namespace deform::client

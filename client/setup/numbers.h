@@ -1,13 +1,13 @@
-// SPDX-License-Identifier: GPL-3.0-or-later
+// SPDX-License-Identifier: Apache-2.0
 #pragma once
 
 #include <optional>
 #include <string_view>
 
-namespace deform::cli {
+namespace deform::client {
 
 /// A finite decimal number that fills the whole text, blanks around it and a leading plus allowed; nothing for anything else.
 /// Independent of the locale.
 std::optional<double> parse_number(std::string_view text);
 
-}  // namespace deform::cli
+}  // namespace deform::client

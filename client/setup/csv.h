@@ -1,11 +1,11 @@
-// SPDX-License-Identifier: GPL-3.0-or-later
+// SPDX-License-Identifier: Apache-2.0
 #pragma once
 
 #include <filesystem>
 #include <string>
 #include <vector>
 
-namespace deform::cli {
+namespace deform::client {
 
 /// Comma-separated text: first row with content is the header; fields may stand in double quotes; blank lines and lines that
 /// start with # are skipped; blanks around fields are dropped.
@@ -38,4 +38,4 @@ enum class BadRows { refuse, keep };
 Csv parse_csv(const std::string& text, const std::string& name, BadRows bad_rows = BadRows::refuse);
 Csv read_csv(const std::filesystem::path& path, BadRows bad_rows = BadRows::refuse);
 
-}  // namespace deform::cli
+}  // namespace deform::client

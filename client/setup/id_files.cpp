@@ -1,12 +1,12 @@
-// SPDX-License-Identifier: GPL-3.0-or-later
-#include "client/cli/setup/id_files.h"
+// SPDX-License-Identifier: Apache-2.0
+#include "client/setup/id_files.h"
 
 #include <limits>
 
 #include "core/base/error.h"
 #include "core/io/mesh_file.h"
 
-namespace deform::cli {
+namespace deform::client {
 
 namespace {
 
@@ -61,4 +61,4 @@ std::vector<PointId> IdFiles::ids(const std::string& file, const std::string& se
   return ids_of(*found, path + ": set \"" + set + "\"");
 }
 
-}  // namespace deform::cli
+}  // namespace deform::client

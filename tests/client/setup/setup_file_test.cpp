@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "client/cli/setup/setup_file.h"
+#include "client/cli/setup/reading.h"
 
 #include <gtest/gtest.h>
 
 #include "client/cli/output/result_json.h"
-#include "client/cli/setup/yaml_message.h"
 #include "tests/support/expect_error.h"
 
 namespace deform {

@@ -1,4 +1,4 @@
-// SPDX-License-Identifier: GPL-3.0-or-later
+// SPDX-License-Identifier: Apache-2.0
 #pragma once
 
 #include <google/protobuf/message.h>
@@ -10,7 +10,7 @@
 
 #include "core/base/problems.h"
 
-namespace deform::cli {
+namespace deform::client {
 
 /// Fills a proto message from YAML text (JSON is YAML) by reflection: keys are names of fields, enums are given by name. `name`
 /// stands before the line number in errors. Throws Error(invalid_argument): syntax, unknown key (with the nearest names),
@@ -34,4 +34,4 @@ struct ValueFiles {
 void parse_yaml(const std::string& text, const std::string& name, google::protobuf::Message& message, const ValueFiles& files,
                 Problems& problems);
 
-}  // namespace deform::cli
+}  // namespace deform::client
