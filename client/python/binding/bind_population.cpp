@@ -86,13 +86,13 @@ std::vector<v1::Design> designs_of(const Doubles& variables, const std::vector<M
   return designs;
 }
 
-std::span<double> target_of(const std::optional<py::array>& target) {
+std::span<Vec3> target_of(const std::optional<py::array>& target) {
   if (!target) return {};
   auto array = py::array_t<double>::ensure(*target);
   if (array.ptr() != target->ptr() || !(array.flags() & py::array::c_style) || !array.writeable()) {
     throw Error(ErrorCode::invalid_argument, "out: expected a writeable array of float64 in C order");
   }
-  return {array.mutable_data(), static_cast<std::size_t>(array.size())};
+  return {reinterpret_cast<Vec3*>(array.mutable_data()), static_cast<std::size_t>(array.size()) / 3};
 }
 
 std::unique_ptr<Run> begin(client::Client& client, const std::string& request, const Doubles& variables,

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <charconv>
-#include <cstring>
 #include <utility>
 
 namespace deform::python {
@@ -106,8 +105,10 @@ void Population::evaluate(std::size_t first, std::size_t end) {
       finish(left[k], std::move(deformed));
       came[k] = 1;
     };
+    client::DesignMemory memory;
+    if (!options_.target.empty()) memory = [&](std::size_t k) { return memory_of(left[k]); };
     try {
-      client_.deform(request, call, sink);
+      client_.deform(request, call, sink, memory);
       return;
     } catch (const Error& error) {
       const auto progress = std::count(came.begin(), came.end(), 1);
@@ -121,18 +122,12 @@ void Population::evaluate(std::size_t first, std::size_t end) {
   }
 }
 
-void Population::place(std::size_t design, client::DeformedDesign& deformed) {
-  const std::size_t numbers = options_.target.size() / options_.designs.size();
-  if (deformed.points.size() * 3 != numbers) {
-    throw Error(ErrorCode::data_loss, "reply of the server: " + std::to_string(deformed.points.size()) + " points, expected " +
-                                          std::to_string(numbers / 3));
-  }
-  std::memcpy(options_.target.data() + design * numbers, deformed.points.data(), numbers * sizeof(double));
-  deformed.points = Points();
+std::span<Vec3> Population::memory_of(std::size_t design) const {
+  const std::size_t points = options_.target.size() / options_.designs.size();
+  return options_.target.subspan(design * points, points);
 }
 
 void Population::finish(std::size_t design, client::DeformedDesign&& deformed) {
-  if (!options_.target.empty() && !deformed.error) place(design, deformed);
   const std::lock_guard lock(mutex_);
   finished_.push_back({design, std::move(deformed)});
   changed_.notify_all();

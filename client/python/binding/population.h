@@ -30,7 +30,7 @@ class Population {
     client::CallOptions call;         ///< of the whole; has a flag
     /// Where the points of all designs go, m x n x 3; those without a deformation keep what is there. Empty: they stay with their
     /// designs, and no request begins while a batch of designs waits for next().
-    std::span<double> target;
+    std::span<Vec3> target;
   };
   struct Done {
     std::size_t design = 0;
@@ -56,7 +56,7 @@ class Population {
   bool take_batch(std::size_t& first, std::size_t& end);
   void evaluate(std::size_t first, std::size_t end);
   void finish(std::size_t design, client::DeformedDesign&& deformed);
-  void place(std::size_t design, client::DeformedDesign& deformed);
+  std::span<Vec3> memory_of(std::size_t design) const;
 
   client::Client& client_;
   const Options options_;
