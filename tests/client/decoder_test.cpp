@@ -109,7 +109,7 @@ TEST(Decoder, RefusesMemoryOfAnotherSize) {
   Points memory(script.points - 1);
   const std::string sizes =
       "memory for " + std::to_string(script.points - 1) + " points, the registered geometry has " + std::to_string(script.points);
-  expect_error(ErrorCode::invalid_argument, {sizes}, [&] {
+  expect_error(ErrorCode::invalid_argument, {sizes.c_str()}, [&] {
     decode(test::replies(script), script, {}, 2, v1::FAILURES_DEFAULT, [&](std::size_t) { return std::span(memory); });
   });
 }

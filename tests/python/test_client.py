@@ -129,7 +129,7 @@ def test_cancel_timeout_and_callbacks_that_raise(lonely):
 
 
 def test_a_server_that_comes_back_is_found_again(lonely):
-    with deformd.Client(lonely.server.address, max_attempts=8) as client:
+    with deformd.Client(lonely.server.address, max_attempts=8, connect_timeout=0.5) as client:
         system = client.prepare(lonely.setup)
         before = system([0.03, 0])
         lonely.server.kill()
@@ -138,7 +138,7 @@ def test_a_server_that_comes_back_is_found_again(lonely):
 
 
 def test_a_population_survives_a_killed_server(lonely):
-    with deformd.Client(lonely.server.address, max_attempts=8) as client:
+    with deformd.Client(lonely.server.address, max_attempts=8, connect_timeout=0.5) as client:
         system = client.prepare(lonely.setup)
         designs = np.random.default_rng(5).uniform(-0.05, 0.05, (400, 2))
         expected = system(designs[:1])[0]

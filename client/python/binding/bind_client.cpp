@@ -139,8 +139,8 @@ void bind_client(py::module_& module) {
 
   py::class_<CancelFlag>(module, "Cancel", "Ends the calls that it is given to, from any thread.")
       .def(py::init<>())
-      .def("cancel", &CancelFlag::cancel)
-      .def_property_readonly("cancelled", &CancelFlag::cancelled);
+      .def("cancel", &CancelFlag::cancel, "Ends the calls, for good.")
+      .def_property_readonly("cancelled", &CancelFlag::cancelled, "Whether that was done.");
   py::class_<CallLimits>(module, "Limits")
       .def(py::init([](std::optional<double> timeout, std::optional<CancelFlag> cancel) {
              return CallLimits{timeout, std::move(cancel)};

@@ -128,7 +128,6 @@ void bind_meshes(py::module_& module) {
       .def_property_readonly("face_points", [](const MeshSource& source) { return ids_array(source.mesh->face_points); })
       .def_property_readonly("groups", &groups_of)
       .def_property_readonly("cell_count", [](const MeshSource& source) { return source.mesh->cell_count(); })
-      .def_property_readonly("path", [](const MeshSource& source) { return source.file ? py::cast(source.path) : py::none(); })
       .def("replaced_by",
            [](const MeshSource& source, const std::filesystem::path& path) {
              return source.file ? io::replaced_source(source.path, path) : std::nullopt;
