@@ -22,7 +22,7 @@ namespace {
 class Run {
  public:
   Run(client::Client& client, Population::Options options, std::optional<py::array> target)
-      : cancel_(*options.call.cancel),
+      : cancel_(options.call.cancel.value()),
         target_(std::move(target)),
         population_(std::make_unique<Population>(client, std::move(options))) {}
   ~Run() { end(); }
