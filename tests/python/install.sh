@@ -11,6 +11,6 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 /usr/bin/python3 -m venv "$work/venv"
 "$work/venv/bin/pip" install -q ./client/python
-"$work/venv/bin/pip" install -q pytest scipy meshio pymoo grpcio "protobuf<4" zstandard  # protobuf: as Debian's protoc has it
+"$work/venv/bin/pip" install -q pytest scipy meshio pymoo grpcio "protobuf==4.21.*" zstandard  # protobuf: that of Debian's protoc
 export DEFORM_BIN=$build/client/cli/deform DEFORMD_BIN=$build/server/deformd PYTHONDONTWRITEBYTECODE=1
 PYTHONPATH=$build/tests/wire/generated "$work/venv/bin/python" -m pytest -q -p no:cacheprovider tests/python

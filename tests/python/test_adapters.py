@@ -44,7 +44,7 @@ def test_differential_evolution_in_batches(distance):
 
 
 def test_designs_that_must_not_be_used_rank_last(squeezed):
-    far = ScipyObjective(squeezed, lambda points, report: -points[:, 0].ptp(), penalty=1e6)
+    far = ScipyObjective(squeezed, lambda points, report: -np.ptp(points[:, 0]), penalty=1e6)
     values = far(np.array([[1, 6, 20]], dtype=float))
     assert values[0] < 1e6 and list(values[1:]) == [1e6, 1e6]
     assert far(np.array([6.0])) == 1e6 and (far.evaluated, far.unusable) == (4, 3)
