@@ -232,7 +232,8 @@ DeformOutcome read_replies(Attempt& attempt, grpc::ClientReaderInterface<v1::Def
 
 v1::Encoding Client::encoding() const { return impl_->options.encoding; }
 
-DeformOutcome Client::deform(const v1::DeformRequest& given, const CallOptions& call, const DesignSink& sink) {
+DeformOutcome Client::deform(const v1::DeformRequest& given, const CallOptions& call, const DesignSink& sink,
+                             const DesignMemory& memory) {
   const v1::DeformRequest request = impl_->named(given);
   std::atomic<bool> delivered{false};
   const auto may_repeat = [&] { return !delivered; };
@@ -245,7 +246,7 @@ DeformOutcome Client::deform(const v1::DeformRequest& given, const CallOptions& 
         *impl_, call, Retry::safe,
         [&](Attempt&, const RunContext& limits) {
           Session::Impl session(impl_, remaining(limits));
-          auto future = session.submit(request, watched);
+          auto future = session.submit(request, watched, memory);
           session.finish();
           return future.get();
         },
@@ -259,6 +260,7 @@ DeformOutcome Client::deform(const v1::DeformRequest& given, const CallOptions& 
         options.encoding = request.output().encoding();
         options.failures = request.failures();
         options.sink = watched;
+        options.memory = memory;
         options.points_of = [&](const std::string& id) { return impl_->registered_points(id, limits); };
         Decoding decoding = start_decoding(std::move(options), attempt, impl_->pool);
         return read_replies(attempt, *impl_->stub->Deform(&attempt.context, request), std::move(decoding));

@@ -75,6 +75,10 @@ struct DeformOutcome {
 /// Called once per finished design, from one thread at a time, in order of completion; may move the points out.
 using DesignSink = std::function<void(std::size_t design, DeformedDesign&& deformed)>;
 
+/// Memory for the points of a design, one for each registered point, which stays valid until the call ends; another one of the
+/// same design may be asked for when the call is repeated. Called from any thread, of several designs at once.
+using DesignMemory = std::function<std::span<Vec3>(std::size_t design)>;
+
 /// Primitives and edges of a geometry. Ids as they came; those of an edge in order along it.
 struct Detected {
   /// A plane, cylinder, sphere or cone.
@@ -146,8 +150,10 @@ class Client {
 
   /// Deforms. With request.failures() = FAILURES_PER_DESIGN a bad design has an error of its own (DeformedDesign::error) and the
   /// others are there; else it is thrown, and there are none. The registered points are needed to decode: they are fetched once
-  /// per geometry and kept, unless given through keep_points(). Requests above 1 MiB go over a stream of their own.
-  DeformOutcome deform(const v1::DeformRequest& request, const CallOptions& call = {}, const DesignSink& sink = {});
+  /// per geometry and kept, unless given through keep_points(). Requests above 1 MiB go over a stream of their own. With `memory`
+  /// points are decoded into it, and DeformedDesign::points stays empty; Error(invalid_argument) when it is of another size.
+  DeformOutcome deform(const v1::DeformRequest& request, const CallOptions& call = {}, const DesignSink& sink = {},
+                       const DesignMemory& memory = {});
 
   /// Hands over registered points, so that they need not be fetched.
   void keep_points(const std::string& geometry_id, std::shared_ptr<const Points> points);

@@ -117,17 +117,30 @@ void ReplyDecoder::add_block(v1::Block&& block) {
   pool_.post_or_help([self = shared_from_this(), design, shared] { self->decode(design, *shared); });
 }
 
+void ReplyDecoder::allocate(std::size_t design, DesignState& state) const {
+  const std::size_t points = registered_->size();
+  if (!options_.memory) {
+    state.design.points.resize(points);
+    state.points = state.design.points;
+    return;
+  }
+  state.points = options_.memory(design);
+  if (state.points.size() != points) {
+    throw Error(ErrorCode::invalid_argument,
+                "memory for " + text(state.points.size()) + " points, the registered geometry has " + text(points));
+  }
+}
+
 void ReplyDecoder::decode(std::size_t design, v1::Block& message) {
   const double started = thread_cpu_ms();
   DesignState& state = designs_[design];
   std::exception_ptr error;
   try {
     // Here and not in the thread that reads: filling the pages takes as long as decoding.
-    std::call_once(state.allocated, [&] { state.design.points.resize(registered_->size()); });
+    std::call_once(state.allocated, [&] { allocate(design, state); });
     const std::size_t first = message.first();
     const codec::Block block = convert::block_from_proto(std::move(message));
-    codec::decode(block, std::span(*registered_).subspan(first, block.count),
-                  std::span(state.design.points).subspan(first, block.count));
+    codec::decode(block, std::span(*registered_).subspan(first, block.count), state.points.subspan(first, block.count));
   } catch (const Error& e) {
     error =
         std::make_exception_ptr(Error(e.code(), "design " + text(design) + ", block " + text(message.block()) + ": " + e.what()));

@@ -31,6 +31,7 @@ class ReplyDecoder : public std::enable_shared_from_this<ReplyDecoder> {
     v1::Encoding encoding = v1::ENCODING_DEFAULT;  ///< asked for; RAW_F64 is always accepted when a block fell back to it
     v1::Failures failures = v1::FAILURES_DEFAULT;  ///< asked for; designs with errors are refused but for FAILURES_PER_DESIGN
     DesignSink sink;                               ///< may be empty
+    DesignMemory memory = {};                      ///< may be empty
     /// The registered points of a geometry. Called once, with the header, in add().
     std::function<std::shared_ptr<const Points>(const std::string& geometry_id)> points_of;
     std::function<void()> on_failed;  ///< a task or the sink failed: nothing more needs to come. May be empty; any thread
@@ -63,6 +64,7 @@ class ReplyDecoder : public std::enable_shared_from_this<ReplyDecoder> {
     // shared with the tasks; they write disjoint ranges of the points
     std::once_flag allocated;
     DeformedDesign design;
+    std::span<Vec3> points;  ///< of the design, or the memory that was given
     // under mutex_
     std::size_t pending = 0;
     bool has_result = false;
@@ -77,6 +79,7 @@ class ReplyDecoder : public std::enable_shared_from_this<ReplyDecoder> {
   DesignState& checked_design(std::uint32_t design, const char* part);
   void check_block(const v1::Block& block, const DesignState& state) const;
   void decode(std::size_t design, v1::Block& block);
+  void allocate(std::size_t design, DesignState& state) const;
   void finish_design(std::unique_lock<std::mutex>& lock, std::size_t design);
   void deliver(std::unique_lock<std::mutex>& lock);
   void note_failure(std::unique_lock<std::mutex>& lock, std::exception_ptr error);

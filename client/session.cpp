@@ -32,10 +32,11 @@ Session::Impl::~Impl() {
   changed_.wait(lock, [this] { return open_.empty(); });
 }
 
-std::future<DeformOutcome> Session::Impl::submit(const v1::DeformRequest& request, DesignSink sink) {
+std::future<DeformOutcome> Session::Impl::submit(const v1::DeformRequest& request, DesignSink sink, DesignMemory memory) {
   auto open = std::make_shared<Open>();
   open->request = connection_->named(request);
   open->sink = std::move(sink);
+  open->memory = std::move(memory);
   auto future = open->promise.get_future();
   const auto most = static_cast<std::size_t>(connection_->options.max_in_flight);
   std::unique_lock lock(mutex_);
@@ -62,6 +63,7 @@ void Session::Impl::make_decoder(const OpenPtr& open) {
   options.encoding = open->request.output().encoding();
   options.failures = open->request.failures();
   options.sink = open->sink;
+  options.memory = open->memory;
   options.points_of = [this](const std::string& id) { return connection_->registered_points(id, limits_); };
   const std::uint64_t id = open->id;
   options.on_failed = [this, id] { enqueue({nullptr, id, RunContext::Clock::now()}); };

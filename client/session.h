@@ -28,8 +28,8 @@ class Session::Impl {
   /// Cancels what is open and waits for its end.
   ~Impl();
 
-  /// As Session::submit(); a sink takes the designs one by one.
-  std::future<DeformOutcome> submit(const v1::DeformRequest& request, DesignSink sink);
+  /// As Session::submit(); a sink takes the designs one by one, memory their points.
+  std::future<DeformOutcome> submit(const v1::DeformRequest& request, DesignSink sink, DesignMemory memory = {});
   /// As Session::finish().
   void finish();
 
@@ -38,6 +38,7 @@ class Session::Impl {
     std::uint64_t id = 0;
     v1::DeformRequest request;  // until it is answered: it may have to be sent again
     DesignSink sink;
+    DesignMemory memory;
     std::promise<DeformOutcome> promise;
     std::shared_ptr<ReplyDecoder> decoder;
     std::unique_ptr<RetryPolicy> retry;

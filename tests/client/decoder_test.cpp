@@ -22,7 +22,7 @@ using test::ReplyScript;
 
 /// Feeds replies to a decoder as a client does and returns its outcome or throws its error.
 DeformOutcome decode(std::vector<v1::DeformReply> messages, const ReplyScript& script, client::DesignSink sink = {},
-                     int threads = 2, v1::Failures failures = v1::FAILURES_DEFAULT) {
+                     int threads = 2, v1::Failures failures = v1::FAILURES_DEFAULT, client::DesignMemory memory = {}) {
   std::promise<DeformOutcome> promise;
   auto future = promise.get_future();
   ThreadPool pool(threads);
@@ -31,6 +31,7 @@ DeformOutcome decode(std::vector<v1::DeformReply> messages, const ReplyScript& s
   options.encoding = script.encoding;
   options.failures = failures;
   options.sink = std::move(sink);
+  options.memory = std::move(memory);
   options.points_of = [&](const std::string&) { return std::make_shared<const Points>(test::registered_points(script.points)); };
   options.on_done = [&](DeformOutcome&& outcome, const std::exception_ptr& error) {
     error ? promise.set_exception(error) : promise.set_value(std::move(outcome));
@@ -87,6 +88,30 @@ TEST(Decoder, HandsDesignsToTheSinkOneAtATimeAndOnce) {
       3);
   EXPECT_EQ(seen, std::vector<int>(20, 1));
   EXPECT_TRUE(outcome.designs.empty());
+}
+
+TEST(Decoder, PutsPointsIntoTheMemoryOfTheCaller) {
+  ReplyScript script;
+  script.designs = 5;
+  std::vector<Points> memory(script.designs, Points(script.points, Vec3{-1, -1, -1}));
+  const auto outcome = decode(test::replies(script), script, {}, 3, v1::FAILURES_DEFAULT,
+                              [&](std::size_t design) { return std::span(memory[design]); });
+  for (std::size_t d = 0; d < script.designs; ++d) {
+    EXPECT_EQ(largest_difference(memory[d], test::deformed_points(script.points, d)), 0);
+    EXPECT_TRUE(outcome.designs.at(d).points.empty());
+    EXPECT_EQ(outcome.designs[d].result.design(), d);
+  }
+}
+
+TEST(Decoder, RefusesMemoryOfAnotherSize) {
+  ReplyScript script;
+  script.designs = 2;
+  Points memory(script.points - 1);
+  const std::string sizes =
+      "memory for " + std::to_string(script.points - 1) + " points, the registered geometry has " + std::to_string(script.points);
+  expect_error(ErrorCode::invalid_argument, {sizes.c_str()}, [&] {
+    decode(test::replies(script), script, {}, 2, v1::FAILURES_DEFAULT, [&](std::size_t) { return std::span(memory); });
+  });
 }
 
 TEST(Decoder, ErrorOfTheSinkIsTheErrorOfTheCall) {

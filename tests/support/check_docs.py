@@ -174,7 +174,7 @@ def enumerators(root, name, header):
 
 def check_blocks(root, lines, contract):
     known = {name for names in contract.fields.values() for name in names}
-    known |= {"file", "set"}  # of a setup file: where a list of ids stands (client/cli/setup/id_files.h)
+    known |= {"file", "set"}  # of a setup file: where a list of ids stands (client/setup/id_files.h)
     for number, language, source, block in read_blocks(lines):
         if source is not None:
             if not (root / source).is_file():

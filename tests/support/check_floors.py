@@ -63,26 +63,29 @@ FLOORS = {
     "server/rpc": ["core/base", "core/codec", "proto/convert/base", "deform/v1", "server/engine"],
     "server": ["core/base", "core/base/commit", "server/store", "server/engine", "server/rpc"],
     "client": ["core/base", "core/codec", "proto/convert/base", "deform/v1"],
+    "client/setup": ["core/base", "core/mesh", "core/io", "deform/v1"],
+    "client/python": ["core/base", "core/codec", "core/mesh", "core/io", "deform/v1", "client", "client/setup"],
     # Executables that read files.
     "client/cli": ["core/base", "core/base/commit", "core/codec", "core/mesh", "core/io", "core/quality", "core/report",
                    "core/constraints/detection", "core/numerics", "proto/convert/mesh", "proto/convert/controls", "deform/v1",
-                   "client"],
+                   "client", "client/setup"],
     "client/examples": ["core/base", "core/codec", "core/mesh", "core/io", "deform/v1", "client"],
 }
 
 # Start of a library's header -> the only folders that know the library.
 LIBRARIES = {
     "grpc": ["server/rpc", "client"],
-    "google/protobuf/": ["proto/convert/base", "proto/convert/mesh", "proto/convert", "server/store", "server/engine", "server/rpc", "client", "client/cli", "client/examples"],
+    "google/protobuf/": ["proto/convert/base", "proto/convert/mesh", "proto/convert", "server/store", "server/engine", "server/rpc", "client", "client/setup", "client/python", "client/cli", "client/examples"],
     "draco/": ["core/codec"],
     "hwy/": ["core/numerics"],
     "cholmod.h": ["core/numerics"],
     "nanoflann": ["core/numerics"],
     "sqlite3.h": ["server/store"],
     "spdlog/": ["server/store", "server/engine", "server/rpc", "server"],
-    "yaml-cpp/": ["server", "client/cli"],
+    "yaml-cpp/": ["server", "client/setup"],
     "CLI/": ["server", "client/cli"],
-    "nlohmann/": ["client/cli", "client/examples"],
+    "nlohmann/": ["client/setup", "client/cli", "client/examples"],
+    "pybind11/": ["client/python"],
 }
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<([^>]+)>)')

@@ -16,8 +16,8 @@
 #include "client/cli/output/result_json.h"
 #include "client/cli/setup/control_lattice.h"
 #include "client/cli/setup/motions.h"
+#include "client/cli/setup/reading.h"
 #include "client/cli/setup/region_points.h"
-#include "client/cli/setup/setup_file.h"
 #include "client/design.h"
 
 namespace deform::cli {

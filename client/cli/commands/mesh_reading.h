@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <string>
 
-#include "client/cli/setup/setup_file.h"
+#include "client/cli/setup/reading.h"
 #include "core/io/mesh_file.h"
 
 namespace deform::cli {

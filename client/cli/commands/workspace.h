@@ -9,7 +9,7 @@
 #include "client/cli/commands/command.h"
 #include "client/cli/commands/interrupt.h"
 #include "client/cli/output/progress.h"
-#include "client/cli/setup/setup_file.h"
+#include "client/cli/setup/reading.h"
 #include "client/client.h"
 #include "core/io/mesh_file.h"
 

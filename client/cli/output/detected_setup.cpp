@@ -8,8 +8,8 @@
 #include <sstream>
 
 #include "client/cli/output/format.h"
+#include "client/cli/setup/reading.h"
 #include "client/cli/setup/region_points.h"
-#include "client/cli/setup/setup_file.h"
 #include "core/base/text.h"
 #include "core/io/mesh_file.h"
 

@@ -16,7 +16,4 @@ nlohmann::ordered_json usage_error_json(const std::string& message);
 /// The command was carried out, but a gate or verdict failed.
 nlohmann::ordered_json verdict_error_json(const std::string& message);
 
-/// The field that a message names before its first ": ", else empty.
-std::string field_of(const std::string& message);
-
 }  // namespace deform::cli

@@ -6,8 +6,7 @@
 #include <algorithm>
 
 #include "client/cli/output/format.h"
-#include "client/cli/output/numbers.h"
-#include "client/cli/setup/refuse.h"
+#include "client/cli/setup/reading.h"
 #include "core/base/error.h"
 
 namespace deform::cli {

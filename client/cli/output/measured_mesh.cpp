@@ -6,8 +6,8 @@
 #include <utility>
 
 #include "client/cli/setup/control_lattice.h"
+#include "client/cli/setup/reading.h"
 #include "client/cli/setup/region_points.h"
-#include "client/cli/setup/setup_file.h"
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/quality/flipped_faces.h"

@@ -2,15 +2,12 @@
 #include "client/cli/setup/control_lattice.h"
 
 #include <algorithm>
-#include <cstring>
 #include <limits>
 
 #include "client/cli/output/format.h"
-#include "client/cli/setup/csv.h"
-#include "client/cli/setup/refuse.h"
+#include "client/cli/setup/reading.h"
 #include "core/base/bounds.h"
 #include "core/base/error.h"
-#include "core/io/mesh_file.h"
 #include "proto/convert/controls/controls.h"
 #include "proto/convert/mesh/region.h"
 
@@ -29,22 +26,6 @@ Affine motion_of(const v1::DesignVariable& variable, double v) {
     refuse(what + ": " + number_text(v) + " is outside of its bounds [" + number_text(lower) + ", " + number_text(upper) + "]");
   }
   return motion_at(convert::motion_from_proto(variable, what), *value);
-}
-
-std::vector<Vec3> places_in_csv(const std::filesystem::path& path) {
-  const Csv csv = read_csv(path);
-  std::array<std::size_t, 3> columns{};
-  for (std::size_t k = 0; k < 3; ++k) {
-    const std::string name(1, "xyz"[k]);
-    const auto found = std::find(csv.header.begin(), csv.header.end(), name);
-    if (found == csv.header.end()) refuse(path.string() + ": the header has no column \"" + name + "\"");
-    columns[k] = static_cast<std::size_t>(found - csv.header.begin());
-  }
-  std::vector<Vec3> places;
-  for (const auto& row : csv.rows) {
-    places.push_back({csv.number(row, columns[0]), csv.number(row, columns[1]), csv.number(row, columns[2])});
-  }
-  return places;
 }
 
 }  // namespace
@@ -105,14 +86,6 @@ std::vector<Vec3> moved_controls(const v1::Setup& setup, const ControlLattice& l
     }
   }
   return places;
-}
-
-std::string read_control_points(const std::filesystem::path& path) {
-  const std::vector<Vec3> places = path.extension() == ".csv" ? places_in_csv(path) : io::read_mesh_file(path)->mesh()->points;
-  if (places.empty()) refuse(path.string() + ": holds no control point");
-  std::string bytes(places.size() * sizeof(Vec3), '\0');
-  std::memcpy(bytes.data(), places.data(), bytes.size());
-  return bytes;
 }
 
 }  // namespace deform::cli

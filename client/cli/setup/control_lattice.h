@@ -40,9 +40,4 @@ std::vector<PointId> control_points_of(const v1::Region& region, const ControlLa
 /// Error(invalid_argument): a value out of its bounds, regions as above.
 std::vector<Vec3> moved_controls(const v1::Setup& setup, const ControlLattice& lattice, const std::vector<double>& values);
 
-/// Control points from a file, as little-endian doubles: the points of a mesh file (as `deform lattice` writes it) in their
-/// order, or a CSV with the columns x, y, z and a line per control point, i fastest. Throws Error(not_found, invalid_argument)
-/// naming the file.
-std::string read_control_points(const std::filesystem::path& path);
-
 }  // namespace deform::cli

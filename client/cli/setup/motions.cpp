@@ -7,9 +7,8 @@
 #include <memory>
 
 #include "client/cli/output/format.h"
-#include "client/cli/output/numbers.h"
 #include "client/cli/setup/point_match.h"
-#include "client/cli/setup/refuse.h"
+#include "client/cli/setup/reading.h"
 #include "client/design.h"
 #include "core/base/error.h"
 

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "client/cli/setup/csv.h"
+#include "client/cli/setup/reading.h"
 #include "core/base/types.h"
 #include "deform/v1/deformation.pb.h"
 #include "deform/v1/setup.pb.h"

@@ -10,14 +10,14 @@ namespace deform::cli {
 
 namespace {
 
-using Json = nlohmann::json;
+using ManifestJson = nlohmann::json;
 using Place = ManifestEntry::Place;
 
 constexpr char first_line[] = "{\"sweep_manifest\":1}\n";
 
-std::string to_line(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n"; }
+std::string to_line(const ManifestJson& json) { return json.dump(-1, ' ', false, ManifestJson::error_handler_t::replace) + "\n"; }
 
-void add(const ResultVerdicts& verdicts, Json& json) {
+void add(const ResultVerdicts& verdicts, ManifestJson& json) {
   if (!verdicts.reasons.empty()) json["bad"] = verdicts.reasons;
   if (verdicts.safe_amplitude) json["safe_amplitude"] = *verdicts.safe_amplitude;
   if (verdicts.reached) {
@@ -30,20 +30,21 @@ void add(const ResultVerdicts& verdicts, Json& json) {
 }
 
 std::string to_line(const ManifestEntry& entry) {
-  Json json{{"name", entry.name}, {"hash", entry.hash}, {"file", entry.file}, {"offset", entry.offset}, {"bytes", entry.bytes}};
+  ManifestJson json{
+      {"name", entry.name}, {"hash", entry.hash}, {"file", entry.file}, {"offset", entry.offset}, {"bytes", entry.bytes}};
   if (entry.place != Place::result) json["in"] = entry.place == Place::part ? "part" : "next";
   add(entry.verdicts, json);
   return to_line(json);
 }
 
 std::string failure_line(const std::string& name, const SweepFailure& failure) {
-  Json json{{"name", name}, {"failed", failure.reason}};
+  ManifestJson json{{"name", name}, {"failed", failure.reason}};
   if (!failure.hash.empty()) json["hash"] = failure.hash;
   add(failure.verdicts, json);
   return to_line(json);
 }
 
-ResultVerdicts parse_verdicts(const Json& json) {
+ResultVerdicts parse_verdicts(const ManifestJson& json) {
   ResultVerdicts verdicts;
   if (json.contains("bad")) verdicts.reasons = json["bad"].get<std::vector<std::string>>();
   if (json.contains("safe_amplitude")) verdicts.safe_amplitude = json["safe_amplitude"].get<double>();
@@ -58,7 +59,7 @@ ResultVerdicts parse_verdicts(const Json& json) {
 }
 
 /// Throws when it is none.
-ManifestEntry parse_entry(const Json& json) {
+ManifestEntry parse_entry(const ManifestJson& json) {
   ManifestEntry entry;
   entry.name = json.at("name").get<std::string>();
   entry.hash = json.at("hash").get<std::string>();
@@ -73,7 +74,7 @@ ManifestEntry parse_entry(const Json& json) {
 
 /// Version 0.1 began with an entry.
 bool is_ours(const std::string& line) {
-  const Json json = Json::parse(line, nullptr, false);
+  const ManifestJson json = ManifestJson::parse(line, nullptr, false);
   return json.is_object() && (json.contains("sweep_manifest") || (json.contains("name") && json.contains("hash")));
 }
 
@@ -113,7 +114,7 @@ bool Manifest::read() {
 
 /// A line that cannot be understood says nothing; those behind it are as true as without it.
 void Manifest::take(const std::string& line) {
-  const Json json = Json::parse(line, nullptr, false);
+  const ManifestJson json = ManifestJson::parse(line, nullptr, false);
   if (!json.is_object()) return;
   try {
     if (json.contains("writing")) {
@@ -126,7 +127,7 @@ void Manifest::take(const std::string& line) {
     } else if (json.contains("hash")) {
       take(parse_entry(json));
     }
-  } catch (const Json::exception&) {
+  } catch (const ManifestJson::exception&) {
     return;
   }
 }
@@ -166,7 +167,7 @@ std::optional<SweepFailure> Manifest::find_failure(const std::string& name, cons
 }
 
 void Manifest::replace(const std::string& file) {
-  file_.append(to_line(Json{{"writing", file}}));
+  file_.append(to_line(ManifestJson{{"writing", file}}));
   file_.sync();
   results_.erase(file);
   writing_.insert(file);
@@ -178,7 +179,7 @@ void Manifest::rewrite(const std::map<std::string, ManifestEntry>& results, cons
   std::map<std::string, SweepFailure> failed;
   for (const auto& [file, entry] : results) lines += to_line(entry);
   for (const auto& entry : part) lines += to_line(entry);
-  for (const auto& file : writing_) lines += to_line(Json{{"writing", file}});
+  for (const auto& file : writing_) lines += to_line(ManifestJson{{"writing", file}});
   for (const auto& [name, failure] : failed_) {
     if (!names.contains(name)) continue;
     lines += failure_line(name, failure);

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "client/cli/setup/csv.h"
+#include "client/cli/setup/reading.h"
 #include "deform/v1/setup.pb.h"
 
 namespace deform::cli {

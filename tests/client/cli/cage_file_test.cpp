@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Cages of setup files: their points and faces come from mesh files.
-#include "client/cli/setup/cage_file.h"
+#include "client/cli/setup/reading.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -11,8 +11,6 @@
 #include <fstream>
 
 #include "client/cli/setup/control_lattice.h"
-#include "client/cli/setup/setup_file.h"
-#include "client/cli/setup/yaml_message.h"
 #include "core/mesh/mesh.h"
 #include "tests/support/expect_error.h"
 

@@ -13,8 +13,7 @@
 #include <fstream>
 
 #include "client/cli/output/lattice_file.h"
-#include "client/cli/setup/setup_file.h"
-#include "client/cli/setup/yaml_message.h"
+#include "client/cli/setup/reading.h"
 #include "core/io/mesh_file.h"
 #include "tests/support/expect_error.h"
 

@@ -9,8 +9,7 @@
 
 #include <filesystem>
 
-#include "client/cli/setup/id_files.h"
-#include "client/cli/setup/setup_file.h"
+#include "client/cli/setup/reading.h"
 #include "core/io/mesh_file.h"
 #include "tests/support/expect_error.h"
 

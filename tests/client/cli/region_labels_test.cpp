@@ -3,8 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "client/cli/setup/reading.h"
 #include "client/cli/setup/region_points.h"
-#include "client/cli/setup/yaml_message.h"
 #include "tests/support/expect_error.h"
 
 namespace deform::cli {

@@ -5,9 +5,9 @@
 #include <cstring>
 #include <optional>
 
-#include "client/cli/setup/csv.h"
 #include "client/cli/setup/motions.h"
 #include "client/cli/setup/point_match.h"
+#include "client/cli/setup/reading.h"
 #include "client/cli/sweep/sweep_designs.h"
 #include "tests/support/expect_error.h"
 

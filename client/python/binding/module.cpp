@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include "client/python/binding/bind_client.h"
+#include "client/python/binding/bind_mesh.h"
+#include "client/python/binding/calls.h"
+#include "client/python/binding/record.h"
+#include "core/base/error.h"
+#include "core/base/version.h"
+
+PYBIND11_MODULE(_deformd, module) {
+  using namespace deform;
+  module.doc() = "The C++ client library; the package deformd is the interface.";
+  module.attr("version") = version();
+  module.def("nearest_names", &nearest_names);
+  python::register_errors();
+  python::bind_record(module);
+  python::bind_client(module);
+  python::bind_meshes(module);
+  python::bind_setups(module);
+  python::bind_population(module);
+}

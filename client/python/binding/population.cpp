@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/python/binding/population.h"
+
+#include <algorithm>
+#include <charconv>
+#include <utility>
+
+namespace deform::python {
+
+namespace {
+
+/// The message of a request about one of its designs, with the number that the design has here.
+Error renumbered(const Error& error, std::span<const std::size_t> designs) {
+  const std::string message = error.what();
+  constexpr std::string_view start = "designs[";
+  if (!message.starts_with(start)) return error;
+  std::size_t number = 0;
+  const char* end = message.data() + message.size();
+  const auto [rest, failure] = std::from_chars(message.data() + start.size(), end, number);
+  if (failure != std::errc() || rest == end || *rest != ']' || number >= designs.size()) return error;
+  return {error.code(), std::string(start) + std::to_string(designs[number]) + std::string(rest, end), error.retry_after_ms()};
+}
+
+}  // namespace
+
+Population::Population(client::Client& client, Options options) : client_(client), options_(std::move(options)) {
+  const std::size_t batches = (options_.designs.size() + options_.batch - 1) / options_.batch;
+  running_ = std::min(options_.requests, batches);
+  for (std::size_t i = 0; i < running_; ++i) threads_.emplace_back([this] { run(); });
+}
+
+Population::~Population() {
+  cancel();
+  changed_.notify_all();
+  for (auto& thread : threads_) thread.join();
+}
+
+std::optional<Population::Done> Population::next(std::chrono::milliseconds most) {
+  std::unique_lock lock(mutex_);
+  changed_.wait_for(lock, most, [this] { return !finished_.empty() || running_ == 0; });
+  if (finished_.empty()) {
+    if (running_ == 0 && error_) std::rethrow_exception(error_);
+    return std::nullopt;
+  }
+  Done done = std::move(finished_.front());
+  finished_.pop_front();
+  ++taken_;
+  lock.unlock();
+  changed_.notify_all();
+  return done;
+}
+
+bool Population::at_end() const {
+  const std::lock_guard lock(mutex_);
+  return taken_ == options_.designs.size();
+}
+
+bool Population::wait(std::chrono::milliseconds most) {
+  std::unique_lock lock(mutex_);
+  return changed_.wait_for(lock, most, [this] { return running_ == 0; });
+}
+
+bool Population::take_batch(std::size_t& first, std::size_t& end) {
+  std::unique_lock lock(mutex_);
+  const auto may_begin = [this] {
+    return !options_.target.empty() || finished_.size() < options_.batch || error_ || options_.call.cancel->cancelled();
+  };
+  constexpr std::chrono::milliseconds period{50};  // the flag wakes nobody
+  while (!may_begin()) changed_.wait_for(lock, period);
+  if (error_ || next_design_ == options_.designs.size()) return false;
+  first = next_design_;
+  end = next_design_ = std::min(first + options_.batch, options_.designs.size());
+  return true;
+}
+
+void Population::run() {
+  std::size_t first = 0, end = 0;
+  try {
+    while (take_batch(first, end)) evaluate(first, end);
+  } catch (...) {
+    const std::lock_guard lock(mutex_);
+    if (!error_) error_ = std::current_exception();
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    --running_;
+    changed_.notify_all();
+  }
+}
+
+void Population::evaluate(std::size_t first, std::size_t end) {
+  std::vector<std::size_t> left(end - first);
+  for (std::size_t i = first; i < end; ++i) left[i - first] = i;
+  while (!left.empty()) {
+    v1::DeformRequest request = options_.request;
+    for (const std::size_t i : left) *request.add_designs() = options_.designs[i];
+    client::CallOptions call = options_.call;
+    if (call.timeout) {
+      const auto spent = std::chrono::duration_cast<std::chrono::milliseconds>(RunContext::Clock::now() - started_);
+      call.timeout = std::max(std::chrono::milliseconds(1), *call.timeout - spent);
+    }
+    std::vector<char> came(left.size(), 0);  // the client hands designs over one at a time
+    const auto sink = [&](std::size_t k, client::DeformedDesign&& deformed) {
+      if (deformed.error) deformed.error = renumbered(*deformed.error, left);
+      finish(left[k], std::move(deformed));
+      came[k] = 1;
+    };
+    client::DesignMemory memory;
+    if (!options_.target.empty()) memory = [&](std::size_t k) { return memory_of(left[k]); };
+    try {
+      client_.deform(request, call, sink, memory);
+      return;
+    } catch (const Error& error) {
+      const auto progress = std::count(came.begin(), came.end(), 1);
+      if (error.code() != ErrorCode::unavailable || progress == 0) throw renumbered(error, left);
+    }
+    std::vector<std::size_t> missing;
+    for (std::size_t k = 0; k < left.size(); ++k) {
+      if (came[k] == 0) missing.push_back(left[k]);
+    }
+    left = std::move(missing);
+  }
+}
+
+std::span<Vec3> Population::memory_of(std::size_t design) const {
+  const std::size_t points = options_.target.size() / options_.designs.size();
+  return options_.target.subspan(design * points, points);
+}
+
+void Population::finish(std::size_t design, client::DeformedDesign&& deformed) {
+  const std::lock_guard lock(mutex_);
+  finished_.push_back({design, std::move(deformed)});
+  changed_.notify_all();
+}
+
+}  // namespace deform::python

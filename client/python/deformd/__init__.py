@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: Apache-2.0
+"""deformd for Python: meshes deformed by a server, as numpy arrays.
+
+    with deformd.Client("127.0.0.1:50051") as client:
+        system = client.prepare("ahmed.yaml")       # once
+        points = system({"roof_up": 0.03})          # as often as wanted: (n, 3)
+        system.geometry.write("out.obj", points)
+
+docs/python.md of the repository is the page about it.
+"""
+
+from . import _deformd
+from ._deformd import Cancel, Record
+from .client import Client
+from .errors import (AlreadyExists, BadDesign, BadDesignWarning, Cancelled, DataLoss, DeadlineExceeded, Error, FailedPrecondition,
+                     Internal, InvalidArgument, NotFound, NumericalFailure, OutOfBudget, Unavailable)
+from .geometry import Geometry
+from .reports import Deformation, Population, Report
+from .system import System, Variable
+
+__version__: str = _deformd.version
+
+__all__ = ["AlreadyExists", "BadDesign", "BadDesignWarning", "Cancel", "Cancelled", "Client", "DataLoss", "DeadlineExceeded",
+           "Deformation", "Error", "FailedPrecondition", "Geometry", "Internal", "InvalidArgument", "NotFound", "NumericalFailure",
+           "OutOfBudget", "Population", "Record", "Report", "System", "Unavailable", "Variable"]

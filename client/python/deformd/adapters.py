@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Systems as functions of optimizers: objectives of SciPy, problems of pymoo. Neither library needs to be installed to import this."""
+
+from typing import Any, Callable, List, Optional, Tuple
+
+import numpy as np
+
+from .errors import Error, InvalidArgument
+from .reports import Report
+from .system import System
+
+Objective = Callable[[np.ndarray, Report], float]
+Gradient = Callable[[np.ndarray, Report], np.ndarray]
+
+
+class Unusable(Error):
+    """More than half of the designs so far could not be used, so that an optimizer would optimize their penalty."""
+
+    code = "unusable"
+
+
+class ScipyObjective:
+    """An objective of the deformed points for scipy.optimize.
+
+        f = ScipyObjective(system, objective, gradient)
+        minimize(f, x0, jac=f.gradient, bounds=f.bounds)
+        differential_evolution(f, f.bounds, vectorized=True, updating="deferred")
+
+    objective(points (n, 3), report): the value of one design, to be minimized.
+    gradient(points, report): its gradient with respect to the points, (n, 3); turned into that with respect to the variables by `System.vjp`.
+    penalty: the value of a design that must not be used: its verdict is bad, or it cannot be evaluated. It ranks last and is finite, so that
+      no optimizer meets a NaN. `gradient` is zero there. Once more than half of at least 20 designs were so, Unusable is raised.
+    options: those of `System.deform`.
+
+    Called with x (k,) it gives a number; with X (k, m), as SciPy's vectorized=True has it, (m,). The last single design is kept, so value
+    and gradient of one x are one request.
+    """
+
+    def __init__(self, system: System, objective: Objective, gradient: Optional[Gradient] = None, *, penalty: float = 1e30, **options: Any) -> None:
+        self.system = system
+        self.objective = objective
+        self.penalty = penalty
+        self.evaluated = 0
+        """Designs so far."""
+        self.unusable = 0
+        """Those of them that got the penalty."""
+        self._gradient = gradient
+        self._options = options
+        self._last: Optional[Tuple[np.ndarray, np.ndarray, Report]] = None
+
+    @property
+    def bounds(self) -> List[Tuple[float, float]]:
+        """Of the design variables, as SciPy takes them."""
+        return [(lower, upper) for lower, upper in self.system.bounds]
+
+    def __call__(self, x: np.ndarray) -> Any:
+        if np.ndim(x) == 1:
+            _, points, report = self._at(np.asarray(x, dtype=np.float64))
+            return self._value(points, report)
+        population = self.system.deform(np.ascontiguousarray(np.asarray(x, dtype=np.float64).T), **self._options)
+        self._count(population.reports)
+        return np.array([self._value(points, report) for points, report in zip(population.points, population.reports)])
+
+    def gradient(self, x: np.ndarray) -> np.ndarray:
+        """With respect to the design variables, (k,)."""
+        if self._gradient is None:
+            raise InvalidArgument("gradient: the objective was made without one")
+        design, points, report = self._at(np.asarray(x, dtype=np.float64))
+        if report.bad:
+            return np.zeros(len(design))
+        return self.system.vjp(design, self._gradient(points, report))
+
+    def _at(self, x: np.ndarray) -> Tuple[np.ndarray, np.ndarray, Report]:
+        if self._last is None or not np.array_equal(self._last[0], x):
+            deformation = self.system.deform(x, **self._options)
+            self._count([deformation.report])
+            self._last = (x.copy(), deformation.points, deformation.report)
+        return self._last
+
+    def _value(self, points: np.ndarray, report: Report) -> float:
+        return self.penalty if report.bad else float(self.objective(points, report))
+
+    def _count(self, reports: List[Report]) -> None:
+        self.evaluated += len(reports)
+        self.unusable += sum(report.bad for report in reports)
+        if self.evaluated >= 20 and 2 * self.unusable > self.evaluated:
+            last = next((report for report in reports if report.bad), None)
+            raise Unusable(f"{self.unusable} of {self.evaluated} designs cannot be used" + (f", the last one: {'; '.join(last.reasons)}" if last else ""))
+
+
+def pymoo_problem(system: System, objectives: Callable[[np.ndarray, Report], Any], count: int = 1, *, penalty: float = 1e30, **options: Any) -> Any:
+    """A pymoo Problem whose generations are evaluated in batches.
+
+    objectives(points (n, 3), report): `count` values of one design, to be minimized. Whether a design may be used is an inequality constraint,
+    so that pymoo ranks the others behind all that may: 1 where its verdict is bad or it cannot be evaluated (its objectives are the penalty),
+    else -1. Needs pymoo.
+    """
+    from pymoo.core.problem import Problem
+
+    lower, upper = system.bounds.T
+    if not np.isfinite(system.bounds).all():
+        raise InvalidArgument("variables: pymoo needs finite bounds of all of them")
+
+    class DeformProblem(Problem):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__(n_var=len(lower), n_obj=count, n_ieq_constr=1, xl=lower, xu=upper)
+
+        def _evaluate(self, x: np.ndarray, out: Any, *_: Any, **__: Any) -> None:
+            population = system.deform(x, **options)
+            values = [np.full(count, penalty) if report.bad else np.reshape(objectives(points, report), count)
+                      for points, report in zip(population.points, population.reports)]
+            out["F"] = np.array(values)
+            out["G"] = np.where(population.usable, -1.0, 1.0)[:, None]
+
+    return DeformProblem()

@@ -1,0 +1,329 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Prepared systems: where designs become points."""
+
+import json
+import warnings
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union, overload
+
+import numpy as np
+
+from . import _deformd
+from .errors import BadDesign, BadDesignWarning, Error, InvalidArgument
+from .reports import Deformation, Population, Report
+
+if TYPE_CHECKING:
+    from typing import Literal
+
+    from .client import Client
+    from .geometry import Geometry
+
+    Design = Union[Sequence[float], np.ndarray, Mapping[str, float]]
+    Designs = Union[np.ndarray, Sequence[Union[Sequence[float], np.ndarray, Mapping[str, float]]]]
+    Bad = Literal["raise", "warn", "keep"]
+
+_BATCH_BYTES = 64 << 20  # of the points of one request
+_REQUESTS = 2  # at a time: one is computed while the other travels
+_WRITTEN_TOLERANCE = 1e-9  # of D, as the command line has it
+
+
+class Variable(NamedTuple):
+    """A design variable of a setup."""
+
+    name: str
+    handle: str
+    """The name of the handle that it moves."""
+    lower: float
+    """-inf where there is no bound."""
+    upper: float
+
+
+class System:
+    """A geometry with a setup, prepared on the server. `Client.prepare` and `Client.system` make it. Any thread may use it.
+
+    Below k is the number of design variables, n the number of points, m a number of designs. A design x is an array of k values
+    in the order of `names`, or a mapping of names to values in which the others are 0, the rest position. Values outside of the
+    bounds are errors of their designs.
+
+    Calling it gives points: `s(x)` -> (n, 3), `s(X)` -> (m, n, 3). `deform` gives reports as well, and `stream` gives designs as
+    they get done.
+    """
+
+    def __init__(self, client: "Client", info: "_deformd.Record", geometry: "Optional[Geometry]" = None) -> None:
+        self._client = client
+        self._geometry = geometry
+        self.info = info
+        """What was prepared, from what and how: SystemInfo of proto/deform/v1/deformation.proto."""
+        infinity = float("inf")
+        self.variables: Tuple[Variable, ...] = tuple(
+            Variable(v.name, v.handle, -infinity if v.lower is None else v.lower, infinity if v.upper is None else v.upper)
+            for v in info.setup.variables)
+
+    @property
+    def id(self) -> str:
+        """64 hexadecimal digits, the hash of geometry and setup."""
+        return str(self.info.id)
+
+    @property
+    def names(self) -> Tuple[str, ...]:
+        """The names of the design variables, in the order of the setup."""
+        return tuple(variable.name for variable in self.variables)
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Lower and upper bounds of the design variables, (k, 2); infinite where there is none."""
+        return np.array([(variable.lower, variable.upper) for variable in self.variables], dtype=np.float64).reshape(-1, 2)
+
+    @property
+    def geometry(self) -> "Geometry":
+        """What is deformed."""
+        if self._geometry is None:
+            self._geometry = self._client.geometry(self.info.geometry_id)
+        return self._geometry
+
+    # ---- points ----
+
+    def __call__(self, x: "Union[Design, Designs]", *, out: Optional[np.ndarray] = None, bad: "Bad" = "raise", **options: Any) -> np.ndarray:
+        """Points of a design, (n, 3), or of many, (m, n, 3); registered order, model units, float64 in C order.
+
+        out: an array of that shape, float64 in C order, which is filled and returned.
+        bad: what happens where a verdict is bad or a design cannot be evaluated. "raise": BadDesign, which carries all points and
+          reports, once everything is done; a single design that cannot be evaluated raises its own error. "warn": a
+          BadDesignWarning. "keep": nothing. Designs that cannot be evaluated are NaN. An optimizer that wants to rank such
+          designs last takes `deform` instead, which gives the reports.
+        options: those of `deform`.
+        """
+        if bad not in ("raise", "warn", "keep"):
+            raise InvalidArgument(f'bad: {bad!r}, expected "raise", "warn" or "keep"')
+        deformation = self.deform(x, out=out, **options)
+        if bad != "keep":
+            _tell(deformation, bad)
+        return deformation.points
+
+    def deform(
+        self,
+        x: "Union[Design, Designs]",
+        *,
+        out: Optional[np.ndarray] = None,
+        motions: Optional[Union[Mapping[str, Any], Sequence[Mapping[str, Any]]]] = None,
+        timeout: Optional[float] = None,
+        cancel: "Optional[_deformd.Cancel]" = None,
+        **options: Any,
+    ) -> Union[Deformation, Population]:
+        """Points and report of a design, or points and reports of many; never raises for a single bad design.
+
+        Of one design a Deformation: points (n, 3) and its report. Of X (m, k), or a list of m designs, a Population: points
+        (m, n, 3) and m reports. A design that cannot be evaluated has NaN for points and `report.error`. Many designs go in
+        requests of up to 64 MiB of points, two at a time.
+
+        motions: per handle name an affine map x' = A x + b as a 3 x 4 array [A b], or a displacement (p, 3) for every point of the
+          handle, in the order of ascending ids, model units; a list of such mappings for many designs. For handles that no
+          variable moves.
+        timeout: seconds for the whole call, on this side and on the server. cancel: a `deformd.Cancel` that another thread may use.
+
+        Options, as the fields of DeformRequest have them:
+        encoding: "RAW_F64", "RAW_F32", "DRACO" or "DELTA_ZSTD"; that of the client unless given.
+        tolerance: largest error of a coordinate with the last two, model units; 1e-9 of the diagonal unless given.
+        check: "CELL_CHECK_OFF", "SAFE_AMPLITUDE" (default) or "CELL_QUALITY", what the report says about faces and cells.
+        path: "PATH_AUTOMATIC", "PATH_BASIS" or "PATH_DIRECT".
+        splitting: a mode, "SPLIT_UNIFORM" or "SPLIT_ADAPTIVE", or a mapping such as {"mode": "SPLIT_ADAPTIVE", "share": 0.5}.
+        solver_tolerance: of iterative solvers, a fraction of the diagonal.
+        warm_start: of setups with constraints: each design starts from the one before; the requests then go one after the other.
+        batch: designs of one request.
+        """
+        designs, single = self._designs(x)
+        run, target = self._begin(designs, single, out, motions, timeout, cancel, options)
+        reports: List[Optional[Report]] = [None] * len(designs)
+        points: Optional[np.ndarray] = None
+        try:
+            run.wait()
+            while True:
+                item = run.next()
+                if item is None:
+                    break
+                i, points, record, error = item
+                reports[i] = Report(record, error)
+                if error is not None and target is not None:
+                    target[i] = np.nan
+        finally:
+            run.end()
+        done = [report for report in reports if report is not None]
+        if not single:
+            assert target is not None
+            return Population(target, done)
+        if target is not None:
+            points = out
+        if points is None:
+            points = np.full((self._point_count, 3), np.nan)
+        return Deformation(points, done[0])
+
+    def stream(
+        self,
+        designs: "Designs",
+        *,
+        motions: Optional[Sequence[Mapping[str, Any]]] = None,
+        timeout: Optional[float] = None,
+        cancel: "Optional[_deformd.Cancel]" = None,
+        **options: Any,
+    ) -> Iterator[Tuple[int, Optional[np.ndarray], Report]]:
+        """Designs as they get done, in any order: (number, points (n, 3), report) of each.
+
+        A design that cannot be evaluated has None for points and `report.error`. At most a few requests of designs are held at a time,
+        however many there are; leaving the loop cancels the rest. Options are those of `deform`.
+        """
+        rows, single = self._designs(designs)
+        if single:
+            raise InvalidArgument("designs: one design, expected an array (m, k) or a list of designs; `deform` takes one")
+        run, _ = self._begin(rows, True, None, motions, timeout, cancel, options)
+        return self._results(run)
+
+    @staticmethod
+    def _results(run: "_deformd.Run") -> Iterator[Tuple[int, Optional[np.ndarray], Report]]:
+        try:
+            while True:
+                item = run.next()
+                if item is None:
+                    return
+                i, points, record, error = item
+                yield i, points, Report(record, error)
+        finally:
+            run.end()
+
+    # ---- derivatives ----
+
+    def jvp(self, x: "Optional[Design]", v: "Design", *, timeout: Optional[float] = None, cancel: "Optional[_deformd.Cancel]" = None) -> np.ndarray:
+        """The derivative of the points with respect to the variables, at x, times the direction v (k,): (n, 3), model units per
+        unit of v. x None: at rest."""
+        return self._client._native.jacobian_vector(self.id, self._design(x), self._design(v), self._client._limits(timeout, cancel))
+
+    def vjp(self, x: "Optional[Design]", w: Any, *, timeout: Optional[float] = None, cancel: "Optional[_deformd.Cancel]" = None) -> np.ndarray:
+        """The gradient (k,) of sum(w * points) with respect to the variables, at x; w (n, 3) is the gradient of an objective with
+        respect to the points. x None: at rest."""
+        return self._client._native.vector_jacobian(self.id, self._design(x), np.asarray(w, dtype=np.float64), self._client._limits(timeout, cancel))
+
+    def jacobian(self, x: "Optional[Design]" = None, *, timeout: Optional[float] = None, cancel: "Optional[_deformd.Cancel]" = None) -> np.ndarray:
+        """The derivative of the points with respect to the variables, at x: (n, 3, k), by k calls of `jvp`."""
+        columns = np.empty((self._point_count, 3, len(self.variables)))
+        for i, direction in enumerate(np.eye(len(self.variables))):
+            columns[:, :, i] = self.jvp(x, direction, timeout=timeout, cancel=cancel)
+        return columns
+
+    # ---- the rest ----
+
+    def release(self, *, forget: bool = False) -> None:
+        """Gives the memory of the system on the server back; it is prepared again when it is used. forget: deletes the stored setup
+        as well, so that the id is unknown afterwards."""
+        self._client._native.release(self.id, forget, self._client._limits(None, None))
+
+    @property
+    def _point_count(self) -> int:
+        return int(self.info.points)
+
+    def _design(self, x: "Optional[Design]") -> np.ndarray:
+        if x is None:
+            return np.zeros(len(self.variables))
+        rows, single = self._designs(x)
+        if not single:
+            raise InvalidArgument(f"design: shape {rows.shape}, expected ({len(self.variables)},)")
+        return rows[0]
+
+    def _designs(self, x: Any) -> Tuple[np.ndarray, bool]:
+        """Rows of values (m, k), and whether x was one design."""
+        if x is None:
+            return np.zeros((1, len(self.variables))), True
+        if isinstance(x, Mapping):
+            return self._named(x, "design")[None, :], True
+        if not isinstance(x, np.ndarray) and any(isinstance(row, Mapping) for row in x):
+            rows = [self._named(row, f"designs[{i}]") if isinstance(row, Mapping) else np.asarray(row, dtype=np.float64) for i, row in enumerate(x)]
+            for i, row in enumerate(rows):
+                self._check_width(row.shape, f"designs[{i}].variables")
+            return np.array(rows), False
+        values = np.asarray(x, dtype=np.float64)
+        if values.ndim not in (1, 2):
+            raise InvalidArgument(f"designs: an array of shape {values.shape}, expected ({len(self.variables)},) or (m, {len(self.variables)})")
+        self._check_width(values.shape[-1:], "designs")
+        return (values[None, :], True) if values.ndim == 1 else (values, False)
+
+    def _check_width(self, shape: Tuple[int, ...], what: str) -> None:
+        if shape != (len(self.variables),):
+            raise InvalidArgument(f"{what}: {shape[0] if shape else 'no'} values, the setup has {len(self.variables)} variables: {', '.join(self.names)}")
+
+    def _named(self, values: Mapping[str, float], what: str) -> np.ndarray:
+        row = np.zeros(len(self.variables))
+        places = {name: i for i, name in enumerate(self.names)}
+        for name, value in values.items():
+            if name not in places:
+                near = _deformd.nearest_names(str(name), list(self.names))
+                raise InvalidArgument(f'{what}: there is no variable "{name}"' + (f"; did you mean {near}?" if near else f", only {', '.join(self.names)}"))
+            row[places[name]] = value
+        return row
+
+    def _begin(self, rows: np.ndarray, single: bool, out: Optional[np.ndarray], motions: Any, timeout: Optional[float],
+               cancel: "Optional[_deformd.Cancel]", options: Dict[str, Any]) -> "Tuple[_deformd.Run, Optional[np.ndarray]]":
+        batch = options.pop("batch", None)
+        warm = bool(options.get("warm_start", False))
+        if batch is None:
+            batch = max(1, _BATCH_BYTES // (24 * max(1, self._point_count)))
+            if len(rows) > 1:
+                batch = min(batch, self._client._max_designs)
+        target = None
+        if out is not None:
+            shape = (self._point_count, 3) if single else (len(rows), self._point_count, 3)
+            if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != np.float64 or not out.flags.c_contiguous:
+                raise InvalidArgument(f"out: expected an array of shape {shape}, float64 in C order")
+            target = out[None] if single else out
+        elif not single:
+            target = np.empty((len(rows), self._point_count, 3))
+        handles = [] if motions is None else [motions] if isinstance(motions, Mapping) else list(motions)
+        pairs = [[(str(handle), np.asarray(values, dtype=np.float64)) for handle, values in one.items()] for one in handles]
+        run = _deformd.deform(self._client._native, json.dumps(self._request(options)), rows, pairs, (int(batch), 1 if warm else _REQUESTS),
+                              target, self._client._limits(timeout, cancel))
+        return run, target
+
+    def _request(self, options: Dict[str, Any]) -> Dict[str, Any]:
+        """The fields of DeformRequest, but for the designs."""
+        request: Dict[str, Any] = {"system_id": self.id}
+        given = {name: value for name, value in options.items() if value is not None}
+        encoding = given.pop("encoding", None) or self._client.encoding
+        tolerance = given.pop("tolerance", None)
+        if tolerance is None and encoding in ("DRACO", "DELTA_ZSTD"):
+            tolerance = _WRITTEN_TOLERANCE * self.info.diagonal
+        request["output"] = {"encoding": encoding, "tolerance": float(tolerance or 0)}
+        splitting = given.pop("splitting", None)
+        if splitting is not None:
+            request["splitting"] = {"mode": splitting} if isinstance(splitting, str) else dict(splitting)
+        for name in ("check", "path", "solver_tolerance", "warm_start"):
+            if name in given:
+                request[name] = given.pop(name)
+        if given:
+            raise TypeError(f"unknown options: {', '.join(sorted(given))}")
+        return request
+
+    def __repr__(self) -> str:
+        return f"<System {self.id[:8]}: {self._point_count} points, variables {', '.join(self.names)}>"
+
+    def __reduce__(self) -> Any:
+        return _restore, (self._client, self.id)
+
+
+def _restore(client: "Client", id: str) -> System:
+    return client.system(id)
+
+
+def _tell(deformation: Union[Deformation, Population], bad: str) -> None:
+    """Raises or warns where something is bad."""
+    if isinstance(deformation, Deformation):
+        report = deformation.report
+        if report.error is not None and bad == "raise":
+            raise report.error
+        wrong = [("design", report)] if report.bad else []
+    else:
+        wrong = [(f"designs[{i}]", report) for i, report in enumerate(deformation.reports) if report.bad]
+    if not wrong:
+        return
+    first = next((report.error for _, report in wrong if report.error is not None), None)
+    told = [f"{name}: {'; '.join(report.reasons) or 'the verdict is bad'}" for name, report in wrong[:3]]
+    message = (f"{len(wrong)} bad designs: " if len(wrong) > 1 else "") + ". ".join(told) + (f", and {len(wrong) - 3} more" if len(wrong) > 3 else "")
+    if bad == "warn":
+        warnings.warn(message, BadDesignWarning, stacklevel=3)
+        return
+    raise BadDesign(message, deformation, wrong[0][0]) from first

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Optimizers of SciPy itself on deformed points."""
+
+import numpy as np
+import pytest
+from scipy.optimize import check_grad, differential_evolution, minimize
+
+import deformd
+from deformd.adapters import ScipyObjective, Unusable
+
+GOAL = np.array([0.02, -0.07])
+
+
+@pytest.fixture
+def distance(system):
+    """How far a design is from that of GOAL: the optimum is known."""
+    goal = system(GOAL)
+    return ScipyObjective(system, lambda points, report: 0.5 * np.sum((points - goal) ** 2), lambda points, report: points - goal)
+
+
+def test_the_gradient_is_that_of_the_objective(distance):
+    x = np.array([0.01, 0.02])
+    assert np.linalg.norm(distance.gradient(x)) > 1
+    assert check_grad(distance, distance.gradient, x, epsilon=1e-6) < 1e-4 * np.linalg.norm(distance.gradient(x))
+
+
+def test_minimize_with_gradients(distance):
+    found = minimize(distance, [0, 0], jac=distance.gradient, bounds=distance.bounds, options={"ftol": 1e-15, "gtol": 1e-10})
+    np.testing.assert_allclose(found.x, GOAL, atol=1e-6)
+    assert distance.evaluated <= found.nfev, "value and gradient of one design are one request"
+    by_differences = ScipyObjective(distance.system, distance.objective)
+    minimize(by_differences, [0, 0], bounds=by_differences.bounds)
+    assert distance.evaluated < by_differences.evaluated
+    with pytest.raises(deformd.InvalidArgument, match="gradient"):
+        by_differences.gradient(np.zeros(2))
+
+
+def test_differential_evolution_in_batches(distance):
+    arguments = dict(bounds=distance.bounds, seed=1, maxiter=15, popsize=6, updating="deferred", polish=False)
+    batches = differential_evolution(distance, vectorized=True, **arguments)
+    singles = differential_evolution(distance, **arguments)
+    np.testing.assert_allclose(batches.x, singles.x, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(batches.x, GOAL, atol=0.01)
+
+
+def test_designs_that_must_not_be_used_rank_last(squeezed):
+    far = ScipyObjective(squeezed, lambda points, report: -np.ptp(points[:, 0]), penalty=1e6)
+    values = far(np.array([[1, 6, 20]], dtype=float))
+    assert values[0] < 1e6 and list(values[1:]) == [1e6, 1e6]
+    assert far(np.array([6.0])) == 1e6 and (far.evaluated, far.unusable) == (4, 3)
+    steep = ScipyObjective(squeezed, lambda points, report: 0.0, lambda points, report: np.ones_like(points))
+    np.testing.assert_array_equal(steep.gradient(np.array([6.0])), [0])
+    assert steep.gradient(np.array([1.0])) != 0
+
+
+def test_more_than_half_unusable_stops_loudly(squeezed):
+    f = ScipyObjective(squeezed, lambda points, report: 0.0)
+    f(np.linspace(0, 1, 10)[None])
+    f(np.full((1, 10), 6.0))
+    with pytest.raises(Unusable, match="^11 of 21 designs cannot be used, the last one: "):
+        f(np.array([6.0]))

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Connections: errors, cancelling, servers that go away, threads and processes."""
+
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import deformd
+from conftest import Case
+from harness import LONG_SETUP
+
+
+@pytest.fixture
+def lonely(tmp_path):
+    """A server of its own, to be killed."""
+    made = Case(tmp_path)
+    yield made
+    made.server.stop()
+
+
+def test_errors_have_types_and_say_where(case, client):
+    cases = [
+        (deformd.NotFound, LookupError, lambda: client.geometry("0" * 64), "", None),
+        (deformd.NotFound, LookupError, lambda: client.register(case.folder / "none.obj"), "", None),
+        (deformd.InvalidArgument, ValueError, lambda: client.system("no id"), "", None),
+        (deformd.InvalidArgument, ValueError, lambda: client.prepare({"handles": [{"name": "a", "region": {"group": "roof"}}],
+                                                                           "variables": [{"name": "up", "translate": [0, 0, 1]}]}, case.mesh),
+         "variables[0].handle", 0),
+        (deformd.InvalidArgument, ValueError, lambda: deformd.Client("http://here"), "", None),
+        (deformd.InvalidArgument, ValueError, lambda: client.server_info(timeout=-1), "", None),
+    ]
+    for kind, builtin, call, field, index in cases:
+        with pytest.raises(kind) as raised:
+            call()
+        error = raised.value
+        assert isinstance(error, builtin) and isinstance(error, deformd.Error) and str(error)
+        assert (error.field, error.index) == (field, index)
+        assert pickle.loads(pickle.dumps(error)).args == error.args
+
+
+def test_the_line_of_a_setup_file_is_named(case, client):
+    path = case.folder / "wrong.yaml"
+    path.write_text("geometry: ahmed.obj\nhandels: []\n")
+    with pytest.raises(deformd.InvalidArgument, match=r"wrong\.yaml:2.*handels.*handles"):
+        client.prepare(path)
+    with pytest.raises(deformd.InvalidArgument, match="geometry: missing"):
+        client.prepare({"handles": []})
+
+
+def test_check_lists_all_that_is_wrong(case, client):
+    setup = {"handles": [{"name": "a", "region": {"group": "roff"}}, {"name": "", "region": {"group": "roof"}}]}
+    problems = client.check(setup, case.mesh).problems
+    assert len(problems) >= 2 and any("roff" in problem.message for problem in problems)
+    estimate = client.check(case.setup)
+    assert estimate.problems == () and estimate.fits and estimate.peak_bytes > 0
+
+
+def test_nobody_there():
+    start = time.monotonic()
+    with deformd.Client("127.0.0.1:1", connect_timeout=0.2, max_attempts=2) as client:
+        with pytest.raises(deformd.Unavailable, match="cannot reach deformd at 127.0.0.1:1") as raised:
+            client.server_info()
+    assert isinstance(raised.value, ConnectionError) and time.monotonic() - start < 20
+
+
+def test_the_address_comes_from_the_environment(case, monkeypatch):
+    monkeypatch.setenv("DEFORM_SERVER", case.server.address)
+    with deformd.Client() as client:
+        assert client.address == case.server.address and client.server_info().version == deformd.__version__
+    with pytest.raises(deformd.FailedPrecondition, match="closed"):
+        client.server_info()
+
+
+def long_setup(case):
+    case.command("sample", "-o", "long.obj", "--points", "30000")
+    (case.folder / "long.yaml").write_text(LONG_SETUP)
+    return case.folder / "long.yaml"
+
+
+def is_idle(client):
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline:
+        info = client.server_info()
+        if info.running + info.queue_length == 0:
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def test_control_c_cancels_here_and_on_the_server(lonely):
+    setup = long_setup(lonely)
+    with deformd.Client(lonely.server.address) as client:
+        stages = []
+
+        def interrupt(stage, fraction):
+            stages.append(stage)
+            if len(stages) == 1:
+                os.kill(os.getpid(), signal.SIGINT)
+
+        with pytest.raises(KeyboardInterrupt):
+            client.prepare(setup, progress=interrupt)
+        assert stages and is_idle(client)
+
+
+def test_cancel_timeout_and_callbacks_that_raise(lonely):
+    setup = long_setup(lonely)
+    with deformd.Client(lonely.server.address) as client:
+        geometry = client.register(lonely.folder / "long.obj")
+        flag = deformd.Cancel()
+        threading.Timer(0.3, flag.cancel).start()
+        with pytest.raises(deformd.Cancelled):
+            client.prepare(setup, geometry, cancel=flag)
+        with pytest.raises(deformd.DeadlineExceeded) as raised:
+            client.prepare(setup, geometry, timeout=0.2)
+        assert isinstance(raised.value, TimeoutError)
+
+        def fail(stage, fraction):
+            raise RuntimeError("no more")
+
+        with pytest.raises(RuntimeError, match="no more"):
+            client.prepare(setup, geometry, progress=fail)
+        assert is_idle(client)
+
+
+def test_a_server_that_comes_back_is_found_again(lonely):
+    with deformd.Client(lonely.server.address, max_attempts=8, connect_timeout=0.5) as client:
+        system = client.prepare(lonely.setup)
+        before = system([0.03, 0])
+        lonely.server.kill()
+        threading.Timer(0.5, lonely.server.start).start()
+        np.testing.assert_array_equal(system([0.03, 0]), before)
+
+
+def test_a_population_survives_a_killed_server(lonely):
+    with deformd.Client(lonely.server.address, max_attempts=8, connect_timeout=0.5) as client:
+        system = client.prepare(lonely.setup)
+        designs = np.random.default_rng(5).uniform(-0.05, 0.05, (400, 2))
+        expected = system(designs[:1])[0]
+        seen = []
+        killed = False
+        for i, y, report in system.stream(designs, batch=4):
+            assert report.error is None
+            if i == 0:
+                np.testing.assert_allclose(y, expected, rtol=0, atol=1e-13)
+            seen.append(i)
+            if len(seen) == 20 and not killed:
+                killed = True
+                lonely.server.kill()
+                lonely.server.start()
+        assert sorted(seen) == list(range(400)), "each once"
+
+
+def test_many_threads_share_a_client(system, population):
+    expected = [system(x) for x in population]
+    wrong = []
+
+    def work(i):
+        for _ in range(5):
+            if not np.array_equal(system(population[i]), expected[i]):
+                wrong.append(i)
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(9)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+def evaluate(system):
+    return system([0.03, 0])
+
+
+def test_systems_go_to_other_processes(system):
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        np.testing.assert_array_equal(pool.apply(evaluate, (system,)), system([0.03, 0]))
+    copy = pickle.loads(pickle.dumps(system))
+    assert copy.id == system.id and copy._client is not system._client
+
+
+def test_a_forked_client_is_refused(client):
+    child = os.fork()
+    if child == 0:
+        try:
+            client.server_info()
+            code = 1
+        except deformd.FailedPrecondition:
+            code = 0
+        except BaseException:
+            code = 2
+        os._exit(code)
+    assert os.waitpid(child, 0)[1] == 0
+
+
+def test_release_and_delete(case, client):
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1.0]])
+    geometry = client.register((points, [[0, 1, 2], [0, 2, 3], [0, 4, 5], [0, 5, 1]]))
+    setup = {"method": {"rbf": {"kernel": "BIHARMONIC"}}, "handles": [{"name": "a", "region": {"ids": np.array([4, 5])}}],
+             "fixed": [{"ids": [0, 1, 2]}], "variables": [{"name": "up", "handle": "a", "translate": [0, 0, 1]}]}
+    system = client.prepare(setup, geometry)
+    assert client.prepare(system.info.setup, geometry).id == system.id
+    assert client.prepare(setup, geometry.id).id == system.id
+    assert system.id in {one.id for one in client.systems()} and geometry.id in {one.id for one in client.geometries()}
+    with pytest.raises(deformd.FailedPrecondition):
+        geometry.delete()
+    system.release()
+    assert not client.system(system.id).info.resident
+    system.release(forget=True)
+    with pytest.raises(deformd.NotFound):
+        client.system(system.id)
+    geometry.delete()
+    with pytest.raises(deformd.NotFound):
+        client.geometry(geometry.id)

@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""pymoo itself on deformed points; run by install.sh, since Debian has no package of it."""
+
+import numpy as np
+from pymoo.algorithms.moo.nsga2 import NSGA2
+from pymoo.algorithms.soo.nonconvex.de import DE
+from pymoo.optimize import minimize
+
+from deformd.adapters import pymoo_problem
+
+
+def test_one_objective(system):
+    goal = system([0.02, -0.07])
+    problem = pymoo_problem(system, lambda points, report: np.sum((points - goal) ** 2))
+    found = minimize(problem, DE(pop_size=20), ("n_gen", 25), seed=1)
+    np.testing.assert_allclose(found.X, [0.02, -0.07], atol=0.01)
+
+
+def test_two_objectives(system):
+    rest = system.geometry.points
+    problem = pymoo_problem(system, lambda points, report: [points[:, 2].mean(), np.abs(points - rest).max()], 2)
+    front = minimize(problem, NSGA2(pop_size=20), ("n_gen", 10), seed=1).F
+    assert len(front) > 5 and np.all(np.diff(front[front[:, 0].argsort()][:, 1]) <= 0), "less of one is more of the other"
+
+
+def test_bad_designs_are_infeasible(squeezed):
+    """Pushing as far as possible would be best, were the cells not inverted."""
+    problem = pymoo_problem(squeezed, lambda points, report: points[:, 0].max())
+    found = minimize(problem, DE(pop_size=20), ("n_gen", 20), seed=1)
+    assert found.X[0] < 4 and not squeezed.deform(found.X).report.bad
+    values = problem.evaluate(np.array([[1.0], [6.0]]), return_as_dictionary=True)
+    assert values["G"][:, 0].tolist() == [-1, 1] and values["F"][1, 0] == 1e30
