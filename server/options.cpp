@@ -103,11 +103,27 @@ void add_network_options(std::vector<Option>& all) {
                  [](Configuration& c, const std::string& text) { c.server.address = text; },
                  [](const Configuration& c) { return c.server.address; }});
   all.push_back(
-      {"insecure", "", "listen beyond this machine without encryption",
+      {"insecure", "", "listen beyond this machine without encryption: others can read, change and call everything",
        [](Configuration& c, const std::string& text) {
          c.server.security = parse_switch(text) ? TransportSecurity::insecure : TransportSecurity::loopback_only;
        },
        [](const Configuration& c) { return std::string(c.server.security == TransportSecurity::insecure ? "true" : "false"); }});
+  all.push_back(path(
+      "tls-cert", "certificate of the server, PEM, with those between it and its authority; turns TLS on. Reread when it changes",
+      [](Configuration & c) -> auto& { return c.server.tls.certificate; }));
+  all.push_back(path(
+      "tls-key", "its private key, PEM without a passphrase", [](Configuration & c) -> auto& { return c.server.tls.key; }));
+  all.push_back(path(
+      "tls-client-ca", "authorities, PEM: every client must show a certificate of one of them",
+      [](Configuration & c) -> auto& { return c.server.tls.client_ca; }));
+  all.push_back(path(
+      "identities", "who may call: lines \"NAME reader|user|operator sha256:HASH\" of tokens or \"... certificate:NAME\"; reread",
+      [](Configuration & c) -> auto& { return c.server.service.identities; }));
+  all.push_back({"reflection", "on|off", "whether clients may ask for the contract (gRPC server reflection)",
+                 [](Configuration& c, const std::string& text) {
+                   c.server.reflection = parse_switch(text) ? Reflection::on : Reflection::off;
+                 },
+                 [](const Configuration& c) { return std::string(c.server.reflection == Reflection::on ? "on" : "off"); }});
   all.push_back(path(
       "port-file", "write the port that is listened on to this file", [](Configuration & c) -> auto& { return c.port_file; }));
   all.push_back(whole_seconds(
@@ -119,6 +135,18 @@ void add_network_options(std::vector<Option>& all) {
   all.push_back(number(
       "max-calls-per-connection", "calls open at once on one connection",
       [](Configuration & c) -> auto& { return c.server.max_calls_per_connection; }));
+  all.push_back(number(
+      "max-connections", "connections open at once; 0: what open files allow, at most 4096. More are closed at once",
+      [](Configuration & c) -> auto& { return c.server.max_connections; }));
+  all.push_back(whole_seconds(
+      "connection-idle", "a connection without a call for so long is closed; 0: never",
+      [](Configuration & c) -> auto& { return c.server.connection_idle; }));
+  all.push_back(whole_seconds(
+      "connection-age", "a connection so old takes no new calls, so that its client connects again; 0: never",
+      [](Configuration & c) -> auto& { return c.server.connection_age; }));
+  all.push_back(whole_seconds(
+      "connection-age-grace", "and is cut off after so long; 0: never",
+      [](Configuration & c) -> auto& { return c.server.connection_age_grace; }));
 }
 
 void add_engine_options(std::vector<Option>& all) {
@@ -165,6 +193,9 @@ void add_service_options(std::vector<Option>& all) {
   all.push_back(bytes(
       "max-buffered-bytes", "requests of one DeformStream held in memory before it stops reading",
       [](Configuration & c) -> auto& { return c.server.service.stream.buffered_bytes; }));
+  all.push_back({"max-deadline", "SECONDS", "a call, or a request of a DeformStream, that takes longer is ended; 0: never",
+                 [](Configuration& c, const std::string& text) { c.server.service.max_deadline = parse_seconds(text); },
+                 [](const Configuration& c) { return to_seconds(c.server.service.max_deadline); }});
   all.push_back(number(
       "call-threads", "threads for calls that wait for the disk",
       [](Configuration & c) -> auto& { return c.server.service.call_threads; }));
@@ -183,6 +214,12 @@ void add_process_options(std::vector<Option>& all) {
                    const auto name = spdlog::level::to_string_view(c.log.level);
                    return std::string(name.data(), name.size());
                  }});
+  all.push_back({"log-format", "text|json", "one line per record; json: an object with the fields of a call",
+                 [](Configuration& c, const std::string& text) {
+                   if (text != "text" && text != "json") throw bad("\"" + text + "\" is neither text nor json");
+                   c.log.format = text == "json" ? LogFormat::json : LogFormat::text;
+                 },
+                 [](const Configuration& c) { return std::string(c.log.format == LogFormat::json ? "json" : "text"); }});
   all.push_back(path(
       "log-file", "append the log to this file instead of standard error",
       [](Configuration & c) -> auto& { return c.log.file; }));

@@ -41,7 +41,7 @@ class WarmStarts;
 struct CallContext {
   CancelFlag cancel;
   std::optional<RunContext::Clock::time_point> deadline;
-  std::string client;                                 ///< peer, for the log
+  std::string client;                                 ///< who asks: the requests of one client take turns with those of others
   std::shared_ptr<WarmStarts> warm_starts = nullptr;  ///< of a stream
 };
 
@@ -138,6 +138,8 @@ class Engine {
                                std::function<void(Outcome<v1::VectorJacobianReply>)> on_done) = 0;
 
   virtual v1::ServerInfo info() = 0;
+  /// Lets go of about so many bytes that only wait for their next use, and gives what is free back to the system.
+  virtual void give_back_idle_memory(std::size_t /*bytes*/) {}
   /// Whether geometries and setups can be added now; asked every second.
   virtual v1::StoreInfo store() {
     v1::StoreInfo info;

@@ -10,13 +10,16 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <charconv>
 #include <condition_variable>
+#include <limits>
 #include <mutex>
 #include <thread>
 #include <utility>
+#include <vector>
 
 #include "core/base/text.h"
+#include "server/engine/memory.h"
+#include "server/rpc/listener.h"
 
 namespace deform::server {
 
@@ -25,38 +28,49 @@ namespace {
 constexpr char service_name[] = "deform.v1.DeformService";
 /// Can geometries and setups be added? Without room on its disk the server still serves what it has.
 constexpr char write_service_name[] = "deform.v1.DeformService/write";
-constexpr std::chrono::seconds watch_interval{1};
+constexpr std::chrono::milliseconds memory_interval{100};
+constexpr int watch_turns = 10;  ///< every so many of these the store and the identities are looked at
+constexpr double full_memory = 0.9;
 /// For the last messages to leave.
 constexpr std::chrono::milliseconds last_words{250};
+/// For a connection to speak HTTP/2 (and TLS).
+constexpr std::chrono::seconds handshake_time{20};
 
-struct HostPort {
-  std::string host;
-  int port = -1;  ///< -1: no number in 0..65535
-};
-
-HostPort split(const std::string& address) {
-  HostPort out;
-  const std::size_t colon = address.rfind(':');
-  if (colon == std::string::npos) return {address, -1};
-  out.host = address.substr(0, colon);
-  if (out.host.size() >= 2 && out.host.front() == '[' && out.host.back() == ']') {
-    out.host = out.host.substr(1, out.host.size() - 2);
-  }
-  const char* first = address.data() + colon + 1;
-  const char* last = address.data() + address.size();
-  int port = 0;
-  const auto [end, failure] = std::from_chars(first, last, port);
-  if (failure == std::errc() && end == last && first != last && port >= 0 && port <= 65535) out.port = port;
-  return out;
+/// As gRPC wants a time; 0 means that it never comes.
+int milliseconds_or_never(std::chrono::seconds time) {
+  return time.count() == 0 ? std::numeric_limits<int>::max() : static_cast<int>(time.count() * 1000);
 }
 
-bool is_unix(const std::string& address) { return address.starts_with("unix:") || address.starts_with("unix-abstract:"); }
+/// Takes reflection, which every server of the process gets, from one of them.
+class WithoutReflection final : public grpc::ServerBuilderOption {
+  void UpdateArguments(grpc::ChannelArguments*) override {}
+  void UpdatePlugins(std::vector<std::unique_ptr<grpc::ServerBuilderPlugin>>* plugins) override {
+    std::erase_if(*plugins, [](const auto& plugin) {
+      return dynamic_cast<const grpc::reflection::ProtoServerReflectionPlugin*>(plugin.get()) != nullptr;
+    });
+  }
+};
 
-/// TLS will be another value of TransportSecurity and another branch here.
-std::shared_ptr<grpc::ServerCredentials> credentials(const ServerOptions&) { return grpc::InsecureServerCredentials(); }
+/// What an address beyond this machine lets everybody do.
+void warn_of_exposure(const ServerOptions& options) {
+  if (!beyond_loopback(options.address)) return;
+  if (!options.tls.on()) {
+    spdlog::warn(
+        "insecure: {} is plain text beyond this machine. Nothing is encrypted, the server proves no identity and asks nobody for "
+        "one: "
+        "whoever reaches it or the way to it can read and change what travels, use every call and delete every geometry. "
+        "--tls-cert and --tls-key encrypt; --tls-client-ca or --identities ask who calls",
+        options.address);
+  } else if (options.tls.client_ca.empty() && options.service.identities.empty()) {
+    spdlog::warn(
+        "{} is encrypted, but nobody is asked who calls: whoever reaches it can use every call. --tls-client-ca or "
+        "--identities ask",
+        options.address);
+  }
+}
 
 /// What the libraries keep per process, before the first builder: reflection, health, and protobuf's complaints about what
-/// clients send, which are answered by a status and would only fill the log.
+/// clients send, which are answered by a status and would only fill the log. What may show a token is not logged.
 void set_up_libraries() {
   static std::once_flag once;
   std::call_once(once, [] {
@@ -64,7 +78,8 @@ void set_up_libraries() {
     google::protobuf::SetLogHandler(nullptr);
     gpr_set_log_function([](gpr_log_func_args* entry) {
       const auto level = entry->severity == GPR_LOG_SEVERITY_ERROR ? spdlog::level::warn : spdlog::level::debug;
-      spdlog::log(level, "grpc: {}", escaped(entry->message, 500));
+      const bool secret = lower_case(entry->message).find("authorization") != std::string::npos;
+      spdlog::log(level, "grpc: {}", secret ? "(a message about authorization)" : escaped(entry->message, 500));
     });
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
@@ -76,29 +91,35 @@ class GrpcServer final : public RunningServer {
   GrpcServer(const ServerOptions& options, std::unique_ptr<Engine> engine)
       : engine_(std::move(engine)), service_(*engine_, options.service), address_(options.address) {
     set_up_libraries();
+    credentials_ = options.tls.on() ? tls_credentials(options.tls) : grpc::InsecureServerCredentials();
+    warn_of_exposure(options);
     grpc::ServerBuilder builder;
     configure(builder, options);
-    if (!options.address.empty()) builder.AddListeningPort(options.address, credentials(options), &port_);
+    if (!options.address.empty()) {
+      const std::size_t limit = connection_limit(options.max_connections);
+      listener_ = std::make_unique<Listener>(Listener::Options{options.address, limit, options.keep_alive_timeout});
+      acceptor_ = builder.experimental().AddExternalConnectionAcceptor(
+          grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD, credentials_);
+      spdlog::info("connections: at most {}", limit);
+    }
     builder.RegisterService(&service_.grpc_service());
     server_ = builder.BuildAndStart();
-    const bool bound = options.address.empty() || is_unix(options.address) || port_ > 0;
-    if (!server_ || !bound) {
-      throw Error(ErrorCode::unavailable,
-                  "cannot listen on " + options.address + ": is the address taken or not of this machine?");
-    }
-    if (!options.address.empty() && !is_unix(options.address)) {
-      address_ = options.address.substr(0, options.address.rfind(':') + 1) + std::to_string(port_);
-    }
+    if (!server_) throw Error(ErrorCode::internal, "gRPC does not start a server");
+    if (listener_) listener_->start([this](int fd) { hand_over(fd); });
+    if (port() > 0) address_ = options.address.substr(0, options.address.rfind(':') + 1) + std::to_string(port());
     // Asked once: what the watcher compares with must be what the health service was told.
     const bool writable = engine_->store().writable();
     set_serving(true, writable);
-    watch_ = std::thread([this, writable] { watch_store(writable); });
+    const std::uint64_t budget = engine_->info().memory_budget();
+    engine_budgeted_ = budget != 0;
+    memory_limit_ = resident_set_bytes() + static_cast<std::size_t>(full_memory * static_cast<double>(budget));
+    watch_ = std::thread([this, writable] { watch(writable); });
   }
 
   ~GrpcServer() override { stop(std::chrono::milliseconds(0)); }
 
   std::string address() const override { return address_; }
-  int port() const override { return port_; }
+  int port() const override { return listener_ ? listener_->port() : 0; }
   Engine& engine() override { return *engine_; }
   std::shared_ptr<grpc::Channel> in_process_channel() override { return server_->InProcessChannel(grpc::ChannelArguments()); }
 
@@ -116,6 +137,7 @@ class GrpcServer final : public RunningServer {
     service_.drain();
     clean_ = engine_->drain(grace);
     clean_ = service_.wait_for_none(deadline) && clean_;
+    if (listener_) listener_->stop();
     // Calls that still run are cancelled; each then finishes by itself. Not given the rest of the grace: gRPC would wait for idle
     // connections, too.
     server_->Shutdown(std::chrono::system_clock::now() + last_words);
@@ -126,15 +148,26 @@ class GrpcServer final : public RunningServer {
 
  private:
   static void configure(grpc::ServerBuilder& builder, const ServerOptions& options) {
+    if (options.reflection == Reflection::off) builder.SetOption(std::make_unique<WithoutReflection>());
     builder.SetDefaultCompressionAlgorithm(GRPC_COMPRESS_NONE);  // blocks are compressed already
     // The receive limit stays at gRPC's 4 MiB: the contract allows 1 MiB.
-    builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);  // or two servers could share a port unnoticed
     builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, options.max_calls_per_connection);
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, static_cast<int>(options.keep_alive.count() * 1000));
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, static_cast<int>(options.keep_alive_timeout.count() * 1000));
+    builder.AddChannelArgument(GRPC_ARG_SERVER_HANDSHAKE_TIMEOUT_MS, milliseconds_or_never(handshake_time));
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_IDLE_MS, milliseconds_or_never(options.connection_idle));
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_MS, milliseconds_or_never(options.connection_age));
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_GRACE_MS, milliseconds_or_never(options.connection_age_grace));
     // Clients may watch their connection at the same rate without being taken for an attack.
     builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, 10'000);
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
+  }
+
+  /// A new connection to gRPC, which closes it.
+  void hand_over(int fd) {
+    grpc::experimental::ExternalConnectionAcceptor::NewConnectionParameters connection;
+    connection.fd = fd;
+    acceptor_->HandleNewConnection(&connection);
   }
 
   void set_serving(bool serving, bool writable) {
@@ -145,9 +178,34 @@ class GrpcServer final : public RunningServer {
     health->SetServingStatus(write_service_name, serving && writable);
   }
 
-  void watch_store(bool writable) {
+  /// What the process occupies beyond what it did at its start counts against the budget, whatever was charged.
+  void watch_memory() {
+    std::size_t resident = resident_set_bytes();
+    if (resident > memory_limit_) {
+      engine_->give_back_idle_memory(resident - memory_limit_);
+      resident = resident_set_bytes();
+    }
+    const bool full = resident > memory_limit_;
+    if (full == memory_full_) return;
+    memory_full_ = full;
+    service_.set_memory_full(full);
+    if (full) {
+      spdlog::error("memory: the process occupies {} bytes, the limit is {}: calls that compute or add are refused", resident,
+                    memory_limit_);
+    } else {
+      spdlog::info("memory: the process occupies {} bytes, calls are taken again", resident);
+    }
+  }
+
+  /// The memory of the process, the store and the file of identities.
+  void watch(bool writable) {
     std::unique_lock lock(watch_mutex_);
-    while (!stopping_changed_.wait_for(lock, watch_interval, [this] { return stopping_; })) {
+    int turn = 0;
+    while (!stopping_changed_.wait_for(lock, memory_interval, [this] { return stopping_; })) {
+      if (engine_budgeted_) watch_memory();
+      turn = (turn + 1) % watch_turns;
+      if (turn != 0) continue;
+      service_.refresh_identities();
       const v1::StoreInfo store = engine_->store();
       if (store.writable() == writable) continue;
       writable = store.writable();
@@ -163,9 +221,14 @@ class GrpcServer final : public RunningServer {
   // In this order: calls use the service, the service uses the engine.
   std::unique_ptr<Engine> engine_;
   DeformService service_;
+  std::shared_ptr<grpc::ServerCredentials> credentials_;
   std::unique_ptr<grpc::Server> server_;
-  int port_ = 0;
+  std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> acceptor_;
+  std::unique_ptr<Listener> listener_;
   std::string address_;
+  bool engine_budgeted_ = false;
+  std::size_t memory_limit_ = 0;  ///< resident bytes
+  bool memory_full_ = false;      ///< of the thread that watches
   std::thread watch_;
   std::mutex watch_mutex_;
   std::condition_variable stopping_changed_;
@@ -178,28 +241,21 @@ class GrpcServer final : public RunningServer {
 
 }  // namespace
 
-bool beyond_loopback(const std::string& address) {
-  if (address.empty() || is_unix(address)) return false;
-  const std::string host = split(address).host;
-  if (host == "localhost" || host == "::1") return false;
-  // Only a dotted number is known to stay here: "127.example.org" may be anywhere.
-  const bool dotted =
-      std::count(host.begin(), host.end(), '.') == 3 && host.find_first_not_of("0123456789.") == std::string::npos;
-  return !(dotted && host.starts_with("127."));
-}
-
 void ServerOptions::validate() const {
-  if (!address.empty() && !is_unix(address)) {
-    const HostPort parts = split(address);
-    if (parts.host.empty() || parts.port < 0) {
+  if (!address.empty()) check_address(address);
+  tls.validate();
+  if (!tls.on() && beyond_loopback(address)) {
+    if (!service.identities.empty()) {
       throw Error(ErrorCode::invalid_argument,
-                  "option address: \"" + address + "\" is not HOST:PORT, [IPV6]:PORT or unix:PATH with a port of 0 to 65535");
+                  "option identities: on " + address +
+                      " tokens would travel in plain text; encrypt (--tls-cert, --tls-key) or listen "
+                      "on 127.0.0.1");
     }
-  }
-  if (security == TransportSecurity::loopback_only && beyond_loopback(address)) {
-    throw Error(ErrorCode::invalid_argument, "option address: " + address +
-                                                 " lets other machines connect without encryption; listen on 127.0.0.1 or say "
-                                                 "that this is wanted (--insecure)");
+    if (security == TransportSecurity::loopback_only) {
+      throw Error(ErrorCode::invalid_argument, "option address: " + address +
+                                                   " lets other machines connect without encryption; encrypt (--tls-cert, "
+                                                   "--tls-key), listen on 127.0.0.1 or say that this is wanted (--insecure)");
+    }
   }
   if (max_calls_per_connection < 1) throw Error(ErrorCode::invalid_argument, "option max_calls_per_connection: at least 1");
   if (keep_alive.count() < 1 || keep_alive_timeout.count() < 1) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <deque>
@@ -15,8 +16,9 @@ namespace deform::server {
 
 /// Limits of one DeformStream.
 struct StreamLimits {
-  std::size_t open_requests = 4096;   ///< more are refused
-  std::size_t running_requests = 16;  ///< in the engine at once; the others wait here, in order of their last message
+  std::size_t open_requests = 4096;           ///< more are refused
+  std::size_t running_requests = 16;          ///< in the engine at once; the others wait here, in order of their last message
+  std::chrono::milliseconds max_deadline{0};  ///< of a request, from its first message on; 0: none
   std::size_t buffered_bytes = std::size_t{64} << 20;  ///< of requests being received, waiting or running: reading pauses
 };
 
@@ -51,7 +53,9 @@ class StreamRequests {
     std::shared_ptr<DeformJob> cancelled;  ///< call cancel() on it
   };
 
-  StreamRequests(const StreamLimits& limits, CallContext call) : limits_(limits), call_(std::move(call)) {}
+  /// `stream` says who calls; each request's record says so, too.
+  StreamRequests(const StreamLimits& limits, CallContext call, const CallRecord& stream = {})
+      : limits_(limits), call_(std::move(call)), client_(stream.client), identity_(stream.identity) {}
 
   /// One message of `bytes` bytes. Throws Error(out_of_budget) when the client floods the stream with broken requests: ends it.
   Effect accept(v1::DeformStreamRequest&& message, std::size_t bytes);
@@ -80,6 +84,7 @@ class StreamRequests {
 
   const StreamLimits limits_;
   const CallContext call_;
+  const std::string client_, identity_;
   std::unordered_map<std::uint64_t, RequestPtr> open_;
   std::deque<RequestPtr> waiting_;
   std::size_t running_ = 0;

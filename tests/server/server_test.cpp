@@ -214,6 +214,49 @@ TEST(Server, RoomThatComesWhileTheServerStartsIsTold) {
   EXPECT_TRUE(eventually([&] { return health_of(channel, "deform.v1.DeformService/write") == 1; }));
 }
 
+/// Budgeted so small that what the test itself allocates is too much.
+class EngineWithABudget : public support::FakeEngine {
+ public:
+  v1::ServerInfo info() override {
+    v1::ServerInfo info;
+    info.set_memory_budget(std::size_t{100} << 20);
+    return info;
+  }
+  void give_back_idle_memory(std::size_t bytes) override { asked_back = bytes; }
+  std::atomic<std::size_t> asked_back{0};
+};
+
+TEST(Server, AFullProcessRefusesWhatComputesAndServesTheRest) {
+  auto owned = std::make_unique<EngineWithABudget>();
+  EngineWithABudget& engine = *owned;
+  const auto server = start_server(at(""), std::move(owned));
+  const auto stub = v1::DeformService::NewStub(server->in_process_channel());
+  const auto estimate = [&](std::string* hint = nullptr) {
+    grpc::ClientContext context;
+    v1::EstimateReply reply;
+    const auto code = stub->Estimate(&context, {}, &reply).error_code();
+    const auto& trailing = context.GetServerTrailingMetadata();
+    if (const auto found = trailing.find("retry-after-ms"); hint != nullptr && found != trailing.end())
+      hint->assign(found->second.data(), found->second.size());
+    return code;
+  };
+  const auto info = [&] {
+    grpc::ClientContext context;
+    v1::ServerInfo reply;
+    return stub->GetServerInfo(&context, {}, &reply).error_code();
+  };
+  EXPECT_EQ(estimate(), StatusCode::OK);
+  auto ballast = std::make_unique<std::vector<char>>(std::size_t{128} << 20, 'x');
+  EXPECT_TRUE(eventually([&] { return estimate() == StatusCode::RESOURCE_EXHAUSTED; }));
+  std::string hint;
+  estimate(&hint);
+  EXPECT_EQ(hint, "1000");
+  EXPECT_EQ(info(), StatusCode::OK);
+  EXPECT_GT(engine.asked_back, 0u) << "idle memory first";
+  ballast.reset();
+  EXPECT_TRUE(eventually([&] { return estimate() == StatusCode::OK; }));
+}
+
 TEST(Server, TwoServersDoNotShareAPort) {
   const auto first = start_server(at("127.0.0.1:0"), std::make_unique<support::FakeEngine>());
   EXPECT_GT(first->port(), 0);
@@ -235,6 +278,34 @@ TEST(Server, ListensOnAUnixSocket) {
   grpc::ClientContext context;
   v1::ServerInfo info;
   EXPECT_TRUE(stub->GetServerInfo(&context, {}, &info).ok());
+  const auto mode = std::filesystem::status(folder.path() / "socket").permissions();
+  EXPECT_EQ(static_cast<unsigned>(mode), 0660u) << "its owner and its group may connect";
+}
+
+TEST(Server, ReflectionIsOnUnlessItIsTurnedOff) {
+  for (const Reflection wanted : {Reflection::on, Reflection::off}) {
+    ServerOptions options = at("");
+    options.reflection = wanted;
+    const auto server = start_server(options, std::make_unique<support::FakeEngine>());
+    grpc::GenericStub generic(server->in_process_channel());
+    grpc::ClientContext context;
+    grpc::CompletionQueue queue;
+    const auto wait = [&queue] {
+      void* tag = nullptr;
+      bool ok = false;
+      queue.Next(&tag, &ok);
+    };
+    const auto stream = generic.PrepareCall(&context, "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", &queue);
+    stream->StartCall(nullptr);
+    wait();
+    stream->WritesDone(nullptr);
+    wait();
+    grpc::Status status;
+    stream->Finish(&status, nullptr);
+    wait();
+    EXPECT_EQ(status.error_code(), wanted == Reflection::on ? StatusCode::OK : StatusCode::UNIMPLEMENTED);
+    EXPECT_EQ(health_of(server->in_process_channel(), ""), 1);
+  }
 }
 
 TEST(Server, BadOptionsAreRefusedBeforeAnythingStarts) {
