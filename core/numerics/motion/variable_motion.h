@@ -4,6 +4,7 @@
 #include <variant>
 
 #include "core/base/types.h"
+#include "core/compiled/motion.h"
 
 namespace deform {
 
@@ -24,6 +25,9 @@ struct Scaling {
 
 /// How a design variable v moves; 0 is the rest position.
 using VariableMotion = std::variant<Translation, Rotation, Scaling>;
+
+/// The same as compiled deformations have it, whose maps these are.
+compiled::VariableMotion compiled_motion(const VariableMotion& motion);
 
 /// The map of positions at v; the identity exactly at 0.
 Affine motion_at(const VariableMotion& motion, double v);
