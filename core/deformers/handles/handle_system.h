@@ -34,6 +34,7 @@ class HandleSystem : public System {
 
  protected:
   friend class HandleEvaluation;
+  friend class CompiledForm;
 
   /// How long a unit of the solution's coordinates is.
   enum class Unit { longest_edge, diagonal };
