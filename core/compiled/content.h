@@ -58,6 +58,8 @@ struct Basis {
   std::vector<double> errors;       ///< exact - stored value, estimated, at some points: points x fields, row by row
   std::vector<double>
       values;  ///< tile by tile, in a tile field by field, of a field the 16 points; behind the last of no meaning
+  /// To write the values in less memory: see coded_fields.h. Readers put the values in their place.
+  std::vector<std::byte> codes;
 };
 
 /// All that a compiled deformation holds.
@@ -99,6 +101,8 @@ struct Content {
 
 /// How many points follow.
 std::size_t following_points(const Content& content);
+/// Where they are at rest, unit coordinates.
+std::vector<Vec3> following_places(const Content& content);
 /// Values of a basis of so many points and fields.
 constexpr std::size_t basis_values(std::size_t following, std::size_t fields) {
   return (following + tile_points - 1) / tile_points * tile_points * fields;

@@ -49,6 +49,7 @@ enum class Kind : std::uint32_t {
   compression = record_kind("COMP"),
   error = record_kind("ERRO"),
   field = record_kind("FLDS"),
+  code = record_kind("CODE"),
   end = record_kind("ENDS"),  ///< checksum of the headers of all records before it
 };
 
@@ -79,8 +80,9 @@ struct Head {
   std::array<Vec3, 3> plane_axes{};
   std::array<double, most_planes> reach{};
   std::array<std::uint8_t, 32> geometry_id{}, system_id{};
+  std::uint64_t code_bytes[most_bases] = {};  ///< of bases that are coded, else 0
 };
-static_assert(sizeof(Head) == 24 + 6 * 8 + 32 + 6 * 8 + 24 + 72 + 24 + 64);
+static_assert(sizeof(Head) == 24 + 6 * 8 + 32 + 6 * 8 + 24 + 72 + 24 + 64 + 64);
 
 struct HandleNumbers {
   std::uint64_t points = 0;

@@ -13,6 +13,7 @@
 #include "core/base/error.h"
 #include "core/base/vectors.h"
 #include "core/compiled/checksum.h"
+#include "core/compiled/coded_fields.h"
 #include "core/compiled/layout.h"
 
 namespace deform::compiled {
@@ -87,6 +88,7 @@ class Parser {
   void check_handles() const;
   void check_variables() const;
   void check_points() const;
+  void decode_bases();
   std::string name_after(std::size_t numbers) const;
 
   ByteSource& source_;
@@ -141,7 +143,9 @@ void Parser::check_size() const {
   for (std::uint32_t b = 0; b < head_.bases; ++b) {
     need(fields, 3 * sizeof(double), "fields");
     need(head_.error_points, fields * sizeof(double), "points with errors");
-    need((head_.following + tile_points - 1) / tile_points, tile_points * fields * sizeof(double), "tiles");
+    const std::uint64_t codes = head_.code_bytes[b];
+    need(codes, 1, "bytes of codes");
+    if (codes == 0) need((head_.following + tile_points - 1) / tile_points, tile_points * fields * sizeof(double), "tiles");
   }
 }
 
@@ -216,7 +220,9 @@ void Parser::allocate() {
     add(Kind::more, basis.more, fields);
     add(Kind::compression, basis.compression, fields);
     add(Kind::error, basis.errors, head_.error_points * fields);
-    add(Kind::field, basis.values, basis_values(head_.following, fields));
+    basis.codes.resize(head_.code_bytes[b]);
+    add_array(Kind::code, b, basis.codes.data(), 1, basis.codes.size());
+    add(Kind::field, basis.values, basis.codes.empty() ? basis_values(head_.following, fields) : 0);
   }
 }
 
@@ -367,6 +373,16 @@ void Parser::check_points() const {
   }
 }
 
+void Parser::decode_bases() {
+  std::vector<Vec3> places;
+  for (Basis& basis : content_.bases) {
+    if (basis.codes.empty()) continue;
+    if (places.empty()) places = following_places(content_);
+    basis.values = decoded_fields(basis.codes, places, content_.fields());
+    std::vector<std::byte>().swap(basis.codes);
+  }
+}
+
 Content Parser::parse() {
   read_preamble();
   while (read_record()) {
@@ -380,6 +396,7 @@ Content Parser::parse() {
   check_handles();
   check_variables();
   check_points();
+  decode_bases();
   return std::move(content_);
 }
 

@@ -21,8 +21,9 @@ class ByteSource {
 };
 
 /// Reads and checks everything: checksums, counts, order and completeness of the records, finite numbers, handles and ids in
-/// range. Nothing is allocated that is larger than the file. Throws Error(data_loss) naming record, entry and limit for bytes
-/// that are no compiled deformation or are damaged, Error(failed_precondition) for a layout of another version.
+/// range. What is allocated has no more bytes than the file, or 128 times as many for bases in codes. Throws Error(data_loss)
+/// naming record, entry and limit for bytes that are no compiled deformation or are damaged, Error(failed_precondition) for a
+/// layout of another version.
 Content read_content(ByteSource& source);
 /// The same of bytes in memory.
 Content read_content(std::span<const std::byte> bytes);

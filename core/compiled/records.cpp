@@ -53,7 +53,10 @@ Head head_of(const Content& content) {
   head.pairs = content.coincident.size();
   head.error_points = content.bases.empty() ? 0 : content.bases[0].errors.size() / content.fields();
   head.setup_bytes = content.setup.size();
-  for (std::size_t b = 0; b < content.bases.size(); ++b) head.components[b] = content.bases[b].components;
+  for (std::size_t b = 0; b < content.bases.size(); ++b) {
+    head.components[b] = content.bases[b].components;
+    head.code_bytes[b] = content.bases[b].codes.size();
+  }
   head.diagonal = content.diagonal;
   head.largest_coordinate = content.largest_coordinate;
   head.error_margin = content.error_margin;
@@ -124,7 +127,8 @@ Records::Records(const Content& content, Values values) : content_(content), val
     plan_array(number(Kind::more), b, fields, sizeof(double));
     plan_array(number(Kind::compression), b, fields, sizeof(double));
     plan_array(number(Kind::error), b, content.bases[b].errors.size(), sizeof(double));
-    plan_array(number(Kind::field), b, basis_values(following, fields), sizeof(double));
+    plan_array(number(Kind::code), b, content.bases[b].codes.size(), 1);
+    if (content.bases[b].codes.empty()) plan_array(number(Kind::field), b, basis_values(following, fields), sizeof(double));
   }
   plan(number(Kind::end), 0, sizeof(std::uint64_t));
   bytes_ = sizeof(Preamble);
@@ -177,6 +181,8 @@ void Records::fill_array(const Item& item, std::byte* entries) const {
       return doubles(content_.bases[item.basis].compression);
     case Kind::error:
       return doubles(content_.bases[item.basis].errors);
+    case Kind::code:
+      return copy(content_.bases[item.basis].codes, item.first, item.count, entries);
     case Kind::field:
       return values_(item.basis, item.first, std::span(reinterpret_cast<double*>(entries), item.count));
     default:

@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <string>
 #include <vector>
 
 #include "core/base/error.h"
+#include "core/compiled/coded_fields.h"
 #include "core/deformers/handles/handle_system.h"
 #include "core/deformers/methods.h"
 #include "core/numerics/interpolation/interpolator.h"
@@ -17,7 +17,7 @@ namespace deform {
 
 namespace {
 
-static_assert(compiled::tile_points == tile_size);
+static_assert(compiled::tile_points == tile_size && compiled::coded_points == FieldBlock::points);
 static_assert(compiled::fixed_region == fixed_region && compiled::following_region == deformable_region);
 
 [[noreturn]] void refuse_form(const std::string& reason) {
@@ -99,44 +99,31 @@ void CompiledForm::set_bases() {
     to.residuals = basis.residuals;
     to.more = basis.more;
     to.errors = basis.errors;
-    if (basis.compressed) to.compression = basis.compressed->errors();
+    if (basis.compressed) {
+      to.compression = basis.compressed->errors();
+      for (const FieldBlock& block : basis.compressed->blocks()) {
+        compiled::append_block({block.centre, block.inverse_radius, block.affine, block.steps, block.offsets, block.bits,
+                                block.directions, block.stride, block.codes, block.exact},
+                               system_->fields(), to.codes);
+      }
+    }
     content_.converged = content_.converged && basis.converged;
   }
 }
 
-/// The values that are stored: sums with the coefficient 1 of one field at a time.
-void CompiledForm::decode(std::size_t basis, std::size_t first, std::span<double> out) const {
-  const CompressedFields& fields = *system_->basis_[basis].compressed;
-  const std::size_t count = fields.fields(), size = count * tile_size;
-  std::vector<std::uint32_t> rows(count);
-  std::iota(rows.begin(), rows.end(), 0u);
-  std::vector<double> unit(count * count, 0.0), values(size);
-  for (std::size_t f = 0; f < count; ++f) unit[f * count + f] = 1;
-  CompressedSums sums(fields, rows, unit.data(), count, count);
-  const std::vector<PointId>& ids = system_->following();
-  for (std::size_t done = 0; done < out.size();) {
-    const std::size_t at = first + done, tile = at / size, inside = at % size, taken = std::min(size - inside, out.size() - done);
-    std::vector<Vec3> places;
-    for (std::size_t s = tile * tile_size; s < std::min(ids.size(), (tile + 1) * tile_size); ++s) {
-      places.push_back(system_->box_.to_unit(system_->mesh_->points[ids[s]]));
-    }
-    std::fill(values.begin(), values.end(), 0.0);
-    sums.add_tile(tile, places, 0, count, values.data());
-    std::copy_n(values.data() + inside, taken, out.begin() + static_cast<std::ptrdiff_t>(done));
-    done += taken;
-  }
-}
-
 void CompiledForm::values(std::size_t basis, std::size_t first, std::span<double> out) const {
-  const HandleBasis& from = system_->basis_[basis];
-  if (from.compressed) return decode(basis, first, out);
-  std::copy_n(from.tiles.tile(0) + first, out.size(), out.begin());
+  std::copy_n(system_->basis_[basis].tiles.tile(0) + first, out.size(), out.begin());
 }
 
-std::size_t CompiledForm::bytes_for(const SystemInfo& info) {
+std::size_t CompiledForm::bytes_for(const System& system) {
+  const SystemInfo& info = system.info();
   const std::size_t held = info.handle_points + info.fixed_points;
-  return info.points * (sizeof(Vec3) + sizeof(std::uint32_t) + 1) + held * (sizeof(compiled::Control) + sizeof(compiled::Pair)) +
-         (std::size_t{1} << 20);
+  std::size_t codes = 0;
+  if (const auto* of_handles = dynamic_cast<const HandleSystem*>(&system)) {
+    for (const HandleBasis& basis : of_handles->basis_) codes += basis.compressed ? 2 * basis.compressed->bytes() : 0;
+  }
+  return codes + info.points * (sizeof(Vec3) + sizeof(std::uint32_t) + 1) +
+         held * (sizeof(compiled::Control) + sizeof(compiled::Pair)) + (std::size_t{1} << 20);
 }
 
 }  // namespace deform

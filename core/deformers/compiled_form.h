@@ -24,17 +24,17 @@ class CompiledForm {
   const compiled::Content& content() const { return content_; }
   /// To fill these in.
   compiled::Content& content() { return content_; }
-  /// Values [first, first + out.size()) of a basis, in the order of compiled::Basis::values. Compressed ones are decoded.
+  /// Values [first, first + out.size()) of a basis, in the order of compiled::Basis::values. Of bases
+  /// that are stored in doubles; others have their codes in the content.
   void values(std::size_t basis, std::size_t first, std::span<double> out) const;
 
   /// About what one takes beside the system.
-  static std::size_t bytes_for(const SystemInfo& info);
+  static std::size_t bytes_for(const System& system);
 
  private:
   void set_variables();
   void set_points();
   void set_bases();
-  void decode(std::size_t basis, std::size_t first, std::span<double> out) const;
 
   std::shared_ptr<const HandleSystem> system_;
   compiled::Content content_;

@@ -431,7 +431,7 @@ void EngineImpl::get_basis(const v1::GetBasisRequest& request, const CallContext
   task.prepare = prepare_again(task.system_id);
   task.compute = [this](const SystemCache::Handle& system, const RunContext&) -> std::shared_ptr<BasisRecords> {
     Charge charge = memory_.charge(
-        CompiledForm::bytes_for(system->system->info()) + CompiledRecords::working_bytes,
+        CompiledForm::bytes_for(*system->system) + CompiledRecords::working_bytes,
         {"compiling system " + system->info.id().substr(0, 16), "raise the server's memory budget", system->system->bytes()});
     return std::make_shared<CompiledRecords>(system, store_.info(system->info.geometry_id()).name(), std::move(charge));
   };

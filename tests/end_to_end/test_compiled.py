@@ -50,7 +50,7 @@ class SecondReader:
         assert (bases, planes) == (1, 0) and flags & 2
         self.points, self.following = struct.unpack_from("<2Q", head, 24)
         (self.scale, *self.origin) = struct.unpack_from("<4d", head, 24 + 48 + 32 + 40)
-        self.geometry_id = head[-64:-32].hex()
+        self.geometry_id = head[-128:-96].hex()
         arrays = {}
         self.handles, self.variables, self.texts = [], [], {}
         for kind, _, payload in found[1:-1]:

@@ -24,6 +24,8 @@ class CompressedFields {
   std::size_t fields() const { return fields_; }
   /// Per field: what a stored value is off by at most, with the rounding of sums of them; measured at all points.
   const std::vector<double>& errors() const { return errors_; }
+  /// Of FieldBlock::points points each, but the last.
+  const std::vector<FieldBlock>& blocks() const { return blocks_; }
   std::size_t bytes() const;
   /// About the most that fields of size 1 take, at most what FieldTiles takes.
   static std::size_t bytes_for(std::size_t points, std::size_t fields, double bound);

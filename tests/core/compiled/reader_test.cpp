@@ -187,6 +187,15 @@ TEST(CompiledReader, RefusesEveryTruncation) {
   }
 }
 
+TEST(CompiledReader, RefusesBytesBehindTheEnd) {
+  std::vector<std::byte> bytes = test::file_of(test::Blend(120).content);
+  bytes.resize(bytes.size() + 8);
+  expect_error(ErrorCode::data_loss, {"it was written with"}, [&] { read_content(bytes); });
+  const std::uint64_t length = bytes.size();
+  std::memcpy(bytes.data() + 16, &length, sizeof length);
+  expect_error(ErrorCode::data_loss, {"8 bytes follow its last record"}, [&] { read_content(bytes); });
+}
+
 TEST(CompiledReader, RefusesEveryChangedByteThatCounts) {
   const test::Blend blend(120, 1);
   const std::vector<std::byte> bytes = test::file_of(blend.content);
@@ -227,6 +236,7 @@ TEST(CompiledReader, ChecksCountsBeforeItAllocates) {
   refused("control points do not fit", [](Head& head) { head.controls = huge; });
   refused("pairs do not fit", [](Head& head) { head.pairs = huge; });
   refused("setup do not fit", [](Head& head) { head.setup_bytes = huge; });
+  refused("codes do not fit", [](Head& head) { head.code_bytes[0] = huge; });
   refused("points with errors do not fit", [](Head& head) { head.error_points = huge; });
   refused("more points follow", [](Head& head) { head.following = head.points + 1; });
   refused("bases", [](Head& head) { head.bases = 9; });
