@@ -235,11 +235,11 @@ void Parser::read_text() {
   const std::size_t key_bytes = number_at<std::uint32_t>(payload_.data()), at = sizeof(std::uint32_t);
   if (key_bytes > payload_.size() - at) damaged("TEXT: is cut off");
   const std::string both = name_after(at), key = both.substr(0, key_bytes);
-  std::string value = both.substr(key_bytes);
-  if (key == "creator") content_.creator = std::move(value);
-  if (key == "method") content_.method = std::move(value);
-  if (key == "mesh") content_.mesh = std::move(value);
-  if (key == "note") content_.notes.push_back(std::move(value));
+  const std::string value = both.substr(key_bytes);
+  if (key == "creator") content_.creator = value;
+  if (key == "method") content_.method = value;
+  if (key == "mesh") content_.mesh = value;
+  if (key == "note") content_.notes.push_back(value);
 }
 
 void Parser::read_handle() {

@@ -16,7 +16,7 @@ DESIGN = {"roof_up": 0.03, "slant_turn": 0.1}
 LATTICE_SETUP = """\
 geometry: ahmed.obj
 method: {ffd: {lattice: {points: [8, 5, 5]}, control: CONTROLS}}
-handles: [{name: top, region: {lattice: {k: {first: 4, last: 4}}}}]
+handles: [{name: top, region: {lattice: {k: [4, 4]}}}]
 variables: [{name: grow, handle: top, scale: {centre: [0.5, 0, 0.3]}, lower: -0.2, upper: 0.2}]
 """
 
