@@ -167,6 +167,17 @@ class Compiled(EndToEnd):
         self.assertNotEqual(points, read_obj(self.path("ahmed.obj"))[0])
         self.assertLessEqual(max(max(abs(a - b) for a, b in zip(p, q)) for p, q in zip(points, right)), 1e-14 * 1.2)
 
+    def test_a_basis_to_a_tolerance_is_small(self):
+        self.write("small.yaml", AHMED_SETUP.replace("kernel: TRIHARMONIC", "kernel: TRIHARMONIC, basis_tolerance: 1e-6"))
+        plain, small = self.compile()["bytes"], self.compile("small.yaml", "small.deformation")["bytes"]
+        self.assertLess(small, 0.8 * plain)
+        served = self.deform("apply", "small.yaml", *settings(DESIGN), "-o", "served.obj", "--json").json["report"]
+        applied = self.deform("apply", "small.deformation", *settings(DESIGN), "-o", "out.obj", "--json").json["report"]
+        self.assertGreater(applied["estimated_error"], 1e-12)
+        self.assertAlmostEqual(applied["estimated_error"], served["estimated_error"], delta=1e-12 * served["estimated_error"])
+        points, right = read_obj(self.path("out.obj"))[0], read_obj(self.path("served.obj"))[0]
+        self.assertLessEqual(max(max(abs(a - b) for a, b in zip(p, q)) for p, q in zip(points, right)), 1e-14 * 1.2)
+
     def test_what_cannot_be_compiled_says_why(self):
         self.write("never.yaml", AHMED_SETUP.replace("kernel: TRIHARMONIC", "kernel: TRIHARMONIC, basis: BASIS_NEVER"))
         self.fails(1, "compile", "never.yaml", "-o", "car.deformation", says=["cannot be compiled", "BASIS_ALWAYS"])
