@@ -304,6 +304,39 @@ std::vector<double> Client::vector_jacobian(const std::string& system_id, std::s
   });
 }
 
+v1::BasisHeader Client::get_basis(const std::string& system_id, const std::function<void(std::span<const std::byte>)>& sink,
+                                  const CallOptions& call) {
+  v1::GetBasisRequest request;
+  request.set_system_id(system_id);
+  bool delivered = false;
+  return with_retries(
+      *impl_, call, Retry::safe,
+      [&](Attempt& attempt, const RunContext&) {
+        std::optional<v1::BasisHeader> header;
+        std::uint64_t bytes = 0;
+        const auto stream = impl_->stub->GetBasis(&attempt.context, request);
+        read_all(attempt, *stream, [&](v1::BasisReply&& reply) {
+          if (reply.has_header() == header.has_value()) {
+            throw Error(ErrorCode::data_loss, header ? "basis: a second header" : "basis: the reply has no header");
+          }
+          if (reply.has_header()) {
+            header = std::move(*reply.mutable_header());
+            return;
+          }
+          bytes += reply.records().size();
+          if (bytes > header->bytes()) throw Error(ErrorCode::data_loss, "basis: more bytes than announced arrived");
+          delivered = true;
+          sink(std::as_bytes(std::span(reply.records())));
+        });
+        if (!header || bytes != header->bytes()) {
+          throw Error(ErrorCode::data_loss, "basis: " + std::to_string(bytes) + " of " +
+                                                std::to_string(header ? header->bytes() : 0) + " bytes arrived");
+        }
+        return *header;
+      },
+      [&] { return !delivered; });
+}
+
 // ---- detection ----
 
 namespace {

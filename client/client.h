@@ -2,6 +2,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -176,6 +177,12 @@ class Client {
   /// d(points)/d(variables)^T times a field on the points (n x 3): one value per variable.
   std::vector<double> vector_jacobian(const std::string& system_id, std::span<const double> variables,
                                       std::span<const Vec3> cotangent, const CallOptions& call = {});
+
+  /// The bytes of the compiled deformation of a system, in order, as they arrive: pieces that hold whole records (see
+  /// core/compiled/reader.h for what checks them). Throws Error(failed_precondition) with the reason where a system cannot be
+  /// compiled, and does not repeat the call once a piece has been handed over.
+  v1::BasisHeader get_basis(const std::string& system_id, const std::function<void(std::span<const std::byte>)>& sink,
+                            const CallOptions& call = {});
 
   /// Version, load, memory, cache, store and limits of the server.
   v1::ServerInfo server_info(const CallOptions& call = {});

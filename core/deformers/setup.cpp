@@ -9,6 +9,7 @@
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
+#include "core/compiled/motion.h"
 #include "core/deformers/methods.h"
 #include "core/deformers/option_checks.h"
 #include "core/mesh/point_owners.h"
@@ -25,20 +26,6 @@ constexpr double most_constraint_weight = 1e10;
 bool is_zero(const Vec3& v) { return v[0] == 0 && v[1] == 0 && v[2] == 0; }
 
 std::string quoted(const std::string& name) { return "\"" + name + "\""; }
-
-// compose() for a derivative on either side: the translation column of the inner map is carried by the linear part of the outer
-// one, and the outer translation counts only where the inner map is a map (weight 1), not a derivative (weight 0).
-Affine chained(const Affine& outer, const Affine& inner, double inner_weight) {
-  Affine c{};
-  for (int row = 0; row < 3; ++row) {
-    for (int col = 0; col < 4; ++col) {
-      double sum = col == 3 ? inner_weight * outer[4 * row + 3] : 0.0;
-      for (int k = 0; k < 3; ++k) sum += outer[4 * row + k] * inner[4 * k + col];
-      c[4 * row + col] = sum;
-    }
-  }
-  return c;
-}
 
 std::size_t handle_index(const Setup& setup, const std::string& name) {
   for (std::size_t i = 0; i < setup.handles.size(); ++i) {
@@ -277,8 +264,8 @@ std::vector<Affine> handle_motion_derivative(const Setup& setup, std::span<const
     const DesignVariable& variable = setup.variables[j];
     if (variable.handle != handle) continue;
     if (j < k) before = compose(motion_at(variable.kind, values[j]), before);
-    if (j == k) result = chained(motion_rate(variable.kind, values[j]), before, 1);
-    if (j > k) result = chained(motion_at(variable.kind, values[j]), result, 0);
+    if (j == k) result = compiled::chained(motion_rate(variable.kind, values[j]), before, 1);
+    if (j > k) result = compiled::chained(motion_at(variable.kind, values[j]), result, 0);
   }
   derivatives[handle_index(setup, handle)] = result;
   return derivatives;

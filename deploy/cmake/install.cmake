@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # What cmake --install puts under its prefix, in three components:
 #   client     headers (deform/client.h), libraries, CMake and pkg-config files of the client library; the contract (deform/v1/*.proto)
+#              and the evaluator of compiled deformations
 #   files      the same of the libraries that read, write and measure meshes; needs client
 #   programs   deform and deformd, their manual pages and what shells need to complete their command lines
 include(GNUInstallDirs)
@@ -35,8 +36,8 @@ endfunction()
 
 if(DEFORM_BUILD_NETWORK)
   deform_install_library(client
-    TARGETS deform_base deform_codec deform_proto deform_proto_grpc deform_convert_base deform_client
-    HEADERS client/client.h client/design.h core/base/version.h)
+    TARGETS deform_base deform_codec deform_compiled deform_proto deform_proto_grpc deform_convert_base deform_client
+    HEADERS client/client.h client/design.h core/base/version.h core/compiled/deformation.h core/compiled/reader.h)
   install(DIRECTORY ${PROJECT_BINARY_DIR}/proto/deform DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT client
           FILES_MATCHING PATTERN *.pb.h)
   install(DIRECTORY ${PROJECT_SOURCE_DIR}/proto/deform DESTINATION ${DEFORM_PROTO_DIR} COMPONENT client FILES_MATCHING PATTERN *.proto)

@@ -1,15 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include <cstddef>
 #include <string>
-#include <vector>
 
 #include "core/deformers/system.h"
-#include "core/quality/extreme.h"
 #include "core/quality/report.h"
-#include "core/quality/safe_amplitude.h"
 #include "deform/v1/deformation.pb.h"
+#include "proto/convert/findings.h"
 
 namespace deform::convert {
 
@@ -21,9 +18,6 @@ std::string given_up_warning(const DesignReport& report, const Setup& setup);
 v1::EvaluationPath path_to_proto(EvaluationPath path);
 EvaluationPath path_from_proto(v1::EvaluationPath path);
 
-v1::CellReport cell_report(const InversionCheck& check, const SafeAmplitude& safety);
-/// The report on flipped faces, worst first, of a mesh with this number of faces.
-v1::FaceReport face_report(std::size_t faces, const std::vector<Extreme>& flipped);
 v1::QualityReport quality_to_proto(const QualityReport& report);
 
 }  // namespace deform::convert

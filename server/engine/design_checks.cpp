@@ -70,10 +70,7 @@ void DesignChecker::Findings::move_to(v1::DesignResult& result) {
   if (quality) *result.mutable_quality() = std::move(*quality);
   if (split) *result.mutable_split() = std::move(*split);
   if (!faces) return;
-  if (faces->flipped() > 0) {
-    result.add_warnings(std::to_string(faces->flipped()) + " of " + std::to_string(faces->faces()) + " faces are flipped, face " +
-                        std::to_string(faces->flipped_ids(0)) + " worst: the surface is folded over there");
-  }
+  if (faces->flipped() > 0) result.add_warnings(convert::flipped_faces_warning(*faces));
   *result.mutable_faces() = std::move(*faces);
 }
 

@@ -86,6 +86,15 @@ class DeformJob {
   virtual CallStats stats() const { return {}; }
 };
 
+/// The bytes of a compiled deformation, made as they are asked for. Keeps its system alive. For one thread.
+class BasisRecords {
+ public:
+  virtual ~BasisRecords() = default;
+  virtual const v1::BasisHeader& header() const = 0;
+  /// The next records, below 1 MiB; false after the last ones. Takes about as long as copying them.
+  virtual bool next(std::string& records) = 0;
+};
+
 /// deformd without a network: everything the service offers, with the semantics of service.proto. Thread-safe. Errors are Error;
 /// those of asynchronous work arrive through its callback, on a worker thread.
 ///
@@ -136,6 +145,9 @@ class Engine {
                                                      std::function<void()> on_ready) = 0;
   virtual void vector_jacobian(const v1::VectorJacobianHeader& header, Points cotangent, const CallContext& call,
                                std::function<void(Outcome<v1::VectorJacobianReply>)> on_done) = 0;
+  /// on_done is called exactly once. The error failed_precondition says why a system cannot be compiled.
+  virtual void get_basis(const v1::GetBasisRequest& request, const CallContext& call,
+                         std::function<void(Outcome<std::shared_ptr<BasisRecords>>)> on_done) = 0;
 
   virtual v1::ServerInfo info() = 0;
   /// Lets go of about so many bytes that only wait for their next use, and gives what is free back to the system.

@@ -15,6 +15,7 @@
 #include "proto/convert/info.h"
 #include "proto/convert/report.h"
 #include "proto/convert/setup.h"
+#include "server/engine/compiled_records.h"
 #include "server/engine/deform_job.h"
 #include "server/engine/geometry_upload.h"
 #include "server/engine/outcome_call.h"
@@ -419,6 +420,23 @@ void EngineImpl::vector_jacobian(const v1::VectorJacobianHeader& header, Points 
   task.on_done = std::move(on_done);
   std::make_shared<OutcomeCall<Reply>>(OutcomeCall<Reply>::Parts{&scheduler_, cache_.get(), &calls_}, std::move(task), call)
       ->begin();
+}
+
+void EngineImpl::get_basis(const v1::GetBasisRequest& request, const CallContext& call,
+                           std::function<void(Outcome<std::shared_ptr<BasisRecords>>)> on_done) {
+  using BasisCall = OutcomeCall<std::shared_ptr<BasisRecords>>;
+  check_open();
+  BasisCall::Task task;
+  task.system_id = resolve_system(request.system_id());
+  task.prepare = prepare_again(task.system_id);
+  task.compute = [this](const SystemCache::Handle& system, const RunContext&) -> std::shared_ptr<BasisRecords> {
+    Charge charge = memory_.charge(
+        CompiledForm::bytes_for(*system->system) + CompiledRecords::working_bytes,
+        {"compiling system " + system->info.id().substr(0, 16), "raise the server's memory budget", system->system->bytes()});
+    return std::make_shared<CompiledRecords>(system, store_.info(system->info.geometry_id()).name(), std::move(charge));
+  };
+  task.on_done = std::move(on_done);
+  std::make_shared<BasisCall>(BasisCall::Parts{&scheduler_, cache_.get(), &calls_}, std::move(task), call)->begin();
 }
 
 // ---- detection ----

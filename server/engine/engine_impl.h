@@ -44,6 +44,8 @@ class EngineImpl : public Engine {
                                              std::function<void()> on_ready) override;
   void vector_jacobian(const v1::VectorJacobianHeader& header, Points cotangent, const CallContext& call,
                        std::function<void(Outcome<v1::VectorJacobianReply>)> on_done) override;
+  void get_basis(const v1::GetBasisRequest& request, const CallContext& call,
+                 std::function<void(Outcome<std::shared_ptr<BasisRecords>>)> on_done) override;
 
   v1::ServerInfo info() override;
   void give_back_idle_memory(std::size_t bytes) override;

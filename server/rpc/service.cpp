@@ -39,7 +39,7 @@ using RawService =
             Rpc::WithRawCallbackMethod_Prepare, Rpc::WithRawCallbackMethod_GetSystem, Rpc::WithRawCallbackMethod_ListSystems,
             Rpc::WithRawCallbackMethod_ReleaseSystem, Rpc::WithRawCallbackMethod_Deform, Rpc::WithRawCallbackMethod_DeformStream,
             Rpc::WithRawCallbackMethod_JacobianVector, Rpc::WithRawCallbackMethod_VectorJacobian,
-            Rpc::WithRawCallbackMethod_GetServerInfo>::Type;
+            Rpc::WithRawCallbackMethod_GetBasis, Rpc::WithRawCallbackMethod_GetServerInfo>::Type;
 
 using Context = grpc::CallbackServerContext;
 using Bytes = grpc::ByteBuffer;
@@ -175,6 +175,10 @@ class DeformService::Methods final : public RawService {
 
   grpc::ServerReadReactor<Bytes>* VectorJacobian(Context* context, Bytes* reply) override {
     return RequestStream::launch(std::make_shared<VectorJacobianCall>(engine_, incoming(context), reply, pool_));
+  }
+
+  grpc::ServerWriteReactor<Bytes>* GetBasis(Context* context, const Bytes* bytes) override {
+    return ReplyStream::launch(std::make_shared<BasisCall>(engine_, incoming(context), bytes), pool_);
   }
 
   grpc::ServerUnaryReactor* GetServerInfo(Context* context, const Bytes* bytes, Bytes* reply) override {

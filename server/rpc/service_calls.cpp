@@ -177,6 +177,45 @@ DetectCall::Next DetectCall::next(grpc::ByteBuffer& reply) {
   return Next::write;
 }
 
+// ---- BasisCall ----
+
+BasisCall::BasisCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request)
+    : ReplyStream("GetBasis", incoming), engine_(engine), request_(request) {}
+
+void BasisCall::begin() {
+  scope_.check();
+  const auto request = received<v1::GetBasisRequest>(*request_, scope_.record);
+  scope_.record.system = request.system_id();
+  const std::weak_ptr<BasisCall> weak = std::static_pointer_cast<BasisCall>(shared_from_this());
+  engine_.get_basis(request, scope_.call(), [weak](Engine::Outcome<Records> outcome) {
+    if (const auto self = weak.lock()) self->note_outcome(std::move(outcome));
+  });
+}
+
+void BasisCall::note_outcome(Engine::Outcome<Records> outcome) {
+  {
+    const std::lock_guard lock(news_mutex_);
+    outcome_ = std::move(outcome);
+  }
+  wake();
+}
+
+BasisCall::Next BasisCall::next(grpc::ByteBuffer& reply) {
+  v1::BasisReply message;
+  if (!records_) {
+    {
+      const std::lock_guard lock(news_mutex_);
+      if (!outcome_) return Next::wait;
+      records_ = taken(*outcome_, scope_.record, "the basis");
+    }
+    *message.mutable_header() = records_->header();
+  } else if (!records_->next(*message.mutable_records())) {
+    return Next::end;
+  }
+  reply = serialized(message);
+  return Next::write;
+}
+
 // ---- PointsCall ----
 
 PointsCall::PointsCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request)

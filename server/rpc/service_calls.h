@@ -88,6 +88,27 @@ class DetectCall : public ReplyStream {
   std::size_t sent_ = 0;
 };
 
+/// GetBasis: header, then records as fast as the reader takes them.
+class BasisCall : public ReplyStream {
+ public:
+  BasisCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request);
+
+ private:
+  using Records = std::shared_ptr<BasisRecords>;
+
+  void begin() override;
+  Next next(grpc::ByteBuffer& reply) override;
+  void stop() noexcept override {}  // the cancel flag has been set
+  void note_outcome(Engine::Outcome<Records> outcome);
+
+  Engine& engine_;
+  const grpc::ByteBuffer* const request_;
+  std::mutex news_mutex_;
+  std::optional<Engine::Outcome<Records>> outcome_;  // under news_mutex_
+  // of whoever is working
+  Records records_;
+};
+
 /// GetPoints.
 class PointsCall : public ReplyStream {
  public:

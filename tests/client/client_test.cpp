@@ -230,6 +230,54 @@ TEST(Client, DetectPutsPiecesTogether) {
   broken("cut off", [&] { replies[1].mutable_ids()->set_ids("12345"); });
 }
 
+TEST(Client, HandsOverTheBytesOfABasisInOrder) {
+  std::vector<v1::BasisReply> replies(3);
+  replies[0].mutable_header()->set_system_id("system");
+  replies[0].mutable_header()->set_bytes(7);
+  replies[1].set_records("1234");
+  replies[2].set_records("567");
+  std::atomic<int> attempts{0};
+  int failures = 0;
+  ScriptedService service;
+  service.on_get_basis = [&](const v1::GetBasisRequest& request, auto& writer) {
+    EXPECT_EQ(request.system_id(), "system");
+    const bool fails = attempts++ < failures;
+    for (const auto& reply : replies) writer.Write(reply, grpc::WriteOptions());
+    return fails ? grpc::Status(grpc::StatusCode::UNAVAILABLE, "lost") : grpc::Status::OK;
+  };
+  Client client = service.client();
+  std::string bytes;
+  const auto sink = [&](std::span<const std::byte> piece) {
+    bytes.append(reinterpret_cast<const char*>(piece.data()), piece.size());
+  };
+  EXPECT_EQ(client.get_basis("system", sink).bytes(), 7u);
+  EXPECT_EQ(bytes, "1234567");
+
+  const std::vector<v1::BasisReply> whole = replies;
+  const auto broken = [&](const char* part, const std::function<void()>& spoil) {
+    replies = whole;
+    spoil();
+    expect_error(ErrorCode::data_loss, {part}, [&] { client.get_basis("system", sink); });
+  };
+  broken("no header", [&] { replies.erase(replies.begin()); });
+  broken("second header", [&] { replies.push_back(whole[0]); });
+  broken("4 of 7 bytes", [&] { replies.pop_back(); });
+  broken("more bytes than announced", [&] { replies.push_back(whole[1]); });
+  broken("0 of 0 bytes", [&] { replies.clear(); });
+
+  // What was handed over is not handed over twice.
+  replies = whole;
+  attempts = 0;
+  failures = 1;
+  expect_error(ErrorCode::unavailable, {"lost"}, [&] { client.get_basis("system", sink); });
+  EXPECT_EQ(attempts, 1);
+  replies.resize(1);
+  replies[0].mutable_header()->set_bytes(0);
+  attempts = 0;
+  EXPECT_EQ(client.get_basis("system", sink).bytes(), 0u);
+  EXPECT_EQ(attempts, 2);
+}
+
 /// How often a call is tried when its first attempts fail in some way.
 struct RetryRow {
   const char* name;

@@ -71,6 +71,11 @@ grpc::Status ScriptedService::Detect(grpc::ServerContext*, const v1::DetectReque
   return on_detect ? on_detect(*request, *writer) : no_script;
 }
 
+grpc::Status ScriptedService::GetBasis(grpc::ServerContext*, const v1::GetBasisRequest* request,
+                                       grpc::ServerWriter<v1::BasisReply>* writer) {
+  return on_get_basis ? on_get_basis(*request, *writer) : no_script;
+}
+
 grpc::Status ScriptedService::GetPoints(grpc::ServerContext*, const v1::GetPointsRequest* request,
                                         grpc::ServerWriter<v1::PointChunk>* writer) {
   return on_points ? on_points(*request, *writer) : no_script;

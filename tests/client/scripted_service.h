@@ -32,6 +32,7 @@ class ScriptedService final : public v1::DeformService::Service {
   std::function<grpc::Status(const v1::DeleteGeometryRequest&)> on_delete;
   std::function<grpc::Status(const v1::ListGeometriesRequest&, v1::ListGeometriesReply&)> on_list;
   std::function<grpc::Status(const v1::DetectRequest&, grpc::ServerWriterInterface<v1::DetectReply>&)> on_detect;
+  std::function<grpc::Status(const v1::GetBasisRequest&, grpc::ServerWriterInterface<v1::BasisReply>&)> on_get_basis;
   std::function<grpc::Status(const v1::GetPointsRequest&, grpc::ServerWriterInterface<v1::PointChunk>&)> on_points;
 
  private:
@@ -50,6 +51,8 @@ class ScriptedService final : public v1::DeformService::Service {
                               v1::ListGeometriesReply* reply) override;
   grpc::Status Detect(grpc::ServerContext* context, const v1::DetectRequest* request,
                       grpc::ServerWriter<v1::DetectReply>* writer) override;
+  grpc::Status GetBasis(grpc::ServerContext* context, const v1::GetBasisRequest* request,
+                        grpc::ServerWriter<v1::BasisReply>* writer) override;
   grpc::Status GetPoints(grpc::ServerContext* context, const v1::GetPointsRequest* request,
                          grpc::ServerWriter<v1::PointChunk>* writer) override;
 

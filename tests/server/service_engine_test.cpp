@@ -3,6 +3,8 @@
 #include <cstring>
 #include <map>
 
+#include "core/compiled/deformation.h"
+#include "core/compiled/reader.h"
 #include "tests/server/service_fixture.h"
 #include "tests/server/test_mesh.h"
 
@@ -305,6 +307,40 @@ TEST_P(ServiceEngine, TheTwoJacobianProductsAreAdjoint) {
     for (int k = 0; k < 3; ++k) left += w[i][k] * jv[i][k];
   }
   EXPECT_NEAR(left, reply.gradient(0) * direction[0] + reply.gradient(1) * direction[1], 1e-9 * std::abs(left));
+}
+
+TEST_P(ServiceEngine, ACompiledDeformationGivesThePointsOfDeform) {
+  prepare_sheet();
+  v1::GetBasisRequest basis;
+  basis.set_system_id(system.id());
+  grpc::ClientContext context;
+  const auto reader = stub->GetBasis(&context, basis);
+  v1::BasisReply reply;
+  ASSERT_TRUE(reader->Read(&reply));
+  ASSERT_TRUE(reply.has_header());
+  const v1::BasisHeader header = reply.header();
+  std::string bytes;
+  while (reader->Read(&reply)) {
+    ASSERT_FALSE(reply.has_header());
+    EXPECT_LT(reply.ByteSizeLong(), std::size_t{1} << 20);
+    bytes += reply.records();
+  }
+  grpc::Status status = reader->Finish();
+  ASSERT_TRUE(status.ok()) << status.error_message();
+  ASSERT_EQ(bytes.size(), header.bytes());
+  const compiled::Deformation deformation(compiled::read_content(std::as_bytes(std::span(bytes))));
+  const Points right = deform(request({0.2, 0.3}), status);
+  Points points(right.size());
+  deformation.evaluate(std::vector<double>{0.2, 0.3}, std::span(points[0].data(), 3 * points.size()));
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    for (int k = 0; k < 3; ++k) EXPECT_NEAR(points[i][k], right[i][k], 1e-14 * system.diagonal());
+  }
+
+  basis.set_system_id(std::string(64, '0'));
+  grpc::ClientContext second;
+  const auto refused = stub->GetBasis(&second, basis);
+  EXPECT_FALSE(refused->Read(&reply));
+  EXPECT_EQ(refused->Finish().error_code(), StatusCode::NOT_FOUND);
 }
 
 TEST_P(ServiceEngine, BadInputIsToldWhatIsWrongAndLeavesNothing) {

@@ -10,13 +10,14 @@ import re
 import sys
 
 # Folder, or one header -> folders and headers of the project that it may include besides itself. The ground floor stands first.
-DEFORMERS_GROUND = ["core/base", "core/numerics", "core/mesh", "core/mesh/operators", "core/quality", "core/constraints"]
+DEFORMERS_GROUND = ["core/base", "core/compiled", "core/numerics", "core/mesh", "core/mesh/operators", "core/quality", "core/constraints"]
 # What every room of the deformers speaks, whatever methods there are.
 DEFORMERS_TERMS = ["core/deformers/setup.h", "core/deformers/system.h", "core/deformers/method.h", "core/deformers/option_checks.h"]
 FLOORS = {
     "core/base": [],
     "core/base/commit": ["core/base"],
     "core/codec": ["core/base"],
+    "core/compiled": ["core/base"],
     "core/mesh": ["core/base"],
     "core/mesh/surface_mesh": ["core/base", "core/mesh"],
     "core/mesh/remeshing": ["core/base", "core/mesh", "core/mesh/surface_mesh"],
@@ -30,7 +31,7 @@ FLOORS = {
     "core/io": ["core/base", "core/mesh", "core/io/mesh_file.h", "core/io/readers.h", "core/io/binary", "core/io/assembly", "core/io/formats"],
     "core/quality": ["core/base", "core/mesh"],
     "core/report": ["core/base", "core/mesh", "core/quality"],
-    "core/numerics": ["core/base"],
+    "core/numerics": ["core/base", "core/compiled"],
     "core/mesh/operators": ["core/base", "core/numerics", "core/mesh"],
     "core/constraints": ["core/base", "core/numerics", "core/mesh"],
     "core/constraints/detection": ["core/base", "core/numerics", "core/mesh", "core/constraints"],
@@ -54,11 +55,13 @@ FLOORS = {
     "proto/convert/base": ["core/base", "core/codec", "deform/v1"],
     "proto/convert/mesh": ["core/base", "core/mesh", "proto/convert/base", "deform/v1"],
     "proto/convert/controls": ["core/base", "core/mesh", "core/numerics", "proto/convert/base", "proto/convert/mesh", "deform/v1"],
+    "proto/convert/findings.h": ["core/quality", "deform/v1"],
+    "proto/convert/verdict.h": ["deform/v1"],
     "proto/convert": ["core/base", "core/codec", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",
                       "core/deformers", "proto/convert/base", "proto/convert/mesh", "proto/convert/controls", "deform/v1"],
     # The server never reads a user's file.
     "server/store": ["core/base", "core/codec", "core/mesh", "proto/convert", "proto/convert/mesh", "deform/v1"],
-    "server/engine": ["core/base", "core/codec", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",
+    "server/engine": ["core/base", "core/codec", "core/compiled", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",
                       "core/deformers", "proto/convert", "proto/convert/base", "deform/v1", "server/store"],
     "server/rpc": ["core/base", "core/codec", "proto/convert/base", "deform/v1", "server/engine"],
     "server": ["core/base", "core/base/commit", "server/store", "server/engine", "server/rpc"],
@@ -66,9 +69,9 @@ FLOORS = {
     "client/setup": ["core/base", "core/mesh", "core/io", "deform/v1"],
     "client/python": ["core/base", "core/codec", "core/mesh", "core/io", "deform/v1", "client", "client/setup"],
     # Executables that read files.
-    "client/cli": ["core/base", "core/base/commit", "core/codec", "core/mesh", "core/io", "core/quality", "core/report",
-                   "core/constraints/detection", "core/numerics", "proto/convert/mesh", "proto/convert/controls", "deform/v1",
-                   "client", "client/setup"],
+    "client/cli": ["core/base", "core/base/commit", "core/codec", "core/compiled", "core/mesh", "core/io", "core/quality", "core/report",
+                   "core/constraints/detection", "core/numerics", "proto/convert/mesh", "proto/convert/controls",
+                   "proto/convert/findings.h", "proto/convert/verdict.h", "deform/v1", "client", "client/setup"],
     "client/examples": ["core/base", "core/codec", "core/mesh", "core/io", "deform/v1", "client"],
 }
 

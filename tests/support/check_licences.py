@@ -22,6 +22,7 @@ LICENCES = {
     "proto/convert/mesh": APACHE,
     "core/base": APACHE,
     "core/codec": APACHE,
+    "core/compiled": APACHE,
     "core/mesh": APACHE,
     "core/mesh/operators": GPL,
     "core/io": APACHE,

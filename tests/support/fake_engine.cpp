@@ -236,6 +236,11 @@ void FakeEngine::vector_jacobian(const v1::VectorJacobianHeader&, Points cotange
   on_vector_jacobian(std::move(cotangent), call, std::move(on_done));
 }
 
+void FakeEngine::get_basis(const v1::GetBasisRequest& request, const CallContext& call,
+                           std::function<void(Outcome<std::shared_ptr<server::BasisRecords>>)> on_done) {
+  on_get_basis(request, call, std::move(on_done));
+}
+
 v1::ServerInfo FakeEngine::info() {
   v1::ServerInfo info;
   info.set_version("fake");

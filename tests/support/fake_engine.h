@@ -72,6 +72,9 @@ class FakeEngine : public server::Engine {
       on_detect;
   std::function<void(Points, const server::CallContext&, std::function<void(Outcome<v1::VectorJacobianReply>)>)>
       on_vector_jacobian;
+  std::function<void(const v1::GetBasisRequest&, const server::CallContext&,
+                     std::function<void(Outcome<std::shared_ptr<server::BasisRecords>>)>)>
+      on_get_basis;
   std::optional<Error> deform_error;
   bool already_stored = false;
   std::size_t point_count = 100'000;  ///< of every geometry
@@ -104,6 +107,8 @@ class FakeEngine : public server::Engine {
                                                      std::function<void()> on_ready) override;
   void vector_jacobian(const v1::VectorJacobianHeader& header, Points cotangent, const server::CallContext& call,
                        std::function<void(Outcome<v1::VectorJacobianReply>)> on_done) override;
+  void get_basis(const v1::GetBasisRequest& request, const server::CallContext& call,
+                 std::function<void(Outcome<std::shared_ptr<server::BasisRecords>>)> on_done) override;
   v1::ServerInfo info() override;
   bool drain(std::chrono::milliseconds limit) override;
 

@@ -9,11 +9,14 @@
 #include <nlohmann/json.hpp>
 
 #include "client/cli/commands/command.h"
+#include "client/cli/commands/mesh_reading.h"
 #include "client/cli/commands/workspace.h"
 #include "client/cli/output/apply_report.h"
 #include "client/cli/output/cell_options.h"
+#include "client/cli/output/compiled_result.h"
 #include "client/cli/output/gates.h"
 #include "client/cli/output/result_json.h"
+#include "client/cli/setup/compiled_file.h"
 #include "client/cli/setup/control_lattice.h"
 #include "client/cli/setup/motions.h"
 #include "client/cli/setup/reading.h"
@@ -23,6 +26,8 @@
 namespace deform::cli {
 
 namespace {
+
+constexpr const char* nothing_moves = "no variable differs from 0 and no motion is given: nothing was asked to move";
 
 struct ApplyOptions {
   PrepareInput input;
@@ -98,7 +103,83 @@ bool at_rest(const v1::Design& design) {
          std::all_of(design.variables().begin(), design.variables().end(), [](double value) { return value == 0; });
 }
 
+/// Refuses what only a server does.
+void check_compiled_options(const ApplyOptions& options) {
+  const auto refuse = [](const char* option, const std::string& what) {
+    throw Error(ErrorCode::invalid_argument,
+                std::string(option) + ": " + what + "; apply the setup file, which the server evaluates");
+  };
+  if (!options.motion_files.empty()) refuse("--motions", "a compiled deformation has design variables only");
+  if (options.path == "direct") refuse("--path", "a compiled deformation has its basis only");
+  if (options.cells.split != "off") refuse("--split", "a compiled deformation is evaluated in one step");
+  if (options.cells.check == "quality") refuse("--check", "quality is measured by the server, and by deform quality");
+  if (options.encoding.solver_tolerance != 0) refuse("--solver-tolerance", "a compiled deformation has none");
+  if (options.encoding.encoding != "automatic" || options.encoding.tolerance != 0) {
+    refuse("--encoding", "no points travel with a compiled deformation");
+  }
+}
+
+/// Tells and decides the exit code.
+ExitCode finish_apply(const Applied& applied, const CommonOptions& common) {
+  if (common.style() == Style::json) {
+    print(applied_json(applied));
+  } else {
+    print_applied(applied, std::cout);
+  }
+  for (const auto& warning : warnings_of(applied.result)) warn(warning);
+  if (applied.failures.empty()) return exit_ok;
+  complain(failure_text(applied));
+  return exit_verdict;
+}
+
+double seconds_between(std::chrono::steady_clock::time_point from, std::chrono::steady_clock::time_point to) {
+  return std::chrono::duration<double>(to - from).count();
+}
+
+/// The same without a server.
+ExitCode run_compiled_apply(ApplyOptions options, const CommonOptions& common) {
+  const auto start = std::chrono::steady_clock::now();
+  check_compiled_options(options);
+  const std::filesystem::path file = options.input.setup;
+  const compiled::Deformation deformation = compiled::Deformation::load(file);
+  const compiled::Content& content = deformation.content();
+  const v1::Setup setup = compiled_setup(content, file);
+  options.input.source = compiled_mesh_path(content, file, options.input.source).string();
+  const std::filesystem::path output = checked_output(options);
+  std::vector<double> values = parse_settings(options.settings, setup);
+  values.resize(deformation.variables(), 0.0);
+  const auto loaded = std::chrono::steady_clock::now();
+  const auto source = io::read_mesh_file(options.input.source, own_process());
+  const Mesh& mesh = *source->mesh();
+  check_compiled_mesh(content, mesh, options.input.source);
+  const auto read = std::chrono::steady_clock::now();
+  Points points(mesh.point_count());
+  deformation.evaluate(values, std::span(points[0].data(), 3 * points.size()));
+  const auto evaluated = std::chrono::steady_clock::now();
+  Applied applied;
+  applied.file = output.string();
+  applied.points = points.size();
+  applied.result = compiled_result(deformation, values, mesh, points,
+                                   options.cells.check == "off" ? CompiledCheck::none : CompiledCheck::inversions);
+  applied.encoding = "none";
+  applied.method = setup.method();
+  applied.notes = content.notes;
+  if (std::all_of(values.begin(), values.end(), [](double value) { return value == 0; }))
+    applied.notes.emplace_back(nothing_moves);
+  applied.failures = bad_reasons(applied.result);
+  applied.written = applied.failures.empty() || options.keep_bad;
+  for (const auto& gate : options.gates.failed(applied.result)) applied.failures.push_back(to_text(gate));
+  const auto checked = std::chrono::steady_clock::now();
+  if (applied.written) io::write_mesh_file(*source, points, output);
+  const auto end = std::chrono::steady_clock::now();
+  applied.seconds = {{"load", seconds_between(start, loaded)},     {"read", seconds_between(loaded, read)},
+                     {"deform", seconds_between(read, evaluated)}, {"check", seconds_between(evaluated, checked)},
+                     {"write", seconds_between(checked, end)},     {"total", seconds_between(start, end)}};
+  return finish_apply(applied, common);
+}
+
 ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
+  if (is_compiled_file(options.input.setup)) return run_compiled_apply(options, common);
   const auto start = std::chrono::steady_clock::now();
   const std::filesystem::path output = checked_output(options);
   Connection connection(common);
@@ -122,14 +203,12 @@ ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
   applied.summary = outcome.summary;
   applied.encoding = encoding.encoding;
   applied.method = prepared.system.setup().method();
-  if (at_rest(request.designs(0)))
-    applied.notes.push_back("no variable differs from 0 and no motion is given: nothing was asked to move");
+  if (at_rest(request.designs(0))) applied.notes.emplace_back(nothing_moves);
   applied.failures = bad_reasons(design.result);
   applied.written = applied.failures.empty() || options.keep_bad;
   for (const auto& gate : options.gates.failed(design.result)) applied.failures.push_back(to_text(gate));
   if (applied.written) io::write_mesh_file(source, design.points, output);
   const auto end = std::chrono::steady_clock::now();
-  const auto seconds = [](auto from, auto to) { return std::chrono::duration<double>(to - from).count(); };
   applied.seconds = {{"read", prepared.times.read},
                      {"register", prepared.times.register_geometry},
                      {"prepare", prepared.times.prepare},
@@ -138,17 +217,9 @@ ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
                      {"encode", outcome.summary.encode_ms() * 1e-3},
                      {"decode", outcome.decode_ms * 1e-3},
                      {"deform", outcome.wall_ms * 1e-3},
-                     {"write", seconds(before_write, end)},
-                     {"total", seconds(start, end)}};
-  if (common.style() == Style::json) {
-    print(applied_json(applied));
-  } else {
-    print_applied(applied, std::cout);
-  }
-  for (const auto& warning : warnings_of(applied.result)) warn(warning);
-  if (applied.failures.empty()) return exit_ok;
-  complain(failure_text(applied));
-  return exit_verdict;
+                     {"write", seconds_between(before_write, end)},
+                     {"total", seconds_between(start, end)}};
+  return finish_apply(applied, common);
 }
 
 }  // namespace
@@ -156,7 +227,10 @@ ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
 void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
   const auto options = std::make_shared<ApplyOptions>();
   auto* command = app.add_subcommand("apply", "Deform once and write the mesh file with its new coordinates");
-  command->add_option("SETUP", options->input.setup, "Setup file, or the id of a prepared system")->required();
+  command
+      ->add_option("SETUP", options->input.setup,
+                   "Setup file, the id of a prepared system, or a compiled deformation, which needs no server")
+      ->required();
   command->add_option("--set", options->settings, "NAME=VALUE of a design variable; may be repeated")
       ->take_all()
       ->expected(1)
@@ -177,7 +251,8 @@ void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chose
   target->add_flag("--in-place", options->in_place, "Overwrite the source mesh, which -o refuses to do");
   target->require_option(1, 2);
   command->add_flag("--keep-bad", options->keep_bad, "Write bad designs, too; the exit code stays 4");
-  command->add_option("--source", options->input.source, "Mesh file of a setup that names its geometry by id");
+  command->add_option("--source,--mesh", options->input.source,
+                      "Mesh file of a setup that names its geometry by id, or of a compiled deformation that is not beside it");
   add_turn_normals(*command, options->input);
   command->add_option("--path", options->path, "How designs are evaluated")
       ->transform(CLI::IsMember({"automatic", "basis", "direct"}, CLI::ignore_case))
@@ -192,7 +267,8 @@ void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chose
                   "constraints missed.\nSeconds of solve, encode and decode are core seconds, the others wall time.\n"
                   "Examples:\n"
                   "  deform apply setup.yaml --set roof_up=0.03 --set slant_turn=0.1 -o out.obj\n"
-                  "  deform apply setup.yaml --motions matrices.csv -o out.obj --json");
+                  "  deform apply setup.yaml --motions matrices.csv -o out.obj --json\n"
+                  "  deform apply car.deformation --set roof_up=0.03 -o out.obj");
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_apply(*options, common); }; });
 }
 

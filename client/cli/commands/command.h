@@ -54,6 +54,7 @@ void add_quality_command(CLI::App& app, const CommonOptions& common, Action& cho
 void add_register_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_prepare_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_compile_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_sweep_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_list_command(CLI::App& app, const CommonOptions& common, Action& chosen);

@@ -90,9 +90,12 @@ nlohmann::ordered_json applied_json(const Applied& applied) {
 }
 
 void print_applied(const Applied& applied, std::ostream& out) {
-  out << (applied.written ? "wrote " : "did NOT write ") << printable(applied.file) << ": " << applied.points << " points, "
-      << bytes_text(applied.summary.bytes()) << " received as " << applied.encoding << ", encoding error "
-      << number_text(applied.result.max_error()) << '\n';
+  out << (applied.written ? "wrote " : "did NOT write ") << printable(applied.file) << ": " << applied.points << " points";
+  if (applied.encoding != "none") {
+    out << ", " << bytes_text(applied.summary.bytes()) << " received as " << applied.encoding << ", encoding error "
+        << number_text(applied.result.max_error());
+  }
+  out << '\n';
   print_displacement(applied.result, out);
   print_verdict(applied.result, out);
   print_residual(applied, out);

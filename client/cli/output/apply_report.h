@@ -19,10 +19,10 @@ struct Applied {
   v1::DesignResult result;
   v1::DeformSummary summary;
   std::vector<std::pair<std::string, double>> seconds;  ///< by stage
-  std::string encoding;
-  v1::Method method;                  ///< of the system
-  std::vector<std::string> notes;     ///< our own; those of the server are in `summary`
-  std::vector<std::string> failures;  ///< gates and verdicts
+  std::string encoding;                                 ///< "none": no points were received
+  v1::Method method;                                    ///< of the system
+  std::vector<std::string> notes;                       ///< our own; those of the server are in `summary`
+  std::vector<std::string> failures;                    ///< gates and verdicts
   bool written = true;
 };
 

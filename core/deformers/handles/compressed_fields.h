@@ -24,6 +24,8 @@ class CompressedFields {
   std::size_t fields() const { return fields_; }
   /// The largest error of each field, measured at all points, including the rounding of sums.
   const std::vector<double>& errors() const { return errors_; }
+  /// Of FieldBlock::points points each, but the last.
+  const std::vector<FieldBlock>& blocks() const { return blocks_; }
   std::size_t bytes() const;
   /// An approximate upper bound of the memory of fields of magnitude 1, at most that of FieldTiles.
   static std::size_t bytes_for(std::size_t points, std::size_t fields, double bound);

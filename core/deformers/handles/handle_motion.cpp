@@ -9,6 +9,7 @@
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
+#include "core/compiled/motion.h"
 
 namespace deform {
 
@@ -31,20 +32,8 @@ std::vector<Vec3> unit_places(const Mesh& mesh, const UnitBox& box, std::span<co
 }
 
 void field_coefficients(const Affine& motion, MotionKind kind, const HandleFrame& frame, const UnitBox& box, double* out) {
-  // u(x) = J x + b with J = A - I for a map of positions; about the reference c: u = (J c + b) + scale J (unit(x) - unit(c)).
   const double identity = kind == MotionKind::position ? 1.0 : 0.0;
-  Vec3 c{};
-  for (int k = 0; k < 3; ++k) c[k] = box.origin[k] + box.scale * frame.reference[k];
-  for (int i = 0; i < 3; ++i) {
-    double constant = motion[4 * i + 3];
-    Vec3 slope;
-    for (int j = 0; j < 3; ++j) {
-      slope[j] = motion[4 * i + j] - (i == j ? identity : 0.0);
-      constant += slope[j] * c[j];
-    }
-    out[i] = constant;
-    for (int j = 0; j < 3; ++j) out[3 * (j + 1) + i] = box.scale * dot(slope, frame.axes[j]);
-  }
+  compiled::field_coefficients(motion, identity, {box.origin, box.scale, frame.reference, frame.axes}, out);
 }
 
 namespace {

@@ -34,6 +34,7 @@ class HandleSystem : public System {
 
  protected:
   friend class HandleEvaluation;
+  friend class CompiledForm;
 
   /// The length of a unit of the solution's coordinates.
   enum class Unit { longest_edge, diagonal };

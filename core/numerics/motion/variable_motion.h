@@ -4,6 +4,7 @@
 #include <variant>
 
 #include "core/base/types.h"
+#include "core/compiled/motion.h"
 
 namespace deform {
 
@@ -24,6 +25,9 @@ struct Scaling {
 
 /// The motion that a design variable v prescribes; v = 0 is the rest position.
 using VariableMotion = std::variant<Translation, Rotation, Scaling>;
+
+/// The same motion for compiled deformations, whose maps are used here.
+compiled::VariableMotion compiled_motion(const VariableMotion& motion);
 
 /// The map of positions at v, exactly the identity at v = 0.
 Affine motion_at(const VariableMotion& motion, double v);

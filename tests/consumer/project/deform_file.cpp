@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads a mesh file, deforms the mesh on a server and writes the file with its new coordinates:
+// Reads a mesh file, deforms the mesh on a server, does the same without it and writes the file with its new coordinates:
 //   deform_file HOST:PORT IN OUT GROUP_THAT_RISES GROUP_THAT_STAYS HEIGHT
 #include <deform/base/version.h>
 #include <deform/client.h>
+#include <deform/compiled/deformation.h>
+#include <deform/compiled/reader.h>
 #include <deform/design.h>
 #include <deform/io/mesh_file.h>
 #include <deform/quality/displacement.h>
@@ -39,6 +41,19 @@ int main(int argc, char** argv) try {
   *request.add_designs() = deform::client::variables_design(std::vector<double>{std::atof(argv[6])});
   const auto outcome = client.deform(request);
   const deform::Points& points = outcome.designs.at(0).points;
+
+  std::vector<std::byte> basis;
+  client.get_basis(system.id(),
+                   [&](std::span<const std::byte> records) { basis.insert(basis.end(), records.begin(), records.end()); });
+  const deform::compiled::Deformation deformation(deform::compiled::read_content(basis));
+  deform::Points same(points.size());
+  deformation.evaluate(std::vector<double>{std::atof(argv[6])}, std::span(same[0].data(), 3 * same.size()));
+  const double apart = deform::largest_displacement(same, points).value;
+  if (apart > 1e-13) {
+    std::fprintf(stderr, "the compiled deformation is %g off\n", apart);
+    return 1;
+  }
+
   deform::io::write_mesh_file(*file, points, argv[3]);
   std::printf("deform %s: %zu points, the largest displacement is %.3f\n", deform::version(), points.size(),
               deform::largest_displacement(points, mesh.points).value);

@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <span>
+
+#include "client/cli/commands/command.h"
+#include "client/cli/commands/workspace.h"
+#include "client/cli/output/format.h"
+#include "client/cli/output/result_json.h"
+#include "client/cli/sweep/durable_file.h"
+#include "core/base/text.h"
+#include "core/compiled/reader.h"
+
+namespace deform::cli {
+
+namespace {
+
+struct CompileOptions {
+  PrepareInput input;
+  std::string output;
+};
+
+/// What grows beside the file until it is complete, and is gone when it never is.
+class Partial {
+ public:
+  explicit Partial(const std::filesystem::path& target) : path_(target.string() + ".part") {
+    std::error_code error;
+    std::filesystem::remove(path_, error);
+    file_.emplace(path_);
+  }
+  ~Partial() {
+    if (!file_) return;
+    file_.reset();
+    std::error_code error;
+    std::filesystem::remove(path_, error);
+  }
+  Partial(const Partial&) = delete;
+  Partial& operator=(const Partial&) = delete;
+
+  const std::filesystem::path& path() const { return path_; }
+  void append(std::span<const std::byte> bytes) { file_->append({reinterpret_cast<const char*>(bytes.data()), bytes.size()}); }
+  void complete(const std::filesystem::path& target) {
+    file_->sync();
+    file_->rename(target);
+    file_.reset();
+  }
+
+ private:
+  const std::filesystem::path path_;
+  std::optional<DurableFile> file_;
+};
+
+void print_compiled(const compiled::Content& content, const std::string& file, std::uint64_t bytes, double seconds) {
+  std::cout << "wrote " << printable(file) << ": " << bytes_text(bytes) << ", " << content.points() << " points, "
+            << content.fields() << " fields, in " << duration_text(seconds) << '\n';
+  for (const compiled::Variable& variable : content.variables) {
+    std::cout << "  " << printable(variable.name) << ": " << number_text(variable.lower) << " to " << number_text(variable.upper)
+              << '\n';
+  }
+  for (const std::string& note : content.notes) std::cout << "  note: " << printable(note) << '\n';
+  std::cout << std::flush;
+}
+
+nlohmann::ordered_json compiled_json(const compiled::Content& content, const std::string& file, std::uint64_t bytes,
+                                     double seconds) {
+  nlohmann::ordered_json json;
+  json["file"] = file;
+  json["bytes"] = bytes;
+  json["system_id"] = content.system_id;
+  json["geometry_id"] = content.geometry_id;
+  json["mesh"] = content.mesh;
+  json["method"] = content.method;
+  json["points"] = content.points();
+  json["fields"] = content.fields();
+  json["variables"] = nlohmann::ordered_json::array();
+  for (const compiled::Variable& variable : content.variables) {
+    nlohmann::ordered_json one{{"name", variable.name}};
+    if (std::isfinite(variable.lower)) one["lower"] = variable.lower;
+    if (std::isfinite(variable.upper)) one["upper"] = variable.upper;
+    json["variables"].push_back(std::move(one));
+  }
+  json["notes"] = content.notes;
+  json["seconds"] = seconds;
+  return json;
+}
+
+ExitCode run_compile(const CompileOptions& options, const CommonOptions& common) {
+  const auto start = std::chrono::steady_clock::now();
+  Connection connection(common);
+  Progress progress;
+  const PreparedSetup prepared = open_setup(connection, options.input, progress);
+  Partial partial(options.output);
+  const v1::BasisHeader header = connection.client().get_basis(
+      prepared.system.id(), [&](std::span<const std::byte> records) { partial.append(records); }, connection.call());
+  const compiled::Content content = compiled::read_content(partial.path());
+  partial.complete(options.output);
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  if (common.style() == Style::json) {
+    print(compiled_json(content, options.output, header.bytes(), seconds));
+  } else {
+    print_compiled(content, options.output, header.bytes(), seconds);
+  }
+  return exit_ok;
+}
+
+}  // namespace
+
+void add_compile_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
+  const auto options = std::make_shared<CompileOptions>();
+  auto* command = app.add_subcommand("compile", "Write a deformation that needs no server: a file for apply and for programs");
+  command->add_option("SETUP", options->input.setup, "Setup file, or the id of a prepared system")->required();
+  command->add_option("-o,--output", options->output, "File to write, mostly NAME.deformation")->required();
+  command->add_option("--source", options->input.source, "Mesh file of a setup that names its geometry by id");
+  command->footer(
+      "The file holds the mesh's points, what the handles do to them, and the design variables with their bounds. Systems with\n"
+      "constraints or without a basis (BASIS_NEVER), and setups without design variables have no such form.\n"
+      "Examples:\n"
+      "  deform compile setup.yaml -o car.deformation\n"
+      "  deform apply car.deformation --set roof_up=0.03 -o out.obj");
+  command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_compile(*options, common); }; });
+}
+
+}  // namespace deform::cli

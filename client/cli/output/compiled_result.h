@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <span>
+
+#include "core/compiled/deformation.h"
+#include "core/mesh/mesh.h"
+#include "deform/v1/deformation.pb.h"
+
+namespace deform::cli {
+
+/// Which faces and cells of a result are looked at.
+enum class CompiledCheck { none, inversions };
+
+/// What the server would say about a design, without its warnings that come from the method. points: n x 3, as they were
+/// evaluated.
+v1::DesignResult compiled_result(const compiled::Deformation& deformation, std::span<const double> variables, const Mesh& mesh,
+                                 const Points& points, CompiledCheck check);
+
+}  // namespace deform::cli

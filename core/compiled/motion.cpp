@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/compiled/motion.h"
+
+#include <cmath>
+
+#include "core/base/vectors.h"
+
+namespace deform::compiled {
+
+namespace {
+
+using Linear = std::array<double, 9>;
+
+bool is_zero(const Vec3& v) { return v[0] == 0 && v[1] == 0 && v[2] == 0; }
+Vec3 normalized(const Vec3& v) { return v / norm(v); }
+
+Affine translation(const Vec3& d, double v) { return {1, 0, 0, v * d[0], 0, 1, 0, v * d[1], 0, 0, 1, v * d[2]}; }
+
+// A and b = c - A c for the linear map A about the centre c.
+Affine about(const Linear& A, const Vec3& c, double keep) {
+  Affine m{};
+  for (int i = 0; i < 3; ++i) {
+    double moved = 0;
+    for (int j = 0; j < 3; ++j) {
+      m[4 * i + j] = A[3 * i + j];
+      moved += A[3 * i + j] * c[j];
+    }
+    m[4 * i + 3] = keep * c[i] - moved;
+  }
+  return m;
+}
+
+// Rodrigues: cos I + sin [a]x + (1 - cos) a a^T, with the factors given, so that the derivative is the same expression.
+Linear rodrigues(const Vec3& a, double identity, double cross, double outer) {
+  return {identity + outer * a[0] * a[0],     outer * a[0] * a[1] - cross * a[2], outer * a[0] * a[2] + cross * a[1],
+          outer * a[1] * a[0] + cross * a[2], identity + outer * a[1] * a[1],     outer * a[1] * a[2] - cross * a[0],
+          outer * a[2] * a[0] - cross * a[1], outer * a[2] * a[1] + cross * a[0], identity + outer * a[2] * a[2]};
+}
+
+Linear scaling(const Vec3& axis, double identity, double v) {
+  if (is_zero(axis)) return {identity + v, 0, 0, 0, identity + v, 0, 0, 0, identity + v};
+  return rodrigues(normalized(axis), identity, 0, v);
+}
+
+}  // namespace
+
+Affine motion_at(const VariableMotion& motion, double v) {
+  if (v == 0) return identity_affine;  // exactly at rest, whatever the centre
+  switch (motion.kind) {
+    case MotionKind::translation:
+      break;
+    case MotionKind::rotation:
+      return about(rodrigues(normalized(motion.vector), std::cos(v), std::sin(v), 1 - std::cos(v)), motion.centre, 1);
+    case MotionKind::scaling:
+      return about(scaling(motion.vector, 1, v), motion.centre, 1);
+  }
+  return translation(motion.vector, v);
+}
+
+Affine motion_rate(const VariableMotion& motion, double v) {
+  switch (motion.kind) {
+    case MotionKind::translation:
+      break;
+    case MotionKind::rotation:
+      return about(rodrigues(normalized(motion.vector), -std::sin(v), std::cos(v), std::sin(v)), motion.centre, 0);
+    case MotionKind::scaling:
+      return about(scaling(motion.vector, 0, 1), motion.centre, 0);
+  }
+  return {0, 0, 0, motion.vector[0], 0, 0, 0, motion.vector[1], 0, 0, 0, motion.vector[2]};
+}
+
+Affine chained(const Affine& outer, const Affine& inner, double inner_weight) {
+  Affine c{};
+  for (int row = 0; row < 3; ++row) {
+    for (int col = 0; col < 4; ++col) {
+      double sum = col == 3 ? inner_weight * outer[4 * row + 3] : 0.0;
+      for (int k = 0; k < 3; ++k) sum += outer[4 * row + k] * inner[4 * k + col];
+      c[4 * row + col] = sum;
+    }
+  }
+  return c;
+}
+
+void field_coefficients(const Affine& motion, double identity, const FieldFrame& frame, double* out) {
+  // u(x) = J x + b with J = A - I for a map of positions; about the reference c: u = (J c + b) + scale J (unit(x) - unit(c)).
+  Vec3 c{};
+  for (int k = 0; k < 3; ++k) c[k] = frame.origin[k] + frame.scale * frame.reference[k];
+  for (int i = 0; i < 3; ++i) {
+    double constant = motion[4 * i + 3];
+    Vec3 slope;
+    for (int j = 0; j < 3; ++j) {
+      slope[j] = motion[4 * i + j] - (i == j ? identity : 0.0);
+      constant += slope[j] * c[j];
+    }
+    out[i] = constant;
+    for (int j = 0; j < 3; ++j) out[3 * (j + 1) + i] = frame.scale * dot(slope, frame.axes[j]);
+  }
+}
+
+}  // namespace deform::compiled

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+
+#include "core/base/types.h"
+
+namespace deform::compiled {
+
+/// How a design variable moves its handle.
+enum class MotionKind : std::uint32_t {
+  translation = 0,  ///< x' = x + v vector
+  rotation = 1,     ///< by v radians about the axis `vector` through the centre, right-handed
+  scaling = 2,      ///< x' = centre + (1 + v)(x - centre); with a vector that is not zero only along it
+};
+
+/// One of them, with its parameters: model units.
+struct VariableMotion {
+  MotionKind kind = MotionKind::translation;  ///< how
+  Vec3 vector{};                              ///< direction or axis; need not be of unit length
+  Vec3 centre{};                              ///< of rotations and scalings: what stays where it is
+};
+
+/// The map of positions at the value v; the identity exactly at 0.
+Affine motion_at(const VariableMotion& motion, double v);
+/// Its derivative with respect to v: maps positions at rest to rates.
+Affine motion_rate(const VariableMotion& motion, double v);
+
+/// compose() for a derivative on either side: the translation of the inner map is carried by the linear part of the outer one,
+/// and the outer translation counts only where the inner map is a map (weight 1) and no derivative (weight 0).
+Affine chained(const Affine& outer, const Affine& inner, double inner_weight);
+
+/// What the fields 1, x, y, z of a handle are measured in (thesis 4.2): x = origin + scale * unit, from a point of reference and
+/// along three axes.
+struct FieldFrame {
+  Vec3 origin{};                                                ///< model units
+  double scale = 1;                                             ///< model units
+  Vec3 reference{};                                             ///< unit coordinates
+  std::array<Vec3, 3> axes{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};  ///< orthonormal
+};
+
+/// The displacement field of an affine motion on a handle as the coefficients of its four fields, 4 x 3 row by row, model units.
+/// `motion` maps positions to positions (identity 1: the displacement is motion(x) - x) or to displacements (identity 0).
+void field_coefficients(const Affine& motion, double identity, const FieldFrame& frame, double* out);
+
+}  // namespace deform::compiled
