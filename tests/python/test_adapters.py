@@ -35,6 +35,13 @@ def test_minimize_with_gradients(distance):
         by_differences.gradient(np.zeros(2))
 
 
+def test_an_array_that_the_optimizer_reuses(distance):
+    x = np.array([0.01, 0.02])
+    first = distance(x)
+    x[:] = GOAL
+    assert distance(x) < 1e-20 < first
+
+
 def test_differential_evolution_in_batches(distance):
     arguments = dict(bounds=distance.bounds, seed=1, maxiter=15, popsize=6, updating="deferred", polish=False)
     batches = differential_evolution(distance, vectorized=True, **arguments)

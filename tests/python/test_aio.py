@@ -59,8 +59,10 @@ def test_the_loop_goes_on_meanwhile_and_a_cancelled_task_cancels_its_call(case):
             while True:
                 info = await client.server_info()
                 if info.running + info.queue_length == 0:
-                    return
+                    break
                 await asyncio.sleep(0.05)
+            points = (await client.register(case.folder / "long.obj")).info.points
+            assert not any(one.info.resident for one in await client.systems() if one.info.points == points)
     run(work())
 
 

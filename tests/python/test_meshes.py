@@ -73,13 +73,14 @@ def test_an_object_like_those_of_meshio(client):
     points, hexahedra = brick()
     block = lambda kind, data: types.SimpleNamespace(type=kind, data=np.asarray(data))  # noqa: E731
     mesh = types.SimpleNamespace(
-        points=points, cells=[block("vertex", [[0]]), block("quad", [[0, 1, 6, 5], [1, 2, 7, 6]]), block("hexahedron", hexahedra)],
+        points=points, cells=[block("vertex", [[0]]), block("triangle", [[0, 1, 6]]), block("quad", [[1, 2, 7, 6], [2, 3, 8, 7]]),
+                              block("hexahedron", hexahedra)],
         point_sets={"corner": np.array([0, 4])},
-        cell_sets={"wall": [None, np.array([1]), None], "first": [None, None, np.array([0])], "none": [None, None, None]})
+        cell_sets={"wall": [None, None, np.array([1]), None], "first": [None, None, None, np.array([0])], "none": [None] * 4})
     geometry = client.register(mesh)
-    assert geometry.info.cells == 36 and geometry.info.faces == 2
+    assert geometry.info.cells == 36 and geometry.info.faces == 3
     assert set(geometry.groups) == {"corner", "wall", "first"}
-    np.testing.assert_array_equal(geometry.groups["wall"][1], [1])
+    np.testing.assert_array_equal(geometry.groups["wall"][1], [2])
     np.testing.assert_array_equal(geometry.groups["first"][0], np.sort(hexahedra[0]))
 
 

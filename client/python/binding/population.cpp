@@ -2,26 +2,9 @@
 #include "client/python/binding/population.h"
 
 #include <algorithm>
-#include <charconv>
 #include <utility>
 
 namespace deform::python {
-
-namespace {
-
-/// The message of a request about one of its designs, with the number that the design has here.
-Error renumbered(const Error& error, std::span<const std::size_t> designs) {
-  const std::string message = error.what();
-  constexpr std::string_view start = "designs[";
-  if (!message.starts_with(start)) return error;
-  std::size_t number = 0;
-  const char* end = message.data() + message.size();
-  const auto [rest, failure] = std::from_chars(message.data() + start.size(), end, number);
-  if (failure != std::errc() || rest == end || *rest != ']' || number >= designs.size()) return error;
-  return {error.code(), std::string(start) + std::to_string(designs[number]) + std::string(rest, end), error.retry_after_ms()};
-}
-
-}  // namespace
 
 Population::Population(client::Client& client, Options options) : client_(client), options_(std::move(options)) {
   const std::size_t batches = (options_.designs.size() + options_.batch - 1) / options_.batch;
@@ -101,7 +84,6 @@ void Population::evaluate(std::size_t first, std::size_t end) {
     }
     std::vector<char> came(left.size(), 0);  // the client hands designs over one at a time
     const auto sink = [&](std::size_t k, client::DeformedDesign&& deformed) {
-      if (deformed.error) deformed.error = renumbered(*deformed.error, left);
       finish(left[k], std::move(deformed));
       came[k] = 1;
     };
@@ -112,7 +94,7 @@ void Population::evaluate(std::size_t first, std::size_t end) {
       return;
     } catch (const Error& error) {
       const auto progress = std::count(came.begin(), came.end(), 1);
-      if (error.code() != ErrorCode::unavailable || progress == 0) throw renumbered(error, left);
+      if (error.code() != ErrorCode::unavailable || progress == 0) throw;
     }
     std::vector<std::size_t> missing;
     for (std::size_t k = 0; k < left.size(); ++k) {
