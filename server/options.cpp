@@ -103,11 +103,27 @@ void add_network_options(std::vector<Option>& all) {
                  [](Configuration& c, const std::string& text) { c.server.address = text; },
                  [](const Configuration& c) { return c.server.address; }});
   all.push_back(
-      {"insecure", "", "listen beyond this machine without encryption",
+      {"insecure", "", "listen beyond this machine without encryption: others can read, change and call everything",
        [](Configuration& c, const std::string& text) {
          c.server.security = parse_switch(text) ? TransportSecurity::insecure : TransportSecurity::loopback_only;
        },
        [](const Configuration& c) { return std::string(c.server.security == TransportSecurity::insecure ? "true" : "false"); }});
+  all.push_back(path(
+      "tls-cert", "certificate of the server, PEM, with those between it and its authority; turns TLS on. Reread when it changes",
+      [](Configuration & c) -> auto& { return c.server.tls.certificate; }));
+  all.push_back(path(
+      "tls-key", "its private key, PEM without a passphrase", [](Configuration & c) -> auto& { return c.server.tls.key; }));
+  all.push_back(path(
+      "tls-client-ca", "authorities, PEM: every client must show a certificate of one of them",
+      [](Configuration & c) -> auto& { return c.server.tls.client_ca; }));
+  all.push_back(path(
+      "identities", "who may call: lines \"NAME reader|user|operator sha256:HASH\" of tokens or \"... certificate:NAME\"; reread",
+      [](Configuration & c) -> auto& { return c.server.service.identities; }));
+  all.push_back({"reflection", "on|off", "whether clients may ask for the contract (gRPC server reflection)",
+                 [](Configuration& c, const std::string& text) {
+                   c.server.reflection = parse_switch(text) ? Reflection::on : Reflection::off;
+                 },
+                 [](const Configuration& c) { return std::string(c.server.reflection == Reflection::on ? "on" : "off"); }});
   all.push_back(path(
       "port-file", "write the port that is listened on to this file", [](Configuration & c) -> auto& { return c.port_file; }));
   all.push_back(whole_seconds(

@@ -41,7 +41,7 @@ class WarmStarts;
 struct CallContext {
   CancelFlag cancel;
   std::optional<RunContext::Clock::time_point> deadline;
-  std::string client;                                 ///< peer, for the log
+  std::string client;                                 ///< who asks: the requests of one client take turns with those of others
   std::shared_ptr<WarmStarts> warm_starts = nullptr;  ///< of a stream
 };
 

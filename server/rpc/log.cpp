@@ -6,6 +6,7 @@
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <iterator>
 
 #include "core/base/text.h"
@@ -24,6 +25,10 @@ class Line {
   void word(const char* key, const std::string& value) { add(key, value); }
   void id(const char* key, const std::string& value) {
     if (!value.empty()) add(key, quoted_if_odd(value.substr(0, id_digits)));
+  }
+  void name(const char* key, const std::string& value) {
+    const bool plain = std::all_of(value.begin(), value.end(), [](unsigned char c) { return c > ' ' && c < 127 && c != '"' && c != '\\'; });
+    add(key, plain ? value : quoted(value));
   }
   void text(const char* key, const std::string& value) {
     if (!value.empty()) add(key, quoted(value));
@@ -98,6 +103,7 @@ std::string to_line(const CallRecord& record) {
   Line line(out);
   line.word("method", record.method);
   line.word("client", escaped(record.client, text_limit));
+  if (!record.identity.empty()) line.name("identity", record.identity);
   if (record.request_id) line.word("request", std::to_string(*record.request_id));
   line.id("geometry", record.geometry);
   line.id("system", record.system);
@@ -114,7 +120,7 @@ std::string to_line(const CallRecord& record) {
   line.milliseconds("encode_ms", record.encode_ms);
   line.milliseconds("stream_ms", record.stream_ms);
   line.milliseconds("wall_ms", record.wall_ms);
-  line.word("status", record.error ? to_string(record.error->code()) : "ok");
+  line.word("status", record.refusal != nullptr ? record.refusal : record.error ? to_string(record.error->code()) : "ok");
   if (record.error) line.text("message", record.error->what());
   return out;
 }

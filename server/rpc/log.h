@@ -23,7 +23,8 @@ void start_logging(const LogOptions& options);
 /// What is logged about one call, or about one request of a DeformStream. Fields that do not apply stay empty and are left out.
 struct CallRecord {
   std::string method;
-  std::string client;
+  std::string client;                       ///< the peer
+  std::string identity;                     ///< whose call it is; empty: nobody was asked for one
   std::optional<std::uint64_t> request_id;  ///< of a DeformStream
   std::string geometry;                     ///< as the client wrote it
   std::string system;
@@ -39,6 +40,7 @@ struct CallRecord {
   double stream_ms = 0;  ///< writes under way
   double wall_ms = 0;
   std::optional<Error> error;
+  const char* refusal = nullptr;  ///< "unauthenticated" or "permission_denied": the status, when the call was not let in
 };
 
 /// "method=Deform client=... system=0123456789ab designs=1 ... status=ok": one line, user's strings escaped, ids cut to 12

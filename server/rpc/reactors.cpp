@@ -4,6 +4,7 @@
 #include <string>
 #include <utility>
 
+#include "core/base/text.h"
 #include "proto/convert/base/error.h"
 #include "server/rpc/service_messages.h"
 #include "server/rpc/status.h"
@@ -46,16 +47,28 @@ bool LiveCalls::wait_for_none(std::chrono::steady_clock::time_point deadline) {
 // ---- CallScope ----
 
 CallScope::CallScope(const char* method, const Incoming& incoming)
-    : incoming_(incoming), started_(std::chrono::steady_clock::now()) {
+    : incoming_(incoming),
+      started_(std::chrono::steady_clock::now()),
+      admission_(incoming.access->admit(method, *incoming.context)) {
   incoming_.live->enter();
   record.method = method;
-  record.client = call_.client = incoming.context->peer();
+  record.client = incoming.context->peer();
+  record.identity = admission_.identity;
+  call_.client = admission_.identity.empty() ? record.client : "identity " + admission_.identity;
   // gRPC keeps wall-clock deadlines, "none" as the end of time.
   const auto deadline = incoming.context->deadline();
   const auto now = std::chrono::system_clock::now();
   if (deadline < now + std::chrono::hours(24 * 365)) {
     call_.deadline = started_ + std::chrono::duration_cast<std::chrono::steady_clock::duration>(deadline - now);
   }
+}
+
+void CallScope::check_access() {
+  const std::lock_guard lock(admission_mutex_);
+  if (admission_.generation != incoming_.access->generation()) {
+    admission_ = incoming_.access->admit(record.method, *incoming_.context);
+  }
+  if (admission_.refusal) throw Error(ErrorCode::failed_precondition, admission_.refusal->message);
 }
 
 Error CallScope::given_up() const {
@@ -73,6 +86,11 @@ void CallScope::check() const {
 grpc::Status CallScope::finish(std::optional<Error> error) {
   record.error = std::move(error);
   if (!record.error) return grpc::Status::OK;
+  const std::lock_guard lock(admission_mutex_);
+  if (admission_.refusal) {
+    record.refusal = admission_.refusal->word();
+    return {admission_.refusal->code, escaped(admission_.refusal->message, convert::max_error_message)};
+  }
   if (const std::uint32_t hint = record.error->retry_after_ms(); hint != 0) {
     incoming_.context->AddTrailingMetadata(convert::retry_after_key, std::to_string(hint));
   }
@@ -104,7 +122,10 @@ UnaryCall::UnaryCall(const char* method, const Incoming& incoming, grpc::ByteBuf
 grpc::ServerUnaryReactor* UnaryCall::launch(ThreadPool& pool, const char* method, const Incoming& incoming,
                                             grpc::ByteBuffer* reply, Work work) {
   auto* call = new UnaryCall(method, incoming, reply, std::move(work));
-  if (auto refused = caught([&] { let_in(pool, [call] { call->answer(); }); })) {
+  if (auto refused = caught([&] {
+        call->scope_.check_access();
+        let_in(pool, [call] { call->answer(); });
+      })) {
     call->Finish(call->scope_.finish(std::move(refused)));
   }
   return call;
@@ -130,14 +151,23 @@ void UnaryCall::OnDone() {
 template <typename Reactor>
 Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call) {
   call->self_ = call;
-  call->run();
+  if (auto refused = caught([&] { call->scope_.check_access(); })) {
+    call->end(std::move(refused));
+  } else {
+    call->run();
+  }
   return call.get();
 }
 
 template <typename Reactor>
 Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call, ThreadPool& pool) {
   call->self_ = call;
-  if (auto refused = caught([&] { let_in(pool, [call] { call->run(); }); })) call->end(std::move(refused));
+  if (auto refused = caught([&] {
+        call->scope_.check_access();
+        let_in(pool, [call] { call->run(); });
+      })) {
+    call->end(std::move(refused));
+  }
   return call.get();
 }
 
@@ -246,8 +276,12 @@ RequestStream::RequestStream(const char* method, const Incoming& incoming, grpc:
 
 grpc::ServerReadReactor<grpc::ByteBuffer>* RequestStream::launch(std::shared_ptr<RequestStream> call) {
   call->self_ = call;
-  call->state_ = State::reading;
-  call->StartRead(&call->request_);
+  if (auto refused = caught([&] { call->scope_.check_access(); })) {
+    call->answer(std::move(refused), nullptr);
+  } else {
+    call->state_ = State::reading;
+    call->StartRead(&call->request_);
+  }
   return call.get();
 }
 

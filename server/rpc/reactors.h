@@ -15,6 +15,7 @@
 
 #include "core/base/thread_pool.h"
 #include "server/engine/engine.h"
+#include "server/rpc/access.h"
 #include "server/rpc/log.h"
 
 namespace deform::server {
@@ -41,10 +42,11 @@ class LiveCalls {
   std::size_t count_ = 0;  // under mutex_
 };
 
-/// A call as it comes in. Both live until OnDone at least.
+/// A call as it comes in. All live until OnDone at least.
 struct Incoming {
   grpc::CallbackServerContext* context;
   LiveCalls* live;
+  const Access* access;
 };
 
 /// What every call has beside its mechanics. The record belongs to whoever has the turn of the call.
@@ -52,7 +54,10 @@ class CallScope {
  public:
   CallScope(const char* method, const Incoming& incoming);
 
-  /// Cancel flag, deadline and peer, for the engine.
+  /// Throws unless the caller may make this call; every launch() asks first of all. Cheap to ask again in a long call: the answer
+  /// changes when the identities did.
+  void check_access();
+  /// Cancel flag, deadline and caller, for the engine.
   const CallContext& call() const { return call_; }
   void cancel() const { call_.cancel.cancel(); }
   /// Throws Error(cancelled) or Error(deadline_exceeded) when the answer has no reader any more.
@@ -70,6 +75,8 @@ class CallScope {
   const Incoming incoming_;
   const std::chrono::steady_clock::time_point started_;
   CallContext call_;
+  std::mutex admission_mutex_;
+  Access::Admission admission_;  // under admission_mutex_: a stream asks again while it may end
 };
 
 /// Copies what the engine tells about its work into the record; what it does not know stays.

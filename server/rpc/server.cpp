@@ -8,13 +8,16 @@
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
 #include <spdlog/spdlog.h>
+#include <sys/stat.h>
 
 #include <algorithm>
 #include <charconv>
 #include <condition_variable>
 #include <mutex>
+#include <optional>
 #include <thread>
 #include <utility>
+#include <vector>
 
 #include "core/base/text.h"
 
@@ -52,11 +55,44 @@ HostPort split(const std::string& address) {
 
 bool is_unix(const std::string& address) { return address.starts_with("unix:") || address.starts_with("unix-abstract:"); }
 
-/// TLS will be another value of TransportSecurity and another branch here.
-std::shared_ptr<grpc::ServerCredentials> credentials(const ServerOptions&) { return grpc::InsecureServerCredentials(); }
+/// Adds reflection to one server instead of all.
+class ReflectionOption final : public grpc::ServerBuilderOption {
+  void UpdateArguments(grpc::ChannelArguments*) override {}
+  void UpdatePlugins(std::vector<std::unique_ptr<grpc::ServerBuilderPlugin>>* plugins) override {
+    plugins->push_back(std::make_unique<grpc::reflection::ProtoServerReflectionPlugin>());
+  }
+};
 
-/// What the libraries keep per process, before the first builder: reflection, health, and protobuf's complaints about what
-/// clients send, which are answered by a status and would only fill the log.
+/// The owner and the group of a socket that is bound meanwhile may connect, nobody else. Files of the store have modes of their own.
+class SocketMode {
+ public:
+  SocketMode() : before_(umask(0117)) {}
+  ~SocketMode() { umask(before_); }
+  SocketMode(const SocketMode&) = delete;
+  SocketMode& operator=(const SocketMode&) = delete;
+
+ private:
+  const mode_t before_;
+};
+
+/// What an address beyond this machine lets everybody do.
+void warn_of_exposure(const ServerOptions& options) {
+  if (!beyond_loopback(options.address)) return;
+  if (!options.tls.on()) {
+    spdlog::warn(
+        "insecure: {} is plain text beyond this machine. Nothing is encrypted, the server proves no identity and asks nobody for one: "
+        "whoever reaches it or the way to it can read and change what travels, use every call and delete every geometry. "
+        "--tls-cert and --tls-key encrypt; --tls-client-ca or --identities ask who calls",
+        options.address);
+  } else if (options.tls.client_ca.empty() && options.service.identities.empty()) {
+    spdlog::warn("{} is encrypted, but nobody is asked who calls: whoever reaches it can use every call. --tls-client-ca or "
+                 "--identities ask",
+                 options.address);
+  }
+}
+
+/// What the libraries keep per process, before the first builder: health, and protobuf's complaints about what
+/// clients send, which are answered by a status and would only fill the log. What may show a token is not logged.
 void set_up_libraries() {
   static std::once_flag once;
   std::call_once(once, [] {
@@ -64,10 +100,10 @@ void set_up_libraries() {
     google::protobuf::SetLogHandler(nullptr);
     gpr_set_log_function([](gpr_log_func_args* entry) {
       const auto level = entry->severity == GPR_LOG_SEVERITY_ERROR ? spdlog::level::warn : spdlog::level::debug;
-      spdlog::log(level, "grpc: {}", escaped(entry->message, 500));
+      const bool secret = lower_case(entry->message).find("authorization") != std::string::npos;
+      spdlog::log(level, "grpc: {}", secret ? "(a message about authorization)" : escaped(entry->message, 500));
     });
     grpc::EnableDefaultHealthCheckService(true);
-    grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   });
 }
 
@@ -76,11 +112,17 @@ class GrpcServer final : public RunningServer {
   GrpcServer(const ServerOptions& options, std::unique_ptr<Engine> engine)
       : engine_(std::move(engine)), service_(*engine_, options.service), address_(options.address) {
     set_up_libraries();
+    credentials_ = options.tls.on() ? tls_credentials(options.tls) : grpc::InsecureServerCredentials();
+    warn_of_exposure(options);
     grpc::ServerBuilder builder;
     configure(builder, options);
-    if (!options.address.empty()) builder.AddListeningPort(options.address, credentials(options), &port_);
+    if (!options.address.empty()) builder.AddListeningPort(options.address, credentials_, &port_);
     builder.RegisterService(&service_.grpc_service());
-    server_ = builder.BuildAndStart();
+    {
+      std::optional<SocketMode> mode;
+      if (is_unix(options.address)) mode.emplace();
+      server_ = builder.BuildAndStart();
+    }
     const bool bound = options.address.empty() || is_unix(options.address) || port_ > 0;
     if (!server_ || !bound) {
       throw Error(ErrorCode::unavailable,
@@ -92,7 +134,7 @@ class GrpcServer final : public RunningServer {
     // Asked once: what the watcher compares with must be what the health service was told.
     const bool writable = engine_->store().writable();
     set_serving(true, writable);
-    watch_ = std::thread([this, writable] { watch_store(writable); });
+    watch_ = std::thread([this, writable] { watch(writable); });
   }
 
   ~GrpcServer() override { stop(std::chrono::milliseconds(0)); }
@@ -126,6 +168,7 @@ class GrpcServer final : public RunningServer {
 
  private:
   static void configure(grpc::ServerBuilder& builder, const ServerOptions& options) {
+    if (options.reflection == Reflection::on) builder.SetOption(std::make_unique<ReflectionOption>());
     builder.SetDefaultCompressionAlgorithm(GRPC_COMPRESS_NONE);  // blocks are compressed already
     // The receive limit stays at gRPC's 4 MiB: the contract allows 1 MiB.
     builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);  // or two servers could share a port unnoticed
@@ -145,9 +188,11 @@ class GrpcServer final : public RunningServer {
     health->SetServingStatus(write_service_name, serving && writable);
   }
 
-  void watch_store(bool writable) {
+  /// The store and the file of identities.
+  void watch(bool writable) {
     std::unique_lock lock(watch_mutex_);
     while (!stopping_changed_.wait_for(lock, watch_interval, [this] { return stopping_; })) {
+      service_.refresh_identities();
       const v1::StoreInfo store = engine_->store();
       if (store.writable() == writable) continue;
       writable = store.writable();
@@ -163,6 +208,7 @@ class GrpcServer final : public RunningServer {
   // In this order: calls use the service, the service uses the engine.
   std::unique_ptr<Engine> engine_;
   DeformService service_;
+  std::shared_ptr<grpc::ServerCredentials> credentials_;
   std::unique_ptr<grpc::Server> server_;
   int port_ = 0;
   std::string address_;
@@ -196,10 +242,18 @@ void ServerOptions::validate() const {
                   "option address: \"" + address + "\" is not HOST:PORT, [IPV6]:PORT or unix:PATH with a port of 0 to 65535");
     }
   }
-  if (security == TransportSecurity::loopback_only && beyond_loopback(address)) {
-    throw Error(ErrorCode::invalid_argument, "option address: " + address +
-                                                 " lets other machines connect without encryption; listen on 127.0.0.1 or say "
-                                                 "that this is wanted (--insecure)");
+  tls.validate();
+  if (!tls.on() && beyond_loopback(address)) {
+    if (!service.identities.empty()) {
+      throw Error(ErrorCode::invalid_argument, "option identities: on " + address +
+                                                   " tokens would travel in plain text; encrypt (--tls-cert, --tls-key) or listen "
+                                                   "on 127.0.0.1");
+    }
+    if (security == TransportSecurity::loopback_only) {
+      throw Error(ErrorCode::invalid_argument, "option address: " + address +
+                                                   " lets other machines connect without encryption; encrypt (--tls-cert, "
+                                                   "--tls-key), listen on 127.0.0.1 or say that this is wanted (--insecure)");
+    }
   }
   if (max_calls_per_connection < 1) throw Error(ErrorCode::invalid_argument, "option max_calls_per_connection: at least 1");
   if (keep_alive.count() < 1 || keep_alive_timeout.count() < 1) {

@@ -7,6 +7,7 @@
 
 #include "server/engine/engine.h"
 #include "server/rpc/service.h"
+#include "server/rpc/tls.h"
 
 namespace grpc {
 class Channel;
@@ -14,16 +15,21 @@ class Channel;
 
 namespace deform::server {
 
-/// How bytes travel.
+/// Where plain text may travel; with TLS there is none.
 enum class TransportSecurity {
-  loopback_only,  ///< plain text; refuses to listen where other machines could connect
+  loopback_only,  ///< refuses to listen in plain text where other machines could connect
   insecure        ///< plain text, everywhere
 };
 
+/// Whether clients may ask the server for its contract (gRPC server reflection).
+enum class Reflection { on, off };
+
 struct ServerOptions {
-  /// HOST:PORT, [IPV6]:PORT or unix:PATH. Port 0: a free one. Empty: only in-process channels.
+  /// HOST:PORT, [IPV6]:PORT or unix:PATH (a socket of mode 0660). Port 0: a free one. Empty: only in-process channels.
   std::string address = "127.0.0.1:50051";
   TransportSecurity security = TransportSecurity::loopback_only;
+  TlsFiles tls;
+  Reflection reflection = Reflection::on;
   std::chrono::seconds keep_alive{60};          ///< a silent connection is asked whether it lives
   std::chrono::seconds keep_alive_timeout{20};  ///< and closed when it does not answer
   int max_calls_per_connection = 1024;

@@ -65,9 +65,10 @@ void ServiceOptions::validate() const {
 class DeformService::Methods final : public RawService {
  public:
   Methods(Engine& engine, const ServiceOptions& options)
-      : engine_(engine), options_(options), pool_(options.call_threads, options.waiting_calls) {}
+      : engine_(engine), options_(options), access_(options.identities), pool_(options.call_threads, options.waiting_calls) {}
 
   void drain();
+  void refresh_identities() { access_.refresh(); }
   bool wait_for_none(std::chrono::steady_clock::time_point deadline) { return live_.wait_for_none(deadline); }
 
   grpc::ServerReadReactor<Bytes>* RegisterGeometry(Context* context, Bytes* reply) override {
@@ -175,7 +176,7 @@ class DeformService::Methods final : public RawService {
   }
 
  private:
-  Incoming incoming(Context* context) { return {context, &live_}; }
+  Incoming incoming(Context* context) { return {context, &live_, &access_}; }
   /// work(record) -> reply message.
   template <typename Work>
   grpc::ServerUnaryReactor* unary(const char* method, Context* context, Bytes* reply, Work work) {
@@ -188,6 +189,7 @@ class DeformService::Methods final : public RawService {
 
   Engine& engine_;
   const ServiceOptions options_;
+  Access access_;
   LiveCalls live_;
   std::mutex streams_mutex_;
   // under streams_mutex_
@@ -230,6 +232,7 @@ DeformService::DeformService(Engine& engine, const ServiceOptions& options)
 DeformService::~DeformService() = default;
 grpc::Service& DeformService::grpc_service() { return *methods_; }
 void DeformService::drain() { methods_->drain(); }
+void DeformService::refresh_identities() { methods_->refresh_identities(); }
 bool DeformService::wait_for_none(std::chrono::steady_clock::time_point deadline) { return methods_->wait_for_none(deadline); }
 
 }  // namespace deform::server

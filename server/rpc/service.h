@@ -2,6 +2,7 @@
 #pragma once
 
 #include <chrono>
+#include <filesystem>
 #include <memory>
 
 #include "server/engine/engine.h"
@@ -16,6 +17,7 @@ namespace deform::server {
 /// Limits of the transport side; those of the content are the engine's.
 struct ServiceOptions {
   StreamLimits stream;
+  std::filesystem::path identities;  ///< who may call (Access); empty: everyone
   int call_threads = 8;              ///< for engine calls that wait for the disk
   std::size_t waiting_calls = 1024;  ///< of those; more are refused with a retry hint
 
@@ -35,6 +37,8 @@ class DeformService {
 
   /// Ends every DeformStream as soon as its open requests are answered, and new ones at once. Does not wait.
   void drain();
+  /// Rereads the identities when their file changed. Now and then, by anyone.
+  void refresh_identities();
   /// Waits until no call is left; false when the time is over first.
   bool wait_for_none(std::chrono::steady_clock::time_point deadline);
 

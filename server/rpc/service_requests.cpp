@@ -51,7 +51,8 @@ StreamRequests::RequestPtr StreamRequests::open(std::uint64_t id) {
   request->call.cancel = CancelFlag();
   request->opened = std::chrono::steady_clock::now();
   request->record.method = "DeformStream";
-  request->record.client = call_.client;
+  request->record.client = client_;
+  request->record.identity = identity_;
   request->record.request_id = id;
   if (open_.size() >= limits_.open_requests) {
     refuse(*request, Error(ErrorCode::out_of_budget,

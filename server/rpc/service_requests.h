@@ -51,7 +51,9 @@ class StreamRequests {
     std::shared_ptr<DeformJob> cancelled;  ///< call cancel() on it
   };
 
-  StreamRequests(const StreamLimits& limits, CallContext call) : limits_(limits), call_(std::move(call)) {}
+  /// `stream` says who calls; each request's record says so, too.
+  StreamRequests(const StreamLimits& limits, CallContext call, const CallRecord& stream = {})
+      : limits_(limits), call_(std::move(call)), client_(stream.client), identity_(stream.identity) {}
 
   /// One message of `bytes` bytes. Throws Error(out_of_budget) when the client floods the stream with broken requests: ends it.
   Effect accept(v1::DeformStreamRequest&& message, std::size_t bytes);
@@ -80,6 +82,7 @@ class StreamRequests {
 
   const StreamLimits limits_;
   const CallContext call_;
+  const std::string client_, identity_;
   std::unordered_map<std::uint64_t, RequestPtr> open_;
   std::deque<RequestPtr> waiting_;
   std::size_t running_ = 0;

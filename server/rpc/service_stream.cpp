@@ -43,7 +43,7 @@ DeformStreamCall::DeformStreamCall(Engine& engine, const StreamLimits& limits, c
     : ReplyWriter("DeformStream", incoming),
       engine_(engine),
       on_done_(std::move(on_done)),
-      requests_(limits, with_warm_starts(scope_.call())) {}
+      requests_(limits, with_warm_starts(scope_.call()), scope_.record) {}
 
 void DeformStreamCall::begin() { StartRead(&message_); }
 
@@ -82,6 +82,7 @@ void DeformStreamCall::OnReadDone(bool ok) {
 }
 
 void DeformStreamCall::take(const grpc::ByteBuffer& bytes) {
+  scope_.check_access();  // the caller may have been struck out since the stream was opened
   v1::DeformStreamRequest message;
   parse(bytes, message);
   StreamRequests::Effect effect;

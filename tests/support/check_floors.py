@@ -75,6 +75,7 @@ LIBRARIES = {
     "grpc": ["server/rpc", "client"],
     "google/protobuf/": ["proto/convert/base", "proto/convert/mesh", "proto/convert", "server/store", "server/engine", "server/rpc", "client", "client/cli", "client/examples"],
     "draco/": ["core/codec"],
+    "openssl/": ["core/codec", "server/engine", "server/store", "server/rpc", "client"],
     "hwy/": ["core/numerics"],
     "cholmod.h": ["core/numerics"],
     "nanoflann": ["core/numerics"],

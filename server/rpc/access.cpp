@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/rpc/access.h"
+
+#include <grpc/grpc_security_constants.h>
+#include <spdlog/spdlog.h>
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <utility>
+#include <vector>
+
+#include "core/base/error.h"
+#include "core/base/text.h"
+
+namespace deform::server {
+
+namespace {
+
+/// Every RPC of the service has its row.
+constexpr std::pair<std::string_view, Role> role_table[] = {
+    {"RegisterGeometry", Role::use},  {"GetGeometry", Role::read},    {"ListGeometries", Role::read},
+    {"DeleteGeometry", Role::operate}, {"GetPoints", Role::read},     {"Detect", Role::use},
+    {"Estimate", Role::use},          {"Prepare", Role::use},         {"GetSystem", Role::read},
+    {"ListSystems", Role::read},      {"ReleaseSystem", Role::operate}, {"Deform", Role::use},
+    {"DeformStream", Role::use},      {"JacobianVector", Role::use},  {"VectorJacobian", Role::use},
+    {"GetServerInfo", Role::read},
+};
+
+const std::pair<std::string_view, Role>* row_of(std::string_view method) {
+  const auto* found = std::find_if(std::begin(role_table), std::end(role_table), [&](const auto& row) { return row.first == method; });
+  return found == std::end(role_table) ? nullptr : found;
+}
+
+constexpr std::size_t max_file = std::size_t{4} << 20;
+constexpr std::size_t max_token = 4096;
+constexpr std::string_view bearer = "bearer ";
+
+std::string_view view(grpc::string_ref text) { return {text.data(), text.size()}; }
+
+/// The names of the peer's certificate, which the handshake has verified; none without one.
+std::vector<std::string> certificate_names(const grpc::ServerContextBase& context) {
+  std::vector<std::string> names;
+  const auto peer = context.auth_context();
+  if (!peer || !peer->IsPeerAuthenticated()) return names;
+  for (const auto& name : peer->FindPropertyValues(GRPC_X509_SAN_PROPERTY_NAME)) names.emplace_back(view(name));
+  return names;
+}
+
+Access::Refusal unknown(const std::string& message) { return {grpc::StatusCode::UNAUTHENTICATED, message}; }
+
+/// The caller by its token, or else by its certificate: a wrong token is refused, not passed over.
+std::optional<Identities::Identity> caller(const Identities& identities, const grpc::ServerContextBase& context,
+                                           std::optional<Access::Refusal>& refusal) {
+  const auto [first, last] = context.client_metadata().equal_range("authorization");
+  if (first == last) {
+    const std::vector<std::string> names = certificate_names(context);
+    auto found = identities.of_certificate(names);
+    if (!found && names.empty()) {
+      refusal = unknown("this server asks who calls: send a token (\"authorization: Bearer TOKEN\") or show a client certificate");
+    } else if (!found) {
+      refusal = unknown("no identity has the name of this client certificate, \"" + escaped(names.front(), 200) + "\"");
+    }
+    return found;
+  }
+  const std::string_view value = view(first->second);
+  if (std::next(first) != last || lower_case(value.substr(0, bearer.size())) != bearer) {
+    refusal = unknown("authorization: one value \"Bearer TOKEN\" was expected");
+    return std::nullopt;
+  }
+  const std::string_view token = value.substr(bearer.size());
+  auto found = token.size() <= max_token ? identities.of_token(token) : std::nullopt;
+  if (!found) refusal = unknown("the token is not known to this server");
+  return found;
+}
+
+}  // namespace
+
+Role role_needed(std::string_view method) {
+  const auto* row = row_of(method);
+  return row == nullptr ? Role::operate : row->second;
+}
+
+bool has_row(std::string_view method) { return row_of(method) != nullptr; }
+
+FileStamp FileStamp::of(const std::filesystem::path& path) {
+  struct stat about {};
+  if (::stat(path.c_str(), &about) != 0) return {};
+  return {about.st_mtim.tv_sec * std::int64_t{1'000'000'000} + about.st_mtim.tv_nsec, about.st_size,
+          static_cast<std::int64_t>(about.st_ino), static_cast<std::int64_t>(about.st_dev)};
+}
+
+std::string read_small_file(const std::filesystem::path& path, const std::string& option) {
+  const auto error = [&](const std::string& why) {
+    return Error(ErrorCode::invalid_argument, option + ": " + path.string() + ": " + why);
+  };
+  std::ifstream in(path, std::ios::binary);
+  if (!in) throw error(std::strerror(errno));
+  std::string text(max_file + 1, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  if (in.bad()) throw error("cannot be read");
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  if (text.size() > max_file) throw error("larger than " + std::to_string(max_file) + " bytes");
+  return text;
+}
+
+const char* Access::Refusal::word() const {
+  return code == grpc::StatusCode::UNAUTHENTICATED ? "unauthenticated" : "permission_denied";
+}
+
+Access::Access(std::filesystem::path identities) : file_(std::move(identities)) {
+  if (!file_.empty()) load();
+}
+
+std::shared_ptr<const Identities> Access::identities() const {
+  const std::lock_guard lock(mutex_);
+  return identities_;
+}
+
+Access::Admission Access::admit(std::string_view method, const grpc::ServerContextBase& context) const {
+  Admission admission;
+  admission.generation = generation_;  // before the file is looked at: a change meanwhile is noticed later
+  const auto known = identities();
+  if (!known) {
+    const std::vector<std::string> names = certificate_names(context);
+    if (!names.empty()) admission.identity = names.front();
+    return admission;
+  }
+  const auto who = caller(*known, context, admission.refusal);
+  if (!who) return admission;
+  admission.identity = who->name;
+  if (const Role needed = role_needed(method); who->role < needed) {
+    admission.refusal = Refusal{grpc::StatusCode::PERMISSION_DENIED, std::string(method) + " needs the role " + to_string(needed) +
+                                                                         ", \"" + who->name + "\" has " + to_string(who->role)};
+  }
+  return admission;
+}
+
+void Access::load() {
+  const FileStamp stamp = FileStamp::of(file_);  // before it is read: what is written meanwhile is read again
+  {
+    const std::lock_guard lock(mutex_);
+    stamp_ = stamp;
+  }
+  auto fresh = std::make_shared<const Identities>(
+      Identities::parse(read_small_file(file_, "option identities"), "option identities: " + file_.string()));
+  spdlog::info("identities: {} tokens and {} names of certificates from {}", fresh->tokens(), fresh->certificates(),
+               escaped(file_.string(), 300));
+  {
+    const std::lock_guard lock(mutex_);
+    identities_ = std::move(fresh);
+  }
+  ++generation_;
+}
+
+void Access::refresh() {
+  if (file_.empty()) return;
+  const FileStamp now = FileStamp::of(file_);
+  {
+    const std::lock_guard lock(mutex_);
+    if (now == stamp_) return;
+  }
+  try {
+    load();
+  } catch (const std::exception& error) {
+    spdlog::error("identities: those read before stay in force: {}", error.what());
+  }
+}
+
+}  // namespace deform::server

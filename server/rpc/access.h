@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <grpcpp/server_context.h>
+#include <grpcpp/support/status.h>
+
+#include <atomic>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "server/rpc/identities.h"
+
+namespace deform::server {
+
+/// The role that a method of the service needs. A method without a row in the table needs the highest.
+Role role_needed(std::string_view method);
+/// Whether the table has a row for it.
+bool has_row(std::string_view method);
+
+/// A file as it was looked at last, to see that it changed without reading it. Absent files are all alike.
+struct FileStamp {
+  std::int64_t modified_ns = 0, size = -1, inode = 0, device = 0;
+  bool operator==(const FileStamp&) const = default;
+  static FileStamp of(const std::filesystem::path& path);
+};
+
+/// All of a small file. Throws Error(invalid_argument) "OPTION: PATH: why".
+std::string read_small_file(const std::filesystem::path& path, const std::string& option);
+
+/// Who calls, and whether that caller may: asked once by every call, when it comes in (CallScope), whatever carries it. Thread-safe.
+class Access {
+ public:
+  /// A call that is not let in: UNAUTHENTICATED or PERMISSION_DENIED.
+  struct Refusal {
+    grpc::StatusCode code;
+    std::string message;
+    const char* word() const;  ///< for the log
+  };
+  struct Admission {
+    std::string identity;  ///< empty: nobody was asked for one
+    std::optional<Refusal> refusal;
+    std::uint64_t generation = 0;  ///< of the file that decided
+  };
+
+  /// Without a file every call is let in, under the name in its client certificate if it has one. Throws Error(invalid_argument)
+  /// for a file that is missing or wrong.
+  explicit Access(std::filesystem::path identities);
+
+  Admission admit(std::string_view method, const grpc::ServerContextBase& context) const;
+
+  /// Rereads the file when it changed. A file that is missing or wrong is logged, and the one before stays in force.
+  void refresh();
+  /// Grows when the file was reread: what was admitted before may be refused now.
+  std::uint64_t generation() const { return generation_; }
+
+ private:
+  std::shared_ptr<const Identities> identities() const;
+  void load();
+
+  const std::filesystem::path file_;
+  std::atomic<std::uint64_t> generation_{0};
+  mutable std::mutex mutex_;
+  // under mutex_
+  std::shared_ptr<const Identities> identities_;  ///< null without a file
+  FileStamp stamp_;
+};
+
+}  // namespace deform::server

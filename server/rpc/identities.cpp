@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/rpc/identities.h"
+
+#include <openssl/crypto.h>
+
+#include <algorithm>
+#include <map>
+#include <utility>
+
+#include "core/base/error.h"
+#include "core/base/text.h"
+#include "core/codec/geometry_id.h"
+
+namespace deform::server {
+
+namespace {
+
+constexpr std::string_view blanks = " \t\r";
+constexpr std::string_view hash_prefix = "sha256:";
+constexpr std::string_view certificate_prefix = "certificate:";
+constexpr std::size_t hash_digits = 64;
+constexpr std::pair<const char*, Role> role_names[] = {{"reader", Role::read}, {"user", Role::use}, {"operator", Role::operate}};
+
+/// Takes the first word from a line; empty at its end.
+std::string_view take_word(std::string_view& line) {
+  line.remove_prefix(std::min(line.find_first_not_of(blanks), line.size()));
+  const std::string_view word = line.substr(0, line.find_first_of(blanks));
+  line.remove_prefix(word.size());
+  return word;
+}
+
+std::string shown(std::string_view text) { return "\"" + escaped(text, Identities::max_name) + "\""; }
+
+/// Where in the file an error is.
+struct Place {
+  const std::string& source;
+  std::size_t line;
+
+  Error error(const std::string& what) const {
+    return {ErrorCode::invalid_argument, source + ":" + std::to_string(line) + ": " + what};
+  }
+};
+
+std::string parse_name(std::string_view word, const Place& place) {
+  const auto allowed = [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' || c == '_' || c == '-' ||
+           c == '@';
+  };
+  if (word.size() > Identities::max_name) {
+    throw place.error("the name has " + std::to_string(word.size()) + " bytes, at most " + std::to_string(Identities::max_name) +
+                      " are allowed");
+  }
+  if (!std::all_of(word.begin(), word.end(), allowed)) {
+    throw place.error("the name " + shown(word) + " has other characters than letters, digits and . _ - @");
+  }
+  return std::string(word);
+}
+
+Role parse_role(std::string_view word, const Place& place) {
+  for (const auto& [name, role] : role_names) {
+    if (word == name) return role;
+  }
+  throw place.error("the role " + shown(word) + " is none of reader, user, operator");
+}
+
+std::string parse_hash(std::string_view digits, const Place& place) {
+  std::string hash = lower_case(digits);
+  if (hash.size() != hash_digits || hash.find_first_not_of("0123456789abcdef") != std::string::npos) {
+    throw place.error("after sha256: " + std::to_string(hash_digits) + " hexadecimal digits were expected");
+  }
+  return hash;
+}
+
+}  // namespace
+
+const char* to_string(Role role) {
+  for (const auto& [name, value] : role_names) {
+    if (value == role) return name;
+  }
+  return "";
+}
+
+Identities Identities::parse(std::string_view text, const std::string& source) {
+  Identities out;
+  std::map<std::string, Role> roles;
+  for (Place place{source, 1}; !text.empty(); ++place.line) {
+    std::string_view line = text.substr(0, text.find('\n'));
+    text.remove_prefix(std::min(line.size() + 1, text.size()));
+    line = line.substr(0, line.find('#'));
+    const std::string_view name = take_word(line), role = take_word(line), credential = take_word(line);
+    if (name.empty()) continue;
+    if (credential.empty() || !take_word(line).empty()) throw place.error("expected: NAME ROLE CREDENTIAL");
+
+    Entry entry;
+    entry.identity = {parse_name(name, place), parse_role(role, place)};
+    const Role first = roles.emplace(entry.identity.name, entry.identity.role).first->second;
+    if (first != entry.identity.role) {
+      throw place.error(shown(name) + " is " + to_string(entry.identity.role) + " here and " + to_string(first) +
+                        " on a line before");
+    }
+    if (credential.starts_with(hash_prefix)) {
+      entry.credential = parse_hash(credential.substr(hash_prefix.size()), place);
+      out.tokens_.push_back(std::move(entry));
+    } else if (credential.starts_with(certificate_prefix) && credential.size() > certificate_prefix.size()) {
+      entry.credential = credential.substr(certificate_prefix.size());
+      out.certificates_.push_back(std::move(entry));
+    } else {
+      throw place.error("the credential is neither sha256:HASH nor certificate:NAME");
+    }
+    if (out.tokens() + out.certificates() > max_entries) {
+      throw place.error("more than " + std::to_string(max_entries) + " lines");
+    }
+  }
+  return out;
+}
+
+std::optional<Identities::Identity> Identities::of_token(std::string_view token) const {
+  codec::Sha256 digest;
+  digest.add(token.data(), token.size());
+  const std::string hash = digest.hex();
+  const Entry* found = nullptr;
+  for (const Entry& entry : tokens_) {  // all of them, so that the time tells nothing
+    if (CRYPTO_memcmp(entry.credential.data(), hash.data(), hash_digits) == 0) found = &entry;
+  }
+  return found == nullptr ? std::nullopt : std::optional(found->identity);
+}
+
+std::optional<Identities::Identity> Identities::of_certificate(std::span<const std::string> names) const {
+  for (const Entry& entry : certificates_) {
+    if (std::find(names.begin(), names.end(), entry.credential) != names.end()) return entry.identity;
+  }
+  return std::nullopt;
+}
+
+}  // namespace deform::server

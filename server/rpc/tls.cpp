@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/rpc/tls.h"
+
+#include <grpc/grpc.h>
+#include <grpc/grpc_security.h>
+#include <openssl/pem.h>
+#include <openssl/x509.h>
+#include <spdlog/spdlog.h>
+
+#include <array>
+#include <ctime>
+#include <mutex>
+#include <string>
+#include <utility>
+
+#include "core/base/error.h"
+#include "core/base/text.h"
+#include "server/rpc/access.h"
+
+namespace deform::server {
+
+namespace {
+
+template <auto* function>
+struct FreeWith {
+  template <typename T>
+  void operator()(T* pointer) const {
+    function(pointer);
+  }
+};
+using Bio = std::unique_ptr<BIO, FreeWith<&BIO_free_all>>;
+using Certificate = std::unique_ptr<X509, FreeWith<&X509_free>>;
+using PrivateKey = std::unique_ptr<EVP_PKEY, FreeWith<&EVP_PKEY_free>>;
+
+Error bad_file(const char* option, const std::filesystem::path& path, const std::string& why) {
+  return {ErrorCode::invalid_argument, std::string("option ") + option + ": " + path.string() + ": " + why};
+}
+
+Bio reader_of(const std::string& pem) { return Bio(BIO_new_mem_buf(pem.data(), static_cast<int>(pem.size()))); }
+
+Certificate first_certificate(const std::string& pem) {
+  return Certificate(PEM_read_bio_X509(reader_of(pem).get(), nullptr, nullptr, nullptr));
+}
+
+/// A key with a passphrase is refused: the default of the library would ask a terminal for it.
+int no_passphrase(char*, int, int, void*) { return 0; }
+
+std::string subject_of(const X509& certificate) {
+  const Bio out(BIO_new(BIO_s_mem()));
+  X509_NAME_print_ex(out.get(), X509_get_subject_name(&certificate), 0, XN_FLAG_RFC2253);
+  char* text = nullptr;
+  const long size = BIO_get_mem_data(out.get(), &text);
+  return escaped({text, static_cast<std::size_t>(size)}, 200);
+}
+
+/// "2027-01-31T12:00:00Z".
+std::string time_text(const ASN1_TIME* time) {
+  std::tm parts{};
+  if (ASN1_TIME_to_tm(time, &parts) != 1) return "an unreadable date";
+  char text[32];
+  return {text, std::strftime(text, sizeof(text), "%Y-%m-%dT%H:%M:%SZ", &parts)};
+}
+
+/// The contents of TlsFiles.
+struct Material {
+  std::string certificate, key, client_ca;
+};
+
+Material read_material(const TlsFiles& files) {
+  Material out{read_small_file(files.certificate, "option tls-cert"), read_small_file(files.key, "option tls-key"),
+               files.client_ca.empty() ? std::string() : read_small_file(files.client_ca, "option tls-client-ca")};
+  const Certificate certificate = first_certificate(out.certificate);
+  if (!certificate) throw bad_file("tls-cert", files.certificate, "no certificate in PEM");
+  const PrivateKey key(PEM_read_bio_PrivateKey(reader_of(out.key).get(), nullptr, no_passphrase, nullptr));
+  if (!key) throw bad_file("tls-key", files.key, "no private key in PEM without a passphrase");
+  if (X509_check_private_key(certificate.get(), key.get()) != 1) {
+    throw bad_file("tls-key", files.key, "does not belong to the certificate in " + files.certificate.string());
+  }
+  if (!files.client_ca.empty() && !first_certificate(out.client_ca)) {
+    throw bad_file("tls-client-ca", files.client_ca, "no certificate in PEM");
+  }
+  return out;
+}
+
+void log_certificate(const TlsFiles& files, const Material& material) {
+  const Certificate certificate = first_certificate(material.certificate);
+  const ASN1_TIME* end = X509_get0_notAfter(certificate.get());
+  spdlog::info("tls: certificate of {} from {}, valid until {}", subject_of(*certificate), escaped(files.certificate.string(), 300),
+               time_text(end));
+  if (X509_cmp_current_time(X509_get0_notBefore(certificate.get())) > 0) {
+    spdlog::warn("tls: this certificate is not valid yet; clients will refuse it");
+  } else if (X509_cmp_current_time(end) < 0) {
+    spdlog::warn("tls: this certificate has expired; clients will refuse it");
+  }
+}
+
+/// Files that are looked at again and again. Thread-safe.
+class WatchedFiles {
+ public:
+  explicit WatchedFiles(TlsFiles files) : files_(std::move(files)), seen_(stamps()), material_(read_material(files_)) {
+    log_certificate(files_, material_);
+  }
+
+  /// What gRPC asks for at its start and at every handshake.
+  static grpc_ssl_certificate_config_reload_status fetch(void* self, grpc_ssl_server_certificate_config** config) {
+    return static_cast<WatchedFiles*>(self)->answer(config);
+  }
+
+ private:
+  using Stamps = std::array<FileStamp, 3>;
+
+  Stamps stamps() const {
+    return {FileStamp::of(files_.certificate), FileStamp::of(files_.key), FileStamp::of(files_.client_ca)};
+  }
+
+  grpc_ssl_certificate_config_reload_status answer(grpc_ssl_server_certificate_config** config) {
+    const std::lock_guard lock(mutex_);
+    reread();
+    if (!std::exchange(fresh_, false)) return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_UNCHANGED;
+    const grpc_ssl_pem_key_cert_pair pair{material_.key.c_str(), material_.certificate.c_str()};
+    *config = grpc_ssl_server_certificate_config_create(files_.client_ca.empty() ? nullptr : material_.client_ca.c_str(), &pair, 1);
+    return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_NEW;
+  }
+
+  void reread() {
+    const Stamps now = stamps();  // before they are read: what is written meanwhile is read again
+    if (now == seen_) return;
+    seen_ = now;
+    try {
+      material_ = read_material(files_);
+      fresh_ = true;
+      log_certificate(files_, material_);
+    } catch (const std::exception& error) {
+      spdlog::error("tls: the certificate and key read before stay in force: {}", error.what());
+    }
+  }
+
+  const TlsFiles files_;
+  std::mutex mutex_;
+  // under mutex_
+  Stamps seen_;
+  Material material_;
+  bool fresh_ = true;  ///< gRPC has not got it yet
+};
+
+/// gRPC's own watcher of files takes a certificate that does not fit its key and then serves nobody; its credentials with a
+/// callback keep what they had. Only its C interface has those.
+class TlsCredentials final : public grpc::ServerCredentials {
+ public:
+  explicit TlsCredentials(const TlsFiles& files)
+      : files_(files),
+        credentials_(grpc_ssl_server_credentials_create_with_options(
+            grpc_ssl_server_credentials_create_options_using_config_fetcher(
+                files.client_ca.empty() ? GRPC_SSL_DONT_REQUEST_CLIENT_CERTIFICATE
+                                        : GRPC_SSL_REQUEST_AND_REQUIRE_CLIENT_CERTIFICATE_AND_VERIFY,
+                WatchedFiles::fetch, &files_))) {}
+  ~TlsCredentials() override { grpc_server_credentials_release(credentials_); }
+  TlsCredentials(const TlsCredentials&) = delete;
+  TlsCredentials& operator=(const TlsCredentials&) = delete;
+
+  /// Not used: callers are asked by Access, over plain text as well.
+  void SetAuthMetadataProcessor(const std::shared_ptr<grpc::AuthMetadataProcessor>&) override {}
+
+ private:
+  int AddPortToServer(const std::string& address, grpc_server* server) override {
+    return grpc_server_add_http2_port(server, address.c_str(), credentials_);
+  }
+
+  WatchedFiles files_;
+  grpc_server_credentials* const credentials_;
+};
+
+}  // namespace
+
+void TlsFiles::validate() const {
+  const auto missing = [](const char* given, const char* wanted) {
+    return Error(ErrorCode::invalid_argument, std::string("option ") + given + ": needs " + wanted + ", too");
+  };
+  if (!certificate.empty() && key.empty()) throw missing("tls-cert", "--tls-key");
+  if (certificate.empty() && !key.empty()) throw missing("tls-key", "--tls-cert");
+  if (certificate.empty() && !client_ca.empty()) throw missing("tls-client-ca", "--tls-cert and --tls-key");
+}
+
+std::shared_ptr<grpc::ServerCredentials> tls_credentials(const TlsFiles& files) { return std::make_shared<TlsCredentials>(files); }
+
+}  // namespace deform::server
