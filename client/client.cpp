@@ -12,6 +12,7 @@
 
 #include "client/address.h"
 #include "client/connection.h"
+#include "client/credentials.h"
 #include "client/decoder.h"
 #include "client/session.h"
 #include "client/upload.h"
@@ -37,7 +38,8 @@ std::shared_ptr<grpc::ChannelInterface> make_channel(const ClientOptions& option
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 2000);
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);  // every Client has a connection of its own
   arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);          // proxies of the environment are for the web
-  return grpc::CreateCustomChannel(checked_address(options.address), grpc::InsecureChannelCredentials(), arguments);
+  if (options.tls && !options.tls->server_name.empty()) arguments.SetSslTargetNameOverride(options.tls->server_name);
+  return grpc::CreateCustomChannel(checked_address(options.address), channel_credentials(options), arguments);
 }
 
 /// All items of a list, page by page.
@@ -71,7 +73,7 @@ void ClientOptions::validate() const {
   check_range("encoding", encoding, v1::Encoding_MIN, v1::Encoding_MAX);
 }
 
-Client::Client(const ClientOptions& options) : Client(make_channel(options), options) {}
+Client::Client(const ClientOptions& options) : Client(make_channel(options), options) { impl_->own_channel = true; }
 
 Client::Client(std::shared_ptr<grpc::ChannelInterface> channel, const ClientOptions& options) {
   options.validate();

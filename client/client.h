@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <future>
 #include <memory>
@@ -23,6 +24,14 @@ class ChannelInterface;
 
 namespace deform::client {
 
+/// TLS to a server. Files in PEM, read when the client is made.
+struct TlsOptions {
+  std::filesystem::path ca;    ///< authorities to trust; empty: those that this machine trusts
+  std::filesystem::path cert;  ///< the client's certificate, and then those between it and its authority; empty: none
+  std::filesystem::path key;   ///< its private key, without a passphrase
+  std::string server_name;     ///< that the server's certificate must have; empty: the host of the address
+};
+
 /// How to reach a server.
 struct ClientOptions {
   std::string address = "127.0.0.1:50051";          ///< HOST:PORT, [IPv6]:PORT or unix:PATH
@@ -33,6 +42,10 @@ struct ClientOptions {
   /// or a loopback address, else DELTA_ZSTD.
   v1::Encoding encoding = v1::ENCODING_DEFAULT;
   int max_in_flight = 16;        ///< open requests of one Session; submit() blocks beyond it
+  std::optional<TlsOptions> tls = std::nullopt;  ///< absent: plain text
+  /// File with a token that says who calls, sent with every call and read for each, so that it may be replaced. Without TLS only
+  /// to a unix socket or a loopback address.
+  std::filesystem::path token_file = {};
   std::uint64_t retry_seed = 1;  ///< of the jitter in waiting times before another attempt; give clients different ones
 
   /// Throws Error(invalid_argument) naming the option and its limits.
@@ -101,7 +114,7 @@ class Session;
 ///   register_geometry -> prepare -> deform ... deform -> release_system
 class Client {
  public:
-  /// Connects with the first call. Throws Error(invalid_argument) for options.
+  /// Connects with the first call. Throws Error(invalid_argument) for options and the files they name.
   explicit Client(const ClientOptions& options = {});
   /// Over an existing channel (in-process tests, own credentials). The address of the options is not connected to, but `encoding`
   /// still follows it.

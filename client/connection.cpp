@@ -6,10 +6,13 @@
 #include <utility>
 
 #include "client/address.h"
+#include "client/credentials.h"
 
 namespace deform::client {
 
 namespace {
+
+constexpr std::chrono::milliseconds longest_probe{2000};
 
 ClientOptions with_encoding(ClientOptions options) {
   if (options.encoding == v1::ENCODING_DEFAULT) options.encoding = encoding_for(options.address);
@@ -47,6 +50,9 @@ CallOptions remaining(const RunContext& limits) {
 }
 
 Attempt::Attempt(Connection& connection, const RunContext& limits) : connection_(connection) {
+  if (const auto& file = connection.options.token_file; !file.empty()) {
+    context.AddMetadata("authorization", "Bearer " + read_token(file));
+  }
   if (limits.deadline) {
     context.set_deadline(std::chrono::system_clock::now() + std::chrono::duration_cast<std::chrono::system_clock::duration>(
                                                                 *limits.deadline - RunContext::Clock::now()));
@@ -59,7 +65,13 @@ Attempt::~Attempt() {
 }
 
 void Attempt::check(const grpc::Status& status) const {
-  if (!status.ok()) throw to_error(status, context, connection_.options.address);
+  if (status.ok()) return;
+  const ClientOptions& options = connection_.options;
+  if (connection_.own_channel && failed_handshake(status)) {
+    const std::string why = tls_failure(options.address, options.tls, std::min(options.connect_timeout, longest_probe));
+    if (!why.empty()) throw Error(ErrorCode::failed_precondition, why);
+  }
+  throw to_error(status, context, options.address);
 }
 
 namespace {

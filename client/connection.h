@@ -29,6 +29,7 @@ struct Connection {
   const std::unique_ptr<v1::DeformService::StubInterface> stub;  ///< over that channel
   CancelWatcher watcher;                                         ///< of all calls
   PointsCache points;                                            ///< registered points that decoding needs
+  std::atomic<bool> own_channel{false};                          ///< made for the address of the options
   std::atomic<std::uint64_t> calls{0};                           ///< so far; gives each call a seed of its own
   ThreadPool pool;                                               ///< for decoding; last, so that its tasks end first
 
@@ -51,13 +52,13 @@ CallOptions remaining(const RunContext& limits);
 /// One attempt of a call: its gRPC context with the deadline, cancelled when the caller's flag is set.
 class Attempt {
  public:
-  /// Sets the deadline and watches the cancel flag of `limits`.
+  /// Sets the deadline, adds the token and watches the cancel flag of `limits`.
   Attempt(Connection& connection, const RunContext& limits);
   ~Attempt();
   Attempt(const Attempt&) = delete;
   Attempt& operator=(const Attempt&) = delete;
 
-  /// Throws the Error of a status that is not OK.
+  /// Throws the Error of a status that is not OK. Where no connection came about, says why TLS failed if it did.
   void check(const grpc::Status& status) const;
 
   grpc::ClientContext context;  ///< of this attempt alone

@@ -23,6 +23,15 @@ bool not_connected(const std::string& message) {
 
 }  // namespace
 
+bool failed_handshake(const grpc::Status& status) {
+  const std::string message = status.error_message();
+  if (status.error_code() != grpc::StatusCode::UNAVAILABLE || !not_connected(message)) return false;
+  for (const char* nobody : {"Connection refused", "No such file", "DNS resolution"}) {
+    if (message.find(nobody) != std::string::npos) return false;
+  }
+  return true;
+}
+
 Error to_error(const grpc::Status& status, const grpc::ClientContext& context, const std::string& address) {
   const ErrorCode code = convert::error_code(static_cast<std::uint32_t>(status.error_code()));
   std::string message = status.error_message();

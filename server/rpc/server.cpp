@@ -55,11 +55,11 @@ HostPort split(const std::string& address) {
 
 bool is_unix(const std::string& address) { return address.starts_with("unix:") || address.starts_with("unix-abstract:"); }
 
-/// Adds reflection to one server instead of all.
-class ReflectionOption final : public grpc::ServerBuilderOption {
+/// Takes reflection, which every server of the process gets, from one of them.
+class WithoutReflection final : public grpc::ServerBuilderOption {
   void UpdateArguments(grpc::ChannelArguments*) override {}
   void UpdatePlugins(std::vector<std::unique_ptr<grpc::ServerBuilderPlugin>>* plugins) override {
-    plugins->push_back(std::make_unique<grpc::reflection::ProtoServerReflectionPlugin>());
+    std::erase_if(*plugins, [](const auto& plugin) { return plugin->name() == "proto_reflection"; });
   }
 };
 
@@ -91,7 +91,7 @@ void warn_of_exposure(const ServerOptions& options) {
   }
 }
 
-/// What the libraries keep per process, before the first builder: health, and protobuf's complaints about what
+/// What the libraries keep per process, before the first builder: reflection, health, and protobuf's complaints about what
 /// clients send, which are answered by a status and would only fill the log. What may show a token is not logged.
 void set_up_libraries() {
   static std::once_flag once;
@@ -104,6 +104,7 @@ void set_up_libraries() {
       spdlog::log(level, "grpc: {}", secret ? "(a message about authorization)" : escaped(entry->message, 500));
     });
     grpc::EnableDefaultHealthCheckService(true);
+    grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   });
 }
 
@@ -168,7 +169,7 @@ class GrpcServer final : public RunningServer {
 
  private:
   static void configure(grpc::ServerBuilder& builder, const ServerOptions& options) {
-    if (options.reflection == Reflection::on) builder.SetOption(std::make_unique<ReflectionOption>());
+    if (options.reflection == Reflection::off) builder.SetOption(std::make_unique<WithoutReflection>());
     builder.SetDefaultCompressionAlgorithm(GRPC_COMPRESS_NONE);  // blocks are compressed already
     // The receive limit stays at gRPC's 4 MiB: the contract allows 1 MiB.
     builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);  // or two servers could share a port unnoticed

@@ -118,7 +118,9 @@ class WatchedFiles {
     reread();
     if (!std::exchange(fresh_, false)) return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_UNCHANGED;
     const grpc_ssl_pem_key_cert_pair pair{material_.key.c_str(), material_.certificate.c_str()};
-    *config = grpc_ssl_server_certificate_config_create(files_.client_ca.empty() ? nullptr : material_.client_ca.c_str(), &pair, 1);
+    // gRPC 1.51 wants authorities even where no client is asked for a certificate; they are not used then.
+    const std::string& authorities = files_.client_ca.empty() ? material_.certificate : material_.client_ca;
+    *config = grpc_ssl_server_certificate_config_create(authorities.c_str(), &pair, 1);
     return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_NEW;
   }
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <iostream>
 #include <nlohmann/json.hpp>
@@ -21,6 +22,10 @@ namespace deform::cli {
 client::ClientOptions CommonOptions::client_options() const {
   client::ClientOptions options;
   options.address = server;
+  const bool wanted = tls || !tls_options.ca.empty() || !tls_options.cert.empty() || !tls_options.key.empty() ||
+                      !tls_options.server_name.empty();
+  if (wanted) options.tls = tls_options;
+  options.token_file = token_file;
   return options;
 }
 
@@ -74,7 +79,8 @@ Exit codes: 0 done; 1 wrong input, also of some rows of a sweep; 2 wrong usage; 
 still refused after all attempts; 4 a gate or verdict failed: --fail-on, inverted cells, missed exact constraints, a split
 that did not arrive; 130 interrupted by Ctrl-C (the server stops working on the request too). One line on stderr says why;
 with --json there is {"error": {"code", "message", "field"}} on stdout, too.
-The server may also be named by the environment variable DEFORM_SERVER.)";
+The environment variables DEFORM_SERVER, DEFORM_TLS, DEFORM_CA, DEFORM_CERT, DEFORM_KEY, DEFORM_SERVER_NAME and
+DEFORM_TOKEN_FILE stand for the options of these names.)";
 
 /// The line for people, and with --json the same for machines.
 ExitCode fail(ExitCode code, const nlohmann::ordered_json& error, Style style) {
@@ -112,6 +118,13 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
 
 void add_common_options(CLI::App& app, CommonOptions& common) {
   app.add_option("--server", common.server, "Address of deformd, HOST:PORT")->envname("DEFORM_SERVER")->capture_default_str();
+  app.add_flag("--tls", common.tls, "Encrypt, and trust the authorities that this machine trusts")->envname("DEFORM_TLS");
+  app.add_option("--ca", common.tls_options.ca, "Encrypt, and trust the authorities in this file, PEM")->envname("DEFORM_CA");
+  app.add_option("--cert", common.tls_options.cert, "Certificate to show to the server, PEM; with --key")->envname("DEFORM_CERT");
+  app.add_option("--key", common.tls_options.key, "Its private key, PEM without a passphrase")->envname("DEFORM_KEY");
+  app.add_option("--server-name", common.tls_options.server_name, "Name that the server's certificate must have, if not the host of --server")
+      ->envname("DEFORM_SERVER_NAME");
+  app.add_option("--token-file", common.token_file, "File with the token that says who calls")->envname("DEFORM_TOKEN_FILE");
   app.add_option("--timeout", common.timeout_seconds, "Seconds that one call to the server may take; 0: no limit")
       ->check(CLI::Range(0.0, 1e6))
       ->capture_default_str();
@@ -139,6 +152,7 @@ void define_command_line(CLI::App& app, CommonOptions& common, Action& chosen) {
 
 int run(int argc, const char* const* argv) {
   const PrintableStream out(std::cout), err(std::cerr);
+  setenv("GRPC_VERBOSITY", "NONE", 0);  // errors are told in one line, by us
   CommonOptions common;
   Action chosen;
   CLI::App app;

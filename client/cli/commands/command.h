@@ -32,6 +32,9 @@ enum class Style { text, json };
 /// Options that stand before or after every command.
 struct CommonOptions {
   std::string server = "127.0.0.1:50051";
+  bool tls = false;  ///< also when any option of TLS is given
+  client::TlsOptions tls_options;
+  std::string token_file;
   double timeout_seconds = 0;  ///< of every call; 0 = none
   bool json = false;
 
