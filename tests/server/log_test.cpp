@@ -46,6 +46,19 @@ TEST(Log, WhatUsersWriteCannotForgeLinesOrFields) {
             "message=\"no geometry \\\"x\\x0ay\\\"\"");
 }
 
+TEST(Log, WhoCalledAndWhoWasNotLetIn) {
+  CallRecord record;
+  record.method = "DeleteGeometry";
+  record.client = "ipv4:10.0.0.7:4242";
+  record.identity = "alice";
+  record.error = Error(ErrorCode::failed_precondition, "no");
+  record.refusal = "permission_denied";
+  EXPECT_EQ(to_line(record),
+            "method=DeleteGeometry client=ipv4:10.0.0.7:4242 identity=alice status=permission_denied message=\"no\"");
+  record.identity = "spiffe://x y\"=";
+  EXPECT_NE(to_line(record).find(" identity=\"spiffe://x y\\\"=\" status"), std::string::npos) << to_line(record);
+}
+
 TEST(Log, NoRecordActsOnTerminalsOrMakesLines) {
   const auto before = spdlog::default_logger();
   const auto file = std::filesystem::temp_directory_path() / ("deform_log_test_" + std::to_string(::getpid()));

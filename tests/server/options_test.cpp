@@ -86,6 +86,11 @@ TEST_F(Options, EveryOptionCanBeSetInEveryWay) {
   // value per option, different from its default; the same list must serve flag, variable and file
   const std::map<std::string, std::string> values = {{"address", "127.0.0.2:1"},
                                                      {"insecure", "true"},
+                                                     {"tls-cert", "c"},
+                                                     {"tls-key", "k"},
+                                                     {"tls-client-ca", "a"},
+                                                     {"identities", "i"},
+                                                     {"reflection", "off"},
                                                      {"port-file", "p"},
                                                      {"keep-alive", "11"},
                                                      {"keep-alive-timeout", "12"},
@@ -162,6 +167,10 @@ TEST_F(Options, MistakesNameTheOptionAndThePlace) {
   EXPECT_THAT(error({"--log-level", "loud"}), HasSubstr("loud"));
   EXPECT_THAT(error({"--call-threads", "0"}), HasSubstr("call_threads"));
   EXPECT_THAT(error({"--max-buffered-bytes", "1"}), HasSubstr("max_buffered_bytes"));
+  EXPECT_THAT(error({"--tls-cert", "c"}), HasSubstr("--tls-key"));
+  EXPECT_THAT(error({"--tls-key", "k"}), HasSubstr("--tls-cert"));
+  EXPECT_THAT(error({"--tls-client-ca", "a"}), HasSubstr("--tls-cert"));
+  EXPECT_THAT(error({"--reflection", "perhaps"}), HasSubstr("perhaps"));
   environment["DEFORMD_INSECURE"] = "maybe";
   EXPECT_THAT(error({}), HasSubstr("DEFORMD_INSECURE"));
 }
@@ -183,6 +192,12 @@ TEST_F(Options, ListeningBeyondThisMachineMustBeWanted) {
     EXPECT_THAT(error({"--address", address}), HasSubstr("--insecure")) << address;
     EXPECT_EQ(read({"--address", address, "--insecure"}).server.address, address);
   }
+  for (const char* address : {"0.0.0.0:1", "example.org:1"}) {
+    EXPECT_EQ(read({"--address", address, "--tls-cert", "c", "--tls-key", "k"}).server.address, address);
+    EXPECT_THAT(error({"--address", address, "--insecure", "--identities", "i"}), HasSubstr("plain text"));
+    EXPECT_EQ(read({"--address", address, "--identities", "i", "--tls-cert", "c", "--tls-key", "k"}).server.address, address);
+  }
+  EXPECT_EQ(read({"--address", "unix:/tmp/socket", "--identities", "i"}).server.service.identities, "i");
   for (const char* address : {"127.0.0.1:0", "127.1.2.3:1", "[::1]:50051", "localhost:50051", "unix:/tmp/socket"}) {
     EXPECT_EQ(read({"--address", address}).server.address, address);
   }

@@ -235,6 +235,34 @@ TEST(Server, ListensOnAUnixSocket) {
   grpc::ClientContext context;
   v1::ServerInfo info;
   EXPECT_TRUE(stub->GetServerInfo(&context, {}, &info).ok());
+  const auto mode = std::filesystem::status(folder.path() / "socket").permissions();
+  EXPECT_EQ(static_cast<unsigned>(mode), 0660u) << "its owner and its group may connect";
+}
+
+TEST(Server, ReflectionIsOnUnlessItIsTurnedOff) {
+  for (const Reflection wanted : {Reflection::on, Reflection::off}) {
+    ServerOptions options = at("");
+    options.reflection = wanted;
+    const auto server = start_server(options, std::make_unique<support::FakeEngine>());
+    grpc::GenericStub generic(server->in_process_channel());
+    grpc::ClientContext context;
+    grpc::CompletionQueue queue;
+    const auto wait = [&queue] {
+      void* tag = nullptr;
+      bool ok = false;
+      queue.Next(&tag, &ok);
+    };
+    const auto stream = generic.PrepareCall(&context, "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", &queue);
+    stream->StartCall(nullptr);
+    wait();
+    stream->WritesDone(nullptr);
+    wait();
+    grpc::Status status;
+    stream->Finish(&status, nullptr);
+    wait();
+    EXPECT_EQ(status.error_code(), wanted == Reflection::on ? StatusCode::OK : StatusCode::UNIMPLEMENTED);
+    EXPECT_EQ(health_of(server->in_process_channel(), ""), 1);
+  }
 }
 
 TEST(Server, BadOptionsAreRefusedBeforeAnythingStarts) {

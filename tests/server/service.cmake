@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # The transport side: the real service in front of an engine that the tests play.
 deform_test(service_test
-  SOURCES log_test.cpp
+  SOURCES access_test.cpp
+          identities_test.cpp
+          log_test.cpp
           options_test.cpp
           server_test.cpp
           service_deform_stream_test.cpp

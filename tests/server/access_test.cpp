@@ -1,0 +1,222 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Every method of the contract against every role, over the wire; changes of the file of identities.
+#include "server/rpc/access.h"
+
+#include <grpcpp/generic/generic_stub.h>
+
+#include <fstream>
+#include <map>
+#include <set>
+
+#include "core/codec/geometry_id.h"
+#include "tests/server/service_fixture.h"
+
+namespace deform::server {
+namespace {
+
+using grpc::StatusCode;
+using support::eventually;
+
+/// The lowest role that may call, by what the method does: seeing is for readers, what computes or adds is for users, what takes
+/// away from others is for operators.
+const std::map<std::string, std::string> lowest_role = {
+    {"RegisterGeometry", "user"}, {"GetGeometry", "reader"},  {"ListGeometries", "reader"}, {"DeleteGeometry", "operator"},
+    {"GetPoints", "reader"},      {"Detect", "user"},         {"Estimate", "user"},         {"Prepare", "user"},
+    {"GetSystem", "reader"},      {"ListSystems", "reader"},  {"ReleaseSystem", "operator"}, {"Deform", "user"},
+    {"DeformStream", "user"},     {"JacobianVector", "user"}, {"VectorJacobian", "user"},   {"GetServerInfo", "reader"},
+};
+
+std::vector<std::string> methods_of_the_contract() {
+  const auto* service = google::protobuf::DescriptorPool::generated_pool()->FindServiceByName("deform.v1.DeformService");
+  std::vector<std::string> names;
+  for (int i = 0; i < service->method_count(); ++i) names.push_back(service->method(i)->name());
+  return names;
+}
+
+std::string hash_of(const std::string& token) {
+  codec::Sha256 digest;
+  digest.add(token.data(), token.size());
+  return digest.hex();
+}
+
+void write(const std::filesystem::path& path, const std::string& text) {
+  std::ofstream(path.string() + ".part") << text;
+  std::filesystem::rename(path.string() + ".part", path);
+}
+
+class RolesAndMethods : public ServiceFixture {
+ protected:
+  void start_with(const std::string& text) {
+    write(file, text);
+    ServiceOptions options;
+    options.identities = file;
+    start(options);
+  }
+
+  using Metadata = std::vector<std::pair<std::string, std::string>>;
+
+  /// Calls with bytes that are no message: whoever is let in hears INVALID_ARGUMENT.
+  grpc::Status call(const std::string& method, const Metadata& metadata) {
+    grpc::GenericStub generic(channel);
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(20));
+    for (const auto& [key, value] : metadata) context.AddMetadata(key, value);
+    grpc::CompletionQueue queue;
+    const auto wait = [&queue] {
+      void* tag = nullptr;
+      bool ok = false;
+      queue.Next(&tag, &ok);
+    };
+    const auto stream = generic.PrepareCall(&context, "/deform.v1.DeformService/" + method, &queue);
+    stream->StartCall(nullptr);
+    wait();
+    const grpc::Slice no_message("\xff");
+    stream->WriteLast(grpc::ByteBuffer(&no_message, 1), {}, nullptr);
+    wait();
+    grpc::Status status;
+    stream->Finish(&status, nullptr);
+    wait();
+    return status;
+  }
+  grpc::Status call_as(const std::string& role, const std::string& method) {
+    return call(method, {{"authorization", "Bearer " + role + "-token"}});
+  }
+  static std::string line(const std::string& name, const std::string& role) {
+    return name + " " + role + " sha256:" + hash_of(name + "-token") + "\n";
+  }
+  static std::string everybody() { return line("reader", "reader") + line("user", "user") + line("operator", "operator"); }
+
+  support::TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "identities";
+};
+
+TEST_P(RolesAndMethods, EveryMethodHasARowAndIsRefusedWithoutItsRole) {
+  start_with(everybody());
+  const std::map<std::string, int> ranks = {{"reader", 0}, {"user", 1}, {"operator", 2}};
+  for (const std::string& method : methods_of_the_contract()) {
+    SCOPED_TRACE(method);
+    EXPECT_TRUE(has_row(method)) << "server/rpc/access.cpp: the table needs a row for this method";
+    ASSERT_EQ(lowest_role.count(method), 1u) << "say here, too, who may call it";
+    for (const auto& [role, rank] : ranks) {
+      const grpc::Status status = call_as(role, method);
+      const bool allowed = rank >= ranks.at(lowest_role.at(method));
+      EXPECT_EQ(status.error_code(), allowed ? StatusCode::INVALID_ARGUMENT : StatusCode::PERMISSION_DENIED)
+          << role << ": " << status.error_message();
+      if (!allowed) {
+        EXPECT_EQ(status.error_message(),
+                  method + " needs the role " + lowest_role.at(method) + ", \"" + role + "\" has " + role);
+      }
+    }
+    EXPECT_EQ(call(method, {}).error_code(), StatusCode::UNAUTHENTICATED);
+    EXPECT_EQ(call(method, {{"authorization", "Bearer stranger"}}).error_code(), StatusCode::UNAUTHENTICATED);
+  }
+}
+
+TEST_P(RolesAndMethods, WhatIsNoSingleKnownTokenIsRefused) {
+  start_with(everybody());
+  EXPECT_EQ(call("GetServerInfo", {{"authorization", "bearer reader-token"}}).error_code(), StatusCode::INVALID_ARGUMENT);
+  for (const std::string value : {"", "Bearer", "Bearer ", "reader-token", "Basic reader-token", "Bearer reader-token x"}) {
+    EXPECT_EQ(call("GetServerInfo", {{"authorization", value}}).error_code(), StatusCode::UNAUTHENTICATED) << value;
+  }
+  EXPECT_EQ(call("GetServerInfo", {{"authorization", "Bearer " + std::string(5000, 'x')}}).error_code(), StatusCode::UNAUTHENTICATED);
+  const Metadata twice = {{"authorization", "Bearer reader-token"}, {"authorization", "Bearer operator-token"}};
+  EXPECT_EQ(call("GetServerInfo", twice).error_code(), StatusCode::UNAUTHENTICATED);
+}
+
+TEST_P(RolesAndMethods, WithoutAFileNobodyIsAsked) {
+  start();
+  for (const std::string& method : methods_of_the_contract()) {
+    EXPECT_EQ(call(method, {}).error_code(), StatusCode::INVALID_ARGUMENT) << method;
+  }
+}
+
+TEST_P(RolesAndMethods, TheQueueGoesByIdentityAndNotByConnection) {
+  std::mutex mutex;
+  std::vector<std::string> clients;
+  engine.on_prepare = [&](const v1::PrepareRequest&, const CallContext& call, auto, auto on_done) {
+    {
+      const std::lock_guard lock(mutex);
+      clients.push_back(call.client);
+    }
+    on_done({});
+  };
+  start_with(everybody());
+  const auto prepare = [&](const char* token) {
+    const auto own = v1::DeformService::NewStub(server->channel());
+    grpc::ClientContext context;
+    context.AddMetadata("authorization", token);
+    v1::PrepareReply reply;
+    const auto reader = own->Prepare(&context, {});
+    while (reader->Read(&reply)) {
+    }
+    reader->Finish();
+  };
+  prepare("Bearer user-token");
+  prepare("Bearer user-token");
+  prepare("Bearer operator-token");
+  ASSERT_EQ(clients.size(), 3u);
+  EXPECT_EQ(clients[0], clients[1]);
+  EXPECT_NE(clients[0], clients[2]);
+}
+
+TEST_P(RolesAndMethods, AChangeOfTheFileReachesNewCallsAndOpenStreams) {
+  start_with(everybody());
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(60));
+  context.AddMetadata("authorization", "Bearer user-token");
+  const auto stream = stub->DeformStream(&context);
+  v1::DeformStreamRequest request;
+  request.set_request_id(1);
+  request.mutable_request();
+  ASSERT_TRUE(stream->Write(request));
+  engine.job(0)->push_block(1);
+  engine.job(0)->end();
+  v1::DeformReply reply;
+  EXPECT_TRUE(stream->Read(&reply)) << "the stream works";
+
+  write(file, line("user", "reader") + line("new", "user"));
+  const auto start = std::chrono::steady_clock::now();
+  EXPECT_TRUE(eventually([&] { return call_as("new", "Deform").error_code() == StatusCode::INVALID_ARGUMENT; }));
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(10));
+  EXPECT_EQ(call_as("user", "Deform").error_code(), StatusCode::PERMISSION_DENIED);
+  EXPECT_EQ(call_as("operator", "GetServerInfo").error_code(), StatusCode::UNAUTHENTICATED);
+  request.set_request_id(2);
+  stream->Write(request);
+  while (stream->Read(&reply)) {
+  }
+  EXPECT_EQ(stream->Finish().error_code(), StatusCode::PERMISSION_DENIED) << "the open stream takes no more requests";
+}
+
+TEST_P(RolesAndMethods, ABrokenFileLeavesTheOneBeforeInForce) {
+  start_with(everybody());
+  write(file, "nonsense\n");
+  std::this_thread::sleep_for(std::chrono::milliseconds(1500));
+  EXPECT_EQ(call_as("user", "Deform").error_code(), StatusCode::INVALID_ARGUMENT);
+  std::filesystem::remove(file);
+  std::this_thread::sleep_for(std::chrono::milliseconds(1500));
+  EXPECT_EQ(call_as("user", "Deform").error_code(), StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(call("Deform", {}).error_code(), StatusCode::UNAUTHENTICATED);
+}
+
+DEFORM_BOTH_TRANSPORTS(RolesAndMethods);
+
+TEST(RoleTable, AMethodWithoutARowNeedsTheHighestRole) {
+  EXPECT_FALSE(has_row("Destroy"));
+  EXPECT_EQ(role_needed("Destroy"), Role::operate);
+  EXPECT_EQ(role_needed(""), Role::operate);
+}
+
+TEST(IdentitiesAtStart, AMissingOrWrongFileIsRefused) {
+  const support::TemporaryFolder folder;
+  ServerOptions options;
+  options.address = "";
+  options.service.identities = folder.path() / "none";
+  EXPECT_THROW(start_server(options, std::make_unique<support::FakeEngine>()), Error);
+  write(options.service.identities, "alice");
+  EXPECT_THROW(start_server(options, std::make_unique<support::FakeEngine>()), Error);
+  write(options.service.identities, "");
+  EXPECT_NO_THROW(start_server(options, std::make_unique<support::FakeEngine>()));
+}
+
+}  // namespace
+}  // namespace deform::server
