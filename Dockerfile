@@ -30,9 +30,10 @@ RUN /tmp/deploy/install-packages runtime \
 COPY --from=build /opt/deform /usr/local
 COPY deploy/health-check /usr/local/bin/
 
-# deformd listens on loopback unless told otherwise, and beyond it without encryption only when told --insecure. Inside a container
-# it must listen on every address to be reached at all, so both are said here. Who reaches it is decided outside: publish the port
-# to 127.0.0.1 or to a private network, never to the open internet. Change the address here, not by --address: the health check asks
+# deformd listens on loopback unless told otherwise, and beyond it in plain text only when told --insecure. Inside a container it must
+# listen on every address to be reached at all, and has no certificate, so both are said here. Who reaches it is decided outside:
+# publish the port to 127.0.0.1 or to a private network, never to the open internet; or mount a certificate and set DEFORMD_TLS_CERT,
+# DEFORMD_TLS_KEY and DEFORMD_IDENTITIES, and for the health check DEFORM_CA, DEFORM_TOKEN_FILE and DEFORM_SERVER_NAME. Change the address here, not by --address: the health check asks
 # where DEFORMD_ADDRESS says.
 ENV DEFORMD_ADDRESS=0.0.0.0:50051 \
     DEFORMD_INSECURE=true \

@@ -41,7 +41,7 @@ struct ClientOptions {
   /// Of requests that name none (their tolerance then counts for it). ENCODING_DEFAULT: RAW_F64 when `address` is a unix socket
   /// or a loopback address, else DELTA_ZSTD.
   v1::Encoding encoding = v1::ENCODING_DEFAULT;
-  int max_in_flight = 16;        ///< open requests of one Session; submit() blocks beyond it
+  int max_in_flight = 16;                        ///< open requests of one Session; submit() blocks beyond it
   std::optional<TlsOptions> tls = std::nullopt;  ///< absent: plain text
   /// File with a token that says who calls, sent with every call and read for each, so that it may be replaced. Without TLS only
   /// to a unix socket or a loopback address.

@@ -160,7 +160,8 @@ std::string fault_text(int error, const X509* certificate, const Findings& findi
     case X509_V_ERR_CERT_HAS_EXPIRED:
       return "expired on " + date_text(X509_get0_notAfter(certificate)) + " (the clock here says " + date_of_today() + ")";
     case X509_V_ERR_CERT_NOT_YET_VALID:
-      return "is not valid before " + date_text(X509_get0_notBefore(certificate)) + " (the clock here says " + date_of_today() + ")";
+      return "is not valid before " + date_text(X509_get0_notBefore(certificate)) + " (the clock here says " + date_of_today() +
+             ")";
     case X509_V_ERR_HOSTNAME_MISMATCH:
     case X509_V_ERR_IP_ADDRESS_MISMATCH:
       return "is for " + host_names(*certificate) + ", not for " + findings.wanted_name +

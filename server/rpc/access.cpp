@@ -22,16 +22,17 @@ namespace {
 
 /// Every RPC of the service has its row.
 constexpr std::pair<std::string_view, Role> role_table[] = {
-    {"RegisterGeometry", Role::use},  {"GetGeometry", Role::read},    {"ListGeometries", Role::read},
-    {"DeleteGeometry", Role::operate}, {"GetPoints", Role::read},     {"Detect", Role::use},
-    {"Estimate", Role::use},          {"Prepare", Role::use},         {"GetSystem", Role::read},
-    {"ListSystems", Role::read},      {"ReleaseSystem", Role::operate}, {"Deform", Role::use},
-    {"DeformStream", Role::use},      {"JacobianVector", Role::use},  {"VectorJacobian", Role::use},
+    {"RegisterGeometry", Role::use},   {"GetGeometry", Role::read},      {"ListGeometries", Role::read},
+    {"DeleteGeometry", Role::operate}, {"GetPoints", Role::read},        {"Detect", Role::use},
+    {"Estimate", Role::use},           {"Prepare", Role::use},           {"GetSystem", Role::read},
+    {"ListSystems", Role::read},       {"ReleaseSystem", Role::operate}, {"Deform", Role::use},
+    {"DeformStream", Role::use},       {"JacobianVector", Role::use},    {"VectorJacobian", Role::use},
     {"GetServerInfo", Role::read},
 };
 
 const std::pair<std::string_view, Role>* row_of(std::string_view method) {
-  const auto* found = std::find_if(std::begin(role_table), std::end(role_table), [&](const auto& row) { return row.first == method; });
+  const auto* found =
+      std::find_if(std::begin(role_table), std::end(role_table), [&](const auto& row) { return row.first == method; });
   return found == std::end(role_table) ? nullptr : found;
 }
 
@@ -60,7 +61,8 @@ std::optional<Identities::Identity> caller(const Identities& identities, const g
     const std::vector<std::string> names = certificate_names(context);
     auto found = identities.of_certificate(names);
     if (!found && names.empty()) {
-      refusal = unknown("this server asks who calls: send a token (\"authorization: Bearer TOKEN\") or show a client certificate");
+      refusal =
+          unknown("this server asks who calls: send a token (\"authorization: Bearer TOKEN\") or show a client certificate");
     } else if (!found) {
       refusal = unknown("no identity has the name of this client certificate, \"" + escaped(names.front(), 200) + "\"");
     }
@@ -133,8 +135,9 @@ Access::Admission Access::admit(std::string_view method, const grpc::ServerConte
   if (!who) return admission;
   admission.identity = who->name;
   if (const Role needed = role_needed(method); who->role < needed) {
-    admission.refusal = Refusal{grpc::StatusCode::PERMISSION_DENIED, std::string(method) + " needs the role " + to_string(needed) +
-                                                                         ", \"" + who->name + "\" has " + to_string(who->role)};
+    admission.refusal =
+        Refusal{grpc::StatusCode::PERMISSION_DENIED, std::string(method) + " needs the role " + to_string(needed) + ", \"" +
+                                                         who->name + "\" has " + to_string(who->role)};
   }
   return admission;
 }

@@ -27,7 +27,8 @@ class Line {
     if (!value.empty()) add(key, quoted_if_odd(value.substr(0, id_digits)));
   }
   void name(const char* key, const std::string& value) {
-    const bool plain = std::all_of(value.begin(), value.end(), [](unsigned char c) { return c > ' ' && c < 127 && c != '"' && c != '\\'; });
+    const bool plain =
+        std::all_of(value.begin(), value.end(), [](unsigned char c) { return c > ' ' && c < 127 && c != '"' && c != '\\'; });
     add(key, plain ? value : quoted(value));
   }
   void text(const char* key, const std::string& value) {

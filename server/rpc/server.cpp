@@ -59,11 +59,14 @@ bool is_unix(const std::string& address) { return address.starts_with("unix:") |
 class WithoutReflection final : public grpc::ServerBuilderOption {
   void UpdateArguments(grpc::ChannelArguments*) override {}
   void UpdatePlugins(std::vector<std::unique_ptr<grpc::ServerBuilderPlugin>>* plugins) override {
-    std::erase_if(*plugins, [](const auto& plugin) { return dynamic_cast<const grpc::reflection::ProtoServerReflectionPlugin*>(plugin.get()) != nullptr; });
+    std::erase_if(*plugins, [](const auto& plugin) {
+      return dynamic_cast<const grpc::reflection::ProtoServerReflectionPlugin*>(plugin.get()) != nullptr;
+    });
   }
 };
 
-/// The owner and the group of a socket that is bound meanwhile may connect, nobody else. Files of the store have modes of their own.
+/// The owner and the group of a socket that is bound meanwhile may connect, nobody else. Files of the store have modes of their
+/// own.
 class SocketMode {
  public:
   SocketMode() : before_(umask(0117)) {}
@@ -80,14 +83,16 @@ void warn_of_exposure(const ServerOptions& options) {
   if (!beyond_loopback(options.address)) return;
   if (!options.tls.on()) {
     spdlog::warn(
-        "insecure: {} is plain text beyond this machine. Nothing is encrypted, the server proves no identity and asks nobody for one: "
+        "insecure: {} is plain text beyond this machine. Nothing is encrypted, the server proves no identity and asks nobody for "
+        "one: "
         "whoever reaches it or the way to it can read and change what travels, use every call and delete every geometry. "
         "--tls-cert and --tls-key encrypt; --tls-client-ca or --identities ask who calls",
         options.address);
   } else if (options.tls.client_ca.empty() && options.service.identities.empty()) {
-    spdlog::warn("{} is encrypted, but nobody is asked who calls: whoever reaches it can use every call. --tls-client-ca or "
-                 "--identities ask",
-                 options.address);
+    spdlog::warn(
+        "{} is encrypted, but nobody is asked who calls: whoever reaches it can use every call. --tls-client-ca or "
+        "--identities ask",
+        options.address);
   }
 }
 
@@ -246,9 +251,10 @@ void ServerOptions::validate() const {
   tls.validate();
   if (!tls.on() && beyond_loopback(address)) {
     if (!service.identities.empty()) {
-      throw Error(ErrorCode::invalid_argument, "option identities: on " + address +
-                                                   " tokens would travel in plain text; encrypt (--tls-cert, --tls-key) or listen "
-                                                   "on 127.0.0.1");
+      throw Error(ErrorCode::invalid_argument,
+                  "option identities: on " + address +
+                      " tokens would travel in plain text; encrypt (--tls-cert, --tls-key) or listen "
+                      "on 127.0.0.1");
     }
     if (security == TransportSecurity::loopback_only) {
       throw Error(ErrorCode::invalid_argument, "option address: " + address +

@@ -85,8 +85,8 @@ Material read_material(const TlsFiles& files) {
 void log_certificate(const TlsFiles& files, const Material& material) {
   const Certificate certificate = first_certificate(material.certificate);
   const ASN1_TIME* end = X509_get0_notAfter(certificate.get());
-  spdlog::info("tls: certificate of {} from {}, valid until {}", subject_of(*certificate), escaped(files.certificate.string(), 300),
-               time_text(end));
+  spdlog::info("tls: certificate of {} from {}, valid until {}", subject_of(*certificate),
+               escaped(files.certificate.string(), 300), time_text(end));
   if (X509_cmp_current_time(X509_get0_notBefore(certificate.get())) > 0) {
     spdlog::warn("tls: this certificate is not valid yet; clients will refuse it");
   } else if (X509_cmp_current_time(end) < 0) {
@@ -151,8 +151,8 @@ class TlsCredentials final : public grpc::ServerCredentials {
  public:
   explicit TlsCredentials(const TlsFiles& files)
       : files_(files),
-        credentials_(grpc_ssl_server_credentials_create_with_options(
-            grpc_ssl_server_credentials_create_options_using_config_fetcher(
+        credentials_(
+            grpc_ssl_server_credentials_create_with_options(grpc_ssl_server_credentials_create_options_using_config_fetcher(
                 files.client_ca.empty() ? GRPC_SSL_DONT_REQUEST_CLIENT_CERTIFICATE
                                         : GRPC_SSL_REQUEST_AND_REQUIRE_CLIENT_CERTIFICATE_AND_VERIFY,
                 WatchedFiles::fetch, &files_))) {}
@@ -183,6 +183,8 @@ void TlsFiles::validate() const {
   if (certificate.empty() && !client_ca.empty()) throw missing("tls-client-ca", "--tls-cert and --tls-key");
 }
 
-std::shared_ptr<grpc::ServerCredentials> tls_credentials(const TlsFiles& files) { return std::make_shared<TlsCredentials>(files); }
+std::shared_ptr<grpc::ServerCredentials> tls_credentials(const TlsFiles& files) {
+  return std::make_shared<TlsCredentials>(files);
+}
 
 }  // namespace deform::server

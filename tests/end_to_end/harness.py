@@ -21,6 +21,8 @@ SHARED_DATA = os.environ.get("DEFORM_SHARED_DATA", "")
 class Server:
     """Owns a data directory; may be started, killed and started again on it."""
 
+    host = "127.0.0.1"
+
     def __init__(self, folder, *options):
         self.folder = folder
         self.data = os.path.join(folder, "data")
@@ -32,7 +34,7 @@ class Server:
         port_file = os.path.join(self.folder, "port")
         if os.path.exists(port_file):
             os.remove(port_file)
-        address = f"127.0.0.1:{self.port or 0}"
+        address = f"{self.host}:{self.port or 0}"
         with open(os.path.join(self.folder, "deformd.log"), "ab") as log:
             self.process = subprocess.Popen(
                 [DEFORMD, "--address", address, "--data-dir", self.data, "--port-file", port_file, *self.options],

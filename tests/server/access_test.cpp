@@ -20,10 +20,10 @@ using support::eventually;
 /// The lowest role that may call, by what the method does: seeing is for readers, what computes or adds is for users, what takes
 /// away from others is for operators.
 const std::map<std::string, std::string> lowest_role = {
-    {"RegisterGeometry", "user"}, {"GetGeometry", "reader"},  {"ListGeometries", "reader"}, {"DeleteGeometry", "operator"},
-    {"GetPoints", "reader"},      {"Detect", "user"},         {"Estimate", "user"},         {"Prepare", "user"},
+    {"RegisterGeometry", "user"}, {"GetGeometry", "reader"},  {"ListGeometries", "reader"},  {"DeleteGeometry", "operator"},
+    {"GetPoints", "reader"},      {"Detect", "user"},         {"Estimate", "user"},          {"Prepare", "user"},
     {"GetSystem", "reader"},      {"ListSystems", "reader"},  {"ReleaseSystem", "operator"}, {"Deform", "user"},
-    {"DeformStream", "user"},     {"JacobianVector", "user"}, {"VectorJacobian", "user"},   {"GetServerInfo", "reader"},
+    {"DeformStream", "user"},     {"JacobianVector", "user"}, {"VectorJacobian", "user"},    {"GetServerInfo", "reader"},
 };
 
 std::vector<std::string> methods_of_the_contract() {
@@ -118,7 +118,8 @@ TEST_P(RolesAndMethods, WhatIsNoSingleKnownTokenIsRefused) {
   for (const std::string value : {"", "Bearer", "Bearer ", "reader-token", "Basic reader-token", "Bearer reader-token x"}) {
     EXPECT_EQ(call("GetServerInfo", {{"authorization", value}}).error_code(), StatusCode::UNAUTHENTICATED) << value;
   }
-  EXPECT_EQ(call("GetServerInfo", {{"authorization", "Bearer " + std::string(5000, 'x')}}).error_code(), StatusCode::UNAUTHENTICATED);
+  EXPECT_EQ(call("GetServerInfo", {{"authorization", "Bearer " + std::string(5000, 'x')}}).error_code(),
+            StatusCode::UNAUTHENTICATED);
   const Metadata twice = {{"authorization", "Bearer reader-token"}, {"authorization", "Bearer operator-token"}};
   EXPECT_EQ(call("GetServerInfo", twice).error_code(), StatusCode::UNAUTHENTICATED);
 }

@@ -32,7 +32,8 @@ TEST(Identities, AreFoundByTokenAndByCertificate) {
   ASSERT_TRUE(solver);
   EXPECT_EQ(solver->name, "solver");
   EXPECT_EQ(solver->role, Role::read);
-  for (const char* wrong : {"", "alice-toke", "alice-token ", "Alice-token", alice_hash}) EXPECT_FALSE(known.of_token(wrong)) << wrong;
+  for (const char* wrong : {"", "alice-toke", "alice-token ", "Alice-token", alice_hash})
+    EXPECT_FALSE(known.of_token(wrong)) << wrong;
   const std::string strangers[] = {"solver", "spiffe://example.org/solver/", "ops"};
   EXPECT_FALSE(known.of_certificate(strangers));
   EXPECT_FALSE(known.of_certificate({}));

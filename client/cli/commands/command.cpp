@@ -22,8 +22,8 @@ namespace deform::cli {
 client::ClientOptions CommonOptions::client_options() const {
   client::ClientOptions options;
   options.address = server;
-  const bool wanted = tls || !tls_options.ca.empty() || !tls_options.cert.empty() || !tls_options.key.empty() ||
-                      !tls_options.server_name.empty();
+  const bool wanted =
+      tls || !tls_options.ca.empty() || !tls_options.cert.empty() || !tls_options.key.empty() || !tls_options.server_name.empty();
   if (wanted) options.tls = tls_options;
   options.token_file = token_file;
   return options;
@@ -122,7 +122,8 @@ void add_common_options(CLI::App& app, CommonOptions& common) {
   app.add_option("--ca", common.tls_options.ca, "Encrypt, and trust the authorities in this file, PEM")->envname("DEFORM_CA");
   app.add_option("--cert", common.tls_options.cert, "Certificate to show to the server, PEM; with --key")->envname("DEFORM_CERT");
   app.add_option("--key", common.tls_options.key, "Its private key, PEM without a passphrase")->envname("DEFORM_KEY");
-  app.add_option("--server-name", common.tls_options.server_name, "Name that the server's certificate must have, if not the host of --server")
+  app.add_option("--server-name", common.tls_options.server_name,
+                 "Name that the server's certificate must have, if not the host of --server")
       ->envname("DEFORM_SERVER_NAME");
   app.add_option("--token-file", common.token_file, "File with the token that says who calls")->envname("DEFORM_TOKEN_FILE");
   app.add_option("--timeout", common.timeout_seconds, "Seconds that one call to the server may take; 0: no limit")

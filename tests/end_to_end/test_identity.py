@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""TLS, client certificates, tokens and roles, with certificates that the openssl tool makes for each test."""
+
+import hashlib
+import os
+import shutil
+import stat
+import subprocess
+import time
+
+from harness import AHMED_SETUP, EndToEnd, Server, main
+
+CA_CONFIG = """\
+[ca]
+default_ca = here
+[here]
+new_certs_dir = .
+database = index.txt
+serial = serial
+default_md = sha256
+policy = names
+copy_extensions = copy
+[names]
+commonName = supplied
+"""
+
+
+class Authority:
+    """Signs certificates; NAME.pem, NAME.key and NAME-ca.pem in a folder."""
+
+    def __init__(self, folder, name):
+        self.folder, self.name = folder, name
+        self.run("req", "-x509", *self.new_key(name + "-ca"), "-out", f"{name}-ca.pem", "-days", "30", "-subj", f"/CN={name}")
+        for file, text in ((f"{name}.cnf", CA_CONFIG), ("index.txt", ""), ("index.txt.attr", "unique_subject = no\n")):
+            with open(os.path.join(folder, file), "w") as out:
+                out.write(text)
+
+    @staticmethod
+    def new_key(name):
+        return ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-keyout", f"{name}.key"]
+
+    def run(self, *arguments):
+        done = subprocess.run(["openssl", *arguments], cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        if done.returncode != 0:
+            raise RuntimeError(done.stdout)
+
+    def issue(self, name, names, start="20260101000000Z", end="20360101000000Z"):
+        self.run("req", *self.new_key(name), "-out", f"{name}.csr", "-subj", f"/CN={name}", "-addext", f"subjectAltName={names}")
+        self.run("ca", "-batch", "-notext", "-create_serial", "-config", f"{self.name}.cnf", "-cert", f"{self.name}-ca.pem",
+                 "-keyfile", f"{self.name}-ca.key", "-in", f"{name}.csr", "-out", f"{name}.pem", "-startdate", start, "-enddate", end)
+
+
+class Identity(EndToEnd):
+    here = "DNS:localhost,IP:127.0.0.1"
+    tls = ("--tls-cert", "server.pem", "--tls-key", "server.key")
+
+    def setUp(self):
+        super().setUp()
+        self.authority = Authority(self.folder, "test")
+        self.authority.issue("server", self.here)
+
+    def start_server(self, *options):
+        """File names among the options are those of the folder of the test."""
+        return super().start_server(*[self.path(o) if os.path.exists(self.path(o)) else o for o in options])
+
+    def token(self, name):
+        """A file with a token, and the hash for the file of identities."""
+        token = f"{name}-secret-of-this-test"
+        self.write(f"{name}.token", token + "\n")
+        return "sha256:" + hashlib.sha256(token.encode()).hexdigest()
+
+    def test_certificates(self):
+        self.start_server(*self.tls)
+        self.assertIn("serving", self.deform("--ca", "test-ca.pem", "status").out)
+        self.deform("sample", "-o", "ahmed.obj", "--points", 2000)
+        self.write("setup.yaml", AHMED_SETUP)
+        self.deform("apply", "setup.yaml", "--ca", "test-ca.pem", "--set", "roof_up=0.02", "-o", "out.obj")
+        Authority(self.folder, "stranger")
+        self.fails(1, "--tls", "status", says=["from the authority \"CN=test\"", "not in those that this machine trusts", "--ca"])
+        self.fails(1, "--ca", "stranger-ca.pem", "status", says=["from the authority \"CN=test\"", "not in stranger-ca.pem"])
+        self.fails(1, "status", says=[f"the server at {self.server.address} wants TLS", "--ca"])
+        self.fails(1, "--ca", "test-ca.pem", "--server-name", "other.example", "status",
+                   says=["is for localhost, 127.0.0.1, not for other.example", "--server-name"])
+        self.deform("--ca", "test-ca.pem", "--server-name", "localhost", "status")
+        self.fails(1, "--ca", "setup.yaml", "status", says=["setup.yaml", "no certificate in PEM"])
+        self.fails(1, "--ca", "none.pem", "status", says=["none.pem", "No such file"])
+        self.fails(1, "--ca", "test-ca.pem", "--cert", "server.pem", "status", says=["cert and key"])
+        self.fails(1, "--ca", "test-ca.pem", "--cert", "server.pem", "--key", "test-ca.key", "status",
+                   says=["test-ca.key", "does not belong to the certificate in server.pem"])
+
+    def test_expired_and_early(self):
+        self.authority.issue("server", self.here, start="20200101000000Z", end="20210102000000Z")
+        self.start_server(*self.tls)
+        self.assertIn("this certificate has expired", self.server.log_text())
+        self.fails(1, "--ca", "test-ca.pem", "status", says=["expired on 2021-01-02 00:00 UTC", "the clock here says"])
+        self.authority.issue("early", self.here, start="20450101000000Z", end="20460101000000Z")
+        for kind in ("key", "pem"):
+            os.replace(self.path(f"early.{kind}"), self.path(f"server.{kind}"))
+        self.fails(1, "--ca", "test-ca.pem", "status", says=["is not valid before 2045-01-01 00:00 UTC"])
+
+    def test_a_server_without_tls(self):
+        self.start_server()
+        self.fails(1, "--ca", "test-ca.pem", "status", says=["speaks plain text and no TLS"])
+        self.server.stop()
+        self.fails(3, "--ca", "test-ca.pem", "status", says=["cannot reach deformd"])
+
+    def test_client_certificates(self):
+        self.authority.issue("solver", "URI:spiffe://example.org/solver,DNS:solver.example.org")
+        self.authority.issue("late", "DNS:late.example.org", start="20200101000000Z", end="20210102000000Z")
+        self.authority.issue("unnamed", "DNS:unnamed.example.org")
+        Authority(self.folder, "stranger").issue("foreign", "DNS:solver.example.org")
+        self.write("identities", "solver reader certificate:solver.example.org\n")
+        self.start_server(*self.tls, "--tls-client-ca", "test-ca.pem", "--identities", "identities")
+
+        def shows(name):
+            return ["--ca", "test-ca.pem", "--cert", f"{name}.pem", "--key", f"{name}.key"]
+
+        self.deform(*shows("solver"), "list", "geometries")
+        self.assertIn(" identity=solver ", self.server.log_text())
+        self.deform("sample", "-o", "ahmed.obj", "--points", 2000)
+        self.fails(1, *shows("solver"), "register", "ahmed.obj", says=["needs the role user, \"solver\" has reader"])
+        self.fails(1, "--ca", "test-ca.pem", "status", says=["wants a client certificate", "--cert"])
+        self.fails(1, *shows("late"), "status", says=["does not accept the client certificate in late.pem", "expired on 2021-01-02"])
+        self.fails(1, *shows("foreign"), "status", says=["does not accept", "foreign.pem", "\"CN=stranger\""])
+        self.fails(1, *shows("unnamed"), "status", says=["no identity has the name", "unnamed.example.org"])
+
+    def test_tokens_and_roles(self):
+        self.deform("sample", "-o", "ahmed.obj", "--points", 2000)
+        self.write("setup.yaml", AHMED_SETUP)
+        names = {"ada": "reader", "ben": "user", "cleo": "operator"}
+        self.write("identities", "".join(f"{name} {role} {self.token(name)}\n" for name, role in names.items()))
+        self.start_server(*self.tls, "--identities", "identities", "--log-level", "trace")
+
+        def says(name):
+            return ["--ca", "test-ca.pem", "--token-file", f"{name}.token"]
+
+        self.fails(1, "--ca", "test-ca.pem", "status", says=["asks who calls"])
+        self.fails(1, *says("ada"), "register", "ahmed.obj", says=["RegisterGeometry needs the role user, \"ada\" has reader"])
+        self.deform(*says("ben"), "apply", "setup.yaml", "--set", "roof_up=0.02", "-o", "out.obj")
+        geometry = self.deform(*says("ada"), "list", "geometries", "--json").json["geometries"][0]["id"]
+        self.fails(1, *says("ben"), "remove", geometry, "--with-setups", says=["DeleteGeometry needs the role operator"])
+        self.deform(*says("cleo"), "remove", geometry, "--with-setups")
+        self.write("wrong.token", "not a known token")
+        self.fails(1, *says("wrong"), "status", says=["wrong.token", "one token was expected"])
+        self.write("wrong.token", "ada-secret-of-this-tesu")
+        self.fails(1, *says("wrong"), "status", says=["the token is not known"])
+        # The name in the file, another role: in force within two seconds.
+        self.write("identities", f"ada operator {self.token('ada')}\n")
+        time.sleep(2)
+        self.fails(1, *says("ben"), "list", "geometries", says=["the token is not known"])
+        self.fails(1, *says("ada"), "remove", geometry, says=["geometry"])
+        log = self.server.log_text()
+        self.assertIn("identity=ben", log)
+        self.assertNotIn("secret-of-this-test", log)
+
+    def test_environment_and_plain_text(self):
+        self.write("identities", f"ada reader {self.token('ada')}\n")
+        self.start_server("--identities", "identities")
+        self.deform("--token-file", "ada.token", "status")
+        self.fails(1, "--server", "192.0.2.1:1", "--token-file", "ada.token", "status", says=["192.0.2.1:1", "plain text", "--tls"])
+        self.server.stop()
+        self.server.options += ["--tls-cert", self.path("server.pem"), "--tls-key", self.path("server.key")]
+        self.server.start()
+        own, self.environment = self.environment(), None
+        self.environment = lambda: {**own, "DEFORM_SERVER": self.server.address, "DEFORM_CA": "test-ca.pem",
+                                    "DEFORM_TOKEN_FILE": "ada.token"}
+        self.deform("status")
+
+    def test_unix_socket(self):
+        self.start_server()
+        self.server.stop()
+        self.write("identities", f"ada reader {self.token('ada')}\n")
+        socket = self.path("socket")
+        os.remove(self.path("port"))
+        server = subprocess.Popen([os.environ["DEFORMD_BIN"], "--address", f"unix:{socket}", "--data-dir", self.path("data"),
+                                   "--identities", self.path("identities"), "--port-file", self.path("port")],
+                                  stderr=subprocess.DEVNULL)
+        self.children.append(server)
+        self.wait_until(lambda: os.path.exists(self.path("port")), "deformd has started")
+        self.assertEqual(stat.S_IMODE(os.stat(socket).st_mode), 0o660)
+        self.deform("--server", f"unix:{socket}", "--token-file", "ada.token", "status")
+        self.fails(1, "--server", f"unix:{socket}", "status", says=["asks who calls"])
+
+    def test_plain_text_beyond_this_machine_says_what_is_missing(self):
+        self.server = Server(self.folder, "--insecure")
+        self.server.host = "0.0.0.0"
+        self.server.start()
+        self.deform("--server", f"127.0.0.1:{self.server.port}", "status")
+        self.assertRegex(self.server.log_text(), "warning insecure: .*Nothing is encrypted.*--tls-cert.*--identities")
+        self.server.stop()
+        self.server = Server(self.folder, "--tls-cert", self.path("server.pem"), "--tls-key", self.path("server.key"))
+        self.server.host = "0.0.0.0"
+        self.server.start()
+        self.assertIn("nobody is asked who calls", self.server.log_text())
+
+    def test_certificates_are_replaced_under_load(self):
+        self.deform("sample", "-o", "ahmed.obj", "--points", 2000)
+        self.write("setup.yaml", AHMED_SETUP)
+        self.start_server(*self.tls)
+        tls = ["--ca", "test-ca.pem"]
+        self.deform(*tls, "prepare", "setup.yaml")
+        busy = [self.spawn(*tls, "bench", "setup.yaml", "--designs", 3000, "--json") for _ in range(4)]
+        for k in range(5):
+            self.authority.issue(f"next{k}", self.here)
+            # The certificate first: until its key is there, too, the old pair serves.
+            shutil.copy(self.path(f"next{k}.pem"), self.path("server.pem"))
+            self.deform(*tls, "status")
+            shutil.copy(self.path(f"next{k}.key"), self.path("server.key"))
+            self.deform(*tls, "status")
+            self.assertIn(f"tls: certificate of CN=next{k} ", self.server.log_text())
+        self.assertTrue(any(child.poll() is None for child in busy), "the certificates were replaced under load")
+        for child in busy:
+            out, err = child.communicate(timeout=120)
+            self.assertEqual(child.returncode, 0, err)
+            self.assertIn("designs", out)
+
+
+if __name__ == "__main__":
+    main()
