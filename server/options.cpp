@@ -135,6 +135,18 @@ void add_network_options(std::vector<Option>& all) {
   all.push_back(number(
       "max-calls-per-connection", "calls open at once on one connection",
       [](Configuration & c) -> auto& { return c.server.max_calls_per_connection; }));
+  all.push_back(number(
+      "max-connections", "connections open at once; 0: what open files allow, at most 4096. More are closed at once",
+      [](Configuration & c) -> auto& { return c.server.max_connections; }));
+  all.push_back(whole_seconds(
+      "connection-idle", "a connection without a call for so long is closed; 0: never",
+      [](Configuration & c) -> auto& { return c.server.connection_idle; }));
+  all.push_back(whole_seconds(
+      "connection-age", "a connection so old takes no new calls, so that its client connects again; 0: never",
+      [](Configuration & c) -> auto& { return c.server.connection_age; }));
+  all.push_back(whole_seconds(
+      "connection-age-grace", "and is cut off after so long; 0: never",
+      [](Configuration & c) -> auto& { return c.server.connection_age_grace; }));
 }
 
 void add_engine_options(std::vector<Option>& all) {

@@ -8,18 +8,17 @@
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
 #include <spdlog/spdlog.h>
-#include <sys/stat.h>
 
 #include <algorithm>
-#include <charconv>
 #include <condition_variable>
+#include <limits>
 #include <mutex>
-#include <optional>
 #include <thread>
 #include <utility>
 #include <vector>
 
 #include "core/base/text.h"
+#include "server/rpc/listener.h"
 
 namespace deform::server {
 
@@ -31,29 +30,13 @@ constexpr char write_service_name[] = "deform.v1.DeformService/write";
 constexpr std::chrono::seconds watch_interval{1};
 /// For the last messages to leave.
 constexpr std::chrono::milliseconds last_words{250};
+/// For a connection to speak HTTP/2 (and TLS).
+constexpr std::chrono::seconds handshake_time{20};
 
-struct HostPort {
-  std::string host;
-  int port = -1;  ///< -1: no number in 0..65535
-};
-
-HostPort split(const std::string& address) {
-  HostPort out;
-  const std::size_t colon = address.rfind(':');
-  if (colon == std::string::npos) return {address, -1};
-  out.host = address.substr(0, colon);
-  if (out.host.size() >= 2 && out.host.front() == '[' && out.host.back() == ']') {
-    out.host = out.host.substr(1, out.host.size() - 2);
-  }
-  const char* first = address.data() + colon + 1;
-  const char* last = address.data() + address.size();
-  int port = 0;
-  const auto [end, failure] = std::from_chars(first, last, port);
-  if (failure == std::errc() && end == last && first != last && port >= 0 && port <= 65535) out.port = port;
-  return out;
+/// As gRPC wants a time; 0 means that it never comes.
+int milliseconds_or_never(std::chrono::seconds time) {
+  return time.count() == 0 ? std::numeric_limits<int>::max() : static_cast<int>(time.count() * 1000);
 }
-
-bool is_unix(const std::string& address) { return address.starts_with("unix:") || address.starts_with("unix-abstract:"); }
 
 /// Takes reflection, which every server of the process gets, from one of them.
 class WithoutReflection final : public grpc::ServerBuilderOption {
@@ -63,19 +46,6 @@ class WithoutReflection final : public grpc::ServerBuilderOption {
       return dynamic_cast<const grpc::reflection::ProtoServerReflectionPlugin*>(plugin.get()) != nullptr;
     });
   }
-};
-
-/// The owner and the group of a socket that is bound meanwhile may connect, nobody else. Files of the store have modes of their
-/// own.
-class SocketMode {
- public:
-  SocketMode() : before_(umask(0117)) {}
-  ~SocketMode() { umask(before_); }
-  SocketMode(const SocketMode&) = delete;
-  SocketMode& operator=(const SocketMode&) = delete;
-
- private:
-  const mode_t before_;
 };
 
 /// What an address beyond this machine lets everybody do.
@@ -122,21 +92,18 @@ class GrpcServer final : public RunningServer {
     warn_of_exposure(options);
     grpc::ServerBuilder builder;
     configure(builder, options);
-    if (!options.address.empty()) builder.AddListeningPort(options.address, credentials_, &port_);
+    if (!options.address.empty()) {
+      const std::size_t limit = connection_limit(options.max_connections);
+      listener_ = std::make_unique<Listener>(Listener::Options{options.address, limit, options.keep_alive_timeout});
+      acceptor_ = builder.experimental().AddExternalConnectionAcceptor(
+          grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD, credentials_);
+      spdlog::info("connections: at most {}", limit);
+    }
     builder.RegisterService(&service_.grpc_service());
-    {
-      std::optional<SocketMode> mode;
-      if (is_unix(options.address)) mode.emplace();
-      server_ = builder.BuildAndStart();
-    }
-    const bool bound = options.address.empty() || is_unix(options.address) || port_ > 0;
-    if (!server_ || !bound) {
-      throw Error(ErrorCode::unavailable,
-                  "cannot listen on " + options.address + ": is the address taken or not of this machine?");
-    }
-    if (!options.address.empty() && !is_unix(options.address)) {
-      address_ = options.address.substr(0, options.address.rfind(':') + 1) + std::to_string(port_);
-    }
+    server_ = builder.BuildAndStart();
+    if (!server_) throw Error(ErrorCode::internal, "gRPC does not start a server");
+    if (listener_) listener_->start([this](int fd) { hand_over(fd); });
+    if (port() > 0) address_ = options.address.substr(0, options.address.rfind(':') + 1) + std::to_string(port());
     // Asked once: what the watcher compares with must be what the health service was told.
     const bool writable = engine_->store().writable();
     set_serving(true, writable);
@@ -146,7 +113,7 @@ class GrpcServer final : public RunningServer {
   ~GrpcServer() override { stop(std::chrono::milliseconds(0)); }
 
   std::string address() const override { return address_; }
-  int port() const override { return port_; }
+  int port() const override { return listener_ ? listener_->port() : 0; }
   Engine& engine() override { return *engine_; }
   std::shared_ptr<grpc::Channel> in_process_channel() override { return server_->InProcessChannel(grpc::ChannelArguments()); }
 
@@ -164,6 +131,7 @@ class GrpcServer final : public RunningServer {
     service_.drain();
     clean_ = engine_->drain(grace);
     clean_ = service_.wait_for_none(deadline) && clean_;
+    if (listener_) listener_->stop();
     // Calls that still run are cancelled; each then finishes by itself. Not given the rest of the grace: gRPC would wait for idle
     // connections, too.
     server_->Shutdown(std::chrono::system_clock::now() + last_words);
@@ -177,13 +145,23 @@ class GrpcServer final : public RunningServer {
     if (options.reflection == Reflection::off) builder.SetOption(std::make_unique<WithoutReflection>());
     builder.SetDefaultCompressionAlgorithm(GRPC_COMPRESS_NONE);  // blocks are compressed already
     // The receive limit stays at gRPC's 4 MiB: the contract allows 1 MiB.
-    builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);  // or two servers could share a port unnoticed
     builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, options.max_calls_per_connection);
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, static_cast<int>(options.keep_alive.count() * 1000));
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, static_cast<int>(options.keep_alive_timeout.count() * 1000));
+    builder.AddChannelArgument(GRPC_ARG_SERVER_HANDSHAKE_TIMEOUT_MS, milliseconds_or_never(handshake_time));
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_IDLE_MS, milliseconds_or_never(options.connection_idle));
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_MS, milliseconds_or_never(options.connection_age));
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_GRACE_MS, milliseconds_or_never(options.connection_age_grace));
     // Clients may watch their connection at the same rate without being taken for an attack.
     builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, 10'000);
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
+  }
+
+  /// A new connection to gRPC, which closes it.
+  void hand_over(int fd) {
+    grpc::experimental::ExternalConnectionAcceptor::NewConnectionParameters connection;
+    connection.fd = fd;
+    acceptor_->HandleNewConnection(&connection);
   }
 
   void set_serving(bool serving, bool writable) {
@@ -216,7 +194,8 @@ class GrpcServer final : public RunningServer {
   DeformService service_;
   std::shared_ptr<grpc::ServerCredentials> credentials_;
   std::unique_ptr<grpc::Server> server_;
-  int port_ = 0;
+  std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> acceptor_;
+  std::unique_ptr<Listener> listener_;
   std::string address_;
   std::thread watch_;
   std::mutex watch_mutex_;
@@ -230,24 +209,8 @@ class GrpcServer final : public RunningServer {
 
 }  // namespace
 
-bool beyond_loopback(const std::string& address) {
-  if (address.empty() || is_unix(address)) return false;
-  const std::string host = split(address).host;
-  if (host == "localhost" || host == "::1") return false;
-  // Only a dotted number is known to stay here: "127.example.org" may be anywhere.
-  const bool dotted =
-      std::count(host.begin(), host.end(), '.') == 3 && host.find_first_not_of("0123456789.") == std::string::npos;
-  return !(dotted && host.starts_with("127."));
-}
-
 void ServerOptions::validate() const {
-  if (!address.empty() && !is_unix(address)) {
-    const HostPort parts = split(address);
-    if (parts.host.empty() || parts.port < 0) {
-      throw Error(ErrorCode::invalid_argument,
-                  "option address: \"" + address + "\" is not HOST:PORT, [IPV6]:PORT or unix:PATH with a port of 0 to 65535");
-    }
-  }
+  if (!address.empty()) check_address(address);
   tls.validate();
   if (!tls.on() && beyond_loopback(address)) {
     if (!service.identities.empty()) {

@@ -1,0 +1,303 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/rpc/listener.h"
+
+#include <fcntl.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <spdlog/spdlog.h>
+#include <sys/eventfd.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <charconv>
+#include <cstring>
+#include <memory>
+#include <utility>
+
+#include "core/base/error.h"
+
+namespace deform::server {
+
+namespace {
+
+constexpr char unix_prefix[] = "unix:";
+constexpr char abstract_prefix[] = "unix-abstract:";
+constexpr std::size_t usual_connections = 4096;
+constexpr std::size_t own_files = 256;  ///< for the store, the log, listening sockets and pollers
+constexpr std::chrono::milliseconds count_interval{20};
+constexpr std::chrono::milliseconds pause_without_files{10};
+constexpr std::chrono::seconds complaint_interval{10};
+
+struct HostPort {
+  std::string host;
+  int port = -1;  ///< -1: no number in 0..65535
+};
+
+HostPort split_address(const std::string& address) {
+  HostPort out;
+  const std::size_t colon = address.rfind(':');
+  if (colon == std::string::npos) return {address, -1};
+  out.host = address.substr(0, colon);
+  if (out.host.size() >= 2 && out.host.front() == '[' && out.host.back() == ']') {
+    out.host = out.host.substr(1, out.host.size() - 2);
+  }
+  const char* first = address.data() + colon + 1;
+  const char* last = address.data() + address.size();
+  int port = 0;
+  const auto [end, failure] = std::from_chars(first, last, port);
+  if (failure == std::errc() && end == last && first != last && port >= 0 && port <= 65535) out.port = port;
+  return out;
+}
+
+Error cannot_listen(const std::string& address, const std::string& why) {
+  return {ErrorCode::unavailable, "cannot listen on " + address + ": " + why};
+}
+
+/// Closed at the end unless released.
+class OwnedFile {
+ public:
+  explicit OwnedFile(int fd) : fd_(fd) {}
+  ~OwnedFile() {
+    if (fd_ >= 0) close(fd_);
+  }
+  OwnedFile(const OwnedFile&) = delete;
+  OwnedFile& operator=(const OwnedFile&) = delete;
+  int fd() const { return fd_; }
+  int release() { return std::exchange(fd_, -1); }
+
+ private:
+  int fd_;
+};
+
+int new_socket(int family) { return socket(family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0); }
+
+void set_number(int fd, int level, int option, int value) { setsockopt(fd, level, option, &value, sizeof(value)); }
+
+int port_of(int fd) {
+  sockaddr_storage address{};
+  socklen_t size = sizeof(address);
+  if (getsockname(fd, reinterpret_cast<sockaddr*>(&address), &size) != 0) return 0;
+  return ntohs(address.ss_family == AF_INET6 ? reinterpret_cast<const sockaddr_in6&>(address).sin6_port
+                                             : reinterpret_cast<const sockaddr_in&>(address).sin_port);
+}
+
+void set_port(sockaddr* address, int port) {
+  const auto number = htons(static_cast<std::uint16_t>(port));
+  if (address->sa_family == AF_INET6) {
+    reinterpret_cast<sockaddr_in6*>(address)->sin6_port = number;
+  } else {
+    reinterpret_cast<sockaddr_in*>(address)->sin_port = number;
+  }
+}
+
+/// A socket that listens there; -1 with errno.
+int listening_socket(const sockaddr* address, socklen_t size) {
+  OwnedFile socket(new_socket(address->sa_family));
+  if (socket.fd() < 0) return -1;
+  set_number(socket.fd(), SOL_SOCKET, SO_REUSEADDR, 1);  // a port may be taken up again at once after a restart
+  if (address->sa_family == AF_INET6) {
+    const bool every = IN6_IS_ADDR_UNSPECIFIED(&reinterpret_cast<const sockaddr_in6*>(address)->sin6_addr);
+    set_number(socket.fd(), IPPROTO_IPV6, IPV6_V6ONLY, every ? 0 : 1);
+  }
+  if (bind(socket.fd(), address, size) != 0 || listen(socket.fd(), SOMAXCONN) != 0) return -1;
+  return socket.release();
+}
+
+/// The inode of an open socket, 0 when it is closed or something else by now.
+std::uint64_t socket_inode(int fd) {
+  struct stat about {};
+  return fstat(fd, &about) == 0 && S_ISSOCK(about.st_mode) ? about.st_ino : 0;
+}
+
+bool out_of_files(int error) { return error == EMFILE || error == ENFILE || error == ENOBUFS || error == ENOMEM; }
+
+int open_spare() { return open("/dev/null", O_RDONLY | O_CLOEXEC); }
+
+}  // namespace
+
+bool is_unix(const std::string& address) { return address.starts_with(unix_prefix) || address.starts_with(abstract_prefix); }
+
+bool beyond_loopback(const std::string& address) {
+  if (address.empty() || is_unix(address)) return false;
+  const std::string host = split_address(address).host;
+  if (host == "localhost" || host == "::1") return false;
+  // Only a dotted number is known to stay here: "127.example.org" may be anywhere.
+  const bool dotted =
+      std::count(host.begin(), host.end(), '.') == 3 && host.find_first_not_of("0123456789.") == std::string::npos;
+  return !(dotted && host.starts_with("127."));
+}
+
+void check_address(const std::string& address) {
+  if (is_unix(address)) return;
+  const HostPort parts = split_address(address);
+  if (parts.host.empty() || parts.port < 0) {
+    throw Error(ErrorCode::invalid_argument,
+                "option address: \"" + address + "\" is not HOST:PORT, [IPV6]:PORT or unix:PATH with a port of 0 to 65535");
+  }
+}
+
+std::size_t connection_limit(std::size_t wanted) {
+  struct rlimit files {};
+  getrlimit(RLIMIT_NOFILE, &files);
+  const std::size_t all = files.rlim_cur;
+  const std::size_t most = all - std::min(own_files, all / 2);
+  if (wanted > most) {
+    throw Error(ErrorCode::invalid_argument, "option max_connections: " + std::to_string(wanted) + ", but at most " +
+                                                 std::to_string(all) + " files may be open (ulimit -n), which leaves " +
+                                                 std::to_string(most) + " for connections");
+  }
+  return wanted != 0 ? wanted : std::min(usual_connections, most);
+}
+
+Listener::Listener(const Options& options) : options_(options) {
+  try {
+    if (is_unix(options.address)) {
+      bind_unix();
+    } else {
+      bind_tcp();
+    }
+  } catch (...) {
+    stop();
+    throw;
+  }
+}
+
+Listener::~Listener() { stop(); }
+
+void Listener::bind_unix() {
+  const std::string& address = options_.address;
+  const bool abstract = address.starts_with(abstract_prefix);
+  const std::string path = abstract ? '\0' + address.substr(sizeof(abstract_prefix) - 1) : address.substr(sizeof(unix_prefix) - 1);
+  sockaddr_un name{};
+  name.sun_family = AF_UNIX;
+  if (path.empty() || path.size() >= sizeof(name.sun_path)) {
+    throw cannot_listen(address, "the path must have 1 to " + std::to_string(sizeof(name.sun_path) - 1) + " bytes");
+  }
+  std::memcpy(name.sun_path, path.data(), path.size());
+  struct stat left {};
+  if (!abstract && lstat(path.c_str(), &left) == 0 && S_ISSOCK(left.st_mode)) unlink(path.c_str());
+  OwnedFile socket(new_socket(AF_UNIX));
+  const auto size = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + path.size() + (abstract ? 0 : 1));
+  // Nobody can connect before listen(), so that the mode holds from the beginning.
+  if (socket.fd() < 0 || bind(socket.fd(), reinterpret_cast<const sockaddr*>(&name), size) != 0 ||
+      (!abstract && chmod(path.c_str(), 0660) != 0) || listen(socket.fd(), SOMAXCONN) != 0) {
+    throw cannot_listen(address, std::strerror(errno));
+  }
+  listening_.push_back(socket.release());
+}
+
+void Listener::bind_tcp() {
+  const HostPort parts = split_address(options_.address);
+  addrinfo hints{};
+  hints.ai_socktype = SOCK_STREAM;
+  hints.ai_flags = AI_PASSIVE;
+  addrinfo* found = nullptr;
+  // 0.0.0.0 means every address of this machine, those of IPv6 included where it has them.
+  const bool every = parts.host == "0.0.0.0" || parts.host == "::";
+  const char* hosts[] = {every ? "::" : parts.host.c_str(), every ? "0.0.0.0" : nullptr};
+  int error = 0;
+  for (const char* host : hosts) {
+    if (host == nullptr || !listening_.empty()) break;
+    if (const int code = getaddrinfo(host, std::to_string(parts.port).c_str(), &hints, &found); code != 0) {
+      throw cannot_listen(options_.address, gai_strerror(code));
+    }
+    const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> owner(found, &freeaddrinfo);
+    for (const addrinfo* one = found; one != nullptr; one = one->ai_next) {
+      if (port_ != 0) set_port(one->ai_addr, port_);  // all on the port that the first one got
+      const int fd = listening_socket(one->ai_addr, one->ai_addrlen);
+      if (fd < 0) {
+        error = errno;
+        if (error == EADDRINUSE) throw cannot_listen(options_.address, std::strerror(error));
+        continue;  // a name may have addresses that this machine does not
+      }
+      listening_.push_back(fd);
+      port_ = port_of(fd);
+    }
+  }
+  if (listening_.empty()) throw cannot_listen(options_.address, std::strerror(error));
+}
+
+void Listener::start(std::function<void(int)> take) {
+  take_ = std::move(take);
+  wake_ = eventfd(0, EFD_CLOEXEC);
+  spare_ = open_spare();
+  if (wake_ < 0) throw cannot_listen(options_.address, std::strerror(errno));
+  thread_ = std::thread([this] { run(); });
+}
+
+void Listener::stop() {
+  if (thread_.joinable()) {
+    eventfd_write(wake_, 1);
+    thread_.join();
+  }
+  for (const int fd : listening_) close(fd);
+  for (const int fd : {wake_, spare_}) {
+    if (fd >= 0) close(fd);
+  }
+  listening_.clear();
+  wake_ = spare_ = -1;
+}
+
+void Listener::run() {
+  std::vector<pollfd> wanted;
+  for (const int fd : listening_) wanted.push_back({fd, POLLIN, 0});
+  wanted.push_back({wake_, POLLIN, 0});
+  for (;;) {
+    if (poll(wanted.data(), wanted.size(), -1) < 0) continue;
+    if (wanted.back().revents != 0) return;
+    for (std::size_t i = 0; i + 1 < wanted.size(); ++i) {
+      if (wanted[i].revents != 0) accept_from(wanted[i].fd);
+    }
+  }
+}
+
+void Listener::accept_from(int listening) {
+  OwnedFile connection(accept4(listening, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
+  if (connection.fd() < 0) {
+    if (out_of_files(errno)) without_files(listening);
+    return;  // any other error is of a connection that is gone already
+  }
+  if (!has_room()) return note_refusal("as many connections are open as --max-connections allows");
+  if (port_ != 0) {
+    set_number(connection.fd(), IPPROTO_TCP, TCP_NODELAY, 1);
+    set_number(connection.fd(), IPPROTO_TCP, TCP_USER_TIMEOUT, static_cast<int>(options_.unacknowledged.count()));
+  }
+  open_[connection.fd()] = socket_inode(connection.fd());
+  take_(connection.release());
+}
+
+/// Closes a connection that would wait for ever, by means of the spare file.
+void Listener::without_files(int listening) {
+  if (spare_ >= 0) close(std::exchange(spare_, -1));
+  { const OwnedFile refused(accept4(listening, nullptr, nullptr, SOCK_CLOEXEC)); }
+  spare_ = open_spare();
+  note_refusal("no more files can be opened");
+  std::this_thread::sleep_for(pause_without_files);  // others may be waiting for a file, too
+}
+
+bool Listener::has_room() {
+  if (open_.size() < options_.max_connections) return true;
+  const auto now = std::chrono::steady_clock::now();
+  if (now - counted_ < count_interval) return false;
+  counted_ = now;
+  std::erase_if(open_, [](const auto& one) { return socket_inode(one.first) != one.second; });
+  return open_.size() < options_.max_connections;
+}
+
+void Listener::note_refusal(const char* why) {
+  ++refused_;
+  const auto now = std::chrono::steady_clock::now();
+  if (complained_at_ != 0 && now - complained_ < complaint_interval) return;
+  spdlog::warn("connections: {} refused: {} (now {})", refused_ - complained_at_, why, open_.size());
+  complained_ = now;
+  complained_at_ = refused_;
+}
+
+}  // namespace deform::server

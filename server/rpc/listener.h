@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <thread>
+#include <unordered_map>
+#include <vector>
+
+namespace deform::server {
+
+/// May other machines connect to this address? False for 127.0.0.0/8, ::1, localhost, unix sockets and the empty address.
+bool beyond_loopback(const std::string& address);
+/// unix:PATH or unix-abstract:NAME.
+bool is_unix(const std::string& address);
+/// Throws Error(invalid_argument) "option address: ..." for what is no HOST:PORT, [IPV6]:PORT or unix:PATH; nothing is looked up.
+void check_address(const std::string& address);
+
+/// As many connections as the limit of open files allows beside the files that the server itself needs, at most 4096; `wanted`
+/// instead when it is not 0. Throws Error(invalid_argument) when there are not so many.
+std::size_t connection_limit(std::size_t wanted);
+
+/// Accepts connections and hands them on, up to a limit: more are closed at once. gRPC's own listener has no limit, and stops for
+/// good when the process has no file left. Connections end without its being told; it looks which of them are still open.
+///
+///   bound --start()--> accepting --stop()--> closed
+class Listener {
+ public:
+  struct Options {
+    std::string address;              ///< that check_address() accepts
+    std::size_t max_connections = 1;  ///< open at once
+    std::chrono::milliseconds unacknowledged{20'000};  ///< a connection whose peer acknowledges nothing for so long is closed
+  };
+
+  /// Binds and listens; a unix socket gets the mode 0660, and one that was left behind is replaced. Throws Error(unavailable).
+  explicit Listener(const Options& options);
+  ~Listener();
+  Listener(const Listener&) = delete;
+  Listener& operator=(const Listener&) = delete;
+
+  /// The port that is listened on; 0 for a unix socket.
+  int port() const { return port_; }
+
+  /// take(fd) gets each connection, non-blocking, to keep and close. Called by a thread of the listener. Once.
+  void start(std::function<void(int fd)> take);
+  /// Accepts no more. Idempotent, not thread-safe.
+  void stop();
+
+  std::uint64_t refused() const { return refused_; }  ///< connections beyond the limit so far
+
+ private:
+  void bind_unix();
+  void bind_tcp();
+  void run();
+  void accept_from(int listening);
+  void without_files(int listening);
+  bool has_room();
+  void note_refusal(const char* why);
+
+  const Options options_;
+  std::vector<int> listening_;
+  int port_ = 0;
+  int wake_ = -1;
+  int spare_ = -1;  ///< given up for a moment to close a connection that there is no file for
+  std::function<void(int)> take_;
+  std::atomic<std::uint64_t> refused_{0};
+  std::thread thread_;
+  // of the thread
+  std::unordered_map<int, std::uint64_t> open_;  ///< by file descriptor, the inode of the socket that was handed on
+  std::chrono::steady_clock::time_point counted_{}, complained_{};
+  std::uint64_t complained_at_ = 0;  ///< refused() then
+};
+
+}  // namespace deform::server
