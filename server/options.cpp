@@ -193,6 +193,9 @@ void add_service_options(std::vector<Option>& all) {
   all.push_back(bytes(
       "max-buffered-bytes", "requests of one DeformStream held in memory before it stops reading",
       [](Configuration & c) -> auto& { return c.server.service.stream.buffered_bytes; }));
+  all.push_back({"max-deadline", "SECONDS", "a call, or a request of a DeformStream, that takes longer is ended; 0: never",
+                 [](Configuration& c, const std::string& text) { c.server.service.max_deadline = parse_seconds(text); },
+                 [](const Configuration& c) { return to_seconds(c.server.service.max_deadline); }});
   all.push_back(number(
       "call-threads", "threads for calls that wait for the disk",
       [](Configuration & c) -> auto& { return c.server.service.call_threads; }));
@@ -211,6 +214,12 @@ void add_process_options(std::vector<Option>& all) {
                    const auto name = spdlog::level::to_string_view(c.log.level);
                    return std::string(name.data(), name.size());
                  }});
+  all.push_back({"log-format", "text|json", "one line per record; json: an object with the fields of a call",
+                 [](Configuration& c, const std::string& text) {
+                   if (text != "text" && text != "json") throw bad("\"" + text + "\" is neither text nor json");
+                   c.log.format = text == "json" ? LogFormat::json : LogFormat::text;
+                 },
+                 [](const Configuration& c) { return std::string(c.log.format == LogFormat::json ? "json" : "text"); }});
   all.push_back(path(
       "log-file", "append the log to this file instead of standard error",
       [](Configuration & c) -> auto& { return c.log.file; }));

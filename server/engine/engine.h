@@ -138,6 +138,8 @@ class Engine {
                                std::function<void(Outcome<v1::VectorJacobianReply>)> on_done) = 0;
 
   virtual v1::ServerInfo info() = 0;
+  /// Lets go of about so many bytes that only wait for their next use, and gives what is free back to the system.
+  virtual void give_back_idle_memory(std::size_t /*bytes*/) {}
   /// Whether geometries and setups can be added now; asked every second.
   virtual v1::StoreInfo store() {
     v1::StoreInfo info;

@@ -446,6 +446,12 @@ void EngineImpl::detect(const v1::DetectRequest& request, const CallContext& cal
 
 // ---- the server ----
 
+void EngineImpl::give_back_idle_memory(std::size_t bytes) {
+  meshes_.reclaim(bytes);
+  cache_->reclaim(bytes);
+  return_freed_memory(freed_bytes_worth_returning);
+}
+
 v1::ServerInfo EngineImpl::info() {
   v1::ServerInfo info;
   info.set_version(version());

@@ -46,6 +46,7 @@ class EngineImpl : public Engine {
                        std::function<void(Outcome<v1::VectorJacobianReply>)> on_done) override;
 
   v1::ServerInfo info() override;
+  void give_back_idle_memory(std::size_t bytes) override;
   v1::StoreInfo store() override;
   bool drain(std::chrono::milliseconds limit) override;
 

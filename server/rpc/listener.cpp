@@ -174,7 +174,8 @@ Listener::~Listener() { stop(); }
 void Listener::bind_unix() {
   const std::string& address = options_.address;
   const bool abstract = address.starts_with(abstract_prefix);
-  const std::string path = abstract ? '\0' + address.substr(sizeof(abstract_prefix) - 1) : address.substr(sizeof(unix_prefix) - 1);
+  const std::string path =
+      abstract ? '\0' + address.substr(sizeof(abstract_prefix) - 1) : address.substr(sizeof(unix_prefix) - 1);
   sockaddr_un name{};
   name.sun_family = AF_UNIX;
   if (path.empty() || path.size() >= sizeof(name.sun_path)) {

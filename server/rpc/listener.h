@@ -31,8 +31,8 @@ std::size_t connection_limit(std::size_t wanted);
 class Listener {
  public:
   struct Options {
-    std::string address;              ///< that check_address() accepts
-    std::size_t max_connections = 1;  ///< open at once
+    std::string address;                               ///< that check_address() accepts
+    std::size_t max_connections = 1;                   ///< open at once
     std::chrono::milliseconds unacknowledged{20'000};  ///< a connection whose peer acknowledges nothing for so long is closed
   };
 

@@ -18,51 +18,109 @@ namespace {
 constexpr std::size_t id_digits = 12;
 constexpr std::size_t text_limit = 300;
 
-/// Appends "key=value" fields. Text in quotes when it is the user's.
-class Line {
- public:
-  explicit Line(std::string& out) : out_(out) {}
-  void word(const char* key, const std::string& value) { add(key, value); }
-  void id(const char* key, const std::string& value) {
-    if (!value.empty()) add(key, quoted_if_odd(value.substr(0, id_digits)));
+/// In quotes, with those inside escaped: of text that escaped() or printable() made.
+std::string quoted_text(const std::string& value) {
+  std::string out = "\"";
+  for (const char c : value) {
+    if (c == '"') out += '\\';
+    out += c;
   }
+  return out + '"';
+}
+
+/// "key=value" fields. Text in quotes when it is the user's.
+class TextFields {
+ public:
+  void word(const char* key, const std::string& value) { add(key, value); }
   void name(const char* key, const std::string& value) {
     const bool plain =
         std::all_of(value.begin(), value.end(), [](unsigned char c) { return c > ' ' && c < 127 && c != '"' && c != '\\'; });
-    add(key, plain ? value : quoted(value));
+    add(key, plain ? value : quoted_text(escaped(value, text_limit)));
   }
-  void text(const char* key, const std::string& value) {
-    if (!value.empty()) add(key, quoted(value));
+  void id(const char* key, const std::string& value) {
+    const bool plain = value.find_first_not_of("0123456789abcdef") == std::string::npos;
+    add(key, plain ? value : quoted_text(escaped(value, text_limit)));
   }
-  void count(const char* key, std::uint64_t value) {
-    if (value != 0) add(key, std::to_string(value));
-  }
-  void milliseconds(const char* key, double value) {
-    if (value > 0) add(key, fmt::format("{:.3f}", value));
-  }
+  void text(const char* key, const std::string& value) { add(key, quoted_text(escaped(value, text_limit))); }
+  void count(const char* key, std::uint64_t value) { add(key, std::to_string(value)); }
+  void milliseconds(const char* key, double value) { add(key, fmt::format("{:.3f}", value)); }
+  std::string take() { return std::move(out_); }
 
  private:
+  void add(const char* key, const std::string& value) { out_ += (out_.empty() ? "" : " ") + std::string(key) + '=' + value; }
+
+  std::string out_;
+};
+
+/// A JSON string of what was logged: printable, so that only quotes and backslashes are left to escape.
+std::string json_string(std::string_view value) {
+  std::string out = "\"";
+  for (const char c : printable(value)) {
+    if (c == '"' || c == '\\') out += '\\';
+    out += c;
+  }
+  return out + '"';
+}
+
+/// "key":value members.
+class JsonFields {
+ public:
+  void word(const char* key, const std::string& value) { text(key, value); }
+  void name(const char* key, const std::string& value) { text(key, value); }
+  void id(const char* key, const std::string& value) { text(key, value); }
+  void text(const char* key, const std::string& value) { add(key, json_string(shortened(value))); }
+  void count(const char* key, std::uint64_t value) { add(key, std::to_string(value)); }
+  void milliseconds(const char* key, double value) { add(key, fmt::format("{:.3f}", value)); }
+  std::string take() { return std::move(out_); }
+
+ private:
+  static std::string_view shortened(const std::string& value) { return std::string_view(value).substr(0, text_limit); }
   void add(const char* key, const std::string& value) {
-    if (!out_.empty()) out_ += ' ';
-    out_ += key;
-    out_ += '=';
-    out_ += value;
-  }
-  static std::string quoted(const std::string& value) {
-    std::string out = "\"";
-    for (const char c : escaped(value, text_limit)) {
-      if (c == '"') out += '\\';
-      out += c;
-    }
-    return out + '"';
-  }
-  static std::string quoted_if_odd(const std::string& value) {
-    const bool plain = value.find_first_not_of("0123456789abcdef") == std::string::npos;
-    return plain ? value : quoted(value);
+    out_ += (out_.empty() ? "\"" : ",\"") + std::string(key) + "\":" + value;
   }
 
-  std::string& out_;
+  std::string out_;
 };
+
+/// Every field that applies, in order.
+template <typename Fields>
+std::string fields_of(const CallRecord& record) {
+  Fields out;
+  const auto count = [&](const char* key, std::uint64_t value) {
+    if (value != 0) out.count(key, value);
+  };
+  const auto milliseconds = [&](const char* key, double value) {
+    if (value > 0) out.milliseconds(key, value);
+  };
+  const auto id = [&](const char* key, const std::string& value) {
+    if (!value.empty()) out.id(key, value.substr(0, id_digits));
+  };
+  out.word("method", record.method);
+  out.word("client", escaped(record.client, text_limit));
+  if (!record.identity.empty()) out.name("identity", record.identity);
+  if (record.request_id) out.count("request", *record.request_id);
+  id("geometry", record.geometry);
+  id("system", record.system);
+  if (!record.name.empty()) out.text("name", record.name);
+  count("points", record.points);
+  count("designs", record.designs);
+  count("messages_in", record.messages_in);
+  count("messages_out", record.messages_out);
+  count("bytes_in", record.bytes_in);
+  count("bytes_out", record.bytes_out);
+  milliseconds("queue_ms", record.queue_ms);
+  milliseconds("prepare_ms", record.prepare_ms);
+  milliseconds("solve_ms", record.solve_ms);
+  milliseconds("encode_ms", record.encode_ms);
+  milliseconds("stream_ms", record.stream_ms);
+  milliseconds("wall_ms", record.wall_ms);
+  out.word("status", record.refusal != nullptr ? record.refusal : record.error ? to_string(record.error->code()) : "ok");
+  if (record.error) out.text("message", record.error->what());
+  return out.take();
+}
+
+/// The logger of calls where records are JSON objects: its formatter takes the members as they are.
+constexpr char calls_logger[] = "deformd.calls";
 
 /// Whatever is logged, one record is one line, and nothing in it acts on the terminal that shows it.
 class PrintableFormatter : public spdlog::formatter {
@@ -79,6 +137,30 @@ class PrintableFormatter : public spdlog::formatter {
   spdlog::pattern_formatter pattern_{"%Y-%m-%dT%H:%M:%S.%e%z %l %v"};
 };
 
+/// One JSON object per line.
+class JsonFormatter : public spdlog::formatter {
+ public:
+  void format(const spdlog::details::log_msg& message, spdlog::memory_buf_t& to) override {
+    const std::string_view payload(message.payload.data(), message.payload.size());
+    const bool call = std::string_view(message.logger_name.data(), message.logger_name.size()) == calls_logger;
+    const std::string line = call ? std::string(payload) : "\"message\":" + json_string(payload);
+    spdlog::details::log_msg shown = message;
+    shown.payload = line;
+    pattern_.format(shown, to);
+  }
+  std::unique_ptr<spdlog::formatter> clone() const override { return std::make_unique<JsonFormatter>(); }
+
+ private:
+  spdlog::pattern_formatter pattern_{R"({"time":"%Y-%m-%dT%H:%M:%S.%e%z","level":"%l",%v})"};
+};
+
+std::shared_ptr<spdlog::logger> make_logger(const char* name, const spdlog::sink_ptr& sink, const LogOptions& options) {
+  auto logger = std::make_shared<spdlog::logger>(name, sink);
+  logger->set_level(options.level);
+  logger->flush_on(spdlog::level::info);
+  return logger;
+}
+
 }  // namespace
 
 void start_logging(const LogOptions& options) {
@@ -92,43 +174,26 @@ void start_logging(const LogOptions& options) {
   } catch (const spdlog::spdlog_ex& error) {
     throw Error(ErrorCode::invalid_argument, "log_file: " + std::string(error.what()));
   }
-  auto logger = std::make_shared<spdlog::logger>("deformd", std::move(sink));
-  logger->set_formatter(std::make_unique<PrintableFormatter>());
-  logger->set_level(options.level);
-  logger->flush_on(spdlog::level::info);
-  spdlog::set_default_logger(std::move(logger));
+  std::unique_ptr<spdlog::formatter> formatter = std::make_unique<PrintableFormatter>();
+  if (options.format == LogFormat::json) formatter = std::make_unique<JsonFormatter>();
+  sink->set_formatter(std::move(formatter));
+  spdlog::set_default_logger(make_logger("deformd", sink, options));
+  spdlog::drop(calls_logger);
+  if (options.format == LogFormat::json) spdlog::register_logger(make_logger(calls_logger, sink, options));
 }
 
-std::string to_line(const CallRecord& record) {
-  std::string out;
-  Line line(out);
-  line.word("method", record.method);
-  line.word("client", escaped(record.client, text_limit));
-  if (!record.identity.empty()) line.name("identity", record.identity);
-  if (record.request_id) line.word("request", std::to_string(*record.request_id));
-  line.id("geometry", record.geometry);
-  line.id("system", record.system);
-  line.text("name", record.name);
-  line.count("points", record.points);
-  line.count("designs", record.designs);
-  line.count("messages_in", record.messages_in);
-  line.count("messages_out", record.messages_out);
-  line.count("bytes_in", record.bytes_in);
-  line.count("bytes_out", record.bytes_out);
-  line.milliseconds("queue_ms", record.queue_ms);
-  line.milliseconds("prepare_ms", record.prepare_ms);
-  line.milliseconds("solve_ms", record.solve_ms);
-  line.milliseconds("encode_ms", record.encode_ms);
-  line.milliseconds("stream_ms", record.stream_ms);
-  line.milliseconds("wall_ms", record.wall_ms);
-  line.word("status", record.refusal != nullptr ? record.refusal : record.error ? to_string(record.error->code()) : "ok");
-  if (record.error) line.text("message", record.error->what());
-  return out;
-}
+std::string to_line(const CallRecord& record) { return fields_of<TextFields>(record); }
+
+std::string to_json_members(const CallRecord& record) { return fields_of<JsonFields>(record); }
 
 void log_call(const CallRecord& record) {
   const bool ours = record.error && (record.error->code() == ErrorCode::internal || record.error->code() == ErrorCode::data_loss);
-  spdlog::log(ours ? spdlog::level::err : spdlog::level::info, "{}", to_line(record));
+  const auto level = ours ? spdlog::level::err : spdlog::level::info;
+  if (const auto calls = spdlog::get(calls_logger)) {
+    calls->log(level, to_json_members(record));
+  } else {
+    spdlog::log(level, "{}", to_line(record));
+  }
 }
 
 }  // namespace deform::server

@@ -12,9 +12,16 @@
 
 namespace deform::server {
 
+/// One line per record either way.
+enum class LogFormat {
+  text,  ///< "2026-11-23T12:00:00.000+00:00 info method=Deform ..."
+  json   ///< {"time": "...", "level": "info", "method": "Deform", ...}; {"time", "level", "message"} for what is no call
+};
+
 struct LogOptions {
   spdlog::level::level_enum level = spdlog::level::info;
   std::filesystem::path file;  ///< appended to; empty: standard error
+  LogFormat format = LogFormat::text;
 };
 
 /// Sets up the process-wide logger (spdlog's default one). Throws Error(invalid_argument) when the file cannot be opened.
@@ -46,6 +53,9 @@ struct CallRecord {
 /// "method=Deform client=... system=0123456789ab designs=1 ... status=ok": one line, user's strings escaped, ids cut to 12
 /// digits.
 std::string to_line(const CallRecord& record);
+
+/// The members of the same in a JSON object, without braces: "method":"Deform","client":"...", ...
+std::string to_json_members(const CallRecord& record);
 
 /// Logs the line: info, or error when the fault is ours (internal, data_loss).
 void log_call(const CallRecord& record);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/rpc/reactors.h"
 
+#include <algorithm>
 #include <string>
 #include <utility>
 
@@ -12,6 +13,10 @@
 namespace deform::server {
 
 namespace {
+
+constexpr std::uint32_t full_memory_retry_ms = 1000;
+/// For a call whose time is over to say so itself.
+constexpr std::chrono::milliseconds time_to_answer{500};
 
 double milliseconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
@@ -61,6 +66,22 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
   if (deadline < now + std::chrono::hours(24 * 365)) {
     call_.deadline = started_ + std::chrono::duration_cast<std::chrono::steady_clock::duration>(deadline - now);
   }
+  if (incoming.max_deadline.count() == 0) return;
+  const auto limit = started_ + incoming.max_deadline;
+  call_.deadline = std::min(limit, call_.deadline.value_or(limit));
+  overdue_ = limit + time_to_answer;
+  incoming_.overdue->watch(incoming_.context, *overdue_);
+}
+
+void CallScope::admit() {
+  check_access();
+  check_memory();
+}
+
+void CallScope::check_memory() const {
+  if (!*incoming_.memory_full || role_needed(record.method) != Role::use) return;
+  throw Error(ErrorCode::out_of_budget, "the process occupies more memory than --memory-budget allows for, try again later",
+              full_memory_retry_ms);
 }
 
 void CallScope::check_access() {
@@ -99,6 +120,7 @@ grpc::Status CallScope::finish(std::optional<Error> error) {
 
 void CallScope::leave() {
   record.wall_ms = milliseconds_since(started_);
+  if (overdue_) incoming_.overdue->forget(incoming_.context, *overdue_);
   caught([this] { log_call(record); });
   incoming_.live->leave();
 }
@@ -123,7 +145,7 @@ grpc::ServerUnaryReactor* UnaryCall::launch(ThreadPool& pool, const char* method
                                             grpc::ByteBuffer* reply, Work work) {
   auto* call = new UnaryCall(method, incoming, reply, std::move(work));
   if (auto refused = caught([&] {
-        call->scope_.check_access();
+        call->scope_.admit();
         let_in(pool, [call] { call->answer(); });
       })) {
     call->Finish(call->scope_.finish(std::move(refused)));
@@ -151,7 +173,7 @@ void UnaryCall::OnDone() {
 template <typename Reactor>
 Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call) {
   call->self_ = call;
-  if (auto refused = caught([&] { call->scope_.check_access(); })) {
+  if (auto refused = caught([&] { call->scope_.admit(); })) {
     call->end(std::move(refused));
   } else {
     call->run();
@@ -163,7 +185,7 @@ template <typename Reactor>
 Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call, ThreadPool& pool) {
   call->self_ = call;
   if (auto refused = caught([&] {
-        call->scope_.check_access();
+        call->scope_.admit();
         let_in(pool, [call] { call->run(); });
       })) {
     call->end(std::move(refused));
@@ -276,7 +298,7 @@ RequestStream::RequestStream(const char* method, const Incoming& incoming, grpc:
 
 grpc::ServerReadReactor<grpc::ByteBuffer>* RequestStream::launch(std::shared_ptr<RequestStream> call) {
   call->self_ = call;
-  if (auto refused = caught([&] { call->scope_.check_access(); })) {
+  if (auto refused = caught([&] { call->scope_.admit(); })) {
     call->answer(std::move(refused), nullptr);
   } else {
     call->state_ = State::reading;

@@ -17,6 +17,7 @@
 #include "server/engine/engine.h"
 #include "server/rpc/access.h"
 #include "server/rpc/log.h"
+#include "server/rpc/overdue_calls.h"
 
 namespace deform::server {
 
@@ -47,6 +48,9 @@ struct Incoming {
   grpc::CallbackServerContext* context;
   LiveCalls* live;
   const Access* access;
+  const std::atomic<bool>* memory_full;
+  OverdueCalls* overdue;
+  std::chrono::milliseconds max_deadline;  ///< 0: none
 };
 
 /// What every call has beside its mechanics. The record belongs to whoever has the turn of the call.
@@ -54,9 +58,12 @@ class CallScope {
  public:
   CallScope(const char* method, const Incoming& incoming);
 
-  /// Throws unless the caller may make this call; every launch() asks first of all. Cheap to ask again in a long call: the answer
-  /// changes when the identities did.
+  /// check_access() and check_memory(): every launch() begins with it.
+  void admit();
+  /// Throws unless the caller may make this call. Cheap to ask again in a long call: the answer changes when the identities did.
   void check_access();
+  /// Throws Error(out_of_budget) with a retry hint when this call computes or adds and the process occupies too much memory.
+  void check_memory() const;
   /// Cancel flag, deadline and caller, for the engine.
   const CallContext& call() const { return call_; }
   void cancel() const { call_.cancel.cancel(); }
@@ -75,6 +82,7 @@ class CallScope {
   const Incoming incoming_;
   const std::chrono::steady_clock::time_point started_;
   CallContext call_;
+  std::optional<std::chrono::steady_clock::time_point> overdue_;  ///< when the call is cut off
   std::mutex admission_mutex_;
   Access::Admission admission_;  // under admission_mutex_: a stream asks again while it may end
 };

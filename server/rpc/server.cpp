@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "core/base/text.h"
+#include "server/engine/memory.h"
 #include "server/rpc/listener.h"
 
 namespace deform::server {
@@ -27,7 +28,9 @@ namespace {
 constexpr char service_name[] = "deform.v1.DeformService";
 /// Can geometries and setups be added? Without room on its disk the server still serves what it has.
 constexpr char write_service_name[] = "deform.v1.DeformService/write";
-constexpr std::chrono::seconds watch_interval{1};
+constexpr std::chrono::milliseconds memory_interval{100};
+constexpr int watch_turns = 10;  ///< every so many of these the store and the identities are looked at
+constexpr double full_memory = 0.9;
 /// For the last messages to leave.
 constexpr std::chrono::milliseconds last_words{250};
 /// For a connection to speak HTTP/2 (and TLS).
@@ -107,6 +110,9 @@ class GrpcServer final : public RunningServer {
     // Asked once: what the watcher compares with must be what the health service was told.
     const bool writable = engine_->store().writable();
     set_serving(true, writable);
+    const std::uint64_t budget = engine_->info().memory_budget();
+    engine_budgeted_ = budget != 0;
+    memory_limit_ = resident_set_bytes() + static_cast<std::size_t>(full_memory * static_cast<double>(budget));
     watch_ = std::thread([this, writable] { watch(writable); });
   }
 
@@ -172,10 +178,33 @@ class GrpcServer final : public RunningServer {
     health->SetServingStatus(write_service_name, serving && writable);
   }
 
-  /// The store and the file of identities.
+  /// What the process occupies beyond what it did at its start counts against the budget, whatever was charged.
+  void watch_memory() {
+    std::size_t resident = resident_set_bytes();
+    if (resident > memory_limit_) {
+      engine_->give_back_idle_memory(resident - memory_limit_);
+      resident = resident_set_bytes();
+    }
+    const bool full = resident > memory_limit_;
+    if (full == memory_full_) return;
+    memory_full_ = full;
+    service_.set_memory_full(full);
+    if (full) {
+      spdlog::error("memory: the process occupies {} bytes, the limit is {}: calls that compute or add are refused", resident,
+                    memory_limit_);
+    } else {
+      spdlog::info("memory: the process occupies {} bytes, calls are taken again", resident);
+    }
+  }
+
+  /// The memory of the process, the store and the file of identities.
   void watch(bool writable) {
     std::unique_lock lock(watch_mutex_);
-    while (!stopping_changed_.wait_for(lock, watch_interval, [this] { return stopping_; })) {
+    int turn = 0;
+    while (!stopping_changed_.wait_for(lock, memory_interval, [this] { return stopping_; })) {
+      if (engine_budgeted_) watch_memory();
+      turn = (turn + 1) % watch_turns;
+      if (turn != 0) continue;
       service_.refresh_identities();
       const v1::StoreInfo store = engine_->store();
       if (store.writable() == writable) continue;
@@ -197,6 +226,9 @@ class GrpcServer final : public RunningServer {
   std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> acceptor_;
   std::unique_ptr<Listener> listener_;
   std::string address_;
+  bool engine_budgeted_ = false;
+  std::size_t memory_limit_ = 0;  ///< resident bytes
+  bool memory_full_ = false;      ///< of the thread that watches
   std::thread watch_;
   std::mutex watch_mutex_;
   std::condition_variable stopping_changed_;

@@ -33,9 +33,9 @@ struct ServerOptions {
   std::chrono::seconds keep_alive{60};          ///< a silent connection is asked whether it lives
   std::chrono::seconds keep_alive_timeout{20};  ///< and closed when it does not answer
   int max_calls_per_connection = 1024;
-  std::size_t max_connections = 0;               ///< open at once; 0: what open files allow, at most 4096
-  std::chrono::seconds connection_idle{600};     ///< a connection without a call for so long is closed; 0: never
-  std::chrono::seconds connection_age{0};        ///< a connection so old takes no new calls; 0: never
+  std::size_t max_connections = 0;                ///< open at once; 0: what open files allow, at most 4096
+  std::chrono::seconds connection_idle{600};      ///< a connection without a call for so long is closed; 0: never
+  std::chrono::seconds connection_age{0};         ///< a connection so old takes no new calls; 0: never
   std::chrono::seconds connection_age_grace{60};  ///< and is cut off after so long; 0: never
   EngineOptions engine;
   ServiceOptions service;

@@ -2,6 +2,7 @@
 #include "server/rpc/service.h"
 
 #include <algorithm>
+#include <atomic>
 #include <map>
 #include <mutex>
 #include <string>
@@ -43,6 +44,12 @@ using RawService =
 using Context = grpc::CallbackServerContext;
 using Bytes = grpc::ByteBuffer;
 
+/// The limit of a call's time is one of the requests of a stream, too.
+ServiceOptions with_limits(ServiceOptions options) {
+  options.stream.max_deadline = options.max_deadline;
+  return options;
+}
+
 void refuse_continued_designs(const v1::DeformRequest& request) {
   for (int i = 0; i < request.designs_size(); ++i) {
     if (request.designs(i).continues()) {
@@ -65,10 +72,14 @@ void ServiceOptions::validate() const {
 class DeformService::Methods final : public RawService {
  public:
   Methods(Engine& engine, const ServiceOptions& options)
-      : engine_(engine), options_(options), access_(options.identities), pool_(options.call_threads, options.waiting_calls) {}
+      : engine_(engine),
+        options_(with_limits(options)),
+        access_(options.identities),
+        pool_(options.call_threads, options.waiting_calls) {}
 
   void drain();
   void refresh_identities() { access_.refresh(); }
+  void set_memory_full(bool full) { memory_full_ = full; }
   bool wait_for_none(std::chrono::steady_clock::time_point deadline) { return live_.wait_for_none(deadline); }
 
   grpc::ServerReadReactor<Bytes>* RegisterGeometry(Context* context, Bytes* reply) override {
@@ -176,7 +187,7 @@ class DeformService::Methods final : public RawService {
   }
 
  private:
-  Incoming incoming(Context* context) { return {context, &live_, &access_}; }
+  Incoming incoming(Context* context) { return {context, &live_, &access_, &memory_full_, &overdue_, options_.max_deadline}; }
   /// work(record) -> reply message.
   template <typename Work>
   grpc::ServerUnaryReactor* unary(const char* method, Context* context, Bytes* reply, Work work) {
@@ -190,6 +201,8 @@ class DeformService::Methods final : public RawService {
   Engine& engine_;
   const ServiceOptions options_;
   Access access_;
+  std::atomic<bool> memory_full_{false};
+  OverdueCalls overdue_;
   LiveCalls live_;
   std::mutex streams_mutex_;
   // under streams_mutex_
@@ -200,7 +213,9 @@ class DeformService::Methods final : public RawService {
 };
 
 grpc::ServerBidiReactor<Bytes, Bytes>* DeformService::Methods::DeformStream(Context* context) {
-  auto call = std::make_shared<DeformStreamCall>(engine_, options_.stream, incoming(context), [this](DeformStreamCall* ended) {
+  Incoming stream = incoming(context);
+  stream.max_deadline = {};  // of its requests, not of the stream
+  auto call = std::make_shared<DeformStreamCall>(engine_, options_.stream, stream, [this](DeformStreamCall* ended) {
     const std::lock_guard lock(streams_mutex_);
     streams_.erase(ended);
   });
@@ -232,6 +247,7 @@ DeformService::DeformService(Engine& engine, const ServiceOptions& options)
 DeformService::~DeformService() = default;
 grpc::Service& DeformService::grpc_service() { return *methods_; }
 void DeformService::drain() { methods_->drain(); }
+void DeformService::set_memory_full(bool full) { methods_->set_memory_full(full); }
 void DeformService::refresh_identities() { methods_->refresh_identities(); }
 bool DeformService::wait_for_none(std::chrono::steady_clock::time_point deadline) { return methods_->wait_for_none(deadline); }
 

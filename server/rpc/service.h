@@ -17,9 +17,10 @@ namespace deform::server {
 /// Limits of the transport side; those of the content are the engine's.
 struct ServiceOptions {
   StreamLimits stream;
-  std::filesystem::path identities;  ///< who may call (Access); empty: everyone
-  int call_threads = 8;              ///< for engine calls that wait for the disk
-  std::size_t waiting_calls = 1024;  ///< of those; more are refused with a retry hint
+  std::chrono::milliseconds max_deadline{0};  ///< of a call, or of a request of a DeformStream; 0: none but the client's
+  std::filesystem::path identities;           ///< who may call (Access); empty: everyone
+  int call_threads = 8;                       ///< for engine calls that wait for the disk
+  std::size_t waiting_calls = 1024;           ///< of those; more are refused with a retry hint
 
   /// Throws Error(invalid_argument) naming the option and its limits.
   void validate() const;
@@ -37,6 +38,8 @@ class DeformService {
 
   /// Ends every DeformStream as soon as its open requests are answered, and new ones at once. Does not wait.
   void drain();
+  /// While it is so, calls that compute or add are refused with a retry hint; what is under way goes on. Any thread.
+  void set_memory_full(bool full);
   /// Rereads the identities when their file changed. Now and then, by anyone.
   void refresh_identities();
   /// Waits until no call is left; false when the time is over first.

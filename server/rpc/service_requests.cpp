@@ -50,6 +50,10 @@ StreamRequests::RequestPtr StreamRequests::open(std::uint64_t id) {
   request->call = call_;
   request->call.cancel = CancelFlag();
   request->opened = std::chrono::steady_clock::now();
+  if (limits_.max_deadline.count() > 0) {
+    const auto limit = request->opened + limits_.max_deadline;
+    request->call.deadline = std::min(limit, request->call.deadline.value_or(limit));
+  }
   request->record.method = "DeformStream";
   request->record.client = client_;
   request->record.identity = identity_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <deque>
@@ -15,8 +16,9 @@ namespace deform::server {
 
 /// Limits of one DeformStream.
 struct StreamLimits {
-  std::size_t open_requests = 4096;   ///< more are refused
-  std::size_t running_requests = 16;  ///< in the engine at once; the others wait here, in order of their last message
+  std::size_t open_requests = 4096;           ///< more are refused
+  std::size_t running_requests = 16;          ///< in the engine at once; the others wait here, in order of their last message
+  std::chrono::milliseconds max_deadline{0};  ///< of a request, from its first message on; 0: none
   std::size_t buffered_bytes = std::size_t{64} << 20;  ///< of requests being received, waiting or running: reading pauses
 };
 

@@ -122,6 +122,7 @@ void DeformStreamCall::start_request(const RequestPtr& request) {
   std::shared_ptr<DeformJob> job;
   auto error = caught([&] {
     scope_.check();
+    scope_.check_memory();
     job = engine_.deform(std::move(request->message), request->id, request->call,
                          [weak = weak_self(), waiting = std::weak_ptr(request)] {
                            const auto self = weak.lock();

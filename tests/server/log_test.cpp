@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <fstream>
 #include <iterator>
+#include <regex>
 
 namespace deform::server {
 namespace {
@@ -72,6 +73,39 @@ TEST(Log, NoRecordActsOnTerminalsOrMakesLines) {
   const std::string record = " info a\\x0a2026 error forged\\x1b]0;owned\\x07\\u{202e} \\xff Gr\u00f6\u00dfe\n";
   ASSERT_GT(text.size(), record.size());
   EXPECT_EQ(text.substr(text.size() - record.size()), record);
+}
+
+TEST(Log, RecordsCanBeJson) {
+  const auto before = spdlog::default_logger();
+  const auto file = std::filesystem::temp_directory_path() / ("deform_log_json_" + std::to_string(::getpid()));
+  start_logging({spdlog::level::info, file, LogFormat::json});
+  spdlog::info("{}", "a \"b\" \\ c\nd");
+  CallRecord record;
+  record.method = "Deform";
+  record.client = "ipv4:127.0.0.1:4242";
+  record.identity = "alice";
+  record.request_id = 7;
+  record.name = "x\"},{\"status\":\"ok";
+  record.designs = 2;
+  record.wall_ms = 6.125;
+  record.error = Error(ErrorCode::internal, "no \\ luck");
+  log_call(record);
+  start_logging({spdlog::level::info, file, LogFormat::text});
+  log_call(record);
+  spdlog::set_default_logger(before);
+  std::ifstream in(file);
+  std::string lines[3];
+  for (std::string& line : lines) std::getline(in, line);
+  std::filesystem::remove(file);
+  const std::string time = R"(\{"time":"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9:.]+[+-][0-9:]+",)";
+  EXPECT_TRUE(std::regex_match(lines[0], std::regex(time + R"("level":"info","message":"a \\"b\\" \\\\ c\\\\x0ad"\})")))
+      << lines[0];
+  EXPECT_TRUE(std::regex_match(
+      lines[1], std::regex(time + R"("level":"error","method":"Deform","client":"ipv4:127.0.0.1:4242","identity":"alice",)" +
+                           R"("request":7,"name":"x\\"\},\{\\"status\\":\\"ok","designs":2,"wall_ms":6.125,)" +
+                           R"("status":"internal","message":"no \\\\ luck"\})")))
+      << lines[1];
+  EXPECT_NE(lines[2].find(" error method=Deform client="), std::string::npos) << "text again: " << lines[2];
 }
 
 TEST(Log, LongTextIsCut) {

@@ -118,6 +118,8 @@ TEST_F(Options, EveryOptionCanBeSetInEveryWay) {
                                                      {"max-waiting-calls", "23"},
                                                      {"grace", "24"},
                                                      {"log-level", "debug"},
+                                                     {"max-deadline", "29"},
+                                                     {"log-format", "json"},
                                                      {"log-file", "l"}};
   std::vector<std::string> flags;
   std::map<std::string, std::string> variables;
@@ -174,6 +176,7 @@ TEST_F(Options, MistakesNameTheOptionAndThePlace) {
   EXPECT_THAT(error({"--tls-cert", "c"}), HasSubstr("--tls-key"));
   EXPECT_THAT(error({"--tls-key", "k"}), HasSubstr("--tls-cert"));
   EXPECT_THAT(error({"--tls-client-ca", "a"}), HasSubstr("--tls-cert"));
+  EXPECT_THAT(error({"--log-format", "xml"}), HasSubstr("xml"));
   EXPECT_THAT(error({"--reflection", "perhaps"}), HasSubstr("perhaps"));
   environment["DEFORMD_INSECURE"] = "maybe";
   EXPECT_THAT(error({}), HasSubstr("DEFORMD_INSECURE"));

@@ -214,6 +214,49 @@ TEST(Server, RoomThatComesWhileTheServerStartsIsTold) {
   EXPECT_TRUE(eventually([&] { return health_of(channel, "deform.v1.DeformService/write") == 1; }));
 }
 
+/// Budgeted so small that what the test itself allocates is too much.
+class EngineWithABudget : public support::FakeEngine {
+ public:
+  v1::ServerInfo info() override {
+    v1::ServerInfo info;
+    info.set_memory_budget(std::size_t{100} << 20);
+    return info;
+  }
+  void give_back_idle_memory(std::size_t bytes) override { asked_back = bytes; }
+  std::atomic<std::size_t> asked_back{0};
+};
+
+TEST(Server, AFullProcessRefusesWhatComputesAndServesTheRest) {
+  auto owned = std::make_unique<EngineWithABudget>();
+  EngineWithABudget& engine = *owned;
+  const auto server = start_server(at(""), std::move(owned));
+  const auto stub = v1::DeformService::NewStub(server->in_process_channel());
+  const auto estimate = [&](std::string* hint = nullptr) {
+    grpc::ClientContext context;
+    v1::EstimateReply reply;
+    const auto code = stub->Estimate(&context, {}, &reply).error_code();
+    const auto& trailing = context.GetServerTrailingMetadata();
+    if (const auto found = trailing.find("retry-after-ms"); hint != nullptr && found != trailing.end())
+      hint->assign(found->second.data(), found->second.size());
+    return code;
+  };
+  const auto info = [&] {
+    grpc::ClientContext context;
+    v1::ServerInfo reply;
+    return stub->GetServerInfo(&context, {}, &reply).error_code();
+  };
+  EXPECT_EQ(estimate(), StatusCode::OK);
+  auto ballast = std::make_unique<std::vector<char>>(std::size_t{128} << 20, 'x');
+  EXPECT_TRUE(eventually([&] { return estimate() == StatusCode::RESOURCE_EXHAUSTED; }));
+  std::string hint;
+  estimate(&hint);
+  EXPECT_EQ(hint, "1000");
+  EXPECT_EQ(info(), StatusCode::OK);
+  EXPECT_GT(engine.asked_back, std::size_t{10} << 20) << "idle memory first";
+  ballast.reset();
+  EXPECT_TRUE(eventually([&] { return estimate() == StatusCode::OK; }));
+}
+
 TEST(Server, TwoServersDoNotShareAPort) {
   const auto first = start_server(at("127.0.0.1:0"), std::make_unique<support::FakeEngine>());
   EXPECT_GT(first->port(), 0);

@@ -28,6 +28,39 @@ class ServiceUnary : public ServiceFixture {
   std::string hint;
 };
 
+TEST_P(ServiceUnary, CallsEndByTheTimeThatTheServerAllows) {
+  ServiceOptions options;
+  options.max_deadline = std::chrono::milliseconds(300);
+  start(options);
+  const auto begin = std::chrono::steady_clock::now();
+  const auto late = begin + std::chrono::seconds(5);
+  grpc::ClientContext contexts[3];
+  const auto deform = stub->Deform(&contexts[0], {});  // an engine that never ends
+  const auto uploading = stub->RegisterGeometry(&contexts[1], &info);
+  uploading->Write({});  // a client that never goes on; or hears of it before
+  const auto stream = stub->DeformStream(&contexts[2]);
+  const auto job = engine.job(0);
+  ASSERT_TRUE(job->call().deadline);
+  EXPECT_LT(*job->call().deadline, late);
+  EXPECT_FALSE(deform->Finish().ok());
+  EXPECT_TRUE(job->cancelled());
+  EXPECT_FALSE(uploading->Finish().ok());
+  EXPECT_LT(std::chrono::steady_clock::now(), late);
+  // A stream is as long as its client wants; its requests are not.
+  v1::DeformStreamRequest request;
+  request.mutable_request();
+  EXPECT_TRUE(stream->Write(request));
+  const auto second = engine.job(1);
+  ASSERT_TRUE(second->call().deadline);
+  EXPECT_GT(*second->call().deadline, std::chrono::steady_clock::now() - std::chrono::milliseconds(300));
+  second->push_block(1);
+  second->end();
+  stream->WritesDone();
+  v1::DeformReply reply;
+  EXPECT_TRUE(stream->Read(&reply));
+  EXPECT_TRUE(stream->Finish().ok());
+}
+
 TEST_P(ServiceUnary, EveryMethodReachesTheEngineAndBack) {
   start();
   EXPECT_TRUE(get_geometry("0123").ok());
