@@ -7,6 +7,7 @@
 #include <openssl/pem.h>
 #include <openssl/ssl.h>
 #include <openssl/x509v3.h>
+#include <signal.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
@@ -197,6 +198,31 @@ int note_request(SSL* ssl, void*) {
   return 1;
 }
 
+/// OpenSSL writes to sockets that the other side may have closed: the signal of that would end the program. For this thread
+/// alone.
+class WithoutBrokenPipes {
+ public:
+  WithoutBrokenPipes() {
+    sigemptyset(&pipe_);
+    sigaddset(&pipe_, SIGPIPE);
+    sigset_t pending;
+    sigpending(&pending);
+    was_pending_ = sigismember(&pending, SIGPIPE) == 1;
+    pthread_sigmask(SIG_BLOCK, &pipe_, &before_);
+  }
+  ~WithoutBrokenPipes() {
+    const timespec at_once{0, 0};
+    if (!was_pending_) sigtimedwait(&pipe_, nullptr, &at_once);
+    pthread_sigmask(SIG_SETMASK, &before_, nullptr);
+  }
+  WithoutBrokenPipes(const WithoutBrokenPipes&) = delete;
+  WithoutBrokenPipes& operator=(const WithoutBrokenPipes&) = delete;
+
+ private:
+  sigset_t pipe_, before_;
+  bool was_pending_;
+};
+
 /// A file descriptor that is closed.
 class Socket {
  public:
@@ -355,6 +381,7 @@ std::string read_token(const std::filesystem::path& file) {
 }
 
 std::string tls_failure(const std::string& address, const std::optional<TlsOptions>& tls, std::chrono::milliseconds timeout) {
+  const WithoutBrokenPipes guard;
   const Socket socket = connected(address, timeout);
   if (socket.fd() < 0) return {};
   const TlsOptions used = tls.value_or(TlsOptions());

@@ -35,9 +35,8 @@ TEST_P(ServiceUnary, CallsEndByTheTimeThatTheServerAllows) {
   const auto begin = std::chrono::steady_clock::now();
   const auto late = begin + std::chrono::seconds(5);
   grpc::ClientContext contexts[3];
-  const auto deform = stub->Deform(&contexts[0], {});  // an engine that never ends
-  const auto uploading = stub->RegisterGeometry(&contexts[1], &info);
-  uploading->Write({});  // a client that never goes on; or hears of it before
+  const auto deform = stub->Deform(&contexts[0], {});                  // an engine that never ends
+  const auto uploading = stub->RegisterGeometry(&contexts[1], &info);  // a client that never sends anything
   const auto stream = stub->DeformStream(&contexts[2]);
   const auto job = engine.job(0);
   ASSERT_TRUE(job->call().deadline);
