@@ -372,7 +372,7 @@ std::string read_token(const std::filesystem::path& file) {
   const std::string text = read_file("token_file", file);
   const auto first = text.find_first_not_of(" \t\r\n");
   if (first == std::string::npos) throw bad_file("token_file", file, "is empty");
-  const std::string token = text.substr(first, text.find_last_not_of(" \t\r\n") - first + 1);
+  std::string token = text.substr(first, text.find_last_not_of(" \t\r\n") - first + 1);
   if (token.size() > max_token) throw bad_file("token_file", file, "a token has at most " + std::to_string(max_token) + " bytes");
   if (!std::all_of(token.begin(), token.end(), [](char c) { return c > ' ' && c < '\x7f'; })) {
     throw bad_file("token_file", file, "one token was expected, of printable ASCII characters without blanks");

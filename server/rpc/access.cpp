@@ -40,7 +40,7 @@ constexpr std::size_t max_file = std::size_t{4} << 20;
 constexpr std::size_t max_token = 4096;
 constexpr std::string_view bearer = "bearer ";
 
-std::string_view view(grpc::string_ref text) { return {text.data(), text.size()}; }
+std::string_view view(const grpc::string_ref& text) { return {text.data(), text.size()}; }
 
 /// The names of the peer's certificate, which the handshake has verified; none without one.
 std::vector<std::string> certificate_names(const grpc::ServerContextBase& context) {
