@@ -23,16 +23,16 @@ inline constexpr std::uint32_t following_region = 0xffffffffu;
 
 /// A design variable.
 struct Variable {
-  std::string name;
+  std::string name;          ///< as in the setup
   std::uint32_t handle = 0;  ///< that it moves; of several variables of a handle the first acts first
-  VariableMotion motion;
-  double lower = 0;  ///< at most 0; may be infinite
-  double upper = 0;  ///< at least 0; may be infinite
+  VariableMotion motion;     ///< how it moves it
+  double lower = 0;          ///< at most 0; may be infinite
+  double upper = 0;          ///< at least 0; may be infinite
 };
 
 /// A region that variables move.
 struct Handle {
-  std::string name;
+  std::string name;                                             ///< as in the setup
   std::uint64_t points = 0;                                     ///< that its region selects
   Vec3 reference{};                                             ///< of its fields, unit coordinates
   std::array<Vec3, 3> axes{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};  ///< of its fields, orthonormal
@@ -40,13 +40,14 @@ struct Handle {
 
 /// A control point that a handle moves, where handles select control points and no points of the mesh.
 struct Control {
-  std::uint32_t handle = 0;
-  Vec3 place{};  ///< at rest, model units
+  std::uint32_t handle = 0;  ///< its index
+  Vec3 place{};              ///< at rest, model units
 };
 
 /// Two points that coincide: a design that sends them to different places is refused.
 struct Pair {
-  std::uint32_t first = 0, second = 0;
+  std::uint32_t first = 0;   ///< id
+  std::uint32_t second = 0;  ///< id
 };
 
 /// Values of the fields of all handles at the points that follow (thesis 4.2, eq. 4.1), for some components of the displacement.
@@ -64,15 +65,16 @@ struct Basis {
 
 /// All that a compiled deformation holds.
 struct Content {
-  std::string geometry_id, system_id;  ///< 64 lower-case hexadecimal digits each
-  std::string creator;                 ///< what made it: "deformd 0.3.0"
-  std::string method;                  ///< as in a setup: "rbf"
-  std::string mesh;                    ///< name of the geometry, mostly a file name; may be empty
-  std::vector<std::string> notes;      ///< of the system, one sentence each
-  std::string setup;                   ///< the Setup message in its canonical form, serialized; may be empty
+  std::string geometry_id;         ///< 64 lower-case hexadecimal digits
+  std::string system_id;           ///< as many
+  std::string creator;             ///< what made it: "deformd 0.3.0"
+  std::string method;              ///< as in a setup: "rbf"
+  std::string mesh;                ///< name of the geometry, mostly a file name; may be empty
+  std::vector<std::string> notes;  ///< of the system, one sentence each
+  std::string setup;               ///< the Setup message in its canonical form, serialized; may be empty
 
-  std::vector<Handle> handles;
-  std::vector<Variable> variables;
+  std::vector<Handle> handles;      ///< in the order of the setup
+  std::vector<Variable> variables;  ///< in the order of the setup
 
   double diagonal = 0;            ///< D, model units
   double largest_coordinate = 0;  ///< by magnitude, of the mesh
@@ -92,11 +94,11 @@ struct Content {
   std::vector<std::uint32_t> regions;   ///< n
   std::vector<std::uint8_t> on_planes;  ///< n with symmetry planes, else empty; bit k: the point lies on plane k
   std::vector<Control> controls;        ///< empty where handles select points of the mesh
-  std::vector<Pair> coincident;
-  std::vector<Basis> bases;  ///< of different components
+  std::vector<Pair> coincident;         ///< of handle and fixed points
+  std::vector<Basis> bases;             ///< of different components
 
-  std::size_t points() const { return rest.size(); }
-  std::size_t fields() const { return 4 * handles.size(); }
+  std::size_t points() const { return rest.size(); }         ///< n
+  std::size_t fields() const { return 4 * handles.size(); }  ///< 1, x, y, z of every handle
 };
 
 /// How many points follow.

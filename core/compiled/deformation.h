@@ -34,28 +34,33 @@ struct Report {
 /// their bounds, designs that send coincident points to different places or points of a symmetry plane out of it.
 class Deformation {
  public:
+  /// Of a content that read_content() gave, or that keeps its rules.
   explicit Deformation(Content content);
   /// Reads a file, see read_content().
   static Deformation load(const std::filesystem::path& file);
 
+  /// All that is in the file.
   const Content& content() const { return content_; }
-  std::size_t points() const { return content_.points(); }
-  std::size_t variables() const { return content_.variables.size(); }
+  std::size_t points() const { return content_.points(); }             ///< n
+  std::size_t variables() const { return content_.variables.size(); }  ///< k
 
   /// m x k values to m x n x 3 coordinates, model units. The designs share one pass over the basis. In floats each coordinate is
   /// rounded once.
   void evaluate(std::span<const double> designs, std::span<double> points, int threads = 1) const;
+  /// The same in floats.
   void evaluate(std::span<const double> designs, std::span<float> points, int threads = 1) const;
 
   /// d(points)/d(variables) at `variables` (k) times `direction` (k): n x 3 (thesis 4.2, eq. 4.2).
   void jacobian_vector(std::span<const double> variables, std::span<const double> direction, std::span<double> vectors,
                        int threads = 1) const;
+  /// The same in floats.
   void jacobian_vector(std::span<const double> variables, std::span<const double> direction, std::span<float> vectors,
                        int threads = 1) const;
 
   /// d(points)/d(variables)^T at `variables` (k) times a cotangent field (n x 3): k.
   void vector_jacobian(std::span<const double> variables, std::span<const double> cotangent, std::span<double> gradient,
                        int threads = 1) const;
+  /// The same of floats.
   void vector_jacobian(std::span<const double> variables, std::span<const float> cotangent, std::span<double> gradient,
                        int threads = 1) const;
 
