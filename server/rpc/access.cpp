@@ -27,7 +27,7 @@ constexpr std::pair<std::string_view, Role> role_table[] = {
     {"Estimate", Role::use},           {"Prepare", Role::use},           {"GetSystem", Role::read},
     {"ListSystems", Role::read},       {"ReleaseSystem", Role::operate}, {"Deform", Role::use},
     {"DeformStream", Role::use},       {"JacobianVector", Role::use},    {"VectorJacobian", Role::use},
-    {"GetServerInfo", Role::read},
+    {"GetServerInfo", Role::read},     {"GetBasis", Role::use},
 };
 
 const std::pair<std::string_view, Role>* row_of(std::string_view method) {
