@@ -20,6 +20,7 @@ FLOORS = {
     "core/mesh": ["core/base"],
     "core/mesh/surface_mesh": ["core/base", "core/mesh"],
     "core/mesh/remeshing": ["core/base", "core/mesh", "core/mesh/surface_mesh"],
+    "core/mesh/cages": ["core/base", "core/mesh", "core/mesh/surface_mesh", "core/mesh/remeshing"],
     "core/io/mesh_file.h": ["core/base", "core/mesh"],
     "core/io/readers.h": ["core/base", "core/io/mesh_file.h"],
     "core/io/binary": ["core/base"],
