@@ -23,8 +23,8 @@ class PointOwners {
     PointId first = 0;
     std::uint32_t other = nobody;  ///< who has the first
 
-    /// "overlaps OTHER: 2 common points, the first is point 7; ...".
-    std::string text(const std::string& other_name) const;
+    /// "overlaps OTHER: 2 common points, the first is point 7; ...". noun: what the ids number.
+    std::string text(const std::string& other_name, const std::string& noun = "point") const;
   };
 
   /// Gives points, whose ids are in range, to `owner` (not nobody); those that another has stay with that one.

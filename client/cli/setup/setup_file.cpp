@@ -30,13 +30,15 @@ SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems)
   const ValueFiles files{[&](const std::string& name, const std::string& set) { return id_files.ids(name, set); },
                          [&](const std::string& name) { return read_control_points(path.parent_path() / name); }};
   parse_yaml(io::read_file(path, nullptr, max_bytes), path.string(), file.setup, files, problems);
-  problems.check("method", [&] {
-    try {
-      read_cage(path.parent_path(), file.setup);
-    } catch (const Error& error) {
-      throw Error(error.code(), path.string() + ": " + error.what());
-    }
-  });
+  // What cannot be read is no missing file.
+  if (!problems.concern("method"))
+    problems.check("method", [&] {
+      try {
+        read_cage(path.parent_path(), file.setup);
+      } catch (const Error& error) {
+        throw Error(error.code(), path.string() + ": " + error.what());
+      }
+    });
   const std::string geometry = file.setup.geometry();
   const bool given = problems.check("geometry", [&] {
     if (!geometry.empty()) return;

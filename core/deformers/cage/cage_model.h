@@ -56,7 +56,7 @@ class CageRows : public ControlFunctions {
 
 /// "A cage of 8 vertices and 12 triangles, of diagonal 2.5."
 std::string size_note(const Cage& cage);
-/// Points outside are named where there are any.
+/// Points outside are counted where there are any, and sizes that look like different units are named.
 void add_outside_note(const Cage& cage, const Mesh& mesh, const RunContext& context, std::vector<std::string>& notes);
 /// About what the coordinates of a point take.
 double seconds_per_row(const Cage& cage);
