@@ -247,7 +247,8 @@ class Regions(EndToEnd):
         self.fails(1, "lattice", "refine", "ffd.yaml", "--halve", "i", "-o", "ffd.yaml", says=["--output", "replace"])
         self.fails(1, "lattice", "refine", "ffd.yaml", "--halve", "i", "-o", "elsewhere/a.yaml", says=["--output", "same folder"])
         self.fails(1, "lattice", "refine", "ffd.yaml", "--halve", "i", "--set", "up=0.1", "-o", "a.yaml", says=["--mesh"])
-        self.fails(2, "lattice", "refine", "ffd.yaml", "--halve", "x", "-o", "a.yaml", says=["--halve"])
+        for wrong in ("x", "i,i", "ik", "i,"):
+            self.fails(2, "lattice", "refine", "ffd.yaml", "--halve", wrong, "-o", "a.yaml", says=["--halve"])
         self.fails(2, "lattice", "ffd.yaml", says=["--output"])
         self.fails(2, "lattice", says=["SETUP"])
 

@@ -65,7 +65,7 @@ FLOORS = {
     "server": ["core/base", "core/base/commit", "server/store", "server/engine", "server/rpc"],
     "client": ["core/base", "core/codec", "proto/convert/base", "deform/v1"],
     # Executables that read files.
-    "client/cli": ["core/base", "core/base/commit", "core/codec", "core/mesh", "core/io", "core/quality", "core/report",
+    "client/cli": ["core/base", "core/base/commit", "core/codec", "core/mesh", "core/mesh/cages", "core/io", "core/quality", "core/report",
                    "core/constraints/detection", "core/numerics", "proto/convert/mesh", "proto/convert/controls", "deform/v1",
                    "client"],
     "client/examples": ["core/base", "core/codec", "core/mesh", "core/io", "deform/v1", "client"],

@@ -20,8 +20,8 @@ namespace deform::cli {
 namespace {
 
 struct RefineCommand {
-  std::string setup, source, output, mesh;
-  std::vector<std::string> halve, elevate, settings;
+  std::string setup, source, output, mesh, halve, elevate;
+  std::vector<std::string> settings;
 };
 
 /// Which axes are refined, by the option that fits the basis.
@@ -34,15 +34,24 @@ std::array<bool, 3> refined_axes(const RefineCommand& options, const v1::Setup& 
   if (!bernstein && !options.elevate.empty()) {
     refuse("--elevate: only BERNSTEIN has a degree to raise; give --halve, which halves the spans of cubic splines");
   }
+  const std::string& names = bernstein ? options.elevate : options.halve;
+  if (names.empty()) refuse(bernstein ? "--elevate: give the axes, such as i,k" : "--halve: give the axes, such as i,k");
   std::array<bool, 3> axes{};
-  for (const std::string& name : bernstein ? options.elevate : options.halve) {
-    bool& axis = axes[static_cast<std::size_t>(name[0] - 'i')];
-    if (axis) refuse((bernstein ? "--elevate: " : "--halve: ") + name + " stands there twice");
-    axis = true;
+  for (const char name : names) {
+    if (name != ',') axes[static_cast<std::size_t>(name - 'i')] = true;
   }
-  if (axes == std::array<bool, 3>{})
-    refuse(bernstein ? "--elevate: give the axes, such as i,k" : "--halve: give the axes, such as i,k");
   return axes;
+}
+
+/// What is wrong with a list of axes, each of them once: "i,k".
+std::string axes_problem(const std::string& text) {
+  std::string seen;
+  for (std::size_t c = 0; c < text.size(); ++c) {
+    const bool known = text[c] >= 'i' && text[c] <= 'k' && seen.find(text[c]) == std::string::npos;
+    if (c % 2 == 0 ? !known : text[c] != ',') return "\"" + text + "\" is no list of i, j and k, each of them once";
+    if (c % 2 == 0) seen += text[c];
+  }
+  return seen.size() * 2 == text.size() + 1 ? "" : "\"" + text + "\" is no list of axes, such as i,k";
 }
 
 std::filesystem::path folder_of(const std::filesystem::path& file) {
@@ -137,12 +146,8 @@ void add_lattice_refine_command(CLI::App& lattice, const CommonOptions& common, 
   auto* command = lattice.add_subcommand("refine", "Write a setup whose lattice has more control points and the same shape");
   command->add_option("SETUP", options->setup, "Setup file with method.ffd")->required();
   command->add_option("-o,--output", options->output, "Setup file to write, in the same folder")->required();
-  const auto axes = [&](const char* name, std::vector<std::string>& into, const char* about) {
-    command->add_option(name, into, about)
-        ->delimiter(',')
-        ->expected(1)
-        ->allow_extra_args(false)
-        ->check(CLI::IsMember({"i", "j", "k"}));
+  const auto axes = [&](const char* name, std::string& into, const char* about) {
+    command->add_option(name, into, about)->check(axes_problem, "AXES");
   };
   axes("--halve", options->halve, "Axes whose spans are halved, such as i,k: from n control points to 2 n - 3");
   axes("--elevate", options->elevate, "Axes of BERNSTEIN whose degree is raised by one");

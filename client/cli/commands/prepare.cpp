@@ -109,6 +109,8 @@ void print_system(const v1::SystemInfo& system) {
     if (system.condition() > 0) std::cout << ", condition " << number_text(system.condition());
     if (system.tolerance() > 0) std::cout << ", tolerance " << number_text(system.tolerance()) << " D";
     std::cout << '\n';
+  } else if (system.condition() > 0) {
+    std::cout << "  condition: " << number_text(system.condition()) << '\n';
   }
   std::cout << "  prepared in " << duration_text(system.seconds()) << '\n';
   for (const auto& stage : system.stages())

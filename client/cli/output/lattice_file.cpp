@@ -35,7 +35,7 @@ Mesh lines_of(const Lattice& lattice, const std::vector<Vec3>& places) {
   return mesh;
 }
 
-VtkArray displacements(const std::vector<Vec3>& from, const std::vector<Vec3>& to) {
+VtkArray displacement_array(const std::vector<Vec3>& from, const std::vector<Vec3>& to) {
   VtkArray displacement{"displacement", 3, {}, VtkArray::Type::float64};
   for (std::size_t p = 0; p < from.size(); ++p) {
     for (const double u : to[p] - from[p]) displacement.values.push_back(u);
@@ -61,7 +61,7 @@ void write_lattice(const LatticePicture& picture, const std::filesystem::path& p
     for (const std::size_t number : {p % l, p / l % m, p / l / m}) index.values.push_back(static_cast<double>(number));
   }
   io::VtkArrays arrays;
-  arrays.points = {std::move(index), displacements(picture.lattice.places, picture.moved)};
+  arrays.points = {std::move(index), displacement_array(picture.lattice.places, picture.moved)};
   add_regions(picture.labels, picture.handles, arrays);
   io::write_vtp(lines_of(lattice, picture.moved), arrays, path);
 }
@@ -75,7 +75,7 @@ void write_cage(const CagePicture& picture, const std::filesystem::path& path) {
   VtkArray id{"id", 1, {}, VtkArray::Type::int32};
   for (std::size_t p = 0; p < mesh.point_count(); ++p) id.values.push_back(static_cast<double>(p));
   io::VtkArrays arrays;
-  arrays.points = {std::move(id), displacements(picture.places, picture.moved)};
+  arrays.points = {std::move(id), displacement_array(picture.places, picture.moved)};
   add_regions(picture.labels, picture.handles, arrays);
   io::write_vtp(mesh, arrays, path);
 }

@@ -23,7 +23,7 @@ namespace deform::cli {
 namespace {
 
 // The limits of setup.proto.
-constexpr std::size_t most_along_axis = 1000, most_points = 100000, most_moved_points = 10000;
+constexpr std::size_t most_along_axis = 1000, most_controls = 100000, most_moved_controls = 10000;
 constexpr std::size_t most_setup_bytes = std::size_t{1} << 26;
 
 YAML::Node flow_list(const std::vector<std::string>& items) {
@@ -100,7 +100,7 @@ class Rewriting {
              " along an axis are allowed");
     }
     const bool moved = !options_.control_points.empty() || !refinement_.values.empty();
-    const std::size_t most = moved ? most_moved_points : most_points;
+    const std::size_t most = moved ? most_moved_controls : most_controls;
     if (fine_.fine().size() > most) {
       refuse("method.ffd.lattice.points: they would be " + text + ", at most " + std::to_string(most) + " in all are allowed" +
              (moved ? " of a lattice that is not at rest" : ""));

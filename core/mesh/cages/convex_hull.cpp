@@ -177,7 +177,7 @@ class Quickhull {
 std::vector<Node> thickened(const std::vector<Node>& nodes) {
   std::vector<Node> result;
   for (const Node& node : nodes) {
-    for (int corner = 0; corner < 8; ++corner) {
+    for (std::int64_t corner = 0; corner < 8; ++corner) {
       result.push_back({node[0] + 2 * (corner & 1) - 1, node[1] + (corner & 2) - 1, node[2] + (corner & 4) / 2 - 1});
     }
   }

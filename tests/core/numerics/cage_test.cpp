@@ -236,7 +236,7 @@ TEST(Cage, RefusesWhatIsNotClosed) {
   refused(mesh, {"triangles[2]: has vertex", "twice"});
   mesh = good;
   mesh.vertices[0] = mesh.vertices[1];
-  refused(mesh, {"the edge from vertex 0 to 1 has no length"});
+  refused(mesh, {"the edge between vertices 0 and 1 has no length"});
   mesh = good;
   for (Vec3& x : mesh.vertices) x[2] = 0;
   refused(mesh, {"has no length"});
