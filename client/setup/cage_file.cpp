@@ -30,7 +30,13 @@ void take_mesh(const Mesh& mesh, const std::string& name, v1::CageMethod& cage) 
 }  // namespace
 
 void read_cage(const std::filesystem::path& folder, v1::Setup& setup) {
-  if (!setup.method().has_cage() || setup.method().cage().file().empty()) return;
+  if (!setup.method().has_cage()) return;
+  if (setup.method().cage().file().empty()) {
+    if (setup.method().cage().vertices_size() > 0) return;
+    refuse(
+        "method.cage.file: missing, expected the cage, a mesh file of triangles beside the setup file; `deform cage mesh` makes "
+        "one");
+  }
   v1::CageMethod& cage = *setup.mutable_method()->mutable_cage();
   const std::filesystem::path path = folder / cage.file();
   try {

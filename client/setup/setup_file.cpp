@@ -58,13 +58,15 @@ SetupFile parse_setup(const std::string& text, const std::string& name, const st
   const ValueFiles files{[&](const std::string& named, const std::string& set) { return id_files.ids(named, set); },
                          [&](const std::string& named) { return read_control_points(folder / named); }};
   parse_yaml(text, name, file.setup, files, problems);
-  problems.check("method", [&] {
-    try {
-      read_cage(folder, file.setup);
-    } catch (const Error& error) {
-      throw Error(error.code(), name + ": " + error.what());
-    }
-  });
+  if (!problems.concern("method")) {  // a method that cannot be read lacks no file
+    problems.check("method", [&] {
+      try {
+        read_cage(folder, file.setup);
+      } catch (const Error& error) {
+        throw Error(error.code(), name + ": " + error.what());
+      }
+    });
+  }
   if (geometry == GeometryEntry::needed) {
     take_geometry(name, folder, file, problems);
   } else {

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
+#include <type_traits>
+#include <variant>
 
 #include "core/base/bounds.h"
 #include "core/base/error.h"
@@ -93,19 +95,34 @@ std::vector<PointId> selected_points(const Region& region, const Mesh& mesh, con
   return ids;
 }
 
+/// Whether a region selects control points, at any depth.
+bool names_controls(const Region& region) {
+  return std::visit(
+      [](const auto& kind) {
+        using Kind = std::decay_t<decltype(kind)>;
+        if constexpr (std::is_same_v<Kind, Region::LatticeRange> || std::is_same_v<Kind, Region::ControlIds>) return true;
+        if constexpr (requires { kind.of; }) return std::any_of(kind.of.begin(), kind.of.end(), names_controls);
+        return false;
+      },
+      region.kind);
+}
+
 /// Selects what handles and fixed regions hold: points of the mesh, or control points.
 class HeldRegions {
  public:
-  /// Control points of options that have problems are not known: then nothing is selected.
-  HeldRegions(const Setup& setup, const Mesh& mesh, const Problems& problems) : mesh_(mesh) {
+  /// Control points of a method that has problems are not known: then none are selected.
+  HeldRegions(const Setup& setup, const Mesh& mesh, const Problems& problems)
+      : mesh_(mesh), method_known_(!problems.concern("method")) {
     if (!selects_controls(setup)) return;
     of_ = SelectedRegions::Of::control_points;
-    known_ = !problems.concern("method");
-    if (known_) controls_ = controls_of(setup, mesh);
+    if (method_known_) controls_ = controls_of(setup, mesh);
   }
 
   SelectedRegions::Of of() const { return of_; }
-  bool known() const { return known_; }
+  /// Whether it can be told what the region selects.
+  bool known(const Region& region) const {
+    return method_known_ || (of_ == SelectedRegions::Of::mesh_points && !names_controls(region));
+  }
   std::size_t size() const { return of_ == SelectedRegions::Of::mesh_points ? mesh_.point_count() : controls_.size; }
   std::vector<PointId> select(const Region& region, const std::string& what) const {
     if (of_ == SelectedRegions::Of::mesh_points) return selected_points(region, mesh_, what);
@@ -117,7 +134,7 @@ class HeldRegions {
  private:
   const Mesh& mesh_;
   SelectedRegions::Of of_ = SelectedRegions::Of::mesh_points;
-  bool known_ = true;
+  const bool method_known_;
   ControlSet controls_;
 };
 
@@ -157,7 +174,10 @@ void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions&
 void claim(const std::vector<PointId>& ids, std::uint32_t owner, const std::string& what, const Setup& setup,
            PointOwners& owners) {
   const PointOwners::Overlap overlap = owners.claim(ids, owner);
-  if (overlap.points != 0) refuse_argument(what + " " + overlap.text("handle " + quoted(setup.handles[overlap.other].name)));
+  if (overlap.points == 0) return;
+  refuse_argument(
+      what + " " +
+      overlap.text("handle " + quoted(setup.handles[overlap.other].name), selects_controls(setup) ? "control point" : "point"));
 }
 
 /// The values, those beside a bound moved onto it.
@@ -217,7 +237,7 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh, Problems& problem
   for (std::size_t i = 0; i < setup.handles.size(); ++i) {
     const std::string field = indexed("handles", i) + ".region";
     auto& ids = selected.handles.emplace_back();
-    if (problems.concern(field) || !held.known()) continue;
+    if (problems.concern(field) || !held.known(setup.handles[i].region)) continue;
     problems.check(field, [&] {
       const std::string what = "handle " + quoted(setup.handles[i].name);
       ids = held.select(setup.handles[i].region, what);
@@ -227,7 +247,7 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh, Problems& problem
   const auto fixed_owner = static_cast<std::uint32_t>(setup.handles.size());
   for (std::size_t i = 0; i < setup.fixed.size(); ++i) {
     const std::string what = indexed("fixed", i);
-    if (problems.concern(what) || !held.known()) continue;
+    if (problems.concern(what) || !held.known(setup.fixed[i])) continue;
     problems.check(what, [&] { claim(held.select(setup.fixed[i], what), fixed_owner, what, setup, owners); });
   }
   for (std::size_t id = 0; id < held.size(); ++id) {

@@ -3,8 +3,8 @@
 
 namespace deform {
 
-std::string PointOwners::Overlap::text(const std::string& other_name) const {
-  return "overlaps " + other_name + ": " + std::to_string(points) + " common points, the first is point " +
+std::string PointOwners::Overlap::text(const std::string& other_name, const std::string& noun) const {
+  return "overlaps " + other_name + ": " + std::to_string(points) + " common " + noun + "s, the first is " + noun + " " +
          std::to_string(first) + "; subtract one region from the other with `difference`";
 }
 

@@ -23,8 +23,8 @@ class PointOwners {
     PointId first = 0;
     std::uint32_t other = nobody;  ///< owner of the first
 
-    /// "overlaps OTHER: 2 common points, the first is point 7; ...".
-    std::string text(const std::string& other_name) const;
+    /// "overlaps OTHER: 2 common points, the first is point 7; ...". noun: what the ids number.
+    std::string text(const std::string& other_name, const std::string& noun = "point") const;
   };
 
   /// Assigns points to `owner`, which must not be nobody. Ids must be in range. Points that have an owner keep it and are

@@ -48,6 +48,15 @@ variables:
 """
 
 
+GENERATED_CAGE_SETUP = """\
+geometry: ahmed.obj
+method: {cage: {file: wrap.obj, control: MESH}}
+handles: [{name: roof, region: {intersection: [{group: roof}, {box: {min: [0.4, -1, 0], max: [0.6, 1, 1]}}]}}]
+fixed: [{group: nose}, {group: underbody}]
+variables: [{name: up, handle: roof, translate: [0, 0, 1]}]
+"""
+
+
 CAGE_SETUP = """\
 geometry: ahmed.obj
 method: {cage: {file: cage.obj}}
@@ -208,7 +217,75 @@ class Regions(EndToEnd):
         self.fails(1, "regions", "ffd.yaml", "-o", "a.vtp", says=["CONTROLS", "deform lattice"])
         self.fails(1, "lattice", "ffd.yaml", "--set", "up=0.3", "-o", "a.vtp", says=["up", "0.3", "0.2"])
 
+    def test_refined_lattice(self):
+        self.deform("sample", "--points", "2000", "-o", "ahmed.obj")
+        self.write("ffd.yaml", CONTROLS_SETUP)
+        offline = ("--server", "127.0.0.1:1", "lattice", "refine")
+        reply = self.deform(*offline, "ffd.yaml", "--halve", "i,k", "-o", "fine.yaml", "--json").json
+        self.assertEqual((reply["points_before"], reply["points"]), ([5, 4, 4], [7, 4, 5]))
+        self.start_server()
+        system = self.deform("prepare", "fine.yaml", "--json").json
+        self.assertEqual(system["centres"], 7 * 4 * 5)
+        # From a design on: the mesh is that of the server, and it stays where it is in the finer lattice.
+        design = ("--set", "up=0.1", "--set", "turn=0.3")
+        said = self.deform(*offline, "ffd.yaml", "--halve", "j", *design, "--mesh", "start.obj", "-o", "onwards.yaml").out
+        self.assertIn("variables count from this design", said)
+        self.deform("apply", "ffd.yaml", *design, "--encoding", "raw_f64", "-o", "out.obj")
+        points = lambda name: [tuple(map(float, line.split()[1:4])) for line in read_bytes(self.path(name)).decode().splitlines()
+                               if line.startswith("v ")]
+        for got, expected in zip(points("start.obj"), points("out.obj")):
+            for a, b in zip(got, expected):
+                self.assertAlmostEqual(a, b, delta=1e-12)
+        self.deform("lattice", "onwards.yaml", "-o", "onwards.vtp")
+        self.assertEqual(read_vtp(self.path("onwards.vtp"))[0]["Points"], read_vtp(self.path("onwards.control_points.vtp"))[0]["Points"])
+        self.deform("apply", "onwards.yaml", "--set", "up=0", "--encoding", "raw_f64", "-o", "still.obj")
+        for got, expected in zip(points("still.obj"), points("start.obj")):
+            for a, b in zip(got, expected):
+                self.assertAlmostEqual(a, b, delta=1e-12)
+        self.fails(1, "lattice", "refine", "ffd.yaml", "--elevate", "i", "-o", "a.yaml", says=["--elevate", "--halve"])
+        self.fails(1, "lattice", "refine", "ffd.yaml", "-o", "a.yaml", says=["--halve"])
+        self.fails(1, "lattice", "refine", "ffd.yaml", "--halve", "i", "-o", "ffd.yaml", says=["--output", "replace"])
+        self.fails(1, "lattice", "refine", "ffd.yaml", "--halve", "i", "-o", "elsewhere/a.yaml", says=["--output", "same folder"])
+        self.fails(1, "lattice", "refine", "ffd.yaml", "--halve", "i", "--set", "up=0.1", "-o", "a.yaml", says=["--mesh"])
+        for wrong in ("x", "i,i", "ik", "i,"):
+            self.fails(2, "lattice", "refine", "ffd.yaml", "--halve", wrong, "-o", "a.yaml", says=["--halve"])
+        self.fails(2, "lattice", "ffd.yaml", says=["--output"])
+        self.fails(2, "lattice", says=["SETUP"])
+
     # ---- cages ----
+
+    def test_generated_cage(self):
+        self.deform("sample", "--points", "3000", "-o", "ahmed.obj")
+        for kind in ("box", "hull", "wrap"):
+            reply = self.deform("--server", "127.0.0.1:1", "cage", "mesh", "ahmed.obj", "--kind", kind, "--points", "150", "-o", kind + ".obj",
+                                "--json").json
+            self.assertLess(abs(reply["points"] - 150), 8)
+            self.assertGreater(reply["least_angle"], 15)
+            self.assertEqual((reply["genus"], reply["components"], reply["outside"]), (0, 1, 0))
+        self.start_server()
+        self.write("mesh.yaml", GENERATED_CAGE_SETUP)
+        prepared = self.deform("prepare", "mesh.yaml")
+        self.assertNotIn("outside", prepared.out)
+        self.assertNotIn("solver", prepared.out)
+        report = self.deform("apply", "mesh.yaml", "--set", "up=0.03", "-o", "out.obj", "--json").json["report"]
+        self.assertEqual(report["verdict"], "good")
+        self.assertEqual(report["flipped_faces"], 0)
+        # The cage as a picture, with what moves it.
+        last = self.deform("cage", "mesh", "ahmed.obj", "--points", "60", "-o", "cage.obj", "--json").json["points"] - 1
+        self.write("controls.yaml", CAGE_SETUP.replace("[1, 3, 5, 7]", "[%d]" % last))
+        shown = self.deform("lattice", "controls.yaml", "--set", "tail_up=0.1", "-o", "cage.vtp", "--json").json
+        self.assertEqual((shown["vertices"], shown["in_handles"]), (last + 1, 5))
+        self.assertAlmostEqual(shown["max_displacement"], 0.1)
+        arrays, texts = read_vtp(self.path("cage.vtp"))
+        self.assertEqual(texts["region_names"], ["other", "fixed", "tail", "nose"])
+        self.assertEqual([i for i, u in enumerate(arrays["displacement"]) if any(u)], [last])
+        self.assertEqual((arrays["id"][last], arrays["region"][last]), (last, 2))
+        self.assertIn(b'NumberOfPolys="%d"' % shown["triangles"], read_bytes(self.path("cage.vtp")))
+        self.fails(1, "lattice", "mesh.yaml", "--set", "up=0.01", "-o", "a.vtp", says=["--set", "CONTROLS"])
+        self.fails(1, "cage", "mesh", "ahmed.obj", "-o", "cage.stl", says=["--output", ".obj"])
+        self.fails(2, "cage", "mesh", "ahmed.obj", "--kind", "sphere", "-o", "cage.obj", says=["--kind"])
+        self.fails(2, "cage", "mesh", "ahmed.obj", "--points", "5", "-o", "cage.obj", says=["--points"])
+        self.fails(1, "prepare", self.write("nofile.yaml", CAGE_SETUP.replace("{file: cage.obj}", "{}")), says=["method.cage.file: missing"])
 
     def test_cage(self):
         self.deform("sample", "--points", "2000", "-o", "ahmed.obj")
@@ -240,7 +317,7 @@ class Regions(EndToEnd):
         self.write("open.obj", "".join("v %r %r %r\n" % c for c in corners) + "f 1 2 3\n")
         self.fails(1, "prepare", self.write("open.yaml", CAGE_SETUP.replace("cage.obj", "open.obj")), says=["method.cage.vertices[3]"])
         self.fails(1, "prepare", self.write("none.yaml", CAGE_SETUP.replace("cage.obj", "none.obj")), says=["method.cage.file", "none.obj"])
-        self.fails(1, "regions", "cage.yaml", "-o", "a.vtp", says=["CONTROLS"])
+        self.fails(1, "regions", "cage.yaml", "-o", "a.vtp", says=["CONTROLS", "deform lattice"])
 
     # ---- volumes ----
 

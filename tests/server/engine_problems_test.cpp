@@ -53,6 +53,24 @@ TEST_F(EngineProblems, WhatCannotBeReadAndWhatIsRefusedAreToldTogether) {
   test::expect_error(ErrorCode::invalid_argument, {"handles[", "region", "is missing"}, [&] { engine->estimate(plain); });
 }
 
+TEST_F(EngineProblems, RegionsOfControlPointsAreNotJudgedWithoutTheirLattice) {
+  v1::Setup setup = sheet_setup(register_mesh(sheet_mesh(30, 10)).id());
+  setup.clear_fixed();
+  setup.clear_constraints();
+  auto* ffd = setup.mutable_method()->mutable_ffd();
+  ffd->set_control(v1::CONTROLS);
+  for (int i = 0; i < setup.handles_size(); ++i) {
+    auto* region = setup.mutable_handles(i)->mutable_region();
+    region->Clear();
+    region->add_union_()->mutable_control()->add_ids(static_cast<std::uint32_t>(i));
+  }
+  EXPECT_THAT(fields(setup), testing::IsEmpty());
+  for (const std::uint32_t count : {5, 4}) ffd->mutable_lattice()->add_points(count);  // the third is missing
+  EXPECT_THAT(fields(setup), testing::ElementsAre("method"));
+  ffd->mutable_lattice()->add_points(3);  // fewer than cubic splines take
+  EXPECT_THAT(fields(setup), testing::ElementsAre("method"));
+}
+
 TEST_F(EngineProblems, AGeometryIsNeeded) {
   v1::Setup setup = sheet_setup("");
   setup.add_handles();

@@ -103,8 +103,9 @@ class Programs:
                 default = re.search(r"=(\S+)", re.split(r"  | \(", option[2], 1)[0])
                 yield option[1].rstrip(",").split(","), default[1] if default else None
 
-    def commands(self):
-        _, _, listed = (self.help("deform") or "").partition("\nSubcommands:\n")
+    def commands(self, *words):
+        """The commands that deform, or one of its commands, has."""
+        _, _, listed = (self.help(*words or ("deform",)) or "").partition("\nSubcommands:\n")
         return re.findall(r"^  (\w+)", listed.split("\n\n")[0], re.M)
 
     def complaints(self, program, rest):
@@ -115,9 +116,8 @@ class Programs:
             for word in words:
                 if skip or word.startswith("-"):
                     skip = word in ("--server", "--timeout")
-                elif re.fullmatch(r"[a-z]+", word):
+                elif re.fullmatch(r"[a-z]+", word) and (len(asked) == 1 or word in self.commands(*asked)):
                     asked.append(word)
-                    break
                 else:
                     break
         elif words and words[0] == "store":

@@ -21,6 +21,7 @@ FLOORS = {
     "core/mesh": ["core/base"],
     "core/mesh/surface_mesh": ["core/base", "core/mesh"],
     "core/mesh/remeshing": ["core/base", "core/mesh", "core/mesh/surface_mesh"],
+    "core/mesh/cages": ["core/base", "core/mesh", "core/mesh/surface_mesh", "core/mesh/remeshing"],
     "core/io/mesh_file.h": ["core/base", "core/mesh"],
     "core/io/readers.h": ["core/base", "core/io/mesh_file.h"],
     "core/io/binary": ["core/base"],
@@ -69,7 +70,8 @@ FLOORS = {
     "client/setup": ["core/base", "core/mesh", "core/io", "deform/v1"],
     "client/python": ["core/base", "core/codec", "core/mesh", "core/io", "deform/v1", "client", "client/setup"],
     # Executables that read files.
-    "client/cli": ["core/base", "core/base/commit", "core/codec", "core/compiled", "core/mesh", "core/io", "core/quality", "core/report",
+    "client/cli": ["core/base", "core/base/commit", "core/codec", "core/compiled", "core/mesh", "core/mesh/cages", "core/io", "core/quality",
+                   "core/report",
                    "core/constraints/detection", "core/numerics", "proto/convert/mesh", "proto/convert/controls",
                    "proto/convert/findings.h", "proto/convert/verdict.h", "deform/v1", "client", "client/setup"],
     "client/examples": ["core/base", "core/codec", "core/mesh", "core/io", "deform/v1", "client"],

@@ -64,6 +64,8 @@ void add_status_command(CLI::App& app, const CommonOptions& common, Action& chos
 void add_bench_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_regions_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_lattice_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_lattice_refine_command(CLI::App& lattice, const CommonOptions& common, Action& chosen);
+void add_cage_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_read_isolated_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 
 /// The whole command line: common options and commands. They and `chosen` outlive the application.

@@ -27,66 +27,97 @@ struct LatticeCommand {
   std::vector<std::string> settings;
 };
 
-/// Labels of the control points; a control point in several regions has that of the first handle.
-std::vector<std::uint32_t> labels_of(const v1::Setup& setup, const ControlLattice& lattice) {
-  std::vector<std::uint32_t> labels(lattice.places.size(), 0);
-  const auto mark = [&](const v1::Region& region, std::uint32_t label, const std::string& what) {
-    for (const PointId p : control_points_of(region, lattice, what)) labels[p] = label;
-  };
-  for (int i = 0; i < setup.fixed_size(); ++i) mark(setup.fixed(i), 1, "fixed[" + std::to_string(i) + "]");
-  for (int i = setup.handles_size() - 1; i >= 0; --i) {
-    mark(setup.handles(i).region(), static_cast<std::uint32_t>(2 + i), "handle \"" + setup.handles(i).name() + "\"");
-  }
-  return labels;
+std::vector<std::string> handle_names(const v1::Setup& setup) {
+  std::vector<std::string> names;
+  for (const auto& handle : setup.handles()) names.push_back(handle.name());
+  return names;
 }
 
-LatticePicture picture_of(const LatticeCommand& options, const v1::Setup& setup, const ControlLattice& lattice) {
-  LatticePicture picture{lattice, lattice.places, {}, {}};
+/// Where the control points are in the design that is asked for.
+std::vector<Vec3> moved_places(const LatticeCommand& options, const v1::Setup& setup, const ControlSet& controls,
+                               const std::vector<Vec3>& places) {
   const std::vector<double> values = parse_settings(options.settings, setup);
-  if (!selects_controls(setup)) {
-    if (values.empty()) return picture;
-    throw Error(ErrorCode::invalid_argument,
-                "--set: only with control CONTROLS variables move control points; with ENERGY and MESH they follow from the "
-                "handles when a design is solved for, and the lattice is shown before that");
+  if (values.empty()) return places;
+  if (selects_controls(setup)) return moved_controls(setup, controls, places, values);
+  throw Error(ErrorCode::invalid_argument,
+              "--set: only with control CONTROLS variables move control points; with ENERGY and MESH they follow from the "
+              "handles when a design is solved for, and control points are shown before that");
+}
+
+/// What was written.
+struct LatticeOutcome {
+  std::vector<Vec3> places, moved;
+  std::vector<std::uint32_t> labels;
+  std::string what;              ///< "5 x 4 x 4 control points"
+  nlohmann::ordered_json count;  ///< the same for machines
+};
+
+LatticeOutcome write_lattice_of(const LatticeCommand& options, const SetupFile& file) {
+  const auto mesh = io::read_mesh_file(mesh_path(options.setup, file, options.source), own_process())->mesh();
+  const ControlLattice lattice = control_lattice(file.setup, *mesh);
+  LatticePicture picture{lattice, moved_places(options, file.setup, lattice.controls(), lattice.places), {}, {}};
+  if (selects_controls(file.setup)) {
+    picture.labels = control_labels(file.setup, lattice.controls());
+    picture.handles = handle_names(file.setup);
   }
-  if (!values.empty()) picture.moved = moved_controls(setup, lattice, values);
-  picture.labels = labels_of(setup, lattice);
-  for (const auto& handle : setup.handles()) picture.handles.push_back(handle.name());
-  return picture;
+  write_lattice(picture, options.output);
+  const std::array<std::size_t, 3> n = *lattice.controls().lattice;
+  LatticeOutcome outcome{lattice.places, picture.moved, picture.labels, {}, {}};
+  outcome.what = std::to_string(n[0]) + " x " + std::to_string(n[1]) + " x " + std::to_string(n[2]) + " control points";
+  outcome.count["points"] = n;
+  return outcome;
+}
+
+LatticeOutcome write_cage_of(const LatticeCommand& options, const SetupFile& file) {
+  const v1::Setup& setup = file.setup;
+  const ControlSet controls = cage_controls(setup);
+  CagePicture picture;
+  picture.places = control_places(setup, Mesh());
+  picture.moved = moved_places(options, setup, controls, picture.places);
+  picture.corners.assign(setup.method().cage().triangles().begin(), setup.method().cage().triangles().end());
+  if (selects_controls(setup)) {
+    picture.labels = control_labels(setup, controls);
+    picture.handles = handle_names(setup);
+  }
+  write_cage(picture, options.output);
+  LatticeOutcome outcome{picture.places, picture.moved, picture.labels, {}, {}};
+  const std::size_t triangles = picture.corners.size() / 3;
+  outcome.what = "a cage of " + std::to_string(controls.size) + " vertices and " + std::to_string(triangles) + " triangles";
+  outcome.count["vertices"] = controls.size;
+  outcome.count["triangles"] = triangles;
+  return outcome;
 }
 
 ExitCode run_lattice(const LatticeCommand& options, const CommonOptions& common) {
   const SetupFile file = read_setup_file(options.setup);
-  const std::filesystem::path path = mesh_path(options.setup, file, options.source);
-  const auto mesh = io::read_mesh_file(path, own_process())->mesh();
-  const ControlLattice lattice = control_lattice(file.setup, *mesh);
-  const LatticePicture picture = picture_of(options, file.setup, lattice);
-  write_lattice(picture, options.output);
+  if (!file.setup.method().has_ffd() && !file.setup.method().has_cage()) {
+    throw Error(ErrorCode::invalid_argument, "method: only method.ffd has a lattice and method.cage a cage");
+  }
+  const LatticeOutcome written = file.setup.method().has_cage() ? write_cage_of(options, file) : write_lattice_of(options, file);
   double largest = 0;
-  for (std::size_t p = 0; p < picture.moved.size(); ++p)
-    largest = std::max(largest, distance(picture.moved[p], lattice.places[p]));
-  const std::array<std::size_t, 3> points = *lattice.controls().lattice;
+  for (std::size_t p = 0; p < written.moved.size(); ++p)
+    largest = std::max(largest, distance(written.moved[p], written.places[p]));
   const auto in_handles =
-      std::count_if(picture.labels.begin(), picture.labels.end(), [](std::uint32_t label) { return label >= 2; });
+      std::count_if(written.labels.begin(), written.labels.end(), [](std::uint32_t label) { return label >= 2; });
   if (common.style() == Style::json) {
     nlohmann::ordered_json json;
     json["file"] = options.output;
-    json["points"] = points;
+    json.update(written.count);
     json["in_handles"] = in_handles;
     json["max_displacement"] = largest;
     print(json);
     return exit_ok;
   }
-  std::cout << "wrote " << printable(options.output) << ": " << points[0] << " x " << points[1] << " x " << points[2]
-            << " control points";
-  if (!picture.labels.empty()) std::cout << ", " << in_handles << " in handles, moved by up to " << number_text(largest);
+  std::cout << "wrote " << printable(options.output) << ": " << written.what;
+  if (!written.labels.empty()) std::cout << ", " << in_handles << " in handles, moved by up to " << number_text(largest);
   std::cout << std::endl;
   return exit_ok;
 }
 
 constexpr char footer[] =
-    R"(Points of the file are the control points in the order of their numbers, i fastest, with the arrays index (i, j, k), displacement
-and region (0 other, 1 fixed, 2 and more handles); its cells are the edges of the lattice. Nothing is asked of a server.
+    R"(Of a lattice the points of the file are the control points in the order of their numbers, i fastest, with the arrays index (i, j, k),
+displacement and region (0 other, 1 fixed, 2 and more handles); its cells are the edges of the lattice. Of a cage they are its vertices, with
+the arrays id, displacement and region, and its cells the triangles. Nothing is asked of a server.
 Setups take such a file for a lattice that was moved before anything is deformed: lattice: {control_points: {file: lattice.vtp}}.
 Examples:
   deform lattice wing.yaml -o lattice.vtp
@@ -96,16 +127,24 @@ Examples:
 
 void add_lattice_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
   const auto options = std::make_shared<LatticeCommand>();
-  auto* command = app.add_subcommand("lattice", "Write the lattice of a setup with method.ffd, at rest or as a design moves it");
-  command->add_option("SETUP", options->setup, "Setup file")->required();
-  command->add_option("-o,--output", options->output, "File to write: .vtp")->required();
+  auto* command = app.add_subcommand(
+      "lattice", "Write the lattice or cage of a setup, at rest or as a design moves it; deform lattice refine: a finer one");
+  // With a command of its own, CLI11 would ask for these there, too.
+  command->add_option("SETUP", options->setup, "Setup file with method.ffd or method.cage; required");
+  command->add_option("-o,--output", options->output, "File to write: .vtp; required");
   command->add_option("--set", options->settings, "NAME=VALUE of a design variable; may be repeated; with control CONTROLS only")
       ->take_all()
       ->expected(1)
       ->allow_extra_args(false);
   command->add_option("--source", options->source, "Mesh file of a setup that names its geometry by id");
   command->footer(footer);
-  command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_lattice(*options, common); }; });
+  command->callback([options, command, &common, &chosen] {
+    if (!command->get_subcommands().empty()) return;
+    if (options->setup.empty()) throw CLI::RequiredError("SETUP");
+    if (options->output.empty()) throw CLI::RequiredError("--output");
+    chosen = [options, &common] { return run_lattice(*options, common); };
+  });
+  add_lattice_refine_command(*command, common, chosen);
 }
 
 }  // namespace deform::cli

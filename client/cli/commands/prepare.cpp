@@ -102,10 +102,17 @@ void print_counts(const v1::SystemInfo& system) {
 void print_system(const v1::SystemInfo& system) {
   std::cout << system.id() << '\n';
   print_counts(system);
-  std::cout << "  memory: " << bytes_text(system.bytes()) << '\n' << "  solver: " << v1::Solver_Name(system.solver());
-  if (system.condition() > 0) std::cout << ", condition " << number_text(system.condition());
-  if (system.tolerance() > 0) std::cout << ", tolerance " << number_text(system.tolerance()) << " D";
-  std::cout << "\n  prepared in " << duration_text(system.seconds()) << '\n';
+  std::cout << "  memory: " << bytes_text(system.bytes()) << '\n';
+  // Where control points are moved nothing is solved for, or by a pseudo-inverse that the notes tell about.
+  if (system.solver() != v1::SOLVER_AUTOMATIC) {
+    std::cout << "  solver: " << v1::Solver_Name(system.solver());
+    if (system.condition() > 0) std::cout << ", condition " << number_text(system.condition());
+    if (system.tolerance() > 0) std::cout << ", tolerance " << number_text(system.tolerance()) << " D";
+    std::cout << '\n';
+  } else if (system.condition() > 0) {
+    std::cout << "  condition: " << number_text(system.condition()) << '\n';
+  }
+  std::cout << "  prepared in " << duration_text(system.seconds()) << '\n';
   for (const auto& stage : system.stages())
     std::cout << "    " << stage.stage() << ": " << duration_text(stage.seconds()) << '\n';
   for (const auto& note : system.notes()) std::cout << "  note: " << printable(note) << '\n';
@@ -178,7 +185,7 @@ GREEDY with samples: [{variables: [0.05, 0]}] puts them where those designs need
 manipulates a lattice directly (thesis 3.3), with clamp: 1e-4 and without constraints; {ffd: {control: CONTROLS}} is the classical FFD
 whose handles and fixed regions select control points: region: {lattice: {i: [0, 2], k: [4, 4]}} (first and last, all j) or
 {control: {ids: [7]}}, and lattice: {control_points: {file: moved.vtp}} starts from a lattice that was moved (`deform lattice`);
-{cage: {file: cage.obj}}, a closed mesh of triangles whose vertices handles move in the same way, control: {ids: [7]}; with control: MESH handles are regions of the mesh. With energies constraints: [{name: bore, circular: {}, regions: [{group: bore}]}];
+{cage: {file: cage.obj}}, a closed mesh of triangles (`deform cage mesh` makes one) whose vertices handles move in the same way, control: {ids: [7]}; with control: MESH handles are regions of the mesh. With energies constraints: [{name: bore, circular: {}, regions: [{group: bore}]}];
 kinds planar, circular, cylindrical, spherical, conical, straight, feature_line, rigid, fixed_plane, symmetric, coplanar, parallel,
 orthogonal, distance, extent; {rigid: {layers: 3}} keeps three layers of cells on a wall of a volume mesh; exact: true puts the points
 on their shape to the last digits; constraint_options: {tolerance: 1e-7, iterations: 3000}. More in setup.proto.

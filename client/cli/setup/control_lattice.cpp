@@ -46,8 +46,7 @@ std::vector<Vec3> control_places(const v1::Setup& setup, const Mesh& mesh) {
 std::vector<PointId> control_points_of(const v1::Region& region, const v1::Setup& setup, const Mesh& mesh,
                                        const std::string& what) {
   if (!setup.method().has_cage()) return control_points_of(region, control_lattice(setup, mesh), what);
-  const ControlSet vertices{static_cast<std::size_t>(setup.method().cage().vertices_size()) / 3};
-  return select_controls(convert::region_from_proto(region, what), vertices, what);
+  return select_controls(convert::region_from_proto(region, what), cage_controls(setup), what);
 }
 
 ControlSet ControlLattice::controls() const {
@@ -72,8 +71,27 @@ std::vector<PointId> control_points_of(const v1::Region& region, const ControlLa
   return select_controls(convert::region_from_proto(region, what), lattice.controls(), what);
 }
 
+ControlSet cage_controls(const v1::Setup& setup) { return {static_cast<std::size_t>(setup.method().cage().vertices_size()) / 3}; }
+
+std::vector<std::uint32_t> control_labels(const v1::Setup& setup, const ControlSet& controls) {
+  std::vector<std::uint32_t> labels(controls.size, 0);
+  const auto mark = [&](const v1::Region& region, std::uint32_t label, const std::string& what) {
+    for (const PointId p : select_controls(convert::region_from_proto(region, what), controls, what)) labels[p] = label;
+  };
+  for (int i = 0; i < setup.fixed_size(); ++i) mark(setup.fixed(i), 1, "fixed[" + std::to_string(i) + "]");
+  for (int i = setup.handles_size() - 1; i >= 0; --i) {
+    mark(setup.handles(i).region(), static_cast<std::uint32_t>(2 + i), "handle \"" + setup.handles(i).name() + "\"");
+  }
+  return labels;
+}
+
 std::vector<Vec3> moved_controls(const v1::Setup& setup, const ControlLattice& lattice, const std::vector<double>& values) {
-  std::vector<Vec3> places = lattice.places;
+  return moved_controls(setup, lattice.controls(), lattice.places, values);
+}
+
+std::vector<Vec3> moved_controls(const v1::Setup& setup, const ControlSet& controls, const std::vector<Vec3>& at_rest,
+                                 const std::vector<double>& values) {
+  std::vector<Vec3> places = at_rest;
   for (const auto& handle : setup.handles()) {
     Affine motion = identity_affine;
     for (int k = 0; k < setup.variables_size(); ++k) {
@@ -81,8 +99,9 @@ std::vector<Vec3> moved_controls(const v1::Setup& setup, const ControlLattice& l
       motion = compose(motion_of(setup.variables(k), values.at(static_cast<std::size_t>(k))), motion);
     }
     if (motion == identity_affine) continue;
-    for (const PointId p : control_points_of(handle.region(), lattice, "handle \"" + handle.name() + "\"")) {
-      places[p] = transformed(motion, lattice.places[p]);
+    const std::string what = "handle \"" + handle.name() + "\"";
+    for (const PointId p : select_controls(convert::region_from_proto(handle.region(), what), controls, what)) {
+      places[p] = transformed(motion, at_rest[p]);
     }
   }
   return places;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -36,8 +37,16 @@ ControlLattice control_lattice(const v1::Setup& setup, const Mesh& mesh);
 /// The control points of a region of a setup that selects_controls(). Throws what select_controls() throws.
 std::vector<PointId> control_points_of(const v1::Region& region, const ControlLattice& lattice, const std::string& what);
 
-/// Where the control points are in a design, of a setup that selects_controls(). values: one per variable. Throws
-/// Error(invalid_argument): a value out of its bounds, regions as above.
+/// Where the control points are in a design, of a setup that selects_controls(). places: where they are at rest; values: one per
+/// variable. Throws Error(invalid_argument): a value out of its bounds, regions as above.
+std::vector<Vec3> moved_controls(const v1::Setup& setup, const ControlSet& controls, const std::vector<Vec3>& places,
+                                 const std::vector<double>& values);
 std::vector<Vec3> moved_controls(const v1::Setup& setup, const ControlLattice& lattice, const std::vector<double>& values);
+
+/// A label per control point, as region_labels(): one in several regions has that of the first handle.
+std::vector<std::uint32_t> control_labels(const v1::Setup& setup, const ControlSet& controls);
+
+/// The vertices of the cage of a setup with method.cage that was read from a file.
+ControlSet cage_controls(const v1::Setup& setup);
 
 }  // namespace deform::cli

@@ -92,7 +92,7 @@ ResolvedRegions resolve_regions(const v1::Setup& setup, const Mesh& mesh) {
   throw Error(ErrorCode::invalid_argument,
               std::string(setup.method().has_cage() ? "method.cage" : "method.ffd") +
                   ".control: with CONTROLS handles and fixed regions are control points and no regions of the mesh" +
-                  (setup.method().has_cage() ? "" : "; `deform lattice` shows them"));
+                  "; `deform lattice` shows them");
 }
 
 std::vector<PointId> handle_points(const v1::Setup& setup, const std::string& handle, const Mesh& mesh) {

@@ -56,7 +56,7 @@ class CageRows : public ControlFunctions {
 
 /// "A cage of 8 vertices and 12 triangles, of diagonal 2.5."
 std::string size_note(const Cage& cage);
-/// Adds a note on the points outside the cage, if there are any.
+/// Adds a note on the points outside the cage, if there are any, and one if its size suggests other units than the mesh has.
 void add_outside_note(const Cage& cage, const Mesh& mesh, const RunContext& context, std::vector<std::string>& notes);
 /// The approximate time to compute the coordinates of a point, in seconds.
 double seconds_per_row(const Cage& cage);

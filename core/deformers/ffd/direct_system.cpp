@@ -123,6 +123,7 @@ void DirectSystem::prepare_basis(std::size_t memory_budget, const RunContext& co
 }
 
 void DirectSystem::fill_info() {
+  info_.solver = Solver::automatic;  // the pseudo-inverse
   info_.samples = info_.functions = static_cast<std::size_t>(model_.rows->cols());
   info_.condition = inverse_->condition();
   set_bytes(inverse_->bytes() + static_cast<std::size_t>(controls_.size()) * sizeof(double),

@@ -91,6 +91,7 @@ void ControlSystem::prepare_basis(const EnergyOptions& options, const RunContext
 }
 
 void ControlSystem::fill_info() {
+  info_.solver = Solver::automatic;  // nothing is solved
   info_.samples = info_.functions = fields_.size();
   const std::size_t crossings = model_.crossings ? model_.crossings->bytes() : 0;
   set_bytes(0, model_.rows->bytes() + crossings + fields_.size() * (sizeof(Vec3) + sizeof fields_[0]) +

@@ -19,7 +19,18 @@ namespace {
 std::string indexed(const char* list, std::size_t index) { return std::string(list) + "[" + std::to_string(index) + "]"; }
 
 std::string edge_text(std::uint32_t a, std::uint32_t b) {
-  return "the edge from vertex " + std::to_string(std::min(a, b)) + " to " + std::to_string(std::max(a, b));
+  return "the edge between vertices " + std::to_string(std::min(a, b)) + " and " + std::to_string(std::max(a, b));
+}
+
+/// "triangles[3], triangles[5] and triangles[9]", or the first few of very many.
+std::string triangles_text(const std::vector<std::uint32_t>& triangles) {
+  constexpr std::size_t most = 4;
+  const std::size_t shown = std::min(triangles.size(), most);
+  std::string text;
+  for (std::size_t i = 0; i < shown; ++i) {
+    text += (i == 0 ? "" : i + 1 == triangles.size() ? " and " : ", ") + indexed("triangles", triangles[i]);
+  }
+  return triangles.size() > shown ? text + " and " + std::to_string(triangles.size() - shown) + " more" : text;
 }
 
 }  // namespace
@@ -82,24 +93,31 @@ void Cage::check_vertices() const {
 void Cage::find_edges() {
   struct Uses {
     std::uint32_t number = 0;
-    int up = 0, down = 0;  ///< triangles that run along it to the larger id, and back
+    std::vector<std::uint32_t> up, down;  ///< triangles that run along it to the larger id, and back
   };
   std::map<std::pair<std::uint32_t, std::uint32_t>, Uses> found;
-  for (const Triangle& triangle : triangles_) {
+  for (std::uint32_t t = 0; t < triangles_.size(); ++t) {
     for (std::size_t k = 0; k < 3; ++k) {
-      const std::uint32_t a = triangle[k], b = triangle[(k + 1) % 3];
+      const std::uint32_t a = triangles_[t][k], b = triangles_[t][(k + 1) % 3];
       Uses& uses = found[{std::min(a, b), std::max(a, b)}];
-      ++(a < b ? uses.up : uses.down);
+      (a < b ? uses.up : uses.down).push_back(t);
     }
   }
   for (auto& [ends, uses] : found) {
-    if (uses.up + uses.down != 2) {
-      refuse("triangles: " + edge_text(ends.first, ends.second) + " belongs to " + std::to_string(uses.up + uses.down) +
-             ", in a closed manifold it would be 2");
+    std::vector<std::uint32_t> all = uses.up;
+    all.insert(all.end(), uses.down.begin(), uses.down.end());
+    std::sort(all.begin(), all.end());
+    if (all.size() == 1) {
+      refuse(triangles_text(all) + ": the cage is open at " + edge_text(ends.first, ends.second) +
+             ", which has no other triangle; every edge of a closed cage has two");
     }
-    if (uses.up != 1) {
-      refuse("triangles: both run along " + edge_text(ends.first, ends.second) +
-             " in the same direction, so that one faces inwards");
+    if (all.size() > 2) {
+      refuse(triangles_text(all) + ": they share " + edge_text(ends.first, ends.second) +
+             "; every edge of a cage has two triangles");
+    }
+    if (uses.up.size() != 1) {
+      refuse(triangles_text(all) + ": both run along " + edge_text(ends.first, ends.second) +
+             " in the same direction, so that one of them faces inwards; turn it round");
     }
     uses.number = static_cast<std::uint32_t>(edges_.size());
     const Vec3 along = places_[ends.second] - places_[ends.first];

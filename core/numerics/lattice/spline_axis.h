@@ -30,6 +30,8 @@ class SplineAxis {
   /// Functions that are not zero in a span: degree + 1.
   std::size_t order() const { return degree_ + 1; }
   std::size_t spans() const { return points_ - degree_; }
+  /// Knot k of size + degree + 1; N_i is not zero between knots i and i + degree + 1.
+  double knot(std::size_t k) const { return knots_[k]; }
   /// Mean of the inner knots of N_i: its coefficient of the function u.
   double greville(std::size_t i) const;
   /// The span that u (in [0, 1]) lies in, which is also the first function that is not zero there.

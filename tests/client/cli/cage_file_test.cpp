@@ -67,6 +67,7 @@ TEST_F(CageFile, SaysWhatIsWrong) {
   write("cage.obj", tetrahedron);
   write("quads.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 2 3 4\n");
   expect_error(ErrorCode::not_found, {"setup.yaml: method.cage.file", "none.obj"}, [&] { read("{file: none.obj}"); });
+  expect_error(ErrorCode::invalid_argument, {"setup.yaml: method.cage.file: missing", "deform cage mesh"}, [&] { read("{}"); });
   expect_error(ErrorCode::invalid_argument, {"method.cage.file", "quads.obj", "face 1 has 4 corners"},
                [&] { read("{file: quads.obj}"); });
   expect_error(ErrorCode::invalid_argument, {"method.cage.file", "as well"},

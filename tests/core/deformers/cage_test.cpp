@@ -215,7 +215,26 @@ TEST(Cage, CountsPointsOutside) {
   setup.method = around;
   setup.handles[0].region = ids({0});
   setup.handles[1].region = ids({1});
-  EXPECT_THAT(prepare(mesh, setup)->info().notes, testing::Not(testing::Contains(testing::HasSubstr("outside"))));
+  const auto inside = prepare(mesh, setup);
+  EXPECT_THAT(inside->info().notes, testing::Not(testing::Contains(testing::HasSubstr("outside"))));
+  EXPECT_THAT(inside->info().notes, testing::Not(testing::Contains(testing::HasSubstr("units"))));
+  EXPECT_EQ(inside->info().solver, Solver::automatic) << "there is none";
+}
+
+TEST(Cage, SaysWhenItLooksLikeAnotherUnitOrAnotherPlace) {
+  const auto mesh = shared(test::bumpy_sheet(21, 11));
+  const auto notes_with = [&](double scale, const Vec3& shift) {
+    deform::Setup setup = cage_setup();
+    CageOptions cage = cage_options();
+    for (Vec3& x : cage.vertices) x = scale * x + shift;
+    setup.method = cage;
+    return prepare(mesh, setup)->info().notes;
+  };
+  EXPECT_THAT(notes_with(1000, {}), testing::Contains(testing::HasSubstr("times that of the mesh: are both in the same units?")));
+  EXPECT_THAT(notes_with(1e-3, {}), testing::Contains(testing::HasSubstr("in the same units?")));
+  EXPECT_THAT(notes_with(1, {50, 0, 0}),
+              testing::Contains(testing::HasSubstr("No point of the mesh lies in the cage: is it the cage")));
+  EXPECT_THAT(notes_with(1, {}), testing::Not(testing::Contains(testing::HasSubstr("units"))));
 }
 
 TEST(Cage, EstimatesBoundWhatIsTaken) {
@@ -334,10 +353,11 @@ TEST(Cage, RefusesWhatIsWrong) {
   });
   refused({"handle \"end\"", "lattice", "there is none"}, [](Setup& s) { s.handles[0].region = {Region::LatticeRange{}}; });
   refused({"handle \"middle\"", "control.ids", "12", "control point"}, [](Setup& s) { s.handles[1].region = ids({3, 12}); });
-  refused({"fixed[0]", "overlaps handle \"end\""}, [](Setup& s) { s.fixed = {ids({4})}; });
+  refused({"fixed[0]", "overlaps handle \"end\"", "1 common control points"}, [](Setup& s) { s.fixed = {ids({4})}; });
   refused({"constraints", "method.cage"}, [](Setup& s) { s.constraints.push_back({"flat", {{Region::All{}}}, Planar{}}); });
   refused({"symmetry", "method.cage"}, [](Setup& s) { s.symmetry.push_back({SymmetryPlane::Plane{{0, 0, 0}, {0, 1, 0}}}); });
-  refused({"method.cage.triangles", "the edge from vertex"}, [&](Setup& s) { options(s).triangles.pop_back(); });
+  refused({"method.cage.triangles", "the cage is open at the edge between vertices"},
+          [&](Setup& s) { options(s).triangles.pop_back(); });
   refused({"method.cage.vertices[3]", "finite"},
           [&](Setup& s) { options(s).vertices[3][0] = std::numeric_limits<double>::infinity(); });
   refused({"method.cage.vertices", "4 to 10000"}, [&](Setup& s) { options(s).vertices.clear(); });

@@ -419,7 +419,9 @@ TEST(FfdByControls, RefusesWhatIsWrongWithRegions) {
   refused({"handle \"middle\"", "contains no control point"}, [](Setup& s) {
     s.handles[1].region = {Region::Intersection{{ids({3}), ids({4})}}};
   });
-  refused({"fixed[0]", "overlaps handle \"end\"", "3 common"}, [](Setup& s) { s.fixed = {range({{6, 6}}, {{5, 5}})}; });
+  refused({"fixed[0]", "overlaps handle \"end\"", "3 common control points, the first is control point"}, [](Setup& s) {
+    s.fixed = {range({{6, 6}}, {{5, 5}})};
+  });
   refused({"constraints", "CONTROLS"}, [](Setup& s) { s.constraints.push_back({"flat", {{Region::All{}}}, Planar{}}); });
   refused({"control_points", "ENERGY"}, [&](Setup& s) {
     s = test::sheet_setup();

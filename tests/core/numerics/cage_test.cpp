@@ -214,13 +214,14 @@ TEST(Cage, RefusesWhatIsNotClosed) {
   };
   CageMesh mesh = good;
   mesh.triangles.pop_back();
-  refused(mesh, {"triangles: the edge from vertex", "belongs to 1"});
+  refused(mesh, {"triangles[", "open at the edge between vertices", "no other triangle"});
   mesh = good;
   std::swap(mesh.triangles[3][0], mesh.triangles[3][1]);
-  refused(mesh, {"both run along the edge", "same direction"});
+  refused(mesh, {"triangles[3]", " and ", "both run along the edge between vertices", "same direction"});
   mesh = good;
   mesh.triangles.push_back(mesh.triangles[0]);
-  refused(mesh, {"belongs to 3"});
+  const std::string added = " and triangles[" + std::to_string(good.triangles.size()) + "]: they share the edge";
+  refused(mesh, {"triangles[0], ", added.c_str()});
   mesh = good;
   mesh.vertices[4][1] = std::numeric_limits<double>::quiet_NaN();
   refused(mesh, {"vertices[4]: must be finite"});
@@ -235,7 +236,7 @@ TEST(Cage, RefusesWhatIsNotClosed) {
   refused(mesh, {"triangles[2]: has vertex", "twice"});
   mesh = good;
   mesh.vertices[0] = mesh.vertices[1];
-  refused(mesh, {"the edge from vertex 0 to 1 has no length"});
+  refused(mesh, {"the edge between vertices 0 and 1 has no length"});
   mesh = good;
   for (Vec3& x : mesh.vertices) x[2] = 0;
   refused(mesh, {"has no length"});

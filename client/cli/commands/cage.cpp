@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <iostream>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "client/cli/commands/command.h"
+#include "client/cli/commands/interrupt.h"
+#include "client/cli/commands/mesh_reading.h"
+#include "client/cli/output/format.h"
+#include "client/cli/output/result_json.h"
+#include "client/cli/setup/reading.h"
+#include "core/base/text.h"
+#include "core/mesh/cages/cage_around.h"
+
+namespace deform::cli {
+
+namespace {
+
+const std::map<std::string, CageKind> cage_kinds{{"box", CageKind::box}, {"hull", CageKind::hull}, {"wrap", CageKind::wrap}};
+
+struct CageMeshCommand {
+  std::string mesh, output, kind = "wrap";
+  CageRequest request;
+};
+
+/// Numbers of vertices are what setups select by: a file that merges corners or has no such numbers would change them.
+void check_cage_output(const std::filesystem::path& path) {
+  const std::filesystem::path name = path.extension() == ".gz" ? path.stem() : path;
+  if (name.extension() != ".obj") refuse("--output: \"" + path.string() + "\": cages are written as .obj, also .obj.gz");
+}
+
+ExitCode run_cage_mesh(const CageMeshCommand& options, const CommonOptions& common) {
+  check_cage_output(options.output);
+  CageRequest request = options.request;
+  request.kind = cage_kinds.at(options.kind);
+  const Interrupt interrupt;
+  const auto mesh = io::read_mesh_file(options.mesh, own_process(interrupt.flag()))->mesh();
+  RunContext context;
+  context.cancel = interrupt.flag();
+  const CageAround cage = cage_around(*mesh, request, context);
+  io::write_new_file(cage.mesh, options.output);
+  const double diagonal = bounding_box(mesh->points).diagonal();
+  if (common.style() == Style::json) {
+    nlohmann::ordered_json json;
+    json["file"] = options.output;
+    json["kind"] = options.kind;
+    json["points"] = cage.mesh.point_count();
+    json["triangles"] = cage.mesh.face_count();
+    json["closed"] = true;
+    json["components"] = cage.components;
+    json["genus"] = cage.genus;
+    json["offset"] = cage.offset;
+    json["attempts"] = cage.attempts;
+    json["clearance"] = cage.clearance;
+    json["diagonal"] = diagonal;
+    json["least_angle"] = cage.least_angle;
+    json["outside"] = 0;
+    print(json);
+    return exit_ok;
+  }
+  std::cout << "wrote " << printable(options.output) << ": " << options.kind << " of " << cage.mesh.point_count()
+            << " points and " << cage.mesh.face_count() << " triangles, closed, " << cage.components
+            << (cage.components == 1 ? " component" : " components") << ", genus " << cage.genus << '\n'
+            << "  offset " << number_text(cage.offset) << " (" << number_text(cage.offset / diagonal) << " D)";
+  if (cage.attempts > 1) std::cout << " after " << cage.attempts << " attempts";
+  std::cout << ", nearest point of the mesh at " << number_text(cage.clearance) << '\n'
+            << "  least angle " << number_text(cage.least_angle) << " degrees\n"
+            << "  points of the mesh outside: 0 of " << mesh->point_count() << std::endl;
+  return exit_ok;
+}
+
+constexpr char cage_mesh_footer[] =
+    R"(box: a box along the axes, its faces in rectangles. hull: around the convex hull, rounded. wrap: follows the surface, with concavities
+and holes that are wider than twice the offset; narrower ones are closed. The mesh may have holes, be a soup of triangles or a volume mesh.
+Hull and wrap grow their offset until no point of the mesh is outside, all angles are 15 degrees or more, no triangles cross each
+other and the number of points is met within 5 %. Nothing is asked of a server. Setups take the file with
+method: {cage: {file: cage.obj, control: MESH}}.
+Examples:
+  deform cage mesh car.obj --points 400 -o cage.obj
+  deform cage mesh wing.stl --kind box --points 60 --offset 0.1 -o cage.obj)";
+
+}  // namespace
+
+void add_cage_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
+  auto* group = app.add_subcommand("cage", "Make a cage for method.cage: deform cage mesh");
+  group->require_subcommand(1);
+  const auto options = std::make_shared<CageMeshCommand>();
+  auto* command = group->add_subcommand("mesh", "Write a closed mesh of triangles around a mesh");
+  command->add_option("MESH", options->mesh, "Mesh file")->required();
+  command->add_option("-o,--output", options->output, "File to write: .obj")->required();
+  command->add_option("--kind", options->kind, "box, hull or wrap")
+      ->check(CLI::IsMember({"box", "hull", "wrap"}))
+      ->capture_default_str();
+  command->add_option("--points", options->request.points, "Vertices of the cage")
+      ->check(CLI::Range(CageRequest::least_points, CageRequest::most_points))
+      ->capture_default_str();
+  command->add_option("--offset", options->request.offset, "Distance from the mesh to begin with, model units; 0: automatic")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  command->footer(cage_mesh_footer);
+  command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_cage_mesh(*options, common); }; });
+}
+
+}  // namespace deform::cli

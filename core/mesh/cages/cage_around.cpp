@@ -1,0 +1,325 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/mesh/cages/cage_around.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/base/error.h"
+#include "core/base/number_text.h"
+#include "core/base/parallel.h"
+#include "core/base/vectors.h"
+#include "core/mesh/cages/convex_hull.h"
+#include "core/mesh/cages/crossing_triangles.h"
+#include "core/mesh/cages/offset_surface.h"
+#include "core/mesh/inspect.h"
+#include "core/mesh/remeshing/closest_point.h"
+#include "core/mesh/remeshing/isotropic_remeshing.h"
+#include "core/mesh/remeshing/triangles.h"
+#include "core/mesh/winding_number.h"
+
+namespace deform {
+
+namespace {
+
+constexpr double box_padding = 0.05;     // of D
+constexpr double offset_of_edge = 0.35;  // an edge that bridges a right angle cuts a quarter of it off, and more at a corner
+constexpr double offset_growth = 1.25;
+constexpr double most_offset = 0.5;    // of D
+constexpr double cells_of_offset = 2;  // that a cell of the grid has to be shorter
+constexpr double fewest_cells = 1.2;   // where the grid would be too large
+constexpr std::size_t most_grid_nodes = 6000000;
+constexpr std::size_t points_per_task = 1024;
+constexpr double longest_piece = 0.05;  // of D: trees of boxes are slow over long triangles
+constexpr std::size_t most_pieces = 500000;
+constexpr double flattest_right_angle = 3.5;  // ratio of the sides of a rectangle, whose triangles have 15.9 degrees
+
+[[noreturn]] void refuse(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
+
+/// As on pages of figures: enough digits to tell one from another.
+std::string short_text(double value) {
+  std::array<char, 32> text{};
+  std::snprintf(text.data(), text.size(), "%.4g", value);
+  return text.data();
+}
+
+/// Faces fanned into triangles, and of a mesh without cells points that no face has.
+std::vector<TriangleCorners> triangles_of(const Mesh& mesh) {
+  std::vector<TriangleCorners> triangles;
+  std::vector<char> used(mesh.point_count(), 0);
+  std::size_t at = 0;
+  for (const std::uint32_t size : mesh.face_sizes) {
+    const PointId* const corners = mesh.face_points.data() + at;
+    const Vec3& first = mesh.points[corners[0]];
+    if (size < 3) triangles.push_back({first, mesh.points[corners[size - 1]], first});
+    for (std::size_t i = 2; i < size; ++i) triangles.push_back({first, mesh.points[corners[i - 1]], mesh.points[corners[i]]});
+    for (std::size_t i = 0; i < size; ++i) used[corners[i]] = 1;
+    at += size;
+  }
+  if (mesh.cell_count() > 0 && !triangles.empty()) return triangles;
+  for (std::size_t i = 0; i < used.size(); ++i) {
+    if (used[i] == 0) triangles.push_back({mesh.points[i], mesh.points[i], mesh.points[i]});
+  }
+  return triangles;
+}
+
+/// The same surface in triangles whose edges are at most so long, as far as there are not too many of them.
+std::vector<TriangleCorners> in_pieces(std::vector<TriangleCorners> triangles, double longest) {
+  for (std::size_t t = 0; t < triangles.size();) {
+    const auto& [a, b, c] = triangles[t];
+    const std::array<double, 3> edges{squared_distance(a, b), squared_distance(b, c), squared_distance(c, a)};
+    const auto edge = static_cast<std::size_t>(std::max_element(edges.begin(), edges.end()) - edges.begin());
+    if (edges[edge] <= longest * longest || triangles.size() >= most_pieces) {
+      ++t;
+      continue;
+    }
+    TriangleCorners first = triangles[t], second = first;
+    first[(edge + 1) % 3] = second[edge] = 0.5 * (first[edge] + first[(edge + 1) % 3]);
+    triangles[t] = first;
+    triangles.push_back(second);
+  }
+  return triangles;
+}
+
+/// Where the points of the model are, seen from a closed mesh.
+struct Enclosed {
+  std::size_t outside = 0;
+  double nearest = std::numeric_limits<double>::infinity();  ///< distance from the mesh
+};
+
+Enclosed enclosed(const Mesh& cage, const Points& points, const RunContext& context) {
+  const WindingNumber winding(cage, cage.points);
+  const ClosestPoint closest(triangles_of(cage));
+  std::vector<Enclosed> parts(points.size() / points_per_task + 1);
+  parallel_for(context, points.size(), points_per_task, [&](std::size_t begin, std::size_t end) {
+    Enclosed& part = parts[begin / points_per_task];
+    for (std::size_t i = begin; i < end; ++i) {
+      part.outside += winding.at(points[i]) < 0.5 ? 1 : 0;
+      part.nearest = std::min(part.nearest, distance(points[i], closest(points[i])));
+    }
+  });
+  Enclosed all;
+  for (const Enclosed& part : parts) {
+    all.outside += part.outside;
+    all.nearest = std::min(all.nearest, part.nearest);
+  }
+  return all;
+}
+
+/// What a box is divided into: so many rectangles along each axis.
+using Divisions = std::array<std::size_t, 3>;
+
+std::size_t points_of(const Divisions& n) { return 2 * (n[0] * n[1] + n[1] * n[2] + n[2] * n[0]) + 2; }
+
+double flatness(const Divisions& n, const Vec3& sides) {
+  double least = std::numeric_limits<double>::infinity(), most = 0;
+  for (std::size_t k = 0; k < 3; ++k) {
+    least = std::min(least, sides[k] / static_cast<double>(n[k]));
+    most = std::max(most, sides[k] / static_cast<double>(n[k]));
+  }
+  return most / least;
+}
+
+/// The divisions with the squarest rectangles of all whose points are as many as asked for.
+Divisions divisions_of(const Vec3& sides, std::size_t points) {
+  const auto wanted = static_cast<double>(points);
+  std::optional<Divisions> best;
+  double best_flatness = flattest_right_angle;
+  std::size_t below = 0, above = 0;
+  // One division more than half of the points would be a bar of four points around.
+  const std::size_t most = points / 2 + 8;
+  for (std::size_t i = 1; i <= most; ++i) {
+    for (std::size_t j = 1; i * j <= most; ++j) {
+      // The only number of divisions along the third axis that gives the count, and those beside it.
+      const double exact = (wanted / 2 - 1 - static_cast<double>(i * j)) / static_cast<double>(i + j);
+      const auto middle = static_cast<std::size_t>(std::max(1.0, std::round(exact)));
+      for (std::size_t k = std::max<std::size_t>(2, middle) - 1; k <= middle + 1; ++k) {
+        const Divisions n{i, j, k};
+        const double flat = flatness(n, sides);
+        if (flat > flattest_right_angle) continue;
+        const std::size_t count = points_of(n);
+        if (count <= points) below = std::max(below, count);
+        if (count >= points) above = above == 0 ? count : std::min(above, count);
+        if (std::abs(static_cast<double>(count) - wanted) > CageRequest::count_tolerance * wanted) continue;
+        if (best && flat >= best_flatness) continue;
+        best = n;
+        best_flatness = flat;
+      }
+    }
+  }
+  if (best) return *best;
+  std::string near = below > 0 ? std::to_string(below) : "";
+  if (above > 0) near += (near.empty() ? "" : " and ") + std::to_string(above);
+  refuse("points: a box of these proportions has no " + std::to_string(points) + " points with angles of 15 degrees or more" +
+         (near.empty() ? "" : "; near are " + near));
+}
+
+/// Rectangles of two triangles each, the diagonals all the same way.
+Mesh divided_box(const Box& box, const Divisions& n) {
+  Mesh mesh;
+  std::map<Divisions, PointId> numbers;
+  const auto number = [&](const Divisions& at) {
+    const auto [found, added] = numbers.try_emplace(at, static_cast<PointId>(mesh.points.size()));
+    if (added) {
+      Vec3& x = mesh.points.emplace_back();
+      for (std::size_t k = 0; k < 3; ++k) {
+        const double part = static_cast<double>(at[k]) / static_cast<double>(n[k]);
+        x[k] = (1 - part) * box.min[k] + part * box.max[k];
+      }
+    }
+    return found->second;
+  };
+  for (std::size_t k = 0; k < 3; ++k) {
+    const std::size_t a = (k + 1) % 3, b = (k + 2) % 3;
+    for (const bool far : {false, true}) {
+      for (std::size_t j = 0; j < n[b]; ++j) {
+        for (std::size_t i = 0; i < n[a]; ++i) {
+          const auto corner = [&](std::size_t di, std::size_t dj) {
+            Divisions at{};
+            at[k] = far ? n[k] : 0;
+            at[a] = i + di;
+            at[b] = j + dj;
+            return number(at);
+          };
+          std::array<PointId, 4> around{corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)};
+          if (!far) std::swap(around[1], around[3]);
+          mesh.face_sizes.insert(mesh.face_sizes.end(), 2, 3);
+          for (const std::size_t c : {0, 1, 2, 0, 2, 3}) mesh.face_points.push_back(around[c]);
+        }
+      }
+    }
+  }
+  return mesh;
+}
+
+void describe(CageAround& cage, const Points& points, const RunContext& context) {
+  cage.least_angle = least_angle(SurfaceMesh(cage.mesh));
+  cage.clearance = enclosed(cage.mesh, points, context).nearest;
+  const MeshReport report = inspect(cage.mesh);
+  cage.components = report.components;
+  // Of closed surfaces V - E + F is two for each component less two for each handle.
+  const std::size_t even = 2 * report.components + report.edges - report.points - report.faces;
+  cage.genus = even / 2;
+}
+
+CageAround box_around(const Mesh& mesh, const CageRequest& request, const Box& model, const RunContext& context) {
+  CageAround cage;
+  cage.offset = request.offset > 0 ? request.offset : box_padding * model.diagonal();
+  Box box = model;
+  Vec3 sides{};
+  for (std::size_t k = 0; k < 3; ++k) {
+    box.min[k] -= cage.offset;
+    box.max[k] += cage.offset;
+    sides[k] = box.max[k] - box.min[k];
+  }
+  cage.mesh = divided_box(box, divisions_of(sides, request.points));
+  cage.attempts = 1;
+  describe(cage, mesh.points, context);
+  return cage;
+}
+
+/// Length of the edges of so many points on an area.
+double edge_of(double area, std::size_t points) { return std::sqrt(2 * area / (std::sqrt(3.0) * static_cast<double>(points))); }
+
+class Wrapping {
+ public:
+  Wrapping(const Mesh& mesh, const CageRequest& request, const Box& box, const RunContext& context)
+      : mesh_(mesh),
+        request_(request),
+        box_(box),
+        context_(context),
+        triangles_(in_pieces(triangles_of(request.kind == CageKind::hull ? convex_hull(mesh.points) : mesh),
+                             longest_piece * box.diagonal())) {}
+
+  CageAround run() {
+    const double diagonal = box_.diagonal();
+    double offset = request_.offset;
+    if (!(offset > 0)) {
+      const double area = 2 * (box_.side(0) * box_.side(1) + box_.side(1) * box_.side(2) + box_.side(2) * box_.side(0));
+      offset = std::max(offset_of_edge * edge_of(area, request_.points), 0.004 * diagonal);
+    }
+    CageAround cage;
+    std::string wrong;
+    for (; cage.attempts == 0 || offset <= most_offset * diagonal; offset *= offset_growth) {
+      ++cage.attempts;
+      OffsetGrid grid{offset, offset / cells_of_offset};
+      if (offset_nodes(box_, grid) > most_grid_nodes) grid.cell = offset / fewest_cells;
+      if (offset_nodes(box_, grid) > most_grid_nodes) {
+        if (request_.offset > 0 && cage.attempts == 1) {
+          refuse("offset: " + number_digits(offset) + " is too small for a mesh of diagonal " + short_text(diagonal));
+        }
+        --cage.attempts;
+        continue;
+      }
+      cage.offset = offset;
+      wrong = attempt(grid, cage);
+      if (wrong.empty()) {
+        describe(cage, mesh_.points, context_);
+        return cage;
+      }
+    }
+    throw Error(ErrorCode::failed_precondition, "no cage of " + std::to_string(request_.points) +
+                                                    " points was found; at the last offset, " + short_text(cage.offset) + ", " +
+                                                    wrong + ". Ask for more points, or for another kind");
+  }
+
+ private:
+  /// What is wrong with the cage of this offset; nothing: it is one.
+  std::string attempt(const OffsetGrid& grid, CageAround& cage) const {
+    const SurfaceMesh surface(offset_surface(triangles_, box_, grid, context_));
+    context_.check();
+    const SurfaceMesh made = isotropic_remeshing(surface, {.vertices = request_.points, .feature_degrees = 180});
+    context_.check();
+    const auto wanted = static_cast<double>(request_.points);
+    if (std::abs(static_cast<double>(made.vertex_count()) - wanted) > CageRequest::count_tolerance * wanted) {
+      return "its surface has " + std::to_string(made.vertex_count()) + " points";
+    }
+    if (const double angle = least_angle(made); angle < CageRequest::least_angle) {
+      return "its least angle is " + short_text(angle) + " degrees";
+    }
+    cage.mesh = made.to_mesh();
+    if (const std::size_t crossing = crossing_triangles(cage.mesh); crossing > 0) {
+      return std::to_string(crossing) + " pairs of its triangles cross each other";
+    }
+    const Enclosed model = enclosed(cage.mesh, mesh_.points, context_);
+    if (model.outside > 0) return std::to_string(model.outside) + " points of the mesh are outside";
+    if (model.nearest < CageRequest::least_clearance * cage.offset) {
+      return "a point of the mesh is only " + short_text(model.nearest) + " away from it";
+    }
+    return {};
+  }
+
+  const Mesh& mesh_;
+  const CageRequest& request_;
+  const Box box_;
+  const RunContext& context_;
+  const ClosestPoint triangles_;
+};
+
+}  // namespace
+
+CageAround cage_around(const Mesh& mesh, const CageRequest& request, const RunContext& context) {
+  if (request.points < CageRequest::least_points || request.points > CageRequest::most_points) {
+    refuse("points: " + std::to_string(request.points) + " is out of range, allowed are " +
+           std::to_string(CageRequest::least_points) + " to " + std::to_string(CageRequest::most_points));
+  }
+  if (!(request.offset >= 0) || !std::isfinite(request.offset)) {
+    refuse("offset: " + number_digits(request.offset) + " must be 0 or more and finite");
+  }
+  if (mesh.points.empty()) refuse("mesh: it has no points");
+  const Box box = bounding_box(mesh.points);
+  if (!(box.diagonal() > 0) || !std::isfinite(box.diagonal())) {
+    refuse("mesh: all points coincide or its extent is not finite, so it takes no cage");
+  }
+  if (request.kind == CageKind::box) return box_around(mesh, request, box, context);
+  return Wrapping(mesh, request, box, context).run();
+}
+
+}  // namespace deform

@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/mesh/cages/cage_around.h"
+
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include "core/base/vectors.h"
+#include "core/mesh/ahmed.h"
+#include "core/mesh/cages/crossing_triangles.h"
+#include "tests/core/mesh/cages/cage_checks.h"
+#include "tests/core/mesh/named_meshes.h"
+#include "tests/core/quality/surface_meshes.h"
+#include "tests/support/expect_error.h"
+
+namespace deform {
+namespace {
+
+using test::expect_cage;
+using test::expect_error;
+
+TEST(CageAround, OfEveryKindAndSize) {
+  const Mesh car = ahmed_body({.target_points = 2000});
+  for (const CageKind kind : {CageKind::box, CageKind::hull, CageKind::wrap}) {
+    for (const std::size_t points : {60u, 800u}) {
+      SCOPED_TRACE(std::to_string(static_cast<int>(kind)) + " " + std::to_string(points));
+      const CageAround cage = cage_around(car, {.kind = kind, .points = points});
+      expect_cage(cage, car, points);
+      EXPECT_EQ(cage.components, 1u);
+      EXPECT_EQ(crossing_triangles(cage.mesh), 0u);
+    }
+  }
+}
+
+TEST(CageAround, DoesNotDependOnUnits) {
+  const Mesh car = ahmed_body({.target_points = 2000});
+  const CageAround usual = cage_around(car, {.points = 150});
+  for (const double unit : {0x1p-40, 0x1p40}) {
+    SCOPED_TRACE(unit);
+    Mesh other = car;
+    for (Vec3& x : other.points) x = unit * x;
+    const CageAround cage = cage_around(other, {.points = 150});
+    EXPECT_EQ(cage.mesh.face_points, usual.mesh.face_points);
+    EXPECT_EQ(cage.offset, unit * usual.offset);
+  }
+}
+
+TEST(CageAround, IsDeterministic) {
+  const Mesh car = ahmed_body({.target_points = 2000});
+  RunContext one;
+  one.threads = 1;
+  const CageAround first = cage_around(car, {.points = 200}, one), second = cage_around(car, {.points = 200});
+  EXPECT_EQ(first.mesh.points, second.mesh.points);
+  EXPECT_EQ(first.mesh.face_points, second.mesh.face_points);
+}
+
+TEST(CageAround, OfSoupsWithHolesAndOfPlanes) {
+  const Mesh car = ahmed_body({.target_points = 2000});
+  std::mt19937_64 random(3);
+  // Every tenth face is missing, others are turned round, none shares a point with another.
+  Mesh soup;
+  std::size_t at = 0;
+  for (const std::uint32_t size : car.face_sizes) {
+    std::vector<PointId> corners(car.face_points.begin() + static_cast<std::ptrdiff_t>(at),
+                                 car.face_points.begin() + static_cast<std::ptrdiff_t>(at + size));
+    at += size;
+    if (random() % 10 == 0) continue;
+    if (random() % 2 == 0) std::reverse(corners.begin(), corners.end());
+    soup.face_sizes.push_back(size);
+    for (const PointId id : corners) {
+      soup.face_points.push_back(static_cast<PointId>(soup.points.size()));
+      soup.points.push_back(car.points[id]);
+    }
+  }
+  Mesh cloud;
+  cloud.points = car.points;
+  const Mesh plane = test::quad_grid(12, 7), loose = test::with_loose_points();
+  constexpr std::size_t points = 200;
+  for (const Mesh* mesh : std::initializer_list<const Mesh*>{&soup, &cloud, &plane, &loose}) {
+    for (const CageKind kind : {CageKind::box, CageKind::hull, CageKind::wrap}) {
+      SCOPED_TRACE(static_cast<int>(kind));
+      expect_cage(cage_around(*mesh, {.kind = kind, .points = points}), *mesh, points);
+    }
+  }
+}
+
+TEST(CageAround, WrapFollowsConcavitiesAndHullDoesNot) {
+  // Two balls, 4 apart.
+  Mesh balls = test::sphere(1, 4);
+  const std::size_t half = balls.point_count(), corners = balls.face_points.size();
+  for (std::size_t i = 0; i < half; ++i) balls.points.push_back(balls.points[i] + Vec3{4, 0, 0});
+  for (std::size_t c = 0; c < corners; ++c) balls.face_points.push_back(balls.face_points[c] + static_cast<PointId>(half));
+  balls.face_sizes.insert(balls.face_sizes.end(), balls.face_sizes.begin(), balls.face_sizes.end());
+  const CageAround wrap = cage_around(balls, {.kind = CageKind::wrap, .points = 250}),
+                   hull = cage_around(balls, {.kind = CageKind::hull, .points = 250});
+  expect_cage(wrap, balls, 250);
+  expect_cage(hull, balls, 250);
+  EXPECT_EQ(wrap.components, 2u);
+  EXPECT_EQ(hull.components, 1u);
+  EXPECT_NEAR(test::winding_of(wrap.mesh, {2, 0, 0}), 0, 1e-9);
+  EXPECT_NEAR(test::winding_of(hull.mesh, {2, 0, 0}), 1, 1e-9);
+}
+
+TEST(CageAround, KeepsTheOffsetThatIsAskedForWhereItIsEnough) {
+  const Mesh ball = test::sphere(1, 4);
+  const CageAround wide = cage_around(ball, {.points = 400, .offset = 0.5});
+  EXPECT_EQ(wide.offset, 0.5);
+  EXPECT_EQ(wide.attempts, 1);
+  EXPECT_NEAR(wide.clearance, 0.5, 0.03);
+  const CageAround narrow = cage_around(ball, {.points = 60, .offset = 0.05});
+  EXPECT_GT(narrow.offset, 0.05) << "60 points on a ball of 1.05 cut it off";
+  expect_cage(narrow, ball, 60);
+  EXPECT_EQ(cage_around(ball, {.kind = CageKind::box, .points = 100, .offset = 0.25}).clearance, 0.25);
+}
+
+TEST(CageAround, RefusesWhatCannotBe) {
+  const Mesh ball = test::sphere(1, 3);
+  expect_error(ErrorCode::invalid_argument, {"points", "7", "8 to 10000"}, [&] { (void)cage_around(ball, {.points = 7}); });
+  expect_error(ErrorCode::invalid_argument, {"offset", "-1"}, [&] { (void)cage_around(ball, {.offset = -1}); });
+  expect_error(ErrorCode::invalid_argument, {"offset", "too small"}, [&] { (void)cage_around(ball, {.offset = 1e-6}); });
+  expect_error(ErrorCode::invalid_argument, {"no points"}, [] { (void)cage_around({}, {}); });
+  Mesh spot;
+  spot.points = {{1, 2, 3}, {1, 2, 3}};
+  expect_error(ErrorCode::invalid_argument, {"coincide"}, [&] { (void)cage_around(spot, {}); });
+  expect_error(ErrorCode::invalid_argument, {"points", "near are 8 and"},
+               [&] { (void)cage_around(ball, {.kind = CageKind::box, .points = 9}); });
+  RunContext context;
+  context.cancel.emplace().cancel();
+  expect_error(ErrorCode::cancelled, {}, [&] { (void)cage_around(ball, {}, context); });
+}
+
+}  // namespace
+}  // namespace deform
