@@ -24,6 +24,7 @@ const std::map<std::string, std::string> lowest_role = {
     {"GetPoints", "reader"},      {"Detect", "user"},         {"Estimate", "user"},          {"Prepare", "user"},
     {"GetSystem", "reader"},      {"ListSystems", "reader"},  {"ReleaseSystem", "operator"}, {"Deform", "user"},
     {"DeformStream", "user"},     {"JacobianVector", "user"}, {"VectorJacobian", "user"},    {"GetServerInfo", "reader"},
+    {"GetBasis", "user"},
 };
 
 std::vector<std::string> methods_of_the_contract() {
