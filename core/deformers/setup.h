@@ -189,7 +189,13 @@ struct Handle {
   Region region;     ///< its points, or control points
 };
 
-/// A named scalar that moves a handle; 0 is the rest position.
+/// Another handle that a design variable moves.
+struct DrivenHandle {
+  std::string handle;   ///< its name
+  VariableMotion kind;  ///< how
+};
+
+/// A named scalar that moves handles; 0 is the rest position.
 struct DesignVariable {
   using Translate = Translation;                            ///< along a direction
   using Rotate = Rotation;                                  ///< about an axis
@@ -199,6 +205,7 @@ struct DesignVariable {
   VariableMotion kind;                                      ///< how
   double lower = -std::numeric_limits<double>::infinity();  ///< least value, at most 0
   double upper = std::numeric_limits<double>::infinity();   ///< greatest value, at least 0
+  std::vector<DrivenHandle> also{};                         ///< other handles that it moves at the same time, each once
 };
 
 /// A geometric property that a deformation keeps or takes on (thesis 8.5). For the energy methods, not for RBF.
@@ -225,8 +232,8 @@ struct ConstraintOptions {
   int iterations = 3000;    ///< at most, of a design; 1..1,000,000. A design that needs more is reported as not converged.
 };
 
-/// What a system is prepared from, besides the mesh. Several variables of one handle compose in their order here (the first acts
-/// first).
+/// What a system is prepared from, besides the mesh. Several variables that move one handle compose in their order here (the first
+/// acts first).
 struct Setup {
   std::variant<RbfOptions, ShellOptions, SubspaceOptions, MlsOptions, FfdOptions, CageOptions>
       method;                             ///< of one method (methods.h)
@@ -252,7 +259,7 @@ struct SelectedRegions {
 
 /// Checks everything that can be checked without numerics and selects the regions. Throws Error(invalid_argument) naming the
 /// field: no handle, repeated or empty names, empty region, a point in two handles or in a handle and a fixed region (with the
-/// count and the first id), unknown handle of a variable (with the nearest names), lower > upper or 0 outside of them, zero axis
+/// count and the first id), unknown handle of a variable (with the nearest names) or one that it moves twice, lower > upper or 0 outside of them, zero axis
 /// or direction, non-finite numbers, options out of range, constraints without a name, with the wrong number of regions, a weight
 /// or layers out of range, layers of a mesh without cells, and what Symmetry throws.
 SelectedRegions validate(const Setup& setup, const Mesh& mesh);

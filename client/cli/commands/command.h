@@ -52,6 +52,7 @@ void add_register_command(CLI::App& app, const CommonOptions& common, Action& ch
 void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_prepare_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_compare_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_sweep_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_list_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_show_command(CLI::App& app, const CommonOptions& common, Action& chosen);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <vector>
 
 #include "client/cli/setup/cage_file.h"
 #include "client/cli/setup/control_lattice.h"
@@ -18,25 +19,50 @@ bool looks_like_id(const std::string& text) {
          std::all_of(text.begin(), text.end(), [](unsigned char c) { return std::isxdigit(c) != 0; });
 }
 
+namespace {
+
+/// What the file says, with the files that values come from.
+v1::Setup parsed_file(const std::filesystem::path& path, Problems& problems) {
+  constexpr std::size_t max_bytes = std::size_t{1} << 26;
+  IdFiles id_files(path.parent_path());
+  const ValueFiles files{[&](const std::string& name, const std::string& set) { return id_files.ids(name, set); },
+                         [&](const std::string& name) { return read_control_points(path.parent_path() / name); }};
+  v1::Setup setup;
+  parse_yaml(io::read_file(path, nullptr, max_bytes), path.string(), setup, files, problems);
+  problems.check("method", [&] {
+    try {
+      read_cage(path.parent_path(), setup);
+    } catch (const Error& error) {
+      throw Error(error.code(), path.string() + ": " + error.what());
+    }
+  });
+  return setup;
+}
+
+}  // namespace
+
+v1::Method read_method_file(const std::filesystem::path& path) {
+  Problems problems(Problems::Mode::throw_first);
+  const v1::Setup setup = parsed_file(path, problems);
+  std::vector<const google::protobuf::FieldDescriptor*> fields;
+  setup.GetReflection()->ListFields(setup, &fields);
+  for (const auto* field : fields) {
+    if (field->name() == "method") continue;
+    throw Error(ErrorCode::invalid_argument, path.string() + ": " + field->name() + ": unexpected in a file that names a method only");
+  }
+  if (setup.method().kind_case() == v1::Method::KIND_NOT_SET) {
+    throw Error(ErrorCode::invalid_argument, path.string() + ": method: missing, expected such as method: {shell: {}}");
+  }
+  return setup.method();
+}
+
 SetupFile read_setup_file(const std::filesystem::path& path) {
   Problems problems(Problems::Mode::throw_first);
   return read_setup_file(path, problems);
 }
 
 SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems) {
-  constexpr std::size_t max_bytes = std::size_t{1} << 26;
-  SetupFile file;
-  IdFiles id_files(path.parent_path());
-  const ValueFiles files{[&](const std::string& name, const std::string& set) { return id_files.ids(name, set); },
-                         [&](const std::string& name) { return read_control_points(path.parent_path() / name); }};
-  parse_yaml(io::read_file(path, nullptr, max_bytes), path.string(), file.setup, files, problems);
-  problems.check("method", [&] {
-    try {
-      read_cage(path.parent_path(), file.setup);
-    } catch (const Error& error) {
-      throw Error(error.code(), path.string() + ": " + error.what());
-    }
-  });
+  SetupFile file{parsed_file(path, problems), std::nullopt};
   const std::string geometry = file.setup.geometry();
   const bool given = problems.check("geometry", [&] {
     if (!geometry.empty()) return;

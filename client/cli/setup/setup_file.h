@@ -23,6 +23,10 @@ SetupFile read_setup_file(const std::filesystem::path& path);
 /// cannot be read or is no YAML, an Error all the same.
 SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems);
 
+/// The method of a setup file that holds nothing else. Throws Error(invalid_argument) with the file: other keys, no method; and as
+/// read_setup_file().
+v1::Method read_method_file(const std::filesystem::path& path);
+
 /// 8 to 64 hexadecimal digits: an id or the beginning of one.
 bool looks_like_id(const std::string& text);
 

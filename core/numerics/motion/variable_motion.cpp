@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cmath>
+#include <numbers>
 
 #include "core/base/vectors.h"
 
@@ -37,6 +38,9 @@ std::array<double, 9> rodrigues(const Vec3& a, double identity, double cross, do
           outer * a[2] * a[0] - cross * a[1], outer * a[2] * a[1] + cross * a[0], identity + outer * a[2] * a[2]};
 }
 
+/// Radians in one unit of the variable.
+double unit_of(const Rotation& rotation) { return rotation.unit == AngleUnit::degrees ? std::numbers::pi / 180 : 1; }
+
 std::array<double, 9> scaling(const Vec3& axis, double identity, double v) {
   if (is_zero(axis)) return {identity + v, 0, 0, 0, identity + v, 0, 0, 0, identity + v};
   return rodrigues(normalized(axis), identity, 0, v);
@@ -48,7 +52,8 @@ Affine motion_at(const VariableMotion& motion, double v) {
   if (v == 0) return identity_affine;  // exactly at rest, whatever the centre
   if (const auto* t = std::get_if<Translation>(&motion)) return translation(t->direction, v);
   if (const auto* r = std::get_if<Rotation>(&motion)) {
-    return about(rodrigues(normalized(r->axis), std::cos(v), std::sin(v), 1 - std::cos(v)), r->centre, 1);
+    const double angle = v * unit_of(*r);
+    return about(rodrigues(normalized(r->axis), std::cos(angle), std::sin(angle), 1 - std::cos(angle)), r->centre, 1);
   }
   const auto& s = std::get<Scaling>(motion);
   return about(scaling(s.axis, 1, v), s.centre, 1);
@@ -59,7 +64,8 @@ Affine motion_rate(const VariableMotion& motion, double v) {
     return {0, 0, 0, t->direction[0], 0, 0, 0, t->direction[1], 0, 0, 0, t->direction[2]};
   }
   if (const auto* r = std::get_if<Rotation>(&motion)) {
-    return about(rodrigues(normalized(r->axis), -std::sin(v), std::cos(v), std::sin(v)), r->centre, 0);
+    const double unit = unit_of(*r), rate = unit * std::sin(v * unit);
+    return about(rodrigues(normalized(r->axis), -rate, unit * std::cos(v * unit), rate), r->centre, 0);
   }
   const auto& s = std::get<Scaling>(motion);
   return about(scaling(s.axis, 0, 1), s.centre, 0);

@@ -11,10 +11,13 @@ namespace deform {
 struct Translation {
   Vec3 direction{};  ///< not zero; need not be of unit length
 };
-/// By v radians about the axis through the centre, right-handed.
+/// What angles are given in.
+enum class AngleUnit { radians, degrees };
+/// By the angle v about the axis through the centre, right-handed.
 struct Rotation {
-  Vec3 axis{};    ///< not zero; need not be of unit length
-  Vec3 centre{};  ///< a point of the axis
+  Vec3 axis{};                          ///< not zero; need not be of unit length
+  Vec3 centre{};                        ///< a point of the axis
+  AngleUnit unit = AngleUnit::radians;  ///< of v
 };
 /// x' = centre + (1 + v)(x - centre); with an axis (not zero) only along it.
 struct Scaling {
