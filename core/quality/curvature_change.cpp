@@ -3,30 +3,50 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numbers>
+#include <span>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include "core/base/error.h"
+#include "core/quality/polygon.h"
 
 namespace deform {
 
 namespace {
 
-/// The edges of the faces, each once, ends ascending.
-std::vector<std::pair<PointId, PointId>> edges_of_faces(const Mesh& mesh) {
-  std::vector<std::pair<PointId, PointId>> edges;
+using PointPair = std::pair<PointId, PointId>;
+
+struct EdgeOfFace {
+  PointPair ends;  // ascending
+  bool ascending;  // the face runs along it from the lower end
+  FaceId face;
+};
+
+/// The edges of the faces, those between the same points together.
+std::vector<EdgeOfFace> edges_of_faces(const Mesh& mesh) {
+  std::vector<EdgeOfFace> edges;
   edges.reserve(mesh.face_points.size());
   std::size_t first = 0;
-  for (const std::uint32_t size : mesh.face_sizes) {
+  for (FaceId f = 0; f < mesh.face_count(); ++f) {
+    const std::uint32_t size = mesh.face_sizes[f];
     for (std::size_t c = 0; c < size && size > 1; ++c) {
       const PointId a = mesh.face_points[first + c], b = mesh.face_points[first + (c + 1 == size ? 0 : c + 1)];
-      if (a != b) edges.emplace_back(std::min(a, b), std::max(a, b));
+      if (a != b) edges.push_back({{std::min(a, b), std::max(a, b)}, a < b, f});
     }
     first += size;
   }
-  std::sort(edges.begin(), edges.end());
-  edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
+  std::sort(edges.begin(), edges.end(),
+            [](const EdgeOfFace& a, const EdgeOfFace& b) { return std::tie(a.ends, a.face) < std::tie(b.ends, b.face); });
   return edges;
+}
+
+/// Whether the two faces along an edge turn sharply there, however they are oriented.
+bool is_sharp(const EdgeOfFace& a, const EdgeOfFace& b, const std::vector<Vec3>& normals) {
+  const Vec3 turned = a.ascending == b.ascending ? -1 * normals[b.face] : normals[b.face];
+  return quality::angle_between(normals[a.face], turned) > sharp_edge_degrees * std::numbers::pi / 180;
 }
 
 void check_size(const MeanCurvature& curvature, const Mesh& mesh, const char* what) {
@@ -43,14 +63,31 @@ CurvatureChange curvature_change(const Mesh& mesh, const MeanCurvature& before, 
   check_size(after, mesh, "after");
   CurvatureChange result;
   const std::size_t n = mesh.point_count();
+  for (std::size_t i = 0; i < n; ++i) result.value.push_back(after.value[i] - before.value[i]);
+  const auto offsets = mesh.face_offsets();
+  std::vector<Vec3> normals;
+  for (FaceId f = 0; f < mesh.face_count(); ++f) {
+    normals.push_back(quality::vector_area(mesh.points, std::span(mesh.face_points).subspan(offsets[f], mesh.face_sizes[f])));
+  }
+  const std::vector<EdgeOfFace> uses = edges_of_faces(mesh);
+  std::vector<PointPair> edges;
+  for (std::size_t i = 0; i < uses.size();) {
+    std::size_t end = i + 1;
+    while (end < uses.size() && uses[end].ends == uses[i].ends) ++end;
+    edges.push_back(uses[i].ends);
+    if (end == i + 2 && is_sharp(uses[i], uses[i + 1], normals)) {
+      for (const PointId p : {uses[i].ends.first, uses[i].ends.second}) {
+        result.value[p] = std::numeric_limits<double>::quiet_NaN();
+      }
+    }
+    i = end;
+  }
   for (std::size_t i = 0; i < n; ++i) {
-    const double change = after.value[i] - before.value[i];
-    result.value.push_back(change);
-    if (std::abs(change) > std::abs(result.largest.value)) result.largest = {change, i};
+    if (std::abs(result.value[i]) > std::abs(result.largest.value)) result.largest = {result.value[i], i};
   }
   std::vector<double> sum(n);
   std::vector<std::size_t> neighbours(n);
-  for (const auto& [a, b] : edges_of_faces(mesh)) {
+  for (const auto& [a, b] : edges) {
     if (std::isnan(result.value[a]) || std::isnan(result.value[b])) continue;
     sum[a] += result.value[b];
     sum[b] += result.value[a];

@@ -61,6 +61,7 @@ void add_status_command(CLI::App& app, const CommonOptions& common, Action& chos
 void add_bench_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_regions_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_lattice_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_schema_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_read_isolated_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 
 /// The whole command line: common options and commands. They and `chosen` outlive the application.

@@ -177,7 +177,10 @@ ExitCode run_compare(const CompareOptions& options, const CommonOptions& common)
   }
   for (const MethodChoice& choice : choices) comparison.methods.push_back(comparer.run(choice));
   progress.clear();
-  if (comparer.measurer() != nullptr) comparison.measures = comparer.measurer()->measures();
+  if (comparer.measurer() != nullptr) {
+    comparison.measures = comparer.measurer()->measures();
+    comparison.hidden = faces_without_handles(loaded.setup, *comparison.mesh);
+  }
   const bool works = std::any_of(comparison.methods.begin(), comparison.methods.end(), [](const auto& m) { return m.works(); });
   const Error failure(ErrorCode::invalid_argument, options.input.setup + ": no method gave a deformation");
   if (common.style() == Style::json) {

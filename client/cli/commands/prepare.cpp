@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "client/cli/commands/command.h"
+#include "client/cli/commands/mesh_reading.h"
 #include "client/cli/commands/workspace.h"
 #include "client/cli/output/error_json.h"
 #include "client/cli/output/format.h"
@@ -115,7 +116,7 @@ void print_system(const v1::SystemInfo& system) {
 ExitCode run_check(const PrepareOptions& options, const CommonOptions& common) {
   if (std::filesystem::is_regular_file(options.input.setup)) {
     Problems problems(Problems::Mode::collect);
-    read_setup_file(options.input.setup, problems);
+    read_setup_file(options.input.setup, problems, own_process());
     if (!problems.empty()) return tell({problems.list()}, options.input.setup, common.style());
   }
   Connection connection(common);

@@ -50,6 +50,23 @@ bool ComparedMethod::works() const {
   return std::any_of(designs.begin(), designs.end(), [](const ComparedDesign& design) { return design.error.empty(); });
 }
 
+std::vector<char> faces_without_handles(const v1::Setup& setup, const Mesh& mesh) {
+  if (mesh.cell_count() == 0) return {};
+  const std::vector<std::uint32_t> labels = region_labels(setup, mesh);
+  const auto offsets = mesh.face_offsets();
+  const auto held = [&](FaceId f) {
+    return std::all_of(mesh.face_points.begin() + static_cast<std::ptrdiff_t>(offsets[f]),
+                       mesh.face_points.begin() + static_cast<std::ptrdiff_t>(offsets[f + 1]),
+                       [&](PointId p) { return labels[p] >= ResolvedRegions::first_handle; });
+  };
+  std::vector<char> hidden(mesh.face_count(), 1);
+  for (const Group& group : mesh.groups) {
+    if (!std::any_of(group.faces.begin(), group.faces.end(), held)) continue;
+    for (const FaceId f : group.faces) hidden[f] = 0;
+  }
+  return std::find(hidden.begin(), hidden.end(), 0) == hidden.end() ? std::vector<char>() : hidden;
+}
+
 /// What is measured of the surface at rest, once.
 struct DesignMeasurer::Surface {
   explicit Surface(const v1::Setup& setup, const Mesh& mesh)

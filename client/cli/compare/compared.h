@@ -59,9 +59,14 @@ struct MethodComparison {
   std::shared_ptr<const Mesh> mesh;  ///< at rest
   std::vector<std::string> designs;  ///< their names
   std::vector<std::string> values;   ///< of their variables: "roof_up = 0.03"
+  std::vector<char> hidden;          ///< f marks, or none: faces that pictures leave out
   std::vector<ShownMeasure> measures;
   std::vector<ComparedMethod> methods;
 };
+
+/// Of a volume mesh the faces of patches without a face that a handle holds, which would hide the others: f marks. None of a surface,
+/// or where no patch would be left.
+std::vector<char> faces_without_handles(const v1::Setup& setup, const Mesh& mesh);
 
 /// Measures deformed designs against the mesh at rest. The meshes and the setup outlive it.
 class DesignMeasurer {

@@ -107,7 +107,9 @@ class Gallery {
  public:
   Gallery(const MethodComparison& comparison, std::size_t design)
       : comparison_(comparison), mesh_(*comparison.mesh), design_(design) {
-    hide_still_patches();
+    for (const ComparedMethod& method : comparison.methods) {
+      if (method.refusals.empty() && !made(method).points.empty()) shown_.push_back(&method);
+    }
     choose_view();
   }
 
@@ -138,39 +140,12 @@ class Gallery {
 
   const ComparedDesign& made(const ComparedMethod& method) const { return method.designs[design_]; }
 
-  /// Of a volume mesh only patches that move: the others would hide them.
-  void hide_still_patches() {
-    for (const ComparedMethod& method : comparison_.methods) {
-      if (method.refusals.empty() && !made(method).points.empty()) shown_.push_back(&method);
-    }
-    if (mesh_.cell_count() == 0) return;
-    std::vector<char> moves(mesh_.point_count());
-    for (const ComparedMethod* method : shown_) {
-      constexpr double least = 0.01;  // of the largest displacement
-      const double far = least * made(*method).result.prescribed_displacement();
-      for (std::size_t i = 0; i < moves.size(); ++i) {
-        if (far > 0 && distance(made(*method).points[i], mesh_.points[i]) > far) moves[i] = 1;
-      }
-    }
-    std::vector<char> hidden(mesh_.face_count(), 1);
-    const auto offsets = mesh_.face_offsets();
-    for (const Group& group : mesh_.groups) {
-      const bool moving = std::any_of(group.faces.begin(), group.faces.end(), [&](FaceId f) {
-        return std::any_of(mesh_.face_points.begin() + static_cast<std::ptrdiff_t>(offsets[f]),
-                           mesh_.face_points.begin() + static_cast<std::ptrdiff_t>(offsets[f + 1]),
-                           [&](PointId p) { return moves[p] != 0; });
-      });
-      for (const FaceId f : group.faces) hidden[f] = hidden[f] && !moving;
-    }
-    if (std::find(hidden.begin(), hidden.end(), 0) != hidden.end()) hidden_ = std::move(hidden);
-  }
-
   /// The same for all: around the mesh at rest and the designs that are not bad.
   void choose_view() {
     std::vector<char> used(mesh_.point_count());
     const auto offsets = mesh_.face_offsets();
     for (FaceId f = 0; f < mesh_.face_count(); ++f) {
-      if (!hidden_.empty() && hidden_[f]) continue;
+      if (!comparison_.hidden.empty() && comparison_.hidden[f]) continue;
       for (std::uint64_t c = offsets[f]; c < offsets[f + 1]; ++c) used[mesh_.face_points[c]] = 1;
     }
     const auto add = [&](const Points& points) {
@@ -210,7 +185,7 @@ class Gallery {
     for (std::size_t m = 0; m < shown_.size(); ++m) {
       const ComparedDesign& design = made(*shown_[m]);
       for (double& value : values[m]) value = high > 0 ? value / high : 0;
-      const ImageSource source{design.points, mesh_.face_sizes, mesh_.face_points, values[m], hidden_, design.flipped};
+      const ImageSource source{design.points, mesh_.face_sizes, mesh_.face_points, values[m], comparison_.hidden, design.flipped};
       const auto verdict = design.result.verdict();
       gallery.shots.push_back({shown_[m]->choice.label, verdict_name(verdict),
                                verdict == v1::VERDICT_GOOD  ? Mark::good
@@ -227,7 +202,6 @@ class Gallery {
   const Mesh& mesh_;
   const std::size_t design_;
   std::vector<const ComparedMethod*> shown_;
-  std::vector<char> hidden_;  // f, or none
   std::vector<Vec3> view_points_;
   View view_;
 };
@@ -256,10 +230,10 @@ std::vector<std::string> notes_of(const MethodComparison& comparison) {
   if (smooth) {
     notes.push_back(
         "Roughness: the sum over the points of area times the square of the change of mean curvature less its mean over the "
-        "neighbours; ripples have much, smooth bends little. Kink at borders: by how many degrees the largest jump of normals grew "
+        "neighbours, apart from sharp edges (30 degrees at rest, grey in the pictures); ripples have much, smooth bends little. Kink at borders: by how many degrees the largest jump of normals grew "
         "between handles, fixed regions and the rest.");
   }
-  notes.push_back("Pictures: flipped faces are red. Of volume meshes the patches that move are shown.");
+  notes.push_back("Pictures: flipped faces are red. Of volume meshes the patches that handles hold are shown.");
   return notes;
 }
 

@@ -3,6 +3,9 @@
 
 #include <algorithm>
 #include <cctype>
+#include <iterator>
+#include <memory>
+#include <string_view>
 #include <vector>
 
 #include "client/cli/setup/cage_file.h"
@@ -21,14 +24,47 @@ bool looks_like_id(const std::string& text) {
 
 namespace {
 
+/// The lengths of the mesh of a setup that expressions may use, read when one of them is asked for.
+class MeshLengths {
+ public:
+  MeshLengths(const std::filesystem::path& setup, const std::string& text, const io::ReadOptions& reading)
+      : setup_(setup), text_(text), reading_(reading) {}
+
+  std::optional<double> of(std::string_view name) {
+    constexpr std::string_view names[] = {"Lx", "Ly", "Lz"};
+    const auto side = std::find(std::begin(names), std::end(names), name);
+    if (name != "L" && side == std::end(names)) return std::nullopt;
+    if (!box_) box_ = bounding_box(mesh()->points);
+    return name == "L" ? box_->diagonal() : box_->side(static_cast<int>(side - std::begin(names)));
+  }
+
+ private:
+  std::shared_ptr<const Mesh> mesh() const {
+    const std::string geometry = top_level_text(text_, "geometry");
+    const std::filesystem::path path = setup_.parent_path() / geometry;
+    if (geometry.empty() || !std::filesystem::exists(path)) {
+      throw Error(ErrorCode::invalid_argument, "L, Lx, Ly and Lz are the lengths of the mesh, and `geometry` names no mesh file");
+    }
+    return io::read_mesh_file(path, reading_)->mesh();
+  }
+
+  const std::filesystem::path& setup_;
+  const std::string& text_;
+  const io::ReadOptions& reading_;
+  std::optional<Box> box_;
+};
+
 /// What the file says, with the files that values come from.
-v1::Setup parsed_file(const std::filesystem::path& path, Problems& problems) {
+v1::Setup parsed_file(const std::filesystem::path& path, Problems& problems, const io::ReadOptions& reading) {
   constexpr std::size_t max_bytes = std::size_t{1} << 26;
+  const std::string text = io::read_file(path, nullptr, max_bytes);
   IdFiles id_files(path.parent_path());
+  MeshLengths lengths(path, text, reading);
   const ValueFiles files{[&](const std::string& name, const std::string& set) { return id_files.ids(name, set); },
-                         [&](const std::string& name) { return read_control_points(path.parent_path() / name); }};
+                         [&](const std::string& name) { return read_control_points(path.parent_path() / name); },
+                         [&](std::string_view name) { return lengths.of(name); }};
   v1::Setup setup;
-  parse_yaml(io::read_file(path, nullptr, max_bytes), path.string(), setup, files, problems);
+  parse_yaml(text, path.string(), setup, files, problems);
   problems.check("method", [&] {
     try {
       read_cage(path.parent_path(), setup);
@@ -43,7 +79,7 @@ v1::Setup parsed_file(const std::filesystem::path& path, Problems& problems) {
 
 v1::Method read_method_file(const std::filesystem::path& path) {
   Problems problems(Problems::Mode::throw_first);
-  const v1::Setup setup = parsed_file(path, problems);
+  const v1::Setup setup = parsed_file(path, problems, {});
   std::vector<const google::protobuf::FieldDescriptor*> fields;
   setup.GetReflection()->ListFields(setup, &fields);
   for (const auto* field : fields) {
@@ -56,13 +92,13 @@ v1::Method read_method_file(const std::filesystem::path& path) {
   return setup.method();
 }
 
-SetupFile read_setup_file(const std::filesystem::path& path) {
+SetupFile read_setup_file(const std::filesystem::path& path, const io::ReadOptions& reading) {
   Problems problems(Problems::Mode::throw_first);
-  return read_setup_file(path, problems);
+  return read_setup_file(path, problems, reading);
 }
 
-SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems) {
-  SetupFile file{parsed_file(path, problems), std::nullopt};
+SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems, const io::ReadOptions& reading) {
+  SetupFile file{parsed_file(path, problems, reading), std::nullopt};
   const std::string geometry = file.setup.geometry();
   const bool given = problems.check("geometry", [&] {
     if (!geometry.empty()) return;

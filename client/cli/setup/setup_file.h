@@ -6,6 +6,7 @@
 #include <string>
 
 #include "core/base/problems.h"
+#include "core/io/mesh_file.h"
 #include "deform/v1/setup.pb.h"
 
 namespace deform::cli {
@@ -16,12 +17,14 @@ struct SetupFile {
   std::optional<std::filesystem::path> geometry_file;  ///< relative paths start at the setup file
 };
 
-/// Throws Error(invalid_argument) with file and line; Error(not_found) when a file does not exist.
-SetupFile read_setup_file(const std::filesystem::path& path);
+/// Where a number is expected, an expression of L (the diagonal of the mesh), Lx, Ly, Lz (the sides of its box) may stand; only then
+/// the mesh is read, `reading` says how. Throws Error(invalid_argument) with file and line; Error(not_found) when a file does not
+/// exist.
+SetupFile read_setup_file(const std::filesystem::path& path, const io::ReadOptions& reading = {});
 
 /// The same, with what is wrong going to `problems`: collecting, the setup lacks what could not be read. Where the file itself
 /// cannot be read or is no YAML, an Error all the same.
-SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems);
+SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems, const io::ReadOptions& reading = {});
 
 /// The method of a setup file that holds nothing else. Throws Error(invalid_argument) with the file: other keys, no method; and as
 /// read_setup_file().
