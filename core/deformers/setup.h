@@ -232,8 +232,8 @@ struct ConstraintOptions {
   int iterations = 3000;    ///< at most, of a design; 1..1,000,000. A design that needs more is reported as not converged.
 };
 
-/// What a system is prepared from, besides the mesh. Several variables that move one handle compose in their order here (the first
-/// acts first).
+/// What a system is prepared from, besides the mesh. Several variables that move one handle compose in their order here (the
+/// first acts first).
 struct Setup {
   std::variant<RbfOptions, ShellOptions, SubspaceOptions, MlsOptions, FfdOptions, CageOptions>
       method;                             ///< of one method (methods.h)
@@ -259,9 +259,9 @@ struct SelectedRegions {
 
 /// Checks everything that can be checked without numerics and selects the regions. Throws Error(invalid_argument) naming the
 /// field: no handle, repeated or empty names, empty region, a point in two handles or in a handle and a fixed region (with the
-/// count and the first id), unknown handle of a variable (with the nearest names) or one that it moves twice, lower > upper or 0 outside of them, zero axis
-/// or direction, non-finite numbers, options out of range, constraints without a name, with the wrong number of regions, a weight
-/// or layers out of range, layers of a mesh without cells, and what Symmetry throws.
+/// count and the first id), unknown handle of a variable (with the nearest names) or one that it moves twice, lower > upper or 0
+/// outside of them, zero axis or direction, non-finite numbers, options out of range, constraints without a name, with the wrong
+/// number of regions, a weight or layers out of range, layers of a mesh without cells, and what Symmetry throws.
 SelectedRegions validate(const Setup& setup, const Mesh& mesh);
 
 /// The same, with what is found going to `problems`. Collecting, it goes on with the next entry, whose regions are empty where

@@ -279,7 +279,8 @@ class MeshSelector : public Combiner {
       first += corners.size();
       if (corners.size() >= 3 && std::find(corners.begin(), corners.end(), point) != corners.end()) faces.push_back(f);
     }
-    if (faces.empty()) refuse("patch.point: point " + std::to_string(point) + " is not on the surface, it is no corner of a face");
+    if (faces.empty())
+      refuse("patch.point: point " + std::to_string(point) + " is not on the surface, it is no corner of a face");
     return faces;
   }
 

@@ -84,8 +84,8 @@ struct Region {
 
 /// The selected point ids, sorted, unique; may be empty (whoever needs points refuses that). `what` names the region in errors
 /// ("handle \"roof\""). Throws Error(invalid_argument): unknown group (with the nearest names), id out of range, min > max,
-/// negative or non-finite lengths, angles out of range, a point that is not on the surface, zero normal, zero-length axis, wrong number of children, nesting deeper than 64, control
-/// points.
+/// negative or non-finite lengths, angles out of range, a point that is not on the surface, zero normal, zero-length axis, wrong
+/// number of children, nesting deeper than 64, control points.
 std::vector<PointId> select(const Region& region, const Mesh& mesh, const std::string& what);
 
 /// The control points that handles select from.

@@ -11,7 +11,7 @@ namespace deform {
 
 /// A surface as polygons.
 struct SurfaceFaces {
-  std::span<const Vec3> points;         ///< n
+  std::span<const Vec3> points;          ///< n
   std::span<const std::uint32_t> sizes;  ///< f, corners of every face
   std::span<const PointId> corners;      ///< sum of sizes
 };

@@ -15,8 +15,8 @@ namespace deform {
 struct CurvatureChange {
   std::vector<double> value;  ///< n, H after - H before, 1 / length; not a number where one of them is and at sharp edges
   /// Energy of the part of the change that is not smooth: the sum over the points of area times the square of the change less its
-  /// mean over the neighbours along edges. Without a unit: the same for a model in metres and in millimetres. A surface that takes
-  /// on ripples has a large one, one that bends smoothly a small one; rigid motions have none.
+  /// mean over the neighbours along edges. Without a unit: the same for a model in metres and in millimetres. A surface that
+  /// takes on ripples has a large one, one that bends smoothly a small one; rigid motions have none.
   double high_pass_energy = 0;
   std::size_t points = 0;  ///< that count: they and a neighbour have a change
   Extreme largest;         ///< change by magnitude

@@ -12,9 +12,7 @@ namespace {
 
 using Mark = ComparisonPage::Mark;
 
-std::string class_of(Mark mark) {
-  return mark == Mark::good ? " class=\"good\"" : mark == Mark::bad ? " class=\"bad\"" : "";
-}
+std::string class_of(Mark mark) { return mark == Mark::good ? " class=\"good\"" : mark == Mark::bad ? " class=\"bad\"" : ""; }
 
 void append_compared(std::string& out, const ComparisonPage::Row& row, std::size_t columns) {
   out += "<tr><td>" + markup_text(row.method) + "</td>";

@@ -16,7 +16,7 @@ struct ComparisonPage {
   /// What is said of one method.
   struct Row {
     std::string method;
-    std::vector<Cell> cells;             ///< one per column
+    std::vector<Cell> cells;              ///< one per column
     std::vector<std::string> refusals{};  ///< why there is nothing in the cells, which are none then
   };
   struct Table {

@@ -39,8 +39,8 @@ void append_chunk(std::string& out, const std::string& type, const std::string& 
   append_number(out, static_cast<std::uint32_t>(data.size()));
   const std::string body = type + data;
   out += body;
-  append_number(out, static_cast<std::uint32_t>(crc32(0, reinterpret_cast<const Bytef*>(body.data()),
-                                                      static_cast<uInt>(body.size()))));
+  append_number(
+      out, static_cast<std::uint32_t>(crc32(0, reinterpret_cast<const Bytef*>(body.data()), static_cast<uInt>(body.size()))));
 }
 
 /// Every row as its difference from the pixel on the left.
@@ -154,8 +154,8 @@ class Canvas {
 };
 
 [[noreturn]] void refuse_size(const char* what, std::size_t size, std::size_t expected) {
-  throw Error(ErrorCode::invalid_argument, std::string("image: ") + what + " has " + std::to_string(size) + " entries, expected " +
-                                               std::to_string(expected));
+  throw Error(ErrorCode::invalid_argument,
+              std::string("image: ") + what + " has " + std::to_string(size) + " entries, expected " + std::to_string(expected));
 }
 
 void check(const ImageSource& source) {

@@ -5,8 +5,8 @@
 
 namespace deform::quality {
 
-/// The beginning of a page up to <body>, with the style of all pages. The title is escaped; `allowed` is what its content security
-/// policy permits beside styles in the page: "script-src 'unsafe-inline'".
+/// The beginning of a page up to <body>, with the style of all pages. The title is escaped; `allowed` is what its content
+/// security policy permits beside styles in the page: "script-src 'unsafe-inline'".
 std::string page_head(const std::string& title, const std::string& allowed);
 
 }  // namespace deform::quality

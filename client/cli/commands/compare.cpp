@@ -97,7 +97,8 @@ class Comparer {
     const auto reply = connection_.client().estimate(request, connection_.call());
     for (const auto& problem : reply.problems()) {
       const bool named = !field_of(problem.message()).empty();
-      method.refusals.push_back(named || problem.field().empty() ? problem.message() : problem.field() + ": " + problem.message());
+      method.refusals.push_back(named || problem.field().empty() ? problem.message()
+                                                                 : problem.field() + ": " + problem.message());
     }
     if (reply.problems_left_out() > 0) method.refusals.push_back("and " + std::to_string(reply.problems_left_out()) + " more");
     if (method.refusals.empty() && !reply.fits()) {
@@ -139,8 +140,7 @@ class Comparer {
     while (!method.designs[first].error.empty()) ++first;
     std::vector<double> seconds;
     for (std::size_t k = 0; k < runs; ++k) {
-      const auto outcome =
-          connection_.client().deform(request(method, designs_[first], v1::CELL_CHECK_OFF), connection_.call());
+      const auto outcome = connection_.client().deform(request(method, designs_[first], v1::CELL_CHECK_OFF), connection_.call());
       seconds.push_back(1e-3 * outcome.summary.wall_ms());
     }
     std::nth_element(seconds.begin(), seconds.begin() + runs / 2, seconds.end());

@@ -55,7 +55,7 @@ struct ComparedMethod {
 
 /// One setup by several methods.
 struct MethodComparison {
-  std::string setup;                ///< its file, or the id of a system
+  std::string setup;                 ///< its file, or the id of a system
   std::shared_ptr<const Mesh> mesh;  ///< at rest
   std::vector<std::string> designs;  ///< their names
   std::vector<std::string> values;   ///< of their variables: "roof_up = 0.03"
@@ -64,8 +64,8 @@ struct MethodComparison {
   std::vector<ComparedMethod> methods;
 };
 
-/// Of a volume mesh the faces of patches without a face that a handle holds, which would hide the others: f marks. None of a surface,
-/// or where no patch would be left.
+/// Of a volume mesh the faces of patches without a face that a handle holds, which would hide the others: f marks. None of a
+/// surface, or where no patch would be left.
 std::vector<char> faces_without_handles(const v1::Setup& setup, const Mesh& mesh);
 
 /// Measures deformed designs against the mesh at rest. The meshes and the setup outlive it.

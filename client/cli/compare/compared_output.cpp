@@ -21,10 +21,9 @@ namespace deform::cli {
 namespace {
 
 using Mark = ComparisonPage::Mark;
-using Json = nlohmann::ordered_json;
 
-Json compared_json(const ComparedDesign& design, const std::vector<ShownMeasure>& measures) {
-  Json json;
+nlohmann::ordered_json compared_json(const ComparedDesign& design, const std::vector<ShownMeasure>& measures) {
+  nlohmann::ordered_json json;
   if (!design.error.empty()) {
     json["error"] = design.error;
     return json;
@@ -54,8 +53,8 @@ Json compared_json(const ComparedDesign& design, const std::vector<ShownMeasure>
   return json;
 }
 
-Json compared_json(const ComparedMethod& method, const MethodComparison& comparison) {
-  Json json;
+nlohmann::ordered_json compared_json(const ComparedMethod& method, const MethodComparison& comparison) {
+  nlohmann::ordered_json json;
   json["label"] = method.choice.label;
   json["method"] = method.choice.kind;
   json["options"] = method.choice.source;
@@ -67,7 +66,7 @@ Json compared_json(const ComparedMethod& method, const MethodComparison& compari
   json["seconds_per_design"] = method.seconds_per_design;
   json["bytes"] = method.system.bytes();
   json["peak_bytes"] = method.peak_bytes;
-  json["designs"] = Json::array();
+  json["designs"] = nlohmann::ordered_json::array();
   for (const ComparedDesign& design : method.designs) json["designs"].push_back(compared_json(design, comparison.measures));
   return json;
 }
@@ -142,15 +141,15 @@ class Gallery {
 
   /// The same for all: around the mesh at rest and the designs that are not bad.
   void choose_view() {
-    std::vector<char> used(mesh_.point_count());
+    used_.resize(mesh_.point_count());
     const auto offsets = mesh_.face_offsets();
     for (FaceId f = 0; f < mesh_.face_count(); ++f) {
       if (!comparison_.hidden.empty() && comparison_.hidden[f]) continue;
-      for (std::uint64_t c = offsets[f]; c < offsets[f + 1]; ++c) used[mesh_.face_points[c]] = 1;
+      for (std::uint64_t c = offsets[f]; c < offsets[f + 1]; ++c) used_[mesh_.face_points[c]] = 1;
     }
     const auto add = [&](const Points& points) {
       for (std::size_t i = 0; i < points.size(); ++i) {
-        if (used[i] && is_finite(points[i])) view_points_.push_back(points[i]);
+        if (used_[i] && is_finite(points[i])) view_points_.push_back(points[i]);
       }
     };
     add(mesh_.points);
@@ -163,10 +162,12 @@ class Gallery {
   /// The largest value that the scale shows: the share `most` of those of all methods that are not bad, or of all.
   double top(const std::vector<std::vector<double>>& values, double most) const {
     for (const bool all : {false, true}) {
-      std::vector<double> sorted;
+      std::vector<double> sorted;  // of the points that are drawn
       for (std::size_t m = 0; m < shown_.size(); ++m) {
         if (!all && made(*shown_[m]).result.verdict() == v1::VERDICT_BAD) continue;
-        std::copy_if(values[m].begin(), values[m].end(), std::back_inserter(sorted), [](double v) { return std::isfinite(v); });
+        for (std::size_t i = 0; i < values[m].size(); ++i) {
+          if (used_[i] && std::isfinite(values[m][i])) sorted.push_back(values[m][i]);
+        }
       }
       if (sorted.empty()) continue;
       const auto rank = sorted.begin() + static_cast<std::ptrdiff_t>(most * static_cast<double>(sorted.size() - 1));
@@ -202,6 +203,7 @@ class Gallery {
   const Mesh& mesh_;
   const std::size_t design_;
   std::vector<const ComparedMethod*> shown_;
+  std::vector<char> used_;  // n: whether the point is drawn
   std::vector<Vec3> view_points_;
   View view_;
 };
@@ -210,8 +212,10 @@ std::vector<ComparisonPage::Gallery> galleries_of(const MethodComparison& compar
   Gallery gallery(comparison, design);
   if (gallery.empty()) return {};
   std::vector<ComparisonPage::Gallery> galleries{gallery.displacements()};
+  constexpr double rounding = 1e-9;  // roughness of surfaces that moved as a whole is less
   const bool bends = std::any_of(comparison.methods.begin(), comparison.methods.end(), [&](const ComparedMethod& method) {
-    return method.refusals.empty() && method.designs[design].smoothness && method.designs[design].smoothness->high_pass_energy > 0;
+    return method.refusals.empty() && method.designs[design].smoothness &&
+           method.designs[design].smoothness->high_pass_energy > rounding;
   });
   if (bends) galleries.push_back(gallery.curvature_changes());
   return galleries;
@@ -219,8 +223,10 @@ std::vector<ComparisonPage::Gallery> galleries_of(const MethodComparison& compar
 
 std::vector<std::string> notes_of(const MethodComparison& comparison) {
   std::vector<std::string> notes{
-      "Every method got the same mesh, handles, fixed regions, variables and constraints. The best values of a column are marked.",
-      "Misfit: the largest distance of a point of a handle or fixed region from where the design sends it, model units. Times are "
+      "Every method got the same mesh, handles, fixed regions, variables and constraints. The best values of a column are "
+      "marked.",
+      "Misfit: the largest distance of a point of a handle or fixed region from where the design sends it, model units. Times "
+      "are "
       "those of the server, a design alone, without checks of its quality; memory is that of the prepared system.",
       "Verdicts are those of the server: how far the result may be from the exact solution of the method's own equations, and "
       "whether faces are flipped or cells inverted. They do not say which method suits the shape."};
@@ -230,7 +236,8 @@ std::vector<std::string> notes_of(const MethodComparison& comparison) {
   if (smooth) {
     notes.push_back(
         "Roughness: the sum over the points of area times the square of the change of mean curvature less its mean over the "
-        "neighbours, apart from sharp edges (30 degrees at rest, grey in the pictures); ripples have much, smooth bends little. Kink at borders: by how many degrees the largest jump of normals grew "
+        "neighbours, apart from sharp edges (30 degrees at rest, grey in the pictures); ripples have much, smooth bends little. "
+        "Kink at borders: by how many degrees the largest jump of normals grew "
         "between handles, fixed regions and the rest.");
   }
   notes.push_back("Pictures: flipped faces are red. Of volume meshes the patches that handles hold are shown.");
@@ -239,17 +246,17 @@ std::vector<std::string> notes_of(const MethodComparison& comparison) {
 
 }  // namespace
 
-Json comparison_json(const MethodComparison& comparison) {
-  Json json;
+nlohmann::ordered_json comparison_json(const MethodComparison& comparison) {
+  nlohmann::ordered_json json;
   json["setup"] = comparison.setup;
   json["points"] = comparison.mesh->point_count();
-  json["at_rest"] = Json::object();
+  json["at_rest"] = nlohmann::ordered_json::object();
   for (const ShownMeasure& shown : comparison.measures) json["at_rest"][shown.name] = shown.at_rest;
-  json["designs"] = Json::array();
+  json["designs"] = nlohmann::ordered_json::array();
   for (std::size_t d = 0; d < comparison.designs.size(); ++d) {
     json["designs"].push_back({{"name", comparison.designs[d]}, {"values", comparison.values[d]}});
   }
-  json["methods"] = Json::array();
+  json["methods"] = nlohmann::ordered_json::array();
   for (const ComparedMethod& method : comparison.methods) json["methods"].push_back(compared_json(method, comparison));
   return json;
 }

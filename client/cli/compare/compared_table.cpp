@@ -42,9 +42,7 @@ bool any_design(const MethodComparison& comparison, std::size_t design, const st
 }
 
 std::vector<Column> columns_of(const MethodComparison& comparison, std::size_t design) {
-  const auto any = [&](const std::function<bool(const ComparedDesign&)>& holds) {
-    return any_design(comparison, design, holds);
-  };
+  const auto any = [&](const std::function<bool(const ComparedDesign&)>& holds) { return any_design(comparison, design, holds); };
   std::vector<Column> columns;
   if (any([](const auto& d) { return d.misfit.has_value(); })) {
     columns.push_back({"misfit at handles", Better::lower, [](const auto& d) { return d.misfit ? d.misfit->largest : nothing; }});
@@ -64,7 +62,8 @@ std::vector<Column> columns_of(const MethodComparison& comparison, std::size_t d
     columns.push_back({shown.label, shown.better, [m](const auto& d) { return d.measures[m]; }, shown.at_rest});
   }
   if (any([](const auto& d) { return d.smoothness.has_value(); })) {
-    columns.push_back({"roughness", Better::lower, [](const auto& d) { return d.smoothness ? d.smoothness->high_pass_energy : nothing; }, 0});
+    columns.push_back(
+        {"roughness", Better::lower, [](const auto& d) { return d.smoothness ? d.smoothness->high_pass_energy : nothing; }, 0});
     columns.push_back({"kink at borders (degrees)", Better::lower,
                        [](const auto& d) { return d.smoothness ? d.smoothness->border_kink : nothing; }, 0});
   }
@@ -127,8 +126,10 @@ ComparisonPage::Table methods_table(const MethodComparison& comparison) {
   ComparisonPage::Table table;
   table.columns = {"options", "unknowns", "prepared in", "a design in", "memory", "while preparing", "worst verdict"};
   for (const ComparedMethod& method : comparison.methods) {
-    ComparisonPage::Row row{method.choice.label + (method.choice.label == method.choice.kind ? "" : " (" + method.choice.kind + ")"),
-                            {}, method.refusals};
+    ComparisonPage::Row row{
+        method.choice.label + (method.choice.label == method.choice.kind ? "" : " (" + method.choice.kind + ")"),
+        {},
+        method.refusals};
     if (method.refusals.empty()) {
       const auto unknowns = std::max(method.system.functions(), method.system.centres());
       Mark mark = Mark::none;
@@ -178,12 +179,9 @@ std::vector<std::string> design_remarks(const MethodComparison& comparison, std:
   for (const ComparedMethod& method : comparison.methods) {
     if (!method.refusals.empty()) continue;
     const auto& result = method.designs[design].result;
-    for (const auto& reason : result.reasons()) remarks.push_back(method.choice.label + ": " + reason);
-    for (const auto& warning : result.warnings()) {
-      const auto& reasons = result.reasons();
-      if (std::find(reasons.begin(), reasons.end(), warning) == reasons.end()) {
-        remarks.push_back(method.choice.label + ": " + warning);
-      }
+    // Warnings say once more what reasons say.
+    for (const auto& remark : result.reasons().empty() ? result.warnings() : result.reasons()) {
+      remarks.push_back(method.choice.label + ": " + remark);
     }
   }
   return remarks;

@@ -12,7 +12,8 @@ ComparisonPage::Table methods_table(const MethodComparison& comparison);
 /// marked, and what is wrong.
 ComparisonPage::Table design_table(const MethodComparison& comparison, std::size_t design);
 
-/// What the server says of a design by each method, with the name of the method: reasons of verdicts, warnings.
+/// What the server says of a design by each method, with the name of the method: reasons of its verdict, or else
+/// warnings.
 std::vector<std::string> design_remarks(const MethodComparison& comparison, std::size_t design);
 
 }  // namespace deform::cli

@@ -18,8 +18,8 @@ struct MethodChoice {
 
 /// The methods of --methods: names of methods, with the options of the setup where it has that method and the defaults otherwise,
 /// and setup files that hold nothing but `method`. None named: the method of the setup, and all others but cage, which has no
-/// defaults. Throws Error(invalid_argument): neither a name nor a file (with the nearest names), a file with other keys or without
-/// a method, the same twice; and what reading the file throws.
+/// defaults. Throws Error(invalid_argument): neither a name nor a file (with the nearest names), a file with other keys or
+/// without a method, the same twice; and what reading the file throws.
 std::vector<MethodChoice> method_choices(const std::vector<std::string>& names, const v1::Setup& setup);
 
 }  // namespace deform::cli

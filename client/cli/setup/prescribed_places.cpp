@@ -70,7 +70,8 @@ Misfit PrescribedPlaces::misfit(std::span<const double> values, std::span<const 
   };
   for (std::size_t h = 0; h < handles_.size(); ++h) {
     const Affine motion = handle_motion(setup_, setup_.handles(static_cast<int>(h)).name(), values);
-    for (const PointId id : handles_[h]) add(id, motion == identity_affine ? mesh_.points[id] : transformed(motion, mesh_.points[id]));
+    for (const PointId id : handles_[h])
+      add(id, motion == identity_affine ? mesh_.points[id] : transformed(motion, mesh_.points[id]));
   }
   for (const PointId id : fixed_) add(id, mesh_.points[id]);
   result.rms = count == 0 ? 0 : std::sqrt(sum / static_cast<double>(count));

@@ -11,8 +11,8 @@
 
 namespace deform::cli {
 
-/// The map of positions that the variables give a handle: one value each, in their order. Throws Error(invalid_argument) for a value
-/// out of its bounds and for a motion that is none.
+/// The map of positions that the variables give a handle: one value each, in their order. Throws Error(invalid_argument) for a
+/// value out of its bounds and for a motion that is none.
 Affine handle_motion(const v1::Setup& setup, const std::string& handle, std::span<const double> values);
 
 /// How far points are from where a design sends them.

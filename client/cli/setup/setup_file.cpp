@@ -84,7 +84,8 @@ v1::Method read_method_file(const std::filesystem::path& path) {
   setup.GetReflection()->ListFields(setup, &fields);
   for (const auto* field : fields) {
     if (field->name() == "method") continue;
-    throw Error(ErrorCode::invalid_argument, path.string() + ": " + field->name() + ": unexpected in a file that names a method only");
+    throw Error(ErrorCode::invalid_argument,
+                path.string() + ": " + field->name() + ": unexpected in a file that names a method only");
   }
   if (setup.method().kind_case() == v1::Method::KIND_NOT_SET) {
     throw Error(ErrorCode::invalid_argument, path.string() + ": method: missing, expected such as method: {shell: {}}");

@@ -17,17 +17,17 @@ struct SetupFile {
   std::optional<std::filesystem::path> geometry_file;  ///< relative paths start at the setup file
 };
 
-/// Where a number is expected, an expression of L (the diagonal of the mesh), Lx, Ly, Lz (the sides of its box) may stand; only then
-/// the mesh is read, `reading` says how. Throws Error(invalid_argument) with file and line; Error(not_found) when a file does not
-/// exist.
+/// Where a number is expected, an expression of L (the diagonal of the mesh), Lx, Ly, Lz (the sides of its box) may stand; only
+/// then the mesh is read, `reading` says how. Throws Error(invalid_argument) with file and line; Error(not_found) when a file
+/// does not exist.
 SetupFile read_setup_file(const std::filesystem::path& path, const io::ReadOptions& reading = {});
 
 /// The same, with what is wrong going to `problems`: collecting, the setup lacks what could not be read. Where the file itself
 /// cannot be read or is no YAML, an Error all the same.
 SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems, const io::ReadOptions& reading = {});
 
-/// The method of a setup file that holds nothing else. Throws Error(invalid_argument) with the file: other keys, no method; and as
-/// read_setup_file().
+/// The method of a setup file that holds nothing else. Throws Error(invalid_argument) with the file: other keys, no method; and
+/// as read_setup_file().
 v1::Method read_method_file(const std::filesystem::path& path);
 
 /// 8 to 64 hexadecimal digits: an id or the beginning of one.

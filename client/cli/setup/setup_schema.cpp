@@ -16,21 +16,22 @@ namespace {
 using google::protobuf::Descriptor;
 using google::protobuf::FieldDescriptor;
 using google::protobuf::OneofDescriptor;
-using Json = nlohmann::ordered_json;
+using SchemaJson = nlohmann::ordered_json;
 
 /// "Lattice.Frame" of deform.v1.Lattice.Frame.
 std::string name_of(const Descriptor& type) { return type.full_name().substr(type.file()->package().size() + 1); }
 
 /// {file: NAME} and, where there is one, {set: NAME}.
-Json file_schema(bool with_set) {
-  const Json text = {{"type", "string"}, {"minLength", 1}};
-  Json schema = {{"type", "object"}, {"properties", {{"file", text}}}, {"required", {"file"}}, {"additionalProperties", false}};
+SchemaJson file_schema(bool with_set) {
+  const SchemaJson text = {{"type", "string"}, {"minLength", 1}};
+  SchemaJson schema = {
+      {"type", "object"}, {"properties", {{"file", text}}}, {"required", {"file"}}, {"additionalProperties", false}};
   if (with_set) schema["properties"]["set"] = text;
   return schema;
 }
 
-Json number_schema(const FieldDescriptor& field) {
-  Json schema = {{"type", "integer"}};
+SchemaJson number_schema(const FieldDescriptor& field) {
+  SchemaJson schema = {{"type", "integer"}};
   switch (field.cpp_type()) {
     case FieldDescriptor::CPPTYPE_UINT32:
       schema["minimum"] = 0;
@@ -46,14 +47,14 @@ Json number_schema(const FieldDescriptor& field) {
   return schema;
 }
 
-Json names_schema(const google::protobuf::EnumDescriptor& type) {
-  Json names = Json::array();
+SchemaJson names_schema(const google::protobuf::EnumDescriptor& type) {
+  SchemaJson names = SchemaJson::array();
   for (int i = 0; i < type.value_count(); ++i) names.push_back(type.value(i)->name());
   return {{"enum", names}};
 }
 
 /// Of one value.
-Json value_schema(const FieldDescriptor& field) {
+SchemaJson value_schema(const FieldDescriptor& field) {
   switch (field.cpp_type()) {
     case FieldDescriptor::CPPTYPE_MESSAGE:
       return {{"$ref", "#/$defs/" + name_of(*field.message_type())}};
@@ -71,16 +72,16 @@ Json value_schema(const FieldDescriptor& field) {
   }
 }
 
-Json field_schema(const FieldDescriptor& field) {
+SchemaJson field_schema(const FieldDescriptor& field) {
   if (!field.is_repeated()) return value_schema(field);
-  Json list = {{"type", "array"}, {"items", value_schema(field)}};
+  SchemaJson list = {{"type", "array"}, {"items", value_schema(field)}};
   if (field.cpp_type() != FieldDescriptor::CPPTYPE_UINT32) return list;
   return {{"anyOf", {list, file_schema(true)}}};
 }
 
 /// At most one of the members.
-Json choice_schema(const OneofDescriptor& choice) {
-  Json ways = Json::array(), all = Json::array();
+SchemaJson choice_schema(const OneofDescriptor& choice) {
+  SchemaJson ways = SchemaJson::array(), all = SchemaJson::array();
   for (int i = 0; i < choice.field_count(); ++i) all.push_back({{"required", {choice.field(i)->name()}}});
   ways = all;
   ways.push_back({{"not", {{"anyOf", all}}}});
@@ -88,11 +89,11 @@ Json choice_schema(const OneofDescriptor& choice) {
 }
 
 /// The schema of a message, and of those that it holds, into `types`.
-void add_type(const Descriptor& type, Json& types) {
+void add_type(const Descriptor& type, SchemaJson& types) {
   const std::string name = name_of(type);
   if (types.contains(name)) return;
-  types[name] = Json::object();  // regions hold regions
-  Json schema = {{"type", "object"}, {"properties", Json::object()}, {"additionalProperties", false}};
+  types[name] = SchemaJson::object();  // regions hold regions
+  SchemaJson schema = {{"type", "object"}, {"properties", SchemaJson::object()}, {"additionalProperties", false}};
   for (int i = 0; i < type.field_count(); ++i) {
     const FieldDescriptor& field = *type.field(i);
     schema["properties"][field.name()] = field_schema(field);
@@ -107,12 +108,12 @@ void add_type(const Descriptor& type, Json& types) {
 
 nlohmann::ordered_json setup_schema() {
   const Descriptor& setup = *v1::Setup::descriptor();
-  Json types = Json::object();
-  types["number"] = {{"anyOf",
-                      {{{"type", "number"}},
-                       {{"type", "string"}, {"description", "an expression of numbers, pi, L, Lx, Ly and Lz: 0.05*L"}}}}};
+  SchemaJson types = SchemaJson::object();
+  types["number"] = {
+      {"anyOf",
+       {{{"type", "number"}}, {{"type", "string"}, {"description", "an expression of numbers, pi, L, Lx, Ly and Lz: 0.05*L"}}}}};
   add_type(setup, types);
-  Json schema = {{"$schema", "https://json-schema.org/draft/2020-12/schema"}, {"title", "Setup of deformd"}};
+  SchemaJson schema = {{"$schema", "https://json-schema.org/draft/2020-12/schema"}, {"title", "Setup of deformd"}};
   for (const auto& [key, value] : types.at(name_of(setup)).items()) schema[key] = value;
   schema["required"] = {"geometry"};
   types.erase(name_of(setup));

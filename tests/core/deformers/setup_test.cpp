@@ -244,7 +244,8 @@ TEST(Setup, AVariableOfSeveralHandlesMovesThemLikeVariablesOfTheirOwn) {
   deform::Setup several = good();
   several.variables[1].also = {{several.handles[1].name, DesignVariable::Rotate{{0, 0, 1}, {1, 0, 0}, AngleUnit::degrees}}};
   deform::Setup single = good();
-  single.variables.insert(single.variables.begin() + 2, DesignVariable{"turn too", several.handles[1].name, several.variables[1].also[0].kind});
+  single.variables.insert(single.variables.begin() + 2,
+                          DesignVariable{"turn too", several.handles[1].name, several.variables[1].also[0].kind});
   EXPECT_NO_THROW(validate(several, test::bumpy_sheet(21, 11)));
   const std::vector<double> at{0.5, 0.7, 0.25, -0.3}, each{0.5, 0.7, 0.7, 0.25, -0.3};
   EXPECT_EQ(handle_motions(several, at), handle_motions(single, each));
@@ -252,7 +253,8 @@ TEST(Setup, AVariableOfSeveralHandlesMovesThemLikeVariablesOfTheirOwn) {
   const auto both = handle_motion_derivative(several, at, 1);
   EXPECT_EQ(both[0], handle_motion_derivative(single, each, 1)[0]);
   EXPECT_EQ(both[1], handle_motion_derivative(single, each, 2)[1]);
-  EXPECT_EQ(handle_motion_derivative(several, at, 3), handle_motion_derivative(single, each, 4)) << "behind it, on the same handle";
+  EXPECT_EQ(handle_motion_derivative(several, at, 3), handle_motion_derivative(single, each, 4))
+      << "behind it, on the same handle";
 }
 
 TEST(Setup, HandlesThatAVariableAlsoMovesAreRefusedByName) {

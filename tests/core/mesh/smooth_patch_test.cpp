@@ -55,7 +55,8 @@ std::vector<char> by_definition(const Mesh& mesh, std::size_t seed, double degre
     return sense;
   };
   const auto unit = [&](std::size_t f) {
-    const Vec3 n = cross(mesh.points[faces[f][1]] - mesh.points[faces[f][0]], mesh.points[faces[f][2]] - mesh.points[faces[f][0]]);
+    const Vec3 n =
+        cross(mesh.points[faces[f][1]] - mesh.points[faces[f][0]], mesh.points[faces[f][2]] - mesh.points[faces[f][0]]);
     return n / norm(n);
   };
   for (std::size_t f = 0; f < faces.size(); ++f) {
@@ -115,15 +116,14 @@ TEST(SmoothPatch, StopsWhereThreeFacesMeetAndAtFacesWithoutArea) {
   EXPECT_EQ(flood(three, 0, 180), by_definition(three, 0, 180));
   const Mesh thin = test::make_mesh({{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {1, 1, 0}, {1, -1, 0}}, {{0, 2, 3}, {0, 1, 2}, {0, 4, 2}});
   EXPECT_EQ(flood(thin, 0, 180), (std::vector<char>{1, 0, 0})) << "three faces along 0 2";
-  const Mesh between = test::make_mesh({{0, 0, 0}, {2, 0, 0}, {1, 1, 0}, {1, 0, 0}, {1, -1, 0}}, {{0, 1, 2}, {0, 3, 1}, {0, 4, 3}});
+  const Mesh between =
+      test::make_mesh({{0, 0, 0}, {2, 0, 0}, {1, 1, 0}, {1, 0, 0}, {1, -1, 0}}, {{0, 1, 2}, {0, 3, 1}, {0, 4, 3}});
   EXPECT_EQ(flood(between, 0, 180), (std::vector<char>{1, 0, 0}));
   EXPECT_EQ(flood(between, 1, 180), (std::vector<char>{0, 1, 0}));
 }
 
 TEST(NearestFace, IsThatOfTheNearestOfManyPointsOnFaces) {
-  Mesh mesh = test::sheet(4, 3, test::Faces::quads, [](unsigned i, unsigned j) {
-    return Vec3{1.0 * i, 1.0 * j, 0.2 * i * j};
-  });
+  Mesh mesh = test::sheet(4, 3, test::Faces::quads, [](unsigned i, unsigned j) { return Vec3{1.0 * i, 1.0 * j, 0.2 * i * j}; });
   for (const Mesh& each : {mesh, rough(3)}) {
     std::mt19937 random(5);
     std::uniform_real_distribution<double> coordinate(-2, 3);
@@ -201,8 +201,8 @@ TEST(PatchRegion, IsOnTheBoundaryOfVolumeMeshes) {
   Mesh mesh = surface_of_box(1);
   Elements elements;
   const auto at = [&](double x, double y, double z) { return select({Region::InBox{{x, y, z}, {x, y, z}}}, mesh, "x").at(0); };
-  elements.add(ElementType::hexahedron, Ids{at(0, 0, 0), at(1, 0, 0), at(1, 1, 0), at(0, 1, 0), at(0, 0, 1), at(1, 0, 1),
-                                            at(1, 1, 1), at(0, 1, 1)});
+  elements.add(ElementType::hexahedron,
+               Ids{at(0, 0, 0), at(1, 0, 0), at(1, 1, 0), at(0, 1, 0), at(0, 0, 1), at(1, 0, 1), at(1, 1, 1), at(0, 1, 1)});
   Mesh volume;
   volume.points = mesh.points;
   volume.elements = std::make_shared<const Elements>(elements);
