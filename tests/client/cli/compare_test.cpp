@@ -39,8 +39,7 @@ class MethodChoices : public testing::Test {
     std::ofstream(folder_ / name) << text;
     return folder_ / name;
   }
-  const std::filesystem::path folder_ =
-      std::filesystem::temp_directory_path() / ("deform-methods-" + std::to_string(getpid()));
+  const std::filesystem::path folder_ = std::filesystem::temp_directory_path() / ("deform-methods-" + std::to_string(getpid()));
 };
 
 std::vector<std::string> labels(const std::vector<MethodChoice>& choices) {
@@ -122,7 +121,7 @@ TEST(DesignMeasurer, SaysHowFarHandlesAreFromWhereTheyAreSent) {
   Points points = file->mesh()->points;
   for (Vec3& p : points) {
     if (p[0] < 7) continue;
-    p[2] += 1;                                       // up, then a quarter turn: z to x
+    p[2] += 1;  // up, then a quarter turn: z to x
     p = {8 + p[2], p[1], -(p[0] - 8)};
   }
   const auto exact = measurer.measured({}, Points(points), values, DesignMeasurer::Keep::nothing);
@@ -175,7 +174,8 @@ TEST(DesignMeasurer, ShowsPatchesWithHandlesOfVolumeMeshesOnly) {
       "Quadrilaterals 2\n1 4 3 2 5\n5 6 7 8 6\nHexahedra 1\n1 2 3 4 5 6 7 8 1\nEnd\n",
       "cube.mesh");
   const Mesh& mesh = *cubes->mesh();
-  const auto hidden = faces_without_handles(parsed("handles: [{name: top, region: {box: {min: [0, 0, 1], max: [1, 1, 1]}}}]"), mesh);
+  const auto hidden =
+      faces_without_handles(parsed("handles: [{name: top, region: {box: {min: [0, 0, 1], max: [1, 1, 1]}}}]"), mesh);
   ASSERT_EQ(hidden.size(), mesh.face_count());
   for (const Group& group : mesh.groups) {
     for (const FaceId f : group.faces) {

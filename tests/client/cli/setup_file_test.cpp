@@ -153,7 +153,8 @@ TEST_F(SetupWithLengths, TakesExpressionsOfThem) {
 fixed: [{sphere: {centre: [Lx, -Ly/2, 2*Lz], radius: L}}]
 variables: [{name: v, handle: h, translate: [0, 0, sqrt(2)], upper: 0.05*L, lower: -pi/4}]
 geometry: box.obj
-)")).setup;
+)"))
+                              .setup;
   const double diagonal = std::sqrt(1.0 + 4 + 16);
   EXPECT_EQ(setup.fixed(0).sphere().centre(0), 1);
   EXPECT_EQ(setup.fixed(0).sphere().centre(1), -1);
@@ -169,7 +170,8 @@ TEST_F(SetupWithLengths, SaysWhenThereIsNoMeshToMeasure) {
     expect_error(ErrorCode::invalid_argument, parts, [&] { cli::read_setup_file(write("a.yaml", text)); });
   };
   const std::string variable = "variables:\n  - {upper: 0.1*L}\n";
-  refused(variable + "geometry: 0123456789abcdef\n", {"a.yaml:2", "variables[0].upper", "\"0.1*L\"", "`geometry` names no mesh file"});
+  refused(variable + "geometry: 0123456789abcdef\n",
+          {"a.yaml:2", "variables[0].upper", "\"0.1*L\"", "`geometry` names no mesh file"});
   refused(variable, {"a.yaml:2", "`geometry` names no mesh file"});
   refused("variables: [{upper: 0.1*D}]\ngeometry: box.obj\n", {"a.yaml:1", "column 5", "there is no name \"D\""});
   refused("seed: 2*3\ngeometry: box.obj\n", {"seed: expected an integer"});

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The schema of setups: what it says of setups that the reader takes and of those that it refuses. It is judged by the part of JSON
-// Schema that it uses, written down here.
+// The schema of setups: what it says of setups that the reader takes and of those that it refuses. It is judged by the part of
+// JSON Schema that it uses, written down here.
 #include "client/cli/setup/setup_schema.h"
 
 #include <gtest/gtest.h>
@@ -41,12 +41,14 @@ class Validator {
     if (word == "maximum") return !value.is_number() || value <= rule;
     if (word == "minLength") return !value.is_string() || value.get<std::string>().size() >= rule;
     if (word == "items") {
-      return !value.is_array() || std::all_of(value.begin(), value.end(), [&](const Document& item) { return takes(rule, item); });
+      return !value.is_array() ||
+             std::all_of(value.begin(), value.end(), [&](const Document& item) { return takes(rule, item); });
     }
     if (word == "minProperties") return !value.is_object() || value.size() >= rule;
     if (word == "maxProperties") return !value.is_object() || value.size() <= rule;
     if (word == "required") {
-      return !value.is_object() || std::all_of(rule.begin(), rule.end(), [&](const Document& key) { return value.contains(key); });
+      return !value.is_object() ||
+             std::all_of(rule.begin(), rule.end(), [&](const Document& key) { return value.contains(key); });
     }
     if (word == "properties") {
       for (const auto& [key, inner] : rule.items()) {
@@ -61,7 +63,8 @@ class Validator {
       }
       return true;
     }
-    EXPECT_TRUE(word == "$schema" || word == "title" || word == "$defs" || word == "description" || word == "contentEncoding") << word;
+    EXPECT_TRUE(word == "$schema" || word == "title" || word == "$defs" || word == "description" || word == "contentEncoding")
+        << word;
     return true;
   }
 

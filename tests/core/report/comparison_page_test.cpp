@@ -17,9 +17,13 @@ ComparisonPage example() {
   ComparisonPage page;
   page.setup = "<img src=x>.yaml";
   page.about = {"5 <points>"};
-  page.methods = {{"time", "<b>memory"}, {{"rbf & co", {{"2 s"}, {"1 <GiB", Mark::good}}}, {"shell", {}, {"no <faces>", "and more"}}}};
-  page.designs = {{"wide <", "a = 1 & b = 2", {{"Displacement", "0", "<1", {{"rbf \"x\"", "bad <", Mark::bad, "PNG"}}}},
-                   {{"verdict"}, {{"rbf", {{"good", Mark::bad}}}}}, {"rbf: <reason>"}}};
+  page.methods = {{"time", "<b>memory"},
+                  {{"rbf & co", {{"2 s"}, {"1 <GiB", Mark::good}}}, {"shell", {}, {"no <faces>", "and more"}}}};
+  page.designs = {{"wide <",
+                   "a = 1 & b = 2",
+                   {{"Displacement", "0", "<1", {{"rbf \"x\"", "bad <", Mark::bad, "PNG"}}}},
+                   {{"verdict"}, {{"rbf", {{"good", Mark::bad}}}}},
+                   {"rbf: <reason>"}}};
   page.notes = {"measured <so>"};
   page.program = "deform 1";
   return page;
@@ -28,7 +32,9 @@ ComparisonPage example() {
 TEST(ComparisonPage, HasARowPerMethodRefusedOrNot) {
   const std::string text = html_page(example());
   EXPECT_TRUE(has(text, "<tr><td>rbf &amp; co</td><td>2 s</td><td class=\"good\">1 &lt;GiB</td></tr>"));
-  EXPECT_TRUE(has(text, "<tr><td>shell</td><td class=\"refused\" colspan=\"2\"><b class=\"bad\">refused</b><br>no &lt;faces&gt;<br>and more</td></tr>"));
+  EXPECT_TRUE(has(text,
+                  "<tr><td>shell</td><td class=\"refused\" colspan=\"2\"><b class=\"bad\">refused</b><br>no &lt;faces&gt;<br>and "
+                  "more</td></tr>"));
   EXPECT_TRUE(has(text, "<tr><td>rbf</td><td class=\"bad\">good</td></tr>"));
   EXPECT_TRUE(has(text, "<th>method</th><th>time</th><th>&lt;b&gt;memory</th>"));
 }
@@ -47,7 +53,8 @@ TEST(ComparisonPage, EscapesTextsAndNeedsNothingElse) {
     EXPECT_FALSE(has(text, raw)) << raw;
   }
   EXPECT_TRUE(has(text, "default-src 'none'; style-src 'unsafe-inline'; img-src data:;"));
-  for (const char* outside : {"http:", "https:", "<link", "@import", "url(", "<script"}) EXPECT_FALSE(has(text, outside)) << outside;
+  for (const char* outside : {"http:", "https:", "<link", "@import", "url(", "<script"})
+    EXPECT_FALSE(has(text, outside)) << outside;
 }
 
 }  // namespace
