@@ -257,7 +257,10 @@ std::string scale_gradient() {
   std::string text = "linear-gradient(90deg";
   for (const Colour& colour : scale_colours) {
     text += ",rgb(";
-    for (std::size_t c = 0; c < 3; ++c) text += (c == 0 ? "" : ",") + std::to_string(static_cast<int>(colour[c]));
+    for (std::size_t c = 0; c < 3; ++c) {
+      if (c > 0) text += ',';
+      text.append(std::to_string(static_cast<int>(colour[c])));
+    }
     text += ')';
   }
   return text + ')';

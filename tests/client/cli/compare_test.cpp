@@ -160,7 +160,7 @@ TEST(DesignMeasurer, KeepsWhatPicturesNeedAndKnowsMeasuresAtRest) {
   EXPECT_EQ(still.smoothness->border_kink, 0);
   Points folded = file->mesh()->points;
   for (Vec3& p : folded) {
-    if (p[0] >= 7) p[2] += 1;  // a step of one, one wide: 45 degrees
+    if (p[0] >= 7) p[2] += p[0] - 7;  // by 45 degrees
   }
   const auto kinked = measurer.measured(result, std::move(folded), rest, DesignMeasurer::Keep::pictures);
   EXPECT_GT(kinked.smoothness->border_kink, 30);

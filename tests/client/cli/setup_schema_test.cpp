@@ -37,8 +37,8 @@ class Validator {
     if (word == "allOf") return std::all_of(rule.begin(), rule.end(), holds);
     if (word == "oneOf") return std::count_if(rule.begin(), rule.end(), holds) == 1;
     if (word == "not") return !holds(rule);
-    if (word == "minimum") return !value.is_number() || value >= rule;
-    if (word == "maximum") return !value.is_number() || value <= rule;
+    if (word == "minimum") return !value.is_number() || value.get<double>() >= rule.get<double>();
+    if (word == "maximum") return !value.is_number() || value.get<double>() <= rule.get<double>();
     if (word == "minLength") return !value.is_string() || value.get<std::string>().size() >= rule;
     if (word == "items") {
       return !value.is_array() ||

@@ -225,8 +225,12 @@ TEST(Setup, DerivativesOfMotionsAgreeWithDifferences) {
 }
 
 TEST(Setup, DegreesAreRadiansInAnotherUnit) {
-  const deform::Setup radians = good();
-  deform::Setup degrees = good();
+  deform::Setup radians = good();
+  radians.variables[1].lower = -10;
+  radians.variables[1].upper = 10;
+  deform::Setup degrees = radians;
+  degrees.variables[1].lower = -100;
+  degrees.variables[1].upper = 400;
   std::get<DesignVariable::Rotate>(degrees.variables[1].kind).unit = AngleUnit::degrees;
   const double per_unit = std::atan(1.0) / 45;
   for (const double angle : {-90.0, 0.0, 1e-3, 30.0, 180.0, 360.0}) {
