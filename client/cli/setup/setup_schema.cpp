@@ -19,7 +19,7 @@ using google::protobuf::OneofDescriptor;
 using SchemaJson = nlohmann::ordered_json;
 
 /// "Lattice.Frame" of deform.v1.Lattice.Frame.
-std::string name_of(const Descriptor& type) { return type.full_name().substr(type.file()->package().size() + 1); }
+std::string type_name(const Descriptor& type) { return type.full_name().substr(type.file()->package().size() + 1); }
 
 /// {file: NAME} and, where there is one, {set: NAME}.
 SchemaJson file_schema(bool with_set) {
@@ -57,7 +57,7 @@ SchemaJson names_schema(const google::protobuf::EnumDescriptor& type) {
 SchemaJson value_schema(const FieldDescriptor& field) {
   switch (field.cpp_type()) {
     case FieldDescriptor::CPPTYPE_MESSAGE:
-      return {{"$ref", "#/$defs/" + name_of(*field.message_type())}};
+      return {{"$ref", "#/$defs/" + type_name(*field.message_type())}};
     case FieldDescriptor::CPPTYPE_STRING:
       if (field.type() != FieldDescriptor::TYPE_BYTES) return {{"type", "string"}};
       return {{"anyOf", {{{"type", "string"}, {"contentEncoding", "base64"}}, file_schema(false)}}};
@@ -90,7 +90,7 @@ SchemaJson choice_schema(const OneofDescriptor& choice) {
 
 /// The schema of a message, and of those that it holds, into `types`.
 void add_type(const Descriptor& type, SchemaJson& types) {
-  const std::string name = name_of(type);
+  const std::string name = type_name(type);
   if (types.contains(name)) return;
   types[name] = SchemaJson::object();  // regions hold regions
   SchemaJson schema = {{"type", "object"}, {"properties", SchemaJson::object()}, {"additionalProperties", false}};
@@ -114,9 +114,9 @@ nlohmann::ordered_json setup_schema() {
        {{{"type", "number"}}, {{"type", "string"}, {"description", "an expression of numbers, pi, L, Lx, Ly and Lz: 0.05*L"}}}}};
   add_type(setup, types);
   SchemaJson schema = {{"$schema", "https://json-schema.org/draft/2020-12/schema"}, {"title", "Setup of deformd"}};
-  for (const auto& [key, value] : types.at(name_of(setup)).items()) schema[key] = value;
+  for (const auto& [key, value] : types.at(type_name(setup)).items()) schema[key] = value;
   schema["required"] = {"geometry"};
-  types.erase(name_of(setup));
+  types.erase(type_name(setup));
   schema["$defs"] = std::move(types);
   return schema;
 }
