@@ -186,7 +186,6 @@ class FacePainter {
       middle = middle + source_.points[p] / static_cast<double>(corners.size());
       value += source_.values[p] / static_cast<double>(corners.size());
     }
-    if (!is_finite(middle)) return;
     const bool marked = !source_.marked.empty() && source_.marked[face];
     const Colour colour = marked ? error_colour : colour_at(value);
     for (std::size_t c = 0; c < corners.size(); ++c) {
