@@ -56,7 +56,7 @@ LatticePicture picture_of(const LatticeCommand& options, const v1::Setup& setup,
 }
 
 ExitCode run_lattice(const LatticeCommand& options, const CommonOptions& common) {
-  const SetupFile file = read_setup_file(options.setup);
+  const SetupFile file = read_setup_file(options.setup, own_process());
   const std::filesystem::path path = mesh_path(options.setup, file, options.source);
   const auto mesh = io::read_mesh_file(path, own_process())->mesh();
   const ControlLattice lattice = control_lattice(file.setup, *mesh);
