@@ -3,6 +3,10 @@
 
 #include <algorithm>
 #include <cctype>
+#include <iterator>
+#include <memory>
+#include <string_view>
+#include <vector>
 
 #include "client/setup/cage_file.h"
 #include "client/setup/control_points.h"
@@ -18,17 +22,63 @@ bool looks_like_id(const std::string& text) {
          std::all_of(text.begin(), text.end(), [](unsigned char c) { return std::isxdigit(c) != 0; });
 }
 
-SetupFile read_setup_file(const std::filesystem::path& path) {
-  Problems problems(Problems::Mode::throw_first);
-  return read_setup_file(path, problems);
-}
-
-SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems) {
-  constexpr std::size_t max_bytes = std::size_t{1} << 26;
-  return parse_setup(io::read_file(path, nullptr, max_bytes), path.string(), path.parent_path(), GeometryEntry::needed, problems);
-}
-
 namespace {
+
+/// Lengths of the mesh of a setup that expressions may use. The mesh is read when the first of them is needed.
+class MeshLengths {
+ public:
+  explicit MeshLengths(const SetupText& from) : from_(from) {}
+
+  std::optional<double> of(std::string_view name) {
+    constexpr std::string_view names[] = {"Lx", "Ly", "Lz"};
+    const auto side = std::find(std::begin(names), std::end(names), name);
+    if (name != "L" && side == std::end(names)) return std::nullopt;
+    if (!box_) box_ = bounding_box(mesh()->points);
+    return name == "L" ? box_->diagonal() : box_->side(static_cast<int>(side - std::begin(names)));
+  }
+
+ private:
+  std::shared_ptr<const Mesh> mesh() const {
+    if (from_.geometry == GeometryEntry::left_out) {
+      throw Error(ErrorCode::invalid_argument,
+                  "L, Lx, Ly and Lz are lengths of the mesh, which is not known here; give the number");
+    }
+    const std::string geometry = top_level_text(from_.text, "geometry");
+    const std::filesystem::path path = from_.folder / geometry;
+    if (geometry.empty() || !std::filesystem::exists(path)) {
+      throw Error(ErrorCode::invalid_argument, "L, Lx, Ly and Lz are the lengths of the mesh, and `geometry` names no mesh file");
+    }
+    return io::read_mesh_file(path, from_.reading)->mesh();
+  }
+
+  const SetupText& from_;
+  std::optional<Box> box_;
+};
+
+/// The setup as the text has it, with the values that come from other files.
+v1::Setup parsed_text(const SetupText& from, Problems& problems) {
+  IdFiles id_files(from.folder);
+  MeshLengths lengths(from);
+  const ValueFiles files{[&](const std::string& file, const std::string& set) { return id_files.ids(file, set); },
+                         [&](const std::string& file) { return read_control_points(from.folder / file); },
+                         [&](std::string_view name) { return lengths.of(name); }};
+  v1::Setup setup;
+  parse_yaml(from.text, from.name, setup, files, problems);
+  if (problems.concern("method")) return setup;  // a method that cannot be read lacks no file
+  problems.check("method", [&] {
+    try {
+      read_cage(from.folder, setup);
+    } catch (const Error& error) {
+      throw Error(error.code(), from.name + ": " + error.what());
+    }
+  });
+  return setup;
+}
+
+SetupText text_of(const std::filesystem::path& path, const io::ReadOptions& reading) {
+  constexpr std::size_t max_bytes = std::size_t{1} << 26;
+  return {io::read_file(path, nullptr, max_bytes), path.string(), path.parent_path(), GeometryEntry::needed, reading};
+}
 
 void take_geometry(const std::string& name, const std::filesystem::path& folder, SetupFile& file, Problems& problems) {
   const std::string geometry = file.setup.geometry();
@@ -51,28 +101,39 @@ void take_geometry(const std::string& name, const std::filesystem::path& folder,
 
 }  // namespace
 
-SetupFile parse_setup(const std::string& text, const std::string& name, const std::filesystem::path& folder,
-                      GeometryEntry geometry, Problems& problems) {
-  SetupFile file;
-  IdFiles id_files(folder);
-  const ValueFiles files{[&](const std::string& named, const std::string& set) { return id_files.ids(named, set); },
-                         [&](const std::string& named) { return read_control_points(folder / named); }};
-  parse_yaml(text, name, file.setup, files, problems);
-  if (!problems.concern("method")) {  // a method that cannot be read lacks no file
-    problems.check("method", [&] {
-      try {
-        read_cage(folder, file.setup);
-      } catch (const Error& error) {
-        throw Error(error.code(), name + ": " + error.what());
-      }
-    });
-  }
-  if (geometry == GeometryEntry::needed) {
-    take_geometry(name, folder, file, problems);
+SetupFile parse_setup(const SetupText& from, Problems& problems) {
+  SetupFile file{parsed_text(from, problems), std::nullopt};
+  if (from.geometry == GeometryEntry::needed) {
+    take_geometry(from.name, from.folder, file, problems);
   } else {
     file.setup.clear_geometry();
   }
   return file;
+}
+
+SetupFile read_setup_file(const std::filesystem::path& path, const io::ReadOptions& reading) {
+  Problems problems(Problems::Mode::throw_first);
+  return read_setup_file(path, problems, reading);
+}
+
+SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems, const io::ReadOptions& reading) {
+  return parse_setup(text_of(path, reading), problems);
+}
+
+v1::Method read_method_file(const std::filesystem::path& path) {
+  Problems problems(Problems::Mode::throw_first);
+  const v1::Setup setup = parsed_text(text_of(path, {}), problems);
+  std::vector<const google::protobuf::FieldDescriptor*> fields;
+  setup.GetReflection()->ListFields(setup, &fields);
+  for (const auto* field : fields) {
+    if (field->name() == "method") continue;
+    throw Error(ErrorCode::invalid_argument,
+                path.string() + ": " + field->name() + ": unexpected in a file that names a method only");
+  }
+  if (setup.method().kind_case() == v1::Method::KIND_NOT_SET) {
+    throw Error(ErrorCode::invalid_argument, path.string() + ": method: missing, expected such as method: {shell: {}}");
+  }
+  return setup.method();
 }
 
 }  // namespace deform::client

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "core/base/problems.h"
+#include "core/io/mesh_file.h"
 #include "deform/v1/setup.pb.h"
 
 namespace deform::client {
@@ -16,12 +17,18 @@ struct SetupFile {
   std::optional<std::filesystem::path> geometry_file;  ///< relative paths start at the setup file
 };
 
-/// Throws Error(invalid_argument) with file and line; Error(not_found) when a file does not exist.
-SetupFile read_setup_file(const std::filesystem::path& path);
+/// A number may be given as an expression of L (the diagonal of the mesh) and Lx, Ly, Lz (the sides of its bounding box); only
+/// then the mesh is read, with the options `reading`. Throws Error(invalid_argument) with file and line; Error(not_found) when a
+/// file does not exist.
+SetupFile read_setup_file(const std::filesystem::path& path, const io::ReadOptions& reading = {});
 
 /// The same, with what is wrong going to `problems`: collecting, the setup lacks what could not be read. Where the file itself
 /// cannot be read or is no YAML, an Error all the same.
-SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems);
+SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems, const io::ReadOptions& reading = {});
+
+/// The method of a setup file that holds nothing else. Throws Error(invalid_argument) with the file: other keys, no method; and
+/// as read_setup_file().
+v1::Method read_method_file(const std::filesystem::path& path);
 
 /// What becomes of the geometry that a setup names.
 enum class GeometryEntry {
@@ -29,9 +36,17 @@ enum class GeometryEntry {
   left_out,  ///< the caller has another: it is neither looked at nor kept
 };
 
-/// The same from text: `name` stands in errors, the files that it names are looked for in `folder`.
-SetupFile parse_setup(const std::string& text, const std::string& name, const std::filesystem::path& folder,
-                      GeometryEntry geometry, Problems& problems);
+/// The text of a setup.
+struct SetupText {
+  std::string text;                                ///< YAML
+  std::string name;                                ///< for errors
+  std::filesystem::path folder;                    ///< of the files that it names
+  GeometryEntry geometry = GeometryEntry::needed;  ///< left out: expressions have no lengths of the mesh
+  io::ReadOptions reading{};                       ///< of the mesh, if an expression needs its lengths
+};
+
+/// The same from text.
+SetupFile parse_setup(const SetupText& from, Problems& problems);
 
 /// 8 to 64 hexadecimal digits: an id or the beginning of one.
 bool looks_like_id(const std::string& text);

@@ -141,6 +141,16 @@ class Walker {
     }
   }
 
+  /// As it stands there, or of an expression.
+  double number(const YAML::Node& node, const std::string& path) const {
+    if (const auto plain = parse_number(node.Scalar())) return *plain;
+    try {
+      return evaluate_expression(node.Scalar(), files_.names);
+    } catch (const Error& error) {
+      refuse(node, path, "expected a finite number, got " + shown(node) + ": " + error.what());
+    }
+  }
+
   /// Sets a field, or appends to it when it is repeated.
   void value(const YAML::Node& node, Message& message, const FieldDescriptor& field, const std::string& path) {
     const google::protobuf::Reflection& reflection = *message.GetReflection();
@@ -182,7 +192,7 @@ class Walker {
         fits = put(boolean(text), &Reflection::SetBool, &Reflection::AddBool);
         break;
       case FieldDescriptor::CPPTYPE_DOUBLE:
-        fits = put(parse_number(text), &Reflection::SetDouble, &Reflection::AddDouble);
+        fits = put(quoted ? std::nullopt : std::optional(number(node, path)), &Reflection::SetDouble, &Reflection::AddDouble);
         break;
       case FieldDescriptor::CPPTYPE_UINT32:
         fits = put(integer<std::uint32_t>(text), &Reflection::SetUInt32, &Reflection::AddUInt32);
@@ -290,6 +300,17 @@ class Walker {
 };
 
 }  // namespace
+
+std::string top_level_text(const std::string& text, const std::string& key) {
+  try {
+    const YAML::Node root = YAML::Load(text);
+    if (!root.IsMap()) return {};
+    const YAML::Node value = root[key];
+    return value.IsDefined() && value.IsScalar() ? value.Scalar() : std::string();
+  } catch (const YAML::Exception&) {
+    return {};
+  }
+}
 
 void parse_yaml(const std::string& text, const std::string& name, Message& message) {
   Problems problems(Problems::Mode::throw_first);

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "client/setup/expression.h"
 #include "core/base/problems.h"
 
 namespace deform::client {
@@ -15,7 +16,7 @@ namespace deform::client {
 /// Fills a proto message from YAML text (JSON is YAML) by reflection: keys are names of fields, enums are given by name. `name`
 /// stands before the line number in errors. Throws Error(invalid_argument): syntax, unknown key (with the nearest names),
 /// repeated key, two members of a oneof, wrong type, number out of range, missing value, text that is not UTF-8. Bytes are
-/// base64.
+/// base64. Where a number with a fraction is expected, an expression may stand (expression.h).
 void parse_yaml(const std::string& text, const std::string& name, google::protobuf::Message& message);
 
 /// What stands for a list of integers: {file: NAME, set: NAME}, the latter empty where it is left out. Throws
@@ -27,7 +28,11 @@ using ReadBytes = std::function<std::string(const std::string& file)>;
 struct ValueFiles {
   ReadIds ids;
   ReadBytes bytes;
+  NamedValue names{};  ///< that expressions may use, besides pi
 };
+
+/// The text of a key on the top level of a YAML map; empty when there is none, or no YAML.
+std::string top_level_text(const std::string& text, const std::string& key);
 
 /// The same, where lists of integers and bytes may also be taken from files, and what is wrong goes to `problems`: collecting,
 /// the message lacks what could not be read. Text that is no YAML is an Error all the same.

@@ -21,13 +21,20 @@ inline constexpr std::size_t most_bases = 8;        ///< one per parity
 inline constexpr std::uint32_t fixed_region = 0xfffffffeu;
 inline constexpr std::uint32_t following_region = 0xffffffffu;
 
+/// Another handle that a design variable moves.
+struct Driven {
+  std::uint32_t handle = 0;  ///< its index
+  VariableMotion motion;     ///< how the variable moves it
+};
+
 /// A design variable.
 struct Variable {
-  std::string name;          ///< as in the setup
-  std::uint32_t handle = 0;  ///< that it moves; of several variables of a handle the first acts first
-  VariableMotion motion;     ///< how it moves it
-  double lower = 0;          ///< at most 0; may be infinite
-  double upper = 0;          ///< at least 0; may be infinite
+  std::string name;            ///< as in the setup
+  std::uint32_t handle = 0;    ///< that it moves; of several variables of a handle the first acts first
+  VariableMotion motion;       ///< how it moves it
+  double lower = 0;            ///< at most 0; may be infinite
+  double upper = 0;            ///< at least 0; may be infinite
+  std::vector<Driven> also{};  ///< other handles that it moves at the same time, each once
 };
 
 /// A region that variables move.

@@ -78,6 +78,12 @@ Deformation::Deformation(Content content) : content_(std::move(content)) {
     (content_.held && region != following_region ? held_ : following_).push_back(id);
     if (region < content_.handles.size() && content_.planes > 0 && content_.on_planes[i] != 0) sliding_.push_back(id);
   }
+  drives_.resize(content_.handles.size());
+  for (std::size_t k = 0; k < content_.variables.size(); ++k) {
+    const Variable& variable = content_.variables[k];
+    drives_[variable.handle].push_back({k, variable.motion});
+    for (const Driven& driven : variable.also) drives_[driven.handle].push_back({k, driven.motion});
+  }
   for (const Basis& basis : content_.bases) {
     std::vector<std::size_t>& components = components_.emplace_back();
     for (std::size_t k = 0; k < 3; ++k) {
@@ -114,25 +120,29 @@ std::vector<double> Deformation::checked_values(std::span<const double> variable
 
 Deformation::Maps Deformation::motions(std::span<const double> values) const {
   Maps motions(content_.handles.size(), identity_affine);
-  for (std::size_t k = 0; k < values.size(); ++k) {
-    Affine& motion = motions[content_.variables[k].handle];
-    motion = compose(motion_at(content_.variables[k].motion, values[k]), motion);
+  for (std::size_t h = 0; h < motions.size(); ++h) {
+    for (const Drive& drive : drives_[h]) motions[h] = compose(motion_at(drive.motion, values[drive.variable]), motions[h]);
   }
   return motions;
 }
 
+/// The derivative of the motion of a handle with respect to a variable that moves it.
+Affine Deformation::handle_derivative(std::span<const double> values, std::size_t variable, std::uint32_t handle) const {
+  Affine before = identity_affine, result{};
+  for (const Drive& drive : drives_[handle]) {
+    const double v = values[drive.variable];
+    if (drive.variable < variable) before = compose(motion_at(drive.motion, v), before);
+    if (drive.variable == variable) result = chained(motion_rate(drive.motion, v), before, 1);
+    if (drive.variable > variable) result = chained(motion_at(drive.motion, v), result, 0);
+  }
+  return result;
+}
+
 Deformation::Maps Deformation::motion_derivative(std::span<const double> values, std::size_t variable) const {
   Maps derivatives(content_.handles.size(), Affine{});
-  const std::uint32_t handle = content_.variables[variable].handle;
-  Affine before = identity_affine, result{};
-  for (std::size_t j = 0; j < values.size(); ++j) {
-    const Variable& other = content_.variables[j];
-    if (other.handle != handle) continue;
-    if (j < variable) before = compose(motion_at(other.motion, values[j]), before);
-    if (j == variable) result = chained(motion_rate(other.motion, values[j]), before, 1);
-    if (j > variable) result = chained(motion_at(other.motion, values[j]), result, 0);
-  }
-  derivatives[handle] = result;
+  const Variable& moving = content_.variables[variable];
+  derivatives[moving.handle] = handle_derivative(values, variable, moving.handle);
+  for (const Driven& driven : moving.also) derivatives[driven.handle] = handle_derivative(values, variable, driven.handle);
   return derivatives;
 }
 
@@ -492,9 +502,9 @@ void Deformation::pull_back(std::span<const double> variables, std::span<const T
   for (std::size_t k = 0; k < values.size(); ++k) {
     const Maps derivative = motion_derivative(values, k);
     check_sliding(derivative, "variable \"" + content_.variables[k].name + "\"");
-    const std::uint32_t h = content_.variables[k].handle;
     double sum = 0;
-    if (derivative[h] != Affine{}) {
+    for (std::size_t h = 0; h < handles; ++h) {
+      if (derivative[h] == Affine{}) continue;
       field_coefficients(derivative[h], 0, frame(h), block);
       for (std::size_t j = 0; j < 12; ++j) {
         sum += block[j] * fields[std::size_t{12} * h + j] + derivative[h][j] * moments[h][j];

@@ -70,10 +70,16 @@ class Deformation {
  private:
   struct Bound;
   struct Pass;
+  /// A motion of a handle by a variable.
+  struct Drive {
+    std::size_t variable;
+    VariableMotion motion;
+  };
   using Maps = std::vector<Affine>;  ///< per handle
 
   std::vector<double> checked_values(std::span<const double> variables, const std::string& what) const;
   Maps motions(std::span<const double> values) const;
+  Affine handle_derivative(std::span<const double> values, std::size_t variable, std::uint32_t handle) const;
   Maps motion_derivative(std::span<const double> values, std::size_t variable) const;
   void check_design(const Maps& motions, const std::string& what) const;
   void check_sliding(const Maps& derivative, const std::string& what) const;
@@ -103,6 +109,7 @@ class Deformation {
   std::vector<std::uint32_t> following_;              ///< ids of the points that follow, ascending
   std::vector<std::uint32_t> held_;                   ///< of the others
   std::vector<std::uint32_t> sliding_;                ///< handle points on symmetry planes
+  std::vector<std::vector<Drive>> drives_;            ///< of each handle, in the order of the variables
   std::vector<std::vector<std::size_t>> components_;  ///< of each basis
 };
 

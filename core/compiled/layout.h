@@ -38,6 +38,7 @@ enum class Kind : std::uint32_t {
   text = record_kind("TEXT"),      ///< length of the key, key, value
   handle = record_kind("HAND"),    ///< HandleNumbers, name
   variable = record_kind("VARI"),  ///< VariableNumbers, name
+  also = record_kind("ALSO"),      ///< DrivenNumbers
   setup = record_kind("SETU"),     ///< the arrays: position of the first entry, entries
   rest = record_kind("REST"),
   region = record_kind("REGI"),
@@ -70,7 +71,7 @@ enum HeadFlags : std::uint32_t { flag_converged = 1, flag_held = 2 };
 
 struct Head {
   std::uint32_t flags = 0;
-  std::uint32_t handles = 0, variables = 0, bases = 0, planes = 0, zero = 0;
+  std::uint32_t handles = 0, variables = 0, bases = 0, planes = 0, driven = 0;
   std::uint64_t points = 0, following = 0, controls = 0, pairs = 0;
   std::uint64_t error_points = 0;  ///< at which every basis has errors
   std::uint64_t setup_bytes = 0;
@@ -96,7 +97,17 @@ struct VariableNumbers {
   std::uint32_t kind = 0;
   Vec3 vector{}, centre{};
   double lower = 0, upper = 0;
+  double unit = 1;
 };
-static_assert(sizeof(VariableNumbers) == 72);
+static_assert(sizeof(VariableNumbers) == 80);
+
+struct DrivenNumbers {
+  std::uint32_t variable = 0, zero = 0;  ///< number of a variable before it
+  std::uint32_t handle = 0;
+  std::uint32_t kind = 0;
+  Vec3 vector{}, centre{};
+  double unit = 1;
+};
+static_assert(sizeof(DrivenNumbers) == 72);
 
 }  // namespace deform::compiled

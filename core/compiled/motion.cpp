@@ -49,8 +49,10 @@ Affine motion_at(const VariableMotion& motion, double v) {
   switch (motion.kind) {
     case MotionKind::translation:
       break;
-    case MotionKind::rotation:
-      return about(rodrigues(normalized(motion.vector), std::cos(v), std::sin(v), 1 - std::cos(v)), motion.centre, 1);
+    case MotionKind::rotation: {
+      const double angle = v * motion.unit;
+      return about(rodrigues(normalized(motion.vector), std::cos(angle), std::sin(angle), 1 - std::cos(angle)), motion.centre, 1);
+    }
     case MotionKind::scaling:
       return about(scaling(motion.vector, 1, v), motion.centre, 1);
   }
@@ -61,8 +63,10 @@ Affine motion_rate(const VariableMotion& motion, double v) {
   switch (motion.kind) {
     case MotionKind::translation:
       break;
-    case MotionKind::rotation:
-      return about(rodrigues(normalized(motion.vector), -std::sin(v), std::cos(v), std::sin(v)), motion.centre, 0);
+    case MotionKind::rotation: {
+      const double angle = v * motion.unit, rate = motion.unit * std::sin(angle);
+      return about(rodrigues(normalized(motion.vector), -rate, motion.unit * std::cos(angle), rate), motion.centre, 0);
+    }
     case MotionKind::scaling:
       return about(scaling(motion.vector, 0, 1), motion.centre, 0);
   }

@@ -10,7 +10,7 @@ namespace deform::compiled {
 /// How a design variable moves its handle.
 enum class MotionKind : std::uint32_t {
   translation = 0,  ///< x' = x + v vector
-  rotation = 1,     ///< by v radians about the axis `vector` through the centre, right-handed
+  rotation = 1,     ///< by the angle v about the axis `vector` through the centre, right-handed
   scaling = 2,      ///< x' = centre + (1 + v)(x - centre); with a vector that is not zero only along it
 };
 
@@ -19,6 +19,7 @@ struct VariableMotion {
   MotionKind kind = MotionKind::translation;  ///< how
   Vec3 vector{};                              ///< direction or axis; need not be of unit length
   Vec3 centre{};                              ///< of rotations and scalings: what stays where it is
+  double unit = 1;                            ///< of rotations: radians per unit of v; else 1
 };
 
 /// The map of positions at the value v; the identity exactly at 0.

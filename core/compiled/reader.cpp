@@ -81,6 +81,9 @@ class Parser {
   void read_text();
   void read_handle();
   void read_variable();
+  void read_driven();
+  VariableMotion checked_motion(std::uint32_t handle, std::uint32_t kind, const VariableMotion& numbers,
+                                const std::string& what) const;
   void read_array(const RecordHeader& header);
   void add_array(Kind kind, std::uint32_t basis, void* to, std::size_t entry_bytes, std::size_t count);
   void check_size() const;
@@ -95,6 +98,7 @@ class Parser {
   std::uint64_t left_;  ///< bytes of the file
   Head head_;
   Content content_;
+  std::uint32_t driven_ = 0;  ///< other handles of variables that have come
   std::vector<Array> arrays_;
   std::vector<std::byte> payload_;
   std::vector<std::byte> headers_;
@@ -134,6 +138,7 @@ void Parser::check_size() const {
   };
   need(head_.handles, sizeof(RecordHeader) + sizeof(HandleNumbers), "handles");
   need(head_.variables, sizeof(RecordHeader) + sizeof(VariableNumbers), "variables");
+  need(head_.driven, sizeof(RecordHeader) + sizeof(DrivenNumbers), "other handles of variables");
   need(head_.points, sizeof(Vec3) + sizeof(std::uint32_t) + (head_.planes > 0 ? 1 : 0), "points");
   need(head_.controls, sizeof(Control), "control points");
   need(head_.pairs, sizeof(Pair), "pairs");
@@ -251,24 +256,47 @@ void Parser::read_handle() {
   content_.handles.push_back({name_after(sizeof numbers), numbers.points, numbers.reference, numbers.axes});
 }
 
+/// The motion of a handle with the kind put in.
+VariableMotion Parser::checked_motion(std::uint32_t handle, std::uint32_t kind, const VariableMotion& numbers,
+                                      const std::string& what) const {
+  if (handle >= head_.handles) {
+    damaged(what + ": handle " + std::to_string(handle) + ", there are " + std::to_string(head_.handles));
+  }
+  if (kind > static_cast<std::uint32_t>(MotionKind::scaling)) damaged(what + ": kind " + std::to_string(kind));
+  VariableMotion motion = numbers;
+  motion.kind = static_cast<MotionKind>(kind);
+  const double length = norm(motion.vector);
+  const bool directed = std::isnormal(length) || (motion.kind == MotionKind::scaling && length == 0);
+  if (!is_finite(motion.vector) || !is_finite(motion.centre) || !directed) damaged(what + ": its motion");
+  const bool in_units = motion.kind == MotionKind::rotation ? motion.unit > 0 && std::isfinite(motion.unit) : motion.unit == 1;
+  if (!in_units) damaged(what + ": its unit");
+  return motion;
+}
+
 void Parser::read_variable() {
   const std::string what = "VARI " + std::to_string(content_.variables.size());
   if (content_.variables.size() == head_.variables) damaged(what + ": the head has fewer variables");
   if (payload_.size() < sizeof(VariableNumbers)) damaged(what + ": is cut off");
   const auto numbers = number_at<VariableNumbers>(payload_.data());
-  if (numbers.handle >= head_.handles) {
-    damaged(what + ": handle " + std::to_string(numbers.handle) + ", there are " + std::to_string(head_.handles));
-  }
-  if (numbers.kind > static_cast<std::uint32_t>(MotionKind::scaling)) damaged(what + ": kind " + std::to_string(numbers.kind));
-  const auto kind = static_cast<MotionKind>(numbers.kind);
-  const double length = norm(numbers.vector);
-  if (!is_finite(numbers.vector) || !is_finite(numbers.centre) || !(std::isnormal(length) || kind == MotionKind::scaling)) {
-    damaged(what + ": its motion");
-  }
-  if (kind == MotionKind::scaling && length != 0 && !std::isnormal(length)) damaged(what + ": its motion");
+  const VariableMotion motion =
+      checked_motion(numbers.handle, numbers.kind, {{}, numbers.vector, numbers.centre, numbers.unit}, what);
   if (!(numbers.lower <= 0 && numbers.upper >= 0)) damaged(what + ": its bounds");
-  content_.variables.push_back(
-      {name_after(sizeof numbers), numbers.handle, {kind, numbers.vector, numbers.centre}, numbers.lower, numbers.upper});
+  content_.variables.push_back({name_after(sizeof numbers), numbers.handle, motion, numbers.lower, numbers.upper});
+}
+
+void Parser::read_driven() {
+  const std::string what = "ALSO " + std::to_string(driven_);
+  if (driven_ == head_.driven) damaged(what + ": the head has fewer of them");
+  if (payload_.size() != sizeof(DrivenNumbers)) damaged(what + ": has " + std::to_string(payload_.size()) + " bytes");
+  const auto numbers = number_at<DrivenNumbers>(payload_.data());
+  if (numbers.variable >= content_.variables.size()) {
+    damaged(what + ": variable " + std::to_string(numbers.variable) + ", " + std::to_string(content_.variables.size()) +
+            " have come");
+  }
+  const VariableMotion motion =
+      checked_motion(numbers.handle, numbers.kind, {{}, numbers.vector, numbers.centre, numbers.unit}, what);
+  content_.variables[numbers.variable].also.push_back({numbers.handle, motion});
+  ++driven_;
 }
 
 void Parser::read_array(const RecordHeader& header) {
@@ -325,6 +353,9 @@ bool Parser::read_record() {
     case Kind::variable:
       read_variable();
       break;
+    case Kind::also:
+      read_driven();
+      break;
     default:
       read_array(header);
   }
@@ -343,6 +374,18 @@ void Parser::check_handles() const {
 void Parser::check_variables() const {
   if (content_.variables.size() != head_.variables) {
     damaged(std::to_string(content_.variables.size()) + " of " + std::to_string(head_.variables) + " variables are there");
+  }
+  if (driven_ != head_.driven) {
+    damaged(std::to_string(driven_) + " of " + std::to_string(head_.driven) + " other handles of variables are there");
+  }
+  for (std::size_t k = 0; k < content_.variables.size(); ++k) {
+    const Variable& variable = content_.variables[k];
+    std::vector<std::uint32_t> moved{variable.handle};
+    for (const Driven& driven : variable.also) moved.push_back(driven.handle);
+    std::sort(moved.begin(), moved.end());
+    if (std::adjacent_find(moved.begin(), moved.end()) != moved.end()) {
+      damaged("ALSO: variable " + std::to_string(k) + " moves a handle twice");
+    }
   }
 }
 

@@ -47,6 +47,7 @@ Head head_of(const Content& content) {
   head.variables = static_cast<std::uint32_t>(content.variables.size());
   head.bases = static_cast<std::uint32_t>(content.bases.size());
   head.planes = content.planes;
+  for (const Variable& variable : content.variables) head.driven += static_cast<std::uint32_t>(variable.also.size());
   head.points = content.points();
   head.following = following_points(content);
   head.controls = content.controls.size();
@@ -113,6 +114,12 @@ Records::Records(const Content& content, Values values) : content_(content), val
   for (std::size_t k = 0; k < content.variables.size(); ++k) {
     check_text(content.variables[k].name, "variables[" + std::to_string(k) + "].name");
     plan(number(Kind::variable), k, sizeof(VariableNumbers) + content.variables[k].name.size());
+  }
+  for (std::uint32_t k = 0; k < content.variables.size(); ++k) {
+    for (const Driven& driven : content.variables[k].also) {
+      plan(number(Kind::also), driven_.size(), sizeof(DrivenNumbers));
+      driven_.emplace_back(k, &driven);
+    }
   }
   const std::size_t n = content.points(), fields = content.fields();
   plan_array(number(Kind::setup), 0, content.setup.size(), 1);
@@ -210,7 +217,16 @@ void Records::fill(const Item& item, std::byte* payload) {
     case Kind::variable: {
       const Variable& v = content_.variables[item.first];
       const auto kind = static_cast<std::uint32_t>(v.motion.kind);
-      return put(VariableNumbers{v.handle, kind, v.motion.vector, v.motion.centre, v.lower, v.upper}, v.name, payload);
+      return put(VariableNumbers{v.handle, kind, v.motion.vector, v.motion.centre, v.lower, v.upper, v.motion.unit}, v.name,
+                 payload);
+    }
+    case Kind::also: {
+      const auto& [variable, driven] = driven_[item.first];
+      const VariableMotion& motion = driven->motion;
+      const DrivenNumbers numbers{
+          variable, 0, driven->handle, static_cast<std::uint32_t>(motion.kind), motion.vector, motion.centre, motion.unit};
+      std::memcpy(payload, &numbers, sizeof numbers);
+      return;
     }
     case Kind::end: {
       const std::uint64_t sum = checksum(headers_);

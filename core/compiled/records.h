@@ -6,6 +6,7 @@
 #include <functional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/compiled/content.h"
@@ -46,6 +47,7 @@ class Records {
   const Content& content_;
   const Values values_;
   std::vector<std::pair<std::string, std::string>> texts_;
+  std::vector<std::pair<std::uint32_t, const Driven*>> driven_;  ///< of all variables, with the number of each
   std::vector<Item> items_;
   std::uint64_t bytes_ = 0;
   std::size_t next_ = 0;

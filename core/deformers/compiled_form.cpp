@@ -59,11 +59,15 @@ void CompiledForm::set_variables() {
     const HandleFrame& frame = system_->frames_[h];
     content_.handles.push_back({setup.handles[h].name, system_->regions_.handles[h].size(), frame.reference, frame.axes});
   }
+  const auto index = [&](const std::string& name) {
+    const auto handle =
+        std::find_if(setup.handles.begin(), setup.handles.end(), [&](const Handle& candidate) { return candidate.name == name; });
+    return static_cast<std::uint32_t>(handle - setup.handles.begin());
+  };
   for (const DesignVariable& variable : setup.variables) {
-    const auto handle = std::find_if(setup.handles.begin(), setup.handles.end(),
-                                     [&](const Handle& candidate) { return candidate.name == variable.handle; });
-    content_.variables.push_back({variable.name, static_cast<std::uint32_t>(handle - setup.handles.begin()),
-                                  compiled_motion(variable.kind), variable.lower, variable.upper});
+    compiled::Variable& to = content_.variables.emplace_back();
+    to = {variable.name, index(variable.handle), compiled_motion(variable.kind), variable.lower, variable.upper};
+    for (const DrivenHandle& driven : variable.also) to.also.push_back({index(driven.handle), compiled_motion(driven.kind)});
   }
 }
 

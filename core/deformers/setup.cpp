@@ -41,18 +41,15 @@ void check_name(const std::string& name, const std::string& field, std::set<std:
   if (!names.insert(name).second) refuse_argument(field + ": " + quoted(name) + " is used twice");
 }
 
-void validate_variable(const Setup& setup, std::size_t k, std::set<std::string>& names) {
-  const DesignVariable& variable = setup.variables[k];
-  const std::string field = "variables[" + std::to_string(k) + "]";
-  check_name(variable.name, field + ".name", names);
-  const std::string what = "variable " + quoted(variable.name);
-  if (handle_index(setup, variable.handle) == setup.handles.size()) {
-    std::vector<std::string> candidates;
-    for (const auto& handle : setup.handles) candidates.push_back(handle.name);
-    const std::string near = nearest_names(variable.handle, candidates);
-    refuse_argument(what + ": handle " + quoted(variable.handle) + " does not exist" +
-                    (near.empty() ? "" : "; did you mean " + near + "?"));
-  }
+void check_handle(const Setup& setup, const std::string& name, const std::string& what) {
+  if (handle_index(setup, name) < setup.handles.size()) return;
+  std::vector<std::string> candidates;
+  for (const auto& handle : setup.handles) candidates.push_back(handle.name);
+  const std::string near = nearest_names(name, candidates);
+  refuse_argument(what + ": handle " + quoted(name) + " does not exist" + (near.empty() ? "" : "; did you mean " + near + "?"));
+}
+
+void check_motion(const VariableMotion& motion, const std::string& what) {
   const auto check = [&](const Vec3& v, const char* part) {
     if (!is_finite(v)) refuse_argument(what + ": " + part + " must be finite");
   };
@@ -60,15 +57,33 @@ void validate_variable(const Setup& setup, std::size_t k, std::set<std::string>&
     check(v, part);
     if (is_zero(v) || !std::isnormal(norm(v))) refuse_argument(what + ": " + part + " must not be zero");
   };
-  if (const auto* t = std::get_if<DesignVariable::Translate>(&variable.kind)) {
+  if (const auto* t = std::get_if<DesignVariable::Translate>(&motion)) {
     check_nonzero(t->direction, "translate");
-  } else if (const auto* r = std::get_if<DesignVariable::Rotate>(&variable.kind)) {
+  } else if (const auto* r = std::get_if<DesignVariable::Rotate>(&motion)) {
     check_nonzero(r->axis, "rotate.axis");
     check(r->centre, "rotate.centre");
   } else {
-    const auto& s = std::get<DesignVariable::Scale>(variable.kind);
+    const auto& s = std::get<DesignVariable::Scale>(motion);
     check(s.centre, "scale.centre");
     check(s.axis, "scale.axis");
+  }
+}
+
+void validate_variable(const Setup& setup, std::size_t k, std::set<std::string>& names) {
+  const DesignVariable& variable = setup.variables[k];
+  const std::string field = "variables[" + std::to_string(k) + "]";
+  check_name(variable.name, field + ".name", names);
+  const std::string what = "variable " + quoted(variable.name);
+  std::set<std::string> moved{variable.handle};
+  check_handle(setup, variable.handle, what);
+  check_motion(variable.kind, what);
+  for (std::size_t i = 0; i < variable.also.size(); ++i) {
+    const std::string entry = what + ": also[" + std::to_string(i) + "]";
+    check_handle(setup, variable.also[i].handle, entry);
+    if (!moved.insert(variable.also[i].handle).second) {
+      refuse_argument(entry + ": handle " + quoted(variable.also[i].handle) + " is moved by this variable already");
+    }
+    check_motion(variable.also[i].kind, entry);
   }
   if (std::isnan(variable.lower) || std::isnan(variable.upper)) refuse_argument(what + ": lower and upper must be numbers");
   if (!(variable.lower <= 0 && variable.upper >= 0)) {
@@ -180,6 +195,29 @@ void claim(const std::vector<PointId>& ids, std::uint32_t owner, const std::stri
       overlap.text("handle " + quoted(setup.handles[overlap.other].name), selects_controls(setup) ? "control point" : "point"));
 }
 
+/// How a variable moves a handle; null when it does not.
+const VariableMotion* motion_on(const DesignVariable& variable, const std::string& handle) {
+  if (variable.handle == handle) return &variable.kind;
+  for (const DrivenHandle& driven : variable.also) {
+    if (driven.handle == handle) return &driven.kind;
+  }
+  return nullptr;
+}
+
+/// The derivative of the motion of a handle with respect to variable k, which moves it.
+Affine derivative_on(const Setup& setup, const std::vector<double>& values, std::size_t k, const std::string& handle) {
+  Affine before = identity_affine;
+  Affine result{};
+  for (std::size_t j = 0; j < values.size(); ++j) {
+    const VariableMotion* motion = motion_on(setup.variables[j], handle);
+    if (motion == nullptr) continue;
+    if (j < k) before = compose(motion_at(*motion, values[j]), before);
+    if (j == k) result = compiled::chained(motion_rate(*motion, values[j]), before, 1);
+    if (j > k) result = compiled::chained(motion_at(*motion, values[j]), result, 0);
+  }
+  return result;
+}
+
 /// The values, those beside a bound moved onto it.
 std::vector<double> checked_values(const Setup& setup, std::span<const double> variables) {
   if (variables.size() != setup.variables.size()) {
@@ -264,8 +302,12 @@ std::vector<Affine> handle_motions(const Setup& setup, std::span<const double> v
   const std::vector<double> values = checked_values(setup, variables);
   std::vector<Affine> motions(setup.handles.size(), identity_affine);
   for (std::size_t k = 0; k < values.size(); ++k) {
-    Affine& motion = motions[handle_index(setup, setup.variables[k].handle)];
-    motion = compose(motion_at(setup.variables[k].kind, values[k]), motion);
+    const auto move = [&](const std::string& handle, const VariableMotion& kind) {
+      Affine& motion = motions[handle_index(setup, handle)];
+      motion = compose(motion_at(kind, values[k]), motion);
+    };
+    move(setup.variables[k].handle, setup.variables[k].kind);
+    for (const DrivenHandle& driven : setup.variables[k].also) move(driven.handle, driven.kind);
   }
   return motions;
 }
@@ -277,17 +319,11 @@ std::vector<Affine> handle_motion_derivative(const Setup& setup, std::span<const
                     std::to_string(setup.variables.size()));
   }
   std::vector<Affine> derivatives(setup.handles.size(), Affine{});
-  const std::string& handle = setup.variables[k].handle;
-  Affine before = identity_affine;
-  Affine result{};
-  for (std::size_t j = 0; j < values.size(); ++j) {
-    const DesignVariable& variable = setup.variables[j];
-    if (variable.handle != handle) continue;
-    if (j < k) before = compose(motion_at(variable.kind, values[j]), before);
-    if (j == k) result = compiled::chained(motion_rate(variable.kind, values[j]), before, 1);
-    if (j > k) result = compiled::chained(motion_at(variable.kind, values[j]), result, 0);
-  }
-  derivatives[handle_index(setup, handle)] = result;
+  const auto derive = [&](const std::string& handle) {
+    derivatives[handle_index(setup, handle)] = derivative_on(setup, values, k, handle);
+  };
+  derive(setup.variables[k].handle);
+  for (const DrivenHandle& driven : setup.variables[k].also) derive(driven.handle);
   return derivatives;
 }
 

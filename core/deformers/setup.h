@@ -192,7 +192,13 @@ struct Handle {
   Region region;     ///< its points, or control points
 };
 
-/// A named scalar that moves a handle; 0 is the rest position.
+/// Another handle that a design variable moves.
+struct DrivenHandle {
+  std::string handle;   ///< name of the handle moved
+  VariableMotion kind;  ///< kind of motion
+};
+
+/// A named scalar that moves handles; 0 is the rest position.
 struct DesignVariable {
   using Translate = Translation;                            ///< along a direction
   using Rotate = Rotation;                                  ///< about an axis
@@ -202,6 +208,7 @@ struct DesignVariable {
   VariableMotion kind;                                      ///< kind of motion
   double lower = -std::numeric_limits<double>::infinity();  ///< lower bound, at most 0
   double upper = std::numeric_limits<double>::infinity();   ///< upper bound, at least 0
+  std::vector<DrivenHandle> also{};                         ///< other handles that it moves at the same time, each once
 };
 
 /// A geometric property that a deformation is to have (thesis 8.5). For the energy methods only.
@@ -229,8 +236,8 @@ struct ConstraintOptions {
   int iterations = 3000;
 };
 
-/// The input of a system besides the mesh. Several variables of one handle are composed in their order here (the first one is
-/// applied first).
+/// The input of a system besides the mesh. Several variables that move one handle are composed in their order here (the first one
+/// is applied first).
 struct Setup {
   std::variant<RbfOptions, ShellOptions, SubspaceOptions, MlsOptions, FfdOptions, CageOptions>
       method;                             ///< the method and its options (methods.h)
@@ -257,9 +264,9 @@ struct SelectedRegions {
 
 /// Makes all checks that need no numerical work and selects the regions. Throws Error(invalid_argument) naming the field: no
 /// handle, repeated or empty names, empty region, a point in two handles or in a handle and a fixed region (with the count and
-/// the first id), unknown handle of a variable (with the nearest names), lower > upper or 0 outside of them, zero axis or
-/// direction, non-finite numbers, options out of range, constraints without a name, with a wrong number of regions, or with a
-/// weight or layers out of range, layers in a mesh without cells, and the errors of Symmetry.
+/// the first id), unknown handle of a variable (with the nearest names) or one that it moves twice, lower > upper or 0 outside of
+/// them, zero axis or direction, non-finite numbers, options out of range, constraints without a name, with a wrong number of
+/// regions, or with a weight or layers out of range, layers in a mesh without cells, and the errors of Symmetry.
 SelectedRegions validate(const Setup& setup, const Mesh& mesh);
 
 /// The same, adding errors to `problems`. In collecting mode, checking continues with the next entry, and regions that cannot be

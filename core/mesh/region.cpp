@@ -16,6 +16,7 @@
 #include "core/mesh/adjacency.h"
 #include "core/mesh/cells.h"
 #include "core/mesh/elements.h"
+#include "core/mesh/smooth_patch.h"
 
 namespace deform {
 
@@ -215,7 +216,7 @@ class MeshSelector : public Combiner {
   Mask select(const Region::OpenBoundary&, int) { return adjacency().boundary_points(); }
 
   Mask select(const Region::Boundary&, int) const {
-    if (mesh_.elements) return corners(side_points(*mesh_.elements));
+    if (mesh_.elements) return corners(sides(*mesh_.elements, "boundary").points);
     if (mesh_.cells) {
       const PolyhedralCells& cells = *mesh_.cells;
       return corners(std::span(cells.face_points).subspan(cells.face_offsets[cells.internal_faces()]));
@@ -223,12 +224,64 @@ class MeshSelector : public Combiner {
     return corners(mesh_.face_points);
   }
 
-  std::vector<PointId> side_points(const Elements& elements) const {
+  BoundaryFaces sides(const Elements& elements, const char* kind) const {
     try {
-      return boundary_faces(elements).points;
+      return boundary_faces(elements);
     } catch (const Error& error) {
-      refuse(std::string("boundary: ") + error.what());
+      refuse(std::string(kind) + ": " + error.what());
     }
+  }
+
+  Mask select(const Region::Patch& patch, int) const {
+    if (!(patch.angle > 0 && patch.angle <= 180)) {
+      refuse("patch.angle: it must be over 0 and up to 180 degrees, not " + number_digits(patch.angle));
+    }
+    if (mesh_.elements) {
+      const BoundaryFaces faces = sides(*mesh_.elements, "patch");
+      return points_of(patch, {mesh_.points, faces.sizes, faces.points});
+    }
+    if (!mesh_.cells) return points_of(patch, {mesh_.points, mesh_.face_sizes, mesh_.face_points});
+    const PolyhedralCells& cells = *mesh_.cells;
+    std::vector<std::uint32_t> sizes;
+    for (std::size_t f = cells.internal_faces(); f < cells.face_count(); ++f) {
+      sizes.push_back(static_cast<std::uint32_t>(cells.face(f).size()));
+    }
+    return points_of(patch,
+                     {mesh_.points, sizes, std::span(cells.face_points).subspan(cells.face_offsets[cells.internal_faces()])});
+  }
+
+  Mask points_of(const Region::Patch& patch, const SurfaceFaces& surface) const {
+    const std::vector<char> marked = smooth_patch(surface, seeds(patch, surface), patch.angle);
+    Mask mask(mesh_.point_count(), 0);
+    std::size_t first = 0;
+    for (std::size_t f = 0; f < marked.size(); ++f) {
+      const auto corners = surface.corners.subspan(first, surface.sizes[f]);
+      first += corners.size();
+      if (!marked[f]) continue;
+      for (const PointId point : corners) mask[point] = 1;
+    }
+    return mask;
+  }
+
+  std::vector<std::size_t> seeds(const Region::Patch& patch, const SurfaceFaces& surface) const {
+    if (const auto* place = std::get_if<Vec3>(&patch.seed)) {
+      check_finite(*place, what_ + ": patch.seed");
+      const std::size_t face = nearest_face(surface, *place);
+      if (face == surface.sizes.size()) refuse("patch: the geometry has no faces of three corners or more");
+      return {face};
+    }
+    const PointId point = std::get<PointId>(patch.seed);
+    check_ids(std::span(&point, 1), mesh_.point_count(), what_ + ": patch.point", "point");
+    std::vector<std::size_t> faces;
+    std::size_t first = 0;
+    for (std::size_t f = 0; f < surface.sizes.size(); ++f) {
+      const auto corners = surface.corners.subspan(first, surface.sizes[f]);
+      first += corners.size();
+      if (corners.size() >= 3 && std::find(corners.begin(), corners.end(), point) != corners.end()) faces.push_back(f);
+    }
+    if (faces.empty())
+      refuse("patch.point: point " + std::to_string(point) + " is not on the surface, it is no corner of a face");
+    return faces;
   }
 
   Mask corners(std::span<const PointId> points) const {

@@ -56,6 +56,12 @@ struct Region {
   struct ControlIds {  ///< control points by number
     std::vector<std::uint32_t> ids;
   };
+  /// The smooth part of the surface around a place, see smooth_patch(): all corners of its faces. The surface is that of
+  /// Boundary.
+  struct Patch {
+    std::variant<Vec3, PointId> seed;  ///< from the face nearest to a place, or from all faces around a point
+    double angle = 30;                 ///< degrees between normals that an edge may have, over 0 and up to 180
+  };
   struct Union {
     std::vector<Region> of;
   };
@@ -74,14 +80,14 @@ struct Region {
   };
 
   std::variant<All, GroupName, InBox, InSphere, InCylinder, InHalfSpace, Ids, OpenBoundary, Boundary, LatticeRange, ControlIds,
-               Union, Intersection, Difference, Complement, Grow>
+               Patch, Union, Intersection, Difference, Complement, Grow>
       kind;
 };
 
 /// The selected point ids, sorted and unique. May be empty; callers that need points check this. `what` names the region in
 /// errors ("handle \"roof\""). Throws Error(invalid_argument): unknown group (with the nearest names), id out of range, min >
-/// max, negative or non-finite lengths, zero normal, zero-length axis, wrong number of children, nesting deeper than 64,
-/// control points.
+/// max, negative or non-finite lengths, angles out of range, a point that is not on the surface, zero normal, zero-length axis,
+/// wrong number of children, nesting deeper than 64, control points.
 std::vector<PointId> select(const Region& region, const Mesh& mesh, const std::string& what);
 
 /// The control points that handles select from.

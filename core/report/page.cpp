@@ -10,6 +10,7 @@
 
 #include "core/base/base64.h"
 #include "core/base/text.h"
+#include "core/report/page_head.h"
 
 namespace deform {
 
@@ -317,14 +318,7 @@ void append_picture(std::string& out, const QualityPage& page) {
 }  // namespace
 
 std::string html_page(const QualityPage& page) {
-  std::string out =
-      "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
-      "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; "
-      "script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'\">\n"
-      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>Mesh quality of " +
-      markup_text(page.file) + "</title>\n<style>\n";
-  out += quality::page_style();
-  out += "</style>\n</head>\n<body>\n";
+  std::string out = quality::page_head("Mesh quality of " + page.file, "script-src 'unsafe-inline'");
   append_header(out, page);
   append_failed_checks(out, page);
   append_measures(out, page);

@@ -29,10 +29,18 @@ void check_name(const std::string& name, const std::string& path) {
   if (name.size() > longest_name) refuse_field(path, "longer than " + std::to_string(longest_name) + " bytes");
 }
 
-DesignVariable variable(const v1::DesignVariable& message, const std::string& path) {
+DesignVariable variable(const v1::DesignVariable& message, const std::string& path, std::size_t max_handles) {
   check_name(message.name(), path + ".name");
   if (message.handle().empty()) refuse_field(path + ".handle", "must not be empty");
+  if (static_cast<std::size_t>(message.also_size()) >= max_handles) {
+    refuse_field(path + ".also", std::to_string(message.also_size()) + " entries are more than the limit of " +
+                                     std::to_string(max_handles - 1) + ", each moves another handle");
+  }
   DesignVariable result{message.name(), message.handle(), motion_from_proto(message, path)};
+  for (int i = 0; i < message.also_size(); ++i) {
+    if (message.also(i).handle().empty()) refuse_field(path + indexed(".also", i) + ".handle", "must not be empty");
+    result.also.push_back({message.also(i).handle(), also_from_proto(message, i, path)});
+  }
   if (message.has_lower()) result.lower = finite(message.lower(), path + ".lower");
   if (message.has_upper()) result.upper = finite(message.upper(), path + ".upper");
   return result;
@@ -49,6 +57,16 @@ SymmetryPlane symmetry_plane(const v1::SymmetryPlane& message, const std::string
 
 void fill_point(google::protobuf::RepeatedField<double>& numbers) {
   if (numbers.empty()) numbers.Resize(3, 0.0);
+}
+
+/// Of a design variable, or of another handle that it moves.
+template <typename Message>
+void canonicalize_motion(Message& message) {
+  if (message.has_rotate()) {
+    fill_point(*message.mutable_rotate()->mutable_centre());
+    if (message.rotate().unit() == v1::RADIANS) message.mutable_rotate()->clear_unit();
+  }
+  if (message.has_scale()) fill_point(*message.mutable_scale()->mutable_centre());
 }
 
 }  // namespace
@@ -94,7 +112,7 @@ Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles, Proble
   for (int i = 0; i < message.variables_size(); ++i) {
     const std::string path = indexed("variables", i);
     DesignVariable& to = setup.variables.emplace_back(DesignVariable{"", "", DesignVariable::Translate{}});
-    problems.check(path, [&] { to = variable(message.variables(i), path); });
+    problems.check(path, [&] { to = variable(message.variables(i), path, max_handles); });
   }
   for (int i = 0; i < message.symmetry_size(); ++i) {
     const std::string path = indexed("symmetry", i);
@@ -137,8 +155,8 @@ v1::Setup canonical_setup(const v1::Setup& message, const std::string& geometry_
     canonicalize_constraint_options(*canonical.mutable_constraint_options());
   }
   for (auto& variable : *canonical.mutable_variables()) {
-    if (variable.has_rotate()) fill_point(*variable.mutable_rotate()->mutable_centre());
-    if (variable.has_scale()) fill_point(*variable.mutable_scale()->mutable_centre());
+    canonicalize_motion(variable);
+    for (auto& driven : *variable.mutable_also()) canonicalize_motion(driven);
   }
   return canonical;
 }

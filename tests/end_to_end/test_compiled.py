@@ -46,13 +46,13 @@ class SecondReader:
             found = records(file.read())
         assert found[0][0] == "HEAD" and found[-1][0] == "ENDS"
         head = found[0][2]
-        flags, handles, variables, bases, planes, _ = struct.unpack_from("<6I", head, 0)
+        flags, handles, variables, bases, planes, driven = struct.unpack_from("<6I", head, 0)
         assert (bases, planes) == (1, 0) and flags & 2
         self.points, self.following = struct.unpack_from("<2Q", head, 24)
         (self.scale, *self.origin) = struct.unpack_from("<4d", head, 24 + 48 + 32 + 40)
         self.geometry_id = head[-128:-96].hex()
         arrays = {}
-        self.handles, self.variables, self.texts = [], [], {}
+        self.handles, self.variables, self.also, self.texts = [], [], [], {}
         for kind, _, payload in found[1:-1]:
             if kind == "TEXT":
                 key = 4 + struct.unpack_from("<I", payload)[0]
@@ -60,12 +60,15 @@ class SecondReader:
             elif kind == "HAND":
                 self.handles.append(struct.unpack_from("<12d", payload, 8))
             elif kind == "VARI":
-                self.variables.append((*struct.unpack_from("<2I8d", payload, 0), payload[72:].decode()))
+                self.variables.append((*struct.unpack_from("<2I9d", payload, 0), payload[80:].decode()))
+            elif kind == "ALSO":
+                variable, _, *numbers = struct.unpack("<4I7d", payload)
+                self.also.append((variable, *numbers))
             else:
                 assert struct.unpack_from("<Q", payload)[0] * {"REST": 24, "FLDS": 8, "REGI": 4}.get(kind, 0) in (
                     0, len(arrays.get(kind, b"")))
                 arrays[kind] = arrays.get(kind, b"") + payload[8:]
-        assert (len(self.handles), len(self.variables)) == (handles, variables)
+        assert (len(self.handles), len(self.variables), len(self.also)) == (handles, variables, driven)
         self.rest = list(struct.iter_unpack("<3d", arrays["REST"]))
         self.regions = struct.unpack(f"<{self.points}I", arrays["REGI"])
         self.fields = struct.unpack(f"<{len(arrays['FLDS']) // 8}d", arrays["FLDS"])
@@ -87,8 +90,10 @@ class SecondReader:
 
     def evaluate(self, values):
         maps = [([[float(i == j) for j in range(3)] for i in range(3)], [0.0] * 3) for _ in self.handles]
-        for (handle, kind, *numbers), v in zip(self.variables, values):
-            A, b = self.map_of(kind, numbers[0:3], numbers[3:6], v)
+        motions = [(k, handle, kind, numbers[0:6], numbers[8]) for k, (handle, kind, *numbers) in enumerate(self.variables)]
+        motions += [(k, handle, kind, numbers[0:6], numbers[6]) for k, handle, kind, *numbers in self.also]
+        for k, handle, kind, numbers, unit in sorted(motions):
+            A, b = self.map_of(kind, numbers[0:3], numbers[3:6], values[k] * unit)
             M, t = maps[handle]
             maps[handle] = ([[sum(A[i][k] * M[k][j] for k in range(3)) for j in range(3)] for i in range(3)],
                             [b[i] + sum(A[i][k] * t[k] for k in range(3)) for i in range(3)])
@@ -157,6 +162,22 @@ class Compiled(EndToEnd):
         self.assertEqual([v[-1] for v in second.variables], ["roof_up", "slant_turn"])
         worst = max(max(abs(a - b) for a, b in zip(p, q)) for p, q in zip(second.evaluate([0.03, 0.1]), points))
         self.assertLessEqual(worst, 1e-14 * 1.2)
+
+    def test_variables_in_degrees_and_of_several_handles(self):
+        self.write("setup.yaml", AHMED_SETUP.replace("lower: -0.05,", "lower: -0.05, also: [{handle: slant}],").replace(
+            "centre: [0.843, 0, 0.338]}, lower: -0.2, upper: 0.2",
+            "centre: [0.843, 0, 0.338], unit: DEGREES}, lower: -12, upper: 12,"
+            " also: [{handle: roof, scale: {centre: [0.5, 0, 0.3]}}]"))
+        self.compile()
+        self.deform("apply", "setup.yaml", "--set", "roof_up=0.03", "--set", "slant_turn=7", "-o", "served.obj")
+        self.deform("apply", "car.deformation", "--set", "roof_up=0.03", "--set", "slant_turn=7", "-o", "out.obj")
+        points, right = read_obj(self.path("out.obj"))[0], read_obj(self.path("served.obj"))[0]
+        self.assertNotEqual(points, read_obj(self.path("ahmed.obj"))[0])
+        self.assertLessEqual(max(max(abs(a - b) for a, b in zip(p, q)) for p, q in zip(points, right)), 1e-14 * 1.2)
+        second = SecondReader(self.path("car.deformation"))
+        self.assertEqual([(k, handle) for k, handle, *_ in second.also], [(0, 0), (1, 1)])
+        worst = max(max(abs(a - b) for a, b in zip(p, q)) for p, q in zip(second.evaluate([0.03, 7]), points))
+        self.assertLessEqual(worst, 1e-13 * 1.2)  # the roof grows to eight times its size
 
     def test_other_methods(self):
         self.write("lattice.yaml", LATTICE_SETUP)

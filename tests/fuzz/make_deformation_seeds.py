@@ -26,11 +26,11 @@ def array(kind, entries, basis=0):
 
 
 def deformation(planes=0, held=True, coded=False):
-    points, fields = 20, 4
+    points, fields = 20, 8
     regions = [0] * 3 + [FIXED] * 2 + [FOLLOWS] * 15
     following = 15 if held else points
     components = [1, 6] if planes else [7]
-    head = struct.pack("<6I", 1 | (2 if held else 0), 1, 2, len(components), planes, 0)
+    head = struct.pack("<6I", 1 | (2 if held else 0), 2, 2, len(components), planes, 1)
     head += struct.pack("<6Q", points, following, 0 if held else 1, 1, 1, 4)
     head += struct.pack("<8I", *(components + [0] * 8)[:8])
     head += doubles(2, 1, 2, 0, 0, 1, 0, 0, 0, *UNIT, 1e-9, 0, 0) + bytes(64)
@@ -40,16 +40,18 @@ def deformation(planes=0, held=True, coded=False):
     head += struct.pack("<8Q", *[len(codes) if coded else 0] * len(components), *[0] * (8 - len(components)))
     file = record(b"HEAD", head) + record(b"TEXT", struct.pack("<I", 6) + b"methodrbf")
     file += record(b"HAND", struct.pack("<Q", 3) + doubles(0, 0, 0, *UNIT) + b"handle")
-    file += record(b"VARI", struct.pack("<2I", 0, 0) + doubles(0, 1, 1, 0, 0, 0, -1, 1) + b"up")
-    file += record(b"VARI", struct.pack("<2I", 0, 1) + doubles(1, 0, 0, 0, 0, 0, -1, 1) + b"turn")
+    file += record(b"HAND", struct.pack("<Q", 0) + doubles(0, 0, 0, *UNIT) + b"other")
+    file += record(b"VARI", struct.pack("<2I", 0, 0) + doubles(0, 1, 1, 0, 0, 0, -1, 1, 1) + b"up")
+    file += record(b"VARI", struct.pack("<2I", 0, 1) + doubles(1, 0, 0, 0, 0, 0, -1, 1, 0.0175) + b"turn")
+    file += record(b"ALSO", struct.pack("<4I", 1, 0, 1, 2) + doubles(0, 0, 0, 1, 0, 0, 1))
     file += array(b"SETU", b"none")
-    file += array(b"REST", doubles(*(0.05 * i for i in range(3 * points))))
+    file += array(b"REST", doubles(*(0.05 * (i if i < 12 else i - 3) for i in range(3 * points))))
     file += array(b"REGI", struct.pack(f"<{points}I", *regions))
     if planes:
         file += array(b"PLAN", bytes([0] * 18 + [1] * 2))
     if not held:
         file += array(b"CTRL", struct.pack("<2I", 0, 0) + doubles(0, 1, 0))
-    file += array(b"PAIR", struct.pack("<2I", 0, 3))
+    file += array(b"PAIR", struct.pack("<2I", 3, 4))
     for basis in range(len(components)):
         for kind in (b"RESI", b"MORE", b"COMP", b"ERRO"):
             file += array(kind, doubles(*[1e-9] * fields), basis)

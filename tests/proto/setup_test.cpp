@@ -124,8 +124,17 @@ TEST(ConvertSetup, every_kind_of_region) {
   v1::Region& grow = add();
   grow.mutable_grow()->mutable_region()->set_group("g");
   grow.mutable_grow()->set_rings(2);
+  v1::Region& around = add();
+  for (const double x : {0., 1., 2.}) around.mutable_patch()->add_seed(x);
+  v1::Region& at = add();
+  at.mutable_patch()->set_point(0);
+  at.mutable_patch()->set_angle(45);
   const deform::Setup setup = setup_from_proto(message, 100);
-  ASSERT_EQ(setup.fixed.size(), 14u);
+  ASSERT_EQ(setup.fixed.size(), 16u);
+  EXPECT_EQ(std::get<Vec3>(std::get<Region::Patch>(setup.fixed[14].kind).seed), (Vec3{0, 1, 2}));
+  EXPECT_EQ(std::get<Region::Patch>(setup.fixed[14].kind).angle, 30);
+  EXPECT_EQ(std::get<PointId>(std::get<Region::Patch>(setup.fixed[15].kind).seed), 0u);
+  EXPECT_EQ(std::get<Region::Patch>(setup.fixed[15].kind).angle, 45);
   EXPECT_EQ(std::get<Region::InBox>(setup.fixed[1].kind).max, (Vec3{3, 4, 5}));
   EXPECT_EQ(std::get<Region::InSphere>(setup.fixed[2].kind).radius, 2);
   EXPECT_EQ(std::get<Region::InCylinder>(setup.fixed[3].kind).end, (Vec3{0, 1, 3}));
@@ -226,6 +235,40 @@ TEST(ConvertSetup, refusals_name_the_field) {
          r.mutable_grow()->mutable_region()->set_all(true);
          r.mutable_grow()->set_rings(1001);
        }},
+      {"handles[1].region.patch: expected exactly one of seed, point, got neither", [](auto& s) { region(s).mutable_patch(); }},
+      {"handles[1].region.patch: expected exactly one of seed, point, got both",
+       [](auto& s) {
+         auto& r = region(s);
+         r.mutable_patch()->add_seed(1);
+         r.mutable_patch()->set_point(1);
+       }},
+      {"handles[1].region.patch.seed: expected 3 numbers, got 1", [](auto& s) { region(s).mutable_patch()->add_seed(1); }},
+      {"handles[1].region.patch.angle: must be a finite number",
+       [](auto& s) {
+         auto& r = region(s);
+         r.mutable_patch()->set_point(1);
+         r.mutable_patch()->set_angle(nan);
+       }},
+      {"variables[1].rotate.unit: ",
+       [](auto& s) { s.mutable_variables(1)->mutable_rotate()->set_unit(static_cast<v1::AngleUnit>(9)); }},
+      {"variables[0].also[0].handle: must not be empty", [](auto& s) { s.mutable_variables(0)->add_also(); }},
+      {"variables[0].also[1]: expected exactly one of translate, rotate, scale, got 2",
+       [](auto& s) {
+         s.mutable_variables(0)->add_also()->set_handle("x");
+         auto& driven = *s.mutable_variables(0)->add_also();
+         driven.set_handle("y");
+         driven.mutable_scale();
+         driven.mutable_rotate();
+       }},
+      {"variables[0].also[0].translate: expected 3 numbers, got 1",
+       [](auto& s) {
+         s.mutable_variables(0)->add_also()->set_handle("x");
+         s.mutable_variables(0)->mutable_also(0)->add_translate(1);
+       }},
+      {"variables[0].also: 10 entries are more than the limit of 9",
+       [](auto& s) {
+         for (int i = 0; i < 10; ++i) s.mutable_variables(0)->add_also()->set_handle("x");
+       }},
       {"handles[1].region.grow.region: is missing", [](auto& s) { region(s).mutable_grow()->set_rings(1); }},
       {"nested deeper than 64",
        [](auto& s) {
@@ -316,6 +359,9 @@ TEST(ConvertSetup, messages_that_mean_the_same_have_the_same_id) {
   EXPECT_FALSE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_kernel(v1::BIHARMONIC); }));
   EXPECT_FALSE(same([](auto& s) { s.mutable_method()->mutable_rbf()->set_polynomial_degree(2); }));
   EXPECT_FALSE(same([](auto& s) { s.mutable_variables(0)->clear_lower(); }));
+  EXPECT_TRUE(same([](auto& s) { s.mutable_variables(1)->mutable_rotate()->set_unit(v1::RADIANS); }));
+  EXPECT_FALSE(same([](auto& s) { s.mutable_variables(1)->mutable_rotate()->set_unit(v1::DEGREES); }));
+  EXPECT_FALSE(same([](auto& s) { s.mutable_variables(0)->add_also()->set_handle("other"); }));
   EXPECT_FALSE(same([](auto& s) { s.mutable_handles(0)->set_name("other"); }));
   EXPECT_FALSE(same([](auto& s) { s.set_seed(1); }));
 }
@@ -400,12 +446,26 @@ TEST(ConvertSetup, a_canonical_setup_is_its_own_canonical_form_and_means_the_sam
   v1::Setup message = sheet_setup(geometry);
   message.mutable_method()->mutable_rbf()->set_kernel(v1::QUINTIC);
   message.mutable_variables(1)->mutable_rotate()->clear_centre();
+  message.mutable_variables(1)->add_also()->set_handle("first");
+  auto& driven = *message.mutable_variables(1)->add_also();
+  driven.set_handle("second");
+  driven.mutable_scale();
+  message.add_fixed()->mutable_grow()->mutable_region()->mutable_patch()->set_point(7);
+  message.mutable_fixed(message.fixed_size() - 1)->mutable_grow()->set_rings(1);
   const v1::Setup canonical = canonical_setup(message, geometry);
   EXPECT_EQ(canonical.SerializeAsString(), canonical_setup(canonical, geometry).SerializeAsString());
   EXPECT_EQ(canonical.method().rbf().polynomial_degree(), 2u);
   EXPECT_EQ(canonical.variables(1).rotate().centre_size(), 3);
   const deform::Setup setup = setup_from_proto(canonical, 10);
   EXPECT_EQ(std::get<DesignVariable::Rotate>(setup.variables[1].kind).centre, (Vec3{0, 0, 0}));
+  EXPECT_EQ(canonical.fixed(canonical.fixed_size() - 1).grow().region().patch().angle(), 30);
+  EXPECT_EQ(canonical.variables(1).also(1).scale().centre_size(), 3);
+  ASSERT_EQ(setup.variables[1].also.size(), 2u);
+  EXPECT_EQ(setup.variables[1].also[0].handle, "first");
+  EXPECT_EQ(std::get<DesignVariable::Rotate>(setup.variables[1].also[0].kind).axis,
+            std::get<DesignVariable::Rotate>(setup.variables[1].kind).axis)
+      << "as the first handle";
+  EXPECT_TRUE(std::holds_alternative<DesignVariable::Scale>(setup.variables[1].also[1].kind));
 }
 
 }  // namespace

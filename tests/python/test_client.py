@@ -55,6 +55,26 @@ def test_the_line_of_a_setup_file_is_named(case, client):
         client.prepare({"handles": []})
 
 
+def test_setups_have_expressions_degrees_and_variables_of_several_handles(case, client):
+    path = case.folder / "degrees.yaml"
+    text = case.setup.read_text().replace("upper: 0.05}", "upper: 0.05*L, also: [{handle: slant}]}")
+    path.write_text(text.replace("centre: [0.843, 0, 0.338]}, lower: -0.2, upper: 0.2", "centre: [0.843, 0, 0.338], unit: DEGREES}, lower: -90/8"))
+    system = client.prepare(path)
+    np.testing.assert_allclose(system.bounds, [[-0.05, 0.05 * system.info.diagonal], [-11.25, np.inf]], rtol=1e-15)
+    sizes, corners = system.geometry.faces
+    faces = np.split(corners, np.cumsum(sizes)[:-1])
+    roof, slant = (np.unique(np.concatenate([faces[f] for f in system.geometry.groups[name][1]])) for name in ("roof", "slant"))
+    rest = system([0, 0])
+    lifted = system([0.03, 0]) - rest
+    np.testing.assert_allclose(lifted[slant], np.broadcast_to([0, 0, 0.03], (len(slant), 3)), atol=1e-12)
+    assert np.abs(lifted[roof] - [0, 0, 0.03]).min() < 1e-12
+    centre, angle = np.array([0.843, 0, 0.338]), np.radians(5)
+    turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    np.testing.assert_allclose(system([0, 5])[slant], (rest[slant] - centre) @ turn.T + centre, atol=1e-12)
+    with pytest.raises(deformd.InvalidArgument, match=r"degrees\.yaml:.*upper.*lengths of the mesh"):
+        client.prepare(path, case.mesh)
+
+
 def test_check_lists_all_that_is_wrong(case, client):
     setup = {"handles": [{"name": "a", "region": {"group": "roff"}}, {"name": "", "region": {"group": "roof"}}]}
     problems = client.check(setup, case.mesh).problems

@@ -381,6 +381,8 @@ def canonical_region(region):
         canonical_region(region.complement)
     if region.HasField("grow"):
         canonical_region(region.grow.region)
+    if region.HasField("patch"):
+        instead_of_zero(region.patch, "angle", 30)
 
 
 def canonical_method(method, flat):
@@ -474,10 +476,12 @@ def canonical_setup(setup, geometry, flat):
         instead_of_zero(canonical.constraint_options, "iterations", 3000)
     else:
         canonical.ClearField("constraint_options")
-    for variable in canonical.variables:
+    for moved in [each for variable in canonical.variables for each in [variable, *variable.also]]:
         for kind in ("rotate", "scale"):
-            if variable.HasField(kind) and not getattr(variable, kind).centre:
-                getattr(variable, kind).centre.extend([0, 0, 0])
+            if moved.HasField(kind) and not getattr(moved, kind).centre:
+                getattr(moved, kind).centre.extend([0, 0, 0])
+        if moved.HasField("rotate") and moved.rotate.unit == setup_pb2.RADIANS:
+            moved.rotate.unit = setup_pb2.ANGLE_UNIT_DEFAULT
     return canonical
 
 

@@ -66,7 +66,7 @@ v1::EvaluationPath evaluation_path(const std::string& name) {
 std::filesystem::path source_path(const PrepareInput& input) {
   if (!input.source.empty()) return input.source;
   if (!std::filesystem::exists(input.setup)) return {};
-  return read_setup_file(input.setup).geometry_file.value_or(std::filesystem::path());
+  return read_setup_file(input.setup, own_process()).geometry_file.value_or(std::filesystem::path());
 }
 
 /// Where to write. Throws Error(invalid_argument) when that is the source, and nobody said so.

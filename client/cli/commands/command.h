@@ -56,6 +56,7 @@ void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chos
 void add_prepare_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_compile_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_compare_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_sweep_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_list_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_show_command(CLI::App& app, const CommonOptions& common, Action& chosen);
@@ -66,6 +67,7 @@ void add_regions_command(CLI::App& app, const CommonOptions& common, Action& cho
 void add_lattice_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_lattice_refine_command(CLI::App& lattice, const CommonOptions& common, Action& chosen);
 void add_cage_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_schema_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_read_isolated_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 
 /// The whole command line: common options and commands. They and `chosen` outlive the application.

@@ -153,7 +153,7 @@ Input input_of(const DetectCommand& options) {
     if (!options.setup.empty()) input.written.geometry = geometry_name(options.file, options.setup);
     return input;
   }
-  SetupFile file = read_setup_file(options.file);
+  SetupFile file = read_setup_file(options.file, own_process());
   if (!file.geometry_file) {
     throw Error(ErrorCode::invalid_argument, options.file + ": it names its geometry by id; name the mesh file");
   }

@@ -89,7 +89,7 @@ LatticeOutcome write_cage_of(const LatticeCommand& options, const SetupFile& fil
 }
 
 ExitCode run_lattice(const LatticeCommand& options, const CommonOptions& common) {
-  const SetupFile file = read_setup_file(options.setup);
+  const SetupFile file = read_setup_file(options.setup, own_process());
   if (!file.setup.method().has_ffd() && !file.setup.method().has_cage()) {
     throw Error(ErrorCode::invalid_argument, "method: only method.ffd has a lattice and method.cage a cage");
   }

@@ -75,7 +75,7 @@ void check_refined_output(const RefineCommand& options) {
 
 ExitCode run_refine(const RefineCommand& options, const CommonOptions& common) {
   check_refined_output(options);
-  const SetupFile file = read_setup_file(options.setup);
+  const SetupFile file = read_setup_file(options.setup, own_process());
   const std::filesystem::path path = mesh_path(options.setup, file, options.source);
   const std::filesystem::path output = options.output;
   if (!options.mesh.empty()) {

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "client/cli/commands/command.h"
+#include "client/cli/commands/mesh_reading.h"
 #include "client/cli/commands/workspace.h"
 #include "client/cli/output/error_json.h"
 #include "client/cli/output/format.h"
@@ -122,7 +123,7 @@ void print_system(const v1::SystemInfo& system) {
 ExitCode run_check(const PrepareOptions& options, const CommonOptions& common) {
   if (std::filesystem::is_regular_file(options.input.setup)) {
     Problems problems(Problems::Mode::collect);
-    read_setup_file(options.input.setup, problems);
+    read_setup_file(options.input.setup, problems, own_process());
     if (!problems.empty()) return tell({problems.list()}, options.input.setup, common.style());
   }
   Connection connection(common);
@@ -174,7 +175,10 @@ constexpr char setup_help[] = R"(A setup file is YAML:
     - {name: slant_turn, handle: slant, rotate: {axis: [0, 1, 0], centre: [0.843, 0, 0.338]}, lower: -0.1, upper: 0.1}
 Regions: group, box {min, max}, sphere {centre, radius}, cylinder {start, end, radius}, half_space {point, normal},
 ids [..] or ids {file: part.points.json, set: bore} (a list in JSON, or lists by name), open_boundary: true, boundary: true (the surface of a volume mesh), all: true, union [..], intersection [..],
-difference [..], complement {..}, grow {region, rings}. `deform regions` shows them in colours. Variables: translate [x, y, z], rotate {axis, centre} in radians, scale {centre, axis}.
+difference [..], complement {..}, grow {region, rings}, patch {seed: [x, y, z], angle: 30} or {point: 7} (over edges of at most that many
+degrees). `deform regions` shows them in colours. Variables: translate [x, y, z], rotate {axis, centre} in radians or with unit: DEGREES,
+scale {centre, axis}; also: [{handle: right, translate: [0, 1, 0]}] for other handles at the same time. Numbers may be expressions of pi
+and the lengths of the mesh: upper: 0.05*L, with L the diagonal of its box and Lx, Ly, Lz its sides. `deform schema` is for editors.
 A half model: symmetry: [{region: {group: symmetry}}] or [{point: [0, 0, 0], normal: [0, 1, 0]}], up to three planes that stay
 planes while their points slide.
 Kernels: TRIHARMONIC, BIHARMONIC, QUINTIC, GAUSSIAN, MULTIQUADRIC, INVERSE_MULTIQUADRIC, WENDLAND_C2, THIN_PLATE

@@ -112,7 +112,7 @@ void print_json(const Outcome& outcome, const std::string& output) {
 }
 
 ExitCode run_regions(const RegionsCommand& options, const CommonOptions& common) {
-  const SetupFile file = read_setup_file(options.setup);
+  const SetupFile file = read_setup_file(options.setup, own_process());
   const std::filesystem::path path = mesh_path(options.setup, file, options.source);
   const auto mesh = io::read_mesh_file(path, own_process())->mesh();
   Outcome outcome{{resolve_regions(file.setup, *mesh), std::nullopt}, {}};

@@ -76,7 +76,7 @@ LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progre
     loaded.system = connection.client().get_system(input.setup, connection.call());
     loaded.setup = loaded.system->setup();
   } else {
-    SetupFile file = read_setup_file(input.setup);
+    SetupFile file = read_setup_file(input.setup, own_process(connection.interrupted()));
     loaded.setup = std::move(file.setup);
     if (file.geometry_file) {
       if (!input.source.empty()) {

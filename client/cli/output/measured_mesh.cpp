@@ -170,7 +170,7 @@ Comparison compare(const ComparisonInput& input) {
         "refuse them" +
         (result.before ? "." : "; --before tells them from cells that a deformation turned inside out."));
   }
-  if (!input.setup.empty()) add_jumps(result, read_setup_file(input.setup).setup);
+  if (!input.setup.empty()) add_jumps(result, read_setup_file(input.setup, input.reading).setup);
   return result;
 }
 

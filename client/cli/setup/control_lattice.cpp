@@ -2,33 +2,14 @@
 #include "client/cli/setup/control_lattice.h"
 
 #include <algorithm>
-#include <limits>
 
-#include "client/cli/output/format.h"
+#include "client/cli/setup/prescribed_places.h"
 #include "client/cli/setup/reading.h"
-#include "core/base/bounds.h"
 #include "core/base/error.h"
 #include "proto/convert/controls/controls.h"
 #include "proto/convert/mesh/region.h"
 
 namespace deform::cli {
-
-namespace {
-
-/// The value at v, within its bounds.
-Affine motion_of(const v1::DesignVariable& variable, double v) {
-  constexpr double infinity = std::numeric_limits<double>::infinity();
-  const double lower = variable.has_lower() ? variable.lower() : -infinity;
-  const double upper = variable.has_upper() ? variable.upper() : infinity;
-  const auto value = within_bounds(v, lower, upper);
-  const std::string what = "variable \"" + variable.name() + "\"";
-  if (!value) {
-    refuse(what + ": " + number_text(v) + " is outside of its bounds [" + number_text(lower) + ", " + number_text(upper) + "]");
-  }
-  return motion_at(convert::motion_from_proto(variable, what), *value);
-}
-
-}  // namespace
 
 bool selects_controls(const v1::Setup& setup) {
   if (setup.method().has_cage()) return setup.method().cage().control() != v1::MESH;
@@ -93,11 +74,7 @@ std::vector<Vec3> moved_controls(const v1::Setup& setup, const ControlSet& contr
                                  const std::vector<double>& values) {
   std::vector<Vec3> places = at_rest;
   for (const auto& handle : setup.handles()) {
-    Affine motion = identity_affine;
-    for (int k = 0; k < setup.variables_size(); ++k) {
-      if (setup.variables(k).handle() != handle.name()) continue;
-      motion = compose(motion_of(setup.variables(k), values.at(static_cast<std::size_t>(k))), motion);
-    }
+    const Affine motion = handle_motion(setup, handle.name(), values);
     if (motion == identity_affine) continue;
     const std::string what = "handle \"" + handle.name() + "\"";
     for (const PointId p : select_controls(convert::region_from_proto(handle.region(), what), controls, what)) {

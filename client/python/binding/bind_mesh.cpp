@@ -143,8 +143,8 @@ void bind_setups(py::module_& module) {
             const py::gil_scoped_release release;
             Problems problems(Problems::Mode::throw_first);
             constexpr std::size_t max_bytes = std::size_t{1} << 26;
-            return taken(client::parse_setup(io::read_file(path, nullptr, max_bytes), path.string(), path.parent_path(),
-                                             entry(geometry_given), problems));
+            return taken(client::parse_setup(
+                {io::read_file(path, nullptr, max_bytes), path.string(), path.parent_path(), entry(geometry_given)}, problems));
           },
           py::arg("path"), py::arg("geometry_given"))
       .def_static(
@@ -152,7 +152,7 @@ void bind_setups(py::module_& module) {
           [](const std::string& text, const std::string& name, const std::filesystem::path& folder, bool geometry_given) {
             const py::gil_scoped_release release;
             Problems problems(Problems::Mode::throw_first);
-            return taken(client::parse_setup(text, name, folder, entry(geometry_given), problems));
+            return taken(client::parse_setup({text, name, folder, entry(geometry_given)}, problems));
           },
           py::arg("text"), py::arg("name"), py::arg("folder"), py::arg("geometry_given"))
       .def_readonly("geometry_file", &ReadSetup::geometry_file)

@@ -12,10 +12,13 @@ namespace deform {
 struct Translation {
   Vec3 direction{};  ///< not zero; need not be of unit length
 };
-/// Right-handed rotation by v radians about the axis through the centre.
+/// Unit of an angle.
+enum class AngleUnit { radians, degrees };
+/// Right-handed rotation by the angle v about the axis through the centre.
 struct Rotation {
-  Vec3 axis{};    ///< not zero; need not be of unit length
-  Vec3 centre{};  ///< a point of the axis
+  Vec3 axis{};                          ///< not zero; need not be of unit length
+  Vec3 centre{};                        ///< a point of the axis
+  AngleUnit unit = AngleUnit::radians;  ///< of v
 };
 /// x' = centre + (1 + v)(x - centre), or only along the axis if it is not zero.
 struct Scaling {

@@ -70,15 +70,24 @@ LatticeOptions lattice_from_proto(const v1::Lattice& message) {
   return options;
 }
 
-VariableMotion motion_from_proto(const v1::DesignVariable& message, const std::string& path) {
-  const int kinds = (message.translate().empty() ? 0 : 1) + (message.has_rotate() ? 1 : 0) + (message.has_scale() ? 1 : 0);
-  if (kinds != 1) {
+namespace {
+
+/// Of a design variable, or of another handle that it moves.
+template <typename Message>
+int kinds_of_motion(const Message& message) {
+  return (message.translate().empty() ? 0 : 1) + (message.has_rotate() ? 1 : 0) + (message.has_scale() ? 1 : 0);
+}
+
+template <typename Message>
+VariableMotion motion_of(const Message& message, const std::string& path) {
+  if (const int kinds = kinds_of_motion(message); kinds != 1) {
     refuse_field(path, "expected exactly one of translate, rotate, scale, got " + std::to_string(kinds));
   }
   if (message.has_rotate()) {
     const std::string field = path + ".rotate";
-    return Rotation{vec3(message.rotate().axis(), field + ".axis"),
-                    point_or_origin(message.rotate().centre(), field + ".centre")};
+    const bool degrees = known(message.rotate().unit(), field + ".unit") == v1::DEGREES;
+    return Rotation{vec3(message.rotate().axis(), field + ".axis"), point_or_origin(message.rotate().centre(), field + ".centre"),
+                    degrees ? AngleUnit::degrees : AngleUnit::radians};
   }
   if (message.has_scale()) {
     const std::string field = path + ".scale";
@@ -86,6 +95,16 @@ VariableMotion motion_from_proto(const v1::DesignVariable& message, const std::s
                    point_or_origin(message.scale().axis(), field + ".axis")};
   }
   return Translation{vec3(message.translate(), path + ".translate")};
+}
+
+}  // namespace
+
+VariableMotion motion_from_proto(const v1::DesignVariable& message, const std::string& path) { return motion_of(message, path); }
+
+VariableMotion also_from_proto(const v1::DesignVariable& message, int index, const std::string& path) {
+  const v1::DrivenHandle& driven = message.also(index);
+  if (kinds_of_motion(driven) == 0) return motion_of(message, path);
+  return motion_of(driven, path + ".also[" + std::to_string(index) + "]");
 }
 
 }  // namespace deform::convert

@@ -13,8 +13,10 @@ namespace deform::convert {
 /// field ("method.ffd.lattice.points").
 LatticeOptions lattice_from_proto(const v1::Lattice& message);
 
-/// The motion of a variable. Throws Error(invalid_argument) with the path of the field, which starts with `path`: not exactly one
-/// of translate, rotate, scale, or vectors without three finite numbers.
+/// The motion of the first handle of a variable. Throws Error(invalid_argument) with the path of the field, which starts with
+/// `path`: not exactly one of translate, rotate, scale, vectors without three finite numbers, or an unknown unit.
 VariableMotion motion_from_proto(const v1::DesignVariable& message, const std::string& path);
+/// The motion of the handle of also[index]. Throws as above.
+VariableMotion also_from_proto(const v1::DesignVariable& message, int index, const std::string& path);
 
 }  // namespace deform::convert

@@ -68,6 +68,20 @@ Region lattice_range(const v1::LatticeRange& message, const std::string& path) {
   return {range};
 }
 
+Region patch(const v1::Patch& message, const std::string& path) {
+  if (message.seed().empty() == !message.has_point()) {
+    refuse_field(path, std::string("expected exactly one of seed, point, got ") + (message.has_point() ? "both" : "neither"));
+  }
+  Region::Patch patch;
+  if (message.has_point()) {
+    patch.seed = PointId{message.point()};
+  } else {
+    patch.seed = vec3(message.seed(), path + ".seed");
+  }
+  if (const double angle = finite(message.angle(), path + ".angle"); angle != 0) patch.angle = angle;
+  return {patch};
+}
+
 Region convert(const v1::Region& message, const std::string& path, int depth) {
   if (depth > deepest_nesting) refuse_field(path, "regions are nested deeper than " + std::to_string(deepest_nesting));
   check_one_kind(message, path);
@@ -78,6 +92,7 @@ Region convert(const v1::Region& message, const std::string& path, int depth) {
     if (message.control().ids().empty()) refuse_field(path + ".control.ids", "must not be empty");
     return {Region::ControlIds{{message.control().ids().begin(), message.control().ids().end()}}};
   }
+  if (message.has_patch()) return patch(message.patch(), path + ".patch");
   if (message.open_boundary()) return {Region::OpenBoundary{}};
   if (message.all()) return {Region::All{}};
   if (message.boundary()) return {Region::Boundary{}};
@@ -109,6 +124,7 @@ Region region_from_proto(const v1::Region& message, const std::string& path) { r
 void canonicalize_region(v1::Region& message) {
   sort_unique(*message.mutable_ids());
   if (message.has_control()) sort_unique(*message.mutable_control()->mutable_ids());
+  if (message.has_patch() && message.patch().angle() == 0) message.mutable_patch()->set_angle(Region::Patch{}.angle);
   for (auto& child : *message.mutable_union_()) canonicalize_region(child);
   for (auto& child : *message.mutable_intersection()) canonicalize_region(child);
   for (auto& child : *message.mutable_difference()) canonicalize_region(child);

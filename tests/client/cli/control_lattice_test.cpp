@@ -69,6 +69,20 @@ TEST(ControlLattice, MovesAsTheVariablesSay) {
   });
 }
 
+TEST(ControlLattice, MovesAllHandlesOfAVariable) {
+  v1::Setup moving = setup(clamped);
+  moving.mutable_variables(0)->add_also()->set_handle("b");
+  const ControlLattice lattice = control_lattice(moving, Mesh());
+  std::vector<Vec3> expected = grid();
+  for (std::size_t k = 0; k < 4; ++k) expected[3 + 16 * k][2] += 0.5;
+  expected[0][2] += 0.5;
+  expect_near(moved_controls(moving, lattice, {0.25, 0, 0}), expected);
+  moving.mutable_variables(0)->mutable_also(0)->add_translate(-4);
+  for (int k = 0; k < 2; ++k) moving.mutable_variables(0)->mutable_also(0)->add_translate(0);
+  expected[0] = {-1, 0, 0};
+  expect_near(moved_controls(moving, lattice, {0.25, 0, 0}), expected);
+}
+
 TEST(ControlLattice, IsRefusedWithItsField) {
   expect_error(ErrorCode::invalid_argument, {"method.ffd"}, [] { control_lattice(setup("seed: 1\n"), Mesh()); });
   expect_error(ErrorCode::invalid_argument, {"method.ffd.lattice", "3 points"}, [] {

@@ -2,6 +2,11 @@
 #include "client/cli/setup/reading.h"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
 
 #include "client/cli/output/result_json.h"
 #include "tests/support/expect_error.h"
@@ -125,6 +130,51 @@ TEST(SetupFile, DeepNestingIsRefused) {
   text += "{all: true}";
   for (int k = 0; k < 200; ++k) text += "}";
   expect_error(ErrorCode::invalid_argument, {"car.yaml", "deep"}, [&] { parse(text + "]\n"); });
+}
+
+/// A folder with a mesh of sides 1, 2 and 4.
+class SetupWithLengths : public testing::Test {
+ protected:
+  SetupWithLengths() {
+    std::filesystem::create_directories(folder_);
+    write("box.obj", "v 1 0 0\nv 2 0 4\nv 2 2 0\nf 1 2 3\n");
+  }
+  ~SetupWithLengths() override { std::filesystem::remove_all(folder_); }
+  std::filesystem::path write(const std::string& name, const std::string& text) const {
+    std::ofstream(folder_ / name) << text;
+    return folder_ / name;
+  }
+  const std::filesystem::path folder_ = std::filesystem::temp_directory_path() / ("deform_lengths_" + std::to_string(::getpid()));
+};
+
+TEST_F(SetupWithLengths, TakesExpressionsOfThem) {
+  const v1::Setup setup = cli::read_setup_file(write("a.yaml", R"(
+fixed: [{sphere: {centre: [Lx, -Ly/2, 2*Lz], radius: L}}]
+variables: [{name: v, handle: h, translate: [0, 0, sqrt(2)], upper: 0.05*L, lower: -pi/4}]
+geometry: box.obj
+)"))
+                              .setup;
+  const double diagonal = std::sqrt(1.0 + 4 + 16);
+  EXPECT_EQ(setup.fixed(0).sphere().centre(0), 1);
+  EXPECT_EQ(setup.fixed(0).sphere().centre(1), -1);
+  EXPECT_EQ(setup.fixed(0).sphere().centre(2), 8);
+  EXPECT_DOUBLE_EQ(setup.fixed(0).sphere().radius(), diagonal);
+  EXPECT_EQ(setup.variables(0).translate(2), std::sqrt(2.0));
+  EXPECT_DOUBLE_EQ(setup.variables(0).upper(), 0.05 * diagonal);
+  EXPECT_DOUBLE_EQ(setup.variables(0).lower(), -std::atan(1.0));
+}
+
+TEST_F(SetupWithLengths, SaysWhenThereIsNoMeshToMeasure) {
+  const auto refused = [&](const std::string& text, const std::vector<const char*>& parts) {
+    expect_error(ErrorCode::invalid_argument, parts, [&] { cli::read_setup_file(write("a.yaml", text)); });
+  };
+  const std::string variable = "variables:\n  - {upper: 0.1*L}\n";
+  refused(variable + "geometry: 0123456789abcdef\n",
+          {"a.yaml:2", "variables[0].upper", "\"0.1*L\"", "`geometry` names no mesh file"});
+  refused(variable, {"a.yaml:2", "`geometry` names no mesh file"});
+  refused("variables: [{upper: 0.1*D}]\ngeometry: box.obj\n", {"a.yaml:1", "column 5", "there is no name \"D\""});
+  refused("seed: 2*3\ngeometry: box.obj\n", {"seed: expected an integer"});
+  refused("variables: [{upper: \"2*3\"}]\ngeometry: box.obj\n", {"the text \"2*3\""});
 }
 
 TEST(SetupFile, TellsIdsFromFiles) {

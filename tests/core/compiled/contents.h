@@ -45,8 +45,10 @@ struct Blend {
         {"turn", 0, {MotionKind::rotation, {0.2, 1, 0.1}, {0.4, 0.1, 0}}, -1, 1},
         {"grow", 1, {MotionKind::scaling, {}, {1, 0.5, 0}}, -0.5, 0.5},
         {"stretch", 1, {MotionKind::scaling, {0, 1, 1}, {1, 0.5, 0}}, -0.5, 0.5},
-        {"roll", 1, {MotionKind::rotation, {1, 0, 0}, {1, 0.5, 0}}, -std::numeric_limits<double>::infinity(), 3},
+        {"roll", 1, {MotionKind::rotation, {1, 0, 0}, {1, 0.5, 0}, 0.25}, -std::numeric_limits<double>::infinity(), 3},
     };
+    content.variables[2].also = {{0, {MotionKind::rotation, {0, 0, 1}, {0, 0.2, 0}, 0.5}}};
+    content.variables[3].also = {{0, {MotionKind::translation, {0, 0.3, 0.4}, {}}}};
     content.planes = planes;
     for (std::size_t k = 0; k < planes; ++k) content.reach[k] = 1e-9;
     for (std::size_t i = 0; i < points; ++i) {

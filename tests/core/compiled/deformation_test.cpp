@@ -30,12 +30,15 @@ Vec3 turned(const Vec3& x, const Vec3& axis, const Vec3& centre, double angle) {
 
 /// The motions of the handles of Blend, from their description.
 Vec3 moved(const Vec3& x, std::size_t handle, std::span<const double> v) {
-  if (handle == 0) return turned(x + v[0] * Vec3{0.1, 0, 1}, {0.2, 1, 0.1}, {0.4, 0.1, 0}, v[1]);
+  if (handle == 0) {
+    const Vec3 tilted = turned(x + v[0] * Vec3{0.1, 0, 1}, {0.2, 1, 0.1}, {0.4, 0.1, 0}, v[1]);
+    return turned(tilted, {0, 0, 1}, {0, 0.2, 0}, 0.5 * v[2]) + v[3] * Vec3{0, 0.3, 0.4};
+  }
   const Vec3 c{1, 0.5, 0};
   const Vec3 grown = c + (1 + v[2]) * (x - c);
   const Vec3 n = Vec3{0, 1, 1} / norm(Vec3{0, 1, 1});
   const Vec3 stretched = grown + v[3] * dot(n, grown - c) * n;
-  return turned(stretched, {1, 0, 0}, c, v[4]);
+  return turned(stretched, {1, 0, 0}, c, 0.25 * v[4]);
 }
 
 Points expected(const Content& content, std::span<const double> v) {

@@ -54,6 +54,16 @@ void expect_same(const Content& a, const Content& b) {
     EXPECT_EQ(a.variables[k].motion.kind, b.variables[k].motion.kind);
     EXPECT_EQ(a.variables[k].motion.vector, b.variables[k].motion.vector);
     EXPECT_EQ(a.variables[k].motion.centre, b.variables[k].motion.centre);
+    EXPECT_EQ(a.variables[k].motion.unit, b.variables[k].motion.unit);
+    ASSERT_EQ(a.variables[k].also.size(), b.variables[k].also.size());
+    for (std::size_t i = 0; i < a.variables[k].also.size(); ++i) {
+      const Driven &one = a.variables[k].also[i], &other = b.variables[k].also[i];
+      EXPECT_EQ(one.handle, other.handle);
+      EXPECT_EQ(one.motion.kind, other.motion.kind);
+      EXPECT_EQ(one.motion.vector, other.motion.vector);
+      EXPECT_EQ(one.motion.centre, other.motion.centre);
+      EXPECT_EQ(one.motion.unit, other.motion.unit);
+    }
     EXPECT_EQ(a.variables[k].lower, b.variables[k].lower);
     EXPECT_EQ(a.variables[k].upper, b.variables[k].upper);
   }
@@ -233,6 +243,7 @@ TEST(CompiledReader, ChecksCountsBeforeItAllocates) {
   refused("handles", [](Head& head) { head.handles = 0; });
   refused("handles do not fit", [](Head& head) { head.handles = 0xffffff; });
   refused("variables do not fit", [](Head& head) { head.variables = 0xffffffffu; });
+  refused("other handles of variables do not fit", [](Head& head) { head.driven = 0xffffffffu; });
   refused("control points do not fit", [](Head& head) { head.controls = huge; });
   refused("pairs do not fit", [](Head& head) { head.pairs = huge; });
   refused("setup do not fit", [](Head& head) { head.setup_bytes = huge; });
@@ -265,6 +276,7 @@ TEST(CompiledReader, ChecksRecords) {
   refused("the head comes first", [&](Taken& file) { drop(file, 0); });
   refused("1 of 2 handles", [&](Taken& file) { drop(file, file.find(Kind::handle)); });
   refused("4 of 5 variables", [&](Taken& file) { drop(file, file.find(Kind::variable)); });
+  refused("1 of 2 other handles", [&](Taken& file) { drop(file, file.find(Kind::also)); });
   // A text of the same size in its place: the file is large enough for what the head announces.
   const auto replace = [](Taken& file, std::size_t i) {
     file.headers[i].kind = Kind::text;
@@ -297,6 +309,20 @@ TEST(CompiledReader, ChecksRecords) {
   refused("VARI 0: its motion", [](Taken& file) { file.set(Kind::variable, 8, Vec3{}); });
   refused("VARI 0: its bounds", [](Taken& file) { file.set(Kind::variable, 56, 0.5); });
   refused("VARI 0: its bounds", [](Taken& file) { file.set(Kind::variable, 64, std::nan("")); });
+  refused("VARI 0: its unit", [](Taken& file) { file.set(Kind::variable, 72, 2.0); });
+  refused("ALSO 0: variable 5, 5 have come", [](Taken& file) { file.set(Kind::also, 0, std::uint32_t{5}); });
+  refused("ALSO 0: handle 2", [](Taken& file) { file.set(Kind::also, 8, std::uint32_t{2}); });
+  refused("ALSO: variable 2 moves a handle twice", [](Taken& file) { file.set(Kind::also, 8, std::uint32_t{1}); });
+  refused("ALSO 0: kind 3", [](Taken& file) { file.set(Kind::also, 12, std::uint32_t{3}); });
+  refused("ALSO 0: its motion", [](Taken& file) { file.set(Kind::also, 16, Vec3{}); });
+  refused("ALSO 0: its unit", [](Taken& file) { file.set(Kind::also, 64, 0.0); });
+  refused("ALSO 0: its unit", [](Taken& file) { file.set(Kind::also, 64, HUGE_VAL); });
+  refused("ALSO 0: has 71 bytes", [](Taken& file) { file.payloads[file.find(Kind::also)].pop_back(); });
+  refused("the head has fewer of them", [](Taken& file) {
+    const std::size_t i = file.find(Kind::also);
+    file.headers.push_back(file.headers[i]);
+    file.payloads.push_back(file.payloads[i]);
+  });
   refused("HAND 0: its frame", [](Taken& file) { file.set(Kind::handle, 32, 2.0); });
 }
 

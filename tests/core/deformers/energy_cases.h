@@ -28,6 +28,7 @@ inline Setup setup_with_variables() {
   setup.variables.push_back({"turn", "end", DesignVariable::Rotate{{0, 1, 0.2}, {1.8, 0.5, 0}}});
   setup.variables.push_back({"grow", "middle", DesignVariable::Scale{{1, 0.5, 0}, {0, 1, 0}}});
   setup.variables.push_back({"roll", "middle", DesignVariable::Rotate{{1, 0, 0}, {1, 0.5, 0}}});
+  setup.variables.back().also.push_back({"end", DesignVariable::Rotate{{0, 0, 1}, {1.8, 0, 0}, AngleUnit::degrees}});
   return setup;
 }
 

@@ -224,6 +224,59 @@ TEST(Setup, DerivativesOfMotionsAgreeWithDifferences) {
   }
 }
 
+TEST(Setup, DegreesAreRadiansInAnotherUnit) {
+  deform::Setup radians = good();
+  radians.variables[1].lower = -10;
+  radians.variables[1].upper = 10;
+  deform::Setup degrees = radians;
+  degrees.variables[1].lower = -100;
+  degrees.variables[1].upper = 400;
+  std::get<DesignVariable::Rotate>(degrees.variables[1].kind).unit = AngleUnit::degrees;
+  const double per_unit = std::atan(1.0) / 45;
+  for (const double angle : {-90.0, 0.0, 1e-3, 30.0, 180.0, 360.0}) {
+    const std::vector<double> in_degrees{0.5, angle, 0.25, 0}, in_radians{0.5, angle * per_unit, 0.25, 0};
+    const auto a = handle_motions(degrees, in_degrees), b = handle_motions(radians, in_radians);
+    const auto da = handle_motion_derivative(degrees, in_degrees, 1), db = handle_motion_derivative(radians, in_radians, 1);
+    for (std::size_t j = 0; j < 12; ++j) {
+      EXPECT_NEAR(a[0][j], b[0][j], 1e-14) << angle;
+      EXPECT_NEAR(da[0][j], per_unit * db[0][j], 1e-15) << angle;
+    }
+  }
+}
+
+TEST(Setup, AVariableOfSeveralHandlesMovesThemLikeVariablesOfTheirOwn) {
+  deform::Setup several = good();
+  several.variables[1].also = {{several.handles[1].name, DesignVariable::Rotate{{0, 0, 1}, {1, 0, 0}, AngleUnit::degrees}}};
+  deform::Setup single = good();
+  single.variables.insert(single.variables.begin() + 2,
+                          DesignVariable{"turn too", several.handles[1].name, several.variables[1].also[0].kind});
+  EXPECT_NO_THROW(validate(several, test::bumpy_sheet(21, 11)));
+  const std::vector<double> at{0.5, 0.7, 0.25, -0.3}, each{0.5, 0.7, 0.7, 0.25, -0.3};
+  EXPECT_EQ(handle_motions(several, at), handle_motions(single, each));
+  EXPECT_NE(handle_motions(several, at)[1], handle_motions(good(), at)[1]);
+  const auto both = handle_motion_derivative(several, at, 1);
+  EXPECT_EQ(both[0], handle_motion_derivative(single, each, 1)[0]);
+  EXPECT_EQ(both[1], handle_motion_derivative(single, each, 2)[1]);
+  EXPECT_EQ(handle_motion_derivative(several, at, 3), handle_motion_derivative(single, each, 4))
+      << "behind it, on the same handle";
+}
+
+TEST(Setup, HandlesThatAVariableAlsoMovesAreRefusedByName) {
+  const auto refused = [](const DrivenHandle& driven, const std::vector<const char*>& parts) {
+    deform::Setup setup = good();
+    setup.variables[0].also = {{setup.handles[1].name, DesignVariable::Translate{{1, 0, 0}}}, driven};
+    test::expect_error(ErrorCode::invalid_argument, parts, [&] { validate(setup, test::bumpy_sheet(21, 11)); });
+  };
+  const DesignVariable::Translate right{{1, 0, 0}};
+  refused({"nobody", right}, {"also[1]", "handle \"nobody\" does not exist"});
+  refused({good().handles[0].name, right}, {"also[1]", "moved by this variable already"});
+  refused({good().handles[1].name, right}, {"also[1]", "moved by this variable already"});
+  deform::Setup setup = good();
+  setup.variables[0].also = {{setup.handles[1].name, DesignVariable::Rotate{{0, 0, 0}, {}}}};
+  test::expect_error(ErrorCode::invalid_argument, {"also[0]: rotate.axis must not be zero"},
+                     [&] { validate(setup, test::bumpy_sheet(21, 11)); });
+}
+
 TEST(Setup, ValuesBesideABoundMoveHandlesAsTheBoundDoes) {
   deform::Setup setup = good();
   setup.variables[2].lower = -0.1;
