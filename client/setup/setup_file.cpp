@@ -22,6 +22,14 @@ bool looks_like_id(const std::string& text) {
          std::all_of(text.begin(), text.end(), [](unsigned char c) { return std::isxdigit(c) != 0; });
 }
 
+std::optional<double> mesh_length(std::string_view name, const Box& box) {
+  if (name == "L") return box.diagonal();
+  constexpr std::string_view sides[] = {"Lx", "Ly", "Lz"};
+  const auto side = std::find(std::begin(sides), std::end(sides), name);
+  if (side == std::end(sides)) return std::nullopt;
+  return box.side(static_cast<int>(side - std::begin(sides)));
+}
+
 namespace {
 
 /// Lengths of the mesh of a setup that expressions may use. The mesh is read when the first of them is needed.
@@ -30,11 +38,9 @@ class MeshLengths {
   explicit MeshLengths(const SetupText& from) : from_(from) {}
 
   std::optional<double> of(std::string_view name) {
-    constexpr std::string_view names[] = {"Lx", "Ly", "Lz"};
-    const auto side = std::find(std::begin(names), std::end(names), name);
-    if (name != "L" && side == std::end(names)) return std::nullopt;
+    if (!mesh_length(name, Box{})) return std::nullopt;
     if (!box_) box_ = bounding_box(mesh()->points);
-    return name == "L" ? box_->diagonal() : box_->side(static_cast<int>(side - std::begin(names)));
+    return mesh_length(name, *box_);
   }
 
  private:

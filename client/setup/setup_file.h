@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "core/base/problems.h"
 #include "core/io/mesh_file.h"
@@ -50,5 +51,9 @@ SetupFile parse_setup(const SetupText& from, Problems& problems);
 
 /// 8 to 64 hexadecimal digits: an id or the beginning of one.
 bool looks_like_id(const std::string& text);
+
+/// The length of a mesh with this bounding box that expressions of a setup call by that name: L, the diagonal, Lx, Ly and Lz, the
+/// sides. std::nullopt for any other name.
+std::optional<double> mesh_length(std::string_view name, const Box& box);
 
 }  // namespace deform::client

@@ -88,7 +88,7 @@ LIBRARIES = {
     "nanoflann": ["core/numerics"],
     "sqlite3.h": ["server/store"],
     "spdlog/": ["server/store", "server/engine", "server/rpc", "server"],
-    "yaml-cpp/": ["server", "client/setup"],
+    "yaml-cpp/": ["server", "client/setup", "client/cli"],
     "CLI/": ["server", "client/cli"],
     "nlohmann/": ["client/setup", "client/cli", "client/examples"],
     "pybind11/": ["client/python"],

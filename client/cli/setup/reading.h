@@ -21,6 +21,7 @@ using client::evaluate_expression;
 using client::field_of;
 using client::IdFiles;
 using client::looks_like_id;
+using client::mesh_length;
 using client::NamedValue;
 using client::parse_csv;
 using client::parse_number;

@@ -135,10 +135,11 @@ class Rewriting {
     if (!bytes.empty()) std::memcpy(bytes.data(), places.data(), bytes.size());
     IdFiles id_files(refinement_.setup.parent_path());
     const auto ids = [&](const std::string& file, const std::string& set) { return id_files.ids(file, set); };
+    const auto named = [&](std::string_view length) { return mesh_length(length, bounding_box(mesh_.points)); };
     const auto parse = [&](const std::string& text, const ReadBytes& read) {
       v1::Setup message;
       Problems problems(Problems::Mode::throw_first);
-      parse_yaml(text, name_, message, {ids, read}, problems);
+      parse_yaml(text, name_, message, {ids, read, named}, problems);
       return message;
     };
     expected_ = parse(input_, [&](const std::string&) { return std::string(); });
