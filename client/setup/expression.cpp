@@ -121,7 +121,7 @@ class Expression {
     fail("there is no name \"" + std::string(name) + "\" here");
   }
 
-  /// What is left of a parenthesis.
+  /// The rest of a parenthesis that is open.
   double closed() {
     const Nesting nesting(*this);
     const double value = sum();

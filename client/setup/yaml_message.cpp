@@ -141,7 +141,7 @@ class Walker {
     }
   }
 
-  /// As it stands there, or of an expression.
+  /// A plain number, or the value of an expression.
   double number(const YAML::Node& node, const std::string& path) const {
     if (const auto plain = parse_number(node.Scalar())) return *plain;
     try {

@@ -16,7 +16,7 @@ namespace deform::client {
 /// Fills a proto message from YAML text (JSON is YAML) by reflection: keys are names of fields, enums are given by name. `name`
 /// stands before the line number in errors. Throws Error(invalid_argument): syntax, unknown key (with the nearest names),
 /// repeated key, two members of a oneof, wrong type, number out of range, missing value, text that is not UTF-8. Bytes are
-/// base64. Where a number with a fraction is expected, an expression may stand (expression.h).
+/// base64. A floating-point number may be given as an expression (expression.h).
 void parse_yaml(const std::string& text, const std::string& name, google::protobuf::Message& message);
 
 /// What stands for a list of integers: {file: NAME, set: NAME}, the latter empty where it is left out. Throws
@@ -31,7 +31,7 @@ struct ValueFiles {
   NamedValue names{};  ///< that expressions may use, besides pi
 };
 
-/// The text of a key on the top level of a YAML map; empty when there is none, or no YAML.
+/// The text of a top-level key of a YAML map; empty if the key is missing or the text is no YAML.
 std::string top_level_text(const std::string& text, const std::string& key);
 
 /// The same, where lists of integers and bytes may also be taken from files, and what is wrong goes to `problems`: collecting,

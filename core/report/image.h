@@ -20,11 +20,11 @@ struct Image {
 /// The bytes of a PNG file (RFC 2083). The same for the same image and version of zlib.
 std::string png_bytes(const Image& image);
 
-/// A parallel projection: x to the right and y up in the picture, the third axis towards the one who looks.
+/// A parallel projection: x to the right and y up in the picture, the third axis towards the viewer.
 struct View {
   std::array<Vec3, 3> axes{};  ///< orthonormal
   Vec3 centre{};               ///< in the middle of the picture
-  double width = 1;            ///< of what is seen, model units
+  double width = 1;            ///< of the visible part, model units
 };
 
 /// The direction in which pages first show a mesh, z up; of points that all have the same z from above. The points fit into the
@@ -43,7 +43,7 @@ struct ImageSource {
   std::span<const char> marked = {};  ///< f marks, or none: faces in the colour of errors
 };
 
-/// Draws faces, lit from the side of the one who looks, the nearest in front; polygons as fans around the mean of their corners.
+/// Draws faces, lit from the viewer, the nearest in front; polygons as fans around the mean of their corners.
 /// Faces with a corner that is not finite are left out. Deterministic. Throws Error(invalid_argument) when sizes do not fit.
 Image draw(const ImageSource& source, const View& view, std::size_t width, std::size_t height);
 

@@ -16,46 +16,46 @@
 
 namespace deform::cli {
 
-/// A measure of the quality of a mesh that the comparison shows.
+/// Measure of mesh quality shown in the comparison.
 struct ShownMeasure {
   std::string name, label;
   Better better = Better::neither;
   double at_rest = 0;
 };
 
-/// How smooth a deformed surface is.
+/// Smoothness of a deformed surface.
 struct Smoothness {
   double high_pass_energy = 0;  ///< CurvatureChange::high_pass_energy
-  double border_kink = 0;       ///< degrees: JumpGrowth::normal over the borders of handles and fixed regions
+  double border_kink = 0;       ///< degrees: JumpGrowth::normal at the borders of handles and fixed regions
 };
 
-/// One design by one method.
+/// Result of one method for one design.
 struct ComparedDesign {
-  std::string error;                     ///< why there is no deformation; then nothing else is there
-  v1::DesignResult result;               ///< what the server says of it
-  std::optional<Misfit> misfit;          ///< nothing where the client does not know where points are sent
-  std::optional<Smoothness> smoothness;  ///< nothing without faces in space
-  std::vector<double> measures;          ///< one per shown measure
-  Points points;                         ///< of designs that are drawn, else empty
+  std::string error;                     ///< reason why there is no deformation; the rest is then empty
+  v1::DesignResult result;               ///< report of the server
+  std::optional<Misfit> misfit;          ///< empty where the client does not know the prescribed positions
+  std::optional<Smoothness> smoothness;  ///< empty without faces in space
+  std::vector<double> measures;          ///< one per measure shown
+  Points points;                         ///< for designs that are drawn, else empty
   std::vector<double> curvature_change;  ///< n likewise, 1 / length
   std::vector<char> flipped;             ///< f likewise
 };
 
-/// What became of a setup with one method.
+/// Result of one method for all designs.
 struct ComparedMethod {
   MethodChoice choice;
-  std::vector<std::string> refusals;  ///< why the server does not take it; then nothing else is there
+  std::vector<std::string> refusals;  ///< reasons why the server rejects it; the rest is then empty
   v1::SystemInfo system;
-  std::uint64_t peak_bytes = 0;         ///< estimated memory while preparing
+  std::uint64_t peak_bytes = 0;         ///< estimated memory during preparation
   double seconds_per_design = 0;        ///< on the server, median
-  std::vector<ComparedDesign> designs;  ///< as many as are compared
+  std::vector<ComparedDesign> designs;  ///< one per design compared
 
-  bool works() const;  ///< neither refused nor without any deformation
+  bool works() const;  ///< not rejected, and with at least one deformation
 };
 
-/// One setup by several methods.
+/// Comparison of several methods on one setup.
 struct MethodComparison {
-  std::string setup;                 ///< its file, or the id of a system
+  std::string setup;                 ///< its file name, or the id of a system
   std::shared_ptr<const Mesh> mesh;  ///< at rest
   std::vector<std::string> designs;  ///< their names
   std::vector<std::string> values;   ///< of their variables: "roof_up = 0.03"
@@ -68,14 +68,14 @@ struct MethodComparison {
 /// surface, or where no patch would be left.
 std::vector<char> faces_without_handles(const v1::Setup& setup, const Mesh& mesh);
 
-/// Measures deformed designs against the mesh at rest. The meshes and the setup outlive it.
+/// Compares deformed designs with the mesh at rest. The meshes and the setup must outlive it.
 class DesignMeasurer {
  public:
   DesignMeasurer(const v1::Setup& setup, const io::MeshFile& rest);
   ~DesignMeasurer();
 
   const std::vector<ShownMeasure>& measures() const { return measures_; }
-  /// Keeps what pictures need.
+  /// Keeps the data needed for pictures.
   enum class Keep { nothing, pictures };
   ComparedDesign measured(const v1::DesignResult& result, Points&& points, std::span<const double> values, Keep keep) const;
 
@@ -83,7 +83,7 @@ class DesignMeasurer {
   struct Surface;
   const v1::Setup& setup_;
   const Mesh& mesh_;
-  std::optional<PrescribedPlaces> places_;  // nothing where points slide or control points are moved
+  std::optional<PrescribedPlaces> places_;  // empty where points slide or handles move control points
   std::unique_ptr<const Surface> surface_;  // null without faces in space
   std::vector<ShownMeasure> measures_;
 };

@@ -15,7 +15,7 @@ nlohmann::ordered_json comparison_json(const MethodComparison& comparison);
 /// A table of the methods, and one of each design.
 void print_comparison(const MethodComparison& comparison, std::ostream& out);
 
-/// A page for people with pictures of the designs that have points.
+/// A page with pictures of the designs that have points.
 void write_comparison_page(const MethodComparison& comparison, const std::filesystem::path& path);
 
 }  // namespace deform::cli

@@ -6,10 +6,10 @@
 
 namespace deform::cli {
 
-/// A row per method: where its options are from, what it costs.
+/// One row per method: the source of its options, and its costs.
 ComparisonPage::Table methods_table(const MethodComparison& comparison);
-/// A row per method that is not refused, below one of the mesh at rest: what it made of a design. The best values of a column are
-/// marked, and what is wrong.
+/// One row per method that was not rejected, below a row for the mesh at rest: its result for a design. The best values of each
+/// column are marked, as are defects.
 ComparisonPage::Table design_table(const MethodComparison& comparison, std::size_t design);
 
 /// What the server says of a design by each method, with the name of the method: reasons of its verdict, or else

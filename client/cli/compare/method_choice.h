@@ -8,11 +8,11 @@
 
 namespace deform::cli {
 
-/// A method that a setup is deformed by.
+/// A method chosen for the comparison.
 struct MethodChoice {
-  std::string label;   ///< unlike those of the others: the name of the method, or of the file without folders and extension
+  std::string label;   ///< unique: the name of the method, or of the file without folders and extension
   std::string kind;    ///< the field of Method: "rbf"
-  std::string source;  ///< where its options are from: "defaults", "the setup", or the name of a file
+  std::string source;  ///< source of its options: "defaults", "the setup", or the name of a file
   v1::Method method;
 };
 

@@ -15,16 +15,16 @@ namespace deform::cli {
 /// value out of its bounds and for a motion that is none.
 Affine handle_motion(const v1::Setup& setup, const std::string& handle, std::span<const double> values);
 
-/// How far points are from where a design sends them.
+/// Distance of points from the positions that a design prescribes.
 struct Misfit {
   double largest = 0, rms = 0;  ///< model units
-  PointId point = 0;            ///< that of the largest
+  PointId point = 0;            ///< the point with the largest distance
 };
 
-/// Where handles and fixed regions send their points.
+/// Positions prescribed by handles and fixed regions.
 class PrescribedPlaces {
  public:
-  /// Selects the points. The mesh outlives the object. Throws Error(invalid_argument) as select() does.
+  /// Selects the points. The mesh must outlive the object. Throws Error(invalid_argument) as select() does.
   PrescribedPlaces(const v1::Setup& setup, const Mesh& mesh);
 
   /// Of the points of all handles and fixed regions, when they have come to `points` (n) by variables (one value each). All zero
