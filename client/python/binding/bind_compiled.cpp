@@ -5,6 +5,7 @@
 #include <pybind11/stl/filesystem.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <filesystem>
 #include <fstream>
@@ -143,15 +144,24 @@ struct Report {
   double largest_displacement = 0;  ///< of the points as they are given, model units
 };
 
+/// Squares are compared, so that the root is taken once; infinite for points that are not finite.
 template <typename T>
 double largest_displacement(const Points& rest, std::span<const T> points) {
+  const auto place = [&](std::size_t i) {
+    return Vec3{static_cast<double>(points[3 * i]), static_cast<double>(points[3 * i + 1]),
+                static_cast<double>(points[3 * i + 2])};
+  };
   double largest = 0;
+  std::size_t at = 0;
   for (std::size_t i = 0; i < rest.size(); ++i) {
-    Vec3 to;
-    for (std::size_t c = 0; c < 3; ++c) to[c] = static_cast<double>(points[3 * i + c]);
-    largest = std::max(largest, distance(to, rest[i]));
+    const double square = squared_distance(place(i), rest[i]);
+    if (std::isnan(square)) return std::numeric_limits<double>::infinity();
+    if (square > largest) {
+      largest = square;
+      at = i;
+    }
   }
-  return largest;
+  return rest.empty() ? 0 : distance(place(at), rest[at]);
 }
 
 /// Evaluates those designs that can be; the others are NaN, and have an error for a report.
