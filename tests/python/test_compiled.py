@@ -288,7 +288,7 @@ def test_files_that_are_wrong_are_refused(case, fast, tmp_path):
 @pytest.mark.parametrize("change, reason", [
     ({"method": {"rbf": {"basis": "BASIS_NEVER"}}}, "BASIS_ALWAYS"),
     ({"variables": []}, "design variables"),
-    ({"constraints": [{"name": "flat", "regions": [{"group": "roof"}], "planar": {}}]}, "constraints"),
+    ({"method": {"mls": {}}, "constraints": [{"name": "flat", "regions": [{"group": "roof"}], "planar": {}}]}, "constraints"),
 ])
 def test_the_server_says_why_there_is_none(client, change, reason):
     points, hexahedra = brick()

@@ -25,11 +25,11 @@ class CompiledDeformation(DesignSpace):
     """What a system computes without its solver: rest points, basis and design variables. `System.local` and `deformd.load` make it.
 
     Takes designs as a `System` does, and gives the points that the server computes from its basis, without a server: the same bits where
-    the server's processor fuses products with sums (any with AVX2), else within 1e-14 of the diagonal. Immutable; any thread may use
-    it, and calls give the GIL back. It can be pickled, and survives os.fork().
+    the server's processor fuses products with sums (any with AVX2) and the setup has no basis_tolerance, else within 1e-14 of the
+    diagonal. Immutable; any thread may use it, and calls give the GIL back. It can be pickled, and survives os.fork().
 
-    Below k is the number of design variables, n the number of points, m a number of designs. dtype is np.float64 or np.float32, which is the
-    former rounded once. threads: that a call takes; 0: all cores. Results have the same bits for any number of them.
+    Below k is the number of design variables, n the number of points, m a number of designs. dtype is np.float64 or np.float32,
+    which is the former rounded once. threads: that a call takes, at most 1024; 0: all cores. Results have the same bits for any number.
     """
 
     def __init__(self, native: "_deformd.Compiled") -> None:
@@ -86,8 +86,8 @@ class CompiledDeformation(DesignSpace):
 
         Many designs share passes over the basis. out: an array of that shape in C order, which is filled and returned; dtype is its type,
         else np.float64 unless given. bad: what happens where a design cannot be evaluated or its error is too large, as calling a `System`
-        has it: a single design raises its own error, many a BadDesign, which carries all points and reports. With "keep" no reports are made,
-        which takes about half of the time.
+        has it: a single design raises its own error, many a BadDesign, which carries all points and reports. With "keep" no reports are
+        made, which takes about half of the time.
         """
         check_bad(bad)
         if bad == "keep":
@@ -189,7 +189,8 @@ class CompiledDeformation(DesignSpace):
 
 def load(path: "Union[str, os.PathLike[str]]") -> CompiledDeformation:
     """Reads a compiled deformation, from `deform compile` or `CompiledDeformation.save`. Everything is checked: raises DataLoss for files
-    that are none or are damaged, with the place, FailedPrecondition for a layout of another version, NotFound where there is no such file."""
+    that are none or are damaged, with the place, FailedPrecondition for a layout of another version, NotFound where there is no such
+    file."""
     return CompiledDeformation(_deformd.Compiled.load(os.fspath(path)))
 
 

@@ -82,8 +82,8 @@ class Report:
 
 
 class CompiledReport:
-    """The report on one design of a compiled deformation, which knows the solver's part: no faces, no cells. Lengths are in model units. All
-    but the error is NaN or False where there is one. Immutable."""
+    """The report on one design of a compiled deformation, which knows the solver's part: no faces, no cells. Lengths are in model
+    units. All but the error is NaN or False where there is one. Immutable."""
 
     __slots__ = ("_numbers", "_diagonal", "_error")
 
