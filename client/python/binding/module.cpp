@@ -3,6 +3,7 @@
 #include <pybind11/stl.h>
 
 #include "client/python/binding/bind_client.h"
+#include "client/python/binding/bind_compiled.h"
 #include "client/python/binding/bind_mesh.h"
 #include "client/python/binding/calls.h"
 #include "client/python/binding/record.h"
@@ -17,6 +18,7 @@ PYBIND11_MODULE(_deformd, module) {
   python::register_errors();
   python::bind_record(module);
   python::bind_client(module);
+  python::bind_compiled(module);
   python::bind_meshes(module);
   python::bind_setups(module);
   python::bind_population(module);

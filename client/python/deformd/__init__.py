@@ -12,14 +12,16 @@ docs/python.md of the repository is the page about it.
 from . import _deformd
 from ._deformd import Cancel, Record
 from .client import Client
+from .compiled import CompiledDeformation, load
+from .designs import Variable
 from .errors import (AlreadyExists, BadDesign, BadDesignWarning, Cancelled, DataLoss, DeadlineExceeded, Error, FailedPrecondition,
                      Internal, InvalidArgument, NotFound, NumericalFailure, OutOfBudget, Unavailable)
 from .geometry import Geometry
-from .reports import Deformation, Population, Report
-from .system import System, Variable
+from .reports import CompiledReport, Deformation, Population, Report
+from .system import System
 
 __version__: str = _deformd.version
 
-__all__ = ["AlreadyExists", "BadDesign", "BadDesignWarning", "Cancel", "Cancelled", "Client", "DataLoss", "DeadlineExceeded",
-           "Deformation", "Error", "FailedPrecondition", "Geometry", "Internal", "InvalidArgument", "NotFound", "NumericalFailure",
-           "OutOfBudget", "Population", "Record", "Report", "System", "Unavailable", "Variable"]
+__all__ = ["AlreadyExists", "BadDesign", "BadDesignWarning", "Cancel", "Cancelled", "Client", "CompiledDeformation", "CompiledReport",
+           "DataLoss", "DeadlineExceeded", "Deformation", "Error", "FailedPrecondition", "Geometry", "Internal", "InvalidArgument",
+           "NotFound", "NumericalFailure", "OutOfBudget", "Population", "Record", "Report", "System", "Unavailable", "Variable", "load"]

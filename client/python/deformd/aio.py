@@ -20,6 +20,7 @@ import numpy as np
 
 from . import _deformd
 from . import client as blocking
+from .compiled import CompiledDeformation
 from .geometry import Geometry
 from .reports import Deformation, Population, Report
 from .system import System as BlockingSystem
@@ -143,6 +144,10 @@ class System:
     async def jacobian(self, x: Any = None, **options: Any) -> np.ndarray:
         """As `deformd.System.jacobian`."""
         return await self._client._run(self.blocking.jacobian, x, **options)
+
+    async def local(self, **options: Any) -> CompiledDeformation:
+        """As `deformd.System.local`."""
+        return await self._client._run(self.blocking.local, **options)
 
     async def release(self, *, forget: bool = False) -> None:
         """As `deformd.System.release`."""

@@ -1,14 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the server says about a design."""
+"""What is said about a design: by the server, or by a compiled deformation."""
 
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+import math
+import warnings
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from . import _deformd
-from .errors import Error
+from .errors import BadDesign, BadDesignWarning, Error, InvalidArgument
 
 _VERDICTS = {"VERDICT_GOOD": "good", "VERDICT_DOUBTFUL": "doubtful", "VERDICT_BAD": "bad"}
+
+# Of the verdict of the server: fractions of the largest displacement, and of the diagonal.
+_BAD_ERROR = 1e-3
+_NEGLIGIBLE_ERROR = 1e-12
 
 
 class Report:
@@ -75,20 +81,131 @@ class Report:
         return Report, (self._record, self._error)
 
 
+class CompiledReport:
+    """The report on one design of a compiled deformation, which knows the solver's part: no faces, no cells. Lengths are in model
+    units. All but the error is NaN or False where there is one. Immutable."""
+
+    __slots__ = ("_numbers", "_diagonal", "_error")
+
+    def __init__(self, *numbers: float, diagonal: float = 0.0, error: Optional[Error] = None) -> None:
+        self._numbers = numbers or (math.nan, math.nan, math.nan, math.nan, False)
+        self._diagonal = diagonal
+        self._error = error
+
+    @property
+    def estimated_error(self) -> float:
+        """Estimated largest distance of a point from its position in the exact solution of the equations of the method; at least half of
+        the true value. That of float32 is not counted."""
+        return float(self._numbers[0])
+
+    @property
+    def max_displacement(self) -> float:
+        """The largest displacement of a point."""
+        return float(self._numbers[1])
+
+    @property
+    def prescribed_displacement(self) -> float:
+        """The largest displacement that a handle prescribes."""
+        return float(self._numbers[2])
+
+    @property
+    def interpolation_residual(self) -> float:
+        """Bound of the error at handle and fixed points."""
+        return float(self._numbers[3])
+
+    @property
+    def converged(self) -> bool:
+        """The solver reached its tolerance."""
+        return bool(self._numbers[4])
+
+    @property
+    def relative_error(self) -> float:
+        """estimated_error / max_displacement; 0 if nothing moves."""
+        return self.estimated_error / self.max_displacement if self.max_displacement != 0 else 0.0
+
+    @property
+    def error(self) -> Optional[Error]:
+        """Why there is no deformation, as an exception that was not raised. Else None."""
+        return self._error
+
+    @property
+    def reasons(self) -> Tuple[str, ...]:
+        """Why the design must not be used: the error, or what is wrong with the solution; one sentence each. Empty where it may be."""
+        if self._error is not None:
+            return (str(self._error),)
+        if not math.isfinite(self.max_displacement) or not math.isfinite(self.estimated_error):
+            return ("points are not finite",)
+        told = []
+        if not self.converged:
+            told.append(f"the solver did not reach its tolerance: the estimated error is {self.estimated_error:.3g}")
+        if self.relative_error > _BAD_ERROR and self.estimated_error > _NEGLIGIBLE_ERROR * self._diagonal:
+            told.append(f"the estimated error is {self.estimated_error:.3g}, {self.relative_error:.3g} of the largest displacement")
+        return tuple(told)
+
+    @property
+    def bad(self) -> bool:
+        """The design must not be used: it has an error, or the server would call its solution bad."""
+        return bool(self.reasons)
+
+    def to_dict(self) -> Dict[str, Any]:
+        """Everything, as plain Python values."""
+        if self._error is not None:
+            error = self._error
+            return {"reasons": list(self.reasons), "error": {"code": error.code, "message": error.message, "field": error.field}}
+        names = ("estimated_error", "max_displacement", "prescribed_displacement", "interpolation_residual", "converged", "relative_error")
+        return {**{name: getattr(self, name) for name in names}, "reasons": list(self.reasons), "error": None}
+
+    def __repr__(self) -> str:
+        return f"<CompiledReport: {'; '.join(self.reasons) or f'estimated error {self.estimated_error:.3g}'}>"
+
+    def __reduce__(self) -> Any:
+        return _compiled_report, (self._numbers, self._diagonal, self._error)
+
+
+def _compiled_report(numbers: Tuple[float, ...], diagonal: float, error: Optional[Error]) -> CompiledReport:
+    return CompiledReport(*numbers, diagonal=diagonal, error=error)
+
+
 class Deformation(NamedTuple):
     """One design: `points` (n, 3) in registered order, model units, NaN where there is an error; and its `report`."""
 
     points: np.ndarray
-    report: Report
+    report: Union[Report, CompiledReport]
 
 
 class Population(NamedTuple):
     """Many designs: `points` (m, n, 3), NaN for designs with an error; and one report per design."""
 
     points: np.ndarray
-    reports: List[Report]
+    reports: Sequence[Union[Report, CompiledReport]]
 
     @property
     def usable(self) -> np.ndarray:
         """Which designs may be used: (m,) of bool, False where the verdict is bad."""
         return np.array([not report.bad for report in self.reports], dtype=bool)
+
+
+def check_bad(bad: str) -> None:
+    """Refuses values of the argument `bad` that there are not."""
+    if bad not in ("raise", "warn", "keep"):
+        raise InvalidArgument(f'bad: {bad!r}, expected "raise", "warn" or "keep"')
+
+
+def raise_or_warn(deformation: Union[Deformation, Population], bad: str) -> None:
+    """Raises or warns where something is bad."""
+    if isinstance(deformation, Deformation):
+        report = deformation.report
+        if report.error is not None and bad == "raise":
+            raise report.error
+        wrong = [("design", report)] if report.bad else []
+    else:
+        wrong = [(f"designs[{i}]", report) for i, report in enumerate(deformation.reports) if report.bad]
+    if not wrong:
+        return
+    first = next((report.error for _, report in wrong if report.error is not None), None)
+    told = [f"{name}: {'; '.join(report.reasons) or 'the verdict is bad'}" for name, report in wrong[:3]]
+    message = (f"{len(wrong)} bad designs: " if len(wrong) > 1 else "") + ". ".join(told) + (f", and {len(wrong) - 3} more" if len(wrong) > 3 else "")
+    if bad == "warn":
+        warnings.warn(message, BadDesignWarning, stacklevel=3)
+        return
+    raise BadDesign(message, deformation, wrong[0][0]) from first

@@ -2,23 +2,23 @@
 """Prepared systems: where designs become points."""
 
 import json
-import warnings
-from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union, overload
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from . import _deformd
-from .errors import BadDesign, BadDesignWarning, Error, InvalidArgument
-from .reports import Deformation, Population, Report
+from .compiled import CompiledDeformation
+from .designs import DesignSpace, Variable
+from .errors import InvalidArgument
+from .reports import Deformation, Population, Report, check_bad, raise_or_warn
 
 if TYPE_CHECKING:
     from typing import Literal
 
     from .client import Client
+    from .designs import Design, Designs
     from .geometry import Geometry
 
-    Design = Union[Sequence[float], np.ndarray, Mapping[str, float]]
-    Designs = Union[np.ndarray, Sequence[Union[Sequence[float], np.ndarray, Mapping[str, float]]]]
     Bad = Literal["raise", "warn", "keep"]
 
 _BATCH_BYTES = 64 << 20  # of the points of one request
@@ -26,18 +26,7 @@ _REQUESTS = 2  # at a time: one is computed while the other travels
 _WRITTEN_TOLERANCE = 1e-9  # of D, as the command line has it
 
 
-class Variable(NamedTuple):
-    """A design variable of a setup."""
-
-    name: str
-    handle: str
-    """The name of the handle that it moves."""
-    lower: float
-    """-inf where there is no bound."""
-    upper: float
-
-
-class System:
+class System(DesignSpace):
     """A geometry with a setup, prepared on the server. `Client.prepare` and `Client.system` make it. Any thread may use it.
 
     Below k is the number of design variables, n the number of points, m a number of designs. A design x is an array of k values
@@ -54,7 +43,7 @@ class System:
         self.info = info
         """What was prepared, from what and how: SystemInfo of proto/deform/v1/deformation.proto."""
         infinity = float("inf")
-        self.variables: Tuple[Variable, ...] = tuple(
+        super().__init__(
             Variable(v.name, v.handle, -infinity if v.lower is None else v.lower, infinity if v.upper is None else v.upper)
             for v in info.setup.variables)
 
@@ -62,16 +51,6 @@ class System:
     def id(self) -> str:
         """64 hexadecimal digits, the hash of geometry and setup."""
         return str(self.info.id)
-
-    @property
-    def names(self) -> Tuple[str, ...]:
-        """The names of the design variables, in the order of the setup."""
-        return tuple(variable.name for variable in self.variables)
-
-    @property
-    def bounds(self) -> np.ndarray:
-        """Lower and upper bounds of the design variables, (k, 2); infinite where there is none."""
-        return np.array([(variable.lower, variable.upper) for variable in self.variables], dtype=np.float64).reshape(-1, 2)
 
     @property
     def geometry(self) -> "Geometry":
@@ -92,11 +71,10 @@ class System:
           designs last takes `deform` instead, which gives the reports.
         options: those of `deform`.
         """
-        if bad not in ("raise", "warn", "keep"):
-            raise InvalidArgument(f'bad: {bad!r}, expected "raise", "warn" or "keep"')
+        check_bad(bad)
         deformation = self.deform(x, out=out, **options)
         if bad != "keep":
-            _tell(deformation, bad)
+            raise_or_warn(deformation, bad)
         return deformation.points
 
     def deform(
@@ -209,6 +187,11 @@ class System:
 
     # ---- the rest ----
 
+    def local(self, *, timeout: Optional[float] = None, cancel: "Optional[_deformd.Cancel]" = None) -> CompiledDeformation:
+        """The compiled deformation of this system, which turns designs into points and derivatives without the server. Raises
+        FailedPrecondition, with the reason, where a system has none: with constraints, without a basis or without design variables."""
+        return CompiledDeformation(_deformd.compile(self._client._native, self.id, self._client._limits(timeout, cancel)))
+
     def release(self, *, forget: bool = False) -> None:
         """Gives the memory of the system on the server back; it is prepared again when it is used. forget: deletes the stored setup
         as well, so that the id is unknown afterwards."""
@@ -217,45 +200,6 @@ class System:
     @property
     def _point_count(self) -> int:
         return int(self.info.points)
-
-    def _design(self, x: "Optional[Design]") -> np.ndarray:
-        if x is None:
-            return np.zeros(len(self.variables))
-        rows, single = self._designs(x)
-        if not single:
-            raise InvalidArgument(f"design: shape {rows.shape}, expected ({len(self.variables)},)")
-        return rows[0]
-
-    def _designs(self, x: Any) -> Tuple[np.ndarray, bool]:
-        """Rows of values (m, k), and whether x was one design."""
-        if x is None:
-            return np.zeros((1, len(self.variables))), True
-        if isinstance(x, Mapping):
-            return self._named(x, "design")[None, :], True
-        if not isinstance(x, np.ndarray) and any(isinstance(row, Mapping) for row in x):
-            rows = [self._named(row, f"designs[{i}]") if isinstance(row, Mapping) else np.asarray(row, dtype=np.float64) for i, row in enumerate(x)]
-            for i, row in enumerate(rows):
-                self._check_width(row.shape, f"designs[{i}].variables")
-            return np.array(rows), False
-        values = np.asarray(x, dtype=np.float64)
-        if values.ndim not in (1, 2):
-            raise InvalidArgument(f"designs: an array of shape {values.shape}, expected ({len(self.variables)},) or (m, {len(self.variables)})")
-        self._check_width(values.shape[-1:], "designs")
-        return (values[None, :], True) if values.ndim == 1 else (values, False)
-
-    def _check_width(self, shape: Tuple[int, ...], what: str) -> None:
-        if shape != (len(self.variables),):
-            raise InvalidArgument(f"{what}: {shape[0] if shape else 'no'} values, the setup has {len(self.variables)} variables: {', '.join(self.names)}")
-
-    def _named(self, values: Mapping[str, float], what: str) -> np.ndarray:
-        row = np.zeros(len(self.variables))
-        places = {name: i for i, name in enumerate(self.names)}
-        for name, value in values.items():
-            if name not in places:
-                near = _deformd.nearest_names(str(name), list(self.names))
-                raise InvalidArgument(f'{what}: there is no variable "{name}"' + (f"; did you mean {near}?" if near else f", only {', '.join(self.names)}"))
-            row[places[name]] = value
-        return row
 
     def _begin(self, rows: np.ndarray, single: bool, out: Optional[np.ndarray], motions: Any, timeout: Optional[float],
                cancel: "Optional[_deformd.Cancel]", options: Dict[str, Any]) -> "Tuple[_deformd.Run, Optional[np.ndarray]]":
@@ -307,23 +251,3 @@ class System:
 
 def _restore(client: "Client", id: str) -> System:
     return client.system(id)
-
-
-def _tell(deformation: Union[Deformation, Population], bad: str) -> None:
-    """Raises or warns where something is bad."""
-    if isinstance(deformation, Deformation):
-        report = deformation.report
-        if report.error is not None and bad == "raise":
-            raise report.error
-        wrong = [("design", report)] if report.bad else []
-    else:
-        wrong = [(f"designs[{i}]", report) for i, report in enumerate(deformation.reports) if report.bad]
-    if not wrong:
-        return
-    first = next((report.error for _, report in wrong if report.error is not None), None)
-    told = [f"{name}: {'; '.join(report.reasons) or 'the verdict is bad'}" for name, report in wrong[:3]]
-    message = (f"{len(wrong)} bad designs: " if len(wrong) > 1 else "") + ". ".join(told) + (f", and {len(wrong) - 3} more" if len(wrong) > 3 else "")
-    if bad == "warn":
-        warnings.warn(message, BadDesignWarning, stacklevel=3)
-        return
-    raise BadDesign(message, deformation, wrong[0][0]) from first
