@@ -232,6 +232,24 @@ class Flow(EndToEnd):
             self.write("bad.yaml", AHMED_SETUP.replace(*change))
             self.fails(1, "prepare", "bad.yaml", says=says)
 
+    def test_no_command_replaces_what_it_reads(self):
+        self.write("designs.csv", "roof_up\n0.01\n")
+        os.symlink("ahmed.obj", self.path("link.obj"))
+        def content(name):
+            with open(self.path(name), "rb") as file:
+                return file.read()
+        names = ("ahmed.obj", "setup.yaml", "designs.csv")
+        before = [content(name) for name in names]
+        for arguments, file in ((["cage", "mesh", "ahmed.obj", "-o", "link.obj"], "link.obj"),
+                                (["detect", "ahmed.obj", "-o", "ahmed.obj"], "ahmed.obj"),
+                                (["compile", "setup.yaml", "-o", "setup.yaml"], "setup.yaml"),
+                                (["compile", "setup.yaml", "-o", "ahmed.obj"], "ahmed.obj"),
+                                (["compare", "setup.yaml", "--designs", "designs.csv", "-o", "designs.csv"], "designs.csv"),
+                                (["compare", "setup.yaml", "--set", "roof_up=0.01", "-o", "ahmed.obj"], "ahmed.obj"),
+                                (["quality", "ahmed.obj", "--html", "ahmed.obj"], "ahmed.obj")):
+            self.fails(1, *arguments, says=["would replace", file])
+        self.assertEqual([content(name) for name in names], before)
+
     def test_exit_codes(self):
         self.fails(2, says=["--help"])
         self.fails(2, "aply", says=["did you mean \"apply\""])

@@ -26,6 +26,14 @@ def lonely(tmp_path):
     made.server.stop()
 
 
+def test_numpy_2_needs_a_pybind11_that_knows_it():
+    from deformd.numpy_version import check_numpy_version
+    check_numpy_version(0x020A0300, "1.26.4")
+    check_numpy_version(0x020C0000, "2.0.0")
+    with pytest.raises(ImportError, match="NumPy 2.4.6"):
+        check_numpy_version(0x020A03F0, "2.4.6")
+
+
 def test_errors_have_types_and_say_where(case, client):
     cases = [
         (deformd.NotFound, LookupError, lambda: client.geometry("0" * 64), "", None),

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "client/cli/commands/command.h"
+#include "client/cli/commands/mesh_reading.h"
 #include "client/cli/commands/workspace.h"
 #include "client/cli/compare/compared.h"
 #include "client/cli/compare/compared_output.h"
@@ -165,6 +166,7 @@ ExitCode run_compare(const CompareOptions& options, const CommonOptions& common)
     throw Error(ErrorCode::invalid_argument,
                 "the setup names its geometry by id: give the mesh file that results are measured against, --source FILE");
   }
+  keep_inputs("--output", options.output, {options.input.setup, loaded.source_path, options.designs});
   const std::vector<MethodChoice> choices = method_choices(options.methods, loaded.setup);
   const std::vector<NamedDesign> designs = designs_of(options, loaded.setup);
   Comparer comparer(connection, loaded, designs, progress);

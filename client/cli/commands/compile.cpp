@@ -11,6 +11,7 @@
 #include <span>
 
 #include "client/cli/commands/command.h"
+#include "client/cli/commands/mesh_reading.h"
 #include "client/cli/commands/workspace.h"
 #include "client/cli/output/format.h"
 #include "client/cli/output/result_json.h"
@@ -93,9 +94,11 @@ nlohmann::ordered_json compiled_json(const compiled::Content& content, const std
 
 ExitCode run_compile(const CompileOptions& options, const CommonOptions& common) {
   const auto start = std::chrono::steady_clock::now();
+  keep_inputs("--output", options.output, {options.input.setup, options.input.source});
   Connection connection(common);
   Progress progress;
   const PreparedSetup prepared = open_setup(connection, options.input, progress);
+  keep_inputs("--output", options.output, {prepared.source_path});
   Partial partial(options.output);
   const v1::BasisHeader header = connection.client().get_basis(
       prepared.system.id(), [&](std::span<const std::byte> records) { partial.append(records); }, connection.call());

@@ -186,6 +186,8 @@ DetectedSetup write_setup(const DetectCommand& options, const Input& input, cons
 
 ExitCode run_detect(const DetectCommand& options, const CommonOptions& common) {
   const Input input = input_of(options);
+  keep_inputs("-o", options.setup, {input.mesh});
+  keep_inputs("--coloured", options.coloured, {input.mesh, options.file});
   Connection connection(common);
   Progress progress;
   const auto file = io::read_mesh_file(input.mesh, own_process(connection.interrupted()));

@@ -36,6 +36,17 @@ std::filesystem::path mesh_path(const std::string& setup, const SetupFile& file,
   throw Error(ErrorCode::invalid_argument, setup + ": it names its geometry by id: give the mesh file, --source FILE");
 }
 
+void keep_inputs(const std::string& option, const std::filesystem::path& output,
+                 std::initializer_list<std::filesystem::path> inputs) {
+  if (output.empty()) return;
+  for (const std::filesystem::path& input : inputs) {
+    std::error_code absent;
+    if (input.empty() || !std::filesystem::equivalent(input, output, absent)) continue;
+    throw Error(ErrorCode::invalid_argument,
+                option + " " + output.string() + ": would replace " + input.string() + ", which is read here; name another file");
+  }
+}
+
 void add_read_isolated_command(CLI::App& app, const CommonOptions&, Action& chosen) {
   auto* command = app.add_subcommand(command_name, "Reads a mesh file for another process of this program; not for people");
   command->group("");  // in no list of commands

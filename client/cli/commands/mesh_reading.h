@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <initializer_list>
 #include <string>
 
 #include "client/cli/setup/reading.h"
@@ -17,5 +18,10 @@ io::ReadOptions own_process(const CancelFlag& cancel);
 /// The mesh file of a setup file: the one that it names, or `source` where it names its geometry by id. Throws
 /// Error(invalid_argument) when there are both or none. setup: the name of the setup file.
 std::filesystem::path mesh_path(const std::string& setup, const SetupFile& file, const std::string& source);
+
+/// Throws Error(invalid_argument) naming the option when `output` is, under whatever name, one of the files that the command
+/// reads. Empty paths are ignored.
+void keep_inputs(const std::string& option, const std::filesystem::path& output,
+                 std::initializer_list<std::filesystem::path> inputs);
 
 }  // namespace deform::cli

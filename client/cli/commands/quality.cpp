@@ -109,6 +109,9 @@ std::string failure_text(const std::vector<QualityPage::Gate>& gates, const std:
 ExitCode run_quality(const QualityOptions& options, const CommonOptions& common) {
   ComparisonInput input = options.input;
   input.reading = own_process();
+  for (const auto& [option, output] : {std::pair("--html", options.html), std::pair("--vtu", options.vtk)}) {
+    keep_inputs(option, output, {input.file, input.before, input.setup, options.result});
+  }
   PageExtras extras;
   if (!options.result.empty()) extras.constraints = constraints_of(options.result);
   const Comparison comparison = compare(input);

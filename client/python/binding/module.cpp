@@ -14,6 +14,7 @@ PYBIND11_MODULE(_deformd, module) {
   using namespace deform;
   module.doc() = "The C++ client library; the package deformd is the interface.";
   module.attr("version") = version();
+  module.attr("pybind11_version") = PYBIND11_VERSION_HEX;
   module.def("nearest_names", &nearest_names);
   python::register_errors();
   python::bind_record(module);

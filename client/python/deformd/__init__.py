@@ -10,6 +10,10 @@ docs/python.md of the repository is the page about it.
 """
 
 from . import _deformd
+from .numpy_version import check_numpy_version
+
+check_numpy_version(_deformd.pybind11_version)
+
 from ._deformd import Cancel, Record
 from .client import Client
 from .compiled import CompiledDeformation, load

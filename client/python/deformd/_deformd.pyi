@@ -6,6 +6,7 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 version: str
+pybind11_version: int
 
 def nearest_names(name: str, candidates: Sequence[str], /) -> str: ...
 
