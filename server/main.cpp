@@ -37,34 +37,47 @@ enum ExitCode { exit_ok = 0, exit_failed = 1, exit_usage = 2 };
 
 // A signal handler reaches nothing but file scope. Blocking the signals and sigwait() would not need one, but libraries
 // (OpenBLAS) start threads before main(), which do not inherit the mask and would die of the signal.
-sem_t stop_signals;
-std::atomic<int> last_signal{0};
+sem_t signals_seen;
+std::atomic<int> last_stop{0};
+std::atomic<int> reloads_asked{0};
 static_assert(std::atomic<int>::is_always_lock_free);
 
-/// SIGTERM and SIGINT, counted by a semaphore. With handlers installed it works as process 1, too.
-class StopSignals {
+/// SIGTERM and SIGINT, which stop the server, and SIGHUP, which has it reload, counted by a semaphore. With handlers installed it
+/// works as process 1, too.
+class Signals {
  public:
-  StopSignals() {
-    sem_init(&stop_signals, 0, 0);
+  Signals() {
+    sem_init(&signals_seen, 0, 0);
     struct sigaction action {};
     action.sa_handler = [](int number) {
-      last_signal = number;
-      sem_post(&stop_signals);
+      if (number == SIGHUP) {
+        ++reloads_asked;
+      } else {
+        last_stop = number;
+      }
+      sem_post(&signals_seen);
     };
     action.sa_flags = SA_RESTART;
     sigaction(SIGTERM, &action, nullptr);
     sigaction(SIGINT, &action, nullptr);
+    sigaction(SIGHUP, &action, nullptr);
     signal(SIGPIPE, SIG_IGN);
   }
+  /// The next of them; SIGHUP before what stops.
   int wait() const {
-    while (sem_wait(&stop_signals) != 0) {
+    while (sem_wait(&signals_seen) != 0) {
     }
-    return last_signal;
+    if (reloads_asked > 0) {
+      --reloads_asked;
+      return SIGHUP;
+    }
+    return last_stop;
   }
   /// From now on a signal ends the process at once.
   void give_up_at_the_next() const {
     std::thread([this] {
-      wait();
+      while (wait() == SIGHUP) {
+      }
       give_up("asked to stop a second time: ending at once");
     }).detach();
   }
@@ -126,7 +139,32 @@ void raise_open_files() {
   }
 }
 
-void serve(const deform::server::Configuration& configuration, const StopSignals& signals) {
+/// Opens the log anew and takes over what the options say now, as far as that goes without a restart. Certificates and identities
+/// are reread by themselves.
+void reload(const deform::server::CommandLine& command_line, deform::server::Configuration& configuration) {
+  deform::server::reopen_log();
+  spdlog::info("SIGHUP: the log is opened anew, options are read again");
+  try {
+    auto read = deform::server::read_configuration(command_line);
+    const auto& fresh = std::get<deform::server::Configuration>(read);
+    for (std::size_t i = 0; i < fresh.effective.size(); ++i) {
+      auto& now = configuration.effective.at(i);
+      if (fresh.effective[i].value == now.value) continue;
+      const std::string value = deform::escaped(fresh.effective[i].value, 300);
+      if (now.name == "log-level") {
+        spdlog::info("option log-level={}, before {}", value, now.value);
+        deform::server::set_log_level(fresh.log.level);
+        now = fresh.effective[i];
+      } else {
+        spdlog::warn("option {}={} takes a restart; it stays {}", now.name, value, deform::escaped(now.value, 300));
+      }
+    }
+  } catch (const Error& error) {
+    spdlog::error("options stay as they are: {}", deform::escaped(error.what(), 2000));
+  }
+}
+
+void serve(deform::server::Configuration configuration, const deform::server::CommandLine& command_line, const Signals& signals) {
   deform::server::start_logging(configuration.log);
   spdlog::info("{} starts, process {}", deform::version_line("deformd"), getpid());
   log_configuration(configuration);
@@ -135,7 +173,8 @@ void serve(const deform::server::Configuration& configuration, const StopSignals
   if (!configuration.port_file.empty()) write_port_file(configuration.port_file, server->port());
   spdlog::info("listening on {}", server->address());
 
-  const int number = signals.wait();
+  int number = signals.wait();
+  for (; number == SIGHUP; number = signals.wait()) reload(command_line, configuration);
   spdlog::info("{}: stopping, what is under way has {} ms", number == SIGTERM ? "SIGTERM" : "SIGINT",
                configuration.grace.count());
   signals.give_up_at_the_next();
@@ -158,13 +197,13 @@ int main(int argc, char** argv) {
   try {
     const deform::server::CommandLine command_line{{argv + 1, argv + argc}, environment_variable};
     if (const auto code = deform::server::run_store_command(command_line, std::cout)) return *code;
-    static const StopSignals signals;  // outlives the thread that waits for the second one
+    static const Signals signals;  // outlives the thread that waits for the second one
     const auto configuration = deform::server::read_configuration(command_line);
     if (const auto* answer = std::get_if<deform::server::Answer>(&configuration)) {
       std::cout << answer->text << std::flush;
       return exit_ok;
     }
-    serve(std::get<deform::server::Configuration>(configuration), signals);
+    serve(std::get<deform::server::Configuration>(configuration), command_line, signals);
     return exit_ok;
   } catch (const Error& error) {
     std::fprintf(stderr, "deformd: %s\n", deform::escaped(error.what(), 2000).c_str());

@@ -102,6 +102,9 @@ void add_network_options(std::vector<Option>& all) {
   all.push_back({"address", "HOST:PORT", "where to listen; port 0 takes a free one; unix:PATH works too",
                  [](Configuration& c, const std::string& text) { c.server.address = text; },
                  [](const Configuration& c) { return c.server.address; }});
+  all.push_back({"metrics-address", "HOST:PORT", "where /metrics, /livez and /readyz answer in plain HTTP; empty: nowhere",
+                 [](Configuration& c, const std::string& text) { c.server.metrics_address = text; },
+                 [](const Configuration& c) { return c.server.metrics_address; }});
   all.push_back(
       {"insecure", "", "listen beyond this machine without encryption: others can read, change and call everything",
        [](Configuration& c, const std::string& text) {

@@ -35,27 +35,6 @@ constexpr std::chrono::milliseconds count_interval{20};
 constexpr std::chrono::milliseconds pause_without_files{10};
 constexpr std::chrono::seconds complaint_interval{10};
 
-struct HostPort {
-  std::string host;
-  int port = -1;  ///< -1: no number in 0..65535
-};
-
-HostPort split_address(const std::string& address) {
-  HostPort out;
-  const std::size_t colon = address.rfind(':');
-  if (colon == std::string::npos) return {address, -1};
-  out.host = address.substr(0, colon);
-  if (out.host.size() >= 2 && out.host.front() == '[' && out.host.back() == ']') {
-    out.host = out.host.substr(1, out.host.size() - 2);
-  }
-  const char* first = address.data() + colon + 1;
-  const char* last = address.data() + address.size();
-  int port = 0;
-  const auto [end, failure] = std::from_chars(first, last, port);
-  if (failure == std::errc() && end == last && first != last && port >= 0 && port <= 65535) out.port = port;
-  return out;
-}
-
 Error cannot_listen(const std::string& address, const std::string& why) {
   return {ErrorCode::unavailable, "cannot listen on " + address + ": " + why};
 }
@@ -132,6 +111,22 @@ bool beyond_loopback(const std::string& address) {
   const bool dotted =
       std::count(host.begin(), host.end(), '.') == 3 && host.find_first_not_of("0123456789.") == std::string::npos;
   return !(dotted && host.starts_with("127."));
+}
+
+HostPort split_address(const std::string& address) {
+  HostPort out;
+  const std::size_t colon = address.rfind(':');
+  if (colon == std::string::npos) return {address, -1};
+  out.host = address.substr(0, colon);
+  if (out.host.size() >= 2 && out.host.front() == '[' && out.host.back() == ']') {
+    out.host = out.host.substr(1, out.host.size() - 2);
+  }
+  const char* first = address.data() + colon + 1;
+  const char* last = address.data() + address.size();
+  int port = 0;
+  const auto [end, failure] = std::from_chars(first, last, port);
+  if (failure == std::errc() && end == last && first != last && port >= 0 && port <= 65535) out.port = port;
+  return out;
 }
 
 void check_address(const std::string& address) {

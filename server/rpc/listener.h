@@ -20,6 +20,13 @@ bool is_unix(const std::string& address);
 /// Throws Error(invalid_argument) "option address: ..." for what is no HOST:PORT, [IPV6]:PORT or unix:PATH; nothing is looked up.
 void check_address(const std::string& address);
 
+struct HostPort {
+  std::string host;  ///< without the brackets of IPv6
+  int port = -1;     ///< -1: no number in 0..65535
+};
+/// The parts of HOST:PORT or [IPV6]:PORT, as they are written.
+HostPort split_address(const std::string& address);
+
 /// As many connections as the limit of open files allows beside the files that the server itself needs, at most 4096; `wanted`
 /// instead when it is not 0. Throws Error(invalid_argument) when there are not so many.
 std::size_t connection_limit(std::size_t wanted);

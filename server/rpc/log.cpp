@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/rpc/log.h"
 
+#include <spdlog/details/file_helper.h>
 #include <spdlog/pattern_formatter.h>
-#include <spdlog/sinks/basic_file_sink.h>
+#include <spdlog/sinks/base_sink.h>
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <iterator>
+#include <memory>
+#include <mutex>
+#include <utility>
 
 #include "core/base/text.h"
 
@@ -154,6 +158,35 @@ class JsonFormatter : public spdlog::formatter {
   spdlog::pattern_formatter pattern_{R"({"time":"%Y-%m-%dT%H:%M:%S.%e%z","level":"%l",%v})"};
 };
 
+/// Appends to a file that may be opened anew.
+class LogFileSink final : public spdlog::sinks::base_sink<std::mutex> {
+ public:
+  explicit LogFileSink(std::string path) : path_(std::move(path)), file_(opened(path_)) {}
+
+  /// Throws spdlog::spdlog_ex, and the file before stays.
+  void reopen() {
+    auto fresh = opened(path_);
+    const std::lock_guard lock(mutex_);
+    file_.swap(fresh);
+  }
+
+ private:
+  static std::unique_ptr<spdlog::details::file_helper> opened(const std::string& path) {
+    auto file = std::make_unique<spdlog::details::file_helper>();
+    file->open(path);
+    return file;
+  }
+  void sink_it_(const spdlog::details::log_msg& message) override {
+    spdlog::memory_buf_t line;
+    formatter_->format(message, line);
+    file_->write(line);
+  }
+  void flush_() override { file_->flush(); }
+
+  const std::string path_;
+  std::unique_ptr<spdlog::details::file_helper> file_;  // under mutex_
+};
+
 std::shared_ptr<spdlog::logger> make_logger(const char* name, const spdlog::sink_ptr& sink, const LogOptions& options) {
   auto logger = std::make_shared<spdlog::logger>(name, sink);
   logger->set_level(options.level);
@@ -169,7 +202,7 @@ void start_logging(const LogOptions& options) {
     if (options.file.empty()) {
       sink = std::make_shared<spdlog::sinks::stderr_sink_mt>();
     } else {
-      sink = std::make_shared<spdlog::sinks::basic_file_sink_mt>(options.file.string());
+      sink = std::make_shared<LogFileSink>(options.file.string());
     }
   } catch (const spdlog::spdlog_ex& error) {
     throw Error(ErrorCode::invalid_argument, "log_file: " + std::string(error.what()));
@@ -180,6 +213,23 @@ void start_logging(const LogOptions& options) {
   spdlog::set_default_logger(make_logger("deformd", sink, options));
   spdlog::drop(calls_logger);
   if (options.format == LogFormat::json) spdlog::register_logger(make_logger(calls_logger, sink, options));
+}
+
+void reopen_log() {
+  for (const auto& sink : spdlog::default_logger()->sinks()) {
+    const auto file = std::dynamic_pointer_cast<LogFileSink>(sink);
+    if (!file) continue;
+    try {
+      file->reopen();
+    } catch (const spdlog::spdlog_ex& error) {
+      spdlog::error("log_file: {}; the one before is kept", error.what());
+    }
+  }
+}
+
+void set_log_level(spdlog::level::level_enum level) {
+  spdlog::default_logger()->set_level(level);
+  if (const auto calls = spdlog::get(calls_logger)) calls->set_level(level);
 }
 
 std::string to_line(const CallRecord& record) { return fields_of<TextFields>(record); }

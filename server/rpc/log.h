@@ -27,6 +27,12 @@ struct LogOptions {
 /// Sets up the process-wide logger (spdlog's default one). Throws Error(invalid_argument) when the file cannot be opened.
 void start_logging(const LogOptions& options);
 
+/// What follows goes to the file of that name as it is now: after the log was renamed by whoever rotates it. When it cannot be
+/// opened, to the one before. Nothing without a file. Thread-safe.
+void reopen_log();
+/// Thread-safe.
+void set_log_level(spdlog::level::level_enum level);
+
 /// What is logged about one call, or about one request of a DeformStream. Fields that do not apply stay empty and are left out.
 struct CallRecord {
   std::string method;

@@ -56,6 +56,7 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
       started_(std::chrono::steady_clock::now()),
       admission_(incoming.access->admit(method, *incoming.context)) {
   incoming_.live->enter();
+  incoming_.metrics->call_begins();
   record.method = method;
   record.client = incoming.context->peer();
   record.identity = admission_.identity;
@@ -121,6 +122,7 @@ grpc::Status CallScope::finish(std::optional<Error> error) {
 void CallScope::leave() {
   record.wall_ms = milliseconds_since(started_);
   if (overdue_) incoming_.overdue->forget(incoming_.context, *overdue_);
+  caught([this] { incoming_.metrics->call_ends(record); });
   caught([this] { log_call(record); });
   incoming_.live->leave();
 }

@@ -17,6 +17,7 @@
 #include "server/engine/engine.h"
 #include "server/rpc/access.h"
 #include "server/rpc/log.h"
+#include "server/rpc/metrics.h"
 #include "server/rpc/overdue_calls.h"
 
 namespace deform::server {
@@ -50,6 +51,7 @@ struct Incoming {
   const Access* access;
   const std::atomic<bool>* memory_full;
   OverdueCalls* overdue;
+  Metrics* metrics;
   std::chrono::milliseconds max_deadline;  ///< 0: none
 };
 
@@ -75,6 +77,7 @@ class CallScope {
   grpc::Status finish(std::optional<Error> error);
   /// One line, and the call counts no longer. In OnDone.
   void leave();
+  Metrics& metrics() const { return *incoming_.metrics; }
 
   CallRecord record;
 

@@ -5,11 +5,13 @@
 #include <grpc/grpc.h>
 #include <grpc/support/log.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
+#include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <atomic>
 #include <condition_variable>
 #include <limits>
 #include <mutex>
@@ -20,6 +22,7 @@
 #include "core/base/text.h"
 #include "server/engine/memory.h"
 #include "server/rpc/listener.h"
+#include "server/rpc/operations_port.h"
 
 namespace deform::server {
 
@@ -29,6 +32,8 @@ constexpr char service_name[] = "deform.v1.DeformService";
 /// Can geometries and setups be added? Without room on its disk the server still serves what it has.
 constexpr char write_service_name[] = "deform.v1.DeformService/write";
 constexpr std::chrono::milliseconds memory_interval{100};
+/// A thread that has not come round for so long hangs.
+constexpr std::chrono::seconds watch_patience{10};
 constexpr int watch_turns = 10;  ///< every so many of these the store and the identities are looked at
 constexpr double full_memory = 0.9;
 /// For the last messages to leave.
@@ -86,6 +91,26 @@ void set_up_libraries() {
   });
 }
 
+/// Why a call of the health service fails; empty when it is answered in time.
+std::string failed_health_call(grpc::Server& server) {
+  constexpr std::chrono::seconds patience{2};
+  grpc::GenericStub stub(server.InProcessChannel(grpc::ChannelArguments()));
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + patience);
+  const grpc::Slice nothing;
+  const grpc::ByteBuffer request(&nothing, 1);
+  grpc::CompletionQueue queue;
+  const auto call = stub.PrepareUnaryCall(&context, "/grpc.health.v1.Health/Check", request, &queue);
+  call->StartCall();
+  grpc::ByteBuffer reply;
+  grpc::Status status;
+  call->Finish(&reply, &status, nullptr);
+  void* tag = nullptr;
+  bool ok = false;
+  queue.Next(&tag, &ok);
+  return status.ok() ? "" : "a call within the server failed: " + status.error_message();
+}
+
 class GrpcServer final : public RunningServer {
  public:
   GrpcServer(const ServerOptions& options, std::unique_ptr<Engine> engine)
@@ -97,6 +122,7 @@ class GrpcServer final : public RunningServer {
     configure(builder, options);
     if (!options.address.empty()) {
       const std::size_t limit = connection_limit(options.max_connections);
+      connection_limit_ = limit;
       listener_ = std::make_unique<Listener>(Listener::Options{options.address, limit, options.keep_alive_timeout});
       acceptor_ = builder.experimental().AddExternalConnectionAcceptor(
           grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD, credentials_);
@@ -113,12 +139,15 @@ class GrpcServer final : public RunningServer {
     const std::uint64_t budget = engine_->info().memory_budget();
     engine_budgeted_ = budget != 0;
     memory_limit_ = resident_set_bytes() + static_cast<std::size_t>(full_memory * static_cast<double>(budget));
-    watch_ = std::thread([this, writable] { watch(writable); });
+    watched_ = now();
+    if (!options.metrics_address.empty()) open_operations_port(options.metrics_address);
+    watch_ = std::thread([this, writable] { watch(writable); });  // last: what throws after it would leave it running
   }
 
   ~GrpcServer() override { stop(std::chrono::milliseconds(0)); }
 
   std::string address() const override { return address_; }
+  int metrics_port() const override { return operations_ ? operations_->port() : 0; }
   int port() const override { return listener_ ? listener_->port() : 0; }
   Engine& engine() override { return *engine_; }
   std::shared_ptr<grpc::Channel> in_process_channel() override { return server_->InProcessChannel(grpc::ChannelArguments()); }
@@ -127,6 +156,7 @@ class GrpcServer final : public RunningServer {
     const std::lock_guard lock(stop_mutex_);
     if (stopped_) return clean_;
     const auto deadline = std::chrono::steady_clock::now() + grace;
+    draining_ = true;
     {
       const std::lock_guard watch_lock(watch_mutex_);
       stopping_ = true;
@@ -138,6 +168,7 @@ class GrpcServer final : public RunningServer {
     clean_ = engine_->drain(grace);
     clean_ = service_.wait_for_none(deadline) && clean_;
     if (listener_) listener_->stop();
+    operations_.reset();
     // Calls that still run are cancelled; each then finishes by itself. Not given the rest of the grace: gRPC would wait for idle
     // connections, too.
     server_->Shutdown(std::chrono::system_clock::now() + last_words);
@@ -178,6 +209,41 @@ class GrpcServer final : public RunningServer {
     health->SetServingStatus(write_service_name, serving && writable);
   }
 
+  static std::chrono::steady_clock::rep now() { return std::chrono::steady_clock::now().time_since_epoch().count(); }
+
+  void open_operations_port(const std::string& address) {
+    operations_ = std::make_unique<OperationsPort>(
+        address, OperationsPort::Answers{[this] { return metrics_text(); }, [this] { return live_checks(); },
+                                         [this] { return ready_checks(); }});
+    spdlog::info("metrics: /metrics, /livez and /readyz on port {}", operations_->port());
+  }
+
+  std::string metrics_text() const {
+    Metrics::Levels levels;
+    levels.server = engine_->info();
+    levels.memory_full = service_.memory_full();
+    levels.max_connections = connection_limit_;
+    levels.refused_connections = listener_ ? listener_->refused() : 0;
+    return service_.metrics().text(levels);
+  }
+
+  /// Does a call get through gRPC, and does the thread that looks after memory and store still turn?
+  std::vector<HealthCheck> live_checks() const {
+    const std::chrono::steady_clock::duration silent(now() - watched_);
+    const bool turns = draining_ || silent < watch_patience;
+    const std::string call = failed_health_call(*server_);
+    const auto seconds = std::chrono::duration_cast<std::chrono::seconds>(silent).count();
+    return {{"calls", call.empty(), call},
+            {"watch", turns, "nobody has looked at memory and store for " + std::to_string(seconds) + " s"}};
+  }
+
+  std::vector<HealthCheck> ready_checks() const {
+    const v1::StoreInfo store = engine_->store();
+    return {{"accepting", !draining_, "the server shuts down"},
+            {"store", store.writable(), store.reason()},
+            {"memory", !service_.memory_full(), "the process occupies more memory than --memory-budget allows for"}};
+  }
+
   /// What the process occupies beyond what it did at its start counts against the budget, whatever was charged.
   void watch_memory() {
     std::size_t resident = resident_set_bytes();
@@ -203,6 +269,7 @@ class GrpcServer final : public RunningServer {
     int turn = 0;
     while (!stopping_changed_.wait_for(lock, memory_interval, [this] { return stopping_; })) {
       if (engine_budgeted_) watch_memory();
+      watched_ = now();
       turn = (turn + 1) % watch_turns;
       if (turn != 0) continue;
       service_.refresh_identities();
@@ -226,6 +293,9 @@ class GrpcServer final : public RunningServer {
   std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> acceptor_;
   std::unique_ptr<Listener> listener_;
   std::string address_;
+  std::size_t connection_limit_ = 0;
+  std::atomic<std::chrono::steady_clock::rep> watched_{0};  ///< when the thread that watches came round last
+  std::atomic<bool> draining_{false};
   bool engine_budgeted_ = false;
   std::size_t memory_limit_ = 0;  ///< resident bytes
   bool memory_full_ = false;      ///< of the thread that watches
@@ -233,6 +303,7 @@ class GrpcServer final : public RunningServer {
   std::mutex watch_mutex_;
   std::condition_variable stopping_changed_;
   bool stopping_ = false;  // under watch_mutex_
+  std::unique_ptr<OperationsPort> operations_;
   std::mutex stop_mutex_;
   // under stop_mutex_
   bool stopped_ = false;
@@ -243,6 +314,7 @@ class GrpcServer final : public RunningServer {
 
 void ServerOptions::validate() const {
   if (!address.empty()) check_address(address);
+  if (!metrics_address.empty()) check_metrics_address(metrics_address);
   tls.validate();
   if (!tls.on() && beyond_loopback(address)) {
     if (!service.identities.empty()) {

@@ -27,6 +27,8 @@ enum class Reflection { on, off };
 struct ServerOptions {
   /// HOST:PORT, [IPV6]:PORT or unix:PATH (a socket of mode 0660). Port 0: a free one. Empty: only in-process channels.
   std::string address = "127.0.0.1:50051";
+  /// HOST:PORT or [IPV6]:PORT of /metrics, /livez and /readyz (OperationsPort), plain HTTP. Port 0: a free one. Empty: none.
+  std::string metrics_address;
   TransportSecurity security = TransportSecurity::loopback_only;
   TlsFiles tls;
   Reflection reflection = Reflection::on;
@@ -52,6 +54,8 @@ class RunningServer {
   /// The address with the port that is really used; empty without one.
   virtual std::string address() const = 0;
   virtual int port() const = 0;
+  /// Of /metrics, /livez and /readyz; 0 without them.
+  virtual int metrics_port() const = 0;
   virtual Engine& engine() = 0;
   /// A connection without a network.
   virtual std::shared_ptr<grpc::Channel> in_process_channel() = 0;

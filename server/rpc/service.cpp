@@ -80,6 +80,8 @@ class DeformService::Methods final : public RawService {
   void drain();
   void refresh_identities() { access_.refresh(); }
   void set_memory_full(bool full) { memory_full_ = full; }
+  bool memory_full() const { return memory_full_; }
+  const Metrics& metrics() const { return metrics_; }
   bool wait_for_none(std::chrono::steady_clock::time_point deadline) { return live_.wait_for_none(deadline); }
 
   grpc::ServerReadReactor<Bytes>* RegisterGeometry(Context* context, Bytes* reply) override {
@@ -191,7 +193,9 @@ class DeformService::Methods final : public RawService {
   }
 
  private:
-  Incoming incoming(Context* context) { return {context, &live_, &access_, &memory_full_, &overdue_, options_.max_deadline}; }
+  Incoming incoming(Context* context) {
+    return {context, &live_, &access_, &memory_full_, &overdue_, &metrics_, options_.max_deadline};
+  }
   /// work(record) -> reply message.
   template <typename Work>
   grpc::ServerUnaryReactor* unary(const char* method, Context* context, Bytes* reply, Work work) {
@@ -207,6 +211,7 @@ class DeformService::Methods final : public RawService {
   Access access_;
   std::atomic<bool> memory_full_{false};
   OverdueCalls overdue_;
+  Metrics metrics_;
   LiveCalls live_;
   std::mutex streams_mutex_;
   // under streams_mutex_
@@ -252,6 +257,8 @@ DeformService::~DeformService() = default;
 grpc::Service& DeformService::grpc_service() { return *methods_; }
 void DeformService::drain() { methods_->drain(); }
 void DeformService::set_memory_full(bool full) { methods_->set_memory_full(full); }
+bool DeformService::memory_full() const { return methods_->memory_full(); }
+const Metrics& DeformService::metrics() const { return methods_->metrics(); }
 void DeformService::refresh_identities() { methods_->refresh_identities(); }
 bool DeformService::wait_for_none(std::chrono::steady_clock::time_point deadline) { return methods_->wait_for_none(deadline); }
 

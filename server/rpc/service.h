@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "server/engine/engine.h"
+#include "server/rpc/metrics.h"
 #include "server/rpc/service_requests.h"
 
 namespace grpc {
@@ -40,6 +41,9 @@ class DeformService {
   void drain();
   /// While it is so, calls that compute or add are refused with a retry hint; what is under way goes on. Any thread.
   void set_memory_full(bool full);
+  bool memory_full() const;
+  /// Of all calls.
+  const Metrics& metrics() const;
   /// Rereads the identities when their file changed. Now and then, by anyone.
   void refresh_identities();
   /// Waits until no call is left; false when the time is over first.

@@ -30,9 +30,10 @@ CallContext with_warm_starts(CallContext call) {
 }
 
 /// The log line of one request.
-void log_request(StreamRequests::Request& request, const std::optional<Error>& error) {
+void log_request(StreamRequests::Request& request, const std::optional<Error>& error, Metrics& metrics) {
   request.record.error = error;
   request.record.wall_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - request.opened).count();
+  metrics.request_ends(request.record);
   log_call(request.record);
 }
 
@@ -187,7 +188,7 @@ DeformStreamCall::Next DeformStreamCall::next(grpc::ByteBuffer& reply) {
     }
     std::optional<v1::DeformReply> message;
     if (refused) {
-      log_request(*refused, refused->refusal);
+      log_request(*refused, refused->refusal, scope_.metrics());
       message = error_reply(refused->id, *refused->refusal);
       read_on();
     } else {
@@ -237,7 +238,7 @@ std::optional<v1::DeformReply> DeformStreamCall::finished(const RequestPtr& requ
   const std::optional<Error> error = job.error();
   note_stats(job.stats(), request->record);
   scope_.record.designs += request->record.designs;
-  log_request(*request, error);
+  log_request(*request, error, scope_.metrics());
   start_requests();
   read_on();
   if (error) return error_reply(request->id, *error);

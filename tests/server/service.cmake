@@ -4,6 +4,7 @@ deform_test(service_test
   SOURCES access_test.cpp
           identities_test.cpp
           log_test.cpp
+          metrics_test.cpp
           options_test.cpp
           server_test.cpp
           service_deform_stream_test.cpp

@@ -89,6 +89,8 @@ LIBRARIES = {
     "sqlite3.h": ["server/store"],
     "spdlog/": ["server/store", "server/engine", "server/rpc", "server"],
     "yaml-cpp/": ["server", "client/setup", "client/cli"],
+    "prometheus/": ["server/rpc"],
+    "httplib.h": ["server/rpc"],
     "CLI/": ["server", "client/cli"],
     "nlohmann/": ["client/setup", "client/cli", "client/examples"],
     "pybind11/": ["client/python"],

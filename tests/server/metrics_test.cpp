@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What the server says about itself in figures.
+#include "server/rpc/metrics.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+
+namespace deform::server {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+
+CallRecord call(const char* method, double wall_ms) {
+  CallRecord record;
+  record.method = method;
+  record.wall_ms = wall_ms;
+  return record;
+}
+
+TEST(Metrics, CountsCallsByMethodAndStatus) {
+  Metrics metrics;
+  metrics.call_begins();
+  metrics.call_begins();
+  metrics.call_begins();
+  CallRecord late = call("Deform", 2000);
+  late.error = Error(ErrorCode::deadline_exceeded, "late");
+  metrics.call_ends(call("Deform", 3));
+  metrics.call_ends(late);
+  const std::string text = metrics.text({});
+  EXPECT_THAT(text, HasSubstr("deformd_calls_total{method=\"Deform\",status=\"ok\"} 1\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_calls_total{method=\"Deform\",status=\"deadline_exceeded\"} 1\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_calls_in_progress 1\n"));
+}
+
+TEST(Metrics, CallsThatWereNotLetInHaveTheStatusOfTheirRefusal) {
+  Metrics metrics;
+  CallRecord refused = call("DeleteGeometry", 1);
+  refused.error = Error(ErrorCode::failed_precondition, "no");
+  refused.refusal = "permission_denied";
+  metrics.call_begins();
+  metrics.call_ends(refused);
+  EXPECT_THAT(metrics.text({}), HasSubstr("deformd_calls_total{method=\"DeleteGeometry\",status=\"permission_denied\"} 1\n"));
+}
+
+TEST(Metrics, HistogramsCountInSecondsUpToEachBound) {
+  Metrics metrics;
+  for (const double wall_ms : {0.4, 0.5, 30.0, 700.0}) {
+    metrics.call_begins();
+    metrics.call_ends(call("Prepare", wall_ms));
+  }
+  const std::string text = metrics.text({});
+  EXPECT_THAT(text, HasSubstr("deformd_call_seconds_bucket{method=\"Prepare\",le=\"0.0005\"} 2\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_call_seconds_bucket{method=\"Prepare\",le=\"0.025\"} 2\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_call_seconds_bucket{method=\"Prepare\",le=\"0.05\"} 3\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_call_seconds_bucket{method=\"Prepare\",le=\"1\"} 4\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_call_seconds_count{method=\"Prepare\"} 4\n"));
+  const std::string sum = "deformd_call_seconds_sum{method=\"Prepare\"} ";
+  EXPECT_NEAR(std::stod(text.substr(text.find(sum) + sum.size())), 0.7309, 1e-12);
+}
+
+TEST(Metrics, OnlyStagesThatACallHadAreCounted) {
+  Metrics metrics;
+  CallRecord record = call("Deform", 20);
+  record.solve_ms = 12;
+  metrics.call_begins();
+  metrics.call_ends(record);
+  const std::string text = metrics.text({});
+  EXPECT_THAT(text, HasSubstr("deformd_stage_seconds_sum{stage=\"solve\"} 0.012\n"));
+  EXPECT_THAT(text, Not(HasSubstr("stage=\"prepare\"")));
+}
+
+TEST(Metrics, RequestsOfAStreamAreCountedBesideIt) {
+  Metrics metrics;
+  metrics.call_begins();
+  metrics.request_ends(call("DeformStream", 5));
+  metrics.request_ends(call("DeformStream", 5));
+  const std::string text = metrics.text({});
+  EXPECT_THAT(text, HasSubstr("deformd_calls_total{method=\"DeformStream.request\",status=\"ok\"} 2\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_calls_in_progress 1\n")) << "the stream itself goes on";
+  EXPECT_THAT(text, Not(HasSubstr("method=\"DeformStream\"")));
+}
+
+TEST(Metrics, LevelsAreThoseOfTheMoment) {
+  const Metrics metrics;
+  Metrics::Levels levels;
+  levels.server.set_version("1.2.3");
+  levels.server.set_uptime_ms(2500);
+  levels.server.set_memory_budget(1u << 20);
+  levels.server.set_queue_length(7);
+  levels.server.mutable_store()->set_free_bytes(4096);
+  levels.memory_full = true;
+  levels.refused_connections = 3;
+  const std::string text = metrics.text(levels);
+  EXPECT_THAT(text, HasSubstr("deformd_build_info{version=\"1.2.3\"} 1\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_uptime_seconds 2.5\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_memory_budget_bytes 1048576\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_queue_length 7\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_store_free_bytes 4096\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_store_writable 0\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_memory_full 1\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_connections_refused_total 3\n"));
+}
+
+}  // namespace
+}  // namespace deform::server
