@@ -17,6 +17,10 @@ const char* to_string(ErrorCode code) {
       return "already_exists";
     case ErrorCode::failed_precondition:
       return "failed_precondition";
+    case ErrorCode::unauthenticated:
+      return "unauthenticated";
+    case ErrorCode::permission_denied:
+      return "permission_denied";
     case ErrorCode::out_of_budget:
       return "out_of_budget";
     case ErrorCode::numerical_failure:

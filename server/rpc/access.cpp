@@ -51,11 +51,11 @@ std::vector<std::string> certificate_names(const grpc::ServerContextBase& contex
   return names;
 }
 
-Access::Refusal unknown(const std::string& message) { return {grpc::StatusCode::UNAUTHENTICATED, message}; }
+Error unknown(const std::string& message) { return {ErrorCode::unauthenticated, message}; }
 
 /// The caller by its token, or else by its certificate: a wrong token is refused, not passed over.
 std::optional<Identities::Identity> caller(const Identities& identities, const grpc::ServerContextBase& context,
-                                           std::optional<Access::Refusal>& refusal) {
+                                           std::optional<Error>& refusal) {
   const auto [first, last] = context.client_metadata().equal_range("authorization");
   if (first == last) {
     const std::vector<std::string> names = certificate_names(context);
@@ -109,10 +109,6 @@ std::string read_small_file(const std::filesystem::path& path, const std::string
   return text;
 }
 
-const char* Access::Refusal::word() const {
-  return code == grpc::StatusCode::UNAUTHENTICATED ? "unauthenticated" : "permission_denied";
-}
-
 Access::Access(std::filesystem::path identities) : file_(std::move(identities)) {
   if (!file_.empty()) load();
 }
@@ -135,9 +131,8 @@ Access::Admission Access::admit(std::string_view method, const grpc::ServerConte
   if (!who) return admission;
   admission.identity = who->name;
   if (const Role needed = role_needed(method); who->role < needed) {
-    admission.refusal =
-        Refusal{grpc::StatusCode::PERMISSION_DENIED, std::string(method) + " needs the role " + to_string(needed) + ", \"" +
-                                                         who->name + "\" has " + to_string(who->role)};
+    admission.refusal = Error(ErrorCode::permission_denied, std::string(method) + " needs the role " + to_string(needed) +
+                                                                ", \"" + who->name + "\" has " + to_string(who->role));
   }
   return admission;
 }

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <grpcpp/server_context.h>
-#include <grpcpp/support/status.h>
 
 #include <atomic>
 #include <cstdint>
@@ -13,6 +12,7 @@
 #include <string>
 #include <string_view>
 
+#include "core/base/error.h"
 #include "server/rpc/identities.h"
 
 namespace deform::server {
@@ -36,15 +36,9 @@ std::string read_small_file(const std::filesystem::path& path, const std::string
 /// Thread-safe.
 class Access {
  public:
-  /// A call that is not let in: UNAUTHENTICATED or PERMISSION_DENIED.
-  struct Refusal {
-    grpc::StatusCode code;
-    std::string message;
-    const char* word() const;  ///< for the log
-  };
   struct Admission {
-    std::string identity;  ///< empty: nobody was asked for one
-    std::optional<Refusal> refusal;
+    std::string identity;          ///< empty: nobody was asked for one
+    std::optional<Error> refusal;  ///< unauthenticated or permission_denied, when the call is not let in
     std::uint64_t generation = 0;  ///< of the file that decided
   };
 

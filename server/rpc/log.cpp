@@ -118,7 +118,7 @@ std::string fields_of(const CallRecord& record) {
   milliseconds("encode_ms", record.encode_ms);
   milliseconds("stream_ms", record.stream_ms);
   milliseconds("wall_ms", record.wall_ms);
-  out.word("status", record.refusal != nullptr ? record.refusal : record.error ? to_string(record.error->code()) : "ok");
+  out.word("status", record.error ? to_string(record.error->code()) : "ok");
   if (record.error) out.text("message", record.error->what());
   return out.take();
 }

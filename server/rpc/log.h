@@ -53,7 +53,6 @@ struct CallRecord {
   double stream_ms = 0;  ///< writes under way
   double wall_ms = 0;
   std::optional<Error> error;
-  const char* refusal = nullptr;  ///< "unauthenticated" or "permission_denied": the status, when the call was not let in
 };
 
 /// "method=Deform client=... system=0123456789ab designs=1 ... status=ok": one line, user's strings escaped, ids cut to 12

@@ -135,10 +135,7 @@ void add_process(const Metrics::Levels& levels, std::vector<MetricFamily>& all) 
                          static_cast<double>(levels.max_connections)));
 }
 
-const char* status_of(const CallRecord& record) {
-  if (record.refusal != nullptr) return record.refusal;
-  return record.error ? to_string(record.error->code()) : "ok";
-}
+const char* status_of(const CallRecord& record) { return record.error ? to_string(record.error->code()) : "ok"; }
 
 }  // namespace
 

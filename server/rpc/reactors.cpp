@@ -90,7 +90,7 @@ void CallScope::check_access() {
   if (admission_.generation != incoming_.access->generation()) {
     admission_ = incoming_.access->admit(record.method, *incoming_.context);
   }
-  if (admission_.refusal) throw Error(ErrorCode::failed_precondition, admission_.refusal->message);
+  if (admission_.refusal) throw Error(*admission_.refusal);
 }
 
 Error CallScope::given_up() const {
@@ -108,11 +108,6 @@ void CallScope::check() const {
 grpc::Status CallScope::finish(std::optional<Error> error) {
   record.error = std::move(error);
   if (!record.error) return grpc::Status::OK;
-  const std::lock_guard lock(admission_mutex_);
-  if (admission_.refusal) {
-    record.refusal = admission_.refusal->word();
-    return {admission_.refusal->code, escaped(admission_.refusal->message, convert::max_error_message)};
-  }
   if (const std::uint32_t hint = record.error->retry_after_ms(); hint != 0) {
     incoming_.context->AddTrailingMetadata(convert::retry_after_key, std::to_string(hint));
   }

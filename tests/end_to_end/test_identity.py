@@ -136,6 +136,9 @@ class Identity(EndToEnd):
 
         self.fails(1, "--ca", "test-ca.pem", "status", says=["asks who calls"])
         self.fails(1, *says("ada"), "register", "ahmed.obj", says=["RegisterGeometry needs the role user, \"ada\" has reader"])
+        refused = self.fails(1, *says("ada"), "register", "ahmed.obj", "--json")
+        self.assertEqual(refused.json["error"]["code"], "PERMISSION_DENIED")
+        self.assertEqual(self.fails(1, "--ca", "test-ca.pem", "status", "--json").json["error"]["code"], "UNAUTHENTICATED")
         self.deform(*says("ben"), "apply", "setup.yaml", "--set", "roof_up=0.02", "-o", "out.obj")
         geometry = self.deform(*says("ada"), "list", "geometries", "--json").json["geometries"][0]["id"]
         self.fails(1, *says("ben"), "remove", geometry, "--with-setups", says=["DeleteGeometry needs the role operator"])

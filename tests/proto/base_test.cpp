@@ -12,10 +12,11 @@
 namespace deform::convert {
 namespace {
 
-constexpr ErrorCode all_codes[] = {ErrorCode::invalid_argument,    ErrorCode::not_found,         ErrorCode::already_exists,
-                                   ErrorCode::failed_precondition, ErrorCode::out_of_budget,     ErrorCode::numerical_failure,
-                                   ErrorCode::cancelled,           ErrorCode::deadline_exceeded, ErrorCode::data_loss,
-                                   ErrorCode::unavailable,         ErrorCode::internal};
+constexpr ErrorCode all_codes[] = {
+    ErrorCode::invalid_argument, ErrorCode::not_found,         ErrorCode::already_exists,  ErrorCode::failed_precondition,
+    ErrorCode::out_of_budget,    ErrorCode::numerical_failure, ErrorCode::cancelled,       ErrorCode::deadline_exceeded,
+    ErrorCode::data_loss,        ErrorCode::unavailable,       ErrorCode::unauthenticated, ErrorCode::permission_denied,
+    ErrorCode::internal};
 
 TEST(ConvertError, EveryCodeSurvivesTheRoundTripAndHasItsOwnStatus) {
   std::set<std::uint32_t> used;
@@ -31,8 +32,8 @@ TEST(ConvertError, EveryCodeSurvivesTheRoundTripAndHasItsOwnStatus) {
 
 TEST(ConvertError, ForeignStatusCodesBecomeTheNearestOfOurs) {
   EXPECT_EQ(error_code(12), ErrorCode::failed_precondition) << "UNIMPLEMENTED";
-  EXPECT_EQ(error_code(16), ErrorCode::failed_precondition) << "UNAUTHENTICATED";
-  EXPECT_EQ(error_code(7), ErrorCode::failed_precondition) << "PERMISSION_DENIED";
+  EXPECT_EQ(error_code(16), ErrorCode::unauthenticated) << "UNAUTHENTICATED";
+  EXPECT_EQ(error_code(7), ErrorCode::permission_denied) << "PERMISSION_DENIED";
   EXPECT_EQ(error_code(11), ErrorCode::invalid_argument) << "OUT_OF_RANGE";
   EXPECT_EQ(error_code(2), ErrorCode::internal) << "UNKNOWN";
   EXPECT_EQ(error_code(4'000'000'000u), ErrorCode::internal);

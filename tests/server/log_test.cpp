@@ -52,8 +52,7 @@ TEST(Log, WhoCalledAndWhoWasNotLetIn) {
   record.method = "DeleteGeometry";
   record.client = "ipv4:10.0.0.7:4242";
   record.identity = "alice";
-  record.error = Error(ErrorCode::failed_precondition, "no");
-  record.refusal = "permission_denied";
+  record.error = Error(ErrorCode::permission_denied, "no");
   EXPECT_EQ(to_line(record),
             "method=DeleteGeometry client=ipv4:10.0.0.7:4242 identity=alice status=permission_denied message=\"no\"");
   record.identity = "spiffe://x y\"=";

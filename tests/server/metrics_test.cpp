@@ -38,8 +38,7 @@ TEST(Metrics, CountsCallsByMethodAndStatus) {
 TEST(Metrics, CallsThatWereNotLetInHaveTheStatusOfTheirRefusal) {
   Metrics metrics;
   CallRecord refused = call("DeleteGeometry", 1);
-  refused.error = Error(ErrorCode::failed_precondition, "no");
-  refused.refusal = "permission_denied";
+  refused.error = Error(ErrorCode::permission_denied, "no");
   metrics.call_begins();
   metrics.call_ends(refused);
   EXPECT_THAT(metrics.text({}), HasSubstr("deformd_calls_total{method=\"DeleteGeometry\",status=\"permission_denied\"} 1\n"));

@@ -21,6 +21,10 @@ const char* name_of(ErrorCode code) {
       return "ALREADY_EXISTS";
     case ErrorCode::failed_precondition:
       return "FAILED_PRECONDITION";
+    case ErrorCode::unauthenticated:
+      return "UNAUTHENTICATED";
+    case ErrorCode::permission_denied:
+      return "PERMISSION_DENIED";
     case ErrorCode::out_of_budget:
       return "RESOURCE_EXHAUSTED";
     case ErrorCode::numerical_failure:

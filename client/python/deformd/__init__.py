@@ -19,7 +19,7 @@ from .client import Client
 from .compiled import CompiledDeformation, load
 from .designs import Variable
 from .errors import (AlreadyExists, BadDesign, BadDesignWarning, Cancelled, DataLoss, DeadlineExceeded, Error, FailedPrecondition,
-                     Internal, InvalidArgument, NotFound, NumericalFailure, OutOfBudget, Unavailable)
+                     Internal, InvalidArgument, NotFound, NumericalFailure, OutOfBudget, PermissionDenied, Unauthenticated, Unavailable)
 from .geometry import Geometry
 from .reports import CompiledReport, Deformation, Population, Report
 from .system import System
@@ -28,4 +28,5 @@ __version__: str = _deformd.version
 
 __all__ = ["AlreadyExists", "BadDesign", "BadDesignWarning", "Cancel", "Cancelled", "Client", "CompiledDeformation", "CompiledReport",
            "DataLoss", "DeadlineExceeded", "Deformation", "Error", "FailedPrecondition", "Geometry", "Internal", "InvalidArgument",
-           "NotFound", "NumericalFailure", "OutOfBudget", "Population", "Record", "Report", "System", "Unavailable", "Variable", "load"]
+           "NotFound", "NumericalFailure", "OutOfBudget", "PermissionDenied", "Population", "Record", "Report", "System", "Unauthenticated",
+           "Unavailable", "Variable", "load"]

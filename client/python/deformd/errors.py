@@ -61,6 +61,18 @@ class FailedPrecondition(Error):
     code = "failed_precondition"
 
 
+class Unauthenticated(Error, PermissionError):
+    """The server asks who calls, and was not told or does not know the caller."""
+
+    code = "unauthenticated"
+
+
+class PermissionDenied(Error, PermissionError):
+    """The server knows the caller, who may not do this."""
+
+    code = "permission_denied"
+
+
 class OutOfBudget(Error):
     """More memory, queue or time than the server allows; `retry_after` says whether waiting helps."""
 
@@ -125,8 +137,8 @@ class BadDesignWarning(UserWarning):
 
 _CLASSES: Dict[str, Type[Error]] = {
     kind.code: kind
-    for kind in (InvalidArgument, NotFound, AlreadyExists, FailedPrecondition, OutOfBudget, NumericalFailure, Cancelled,
-                 DeadlineExceeded, DataLoss, Unavailable, Internal)
+    for kind in (InvalidArgument, NotFound, AlreadyExists, FailedPrecondition, Unauthenticated, PermissionDenied, OutOfBudget,
+                 NumericalFailure, Cancelled, DeadlineExceeded, DataLoss, Unavailable, Internal)
 }
 
 

@@ -14,7 +14,8 @@ constexpr std::pair<ErrorCode, std::uint32_t> status_numbers[] = {
     {ErrorCode::invalid_argument, 3},    {ErrorCode::not_found, 5},         {ErrorCode::already_exists, 6},
     {ErrorCode::failed_precondition, 9}, {ErrorCode::out_of_budget, 8},     {ErrorCode::numerical_failure, 10},
     {ErrorCode::cancelled, 1},           {ErrorCode::deadline_exceeded, 4}, {ErrorCode::data_loss, 15},
-    {ErrorCode::unavailable, 14},        {ErrorCode::internal, 13},
+    {ErrorCode::unauthenticated, 16},    {ErrorCode::permission_denied, 7}, {ErrorCode::unavailable, 14},
+    {ErrorCode::internal, 13},
 };
 
 }  // namespace
@@ -33,9 +34,7 @@ ErrorCode error_code(std::uint32_t status_number) {
   switch (status_number) {
     case 11:  // OUT_OF_RANGE
       return ErrorCode::invalid_argument;
-    case 7:   // PERMISSION_DENIED
     case 12:  // UNIMPLEMENTED: a server of another version
-    case 16:  // UNAUTHENTICATED
       return ErrorCode::failed_precondition;
     default:
       return ErrorCode::internal;
