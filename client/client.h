@@ -53,10 +53,10 @@ struct ClientOptions {
   void validate() const;
 };
 
-/// Per call. The deadline travels to the server and reaches its computations; so does cancel.
+/// Per call. The deadline travels to the server and reaches its computations; so does a stop.
 struct CallOptions {
   std::optional<std::chrono::milliseconds> timeout;  ///< of the whole call, all attempts together; absent: no limit
-  std::optional<CancelFlag> cancel;                  ///< ends the call with Error(cancelled) when it is set
+  std::stop_token stop;                              ///< ends the call with Error(cancelled) when stopped
 };
 
 /// Plain arrays of a geometry; must stay alive during the call.

@@ -34,14 +34,14 @@ v1::DeformRequest Connection::named(v1::DeformRequest request) const {
 
 RunContext limits_of(const CallOptions& options) {
   RunContext limits;
-  limits.cancel = options.cancel;
+  limits.stop = options.stop;
   if (options.timeout) limits.deadline = RunContext::Clock::now() + *options.timeout;
   return limits;
 }
 
 CallOptions remaining(const RunContext& limits) {
   CallOptions options;
-  options.cancel = limits.cancel;
+  options.stop = limits.stop;
   if (limits.deadline) {
     const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(*limits.deadline - RunContext::Clock::now());
     options.timeout = std::max(std::chrono::milliseconds(1), left);
@@ -49,7 +49,8 @@ CallOptions remaining(const RunContext& limits) {
   return options;
 }
 
-Attempt::Attempt(Connection& connection, const RunContext& limits) : connection_(connection) {
+Attempt::Attempt(Connection& connection, const RunContext& limits)
+    : connection_(connection), stopped_(limits.stop, [this] { context.TryCancel(); }) {
   if (const auto& file = connection.options.token_file; !file.empty()) {
     context.AddMetadata("authorization", "Bearer " + read_token(file));
   }
@@ -57,11 +58,6 @@ Attempt::Attempt(Connection& connection, const RunContext& limits) : connection_
     context.set_deadline(std::chrono::system_clock::now() + std::chrono::duration_cast<std::chrono::system_clock::duration>(
                                                                 *limits.deadline - RunContext::Clock::now()));
   }
-  if (limits.cancel) token_ = connection_.watcher.watch(*limits.cancel, [this] { context.TryCancel(); });
-}
-
-Attempt::~Attempt() {
-  if (token_) connection_.watcher.unwatch(*token_);
 }
 
 void Attempt::check(const grpc::Status& status) const {

@@ -5,11 +5,11 @@
 
 #include <atomic>
 #include <exception>
+#include <functional>
 #include <memory>
-#include <optional>
+#include <stop_token>
 #include <string>
 
-#include "client/cancel_watcher.h"
 #include "client/client.h"
 #include "client/points_cache.h"
 #include "client/retry.h"
@@ -27,7 +27,6 @@ struct Connection {
   const ClientOptions options;                                   ///< as given, but that `encoding` is named
   const std::shared_ptr<grpc::ChannelInterface> channel;         ///< to the server
   const std::unique_ptr<v1::DeformService::StubInterface> stub;  ///< over that channel
-  CancelWatcher watcher;                                         ///< of all calls
   PointsCache points;                                            ///< registered points that decoding needs
   std::atomic<bool> own_channel{false};                          ///< made for the address of the options
   std::atomic<std::uint64_t> calls{0};                           ///< so far; gives each call a seed of its own
@@ -49,12 +48,11 @@ RunContext limits_of(const CallOptions& options);
 /// What is left of it, for a call inside.
 CallOptions remaining(const RunContext& limits);
 
-/// One attempt of a call: its gRPC context with the deadline, cancelled when the caller's flag is set.
+/// One attempt of a call: its gRPC context with the deadline, cancelled at once when the caller stops it.
 class Attempt {
  public:
-  /// Sets the deadline, adds the token and watches the cancel flag of `limits`.
+  /// Sets the deadline and adds the token; a stop of `limits` cancels the context on the thread that asks for it.
   Attempt(Connection& connection, const RunContext& limits);
-  ~Attempt();
   Attempt(const Attempt&) = delete;
   Attempt& operator=(const Attempt&) = delete;
 
@@ -65,7 +63,7 @@ class Attempt {
 
  private:
   Connection& connection_;
-  std::optional<std::uint64_t> token_;
+  const std::stop_callback<std::function<void()>> stopped_;  ///< last: no longer runs when the context goes
 };
 
 /// Runs body(attempt, limits) until it returns, its error allows no further attempt, or may_repeat() says no.

@@ -4,7 +4,6 @@
 #include <arpa/inet.h>
 #include <netdb.h>
 #include <openssl/err.h>
-#include <openssl/pem.h>
 #include <openssl/ssl.h>
 #include <openssl/x509v3.h>
 #include <signal.h>
@@ -16,13 +15,14 @@
 #include <cerrno>
 #include <cstring>
 #include <ctime>
-#include <fstream>
 #include <iterator>
 #include <utility>
 #include <vector>
 
 #include "client/address.h"
+#include "core/base/small_file.h"
 #include "core/base/text.h"
+#include "core/codec/pem.h"
 
 namespace deform::client {
 
@@ -35,60 +35,33 @@ struct FreeWith {
     function(pointer);
   }
 };
-using Bio = std::unique_ptr<BIO, FreeWith<&BIO_free_all>>;
-using Certificate = std::unique_ptr<X509, FreeWith<&X509_free>>;
-using PrivateKey = std::unique_ptr<EVP_PKEY, FreeWith<&EVP_PKEY_free>>;
 using Names = std::unique_ptr<GENERAL_NAMES, FreeWith<&GENERAL_NAMES_free>>;
 using SslContext = std::unique_ptr<SSL_CTX, FreeWith<&SSL_CTX_free>>;
 using SslConnection = std::unique_ptr<SSL, FreeWith<&SSL_free>>;
 
-constexpr std::size_t max_file = std::size_t{4} << 20;
 constexpr std::size_t max_token = 4096;
 
-Error bad_file(const char* option, const std::filesystem::path& path, const std::string& why) {
-  return {ErrorCode::invalid_argument, std::string("client option ") + option + ": " + path.string() + ": " + why};
+Error bad_token(const std::filesystem::path& path, const std::string& why) {
+  return {ErrorCode::invalid_argument, "client option token_file: " + path.string() + ": " + why};
 }
-
-std::string read_file(const char* option, const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) throw bad_file(option, path, std::strerror(errno));
-  std::string text(max_file + 1, '\0');
-  in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  if (in.bad()) throw bad_file(option, path, "cannot be read");
-  text.resize(static_cast<std::size_t>(in.gcount()));
-  if (text.size() > max_file) throw bad_file(option, path, "larger than " + std::to_string(max_file) + " bytes");
-  return text;
-}
-
-Bio reader_of(const std::string& pem) { return Bio(BIO_new_mem_buf(pem.data(), static_cast<int>(pem.size()))); }
-
-Certificate first_certificate(const std::string& pem) {
-  return Certificate(PEM_read_bio_X509(reader_of(pem).get(), nullptr, nullptr, nullptr));
-}
-
-/// A key with a passphrase is refused: the default of the library would ask a terminal for it.
-int no_passphrase(char*, int, int, void*) { return 0; }
 
 /// The contents of TlsOptions' files, looked through: gRPC would only say that a handshake failed.
 grpc::SslCredentialsOptions read_files(const TlsOptions& tls) {
   grpc::SslCredentialsOptions out;
   if (!tls.ca.empty()) {
-    out.pem_root_certs = read_file("ca", tls.ca);
-    if (!first_certificate(out.pem_root_certs)) throw bad_file("ca", tls.ca, "no certificate in PEM");
+    codec::PemFile authorities = codec::read_pem_file("client option ca", tls.ca);
+    codec::check_certificates(authorities);
+    out.pem_root_certs = std::move(authorities.text);
   }
   if (tls.cert.empty() != tls.key.empty()) {
     throw Error(ErrorCode::invalid_argument, "client options cert and key: one needs the other");
   }
   if (tls.cert.empty()) return out;
-  out.pem_cert_chain = read_file("cert", tls.cert);
-  out.pem_private_key = read_file("key", tls.key);
-  const Certificate certificate = first_certificate(out.pem_cert_chain);
-  if (!certificate) throw bad_file("cert", tls.cert, "no certificate in PEM");
-  const PrivateKey key(PEM_read_bio_PrivateKey(reader_of(out.pem_private_key).get(), nullptr, no_passphrase, nullptr));
-  if (!key) throw bad_file("key", tls.key, "no private key in PEM without a passphrase");
-  if (X509_check_private_key(certificate.get(), key.get()) != 1) {
-    throw bad_file("key", tls.key, "does not belong to the certificate in " + tls.cert.string());
-  }
+  codec::PemFile certificate = codec::read_pem_file("client option cert", tls.cert);
+  codec::PemFile key = codec::read_pem_file("client option key", tls.key);
+  codec::check_key_pair(certificate, key);
+  out.pem_cert_chain = std::move(certificate.text);
+  out.pem_private_key = std::move(key.text);
   return out;
 }
 
@@ -111,13 +84,7 @@ std::string date_of_today() {
   return date_text(parts);
 }
 
-std::string name_text(const X509_NAME* name) {
-  const Bio out(BIO_new(BIO_s_mem()));
-  X509_NAME_print_ex(out.get(), name, 0, XN_FLAG_RFC2253);
-  char* text = nullptr;
-  const long size = BIO_get_mem_data(out.get(), &text);
-  return "\"" + escaped({text, static_cast<std::size_t>(size)}, 200) + "\"";
-}
+std::string quoted_name(const X509_NAME* name) { return "\"" + codec::name_text(*name) + "\""; }
 
 std::string address_text(const ASN1_OCTET_STRING& address) {
   char text[INET6_ADDRSTRLEN] = "?";
@@ -172,7 +139,7 @@ std::string fault_text(int error, const X509* certificate, const Findings& findi
     case X509_V_ERR_UNABLE_TO_GET_ISSUER_CERT:
     case X509_V_ERR_UNABLE_TO_GET_ISSUER_CERT_LOCALLY:
     case X509_V_ERR_CERT_UNTRUSTED:
-      return "is from the authority " + name_text(X509_get_issuer_name(certificate)) + ", which is not in " + findings.ca +
+      return "is from the authority " + quoted_name(X509_get_issuer_name(certificate)) + ", which is not in " + findings.ca +
              " (--ca)";
     case X509_V_ERR_UNABLE_TO_VERIFY_LEAF_SIGNATURE:  // follows one of those above
       return {};
@@ -306,7 +273,7 @@ SslContext make_context(const TlsOptions& tls) {
   }
   if (!tls.cert.empty()) {
     SSL_CTX_use_certificate_chain_file(context.get(), tls.cert.c_str());
-    SSL_CTX_set_default_passwd_cb(context.get(), no_passphrase);
+    SSL_CTX_set_default_passwd_cb(context.get(), codec::no_passphrase);
     SSL_CTX_use_PrivateKey_file(context.get(), tls.key.c_str(), SSL_FILETYPE_PEM);
   }
   SSL_CTX_set_verify(context.get(), SSL_VERIFY_PEER, note_fault);
@@ -318,14 +285,14 @@ SslContext make_context(const TlsOptions& tls) {
 std::string client_refused(const TlsOptions& tls) {
   if (tls.cert.empty()) return "wants a client certificate: give one, with its key (--cert, --key)";
   const std::string file = tls.cert.string();
-  const Certificate certificate = first_certificate(read_file("cert", tls.cert));
+  const codec::Certificate certificate = codec::first_certificate(read_small_file(tls.cert, "client option cert"));
   if (certificate && X509_cmp_current_time(X509_get0_notAfter(certificate.get())) < 0) {
     return "does not accept the client certificate in " + file + ", which expired on " +
            date_text(X509_get0_notAfter(certificate.get()));
   }
   if (!certificate) return "does not accept the client certificate in " + file;
   return "does not accept the client certificate in " + file + ", from the authority " +
-         name_text(X509_get_issuer_name(certificate.get()));
+         quoted_name(X509_get_issuer_name(certificate.get()));
 }
 
 /// What the server does, as the end of a sentence; empty when all is well or nothing can be told.
@@ -369,13 +336,13 @@ std::shared_ptr<grpc::ChannelCredentials> channel_credentials(const ClientOption
 }
 
 std::string read_token(const std::filesystem::path& file) {
-  const std::string text = read_file("token_file", file);
+  const std::string text = read_small_file(file, "client option token_file");
   const auto first = text.find_first_not_of(" \t\r\n");
-  if (first == std::string::npos) throw bad_file("token_file", file, "is empty");
+  if (first == std::string::npos) throw bad_token(file, "is empty");
   std::string token = text.substr(first, text.find_last_not_of(" \t\r\n") - first + 1);
-  if (token.size() > max_token) throw bad_file("token_file", file, "a token has at most " + std::to_string(max_token) + " bytes");
+  if (token.size() > max_token) throw bad_token(file, "a token has at most " + std::to_string(max_token) + " bytes");
   if (!std::all_of(token.begin(), token.end(), [](char c) { return c > ' ' && c < '\x7f'; })) {
-    throw bad_file("token_file", file, "one token was expected, of printable ASCII characters without blanks");
+    throw bad_token(file, "one token was expected, of printable ASCII characters without blanks");
   }
   return token;
 }

@@ -3,7 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <thread>
+#include <condition_variable>
+#include <mutex>
 
 namespace deform::client {
 
@@ -29,11 +30,12 @@ std::optional<std::chrono::milliseconds> RetryPolicy::next_wait(const Error& err
 }
 
 void RetryPolicy::wait(std::chrono::milliseconds duration, const RunContext& context) {
-  const auto end = RunContext::Clock::now() + duration;
-  for (auto now = RunContext::Clock::now(); now < end; now = RunContext::Clock::now()) {
-    context.check();
-    std::this_thread::sleep_for(std::min<RunContext::Clock::duration>(end - now, std::chrono::milliseconds(5)));
-  }
+  auto end = RunContext::Clock::now() + duration;
+  if (context.deadline) end = std::min(end, *context.deadline);
+  std::mutex mutex;
+  std::condition_variable_any stopped;
+  std::unique_lock lock(mutex);
+  stopped.wait_until(lock, context.stop, end, [] { return false; });
   context.check();
 }
 

@@ -32,7 +32,7 @@ class RetryPolicy {
   /// How long to wait before the next attempt, or nothing when there shall be none.
   std::optional<std::chrono::milliseconds> next_wait(const Error& error);
 
-  /// Waits, in small steps so that a cancel or deadline of the context ends it by its Error.
+  /// Waits; a stop or the deadline of the context ends it by its Error.
   static void wait(std::chrono::milliseconds duration, const RunContext& context);
 
  private:

@@ -6,7 +6,7 @@
 namespace deform {
 
 void RunContext::check() const {
-  if (cancel && cancel->cancelled()) throw Error(ErrorCode::cancelled, "cancelled by the caller");
+  if (stop.stop_requested()) throw Error(ErrorCode::cancelled, "cancelled by the caller");
   if (deadline && Clock::now() >= *deadline) throw Error(ErrorCode::deadline_exceeded, "deadline exceeded");
 }
 

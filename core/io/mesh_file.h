@@ -80,8 +80,8 @@ struct ReadOptions {
   /// and written in a separate process, whose memory, time and file sizes are limited according to the size of the file. If it
   /// crashes or reaches a limit, Error(invalid_argument) names the signal. If empty, they are read in this process.
   std::vector<std::string> isolated_reader;
-  /// Cancels that process; the call then throws Error(cancelled).
-  std::optional<CancelFlag> cancel;
+  /// Ends that process when stopped; the call then throws Error(cancelled).
+  std::stop_token stop;
   /// Whether with_points() turns the vertex normals of OBJ files with their faces. A normal then takes 60 bytes and a corner 4
   /// until the mesh file is destroyed.
   bool turn_normals = false;

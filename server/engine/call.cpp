@@ -6,14 +6,14 @@
 namespace deform::server {
 
 std::optional<Error> Call::overdue(RunContext::Clock::time_point now) const {
-  if (context_.cancel.cancelled()) return Error(ErrorCode::cancelled, "cancelled by the caller");
+  if (context_.stop.stop_requested()) return Error(ErrorCode::cancelled, "cancelled by the caller");
   if (context_.deadline && now >= *context_.deadline) return Error(ErrorCode::deadline_exceeded, "deadline exceeded");
   return std::nullopt;
 }
 
 RunContext Call::run_context(int threads) const {
   RunContext context;
-  context.cancel = stop_;
+  context.stop = stop_.get_token();
   context.deadline = context_.deadline;
   context.threads = threads;
   return context;

@@ -7,6 +7,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <stop_token>
 #include <thread>
 #include <utility>
 
@@ -29,16 +30,16 @@ class Call : public std::enable_shared_from_this<Call> {
   const CallContext& context() const { return context_; }
   /// The error of a cancelled or overdue call.
   std::optional<Error> overdue(RunContext::Clock::time_point now) const;
-  /// With the call's deadline and a flag of its own: the caller's may serve many calls, and the registry watches it.
+  /// With the call's deadline and a stop token of its own: the caller's may serve many calls, and the registry watches it.
   RunContext run_context(int threads) const;
 
  protected:
   /// Tells what is computing to stop.
-  void stop() const { stop_.cancel(); }
+  void stop() { stop_.request_stop(); }
 
  private:
   const CallContext context_;
-  const CancelFlag stop_;
+  std::stop_source stop_;
 };
 
 /// The calls under way. A thread of its own ends those that are cancelled or overdue, also while they wait in a queue or for

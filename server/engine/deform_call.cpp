@@ -16,7 +16,7 @@ namespace deform::server {
 
 namespace {
 
-// Points evaluated between two looks at the cancel flag.
+// Points evaluated between two looks at the stop token.
 constexpr std::size_t slice_points = 4096;
 
 double thread_cpu_ms() {

@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <stop_token>
 #include <string>
 
 #include "core/base/error.h"
@@ -36,10 +37,10 @@ struct EngineOptions {
 
 class WarmStarts;
 
-/// What the transport knows about a call. Its cancel flag and deadline are watched and reach every loop within about ten
-/// milliseconds; the engine never sets the flag, so several calls may share one.
+/// What the transport knows about a call. Its stop token and deadline are watched and reach every loop within about ten
+/// milliseconds; several calls may share one token.
 struct CallContext {
-  CancelFlag cancel;
+  std::stop_token stop;
   std::optional<RunContext::Clock::time_point> deadline;
   std::string client;                                 ///< who asks: the requests of one client take turns with those of others
   std::shared_ptr<WarmStarts> warm_starts = nullptr;  ///< of a stream

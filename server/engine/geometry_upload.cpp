@@ -260,7 +260,7 @@ class Upload : public GeometryUpload {
  private:
   void check_call() const {
     RunContext context;
-    context.cancel = call_.cancel;
+    context.stop = call_.stop;
     context.deadline = call_.deadline;
     context.check();
   }

@@ -78,7 +78,7 @@ void SystemCache::run(const std::shared_ptr<Flight>& flight) {
   FlightGuard guard(*this, flight);
   try {
     RunContext context;
-    context.cancel = flight->cancel;
+    context.stop = flight->stop.get_token();
     context.on_progress = [this, flight](const std::string& stage, double fraction) { report(flight, stage, fraction); };
     context.check();
     guard.succeed(flight->prepare(context));
@@ -145,7 +145,7 @@ void SystemCache::leave(const std::shared_ptr<Flight>& flight, std::uint64_t ask
     // Nobody wants it any more. Out of the map at once, so that the next asker begins a new flight.
     flights_.erase(flight->id);
   }
-  flight->cancel.cancel();
+  flight->stop.request_stop();
   unschedule_(flight.get());
 }
 

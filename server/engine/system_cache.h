@@ -9,6 +9,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <utility>
 #include <vector>
@@ -125,7 +126,7 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
   struct Flight {
     std::string id;
     Prepare prepare;
-    CancelFlag cancel;
+    std::stop_source stop;
     std::map<std::uint64_t, Asker> askers;  // guarded by the cache's mutex
     RunContext::Clock::time_point last_progress{};
     std::string last_stage;

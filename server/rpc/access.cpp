@@ -6,14 +6,12 @@
 #include <sys/stat.h>
 
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
-#include <fstream>
 #include <iterator>
 #include <utility>
 #include <vector>
 
 #include "core/base/error.h"
+#include "core/base/small_file.h"
 #include "core/base/text.h"
 
 namespace deform::server {
@@ -36,7 +34,6 @@ const std::pair<std::string_view, Role>* row_of(std::string_view method) {
   return found == std::end(role_table) ? nullptr : found;
 }
 
-constexpr std::size_t max_file = std::size_t{4} << 20;
 constexpr std::size_t max_token = 4096;
 constexpr std::string_view bearer = "bearer ";
 
@@ -93,20 +90,6 @@ FileStamp FileStamp::of(const std::filesystem::path& path) {
   if (::stat(path.c_str(), &about) != 0) return {};
   return {about.st_mtim.tv_sec * std::int64_t{1'000'000'000} + about.st_mtim.tv_nsec, about.st_size,
           static_cast<std::int64_t>(about.st_ino), static_cast<std::int64_t>(about.st_dev)};
-}
-
-std::string read_small_file(const std::filesystem::path& path, const std::string& option) {
-  const auto error = [&](const std::string& why) {
-    return Error(ErrorCode::invalid_argument, option + ": " + path.string() + ": " + why);
-  };
-  std::ifstream in(path, std::ios::binary);
-  if (!in) throw error(std::strerror(errno));
-  std::string text(max_file + 1, '\0');
-  in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  if (in.bad()) throw error("cannot be read");
-  text.resize(static_cast<std::size_t>(in.gcount()));
-  if (text.size() > max_file) throw error("larger than " + std::to_string(max_file) + " bytes");
-  return text;
 }
 
 Access::Access(std::filesystem::path identities) : file_(std::move(identities)) {

@@ -29,9 +29,6 @@ struct FileStamp {
   static FileStamp of(const std::filesystem::path& path);
 };
 
-/// All of a small file. Throws Error(invalid_argument) "OPTION: PATH: why".
-std::string read_small_file(const std::filesystem::path& path, const std::string& option);
-
 /// Who calls, and whether that caller may: asked once by every call, when it comes in (CallScope), whatever carries it.
 /// Thread-safe.
 class Access {

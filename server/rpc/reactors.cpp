@@ -60,6 +60,7 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
   record.method = method;
   record.client = incoming.context->peer();
   record.identity = admission_.identity;
+  call_.stop = stop_.get_token();
   call_.client = admission_.identity.empty() ? record.client : "identity " + admission_.identity;
   // gRPC keeps wall-clock deadlines, "none" as the end of time.
   const auto deadline = incoming.context->deadline();
@@ -102,7 +103,7 @@ Error CallScope::given_up() const {
 
 void CallScope::check() const {
   const bool late = call_.deadline && std::chrono::steady_clock::now() >= *call_.deadline;
-  if (late || call_.cancel.cancelled()) throw given_up();
+  if (late || call_.stop.stop_requested()) throw given_up();
 }
 
 grpc::Status CallScope::finish(std::optional<Error> error) {
@@ -329,7 +330,7 @@ void RequestStream::handle(bool ok) {
   }
   if (then == Then::read) {
     StartRead(&request_);
-  } else if (scope_.call().cancel.cancelled()) {
+  } else if (scope_.call().stop.stop_requested()) {
     answer(scope_.given_up(), nullptr);  // OnCancel came while we were handling and left the end to us
   }
 }
@@ -356,7 +357,7 @@ void RequestStream::OnCancel() {
     const std::lock_guard lock(mutex_);
     waiting = state_ == State::waiting;
   }
-  // A read in flight ends by itself, and who is handling looks at the flag afterwards.
+  // A read in flight ends by itself, and who is handling looks at the token afterwards.
   if (waiting) answer(scope_.given_up(), nullptr);
 }
 

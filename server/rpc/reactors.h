@@ -12,6 +12,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <stop_token>
 
 #include "core/base/thread_pool.h"
 #include "server/engine/engine.h"
@@ -66,9 +67,9 @@ class CallScope {
   void check_access();
   /// Throws Error(out_of_budget) with a retry hint when this call computes or adds and the process occupies too much memory.
   void check_memory() const;
-  /// Cancel flag, deadline and caller, for the engine.
+  /// Stop token, deadline and caller, for the engine.
   const CallContext& call() const { return call_; }
-  void cancel() const { call_.cancel.cancel(); }
+  void cancel() { stop_.request_stop(); }
   /// Throws Error(cancelled) or Error(deadline_exceeded) when the answer has no reader any more.
   void check() const;
   /// Why a call ends that the transport gave up.
@@ -84,6 +85,7 @@ class CallScope {
  private:
   const Incoming incoming_;
   const std::chrono::steady_clock::time_point started_;
+  std::stop_source stop_;
   CallContext call_;
   std::optional<std::chrono::steady_clock::time_point> overdue_;  ///< when the call is cut off
   std::mutex admission_mutex_;

@@ -52,7 +52,7 @@ class PrepareCall : public ReplyStream {
 
   void begin() override;
   Next next(grpc::ByteBuffer& reply) override;
-  void stop() noexcept override {}  // the cancel flag has been set
+  void stop() noexcept override {}  // the stop token tells
   void note_progress(const v1::Progress& progress);
   void note_outcome(Engine::Outcome<v1::SystemInfo> outcome);
 
@@ -76,7 +76,7 @@ class DetectCall : public ReplyStream {
  private:
   void begin() override;
   Next next(grpc::ByteBuffer& reply) override;
-  void stop() noexcept override {}  // the cancel flag has been set
+  void stop() noexcept override {}  // the stop token tells
   void note_outcome(Engine::Outcome<Engine::DetectReplies> outcome);
 
   Engine& engine_;
@@ -98,7 +98,7 @@ class BasisCall : public ReplyStream {
 
   void begin() override;
   Next next(grpc::ByteBuffer& reply) override;
-  void stop() noexcept override {}  // the cancel flag has been set
+  void stop() noexcept override {}  // the stop token tells
   void note_outcome(Engine::Outcome<Records> outcome);
 
   Engine& engine_;

@@ -48,7 +48,7 @@ StreamRequests::RequestPtr StreamRequests::open(std::uint64_t id) {
   auto request = std::make_shared<Request>();
   request->id = id;
   request->call = call_;
-  request->call.cancel = CancelFlag();
+  request->call.stop = request->stop.get_token();
   request->opened = std::chrono::steady_clock::now();
   if (limits_.max_deadline.count() > 0) {
     const auto limit = request->opened + limits_.max_deadline;
@@ -83,7 +83,7 @@ StreamRequests::Effect StreamRequests::accept(v1::DeformStreamRequest&& message,
   if (request->state == State::waiting || request->state == State::running) {
     // Two answers with one id could not be told apart, so both end, with one error.
     effect.cancelled = request->job;
-    request->call.cancel.cancel();
+    request->stop.request_stop();
     refuse(*request, Error(ErrorCode::invalid_argument,
                            "request_id " + std::to_string(id) + ": already used by an open request, which is cancelled by this"));
   } else if (request->state == State::assembling) {
@@ -143,7 +143,7 @@ StreamRequests::Effect StreamRequests::cancel(std::uint64_t id) {
   if (found == open_.end()) return effect;  // ended while the message was under way
   const RequestPtr request = found->second;
   request->record.messages_in += 1;
-  request->call.cancel.cancel();
+  request->stop.request_stop();
   effect.cancelled = request->job;
   const bool bad = request->state == State::refused;
   if (!bad) refuse(*request, Error(ErrorCode::cancelled, "request " + std::to_string(id) + " was cancelled"));

@@ -7,6 +7,7 @@
 #include <deque>
 #include <memory>
 #include <optional>
+#include <stop_token>
 #include <unordered_map>
 
 #include "server/engine/engine.h"
@@ -39,7 +40,8 @@ class StreamRequests {
     v1::DeformRequest message;
     std::size_t bytes = 0;  ///< counted against the limit
     std::optional<Error> refusal;
-    CallContext call;  ///< with a cancel flag of its own
+    std::stop_source stop;  ///< of `call`
+    CallContext call;       ///< with a stop token of its own
     std::shared_ptr<DeformJob> job;
     bool in_turn = false;  ///< stands in the list of those with something to send
     CallRecord record;

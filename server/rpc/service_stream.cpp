@@ -147,7 +147,7 @@ void DeformStreamCall::start_request(const RequestPtr& request) {
   }
   if (!wanted && job) job->cancel();
   if (wanted && job) {
-    if (scope_.call().cancel.cancelled()) job->cancel();  // stop() may have come before the job was there
+    if (scope_.call().stop.stop_requested()) job->cancel();  // stop() may have come before the job was there
     queue_turn(request);
   }
 }
@@ -247,13 +247,13 @@ std::optional<v1::DeformReply> DeformStreamCall::finished(const RequestPtr& requ
 
 void DeformStreamCall::stop() noexcept {
   caught([this] {
-    std::deque<std::pair<CallContext, std::shared_ptr<DeformJob>>> open;
+    std::deque<std::pair<std::stop_source, std::shared_ptr<DeformJob>>> open;
     {
       const std::lock_guard lock(mutex_);
-      for (const RequestPtr& request : requests_.all()) open.emplace_back(request->call, request->job);
+      for (const RequestPtr& request : requests_.all()) open.emplace_back(request->stop, request->job);
     }
-    for (const auto& [call, job] : open) {
-      call.cancel.cancel();
+    for (auto& [source, job] : open) {
+      source.request_stop();
       if (job) job->cancel();
     }
   });

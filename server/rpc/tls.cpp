@@ -3,7 +3,6 @@
 
 #include <grpc/grpc.h>
 #include <grpc/grpc_security.h>
-#include <openssl/pem.h>
 #include <openssl/x509.h>
 #include <spdlog/spdlog.h>
 
@@ -15,43 +14,12 @@
 
 #include "core/base/error.h"
 #include "core/base/text.h"
+#include "core/codec/pem.h"
 #include "server/rpc/access.h"
 
 namespace deform::server {
 
 namespace {
-
-template <auto* function>
-struct FreeWith {
-  template <typename T>
-  void operator()(T* pointer) const {
-    function(pointer);
-  }
-};
-using Bio = std::unique_ptr<BIO, FreeWith<&BIO_free_all>>;
-using Certificate = std::unique_ptr<X509, FreeWith<&X509_free>>;
-using PrivateKey = std::unique_ptr<EVP_PKEY, FreeWith<&EVP_PKEY_free>>;
-
-Error bad_file(const char* option, const std::filesystem::path& path, const std::string& why) {
-  return {ErrorCode::invalid_argument, std::string("option ") + option + ": " + path.string() + ": " + why};
-}
-
-Bio reader_of(const std::string& pem) { return Bio(BIO_new_mem_buf(pem.data(), static_cast<int>(pem.size()))); }
-
-Certificate first_certificate(const std::string& pem) {
-  return Certificate(PEM_read_bio_X509(reader_of(pem).get(), nullptr, nullptr, nullptr));
-}
-
-/// A key with a passphrase is refused: the default of the library would ask a terminal for it.
-int no_passphrase(char*, int, int, void*) { return 0; }
-
-std::string subject_of(const X509& certificate) {
-  const Bio out(BIO_new(BIO_s_mem()));
-  X509_NAME_print_ex(out.get(), X509_get_subject_name(&certificate), 0, XN_FLAG_RFC2253);
-  char* text = nullptr;
-  const long size = BIO_get_mem_data(out.get(), &text);
-  return escaped({text, static_cast<std::size_t>(size)}, 200);
-}
 
 /// "2027-01-31T12:00:00Z".
 std::string time_text(const ASN1_TIME* time) {
@@ -67,25 +35,21 @@ struct Material {
 };
 
 Material read_material(const TlsFiles& files) {
-  Material out{read_small_file(files.certificate, "option tls-cert"), read_small_file(files.key, "option tls-key"),
-               files.client_ca.empty() ? std::string() : read_small_file(files.client_ca, "option tls-client-ca")};
-  const Certificate certificate = first_certificate(out.certificate);
-  if (!certificate) throw bad_file("tls-cert", files.certificate, "no certificate in PEM");
-  const PrivateKey key(PEM_read_bio_PrivateKey(reader_of(out.key).get(), nullptr, no_passphrase, nullptr));
-  if (!key) throw bad_file("tls-key", files.key, "no private key in PEM without a passphrase");
-  if (X509_check_private_key(certificate.get(), key.get()) != 1) {
-    throw bad_file("tls-key", files.key, "does not belong to the certificate in " + files.certificate.string());
-  }
-  if (!files.client_ca.empty() && !first_certificate(out.client_ca)) {
-    throw bad_file("tls-client-ca", files.client_ca, "no certificate in PEM");
-  }
+  codec::PemFile certificate = codec::read_pem_file("option tls-cert", files.certificate);
+  codec::PemFile key = codec::read_pem_file("option tls-key", files.key);
+  codec::check_key_pair(certificate, key);
+  Material out{std::move(certificate.text), std::move(key.text), {}};
+  if (files.client_ca.empty()) return out;
+  codec::PemFile authorities = codec::read_pem_file("option tls-client-ca", files.client_ca);
+  codec::check_certificates(authorities);
+  out.client_ca = std::move(authorities.text);
   return out;
 }
 
 void log_certificate(const TlsFiles& files, const Material& material) {
-  const Certificate certificate = first_certificate(material.certificate);
+  const codec::Certificate certificate = codec::first_certificate(material.certificate);
   const ASN1_TIME* end = X509_get0_notAfter(certificate.get());
-  spdlog::info("tls: certificate of {} from {}, valid until {}", subject_of(*certificate),
+  spdlog::info("tls: certificate of {} from {}, valid until {}", codec::name_text(*X509_get_subject_name(certificate.get())),
                escaped(files.certificate.string(), 300), time_text(end));
   if (X509_cmp_current_time(X509_get0_notBefore(certificate.get())) > 0) {
     spdlog::warn("tls: this certificate is not valid yet; clients will refuse it");

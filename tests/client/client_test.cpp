@@ -414,7 +414,7 @@ TEST(Client, DeadlineReachesTheServerAndEndsTheCall) {
   EXPECT_TRUE(saw_cancel);
 }
 
-TEST(Client, CancelFlagEndsTheCallHereAndThere) {
+TEST(Client, StopEndsTheCallHereAndThere) {
   ScriptedService service;
   std::atomic<bool> started{false}, saw_cancel{false};
   service.on_deform = [&](grpc::ServerContext& context, const v1::DeformRequest&, ScriptedService::Writer&) {
@@ -426,10 +426,11 @@ TEST(Client, CancelFlagEndsTheCallHereAndThere) {
   Client client = service.client();
   keep(client);
   CallOptions call;
-  call.cancel.emplace();
+  std::stop_source stop;
+  call.stop = stop.get_token();
   std::thread canceller([&] {
     while (!started) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    call.cancel->cancel();
+    stop.request_stop();
   });
   expect_error(ErrorCode::cancelled, {"cancelled"}, [&] { client.deform(raw_request(), call); });
   canceller.join();

@@ -210,13 +210,15 @@ TEST_F(DeformCallTest, cancelling_stops_the_steps_and_wakes_the_reader) {
   EXPECT_LE(fake().slices, 4);
 }
 
-TEST_F(DeformCallTest, the_callers_flag_is_seen_while_queued) {
+TEST_F(DeformCallTest, the_callers_stop_is_seen_while_queued) {
   open(1000);
   slow_preparation = true;
+  std::stop_source stop;
   CallContext context;
+  context.stop = stop.get_token();
   const auto job = begin(task(1), context);
   EXPECT_EQ(scheduler->load().waiting, 1u);
-  context.cancel.cancel();
+  stop.request_stop();
   v1::DeformReply reply;
   EXPECT_TRUE(eventually([&] { return job->poll(reply) == Poll::done; }));
   EXPECT_EQ(job->error()->code(), ErrorCode::cancelled);

@@ -117,8 +117,10 @@ TEST_F(EngineCompiledTest, says_why_there_is_none) {
   setup.mutable_method()->mutable_rbf()->set_basis(v1::BASIS_NEVER);
   expect_error(ErrorCode::failed_precondition, {"cannot be compiled", "BASIS_ALWAYS"}, [&] { get_basis(prepare(setup).id()); });
   expect_error(ErrorCode::not_found, {"unknown id"}, [&] { get_basis(std::string(64, '0')); });
+  std::stop_source stop;
   CallContext cancelled;
-  cancelled.cancel.cancel();
+  cancelled.stop = stop.get_token();
+  stop.request_stop();
   expect_error(ErrorCode::cancelled, {}, [&] { get_basis(prepare(sheet_setup(geometry.id())).id(), cancelled); });
 }
 

@@ -117,8 +117,10 @@ TEST_F(EngineDetect, BadRequests) {
 TEST_F(EngineDetect, CancelledBeforeItStarts) {
   v1::DetectRequest request;
   request.set_geometry_id(register_mesh(cube(8), "cube").id());
+  std::stop_source stop;
   CallContext call;
-  call.cancel.cancel();
+  call.stop = stop.get_token();
+  stop.request_stop();
   expect_error(ErrorCode::cancelled, {}, [&] { detect(request, call); });
 }
 

@@ -96,9 +96,11 @@ TEST_F(EngineInputTest, uploads) {
   expect_error(ErrorCode::invalid_argument, {"header.id", "announced"}, [&] { upload([](auto& h) { h.set_id(unknown_id); }); });
   expect_error(ErrorCode::invalid_argument, {"header.point_count", "100000"},
                [&] { upload([](auto& h) { h.set_point_count(100'001); }); });
+  std::stop_source stop;
   CallContext call;
+  call.stop = stop.get_token();
   const auto session = engine->begin_upload(header_of(sheet_mesh(12, 9)), call);
-  call.cancel.cancel();
+  stop.request_stop();
   expect_error(ErrorCode::cancelled, {}, [&] { session->add(upload_messages(sheet_mesh(12, 9))[0]); });
   expect_error(ErrorCode::cancelled, {}, [&] { session->finish(); });
 }

@@ -113,7 +113,9 @@ TEST_F(EngineLoadTest, a_preparation_does_not_keep_deformations_waiting) {
   request.mutable_setup()->mutable_method()->mutable_rbf()->set_reduction(v1::REDUCTION_OFF);
   Waiter<v1::SystemInfo> waiter;
   std::atomic<bool> prepared{false};
+  std::stop_source stop;
   CallContext call;
+  call.stop = stop.get_token();
   engine->prepare(request, call, {}, [&, done = waiter.callback()](Engine::Outcome<v1::SystemInfo> outcome) {
     prepared = true;
     done(std::move(outcome));
@@ -122,7 +124,7 @@ TEST_F(EngineLoadTest, a_preparation_does_not_keep_deformations_waiting) {
   while (!prepared) {
     deform(request_for(quick, {{0.1, 0}}));
     ++served;
-    if (served >= 5) call.cancel.cancel();  // that is enough
+    if (served >= 5) stop.request_stop();  // that is enough
   }
   EXPECT_GE(served, 2);
   EXPECT_TRUE(eventually([&] { return engine->info().running() == 0; }));
@@ -158,9 +160,11 @@ TEST_F(EngineLoadTest, memory_charged_comes_back) {
   const std::uint64_t before = engine->info().memory_in_use();
   in_parallel([&](int c) {
     for (int i = 0; i < 10; ++i) {
+      std::stop_source stop;
       CallContext call;
+      call.stop = stop.get_token();
       const auto job = engine->deform(request_for(systems[static_cast<std::size_t>(c)], {{0, 0}, {0.1, 0}}), 0, call, [] {});
-      if (i % 2 == 0) call.cancel.cancel();
+      if (i % 2 == 0) stop.request_stop();
     }
   });
   EXPECT_TRUE(eventually([&] { return engine->info().running() == 0 && engine->info().memory_in_use() <= before; }))

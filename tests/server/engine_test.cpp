@@ -293,8 +293,10 @@ TEST_F(EngineTest, a_failing_preparation_leaves_nothing) {
   setup.mutable_handles(0)->mutable_region()->set_group("rigth");
   expect_error(ErrorCode::invalid_argument, {"rigth", "\"right\""}, [&] { prepare(setup); });
   EXPECT_EQ(engine->info().setups(), 1u);
+  std::stop_source stop;
   CallContext cancelled;
-  cancelled.cancel.cancel();
+  cancelled.stop = stop.get_token();
+  stop.request_stop();
   setup = sheet_setup(geometry.id());
   setup.set_seed(3);
   expect_error(ErrorCode::cancelled, {}, [&] { prepare(setup, cancelled); });

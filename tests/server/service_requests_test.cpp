@@ -50,7 +50,7 @@ TEST_F(Requests, StartInOrderOfTheirLastMessageWithinTheWindow) {
   EXPECT_TRUE(requests.empty());
 }
 
-TEST_F(Requests, EveryRequestHasItsOwnCancelFlag) {
+TEST_F(Requests, EveryRequestIsStoppedByItself) {
   StreamRequests requests(limits, {});
   requests.accept(message(1), 10);
   requests.accept(message(2), 10);
@@ -59,8 +59,8 @@ TEST_F(Requests, EveryRequestHasItsOwnCancelFlag) {
   const auto effect = requests.accept(cancel(1), 5);
   EXPECT_EQ(effect.answered, one);
   EXPECT_EQ(effect.answered->refusal->code(), ErrorCode::cancelled);
-  EXPECT_TRUE(one->call.cancel.cancelled());
-  EXPECT_FALSE(two->call.cancel.cancelled());
+  EXPECT_TRUE(one->call.stop.stop_requested());
+  EXPECT_FALSE(two->call.stop.stop_requested());
 }
 
 TEST_F(Requests, RefusalsWaitForTheLastMessageAndFreeTheId) {
@@ -89,7 +89,7 @@ TEST_F(Requests, AnIdUsedTwiceEndsOnceWhenRunningAndWhenWaiting) {
     const auto effect = requests.accept(message(id), 10);
     ASSERT_NE(effect.answered, nullptr);
     EXPECT_EQ(effect.answered->refusal->code(), ErrorCode::invalid_argument);
-    EXPECT_TRUE(effect.answered->call.cancel.cancelled());
+    EXPECT_TRUE(effect.answered->call.stop.stop_requested());
   }
   EXPECT_TRUE(requests.empty());
   EXPECT_EQ(requests.start(), nullptr);

@@ -101,7 +101,7 @@ TEST_P(ServiceStreams, CancelWhileTheJobComputesReachesIt) {
   const auto reader = stub->Deform(&context, request());
   const auto job = engine.job(0);
   context.TryCancel();
-  EXPECT_TRUE(eventually([&] { return job->cancelled() && job->call().cancel.cancelled(); }));
+  EXPECT_TRUE(eventually([&] { return job->cancelled() && job->call().stop.stop_requested(); }));
   EXPECT_EQ(reader->Finish().error_code(), StatusCode::CANCELLED);
 }
 
@@ -313,7 +313,7 @@ TEST_P(ServiceStreams, ACancelledPrepareEndsAtOnceAndItsLateOutcomeIsDropped) {
   ASSERT_TRUE(eventually([&] { return asked.load(); }));
   context.TryCancel();
   EXPECT_EQ(reader->Finish().error_code(), StatusCode::CANCELLED);
-  EXPECT_TRUE(eventually([&] { return seen->cancel.cancelled(); }));
+  EXPECT_TRUE(eventually([&] { return seen->stop.stop_requested(); }));
   server->running().stop(std::chrono::milliseconds(0));  // does not wait for the outcome
   late({v1::SystemInfo(), std::nullopt, {}});
 }

@@ -49,7 +49,7 @@ class SystemCacheTest : public testing::Test {
       return fake_resident(10, bytes);
     };
   }
-  /// Waits at the gate, looking at the cancel flag.
+  /// Waits at the gate, looking at the stop token.
   SystemCache::Prepare make_slowly(std::size_t bytes) {
     return [this, bytes](const RunContext& context) {
       ++prepared;

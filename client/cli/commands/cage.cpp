@@ -38,9 +38,9 @@ ExitCode run_cage_mesh(const CageMeshCommand& options, const CommonOptions& comm
   CageRequest request = options.request;
   request.kind = cage_kinds.at(options.kind);
   const Interrupt interrupt;
-  const auto mesh = io::read_mesh_file(options.mesh, own_process(interrupt.flag()))->mesh();
+  const auto mesh = io::read_mesh_file(options.mesh, own_process(interrupt.token()))->mesh();
   RunContext context;
-  context.cancel = interrupt.flag();
+  context.stop = interrupt.token();
   const CageAround cage = cage_around(*mesh, request, context);
   io::write_new_file(cage.mesh, options.output);
   const double diagonal = bounding_box(mesh->points).diagonal();

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "client/cli/commands/interrupt.h"
 
-#include <time.h>
 #include <unistd.h>
 
 #include "client/cli/commands/command.h"
@@ -17,17 +16,16 @@ Interrupt::Interrupt() {
 }
 
 Interrupt::~Interrupt() {
-  stopping_ = true;
+  ended_ = true;
+  pthread_kill(thread_.native_handle(), SIGTERM);  // of the thread alone: wakes it
   thread_.join();
   pthread_sigmask(SIG_UNBLOCK, &signals_, nullptr);
 }
 
 void Interrupt::wait() {
-  const timespec period{0, 20'000'000};
-  while (!stopping_) {
-    if (sigtimedwait(&signals_, nullptr, &period) < 0) continue;
-    if (flag_.cancelled()) _exit(exit_interrupted);
-    flag_.cancel();
+  int signal = 0;
+  while (sigwait(&signals_, &signal) == 0 && !ended_) {
+    if (!stop_.request_stop()) _exit(exit_interrupted);
   }
 }
 

@@ -4,14 +4,14 @@
 #include <signal.h>
 
 #include <atomic>
+#include <stop_token>
 #include <thread>
-
-#include "core/base/run_context.h"
 
 namespace deform::cli {
 
-/// Turns Ctrl-C (SIGINT) and SIGTERM into a cancel flag; a second one ends the program at once. Make it before any other thread,
-/// so that all inherit the blocked signals; one at a time.
+/// Turns Ctrl-C (SIGINT) and SIGTERM into a request to stop; a second one ends the program at once. Make it before any other
+/// thread, so that all inherit the blocked signals; one at a time. What a stop calls back runs on its thread, not in a signal
+/// handler.
 class Interrupt {
  public:
   Interrupt();
@@ -19,14 +19,14 @@ class Interrupt {
   Interrupt(const Interrupt&) = delete;
   Interrupt& operator=(const Interrupt&) = delete;
 
-  const CancelFlag& flag() const { return flag_; }
+  std::stop_token token() const { return stop_.get_token(); }
 
  private:
   void wait();
 
   sigset_t signals_;
-  CancelFlag flag_;
-  std::atomic<bool> stopping_{false};
+  std::stop_source stop_;
+  std::atomic<bool> ended_{false};
   std::thread thread_;
 };
 

@@ -21,9 +21,9 @@ io::ReadOptions own_process() {
   return options;
 }
 
-io::ReadOptions own_process(const CancelFlag& cancel) {
+io::ReadOptions own_process(const std::stop_token& stop) {
   io::ReadOptions options = own_process();
-  options.cancel = cancel;
+  options.stop = stop;
   return options;
 }
 

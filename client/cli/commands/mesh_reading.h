@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <initializer_list>
+#include <stop_token>
 #include <string>
 
 #include "client/cli/setup/reading.h"
@@ -12,8 +13,8 @@ namespace deform::cli {
 
 /// How the commands read mesh files: those that may crash a library in a process of this program of their own.
 io::ReadOptions own_process();
-/// The same; `cancel` ends it.
-io::ReadOptions own_process(const CancelFlag& cancel);
+/// The same; a stop ends it.
+io::ReadOptions own_process(const std::stop_token& stop);
 
 /// The mesh file of a setup file: the one that it names, or `source` where it names its geometry by id. Throws
 /// Error(invalid_argument) when there are both or none. setup: the name of the setup file.

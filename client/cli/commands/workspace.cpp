@@ -25,7 +25,7 @@ Connection::Connection(const CommonOptions& common) : common_(common), client_(c
 
 client::CallOptions Connection::call() const {
   client::CallOptions options = common_.call_options();
-  options.cancel = interrupt_.flag();
+  options.stop = interrupt_.token();
   return options;
 }
 
@@ -53,9 +53,9 @@ std::string group_size_text(const v1::GroupInfo& group) {
 
 namespace {
 
-void read_source(LoadedSetup& loaded, const std::filesystem::path& path, const PrepareInput& input, const CancelFlag& cancel) {
+void read_source(LoadedSetup& loaded, const std::filesystem::path& path, const PrepareInput& input, const std::stop_token& stop) {
   const auto start = std::chrono::steady_clock::now();
-  io::ReadOptions reading = own_process(cancel);
+  io::ReadOptions reading = own_process(stop);
   reading.turn_normals = input.turn_normals;
   loaded.source = io::read_mesh_file(path, reading);
   loaded.source_path = path;

@@ -23,7 +23,7 @@ class Connection {
   client::Client& client() { return client_; }
   /// Fresh timeout, cancelled by Ctrl-C.
   client::CallOptions call() const;
-  const CancelFlag& interrupted() const { return interrupt_.flag(); }
+  std::stop_token interrupted() const { return interrupt_.token(); }
 
  private:
   const CommonOptions& common_;

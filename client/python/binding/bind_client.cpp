@@ -66,7 +66,7 @@ Record call_with(Callback& callback, const Call& call) {
 Record register_mesh(client::Client& client, const MeshSource& source, const std::string& name, const py::object& progress,
                      const CallLimits& limits) {
   CallLimits given = limits;
-  given.cancel = limits.cancel.value_or(CancelFlag());
+  given.cancel = limits.stop();
   Callback callback(progress, *given.cancel);
   std::function<void(double)> on_progress;
   if (callback.given()) on_progress = [&](double fraction) { callback(std::string("upload"), fraction); };
@@ -89,7 +89,7 @@ Record register_mesh(client::Client& client, const MeshSource& source, const std
 
 Record prepare(client::Client& client, const ReadSetup& setup, const py::object& progress, const CallLimits& limits) {
   CallLimits given = limits;
-  given.cancel = limits.cancel.value_or(CancelFlag());
+  given.cancel = limits.stop();
   Callback callback(progress, *given.cancel);
   std::function<void(const std::string&, double)> on_progress;
   if (callback.given()) on_progress = [&](const std::string& stage, double fraction) { callback(stage, fraction); };
@@ -137,12 +137,14 @@ void bind_client(py::module_& module) {
   using client::CallOptions;
   using client::Client;
 
-  py::class_<CancelFlag>(module, "Cancel", "Ends the calls that it is given to, from any thread.")
+  py::class_<std::stop_source>(module, "Cancel", "Ends the calls that it is given to, from any thread.")
       .def(py::init<>())
-      .def("cancel", &CancelFlag::cancel, "Ends the calls, for good.")
-      .def_property_readonly("cancelled", &CancelFlag::cancelled, "Whether that was done.");
+      .def(
+          "cancel", [](std::stop_source& source) { source.request_stop(); }, py::call_guard<py::gil_scoped_release>(),
+          "Ends the calls, for good.")
+      .def_property_readonly("cancelled", &std::stop_source::stop_requested, "Whether that was done.");
   py::class_<CallLimits>(module, "Limits")
-      .def(py::init([](std::optional<double> timeout, std::optional<CancelFlag> cancel) {
+      .def(py::init([](std::optional<double> timeout, std::optional<std::stop_source> cancel) {
              return CallLimits{timeout, std::move(cancel)};
            }),
            py::arg("timeout") = py::none(), py::arg("cancel") = py::none());

@@ -21,7 +21,7 @@ MeshSource read_mesh(const std::filesystem::path& path, const std::string& isola
   return run_call(limits, [&](const client::CallOptions& call) {
     io::ReadOptions options;
     options.isolated_reader = {isolated_reader};
-    options.cancel = call.cancel;
+    options.stop = call.stop;
     const std::shared_ptr<const io::MeshFile> file = io::read_mesh_file(path, options);
     return MeshSource{file->mesh(), file, path};
   });

@@ -22,9 +22,7 @@ namespace {
 class Run {
  public:
   Run(client::Client& client, Population::Options options, std::optional<py::array> target)
-      : cancel_(options.call.cancel.value()),
-        target_(std::move(target)),
-        population_(std::make_unique<Population>(client, std::move(options))) {}
+      : stop_(options.stop), target_(std::move(target)), population_(std::make_unique<Population>(client, std::move(options))) {}
   ~Run() { end(); }
   Run(const Run&) = delete;
   Run& operator=(const Run&) = delete;
@@ -33,7 +31,7 @@ class Run {
   py::object next() {
     if (!population_ || population_->at_end()) return py::none();
     std::optional<Population::Done> done;
-    wait_with_signals(cancel_, [&](std::chrono::milliseconds most) {
+    wait_with_signals(stop_, [&](std::chrono::milliseconds most) {
       done = population_->next(most);
       return done.has_value();
     });
@@ -45,7 +43,7 @@ class Run {
 
   /// Waits for the last one.
   void wait() const {
-    if (population_) wait_with_signals(cancel_, [&](std::chrono::milliseconds most) { return population_->wait(most); });
+    if (population_) wait_with_signals(stop_, [&](std::chrono::milliseconds most) { return population_->wait(most); });
   }
 
   void end() {
@@ -54,7 +52,7 @@ class Run {
   }
 
  private:
-  const CancelFlag cancel_;
+  const std::stop_source stop_;
   const std::optional<py::array> target_;
   std::unique_ptr<Population> population_;
 };
@@ -104,7 +102,8 @@ std::unique_ptr<Run> begin(client::Client& client, const std::string& request, c
   options.designs = designs_of(variables, motions);
   options.batch = std::max<std::size_t>(1, batch.first);
   options.requests = std::max<std::size_t>(1, batch.second);
-  options.call = limits.options();
+  options.stop = limits.stop();
+  options.call = limits.options(options.stop);
   options.target = target_of(out);
   return std::make_unique<Run>(client, std::move(options), out);
 }

@@ -8,9 +8,9 @@
 
 namespace deform::python {
 
-client::CallOptions CallLimits::options() const {
+client::CallOptions CallLimits::options(const std::stop_source& stop) const {
   client::CallOptions options;
-  options.cancel = cancel.value_or(CancelFlag());
+  options.stop = stop.get_token();
   if (!timeout) return options;
   constexpr double longest = 1e9;
   if (!(*timeout > 0)) {
@@ -41,7 +41,7 @@ bool on_main_thread() {
   return main.attr("ident").cast<unsigned long>() == PyThread_get_thread_ident();
 }
 
-void wait_with_signals(const CancelFlag& cancel, const std::function<bool(std::chrono::milliseconds)>& done) {
+void wait_with_signals(std::stop_source stop, const std::function<bool(std::chrono::milliseconds)>& done) {
   constexpr std::chrono::milliseconds period{50};
   const bool signals = on_main_thread();
   std::optional<py::error_already_set> raised;
@@ -52,7 +52,7 @@ void wait_with_signals(const CancelFlag& cancel, const std::function<bool(std::c
       const py::gil_scoped_acquire acquire;
       if (PyErr_CheckSignals() == 0) continue;
       raised.emplace();
-      cancel.cancel();
+      stop.request_stop();
     }
   } catch (const Error&) {
     if (!raised) throw;  // else it was cancelled

@@ -7,24 +7,26 @@
 #include <functional>
 #include <future>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <thread>
 #include <utility>
 
 #include "client/client.h"
-#include "core/base/run_context.h"
 
 namespace deform::python {
 
 namespace py = pybind11;
 
-/// What every call takes from Python: seconds for the whole call, and a flag that another thread may set.
+/// What every call takes from Python: seconds for the whole call, and what another thread may stop it by.
 struct CallLimits {
   std::optional<double> timeout;
-  std::optional<CancelFlag> cancel;
+  std::optional<std::stop_source> cancel;
 
-  /// Throws Error(invalid_argument) for a timeout that is not over 0. There is always a flag.
-  client::CallOptions options() const;
+  /// With the token of `stop`. Throws Error(invalid_argument) for a timeout that is not over 0.
+  client::CallOptions options(const std::stop_source& stop) const;
+  /// `cancel`, or a new one.
+  std::stop_source stop() const { return cancel.value_or(std::stop_source()); }
 };
 
 /// The error as an object of its class in deformd.errors. With the GIL.
@@ -37,13 +39,14 @@ void register_errors();
 bool on_main_thread();
 
 /// Waits until done(how long to wait at most) says so, without the GIL. On the main thread signal handlers run meanwhile; what
-/// one raises (KeyboardInterrupt) sets the flag, and is thrown when everything is done. With the GIL.
-void wait_with_signals(const CancelFlag& cancel, const std::function<bool(std::chrono::milliseconds)>& done);
+/// one raises (KeyboardInterrupt) requests the stop, and is thrown when everything is done. With the GIL.
+void wait_with_signals(std::stop_source stop, const std::function<bool(std::chrono::milliseconds)>& done);
 
 /// Runs body(options) without the GIL, so that Ctrl-C cancels it. With the GIL.
 template <typename Body>
 auto run_call(const CallLimits& limits, const Body& body) {
-  const client::CallOptions options = limits.options();
+  const std::stop_source stop = limits.stop();
+  const client::CallOptions options = limits.options(stop);
   if (!on_main_thread()) {
     const py::gil_scoped_release release;
     return body(options);
@@ -52,8 +55,7 @@ auto run_call(const CallLimits& limits, const Body& body) {
   auto result = task.get_future();
   std::thread thread(std::ref(task));
   try {
-    wait_with_signals(*options.cancel,
-                      [&](std::chrono::milliseconds most) { return result.wait_for(most) == std::future_status::ready; });
+    wait_with_signals(stop, [&](std::chrono::milliseconds most) { return result.wait_for(most) == std::future_status::ready; });
   } catch (...) {
     thread.join();
     throw;
@@ -62,11 +64,12 @@ auto run_call(const CallLimits& limits, const Body& body) {
   return result.get();
 }
 
-/// A Python callable as a function for threads of ours: takes the GIL; what it raises sets the flag and is kept for rethrow().
+/// A Python callable as a function for threads of ours: takes the GIL; what it raises requests the stop and is kept for
+/// rethrow().
 class Callback {
  public:
   /// `callable` may be None.
-  Callback(py::object callable, CancelFlag cancel) : callable_(std::move(callable)), cancel_(std::move(cancel)) {}
+  Callback(py::object callable, std::stop_source stop) : callable_(std::move(callable)), stop_(std::move(stop)) {}
   bool given() const { return !callable_.is_none(); }
   template <typename... Arguments>
   void operator()(Arguments&&... arguments) {
@@ -76,7 +79,7 @@ class Callback {
       callable_(std::forward<Arguments>(arguments)...);
     } catch (py::error_already_set& error) {
       raised_ = std::move(error);
-      cancel_.cancel();
+      stop_.request_stop();
     }
   }
   /// Throws what the callable raised, if it did. With the GIL.
@@ -86,7 +89,7 @@ class Callback {
 
  private:
   py::object callable_;
-  CancelFlag cancel_;
+  std::stop_source stop_;
   std::optional<py::error_already_set> raised_;
 };
 

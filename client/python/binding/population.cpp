@@ -6,7 +6,8 @@
 
 namespace deform::python {
 
-Population::Population(client::Client& client, Options options) : client_(client), options_(std::move(options)) {
+Population::Population(client::Client& client, Options options)
+    : client_(client), options_(std::move(options)), stop_(options_.stop) {
   const std::size_t batches = (options_.designs.size() + options_.batch - 1) / options_.batch;
   running_ = std::min(options_.requests, batches);
   for (std::size_t i = 0; i < running_; ++i) threads_.emplace_back([this] { run(); });
@@ -45,11 +46,8 @@ bool Population::wait(std::chrono::milliseconds most) {
 
 bool Population::take_batch(std::size_t& first, std::size_t& end) {
   std::unique_lock lock(mutex_);
-  const auto may_begin = [this] {
-    return !options_.target.empty() || finished_.size() < options_.batch || error_ || options_.call.cancel->cancelled();
-  };
-  constexpr std::chrono::milliseconds period{50};  // the flag wakes nobody
-  while (!may_begin()) changed_.wait_for(lock, period);
+  const auto may_begin = [this] { return !options_.target.empty() || finished_.size() < options_.batch || error_; };
+  changed_.wait(lock, stop_.get_token(), may_begin);  // stopped: the next request tells
   if (error_ || next_design_ == options_.designs.size()) return false;
   first = next_design_;
   end = next_design_ = std::min(first + options_.batch, options_.designs.size());
@@ -78,6 +76,7 @@ void Population::evaluate(std::size_t first, std::size_t end) {
     v1::DeformRequest request = options_.request;
     for (const std::size_t i : left) *request.add_designs() = options_.designs[i];
     client::CallOptions call = options_.call;
+    call.stop = stop_.get_token();
     if (call.timeout) {
       const auto spent = std::chrono::duration_cast<std::chrono::milliseconds>(RunContext::Clock::now() - started_);
       call.timeout = std::max(std::chrono::milliseconds(1), *call.timeout - spent);

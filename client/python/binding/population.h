@@ -9,6 +9,7 @@
 #include <mutex>
 #include <optional>
 #include <span>
+#include <stop_token>
 #include <string>
 #include <thread>
 #include <vector>
@@ -27,7 +28,8 @@ class Population {
     std::vector<v1::Design> designs;  ///< m
     std::size_t batch = 1;            ///< designs of a request
     std::size_t requests = 1;         ///< at a time
-    client::CallOptions call;         ///< of the whole; has a flag
+    std::stop_source stop;            ///< ends what is under way
+    client::CallOptions call;         ///< of the whole, stopped by `stop`
     /// Where the points of all designs go, m x n x 3; those without a deformation keep what is there. Empty: they stay with their
     /// designs, and no request begins while a batch of designs waits for next().
     std::span<Vec3> target;
@@ -49,7 +51,7 @@ class Population {
   bool at_end() const;
   /// Waits at most so long. True when nothing runs any more, after which next() does not wait.
   bool wait(std::chrono::milliseconds most);
-  void cancel() const { options_.call.cancel->cancel(); }
+  void cancel() { stop_.request_stop(); }
 
  private:
   void run();
@@ -60,10 +62,11 @@ class Population {
 
   client::Client& client_;
   const Options options_;
+  std::stop_source stop_;
   const RunContext::Clock::time_point started_ = RunContext::Clock::now();
 
   mutable std::mutex mutex_;
-  std::condition_variable changed_;
+  std::condition_variable_any changed_;
   // under mutex_
   std::deque<Done> finished_;
   std::size_t next_design_ = 0;  ///< of the next batch

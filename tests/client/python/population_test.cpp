@@ -31,7 +31,6 @@ Population::Options numbered_designs(std::size_t count, std::size_t batch) {
     options.designs.push_back(client::variables_design(std::vector<double>{static_cast<double>(i)}));
   }
   options.batch = batch;
-  options.call.cancel = CancelFlag();
   return options;
 }
 
@@ -134,9 +133,9 @@ TEST_F(PopulationTest, BeginsNoRequestWhileABatchWaitsToBeTaken) {
 }
 
 TEST_F(PopulationTest, MayBeLeftBeforeItsEnd) {
-  const CancelFlag left;
+  std::stop_source left;
   answer_ = [left](std::size_t, std::size_t, ScriptedService::Writer&) {
-    while (!left.cancelled()) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    while (!left.stop_requested()) std::this_thread::sleep_for(std::chrono::milliseconds(5));
     return grpc::Status(grpc::StatusCode::CANCELLED, "");
   };
   {
@@ -147,7 +146,7 @@ TEST_F(PopulationTest, MayBeLeftBeforeItsEnd) {
     EXPECT_TRUE(population.wait(long_enough));
     expect_error(ErrorCode::cancelled, {}, [&] { population.next(long_enough); });
   }
-  left.cancel();
+  left.request_stop();
   EXPECT_EQ(asked().size(), 1u);
 }
 

@@ -37,11 +37,12 @@ TEST(ParallelFor, CancelStopsBetweenRanges) {
   for (int threads : {1, 2}) {
     RunContext context;
     context.threads = threads;
-    context.cancel.emplace();
+    std::stop_source stop;
+    context.stop = stop.get_token();
     std::atomic<int> runs = 0;
     try {
       parallel_for(context, 100000, 1, [&](std::size_t, std::size_t) {
-        if (++runs == 5) context.cancel->cancel();
+        if (++runs == 5) stop.request_stop();
       });
       FAIL() << "not cancelled";
     } catch (const Error& error) {

@@ -213,8 +213,9 @@ TEST(CompressedFields, TransposedProductIsThatOfTheStoredValues) {
 TEST(CompressedFields, StopWhenCancelled) {
   const Fields the = smooth(1300, 4);
   RunContext context;
-  context.cancel.emplace();
-  context.cancel->cancel();
+  std::stop_source stop;
+  context.stop = stop.get_token();
+  stop.request_stop();
   EXPECT_THROW(CompressedFields(the.tiles, the.places, 1e-8, context), Error);
 }
 

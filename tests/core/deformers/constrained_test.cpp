@@ -260,8 +260,9 @@ TEST(Constrained, BadOnesAreRefused) {
 TEST(Constrained, StopsWhenTold) {
   const auto system = prepare(shared(test::bumpy_sheet(21, 11)), with({planar(1.2, 1.6)}));
   RunContext context;
-  context.cancel.emplace();
-  context.cancel->cancel();
+  std::stop_source stop;
+  context.stop = stop.get_token();
+  stop.request_stop();
   test::expect_error(ErrorCode::cancelled, {}, [&] { system->bind({&turned, 1}, EvaluationPath::automatic, context); });
 }
 

@@ -197,8 +197,9 @@ TEST(MlsSpace, BadInputAndCancelling) {
   point.points = {{1, 2, 3}, {1, 2, 3}};
   test::expect_error(ErrorCode::invalid_argument, {"mesh", "no extent"}, [&] { mls_space(point, {}, 1); });
   RunContext context;
-  context.cancel.emplace();
-  context.cancel->cancel();
+  std::stop_source stop;
+  context.stop = stop.get_token();
+  stop.request_stop();
   test::expect_error(ErrorCode::cancelled, {}, [&] { mls_space(test::thesis_plane(), {}, 1, context); });
 }
 

@@ -216,15 +216,17 @@ TEST(Rbf, JacobianProducts) {
 TEST(Rbf, CancelledBeforeAndDuring) {
   const auto mesh = body(6000);
   RunContext context;
-  context.cancel.emplace();
-  context.cancel->cancel();
+  std::stop_source stop;
+  context.stop = stop.get_token();
+  stop.request_stop();
   EXPECT_THROW(prepare(mesh, car_setup(), context), Error);
   for (const char* stage : {"assemble", "factor", "basis"}) {
     RunContext during;
-    during.cancel.emplace();
+    std::stop_source stop_during;
+    during.stop = stop_during.get_token();
     bool after = false;
     during.on_progress = [&](const std::string& now, double fraction) {
-      if (now == stage) during.cancel->cancel();
+      if (now == stage) stop_during.request_stop();
       if (now == stage && fraction == 1.0) after = true;
     };
     try {

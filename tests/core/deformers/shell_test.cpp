@@ -177,8 +177,9 @@ TEST(Shell, SoftHandlesReportTheirMisfit) {
 
 TEST(Shell, StopsWhenTold) {
   RunContext context;
-  context.cancel.emplace();
-  context.cancel->cancel();
+  std::stop_source stop;
+  context.stop = stop.get_token();
+  stop.request_stop();
   test::expect_error(ErrorCode::cancelled, {},
                      [&] { prepare(shared(test::bumpy_sheet(21, 11)), shell(test::sheet_setup()), context); });
 }

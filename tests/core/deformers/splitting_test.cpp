@@ -355,13 +355,14 @@ TEST(Splitting, SameBitsForAnyNumberOfThreads) {
 TEST(Splitting, CancellationAndProgress) {
   const SplitProblem problem = square_problem(30);
   RunContext context;
-  context.cancel.emplace();
+  std::stop_source stop;
+  context.stop = stop.get_token();
   std::mutex mutex;
   std::set<std::string> stages;
   context.on_progress = [&](const std::string& stage, double fraction) {
     const std::lock_guard lock(mutex);
     stages.insert(stage);
-    if (stage == "split" && fraction > 0.5) context.cancel->cancel();
+    if (stage == "split" && fraction > 0.5) stop.request_stop();
   };
   test::expect_error(ErrorCode::cancelled, {}, [&] { evaluate_split(problem, straight_turn(problem, 2.3), {}, context); });
   EXPECT_TRUE(stages.contains("split"));

@@ -82,8 +82,9 @@ TEST_P(Subspaces, MoreCentresThanPoints) {
 
 TEST_P(Subspaces, Cancelled) {
   RunContext context;
-  context.cancel.emplace();
-  context.cancel->cancel();
+  std::stop_source stop;
+  context.stop = stop.get_token();
+  stop.request_stop();
   test::expect_error(ErrorCode::cancelled, {}, [&] { shell_subspace(plane_, options(GetParam()), 1, context); });
 }
 

@@ -200,11 +200,12 @@ TEST(Isolated, ACrashWhileWritingIsAnErrorToo) {
 
 TEST(Isolated, IsInterruptedAtOnceAlsoWhereSignalsAreBlocked) {
   ReadOptions options = shell("exec sleep 60");
-  options.cancel.emplace();
+  std::stop_source stop;
+  options.stop = stop.get_token();
   const auto start = std::chrono::steady_clock::now();
-  std::thread other([flag = *options.cancel] {
+  std::thread other([&stop] {
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
-    flag.cancel();
+    stop.request_stop();
   });
   expect_error(ErrorCode::cancelled, {"a.cgns: interrupted"}, [&] { parse_mesh("whatever", "a.cgns", options); });
   other.join();

@@ -47,8 +47,9 @@ TEST(ConjugateGradients, SayWhereTheyEndedEarly) {
   EXPECT_EQ(none.iterations, 0);
   EXPECT_TRUE(none.x.isZero(0));
   RunContext cancelled;
-  cancelled.cancel.emplace();
-  cancelled.cancel->cancel();
+  std::stop_source stop;
+  cancelled.stop = stop.get_token();
+  stop.request_stop();
   EXPECT_THROW(conjugate_gradients(b, product, diagonal_of(A), 1e-13, 10, cancelled), Error);
 }
 

@@ -218,15 +218,17 @@ TEST(DenseInterpolator, BytesStayWithinTheirBounds) {
 TEST(DenseInterpolator, StopsWhenCancelledBeforeAndDuring) {
   const auto centres = test::random_points(900, 16);
   RunContext before;
-  before.cancel.emplace();
-  before.cancel->cancel();
+  std::stop_source stop;
+  before.stop = stop.get_token();
+  stop.request_stop();
   for (const Solver solver : solvers) {
     test::expect_error(ErrorCode::cancelled, {}, [&] { make(centres, {}, solver, before); });
     for (const char* stage : {"assemble", "factor"}) {
       RunContext during;
-      during.cancel.emplace();
+      std::stop_source stop_during;
+      during.stop = stop_during.get_token();
       during.on_progress = [&](const std::string& now, double) {
-        if (now == stage) during.cancel->cancel();
+        if (now == stage) stop_during.request_stop();
       };
       test::expect_error(ErrorCode::cancelled, {}, [&] { make(centres, {}, solver, during); });
     }

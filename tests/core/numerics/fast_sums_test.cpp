@@ -127,8 +127,9 @@ TEST(FastSums, ThreadsAndGroupsOfColumnsDoNotMatter) {
 TEST(FastSums, CanBeCancelled) {
   const std::vector<Vec3> points = graded_surface(3000);
   RunContext context;
-  context.cancel.emplace();
-  context.cancel->cancel();
+  std::stop_source stop;
+  context.stop = stop.get_token();
+  stop.request_stop();
   const FastSums sums({Kernel::triharmonic, 1}, points, points, {6, 60});
   EXPECT_THROW(sums.sums(std::vector<double>(points.size(), 1.0), 1, context), Error);
 }

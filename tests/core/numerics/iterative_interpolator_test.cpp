@@ -186,8 +186,9 @@ TEST(IterativeInterpolator, RefusesWendlandAndCanBeCancelled) {
   EXPECT_THROW(IterativeInterpolator(centres, options({Kernel::wendland_c2, 0.5}), {}), Error);
   const IterativeInterpolator system(centres, {}, {});
   RunContext context;
-  context.cancel.emplace();
-  context.cancel->cancel();
+  std::stop_source stop;
+  context.stop = stop.get_token();
+  stop.request_stop();
   EXPECT_THROW(system.interpolate(data(centres), 1e-6, context), Error);
 }
 

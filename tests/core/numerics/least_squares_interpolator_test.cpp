@@ -341,8 +341,9 @@ TEST(LeastSquaresInterpolator, RefusesBadInput) {
   expect_error(ErrorCode::invalid_argument, {"values: expected 20 rows"}, [&] { qr.interpolate(MatrixXd::Ones(3, 3), 1); });
   expect_error(ErrorCode::invalid_argument, {"tolerance"}, [&] { qr.interpolate(MatrixXd::Ones(20, 3), NAN); });
   RunContext cancelled;
-  cancelled.cancel.emplace();
-  cancelled.cancel->cancel();
+  std::stop_source stop;
+  cancelled.stop = stop.get_token();
+  stop.request_stop();
   expect_error(ErrorCode::cancelled, {}, [&] { LeastSquaresInterpolator(points, {}, cancelled); });
 }
 

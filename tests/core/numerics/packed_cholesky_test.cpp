@@ -99,11 +99,12 @@ TEST(PackedCholesky, SolvesFromManyThreads) {
 TEST(PackedCholesky, StopsWhenCancelled) {
   PackedCholesky factor = packed(definite(900, 4));
   RunContext context;
-  context.cancel.emplace();
+  std::stop_source stop;
+  context.stop = stop.get_token();
   int reports = 0;
   context.on_progress = [&](const std::string& stage, double) {
     EXPECT_EQ(stage, "factor");
-    if (++reports == 3) context.cancel->cancel();
+    if (++reports == 3) stop.request_stop();
   };
   EXPECT_THROW(factor.factor(context), Error);
   EXPECT_EQ(reports, 3);

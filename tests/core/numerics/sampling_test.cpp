@@ -222,8 +222,9 @@ TEST(Samples, AreNoMoreThanThereArePlaces) {
 TEST(Samples, CanBeCancelled) {
   const DensePoints dense = square_and_cube(2000, 0, 1);
   RunContext context;
-  context.cancel.emplace();
-  context.cancel->cancel();
+  std::stop_source stop;
+  context.stop = stop.get_token();
+  stop.request_stop();
   SampleOptions options;
   options.surface = 100;
   EXPECT_THROW(spread_samples(dense, options, context), std::exception);

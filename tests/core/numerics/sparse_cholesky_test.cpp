@@ -119,8 +119,9 @@ TEST(SparseCholesky, ManyThreadsSolveAtOnce) {
 
 TEST(SparseCholesky, StopsWhenTold) {
   RunContext context;
-  context.cancel.emplace();
-  context.cancel->cancel();
+  std::stop_source stop;
+  context.stop = stop.get_token();
+  stop.request_stop();
   test::expect_error(ErrorCode::cancelled, {}, [&] { SparseCholesky(grid(10, 1), context); });
 }
 

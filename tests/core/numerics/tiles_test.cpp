@@ -169,8 +169,9 @@ TEST(Tiles, NothingIsFine) {
 
 TEST(Tiles, KernelSumsStopWhenCancelled) {
   RunContext context;
-  context.cancel.emplace();
-  context.cancel->cancel();
+  std::stop_source stop;
+  context.stop = stop.get_token();
+  stop.request_stop();
   const auto points = test::random_points(100, 1);
   EXPECT_THROW(kernel_sums({}, points, points, std::vector<double>(100, 1.0), 1, context), Error);
 }

@@ -172,8 +172,9 @@ TEST(PolyhedralQuality, Refuses) {
   test::expect_error(ErrorCode::invalid_argument, {"faces[1]", "point 8", "8"}, [&] { polyhedral_quality(g.points, g.cells); });
   test::expect_error(ErrorCode::invalid_argument, {"no cells"}, [&] { polyhedral_quality(g.points, {}); });
   RunContext context;
-  context.cancel.emplace();
-  context.cancel->cancel();
+  std::stop_source stop;
+  context.stop = stop.get_token();
+  stop.request_stop();
   const Grid good = grid(2, 2, 2);
   test::expect_error(ErrorCode::cancelled, {}, [&] { polyhedral_quality(good.points, good.cells, {}, context); });
 }

@@ -578,8 +578,9 @@ TEST(SafeAmplitude, Refuses) {
   refused(flat.points, {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0.1}}, &flat, {"points[3]", "0.1", "plane z = constant"});
 
   RunContext context;
-  context.cancel.emplace();
-  context.cancel->cancel();
+  std::stop_source stop;
+  context.stop = stop.get_token();
+  stop.request_stop();
   test::expect_error(ErrorCode::cancelled, {}, [&] { safe_amplitude(X, X, &good, context); });
 }
 

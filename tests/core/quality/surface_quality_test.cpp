@@ -235,8 +235,9 @@ TEST(SurfaceQuality, Refuses) {
   mesh.points = {{0, 0, 0}};
   test::expect_error(ErrorCode::invalid_argument, {"no faces"}, [&] { surface_quality(mesh); });
   RunContext context;
-  context.cancel.emplace();
-  context.cancel->cancel();
+  std::stop_source stop;
+  context.stop = stop.get_token();
+  stop.request_stop();
   test::expect_error(ErrorCode::cancelled, {}, [&] { surface_quality(sphere(1, 1), context); });
 }
 

@@ -139,7 +139,7 @@ void ask(const Request& request, std::span<const Vec3> points, const ReadOptions
   bool ended = false;
   ByteReader answer(
       [&](char* to, std::size_t size) {
-        const std::size_t got = process.read(to, size, options.cancel);
+        const std::size_t got = process.read(to, size, options.stop);
         ended = got == 0;
         return got;
       },

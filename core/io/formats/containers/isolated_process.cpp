@@ -97,10 +97,10 @@ IsolatedProcess::IsolatedProcess(const std::vector<std::string>& command, int re
   ::fcntl(answer_, F_SETPIPE_SZ, wide);  // faster, where it is allowed
 }
 
-std::size_t IsolatedProcess::read(char* to, std::size_t size, const std::optional<CancelFlag>& cancel) {
+std::size_t IsolatedProcess::read(char* to, std::size_t size, const std::stop_token& stop) {
   constexpr int period_ms = 50;
   while (true) {
-    if (cancel && cancel->cancelled()) throw Error(ErrorCode::cancelled, "interrupted");
+    if (stop.stop_requested()) throw Error(ErrorCode::cancelled, "interrupted");
     pollfd waiting{answer_, POLLIN, 0};
     if (::poll(&waiting, 1, period_ms) <= 0) continue;
     const ssize_t got = ::read(answer_, to, size);

@@ -5,10 +5,9 @@
 
 #include <cstddef>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <vector>
-
-#include "core/base/run_context.h"
 
 namespace deform::io {
 
@@ -24,7 +23,7 @@ class IsolatedProcess {
   IsolatedProcess& operator=(const IsolatedProcess&) = delete;
 
   /// Reads at most `size` bytes of its answer; returns 0 if it has ended or closed its output. Throws Error(cancelled).
-  std::size_t read(char* to, std::size_t size, const std::optional<CancelFlag>& cancel);
+  std::size_t read(char* to, std::size_t size, const std::stop_token& stop);
 
   /// The status of wait(), or std::nullopt if it is unknown. Kills the process if it is still running.
   std::optional<int> end();

@@ -292,8 +292,9 @@ TEST(Detect, RefusesBadOptionsAndEmptyMeshes) {
   EXPECT_THAT(message(options, mesh), testing::HasSubstr("detection.maximum_angle"));
   EXPECT_THAT(message({}, Mesh{}), testing::HasSubstr("no face with an area"));
   RunContext stopped;
-  stopped.cancel.emplace();
-  stopped.cancel->cancel();
+  std::stop_source stop;
+  stopped.stop = stop.get_token();
+  stop.request_stop();
   EXPECT_THROW(detect(mesh, {}, stopped), Error);
 }
 

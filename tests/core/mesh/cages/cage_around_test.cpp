@@ -125,7 +125,9 @@ TEST(CageAround, RefusesWhatCannotBe) {
   expect_error(ErrorCode::invalid_argument, {"points", "near are 8 and"},
                [&] { (void)cage_around(ball, {.kind = CageKind::box, .points = 9}); });
   RunContext context;
-  context.cancel.emplace().cancel();
+  std::stop_source stop;
+  context.stop = stop.get_token();
+  stop.request_stop();
   expect_error(ErrorCode::cancelled, {}, [&] { (void)cage_around(ball, {}, context); });
 }
 

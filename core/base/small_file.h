@@ -1,0 +1,12 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+namespace deform {
+
+/// All bytes of a file of at most 4 MiB. Throws Error(invalid_argument) "OPTION: PATH: why". Any thread.
+std::string read_small_file(const std::filesystem::path& path, const std::string& option);
+
+}  // namespace deform
