@@ -51,6 +51,12 @@ class WithoutReflection final : public grpc::ServerBuilderOption {
   }
 };
 
+ServiceOptions with_certificates(const ServerOptions& options) {
+  ServiceOptions service = options.service;
+  if (options.tls.client_ca.empty()) service.certificates = Access::Certificates::never_seen;
+  return service;
+}
+
 /// What an address beyond this machine lets everybody do.
 void warn_of_exposure(const ServerOptions& options) {
   if (!beyond_loopback(options.address)) return;
@@ -89,7 +95,7 @@ void set_up_libraries() {
 class GrpcServer final : public RunningServer {
  public:
   GrpcServer(const ServerOptions& options, std::unique_ptr<Engine> engine)
-      : engine_(std::move(engine)), service_(*engine_, options.service), address_(options.address) {
+      : engine_(std::move(engine)), service_(*engine_, with_certificates(options)), address_(options.address) {
     set_up_libraries();
     credentials_ = options.tls.on() ? tls_credentials(options.tls) : grpc::InsecureServerCredentials();
     warn_of_exposure(options);
