@@ -24,8 +24,10 @@ from .geometry import Geometry
 from .reports import CompiledReport, Deformation, Population, Report
 from .system import System
 
+from . import aio
+
 __version__: str = _deformd.version
 
 __all__ = ["AlreadyExists", "BadDesign", "BadDesignWarning", "Cancel", "Cancelled", "Client", "CompiledDeformation", "CompiledReport",
            "DataLoss", "DeadlineExceeded", "Deformation", "Error", "FailedPrecondition", "Geometry", "Internal", "InvalidArgument",
-           "NotFound", "NumericalFailure", "OutOfBudget", "Population", "Record", "Report", "System", "Unavailable", "Variable", "load"]
+           "NotFound", "NumericalFailure", "OutOfBudget", "Population", "Record", "Report", "System", "Unavailable", "Variable", "aio", "load"]
