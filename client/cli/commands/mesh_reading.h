@@ -2,8 +2,8 @@
 #pragma once
 
 #include <filesystem>
-#include <initializer_list>
 #include <string>
+#include <vector>
 
 #include "client/cli/setup/reading.h"
 #include "core/io/mesh_file.h"
@@ -22,6 +22,6 @@ std::filesystem::path mesh_path(const std::string& setup, const SetupFile& file,
 /// Throws Error(invalid_argument) naming the option when `output` is, under whatever name, one of the files that the command
 /// reads. Empty paths are ignored.
 void keep_inputs(const std::string& option, const std::filesystem::path& output,
-                 std::initializer_list<std::filesystem::path> inputs);
+                 const std::vector<std::filesystem::path>& inputs);
 
 }  // namespace deform::cli
