@@ -66,7 +66,7 @@ def test_the_line_of_a_setup_file_is_named(case, client):
 
 def test_mappings_take_expressions_as_texts_and_name_their_fields(case, client):
     def setup(lower):
-        return {"geometry": str(case.mesh), "handles": [{"name": "roof", "region": {"group": "roof"}}], "fixed": [{"group": "nose"}],
+        return {"geometry": str(case.mesh), "handles": [{"name": "roof", "region": {"group": "roof"}}], "fixed": [{"group": "underbody"}],
                 "variables": [{"name": "up", "handle": "roof", "translate": [0, 0, 1], "lower": lower}]}
 
     points = client.register(case.mesh).points

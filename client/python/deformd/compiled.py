@@ -161,7 +161,7 @@ class CompiledDeformation(DesignSpace):
         """Writes the file that `deform apply` and `deformd.load` read (docs/compiled.md). It replaces one of this name when it is complete;
         until then it grows beside it, under the name with .part. Raises InvalidArgument where the name is that of another file."""
         target = os.fspath(path)
-        if os.path.exists(target) and not _is_compiled(target):
+        if os.path.isfile(target) and not _is_compiled(target):
             raise InvalidArgument(f"path: {target} exists and is no compiled deformation; it is not replaced, name another file")
         part = target + ".part"
         try:
@@ -198,8 +198,6 @@ def load(path: "Union[str, os.PathLike[str]]") -> CompiledDeformation:
 
 
 def _is_compiled(path: str) -> bool:
-    if not os.path.isfile(path):
-        return False
     with open(path, "rb") as file:
         return file.read(len(_MAGIC)) == _MAGIC
 
