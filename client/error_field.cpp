@@ -46,7 +46,14 @@ bool take_name(std::string_view& path, const std::set<std::string>& names) {
 }  // namespace
 
 std::string field_of(const std::string& message) {
-  const std::string_view all = message;
+  std::string_view all = message;
+  // The line of a setup comes first: "car.yaml:3: ", "setup:1: ".
+  const std::size_t place = std::min(all.find(": "), all.size());
+  const std::size_t colon = all.substr(0, place).rfind(':');
+  if (colon != std::string_view::npos && colon + 1 < place &&
+      all.substr(colon + 1, place - colon - 1).find_first_not_of("0123456789") == std::string_view::npos) {
+    all.remove_prefix(std::min(place + 2, all.size()));
+  }
   const std::string_view front = all.substr(0, std::min(all.find(": "), all.size()));
   if (front.size() == all.size()) return {};
   const auto names = field_names();

@@ -62,16 +62,23 @@ class MeshLengths {
 };
 
 /// The setup as the text has it, with the values that come from other files.
-v1::Setup parsed_text(const SetupText& from, Problems& problems) {
+v1::Setup parsed_text(const SetupText& from, std::vector<std::filesystem::path>& read, Problems& problems) {
   IdFiles id_files(from.folder);
   MeshLengths lengths(from);
-  const ValueFiles files{[&](const std::string& file, const std::string& set) { return id_files.ids(file, set); },
-                         [&](const std::string& file) { return read_control_points(from.folder / file); },
+  const ValueFiles files{[&](const std::string& file, const std::string& set) {
+                           read.push_back(from.folder / file);
+                           return id_files.ids(file, set);
+                         },
+                         [&](const std::string& file) {
+                           read.push_back(from.folder / file);
+                           return read_control_points(from.folder / file);
+                         },
                          [&](std::string_view name) { return lengths.of(name); }};
   v1::Setup setup;
   parse_yaml(from.text, from.name, setup, files, problems);
   if (problems.concern("method")) return setup;  // a method that cannot be read lacks no file
   problems.check("method", [&] {
+    if (!setup.method().cage().file().empty()) read.push_back(from.folder / setup.method().cage().file());
     try {
       read_cage(from.folder, setup);
     } catch (const Error& error) {
@@ -108,7 +115,8 @@ void take_geometry(const std::string& name, const std::filesystem::path& folder,
 }  // namespace
 
 SetupFile parse_setup(const SetupText& from, Problems& problems) {
-  SetupFile file{parsed_text(from, problems), std::nullopt};
+  SetupFile file;
+  file.setup = parsed_text(from, file.files, problems);
   if (from.geometry == GeometryEntry::needed) {
     take_geometry(from.name, from.folder, file, problems);
   } else {
@@ -128,7 +136,8 @@ SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems,
 
 v1::Method read_method_file(const std::filesystem::path& path) {
   Problems problems(Problems::Mode::throw_first);
-  const v1::Setup setup = parsed_text(text_of(path, {}), problems);
+  std::vector<std::filesystem::path> read;
+  const v1::Setup setup = parsed_text(text_of(path, {}), read, problems);
   std::vector<const google::protobuf::FieldDescriptor*> fields;
   setup.GetReflection()->ListFields(setup, &fields);
   for (const auto* field : fields) {

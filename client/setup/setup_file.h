@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "core/base/problems.h"
 #include "core/io/mesh_file.h"
@@ -16,6 +17,7 @@ namespace deform::client {
 struct SetupFile {
   v1::Setup setup;                                     ///< `geometry` is an id, or empty when it is a file
   std::optional<std::filesystem::path> geometry_file;  ///< relative paths start at the setup file
+  std::vector<std::filesystem::path> files{};          ///< the others that were read: cage, control points, lists of ids
 };
 
 /// A number may be given as an expression of L (the diagonal of the mesh) and Lx, Ly, Lz (the sides of its bounding box); only

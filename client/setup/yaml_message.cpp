@@ -147,7 +147,9 @@ class Walker {
     try {
       return evaluate_expression(node.Scalar(), files_.names);
     } catch (const Error& error) {
-      refuse(node, path, "expected a finite number, got " + shown(node) + ": " + error.what());
+      refuse(node, path,
+             std::string("expected a finite number, got ") + (node.Tag() == "!" ? "the text " : "") + shown(node) + ": " +
+                 error.what());
     }
   }
 
@@ -192,7 +194,10 @@ class Walker {
         fits = put(boolean(text), &Reflection::SetBool, &Reflection::AddBool);
         break;
       case FieldDescriptor::CPPTYPE_DOUBLE:
-        fits = put(quoted ? std::nullopt : std::optional(number(node, path)), &Reflection::SetDouble, &Reflection::AddDouble);
+        if (quoted && parse_number(text)) break;  // a text that looks like a number is a mistake, an expression cannot be one
+        fits = true;
+        field.is_repeated() ? reflection.AddDouble(&message, &field, number(node, path))
+                            : reflection.SetDouble(&message, &field, number(node, path));
         break;
       case FieldDescriptor::CPPTYPE_UINT32:
         fits = put(integer<std::uint32_t>(text), &Reflection::SetUInt32, &Reflection::AddUInt32);

@@ -540,6 +540,22 @@ double Deformation::largest_displacement(const Maps& motions) const {
   return largest;
 }
 
+double Deformation::largest_misfit(std::span<const double> variables, std::span<const double> deformed) const {
+  const Maps maps = motions(checked_values(variables, ""));
+  if (deformed.size() != 3 * points()) {
+    throw Error(ErrorCode::invalid_argument, "points: has " + std::to_string(deformed.size()) + " numbers, must have " +
+                                                 std::to_string(3 * points()) + ", three of each point");
+  }
+  double largest = 0;
+  for (std::size_t i = 0; i < points(); ++i) {
+    const std::uint32_t region = content_.regions[i];
+    if (region == following_region) continue;
+    const Vec3 to = region < maps.size() ? place(maps, static_cast<std::uint32_t>(i), 1) : content_.rest[i];
+    largest = std::max(largest, distance({deformed[3 * i], deformed[3 * i + 1], deformed[3 * i + 2]}, to));
+  }
+  return largest;
+}
+
 Report Deformation::report(std::span<const double> variables) const {
   const Maps maps = motions(checked_values(variables, ""));
   check_design(maps, "");

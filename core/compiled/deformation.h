@@ -67,6 +67,11 @@ class Deformation {
   /// Checks a design and says how wrong its points may be.
   Report report(std::span<const double> variables) const;
 
+  /// The largest distance of a handle or fixed point from where the variables send it, model units; 0 where handles select
+  /// control points. points: x y z of all points, as evaluate() gives them. Throws what evaluate() throws, and
+  /// Error(invalid_argument) for a wrong number of points.
+  double largest_misfit(std::span<const double> variables, std::span<const double> points) const;
+
  private:
   struct Bound;
   struct Pass;

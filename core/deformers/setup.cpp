@@ -36,9 +36,19 @@ std::size_t handle_index(const Setup& setup, const std::string& name) {
   return setup.handles.size();
 }
 
+/// "roof_2", or with the next number that is free.
+std::string free_name(const std::string& name, const std::set<std::string>& names) {
+  for (std::size_t number = 2;; ++number) {
+    std::string other = name + "_" + std::to_string(number);
+    if (!names.contains(other)) return other;
+  }
+}
+
 void check_name(const std::string& name, const std::string& field, std::set<std::string>& names) {
   if (name.empty()) refuse_argument(field + ": must not be empty");
-  if (!names.insert(name).second) refuse_argument(field + ": " + quoted(name) + " is used twice");
+  if (!names.insert(name).second)
+    refuse_argument(field + ": " + quoted(name) + " is used twice; give each its own name, for instance " +
+                    quoted(free_name(name, names)));
 }
 
 void check_handle(const Setup& setup, const std::string& name, const std::string& what) {

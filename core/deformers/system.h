@@ -67,6 +67,9 @@ struct DesignReport {
   /// For FfdControl::mesh and controls: the largest displacement of a control point, model units. If it is much larger than the
   /// prescribed one with `mesh`, the clamp is too small.
   double control_displacement = 0;
+  /// For direct manipulation (FfdControl::mesh and CageControl::mesh): the largest distance of a handle or fixed point from its
+  /// prescribed position, model units, on every path; else 0. Not an error of the solution, but what lattice or cage cannot span.
+  double misfit = 0;
   /// For FfdControl::controls: the number of edges of the mesh torn at the boundary of the lattice, between moving points and
   /// points at rest.
   std::size_t torn_edges = 0;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <cstdio>
 #include <iterator>
 #include <optional>
 #include <span>
@@ -24,7 +25,14 @@ namespace {
 
 using Mask = std::vector<char>;
 
+std::string three_digits(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.3g", value);
+  return text;
+}
+
 constexpr int max_depth = 64;
+constexpr double largest_seed_distance = 0.05;  // of D
 constexpr int max_rings = 1000;
 
 template <typename Kind>
@@ -266,9 +274,15 @@ class MeshSelector : public Combiner {
   std::vector<std::size_t> seeds(const Region::Patch& patch, const SurfaceFaces& surface) const {
     if (const auto* place = std::get_if<Vec3>(&patch.seed)) {
       check_finite(*place, what_ + ": patch.seed");
-      const std::size_t face = nearest_face(surface, *place);
-      if (face == surface.sizes.size()) refuse("patch: the geometry has no faces of three corners or more");
-      return {face};
+      const NearestFace nearest = nearest_face(surface, *place);
+      if (nearest.face == surface.sizes.size()) refuse("patch: the geometry has no faces of three corners or more");
+      const double limit = largest_seed_distance * bounding_box(mesh_.points).diagonal();
+      if (nearest.distance > limit) {
+        refuse("patch.seed: the place is " + three_digits(nearest.distance) + " from the surface, must be at most " +
+               three_digits(limit) + ", " + number_digits(100 * largest_seed_distance) +
+               " % of the diagonal of the mesh; name a place on the surface, in the units of the mesh, or a point of it");
+      }
+      return {nearest.face};
     }
     const PointId point = std::get<PointId>(patch.seed);
     check_ids(std::span(&point, 1), mesh_.point_count(), what_ + ": patch.point", "point");

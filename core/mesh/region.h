@@ -59,8 +59,9 @@ struct Region {
   /// The smooth part of the surface around a place, see smooth_patch(): all corners of its faces. The surface is that of
   /// Boundary.
   struct Patch {
-    std::variant<Vec3, PointId> seed;  ///< from the face nearest to a place, or from all faces around a point
-    double angle = 30;                 ///< degrees between normals that an edge may have, over 0 and up to 180
+    std::variant<Vec3, PointId>
+        seed;           ///< from the face nearest to a place, at most 5 % of D away, or from all faces around a point
+    double angle = 30;  ///< degrees between normals that an edge may have, over 0 and up to 180
   };
   struct Union {
     std::vector<Region> of;

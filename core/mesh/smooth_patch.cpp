@@ -125,7 +125,7 @@ class Neighbours {
 
 }  // namespace
 
-std::size_t nearest_face(const SurfaceFaces& surface, const Vec3& place) {
+NearestFace nearest_face(const SurfaceFaces& surface, const Vec3& place) {
   double least = std::numeric_limits<double>::infinity();
   std::size_t nearest = surface.sizes.size();
   const auto offsets = offsets_of(surface);
@@ -145,7 +145,7 @@ std::size_t nearest_face(const SurfaceFaces& surface, const Vec3& place) {
       if (triangle) break;
     }
   }
-  return nearest;
+  return {nearest, std::sqrt(least)};
 }
 
 std::vector<char> smooth_patch(const SurfaceFaces& surface, std::span<const std::size_t> seeds, double angle) {

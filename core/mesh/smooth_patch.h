@@ -16,9 +16,15 @@ struct SurfaceFaces {
   std::span<const PointId> corners;      ///< sum of sizes
 };
 
+/// A face and its distance from a place, model units.
+struct NearestFace {
+  std::size_t face = 0;
+  double distance = 0;
+};
+
 /// The face nearest to a place, by the distance from the triangles between its corners and their mean; of equally near ones the
-/// first. Faces of fewer than three corners have no inside and are left out. f when there is none.
-std::size_t nearest_face(const SurfaceFaces& surface, const Vec3& place);
+/// first. Faces of fewer than three corners have no inside and are left out. f, infinitely far away, when there is none.
+NearestFace nearest_face(const SurfaceFaces& surface, const Vec3& place);
 
 /// The faces that a flood from `seeds` reaches, f marks. It crosses an edge when exactly two faces run along it and their normals
 /// (vector areas, that of the second turned over where both run along the edge in the same direction) turn by at most `angle`

@@ -16,6 +16,8 @@ namespace {
 constexpr double bad_error = 1e-3, doubtful_error = 1e-6;  // of the motion
 constexpr double negligible_error = 1e-12;                 // of D
 constexpr double doubtful_condition = 1e12;
+constexpr double bad_misfit = 0.5, doubtful_misfit = 0.02;  // of the largest prescribed displacement
+constexpr double no_motion = 1e-6;                          // of the same
 
 std::string rounded(double value) {
   char text[40];
@@ -41,6 +43,23 @@ void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, 
   }
   if (facts.condition > doubtful_condition) {
     found.emplace_back(v1::VERDICT_DOUBTFUL, "the condition of the system is " + rounded(facts.condition));
+  }
+}
+
+/// Whether the points do what they are told, as far as the method can know.
+void judge_motion(const SolutionFacts& facts, const v1::DesignResult& result, std::vector<Finding>& found) {
+  const double prescribed = result.prescribed_displacement();
+  if (!(prescribed > negligible_error * facts.diagonal)) return;
+  if (result.max_displacement() < no_motion * prescribed) {
+    found.emplace_back(v1::VERDICT_BAD, "nothing moves: the largest displacement of a point is " +
+                                            rounded(result.max_displacement()) + ", the largest prescribed one " +
+                                            rounded(prescribed) + "; is the lattice or cage around the model?");
+    return;
+  }
+  if (facts.misfit > doubtful_misfit * prescribed) {
+    found.emplace_back(facts.misfit > bad_misfit * prescribed ? v1::VERDICT_BAD : v1::VERDICT_DOUBTFUL,
+                       "handle and fixed points are missed by up to " + rounded(facts.misfit) + ", " +
+                           rounded(facts.misfit / prescribed) + " of the largest prescribed displacement");
   }
 }
 
@@ -95,6 +114,7 @@ void judge_constraints(const v1::ConstraintsReport& constraints, std::vector<Fin
 void set_verdict(const SolutionFacts& facts, v1::DesignResult& result) {
   std::vector<Finding> found;
   judge_solution(facts, result, found);
+  judge_motion(facts, result, found);
   judge_mesh(facts, result, found);
   judge_constraints(result.constraints(), found);
   std::stable_sort(found.begin(), found.end(), [](const Finding& a, const Finding& b) { return a.first > b.first; });

@@ -15,6 +15,7 @@ struct SolutionFacts {
   double condition = 0;        ///< condition number of the factored matrix; 0 = not estimated
   bool converged = true;       ///< DesignReport::converged
   std::size_t torn_edges = 0;  ///< DesignReport::torn_edges
+  double misfit = 0;           ///< DesignReport::misfit, model units: of direct manipulation
 };
 
 /// Sets the verdict and its reasons from all other fields of `result`; see v1::Verdict.

@@ -378,7 +378,7 @@ void DeformCall::push_results(std::size_t step, WholeDesigns* whole) {
     result.set_design(static_cast<std::uint32_t>(bound_->numbers[design]));
     if (whole != nullptr) whole->findings[d].move_to(result);
     if (bound_->values == DeformTask::Values::positions) {
-      convert::set_verdict({info.diagonal(), info.condition(), report.converged, report.torn_edges}, result);
+      convert::set_verdict({info.diagonal(), info.condition(), report.converged, report.torn_edges, report.misfit}, result);
     }
     fell_back_ += progress_[d].fell_back;
   }

@@ -58,8 +58,9 @@ std::optional<Identities::Identity> caller(const Identities& identities, const g
     const std::vector<std::string> names = certificate_names(context);
     auto found = identities.of_certificate(names);
     if (!found && names.empty()) {
-      refusal =
-          unknown("this server asks who calls: send a token (\"authorization: Bearer TOKEN\") or show a client certificate");
+      refusal = unknown(
+          "this server asks who calls: send a token (deform: --token-file FILE; on the wire \"authorization: Bearer TOKEN\") or "
+          "show a client certificate (--cert, --key)");
     } else if (!found) {
       refusal = unknown("no identity has the name of this client certificate, \"" + escaped(names.front(), 200) + "\"");
     }
@@ -92,7 +93,8 @@ FileStamp FileStamp::of(const std::filesystem::path& path) {
           static_cast<std::int64_t>(about.st_ino), static_cast<std::int64_t>(about.st_dev)};
 }
 
-Access::Access(std::filesystem::path identities) : file_(std::move(identities)) {
+Access::Access(std::filesystem::path identities, Certificates certificates)
+    : file_(std::move(identities)), certificates_(certificates) {
   if (!file_.empty()) load();
 }
 
@@ -130,6 +132,13 @@ void Access::load() {
       Identities::parse(read_small_file(file_, "option identities"), "option identities: " + file_.string()));
   spdlog::info("identities: {} tokens and {} names of certificates from {}", fresh->tokens(), fresh->certificates(),
                escaped(file_.string(), 300));
+  if (certificates_ == Certificates::never_seen && fresh->certificates() > 0) {
+    spdlog::warn(
+        "identities: {} of {} are known by \"certificate:NAME\" alone, but without --tls-client-ca no client is asked for a "
+        "certificate: nobody can call under these names. Give --tls-client-ca with --tls-cert and --tls-key, or tokens "
+        "(sha256:HASH)",
+        fresh->certificates(), fresh->certificates() + fresh->tokens());
+  }
   {
     const std::lock_guard lock(mutex_);
     identities_ = std::move(fresh);

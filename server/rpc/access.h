@@ -39,9 +39,12 @@ class Access {
     std::uint64_t generation = 0;  ///< of the file that decided
   };
 
+  /// Whether clients can show certificates at all: with TLS and --tls-client-ca.
+  enum class Certificates { asked_for, never_seen };
+
   /// Without a file every call is let in, under the name in its client certificate if it has one. Throws Error(invalid_argument)
-  /// for a file that is missing or wrong.
-  explicit Access(std::filesystem::path identities);
+  /// for a file that is missing or wrong. Where no certificate is ever seen, identities that have only one are warned of.
+  explicit Access(std::filesystem::path identities, Certificates certificates = Certificates::asked_for);
 
   Admission admit(std::string_view method, const grpc::ServerContextBase& context) const;
 
@@ -55,6 +58,7 @@ class Access {
   void load();
 
   const std::filesystem::path file_;
+  const Certificates certificates_;
   std::atomic<std::uint64_t> generation_{0};
   mutable std::mutex mutex_;
   // under mutex_

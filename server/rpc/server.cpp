@@ -56,6 +56,12 @@ class WithoutReflection final : public grpc::ServerBuilderOption {
   }
 };
 
+ServiceOptions with_certificates(const ServerOptions& options) {
+  ServiceOptions service = options.service;
+  if (options.tls.client_ca.empty()) service.certificates = Access::Certificates::never_seen;
+  return service;
+}
+
 /// What an address beyond this machine lets everybody do.
 void warn_of_exposure(const ServerOptions& options) {
   if (!beyond_loopback(options.address)) return;
@@ -114,7 +120,7 @@ std::string failed_health_call(grpc::Server& server) {
 class GrpcServer final : public RunningServer {
  public:
   GrpcServer(const ServerOptions& options, std::unique_ptr<Engine> engine)
-      : engine_(std::move(engine)), service_(*engine_, options.service), address_(options.address) {
+      : engine_(std::move(engine)), service_(*engine_, with_certificates(options)), address_(options.address) {
     set_up_libraries();
     credentials_ = options.tls.on() ? tls_credentials(options.tls) : grpc::InsecureServerCredentials();
     warn_of_exposure(options);

@@ -74,7 +74,7 @@ class DeformService::Methods final : public RawService {
   Methods(Engine& engine, const ServiceOptions& options)
       : engine_(engine),
         options_(with_limits(options)),
-        access_(options.identities),
+        access_(options.identities, options.certificates),
         pool_(options.call_threads, options.waiting_calls) {}
 
   void drain();

@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "server/engine/engine.h"
+#include "server/rpc/access.h"
 #include "server/rpc/metrics.h"
 #include "server/rpc/service_requests.h"
 
@@ -20,8 +21,9 @@ struct ServiceOptions {
   StreamLimits stream;
   std::chrono::milliseconds max_deadline{0};  ///< of a call, or of a request of a DeformStream; 0: none but the client's
   std::filesystem::path identities;           ///< who may call (Access); empty: everyone
-  int call_threads = 8;                       ///< for engine calls that wait for the disk
-  std::size_t waiting_calls = 1024;           ///< of those; more are refused with a retry hint
+  Access::Certificates certificates = Access::Certificates::asked_for;  ///< whether clients can show any
+  int call_threads = 8;                                                 ///< for engine calls that wait for the disk
+  std::size_t waiting_calls = 1024;                                     ///< of those; more are refused with a retry hint
 
   /// Throws Error(invalid_argument) naming the option and its limits.
   void validate() const;

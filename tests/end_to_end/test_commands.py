@@ -228,6 +228,8 @@ class Flow(EndToEnd):
                              (("ahmed.obj", "other.obj"), ["other.obj"]),
                              (("{group: nose}", "{group: slant}"), ["slant"]),
                              (("handle: roof", "handle: rof"), ["rof", "roof"]),
+                             (("name: roof,", "name: slant,"), ["\"slant\" is used twice", "\"slant_2\""]),
+                             (("{group: slant}", "{patch: {seed: [1, 0, 2]}}"), ["patch.seed", "from the surface", "at most"]),
                              (("[0.4, -1, 0]", "[0.9, -1, 0]"), ["roof"])):
             self.write("bad.yaml", AHMED_SETUP.replace(*change))
             self.fails(1, "prepare", "bad.yaml", says=says)
@@ -238,7 +240,9 @@ class Flow(EndToEnd):
         def content(name):
             with open(self.path(name), "rb") as file:
                 return file.read()
-        names = ("ahmed.obj", "setup.yaml", "designs.csv")
+        self.deform("cage", "mesh", "ahmed.obj", "--kind", "box", "--points", "150", "-o", "box.obj")
+        self.write("box.yaml", AHMED_SETUP.replace("{rbf: {kernel: TRIHARMONIC}}", "{cage: {file: box.obj, control: MESH}}"))
+        names = ("ahmed.obj", "setup.yaml", "designs.csv", "box.obj")
         before = [content(name) for name in names]
         for arguments, file in ((["cage", "mesh", "ahmed.obj", "-o", "link.obj"], "link.obj"),
                                 (["detect", "ahmed.obj", "-o", "ahmed.obj"], "ahmed.obj"),
@@ -246,14 +250,23 @@ class Flow(EndToEnd):
                                 (["compile", "setup.yaml", "-o", "ahmed.obj"], "ahmed.obj"),
                                 (["compare", "setup.yaml", "--designs", "designs.csv", "-o", "designs.csv"], "designs.csv"),
                                 (["compare", "setup.yaml", "--set", "roof_up=0.01", "-o", "ahmed.obj"], "ahmed.obj"),
+                                (["apply", "box.yaml", "--set", "roof_up=0.01", "-o", "box.obj"], "box.obj"),
                                 (["quality", "ahmed.obj", "--html", "ahmed.obj"], "ahmed.obj")):
             self.fails(1, *arguments, says=["would replace", file])
         self.assertEqual([content(name) for name in names], before)
+
+    def test_a_page_that_is_no_page_and_a_cage_that_is_none(self):
+        self.fails(1, "compare", "setup.yaml", "--set", "roof_up=0.01", "-o", "z.pdf", says=["z.pdf", ".html"])
+        refused = self.fails(1, "compare", "setup.yaml", "--methods", "cage", "--set", "roof_up=0.01", "--json", says=["no method"], prints=True)
+        self.assertIn("needs a cage", refused.json["methods"][0]["refused"][0])
+        self.assertIn("deform cage mesh", refused.json["methods"][0]["refused"][0])
 
     def test_exit_codes(self):
         self.fails(2, says=["--help"])
         self.fails(2, "aply", says=["did you mean \"apply\""])
         self.fails(2, "apply", says=["SETUP", "deform apply --help"])
+        self.fails(2, "cage", "mesh", "setup.yaml", says=["--output", "deform cage mesh --help"])
+        self.fails(2, "lattice", "refine", says=["deform lattice refine --help"])
         self.fails(2, "apply", "setup.yaml", "-o", "x.obj", "--encoding", "zip", says=["zip"])
         self.fails(2, "sample", "-o", "x.obj", "--points", 10, says=["10"])
         self.assertRegex(self.deform("--version").out, r"^deform \d+\.\d+\.\d+ \(commit (unknown|[0-9a-f]{12,}(-dirty)?)\)$")

@@ -134,7 +134,7 @@ class Identity(EndToEnd):
         def says(name):
             return ["--ca", "test-ca.pem", "--token-file", f"{name}.token"]
 
-        self.fails(1, "--ca", "test-ca.pem", "status", says=["asks who calls"])
+        self.fails(1, "--ca", "test-ca.pem", "status", says=["asks who calls", "--token-file"])
         self.fails(1, *says("ada"), "register", "ahmed.obj", says=["RegisterGeometry needs the role user, \"ada\" has reader"])
         refused = self.fails(1, *says("ada"), "register", "ahmed.obj", "--json")
         self.assertEqual(refused.json["error"]["code"], "PERMISSION_DENIED")
@@ -155,6 +155,15 @@ class Identity(EndToEnd):
         log = self.server.log_text()
         self.assertIn("identity=ben", log)
         self.assertNotIn("secret-of-this-test", log)
+
+    def test_certificates_that_nobody_can_show_are_warned_of(self):
+        self.write("identities", f"ada reader {self.token('ada')}\nsolver user certificate:solver.example.org\n")
+        self.start_server(*self.tls, "--identities", "identities")
+        self.assertIn("1 of 2 are known by \"certificate:NAME\" alone, but without --tls-client-ca", self.server.log_text())
+        self.server.stop()
+        os.remove(os.path.join(self.folder, "deformd.log"))
+        self.start_server(*self.tls, "--tls-client-ca", "test-ca.pem", "--identities", "identities")
+        self.assertNotIn("without --tls-client-ca", self.server.log_text())
 
     def test_environment_and_plain_text(self):
         self.write("identities", f"ada reader {self.token('ada')}\n")

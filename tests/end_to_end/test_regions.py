@@ -199,6 +199,14 @@ class Regions(EndToEnd):
         self.assertEqual(torn["verdict"], "doubtful")
         self.assertRegex(torn["reasons"][0], "[1-9][0-9]* edges are torn at the boundary of the lattice")
 
+    def test_a_lattice_beside_the_model_moves_nothing(self):
+        self.ahmed(CONTROLS_SETUP.replace("min: [-0.1, -0.3, -0.1], max: [1.1, 0.3, 0.4]", "min: [5, -0.3, -0.1], max: [6, 0.3, 0.4]"))
+        self.start_server()
+        self.assertIn("No point of the mesh lies in the lattice: is it", self.deform("prepare", "ahmed.yaml", "--check").out)
+        report = self.fails(4, "apply", "ahmed.yaml", "--set", "up=0.1", "-o", "out.obj", "--json", says=["nothing moves"], prints=True).json["report"]
+        self.assertEqual(report["verdict"], "bad")
+        self.assertIn("the largest prescribed one 0.1", report["reasons"][0])
+
     def test_lattice_from_a_file(self):
         self.deform("sample", "--points", "2000", "-o", "ahmed.obj")
         self.write("ffd.yaml", CONTROLS_SETUP)
@@ -260,6 +268,9 @@ class Regions(EndToEnd):
             reply = self.deform("--server", "127.0.0.1:1", "cage", "mesh", "ahmed.obj", "--kind", kind, "--points", "150", "-o", kind + ".obj",
                                 "--json").json
             self.assertLess(abs(reply["points"] - 150), 8)
+            if kind == "box" and reply["points"] != 150:
+                said = self.deform("cage", "mesh", "ahmed.obj", "--kind", kind, "--points", "150", "-o", "box.obj").err
+                self.assertIn("--points 150: a box in rectangles has %d vertices" % reply["points"], said)
             self.assertGreater(reply["least_angle"], 15)
             self.assertEqual((reply["genus"], reply["components"], reply["outside"]), (0, 1, 0))
         self.start_server()
@@ -308,6 +319,16 @@ class Regions(EndToEnd):
         for before, after in zip(points("ahmed.obj"), points("out.obj")):  # all vertices go the same way, and so do all points
             for x, y, d in zip(before, after, (0, 0, 0.1)):
                 self.assertAlmostEqual(y, x + d, delta=2e-6)
+        # In other units, and beside the model: said before and with the result, and nothing moves is no good design.
+        far = "".join("v %r %r %r\n" % (x + 1e6, y, z) for x, y, z in corners) + "".join("f %d %d %d\n" % tuple(i + 1 for i in t) for t in triangles)
+        self.write("far.obj", far)
+        self.write("far.yaml", CAGE_SETUP.replace("cage.obj", "far.obj"))
+        big = "".join("v %r %r %r\n" % tuple(1000 * c for c in p) for p in corners) + "".join("f %d %d %d\n" % tuple(i + 1 for i in t) for t in triangles)
+        self.write("big.obj", big)
+        self.write("big.yaml", CAGE_SETUP.replace("cage.obj", "big.obj"))
+        self.assertIn("in the same units?", self.deform("prepare", "big.yaml", "--check").out)
+        self.assertIn("in the same units?", self.deform("apply", "big.yaml", "--set", "tail_up=0.1", "-o", "x.obj").out)
+        self.assertIn("No point of the mesh lies in the cage", self.deform("prepare", "far.yaml", "--check").out)
         # A linear function of the vertices is the same function of the points: no vertex but those at the tail moves, by x.
         self.write("moves.csv", "handle,x,y,z,dx,dy,dz\n" + "".join(
             "%s,%r,%r,%r,0,0,%r\n" % ("tail" if c[0] > 1 else "nose", *c, 0.1 * c[0]) for c in corners))

@@ -62,6 +62,20 @@ const std::vector<Case> cases = {
     {"torn", [](auto& f, auto&) { f.torn_edges = 3; }, v1::VERDICT_DOUBTFUL, "3 edges are torn at the boundary of the lattice"},
     {"far", [](auto&, auto& r) { r.set_prescribed_displacement(0.06); }, v1::VERDICT_DOUBTFUL,
      "a point moves 1.67 times the largest prescribed displacement"},
+    {"handles_met_nearly", [](auto& f, auto&) { f.misfit = 0.0019; }, v1::VERDICT_GOOD, ""},
+    {"handles_missed", [](auto& f, auto&) { f.misfit = 0.0021; }, v1::VERDICT_DOUBTFUL,
+     "handle and fixed points are missed by up to 0.0021, 0.021 of the largest prescribed displacement"},
+    {"handles_missed_somewhat", [](auto& f, auto&) { f.misfit = 0.049; }, v1::VERDICT_DOUBTFUL, "0.49 of the largest"},
+    {"handles_missed_far", [](auto& f, auto&) { f.misfit = 0.051; }, v1::VERDICT_BAD, "0.51 of the largest"},
+    {"nothing_moves", [](auto&, auto& r) { r.set_max_displacement(0.9e-7); }, v1::VERDICT_BAD,
+     "nothing moves: the largest displacement of a point is 9e-08, the largest prescribed one 0.1"},
+    {"next_to_nothing_moves", [](auto&, auto& r) { r.set_max_displacement(1.1e-7); }, v1::VERDICT_GOOD, ""},
+    {"nothing_is_to_move",
+     [](auto&, auto& r) {
+       r.set_max_displacement(0);
+       r.set_prescribed_displacement(0);
+     },
+     v1::VERDICT_GOOD, ""},
     {"inverted",
      [](auto&, auto& r) {
        r.mutable_cells()->set_inverted(2);

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Connections: errors, cancelling, servers that go away, threads and processes."""
 
+import hashlib
 import multiprocessing
 import os
 import pickle
@@ -15,7 +16,7 @@ import pytest
 
 import deformd
 from conftest import Case
-from harness import LONG_SETUP
+from harness import LONG_SETUP, Server
 
 
 @pytest.fixture
@@ -61,6 +62,51 @@ def test_the_line_of_a_setup_file_is_named(case, client):
         client.prepare(path)
     with pytest.raises(deformd.InvalidArgument, match="geometry: missing"):
         client.prepare({"handles": []})
+
+
+def test_mappings_take_expressions_as_texts_and_name_their_fields(case, client):
+    def setup(lower):
+        return {"geometry": str(case.mesh), "handles": [{"name": "roof", "region": {"group": "roof"}}], "fixed": [{"group": "underbody"}],
+                "variables": [{"name": "up", "handle": "roof", "translate": [0, 0, 1], "lower": lower}]}
+
+    points = client.register(case.mesh).points
+    diagonal = np.linalg.norm(points.max(axis=0) - points.min(axis=0))
+    np.testing.assert_allclose(client.prepare(setup("-0.05*L")).bounds[0, 0], -0.05 * diagonal, rtol=1e-12)
+    for wrong, match in (("-1", "the text"), ("0.05*Q", "Q")):
+        with pytest.raises(deformd.InvalidArgument, match=match) as raised:
+            client.prepare(setup(wrong))
+        assert (raised.value.field, raised.value.index) == ("variables[0].lower", 0)
+
+
+def test_tls_and_tokens(tmp_path, monkeypatch):
+    from test_identity import Authority
+    Authority(str(tmp_path), "test").issue("server", "DNS:localhost,IP:127.0.0.1")
+    token = tmp_path / "ada.token"
+    token.write_text("a-secret-of-this-test")
+    (tmp_path / "identities").write_text("ada reader sha256:" + hashlib.sha256(b"a-secret-of-this-test").hexdigest() + "\n")
+    server = Server(str(tmp_path), "--tls-cert", str(tmp_path / "server.pem"), "--tls-key", str(tmp_path / "server.key"), "--identities",
+                    str(tmp_path / "identities")).start()
+    try:
+        ca = tmp_path / "test-ca.pem"
+        with deformd.Client(server.address, ca=ca, token_file=token) as made:
+            assert made.geometries() == []
+            assert pickle.loads(pickle.dumps(made)).geometries() == []
+        with deformd.Client(server.address, ca=ca) as made, pytest.raises(deformd.Error, match="asks who calls.*--token-file"):
+            made.geometries()
+        with deformd.Client(server.address, ca=ca, token_file=token, server_name="other") as made, pytest.raises(deformd.Error, match="not for other"):
+            made.geometries()
+        with deformd.Client(server.address, max_attempts=1) as made, pytest.raises(deformd.Error, match="wants TLS"):
+            made.geometries()
+        monkeypatch.setenv("DEFORM_CA", str(ca))
+        monkeypatch.setenv("DEFORM_TOKEN_FILE", str(token))
+        with deformd.Client(server.address) as made:
+            assert made.geometries() == []
+        with pytest.raises(deformd.InvalidArgument, match="tls: False"):
+            deformd.Client(server.address, tls=False, ca=ca)
+        with pytest.raises(deformd.InvalidArgument, match="cert and key"):
+            deformd.Client(server.address, cert=tmp_path / "server.pem")
+    finally:
+        server.stop()
 
 
 def test_setups_have_expressions_degrees_and_variables_of_several_handles(case, client):

@@ -233,6 +233,11 @@ def test_files(case, fast, population):
     assert path.read_bytes() == (case.folder / "compiled.deformation").read_bytes()
     again = deformd.load(path)
     again.save(path)  # over what it was read from
+    precious = case.folder / "precious.txt"
+    precious.write_text("mine")
+    with pytest.raises(deformd.InvalidArgument, match="precious.txt exists and is no compiled deformation"):
+        again.save(precious)
+    assert precious.read_text() == "mine"
     assert path.read_bytes() == (case.folder / "compiled.deformation").read_bytes()
     np.testing.assert_array_equal(deformd.load(str(path))(population), fast(population))
     assert not list(case.folder.glob("*.part"))

@@ -7,6 +7,8 @@ import re
 import subprocess
 import sys
 
+import pytest
+
 import deformd
 from conftest import ROOT
 from deformd import _deformd
@@ -24,6 +26,18 @@ def test_the_syntax_is_that_of_python_3_9():
     assert len(files) > 5
     for path in files:
         ast.parse(path.read_text(), str(path), feature_version=(3, 9))
+
+
+def test_asyncio_comes_with_the_package():
+    done = subprocess.run([sys.executable, "-c", "import deformd; deformd.aio.Client"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_pymoo_says_how_to_get_it(monkeypatch):
+    from deformd.adapters import pymoo_problem
+    monkeypatch.setitem(sys.modules, "pymoo.core.problem", None)
+    with pytest.raises(ImportError, match="pip install pymoo"):
+        pymoo_problem(None, lambda points, report: 0)
 
 
 def declared(tree):

@@ -62,16 +62,26 @@ v1::EvaluationPath evaluation_path(const std::string& name) {
   return name == "basis" ? v1::PATH_BASIS : name == "direct" ? v1::PATH_DIRECT : v1::PATH_AUTOMATIC;
 }
 
-/// The mesh file that the setup or --source names; empty when there is none, which source_of() complains about.
-std::filesystem::path source_path(const PrepareInput& input) {
-  if (!input.source.empty()) return input.source;
-  if (!std::filesystem::exists(input.setup)) return {};
-  return read_setup_file(input.setup, own_process()).geometry_file.value_or(std::filesystem::path());
+/// The setup file; empty where an id or a compiled deformation is given.
+SetupFile setup_file_of(const PrepareInput& input) {
+  if (!std::filesystem::exists(input.setup) || is_compiled_file(input.setup)) return {};
+  return read_setup_file(input.setup, own_process());
+}
+
+/// Refuses to write over the setup, what it names beside the mesh, and the motions.
+void keep_what_is_read(const ApplyOptions& options, const SetupFile& file) {
+  std::vector<std::filesystem::path> inputs{options.input.setup};
+  inputs.insert(inputs.end(), options.motion_files.begin(), options.motion_files.end());
+  inputs.insert(inputs.end(), file.files.begin(), file.files.end());
+  keep_inputs("-o", options.output, inputs);
 }
 
 /// Where to write. Throws Error(invalid_argument) when that is the source, and nobody said so.
 std::filesystem::path checked_output(const ApplyOptions& options) {
-  const std::filesystem::path source = source_path(options.input);
+  const SetupFile file = setup_file_of(options.input);
+  keep_what_is_read(options, file);
+  const std::filesystem::path source =
+      options.input.source.empty() ? file.geometry_file.value_or(std::filesystem::path()) : options.input.source;
   if (source.empty() || !std::filesystem::exists(source)) {
     if (options.in_place)
       throw Error(ErrorCode::invalid_argument, "--in-place: no mesh file is named, by the setup or by --source");
@@ -159,7 +169,7 @@ ExitCode run_compiled_apply(ApplyOptions options, const CommonOptions& common) {
   Applied applied;
   applied.file = output.string();
   applied.points = points.size();
-  applied.result = compiled_result(deformation, values, mesh, points,
+  applied.result = compiled_result(deformation, setup, values, mesh, points,
                                    options.cells.check == "off" ? CompiledCheck::none : CompiledCheck::inversions);
   applied.encoding = "none";
   applied.method = setup.method();
@@ -203,6 +213,9 @@ ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
   applied.summary = outcome.summary;
   applied.encoding = encoding.encoding;
   applied.method = prepared.system.setup().method();
+  for (const auto& note : prepared.system.notes()) {
+    if (note.ends_with('?')) applied.notes.push_back(note);  // it asks whether this is what was meant
+  }
   if (at_rest(request.designs(0))) applied.notes.emplace_back(nothing_moves);
   applied.failures = bad_reasons(design.result);
   applied.written = applied.failures.empty() || options.keep_bad;
@@ -264,7 +277,8 @@ void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chose
                   "\nExit code 4 when the design is bad (then nothing is written without --keep-bad) or --fail-on holds. Bad: "
                   "not finite, not\n"
                   "converged, off by more than 1e-3 of the motion, cells newly inverted, a split that did not arrive, exact "
-                  "constraints missed.\nSeconds of solve, encode and decode are core seconds, the others wall time.\n"
+                  "constraints missed, handles missed by more than half (control MESH), nothing moves.\nSeconds of solve, encode "
+                  "and decode are core seconds, the others wall time.\n"
                   "Examples:\n"
                   "  deform apply setup.yaml --set roof_up=0.03 --set slant_turn=0.1 -o out.obj\n"
                   "  deform apply setup.yaml --motions matrices.csv -o out.obj --json\n"

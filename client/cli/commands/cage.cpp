@@ -43,6 +43,10 @@ ExitCode run_cage_mesh(const CageMeshCommand& options, const CommonOptions& comm
   context.stop = interrupt.token();
   const CageAround cage = cage_around(*mesh, request, context);
   io::write_new_file(cage.mesh, options.output);
+  if (request.kind == CageKind::box && cage.mesh.point_count() != request.points) {
+    warn("--points " + std::to_string(request.points) + ": a box in rectangles has " + std::to_string(cage.mesh.point_count()) +
+         " vertices here, the nearest number that is possible");
+  }
   const double diagonal = bounding_box(mesh->points).diagonal();
   if (common.style() == Style::json) {
     nlohmann::ordered_json json;

@@ -113,7 +113,10 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
     return "there is no command \"" + unknown.front() + "\"; " +
            (near.empty() ? "see deform --help" : "did you mean " + near + "?");
   }
-  return std::string(error.what()) + "; see deform " + (chosen.empty() ? "" : chosen.front()->get_name() + " ") + "--help";
+  std::string command;
+  for (auto within = chosen; !within.empty(); within = within.front()->get_subcommands())
+    command += within.front()->get_name() + " ";
+  return std::string(error.what()) + "; see deform " + command + "--help";
 }
 
 void add_common_options(CLI::App& app, CommonOptions& common) {

@@ -69,6 +69,12 @@ class Comparer {
 
   ComparedMethod run(const MethodChoice& choice) {
     ComparedMethod method{choice, {}, {}, 0, 0, {}};
+    if (choice.method.has_cage() && choice.method.cage().vertices_size() == 0) {
+      method.refusals = {
+          "a cage method needs a cage, which the setup has none of: name a file that holds method: {cage: {file: cage.obj}} in "
+          "--methods; deform cage mesh makes the cage"};
+      return method;
+    }
     try {
       v1::Setup setup = loaded_.setup;
       *setup.mutable_method() = choice.method;
@@ -155,10 +161,17 @@ class Comparer {
   std::unique_ptr<const DesignMeasurer> measurer_;
 };
 
+void check_page_name(const std::filesystem::path& path) {
+  if (path.empty() || path.extension() == ".html" || path.extension() == ".htm") return;
+  throw Error(ErrorCode::invalid_argument,
+              "--output " + path.string() + ": the page is HTML, its name must end in .html or .htm");
+}
+
 ExitCode run_compare(const CompareOptions& options, const CommonOptions& common) {
   if (options.settings.empty() == options.designs.empty()) {
     throw Error(ErrorCode::invalid_argument, "expected exactly one of --set, --designs: the designs that are compared");
   }
+  check_page_name(options.output);
   Connection connection(common);
   Progress progress;
   const LoadedSetup loaded = load_setup(connection, options.input, progress);

@@ -92,13 +92,50 @@ nlohmann::ordered_json compiled_json(const compiled::Content& content, const std
   return json;
 }
 
+bool stores_no_basis(const v1::Method& method) {
+  switch (method.kind_case()) {
+    case v1::Method::kRbf:
+      return method.rbf().basis() == v1::BASIS_NEVER;
+    case v1::Method::kShell:
+      return method.shell().energy().basis() == v1::BASIS_NEVER;
+    case v1::Method::kSubspace:
+      return method.subspace().energy().basis() == v1::BASIS_NEVER;
+    case v1::Method::kMls:
+      return method.mls().energy().basis() == v1::BASIS_NEVER;
+    case v1::Method::kFfd:
+      return method.ffd().energy().basis() == v1::BASIS_NEVER;
+    case v1::Method::kCage:
+      return method.cage().basis() == v1::BASIS_NEVER;
+    default:
+      return false;
+  }
+}
+
+/// Refuses what the server would refuse after it was prepared.
+void check_compilable(const v1::Setup& setup) {
+  const auto refuse = [](const std::string& reason) {
+    throw Error(ErrorCode::failed_precondition, "this setup cannot be compiled: " + reason);
+  };
+  if (setup.constraints_size() > 0) {
+    refuse(
+        "with constraints the points are no linear function of the motions of the handles, and every design is solved for; "
+        "leave the constraints out, or evaluate on the server");
+  }
+  if (setup.variables_size() == 0) refuse("it has no design variables; add `variables` to it");
+  if (stores_no_basis(setup.method())) {
+    refuse("with BASIS_NEVER it has no handle basis; leave that out, or give BASIS_ALWAYS");
+  }
+}
+
 ExitCode run_compile(const CompileOptions& options, const CommonOptions& common) {
   const auto start = std::chrono::steady_clock::now();
   keep_inputs("--output", options.output, {options.input.setup, options.input.source});
   Connection connection(common);
   Progress progress;
-  const PreparedSetup prepared = open_setup(connection, options.input, progress);
-  keep_inputs("--output", options.output, {prepared.source_path});
+  LoadedSetup loaded = load_setup(connection, options.input, progress);
+  keep_inputs("--output", options.output, {loaded.source_path});
+  check_compilable(loaded.setup);
+  const PreparedSetup prepared = prepare_loaded(connection, std::move(loaded), progress);
   Partial partial(options.output);
   const v1::BasisHeader header = connection.client().get_basis(
       prepared.system.id(), [&](std::span<const std::byte> records) { partial.append(records); }, connection.call());

@@ -37,7 +37,7 @@ std::filesystem::path mesh_path(const std::string& setup, const SetupFile& file,
 }
 
 void keep_inputs(const std::string& option, const std::filesystem::path& output,
-                 std::initializer_list<std::filesystem::path> inputs) {
+                 const std::vector<std::filesystem::path>& inputs) {
   if (output.empty()) return;
   for (const std::filesystem::path& input : inputs) {
     std::error_code absent;

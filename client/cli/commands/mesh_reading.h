@@ -2,9 +2,9 @@
 #pragma once
 
 #include <filesystem>
-#include <initializer_list>
 #include <stop_token>
 #include <string>
+#include <vector>
 
 #include "client/cli/setup/reading.h"
 #include "core/io/mesh_file.h"
@@ -23,6 +23,6 @@ std::filesystem::path mesh_path(const std::string& setup, const SetupFile& file,
 /// Throws Error(invalid_argument) naming the option when `output` is, under whatever name, one of the files that the command
 /// reads. Empty paths are ignored.
 void keep_inputs(const std::string& option, const std::filesystem::path& output,
-                 std::initializer_list<std::filesystem::path> inputs);
+                 const std::vector<std::filesystem::path>& inputs);
 
 }  // namespace deform::cli

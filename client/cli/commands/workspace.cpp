@@ -8,6 +8,7 @@
 
 #include "client/cli/commands/mesh_reading.h"
 #include "client/cli/output/format.h"
+#include "client/cli/setup/compiled_file.h"
 
 namespace deform::cli {
 
@@ -72,6 +73,13 @@ void add_turn_normals(CLI::App& command, PrepareInput& input) {
 
 LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progress& progress) {
   LoadedSetup loaded;
+  if (is_compiled_file(input.setup)) {
+    throw Error(ErrorCode::invalid_argument,
+                input.setup +
+                    ": is a compiled deformation, and this command needs a setup file or the id of a system, and a server. "
+                    "Without a server deform apply evaluates one design of it, and deformd.load() of the Python package "
+                    "any number of them");
+  }
   if (!std::filesystem::exists(input.setup) && looks_like_id(input.setup)) {
     loaded.system = connection.client().get_system(input.setup, connection.call());
     loaded.setup = loaded.system->setup();

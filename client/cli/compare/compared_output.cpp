@@ -177,12 +177,22 @@ class Gallery {
     return 0;
   }
 
+  /// Whether a point that is drawn has more than the scale shows: bad designs do not count for its end.
+  bool goes_beyond(const std::vector<std::vector<double>>& values, double high) const {
+    for (const auto& of_method : values) {
+      for (std::size_t i = 0; i < of_method.size(); ++i) {
+        if (used_[i] && of_method[i] > high) return true;
+      }
+    }
+    return false;
+  }
+
   ComparisonPage::Gallery gallery(const std::string& title, double most, const Values& of) {
     std::vector<std::vector<double>> values;
     for (const ComparedMethod* method : shown_) values.push_back(of(*method));
     const double high = top(values, most);
     ComparisonPage::Gallery gallery{title, "0", number_text(high), {}};
-    if (most < 1) gallery.high += " and more";
+    if (goes_beyond(values, high)) gallery.high += " and more";
     for (std::size_t m = 0; m < shown_.size(); ++m) {
       const ComparedDesign& design = made(*shown_[m]);
       for (double& value : values[m]) value = high > 0 ? value / high : 0;
@@ -224,7 +234,7 @@ std::vector<ComparisonPage::Gallery> galleries_of(const MethodComparison& compar
 std::vector<std::string> notes_of(const MethodComparison& comparison) {
   std::vector<std::string> notes{
       "Every method got the same mesh, handles, fixed regions, variables and constraints. The best values of a column are "
-      "marked.",
+      "marked, those of bad designs left out.",
       "Misfit: the largest distance of a point of a handle or fixed region from where the design sends it, model units. Times "
       "are "
       "those of the server, a design alone, without checks of its quality; memory is that of the prepared system.",

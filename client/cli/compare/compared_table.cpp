@@ -78,11 +78,14 @@ std::vector<Column> columns_of(const MethodComparison& comparison, std::size_t d
   return columns;
 }
 
-/// The best and the worst of a column; both are not numbers where there is nothing to compare.
+bool is_bad(const ComparedDesign& design) { return design.result.verdict() == v1::VERDICT_BAD; }
+
+/// The best and the worst of a column among the designs that may be used, those whose verdict is not bad; both are not numbers
+/// where there is nothing to compare.
 std::pair<double, double> range_of(const MethodComparison& comparison, std::size_t design, const Column& column) {
   double low = std::numeric_limits<double>::infinity(), high = -low;
   for (const ComparedMethod& method : comparison.methods) {
-    if (!method.refusals.empty() || !method.designs[design].error.empty()) continue;
+    if (!method.refusals.empty() || !method.designs[design].error.empty() || is_bad(method.designs[design])) continue;
     const double value = column.of(method.designs[design]);
     if (std::isnan(value)) continue;
     low = std::min(low, value);
@@ -166,7 +169,8 @@ ComparisonPage::Table design_table(const MethodComparison& comparison, std::size
       row.cells.push_back({verdict_name(made.result.verdict()), mark_of(made.result.verdict())});
       for (const Column& column : columns) {
         const double value = column.of(made);
-        row.cells.push_back(number_cell(value, mark_of(value, column, range_of(comparison, design, column))));
+        const Mark mark = mark_of(value, column, range_of(comparison, design, column));
+        row.cells.push_back(number_cell(value, mark == Mark::good && is_bad(made) ? Mark::none : mark));
       }
     }
     table.rows.push_back(std::move(row));

@@ -9,8 +9,17 @@
 
 namespace deform::cli {
 
-v1::DesignResult compiled_result(const compiled::Deformation& deformation, std::span<const double> variables, const Mesh& mesh,
-                                 const Points& points, CompiledCheck check) {
+namespace {
+
+bool directly_manipulates(const v1::Setup& setup) {
+  const v1::Method& method = setup.method();
+  return (method.has_ffd() && method.ffd().control() == v1::MESH) || (method.has_cage() && method.cage().control() == v1::MESH);
+}
+
+}  // namespace
+
+v1::DesignResult compiled_result(const compiled::Deformation& deformation, const v1::Setup& setup,
+                                 std::span<const double> variables, const Mesh& mesh, const Points& points, CompiledCheck check) {
   const compiled::Content& content = deformation.content();
   const compiled::Report report = deformation.report(variables);
   v1::DesignResult result;
@@ -38,7 +47,9 @@ v1::DesignResult compiled_result(const compiled::Deformation& deformation, std::
     faces = convert::face_report(flips.face_count(), flips.flipped(points));
     if (faces.flipped() > 0) result.add_warnings(convert::flipped_faces_warning(faces));
   }
-  convert::set_verdict({content.diagonal, content.condition, report.converged, 0}, result);
+  const double misfit =
+      directly_manipulates(setup) ? deformation.largest_misfit(variables, std::span(points[0].data(), 3 * points.size())) : 0;
+  convert::set_verdict({content.diagonal, content.condition, report.converged, 0, misfit}, result);
   return result;
 }
 

@@ -6,6 +6,7 @@
 #include "core/compiled/deformation.h"
 #include "core/mesh/mesh.h"
 #include "deform/v1/deformation.pb.h"
+#include "deform/v1/setup.pb.h"
 
 namespace deform::cli {
 
@@ -13,8 +14,8 @@ namespace deform::cli {
 enum class CompiledCheck { none, inversions };
 
 /// What the server would say about a design, without its warnings that come from the method. points: n x 3, as they were
-/// evaluated.
-v1::DesignResult compiled_result(const compiled::Deformation& deformation, std::span<const double> variables, const Mesh& mesh,
-                                 const Points& points, CompiledCheck check);
+/// evaluated. setup: that was compiled.
+v1::DesignResult compiled_result(const compiled::Deformation& deformation, const v1::Setup& setup,
+                                 std::span<const double> variables, const Mesh& mesh, const Points& points, CompiledCheck check);
 
 }  // namespace deform::cli

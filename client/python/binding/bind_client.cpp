@@ -30,6 +30,8 @@ struct ClientSettings {
   int threads;
   std::string encoding;
   std::uint64_t retry_seed;
+  bool tls;
+  std::string ca, cert, key, server_name, token_file;
 };
 
 client::ClientOptions options_of(const ClientSettings& settings) {
@@ -40,6 +42,8 @@ client::ClientOptions options_of(const ClientSettings& settings) {
   options.decode_threads = settings.threads;
   options.encoding = encoding_named(settings.encoding);
   options.retry_seed = settings.retry_seed;
+  if (settings.tls) options.tls = client::TlsOptions{settings.ca, settings.cert, settings.key, settings.server_name};
+  options.token_file = settings.token_file;
   return options;
 }
 
@@ -151,11 +155,15 @@ void bind_client(py::module_& module) {
 
   py::class_<Client>(module, "Client")
       .def(py::init([](const std::string& address, double connect_timeout, int max_attempts, int threads,
-                       const std::string& encoding, std::uint64_t retry_seed) {
-             return std::make_unique<Client>(options_of({address, connect_timeout, max_attempts, threads, encoding, retry_seed}));
+                       const std::string& encoding, std::uint64_t retry_seed, bool tls, const std::string& ca,
+                       const std::string& cert, const std::string& key, const std::string& server_name,
+                       const std::string& token_file) {
+             return std::make_unique<Client>(options_of({address, connect_timeout, max_attempts, threads, encoding, retry_seed,
+                                                         tls, ca, cert, key, server_name, token_file}));
            }),
            py::arg("address"), py::arg("connect_timeout"), py::arg("max_attempts"), py::arg("threads"), py::arg("encoding"),
-           py::arg("retry_seed"))
+           py::arg("retry_seed"), py::arg("tls"), py::arg("ca"), py::arg("cert"), py::arg("key"), py::arg("server_name"),
+           py::arg("token_file"))
       .def_property_readonly("encoding", [](const Client& client) { return v1::Encoding_Name(client.encoding()); })
       .def("register", &register_mesh, py::arg("mesh"), py::arg("name"), py::arg("progress"), py::arg("limits"))
       .def("points", &registered_points, py::arg("id"), py::arg("limits"))

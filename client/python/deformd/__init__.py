@@ -24,9 +24,11 @@ from .geometry import Geometry
 from .reports import CompiledReport, Deformation, Population, Report
 from .system import System
 
+from . import aio
+
 __version__: str = _deformd.version
 
 __all__ = ["AlreadyExists", "BadDesign", "BadDesignWarning", "Cancel", "Cancelled", "Client", "CompiledDeformation", "CompiledReport",
            "DataLoss", "DeadlineExceeded", "Deformation", "Error", "FailedPrecondition", "Geometry", "Internal", "InvalidArgument",
            "NotFound", "NumericalFailure", "OutOfBudget", "PermissionDenied", "Population", "Record", "Report", "System", "Unauthenticated",
-           "Unavailable", "Variable", "load"]
+           "Unavailable", "Variable", "aio", "load"]

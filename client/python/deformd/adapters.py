@@ -95,7 +95,10 @@ def pymoo_problem(system: System, objectives: Callable[[np.ndarray, Report], Any
     so that pymoo ranks the others behind all that may: 1 where its verdict is bad or it cannot be evaluated (its objectives are the penalty),
     else -1. Needs pymoo.
     """
-    from pymoo.core.problem import Problem
+    try:
+        from pymoo.core.problem import Problem
+    except ImportError as error:
+        raise ImportError("pymoo_problem needs the package pymoo: pip install pymoo", name=error.name) from error
 
     lower, upper = system.bounds.T
     if not np.isfinite(system.bounds).all():

@@ -27,6 +27,13 @@ class Client:
     threads: for decoding; 0: all cores.
     encoding: of points, "RAW_F64", "RAW_F32", "DRACO" or "DELTA_ZSTD"; unless given RAW_F64 for a server on this machine, else DELTA_ZSTD.
 
+    tls: True encrypts and trusts the authorities that this machine trusts; also switched on by any of the next four.
+    ca: file of authorities to trust, PEM. cert, key: files of the client's certificate and its private key, PEM.
+    server_name: the name that the server's certificate must have, if not the host of the address.
+    token_file: file with the token that says who calls; it is read for every call, and not kept here.
+      Unless given, these six are the environment variables DEFORM_TLS, DEFORM_CA, DEFORM_CERT, DEFORM_KEY, DEFORM_SERVER_NAME and
+      DEFORM_TOKEN_FILE, as on the command line.
+
     Connects with the first call. Ctrl-C cancels a call, here and on the server. After os.fork() (multiprocessing with the method
     "fork") the child needs a client of its own; clients, geometries and systems can be pickled, and connect anew where they arrive.
     """
@@ -40,13 +47,32 @@ class Client:
         max_attempts: int = 4,
         threads: int = 0,
         encoding: Optional[str] = None,
+        tls: Optional[bool] = None,
+        ca: Optional[Path] = None,
+        cert: Optional[Path] = None,
+        key: Optional[Path] = None,
+        server_name: Optional[str] = None,
+        token_file: Optional[Path] = None,
     ) -> None:
         self.address = address or os.environ.get("DEFORM_SERVER") or "127.0.0.1:50051"
         self.timeout = timeout
-        self._settings = {"timeout": timeout, "connect_timeout": connect_timeout, "max_attempts": max_attempts, "threads": threads, "encoding": encoding}
+        files = {name: os.environ.get("DEFORM_" + name.upper(), "") if value is None else os.fspath(value)
+                 for name, value in (("ca", ca), ("cert", cert), ("key", key), ("server_name", server_name), ("token_file", token_file))}
+        if tls is None:
+            tls = _switched_on("DEFORM_TLS")
+            encrypt = tls or any(files[name] for name in ("ca", "cert", "key", "server_name"))
+        else:
+            encrypt = tls
+            if not tls and any(value is not None for value in (ca, cert, key, server_name)):
+                raise InvalidArgument("tls: False, while ca, cert, key and server_name are options of TLS; remove one of the two")
+        if not encrypt:
+            files.update(ca="", cert="", key="", server_name="")
+        self._settings = {"timeout": timeout, "connect_timeout": connect_timeout, "max_attempts": max_attempts, "threads": threads,
+                          "encoding": encoding, "tls": encrypt, **{name: value or None for name, value in files.items()}}
         self._process = os.getpid()
         self._connection: Optional[_deformd.Client] = _deformd.Client(
-            self.address, float(connect_timeout), int(max_attempts), int(threads), encoding or "", self._process)
+            self.address, float(connect_timeout), int(max_attempts), int(threads), encoding or "", self._process,
+            encrypt, files["ca"], files["cert"], files["key"], files["server_name"], files["token_file"])
         self._known_max_designs: Optional[int] = None
 
     def close(self) -> None:
@@ -208,6 +234,10 @@ class Client:
 
 def _connect(address: str, settings: Dict[str, Any]) -> Client:
     return Client(address, **settings)
+
+
+def _switched_on(variable: str) -> bool:
+    return os.environ.get(variable, "").lower() not in ("", "0", "false", "off", "no")
 
 
 def _isolated_reader() -> str:

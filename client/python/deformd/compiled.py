@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     Bad = Literal["raise", "warn", "keep"]
 
 _MOST_THREADS = 1024
+_MAGIC = b"\x89DEFORM\n"
 
 
 class CompiledDeformation(DesignSpace):
@@ -158,8 +159,10 @@ class CompiledDeformation(DesignSpace):
 
     def save(self, path: "Union[str, os.PathLike[str]]") -> None:
         """Writes the file that `deform apply` and `deformd.load` read (docs/compiled.md). It replaces one of this name when it is complete;
-        until then it grows beside it, under the name with .part."""
+        until then it grows beside it, under the name with .part. Raises InvalidArgument where the name is that of another file."""
         target = os.fspath(path)
+        if os.path.isfile(target) and not _is_compiled(target):
+            raise InvalidArgument(f"path: {target} exists and is no compiled deformation; it is not replaced, name another file")
         part = target + ".part"
         try:
             with open(part, "wb") as file:
@@ -192,6 +195,11 @@ def load(path: "Union[str, os.PathLike[str]]") -> CompiledDeformation:
     that are none or are damaged, with the place, FailedPrecondition for a layout of another version, NotFound where there is no such
     file."""
     return CompiledDeformation(_deformd.Compiled.load(os.fspath(path)))
+
+
+def _is_compiled(path: str) -> bool:
+    with open(path, "rb") as file:
+        return file.read(len(_MAGIC)) == _MAGIC
 
 
 def _restore(content: bytes) -> CompiledDeformation:

@@ -32,6 +32,7 @@ std::shared_ptr<const Mesh> borrowed(const Mesh& mesh) { return {std::shared_ptr
 Estimate estimate_controls(const CageOptions& options, const Mesh& mesh, const SelectedRegions& regions) {
   const ControlModel model = cage_model(options, borrowed(mesh));
   Estimate estimate = deform::estimate_controls(mesh, model, basis_options(options), regions);
+  add_place_notes(cage_of(options), mesh, estimate.notes);
   estimate.advice = "use fewer handles or basis BASIS_NEVER";
   return estimate;
 }
@@ -49,6 +50,7 @@ Estimate estimate_mesh(const CageOptions& options, const Mesh& mesh, const Selec
                           seconds_per_row(cage)};
   Estimate estimate = estimate_direct(mesh, regions, of);
   estimate.notes.insert(estimate.notes.begin(), size_note(cage));
+  add_place_notes(cage, mesh, estimate.notes);
   estimate.advice = "use a coarser cage, smaller handle and fixed regions, fewer handles or basis BASIS_NEVER";
   return estimate;
 }

@@ -9,6 +9,7 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/deformers/option_checks.h"
 #include "core/mesh/winding_number.h"
 
 namespace deform {
@@ -17,10 +18,14 @@ namespace {
 
 constexpr std::size_t cage_points_per_task = 1024, cage_rows_per_task = 16;
 constexpr double least_winding = 0.02;  // on an edge or vertex of the cage it is the solid angle there over 4 pi
-constexpr double most_ratio = 20;       // of diagonals of cage and mesh, or of mesh and cage: beyond, one may be in other units
 constexpr double seconds_per_triangle = 1.2e-7;
 /// The rounding error of the sum over all vertices, whose coordinates may be negative, as a fraction of the largest displacement.
 constexpr double cage_rounding = 1e-12;
+
+std::string beside_note(bool other_units) {
+  return std::string("No point of the mesh lies in the cage") +
+         (other_units ? "." : ": is it the cage of this mesh, in the same units and the same place?");
+}
 
 }  // namespace
 
@@ -68,22 +73,21 @@ std::string size_note(const Cage& cage) {
          " triangles, of diagonal " + diagonal + ".";
 }
 
+void add_place_notes(const Cage& cage, const Mesh& mesh, std::vector<std::string>& notes) {
+  const auto units = units_note("cage", cage.diagonal(), bounding_box(mesh.points).diagonal());
+  if (units) notes.push_back(*units);
+  const Box of_mesh = bounding_box(mesh.points), of_cage = bounding_box(cage.vertices());
+  bool apart = false;
+  for (std::size_t k = 0; k < 3; ++k) apart = apart || of_mesh.max[k] < of_cage.min[k] || of_cage.max[k] < of_mesh.min[k];
+  if (apart) notes.push_back(beside_note(units.has_value()));
+}
+
 void add_outside_note(const Cage& cage, const Mesh& mesh, const RunContext& context, std::vector<std::string>& notes) {
-  const double extent = bounding_box(mesh.points).diagonal();
-  const double ratio = extent > 0 ? cage.diagonal() / extent : 1;
+  const auto units = units_note("cage", cage.diagonal(), bounding_box(mesh.points).diagonal());
   const std::size_t outside = points_outside(cage, mesh, context);
-  const bool other_units = ratio > most_ratio || ratio < 1 / most_ratio;
-  if (other_units) {
-    char text[32];
-    std::snprintf(text, sizeof text, "%.4g", ratio);
-    notes.push_back(std::string("The diagonal of the cage is ") + text + " times that of the mesh: are both in the same units?");
-  }
+  if (units) notes.push_back(*units);
   if (outside == 0) return;
-  if (outside == mesh.point_count()) {
-    notes.push_back(std::string("No point of the mesh lies in the cage") +
-                    (other_units ? "." : ": is it the cage of this mesh, in the same units and the same place?"));
-    return;
-  }
+  if (outside == mesh.point_count()) return notes.push_back(beside_note(units.has_value()));
   notes.push_back(std::to_string(outside) +
                   " points lie outside of the cage: they follow as well, the less smoothly the nearer they are to it.");
 }

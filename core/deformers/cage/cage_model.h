@@ -56,6 +56,8 @@ class CageRows : public ControlFunctions {
 
 /// "A cage of 8 vertices and 12 triangles, of diagonal 2.5."
 std::string size_note(const Cage& cage);
+/// Adds notes where sizes suggest other units than the mesh has, or boxes that the cage is beside it: what costs next to nothing.
+void add_place_notes(const Cage& cage, const Mesh& mesh, std::vector<std::string>& notes);
 /// Adds a note on the points outside the cage, if there are any, and one if its size suggests other units than the mesh has.
 void add_outside_note(const Cage& cage, const Mesh& mesh, const RunContext& context, std::vector<std::string>& notes);
 /// The approximate time to compute the coordinates of a point, in seconds.

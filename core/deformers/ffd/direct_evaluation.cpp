@@ -33,7 +33,7 @@ void DirectEvaluation::solve(const RunContext& context) {
     const Eigen::MatrixXd h = system_.prescribed(designs_[i], kind_);
     const Eigen::MatrixXd controls = system_.inverse_->solve(h);
     const Eigen::MatrixXd missed = system_.misfit(h, controls);
-    reports_[i].interpolation_residual = missed.rowwise().norm().maxCoeff();
+    reports_[i].interpolation_residual = reports_[i].misfit = missed.rowwise().norm().maxCoeff();
     Vec3 errors{};
     for (std::size_t k = 0; k < 3; ++k) errors[k] = system_.error_of(controls, missed, static_cast<Eigen::Index>(k));
     set_error(i, norm(errors));
@@ -45,6 +45,10 @@ void DirectEvaluation::report_controls() {
   for (std::size_t i = 0; i < designs_.size(); ++i) {
     const DirectSystem::RowMajor controls = is_direct(i) ? controls_[i] : system_.affine_controls(designs_[i], kind_);
     DesignReport& report = reports_[i];
+    if (!is_direct(i)) {
+      const Eigen::MatrixXd missed = system_.missed_ * system_.affine_coefficients(designs_[i], kind_);
+      report.misfit = missed.rowwise().norm().maxCoeff();
+    }
     report.control_displacement = controls.rowwise().norm().maxCoeff();
     if (report.control_displacement <= far * report.prescribed_displacement) continue;
     report.warnings.push_back(

@@ -65,7 +65,7 @@ Eigen::MatrixXd DirectSystem::prescribed(const BoundDesign& design, MotionKind k
   return result;
 }
 
-DirectSystem::RowMajor DirectSystem::affine_controls(const BoundDesign& design, MotionKind kind) const {
+Eigen::MatrixXd DirectSystem::affine_coefficients(const BoundDesign& design, MotionKind kind) const {
   Eigen::MatrixXd coefficients(static_cast<Eigen::Index>(fields()), 3);
   double block[12];
   for (std::size_t h = 0; h < frames_.size(); ++h) {
@@ -76,7 +76,11 @@ DirectSystem::RowMajor DirectSystem::affine_controls(const BoundDesign& design, 
       }
     }
   }
-  return controls_ * coefficients;
+  return coefficients;
+}
+
+DirectSystem::RowMajor DirectSystem::affine_controls(const BoundDesign& design, MotionKind kind) const {
+  return controls_ * affine_coefficients(design, kind);
 }
 
 Eigen::MatrixXd DirectSystem::misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& controls) const {
@@ -111,10 +115,10 @@ void DirectSystem::prepare_basis(std::size_t memory_budget, const RunContext& co
   const std::size_t making = HandleBasis::peak_bytes_for(following().size(), fields(), model_.basis_tolerance);
   if (memory_budget != 0 && model_.basis == BasisMode::automatic && inverse_->bytes() + making > memory_budget) return;
   HandleBasis basis{{0, 1, 2}, FieldTiles(following().size(), fields()), {}};
-  const Eigen::MatrixXd missed = misfit(fields_at_held(), controls_);
+  missed_ = misfit(fields_at_held(), controls_);
   for (Eigen::Index f = 0; f < controls_.cols(); ++f) {
-    basis.residuals.push_back(missed.col(f).cwiseAbs().maxCoeff());
-    basis.more.push_back(error_of(controls_, missed, f));
+    basis.residuals.push_back(missed_.col(f).cwiseAbs().maxCoeff());
+    basis.more.push_back(error_of(controls_, missed_, f));
   }
   parallel_for(context, tile_count(following().size()), tiles_per_task, [&](std::size_t begin, std::size_t end) {
     for (std::size_t t = begin; t < end; ++t) fill_tile(controls_, t, basis.tiles.tile(t));
@@ -126,10 +130,10 @@ void DirectSystem::fill_info() {
   info_.solver = Solver::automatic;  // the pseudo-inverse
   info_.samples = info_.functions = static_cast<std::size_t>(model_.rows->cols());
   info_.condition = inverse_->condition();
-  set_bytes(inverse_->bytes() + static_cast<std::size_t>(controls_.size()) * sizeof(double),
+  set_bytes(inverse_->bytes() + static_cast<std::size_t>(controls_.size() + missed_.size()) * sizeof(double),
             model_.rows->bytes() + ids_.size() * sizeof(PointId) + following().size() * sizeof(PointId));
   info_.notes = model_.notes;
-  const Eigen::MatrixXd missed = misfit(fields_at_held(), controls_);
+  const Eigen::MatrixXd missed = has_basis() ? missed_ : misfit(fields_at_held(), controls_);
   info_.notes.push_back("Singular values up to " + scientific(inverse_->clamp()) + " of the largest one are left out: rank " +
                         std::to_string(inverse_->rank()) + ", " + std::to_string(inverse_->functions()) +
                         " control points reach handles or fixed points.");
@@ -181,7 +185,8 @@ Estimate estimate_direct(const Mesh& mesh, const SelectedRegions& regions, const
   const std::size_t basis_bytes = HandleBasis::bytes_for(n, fields, of.basis_tolerance);
   const bool basis = wants_basis(of.basis, basis_bytes, estimate.factor_bytes);
   estimate.basis_bytes = basis ? basis_bytes + fields * sizeof(double) : 0;
-  const std::size_t own = point_bytes(n, regions.symmetry) + of.row_bytes + (of.held + n) * sizeof(PointId);
+  const std::size_t missed_bytes = basis ? of.held * fields * sizeof(double) : 0;
+  const std::size_t own = missed_bytes + point_bytes(n, regions.symmetry) + of.row_bytes + (of.held + n) * sizeof(PointId);
   estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + own;
   const std::size_t making = basis ? HandleBasis::peak_bytes_for(n, fields, of.basis_tolerance) : 0;
   // Fields, their misfits and copies of them.

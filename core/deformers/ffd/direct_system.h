@@ -55,6 +55,8 @@ class DirectSystem : public HandleSystem {
   Eigen::MatrixXd prescribed(const BoundDesign& design, MotionKind kind) const;
   /// The displacements of the control points (k x 3, model units) for a design of affine motions, from controls_.
   RowMajor affine_controls(const BoundDesign& design, MotionKind kind) const;
+  /// Their coefficients: those of the fields of the handles, 4H x 3, model units.
+  Eigen::MatrixXd affine_coefficients(const BoundDesign& design, MotionKind kind) const;
   /// The misfit of a solution at the held points, prescribed minus actual: m x c.
   Eigen::MatrixXd misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& controls) const;
   /// The estimated largest error of column c of a solution at any point.
@@ -65,7 +67,8 @@ class DirectSystem : public HandleSystem {
   std::vector<PointId> ids_;  ///< m: handle and fixed points, ascending
   DirectModel model_;
   std::unique_ptr<const ClampedInverse> inverse_;
-  RowMajor controls_;  ///< k x 4H: displacements of the control points for the fields of the handles
+  RowMajor controls_;       ///< k x 4H: displacements of the control points for the fields of the handles
+  Eigen::MatrixXd missed_;  ///< m x 4H: what these fields are missed by at the held points; empty without a basis
 };
 
 /// The input of estimate_direct().

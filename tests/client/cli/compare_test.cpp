@@ -218,12 +218,24 @@ TEST(ComparisonTables, MarkWhatIsBestAndWhatIsWrong) {
   const auto table = design_table(three_methods(), 0);
   EXPECT_THAT(table.columns, ElementsAre("verdict", "misfit at handles", "largest displacement", "flipped faces"));
   ASSERT_EQ(table.rows.size(), 3u) << "at rest, and two that are not refused";
-  EXPECT_EQ(table.rows[1].cells[1].mark, ComparisonPage::Mark::good);
+  EXPECT_EQ(table.rows[1].cells[1].mark, ComparisonPage::Mark::none) << "the only one that may be used";
   EXPECT_EQ(table.rows[2].cells[1].mark, ComparisonPage::Mark::none);
   EXPECT_EQ(table.rows[2].cells[3].mark, ComparisonPage::Mark::bad);
   EXPECT_EQ(table.rows[2].cells[3].text, "3");
   EXPECT_EQ(table.rows[1].cells[2].mark, ComparisonPage::Mark::none) << "a displacement is neither good nor bad";
   EXPECT_THAT(design_remarks(three_methods(), 0), ElementsAre("fine: 3 faces are flipped"));
+}
+
+TEST(ComparisonTables, DoNotCallABadDesignTheBest) {
+  MethodComparison comparison = three_methods();
+  comparison.methods[1].designs[0].misfit->largest = 1e-12;  // the best of all, but bad
+  comparison.methods[2] = comparison.methods[0];
+  comparison.methods[2].designs[0].misfit->largest = 0.5;
+  const auto table = design_table(comparison, 0);
+  EXPECT_EQ(table.rows[1].cells[1].mark, ComparisonPage::Mark::good) << "the best of those that may be used";
+  EXPECT_EQ(table.rows[2].cells[1].mark, ComparisonPage::Mark::none);
+  EXPECT_EQ(table.rows[2].cells[3].mark, ComparisonPage::Mark::bad) << "what is wrong stays marked";
+  EXPECT_EQ(table.rows[3].cells[1].mark, ComparisonPage::Mark::none);
 }
 
 TEST(ComparisonTables, HaveRefusalsAsRows) {

@@ -20,6 +20,8 @@ TEST(ErrorJson, NamesTheFieldThatTheMessageStartsWith) {
   EXPECT_EQ(cli::field_of("designs[3].variables[0] (\"roof_up\"): 1 is outside of its bounds"), "designs[3].variables[0]");
   EXPECT_EQ(cli::field_of("method.rbf.tolerance: 1 is out of range"), "method.rbf.tolerance");
   EXPECT_EQ(cli::field_of("fixed[0]: its region contains no point"), "fixed[0]");
+  EXPECT_EQ(cli::field_of("cars/a b.yaml:3: handles[0].name: expected a text"), "handles[0].name");
+  EXPECT_EQ(cli::field_of("setup:1: variables[1].lower: expected"), "variables[1].lower");
   for (const char* message :
        {"ahmed.obj: no faces", "setup.yaml: geometry: missing", "fixed.obj: no faces", "designs[x]: bad", "designs[]: bad",
         "handle \"roof\": its region contains no point", "cannot open x", "", "fixed", "--set a: b"}) {

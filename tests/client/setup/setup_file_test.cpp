@@ -95,6 +95,7 @@ TEST(SetupFile, NamesLineAndReason) {
       {"geometry: [a]\n", {"car.yaml:1", "geometry: expected a text, got a list"}},
       {"geometry:\n", {"car.yaml:1", "geometry", "got nothing"}},
       {"variables:\n  - lower: \"-1\"\n", {"car.yaml:2", "lower: expected a finite number, got the text \"-1\""}},
+      {"variables:\n  - lower: \"0.05*Q\"\n", {"car.yaml:2", "lower: expected a finite number, got the text \"0.05*Q\"", "Q"}},
       {"variables:\n  - lower: low\n", {"car.yaml:2", "variables[0].lower: expected a finite number, got \"low\""}},
       {"variables:\n  - lower: .nan\n", {"car.yaml:2", "finite number"}},
       {"variables:\n  - upper: .inf\n", {"car.yaml:2", "finite number"}},

@@ -228,7 +228,11 @@ TEST(Cage, SaysWhenItLooksLikeAnotherUnitOrAnotherPlace) {
     CageOptions cage = cage_options();
     for (Vec3& x : cage.vertices) x = scale * x + shift;
     setup.method = cage;
-    return prepare(mesh, setup)->info().notes;
+    const std::vector<std::string> notes = prepare(mesh, setup)->info().notes, expected = estimate(*mesh, setup).notes;
+    for (const std::string& note : notes) {
+      if (note.find("units") != std::string::npos) EXPECT_THAT(expected, testing::Contains(note)) << "before it is prepared";
+    }
+    return notes;
   };
   EXPECT_THAT(notes_with(1000, {}), testing::Contains(testing::HasSubstr("times that of the mesh: are both in the same units?")));
   EXPECT_THAT(notes_with(1e-3, {}), testing::Contains(testing::HasSubstr("in the same units?")));

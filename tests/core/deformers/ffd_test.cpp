@@ -355,6 +355,27 @@ TEST(FfdByMesh, MeetsWhatItCanWithTheLeastMotion) {
   EXPECT_LT(system->bind({&turned, 1}, EvaluationPath::direct, {})->report(0).interpolation_residual, 1e-10);
 }
 
+TEST(FfdByMesh, SaysByHowMuchHandlesAreMissed) {
+  const auto mesh = shared(test::bumpy_sheet(61, 31));
+  for (const double clamp : {1e-4, 0.3}) {
+    const deform::Setup setup = with(test::sheet_setup(), by_mesh({8, 6, 4}, clamp));
+    const auto system = prepare(mesh, setup);
+    const SelectedRegions regions = validate(setup, *mesh);
+    for (const EvaluationPath path : {EvaluationPath::basis, EvaluationPath::direct}) {
+      const Points got = system->evaluate({&turned, 1}, path)[0];
+      double missed = 0;
+      for (const PointId id : regions.fixed) missed = std::max(missed, distance(got[id], mesh->points[id]));
+      for (const PointId id : regions.handles[0]) {
+        missed = std::max(missed, distance(got[id], transformed(test::turn_and_shift(), mesh->points[id])));
+      }
+      EXPECT_GT(missed, 1e-6);
+      EXPECT_NEAR(system->bind({&turned, 1}, path, {})->report(0).misfit, missed, 1e-9 * missed + 1e-13);
+    }
+  }
+  const auto by_energies = prepare(mesh, with(test::sheet_setup(), by_energy()));
+  EXPECT_EQ(by_energies->bind({&turned, 1}, EvaluationPath::direct, {})->report(0).misfit, 0) << "these are met";
+}
+
 TEST(FfdByMesh, AllPointsFollowTheLattice) {
   const auto mesh = shared(test::bumpy_sheet(61, 31));
   const FfdOptions options = by_mesh({8, 6, 4}, 1e-4);

@@ -146,14 +146,14 @@ TEST(NearestFace, IsThatOfTheNearestOfManyPointsOnFaces) {
           }
         }
       }
-      const std::size_t found = nearest_face(faces_of(each), place);
+      const std::size_t found = nearest_face(faces_of(each), place).face;
       ASSERT_LT(found, faces.size());
       EXPECT_LT(away[found], *std::min_element(away.begin(), away.end()) + 0.02) << k;  // the points are that far apart
     }
   }
-  EXPECT_EQ(nearest_face(faces_of(mesh), {0.5, 0.5, 0}), 0u);
-  EXPECT_EQ(nearest_face(faces_of(mesh), {1, 0.5, 0.1}), 0u) << "on an edge: the first";
-  EXPECT_EQ(nearest_face({}, {0, 0, 0}), 0u) << "there are none";
+  EXPECT_EQ(nearest_face(faces_of(mesh), {0.5, 0.5, 0}).face, 0u);
+  EXPECT_EQ(nearest_face(faces_of(mesh), {1, 0.5, 0.1}).face, 0u) << "on an edge: the first";
+  EXPECT_EQ(nearest_face({}, {0, 0, 0}).face, 0u) << "there are none";
 }
 
 // ---- as a region ----
@@ -188,11 +188,11 @@ Region patch(std::variant<Vec3, PointId> seed, double angle = 30) { return {Regi
 
 TEST(PatchRegion, IsTheSideOfABoxAroundTheSeed) {
   const Mesh mesh = surface_of_box(4);
-  const Ids top = select(patch(Vec3{2.2, 1.7, 9}), mesh, "x");
+  const Ids top = select(patch(Vec3{2.2, 1.7, 4.3}), mesh, "x");
   EXPECT_EQ(top, select({Region::InBox{{0, 0, 4}, {4, 4, 4}}}, mesh, "x"));
   EXPECT_EQ(top.size(), 25u);
-  EXPECT_EQ(select(patch(Vec3{2, 2, 9}, 89), mesh, "x").size(), 25u);
-  EXPECT_EQ(select(patch(Vec3{2, 2, 9}, 91), mesh, "x").size(), mesh.point_count());
+  EXPECT_EQ(select(patch(Vec3{2, 2, 4.3}, 89), mesh, "x").size(), 25u);
+  EXPECT_EQ(select(patch(Vec3{2, 2, 4.3}, 91), mesh, "x").size(), mesh.point_count());
   const Ids corner = select({Region::InBox{{0, 0, 0}, {0, 0, 0}}}, mesh, "x");
   ASSERT_EQ(corner.size(), 1u);
   EXPECT_EQ(select(patch(corner[0]), mesh, "x").size(), 3u * 16 + 3 * 4 + 1) << "three sides meet there";
@@ -208,7 +208,7 @@ TEST(PatchRegion, IsOnTheBoundaryOfVolumeMeshes) {
   volume.points = mesh.points;
   volume.elements = std::make_shared<const Elements>(elements);
   const Ids side = select({Region::InBox{{1, 0, 0}, {1, 1, 1}}}, mesh, "x");
-  EXPECT_EQ(select(patch(Vec3{1.5, 0.5, 0.5}), volume, "x"), side);
+  EXPECT_EQ(select(patch(Vec3{1.05, 0.5, 0.5}), volume, "x"), side);
   // Two cubes with the face between them first.
   Mesh two;
   for (double x : {0, 1, 2}) {
@@ -232,8 +232,8 @@ TEST(PatchRegion, IsOnTheBoundaryOfVolumeMeshes) {
   }
   cells.cell_count = 2;
   two.cells = std::make_shared<const PolyhedralCells>(cells);
-  EXPECT_EQ(select(patch(Vec3{0.5, 0.5, -1}), two, "x"), select({Region::InBox{{0, 0, 0}, {2, 1, 0}}}, two, "x"));
-  EXPECT_EQ(select(patch(Vec3{1, 0.5, 0.5}, 10), two, "x").size(), 6u) << "not the face inside, which is nearest";
+  EXPECT_EQ(select(patch(Vec3{0.5, 0.5, -0.1}), two, "x"), select({Region::InBox{{0, 0, 0}, {2, 1, 0}}}, two, "x"));
+  EXPECT_EQ(select(patch(Vec3{1, 0.5, 0.1}, 10), two, "x").size(), 6u) << "not the face inside, which is nearest";
 }
 
 TEST(PatchRegion, RefusesWhatIsNotOnTheSurface) {
@@ -244,6 +244,8 @@ TEST(PatchRegion, RefusesWhatIsNotOnTheSurface) {
   };
   const double nan = std::numeric_limits<double>::quiet_NaN();
   refused(patch(Vec3{0, nan, 0}), {"patch.seed", "coordinate y"});
+  EXPECT_NO_THROW(select(patch(Vec3{1, 1, 2.17}), mesh, "x"));  // 5 % of the diagonal are 0.1732
+  refused(patch(Vec3{1, 1, 2.18}), {"patch.seed", "0.18 from the surface", "at most 0.173", "5 % of the diagonal"});
   for (const double angle : {0.0, -1.0, 181.0, nan}) refused(patch(Vec3{0, 0, 0}, angle), {"patch.angle", "180"});
   refused(patch(PointId{999}), {"patch.point", "999"});
   mesh.points.push_back({9, 9, 9});

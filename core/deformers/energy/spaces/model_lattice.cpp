@@ -111,8 +111,15 @@ ModelLattice made_lattice(const Mesh& mesh, const LatticeOptions& options, const
   const Lattice lattice = lattice_of(options, mesh);
   LatticeCoordinates at = coordinates_of(mesh, options, lattice, context);
   std::vector<std::uint32_t> outside = at.outside;
-  return {lattice, std::make_shared<const LatticeRows>(lattice, std::move(at)), notes_of(lattice, options.basis),
-          std::move(outside)};
+  std::vector<std::string> notes = notes_of(lattice, options.basis);
+  const auto units =
+      units_note("lattice", bounding_box(lattice.control_points()).diagonal(), bounding_box(mesh.points).diagonal());
+  if (units) notes.push_back(*units);
+  if (!outside.empty() && outside.size() == mesh.point_count()) {
+    notes.push_back(std::string("No point of the mesh lies in the lattice") +
+                    (units ? "." : ": is it the lattice of this mesh, in the same units and the same place?"));
+  }
+  return {lattice, std::make_shared<const LatticeRows>(lattice, std::move(at)), std::move(notes), std::move(outside)};
 }
 
 void check_control_points(const LatticeOptions& options, const Lattice& lattice, const std::string& field) {
