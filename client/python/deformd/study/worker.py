@@ -148,10 +148,11 @@ def _command(task: Task, points: np.ndarray) -> Any:
     words = shlex.split(how["command"])
     for place, value in places.items():
         words = [word.replace(place, value) for word in words]
+    parent = os.getpid()
     with open(case / "output.txt", "wb") as output:
         try:
             done = subprocess.run(words, cwd=case, stdin=subprocess.DEVNULL, stdout=output, stderr=output, timeout=how.get("timeout"),
-                                  preexec_fn=die_with_parent)
+                                  preexec_fn=lambda: die_with_parent(parent))
         except subprocess.TimeoutExpired:
             raise _Failed(f"{words[0]}: longer than {how['timeout']} s") from None
         except FileNotFoundError:
