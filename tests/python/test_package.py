@@ -22,7 +22,7 @@ def test_version():
 
 
 def test_the_syntax_is_that_of_python_3_9():
-    files = sorted(SOURCES.glob("*.py*"))
+    files = sorted(SOURCES.rglob("*.py*"))
     assert len(files) > 5
     for path in files:
         ast.parse(path.read_text(), str(path), feature_version=(3, 9))

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Systems as functions of optimizers: objectives of SciPy, problems of pymoo. Neither library needs to be installed to import this."""
+"""Systems as functions of optimizers: objectives of SciPy, problems of pymoo. Neither library needs to be installed to import this.
+Modules of this folder bear the names of the libraries that they are for, which they need: cma, openmdao, torch, jax, libensemble."""
 
 from typing import Any, Callable, List, Optional, Tuple
 
 import numpy as np
 
-from .errors import Error, InvalidArgument
-from .reports import Report
-from .system import System
+from ..errors import Error, InvalidArgument
+from ..reports import Report
+from ..system import System
 
 Objective = Callable[[np.ndarray, Report], float]
 Gradient = Callable[[np.ndarray, Report], np.ndarray]

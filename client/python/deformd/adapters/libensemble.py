@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A system as the simulator of libEnsemble, and the user's part of its generators."""
+
+from typing import Any, Dict
+
+import numpy as np
+
+from ..system import System
+from . import Objective
+
+
+def sim_function(h: Any, persis_info: Any, sim_specs: Dict[str, Any], *_: Any) -> Any:
+    """A sim_f of libEnsemble: evaluates the rows of H["x"] (m, k) in one batch and gives "f", and "usable" where sim_specs["out"] has it.
+
+    sim_specs["user"]: "system", a System or CompiledDeformation (both travel to workers, which connect anew), "objective"(points, report), and
+    "penalty", 1e30 unless given, which is f of designs that must not be used.
+    """
+    user = sim_specs["user"]
+    objective: Objective = user["objective"]
+    population = user["system"].deform(np.ascontiguousarray(h["x"]))
+    out = np.zeros(len(h), dtype=sim_specs["out"])
+    out["f"] = [user.get("penalty", 1e30) if report.bad else objective(points, report) for points, report in zip(population.points, population.reports)]
+    if "usable" in (out.dtype.names or ()):
+        out["usable"] = population.usable
+    return out, persis_info
+
+
+def generator_user(system: System, **more: Any) -> Dict[str, Any]:
+    """gen_specs["user"] of the generators of libEnsemble: "lb" and "ub" of the design variables, and `more`."""
+    low, high = system.bounds.T
+    return {"lb": low, "ub": high, **more}

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs a study: asks for designs, has them evaluated, keeps what came of them."""
+
+import concurrent.futures
+import os
+import pathlib
+import sys
+import time
+from typing import Any, Callable, Dict, Iterable, List, Optional, Tuple, Union
+
+import numpy as np
+
+from .. import _deformd
+from ..client import Client
+from ..compiled import load
+from ..errors import DataLoss, Error, InvalidArgument
+from . import optimizers, results
+from .journal import Journal
+from .places import open_place
+from .sampling import sample
+from .spec import Spec, read_spec
+from .worker import Task, evaluate, kept_result
+
+FAILED = 1e60
+"""What optimizers of one objective see for a design that failed or is bad; ranks after all others."""
+INFEASIBLE = 1e30
+"""What they see for one outside of the constraints: this, times 1 plus the sum of the violations."""
+
+TOLERANCE = 1e-9
+"""Of constraints, in parts of their limits: optimizers with gradients end on them."""
+
+
+class StudyStopped(Error):
+    """More designs failed than the study allows."""
+
+    code = "stopped"
+
+
+class BudgetSpent(Exception):
+    """Ends an optimizer: all designs of the budget are evaluated."""
+
+
+class Study:
+    """A study that runs; `optimizers` ask it. Not for several threads.
+
+    names: of the variables; bounds: (k, 2). A design is evaluated once: records of earlier runs, and of the same values, are taken
+    as they are. Designs are numbered in the order in which they are asked for, so a history does not depend on who was done first.
+    """
+
+    def __init__(self, spec: Spec, journal: Journal, task: Task, names: Tuple[str, ...], bounds: np.ndarray, place: Any, say: Callable[[str], None]) -> None:
+        self.spec, self.names, self.bounds = spec, names, bounds
+        self._journal, self._task, self._place, self._say = journal, task, place, say
+        self._numbers: Dict[bytes, int] = {}
+        self._best: Optional[float] = None
+        self._began = time.monotonic()
+
+    def designs(self, rows: Iterable[Iterable[float]]) -> List[Dict[str, Any]]:
+        """Records of designs, (m, k), in that order. Raises BudgetSpent when not all of them are within the budget, once those that are have been
+        evaluated; StudyStopped when too many fail."""
+        asked, tasks, spent = [], [], False
+        for row in np.atleast_2d(np.asarray(rows, dtype=np.float64)) + 0.0:  # -0.0 is 0.0
+            key = row.tobytes()
+            if key not in self._numbers:
+                number = len(self._numbers)
+                if self.spec.budget is not None and number >= self.spec.budget:
+                    spent = True
+                    break
+                self._numbers[key] = number
+                known = self._journal.records.get(number)
+                if known is None:
+                    tasks.append({**self._task, "number": number, "x": row.tolist()})
+                elif known["x"] != row.tolist():
+                    raise DataLoss(f"design {number} is not the one that the journal has: the optimizer or a library changed since {self.spec.folder} was "
+                                   "begun; name another folder")
+            asked.append(self._numbers[key])
+        self._evaluate(tasks)
+        if spent:
+            raise BudgetSpent
+        return [self._journal.records[number] for number in asked]
+
+    def value(self, record: Dict[str, Any], objective: int = 0) -> float:
+        """What an optimizer minimizes."""
+        if failed(record):
+            return FAILED
+        violation = sum(max(0.0, each) for each in self.violations(record))
+        if violation > TOLERANCE:
+            return INFEASIBLE * (1 + violation)
+        return self.objective(record, objective)
+
+    def objective(self, record: Dict[str, Any], number: int = 0) -> float:
+        """The objective alone, with the sign of a minimization."""
+        name, sign = self.spec.objectives[number]
+        return sign * _named(record, name)
+
+    def violations(self, record: Dict[str, Any]) -> List[float]:
+        """Per constraint how much a value is beyond its limit, in parts of the limit; negative within."""
+        return violations(self.spec, record)
+
+    def _evaluate(self, tasks: List[Task]) -> None:
+        ready = [(task, kept_result(task)) for task in tasks]
+        for task, record in ready:
+            if record is not None:
+                self._add(record, 0.0)
+        began = {}
+        futures = {}
+        try:
+            for task, record in ready:
+                if record is None:
+                    future = self._place.submit(evaluate, task)
+                    futures[future], began[future] = task, time.monotonic()
+            while futures:
+                for future in _done(futures):
+                    del futures[future]
+                    self._add(future.result(), time.monotonic() - began[future])
+        finally:
+            for future in futures:
+                future.cancel()
+
+    def _add(self, record: Dict[str, Any], seconds: float) -> None:
+        self._journal.add({**record, "seconds": round(seconds, 3)})
+        (self.spec.folder / "results" / f"{record['number']:06}.json").unlink(missing_ok=True)
+        self._tell(record)
+        records = self._journal.records.values()
+        bad = [each for each in records if failed(each)]
+        if len(records) >= 20 and len(bad) > self.spec.failing * len(records):
+            raise StudyStopped(f"{len(bad)} of {len(records)} designs failed, the last one: {'; '.join(bad[-1]['reasons'])}. Narrow the bounds of the "
+                               "variables or repair the evaluator; `failing: 1` in the file goes on whatever fails")
+
+    def _tell(self, record: Dict[str, Any]) -> None:
+        done, budget = len(self._journal.records), self.spec.budget
+        line = f"{done}{f'/{budget}' if budget else ''}  design {record['number']}: {record['verdict']}"
+        if failed(record):
+            line += f" ({'; '.join(record['reasons'])[:120]})"
+        elif len(self.spec.objectives) == 1:
+            name, sign = self.spec.objectives[0]
+            value = self.value(record)
+            if self._best is None:
+                self._best = min(self.value(each) for each in self._journal.records.values())
+            self._best = min(self._best, value)
+            line += f"  {name} {_named(record, name):.6g}" + ("" if value < INFEASIBLE else " (outside of the constraints)")
+            line += f"  best {sign * self._best:.6g}" if self._best < INFEASIBLE else ""
+        self._say(f"{line}  {time.monotonic() - self._began:.0f} s")
+
+
+def failed(record: Dict[str, Any]) -> bool:
+    """The design must not be used: its verdict is bad, or its evaluation failed."""
+    return record["verdict"] in ("bad", "failed")
+
+
+def violations(spec: Spec, record: Dict[str, Any]) -> List[float]:
+    """As Study.violations has them."""
+    return [(value - limit if side == "max" else limit - value) / (abs(limit) or 1.0)
+            for name, side, limit in spec.constraints for value in [_named(record, name)]]
+
+
+def _named(record: Dict[str, Any], name: str) -> float:
+    if name not in record["values"]:
+        raise InvalidArgument(f'"{name}": design {record["number"]} has no such value, only {", ".join(record["values"]) or "none"}')
+    return float(record["values"][name])
+
+
+def _done(futures: Iterable[Any]) -> List[Any]:
+    pending = list(futures)
+    if all(isinstance(future, concurrent.futures.Future) for future in pending):
+        return sorted(concurrent.futures.wait(pending, return_when=concurrent.futures.FIRST_COMPLETED).done, key=pending.index)
+    while True:  # jobs of schedulers
+        done = [future for future in pending if future.done()]
+        if done:
+            return done
+        time.sleep(0.2)
+
+
+def run_study(path: Union[str, "os.PathLike[str]"], say: Callable[[str], None] = print) -> List[Dict[str, Any]]:
+    """Runs the study of a file, or goes on with it, and writes its results. Returns the records by number of the design.
+
+    say: takes the lines of progress. Raises InvalidArgument for what is wrong in the file, StudyStopped when too many designs fail.
+    """
+    spec = read_spec(path)
+    if str(spec.base) not in sys.path:
+        sys.path.insert(0, str(spec.base))  # functions are looked for beside the file
+    os.environ["PYTHONPATH"] = os.pathsep.join(dict.fromkeys([str(spec.base), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]))
+    journal = Journal(spec.folder, spec.identity)
+    try:
+        known = len(journal.records)
+        if known:
+            say(f"{known} designs are known from before")
+        task, names, bounds = _task(spec)
+        with open_place(spec.place, spec.folder) as place:
+            study = Study(spec, journal, task, names, bounds, place, say)
+            try:
+                if spec.doe is not None:
+                    study.designs(sample(spec.doe, names, bounds, spec.seed))
+                else:
+                    optimizers.run(study)
+            except BudgetSpent:
+                pass
+            finally:
+                results.write(spec, names, bounds, task, journal.in_order())
+        say(f"results: {spec.folder / 'report.html'}")
+        return journal.in_order()
+    finally:
+        journal.close()
+
+
+def _task(spec: Spec) -> Tuple[Task, Tuple[str, ...], np.ndarray]:
+    task: Task = {"evaluate": spec.evaluate, "folder": str(spec.folder), "write": spec.meshes, "gradients": optimizers.gradients_of(spec),
+                  "server": spec.server, "system": None, "compiled": None, "mesh": str(spec.mesh) if spec.mesh else None}
+    if spec.setup.suffix == ".deformation":
+        fast = load(spec.setup)
+        return {**task, "compiled": str(spec.setup), "names": fast.names}, fast.names, fast.bounds
+    if task["mesh"] is None:
+        task["mesh"] = str(_deformd.Setup.read(str(spec.setup), False).geometry_file or "") or None
+    with Client(spec.server) as client:
+        system = client.prepare(spec.setup, None if spec.mesh is None else spec.mesh)
+        task.update(server=client.address, system=system.id, names=system.names)
+        if spec.deformation == "compiled":
+            compiled = pathlib.Path(spec.folder) / "system.deformation"
+            system.local().save(compiled)
+            task["compiled"] = str(compiled)
+        return task, system.names, system.bounds

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a study knows, kept so that a process may be killed at any moment."""
+
+import fcntl
+import json
+import os
+import pathlib
+from typing import Any, Dict, List, Mapping
+
+from ..errors import DataLoss, FailedPrecondition
+
+
+class Journal:
+    """The records of a study, by number of the design, in FOLDER/journal.jsonl: one line each, in the order in which they were done.
+
+    A record is on the disk when `add` returns. A last line that was cut off is taken back. One process at a time: another raises
+    FailedPrecondition. Not for several threads.
+    """
+
+    def __init__(self, folder: pathlib.Path, identity: Mapping[str, str]) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._lock = open(folder / "lock", "w")
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise FailedPrecondition(f"folder: {folder}: another process runs this study") from None
+        _check_identity(folder, dict(identity))
+        self.records: Dict[int, Dict[str, Any]] = {}
+        path = folder / "journal.jsonl"
+        whole = self._read(path) if path.exists() else 0
+        self._file = open(path, "ab")
+        self._file.truncate(whole)
+        _sync_folder(folder)
+
+    def _read(self, path: pathlib.Path) -> int:
+        """Bytes of whole lines."""
+        content = path.read_bytes()
+        whole = content.rfind(b"\n") + 1
+        for number, line in enumerate(content[:whole].splitlines(), 1):
+            try:
+                record = json.loads(line)
+                self.records[record["number"]] = record
+            except (ValueError, KeyError, TypeError):
+                raise DataLoss(f"{path}: line {number} is damaged") from None
+        return whole
+
+    def add(self, record: Dict[str, Any]) -> None:
+        self._file.write(json.dumps(record, allow_nan=False).encode() + b"\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self.records[record["number"]] = record
+
+    def in_order(self) -> List[Dict[str, Any]]:
+        """All records by number."""
+        return [self.records[number] for number in sorted(self.records)]
+
+    def close(self) -> None:
+        self._file.close()
+        self._lock.close()
+
+
+def write_whole(path: pathlib.Path, content: bytes) -> None:
+    """Replaces a file; whoever reads it, even after a crash, finds the old content or the new one."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    with open(beside, "wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(beside, path)
+    _sync_folder(path.parent)
+
+
+def _sync_folder(folder: pathlib.Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _check_identity(folder: pathlib.Path, identity: Dict[str, str]) -> None:
+    path = folder / "identity.json"
+    if not path.exists():
+        write_whole(path, json.dumps(identity, indent=1).encode())
+        return
+    before = json.loads(path.read_text())
+    changed = sorted(key for key in {*before, *identity} if before.get(key) != identity.get(key))
+    if changed:
+        raise FailedPrecondition(f"{', '.join(changed)}: changed since {folder} was begun, whose designs would not be those of this study; name "
+                                 "another folder, or delete that one")

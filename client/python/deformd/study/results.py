@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a study leaves: tables, a manifest of its meshes, and the report."""
+
+import csv
+import hashlib
+import io
+import json
+from typing import Any, Dict, List, Optional, Sequence
+
+import numpy as np
+
+from .journal import write_whole
+from .report import page
+from .spec import Spec
+from .worker import Task
+
+Record = Dict[str, Any]
+
+
+def write(spec: Spec, names: Sequence[str], bounds: np.ndarray, task: Task, records: List[Record]) -> None:
+    """history.csv, history.json, report.html, history.parquet where pyarrow is there, and manifest.json where meshes are written. The histories
+    have nothing that depends on the time."""
+    columns = list(names) + sorted({name for record in records for name in record["values"]})
+    rows = [_row(names, record) for record in records]
+    text = io.StringIO()
+    writer = csv.DictWriter(text, ["number", *columns, "verdict", "reasons"], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows([{**row, "reasons": "; ".join(row["reasons"])} for row in rows])
+    write_whole(spec.folder / "history.csv", text.getvalue().encode())
+    write_whole(spec.folder / "history.json", json.dumps(rows, indent=1).encode())
+    _write_parquet(spec, ["number", *columns, "verdict", "reasons"], rows)
+    if spec.meshes is not None:
+        write_whole(spec.folder / "manifest.json", json.dumps(_manifest(spec, names, bounds, task, records), indent=1).encode())
+    write_whole(spec.folder / "report.html", page(spec, names, bounds, task, records, best_of(spec, records)).encode())
+
+
+def _write_parquet(spec: Spec, columns: List[str], rows: List[Record]) -> None:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:  # absent, or not for the NumPy that is there
+        return
+    pyarrow.parquet.write_table(pyarrow.table({name: [row.get(name) for row in rows] for name in columns}), spec.folder / "history.parquet")
+
+
+def best_of(spec: Spec, records: List[Record]) -> Optional[Record]:
+    """The usable design within the constraints of the least first objective; None without objective or such a design."""
+    from .driver import TOLERANCE, failed, violations
+
+    if not spec.objectives:
+        return None
+    name, sign = spec.objectives[0]
+    usable = [each for each in records if not failed(each) and all(v <= TOLERANCE for v in violations(spec, each))]
+    return min(usable, key=lambda each: sign * each["values"][name], default=None)
+
+
+def _row(names: Sequence[str], record: Record) -> Record:
+    return {"number": record["number"], **dict(zip(names, record["x"])), **record["values"], "verdict": record["verdict"], "reasons": record["reasons"]}
+
+
+def _manifest(spec: Spec, names: Sequence[str], bounds: np.ndarray, task: Task, records: List[Record]) -> Record:
+    meshes = [{"file": each["mesh"], "sha256": hashlib.sha256((spec.folder / each["mesh"]).read_bytes()).hexdigest(),
+               "variables": dict(zip(names, each["x"])), "values": each["values"], "verdict": each["verdict"], "reasons": each["reasons"]}
+              for each in records if each["mesh"]]
+    rejected = [{"number": each["number"], "variables": dict(zip(names, each["x"])), "verdict": each["verdict"], "reasons": each["reasons"]}
+                for each in records if not each["mesh"]]
+    return {"system": task["system"], "setup": spec.setup.name, "seed": spec.seed, "doe": spec.doe[0] if spec.doe else None,
+            "bounds": {name: list(map(float, pair)) for name, pair in zip(names, bounds)}, "meshes": meshes, "rejected": rejected}

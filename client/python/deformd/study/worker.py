@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Evaluates one design; runs in the processes of a place. What travels is a task of a few numbers: meshes do not."""
+
+import importlib
+import json
+import math
+import os
+import pathlib
+import shlex
+import shutil
+import subprocess
+import threading
+from typing import Any, Dict, Mapping, Optional, Tuple
+
+import numpy as np
+
+from .. import _deformd
+from ..client import Client, _isolated_reader
+from ..compiled import load
+from ..errors import Error, InvalidArgument
+from .journal import write_whole
+from .measures import measure, triangles
+from .places import die_with_parent
+
+Task = Dict[str, Any]
+"""number, x; evaluate, names; server and system, or compiled (a path); mesh (a path or None); folder; write (an extension or None); gradients."""
+
+_lock = threading.Lock()
+_loaded: Dict[str, Any] = {}
+_FAILURES = ("invalid_argument", "numerical_failure", "deadline_exceeded")
+
+
+def evaluate(task: Task) -> Dict[str, Any]:
+    """The record of a design: number, x, verdict, reasons, values, gradients (of values at the variables) and mesh, whose file was written.
+
+    verdict: that of the report, "failed" where evaluator or design failed, "unknown" of compiled deformations, whose faces nobody looks at. Raises
+    what has nothing to do with the design: no server, no such function. What functions and commands gave is kept in the folder, so that it
+    is there for the study even if that ended meanwhile.
+    """
+    kept = pathlib.Path(task["folder"]) / "results" / f"{task['number']:06}.json"
+    found = kept_result(task)
+    if found is not None:
+        return found
+    record = _evaluate(task)
+    if "measures" not in task["evaluate"] and task["evaluate"]:
+        kept.parent.mkdir(exist_ok=True)
+        write_whole(kept, json.dumps(record, allow_nan=False).encode())
+    return record
+
+
+def kept_result(task: Task) -> Optional[Dict[str, Any]]:
+    """What a worker kept of this design, if it did."""
+    kept = pathlib.Path(task["folder"]) / "results" / f"{task['number']:06}.json"
+    if not kept.exists():
+        return None
+    record = json.loads(kept.read_text())
+    return record if record["x"] == task["x"] else None
+
+
+def _evaluate(task: Task) -> Dict[str, Any]:
+    system = _system(task)
+    x = np.array(task["x"])
+    points, report = system.deform(x)
+    record: Dict[str, Any] = {"number": task["number"], "x": task["x"], "verdict": getattr(report, "verdict", "unknown"),
+                              "reasons": list(report.reasons), "values": {}, "gradients": {}, "mesh": None}
+    error = report.error
+    if error is not None and error.code.lower() not in _FAILURES and not isinstance(error, InvalidArgument):
+        raise error
+    if report.bad:
+        return {**record, "verdict": "bad"}
+    try:
+        values, slopes = _values(task, points, report)
+    except _Failed as failed:
+        return {**record, "verdict": "failed", "reasons": [str(failed)]}
+    record["values"] = values
+    if task["gradients"]:
+        missing = [name for name in task["gradients"] if name not in slopes]
+        if missing:
+            raise InvalidArgument(f"evaluate: no gradient of {', '.join(missing)} at the points, which the optimizer needs")
+        record["gradients"] = {name: system.vjp(x, slopes[name]).tolist() for name in task["gradients"]}
+    if task["write"]:
+        folder = pathlib.Path(task["folder"]) / "meshes"
+        folder.mkdir(exist_ok=True)
+        name = f"{task['number']:06}{task['write']}"
+        beside = folder / f"writing-{name}"
+        _mesh(task).write(str(beside), points)
+        os.replace(beside, folder / name)
+        record["mesh"] = f"meshes/{name}"
+    return record
+
+
+class _Failed(Exception):
+    """The evaluator has no value of this design."""
+
+
+def _values(task: Task, points: np.ndarray, report: Any) -> Tuple[Dict[str, float], Dict[str, np.ndarray]]:
+    how = task["evaluate"]
+    slopes: Dict[str, np.ndarray] = {}
+    if not how:
+        return {}, {}
+    if "measures" in how:
+        faces = _faces(task)
+        found = {name: measure(each["kind"], each["axis"], points, faces) for name, each in how["measures"].items()}
+        values: Any = {name: value for name, (value, _) in found.items()}
+        slopes = {name: slope for name, (_, slope) in found.items()}
+    elif "function" in how:
+        module, name = how["function"].split(":")
+        function = getattr(importlib.import_module(module), name)
+        try:
+            values = function(points, dict(zip(task["names"], task["x"])), report)
+        except Exception as error:  # whatever the user's function raises is its failure for this design
+            raise _Failed(f"{how['function']}: {type(error).__name__}: {error}") from error
+        if isinstance(values, tuple):
+            values, slopes = values
+    else:
+        values = _command(task, points)
+    if not isinstance(values, Mapping):
+        values = {"value": values}
+    try:
+        checked = {str(name): float(value) for name, value in values.items()}
+    except (TypeError, ValueError):
+        raise _Failed(f"evaluate: expected numbers by name, not {values!r}") from None
+    for name, value in checked.items():
+        if not math.isfinite(value):
+            raise _Failed(f"{name}: {value}")
+    return checked, slopes
+
+
+def _command(task: Task, points: np.ndarray) -> Any:
+    """Values that a command left in {result}: JSON of names and numbers, or one number."""
+    how = task["evaluate"]
+    case = pathlib.Path(task["folder"]) / "cases" / f"{task['number']:06}"
+    if case.exists():
+        shutil.rmtree(case)
+    if "template" in how:
+        shutil.copytree(how["template"], case)
+    else:
+        case.mkdir(parents=True)
+    mesh = _mesh(task, needed=False)
+    shape = case / f"design{task['write'] or pathlib.Path(task['mesh']).suffix if mesh else '.npy'}"
+    if mesh:
+        mesh.write(str(shape), points)
+    else:
+        np.save(shape, points)
+    (case / "variables.json").write_text(json.dumps(dict(zip(task["names"], task["x"]))))
+    result = case / "result.json"
+    places = {"{points}": str(shape), "{case}": str(case), "{result}": str(result)}
+    words = shlex.split(how["command"])
+    for place, value in places.items():
+        words = [word.replace(place, value) for word in words]
+    parent = os.getpid()
+    with open(case / "output.txt", "wb") as output:
+        try:
+            done = subprocess.run(words, cwd=case, stdin=subprocess.DEVNULL, stdout=output, stderr=output, timeout=how.get("timeout"),
+                                  preexec_fn=lambda: die_with_parent(parent))
+        except subprocess.TimeoutExpired:
+            raise _Failed(f"{words[0]}: longer than {how['timeout']} s") from None
+        except FileNotFoundError:
+            raise InvalidArgument(f"evaluate.command: there is no program {words[0]}") from None
+    if done.returncode != 0:
+        raise _Failed(f"{words[0]}: ended with {done.returncode}: {_tail(case / 'output.txt')}")
+    if not result.exists():
+        raise _Failed(f"{words[0]}: wrote no {result}")
+    try:
+        return json.loads(result.read_text())
+    except ValueError:
+        raise _Failed(f"{result}: expected JSON, a mapping of names to numbers or a number") from None
+
+
+def _tail(path: pathlib.Path) -> str:
+    return path.read_bytes()[-200:].decode(errors="replace").strip()
+
+
+def _system(task: Task) -> Any:
+    if task["compiled"]:
+        return _once("compiled:" + task["compiled"], lambda: load(task["compiled"]))
+    return _once(f"system:{task['server']}:{task['system']}", lambda: Client(task["server"]).system(task["system"]))
+
+
+def _mesh(task: Task, needed: bool = True) -> Any:
+    if task["mesh"] is None:
+        if needed:
+            raise InvalidArgument("mesh: missing; a study of a compiled deformation names the mesh file whose faces it measures and writes")
+        return None
+    return _once("mesh:" + task["mesh"], lambda: _deformd.Mesh.read(task["mesh"], _isolated_reader(), _deformd.Limits()))
+
+
+def _faces(task: Task) -> np.ndarray:
+    mesh = _mesh(task)
+    return _once(f"faces:{task['mesh']}", lambda: triangles(mesh.face_sizes, mesh.face_points))
+
+
+def _once(key: str, make: Any) -> Any:
+    with _lock:
+        if key not in _loaded:
+            _loaded[key] = make()
+        return _loaded[key]
+
+
+def rest_and_faces(task: Task) -> Tuple[np.ndarray, np.ndarray]:
+    """Points at rest (n, 3) and triangles of the mesh, for pictures and quality. Raises Error where there is no mesh."""
+    return np.asarray(_mesh(task).points), _faces(task)
+
+
+def points_of(task: Task) -> np.ndarray:
+    """The points (n, 3) of a design, deformed once more."""
+    return _system(task).deform(np.array(task["x"])).points
+
+
+__all__ = ["Error", "Task", "evaluate", "kept_result", "points_of", "rest_and_faces"]

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Evaluators of test_study.py; studies import them by name."""
+
+import os
+import time
+
+import numpy as np
+
+
+def _note(text):
+    with open(os.environ["STUDY_LOG"], "a") as file:
+        file.write(text + "\n")
+
+
+def height(points, variables, report):
+    _note(f"{variables['roof_up']!r} {variables['slant_turn']!r}")
+    time.sleep(float(os.environ.get("STUDY_SECONDS", "0")))
+    return {"height": float(points[:, 2].mean()), "turn": variables["slant_turn"] ** 2}
+
+
+def half_broken(points, variables, report):
+    if variables["roof_up"] > -0.03:
+        raise RuntimeError("did not converge")
+    return points[:, 2].mean()
+
+
+def distance(points, variables, report):
+    """To a point; with its gradient."""
+    away = points - np.array([1.0, 0, 0.5])
+    return {"distance": float((away ** 2).sum())}, {"distance": 2 * away}
