@@ -353,6 +353,7 @@ def main():
     parser.add_argument("--slow", type=float, default=2, help="tests that take longer are left out, seconds (default 2)")
     parser.add_argument("--factor", type=float, default=10, help="time limit, in times of the tests without a mutant, + 5 s (default 10)")
     parser.add_argument("--widest", type=int, default=12, help="headers that more sources read are left alone (default 12)")
+    parser.add_argument("--without", default="^$", metavar="REGEX", help="test programs that are not run, such as shared_data")
     parser.add_argument("--minutes", type=float, default=90, help="mutants that have not run after this time are left out (default 90)")
     parser.add_argument("--again", action="store_true", help="the same mutants with the tests as they are now: those that survived")
     parser.add_argument("--list", action="store_true", help="only show the mutants")
@@ -371,7 +372,8 @@ def main():
         return
     if options.again:
         mutants = json.loads((work / "mutants.json").read_text())
-        before = {m["number"]: m for m in json.loads((work / "result.json").read_text())}
+        earlier = work / "result.json"
+        before = {m["number"]: m for m in json.loads(earlier.read_text())} if earlier.is_file() else {}
         copy_tree(tree, "tests/")
     else:
         copy_tree(tree)
@@ -386,17 +388,20 @@ def main():
         write_mutants(tree, mutants)
     used = {m["file"].split("/")[1] for m in mutants if not (before.get(m["number"]) or {}).get("killed")}
     known = subprocess.run(["ninja", "-C", tree / "build/release", "-t", "targets", "all"], capture_output=True, text=True, check=True).stdout
-    programs = {f: [t for t in TESTS[f] if re.search(rf"^{t}: phony", known, re.M)] for f in folders if f in used}
+    programs = {f: [t for t in TESTS[f] if re.search(rf"^{t}: phony", known, re.M) and not re.search(options.without, t)] for f in folders if f in used}
     targets = sorted({t for each in programs.values() for t in each})
     begin = time.monotonic()
     build(tree, mutants, targets, options.jobs)
     say(f"built {len(targets)} test programs in {time.monotonic() - begin:.0f} s; "
         f"{sum(1 for m in mutants if m.get('dropped'))} mutants did not compile")
     (work / "mutants.json").write_text(json.dumps(mutants, indent=1) + "\n")
+    begin = time.monotonic()
+    pool = concurrent.futures.ThreadPoolExecutor(options.jobs)
+    paths = {t: next(p for p in (tree / "build/release/tests/core").rglob(t) if p.is_file()) for t in targets}
+    measured = dict(zip(paths, pool.map(lambda path: baseline(path, options.slow), paths.values())))
     binaries = {}
     for folder, names in programs.items():
-        paths = [next(p for p in (tree / "build/release/tests/core").rglob(name) if p.is_file()) for name in names]
-        binaries[folder] = sorted((baseline(path, options.slow) for path in paths), key=lambda b: b["seconds"])
+        binaries[folder] = sorted((measured[name] for name in names), key=lambda b: b["seconds"])
         for each in binaries[folder]:
             say(f"{pathlib.Path(each['binary']).name}: {each['seconds']:.1f} s; slow tests left out: {len(each['skipped'])} of "
                 f"{each['whole'] - each['seconds']:.1f} s {' '.join(each['skipped'][:6])}")
@@ -412,9 +417,8 @@ def main():
         return result
 
     live = [m for m in mutants if not m.get("dropped")]
-    with concurrent.futures.ThreadPoolExecutor(options.jobs) as pool:
-        for mutant, result in zip(live, pool.map(run, live)):
-            mutant.update(result)
+    for mutant, result in zip(live, pool.map(run, live)):
+        mutant.update(result)
     missing = sum(1 for m in live if "killed" not in m)
     if missing:
         say(f"{missing} mutants did not run in {options.minutes:.0f} minutes")
