@@ -33,6 +33,9 @@ TEST(Checks, NameTheCoordinateThatIsNotFinite) {
   expect_refused("points[1]: coordinate y is not a finite number", [] {
     check_finite(Points{{0, 0, 0}, {0, infinity, 0}}, "points");
   });
+  expect_refused("points[0]: coordinate x is not a finite number", [] {
+    check_finite(Points{{infinity, 0, 0}, {0, 0, 0}}, "points");
+  });
   expect_refused("centre: coordinate z is not a finite number", [] {
     check_finite(Vec3{0, 0, std::numeric_limits<double>::quiet_NaN()}, "centre");
   });

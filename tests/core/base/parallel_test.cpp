@@ -2,6 +2,7 @@
 #include "core/base/parallel.h"
 
 #include <gtest/gtest.h>
+#include <oneapi/tbb/task_arena.h>
 
 #include <atomic>
 #include <vector>
@@ -19,6 +20,22 @@ TEST(ParallelFor, CoversEveryIndexOnceInFixedRanges) {
     for (std::size_t i = begin; i < end; ++i) ++hits[i];
   });
   for (const auto& h : hits) EXPECT_EQ(h.load(), 1);
+}
+
+TEST(ParallelFor, CoversEveryIndexWithFewerThreadsThanThereAre) {
+  // As if the machine had more cores than the call may use.
+  oneapi::tbb::task_arena wide(thread_count({}) + 2);
+  for (int threads = 1; threads <= 3; ++threads) {
+    RunContext context;
+    context.threads = threads;
+    std::vector<std::atomic<int>> hits(103);
+    wide.execute([&] {
+      parallel_for(context, hits.size(), 10, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) ++hits[i];
+      });
+    });
+    for (const auto& h : hits) EXPECT_EQ(h.load(), 1) << threads;
+  }
 }
 
 TEST(ParallelFor, NothingToDo) {

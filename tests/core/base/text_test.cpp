@@ -56,6 +56,19 @@ TEST(Printable, EscapesBytesThatAreNoText) {
   EXPECT_EQ(printable("\xc0\x9b"), "\\xc0\\x9b") << "overlong";
 }
 
+TEST(Escaped, EscapesBackslashesAndWhatIsNotPrintable) {
+  EXPECT_EQ(escaped("C:\\a\n", 100), "C:\\x5ca\\x0a");
+  EXPECT_EQ(escaped("\\x0a", 100), "\\x5cx0a") << "not to be taken for an escaped line break";
+}
+
+TEST(Escaped, CutsBetweenCharacters) {
+  EXPECT_EQ(escaped("abcdef", 6), "abcdef");
+  EXPECT_EQ(escaped("abcdefg", 6), "abc...");
+  EXPECT_EQ(escaped("ab\\cd", 7), "ab...") << "an escape stays whole";
+  EXPECT_EQ(escaped("ab\\cd", 8), "ab\\x5ccd");
+  EXPECT_EQ(escaped("abc", 2), "..");
+}
+
 TEST(Case, ChangesAsciiLettersOnly) {
   EXPECT_EQ(lower_case("A-z[Z]@`{\xc3\x84"), "a-z[z]@`{\xc3\x84");
   EXPECT_EQ(upper_case("A-z[Z]@`{\xc3\xa4"), "A-Z[Z]@`{\xc3\xa4");

@@ -6,6 +6,7 @@
 
 #include <cstring>
 #include <functional>
+#include <limits>
 
 #include "core/compiled/checksum.h"
 #include "core/compiled/layout.h"
@@ -257,7 +258,14 @@ TEST(CompiledReader, ChecksCountsBeforeItAllocates) {
   refused("symmetry planes", [](Head& head) { head.planes = 4; });
   refused("unknown flags", [](Head& head) { head.flags = 4; });
   refused("unit coordinates", [](Head& head) { head.scale = 0; });
-  refused("negative or not finite", [](Head& head) { head.diagonal = -1; });
+  for (double Head::*const length :
+       {&Head::diagonal, &Head::largest_coordinate, &Head::error_margin, &Head::allowed_error, &Head::condition}) {
+    refused("negative or not finite", [&](Head& head) { head.*length = -1; });
+    refused("negative or not finite", [&](Head& head) { head.*length = std::numeric_limits<double>::infinity(); });
+  }
+  for (std::size_t k = 0; k < most_planes; ++k) {
+    refused("negative or not finite", [&](Head& head) { head.reach[k] = -1; });
+  }
   refused("axes", [](Head& head) { head.plane_axes[1] = {1, 0, 0}; });
 }
 
