@@ -128,12 +128,10 @@ Eigen::MatrixXd EnergySolver::solve(const Eigen::MatrixXd& h, const RunContext& 
 }
 
 /// From K and B themselves, not from the matrix that was rounded when it was assembled.
-Eigen::MatrixXd EnergySolver::uncertainty(const Eigen::MatrixXd& h, const Eigen::MatrixXd& u, const Eigen::MatrixXd& w,
-                                          const RunContext& context) const {
+Eigen::MatrixXd EnergySolver::uncertainty(const Eigen::MatrixXd& u, const Eigen::MatrixXd& w, const RunContext& context) const {
   using Column = Eigen::Matrix<long double, Eigen::Dynamic, 1>;
   const SparseMatrix &K = problem_.energy, &B = problem_.coupling;
   const bool eliminated = problem_.enforcement == HandleEnforcement::eliminated;
-  const bool multipliers = problem_.enforcement == HandleEnforcement::multipliers;
   Eigen::MatrixXd residual(w.rows(), w.cols());
   parallel_for(context, static_cast<std::size_t>(w.cols()), 1, [&](std::size_t begin, std::size_t end) {
     for (auto c = static_cast<Eigen::Index>(begin); c < static_cast<Eigen::Index>(end); ++c) {
@@ -143,7 +141,7 @@ Eigen::MatrixXd EnergySolver::uncertainty(const Eigen::MatrixXd& h, const Eigen:
         if (!eliminated) {
           long double value = 0;
           for (SparseMatrix::InnerIterator it(B, j); it; ++it) value += static_cast<long double>(it.value()) * w(it.row(), c);
-          load = problem_.weights[j] * (load - value + (multipliers ? h(j, c) - value : 0));
+          load = problem_.weights[j] * (load - value);
         }
         for (SparseMatrix::InnerIterator it(B, j); it; ++it) r[it.row()] += it.value() * load;
       }

@@ -15,13 +15,16 @@ namespace deform {
 enum class HandleEnforcement {
   eliminated,   ///< minimizes w^T K w - 2 w^T R h
   soft,         ///< minimizes w^T K w + |B w - h|^2 with weighted rows (thesis eq. 8.10, 8.14)
-  multipliers,  ///< minimizes w^T K w subject to B w = h (in the least-squares sense if infeasible)
+  multipliers,  ///< multiplier_steps steps towards the minimum of w^T K w subject to B w = h, see EnergySolver
 };
 
 /// The linear map from prescribed displacements to the coefficients of the deformation of least energy, with one factorization.
 ///
 /// Multipliers: the weighted system is solved a few times, each time with the remaining misfit added to the prescribed values
-/// (method of multipliers; Hestenes 1969, Powell 1969), so that a factor with a moderate weight suffices. Immutable; any number
+/// (method of multipliers; Hestenes 1969, Powell 1969), so that a factor with a moderate weight suffices. The number of steps
+/// belongs to the definition of the solution: where B w = h can be met, the steps are close to its minimum of energy; where it
+/// cannot, because the functions are coarser than h, they are iterated Tikhonov regularization of the least-squares problem
+/// (Engl, Hanke and Neubauer 1996, section 5.1), whose limit swings between the held points. Immutable; any number
 /// of threads may solve at once. Results do not depend on the number of columns or threads.
 class EnergySolver {
  public:
@@ -62,9 +65,8 @@ class EnergySolver {
   /// The solution for h: k x c from m x c.
   Eigen::MatrixXd solve(const Eigen::MatrixXd& h, const RunContext& context) const;
   /// Estimates the error of w = solve_loads(u) with u = loads(h), k x c: the next step of iterative refinement, with the residual
-  /// in extended precision, and the next step of the method of multipliers.
-  Eigen::MatrixXd uncertainty(const Eigen::MatrixXd& h, const Eigen::MatrixXd& u, const Eigen::MatrixXd& w,
-                              const RunContext& context) const;
+  /// in extended precision. Further steps of the method of multipliers are no part of it.
+  Eigen::MatrixXd uncertainty(const Eigen::MatrixXd& u, const Eigen::MatrixXd& w, const RunContext& context) const;
   /// The transpose of solve(): m x c from g (k x c).
   Eigen::MatrixXd adjoint(const Eigen::MatrixXd& g, const RunContext& context) const;
 

@@ -147,7 +147,7 @@ EnergySystem::Solution EnergySystem::solve(const Eigen::MatrixXd& h, const RunCo
   const Eigen::MatrixXd u = solver_->loads(h, context);
   const Eigen::MatrixXd w = solver_->solve_loads(u, context);
   Solution solution = completed(h, w, context);
-  const Eigen::MatrixXd uncertainty = solver_->uncertainty(h, u, w, context);
+  const Eigen::MatrixXd uncertainty = solver_->uncertainty(u, w, context);
   EnergyField change{uncertainty, {}};
   if (correction_)
     change.correction = correction_->coefficients(misfit(Eigen::MatrixXd::Zero(h.rows(), h.cols()), uncertainty), context);
