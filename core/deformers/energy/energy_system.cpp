@@ -6,6 +6,7 @@
 #include <limits>
 #include <utility>
 
+#include "core/base/number_text.h"
 #include "core/base/parallel.h"
 #include "core/deformers/constrained/constraint_sets.h"
 #include "core/deformers/energy/energy_evaluation.h"
@@ -18,6 +19,7 @@ namespace {
 constexpr std::size_t most_checked_points = 256;  // held points at which a solution is checked
 constexpr std::size_t basis_tiles_per_task = 64;
 constexpr std::size_t checked_points = 96;  // at which errors are estimated
+constexpr double noted_misfit = 1e-2;       // of a shift of the handles
 
 /// B^T: values of the functions at the held points, one column each.
 SparseMatrix transposed_rows(const FunctionRows& values, const std::vector<PointId>& ids) {
@@ -83,6 +85,18 @@ void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_
   correction_ = std::make_unique<const ResidualCorrection>(unit_places(*mesh_, box_, model_.held),
                                                            ResidualCorrection::centres_for(following().size()), context);
   following_places_ = TiledPoints(unit_places(*mesh_, box_, following()));
+  const Eigen::MatrixXd shifts = shifted_handles();
+  missed_ = misfit(shifts, solver_->solve(shifts, context)).cwiseAbs().maxCoeff();
+}
+
+/// A load: the handles shifted by one, in alternating directions.
+Eigen::MatrixXd EnergySystem::shifted_handles() const {
+  Eigen::MatrixXd shifts = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(model_.held.size()), 1);
+  for (std::size_t j = 0; j < model_.held.size(); ++j) {
+    const RegionIndex region = points_.region_of[model_.held[j]];
+    if (region != fixed_region) shifts(static_cast<Eigen::Index>(j), 0) = region % 2 == 0 ? 1 : -1;
+  }
+  return shifts;
 }
 
 void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunContext& context, std::size_t memory_budget) {
@@ -96,13 +110,7 @@ void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunCont
   options.most_iterations = setup_.constraint_options.iterations;
   constrained_ = std::make_unique<const ConstrainedSolver>(*solver_, model_.space.functions(), std::move(constraints.sets),
                                                            options, limit, context);
-  // The error for one load: the handles shifted by one, in alternating directions.
-  Eigen::MatrixXd shifts = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(model_.held.size()), 1);
-  for (std::size_t j = 0; j < model_.held.size(); ++j) {
-    const RegionIndex region = points_.region_of[model_.held[j]];
-    if (region != fixed_region) shifts(static_cast<Eigen::Index>(j), 0) = region % 2 == 0 ? 1 : -1;
-  }
-  linear_error_ = solve(shifts, context).errors[0];
+  linear_error_ = solve(shifted_handles(), context).errors[0];
   const bool exact = std::any_of(constraint_of_.begin(), constraint_of_.end(),
                                  [&](std::size_t constraint) { return setup_.constraints[constraint].exact; });
   if (exact) {
@@ -283,6 +291,11 @@ void EnergySystem::fill_info() {
   if (info_.reduced) {
     info_.notes.push_back(std::to_string(model_.held.size()) + " of " + std::to_string(info_.constraint_points) +
                           " constraint points enter the system: those within two rings of the deformable region.");
+  }
+  if (missed_ > noted_misfit) {
+    info_.notes.push_back("The functions miss shifts of the handles by up to " + scientific(missed_) +
+                          " of them, because they are coarser than the handles; this is interpolated. More samples, centres or "
+                          "control points follow the handles more closely.");
   }
   if (info_.condition > 1e13) info_.notes.push_back("The system is ill-conditioned: expect a loss of digits.");
   if (!has_basis() && setup_.constraints.empty()) {

@@ -72,6 +72,7 @@ class EnergySystem : public HandleSystem {
   void prepare_basis(const RunContext& context, std::size_t memory_budget);
   void fill_info();
   Eigen::MatrixXd fields_at_held(std::size_t handle) const;
+  Eigen::MatrixXd shifted_handles() const;
   Solution solve(const Eigen::MatrixXd& h, const RunContext& context) const;
   Eigen::MatrixXd misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w) const;
   void measure(const Eigen::MatrixXd& h, Solution& solution) const;
@@ -93,6 +94,7 @@ class EnergySystem : public HandleSystem {
   TiledPoints set_places_;                                ///< points of the sets; only with a correction or exact constraints
   std::unique_ptr<const ExactStep> exact_;                ///< null without exact constraints
   std::vector<std::uint32_t> samples_;                    ///< following points at which errors are measured
+  double missed_ = 0;             ///< with a correction: largest misfit of the functions where handles shift, over the shift
   double linear_error_ = 0;       ///< with constraints: error of the linear solves, relative to the motion
   TiledPoints following_places_;  ///< unit coordinates; only with a correction or exact constraints
 };

@@ -425,5 +425,24 @@ TEST(ReportedError, OfEnergyMethodsBoundsWhatItIs) {
   EXPECT_LE(ratios[ratios.size() / 2], 20);
 }
 
+/// What coarse functions miss at handles is no error, but it is said.
+TEST(ReportedError, FunctionsThatAreCoarserThanHandlesHaveANote) {
+  Mesh mesh = test::bumpy_sheet(31, 16);
+  Dice dice(3);
+  for (Vec3& p : mesh.points) p[2] += dice.uniform(-0.05, 0.05);
+  const auto notes = [&](std::array<std::size_t, 3> points) {
+    deform::Setup setup = test::sheet_setup();
+    FfdOptions options;
+    options.lattice.points = points;
+    setup.method = options;
+    const auto system = prepare(test::shared(mesh), setup);
+    std::string all;
+    for (const std::string& note : system->info().notes) all += note;
+    return all;
+  };
+  EXPECT_NE(notes({4, 4, 4}).find("The functions miss shifts of the handles by up to "), std::string::npos);
+  EXPECT_EQ(notes({16, 8, 6}).find("The functions miss"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace deform
