@@ -4,7 +4,9 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <chrono>
 #include <future>
+#include <thread>
 
 namespace deform {
 namespace {
@@ -61,6 +63,16 @@ TEST(ThreadPool, AProducerThatOutrunsTheThreadsDoesTheOldestTaskItself) {
     EXPECT_EQ(order, (std::vector<int>{0, 1}));
   }
   EXPECT_EQ(order.size(), 2u);
+}
+
+TEST(ThreadPool, EndsWhileItsThreadsWaitForTasks) {
+  ThreadPool pool(2);
+  for (int k = 0; k < 2; ++k) {
+    std::promise<void> done;
+    pool.post([&] { done.set_value(); });
+    done.get_future().wait();
+  }
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));  // until both wait
 }
 
 TEST(ThreadPool, KnowsItsLimit) {

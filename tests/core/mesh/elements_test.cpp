@@ -131,15 +131,18 @@ TEST(BoundaryFaces, NeighboursShareFacesByAllTheirNodes) {
 }
 
 TEST(BoundaryFaces, RefusesAThird) {
-  Elements elements = one(ElementType::hexahedron27);
-  for (const PointId first : {100u, 200u}) {
-    Elements next = one(ElementType::hexahedron27, first);
-    const ElementShape& form = shape(ElementType::hexahedron27);
-    for (const std::uint8_t node : form.faces[0]) next.points[node] = node;
-    next.points[form.face_centre(0)] = form.face_centre(0);
-    elements.add(ElementType::hexahedron27, next.points);
+  for (const PointId shared : {0u, 500u}) {  // before and behind all other faces
+    Elements elements = one(ElementType::hexahedron27, shared);
+    for (const PointId first : {100u, 200u}) {
+      Elements next = one(ElementType::hexahedron27, first);
+      const ElementShape& form = shape(ElementType::hexahedron27);
+      for (const std::uint8_t node : form.faces[0]) next.points[node] = shared + node;
+      next.points[form.face_centre(0)] = shared + form.face_centre(0);
+      elements.add(ElementType::hexahedron27, next.points);
+    }
+    test::expect_error(ErrorCode::invalid_argument, {"elements[2]", "face 0", "belongs to 3 elements"},
+                       [&] { boundary_faces(elements); });
   }
-  test::expect_error(ErrorCode::invalid_argument, {"elements[2]", "face 0", "belongs to 3"}, [&] { boundary_faces(elements); });
 }
 
 TEST(FaceKey, OrderAndRepetitionDoNotMatter) {

@@ -4,7 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <limits>
+#include <memory>
 
+#include "core/mesh/cells.h"
+#include "core/mesh/elements.h"
 #include "tests/core/mesh/named_meshes.h"
 #include "tests/support/expect_error.h"
 
@@ -20,6 +23,36 @@ TEST(MeshTest, FaceOffsetsAddUpTheSizes) {
   mesh.face_points.insert(mesh.face_points.end(), {0, 1, 2, 3});
   EXPECT_THAT(mesh.face_offsets(), ElementsAre(0, 3, 6, 9, 12, 16));
   EXPECT_THAT(Mesh().face_offsets(), ElementsAre(0));
+}
+
+TEST(MeshTest, ViewsCellsOfEitherKind) {
+  Mesh mesh = test::tetrahedron();
+  EXPECT_FALSE(mesh.cells_view().any());
+  PolyhedralCells cells;
+  cells.cell_count = 1;
+  cells.face_offsets = {0, 3, 6, 9, 12};
+  cells.face_points = {0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3};
+  cells.owner = {0, 0, 0, 0};
+  cells.neighbour = {7};
+  cells.empty_faces = {0, 1, 0, 1};
+  mesh.cells = std::make_shared<PolyhedralCells>(cells);
+  CellsView view = mesh.cells_view();
+  EXPECT_TRUE(view.element_types.empty());
+  EXPECT_TRUE(view.element_points.empty());
+  EXPECT_EQ(view.cell_count, 1u);
+  EXPECT_THAT(view.face_offsets, ElementsAre(0, 3, 6, 9, 12));
+  EXPECT_THAT(view.face_points, ElementsAre(0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3));
+  EXPECT_THAT(view.owner, ElementsAre(0, 0, 0, 0));
+  EXPECT_THAT(view.neighbour, ElementsAre(7));
+  EXPECT_THAT(view.empty_faces, ElementsAre(0, 1, 0, 1));
+  mesh.cells.reset();
+  Elements elements;
+  elements.add(ElementType::tetrahedron, std::vector<PointId>{0, 1, 2, 3});
+  mesh.elements = std::make_shared<Elements>(elements);
+  view = mesh.cells_view();
+  EXPECT_THAT(view.element_types, ElementsAre(static_cast<std::uint8_t>(ElementType::tetrahedron)));
+  EXPECT_THAT(view.element_points, ElementsAre(0, 1, 2, 3));
+  EXPECT_EQ(view.cell_count, 0u);
 }
 
 TEST(MeshTest, FindsGroupsByName) {

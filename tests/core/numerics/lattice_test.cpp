@@ -253,6 +253,7 @@ TEST(Lattice, NamesThePointsOutside) {
   EXPECT_EQ(at.outside, (std::vector<std::uint32_t>{1, 4, 5}));
   EXPECT_EQ(at.u[0], (Vec3{0.5, 0.5, 0.5}));
   EXPECT_EQ(at.u[3], (Vec3{1, 1, 1}));
+  EXPECT_EQ(coordinates_in(lattice, std::vector<Vec3>{{3, 0, 0}, {0, 0, 0}}).outside, (std::vector<std::uint32_t>{0}));
 }
 
 TEST(Lattice, RefusesFramesWithoutVolume) {

@@ -133,6 +133,8 @@ TEST_P(EveryKernel, StopsAtTheFirstNumberThatIsGoodEnough) {
     const MatrixXd left = matrix_of(qr, kernel_, points, used(qr, solution)) * solution.coefficients - B;
     EXPECT_NEAR(left.norm() / std::sqrt(300.0), solution.rms, 1e-9);
     EXPECT_NEAR(left.topRows(300).rowwise().norm().maxCoeff(), solution.residual, 1e-9);
+    ASSERT_EQ(solution.residuals.size(), 3);
+    for (Index c = 0; c < 3; ++c) EXPECT_NEAR(left.col(c).head(300).cwiseAbs().maxCoeff(), solution.residuals[c], 1e-9);
     const std::vector<double> values = qr.values(solution, points);
     for (Index i = 0; i < 300; ++i) {
       for (Index c = 0; c < 3; ++c) EXPECT_NEAR(values[static_cast<std::size_t>(3 * i + c)], F(i, c) + left(i, c), 1e-9);

@@ -84,6 +84,11 @@ TEST(SparseCholesky, IndefiniteMatricesAreRefusedByColumn) {
   test::expect_error(ErrorCode::numerical_failure, {"not positive definite"}, [&] { SparseCholesky{grid(40, -0.5)}; });
 }
 
+TEST(SparseCholesky, RefusesAnOrderOfOtherLength) {
+  const std::int64_t order[] = {1, 0};
+  test::expect_error(ErrorCode::internal, {"order must name every row"}, [&] { SparseCholesky(grid(3, 1), order); });
+}
+
 TEST(SparseCholesky, AnEmptyMatrixHasNothingToSolve) {
   const SparseCholesky factor((SparseMatrix(0, 0)));
   EXPECT_EQ(factor.size(), 0u);
