@@ -207,14 +207,14 @@ class Compiled(EndToEnd):
         self.fails(1, "compile", "constrained.yaml", "-o", "car.deformation", says=["cannot be compiled", "constraints"])
         self.write("fixed.yaml", AHMED_SETUP[:AHMED_SETUP.index("variables:")])
         self.fails(1, "compile", "fixed.yaml", "-o", "car.deformation", says=["cannot be compiled", "no design variables"])
-        self.assertEqual(self.deform("list", "setups", "--json").json["systems"], [], "nothing was prepared for this")
+        self.assertEqual(self.deform("list", "systems", "--json").json["systems"], [], "nothing was prepared for this")
         self.assertEqual([name for name in os.listdir(self.folder) if "car.deformation" in name], [])
 
     def test_commands_that_take_setups_say_what_a_compiled_deformation_is(self):
         self.compile()
         self.write("designs.csv", "roof_up\n0.01\n")
         self.fails(1, "sweep", "car.deformation", "--designs", "designs.csv", "-o", "out", says=["compiled deformation", "deform apply", "deformd.load"])
-        self.fails(1, "prepare", "car.deformation", "--check", says=["is a compiled deformation"])
+        self.fails(1, "prepare", "car.deformation", says=["is a compiled deformation"])
 
     def test_direct_manipulation_is_judged_as_by_the_server(self):
         for number, (points, clamp, verdict) in enumerate((([9, 8, 7], "0", "good"), ([4, 4, 4], "0.3", "bad"))):

@@ -80,8 +80,8 @@ void keep_what_is_read(const ApplyOptions& options, const SetupFile& file) {
 std::filesystem::path checked_output(const ApplyOptions& options) {
   const SetupFile file = setup_file_of(options.input);
   keep_what_is_read(options, file);
-  const std::filesystem::path source =
-      options.input.source.empty() ? file.geometry_file.value_or(std::filesystem::path()) : options.input.source;
+  std::filesystem::path source = options.input.source;
+  if (source.empty()) source = file.geometry_file.value_or(std::filesystem::path());
   if (source.empty() || !std::filesystem::exists(source)) {
     if (options.in_place)
       throw Error(ErrorCode::invalid_argument, "--in-place: no mesh file is named, by the setup or by --source");

@@ -171,7 +171,6 @@ ExitCode run_compare(const CompareOptions& options, const CommonOptions& common)
   if (options.settings.empty() == options.designs.empty()) {
     throw Error(ErrorCode::invalid_argument, "expected exactly one of --set, --designs: the designs that are compared");
   }
-  check_page_name(options.output);
   Connection connection(common);
   Progress progress;
   const LoadedSetup loaded = load_setup(connection, options.input, progress);
@@ -180,6 +179,7 @@ ExitCode run_compare(const CompareOptions& options, const CommonOptions& common)
                 "the setup names its geometry by id: give the mesh file that results are measured against, --source FILE");
   }
   keep_inputs("--output", options.output, {options.input.setup, loaded.source_path, options.designs});
+  check_page_name(options.output);
   const std::vector<MethodChoice> choices = method_choices(options.methods, loaded.setup);
   const std::vector<NamedDesign> designs = designs_of(options, loaded.setup);
   Comparer comparer(connection, loaded, designs, progress);
