@@ -195,10 +195,12 @@ DeformStreamCall::Next DeformStreamCall::next(grpc::ByteBuffer& reply) {
       message = turn(ready);
     }
     if (!message) continue;
+    const bool summed_up = message->has_summary();
     reply = serialized(std::move(*message));
     if (ready) {
       ready->record.messages_out += 1;
       ready->record.bytes_out += reply.Length();
+      if (summed_up) log_request(*ready, std::nullopt, scope_.metrics());
     }
     return Next::write;
   }
@@ -220,6 +222,9 @@ std::optional<v1::DeformReply> DeformStreamCall::turn(const RequestPtr& request)
     case DeformJob::Poll::reply:
       break;
   }
+  // A request ends with its summary. Closed before that is written: who reads it may use the id again, and a cancel that crosses
+  // it finds no such request.
+  if (message.has_summary()) return end_request(request, *job) ? std::optional(std::move(message)) : std::nullopt;
   queue_turn(request);
   {
     const std::lock_guard lock(mutex_);
@@ -229,20 +234,25 @@ std::optional<v1::DeformReply> DeformStreamCall::turn(const RequestPtr& request)
 }
 
 std::optional<v1::DeformReply> DeformStreamCall::finished(const RequestPtr& request, const DeformJob& job) {
+  if (!end_request(request, job)) return std::nullopt;
+  const std::optional<Error> error = job.error();
+  log_request(*request, error, scope_.metrics());
+  if (error) return error_reply(request->id, *error);
+  return std::nullopt;
+}
+
+bool DeformStreamCall::end_request(const RequestPtr& request, const DeformJob& job) {
   {
     const std::lock_guard lock(mutex_);
-    if (request->state != StreamRequests::State::running) return std::nullopt;
+    if (request->state != StreamRequests::State::running) return false;
     requests_.close(request);
     request->job = nullptr;
   }
-  const std::optional<Error> error = job.error();
   note_stats(job.stats(), request->record);
   scope_.record.designs += request->record.designs;
-  log_request(*request, error, scope_.metrics());
   start_requests();
   read_on();
-  if (error) return error_reply(request->id, *error);
-  return std::nullopt;
+  return true;
 }
 
 void DeformStreamCall::stop() noexcept {

@@ -51,6 +51,8 @@ class DeformStreamCall final : public ReplyWriter<BidiReactor> {
   /// The reply that a turn of this request gives, if any.
   std::optional<v1::DeformReply> turn(const RequestPtr& request);
   std::optional<v1::DeformReply> finished(const RequestPtr& request, const DeformJob& job);
+  /// Closes a running request whose job has said its last word and lets others start; false when it has ended otherwise.
+  bool end_request(const RequestPtr& request, const DeformJob& job);
   std::weak_ptr<DeformStreamCall> weak_self() { return std::static_pointer_cast<DeformStreamCall>(shared_from_this()); }
 
   Engine& engine_;

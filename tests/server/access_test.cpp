@@ -56,8 +56,8 @@ class RolesAndMethods : public ServiceFixture {
 
   using Metadata = std::vector<std::pair<std::string, std::string>>;
 
-  /// Calls with bytes that are no message: whoever is let in hears INVALID_ARGUMENT.
-  grpc::Status call(const std::string& method, const Metadata& metadata) {
+  /// Calls with one message; its default is no message, with which whoever is let in hears INVALID_ARGUMENT.
+  grpc::Status call(const std::string& method, const Metadata& metadata, const std::string& message = "\xff") {
     grpc::GenericStub generic(channel);
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(20));
@@ -71,8 +71,8 @@ class RolesAndMethods : public ServiceFixture {
     const auto stream = generic.PrepareCall(&context, "/deform.v1.DeformService/" + method, &queue);
     stream->StartCall(nullptr);
     wait();
-    const grpc::Slice no_message("\xff");
-    stream->WriteLast(grpc::ByteBuffer(&no_message, 1), {}, nullptr);
+    const grpc::Slice bytes(message);
+    stream->WriteLast(grpc::ByteBuffer(&bytes, 1), {}, nullptr);
     wait();
     grpc::Status status;
     stream->Finish(&status, nullptr);
@@ -111,6 +111,24 @@ TEST_P(RolesAndMethods, EveryMethodHasARowAndIsRefusedWithoutItsRole) {
     EXPECT_EQ(call(method, {}).error_code(), StatusCode::UNAUTHENTICATED);
     EXPECT_EQ(call(method, {{"authorization", "Bearer stranger"}}).error_code(), StatusCode::UNAUTHENTICATED);
   }
+}
+
+// The status alone does not tell: it is a refusal also where the work has been done before.
+TEST_P(RolesAndMethods, AnUploadThatIsRefusedNeverReachesTheEngine) {
+  start_with(everybody());
+  v1::RegisterGeometryRequest header;
+  header.mutable_header()->set_name("sheet");
+  const std::string bytes = header.SerializeAsString();
+  EXPECT_EQ(call("RegisterGeometry", {{"authorization", "Bearer reader-token"}}, bytes).error_code(),
+            StatusCode::PERMISSION_DENIED);
+  EXPECT_EQ(engine.upload_count(), 0u);
+  grpc::ClientContext context;
+  context.AddMetadata("authorization", "Bearer user-token");
+  v1::GeometryInfo info;
+  const auto writer = stub->RegisterGeometry(&context, &info);
+  writer->WriteLast(header, {});
+  EXPECT_TRUE(writer->Finish().ok());
+  EXPECT_EQ(engine.upload_count(), 1u);
 }
 
 TEST_P(RolesAndMethods, WhatIsNoSingleKnownTokenIsRefused) {

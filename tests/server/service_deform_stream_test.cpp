@@ -101,6 +101,25 @@ TEST_P(ServiceDeformStream, AThousandPipelinedRequestsAreAnsweredOutOfOrder) {
   }
 }
 
+// The job has not said that it is done: only the summary tells the client.
+TEST_P(ServiceDeformStream, ARequestEndsWithItsSummary) {
+  open();
+  stream->Write(message(1));
+  v1::DeformReply last;
+  last.mutable_summary()->set_bytes(5);
+  engine.job(0)->push(last);
+  EXPECT_EQ(read().summary().bytes(), 5u);
+  stream->Write(cancel_message(1));  // crosses the summary: no reply
+  stream->Write(message(1));         // another request
+  engine.job(1)->push(last);
+  const v1::DeformReply again = read();
+  EXPECT_EQ(again.request_id(), 1u);
+  EXPECT_TRUE(again.has_summary()) << again.ShortDebugString();
+  stream->WritesDone();
+  EXPECT_EQ(finish(), StatusCode::OK);
+  EXPECT_FALSE(engine.job(0)->cancelled());
+}
+
 TEST_P(ServiceDeformStream, TheEngineIsGivenNoMoreThanTheWindow) {
   ServiceOptions options;
   options.stream.running_requests = 3;

@@ -135,6 +135,11 @@ std::shared_ptr<FakeEngine::Upload> FakeEngine::upload(std::size_t n) {
   return uploads_[n];
 }
 
+std::size_t FakeEngine::upload_count() {
+  const std::lock_guard lock(mutex_);
+  return uploads_.size();
+}
+
 std::unique_ptr<server::GeometryUpload> FakeEngine::begin_upload(const v1::GeometryHeader& header, const CallContext& call) {
   auto seen = std::make_shared<Upload>();
   {

@@ -84,6 +84,7 @@ class FakeEngine : public server::Engine {
   std::shared_ptr<FakeJob> job(std::size_t n);
   std::size_t job_count();
   std::shared_ptr<Upload> upload(std::size_t n);
+  std::size_t upload_count();
 
   // ---- Engine ----
   std::unique_ptr<server::GeometryUpload> begin_upload(const v1::GeometryHeader& header,
