@@ -143,7 +143,7 @@ TEST_F(CadMove, OtherStructuresAreRefusedByName) {
       BRepAlgoAPI_Cut(box(1, 2, 3), BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(0.5, 1, 0), gp::DZ()), 0.2, 3).Shape()).Shape();
   const std::string text = refusal(box(1, 2, 3), hole, box_mesh(1, 2, 3, 2));
   EXPECT_THAT(text, HasSubstr("differ in structure: 6 faces, 12 edges and 8 vertices became 7 faces, 15 edges and 10 vertices"));
-  EXPECT_THAT(text, HasSubstr("(plane) has 1 loop of 4 edges"));
+  EXPECT_THAT(text, HasSubstr("face 7 (cylinder) of the new model has 1 loop of 4 edges in all and no partner"));
 }
 
 TEST_F(CadMove, TwoWaysThatFitAlikeAreRefused) {

@@ -63,17 +63,19 @@ std::string motions_text(const cad::CarriedNodes& carried, const Mesh& mesh, con
   return text;
 }
 
-/// A mesh whose points all lie on the model is done; of others the rest must follow.
+/// A surface mesh is done, points without a face stay; of volume meshes the interior must follow.
 void write_moved_mesh(const CadMoveCommand& options, const io::MeshFile& file, const cad::CarriedNodes& carried) {
   const Mesh& mesh = *file.mesh();
-  if (carried.nodes.size() != mesh.point_count()) {
+  if (mesh.cell_count() > 0 && carried.nodes.size() != mesh.point_count()) {
     refuse(
         "--output: " + std::to_string(mesh.point_count() - carried.nodes.size()) + " of " + std::to_string(mesh.point_count()) +
         " points of the mesh are not on its boundary, and follow only by a method: write motions (.csv) with --setup, then run "
         "deform apply SETUP --motions FILE");
   }
   io::check_output(options.mesh, options.output);
-  io::write_mesh_file(file, carried.places, options.output);
+  Points moved = mesh.points;
+  for (std::size_t i = 0; i < carried.nodes.size(); ++i) moved[carried.nodes[i]] = carried.places[i];
+  io::write_mesh_file(file, moved, options.output);
 }
 
 std::string quoted_yaml(const std::string& text) { return nlohmann::json(text).dump(); }
