@@ -34,6 +34,7 @@ FLOORS = {
     "core/report": ["core/base", "core/mesh", "core/quality"],
     "core/numerics": ["core/base", "core/compiled"],
     "core/mesh/operators": ["core/base", "core/numerics", "core/mesh"],
+    "core/cad": ["core/base", "core/numerics", "core/mesh"],
     "core/constraints": ["core/base", "core/numerics", "core/mesh"],
     "core/constraints/detection": ["core/base", "core/numerics", "core/mesh", "core/constraints"],
     "core/deformers/setup.h": DEFORMERS_GROUND + ["core/deformers/handles/symmetry.h"],
@@ -70,7 +71,7 @@ FLOORS = {
     "client/setup": ["core/base", "core/mesh", "core/io", "deform/v1"],
     "client/python": ["core/base", "core/codec", "core/compiled", "core/mesh", "core/io", "deform/v1", "client", "client/setup"],
     # Executables that read files.
-    "client/cli": ["core/base", "core/base/commit", "core/codec", "core/compiled", "core/mesh", "core/mesh/cages", "core/io", "core/quality",
+    "client/cli": ["core/base", "core/base/commit", "core/cad", "core/codec", "core/compiled", "core/mesh", "core/mesh/cages", "core/io", "core/quality",
                    "core/report",
                    "core/constraints/detection", "core/numerics", "proto/convert/mesh", "proto/convert/controls",
                    "proto/convert/findings.h", "proto/convert/verdict.h", "deform/v1", "client", "client/setup"],

@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/cad/model.h"
+
+#include <BRepAdaptor_Surface.hxx>
+#include <BRepBndLib.hxx>
+#include <BRepBuilderAPI_Sewing.hxx>
+#include <BRepBuilderAPI_Transform.hxx>
+#include <BRepCheck_Analyzer.hxx>
+#include <BRepTools.hxx>
+#include <BRep_Builder.hxx>
+#include <BRep_Tool.hxx>
+#include <Bnd_Box.hxx>
+#include <IGESControl_Reader.hxx>
+#include <IGESData_IGESModel.hxx>
+#include <Interface_Static.hxx>
+#include <Message.hxx>
+#include <Message_Messenger.hxx>
+#include <Message_Printer.hxx>
+#include <STEPControl_Reader.hxx>
+#include <ShapeFix_Shape.hxx>
+#include <ShapeUpgrade_UnifySameDomain.hxx>
+#include <Standard_Failure.hxx>
+#include <TColStd_SequenceOfAsciiString.hxx>
+#include <TopExp.hxx>
+#include <TopoDS.hxx>
+#include <TopoDS_Iterator.hxx>
+#include <array>
+#include <fstream>
+#include <utility>
+
+#include "core/base/error.h"
+#include "core/base/number_text.h"
+#include "core/base/text.h"
+
+namespace deform::cad {
+
+namespace {
+
+constexpr const char* surface_names[] = {"plane",    "cylinder",   "cone",      "sphere", "torus",  "Bezier surface",
+                                         "B-spline", "revolution", "extrusion", "offset", "surface"};
+
+/// Names of units in STEP and IGES files, and what OpenCASCADE calls them.
+constexpr std::array<std::pair<const char*, const char*>, 12> units{{{"millimetre", "MM"},
+                                                                     {"metre", "M"},
+                                                                     {"centimetre", "CM"},
+                                                                     {"inch", "INCH"},
+                                                                     {"foot", "FT"},
+                                                                     {"kilometre", "KM"},
+                                                                     {"micrometre", "UM"},
+                                                                     {"mm", "MM"},
+                                                                     {"m", "M"},
+                                                                     {"cm", "CM"},
+                                                                     {"in", "INCH"},
+                                                                     {"ft", "FT"}}};
+
+/// Reads in the unit of the file: makes it the one that OpenCASCADE converts to, and notes it.
+void keep_unit(const std::string& unit, Model& model) {
+  for (const auto& [name, code] : units) {
+    if (lower_case(unit) != name) continue;
+    Interface_Static::SetCVal("xstep.cascade.unit", code);
+    model.notes.push_back(model.name + " is in " + lower_case(unit) + ".");
+    return;
+  }
+  Interface_Static::SetCVal("xstep.cascade.unit", "MM");
+  model.notes.push_back(model.name + " names no known unit of length; millimetres are taken.");
+}
+
+[[noreturn]] void cannot_read(const std::string& name, const std::string& format) {
+  throw Error(ErrorCode::invalid_argument, name + ": is no " + format + " file that can be read");
+}
+
+TopoDS_Shape read_step(const std::filesystem::path& path, Model& model) {
+  STEPControl_Reader reader;
+  if (reader.ReadFile(path.c_str()) != IFSelect_RetDone) cannot_read(model.name, "STEP");
+  TColStd_SequenceOfAsciiString lengths, angles, solid_angles;
+  reader.FileUnits(lengths, angles, solid_angles);
+  keep_unit(lengths.IsEmpty() ? "" : lengths.First().ToCString(), model);
+  reader.TransferRoots();
+  return reader.OneShape();
+}
+
+TopoDS_Shape read_iges(const std::filesystem::path& path, Model& model) {
+  IGESControl_Reader reader;
+  if (reader.ReadFile(path.c_str()) != IFSelect_RetDone) cannot_read(model.name, "IGES");
+  const auto unit = reader.IGESModel()->GlobalSection().UnitName();
+  keep_unit(unit.IsNull() ? "" : unit->ToCString(), model);
+  reader.TransferRoots();
+  Bnd_Box box;
+  const TopoDS_Shape read = reader.OneShape();
+  if (read.IsNull()) cannot_read(model.name, "IGES");
+  BRepBndLib::Add(read, box);
+  BRepBuilderAPI_Sewing sewing(box.IsVoid() ? 1e-6 : 1e-5 * std::sqrt(box.SquareExtent()));
+  sewing.Add(read);
+  sewing.Perform();
+  model.notes.push_back(model.name + ": faces were sewn together, " + std::to_string(sewing.NbFreeEdges()) + " edges stay free.");
+  return sewing.SewedShape();
+}
+
+TopoDS_Shape read_brep(const std::filesystem::path& path, Model& model) {
+  TopoDS_Shape shape;
+  std::ifstream file(path);
+  BRepTools::Read(shape, file, BRep_Builder());
+  if (shape.IsNull()) cannot_read(model.name, "BREP");
+  model.notes.push_back(model.name + " names no unit of length.");
+  return shape;
+}
+
+TopoDS_Shape read_shape(const std::filesystem::path& path, Model& model) {
+  const std::string extension = lower_case(path.extension().string());
+  if (extension == ".step" || extension == ".stp") return read_step(path, model);
+  if (extension == ".iges" || extension == ".igs") return read_iges(path, model);
+  if (extension == ".brep") return read_brep(path, model);
+  throw Error(ErrorCode::invalid_argument, model.name + ": CAD models are read from .step, .stp, .iges, .igs and .brep");
+}
+
+TopoDS_Shape healed(const TopoDS_Shape& shape, Model& model) {
+  if (BRepCheck_Analyzer(shape).IsValid()) return shape;
+  ShapeFix_Shape fix(shape);
+  fix.Perform();
+  const bool valid = BRepCheck_Analyzer(fix.Shape()).IsValid();
+  model.notes.push_back(model.name + " is not valid; " + (valid ? "it was healed." : "healing did not mend all of it."));
+  return fix.Shape();
+}
+
+}  // namespace
+
+TopoDS_Face Model::face(int f) const { return TopoDS::Face(faces(f + 1).Oriented(TopAbs_FORWARD)); }
+int Model::face_sense(int f) const { return faces(f + 1).Orientation() == TopAbs_REVERSED ? -1 : 1; }
+TopoDS_Edge Model::edge(int e) const { return TopoDS::Edge(edges(e + 1).Oriented(TopAbs_FORWARD)); }
+TopoDS_Vertex Model::vertex(int v) const { return TopoDS::Vertex(vertices(v + 1)); }
+std::string Model::face_name(int f) const { return "face " + std::to_string(f + 1) + " (" + surface_type(face(f)) + ")"; }
+
+std::string surface_type(const TopoDS_Face& face) { return surface_names[BRepAdaptor_Surface(face, false).GetType()]; }
+
+Model make_model(const TopoDS_Shape& shape, const std::string& name) {
+  Model model;
+  model.name = name;
+  model.shape = shape;
+  if (!shape.IsNull()) {
+    TopExp::MapShapes(shape, TopAbs_SOLID, model.solids);
+    TopExp::MapShapes(shape, TopAbs_FACE, model.faces);
+    for (int f = 1; f <= model.faces.Extent(); ++f) {  // edges and vertices without a face carry no node
+      TopExp::MapShapes(model.faces(f), TopAbs_WIRE, model.wires);
+      TopExp::MapShapes(model.faces(f), TopAbs_EDGE, model.edges);
+      TopExp::MapShapes(model.faces(f), TopAbs_VERTEX, model.vertices);
+    }
+  }
+  if (model.face_count() == 0) throw Error(ErrorCode::invalid_argument, name + ": the CAD model has no faces");
+  model.coedges.resize(model.face_count());
+  for (int f = 0; f < model.face_count(); ++f) {
+    const TopoDS_Face face = model.face(f);
+    for (TopoDS_Iterator wire(face); wire.More(); wire.Next()) {
+      if (wire.Value().ShapeType() != TopAbs_WIRE) continue;
+      for (TopoDS_Iterator edge(wire.Value()); edge.More(); edge.Next()) {
+        const TopoDS_Edge used = TopoDS::Edge(edge.Value());
+        if (used.Orientation() != TopAbs_FORWARD && used.Orientation() != TopAbs_REVERSED) continue;
+        model.coedges[f].push_back(
+            {model.edges.FindIndex(used) - 1, used.Orientation() == TopAbs_FORWARD ? 1 : -1, BRep_Tool::IsClosed(used, face)});
+      }
+    }
+  }
+  Bnd_Box box;
+  BRepBndLib::AddOptimal(shape, box, false, false);
+  model.diagonal = std::sqrt(box.SquareExtent());
+  return model;
+}
+
+Model read_model(const std::filesystem::path& path, double scale) {
+  if (!std::ifstream(path)) throw Error(ErrorCode::not_found, path.string() + ": the CAD file cannot be opened");
+  for (const auto& printer : Message::DefaultMessenger()->Printers()) printer->SetTraceLevel(Message_Alarm);
+  Message::DefaultMessenger()->ChangePrinters().Clear();
+  Model reading;
+  reading.name = path.string();
+  try {
+    TopoDS_Shape shape = read_shape(path, reading);
+    if (shape.IsNull()) throw Error(ErrorCode::invalid_argument, reading.name + ": the CAD model is empty");
+    shape = healed(shape, reading);
+    if (scale != 1) {
+      gp_Trsf scaling;
+      scaling.SetScale(gp_Pnt(0, 0, 0), scale);
+      shape = BRepBuilderAPI_Transform(shape, scaling, true).Shape();
+      reading.notes.push_back(reading.name + " is multiplied by " + number_digits(scale) + ".");
+    }
+    Model model = make_model(shape, reading.name);
+    model.notes = reading.notes;
+    return model;
+  } catch (const Standard_Failure& failure) {
+    throw Error(ErrorCode::invalid_argument, reading.name + ": OpenCASCADE cannot read it: " + failure.GetMessageString());
+  }
+}
+
+Model unified(const Model& model) {
+  ShapeUpgrade_UnifySameDomain unify(model.shape, true, true, false);
+  unify.Build();
+  Model merged = make_model(unify.Shape(), model.name);
+  merged.notes = model.notes;
+  if (merged.face_count() != model.face_count() || merged.edge_count() != model.edge_count()) {
+    merged.notes.push_back(model.name + ": " + std::to_string(model.face_count()) + " faces and " +
+                           std::to_string(model.edge_count()) + " edges were merged to " + std::to_string(merged.face_count()) +
+                           " and " + std::to_string(merged.edge_count()) + ", where neighbours lie on one surface or curve.");
+  }
+  return merged;
+}
+
+}  // namespace deform::cad

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <TopTools_IndexedMapOfShape.hxx>
+#include <TopoDS_Edge.hxx>
+#include <TopoDS_Face.hxx>
+#include <TopoDS_Shape.hxx>
+#include <TopoDS_Vertex.hxx>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "core/base/types.h"
+
+namespace deform::cad {
+
+/// Edge of a face as its wires run, with the face taken forwards.
+struct Coedge {
+  int edge = 0;   ///< from 0
+  int sense = 1;  ///< 1 along the edge, -1 against it
+  bool seam = false;
+};
+
+/// A CAD model with its entities numbered from 0 in the order in which they are found; messages number them from 1.
+struct Model {
+  TopoDS_Shape shape;
+  TopTools_IndexedMapOfShape solids, faces, wires, edges, vertices;
+  std::vector<std::vector<Coedge>> coedges;  ///< of each face, wire after wire
+  std::string name;                          ///< of the file
+  double diagonal = 0;
+  std::vector<std::string> notes;
+
+  int face_count() const { return faces.Extent(); }
+  int edge_count() const { return edges.Extent(); }
+  int vertex_count() const { return vertices.Extent(); }
+  TopoDS_Face face(int f) const;  ///< forwards
+  int face_sense(int f) const;    ///< 1: the normal of the surface points out of the solid
+  TopoDS_Edge edge(int e) const;  ///< forwards
+  TopoDS_Vertex vertex(int v) const;
+  std::string face_name(int f) const;  ///< "face 12 (cylinder)"
+};
+
+std::string surface_type(const TopoDS_Face& face);  ///< "plane", "cylinder", "cone", "sphere", "torus", ...
+
+/// Numbers the entities of a shape. Throws Error(invalid_argument) when it has no faces.
+Model make_model(const TopoDS_Shape& shape, const std::string& name);
+
+/// Reads STEP, IGES (sewn) and BREP in the unit of the file, which is noted, and multiplies by `scale`. Throws Error(not_found,
+/// invalid_argument) naming the file.
+Model read_model(const std::filesystem::path& path, double scale);
+
+/// The model with neighbouring faces on one surface, and edges on one curve, merged.
+Model unified(const Model& model);
+
+}  // namespace deform::cad

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/cad/node_owners.h"
+
+#include <BRepAdaptor_Curve.hxx>
+#include <BRepBndLib.hxx>
+#include <BRepTools.hxx>
+#include <BRepTopAdaptor_FClass2d.hxx>
+#include <BRep_Tool.hxx>
+#include <Bnd_Box.hxx>
+#include <ElCLib.hxx>
+#include <Geom_Surface.hxx>
+#include <ShapeAnalysis_Curve.hxx>
+#include <ShapeAnalysis_Surface.hxx>
+#include <cmath>
+#include <deque>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "core/base/error.h"
+#include "core/base/number_text.h"
+
+namespace deform::cad {
+
+namespace {
+
+/// A face, or an edge, as nodes are projected onto it.
+struct Place {
+  Bnd_Box box;
+  BRepAdaptor_Curve curve;
+  Handle(ShapeAnalysis_Surface) surface;
+  std::unique_ptr<BRepTopAdaptor_FClass2d> region;
+  double u0 = 0, u1 = 0, v0 = 0, v1 = 0;
+};
+
+class Finder {
+ public:
+  Finder(const Model& model, double tolerance) : model_(model), tolerance_(tolerance), snap_(1e-6 * model.diagonal) {
+    for (int e = 0; e < model.edge_count(); ++e) {
+      Place& place = edges_.emplace_back();
+      if (BRep_Tool::Degenerated(model.edge(e))) continue;  // an empty box
+      place.curve.Initialize(model.edge(e));
+      BRepBndLib::Add(model.edge(e), place.box);
+      place.box.Enlarge(snap_);
+    }
+    for (int f = 0; f < model.face_count(); ++f) {
+      const TopoDS_Face face = model.face(f);
+      Place& place = faces_.emplace_back();
+      place.surface = new ShapeAnalysis_Surface(BRep_Tool::Surface(face));
+      place.region = std::make_unique<BRepTopAdaptor_FClass2d>(face, 1e-9);
+      BRepTools::UVBounds(face, place.u0, place.u1, place.v0, place.v1);
+      BRepBndLib::Add(face, place.box);
+      place.box.Enlarge(tolerance);
+    }
+  }
+
+  std::optional<Owner> owner(const Vec3& x) {
+    const gp_Pnt p(x[0], x[1], x[2]);
+    Owner best{Owner::Kind::vertex, -1, {}, snap_};
+    for (int v = 0; v < model_.vertex_count(); ++v) {
+      const double d = BRep_Tool::Pnt(model_.vertex(v)).Distance(p);
+      if (d <= best.distance) best = {Owner::Kind::vertex, v, {}, d};
+    }
+    if (best.index >= 0) return best;
+    for (int e = 0; e < model_.edge_count(); ++e) {
+      if (edges_[e].box.IsVoid() || edges_[e].box.IsOut(p)) continue;
+      gp_Pnt foot;
+      double t = 0;
+      const double d = ShapeAnalysis_Curve().Project(edges_[e].curve, p, 1e-12, foot, t, false);
+      if (d <= best.distance) best = {Owner::Kind::edge, e, {t, 0}, d};
+    }
+    if (best.index >= 0) return best;
+    best.distance = tolerance_;
+    for (int f = 0; f < model_.face_count(); ++f) {
+      const Place& place = faces_[f];
+      if (place.box.IsOut(p)) continue;
+      gp_Pnt2d uv = place.surface->ValueOfUV(p, 1e-12);
+      const Handle(Geom_Surface)& surface = place.surface->Surface();
+      double u = uv.X(), v = uv.Y();
+      if (surface->IsUPeriodic()) u = ElCLib::InPeriod(u, place.u0, place.u0 + surface->UPeriod());
+      if (surface->IsVPeriodic()) v = ElCLib::InPeriod(v, place.v0, place.v0 + surface->VPeriod());
+      const double d = surface->Value(u, v).Distance(p);
+      if (d > best.distance) continue;
+      if (place.region->Perform(gp_Pnt2d(u, v)) == TopAbs_OUT) continue;
+      best = {Owner::Kind::face, f, {u, v}, d};
+    }
+    if (best.index < 0) return std::nullopt;
+    return best;
+  }
+
+ private:
+  const Model& model_;
+  const double tolerance_, snap_;
+  std::deque<Place> edges_, faces_;
+};
+
+}  // namespace
+
+std::vector<Owner> owners_of(const Model& model, std::span<const Vec3> points, std::span<const PointId> nodes, double tolerance,
+                             const RunContext& context) {
+  Finder finder(model, tolerance);
+  std::vector<Owner> owners;
+  std::size_t lost = 0;
+  std::string ids;
+  for (const PointId node : nodes) {
+    if (owners.size() % 256 == 0) context.check();
+    const auto owner = finder.owner(points[node]);
+    owners.push_back(owner.value_or(Owner{}));
+    if (owner) continue;
+    if (++lost <= 5) ids += (ids.empty() ? "" : ", ") + std::to_string(node);
+  }
+  if (lost > 0) {
+    throw Error(ErrorCode::invalid_argument,
+                std::to_string(lost) + " of " + std::to_string(nodes.size()) + " nodes of the boundary are farther than " +
+                    number_digits(tolerance) + " from " + model.name + ", such as " + ids + "; the model is " +
+                    number_digits(model.diagonal) + " across, the mesh " + number_digits(bounding_box(points).diagonal()) +
+                    ": another unit needs --scale, a coarse model a larger --tolerance");
+  }
+  return owners;
+}
+
+}  // namespace deform::cad

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/cad/cad_move.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <BRepAlgoAPI_Cut.hxx>
+#include <BRepBuilderAPI_Transform.hxx>
+#include <BRepPrimAPI_MakeBox.hxx>
+#include <BRepPrimAPI_MakeCylinder.hxx>
+#include <BRepTools.hxx>
+#include <cmath>
+#include <filesystem>
+#include <functional>
+#include <numbers>
+
+#include "core/base/error.h"
+#include "core/base/vectors.h"
+
+namespace deform::cad {
+namespace {
+
+using testing::HasSubstr;
+
+class CadMove : public testing::Test {
+ protected:
+  /// A file of this test with the shape.
+  std::filesystem::path file(const TopoDS_Shape& shape, const std::string& name) {
+    const auto* test = testing::UnitTest::GetInstance()->current_test_info();
+    const auto path = std::filesystem::temp_directory_path() / ("deform_cad_" + std::string(test->name()) + "_" + name + ".brep");
+    BRepTools::Write(shape, path.c_str());
+    files_.push_back(path);
+    return path;
+  }
+  void TearDown() override {
+    for (const auto& path : files_) std::filesystem::remove(path);
+  }
+  CarriedNodes carry(const TopoDS_Shape& before, const TopoDS_Shape& after, const Mesh& mesh,
+                     std::vector<ForcedPair> pairs = {}) {
+    MoveRequest request;
+    request.before = file(before, "before");
+    request.after = file(after, "after");
+    request.pairs = std::move(pairs);
+    return carry_nodes(mesh, request);
+  }
+  std::string refusal(const TopoDS_Shape& before, const TopoDS_Shape& after, const Mesh& mesh) {
+    try {
+      carry(before, after, mesh);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "nothing was refused";
+  }
+
+ private:
+  std::vector<std::filesystem::path> files_;
+};
+
+TopoDS_Shape box(double x, double y, double z) { return BRepPrimAPI_MakeBox(x, y, z).Shape(); }
+
+/// A grid of n x n quadrilaterals, in place (a, b) in [0, 1]^2.
+void add_grid(Mesh& mesh, int n, const std::function<Vec3(double, double)>& place) {
+  const auto first = static_cast<PointId>(mesh.points.size());
+  for (int j = 0; j <= n; ++j) {
+    for (int i = 0; i <= n; ++i) mesh.points.push_back(place(static_cast<double>(i) / n, static_cast<double>(j) / n));
+  }
+  for (int j = 0; j < n; ++j) {
+    for (int i = 0; i < n; ++i) {
+      const PointId p = first + static_cast<PointId>(i + j * (n + 1));
+      mesh.face_sizes.push_back(4);
+      for (const PointId q : {p, p + 1, p + n + 2, p + n + 1}) mesh.face_points.push_back(q);
+    }
+  }
+}
+
+/// The surface of a box with a corner at the origin; points of edges are there twice.
+Mesh box_mesh(double x, double y, double z, int n) {
+  Mesh mesh;
+  for (const double s : {0.0, 1.0}) {
+    add_grid(mesh, n, [&](double a, double b) { return Vec3{a * x, b * y, s * z}; });
+    add_grid(mesh, n, [&](double a, double b) { return Vec3{a * x, s * y, b * z}; });
+    add_grid(mesh, n, [&](double a, double b) { return Vec3{s * x, a * y, b * z}; });
+  }
+  return mesh;
+}
+
+Mesh cylinder_mesh(double radius, double height) {
+  Mesh mesh;
+  add_grid(mesh, 12, [&](double a, double b) {
+    const double angle = 2 * std::numbers::pi * a;
+    return Vec3{radius * std::cos(angle), radius * std::sin(angle), b * height};
+  });
+  return mesh;
+}
+
+TEST_F(CadMove, ABoxBecomesAnotherByAnAffineMap) {
+  const Mesh mesh = box_mesh(1, 2, 3, 6);
+  const CarriedNodes carried = carry(box(1, 2, 3), box(1.5, 2, 2.5), mesh);
+  ASSERT_EQ(carried.nodes.size(), mesh.point_count());
+  for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
+    const Vec3& p = mesh.points[carried.nodes[i]];
+    EXPECT_LT(distance(carried.places[i], {1.5 * p[0], p[1], p[2] / 1.2}), 1e-9) << i;
+  }
+  EXPECT_EQ(carried.flipped(), 0u);
+  EXPECT_EQ(carried.outside(), 0u);
+  EXPECT_LT(carried.distance, 1e-9 * carried.diagonal);
+  std::size_t triangles = 0;
+  for (const FaceOutcome& face : carried.faces) triangles += face.triangles;
+  EXPECT_EQ(triangles, 6u * 36 * 2);
+}
+
+TEST_F(CadMove, NodesKeepTheirBitsWhereTheModelStays) {
+  const Mesh mesh = box_mesh(1, 2, 3, 6);
+  EXPECT_EQ(carry(box(1, 2, 3), box(1, 2, 3), mesh).places, mesh.points);
+}
+
+TEST_F(CadMove, ACylinderGrowsAlongItsRadiusAndAxis) {
+  const Mesh mesh = cylinder_mesh(1, 3);
+  const CarriedNodes carried = carry(BRepPrimAPI_MakeCylinder(1, 3).Shape(), BRepPrimAPI_MakeCylinder(2, 4).Shape(), mesh);
+  for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
+    const Vec3& p = mesh.points[carried.nodes[i]];
+    EXPECT_LT(distance(carried.places[i], {2 * p[0], 2 * p[1], p[2] * 4 / 3}), 1e-8) << i;
+  }
+  EXPECT_EQ(carried.flipped(), 0u);
+  EXPECT_GT(carried.on_edges, 20u);  // both circles, and the seam
+}
+
+TEST_F(CadMove, FacesAreFoundWhateverTheirOrder) {
+  gp_Trsf turn;
+  turn.SetRotation(gp::OZ(), std::numbers::pi / 2);
+  gp_Trsf back;
+  back.SetTranslation(gp_Vec(1, 0, 0));
+  // The same box again, its faces in another order.
+  const TopoDS_Shape turned = BRepBuilderAPI_Transform(box(2, 1, 3), back * turn, true).Shape();
+  const Mesh mesh = box_mesh(1, 2, 3, 4);
+  const CarriedNodes carried = carry(box(1, 2, 3), turned, mesh);
+  for (std::size_t i = 0; i < carried.nodes.size(); ++i)
+    EXPECT_LT(distance(carried.places[i], mesh.points[carried.nodes[i]]), 1e-9) << i;
+}
+
+TEST_F(CadMove, OtherStructuresAreRefusedByName) {
+  const TopoDS_Shape hole =
+      BRepAlgoAPI_Cut(box(1, 2, 3), BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(0.5, 1, 0), gp::DZ()), 0.2, 3).Shape()).Shape();
+  const std::string text = refusal(box(1, 2, 3), hole, box_mesh(1, 2, 3, 2));
+  EXPECT_THAT(text, HasSubstr("differ in structure: 6 faces, 12 edges and 8 vertices became 7 faces, 15 edges and 10 vertices"));
+  EXPECT_THAT(text, HasSubstr("face 7 (cylinder) of the new model has 1 loop of 4 edges in all and no partner"));
+}
+
+TEST_F(CadMove, TwoWaysThatFitAlikeAreRefused) {
+  gp_Trsf turn;
+  turn.SetRotation(gp_Ax1(gp_Pnt(0.5, 0.5, 0), gp::DZ()), std::numbers::pi / 4);
+  const TopoDS_Shape turned = BRepBuilderAPI_Transform(box(1, 1, 1), turn, true).Shape();
+  EXPECT_THAT(refusal(box(1, 1, 1), turned, box_mesh(1, 1, 1, 2)), HasSubstr("ambiguous"));
+}
+
+TEST_F(CadMove, NodesOffTheModelAreNamed) {
+  Mesh mesh = box_mesh(1, 2, 3, 2);
+  mesh.points[4][2] += 0.1;
+  EXPECT_THAT(refusal(box(1, 2, 3), box(1, 2, 3), mesh), HasSubstr("1 of 54 nodes"));
+  EXPECT_THAT(refusal(box(1, 2, 3), box(1, 2, 3), mesh), HasSubstr("such as 4;"));
+}
+
+TEST_F(CadMove, GivenPairsAreChecked) {
+  EXPECT_THROW(carry(box(1, 2, 3), box(1, 2, 3), box_mesh(1, 2, 3, 2), {{ForcedPair::Kind::face, 7, 1}}), Error);
+  EXPECT_NO_THROW(carry(box(1, 2, 3), box(1, 2, 3), box_mesh(1, 2, 3, 2), {{ForcedPair::Kind::face, 1, 1}}));
+}
+
+}  // namespace
+}  // namespace deform::cad
