@@ -23,7 +23,7 @@ import sys
 import textwrap
 
 FROM = re.compile(r"^<!-- from (\S+) -->$")
-TABLE = re.compile(r"^<!-- (options|fields|values|enumerators) of ([\w ]+?)(?: at [\w.]+| in (?P<header>[\w./]+))? -->$")
+TABLE = re.compile(r"^<!-- (options|fields|values|enumerators) of ([\w -]+?)(?: at [\w.]+| in (?P<header>[\w./]+))? -->$")
 CELL = re.compile(r"^\| `([^`]*)`(?: \| (?:`([^`]*)`)?)?")
 COMMAND = re.compile(r"(?<![\w/.-])(deformd?)(?=[ `])([^`|#;&\n]*)")
 LINK = re.compile(r"\]\((?!https?:)([^)\s]+)\)")
