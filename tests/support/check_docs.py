@@ -23,7 +23,7 @@ import sys
 import textwrap
 
 FROM = re.compile(r"^<!-- from (\S+) -->$")
-TABLE = re.compile(r"^<!-- (options|fields|values|enumerators) of ([\w ]+?)(?: at [\w.]+| in (?P<header>[\w./]+))? -->$")
+TABLE = re.compile(r"^<!-- (options|fields|values|enumerators) of ([\w -]+?)(?: at [\w.]+| in (?P<header>[\w./]+))? -->$")
 CELL = re.compile(r"^\| `([^`]*)`(?: \| (?:`([^`]*)`)?)?")
 COMMAND = re.compile(r"(?<![\w/.-])(deformd?)(?=[ `])([^`|#;&\n]*)")
 LINK = re.compile(r"\]\((?!https?:)([^)\s]+)\)")
@@ -106,7 +106,7 @@ class Programs:
     def commands(self, *words):
         """The commands that deform, or one of its commands, has."""
         _, _, listed = (self.help(*words or ("deform",)) or "").partition("\nSubcommands:\n")
-        return re.findall(r"^  (\w+)", listed.split("\n\n")[0], re.M)
+        return re.findall(r"^  ([\w-]+)", listed.split("\n\n")[0], re.M)
 
     def complaints(self, program, rest):
         words = rest.split()
@@ -116,7 +116,7 @@ class Programs:
             for word in words:
                 if skip or word.startswith("-"):
                     skip = word in ("--server", "--timeout")
-                elif re.fullmatch(r"[a-z]+", word) and (len(asked) == 1 or word in self.commands(*asked)):
+                elif re.fullmatch(r"[a-z-]+", word) and (len(asked) == 1 or word in self.commands(*asked)):
                     asked.append(word)
                 else:
                     break
