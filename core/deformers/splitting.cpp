@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <utility>
+#include <variant>
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
@@ -50,6 +51,8 @@ Setup with_explicit_regions(Setup setup, const SelectedRegions& regions, const M
     if (auto* region = std::get_if<Region>(&plane.kind)) *region = {Region::Ids{select(*region, mesh, "symmetry")}};
   }
   setup.variables.clear();
+  // They are values of those variables.
+  if (auto* rbf = std::get_if<RbfOptions>(&setup.method)) rbf->samples.clear();
   return without_basis(std::move(setup));
 }
 

@@ -122,6 +122,20 @@ TEST(Splitting, StepsAreThoseOfTheThesis) {
   }
 }
 
+// The samples of incremental QR are values of the variables, which steps after the first do not have.
+TEST(Splitting, StepsOfASetupWithSamples) {
+  SplitProblem problem = square_problem(30);
+  RbfOptions options;
+  options.solver = Solver::incremental_qr;
+  options.samples = {{0.3}};
+  problem.setup.method = options;
+  problem.setup.variables = {{"turn", "block", DesignVariable::Rotate{{0, 0, 1}, {0.5, 0.5, 0}}}};
+  const SplitResult result = evaluate_split(problem, Design{{2.3}, {}});
+  EXPECT_GT(result.factorizations, 1u);
+  for (const SplitAttempt& attempt : result.attempts) EXPECT_EQ(attempt.failure, "");
+  EXPECT_TRUE(result.inversion_free);
+}
+
 TEST(Splitting, CountsWhatItDid) {
   const SplitProblem problem = square_problem(30);
   const SplitResult result = evaluate_split(problem, straight_turn(problem, 2.3));
