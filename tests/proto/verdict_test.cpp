@@ -54,6 +54,7 @@ const std::vector<Case> cases = {
     {"error_of_next_to_no_motion",
      [](auto&, auto& r) {
        r.set_max_displacement(1e-11);
+       r.set_prescribed_displacement(1e-11);
        set_error(r, 0.9e-12);
      },
      v1::VERDICT_GOOD, ""},
