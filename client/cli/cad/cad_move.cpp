@@ -146,9 +146,9 @@ ExitCode run_cad_move(const CadMoveCommand& options, const CommonOptions& common
   cad::MoveRequest request = options.request;
   if (!options.map.empty()) request.pairs = read_pairs(options.map);
   const Interrupt interrupt;
-  const auto file = io::read_mesh_file(options.mesh, own_process(interrupt.flag()));
+  const auto file = io::read_mesh_file(options.mesh, own_process(interrupt.token()));
   RunContext context;
-  context.cancel = interrupt.flag();
+  context.stop = interrupt.token();
   const cad::CarriedNodes carried = cad::carry_nodes(*file->mesh(), request, context);
   if (writes_motions(options.output)) {
     io::write_file(options.output, motions_text(carried, *file->mesh(), options.handle));
