@@ -86,6 +86,7 @@ TEST_F(Options, EveryOptionCanBeSetInEveryWay) {
   // value per option, different from its default; the same list must serve flag, variable and file
   const std::map<std::string, std::string> values = {{"address", "127.0.0.2:1"},
                                                      {"insecure", "true"},
+                                                     {"metrics-address", "127.0.0.1:9464"},
                                                      {"tls-cert", "c"},
                                                      {"tls-key", "k"},
                                                      {"tls-client-ca", "a"},

@@ -175,7 +175,8 @@ TEST_F(SetupWithLengths, SaysWhenThereIsNoMeshToMeasure) {
   refused(variable, {"a.yaml:2", "`geometry` names no mesh file"});
   refused("variables: [{upper: 0.1*D}]\ngeometry: box.obj\n", {"a.yaml:1", "column 5", "there is no name \"D\""});
   refused("seed: 2*3\ngeometry: box.obj\n", {"seed: expected an integer"});
-  refused("variables: [{upper: \"2*3\"}]\ngeometry: box.obj\n", {"the text \"2*3\""});
+  refused("variables: [{upper: \"23\"}]\ngeometry: box.obj\n", {"the text \"23\""});
+  refused("variables: [{upper: \"2*D\"}]\ngeometry: box.obj\n", {"the text \"2*D\"", "there is no name \"D\""});
 }
 
 TEST(SetupFile, TellsIdsFromFiles) {
