@@ -271,18 +271,6 @@ void check_request(const MoveRequest& request) {
 
 bool available() { return true; }
 
-std::size_t CarriedNodes::flipped() const {
-  std::size_t sum = 0;
-  for (const FaceOutcome& face : faces) sum += face.flipped;
-  return sum;
-}
-
-std::size_t CarriedNodes::outside() const {
-  std::size_t sum = 0;
-  for (const FaceOutcome& face : faces) sum += face.outside;
-  return sum;
-}
-
 CarriedNodes carry_nodes(const Mesh& mesh, const MoveRequest& request, const RunContext& context) {
   check_request(request);
   mesh.validate();

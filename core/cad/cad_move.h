@@ -50,8 +50,18 @@ struct CarriedNodes {
   double distance = 0;             ///< largest distance of a checked node from the new entity that holds it
   std::size_t checked = 0;         ///< nodes for which that was measured
   std::size_t on_vertices = 0, on_edges = 0, on_faces = 0;  ///< where the nodes are
-  std::size_t flipped() const;                              ///< of all faces
-  std::size_t outside() const;                              ///< of all faces
+  /// Of all faces.
+  std::size_t flipped() const {
+    std::size_t sum = 0;
+    for (const FaceOutcome& face : faces) sum += face.flipped;
+    return sum;
+  }
+  /// Of all faces.
+  std::size_t outside() const {
+    std::size_t sum = 0;
+    for (const FaceOutcome& face : faces) sum += face.outside;
+    return sum;
+  }
 };
 
 /// Whether this program was built with OpenCASCADE. Without it carry_nodes() only throws.
