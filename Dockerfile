@@ -10,6 +10,8 @@ RUN deploy/install-packages build
 COPY CMakeLists.txt LICENSE ./
 COPY deploy/cmake deploy/cmake
 COPY deploy/manual deploy/manual
+COPY deploy/systemd deploy/systemd
+COPY deploy/debian deploy/debian
 COPY docs/licenses docs/licenses
 COPY proto proto
 COPY core core
@@ -19,7 +21,8 @@ COPY client client
 ARG COMMIT=
 RUN cmake -S . -B /build -G Ninja -DCMAKE_BUILD_TYPE=Release -DDEFORM_BUILD_TESTS=OFF -DDEFORM_COMMIT="$COMMIT" \
  && cmake --build /build --target deformd deform manual \
- && cmake --install /build --strip --component programs --prefix /opt/deform
+ && cmake --install /build --strip --component tools --prefix /opt/deform \
+ && cmake --install /build --strip --component server --prefix /opt/deform
 
 FROM docker.io/library/debian:bookworm-slim
 COPY deploy/packages.txt deploy/install-packages /tmp/deploy/
@@ -42,6 +45,6 @@ USER 10001:10001
 VOLUME /var/lib/deformd
 EXPOSE 50051
 STOPSIGNAL SIGTERM
-HEALTHCHECK --interval=15s --timeout=6s --start-period=10s --retries=3 \
+HEALTHCHECK --interval=20s --timeout=18s --start-period=10s --retries=3 \
   CMD ["health-check"]
 ENTRYPOINT ["deformd"]

@@ -37,7 +37,8 @@ struct TlsOptions {
 struct ClientOptions {
   std::string address = "127.0.0.1:50051";          ///< HOST:PORT, [IPv6]:PORT or unix:PATH
   std::chrono::milliseconds connect_timeout{5000};  ///< of one attempt to connect
-  int max_attempts = 4;    ///< of calls that are safe to retry, for UNAVAILABLE and for RESOURCE_EXHAUSTED with a retry hint
+  /// Of calls that are safe to retry, for UNAVAILABLE and for RESOURCE_EXHAUSTED with a retry hint; of any call to connect.
+  int max_attempts = 4;
   int decode_threads = 0;  ///< 0 = all cores
   /// Of requests that name none (their tolerance then counts for it). ENCODING_DEFAULT: RAW_F64 when `address` is a unix socket
   /// or a loopback address, else DELTA_ZSTD.

@@ -2,7 +2,9 @@
 #include "client/connection.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <cstring>
+#include <string_view>
 #include <utility>
 
 #include "client/address.h"
@@ -13,6 +15,15 @@ namespace deform::client {
 namespace {
 
 constexpr std::chrono::milliseconds longest_probe{2000};
+constexpr std::chrono::milliseconds look_around{50};  ///< how soon a stop or a deadline ends waiting for a connection
+
+/// Nothing where it is no value of metadata: gRPC would end the process.
+std::string environment_trace() {
+  const char* value = std::getenv("TRACEPARENT");
+  const std::string_view text = value == nullptr ? "" : value;
+  const bool printable = std::all_of(text.begin(), text.end(), [](unsigned char c) { return c >= ' ' && c < 127; });
+  return printable ? std::string(text) : std::string();
+}
 
 ClientOptions with_encoding(ClientOptions options) {
   if (options.encoding == v1::ENCODING_DEFAULT) options.encoding = encoding_for(options.address);
@@ -25,11 +36,22 @@ Connection::Connection(std::shared_ptr<grpc::ChannelInterface> channel_in, const
     : options(with_encoding(options_in)),
       channel(std::move(channel_in)),
       stub(v1::DeformService::NewStub(channel)),
+      traceparent(environment_trace()),
       pool(options_in.decode_threads) {}
 
 v1::DeformRequest Connection::named(v1::DeformRequest request) const {
   if (request.output().encoding() == v1::ENCODING_DEFAULT) request.mutable_output()->set_encoding(options.encoding);
   return request;
+}
+
+void Connection::wait_for_answer(const RunContext& limits) const {
+  const auto end = RunContext::Clock::now() + options.connect_timeout;
+  while (RunContext::Clock::now() < end) {
+    const grpc_connectivity_state state = channel->GetState(true);
+    if (state == GRPC_CHANNEL_READY) return;
+    limits.check();
+    channel->WaitForStateChange(state, std::chrono::system_clock::now() + look_around);
+  }
 }
 
 RunContext limits_of(const CallOptions& options) {
@@ -54,6 +76,7 @@ Attempt::Attempt(Connection& connection, const RunContext& limits)
   if (const auto& file = connection.options.token_file; !file.empty()) {
     context.AddMetadata("authorization", "Bearer " + read_token(file));
   }
+  if (!connection.traceparent.empty()) context.AddMetadata("traceparent", connection.traceparent);
   if (limits.deadline) {
     context.set_deadline(std::chrono::system_clock::now() + std::chrono::duration_cast<std::chrono::system_clock::duration>(
                                                                 *limits.deadline - RunContext::Clock::now()));
@@ -67,7 +90,7 @@ void Attempt::check(const grpc::Status& status) const {
     const std::string why = tls_failure(options.address, options.tls, std::min(options.connect_timeout, longest_probe));
     if (!why.empty()) throw Error(ErrorCode::failed_precondition, why);
   }
-  throw to_error(status, context, options.address);
+  throw_error(status, context, options.address);
 }
 
 namespace {

@@ -27,6 +27,7 @@ struct Connection {
   const ClientOptions options;                                   ///< as given, but that `encoding` is named
   const std::shared_ptr<grpc::ChannelInterface> channel;         ///< to the server
   const std::unique_ptr<v1::DeformService::StubInterface> stub;  ///< over that channel
+  const std::string traceparent;                                 ///< of the environment when the client was made, for every call
   PointsCache points;                                            ///< registered points that decoding needs
   std::atomic<bool> own_channel{false};                          ///< made for the address of the options
   std::atomic<std::uint64_t> calls{0};                           ///< so far; gives each call a seed of its own
@@ -34,6 +35,9 @@ struct Connection {
 
   /// With the encoding named.
   v1::DeformRequest named(v1::DeformRequest request) const;
+  /// Waits for the connection that gRPC tries to make, one attempt long: until then calls would fail by the error of the attempt
+  /// before. A stop or the deadline ends it by its Error.
+  void wait_for_answer(const RunContext& limits) const;
   /// Cached, or fetched once.
   std::shared_ptr<const Points> registered_points(const std::string& geometry_id, const RunContext& limits);
 };
@@ -74,6 +78,7 @@ auto with_retries(Connection& connection, const CallOptions& options, Retry retr
   RetryPolicy policy({connection.options.max_attempts, connection.options.retry_seed + connection.calls++, retry});
   while (true) {
     std::chrono::milliseconds wait{};
+    bool silent = false;
     try {
       limits.check();
       Attempt attempt(connection, limits);
@@ -83,8 +88,11 @@ auto with_retries(Connection& connection, const CallOptions& options, Retry retr
       if (!next || !may_repeat()) throw;
       if (limits.deadline && RunContext::Clock::now() + *next >= *limits.deadline) throw;
       wait = *next;
+      const auto* none = dynamic_cast<const NotConnected*>(&error);
+      silent = none != nullptr && none->silent();
     }
     RetryPolicy::wait(wait, limits);
+    if (silent) connection.wait_for_answer(limits);
   }
 }
 

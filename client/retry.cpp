@@ -6,6 +6,8 @@
 #include <condition_variable>
 #include <mutex>
 
+#include "client/status.h"
+
 namespace deform::client {
 
 double RetryPolicy::random() {
@@ -22,7 +24,8 @@ std::optional<std::chrono::milliseconds> RetryPolicy::next_wait(const Error& err
   ++failed_attempts_;
   if (failed_attempts_ >= options_.max_attempts) return std::nullopt;
   const bool refused = error.code() == ErrorCode::out_of_budget && error.retry_after_ms() > 0;
-  const bool lost = error.code() == ErrorCode::unavailable && options_.retry == Retry::safe;
+  const bool sent = dynamic_cast<const NotConnected*>(&error) == nullptr;
+  const bool lost = error.code() == ErrorCode::unavailable && (options_.retry == Retry::safe || !sent);
   if (!refused && !lost) return std::nullopt;
   const double backoff = 100.0 * std::pow(2.0, std::min(failed_attempts_ - 1, 6)) * (0.5 + random());
   const double hint = static_cast<double>(error.retry_after_ms()) * (1.0 + 0.5 * random());

@@ -13,7 +13,7 @@ namespace deform::client {
 /// Which errors of a call allow another attempt.
 enum class Retry {
   safe,         ///< the call can be repeated at will: lost connections and refusals with a hint
-  when_refused  ///< repeating a call that was carried out would be wrong: only refusals with a hint
+  when_refused  ///< repeating a call that was carried out would be wrong: refusals with a hint, and no connection at all
 };
 
 /// Decides about another attempt and waits for it: exponential with jitter for lost connections (100 ms, 200 ms, ... each times

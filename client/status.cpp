@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/status.h"
 
+#include <algorithm>
+#include <iterator>
+
 #include "proto/convert/base/error.h"
 
 namespace deform::client {
@@ -21,23 +24,53 @@ bool not_connected(const std::string& message) {
   return false;
 }
 
+struct Obstacle {
+  const char* sign;    ///< in gRPC's message
+  const char* reason;  ///< for people
+  bool answered;       ///< somebody took the connection and said something, or closed it
+  bool silent;         ///< the time passed
+};
+
+constexpr char closed[] = "it closed the connection: it has too many, wants TLS, or is not deformd";
+constexpr char late[] = "it did not answer in time: it is busy, out of reach, or not deformd";
+constexpr Obstacle obstacles[] = {
+    {"Connection refused", "nobody listens there", false, false},
+    {"No such file", "there is no such socket", false, false},
+    {"DNS resolution", "no machine of that name is known", false, false},
+    {"timed out", late, false, true},
+    {"imeout", late, false, true},
+    {"http1.x", "something other than deformd answers", true, false},
+    {"Socket closed", closed, true, false},
+    {"reset by peer", closed, true, false},
+};
+
+const Obstacle* find_obstacle(const std::string& message) {
+  return std::find_if(std::begin(obstacles), std::end(obstacles),
+                      [&](const Obstacle& one) { return message.find(one.sign) != std::string::npos; });
+}
+
+/// Of a status without a connection: what is known, else gRPC's own words.
+NotConnected unreached(const std::string& address, const std::string& message) {
+  const auto* known = find_obstacle(message);
+  const bool none = known == std::end(obstacles);
+  return {"cannot reach deformd at " + address + " (" + (none ? message : known->reason) + "); start it, or name another server",
+          !none && known->silent};
+}
+
 }  // namespace
 
 bool failed_handshake(const grpc::Status& status) {
   const std::string message = status.error_message();
   if (status.error_code() != grpc::StatusCode::UNAVAILABLE || !not_connected(message)) return false;
-  for (const char* nobody : {"Connection refused", "No such file", "DNS resolution"}) {
-    if (message.find(nobody) != std::string::npos) return false;
-  }
-  return true;
+  const auto* known = find_obstacle(message);
+  return known == std::end(obstacles) || known->answered;
 }
 
-Error to_error(const grpc::Status& status, const grpc::ClientContext& context, const std::string& address) {
+void throw_error(const grpc::Status& status, const grpc::ClientContext& context, const std::string& address) {
   const ErrorCode code = convert::error_code(static_cast<std::uint32_t>(status.error_code()));
   std::string message = status.error_message();
-  if (code == ErrorCode::unavailable && not_connected(message)) {
-    message = "cannot reach deformd at " + address + "; start it, or name another server";
-  } else if (code == ErrorCode::unavailable && (message == "Socket closed" || message.find("recvmsg") != std::string::npos)) {
+  if (code == ErrorCode::unavailable && not_connected(message)) throw unreached(address, message);
+  if (code == ErrorCode::unavailable && (message == "Socket closed" || message.find("recvmsg") != std::string::npos)) {
     message = "lost the connection to deformd at " + address;
   } else if (code == ErrorCode::deadline_exceeded && message == "Deadline Exceeded") {
     message = "deformd at " + address + " did not answer before the deadline";
@@ -49,7 +82,7 @@ Error to_error(const grpc::Status& status, const grpc::ClientContext& context, c
     message =
         "the server at " + address + " ended the call without a message (status " + std::to_string(status.error_code()) + ")";
   }
-  return {code, message, retry_hint(context)};
+  throw Error(code, message, retry_hint(context));
 }
 
 }  // namespace deform::client

@@ -10,11 +10,24 @@
 
 namespace deform::client {
 
-/// A connection that somebody answered and that came to nothing: not one that nobody listened to.
+/// No connection came about: nothing was sent, so that any call may be repeated.
+class NotConnected : public Error {
+ public:
+  /// silent: as the accessor.
+  NotConnected(const std::string& message, bool silent) : Error(ErrorCode::unavailable, message), silent_(silent) {}
+  /// The time of an attempt to connect passed: the server may be busy, and waiting helps.
+  bool silent() const { return silent_; }
+
+ private:
+  bool silent_;
+};
+
+/// A connection that somebody answered and that came to nothing: not one that nobody listened to, or that nobody answered in
+/// time.
 bool failed_handshake(const grpc::Status& status);
 
-/// A status that is not OK as an Error with the server's message; the retry hint is read from the trailing metadata of the
-/// finished call. `address` names the server when it cannot be reached.
-Error to_error(const grpc::Status& status, const grpc::ClientContext& context, const std::string& address);
+/// Throws a status that is not OK as an Error with the server's message; the retry hint is read from the trailing metadata of the
+/// finished call. Where there was no connection to `address`, a NotConnected that says why.
+[[noreturn]] void throw_error(const grpc::Status& status, const grpc::ClientContext& context, const std::string& address);
 
 }  // namespace deform::client

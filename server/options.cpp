@@ -120,8 +120,11 @@ void add_network_options(std::vector<Option>& all) {
       "tls-client-ca", "authorities, PEM: every client must show a certificate of one of them",
       [](Configuration & c) -> auto& { return c.server.tls.client_ca; }));
   all.push_back(path(
+      "tls-client-crl", "certificates that these authorities have revoked (CRL, PEM); reread, open connections included",
+      [](Configuration & c) -> auto& { return c.server.tls.client_crl; }));
+  all.push_back(path(
       "identities", "who may call: lines \"NAME reader|user|operator sha256:HASH\" of tokens or \"... certificate:NAME\"; reread",
-      [](Configuration & c) -> auto& { return c.server.service.identities; }));
+      [](Configuration & c) -> auto& { return c.server.service.access.identities; }));
   all.push_back({"reflection", "on|off", "whether clients may ask for the contract (gRPC server reflection)",
                  [](Configuration& c, const std::string& text) {
                    c.server.reflection = parse_switch(text) ? Reflection::on : Reflection::off;
@@ -223,6 +226,9 @@ void add_process_options(std::vector<Option>& all) {
                    c.log.format = text == "json" ? LogFormat::json : LogFormat::text;
                  },
                  [](const Configuration& c) { return std::string(c.log.format == LogFormat::json ? "json" : "text"); }});
+  all.push_back(number(
+      "log-calls", "lines of calls in a second of the log; those beyond are counted; 0: any number",
+      [](Configuration & c) -> auto& { return c.log.calls_per_second; }));
   all.push_back(path(
       "log-file", "append the log to this file instead of standard error",
       [](Configuration & c) -> auto& { return c.log.file; }));

@@ -46,6 +46,13 @@ Certificate first_certificate(const std::string& pem) {
   return Certificate(PEM_read_bio_X509(reader_of(pem).get(), nullptr, nullptr, nullptr));
 }
 
+std::vector<Certificate> all_certificates(const std::string& pem) {
+  std::vector<Certificate> out;
+  const Bio text = reader_of(pem);
+  while (X509* next = PEM_read_bio_X509(text.get(), nullptr, nullptr, nullptr)) out.emplace_back(next);
+  return out;
+}
+
 std::string name_text(const X509_NAME& name) {
   const Bio out(BIO_new(BIO_s_mem()));
   X509_NAME_print_ex(out.get(), &name, 0, XN_FLAG_RFC2253);

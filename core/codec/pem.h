@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <vector>
 
 namespace deform::codec {
 
@@ -18,6 +19,9 @@ using Certificate = std::unique_ptr<X509, FreeCertificate>;
 
 /// The first certificate of a text in PEM; null if there is none. Any thread.
 Certificate first_certificate(const std::string& pem);
+
+/// All certificates of a text in PEM, in order; what cannot be read ends them. Any thread.
+std::vector<Certificate> all_certificates(const std::string& pem);
 
 /// A callback of OpenSSL (pem_password_cb) that gives none: its own would ask a terminal for a passphrase. Any thread.
 int no_passphrase(char* buffer, int size, int writing, void* data);

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-# What cmake --install puts under its prefix, in three components:
+# What cmake --install puts under its prefix, in four components:
 #   client     headers (deform/client.h), libraries, CMake and pkg-config files of the client library; the contract (deform/v1/*.proto)
 #              and the evaluator of compiled deformations
 #   files      the same of the libraries that read, write and measure meshes; needs client
-#   programs   deform and deformd, their manual pages and what shells need to complete their command lines
+#   tools      deform, its manual pages and what shells need to complete its command line
+#   server     the same of deformd, and its unit for systemd
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
@@ -60,4 +61,10 @@ if(DEFORM_BUILD_NETWORK AND DEFORM_BUILD_FILES)
   install(FILES ${PROJECT_SOURCE_DIR}/deploy/cmake/FindCGNS.cmake DESTINATION ${package_dir} COMPONENT files)
 endif()
 
-install(FILES ${PROJECT_SOURCE_DIR}/LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/deform COMPONENT programs)
+install(FILES ${PROJECT_SOURCE_DIR}/LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/deform COMPONENT tools)
+install(FILES ${PROJECT_SOURCE_DIR}/LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/deformd COMPONENT server)
+set(systemd ${PROJECT_SOURCE_DIR}/deploy/systemd)
+install(FILES ${systemd}/deformd.service DESTINATION lib/systemd/system COMPONENT server)
+install(FILES ${systemd}/sysusers.conf RENAME deformd.conf DESTINATION lib/sysusers.d COMPONENT server)
+install(FILES ${systemd}/deformd.yaml DESTINATION ${CMAKE_INSTALL_DATADIR}/deformd COMPONENT server)
+include(${PROJECT_SOURCE_DIR}/deploy/cmake/packages.cmake)

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -46,6 +47,17 @@ std::vector<std::string> certificate_names(const grpc::ServerContextBase& contex
   if (!peer || !peer->IsPeerAuthenticated()) return names;
   for (const auto& name : peer->FindPropertyValues(GRPC_X509_SAN_PROPERTY_NAME)) names.emplace_back(view(name));
   return names;
+}
+
+/// The certificate of the peer and those it sent along, in PEM; empty without.
+std::string certificate_chain(const grpc::ServerContextBase& context) {
+  std::string chain;
+  const auto peer = context.auth_context();
+  if (!peer || !peer->IsPeerAuthenticated()) return chain;
+  for (const char* property : {GRPC_X509_PEM_CERT_PROPERTY_NAME, GRPC_X509_PEM_CERT_CHAIN_PROPERTY_NAME}) {
+    for (const auto& text : peer->FindPropertyValues(property)) chain.append(view(text)).append("\n");
+  }
+  return chain;
 }
 
 Error unknown(const std::string& message) { return {ErrorCode::unauthenticated, message}; }
@@ -93,20 +105,29 @@ FileStamp FileStamp::of(const std::filesystem::path& path) {
           static_cast<std::int64_t>(about.st_ino), static_cast<std::int64_t>(about.st_dev)};
 }
 
-Access::Access(std::filesystem::path identities, Certificates certificates)
-    : file_(std::move(identities)), certificates_(certificates) {
-  if (!file_.empty()) load();
+Access::Access(Options options)
+    : options_(std::move(options)), stamps_(stamps()), identities_(read_identities()), revocations_(read_revocations()) {}
+
+Access::Stamps Access::stamps() const {
+  const auto stamp = [](const std::filesystem::path& path) { return path.empty() ? FileStamp() : FileStamp::of(path); };
+  return {stamp(options_.identities), stamp(options_.client_crl), stamp(options_.client_crl.empty() ? "" : options_.client_ca)};
 }
 
-std::shared_ptr<const Identities> Access::identities() const {
+std::pair<Access::IdentitiesPtr, Access::RevocationsPtr> Access::files() const {
   const std::lock_guard lock(mutex_);
-  return identities_;
+  return {identities_, revocations_};
 }
 
 Access::Admission Access::admit(std::string_view method, const grpc::ServerContextBase& context) const {
   Admission admission;
-  admission.generation = generation_;  // before the file is looked at: a change meanwhile is noticed later
-  const auto known = identities();
+  admission.generation = generation_;  // before the files are looked at: a change meanwhile is noticed later
+  const auto [known, revocations] = files();
+  if (revocations) {
+    if (const auto name = revocations->revoked(certificate_chain(context))) {
+      admission.refusal = unknown("the certificate of " + *name + " has been revoked");
+      return admission;
+    }
+  }
   if (!known) {
     const std::vector<std::string> names = certificate_names(context);
     if (!names.empty()) admission.identity = names.front();
@@ -122,42 +143,50 @@ Access::Admission Access::admit(std::string_view method, const grpc::ServerConte
   return admission;
 }
 
-void Access::load() {
-  const FileStamp stamp = FileStamp::of(file_);  // before it is read: what is written meanwhile is read again
-  {
-    const std::lock_guard lock(mutex_);
-    stamp_ = stamp;
-  }
+Access::IdentitiesPtr Access::read_identities() const {
+  const std::filesystem::path& file = options_.identities;
+  if (file.empty()) return nullptr;
   auto fresh = std::make_shared<const Identities>(
-      Identities::parse(read_small_file(file_, "option identities"), "option identities: " + file_.string()));
+      Identities::parse(read_small_file(file, "option identities"), "option identities: " + file.string()));
   spdlog::info("identities: {} tokens and {} names of certificates from {}", fresh->tokens(), fresh->certificates(),
-               escaped(file_.string(), 300));
-  if (certificates_ == Certificates::never_seen && fresh->certificates() > 0) {
+               escaped(file.string(), 300));
+  if (options_.certificates == Certificates::never_seen && fresh->certificates() > 0) {
     spdlog::warn(
         "identities: {} of {} are known by \"certificate:NAME\" alone, but without --tls-client-ca no client is asked for a "
         "certificate: nobody can call under these names. Give --tls-client-ca with --tls-cert and --tls-key, or tokens "
         "(sha256:HASH)",
         fresh->certificates(), fresh->certificates() + fresh->tokens());
   }
-  {
-    const std::lock_guard lock(mutex_);
-    identities_ = std::move(fresh);
-  }
-  ++generation_;
+  return fresh;
+}
+
+Access::RevocationsPtr Access::read_revocations() const {
+  if (options_.client_crl.empty()) return nullptr;
+  auto fresh = std::make_shared<const Revocations>(Revocations::read(options_.client_crl, options_.client_ca));
+  spdlog::info("revocations: {} certificates in {} lists from {}", fresh->certificates(), fresh->lists(),
+               escaped(options_.client_crl.string(), 300));
+  return fresh;
 }
 
 void Access::refresh() {
-  if (file_.empty()) return;
-  const FileStamp now = FileStamp::of(file_);
+  const Stamps now = stamps();  // before they are read: what is written meanwhile is read again
+  Stamps before;
   {
     const std::lock_guard lock(mutex_);
-    if (now == stamp_) return;
+    before = std::exchange(stamps_, now);
   }
-  try {
-    load();
-  } catch (const std::exception& error) {
-    spdlog::error("identities: those read before stay in force: {}", error.what());
-  }
+  const auto reread = [&](const char* what, auto& kept, const auto& read) {
+    try {
+      auto fresh = read();
+      const std::lock_guard lock(mutex_);
+      kept = std::move(fresh);
+      ++generation_;
+    } catch (const std::exception& error) {
+      spdlog::error("{}: what was read before stays in force: {}", what, error.what());
+    }
+  };
+  if (now[0] != before[0]) reread("identities", identities_, [this] { return read_identities(); });
+  if (now[1] != before[1] || now[2] != before[2]) reread("revocations", revocations_, [this] { return read_revocations(); });
 }
 
 }  // namespace deform::server

@@ -3,6 +3,7 @@
 
 #include <grpcpp/server_context.h>
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <filesystem>
@@ -11,9 +12,11 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "core/base/error.h"
 #include "server/rpc/identities.h"
+#include "server/rpc/revocations.h"
 
 namespace deform::server {
 
@@ -42,28 +45,41 @@ class Access {
   /// Whether clients can show certificates at all: with TLS and --tls-client-ca.
   enum class Certificates { asked_for, never_seen };
 
-  /// Without a file every call is let in, under the name in its client certificate if it has one. Throws Error(invalid_argument)
-  /// for a file that is missing or wrong. Where no certificate is ever seen, identities that have only one are warned of.
-  explicit Access(std::filesystem::path identities, Certificates certificates = Certificates::asked_for);
+  struct Options {
+    std::filesystem::path identities = {};                ///< who is known (Identities); empty: every call is let in
+    Certificates certificates = Certificates::asked_for;  ///< never_seen: identities that have only one are warned of
+    std::filesystem::path client_crl = {};                ///< revoked certificates (Revocations); empty: none
+    std::filesystem::path client_ca = {};                 ///< whose authorities sign `client_crl`
+  };
+
+  /// Without identities a call goes under the name in its client certificate if it has one. Throws Error(invalid_argument) for
+  /// a file that is missing or wrong.
+  explicit Access(Options options);
 
   Admission admit(std::string_view method, const grpc::ServerContextBase& context) const;
 
-  /// Rereads the file when it changed. A file that is missing or wrong is logged, and the one before stays in force.
+  /// Rereads what changed. A file that is missing or wrong is logged, and what was read before stays in force.
   void refresh();
-  /// Grows when the file was reread: what was admitted before may be refused now.
+  /// Grows when a file was reread: what was admitted before may be refused now.
   std::uint64_t generation() const { return generation_; }
 
  private:
-  std::shared_ptr<const Identities> identities() const;
-  void load();
+  using IdentitiesPtr = std::shared_ptr<const Identities>;
+  using RevocationsPtr = std::shared_ptr<const Revocations>;
+  using Stamps = std::array<FileStamp, 3>;
 
-  const std::filesystem::path file_;
-  const Certificates certificates_;
+  std::pair<IdentitiesPtr, RevocationsPtr> files() const;
+  Stamps stamps() const;
+  IdentitiesPtr read_identities() const;
+  RevocationsPtr read_revocations() const;
+
+  const Options options_;
   std::atomic<std::uint64_t> generation_{0};
   mutable std::mutex mutex_;
   // under mutex_
-  std::shared_ptr<const Identities> identities_;  ///< null without a file
-  FileStamp stamp_;
+  Stamps stamps_;               ///< first: what is written while it is read is read again
+  IdentitiesPtr identities_;    ///< null without a file
+  RevocationsPtr revocations_;  ///< null without a file
 };
 
 }  // namespace deform::server

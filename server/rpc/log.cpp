@@ -103,6 +103,8 @@ std::string fields_of(const CallRecord& record) {
   out.word("client", escaped(record.client, text_limit));
   if (!record.identity.empty()) out.name("identity", record.identity);
   if (record.request_id) out.count("request", *record.request_id);
+  if (!record.trace.empty()) out.word("trace", record.trace);
+  if (!record.client_request.empty()) out.name("client_request", record.client_request);
   id("geometry", record.geometry);
   id("system", record.system);
   if (!record.name.empty()) out.text("name", record.name);
@@ -125,6 +127,12 @@ std::string fields_of(const CallRecord& record) {
 
 /// The logger of calls where records are JSON objects: its formatter takes the members as they are.
 constexpr char calls_logger[] = "deformd.calls";
+
+/// Of the process, as its logger.
+std::shared_ptr<LineBudget>& line_budget() {
+  static auto budget = std::make_shared<LineBudget>(0);
+  return budget;
+}
 
 /// Whatever is logged, one record is one line, and nothing in it acts on the terminal that shows it.
 class PrintableFormatter : public spdlog::formatter {
@@ -210,6 +218,7 @@ void start_logging(const LogOptions& options) {
   std::unique_ptr<spdlog::formatter> formatter = std::make_unique<PrintableFormatter>();
   if (options.format == LogFormat::json) formatter = std::make_unique<JsonFormatter>();
   sink->set_formatter(std::move(formatter));
+  line_budget() = std::make_shared<LineBudget>(options.calls_per_second);
   spdlog::set_default_logger(make_logger("deformd", sink, options));
   spdlog::drop(calls_logger);
   if (options.format == LogFormat::json) spdlog::register_logger(make_logger(calls_logger, sink, options));
@@ -236,7 +245,44 @@ std::string to_line(const CallRecord& record) { return fields_of<TextFields>(rec
 
 std::string to_json_members(const CallRecord& record) { return fields_of<JsonFields>(record); }
 
+std::string trace_id(std::string_view traceparent) {
+  // 00-<32 digits>-<16 digits>-<2 digits>; later versions may go on after that.
+  constexpr std::size_t shape[] = {2, 35, 52};
+  constexpr std::size_t size = 55;
+  const bool longer = traceparent.size() > size && traceparent.substr(0, 2) != "00" && traceparent[size] == '-';
+  if (traceparent.size() != size && !longer) return {};
+  for (std::size_t i = 0; i < size; ++i) {
+    const char c = traceparent[i];
+    const bool dash = std::find(std::begin(shape), std::end(shape), i) != std::end(shape);
+    if (dash ? c != '-' : !((c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'))) return {};
+  }
+  const std::string_view trace = traceparent.substr(3, 32), parent = traceparent.substr(36, 16);
+  const auto zero = [](std::string_view digits) { return digits.find_first_not_of('0') == std::string_view::npos; };
+  if (traceparent.substr(0, 2) == "ff" || zero(trace) || zero(parent)) return {};
+  return std::string(trace);
+}
+
+LineBudget::Answer LineBudget::next(Clock::time_point now) {
+  if (most_ == 0) return {};
+  const std::lock_guard lock(mutex_);
+  if (now - second_ >= std::chrono::seconds(1)) {
+    second_ = now;
+    lines_ = 0;
+  }
+  if (lines_ == most_) {
+    ++left_out_;
+    return {false, 0};
+  }
+  ++lines_;
+  return {true, std::exchange(left_out_, 0)};
+}
+
 void log_call(const CallRecord& record) {
+  const LineBudget::Answer answer = line_budget()->next(LineBudget::Clock::now());
+  if (!answer.logged) return;
+  if (answer.left_out != 0) {
+    spdlog::warn("{} calls are not in this log: more ended than --log-calls allows in a second", answer.left_out);
+  }
   const bool ours = record.error && (record.error->code() == ErrorCode::internal || record.error->code() == ErrorCode::data_loss);
   const auto level = ours ? spdlog::level::err : spdlog::level::info;
   if (const auto calls = spdlog::get(calls_logger)) {

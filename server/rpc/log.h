@@ -3,10 +3,13 @@
 
 #include <spdlog/common.h>
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
+#include <mutex>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "core/base/error.h"
 
@@ -22,9 +25,11 @@ struct LogOptions {
   spdlog::level::level_enum level = spdlog::level::info;
   std::filesystem::path file;  ///< appended to; empty: standard error
   LogFormat format = LogFormat::text;
+  std::uint32_t calls_per_second = 1000;  ///< lines of calls; 0: any number
 };
 
-/// Sets up the process-wide logger (spdlog's default one). Throws Error(invalid_argument) when the file cannot be opened.
+/// Sets up the process-wide logger (spdlog's default one), while nothing is logged. Throws Error(invalid_argument) when the file
+/// cannot be opened.
 void start_logging(const LogOptions& options);
 
 /// What follows goes to the file of that name as it is now: after the log was renamed by whoever rotates it. When it cannot be
@@ -39,6 +44,8 @@ struct CallRecord {
   std::string client;                       ///< the peer
   std::string identity;                     ///< whose call it is; empty: nobody was asked for one
   std::optional<std::uint64_t> request_id;  ///< of a DeformStream
+  std::string trace;                        ///< trace id of the metadata traceparent (W3C), 32 digits
+  std::string client_request;               ///< metadata x-request-id, as the client wrote it
   std::string geometry;                     ///< as the client wrote it
   std::string system;
   std::string name;
@@ -62,7 +69,33 @@ std::string to_line(const CallRecord& record);
 /// The members of the same in a JSON object, without braces: "method":"Deform","client":"...", ...
 std::string to_json_members(const CallRecord& record);
 
-/// Logs the line: info, or error when the fault is ours (internal, data_loss).
+/// The trace id of a traceparent of the W3C's recommendation Trace Context ("00-TRACE-PARENT-FLAGS"); empty when it is none.
+std::string trace_id(std::string_view traceparent);
+
+/// How many lines of calls may be logged: so many in each second, the others are counted. Thread-safe.
+class LineBudget {
+ public:
+  using Clock = std::chrono::steady_clock;
+  explicit LineBudget(std::uint32_t lines_per_second) : most_(lines_per_second) {}
+
+  struct Answer {
+    bool logged = true;          ///< this line has room
+    std::uint64_t left_out = 0;  ///< lines of the seconds before that had none, told once
+  };
+  /// For one more line.
+  Answer next(Clock::time_point now);
+
+ private:
+  const std::uint32_t most_;  ///< 0: any number
+  std::mutex mutex_;
+  // under mutex_
+  Clock::time_point second_{};  ///< when the one under way began
+  std::uint32_t lines_ = 0;
+  std::uint64_t left_out_ = 0;
+};
+
+/// Logs the line, unless the budget of start_logging() is spent: info, or error when the fault is ours (internal, data_loss).
+/// The next line that has room follows the number of those that had none.
 void log_call(const CallRecord& record);
 
 }  // namespace deform::server

@@ -15,11 +15,18 @@ namespace deform::server {
 namespace {
 
 constexpr std::uint32_t full_memory_retry_ms = 1000;
+constexpr std::size_t longest_request_id = 128;
 /// For a call whose time is over to say so itself.
 constexpr std::chrono::milliseconds time_to_answer{500};
 
 double milliseconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+/// The first value of the client under this key; empty without.
+std::string metadata_value(const grpc::CallbackServerContext& context, const char* key) {
+  const auto found = context.client_metadata().find(key);
+  return found == context.client_metadata().end() ? std::string() : std::string(found->second.data(), found->second.size());
 }
 
 /// A new call; throws Error(out_of_budget) with a retry hint when too many wait.
@@ -60,6 +67,8 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
   record.method = method;
   record.client = incoming.context->peer();
   record.identity = admission_.identity;
+  record.trace = trace_id(metadata_value(*incoming.context, "traceparent"));
+  record.client_request = metadata_value(*incoming.context, "x-request-id").substr(0, longest_request_id);
   call_.stop = stop_.get_token();
   call_.client = admission_.identity.empty() ? record.client : "identity " + admission_.identity;
   // gRPC keeps wall-clock deadlines, "none" as the end of time.

@@ -58,7 +58,9 @@ class WithoutReflection final : public grpc::ServerBuilderOption {
 
 ServiceOptions with_certificates(const ServerOptions& options) {
   ServiceOptions service = options.service;
-  if (options.tls.client_ca.empty()) service.certificates = Access::Certificates::never_seen;
+  if (options.tls.client_ca.empty()) service.access.certificates = Access::Certificates::never_seen;
+  service.access.client_ca = options.tls.client_ca;
+  service.access.client_crl = options.tls.client_crl;
   return service;
 }
 
@@ -72,7 +74,7 @@ void warn_of_exposure(const ServerOptions& options) {
         "whoever reaches it or the way to it can read and change what travels, use every call and delete every geometry. "
         "--tls-cert and --tls-key encrypt; --tls-client-ca or --identities ask who calls",
         options.address);
-  } else if (options.tls.client_ca.empty() && options.service.identities.empty()) {
+  } else if (options.tls.client_ca.empty() && options.service.access.identities.empty()) {
     spdlog::warn(
         "{} is encrypted, but nobody is asked who calls: whoever reaches it can use every call. --tls-client-ca or "
         "--identities ask",
@@ -269,7 +271,7 @@ class GrpcServer final : public RunningServer {
     }
   }
 
-  /// The memory of the process, the store and the file of identities.
+  /// The memory of the process, the store and the files of who may call.
   void watch(bool writable) {
     std::unique_lock lock(watch_mutex_);
     int turn = 0;
@@ -278,7 +280,7 @@ class GrpcServer final : public RunningServer {
       watched_ = now();
       turn = (turn + 1) % watch_turns;
       if (turn != 0) continue;
-      service_.refresh_identities();
+      service_.refresh_access();
       const v1::StoreInfo store = engine_->store();
       if (store.writable() == writable) continue;
       writable = store.writable();
@@ -323,7 +325,7 @@ void ServerOptions::validate() const {
   if (!metrics_address.empty()) check_metrics_address(metrics_address);
   tls.validate();
   if (!tls.on() && beyond_loopback(address)) {
-    if (!service.identities.empty()) {
+    if (!service.access.identities.empty()) {
       throw Error(ErrorCode::invalid_argument,
                   "option identities: on " + address +
                       " tokens would travel in plain text; encrypt (--tls-cert, --tls-key) or listen "

@@ -74,11 +74,11 @@ class DeformService::Methods final : public RawService {
   Methods(Engine& engine, const ServiceOptions& options)
       : engine_(engine),
         options_(with_limits(options)),
-        access_(options.identities, options.certificates),
+        access_(options.access),
         pool_(options.call_threads, options.waiting_calls) {}
 
   void drain();
-  void refresh_identities() { access_.refresh(); }
+  void refresh_access() { access_.refresh(); }
   void set_memory_full(bool full) { memory_full_ = full; }
   bool memory_full() const { return memory_full_; }
   const Metrics& metrics() const { return metrics_; }
@@ -259,7 +259,7 @@ void DeformService::drain() { methods_->drain(); }
 void DeformService::set_memory_full(bool full) { methods_->set_memory_full(full); }
 bool DeformService::memory_full() const { return methods_->memory_full(); }
 const Metrics& DeformService::metrics() const { return methods_->metrics(); }
-void DeformService::refresh_identities() { methods_->refresh_identities(); }
+void DeformService::refresh_access() { methods_->refresh_access(); }
 bool DeformService::wait_for_none(std::chrono::steady_clock::time_point deadline) { return methods_->wait_for_none(deadline); }
 
 }  // namespace deform::server

@@ -20,10 +20,9 @@ namespace deform::server {
 struct ServiceOptions {
   StreamLimits stream;
   std::chrono::milliseconds max_deadline{0};  ///< of a call, or of a request of a DeformStream; 0: none but the client's
-  std::filesystem::path identities;           ///< who may call (Access); empty: everyone
-  Access::Certificates certificates = Access::Certificates::asked_for;  ///< whether clients can show any
-  int call_threads = 8;                                                 ///< for engine calls that wait for the disk
-  std::size_t waiting_calls = 1024;                                     ///< of those; more are refused with a retry hint
+  Access::Options access;                     ///< who may call
+  int call_threads = 8;                       ///< for engine calls that wait for the disk
+  std::size_t waiting_calls = 1024;           ///< of those; more are refused with a retry hint
 
   /// Throws Error(invalid_argument) naming the option and its limits.
   void validate() const;
@@ -46,8 +45,8 @@ class DeformService {
   bool memory_full() const;
   /// Of all calls.
   const Metrics& metrics() const;
-  /// Rereads the identities when their file changed. Now and then, by anyone.
-  void refresh_identities();
+  /// Rereads the files of who may call when they changed. Now and then, by anyone.
+  void refresh_access();
   /// Waits until no call is left; false when the time is over first.
   bool wait_for_none(std::chrono::steady_clock::time_point deadline);
 

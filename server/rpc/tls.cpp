@@ -145,6 +145,7 @@ void TlsFiles::validate() const {
   if (!certificate.empty() && key.empty()) throw missing("tls-cert", "--tls-key");
   if (certificate.empty() && !key.empty()) throw missing("tls-key", "--tls-cert");
   if (certificate.empty() && !client_ca.empty()) throw missing("tls-client-ca", "--tls-cert and --tls-key");
+  if (client_ca.empty() && !client_crl.empty()) throw missing("tls-client-crl", "--tls-client-ca");
 }
 
 std::shared_ptr<grpc::ServerCredentials> tls_credentials(const TlsFiles& files) {

@@ -13,6 +13,7 @@ struct TlsFiles {
   std::filesystem::path certificate;  ///< of the server, and then those between it and its authority
   std::filesystem::path key;          ///< of that certificate, without a passphrase
   std::filesystem::path client_ca;    ///< when set, clients must show a certificate of one of these authorities
+  std::filesystem::path client_crl;   ///< certificates that these authorities have revoked; asked by every call (Access)
 
   bool on() const { return !certificate.empty(); }
   /// Throws Error(invalid_argument) when some are set that make no sense without others.

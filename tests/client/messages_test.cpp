@@ -7,6 +7,7 @@
 #include "client/address.h"
 #include "client/request_splitter.h"
 #include "client/retry.h"
+#include "client/status.h"
 #include "client/upload.h"
 #include "tests/client/scripted_service.h"
 #include "tests/support/expect_error.h"
@@ -80,6 +81,15 @@ TEST(Retry, SameSeedSameWaitingTimesThatGrow) {
   }
   EXPECT_TRUE(differs);
   EXPECT_FALSE(a.next_wait(lost));
+}
+
+TEST(Retry, WhatWasNeverSentMayBeRepeatedAlways) {
+  const Error lost(ErrorCode::unavailable, "lost");
+  const client::NotConnected unreached("nobody listens there", false);
+  client::RetryPolicy when_refused({3, 7, client::Retry::when_refused});
+  EXPECT_TRUE(when_refused.next_wait(unreached));
+  EXPECT_FALSE(when_refused.next_wait(lost));
+  EXPECT_FALSE(when_refused.next_wait(unreached)) << "attempts are counted";
 }
 
 /// A mesh with a face and a group that no single message can hold.

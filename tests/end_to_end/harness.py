@@ -120,13 +120,14 @@ class EndToEnd(unittest.TestCase):
 
     def environment(self):
         environment = {k: v for k, v in os.environ.items() if not k.startswith("DEFORM")}
+        environment["DEFORM_CONFIG"] = self.path("contexts.yaml")  # not those of whoever runs the tests
         if self.server:
             environment["DEFORM_SERVER"] = self.server.address
         return environment
 
     def deform(self, *arguments, expect=0):
         """Runs deform in the test's folder; unless expect is None its exit code must be that."""
-        done = subprocess.run([DEFORM, *map(str, arguments)], cwd=self.folder, env=self.environment(), timeout=120,
+        done = subprocess.run([DEFORM, *map(str, arguments)], cwd=self.folder, env=self.environment(), timeout=600,
                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         if expect is not None:
             self.assertEqual(done.returncode, expect, f"deform {' '.join(map(str, arguments))}\n{done.stdout}\n{done.stderr}")

@@ -3,6 +3,7 @@
 
 import hashlib
 import os
+import re
 import shutil
 import stat
 import subprocess
@@ -48,6 +49,16 @@ class Authority:
         self.run("req", *self.new_key(name), "-out", f"{name}.csr", "-subj", f"/CN={name}", "-addext", f"subjectAltName={names}")
         self.run("ca", "-batch", "-notext", "-create_serial", "-config", f"{self.name}.cnf", "-cert", f"{self.name}-ca.pem",
                  "-keyfile", f"{self.name}-ca.key", "-in", f"{name}.csr", "-out", f"{name}.pem", "-startdate", start, "-enddate", end)
+
+    def revoke(self, name):
+        self.run("ca", "-config", f"{self.name}.cnf", "-cert", f"{self.name}-ca.pem", "-keyfile", f"{self.name}-ca.key",
+                 "-revoke", f"{name}.pem")
+
+    def list_revoked(self, days=30):
+        """The list of now, beside its name and then in its place, as an authority's tools do."""
+        self.run("ca", "-gencrl", "-config", f"{self.name}.cnf", "-cert", f"{self.name}-ca.pem", "-keyfile", f"{self.name}-ca.key",
+                 "-crlsec", str(days * 86400), "-out", "new.crl")
+        os.replace(os.path.join(self.folder, "new.crl"), os.path.join(self.folder, f"{self.name}.crl"))
 
 
 class Identity(EndToEnd):
@@ -124,6 +135,47 @@ class Identity(EndToEnd):
         self.fails(1, *shows("foreign"), "status", says=["does not accept", "foreign.pem", "\"CN=stranger\""])
         self.fails(1, *shows("unnamed"), "status", says=["no identity has the name", "unnamed.example.org"])
 
+    def test_revoked_certificates(self):
+        for name in ("solver", "other"):
+            self.authority.issue(name, f"DNS:{name}.example.org")
+        self.authority.list_revoked()
+        self.start_server(*self.tls, "--tls-client-ca", "test-ca.pem", "--tls-client-crl", "test.crl")
+        self.assertIn("revocations: 0 certificates in 1 lists", self.server.log_text())
+        solver, other = (["--ca", "test-ca.pem", "--cert", f"{name}.pem", "--key", f"{name}.key"] for name in ("solver", "other"))
+        self.deform("sample", "-o", "ahmed.obj", "--points", 2000)
+        self.write("setup.yaml", AHMED_SETUP)
+        self.deform(*solver, "prepare", "setup.yaml")
+        busy = {name: self.spawn(*who, "bench", "setup.yaml", "--designs", 50000, "--population", 1, "--json")
+                for name, who in (("solver", solver), ("other", other))}
+        self.wait_until(lambda: self.deform(*other, "status", "--json").json["designs_served"] > 10, "the clients are at work")
+        self.authority.revoke("solver")
+        self.authority.list_revoked()
+        # The connection that is open loses its right, too.
+        out, err = busy["solver"].communicate(timeout=60)
+        self.assertEqual(busy["solver"].returncode, 1, out)
+        self.assertIn("the certificate of CN=solver has been revoked", err)
+        self.assertIsNone(busy["other"].poll(), "the other goes on")
+        busy["other"].kill()
+        self.fails(1, *solver, "status", says=["the certificate of CN=solver has been revoked"])
+        self.deform(*other, "status")
+        # A list that is cut off, of a stranger or gone changes nothing.
+        Authority(self.folder, "stranger").list_revoked()
+        with open(self.path("test.crl")) as file:
+            good = file.read()
+        with open(self.path("stranger.crl")) as file:
+            foreign = file.read()
+        for text, says in ((good[:200], "no list of revoked certificates"), (good + good[:200], "list 2 cannot be read"),
+                           (foreign, "no authority in .*test-ca.pem has signed it")):
+            self.write("test.crl", text)
+            self.wait_until(lambda says=says: re.search(f"revocations: what was read before stays in force: .*{says}", self.server.log_text()),
+                            "the log says so")
+            self.fails(1, *solver, "status", says=["has been revoked"])
+        os.remove(self.path("test.crl"))
+        self.fails(1, *solver, "status", says=["has been revoked"])
+        self.server.stop()
+        with self.assertRaisesRegex(RuntimeError, "option tls-client-crl: .*test.crl"):
+            self.server.start()
+
     def test_tokens_and_roles(self):
         self.deform("sample", "-o", "ahmed.obj", "--points", 2000)
         self.write("setup.yaml", AHMED_SETUP)
@@ -177,6 +229,40 @@ class Identity(EndToEnd):
         self.environment = lambda: {**own, "DEFORM_SERVER": self.server.address, "DEFORM_CA": "test-ca.pem",
                                     "DEFORM_TOKEN_FILE": "ada.token"}
         self.deform("status")
+
+    def test_contexts(self):
+        """A server and its credentials under a name; an address by hand gets none of them."""
+        self.write("identities", f"ada reader {self.token('ada')}\n")
+        self.start_server(*self.tls, "--identities", "identities")
+        named = {**self.environment(), "DEFORM_CONFIG": self.path("config/contexts.yaml")}
+        address = named.pop("DEFORM_SERVER")
+        self.environment = lambda: named
+        self.assertIn("no contexts", self.deform("context", "list").out)
+        self.fails(1, "context", "use", "a", says=["there is no \"a\"", "deform context add"])
+        self.fails(1, "context", "add", "a", "--ca", "none.pem", says=["there is no file", "none.pem"])
+        self.fails(1, "context", "add", "a b", says=["\"a b\" is no name"])
+        self.deform("context", "add", "here", "--server", address, "--ca", "test-ca.pem", "--token-file", "ada.token")
+        self.assertEqual(stat.S_IMODE(os.stat(self.path("config/contexts.yaml")).st_mode), 0o600)
+        self.assertIn(f"at {address}", self.deform("status").out)
+        self.deform("context", "add", "away", "--server", "127.0.0.1:1")
+        self.assertIn("* here", self.deform("context", "list").out)
+        self.fails(3, "--context", "away", "status", says=["127.0.0.1:1", "nobody listens"])
+        self.deform("context", "use", "away")
+        self.fails(3, "status", says=["127.0.0.1:1"])
+        self.deform("--context", "here", "status")
+        listed = self.deform("context", "list", "--json").json["contexts"]
+        self.assertEqual([(c["name"], c["current"], c["server"]) for c in listed],
+                         [("away", True, "127.0.0.1:1"), ("here", False, address)])
+        self.deform("context", "use", "here")
+        self.fails(1, "--server", address, "status", says=["wants TLS"])  # neither the authority nor the token of the context
+        self.fails(1, "--server", address, "--ca", "test-ca.pem", "status", says=["asks who calls"])
+        self.write("wrong.token", "wrong")
+        self.fails(1, "--token-file", "wrong.token", "status", says=["the token is not known"])
+        self.deform("context", "remove", "here")
+        self.assertEqual([c["name"] for c in self.deform("context", "list", "--json").json["contexts"]], ["away"])
+        self.write("config/contexts.yaml", "contexts:\n  a: {servre: b}\n")
+        self.fails(1, "status", says=["contexts.yaml:2", "did you mean \"server\""])
+        self.deform("sample", "-o", "ahmed.obj", "--points", 2000)  # needs no server
 
     def test_unix_socket(self):
         self.start_server()

@@ -28,7 +28,7 @@ class Load(EndToEnd):
         children = [self.spawn("apply", setup, "--set", "roof_up=0.02", "-o", f"together{k}.obj")
                     for k, setup in enumerate(setups)]
         for child in children:
-            self.assertEqual(child.wait(120), 0, child.communicate()[1])
+            self.assertEqual(child.wait(600), 0, child.communicate()[1])
         for k, setup in enumerate(setups):
             self.deform("apply", setup, "--set", "roof_up=0.02", "-o", f"alone{k}.obj")
             self.assertEqual(self.content(f"together{k}.obj"), self.content(f"alone{k}.obj"))
@@ -43,7 +43,7 @@ class Load(EndToEnd):
         self.assertGreater(sum(sizes), 3 << 20)
         children = [self.spawn("bench", setup, "--designs", 40, "--json") for setup in setups]
         for child in children:
-            self.assertEqual(child.wait(120), 0, child.communicate()[1])
+            self.assertEqual(child.wait(600), 0, child.communicate()[1])
         status = self.status()
         self.assertGreater(status["cache_evictions"], 0)
         self.assertLessEqual(status["cache_bytes"], 3 << 20)

@@ -11,7 +11,7 @@ import threading
 import urllib.error
 import urllib.request
 
-from harness import AHMED_SETUP, DEFORMD, EndToEnd, main
+from harness import AHMED_SETUP, DEFORM, DEFORMD, EndToEnd, main
 
 MONITORING = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "deploy", "monitoring")
 
@@ -48,6 +48,28 @@ class Operations(EndToEnd):
         status, text = self.get("/metrics")
         self.assertEqual(status, 200)
         return {line.rsplit(" ", 1)[0]: float(line.rsplit(" ", 1)[1]) for line in text.splitlines() if not line.startswith("#")}
+
+    def test_the_log_names_the_trace_of_a_call_and_counts_what_is_too_much(self):
+        server = self.start("--log-calls", "2")
+        trace = "0af7651916cd43dd8448eb211c80319c"
+        environment = {**self.environment(), "TRACEPARENT": f"00-{trace}-b7ad6b7169203331-01"}
+        subprocess.run([DEFORM, "status"], env=environment, check=True, stdout=subprocess.DEVNULL, timeout=60)
+        self.assertRegex(server.log_text(), f"method=GetServerInfo client=.* trace={trace} ")
+        children = [self.spawn("bench", self.prepared(), "--designs", 200, "--population", 1) for _ in range(2)]
+        for child in children:
+            self.assertEqual(child.wait(120), 0)
+
+        def left_out():
+            self.deform("status")
+            return sum(map(int, re.findall(r"(\d+) calls are not in this log", server.log_text())))
+
+        self.wait_until(lambda: left_out() >= 200, "the others were counted")
+
+    def prepared(self):
+        self.deform("sample", "-o", "ahmed.obj", "--points", 2000)
+        self.write("setup.yaml", AHMED_SETUP)
+        self.deform("prepare", "setup.yaml")
+        return "setup.yaml"
 
     def test_figures_count_what_was_done(self):
         self.start()

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -97,6 +98,16 @@ def test_tls_and_tokens(tmp_path, monkeypatch):
             made.geometries()
         with deformd.Client(server.address, max_attempts=1) as made, pytest.raises(deformd.Error, match="wants TLS"):
             made.geometries()
+        contexts = tmp_path / "contexts.yaml"
+        contexts.write_text(f"current: here\ncontexts: {{here: {{server: '{server.address}', ca: test-ca.pem, token_file: {token}}}}}\n")
+        monkeypatch.setenv("DEFORM_CONFIG", str(contexts))
+        for client in (deformd.Client(), deformd.Client(context="here"), deformd.Client(server.address, context="here")):
+            with client as made:
+                assert made.address == server.address and made.geometries() == []
+        with deformd.Client(server.address, ca=ca) as made, pytest.raises(deformd.Error, match="asks who calls"):
+            made.geometries()  # the token of the context in use is for its own address
+        with pytest.raises(deformd.NotFound, match="there is no \"away\".*only here"):
+            deformd.Client(context="away")
         monkeypatch.setenv("DEFORM_CA", str(ca))
         monkeypatch.setenv("DEFORM_TOKEN_FILE", str(token))
         with deformd.Client(server.address) as made:
@@ -143,6 +154,81 @@ def test_nobody_there():
         with pytest.raises(deformd.Unavailable, match="cannot reach deformd at 127.0.0.1:1") as raised:
             client.server_info()
     assert isinstance(raised.value, ConnectionError) and time.monotonic() - start < 20
+
+
+class Door:
+    """A port of this machine. Connections get the answer of greet(socket), which runs in a thread of its own."""
+
+    def __init__(self, greet):
+        self.greet = greet
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.address = f"127.0.0.1:{self.listener.getsockname()[1]}"
+        self.sockets = []
+        threading.Thread(target=self.accept, daemon=True).start()
+
+    def accept(self):
+        try:
+            while True:
+                self.sockets.append(self.listener.accept()[0])
+                threading.Thread(target=self.greet, args=(self.sockets[-1],), daemon=True).start()
+        except OSError:
+            pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for one in [self.listener, *self.sockets]:
+            one.close()
+
+
+def pump(source, target):
+    try:
+        while data := source.recv(65536):
+            target.sendall(data)
+        target.shutdown(socket.SHUT_WR)
+    except OSError:
+        pass
+
+
+def test_an_unreached_server_is_named_with_the_reason():
+    def speak_http(connection):
+        connection.sendall(b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n")
+
+    cases = [(lambda connection: None, "did not answer in time"), (lambda connection: connection.close(), "closed the connection"),
+             (speak_http, "something other than deformd")]
+    for greet, reason in cases:
+        with Door(greet) as door, deformd.Client(door.address, connect_timeout=0.3, max_attempts=2) as client:
+            with pytest.raises(deformd.Unavailable, match=f"cannot reach deformd at {door.address} .*{reason}"):
+                client.server_info()
+    with deformd.Client("127.0.0.1:1", connect_timeout=0.2, max_attempts=2) as client:
+        with pytest.raises(deformd.Unavailable, match="nobody listens there"):
+            client.server_info()
+
+
+def test_a_server_too_busy_to_answer_at_once_is_waited_for(case):
+    """Each attempt to connect counts, however quickly gRPC repeats the failure of the one before."""
+    seen = []
+
+    def answer_the_third(connection):
+        seen.append(connection)
+        if len(seen) < 3:
+            return
+        server = socket.create_connection(("127.0.0.1", case.server.port))
+        threading.Thread(target=pump, args=(server, connection), daemon=True).start()
+        pump(connection, server)
+
+    with Door(answer_the_third) as door, deformd.Client(door.address, connect_timeout=1.5) as client:
+        assert client.server_info().version == deformd.__version__
+    assert len(seen) == 3
+
+
+def test_waiting_for_a_silent_server_ends_at_the_deadline(case):
+    with Door(lambda connection: None) as door, deformd.Client(door.address, connect_timeout=30, max_attempts=4) as client:
+        start = time.monotonic()
+        with pytest.raises((deformd.DeadlineExceeded, deformd.Unavailable)):
+            client.server_info(timeout=0.5)
+        assert time.monotonic() - start < 15
 
 
 def test_the_address_comes_from_the_environment(case, monkeypatch):

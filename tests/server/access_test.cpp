@@ -50,7 +50,7 @@ class RolesAndMethods : public ServiceFixture {
   void start_with(const std::string& text) {
     write(file, text);
     ServiceOptions options;
-    options.identities = file;
+    options.access.identities = file;
     start(options);
   }
 
@@ -230,11 +230,11 @@ TEST(IdentitiesAtStart, AMissingOrWrongFileIsRefused) {
   const support::TemporaryFolder folder;
   ServerOptions options;
   options.address = "";
-  options.service.identities = folder.path() / "none";
+  options.service.access.identities = folder.path() / "none";
   EXPECT_THROW(start_server(options, std::make_unique<support::FakeEngine>()), Error);
-  write(options.service.identities, "alice");
+  write(options.service.access.identities, "alice");
   EXPECT_THROW(start_server(options, std::make_unique<support::FakeEngine>()), Error);
-  write(options.service.identities, "");
+  write(options.service.access.identities, "");
   EXPECT_NO_THROW(start_server(options, std::make_unique<support::FakeEngine>()));
 }
 

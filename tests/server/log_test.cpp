@@ -107,6 +107,39 @@ TEST(Log, RecordsCanBeJson) {
   EXPECT_NE(lines[2].find(" error method=Deform client="), std::string::npos) << "text again: " << lines[2];
 }
 
+TEST(Log, TraceIdsAreThoseOfTheRecommendation) {
+  const std::string trace = "0af7651916cd43dd8448eb211c80319c";
+  EXPECT_EQ(trace_id("00-" + trace + "-b7ad6b7169203331-01"), trace);
+  EXPECT_EQ(trace_id("cc-" + trace + "-b7ad6b7169203331-01-of the future"), trace);
+  for (const std::string& wrong :
+       {std::string(), "00-" + trace + "-b7ad6b7169203331", "00-" + trace + "-b7ad6b7169203331-01-more",
+        "ff-" + trace + "-b7ad6b7169203331-01", "cc-" + trace + "-b7ad6b7169203331-01.", "00-" + trace + "-0000000000000000-01",
+        "00-00000000000000000000000000000000-b7ad6b7169203331-01", "00-0AF7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01",
+        "00_" + trace + "-b7ad6b7169203331-01", "00-" + trace + "-b7ad6b716920333\n-01"}) {
+    EXPECT_EQ(trace_id(wrong), "") << wrong;
+  }
+  CallRecord record;
+  record.method = "Deform";
+  record.client = "c";
+  record.trace = trace;
+  record.client_request = "study 7";
+  EXPECT_EQ(to_line(record), "method=Deform client=c trace=" + trace + " client_request=\"study 7\" status=ok");
+}
+
+TEST(Log, LinesOfCallsHaveABudgetForEachSecond) {
+  LineBudget budget(3);
+  const auto start = LineBudget::Clock::now();
+  const auto at = [&](int ms) { return budget.next(start + std::chrono::milliseconds(ms)); };
+  for (int ms : {0, 1, 998}) EXPECT_TRUE(at(ms).logged) << ms;
+  for (int ms : {998, 999, 999, 999}) EXPECT_FALSE(at(ms).logged) << ms;
+  const auto next = at(1000);
+  EXPECT_TRUE(next.logged);
+  EXPECT_EQ(next.left_out, 4u);
+  EXPECT_EQ(at(1001).left_out, 0u) << "told once";
+  LineBudget any(0);
+  for (int k = 0; k < 10'000; ++k) ASSERT_TRUE(any.next(start).logged);
+}
+
 TEST(Log, LongTextIsCut) {
   CallRecord record;
   record.method = "GetGeometry";

@@ -90,6 +90,7 @@ TEST_F(Options, EveryOptionCanBeSetInEveryWay) {
                                                      {"tls-cert", "c"},
                                                      {"tls-key", "k"},
                                                      {"tls-client-ca", "a"},
+                                                     {"tls-client-crl", "r"},
                                                      {"identities", "i"},
                                                      {"reflection", "off"},
                                                      {"port-file", "p"},
@@ -121,6 +122,7 @@ TEST_F(Options, EveryOptionCanBeSetInEveryWay) {
                                                      {"log-level", "debug"},
                                                      {"max-deadline", "29"},
                                                      {"log-format", "json"},
+                                                     {"log-calls", "31"},
                                                      {"log-file", "l"}};
   std::vector<std::string> flags;
   std::map<std::string, std::string> variables;
@@ -177,6 +179,7 @@ TEST_F(Options, MistakesNameTheOptionAndThePlace) {
   EXPECT_THAT(error({"--tls-cert", "c"}), HasSubstr("--tls-key"));
   EXPECT_THAT(error({"--tls-key", "k"}), HasSubstr("--tls-cert"));
   EXPECT_THAT(error({"--tls-client-ca", "a"}), HasSubstr("--tls-cert"));
+  EXPECT_THAT(error({"--tls-client-crl", "r"}), HasSubstr("--tls-client-ca"));
   EXPECT_THAT(error({"--log-format", "xml"}), HasSubstr("xml"));
   EXPECT_THAT(error({"--reflection", "perhaps"}), HasSubstr("perhaps"));
   environment["DEFORMD_INSECURE"] = "maybe";
@@ -205,7 +208,7 @@ TEST_F(Options, ListeningBeyondThisMachineMustBeWanted) {
     EXPECT_THAT(error({"--address", address, "--insecure", "--identities", "i"}), HasSubstr("plain text"));
     EXPECT_EQ(read({"--address", address, "--identities", "i", "--tls-cert", "c", "--tls-key", "k"}).server.address, address);
   }
-  EXPECT_EQ(read({"--address", "unix:/tmp/socket", "--identities", "i"}).server.service.identities, "i");
+  EXPECT_EQ(read({"--address", "unix:/tmp/socket", "--identities", "i"}).server.service.access.identities, "i");
   for (const char* address : {"127.0.0.1:0", "127.1.2.3:1", "[::1]:50051", "localhost:50051", "unix:/tmp/socket"}) {
     EXPECT_EQ(read({"--address", address}).server.address, address);
   }

@@ -4,17 +4,25 @@
 #   tests/support/bare_root.sh              their packages and configure steps, as a user with sudo: in .ci/run
 #   tests/support/bare_root.sh --whole [COMMAND]   the whole commands, or one of them, each twice, as root and as a user with sudo:
 #                                                  before a release
+#   tests/support/bare_root.sh --packages BUILD    the Debian packages of a build of deform, deformd and manual: installed, and a first
+#                                                  round with the server under its own account
 # The first command runs before the packages of the second are there. Needs root and mmdebstrap; nothing is kept. The second
 # user compiles nothing that the first one compiled: both have a clone of their own at the same path and one compiler cache.
 set -Eeuo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 whole=()
+packages=
 case "$*" in
   "") ;;
+  "--packages "*)
+    packages=$2
+    rm -rf "$packages/packages"
+    (cd "$packages" && cpack -G DEB -D "CPACK_COMPONENTS_ALL=tools;server")
+    ;;
   --whole) whole=(deploy/quick-start deploy/run-tests) ;;
   "--whole deploy/quick-start" | "--whole deploy/run-tests") whole=("$2") ;;
   *)
-    echo "usage: $0 [--whole [deploy/quick-start | deploy/run-tests]]" >&2
+    echo "usage: $0 [--whole [deploy/quick-start | deploy/run-tests] | --packages BUILD]" >&2
     exit 2
     ;;
 esac
@@ -63,6 +71,24 @@ as() {
   printf '\n== bare root, as %s: %s\n' "$1" "${*:2}"
   chroot "$root" su - "$1" -c "export CCACHE_DIR=/ccache CCACHE_UMASK=000; cd /srv/clone && ${*:2}"
 }
+
+if [ -n "$packages" ]; then
+  doing="installing the packages"
+  cp "$packages"/packages/*.deb "$root/tmp/"
+  chroot "$root" sh -ec 'apt-get update -q && apt-get install -qy --no-install-recommends /tmp/*.deb'
+  doing="a first round with what they installed"
+  chroot "$root" sh -ec 'test "$(stat -c "%a %G" /etc/deformd/deformd.yaml)" = "640 deformd"
+    install -d -m 0700 -o deformd -g deformd /var/lib/deformd
+    su deformd -s /bin/sh -c "exec deformd --config /etc/deformd/deformd.yaml --data-dir /var/lib/deformd" &
+    trap "kill $! && wait $!" EXIT
+    for attempt in 1 2 3 4 5; do deform status && break; sleep 1; done
+    cd /home/engineer && deform sample -o ahmed.obj && deform register ahmed.obj && deform list
+    test -e /usr/share/man/man8/deformd.8 -o -e /usr/share/man/man8/deformd.8.gz'
+  chroot "$root" apt-get purge -qy deform deformd
+  test -d "$root/var/lib/deformd/geometries" || { echo "bare root: removing the package removed the data" >&2; exit 1; }
+  echo "bare root: the packages install, serve and go again"
+  exit 0
+fi
 
 clone engineer
 if [ ${#whole[@]} -eq 0 ]; then

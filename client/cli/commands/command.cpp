@@ -14,18 +14,45 @@
 #include "client/cli/output/error_json.h"
 #include "client/cli/output/printable_stream.h"
 #include "client/cli/output/result_json.h"
+#include "client/setup/contexts.h"
 #include "core/base/commit/commit.h"
 #include "core/base/text.h"
 
 namespace deform::cli {
 
+namespace {
+
+/// What a context says and no option nor variable does. With an address by hand, the context in use is nobody's: its token would
+/// go to another server.
+CommonOptions with_context(CommonOptions common) {
+  const auto given = [&](const char* option) { return common.given.contains(option); };
+  if (common.context.empty() && given("--server")) return common;
+  const auto contexts = client::read_contexts(client::contexts_file());
+  const std::string name = common.context.empty() ? contexts.current : common.context;
+  if (name.empty()) return common;
+  const client::Context& context = contexts.find(name);
+  if (!given("--server") && !context.server.empty()) common.server = context.server;
+  if (!given("--tls")) common.tls = context.tls;
+  if (!given("--ca")) common.tls_options.ca = context.ca;
+  if (!given("--cert") && !given("--key")) {
+    common.tls_options.cert = context.cert;
+    common.tls_options.key = context.key;
+  }
+  if (!given("--server-name")) common.tls_options.server_name = context.server_name;
+  if (!given("--token-file")) common.token_file = context.token_file;
+  return common;
+}
+
+}  // namespace
+
 client::ClientOptions CommonOptions::client_options() const {
+  const CommonOptions used = with_context(*this);
+  const client::TlsOptions& files = used.tls_options;
   client::ClientOptions options;
-  options.address = server;
-  const bool wanted =
-      tls || !tls_options.ca.empty() || !tls_options.cert.empty() || !tls_options.key.empty() || !tls_options.server_name.empty();
-  if (wanted) options.tls = tls_options;
-  options.token_file = token_file;
+  options.address = used.server;
+  if (used.tls || !files.ca.empty() || !files.cert.empty() || !files.key.empty() || !files.server_name.empty())
+    options.tls = files;
+  options.token_file = used.token_file;
   return options;
 }
 
@@ -80,7 +107,7 @@ still refused after all attempts; 4 a gate or verdict failed: --fail-on, inverte
 that did not arrive; 130 interrupted by Ctrl-C (the server stops working on the request too). One line on stderr says why;
 with --json there is {"error": {"code", "message", "field"}} on stdout, too.
 The environment variables DEFORM_SERVER, DEFORM_TLS, DEFORM_CA, DEFORM_CERT, DEFORM_KEY, DEFORM_SERVER_NAME and
-DEFORM_TOKEN_FILE stand for the options of these names.)";
+DEFORM_TOKEN_FILE stand for the options of these names, DEFORM_CONTEXT for --context (deform context --help).)";
 
 /// The line for people, and with --json the same for machines.
 ExitCode fail(ExitCode code, const nlohmann::ordered_json& error, Style style) {
@@ -129,6 +156,8 @@ void add_common_options(CLI::App& app, CommonOptions& common) {
                  "Name that the server's certificate must have, if not the host of --server")
       ->envname("DEFORM_SERVER_NAME");
   app.add_option("--token-file", common.token_file, "File with the token that says who calls")->envname("DEFORM_TOKEN_FILE");
+  app.add_option("--context", common.context, "Server and credentials that `deform context add` has named")
+      ->envname("DEFORM_CONTEXT");
   app.add_option("--timeout", common.timeout_seconds, "Seconds that one call to the server may take; 0: no limit")
       ->check(CLI::Range(0.0, 1e6))
       ->capture_default_str();
@@ -147,11 +176,11 @@ void define_command_line(CLI::App& app, CommonOptions& common, Action& chosen) {
   app.get_formatter()->column_width(38);
   add_common_options(app, common);
   for (const auto add :
-       {add_sample_command,       add_inspect_command, add_quality_command, add_register_command, add_detect_command,
-        add_prepare_command,      add_compile_command, add_apply_command,   add_sweep_command,    add_compare_command,
-        add_list_command,         add_show_command,    add_remove_command,  add_status_command,   add_bench_command,
-        add_regions_command,      add_lattice_command, add_cage_command,    add_cad_move_command, add_schema_command,
-        add_read_isolated_command}) {
+       {add_sample_command,  add_inspect_command,      add_quality_command, add_register_command, add_detect_command,
+        add_context_command, add_prepare_command,      add_compile_command, add_apply_command,    add_sweep_command,
+        add_compare_command, add_list_command,         add_show_command,    add_remove_command,   add_status_command,
+        add_bench_command,   add_regions_command,      add_lattice_command, add_cage_command,     add_cad_move_command,
+        add_schema_command,  add_read_isolated_command}) {
     add(app, common, chosen);
   }
 }
@@ -172,6 +201,9 @@ int run(int argc, const char* const* argv) {
     // Reading the command line may have ended before --json.
     const bool json = std::any_of(argv, argv + argc, [](const char* argument) { return std::string(argument) == "--json"; });
     return fail(exit_usage, usage_error_json(usage_error(app, error)), json ? Style::json : Style::text);
+  }
+  for (const CLI::Option* option : app.get_options()) {
+    if (option->count() > 0) common.given.insert(option->get_name());
   }
   const ExitCode code = run_action(chosen, common.style());
   std::cout.flush();

@@ -3,6 +3,7 @@
 
 #include <CLI/App.hpp>
 #include <functional>
+#include <set>
 #include <string>
 
 #include "client/client.h"
@@ -35,10 +36,13 @@ struct CommonOptions {
   bool tls = false;  ///< also when any option of TLS is given
   client::TlsOptions tls_options;
   std::string token_file;
-  double timeout_seconds = 0;  ///< of every call; 0 = none
+  std::string context;          ///< named by hand; empty: the one in use, unless an address is given
+  std::set<std::string> given;  ///< options that the command line or the environment sets, "--server"
+  double timeout_seconds = 0;   ///< of every call; 0 = none
   bool json = false;
 
   Style style() const { return json ? Style::json : Style::text; }
+  /// With what the context says. Throws the errors of client::read_contexts() and find().
   client::ClientOptions client_options() const;
   client::CallOptions call_options() const;
 };
@@ -54,6 +58,7 @@ void add_quality_command(CLI::App& app, const CommonOptions& common, Action& cho
 void add_register_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_prepare_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_context_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_compile_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_compare_command(CLI::App& app, const CommonOptions& common, Action& chosen);

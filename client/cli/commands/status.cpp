@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <chrono>
 #include <iostream>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -14,6 +16,8 @@
 namespace deform::cli {
 
 namespace {
+
+constexpr std::chrono::milliseconds patience{15'000};  ///< with a busy machine
 
 /// What an operator should look at; empty when there is nothing.
 std::string store_text(const v1::ServerInfo& info) {
@@ -42,9 +46,10 @@ void print_status(const v1::ServerInfo& info, const std::string& server) {
 ExitCode run_status(const CommonOptions& common) {
   client::ClientOptions options = common.client_options();
   options.max_attempts = 1;  // the answer is about now
-  client::Client client(options);
   client::CallOptions call = common.call_options();
-  if (!call.timeout) call.timeout = std::chrono::seconds(5);
+  if (!call.timeout) call.timeout = patience;
+  options.connect_timeout = std::max(options.connect_timeout, *call.timeout);
+  client::Client client(options);
   const auto info = client.server_info(call);
   const Error draining(ErrorCode::unavailable, "the server is draining and takes no new work; use another one");
   if (common.style() == Style::json) {
@@ -52,7 +57,7 @@ ExitCode run_status(const CommonOptions& common) {
     if (info.draining()) json["error"] = error_json(draining.code(), draining.what());
     print(json);
   } else {
-    print_status(info, common.server);
+    print_status(info, options.address);
   }
   if (!info.draining()) return exit_ok;
   complain(draining.what());
@@ -63,7 +68,7 @@ ExitCode run_status(const CommonOptions& common) {
 
 void add_status_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
   auto* command = app.add_subcommand("status", "Show how the server is; exit code 0 only when it serves");
-  command->footer("Waits at most 5 seconds unless --timeout says otherwise. Fits a container's health check.");
+  command->footer("Waits at most 15 seconds unless --timeout says otherwise. Fits a container's health check.");
   command->callback([&common, &chosen] { chosen = [&common] { return run_status(common); }; });
 }
 

@@ -10,6 +10,7 @@
 #include "client/python/binding/bind_mesh.h"
 #include "client/python/binding/calls.h"
 #include "client/python/binding/record.h"
+#include "client/setup/contexts.h"
 #include "client/setup/yaml_message.h"
 
 namespace deform::python {
@@ -136,6 +137,22 @@ v1::EstimateRequest estimate_request(const ReadSetup& setup, bool list_problems)
 }
 
 }  // namespace
+
+py::object find_context(const std::string& name) {
+  const auto contexts = client::read_contexts(client::contexts_file());
+  const std::string& used = name.empty() ? contexts.current : name;
+  if (used.empty()) return py::none();
+  const client::Context& found = contexts.find(used);
+  py::dict out;
+  out["server"] = found.server;
+  out["tls"] = found.tls;
+  out["ca"] = found.ca;
+  out["cert"] = found.cert;
+  out["key"] = found.key;
+  out["server_name"] = found.server_name;
+  out["token_file"] = found.token_file;
+  return out;
+}
 
 void bind_client(py::module_& module) {
   using client::CallOptions;

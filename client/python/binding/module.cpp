@@ -16,6 +16,7 @@ PYBIND11_MODULE(_deformd, module) {
   module.attr("version") = version();
   module.attr("pybind11_version") = PYBIND11_VERSION_HEX;
   module.def("nearest_names", &nearest_names);
+  module.def("find_context", &python::find_context, pybind11::arg("name"));
   python::register_errors();
   python::bind_record(module);
   python::bind_client(module);

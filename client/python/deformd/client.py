@@ -33,6 +33,8 @@ class Client:
     token_file: file with the token that says who calls; it is read for every call, and not kept here.
       Unless given, these six are the environment variables DEFORM_TLS, DEFORM_CA, DEFORM_CERT, DEFORM_KEY, DEFORM_SERVER_NAME and
       DEFORM_TOKEN_FILE, as on the command line.
+    context: the name of a server and its credentials that `deform context add` has kept; unless given DEFORM_CONTEXT, or where no address is
+      given the one in use. Arguments and variables go before what it says.
 
     Connects with the first call. Ctrl-C cancels a call, here and on the server. After os.fork() (multiprocessing with the method
     "fork") the child needs a client of its own; clients, geometries and systems can be pickled, and connect anew where they arrive.
@@ -53,13 +55,18 @@ class Client:
         key: Optional[Path] = None,
         server_name: Optional[str] = None,
         token_file: Optional[Path] = None,
+        context: Optional[str] = None,
     ) -> None:
-        self.address = address or os.environ.get("DEFORM_SERVER") or "127.0.0.1:50051"
+        named = address or os.environ.get("DEFORM_SERVER")
+        chosen = context or os.environ.get("DEFORM_CONTEXT")
+        # With an address by hand, the context in use is nobody's: its token would go to another server.
+        known = (_deformd.find_context(chosen or "") if chosen or not named else None) or {}
+        self.address = named or known.get("server") or "127.0.0.1:50051"
         self.timeout = timeout
-        files = {name: os.environ.get("DEFORM_" + name.upper(), "") if value is None else os.fspath(value)
+        files = {name: os.environ.get("DEFORM_" + name.upper()) or known.get(name, "") if value is None else os.fspath(value)
                  for name, value in (("ca", ca), ("cert", cert), ("key", key), ("server_name", server_name), ("token_file", token_file))}
         if tls is None:
-            tls = _switched_on("DEFORM_TLS")
+            tls = _switched_on("DEFORM_TLS") or known.get("tls", False)
             encrypt = tls or any(files[name] for name in ("ca", "cert", "key", "server_name"))
         else:
             encrypt = tls

@@ -92,6 +92,32 @@ TEST_P(SolverError, IsWhatItsUncertaintySays) {
   }
 }
 
+/// Where handles can be met, the steps must end at the least energy that meets them: the solution of the saddle-point system.
+TEST(MultiplierSteps, ComeToTheConstrainedMinimum) {
+  for (std::uint32_t seed = 0; seed < 20; ++seed) {
+    std::mt19937 random(seed);
+    EnergySolver::Problem problem;
+    problem.energy = rod(random);
+    problem.coupling = random_coupling(random);
+    problem.enforcement = HandleEnforcement::multipliers;
+    problem.weights = Eigen::VectorXd::Constant(held, multiplier_weight(problem.energy, problem.coupling));
+    Eigen::MatrixXd h(held, 1);
+    for (double& x : h.reshaped()) x = std::uniform_real_distribution<double>(-1, 1)(random);
+    const Eigen::MatrixXd w = EnergySolver(problem, 0, {}).solve(h, {});
+    const Matrix lower = Eigen::MatrixXd(problem.energy).cast<long double>();
+    const Matrix K = lower.selfadjointView<Eigen::Lower>();
+    const Matrix B = Eigen::MatrixXd(problem.coupling).transpose().cast<long double>();
+    Matrix saddle = Matrix::Zero(unknowns + held, unknowns + held), right = Matrix::Zero(unknowns + held, 1);
+    saddle.topLeftCorner(unknowns, unknowns) = K;
+    saddle.topRightCorner(unknowns, held) = B.transpose();
+    saddle.bottomLeftCorner(held, unknowns) = B;
+    right.bottomRows(held) = h.cast<long double>();
+    const Matrix exact = saddle.partialPivLu().solve(right).topRows(unknowns);
+    const auto off = static_cast<double>((w.cast<long double>() - exact).cwiseAbs().maxCoeff() / exact.cwiseAbs().maxCoeff());
+    EXPECT_LT(off, 1e-30) << seed;
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Enforcements, SolverError,
                          testing::Values(HandleEnforcement::eliminated, HandleEnforcement::soft, HandleEnforcement::multipliers));
 
