@@ -80,7 +80,7 @@ if [ -n "$packages" ]; then
   chroot "$root" sh -ec 'test "$(stat -c "%a %G" /etc/deformd/deformd.yaml)" = "640 deformd"
     install -d -m 0700 -o deformd -g deformd /var/lib/deformd
     su deformd -s /bin/sh -c "exec deformd --config /etc/deformd/deformd.yaml --data-dir /var/lib/deformd" &
-    trap "kill $! && wait $!" EXIT
+    trap "kill $!; wait $! || true" EXIT
     for attempt in 1 2 3 4 5; do deform status && break; sleep 1; done
     cd /home/engineer && deform sample -o ahmed.obj && deform register ahmed.obj && deform list
     test -e /usr/share/man/man8/deformd.8 -o -e /usr/share/man/man8/deformd.8.gz'
