@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/constraints/cylinder.h"
 
-#include <Eigen/Eigenvalues>
 #include <cmath>
 
 #include "core/constraints/fit_starts.h"
 #include "core/constraints/fitted_projection.h"
 #include "core/constraints/round.h"
+#include "core/numerics/dense/decompositions.h"
 #include "core/constraints/sections.h"
 
 namespace deform {
@@ -51,11 +51,11 @@ class CylinderModel {
       all.push_back(centred(c.point, c.radius, c.direction, around ? to_eigen(x[0]) : axes.mean));
     }
     // The principal curvatures of the patch, for short arcs, on which algebraic radii are too small.
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> bent(patch_curvature(x, axes));
+    const SymmetricEigen<2> bent = symmetric_eigen(patch_curvature(x, axes));
     for (const int k : {0, 1}) {
-      const Eigen::Vector2d straight = bent.eigenvectors().col(1 - k);
+      const Eigen::Vector2d straight = bent.vectors.col(1 - k);
       const Eigen::Vector3d z = straight[0] * axes.axes.col(2) + straight[1] * axes.axes.col(1);
-      all.push_back(touching(axes.mean, axes.axes.col(0), z, -bent.eigenvalues()[k]));
+      all.push_back(touching(axes.mean, axes.axes.col(0), z, -bent.values[k]));
     }
     return all;
   }
