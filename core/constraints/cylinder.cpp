@@ -6,8 +6,8 @@
 #include "core/constraints/fit_starts.h"
 #include "core/constraints/fitted_projection.h"
 #include "core/constraints/round.h"
-#include "core/numerics/dense/decompositions.h"
 #include "core/constraints/sections.h"
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform {
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/constraints/matched_shape.h"
 
-
 #include "core/constraints/fitted_projection.h"
 #include "core/numerics/dense/decompositions.h"
 

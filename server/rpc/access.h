@@ -17,11 +17,6 @@
 
 namespace deform::server {
 
-/// The role that a method of the service needs. A method without a row in the table needs the highest.
-Role role_needed(std::string_view method);
-/// Whether the table has a row for it.
-bool has_row(std::string_view method);
-
 /// A file as it was looked at last, to see that it changed without reading it. Absent files are all alike.
 struct FileStamp {
   std::int64_t modified_ns = 0, size = -1, inode = 0, device = 0;
@@ -46,7 +41,7 @@ class Access {
   /// for a file that is missing or wrong. Where no certificate is ever seen, identities that have only one are warned of.
   explicit Access(std::filesystem::path identities, Certificates certificates = Certificates::asked_for);
 
-  Admission admit(std::string_view method, const grpc::ServerContextBase& context) const;
+  Admission admit(std::string_view method, Role needed, const grpc::ServerContextBase& context) const;
 
   /// Rereads the file when it changed. A file that is missing or wrong is logged, and the one before stays in force.
   void refresh();

@@ -13,7 +13,7 @@ namespace deform::detection {
 namespace {
 
 constexpr std::size_t seed_fit_faces = 400;
-constexpr int draws = 16;                 ///< random samples of one neighbourhood and kind
+constexpr int draws = 16;                       ///< random samples of one neighbourhood and kind
 constexpr std::size_t seed_judging_faces = 64;  ///< faces of the neighbourhood that judge them
 
 /// The shape that most of the faces agree with, from random samples of a few of them; at most `draws` tries.

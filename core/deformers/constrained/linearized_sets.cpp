@@ -165,8 +165,7 @@ void LinearizedSets::scale_parameters(std::size_t set, const Eigen::MatrixXd& pa
   }
   scaled.resize(parameters.rows(), static_cast<Eigen::Index>(kept.size()));
   for (std::size_t k = 0; k < kept.size(); ++k) {
-    scaled.col(static_cast<Eigen::Index>(k)) =
-        unit * eigen.vectors.col(kept[k]) * std::sqrt(points / eigen.values[kept[k]]);
+    scaled.col(static_cast<Eigen::Index>(k)) = unit * eigen.vectors.col(kept[k]) * std::sqrt(points / eigen.values[kept[k]]);
   }
   parameter_count_ += scaled.cols();
 }
