@@ -21,8 +21,6 @@ Svd<n> svd_of(const Eigen::Matrix<double, n, n>& A) {
   return {svd.singularValues(), svd.matrixU(), svd.matrixV()};
 }
 
-using PivotedQr = Eigen::ColPivHouseholderQR<Eigen::MatrixXd>;
-
 }  // namespace
 
 SymmetricEigen<2> symmetric_eigen(const Eigen::Matrix2d& A) { return eigen_of<2>(A); }
@@ -32,26 +30,21 @@ SymmetricEigen<Eigen::Dynamic> symmetric_eigen(const Eigen::MatrixXd& A) { retur
 Svd<2> svd(const Eigen::Matrix2d& A) { return svd_of<2>(A); }
 Svd<3> svd(const Eigen::Matrix3d& A) { return svd_of<3>(A); }
 
-PivotedSolution pivoted_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b) {
-  const PivotedQr qr(A);
+PivotedSolution pivoted_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b, std::optional<double> threshold) {
+  Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(A);
+  if (threshold) qr.setThreshold(*threshold);
   return {qr.solve(b), qr.rank()};
-}
-
-PivotedSolution pivoted_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b, double threshold) {
-  PivotedQr qr(A);
-  qr.setThreshold(threshold);
-  return {qr.solve(b), qr.rank()};
-}
-
-Eigen::MatrixXd least_solution(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, double threshold) {
-  Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> solver;
-  solver.setThreshold(threshold);
-  solver.compute(A);
-  return solver.solve(B);
 }
 
 Eigen::VectorXd least_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b) {
   return Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd>(A).solve(b);
+}
+
+Eigen::MatrixXd least_solution(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, double threshold) {
+  Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> decomposition;
+  decomposition.setThreshold(threshold);
+  decomposition.compute(A);
+  return decomposition.solve(B);
 }
 
 }  // namespace deform

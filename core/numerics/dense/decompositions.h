@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 
 // The decompositions of small matrices, compiled once: each file that instantiates one of Eigen takes seconds longer to compile.
 // Deterministic. Any thread may call any of them.
@@ -31,17 +32,15 @@ Svd<2> svd(const Eigen::Matrix2d& A);
 Svd<3> svd(const Eigen::Matrix3d& A);
 
 /// The x of least |A x - b| by the QR decomposition of A with column pivoting, where entries of columns beyond the rank are zero.
+/// Pivots up to `threshold` times the largest count as zero; if not set, those of the size of rounding errors.
 struct PivotedSolution {
   Eigen::VectorXd x;
   Eigen::Index rank = 0;
 };
-
-/// Pivots up to `threshold` times the largest count as zero. The default is the rounding error of the decomposition.
-PivotedSolution pivoted_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b);
-PivotedSolution pivoted_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b, double threshold);
+PivotedSolution pivoted_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b, std::optional<double> threshold = {});
 
 /// The X of least |A X - B|, and among these the one of least length.
-Eigen::MatrixXd least_solution(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, double threshold);
 Eigen::VectorXd least_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b);
+Eigen::MatrixXd least_solution(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, double threshold);
 
 }  // namespace deform
