@@ -30,9 +30,8 @@ SymmetricEigen<Eigen::Dynamic> symmetric_eigen(const Eigen::MatrixXd& A) { retur
 Svd<2> svd(const Eigen::Matrix2d& A) { return svd_of<2>(A); }
 Svd<3> svd(const Eigen::Matrix3d& A) { return svd_of<3>(A); }
 
-PivotedSolution pivoted_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b, std::optional<double> threshold) {
-  Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(A);
-  if (threshold) qr.setThreshold(*threshold);
+PivotedSolution pivoted_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b) {
+  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(A);
   return {qr.solve(b), qr.rank()};
 }
 

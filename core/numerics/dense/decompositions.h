@@ -2,7 +2,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <optional>
 
 // The decompositions of small matrices, compiled once: each file that instantiates one of Eigen takes seconds longer to compile.
 // Deterministic. Any thread may call any of them.
@@ -31,13 +30,13 @@ struct Svd {
 Svd<2> svd(const Eigen::Matrix2d& A);
 Svd<3> svd(const Eigen::Matrix3d& A);
 
-/// The x of least |A x - b| by the QR decomposition of A with column pivoting, where entries of columns beyond the rank are zero.
-/// Pivots up to `threshold` times the largest count as zero; if not set, those of the size of rounding errors.
+/// The x of least |A x - b| by the QR decomposition of A with column pivoting. The rank is the number of pivots above rounding
+/// errors; x divides by smaller ones as well, unless they vanish, so that it is large where columns are dependent.
 struct PivotedSolution {
   Eigen::VectorXd x;
   Eigen::Index rank = 0;
 };
-PivotedSolution pivoted_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b, std::optional<double> threshold = {});
+PivotedSolution pivoted_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b);
 
 /// The X of least |A X - B|, and among these the one of least length.
 Eigen::VectorXd least_solution(const Eigen::MatrixXd& A, const Eigen::VectorXd& b);
