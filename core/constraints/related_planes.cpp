@@ -80,8 +80,7 @@ class OrthogonalModel {
   static Eigen::Vector3d least_across(const Eigen::Vector3d& n, const PrincipalAxes& of) {
     const Eigen::Matrix3d frame = axes_from(n, Eigen::Vector3d::Zero());
     const Eigen::Matrix<double, 2, 3> across = frame.leftCols<2>().transpose() * of.axes;
-    Eigen::Matrix2d moments = Eigen::Matrix2d::Zero();
-    moments.triangularView<Eigen::Lower>() = across * of.moments.asDiagonal() * across.transpose();
+    const Eigen::Matrix2d moments = (across * of.moments.asDiagonal() * across.transpose()).triangularView<Eigen::Lower>();
     return frame.leftCols<2>() * symmetric_eigen(moments).vectors.col(0);
   }
 
