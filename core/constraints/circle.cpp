@@ -13,17 +13,13 @@ namespace deform {
 namespace {
 
 /// In the plane z = 0 of the frame, touching its origin with the normal x.
-class CircleModel {
+class CircleModel : public RoundModel<CircleModel> {
  public:
-  static constexpr int rows = 2, sizes = 1;
+  static constexpr int rows = 2;
 
-  explicit CircleModel(std::optional<double> curvature) : kept_(curvature) {
-    active_ = {along_x, along_z, about_x, about_y, about_z};
-    if (!kept_) active_.push_back(motions);
-  }
+  explicit CircleModel(std::optional<double> curvature) : RoundModel({along_x, along_z, about_x, about_y, about_z}, curvature) {}
 
   std::string_view kind() const { return "circular"; }
-  const std::vector<int>& active() const { return active_; }
 
   void residual(std::size_t, const Eigen::Vector3d& y, const Eigen::Matrix<double, 1, 1>& size, LocalResidual<2, 1>& out) const {
     const RoundDistance d = round_distance(y, size[0], About::z_axis);
@@ -33,13 +29,6 @@ class CircleModel {
         d.value * d.by_curvature_twice;
   }
 
-  Fit<1> fitted(std::span<const Vec3> x, const Fit<1>* last) const {
-    if (last != nullptr) return refitted(*this, x, *last);
-    const auto free = starts(x);
-    return best_minimum(*this, x, kept_ ? with_curvature(free, *kept_) : free);
-  }
-
- private:
   static std::vector<Fit<1>> starts(std::span<const Vec3> x) {
     const PrincipalAxes axes = principal_axes(x);
     const double radius = std::sqrt(axes.moments[2] / static_cast<double>(x.size()));
@@ -63,9 +52,6 @@ class CircleModel {
     }
     return all;
   }
-
-  std::optional<double> kept_;
-  std::vector<int> active_;
 };
 
 /// The projection onto a circle of free radius.

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/constraints/cone.h"
 
-#include <Eigen/Eigenvalues>
 #include <cmath>
 
 #include "core/constraints/fit_starts.h"
 #include "core/constraints/fitted_projection.h"
 #include "core/constraints/round.h"
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform {
 
@@ -110,11 +110,11 @@ class ConeModel {
     };
     for (const AxisCandidate& c : axis_candidates(x, Profile::cone, 4)) add(c);
     for (const AxisCandidate& c : axis_candidates(x, Profile::cylinder, 2)) add(c);
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> bent(patch_curvature(x, axes));
+    const SymmetricEigen<2> bent = symmetric_eigen(patch_curvature(x, axes));
     for (const int k : {0, 1}) {
-      const Eigen::Vector2d straight = bent.eigenvectors().col(1 - k);
+      const Eigen::Vector2d straight = bent.vectors.col(1 - k);
       const Eigen::Vector3d z = straight[0] * axes.axes.col(2) + straight[1] * axes.axes.col(1);
-      all.push_back(sloped(touching(axes.mean, axes.axes.col(0), z, -bent.eigenvalues()[k]), 0));
+      all.push_back(sloped(touching(axes.mean, axes.axes.col(0), z, -bent.values[k]), 0));
     }
     return all;
   }

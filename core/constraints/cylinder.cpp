@@ -1,46 +1,31 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/constraints/cylinder.h"
 
-#include <Eigen/Eigenvalues>
 #include <cmath>
 
 #include "core/constraints/fit_starts.h"
 #include "core/constraints/fitted_projection.h"
 #include "core/constraints/round.h"
 #include "core/constraints/sections.h"
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform {
 
 namespace {
 
 /// Along z of the frame, touching its origin with the normal x.
-class CylinderModel {
+class CylinderModel : public RoundModel<CylinderModel> {
  public:
-  static constexpr int rows = 1, sizes = 1;
+  static constexpr int rows = 1;
 
-  explicit CylinderModel(std::optional<double> curvature) : kept_(curvature) {
-    active_ = {along_x, about_x, about_y, about_z};
-    if (!kept_) active_.push_back(motions);
-  }
+  explicit CylinderModel(std::optional<double> curvature) : RoundModel({along_x, about_x, about_y, about_z}, curvature) {}
 
   std::string_view kind() const { return "cylindrical"; }
-  const std::vector<int>& active() const { return active_; }
 
   void residual(std::size_t, const Eigen::Vector3d& y, const Eigen::Matrix<double, 1, 1>& size, LocalResidual<1, 1>& out) const {
-    const RoundDistance d = round_distance(y, size[0], About::z_axis);
-    out.value[0] = d.value;
-    out.gradient << d.normal.transpose(), d.by_curvature;
-    out.curvature << d.value * d.hessian, d.value * d.normal_by_curvature, d.value * d.normal_by_curvature.transpose(),
-        d.value * d.by_curvature_twice;
+    round_residual(y, size[0], About::z_axis, out);
   }
 
-  Fit<1> fitted(std::span<const Vec3> x, const Fit<1>* last) const {
-    if (last != nullptr) return refitted(*this, x, *last);
-    const auto free = starts(x);
-    return best_minimum(*this, x, kept_ ? with_curvature(free, *kept_) : free);
-  }
-
- private:
   static std::vector<Fit<1>> starts(std::span<const Vec3> x) {
     const PrincipalAxes axes = principal_axes(x);
     const double size = std::sqrt(axes.moments.sum() / static_cast<double>(x.size()));
@@ -51,17 +36,14 @@ class CylinderModel {
       all.push_back(centred(c.point, c.radius, c.direction, around ? to_eigen(x[0]) : axes.mean));
     }
     // The principal curvatures of the patch, for short arcs, on which algebraic radii are too small.
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> bent(patch_curvature(x, axes));
+    const SymmetricEigen<2> bent = symmetric_eigen(patch_curvature(x, axes));
     for (const int k : {0, 1}) {
-      const Eigen::Vector2d straight = bent.eigenvectors().col(1 - k);
+      const Eigen::Vector2d straight = bent.vectors.col(1 - k);
       const Eigen::Vector3d z = straight[0] * axes.axes.col(2) + straight[1] * axes.axes.col(1);
-      all.push_back(touching(axes.mean, axes.axes.col(0), z, -bent.eigenvalues()[k]));
+      all.push_back(touching(axes.mean, axes.axes.col(0), z, -bent.values[k]));
     }
     return all;
   }
-
-  std::optional<double> kept_;
-  std::vector<int> active_;
 };
 
 /// A cylinder with sections: to the squared distances from it are added those of the points of each section from a plane across
@@ -158,9 +140,9 @@ class SectionedCylinder final : public Projection {
       const Eigen::Vector3d y = fit.frame.local(x[i]);
       LocalResidual<1, 1> local;
       model_.cylinder().residual(i, y, fit.size, local);
-      Eigen::Matrix3d xx;
-      mixed[i] = second(local, y, fit, xx);
-      out[i] = to_vec3(to_eigen(dx[i]) - xx * to_eigen(dx[i]));
+      const SecondDerivatives<1> second = second_derivatives(local, y, fit.frame);
+      mixed[i] = second.xq;
+      out[i] = to_vec3(to_eigen(dx[i]) - second.xx * to_eigen(dx[i]));
     }
     const Eigen::Vector3d axis = fit.frame.axes.col(2);
     std::vector<double> mean(model_.sections().size(), 0.0);
@@ -169,8 +151,7 @@ class SectionedCylinder final : public Projection {
       mean[s] /= static_cast<double>(model_.sections()[s].size());
     }
     model_.for_each(x, fit, [&](std::uint32_t i, const Eigen::Vector3d& y, std::size_t s) {
-      Eigen::Matrix3d xx;
-      Mixed turning = second(SectionedModel::height(y), y, fit, xx);
+      Mixed turning = second_derivatives(SectionedModel::height(y), y, fit.frame).xq;
       turning.leftCols<3>().setZero();
       mixed[i] += turning;
       out[i] = to_vec3(to_eigen(out[i]) - (axis.dot(to_eigen(dx[i])) - mean[s]) * axis);
@@ -217,17 +198,6 @@ class SectionedCylinder final : public Projection {
  private:
   using Parameters = Eigen::Matrix<double, motions + 1, 1>;
   using Mixed = Eigen::Matrix<double, 3, motions + 1>;
-
-  /// Second derivatives of half a squared distance: by the point, and by the point and the parameters (the result).
-  static Mixed second(const LocalResidual<1, 1>& local, const Eigen::Vector3d& y, const Fit<1>& fit, Eigen::Matrix3d& xx) {
-    const auto gradient_y = local.gradient.leftCols<3>();
-    const Eigen::Vector3d g = gradient_y.transpose() * local.value;
-    const Eigen::Matrix<double, 3, 4> rows = gradient_y.transpose() * local.gradient + local.curvature.topRows<3>();
-    Mixed mixed = rows * chart<1>(y);
-    mixed.block<3, 3>(0, about_x) -= cross_matrix(g);
-    xx = fit.frame.axes * rows.leftCols<3>() * fit.frame.axes.transpose();
-    return fit.frame.axes * mixed;
-  }
 
   SectionedModel model_;
   std::size_t points_;

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/constraints/fit_starts.h"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform {
 
@@ -13,11 +13,6 @@ namespace {
 
 constexpr std::size_t search_points = 200;
 constexpr int search_directions = 250;
-
-/// The least-squares solution of least length: these systems are singular for sets that lie on a line or in a point.
-Eigen::VectorXd solved(const Eigen::MatrixXd& A, const Eigen::VectorXd& b) {
-  return Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd>(A).solve(b);
-}
 
 }  // namespace
 
@@ -29,10 +24,10 @@ PrincipalAxes principal_axes(std::span<const Vec3> x) {
     const Eigen::Vector3d d = to_eigen(p) - result.mean;
     scatter.noalias() += d * d.transpose();
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(scatter);
-  result.axes = eigen.eigenvectors();
+  const SymmetricEigen<3> eigen = symmetric_eigen(scatter);
+  result.axes = eigen.vectors;
   if (result.axes.determinant() < 0) result.axes.col(0) *= -1;
-  result.moments = eigen.eigenvalues();
+  result.moments = eigen.values;
   return result;
 }
 
@@ -69,7 +64,7 @@ PlaneCircle algebraic_circle(const std::vector<Eigen::Vector2d>& points) {
     A.row(i) << 2 * p[0], 2 * p[1], 1;
     b[i] = p.squaredNorm();
   }
-  const Eigen::Vector3d s = solved(A.transpose() * A, A.transpose() * b);
+  const Eigen::Vector3d s = least_solution(A.transpose() * A, A.transpose() * b);
   const double square = s[2] + s.head<2>().squaredNorm();
   return {s.head<2>(), square > 0 ? std::sqrt(square) : 0};
 }
@@ -83,7 +78,7 @@ AlgebraicSphere algebraic_sphere(const std::vector<Eigen::Vector3d>& points) {
     A.row(i) << 2 * p[0], 2 * p[1], 2 * p[2], 1;
     b[i] = p.squaredNorm();
   }
-  const Eigen::Vector4d s = solved(A, b);
+  const Eigen::Vector4d s = least_solution(A, b);
   const double square = s[3] + s.head<3>().squaredNorm();
   return {s.head<3>(), square > 0 ? std::sqrt(square) : 0};
 }
@@ -100,7 +95,7 @@ Eigen::Matrix2d patch_curvature(std::span<const Vec3> x, const PrincipalAxes& ax
     A.row(i) << 1, y[2], y[1], 0.5 * y[2] * y[2], y[2] * y[1], 0.5 * y[1] * y[1];
     b[i] = y[0];
   }
-  const Eigen::VectorXd s = solved(A, b);
+  const Eigen::VectorXd s = least_solution(A, b);
   Eigen::Matrix2d H;
   H << s[3], s[4], s[4], s[5];
   return H / size;
@@ -135,7 +130,7 @@ AxisCandidate candidate(const std::vector<Eigen::Vector3d>& points, const Eigen:
     A.col(4) = Y.col(2).cwiseAbs2();
   }
   const Eigen::VectorXd b = Y.leftCols<2>().rowwise().squaredNorm();
-  const Eigen::VectorXd s = solved(A.transpose() * A, A.transpose() * b);
+  const Eigen::VectorXd s = least_solution(A.transpose() * A, A.transpose() * b);
   const Eigen::RowVector2d centre = 0.5 * s.head<2>().transpose();
   const Eigen::VectorXd radii = (Y.leftCols<2>().rowwise() - centre).rowwise().norm();
   AxisCandidate result;

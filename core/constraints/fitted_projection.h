@@ -54,13 +54,13 @@ class FittedProjection : public Projection {
     const Eigen::VectorXd scale = residual_scale(gauss_newton, natural_scale(active, points, spread({x}).reach()));
     Parameters right = Parameters::Zero();
     for (std::size_t i = 0; i < x.size(); ++i) {
-      const Second second = second_derivatives(i, x[i], fit);
+      const auto second = second_derivatives(i, x[i], fit);
       right.noalias() += second.xq.transpose() * to_eigen(dx[i]);
     }
     Parameters turn = Parameters::Zero();
     turn(active) = scaled_inverse(H, scale, 1e-13) * right(active);
     for (std::size_t i = 0; i < x.size(); ++i) {
-      const Second second = second_derivatives(i, x[i], fit);
+      const auto second = second_derivatives(i, x[i], fit);
       const Eigen::Vector3d d = to_eigen(dx[i]);
       out[i] = to_vec3(d - second.xx * d + second.xq * turn);
     }
@@ -97,27 +97,11 @@ class FittedProjection : public Projection {
   using LocalType = LocalResidual<Model::rows, Model::sizes>;
   using Parameters = Eigen::Matrix<double, motions + Model::sizes, 1>;
 
-  /// Second derivatives of half the squared distance of one point, with respect to x twice, and to x and the parameters.
-  struct Second {
-    Eigen::Matrix3d xx;
-    Eigen::Matrix<double, 3, motions + Model::sizes> xq;
-  };
-
-  Second second_derivatives(std::size_t i, const Vec3& x, const FitType& fit) const {
+  SecondDerivatives<Model::sizes> second_derivatives(std::size_t i, const Vec3& x, const FitType& fit) const {
     LocalType local;
     const Eigen::Vector3d y = fit.frame.local(x);
     model_.residual(i, y, fit.size, local);
-    const auto gradient_y = local.gradient.template leftCols<3>();
-    const Eigen::Vector3d g = gradient_y.transpose() * local.value;
-    const Eigen::Matrix<double, 3, 3 + Model::sizes> rows =
-        gradient_y.transpose() * local.gradient + local.curvature.template topRows<3>();
-    Second second;
-    second.xq = rows * chart<Model::sizes>(y);
-    // The normal turns with the shape: e_w x g.
-    second.xq.template block<3, 3>(0, about_x) -= cross_matrix(g);
-    second.xq = (fit.frame.axes * second.xq).eval();
-    second.xx = fit.frame.axes * rows.template leftCols<3>() * fit.frame.axes.transpose();
-    return second;
+    return deform::second_derivatives(local, y, fit.frame);
   }
 
   Model model_;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/constraints/fitting.h"
 
+#include "core/numerics/dense/decompositions.h"
+
 namespace deform {
 
 Frame Frame::moved(const Eigen::Vector3d& v, const Eigen::Vector3d& w) const {
@@ -39,14 +41,14 @@ Spread spread(const PointSample& sample) {
 
 Eigen::MatrixXd scaled_inverse(const Eigen::MatrixXd& H, const Eigen::VectorXd& scale, double cut) {
   const Eigen::VectorXd by = scale.cwiseInverse();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(by.asDiagonal() * H * by.asDiagonal());
-  const Eigen::VectorXd& values = eigen.eigenvalues();
+  const auto eigen = symmetric_eigen(Eigen::MatrixXd(by.asDiagonal() * H * by.asDiagonal()));
+  const Eigen::VectorXd& values = eigen.values;
   const double least = cut * values.cwiseAbs().maxCoeff();
   Eigen::VectorXd inverse = Eigen::VectorXd::Zero(values.size());
   for (Eigen::Index k = 0; k < values.size(); ++k) {
     if (std::abs(values[k]) > least) inverse[k] = 1 / values[k];
   }
-  const Eigen::MatrixXd U = by.asDiagonal() * eigen.eigenvectors();
+  const Eigen::MatrixXd U = by.asDiagonal() * eigen.vectors;
   return U * inverse.asDiagonal() * U.transpose();
 }
 
@@ -80,16 +82,16 @@ Eigen::VectorXd damped_step(const StepRequest& request) {
   const Eigen::VectorXd by = request.scale.cwiseInverse();
   const Eigen::VectorXd gradient = by.cwiseProduct(request.gradient);
   for (const Eigen::MatrixXd* H : {&request.newton, &request.gauss_newton}) {
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(by.asDiagonal() * (*H) * by.asDiagonal());
-    const Eigen::VectorXd& values = eigen.eigenvalues();
+    const auto eigen = symmetric_eigen(Eigen::MatrixXd(by.asDiagonal() * (*H) * by.asDiagonal()));
+    const Eigen::VectorXd& values = eigen.values;
     const double largest = values.cwiseAbs().maxCoeff();
     if (H == &request.newton && values.minCoeff() < -1e-12 * largest) continue;
-    Eigen::VectorXd step = eigen.eigenvectors().transpose() * gradient;
+    Eigen::VectorXd step = eigen.vectors.transpose() * gradient;
     for (Eigen::Index k = 0; k < step.size(); ++k) {
       // Directions without information (rotation about the axis of a surface of revolution) are kept.
       step[k] = values[k] > 1e-14 * largest ? -step[k] / (values[k] + request.damping * largest) : 0;
     }
-    return by.cwiseProduct(eigen.eigenvectors() * step);
+    return by.cwiseProduct(eigen.vectors * step);
   }
   return Eigen::VectorXd::Zero(request.gradient.size());
 }

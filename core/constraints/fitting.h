@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -159,6 +157,29 @@ void add_point(const LocalResidual<rows, sizes>& local, const Eigen::Vector3d& y
     to.curvature.col(motions + k).template segment<3>(about_x) += mixed.cross(y);
   }
   to.curvature.template bottomRightCorner<sizes, sizes>() += local.curvature.template bottomRightCorner<sizes, sizes>();
+}
+
+/// Second derivatives of half the squared distance of one point, with respect to x twice, and to x and the parameters.
+template <int sizes>
+struct SecondDerivatives {
+  Eigen::Matrix3d xx;
+  Eigen::Matrix<double, 3, motions + sizes> xq;
+};
+
+template <int rows, int sizes>
+SecondDerivatives<sizes> second_derivatives(const LocalResidual<rows, sizes>& local, const Eigen::Vector3d& y,
+                                            const Frame& frame) {
+  const auto gradient_y = local.gradient.template leftCols<3>();
+  const Eigen::Vector3d g = gradient_y.transpose() * local.value;
+  const Eigen::Matrix<double, 3, 3 + sizes> by_y =
+      gradient_y.transpose() * local.gradient + local.curvature.template topRows<3>();
+  SecondDerivatives<sizes> second;
+  second.xq = by_y * chart<sizes>(y);
+  // The normal turns with the shape: e_w x g.
+  second.xq.template block<3, 3>(0, about_x) -= cross_matrix(g);
+  second.xq = (frame.axes * second.xq).eval();
+  second.xx = frame.axes * by_y.template leftCols<3>() * frame.axes.transpose();
+  return second;
 }
 
 template <class Model>

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/constraints/matched_shape.h"
 
-#include <Eigen/SVD>
-
 #include "core/constraints/fitted_projection.h"
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform {
 
@@ -38,15 +37,15 @@ class MatchedModel {
     const Eigen::Vector3d mean = spread({x}).mean;
     Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
     for (std::size_t i = 0; i < x.size(); ++i) covariance.noalias() += (to_eigen(x[i]) - mean) * rest_[i].transpose();
-    const Eigen::JacobiSVD<Eigen::Matrix3d> svd(covariance, Eigen::ComputeFullU | Eigen::ComputeFullV);
+    const auto [values, U, V] = svd(covariance);
     Eigen::Vector3d sign(1, 1, 1);
     // The least singular direction is mirrored rather than the shape.
-    if ((svd.matrixU() * svd.matrixV().transpose()).determinant() < 0) sign[2] = -1;
+    if ((U * V.transpose()).determinant() < 0) sign[2] = -1;
     Fit<1> fit;
     fit.mean = fit.frame.origin = mean;
-    fit.frame.axes = svd.matrixU() * sign.asDiagonal() * svd.matrixV().transpose();
+    fit.frame.axes = U * sign.asDiagonal() * V.transpose();
     fit.size[0] = 1;
-    if (match_ == Match::similar && square_ > 0) fit.size[0] = svd.singularValues().dot(sign) / square_;
+    if (match_ == Match::similar && square_ > 0) fit.size[0] = values.dot(sign) / square_;
     return fit;
   }
 

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/constraints/related_planes.h"
 
-#include <Eigen/Eigenvalues>
-
 #include "core/constraints/fit_starts.h"
 #include "core/constraints/fitted_projection.h"
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform {
 
@@ -81,8 +80,8 @@ class OrthogonalModel {
   static Eigen::Vector3d least_across(const Eigen::Vector3d& n, const PrincipalAxes& of) {
     const Eigen::Matrix3d frame = axes_from(n, Eigen::Vector3d::Zero());
     const Eigen::Matrix<double, 2, 3> across = frame.leftCols<2>().transpose() * of.axes;
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(across * of.moments.asDiagonal() * across.transpose());
-    return frame.leftCols<2>() * eigen.eigenvectors().col(0);
+    const Eigen::Matrix2d moments = (across * of.moments.asDiagonal() * across.transpose()).triangularView<Eigen::Lower>();
+    return frame.leftCols<2>() * symmetric_eigen(moments).vectors.col(0);
   }
 
   std::size_t split_;

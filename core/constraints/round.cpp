@@ -30,6 +30,14 @@ RoundDistance round_distance(const Eigen::Vector3d& y, double curvature, About a
   return d;
 }
 
+void round_residual(const Eigen::Vector3d& y, double curvature, About about, LocalResidual<1, 1>& out) {
+  const RoundDistance d = round_distance(y, curvature, about);
+  out.value[0] = d.value;
+  out.gradient << d.normal.transpose(), d.by_curvature;
+  out.curvature << d.value * d.hessian, d.value * d.normal_by_curvature, d.value * d.normal_by_curvature.transpose(),
+      d.value * d.by_curvature_twice;
+}
+
 Fit<1> touching(const Eigen::Vector3d& origin, const Eigen::Vector3d& normal, const Eigen::Vector3d& z, double curvature) {
   Fit<1> fit;
   fit.frame.origin = origin;

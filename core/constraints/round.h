@@ -2,7 +2,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "core/base/types.h"
@@ -24,6 +26,8 @@ struct RoundDistance {
 };
 enum class About { point, z_axis };
 RoundDistance round_distance(const Eigen::Vector3d& y, double curvature, About about);
+/// The distance as the residual of a point.
+void round_residual(const Eigen::Vector3d& y, double curvature, About about, LocalResidual<1, 1>& out);
 
 /// A round shape through `origin` with this normal (x axis of the frame) and curvature (size 0); the z axis of the frame is as
 /// close to `z` as possible.
@@ -34,5 +38,32 @@ Fit<1> centred(const Eigen::Vector3d& centre, double radius, const Eigen::Vector
 
 /// Turns starts of fits with free curvature into starts with the given curvature, on both sides.
 std::vector<Fit<1>> with_curvature(const std::vector<Fit<1>>& starts, double curvature);
+
+/// What the models of round shapes have in common: their size is the curvature, which is free unless it is given. A Model has
+///   static std::vector<Fit<1>> starts(x)    starts of fits with free curvature
+template <class Model>
+class RoundModel {
+ public:
+  static constexpr int sizes = 1;
+
+  const std::vector<int>& active() const { return active_; }
+
+  Fit<1> fitted(std::span<const Vec3> x, const Fit<1>* last) const {
+    const Model& model = static_cast<const Model&>(*this);
+    if (last != nullptr) return refitted(model, x, *last);
+    const std::vector<Fit<1>> free = Model::starts(x);
+    return best_minimum(model, x, kept_ ? with_curvature(free, *kept_) : free);
+  }
+
+ protected:
+  /// `active`: the free motions of the frame.
+  RoundModel(std::vector<int> active, std::optional<double> curvature) : kept_(curvature), active_(std::move(active)) {
+    if (!kept_) active_.push_back(motions);
+  }
+
+ private:
+  std::optional<double> kept_;
+  std::vector<int> active_;
+};
 
 }  // namespace deform

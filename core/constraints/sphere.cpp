@@ -12,33 +12,18 @@ namespace deform {
 namespace {
 
 /// Touching the origin of the frame with the normal x.
-class SphereModel {
+class SphereModel : public RoundModel<SphereModel> {
  public:
-  static constexpr int rows = 1, sizes = 1;
+  static constexpr int rows = 1;
 
-  explicit SphereModel(std::optional<double> curvature) : kept_(curvature) {
-    active_ = {along_x, about_y, about_z};
-    if (!kept_) active_.push_back(motions);
-  }
+  explicit SphereModel(std::optional<double> curvature) : RoundModel({along_x, about_y, about_z}, curvature) {}
 
   std::string_view kind() const { return "spherical"; }
-  const std::vector<int>& active() const { return active_; }
 
   void residual(std::size_t, const Eigen::Vector3d& y, const Eigen::Matrix<double, 1, 1>& size, LocalResidual<1, 1>& out) const {
-    const RoundDistance d = round_distance(y, size[0], About::point);
-    out.value[0] = d.value;
-    out.gradient << d.normal.transpose(), d.by_curvature;
-    out.curvature << d.value * d.hessian, d.value * d.normal_by_curvature, d.value * d.normal_by_curvature.transpose(),
-        d.value * d.by_curvature_twice;
+    round_residual(y, size[0], About::point, out);
   }
 
-  Fit<1> fitted(std::span<const Vec3> x, const Fit<1>* last) const {
-    if (last != nullptr) return refitted(*this, x, *last);
-    const auto free = starts(x);
-    return best_minimum(*this, x, kept_ ? with_curvature(free, *kept_) : free);
-  }
-
- private:
   static std::vector<Fit<1>> starts(std::span<const Vec3> x) {
     const PrincipalAxes axes = principal_axes(x);
     const double size = std::sqrt(axes.moments.sum() / static_cast<double>(x.size()));
@@ -56,9 +41,6 @@ class SphereModel {
     all.push_back(touching(axes.mean, axes.axes.col(0), axes.axes.col(2), -0.5 * patch_curvature(x, axes).trace()));
     return all;
   }
-
-  std::optional<double> kept_;
-  std::vector<int> active_;
 };
 
 }  // namespace

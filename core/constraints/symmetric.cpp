@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/constraints/symmetric.h"
 
-#include <Eigen/Eigenvalues>
 #include <utility>
 
 #include "core/constraints/fitting.h"
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform {
 
@@ -87,9 +87,9 @@ class SymmetricProjection final : public Projection {
     for (std::size_t i = 0; i < x.size(); ++i) {
       product.noalias() += (to_eigen(x[i]) - plane.point) * (to_eigen(x[partner_[i]]) - plane.point).transpose();
     }
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(0.5 * (product + product.transpose()));
-    plane.axes = eigen.eigenvectors();
-    plane.values = eigen.eigenvalues();
+    const SymmetricEigen<3> eigen = symmetric_eigen(Eigen::Matrix3d(0.5 * (product + product.transpose())));
+    plane.axes = eigen.vectors;
+    plane.values = eigen.values;
     return plane;
   }
 

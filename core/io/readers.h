@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -12,6 +14,9 @@
 namespace deform::io {
 
 struct ContainerLibrary;
+
+/// The most points, faces and corners of a mesh.
+inline constexpr std::uint64_t most_ids = std::numeric_limits<std::uint32_t>::max();
 
 /// Describes one format. Each folder of core/io/formats defines the entries of its formats; readers() lists all of them.
 struct Reader {

@@ -155,11 +155,11 @@ std::string grid_bytes(std::span<const Vec3> points, std::size_t cells, const Vt
 }
 
 /// The faces of every cell, ascending.
-struct CellFaces {
+struct PolyhedronFaces {
   std::vector<std::uint64_t> offsets;
   std::vector<std::uint32_t> faces;
 
-  explicit CellFaces(const PolyhedralCells& cells) : offsets(cells.cell_count + 1) {
+  explicit PolyhedronFaces(const PolyhedralCells& cells) : offsets(cells.cell_count + 1) {
     const auto for_each = [&](const auto& use) {
       for (std::size_t f = 0; f < cells.face_count(); ++f) {
         use(cells.owner[f], f);
@@ -240,7 +240,7 @@ std::string vtu_bytes(std::span<const Vec3> points, const PolyhedralCells& cells
   check_arrays(arrays.cells, cells.cell_count, "cells", name);
   check_ids(cells.face_points, points.size(), name + ": face_points", "point");
   return grid_bytes(points, cells.cell_count, arrays, [&](VtkDocument& document) {
-    const CellFaces around(cells);
+    const PolyhedronFaces around(cells);
     Ids connectivity, ends, faces, face_ends;
     std::vector<std::int64_t> last(points.size(), -1);  // the last cell that has the point
     for (std::size_t c = 0; c < cells.cell_count; ++c) {

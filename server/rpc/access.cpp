@@ -5,7 +5,6 @@
 #include <spdlog/spdlog.h>
 #include <sys/stat.h>
 
-#include <algorithm>
 #include <iterator>
 #include <string>
 #include <utility>
@@ -18,22 +17,6 @@
 namespace deform::server {
 
 namespace {
-
-/// Every RPC of the service has its row.
-constexpr std::pair<std::string_view, Role> role_table[] = {
-    {"RegisterGeometry", Role::use},   {"GetGeometry", Role::read},      {"ListGeometries", Role::read},
-    {"DeleteGeometry", Role::operate}, {"GetPoints", Role::read},        {"Detect", Role::use},
-    {"Estimate", Role::use},           {"Prepare", Role::use},           {"GetSystem", Role::read},
-    {"ListSystems", Role::read},       {"ReleaseSystem", Role::operate}, {"Deform", Role::use},
-    {"DeformStream", Role::use},       {"JacobianVector", Role::use},    {"VectorJacobian", Role::use},
-    {"GetServerInfo", Role::read},     {"GetBasis", Role::use},
-};
-
-const std::pair<std::string_view, Role>* row_of(std::string_view method) {
-  const auto* found =
-      std::find_if(std::begin(role_table), std::end(role_table), [&](const auto& row) { return row.first == method; });
-  return found == std::end(role_table) ? nullptr : found;
-}
 
 constexpr std::size_t max_token = 4096;
 constexpr std::string_view bearer = "bearer ";
@@ -91,13 +74,6 @@ std::optional<Identities::Identity> caller(const Identities& identities, const g
 
 }  // namespace
 
-Role role_needed(std::string_view method) {
-  const auto* row = row_of(method);
-  return row == nullptr ? Role::operate : row->second;
-}
-
-bool has_row(std::string_view method) { return row_of(method) != nullptr; }
-
 FileStamp FileStamp::of(const std::filesystem::path& path) {
   struct stat about {};
   if (::stat(path.c_str(), &about) != 0) return {};
@@ -118,7 +94,7 @@ std::pair<Access::IdentitiesPtr, Access::RevocationsPtr> Access::files() const {
   return {identities_, revocations_};
 }
 
-Access::Admission Access::admit(std::string_view method, const grpc::ServerContextBase& context) const {
+Access::Admission Access::admit(std::string_view method, Role needed, const grpc::ServerContextBase& context) const {
   Admission admission;
   admission.generation = generation_;  // before the files are looked at: a change meanwhile is noticed later
   const auto [known, revocations] = files();
@@ -136,7 +112,7 @@ Access::Admission Access::admit(std::string_view method, const grpc::ServerConte
   const auto who = caller(*known, context, admission.refusal);
   if (!who) return admission;
   admission.identity = who->name;
-  if (const Role needed = role_needed(method); who->role < needed) {
+  if (who->role < needed) {
     admission.refusal = Error(ErrorCode::permission_denied, std::string(method) + " needs the role " + to_string(needed) +
                                                                 ", \"" + who->name + "\" has " + to_string(who->role));
   }

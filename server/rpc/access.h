@@ -20,11 +20,6 @@
 
 namespace deform::server {
 
-/// The role that a method of the service needs. A method without a row in the table needs the highest.
-Role role_needed(std::string_view method);
-/// Whether the table has a row for it.
-bool has_row(std::string_view method);
-
 /// A file as it was looked at last, to see that it changed without reading it. Absent files are all alike.
 struct FileStamp {
   std::int64_t modified_ns = 0, size = -1, inode = 0, device = 0;
@@ -56,7 +51,7 @@ class Access {
   /// a file that is missing or wrong.
   explicit Access(Options options);
 
-  Admission admit(std::string_view method, const grpc::ServerContextBase& context) const;
+  Admission admit(std::string_view method, Role needed, const grpc::ServerContextBase& context) const;
 
   /// Rereads what changed. A file that is missing or wrong is logged, and what was read before stays in force.
   void refresh();

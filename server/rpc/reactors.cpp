@@ -61,7 +61,7 @@ bool LiveCalls::wait_for_none(std::chrono::steady_clock::time_point deadline) {
 CallScope::CallScope(const char* method, const Incoming& incoming)
     : incoming_(incoming),
       started_(std::chrono::steady_clock::now()),
-      admission_(incoming.access->admit(method, *incoming.context)) {
+      admission_(incoming.access->admit(method, incoming.needed, *incoming.context)) {
   incoming_.live->enter();
   incoming_.metrics->call_begins();
   record.method = method;
@@ -90,7 +90,7 @@ void CallScope::admit() {
 }
 
 void CallScope::check_memory() const {
-  if (!*incoming_.memory_full || role_needed(record.method) != Role::use) return;
+  if (!*incoming_.memory_full || incoming_.needed != Role::use) return;
   throw Error(ErrorCode::out_of_budget, "the process occupies more memory than --memory-budget allows for, try again later",
               full_memory_retry_ms);
 }
@@ -98,7 +98,7 @@ void CallScope::check_memory() const {
 void CallScope::check_access() {
   const std::lock_guard lock(admission_mutex_);
   if (admission_.generation != incoming_.access->generation()) {
-    admission_ = incoming_.access->admit(record.method, *incoming_.context);
+    admission_ = incoming_.access->admit(record.method, incoming_.needed, *incoming_.context);
   }
   if (admission_.refusal) throw Error(*admission_.refusal);
 }

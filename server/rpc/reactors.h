@@ -48,6 +48,7 @@ class LiveCalls {
 /// A call as it comes in. All live until OnDone at least.
 struct Incoming {
   grpc::CallbackServerContext* context;
+  Role needed;  ///< of the caller
   LiveCalls* live;
   const Access* access;
   const std::atomic<bool>* memory_full;

@@ -155,7 +155,6 @@ class GrpcServer final : public RunningServer {
   ~GrpcServer() override { stop(std::chrono::milliseconds(0)); }
 
   std::string address() const override { return address_; }
-  int metrics_port() const override { return operations_ ? operations_->port() : 0; }
   int port() const override { return listener_ ? listener_->port() : 0; }
   Engine& engine() override { return *engine_; }
   std::shared_ptr<grpc::Channel> in_process_channel() override { return server_->InProcessChannel(grpc::ChannelArguments()); }

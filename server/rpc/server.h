@@ -54,8 +54,6 @@ class RunningServer {
   /// The address with the port that is really used; empty without one.
   virtual std::string address() const = 0;
   virtual int port() const = 0;
-  /// Of /metrics, /livez and /readyz; 0 without them.
-  virtual int metrics_port() const = 0;
   virtual Engine& engine() = 0;
   /// A connection without a network.
   virtual std::shared_ptr<grpc::Channel> in_process_channel() = 0;

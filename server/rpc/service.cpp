@@ -85,11 +85,11 @@ class DeformService::Methods final : public RawService {
   bool wait_for_none(std::chrono::steady_clock::time_point deadline) { return live_.wait_for_none(deadline); }
 
   grpc::ServerReadReactor<Bytes>* RegisterGeometry(Context* context, Bytes* reply) override {
-    return RequestStream::launch(std::make_shared<RegisterCall>(engine_, incoming(context), reply, pool_));
+    return RequestStream::launch(std::make_shared<RegisterCall>(engine_, incoming(Role::use, context), reply, pool_));
   }
 
   grpc::ServerUnaryReactor* GetGeometry(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("GetGeometry", context, reply, [this, bytes](CallRecord& record) {
+    return unary("GetGeometry", Role::read, context, reply, [this, bytes](CallRecord& record) {
       const auto request = received<v1::GetGeometryRequest>(*bytes, record);
       record.geometry = request.id();
       return engine_.get_geometry(request.id());
@@ -97,13 +97,13 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerUnaryReactor* ListGeometries(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("ListGeometries", context, reply, [this, bytes](CallRecord& record) {
+    return unary("ListGeometries", Role::read, context, reply, [this, bytes](CallRecord& record) {
       return engine_.list_geometries(received<v1::ListGeometriesRequest>(*bytes, record));
     });
   }
 
   grpc::ServerUnaryReactor* DeleteGeometry(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("DeleteGeometry", context, reply, [this, bytes](CallRecord& record) {
+    return unary("DeleteGeometry", Role::operate, context, reply, [this, bytes](CallRecord& record) {
       const auto request = received<v1::DeleteGeometryRequest>(*bytes, record);
       record.geometry = request.id();
       return engine_.delete_geometry(request);
@@ -111,15 +111,15 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerWriteReactor<Bytes>* GetPoints(Context* context, const Bytes* bytes) override {
-    return ReplyStream::launch(std::make_shared<PointsCall>(engine_, incoming(context), bytes), pool_);
+    return ReplyStream::launch(std::make_shared<PointsCall>(engine_, incoming(Role::read, context), bytes), pool_);
   }
 
   grpc::ServerWriteReactor<Bytes>* Detect(Context* context, const Bytes* bytes) override {
-    return ReplyStream::launch(std::make_shared<DetectCall>(engine_, incoming(context), bytes), pool_);
+    return ReplyStream::launch(std::make_shared<DetectCall>(engine_, incoming(Role::use, context), bytes), pool_);
   }
 
   grpc::ServerUnaryReactor* Estimate(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("Estimate", context, reply, [this, bytes](CallRecord& record) {
+    return unary("Estimate", Role::use, context, reply, [this, bytes](CallRecord& record) {
       const auto request = received<v1::EstimateRequest>(*bytes, record);
       record.geometry = request.setup().geometry();
       v1::EstimateReply answer = engine_.estimate(request);
@@ -129,11 +129,11 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerWriteReactor<Bytes>* Prepare(Context* context, const Bytes* bytes) override {
-    return ReplyStream::launch(std::make_shared<PrepareCall>(engine_, incoming(context), bytes), pool_);
+    return ReplyStream::launch(std::make_shared<PrepareCall>(engine_, incoming(Role::use, context), bytes), pool_);
   }
 
   grpc::ServerUnaryReactor* GetSystem(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("GetSystem", context, reply, [this, bytes](CallRecord& record) {
+    return unary("GetSystem", Role::read, context, reply, [this, bytes](CallRecord& record) {
       const auto request = received<v1::GetSystemRequest>(*bytes, record);
       record.system = request.id();
       return engine_.get_system(request.id());
@@ -141,7 +141,7 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerUnaryReactor* ListSystems(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("ListSystems", context, reply, [this, bytes](CallRecord& record) {
+    return unary("ListSystems", Role::read, context, reply, [this, bytes](CallRecord& record) {
       const auto request = received<v1::ListSystemsRequest>(*bytes, record);
       record.geometry = request.geometry_id();
       return engine_.list_systems(request);
@@ -149,7 +149,7 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerUnaryReactor* ReleaseSystem(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("ReleaseSystem", context, reply, [this, bytes](CallRecord& record) {
+    return unary("ReleaseSystem", Role::operate, context, reply, [this, bytes](CallRecord& record) {
       const auto request = received<v1::ReleaseSystemRequest>(*bytes, record);
       record.system = request.id();
       return engine_.release_system(request);
@@ -157,7 +157,7 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerWriteReactor<Bytes>* Deform(Context* context, const Bytes* bytes) override {
-    return job("Deform", context, [this, bytes](CallScope& scope, JobCall::Ready ready) {
+    return job("Deform", Role::use, context, [this, bytes](CallScope& scope, JobCall::Ready ready) {
       auto request = received<v1::DeformRequest>(*bytes, scope.record);
       scope.record.system = request.system_id();
       refuse_continued_designs(request);
@@ -168,7 +168,7 @@ class DeformService::Methods final : public RawService {
   grpc::ServerBidiReactor<Bytes, Bytes>* DeformStream(Context* context) override;
 
   grpc::ServerWriteReactor<Bytes>* JacobianVector(Context* context, const Bytes* bytes) override {
-    return job("JacobianVector", context, [this, bytes](CallScope& scope, JobCall::Ready ready) {
+    return job("JacobianVector", Role::use, context, [this, bytes](CallScope& scope, JobCall::Ready ready) {
       auto request = received<v1::JacobianVectorRequest>(*bytes, scope.record);
       scope.record.system = request.system_id();
       return engine_.jacobian_vector(std::move(request), scope.call(), std::move(ready));
@@ -176,15 +176,15 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerReadReactor<Bytes>* VectorJacobian(Context* context, Bytes* reply) override {
-    return RequestStream::launch(std::make_shared<VectorJacobianCall>(engine_, incoming(context), reply, pool_));
+    return RequestStream::launch(std::make_shared<VectorJacobianCall>(engine_, incoming(Role::use, context), reply, pool_));
   }
 
   grpc::ServerWriteReactor<Bytes>* GetBasis(Context* context, const Bytes* bytes) override {
-    return ReplyStream::launch(std::make_shared<BasisCall>(engine_, incoming(context), bytes), pool_);
+    return ReplyStream::launch(std::make_shared<BasisCall>(engine_, incoming(Role::use, context), bytes), pool_);
   }
 
   grpc::ServerUnaryReactor* GetServerInfo(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("GetServerInfo", context, reply, [this, bytes](CallRecord& record) {
+    return unary("GetServerInfo", Role::read, context, reply, [this, bytes](CallRecord& record) {
       received<v1::GetServerInfoRequest>(*bytes, record);
       v1::ServerInfo info = engine_.info();
       info.mutable_limits()->set_max_streams_per_call(options_.stream.open_requests);
@@ -193,17 +193,17 @@ class DeformService::Methods final : public RawService {
   }
 
  private:
-  Incoming incoming(Context* context) {
-    return {context, &live_, &access_, &memory_full_, &overdue_, &metrics_, options_.max_deadline};
+  Incoming incoming(Role needed, Context* context) {
+    return {context, needed, &live_, &access_, &memory_full_, &overdue_, &metrics_, options_.max_deadline};
   }
   /// work(record) -> reply message.
   template <typename Work>
-  grpc::ServerUnaryReactor* unary(const char* method, Context* context, Bytes* reply, Work work) {
-    return UnaryCall::launch(pool_, method, incoming(context), reply,
+  grpc::ServerUnaryReactor* unary(const char* method, Role needed, Context* context, Bytes* reply, Work work) {
+    return UnaryCall::launch(pool_, method, incoming(needed, context), reply,
                              [work = std::move(work)](CallScope& scope) { return serialized(work(scope.record)); });
   }
-  grpc::ServerWriteReactor<Bytes>* job(const char* method, Context* context, JobCall::Submit submit) {
-    return ReplyStream::launch(std::make_shared<JobCall>(method, incoming(context), std::move(submit)));
+  grpc::ServerWriteReactor<Bytes>* job(const char* method, Role needed, Context* context, JobCall::Submit submit) {
+    return ReplyStream::launch(std::make_shared<JobCall>(method, incoming(needed, context), std::move(submit)));
   }
 
   Engine& engine_;
@@ -222,7 +222,7 @@ class DeformService::Methods final : public RawService {
 };
 
 grpc::ServerBidiReactor<Bytes, Bytes>* DeformService::Methods::DeformStream(Context* context) {
-  Incoming stream = incoming(context);
+  Incoming stream = incoming(Role::use, context);
   stream.max_deadline = {};  // of its requests, not of the stream
   auto call = std::make_shared<DeformStreamCall>(engine_, options_.stream, stream, [this](DeformStreamCall* ended) {
     const std::lock_guard lock(streams_mutex_);

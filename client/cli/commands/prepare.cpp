@@ -163,7 +163,21 @@ ExitCode run_prepare(const PrepareOptions& options, const CommonOptions& common)
   return exit_ok;
 }
 
-constexpr char setup_help[] = R"(A setup file is YAML:
+/// Names of the contract, so that a new kernel, method or constraint is in the help by itself.
+std::string names_of(const google::protobuf::EnumDescriptor& values) {
+  std::string names;
+  for (int i = 1; i < values.value_count(); ++i) names += (i > 1 ? ", " : "") + values.value(i)->name();  // 0 is the default
+  return names;
+}
+std::string names_of(const google::protobuf::Descriptor& message) {
+  const auto& kinds = *message.FindOneofByName("kind");
+  std::string names;
+  for (int i = 0; i < kinds.field_count(); ++i) names += (i > 0 ? ", " : "") + kinds.field(i)->name();
+  return names;
+}
+
+std::string setup_help() {
+  return R"(A setup file is YAML:
   geometry: ahmed.obj                     # a mesh file next to the setup file, or a geometry id
   method: {rbf: {kernel: TRIHARMONIC}}
   handles:
@@ -181,21 +195,25 @@ scale {centre, axis}; also: [{handle: right, translate: [0, 1, 0]}] for other ha
 and the lengths of the mesh: upper: 0.05*L, with L the diagonal of its box and Lx, Ly, Lz its sides. `deform schema` is for editors.
 A half model: symmetry: [{region: {group: symmetry}}] or [{point: [0, 0, 0], normal: [0, 1, 0]}], up to three planes that stay
 planes while their points slide.
-Kernels: TRIHARMONIC, BIHARMONIC, QUINTIC, GAUSSIAN, MULTIQUADRIC, INVERSE_MULTIQUADRIC, WENDLAND_C2, THIN_PLATE
-(the default for 2D meshes). Solvers: SOLVER_AUTOMATIC, CHOLESKY, LDLT, ITERATIVE with a tolerance (automatic beyond 20,000
+)" + ("Methods: " + names_of(*v1::Method::descriptor()) + ".\nKernels of rbf: " + names_of(*v1::Kernel_descriptor())) +
+         R"(; THIN_PLATE is the default for 2D meshes.
+Solvers: SOLVER_AUTOMATIC, CHOLESKY, LDLT, ITERATIVE with a tolerance (automatic beyond 20,000
 centres), as in method: {rbf: {solver: ITERATIVE, tolerance: 1e-6}}; INCREMENTAL_QR, as few centres as a tolerance needs (centre_order:
-GREEDY with samples: [{variables: [0.05, 0]}] puts them where those designs need them). Other methods: {shell: {}}, {mls: {}},
+GREEDY with samples: [{variables: [0.05, 0]}] puts them where those designs need them). Energies: {shell: {}}, {mls: {}},
 {subspace: {}}, {ffd: {lattice: {points: [9, 7, 7]}}}, each with energy: {stretching: 0, bending: 1}; {ffd: {control: MESH}}
 manipulates a lattice directly (thesis 3.3), with clamp: 1e-4 and without constraints; {ffd: {control: CONTROLS}} is the classical FFD
 whose handles and fixed regions select control points: region: {lattice: {i: [0, 2], k: [4, 4]}} (first and last, all j) or
 {control: {ids: [7]}}, and lattice: {control_points: {file: moved.vtp}} starts from a lattice that was moved (`deform lattice`);
 {cage: {file: cage.obj}}, a closed mesh of triangles (`deform cage mesh` makes one) whose vertices handles move in the same way, control: {ids: [7]}; with control: MESH handles are regions of the mesh. With energies constraints: [{name: bore, circular: {}, regions: [{group: bore}]}];
-kinds planar, circular, cylindrical, spherical, conical, straight, feature_line, rigid, fixed_plane, symmetric, coplanar, parallel,
-orthogonal, distance, extent; {rigid: {layers: 3}} keeps three layers of cells on a wall of a volume mesh; exact: true puts the points
+kinds )" +
+         names_of(*v1::Constraint::descriptor()) +
+         R"(;
+{rigid: {layers: 3}} keeps three layers of cells on a wall of a volume mesh; exact: true puts the points
 on their shape to the last digits; constraint_options: {tolerance: 1e-7, iterations: 3000}. More in setup.proto.
 Examples:
   deform prepare setup.yaml --check
   deform prepare setup.yaml --json)";
+}
 
 }  // namespace
 
@@ -206,7 +224,7 @@ void add_prepare_command(CLI::App& app, const CommonOptions& common, Action& cho
   command->add_option("--source", options->input.source, "Mesh file of a setup that names its geometry by id");
   command->add_flag("--check", options->check,
                     "Only validate, and print all that is wrong or the estimate of centres, memory and time");
-  command->footer(setup_help);
+  command->footer(setup_help());
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_prepare(*options, common); }; });
 }
 

@@ -12,7 +12,7 @@ namespace deform::detection {
 
 namespace {
 
-constexpr std::size_t fit_faces = 20000;
+constexpr std::size_t common_fit_faces = 20000;
 constexpr int sweeps = 8;
 
 /// Angle between the normals of face and shape.
@@ -173,7 +173,7 @@ std::optional<Region> joined(const Surface& surface, const Limits& limits, const
   Region both{large.shape, large.faces, a.area + b.area, 0};
   both.faces.insert(both.faces.end(), small.faces.begin(), small.faces.end());
   std::sort(both.faces.begin(), both.faces.end());
-  const FitData data = surface.data(both.faces, fit_faces);
+  const FitData data = surface.data(both.faces, common_fit_faces);
   const auto shape = refine(large.shape, data, Effort::full);
   if (!shape) return std::nullopt;
   both.shape = *shape;
@@ -201,7 +201,7 @@ void refit(const Surface& surface, Segmentation& segmentation, std::span<const c
       if (!changed[r]) continue;
       Region& region = segmentation.regions[r];
       region.area = area_of(surface, region.faces);
-      const FitData data = surface.data(region.faces, fit_faces);
+      const FitData data = surface.data(region.faces, common_fit_faces);
       if (data.corners.empty()) continue;
       if (const auto shape = refine(region.shape, data, Effort::full)) region.shape = *shape;
       region.rms = rms_distance(region.shape, data);

@@ -6,6 +6,8 @@
 #include <numbers>
 #include <numeric>
 
+#include "core/numerics/dense/decompositions.h"
+
 namespace deform::detection {
 
 namespace {
@@ -169,7 +171,7 @@ class Fitter {
       rows.row(r) << 2 * q.dot(e1), 2 * q.dot(e2), 1;
       right[r] = q.squaredNorm() - q.dot(axis) * q.dot(axis);
     }
-    const Vector3d algebraic = rows.colPivHouseholderQr().solve(right);
+    const Vector3d algebraic = pivoted_solution(rows, right).x;
     double x = algebraic[0], y = algebraic[1], radius = std::sqrt(std::max(0.0, algebraic[2] + x * x + y * y));
     for (int round = 0; round < 5; ++round) {
       for (std::size_t i = 0; i < ids.size(); ++i) {
@@ -179,7 +181,7 @@ class Fitter {
         rows.row(r) << u / rho, v / rho, 1;
         right[r] = rho - radius;
       }
-      const Vector3d step = rows.colPivHouseholderQr().solve(right);
+      const Vector3d step = pivoted_solution(rows, right).x;
       x += step[0];
       y += step[1];
       radius += step[2];
@@ -241,7 +243,7 @@ class Fitter {
     for (const PointId p : ids) mean += at(p) / static_cast<double>(ids.size());
     Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
     for (const PointId p : ids) spread += (at(p) - mean) * (at(p) - mean).transpose();
-    return {mean, Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(spread).eigenvectors()};
+    return {mean, symmetric_eigen(spread).vectors};
   }
 
   double turning(PointId a, PointId b, PointId c) const {

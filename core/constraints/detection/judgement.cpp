@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/constraints/detection/judgement.h"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -133,7 +134,7 @@ bool row_of_smooth_surface(const Surface& surface, const Limits& limits, const R
   std::vector<FaceId> members = region.faces;
   std::sort(members.begin(), members.end());
   std::vector<PointId> on_rim;
-  double rim = 0, going_on = 0;
+  double rim_length = 0, going_on = 0;
   const bool plane = region.shape.kind == PrimitiveKind::plane;
   const double smooth = (plane ? 1 : 1.2) * limits.maximum_angle;  // noise in rows of torus that bend as much as they may
   for (const FaceId f : members) {
@@ -151,11 +152,11 @@ bool row_of_smooth_surface(const Surface& surface, const Limits& limits, const R
       }
       if (inside) continue;
       on_rim.insert(on_rim.end(), {low, high});
-      rim += length;
+      rim_length += length;
       going_on += similar ? length : 0;
     }
   }
-  if (going_on < (plane ? 0.6 : 0.4) * rim) return false;
+  if (going_on < (plane ? 0.6 : 0.4) * rim_length) return false;
   std::sort(on_rim.begin(), on_rim.end());
   on_rim.erase(std::unique(on_rim.begin(), on_rim.end()), on_rim.end());
   const std::size_t points = points_of(surface, members, most).size();

@@ -12,9 +12,9 @@ namespace deform::detection {
 
 namespace {
 
-constexpr std::size_t fit_faces = 400;
-constexpr int draws = 16;                 ///< random samples of one neighbourhood and kind
-constexpr std::size_t judged_faces = 64;  ///< faces of the neighbourhood that judge them
+constexpr std::size_t seed_fit_faces = 400;
+constexpr int draws = 16;                       ///< random samples of one neighbourhood and kind
+constexpr std::size_t seed_judging_faces = 64;  ///< faces of the neighbourhood that judge them
 
 /// The shape that most of the faces agree with, from random samples of a few of them; at most `draws` tries.
 std::optional<Shape> consensus(const Surface& surface, const Limits& limits, PrimitiveKind kind, std::span<const FaceId> faces,
@@ -24,7 +24,7 @@ std::optional<Shape> consensus(const Surface& surface, const Limits& limits, Pri
   std::optional<Shape> best;
   double best_score = 0;
   std::vector<FaceId> sample(sample_size);
-  const std::size_t stride = std::max<std::size_t>(1, faces.size() / judged_faces);
+  const std::size_t stride = std::max<std::size_t>(1, faces.size() / seed_judging_faces);
   for (int draw = 0; draw < draws; ++draw) {
     for (FaceId& f : sample) f = faces[random.below(faces.size())];
     const auto shape = guess(kind, surface.data(sample, sample_size));
@@ -123,7 +123,7 @@ std::vector<Region> grown_from_patches(const Surface& surface, const Limits& lim
   parallel_for(context, starts.size(), 1, [&](std::size_t begin, std::size_t end) {
     pool.with([&](Growth& growth) {
       for (std::size_t i = begin; i < end; ++i) {
-        const FitData data = surface.data(starts[i], fit_faces);
+        const FitData data = surface.data(starts[i], seed_fit_faces);
         for (const PrimitiveKind kind : limits.kinds) {
           const auto shape = fitted(kind, data, Effort::full);
           // Whole patches only: parts of them are for the seeds.
@@ -201,7 +201,7 @@ std::vector<Region> grown_from_seed(const Surface& surface, const Limits& limits
     const auto faces = growth.neighbourhood(seed, scale.area * limits.minimum_area, scale.faces, labels);
     if (faces.size() == last) break;
     last = faces.size();
-    const FitData data = surface.data(faces, fit_faces);
+    const FitData data = surface.data(faces, seed_fit_faces);
     for (const PrimitiveKind kind : limits.kinds) {
       if (kind != PrimitiveKind::plane && faces.size() < 4) continue;
       if (held(regions, kind, surface, limits, faces)) continue;

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/constraints/detection/shape.h"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform::detection {
 
@@ -173,18 +176,18 @@ std::optional<Shape> guess_plane(const FitData& data) {
     const Vector3d q = data.corners[i] - mean;
     spread += data.corner_weights[i] * q * q.transpose();
   }
-  const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(spread);
+  const SymmetricEigen<3> eigen = symmetric_eigen(spread);
   Shape shape;
   shape.point = mean;
-  shape.axis = eigen.eigenvectors().col(0);
+  shape.axis = eigen.vectors.col(0);
   return shape;
 }
 
 std::optional<Shape> guess_cylinder(const FitData& data, const Moments& m) {
-  const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(m.normals);
+  const SymmetricEigen<3> eigen = symmetric_eigen(m.normals);
   Shape shape;
   shape.kind = PrimitiveKind::cylinder;
-  shape.axis = eigen.eigenvectors().col(0);
+  shape.axis = eigen.vectors.col(0);
   Vector3d centre;
   double radius = 0;
   if (!regress(data, m, &shape.axis, centre, radius)) return std::nullopt;
@@ -194,17 +197,16 @@ std::optional<Shape> guess_cylinder(const FitData& data, const Moments& m) {
 }
 
 std::optional<Shape> guess_cone(const FitData& data, const Moments& m) {
-  const Eigen::SelfAdjointEigenSolver<Matrix3d> spread(m.normals - m.normal * m.normal.transpose());
-  Vector3d axis = spread.eigenvectors().col(0);
+  Vector3d axis = symmetric_eigen(Matrix3d(m.normals - m.normal * m.normal.transpose())).vectors.col(0);
   // All tangent planes go through the apex.
   Vector3d right = Vector3d::Zero();
   for (std::size_t i = 0; i < data.normals.size(); ++i) {
     right += data.weights[i] / m.weight * data.normals[i].dot(data.centres[i] - m.centre) * data.normals[i];
   }
-  const Eigen::SelfAdjointEigenSolver<Matrix3d> tangents(m.normals);
-  const Vector3d values = tangents.eigenvalues();
+  const SymmetricEigen<3> tangents = symmetric_eigen(m.normals);
+  const Vector3d values = tangents.values;
   if (!(values[0] > 1e-12)) return std::nullopt;
-  const Vector3d apex = m.centre + tangents.eigenvectors() * (tangents.eigenvectors().transpose() * right).cwiseQuotient(values);
+  const Vector3d apex = m.centre + tangents.vectors * (tangents.vectors.transpose() * right).cwiseQuotient(values);
   Vector3d q = m.centre - apex;
   if (q.dot(axis) < 0) axis = -axis;
   const double h = q.dot(axis);

@@ -7,6 +7,7 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform::detection {
 
@@ -262,9 +263,9 @@ double deviation(const Surface& surface, FaceId face, std::span<const PointId> i
     basis.row(i) << 1, x, y, x * x, x * y, y * y;
     heights[i] = q.dot(axis);
   }
-  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(basis);
-  const double left = (heights - basis * qr.solve(heights)).squaredNorm();
-  const auto freedom = n - qr.rank();
+  const PivotedSolution fit = pivoted_solution(basis, heights);
+  const double left = (heights - basis * fit.x).squaredNorm();
+  const auto freedom = n - fit.rank;
   return freedom > 0 ? radius * std::sqrt(left / static_cast<double>(freedom)) : -1;
 }
 

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/constrained/anderson.h"
 
-#include <Eigen/QR>
 #include <algorithm>
+
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform {
 
@@ -47,9 +48,7 @@ double Anderson::add(const std::vector<Vec3>& p, const std::vector<Vec3>& q) {
 std::vector<Vec3> Anderson::next() const {
   Eigen::MatrixXd F(q_.size(), static_cast<Eigen::Index>(f_changes_.size()));
   for (std::size_t i = 0; i < f_changes_.size(); ++i) F.col(static_cast<Eigen::Index>(i)) = f_changes_[i];
-  Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(F);
-  qr.setThreshold(1e-10);
-  const Eigen::VectorXd gamma = qr.solve(q_ - p_);
+  const Eigen::VectorXd gamma = pivoted_solution(F, q_ - p_).x;
   Eigen::VectorXd p = q_;
   for (std::size_t i = 0; i < q_changes_.size(); ++i) p -= gamma[static_cast<Eigen::Index>(i)] * q_changes_[i];
   std::vector<Vec3> result(static_cast<std::size_t>(p.size()) / 3);

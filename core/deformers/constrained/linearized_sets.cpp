@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/constrained/linearized_sets.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
@@ -9,6 +8,7 @@
 #include <utility>
 
 #include "core/base/vectors.h"
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform {
 
@@ -31,19 +31,19 @@ class LinearizedSets::Shapes {
     const Eigen::Index n = AtA.rows();
     M_ = W_ = Dense::Zero(n, n);
     if (n == 0) return;
-    const Eigen::SelfAdjointEigenSolver<Dense> eigen(AtA);
+    const auto eigen = symmetric_eigen(AtA);
     Eigen::Index nothing = 0;
-    while (nothing < n && eigen.eigenvalues()[nothing] <= limit * limit) ++nothing;
+    while (nothing < n && eigen.values[nothing] <= limit * limit) ++nothing;
     rank_ = static_cast<std::size_t>(n - nothing);
-    const auto known = eigen.eigenvectors().rightCols(n - nothing);
-    M_ = known * eigen.eigenvalues().tail(n - nothing).cwiseInverse().asDiagonal() * known.transpose();
+    const auto known = eigen.vectors.rightCols(n - nothing);
+    M_ = known * eigen.values.tail(n - nothing).cwiseInverse().asDiagonal() * known.transpose();
     if (nothing == 0) return;
-    const Dense Z = eigen.eigenvectors().leftCols(nothing);
-    const Eigen::SelfAdjointEigenSolver<Dense> free(Z.transpose() * BtB_ * Z);
-    Eigen::VectorXd inverse = free.eigenvalues();
+    const Dense Z = eigen.vectors.leftCols(nothing);
+    const auto free = symmetric_eigen(Dense(Z.transpose() * BtB_ * Z));
+    Eigen::VectorXd inverse = free.values;
     const double least = regularization * std::max(1.0, inverse[nothing - 1]);
     for (double& value : inverse) value = value > least ? 1 / value : 0;
-    const Dense F = Z * free.eigenvectors();
+    const Dense F = Z * free.vectors;
     W_ = F * inverse.asDiagonal() * F.transpose();
   }
   Shapes(const SparseMatrix& AtA, const SparseMatrix& BtB, double limit, const RunContext& context)
@@ -158,15 +158,14 @@ void LinearizedSets::scale_parameters(std::size_t set, const Eigen::MatrixXd& pa
   Eigen::VectorXd by = parameters.colwise().norm();
   for (double& value : by) value = value > 0 ? 1 / value : 0;
   const Dense unit = parameters * by.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Dense> eigen(unit.transpose() * unit);
+  const auto eigen = symmetric_eigen(Dense(unit.transpose() * unit));
   std::vector<Eigen::Index> kept;
-  for (Eigen::Index k = 0; k < eigen.eigenvalues().size(); ++k) {
-    if (eigen.eigenvalues()[k] > no_information * eigen.eigenvalues().maxCoeff()) kept.push_back(k);
+  for (Eigen::Index k = 0; k < eigen.values.size(); ++k) {
+    if (eigen.values[k] > no_information * eigen.values.maxCoeff()) kept.push_back(k);
   }
   scaled.resize(parameters.rows(), static_cast<Eigen::Index>(kept.size()));
   for (std::size_t k = 0; k < kept.size(); ++k) {
-    scaled.col(static_cast<Eigen::Index>(k)) =
-        unit * eigen.eigenvectors().col(kept[k]) * std::sqrt(points / eigen.eigenvalues()[kept[k]]);
+    scaled.col(static_cast<Eigen::Index>(k)) = unit * eigen.vectors.col(kept[k]) * std::sqrt(points / eigen.values[kept[k]]);
   }
   parameter_count_ += scaled.cols();
 }

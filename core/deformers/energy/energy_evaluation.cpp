@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/energy/energy_evaluation.h"
 
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -9,6 +8,7 @@
 #include <string>
 
 #include "core/base/vectors.h"
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform {
 
@@ -23,10 +23,9 @@ constexpr double largest_turn = 15;  // degrees: beyond, a shell that keeps its 
 double turn_of(const Affine& map) {
   Eigen::Matrix3d A;
   A << map[0], map[1], map[2], map[4], map[5], map[6], map[8], map[9], map[10];
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(A, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Eigen::Matrix3d U = svd.matrixU();
-  if ((U * svd.matrixV().transpose()).determinant() < 0) U.col(2) *= -1;
-  const double cosine = 0.5 * ((U * svd.matrixV().transpose()).trace() - 1);
+  auto [values, U, V] = svd(A);
+  if ((U * V.transpose()).determinant() < 0) U.col(2) *= -1;
+  const double cosine = 0.5 * ((U * V.transpose()).trace() - 1);
   return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / std::numbers::pi;
 }
 

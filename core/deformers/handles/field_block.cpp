@@ -2,12 +2,12 @@
 #include "core/deformers/handles/field_block.h"
 
 #include <Eigen/Core>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "core/base/vectors.h"
+#include "core/numerics/dense/decompositions.h"
 #include "core/numerics/kernels/coded_tiles.h"
 
 namespace deform {
@@ -216,10 +216,7 @@ FieldBlock compress_block(const FieldTiles& fields, std::size_t first, std::span
   FieldBlock block;
   set_frame(own, block);
   const MatrixXd A = affine_matrix(block, own);
-  Eigen::CompleteOrthogonalDecomposition<MatrixXd> solver;
-  solver.setThreshold(flat_block);
-  solver.compute(A);
-  const MatrixXd affine = solver.solve(values);
+  const MatrixXd affine = least_solution(A, values, flat_block);
   const MatrixXd rest = values - A * affine;
   const Factors factors = factored(rest, truncation * bound);
   double step = coarsest * bound;

@@ -3,12 +3,12 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <variant>
 
 #include "core/base/vectors.h"
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform {
 
@@ -58,9 +58,9 @@ Vec3 middle_of(const Mesh& mesh, const std::vector<PointId>& points) {
 AffineWay::AffineWay(const Affine& motion, const Vec3& middle) : motion_(motion) {
   const Matrix linear = linear_part(motion);
   if (!(linear.determinant() > 0)) return;
-  const Eigen::JacobiSVD<Matrix> svd(linear, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Matrix rotation = svd.matrixU() * svd.matrixV().transpose();
-  const Matrix stretch = svd.matrixV() * svd.singularValues().asDiagonal() * svd.matrixV().transpose();
+  const auto [values, U, V] = svd(linear);
+  const Matrix rotation = U * V.transpose();
+  const Matrix stretch = V * values.asDiagonal() * V.transpose();
   const Eigen::AngleAxisd turn{Eigen::Quaterniond(rotation)};
   if (!(turn.angle() > least_angle)) return;
   // The rigid motion behind the stretch about c: y -> R y + b.

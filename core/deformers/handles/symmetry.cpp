@@ -2,7 +2,6 @@
 #include "core/deformers/handles/symmetry.h"
 
 #include <Eigen/Core>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <sstream>
@@ -10,6 +9,7 @@
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform {
 
@@ -72,11 +72,11 @@ void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& m
   for (const PointId id : found.region) scatter += (local(id) - mean) * (local(id) - mean).transpose();
   // A 2D mesh is cut along a line.
   if (box.min[2] == box.max[2]) scatter(2, 2) = 2 * scatter.trace();
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(scatter, Eigen::ComputeFullU);
+  const Eigen::Matrix3d U = svd(scatter).U;
   double second = 0, largest = 0;
   PointId farthest = 0;
   for (const PointId id : found.region) {
-    const Eigen::Vector3d along = svd.matrixU().transpose() * (local(id) - mean);
+    const Eigen::Vector3d along = U.transpose() * (local(id) - mean);
     second = std::max(second, std::abs(along[1]));
     if (std::abs(along[2]) > largest) {
       largest = std::abs(along[2]);
@@ -98,7 +98,7 @@ void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& m
   }
   for (int k = 0; k < 3; ++k) {
     found.point[k] = mesh.points[found.region[0]][k] + mean[k];
-    found.normal[k] = svd.matrixU()(k, 2);
+    found.normal[k] = U(k, 2);
   }
   found.normal = normalized(found.normal);
   // What rounding has tilted was meant to be at right angles to an axis.

@@ -11,8 +11,6 @@ namespace deform::io {
 
 namespace {
 
-using Kind = FaceGroups::Kind;
-
 void append(const ElementMesh::Face& face, Mesh& mesh) {
   if (face.centre) {
     append_face(face.corners, *face.centre, mesh.face_sizes, mesh.face_points);
@@ -35,7 +33,7 @@ void add_surface(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
     append(face, mesh);
     firsts.push_back(first);
     if (face.name.empty()) continue;
-    const std::size_t group = groups.find_or_add(Kind::group, face.name);
+    const std::size_t group = groups.find_or_add(FaceGroups::Kind::group, face.name);
     for (std::size_t f = first; f < mesh.face_sizes.size(); ++f) groups.add_face(group, static_cast<FaceId>(f));
   }
   firsts.push_back(mesh.face_sizes.size());
@@ -73,7 +71,7 @@ void add_boundary(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
   };
   for (std::size_t face = 0; face < source.faces.size(); ++face) {
     if (source.faces[face].name.empty()) continue;
-    add(face, groups.find_or_add(Kind::group, source.faces[face].name));
+    add(face, groups.find_or_add(FaceGroups::Kind::group, source.faces[face].name));
   }
   add_face_sets(source, groups, add);
   mesh.face_sizes = std::move(boundary.sizes);
@@ -83,7 +81,7 @@ void add_boundary(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
 void add_volumes(const ElementMesh& source, FaceGroups& groups) {
   if (std::set<std::string>(source.volume_names.begin(), source.volume_names.end()).size() < 2) return;
   for (std::size_t e = 0; e < source.elements.size(); ++e) {
-    const std::size_t group = groups.find_or_add(Kind::cell_zone, source.volume_names[e]);
+    const std::size_t group = groups.find_or_add(FaceGroups::Kind::cell_zone, source.volume_names[e]);
     for (const PointId point : source.elements.nodes(e)) groups.add_point(group, point);
   }
 }

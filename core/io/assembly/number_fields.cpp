@@ -11,8 +11,6 @@ namespace deform::io {
 
 namespace {
 
-using Kind = NumberField::Kind;
-
 /// A number as it stands in columns: at the right end where the old one did, else where that began. The last field of a line may
 /// have fewer columns.
 std::string aligned(const std::string& number, std::string_view old, std::size_t columns) {
@@ -41,7 +39,7 @@ class FieldWriter {
     out_.append(bytes_.substr(copied_, field.at - copied_));
     // What an earlier coordinate has changed at this end of a line counts.
     if (field.at != end_ || field.new_line) longer_ = 0;
-    const bool fixed = field.kind == Kind::fixed;
+    const bool fixed = field.kind == NumberField::Kind::fixed;
     const std::string text = fixed ? aligned(*number, bytes_.substr(field.at, field.length), field.width) : *number;
     if (field.new_line) out_ += line_end_ + "*";
     if (field.missing > longer_) {

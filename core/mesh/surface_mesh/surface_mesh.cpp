@@ -176,13 +176,6 @@ std::size_t SurfaceMesh::degree(FaceHandle f) const {
   return count;
 }
 
-bool SurfaceMesh::is_triangle_mesh() const {
-  for (const FaceHandle f : faces()) {
-    if (!is_triangle(f)) return false;
-  }
-  return true;
-}
-
 const OneRings& SurfaceMesh::one_rings() {
   if (rings_ == nullptr || rings_stamp_ != stamp_) {
     rings_ = std::make_shared<const OneRings>(*this);

@@ -108,7 +108,6 @@ class SurfaceMesh {
   std::size_t valence(VertexHandle v) const;  ///< number of edges
   std::size_t degree(FaceHandle f) const;     ///< number of corners
   bool is_triangle(FaceHandle f) const { return next(next(next(halfedge(f)))) == halfedge(f); }
-  bool is_triangle_mesh() const;
 
   // Ranges in ascending order, and around an entity: clockwise around vertices, counter-clockwise around faces.
   EntityRange<VertexHandle> vertices() const;

@@ -21,12 +21,12 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-constexpr int first_order = 6, last_order = 16;
-constexpr int direct = last_order + 2;              // "order" of direct sums, which are exact
+constexpr int first_order = 6, last_sum_order = 16;
+constexpr int direct = last_sum_order + 2;          // "order" of direct sums, which are exact
 constexpr std::size_t most_direct_centres = 30000;  // a second or two per product
 constexpr int most_iterations = 60;                 // between restarts; determines the memory of the basis
 constexpr int most_restarts = 6;
-constexpr std::size_t most_samples = 1024;
+constexpr std::size_t most_measured_samples = 1024;
 constexpr double adjoint_tolerance = 1e-13;  // of the largest value: the residual grows by about the size of the weights
 constexpr double adjoint_accuracy = 1e-13;   // of the largest sum
 constexpr int adjoint_order = 12;            // of these sums to begin with
@@ -77,7 +77,7 @@ class IterativeInterpolator::Solve {
  public:
   Solve(const IterativeInterpolator& system, double tolerance, const RunContext& context)
       : system_(system), tolerance_(tolerance), context_(context) {
-    samples_ = stratified_numbers(system.centres_.size(), most_samples);
+    samples_ = stratified_numbers(system.centres_.size(), most_measured_samples);
     for (const std::size_t s : samples_) places_.push_back(system.centres_[s]);
     use_order(first_order);
   }
@@ -93,7 +93,7 @@ class IterativeInterpolator::Solve {
     sums_ = std::make_unique<FastSums>(system_.kernel_, system_.centres_, system_.centres_, FastSums::Options{order, 0});
   }
   /// The highest order, which is `direct` for few centres.
-  int highest() const { return system_.centres_.size() <= most_direct_centres ? direct : last_order; }
+  int highest() const { return system_.centres_.size() <= most_direct_centres ? direct : last_sum_order; }
   MatrixXd product(const MatrixXd& weights) const;
   MatrixXd accurate_difference(const MatrixXd& weights, const MatrixXd& values) const;
   VectorXd error_of_sums(const MatrixXd& weights, const MatrixXd& fast) const;
@@ -320,7 +320,7 @@ MatrixXd IterativeInterpolator::adjoint(MatrixXd B, const RunContext& context) c
 std::vector<double> IterativeInterpolator::weighted_sums(const Interpolants& interpolants, std::span<const double> weights,
                                                          std::span<const Vec3> points, double& error,
                                                          const RunContext& context) const {
-  const SumAccuracy accuracy{std::clamp(interpolants.order, first_order, last_order), 0.5 * interpolants.tolerance, 0};
+  const SumAccuracy accuracy{std::clamp(interpolants.order, first_order, last_sum_order), 0.5 * interpolants.tolerance, 0};
   CheckedSums checked = checked_sums(kernel_, points, centres_, weights,
                                      static_cast<std::size_t>(interpolants.coefficients.cols()), accuracy, context);
   error = checked.error;

@@ -22,7 +22,7 @@ using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::Ro
 constexpr std::size_t least_block = 64, block = 256;  // columns appended at a time: the more there are, a quarter of them
 constexpr std::size_t greedy_block = 8;  // looking after every column saves a tenth of them and takes ten times as long
 constexpr double greedy_share = 0.5;     // of the largest residual: below it, better look again after the next columns
-constexpr std::size_t most_terms = PolynomialSpace::most_terms;
+constexpr std::size_t most_basis_terms = PolynomialSpace::most_terms;
 
 [[noreturn]] void refuse(const std::string& what) { throw Error(ErrorCode::invalid_argument, what); }
 
@@ -91,7 +91,7 @@ LeastSquaresInterpolator::LeastSquaresInterpolator(std::vector<Vec3> centres, co
 }
 
 std::size_t LeastSquaresInterpolator::bytes_for(std::size_t m, std::size_t k) {
-  return BlockedQr::bytes_for(m + most_terms, k + most_terms, block) + 4 * m * sizeof(Vec3);
+  return BlockedQr::bytes_for(m + most_basis_terms, k + most_basis_terms, block) + 4 * m * sizeof(Vec3);
 }
 
 std::size_t LeastSquaresInterpolator::bytes() const {

@@ -11,7 +11,7 @@ namespace deform {
 
 namespace {
 
-constexpr std::size_t points_per_range = 128;
+constexpr std::size_t rows_per_range = 128;
 
 double squared(const Vec3& a, const Vec3& b) {
   const double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
@@ -27,7 +27,7 @@ SparseRows kernel_rows(const RadialKernel& kernel, double reach, std::span<const
   std::int64_t* const starts = rows.outerIndexPtr();
   starts[0] = 0;
   const auto each = [&](const auto& use) {
-    parallel_for(context, points.size(), points_per_range, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context, points.size(), rows_per_range, [&](std::size_t begin, std::size_t end) {
       std::vector<PointTree::Near> near;
       for (std::size_t i = begin; i < end; ++i) {
         tree.within(points[i], reach * reach, near);

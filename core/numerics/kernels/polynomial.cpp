@@ -2,10 +2,10 @@
 #include "core/numerics/kernels/polynomial.h"
 
 #include <Eigen/QR>
-#include <Eigen/SVD>
 #include <algorithm>
 
 #include "core/base/parallel.h"
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform {
 
@@ -40,9 +40,9 @@ double PolynomialSpace::find_axes(std::span<const Vec3> centres, const Parity& p
   }
   for (int k = 0; k < 3; ++k) origin_[k] = mean[k];
   if (parity.none()) {
-    const Eigen::JacobiSVD<Eigen::Matrix3d> svd(scatter, Eigen::ComputeFullU);
+    const Eigen::Matrix3d U = svd(scatter).U;
     for (int k = 0; k < 3; ++k) {
-      for (int i = 0; i < 3; ++i) axes_[k][i] = svd.matrixU()(i, k);
+      for (int i = 0; i < 3; ++i) axes_[k][i] = U(i, k);
     }
     return extent;
   }
@@ -52,11 +52,11 @@ double PolynomialSpace::find_axes(std::span<const Vec3> centres, const Parity& p
     if (!mirrored(k) || mirrored(a) || mirrored(b)) continue;
     Eigen::Matrix2d block;
     block << scatter(a, a), scatter(a, b), scatter(b, a), scatter(b, b);
-    const Eigen::JacobiSVD<Eigen::Matrix2d> svd(block, Eigen::ComputeFullU);
-    axes_[a][a] = svd.matrixU()(0, 0);
-    axes_[a][b] = svd.matrixU()(1, 0);
-    axes_[b][a] = svd.matrixU()(0, 1);
-    axes_[b][b] = svd.matrixU()(1, 1);
+    const Eigen::Matrix2d U = svd(block).U;
+    axes_[a][a] = U(0, 0);
+    axes_[a][b] = U(1, 0);
+    axes_[b][a] = U(0, 1);
+    axes_[b][b] = U(1, 1);
   }
   return extent;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/numerics/sampling/mls_basis.h"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -10,6 +10,7 @@
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/parallel.h"
+#include "core/numerics/dense/decompositions.h"
 
 namespace deform {
 
@@ -80,10 +81,10 @@ Frame local_frame(const MlsBasis::Row& row, const std::vector<Vec3>& samples, do
   // Only rounding of coordinates of size 1: a single sample.
   if (!(spread > 1e-28 * (1 + frame.origin.squaredNorm()))) return frame;
   frame.unit = std::sqrt(spread);
-  const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(C / spread);
+  const SymmetricEigen<3> eigen = symmetric_eigen(Matrix3d(C / spread));
   for (int a = 0; a < 3; ++a) {  // the largest first
-    frame.V.col(a) = eigen.eigenvectors().col(2 - a);
-    const double variance = eigen.eigenvalues()[2 - a];
+    frame.V.col(a) = eigen.vectors.col(2 - a);
+    const double variance = eigen.values[2 - a];
     if (!(variance >= flat)) continue;
     frame.inverse[a + 1] = 1 / variance;
     ++frame.rank;

@@ -26,7 +26,7 @@ struct Cloud {
 };
 
 using Metric = nanoflann::L2_Simple_Adaptor<double, Cloud>;
-using Index = nanoflann::KDTreeSingleIndexAdaptor<Metric, Cloud, 3, std::uint32_t>;
+using TreeIndex = nanoflann::KDTreeSingleIndexAdaptor<Metric, Cloud, 3, std::uint32_t>;
 
 /// Collects the points within a distance.
 struct Within {
@@ -50,7 +50,7 @@ struct PointTree::Tree {
       : cloud{{points.begin(), points.end()}},
         index(3, cloud, nanoflann::KDTreeSingleIndexAdaptorParams(leaf_points)) {}  // builds it
   Cloud cloud;
-  Index index;
+  TreeIndex index;
 };
 
 PointTree::PointTree(std::span<const Vec3> points) : tree_(std::make_unique<const Tree>(points)) {}

@@ -15,7 +15,7 @@ namespace deform {
 
 namespace {
 
-constexpr std::size_t points_per_range = 4096;
+constexpr std::size_t samples_per_range = 4096;
 
 /// The generator splitmix64 as a function of its position: any thread can compute any number of the sequence.
 std::uint64_t mixed(std::uint64_t seed, std::uint64_t position) {
@@ -36,7 +36,7 @@ class Farthest {
       : tree_(points), squares_(points.size(), std::numeric_limits<double>::infinity()) {
     if (!taken.empty()) {
       const PointTree others(taken);
-      parallel_for(context, points.size(), points_per_range, [&](std::size_t begin, std::size_t end) {
+      parallel_for(context, points.size(), samples_per_range, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) squares_[i] = others.nearest(points[i]).square;
       });
       for (std::size_t i = 0; i < points.size(); ++i) waiting_.push({squares_[i], i});
@@ -104,7 +104,7 @@ void relax(std::vector<Vec3>& samples, const DensePoints& dense, double surface_
 
 UniformSamples sample_uniformly(const Pieces& pieces, std::size_t count, std::uint64_t seed, const RunContext& context) {
   std::vector<double> until(pieces.count());  // the total measure up to and with a piece
-  parallel_for(context, until.size(), points_per_range, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, until.size(), samples_per_range, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) until[i] = pieces.measure(i);
   });
   double total = 0;
@@ -116,7 +116,7 @@ UniformSamples sample_uniformly(const Pieces& pieces, std::size_t count, std::ui
   samples.measure = total;
   if (!(total > 0) || count == 0) return samples;
   samples.points.resize(count);
-  parallel_for(context, count, points_per_range, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, count, samples_per_range, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const double at = (static_cast<double>(i) + even(seed, 4 * i)) / static_cast<double>(count) * total;
       // The first whose end lies beyond has a measure; rounding at the very end must not leave the pieces.

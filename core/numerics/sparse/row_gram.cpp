@@ -11,7 +11,7 @@ namespace deform {
 
 namespace {
 
-constexpr std::size_t columns_per_range = 16;
+constexpr std::size_t gram_columns_per_range = 16;
 
 /// Where a column has entries.
 struct Places {
@@ -89,7 +89,7 @@ SparseMatrix lower_matrix(std::vector<LowerColumn>& columns) {
 SparseMatrix lower_gram(const RowBlocks& rows, std::size_t columns, const RunContext& context) {
   const Places places(rows, columns);
   std::vector<LowerColumn> gathered(columns);
-  parallel_for(context, columns, columns_per_range, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, columns, gram_columns_per_range, [&](std::size_t begin, std::size_t end) {
     Gatherer gatherer{rows, places, std::vector<double>(columns, 0.0), std::vector<char>(columns, 0)};
     for (std::size_t j = begin; j < end; ++j) gatherer.gather(j, gathered[j]);
   });

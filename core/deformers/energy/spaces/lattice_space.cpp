@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/energy/spaces/lattice_space.h"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
+#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,6 +13,7 @@
 #include "core/base/vectors.h"
 #include "core/deformers/energy/spaces/model_lattice.h"
 #include "core/deformers/energy/spaces/unit_points.h"
+#include "core/numerics/dense/decompositions.h"
 #include "core/numerics/sparse/row_gram.h"
 
 namespace deform {
@@ -104,11 +106,11 @@ Eigen::Matrix3d unheld_directions(const Mesh& mesh, const EnergyModel& model) {
   mean /= std::max(count, 1.0);
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
   for_each([&](const Eigen::Vector3d& x) { covariance += (x - mean) * (x - mean).transpose(); });
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(covariance);
+  const SymmetricEigen<3> eigen = symmetric_eigen(covariance);
   Eigen::Matrix3d result = Eigen::Matrix3d::Zero();
   for (Eigen::Index k = 0; k < 3; ++k) {
-    if (eigen.eigenvalues()[k] > flat_extent * eigen.eigenvalues()[2]) continue;
-    result += eigen.eigenvectors().col(k) * eigen.eigenvectors().col(k).transpose();
+    if (eigen.values[k] > flat_extent * eigen.values[2]) continue;
+    result += eigen.vectors.col(k) * eigen.vectors.col(k).transpose();
   }
   return result;
 }

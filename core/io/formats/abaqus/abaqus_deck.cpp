@@ -10,7 +10,7 @@ namespace deform::io {
 
 namespace {
 
-constexpr std::size_t deepest = 10, most_files = 10000;
+constexpr std::size_t deepest_include = 10, most_files = 10000;
 
 std::string without_blanks(std::string_view text) {
   std::string result;
@@ -57,7 +57,8 @@ void AbaqusDeck::push(DeckFile file) {
 void AbaqusDeck::include(const std::string& input) {
   if (input.empty()) fail("*" + keyword_ + " without the name of a file");
   if (!open_) fail("the file includes " + in_quotes(input) + ", which cannot be opened for a mesh in memory");
-  if (stack_.size() > deepest) fail("files included more than " + std::to_string(deepest) + " deep, by " + in_quotes(input));
+  if (stack_.size() > deepest_include)
+    fail("files included more than " + std::to_string(deepest_include) + " deep, by " + in_quotes(input));
   if (files_.size() >= most_files) fail("more than " + std::to_string(most_files) + " files are included");
   try {
     push(open_(input));

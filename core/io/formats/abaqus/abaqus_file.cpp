@@ -333,7 +333,9 @@ std::unique_ptr<MeshFile> read(DeckFile main, const AbaqusDeck::Open& open) {
   return std::make_unique<AbaqusMeshFile>(std::move(reader.files()), reader.take_records(), std::move(mesh));
 }
 
-std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) { return read({name, std::move(bytes), {}, {}}, {}); }
+std::unique_ptr<MeshFile> parse_abaqus(std::string bytes, const std::string& name) {
+  return read({name, std::move(bytes), {}, {}}, {});
+}
 
 std::unique_ptr<MeshFile> parse_with_includes(std::string bytes, const std::filesystem::path& path) {
   const std::filesystem::path folder = path.parent_path();
@@ -349,7 +351,7 @@ Reader abaqus_reader() {
   return {.format = Format::abaqus,
           .name = "Abaqus",
           .extensions = {".inp"},
-          .parse = parse,
+          .parse = parse_abaqus,
           .parse_with_includes = parse_with_includes};
 }
 

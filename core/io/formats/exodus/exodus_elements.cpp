@@ -22,9 +22,9 @@ constexpr Row rows[] = {
     {"WED", 15, {Kind::cell, ElementType::prism15}},     {"WED", 18, {Kind::cell, ElementType::prism18}},
     {"HEX", 8, {Kind::cell, ElementType::hexahedron}},   {"HEX", 20, {Kind::cell, ElementType::hexahedron20}},
     {"HEX", 27, {Kind::cell, ElementType::hexahedron27}}};
-constexpr std::array<const char*, 3> faces{"TRI", "QUA", "SHE"};
-constexpr std::array<const char*, 5> edges{"BAR", "BEA", "TRU", "EDG", "ROD"};
-constexpr std::array<const char*, 5> points{"SPH", "CIR", "NOD", "POI", "NUL"};
+constexpr std::array<const char*, 3> face_types{"TRI", "QUA", "SHE"};
+constexpr std::array<const char*, 5> edge_types{"BAR", "BEA", "TRU", "EDG", "ROD"};
+constexpr std::array<const char*, 5> point_types{"SPH", "CIR", "NOD", "POI", "NUL"};
 
 }  // namespace
 
@@ -37,9 +37,9 @@ std::optional<ExodusForm> exodus_form(const std::string& elem_type, std::size_t 
     if (prefix == row.prefix && nodes == row.nodes) return row.form;
   }
   const auto among = [&](const auto& names) { return std::find(names.begin(), names.end(), prefix) != names.end(); };
-  if (among(faces) && nodes >= 3 && nodes <= 9 && nodes != 5) return ExodusForm{Kind::face};
-  if (among(edges) && nodes >= 2 && nodes <= 3) return ExodusForm{Kind::edge};
-  if (among(points) && nodes <= 1) return ExodusForm{Kind::points};
+  if (among(face_types) && nodes >= 3 && nodes <= 9 && nodes != 5) return ExodusForm{Kind::face};
+  if (among(edge_types) && nodes >= 2 && nodes <= 3) return ExodusForm{Kind::edge};
+  if (among(point_types) && nodes <= 1) return ExodusForm{Kind::points};
   return std::nullopt;
 }
 

@@ -318,7 +318,7 @@ class GmshReader {
   PointId nodes_[27];
 };
 
-std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse_gmsh(std::string bytes, const std::string& name) {
   GmshReader reader(bytes, name);
   reader.read();
   std::shared_ptr<const Mesh> mesh = mesh_of(reader.take(), name);
@@ -328,6 +328,6 @@ std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
 
 }  // namespace
 
-Reader gmsh_reader() { return {.format = Format::gmsh, .name = "Gmsh", .extensions = {".msh"}, .parse = parse}; }
+Reader gmsh_reader() { return {.format = Format::gmsh, .name = "Gmsh", .extensions = {".msh"}, .parse = parse_gmsh}; }
 
 }  // namespace deform::io

@@ -137,7 +137,7 @@ class MeditReader {
   TextRecords records_;
 };
 
-std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse_medit(std::string bytes, const std::string& name) {
   MeditReader reader(bytes, name);
   reader.read();
   return make_text_mesh_file(Format::medit, std::move(bytes), mesh_of(reader.take(), name), reader.take_records());
@@ -145,6 +145,6 @@ std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
 
 }  // namespace
 
-Reader medit_reader() { return {.format = Format::medit, .name = "Medit", .extensions = {".mesh"}, .parse = parse}; }
+Reader medit_reader() { return {.format = Format::medit, .name = "Medit", .extensions = {".mesh"}, .parse = parse_medit}; }
 
 }  // namespace deform::io

@@ -161,7 +161,7 @@ class NastranReader {
   std::uint16_t longest_free_ = 0;
 };
 
-std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse_nastran(std::string bytes, const std::string& name) {
   NastranReader reader(bytes, name);
   reader.read();
   return make_field_mesh_file(Format::nastran, std::move(bytes), mesh_of(reader.take(), name), reader.take_records(),
@@ -171,7 +171,7 @@ std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
 }  // namespace
 
 Reader nastran_reader() {
-  return {.format = Format::nastran, .name = "Nastran", .extensions = {".bdf", ".nas", ".dat"}, .parse = parse};
+  return {.format = Format::nastran, .name = "Nastran", .extensions = {".bdf", ".nas", ".dat"}, .parse = parse_nastran};
 }
 
 }  // namespace deform::io

@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <limits>
 
 #include "core/base/vectors.h"
 #include "core/io/assembly/coordinate_records.h"
@@ -15,7 +14,6 @@ namespace deform::io {
 
 namespace {
 
-constexpr std::uint64_t max_ids = std::numeric_limits<std::uint32_t>::max();
 constexpr std::size_t max_names_per_line = 64;  // limits the cost of one face
 
 /// The vertex normals of a file, and which corners of faces have them.
@@ -139,7 +137,7 @@ class ObjReader {
   }
 
   void read_vertex() {
-    if (mesh_->points.size() == max_ids) scanner_.fail("more than " + std::to_string(max_ids) + " vertices");
+    if (mesh_->points.size() == most_ids) scanner_.fail("more than " + std::to_string(most_ids) + " vertices");
     Vec3 point;
     std::size_t positions[3];
     for (int k = 0; k < 3; ++k) {
@@ -154,7 +152,7 @@ class ObjReader {
 
   /// Some programs write nan or less than three numbers: such a normal counts and stays as it is.
   void read_normal() {
-    if (usable_.size() == max_ids - 1) scanner_.fail("more than " + std::to_string(max_ids - 1) + " normals");
+    if (usable_.size() == most_ids - 1) scanner_.fail("more than " + std::to_string(most_ids - 1) + " normals");
     usable_.push_back(0);
     Vec3 value;
     std::size_t positions[3];
@@ -174,7 +172,7 @@ class ObjReader {
   }
 
   void read_face() {
-    if (mesh_->face_sizes.size() == max_ids) scanner_.fail("more than " + std::to_string(max_ids) + " faces");
+    if (mesh_->face_sizes.size() == most_ids) scanner_.fail("more than " + std::to_string(most_ids) + " faces");
     const std::size_t first = mesh_->face_points.size();
     while (scanner_.next_in_line()) {
       mesh_->face_points.push_back(read_corner());
@@ -182,7 +180,7 @@ class ObjReader {
     }
     const std::size_t size = mesh_->face_points.size() - first;
     if (size == 0) scanner_.fail("expected the vertex indices of a face, found none");
-    if (size > max_ids) scanner_.fail("a face with more than " + std::to_string(max_ids) + " corners");
+    if (size > most_ids) scanner_.fail("a face with more than " + std::to_string(most_ids) + " corners");
     const auto face = static_cast<FaceId>(mesh_->face_sizes.size());
     mesh_->face_sizes.push_back(static_cast<std::uint32_t>(size));
     for (const std::size_t group : named_) groups_.add_face(group, face);
@@ -222,7 +220,7 @@ class ObjReader {
   std::uint32_t normal_number(std::int64_t index) const {
     const auto count = static_cast<std::int64_t>(usable_.size());
     const std::int64_t number = index < 0 ? (index >= -count ? count + index + 1 : 0) : index;
-    return number > 0 && number < static_cast<std::int64_t>(max_ids) ? static_cast<std::uint32_t>(number) : 0;
+    return number > 0 && number < static_cast<std::int64_t>(most_ids) ? static_cast<std::uint32_t>(number) : 0;
   }
 
   PointId resolve(std::int64_t index, std::size_t at) {
@@ -238,8 +236,9 @@ class ObjReader {
     }
     if (index == 0) scanner_.fail_at(at, "vertex index 0 is out of range, OBJ counts from 1");
     const auto absolute = static_cast<std::uint64_t>(index);
-    if (absolute > max_ids) {
-      scanner_.fail_at(at, "vertex index " + std::to_string(index) + " is out of range, the limit is " + std::to_string(max_ids));
+    if (absolute > most_ids) {
+      scanner_.fail_at(at,
+                       "vertex index " + std::to_string(index) + " is out of range, the limit is " + std::to_string(most_ids));
     }
     if (absolute > largest_index_) {  // may refer to a vertex further down: judged at the end
       largest_index_ = absolute;
@@ -285,7 +284,7 @@ class ObjReader {
   std::uint32_t corner_normal_ = 0;     // of the corner read last
 };
 
-std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse_obj(std::string bytes, const std::string& name) {
   ObjReader reader(bytes, name, Normals::stay);
   reader.read();
   return make_text_mesh_file(Format::obj, std::move(bytes), reader.mesh(), reader.take_records());
@@ -316,7 +315,7 @@ Reader obj_reader() {
   return {.format = Format::obj,
           .name = "OBJ",
           .extensions = {".obj"},
-          .parse = parse,
+          .parse = parse_obj,
           .parse_turning_normals = parse_turning_normals,
           .new_file = new_obj};
 }

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <limits>
 
 #include "core/base/error.h"
 #include "core/io/assembly/coordinate_records.h"
@@ -10,8 +9,6 @@
 namespace deform::io {
 
 namespace {
-
-constexpr std::int64_t max_ids = std::numeric_limits<std::uint32_t>::max();
 
 OffHeader read_header(std::string_view bytes, const std::string& name) {
   TextScanner scanner(bytes, name, Syntax::hash);
@@ -90,8 +87,8 @@ class OffReader {
     if (!scanner_.next_in_file()) scanner_.fail(std::string("expected ") + what + ", found the end of the file");
     const std::size_t at = scanner_.position();
     const std::int64_t count = scanner_.whole_integer(what);
-    if (count < 0 || count > max_ids) {
-      scanner_.fail_at(at, std::string(what) + " is " + std::to_string(count) + ", outside 0.." + std::to_string(max_ids));
+    if (count < 0 || count > static_cast<std::int64_t>(most_ids)) {
+      scanner_.fail_at(at, std::string(what) + " is " + std::to_string(count) + ", outside 0.." + std::to_string(most_ids));
     }
     return count;
   }
@@ -165,7 +162,7 @@ std::unique_ptr<MeshFile> parse_layout(std::string& bytes, const std::string& na
   return make_text_mesh_file(Format::off, std::move(bytes), reader.mesh(), reader.take_records());
 }
 
-std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse_off(std::string bytes, const std::string& name) {
   const OffHeader header = read_header(bytes, name);
   if (header.binary) return parse_off_binary(std::move(bytes), name, header);
   try {
@@ -181,6 +178,6 @@ std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
 
 }  // namespace
 
-Reader off_reader() { return {.format = Format::off, .name = "OFF", .extensions = {".off"}, .parse = parse}; }
+Reader off_reader() { return {.format = Format::off, .name = "OFF", .extensions = {".off"}, .parse = parse_off}; }
 
 }  // namespace deform::io

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <limits>
 
 #include "core/base/error.h"
 #include "core/io/assembly/coordinate_records.h"
@@ -11,8 +10,6 @@
 namespace deform::io {
 
 namespace {
-
-constexpr std::uint64_t max_ids = std::numeric_limits<std::uint32_t>::max();
 
 /// Number of the property of each axis in the vertex element.
 std::array<int, 3> coordinate_properties(const PlyElement& vertex, const std::string& name) {
@@ -66,8 +63,8 @@ class PlyReader {
   void check_count(const PlyElement& element) {
     const bool is_vertex = &element == &vertex_;
     if (is_vertex && element.count == 0) fail_element(element, "there are no vertices, at least one is needed");
-    if ((is_vertex || element.name == "face") && element.count > max_ids) {
-      fail_element(element, std::to_string(element.count) + " records, the limit is " + std::to_string(max_ids));
+    if ((is_vertex || element.name == "face") && element.count > most_ids) {
+      fail_element(element, std::to_string(element.count) + " records, the limit is " + std::to_string(most_ids));
     }
     const std::uint64_t record = Source::smallest_record(element);
     if (record > 0 && element.count > (source_.left() + Source::slack) / record) {
@@ -206,7 +203,7 @@ TextRecords text_records(const std::vector<std::uint64_t>& offsets, const std::a
   for (std::size_t i = 0; i < offsets.size(); i += 3) {
     const std::uint64_t first = offsets[i + records.axes[0]];
     const std::uint64_t second = offsets[i + records.axes[1]] - first, third = offsets[i + records.axes[2]] - first;
-    if (third > max_ids) {
+    if (third > most_ids) {
       throw Error(ErrorCode::invalid_argument,
                   name + ": the coordinates of vertex " + std::to_string(i / 3) + " are more than 4 GiB apart");
     }
@@ -230,7 +227,7 @@ BinaryRecords binary_records(std::vector<std::uint64_t> offsets, const PlyHeader
   return records;
 }
 
-std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse_ply(std::string bytes, const std::string& name) {
   const PlyHeader header = read_ply_header(bytes, name);
   const auto vertex =
       std::find_if(header.elements.begin(), header.elements.end(), [](const PlyElement& e) { return e.name == "vertex"; });
@@ -251,6 +248,6 @@ std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
 
 }  // namespace
 
-Reader ply_reader() { return {.format = Format::ply, .name = "PLY", .extensions = {".ply"}, .parse = parse}; }
+Reader ply_reader() { return {.format = Format::ply, .name = "PLY", .extensions = {".ply"}, .parse = parse_ply}; }
 
 }  // namespace deform::io

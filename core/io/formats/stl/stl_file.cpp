@@ -3,7 +3,6 @@
 #include <bit>
 #include <charconv>
 #include <cmath>
-#include <limits>
 
 #include "core/base/error.h"
 #include "core/base/vectors.h"
@@ -21,7 +20,6 @@ namespace {
 
 constexpr std::size_t header_bytes = 84;    // 80 free bytes, then the number of triangles
 constexpr std::size_t triangle_bytes = 50;  // normal, three corners, two attribute bytes
-constexpr std::uint64_t max_ids = std::numeric_limits<std::uint32_t>::max();
 
 /// The normals that a file gives for its facets: those that are finite and not zero.
 struct FacetNormals {
@@ -122,7 +120,7 @@ class StlTextReader {
   }
 
   void read_facet(std::size_t group) {
-    if (mesh_->face_sizes.size() == max_ids) scanner_.fail("more than " + std::to_string(max_ids) + " facets");
+    if (mesh_->face_sizes.size() == most_ids) scanner_.fail("more than " + std::to_string(most_ids) + " facets");
     read_normal();
     while (scanner_.next_in_file() && !scanner_.accept("outer")) {
       if (scanner_.accept("vertex") || scanner_.accept("endfacet"))
@@ -169,7 +167,7 @@ class StlTextReader {
       positions[k] = scanner_.position();
       place[k] = scanner_.number("vertex coordinate");
     }
-    if (welder_.point_count() == max_ids) scanner_.fail("more than " + std::to_string(max_ids) + " points");
+    if (welder_.point_count() == most_ids) scanner_.fail("more than " + std::to_string(most_ids) + " points");
     mesh_->face_points.push_back(welder_.weld(place));
     tokens_.push_back(CoordinateTokens::at(positions, scanner_));
   }
@@ -232,7 +230,7 @@ std::unique_ptr<MeshFile> parse_binary(std::string bytes, const std::string& nam
       }
     }
     mesh->face_points[corner] = welder.weld(place);
-    if (welder.point_count() > max_ids) throw Error(ErrorCode::invalid_argument, name + ": too many different points");
+    if (welder.point_count() > most_ids) throw Error(ErrorCode::invalid_argument, name + ": too many different points");
   }
   mesh->points = welder.take_points();
 
@@ -267,7 +265,7 @@ bool begins_with_solid(std::string_view bytes) {
   return scanner.next_in_file() && scanner.accept("solid");
 }
 
-std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse_stl(std::string bytes, const std::string& name) {
   if (bytes.empty()) throw Error(ErrorCode::invalid_argument, name + ": line 1: expected an STL file, the file is empty");
   // The size decides, not the first word: many binary headers begin with "solid", and the four count bytes of a text file, read
   // as a number, never fit its size.
@@ -294,7 +292,7 @@ std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
 }  // namespace
 
 Reader stl_reader() {
-  return {.format = Format::stl, .name = "STL", .extensions = {".stl"}, .parse = parse, .new_file = new_stl};
+  return {.format = Format::stl, .name = "STL", .extensions = {".stl"}, .parse = parse_stl, .new_file = new_stl};
 }
 
 }  // namespace deform::io

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <limits>
-
 #include "core/base/error.h"
 #include "core/io/assembly/coordinate_records.h"
 #include "core/io/formats/vtk/vtk_cells.h"
@@ -11,34 +9,23 @@ namespace deform::io {
 
 namespace {
 
-enum VtkType : std::uint8_t {
-  vertex = 1,
-  line = 3,
-  triangle = 5,
-  quad = 9,
-  tetrahedron = 10,
-  hexahedron = 12,
-  wedge = 13,
-  pyramid = 14
-};
-
 /// 0 for types that SU2 does not support.
 std::size_t node_count(std::int64_t type) {
   switch (type) {
-    case vertex:
+    case vtk::vertex:
       return 1;
-    case line:
+    case vtk::line:
       return 2;
-    case triangle:
+    case vtk::triangle:
       return 3;
-    case quad:
-    case tetrahedron:
+    case vtk::quad:
+    case vtk::tetrahedron:
       return 4;
-    case pyramid:
+    case vtk::pyramid:
       return 5;
-    case wedge:
+    case vtk::wedge:
       return 6;
-    case hexahedron:
+    case vtk::hexahedron:
       return 8;
     default:
       return 0;
@@ -173,7 +160,7 @@ class Su2Reader {
     if (nodes == 0) {
       scanner_.fail_at(at, element + "type " + std::to_string(type) + " is none of 1, 3, 5, 9, 10, 12, 13 and 14");
     }
-    if (dimension_ == 2 && type >= tetrahedron) {
+    if (dimension_ == 2 && type >= vtk::tetrahedron) {
       scanner_.fail_at(at, element + "type " + std::to_string(type) + " is a volume, but NDIME= 2");
     }
     nodes_.resize(nodes);
@@ -222,8 +209,9 @@ class Su2Reader {
       next_line(section, e, elements);
       const std::size_t at = scanner_.position();
       const std::uint8_t type = read_element(e, section);
-      if (type >= tetrahedron) scanner_.fail_at(at, "MARKER_ELEMS[" + std::to_string(e) + "]: a volume cannot bound the mesh");
-      if (type == triangle || type == quad) {
+      if (type >= vtk::tetrahedron)
+        scanner_.fail_at(at, "MARKER_ELEMS[" + std::to_string(e) + "]: a volume cannot bound the mesh");
+      if (type == vtk::triangle || type == vtk::quad) {
         if (dimension_ == 2) scanner_.fail_at(at, "MARKER_ELEMS[" + std::to_string(e) + "]: a surface, but NDIME= 2");
         mesh_.faces.push_back({nodes_, tag_});
       } else {
@@ -247,7 +235,7 @@ class Su2Reader {
   TextRecords records_;
 };
 
-std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse_su2(std::string bytes, const std::string& name) {
   Su2Reader reader(bytes, name);
   reader.read(name);
   return make_text_mesh_file(Format::su2, std::move(bytes), mesh_of(reader.take(), name), reader.take_records());
@@ -255,6 +243,6 @@ std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
 
 }  // namespace
 
-Reader su2_reader() { return {.format = Format::su2, .name = "SU2", .extensions = {".su2"}, .parse = parse}; }
+Reader su2_reader() { return {.format = Format::su2, .name = "SU2", .extensions = {".su2"}, .parse = parse_su2}; }
 
 }  // namespace deform::io

@@ -69,19 +69,6 @@ const Surface surfaces[] = {
     {34, {0, 3, 1, 4, 2, 5}, true},
 };
 
-enum Type : std::uint8_t {
-  empty_cell = 0,
-  vertex = 1,
-  poly_vertex = 2,
-  line = 3,
-  poly_line = 4,
-  strip = 6,
-  polygon = 7,
-  quadratic_edge = 21,
-  cubic_edge = 35,
-  quadratic_polygon = 36
-};
-
 class CellReader {
  public:
   CellReader(const VtkCells& cells, const std::string& name, ElementMesh& mesh)
@@ -251,19 +238,19 @@ class CellReader {
       return;
     }
     switch (type) {
-      case empty_cell:
+      case vtk::empty_cell:
         return;
-      case vertex:
-      case poly_vertex:
-      case line:
-      case poly_line:
-      case quadratic_edge:
-      case cubic_edge:
+      case vtk::vertex:
+      case vtk::poly_vertex:
+      case vtk::line:
+      case vtk::poly_line:
+      case vtk::quadratic_edge:
+      case vtk::cubic_edge:
         if (labelled_ && !from.empty()) mesh_.point_sets.push_back({group(), {from.begin(), from.end()}});
         return;
-      case polygon:
-      case quadratic_polygon:
-      case strip:
+      case vtk::polygon:
+      case vtk::quadratic_polygon:
+      case vtk::strip:
         return add_polygons(type);
       default:
         fail("cells of type " + std::to_string(type) + " are not supported");
@@ -272,14 +259,14 @@ class CellReader {
 
   void add_polygons(std::uint8_t type) {
     const auto from = nodes();
-    const std::size_t least = type == quadratic_polygon ? 6 : 3;
-    if (from.size() < least || (type == quadratic_polygon && from.size() % 2 != 0)) {
+    const std::size_t least = type == vtk::quadratic_polygon ? 6 : 3;
+    if (from.size() < least || (type == vtk::quadratic_polygon && from.size() % 2 != 0)) {
       fail("type " + std::to_string(type) + " of " + std::to_string(from.size()) + " points, at least " + std::to_string(least) +
            " are needed");
     }
-    if (type == polygon) {
+    if (type == vtk::polygon) {
       mesh_.faces.push_back({{from.begin(), from.end()}, group()});
-    } else if (type == quadratic_polygon) {
+    } else if (type == vtk::quadratic_polygon) {
       std::vector<PointId> around;
       for (std::size_t i = 0; i < from.size() / 2; ++i) around.insert(around.end(), {from[i], from[from.size() / 2 + i]});
       mesh_.faces.push_back({std::move(around), group()});

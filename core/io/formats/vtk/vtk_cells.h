@@ -10,6 +10,28 @@
 
 namespace deform::io {
 
+/// Type numbers of VTK, which SU2 uses too.
+namespace vtk {
+enum CellType : std::uint8_t {
+  empty_cell = 0,
+  vertex = 1,
+  poly_vertex = 2,
+  line = 3,
+  poly_line = 4,
+  triangle = 5,
+  strip = 6,
+  polygon = 7,
+  quad = 9,
+  tetrahedron = 10,
+  hexahedron = 12,
+  wedge = 13,
+  pyramid = 14,
+  quadratic_edge = 21,
+  cubic_edge = 35,
+  quadratic_polygon = 36
+};
+}  // namespace vtk
+
 /// Cells as VTK and SU2 store them: by VTK's type numbers, nodes in VTK's order.
 struct VtkCells {
   static constexpr std::uint8_t polyhedron = 42;

@@ -13,8 +13,6 @@ namespace deform::io {
 
 namespace {
 
-constexpr std::uint64_t most_ids = std::numeric_limits<std::uint32_t>::max();
-constexpr std::uint8_t poly_vertex = 2, poly_line = 4, strip = 6, polygon = 7, quad = 9, hexahedron = 12;
 constexpr VtkType plain_int{"int", 32, VtkType::Kind::signed_integer};
 
 /// Nodes of cells, one list per keyword of the file.
@@ -280,7 +278,7 @@ class VtkReader {
       }
       return add_lists(lists_[0], types_);
     }
-    const std::uint8_t types[] = {poly_vertex, poly_line, polygon, strip};  // numbered in this order
+    const std::uint8_t types[] = {vtk::poly_vertex, vtk::poly_line, vtk::polygon, vtk::strip};  // numbered in this order
     for (std::size_t i = 0; i < 4; ++i) add_lists(lists_[i], std::vector<std::uint8_t>(lists_[i].size(), types[i]));
   }
 
@@ -323,7 +321,7 @@ class VtkReader {
         nodes.push_back(static_cast<PointId>(corner + step + top));
       }
     }
-    cells_.add(strides.size() == 3 ? hexahedron : quad, nodes);
+    cells_.add(strides.size() == 3 ? vtk::hexahedron : vtk::quad, nodes);
   }
 
   VtkScanner scanner_;
@@ -340,7 +338,7 @@ class VtkReader {
   VtkCells cells_;
 };
 
-std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
+std::unique_ptr<MeshFile> parse_vtk(std::string bytes, const std::string& name) {
   VtkReader reader(bytes, name);
   reader.read();
   std::shared_ptr<const Mesh> mesh = mesh_of(reader.take(), name);
@@ -349,6 +347,6 @@ std::unique_ptr<MeshFile> parse(std::string bytes, const std::string& name) {
 
 }  // namespace
 
-Reader vtk_reader() { return {.format = Format::vtk, .name = "VTK", .extensions = {".vtk"}, .parse = parse}; }
+Reader vtk_reader() { return {.format = Format::vtk, .name = "VTK", .extensions = {".vtk"}, .parse = parse_vtk}; }
 
 }  // namespace deform::io

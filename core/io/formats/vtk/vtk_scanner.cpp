@@ -16,7 +16,7 @@ namespace {
 using Kind = VtkType::Kind;
 
 // vtkIdType is 32 bits in these files whatever it is in memory (VTK file formats, legacy).
-constexpr VtkType types[] = {
+constexpr VtkType scalar_types[] = {
     {"bit", 1, Kind::unsigned_integer},
     {"char", 8, Kind::signed_integer},
     {"signed_char", 8, Kind::signed_integer},
@@ -95,7 +95,7 @@ std::uint64_t VtkScanner::count(const char* what) {
 
 const VtkType* VtkScanner::type() {
   const std::string name = keyword("a data type");
-  for (const VtkType& type : types) {
+  for (const VtkType& type : scalar_types) {
     if (type.name == name) return &type;
   }
   return nullptr;

@@ -15,18 +15,19 @@ namespace deform::io {
 namespace {
 
 using Form = VtuArray::Form;
-using Kind = VtuArray::Kind;
+using ArrayKind = VtuArray::Kind;
 
 struct TypeName {
   std::string_view name;
-  Kind kind;
+  ArrayKind kind;
   std::size_t bytes;
 };
-constexpr TypeName types[] = {
-    {"Int8", Kind::signed_integer, 1},     {"UInt8", Kind::unsigned_integer, 1},  {"Int16", Kind::signed_integer, 2},
-    {"UInt16", Kind::unsigned_integer, 2}, {"Int32", Kind::signed_integer, 4},    {"UInt32", Kind::unsigned_integer, 4},
-    {"Int64", Kind::signed_integer, 8},    {"UInt64", Kind::unsigned_integer, 8}, {"Float32", Kind::floating, 4},
-    {"Float64", Kind::floating, 8},
+constexpr TypeName array_types[] = {
+    {"Int8", ArrayKind::signed_integer, 1},  {"UInt8", ArrayKind::unsigned_integer, 1},
+    {"Int16", ArrayKind::signed_integer, 2}, {"UInt16", ArrayKind::unsigned_integer, 2},
+    {"Int32", ArrayKind::signed_integer, 4}, {"UInt32", ArrayKind::unsigned_integer, 4},
+    {"Int64", ArrayKind::signed_integer, 8}, {"UInt64", ArrayKind::unsigned_integer, 8},
+    {"Float32", ArrayKind::floating, 4},     {"Float64", ArrayKind::floating, 8},
 };
 
 std::string_view value_of(std::string_view bytes, const XmlNode& node, std::string_view attribute) {
@@ -35,13 +36,13 @@ std::string_view value_of(std::string_view bytes, const XmlNode& node, std::stri
 }
 
 const TypeName* find_type(std::string_view name) {
-  for (const TypeName& type : types) {
+  for (const TypeName& type : array_types) {
     if (type.name == name) return &type;
   }
   return nullptr;
 }
 
-std::string quoted(std::string_view text) { return std::string(1, '"').append(text.substr(0, 40)).append(1, '"'); }
+std::string quoted_start(std::string_view text) { return std::string(1, '"').append(text.substr(0, 40)).append(1, '"'); }
 
 std::uint64_t load_header(const char* at, const VtuStorage& storage) {
   return storage.header_bytes == 8 ? load_scalar<std::uint64_t>(at, storage.order)
@@ -127,7 +128,7 @@ class Decoder {
   /// Header: number of blocks, bytes of a block, bytes of the last one when it is smaller, then the packed size of every block.
   void read_blocks(VtuData& data) {
     if (storage_.compressor != "vtkZLibDataCompressor") {
-      fail("compressor " + quoted(storage_.compressor) + " is not supported, only vtkZLibDataCompressor");
+      fail("compressor " + quoted_start(storage_.compressor) + " is not supported, only vtkZLibDataCompressor");
     }
     const std::size_t h = storage_.header_bytes;
     const std::uint64_t blocks = load_header(peek(h).data(), storage_);
@@ -193,7 +194,7 @@ std::string packed(std::string_view bytes) {
 }
 
 std::int64_t load_integer(const char* at, const VtuArray& array, std::endian order) {
-  const bool with_sign = array.kind == Kind::signed_integer;
+  const bool with_sign = array.kind == ArrayKind::signed_integer;
   switch (array.value_bytes) {
     case 1:
       return with_sign ? std::int64_t{static_cast<signed char>(*at)} : std::int64_t{static_cast<unsigned char>(*at)};
@@ -213,7 +214,8 @@ std::int64_t load_integer(const char* at, const VtuArray& array, std::endian ord
 void read_appended(std::string_view bytes, const XmlNode& node, VtuStorage& storage) {
   const std::string_view encoding = value_of(bytes, node, "encoding");
   if (encoding != "raw" && encoding != "base64") {
-    fail_in_line(bytes, storage.name, node.place, "AppendedData with encoding " + quoted(encoding) + ", expected raw or base64");
+    fail_in_line(bytes, storage.name, node.place,
+                 "AppendedData with encoding " + quoted_start(encoding) + ", expected raw or base64");
   }
   std::size_t at = node.inner_begin;
   while (at < node.inner_end && bytes[at] != '_') ++at;
@@ -234,7 +236,7 @@ std::uint64_t count_attribute(std::string_view bytes, const std::string& name, c
   std::uint64_t value = 0;
   const auto [end, status] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (status != std::errc{} || end != text.data() + text.size()) {
-    fail_in_line(bytes, name, node.place, std::string(attribute) + "=" + quoted(text) + ", expected a count");
+    fail_in_line(bytes, name, node.place, std::string(attribute) + "=" + quoted_start(text) + ", expected a count");
   }
   return value;
 }
@@ -246,12 +248,12 @@ VtuStorage read_storage(std::string_view bytes, const std::string& name, const X
   if (order == "BigEndian") {
     storage.order = std::endian::big;
   } else if (!order.empty() && order != "LittleEndian") {
-    fail_in_line(bytes, name, root.place, "byte_order " + quoted(order) + ", expected LittleEndian or BigEndian");
+    fail_in_line(bytes, name, root.place, "byte_order " + quoted_start(order) + ", expected LittleEndian or BigEndian");
   }
   if (header == "UInt64") {
     storage.header_bytes = 8;
   } else if (!header.empty() && header != "UInt32") {
-    fail_in_line(bytes, name, root.place, "header_type " + quoted(header) + ", expected UInt32 or UInt64");
+    fail_in_line(bytes, name, root.place, "header_type " + quoted_start(header) + ", expected UInt32 or UInt64");
   }
   storage.compressor = value_of(bytes, root, "compressor");
   if (const XmlNode* appended = root.child("AppendedData")) read_appended(bytes, *appended, storage);
@@ -264,12 +266,12 @@ bool is_numeric(std::string_view bytes, const XmlNode& node) {
 
 VtuArray find_array(std::string_view bytes, const VtuStorage& storage, const XmlNode& node) {
   VtuArray array;
-  array.title = "DataArray " + quoted(xml_text(value_of(bytes, node, "Name")));
+  array.title = "DataArray " + quoted_start(xml_text(value_of(bytes, node, "Name")));
   const auto fail = [&](const std::string& message) {
     fail_in_line(bytes, storage.name, node.place, array.title + ": " + message);
   };
   const TypeName* type = find_type(value_of(bytes, node, "type"));
-  if (type == nullptr) fail("unknown type " + quoted(value_of(bytes, node, "type")));
+  if (type == nullptr) fail("unknown type " + quoted_start(value_of(bytes, node, "type")));
   array.kind = type->kind;
   array.value_bytes = type->bytes;
   array.components = count_attribute(bytes, storage.name, node, "NumberOfComponents", 1);
@@ -292,7 +294,7 @@ VtuArray find_array(std::string_view bytes, const VtuStorage& storage, const Xml
     array.begin = storage.appended + static_cast<std::size_t>(offset);
     array.end = storage.appended_end;
   } else {
-    fail("format " + quoted(format) + ", expected ascii, binary or appended");
+    fail("format " + quoted_start(format) + ", expected ascii, binary or appended");
   }
   return array;
 }
@@ -303,7 +305,7 @@ VtuData decoded(std::string_view bytes, const VtuStorage& storage, const VtuArra
 
 std::vector<std::int64_t> integers(std::string_view bytes, const VtuStorage& storage, VtuArray& array) {
   std::vector<std::int64_t> values;
-  if (array.kind == Kind::floating) fail_in_line(bytes, storage.name, array.begin, array.title + ": expected integers");
+  if (array.kind == ArrayKind::floating) fail_in_line(bytes, storage.name, array.begin, array.title + ": expected integers");
   if (array.form == Form::ascii) {
     TextScanner scanner(bytes.substr(0, array.end), storage.name, Syntax::plain);
     scanner.move_to(array.begin);

@@ -126,7 +126,7 @@ class VtuMeshFile : public MeshFile {
   const VtuContent content_;
 };
 
-std::unique_ptr<MeshFile> parse(Format format, std::string bytes, const std::string& name, std::string_view type) {
+std::unique_ptr<MeshFile> parse_vtk_xml(Format format, std::string bytes, const std::string& name, std::string_view type) {
   VtuContent content = read_vtu(bytes, name, type);
   std::shared_ptr<const Mesh> mesh = mesh_of(std::move(content.mesh), name);
   return std::make_unique<VtuMeshFile>(format, std::move(bytes), std::move(content), std::move(mesh));
@@ -136,14 +136,14 @@ std::unique_ptr<MeshFile> parse(Format format, std::string bytes, const std::str
 
 Reader vtu_reader() {
   const auto parse_vtu = [](std::string bytes, const std::string& name) {
-    return parse(Format::vtu, std::move(bytes), name, "UnstructuredGrid");
+    return parse_vtk_xml(Format::vtu, std::move(bytes), name, "UnstructuredGrid");
   };
   return {.format = Format::vtu, .name = "VTU", .extensions = {".vtu"}, .parse = parse_vtu};
 }
 
 Reader vtp_reader() {
   const auto parse_vtp = [](std::string bytes, const std::string& name) {
-    return parse(Format::vtp, std::move(bytes), name, "PolyData");
+    return parse_vtk_xml(Format::vtp, std::move(bytes), name, "PolyData");
   };
   return {.format = Format::vtp, .name = "VTP", .extensions = {".vtp"}, .parse = parse_vtp};
 }

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "core/base/error.h"
 #include "core/io/binary/byte_order.h"
@@ -14,8 +13,6 @@ namespace deform::io {
 namespace {
 
 using Integers = std::vector<std::int64_t>;
-
-constexpr std::uint64_t most_ids = std::numeric_limits<std::uint32_t>::max();
 
 class VtuReader {
  public:

@@ -10,9 +10,9 @@
 
 #include "core/base/error.h"
 #include "core/io/mesh_file.h"
-#include "core/mesh/remeshing/decimation.h"
 #include "core/mesh/remeshing/isotropic_remeshing.h"
 #include "core/mesh/remeshing/triangles.h"
+#include "tests/core/mesh/remeshing/decimation.h"
 #include "tests/core/mesh/remeshing/remeshing_checks.h"
 
 namespace deform {

@@ -1,5 +1,5 @@
-// SPDX-License-Identifier: Apache-2.0
-#include "core/mesh/remeshing/decimation.h"
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "tests/core/mesh/remeshing/decimation.h"
 
 #include <array>
 #include <queue>
