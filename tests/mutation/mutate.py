@@ -364,7 +364,7 @@ def main():
     if unknown:
         parser.error(f"--folders: {unknown[0]} is none of {', '.join(TESTS)}")
     work = options.work.resolve()
-    tree = work / "tree"
+    tree = (work / "tree").resolve()  # a link leads to where ccache knows the sources
     work.mkdir(parents=True, exist_ok=True)
     equivalent = load_equivalent(pathlib.Path(__file__).with_name("equivalent.json"))
     if options.table:
