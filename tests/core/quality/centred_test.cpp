@@ -1,4 +1,4 @@
-// SPDX-License-Identifier: Apache-2.0
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The arithmetic of bounds, against values at many places: nothing lies outside of them, and those of a length are attained.
 #include "core/quality/centred.h"
 
