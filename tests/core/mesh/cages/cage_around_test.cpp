@@ -144,12 +144,12 @@ std::size_t coordinates(const Mesh& mesh, std::size_t axis) {
 }
 
 TEST(CageAround, BoxesHaveTheSquarestRectanglesOfAll) {
+  std::size_t made = 0;
   for (const Vec3& sides : {Vec3{1, 1, 1}, Vec3{4, 1, 1}, Vec3{10, 3, 2}, Vec3{1, 7, 6}}) {
     Mesh ends;
     ends.points = {{0, 0, 0}, sides};
     for (const std::size_t points : {26u, 98u, 300u, 1000u}) {
       SCOPED_TRACE(testing::Message() << sides[0] << " x " << sides[1] << " x " << sides[2] << ", " << points);
-      const CageAround cage = cage_around(ends, {.kind = CageKind::box, .points = points, .offset = 0.1});
       Vec3 lengths;
       for (std::size_t k = 0; k < 3; ++k) lengths[k] = sides[k] + 0.2;
       const auto wanted = static_cast<double>(points);
@@ -157,6 +157,9 @@ TEST(CageAround, BoxesHaveTheSquarestRectanglesOfAll) {
       for_each_division(lengths, 60, [&](std::size_t count, double ratio) {
         if (std::abs(static_cast<double>(count) - wanted) <= 0.05 * wanted) squarest = std::min(squarest, ratio);
       });
+      if (squarest > 3.5) continue;  // refused: the next test
+      ++made;
+      const CageAround cage = cage_around(ends, {.kind = CageKind::box, .points = points, .offset = 0.1});
       std::array<double, 3> steps{};
       for (std::size_t k = 0; k < 3; ++k) steps[k] = lengths[k] / static_cast<double>(coordinates(cage.mesh, k) - 1);
       const double ratio = *std::max_element(steps.begin(), steps.end()) / *std::min_element(steps.begin(), steps.end());
@@ -164,6 +167,7 @@ TEST(CageAround, BoxesHaveTheSquarestRectanglesOfAll) {
       expect_cage(cage, ends, points);
     }
   }
+  EXPECT_GE(made, 12u);
 }
 
 TEST(CageAround, NamesTheNearestNumbersOfPointsOfABox) {
