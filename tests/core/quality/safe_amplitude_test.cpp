@@ -536,7 +536,8 @@ TEST(SafeAmplitude, PolyhedraAreInvertedByTheirVolumeOrByAPyramid) {
   std::mt19937_64 random(31);
   std::size_t without_volume = 0, wrong_pyramid = 0;
   for (int i = 0; i < 100; ++i) {
-    const Points points = shaken(g.points, 0.8, random);
+    Points points = shaken(g.points, 0.8, random);
+    if (i % 2 == 1) points = mapped(points, [](const Vec3& p) { return Vec3{p[0], p[1], -p[2]}; });
     const PolyhedralQuality q = polyhedral_quality(points, g.cells, limits);
     expect_state(points, 0, q.negative_volumes > 0, q.negative_volumes == 0 && q.wrong_pyramids > 0);
     without_volume += q.negative_volumes > 0;
