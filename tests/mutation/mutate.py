@@ -260,8 +260,10 @@ def run_binary(binary, number, skipped, limit, extra=()):
     with tempfile.TemporaryDirectory() as scratch, tempfile.TemporaryFile() as output:
         environment["TMPDIR"] = scratch
         begin = time.monotonic()
-        with subprocess.Popen(["bash", "-c", 'ulimit -v 12000000; ulimit -f 4000000; exec "$@"', "bash", *map(str, words)], cwd=scratch,
-                              env=environment, stdout=output, stderr=subprocess.STDOUT, start_new_session=True) as process:
+        # What a shell starts in the background ignores interrupts, and so would the tests of them.
+        limited = 'ulimit -v 12000000; ulimit -f 4000000; exec env --default-signal=INT,QUIT "$@"'
+        with subprocess.Popen(["bash", "-c", limited, "bash", *map(str, words)], cwd=scratch, env=environment, stdout=output,
+                              stderr=subprocess.STDOUT, start_new_session=True) as process:
             try:
                 code = process.wait(limit)
             except subprocess.TimeoutExpired:
@@ -364,7 +366,7 @@ def main():
     if unknown:
         parser.error(f"--folders: {unknown[0]} is none of {', '.join(TESTS)}")
     work = options.work.resolve()
-    tree = work / "tree"
+    tree = (work / "tree").resolve()  # a link leads to where ccache knows the sources
     work.mkdir(parents=True, exist_ok=True)
     equivalent = load_equivalent(pathlib.Path(__file__).with_name("equivalent.json"))
     if options.table:

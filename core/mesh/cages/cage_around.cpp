@@ -131,7 +131,7 @@ double flatness(const Divisions& n, const Vec3& sides) {
 Divisions divisions_of(const Vec3& sides, std::size_t points) {
   const auto wanted = static_cast<double>(points);
   std::optional<Divisions> best;
-  double best_flatness = flattest_right_angle;
+  double best_flatness = std::numeric_limits<double>::infinity();
   std::size_t below = 0, above = 0;
   // One division more than half of the points would be a bar of four points around.
   const std::size_t most = points / 2 + 8;
@@ -148,7 +148,7 @@ Divisions divisions_of(const Vec3& sides, std::size_t points) {
         if (count <= points) below = std::max(below, count);
         if (count >= points) above = above == 0 ? count : std::min(above, count);
         if (std::abs(static_cast<double>(count) - wanted) > CageRequest::count_tolerance * wanted) continue;
-        if (best && flat >= best_flatness) continue;
+        if (flat >= best_flatness) continue;
         best = n;
         best_flatness = flat;
       }

@@ -4,7 +4,10 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
+#include <limits>
+#include <vector>
 
 #include "core/io/mesh_file.h"
 #include "core/quality/element_quality.h"
@@ -123,6 +126,34 @@ TEST(Abaqus, ElementsSetsAndSurfaces) {
   EXPECT_THAT(group(*mesh, "pointZone:all").points, ElementsAre(0, 1, 2, 3)) << "a surface has the name";
   EXPECT_THAT(group(*mesh, "corner").points, ElementsAre(0, 4, 5, 6, 7));
   EXPECT_THAT(group(*mesh, "plate").points, ElementsAre(0, 3, 4, 5, 6, 7)) << "an edge and an inner face";
+}
+
+// What has no side of this number gives all of its nodes.
+TEST(Abaqus, SidesOfShellsAndLines) {
+  const std::string nodes = "*NODE\n1,0,0,0\n2,1,0,0\n3,1,1,0\n4,0,1,0\n5,.5,0,0\n";
+  const std::string shell = "*ELEMENT,TYPE=S4\n1,1,2,3,4\n", line = "*ELEMENT,TYPE=B32\n2,1,5,2\n";
+  const auto points_of = [&](const std::string& side) {
+    const auto mesh = parse_mesh(nodes + shell + line + "*SURFACE,NAME=found\n" + side + "\n", "a.inp")->mesh();
+    std::vector<PointId> points = group(*mesh, "found").points;
+    std::sort(points.begin(), points.end());
+    return points;
+  };
+  EXPECT_THAT(points_of("1,E1"), ElementsAre(0, 1));
+  EXPECT_THAT(points_of("1,E4"), ElementsAre(0, 3));
+  EXPECT_THAT(points_of("1,S3"), ElementsAre(0, 1));
+  EXPECT_THAT(points_of("1,S6"), ElementsAre(0, 3));
+  EXPECT_THAT(points_of("1,E5"), ElementsAre(0, 1, 2, 3));
+  EXPECT_THAT(points_of("1,S7"), ElementsAre(0, 1, 2, 3));
+  EXPECT_THAT(points_of("2,S1"), ElementsAre(0, 1, 4));
+}
+
+TEST(Abaqus, RefusesPointsThatDoNotFit) {
+  const auto file = parse_mesh(text, "a.inp");
+  Points points = file->mesh()->points;
+  points[3][1] = std::numeric_limits<double>::quiet_NaN();
+  test::expect_error(ErrorCode::invalid_argument, {"points[3]", "finite"}, [&] { (void)file->with_points(points); });
+  points.pop_back();
+  test::expect_error(ErrorCode::invalid_argument, {"points", "10", "11"}, [&] { (void)file->with_points(points); });
 }
 
 /// What one line becomes when the coordinates of `point` change; nothing else may.

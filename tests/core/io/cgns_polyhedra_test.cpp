@@ -104,6 +104,27 @@ TEST(CgnsPolyhedra, CellsThatNameTheirFaces) {
   expect_two_cubes(*parse_mesh(test::with_numbers(bytes, "/Base/z/cells/ElementConnectivity", unsigned_cells), "a.cgns"));
 }
 
+// A triangle between two cells that both name it without a sign, whichever of them it faces.
+TEST(CgnsPolyhedra, TrianglesBetweenCellsAreTurnedByWhereTheCellsLie) {
+  for (const bool turned : {false, true}) {
+    for (const bool left_first : {false, true}) {
+      SCOPED_TRACE(testing::Message() << turned << left_first);
+      CgnsWriter::Numbers faces{1, 2, 3, /* left */ 2, 1, 4, 3, 2, 4, 1, 3, 4, /* right */ 3, 1, 5, 2, 3, 5, 1, 2, 5};
+      if (turned) std::swap(faces[1], faces[2]);
+      CgnsWriter writer(CG_FILE_HDF5);
+      const int zone = writer.unstructured("z", {{0, 0, 0}, {0, 1, 0}, {0, 0, 1}, {-1, 0, 0}, {1, 0, 0}}, 2);
+      writer.lists(zone, "faces", NGON_n, {0, 3, 6, 9, 12, 15, 18, 21}, faces);
+      writer.lists(zone, "cells", NFACE_n, {0, 4, 8},
+                   left_first ? CgnsWriter::Numbers{1, 2, 3, 4, 1, 5, 6, 7} : CgnsWriter::Numbers{1, 5, 6, 7, 1, 2, 3, 4});
+      const auto file = parse_mesh(writer.bytes(), "a.cgns");
+      const PolyhedralQuality q = polyhedral_quality(file->mesh()->points, *file->cells());
+      EXPECT_NEAR(q.least_volume.value, 1.0 / 6, 1e-15);
+      EXPECT_NEAR(q.largest_volume.value, 1.0 / 6, 1e-15);
+      EXPECT_EQ(q.wrong_pyramids, 0u);
+    }
+  }
+}
+
 TEST(CgnsPolyhedra, FacesThatNameTheirCells) {
   const Pair pair = two_cubes();
   CgnsWriter writer(CG_FILE_HDF5);

@@ -213,6 +213,20 @@ TEST(Cgns, MixedSections) {
   }
 }
 
+TEST(Cgns, NamesTheElementInWhichAMixedSectionEnds) {
+  CgnsWriter writer(CG_FILE_HDF5);
+  const int zone = writer.unstructured("house", house, 2);
+  writer.section(zone, "sides", QUAD_4, 2, {1, 4, 3, 2, 1, 2, 6, 5});
+  writer.lists(zone, "all", MIXED, {0, 9, 15}, {HEXA_8, 1, 2, 3, 4, 5, 6, 7, 8, PYRA_5, 5, 6, 7, 8, 9});  // elements 3 and 4
+  const std::string bytes = test::without(writer.bytes(), "/Base/house/all", "ElementStartOffset");
+  for (const std::size_t length : {9u, 12u}) {
+    CgnsWriter::Numbers entries{HEXA_8, 1, 2, 3, 4, 5, 6, 7, 8, PYRA_5, 5, 6};
+    entries.resize(length);
+    const std::string cut = test::with_numbers(bytes, "/Base/house/all/ElementConnectivity", entries);
+    test::expect_error(ErrorCode::invalid_argument, {"all", "ends within element 4"}, [&] { parse_mesh(cut, "a.cgns"); });
+  }
+}
+
 Points lattice(int ni, int nj, int nk) {
   Points points;
   for (int k = 0; k < nk; ++k) {

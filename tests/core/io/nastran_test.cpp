@@ -211,6 +211,17 @@ TEST(Nastran, QuadraticSurfaces) {
   EXPECT_THAT(group(*mesh, "pid_5").faces, ElementsAre(0, 1, 2));
 }
 
+// What is not on the first line is blank, and the thicknesses stay behind both mid-side nodes of the second.
+TEST(Nastran, LinesThatEndEarlyGoOnWhereTheirFieldsEnd) {
+  std::string bytes;
+  for (int i = 1; i <= 4; ++i) bytes += "GRID," + std::to_string(i) + ",," + std::to_string(i) + ".\n";
+  for (const char* card : {"CQUAD8,2,5,1,2,3,4,+\n+,,,.1,.1,.1,.1\n", "CQUAD8,2,5,1,2,3,4,,,+A\n+A,,,.1,.1,.1,.1\n"}) {
+    const auto mesh = parse_mesh(bytes + card, "a.bdf")->mesh();
+    EXPECT_THAT(mesh->face_sizes, ElementsAre(4)) << card;
+    EXPECT_THAT(mesh->face_points, ElementsAre(0, 1, 2, 3)) << card;
+  }
+}
+
 TEST(Nastran, RefusesWhatIsWrong) {
   const std::string grids = "GRID,1\nGRID,2\nGRID,3\nGRID,4\n";
   const std::pair<std::string, std::vector<const char*>> table[] = {

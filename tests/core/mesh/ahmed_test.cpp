@@ -104,6 +104,20 @@ TEST_P(AhmedTest, HasTheMeasuresOfThePaper) {
 
 TEST_P(AhmedTest, HasGoodTriangles) { EXPECT_GT(smallest_angle_degrees(mesh_), 17); }
 
+TEST_P(AhmedTest, StiltsStandOnDiscsThatAreCoveredOnce) {
+  double area = 0;
+  for (std::size_t f = 0; f < mesh_.face_count(); ++f) {
+    const auto [a, b, c] = corners(mesh_, f);
+    if (a[2] != 0 || b[2] != 0 || c[2] != 0) continue;
+    const double upwards = cross(minus(b, a), minus(c, a))[2] / 2;
+    EXPECT_LT(upwards, 0) << "face " << f << " is folded over another one";
+    area -= upwards;
+  }
+  // Polygons of 8 corners or more in circles of radius 0.015.
+  EXPECT_LT(area, 4 * pi * 0.015 * 0.015);
+  EXPECT_GT(area, 4 * 8 * 0.5 * 0.015 * 0.015 * std::sin(pi / 4) * (1 - 1e-12));
+}
+
 TEST_P(AhmedTest, EveryFaceIsInOneGroup) {
   std::vector<int> seen(mesh_.face_count(), 0);
   std::vector<std::string> names;

@@ -57,6 +57,21 @@ TEST(MeanValue, AddsUpToOneAndReproducesPoints) {
   }
 }
 
+TEST(Cage, HasWhatItWasMadeFrom) {
+  for (const CageMesh& mesh : cages()) {
+    const Cage cage = mesh.cage();
+    EXPECT_EQ(cage.vertices(), mesh.vertices);
+    EXPECT_EQ(cage.size(), mesh.vertices.size());
+    EXPECT_EQ(cage.triangles().size(), mesh.triangles.size());
+    EXPECT_EQ(cage.edges().size() * 2, mesh.triangles.size() * 3) << "two triangles along each";
+    Vec3 low = mesh.vertices.at(0), high = low;
+    for (const Vec3& x : mesh.vertices) {
+      for (std::size_t k = 0; k < 3; ++k) low[k] = std::min(low[k], x[k]), high[k] = std::max(high[k], x[k]);
+    }
+    EXPECT_NEAR(cage.diagonal(), norm(high - low), 1e-15 * cage.diagonal());
+  }
+}
+
 /// Integrals of lambda_i h / |p - x|^4 over a triangle: what a cone from x over it contributes to the definition. Triangles near
 /// x are cut in four.
 void add_quadrature(const std::array<Vec3, 3>& corners, const std::array<Vec3, 3>& lambdas, double height, const Vec3& x,

@@ -7,7 +7,10 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <string>
 #include <thread>
+#include <vector>
 
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/expect_error.h"
@@ -231,6 +234,22 @@ TEST(DenseInterpolator, StopsWhenCancelledBeforeAndDuring) {
         if (now == stage) stop_during.request_stop();
       };
       test::expect_error(ErrorCode::cancelled, {}, [&] { make(centres, {}, solver, during); });
+    }
+  }
+}
+
+TEST(DenseInterpolator, TellsHowFarEachStageIs) {
+  for (const Solver solver : solvers) {
+    std::map<std::string, std::vector<double>> told;
+    RunContext context;
+    context.threads = 1;
+    context.on_progress = [&](const std::string& stage, double fraction) { told[stage].push_back(fraction); };
+    make(test::random_points(300, 21), {}, solver, context);
+    EXPECT_EQ(told.count("factor"), 1u) << to_string(solver);
+    for (const auto& [stage, fractions] : told) {
+      EXPECT_TRUE(std::is_sorted(fractions.begin(), fractions.end())) << to_string(solver) << stage;
+      EXPECT_GE(fractions.front(), 0) << to_string(solver) << stage;
+      EXPECT_EQ(fractions.back(), 1) << to_string(solver) << stage;
     }
   }
 }

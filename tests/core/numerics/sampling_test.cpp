@@ -184,6 +184,76 @@ TEST(SurfaceSampling, LloydRaisesTheRatioOfRandomSamples) {
   EXPECT_LT(std::sqrt(PointTree(on_surface).kth_square(on_surface[0], 2)), std::cbrt(share));
 }
 
+/// Farthest points and Lloyd's method as they are defined, over all pairs of points.
+std::vector<Vec3> samples_by_definition(const DensePoints& dense, const SampleOptions& options) {
+  const auto nearest_of = [](const Vec3& x, const std::vector<Vec3>& samples) {
+    std::size_t best = 0;
+    for (std::size_t j = 1; j < samples.size(); ++j) {
+      if (test::squared_distance(x, samples[j]) < test::squared_distance(x, samples[best])) best = j;
+    }
+    return best;
+  };
+  const std::vector<Vec3> flat(dense.points.begin(), dense.points.begin() + static_cast<std::ptrdiff_t>(dense.surface));
+  std::vector<Vec3> samples;
+  for (const std::uint32_t i : farthest_point_order(flat, options.surface)) samples.push_back(flat[i]);
+  for (std::size_t count = 0; count < options.volume; ++count) {
+    std::size_t farthest = dense.surface;
+    double most = -1;
+    for (std::size_t i = dense.surface; i < dense.points.size(); ++i) {
+      const double square = test::squared_distance(dense.points[i], samples[nearest_of(dense.points[i], samples)]);
+      if (square > most) most = square, farthest = i;
+    }
+    samples.push_back(dense.points[farthest]);
+  }
+  for (int step = 0; step < options.relaxation_steps; ++step) {
+    std::vector<Vec3> sums(samples.size(), Vec3{});
+    std::vector<double> weights(samples.size(), 0.0);
+    for (std::size_t i = 0; i < dense.points.size(); ++i) {
+      const std::size_t j = nearest_of(dense.points[i], samples);
+      const double weight = i < dense.surface ? options.surface_weight : 1;
+      weights[j] += weight;
+      for (std::size_t k = 0; k < 3; ++k) sums[j][k] += weight * dense.points[i][k];
+    }
+    for (std::size_t j = 0; j < samples.size(); ++j) {
+      for (std::size_t k = 0; k < 3 && weights[j] > 0; ++k) samples[j][k] = sums[j][k] / weights[j];
+    }
+  }
+  return samples;
+}
+
+TEST(SurfaceSampling, SamplesAreThoseOfTheDefinition) {
+  const DensePoints dense = square_and_cube(600, 900, 13);
+  SampleOptions options;
+  options.surface = 40;
+  options.volume = 60;
+  for (const int steps : {0, 1, 12}) {
+    for (const double weight : {1.0, 10.0}) {
+      options.relaxation_steps = steps;
+      options.surface_weight = weight;
+      const std::vector<Vec3> samples = spread_samples(dense, options).points, wanted = samples_by_definition(dense, options);
+      ASSERT_EQ(samples.size(), wanted.size());
+      // Sums of 1500 points in [0, 1], in another order at most.
+      for (std::size_t j = 0; j < samples.size(); ++j) EXPECT_LT(test::squared_distance(samples[j], wanted[j]), 1e-24) << j;
+    }
+  }
+}
+
+// The first sample moves between its points, which are then nearer to the two others: none is left to it after the first step.
+TEST(SurfaceSampling, SamplesWithoutPointsOfTheirOwnStayWhereTheyAre) {
+  DensePoints dense;
+  dense.points = {{6, 1, 0}, {2, 7, 0}, {6, 3, 0}, {0, 7, 0}, {8, 8, 0}, {3, 8, 0}};
+  dense.surface = 3;
+  SampleOptions options;
+  options.surface = 1;
+  options.volume = 2;
+  options.relaxation_steps = 1;
+  const Vec3 after_one_step = spread_samples(dense, options).points.at(0);
+  options.relaxation_steps = 2;
+  const std::vector<Vec3> samples = spread_samples(dense, options).points, wanted = samples_by_definition(dense, options);
+  EXPECT_EQ(samples.at(0), after_one_step);
+  for (std::size_t j = 0; j < 3; ++j) EXPECT_LT(test::squared_distance(samples.at(j), wanted.at(j)), 1e-24) << j;
+}
+
 TEST(SurfaceSampling, SameSeedSameSamplesForAnyNumberOfThreads) {
   SampleOptions options;
   options.surface = 200;

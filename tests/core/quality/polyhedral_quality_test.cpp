@@ -96,6 +96,23 @@ TEST(PolyhedralQuality, NamesInvertedCells) {
   EXPECT_GT(q.failed_checks(), 1u);
 }
 
+// In the mirror all volumes are negative, the largest one too.
+TEST(PolyhedralQuality, ExtremeVolumesAreThoseOfCells) {
+  Grid g = grid(3, 2, 2);
+  for (Vec3& p : g.points) p[0] = p[0] * p[0];  // cells 1, 3 and 5 wide
+  for (const double sign : {1.0, -1.0}) {
+    Points points = g.points;
+    for (Vec3& p : points) p[0] *= sign;
+    const PolyhedralQuality q = polyhedral_quality(points, g.cells);
+    EXPECT_NEAR(q.least_volume.value, sign > 0 ? 1 : -5, 1e-12);
+    EXPECT_NEAR(q.largest_volume.value, sign > 0 ? 5 : -1, 1e-12);
+    EXPECT_EQ(q.least_volume.id % 3, sign > 0 ? 0u : 2u);
+    EXPECT_EQ(q.largest_volume.id % 3, sign > 0 ? 2u : 0u);
+    EXPECT_NEAR(q.total_volume, sign * 36, 1e-11);
+    EXPECT_EQ(q.negative_volumes, sign > 0 ? 0u : 12u);
+  }
+}
+
 struct Counted {
   double amplitude;
   std::size_t negative_volumes, severe, errors, pyramids, skew, failed_checks;

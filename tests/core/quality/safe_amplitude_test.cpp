@@ -9,7 +9,9 @@
 #include <map>
 #include <random>
 
+#include "core/base/vectors.h"
 #include "core/quality/element_quality.h"
+#include "core/quality/moving_cells.h"
 #include "core/quality/polyhedral_quality.h"
 #include "tests/core/mesh/named_meshes.h"
 #include "tests/core/quality/cell_shapes.h"
@@ -418,6 +420,27 @@ TEST(SafeAmplitude, FacesInThePlane) {
   EXPECT_EQ(safe_amplitude(mixed.points, mixed.points, &mixed).at_rest.worst.at(0).id, 1u);
 }
 
+// A billionth of the diagonal may be off, in any unit.
+TEST(SafeAmplitude, PlanesAreFlatInTheirOwnUnits) {
+  for (const double unit : {1e-6, 1.0, 1e6}) {
+    SCOPED_TRACE(unit);
+    Points points = quad_grid(3, 3).points;
+    for (Vec3& x : points) x = {unit * x[0], unit * x[1], 5 * unit};
+    const Box box = bounding_box(points);
+    EXPECT_TRUE(in_one_plane(points));
+    for (const double off : {0.5e-9, -0.5e-9}) {
+      Points near = points;
+      near[7][2] += off * box.diagonal();
+      EXPECT_TRUE(in_one_plane(near));
+    }
+    for (const double off : {2e-9, -2e-9, std::nan("")}) {
+      Points far = points;
+      far[7][2] += off * box.diagonal();
+      EXPECT_FALSE(in_one_plane(far));
+    }
+  }
+}
+
 // A plate goes where it likes as a whole, with the rounding of its way.
 TEST(SafeAmplitude, PlanesMayMoveAsAWhole) {
   const Mesh grid = quad_grid(3, 3);
@@ -488,6 +511,40 @@ TEST(SafeAmplitude, Polyhedra) {
   EXPECT_LT(mirrored.inverted.worst.at(0).value, 0);
   // The way from the centre to a face of a cube is along its normal.
   EXPECT_NEAR(safety([](const Vec3& p) { return p; }).inverted.least_determinant.value, 1, 1e-14);
+}
+
+// A cell has a volume and a pyramid to each face, and what is inverted is so for one of the two.
+TEST(SafeAmplitude, PolyhedraAreInvertedByTheirVolumeOrByAPyramid) {
+  Grid g = grid(1, 1, 1);
+  g.cells.cell_count = 2;  // the second has no face
+  const auto cells = quality::moving_polyhedra(g.cells, g.points.size());
+  const auto expect_state = [&](const Points& points, std::size_t cell, bool without_volume, bool wrong_pyramid) {
+    const auto state = cells->state(points, cell);
+    EXPECT_EQ(state.without_volume, without_volume);
+    EXPECT_EQ(state.wrong_pyramid, wrong_pyramid);
+    EXPECT_EQ(state.inverted, without_volume || wrong_pyramid);
+    EXPECT_EQ(state.determinant > 0, !state.inverted);
+  };
+  expect_state(g.points, 0, false, false);
+  expect_state(g.points, 1, true, false);
+  expect_state(mapped(g.points, [](const Vec3& p) { return Vec3{p[0], p[1], -p[2]}; }), 0, true, false);
+  expect_state(mapped(g.points, [](const Vec3& p) { return Vec3{p[0], p[1], 0}; }), 0, true, false);
+  // Those of checkMesh's formulas.
+  g.cells.cell_count = 1;
+  PolyhedralLimits limits;
+  limits.pyramid_volume = 0;
+  std::mt19937_64 random(31);
+  std::size_t without_volume = 0, wrong_pyramid = 0;
+  for (int i = 0; i < 100; ++i) {
+    Points points = shaken(g.points, 0.8, random);
+    if (i % 2 == 1) points = mapped(points, [](const Vec3& p) { return Vec3{p[0], p[1], -p[2]}; });
+    const PolyhedralQuality q = polyhedral_quality(points, g.cells, limits);
+    expect_state(points, 0, q.negative_volumes > 0, q.negative_volumes == 0 && q.wrong_pyramids > 0);
+    without_volume += q.negative_volumes > 0;
+    wrong_pyramid += q.negative_volumes == 0 && q.wrong_pyramids > 0;
+  }
+  EXPECT_GT(without_volume, 5u);
+  EXPECT_GT(wrong_pyramid, 5u);
 }
 
 // Cells 1e4 times as long as high, far away: bounds must not take them for flat.

@@ -3,7 +3,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
+#include <limits>
 #include <random>
+#include <set>
+#include <string>
 
 #include "core/base/vectors.h"
 #include "core/mesh/ahmed.h"
@@ -111,6 +116,88 @@ TEST(CageAround, KeepsTheOffsetThatIsAskedForWhereItIsEnough) {
   EXPECT_GT(narrow.offset, 0.05) << "60 points on a ball of 1.05 cut it off";
   expect_cage(narrow, ball, 60);
   EXPECT_EQ(cage_around(ball, {.kind = CageKind::box, .points = 100, .offset = 0.25}).clearance, 0.25);
+}
+
+using Divisions = std::array<std::size_t, 3>;
+
+/// All divisions of a box, by enumeration: the number of points that each has, and the sides of its rectangles, the longest over
+/// the shortest.
+template <typename Use>
+void for_each_division(const Vec3& sides, std::size_t most, const Use& use) {
+  for (std::size_t i = 1; i <= most; ++i) {
+    for (std::size_t j = 1; j <= most; ++j) {
+      for (std::size_t k = 1; k <= most; ++k) {
+        // Of the (i + 1)(j + 1)(k + 1) points of the whole lattice those inside are none.
+        const std::size_t points = (i + 1) * (j + 1) * (k + 1) - (i - 1) * (j - 1) * (k - 1);
+        const std::array<double, 3> lengths{sides[0] / static_cast<double>(i), sides[1] / static_cast<double>(j),
+                                            sides[2] / static_cast<double>(k)};
+        use(points, *std::max_element(lengths.begin(), lengths.end()) / *std::min_element(lengths.begin(), lengths.end()));
+      }
+    }
+  }
+}
+
+std::size_t coordinates(const Mesh& mesh, std::size_t axis) {
+  std::set<double> distinct;
+  for (const Vec3& x : mesh.points) distinct.insert(x[axis]);
+  return distinct.size();
+}
+
+TEST(CageAround, BoxesHaveTheSquarestRectanglesOfAll) {
+  std::size_t made = 0;
+  for (const Vec3& sides : {Vec3{1, 1, 1}, Vec3{4, 1, 1}, Vec3{10, 3, 2}, Vec3{1, 7, 6}}) {
+    Mesh ends;
+    ends.points = {{0, 0, 0}, sides};
+    for (const std::size_t points : {26u, 98u, 300u, 1000u}) {
+      SCOPED_TRACE(testing::Message() << sides[0] << " x " << sides[1] << " x " << sides[2] << ", " << points);
+      Vec3 lengths;
+      for (std::size_t k = 0; k < 3; ++k) lengths[k] = sides[k] + 0.2;
+      const auto wanted = static_cast<double>(points);
+      double squarest = std::numeric_limits<double>::infinity();
+      for_each_division(lengths, 60, [&](std::size_t count, double ratio) {
+        if (std::abs(static_cast<double>(count) - wanted) <= 0.05 * wanted) squarest = std::min(squarest, ratio);
+      });
+      if (squarest > 3.5) continue;  // refused: the next test
+      ++made;
+      const CageAround cage = cage_around(ends, {.kind = CageKind::box, .points = points, .offset = 0.1});
+      std::array<double, 3> steps{};
+      for (std::size_t k = 0; k < 3; ++k) steps[k] = lengths[k] / static_cast<double>(coordinates(cage.mesh, k) - 1);
+      const double ratio = *std::max_element(steps.begin(), steps.end()) / *std::min_element(steps.begin(), steps.end());
+      EXPECT_NEAR(ratio, squarest, 1e-9);
+      expect_cage(cage, ends, points);
+    }
+  }
+  EXPECT_GE(made, 12u);
+}
+
+TEST(CageAround, NamesTheNearestNumbersOfPointsOfABox) {
+  for (const Vec3& sides : {Vec3{1, 1, 1}, Vec3{20, 1, 1}, Vec3{3, 2, 1}}) {
+    Mesh ends;
+    ends.points = {{0, 0, 0}, sides};
+    Vec3 lengths;
+    for (std::size_t k = 0; k < 3; ++k) lengths[k] = sides[k] + 0.2;
+    for (std::size_t points = 8; points < 40; ++points) {
+      SCOPED_TRACE(testing::Message() << sides[0] << " x " << sides[1] << " x " << sides[2] << ", " << points);
+      const auto wanted = static_cast<double>(points);
+      std::size_t below = 0, above = 0;
+      bool possible = false;
+      for_each_division(lengths, 40, [&](std::size_t count, double ratio) {
+        if (ratio > 3.5) return;  // angles below 15.9 degrees
+        possible = possible || std::abs(static_cast<double>(count) - wanted) <= 0.05 * wanted;
+        if (count < points) below = std::max(below, count);
+        if (count > points && (above == 0 || count < above)) above = count;
+      });
+      const CageRequest request{.kind = CageKind::box, .points = points, .offset = 0.1};
+      if (possible) {
+        EXPECT_NO_THROW((void)cage_around(ends, request));
+        continue;
+      }
+      const std::string asked = "no " + std::to_string(points) + " points";
+      const std::string near = "near are " + (below > 0 ? std::to_string(below) + " and " : "") + std::to_string(above);
+      expect_error(ErrorCode::invalid_argument, {"points", asked.c_str(), near.c_str()},
+                   [&] { (void)cage_around(ends, request); });
+    }
+  }
 }
 
 TEST(CageAround, RefusesWhatCannotBe) {
