@@ -9,6 +9,7 @@
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
 #include "core/quality/four_floats.h"
+#include "core/quality/linear_fit.h"
 
 namespace deform::quality {
 
@@ -27,29 +28,6 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr double half_float_ulp = 0x1p-24;
 constexpr double determinant_rounding = 1e-9;  // far more than exact states have
 constexpr std::size_t most_local = 0xffff;     // nodes in a block
-
-/// To the float before or after, of what is not negative, and a little farther for the rounding before.
-float rounded_down(double x) { return std::nextafter(static_cast<float>(x * (1 - 1e-6)), 0.0f); }
-float rounded_up(double x) { return std::nextafter(static_cast<float>(x * (1 + 1e-6)), std::numeric_limits<float>::infinity()); }
-
-using Matrix = std::array<Vec3, 3>;  // rows
-
-/// a += b c^T
-void add_product(Matrix& a, const Vec3& b, const Vec3& c) {
-  for (std::size_t i = 0; i < 3; ++i) a[i] = a[i] + b[i] * c;
-}
-
-/// The inverse of a symmetric positive semidefinite matrix, regularized so that it exists for flat sets.
-Matrix inverse_of_symmetric(Matrix m) {
-  const double trace = m[0][0] + m[1][1] + m[2][2];
-  for (std::size_t i = 0; i < 3; ++i) m[i][i] += 1e-14 * trace;
-  const Matrix cofactors{cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])};
-  const double determinant = dot(m[0], cofactors[0]);
-  if (!(determinant > 0)) return {};
-  return {(1 / determinant) * cofactors[0], (1 / determinant) * cofactors[1], (1 / determinant) * cofactors[2]};
-}
-
-Vec3 times(const Matrix& a, const Vec3& x) { return {dot(a[0], x), dot(a[1], x), dot(a[2], x)}; }
 
 /// The least-squares linear map from places to displacements, both relative to their means. Any map would be valid; this one
 /// leaves small residuals.
@@ -356,13 +334,30 @@ void MotionCertificate::doubtful(std::span<const Vec3> points, double floor, std
   Block work;
   for (std::size_t block = begin_block; block < end_block; ++block) {
     take(points, block, work);
-    const std::uint16_t* local = local_.data() + local_begin_[block];
-    std::uint32_t from = 0;
-    for (std::size_t i = block * block_size; i < std::min(order_.size(), (block + 1) * block_size); ++i) {
-      const std::uint32_t to = cell_ends_[i];
-      if (!proven(in_order_[i], std::span(local + from, to - from), floor, work)) cells.push_back(order_[i]);
-      from = to;
-    }
+    doubtful_range(work, floor, block * block_size, std::min(order_.size(), (block + 1) * block_size), cells);
+  }
+}
+
+void MotionCertificate::doubtful_of(std::span<const Vec3> points, double floor, std::span<const std::uint32_t> groups,
+                                    std::size_t group_size, std::vector<std::uint32_t>& cells) const {
+  Block work;
+  std::size_t taken = block_count();
+  for (const std::uint32_t group : groups) {
+    const std::size_t begin = group * group_size, block = begin / block_size;
+    if (block != taken) take(points, taken = block, work);
+    doubtful_range(work, floor, begin, std::min(order_.size(), begin + group_size), cells);
+  }
+}
+
+/// Places in the order, all in the block of `work`.
+void MotionCertificate::doubtful_range(const Block& work, double floor, std::size_t begin, std::size_t end,
+                                       std::vector<std::uint32_t>& cells) const {
+  const std::uint16_t* local = local_.data() + local_begin_[begin / block_size];
+  std::uint32_t from = begin % block_size == 0 ? 0 : cell_ends_[begin - 1];
+  for (std::size_t i = begin; i < end; ++i) {
+    const std::uint32_t to = cell_ends_[i];
+    if (!proven(in_order_[i], std::span(local + from, to - from), floor, work)) cells.push_back(order_[i]);
+    from = to;
   }
 }
 

@@ -25,12 +25,28 @@ class MotionCertificate {
   MotionCertificate(std::span<const Vec3> rest, const MovingCells& cells, std::span<const char> left_out,
                     std::span<const double> determinants, const RunContext& context);
 
+  /// A CellTolerance rounded to the safe side; infinite if there is none.
+  struct Tolerance {
+    float inverse_radius, inverse_condition;  ///< 1 / radius, 1 / (condition - 1)
+    float determinant, loss, warp_loss;
+  };
+
+  /// The cells that are not left out, neighbours near each other; blocks are ranges of this order.
+  std::span<const std::uint32_t> order() const { return order_; }
+  const Tolerance& tolerance(std::size_t place_in_order) const { return in_order_[place_in_order]; }
+  std::span<const PointId> nodes(std::size_t cell) const { return nodes_.of(cell); }
+  int distortion() const { return distortion_; }
+
   std::size_t block_count() const { return (order_.size() + block_size - 1) / block_size; }
   /// Appends the cells of a range of blocks for which bounds in single precision do not prove that they are never inverted on the
   /// straight path from rest to `points` and have a normalized determinant above `floor` at its end. Cells left out are not
   /// appended. There must be as many points as at rest, all finite.
   void doubtful(std::span<const Vec3> points, double floor, std::size_t begin_block, std::size_t end_block,
                 std::vector<std::uint32_t>& cells) const;
+  /// The same for some of the cells: `groups` are ranges of `group_size` cells of the order, ascending; the size divides that of
+  /// a block.
+  void doubtful_of(std::span<const Vec3> points, double floor, std::span<const std::uint32_t> groups, std::size_t group_size,
+                   std::vector<std::uint32_t>& cells) const;
 
   /// The deformation of a cell from rest: displacements are G x + q up to a translation. On the straight path B = I + s G has
   /// singular values from 1 + min(0, least) to sqrt(1 + 2 max(0, largest) + gradient^2), because |B x| >= x.B x / |x|.
@@ -56,11 +72,6 @@ class MotionCertificate {
   static std::size_t bytes_to_make(std::size_t cells, std::size_t points, std::size_t nodes);
 
  private:
-  /// A CellTolerance rounded to the safe side; infinite if there is none.
-  struct Tolerance {
-    float inverse_radius, inverse_condition;  ///< 1 / radius, 1 / (condition - 1)
-    float determinant, loss, warp_loss;
-  };
   static Tolerance kept(const CellTolerance& found);
 
   /// The effect of the affine part of a motion on the bounds.
@@ -76,6 +87,8 @@ class MotionCertificate {
   void order_cells(std::span<const char> left_out, const RunContext& context);
   void list_blocks();
   void take(std::span<const Vec3> points, std::size_t block, Block& work) const;
+  void doubtful_range(const Block& work, double floor, std::size_t begin, std::size_t end,
+                      std::vector<std::uint32_t>& cells) const;
   bool proven(const Tolerance& tolerance, std::span<const std::uint16_t> nodes, double floor, const Block& block) const;
 
   std::span<const Vec3> rest_;
