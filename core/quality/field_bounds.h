@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -15,25 +16,26 @@ namespace deform::quality {
 
 /// Proves for most cells, without looking at any point, that a combination of known fields does not invert them.
 ///
-/// In a cell, field f is g_f . x plus a constant, up to r_f at every node. So a motion with coefficients c_f has a gradient G
-/// with |G| <= sum |c_f| |g_f| and leaves residuals of at most sum |c_f| r_f, to which the tolerance of the cell applies
-/// (CellTolerance). For each cluster of neighbouring cells the largest |g_f|, the largest r_f relative to the radius of the cell,
-/// and the tightest tolerance are stored in single precision, rounded to the safe side: a motion costs two multiplications per
-/// field and cluster. Immutable; any thread may call.
+/// In a cell, field f is g_f . x plus a constant, up to r_f at every node. So a motion with coefficients c_f has the gradient G =
+/// sum c_f g_f^T and leaves residuals of at most sum |c_f| r_f, to which the tolerance of the cell applies (CellTolerance).
+/// Cells are cleared in clusters of neighbours, first by the norms alone: |G| <= sum |c_f| max |g_f|, which costs two
+/// multiplications per field. Otherwise by the stretch of the sum of c_f m_f^T, where m_f is the middle of the g_f, as the fields
+/// are smooth, with |g_f - m_f| added, and each cell by its own tolerance and share of the residuals. The numbers are stored in
+/// single precision, rounded to the safe side. Immutable; any thread may call.
 class FieldBounds {
  public:
-  static constexpr std::size_t cluster_size = 8;  ///< cells, in the order of the certificate
-  static_assert(MotionCertificate::block_size % cluster_size == 0);
+  static constexpr std::size_t cluster_size = 16;  ///< cells, in the order of the certificate
 
-  /// The certificate is used by the constructor only. Throws cancelled, deadline_exceeded.
+  /// The certificate must outlive this object. Throws Error(cancelled), Error(deadline_exceeded).
   FieldBounds(std::span<const Vec3> rest, const MotionCertificate& certificate, const DisplacementFields& fields,
               const RunContext& context);
 
   std::size_t fields() const { return largest_.size(); }
   std::size_t cluster_count() const { return tightest_.size(); }
-  /// The clusters, ascending, that may have a cell that is inverted on the straight path from rest or that ends with a normalized
-  /// determinant of at most `floor`. Throws Error(invalid_argument) for another number of fields.
-  std::vector<std::uint32_t> open(const FieldMotion& motion, double floor) const;
+  /// Appends the cells of a range of clusters for which the bounds do not prove that they are never inverted on the straight path
+  /// from rest and end with a normalized determinant above `floor`. Throws Error(invalid_argument) for another number of fields.
+  void doubtful(const FieldMotion& motion, double floor, std::size_t begin_cluster, std::size_t end_cluster,
+                std::vector<std::uint32_t>& cells) const;
   /// An upper bound of the displacement of any point; not finite if there is none.
   double reach(const FieldMotion& motion) const;
 
@@ -42,18 +44,35 @@ class FieldBounds {
   static std::size_t bytes_to_make(std::size_t cells, std::size_t points, std::size_t fields);
 
  private:
-  /// Of the cells of a cluster; residuals are relative to the radius.
+  /// The tightest tolerances of the cells of a cluster.
   struct Tightest {
     float inverse_radius = 0, inverse_condition = 0, determinant = 0, loss = 0, warp_loss = 0;
   };
+  /// A field in the cells of a cluster.
+  struct Field {
+    std::array<float, 3> middle{};  ///< m_f
+    float deviation = 0;            ///< largest |g_f - m_f|
+    float residual = 0;             ///< largest r_f
+  };
+  /// Lengths that are the same for all cells, and whether a coefficient may differ from 0.
+  struct Common {
+    double residual = 0;  ///< what errors of coefficients, values and points add to that of every cell
+    std::vector<char> moving;
+  };
   struct Batch;
   void check(const FieldMotion& motion) const;
-  void take(std::span<const Vec3> rest, const MotionCertificate& certificate, const Batch& batch, std::size_t cluster);
+  void set_tightest(std::size_t cluster);
+  void take(std::span<const Vec3> rest, const Batch& batch, std::size_t cluster);
+  Common common(const FieldMotion& motion) const;
+  void open_cells(const FieldMotion& motion, const Common& common, double floor, std::size_t cluster,
+                  std::vector<std::uint32_t>& cells) const;
 
-  int distortion_;
-  std::vector<Tightest> tightest_;  ///< one for each cluster
-  /// fields x clusters.
-  std::vector<float> gradients_, residuals_;
+  const MotionCertificate& certificate_;
+  std::vector<Tightest> tightest_;           ///< one for each cluster
+  std::vector<float> steepest_, residuals_;  ///< largest |g_f|, and r_f relative to the radius of the cell: fields x clusters
+  std::vector<Field> in_clusters_;           ///< clusters x fields
+  /// For each cell of the order: its largest r_f as a fraction of that of its cluster, over the fields.
+  std::vector<float> shares_;
   std::vector<double> largest_, errors_;  ///< of the values of each field
 };
 

@@ -74,22 +74,6 @@ std::pair<double, double> eigenvalue_range(const Matrix& a) {
   return {mean + 2 * size * std::cos(angle + 2 * M_PI / 3) - off, mean + 2 * size * std::cos(angle) + off};
 }
 
-MotionCertificate::Stretch stretch_of(const Matrix& gradient, double residual) {
-  MotionCertificate::Stretch result;
-  Matrix symmetric;
-  double square = 0;
-  for (std::size_t i = 0; i < 3; ++i) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      symmetric[i][k] = 0.5 * (gradient[i][k] + gradient[k][i]);
-      square += gradient[i][k] * gradient[i][k];
-    }
-  }
-  std::tie(result.least, result.largest) = eigenvalue_range(symmetric);
-  result.gradient = std::sqrt(square) * (1 + 1e-12);
-  result.residual = residual;
-  return result;
-}
-
 /// Every third bit.
 std::uint64_t spread_bits(std::uint64_t x) {
   x &= 0x1fffff;
@@ -298,7 +282,7 @@ void MotionCertificate::take(std::span<const Vec3> points, std::size_t block, Bl
   }
   for (std::size_t k = 0; k < count; ++k) work.left[k] = work.left[k] - times(columns, work.at_rest[k]);
   work.reach = reach.largest();
-  work.stretch = stretch_of(gradient, 0);
+  work.stretch = Stretch::of(gradient, 0);
   // A dozen roundings of numbers up to these; below the least float, of fewer digits.
   work.stretch.residual = 16 * half_float_ulp * (displacement.largest() + (1 + 2 * work.stretch.gradient) * work.reach) +
                           std::numeric_limits<float>::min();
@@ -334,31 +318,30 @@ void MotionCertificate::doubtful(std::span<const Vec3> points, double floor, std
   Block work;
   for (std::size_t block = begin_block; block < end_block; ++block) {
     take(points, block, work);
-    doubtful_range(work, floor, block * block_size, std::min(order_.size(), (block + 1) * block_size), cells);
+    const std::uint16_t* local = local_.data() + local_begin_[block];
+    std::uint32_t from = 0;
+    for (std::size_t i = block * block_size; i < std::min(order_.size(), (block + 1) * block_size); ++i) {
+      const std::uint32_t to = cell_ends_[i];
+      if (!proven(in_order_[i], std::span(local + from, to - from), floor, work)) cells.push_back(order_[i]);
+      from = to;
+    }
   }
 }
 
-void MotionCertificate::doubtful_of(std::span<const Vec3> points, double floor, std::span<const std::uint32_t> groups,
-                                    std::size_t group_size, std::vector<std::uint32_t>& cells) const {
-  Block work;
-  std::size_t taken = block_count();
-  for (const std::uint32_t group : groups) {
-    const std::size_t begin = group * group_size, block = begin / block_size;
-    if (block != taken) take(points, taken = block, work);
-    doubtful_range(work, floor, begin, std::min(order_.size(), begin + group_size), cells);
+MotionCertificate::Stretch MotionCertificate::Stretch::of(const Matrix& gradient, double residual) {
+  Stretch result;
+  Matrix symmetric;
+  double square = 0;
+  for (std::size_t i = 0; i < 3; ++i) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      symmetric[i][k] = 0.5 * (gradient[i][k] + gradient[k][i]);
+      square += gradient[i][k] * gradient[i][k];
+    }
   }
-}
-
-/// Places in the order, all in the block of `work`.
-void MotionCertificate::doubtful_range(const Block& work, double floor, std::size_t begin, std::size_t end,
-                                       std::vector<std::uint32_t>& cells) const {
-  const std::uint16_t* local = local_.data() + local_begin_[begin / block_size];
-  std::uint32_t from = begin % block_size == 0 ? 0 : cell_ends_[begin - 1];
-  for (std::size_t i = begin; i < end; ++i) {
-    const std::uint32_t to = cell_ends_[i];
-    if (!proven(in_order_[i], std::span(local + from, to - from), floor, work)) cells.push_back(order_[i]);
-    from = to;
-  }
+  std::tie(result.least, result.largest) = eigenvalue_range(symmetric);
+  result.gradient = std::sqrt(square) * (1 + 1e-12);
+  result.residual = residual;
+  return result;
 }
 
 MotionCertificate::Stretch MotionCertificate::Stretch::between(const Stretch& from, const Stretch& to, double share) {
@@ -385,7 +368,7 @@ MotionCertificate::Stretch MotionCertificate::stretch(std::span<const Vec3> poin
       high[k] = std::max(high[k], q[k]);
     }
   }
-  return stretch_of(gradient, 0.5 * length(high - low) * (1 + 1e-12));
+  return Stretch::of(gradient, 0.5 * length(high - low) * (1 + 1e-12));
 }
 
 MotionCertificate::Affinity MotionCertificate::affinity(const Stretch& stretch) const {

@@ -43,10 +43,6 @@ class MotionCertificate {
   /// appended. There must be as many points as at rest, all finite.
   void doubtful(std::span<const Vec3> points, double floor, std::size_t begin_block, std::size_t end_block,
                 std::vector<std::uint32_t>& cells) const;
-  /// The same for some of the cells: `groups` are ranges of `group_size` cells of the order, ascending; the size divides that of
-  /// a block.
-  void doubtful_of(std::span<const Vec3> points, double floor, std::span<const std::uint32_t> groups, std::size_t group_size,
-                   std::vector<std::uint32_t>& cells) const;
 
   /// The deformation of a cell from rest: displacements are G x + q up to a translation. On the straight path B = I + s G has
   /// singular values from 1 + min(0, least) to sqrt(1 + 2 max(0, largest) + gradient^2), because |B x| >= x.B x / |x|.
@@ -54,6 +50,8 @@ class MotionCertificate {
     double least = 0, largest = 0;  ///< eigenvalues of the symmetric part of G
     double gradient = 0;            ///< Frobenius norm of G
     double residual = 0;            ///< largest |q|
+    /// The stretch of a matrix G, by rows.
+    static Stretch of(const std::array<Vec3, 3>& gradient, double residual);
     /// The stretch, or bounds of it, of (1 - share) times one motion plus share times another one.
     static Stretch between(const Stretch& from, const Stretch& to, double share);
   };
@@ -66,6 +64,16 @@ class MotionCertificate {
   /// The bound on the straight path from rest to a state with this stretch.
   Bound bound(std::size_t cell, const Stretch& stretch) const;
 
+  /// The effect of the affine part of a motion on the bounds.
+  struct Affinity {
+    double excess;           ///< condition - 1
+    double inverse_least;    ///< 1 / smallest singular value; infinite if not known to be positive
+    double inverse_falling;  ///< 1 / (condition to the power distortion_)
+  };
+  Affinity affinity(const Stretch& stretch) const;
+  /// The bound for a cell with this tolerance.
+  static Bound bound(const Tolerance& tolerance, const Affinity& affinity, double residual);
+
   /// An upper bound of the memory in bytes. `nodes` is the sum of the numbers of nodes of all cells.
   static std::size_t bytes_for(std::size_t cells, std::size_t nodes);
   /// An upper bound of the peak memory of the construction.
@@ -74,21 +82,10 @@ class MotionCertificate {
  private:
   static Tolerance kept(const CellTolerance& found);
 
-  /// The effect of the affine part of a motion on the bounds.
-  struct Affinity {
-    double excess;           ///< condition - 1
-    double inverse_least;    ///< 1 / smallest singular value; infinite if not known to be positive
-    double inverse_falling;  ///< 1 / (condition to the power distortion_)
-  };
-  Affinity affinity(const Stretch& stretch) const;
-  static Bound bound(const Tolerance& tolerance, const Affinity& affinity, double residual);
-
   struct Block;
   void order_cells(std::span<const char> left_out, const RunContext& context);
   void list_blocks();
   void take(std::span<const Vec3> points, std::size_t block, Block& work) const;
-  void doubtful_range(const Block& work, double floor, std::size_t begin, std::size_t end,
-                      std::vector<std::uint32_t>& cells) const;
   bool proven(const Tolerance& tolerance, std::span<const std::uint16_t> nodes, double floor, const Block& block) const;
 
   std::span<const Vec3> rest_;

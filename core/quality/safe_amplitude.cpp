@@ -26,7 +26,8 @@ using quality::MovingCells;
 
 constexpr std::size_t grain = 1024;
 constexpr std::size_t blocks_grain = 32;
-constexpr std::size_t clusters_grain = 256;
+constexpr std::size_t clusters_grain = 1024;
+constexpr std::size_t few = 16;             // of the cells one: fewer are looked at one by one
 constexpr std::size_t suspects_grain = 16;  // each takes long
 constexpr std::size_t most_listed = 100;
 constexpr double surely_finite = 1e100;
@@ -236,16 +237,17 @@ class InversionCheck::Impl {
     return all;
   }
 
-  /// The same for a motion from rest whose coefficients clear most cells.
+  /// The same for a motion from rest, most of it by its coefficients. Where these clear few cells, those of the blocks do it at
+  /// less cost than one by one.
   std::vector<std::uint32_t> doubtful(std::span<const Vec3> points, const FieldMotion& motion, double floor,
                                       const RunContext& context) const {
-    const std::vector<std::uint32_t> open = bounds_->open(motion, floor);
-    std::vector<std::vector<std::uint32_t>> of_range((open.size() + clusters_grain - 1) / clusters_grain);
-    parallel_for(context, open.size(), clusters_grain, [&](std::size_t begin, std::size_t end) {
-      certificate_->doubtful_of(points, floor, std::span(open).subspan(begin, end - begin), FieldBounds::cluster_size,
-                                of_range[begin / clusters_grain]);
+    const std::size_t clusters = bounds_->cluster_count();
+    std::vector<std::vector<std::uint32_t>> of_range((clusters + clusters_grain - 1) / clusters_grain);
+    parallel_for(context, clusters, clusters_grain, [&](std::size_t begin, std::size_t end) {
+      bounds_->doubtful(motion, floor, begin, end, of_range[begin / clusters_grain]);
     });
     auto all = joined(std::move(of_range));
+    if (all.size() > size() / few) return doubtful(points, floor, context);
     std::sort(all.begin(), all.end());
     return all;
   }

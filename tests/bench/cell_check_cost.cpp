@@ -107,7 +107,7 @@ class Certificates {
     return least_seconds(repetitions, [&](const RunContext&) {
       const double floor = cells_->state(to, worst_).determinant;
       std::vector<std::uint32_t> doubtful;
-      certificate_->doubtful_of(to, floor, bounds_->open(motion, floor), quality::FieldBounds::cluster_size, doubtful);
+      bounds_->doubtful(motion, floor, 0, bounds_->cluster_count(), doubtful);
       for (const std::uint32_t c : doubtful) certificate_->bound(c, certificate_->stretch(to, c));
     });
   }
@@ -126,7 +126,9 @@ class Certificates {
 
   double open_share(const FieldMotion& motion, const Points& to) const {
     const double floor = cells_->state(to, worst_).determinant;
-    return static_cast<double>(bounds_->open(motion, floor).size()) / static_cast<double>(bounds_->cluster_count());
+    std::vector<std::uint32_t> doubtful;
+    bounds_->doubtful(motion, floor, 0, bounds_->cluster_count(), doubtful);
+    return static_cast<double>(doubtful.size()) / static_cast<double>(cells_->size());
   }
 
  private:
@@ -170,7 +172,7 @@ void cell_check_cost(const std::filesystem::path& car_case, Report& report) {
     const CellByCell expected = cell_by_cell(*mesh, cells, to);
     const std::string at = name + Report::text(share) + " t*: ";
     const double suspects = static_cast<double>(found.suspects) / static_cast<double>(cells.cell_count);
-    report.info(at + "clusters that their coefficients do not clear", Report::text(certificates.open_share(motion, to)));
+    report.info(at + "cells that the coefficients do not clear", Report::text(certificates.open_share(motion, to)));
     report.info(at + "design / check / check without coefficients / every cell on its own, one thread",
                 Report::text(1e3 * evaluated) + " / " + Report::text(1e3 * whole) + " / " + Report::text(1e3 * pointwise) +
                     " / " + Report::text(1e3 * expected.seconds) + " ms");
