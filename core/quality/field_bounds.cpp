@@ -19,7 +19,8 @@ constexpr std::size_t batch_size = 8;  // fields whose values at a node are in o
 constexpr std::size_t clusters_grain = 128;
 constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr double node_rounding = 16 * 0x1p-53;  // of differences from the first node, and of their products
-constexpr double summed = 1 + 1e-12;            // for the rounding of short sums
+constexpr double most_share = 255;
+constexpr double summed = 1 + 1e-12;  // for the rounding of short sums
 // Single precision: what is compared with 1 or with a determinant is a dozen operations on numbers of at most about 1.
 constexpr float nearly_one = 1 - 1e-5f;
 constexpr float determinant_rounding = 1e-5f;
@@ -63,14 +64,12 @@ struct FieldBounds::Batch {
 
 FieldBounds::FieldBounds(std::span<const Vec3> rest, const MotionCertificate& certificate, const DisplacementFields& fields,
                          const RunContext& context)
-    : certificate_(certificate),
-      tightest_((certificate.order().size() + cluster_size - 1) / cluster_size),
-      steepest_(fields.count() * tightest_.size()),
-      residuals_(steepest_.size()),
-      in_clusters_(steepest_.size()),
-      shares_(certificate.order().size()),
-      largest_(fields.count()) {
-  for (std::size_t k = 0; k < tightest_.size(); ++k) set_tightest(k);
+    : certificate_(certificate), largest_(fields.count()) {
+  set_tightest();
+  steepest_.resize(fields.count() * cluster_count());
+  residuals_.resize(steepest_.size());
+  in_clusters_.resize(steepest_.size());
+  shares_.resize(steepest_.size() * cluster_size);
   Batch batch;
   for (; batch.first < fields.count(); batch.first += batch_size) {
     batch.count = std::min(batch_size, fields.count() - batch.first);
@@ -80,29 +79,32 @@ FieldBounds::FieldBounds(std::span<const Vec3> rest, const MotionCertificate& ce
       double& largest = largest_[batch.first + i % batch.count];
       largest = std::max(largest, or_infinity(std::abs(batch.values[i])));
     }
-    parallel_for(context, tightest_.size(), clusters_grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context, cluster_count(), clusters_grain, [&](std::size_t begin, std::size_t end) {
       for (std::size_t k = begin; k < end; ++k) take(rest, batch, k);
     });
   }
   for (std::size_t f = 0; f < fields.count(); ++f) errors_.push_back(fields.error(f));
 }
 
-void FieldBounds::set_tightest(std::size_t cluster) {
-  Tightest& tightest = tightest_[cluster];
-  tightest.determinant = std::numeric_limits<float>::infinity();
-  const std::size_t end = std::min(shares_.size(), (cluster + 1) * cluster_size);
-  for (std::size_t i = cluster * cluster_size; i < end; ++i) {
+void FieldBounds::set_tightest() {
+  const std::size_t cells = certificate_.order().size(), clusters = (cells + cluster_size - 1) / cluster_size;
+  for (auto* values : {&tightest_.inverse_radius, &tightest_.inverse_condition, &tightest_.loss, &tightest_.warp_loss}) {
+    values->assign(clusters, 0.0f);
+  }
+  tightest_.determinant.assign(clusters, std::numeric_limits<float>::infinity());
+  for (std::size_t i = 0; i < cells; ++i) {
     const MotionCertificate::Tolerance& cell = certificate_.tolerance(i);
-    tightest.inverse_radius = std::max(tightest.inverse_radius, cell.inverse_radius);
-    tightest.inverse_condition = std::max(tightest.inverse_condition, cell.inverse_condition);
-    tightest.determinant = std::min(tightest.determinant, cell.determinant);
-    tightest.loss = std::max(tightest.loss, cell.loss);
-    tightest.warp_loss = std::max(tightest.warp_loss, cell.warp_loss);
+    const auto most = [k = i / cluster_size](std::vector<float>& values, float x) { values[k] = std::max(values[k], x); };
+    most(tightest_.inverse_radius, cell.inverse_radius);
+    most(tightest_.inverse_condition, cell.inverse_condition);
+    most(tightest_.loss, cell.loss);
+    most(tightest_.warp_loss, cell.warp_loss);
+    tightest_.determinant[i / cluster_size] = std::min(tightest_.determinant[i / cluster_size], cell.determinant);
   }
 }
 
 void FieldBounds::take(std::span<const Vec3> rest, const Batch& batch, std::size_t cluster) {
-  const std::size_t begin = cluster * cluster_size, cells = std::min(shares_.size(), begin + cluster_size) - begin;
+  const std::size_t begin = cluster * cluster_size, cells = std::min(certificate_.order().size(), begin + cluster_size) - begin;
   std::vector<Vec3> x, weights;
   std::vector<double> values;
   std::vector<CellFit> fits(cells * batch.count);
@@ -140,7 +142,8 @@ void FieldBounds::take(std::span<const Vec3> rest, const Batch& batch, std::size
     for (std::size_t i = 0; i < cells; ++i) {
       deviation = std::max(deviation, or_infinity(length(of_field[i].gradient - middle)));
       const double share = residual > 0 ? of_field[i].residual / residual : 0;
-      shares_[begin + i] = std::max(shares_[begin + i], rounded_up(std::isnan(share) ? 1 : share));
+      std::uint8_t& code = shares_[(cluster * fields() + batch.first + k) * cluster_size + i];
+      code = static_cast<std::uint8_t>(share < 1 ? std::min(std::ceil(share * most_share * summed), most_share) : most_share);
     }
     field.deviation = rounded_up(deviation);
     field.residual = rounded_up(residual);
@@ -166,11 +169,13 @@ double FieldBounds::reach(const FieldMotion& motion) const {
 }
 
 FieldBounds::Common FieldBounds::common(const FieldMotion& motion) const {
-  Common result{motion.rounding, std::vector<char>(fields())};
+  Common result{motion.rounding, {}, {}};
   for (std::size_t f = 0; f < fields(); ++f) {
     const double size = length(motion.coefficients[f]), uncertain = motion.uncertainties[f];
-    result.moving[f] = !(size == 0 && uncertain == 0);
-    if (result.moving[f]) result.residual += uncertain * largest_[f] + (size + uncertain) * errors_[f];
+    if (size == 0 && uncertain == 0) continue;
+    result.moving.push_back(static_cast<std::uint32_t>(f));
+    result.sizes.push_back(size);
+    result.residual += uncertain * largest_[f] + (size + uncertain) * errors_[f];
   }
   result.residual *= summed;
   return result;
@@ -183,9 +188,9 @@ void FieldBounds::doubtful(const FieldMotion& motion, double floor, std::size_t 
   std::vector<float> steepness(clusters), residuals(clusters);
   const Common shared = common(motion);
   const double sums = 1 + 0x1p-22 * static_cast<double>(fields() + 8);  // rounding of single precision
-  for (std::size_t f = 0; f < fields(); ++f) {
-    if (!shared.moving[f]) continue;
-    const float c = rounded_up((length(motion.coefficients[f]) + motion.uncertainties[f]) * sums);
+  for (std::size_t m = 0; m < shared.moving.size(); ++m) {
+    const std::size_t f = shared.moving[m];
+    const float c = rounded_up((shared.sizes[m] + motion.uncertainties[f]) * sums);
     const float* of_steepness = steepest_.data() + f * cluster_count() + begin_cluster;
     const float* of_residuals = residuals_.data() + f * cluster_count() + begin_cluster;
     for (std::size_t k = 0; k < clusters; ++k) {
@@ -193,53 +198,58 @@ void FieldBounds::doubtful(const FieldMotion& motion, double floor, std::size_t 
       residuals[k] += c * of_residuals[k];
     }
   }
+  // What is left of the determinants, into `residuals`; below 0 where nothing is proven.
   const float everywhere = rounded_up(shared.residual * sums);
+  const bool squared = certificate_.distortion() == 2;
+  for (std::size_t k = 0; k < clusters; ++k) {
+    const std::size_t at = begin_cluster + k;
+    // As MotionCertificate::bound() with singular values from 1 - g to 1 + g.
+    const float g = steepness[k], shorter = 1 - g, inverse = 1 / shorter, ratio = shorter / (1 + g);
+    const float r = (residuals[k] + everywhere * tightest_.inverse_radius[at]) * inverse;
+    const float x = 2 * g * inverse * tightest_.inverse_condition[at];
+    const float loss = tightest_.loss[at], warp = tightest_.warp_loss[at], worse = x > r ? x : r;
+    const float by_both = loss * worse, by_warp = warp + (loss - warp) * r, lost = by_both < by_warp ? by_both : by_warp;
+    const float left = (tightest_.determinant[at] - lost) * (squared ? ratio * ratio : ratio);
+    residuals[k] = (g <= largest_gradient) & (r <= nearly_one) & (x <= nearly_one) ? left : -1.0f;
+  }
   const float least = rounded_up(std::max(0.0, floor)) + determinant_rounding;
   for (std::size_t k = 0; k < clusters; ++k) {
-    const Tightest& cell = tightest_[begin_cluster + k];
-    // As MotionCertificate::bound() with singular values from 1 - g to 1 + g; not a number proves nothing.
-    const float g = steepness[k], shorter = 1 - g, falling = shorter / (1 + g);
-    const float r = (residuals[k] + everywhere * cell.inverse_radius) / shorter, x = 2 * g / shorter * cell.inverse_condition;
-    const float lost = std::min(cell.loss * std::max(x, r), cell.warp_loss + (cell.loss - cell.warp_loss) * r);
-    const float left = (cell.determinant - lost) * (certificate_.distortion() == 2 ? falling * falling : falling);
-    if (g <= largest_gradient && r <= nearly_one && x <= nearly_one && left > least) continue;
-    open_cells(motion, shared, floor, begin_cluster + k, cells);
+    if (!(residuals[k] > least)) open_cells(motion, shared, floor, begin_cluster + k, cells);  // not a number proves nothing
   }
 }
 
 /// Cell by cell, with the gradient of the motion at the middle of the cluster.
 void FieldBounds::open_cells(const FieldMotion& motion, const Common& common, double floor, std::size_t cluster,
                              std::vector<std::uint32_t>& cells) const {
-  const Field* of_fields = in_clusters_.data() + cluster * fields();
   Matrix gradient{};
-  double deviation = 0, residual = 0;
-  for (std::size_t f = 0; f < fields(); ++f) {
-    if (!common.moving[f]) continue;
-    const Field& field = of_fields[f];
+  double deviation = 0;
+  std::array<double, cluster_size> residuals;
+  residuals.fill(common.residual);
+  for (std::size_t m = 0; m < common.moving.size(); ++m) {
+    const std::size_t f = common.moving[m];
+    const Field& field = in_clusters_[cluster * fields() + f];
     const Vec3 middle{field.middle[0], field.middle[1], field.middle[2]};
     add_product(gradient, motion.coefficients[f], middle);
-    const double c = length(motion.coefficients[f]), uncertain = motion.uncertainties[f];
+    const double c = common.sizes[m], uncertain = motion.uncertainties[f], steep = length(middle);
     const auto from_middle = static_cast<double>(field.deviation);
-    deviation += c * from_middle + uncertain * (length(middle) + from_middle) + 1e-14 * c * length(middle);
-    residual += (c + uncertain) * static_cast<double>(field.residual);
+    deviation += c * from_middle + uncertain * (steep + from_middle) + 1e-14 * c * steep;
+    const double unit = (c + uncertain) * static_cast<double>(field.residual) * (summed / most_share);
+    const std::uint8_t* shares = shares_.data() + (cluster * fields() + f) * cluster_size;
+    for (std::size_t i = 0; i < cluster_size; ++i) residuals[i] += unit * shares[i];
   }
-  MotionCertificate::Stretch stretch = MotionCertificate::Stretch::of(gradient, 0);
-  stretch.least -= deviation * summed;
-  stretch.largest += deviation * summed;
-  stretch.gradient += deviation * summed;
-  const MotionCertificate::Affinity affinity = certificate_.affinity(stretch);
-  const std::size_t begin = cluster * cluster_size, end = std::min(shares_.size(), begin + cluster_size);
+  const MotionCertificate::Affinity affinity =
+      certificate_.affinity(MotionCertificate::Stretch::about(gradient, deviation * summed));
+  const std::size_t begin = cluster * cluster_size, end = std::min(certificate_.order().size(), begin + cluster_size);
   for (std::size_t i = begin; i < end; ++i) {
-    const double own = residual * summed * static_cast<double>(shares_[i]) + common.residual;
-    const auto bound = MotionCertificate::bound(certificate_.tolerance(i), affinity, own);
+    const auto bound = MotionCertificate::bound(certificate_.tolerance(i), affinity, residuals[i - begin]);
     if (!(bound.sound && bound.determinant > floor)) cells.push_back(certificate_.order()[i]);
   }
 }
 
 std::size_t FieldBounds::bytes_for(std::size_t cells, std::size_t fields) {
   const std::size_t clusters = cells / cluster_size + 1;
-  const std::size_t each = sizeof(Tightest) + fields * (2 * sizeof(float) + sizeof(Field)) + 2 * sizeof(float);
-  return clusters * each + cells * sizeof(float) + fields * (2 * sizeof(double) + 1);
+  const std::size_t each = 7 * sizeof(float) + fields * (2 * sizeof(float) + sizeof(Field) + cluster_size);  // two in a call
+  return clusters * each + fields * 4 * sizeof(double);
 }
 
 std::size_t FieldBounds::bytes_to_make(std::size_t cells, std::size_t points, std::size_t fields) {

@@ -31,7 +31,7 @@ class FieldBounds {
               const RunContext& context);
 
   std::size_t fields() const { return largest_.size(); }
-  std::size_t cluster_count() const { return tightest_.size(); }
+  std::size_t cluster_count() const { return tightest_.determinant.size(); }
   /// Appends the cells of a range of clusters for which the bounds do not prove that they are never inverted on the straight path
   /// from rest and end with a normalized determinant above `floor`. Throws Error(invalid_argument) for another number of fields.
   void doubtful(const FieldMotion& motion, double floor, std::size_t begin_cluster, std::size_t end_cluster,
@@ -44,9 +44,9 @@ class FieldBounds {
   static std::size_t bytes_to_make(std::size_t cells, std::size_t points, std::size_t fields);
 
  private:
-  /// The tightest tolerances of the cells of a cluster.
+  /// The tightest tolerances of the cells of each cluster.
   struct Tightest {
-    float inverse_radius = 0, inverse_condition = 0, determinant = 0, loss = 0, warp_loss = 0;
+    std::vector<float> inverse_radius, inverse_condition, determinant, loss, warp_loss;
   };
   /// A field in the cells of a cluster.
   struct Field {
@@ -54,25 +54,26 @@ class FieldBounds {
     float deviation = 0;            ///< largest |g_f - m_f|
     float residual = 0;             ///< largest r_f
   };
-  /// Lengths that are the same for all cells, and whether a coefficient may differ from 0.
+  /// A motion as all clusters need it.
   struct Common {
-    double residual = 0;  ///< what errors of coefficients, values and points add to that of every cell
-    std::vector<char> moving;
+    double residual = 0;                ///< what errors of coefficients, values and points add to that of every cell
+    std::vector<std::uint32_t> moving;  ///< the fields whose coefficient may differ from 0
+    std::vector<double> sizes;          ///< the norms of their coefficients
   };
   struct Batch;
   void check(const FieldMotion& motion) const;
-  void set_tightest(std::size_t cluster);
+  void set_tightest();
   void take(std::span<const Vec3> rest, const Batch& batch, std::size_t cluster);
   Common common(const FieldMotion& motion) const;
   void open_cells(const FieldMotion& motion, const Common& common, double floor, std::size_t cluster,
                   std::vector<std::uint32_t>& cells) const;
 
   const MotionCertificate& certificate_;
-  std::vector<Tightest> tightest_;           ///< one for each cluster
+  Tightest tightest_;
   std::vector<float> steepest_, residuals_;  ///< largest |g_f|, and r_f relative to the radius of the cell: fields x clusters
   std::vector<Field> in_clusters_;           ///< clusters x fields
-  /// For each cell of the order: its largest r_f as a fraction of that of its cluster, over the fields.
-  std::vector<float> shares_;
+  /// The r_f of the cells as fractions of those of their clusters, in 255ths: clusters x fields x cluster_size.
+  std::vector<std::uint8_t> shares_;
   std::vector<double> largest_, errors_;  ///< of the values of each field
 };
 

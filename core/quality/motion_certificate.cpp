@@ -57,22 +57,30 @@ class LinearFit {
   Matrix spread_{}, product_{};
 };
 
-/// The eigenvalues of a symmetric matrix lie between; the trigonometric solution of the cubic, and what it may be off.
-std::pair<double, double> eigenvalue_range(const Matrix& a) {
-  const double mean = (a[0][0] + a[1][1] + a[2][2]) / 3;
-  Matrix b = a;
-  double square = 0;
-  for (std::size_t i = 0; i < 3; ++i) {
-    b[i][i] -= mean;
-    square += dot(b[i], b[i]);
+/// The symmetric part of a matrix: its eigenvalues are mean + 2 size cos((angle + 2 pi k) / 3) with cos(angle) = half, and its
+/// size and half are those of the part without trace.
+struct SymmetricPart {
+  double mean = 0, size = 0, half = 0;
+  double square = 0;  ///< of the Frobenius norm of the matrix itself
+
+  explicit SymmetricPart(const Matrix& a) {
+    mean = (a[0][0] + a[1][1] + a[2][2]) / 3;
+    Matrix b;
+    double deviator = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+      for (std::size_t k = 0; k < 3; ++k) b[i][k] = 0.5 * (a[i][k] + a[k][i]);
+      b[i][i] -= mean;
+      deviator += dot(b[i], b[i]);
+      square += dot(a[i], a[i]);
+    }
+    size = std::sqrt(deviator / 6);
+    if (size > 0) half = std::clamp(dot(b[0], cross(b[1], b[2])) / (2 * size * size * size), -1.0, 1.0);
   }
-  const double size = std::sqrt(square / 6);
-  if (!(size > 0)) return {mean, mean};
-  const double half = dot(b[0], cross(b[1], b[2])) / (2 * size * size * size);
-  const double angle = std::acos(std::clamp(half, -1.0, 1.0)) / 3;
-  const double off = 1e-6 * size + 1e-12 * std::abs(mean);
-  return {mean + 2 * size * std::cos(angle + 2 * M_PI / 3) - off, mean + 2 * size * std::cos(angle) + off};
-}
+  double off() const { return 1e-6 * size + 1e-12 * std::abs(mean); }  ///< what the rounding of eigenvalues may be
+};
+
+/// An upper bound of cos(acos(half) / 3), which is concave (it is the inverse of 4 u^3 - 3 u, convex for u >= 1/2): tangents.
+double largest_cosine(double half) { return std::min({1.0, 0.8660255 + half * 0.1666667, 0.6241 + (half + 0.9) * 0.59753}); }
 
 /// Every third bit.
 std::uint64_t spread_bits(std::uint64_t x) {
@@ -329,19 +337,17 @@ void MotionCertificate::doubtful(std::span<const Vec3> points, double floor, std
 }
 
 MotionCertificate::Stretch MotionCertificate::Stretch::of(const Matrix& gradient, double residual) {
-  Stretch result;
-  Matrix symmetric;
-  double square = 0;
-  for (std::size_t i = 0; i < 3; ++i) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      symmetric[i][k] = 0.5 * (gradient[i][k] + gradient[k][i]);
-      square += gradient[i][k] * gradient[i][k];
-    }
-  }
-  std::tie(result.least, result.largest) = eigenvalue_range(symmetric);
-  result.gradient = std::sqrt(square) * (1 + 1e-12);
-  result.residual = residual;
-  return result;
+  const SymmetricPart part(gradient);
+  const double angle = std::acos(part.half) / 3, twice = 2 * part.size;
+  return {part.mean + twice * std::cos(angle + 2 * M_PI / 3) - part.off(), part.mean + twice * std::cos(angle) + part.off(),
+          std::sqrt(part.square) * (1 + 1e-12), residual};
+}
+
+MotionCertificate::Stretch MotionCertificate::Stretch::about(const Matrix& gradient, double deviation) {
+  const SymmetricPart part(gradient);
+  const double wider = deviation + part.off(), twice = 2 * part.size;
+  return {part.mean - twice * largest_cosine(-part.half) - wider, part.mean + twice * largest_cosine(part.half) + wider,
+          std::sqrt(part.square) * (1 + 1e-12) + deviation, 0};
 }
 
 MotionCertificate::Stretch MotionCertificate::Stretch::between(const Stretch& from, const Stretch& to, double share) {
