@@ -158,6 +158,7 @@ class InversionCheck::Impl {
                                                  number_digits(points[0][2]));
   }
 
+  std::size_t fields() const { return bounds_ ? bounds_->fields() : 0; }
   const Inversions& at_rest() const { return at_rest_; }
   std::size_t left_handed() const { return left_handed_; }
 
@@ -357,6 +358,7 @@ InversionCheck::InversionCheck(InversionCheck&&) noexcept = default;
 InversionCheck& InversionCheck::operator=(InversionCheck&&) noexcept = default;
 
 std::size_t InversionCheck::cell_count() const { return impl_->size(); }
+std::size_t InversionCheck::fields() const { return impl_->fields(); }
 const Inversions& InversionCheck::at_rest() const { return impl_->at_rest(); }
 std::size_t InversionCheck::left_handed() const { return impl_->left_handed(); }
 

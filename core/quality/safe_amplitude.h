@@ -89,6 +89,8 @@ class InversionCheck {
   InversionCheck& operator=(InversionCheck&&) noexcept;
 
   std::size_t cell_count() const;
+  /// The number of fields of the constructor, 0 without them.
+  std::size_t fields() const;
   /// The excluded cells; the smallest determinant is over all cells.
   const Inversions& at_rest() const;
   /// The number of left-handed cells.

@@ -29,15 +29,27 @@ std::shared_ptr<const InversionCheck> CellCheckCache::get(const Mesh& mesh, cons
                                                           const DisplacementFields* fields, MemoryBudget& budget,
                                                           const RunContext& context) const {
   const std::lock_guard lock(mutex_);
-  const std::size_t count = fields == nullptr ? 0 : fields->count();
-  if (!check_) {
-    Charge charge = budget.charge(InversionCheck::bytes_to_make(cells, mesh.points.size(), count),
-                                  {"checking the cells", "set check: CELL_CHECK_OFF, or raise the server's memory budget", 0});
-    check_ = fields == nullptr ? std::make_shared<const InversionCheck>(mesh.points, cells, context)
-                               : std::make_shared<const InversionCheck>(mesh.points, cells, *fields, context);
-    charge_ = std::move(charge);
-    charge_.shrink(InversionCheck::bytes_for(cells, mesh.points.size(), count));
+  if (check_) return check_;
+  const auto charge = [&](std::size_t count) {
+    return budget.charge(InversionCheck::bytes_to_make(cells, mesh.points.size(), count),
+                         {"checking the cells", "set check: CELL_CHECK_OFF, or raise the server's memory budget", 0});
+  };
+  const std::size_t points = mesh.points.size(), count = fields == nullptr ? 0 : fields->count();
+  if (count > 0) {
+    try {
+      Charge charged = charge(count);
+      check_ = std::make_shared<const InversionCheck>(mesh.points, cells, *fields, context);
+      charge_ = std::move(charged);
+      charge_.shrink(InversionCheck::bytes_for(cells, points, count));
+      return check_;
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::out_of_budget) throw;  // the fields only save time
+    }
   }
+  Charge charged = charge(0);
+  check_ = std::make_shared<const InversionCheck>(mesh.points, cells, context);
+  charge_ = std::move(charged);
+  charge_.shrink(InversionCheck::bytes_for(cells, points));
   return check_;
 }
 
@@ -98,8 +110,7 @@ std::unique_ptr<const DesignChecker> DesignChecker::make(std::shared_ptr<const R
   // A 2D mesh has to be seen to stay in its plane, for which its points are read anyway.
   const bool plane = cells && std::holds_alternative<const Mesh*>(*cells);
   const auto fields = cells && !plane ? system->system->displacement_fields() : nullptr;
-  checker->has_fields_ = fields != nullptr;
-  if (cells) bytes += InversionCheck::bytes_for(*cells, mesh.points.size(), fields ? fields->count() : 0);
+  if (cells) bytes += InversionCheck::bytes_for(*cells, mesh.points.size());
   if (quality) bytes += quality_bytes(mesh);
   if (checks.splitting) bytes += estimate_substep(mesh, system->setup, *cells).peak_bytes;
   checker->charge_ = budget.charge(bytes, {checks.splitting ? "splitting designs" : "checking the cells of designs",
@@ -116,8 +127,8 @@ bool DesignChecker::in_plane(const Points& points) const {
 
 SafeAmplitude DesignChecker::amplitude(const std::optional<FieldMotion>& motion, const Points& points,
                                        const RunContext& context) const {
-  return motion && has_fields_ ? inversions_->amplitude(points, *motion, context)
-                               : inversions_->amplitude(system_->mesh->points, points, context);
+  return motion && inversions_->fields() > 0 ? inversions_->amplitude(points, *motion, context)
+                                             : inversions_->amplitude(system_->mesh->points, points, context);
 }
 
 DesignChecker::Findings DesignChecker::check(std::size_t design, const std::optional<FieldMotion>& motion, Points& points,

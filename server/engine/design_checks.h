@@ -22,8 +22,8 @@ struct ResidentSystem;
 /// The check of the cells of a system's mesh: made when first asked for, then kept with the memory charged for it. Thread-safe.
 class CellCheckCache {
  public:
-  /// Also for the motions of `fields`, if there are any; they are the same in every call. Throws Error(out_of_budget), cancelled,
-  /// deadline_exceeded.
+  /// Also for the motions of `fields`, if there are any and the budget allows; they are the same in every call. Throws
+  /// Error(out_of_budget), cancelled, deadline_exceeded.
   std::shared_ptr<const InversionCheck> get(const Mesh& mesh, const CellSet& cells, const DisplacementFields* fields,
                                             MemoryBudget& budget, const RunContext& context) const;
 
@@ -96,7 +96,6 @@ class DesignChecker {
   DesignChecks checks_;
   std::optional<CellSet> cells_;
   std::shared_ptr<const InversionCheck> inversions_;  ///< null: there are no cells
-  bool has_fields_ = false;                           ///< whether it knows the fields of the system
   std::shared_ptr<const FlipCheck> flips_;            ///< null: there are no faces, or they are not to be looked at
   std::vector<Design> designs_;
   Charge charge_;

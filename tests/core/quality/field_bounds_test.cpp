@@ -11,6 +11,7 @@
 #include <limits>
 #include <optional>
 #include <random>
+#include <utility>
 #include <vector>
 
 #include "core/base/vectors.h"
@@ -30,14 +31,15 @@ using quality::MovingCells;
 /// Fields given by their values: fields[f][point].
 class GivenFields : public DisplacementFields {
  public:
-  explicit GivenFields(std::vector<std::vector<double>> fields, double told = 1) : fields_(std::move(fields)), told_(told) {}
+  explicit GivenFields(std::vector<std::vector<double>> fields, double told = 1, double error = 0)
+      : fields_(std::move(fields)), told_(told), error_(error) {}
   std::size_t count() const override { return fields_.size(); }
   void values(std::size_t first, std::size_t count, std::span<double> values, const RunContext&) const override {
     for (std::size_t i = 0; i < fields_[first].size(); ++i) {
       for (std::size_t k = 0; k < count; ++k) values[i * count + k] = told_ * fields_[first + k][i];
     }
   }
-  double error(std::size_t) const override { return 0; }
+  double error(std::size_t) const override { return error_; }
 
   Points moved(const Points& rest, const FieldMotion& motion) const {
     Points points = rest;
@@ -50,6 +52,7 @@ class GivenFields : public DisplacementFields {
  private:
   std::vector<std::vector<double>> fields_;
   double told_;  ///< of the values
+  double error_;
 };
 
 /// Waves of the place and a little noise, one of ten nothing but noise.
@@ -221,6 +224,39 @@ TEST(FieldBounds, HoldInTheDirectionThatHurtsMost) {
   EXPECT_GT(noticed, 15u);
 }
 
+// The stretch and the residual of a cell as its points have them are never beyond what the fields say, so whoever is cleared is
+// cleared by them, too.
+TEST(FieldBounds, ClearNothingThatTheDeformationOfTheCellDoesNot) {
+  std::mt19937_64 random(10);
+  const Grid g = grid(6, 5, 4);
+  std::size_t cleared = 0, close = 0, alone = 0;
+  for (const auto& [height, shaking] : {std::pair(1.0, 0.08), {0.02, 0.08}, {1.0, 0.25}, {0.1, 0.25}}) {
+    const Subject subject(scaled(shaken(g.points, shaking, random), 1, height), &g.cells);
+    for (const std::size_t count : {1, 2, 10, 19}) {
+      const GivenFields fields = waves(subject.rest, count, 4, random);
+      const FieldBounds bounds(subject.rest, *subject.certificate, fields, {});
+      for (double size = height * 1e-3; size < 5; size *= 1.15) {
+        FieldMotion motion = at_random(count, size, 1, random);
+        if (alone++ % 2 == 0) std::fill(motion.coefficients.begin(), motion.coefficients.end() - 1, Vec3{});
+        const Points to = fields.moved(subject.rest, motion);
+        for (const double floor : {0.0, 0.4, 0.7}) {
+          const auto found = subject.doubtful(bounds, motion, floor);
+          for (std::uint32_t c = 0; c < subject.cells->size(); ++c) {
+            if (std::find(found.begin(), found.end(), c) != found.end()) continue;
+            const auto bound = subject.certificate->bound(c, subject.certificate->stretch(to, c));
+            ASSERT_TRUE(bound.sound && bound.determinant > floor)
+                << height << ", " << count << " fields, size " << size << ", " << c;
+            ++cleared;
+            close += bound.determinant < 1.02 * floor + 0.01;
+          }
+        }
+      }
+    }
+  }
+  EXPECT_GT(cleared, 10000u);
+  EXPECT_GT(close, 20u);
+}
+
 // What is told of a field or of a motion only makes more cells doubtful.
 TEST(FieldBounds, ErrorsAndUncertaintiesCount) {
   const Grid g = grid(4, 4, 4);
@@ -236,6 +272,16 @@ TEST(FieldBounds, ErrorsAndUncertaintiesCount) {
   motion.uncertainties[1] = 1;
   EXPECT_EQ(subject.doubtful(bounds, motion).size(), subject.cells->size());
   motion.uncertainties[1] = 0;
+  EXPECT_EQ(subject.doubtful(bounds, motion).size(), 0u);
+  // Without a gradient.
+  const std::vector<double> constant(g.points.size(), 2.0);
+  const FieldBounds exact(subject.rest, *subject.certificate, GivenFields({constant}), {}),
+      inexact(subject.rest, *subject.certificate, GivenFields({constant}, 1, 0.01), {});
+  FieldMotion shift = motion_of({{30, 0, 0}}, 1);
+  EXPECT_EQ(subject.doubtful(exact, shift).size(), 0u);
+  EXPECT_EQ(subject.doubtful(inexact, shift).size(), subject.cells->size());
+  shift.uncertainties[0] = 0.15;
+  EXPECT_EQ(subject.doubtful(exact, shift).size(), subject.cells->size());
   motion.coefficients[0][2] = std::nan("");
   EXPECT_EQ(subject.doubtful(bounds, motion).size(), subject.cells->size());
 }
@@ -252,6 +298,7 @@ TEST(FieldBounds, GradientsOfFieldsAreAdded) {
   const FieldBounds bounds(subject.rest, *subject.certificate, fields, {});
   const double angle = 0.6, c = std::cos(angle) - 1, s = std::sin(angle);
   EXPECT_EQ(subject.doubtful(bounds, motion_of({{c, s, 0}, {-s, c, 0}, {0, 0, 0}}, 1)).size(), 0u);
+  EXPECT_EQ(subject.doubtful(bounds, motion_of({{-0.8, 0, 0}, {0, -0.8, 0}, {0, 0, 0}}, 1)).size(), subject.cells->size());
 }
 
 // On a fine mesh nearly nothing is left to look at, and not much more than what a look at all points leaves.
