@@ -29,6 +29,10 @@ std::unique_ptr<const Evaluation> System::bind_sequence(std::span<const Design> 
   return bind(designs, path, context);
 }
 
+std::optional<FieldMotion> Evaluation::field_motion(std::size_t) const { return std::nullopt; }
+
+std::unique_ptr<const DisplacementFields> System::displacement_fields() const { return nullptr; }
+
 Points System::evaluate(const Design& design, const RunContext& context) const {
   return std::move(evaluate(std::span<const Design>(&design, 1), EvaluationPath::automatic, context).front());
 }

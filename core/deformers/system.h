@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -14,6 +15,7 @@
 #include "core/base/types.h"
 #include "core/deformers/setup.h"
 #include "core/mesh/mesh.h"
+#include "core/quality/displacement_fields.h"
 
 namespace deform {
 
@@ -132,6 +134,9 @@ class Evaluation {
   /// Deformed points [begin, end) of designs [first, first + out.size()): out[k] points to end - begin points. The result for a
   /// point depends only on the point and the design, not on the range, the grouping of designs or the thread, bit for bit.
   virtual void evaluate(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const = 0;
+
+  /// The motion of a design as a combination of System::displacement_fields(); std::nullopt if it is none, as on the direct path.
+  virtual std::optional<FieldMotion> field_motion(std::size_t design) const;
 };
 
 class System;
@@ -171,6 +176,10 @@ class System : public std::enable_shared_from_this<System> {
   /// d(points)/d(variables)^T at `variables` times a cotangent field (n x 3): one value per variable.
   virtual std::vector<double> vector_jacobian(std::span<const double> variables, const Points& cotangent,
                                               const RunContext& context) const = 0;
+
+  /// The fields of which the displacements of designs on the basis path are combinations, for checks that are made once and need
+  /// no look at the points of a design. Null if there are none. The system must outlive them.
+  virtual std::unique_ptr<const DisplacementFields> displacement_fields() const;
 
   /// Evaluates one design, in parallel.
   Points evaluate(const Design& design, const RunContext& context = {}) const;

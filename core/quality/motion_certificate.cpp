@@ -9,6 +9,7 @@
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
 #include "core/quality/four_floats.h"
+#include "core/quality/linear_fit.h"
 
 namespace deform::quality {
 
@@ -27,29 +28,6 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr double half_float_ulp = 0x1p-24;
 constexpr double determinant_rounding = 1e-9;  // far more than exact states have
 constexpr std::size_t most_local = 0xffff;     // nodes in a block
-
-/// To the float before or after, of what is not negative, and a little farther for the rounding before.
-float rounded_down(double x) { return std::nextafter(static_cast<float>(x * (1 - 1e-6)), 0.0f); }
-float rounded_up(double x) { return std::nextafter(static_cast<float>(x * (1 + 1e-6)), std::numeric_limits<float>::infinity()); }
-
-using Matrix = std::array<Vec3, 3>;  // rows
-
-/// a += b c^T
-void add_product(Matrix& a, const Vec3& b, const Vec3& c) {
-  for (std::size_t i = 0; i < 3; ++i) a[i] = a[i] + b[i] * c;
-}
-
-/// The inverse of a symmetric positive semidefinite matrix, regularized so that it exists for flat sets.
-Matrix inverse_of_symmetric(Matrix m) {
-  const double trace = m[0][0] + m[1][1] + m[2][2];
-  for (std::size_t i = 0; i < 3; ++i) m[i][i] += 1e-14 * trace;
-  const Matrix cofactors{cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])};
-  const double determinant = dot(m[0], cofactors[0]);
-  if (!(determinant > 0)) return {};
-  return {(1 / determinant) * cofactors[0], (1 / determinant) * cofactors[1], (1 / determinant) * cofactors[2]};
-}
-
-Vec3 times(const Matrix& a, const Vec3& x) { return {dot(a[0], x), dot(a[1], x), dot(a[2], x)}; }
 
 /// The least-squares linear map from places to displacements, both relative to their means. Any map would be valid; this one
 /// leaves small residuals.
@@ -79,38 +57,30 @@ class LinearFit {
   Matrix spread_{}, product_{};
 };
 
-/// The eigenvalues of a symmetric matrix lie between; the trigonometric solution of the cubic, and what it may be off.
-std::pair<double, double> eigenvalue_range(const Matrix& a) {
-  const double mean = (a[0][0] + a[1][1] + a[2][2]) / 3;
-  Matrix b = a;
-  double square = 0;
-  for (std::size_t i = 0; i < 3; ++i) {
-    b[i][i] -= mean;
-    square += dot(b[i], b[i]);
-  }
-  const double size = std::sqrt(square / 6);
-  if (!(size > 0)) return {mean, mean};
-  const double half = dot(b[0], cross(b[1], b[2])) / (2 * size * size * size);
-  const double angle = std::acos(std::clamp(half, -1.0, 1.0)) / 3;
-  const double off = 1e-6 * size + 1e-12 * std::abs(mean);
-  return {mean + 2 * size * std::cos(angle + 2 * M_PI / 3) - off, mean + 2 * size * std::cos(angle) + off};
-}
+/// The symmetric part of a matrix: its eigenvalues are mean + 2 size cos((angle + 2 pi k) / 3) with cos(angle) = half, and its
+/// size and half are those of the part without trace.
+struct SymmetricPart {
+  double mean = 0, size = 0, half = 0;
+  double square = 0;  ///< of the Frobenius norm of the matrix itself
 
-MotionCertificate::Stretch stretch_of(const Matrix& gradient, double residual) {
-  MotionCertificate::Stretch result;
-  Matrix symmetric;
-  double square = 0;
-  for (std::size_t i = 0; i < 3; ++i) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      symmetric[i][k] = 0.5 * (gradient[i][k] + gradient[k][i]);
-      square += gradient[i][k] * gradient[i][k];
+  explicit SymmetricPart(const Matrix& a) {
+    mean = (a[0][0] + a[1][1] + a[2][2]) / 3;
+    Matrix b;
+    double deviator = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+      for (std::size_t k = 0; k < 3; ++k) b[i][k] = 0.5 * (a[i][k] + a[k][i]);
+      b[i][i] -= mean;
+      deviator += dot(b[i], b[i]);
+      square += dot(a[i], a[i]);
     }
+    size = std::sqrt(deviator / 6);
+    if (size > 0) half = std::clamp(dot(b[0], cross(b[1], b[2])) / (2 * size * size * size), -1.0, 1.0);
   }
-  std::tie(result.least, result.largest) = eigenvalue_range(symmetric);
-  result.gradient = std::sqrt(square) * (1 + 1e-12);
-  result.residual = residual;
-  return result;
-}
+  double off() const { return 1e-6 * size + 1e-12 * std::abs(mean); }  ///< what the rounding of eigenvalues may be
+};
+
+/// An upper bound of cos(acos(half) / 3), which is concave (it is the inverse of 4 u^3 - 3 u, convex for u >= 1/2): tangents.
+double largest_cosine(double half) { return std::min({1.0, 0.8660255 + half * 0.1666667, 0.6241 + (half + 0.9) * 0.59753}); }
 
 /// Every third bit.
 std::uint64_t spread_bits(std::uint64_t x) {
@@ -320,7 +290,7 @@ void MotionCertificate::take(std::span<const Vec3> points, std::size_t block, Bl
   }
   for (std::size_t k = 0; k < count; ++k) work.left[k] = work.left[k] - times(columns, work.at_rest[k]);
   work.reach = reach.largest();
-  work.stretch = stretch_of(gradient, 0);
+  work.stretch = Stretch::of(gradient, 0);
   // A dozen roundings of numbers up to these; below the least float, of fewer digits.
   work.stretch.residual = 16 * half_float_ulp * (displacement.largest() + (1 + 2 * work.stretch.gradient) * work.reach) +
                           std::numeric_limits<float>::min();
@@ -366,6 +336,20 @@ void MotionCertificate::doubtful(std::span<const Vec3> points, double floor, std
   }
 }
 
+MotionCertificate::Stretch MotionCertificate::Stretch::of(const Matrix& gradient, double residual) {
+  const SymmetricPart part(gradient);
+  const double angle = std::acos(part.half) / 3, twice = 2 * part.size;
+  return {part.mean + twice * std::cos(angle + 2 * M_PI / 3) - part.off(), part.mean + twice * std::cos(angle) + part.off(),
+          std::sqrt(part.square) * (1 + 1e-12), residual};
+}
+
+MotionCertificate::Stretch MotionCertificate::Stretch::about(const Matrix& gradient, double deviation) {
+  const SymmetricPart part(gradient);
+  const double wider = deviation + part.off(), twice = 2 * part.size;
+  return {part.mean - twice * largest_cosine(-part.half) - wider, part.mean + twice * largest_cosine(part.half) + wider,
+          std::sqrt(part.square) * (1 + 1e-12) + deviation, 0};
+}
+
 MotionCertificate::Stretch MotionCertificate::Stretch::between(const Stretch& from, const Stretch& to, double share) {
   const auto mean = [&](double a, double b) { return (1 - share) * a + share * b; };
   return {mean(from.least, to.least), mean(from.largest, to.largest), mean(from.gradient, to.gradient),
@@ -390,7 +374,7 @@ MotionCertificate::Stretch MotionCertificate::stretch(std::span<const Vec3> poin
       high[k] = std::max(high[k], q[k]);
     }
   }
-  return stretch_of(gradient, 0.5 * length(high - low) * (1 + 1e-12));
+  return Stretch::of(gradient, 0.5 * length(high - low) * (1 + 1e-12));
 }
 
 MotionCertificate::Affinity MotionCertificate::affinity(const Stretch& stretch) const {

@@ -25,6 +25,18 @@ class MotionCertificate {
   MotionCertificate(std::span<const Vec3> rest, const MovingCells& cells, std::span<const char> left_out,
                     std::span<const double> determinants, const RunContext& context);
 
+  /// A CellTolerance rounded to the safe side; infinite if there is none.
+  struct Tolerance {
+    float inverse_radius, inverse_condition;  ///< 1 / radius, 1 / (condition - 1)
+    float determinant, loss, warp_loss;
+  };
+
+  /// The cells that are not left out, neighbours near each other; blocks are ranges of this order.
+  std::span<const std::uint32_t> order() const { return order_; }
+  const Tolerance& tolerance(std::size_t place_in_order) const { return in_order_[place_in_order]; }
+  std::span<const PointId> nodes(std::size_t cell) const { return nodes_.of(cell); }
+  int distortion() const { return distortion_; }
+
   std::size_t block_count() const { return (order_.size() + block_size - 1) / block_size; }
   /// Appends the cells of a range of blocks for which bounds in single precision do not prove that they are never inverted on the
   /// straight path from rest to `points` and have a normalized determinant above `floor` at its end. Cells left out are not
@@ -38,6 +50,11 @@ class MotionCertificate {
     double least = 0, largest = 0;  ///< eigenvalues of the symmetric part of G
     double gradient = 0;            ///< Frobenius norm of G
     double residual = 0;            ///< largest |q|
+    /// The stretch of a matrix G, by rows.
+    static Stretch of(const std::array<Vec3, 3>& gradient, double residual);
+    /// Bounds of the stretch of all matrices that differ from this one by at most `deviation` (Frobenius norm), without residual.
+    /// They cost less and are wider by a few percent.
+    static Stretch about(const std::array<Vec3, 3>& gradient, double deviation);
     /// The stretch, or bounds of it, of (1 - share) times one motion plus share times another one.
     static Stretch between(const Stretch& from, const Stretch& to, double share);
   };
@@ -50,19 +67,6 @@ class MotionCertificate {
   /// The bound on the straight path from rest to a state with this stretch.
   Bound bound(std::size_t cell, const Stretch& stretch) const;
 
-  /// An upper bound of the memory in bytes. `nodes` is the sum of the numbers of nodes of all cells.
-  static std::size_t bytes_for(std::size_t cells, std::size_t nodes);
-  /// An upper bound of the peak memory of the construction.
-  static std::size_t bytes_to_make(std::size_t cells, std::size_t points, std::size_t nodes);
-
- private:
-  /// A CellTolerance rounded to the safe side; infinite if there is none.
-  struct Tolerance {
-    float inverse_radius, inverse_condition;  ///< 1 / radius, 1 / (condition - 1)
-    float determinant, loss, warp_loss;
-  };
-  static Tolerance kept(const CellTolerance& found);
-
   /// The effect of the affine part of a motion on the bounds.
   struct Affinity {
     double excess;           ///< condition - 1
@@ -70,7 +74,16 @@ class MotionCertificate {
     double inverse_falling;  ///< 1 / (condition to the power distortion_)
   };
   Affinity affinity(const Stretch& stretch) const;
+  /// The bound for a cell with this tolerance.
   static Bound bound(const Tolerance& tolerance, const Affinity& affinity, double residual);
+
+  /// An upper bound of the memory in bytes. `nodes` is the sum of the numbers of nodes of all cells.
+  static std::size_t bytes_for(std::size_t cells, std::size_t nodes);
+  /// An upper bound of the peak memory of the construction.
+  static std::size_t bytes_to_make(std::size_t cells, std::size_t points, std::size_t nodes);
+
+ private:
+  static Tolerance kept(const CellTolerance& found);
 
   struct Block;
   void order_cells(std::span<const char> left_out, const RunContext& context);

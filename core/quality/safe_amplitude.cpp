@@ -12,6 +12,7 @@
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/parallel.h"
+#include "core/quality/field_bounds.h"
 #include "core/quality/motion_certificate.h"
 #include "core/quality/moving_cells.h"
 
@@ -19,13 +20,17 @@ namespace deform {
 
 namespace {
 
+using quality::FieldBounds;
 using quality::MotionCertificate;
 using quality::MovingCells;
 
 constexpr std::size_t grain = 1024;
 constexpr std::size_t blocks_grain = 32;
+constexpr std::size_t clusters_grain = 1024;
+constexpr std::size_t few = 16;             // of the cells one: fewer are looked at one by one
 constexpr std::size_t suspects_grain = 16;  // each takes long
 constexpr std::size_t most_listed = 100;
+constexpr double surely_finite = 1e100;
 constexpr double flatness = 1e-9;  // of the diagonal: how far points of a mesh in the plane may lie off it
 
 bool empty(const CellSet& cells) {
@@ -110,7 +115,7 @@ struct Suspect {
 
 class InversionCheck::Impl {
  public:
-  Impl(std::span<const Vec3> rest, const CellSet& cells, const RunContext& context)
+  Impl(std::span<const Vec3> rest, const CellSet& cells, const DisplacementFields* fields, const RunContext& context)
       : rest_(rest.begin(), rest.end()), plane_(std::holds_alternative<const Mesh*>(cells)) {
     check(rest);
     if (empty(cells)) throw Error(ErrorCode::invalid_argument, "the mesh has no cells");
@@ -134,6 +139,7 @@ class InversionCheck::Impl {
       if (!excluded_[c] && !(determinants[c] >= determinants[worst_] && !excluded_[worst_])) worst_ = c;
     }
     certificate_.emplace(rest_, *cells_, excluded_, determinants, context);
+    if (fields != nullptr) bounds_.emplace(rest_, *certificate_, *fields, context);
   }
 
   std::size_t size() const { return cells_->size(); }
@@ -152,11 +158,12 @@ class InversionCheck::Impl {
                                                  number_digits(points[0][2]));
   }
 
+  std::size_t fields() const { return bounds_ ? bounds_->fields() : 0; }
   const Inversions& at_rest() const { return at_rest_; }
   std::size_t left_handed() const { return left_handed_; }
 
   Inversions inversions(std::span<const Vec3> points, const RunContext& context) const {
-    return at_end(points, context).inverted;
+    return at_end(points, nullptr, context).inverted;
   }
 
   std::size_t below(double margin, std::span<const Vec3> rest, std::span<const Vec3> points, const RunContext& context) const {
@@ -177,7 +184,7 @@ class InversionCheck::Impl {
   }
 
   SafeAmplitude amplitude(std::span<const Vec3> from, bool from_rest, std::span<const Vec3> to, const RunContext& context) const {
-    End end = at_end(to, context);
+    End end = at_end(to, nullptr, context);
     std::vector<std::span<const Vec3>> ends{to};
     if (!from_rest) {
       ends.push_back(from);
@@ -187,8 +194,29 @@ class InversionCheck::Impl {
       end.suspects = std::move(either);
     }
     std::vector<Suspect> suspects = stretched(ends, end.suspects, context);
+    return safety(from, to, std::move(end.inverted), std::move(suspects), context);
+  }
+
+  SafeAmplitude amplitude(std::span<const Vec3> to, const FieldMotion& motion, const RunContext& context) const {
+    if (!bounds_) throw Error(ErrorCode::invalid_argument, "motion: the check was made without displacement fields");
+    if (to.size() != rest_.size() || !(bounds_->reach(motion) < surely_finite)) check(to);
+    End end = at_end(to, &motion, context);
+    const std::span<const Vec3> ends[] = {to};
+    std::vector<Suspect> suspects = stretched(ends, end.suspects, context);
+    return safety(rest_, to, std::move(end.inverted), std::move(suspects), context);
+  }
+
+ private:
+  /// What is found at the end of a motion, and the cells that bounds from rest to there do not clear.
+  struct End {
+    Inversions inverted;
+    std::vector<std::uint32_t> suspects;
+  };
+
+  SafeAmplitude safety(std::span<const Vec3> from, std::span<const Vec3> to, Inversions inverted, std::vector<Suspect> suspects,
+                       const RunContext& context) const {
     SafeAmplitude result;
-    result.inverted = std::move(end.inverted);
+    result.inverted = std::move(inverted);
     result.suspects = suspects.size();
     Extreme first = first_inversion(from, to, std::move(suspects), context);
     // The tolerance on the way is half of that at its end.
@@ -198,13 +226,6 @@ class InversionCheck::Impl {
     result.first_cell = first.id;
     return result;
   }
-
- private:
-  /// What is found at the end of a motion, and the cells that bounds from rest to there do not clear.
-  struct End {
-    Inversions inverted;
-    std::vector<std::uint32_t> suspects;
-  };
 
   /// The cells that are not excluded and that the bounds of blocks do not prove to be sound and above `floor`; ascending.
   std::vector<std::uint32_t> doubtful(std::span<const Vec3> points, double floor, const RunContext& context) const {
@@ -217,11 +238,28 @@ class InversionCheck::Impl {
     return all;
   }
 
+  /// The same for a motion from rest, most of it by its coefficients. Where these clear few cells, those of the blocks do it at
+  /// less cost than one by one.
+  std::vector<std::uint32_t> doubtful(std::span<const Vec3> points, const FieldMotion& motion, double floor,
+                                      const RunContext& context) const {
+    const std::size_t clusters = bounds_->cluster_count();
+    std::vector<std::vector<std::uint32_t>> of_range((clusters + clusters_grain - 1) / clusters_grain);
+    parallel_for(context, clusters, clusters_grain, [&](std::size_t begin, std::size_t end) {
+      bounds_->doubtful(motion, floor, begin, end, of_range[begin / clusters_grain]);
+    });
+    auto all = joined(std::move(of_range));
+    if (all.size() > size() / few) return doubtful(points, floor, context);
+    std::sort(all.begin(), all.end());
+    return all;
+  }
+
   /// Passes over the cells that are sound at a place and better than one that has been looked at: none of them is in the summary.
-  End at_end(std::span<const Vec3> points, const RunContext& context) const {
+  /// A `motion`, if any, is from rest to the place.
+  End at_end(std::span<const Vec3> points, const FieldMotion* motion, const RunContext& context) const {
     std::atomic<double> least{1};
     if (!excluded_[worst_]) lower(least, cells_->state(points, worst_).determinant);
-    const auto cells = doubtful(points, least.load(), context);
+    const auto cells =
+        motion == nullptr ? doubtful(points, least.load(), context) : doubtful(points, *motion, least.load(), context);
     std::vector<std::vector<Look>> looks((cells.size() + grain - 1) / grain);
     std::vector<std::vector<std::uint32_t>> suspects(looks.size());
     parallel_for(context, cells.size(), grain, [&](std::size_t begin, std::size_t end) {
@@ -307,15 +345,20 @@ class InversionCheck::Impl {
   std::size_t worst_ = 0;  ///< of the cells that are not excluded the one of least determinant at rest
   Inversions at_rest_;
   std::optional<MotionCertificate> certificate_;
+  std::optional<FieldBounds> bounds_;  ///< for motions of known fields
 };
 
 InversionCheck::InversionCheck(std::span<const Vec3> rest, const CellSet& cells, const RunContext& context)
-    : impl_(std::make_unique<const Impl>(rest, cells, context)) {}
+    : impl_(std::make_unique<const Impl>(rest, cells, nullptr, context)) {}
+InversionCheck::InversionCheck(std::span<const Vec3> rest, const CellSet& cells, const DisplacementFields& fields,
+                               const RunContext& context)
+    : impl_(std::make_unique<const Impl>(rest, cells, &fields, context)) {}
 InversionCheck::~InversionCheck() = default;
 InversionCheck::InversionCheck(InversionCheck&&) noexcept = default;
 InversionCheck& InversionCheck::operator=(InversionCheck&&) noexcept = default;
 
 std::size_t InversionCheck::cell_count() const { return impl_->size(); }
+std::size_t InversionCheck::fields() const { return impl_->fields(); }
 const Inversions& InversionCheck::at_rest() const { return impl_->at_rest(); }
 std::size_t InversionCheck::left_handed() const { return impl_->left_handed(); }
 
@@ -338,7 +381,11 @@ SafeAmplitude InversionCheck::amplitude(std::span<const Vec3> from, std::span<co
   return impl_->amplitude(from, at_rest, to, context);
 }
 
-std::size_t InversionCheck::bytes_for(const CellSet& cells, std::size_t points) {
+SafeAmplitude InversionCheck::amplitude(std::span<const Vec3> to, const FieldMotion& motion, const RunContext& context) const {
+  return impl_->amplitude(to, motion, context);
+}
+
+std::size_t InversionCheck::bytes_for(const CellSet& cells, std::size_t points, std::size_t fields) {
   if (empty(cells)) return 0;
   // Excluded and left-handed or not, where its sides and its nodes begin; and while looking what is found out about it.
   constexpr std::size_t each = 2 + 2 * sizeof(std::uint64_t),
@@ -346,17 +393,20 @@ std::size_t InversionCheck::bytes_for(const CellSet& cells, std::size_t points) 
   constexpr std::size_t side = 16;
   const auto* polyhedra = std::get_if<const PolyhedralCells*>(&cells);
   const std::size_t count = deform::cell_count(cells), nodes = node_count(cells);
-  const std::size_t kept = each * count + sizeof(Vec3) * points + MotionCertificate::bytes_for(count, nodes);
+  const std::size_t kept = each * count + sizeof(Vec3) * points + MotionCertificate::bytes_for(count, nodes) +
+                           (fields > 0 ? FieldBounds::bytes_for(count, fields) : 0);
   if (polyhedra == nullptr) return kept + looking * count;
   return kept + looking * count + side * ((*polyhedra)->face_count() + (*polyhedra)->internal_faces()) + sizeof(PointId) * nodes;
 }
 
-std::size_t InversionCheck::bytes_to_make(const CellSet& cells, std::size_t points) {
+std::size_t InversionCheck::bytes_to_make(const CellSet& cells, std::size_t points, std::size_t fields) {
   if (empty(cells)) return 0;
   // Orientations, sets of cells and their votes; later determinants and what the certificate takes beside what it keeps.
   constexpr std::size_t each = 1 + 2 * sizeof(std::uint32_t) + 4 * sizeof(std::uint64_t);
   const std::size_t count = deform::cell_count(cells), nodes = node_count(cells);
-  return bytes_for(cells, points) + each * count + quality::SideLinks::bytes_for(side_count(cells)) +
+  const std::size_t values =
+      fields > 0 ? FieldBounds::bytes_to_make(count, points, fields) - FieldBounds::bytes_for(count, fields) : 0;
+  return bytes_for(cells, points, fields) + each * count + quality::SideLinks::bytes_for(side_count(cells)) + values +
          MotionCertificate::bytes_to_make(count, points, nodes) - MotionCertificate::bytes_for(count, nodes);
 }
 

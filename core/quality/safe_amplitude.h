@@ -13,6 +13,7 @@
 #include "core/mesh/cells.h"
 #include "core/mesh/elements.h"
 #include "core/mesh/mesh.h"
+#include "core/quality/displacement_fields.h"
 #include "core/quality/extreme.h"
 
 namespace deform {
@@ -70,7 +71,8 @@ struct SafeAmplitude {
 ///
 /// Speed: the tolerance of each cell is computed once from its rest shape, and for moderate motions a bound of its deformation
 /// proves for most cells that they are not inverted (quality::MotionCertificate). Only the other cells, the suspects, and those
-/// that may have the smallest determinant are checked as above. The results are the same.
+/// that may have the smallest determinant are checked as above. Where the motion is a combination of known fields, most cells
+/// are cleared by their coefficients alone, without a look at the points (quality::FieldBounds). The results are the same.
 ///
 /// Immutable; any thread may call. The cells must outlive it.
 /// Source: thesis 7.4 (inversions of elements under deformation).
@@ -79,11 +81,16 @@ class InversionCheck {
   /// rest: n x 3. Throws Error(invalid_argument): no cells, ids out of range, coordinates that are not finite, faces of another
   /// degree or not in a plane z = constant; cancelled, deadline_exceeded.
   InversionCheck(std::span<const Vec3> rest, const CellSet& cells, const RunContext& context = {});
+  /// Also prepares for motions that are combinations of these fields, which are not needed afterwards.
+  InversionCheck(std::span<const Vec3> rest, const CellSet& cells, const DisplacementFields& fields,
+                 const RunContext& context = {});
   ~InversionCheck();
   InversionCheck(InversionCheck&&) noexcept;
   InversionCheck& operator=(InversionCheck&&) noexcept;
 
   std::size_t cell_count() const;
+  /// The number of fields of the constructor, 0 without them.
+  std::size_t fields() const;
   /// The excluded cells; the smallest determinant is over all cells.
   const Inversions& at_rest() const;
   /// The number of left-handed cells.
@@ -97,12 +104,16 @@ class InversionCheck {
   std::size_t below(double margin, std::span<const Vec3> rest, std::span<const Vec3> points,
                     const RunContext& context = {}) const;
   SafeAmplitude amplitude(std::span<const Vec3> from, std::span<const Vec3> to, const RunContext& context = {}) const;
+  /// The same from rest to points that are those of a motion of the fields of the constructor, within its bounds, which is
+  /// not checked because most points are not looked at. For volume cells only: that faces stay in their plane is not checked
+  /// either. Throws Error(invalid_argument) for another number of fields or points and points that are not finite.
+  SafeAmplitude amplitude(std::span<const Vec3> to, const FieldMotion& motion, const RunContext& context = {}) const;
 
   /// An upper bound of the memory in bytes for these cells, including that of a call. `points` is the number of points of
-  /// the mesh.
-  static std::size_t bytes_for(const CellSet& cells, std::size_t points);
+  /// the mesh, `fields` that of its displacement fields.
+  static std::size_t bytes_for(const CellSet& cells, std::size_t points, std::size_t fields = 0);
   /// An upper bound of the peak memory of the construction.
-  static std::size_t bytes_to_make(const CellSet& cells, std::size_t points);
+  static std::size_t bytes_to_make(const CellSet& cells, std::size_t points, std::size_t fields = 0);
 
  private:
   class Impl;

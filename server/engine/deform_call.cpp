@@ -225,7 +225,8 @@ DeformCall::StepResult DeformCall::make_whole(const Bound& bound, std::size_t st
   for (std::size_t d = 0; d < count; ++d) {
     auto& findings = result.whole->findings.emplace_back();
     try {
-      findings = bound.checker->check(bound.numbers[first + d], result.whole->points[d], context);
+      findings = bound.checker->check(bound.numbers[first + d], bound.evaluation->field_motion(first + d),
+                                      result.whole->points[d], context);
     } catch (const Error& error) {
       if (bound.failures == Failures::fail_request || !fails_alone(error)) throw;
       result.whole->failed.emplace(d, error);

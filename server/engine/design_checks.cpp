@@ -25,16 +25,31 @@ std::size_t quality_bytes(const Mesh& mesh) {
 
 }  // namespace
 
-std::shared_ptr<const InversionCheck> CellCheckCache::get(const Mesh& mesh, const CellSet& cells, MemoryBudget& budget,
+std::shared_ptr<const InversionCheck> CellCheckCache::get(const Mesh& mesh, const CellSet& cells,
+                                                          const DisplacementFields* fields, MemoryBudget& budget,
                                                           const RunContext& context) const {
   const std::lock_guard lock(mutex_);
-  if (!check_) {
-    Charge charge = budget.charge(InversionCheck::bytes_to_make(cells, mesh.points.size()),
-                                  {"checking the cells", "set check: CELL_CHECK_OFF, or raise the server's memory budget", 0});
-    check_ = std::make_shared<const InversionCheck>(mesh.points, cells, context);
-    charge_ = std::move(charge);
-    charge_.shrink(InversionCheck::bytes_for(cells, mesh.points.size()));
+  if (check_) return check_;
+  const auto charge = [&](std::size_t count) {
+    return budget.charge(InversionCheck::bytes_to_make(cells, mesh.points.size(), count),
+                         {"checking the cells", "set check: CELL_CHECK_OFF, or raise the server's memory budget", 0});
+  };
+  const std::size_t points = mesh.points.size(), count = fields == nullptr ? 0 : fields->count();
+  if (count > 0) {
+    try {
+      Charge charged = charge(count);
+      check_ = std::make_shared<const InversionCheck>(mesh.points, cells, *fields, context);
+      charge_ = std::move(charged);
+      charge_.shrink(InversionCheck::bytes_for(cells, points, count));
+      return check_;
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::out_of_budget) throw;  // the fields only save time
+    }
   }
+  Charge charged = charge(0);
+  check_ = std::make_shared<const InversionCheck>(mesh.points, cells, context);
+  charge_ = std::move(charged);
+  charge_.shrink(InversionCheck::bytes_for(cells, points));
   return check_;
 }
 
@@ -92,12 +107,15 @@ std::unique_ptr<const DesignChecker> DesignChecker::make(std::shared_ptr<const R
   if (faces) checker->flips_ = system->face_check.get(mesh, budget, context);
   std::size_t bytes = 0;
   if (cells || quality) bytes += checker->check_faces_bytes();
+  // A 2D mesh has to be seen to stay in its plane, for which its points are read anyway.
+  const bool plane = cells && std::holds_alternative<const Mesh*>(*cells);
+  const auto fields = cells && !plane ? system->system->displacement_fields() : nullptr;
   if (cells) bytes += InversionCheck::bytes_for(*cells, mesh.points.size());
   if (quality) bytes += quality_bytes(mesh);
   if (checks.splitting) bytes += estimate_substep(mesh, system->setup, *cells).peak_bytes;
   checker->charge_ = budget.charge(bytes, {checks.splitting ? "splitting designs" : "checking the cells of designs",
                                            "set check: CELL_CHECK_OFF and no splitting, or raise the server's memory budget", 0});
-  if (cells) checker->inversions_ = system->cell_check.get(mesh, *cells, budget, context);
+  if (cells) checker->inversions_ = system->cell_check.get(mesh, *cells, fields.get(), budget, context);
   if (checks.splitting) checker->designs_ = designs();
   checker->system_ = std::move(system);
   return checker;
@@ -107,10 +125,17 @@ bool DesignChecker::in_plane(const Points& points) const {
   return !std::holds_alternative<const Mesh*>(*cells_) || in_one_plane(points);
 }
 
-DesignChecker::Findings DesignChecker::check(std::size_t design, Points& points, const RunContext& context) const {
+SafeAmplitude DesignChecker::amplitude(const std::optional<FieldMotion>& motion, const Points& points,
+                                       const RunContext& context) const {
+  return motion && inversions_->fields() > 0 ? inversions_->amplitude(points, *motion, context)
+                                             : inversions_->amplitude(system_->mesh->points, points, context);
+}
+
+DesignChecker::Findings DesignChecker::check(std::size_t design, const std::optional<FieldMotion>& motion, Points& points,
+                                             const RunContext& context) const {
   Findings findings;
   if (inversions_ && in_plane(points)) {
-    const SafeAmplitude safety = inversions_->amplitude(system_->mesh->points, points, context);
+    const SafeAmplitude safety = amplitude(motion, points, context);
     if (checks_.check != v1::CELL_CHECK_OFF) findings.cells = convert::cell_report(*inversions_, safety);
     if (checks_.splitting) split(design, points, safety, findings, context);
   }

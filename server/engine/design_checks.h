@@ -22,9 +22,10 @@ struct ResidentSystem;
 /// The check of the cells of a system's mesh: made when first asked for, then kept with the memory charged for it. Thread-safe.
 class CellCheckCache {
  public:
-  /// Throws Error(out_of_budget), cancelled, deadline_exceeded.
-  std::shared_ptr<const InversionCheck> get(const Mesh& mesh, const CellSet& cells, MemoryBudget& budget,
-                                            const RunContext& context) const;
+  /// Also for the motions of `fields`, if there are any and the budget allows; they are the same in every call. Throws
+  /// Error(out_of_budget), cancelled, deadline_exceeded.
+  std::shared_ptr<const InversionCheck> get(const Mesh& mesh, const CellSet& cells, const DisplacementFields* fields,
+                                            MemoryBudget& budget, const RunContext& context) const;
 
  private:
   mutable std::mutex mutex_;
@@ -77,8 +78,8 @@ class DesignChecker {
   /// Whether only faces are looked at: check_faces() then says all, and design by design it may do so after the blocks were made.
   bool only_faces() const { return !inversions_ && checks_.check != v1::CELL_QUALITY; }
 
-  /// points: n x 3, of the full step; those of a split design take their place.
-  Findings check(std::size_t design, Points& points, const RunContext& context) const;
+  /// points: n x 3, of the full step; those of a split design take their place. `motion`: Evaluation::field_motion().
+  Findings check(std::size_t design, const std::optional<FieldMotion>& motion, Points& points, const RunContext& context) const;
   /// points: n x 3, as they are delivered. Absent: there are no faces, or they are not to be looked at.
   std::optional<v1::FaceReport> check_faces(std::span<const Vec3> points, const RunContext& context) const;
   std::size_t check_faces_bytes() const { return flips_ ? flips_->call_bytes() : 0; }
@@ -89,6 +90,7 @@ class DesignChecker {
              const RunContext& context) const;
   v1::QualityReport quality(const Points& points) const;
   bool in_plane(const Points& points) const;
+  SafeAmplitude amplitude(const std::optional<FieldMotion>& motion, const Points& points, const RunContext& context) const;
 
   std::shared_ptr<const ResidentSystem> system_;
   DesignChecks checks_;

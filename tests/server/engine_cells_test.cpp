@@ -65,6 +65,41 @@ TEST_F(EngineCells, EveryDesignIsCheckedForItself) {
   }
 }
 
+/// As many fields of zeros as wanted.
+class NoFields : public DisplacementFields {
+ public:
+  explicit NoFields(std::size_t count) : count_(count) {}
+  std::size_t count() const override { return count_; }
+  void values(std::size_t, std::size_t, std::span<double> values, const RunContext&) const override {
+    std::fill(values.begin(), values.end(), 0.0);
+  }
+  double error(std::size_t) const override { return 0; }
+
+ private:
+  std::size_t count_;
+};
+
+// Fields of the basis save time and are done without where memory is short.
+TEST(CellCheckCache, TakesTheFieldsThatTheBudgetAllows) {
+  const Mesh mesh = volume_mesh(10);
+  const CellSet cells = *cell_set(mesh);
+  const std::size_t points = mesh.point_count(), without = InversionCheck::bytes_to_make(cells, points);
+  const NoFields few(4), many(4000);
+  const auto fields_of_check = [&](const NoFields& fields, std::size_t budget) {
+    MemoryBudget memory(budget);
+    const CellCheckCache cache;
+    const std::size_t found = cache.get(mesh, cells, &fields, memory, {})->fields();
+    EXPECT_EQ(cache.get(mesh, cells, &fields, memory, {})->fields(), found) << "kept";
+    EXPECT_EQ(memory.in_use(), InversionCheck::bytes_for(cells, points, found));
+    return found;
+  };
+  EXPECT_EQ(fields_of_check(few, 2 * without), 4u);
+  EXPECT_EQ(fields_of_check(many, 2 * without), 0u);
+  MemoryBudget none(without / 2);
+  const CellCheckCache cache;
+  test::expect_error(ErrorCode::out_of_budget, {"checking the cells"}, [&] { cache.get(mesh, cells, &few, none, {}); });
+}
+
 TEST_F(EngineCells, CheckingChangesNoPoint) {
   const Prepared prepared = prepare_mesh(volume_mesh(10), 3);
   auto request = request_for(prepared.system.id(), {{0.3, 0}, {0, 0.9}, {2.5, 0.1}});

@@ -10,6 +10,7 @@
 
 #include "core/base/error.h"
 #include "core/base/vectors.h"
+#include "core/deformers/handles/handle_fields.h"
 #include "core/numerics/interpolation/interpolator.h"
 
 namespace deform {
@@ -156,6 +157,45 @@ double HandleEvaluation::compression_error(std::size_t design) const {
     }
   }
   return norm(sums);
+}
+
+/// Roundings: of a coefficient those of field_coefficients() and one for each term of the sums; of the points those of handle
+/// points, of their fields and of the last addition. A few times what they amount to.
+std::optional<FieldMotion> HandleEvaluation::field_motion(std::size_t design) const {
+  if (is_direct(design) || kind_ != MotionKind::position || !system_->setup_.constraints.empty()) return std::nullopt;
+  constexpr double unit = std::numeric_limits<double>::epsilon();
+  const double reach = 2 * system_->largest_coordinate_;
+  std::vector<double> of_handle;
+  double places = 0, sizes = 0;
+  for (std::size_t h = 0; h < system_->frames_.size(); ++h) {
+    const Affine& map = designs_[design].affine[h];
+    double linear = 0, off = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+      off += std::abs(map[4 * i + 3]);
+      for (std::size_t j = 0; j < 3; ++j) linear += std::abs(map[4 * i + j]);
+    }
+    const double centre = norm(system_->box_.to_model(system_->frames_[h].reference));
+    of_handle.push_back(map == identity_affine ? 0 : off + (3 + linear) * (reach + centre + system_->box_.scale));
+    places = std::max(places, of_handle.back());
+  }
+  FieldMotion motion;
+  const auto terms = static_cast<double>(system_->fields() + 16);
+  for (const HandleFields::Entry& entry : HandleFields::entries(*system_)) {
+    const auto& components = system_->basis_[entry.basis].components;
+    const double* row = coefficients(entry.basis, entry.field, design);
+    Vec3 c{};
+    for (std::size_t k = 0; k < components.size(); ++k) {
+      const bool applies = std::count(entry.components.begin(), entry.components.end(), components[k]) > 0;
+      if (applies) c[components[k]] = row[k];
+    }
+    if (!system_->regions_.symmetry.empty()) c = system_->regions_.symmetry.from_frame(c);
+    motion.coefficients.push_back(c);
+    const double size = norm(c);
+    motion.uncertainties.push_back(unit * (terms * size + 16 * of_handle[entry.field / 4]));
+    sizes += size;
+  }
+  motion.rounding = 16 * unit * (reach + places + sizes);
+  return motion;
 }
 
 Vec3 HandleEvaluation::prescribed_displacement(const BoundDesign& design, PointId id) const {

@@ -20,6 +20,7 @@ class HandleEvaluation : public Evaluation {
   std::size_t design_count() const final { return designs_.size(); }
   const DesignReport& report(std::size_t design) const final { return reports_[design]; }
   void evaluate(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const final;
+  std::optional<FieldMotion> field_motion(std::size_t design) const final;
 
  protected:
   /// Positions for the designs of System::bind().

@@ -10,6 +10,7 @@
 #include "core/base/number_text.h"
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
+#include "core/deformers/handles/handle_fields.h"
 
 namespace deform {
 
@@ -86,6 +87,12 @@ Vec3 HandleSystem::components(Vec3 in_frame, PointId id) const {
     if ((on >> k & 1u) != 0) in_frame[k] = 0;
   }
   return in_frame;
+}
+
+/// With constraints a design is no sum of fields, even where they are known.
+std::unique_ptr<const DisplacementFields> HandleSystem::displacement_fields() const {
+  if (!has_basis() || !setup_.constraints.empty()) return nullptr;
+  return std::make_unique<const HandleFields>(*this);
 }
 
 void HandleSystem::add_basis(HandleBasis&& basis, double tolerance, const RunContext& context) {

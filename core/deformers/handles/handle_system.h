@@ -31,10 +31,12 @@ class HandleSystem : public System {
                          const RunContext& context) const final;
   std::vector<double> vector_jacobian(std::span<const double> variables, const Points& cotangent,
                                       const RunContext& context) const final;
+  std::unique_ptr<const DisplacementFields> displacement_fields() const final;
 
  protected:
   friend class HandleEvaluation;
   friend class CompiledForm;
+  friend class HandleFields;
 
   /// The length of a unit of the solution's coordinates.
   enum class Unit { longest_edge, diagonal };
