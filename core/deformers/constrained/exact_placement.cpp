@@ -22,6 +22,13 @@ void put(const std::vector<Vec3>& some, const std::vector<std::uint32_t>& where,
   for (std::size_t i = 0; i < where.size(); ++i) all[where[i]] = some[i];
 }
 
+/// The largest error of a set as it is reported; `shape` is that of an earlier fit.
+double reported_error(const ConstraintSet& set, const std::vector<Vec3>& x, ShapeParameters shape) {
+  std::vector<Vec3> y(x.size());
+  set.projection->project(x, y, shape);
+  return set.projection->misfit(x, y).largest;
+}
+
 /// The sets of a group that are tried again: without the one that is missed most or, when all are met but too far away, that
 /// pulls most; of many sets without more of these at once. Ascending.
 std::vector<std::size_t> without_worst(const JointSets::State& at) {
@@ -216,8 +223,8 @@ void ExactPlacement::place_group(const std::vector<std::size_t>& sets, const std
   }
 }
 
-/// Sets that share points with a set that is given up must not increase its distance beyond the largest initial one.
-void ExactPlacement::check_given_up(const std::vector<ShapeParameters>& shapes, Placed& placed) const {
+/// Sets that share points with a set that is given up must not increase its error beyond the largest initial one.
+void ExactPlacement::check_given_up(const std::vector<ShapeParameters>& before, Placed& placed) const {
   std::vector<std::size_t> group_of(ids_.size());
   for (bool again = true; again;) {
     again = false;
@@ -229,8 +236,7 @@ void ExactPlacement::check_given_up(const std::vector<ShapeParameters>& shapes, 
     }
     for (std::size_t t = 0; t < sets_.size() && !again; ++t) {
       if (!placed.given_up[t]) continue;
-      ShapeParameters shape = shapes[t];
-      if (largest_distance(sets_[t], of_set(t, placed.points), shape) <= placed.distance) continue;
+      if (reported_error(sets_[t], of_set(t, placed.points), before[t]) <= placed.misfit) continue;
       for (const std::uint32_t u : places_[t]) {
         const std::size_t g = group_of[u];
         if (g == placed.groups.size()) continue;
@@ -247,13 +253,20 @@ void ExactPlacement::check_given_up(const std::vector<ShapeParameters>& shapes, 
 }
 
 ExactPlacement::Placed ExactPlacement::place(std::vector<Vec3> from, const RunContext& context) const {
+  return place(std::move(from), std::vector<ShapeParameters>(sets_.size()), context);
+}
+
+ExactPlacement::Placed ExactPlacement::place(std::vector<Vec3> from, const std::vector<ShapeParameters>& before,
+                                             const RunContext& context) const {
   Placed placed;
+  std::vector<ShapeParameters> shapes = before;
   placed.from = std::move(from);
   placed.points = placed.from;
   placed.given_up.assign(sets_.size(), false);
-  std::vector<ShapeParameters> shapes(sets_.size());
   for (std::size_t t = 0; t < sets_.size(); ++t) {
-    placed.distance = std::max(placed.distance, largest_distance(sets_[t], of_set(t, placed.from), shapes[t]));
+    const std::vector<Vec3> x = of_set(t, placed.from);
+    placed.misfit = std::max(placed.misfit, reported_error(sets_[t], x, before[t]));
+    placed.distance = std::max(placed.distance, largest_distance(sets_[t], x, shapes[t]));
   }
   std::vector<std::size_t> possible;
   for (std::size_t t = 0; t < sets_.size(); ++t) {
@@ -266,7 +279,7 @@ ExactPlacement::Placed ExactPlacement::place(std::vector<Vec3> from, const RunCo
     if (!placed.given_up[t]) possible.push_back(t);
   }
   for (const std::vector<std::size_t>& group : connected(possible)) place_group(group, shapes, placed, context);
-  check_given_up(shapes, placed);
+  check_given_up(before, placed);
   return placed;
 }
 

@@ -17,10 +17,11 @@ namespace deform {
 /// Moves points onto the shapes of the given sets, to the nearest points on them. A set that shares no point with another and
 /// contains no fixed point is projected; the others are placed by JointSets.
 ///
-/// No point moves farther than 3 times the largest initial distance of all sets plus 1e-6, and no final distance exceeds that
-/// largest one. Sets that cannot be placed under these conditions are given up, the worst first, until the others can be placed:
-/// first those that contradict fixed points, then those that contradict other sets. A set that is given up keeps its points,
-/// except those that it shares with placed sets. Unit coordinates. Immutable; any thread.
+/// No point moves farther than 3 times the largest initial distance of all sets plus 1e-6, and no final error of a set, as
+/// Projection::misfit() reports it, exceeds the largest initial one. Sets that cannot be placed under these conditions are given
+/// up, the worst first, until the others can be placed: first those that contradict fixed points, then those that contradict
+/// other sets. A set that is given up keeps its points, except those that it shares with placed sets. Unit coordinates.
+/// Immutable; any thread.
 class ExactPlacement {
  public:
   /// `moves` tells for each point of the mesh whether it may move. The result is deterministic, bit for bit, for the same sets in
@@ -45,7 +46,8 @@ class ExactPlacement {
     std::vector<Vec3> from, points;  ///< U
     std::vector<bool> given_up;      ///< for each set
     std::vector<Group> groups;       ///< the placed sets
-    double distance = 0;             ///< largest initial distance over all sets
+    double distance = 0;             ///< largest initial distance of a point from its shape over all sets
+    double misfit = 0;               ///< largest initial Projection::Misfit::largest over all sets
 
     /// Whether any set is placed.
     bool any() const { return !groups.empty(); }
@@ -57,6 +59,9 @@ class ExactPlacement {
     /// The largest allowed movement of a point.
     double most_movement() const { return 3 * distance + 1e-6; }
   };
+  /// `before` has a shape for each set that was fitted to points nearby. Fits start from these, so that errors are those that
+  /// reports show, or anew where they are empty.
+  Placed place(std::vector<Vec3> from, const std::vector<ShapeParameters>& before, const RunContext& context) const;
   Placed place(std::vector<Vec3> from, const RunContext& context) const;
   /// The derivative of the points with respect to `from` (for fixed points the identity): U from U.
   std::vector<Vec3> derivative(const Placed& at, const std::vector<Vec3>& change, const RunContext& context) const;
@@ -80,7 +85,7 @@ class ExactPlacement {
   bool is_projected(const std::vector<std::size_t>& sets) const { return sets.size() == 1 && all_move_[sets[0]]; }
   void place_group(const std::vector<std::size_t>& sets, const std::vector<ShapeParameters>& shapes, Placed& placed,
                    const RunContext& context) const;
-  void check_given_up(const std::vector<ShapeParameters>& shapes, Placed& placed) const;
+  void check_given_up(const std::vector<ShapeParameters>& before, Placed& placed) const;
   std::vector<Vec3> of_set(std::size_t t, const std::vector<Vec3>& points) const;
 
   std::vector<ConstraintSet> sets_;

@@ -94,7 +94,7 @@ void EnergyEvaluation::solve_constrained(std::size_t design, WarmStart* warm, co
   if (warm != nullptr) warm->state = std::make_shared<const ConstrainedStart>(result.start());
   solutions_[design] = system_.completed(to.h * D, result.w * D, context);
   EnergySystem::Solution& solution = solutions_[design];
-  if (system_.exact_) solution.exact = system_.exact_->place(solution.field, designs_[design], context);
+  if (system_.exact_) solution.exact = system_.exact_->place(solution.field, designs_[design], result.after.shapes, context);
   report_misfit(design);
   DesignReport& report = reports_[design];
   report.iterations = result.iterations;
@@ -106,17 +106,30 @@ void EnergyEvaluation::solve_constrained(std::size_t design, WarmStart* warm, co
   measure_constraints(design, result);
 }
 
-/// Where the points of the sets end, unit coordinates.
-std::vector<Vec3> EnergyEvaluation::final_points(std::size_t design, std::vector<Vec3> points) const {
+/// Where the points of the sets end, unit coordinates. They are computed from the same field as the points that are delivered, in
+/// the same order of sums as those from which ExactStep starts: points of the solver differ from them by the rounding of its own
+/// sums, which the condition of the energy amplifies, and sets that keep their place would seem to have moved.
+std::vector<Vec3> EnergyEvaluation::final_points(std::size_t design) const {
   const EnergySystem::Solution& solution = solutions_[design];
-  std::vector<double> values(3 * tile_size);
-  for (std::size_t t = 0; t < system_.set_places_.tiles(); ++t) {
-    const double* tile = system_.set_places_.tile(t);
-    std::fill(values.begin(), values.end(), 0.0);
-    if (system_.correction_) system_.correction_->add_values(tile, solution.field.correction.data(), 3, values.data());
-    if (system_.exact_) system_.exact_->add_values(tile, solution.exact, values.data());
-    for (std::size_t i = t * tile_size; i < std::min(points.size(), (t + 1) * tile_size); ++i) {
-      for (std::size_t k = 0; k < 3; ++k) points[i][k] += values[k * tile_size + i % tile_size] / system_.box_.scale;
+  const FunctionRows functions = system_.model_.space.functions();
+  std::vector<PointId> set_ids;
+  for (const ConstraintSet& set : system_.constrained_->sets()) set_ids.insert(set_ids.end(), set.ids.begin(), set.ids.end());
+  std::vector<Vec3> points(set_ids.size());
+  std::vector<double> values(3 * tile_size, 0.0);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (i % tile_size == 0 && system_.set_places_.tiles() > 0) {
+      const double* tile = system_.set_places_.tile(i / tile_size);
+      std::fill(values.begin(), values.end(), 0.0);
+      if (system_.correction_) system_.correction_->add_values(tile, solution.field.correction.data(), 3, values.data());
+      if (system_.exact_) system_.exact_->add_values(tile, solution.exact, values.data());
+    }
+    points[i] = system_.box_.to_unit(system_.mesh_->points[set_ids[i]]);
+    for (std::size_t k = 0; k < 3; ++k) {
+      double value = values[k * tile_size + i % tile_size];
+      functions.for_each(set_ids[i], [&](std::int64_t column, double weight) {
+        value += weight * solution.field.w(column, static_cast<Eigen::Index>(k));
+      });
+      points[i][k] += value / system_.box_.scale;
     }
   }
   std::size_t i = 0;
@@ -138,7 +151,7 @@ std::vector<Vec3> EnergyEvaluation::final_points(std::size_t design, std::vector
 
 void EnergyEvaluation::measure_constraints(std::size_t design, const ConstrainedResult& result) {
   const double D = system_.box_.scale;
-  const std::vector<Vec3> points = final_points(design, result.after.points);
+  const std::vector<Vec3> points = final_points(design);
   std::vector<ConstraintReport>& reports = reports_[design].constraints;
   reports.resize(system_.setup_.constraints.size());
   std::vector<std::size_t> counts(reports.size(), 0);

@@ -25,7 +25,7 @@ class EnergyEvaluation : public HandleEvaluation {
   /// Warns of handles that rotate if the energy is that of a shell. Handles with a displacement per point are not checked.
   void warn_of_turns(std::size_t design);
   void report_misfit(std::size_t design);
-  std::vector<Vec3> final_points(std::size_t design, std::vector<Vec3> points) const;
+  std::vector<Vec3> final_points(std::size_t design) const;
   void measure_constraints(std::size_t design, const ConstrainedResult& result);
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
   /// Replaces the points of exact constraints.

@@ -324,7 +324,8 @@ EnergySystem::Constrained EnergySystem::constrained_at(std::span<const double> v
   ConstrainedResult result = constrained_->solve(to.h, to.offsets, context);
   if (!exact_) return {std::move(result), {}};
   const Solution solution = completed(to.h * box_.scale, result.w * box_.scale, context);
-  return {std::move(result), exact_->place(solution.field, bound, context).placed};
+  ExactPlacement::Placed placed = exact_->place(solution.field, bound, result.after.shapes, context).placed;
+  return {std::move(result), std::move(placed)};
 }
 
 std::unique_ptr<const Evaluation> EnergySystem::derivative(std::span<const double> variables, const std::vector<Affine>& maps,

@@ -13,12 +13,11 @@ namespace deform {
 ExactStep::ExactStep(const DeformationBefore& before, const std::vector<ConstraintSet>& sets,
                      const std::vector<std::size_t>& constraint_of, const RunContext& context)
     : before_(before) {
-  std::vector<std::size_t> chosen_sets;
   for (std::size_t t = 0; t < sets.size(); ++t) {
-    if (before_.held.setup.constraints[constraint_of[t]].exact) chosen_sets.push_back(t);
+    if (before_.held.setup.constraints[constraint_of[t]].exact) set_of_.push_back(t);
   }
   std::vector<ConstraintSet> exact_sets;
-  for (const std::size_t t : chosen_sets) {
+  for (const std::size_t t : set_of_) {
     exact_sets.push_back(sets[t]);
     constraint_of_.push_back(constraint_of[t]);
   }
@@ -97,9 +96,12 @@ void ExactStep::add_values(const double* tile, const Step& step, double* out) co
   if (step.carried.size() > 0) carrier_->add_values(tile, step.carried.data(), 3, out);
 }
 
-ExactStep::Step ExactStep::place(const EnergyField& field, const BoundDesign& design, const RunContext& context) const {
+ExactStep::Step ExactStep::place(const EnergyField& field, const BoundDesign& design, const std::vector<ShapeParameters>& shapes,
+                                 const RunContext& context) const {
   Step step;
-  step.placed = placement_->place(points_before(field, design, MotionKind::position), context);
+  std::vector<ShapeParameters> before;
+  for (const std::size_t t : set_of_) before.push_back(shapes[t]);
+  step.placed = placement_->place(points_before(field, design, MotionKind::position), before, context);
   if (!step.placed.any()) return step;
   step.carried = carried(step.placed.from, step.placed.points, context);
   if (carries_far(step, context)) {

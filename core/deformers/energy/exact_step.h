@@ -52,7 +52,9 @@ class ExactStep {
     RowMajorMatrix carried;         ///< coefficients of the added field, rows x 3, or empty
     std::vector<Vec3> values;       ///< resulting positions or their derivatives, model units; may be empty too
   };
-  Step place(const EnergyField& field, const BoundDesign& design, const RunContext& context) const;
+  /// `shapes` are those of all sets, fitted to the points before the step.
+  Step place(const EnergyField& field, const BoundDesign& design, const std::vector<ShapeParameters>& shapes,
+             const RunContext& context) const;
   Step derivative(const ExactPlacement::Placed& at, const EnergyField& field, const BoundDesign& design,
                   const RunContext& context) const;
   /// Replaces cotangents of the following points by those of the deformation before the step, and returns the cotangents
@@ -74,6 +76,7 @@ class ExactStep {
   bool carries_far(const Step& step, const RunContext& context) const;
 
   const DeformationBefore before_;
+  std::vector<std::size_t> set_of_;  ///< number of each exact set among all sets
   std::vector<std::size_t> constraint_of_;
   std::unique_ptr<const ExactPlacement> placement_;
   std::unique_ptr<const ResidualCorrection> carrier_;  ///< centres: the points that move, then handle and fixed points

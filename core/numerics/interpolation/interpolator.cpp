@@ -46,6 +46,20 @@ std::vector<std::uint32_t> worst_rows(const Eigen::MatrixXd& residual) {
   return rows;
 }
 
+void add_accurately(const Eigen::MatrixXd& correction, Interpolants& to) {
+  Eigen::MatrixXd& rest = to.rest;
+  if (rest.size() == 0) rest.setZero(correction.rows(), correction.cols());
+  for (Eigen::Index c = 0; c < correction.cols(); ++c) {
+    for (Eigen::Index r = 0; r < correction.rows(); ++r) {
+      // The sum of two doubles is a double and another one (Knuth).
+      const double a = to.coefficients(r, c), b = correction(r, c) + rest(r, c);
+      const double sum = a + b, part = sum - a;
+      to.coefficients(r, c) = sum;
+      rest(r, c) = (a - (sum - part)) + (b - part);
+    }
+  }
+}
+
 std::vector<double> Interpolator::values(const Interpolants& interpolants, std::span<const Vec3> points,
                                          const RunContext& context) const {
   double error = 0;
@@ -78,8 +92,12 @@ std::vector<double> Interpolator::weighted_sums(const Interpolants& interpolants
 Eigen::MatrixXd Interpolator::accurate_residual(const Interpolants& interpolants, std::span<const Vec3> points,
                                                 const Eigen::MatrixXd& wanted, const RunContext& context) const {
   const auto weights = static_cast<std::size_t>(interpolants.coefficients.rows()) - polynomials_.terms();
-  return deform::accurate_residual(kernel_, points, weighted_centres(weights), polynomials_.matrix(points),
-                                   interpolants.coefficients, wanted, context);
+  const Eigen::MatrixXd P = polynomials_.matrix(points);
+  const auto left = [&](const Eigen::MatrixXd& coefficients, const Eigen::MatrixXd& from) {
+    return deform::accurate_residual(kernel_, points, weighted_centres(weights), P, coefficients, from, context);
+  };
+  const Eigen::MatrixXd result = left(interpolants.coefficients, wanted);
+  return interpolants.rest.size() > 0 ? left(interpolants.rest, result) : result;
 }
 
 double Interpolator::rounding(const Interpolants& interpolants, std::span<const Vec3> points, const RunContext& context) const {

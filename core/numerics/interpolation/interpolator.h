@@ -39,6 +39,10 @@ struct Interpolants {
   /// (m + q) x columns: weights of the centres, then coefficients of the polynomials. For incremental QR (k + q) x columns, with
   /// the weights of its first k centres.
   Eigen::MatrixXd coefficients;
+  /// What the rounding of the coefficients to doubles lost, as large as these, or empty: not known. Only accurate_residual() uses
+  /// it. Weights can be 1e10 times the values (r^5, small patches of centres far apart), so that their rounding alone is an error
+  /// of 1e-6.
+  Eigen::MatrixXd rest{};
   /// Iterative: largest |interpolant - value| over the centres and columns, plus the error of the sums. Incremental QR: largest
   /// norm of a row of errors over the points. Otherwise 0, not measured.
   double residual = 0;
@@ -58,6 +62,9 @@ struct Interpolants {
   /// values. Nonincreasing in k.
   double rms = 0;
 };
+
+/// Adds a correction to the coefficients and keeps what rounding loses, in `rest`.
+void add_accurately(const Eigen::MatrixXd& correction, Interpolants& to);
 
 /// Safety factor between the largest error at the checked points and the one at all points.
 inline constexpr double error_margin = 2;
@@ -98,7 +105,8 @@ class Interpolator {
   /// As values(), but always by direct sums, accurate to rounding.
   std::vector<double> direct_values(const Interpolants& interpolants, std::span<const Vec3> points,
                                     const RunContext& context = {}) const;
-  /// The difference wanted - values (n x columns) in double-double arithmetic, for use where direct sums lose too many digits.
+  /// The difference wanted - values (n x columns) in double-double arithmetic, with Interpolants::rest, for use where direct sums
+  /// lose too many digits.
   Eigen::MatrixXd accurate_residual(const Interpolants& interpolants, std::span<const Vec3> points, const Eigen::MatrixXd& wanted,
                                     const RunContext& context = {}) const;
   /// Estimates the rounding error of values() at the points from the largest sum of absolute values of all terms.

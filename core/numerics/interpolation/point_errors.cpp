@@ -143,8 +143,10 @@ MatrixXd moments(const Interpolator& system, const Interpolants& interpolants, c
     centres.clear();
     for (Index j = 0; j < weights; ++j) centres.push_back(system.centres()[order[static_cast<std::size_t>(j)]]);
   }
-  const MatrixXd P = polynomials.matrix(centres);
-  return (P.cast<long double>().transpose() * interpolants.coefficients.topRows(weights).cast<long double>()).cast<double>();
+  const auto P = polynomials.matrix(centres).cast<long double>().eval();
+  Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic> W = interpolants.coefficients.topRows(weights).cast<long double>();
+  if (interpolants.rest.size() > 0) W += interpolants.rest.topRows(weights).cast<long double>();
+  return (P.transpose() * W).cast<double>();
 }
 
 }  // namespace
