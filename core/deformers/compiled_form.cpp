@@ -35,7 +35,7 @@ CompiledForm::CompiledForm(const std::shared_ptr<const System>& system)
         "with constraints the points are no linear function of the motions of the handles, and every design is solved for; "
         "leave the constraints out, or evaluate on the server");
   }
-  if (!system_->has_basis()) refuse_form("it was prepared without a handle basis; prepare it with basis BASIS_ALWAYS");
+  if (!system_->has_basis()) refuse_form(system_->without_basis());
   if (setup.variables.empty()) refuse_form("its setup has no design variables");
   const SystemInfo& info = system_->info();
   content_.method = with_method(setup, []<Method M>(const typename M::Options&) { return std::string(M::name); });
