@@ -143,10 +143,14 @@ void CageMethod::validate(const CageOptions& options, const Setup&, const Mesh& 
 }
 
 Estimate CageMethod::estimate(const CageOptions& options, const Mesh& mesh, const Setup&, const SelectedRegions& regions) {
-  const auto estimate_of = options.control == CageControl::mesh            ? estimate_mesh
-                           : options.coordinates == CageCoordinates::green ? estimate_green
-                                                                           : estimate_controls;
-  Estimate estimate = estimate_of(options, mesh, regions);
+  Estimate estimate;
+  if (options.control == CageControl::mesh) {
+    estimate = estimate_mesh(options, mesh, regions);
+  } else if (options.coordinates == CageCoordinates::green) {
+    estimate = estimate_green(options, mesh, regions);
+  } else {
+    estimate = estimate_controls(options, mesh, regions);
+  }
   // Cages that are checked, and the search for points outside.
   const std::size_t triangles = options.triangles.size();
   estimate.peak_bytes += 4 * Cage::bytes_for(options.vertices.size(), triangles) + WindingNumber::bytes_for(triangles);

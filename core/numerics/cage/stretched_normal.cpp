@@ -25,11 +25,12 @@ struct StretchedNormal::Moved {
 StretchedNormal::StretchedNormal(const Corners& rest) {
   const Vec3 u = rest[1] - rest[0], v = rest[2] - rest[0], across = cross(u, v);
   const double twice = norm(across);
-  normal_ = across / twice;
   u2_ = dot(u, u);
   uv_ = dot(u, v);
   v2_ = dot(v, v);
   doubled_ = 2 * twice * twice;
+  const Moved m = moved_sides(rest);
+  normal_ = m.stretch * m.normal;  // so that nothing changes at rest, not even by rounding
 }
 
 StretchedNormal::Moved StretchedNormal::moved_sides(const Corners& moved) const {
