@@ -138,14 +138,18 @@ TEST(MirroredSystem, IsTheWholeModel) {
       off = std::max(off, distance(got[i], lerp(expected[i], other, 0.5)));
       uneven = std::max(uneven, distance(expected[i], other));
       farthest = std::max(farthest, distance(got[i], half->points[i]));
-      if (half->points[i][1] == 0) EXPECT_EQ(got[i][1], 0) << name << ": a point leaves the plane";
+      if (half->points[i][1] == 0) {
+        EXPECT_EQ(got[i][1], 0) << name << ": a point leaves the plane";
+      }
       if (half->points[i][0] <= 0.3 && name.find("MESH") == std::string::npos) {
         EXPECT_LT(distance(got[i], half->points[i]), 1e-12) << name;
       }
     }
     EXPECT_LT(off, name.find("MESH") == std::string::npos ? 1e-9 : 1e-7) << name;
     EXPECT_GT(farthest, 0.5) << name;
-    if (name == "shell" || name == "ffd") EXPECT_LT(uneven, 1e-8) << name << ": the whole model is not even";
+    if (name == "shell" || name == "ffd") {
+      EXPECT_LT(uneven, 1e-8) << name << ": the whole model is not even";
+    }
   }
 }
 
@@ -161,7 +165,9 @@ TEST(MirroredSystem, JacobianProductsAndPopulations) {
     for (std::size_t i = 0; i < designs.size(); ++i) EXPECT_EQ(system->evaluate(designs[i]), together[i]);
     const Points rates = system->jacobian_vector(bent.variables, designs[0].variables, {});
     for (std::size_t i = 0; i < rates.size(); ++i) {
-      if (half->points[i][1] == 0) EXPECT_EQ(rates[i][1], 0);
+      if (half->points[i][1] == 0) {
+        EXPECT_EQ(rates[i][1], 0);
+      }
     }
     const Points rest = system->evaluate(Design{{0, 0, 0, 0}, {}});
     EXPECT_LT(test::distance(rest, half->points), 1e-15);
