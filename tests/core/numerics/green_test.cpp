@@ -193,6 +193,13 @@ TEST(Green, DoesNotDependOnUnitsOrPlace) {
     for (std::size_t i = 0; i < found.phi.size(); ++i) EXPECT_NEAR(other.phi[i], found.phi[i], 1e-11);
     for (std::size_t t = 0; t < found.psi.size(); ++t) EXPECT_NEAR(other.psi[t], scale * found.psi[t], 1e-11 * scale);
   }
+  CageMesh torus = test::bumpy_torus(9, 6, 1);
+  for (Vec3& v : torus.vertices) v = scale * v + shift;
+  const Cage oblique = torus.cage();
+  for (const auto& [a, b, c] : oblique.triangles()) {
+    const Vec3 x = lerp(lerp(torus.vertices[a], torus.vertices[b], 0.3), torus.vertices[c], 0.4);
+    EXPECT_EQ(found_at(oblique, x).winding, 1) << "on a face, up to the rounding of its coordinates";
+  }
 }
 
 const StretchedNormal::Corners some_triangle{{{0.1, 0.2, 0.3}, {1.2, 0.1, 0.5}, {0.4, 0.9, -0.2}}};
