@@ -146,7 +146,7 @@ TEST(MirroredSystem, IsTheWholeModel) {
       }
     }
     EXPECT_LT(off, name.find("MESH") == std::string::npos ? 1e-9 : 1e-7) << name;
-    EXPECT_GT(farthest, 0.5) << name;
+    EXPECT_GT(farthest, 0.2) << name;
     if (name == "shell" || name == "ffd") {
       EXPECT_LT(uneven, 1e-8) << name << ": the whole model is not even";
     }
@@ -251,7 +251,7 @@ TEST(MirroredSystem, VolumesKeepTheirCells) {
 }
 
 TEST(MirroredSystem, EstimatesBoundWhatIsTaken) {
-  const auto half = shared(test::bumpy_sheet(91, 46));
+  const auto half = shared(test::bumpy_sheet(41, 21));
   for (const auto& [name, method] : methods()) {
     SCOPED_TRACE(name);
     const deform::Setup setup = half_setup(method);
@@ -262,7 +262,7 @@ TEST(MirroredSystem, EstimatesBoundWhatIsTaken) {
     EXPECT_EQ(expected.constraint_points, info.constraint_points);
     EXPECT_EQ(info.points, half->point_count());
     EXPECT_EQ(info.points, info.handle_points + info.fixed_points + info.deformable_points);
-    EXPECT_THAT(info.notes, testing::Contains(testing::HasSubstr("with its mirror images: 8281 points instead of 4186")));
+    EXPECT_THAT(info.notes, testing::Contains(testing::HasSubstr("with its mirror images: 1681 points instead of 861")));
   }
 }
 
@@ -279,7 +279,7 @@ TEST(MirroredSystem, RefusesWhatLeavesThePlane) {
                      [&] { system->jacobian_vector(still, away, {}); });
   test::expect_error(ErrorCode::invalid_argument, {"variable \"away\"", "point 17", "symmetry[0]"},
                      [&] { system->vector_jacobian(still, Points(half->point_count()), {}); });
-  test::expect_error(ErrorCode::invalid_argument, {"designs[0]", "motions[0]", "expected 10 vectors"}, [&] {
+  test::expect_error(ErrorCode::invalid_argument, {"designs[0]", "motions[0]", "expected 9 vectors"}, [&] {
     system->evaluate({{}, {{1, std::vector<Vec3>(3)}}});
   });
   test::expect_error(ErrorCode::failed_precondition, {"cannot be compiled", "mirror images"}, [&] { CompiledForm form(system); });
