@@ -16,9 +16,9 @@ namespace deform {
 
 MirroredMesh::MirroredMesh(const Mesh& half, const Symmetry& symmetry) : symmetry_(symmetry) {
   const std::size_t n = half.point_count(), images = std::size_t{1} << symmetry.planes();
-  if (images * n > std::numeric_limits<PointId>::max()) {
-    refuse_argument("symmetry: with its mirror images the mesh has more than " +
-                    std::to_string(std::numeric_limits<PointId>::max()) + " points");
+  constexpr std::size_t most = std::numeric_limits<PointId>::max();
+  if (images * n > most) {
+    refuse_argument("symmetry: with its mirror images the mesh has more than " + std::to_string(most) + " points");
   }
   on_.resize(n);
   for (std::size_t i = 0; i < n; ++i) on_[i] = static_cast<std::uint8_t>(symmetry.on(static_cast<PointId>(i)));
