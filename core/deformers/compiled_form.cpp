@@ -11,6 +11,7 @@
 #include "core/compiled/coded_fields.h"
 #include "core/deformers/handles/handle_system.h"
 #include "core/deformers/methods.h"
+#include "core/deformers/mirrored_system.h"
 #include "core/numerics/interpolation/interpolator.h"
 
 namespace deform {
@@ -28,6 +29,9 @@ static_assert(compiled::fixed_region == fixed_region && compiled::following_regi
 
 CompiledForm::CompiledForm(const std::shared_ptr<const System>& system)
     : system_(std::dynamic_pointer_cast<const HandleSystem>(system)) {
+  if (std::dynamic_pointer_cast<const MirroredSystem>(system) != nullptr) {
+    refuse_form("it deforms a half model with its mirror images; use method rbf, or compile the whole model");
+  }
   if (system_ == nullptr) refuse_form("its method has no handle basis");
   const Setup& setup = system_->setup_;
   if (!setup.constraints.empty()) {
@@ -35,7 +39,7 @@ CompiledForm::CompiledForm(const std::shared_ptr<const System>& system)
         "with constraints the points are no linear function of the motions of the handles, and every design is solved for; "
         "leave the constraints out, or evaluate on the server");
   }
-  if (!system_->has_basis()) refuse_form("it was prepared without a handle basis; prepare it with basis BASIS_ALWAYS");
+  if (!system_->has_basis()) refuse_form(system_->without_basis());
   if (setup.variables.empty()) refuse_form("its setup has no design variables");
   const SystemInfo& info = system_->info();
   content_.method = with_method(setup, []<Method M>(const typename M::Options&) { return std::string(M::name); });

@@ -16,7 +16,7 @@ namespace deform {
 
 /// The optional parts of a setup that a method supports.
 struct MethodFeatures {
-  bool symmetry = false;     ///< symmetry planes
+  bool symmetry = false;     ///< symmetry planes of its own; other methods deform the model with its images, see MirroredSystem
   bool constraints = false;  ///< geometric constraints
 };
 

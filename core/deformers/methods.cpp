@@ -31,8 +31,12 @@ void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems) {
                   field + ": method." + std::string(M::name) + " does not take " + what + "; use " + use);
     };
     problems.check("method", [&] {
-      if (!setup.symmetry.empty() && !M::features.symmetry) {
-        refuse("symmetry", "symmetry planes", methods_with(&MethodFeatures::symmetry) + ", or deform the whole model");
+      if (setup.symmetry.empty() || M::features.symmetry) return;
+      if (selects_controls(setup)) {
+        refuse("symmetry", "symmetry planes with control CONTROLS", "motions of control points that are symmetric themselves");
+      }
+      if (!setup.constraints.empty()) {
+        refuse("symmetry", "symmetry planes together with constraints", "the whole model");
       }
     });
     problems.check("method", [&] {

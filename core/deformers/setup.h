@@ -175,15 +175,26 @@ enum class CageControl {
   mesh,      ///< direct manipulation, as FfdControl::mesh
 };
 
+/// The coordinates of points in a cage.
+enum class CageCoordinates {
+  mean_value,  ///< see MeanValue: inside and outside of the cage
+  /// See Green: inside of the cage only. They also follow the normals of its triangles, so details are turned instead of sheared,
+  /// and points are no linear function of its vertices. Not with CageControl::mesh or basis_tolerance.
+  green,
+};
+
 /// Cage-based deformation (thesis 3.4): the displacement of a point is the sum of the displacements of the vertices of a cage,
-/// weighted with its mean value coordinates in the cage.
+/// weighted with its coordinates in the cage.
 struct CageOptions {
-  std::vector<Vec3> vertices;                           ///< vertices of the cage, model units; see Cage
-  std::vector<std::array<std::uint32_t, 3>> triangles;  ///< triangles of the cage
-  CageControl control = CageControl::controls;          ///< what determines the vertices
-  double clamp = 0;                                     ///< for CageControl::mesh, as FfdOptions::clamp
-  BasisMode basis = BasisMode::automatic;               ///< basis of the affine motions of the handles
-  double basis_tolerance = 0;                           ///< as RbfOptions::basis_tolerance
+  std::vector<Vec3> vertices;                                 ///< vertices of the cage, model units; see Cage
+  std::vector<std::array<std::uint32_t, 3>> triangles;        ///< triangles of the cage
+  CageControl control = CageControl::controls;                ///< what determines the vertices
+  double clamp = 0;                                           ///< for CageControl::mesh, as FfdOptions::clamp
+  CageCoordinates coordinates = CageCoordinates::mean_value;  ///< coordinates of points in the cage
+  /// The basis of the affine motions of the handles. For CageCoordinates::green, which have none, whether the coordinates of the
+  /// points are stored.
+  BasisMode basis = BasisMode::automatic;
+  double basis_tolerance = 0;  ///< as RbfOptions::basis_tolerance
 };
 
 /// A named region that is moved.

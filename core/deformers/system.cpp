@@ -8,6 +8,7 @@
 #include "core/base/parallel.h"
 #include "core/deformers/constrained/constraint_sets.h"
 #include "core/deformers/methods.h"
+#include "core/deformers/mirrored_system.h"
 
 namespace deform {
 
@@ -53,6 +54,7 @@ std::vector<Points> System::evaluate(std::span<const Design> designs, Evaluation
 
 Estimate estimate(const Mesh& mesh, const Setup& setup) {
   const SelectedRegions regions = validate(setup, mesh);
+  if (is_mirrored(setup)) return estimate_mirrored(mesh, setup, regions);
   Estimate expected = with_method(
       setup, [&]<Method M>(const typename M::Options& options) { return M::estimate(options, mesh, setup, regions); });
   expected.peak_bytes += std::min(expected.peak_bytes / 8, most_overhead);
@@ -77,6 +79,9 @@ std::shared_ptr<const System> prepare(std::shared_ptr<const Mesh> mesh, const Se
                                                 gibibytes(expected.factor_bytes) + ", basis " + gibibytes(expected.basis_bytes) +
                                                 "), available are " + gibibytes(memory_budget) + "; " + expected.advice);
     }
+  }
+  if (is_mirrored(setup)) {
+    return std::make_shared<const MirroredSystem>(std::move(mesh), setup, context, memory_budget);
   }
   return with_method(setup, [&]<Method M>(const typename M::Options& options) {
     return M::prepare(options, mesh, setup, context, memory_budget);

@@ -199,7 +199,7 @@ CageOptions cage_options(const v1::CageMethod& message) {
     refuse_field(path + ".file",
                  "only setup files name one; send the points and triangles of the cage as vertices and triangles");
   }
-  known(message.coordinates(), path + ".coordinates");
+  const v1::CageCoordinates coordinates = known(message.coordinates(), path + ".coordinates");
   const v1::FfdControl control = known(message.control(), path + ".control");
   if (control == v1::ENERGY) refuse_field(path + ".control", "a cage has no ENERGY; use CONTROLS or MESH");
   CageOptions options;
@@ -215,6 +215,7 @@ CageOptions cage_options(const v1::CageMethod& message) {
   for (std::size_t i = 0; i < 3 * options.triangles.size(); ++i) {
     options.triangles[i / 3][i % 3] = message.triangles(static_cast<int>(i));
   }
+  options.coordinates = coordinates == v1::GREEN ? CageCoordinates::green : CageCoordinates::mean_value;
   options.control = control == v1::MESH ? CageControl::mesh : CageControl::controls;
   options.clamp = finite(message.clamp(), path + ".clamp");
   options.basis = basis_mode(message.basis(), path + ".basis");
@@ -310,7 +311,7 @@ void canonicalize_ffd(v1::FfdMethod& ffd) {
 
 void canonicalize_cage(v1::CageMethod& cage) {
   cage.clear_file();
-  cage.set_coordinates(v1::MEAN_VALUE);
+  if (cage.coordinates() != v1::GREEN) cage.set_coordinates(v1::MEAN_VALUE);
   if (cage.control() != v1::MESH) cage.set_control(v1::CONTROLS);
   if (cage.control() != v1::MESH || cage.clamp() == 0) cage.set_clamp(0);  // ignored, or -0.0
   cage.set_basis_tolerance(canonical_basis_tolerance(cage.basis(), cage.basis_tolerance()));

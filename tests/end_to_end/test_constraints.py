@@ -168,8 +168,8 @@ class Constraints(EndToEnd):
             self.fails(1, "prepare", "options.yaml", says=["constraint_options." + says[0], says[1]])
             self.write("options.yaml", setup("{mls: {}}", f"constraint_options: {options}"))
             self.fails(1, "prepare", "options.yaml", "--check", says=["constraint_options." + says[0], says[1]])
-        self.write("mirror.yaml", setup("{mls: {}}", "symmetry: [{point: [0, 0, 0], normal: [0, 1, 0]}]"))
-        self.fails(1, "prepare", "mirror.yaml", "--check", says=["symmetry", "method.mls", "method.rbf"])
+        self.write("mirror.yaml", setup("{mls: {}}", f"{CIRCLE}\nsymmetry: [{{point: [0, 0, 0], normal: [0, 1, 0]}}]"))
+        self.fails(1, "prepare", "mirror.yaml", "--check", says=["symmetry", "method.mls", "constraints"])
 
     def test_ids_do_not_depend_on_spelling_defaults_out(self):
         self.write("plate.obj", plate())

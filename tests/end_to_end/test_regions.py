@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`deform regions`: what moves, stays and follows, in colours; the region `boundary` from YAML through the wire."""
 
+import math
 import re
 import struct
 
@@ -339,6 +340,17 @@ class Regions(EndToEnd):
         self.fails(1, "prepare", self.write("open.yaml", CAGE_SETUP.replace("cage.obj", "open.obj")), says=["method.cage.vertices[3]"])
         self.fails(1, "prepare", self.write("none.yaml", CAGE_SETUP.replace("cage.obj", "none.obj")), says=["method.cage.file", "none.obj"])
         self.fails(1, "regions", "cage.yaml", "-o", "a.vtp", says=["CONTROLS", "deform lattice"])
+        # Green coordinates: a turn of the whole cage is one of all points; points outside are named; there is nothing to compile.
+        green = CAGE_SETUP.replace("cage.obj}", "cage.obj, coordinates: GREEN}")
+        self.write("green.yaml", green.replace("translate: [0, 0, 1]", "rotate: {axis: [0, 0, 1]}"))
+        self.deform("apply", "green.yaml", "--set", "tail_up=0.2", "--set", "nose_up=0.2", "-o", "turned.obj")
+        c, s = math.cos(0.2), math.sin(0.2)
+        for (x, y, z), after in zip(points("ahmed.obj"), points("turned.obj")):
+            for expected, got in zip((c * x - s * y, s * x + c * y, z), after):
+                self.assertAlmostEqual(got, expected, delta=2e-6)
+        self.fails(1, "compile", "green.yaml", "-o", "green.deformation", says=["cannot be compiled", "Green coordinates", "MEAN_VALUE"])
+        self.fails(1, "prepare", self.write("out.yaml", green.replace("cage.obj", "far.obj")), "--check", says=["GREEN", "outside", "the first is 0"])
+        self.fails(1, "prepare", self.write("by_mesh.yaml", green.replace("GREEN}", "GREEN, control: MESH}")), says=["GREEN", "CONTROLS"])
 
     # ---- volumes ----
 

@@ -177,9 +177,13 @@ TEST(ConvertMethod, Cage) {
       std::get<CageOptions>(setup_from_proto(cage_message(cage_json(R"(, "control": "MESH", "clamp": 1e-3)")), 10).method);
   EXPECT_EQ(direct.control, CageControl::mesh);
   EXPECT_EQ(direct.clamp, 1e-3);
+  EXPECT_EQ(direct.coordinates, CageCoordinates::mean_value);
+  const auto green = std::get<CageOptions>(setup_from_proto(cage_message(cage_json(R"(, "coordinates": "GREEN")")), 10).method);
+  EXPECT_EQ(green.coordinates, CageCoordinates::green);
 
   const auto id = [](const std::string& json) { return system_id(canonical_setup(cage_message(json), "geometry")); };
   EXPECT_EQ(id(cage_json("")), id(cage_json(R"(, "coordinates": "MEAN_VALUE", "control": "CONTROLS", "basisTolerance": -0.0)")));
+  EXPECT_NE(id(cage_json("")), id(cage_json(R"(, "coordinates": "GREEN")")));
   EXPECT_NE(id(cage_json("")), id(cage_json(R"(, "basis": "BASIS_NEVER")")));
   EXPECT_EQ(id(cage_json("")), id(cage_json(R"(, "clamp": 0.1)")));
   EXPECT_NE(id(cage_json("")), id(cage_json(R"(, "control": "MESH")")));

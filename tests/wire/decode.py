@@ -393,7 +393,8 @@ def canonical_method(method, flat):
         return canonical_rbf(chosen, flat)
     if kind == "cage":
         chosen.file = ""
-        chosen.coordinates = setup_pb2.MEAN_VALUE
+        if chosen.coordinates != setup_pb2.GREEN:
+            chosen.coordinates = setup_pb2.MEAN_VALUE
         if chosen.control == setup_pb2.MESH:
             instead_of_zero(chosen, "clamp", 0)
         else:

@@ -93,6 +93,9 @@ constexpr SetupCase cases[] = {
     {"cage by direct manipulation",
      R"({"method": {"cage": {"vertices": [0, 0, 0, 4, 0, 0, 0, 4, 0, 0, 0, 4.5], "triangles": [0, 2, 1, 0,
          1, 3, 0, 3, 2, 1, 2, 3], "control": "MESH", "clamp": 1e-4}}, "handles": [{"name": "a", "region": {"group": "g"}}]})"},
+    {"cage with Green coordinates",
+     R"({"method": {"cage": {"vertices": [0, 0, 0, 4, 0, 0, 0, 4, 0, 0, 0, 4.5], "triangles": [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2,
+         3], "coordinates": "GREEN"}}, "handles": [{"name": "a", "region": {"control": {"ids": [2, 0, 2]}}}]})"},
     {"regions", R"({"method": {"rbf": {}}, "handles": [
          {"name": "box", "region": {"box": {"min": [0, 0, 0], "max": [1, 2, 3]}}},
          {"name": "cylinder", "region": {"cylinder": {"start": [0, 0, 0], "end": [0, 0, 1], "radius": 0.5}}},

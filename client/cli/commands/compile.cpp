@@ -122,6 +122,16 @@ void check_compilable(const v1::Setup& setup) {
         "leave the constraints out, or evaluate on the server");
   }
   if (setup.variables_size() == 0) refuse("it has no design variables; add `variables` to it");
+  const v1::Method::KindCase kind = setup.method().kind_case();
+  if (setup.symmetry_size() > 0 && kind != v1::Method::kRbf && kind != v1::Method::KIND_NOT_SET) {
+    refuse("with symmetry planes its method deforms a half model with its mirror images; use method rbf, or compile the whole model");
+  }
+  if (setup.method().has_cage() && setup.method().cage().coordinates() == v1::GREEN) {
+    refuse(
+        "Green coordinates have no handle basis, as normals of the cage are no linear function of the motions of the handles; "
+        "use "
+        "coordinates MEAN_VALUE, or evaluate on the server");
+  }
   if (stores_no_basis(setup.method())) {
     refuse("with BASIS_NEVER it has no handle basis; leave that out, or give BASIS_ALWAYS");
   }
@@ -160,7 +170,7 @@ void add_compile_command(CLI::App& app, const CommonOptions& common, Action& cho
   command->add_option("--source", options->input.source, "Mesh file of a setup that names its geometry by id");
   command->footer(
       "The file holds the mesh's points, what the handles do to them, and the design variables with their bounds. Systems with\n"
-      "constraints or without a basis (BASIS_NEVER), and setups without design variables have no such form.\n"
+      "constraints or without a basis (BASIS_NEVER, Green coordinates), and setups without design variables have no such form.\n"
       "Examples:\n"
       "  deform compile setup.yaml -o car.deformation\n"
       "  deform apply car.deformation --set roof_up=0.03 -o out.obj");

@@ -204,7 +204,8 @@ GREEDY with samples: [{variables: [0.05, 0]}] puts them where those designs need
 manipulates a lattice directly (thesis 3.3), with clamp: 1e-4 and without constraints; {ffd: {control: CONTROLS}} is the classical FFD
 whose handles and fixed regions select control points: region: {lattice: {i: [0, 2], k: [4, 4]}} (first and last, all j) or
 {control: {ids: [7]}}, and lattice: {control_points: {file: moved.vtp}} starts from a lattice that was moved (`deform lattice`);
-{cage: {file: cage.obj}}, a closed mesh of triangles (`deform cage mesh` makes one) whose vertices handles move in the same way, control: {ids: [7]}; with control: MESH handles are regions of the mesh. With energies constraints: [{name: bore, circular: {}, regions: [{group: bore}]}];
+{cage: {file: cage.obj}}, a closed mesh of triangles (`deform cage mesh` makes one) whose vertices handles move in the same way, control: {ids: [7]}; with control: MESH handles are regions of the mesh, and
+with coordinates: GREEN points also follow the normals of the cage, around all of them. With energies constraints: [{name: bore, circular: {}, regions: [{group: bore}]}];
 kinds )" +
          names_of(*v1::Constraint::descriptor()) +
          R"(;

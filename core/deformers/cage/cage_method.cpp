@@ -5,7 +5,9 @@
 #include <utility>
 #include <vector>
 
+#include "core/base/parallel.h"
 #include "core/deformers/cage/cage_model.h"
+#include "core/deformers/cage/green_system.h"
 #include "core/deformers/ffd/clamped_inverse.h"
 #include "core/deformers/ffd/direct_system.h"
 #include "core/deformers/handles/control_system.h"
@@ -55,6 +57,54 @@ Estimate estimate_mesh(const CageOptions& options, const Mesh& mesh, const Selec
   return estimate;
 }
 
+Estimate estimate_green(const CageOptions& options, const Mesh& mesh, const SelectedRegions& regions) {
+  const Cage cage = cage_of(options);
+  const std::size_t n = mesh.point_count(), coordinates = green_bytes(cage, regions, n);
+  const bool stored = wants_basis(options.basis, coordinates, 0);
+  Estimate estimate;
+  estimate.samples = cage.size();
+  estimate.constraint_points = regions.fixed.size();
+  for (const auto& handle : regions.handles) estimate.constraint_points += handle.size();
+  estimate.resident_bytes = (stored ? coordinates : 0) + green_overhead_bytes(cage) + n * sizeof(PointId) +
+                            point_bytes(n + cage.size(), regions.symmetry);
+  estimate.peak_bytes = estimate.resident_bytes + n * sizeof(PointId);  // points outside
+  estimate.seconds = static_cast<double>(n) * seconds_per_row(cage) / thread_count({});
+  estimate.notes = {size_note(cage)};
+  if (!stored) estimate.notes.push_back("No coordinates will be stored: every design computes those of all points again.");
+  add_place_notes(cage, mesh, estimate.notes);
+  estimate.advice = stored ? "use fewer handle vertices or basis BASIS_NEVER" : "use a coarser cage";
+  return estimate;
+}
+
+void validate_green(const CageOptions& options, const Mesh& mesh) {
+  if (options.control == CageControl::mesh) {
+    refuse_argument(
+        "method.cage.coordinates: GREEN go with control CONTROLS only, as points are no linear function of the vertices, which "
+        "direct "
+        "manipulation needs; use coordinates MEAN_VALUE or control CONTROLS");
+  }
+  if (options.basis_tolerance != 0) {
+    refuse_argument("method.cage.basis_tolerance: coordinates GREEN have no handle basis; leave it out");
+  }
+  const Box cage = bounding_box(options.vertices);
+  const double rounding = 1e-12 * cage.diagonal();
+  std::size_t outside = 0, first = 0;
+  for (std::size_t i = mesh.point_count(); i-- > 0;) {
+    bool beyond = false;
+    for (std::size_t k = 0; k < 3; ++k) {
+      beyond = beyond || mesh.points[i][k] < cage.min[k] - rounding || mesh.points[i][k] > cage.max[k] + rounding;
+    }
+    if (!beyond) continue;
+    ++outside;
+    first = i;
+  }
+  if (outside > 0) {
+    refuse_argument("method.cage.coordinates: GREEN exist only inside of the cage, but " + std::to_string(outside) +
+                    " points of the mesh lie outside of its box, the first is " + std::to_string(first) +
+                    "; use a cage around all points, which `deform cage mesh` makes, or coordinates MEAN_VALUE");
+  }
+}
+
 std::shared_ptr<const System> prepare_mesh(const CageOptions& options, const std::shared_ptr<const Mesh>& mesh,
                                            const Setup& setup, const RunContext& context, std::size_t memory_budget) {
   const auto make = [&](const std::vector<RegionIndex>& region_of) {
@@ -78,9 +128,10 @@ std::shared_ptr<const System> prepare_mesh(const CageOptions& options, const std
 
 }  // namespace
 
-void CageMethod::validate(const CageOptions& options, const Setup&, const Mesh&) {
+void CageMethod::validate(const CageOptions& options, const Setup&, const Mesh& mesh) {
   cage_of(options);
   check_basis_tolerance(options.basis_tolerance, "method.cage.basis_tolerance");
+  if (options.coordinates == CageCoordinates::green) validate_green(options, mesh);
   if (options.control == CageControl::controls) return;
   if (options.vertices.size() > ClampedInverse::most_functions) {
     refuse_argument("method.cage.control: MESH takes cages of at most " + std::to_string(ClampedInverse::most_functions) +
@@ -92,8 +143,14 @@ void CageMethod::validate(const CageOptions& options, const Setup&, const Mesh&)
 }
 
 Estimate CageMethod::estimate(const CageOptions& options, const Mesh& mesh, const Setup&, const SelectedRegions& regions) {
-  Estimate estimate =
-      options.control == CageControl::mesh ? estimate_mesh(options, mesh, regions) : estimate_controls(options, mesh, regions);
+  Estimate estimate;
+  if (options.control == CageControl::mesh) {
+    estimate = estimate_mesh(options, mesh, regions);
+  } else if (options.coordinates == CageCoordinates::green) {
+    estimate = estimate_green(options, mesh, regions);
+  } else {
+    estimate = estimate_controls(options, mesh, regions);
+  }
   // Cages that are checked, and the search for points outside.
   const std::size_t triangles = options.triangles.size();
   estimate.peak_bytes += 4 * Cage::bytes_for(options.vertices.size(), triangles) + WindingNumber::bytes_for(triangles);
@@ -104,6 +161,9 @@ std::shared_ptr<const System> CageMethod::prepare(const CageOptions& options, co
                                                   const Setup& setup, const RunContext& context, std::size_t memory_budget) {
   if (options.control == CageControl::mesh) return prepare_mesh(options, mesh, setup, context, memory_budget);
   deform::validate(setup, *mesh);
+  if (options.coordinates == CageCoordinates::green) {
+    return std::make_shared<const GreenSystem>(mesh, setup, options, context);
+  }
   ControlModel model = cage_model(options, mesh);
   add_outside_note(cage_of(options), *mesh, context, model.notes);
   return std::make_shared<const ControlSystem>(mesh, setup, std::move(model), basis_options(options), context);

@@ -75,6 +75,10 @@ HandleSystem::HandleSystem(Held held, const Setup& setup, HandleMode handles, Un
   info_.deformable_points = points_.deformable.size();
 }
 
+std::string HandleSystem::without_basis() const {
+  return "it was prepared without a handle basis; prepare it with basis BASIS_ALWAYS";
+}
+
 std::array<double, 4> HandleSystem::handle_fields(std::size_t handle, PointId id) const {
   const HandleFrame& frame = frames_[handle];
   const Vec3 x = box_.to_unit(held_mesh_->points[id]) - frame.reference;

@@ -53,6 +53,8 @@ class HandleSystem : public System {
   /// without a basis: 4H x 3, row-major, from one vector for each following point.
   virtual std::vector<double> adjoint(std::span<const double> variables, const std::vector<Vec3>& at_following,
                                       const RunContext& context) const = 0;
+  /// Why a system without a basis cannot be compiled, and what to do.
+  virtual std::string without_basis() const;
 
   /// Whether handle and fixed points are met exactly.
   bool hard_handles() const { return handles_ == HandleMode::hard; }

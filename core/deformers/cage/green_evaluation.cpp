@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/deformers/cage/green_evaluation.h"
+
+#include <algorithm>
+#include <string>
+
+#include "core/base/vectors.h"
+#include "core/deformers/cage/green_scratch.h"
+
+namespace deform {
+
+GreenEvaluation::GreenEvaluation(std::shared_ptr<const GreenSystem> system, std::span<const Design> designs, EvaluationPath path,
+                                 const RunContext& context)
+    : HandleEvaluation(system, designs, path, context),
+      system_(*system),
+      changes_(3 * system_.columns_.size() * designs.size(), 0.0) {
+  const auto& [vertices, triangles] = system_.columns_;
+  for_each_direct(context, [&](std::size_t i) {
+    const std::vector<Vec3> displacements = system_.displacements(designs_[i], MotionKind::position);
+    const std::vector<Vec3> moved = system_.moved(displacements, "designs[" + std::to_string(i) + "]");
+    double farthest = 0, stretched = 0;
+    for (std::size_t v = 0; v < vertices.size(); ++v) {
+      set_row(v, i, displacements[vertices[v]]);
+      farthest = std::max(farthest, norm(displacements[vertices[v]]));
+    }
+    for (std::size_t t = 0; t < triangles.size(); ++t) {
+      const Vec3 change = system_.normals_[t].change(system_.corners(triangles[t], moved));
+      set_row(vertices.size() + t, i, change);
+      stretched = std::max(stretched, norm(change));
+    }
+    reports_[i].control_displacement = reports_[i].prescribed_displacement;
+    set_error(i, system_.rounding_ * (farthest + system_.cage_.diagonal() * stretched));
+  });
+  find_moving_rows();
+}
+
+GreenEvaluation::GreenEvaluation(std::shared_ptr<const GreenSystem> system, std::span<const double> variables,
+                                 const std::vector<Affine>& derivatives)
+    : HandleEvaluation(system, derivatives), system_(*system), changes_(3 * system_.columns_.size(), 0.0) {
+  const auto& [vertices, triangles] = system_.columns_;
+  const std::vector<Vec3> moved = system_.moved_by(variables);
+  const std::vector<Vec3> rates = system_.displacements(designs_[0], MotionKind::derivative);
+  for (std::size_t v = 0; v < vertices.size(); ++v) set_row(v, 0, rates[vertices[v]]);
+  for (std::size_t t = 0; t < triangles.size(); ++t) {
+    const std::size_t triangle = triangles[t];
+    set_row(vertices.size() + t, 0, system_.normals_[t].rate(system_.corners(triangle, moved), system_.corners(triangle, rates)));
+  }
+  find_moving_rows();
+}
+
+void GreenEvaluation::set_row(std::size_t row, std::size_t design, const Vec3& value) {
+  std::copy(value.begin(), value.end(), changes_.begin() + static_cast<std::ptrdiff_t>(3 * (row * designs_.size() + design)));
+}
+
+void GreenEvaluation::find_moving_rows() {
+  const std::size_t width = 3 * designs_.size();
+  for (std::size_t row = 0; row < system_.columns_.size(); ++row) {
+    const auto begin = changes_.begin() + static_cast<std::ptrdiff_t>(row * width);
+    const bool still = std::all_of(begin, begin + static_cast<std::ptrdiff_t>(width), [](double c) { return c == 0; });
+    if (!still) moving_rows_.push_back(static_cast<std::uint32_t>(row));
+  }
+}
+
+void GreenEvaluation::direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const {
+  std::fill_n(values, 3 * count * tile_size, 0.0);
+  if (moving_rows_.empty()) return;
+  GreenSystem::Scratch scratch;
+  const double* const coordinates = system_.tile(tile, scratch);
+  tile_product(coordinates, system_.columns_.size(), moving_rows_, changes_.data() + 3 * first, 3 * designs_.size(), 3 * count,
+               values);
+}
+
+}  // namespace deform

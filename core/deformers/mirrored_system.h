@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/deformers/mirrored_mesh.h"
+#include "core/deformers/setup.h"
+#include "core/deformers/system.h"
+
+namespace deform {
+
+/// A half model with its images: symmetry planes for methods that have none of their own (MethodFeatures::symmetry). The system
+/// of the whole model is prepared, with a copy of each handle for each image, which moves as its mirror image. The displacement
+/// of a point is the mean of those of its images, mirrored back, so that the result is symmetric to rounding, although centres,
+/// samples and sums are not. Points on a plane stay in it exactly.
+class MirroredSystem : public System {
+ public:
+  /// Throws what prepare() throws for the whole model; ids in messages beyond the points of the half model are those of images.
+  MirroredSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context, std::size_t memory_budget);
+
+  const SystemInfo& info() const override { return info_; }
+  std::unique_ptr<const Evaluation> bind(std::span<const Design> designs, EvaluationPath path,
+                                         const RunContext& context) const override;
+  std::unique_ptr<const Evaluation> bind_sequence(std::span<const Design> designs, EvaluationPath path, WarmStart& warm,
+                                                  const RunContext& context) const override;
+  Points jacobian_vector(std::span<const double> variables, std::span<const double> direction,
+                         const RunContext& context) const override;
+  std::vector<double> vector_jacobian(std::span<const double> variables, const Points& cotangent,
+                                      const RunContext& context) const override;
+
+ private:
+  friend class MirroredEvaluation;
+
+  void fill_info();
+  /// With the motions of the copies of handles.
+  std::vector<Design> mirrored(std::span<const Design> designs) const;
+  /// Throws Error(invalid_argument) for handle points that leave their plane.
+  void check_sliding(const Design& design, std::size_t index) const;
+  void check_sliding(const std::vector<Affine>& derivative, const std::string& what) const;
+  /// The mean of the displacements of the images of a point.
+  template <typename DisplacementOf>
+  Vec3 mean(PointId id, const DisplacementOf& displacement_of) const;
+
+  const std::shared_ptr<const Mesh> mesh_;
+  const Setup setup_;
+  const SelectedRegions regions_;
+  const MirroredMesh mirrored_;
+  std::shared_ptr<const System> whole_;
+  SystemInfo info_;
+};
+
+/// Whether a setup has symmetry planes that its method leaves to MirroredSystem.
+bool is_mirrored(const Setup& setup);
+/// Estimates the cost of a MirroredSystem. The regions are those of validate().
+Estimate estimate_mirrored(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
+
+}  // namespace deform

@@ -1,0 +1,293 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Symmetry planes with every method: half models against whole ones that are made here, face by face.
+#include "core/deformers/mirrored_system.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <random>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/base/vectors.h"
+#include "core/deformers/compiled_form.h"
+#include "core/mesh/elements.h"
+#include "tests/core/deformers/energy_cases.h"
+#include "tests/core/deformers/estimate_bounds.h"
+#include "tests/core/deformers/mirrored.h"
+#include "tests/core/numerics/cages.h"
+#include "tests/support/expect_error.h"
+
+namespace deform {
+namespace {
+
+using test::shared;
+
+const SymmetryPlane plane_y{SymmetryPlane::Plane{{0.7, 0, 0.2}, {0, 2, 0}}};
+
+CageOptions cage_around() {
+  const test::CageMesh mesh = test::box_cage({-0.4, -1.5, -0.6}, {2.4, 1.4, 0.7});
+  CageOptions options;
+  options.vertices = mesh.vertices;
+  options.triangles = mesh.triangles;
+  options.control = CageControl::mesh;
+  options.clamp = 1e-6;
+  return options;
+}
+
+/// The methods, all without a tolerance of their own.
+std::vector<std::pair<std::string, decltype(Setup::method)>> methods() {
+  FfdOptions by_mesh;
+  by_mesh.control = FfdControl::mesh;
+  by_mesh.clamp = 1e-4;
+  SubspaceOptions subspace;
+  subspace.centres = 60;
+  MlsOptions mls;
+  mls.surface_samples = 80;
+  mls.volume_samples = 40;
+  return {{"shell", ShellOptions{}}, {"subspace", subspace}, {"mls", mls},
+          {"ffd", FfdOptions{}},     {"ffd MESH", by_mesh},  {"cage MESH", cage_around()}};
+}
+
+/// A half of a sheet: its handle "end" touches the plane y = 0, "middle" does not.
+deform::Setup half_setup(const decltype(deform::Setup::method)& method) {
+  deform::Setup setup = test::sheet_setup();
+  setup.method = method;
+  setup.handles.push_back({"middle", test::box({0.9, 0.4, -1}, {1.1, 0.6, 1})});
+  setup.variables.push_back({"up", "end", DesignVariable::Translate{{0.1, 0, 1}}});
+  setup.variables.push_back({"turn", "end", DesignVariable::Rotate{{0, 1, 0}, {1.8, 0.5, 0}}});
+  setup.variables.push_back({"grow", "middle", DesignVariable::Scale{{1, 0.5, 0}, {0, 1, 0.3}}});
+  setup.variables.push_back({"roll", "middle", DesignVariable::Rotate{{1, 0.4, 0.2}, {1, 0.5, 0}}});
+  setup.variables.back().also.push_back({"end", DesignVariable::Translate{{0.2, 0, -0.1}}});
+  setup.symmetry = {plane_y};
+  return setup;
+}
+
+const Design bent{{0.1, 0.8, 0.2, -0.6}, {}};
+
+Vec3 across(const Vec3& v) { return {v[0], -v[1], v[2]}; }
+
+/// The whole sheet, its images behind its points, and the motions of its handles as displacements.
+struct WholeSheet {
+  WholeSheet(const Mesh& half, const deform::Setup& of, const Design& at) : setup(of) {
+    const SelectedRegions regions = validate(of, half);
+    const std::vector<Affine> motions = handle_motions(of, at.variables);
+    Mesh whole = half;
+    for (std::size_t i = 0; i < half.point_count(); ++i) {
+      image.push_back(half.points[i][1] == 0 ? static_cast<PointId>(i) : static_cast<PointId>(whole.points.size()));
+      if (half.points[i][1] != 0) whole.points.push_back(across(half.points[i]));
+    }
+    std::size_t first = 0;
+    for (const std::uint32_t size : half.face_sizes) {
+      whole.face_sizes.push_back(size);
+      for (std::size_t c = size; c-- > 0;) whole.face_points.push_back(image[half.face_points[first + c]]);
+      first += size;
+    }
+    setup.symmetry.clear();
+    setup.variables.clear();
+    setup.fixed = {{Region::Ids{with_images(regions.fixed)}}};
+    setup.handles.clear();
+    for (std::size_t h = 0; h < regions.handles.size(); ++h) {
+      // Those of the half, then their images: separate handles, as centres and samples may depend on what is one.
+      std::vector<PointId> own;
+      for (const PointId id : regions.handles[h]) {
+        if (image[id] != id) own.push_back(image[id]);
+      }
+      setup.handles.push_back({of.handles[h].name, {Region::Ids{regions.handles[h]}}});
+      design.motions.push_back({h, motions[h]});
+      copies.push_back(own);
+    }
+    for (std::size_t h = 0; h < copies.size(); ++h) {
+      std::vector<Vec3> moved;
+      for (const PointId id : copies[h]) {
+        const Vec3 x = across(whole.points[id]);
+        moved.push_back(across(transformed(motions[h], x) - x));
+      }
+      design.motions.push_back({setup.handles.size(), std::move(moved)});
+      setup.handles.push_back({"copy of " + of.handles[h].name, {Region::Ids{copies[h]}}});
+    }
+    mesh = shared(std::move(whole));
+  }
+  std::vector<PointId> with_images(std::vector<PointId> ids) const {
+    const std::size_t count = ids.size();
+    for (std::size_t i = 0; i < count; ++i) {
+      if (image[ids[i]] != ids[i]) ids.push_back(image[ids[i]]);
+    }
+    return ids;
+  }
+
+  std::vector<PointId> image;
+  std::vector<std::vector<PointId>> copies;
+  std::shared_ptr<const Mesh> mesh;
+  deform::Setup setup;
+  Design design;
+};
+
+TEST(MirroredSystem, IsTheWholeModel) {
+  const auto half = shared(test::bumpy_sheet(21, 11));
+  for (const auto& [name, method] : methods()) {
+    const deform::Setup setup = half_setup(method);
+    const WholeSheet whole(*half, setup, bent);
+    const Points expected = prepare(whole.mesh, whole.setup)->evaluate(whole.design);
+    const Points got = prepare(half, setup)->evaluate(bent);
+    ASSERT_EQ(got.size(), half->point_count());
+    double off = 0, uneven = 0, farthest = 0;
+    for (std::size_t i = 0; i < got.size(); ++i) {
+      const Vec3 other = across(expected[whole.image[i]]);
+      off = std::max(off, distance(got[i], lerp(expected[i], other, 0.5)));
+      uneven = std::max(uneven, distance(expected[i], other));
+      farthest = std::max(farthest, distance(got[i], half->points[i]));
+      if (half->points[i][1] == 0) {
+        EXPECT_EQ(got[i][1], 0) << name << ": a point leaves the plane";
+      }
+      if (half->points[i][0] <= 0.3 && name.find("MESH") == std::string::npos) {
+        EXPECT_LT(distance(got[i], half->points[i]), 1e-12) << name;
+      }
+    }
+    EXPECT_LT(off, name.find("MESH") == std::string::npos ? 1e-9 : 1e-7) << name;
+    EXPECT_GT(farthest, 0.2) << name;
+    if (name == "shell" || name == "ffd") {
+      EXPECT_LT(uneven, 1e-8) << name << ": the whole model is not even";
+    }
+  }
+}
+
+TEST(MirroredSystem, JacobianProductsAndPopulations) {
+  const auto half = shared(test::bumpy_sheet(21, 11));
+  for (const auto& [name, method] : methods()) {
+    SCOPED_TRACE(name);
+    const auto system = prepare(half, half_setup(method));
+    test::check_jacobians(*system, 1e-11, 1e-6);
+    std::vector<Design> designs(3, bent);
+    for (std::size_t i = 0; i < designs.size(); ++i) designs[i].variables[i] += 0.1;
+    const std::vector<Points> together = system->evaluate(designs);
+    for (std::size_t i = 0; i < designs.size(); ++i) EXPECT_EQ(system->evaluate(designs[i]), together[i]);
+    const Points rates = system->jacobian_vector(bent.variables, designs[0].variables, {});
+    for (std::size_t i = 0; i < rates.size(); ++i) {
+      if (half->points[i][1] == 0) {
+        EXPECT_EQ(rates[i][1], 0);
+      }
+    }
+    const Points rest = system->evaluate(Design{{0, 0, 0, 0}, {}});
+    EXPECT_LT(test::distance(rest, half->points), 1e-15);
+  }
+}
+
+TEST(MirroredSystem, TakesDisplacementsPerPoint) {
+  const auto half = shared(test::bumpy_sheet(21, 11));
+  const deform::Setup setup = half_setup(ShellOptions{});
+  const SelectedRegions regions = validate(setup, *half);
+  const std::vector<Affine> motions = handle_motions(setup, bent.variables);
+  Design per_point;
+  for (std::size_t h = 0; h < 2; ++h) {
+    std::vector<Vec3> displacements;
+    for (const PointId id : regions.handles[h])
+      displacements.push_back(transformed(motions[h], half->points[id]) - half->points[id]);
+    per_point.motions.push_back({h, std::move(displacements)});
+  }
+  const Design by_maps{{}, {{1, motions[1]}, {0, motions[0]}}};
+  const auto system = prepare(half, setup);
+  const Points expected = system->evaluate(bent);
+  EXPECT_LT(test::distance(system->evaluate(per_point), expected), 1e-10);
+  EXPECT_LT(test::distance(system->evaluate(by_maps), expected), 1e-10);
+}
+
+// Three oblique planes, with the helper that the tests of rbf have.
+TEST(MirroredSystem, SeveralPlanesInAnyDirection) {
+  for (const std::size_t planes : {1u, 2u, 3u}) {
+    const test::HalfModel model(planes, test::oblique());
+    const test::WholeModel whole(model);
+    deform::Setup half = model.setup, all = whole.setup;
+    FfdOptions ffd;
+    ffd.lattice.frame = LatticeFrame{model.frame.point({-1.3, -1.3, -1.3}),
+                                     {{2.6 * model.frame.axes[0], 2.6 * model.frame.axes[1], 2.6 * model.frame.axes[2]}}};
+    ffd.lattice.points = {9, 9, 9};
+    half.method = all.method = ffd;
+    const Points got = prepare(model.half, half)->evaluate(model.design());
+    const Points expected = prepare(whole.whole, all)->evaluate(whole.design);
+    for (std::size_t i = 0; i < got.size(); ++i)
+      EXPECT_LT(distance(got[i], expected[i]), 1e-8) << planes << " planes, point " << i;
+    EXPECT_LT(model.out_of_planes(got), 1e-14 * norm(model.frame.origin) + 1e-15);
+  }
+}
+
+TEST(MirroredSystem, VolumesKeepTheirCells) {
+  Mesh mesh;
+  for (int k = 0; k < 3; ++k) {
+    for (int j = 0; j < 3; ++j) {
+      for (int i = 0; i < 3; ++i) mesh.points.push_back({double(i), double(j), double(k)});
+    }
+  }
+  auto elements = std::make_shared<Elements>();
+  for (PointId k = 0; k < 2; ++k) {
+    for (PointId j = 0; j < 2; ++j) {
+      for (PointId i = 0; i < 2; ++i) {
+        const PointId a = i + 3 * j + 9 * k;
+        const std::vector<PointId> nodes{a, a + 1, a + 4, a + 3, a + 9, a + 10, a + 13, a + 12};
+        elements->add(ElementType::hexahedron, nodes);
+      }
+    }
+  }
+  mesh.elements = elements;
+  // A face in the plane, and one beside it.
+  mesh.face_sizes = {4, 4};
+  mesh.face_points = {0, 9, 12, 3, 0, 1, 10, 9};
+  const std::vector<SymmetryPlane> planes{{SymmetryPlane::Plane{{0, 0, 0}, {1, 0, 0}}},
+                                          {SymmetryPlane::Plane{{0, 2, 0}, {0, 1, 0}}}};
+  const MirroredMesh mirrored(mesh, Symmetry(planes, mesh));
+  const Mesh& whole = *mirrored.mesh();
+  EXPECT_EQ(mirrored.images(), 4u);
+  EXPECT_EQ(whole.point_count(), 5u * 5u * 3u);
+  EXPECT_EQ(whole.cell_count(), 4u * 8u);
+  EXPECT_EQ(whole.face_count(), 4u) << "without that in the plane";
+  EXPECT_NO_THROW(whole.validate());
+  EXPECT_EQ(mirrored.image(0, 1), 0u) << "on the plane";
+  EXPECT_EQ(whole.points[mirrored.image(1, 1)], (Vec3{-1, 0, 0}));
+  EXPECT_EQ(whole.points[mirrored.image(1, 3)], (Vec3{-1, 4, 0}));
+  EXPECT_EQ(whole.points[mirrored.image(0, 3)], (Vec3{0, 4, 0}));
+  EXPECT_TRUE(mirrored.is_own(0, 2));
+  EXPECT_FALSE(mirrored.is_own(0, 3));
+}
+
+TEST(MirroredSystem, EstimatesBoundWhatIsTaken) {
+  const auto half = shared(test::bumpy_sheet(41, 21));
+  for (const auto& [name, method] : methods()) {
+    SCOPED_TRACE(name);
+    const deform::Setup setup = half_setup(method);
+    const Estimate expected = estimate(*half, setup);
+    const SystemInfo info = prepare(half, setup)->info();
+    EXPECT_GE(expected.resident_bytes, info.bytes);
+    EXPECT_GE(expected.peak_bytes, expected.resident_bytes);
+    EXPECT_EQ(expected.constraint_points, info.constraint_points);
+    EXPECT_EQ(info.points, half->point_count());
+    EXPECT_EQ(info.points, info.handle_points + info.fixed_points + info.deformable_points);
+    EXPECT_THAT(info.notes, testing::Contains(testing::HasSubstr("with its mirror images: 1681 points instead of 861")));
+  }
+}
+
+TEST(MirroredSystem, RefusesWhatLeavesThePlane) {
+  const auto half = shared(test::bumpy_sheet(21, 11));
+  deform::Setup setup = half_setup(ShellOptions{});
+  setup.variables.push_back({"away", "end", DesignVariable::Translate{{0, 1, 0}}});
+  const auto system = prepare(half, setup);
+  const std::vector<double> at{0, 0, 0, 0, 0.1}, still(5, 0.0), away{0, 0, 0, 0, 1};
+  const std::vector<Design> designs{{still, {}}, {at, {}}};
+  test::expect_error(ErrorCode::invalid_argument, {"designs[1]", "point 17", "\"end\"", "symmetry[0]", "0.1", "`difference`"},
+                     [&] { system->evaluate(designs); });
+  test::expect_error(ErrorCode::invalid_argument, {"direction", "point 17", "symmetry[0]"},
+                     [&] { system->jacobian_vector(still, away, {}); });
+  test::expect_error(ErrorCode::invalid_argument, {"variable \"away\"", "point 17", "symmetry[0]"},
+                     [&] { system->vector_jacobian(still, Points(half->point_count()), {}); });
+  test::expect_error(ErrorCode::invalid_argument, {"designs[0]", "motions[0]", "expected 9 vectors"}, [&] {
+    system->evaluate({{}, {{1, std::vector<Vec3>(3)}}});
+  });
+  test::expect_error(ErrorCode::failed_precondition, {"cannot be compiled", "mirror images"}, [&] { CompiledForm form(system); });
+
+  deform::Setup lattice = half_setup(FfdOptions{});
+  std::get<FfdOptions>(lattice.method).lattice.frame = LatticeFrame{{-0.5, -0.5, -1}, {{{3, 0, 0}, {0, 2, 0}, {0, 0, 2}}}};
+  test::expect_error(ErrorCode::invalid_argument, {"outside", "mirror images", "from 231 on"}, [&] { prepare(half, lattice); });
+}
+
+}  // namespace
+}  // namespace deform
