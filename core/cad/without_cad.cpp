@@ -1,15 +1,26 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/base/error.h"
+#include "core/cad/cad_apply.h"
 #include "core/cad/cad_move.h"
 
 namespace deform::cad {
 
-bool available() { return false; }
+namespace {
 
-CarriedNodes carry_nodes(const Mesh&, const MoveRequest&, const RunContext&) {
+[[noreturn]] void refuse() {
   throw Error(ErrorCode::failed_precondition,
               "this program was built without CAD: install libocct-data-exchange-dev, libocct-modeling-algorithms-dev, "
               "libocct-modeling-data-dev and libocct-foundation-dev, and build it with -DDEFORM_WITH_CAD=ON");
 }
+
+}  // namespace
+
+bool available() { return false; }
+
+CarriedNodes carry_nodes(const Mesh&, const MoveRequest&, const RunContext&) { refuse(); }
+
+void ApplyRequest::validate() const {}
+
+DeformedModel apply_to_model(const ApplyRequest&, const SpaceMap&, const RunContext&) { refuse(); }
 
 }  // namespace deform::cad

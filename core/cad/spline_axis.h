@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+namespace deform::cad {
+
+/// Nodes along one parameter, and the cubic spline that interpolates values at them: C2 between two breaks (not-a-knot), continuous
+/// at the breaks. It has as many control points as nodes. Between two breaks the nodes are equally spaced.
+class SplineAxis {
+ public:
+  /// breaks: ascending, at least two; each stretch between two of them starts with three intervals.
+  explicit SplineAxis(const std::vector<double>& breaks);
+
+  const std::vector<double>& nodes() const { return nodes_; }
+  int stretches() const { return static_cast<int>(first_.size()) - 1; }
+  int intervals(int stretch) const { return first_[stretch + 1] - first_[stretch]; }
+  int stretch_of(double t) const;  ///< that holds the parameter; beyond the ends the first or last one
+  /// Doubles the intervals of a stretch: the new nodes are the middles of the old intervals.
+  void halve(int stretch);
+
+  /// Parameters where a fit is checked, ascending: all dyadic points inside the intervals that lie at most as far apart as
+  /// `spacing`, of each interval at least the middle. Those that become nodes by halve() have the same bits then.
+  std::vector<double> checks(double spacing) const;
+
+  /// Rows of control points from rows of values at the nodes.
+  Eigen::MatrixXd poles(const Eigen::MatrixXd& values) const;
+  /// Rows of values of the spline at ascending parameters from rows of control points.
+  Eigen::MatrixXd values(const Eigen::MatrixXd& poles, const std::vector<double>& at) const;
+
+  std::vector<double> knots() const;  ///< distinct
+  std::vector<int> multiplicities() const;
+
+ private:
+  std::vector<double> nodes_;
+  std::vector<int> first_;  ///< node at which each stretch starts, and the last node
+};
+
+}  // namespace deform::cad
