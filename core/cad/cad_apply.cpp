@@ -10,6 +10,7 @@
 #include <GProp_GProps.hxx>
 #include <Geom_Surface.hxx>
 #include <Standard_Failure.hxx>
+#include <TopExp_Explorer.hxx>
 #include <TopoDS_Compound.hxx>
 #include <algorithm>
 #include <cmath>
@@ -94,10 +95,15 @@ std::vector<double> errors_of(const Refitting& refitting, const std::vector<Chec
   return errors;
 }
 
+/// Of the solids, to some digits.
 double volume_of(const TopoDS_Shape& shape) {
-  GProp_GProps properties;
-  BRepGProp::VolumeProperties(shape, properties);
-  return properties.Mass();
+  double volume = 0;
+  for (TopExp_Explorer solid(shape, TopAbs_SOLID); solid.More(); solid.Next()) {
+    GProp_GProps properties;
+    BRepGProp::VolumeProperties(solid.Current(), properties);
+    volume += properties.Mass();
+  }
+  return volume;
 }
 
 Model model_of(const Document& document, const std::string& name) {
@@ -184,11 +190,14 @@ class Application {
     deformed_ = document_;
     for (Part& part : deformed_.parts) {
       context_.check();
-      result_.volume_before += volume_of(part.shape);
+      const TopoDS_Shape rest = part.shape;
       const DeformedShape shape = deformed_shape(part.shape, model_, refitting_);
       part.shape = shape.shape;
       result_.gap = std::max(result_.gap, shape.largest_gap);
-      result_.volume += volume_of(part.shape);
+      if (volume_of(rest) > 0 && !(volume_of(part.shape) > 0)) {
+        refuse("the deformation turns the model inside out: a volume of " + number_digits(volume_of(rest)) + " becomes " +
+               number_digits(volume_of(part.shape)));
+      }
     }
   }
 
@@ -233,9 +242,6 @@ class Application {
   }
 
   void write() {
-    if (result_.volume_before > 0 && !(result_.volume > 0)) {
-      refuse("the deformation turns the model inside out, its volume becomes " + number_digits(result_.volume));
-    }
     check_validity(deformed_, "");
     // Under another name until it has been read again.
     std::filesystem::path partial = request_.output;

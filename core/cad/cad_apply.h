@@ -35,8 +35,8 @@ struct ApplyRequest {
 /// What became of a face.
 struct DeformedFace {
   enum class Became { kept, moved, fitted };
-  int number = 0;      ///< from 1, in the order of the file
-  std::string type;    ///< before: "plane", "cylinder", ...
+  int number = 0;                  ///< from 1, in the order of the file
+  std::string type;                ///< before: "plane", "cylinder", ...
   Became became = Became::fitted;  ///< moved: rigidly, with its type
   std::array<int, 2> poles{};      ///< of the B-spline surface of a fitted face, along u and v
   double error = 0;                ///< largest distance at the random points on it, model units
@@ -50,11 +50,10 @@ struct DeformedModel {
   double error = 0;                ///< largest distance at the random points, model units
   double rms = 0;                  ///< of these distances
   double gap = 0;                  ///< largest distance of edges from their faces, model units
-  double volume_before = 0, volume = 0;  ///< of all solids, model units
-  std::size_t checks = 0;                ///< random points
-  std::size_t samples = 0;               ///< points at which the map was asked for, besides these
-  int rounds = 0;                        ///< calls of the map
-  std::vector<int> coarse;               ///< numbers of faces with an error above twice the tolerance
+  std::size_t checks = 0;          ///< random points
+  std::size_t samples = 0;         ///< points at which the map was asked for, besides these
+  int rounds = 0;                  ///< calls of the map
+  std::vector<int> coarse;         ///< numbers of faces with an error above twice the tolerance
   std::size_t count(DeformedFace::Became became) const {
     std::size_t sum = 0;
     for (const DeformedFace& face : faces) sum += face.became == became ? 1 : 0;
@@ -63,14 +62,15 @@ struct DeformedModel {
 };
 
 /// Applies a map of space to the exact geometry of a CAD model and writes it with the same topology, names and colours. Each
-/// surface becomes a cubic B-spline surface in the same (u, v) that interpolates the map at nodes, of which there are as many as the
-/// tolerance needs, with the kinks of the original; curves likewise. Faces that move rigidly, within a tenth of the tolerance, keep
-/// their type and move; what does not move is kept. The result is written only if it is valid, before writing and after reading
-/// it again. Deterministic. Any thread may call, one at a time: reading and writing set global options of OpenCASCADE.
+/// surface becomes a cubic B-spline surface in the same (u, v) that interpolates the map at nodes, of which there are as many as
+/// the tolerance needs, with the kinks of the original; curves likewise. Faces that move rigidly, within a tenth of the
+/// tolerance, keep their type and move; what does not move is kept. The result is written only if it is valid, before writing and
+/// after reading it again. Deterministic. Any thread may call, one at a time: reading and writing set global options of
+/// OpenCASCADE.
 ///
-/// Throws Error(not_found, invalid_argument): a file that cannot be read or holds no face, an output of another format, a map that is
-/// not finite. Error(failed_precondition): the deformed model is not valid or turned inside out (naming faces), nothing is
-/// written; no OpenCASCADE in this program. Error(cancelled, deadline_exceeded) by the context; what the map throws.
+/// Throws Error(not_found, invalid_argument): a file that cannot be read or holds no face, an output of another format, a map
+/// that is not finite. Error(failed_precondition): the deformed model is not valid or turned inside out (naming faces), nothing
+/// is written; no OpenCASCADE in this program. Error(cancelled, deadline_exceeded) by the context; what the map throws.
 DeformedModel apply_to_model(const ApplyRequest& request, const SpaceMap& map, const RunContext& context = {});
 
 }  // namespace deform::cad

@@ -254,7 +254,8 @@ Document read_document(const std::filesystem::path& path) {
 }
 
 void write_document(const Document& document, const std::filesystem::path& path) {
-  if (!can_be_written(path)) throw Error(ErrorCode::invalid_argument, path.string() + ": CAD models are written to .step, .stp and .brep");
+  if (!can_be_written(path))
+    throw Error(ErrorCode::invalid_argument, path.string() + ": CAD models are written to .step, .stp and .brep");
   if (lower_case(path.extension().string()) != ".brep") return write_step(document, path);
   TopoDS_Shape shape = document.parts.front().shape;
   if (document.parts.size() > 1) {

@@ -32,12 +32,12 @@ struct Document {
   std::vector<std::string> notes;
 };
 
-/// Reads STEP with the names and colours of parts and faces, IGES (sewn) and BREP without. Edges get curves in space where they have
-/// none. Throws Error(not_found, invalid_argument) naming the file.
+/// Reads STEP with the names and colours of parts and faces, IGES (sewn) and BREP without. Edges get curves in space where they
+/// have none. Throws Error(not_found, invalid_argument) naming the file.
 Document read_document(const std::filesystem::path& path);
 
-/// Writes .step or .stp with names and colours, or .brep, in the unit that was read last; an assembly of several parts has one level.
-/// Throws Error(invalid_argument) for another extension, Error(internal) when the file cannot be written.
+/// Writes .step or .stp with names and colours, or .brep, in the unit that was read last; an assembly of several parts has one
+/// level. Throws Error(invalid_argument) for another extension, Error(internal) when the file cannot be written.
 void write_document(const Document& document, const std::filesystem::path& path);
 
 /// Whether write_document() knows the extension.

@@ -31,6 +31,7 @@
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/text.h"
+#include "core/cad/availability.h"
 
 namespace deform::cad {
 
@@ -102,6 +103,9 @@ TopoDS_Shape read_shape(const std::filesystem::path& path, Model& model) {
 }
 
 }  // namespace
+
+bool available() { return true; }
+void require() {}
 
 TopoDS_Face Model::face(int f) const { return TopoDS::Face(faces(f + 1).Oriented(TopAbs_FORWARD)); }
 int Model::face_sense(int f) const { return faces(f + 1).Orientation() == TopAbs_REVERSED ? -1 : 1; }

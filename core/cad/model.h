@@ -52,8 +52,8 @@ Model read_model(const std::filesystem::path& path, double scale);
 /// Keeps OpenCASCADE from printing.
 void silence_messages();
 
-/// Reads and writes in this unit from now on, by its name in STEP and IGES files, and notes it in the model; an unknown one counts as
-/// millimetres.
+/// Reads and writes in this unit from now on, by its name in STEP and IGES files, and notes it in the model; an unknown one
+/// counts as millimetres.
 void keep_unit(const std::string& unit, Model& model);
 
 /// The shape, healed when it is not valid, which is noted in the model.

@@ -23,9 +23,9 @@ namespace deform::cad {
 
 namespace {
 
-constexpr double rigid_share = 0.1;  ///< of the tolerance
-constexpr double fit_share = 0.35;   ///< of the tolerance, for each of u and v
-constexpr double box_margin = 1e-6;  ///< pcurves may leave the box of a face by their tolerance
+constexpr double rigid_share = 0.1;         ///< of the tolerance
+constexpr double fit_share = 0.35;          ///< of the tolerance, for each of u and v
+constexpr double box_margin = 1e-6;         ///< pcurves may leave the box of a face by their tolerance
 constexpr double check_spacing = 1.0 / 24;  ///< of D
 constexpr int most_intervals = 192;         ///< of a stretch
 constexpr std::size_t most_nodes = 1200;    ///< along an axis
@@ -112,7 +112,7 @@ Refitting::Fit Refitting::face_fit(int f) const {
           SplineAxis(breaks_between(
               from[1], to[1], [&] { return adaptor.NbVIntervals(GeomAbs_C2); },
               [&](TColStd_Array1OfReal& ends) { adaptor.VIntervals(ends, GeomAbs_C2); })),
-          surface, nullptr, {}, {}};
+          surface, nullptr};
   const auto value = [&](double a, double b) {
     return surface->Value(from[0] + a * (to[0] - from[0]), from[1] + b * (to[1] - from[1]));
   };
@@ -132,7 +132,7 @@ Refitting::Fit Refitting::edge_fit(int e) const {
   double from = 0, to = 1;
   const Handle(Geom_Curve) curve = BRep_Tool::Curve(model_.edge(e), from, to);
   if (curve.IsNull()) {
-    Fit none{SplineAxis({0, 1}), SplineAxis({0, 1}), nullptr, nullptr, {}, {}};
+    Fit none{SplineAxis({0, 1}), SplineAxis({0, 1}), nullptr, nullptr};
     none.open = false;
     none.refit = Refit::kept;
     return none;
@@ -141,7 +141,7 @@ Refitting::Fit Refitting::edge_fit(int e) const {
   Fit fit{SplineAxis(breaks_between(
               from, to, [&] { return adaptor.NbIntervals(GeomAbs_C2); },
               [&](TColStd_Array1OfReal& ends) { adaptor.Intervals(ends, GeomAbs_C2); })),
-          SplineAxis({0, 1}), nullptr, curve, {}, {}};
+          SplineAxis({0, 1}), nullptr, curve};
   const double size = rough_length([&](double a) { return curve->Value(from + a * (to - from)); });
   fit.spacing[0] = (to - from) / std::max(1.0, size / (check_spacing * model_.diagonal));
   return fit;
@@ -335,8 +335,8 @@ Handle(Geom_Surface) Refitting::surface(int f) const {
   for (int i = 0; i < rows; ++i) {
     for (int j = 0; j < columns; ++j) array(i + 1, j + 1) = gp_Pnt(poles[0](i, j), poles[1](i, j), poles[2](i, j));
   }
-  return new Geom_BSplineSurface(array, knot_array(fit.u), knot_array(fit.v), multiplicity_array(fit.u), multiplicity_array(fit.v),
-                                 3, 3);
+  return new Geom_BSplineSurface(array, knot_array(fit.u), knot_array(fit.v), multiplicity_array(fit.u),
+                                 multiplicity_array(fit.v), 3, 3);
 }
 
 Handle(Geom_Curve) Refitting::curve(int e) const {

@@ -18,8 +18,8 @@ namespace deform::cad {
 enum class Refit { kept, moved, fitted };
 
 /// The geometry of a model after a map of space, found in rounds: it says at which points it wants to know the map, is told, and
-/// asks again until the splines meet the map within the tolerance. A surface is interpolated over the (u, v) box of its face, and a
-/// curve over the range of its edge, in their own parameters; so curves in (u, v) stay what they are. Surfaces and curves that
+/// asks again until the splines meet the map within the tolerance. A surface is interpolated over the (u, v) box of its face, and
+/// a curve over the range of its edge, in their own parameters; so curves in (u, v) stay what they are. Surfaces and curves that
 /// move rigidly, within a tenth of the tolerance at all samples, are transformed instead. Not thread-safe.
 class Refitting {
  public:
@@ -44,7 +44,7 @@ class Refitting {
   Refit edge_refit(int e) const { return edges_[e].refit; }
   bool fine_enough(int f) const { return !faces_[f].given_up; }  ///< the nodes of the face did not run out
   bool edge_fine_enough(int e) const { return !edges_[e].given_up; }
-  std::array<int, 2> nodes(int f) const;                           ///< of a fitted face, along u and v
+  std::array<int, 2> nodes(int f) const;  ///< of a fitted face, along u and v
 
  private:
   struct Fit {
@@ -52,10 +52,10 @@ class Refitting {
     Handle(Geom_Surface) surface;
     Handle(Geom_Curve) curve;
     std::array<double, 2> spacing{};  ///< of checks
-    std::map<std::array<double, 2>, Vec3> places;
+    std::map<std::array<double, 2>, Vec3> places{};
     bool open = true, given_up = false, judged = false;
     Refit refit = Refit::fitted;
-    gp_Trsf motion;
+    gp_Trsf motion{};
     Vec3 at(const std::array<double, 2>& parameters) const;
     int axes() const { return surface.IsNull() ? 1 : 2; }
   };

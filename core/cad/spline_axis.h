@@ -6,8 +6,8 @@
 
 namespace deform::cad {
 
-/// Nodes along one parameter, and the cubic spline that interpolates values at them: C2 between two breaks (not-a-knot), continuous
-/// at the breaks. It has as many control points as nodes. Between two breaks the nodes are equally spaced.
+/// Nodes along one parameter, and the cubic spline that interpolates values at them: C2 between two breaks (not-a-knot),
+/// continuous at the breaks. It has as many control points as nodes. Between two breaks the nodes are equally spaced.
 class SplineAxis {
  public:
   /// breaks: ascending, at least two; each stretch between two of them starts with three intervals.

@@ -1,21 +1,27 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/base/error.h"
+#include "core/cad/availability.h"
 #include "core/cad/cad_apply.h"
 #include "core/cad/cad_move.h"
 
 namespace deform::cad {
 
-namespace {
+bool available() { return false; }
 
-[[noreturn]] void refuse() {
+void require() {
   throw Error(ErrorCode::failed_precondition,
               "this program was built without CAD: install libocct-data-exchange-dev, libocct-modeling-algorithms-dev, "
               "libocct-modeling-data-dev and libocct-foundation-dev, and build it with -DDEFORM_WITH_CAD=ON");
 }
 
-}  // namespace
+namespace {
 
-bool available() { return false; }
+[[noreturn]] void refuse() {
+  require();
+  throw Error(ErrorCode::internal, "CAD");
+}
+
+}  // namespace
 
 CarriedNodes carry_nodes(const Mesh&, const MoveRequest&, const RunContext&) { refuse(); }
 
