@@ -276,18 +276,20 @@ class Application {
 
 }  // namespace
 
-void ApplyRequest::validate() const {
+void check_request(const ApplyRequest& request) {
   const auto refuse = [](const std::string& why) { throw Error(ErrorCode::invalid_argument, why); };
-  if (!(tolerance >= 1e-9 && tolerance <= 1e-2)) {
-    refuse("tolerance: " + number_digits(tolerance) + " is not from 1e-9 to 1e-2 of the diagonal");
+  if (!(request.tolerance >= 1e-9 && request.tolerance <= 1e-2)) {
+    refuse("tolerance: " + number_digits(request.tolerance) + " is not from 1e-9 to 1e-2 of the diagonal");
   }
-  if (!(scale > 0) || !std::isfinite(scale)) refuse("scale: " + number_digits(scale) + " is not greater than 0");
-  if (checks > 10'000'000) refuse("checks: " + std::to_string(checks) + " are more than 10000000");
-  if (!can_be_written(output)) refuse("output: " + output.string() + ": CAD models are written to .step, .stp and .brep");
+  if (!(request.scale > 0) || !std::isfinite(request.scale))
+    refuse("scale: " + number_digits(request.scale) + " is not greater than 0");
+  if (request.checks > 10'000'000) refuse("checks: " + std::to_string(request.checks) + " are more than 10000000");
+  if (!can_be_written(request.output))
+    refuse("output: " + request.output.string() + ": CAD models are written to .step, .stp and .brep");
 }
 
 DeformedModel apply_to_model(const ApplyRequest& request, const SpaceMap& map, const RunContext& context) {
-  request.validate();
+  check_request(request);
   try {
     return Application(request, map, context).apply();
   } catch (const Standard_Failure& failure) {

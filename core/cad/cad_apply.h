@@ -27,10 +27,9 @@ struct ApplyRequest {
   double tolerance = 1e-6;       ///< largest distance of the new geometry from the deformed one, as a fraction of D; 1e-9..1e-2
   std::size_t checks = 20000;    ///< random points of the faces at which the result is measured, each face has at least 20
   std::uint64_t seed = 1;        ///< of these points
-
-  /// Throws Error(invalid_argument) naming the field and its limits.
-  void validate() const;
 };
+/// Throws Error(invalid_argument) naming the field and its limits.
+void check_request(const ApplyRequest& request);
 
 /// What became of a face.
 struct DeformedFace {

@@ -25,7 +25,7 @@ namespace {
 
 CarriedNodes carry_nodes(const Mesh&, const MoveRequest&, const RunContext&) { refuse(); }
 
-void ApplyRequest::validate() const {}
+void check_request(const ApplyRequest&) { refuse(); }
 
 DeformedModel apply_to_model(const ApplyRequest&, const SpaceMap&, const RunContext&) { refuse(); }
 

@@ -74,6 +74,59 @@ class Cad(EndToEnd):
         for name in ("m.csv", "s.yaml", "moved.msh"):
             self.assertFalse(os.path.exists(self.path(name)), name)
 
+    SETUP = """\
+geometry: bore.msh.gz
+method: {rbf: {kernel: TRIHARMONIC}}
+handles: [{name: top, region: {half_space: {point: [0, 0, 0.99], normal: [0, 0, 1]}}}]
+fixed: [{half_space: {point: [0, 0, -0.99], normal: [0, 0, -1]}}]
+variables:
+  - {name: turn, handle: top, rotate: {axis: [0, 0, 1], unit: DEGREES}}
+  - {name: up, handle: top, translate: [0, 0, 1]}
+"""
+
+    def test_the_deformed_mesh_lies_on_the_deformed_model(self):
+        """Whether mesh and model agree is judged by cad-move, which projects the nodes onto the model that was written."""
+        self.start_server()
+        self.write("s.yaml", self.SETUP)
+        settings = ("--set", "turn=20", "--set", "up=0.1")
+        before = self.status()
+        report = self.deform("cad-apply", "s.yaml", model("bore_p000.step"), *settings, "-o", "out.step", "--tolerance", "1e-5", "--json").json
+        self.assertEqual(self.status()["geometries"], before["geometries"] + 1, "only the mesh stays")
+        self.assertEqual(report["failures"], [])
+        self.assertLess(report["error"], 2e-5 * report["diagonal"])
+        self.assertLess(report["mesh_difference"], 1e-9 * report["diagonal"])
+        became = [face["became"] for face in report["faces"]]
+        self.assertEqual(len(became), 7)
+        self.assertEqual(became.count("kept"), 1, "the bottom")
+        self.deform("apply", "s.yaml", *settings, "-o", "out.msh.gz")
+        self.deform("cad-move", "out.step", "out.step", "out.msh.gz", "-o", "none.csv", "--setup", "none.yaml", "--tolerance",
+                    3e-5 * report["diagonal"])
+        moved = self.deform("cad-move", "out.step", "out.step", "out.msh.gz", "-o", "none.csv", "--json").json
+        self.assertLess(moved["farthest"], 2e-5 * report["diagonal"] + ROUNDING)
+
+    def test_a_lattice_that_the_mesh_places_stays_there(self):
+        self.start_server()
+        self.write("s.yaml", """\
+geometry: bore.msh.gz
+method: {ffd: {control: CONTROLS}}
+handles: [{name: top, region: {lattice: {k: [5, 6]}}}]
+variables: [{name: up, handle: top, translate: [0.1, 0, 0.2]}]
+""")
+        report = self.deform("cad-apply", "s.yaml", model("bore_p000.step"), "--set", "up=1", "-o", "out.brep", "--tolerance", "1e-4", "--json").json
+        self.assertEqual(report["failures"], [])
+        self.assertLess(report["mesh_difference"], 1e-12 * report["diagonal"])
+
+    def test_what_deforms_no_space_is_refused(self):
+        self.start_server()
+        for method in ("shell", "mls", "subspace"):
+            self.write("s.yaml", self.SETUP.replace("rbf: {kernel: TRIHARMONIC}", method + ": {}"))
+            self.fails(1, "cad-apply", "s.yaml", model("bore_p000.step"), "--set", "up=0.1", "-o", "out.step", says=[f"method.{method}", "rbf, ffd or cage"])
+        self.write("s.yaml", self.SETUP)
+        self.fails(1, "cad-apply", "s.yaml", model("bore_p000.step"), "--set", "up=0.1", "-o", "out.stl", says=[".step"])
+        self.fails(1, "cad-apply", "s.yaml", self.path("bore.msh.gz"), "--set", "up=0.1", "-o", "out.step", says=["bore.msh.gz"])
+        self.assertFalse(os.path.exists(self.path("out.step")))
+        self.assertEqual(os.listdir(self.folder).count("out.partial.step"), 0)
+
 
 if __name__ == "__main__":
     main()

@@ -102,13 +102,15 @@ std::vector<std::string> failures_of(const AppliedCad& applied) {
 
 ExitCode run_cad_apply(const CadApplyCommand& options, const CommonOptions& common) {
   cad::require();
-  options.request.validate();
+  cad::check_request(options.request);
   const auto start = std::chrono::steady_clock::now();
   const cad::ApplyRequest& request = options.request;
   keep_inputs("-o", request.output.string(), {options.input.setup, options.input.source, request.model});
   Connection connection(common);
   Progress progress;
-  const PreparedSetup prepared = open_setup(connection, options.input, progress);
+  LoadedSetup loaded = load_setup(connection, options.input, progress);
+  check_space_method(loaded.setup.method());
+  const PreparedSetup prepared = prepare_loaded(connection, std::move(loaded), progress);
   keep_inputs("-o", request.output.string(), {prepared.source_path});
   SpaceDeformation deformation(connection, prepared, parse_settings(options.settings, prepared.system.setup()));
   RunContext context;

@@ -20,7 +20,16 @@ namespace deform::cli {
 
 namespace {
 
-/// Refuses what does not deform space, with the reason.
+/// A name that no other run gives: what is deleted afterwards belongs to this one.
+std::string run_name() {
+  return "cad-apply " + std::to_string(::getpid()) + " " +
+         std::to_string(std::chrono::system_clock::now().time_since_epoch().count());
+}
+
+Vec3 vec3_of(const google::protobuf::RepeatedField<double>& x) { return {x.at(0), x.at(1), x.at(2)}; }
+
+}  // namespace
+
 void check_space_method(const v1::Method& method) {
   const std::string others = "; choose rbf, ffd or cage";
   switch (method.kind_case()) {
@@ -36,16 +45,6 @@ void check_space_method(const v1::Method& method) {
       return;
   }
 }
-
-/// A name that no other run gives: what is deleted afterwards belongs to this one.
-std::string run_name() {
-  return "cad-apply " + std::to_string(::getpid()) + " " +
-         std::to_string(std::chrono::system_clock::now().time_since_epoch().count());
-}
-
-Vec3 vec3_of(const google::protobuf::RepeatedField<double>& x) { return {x.at(0), x.at(1), x.at(2)}; }
-
-}  // namespace
 
 SpaceDeformation::SpaceDeformation(Connection& connection, const PreparedSetup& prepared, const std::vector<double>& values)
     : connection_(connection), setup_(prepared.system.setup()), mesh_(source_of(prepared).mesh()), values_(values) {

@@ -11,6 +11,10 @@
 
 namespace deform::cli {
 
+/// Throws Error(invalid_argument) with the reason where a method is no function of the place: shell moves the surface only, and
+/// the energies of subspace and mls would change with further points.
+void check_space_method(const v1::Method& method);
+
 /// A design of a setup as a function of the place: what the deformation of the mesh does to any point of space. The points travel
 /// to the server as further points of the mesh, which no face holds; the regions of the setup are handed over as the points of
 /// the mesh that they select, so that none of the others gets into them, and so is the place of an automatic lattice. Each call
