@@ -29,7 +29,8 @@ namespace deform::cad {
 namespace {
 
 constexpr std::size_t least_checks = 20;  ///< of a face
-constexpr int most_rounds = 24;
+constexpr int most_refinements = 10;      ///< after the random points
+constexpr double rigid_share = 0.1;       ///< of the tolerance
 
 /// A random point of a face.
 struct Check {
@@ -106,14 +107,6 @@ double volume_of(const TopoDS_Shape& shape) {
   return volume;
 }
 
-Model model_of(const Document& document, const std::string& name) {
-  TopoDS_Compound all;
-  const BRep_Builder builder;
-  builder.MakeCompound(all);
-  for (const Part& part : document.parts) builder.Add(all, part.shape);
-  return make_model(all, name);
-}
-
 class Application {
  public:
   Application(const ApplyRequest& request, const SpaceMap& map, const RunContext& context)
@@ -122,7 +115,7 @@ class Application {
         context_(context),
         document_(read_document(request.model)),
         model_(model_of(document_, request.model.string())),
-        refitting_(model_, request.tolerance * model_.diagonal) {}
+        refitting_(model_, request.tolerance * model_.diagonal, rigid_limit(request) * model_.diagonal) {}
 
   DeformedModel apply() {
     result_.notes = document_.notes;
@@ -135,7 +128,15 @@ class Application {
   }
 
  private:
+  static double rigid_limit(const ApplyRequest& request) {
+    return request.rigid > 0 ? request.rigid : rigid_share * request.tolerance;
+  }
   double tolerance() const { return request_.tolerance * model_.diagonal; }
+  /// What a face may be off.
+  double tolerance(int f) const {
+    if (refitting_.refit(f) == Refit::fitted) return tolerance();
+    return std::max(tolerance(), rigid_limit(request_) * model_.diagonal);
+  }
 
   /// The map in the unit of the model.
   Points mapped(Points points) {
@@ -161,27 +162,25 @@ class Application {
     const Points targets(answer.end() - static_cast<std::ptrdiff_t>(checks.size()), answer.end());
     answer.resize(answer.size() - checks.size());
     refitting_.give(answer);
-    for (int round = 0; round < most_rounds; ++round) {
-      for (; round < most_rounds; ++round) {
-        const Points& wanted = refitting_.wanted();
-        if (wanted.empty()) break;
-        result_.samples += wanted.size();
-        refitting_.give(mapped(wanted));
+    for (int round = 0;; ++round) {
+      // It ends: each round adds nodes, of which there are at most so many.
+      for (const Points* wanted = &refitting_.wanted(); !wanted->empty(); wanted = &refitting_.wanted()) {
+        result_.samples += wanted->size();
+        refitting_.give(mapped(*wanted));
       }
-      if (!refine(checks, errors_of(refitting_, checks, targets))) return;
+      if (round == most_refinements || !refine(checks, errors_of(refitting_, checks, targets))) return;
     }
   }
 
-  /// Makes faces finer at the largest error above the tolerance.
+  /// Makes faces finer around errors above their tolerance.
   bool refine(const std::vector<Check>& checks, const std::vector<double>& errors) {
-    std::vector<std::size_t> worst(model_.face_count(), checks.size());
+    std::vector<std::vector<std::array<double, 2>>> bad(model_.face_count());
     for (std::size_t i = 0; i < checks.size(); ++i) {
-      std::size_t& known = worst[checks[i].face];
-      if (errors[i] > tolerance() && (known == checks.size() || errors[i] > errors[known])) known = i;
+      if (errors[i] > tolerance(checks[i].face)) bad[checks[i].face].push_back({checks[i].u, checks[i].v});
     }
     bool finer = false;
-    for (const std::size_t i : worst) {
-      if (i < checks.size()) finer = refitting_.refine_face(checks[i].face, checks[i].u, checks[i].v) || finer;
+    for (int f = 0; f < model_.face_count(); ++f) {
+      if (!bad[f].empty()) finer = refitting_.refine_face(f, bad[f]) || finer;
     }
     return finer;
   }
@@ -222,7 +221,7 @@ class Application {
                                                           : DeformedFace::Became::fitted;
       if (face.became == DeformedFace::Became::fitted) face.poles = refitting_.nodes(f);
       result_.error = std::max(result_.error, face.error);
-      if (face.error > 2 * tolerance()) result_.coarse.push_back(face.number);
+      if (face.error > std::max(2 * tolerance(), tolerance(f))) result_.coarse.push_back(face.number);
     }
     if (!checks.empty()) result_.rms = std::sqrt(squares / static_cast<double>(checks.size()));
   }
@@ -280,6 +279,9 @@ void check_request(const ApplyRequest& request) {
   const auto refuse = [](const std::string& why) { throw Error(ErrorCode::invalid_argument, why); };
   if (!(request.tolerance >= 1e-9 && request.tolerance <= 1e-2)) {
     refuse("tolerance: " + number_digits(request.tolerance) + " is not from 1e-9 to 1e-2 of the diagonal");
+  }
+  if (!(request.rigid >= 0 && request.rigid <= 1e-2)) {
+    refuse("rigid: " + number_digits(request.rigid) + " is not from 0 to 1e-2 of the diagonal");
   }
   if (!(request.scale > 0) || !std::isfinite(request.scale))
     refuse("scale: " + number_digits(request.scale) + " is not greater than 0");

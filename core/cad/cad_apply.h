@@ -25,8 +25,11 @@ struct ApplyRequest {
   std::filesystem::path output;  ///< .step .stp .brep
   double scale = 1;              ///< from the unit of the model to that of the map; > 0
   double tolerance = 1e-6;       ///< largest distance of the new geometry from the deformed one, as a fraction of D; 1e-9..1e-2
-  std::size_t checks = 20000;    ///< random points of the faces at which the result is measured, each face has at least 20
-  std::uint64_t seed = 1;        ///< of these points
+  /// Faces and edges that move rigidly up to this distance, a fraction of D, keep their type; 0..1e-2, 0: a tenth of the
+  /// tolerance.
+  double rigid = 0;
+  std::size_t checks = 20000;  ///< random points of the faces at which the result is measured, each face has at least 20
+  std::uint64_t seed = 1;      ///< of these points
 };
 /// Throws Error(invalid_argument) naming the field and its limits.
 void check_request(const ApplyRequest& request);

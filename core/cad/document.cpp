@@ -156,6 +156,7 @@ void read_step_parts(const std::filesystem::path& path, Model& reading, Document
   STEPCAFControl_Reader reader;
   reader.SetColorMode(true);
   reader.SetNameMode(true);
+  Interface_Static::SetIVal("read.stepcaf.subshapes.name", 1);
   if (reader.ReadFile(path.c_str()) != IFSelect_RetDone) {
     throw Error(ErrorCode::invalid_argument, reading.name + ": is no STEP file that can be read");
   }
@@ -212,17 +213,24 @@ void write_step(const Document& document, const std::filesystem::path& path) {
   }
   shapes->UpdateAssemblies();
   Interface_Static::SetCVal("write.step.unit", Interface_Static::CVal("xstep.cascade.unit"));
-  // Names of faces are written only on demand.
-  Interface_Static::SetIVal("write.stepcaf.subshapes.name", 1);
   STEPCAFControl_Writer writer;
   writer.SetColorMode(true);
   writer.SetNameMode(true);
+  Interface_Static::SetIVal("write.stepcaf.subshapes.name", 1);  // names of faces
   if (!writer.Transfer(open.get(), STEPControl_AsIs) || writer.Write(path.c_str()) != IFSelect_RetDone) {
     throw Error(ErrorCode::internal, path.string() + ": OpenCASCADE could not write the file");
   }
 }
 
 }  // namespace
+
+Model model_of(const Document& document, const std::string& name) {
+  TopoDS_Compound all;
+  const BRep_Builder builder;
+  builder.MakeCompound(all);
+  for (const Part& part : document.parts) builder.Add(all, part.shape);
+  return make_model(all, name);
+}
 
 bool can_be_written(const std::filesystem::path& path) {
   const std::string extension = lower_case(path.extension().string());

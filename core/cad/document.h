@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "core/cad/model.h"
+
 namespace deform::cad {
 
 /// Name and colour of a face.
@@ -39,6 +41,9 @@ Document read_document(const std::filesystem::path& path);
 /// Writes .step or .stp with names and colours, or .brep, in the unit that was read last; an assembly of several parts has one
 /// level. Throws Error(invalid_argument) for another extension, Error(internal) when the file cannot be written.
 void write_document(const Document& document, const std::filesystem::path& path);
+
+/// All parts as one model, with their entities numbered.
+Model model_of(const Document& document, const std::string& name);
 
 /// Whether write_document() knows the extension.
 bool can_be_written(const std::filesystem::path& path);

@@ -27,8 +27,6 @@ constexpr double rigid_share = 0.1;         ///< of the tolerance
 constexpr double fit_share = 0.35;          ///< of the tolerance, for each of u and v
 constexpr double box_margin = 1e-6;         ///< pcurves may leave the box of a face by their tolerance
 constexpr double check_spacing = 1.0 / 24;  ///< of D
-constexpr int most_intervals = 192;         ///< of a stretch
-constexpr std::size_t most_nodes = 1200;    ///< along an axis
 
 Vec3 vector_of(const gp_Pnt& p) { return {p.X(), p.Y(), p.Z()}; }
 gp_Pnt point_of(const Eigen::Vector3d& p) { return {p[0], p[1], p[2]}; }
@@ -84,7 +82,7 @@ Vec3 Refitting::Fit::at(const std::array<double, 2>& parameters) const {
   return vector_of(surface.IsNull() ? curve->Value(parameters[0]) : surface->Value(parameters[0], parameters[1]));
 }
 
-Refitting::Refitting(const Model& model, double tolerance) : model_(model), tolerance_(tolerance) {
+Refitting::Refitting(const Model& model, double tolerance, double rigid) : model_(model), tolerance_(tolerance), rigid_(rigid) {
   for (int f = 0; f < model.face_count(); ++f) faces_.push_back(face_fit(f));
   for (int e = 0; e < model.edge_count(); ++e) edges_.push_back(edge_fit(e));
 }
@@ -215,14 +213,13 @@ bool Refitting::moves_rigidly(Fit& fit) const {
     for (int k = 0; k < 3; ++k) before(k, i) = rest[k], after(k, i) = place[k];
     ++i;
   }
-  const double limit = rigid_share * tolerance_;
-  if ((after - before).colwise().norm().maxCoeff() <= limit) {
+  if ((after - before).colwise().norm().maxCoeff() <= rigid_) {
     fit.refit = Refit::kept;
     return true;
   }
   const Eigen::Matrix4d motion = Eigen::umeyama(before, after, false);
   const Eigen::Matrix3Xd moved = (motion.topLeftCorner<3, 3>() * before).colwise() + motion.topRightCorner<3, 1>();
-  if ((after - moved).colwise().norm().maxCoeff() > limit) return false;
+  if ((after - moved).colwise().norm().maxCoeff() > rigid_) return false;
   gp_Trsf trsf;
   trsf.SetValues(motion(0, 0), motion(0, 1), motion(0, 2), motion(0, 3), motion(1, 0), motion(1, 1), motion(1, 2), motion(1, 3),
                  motion(2, 0), motion(2, 1), motion(2, 2), motion(2, 3));
@@ -231,8 +228,8 @@ bool Refitting::moves_rigidly(Fit& fit) const {
   return true;
 }
 
-/// The stretches of an axis in which checks are off.
-std::vector<char> Refitting::bad_stretches(const Fit& fit, int axis) const {
+/// The intervals of an axis in which checks are off.
+std::set<int> Refitting::bad_intervals(const Fit& fit, int axis) const {
   const SplineAxis& along = axis == 0 ? fit.u : fit.v;
   const std::vector<double> none{0.0}, &across = fit.axes() == 1 ? none : axis == 0 ? fit.v.nodes() : fit.u.nodes();
   const auto place = [&](double a, double b) {
@@ -251,66 +248,40 @@ std::vector<char> Refitting::bad_stretches(const Fit& fit, int axis) const {
   };
   const std::vector<double> checks = along.checks(fit.spacing[axis]);
   const Eigen::MatrixXd off = along.values(along.poles(rows_at(along.nodes())), checks) - rows_at(checks);
-  std::vector<char> bad(along.stretches(), 0);
+  std::set<int> bad;
   for (std::size_t i = 0; i < checks.size(); ++i) {
     for (std::size_t j = 0; j < across.size(); ++j) {
       const double error = off.block<1, 3>(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(3 * j)).norm();
-      if (error > fit_share * tolerance_) bad[along.stretch_of(checks[i])] = 1;
+      if (error > fit_share * tolerance_) bad.insert(along.interval_of(checks[i]));
     }
   }
   return bad;
 }
 
-bool Refitting::refine(Fit& fit, int axis, int stretch) const {
-  SplineAxis& along = axis == 0 ? fit.u : fit.v;
-  if (2 * along.intervals(stretch) > most_intervals || along.nodes().size() + along.intervals(stretch) > most_nodes) return false;
-  along.halve(stretch);
-  return true;
-}
-
 void Refitting::judge(Fit& fit) const {
   fit.open = false;
-  if (!fit.judged && moves_rigidly(fit)) {
-    fit.judged = true;
-    return;
-  }
+  const bool first = !fit.judged;
   fit.judged = true;
+  if (first && moves_rigidly(fit)) return;
   fit.refit = Refit::fitted;
-  std::array<std::vector<char>, 2> bad;
-  for (int axis = 0; axis < fit.axes(); ++axis) bad[axis] = bad_stretches(fit, axis);
+  std::array<std::set<int>, 2> bad;
+  for (int axis = 0; axis < fit.axes(); ++axis) bad[axis] = bad_intervals(fit, axis);
   for (int axis = 0; axis < fit.axes(); ++axis) {
-    for (int s = static_cast<int>(bad[axis].size()) - 1; s >= 0; --s) {
-      if (bad[axis][s] == 0) continue;
-      if (refine(fit, axis, s)) {
-        fit.open = true;
-      } else {
-        fit.given_up = true;
-      }
-    }
+    if (!bad[axis].empty() && (axis == 0 ? fit.u : fit.v).halve(bad[axis])) fit.open = true;
   }
 }
 
-bool Refitting::refine_face(int f, double u, double v) {
+bool Refitting::refine_face(int f, const std::vector<std::array<double, 2>>& places) {
   Fit& fit = faces_[f];
-  // What was taken for rigid is not; the first nodes are judged anew.
-  bool finer = fit.refit != Refit::fitted;
-  if (!finer) {
-    finer = refine(fit, 0, fit.u.stretch_of(u));
-    finer = refine(fit, 1, fit.v.stretch_of(v)) || finer;
+  if (fit.refit == Refit::fitted) {
+    std::array<std::set<int>, 2> bad;
+    for (const auto& [u, v] : places) bad[0].insert(fit.u.interval_of(u)), bad[1].insert(fit.v.interval_of(v));
+    const bool finer_u = fit.u.halve(bad[0]), finer_v = fit.v.halve(bad[1]);
+    if (!finer_u && !finer_v) return false;
   }
-  fit.refit = Refit::fitted;
-  fit.open = fit.open || finer;
-  fit.given_up = fit.given_up || !finer;
-  return finer;
-}
-
-bool Refitting::refine_edge(int e, double t) {
-  Fit& fit = edges_[e];
-  const bool finer = fit.refit != Refit::fitted || refine(fit, 0, fit.u.stretch_of(t));
-  fit.refit = Refit::fitted;
-  fit.open = fit.open || finer;
-  fit.given_up = fit.given_up || !finer;
-  return finer;
+  fit.refit = Refit::fitted;  // what was taken for rigid is not: its nodes are judged anew
+  fit.open = true;
+  return true;
 }
 
 std::array<int, 2> Refitting::nodes(int f) const {

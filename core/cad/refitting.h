@@ -5,6 +5,7 @@
 #include <Geom_Surface.hxx>
 #include <array>
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -20,30 +21,26 @@ enum class Refit { kept, moved, fitted };
 /// The geometry of a model after a map of space, found in rounds: it says at which points it wants to know the map, is told, and
 /// asks again until the splines meet the map within the tolerance. A surface is interpolated over the (u, v) box of its face, and
 /// a curve over the range of its edge, in their own parameters; so curves in (u, v) stay what they are. Surfaces and curves that
-/// move rigidly, within a tenth of the tolerance at all samples, are transformed instead. Not thread-safe.
+/// move rigidly at all samples are transformed instead. Not thread-safe.
 class Refitting {
  public:
-  /// The model has no locations; every edge has a curve or is degenerate. tolerance: model units. It keeps a reference.
-  Refitting(const Model& model, double tolerance);
+  /// The model has no locations; every edge has a curve or is degenerate. tolerance: of splines, rigid: of
+  /// rigid motions, model units. It keeps a reference.
+  Refitting(const Model& model, double tolerance, double rigid);
 
   /// The points at which the map is wanted; none: done.
   const Points& wanted();
   /// Where the map takes the wanted points. Throws Error(invalid_argument) naming a face where it is not finite.
   void give(const Points& places);
 
-  /// A place where the map is known and the fit is off by more than the tolerance is a reason to go on with finer nodes there;
-  /// returns false when they cannot become finer.
-  bool refine_face(int f, double u, double v);
-  bool refine_edge(int e, double t);
+  /// Goes on with finer nodes around places (u, v) of a face where the fit is off; returns false when they cannot become finer.
+  bool refine_face(int f, const std::vector<std::array<double, 2>>& places);
 
   /// Of a finished round. Faces and edges by number from 0; the curve of a degenerate edge is null.
   Handle(Geom_Surface) surface(int f) const;
   Handle(Geom_Curve) curve(int e) const;
   const Vec3& vertex(int v) const { return vertices_[v]; }
   Refit refit(int f) const { return faces_[f].refit; }
-  Refit edge_refit(int e) const { return edges_[e].refit; }
-  bool fine_enough(int f) const { return !faces_[f].given_up; }  ///< the nodes of the face did not run out
-  bool edge_fine_enough(int e) const { return !edges_[e].given_up; }
   std::array<int, 2> nodes(int f) const;  ///< of a fitted face, along u and v
 
  private:
@@ -53,7 +50,7 @@ class Refitting {
     Handle(Geom_Curve) curve;
     std::array<double, 2> spacing{};  ///< of checks
     std::map<std::array<double, 2>, Vec3> places{};
-    bool open = true, given_up = false, judged = false;
+    bool open = true, judged = false;
     Refit refit = Refit::fitted;
     gp_Trsf motion{};
     Vec3 at(const std::array<double, 2>& parameters) const;
@@ -69,11 +66,10 @@ class Refitting {
   void want(Fit& fit);
   void judge(Fit& fit) const;
   bool moves_rigidly(Fit& fit) const;
-  bool refine(Fit& fit, int axis, int stretch) const;
-  std::vector<char> bad_stretches(const Fit& fit, int axis) const;
+  std::set<int> bad_intervals(const Fit& fit, int axis) const;
 
   const Model& model_;
-  const double tolerance_;
+  const double tolerance_, rigid_;
   std::vector<Fit> faces_, edges_;
   Points vertices_;
   bool vertices_known_ = false;

@@ -11,14 +11,9 @@ namespace deform::cad {
 namespace {
 
 constexpr int first_intervals = 3;
-
-/// Knots of the spline through 0, 1, ..., m: not a knot are 1 and m - 1.
-std::vector<double> stretch_knots(int m) {
-  std::vector<double> knots(4, 0.0);
-  for (int k = 2; k <= m - 2; ++k) knots.push_back(k);
-  knots.insert(knots.end(), 4, m);
-  return knots;
-}
+constexpr std::size_t most_nodes = 250;
+constexpr double shortest = 1.0 / 4000;  ///< of a stretch
+constexpr double steepest = 2.001;       ///< ratio of neighbours
 
 /// The four cubic functions that are not 0 at t, and the number of the first (Piegl and Tiller, The NURBS Book, algorithm A2.2).
 int cubic_functions(const std::vector<double>& knots, double t, std::array<double, 4>& functions) {
@@ -54,22 +49,48 @@ SplineAxis::SplineAxis(const std::vector<double>& breaks) {
   nodes_.push_back(breaks.back());
 }
 
-int SplineAxis::stretch_of(double t) const {
-  int s = 0;
-  while (s + 1 < stretches() && t > nodes_[first_[s + 1]]) ++s;
-  return s;
+int SplineAxis::interval_of(double t) const {
+  const auto after = std::upper_bound(nodes_.begin(), nodes_.end(), t) - nodes_.begin();
+  return std::clamp(static_cast<int>(after) - 1, 0, static_cast<int>(nodes_.size()) - 2);
 }
 
-void SplineAxis::halve(int stretch) {
-  std::vector<double> refined;
-  for (int k = first_[stretch]; k < first_[stretch + 1]; ++k) {
-    refined.push_back(nodes_[k]);
-    refined.push_back(0.5 * (nodes_[k] + nodes_[k + 1]));
+int SplineAxis::stretch_of(int interval) const {
+  return static_cast<int>(std::upper_bound(first_.begin(), first_.end() - 1, interval) - first_.begin()) - 1;
+}
+
+/// Of the spline through the nodes of a stretch; the second one and the last but one are no knots.
+std::vector<double> SplineAxis::stretch_knots(int stretch) const {
+  const int a = first_[stretch], b = first_[stretch + 1];
+  std::vector<double> knots(4, nodes_[a]);
+  knots.insert(knots.end(), nodes_.begin() + a + 2, nodes_.begin() + b - 1);
+  knots.insert(knots.end(), 4, nodes_[b]);
+  return knots;
+}
+
+bool SplineAxis::halve(const std::set<int>& intervals) {
+  if (nodes_.size() + intervals.size() > most_nodes) return false;
+  for (const int k : intervals) {
+    const int s = stretch_of(k);
+    if (nodes_[k + 1] - nodes_[k] < shortest * (nodes_[first_[s + 1]] - nodes_[first_[s]])) return false;
   }
-  const int added = intervals(stretch);
-  nodes_.erase(nodes_.begin() + first_[stretch], nodes_.begin() + first_[stretch + 1]);
-  nodes_.insert(nodes_.begin() + first_[stretch], refined.begin(), refined.end());
-  for (std::size_t s = static_cast<std::size_t>(stretch) + 1; s < first_.size(); ++s) first_[s] += added;
+  std::set<int> next = intervals;
+  while (!next.empty()) {
+    for (auto k = next.rbegin(); k != next.rend(); ++k) {
+      for (int s = stretch_of(*k) + 1; s <= stretches(); ++s) ++first_[s];
+      nodes_.insert(nodes_.begin() + *k + 1, 0.5 * (nodes_[*k] + nodes_[*k + 1]));
+    }
+    next.clear();
+    for (int s = 0; s < stretches(); ++s) {
+      for (int k = first_[s]; k < first_[s + 1]; ++k) {
+        const double own = nodes_[k + 1] - nodes_[k];
+        if ((k > first_[s] && own > steepest * (nodes_[k] - nodes_[k - 1])) ||
+            (k + 1 < first_[s + 1] && own > steepest * (nodes_[k + 2] - nodes_[k + 1]))) {
+          next.insert(k);
+        }
+      }
+    }
+  }
+  return true;
 }
 
 std::vector<double> SplineAxis::checks(double spacing) const {
@@ -88,12 +109,12 @@ std::vector<double> SplineAxis::checks(double spacing) const {
 Eigen::MatrixXd SplineAxis::poles(const Eigen::MatrixXd& values) const {
   Eigen::MatrixXd poles(values.rows(), values.cols());
   for (int s = 0; s < stretches(); ++s) {
-    const int m = intervals(s);
-    const std::vector<double> knots = stretch_knots(m);
+    const int m = first_[s + 1] - first_[s];
+    const std::vector<double> knots = stretch_knots(s);
     Eigen::MatrixXd functions = Eigen::MatrixXd::Zero(m + 1, m + 1);
     for (int k = 0; k <= m; ++k) {
       std::array<double, 4> row;
-      const int first = cubic_functions(knots, k, row);
+      const int first = cubic_functions(knots, nodes_[first_[s] + k], row);
       for (int j = 0; j < 4; ++j) functions(k, first + j) = row[j];
     }
     poles.middleRows(first_[s], m + 1) = functions.partialPivLu().solve(values.middleRows(first_[s], m + 1));
@@ -108,12 +129,11 @@ Eigen::MatrixXd SplineAxis::values(const Eigen::MatrixXd& poles, const std::vect
   int stretch = -1;
   std::vector<double> knots;
   for (std::size_t i = 0; i < at.size(); ++i) {
-    const int s = stretch_of(at[i]);
-    if (s != stretch) knots = stretch_knots(intervals(s));
+    const int s = stretch_of(interval_of(at[i]));
+    if (s != stretch) knots = stretch_knots(s);
     stretch = s;
-    const double a = nodes_[first_[s]], b = nodes_[first_[s + 1]];
     std::array<double, 4> row;
-    const int first = cubic_functions(knots, (at[i] - a) / (b - a) * intervals(s), row);
+    const int first = cubic_functions(knots, at[i], row);
     for (int j = 0; j < 4; ++j) values.row(static_cast<int>(i)) += row[j] * poles.row(first_[s] + first + j);
   }
   return values;
@@ -123,7 +143,7 @@ std::vector<double> SplineAxis::knots() const {
   std::vector<double> knots;
   for (int s = 0; s < stretches(); ++s) {
     knots.push_back(nodes_[first_[s]]);
-    for (int k = 2; k <= intervals(s) - 2; ++k) knots.push_back(nodes_[first_[s] + k]);
+    knots.insert(knots.end(), nodes_.begin() + first_[s] + 2, nodes_.begin() + first_[s + 1] - 1);
   }
   knots.push_back(nodes_.back());
   return knots;
@@ -133,7 +153,7 @@ std::vector<int> SplineAxis::multiplicities() const {
   std::vector<int> multiplicities;
   for (int s = 0; s < stretches(); ++s) {
     multiplicities.push_back(s == 0 ? 4 : 3);
-    for (int k = 2; k <= intervals(s) - 2; ++k) multiplicities.push_back(1);
+    multiplicities.insert(multiplicities.end(), static_cast<std::size_t>(first_[s + 1] - first_[s] - 3), 1);
   }
   multiplicities.push_back(4);
   return multiplicities;

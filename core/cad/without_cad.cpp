@@ -3,6 +3,7 @@
 #include "core/cad/availability.h"
 #include "core/cad/cad_apply.h"
 #include "core/cad/cad_move.h"
+#include "core/cad/cad_regions.h"
 
 namespace deform::cad {
 
@@ -28,5 +29,7 @@ CarriedNodes carry_nodes(const Mesh&, const MoveRequest&, const RunContext&) { r
 void check_request(const ApplyRequest&) { refuse(); }
 
 DeformedModel apply_to_model(const ApplyRequest&, const SpaceMap&, const RunContext&) { refuse(); }
+
+CadRegions cad_regions(const Mesh&, const RegionsRequest&, const RunContext&) { refuse(); }
 
 }  // namespace deform::cad

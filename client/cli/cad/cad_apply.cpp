@@ -89,7 +89,7 @@ std::vector<std::string> failures_of(const AppliedCad& applied) {
     const cad::DeformedFace& face = model.faces.at(static_cast<std::size_t>(number) - 1);
     failures.push_back("face " + std::to_string(number) + " (" + face.type + ") is off by " +
                        in_diagonals(face.error, model.diagonal) +
-                       ", more than twice the tolerance: the deformation is not smooth there");
+                       ", above what --tolerance and --rigid allow: the deformation is not smooth there");
   }
   if (applied.mesh_difference > applied.tolerance) {
     failures.push_back(
@@ -165,6 +165,11 @@ void add_cad_apply_command(CLI::App& app, const CommonOptions& common, Action& c
       ->add_option("--tolerance", options->request.tolerance,
                    "Largest distance of the written geometry from the deformed one, as a fraction of D")
       ->check(CLI::Range(1e-9, 1e-2))
+      ->capture_default_str();
+  command
+      ->add_option("--rigid", options->request.rigid,
+                   "Faces that move rigidly up to this distance, a fraction of D, keep their type; 0: a tenth of --tolerance")
+      ->check(CLI::Range(0.0, 1e-2))
       ->capture_default_str();
   command->add_option("--scale", options->request.scale, "Factor from the unit of the CAD model to that of the mesh")
       ->check(CLI::PositiveNumber)
