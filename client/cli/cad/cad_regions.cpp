@@ -231,6 +231,8 @@ ExitCode run_cad_regions(const CadRegionsCommand& options, const CommonOptions& 
   keep_inputs("-o", options.setup, {input.mesh, options.request.model});
   DetectedSetupOptions writing;
   writing.points_file = sets_path(options.setup).filename().string();
+  writing.origin =
+      "Faces and edges of the CAD model " + printable(options.request.model.filename().string()) + ", by deform cad-regions.";
   const Interrupt interrupt;
   const auto file = io::read_mesh_file(input.mesh, own_process(interrupt.token()));
   if (input.setup) {
