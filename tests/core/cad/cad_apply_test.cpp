@@ -289,6 +289,16 @@ TEST_F(CadApply, AKinkAlongAParameterIsFollowed) {
   EXPECT_EQ(model.faces[0].poles[1], 4);
 }
 
+TEST_F(CadApply, ABumpBetweenTheFirstNodesIsFound) {
+  const PointMap bump = [](const Vec3& p) { return Vec3{p[0], p[1], 0.1 * std::exp(-200 * (p[0] * p[0] + p[1] * p[1]))}; };
+  const TopoDS_Shape sheet = BRepBuilderAPI_MakeFace(gp_Pln(gp::Origin(), gp::DZ()), -1, 1, -1, 1).Shape();
+  ApplyRequest asked = request(sheet, ".brep");
+  asked.tolerance = 1e-5;
+  const DeformedModel model = apply_to_model(asked, each(bump));
+  EXPECT_EQ(model.faces[0].became, Became::fitted);
+  EXPECT_LT(model.error, 2 * asked.tolerance * model.diagonal);
+}
+
 TEST_F(CadApply, NamesColoursAndTheUnitAreKept) {
   Handle(TDocStd_Document) document;
   XCAFApp_Application::GetApplication()->NewDocument("MDTV-XCAF", document);
