@@ -269,8 +269,6 @@ void check_request(const MoveRequest& request) {
 
 }  // namespace
 
-bool available() { return true; }
-
 CarriedNodes carry_nodes(const Mesh& mesh, const MoveRequest& request, const RunContext& context) {
   check_request(request);
   mesh.validate();

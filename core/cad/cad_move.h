@@ -64,9 +64,6 @@ struct CarriedNodes {
   }
 };
 
-/// Whether this program was built with OpenCASCADE. Without it carry_nodes() only throws.
-bool available();
-
 /// Carries the nodes on the boundary of a mesh from the old CAD model to the new one (thesis 6.2). Vertices, edges and faces are
 /// paired by structure: colour refinement of the incidences of faces, loops, edges and vertices, with the types of the faces,
 /// tells apart what it can; among the rest the positions decide, after a translation and a scaling. Nodes on edges keep the

@@ -31,6 +31,7 @@
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/text.h"
+#include "core/cad/availability.h"
 
 namespace deform::cad {
 
@@ -52,18 +53,6 @@ constexpr std::array<std::pair<const char*, const char*>, 12> units{{{"millimetr
                                                                      {"cm", "CM"},
                                                                      {"in", "INCH"},
                                                                      {"ft", "FT"}}};
-
-/// Reads in the unit of the file: makes it the one that OpenCASCADE converts to, and notes it.
-void keep_unit(const std::string& unit, Model& model) {
-  for (const auto& [name, code] : units) {
-    if (lower_case(unit) != name) continue;
-    Interface_Static::SetCVal("xstep.cascade.unit", code);
-    model.notes.push_back(model.name + " is in " + lower_case(unit) + ".");
-    return;
-  }
-  Interface_Static::SetCVal("xstep.cascade.unit", "MM");
-  model.notes.push_back(model.name + " names no known unit of length; millimetres are taken.");
-}
 
 [[noreturn]] void cannot_read(const std::string& name, const std::string& format) {
   throw Error(ErrorCode::invalid_argument, name + ": is no " + format + " file that can be read");
@@ -113,16 +102,10 @@ TopoDS_Shape read_shape(const std::filesystem::path& path, Model& model) {
   throw Error(ErrorCode::invalid_argument, model.name + ": CAD models are read from .step, .stp, .iges, .igs and .brep");
 }
 
-TopoDS_Shape healed(const TopoDS_Shape& shape, Model& model) {
-  if (BRepCheck_Analyzer(shape).IsValid()) return shape;
-  ShapeFix_Shape fix(shape);
-  fix.Perform();
-  const bool valid = BRepCheck_Analyzer(fix.Shape()).IsValid();
-  model.notes.push_back(model.name + " is not valid; " + (valid ? "it was healed." : "healing did not mend all of it."));
-  return fix.Shape();
-}
-
 }  // namespace
+
+bool available() { return true; }
+void require() {}
 
 TopoDS_Face Model::face(int f) const { return TopoDS::Face(faces(f + 1).Oriented(TopAbs_FORWARD)); }
 int Model::face_sense(int f) const { return faces(f + 1).Orientation() == TopAbs_REVERSED ? -1 : 1; }
@@ -165,10 +148,34 @@ Model make_model(const TopoDS_Shape& shape, const std::string& name) {
   return model;
 }
 
-Model read_model(const std::filesystem::path& path, double scale) {
-  if (!std::ifstream(path)) throw Error(ErrorCode::not_found, path.string() + ": the CAD file cannot be opened");
+void silence_messages() {
   for (const auto& printer : Message::DefaultMessenger()->Printers()) printer->SetTraceLevel(Message_Alarm);
   Message::DefaultMessenger()->ChangePrinters().Clear();
+}
+
+void keep_unit(const std::string& unit, Model& model) {
+  for (const auto& [name, code] : units) {
+    if (lower_case(unit) != name) continue;
+    Interface_Static::SetCVal("xstep.cascade.unit", code);
+    model.notes.push_back(model.name + " is in " + lower_case(unit) + ".");
+    return;
+  }
+  Interface_Static::SetCVal("xstep.cascade.unit", "MM");
+  model.notes.push_back(model.name + " names no known unit of length; millimetres are taken.");
+}
+
+TopoDS_Shape healed(const TopoDS_Shape& shape, Model& model) {
+  if (BRepCheck_Analyzer(shape).IsValid()) return shape;
+  ShapeFix_Shape fix(shape);
+  fix.Perform();
+  const bool valid = BRepCheck_Analyzer(fix.Shape()).IsValid();
+  model.notes.push_back(model.name + " is not valid; " + (valid ? "it was healed." : "healing did not mend all of it."));
+  return fix.Shape();
+}
+
+Model read_model(const std::filesystem::path& path, double scale) {
+  if (!std::ifstream(path)) throw Error(ErrorCode::not_found, path.string() + ": the CAD file cannot be opened");
+  silence_messages();
   Model reading;
   reading.name = path.string();
   try {

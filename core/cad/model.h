@@ -49,6 +49,16 @@ Model make_model(const TopoDS_Shape& shape, const std::string& name);
 /// invalid_argument) naming the file.
 Model read_model(const std::filesystem::path& path, double scale);
 
+/// Keeps OpenCASCADE from printing.
+void silence_messages();
+
+/// Reads and writes in this unit from now on, by its name in STEP and IGES files, and notes it in the model; an unknown one
+/// counts as millimetres.
+void keep_unit(const std::string& unit, Model& model);
+
+/// The shape, healed when it is not valid, which is noted in the model.
+TopoDS_Shape healed(const TopoDS_Shape& shape, Model& model);
+
 /// The model with neighbouring faces on one surface, and edges on one curve, merged.
 Model unified(const Model& model);
 

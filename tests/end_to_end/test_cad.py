@@ -3,6 +3,7 @@
 
 import csv
 import gzip
+import json
 import math
 import os
 import shutil
@@ -73,6 +74,111 @@ class Cad(EndToEnd):
         self.fails(1, "cad-move", model("bore_p000.step"), model("bore_p100.step"), "bore.msh.gz", "-o", "moved.msh", says=["--setup"])
         for name in ("m.csv", "s.yaml", "moved.msh"):
             self.assertFalse(os.path.exists(self.path(name)), name)
+
+    SETUP = """\
+geometry: bore.msh.gz
+method: {rbf: {kernel: TRIHARMONIC}}
+handles: [{name: top, region: {half_space: {point: [0, 0, 0.99], normal: [0, 0, 1]}}}]
+fixed: [{half_space: {point: [0, 0, -0.99], normal: [0, 0, -1]}}]
+variables:
+  - {name: turn, handle: top, rotate: {axis: [0, 0, 1], unit: DEGREES}}
+  - {name: up, handle: top, translate: [0, 0, 1]}
+"""
+
+    def test_the_deformed_mesh_lies_on_the_deformed_model(self):
+        """Whether mesh and model agree is judged by cad-move, which projects the nodes onto the model that was written."""
+        self.start_server()
+        self.write("s.yaml", self.SETUP)
+        settings = ("--set", "turn=20", "--set", "up=0.1")
+        before = self.status()
+        report = self.deform("cad-apply", "s.yaml", model("bore_p000.step"), *settings, "-o", "out.step", "--tolerance", "1e-5", "--json").json
+        self.assertEqual(self.status()["geometries"], before["geometries"] + 1, "only the mesh stays")
+        self.assertEqual(report["failures"], [])
+        self.assertLess(report["error"], 2e-5 * report["diagonal"])
+        self.assertLess(report["mesh_difference"], 1e-9 * report["diagonal"])
+        became = [face["became"] for face in report["faces"]]
+        self.assertEqual(len(became), 7)
+        # Between the nodes of the mesh the fixed bottom moves a little, and the top a little otherwise than its handle.
+        self.assertEqual(set(became), {"fitted"})
+        rigid = self.deform("cad-apply", "s.yaml", model("bore_p000.step"), *settings, "-o", "rigid.step", "--tolerance", "1e-5", "--rigid", "5e-3",
+                            "--json").json
+        self.assertEqual(rigid["failures"], [])
+        became = [face["became"] for face in rigid["faces"]]
+        self.assertEqual((became.count("kept"), became.count("moved")), (1, 1), "the bottom and the top")
+        self.deform("apply", "s.yaml", *settings, "-o", "out.msh.gz")
+        moved = self.deform("cad-move", "out.step", "out.step", "out.msh.gz", "-o", "none.csv", "--json").json
+        self.assertLess(moved["farthest"], 2e-5 * report["diagonal"] + ROUNDING)
+
+    def test_half_models_slide_in_their_plane_of_symmetry(self):
+        """Nodes of the fit lie beyond the plane by a margin, where the server knows no deformation."""
+        self.start_server()
+        self.write("s.yaml", """\
+geometry: bore.msh.gz
+method: {rbf: {kernel: TRIHARMONIC}}
+symmetry: [{point: [0, 0, -1], normal: [0, 0, 1]}]
+handles: [{name: end, region: {half_space: {point: [1.99, 0, 0], normal: [1, 0, 0]}}}]
+fixed: [{half_space: {point: [-1.99, 0, 0], normal: [-1, 0, 0]}}]
+variables: [{name: shift, handle: end, translate: [0, 1, 0]}]
+""")
+        report = self.deform("cad-apply", "s.yaml", model("bore_p000.step"), "--set", "shift=0.3", "-o", "out.step", "--tolerance", "1e-4", "--json").json
+        self.assertEqual(report["failures"], [])
+        self.deform("apply", "s.yaml", "--set", "shift=0.3", "-o", "out.msh.gz")
+        moved = self.deform("cad-move", "out.step", "out.step", "out.msh.gz", "-o", "none.csv", "--json").json
+        self.assertLess(moved["farthest"], 2e-4 * report["diagonal"])
+
+    def test_a_lattice_that_the_mesh_places_stays_there(self):
+        self.start_server()
+        self.write("s.yaml", """\
+geometry: bore.msh.gz
+method: {ffd: {control: CONTROLS}}
+handles: [{name: top, region: {lattice: {k: [5, 6]}}}]
+variables: [{name: up, handle: top, translate: [0.1, 0, 0.2]}]
+""")
+        report = self.deform("cad-apply", "s.yaml", model("bore_p000.step"), "--set", "up=1", "-o", "out.brep", "--tolerance", "1e-4", "--json").json
+        self.assertEqual(report["failures"], [])
+        self.assertLess(report["mesh_difference"], 1e-12 * report["diagonal"])
+
+    def test_what_deforms_no_space_is_refused(self):
+        self.start_server()
+        for method in ("shell", "mls", "subspace"):
+            self.write("s.yaml", self.SETUP.replace("rbf: {kernel: TRIHARMONIC}", method + ": {}"))
+            self.fails(1, "cad-apply", "s.yaml", model("bore_p000.step"), "--set", "up=0.1", "-o", "out.step", says=[f"method.{method}", "rbf, ffd or cage"])
+        self.write("s.yaml", self.SETUP)
+        self.fails(1, "cad-apply", "s.yaml", model("bore_p000.step"), "--set", "up=0.1", "-o", "out.stl", says=[".step"])
+        self.fails(1, "cad-apply", "s.yaml", self.path("bore.msh.gz"), "--set", "up=0.1", "-o", "out.step", says=["bore.msh.gz"])
+        self.assertFalse(os.path.exists(self.path("out.step")))
+        self.assertEqual(os.listdir(self.folder).count("out.partial.step"), 0)
+
+    def test_faces_become_constraints_and_sets(self):
+        self.start_server()
+        found = self.deform("cad-regions", model("bore_p000.step"), "bore.msh.gz", "-o", "regions.yaml", "--json").json
+        types = [face["type"] for face in found["faces"]]
+        self.assertEqual((types.count("plane"), types.count("cylinder")), (6, 1))
+        patches = {node: patches for node, (patches, _) in self.nodes().items()}
+        bore = next(face for face in found["faces"] if face["type"] == "cylinder")
+        self.assertEqual(set(bore["points"]), {node for node in patches if "hole" in patches[node]})
+        self.assertAlmostEqual(bore["radius"], 0.5)
+        with open(self.path("regions.points.json")) as file:
+            sets = json.load(file)
+        self.assertEqual(sets[bore["name"]], bore["points"])
+        self.assertEqual(len(sets), len(found["faces"]) + len(found["edges"]))
+        # Of a setup: what the server accepts, and what keeps the bore a cylinder.
+        self.write("s.yaml", self.SETUP.replace("rbf: {kernel: TRIHARMONIC}", "mls: {}"))
+        self.deform("cad-regions", model("bore_p000.step"), "s.yaml", "-o", "kept.yaml")
+        with open(self.path("kept.yaml")) as file:
+            text = file.read()
+        self.assertIn("cylindrical: {}", text)
+        self.assertIn("all its points are fixed", text, "the bottom needs no constraint")
+        self.deform("prepare", "kept.yaml", "--check")
+        # A set as a region of a setup without constraints.
+        self.write("held.yaml", self.SETUP.replace("fixed: [", f"fixed: [{{ids: {{file: regions.points.json, set: {bore['name']}}}}}, ")
+                   .replace("half_space: {point: [0, 0, 0.99], normal: [0, 0, 1]}", "difference: [{half_space: {point: [0, 0, 0.99], normal: [0, 0, 1]}}, "
+                            f"{{ids: {{file: regions.points.json, set: {bore['name']}}}}}]"))
+        self.deform("prepare", "held.yaml", "--check")
+
+    def test_models_of_other_meshes_are_refused(self):
+        self.fails(1, "cad-regions", model("ahmed_slant25.step"), "bore.msh.gz", "-o", "regions.yaml", says=["farther"])
+        self.assertFalse(os.path.exists(self.path("regions.yaml")))
 
 
 if __name__ == "__main__":

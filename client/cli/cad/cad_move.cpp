@@ -13,6 +13,7 @@
 #include "client/cli/setup/reading.h"
 #include "core/base/number_text.h"
 #include "core/base/text.h"
+#include "core/cad/availability.h"
 #include "core/cad/cad_move.h"
 
 namespace deform::cli {
@@ -139,6 +140,7 @@ nlohmann::ordered_json carried_json(const cad::CarriedNodes& carried, const CadM
 }
 
 ExitCode run_cad_move(const CadMoveCommand& options, const CommonOptions& common) {
+  cad::require();
   const std::filesystem::path before = options.request.before, after = options.request.after;
   keep_inputs("--output", options.output, {before, after, options.mesh, options.map});
   keep_inputs("--setup", options.setup, {before, after, options.mesh, options.map, options.output});

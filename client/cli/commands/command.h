@@ -72,7 +72,9 @@ void add_regions_command(CLI::App& app, const CommonOptions& common, Action& cho
 void add_lattice_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_lattice_refine_command(CLI::App& lattice, const CommonOptions& common, Action& chosen);
 void add_cage_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_cad_apply_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_cad_move_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_cad_regions_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_schema_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_read_isolated_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 

@@ -91,9 +91,10 @@ class Writer {
  private:
   std::string head() const {
     const v1::DetectSummary& summary = detected_.summary;
-    const std::string found = "# Found by deform detect with tolerance " + number_text(summary.tolerance()) + ", smallest area " +
-                              number_text(100 * summary.minimum_area()) + " % of the surface, largest angle " +
-                              number_text(summary.maximum_angle()) + " rad.\n";
+    const std::string detection = "Found by deform detect with tolerance " + number_text(summary.tolerance()) +
+                                  ", smallest area " + number_text(100 * summary.minimum_area()) +
+                                  " % of the surface, largest angle " + number_text(summary.maximum_angle()) + " rad.";
+    const std::string found = "# " + (options_.origin.empty() ? detection : options_.origin) + "\n";
     if (!options_.beginning.empty()) {
       const bool open = options_.beginning.back() != '\n';
       return options_.beginning + (open ? "\n" : "") + "\n" + found + "# Take out what need not be kept.\n";

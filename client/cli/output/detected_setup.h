@@ -28,6 +28,7 @@ struct DetectedSetupOptions {
   std::string beginning;    ///< text of a setup without constraints that is continued; empty: a setup without handles
   std::string points_file;  ///< what the setup calls the file of ids
   HeldPoints held;
+  std::string origin;  ///< a sentence on one line: where the sets come from; empty: from detection
 };
 
 /// A constraint for every set that was found, without those that cannot be constrained (too few points), that others imply, and

@@ -1,0 +1,195 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/cad/deformed_shape.h"
+
+#include <BRepCheck.hxx>
+#include <BRepCheck_Analyzer.hxx>
+#include <BRepCheck_ListOfStatus.hxx>
+#include <BRepCheck_Result.hxx>
+#include <BRepTools_Modification.hxx>
+#include <BRepTools_Modifier.hxx>
+#include <BRep_Builder.hxx>
+#include <BRep_Tool.hxx>
+#include <Geom2d_Curve.hxx>
+#include <Precision.hxx>
+#include <TopExp.hxx>
+#include <TopExp_Explorer.hxx>
+#include <TopoDS.hxx>
+#include <algorithm>
+#include <array>
+#include <sstream>
+
+#include "core/base/error.h"
+
+namespace deform::cad {
+
+namespace {
+
+constexpr int gap_samples = 23;
+constexpr double gap_margin = 1.2;
+
+/// Hands the geometry of a refitting to BRepTools_Modifier.
+class RefitModification : public BRepTools_Modification {
+ public:
+  RefitModification(const Model& model, const Refitting& refitting) : model_(model), refitting_(refitting) {}
+
+  Standard_Boolean NewSurface(const TopoDS_Face& face, Handle(Geom_Surface) & surface, TopLoc_Location& place,
+                              Standard_Real& tolerance, Standard_Boolean& reverse_wires,
+                              Standard_Boolean& reverse_face) override {
+    const int f = model_.faces.FindIndex(face) - 1;
+    if (f < 0) return false;
+    surface = refitting_.surface(f);
+    place.Identity();
+    tolerance = BRep_Tool::Tolerance(face);
+    reverse_wires = reverse_face = false;
+    return true;
+  }
+
+  Standard_Boolean NewCurve(const TopoDS_Edge& edge, Handle(Geom_Curve) & curve, TopLoc_Location& place,
+                            Standard_Real& tolerance) override {
+    const int e = model_.edges.FindIndex(edge) - 1;
+    if (e < 0) return false;
+    curve = refitting_.curve(e);  // null for degenerate edges, as before
+    place.Identity();
+    tolerance = Precision::Confusion();
+    return true;
+  }
+
+  Standard_Boolean NewPoint(const TopoDS_Vertex& vertex, gp_Pnt& point, Standard_Real& tolerance) override {
+    const int v = model_.vertices.FindIndex(vertex) - 1;
+    if (v < 0) return false;
+    const Vec3& place = refitting_.vertex(v);
+    point = gp_Pnt(place[0], place[1], place[2]);
+    tolerance = Precision::Confusion();
+    return true;
+  }
+
+  Standard_Boolean NewCurve2d(const TopoDS_Edge& edge, const TopoDS_Face& face, const TopoDS_Edge&, const TopoDS_Face&,
+                              Handle(Geom2d_Curve) & curve, Standard_Real& tolerance) override {
+    double from = 0, to = 0;
+    const Handle(Geom2d_Curve) kept = BRep_Tool::CurveOnSurface(edge, face, from, to);
+    if (kept.IsNull()) return false;
+    curve = Handle(Geom2d_Curve)::DownCast(kept->Copy());
+    tolerance = Precision::Confusion();
+    return true;
+  }
+
+  Standard_Boolean NewParameter(const TopoDS_Vertex& vertex, const TopoDS_Edge& edge, Standard_Real& parameter,
+                                Standard_Real& tolerance) override {
+    if (vertex.IsNull()) return false;
+    parameter = BRep_Tool::Parameter(vertex, edge);
+    tolerance = Precision::Confusion();
+    return true;
+  }
+
+  GeomAbs_Shape Continuity(const TopoDS_Edge& edge, const TopoDS_Face& first, const TopoDS_Face& second, const TopoDS_Edge&,
+                           const TopoDS_Face&, const TopoDS_Face&) override {
+    return BRep_Tool::Continuity(edge, first, second);
+  }
+
+ private:
+  const Model& model_;
+  const Refitting& refitting_;
+};
+
+/// Widens vertices until they hold the point.
+void reach(const TopoDS_Edge& edge, bool at_start, const gp_Pnt& point) {
+  const TopoDS_Vertex vertex = at_start ? TopExp::FirstVertex(edge) : TopExp::LastVertex(edge);
+  if (vertex.IsNull()) return;
+  BRep_Builder().UpdateVertex(vertex, gap_margin * BRep_Tool::Pnt(vertex).Distance(point));
+}
+
+/// Sets tolerances from measured gaps; returns the largest gap.
+double set_tolerances(const TopoDS_Shape& shape) {
+  double largest = 0;
+  const BRep_Builder builder;
+  for (TopExp_Explorer face(shape, TopAbs_FACE); face.More(); face.Next()) {
+    const TopoDS_Face forward = TopoDS::Face(face.Current().Oriented(TopAbs_FORWARD));
+    const Handle(Geom_Surface) surface = BRep_Tool::Surface(forward);
+    for (TopExp_Explorer used(forward, TopAbs_EDGE); used.More(); used.Next()) {
+      const TopoDS_Edge edge = TopoDS::Edge(used.Current());
+      double from = 0, to = 0, a = 0, b = 0;
+      const Handle(Geom2d_Curve) on_face = BRep_Tool::CurveOnSurface(edge, forward, from, to);
+      const Handle(Geom_Curve) curve = BRep_Tool::Curve(edge, a, b);
+      if (on_face.IsNull()) continue;
+      double gap = 0;
+      const TopoDS_Edge along = TopoDS::Edge(edge.Oriented(TopAbs_FORWARD));
+      for (int k = 0; k < gap_samples; ++k) {
+        const double t = from + (to - from) * k / (gap_samples - 1);
+        const gp_Pnt2d uv = on_face->Value(t);
+        const gp_Pnt place = surface->Value(uv.X(), uv.Y());
+        if (curve.IsNull()) {
+          reach(along, true, place);
+          continue;
+        }
+        const gp_Pnt own = curve->Value(t);
+        gap = std::max(gap, own.Distance(place));
+        if (k != 0 && k != gap_samples - 1) continue;
+        reach(along, k == 0, own);
+        reach(along, k == 0, place);
+      }
+      largest = std::max(largest, gap);
+      builder.UpdateEdge(edge, std::max(gap_margin * gap, Precision::Confusion()));
+    }
+  }
+  // A vertex is at least as wide as its edges.
+  for (TopExp_Explorer used(shape, TopAbs_EDGE); used.More(); used.Next()) {
+    const TopoDS_Edge edge = TopoDS::Edge(used.Current());
+    for (const TopoDS_Vertex& vertex : {TopExp::FirstVertex(edge), TopExp::LastVertex(edge)}) {
+      if (!vertex.IsNull()) builder.UpdateVertex(vertex, BRep_Tool::Tolerance(edge));
+    }
+  }
+  return largest;
+}
+
+}  // namespace
+
+DeformedShape deformed_shape(const TopoDS_Shape& part, const Model& model, const Refitting& refitting) {
+  BRepTools_Modifier modifier(part, new RefitModification(model, refitting));
+  if (!modifier.IsDone()) throw Error(ErrorCode::internal, model.name + ": OpenCASCADE could not rebuild the model");
+  DeformedShape deformed{modifier.ModifiedShape(part)};
+  deformed.largest_gap = set_tolerances(deformed.shape);
+  return deformed;
+}
+
+std::string faults_of(const TopoDS_Shape& shape) {
+  const BRepCheck_Analyzer analyzer(shape);
+  if (analyzer.IsValid()) return {};
+  constexpr int most = 4;
+  int found = 0;
+  std::ostringstream text;
+  constexpr std::array<std::pair<TopAbs_ShapeEnum, const char*>, 6> kinds{{{TopAbs_VERTEX, "vertex"},
+                                                                           {TopAbs_EDGE, "edge"},
+                                                                           {TopAbs_WIRE, "loop"},
+                                                                           {TopAbs_FACE, "face"},
+                                                                           {TopAbs_SHELL, "shell"},
+                                                                           {TopAbs_SOLID, "solid"}}};
+  const auto report = [&](const char* kind, int number, const BRepCheck_ListOfStatus& list, const std::string& where) {
+    for (const BRepCheck_Status status : list) {
+      if (status == BRepCheck_NoError) continue;
+      std::ostringstream name;
+      BRepCheck::Print(status, name);
+      std::string what = name.str();
+      while (!what.empty() && (what.back() == '\n' || what.back() == ' ')) what.pop_back();
+      if (++found <= most) text << (found > 1 ? "; " : "") << kind << ' ' << number << where << ": " << what;
+    }
+  };
+  TopTools_IndexedMapOfShape faces;
+  TopExp::MapShapes(shape, TopAbs_FACE, faces);
+  for (const auto& [type, kind] : kinds) {
+    TopTools_IndexedMapOfShape shapes;
+    TopExp::MapShapes(shape, type, shapes);
+    for (int i = 1; i <= shapes.Extent(); ++i) {
+      const Handle(BRepCheck_Result)& result = analyzer.Result(shapes(i));
+      if (result.IsNull()) continue;
+      report(kind, i, result->Status(), "");
+      for (result->InitContextIterator(); result->MoreShapeInContext(); result->NextShapeInContext()) {
+        const int face = faces.FindIndex(result->ContextualShape());
+        report(kind, i, result->StatusOnShape(), face > 0 ? " on face " + std::to_string(face) : "");
+      }
+    }
+  }
+  if (found > most) text << "; and " << found - most << " more";
+  return found > 0 ? text.str() : "the shape as a whole";
+}
+
+}  // namespace deform::cad

@@ -1,0 +1,281 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/cad/document.h"
+
+#include <BRepLib.hxx>
+#include <BRepTools.hxx>
+#include <BRep_Builder.hxx>
+#include <IFSelect_ReturnStatus.hxx>
+#include <Interface_Static.hxx>
+#include <STEPCAFControl_Reader.hxx>
+#include <STEPCAFControl_Writer.hxx>
+#include <ShapeUpgrade_RemoveLocations.hxx>
+#include <Standard_Failure.hxx>
+#include <TColStd_SequenceOfAsciiString.hxx>
+#include <TDF_Label.hxx>
+#include <TDF_LabelSequence.hxx>
+#include <TDataStd_Name.hxx>
+#include <TDocStd_Document.hxx>
+#include <TopExp.hxx>
+#include <TopTools_IndexedMapOfShape.hxx>
+#include <TopoDS_Compound.hxx>
+#include <XCAFApp_Application.hxx>
+#include <XCAFDoc_ColorTool.hxx>
+#include <XCAFDoc_DocumentTool.hxx>
+#include <XCAFDoc_ShapeTool.hxx>
+#include <fstream>
+
+#include "core/base/error.h"
+#include "core/base/text.h"
+#include "core/cad/model.h"
+
+namespace deform::cad {
+
+namespace {
+
+Handle(TDocStd_Document) empty_document() {
+  Handle(TDocStd_Document) document;
+  XCAFApp_Application::GetApplication()->NewDocument("MDTV-XCAF", document);
+  return document;
+}
+
+/// Closes it when it goes.
+class OpenDocument {
+ public:
+  OpenDocument() : document_(empty_document()) {}
+  ~OpenDocument() { XCAFApp_Application::GetApplication()->Close(document_); }
+  OpenDocument(const OpenDocument&) = delete;
+  OpenDocument& operator=(const OpenDocument&) = delete;
+  const Handle(TDocStd_Document) & get() const { return document_; }
+  Handle(XCAFDoc_ShapeTool) shapes() const { return XCAFDoc_DocumentTool::ShapeTool(document_->Main()); }
+  Handle(XCAFDoc_ColorTool) colours() const { return XCAFDoc_DocumentTool::ColorTool(document_->Main()); }
+
+ private:
+  Handle(TDocStd_Document) document_;
+};
+
+std::string name_of(const TDF_Label& label) {
+  Handle(TDataStd_Name) name;
+  if (!label.FindAttribute(TDataStd_Name::GetID(), name)) return {};
+  const TCollection_ExtendedString& text = name->Get();
+  std::string utf8(static_cast<std::size_t>(text.LengthOfCString()), '\0');
+  Standard_PCharacter start = utf8.data();
+  text.ToUTF8CString(start);
+  return utf8;
+}
+
+TCollection_ExtendedString extended(const std::string& text) { return {text.c_str(), true}; }
+
+int face_count(const TopoDS_Shape& shape) {
+  TopTools_IndexedMapOfShape faces;
+  TopExp::MapShapes(shape, TopAbs_FACE, faces);
+  return faces.Extent();
+}
+
+/// The parts of a document, where they stand.
+class PartReader {
+ public:
+  PartReader(const OpenDocument& open, Document& document)
+      : shapes_(open.shapes()), colours_(open.colours()), document_(document) {}
+
+  void read() {
+    TDF_LabelSequence roots;
+    shapes_->GetFreeShapes(roots);
+    for (int i = 1; i <= roots.Length(); ++i) {
+      if (roots.Length() == 1 && XCAFDoc_ShapeTool::IsAssembly(roots(i))) document_.name = name_of(roots(i));
+      add(roots(i), TopLoc_Location(), std::nullopt);
+    }
+  }
+
+ private:
+  using Colour = std::optional<Quantity_ColorRGBA>;
+
+  Colour colour_of(const TDF_Label& label, const Colour& otherwise) const {
+    Quantity_ColorRGBA colour;
+    for (const XCAFDoc_ColorType type : {XCAFDoc_ColorSurf, XCAFDoc_ColorGen}) {
+      if (colours_->GetColor(label, type, colour)) return colour;
+    }
+    return otherwise;
+  }
+
+  void add(const TDF_Label& label, const TopLoc_Location& place, const Colour& inherited) {
+    const Colour colour = colour_of(label, inherited);
+    if (XCAFDoc_ShapeTool::IsReference(label)) {
+      TDF_Label referred;
+      XCAFDoc_ShapeTool::GetReferredShape(label, referred);
+      add(referred, place * XCAFDoc_ShapeTool::GetLocation(label), colour);
+    } else if (XCAFDoc_ShapeTool::IsAssembly(label)) {
+      TDF_LabelSequence components;
+      XCAFDoc_ShapeTool::GetComponents(label, components);
+      for (int i = 1; i <= components.Length(); ++i) add(components(i), place, colour);
+    } else {
+      add_part(label, place, colour);
+    }
+  }
+
+  void add_part(const TDF_Label& label, const TopLoc_Location& place, const Colour& colour) {
+    const TopoDS_Shape shape = XCAFDoc_ShapeTool::GetShape(label);
+    if (shape.IsNull() || face_count(shape) == 0) return;
+    Part part{shape.Moved(place), name_of(label), colour, {}};
+    TopTools_IndexedMapOfShape faces;
+    TopExp::MapShapes(shape, TopAbs_FACE, faces);
+    TDF_LabelSequence marked;
+    XCAFDoc_ShapeTool::GetSubShapes(label, marked);
+    for (int i = 1; i <= marked.Length(); ++i) {
+      const TopoDS_Shape sub = XCAFDoc_ShapeTool::GetShape(marked(i));
+      const Colour own = colour_of(marked(i), std::nullopt);
+      if (sub.ShapeType() == TopAbs_FACE) {
+        mark(part, faces, sub, name_of(marked(i)), own);
+      } else if (own) {  // a solid or shell gives its colour to its faces
+        TopTools_IndexedMapOfShape inside;
+        TopExp::MapShapes(sub, TopAbs_FACE, inside);
+        for (int f = 1; f <= inside.Extent(); ++f) mark(part, faces, inside(f), "", own);
+      }
+    }
+    document_.parts.push_back(std::move(part));
+  }
+
+  static void mark(Part& part, const TopTools_IndexedMapOfShape& faces, const TopoDS_Shape& face, const std::string& name,
+                   const Colour& colour) {
+    const int f = faces.FindIndex(face) - 1;
+    if (f < 0 || (name.empty() && !colour)) return;
+    for (FaceMark& known : part.faces) {
+      if (known.face != f) continue;
+      if (!name.empty()) known.name = name;
+      if (colour && (!known.colour || !name.empty())) known.colour = colour;
+      return;
+    }
+    part.faces.push_back({f, name, colour});
+  }
+
+  const Handle(XCAFDoc_ShapeTool) shapes_;
+  const Handle(XCAFDoc_ColorTool) colours_;
+  Document& document_;
+};
+
+void read_step_parts(const std::filesystem::path& path, Model& reading, Document& document) {
+  STEPCAFControl_Reader reader;
+  reader.SetColorMode(true);
+  reader.SetNameMode(true);
+  Interface_Static::SetIVal("read.stepcaf.subshapes.name", 1);
+  if (reader.ReadFile(path.c_str()) != IFSelect_RetDone) {
+    throw Error(ErrorCode::invalid_argument, reading.name + ": is no STEP file that can be read");
+  }
+  TColStd_SequenceOfAsciiString lengths, angles, solid_angles;
+  reader.ChangeReader().FileUnits(lengths, angles, solid_angles);
+  keep_unit(lengths.IsEmpty() ? "" : lengths.First().ToCString(), reading);
+  const OpenDocument open;
+  Handle(TDocStd_Document) filled = open.get();
+  if (!reader.Transfer(filled)) throw Error(ErrorCode::invalid_argument, reading.name + ": the CAD model is empty");
+  PartReader(open, document).read();
+}
+
+/// Heals it, takes the locations out, and gives every edge a curve.
+void settle(Part& part, Model& reading) {
+  const int faces = face_count(part.shape);
+  TopoDS_Shape shape = healed(part.shape, reading);
+  ShapeUpgrade_RemoveLocations removal;
+  removal.Remove(shape);
+  shape = removal.GetResult();
+  BRepTools::Clean(shape);
+  BRepLib::BuildCurves3d(shape);
+  if (face_count(shape) != faces && !part.faces.empty()) {
+    part.faces.clear();
+    reading.notes.push_back(reading.name + ": names and colours of faces were lost by healing.");
+  }
+  part.shape = shape;
+}
+
+void write_step(const Document& document, const std::filesystem::path& path) {
+  const OpenDocument open;
+  const auto shapes = open.shapes();
+  const auto colours = open.colours();
+  TDF_Label assembly;
+  if (document.parts.size() > 1) {
+    assembly = shapes->NewShape();
+    TDataStd_Name::Set(assembly, extended(document.name.empty() ? path.stem().string() : document.name));
+  }
+  for (const Part& part : document.parts) {
+    const TDF_Label label = shapes->AddShape(part.shape, false);
+    TDataStd_Name::Set(label, extended(part.name));
+    if (part.colour) colours->SetColor(label, *part.colour, XCAFDoc_ColorSurf);
+    TopTools_IndexedMapOfShape faces;
+    TopExp::MapShapes(part.shape, TopAbs_FACE, faces);
+    for (const FaceMark& mark : part.faces) {
+      const TDF_Label face = shapes->AddSubShape(label, faces(mark.face + 1));
+      if (face.IsNull()) continue;
+      if (!mark.name.empty()) TDataStd_Name::Set(face, extended(mark.name));
+      if (mark.colour) colours->SetColor(face, *mark.colour, XCAFDoc_ColorSurf);
+    }
+    if (!assembly.IsNull()) {
+      const TDF_Label component = shapes->AddComponent(assembly, label, TopLoc_Location());
+      TDataStd_Name::Set(component, extended(part.name));
+    }
+  }
+  shapes->UpdateAssemblies();
+  Interface_Static::SetCVal("write.step.unit", Interface_Static::CVal("xstep.cascade.unit"));
+  STEPCAFControl_Writer writer;
+  writer.SetColorMode(true);
+  writer.SetNameMode(true);
+  Interface_Static::SetIVal("write.stepcaf.subshapes.name", 1);  // names of faces
+  if (!writer.Transfer(open.get(), STEPControl_AsIs) || writer.Write(path.c_str()) != IFSelect_RetDone) {
+    throw Error(ErrorCode::internal, path.string() + ": OpenCASCADE could not write the file");
+  }
+}
+
+}  // namespace
+
+Model model_of(const Document& document, const std::string& name) {
+  TopoDS_Compound all;
+  const BRep_Builder builder;
+  builder.MakeCompound(all);
+  for (const Part& part : document.parts) builder.Add(all, part.shape);
+  return make_model(all, name);
+}
+
+bool can_be_written(const std::filesystem::path& path) {
+  const std::string extension = lower_case(path.extension().string());
+  return extension == ".step" || extension == ".stp" || extension == ".brep";
+}
+
+Document read_document(const std::filesystem::path& path) {
+  if (!std::ifstream(path)) throw Error(ErrorCode::not_found, path.string() + ": the CAD file cannot be opened");
+  silence_messages();
+  Document document;
+  Model reading;
+  reading.name = path.string();
+  const std::string extension = lower_case(path.extension().string());
+  try {
+    if (extension == ".step" || extension == ".stp") {
+      read_step_parts(path, reading, document);
+    } else {
+      Model model = read_model(path, 1);
+      reading.notes = model.notes;
+      document.parts.push_back({model.shape, path.stem().string(), std::nullopt, {}});
+    }
+    for (Part& part : document.parts) settle(part, reading);
+  } catch (const Standard_Failure& failure) {
+    throw Error(ErrorCode::invalid_argument, reading.name + ": OpenCASCADE cannot read it: " + failure.GetMessageString());
+  }
+  if (document.parts.empty()) throw Error(ErrorCode::invalid_argument, reading.name + ": the CAD model has no faces");
+  document.notes = reading.notes;
+  return document;
+}
+
+void write_document(const Document& document, const std::filesystem::path& path) {
+  if (!can_be_written(path))
+    throw Error(ErrorCode::invalid_argument, path.string() + ": CAD models are written to .step, .stp and .brep");
+  if (lower_case(path.extension().string()) != ".brep") return write_step(document, path);
+  TopoDS_Shape shape = document.parts.front().shape;
+  if (document.parts.size() > 1) {
+    TopoDS_Compound all;
+    const BRep_Builder builder;
+    builder.MakeCompound(all);
+    for (const Part& part : document.parts) builder.Add(all, part.shape);
+    shape = all;
+  }
+  if (!BRepTools::Write(shape, path.c_str())) {
+    throw Error(ErrorCode::internal, path.string() + ": OpenCASCADE could not write the file");
+  }
+}
+
+}  // namespace deform::cad

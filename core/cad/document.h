@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <Quantity_ColorRGBA.hxx>
+#include <TopoDS_Shape.hxx>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/cad/model.h"
+
+namespace deform::cad {
+
+/// Name and colour of a face.
+struct FaceMark {
+  int face = 0;  ///< in its part, from 0
+  std::string name;
+  std::optional<Quantity_ColorRGBA> colour;
+};
+
+/// A part of an assembly where it stands, in the unit of the file; nothing in it has a location of its own.
+struct Part {
+  TopoDS_Shape shape;
+  std::string name;
+  std::optional<Quantity_ColorRGBA> colour;
+  std::vector<FaceMark> faces;
+};
+
+/// What a CAD file holds. A part that stands in several places is there as often.
+struct Document {
+  std::vector<Part> parts;
+  std::string name;  ///< of the assembly; empty where there is one part
+  std::vector<std::string> notes;
+};
+
+/// Reads STEP with the names and colours of parts and faces, IGES (sewn) and BREP without. Edges get curves in space where they
+/// have none. Throws Error(not_found, invalid_argument) naming the file.
+Document read_document(const std::filesystem::path& path);
+
+/// Writes .step or .stp with names and colours, or .brep, in the unit that was read last; an assembly of several parts has one
+/// level. Throws Error(invalid_argument) for another extension, Error(internal) when the file cannot be written.
+void write_document(const Document& document, const std::filesystem::path& path);
+
+/// All parts as one model, with their entities numbered.
+Model model_of(const Document& document, const std::string& name);
+
+/// Whether write_document() knows the extension.
+bool can_be_written(const std::filesystem::path& path);
+
+}  // namespace deform::cad

@@ -1,0 +1,440 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/cad/cad_apply.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <BRepAdaptor_Surface.hxx>
+#include <BRepAlgoAPI_Cut.hxx>
+#include <BRepBuilderAPI_MakeFace.hxx>
+#include <BRepBuilderAPI_MakeVertex.hxx>
+#include <BRepCheck_Analyzer.hxx>
+#include <BRepExtrema_DistShapeShape.hxx>
+#include <BRepGProp.hxx>
+#include <BRepPrimAPI_MakeBox.hxx>
+#include <BRepPrimAPI_MakeCylinder.hxx>
+#include <BRepPrimAPI_MakeSphere.hxx>
+#include <BRepPrimAPI_MakeTorus.hxx>
+#include <BRepTools.hxx>
+#include <BRepTopAdaptor_FClass2d.hxx>
+#include <BRep_Builder.hxx>
+#include <BRep_Tool.hxx>
+#include <GProp_GProps.hxx>
+#include <Geom_BSplineSurface.hxx>
+#include <Interface_Static.hxx>
+#include <Quantity_Color.hxx>
+#include <STEPCAFControl_Reader.hxx>
+#include <STEPCAFControl_Writer.hxx>
+#include <STEPControl_Reader.hxx>
+#include <STEPControl_Writer.hxx>
+#include <TColStd_SequenceOfAsciiString.hxx>
+#include <TDF_LabelSequence.hxx>
+#include <TDataStd_Name.hxx>
+#include <TDocStd_Document.hxx>
+#include <TopExp.hxx>
+#include <TopTools_IndexedMapOfShape.hxx>
+#include <TopoDS.hxx>
+#include <XCAFApp_Application.hxx>
+#include <XCAFDoc_ColorTool.hxx>
+#include <XCAFDoc_DocumentTool.hxx>
+#include <XCAFDoc_ShapeTool.hxx>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <gp_Pln.hxx>
+#include <limits>
+#include <numbers>
+#include <random>
+
+#include "core/base/error.h"
+#include "core/base/vectors.h"
+#include "core/cad/spline_axis.h"
+
+namespace deform::cad {
+namespace {
+
+using Became = DeformedFace::Became;
+using testing::HasSubstr;
+using PointMap = std::function<Vec3(const Vec3&)>;
+
+SpaceMap each(const PointMap& map) {
+  return [map](std::span<const Vec3> points) {
+    Points moved;
+    for (const Vec3& p : points) moved.push_back(map(p));
+    return moved;
+  };
+}
+
+/// Three shears one after the other: volumes stay.
+Vec3 sheared(const Vec3& p) {
+  const double x = p[0] + 0.2 * std::sin(0.8 * p[1]) + 0.1 * std::cos(p[2]);
+  const double y = p[1] + 0.15 * std::sin(0.9 * x);
+  return {x, y, p[2] + 0.1 * std::sin(0.7 * x) * std::cos(0.5 * y)};
+}
+
+/// Nothing moves below z = 1; what is above z = 2 turns about an axis along y.
+Vec3 bent(const Vec3& p) {
+  const double s = std::clamp(p[2] - 1, 0.0, 1.0);
+  const double angle = 0.3 * s * s * s * s * (35 + s * (-84 + s * (70 - 20 * s)));
+  const double z = p[2] - 2;
+  return {p[0] * std::cos(angle) + z * std::sin(angle), p[1], 2 - p[0] * std::sin(angle) + z * std::cos(angle)};
+}
+
+/// A block with a bore along y through its upper part.
+TopoDS_Shape block() {
+  const TopoDS_Shape box = BRepPrimAPI_MakeBox(gp_Pnt(-2, -1, 0), 4, 2, 4).Shape();
+  return BRepAlgoAPI_Cut(box, BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(0, -1, 3), gp::DY()), 0.5, 2).Shape()).Shape();
+}
+
+double volume(const TopoDS_Shape& shape) {
+  GProp_GProps properties;
+  BRepGProp::VolumeProperties(shape, properties, 1e-9);
+  return properties.Mass();
+}
+
+TopTools_IndexedMapOfShape faces_of(const TopoDS_Shape& shape) {
+  TopTools_IndexedMapOfShape faces;
+  TopExp::MapShapes(shape, TopAbs_FACE, faces);
+  return faces;
+}
+
+BRepAdaptor_Surface face_of(const TopoDS_Shape& shape, int number) {
+  return BRepAdaptor_Surface(TopoDS::Face(faces_of(shape)(number)));
+}
+
+class CadApply : public testing::Test {
+ protected:
+  std::filesystem::path path(const std::string& name) {
+    const auto* test = testing::UnitTest::GetInstance()->current_test_info();
+    files_.push_back(std::filesystem::temp_directory_path() / ("deform_apply_" + std::string(test->name()) + "_" + name));
+    return files_.back();
+  }
+  void TearDown() override {
+    for (const auto& file : files_) std::filesystem::remove(file);
+  }
+  ApplyRequest request(const TopoDS_Shape& shape, const std::string& extension) {
+    ApplyRequest request;
+    request.model = path("in" + extension);
+    request.output = path("out" + extension);
+    request.checks = 2000;
+    if (extension == ".brep") {
+      BRepTools::Write(shape, request.model.c_str());
+    } else {
+      Interface_Static::SetCVal("write.step.unit", "MM");
+      Interface_Static::SetCVal("xstep.cascade.unit", "MM");
+      STEPControl_Writer writer;
+      writer.Transfer(shape, STEPControl_AsIs);
+      writer.Write(request.model.c_str());
+    }
+    return request;
+  }
+  static TopoDS_Shape read(const std::filesystem::path& file) {
+    TopoDS_Shape shape;
+    if (file.extension() == ".brep") {
+      std::ifstream stream(file);
+      BRepTools::Read(shape, stream, BRep_Builder());
+      return shape;
+    }
+    Interface_Static::SetCVal("xstep.cascade.unit", "MM");
+    STEPControl_Reader reader;
+    reader.ReadFile(file.c_str());
+    reader.TransferRoots();
+    return reader.OneShape();
+  }
+  /// The largest distance of the file from where the map takes points of the original, by projection.
+  static double distance_from(const TopoDS_Shape& rest, const TopoDS_Shape& deformed, const PointMap& map) {
+    std::mt19937 engine(5);
+    std::uniform_real_distribution<double> share(0, 1);
+    double largest = 0;
+    const auto faces = faces_of(rest), targets = faces_of(deformed);
+    for (int f = 1; f <= faces.Extent(); ++f) {
+      const TopoDS_Face face = TopoDS::Face(faces(f));
+      const BRepTopAdaptor_FClass2d region(face, 1e-9);
+      const BRepAdaptor_Surface surface(face);
+      for (int found = 0; found < 8;) {
+        const double u = surface.FirstUParameter() + share(engine) * (surface.LastUParameter() - surface.FirstUParameter());
+        const double v = surface.FirstVParameter() + share(engine) * (surface.LastVParameter() - surface.FirstVParameter());
+        if (region.Perform(gp_Pnt2d(u, v)) != TopAbs_IN) continue;
+        ++found;
+        const gp_Pnt p = surface.Value(u, v);
+        const Vec3 target = map({p.X(), p.Y(), p.Z()});
+        const TopoDS_Shape vertex = BRepBuilderAPI_MakeVertex(gp_Pnt(target[0], target[1], target[2])).Shape();
+        largest = std::max(largest, BRepExtrema_DistShapeShape(vertex, targets(f)).Value());
+      }
+    }
+    return largest;
+  }
+  std::string refusal(const ApplyRequest& request, const SpaceMap& map) {
+    try {
+      apply_to_model(request, map);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "nothing was refused";
+  }
+
+ private:
+  std::vector<std::filesystem::path> files_;
+};
+
+TEST_F(CadApply, TheFileLiesOnTheDeformedModelAndKeepsItsVolume) {
+  const std::vector<TopoDS_Shape> shapes{block(), BRepPrimAPI_MakeTorus(2, 0.5).Shape(), BRepPrimAPI_MakeSphere(1.5).Shape()};
+  for (std::size_t i = 0; i < shapes.size(); ++i) {
+    for (const char* extension : {".brep", ".step"}) {
+      const ApplyRequest asked = request(shapes[i], extension);
+      const DeformedModel model = apply_to_model(asked, each(sheared));
+      const double limit = 2 * asked.tolerance * model.diagonal;
+      EXPECT_LT(model.error, limit);
+      EXPECT_LT(model.gap, limit);
+      EXPECT_TRUE(model.coarse.empty());
+      const TopoDS_Shape deformed = read(asked.output);
+      EXPECT_TRUE(BRepCheck_Analyzer(deformed).IsValid());
+      EXPECT_EQ(faces_of(deformed).Extent(), faces_of(shapes[i]).Extent());
+      EXPECT_LT(distance_from(shapes[i], deformed, sheared), limit) << extension << i;
+      EXPECT_NEAR(volume(deformed) / volume(shapes[i]), 1, 1e-6) << extension << i;
+    }
+  }
+}
+
+TEST_F(CadApply, TheReportedErrorIsThatOfTheFile) {
+  ApplyRequest asked = request(block(), ".brep");
+  asked.tolerance = 1e-3;
+  const DeformedModel model = apply_to_model(asked, each(sheared));
+  const double measured = distance_from(block(), read(asked.output), sheared);
+  EXPECT_LE(measured, 1.05 * model.error);
+  EXPECT_GT(measured, 0.02 * model.error);
+  EXPECT_GT(model.error, 1e-5 * model.diagonal) << "a coarse tolerance makes a coarse model";
+}
+
+TEST_F(CadApply, WhatMovesRigidlyKeepsItsTypeAndWhatStaysIsKept) {
+  const ApplyRequest asked = request(block(), ".step");
+  const DeformedModel model = apply_to_model(asked, each(bent));
+  const TopoDS_Shape deformed = read(asked.output);
+  int cylinders = 0;
+  for (const DeformedFace& face : model.faces) {
+    const BRepAdaptor_Surface surface = face_of(deformed, face.number), before = face_of(block(), face.number);
+    if (face.type == "cylinder") {
+      ++cylinders;
+      EXPECT_EQ(face.became, Became::moved);
+      ASSERT_EQ(surface.GetType(), GeomAbs_Cylinder);
+      EXPECT_NEAR(surface.Cylinder().Radius(), 0.5, 1e-9);
+      const Vec3 centre = bent({0, 0, 3});
+      EXPECT_NEAR(surface.Cylinder().Axis().Location().X(), centre[0], 1e-9);
+      EXPECT_NEAR(surface.Cylinder().Axis().Location().Z(), centre[2], 1e-9);
+    }
+    if (face.became == Became::fitted) {
+      EXPECT_EQ(surface.GetType(), GeomAbs_BSplineSurface);
+    } else {
+      EXPECT_EQ(surface.GetType(), before.GetType());
+    }
+  }
+  EXPECT_EQ(cylinders, 1);
+  EXPECT_EQ(model.count(Became::kept), 1u) << "the bottom";
+  EXPECT_EQ(model.count(Became::moved), 2u) << "the bore and the top";
+}
+
+TEST_F(CadApply, WithoutAMotionTheModelStays) {
+  const ApplyRequest asked = request(block(), ".step");
+  const DeformedModel model = apply_to_model(asked, each([](const Vec3& p) { return p; }));
+  EXPECT_EQ(model.count(Became::kept), model.faces.size());
+  EXPECT_EQ(model.error, 0);
+  EXPECT_NEAR(volume(read(asked.output)), volume(block()), 1e-9);
+}
+
+TEST_F(CadApply, TheScaleLeadsToTheUnitOfTheMap) {
+  ApplyRequest asked = request(block(), ".brep");
+  asked.scale = 0.1;
+  apply_to_model(asked, each([](const Vec3& p) { return 0.1 * sheared(10 * p); }));
+  EXPECT_LT(distance_from(block(), read(asked.output), sheared), 2e-6 * 6);
+}
+
+TEST_F(CadApply, KinksOfTheOriginalAreKinksOfTheResult) {
+  TColgp_Array2OfPnt poles(1, 3, 1, 2);
+  for (int j = 1; j <= 2; ++j) {
+    poles(1, j) = gp_Pnt(0, j, 0);
+    poles(2, j) = gp_Pnt(1.3, j, 1);
+    poles(3, j) = gp_Pnt(3, j, 0);
+  }
+  TColStd_Array1OfReal u(1, 3), v(1, 2);
+  TColStd_Array1OfInteger mu(1, 3), mv(1, 2);
+  u(1) = 0, u(2) = 0.37, u(3) = 1, v(1) = 0, v(2) = 1;
+  mu(1) = mu(3) = 2, mu(2) = 1, mv(1) = mv(2) = 2;
+  const TopoDS_Shape roof = BRepBuilderAPI_MakeFace(new Geom_BSplineSurface(poles, u, v, mu, mv, 1, 1), 1e-6).Shape();
+  const ApplyRequest asked = request(roof, ".brep");
+  const DeformedModel model = apply_to_model(asked, each(sheared));
+  ASSERT_EQ(model.faces.size(), 1u);
+  EXPECT_LT(model.error, asked.tolerance * model.diagonal);
+  EXPECT_LT(model.faces[0].poles[0], 60);
+}
+
+TEST_F(CadApply, ADeformationWithAKinkIsReportedByFace) {
+  const PointMap folded = [](const Vec3& p) { return Vec3{p[0], p[1], 0.3 * std::abs(p[0] + 0.7 * p[1] - 0.123)}; };
+  const TopoDS_Shape sheet = BRepBuilderAPI_MakeFace(gp_Pln(gp::Origin(), gp::DZ()), -1, 1, -1, 1).Shape();
+  ApplyRequest asked = request(sheet, ".brep");
+  asked.tolerance = 1e-5;
+  const DeformedModel model = apply_to_model(asked, each(folded));
+  EXPECT_THAT(model.coarse, testing::ElementsAre(1));
+  EXPECT_GT(model.error, 2 * asked.tolerance * model.diagonal);
+  EXPECT_LE(distance_from(sheet, read(asked.output), folded), 2 * model.error);
+}
+
+TEST_F(CadApply, AKinkAlongAParameterIsFollowed) {
+  const PointMap folded = [](const Vec3& p) { return Vec3{p[0], p[1], 0.3 * std::abs(p[0] - 0.123)}; };
+  const TopoDS_Shape sheet = BRepBuilderAPI_MakeFace(gp_Pln(gp::Origin(), gp::DZ()), -1, 1, -1, 1).Shape();
+  ApplyRequest asked = request(sheet, ".brep");
+  asked.tolerance = 1e-4;
+  const DeformedModel model = apply_to_model(asked, each(folded));
+  EXPECT_LT(model.error, 2 * asked.tolerance * model.diagonal);
+  EXPECT_LT(model.faces[0].poles[0], 80) << "nodes only where the kink is";
+  EXPECT_EQ(model.faces[0].poles[1], 4);
+}
+
+TEST_F(CadApply, ABumpBetweenTheFirstNodesIsFound) {
+  const PointMap bump = [](const Vec3& p) { return Vec3{p[0], p[1], 0.1 * std::exp(-200 * (p[0] * p[0] + p[1] * p[1]))}; };
+  const TopoDS_Shape sheet = BRepBuilderAPI_MakeFace(gp_Pln(gp::Origin(), gp::DZ()), -1, 1, -1, 1).Shape();
+  ApplyRequest asked = request(sheet, ".brep");
+  asked.tolerance = 1e-5;
+  const DeformedModel model = apply_to_model(asked, each(bump));
+  EXPECT_EQ(model.faces[0].became, Became::fitted);
+  EXPECT_LT(model.error, 2 * asked.tolerance * model.diagonal);
+}
+
+TEST_F(CadApply, NamesColoursAndTheUnitAreKept) {
+  Handle(TDocStd_Document) document;
+  XCAFApp_Application::GetApplication()->NewDocument("MDTV-XCAF", document);
+  const auto shapes = XCAFDoc_DocumentTool::ShapeTool(document->Main());
+  const auto colours = XCAFDoc_DocumentTool::ColorTool(document->Main());
+  const TDF_Label part = shapes->AddShape(block(), false);
+  TDataStd_Name::Set(part, "bracket");
+  const TopoDS_Shape own = XCAFDoc_ShapeTool::GetShape(part);
+  const TDF_Label marked = shapes->AddSubShape(part, faces_of(own)(3));
+  TDataStd_Name::Set(marked, "inlet");
+  colours->SetColor(marked, Quantity_Color(0.25, 0.5, 0.75, Quantity_TOC_RGB), XCAFDoc_ColorSurf);
+  ApplyRequest asked;
+  asked.model = path("in.step");
+  asked.output = path("out.step");
+  asked.checks = 500;
+  Interface_Static::SetCVal("xstep.cascade.unit", "INCH");
+  Interface_Static::SetCVal("write.step.unit", "INCH");
+  STEPCAFControl_Writer writer;
+  Interface_Static::SetIVal("write.stepcaf.subshapes.name", 1);
+  writer.SetNameMode(true);
+  ASSERT_TRUE(writer.Transfer(document, STEPControl_AsIs));
+  writer.Write(asked.model.c_str());
+  const DeformedModel model = apply_to_model(asked, each(sheared));
+  EXPECT_THAT(model.notes, testing::Contains(HasSubstr("inch")));
+
+  Handle(TDocStd_Document) again;
+  XCAFApp_Application::GetApplication()->NewDocument("MDTV-XCAF", again);
+  STEPCAFControl_Reader reader;
+  reader.SetNameMode(true);
+  reader.SetColorMode(true);
+  Interface_Static::SetIVal("read.stepcaf.subshapes.name", 1);
+  reader.ReadFile(asked.output.c_str());
+  TColStd_SequenceOfAsciiString lengths, angles, solid_angles;
+  reader.ChangeReader().FileUnits(lengths, angles, solid_angles);
+  EXPECT_STRCASEEQ(lengths.First().ToCString(), "inch");
+  Interface_Static::SetCVal("xstep.cascade.unit", "INCH");
+  reader.Transfer(again);
+  const auto tool = XCAFDoc_DocumentTool::ShapeTool(again->Main());
+  TDF_LabelSequence roots, subs;
+  tool->GetFreeShapes(roots);
+  ASSERT_EQ(roots.Length(), 1);
+  Handle(TDataStd_Name) name;
+  ASSERT_TRUE(roots(1).FindAttribute(TDataStd_Name::GetID(), name));
+  EXPECT_TRUE(name->Get().IsEqual("bracket"));
+  const TopoDS_Shape shape = XCAFDoc_ShapeTool::GetShape(roots(1));
+  EXPECT_LT(distance_from(block(), shape, sheared), 2e-6 * 6) << "in inches";
+  XCAFDoc_ShapeTool::GetSubShapes(roots(1), subs);
+  bool found = false;
+  for (int i = 1; i <= subs.Length(); ++i) {
+    if (!subs(i).FindAttribute(TDataStd_Name::GetID(), name) || !name->Get().IsEqual("inlet")) continue;
+    found = true;
+    EXPECT_EQ(faces_of(shape).FindIndex(XCAFDoc_ShapeTool::GetShape(subs(i))), 3);
+    Quantity_Color colour;
+    ASSERT_TRUE(XCAFDoc_DocumentTool::ColorTool(again->Main())->GetColor(subs(i), XCAFDoc_ColorSurf, colour));
+    EXPECT_NEAR(colour.Red(), 0.25, 0.01);
+    EXPECT_NEAR(colour.Blue(), 0.75, 0.01);
+  }
+  EXPECT_TRUE(found);
+}
+
+TEST_F(CadApply, PartsInSeveralPlacesDeformEachForItself) {
+  Handle(TDocStd_Document) document;
+  XCAFApp_Application::GetApplication()->NewDocument("MDTV-XCAF", document);
+  const auto shapes = XCAFDoc_DocumentTool::ShapeTool(document->Main());
+  const TDF_Label assembly = shapes->NewShape();
+  const TDF_Label part = shapes->AddShape(block(), false);
+  TDataStd_Name::Set(part, "foot");
+  TDataStd_Name::Set(assembly, "table");
+  gp_Trsf away;
+  away.SetTranslation(gp_Vec(7, 1, 0));
+  shapes->AddComponent(assembly, part, TopLoc_Location());
+  shapes->AddComponent(assembly, part, TopLoc_Location(away));
+  shapes->UpdateAssemblies();
+  ApplyRequest asked;
+  asked.model = path("in.step");
+  asked.output = path("out.step");
+  Interface_Static::SetCVal("xstep.cascade.unit", "MM");
+  Interface_Static::SetCVal("write.step.unit", "MM");
+  STEPCAFControl_Writer writer;
+  ASSERT_TRUE(writer.Transfer(document, STEPControl_AsIs));
+  writer.Write(asked.model.c_str());
+  const DeformedModel model = apply_to_model(asked, each(sheared));
+  EXPECT_EQ(model.faces.size(), 14u);
+  const TopoDS_Shape rest = read(asked.model), deformed = read(asked.output);
+  EXPECT_EQ(faces_of(deformed).Extent(), 14);
+  EXPECT_LT(distance_from(rest, deformed, sheared), 2 * asked.tolerance * model.diagonal);
+  EXPECT_NEAR(volume(deformed), 2 * volume(block()), 1e-6 * volume(block()));
+}
+
+TEST_F(CadApply, TheSameRequestGivesTheSameBytes) {
+  const ApplyRequest asked = request(block(), ".brep");
+  const auto bytes = [&] {
+    apply_to_model(asked, each(sheared));
+    std::ifstream stream(asked.output);
+    return std::string(std::istreambuf_iterator<char>(stream), {});
+  };
+  EXPECT_EQ(bytes(), bytes());
+}
+
+TEST_F(CadApply, WhatCannotBeDoneIsRefusedAndNothingIsWritten) {
+  ApplyRequest asked = request(block(), ".brep");
+  EXPECT_THAT(refusal(asked, each([](const Vec3& p) { return Vec3{-p[0], p[1], p[2]}; })), HasSubstr("inside out"));
+  EXPECT_THAT(refusal(asked, each([](const Vec3& p) { return Vec3{std::sqrt(p[0]), p[1], p[2]}; })), HasSubstr("not finite"));
+  EXPECT_THAT(refusal(asked, each([](const Vec3& p) { return Vec3{0, 0, p[2]}; })), HasSubstr("nothing is written"));
+  EXPECT_FALSE(std::filesystem::exists(asked.output));
+  ApplyRequest wrong = asked;
+  wrong.output.replace_extension(".stl");
+  EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr(".step, .stp and .brep"));
+  wrong = asked;
+  wrong.tolerance = 0.1;
+  EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr("1e-9 to 1e-2"));
+  wrong = asked;
+  wrong.scale = -1;
+  EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr("greater than 0"));
+  wrong = asked;
+  wrong.model = "/nowhere/part.step";
+  EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr("cannot be opened"));
+}
+
+TEST(SplineAxis, ReproducesCubicsAndHasCornersAtItsBreaks) {
+  SplineAxis axis({-1, 0.3, 2});
+  ASSERT_TRUE(axis.halve({3}));
+  ASSERT_TRUE(axis.halve({4}));
+  ASSERT_EQ(axis.nodes().size(), 10u) << "a neighbour was halved, too";
+  const int nodes = 10;
+  const auto curve = [](double t) { return t < 0.3 ? t * t * t - 2 * t : 0.3 * 0.3 * 0.3 - 0.6 + 5 * (t - 0.3) * (t - 0.3); };
+  Eigen::MatrixXd values(nodes, 1);
+  for (int i = 0; i < nodes; ++i) values(i, 0) = curve(axis.nodes()[i]);
+  std::vector<double> at;
+  for (int k = 0; k <= 300; ++k) at.push_back(-1 + 0.01 * k);
+  const Eigen::MatrixXd spline = axis.values(axis.poles(values), at);
+  for (std::size_t k = 0; k < at.size(); ++k) EXPECT_NEAR(spline(static_cast<int>(k), 0), curve(at[k]), 1e-12) << at[k];
+  int sum = 0;
+  for (const int m : axis.multiplicities()) sum += m;
+  EXPECT_EQ(sum, nodes + 4);
+}
+
+}  // namespace
+}  // namespace deform::cad
