@@ -124,7 +124,9 @@ void check_compilable(const v1::Setup& setup) {
   if (setup.variables_size() == 0) refuse("it has no design variables; add `variables` to it");
   const v1::Method::KindCase kind = setup.method().kind_case();
   if (setup.symmetry_size() > 0 && kind != v1::Method::kRbf && kind != v1::Method::KIND_NOT_SET) {
-    refuse("with symmetry planes its method deforms a half model with its mirror images; use method rbf, or compile the whole model");
+    refuse(
+        "with symmetry planes its method deforms a half model with its mirror images; use method rbf, or compile the whole "
+        "model");
   }
   if (setup.method().has_cage() && setup.method().cage().coordinates() == v1::GREEN) {
     refuse(
