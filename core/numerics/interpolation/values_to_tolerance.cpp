@@ -23,6 +23,7 @@ constexpr int most_rounds = 4;
 constexpr double rounding_share = 0.5;
 // Pairs of points and centres that are summed with twice the digits where rounding alone would miss the tolerance: seconds.
 constexpr double most_accurate = 1e9;
+constexpr double most_checked = 1e8;  // pairs of points and centres for which all points are checked: a tenth of a second
 
 /// The points nearest to the centres with the largest residuals.
 std::vector<Vec3> beside_the_worst(const Interpolator& system, const Interpolants& interpolants, std::span<const Vec3> points) {
@@ -95,15 +96,16 @@ CheckedValues values_to_tolerance(const Interpolator& system, const PointErrors&
     missing = check.missing(system, interpolants, F, context);
   }
   result.errors = check.errors(missing, context);
-  // Where the residual is largest, free points may be off by more than at the places.
-  const std::vector<Vec3> beside = beside_the_worst(system, interpolants, points);
-  double elsewhere = largest_magnitude(check.errors(missing, beside, context)) - largest_magnitude(result.errors);
+  // Other points may be off by more than the places, most likely where the residual is largest.
+  const double pairs = static_cast<double>(points.size()) * static_cast<double>(system.size());
+  const std::vector<Vec3> beside = pairs > most_checked ? beside_the_worst(system, interpolants, points) : std::vector<Vec3>{};
+  const std::span<const Vec3> others = pairs > most_checked ? std::span<const Vec3>(beside) : points;
+  double elsewhere = largest_magnitude(check.errors(missing, others, context)) - largest_magnitude(result.errors);
   if (!iterative) elsewhere = std::max(elsewhere, interpolants.residual - largest_magnitude(result.errors));
   elsewhere = std::max(0.0, error_margin * elsewhere);
   double sums_error = 0;
   const double rounding = system.rounding(interpolants, check.places(), context);
-  const bool accurate = iterative && 8 * rounding > sums_share * tolerance &&
-                        static_cast<double>(points.size()) * static_cast<double>(system.size()) <= most_accurate;
+  const bool accurate = iterative && 8 * rounding > sums_share * tolerance && pairs <= most_accurate;
   if (accurate) {
     const RowMajor negative =
         system.accurate_residual(interpolants, points, MatrixXd::Zero(static_cast<Index>(points.size()), F.cols()), context);

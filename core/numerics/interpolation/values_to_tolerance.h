@@ -18,7 +18,8 @@ struct CheckedValues {
   std::vector<double> values;  ///< n x columns, row by row
   /// Estimated exact - computed values, checked points x columns: errors of the coefficients and of the sums.
   Eigen::MatrixXd errors;
-  /// An allowance for larger errors at the other points: next to the worst centres, by sums that are not direct, and by rounding.
+  /// An allowance for larger errors at the other points (all of them where their sums are cheap, else those next to the worst
+  /// centres), by sums that are not direct, and by rounding.
   double more = 0;
   double error = 0;       ///< error_margin times the largest of `errors`, plus `more`
   double residual = 0;    ///< Interpolants::residual
