@@ -119,7 +119,8 @@ void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const
 std::optional<std::filesystem::path> replaced_source(const std::filesystem::path& source, const std::filesystem::path& output);
 
 /// Throws Error(invalid_argument) if a mesh written to `output` would not be found there again: for an OpenFOAM mesh a case
-/// instead of one of its time folders, or a time folder instead of the region of `source` in it.
+/// instead of one of its time folders, a time folder instead of the region of `source` in it, a region where `source` has none,
+/// or another part (processorN) of a decomposed case.
 void check_output(const std::filesystem::path& source, const std::filesystem::path& output);
 
 /// The file with the coordinates of the mesh at `source`, with all links resolved.

@@ -81,6 +81,26 @@ class OpenFoam(EndToEnd):
         self.assertEqual(swept, read_bytes(self.path("one/polyMesh/points")))
         self.assertEqual(len(before), len(read_foam_points(self.path("one/polyMesh/points"))[0]))
 
+        # Beside constant of its own case, where the faces are found; not where they are those of another mesh.
+        self.assertEqual(self.deform("sweep", "pipe.yaml", "--designs", "designs.csv", "-o", "case", "--json").json["written"], 2)
+        self.deform("quality", "case/b", "--json")
+        self.write("constant.csv", "name,up\nconstant,0.05\n")
+        self.fails(1, "sweep", "pipe.yaml", "--designs", "constant.csv", "-o", "case", says=["would replace the source mesh"])
+        os.makedirs(self.path("parts/constant"))
+        os.rename(self.path("case"), self.path("parts/processor0"))
+        self.write("pipe.yaml", "geometry: parts/processor0\nhandles: [{name: inlet, region: {group: inlet}}]\n"
+                                "fixed: [{group: outlet}]\nvariables: [{name: up, handle: inlet, translate: [0, 0, 1]}]\n")
+        for verb in (["sweep", "--designs", "designs.csv", "-o", "parts"], ["apply", "--set", "up=0.1", "-o", "parts/1"]):
+            self.fails(1, verb[0], "pipe.yaml", *verb[1:], says=["-o", "processor0", "part of a decomposed case", "processor0/1"])
+            self.assertEqual(sorted(os.listdir(self.path("parts"))), ["constant", "processor0"])
+        os.makedirs(self.path("regions/constant"))
+        os.rename(self.path("parts/processor0/constant"), self.path("regions/constant/fluid"))
+        self.write("pipe.yaml", "geometry: regions/constant/fluid\nhandles: [{name: inlet, region: {group: inlet}}]\n"
+                                "fixed: [{group: outlet}]\nvariables: [{name: up, handle: inlet, translate: [0, 0, 1]}]\n")
+        for verb in (["sweep", "--designs", "designs.csv", "-o", "regions"], ["apply", "--set", "up=0.1", "-o", "regions/1"]):
+            self.fails(1, verb[0], "pipe.yaml", *verb[1:], says=["-o", "region fluid", "1/fluid"])
+            self.assertEqual(os.listdir(self.path("regions")), ["constant"])
+
     def compare(self, said, quality):
         """OpenFOAM's own numbers."""
         for label, name in ((r"Mesh non-orthogonality Max:", "non_orthogonality"), (r"average:", "average_non_orthogonality"),

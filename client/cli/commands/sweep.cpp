@@ -336,6 +336,25 @@ void print_text(const SweepReport& report, const std::string& output) {
   std::cout << std::flush;
 }
 
+/// Refuses results of an OpenFOAM mesh that would not be found again, or that would be its own mesh, before anything is computed.
+void check_results(const SweepOptions& options, const DesignTable& table, const std::filesystem::path& source) {
+  const std::filesystem::path folder = options.output;
+  if (folder.extension() == ".tar" || source.empty() || !std::filesystem::exists(source)) return;
+  for (const NamedDesign& design : table.designs) {
+    const std::filesystem::path result = folder / design.name;
+    const std::string hint = "; results of a sweep are FOLDER/NAME, so -o may be any folder that is in no OpenFOAM case";
+    try {
+      io::check_output(source, result);
+    } catch (const Error& error) {
+      throw Error(error.code(), std::string("-o ") + error.what() + hint);
+    }
+    if (const auto replaced = io::replaced_source(source, result)) {
+      throw Error(ErrorCode::invalid_argument,
+                  "-o " + result.string() + ": would replace the source mesh " + replaced->string() + hint);
+    }
+  }
+}
+
 /// The rows of the table, all of them looked at before anything is computed.
 DesignTable checked_designs(const SweepOptions& options, const v1::Setup& setup) {
   DesignTable table = read_designs(read_csv(options.designs, BadRows::keep), setup);
@@ -351,6 +370,7 @@ ExitCode run_sweep(const SweepOptions& options, const CommonOptions& common) {
   LoadedSetup loaded = load_setup(connection, options.input, preparing);
   const DesignTable table = checked_designs(options, loaded.setup);
   const PreparedSetup prepared = prepare_loaded(connection, std::move(loaded), preparing);
+  check_results(options, table, prepared.source_path);
   const auto start = std::chrono::steady_clock::now();
   Progress progress;
   SweepReport report = Sweep(connection, prepared, options).run(table, progress);

@@ -372,12 +372,19 @@ TEST_F(OpenFoamFolder, Regions) {
   EXPECT_NO_THROW(check_output(source, folder_ / "3" / "solid"));
   EXPECT_NO_THROW(check_output(source, folder_ / "3" / "solid" / "polyMesh" / "points"));
   EXPECT_NO_THROW(check_output(source, fs::path(testing::TempDir()) / "elsewhere"));
-  test::expect_error(ErrorCode::invalid_argument, {"region solid", "1/solid"}, [&] { check_output(source, folder_ / "3"); });
+  for (const char* output : {"3", "result"}) {
+    test::expect_error(ErrorCode::invalid_argument, {output, "region solid", "1/solid"},
+                       [&] { check_output(source, folder_ / output); });
+  }
+  test::expect_error(ErrorCode::invalid_argument, {"is an OpenFOAM case", "1/solid"}, [&] { check_output(source, folder_); });
 }
 
 TEST_F(OpenFoamFolder, CasesAreNoOutputs) {
   EXPECT_NO_THROW(check_output(folder_, folder_ / "0.1"));
   EXPECT_NO_THROW(check_output(folder_, folder_ / "constant" / "polyMesh" / "points"));
+  EXPECT_NO_THROW(check_output(folder_, folder_ / "design_0001"));
+  test::expect_error(ErrorCode::invalid_argument, {"1/fluid", "has no regions", "such as"},
+                     [&] { check_output(folder_, folder_ / "1" / "fluid"); });
   const fs::path other = folder_ / "other";
   fs::create_directories(other / "constant");
   for (const fs::path& output : {folder_, folder_ / "", other}) {
@@ -393,7 +400,19 @@ TEST_F(OpenFoamFolder, DecomposedCases) {
   }
   test::expect_error(ErrorCode::invalid_argument, {"decomposed", "reconstructParMesh", "processor0", "processor1"},
                      [&] { read_mesh_file(folder_ / "whole"); });
-  EXPECT_EQ(read_mesh_file(folder_ / "whole" / "processor1")->mesh()->point_count(), 14u);
+  const fs::path part = folder_ / "whole" / "processor1";
+  EXPECT_EQ(read_mesh_file(part)->mesh()->point_count(), 14u);
+  EXPECT_NO_THROW(check_output(part, part / "1"));
+  EXPECT_NO_THROW(check_output(part, fs::path(testing::TempDir()) / "elsewhere"));
+  for (const char* output : {"1", "result", "processor0/1"}) {
+    test::expect_error(ErrorCode::invalid_argument, {output, "processor1", "part of a decomposed case", "processor1/1"},
+                       [&] { check_output(part, folder_ / "whole" / output); });
+  }
+  // The whole case beside its parts.
+  write_other_topology(folder_ / "whole" / "constant" / "polyMesh");
+  EXPECT_NO_THROW(check_output(folder_ / "whole", folder_ / "whole" / "1"));
+  test::expect_error(ErrorCode::invalid_argument, {"processor0/1", "the whole case", "whole/1"},
+                     [&] { check_output(folder_ / "whole", folder_ / "whole" / "processor0" / "1"); });
 }
 
 // Before OpenFOAM 1.5 `neighbour` was as long as `owner`.

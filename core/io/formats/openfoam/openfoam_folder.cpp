@@ -179,20 +179,58 @@ void explain_no_mesh(const fs::path& path) {
   }
 }
 
+namespace {
+
+[[noreturn]] void refuse_output(const fs::path& output, const std::string& reason) {
+  throw Error(ErrorCode::invalid_argument, output.string() + ": " + reason);
+}
+
+bool is_part(const fs::path& root) { return root.filename().string().starts_with("processor"); }
+
+/// The case in which a folder stands, as one of its times or under another name; empty if in none.
+fs::path case_around(const fs::path& output) {
+  if (const auto place = place_in_case(output)) return place->root;
+  fs::path folder = fs::absolute(output).lexically_normal();
+  if (!folder.has_filename()) folder = folder.parent_path();
+  return has_constant(folder.parent_path()) ? folder.parent_path() : fs::path();
+}
+
+/// Points of a part of a decomposed case belong into the same part.
+void check_part(const CasePlace& from, const fs::path& output, const fs::path& around) {
+  if (from.root == around) return;
+  const std::string hint = "; name a time folder of it, such as " + (from.root / "1" / from.region).string();
+  const fs::path whole = from.root.parent_path();
+  if (is_part(from.root) && (whole == around || (is_part(around) && whole == around.parent_path()))) {
+    refuse_output(output, "the mesh is that of " + from.root.filename().string() + ", one part of a decomposed case" + hint);
+  }
+  if (is_part(around) && around.parent_path() == from.root) {
+    refuse_output(output, "is in one part of a decomposed case, and the mesh is that of the whole case" + hint);
+  }
+}
+
+}  // namespace
+
 void check_openfoam_output(const fs::path& source, const fs::path& output) {
   const fs::path name = output.filename();
   if (name == "points" || name == "points.gz") return;
+  const auto from = place_in_case(fs::absolute(openfoam_source_points(source)).lexically_normal().parent_path().parent_path());
   if (has_constant(output)) {
-    throw Error(ErrorCode::invalid_argument, output.string() +
-                                                 ": is an OpenFOAM case, whose mesh in constant would not change; " +
-                                                 "name a time folder of it, such as " + (output / "1").string());
+    const fs::path region = from ? from->region : fs::path();
+    refuse_output(output, "is an OpenFOAM case, whose mesh in constant would not change; name a time folder of it, such as " +
+                              (output / "1" / region).string());
   }
-  const auto from = place_in_case(fs::absolute(openfoam_source_points(source)).parent_path().parent_path());
+  const fs::path around = case_around(output);
+  if (!from || around.empty()) return;
+  check_part(*from, output, around);
   const auto to = place_in_case(output);
-  if (!from || !to || from->region.empty() || from->region == to->region) return;
-  throw Error(ErrorCode::invalid_argument, output.string() + ": the mesh is that of region " + from->region.string() +
-                                               "; name the folder of the region in a time, such as " +
-                                               (to->root / "1" / from->region).string());
+  const fs::path region = to ? to->region : fs::path();
+  if (from->region == region) return;
+  if (from->region.empty()) {
+    refuse_output(
+        output, "is the folder of a region, and the mesh has no regions; name a time folder, such as " + (around / "1").string());
+  }
+  refuse_output(output, "the mesh is that of region " + from->region.string() +
+                            "; name the folder of the region in a time, such as " + (around / "1" / from->region).string());
 }
 
 fs::path openfoam_source_points(const fs::path& path) { return find_points(path).value(); }
