@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Functions in space for large models (thesis 8.3, figure 8.4): time and memory to prepare against the number of functions.
+// Functions in space for large models (thesis 8.3, figure 8.4): time and memory to prepare against the number of functions. With
+// --samples instead whether the default number of samples is enough on real closed surfaces (several minutes).
 //
-// usage: mls_bench [--quick]
+// usage: mls_bench [--quick | --samples]
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -17,6 +18,7 @@
 #include "core/numerics/sampling/subspace.h"
 #include "core/numerics/sparse/sparse_cholesky.h"
 #include "tests/bench/report.h"
+#include "tests/bench/sample_doubling.h"
 #include "tests/support/thesis_options.h"
 
 namespace deform {
@@ -145,6 +147,11 @@ int run(bool quick) {
 }  // namespace deform
 
 int main(int argc, char** argv) {
+  if (argc > 1 && std::strcmp(argv[1], "--samples") == 0) {
+    deform::bench::Report report("MLS: the default number of samples on closed surfaces");
+    deform::bench::measure_sample_doubling(report);
+    return report.missed() == 0 ? 0 : 1;
+  }
   const bool quick = argc > 1 && std::strcmp(argv[1], "--quick") == 0;
   return deform::run(quick) == 0 || quick ? 0 : 1;
 }
