@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Circles, cylinders and spheres: geometric fits with free and with kept radius.
 #include <cmath>
+#include <cstdint>
+#include <optional>
 
 #include "core/constraints/circle.h"
 #include "core/constraints/cylinder.h"
+#include "core/constraints/sections.h"
 #include "core/constraints/sphere.h"
 #include "tests/core/constraints/projection_checks.h"
 
@@ -92,6 +95,21 @@ TEST(Cylinder, IsTheProjection) {
       SCOPED_TRACE(std::string("angle ") + std::to_string(angle) + " length " + std::to_string(length));
       expect_projection(*cylinder_projection(84), tube(0.3, angle * degree, length), 0.002);
     }
+  }
+}
+
+// Two of the rings must stay flat and across the axis.
+TEST(Cylinder, WithSectionsIsTheProjection) {
+  Section first, fourth;
+  for (std::uint32_t i = 0; i < 12; ++i) {
+    first.push_back(i);
+    fourth.push_back(36 + i);
+  }
+  for (const std::optional<double> curvature : {std::optional<double>(), std::optional<double>(1 / 0.3)}) {
+    const auto cylinder = cylinder_projection(84, curvature);
+    const auto* with = dynamic_cast<const WithSections*>(cylinder.get());
+    ASSERT_NE(with, nullptr);
+    expect_projection(*with->with_sections({first, fourth}), tube(0.3, 360 * degree, 0.4), 0.002);
   }
 }
 
