@@ -211,13 +211,13 @@ def write_mutants(tree, mutants):
 
 # --- build ----------------------------------------------------------------------------------------------------------------------------
 
-def build(tree, mutants, targets, jobs):
+def build(tree, log, mutants, targets, jobs):
     """Builds, taking out again what does not compile."""
     folder = tree / "build/release"
     while True:
         done = subprocess.run(["nice", "-n", "3", "ninja", "-C", folder, "-k", "0", f"-j{jobs}", *targets], capture_output=True, text=True,
                               check=False)
-        (tree.parent / "build.log").write_text(done.stdout + done.stderr)
+        log.write_text(done.stdout + done.stderr)
         if done.returncode == 0:
             return
         # The places in the text of an error and its notes, of which one is inside the mutant.
@@ -238,7 +238,7 @@ def build(tree, mutants, targets, jobs):
             if bad:
                 break
         if not bad:
-            sys.exit(f"the build failed for another reason than a mutant: see {tree.parent / 'build.log'}")
+            sys.exit(f"the build failed for another reason than a mutant: see {log}")
         for mutant in mutants:
             if mutant["number"] in bad:
                 mutant["dropped"] = True
@@ -393,7 +393,7 @@ def main():
     programs = {f: [t for t in TESTS[f] if re.search(rf"^{t}: phony", known, re.M) and not re.search(options.without, t)] for f in folders if f in used}
     targets = sorted({t for each in programs.values() for t in each})
     begin = time.monotonic()
-    build(tree, mutants, targets, options.jobs)
+    build(tree, work / "build.log", mutants, targets, options.jobs)
     say(f"built {len(targets)} test programs in {time.monotonic() - begin:.0f} s; "
         f"{sum(1 for m in mutants if m.get('dropped'))} mutants did not compile")
     (work / "mutants.json").write_text(json.dumps(mutants, indent=1) + "\n")

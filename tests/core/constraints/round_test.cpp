@@ -1,9 +1,15 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Circles, cylinders and spheres: geometric fits with free and with kept radius.
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <optional>
+#include <vector>
 
 #include "core/constraints/circle.h"
 #include "core/constraints/cylinder.h"
+#include "core/constraints/fit_starts.h"
+#include "core/constraints/sections.h"
 #include "core/constraints/sphere.h"
 #include "tests/core/constraints/projection_checks.h"
 
@@ -92,6 +98,37 @@ TEST(Cylinder, IsTheProjection) {
       SCOPED_TRACE(std::string("angle ") + std::to_string(angle) + " length " + std::to_string(length));
       expect_projection(*cylinder_projection(84), tube(0.3, angle * degree, length), 0.002);
     }
+  }
+}
+
+// Two of the rings must stay flat and across the axis.
+TEST(Cylinder, WithSectionsIsTheProjection) {
+  Section first, fourth;
+  for (std::uint32_t i = 0; i < 12; ++i) {
+    first.push_back(i);
+    fourth.push_back(36 + i);
+  }
+  for (const std::optional<double> curvature : {std::optional<double>(), std::optional<double>(1 / 0.3)}) {
+    const auto cylinder = cylinder_projection(84, curvature);
+    const auto* with = dynamic_cast<const WithSections*>(cylinder.get());
+    ASSERT_NE(with, nullptr);
+    expect_projection(*with->with_sections({first, fourth}), tube(0.3, 360 * degree, 0.4), 0.002);
+  }
+}
+
+// Starts of the search for an axis: none is far from all of them, and the principal axes are among them.
+TEST(Directions, AreAllAround) {
+  PrincipalAxes axes;
+  axes.axes.setIdentity();
+  const std::vector<Eigen::Vector3d> all = directions(50, axes);
+  ASSERT_EQ(all.size(), 53u);
+  for (const Eigen::Vector3d& d : all) EXPECT_NEAR(d.norm(), 1, 1e-14);
+  for (int k = 0; k < 3; ++k) EXPECT_EQ(all[static_cast<std::size_t>(50 + k)], Eigen::Vector3d::Unit(k));
+  for (const Vec3& wanted : normal_noise(500, 9)) {
+    const Eigen::Vector3d w = Eigen::Vector3d(wanted[0], wanted[1], wanted[2]).normalized();
+    double nearest = 0;
+    for (const Eigen::Vector3d& d : all) nearest = std::max(nearest, std::abs(d.dot(w)));
+    EXPECT_GT(nearest, std::cos(25 * degree)) << "50 caps of 11.5 degrees cover half a sphere, if they could";
   }
 }
 
