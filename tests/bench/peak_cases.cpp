@@ -68,9 +68,16 @@ Setup shell() {
   return body_setup(options);
 }
 
-Setup moving_least_squares() {
+Setup moving_least_squares(std::size_t samples = 4000, double cover = 12) {
   MlsOptions options = test::thesis_mls();
-  options.surface_samples = 4000;
+  options.surface_samples = samples;
+  options.cover = cover;
+  options.basis = BasisMode::never;
+  return body_setup(options);
+}
+
+Setup enclosed() {
+  MlsOptions options;
   options.basis = BasisMode::never;
   return body_setup(options);
 }
@@ -107,7 +114,10 @@ const std::vector<PeakCase>& peak_cases() {
       {"subspace_mls", [] { return body(50000); }, [] { return subspace(std::nullopt, 4000); }},
       {"subspace_wendland", [] { return body(50000); }, [] { return subspace(Kernel::wendland_c2, 4000); }},
       {"subspace_triharmonic", [] { return body(20000); }, [] { return subspace(Kernel::triharmonic, 1000); }},
-      {"mls", [] { return body(50000); }, moving_least_squares},
+      {"mls", [] { return body(50000); }, [] { return moving_least_squares(); }},
+      {"mls_many_points", [] { return body(200000); }, [] { return moving_least_squares(600); }},
+      {"mls_wide", [] { return body(10000); }, [] { return moving_least_squares(3000, 40); }},
+      {"mls_enclosed", [] { return body(50000); }, enclosed},
       {"mls_planar", [] { return body(20000); }, [] { return with_constraint(moving_least_squares(), Planar{}, false); }},
       {"mls_solid", solid, solid_setup},
   };

@@ -110,7 +110,7 @@ Sizes sizes_of(const Options& options, const Case& of, Estimate& estimate) {
   const std::size_t held = space.resident / std::max<std::size_t>(1, of.mesh.point_count()) * sizes.held;
   sizes.assembly = space.peak;
   sizes.matrices = space.resident + held + 2 * space.energy_entries * entry_bytes;
-  sizes.making = 4 * held + 4 * space.energy_entries * entry_bytes;
+  sizes.making = 2 * held + 4 * space.energy_entries * entry_bytes;
   sizes.functions = k;
   sizes.factor.factor_bytes = entries * sizeof(double);
   sizes.factor.peak_bytes = 2 * sizes.factor.factor_bytes;

@@ -260,7 +260,7 @@ SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options) {
   // times the cover; of surfaces and bodies that were measured 2.5 and 3.4 times on average. Supports that meet are 4 and 8 times
   // as many, fewer at borders, where most samples are.
   const bool solid = counts.volume != 0;
-  const double cover = std::min(k, cover_of(options) * (solid ? 4.5 : 3.3));
+  const double cover = std::min(k, cover_of(options) * (solid ? 4.5 : 3.2));
   const double couplings = std::min(k, cover * (solid ? 6 : 4));
   constexpr double entry = sizeof(double) + sizeof(std::int64_t);
   const double values = n * (cover * entry + sizeof(std::int64_t));
