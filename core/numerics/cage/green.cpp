@@ -20,12 +20,12 @@ constexpr double roundings_on_cage = 16;
 constexpr double least_angle = 1e-9;
 constexpr double full_angle = 4 * std::numbers::pi;
 
-using SideView = Green::SideView;
+using GreenSide = Green::SideView;
 
 /// The integral of 1 / r along a side is log((a + b + l) / (a + b - l)), with the distances a and b of its ends. The denominator
 /// is a sum of positive terms: a - |s| = d^2 / (a + |s|) for the position s of an end from the foot of the point on the line and
 /// the distance d from the line.
-SideView side_view(const Cage::Edge& edge, std::span<const Vec3> to, std::span<const double> distances) {
+GreenSide side_view(const Cage::Edge& edge, std::span<const Vec3> to, std::span<const double> distances) {
   const bool first = distances[edge.ends[0]] <= distances[edge.ends[1]];
   const std::uint32_t near = edge.ends[first ? 0 : 1], far = edge.ends[first ? 1 : 0];
   const double position = dot(to[near], edge.along);

@@ -24,7 +24,7 @@ constexpr double tolerance = 1e-13;   // of the diagonal, of x(u) - x
 constexpr double least_step = 1e-16;  // of u
 constexpr double smallest_damping = 1e-6;
 constexpr double same_coordinates = 1e-6;  // of u, two solutions that are one
-constexpr std::size_t points_per_range = 256;
+constexpr std::size_t moved_points_per_range = 256;
 
 [[noreturn]] void refuse(const std::string& what) {
   throw Error(ErrorCode::invalid_argument, "the lattice folds over where the point lies: " + what);
@@ -139,7 +139,7 @@ std::optional<Vec3> MovedLattice::coordinates(const Vec3& x) const {
 LatticeCoordinates MovedLattice::coordinates(std::span<const Vec3> points, const RunContext& context) const {
   LatticeCoordinates result{std::vector<Vec3>(points.size()), {}};
   std::vector<char> out(points.size(), 0);
-  parallel_for(context, points.size(), points_per_range, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, points.size(), moved_points_per_range, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       try {
         const std::optional<Vec3> u = coordinates(points[i]);
