@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/constraints/matched_shape.h"
 
+#include <Eigen/LU>
+
 #include "core/constraints/fitted_projection.h"
 #include "core/numerics/dense/decompositions.h"
 

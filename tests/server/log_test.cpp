@@ -112,10 +112,11 @@ TEST(Log, TraceIdsAreThoseOfTheRecommendation) {
   EXPECT_EQ(trace_id("00-" + trace + "-b7ad6b7169203331-01"), trace);
   EXPECT_EQ(trace_id("cc-" + trace + "-b7ad6b7169203331-01-of the future"), trace);
   for (const std::string& wrong :
-       {std::string(), "00-" + trace + "-b7ad6b7169203331", "00-" + trace + "-b7ad6b7169203331-01-more",
-        "ff-" + trace + "-b7ad6b7169203331-01", "cc-" + trace + "-b7ad6b7169203331-01.", "00-" + trace + "-0000000000000000-01",
-        "00-00000000000000000000000000000000-b7ad6b7169203331-01", "00-0AF7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01",
-        "00_" + trace + "-b7ad6b7169203331-01", "00-" + trace + "-b7ad6b716920333\n-01"}) {
+       std::vector<std::string>{std::string(), "00-" + trace + "-b7ad6b7169203331", "00-" + trace + "-b7ad6b7169203331-01-more",
+                                "ff-" + trace + "-b7ad6b7169203331-01", "cc-" + trace + "-b7ad6b7169203331-01.",
+                                "00-" + trace + "-0000000000000000-01", "00-00000000000000000000000000000000-b7ad6b7169203331-01",
+                                "00-0AF7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01", "00_" + trace + "-b7ad6b7169203331-01",
+                                "00-" + trace + "-b7ad6b716920333\n-01"}) {
     EXPECT_EQ(trace_id(wrong), "") << wrong;
   }
   CallRecord record;
