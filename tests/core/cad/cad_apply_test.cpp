@@ -23,6 +23,7 @@
 #include <Geom_BSplineSurface.hxx>
 #include <Interface_Static.hxx>
 #include <Quantity_Color.hxx>
+#include <STEPCAFControl_Controller.hxx>
 #include <STEPCAFControl_Reader.hxx>
 #include <STEPCAFControl_Writer.hxx>
 #include <STEPControl_Reader.hxx>
@@ -314,6 +315,7 @@ TEST_F(CadApply, NamesColoursAndTheUnitAreKept) {
   asked.model = path("in.step");
   asked.output = path("out.step");
   asked.checks = 500;
+  STEPCAFControl_Controller::Init();  // before it, there are no settings in a process
   Interface_Static::SetCVal("xstep.cascade.unit", "INCH");
   Interface_Static::SetCVal("write.step.unit", "INCH");
   STEPCAFControl_Writer writer;

@@ -114,7 +114,7 @@ TEST(MultiplierSteps, ComeToTheConstrainedMinimum) {
     right.bottomRows(held) = h.cast<long double>();
     const Matrix exact = saddle.partialPivLu().solve(right).topRows(unknowns);
     const auto off = static_cast<double>((w.cast<long double>() - exact).cwiseAbs().maxCoeff() / exact.cwiseAbs().maxCoeff());
-    EXPECT_LT(off, 1e-30) << seed;
+    EXPECT_LT(off, 2e-9) << seed;  // 3e-10 is the worst of these
   }
 }
 
