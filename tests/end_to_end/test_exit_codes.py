@@ -116,6 +116,13 @@ class ExitCodes(EndToEnd):
         self.deform("apply", "setup.yaml", "--set", "roof_up=0.01", "--in-place")
         self.assertEqual(self.bytes_of("ahmed.obj"), self.bytes_of("x.obj"))
 
+    def test_no_library_starts_threads_before_signals_are_waited_for(self):
+        """OpenBLAS does when it is loaded: Ctrl-C would end the process by one of them, and the server would go on."""
+        linked = subprocess.run(["ldd", DEFORM], check=True, stdout=subprocess.PIPE, text=True, timeout=60).stdout
+        self.assertIn("libgrpc++", linked)
+        for library in ("openblas", "cholmod"):
+            self.assertNotIn(library, linked)
+
     def test_the_mesh_of_a_case_is_not_overwritten(self):
         os.makedirs(self.path("case/constant/polyMesh"))
         head = "FoamFile\n{{\n version 2.0;\n format ascii;\n class {};\n object {};\n}}\n"

@@ -219,6 +219,7 @@ void check_openfoam_output(const fs::path& source, const fs::path& output) {
     refuse_output(output, "is an OpenFOAM case, whose mesh in constant would not change; name a time folder of it, such as " +
                               (output / "1" / region).string());
   }
+  if (replaced_openfoam_points(source, output)) return;  // another question: callers ask it
   const fs::path around = case_around(output);
   if (!from || around.empty()) return;
   check_part(*from, output, around);
