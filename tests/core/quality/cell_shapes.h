@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cstdint>
 #include <numeric>
+#include <random>
+#include <utility>
 #include <vector>
 
 #include "core/base/types.h"
@@ -114,6 +116,30 @@ inline Grid grid(std::uint32_t nx, std::uint32_t ny, std::uint32_t nz) {
     }
   }
   return grid;
+}
+
+/// Every coordinate moved by up to `size`.
+inline Points shaken(Points points, double size, std::mt19937_64& random) {
+  std::uniform_real_distribution<double> uniform(-size, size);
+  for (Vec3& p : points) {
+    for (double& x : p) x += uniform(random);
+  }
+  return points;
+}
+
+/// Elements of one type, two units apart in rows and layers of `columns`, every third one shaken ten times as much.
+inline std::pair<Points, Elements> shaken_elements(ElementType type, int count, int columns, std::mt19937_64& random) {
+  Points points;
+  Elements elements;
+  for (int e = 0; e < count; ++e) {
+    std::vector<PointId> nodes;
+    for (const Vec3& p : shaken(reference(type), e % 3 == 0 ? 0.2 : 0.02, random)) {
+      nodes.push_back(static_cast<PointId>(points.size()));
+      points.push_back({p[0] + 2 * (e % columns), p[1] + 2 * (e / columns % columns), p[2] + 2 * (e / (columns * columns))});
+    }
+    elements.add(type, nodes);
+  }
+  return {std::move(points), std::move(elements)};
 }
 
 }  // namespace deform::test

@@ -101,14 +101,6 @@ Points scaled(Points points, double unit, double height) {
   return points;
 }
 
-Points shaken(Points points, double size, std::mt19937_64& random) {
-  std::uniform_real_distribution<double> uniform(-size, size);
-  for (Vec3& p : points) {
-    for (double& x : p) x += uniform(random);
-  }
-  return points;
-}
-
 TEST(FieldBounds, AnswersAreThoseOfEveryCell) {
   std::mt19937_64 random(5);
   const Grid g = grid(5, 5, 5);
@@ -125,16 +117,7 @@ TEST(FieldBounds, AnswersAreThoseOfEveryElement) {
   for (std::size_t i = 0; i < element_types; ++i) {
     const auto type = static_cast<ElementType>(i);
     SCOPED_TRACE(shape(type).name);
-    Points rest;
-    Elements elements;
-    for (int e = 0; e < 60; ++e) {
-      std::vector<PointId> nodes;
-      for (const Vec3& p : shaken(reference(type), e % 3 == 0 ? 0.2 : 0.02, random)) {
-        nodes.push_back(static_cast<PointId>(rest.size()));
-        rest.push_back({p[0] + 2 * (e % 4), p[1] + 2 * (e / 4 % 4), p[2] + 2 * (e / 16)});
-      }
-      elements.add(type, nodes);
-    }
+    const auto [rest, elements] = shaken_elements(type, 60, 4, random);
     compare(rest, &elements, 1, random);
   }
 }

@@ -27,14 +27,6 @@ using quality::MovingCells;
 
 constexpr double units[] = {1e-3, 1, 1e3};
 
-Points shaken(Points points, double size, std::mt19937_64& random) {
-  std::uniform_real_distribution<double> uniform(-size, size);
-  for (Vec3& p : points) {
-    for (double& x : p) x += uniform(random);
-  }
-  return points;
-}
-
 Points mapped(Points points, const std::function<Vec3(const Vec3&)>& map) {
   for (Vec3& p : points) p = map(p);
   return points;

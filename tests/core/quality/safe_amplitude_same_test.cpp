@@ -54,14 +54,6 @@ Points scaled(Points points, double unit, double height) {
   return points;
 }
 
-Points shaken(Points points, double size, std::mt19937_64& random) {
-  std::uniform_real_distribution<double> uniform(-size, size);
-  for (Vec3& p : points) {
-    for (double& x : p) x += uniform(random);
-  }
-  return points;
-}
-
 /// The cubes of a grid as hexahedra.
 Elements hexahedra(PointId n) {
   Elements cubes;
@@ -94,16 +86,7 @@ TEST(SafeAmplitudeSame, ElementsOfEveryType) {
   for (std::size_t i = 0; i < element_types; ++i) {
     const auto type = static_cast<ElementType>(i);
     SCOPED_TRACE(shape(type).name);
-    Points rest;
-    Elements elements;
-    for (int e = 0; e < 300; ++e) {
-      std::vector<PointId> nodes;
-      for (const Vec3& p : shaken(reference(type), e % 3 == 0 ? 0.2 : 0.02, random)) {
-        nodes.push_back(static_cast<PointId>(rest.size()));
-        rest.push_back({p[0] + 2 * (e % 7), p[1] + 2 * (e / 7 % 7), p[2] + 2 * (e / 49)});
-      }
-      elements.add(type, nodes);
-    }
+    const auto [rest, elements] = shaken_elements(type, 300, 7, random);
     compare(rest, &elements, 1, random);
   }
 }

@@ -41,14 +41,6 @@ Points between(const Points& X, const Points& Y, double s) {
   return result;
 }
 
-Points shaken(Points points, double size, std::mt19937_64& random) {
-  std::uniform_real_distribution<double> uniform(-size, size);
-  for (Vec3& p : points) {
-    for (double& x : p) x += uniform(random);
-  }
-  return points;
-}
-
 TEST(SafeAmplitude, NodeThroughTheOppositeFace) {
   const Elements tetrahedron = one(ElementType::tetrahedron);
   const Points X = reference(ElementType::tetrahedron);
