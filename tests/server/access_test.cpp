@@ -9,6 +9,7 @@
 #include <set>
 
 #include "core/codec/geometry_id.h"
+#include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 
 namespace deform::server {
@@ -107,8 +108,8 @@ TEST_P(RolesAndMethods, EveryMethodIsRefusedWithoutItsRole) {
                   method + " needs the role " + lowest_role.at(method) + ", \"" + role + "\" has " + role);
       }
     }
-    EXPECT_EQ(call(method, {}).error_code(), StatusCode::UNAUTHENTICATED);
-    EXPECT_EQ(call(method, {{"authorization", "Bearer stranger"}}).error_code(), StatusCode::UNAUTHENTICATED);
+    EXPECT_THAT(call(method, {}), EndedWith(StatusCode::UNAUTHENTICATED));
+    EXPECT_THAT(call(method, {{"authorization", "Bearer stranger"}}), EndedWith(StatusCode::UNAUTHENTICATED));
   }
 }
 
@@ -118,8 +119,8 @@ TEST_P(RolesAndMethods, AnUploadThatIsRefusedNeverReachesTheEngine) {
   v1::RegisterGeometryRequest header;
   header.mutable_header()->set_name("sheet");
   const std::string bytes = header.SerializeAsString();
-  EXPECT_EQ(call("RegisterGeometry", {{"authorization", "Bearer reader-token"}}, bytes).error_code(),
-            StatusCode::PERMISSION_DENIED);
+  EXPECT_THAT(call("RegisterGeometry", {{"authorization", "Bearer reader-token"}}, bytes),
+              EndedWith(StatusCode::PERMISSION_DENIED));
   EXPECT_EQ(engine.upload_count(), 0u);
   grpc::ClientContext context;
   context.AddMetadata("authorization", "Bearer user-token");
@@ -132,20 +133,20 @@ TEST_P(RolesAndMethods, AnUploadThatIsRefusedNeverReachesTheEngine) {
 
 TEST_P(RolesAndMethods, WhatIsNoSingleKnownTokenIsRefused) {
   start_with(everybody());
-  EXPECT_EQ(call("GetServerInfo", {{"authorization", "bearer reader-token"}}).error_code(), StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(call("GetServerInfo", {{"authorization", "bearer reader-token"}}), EndedWith(StatusCode::INVALID_ARGUMENT));
   for (const std::string value : {"", "Bearer", "Bearer ", "reader-token", "Basic reader-token", "Bearer reader-token x"}) {
-    EXPECT_EQ(call("GetServerInfo", {{"authorization", value}}).error_code(), StatusCode::UNAUTHENTICATED) << value;
+    EXPECT_THAT(call("GetServerInfo", {{"authorization", value}}), EndedWith(StatusCode::UNAUTHENTICATED)) << value;
   }
-  EXPECT_EQ(call("GetServerInfo", {{"authorization", "Bearer " + std::string(5000, 'x')}}).error_code(),
-            StatusCode::UNAUTHENTICATED);
+  EXPECT_THAT(call("GetServerInfo", {{"authorization", "Bearer " + std::string(5000, 'x')}}),
+              EndedWith(StatusCode::UNAUTHENTICATED));
   const Metadata twice = {{"authorization", "Bearer reader-token"}, {"authorization", "Bearer operator-token"}};
-  EXPECT_EQ(call("GetServerInfo", twice).error_code(), StatusCode::UNAUTHENTICATED);
+  EXPECT_THAT(call("GetServerInfo", twice), EndedWith(StatusCode::UNAUTHENTICATED));
 }
 
 TEST_P(RolesAndMethods, WithoutAFileNobodyIsAsked) {
   start();
   for (const std::string& method : methods_of_the_contract()) {
-    EXPECT_EQ(call(method, {}).error_code(), StatusCode::INVALID_ARGUMENT) << method;
+    EXPECT_THAT(call(method, {}), EndedWith(StatusCode::INVALID_ARGUMENT)) << method;
   }
 }
 
@@ -197,24 +198,24 @@ TEST_P(RolesAndMethods, AChangeOfTheFileReachesNewCallsAndOpenStreams) {
   const auto start = std::chrono::steady_clock::now();
   EXPECT_TRUE(eventually([&] { return call_as("new", "Deform").error_code() == StatusCode::INVALID_ARGUMENT; }));
   EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(10));
-  EXPECT_EQ(call_as("user", "Deform").error_code(), StatusCode::PERMISSION_DENIED);
-  EXPECT_EQ(call_as("operator", "GetServerInfo").error_code(), StatusCode::UNAUTHENTICATED);
+  EXPECT_THAT(call_as("user", "Deform"), EndedWith(StatusCode::PERMISSION_DENIED));
+  EXPECT_THAT(call_as("operator", "GetServerInfo"), EndedWith(StatusCode::UNAUTHENTICATED));
   request.set_request_id(2);
   stream->Write(request);
   while (stream->Read(&reply)) {
   }
-  EXPECT_EQ(stream->Finish().error_code(), StatusCode::PERMISSION_DENIED) << "the open stream takes no more requests";
+  EXPECT_THAT(stream->Finish(), EndedWith(StatusCode::PERMISSION_DENIED)) << "the open stream takes no more requests";
 }
 
 TEST_P(RolesAndMethods, ABrokenFileLeavesTheOneBeforeInForce) {
   start_with(everybody());
   write(file, "nonsense\n");
   std::this_thread::sleep_for(std::chrono::milliseconds(1500));
-  EXPECT_EQ(call_as("user", "Deform").error_code(), StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(call_as("user", "Deform"), EndedWith(StatusCode::INVALID_ARGUMENT));
   std::filesystem::remove(file);
   std::this_thread::sleep_for(std::chrono::milliseconds(1500));
-  EXPECT_EQ(call_as("user", "Deform").error_code(), StatusCode::INVALID_ARGUMENT);
-  EXPECT_EQ(call("Deform", {}).error_code(), StatusCode::UNAUTHENTICATED);
+  EXPECT_THAT(call_as("user", "Deform"), EndedWith(StatusCode::INVALID_ARGUMENT));
+  EXPECT_THAT(call("Deform", {}), EndedWith(StatusCode::UNAUTHENTICATED));
 }
 
 DEFORM_BOTH_TRANSPORTS(RolesAndMethods);

@@ -6,6 +6,7 @@
 #include <set>
 #include <thread>
 
+#include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 
 namespace deform::server {
@@ -379,7 +380,7 @@ TEST_P(ServiceDeformStream, CancellingWhileWritingCancelsEveryJob) {
   v1::DeformReply reply;
   while (stream->Read(&reply)) {
   }
-  EXPECT_EQ(stream->Finish().error_code(), StatusCode::CANCELLED);
+  EXPECT_THAT(stream->Finish(), EndedWith(StatusCode::CANCELLED));
   EXPECT_TRUE(eventually([&] { return engine.job(0)->cancelled() && engine.job(1)->cancelled(); }));
 }
 

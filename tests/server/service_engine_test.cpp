@@ -5,6 +5,7 @@
 
 #include "core/compiled/deformation.h"
 #include "core/compiled/reader.h"
+#include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 #include "tests/server/test_mesh.h"
 
@@ -159,7 +160,7 @@ TEST_P(ServiceEngine, TheLifeOfAGeometry) {
     v1::DeleteGeometryRequest request;
     v1::DeleteGeometryReply reply;
     request.set_id(id);
-    EXPECT_EQ(stub->DeleteGeometry(&context, request, &reply).error_code(), StatusCode::FAILED_PRECONDITION);
+    EXPECT_THAT(stub->DeleteGeometry(&context, request, &reply), EndedWith(StatusCode::FAILED_PRECONDITION));
   }
   {
     grpc::ClientContext context;
@@ -340,7 +341,7 @@ TEST_P(ServiceEngine, ACompiledDeformationGivesThePointsOfDeform) {
   grpc::ClientContext second;
   const auto refused = stub->GetBasis(&second, basis);
   EXPECT_FALSE(refused->Read(&reply));
-  EXPECT_EQ(refused->Finish().error_code(), StatusCode::NOT_FOUND);
+  EXPECT_THAT(refused->Finish(), EndedWith(StatusCode::NOT_FOUND));
 }
 
 TEST_P(ServiceEngine, BadInputIsToldWhatIsWrongAndLeavesNothing) {
@@ -459,7 +460,7 @@ TEST_P(ServiceEngine, ACancelledDeformLeavesTheServerIdle) {
     v1::DeformReply reply;
     for (int read = 0; read < i; ++read) reader->Read(&reply);
     context.TryCancel();
-    EXPECT_EQ(reader->Finish().error_code(), StatusCode::CANCELLED);
+    EXPECT_THAT(reader->Finish(), EndedWith(StatusCode::CANCELLED));
   }
   EXPECT_TRUE(support::eventually([&] {
     grpc::ClientContext context;

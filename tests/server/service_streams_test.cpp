@@ -3,6 +3,7 @@
 // ends.
 #include <thread>
 
+#include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 
 namespace deform::server {
@@ -69,7 +70,7 @@ TEST_P(ServiceStreams, AnErrorOfTheJobBecomesTheStatusAfterTheRepliesBeforeIt) {
   EXPECT_TRUE(reader->Read(&reply));
   EXPECT_FALSE(reader->Read(&reply));
   const grpc::Status status = reader->Finish();
-  EXPECT_EQ(status.error_code(), StatusCode::ABORTED);
+  EXPECT_THAT(status, EndedWith(StatusCode::ABORTED));
   EXPECT_EQ(status.error_message(), "singular");
 }
 
@@ -80,7 +81,7 @@ TEST_P(ServiceStreams, ARefusedDeformCarriesItsRetryHint) {
   const auto reader = stub->Deform(&context, request());
   v1::DeformReply reply;
   EXPECT_FALSE(reader->Read(&reply));
-  EXPECT_EQ(reader->Finish().error_code(), StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_THAT(reader->Finish(), EndedWith(StatusCode::RESOURCE_EXHAUSTED));
   EXPECT_EQ(retry_hint(context), "250");
 }
 
@@ -91,7 +92,7 @@ TEST_P(ServiceStreams, ContinuedDesignsBelongToTheStreamOnly) {
   grpc::ClientContext context;
   const auto reader = stub->Deform(&context, continued);
   const grpc::Status status = reader->Finish();
-  EXPECT_EQ(status.error_code(), StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(status, EndedWith(StatusCode::INVALID_ARGUMENT));
   EXPECT_NE(status.error_message().find("designs[0].continues"), std::string::npos);
 }
 
@@ -102,7 +103,7 @@ TEST_P(ServiceStreams, CancelWhileTheJobComputesReachesIt) {
   const auto job = engine.job(0);
   context.TryCancel();
   EXPECT_TRUE(eventually([&] { return job->cancelled() && job->call().stop.stop_requested(); }));
-  EXPECT_EQ(reader->Finish().error_code(), StatusCode::CANCELLED);
+  EXPECT_THAT(reader->Finish(), EndedWith(StatusCode::CANCELLED));
 }
 
 TEST_P(ServiceStreams, CancelBeforeTheCallReachesTheServerLeavesNothing) {
@@ -110,7 +111,7 @@ TEST_P(ServiceStreams, CancelBeforeTheCallReachesTheServerLeavesNothing) {
   grpc::ClientContext context;
   context.TryCancel();
   const auto reader = stub->Deform(&context, request());
-  EXPECT_EQ(reader->Finish().error_code(), StatusCode::CANCELLED);
+  EXPECT_THAT(reader->Finish(), EndedWith(StatusCode::CANCELLED));
   EXPECT_TRUE(eventually([&] { return engine.job_count() == 0 || engine.job(0)->cancelled(); }));
 }
 
@@ -124,7 +125,7 @@ TEST_P(ServiceStreams, CancelWhileWritingEndsTheCallAndTheJob) {
   v1::DeformReply reply;
   EXPECT_TRUE(reader->Read(&reply));
   context.TryCancel();
-  EXPECT_EQ(reader->Finish().error_code(), StatusCode::CANCELLED);
+  EXPECT_THAT(reader->Finish(), EndedWith(StatusCode::CANCELLED));
   EXPECT_TRUE(eventually([&] { return engine.job(0)->cancelled(); }));
 }
 
@@ -136,7 +137,7 @@ TEST_P(ServiceStreams, TheDeadlineTravelsAndEndsTheCall) {
   const auto job = engine.job(0);
   ASSERT_TRUE(job->call().deadline.has_value());
   EXPECT_LT(*job->call().deadline, std::chrono::steady_clock::now() + std::chrono::milliseconds(201));
-  EXPECT_EQ(reader->Finish().error_code(), StatusCode::DEADLINE_EXCEEDED);
+  EXPECT_THAT(reader->Finish(), EndedWith(StatusCode::DEADLINE_EXCEEDED));
   EXPECT_TRUE(eventually([&] { return job->cancelled(); }));
 }
 
@@ -225,7 +226,7 @@ TEST_P(ServiceStreams, DetectSendsItsRepliesWhenTheyAreThere) {
   grpc::ClientContext second;
   const auto refused = stub->Detect(&second, request);
   EXPECT_FALSE(refused->Read(&reply));
-  EXPECT_EQ(refused->Finish().error_code(), StatusCode::NOT_FOUND);
+  EXPECT_THAT(refused->Finish(), EndedWith(StatusCode::NOT_FOUND));
 }
 
 TEST_P(ServiceStreams, GetPointsSendsAllPointsInChunksBelowOneMebibyte) {
@@ -294,7 +295,7 @@ TEST_P(ServiceStreams, PrepareThatFailsEndsWithItsStatus) {
   grpc::ClientContext context;
   const auto reader = stub->Prepare(&context, {});
   const grpc::Status status = reader->Finish();
-  EXPECT_EQ(status.error_code(), StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(status, EndedWith(StatusCode::INVALID_ARGUMENT));
   EXPECT_EQ(status.error_message(), "handles[0]: empty");
 }
 
@@ -312,7 +313,7 @@ TEST_P(ServiceStreams, ACancelledPrepareEndsAtOnceAndItsLateOutcomeIsDropped) {
   const auto reader = stub->Prepare(&context, {});
   ASSERT_TRUE(eventually([&] { return asked.load(); }));
   context.TryCancel();
-  EXPECT_EQ(reader->Finish().error_code(), StatusCode::CANCELLED);
+  EXPECT_THAT(reader->Finish(), EndedWith(StatusCode::CANCELLED));
   EXPECT_TRUE(eventually([&] { return seen->stop.stop_requested(); }));
   server->running().stop(std::chrono::milliseconds(0));  // does not wait for the outcome
   late({v1::SystemInfo(), std::nullopt, {}});

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Calls whose requests are streams: geometries and the cotangents of vector-Jacobian products.
+#include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 
 namespace deform::server {
@@ -70,7 +71,7 @@ TEST_P(ServiceUploads, ABadPartEndsTheUploadAtOnce) {
   writer->Write(points_message());
   keep_sending(*writer);
   const grpc::Status status = writer->Finish();
-  EXPECT_EQ(status.error_code(), StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(status, EndedWith(StatusCode::INVALID_ARGUMENT));
   EXPECT_EQ(status.error_message(), "points: too many");
   EXPECT_FALSE(engine.upload(0)->finished);
   EXPECT_TRUE(eventually([&] { return engine.upload(0)->destroyed.load(); }));
@@ -85,7 +86,7 @@ TEST_P(ServiceUploads, ACancelledUploadIsDroppedUnfinished) {
   EXPECT_TRUE(writer->Write(points_message()));
   EXPECT_TRUE(eventually([&] { return engine.upload(0)->parts == 1; }));
   context.TryCancel();
-  EXPECT_EQ(writer->Finish().error_code(), StatusCode::CANCELLED);
+  EXPECT_THAT(writer->Finish(), EndedWith(StatusCode::CANCELLED));
   EXPECT_TRUE(eventually([&] { return engine.upload(0)->destroyed.load(); }));
   EXPECT_FALSE(engine.upload(0)->finished);
 }
@@ -97,14 +98,14 @@ TEST_P(ServiceUploads, UploadsWithoutOrWithoutFirstHeaderAreRefused) {
     v1::GeometryInfo info;
     const auto writer = stub->RegisterGeometry(&context, &info);
     writer->WritesDone();
-    EXPECT_EQ(writer->Finish().error_code(), StatusCode::INVALID_ARGUMENT);
+    EXPECT_THAT(writer->Finish(), EndedWith(StatusCode::INVALID_ARGUMENT));
   }
   {
     grpc::ClientContext context;
     v1::GeometryInfo info;
     const auto writer = stub->RegisterGeometry(&context, &info);
     writer->Write(points_message());
-    EXPECT_EQ(writer->Finish().error_code(), StatusCode::INVALID_ARGUMENT);
+    EXPECT_THAT(writer->Finish(), EndedWith(StatusCode::INVALID_ARGUMENT));
   }
 }
 
@@ -152,12 +153,12 @@ TEST_P(VectorJacobian, WrongSizesAndOrdersAreRefused) {
   engine.point_count = 100;
   engine.on_vector_jacobian = [](Points, const CallContext&, auto) { FAIL() << "must not be reached"; };
   start();
-  EXPECT_EQ(call(std::string(2399, 0), 2400).error_code(), StatusCode::INVALID_ARGUMENT);
-  EXPECT_EQ(call(std::string(2401, 0), 2400).error_code(), StatusCode::INVALID_ARGUMENT);
-  EXPECT_EQ(call("", 1).error_code(), StatusCode::INVALID_ARGUMENT);
-  EXPECT_EQ(call(std::string(2400, 0), 2400, 0).error_code(), StatusCode::INVALID_ARGUMENT);
-  EXPECT_EQ(call(std::string(2400, 0), 2400, 2).error_code(), StatusCode::INVALID_ARGUMENT);
-  EXPECT_EQ(call("", 1, 0).error_code(), StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(call(std::string(2399, 0), 2400), EndedWith(StatusCode::INVALID_ARGUMENT));
+  EXPECT_THAT(call(std::string(2401, 0), 2400), EndedWith(StatusCode::INVALID_ARGUMENT));
+  EXPECT_THAT(call("", 1), EndedWith(StatusCode::INVALID_ARGUMENT));
+  EXPECT_THAT(call(std::string(2400, 0), 2400, 0), EndedWith(StatusCode::INVALID_ARGUMENT));
+  EXPECT_THAT(call(std::string(2400, 0), 2400, 2), EndedWith(StatusCode::INVALID_ARGUMENT));
+  EXPECT_THAT(call("", 1, 0), EndedWith(StatusCode::INVALID_ARGUMENT));
 }
 
 TEST_P(VectorJacobian, CancelWhileTheEngineComputesEndsTheCallAtOnce) {
@@ -178,7 +179,7 @@ TEST_P(VectorJacobian, CancelWhileTheEngineComputesEndsTheCallAtOnce) {
   message.set_cotangent(std::string(24, 0));
   writer->Write(message);
   writer->WritesDone();
-  EXPECT_EQ(writer->Finish().error_code(), StatusCode::DEADLINE_EXCEEDED);
+  EXPECT_THAT(writer->Finish(), EndedWith(StatusCode::DEADLINE_EXCEEDED));
   EXPECT_TRUE(eventually([&] { return asked.load(); }));
   server->running().stop(std::chrono::milliseconds(0));
   late({v1::VectorJacobianReply(), std::nullopt, {}});
