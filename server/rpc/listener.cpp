@@ -20,8 +20,10 @@
 #include <cstring>
 #include <memory>
 #include <utility>
+#include <vector>
 
 #include "core/base/error.h"
+#include "server/rpc/socket_traffic.h"
 
 namespace deform::server {
 
@@ -93,6 +95,19 @@ int listening_socket(const sockaddr* address, socklen_t size) {
 std::uint64_t socket_inode(int fd) {
   struct stat about {};
   return fstat(fd, &about) == 0 && S_ISSOCK(about.st_mode) ? about.st_ino : 0;
+}
+
+/// The other end as gRPC writes it, but with the brackets of IPv6 as they are; empty for unix sockets.
+std::string peer_of(int fd) {
+  sockaddr_storage address{};
+  socklen_t size = sizeof(address);
+  if (getpeername(fd, reinterpret_cast<sockaddr*>(&address), &size) != 0) return {};
+  char host[NI_MAXHOST], port[NI_MAXSERV];
+  const auto* name = reinterpret_cast<const sockaddr*>(&address);
+  if (getnameinfo(name, size, host, sizeof(host), port, sizeof(port), NI_NUMERICHOST | NI_NUMERICSERV) != 0) return {};
+  if (name->sa_family == AF_INET) return std::string("ipv4:") + host + ":" + port;
+  if (name->sa_family == AF_INET6) return std::string("ipv6:[") + host + "]:" + port;
+  return {};
 }
 
 bool out_of_files(int error) { return error == EMFILE || error == ENFILE || error == ENOBUFS || error == ENOMEM; }
@@ -265,7 +280,10 @@ void Listener::accept_from(int listening) {
     set_number(connection.fd(), IPPROTO_TCP, TCP_NODELAY, 1);
     set_number(connection.fd(), IPPROTO_TCP, TCP_USER_TIMEOUT, static_cast<int>(options_.unacknowledged.count()));
   }
-  open_[connection.fd()] = socket_inode(connection.fd());
+  {
+    const std::lock_guard lock(mutex_);
+    open_[connection.fd()] = {socket_inode(connection.fd()), 0};
+  }
   take_(connection.release());
 }
 
@@ -279,11 +297,12 @@ void Listener::without_files(int listening) {
 }
 
 bool Listener::has_room() {
+  const std::lock_guard lock(mutex_);
   if (open_.size() < options_.max_connections) return true;
   const auto now = std::chrono::steady_clock::now();
   if (now - counted_ < count_interval) return false;
   counted_ = now;
-  std::erase_if(open_, [](const auto& one) { return socket_inode(one.first) != one.second; });
+  std::erase_if(open_, [](const auto& one) { return socket_inode(one.first) != one.second.inode; });
   return open_.size() < options_.max_connections;
 }
 
@@ -291,9 +310,47 @@ void Listener::note_refusal(const char* why) {
   ++refused_;
   const auto now = std::chrono::steady_clock::now();
   if (complained_at_ != 0 && now - complained_ < complaint_interval) return;
+  const std::lock_guard lock(mutex_);
   spdlog::warn("connections: {} refused: {} (now {})", refused_ - complained_at_, why, open_.size());
   complained_ = now;
   complained_at_ = refused_;
+}
+
+void Listener::cut_off(const std::string& peer) {
+  std::string wanted = peer;
+  for (const auto& [escaped, bracket] : {std::pair{"%5B", "["}, std::pair{"%5D", "]"}}) {
+    if (const auto at = wanted.find(escaped); at != std::string::npos) wanted.replace(at, 3, bracket);
+  }
+  const std::lock_guard lock(mutex_);
+  for (const auto& [fd, connection] : open_) {
+    if (socket_inode(fd) == connection.inode && peer_of(fd) == wanted) close_now(fd, "it begins calls and resets them");
+  }
+}
+
+void Listener::cut_off_busy(Busy which) {
+  constexpr std::uint64_t much = 8 << 10;  // so that nobody suffers who sends little
+  const std::lock_guard lock(mutex_);
+  std::uint64_t most = 0;
+  std::vector<std::pair<std::uint64_t, int>> news;
+  for (auto& [fd, connection] : open_) {
+    if (socket_inode(fd) != connection.inode) continue;
+    const std::uint64_t received = received_bytes(fd);
+    news.emplace_back(received - std::exchange(connection.received, received), fd);
+    most = std::max(most, news.back().first);
+  }
+  for (const auto& [bytes, fd] : news) {
+    const bool busy = bytes >= much && (which == Busy::all || (which == Busy::busiest && bytes == most));
+    if (busy) close_now(fd, "the process occupies more memory than it may, and this one goes on sending");
+  }
+}
+
+/// gRPC closes what has been shut down, after it has read what had come: that is dropped. Should it have closed the connection
+/// already and another one have its descriptor, that one connects again.
+void Listener::close_now(int fd, const char* why) {
+  spdlog::warn("connections: {} is closed: {}", peer_of(fd), why);
+  shutdown(fd, SHUT_RDWR);
+  while (recv(fd, nullptr, std::size_t{1} << 30, MSG_TRUNC | MSG_DONTWAIT) > 0) {
+  }
 }
 
 }  // namespace deform::server

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <mutex>
 #include <string>
 #include <thread>
 #include <unordered_map>
@@ -57,6 +58,12 @@ class Listener {
   /// Accepts no more. Idempotent, not thread-safe.
   void stop();
 
+  /// Closes the connection of this peer, as gRPC writes it. Not those of unix sockets, which have no address. Any thread.
+  void cut_off(const std::string& peer);
+  enum class Busy { none, busiest, all };
+  /// Closes, of the connections that have received at least 8 KiB since the last call, those. Any thread.
+  void cut_off_busy(Busy which);
+
   std::uint64_t refused() const { return refused_; }  ///< connections beyond the limit so far
 
  private:
@@ -76,8 +83,15 @@ class Listener {
   std::function<void(int)> take_;
   std::atomic<std::uint64_t> refused_{0};
   std::thread thread_;
+  /// A connection that was handed on.
+  struct Open {
+    std::uint64_t inode = 0;     ///< of the socket: its descriptor may mean something else by now
+    std::uint64_t received = 0;  ///< bytes, when last asked
+  };
+  void close_now(int fd, const char* why);
+  std::mutex mutex_;
+  std::unordered_map<int, Open> open_;  ///< by file descriptor; under mutex_
   // of the thread
-  std::unordered_map<int, std::uint64_t> open_;  ///< by file descriptor, the inode of the socket that was handed on
   std::chrono::steady_clock::time_point counted_{}, complained_{};
   std::uint64_t complained_at_ = 0;  ///< refused() then
 };

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/rpc/reactors.h"
 
+#include <google/protobuf/descriptor.h>
+
 #include <algorithm>
 #include <string>
 #include <utility>
@@ -87,7 +89,20 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
 void CallScope::admit() {
   check_access();
   check_memory();
+  if (incoming_.request != nullptr) held_.push_back(hold(*incoming_.request));
 }
+
+const google::protobuf::Descriptor& CallScope::request_type() const {
+  static const google::protobuf::ServiceDescriptor& service =
+      *google::protobuf::DescriptorPool::generated_pool()->FindServiceByName("deform.v1.DeformService");
+  return *service.FindMethodByName(record.method)->input_type();
+}
+
+HeldRequests::Held CallScope::hold(const grpc::ByteBuffer& message) const {
+  return incoming_.held->take(message, request_type());
+}
+
+void CallScope::hold(std::size_t bytes) { held_.push_back(incoming_.held->take(bytes)); }
 
 void CallScope::check_memory() const {
   if (!*incoming_.memory_full || incoming_.needed != Role::use) return;
@@ -129,6 +144,8 @@ void CallScope::leave() {
   if (overdue_) incoming_.overdue->forget(incoming_.context, *overdue_);
   caught([this] { incoming_.metrics->call_ends(record); });
   caught([this] { log_call(record); });
+  held_.clear();
+  if (incoming_.context->IsCancelled()) caught([this] { incoming_.floods->note_reset(record.client); });
   incoming_.live->leave();
 }
 
@@ -329,6 +346,7 @@ void RequestStream::handle(bool ok) {
     if (!ok) return half_closed();
     scope_.record.messages_in += 1;
     scope_.record.bytes_in += request_.Length();
+    const auto held = scope_.hold(request_);
     then = message(request_);
   });
   if (error) return answer(std::move(error), nullptr);

@@ -13,10 +13,13 @@
 #include <mutex>
 #include <optional>
 #include <stop_token>
+#include <vector>
 
 #include "core/base/thread_pool.h"
 #include "server/engine/engine.h"
 #include "server/rpc/access.h"
+#include "server/rpc/flood_guard.h"
+#include "server/rpc/held_requests.h"
 #include "server/rpc/log.h"
 #include "server/rpc/metrics.h"
 #include "server/rpc/overdue_calls.h"
@@ -54,7 +57,10 @@ struct Incoming {
   const std::atomic<bool>* memory_full;
   OverdueCalls* overdue;
   Metrics* metrics;
-  std::chrono::milliseconds max_deadline;  ///< 0: none
+  HeldRequests* held;
+  FloodGuard* floods;
+  std::chrono::milliseconds max_deadline;     ///< 0: none
+  const grpc::ByteBuffer* request = nullptr;  ///< of a call with one
 };
 
 /// What every call has beside its mechanics. The record belongs to whoever has the turn of the call.
@@ -62,12 +68,17 @@ class CallScope {
  public:
   CallScope(const char* method, const Incoming& incoming);
 
-  /// check_access() and check_memory(): every launch() begins with it.
+  /// check_access() and check_memory(), and the memory of the request is charged until the call ends: every launch() begins with
+  /// it.
   void admit();
   /// Throws unless the caller may make this call. Cheap to ask again in a long call: the answer changes when the identities did.
   void check_access();
   /// Throws Error(out_of_budget) with a retry hint when this call computes or adds and the process occupies too much memory.
   void check_memory() const;
+  /// Charges the memory of one message of a stream. Throws as HeldRequests::take() does.
+  HeldRequests::Held hold(const grpc::ByteBuffer& message) const;
+  /// Charges so many bytes more until the call ends. Throws as HeldRequests::take() does.
+  void hold(std::size_t bytes);
   /// Stop token, deadline and caller, for the engine.
   const CallContext& call() const { return call_; }
   void cancel() { stop_.request_stop(); }
@@ -84,7 +95,10 @@ class CallScope {
   CallRecord record;
 
  private:
+  const google::protobuf::Descriptor& request_type() const;
+
   const Incoming incoming_;
+  std::vector<HeldRequests::Held> held_;
   const std::chrono::steady_clock::time_point started_;
   std::stop_source stop_;
   CallContext call_;

@@ -139,14 +139,19 @@ class GrpcServer final : public RunningServer {
     builder.RegisterService(&service_.grpc_service());
     server_ = builder.BuildAndStart();
     if (!server_) throw Error(ErrorCode::internal, "gRPC does not start a server");
-    if (listener_) listener_->start([this](int fd) { hand_over(fd); });
+    if (listener_) {
+      service_.on_flood([this](const std::string& peer) { listener_->cut_off(peer); });
+      listener_->start([this](int fd) { hand_over(fd); });
+    }
     if (port() > 0) address_ = options.address.substr(0, options.address.rfind(':') + 1) + std::to_string(port());
     // Asked once: what the watcher compares with must be what the health service was told.
     const bool writable = engine_->store().writable();
     set_serving(true, writable);
     const std::uint64_t budget = engine_->info().memory_budget();
     engine_budgeted_ = budget != 0;
-    memory_limit_ = resident_set_bytes() + static_cast<std::size_t>(full_memory * static_cast<double>(budget));
+    memory_start_ = resident_set_bytes();
+    memory_limit_ = memory_start_ + static_cast<std::size_t>(full_memory * static_cast<double>(budget));
+    memory_end_ = memory_start_ + budget;
     watched_ = now();
     if (!options.metrics_address.empty()) open_operations_port(options.metrics_address);
     watch_ = std::thread([this, writable] { watch(writable); });  // last: what throws after it would leave it running
@@ -259,6 +264,7 @@ class GrpcServer final : public RunningServer {
       resident = resident_set_bytes();
     }
     const bool full = resident > memory_limit_;
+    if (listener_ && full) shed_connections(resident);
     if (full == memory_full_) return;
     memory_full_ = full;
     service_.set_memory_full(full);
@@ -270,6 +276,31 @@ class GrpcServer final : public RunningServer {
     }
   }
 
+  /// What gRPC holds for connections is bounded by nothing else: calls that are begun and reset, pings whose answers nobody
+  /// reads.
+  void shed_connections(std::size_t resident) {
+    const bool growing = memory_full_ && resident > shed_at_;
+    shed_at_ = resident;
+    listener_->cut_off_busy(resident > memory_end_ ? Listener::Busy::all
+                            : growing              ? Listener::Busy::busiest
+                                                   : Listener::Busy::none);
+  }
+
+  /// What the libraries have freed goes back to the system, too: asked for once a second while the process occupies more than is
+  /// charged, more and more rarely when that gives nothing.
+  void trim_memory() {
+    constexpr std::size_t worth = std::size_t{16} << 20;
+    constexpr int longest_wait = 16;
+    const std::size_t resident = resident_set_bytes();
+    if (resident < memory_start_ + engine_->info().memory_in_use() + worth) return;
+    if (--trim_wait_ > 0 && resident < trimmed_ + worth) return;
+    return_freed_memory(freed_bytes_worth_returning);
+    const bool gave = resident_set_bytes() + worth / 16 < resident;
+    trim_pause_ = gave ? 1 : std::min(2 * trim_pause_, longest_wait);
+    trim_wait_ = trim_pause_;
+    trimmed_ = resident_set_bytes();
+  }
+
   /// The memory of the process, the store and the files of who may call.
   void watch(bool writable) {
     std::unique_lock lock(watch_mutex_);
@@ -279,6 +310,7 @@ class GrpcServer final : public RunningServer {
       watched_ = now();
       turn = (turn + 1) % watch_turns;
       if (turn != 0) continue;
+      trim_memory();
       service_.refresh_access();
       const v1::StoreInfo store = engine_->store();
       if (store.writable() == writable) continue;
@@ -304,8 +336,15 @@ class GrpcServer final : public RunningServer {
   std::atomic<std::chrono::steady_clock::rep> watched_{0};  ///< when the thread that watches came round last
   std::atomic<bool> draining_{false};
   bool engine_budgeted_ = false;
-  std::size_t memory_limit_ = 0;  ///< resident bytes
-  bool memory_full_ = false;      ///< of the thread that watches
+  std::size_t memory_start_ = 0;  ///< resident bytes before the first call
+  std::size_t memory_limit_ = 0;  ///< from which on calls are refused
+  std::size_t memory_end_ = 0;    ///< and connections are closed
+  // of the thread that watches
+  std::size_t trimmed_ = 0;  ///< resident bytes after the allocator was last asked for what is free
+  std::size_t shed_at_ = 0;  ///< resident bytes when connections were last looked at
+  int trim_wait_ = 0;        ///< turns until it is asked again
+  int trim_pause_ = 1;
+  bool memory_full_ = false;  ///< of the thread that watches
   std::thread watch_;
   std::mutex watch_mutex_;
   std::condition_variable stopping_changed_;

@@ -44,6 +44,13 @@ using RawService =
 using Context = grpc::CallbackServerContext;
 using Bytes = grpc::ByteBuffer;
 
+/// What requests may take while they are held, beside the memory budget; 0 for an engine without one.
+std::size_t held_limit(std::size_t budget) {
+  constexpr std::size_t share = 8;
+  constexpr std::size_t least = std::size_t{16} << 20;
+  return budget == 0 ? 0 : std::max(budget / share, least);
+}
+
 /// The limit of a call's time is one of the requests of a stream, too.
 ServiceOptions with_limits(ServiceOptions options) {
   options.stream.max_deadline = options.max_deadline;
@@ -75,11 +82,13 @@ class DeformService::Methods final : public RawService {
       : engine_(engine),
         options_(with_limits(options)),
         access_(options.access),
+        held_(held_limit(engine.info().memory_budget())),
         pool_(options.call_threads, options.waiting_calls) {}
 
   void drain();
   void refresh_access() { access_.refresh(); }
   void set_memory_full(bool full) { memory_full_ = full; }
+  void on_flood(std::function<void(const std::string&)> action) { floods_.on_flood(std::move(action)); }
   bool memory_full() const { return memory_full_; }
   const Metrics& metrics() const { return metrics_; }
   bool wait_for_none(std::chrono::steady_clock::time_point deadline) { return live_.wait_for_none(deadline); }
@@ -89,7 +98,7 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerUnaryReactor* GetGeometry(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("GetGeometry", Role::read, context, reply, [this, bytes](CallRecord& record) {
+    return unary("GetGeometry", Role::read, context, bytes, reply, [this, bytes](CallRecord& record) {
       const auto request = received<v1::GetGeometryRequest>(*bytes, record);
       record.geometry = request.id();
       return engine_.get_geometry(request.id());
@@ -97,13 +106,13 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerUnaryReactor* ListGeometries(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("ListGeometries", Role::read, context, reply, [this, bytes](CallRecord& record) {
+    return unary("ListGeometries", Role::read, context, bytes, reply, [this, bytes](CallRecord& record) {
       return engine_.list_geometries(received<v1::ListGeometriesRequest>(*bytes, record));
     });
   }
 
   grpc::ServerUnaryReactor* DeleteGeometry(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("DeleteGeometry", Role::operate, context, reply, [this, bytes](CallRecord& record) {
+    return unary("DeleteGeometry", Role::operate, context, bytes, reply, [this, bytes](CallRecord& record) {
       const auto request = received<v1::DeleteGeometryRequest>(*bytes, record);
       record.geometry = request.id();
       return engine_.delete_geometry(request);
@@ -111,15 +120,15 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerWriteReactor<Bytes>* GetPoints(Context* context, const Bytes* bytes) override {
-    return ReplyStream::launch(std::make_shared<PointsCall>(engine_, incoming(Role::read, context), bytes), pool_);
+    return ReplyStream::launch(std::make_shared<PointsCall>(engine_, incoming(Role::read, context, bytes), bytes), pool_);
   }
 
   grpc::ServerWriteReactor<Bytes>* Detect(Context* context, const Bytes* bytes) override {
-    return ReplyStream::launch(std::make_shared<DetectCall>(engine_, incoming(Role::use, context), bytes), pool_);
+    return ReplyStream::launch(std::make_shared<DetectCall>(engine_, incoming(Role::use, context, bytes), bytes), pool_);
   }
 
   grpc::ServerUnaryReactor* Estimate(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("Estimate", Role::use, context, reply, [this, bytes](CallRecord& record) {
+    return unary("Estimate", Role::use, context, bytes, reply, [this, bytes](CallRecord& record) {
       const auto request = received<v1::EstimateRequest>(*bytes, record);
       record.geometry = request.setup().geometry();
       v1::EstimateReply answer = engine_.estimate(request);
@@ -129,11 +138,11 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerWriteReactor<Bytes>* Prepare(Context* context, const Bytes* bytes) override {
-    return ReplyStream::launch(std::make_shared<PrepareCall>(engine_, incoming(Role::use, context), bytes), pool_);
+    return ReplyStream::launch(std::make_shared<PrepareCall>(engine_, incoming(Role::use, context, bytes), bytes), pool_);
   }
 
   grpc::ServerUnaryReactor* GetSystem(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("GetSystem", Role::read, context, reply, [this, bytes](CallRecord& record) {
+    return unary("GetSystem", Role::read, context, bytes, reply, [this, bytes](CallRecord& record) {
       const auto request = received<v1::GetSystemRequest>(*bytes, record);
       record.system = request.id();
       return engine_.get_system(request.id());
@@ -141,7 +150,7 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerUnaryReactor* ListSystems(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("ListSystems", Role::read, context, reply, [this, bytes](CallRecord& record) {
+    return unary("ListSystems", Role::read, context, bytes, reply, [this, bytes](CallRecord& record) {
       const auto request = received<v1::ListSystemsRequest>(*bytes, record);
       record.geometry = request.geometry_id();
       return engine_.list_systems(request);
@@ -149,7 +158,7 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerUnaryReactor* ReleaseSystem(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("ReleaseSystem", Role::operate, context, reply, [this, bytes](CallRecord& record) {
+    return unary("ReleaseSystem", Role::operate, context, bytes, reply, [this, bytes](CallRecord& record) {
       const auto request = received<v1::ReleaseSystemRequest>(*bytes, record);
       record.system = request.id();
       return engine_.release_system(request);
@@ -157,7 +166,7 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerWriteReactor<Bytes>* Deform(Context* context, const Bytes* bytes) override {
-    return job("Deform", Role::use, context, [this, bytes](CallScope& scope, JobCall::Ready ready) {
+    return job("Deform", Role::use, context, bytes, [this, bytes](CallScope& scope, JobCall::Ready ready) {
       auto request = received<v1::DeformRequest>(*bytes, scope.record);
       scope.record.system = request.system_id();
       refuse_continued_designs(request);
@@ -168,7 +177,7 @@ class DeformService::Methods final : public RawService {
   grpc::ServerBidiReactor<Bytes, Bytes>* DeformStream(Context* context) override;
 
   grpc::ServerWriteReactor<Bytes>* JacobianVector(Context* context, const Bytes* bytes) override {
-    return job("JacobianVector", Role::use, context, [this, bytes](CallScope& scope, JobCall::Ready ready) {
+    return job("JacobianVector", Role::use, context, bytes, [this, bytes](CallScope& scope, JobCall::Ready ready) {
       auto request = received<v1::JacobianVectorRequest>(*bytes, scope.record);
       scope.record.system = request.system_id();
       return engine_.jacobian_vector(std::move(request), scope.call(), std::move(ready));
@@ -180,11 +189,11 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerWriteReactor<Bytes>* GetBasis(Context* context, const Bytes* bytes) override {
-    return ReplyStream::launch(std::make_shared<BasisCall>(engine_, incoming(Role::use, context), bytes), pool_);
+    return ReplyStream::launch(std::make_shared<BasisCall>(engine_, incoming(Role::use, context, bytes), bytes), pool_);
   }
 
   grpc::ServerUnaryReactor* GetServerInfo(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("GetServerInfo", Role::read, context, reply, [this, bytes](CallRecord& record) {
+    return unary("GetServerInfo", Role::read, context, bytes, reply, [this, bytes](CallRecord& record) {
       received<v1::GetServerInfoRequest>(*bytes, record);
       v1::ServerInfo info = engine_.info();
       info.mutable_limits()->set_max_streams_per_call(options_.stream.open_requests);
@@ -193,17 +202,20 @@ class DeformService::Methods final : public RawService {
   }
 
  private:
-  Incoming incoming(Role needed, Context* context) {
-    return {context, needed, &live_, &access_, &memory_full_, &overdue_, &metrics_, options_.max_deadline};
+  Incoming incoming(Role needed, Context* context, const Bytes* request = nullptr) {
+    return {context, needed, &live_, &access_, &memory_full_, &overdue_, &metrics_, &held_, &floods_, options_.max_deadline,
+            request};
   }
   /// work(record) -> reply message.
   template <typename Work>
-  grpc::ServerUnaryReactor* unary(const char* method, Role needed, Context* context, Bytes* reply, Work work) {
-    return UnaryCall::launch(pool_, method, incoming(needed, context), reply,
+  grpc::ServerUnaryReactor* unary(const char* method, Role needed, Context* context, const Bytes* bytes, Bytes* reply,
+                                  Work work) {
+    return UnaryCall::launch(pool_, method, incoming(needed, context, bytes), reply,
                              [work = std::move(work)](CallScope& scope) { return serialized(work(scope.record)); });
   }
-  grpc::ServerWriteReactor<Bytes>* job(const char* method, Role needed, Context* context, JobCall::Submit submit) {
-    return ReplyStream::launch(std::make_shared<JobCall>(method, incoming(needed, context), std::move(submit)));
+  grpc::ServerWriteReactor<Bytes>* job(const char* method, Role needed, Context* context, const Bytes* bytes,
+                                       JobCall::Submit submit) {
+    return ReplyStream::launch(std::make_shared<JobCall>(method, incoming(needed, context, bytes), std::move(submit)));
   }
 
   Engine& engine_;
@@ -212,6 +224,8 @@ class DeformService::Methods final : public RawService {
   std::atomic<bool> memory_full_{false};
   OverdueCalls overdue_;
   Metrics metrics_;
+  HeldRequests held_;
+  FloodGuard floods_;
   LiveCalls live_;
   std::mutex streams_mutex_;
   // under streams_mutex_
@@ -257,6 +271,7 @@ DeformService::~DeformService() = default;
 grpc::Service& DeformService::grpc_service() { return *methods_; }
 void DeformService::drain() { methods_->drain(); }
 void DeformService::set_memory_full(bool full) { methods_->set_memory_full(full); }
+void DeformService::on_flood(std::function<void(const std::string&)> action) { methods_->on_flood(std::move(action)); }
 bool DeformService::memory_full() const { return methods_->memory_full(); }
 const Metrics& DeformService::metrics() const { return methods_->metrics(); }
 void DeformService::refresh_access() { methods_->refresh_access(); }

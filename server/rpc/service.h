@@ -3,7 +3,9 @@
 
 #include <chrono>
 #include <filesystem>
+#include <functional>
 #include <memory>
+#include <string>
 
 #include "server/engine/engine.h"
 #include "server/rpc/access.h"
@@ -43,6 +45,8 @@ class DeformService {
   /// While it is so, calls that compute or add are refused with a retry hint; what is under way goes on. Any thread.
   void set_memory_full(bool full);
   bool memory_full() const;
+  /// What happens to a connection that begins calls and resets them without end. Before the first call.
+  void on_flood(std::function<void(const std::string& peer)> action);
   /// Of all calls.
   const Metrics& metrics() const;
   /// Rereads the files of who may call when they changed. Now and then, by anyone.

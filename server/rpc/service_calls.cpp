@@ -301,6 +301,7 @@ void VectorJacobianCall::append(const std::string& bytes) {
     throw Error(ErrorCode::invalid_argument, "cotangent: more than " + std::to_string(expected_points_) + " points of 24 bytes");
   }
   // Grows with what has really come, so that a header alone costs nothing.
+  scope_.hold(bytes.size());
   cotangent_.resize((received_ + bytes.size() + sizeof(Vec3) - 1) / sizeof(Vec3));
   std::memcpy(reinterpret_cast<char*>(cotangent_.data()) + received_, bytes.data(), bytes.size());
   received_ += bytes.size();

@@ -44,16 +44,37 @@ grpc::Slice owning_slice(T keep, const void* data, std::size_t size) {
       const_cast<void*>(data), size, [](void* p) { delete static_cast<T*>(p); }, owner);
 }
 
+Error no_message(const grpc::ByteBuffer& bytes, const google::protobuf::Message& message) {
+  return {ErrorCode::invalid_argument, "the " + std::to_string(bytes.Length()) + " bytes received are not a " +
+                                           message.GetDescriptor()->full_name() +
+                                           " (damaged, nested deeper than 100, or text that is not UTF-8)"};
+}
+
 }  // namespace
 
 void parse(const grpc::ByteBuffer& bytes, google::protobuf::Message& message) {
   grpc::ByteBuffer copy(bytes);  // counts references only; the reader wants a mutable buffer
   grpc::ProtoBufferReader reader(&copy);
-  if (!reader.status().ok() || !message.ParseFromZeroCopyStream(&reader)) {
-    throw Error(ErrorCode::invalid_argument, "the " + std::to_string(bytes.Length()) + " bytes received are not a " +
-                                                 message.GetDescriptor()->full_name() +
-                                                 " (damaged, nested deeper than 100, or text that is not UTF-8)");
+  if (!reader.status().ok() || !message.ParseFromZeroCopyStream(&reader)) throw no_message(bytes, message);
+}
+
+v1::DeformStreamRequest without_request(const grpc::ByteBuffer& bytes) {
+  v1::DeformStreamRequest out;
+  grpc::ByteBuffer copy(bytes);
+  grpc::ProtoBufferReader reader(&copy);
+  if (!reader.status().ok()) throw no_message(bytes, out);
+  google::protobuf::io::CodedInputStream in(&reader);
+  for (std::uint32_t tag = in.ReadTag(); tag != 0; tag = in.ReadTag()) {
+    std::uint64_t number = 0;
+    const bool is_number = WireFormatLite::GetTagWireType(tag) == WireFormatLite::WIRETYPE_VARINT;
+    if (!(is_number ? in.ReadVarint64(&number) : WireFormatLite::SkipField(&in, tag))) throw no_message(bytes, out);
+    if (!is_number) continue;
+    const int field = WireFormatLite::GetTagFieldNumber(tag);
+    if (field == v1::DeformStreamRequest::kRequestIdFieldNumber) out.set_request_id(number);
+    if (field == v1::DeformStreamRequest::kMoreFieldNumber) out.set_more(number != 0);
+    if (field == v1::DeformStreamRequest::kCancelFieldNumber) out.set_cancel(number != 0);
   }
+  return out;
 }
 
 grpc::ByteBuffer serialized(const google::protobuf::Message& message) {

@@ -16,6 +16,9 @@ namespace deform::server {
 /// Throws Error(invalid_argument) when the bytes are not a `message`.
 void parse(const grpc::ByteBuffer& bytes, google::protobuf::Message& message);
 
+/// The same, of which everything but the request itself is read: for one that there is no room for.
+v1::DeformStreamRequest without_request(const grpc::ByteBuffer& bytes);
+
 grpc::ByteBuffer serialized(const google::protobuf::Message& message);
 
 /// Block data moves into the buffer without being copied.

@@ -72,7 +72,8 @@ StreamRequests::RequestPtr StreamRequests::open(std::uint64_t id) {
   return request;
 }
 
-StreamRequests::Effect StreamRequests::accept(v1::DeformStreamRequest&& message, std::size_t bytes) {
+StreamRequests::Effect StreamRequests::accept(v1::DeformStreamRequest&& message, std::size_t bytes, HeldRequests::Held held,
+                                              std::optional<Error> refusal) {
   const std::uint64_t id = message.request_id();
   if (message.cancel()) return cancel(id);
   Effect effect;
@@ -86,8 +87,10 @@ StreamRequests::Effect StreamRequests::accept(v1::DeformStreamRequest&& message,
     request->stop.request_stop();
     refuse(*request, Error(ErrorCode::invalid_argument,
                            "request_id " + std::to_string(id) + ": already used by an open request, which is cancelled by this"));
+  } else if (request->state == State::assembling && refusal) {
+    refuse(*request, std::move(*refusal));
   } else if (request->state == State::assembling) {
-    append(*request, std::move(message), bytes);
+    append(*request, std::move(message), std::max(bytes, held.bytes()), std::move(held));
   }
   if (message.more()) return effect;
   if (request->state == State::refused) {
@@ -101,7 +104,7 @@ StreamRequests::Effect StreamRequests::accept(v1::DeformStreamRequest&& message,
   return effect;
 }
 
-void StreamRequests::append(Request& request, v1::DeformStreamRequest&& message, std::size_t bytes) {
+void StreamRequests::append(Request& request, v1::DeformStreamRequest&& message, std::size_t bytes, HeldRequests::Held held) {
   try {
     if (bytes_ + bytes > limits_.buffered_bytes && complete_ == 0) {
       // Nothing that holds bytes would end by itself: pausing would wait for ever.
@@ -111,6 +114,7 @@ void StreamRequests::append(Request& request, v1::DeformStreamRequest&& message,
     }
     bytes_ += bytes;
     request.bytes += bytes;
+    request.held.push_back(std::move(held));
     v1::DeformRequest& part = *message.mutable_request();
     if (request.record.messages_in == 1) {
       google::protobuf::RepeatedPtrField<v1::Design> designs;
@@ -185,6 +189,7 @@ void StreamRequests::close(const RequestPtr& request) {
 void StreamRequests::release_bytes(Request& request) {
   bytes_ -= request.bytes;
   request.bytes = 0;
+  request.held.clear();
 }
 
 std::deque<StreamRequests::RequestPtr> StreamRequests::all() const {

@@ -9,8 +9,10 @@
 #include <optional>
 #include <stop_token>
 #include <unordered_map>
+#include <vector>
 
 #include "server/engine/engine.h"
+#include "server/rpc/held_requests.h"
 #include "server/rpc/log.h"
 
 namespace deform::server {
@@ -39,6 +41,7 @@ class StreamRequests {
     State state = State::assembling;
     v1::DeformRequest message;
     std::size_t bytes = 0;  ///< counted against the limit
+    std::vector<HeldRequests::Held> held;
     std::optional<Error> refusal;
     std::stop_source stop;  ///< of `call`
     CallContext call;       ///< with a stop token of its own
@@ -59,8 +62,10 @@ class StreamRequests {
   StreamRequests(const StreamLimits& limits, CallContext call, const CallRecord& stream = {})
       : limits_(limits), call_(std::move(call)), client_(stream.client), identity_(stream.identity) {}
 
-  /// One message of `bytes` bytes. Throws Error(out_of_budget) when the client floods the stream with broken requests: ends it.
-  Effect accept(v1::DeformStreamRequest&& message, std::size_t bytes);
+  /// One message of `bytes` bytes, which take `held` in memory. With a refusal it is refused, of its fields only request_id, more
+  /// and cancel count. Throws Error(out_of_budget) when the client floods the stream with broken requests: ends it.
+  Effect accept(v1::DeformStreamRequest&& message, std::size_t bytes, HeldRequests::Held held = {},
+                std::optional<Error> refusal = std::nullopt);
 
   /// The client says no more: requests whose last message never came are refused. They are closed.
   std::deque<RequestPtr> half_close();
@@ -80,7 +85,7 @@ class StreamRequests {
  private:
   RequestPtr open(std::uint64_t id);
   Effect cancel(std::uint64_t id);
-  void append(Request& request, v1::DeformStreamRequest&& message, std::size_t bytes);
+  void append(Request& request, v1::DeformStreamRequest&& message, std::size_t bytes, HeldRequests::Held held);
   void refuse(Request& request, Error error);
   void release_bytes(Request& request);
 

@@ -85,11 +85,17 @@ void DeformStreamCall::OnReadDone(bool ok) {
 void DeformStreamCall::take(const grpc::ByteBuffer& bytes) {
   scope_.check_access();  // the caller may have been struck out since the stream was opened
   v1::DeformStreamRequest message;
-  parse(bytes, message);
+  HeldRequests::Held held;
+  std::optional<Error> refusal = caught([&] { held = scope_.hold(bytes); });
+  if (refusal) {
+    message = without_request(bytes);
+  } else {
+    parse(bytes, message);
+  }
   StreamRequests::Effect effect;
   {
     const std::lock_guard lock(mutex_);
-    effect = requests_.accept(std::move(message), bytes.Length());
+    effect = requests_.accept(std::move(message), bytes.Length(), std::move(held), std::move(refusal));
     if (effect.answered) refused_.push_back(effect.answered);
   }
   if (effect.cancelled) effect.cancelled->cancel();

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A client that asks for little: one design and one question again and again, until its standard input ends. A process of its own, so
+that nothing but the server keeps it waiting. Prints the seconds of its rounds and its failures as JSON.
+
+    honest.py ADDRESS    the DeformRequest on standard input, as one line of hexadecimal digits
+"""
+
+import json
+import sys
+import threading
+import time
+
+import grpc
+
+from deform.v1 import deformation_pb2, service_pb2, service_pb2_grpc
+
+
+def until_answered(call):
+    """An answer that says when to try again is obeyed and is no answer."""
+    deadline = time.monotonic() + 30
+    while True:
+        try:
+            return call()
+        except grpc.RpcError as error:
+            hint = dict(error.trailing_metadata() or ()).get("retry-after-ms")
+            if hint is None or time.monotonic() > deadline:
+                raise
+            time.sleep(min(float(hint) / 1000, 1))
+
+
+def main():
+    request = deformation_pb2.DeformRequest.FromString(bytes.fromhex(sys.stdin.readline()))
+    ending = threading.Event()
+    threading.Thread(target=lambda: (sys.stdin.read(), ending.set()), daemon=True).start()
+    seconds, failures = [], []
+    with grpc.insecure_channel(sys.argv[1]) as channel:
+        service = service_pb2_grpc.DeformServiceStub(channel)
+        while not ending.wait(0.02):
+            start = time.monotonic()
+            try:
+                until_answered(lambda: service.GetServerInfo(service_pb2.GetServerInfoRequest(), timeout=30))
+                replies = until_answered(lambda: list(service.Deform(request, timeout=30)))
+                if replies[-1].WhichOneof("part") != "summary":
+                    failures.append(f"the last reply is {replies[-1]}")
+            except grpc.RpcError as error:
+                failures.append(f"{error.code()}: {error.details()}")
+            seconds.append(time.monotonic() - start)
+    print(json.dumps({"seconds": seconds, "failures": failures}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,379 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Cheap requests that took servers down, each with the bounds of attack.Attack."""
+
+import concurrent.futures
+import struct
+import threading
+import time
+
+import grpc
+import numpy
+
+import http2
+from attack import LONG, MIB, Attack, main
+from deform.v1 import deformation_pb2, geometry_pb2, service_pb2_grpc, setup_pb2
+
+
+def in_threads(count, action):
+    with concurrent.futures.ThreadPoolExecutor(count) as pool:
+        return list(pool.map(action, range(count)))
+
+
+def varint(number):
+    out = bytearray()
+    while number >= 128:
+        out.append(number % 128 + 128)
+        number //= 128
+    return bytes(out) + bytes([number])
+
+
+class RawService:
+    """Calls with bytes as they are."""
+
+    def __init__(self, channel):
+        self.channel = channel
+
+    def unary(self, method, request, timeout=30):
+        return self.channel.unary_unary(f"/deform.v1.DeformService/{method}")(request, timeout=timeout)
+
+    def server_stream(self, method, request, timeout=30):
+        return list(self.channel.unary_stream(f"/deform.v1.DeformService/{method}")(request, timeout=timeout))
+
+    def stream(self, method, requests, timeout=60):
+        return list(self.channel.stream_stream(f"/deform.v1.DeformService/{method}")(requests, timeout=timeout))
+
+
+class Messages(Attack):
+    """What is small on the wire and large once it is parsed."""
+
+    # A design is two bytes on the wire.
+    def designs(self, size):
+        head = self.request.SerializeToString(deterministic=True)
+        return head + b"\x12\x00" * ((size - len(head)) // 2)
+
+    def test_empty_designs_in_one_message(self):
+        """4 MiB, which is what gRPC takes: two million designs, 16 times at once, again and again."""
+        bytes_ = self.designs(4 * MIB - 64)
+
+        def attack(_):
+            raw = RawService(self.channel())
+            return [self.refused(lambda: raw.server_stream("Deform", bytes_)) for _ in range(6)]
+
+        for codes in in_threads(16, attack):
+            self.assertNotIn(None, codes)
+
+    def test_empty_designs_on_a_stream(self):
+        """56 MB of designs on one stream: each request continues."""
+        request = self.designs(MIB - 64)
+
+        def requests():
+            for i in range(56):
+                yield b"\x08\x01\x12" + varint(len(request)) + request + b"\x18\x01"
+
+        raw = RawService(self.channel())
+        self.refused(lambda: raw.stream("DeformStream", requests()))
+
+    def test_empty_designs_of_many_requests(self):
+        """Below the limit of designs, but many requests that wait."""
+        request = deformation_pb2.DeformRequest(system_id=self.system.id)
+        request.designs.extend([deformation_pb2.Design()] * 10_000)
+        bytes_ = request.SerializeToString()
+
+        def attack(_):
+            raw = RawService(self.channel())
+            return self.refused(lambda: raw.stream("DeformStream", (b"\x08" + varint(i + 1) + b"\x12" + varint(len(bytes_)) + bytes_
+                                                                     for i in range(500))))
+
+        in_threads(4, attack)
+
+    def test_regions_within_regions(self):
+        """A setup of 900 KB that is unions of empty unions."""
+        region = b"\x4a\x00" * 400_000
+        setup = self.setup.SerializeToString() + b"\x22" + varint(len(region)) + region
+        request = b"\x0a" + varint(len(setup)) + setup
+
+        def attack(_):
+            raw = RawService(self.channel())
+            return [self.refused(lambda: raw.unary("Estimate", request)) for _ in range(3)]
+
+        for codes in in_threads(16, attack):
+            self.assertNotIn(None, codes)
+
+
+class Selections(Attack):
+    """Small setups that ask for much work."""
+
+    def register_large(self, columns=500, rows=400):
+        i, j = numpy.meshgrid(numpy.arange(columns), numpy.arange(rows))
+        points = numpy.stack([i.ravel(), j.ravel(), 0 * i.ravel()], axis=1).astype("<f8")
+        first = (i[:-1, :-1] + columns * j[:-1, :-1]).ravel()
+        faces = numpy.stack([first, first + 1, first + 1 + columns, first + columns], axis=1).astype("<u4")
+
+        def messages():
+            yield geometry_pb2.RegisterGeometryRequest(
+                header=dict(point_count=len(points), face_count=len(faces), corner_count=faces.size, name="large"))
+            for part in numpy.array_split(points, 20):
+                yield geometry_pb2.RegisterGeometryRequest(points=dict(xyz=part.tobytes()))
+            for part in numpy.array_split(faces, 20):
+                yield geometry_pb2.RegisterGeometryRequest(
+                    faces=dict(sizes=numpy.full(len(part), 4, "<u4").tobytes(), corners=part.tobytes()))
+
+        return self.stub().RegisterGeometry(messages(), timeout=60)
+
+    def test_many_regions_of_many_constraints(self):
+        """134 KB of constraints on everything: each selects 200,000 points."""
+        large = self.register_large()
+        setup = setup_pb2.Setup(geometry=large.id)
+        handle = setup.handles.add(name="h")
+        handle.region.box.min.extend([-1, -1, -1])
+        handle.region.box.max.extend([3, 1e3, 1])
+        for i in range(4000):
+            constraint = setup.constraints.add(name=f"c{i}")
+            constraint.planar.SetInParent()
+            region = constraint.regions.add()
+            region.complement.ids.append(i)
+        codes = in_threads(8, lambda _: self.refused(
+            lambda: self.stub().Estimate(deformation_pb2.EstimateRequest(setup=setup), timeout=60)))
+        self.assertNotIn(None, codes)
+
+    def test_estimates_do_not_keep_questions_waiting(self):
+        """16 estimates of 468 KB of regions at once; their clients leave after 5 s."""
+        large = self.register_large()
+        setup = setup_pb2.Setup(geometry=large.id)
+        handle = setup.handles.add(name="h")
+        for i in range(9000):
+            part = handle.region.union.add()
+            part.sphere.centre.extend([i % 500, i % 400, 0.0])
+            part.sphere.radius = 3
+        in_threads(16, lambda _: self.refused(
+            lambda: self.stub().Estimate(deformation_pb2.EstimateRequest(setup=setup), timeout=5)))
+
+    def test_preparations_do_not_keep_designs_waiting(self):
+        """300 preparations, all different."""
+        large = self.register_large(200, 100)
+
+        def attack(i):
+            setup = setup_pb2.Setup(geometry=large.id, seed=i)
+            for name, column in (("a", 3 + 0.001 * i), ("b", 100)):
+                handle = setup.handles.add(name=name)
+                handle.region.box.min.extend([column - 4, -1, -1])
+                handle.region.box.max.extend([column + 2, 1e3, 1])
+            return self.refused(lambda: list(self.stub().Prepare(deformation_pb2.PrepareRequest(setup=setup), timeout=10)))
+
+        in_threads(100, attack)
+
+
+class Held(Attack):
+    """Calls that are begun and never ended, replies that nobody reads."""
+
+    options = ["--max-deadline", "20"]
+
+    def hung(self, count, call):
+        """Begins as many calls; the action gets a channel and returns the call."""
+        return [call(self.channel()) for _ in range(count)]
+
+    def test_cotangents_that_never_end(self):
+        release = threading.Event()
+        self.addCleanup(release.set)
+        points = 24 * 18
+
+        def requests():
+            yield deformation_pb2.VectorJacobianRequest(header=dict(system_id=self.system.id, variables=[0, 0, 0]))
+            yield deformation_pb2.VectorJacobianRequest(cotangent=bytes(points * 24 - 8))
+            release.wait(30)
+
+        channels = [self.channel() for _ in range(10)]
+        calls = [service_pb2_grpc.DeformServiceStub(channels[i % 10]).VectorJacobian.future(requests(), timeout=30)
+                 for i in range(500)]
+        time.sleep(3)
+        release.set()
+        for call in calls:
+            call.exception(timeout=40)
+
+    def test_uploads_that_never_end(self):
+        release = threading.Event()
+        self.addCleanup(release.set)
+
+        def requests():
+            yield geometry_pb2.RegisterGeometryRequest(header=dict(point_count=40_000_000, face_count=1, corner_count=3, name="x"))
+            yield geometry_pb2.RegisterGeometryRequest(points=dict(xyz=bytes(40_000 * 24)))
+            release.wait(30)
+
+        channels = [self.channel() for _ in range(10)]
+        calls = [service_pb2_grpc.DeformServiceStub(channels[i % 10]).RegisterGeometry.future(requests(), timeout=30)
+                 for i in range(300)]
+        time.sleep(3)
+        release.set()
+        for call in calls:
+            call.exception(timeout=40)
+
+    def test_designs_that_nobody_reads(self):
+        """Populations whose replies wait; the reader takes the first and no more."""
+        request = deformation_pb2.DeformRequest(system_id=self.system.id, output=dict(encoding=deformation_pb2.RAW_F64))
+        request.designs.extend([deformation_pb2.Design(variables=[0.1, 0, 0])] * 10_000)
+        calls = []
+        for _ in range(200):
+            call = self.stub().Deform(request, timeout=60)
+            calls.append(call)
+        time.sleep(5)
+        for call in calls:
+            call.cancel()
+
+    def test_lists_that_nobody_reads(self):
+        """Setups of 500 KB each, then lists of them that wait at their reader."""
+        for i in range(30):
+            setup = setup_pb2.Setup()
+            setup.CopyFrom(self.setup)
+            setup.seed = i
+            setup.handles[0].region.Clear()
+            setup.handles[0].region.ids.extend(numpy.tile(self.plate.right, 5_000)[:150_000].tolist())
+            self.refused(lambda: list(self.service.Prepare(deformation_pb2.PrepareRequest(setup=setup), timeout=60)))
+        request = deformation_pb2.ListSystemsRequest(page_size=1000).SerializeToString()
+        hold = []
+        for _ in range(40):
+            connection = http2.Connection(self.server.port)
+            connection.socket.setsockopt(6, 10, 1024)  # hardly a window to receive into
+            self.connections.append(connection)
+            for _ in range(20):
+                stream = connection.next_stream()
+                connection.send(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, http2.call_headers("ListSystems")) +
+                                http2.frame(http2.DATA, http2.END_STREAM, stream,
+                                            b"\0" + struct.pack(">I", len(request)) + request))
+            hold.append(connection)
+        time.sleep(4)
+
+
+class Frames(Attack):
+    """What no client library sends."""
+
+    def flood(self, make, connections=4, seconds=4.0, most=10_000_000):
+        """Each connection sends what make(connection) gives until it is cut off or time is up."""
+
+        def attack(_):
+            connection = http2.Connection(self.server.port)
+            self.connections.append(connection)
+            end, sent = time.monotonic() + seconds, 0
+            while time.monotonic() < end and sent < most:
+                data = make(connection)
+                if not connection.send(data) or connection.drop_replies():
+                    return sent, True
+                sent += len(data)
+            return sent, False
+
+        return in_threads(connections, attack)
+
+    def test_streams_opened_and_reset(self):
+        """90,000 calls that are cancelled in the same breath."""
+        headers = http2.call_headers("GetServerInfo")
+
+        def make(connection):
+            out = []
+            for _ in range(500):
+                stream = connection.next_stream()
+                out.append(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, headers))
+                out.append(http2.frame(http2.RST_STREAM, 0, stream, struct.pack(">I", 8)))
+            return b"".join(out)
+
+        self.flood(make, connections=3, seconds=8 if LONG else 4, most=30_000 * 150)
+
+    def test_a_connection_that_resets_all_its_calls_is_closed(self):
+        """Slowly enough to cost little: 100 calls every 20 ms."""
+        headers = http2.call_headers("GetServerInfo")
+        connection = http2.Connection(self.server.port)
+        self.connections.append(connection)
+        for _ in range(500):
+            out = []
+            for _ in range(100):
+                stream = connection.next_stream()
+                out.append(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, headers))
+                out.append(http2.frame(http2.RST_STREAM, 0, stream, struct.pack(">I", 8)))
+            if not connection.send(b"".join(out)) or connection.drop_replies():
+                break
+            time.sleep(0.02)
+        else:
+            self.fail("50,000 calls were taken")
+        self.assertIn("it begins calls and resets them", self.server.log_text())
+
+    def test_calls_of_no_method_opened_and_reset(self):
+        headers = http2.call_headers("NoSuchMethod")
+
+        def make(connection):
+            out = []
+            for _ in range(500):
+                stream = connection.next_stream()
+                out.append(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, headers))
+                out.append(http2.frame(http2.RST_STREAM, 0, stream, struct.pack(">I", 8)))
+            return b"".join(out)
+
+        self.flood(make, connections=3, seconds=4, most=30_000 * 150)
+
+    def test_pings(self):
+        self.flood(lambda _: http2.frame(http2.PING, 0, 0, bytes(8)) * 1000)
+
+    def test_settings(self):
+        self.flood(lambda _: http2.frame(http2.SETTINGS, 0, 0, struct.pack(">HI", 4, 65535)) * 1000)
+
+    def test_headers_that_never_end(self):
+        first = []
+
+        def make(connection):
+            if connection not in first:
+                first.append(connection)
+                return http2.frame(http2.HEADERS, 0, connection.next_stream(), http2.call_headers("GetServerInfo"))
+            return http2.frame(http2.CONTINUATION, 0, connection.stream, http2.literal("x-more", "y" * 8000)) * 8
+
+        self.flood(make)
+
+    def test_headers_that_never_end_and_say_nothing(self):
+        first = []
+
+        def make(connection):
+            if connection not in first:
+                first.append(connection)
+                return http2.frame(http2.HEADERS, 0, connection.next_stream(), http2.call_headers("GetServerInfo"))
+            return http2.frame(http2.CONTINUATION, 0, connection.stream) * 1000
+
+        self.flood(make)
+
+    def test_one_header_a_thousand_times(self):
+        """A header of 4 KB is remembered and then named by one byte each time."""
+        def make(connection):
+            stream = connection.next_stream()
+            block = http2.call_headers("GetServerInfo") + http2.literal("x-bomb", "y" * 3900, indexed=True) + b"\xbe" * 12_000
+            return http2.frame(http2.HEADERS, http2.END_HEADERS, stream, block)
+
+        self.flood(make)
+
+    def test_empty_data(self):
+        first = []
+
+        def make(connection):
+            if connection not in first:
+                first.append(connection)
+                return http2.frame(http2.HEADERS, http2.END_HEADERS, connection.next_stream(), http2.call_headers("RegisterGeometry"))
+            return http2.frame(http2.DATA, 0, connection.stream) * 1000
+
+        self.flood(make)
+
+    def test_priorities_and_windows(self):
+        self.flood(lambda _: (http2.frame(http2.PRIORITY, 0, 1, struct.pack(">IB", 3, 1)) +
+                              http2.frame(http2.WINDOW_UPDATE, 0, 0, struct.pack(">I", 1))) * 500)
+
+    def test_messages_announced_and_not_sent(self):
+        """The first bytes of messages of 4 MiB on 100 streams each of 20 connections."""
+        head = b"\0" + struct.pack(">I", 4 * MIB - 1)
+        for _ in range(20):
+            connection = http2.Connection(self.server.port)
+            self.connections.append(connection)
+            for _ in range(100):
+                stream = connection.next_stream()
+                connection.send(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, http2.call_headers("Estimate")) +
+                                http2.frame(http2.DATA, 0, stream, head + bytes(600)))
+        for connection in self.connections:
+            if isinstance(connection, http2.Connection):
+                connection.drop_replies()
+        time.sleep(2)
+
+
+if __name__ == "__main__":
+    main()
