@@ -114,8 +114,8 @@ void check_layers(const ConstraintKind& kind, const Mesh& mesh, const std::strin
 std::string indexed(const char* list, std::size_t index) { return std::string(list) + "[" + std::to_string(index) + "]"; }
 
 /// select(), and it must not be empty.
-std::vector<PointId> selected_points(const Region& region, const Mesh& mesh, const std::string& what) {
-  std::vector<PointId> ids = select(region, mesh, what);
+std::vector<PointId> selected_points(const Region& region, const Mesh& mesh, const std::string& what, const RunContext& context) {
+  std::vector<PointId> ids = select(region, mesh, what, context);
   if (ids.empty()) refuse_argument(what + ": " + no_point_text(mesh));
   return ids;
 }
@@ -136,8 +136,8 @@ bool names_controls(const Region& region) {
 class HeldRegions {
  public:
   /// Control points of a method that has problems are not known: then none are selected.
-  HeldRegions(const Setup& setup, const Mesh& mesh, const Problems& problems)
-      : mesh_(mesh), method_known_(!problems.concern("method")) {
+  HeldRegions(const Setup& setup, const Mesh& mesh, const Problems& problems, const RunContext& context)
+      : mesh_(mesh), context_(context), method_known_(!problems.concern("method")) {
     if (!selects_controls(setup)) return;
     of_ = SelectedRegions::Of::control_points;
     if (method_known_) controls_ = controls_of(setup, mesh);
@@ -150,14 +150,15 @@ class HeldRegions {
   }
   std::size_t size() const { return of_ == SelectedRegions::Of::mesh_points ? mesh_.point_count() : controls_.size; }
   std::vector<PointId> select(const Region& region, const std::string& what) const {
-    if (of_ == SelectedRegions::Of::mesh_points) return selected_points(region, mesh_, what);
-    std::vector<PointId> ids = select_controls(region, controls_, what);
+    if (of_ == SelectedRegions::Of::mesh_points) return selected_points(region, mesh_, what, context_);
+    std::vector<PointId> ids = select_controls(region, controls_, what, context_);
     if (ids.empty()) refuse_argument(what + ": its region contains no control point");
     return ids;
   }
 
  private:
   const Mesh& mesh_;
+  const RunContext& context_;
   SelectedRegions::Of of_ = SelectedRegions::Of::mesh_points;
   const bool method_known_;
   ControlSet controls_;
@@ -177,7 +178,8 @@ void check_constraint(const Constraint& constraint, const Mesh& mesh, const std:
   check_layers(constraint.kind, mesh, field);
 }
 
-void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions& selected, Problems& problems) {
+void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions& selected, Problems& problems,
+                          const RunContext& context) {
   problems.check("constraint_options", [&] { validate_constraint_options(setup.constraint_options); });
   std::set<std::string> names;
   for (std::size_t i = 0; i < setup.constraints.size(); ++i) {
@@ -190,7 +192,7 @@ void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions&
     for (std::size_t r = 0; r < constraint.regions.size(); ++r) {
       const std::string what = field + indexed(".regions", r);
       if (problems.concern(what)) continue;
-      problems.check(what, [&] { ids[r] = selected_points(constraint.regions[r], mesh, what); });
+      problems.check(what, [&] { ids[r] = selected_points(constraint.regions[r], mesh, what, context); });
     }
   }
 }
@@ -256,12 +258,12 @@ void validate_constraint_options(const ConstraintOptions& options) {
   check_option_range(options.iterations, 1, most_constraint_iterations, "constraint_options.iterations");
 }
 
-SelectedRegions validate(const Setup& setup, const Mesh& mesh) {
+SelectedRegions validate(const Setup& setup, const Mesh& mesh, const RunContext& context) {
   Problems problems(Problems::Mode::throw_first);
-  return validate(setup, mesh, problems);
+  return validate(setup, mesh, problems, context);
 }
 
-SelectedRegions validate(const Setup& setup, const Mesh& mesh, Problems& problems) {
+SelectedRegions validate(const Setup& setup, const Mesh& mesh, Problems& problems, const RunContext& context) {
   problems.check("handles", [&] {
     if (setup.handles.empty()) refuse_argument("handles: at least one is needed");
   });
@@ -279,7 +281,7 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh, Problems& problem
   if (!problems.concern("method")) validate_method(setup, mesh, problems);
 
   SelectedRegions selected;
-  const HeldRegions held(setup, mesh, problems);
+  const HeldRegions held(setup, mesh, problems, context);
   selected.of = held.of();
   PointOwners owners(held.size());
   for (std::size_t i = 0; i < setup.handles.size(); ++i) {
@@ -301,7 +303,7 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh, Problems& problem
   for (std::size_t id = 0; id < held.size(); ++id) {
     if (owners.owners()[id] == fixed_owner) selected.fixed.push_back(static_cast<PointId>(id));
   }
-  validate_constraints(setup, mesh, selected, problems);
+  validate_constraints(setup, mesh, selected, problems, context);
   if (!problems.concern("symmetry")) {
     problems.check("symmetry", [&] { selected.symmetry = Symmetry(setup.symmetry, mesh); });
   }

@@ -277,13 +277,14 @@ struct SelectedRegions {
 /// handle, repeated or empty names, empty region, a point in two handles or in a handle and a fixed region (with the count and
 /// the first id), unknown handle of a variable (with the nearest names) or one that it moves twice, lower > upper or 0 outside of
 /// them, zero axis or direction, non-finite numbers, options out of range, constraints without a name, with a wrong number of
-/// regions, or with a weight or layers out of range, layers in a mesh without cells, and the errors of Symmetry.
-SelectedRegions validate(const Setup& setup, const Mesh& mesh);
+/// regions, or with a weight or layers out of range, layers in a mesh without cells, and the errors of Symmetry. Between two
+/// parts of a region the context may stop it.
+SelectedRegions validate(const Setup& setup, const Mesh& mesh, const RunContext& context = {});
 
 /// The same, adding errors to `problems`. In collecting mode, checking continues with the next entry, and regions that cannot be
 /// selected are empty. Entries that `problems` contains already are skipped. For the options of the method only the first problem
 /// is found.
-SelectedRegions validate(const Setup& setup, const Mesh& mesh, Problems& problems);
+SelectedRegions validate(const Setup& setup, const Mesh& mesh, Problems& problems, const RunContext& context = {});
 
 /// The affine motion of every handle for a vector of variable values (size = setup.variables.size()). Values close to a bound are
 /// clamped to it, see within_bounds(). Throws Error(invalid_argument): wrong length, non-finite value, value outside its bounds

@@ -52,8 +52,8 @@ std::vector<Points> System::evaluate(std::span<const Design> designs, Evaluation
   return result;
 }
 
-Estimate estimate(const Mesh& mesh, const Setup& setup) {
-  const SelectedRegions regions = validate(setup, mesh);
+Estimate estimate(const Mesh& mesh, const Setup& setup, const RunContext& context) {
+  const SelectedRegions regions = validate(setup, mesh, context);
   if (is_mirrored(setup)) return estimate_mirrored(mesh, setup, regions);
   Estimate expected = with_method(
       setup, [&]<Method M>(const typename M::Options& options) { return M::estimate(options, mesh, setup, regions); });
@@ -61,11 +61,11 @@ Estimate estimate(const Mesh& mesh, const Setup& setup) {
   return expected;
 }
 
-void find_problems(const Mesh& mesh, const Setup& setup, Problems& problems) {
-  const SelectedRegions regions = validate(setup, mesh, problems);
+void find_problems(const Mesh& mesh, const Setup& setup, Problems& problems, const RunContext& context) {
+  const SelectedRegions regions = validate(setup, mesh, problems, context);
   const Box box = bounding_box(mesh.points);
   check_constraint_sets(mesh, setup, regions, {box.min, std::max(box.diagonal(), std::numeric_limits<double>::min())}, problems);
-  if (problems.empty()) problems.check("", [&] { estimate(mesh, setup); });
+  if (problems.empty()) problems.check("", [&] { estimate(mesh, setup, context); });
 }
 
 std::shared_ptr<const System> prepare(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context,

@@ -207,11 +207,11 @@ struct Estimate {
 };
 
 /// Estimates the cost of a system by its method. Throws the errors of validate().
-Estimate estimate(const Mesh& mesh, const Setup& setup);
+Estimate estimate(const Mesh& mesh, const Setup& setup, const RunContext& context = {});
 
 /// Finds all problems of a setup that can be found without numerical work: those of validate(), constraints that do not fit their
 /// points, and if there are none of these, the errors of estimate(). Entries that `problems` contains already are skipped.
-void find_problems(const Mesh& mesh, const Setup& setup, Problems& problems);
+void find_problems(const Mesh& mesh, const Setup& setup, Problems& problems, const RunContext& context = {});
 
 /// Prepares a system. The system keeps the mesh alive and does not copy it. Throws the errors of validate(),
 /// Error(numerical_failure) with the reason if the system is singular, cancelled, deadline_exceeded. `memory_budget` (bytes, 0 =

@@ -42,11 +42,12 @@ concept CombinedRegion = std::is_same_v<Kind, Region::Union> || std::is_same_v<K
 /// Combines selections of points or control points. They are masks and not id lists, so that a combinator is one pass over bytes.
 class Combiner {
  public:
-  explicit Combiner(const std::string& what) : what_(what) {}
+  Combiner(const std::string& what, const RunContext& context) : what_(what), context_(context) {}
   virtual ~Combiner() = default;
 
   Mask mask(const Region& region, int depth) {
     if (depth > max_depth) refuse("regions are nested deeper than " + std::to_string(max_depth));
+    context_.check();
     return of_kind(region, depth);
   }
 
@@ -100,12 +101,13 @@ class Combiner {
   }
 
   const std::string& what_;
+  const RunContext& context_;
 };
 
 /// Evaluates one region tree on one mesh.
 class MeshSelector : public Combiner {
  public:
-  MeshSelector(const Mesh& mesh, const std::string& what) : Combiner(what), mesh_(mesh) {}
+  MeshSelector(const Mesh& mesh, const std::string& what, const RunContext& context) : Combiner(what, context), mesh_(mesh) {}
 
  private:
   Mask of_kind(const Region& region, int depth) override {
@@ -321,7 +323,8 @@ class MeshSelector : public Combiner {
 /// Evaluates one region tree on control points.
 class ControlSelector : public Combiner {
  public:
-  ControlSelector(const ControlSet& controls, const std::string& what) : Combiner(what), controls_(controls) {}
+  ControlSelector(const ControlSet& controls, const std::string& what, const RunContext& context)
+      : Combiner(what, context), controls_(controls) {}
 
  private:
   Mask of_kind(const Region& region, int depth) override {
@@ -405,12 +408,13 @@ std::string no_point_text(const Mesh& mesh) {
   return text;
 }
 
-std::vector<PointId> select(const Region& region, const Mesh& mesh, const std::string& what) {
-  return ids_of(MeshSelector(mesh, what).mask(region, 1));
+std::vector<PointId> select(const Region& region, const Mesh& mesh, const std::string& what, const RunContext& context) {
+  return ids_of(MeshSelector(mesh, what, context).mask(region, 1));
 }
 
-std::vector<PointId> select_controls(const Region& region, const ControlSet& controls, const std::string& what) {
-  return ids_of(ControlSelector(controls, what).mask(region, 1));
+std::vector<PointId> select_controls(const Region& region, const ControlSet& controls, const std::string& what,
+                                     const RunContext& context) {
+  return ids_of(ControlSelector(controls, what, context).mask(region, 1));
 }
 
 }  // namespace deform

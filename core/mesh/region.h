@@ -10,6 +10,7 @@
 #include <variant>
 #include <vector>
 
+#include "core/base/run_context.h"
 #include "core/base/types.h"
 #include "core/mesh/mesh.h"
 
@@ -88,8 +89,8 @@ struct Region {
 /// The selected point ids, sorted and unique. May be empty; callers that need points check this. `what` names the region in
 /// errors ("handle \"roof\""). Throws Error(invalid_argument): unknown group (with the nearest names), id out of range, min >
 /// max, negative or non-finite lengths, angles out of range, a point that is not on the surface, zero normal, zero-length axis,
-/// wrong number of children, nesting deeper than 64, control points.
-std::vector<PointId> select(const Region& region, const Mesh& mesh, const std::string& what);
+/// wrong number of children, nesting deeper than 64, control points. Between two parts of a region the context may stop it.
+std::vector<PointId> select(const Region& region, const Mesh& mesh, const std::string& what, const RunContext& context = {});
 
 /// The control points that handles select from.
 struct ControlSet {
@@ -102,7 +103,8 @@ struct ControlSet {
 /// The numbers of the selected control points, sorted and unique; may be empty. Throws Error(invalid_argument) naming `what` and
 /// the field: a kind that selects points of the mesh, numbers out of range, first > last, a range without a lattice, and the
 /// errors of select() for combinators.
-std::vector<PointId> select_controls(const Region& region, const ControlSet& controls, const std::string& what);
+std::vector<PointId> select_controls(const Region& region, const ControlSet& controls, const std::string& what,
+                                     const RunContext& context = {});
 
 /// The message for a region that selects no point: "its region contains no point; the model's box is [0, 0, 0] to [1, 2, 3]".
 std::string no_point_text(const Mesh& mesh);

@@ -129,7 +129,8 @@ class Engine {
   virtual void detect(const v1::DetectRequest& request, const CallContext& call,
                       std::function<void(Outcome<DetectReplies>)> on_done) = 0;
 
-  virtual v1::EstimateReply estimate(const v1::EstimateRequest& request) = 0;
+  /// Ends with Error(cancelled) or Error(deadline_exceeded) when the call does.
+  virtual v1::EstimateReply estimate(const v1::EstimateRequest& request, const CallContext& call) = 0;
   /// on_progress may be empty; a last call of it may overlap with on_done. on_done is called exactly once.
   virtual void prepare(const v1::PrepareRequest& request, const CallContext& call,
                        std::function<void(const v1::Progress&)> on_progress,

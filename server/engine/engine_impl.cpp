@@ -167,27 +167,30 @@ EngineImpl::Recipe EngineImpl::recipe(const v1::Setup& setup) {
   return recipe;
 }
 
-Problems EngineImpl::problems_of(const v1::Setup& message) {
+Problems EngineImpl::problems_of(const v1::Setup& message, const RunContext& context) {
   Problems problems(Problems::Mode::collect);
   const Setup setup = convert::setup_from_proto(message, options_.max_handles, problems);
   problems.check("geometry", [&] {
     if (message.geometry().empty()) throw Error(ErrorCode::invalid_argument, "geometry: must not be empty");
   });
   if (message.geometry().empty()) return problems;
-  find_problems(*meshes_.get(store_.resolve_geometry(message.geometry())), setup, problems);
+  find_problems(*meshes_.get(store_.resolve_geometry(message.geometry())), setup, problems, context);
   return problems;
 }
 
-v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request) {
+v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const CallContext& call) {
+  RunContext context;
+  context.stop = call.stop;
+  context.deadline = call.deadline;
   if (request.list_problems()) {
-    const Problems problems = problems_of(request.setup());
+    const Problems problems = problems_of(request.setup(), context);
     if (!problems.empty()) return convert::problems_reply(problems);
   }
   const Recipe recipe = this->recipe(request.setup());
   const auto mesh = meshes_.get(recipe.canonical.geometry());
   const Setup setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
-  const SelectedRegions regions = validate(setup, *mesh);
-  v1::EstimateReply reply = convert::estimate_reply(deform::estimate(*mesh, setup));
+  const SelectedRegions regions = validate(setup, *mesh, context);
+  v1::EstimateReply reply = convert::estimate_reply(deform::estimate(*mesh, setup, context));
   if (request.list_centres()) convert::list_centres(known_centres(*mesh, setup), reply);
   reply.set_budget_bytes(memory_.total());
   reply.set_fits(reply.peak_bytes() + mesh_bytes(*mesh) <= memory_.total());
@@ -205,7 +208,7 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, St
   resident->setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
   context.progress("select", 0);
   const SelectedRegions regions = validate(resident->setup, *resident->mesh);
-  const Estimate estimate = deform::estimate(*resident->mesh, resident->setup);
+  const Estimate estimate = deform::estimate(*resident->mesh, resident->setup, context);
   context.check();
   resident->charge = memory_.charge(estimate.peak_bytes,
                                     {"preparing system " + recipe.id.substr(0, 16), less_memory, mesh_bytes(*resident->mesh)});

@@ -31,7 +31,7 @@ class EngineImpl : public Engine {
   void detect(const v1::DetectRequest& request, const CallContext& call,
               std::function<void(Outcome<DetectReplies>)> on_done) override;
 
-  v1::EstimateReply estimate(const v1::EstimateRequest& request) override;
+  v1::EstimateReply estimate(const v1::EstimateRequest& request, const CallContext& call) override;
   void prepare(const v1::PrepareRequest& request, const CallContext& call, std::function<void(const v1::Progress&)> on_progress,
                std::function<void(Outcome<v1::SystemInfo>)> on_done) override;
   v1::SystemInfo get_system(const std::string& id) override;
@@ -61,7 +61,7 @@ class EngineImpl : public Engine {
   enum class Storing { store, stored_already };
 
   Recipe recipe(const v1::Setup& setup);
-  Problems problems_of(const v1::Setup& message);
+  Problems problems_of(const v1::Setup& message, const RunContext& context);
   std::shared_ptr<ResidentSystem> make_system(const Recipe& recipe, Storing storing, const RunContext& context);
   SystemCache::Prepare prepare_again(const std::string& id);
   std::string resolve_system(const std::string& id);

@@ -83,7 +83,8 @@ class DeformService::Methods final : public RawService {
         options_(with_limits(options)),
         access_(options.access),
         held_(held_limit(engine.info().memory_budget())),
-        pool_(options.call_threads, options.waiting_calls) {}
+        pool_(options.call_threads, options.waiting_calls),
+        estimates_(std::max(1, options.call_threads / 4), options.waiting_calls) {}
 
   void drain();
   void refresh_access() { access_.refresh(); }
@@ -128,12 +129,13 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerUnaryReactor* Estimate(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("Estimate", Role::use, context, bytes, reply, [this, bytes](CallRecord& record) {
+    return UnaryCall::launch(estimates_, "Estimate", incoming(Role::use, context, bytes), reply, [this, bytes](CallScope& scope) {
+      CallRecord& record = scope.record;
       const auto request = received<v1::EstimateRequest>(*bytes, record);
       record.geometry = request.setup().geometry();
-      v1::EstimateReply answer = engine_.estimate(request);
+      v1::EstimateReply answer = engine_.estimate(request, scope.call());
       record.system = answer.system_id();
-      return answer;
+      return serialized(answer);
     });
   }
 
@@ -231,8 +233,9 @@ class DeformService::Methods final : public RawService {
   // under streams_mutex_
   std::map<DeformStreamCall*, std::weak_ptr<DeformStreamCall>> streams_;
   bool draining_ = false;
-  // last: its threads end before the rest goes
+  // last: their threads end before the rest goes
   ThreadPool pool_;
+  ThreadPool estimates_;  ///< select regions for seconds: nothing else waits for them
 };
 
 grpc::ServerBidiReactor<Bytes, Bytes>* DeformService::Methods::DeformStream(Context* context) {

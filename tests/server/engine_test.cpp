@@ -227,7 +227,7 @@ TEST_F(EngineTest, listing_systems) {
 TEST_F(EngineTest, estimates_bound_what_is_used) {
   v1::EstimateRequest request;
   *request.mutable_setup() = sheet_setup(geometry.id());
-  const v1::EstimateReply estimate = engine->estimate(request);
+  const v1::EstimateReply estimate = engine->estimate(request, {});
   EXPECT_EQ(estimate.system_id(), system.id());
   EXPECT_TRUE(estimate.resident());
   EXPECT_TRUE(estimate.fits());

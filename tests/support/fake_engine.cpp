@@ -181,7 +181,7 @@ void FakeEngine::detect(const v1::DetectRequest& request, const CallContext& cal
   on_detect(request, call, std::move(on_done));
 }
 
-v1::EstimateReply FakeEngine::estimate(const v1::EstimateRequest& request) {
+v1::EstimateReply FakeEngine::estimate(const v1::EstimateRequest& request, const CallContext&) {
   v1::EstimateReply reply;
   reply.set_system_id("of " + request.setup().geometry());
   return reply;
