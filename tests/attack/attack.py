@@ -108,7 +108,6 @@ class Attack(unittest.TestCase):
         self.connections.clear()
         time.sleep(0.2)
         self.honest.stop()
-        if os.environ.get("SHOWLOG"): print("\n".join(l for l in self.server.log_text().splitlines() if "connections" in l or "memory" in l))
         self.assertIsNone(self.server.process.poll(), self.server.log_text()[-2000:])
         self.service = self.stub()
         self.every_call_is_answered()
