@@ -11,6 +11,7 @@ import concurrent.futures
 import dataclasses
 import hashlib
 import json
+import math
 import multiprocessing
 import os
 import pathlib
@@ -21,6 +22,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -268,7 +270,7 @@ def build(tree, log, mutants, targets, jobs):
 # --- tests ----------------------------------------------------------------------------------------------------------------------------
 
 def run_binary(binary, number, tests, limit, reached=None):
-    """(name of the test that failed, or None; seconds; whether the time was over)"""
+    """(name of the test that failed, or None; its processor time; whether that was over the limit, in seconds)"""
     environment = dict(os.environ, OPENBLAS_NUM_THREADS="1")
     environment.pop("DEFORM_MUTANT", None)
     if number is not None:
@@ -278,28 +280,28 @@ def run_binary(binary, number, tests, limit, reached=None):
     words = [binary, "--gtest_fail_fast", "--gtest_brief=0", "--gtest_filter=" + ":".join(tests)]
     with tempfile.TemporaryDirectory() as scratch, tempfile.TemporaryFile() as output:
         environment["TMPDIR"] = scratch
-        begin = time.monotonic()
         # What a shell starts in the background ignores interrupts, and so would the tests of them.
-        limited = 'ulimit -v 12000000; ulimit -f 4000000; exec env --default-signal=INT,QUIT "$@"'
+        limited = f'ulimit -v 12000000; ulimit -f 4000000; ulimit -t {math.ceil(limit)}; exec env --default-signal=INT,QUIT "$@"'
         with subprocess.Popen(["bash", "-c", limited, "bash", *map(str, words)], cwd=scratch, env=environment, stdout=output,
                               stderr=subprocess.STDOUT, start_new_session=True) as process:
-            try:
-                code = process.wait(limit)
-            except subprocess.TimeoutExpired:
-                code = None
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
-        seconds = time.monotonic() - begin
+            # Processor time does not depend on what else the machine does; what sleeps for ever is ended, too.
+            asleep = threading.Timer(6 * limit + 30, os.killpg, (process.pid, signal.SIGKILL))
+            asleep.start()
+            _, status, usage = os.wait4(process.pid, 0)
+            asleep.cancel()
+            process.returncode = code = os.waitstatus_to_exitcode(status)
+        seconds = usage.ru_utime + usage.ru_stime
         output.seek(0, os.SEEK_END)
         output.seek(max(0, output.tell() - 1_000_000))
         text = output.read().decode(errors="replace")
     if code == 0:
         return None, seconds, False
+    over = code in (-signal.SIGXCPU, -signal.SIGKILL)
     failed = re.findall(r"\[  FAILED  \] ([^\s,]+/?[^\s,]*)", text)
     running = re.findall(r"\[ RUN      \] (\S+)", text)
-    name = failed[0] if failed and code is not None else (running[-1] if running else "start")
-    how = "" if code is not None and failed else (" (time)" if code is None else f" (exit {code})")
-    return name + how, seconds, code is None
+    name = failed[0] if failed and not over else (running[-1] if running else "start")
+    how = "" if failed and not over else (" (time)" if over else f" (exit {code})")
+    return name + how, seconds, over
 
 
 def tests_of(binary):
@@ -405,8 +407,8 @@ def main():
     parser.add_argument("--work", type=pathlib.Path, default=ROOT / "build/mutation", help="the copy, its build and the result")
     parser.add_argument("--cmake", action="append", default=[], metavar="OPTION", help="an option for CMake, such as -DDEFORM_SHARED_DATA=...")
     parser.add_argument("--jobs", type=int, default=2, help="at the same time (default 2)")
-    parser.add_argument("--slow", type=float, default=2, help="tests that take longer are left out, seconds (default 2)")
-    parser.add_argument("--factor", type=float, default=10, help="time limit, in times of the tests without a mutant, + 5 s (default 10)")
+    parser.add_argument("--slow", type=float, default=2, help="tests that take more processor time are left out, seconds (default 2)")
+    parser.add_argument("--factor", type=float, default=10, help="limit of processor time, in times of the tests without a mutant, + 5 s (default 10)")
     parser.add_argument("--widest", type=int, default=12, help="headers that more sources read are left alone (default 12)")
     parser.add_argument("--without", default="^$", metavar="REGEX", help="test programs that are not run, such as shared_data")
     parser.add_argument("--minutes", type=float, default=90, help="mutants that have not run after this time are left out (default 90)")

@@ -461,6 +461,11 @@ TEST(Seeds, RandomNumbersAreUniform) {
   EXPECT_LT(std::abs(product), 4 * std::sqrt(20000.0) / 12);
   for (const int count : counts) EXPECT_NEAR(count, 2000, 4 * std::sqrt(1800.0));
   for (int i = 0; i < 100; ++i) EXPECT_LT(random.below(7), 7u);
+  // The first values of SplitMix64 from 1234567, which stream 10254634113186738926 begins with.
+  detection::Random known(0, 10254634113186738926u);
+  for (const std::uint64_t value : {6457827717110365317u, 3203168211198807973u, 9817491932198370423u}) {
+    EXPECT_EQ(known.unit(), static_cast<double>(value >> 11) * 0x1p-53);
+  }
 }
 
 }  // namespace
