@@ -228,6 +228,26 @@ TEST(Cylinder, NearlyFlatPatches) {
   expect_nearest(*cylinder_projection(84), noisy(flat, 0.01, 4), 1e-8);
 }
 
+// Wherever a patch is, and however short its arc, the search finds what a start from the truth finds.
+TEST(Round, SearchesFindShortArcsFarAway) {
+  const auto check = [](const Projection& projection, const Points& exact, double noise) {
+    for (std::uint64_t seed = 0; seed < 5; ++seed) {
+      const Points x = along(noisy(exact, noise, seed), 1, Points(exact.size(), Vec3{30, -20, 10})),
+                   there = along(exact, 1, Points(exact.size(), Vec3{30, -20, 10}));
+      const double from_truth = projected(projection, x, projected(projection, there).shape).energy;
+      EXPECT_LE(projected(projection, x).energy, from_truth * (1 + 1e-6)) << projection.kind() << ", seed " << seed;
+    }
+  };
+  for (const double angle : {20.0, 60.0}) {
+    const double sagitta = 0.5 * (1 - std::cos(angle * degree / 2));
+    for (const std::optional<double> curvature : {std::optional<double>(), std::optional<double>(2.0)}) {
+      check(*circle_projection(40, curvature), arc(0.5, angle * degree, 40), 0.1 * sagitta);
+      check(*cylinder_projection(84, curvature), tube(0.5, angle * degree, 0.3), 0.1 * sagitta);
+      check(*sphere_projection(80, curvature), ball(0.5, angle * degree / 2), 0.1 * sagitta);
+    }
+  }
+}
+
 TEST(Cylinder, KeptRadius) {
   expect_projection(*cylinder_projection(84, 4.0), tube(0.25, 360 * degree, 0.4), 0.003);
   expect_projection(*cylinder_projection(84, 4.0), tube(0.25, 70 * degree, 0.4), 0.003);

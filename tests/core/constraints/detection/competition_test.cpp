@@ -218,11 +218,15 @@ TEST(Competition, HalvesOfOnePlaneAreJoined) {
 TEST(Competition, RefitsOnlyWhatHasChanged) {
   const Folded sheet(0.3, -0.2);
   Segmentation found = sheet.with(sheet.truth);
-  for (Region& region : found.regions) region.shape.axis = Vector3d::UnitX();
+  for (Region& region : found.regions) {
+    region.shape.axis = Vector3d::UnitX();
+    region.rms = 0.5;
+  }
   detection::refit(sheet.surface, found, std::vector<char>{1, 0, 1}, {});
   EXPECT_EQ(found.regions[0].faces.size(), 40u);
   EXPECT_EQ(found.regions[1].faces.size(), 0u);
   EXPECT_EQ(found.regions[1].shape.axis, Vector3d(1, 0, 0));
+  EXPECT_EQ(found.regions[1].rms, 0.5);
   EXPECT_NEAR(std::abs(found.regions[2].shape.axis.dot(sheet.surface.normal[8])), 1, 1e-12);
   EXPECT_LE(found.regions[2].rms, 1e-12);
 }
