@@ -82,13 +82,13 @@ class SectionedModel {
   std::vector<Section> sections_;
 };
 
-/// Moving the frame moves means along: only turning it changes the distances from the sections. Of all points.
+/// Moving the frame moves means along: only turning it changes the distances from the sections, whose sum over a section is 0. Of
+/// all points.
 FitDerivatives<1> fit_derivatives(const SectionedModel& model, const PointSample& sample, const Fit<1>& fit) {
   FitDerivatives<1> total = fit_derivatives(model.cylinder(), sample, fit), sections;
   model.for_each(sample.x, fit, [&](std::uint32_t, const Eigen::Vector3d& y, std::size_t) {
     add_point(SectionedModel::height(y), y, sections);
   });
-  sections.gradient.head<3>().setZero();
   for (auto* matrix : {&sections.gauss_newton, &sections.curvature}) {
     matrix->topRows<3>().setZero();
     matrix->leftCols<3>().setZero();

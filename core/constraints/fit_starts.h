@@ -28,7 +28,7 @@ Eigen::Matrix3d axes_from(const Eigen::Vector3d& z, const Eigen::Vector3d& x);
 /// A unit vector perpendicular to the unit vector n.
 Eigen::Vector3d any_normal_to(const Eigen::Vector3d& n);
 
-/// At most `count` evenly chosen points.
+/// Evenly chosen points: all if there are fewer than twice `count`, otherwise at least `count` and less than twice as many.
 std::vector<Eigen::Vector3d> thinned(std::span<const Vec3> x, std::size_t count);
 
 /// The algebraic least-squares circle x^2 + y^2 = 2 a x + 2 b y + c through points in a plane (Kasa); radius 0 if there is none.

@@ -9,7 +9,9 @@ import argparse
 import collections
 import concurrent.futures
 import dataclasses
+import hashlib
 import json
+import math
 import multiprocessing
 import os
 import pathlib
@@ -20,6 +22,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -34,17 +37,35 @@ TESTS = {
     "io": ["io_test", "containers_test"],
     "constraints": ["constraints_test", "detection_test"],
     "deformers": ["deformers_test", "rbf_test", "basis_test", "energy_test", "ffd_test", "mls_space_test", "compiled_form_test",
-                  "reduction_test", "symmetry_test", "exact_test"],
+                  "reduction_test", "symmetry_test", "exact_test", "rbf_tolerance_test", "energy_error_test"],
     "report": ["report_test"],
 }
+MOST = 65536  # mutants of one run
 HEADER = """#pragma once
-// The mutant that runs: its number stands in DEFORM_MUTANT; none without it.
+// The mutant that runs: its number stands in DEFORM_MUTANT; none without it. DEFORM_MUTANTS_REACHED names a file with a byte for each
+// mutant that becomes 1 where the program comes by.
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <unistd.h>
+#include <atomic>
 #include <cstdlib>
 namespace deform_mutant {
+inline unsigned char* map_reached() {
+  const char* name = std::getenv("DEFORM_MUTANTS_REACHED");
+  const int file = name ? ::open(name, O_RDWR | O_CLOEXEC) : -1;
+  if (file < 0) return nullptr;
+  void* bytes = ::mmap(nullptr, %d, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+  ::close(file);
+  return bytes == MAP_FAILED ? nullptr : static_cast<unsigned char*>(bytes);
+}
 inline const int chosen = std::getenv("DEFORM_MUTANT") ? std::atoi(std::getenv("DEFORM_MUTANT")) : -1;
-inline bool on(int number) { return number == chosen; }
+inline unsigned char* const reached = map_reached();
+inline bool on(int number) {
+  if (reached) std::atomic_ref<unsigned char>(reached[number]).store(1, std::memory_order_relaxed);
+  return number == chosen;
+}
 }  // namespace deform_mutant
-"""
+""" % MOST
 
 
 def say(text):
@@ -248,71 +269,107 @@ def build(tree, log, mutants, targets, jobs):
 
 # --- tests ----------------------------------------------------------------------------------------------------------------------------
 
-def run_binary(binary, number, skipped, limit, extra=()):
-    """(name of the test that failed, or None; seconds; whether the time was over)"""
+def run_binary(binary, number, tests, limit, reached=None):
+    """(name of the test that failed, or None; its processor time; whether that was over the limit, in seconds)"""
     environment = dict(os.environ, OPENBLAS_NUM_THREADS="1")
     environment.pop("DEFORM_MUTANT", None)
     if number is not None:
         environment["DEFORM_MUTANT"] = str(number)
-    words = [binary, "--gtest_fail_fast", "--gtest_brief=0", *extra]
-    if skipped:
-        words.append("--gtest_filter=-" + ":".join(skipped))
+    if reached is not None:
+        environment["DEFORM_MUTANTS_REACHED"] = str(reached)
+    words = [binary, "--gtest_fail_fast", "--gtest_brief=0", "--gtest_filter=" + ":".join(tests)]
     with tempfile.TemporaryDirectory() as scratch, tempfile.TemporaryFile() as output:
         environment["TMPDIR"] = scratch
-        begin = time.monotonic()
         # What a shell starts in the background ignores interrupts, and so would the tests of them.
-        limited = 'ulimit -v 12000000; ulimit -f 4000000; exec env --default-signal=INT,QUIT "$@"'
+        limited = f'ulimit -v 12000000; ulimit -f 4000000; ulimit -t {math.ceil(limit)}; exec env --default-signal=INT,QUIT "$@"'
         with subprocess.Popen(["bash", "-c", limited, "bash", *map(str, words)], cwd=scratch, env=environment, stdout=output,
                               stderr=subprocess.STDOUT, start_new_session=True) as process:
-            try:
-                code = process.wait(limit)
-            except subprocess.TimeoutExpired:
-                code = None
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
-        seconds = time.monotonic() - begin
+            # Processor time does not depend on what else the machine does; what sleeps for ever is ended, too.
+            asleep = threading.Timer(6 * limit + 30, os.killpg, (process.pid, signal.SIGKILL))
+            asleep.start()
+            _, status, usage = os.wait4(process.pid, 0)
+            asleep.cancel()
+            process.returncode = code = os.waitstatus_to_exitcode(status)
+        seconds = usage.ru_utime + usage.ru_stime
         output.seek(0, os.SEEK_END)
         output.seek(max(0, output.tell() - 1_000_000))
         text = output.read().decode(errors="replace")
     if code == 0:
         return None, seconds, False
+    over = code in (-signal.SIGXCPU, -signal.SIGKILL)
     failed = re.findall(r"\[  FAILED  \] ([^\s,]+/?[^\s,]*)", text)
     running = re.findall(r"\[ RUN      \] (\S+)", text)
-    name = failed[0] if failed and code is not None else (running[-1] if running else "start")
-    how = "" if code is not None and failed else (" (time)" if code is None else f" (exit {code})")
-    return name + how, seconds, code is None
+    name = failed[0] if failed and not over else (running[-1] if running else "start")
+    how = "" if failed and not over else (" (time)" if over else f" (exit {code})")
+    return name + how, seconds, over
 
 
-def baseline(binary, slow):
-    """The tests that are too slow for every mutant, and the seconds of the others."""
-    with tempfile.TemporaryDirectory() as scratch:
-        report = pathlib.Path(scratch) / "times.json"
-        failed, seconds, _ = run_binary(binary, None, [], 900, [f"--gtest_output=json:{report}"])
-        if failed:
+def tests_of(binary):
+    text = subprocess.run([binary, "--gtest_list_tests"], capture_output=True, text=True, check=True).stdout
+    names, suite = [], ""
+    for line in text.splitlines():
+        word = line.split("#")[0].strip()
+        if line.startswith("  "):
+            names.append(suite + word)
+        elif word.endswith("."):
+            suite = word
+    return names
+
+
+def measure(binary, name, again):
+    """Runs one test without a mutant: its seconds, and the mutants that it comes by."""
+    with tempfile.NamedTemporaryFile() as reached:
+        reached.truncate(MOST)
+        failed, seconds, _ = run_binary(binary, None, [name], 900, reached.name)
+        if failed and not again:
             sys.exit(f"{binary} fails without a mutant: {failed}")
-        names, total = [], 0.0
-        for suite in json.loads(report.read_text())["testsuites"]:
-            for case in suite["testsuite"]:
-                took = float(case["time"].rstrip("s"))
-                if took > slow:
-                    names.append(f"{suite['name']}.{case['name']}")
-                else:
-                    total += took
-    return {"binary": str(binary), "skipped": names, "seconds": total, "whole": seconds}
+        if failed:  # a test of what has been mended since the mutants were made
+            say(f"left out, as it fails without a mutant: {failed}")
+            return {"seconds": round(seconds, 2), "reached": []}
+        return {"seconds": round(seconds, 2), "reached": [n for n, byte in enumerate(pathlib.Path(reached.name).read_bytes()) if byte]}
 
 
-def run_mutant(mutant, binaries, factor):
-    for each in binaries:
-        killer, seconds, over = run_binary(each["binary"], mutant["number"], each["skipped"], each["seconds"] * factor + 5)
+def measure_tests(paths, pool, stored, again):
+    """Per program and test: measure(); what was measured of the same program before is taken from the file `stored`."""
+    before = json.loads(stored.read_text()) if stored.is_file() else {}
+    measured = {}
+    for program, path in paths.items():
+        state = hashlib.sha256(path.read_bytes()).hexdigest()
+        if before.get(program, {}).get("state") != state:
+            names = tests_of(path)
+            before[program] = {"state": state, "tests": dict(zip(names, pool.map(lambda name, at=path: measure(at, name, again), names)))}
+            stored.write_text(json.dumps(before) + "\n")
+        measured[program] = before[program]["tests"]
+    return measured
+
+
+def run_mutant(number, programs, slow, factor):
+    """Runs the tests that come by the mutant; `programs` are (path, tests) with what measure() says of each test."""
+    each = []
+    for path, tests in programs:
+        near = {name: test["seconds"] for name, test in tests.items() if number in test["reached"]}
+        quick = [name for name, seconds in near.items() if seconds <= slow]
+        each.append((sum(near[name] for name in quick), path, quick, bool(near)))
+    for total, path, quick, _ in sorted(each, key=lambda e: e[0]):
+        if not quick:
+            continue
+        killer, seconds, over = run_binary(path, number, quick, total * factor + 5)
         if killer:
-            return {"killed": f"{pathlib.Path(each['binary']).name}: {killer}", "seconds": round(seconds, 1), "time": over}
-    return {"killed": None}
+            return {"killed": f"{path.name}: {killer}", "seconds": round(seconds, 1), "time": over}
+    return {"killed": None, "tests": sum(len(e[2]) for e in each), "slow_only": not any(e[2] for e in each) and any(e[3] for e in each)}
 
 
 # --- report ---------------------------------------------------------------------------------------------------------------------------
 
 def difference(mutant):
     return f"{mutant['kind']}: {' '.join(mutant['original'].split())!r} -> {mutant['mutated']!r}"
+
+
+def coverage(result):
+    """How many tests a survivor had to pass."""
+    if result.get("tests"):
+        return f"{result['tests']} tests"
+    return "only slow tests come by" if result.get("slow_only") else "no test comes by"
 
 
 def load_equivalent(path):
@@ -330,7 +387,8 @@ def report(mutants, work, equivalent, folders):
     for mutant in kept:
         if mutant["killed"] is None:
             reason = mutant["equivalent"]
-            lines.append(f"{mutant['number']:4} {mutant['file']}:{mutant['line']}  {difference(mutant)}" + (f"\n       equivalent: {reason}" if reason else ""))
+            lines.append(f"{mutant['number']:4} {mutant['file']}:{mutant['line']}  {difference(mutant)} ({coverage(mutant)})"
+                         + (f"\n       equivalent: {reason}" if reason else ""))
     table = ["folder        mutants  killed  (time)  equivalent  survived   killed of those that count"]
     for folder in [*folders, "all"]:
         here = [m for m in kept if folder in ("all", m["file"].split("/")[1])]
@@ -352,8 +410,8 @@ def main():
     parser.add_argument("--work", type=pathlib.Path, default=ROOT / "build/mutation", help="the copy, its build and the result")
     parser.add_argument("--cmake", action="append", default=[], metavar="OPTION", help="an option for CMake, such as -DDEFORM_SHARED_DATA=...")
     parser.add_argument("--jobs", type=int, default=2, help="at the same time (default 2)")
-    parser.add_argument("--slow", type=float, default=2, help="tests that take longer are left out, seconds (default 2)")
-    parser.add_argument("--factor", type=float, default=10, help="time limit, in times of the tests without a mutant, + 5 s (default 10)")
+    parser.add_argument("--slow", type=float, default=2, help="tests that take more processor time are left out, seconds (default 2)")
+    parser.add_argument("--factor", type=float, default=10, help="limit of processor time, in times of the tests without a mutant, + 5 s (default 10)")
     parser.add_argument("--widest", type=int, default=12, help="headers that more sources read are left alone (default 12)")
     parser.add_argument("--without", default="^$", metavar="REGEX", help="test programs that are not run, such as shared_data")
     parser.add_argument("--minutes", type=float, default=90, help="mutants that have not run after this time are left out (default 90)")
@@ -400,13 +458,11 @@ def main():
     begin = time.monotonic()
     pool = concurrent.futures.ThreadPoolExecutor(options.jobs)
     paths = {t: next(p for p in (tree / "build/release/tests/core").rglob(t) if p.is_file()) for t in targets}
-    measured = dict(zip(paths, pool.map(lambda path: baseline(path, options.slow), paths.values())))
-    binaries = {}
-    for folder, names in programs.items():
-        binaries[folder] = sorted((measured[name] for name in names), key=lambda b: b["seconds"])
-        for each in binaries[folder]:
-            say(f"{pathlib.Path(each['binary']).name}: {each['seconds']:.1f} s; slow tests left out: {len(each['skipped'])} of "
-                f"{each['whole'] - each['seconds']:.1f} s {' '.join(each['skipped'][:6])}")
+    measured = measure_tests(paths, pool, work / "tests.json", options.again)
+    for name, tests in measured.items():
+        seconds = [test["seconds"] for test in tests.values()]
+        slow = [test for test in tests if tests[test]["seconds"] > options.slow]
+        say(f"{name}: {len(tests)} tests, {sum(seconds):.1f} s; slow tests left out: {len(slow)} {' '.join(slow[:6])}")
 
     def run(mutant):
         earlier = before.get(mutant["number"]) or {}
@@ -414,8 +470,9 @@ def main():
             return {k: earlier[k] for k in ("killed", "seconds", "time")}
         if time.monotonic() - begin > options.minutes * 60:
             return {}
-        result = run_mutant(mutant, binaries[mutant["file"].split("/")[1]], options.factor)
-        say(f"{mutant['number']:4} {result['killed'] or 'SURVIVED'}  {mutant['file']}:{mutant['line']} {difference(mutant)[:120]}")
+        here = [(paths[name], measured[name]) for name in programs[mutant["file"].split("/")[1]]]
+        result = run_mutant(mutant["number"], here, options.slow, options.factor)
+        say(f"{mutant['number']:4} {result['killed'] or 'SURVIVED ' + coverage(result)}  {mutant['file']}:{mutant['line']} {difference(mutant)[:120]}")
         return result
 
     live = [m for m in mutants if not m.get("dropped")]

@@ -177,7 +177,7 @@ class Finder:
                     self.choose(value, file, "return value changed", f"!({words})")
                 elif type_kind in NUMBERS:
                     self.choose(value, file, "return value changed", f"({words}) + 1")
-                elif type_kind == TypeKind.RECORD and function.kind != Kind.LAMBDA_EXPR and not re.fullmatch(r"\{\s*\}", words):
+                elif type_kind == TypeKind.RECORD and function.kind != Kind.LAMBDA_EXPR and not re.fullmatch(r"\{\s*\}|std::nullopt", words):
                     tail = re.match(rb"\s*;", self.texts[file][end:])
                     if tail:
                         whole = self.text(file, start, end + tail.end())

@@ -98,7 +98,7 @@ void Clusters::connect(const Surface& fine) {
           double& angle = surface.adjacent[place[other] - 1].angle;
           angle = std::min(angle, n.angle);
         } else {
-          surface.adjacent.push_back({other, 0, 0, n.angle});
+          surface.adjacent.push_back({other, 0, 0, false, n.angle});
           place[other] = surface.adjacent.size();
         }
       }

@@ -143,10 +143,11 @@ void Surface::connect() {
         const Side &a = sides[i], &b = sides[k];
         if (a.face == b.face) continue;
         const bool without = area[a.face] == 0 || area[b.face] == 0;
-        const Vector3d other = a.forward == b.forward ? Vector3d(-normal[b.face]) : normal[b.face];
+        const bool against = a.forward == b.forward;
+        const Vector3d other = against ? Vector3d(-normal[b.face]) : normal[b.face];
         const double angle = without ? 0 : angle_between(normal[a.face], other);
-        pairs.push_back({a.face, {b.face, a.low, a.high, angle}});
-        pairs.push_back({b.face, {a.face, a.low, a.high, angle}});
+        pairs.push_back({a.face, {b.face, a.low, a.high, against, angle}});
+        pairs.push_back({b.face, {a.face, a.low, a.high, against, angle}});
       }
     }
   }
@@ -159,8 +160,7 @@ void Surface::connect() {
 }
 
 void Surface::orient() {
-  // Across an edge the normals agree up to its angle, or up to pi less that: then one of them is turned around.
-  std::vector<char> seen(face_count(), 0);
+  std::vector<char> seen(face_count(), 0), turned(face_count(), 0);
   std::vector<FaceId> front;
   for (std::size_t start = 0; start < face_count(); ++start) {
     if (seen[start] || area[start] == 0) continue;
@@ -172,10 +172,8 @@ void Surface::orient() {
       for (const Neighbour& n : neighbours(f)) {
         if (seen[n.face] || area[n.face] == 0) continue;
         seen[n.face] = 1;
-        if (std::abs(angle_between(normal[f], normal[n.face]) - n.angle) > 1e-6 &&
-            std::abs(angle_between(normal[f], -normal[n.face]) - n.angle) < 1e-6) {
-          normal[n.face] = -normal[n.face];
-        }
+        turned[n.face] = n.against != (turned[f] != 0) ? 1 : 0;
+        if (turned[n.face]) normal[n.face] = -normal[n.face];
         front.push_back(n.face);
       }
     }

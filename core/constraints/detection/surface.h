@@ -17,6 +17,7 @@ namespace deform::detection {
 struct Neighbour {
   FaceId face = 0;
   PointId from = 0, to = 0;  ///< end points of the edge, after merging coincident points
+  bool against = false;      ///< the two run along the edge in the same direction, so that one of them is turned around
   double angle = 0;          ///< angle between the normals, 0..pi; 0 next to a face without area
 };
 

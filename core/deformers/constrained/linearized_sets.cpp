@@ -17,7 +17,8 @@ namespace {
 constexpr Eigen::Index most_dense = 400;  // parameters of shapes
 constexpr double no_information = 1e-14;  // of squares: a parameter that changes no point, two that change the same
 constexpr double regularized = 1e-5;      // a singular value that counts as much as staying where the points are
-constexpr double regularization = 1e-12;  // of the diagonal: changes of shapes that move no point
+constexpr double regularization = 1e-13;  // of the diagonal: changes of shapes that move no point
+constexpr int refinements = 2;            // against what that changes elsewhere
 
 using Dense = Eigen::MatrixXd;
 
@@ -46,11 +47,12 @@ class LinearizedSets::Shapes {
     const Dense F = Z * free.vectors;
     W_ = F * inverse.asDiagonal() * F.transpose();
   }
-  Shapes(const SparseMatrix& AtA, const SparseMatrix& BtB, double limit, const RunContext& context)
-      : weight_(1 / (limit * limit)) {
-    SparseMatrix H = BtB + weight_ * AtA, one(AtA.rows(), AtA.cols());
-    one.setIdentity();
-    H += regularization * weight_ * one;
+  Shapes(const SparseMatrix& AtA, const SparseMatrix& BtB, const RunContext& context) : weight_(1 / (regularized * regularized)) {
+    SparseMatrix H = BtB + weight_ * AtA, added(AtA.rows(), AtA.cols());
+    // Relative to each entry: one for all, as large as the weight asks for, would hold back shapes that nothing else limits.
+    added_ = regularization * Eigen::VectorXd(H.diagonal()).cwiseMax(1.0);
+    added.setIdentity();
+    H += added * added_.asDiagonal();
     H = SparseMatrix(H.triangularView<Eigen::Lower>());
     H.makeCompressed();
     factor_ = std::make_unique<const SparseCholesky>(H, context);
@@ -65,19 +67,14 @@ class LinearizedSets::Shapes {
 
   /// q from A^T a and B^T h.
   Eigen::VectorXd solution(const Eigen::VectorXd& a, const Eigen::VectorXd& h) const {
-    if (factor_) {
-      Eigen::VectorXd q = -(weight_ * a + h);
-      factor_->solve_in_place(q);
-      return q;
-    }
+    if (factor_) return inverse(-(weight_ * a + h));
     const Eigen::VectorXd q = -(M_ * a);
     return q - W_ * (h + BtB_ * q);
   }
   /// The transpose: the contributions of -p to A^T a and B^T h.
   std::pair<Eigen::VectorXd, Eigen::VectorXd> adjoint(const Eigen::VectorXd& p) const {
     if (factor_) {
-      Eigen::VectorXd q = p;
-      factor_->solve_in_place(q);
+      const Eigen::VectorXd q = inverse(p);
       return {weight_ * q, q};
     }
     const Eigen::VectorXd h = W_ * p;
@@ -85,8 +82,21 @@ class LinearizedSets::Shapes {
   }
 
  private:
+  /// H^-1 b from the factor of H + D: sum of ((H + D)^-1 D)^k (H + D)^-1 b, which is symmetric, too.
+  Eigen::VectorXd inverse(Eigen::VectorXd b) const {
+    factor_->solve_in_place(b);
+    Eigen::VectorXd sum = b;
+    for (int k = 0; k < refinements; ++k) {
+      b = added_.cwiseProduct(b).eval();
+      factor_->solve_in_place(b);
+      sum += b;
+    }
+    return sum;
+  }
+
   Dense BtB_, M_, W_;
   double weight_ = 0;
+  Eigen::VectorXd added_;  ///< D
   std::unique_ptr<const SparseCholesky> factor_;
   std::size_t rank_ = 0;
 };
@@ -306,7 +316,7 @@ void LinearizedSets::make_shapes(double limit, const RunContext& context) {
     SparseMatrix a(parameter_count_, parameter_count_), b(parameter_count_, parameter_count_);
     a.setFromTriplets(in_A.begin(), in_A.end());
     b.setFromTriplets(in_B.begin(), in_B.end());
-    shapes_ = std::make_unique<const Shapes>(a, b, std::min(limit, regularized), context);
+    shapes_ = std::make_unique<const Shapes>(a, b, context);
   }
   shape_rank_ = shapes_->rank();
 }

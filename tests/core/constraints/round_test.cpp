@@ -132,6 +132,90 @@ TEST(Directions, AreAllAround) {
   }
 }
 
+/// The smallest of the squared distances and the closest direction among candidates of the search for the axis of `x`.
+void expect_axis_among_candidates(const Points& x, Profile profile, double slope, double radius) {
+  const Eigen::Vector3d axis = tilted().linear() * Eigen::Vector3d::UnitZ(), origin = tilted().translation();
+  const std::vector<AxisCandidate> found = axis_candidates(x, profile, 3);
+  ASSERT_FALSE(found.empty());
+  EXPECT_LE(found.size(), 3u);
+  for (std::size_t i = 1; i < found.size(); ++i) {
+    EXPECT_GE(found[i].energy, found[i - 1].energy);
+    for (std::size_t k = 0; k < i; ++k) {
+      EXPECT_LT(std::abs(found[i].direction.dot(found[k].direction)), std::cos(20 * degree) + 1e-12);
+    }
+  }
+  const AxisCandidate& best = found[0];
+  const double sign = best.direction.dot(axis) < 0 ? -1 : 1;
+  EXPECT_GT(sign * best.direction.dot(axis), std::cos(12 * degree)) << "as near as any of 250 directions";
+  const Eigen::Vector3d off = best.point - origin;
+  const double height = off.dot(axis);
+  EXPECT_LE((off - height * axis).norm(), 0.2 * radius);
+  EXPECT_NEAR(best.radius, radius + slope * height, 0.15 * radius);
+  EXPECT_NEAR(sign * best.slope, slope, 0.1);
+  EXPECT_LE(std::sqrt(best.energy), 0.12 * radius);
+}
+
+TEST(Cylinder, CandidatesAreNearTheAxis) {
+  expect_axis_among_candidates(tube(0.3, 360 * degree, 1.5), Profile::cylinder, 0, 0.3);
+  expect_axis_among_candidates(tube(0.3, 200 * degree, 1.5), Profile::cylinder, 0, 0.3);
+  Points cone;
+  for (int j = 0; j < 8; ++j) {
+    for (int i = 0; i < 20; ++i) {
+      const double t = 2 * M_PI * i / 20, r = 0.2 + 0.4 * 0.1 * j;
+      cone.push_back({r * std::cos(t), r * std::sin(t), 0.1 * j});
+    }
+  }
+  expect_axis_among_candidates(moved(cone, tilted()), Profile::cone, 0.4, 0.2);
+}
+
+TEST(Starts, AreExactForExactPoints) {
+  std::vector<Eigen::Vector2d> flat;
+  std::vector<Eigen::Vector3d> round;
+  for (int i = 0; i < 7; ++i) {
+    flat.emplace_back(2 + 0.4 * std::cos(0.3 * i), -1 + 0.4 * std::sin(0.3 * i));
+    round.emplace_back(2 + 0.4 * std::cos(0.3 * i) * std::cos(i), -1 + 0.4 * std::sin(0.3 * i),
+                       3 + 0.4 * std::cos(0.3 * i) * std::sin(i));
+  }
+  const PlaneCircle circle = algebraic_circle(flat);
+  EXPECT_LE((circle.centre - Eigen::Vector2d(2, -1)).norm(), 1e-10);
+  EXPECT_NEAR(circle.radius, 0.4, 1e-10);
+  const AlgebraicSphere sphere = algebraic_sphere(round);
+  EXPECT_LE((sphere.centre - Eigen::Vector3d(2, -1, 3)).norm(), 1e-10);
+  EXPECT_NEAR(sphere.radius, 0.4, 1e-10);
+}
+
+TEST(Starts, CurvatureOfAPatch) {
+  // z = 1/2 (a x^2 + 2 b x y + c y^2) with the least extent along z: the axes of the scatter are near those of the patch.
+  Points x;
+  for (int i = -10; i <= 10; ++i) {
+    for (int j = -5; j <= 5; ++j) {
+      const double u = 0.1 * i, v = 0.1 * j;
+      x.push_back({u, v, 0.5 * (0.02 * u * u + 2 * 0.01 * u * v - 0.03 * v * v)});
+    }
+  }
+  const Points there = moved(x, tilted());
+  const PrincipalAxes axes = principal_axes(there);
+  EXPECT_NEAR(axes.axes.determinant(), 1, 1e-12);
+  const Eigen::Matrix2d H = patch_curvature(there, axes);
+  // Independent of the frame: sum and product of the principal curvatures, up to their sign and the slope of the patch.
+  EXPECT_NEAR(std::abs(H.trace()), 0.01, 1e-4);
+  EXPECT_NEAR(H.determinant(), -0.02 * 0.03 - 0.01 * 0.01, 1e-5);
+  Points large = x;
+  for (Vec3& p : large) p = {3 * p[0], 3 * p[1], 3 * p[2]};
+  EXPECT_NEAR(patch_curvature(large, principal_axes(large)).determinant(), H.determinant() / 9, 1e-5);
+}
+
+TEST(Starts, ThinnedPointsAreFewAndEven) {
+  Points x;
+  for (int i = 0; i < 1000; ++i) x.push_back({0.001 * i, 0, 0});
+  for (const std::size_t count : {10u, 300u, 600u, 1000u, 2000u}) {
+    const auto few = thinned(x, count);
+    EXPECT_GE(few.size(), std::min<std::size_t>(count, 1000));
+    EXPECT_LT(few.size(), 2 * count);
+    for (std::size_t i = 2; i < few.size(); ++i) EXPECT_NEAR(few[i][0] - few[i - 1][0], few[1][0] - few[0][0], 1e-12);
+  }
+}
+
 TEST(Cylinder, NearlyFlatPatches) {
   expect_projection(*cylinder_projection(84), tube(0.5, 20 * degree, 0.3), 1e-4);
   EXPECT_NEAR(cylinder_curvature(tube(0.5, 20 * degree, 0.3)), 2, 1e-9);
@@ -142,6 +226,26 @@ TEST(Cylinder, NearlyFlatPatches) {
   expect_unmoved(*cylinder_projection(84), flat, 1e-11);
   expect_survives(*cylinder_projection(84), noisy(flat, 0.01, 4));
   expect_nearest(*cylinder_projection(84), noisy(flat, 0.01, 4), 1e-8);
+}
+
+// Wherever a patch is, and however short its arc, the search finds what a start from the truth finds.
+TEST(Round, SearchesFindShortArcsFarAway) {
+  const auto check = [](const Projection& projection, const Points& exact, double noise) {
+    for (std::uint64_t seed = 0; seed < 5; ++seed) {
+      const Points x = along(noisy(exact, noise, seed), 1, Points(exact.size(), Vec3{30, -20, 10})),
+                   there = along(exact, 1, Points(exact.size(), Vec3{30, -20, 10}));
+      const double from_truth = projected(projection, x, projected(projection, there).shape).energy;
+      EXPECT_LE(projected(projection, x).energy, from_truth * (1 + 1e-6)) << projection.kind() << ", seed " << seed;
+    }
+  };
+  for (const double angle : {20.0, 60.0}) {
+    const double sagitta = 0.5 * (1 - std::cos(angle * degree / 2));
+    for (const std::optional<double> curvature : {std::optional<double>(), std::optional<double>(2.0)}) {
+      check(*circle_projection(40, curvature), arc(0.5, angle * degree, 40), 0.1 * sagitta);
+      check(*cylinder_projection(84, curvature), tube(0.5, angle * degree, 0.3), 0.1 * sagitta);
+      check(*sphere_projection(80, curvature), ball(0.5, angle * degree / 2), 0.1 * sagitta);
+    }
+  }
 }
 
 TEST(Cylinder, KeptRadius) {

@@ -160,6 +160,19 @@ TEST(Constrained, JacobianProducts) {
   }
 }
 
+// Pairs of points alone, without any set whose points are projected one by one.
+TEST(Constrained, JacobianProductsOfDistances) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  Constraint pairs{"pairs", {box({1.0, 0.1, -9}, {1.1, 0.9, 9}), box({1.5, 0.1, -9}, {1.6, 0.9, 9})}, Distance{}, 1e4};
+  deform::Setup setup = with({pairs});
+  setup.constraint_options.tolerance = 1e-11;
+  const auto system = prepare(mesh, setup);
+  const auto evaluation = system->bind({&turned, 1}, EvaluationPath::automatic, {});
+  EXPECT_TRUE(evaluation->report(0).converged);
+  EXPECT_LT(evaluation->report(0).constraints[0].rms, 0.8 * evaluation->report(0).constraints[0].rms_before);
+  test::check_jacobians(*system, 1e-8, 1e-5);
+}
+
 Constraint exact(Constraint constraint) {
   constraint.exact = true;
   return constraint;

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "core/deformers/constrained/constraint_sets.h"
 #include "core/deformers/energy/energy_system.h"
 #include "core/mesh/elements.h"
 #include "tests/core/deformers/energy_cases.h"
@@ -119,6 +120,31 @@ TEST(Estimate, OfColumnsOfCells) {
     ASSERT_FALSE(notes.empty());
     EXPECT_EQ(notes[0].find("wall: 16 rigid columns of cells, 0 of them of fewer than 3 layers"), 0u) << notes[0];
   }
+}
+
+// Cells without any face have all samples inside.
+TEST(Estimate, OfCellsWithoutFaces) {
+  Mesh bare = test::solid_cube(6);
+  bare.face_sizes.clear();
+  bare.face_points.clear();
+  EXPECT_EQ(estimate(bare, cube_setup()).samples, 300u);
+  EXPECT_EQ(prepare(shared(bare), cube_setup())->info().samples, 300u);
+}
+
+// All columns of a wall together weigh as much as the constraint, each by its points.
+TEST(Estimate, WeightsOfColumns) {
+  const Mesh mesh = test::solid_cube(4);
+  deform::Setup setup = cube_setup();
+  setup.constraints = {{"wall", {box({0, 0.2, 0.2}, {0, 0.8, 0.8})}, Rigid{3}, 7}};
+  const ConstraintSets made = constraint_sets(mesh, setup, validate(setup, mesh), UnitBox{});
+  ASSERT_GT(made.sets.size(), 1u);
+  double weight = 0, points = 0;
+  for (const ConstraintSet& set : made.sets) {
+    weight += set.weight;
+    points += static_cast<double>(set.ids.size());
+  }
+  EXPECT_NEAR(weight, 7, 1e-12);
+  for (const ConstraintSet& set : made.sets) EXPECT_NEAR(set.weight, 7 * static_cast<double>(set.ids.size()) / points, 1e-12);
 }
 
 TEST(Estimate, RefusesWhatPreparingRefuses) {

@@ -11,8 +11,10 @@
 #include <utility>
 
 #include "core/base/vectors.h"
+#include "core/deformers/energy/spaces/model_lattice.h"
 #include "core/deformers/splitting.h"
 #include "core/deformers/system.h"
+#include "tests/core/deformers/block_meshes.h"
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/core/deformers/estimate_bounds.h"
 #include "tests/support/expect_error.h"
@@ -293,6 +295,55 @@ TEST(FfdByControls, PointsOutsideStayAndTornEdgesAreCounted) {
   EXPECT_THAT(evaluation->report(0).warnings[0],
               testing::AllOf(testing::HasSubstr(std::to_string(outside) + " points outside"),
                              testing::HasSubstr("of the 42 edges"), testing::HasSubstr(" 21 are torn there by up to 2.0e-01")));
+}
+
+// Edges of cells are cut where there are no faces, too.
+TEST(FfdByControls, EdgesOfCellsAcrossTheBoundaryAreCounted) {
+  test::Cube block = test::cube(4);
+  block.mesh.face_sizes.clear();
+  block.mesh.face_points.clear();
+  block.mesh.elements = std::make_shared<const Elements>(block.elements);
+  FfdOptions options;
+  options.lattice.points = {5, 5, 5};
+  options.lattice.frame = LatticeFrame{{-0.5, -0.5, -0.5}, {{{1.1, 0, 0}, {0, 2, 0}, {0, 0, 2}}}};  // to x = 0.6
+  const ModelLattice made = control_lattice(block.mesh, options.lattice, {});
+  EXPECT_EQ(made.outside.size(), 2u * 25u);
+  EXPECT_THAT(made.notes, testing::Contains(testing::HasSubstr("25 edges cross its boundary")));
+  const std::vector<Vec3> crossings = boundary_crossings(block.mesh, options.lattice, made);
+  ASSERT_EQ(crossings.size(), 25u);
+  for (const Vec3& u : crossings) EXPECT_NEAR(u[0], 1, 1e-12);
+}
+
+// In a moved lattice the crossing is taken for the nearest place on the boundary of its cube of coordinates.
+TEST(FfdByControls, CrossingsOfAMovedLatticeAreBesideThePointsInside) {
+  const Mesh mesh = test::bumpy_sheet(41, 21);
+  LatticeOptions options;
+  options.points = {6, 5, 5};
+  options.frame = LatticeFrame{{0.31, 0.22, -1}, {{{1.3, 0, 0}, {0, 0.55, 0}, {0, 0, 2}}}};
+  const Lattice lattice = lattice_around(options, bounding_box(mesh.points));
+  options.control_points = lattice.control_points();
+  const ModelLattice made = control_lattice(mesh, options, {});
+  ASSERT_FALSE(made.outside.empty());
+  const std::vector<Vec3> crossings = boundary_crossings(mesh, options, made);
+  ASSERT_GT(crossings.size(), 50u);
+  for (const Vec3& u : crossings) {
+    // On one side, and no point inside of an edge that is cut is farther from it than from another side.
+    int on = 0;
+    for (std::size_t k = 0; k < 3; ++k) on += u[k] == 0 || u[k] == 1 ? 1 : 0;
+    EXPECT_EQ(on, 1);
+    double nearest = 1;
+    for (PointId id = 0; id < mesh.points.size(); ++id) {
+      if (made.rows->is_outside(id)) continue;
+      const Vec3& from = made.rows->coordinates(id);
+      double away = 0, least = 1;
+      for (std::size_t k = 0; k < 3; ++k) {
+        away = std::max(away, std::abs(from[k] - u[k]));
+        least = std::min({least, from[k], 1 - from[k]});
+      }
+      if (away <= least + 1e-12) nearest = std::min(nearest, away);
+    }
+    EXPECT_LT(nearest, 0.1) << "of a point whose nearest side this is";
+  }
 }
 
 TEST(FfdByControls, LayersThatStayLeaveNothingTorn) {

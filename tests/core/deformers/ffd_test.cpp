@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -168,6 +169,22 @@ TEST(Ffd, JacobianProducts) {
     FfdOptions options = by_mesh({8, 6, 4}, 1e-4);
     options.basis = basis;
     test::check_jacobians(*prepare(mesh, with(test::setup_with_variables(), options)), 1e-9, 1e-6);
+  }
+}
+
+TEST(Ffd, SaysWhetherABasisIsStored) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  const auto mentioned = [](const std::vector<std::string>& notes) {
+    return std::any_of(notes.begin(), notes.end(), [](const std::string& note) { return note.starts_with("No handle basis"); });
+  };
+  for (const FfdOptions& control : {by_energy({8, 6, 4}), by_mesh()}) {
+    for (const BasisMode basis : {BasisMode::always, BasisMode::never}) {
+      FfdOptions options = control;
+      options.basis = basis;
+      const deform::Setup setup = with(test::setup_with_variables(), options);
+      EXPECT_EQ(mentioned(prepare(mesh, setup)->info().notes), basis == BasisMode::never);
+      EXPECT_EQ(mentioned(estimate(*mesh, setup).notes), basis == BasisMode::never);
+    }
   }
 }
 

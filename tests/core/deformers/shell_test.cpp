@@ -48,6 +48,36 @@ TEST(Shell, UnitsDoNotMatter) {
   }
 }
 
+// Weights of the cotangents reproduce linear functions on any plane triangulation.
+TEST(Shell, StretchingAloneFollowsAffineMotionsInThePlane) {
+  Mesh mesh;
+  std::vector<PointId> rim;
+  constexpr PointId n = 9;
+  for (PointId j = 0; j <= n; ++j) {
+    for (PointId i = 0; i <= n; ++i) {
+      const bool inside = i > 0 && j > 0 && i < n && j < n;
+      if (!inside) rim.push_back(static_cast<PointId>(mesh.points.size()));
+      mesh.points.push_back(
+          {i + (inside ? 0.2 * std::sin(5.0 * i + 3 * j) : 0), 0.6 * j + (inside ? 0.1 * std::cos(2.0 * i + j) : 0), 0});
+    }
+  }
+  for (PointId j = 0; j < n; ++j) {
+    for (PointId i = 0; i < n; ++i) {
+      const PointId a = j * (n + 1) + i;
+      mesh.face_sizes.insert(mesh.face_sizes.end(), {3, 3});
+      mesh.face_points.insert(mesh.face_points.end(), {a, a + 1, a + n + 2, a, a + n + 2, a + n + 1});
+    }
+  }
+  deform::Setup setup;
+  setup.handles = {{"rim", {Region::Ids{rim}}}};
+  const Affine motion{1.5, 0.2, 0, 0.3, -0.4, 0.8, 0, -1, 0.1, -0.2, 1, 0.5};
+  ShellOptions options;
+  options.stretching = 2;
+  options.bending = 0;
+  const Points got = prepare(shared(mesh), shell(setup, options))->evaluate({{}, {{0, motion}}});
+  for (std::size_t i = 0; i < got.size(); ++i) EXPECT_LT(distance(got[i], transformed(motion, mesh.points[i])), 1e-9) << i;
+}
+
 TEST(Shell, DisplacementsPerPointAreSolvedFor) {
   const auto mesh = shared(test::bumpy_sheet(21, 11));
   const auto system = prepare(mesh, shell(test::sheet_setup()));

@@ -9,6 +9,7 @@
 #include <random>
 
 #include "core/base/error.h"
+#include "core/base/vectors.h"
 #include "tests/core/constraints/detection/expect_found.h"
 #include "tests/core/constraints/detection/parts.h"
 
@@ -121,6 +122,43 @@ TEST(Detect, PutsPointsOfSharpEdgesIntoAllTheirPrimitives) {
   }
   EXPECT_NEAR(found.coverage, 1, 1e-12);
   EXPECT_NEAR(found.area, 6, 1e-12);
+}
+
+/// Distance of a point from a primitive, in model units.
+double away_from(const Primitive& p, const Vec3& x) {
+  const Vec3 q = x - p.point;
+  const double h = dot(q, p.axis), across = norm(q - h * p.axis);
+  switch (p.kind) {
+    case PrimitiveKind::plane:
+      return std::abs(h);
+    case PrimitiveKind::sphere:
+      return std::abs(norm(q) - p.radius);
+    case PrimitiveKind::cylinder:
+      return std::abs(across - p.radius);
+    case PrimitiveKind::cone:
+      break;
+  }
+  return std::abs(across * std::cos(p.half_angle) - h * std::sin(p.half_angle));
+}
+
+TEST(Detect, ReportsErrorsAndAreasOfItsPrimitives) {
+  for (Part& part : test::all_parts(2)) {
+    shake(part.mesh, 1e-4, 9);
+    for (Vec3& p : part.mesh.points) p = 40.0 * p;
+    for (const Primitive& p : detect(part.mesh, {}).primitives) {
+      SCOPED_TRACE(part.name + " " + p.name);
+      double squares = 0, most = 0, area = 0;
+      for (const PointId id : p.points) {
+        const double d = away_from(p, part.mesh.points[id]);
+        squares += d * d;
+        most = std::max(most, d);
+      }
+      EXPECT_NEAR(p.rms, std::sqrt(squares / static_cast<double>(p.points.size())), 1e-9);
+      EXPECT_NEAR(p.max, most, 1e-9);
+      for (const FaceId f : p.faces) area += test::face_area(part.mesh, f);
+      EXPECT_NEAR(p.area, area, 1e-9 * area);
+    }
+  }
 }
 
 TEST(Detect, FindsLinesAndCirclesOnSharpEdges) {

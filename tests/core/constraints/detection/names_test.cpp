@@ -122,6 +122,59 @@ TEST(Implied, APlaneWithoutPointsInsideItsRimFollowsFromTheRim) {
       << "one of the two stays";
 }
 
+/// A plane and something round that share the points 0 to 19, and two arcs of ten points each on both.
+Detection slit(PrimitiveKind round) {
+  Detection made;
+  made.primitives.resize(2);
+  made.primitives[0].name = "flat";
+  made.primitives[0].axis = {0, 0, 1};
+  made.primitives[1].name = "round";
+  made.primitives[1].kind = round;
+  for (std::size_t p = 0; p < 2; ++p) {
+    made.primitives[p].constraint = constraint_kind(made.primitives[p].kind);
+    for (PointId id = 0; id < 20; ++id) made.primitives[p].points.push_back(id);
+    made.primitives[p].points.push_back(static_cast<PointId>(20 + p));
+  }
+  made.edges.resize(2);
+  for (std::size_t e = 0; e < 2; ++e) {
+    made.edges[e].kind = EdgeKind::arc;
+    made.edges[e].name = e == 0 ? "long" : "short";
+    made.edges[e].constraint = "circular";
+    for (PointId id = 0; id < 10; ++id) made.edges[e].points.push_back(static_cast<PointId>(10 * e + id));
+  }
+  return made;
+}
+
+TEST(Implied, OneArcKeepsAPlaneSquareToWhatIsRound) {
+  for (const PrimitiveKind kind : {PrimitiveKind::cylinder, PrimitiveKind::cone}) {
+    Detection found = slit(kind);
+    detection::find_implied(found);
+    EXPECT_THAT(found.edges[0].implied_by, ElementsAre()) << static_cast<int>(kind);
+    EXPECT_THAT(found.edges[1].implied_by, ElementsAre("flat", "round", "long")) << static_cast<int>(kind);
+    // What has no constraint implies nothing.
+    for (std::size_t p = 0; p < 2; ++p) {
+      Detection less = slit(kind);
+      less.primitives[p].constraint.clear();
+      detection::find_implied(less);
+      EXPECT_THAT(less.edges[1].implied_by, ElementsAre());
+      EXPECT_THAT(less.edges[1].lies_on, ElementsAre("flat", "round"));
+    }
+    Detection first = slit(kind);
+    first.edges[0].constraint.clear();
+    detection::find_implied(first);
+    EXPECT_THAT(first.edges[0].implied_by, ElementsAre());
+    EXPECT_THAT(first.edges[1].implied_by, ElementsAre());
+  }
+  // A plane or another sphere meets a sphere in a circle: both arcs follow.
+  Detection ball = slit(PrimitiveKind::sphere);
+  detection::find_implied(ball);
+  for (const EdgeFeature& edge : ball.edges) EXPECT_THAT(edge.implied_by, ElementsAre("flat", "round"));
+  ball = slit(PrimitiveKind::sphere);
+  ball.primitives[0].kind = PrimitiveKind::sphere;
+  detection::find_implied(ball);
+  for (const EdgeFeature& edge : ball.edges) EXPECT_THAT(edge.implied_by, ElementsAre("flat", "round"));
+}
+
 // ---- what is said to follow does ----
 
 /// A surface near another one: moved, turned and resized by up to a tenth.
