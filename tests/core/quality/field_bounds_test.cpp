@@ -134,9 +134,10 @@ struct Subject {
     certificate.emplace(rest, *cells, left_out, determinants, RunContext{});
   }
   std::vector<std::uint32_t> doubtful(const FieldBounds& bounds, const FieldMotion& motion, double floor = 0) const {
-    std::vector<std::uint32_t> found;
+    FieldBounds::Doubtful found;
     bounds.doubtful(motion, floor, 0, bounds.cluster_count(), found);
-    return found;
+    found.unproven.insert(found.unproven.end(), found.low.begin(), found.low.end());
+    return found.unproven;
   }
 
   Points rest;
