@@ -21,8 +21,7 @@ namespace {
 constexpr std::size_t few = 5000;                  // constraint points that are all centres
 constexpr std::size_t aim = 4000;                  // of centres by distance alone, where that is enough
 constexpr double almost_all = 0.75;                // of the constraint points: the others are not worth a loss
-constexpr std::size_t many = 2500;                 // centres at first: choosing others by their misfits begins with fewer
-constexpr std::size_t coarse_aim = 1500;           // of these
+constexpr std::size_t coarse_aim = 1500;           // where there are more by distance: with these the others are looked for
 constexpr double ratios[] = {0.5, 0.6, 0.7, 0.8};  // of the distance between centres to that from the deformable region
 
 // Points in the components of the deformable region that a constraint point can be reached from.
@@ -136,13 +135,12 @@ class GradedChoice {
   }
 
   /// At most `most` candidates by the same rule, as if none were nearer to the deformable region than some distance and there
-  /// were no border; and those that are not nearer.
-  void coarse(double ratio, std::size_t most, const RunContext& context, RbfCentres& centres) const {
+  /// were no border.
+  std::vector<PointId> coarse(double ratio, std::size_t most, const RunContext& context) const {
     double least = bounding_box(tree_.points()).diagonal() * smallest_distance;
-    while (centres.coarse = chosen(ratio, least, most, context), centres.coarse.size() > most) least *= 2;
-    for (std::size_t i = 0; i < candidates_.size(); ++i) {
-      if (distance_[i] >= least) centres.far.push_back(candidates_[i]);
-    }
+    std::vector<PointId> result;
+    while (result = chosen(ratio, least, most, context), result.size() > most) least *= 2;
+    return result;
   }
 
  private:
@@ -200,7 +198,7 @@ std::string choose_graded(const Mesh& mesh, const RbfOptions& options, const Con
     if (kept.size() <= most) break;
   }
   if (static_cast<double>(kept.size()) <= almost_all * static_cast<double>(candidates.size())) {
-    if (kept.size() > many) choice.coarse(ratios[0], coarse_aim, context, centres);
+    if (kept.size() > aim) centres.coarse = choice.coarse(ratios[0], coarse_aim, context);
     return {};
   }
   kept.clear();
@@ -263,7 +261,6 @@ void join_coarse(const ConstraintPoints& points, RbfCentres& centres) {
   centres.ids.clear();
   keep_one_per_place(points, either, centres.ids);
   centres.coarse.clear();
-  centres.far.clear();
 }
 
 void take_most(const ConstraintPoints& points, RbfCentres& centres) {

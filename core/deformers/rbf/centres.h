@@ -21,10 +21,9 @@ struct RbfCentres {
   /// The largest number of centres. If it exceeds ids.size(), points with the largest misfit of the motions of the handles are to
   /// be added until the tolerance of the options is met or this number is reached.
   std::size_t most = 0;
-  /// If ids are many, most of them near deformable points: a coarser set to begin with, and the points far enough from deformable
-  /// ones that what it misses there needs more centres. Those found this way join ids. So not every step takes a factorization
-  /// of all of them.
-  std::vector<PointId> coarse, far;
+  /// If ids are many, most of them near deformable points: a coarser set to begin with. The points that it misses and that are
+  /// added to it join ids, so that not every step takes a factorization of all of them.
+  std::vector<PointId> coarse;
   std::vector<std::string> notes;
 };
 

@@ -78,7 +78,7 @@ void RbfSystem::refine_centres(const RunContext& context, std::size_t memory_bud
   }
   if (!centres_.coarse.empty()) {
     std::swap(centres_.ids, centres_.coarse);
-    add_missed(centres_.far, most_coarse, Look::at_some, context, memory_budget);
+    add_missed(all, most_coarse, Look::at_some, context, memory_budget);
     std::swap(centres_.ids, centres_.coarse);
     join_coarse(points_, centres_);
   }

@@ -203,17 +203,16 @@ TEST(Reduction, OfAHalfModelIsThatOfTheWhole) {
 
 // Where the joins alone have thousands of points, others are looked for with fewer; all at the joins are centres in the end.
 TEST(Reduction, ManyPointsAtJoinsStayCentresAndResultsDoNotDependOnThem) {
-  constexpr std::size_t columns = 81, rows = 41, finer = 32;
+  constexpr std::size_t columns = 81, rows = 41, finer = 52;
   const Mesh coarse = bumpy_sheet(columns, rows), fine = bumpy_sheet(columns, finer * (rows - 1) + 1);
   const ConstraintPoints points = constraint_points(fine, validate(sheet_setup(), fine));
   RbfOptions options;
   options.kernel = Kernel::triharmonic;
   RbfCentres chosen = choose_centres(fine, points, 1, options);
   const std::vector<PointId> first = chosen.ids, coarser = chosen.coarse;
-  EXPECT_GT(first.size(), 2500u);
+  EXPECT_GT(first.size(), 4000u);
   ASSERT_FALSE(coarser.empty());
   EXPECT_LE(coarser.size(), 1500u);
-  ASSERT_FALSE(chosen.far.empty());
   std::vector<PointId> expected;
   std::set_union(first.begin(), first.end(), coarser.begin(), coarser.end(), std::back_inserter(expected));
   join_coarse(points, chosen);
