@@ -26,6 +26,11 @@ constexpr float nearly_one = 1 - 1e-5f;
 constexpr float determinant_rounding = 1e-5f;
 constexpr float largest_gradient = 0.7f;  // of the motion: the least singular value stays above 0.3, as in the certificate
 
+constexpr float nothing = -std::numeric_limits<float>::infinity();  // is left of a determinant where nothing is proven
+
+/// A float that is not below x.
+float above(double x) { return std::nextafter(static_cast<float>(x), std::numeric_limits<float>::infinity()); }
+
 /// What is not a number proves nothing.
 double or_infinity(double x) { return std::isnan(x) ? infinity : x; }
 
@@ -65,7 +70,7 @@ struct FieldBounds::Batch {
 FieldBounds::FieldBounds(std::span<const Vec3> rest, const MotionCertificate& certificate, const DisplacementFields& fields,
                          const RunContext& context)
     : certificate_(certificate), largest_(fields.count()) {
-  set_tightest();
+  set_tolerances();
   steepest_.resize(fields.count() * cluster_count());
   residuals_.resize(steepest_.size());
   in_clusters_.resize(steepest_.size());
@@ -86,20 +91,33 @@ FieldBounds::FieldBounds(std::span<const Vec3> rest, const MotionCertificate& ce
   for (std::size_t f = 0; f < fields.count(); ++f) errors_.push_back(fields.error(f));
 }
 
-void FieldBounds::set_tightest() {
+void FieldBounds::set_tolerances() {
+  constexpr float none = std::numeric_limits<float>::infinity();
   const std::size_t cells = certificate_.order().size(), clusters = (cells + cluster_size - 1) / cluster_size;
   for (auto* values : {&tightest_.inverse_radius, &tightest_.inverse_condition, &tightest_.loss, &tightest_.warp_loss}) {
     values->assign(clusters, 0.0f);
   }
-  tightest_.determinant.assign(clusters, std::numeric_limits<float>::infinity());
+  tightest_.determinant.assign(clusters, none);
+  tolerances_.resize(clusters);
+  for (Tolerances& of_cluster : tolerances_) {
+    for (auto* values : {&of_cluster.inverse_radius, &of_cluster.inverse_condition, &of_cluster.loss, &of_cluster.warp_loss}) {
+      values->fill(none);
+    }
+    of_cluster.determinant.fill(0.0f);
+  }
   for (std::size_t i = 0; i < cells; ++i) {
     const MotionCertificate::Tolerance& cell = certificate_.tolerance(i);
-    const auto most = [k = i / cluster_size](std::vector<float>& values, float x) { values[k] = std::max(values[k], x); };
-    most(tightest_.inverse_radius, cell.inverse_radius);
-    most(tightest_.inverse_condition, cell.inverse_condition);
-    most(tightest_.loss, cell.loss);
-    most(tightest_.warp_loss, cell.warp_loss);
-    tightest_.determinant[i / cluster_size] = std::min(tightest_.determinant[i / cluster_size], cell.determinant);
+    const std::size_t k = i / cluster_size;
+    const auto set = [i, k](std::vector<float>& most, std::array<float, cluster_size>& each, float x) {
+      most[k] = std::max(most[k], x);
+      each[i % cluster_size] = x;
+    };
+    set(tightest_.inverse_radius, tolerances_[k].inverse_radius, cell.inverse_radius);
+    set(tightest_.inverse_condition, tolerances_[k].inverse_condition, cell.inverse_condition);
+    set(tightest_.loss, tolerances_[k].loss, cell.loss);
+    set(tightest_.warp_loss, tolerances_[k].warp_loss, cell.warp_loss);
+    tightest_.determinant[k] = std::min(tightest_.determinant[k], cell.determinant);
+    tolerances_[k].determinant[i % cluster_size] = cell.determinant;
   }
 }
 
@@ -182,7 +200,7 @@ FieldBounds::Common FieldBounds::common(const FieldMotion& motion) const {
 }
 
 void FieldBounds::doubtful(const FieldMotion& motion, double floor, std::size_t begin_cluster, std::size_t end_cluster,
-                           std::vector<std::uint32_t>& cells) const {
+                           Doubtful& cells) const {
   check(motion);
   const std::size_t clusters = end_cluster - begin_cluster;
   std::vector<float> steepness(clusters), residuals(clusters);
@@ -212,43 +230,57 @@ void FieldBounds::doubtful(const FieldMotion& motion, double floor, std::size_t 
     const float left = (tightest_.determinant[at] - lost) * (squared ? ratio * ratio : ratio);
     residuals[k] = (g <= largest_gradient) & (r <= nearly_one) & (x <= nearly_one) ? left : -1.0f;
   }
-  const float least = rounded_up(std::max(0.0, floor)) + determinant_rounding;
+  const float least = above(floor) + determinant_rounding, positive = std::max(least, determinant_rounding);
   for (std::size_t k = 0; k < clusters; ++k) {
-    if (!(residuals[k] > least)) open_cells(motion, shared, floor, begin_cluster + k, cells);  // not a number proves nothing
+    if (!(residuals[k] > positive)) open_cells(motion, shared, least, begin_cluster + k, cells);  // not a number proves nothing
   }
 }
 
-/// Cell by cell, with the gradient of the motion at the middle of the cluster.
-void FieldBounds::open_cells(const FieldMotion& motion, const Common& common, double floor, std::size_t cluster,
-                             std::vector<std::uint32_t>& cells) const {
+/// Cell by cell, with the gradient of the motion at the middle of the cluster. `least` is what a determinant must exceed.
+void FieldBounds::open_cells(const FieldMotion& motion, const Common& common, float least, std::size_t cluster,
+                             Doubtful& cells) const {
+  const double sums = 1 + 0x1p-22 * static_cast<double>(fields() + 8);  // rounding of single precision
   Matrix gradient{};
   double deviation = 0;
-  std::array<double, cluster_size> residuals;
-  residuals.fill(common.residual);
+  std::array<float, cluster_size> left;
+  left.fill(rounded_up(common.residual * sums));
   for (std::size_t m = 0; m < common.moving.size(); ++m) {
     const std::size_t f = common.moving[m];
     const Field& field = in_clusters_[cluster * fields() + f];
     const Vec3 middle{field.middle[0], field.middle[1], field.middle[2]};
     add_product(gradient, motion.coefficients[f], middle);
-    const double c = common.sizes[m], uncertain = motion.uncertainties[f], steep = length(middle);
+    const double c = common.sizes[m], uncertain = motion.uncertainties[f];
+    const double steep = std::abs(middle[0]) + std::abs(middle[1]) + std::abs(middle[2]);
     const auto from_middle = static_cast<double>(field.deviation);
     deviation += c * from_middle + uncertain * (steep + from_middle) + 1e-14 * c * steep;
-    const double unit = (c + uncertain) * static_cast<double>(field.residual) * (summed / most_share);
+    const float unit = rounded_up((c + uncertain) * static_cast<double>(field.residual) * (sums / most_share));
     const std::uint8_t* shares = shares_.data() + (cluster * fields() + f) * cluster_size;
-    for (std::size_t i = 0; i < cluster_size; ++i) residuals[i] += unit * shares[i];
+    for (std::size_t i = 0; i < cluster_size; ++i) left[i] += unit * static_cast<float>(shares[i]);
   }
   const MotionCertificate::Affinity affinity =
       certificate_.affinity(MotionCertificate::Stretch::about(gradient, deviation * summed));
-  const std::size_t begin = cluster * cluster_size, end = std::min(certificate_.order().size(), begin + cluster_size);
-  for (std::size_t i = begin; i < end; ++i) {
-    const auto bound = MotionCertificate::bound(certificate_.tolerance(i), affinity, residuals[i - begin]);
-    if (!(bound.sound && bound.determinant > floor)) cells.push_back(certificate_.order()[i]);
+  // As MotionCertificate::bound(), for all cells at once: from residuals to what is left of the determinants.
+  const float inverse = rounded_up(affinity.inverse_least), excess = rounded_up(affinity.excess);
+  const float falling = rounded_down(affinity.inverse_falling);
+  const Tolerances& cell = tolerances_[cluster];
+  for (std::size_t i = 0; i < cluster_size; ++i) {
+    const float r = left[i] * inverse * cell.inverse_radius[i], x = excess * cell.inverse_condition[i];
+    const float loss = cell.loss[i], warp = cell.warp_loss[i], worse = x > r ? x : r;
+    const float by_both = loss * worse, by_warp = warp + (loss - warp) * r, lost = by_both < by_warp ? by_both : by_warp;
+    const float rest = cell.determinant[i] - lost, fallen = rest * falling, lower = rest < fallen ? rest : fallen;
+    left[i] = (r <= nearly_one) & (x <= nearly_one) ? lower : nothing;
+  }
+  const std::size_t begin = cluster * cluster_size, count = std::min(certificate_.order().size() - begin, cluster_size);
+  for (std::size_t i = 0; i < count; ++i) {
+    if (left[i] > least) continue;
+    (left[i] > nothing ? cells.low : cells.unproven).push_back(certificate_.order()[begin + i]);
   }
 }
 
 std::size_t FieldBounds::bytes_for(std::size_t cells, std::size_t fields) {
   const std::size_t clusters = cells / cluster_size + 1;
-  const std::size_t each = 7 * sizeof(float) + fields * (2 * sizeof(float) + sizeof(Field) + cluster_size);  // two in a call
+  const std::size_t each =
+      7 * sizeof(float) + sizeof(Tolerances) + fields * (2 * sizeof(float) + sizeof(Field) + cluster_size);  // two in a call
   return clusters * each + fields * 4 * sizeof(double);
 }
 

@@ -32,10 +32,16 @@ class FieldBounds {
 
   std::size_t fields() const { return largest_.size(); }
   std::size_t cluster_count() const { return tightest_.determinant.size(); }
+  /// Cells in the order of the certificate.
+  struct Doubtful {
+    std::vector<std::uint32_t> unproven;  ///< may be inverted on the way, as far as the bounds can tell
+    std::vector<std::uint32_t> low;       ///< never inverted, but their determinants at the end may not be above the floor
+    std::size_t size() const { return unproven.size() + low.size(); }
+  };
   /// Appends the cells of a range of clusters for which the bounds do not prove that they are never inverted on the straight path
   /// from rest and end with a normalized determinant above `floor`. Throws Error(invalid_argument) for another number of fields.
   void doubtful(const FieldMotion& motion, double floor, std::size_t begin_cluster, std::size_t end_cluster,
-                std::vector<std::uint32_t>& cells) const;
+                Doubtful& cells) const;
   /// An upper bound of the displacement of any point; not finite if there is none.
   double reach(const FieldMotion& motion) const;
 
@@ -47,6 +53,10 @@ class FieldBounds {
   /// The tightest tolerances of the cells of each cluster.
   struct Tightest {
     std::vector<float> inverse_radius, inverse_condition, determinant, loss, warp_loss;
+  };
+  /// The tolerances of the cells of a cluster, side by side; infinite where there is no cell.
+  struct Tolerances {
+    std::array<float, cluster_size> inverse_radius, inverse_condition, determinant, loss, warp_loss;
   };
   /// A field in the cells of a cluster.
   struct Field {
@@ -62,14 +72,14 @@ class FieldBounds {
   };
   struct Batch;
   void check(const FieldMotion& motion) const;
-  void set_tightest();
+  void set_tolerances();
   void take(std::span<const Vec3> rest, const Batch& batch, std::size_t cluster);
   Common common(const FieldMotion& motion) const;
-  void open_cells(const FieldMotion& motion, const Common& common, double floor, std::size_t cluster,
-                  std::vector<std::uint32_t>& cells) const;
+  void open_cells(const FieldMotion& motion, const Common& common, float least, std::size_t cluster, Doubtful& cells) const;
 
   const MotionCertificate& certificate_;
   Tightest tightest_;
+  std::vector<Tolerances> tolerances_;       ///< one per cluster
   std::vector<float> steepest_, residuals_;  ///< largest |g_f|, and r_f relative to the radius of the cell: fields x clusters
   std::vector<Field> in_clusters_;           ///< clusters x fields
   /// The r_f of the cells as fractions of those of their clusters, in 255ths: clusters x fields x cluster_size.

@@ -27,7 +27,7 @@ using quality::MovingCells;
 constexpr std::size_t grain = 1024;
 constexpr std::size_t blocks_grain = 32;
 constexpr std::size_t clusters_grain = 1024;
-constexpr std::size_t few = 16;             // of the cells one: fewer are looked at one by one
+constexpr std::size_t few = 4;              // of the cells one: fewer are looked at one by one
 constexpr std::size_t suspects_grain = 16;  // each takes long
 constexpr std::size_t most_listed = 100;
 constexpr double surely_finite = 1e100;
@@ -239,17 +239,21 @@ class InversionCheck::Impl {
   }
 
   /// The same for a motion from rest, most of it by its coefficients. Where these clear few cells, those of the blocks do it at
-  /// less cost than one by one.
-  std::vector<std::uint32_t> doubtful(std::span<const Vec3> points, const FieldMotion& motion, double floor,
-                                      const RunContext& context) const {
+  /// less cost than one by one; then all of them are unproven.
+  FieldBounds::Doubtful doubtful(std::span<const Vec3> points, const FieldMotion& motion, double floor,
+                                 const RunContext& context) const {
     const std::size_t clusters = bounds_->cluster_count();
-    std::vector<std::vector<std::uint32_t>> of_range((clusters + clusters_grain - 1) / clusters_grain);
+    std::vector<FieldBounds::Doubtful> of_range((clusters + clusters_grain - 1) / clusters_grain);
     parallel_for(context, clusters, clusters_grain, [&](std::size_t begin, std::size_t end) {
       bounds_->doubtful(motion, floor, begin, end, of_range[begin / clusters_grain]);
     });
-    auto all = joined(std::move(of_range));
-    if (all.size() > size() / few) return doubtful(points, floor, context);
-    std::sort(all.begin(), all.end());
+    FieldBounds::Doubtful all;
+    for (const auto& range : of_range) {
+      all.unproven.insert(all.unproven.end(), range.unproven.begin(), range.unproven.end());
+      all.low.insert(all.low.end(), range.low.begin(), range.low.end());
+    }
+    if (all.size() > size() / few) return {doubtful(points, floor, context), {}};
+    std::sort(all.unproven.begin(), all.unproven.end());
     return all;
   }
 
@@ -258,21 +262,30 @@ class InversionCheck::Impl {
   End at_end(std::span<const Vec3> points, const FieldMotion* motion, const RunContext& context) const {
     std::atomic<double> least{1};
     if (!excluded_[worst_]) lower(least, cells_->state(points, worst_).determinant);
-    const auto cells =
-        motion == nullptr ? doubtful(points, least.load(), context) : doubtful(points, *motion, least.load(), context);
-    std::vector<std::vector<Look>> looks((cells.size() + grain - 1) / grain);
+    const FieldBounds::Doubtful cells = motion == nullptr ? FieldBounds::Doubtful{doubtful(points, least.load(), context), {}}
+                                                          : doubtful(points, *motion, least.load(), context);
+    const std::vector<std::uint32_t>& unproven = cells.unproven;
+    std::vector<std::vector<Look>> looks((unproven.size() + grain - 1) / grain);
     std::vector<std::vector<std::uint32_t>> suspects(looks.size());
-    parallel_for(context, cells.size(), grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context, unproven.size(), grain, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) {
-        const std::size_t c = cells[i];
+        const std::size_t c = unproven[i];
         const auto bound = certificate_->bound(c, certificate_->stretch(points, c));
-        if (!bound.sound) suspects[begin / grain].push_back(cells[i]);
+        if (!bound.sound) suspects[begin / grain].push_back(unproven[i]);
         if (bound.sound && bound.determinant > least.load(std::memory_order_relaxed)) continue;
         looks[begin / grain].push_back({c, cells_->state(points, c)});
         lower(least, looks[begin / grain].back().state.determinant);
       }
     });
-    return {summary(joined(std::move(looks))), joined(std::move(suspects))};
+    // A bound of their deformation would take as long as their state and hardly ever save it.
+    std::vector<Look> low(cells.low.size());
+    parallel_for(context, low.size(), grain, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) low[i] = {cells.low[i], cells_->state(points, cells.low[i])};
+    });
+    std::vector<Look> all = joined(std::move(looks));
+    all.insert(all.end(), low.begin(), low.end());
+    std::sort(all.begin(), all.end(), [](const Look& a, const Look& b) { return a.cell < b.cell; });
+    return {summary(all), joined(std::move(suspects))};
   }
 
   /// Those of `cells` that bounds of their deformation do not clear; the most deformed ones first.

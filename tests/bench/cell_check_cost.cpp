@@ -106,9 +106,9 @@ class Certificates {
   double seconds_by_coefficients(const FieldMotion& motion, const Points& to) const {
     return least_seconds(repetitions, [&](const RunContext&) {
       const double floor = cells_->state(to, worst_).determinant;
-      std::vector<std::uint32_t> doubtful;
+      quality::FieldBounds::Doubtful doubtful;
       bounds_->doubtful(motion, floor, 0, bounds_->cluster_count(), doubtful);
-      for (const std::uint32_t c : doubtful) certificate_->bound(c, certificate_->stretch(to, c));
+      for (const std::uint32_t c : doubtful.unproven) certificate_->bound(c, certificate_->stretch(to, c));
     });
   }
 
@@ -126,7 +126,7 @@ class Certificates {
 
   double open_share(const FieldMotion& motion, const Points& to) const {
     const double floor = cells_->state(to, worst_).determinant;
-    std::vector<std::uint32_t> doubtful;
+    quality::FieldBounds::Doubtful doubtful;
     bounds_->doubtful(motion, floor, 0, bounds_->cluster_count(), doubtful);
     return static_cast<double>(doubtful.size()) / static_cast<double>(cells_->size());
   }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 #include <ctime>
+#include <limits>
 #include <map>
 #include <memory>
 #include <string>
@@ -12,9 +13,13 @@
 #include <vector>
 
 #include "core/base/vectors.h"
+#include "core/deformers/rbf/centres.h"
+#include "core/deformers/rbf/rbf_method.h"
 #include "core/deformers/system.h"
 #include "core/io/mesh_file.h"
 #include "core/mesh/ahmed.h"
+#include "core/mesh/remeshing/closest_point.h"
+#include "core/numerics/sampling/point_tree.h"
 #include "tests/bench/peak_memory.h"
 #include "tests/bench/refined.h"
 
@@ -22,8 +27,9 @@ namespace deform::bench {
 
 namespace {
 
-constexpr std::size_t most_dense = 8000;       // constraint points that all centres are affordable for
-constexpr std::size_t most_iterative = 40000;  // the same to a tolerance
+constexpr std::size_t most_dense = 8000;        // constraint points that all centres are affordable for
+constexpr std::size_t most_iterative = 100000;  // the same to a tolerance
+constexpr std::size_t most_compared = 20000;    // points of a mesh at which it is compared with a finer one
 
 struct Case {
   std::string name;
@@ -58,6 +64,7 @@ Case ends(std::string name, Mesh mesh, std::size_t axis, double low, double high
   return result;
 }
 
+/// What `deform sample --points N` and deploy/examples/ahmed.yaml give.
 Case readme(std::size_t points) {
   AhmedOptions options;
   options.target_points = points;
@@ -152,6 +159,7 @@ struct Result {
   double seconds = 0;  ///< of all cores together: other work on the machine does not count
   double mib = 0, roughness = 0;
   SystemInfo info;
+  DesignReport report;
 };
 
 Result measured(const std::shared_ptr<const Mesh>& mesh, const Case& example, const RbfOptions& options) {
@@ -165,7 +173,11 @@ Result measured(const std::shared_ptr<const Mesh>& mesh, const Case& example, co
   result.seconds = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
   result.mib = peak_mib() - before;
   result.info = system->info();
-  result.points = system->evaluate(example.design);
+  const auto bound = system->bind({&example.design, 1}, EvaluationPath::automatic, {});
+  result.report = bound->report(0);
+  result.points.resize(mesh->point_count());
+  Vec3* const out = result.points.data();
+  bound->evaluate(0, mesh->point_count(), 0, {&out, 1});
   result.roughness = roughness(*mesh, validate(setup, *mesh), result.points);
   return result;
 }
@@ -181,6 +193,84 @@ double difference(const Points& a, const Points& b, std::size_t count) {
   double largest = 0;
   for (std::size_t i = 0; i < count; ++i) largest = std::max(largest, distance(a[i], b[i]));
   return largest;
+}
+
+/// Displacements of a triangle mesh at any place on it, linear in its faces.
+class DisplacementOnFaces {
+ public:
+  DisplacementOnFaces(const Mesh& mesh, const Points& deformed) : mesh_(mesh), deformed_(deformed), tree_(middles(mesh)) {
+    for (std::size_t f = 0; f < mesh.face_count(); ++f) {
+      for (std::size_t k = 0; k < 3; ++k) reach_ = std::max(reach_, distance(tree_.points()[f], corner(f, k)));
+    }
+  }
+
+  /// In the face that is nearest to x, which lies on the faces up to the difference of two meshes of one shape.
+  Vec3 at(const Vec3& x) const {
+    std::vector<PointTree::Near> near;
+    tree_.within(x, 1.21 * reach_ * reach_, near);
+    Vec3 result{};
+    double least = std::numeric_limits<double>::infinity();
+    for (const auto& [f, square] : near) {
+      const Vec3 foot = closest_point({corner(f, 0), corner(f, 1), corner(f, 2)}, x);
+      if (distance(foot, x) >= least) continue;
+      least = distance(foot, x);
+      result = displacement(f, foot);
+    }
+    return result;
+  }
+
+ private:
+  static std::vector<Vec3> middles(const Mesh& mesh) {
+    std::vector<Vec3> result;
+    for (std::size_t f = 0; f < mesh.face_count(); ++f) {
+      const PointId* c = mesh.face_points.data() + 3 * f;
+      result.push_back((mesh.points[c[0]] + mesh.points[c[1]] + mesh.points[c[2]]) / 3);
+    }
+    return result;
+  }
+  PointId id(std::size_t f, std::size_t k) const { return mesh_.face_points[3 * f + k]; }
+  const Vec3& corner(std::size_t f, std::size_t k) const { return mesh_.points[id(f, k)]; }
+  Vec3 displacement(std::size_t f, const Vec3& foot) const {
+    const Vec3 ab = corner(f, 1) - corner(f, 0), ac = corner(f, 2) - corner(f, 0), ax = foot - corner(f, 0);
+    const Vec3 n = cross(ab, ac);
+    const double v = dot(cross(ax, ac), n) / dot(n, n), w = dot(cross(ab, ax), n) / dot(n, n);
+    const auto of = [&](std::size_t k) { return deformed_[id(f, k)] - corner(f, k); };
+    return (1 - v - w) * of(0) + v * of(1) + w * of(2);
+  }
+
+  const Mesh& mesh_;
+  const Points& deformed_;
+  const PointTree tree_;  ///< of the middles of the faces
+  double reach_ = 0;      ///< largest distance of a corner from the middle of its face
+};
+
+/// The largest difference between the displacements of two meshes of one shape, at points of the coarser one.
+double difference(const Mesh& coarse, const Points& deformed, const DisplacementOnFaces& fine) {
+  double largest = 0;
+  const std::size_t stride = coarse.point_count() / most_compared + 1;
+  for (std::size_t i = 0; i < coarse.point_count(); i += stride) {
+    largest = std::max(largest, norm(deformed[i] - coarse.points[i] - fine.at(coarse.points[i])));
+  }
+  return largest;
+}
+
+/// The residual at the centres as a fraction of the shortest edge of a face that joins a handle or fixed point and a free one.
+/// All such points of a reduced choice are centres, which is checked: not a number where one is not.
+double misfit_at_joins(const Mesh& mesh, const SelectedRegions& regions, const RbfOptions& options, double residual) {
+  const ConstraintPoints points = constraint_points(mesh, regions);
+  const std::vector<PointId> centres = choose_centres(mesh, points, regions.handles.size(), options).ids;
+  const auto is_free = [&](PointId id) { return points.region_of[id] == deformable_region; };
+  double shortest = std::numeric_limits<double>::infinity();
+  for (std::size_t f = 0; f < mesh.face_count(); ++f) {
+    const PointId* c = mesh.face_points.data() + 3 * f;
+    const auto free_corners = std::count_if(c, c + 3, is_free);
+    if (free_corners == 0 || free_corners == 3) continue;
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (!is_free(c[k]) && !std::binary_search(centres.begin(), centres.end(), c[k])) return std::nan("");
+      shortest = std::min(shortest, distance(mesh.points[c[k]], mesh.points[c[(k + 1) % 3]]));
+    }
+  }
+  return residual / shortest;
 }
 
 void print(const char* name, const Result& result, double moved, std::size_t common, const Points* coarser, const Result* all) {
@@ -228,12 +318,63 @@ void refine(const Case& example, const std::vector<std::size_t>& sizes) {
 
 }  // namespace
 
+void large_reductions(const std::vector<std::size_t>& sizes) {
+  std::printf(
+      "\nreduction of centres, the README's setup on meshes of deform sample --points; differences in fractions of the largest\n"
+      "displacement, misfit at joins in fractions of the shortest edge there\n  %-10s %8s %9s %9s %8s %7s %9s %10s %10s %9s "
+      "%9s\n",
+      "centres", "number", "of", "misfit", "CPU s", "MiB", "condition", "d coarser", "d all", "joins", "moves");
+  Mesh coarser;
+  Points few, rings, everything;
+  for (const std::size_t size : sizes) {
+    const Case example = readme(size);
+    const auto mesh = std::make_shared<const Mesh>(example.mesh);
+    std::printf(" %zu points\n", mesh->point_count());
+    const auto row = [&](const char* name, const Result& result, const Points* before, const Result* all, double joins) {
+      const double moved = largest_displacement(*mesh, result.points);
+      std::printf("  %-10s %8zu %9zu %9.1e %8.2f %7.0f %9.1e", name, result.info.centres, result.info.constraint_points,
+                  result.info.reduction_misfit, result.seconds, result.mib, result.info.condition);
+      const auto number = [](bool known, double value) { known ? std::printf(" %10.2e", value) : std::printf(" %10s", ""); };
+      number(before != nullptr && !before->empty(),
+             before == nullptr || before->empty()
+                 ? 0
+                 : difference(coarser, *before, DisplacementOnFaces(*mesh, result.points)) / moved);
+      number(all != nullptr, all == nullptr ? 0 : difference(all->points, result.points, mesh->point_count()) / moved);
+      joins >= 0 ? std::printf(" %9.1e", joins) : std::printf(" %9s", "");
+      std::printf(" %9.5f\n", moved);
+      std::fflush(stdout);
+    };
+    RbfOptions options;
+    const Result reduced = measured(mesh, example, options);
+    const double joins = misfit_at_joins(*mesh, validate(example.setup, *mesh), with_defaults(options, *mesh),
+                                         reduced.report.interpolation_residual);
+    const bool dense = reduced.info.constraint_points <= most_dense;
+    const bool affordable = dense || reduced.info.constraint_points <= most_iterative;
+    Result all;
+    if (affordable) {
+      options.reduction = CentreReduction::off;
+      options.solver = dense ? Solver::automatic : Solver::iterative;
+      options.basis = BasisMode::never;
+      all = measured(mesh, example, options);
+      row(dense ? "all" : "all, iter.", all, &everything, nullptr, -1);
+    }
+    row("tolerance", reduced, &few, affordable ? &all : nullptr, joins);
+    options = {};
+    options.reduction = CentreReduction::rings;
+    const Result ringed = measured(mesh, example, options);
+    row("3 rings", ringed, &rings, affordable ? &all : nullptr, -1);
+    few = reduced.points;
+    rings = ringed.points;
+    everything = all.points;
+    coarser = *mesh;
+  }
+}
+
 void centre_reduction(ReductionSizes sizes, const std::filesystem::path& data) {
   std::printf(
       "\nreduction of centres, r^3; differences in fractions of the largest displacement: from the result on the coarser mesh, "
       "at its\n"
       "points, and from all centres; roughness: largest change of an angle between faces at the border of regions\n");
-  if (sizes == ReductionSizes::large) return refine(readme(2500), {2000000});
   for (const Case& example : cases(data)) {
     sizes == ReductionSizes::small ? refine(example, {2500, 10000}) : refine(example, {2500, 10000, 50000, 150000});
   }

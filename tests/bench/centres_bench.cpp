@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Many centres: the iterative solver against its limits, all solvers beside each other, growth, evaluation of many points.
 //
-// usage: centres_bench [--quick | --solvers | --reduction | --reduction-large]
-//   --solvers, --reduction: only their tables; --reduction-large: the reduction of 2,000,000 points
+// usage: centres_bench [--quick | --solvers | --reduction | --reduction-large [POINTS ...]]
+//   --solvers, --reduction: only their tables; --reduction-large: the README's setup from 2,500 to 2,000,000 points
 #include <sys/resource.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <functional>
@@ -359,10 +360,15 @@ int main(int argc, char** argv) {
     deform::solvers(false, DEFORM_SHARED_DATA);
     return 0;
   }
-  const bool large = argc > 1 && std::strcmp(argv[1], "--reduction-large") == 0;
-  if (large || (argc > 1 && std::strcmp(argv[1], "--reduction") == 0)) {
-    deform::bench::centre_reduction(large ? deform::bench::ReductionSizes::large : deform::bench::ReductionSizes::usual,
-                                    DEFORM_SHARED_DATA);
+  if (argc > 1 && std::strcmp(argv[1], "--reduction") == 0) {
+    deform::bench::centre_reduction(deform::bench::ReductionSizes::usual, DEFORM_SHARED_DATA);
+    return 0;
+  }
+  if (argc > 1 && std::strcmp(argv[1], "--reduction-large") == 0) {
+    std::vector<std::size_t> sizes;
+    for (int k = 2; k < argc; ++k) sizes.push_back(std::strtoul(argv[k], nullptr, 10));
+    if (sizes.empty()) sizes = {2500, 10000, 50000, 150000, 500000, 2000000};
+    deform::bench::large_reductions(sizes);
     return 0;
   }
   deform::iterative_tier(quick);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Prints the figures of numerics and deformers, each against what it must reach, everything measured in one run.
 //
-// usage: numerics_bench [--quick] [SPHERE_OFF SPHERE_SELECTION_CSV]
+// usage: numerics_bench [--quick | --basis] [SPHERE_OFF SPHERE_SELECTION_CSV]
+//   --basis: only designs by the handle basis against streaming it, in pairs
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -376,6 +377,12 @@ int main(int argc, char** argv) {
   std::printf("%d threads, vector target %s\n", deform::thread_count({}), deform::vector_target());
   deform::print_head();
   std::fflush(stdout);
+  if (!arguments.empty() && arguments[0] == "--basis") {
+    deform::bench_basis(465000, 20, 15);
+    std::fflush(stdout);
+    deform::bench_lean_basis(465000, 20, 15);
+    return 0;
+  }
   deform::bench_cholesky(quick ? 1500 : 6000, quick ? 1 : 3);
   std::fflush(stdout);
   deform::bench_scipy(quick ? 5000 : 50000, quick ? 500 : 2000, 3);

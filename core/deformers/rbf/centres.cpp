@@ -21,6 +21,7 @@ namespace {
 constexpr std::size_t few = 5000;                  // constraint points that are all centres
 constexpr std::size_t aim = 4000;                  // of centres by distance alone, where that is enough
 constexpr double almost_all = 0.75;                // of the constraint points: the others are not worth a loss
+constexpr std::size_t coarse_aim = 1500;           // where there are more by distance: with these the others are looked for
 constexpr double ratios[] = {0.5, 0.6, 0.7, 0.8};  // of the distance between centres to that from the deformable region
 
 // Points in the components of the deformable region that a constraint point can be reached from.
@@ -68,8 +69,10 @@ std::string reduce(const Mesh& mesh, const RbfOptions& options, std::size_t hand
   return {};
 }
 
-// Coincident points must have the same motion, so the first candidate represents them.
-void keep_one_per_place(const ConstraintPoints& points, const std::vector<PointId>& candidates, RbfCentres& centres) {
+// Coincident points must have the same motion, so the first candidate represents them. Returns the number of candidates merged.
+std::size_t keep_one_per_place(const ConstraintPoints& points, const std::vector<PointId>& candidates,
+                               std::vector<PointId>& kept) {
+  std::size_t merged = 0;
   std::unordered_map<PointId, PointId> first_of;
   for (const auto& cluster : points.coincident) {
     for (const PointId id : cluster) first_of[id] = cluster.front();
@@ -78,11 +81,12 @@ void keep_one_per_place(const ConstraintPoints& points, const std::vector<PointI
   for (const PointId id : candidates) {
     const auto found = first_of.find(id);
     if (taken.insert(found == first_of.end() ? id : found->second).second) {
-      centres.ids.push_back(id);
+      kept.push_back(id);
     } else {
-      ++centres.merged;
+      ++merged;
     }
   }
+  return merged;
 }
 
 /// The number of constraint points represented by a coincident one.
@@ -127,19 +131,37 @@ class GradedChoice {
   /// All candidates at the border, and of the others those whose distance from the ones chosen before is at least `ratio` times
   /// their distance from the deformable region. Ascending; stops after exceeding `most`.
   std::vector<PointId> chosen(double ratio, std::size_t most, const RunContext& context) const {
+    return chosen(ratio, 0, most, context);
+  }
+
+  /// At most `most` candidates by the same rule, as if none were nearer to the deformable region than some distance and there
+  /// were no border.
+  std::vector<PointId> coarse(double ratio, std::size_t most, const RunContext& context) const {
+    double least = bounding_box(tree_.points()).diagonal() * smallest_distance;
+    std::vector<PointId> result;
+    while (result = chosen(ratio, least, most, context), result.size() > most) least *= 2;
+    return result;
+  }
+
+ private:
+  static constexpr double smallest_distance = 1.0 / 256;  // of the diagonal
+
+  /// With distances of at least `least`; the border counts if that is 0.
+  std::vector<PointId> chosen(double ratio, double least, std::size_t most, const RunContext& context) const {
     std::vector<PointId> result;
     std::vector<char> covered(candidates_.size());
     std::vector<PointTree::Near> near;
     for (const std::uint32_t i : order_) {
-      if (covered[i] && !border_[i]) continue;
+      if (covered[i] && !(border_[i] && least == 0)) continue;
       result.push_back(candidates_[i]);
       if (result.size() > most) return result;
       if (result.size() % 64 == 0) context.check();
       // A point z that i covers has |z - i| < ratio d(z) <= ratio (d(i) + |z - i|).
-      const double reach = ratio * distance_[i] / (1 - ratio);
+      // With a least distance no more than that of the nearest, or ratio times it.
+      const double reach = std::max(ratio * distance_[i] / (1 - ratio), ratio * least);
       tree_.within(tree_.points()[i], reach * reach, near);
       for (const auto& [other, square] : near) {
-        const double own = ratio * distance_[other];
+        const double own = ratio * std::max(distance_[other], least);
         if (square < own * own) covered[other] = 1;
       }
     }
@@ -147,7 +169,6 @@ class GradedChoice {
     return result;
   }
 
- private:
   static std::vector<Vec3> places(const Mesh& mesh, const std::vector<PointId>& ids) {
     std::vector<Vec3> result;
     result.reserve(ids.size());
@@ -165,7 +186,8 @@ class GradedChoice {
 /// Chooses candidates by distance. Otherwise returns the reason why all are needed, or an empty string if there is nothing
 /// to report.
 std::string choose_graded(const Mesh& mesh, const RbfOptions& options, const ConstraintPoints& points,
-                          const std::vector<PointId>& candidates, const RunContext& context, std::vector<PointId>& kept) {
+                          const std::vector<PointId>& candidates, const RunContext& context, std::vector<PointId>& kept,
+                          RbfCentres& centres) {
   if (candidates.size() <= few || options.solver == Solver::incremental_qr) return {};
   if (points.deformable.empty()) return "no point is deformable";
   if (properties(*options.kernel).has_shape) return "a kernel with a shape needs them as dense as the mesh";
@@ -175,7 +197,10 @@ std::string choose_graded(const Mesh& mesh, const RbfOptions& options, const Con
     kept = choice.chosen(ratio, most, context);
     if (kept.size() <= most) break;
   }
-  if (static_cast<double>(kept.size()) <= almost_all * static_cast<double>(candidates.size())) return {};
+  if (static_cast<double>(kept.size()) <= almost_all * static_cast<double>(candidates.size())) {
+    if (kept.size() > aim) centres.coarse = choice.coarse(ratios[0], coarse_aim, context);
+    return {};
+  }
   kept.clear();
   return "most of them are near the deformable points";
 }
@@ -191,7 +216,7 @@ RbfCentres choose_centres(const Mesh& mesh, const ConstraintPoints& points, std:
   }
   if (options.reduction == CentreReduction::tolerance) {
     std::vector<PointId> kept;
-    const std::string reason = choose_graded(mesh, options, points, candidates, context, kept);
+    const std::string reason = choose_graded(mesh, options, points, candidates, context, kept, centres);
     if (!reason.empty()) {
       centres.notes.push_back("All " + std::to_string(candidates.size()) + " constraint points are centres: " + reason + ".");
     }
@@ -214,7 +239,7 @@ RbfCentres choose_centres(const Mesh& mesh, const ConstraintPoints& points, std:
       candidates = std::move(kept);
     }
   }
-  keep_one_per_place(points, candidates, centres);
+  centres.merged = keep_one_per_place(points, candidates, centres.ids);
   if (centres.merged != 0) {
     centres.notes.push_back(std::to_string(centres.merged) + " coincident constraint points were merged with others.");
   }
@@ -223,7 +248,19 @@ RbfCentres choose_centres(const Mesh& mesh, const ConstraintPoints& points, std:
   if (centres.reduced && options.reduction == CentreReduction::tolerance) {
     centres.most = std::min(points.count - merged_points(points), 2 * std::max(m, aim));
   }
+  const std::vector<PointId> coarse = std::move(centres.coarse);
+  centres.coarse.clear();
+  keep_one_per_place(points, coarse, centres.coarse);
   return centres;
+}
+
+void join_coarse(const ConstraintPoints& points, RbfCentres& centres) {
+  std::vector<PointId> either;
+  std::set_union(centres.ids.begin(), centres.ids.end(), centres.coarse.begin(), centres.coarse.end(),
+                 std::back_inserter(either));
+  centres.ids.clear();
+  keep_one_per_place(points, either, centres.ids);
+  centres.coarse.clear();
 }
 
 void take_most(const ConstraintPoints& points, RbfCentres& centres) {

@@ -21,6 +21,9 @@ struct RbfCentres {
   /// The largest number of centres. If it exceeds ids.size(), points with the largest misfit of the motions of the handles are to
   /// be added until the tolerance of the options is met or this number is reached.
   std::size_t most = 0;
+  /// If ids are many, most of them near deformable points: a coarser set to begin with. The points that it misses and that are
+  /// added to it join ids, so that not every step takes a factorization of all of them.
+  std::vector<PointId> coarse;
   std::vector<std::string> notes;
 };
 
@@ -36,6 +39,12 @@ inline double reduction_tolerance(const RbfOptions& options) {
 /// are kept.
 RbfCentres choose_centres(const Mesh& mesh, const ConstraintPoints& points, std::size_t handles, const RbfOptions& options,
                           const RunContext& context = {});
+
+/// Lets the coarse set, with what was added to it, join the centres.
+void join_coarse(const ConstraintPoints& points, RbfCentres& centres);
+
+/// The largest number of centres of the coarse set and those added to it.
+inline constexpr std::size_t most_coarse = 4000;
 
 /// The number of points whose misfits are measured at once.
 inline constexpr std::size_t points_looked_at = 65536;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
@@ -58,8 +59,11 @@ RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const
   for (const std::uint32_t i : checked_) checked_places_.push_back(places[i]);
   end_stage("select");
   context.check();
-  prepare_parts(context, memory_budget);
-  if (centres_.most > centres_.ids.size()) refine_centres(context, memory_budget);
+  if (centres_.most > centres_.ids.size()) {
+    refine_centres(context, memory_budget);
+  } else {
+    prepare_parts(context, memory_budget);
+  }
   end_stage("factor");
   prepare_basis(context);
   end_stage("basis");
@@ -68,35 +72,47 @@ RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const
 }
 
 void RbfSystem::refine_centres(const RunContext& context, std::size_t memory_budget) {
-  constexpr int most_rounds = 8;
-  constexpr std::size_t sampled = 50000;
   std::vector<PointId> all;
   for (std::size_t i = 0; i < mesh_->point_count(); ++i) {
     if (points_.region_of[i] != deformable_region) all.push_back(static_cast<PointId>(i));
   }
+  if (!centres_.coarse.empty()) {
+    std::swap(centres_.ids, centres_.coarse);
+    add_missed(all, most_coarse, Look::at_some, context, memory_budget);
+    std::swap(centres_.ids, centres_.coarse);
+    join_coarse(points_, centres_);
+  }
+  add_missed(all, centres_.most, Look::at_all, context, memory_budget);
+}
+
+void RbfSystem::add_missed(const std::vector<PointId>& at, std::size_t limit, Look look, const RunContext& context,
+                           std::size_t memory_budget) {
+  constexpr int most_rounds = 8;
+  constexpr std::size_t sampled = 50000;
   // Check a subset as long as there is something to add, and all points in the end.
-  std::size_t stride = (all.size() + sampled - 1) / sampled;
+  std::size_t stride = (at.size() + sampled - 1) / sampled;
   for (int round = 0;; ++round) {
-    std::vector<PointId> ids;
-    for (std::size_t i = 0; i < all.size(); i += stride) ids.push_back(all[i]);
-    const std::vector<double> missed = misfits(ids, context);
-    misfit_ = *std::max_element(missed.begin(), missed.end());
-    const std::size_t m = centres_.ids.size();
-    std::vector<PointId> more;
-    if (misfit_ > reduction_tolerance(options_) && round < most_rounds) {
-      const std::size_t most = std::min(centres_.most - m, std::max<std::size_t>(200, m / 2));
-      more = most_missed(*mesh_, centres_.ids, ids, missed, reduction_tolerance(options_), most);
-    }
-    if (more.empty() && stride == 1) return;
-    if (more.empty()) {
-      stride = 1;
-      continue;
-    }
-    centres_.ids.insert(centres_.ids.end(), more.begin(), more.end());
-    std::sort(centres_.ids.begin(), centres_.ids.end());
     parts_.clear();
     factor_bytes_ = check_bytes_ = 0;
     prepare_parts(context, memory_budget);
+    std::vector<PointId> more;
+    for (bool again = true; again;) {
+      std::vector<PointId> ids;
+      for (std::size_t i = 0; i < at.size(); i += stride) ids.push_back(at[i]);
+      if (ids.empty()) return;
+      const std::vector<double> missed = misfits(ids, context);
+      misfit_ = *std::max_element(missed.begin(), missed.end());
+      const std::size_t m = centres_.ids.size();
+      if (misfit_ > reduction_tolerance(options_) && round < most_rounds && m < limit) {
+        const std::size_t most = std::min(limit - m, std::max<std::size_t>(200, m / 2));
+        more = most_missed(*mesh_, centres_.ids, ids, missed, reduction_tolerance(options_), most);
+      }
+      again = more.empty() && stride > 1 && look == Look::at_all;
+      if (again) stride = 1;
+    }
+    if (more.empty()) return;
+    centres_.ids.insert(centres_.ids.end(), more.begin(), more.end());
+    std::sort(centres_.ids.begin(), centres_.ids.end());
   }
 }
 

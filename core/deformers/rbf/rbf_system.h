@@ -36,8 +36,12 @@ class RbfSystem : public HandleSystem {
                                                const RunContext& context) const override;
   std::vector<double> adjoint(std::span<const double> variables, const std::vector<Vec3>& at_following,
                               const RunContext& context) const override;
-  /// Adds centres at the largest misfits of the handle fields until the tolerance of the reduction is met.
+  /// Prepares parts, and adds centres at the largest misfits of the handle fields until the tolerance of the reduction is met.
   void refine_centres(const RunContext& context, std::size_t memory_budget);
+  /// The same for misfits at some points, or at all of these, up to `limit` centres.
+  enum class Look { at_some, at_all };
+  void add_missed(const std::vector<PointId>& at, std::size_t limit, Look look, const RunContext& context,
+                  std::size_t memory_budget);
   /// The misfits at constraint points: largest |interpolant - field| over the fields of all handles, as fractions of their
   /// largest values on the handle. On a handle that touches a symmetry plane only fields with the right parity count: even ones
   /// in the tangential components, the odd one in the normal component.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <iterator>
 #include <map>
 #include <string>
 #include <utility>
@@ -198,6 +199,49 @@ TEST(Reduction, OfAHalfModelIsThatOfTheWhole) {
   Points expected = prepare(shared(whole), sheet_setup())->evaluate(design);
   expected.resize(half.point_count());
   EXPECT_LT(test::distance(got, expected), 0.005 * largest_displacement(half, got));
+}
+
+// Where the joins alone have thousands of points, others are looked for with fewer; all at the joins are centres in the end.
+TEST(Reduction, ManyPointsAtJoinsStayCentresAndResultsDoNotDependOnThem) {
+  constexpr std::size_t columns = 81, rows = 41, finer = 52;
+  const Mesh coarse = bumpy_sheet(columns, rows), fine = bumpy_sheet(columns, finer * (rows - 1) + 1);
+  const ConstraintPoints points = constraint_points(fine, validate(sheet_setup(), fine));
+  RbfOptions options;
+  options.kernel = Kernel::triharmonic;
+  RbfCentres chosen = choose_centres(fine, points, 1, options);
+  const std::vector<PointId> first = chosen.ids, coarser = chosen.coarse;
+  EXPECT_GT(first.size(), 4000u);
+  ASSERT_FALSE(coarser.empty());
+  EXPECT_LE(coarser.size(), 1500u);
+  std::vector<PointId> expected;
+  std::set_union(first.begin(), first.end(), coarser.begin(), coarser.end(), std::back_inserter(expected));
+  join_coarse(points, chosen);
+  EXPECT_EQ(chosen.ids, expected);
+  for (const PointId id : points.deformable) {
+    for (const PointId other : {id - 1, id + 1}) {
+      if (points.region_of[other] == deformable_region) continue;
+      EXPECT_TRUE(std::binary_search(first.begin(), first.end(), other)) << other;
+    }
+  }
+
+  Affine lift = identity_affine;
+  lift[2] = 0.1;
+  lift[11] = 0.3;
+  const Design design{{}, {{0, lift}}};
+  const auto system = prepare(shared(fine), sheet_setup());
+  const SystemInfo& info = system->info();
+  EXPECT_TRUE(info.reduced);
+  EXPECT_GE(info.centres, first.size());
+  EXPECT_LE(info.reduction_misfit, info.reduction_tolerance);
+  const auto bound = system->bind({&design, 1}, EvaluationPath::automatic, {});
+  EXPECT_LT(bound->report(0).interpolation_residual, 1e-3 / static_cast<double>(finer * rows));  // of the edges at the joins
+  const Points got = system->evaluate(design),
+               all = prepare(shared(coarse), with(sheet_setup(), all_centres()))->evaluate(design);
+  Points common;
+  for (std::size_t j = 0; j < rows; ++j) {
+    for (std::size_t i = 0; i < columns; ++i) common.push_back(got[i + columns * finer * j]);
+  }
+  EXPECT_LT(test::distance(common, all), 0.01 * largest_displacement(fine, got));
 }
 
 TEST(Reduction, BoundIsToldBefore) {
