@@ -159,6 +159,7 @@ void EvaluateCall::start(Scheduler::Slot slot) {
   task_.bind = nullptr;  // owns the request
   task_.bind_bytes = nullptr;
   push_info();
+  push_result_when_done();
   slot_.leave();  // until there is a block
   notice.check();
 }
