@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Evaluate as a user of the service sees it: points that were never registered, streamed through a deformd process on loopback.
 //   evaluate_bench [--points N] [--centres M] [--folder F]
-// Prints a Markdown table; exit code 1 when a figure misses its limit. Wall times need an otherwise idle machine; the processor times
-// that stand beside them do not.
+// Prints a Markdown table; exit code 1 when a figure misses its limit. Wall times need an otherwise idle machine; the processor
+// times that stand beside them do not.
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
@@ -35,7 +35,8 @@ struct Options {
 Vec3 place(std::size_t i) {
   const auto t = static_cast<double>(i);
   const auto fraction = [](double x) { return x - std::floor(x); };
-  return {1.2 * fraction(0.7548776662466927 * t), 0.5 * fraction(0.5698402909980532 * t) - 0.25, 0.4 * fraction(0.618033988749895 * t)};
+  return {1.2 * fraction(0.7548776662466927 * t), 0.5 * fraction(0.5698402909980532 * t) - 0.25,
+          0.4 * fraction(0.618033988749895 * t)};
 }
 
 struct Measured {
@@ -91,13 +92,15 @@ int run(const Options& options) {
                 " centres");
   const double mib = 1.0 / (1 << 20), millions = static_cast<double>(options.points) * 1e-6;
   report.at_most("streamed, wall time per 10 million points", measured.wall / millions * 10, 30, " s");
-  report.at_most("processor time of the server on 2 cores, per 10 million points", measured.server_cpu / 2 / millions * 10, 30, " s");
+  report.at_most("processor time of the server on 2 cores, per 10 million points", measured.server_cpu / 2 / millions * 10, 30,
+                 " s");
   report.info("processor time of the server", Report::text(measured.server_cpu) + " s");
   report.info("of which decoding and encoding", Report::text(measured.result.encode_ms() * 1e-3) + " s");
   report.info("processor time of the client", Report::text(measured.client_cpu) + " s");
   report.info("evaluations of the kernel per second of the server's processor time",
               Report::text(static_cast<double>(options.points * system.centres()) / measured.server_cpu));
-  report.at_most("growth of the server's memory while they stream", (measured.resident_most - measured.resident_before) * mib, 64, " MiB");
+  report.at_most("growth of the server's memory while they stream", (measured.resident_most - measured.resident_before) * mib, 64,
+                 " MiB");
   return report.missed() == 0 ? 0 : 1;
 }
 

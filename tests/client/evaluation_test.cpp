@@ -146,13 +146,16 @@ TEST(ClientEvaluate, WhatSourceOrSinkThrowIsThrown) {
   service.on_evaluate = [](grpc::ServerContext&, Stream& stream) { return lift(stream); };
   Client client = service.client();
   const auto nothing = [](std::uint64_t, std::span<const Vec3>) {};
-  EXPECT_THROW(client.evaluate(raw_header(), [](std::span<Vec3>) -> std::size_t { throw std::out_of_range("source"); }, nothing),
+  EXPECT_THROW(client.evaluate(
+                   raw_header(), [](std::span<Vec3>) -> std::size_t { throw std::out_of_range("source"); }, nothing),
                std::out_of_range);
-  EXPECT_THROW(client.evaluate(raw_header(), [](std::span<Vec3> block) { return block.size(); },
-                               [](std::uint64_t, std::span<const Vec3>) { throw std::out_of_range("sink"); }),
+  EXPECT_THROW(client.evaluate(
+                   raw_header(), [](std::span<Vec3> block) { return block.size(); },
+                   [](std::uint64_t, std::span<const Vec3>) { throw std::out_of_range("sink"); }),
                std::out_of_range);
   expect_error(ErrorCode::invalid_argument, {"source"}, [&] {
-    client.evaluate(raw_header(), [](std::span<Vec3> block) { return block.size() + 1; }, nothing);
+    client.evaluate(
+        raw_header(), [](std::span<Vec3> block) { return block.size() + 1; }, nothing);
   });
 }
 

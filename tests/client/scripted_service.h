@@ -26,7 +26,8 @@ class ScriptedService final : public v1::DeformService::Service {
 
   std::function<grpc::Status(grpc::ServerContext&, const v1::DeformRequest&, Writer&)> on_deform;
   std::function<grpc::Status(grpc::ServerContext&, Stream&)> on_stream;
-  std::function<grpc::Status(grpc::ServerContext&, grpc::ServerReaderWriterInterface<v1::EvaluateReply, v1::EvaluateRequest>&)> on_evaluate;
+  std::function<grpc::Status(grpc::ServerContext&, grpc::ServerReaderWriterInterface<v1::EvaluateReply, v1::EvaluateRequest>&)>
+      on_evaluate;
   std::function<grpc::Status(const v1::GetGeometryRequest&, v1::GeometryInfo&)> on_get_geometry;
   std::function<grpc::Status(grpc::ServerReaderInterface<v1::RegisterGeometryRequest>&, v1::GeometryInfo&)> on_register;
   std::function<grpc::Status(grpc::ServerContext&, v1::ServerInfo&)> on_info;

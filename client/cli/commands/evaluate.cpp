@@ -13,7 +13,7 @@
 #include "client/cli/output/format.h"
 #include "client/cli/output/result_json.h"
 #include "client/cli/setup/compiled_file.h"
-#include "client/cli/setup/point_lines.h"
+#include "client/cli/setup/point_table.h"
 #include "core/base/text.h"
 
 namespace deform::cli {
@@ -47,7 +47,7 @@ class TableFile : public PointFile {
   void commit() override { lines_.commit(); }
 
  private:
-  PointLines lines_;
+  PointTable lines_;
 };
 
 /// A mesh file, of which only the coordinates change.
@@ -77,7 +77,7 @@ class OtherMesh : public PointFile {
 };
 
 std::unique_ptr<PointFile> point_file(const EvaluateOptions& options) {
-  if (PointLines::is_table(options.points)) return std::make_unique<TableFile>(options.points, options.output);
+  if (PointTable::is_table(options.points)) return std::make_unique<TableFile>(options.points, options.output);
   return std::make_unique<OtherMesh>(options.points, options.output);
 }
 

@@ -282,7 +282,7 @@ TEST(SpaceMap, SymmetryPlanesHoldOnBothSides) {
 }
 
 TEST(SpaceMap, ConstraintsAreThoseOfTheDesign) {
-  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  const auto mesh = shared(test::bumpy_sheet(21, 11));
   for (const MethodOptions& method : {MethodOptions(MlsOptions{}), MethodOptions(lattice_options(FfdControl::energy))}) {
     for (const bool exact : {false, true}) {
       deform::Setup setup = with_method(method);
@@ -304,7 +304,7 @@ TEST(SpaceMap, ConstraintsAreThoseOfTheDesign) {
 }
 
 TEST(SpaceMap, TheIterativeSolverKeepsItsTolerance) {
-  const auto mesh = shared(test::bumpy_sheet(100, 51));
+  const auto mesh = shared(test::bumpy_sheet(70, 36));
   const double diagonal = bounding_box(mesh->points).diagonal();
   deform::Setup setup = test::setup_with_variables();
   RbfOptions options;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "client/cli/setup/point_lines.h"
+#include "client/cli/setup/point_table.h"
 
 #include <algorithm>
 #include <charconv>
@@ -25,12 +25,12 @@ std::string lower_extension(const std::filesystem::path& path) {
 
 }  // namespace
 
-bool PointLines::is_table(const std::filesystem::path& path) {
+bool PointTable::is_table(const std::filesystem::path& path) {
   const std::string extension = lower_extension(path);
   return extension == ".csv" || extension == ".xyz" || extension == ".txt";
 }
 
-PointLines::PointLines(const std::filesystem::path& input, const std::filesystem::path& output)
+PointTable::PointTable(const std::filesystem::path& input, const std::filesystem::path& output)
     : input_(input),
       output_(output),
       partial_(output.string() + ".partial"),
@@ -48,18 +48,18 @@ PointLines::PointLines(const std::filesystem::path& input, const std::filesystem
   }
 }
 
-PointLines::~PointLines() {
+PointTable::~PointTable() {
   if (committed_) return;
   out_.close();
   std::error_code ignored;
   std::filesystem::remove(partial_, ignored);
 }
 
-void PointLines::refuse_line(const std::string& what) const {
+void PointTable::refuse_line(const std::string& what) const {
   throw Error(ErrorCode::invalid_argument, input_.string() + ":" + std::to_string(number_) + ": " + what);
 }
 
-bool PointLines::next_line(Line& line) {
+bool PointTable::next_line(Line& line) {
   line = {};
   if (!std::getline(in_, line.text)) {
     if (in_.bad()) throw Error(ErrorCode::failed_precondition, input_.string() + ": cannot be read");
@@ -72,7 +72,7 @@ bool PointLines::next_line(Line& line) {
   return true;
 }
 
-void PointLines::read_header() {
+void PointTable::read_header() {
   Line line;
   while (next_line(line)) {
     const bool header = line.point;
@@ -103,7 +103,7 @@ void PointLines::read_header() {
 }
 
 /// Finds the three numbers of a line.
-void PointLines::split(Line& line) const {
+void PointTable::split(Line& line) const {
   std::vector<Field> fields;
   const std::string& text = line.text;
   if (csv_) {
@@ -139,7 +139,7 @@ void PointLines::split(Line& line) const {
   }
 }
 
-Vec3 PointLines::point_of(const Line& line) const {
+Vec3 PointTable::point_of(const Line& line) const {
   Vec3 point{};
   for (std::size_t k = 0; k < 3; ++k) {
     const char* begin = line.text.data() + line.fields[k].begin;
@@ -155,7 +155,7 @@ Vec3 PointLines::point_of(const Line& line) const {
   return point;
 }
 
-std::size_t PointLines::read(std::span<Vec3> points) {
+std::size_t PointTable::read(std::span<Vec3> points) {
   std::size_t count = 0;
   Line line;
   while (count < points.size() && next_line(line)) {
@@ -169,7 +169,7 @@ std::size_t PointLines::read(std::span<Vec3> points) {
   return count;
 }
 
-void PointLines::write_others() {
+void PointTable::write_others() {
   for (;;) {
     Line line;
     {
@@ -182,7 +182,7 @@ void PointLines::write_others() {
   }
 }
 
-void PointLines::write(std::span<const Vec3> points) {
+void PointTable::write(std::span<const Vec3> points) {
   char digits[32];
   for (const Vec3& point : points) {
     write_others();
@@ -206,7 +206,7 @@ void PointLines::write(std::span<const Vec3> points) {
   if (!out_) throw Error(ErrorCode::failed_precondition, partial_.string() + ": cannot be written, is the disk full?");
 }
 
-void PointLines::commit() {
+void PointTable::commit() {
   write_others();
   out_.close();
   if (!out_) throw Error(ErrorCode::failed_precondition, partial_.string() + ": cannot be written, is the disk full?");

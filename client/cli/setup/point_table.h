@@ -19,18 +19,18 @@ namespace deform::cli {
 ///  .csv         comma-separated, the first line with content is a header with the columns x, y and z
 ///  .xyz, .txt   three numbers in each line, separated by blanks or commas
 /// Everything else is kept byte for byte: other columns, blank lines, comments (#). One thread may read while another writes.
-class PointLines {
+class PointTable {
  public:
   /// Whether the name is that of a table.
   static bool is_table(const std::filesystem::path& path);
 
   /// Opens both. What is written has another name until commit(). Throws Error(not_found), Error(invalid_argument) for a table
   /// without the columns, Error(failed_precondition) where nothing can be written.
-  PointLines(const std::filesystem::path& input, const std::filesystem::path& output);
+  PointTable(const std::filesystem::path& input, const std::filesystem::path& output);
   /// Removes what was written without a commit().
-  ~PointLines();
-  PointLines(const PointLines&) = delete;
-  PointLines& operator=(const PointLines&) = delete;
+  ~PointTable();
+  PointTable(const PointTable&) = delete;
+  PointTable& operator=(const PointTable&) = delete;
 
   /// The next points; 0 at the end. Throws Error(invalid_argument) naming file, line and column.
   std::size_t read(std::span<Vec3> points);
