@@ -45,11 +45,10 @@ class Evaluate(wire_client.TestCase):
         return numpy.concatenate(moved) if moved else numpy.empty((0, 3)), result
 
     def test_registered_points_go_where_deform_puts_them(self):
-        deformed = self.deform([DESIGN], path=deformation_pb2.PATH_DIRECT)[0]
-        expected = deformed[0] if isinstance(deformed, tuple) else deformed
+        expected = self.deform([DESIGN], path=deformation_pb2.PATH_DIRECT)[0].points
         points = self.plate.points
         moved, result = self.evaluate([self.header(), block(points[:100]), block(points[100:], 1, 100)], [points[:100], points[100:]])
-        self.assertTrue(numpy.array_equal(moved, numpy.asarray(expected)))
+        self.assertTrue(numpy.array_equal(moved, expected))
         self.assertTrue(result.converged)
 
     def test_values_do_not_depend_on_blocks_and_encodings(self):
