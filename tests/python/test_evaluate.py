@@ -34,7 +34,7 @@ KERNELS = {
 
 
 def setup(method, **more):
-    return {"method": method, "handles": [{"name": "end", "region": {"ids": {"ids": END.tolist()}}}], "fixed": [{"ids": {"ids": LEFT.tolist()}}],
+    return {"method": method, "handles": [{"name": "end", "region": {"ids": END.tolist()}}], "fixed": [{"ids": LEFT.tolist()}],
             "variables": [{"name": "up", "handle": "end", "translate": [0.1, 0, 1]},
                           {"name": "turn", "handle": "end", "rotate": {"axis": [0, 1, 0], "centre": [1.8, 0.5, 0]}}], **more}
 

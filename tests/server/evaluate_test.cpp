@@ -118,7 +118,7 @@ class Evaluate : public testing::TestWithParam<support::Transport> {
 
   /// What the library gives.
   std::vector<Vec3> expected(const std::vector<Vec3>& points, const std::vector<double>& variables) const {
-    const Setup setup = convert::setup_from_proto(sheet_setup(geometry.id()), 100);
+    const deform::Setup setup = convert::setup_from_proto(sheet_setup(geometry.id()), 100);
     std::vector<Vec3> out(points.size());
     const auto prepared = deform::prepare(std::make_shared<const Mesh>(mesh), setup);
     prepared->bind_in_space(Design{variables, {}}, {})->evaluate(points, 0, out, {});
