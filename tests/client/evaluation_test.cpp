@@ -43,7 +43,8 @@ grpc::Status lift(Stream& stream, const std::function<void(v1::EvaluateReply&, i
   int number = 0;
   while (stream.Read(&request)) {
     const v1::Block& from = request.points();
-    codec::Block block{codec::Encoding::raw_f64, false, from.count()};
+    codec::Block block;
+    block.count = from.count();
     block.checksum = from.checksum();
     block.bytes = from.data();
     std::vector<Vec3> in(from.count());
