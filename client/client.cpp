@@ -8,12 +8,14 @@
 #include <cstring>
 #include <future>
 #include <iterator>
+#include <limits>
 #include <utility>
 
 #include "client/address.h"
 #include "client/connection.h"
 #include "client/credentials.h"
 #include "client/decoder.h"
+#include "client/evaluation.h"
 #include "client/session.h"
 #include "client/upload.h"
 
@@ -281,8 +283,63 @@ Points Client::jacobian_vector(const v1::JacobianVectorRequest& request, const C
   });
 }
 
+v1::EvaluateResult Client::evaluate(const v1::EvaluateHeader& given, std::span<const Vec3> points, std::span<Vec3> out,
+                                    const CallOptions& call) {
+  if (out.size() != points.size()) {
+    throw Error(ErrorCode::invalid_argument,
+                "evaluate: room for " + std::to_string(out.size()) + " of " + std::to_string(points.size()) + " points");
+  }
+  // In the memory of the points, another attempt would find moved ones.
+  const bool apart = out.data() + out.size() <= points.data() || points.data() + points.size() <= out.data();
+  bool written = false;
+  v1::EvaluateHeader header = given;
+  header.mutable_output()->set_encoding(impl_->named(header.output().encoding()));
+  return with_retries(
+      *impl_, call, Retry::safe,
+      [&](Attempt& attempt, const RunContext&) {
+        std::size_t sent = 0;
+        const auto source = [&](std::span<Vec3> block) {
+          const std::size_t count = std::min(block.size(), points.size() - sent);
+          std::copy_n(points.begin() + static_cast<std::ptrdiff_t>(sent), count, block.begin());
+          sent += count;
+          return count;
+        };
+        const auto sink = [&](std::uint64_t first, std::span<const Vec3> block) {
+          written = true;
+          std::copy(block.begin(), block.end(), out.begin() + static_cast<std::ptrdiff_t>(first));
+        };
+        return EvaluationCall(attempt, *impl_->stub, header).run(source, sink);
+      },
+      [&] { return apart || !written; });
+}
+
+v1::EvaluateResult Client::evaluate(const v1::EvaluateHeader& given, const PointSource& source, const PointSink& sink,
+                                    const CallOptions& call) {
+  v1::EvaluateHeader header = given;
+  header.mutable_output()->set_encoding(impl_->named(header.output().encoding()));
+  std::atomic<bool> begun{false};
+  const PointSource watched = [&](std::span<Vec3> block) {
+    begun = true;
+    return source(block);
+  };
+  return with_retries(
+      *impl_, call, Retry::safe,
+      [&](Attempt& attempt, const RunContext&) { return EvaluationCall(attempt, *impl_->stub, header).run(watched, sink); },
+      [&] { return !begun; });
+}
+
 std::vector<double> Client::vector_jacobian(const std::string& system_id, std::span<const double> variables,
                                             std::span<const Vec3> cotangent, const CallOptions& call) {
+  return vector_jacobians(system_id, variables, cotangent, 1, call);
+}
+
+std::vector<double> Client::vector_jacobians(const std::string& system_id, std::span<const double> variables,
+                                             std::span<const Vec3> cotangent, std::size_t count, const CallOptions& call) {
+  if (count == 0) return {};
+  if (cotangent.size() % count != 0 || count > std::numeric_limits<std::uint32_t>::max()) {
+    throw Error(ErrorCode::invalid_argument, "cotangents: " + std::to_string(cotangent.size()) + " vectors are no " +
+                                                 std::to_string(count) + " fields of equal size");
+  }
   return with_retries(*impl_, call, Retry::safe, [&](Attempt& attempt, const RunContext&) {
     v1::VectorJacobianReply reply;
     const auto stream = impl_->stub->VectorJacobian(&attempt.context, &reply);
@@ -293,6 +350,7 @@ std::vector<double> Client::vector_jacobian(const std::string& system_id, std::s
       if (std::exchange(header, false)) {
         message.mutable_header()->set_system_id(system_id);
         message.mutable_header()->mutable_variables()->Add(variables.begin(), variables.end());
+        if (count > 1) message.mutable_header()->set_cotangents(static_cast<std::uint32_t>(count));
         return true;
       }
       const auto piece = cotangent.subspan(first, std::min(points, cotangent.size() - first));

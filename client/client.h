@@ -94,6 +94,11 @@ using DesignSink = std::function<void(std::size_t design, DeformedDesign&& defor
 /// same design may be asked for when the call is repeated. Called from any thread, of several designs at once.
 using DesignMemory = std::function<std::span<Vec3>(std::size_t design)>;
 
+/// Fills the block with points and returns their number; 0: there are no more. Called from a thread of its own.
+using PointSource = std::function<std::size_t(std::span<Vec3> block)>;
+/// Points in the order of the source; `first` is the number of the first one. Called from the thread that made the call.
+using PointSink = std::function<void(std::uint64_t first, std::span<const Vec3> points)>;
+
 /// Primitives and edges of a geometry. Ids as they came; those of an edge in order along it.
 struct Detected {
   /// A plane, cylinder, sphere or cone.
@@ -173,11 +178,26 @@ class Client {
   /// Hands over registered points, so that they need not be fetched.
   void keep_points(const std::string& geometry_id, std::shared_ptr<const Points> points);
 
+  /// One design at points that were never registered (deformation.proto, Evaluate): model units, n x 3 in and out. `out` has the
+  /// size of `points` and may be the same memory. Throws Error(failed_precondition) with the reason for methods that are defined
+  /// at the points of their geometry only, Error(invalid_argument) naming points[i].
+  v1::EvaluateResult evaluate(const v1::EvaluateHeader& header, std::span<const Vec3> points, std::span<Vec3> out,
+                              const CallOptions& call = {});
+  /// The same for points that come in blocks, of which a few are in memory at once. Repeats the call only until the source has
+  /// been asked. What source or sink throws cancels the call and is thrown.
+  v1::EvaluateResult evaluate(const v1::EvaluateHeader& header, const PointSource& source, const PointSink& sink,
+                              const CallOptions& call = {});
+
   /// d(points)/d(variables) times a direction: n x 3.
   Points jacobian_vector(const v1::JacobianVectorRequest& request, const CallOptions& call = {});
   /// d(points)/d(variables)^T times a field on the points (n x 3): one value per variable.
   std::vector<double> vector_jacobian(const std::string& system_id, std::span<const double> variables,
                                       std::span<const Vec3> cotangent, const CallOptions& call = {});
+
+  /// The same for many fields, one after the other (each n x 3), with one solution of the adjoint equations: for each of them one
+  /// value per variable, row by row. Throws Error(invalid_argument) if `cotangents` is not a multiple of `count`.
+  std::vector<double> vector_jacobians(const std::string& system_id, std::span<const double> variables,
+                                       std::span<const Vec3> cotangents, std::size_t count, const CallOptions& call = {});
 
   /// The bytes of the compiled deformation of a system, in order, as they arrive: pieces that hold whole records (see
   /// core/compiled/reader.h for what checks them). Throws Error(failed_precondition) with the reason where a system cannot be

@@ -44,6 +44,10 @@ v1::DeformRequest Connection::named(v1::DeformRequest request) const {
   return request;
 }
 
+v1::Encoding Connection::named(v1::Encoding encoding) const {
+  return encoding == v1::ENCODING_DEFAULT ? options.encoding : encoding;
+}
+
 void Connection::wait_for_answer(const RunContext& limits) const {
   const auto end = RunContext::Clock::now() + options.connect_timeout;
   while (RunContext::Clock::now() < end) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/codec/block.h"
 
+#define XXH_STATIC_LINKING_ONLY  // for the size of a state
 #include <xxhash.h>
 
 #include <cmath>
@@ -143,5 +144,18 @@ void decode(const Block& block, std::span<const Vec3> registered, std::span<Vec3
 std::uint64_t fold_checksums(std::span<const std::uint64_t> block_checksums) {
   return checksum_of(block_checksums.data(), block_checksums.size_bytes());
 }
+
+struct ChecksumFold::State {
+  XXH64_state_t sum;
+};
+
+ChecksumFold::ChecksumFold() : state_(std::make_unique<State>()) { XXH64_reset(&state_->sum, 0); }
+ChecksumFold::~ChecksumFold() = default;
+ChecksumFold::ChecksumFold(ChecksumFold&&) noexcept = default;
+ChecksumFold& ChecksumFold::operator=(ChecksumFold&&) noexcept = default;
+
+void ChecksumFold::add(std::uint64_t block_checksum) { XXH64_update(&state_->sum, &block_checksum, sizeof block_checksum); }
+
+std::uint64_t ChecksumFold::value() const { return XXH64_digest(&state_->sum); }
 
 }  // namespace deform::codec

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 
@@ -52,5 +53,21 @@ void decode(const Block& block, std::span<const Vec3> registered, std::span<Vec3
 
 /// Folds block checksums (in block order) into the checksum of a design: XXH64 over the 8-byte little-endian checksums.
 std::uint64_t fold_checksums(std::span<const std::uint64_t> block_checksums);
+
+/// The same for checksums that come one by one, in constant memory. Not thread-safe.
+class ChecksumFold {
+ public:
+  ChecksumFold();
+  ~ChecksumFold();
+  ChecksumFold(ChecksumFold&&) noexcept;
+  ChecksumFold& operator=(ChecksumFold&&) noexcept;
+  void add(std::uint64_t block_checksum);
+  /// Of those so far.
+  std::uint64_t value() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
 
 }  // namespace deform::codec

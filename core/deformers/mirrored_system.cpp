@@ -15,6 +15,7 @@
 #include "core/deformers/handles/handle_motion.h"
 #include "core/deformers/methods.h"
 #include "core/deformers/option_checks.h"
+#include "core/deformers/space_map.h"
 #include "core/numerics/motion/variable_motion.h"
 
 namespace deform {
@@ -153,12 +154,12 @@ class MirroredEvaluation : public Evaluation {
 };
 
 template <typename DisplacementOf>
-Vec3 MirroredSystem::mean(PointId id, const DisplacementOf& displacement_of) const {
+Vec3 MirroredSystem::mean(const DisplacementOf& displacement_of) const {
   // In the frame of the planes: what a reflection changes is a sign, so that components across planes add up to exactly zero.
   const Symmetry& symmetry = regions_.symmetry;
   Vec3 sum{};
   for (std::size_t g = 0; g < mirrored_.images(); ++g) {
-    Vec3 u = symmetry.to_frame(displacement_of(mirrored_.image(id, g)));
+    Vec3 u = symmetry.to_frame(displacement_of(g));
     for (std::size_t k = 0; k < symmetry.planes(); ++k) {
       if ((g >> k & 1u) != 0) u[k] = -u[k];
     }
@@ -188,7 +189,7 @@ void MirroredEvaluation::evaluate(std::size_t begin, std::size_t end, std::size_
   const Symmetry& symmetry = system_->regions_.symmetry;
   for (std::size_t d = 0; d < out.size(); ++d) {
     const Vec3* const from = places.data() + d * starts.back();
-    const auto displacement_of = [&](PointId image) {
+    const auto displacement_at = [&](PointId image) {
       std::size_t g = 0;
       while (g + 1 < firsts.size() && (image < firsts[g] || image - firsts[g] >= starts[g + 1] - starts[g])) ++g;
       return from[starts[g] + (image - firsts[g])] - whole.points[image];
@@ -196,7 +197,8 @@ void MirroredEvaluation::evaluate(std::size_t begin, std::size_t end, std::size_
     for (std::size_t i = begin; i < end; ++i) {
       const auto id = static_cast<PointId>(i);
       const Vec3& x = whole.points[i];
-      out[d][i - begin] = symmetry.slid(x, x + system_->mean(id, displacement_of), symmetry.on(id));
+      const Vec3 u = system_->mean([&](std::size_t g) { return displacement_at(mirrored.image(id, g)); });
+      out[d][i - begin] = symmetry.slid(x, x + u, symmetry.on(id));
     }
   }
 }
@@ -318,6 +320,57 @@ std::unique_ptr<const Evaluation> MirroredSystem::bind_sequence(std::span<const 
                                               std::move(whole));
 }
 
+/// A design of a MirroredSystem as a map of space: the mean of those of the images of a place, as for points of the mesh.
+class MirroredMap : public SpaceMap {
+ public:
+  MirroredMap(std::shared_ptr<const MirroredSystem> system, std::unique_ptr<const SpaceMap> whole)
+      : system_(std::move(system)), whole_(std::move(whole)) {}
+
+  const DesignReport& report() const override { return whole_->report(); }
+  Told evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out, const RunContext& context) const override;
+
+ private:
+  const std::shared_ptr<const MirroredSystem> system_;
+  const std::unique_ptr<const SpaceMap> whole_;
+};
+
+SpaceMap::Told MirroredMap::evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                     const RunContext& context) const {
+  const MirroredMesh& mirrored = system_->mirrored_;
+  const Symmetry& symmetry = system_->regions_.symmetry;
+  // As those of the mesh, places on a plane are their own images in it.
+  const auto image = [&](const Vec3& x, unsigned on, std::size_t g) {
+    const std::size_t reduced = g & ~std::size_t{on};
+    return reduced == 0 ? x : mirrored.reflected_point(x, reduced);
+  };
+  std::vector<std::vector<Vec3>> from(mirrored.images()), to(mirrored.images());
+  Told told;
+  for (std::size_t g = 0; g < mirrored.images(); ++g) {
+    for (const Vec3& x : points) from[g].push_back(image(x, symmetry.on(x), g));
+    to[g].resize(points.size());
+    const Told of_image = whole_->evaluate(from[g], first, to[g], context);
+    if (g == 0) told.still = of_image.still;
+    told.sums_error = std::max(told.sums_error, of_image.sums_error);
+  }
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Vec3 u = system_->mean([&](std::size_t g) { return to[g][i] - from[g][i]; });
+    out[i] = symmetry.slid(points[i], points[i] + u, symmetry.on(points[i]));
+  }
+  return told;
+}
+
+std::unique_ptr<const SpaceMap> MirroredSystem::bind_in_space(const Design& design, const RunContext& context) const {
+  auto whole = whole_->bind_in_space(mirrored({&design, 1}).front(), context);
+  check_sliding(design, 0);
+  return std::make_unique<MirroredMap>(std::static_pointer_cast<const MirroredSystem>(shared_from_this()), std::move(whole));
+}
+
+System::SpaceBytes MirroredSystem::space_bytes(std::size_t points) const {
+  SpaceBytes bytes = whole_->space_bytes(points);
+  bytes.call += 2 * mirrored_.images() * points * sizeof(Vec3);
+  return bytes;
+}
+
 Points MirroredSystem::jacobian_vector(std::span<const double> variables, std::span<const double> direction,
                                        const RunContext& context) const {
   check_sliding(motion_derivative(setup_, variables, direction), "direction");
@@ -325,7 +378,7 @@ Points MirroredSystem::jacobian_vector(std::span<const double> variables, std::s
   Points result(mesh_->point_count());
   parallel_for(context, result.size(), mirrored_points_per_task, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      result[i] = mean(static_cast<PointId>(i), [&](PointId image) { return field[image]; });
+      result[i] = mean([&](std::size_t g) { return field[mirrored_.image(static_cast<PointId>(i), g)]; });
     }
   });
   return result;
@@ -333,19 +386,27 @@ Points MirroredSystem::jacobian_vector(std::span<const double> variables, std::s
 
 std::vector<double> MirroredSystem::vector_jacobian(std::span<const double> variables, const Points& cotangent,
                                                     const RunContext& context) const {
-  check_cotangent(cotangent, mesh_->point_count());
+  return vector_jacobians(variables, {&cotangent, 1}, context).front();
+}
+
+std::vector<std::vector<double>> MirroredSystem::vector_jacobians(std::span<const double> variables,
+                                                                  std::span<const Points> cotangents,
+                                                                  const RunContext& context) const {
+  for (const Points& cotangent : cotangents) check_cotangent(cotangent, mesh_->point_count());
   handle_motions(setup_, variables);  // checks them
   for (std::size_t k = 0; k < setup_.variables.size(); ++k) {
     check_sliding(handle_motion_derivative(setup_, variables, k), "variable \"" + setup_.variables[k].name + "\"");
   }
-  Points of_images(mirrored_.mesh()->point_count());
-  for (std::size_t g = 0; g < mirrored_.images(); ++g) {
-    for (std::size_t i = 0; i < cotangent.size(); ++i) {
-      Vec3& sum = of_images[mirrored_.image(static_cast<PointId>(i), g)];
-      sum = sum + mirrored_.reflected(cotangent[i], g) / static_cast<double>(mirrored_.images());
+  std::vector<Points> of_images(cotangents.size(), Points(mirrored_.mesh()->point_count()));
+  for (std::size_t j = 0; j < cotangents.size(); ++j) {
+    for (std::size_t g = 0; g < mirrored_.images(); ++g) {
+      for (std::size_t i = 0; i < cotangents[j].size(); ++i) {
+        Vec3& sum = of_images[j][mirrored_.image(static_cast<PointId>(i), g)];
+        sum = sum + mirrored_.reflected(cotangents[j][i], g) / static_cast<double>(mirrored_.images());
+      }
     }
   }
-  return whole_->vector_jacobian(variables, of_images, context);
+  return whole_->vector_jacobians(variables, of_images, context);
 }
 
 Estimate estimate_mirrored(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {

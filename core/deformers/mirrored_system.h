@@ -28,13 +28,18 @@ class MirroredSystem : public System {
                                          const RunContext& context) const override;
   std::unique_ptr<const Evaluation> bind_sequence(std::span<const Design> designs, EvaluationPath path, WarmStart& warm,
                                                   const RunContext& context) const override;
+  std::unique_ptr<const SpaceMap> bind_in_space(const Design& design, const RunContext& context) const override;
+  SpaceBytes space_bytes(std::size_t points) const override;
   Points jacobian_vector(std::span<const double> variables, std::span<const double> direction,
                          const RunContext& context) const override;
   std::vector<double> vector_jacobian(std::span<const double> variables, const Points& cotangent,
                                       const RunContext& context) const override;
+  std::vector<std::vector<double>> vector_jacobians(std::span<const double> variables, std::span<const Points> cotangents,
+                                                    const RunContext& context) const override;
 
  private:
   friend class MirroredEvaluation;
+  friend class MirroredMap;
 
   void fill_info();
   /// With the motions of the copies of handles.
@@ -42,9 +47,9 @@ class MirroredSystem : public System {
   /// Throws Error(invalid_argument) for handle points that leave their plane.
   void check_sliding(const Design& design, std::size_t index) const;
   void check_sliding(const std::vector<Affine>& derivative, const std::string& what) const;
-  /// The mean of the displacements of the images of a point.
+  /// The mean of the displacements of the images of a point, mirrored back; displacement_of(image).
   template <typename DisplacementOf>
-  Vec3 mean(PointId id, const DisplacementOf& displacement_of) const;
+  Vec3 mean(const DisplacementOf& displacement_of) const;
 
   const std::shared_ptr<const Mesh> mesh_;
   const Setup setup_;

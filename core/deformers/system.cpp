@@ -9,6 +9,7 @@
 #include "core/deformers/constrained/constraint_sets.h"
 #include "core/deformers/methods.h"
 #include "core/deformers/mirrored_system.h"
+#include "core/deformers/space_map.h"
 
 namespace deform {
 
@@ -33,6 +34,18 @@ std::unique_ptr<const Evaluation> System::bind_sequence(std::span<const Design> 
 std::optional<FieldMotion> Evaluation::field_motion(std::size_t) const { return std::nullopt; }
 
 std::unique_ptr<const DisplacementFields> System::displacement_fields() const { return nullptr; }
+
+std::vector<std::vector<double>> System::vector_jacobians(std::span<const double> variables, std::span<const Points> cotangents,
+                                                          const RunContext& context) const {
+  std::vector<std::vector<double>> gradients;
+  for (const Points& cotangent : cotangents) gradients.push_back(vector_jacobian(variables, cotangent, context));
+  return gradients;
+}
+
+std::unique_ptr<const SpaceMap> System::bind_in_space(const Design&, const RunContext&) const {
+  throw Error(ErrorCode::failed_precondition,
+              "the system cannot be evaluated at other points: its method is defined at the points of its geometry only");
+}
 
 Points System::evaluate(const Design& design, const RunContext& context) const {
   return std::move(evaluate(std::span<const Design>(&design, 1), EvaluationPath::automatic, context).front());

@@ -140,6 +140,7 @@ class Evaluation {
 };
 
 class System;
+class SpaceMap;
 
 /// The state of a sequence of similar designs, from which the next one starts. Small; copies share it. Not thread-safe.
 struct WarmStart {
@@ -170,12 +171,27 @@ class System : public std::enable_shared_from_this<System> {
   virtual std::unique_ptr<const Evaluation> bind_sequence(std::span<const Design> designs, EvaluationPath path, WarmStart& warm,
                                                           const RunContext& context) const;
 
+  /// A design as a map of space, for points that are not of the mesh (space_map.h). Takes the direct path. Throws what bind()
+  /// throws for designs[0], and Error(failed_precondition) with the reason if the deformation is defined at the points of the
+  /// mesh only.
+  virtual std::unique_ptr<const SpaceMap> bind_in_space(const Design& design, const RunContext& context) const;
+  /// The memory of such a map besides that of binding, and of one call of it with so many points, in bytes.
+  struct SpaceBytes {
+    std::size_t map = 0, call = 0;
+  };
+  virtual SpaceBytes space_bytes(std::size_t /*points*/) const { return {}; }
+
   /// d(points)/d(variables) at `variables` times `direction` (one value per variable): n x 3 (thesis 4.2, eq. 4.2).
   virtual Points jacobian_vector(std::span<const double> variables, std::span<const double> direction,
                                  const RunContext& context) const = 0;
   /// d(points)/d(variables)^T at `variables` times a cotangent field (n x 3): one value per variable.
   virtual std::vector<double> vector_jacobian(std::span<const double> variables, const Points& cotangent,
                                               const RunContext& context) const = 0;
+
+  /// The same for many cotangents, with one solution of the adjoint equations for all of them: one gradient for each. They differ
+  /// from those of single calls by rounding only.
+  virtual std::vector<std::vector<double>> vector_jacobians(std::span<const double> variables, std::span<const Points> cotangents,
+                                                            const RunContext& context) const;
 
   /// The fields of which the displacements of designs on the basis path are combinations, for checks that are made once and need
   /// no look at the points of a design. Null if there are none. The system must outlive them.

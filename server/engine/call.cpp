@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/engine/call.h"
 
+#include <time.h>
+
 #include <vector>
 
 namespace deform::server {
@@ -97,6 +99,12 @@ void CallRegistry::watch() {
 
 double elapsed_ms(RunContext::Clock::time_point from, RunContext::Clock::time_point to) {
   return std::chrono::duration<double, std::milli>(to - from).count();
+}
+
+double thread_cpu_ms() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
 }
 
 }  // namespace deform::server

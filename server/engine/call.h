@@ -29,7 +29,7 @@ class Call : public std::enable_shared_from_this<Call> {
 
   const CallContext& context() const { return context_; }
   /// The error of a cancelled or overdue call.
-  std::optional<Error> overdue(RunContext::Clock::time_point now) const;
+  virtual std::optional<Error> overdue(RunContext::Clock::time_point now) const;
   /// With the call's deadline and a stop token of its own: the caller's may serve many calls, and the registry watches it.
   RunContext run_context(int threads) const;
 
@@ -75,5 +75,7 @@ class CallRegistry {
 
 /// Milliseconds between two times.
 double elapsed_ms(RunContext::Clock::time_point from, RunContext::Clock::time_point to = RunContext::Clock::now());
+/// Processor time of this thread, milliseconds.
+double thread_cpu_ms();
 
 }  // namespace deform::server

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/engine/deform_call.h"
 
-#include <time.h>
-
 #include <algorithm>
 #include <array>
 #include <utility>
@@ -18,12 +16,6 @@ namespace {
 
 // Points evaluated between two looks at the stop token.
 constexpr std::size_t slice_points = 4096;
-
-double thread_cpu_ms() {
-  timespec now{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
-}
 
 }  // namespace
 

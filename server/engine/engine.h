@@ -87,6 +87,27 @@ class DeformJob {
   virtual CallStats stats() const { return {}; }
 };
 
+/// A design that is evaluated at points as they come (Evaluate): pull-based towards the reader, and it says when the next block
+/// may come, so that neither a slow reader nor a fast writer takes more memory than was charged. Letting go of it cancels.
+/// Thread-safe; add() and finish() by one thread at a time. May outlive its engine.
+class EvaluateJob {
+ public:
+  virtual ~EvaluateJob() = default;
+  /// Whether there is room for a block: after the first reply, and again whenever poll() gave a block.
+  virtual bool has_room() const = 0;
+  /// The next block. Throws Error(invalid_argument) naming it and the limit; the job has to be cancelled then.
+  virtual void add(v1::Block&& block) = 0;
+  /// There are no more blocks.
+  virtual void finish() = 0;
+  /// Never blocks.
+  virtual DeformJob::Poll poll(v1::EvaluateReply& reply) = 0;
+  virtual void cancel() = 0;
+  /// After done: empty when all replies were delivered.
+  virtual std::optional<Error> error() const = 0;
+  /// So far; complete after done.
+  virtual CallStats stats() const { return {}; }
+};
+
 /// The bytes of a compiled deformation, made as they are asked for. Keeps its system alive. For one thread.
 class BasisRecords {
  public:
@@ -95,6 +116,10 @@ class BasisRecords {
   /// The next records, below 1 MiB; false after the last ones. Takes about as long as copying them.
   virtual bool next(std::string& records) = 0;
 };
+
+/// The number of cotangents that a header announces. Throws Error(invalid_argument) above most_cotangents.
+inline constexpr std::size_t most_cotangents = 1000;
+std::size_t check_cotangent_count(const v1::VectorJacobianHeader& header);
 
 /// deformd without a network: everything the service offers, with the semantics of service.proto. Thread-safe. Errors are Error;
 /// those of asynchronous work arrive through its callback, on a worker thread.
@@ -143,9 +168,13 @@ class Engine {
   /// done) says that poll() has something again after it answered pending. request_id is copied into every reply.
   virtual std::shared_ptr<DeformJob> deform(v1::DeformRequest request, std::uint64_t request_id, const CallContext& call,
                                             std::function<void()> on_ready) = 0;
+  /// As deform(), for one design at points that are added to the job.
+  virtual std::shared_ptr<EvaluateJob> evaluate(v1::EvaluateHeader header, const CallContext& call,
+                                                std::function<void()> on_ready) = 0;
   virtual std::shared_ptr<DeformJob> jacobian_vector(v1::JacobianVectorRequest request, const CallContext& call,
                                                      std::function<void()> on_ready) = 0;
-  virtual void vector_jacobian(const v1::VectorJacobianHeader& header, Points cotangent, const CallContext& call,
+  /// `cotangents`: max(1, header.cotangents()) fields, one after the other.
+  virtual void vector_jacobian(const v1::VectorJacobianHeader& header, Points cotangents, const CallContext& call,
                                std::function<void(Outcome<v1::VectorJacobianReply>)> on_done) = 0;
   /// on_done is called exactly once. The error failed_precondition says why a system cannot be compiled.
   virtual void get_basis(const v1::GetBasisRequest& request, const CallContext& call,

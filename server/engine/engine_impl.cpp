@@ -17,6 +17,7 @@
 #include "proto/convert/setup.h"
 #include "server/engine/compiled_records.h"
 #include "server/engine/deform_job.h"
+#include "server/engine/evaluate_call.h"
 #include "server/engine/geometry_upload.h"
 #include "server/engine/outcome_call.h"
 #include "server/engine/warm_starts.h"
@@ -83,6 +84,8 @@ std::vector<double> values(const google::protobuf::RepeatedField<double>& number
   }
   return {numbers.begin(), numbers.end()};
 }
+
+constexpr std::size_t most_gradient_numbers = 100'000;  // of a reply: below 1 MiB
 
 std::vector<double> values_or_zero(const google::protobuf::RepeatedField<double>& numbers, const Setup& setup) {
   return numbers.empty() ? std::vector<double>(setup.variables.size(), 0.0) : values(numbers, setup, "variables");
@@ -374,6 +377,32 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
   return begin_job(std::move(task), call, std::move(on_ready));
 }
 
+std::shared_ptr<EvaluateJob> EngineImpl::evaluate(v1::EvaluateHeader header, const CallContext& call,
+                                                  std::function<void()> on_ready) {
+  check_open();
+  auto request = std::make_shared<v1::DeformRequest>();
+  *request->add_designs() = std::move(*header.mutable_design());
+  request->set_path(v1::PATH_DIRECT);
+  request->set_solver_tolerance(header.solver_tolerance());
+  if (request->designs(0).continues()) throw Error(ErrorCode::invalid_argument, "design.continues: only in DeformStream");
+  convert::check_designs(*request, 1);
+  convert::encode_options(header.output(), 1.0);  // refuses at once what is plainly wrong
+  EvaluateTask task;
+  task.system_id = resolve_system(header.system_id());
+  task.output = header.output();
+  task.prepare = prepare_again(task.system_id);
+  task.bind_bytes = [request](const ResidentSystem& system) {
+    return convert::bind_bytes(*request, system.info) + system.system->info().design_bytes;
+  };
+  task.bind = [request](const ResidentSystem& system, const RunContext& context) {
+    return system.system->bind_in_space(convert::design_from_proto(*request, 0, system.info), context);
+  };
+  const EvaluateParts parts{&scheduler_, cache_.get(), &memory_, &calls_, [this] { ++designs_served_; }};
+  const auto evaluate_call = std::make_shared<EvaluateCall>(parts, std::move(task), call, std::move(on_ready));
+  evaluate_call->begin();
+  return make_evaluate_job(evaluate_call);
+}
+
 std::shared_ptr<DeformJob> EngineImpl::jacobian_vector(v1::JacobianVectorRequest request, const CallContext& call,
                                                        std::function<void()> on_ready) {
   check_open();
@@ -392,31 +421,52 @@ std::shared_ptr<DeformJob> EngineImpl::jacobian_vector(v1::JacobianVectorRequest
   return begin_job(std::move(task), call, std::move(on_ready));
 }
 
-void EngineImpl::vector_jacobian(const v1::VectorJacobianHeader& header, Points cotangent, const CallContext& call,
+void EngineImpl::vector_jacobian(const v1::VectorJacobianHeader& header, Points cotangents, const CallContext& call,
                                  std::function<void(Outcome<v1::VectorJacobianReply>)> on_done) {
   using Reply = v1::VectorJacobianReply;
   check_open();
   convert::check_finite(header.variables(), "variables");
-  for (std::size_t i = 0; i < cotangent.size(); ++i) {
-    for (const double x : cotangent[i]) {
-      if (!std::isfinite(x)) convert::refuse_field("cotangent", "point " + std::to_string(i) + " must be finite");
+  const std::size_t count = check_cotangent_count(header);
+  for (std::size_t i = 0; i < cotangents.size(); ++i) {
+    for (const double x : cotangents[i]) {
+      if (std::isfinite(x)) continue;
+      const std::size_t points = std::max<std::size_t>(1, cotangents.size() / count);
+      convert::refuse_field(count == 1 ? "cotangent" : "cotangents[" + std::to_string(i / points) + "]",
+                            "point " + std::to_string(i % points) + " must be finite");
     }
   }
   OutcomeCall<Reply>::Task task;
   task.system_id = resolve_system(header.system_id());
   task.prepare = prepare_again(task.system_id);
-  const std::size_t bytes = 2 * cotangent.size() * sizeof(Vec3);
-  const auto charge =
-      std::make_shared<Charge>(memory_.charge(bytes, {"vector-Jacobian product", "raise the server's memory budget", 0}));
-  task.compute = [header, charge, field = std::make_shared<const Points>(std::move(cotangent))](const SystemCache::Handle& system,
-                                                                                                const RunContext& context) {
-    if (field->size() != system->mesh->point_count()) {
-      convert::refuse_field("cotangent", "expected " + std::to_string(system->mesh->point_count()) + " points, got " +
-                                             std::to_string(field->size()));
+  // As they came, one by one, at the following points, and as the columns of sums.
+  const std::size_t bytes = (count == 1 ? 2 : 4) * cotangents.size() * sizeof(Vec3);
+  const auto charge = std::make_shared<Charge>(
+      memory_.charge(bytes, {"vector-Jacobian product", "send fewer cotangents, or raise the server's memory budget", 0}));
+  task.compute = [header, charge, count, given = std::make_shared<Points>(std::move(cotangents))](
+                     const SystemCache::Handle& system, const RunContext& context) {
+    const std::size_t points = system->mesh->point_count();
+    if (given->size() != count * points) {
+      convert::refuse_field("cotangent",
+                            "expected " + std::to_string(count * points) + " points, got " + std::to_string(given->size()));
+    }
+    const std::size_t variables = system->setup.variables.size();
+    if (count * variables > most_gradient_numbers) {
+      convert::refuse_field("cotangents", std::to_string(count) + " times " + std::to_string(variables) +
+                                              " variables are more than " + std::to_string(most_gradient_numbers) + " numbers");
+    }
+    std::vector<Points> fields;
+    if (count == 1) {
+      fields.push_back(std::move(*given));
+    } else {
+      for (std::size_t j = 0; j < count; ++j) {
+        const auto from = given->begin() + static_cast<std::ptrdiff_t>(j * points);
+        fields.emplace_back(from, from + static_cast<std::ptrdiff_t>(points));
+      }
     }
     Reply reply;
-    for (const double g : system->system->vector_jacobian(values_or_zero(header.variables(), system->setup), *field, context)) {
-      reply.add_gradient(g);
+    for (const auto& gradient :
+         system->system->vector_jacobians(values_or_zero(header.variables(), system->setup), fields, context)) {
+      for (const double g : gradient) reply.add_gradient(g);
     }
     return reply;
   };

@@ -40,6 +40,8 @@ class EngineImpl : public Engine {
 
   std::shared_ptr<DeformJob> deform(v1::DeformRequest request, std::uint64_t request_id, const CallContext& call,
                                     std::function<void()> on_ready) override;
+  std::shared_ptr<EvaluateJob> evaluate(v1::EvaluateHeader header, const CallContext& call,
+                                        std::function<void()> on_ready) override;
   std::shared_ptr<DeformJob> jacobian_vector(v1::JacobianVectorRequest request, const CallContext& call,
                                              std::function<void()> on_ready) override;
   void vector_jacobian(const v1::VectorJacobianHeader& header, Points cotangent, const CallContext& call,

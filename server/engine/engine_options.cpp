@@ -26,4 +26,12 @@ void EngineOptions::validate() const {
   }
 }
 
+std::size_t check_cotangent_count(const v1::VectorJacobianHeader& header) {
+  if (header.cotangents() > most_cotangents) {
+    throw Error(ErrorCode::invalid_argument, "cotangents: " + std::to_string(header.cotangents()) +
+                                                 " are more than the limit of " + std::to_string(most_cotangents));
+  }
+  return std::max<std::size_t>(1, header.cotangents());
+}
+
 }  // namespace deform::server

@@ -11,6 +11,7 @@
 
 #include "core/base/checks.h"
 #include "deform/v1/service.grpc.pb.h"
+#include "server/rpc/evaluate_stream.h"
 #include "server/rpc/service_calls.h"
 #include "server/rpc/service_messages.h"
 #include "server/rpc/service_stream.h"
@@ -38,8 +39,9 @@ using RawService =
             Rpc::WithRawCallbackMethod_GetPoints, Rpc::WithRawCallbackMethod_Detect, Rpc::WithRawCallbackMethod_Estimate,
             Rpc::WithRawCallbackMethod_Prepare, Rpc::WithRawCallbackMethod_GetSystem, Rpc::WithRawCallbackMethod_ListSystems,
             Rpc::WithRawCallbackMethod_ReleaseSystem, Rpc::WithRawCallbackMethod_Deform, Rpc::WithRawCallbackMethod_DeformStream,
-            Rpc::WithRawCallbackMethod_JacobianVector, Rpc::WithRawCallbackMethod_VectorJacobian,
-            Rpc::WithRawCallbackMethod_GetBasis, Rpc::WithRawCallbackMethod_GetServerInfo>::Type;
+            Rpc::WithRawCallbackMethod_Evaluate, Rpc::WithRawCallbackMethod_JacobianVector,
+            Rpc::WithRawCallbackMethod_VectorJacobian, Rpc::WithRawCallbackMethod_GetBasis,
+            Rpc::WithRawCallbackMethod_GetServerInfo>::Type;
 
 using Context = grpc::CallbackServerContext;
 using Bytes = grpc::ByteBuffer;
@@ -177,6 +179,10 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerBidiReactor<Bytes, Bytes>* DeformStream(Context* context) override;
+
+  grpc::ServerBidiReactor<Bytes, Bytes>* Evaluate(Context* context) override {
+    return EvaluateStreamCall::launch(std::make_shared<EvaluateStreamCall>(engine_, incoming(Role::use, context)));
+  }
 
   grpc::ServerWriteReactor<Bytes>* JacobianVector(Context* context, const Bytes* bytes) override {
     return job("JacobianVector", Role::use, context, bytes, [this, bytes](CallScope& scope, JobCall::Ready ready) {

@@ -291,8 +291,9 @@ VectorJacobianCall::Then VectorJacobianCall::message(const grpc::ByteBuffer& byt
 void VectorJacobianCall::begin(const v1::VectorJacobianHeader& header) {
   header_ = header;
   scope_.record.system = header.system_id();
-  expected_points_ = engine_.get_system(header.system_id()).points();
-  scope_.record.points = expected_points_;
+  const std::size_t count = check_cotangent_count(header);
+  scope_.record.points = engine_.get_system(header.system_id()).points();
+  expected_points_ = count * scope_.record.points;
 }
 
 void VectorJacobianCall::append(const std::string& bytes) {

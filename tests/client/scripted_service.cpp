@@ -42,6 +42,11 @@ grpc::Status ScriptedService::DeformStream(grpc::ServerContext* context,
   return on_stream ? on_stream(*context, *stream) : no_script;
 }
 
+grpc::Status ScriptedService::Evaluate(grpc::ServerContext* context,
+                                       grpc::ServerReaderWriter<v1::EvaluateReply, v1::EvaluateRequest>* stream) {
+  return on_evaluate(*context, *stream);
+}
+
 grpc::Status ScriptedService::GetGeometry(grpc::ServerContext*, const v1::GetGeometryRequest* request, v1::GeometryInfo* reply) {
   return on_get_geometry ? on_get_geometry(*request, *reply) : no_script;
 }

@@ -26,6 +26,8 @@ class ScriptedService final : public v1::DeformService::Service {
 
   std::function<grpc::Status(grpc::ServerContext&, const v1::DeformRequest&, Writer&)> on_deform;
   std::function<grpc::Status(grpc::ServerContext&, Stream&)> on_stream;
+  std::function<grpc::Status(grpc::ServerContext&, grpc::ServerReaderWriterInterface<v1::EvaluateReply, v1::EvaluateRequest>&)>
+      on_evaluate;
   std::function<grpc::Status(const v1::GetGeometryRequest&, v1::GeometryInfo&)> on_get_geometry;
   std::function<grpc::Status(grpc::ServerReaderInterface<v1::RegisterGeometryRequest>&, v1::GeometryInfo&)> on_register;
   std::function<grpc::Status(grpc::ServerContext&, v1::ServerInfo&)> on_info;
@@ -40,6 +42,8 @@ class ScriptedService final : public v1::DeformService::Service {
                       grpc::ServerWriter<v1::DeformReply>* writer) override;
   grpc::Status DeformStream(grpc::ServerContext* context,
                             grpc::ServerReaderWriter<v1::DeformReply, v1::DeformStreamRequest>* stream) override;
+  grpc::Status Evaluate(grpc::ServerContext* context,
+                        grpc::ServerReaderWriter<v1::EvaluateReply, v1::EvaluateRequest>* stream) override;
   grpc::Status GetGeometry(grpc::ServerContext* context, const v1::GetGeometryRequest* request, v1::GeometryInfo* reply) override;
   grpc::Status RegisterGeometry(grpc::ServerContext* context, grpc::ServerReader<v1::RegisterGeometryRequest>* reader,
                                 v1::GeometryInfo* reply) override;

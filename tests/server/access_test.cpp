@@ -21,11 +21,11 @@ using support::eventually;
 /// The lowest role that may call, by what the method does: seeing is for readers, what computes or adds is for users, what takes
 /// away from others is for operators.
 const std::map<std::string, std::string> lowest_role = {
-    {"RegisterGeometry", "user"}, {"GetGeometry", "reader"},  {"ListGeometries", "reader"},  {"DeleteGeometry", "operator"},
-    {"GetPoints", "reader"},      {"Detect", "user"},         {"Estimate", "user"},          {"Prepare", "user"},
-    {"GetSystem", "reader"},      {"ListSystems", "reader"},  {"ReleaseSystem", "operator"}, {"Deform", "user"},
-    {"DeformStream", "user"},     {"JacobianVector", "user"}, {"VectorJacobian", "user"},    {"GetServerInfo", "reader"},
-    {"GetBasis", "user"},
+    {"RegisterGeometry", "user"}, {"GetGeometry", "reader"}, {"ListGeometries", "reader"},  {"DeleteGeometry", "operator"},
+    {"GetPoints", "reader"},      {"Detect", "user"},        {"Estimate", "user"},          {"Prepare", "user"},
+    {"GetSystem", "reader"},      {"ListSystems", "reader"}, {"ReleaseSystem", "operator"}, {"Deform", "user"},
+    {"DeformStream", "user"},     {"Evaluate", "user"},      {"JacobianVector", "user"},    {"VectorJacobian", "user"},
+    {"GetServerInfo", "reader"},  {"GetBasis", "user"},
 };
 
 std::vector<std::string> methods_of_the_contract() {

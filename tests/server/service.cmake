@@ -20,6 +20,11 @@ deform_test(service_test
   TIMEOUT 120)
 deform_precompile(service_test <gmock/gmock.h> <gtest/gtest.h> <tests/server/service_fixture.h>)
 
+deform_test(evaluate_test
+  SOURCES evaluate_test.cpp
+  LIBS deform_test_server
+  TIMEOUT 120)
+
 deform_test(deformd_test
   SOURCES deformd_test.cpp
   LIBS deform_test_server

@@ -12,7 +12,8 @@ import sys
 # Folder, or one header -> folders and headers of the project that it may include besides itself. The ground floor stands first.
 DEFORMERS_GROUND = ["core/base", "core/compiled", "core/numerics", "core/mesh", "core/mesh/operators", "core/quality", "core/constraints"]
 # What every room of the deformers speaks, whatever methods there are.
-DEFORMERS_TERMS = ["core/deformers/setup.h", "core/deformers/system.h", "core/deformers/method.h", "core/deformers/option_checks.h"]
+DEFORMERS_TERMS = ["core/deformers/setup.h", "core/deformers/system.h", "core/deformers/space_map.h", "core/deformers/method.h",
+                   "core/deformers/option_checks.h"]
 FLOORS = {
     "core/base": [],
     "core/base/commit": ["core/base"],
@@ -40,6 +41,7 @@ FLOORS = {
     "core/deformers/setup.h": DEFORMERS_GROUND + ["core/deformers/handles/symmetry.h"],
     "core/deformers/handles/symmetry.h": ["core/base", "core/mesh"],
     "core/deformers/system.h": DEFORMERS_GROUND + ["core/deformers/setup.h"],
+    "core/deformers/space_map.h": DEFORMERS_GROUND + ["core/deformers/setup.h", "core/deformers/system.h"],
     "core/deformers/method.h": DEFORMERS_GROUND + ["core/deformers/setup.h", "core/deformers/system.h"],
     "core/deformers/option_checks.h": [],
     "core/deformers/handles": DEFORMERS_GROUND + DEFORMERS_TERMS,

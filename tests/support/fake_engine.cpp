@@ -229,6 +229,12 @@ std::shared_ptr<server::DeformJob> FakeEngine::deform(v1::DeformRequest request,
   return job;
 }
 
+std::shared_ptr<server::EvaluateJob> FakeEngine::evaluate(v1::EvaluateHeader header, const CallContext& call,
+                                                          std::function<void()> on_ready) {
+  if (!on_evaluate) throw Error(ErrorCode::not_found, "system " + header.system_id() + ": unknown id");
+  return on_evaluate(header, call, std::move(on_ready));
+}
+
 std::shared_ptr<server::DeformJob> FakeEngine::jacobian_vector(v1::JacobianVectorRequest request, const CallContext& call,
                                                                std::function<void()> on_ready) {
   v1::DeformRequest asked;

@@ -75,6 +75,9 @@ class FakeEngine : public server::Engine {
   std::function<void(const v1::GetBasisRequest&, const server::CallContext&,
                      std::function<void(Outcome<std::shared_ptr<server::BasisRecords>>)>)>
       on_get_basis;
+  std::function<std::shared_ptr<server::EvaluateJob>(const v1::EvaluateHeader&, const server::CallContext&,
+                                                     std::function<void()>)>
+      on_evaluate;
   std::optional<Error> deform_error;
   bool already_stored = false;
   std::size_t point_count = 100'000;  ///< of every geometry
@@ -104,6 +107,8 @@ class FakeEngine : public server::Engine {
   v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request) override;
   std::shared_ptr<server::DeformJob> deform(v1::DeformRequest request, std::uint64_t request_id, const server::CallContext& call,
                                             std::function<void()> on_ready) override;
+  std::shared_ptr<server::EvaluateJob> evaluate(v1::EvaluateHeader header, const server::CallContext& call,
+                                                std::function<void()> on_ready) override;
   std::shared_ptr<server::DeformJob> jacobian_vector(v1::JacobianVectorRequest request, const server::CallContext& call,
                                                      std::function<void()> on_ready) override;
   void vector_jacobian(const v1::VectorJacobianHeader& header, Points cotangent, const server::CallContext& call,

@@ -68,7 +68,7 @@ class UniformBlend : public HandleSystem {
                                                const RunContext&) const override {
     return std::make_unique<Bound>(self(), maps);
   }
-  std::vector<double> adjoint(std::span<const double>, const std::vector<Vec3>&, const RunContext&) const override {
+  Fields adjoint(std::span<const double>, Cotangents, const RunContext&) const override {
     throw Error(ErrorCode::internal, "there is always a basis");
   }
 

@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <chrono>
 #include <iostream>
-#include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "client/cli/commands/command.h"
+#include "client/cli/commands/given_design.h"
 #include "client/cli/commands/mesh_reading.h"
 #include "client/cli/commands/workspace.h"
 #include "client/cli/output/apply_report.h"
@@ -17,11 +17,8 @@
 #include "client/cli/output/gates.h"
 #include "client/cli/output/result_json.h"
 #include "client/cli/setup/compiled_file.h"
-#include "client/cli/setup/control_lattice.h"
 #include "client/cli/setup/motions.h"
 #include "client/cli/setup/reading.h"
-#include "client/cli/setup/region_points.h"
-#include "client/design.h"
 
 namespace deform::cli {
 
@@ -31,9 +28,7 @@ constexpr const char* nothing_moves = "no variable differs from 0 and no motion 
 
 struct ApplyOptions {
   PrepareInput input;
-  std::vector<std::string> settings;
-  std::vector<std::string> motion_files;
-  double match_tolerance = 0;
+  GivenDesign design;
   std::string output;
   std::string path = "automatic";
   OutputOptions encoding;
@@ -42,21 +37,6 @@ struct ApplyOptions {
   bool in_place = false;
   bool keep_bad = false;
 };
-
-v1::Design make_design(const ApplyOptions& options, const PreparedSetup& prepared, const Mesh& mesh) {
-  const v1::Setup& setup = prepared.system.setup();
-  v1::Design design = client::variables_design(parse_settings(options.settings, setup));
-  const std::vector<Vec3> controls =
-      selects_controls(setup) && !options.motion_files.empty() ? control_places(setup, mesh) : std::vector<Vec3>();
-  RestPlaces rest{controls.empty() ? std::span(mesh.points) : std::span(controls), options.match_tolerance};
-  if (rest.tolerance == 0) rest.tolerance = std::max(1e-6 * prepared.system.diagonal(), std::numeric_limits<double>::min());
-  for (const auto& file : options.motion_files) {
-    const auto motions = read_motions(
-        read_csv(file), [&](const std::string& handle) { return handle_points(setup, handle, mesh); }, rest);
-    for (const auto& motion : motions) *design.add_motions() = motion;
-  }
-  return design;
-}
 
 v1::EvaluationPath evaluation_path(const std::string& name) {
   return name == "basis" ? v1::PATH_BASIS : name == "direct" ? v1::PATH_DIRECT : v1::PATH_AUTOMATIC;
@@ -71,7 +51,7 @@ SetupFile setup_file_of(const PrepareInput& input) {
 /// Refuses to write over the setup, what it names beside the mesh, and the motions.
 void keep_what_is_read(const ApplyOptions& options, const SetupFile& file) {
   std::vector<std::filesystem::path> inputs{options.input.setup};
-  inputs.insert(inputs.end(), options.motion_files.begin(), options.motion_files.end());
+  inputs.insert(inputs.end(), options.design.motion_files.begin(), options.design.motion_files.end());
   inputs.insert(inputs.end(), file.files.begin(), file.files.end());
   keep_inputs("-o", options.output, inputs);
 }
@@ -119,7 +99,7 @@ void check_compiled_options(const ApplyOptions& options) {
     throw Error(ErrorCode::invalid_argument,
                 std::string(option) + ": " + what + "; apply the setup file, which the server evaluates");
   };
-  if (!options.motion_files.empty()) refuse("--motions", "a compiled deformation has design variables only");
+  if (!options.design.motion_files.empty()) refuse("--motions", "a compiled deformation has design variables only");
   if (options.path == "direct") refuse("--path", "a compiled deformation has its basis only");
   if (options.cells.split != "off") refuse("--split", "a compiled deformation is evaluated in one step");
   if (options.cells.check == "quality") refuse("--check", "quality is measured by the server, and by deform quality");
@@ -156,7 +136,7 @@ ExitCode run_compiled_apply(ApplyOptions options, const CommonOptions& common) {
   const v1::Setup setup = compiled_setup(content, file);
   options.input.source = compiled_mesh_path(content, file, options.input.source).string();
   const std::filesystem::path output = checked_output(options);
-  std::vector<double> values = parse_settings(options.settings, setup);
+  std::vector<double> values = parse_settings(options.design.settings, setup);
   values.resize(deformation.variables(), 0.0);
   const auto loaded = std::chrono::steady_clock::now();
   const auto source = io::read_mesh_file(options.input.source, own_process());
@@ -202,7 +182,7 @@ ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
   encoding.set(request);
   request.set_path(evaluation_path(options.path));
   options.cells.set(request);
-  *request.add_designs() = make_design(options, prepared, *source.mesh());
+  *request.add_designs() = options.design.design(prepared);
   const auto outcome = connection.client().deform(request, connection.call());
   const auto& design = outcome.designs.at(0);
   const auto before_write = std::chrono::steady_clock::now();
@@ -244,19 +224,7 @@ void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chose
       ->add_option("SETUP", options->input.setup,
                    "Setup file, the id of a prepared system, or a compiled deformation, which needs no server")
       ->required();
-  command->add_option("--set", options->settings, "NAME=VALUE of a design variable; may be repeated")
-      ->take_all()
-      ->expected(1)
-      ->allow_extra_args(false);
-  command->add_option("--motions", options->motion_files, "CSV file of handle motions; may be repeated")
-      ->take_all()
-      ->expected(1)
-      ->allow_extra_args(false);
-  command
-      ->add_option("--match-tolerance", options->match_tolerance,
-                   "How far a place in a motion file may be from its point, model units; 0: 1e-6 of the bounding-box diagonal")
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
+  options->design.add_to(*command);
   auto* target = command->add_option_group("target", "Where the result goes");
   target->add_option(
       "-o,--output", options->output,

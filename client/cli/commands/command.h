@@ -61,6 +61,7 @@ void add_prepare_command(CLI::App& app, const CommonOptions& common, Action& cho
 void add_context_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_compile_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_evaluate_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_compare_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_sweep_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_list_command(CLI::App& app, const CommonOptions& common, Action& chosen);

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "client/client.h"
+#include "client/design.h"
 #include "client/python/binding/arrays.h"
 #include "client/python/binding/bind_mesh.h"
 #include "client/python/binding/calls.h"
@@ -123,6 +124,45 @@ py::array vector_jacobian(client::Client& client, const std::string& system, con
   return py::array_t<double>(static_cast<py::ssize_t>(gradient.size()), gradient.data());
 }
 
+/// m x n x 3 to m x k.
+py::array vector_jacobians(client::Client& client, const std::string& system, const Doubles& variables, const Doubles& cotangents,
+                           const CallLimits& limits) {
+  const auto x = numbers_view(variables, "variables");
+  if (cotangents.ndim() != 3 || cotangents.shape(2) != 3) {
+    throw Error(ErrorCode::invalid_argument, "cotangents: expected an array of shape (m, n, 3)");
+  }
+  const auto count = static_cast<std::size_t>(cotangents.shape(0));
+  const std::span<const Vec3> w(reinterpret_cast<const Vec3*>(cotangents.data()),
+                                count * static_cast<std::size_t>(cotangents.shape(1)));
+  const auto gradients =
+      run_call(limits, [&](const client::CallOptions& call) { return client.vector_jacobians(system, x, w, count, call); });
+  const std::size_t columns = count == 0 ? 0 : gradients.size() / count;
+  return py::array_t<double>({static_cast<py::ssize_t>(count), static_cast<py::ssize_t>(columns)}, gradients.data());
+}
+
+v1::Design design_of(const Doubles& variables, const std::vector<std::pair<std::string, Doubles>>& motions) {
+  v1::Design design = client::variables_design(numbers_view(variables, "variables"));
+  for (const auto& [handle, values] : motions) *design.add_motions() = motion_of(handle, values);
+  return design;
+}
+
+/// Moved points, and the server's report on them.
+py::tuple evaluate(client::Client& client, const std::string& system, const Doubles& variables,
+                   const std::vector<std::pair<std::string, Doubles>>& motions, const Doubles& points,
+                   const std::string& encoding, double tolerance, double solver_tolerance, const CallLimits& limits) {
+  v1::EvaluateHeader header;
+  header.set_system_id(system);
+  *header.mutable_design() = design_of(variables, motions);
+  header.mutable_output()->set_encoding(encoding_named(encoding));
+  header.mutable_output()->set_tolerance(tolerance);
+  header.set_solver_tolerance(solver_tolerance);
+  const auto from = points_view(points, "points");
+  Points moved(from.size());
+  Record report(
+      run_call(limits, [&](const client::CallOptions& call) { return client.evaluate(header, from, std::span(moved), call); }));
+  return py::make_tuple(points_array(std::move(moved)), std::move(report));
+}
+
 py::array registered_points(client::Client& client, const std::string& id, const CallLimits& limits) {
   auto points = std::make_shared<const Points>(
       run_call(limits, [&](const client::CallOptions& call) { return client.get_points(id, call); }));
@@ -222,6 +262,8 @@ void bind_client(py::module_& module) {
            })
       .def("jacobian_vector", &jacobian_vector)
       .def("vector_jacobian", &vector_jacobian)
+      .def("vector_jacobians", &vector_jacobians)
+      .def("evaluate", &evaluate)
       .def("server_info", [](Client& client, const CallLimits& limits) {
         return Record(run_call(limits, [&](const CallOptions& call) { return client.server_info(call); }));
       });

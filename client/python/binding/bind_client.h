@@ -5,9 +5,14 @@
 
 #include <string>
 
+#include "client/python/binding/arrays.h"
+#include "deform/v1/deformation.pb.h"
+
 namespace deform::python {
 
-namespace py = pybind11;
+/// The motion of a handle: a 3 x 4 array is an affine map, an n x 3 array displacements of its points. Throws
+/// Error(invalid_argument) naming motions["HANDLE"].
+v1::Motion motion_of(const std::string& handle, const Doubles& values);
 
 void bind_client(py::module_& module);
 /// After bind_client() and bind_meshes().

@@ -16,6 +16,15 @@
 
 namespace deform::python {
 
+v1::Motion motion_of(const std::string& handle, const Doubles& values) {
+  if (values.ndim() == 2 && values.shape(0) == 3 && values.shape(1) == 4) {
+    Affine map;
+    std::copy(values.data(), values.data() + map.size(), map.begin());
+    return client::affine_motion(handle, map);
+  }
+  return client::displacement_motion(handle, points_view(values, "motions[\"" + handle + "\"]"));
+}
+
 namespace {
 
 /// A population with the array that its points go to.
@@ -58,15 +67,6 @@ class Run {
 };
 
 using Motions = std::vector<std::pair<std::string, Doubles>>;
-
-v1::Motion motion_of(const std::string& handle, const Doubles& values) {
-  if (values.ndim() == 2 && values.shape(0) == 3 && values.shape(1) == 4) {
-    Affine map;
-    std::copy(values.data(), values.data() + map.size(), map.begin());
-    return client::affine_motion(handle, map);
-  }
-  return client::displacement_motion(handle, points_view(values, "motions[\"" + handle + "\"]"));
-}
 
 std::vector<v1::Design> designs_of(const Doubles& variables, const std::vector<Motions>& motions) {
   if (variables.ndim() != 2) throw Error(ErrorCode::invalid_argument, "designs: an array of other than two axes");

@@ -92,6 +92,13 @@ class Client:
     def vector_jacobian(
         self, system: str, variables: np.ndarray, cotangent: np.ndarray, limits: Limits, /
     ) -> np.ndarray: ...
+    def vector_jacobians(
+        self, system: str, variables: np.ndarray, cotangents: np.ndarray, limits: Limits, /
+    ) -> np.ndarray: ...
+    def evaluate(
+        self, system: str, variables: np.ndarray, motions: List[Tuple[str, np.ndarray]], points: np.ndarray, encoding: str,
+        tolerance: float, solver_tolerance: float, limits: Limits, /,
+    ) -> Tuple[np.ndarray, Record]: ...
     def server_info(self, limits: Limits, /) -> Record: ...
 
 class Compiled:

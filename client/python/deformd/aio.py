@@ -22,7 +22,7 @@ from . import _deformd
 from . import client as blocking
 from .compiled import CompiledDeformation
 from .geometry import Geometry
-from .reports import Deformation, Population, Report
+from .reports import Deformation, Evaluation, Population, Report
 from .system import System as BlockingSystem
 
 _Result = TypeVar("_Result")
@@ -132,6 +132,10 @@ class System:
         finally:
             cancel.cancel()
             await self._client._call(results.close)  # type: ignore[attr-defined]
+
+    async def evaluate(self, points: Any, x: Any = None, **options: Any) -> Evaluation:
+        """As `deformd.System.evaluate`."""
+        return await self._client._run(self.blocking.evaluate, points, x, **options)
 
     async def jvp(self, x: Any, v: Any, **options: Any) -> np.ndarray:
         """As `deformd.System.jvp`."""

@@ -173,6 +173,15 @@ class Deformation(NamedTuple):
     report: Union[Report, CompiledReport]
 
 
+class Evaluation(NamedTuple):
+    """One design at other points: `points` (n, 3), model units; and its `report`, whose attributes are the fields of EvaluateResult
+    (proto/deform/v1/deformation.proto): `max_displacement`, `estimated_error`, which holds where the geometry has points, `still`,
+    `converged`, `warnings`."""
+
+    points: np.ndarray
+    report: "_deformd.Record"
+
+
 class Population(NamedTuple):
     """Many designs: `points` (m, n, 3), NaN for designs with an error; and one report per design."""
 

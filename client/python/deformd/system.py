@@ -10,7 +10,7 @@ from . import _deformd
 from .compiled import CompiledDeformation
 from .designs import DesignSpace, Variable
 from .errors import InvalidArgument
-from .reports import Deformation, Population, Report, check_bad, raise_or_warn
+from .reports import Deformation, Evaluation, Population, Report, check_bad, raise_or_warn
 
 if TYPE_CHECKING:
     from typing import Literal
@@ -166,6 +166,39 @@ class System(DesignSpace):
         finally:
             run.end()
 
+    # ---- other points ----
+
+    def evaluate(
+        self,
+        points: Any,
+        x: "Optional[Design]" = None,
+        *,
+        motions: Optional[Mapping[str, Any]] = None,
+        encoding: Optional[str] = None,
+        tolerance: Optional[float] = None,
+        solver_tolerance: float = 0,
+        timeout: Optional[float] = None,
+        cancel: "Optional[_deformd.Cancel]" = None,
+    ) -> Evaluation:
+        """Where a design moves points that need not belong to the geometry: points (n, 3), model units, a second mesh or probes.
+
+        The Evaluation has the moved points (n, 3), float64, and a report. At the coordinates of a point of the geometry they are those
+        of `deform` with path "PATH_DIRECT". Points outside of a lattice stay, `report.still` counts them. Raises FailedPrecondition,
+        with the reason, for methods that are defined at the points of their geometry only (shell), and InvalidArgument naming
+        points[i] outside of a cage with GREEN coordinates.
+
+        x, motions, encoding, tolerance, timeout and cancel are those of `deform`; x None: at rest but for the motions.
+        solver_tolerance: of iterative solvers, a fraction of the diagonal; 0: that of the setup.
+        """
+        chosen = encoding or self._client.encoding
+        if tolerance is None and chosen in ("DRACO", "DELTA_ZSTD"):
+            tolerance = _WRITTEN_TOLERANCE * self.info.diagonal
+        handles = [(str(handle), np.asarray(values, dtype=np.float64)) for handle, values in (motions or {}).items()]
+        moved, report = self._client._native.evaluate(
+            self.id, self._design(x), handles, np.asarray(points, dtype=np.float64), chosen, float(tolerance or 0), float(solver_tolerance),
+            self._client._limits(timeout, cancel))
+        return Evaluation(moved, report)
+
     # ---- derivatives ----
 
     def jvp(self, x: "Optional[Design]", v: "Design", *, timeout: Optional[float] = None, cancel: "Optional[_deformd.Cancel]" = None) -> np.ndarray:
@@ -175,8 +208,12 @@ class System(DesignSpace):
 
     def vjp(self, x: "Optional[Design]", w: Any, *, timeout: Optional[float] = None, cancel: "Optional[_deformd.Cancel]" = None) -> np.ndarray:
         """The gradient (k,) of sum(w * points) with respect to the variables, at x; w (n, 3) is the gradient of an objective with
-        respect to the points. x None: at rest."""
-        return self._client._native.vector_jacobian(self.id, self._design(x), np.asarray(w, dtype=np.float64), self._client._limits(timeout, cancel))
+        respect to the points. Of many, W (m, n, 3), the gradients (m, k), with one solution of the adjoint equations for all of
+        them; m is at most 1000. x None: at rest."""
+        cotangent = np.asarray(w, dtype=np.float64)
+        native = self._client._native
+        call = native.vector_jacobians if cotangent.ndim == 3 else native.vector_jacobian
+        return call(self.id, self._design(x), cotangent, self._client._limits(timeout, cancel))
 
     def jacobian(self, x: "Optional[Design]" = None, *, timeout: Optional[float] = None, cancel: "Optional[_deformd.Cancel]" = None) -> np.ndarray:
         """The derivative of the points with respect to the variables, at x: (n, 3, k), by k calls of `jvp`."""

@@ -113,13 +113,8 @@ std::shared_ptr<const System> prepare_mesh(const CageOptions& options, const std
       if (region_of[i] != deformable_region) held.push_back(static_cast<PointId>(i));
     }
     const auto rows = std::make_shared<const CageRows>(cage_of(options), mesh, std::move(held), context);
-    DirectModel model{rows,
-                      {size_note(rows->cage())},
-                      options.clamp,
-                      row_growth,
-                      options.basis,
-                      options.basis_tolerance,
-                      "a larger method.cage.clamp or a coarser cage"};
+    DirectModel model{rows,       rows,          {size_note(rows->cage())}, options.clamp,
+                      row_growth, options.basis, options.basis_tolerance,   "a larger method.cage.clamp or a coarser cage"};
     add_outside_note(rows->cage(), *mesh, context, model.notes);
     return model;
   };

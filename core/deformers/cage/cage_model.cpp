@@ -62,6 +62,16 @@ void CageRows::for_each(std::int64_t row, const std::function<void(std::int64_t,
   for (std::size_t i = 0; i < values.size(); ++i) use(static_cast<std::int64_t>(i), values[i]);
 }
 
+SpaceFunctions::Outside CageRows::rows(std::span<const Vec3> places, std::uint64_t, const Use& use) const {
+  MeanValue::Scratch scratch;
+  std::vector<double> values(cage_.size());
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    coordinates_.evaluate(places[i], scratch, values);
+    for (std::size_t v = 0; v < values.size(); ++v) use(i, static_cast<std::int64_t>(v), values[v]);
+  }
+  return {};
+}
+
 std::size_t CageRows::bytes_for(const Cage& cage, std::size_t kept) {
   return cage.bytes() + kept * (sizeof(PointId) + cage.size() * sizeof(double));
 }
@@ -112,7 +122,9 @@ ControlModel cage_model(const CageOptions& options, const std::shared_ptr<const 
   model.seconds_per_row = seconds_per_row(cage);
   model.rounding = cage_rounding;
   model.reach = ControlModel::Reach::everywhere;
-  model.rows = std::make_shared<const CageRows>(std::move(cage), mesh);
+  const auto rows = std::make_shared<const CageRows>(std::move(cage), mesh);
+  model.rows = rows;
+  model.in_space = rows;
   return model;
 }
 

@@ -11,6 +11,7 @@
 #include "core/base/run_context.h"
 #include "core/deformers/handles/control_functions.h"
 #include "core/deformers/handles/control_system.h"
+#include "core/deformers/handles/space_functions.h"
 #include "core/deformers/setup.h"
 #include "core/mesh/mesh.h"
 #include "core/numerics/cage/cage.h"
@@ -27,7 +28,7 @@ Cage cage_of(const CageOptions& options);
 ControlModel cage_model(const CageOptions& options, const std::shared_ptr<const Mesh>& mesh);
 
 /// The mean value coordinates of the points of a mesh. Those of some points are stored, the others are computed on demand.
-class CageRows : public ControlFunctions {
+class CageRows : public ControlFunctions, public SpaceFunctions {
  public:
   CageRows(Cage cage, std::shared_ptr<const Mesh> mesh);
   /// Stores the coordinates of the points `kept` (ascending).
@@ -39,6 +40,9 @@ class CageRows : public ControlFunctions {
   std::int64_t cols() const override { return static_cast<std::int64_t>(cage_.size()); }
   std::size_t count(std::int64_t) const override { return cage_.size(); }
   void for_each(std::int64_t row, const std::function<void(std::int64_t, double)>& use) const override;
+  Outside rows(std::span<const Vec3> places, std::uint64_t first, const Use& use) const override;
+  using ControlFunctions::sums;
+  using SpaceFunctions::sums;
   std::size_t bytes() const override { return bytes_for(cage_, kept_.size()); }
   static std::size_t bytes_for(const Cage& cage, std::size_t kept);
 

@@ -9,6 +9,12 @@
 
 namespace deform {
 
+namespace {
+
+constexpr std::size_t green_places_per_task = 1024;
+
+}  // namespace
+
 GreenEvaluation::GreenEvaluation(std::shared_ptr<const GreenSystem> system, std::span<const Design> designs, EvaluationPath path,
                                  const RunContext& context)
     : HandleEvaluation(system, designs, path, context),
@@ -68,6 +74,28 @@ void GreenEvaluation::direct_tile(std::size_t tile, std::size_t first, std::size
   const double* const coordinates = system_.tile(tile, scratch);
   tile_product(coordinates, system_.columns_.size(), moving_rows_, changes_.data() + 3 * first, 3 * designs_.size(), 3 * count,
                values);
+}
+
+SpaceMap::Told GreenEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                                 const RunContext& context) const {
+  parallel_for(context, points.size(), green_places_per_task, [&](std::size_t begin, std::size_t end) {
+    GreenSystem::Scratch scratch;
+    scratch.values.resize(system_.columns_.size() * tile_size);
+    double values[3 * tile_size];
+    for (std::size_t at = begin; at < end; at += tile_size) {
+      const std::size_t count = std::min(tile_size, end - at);
+      system_.compute_places(points.subspan(at, count), first + at, scratch, scratch.values.data());
+      std::fill_n(values, 3 * tile_size, 0.0);
+      if (!moving_rows_.empty()) {
+        tile_product(scratch.values.data(), system_.columns_.size(), moving_rows_, changes_.data(), 3 * designs_.size(), 3,
+                     values);
+      }
+      for (std::size_t i = 0; i < count; ++i) {
+        for (std::size_t k = 0; k < 3; ++k) out[at + i][k] = values[k * tile_size + i];
+      }
+    }
+  });
+  return {};
 }
 
 }  // namespace deform

@@ -108,23 +108,38 @@ StretchedNormal::Corners GreenSystem::corners(std::size_t triangle, std::span<co
   return {of[a], of[b], of[c]};
 }
 
-void GreenSystem::compute_tile(std::size_t tile, Scratch& scratch, double* out, Rejected* rejected) const {
+int GreenSystem::compute_point(const Vec3& x, Scratch& scratch, double* at) const {
   scratch.phi.resize(cage_.size());
   scratch.psi.resize(cage_.triangles().size());
+  const int winding = coordinates_.evaluate(x, scratch.views, scratch.phi, scratch.psi);
+  for (const std::uint32_t v : columns_.vertices) {
+    *at = scratch.phi[v];
+    at += tile_size;
+  }
+  for (const std::uint32_t t : columns_.triangles) {
+    *at = scratch.psi[t];
+    at += tile_size;
+  }
+  return winding;
+}
+
+void GreenSystem::compute_places(std::span<const Vec3> places, std::uint64_t first, Scratch& scratch, double* out) const {
+  std::fill_n(out, columns_.size() * tile_size, 0.0);
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    const int winding = compute_point(places[i], scratch, out + i);
+    if (winding == 1) continue;
+    refuse_argument("points[" + std::to_string(first + i) +
+                    "]: " + (winding <= 0 ? "lies outside of the cage" : "lies where parts of the cage overlap") +
+                    ", and coordinates GREEN exist only inside of it; use coordinates MEAN_VALUE or leave the point out");
+  }
+}
+
+void GreenSystem::compute_tile(std::size_t tile, Scratch& scratch, double* out, Rejected* rejected) const {
   std::fill_n(out, columns_.size() * tile_size, 0.0);
   const std::size_t begin = tile * tile_size, end = std::min(begin + tile_size, mesh_->point_count());
   for (std::size_t i = begin; i < end; ++i) {
-    const int winding = coordinates_.evaluate(mesh_->points[i], scratch.views, scratch.phi, scratch.psi);
+    const int winding = compute_point(mesh_->points[i], scratch, out + (i - begin));
     if (winding != 1 && rejected != nullptr) rejected->add(static_cast<PointId>(i), winding);
-    double* at = out + (i - begin);
-    for (const std::uint32_t v : columns_.vertices) {
-      *at = scratch.phi[v];
-      at += tile_size;
-    }
-    for (const std::uint32_t t : columns_.triangles) {
-      *at = scratch.psi[t];
-      at += tile_size;
-    }
   }
 }
 
@@ -208,9 +223,16 @@ std::unique_ptr<const Evaluation> GreenSystem::derivative(std::span<const double
   return std::make_unique<GreenEvaluation>(std::static_pointer_cast<const GreenSystem>(shared_from_this()), variables, maps);
 }
 
-std::vector<double> GreenSystem::adjoint(std::span<const double> variables, const std::vector<Vec3>& at_following,
-                                         const RunContext& context) const {
+HandleSystem::Fields GreenSystem::adjoint(std::span<const double> variables, Cotangents at_following,
+                                          const RunContext& context) const {
   const std::vector<Vec3> moved = moved_by(variables);
+  Fields result;
+  for (const std::vector<Vec3>& cotangent : at_following) result.push_back(adjoint(moved, cotangent, context));
+  return result;
+}
+
+std::vector<double> GreenSystem::adjoint(const std::vector<Vec3>& moved, const std::vector<Vec3>& at_following,
+                                         const RunContext& context) const {
   // The columns times the cotangents, in an order of summation that does not depend on threads.
   const std::size_t tiles = tile_count(at_following.size()), width = 3 * columns_.size();
   std::vector<std::vector<double>> partial((tiles + green_tiles_per_sum - 1) / green_tiles_per_sum,

@@ -46,8 +46,11 @@ class GreenSystem : public HandleSystem {
               const std::shared_ptr<const Mesh>& controls, const RunContext& context);
   std::unique_ptr<const Evaluation> derivative(std::span<const double> variables, const std::vector<Affine>& maps,
                                                const RunContext& context) const override;
-  std::vector<double> adjoint(std::span<const double> variables, const std::vector<Vec3>& at_following,
-                              const RunContext& context) const override;
+  Fields adjoint(std::span<const double> variables, Cotangents at_following, const RunContext& context) const override;
+  /// For one cotangent, with the vertices moved.
+  std::vector<double> adjoint(const std::vector<Vec3>& moved, const std::vector<Vec3>& at_following,
+                              const RunContext& context) const;
+  std::string only_on_mesh() const override { return {}; }
   std::string without_basis() const override;
 
   void find_columns();
@@ -63,6 +66,11 @@ class GreenSystem : public HandleSystem {
   std::vector<Vec3> moved_by(std::span<const double> variables) const;
   /// Writes the coordinates of the points of a tile, columns x 16. Points that do not lie in the cage are noted in `rejected`.
   void compute_tile(std::size_t tile, Scratch& scratch, double* out, Rejected* rejected) const;
+  /// The same for at most 16 places, which must lie in the cage. `first` is the number of the first one; throws
+  /// Error(invalid_argument) naming points[i].
+  void compute_places(std::span<const Vec3> places, std::uint64_t first, Scratch& scratch, double* out) const;
+  /// Writes the coordinates of one point into a tile; returns the winding number of the cage about it.
+  int compute_point(const Vec3& x, Scratch& scratch, double* at) const;
   /// The coordinates of a tile: as stored, or computed to scratch.
   const double* tile(std::size_t tile, Scratch& scratch) const;
 

@@ -3,6 +3,7 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstdio>
 #include <numbers>
@@ -15,6 +16,7 @@ namespace deform {
 
 namespace {
 
+constexpr std::size_t energy_places_per_task = 1024;
 constexpr double exact_limit = 1e-9;      // of D: ConstraintReport::missed
 constexpr double convergence_margin = 4;  // largest error of a point against the estimated rms one of the constrained points
 
@@ -202,6 +204,46 @@ void EnergyEvaluation::replace_points(std::size_t begin, std::size_t end, std::s
       if (!values.empty()) out[k][ids[u] - begin] = values[u];
     }
   }
+}
+
+std::vector<std::pair<PointId, Vec3>> EnergyEvaluation::replaced() const {
+  std::vector<std::pair<PointId, Vec3>> result;
+  if (!system_.exact_ || solutions_[0].exact.values.empty()) return result;
+  const std::vector<PointId>& ids = system_.exact_->ids();
+  for (std::size_t u = 0; u < ids.size(); ++u) {
+    if (system_.exact_->moves(u)) result.emplace_back(ids[u], solutions_[0].exact.values[u]);
+  }
+  return result;
+}
+
+/// The sums of EnergySystem::fill_tile(), in its order.
+SpaceMap::Told EnergyEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                                  const RunContext& context) const {
+  const EnergySystem::Solution& solution = solutions_[0];
+  const double* const w = solution.field.w.data();
+  std::atomic<std::size_t> still = 0;
+  parallel_for(context, points.size(), energy_places_per_task, [&](std::size_t begin, std::size_t end) {
+    const auto some = points.subspan(begin, end - begin);
+    std::vector<Vec3> places;
+    for (const Vec3& x : some) places.push_back(system_.box_.to_unit(x));
+    const TiledPoints tiled(places);
+    double values[3 * tile_size];
+    for (std::size_t t = 0; t < tiled.tiles(); ++t) {
+      std::fill_n(values, 3 * tile_size, 0.0);
+      if (system_.correction_) system_.correction_->add_values(tiled.tile(t), solution.field.correction.data(), 3, values);
+      if (system_.exact_) system_.exact_->add_values(tiled.tile(t), solution.exact, values);
+      for (std::size_t i = t * tile_size; i < std::min((t + 1) * tile_size, some.size()); ++i) {
+        for (std::size_t k = 0; k < 3; ++k) out[begin + i][k] = values[k * tile_size + i % tile_size];
+      }
+    }
+    const auto outside =
+        system_.model_.space.in_space->rows(some, first + begin, [&](std::size_t place, std::int64_t column, double value) {
+          for (std::size_t k = 0; k < 3; ++k) out[begin + place][k] += value * w[3 * static_cast<std::size_t>(column) + k];
+        });
+    for (const std::size_t place : outside) out[begin + place] = {};
+    still += outside.size();
+  });
+  return {still, 0};
 }
 
 }  // namespace deform

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "core/deformers/energy/energy_system.h"
@@ -28,6 +29,9 @@ class EnergyEvaluation : public HandleEvaluation {
   std::vector<Vec3> final_points(std::size_t design) const;
   void measure_constraints(std::size_t design, const ConstrainedResult& result);
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
+  SpaceMap::Told displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                  const RunContext& context) const override;
+  std::vector<std::pair<PointId, Vec3>> replaced() const override;
   /// Replaces the points of exact constraints.
   void replace_points(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const override;
 

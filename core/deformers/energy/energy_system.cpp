@@ -347,27 +347,50 @@ std::vector<double> EnergySystem::contract_fields(const Eigen::MatrixXd& back) c
   return result;
 }
 
-std::vector<double> EnergySystem::adjoint(std::span<const double> variables, const std::vector<Vec3>& at_following,
-                                          const RunContext& context) const {
-  std::vector<Vec3> X = at_following;
+HandleSystem::Fields EnergySystem::adjoint(std::span<const double> variables, Cotangents at_following,
+                                           const RunContext& context) const {
   Constrained at;
-  std::vector<Vec3> at_exact;
   if (constrained_) at = constrained_at(variables, context);
-  if (exact_ && at.exact.any()) at_exact = exact_->adjoint(at.exact, X, context);
-  Eigen::MatrixXd g = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(solver_->unknowns()), 3);
+  const std::size_t count = at_following.size();
+  std::vector<std::vector<Vec3>> X(at_following.begin(), at_following.end()), at_exact(count);
+  for (std::size_t j = 0; j < count && exact_ && at.exact.any(); ++j) at_exact[j] = exact_->adjoint(at.exact, X[j], context);
+  const auto columns = static_cast<Eigen::Index>(3 * count);
+  Eigen::MatrixXd g = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(solver_->unknowns()), columns);
   for (std::size_t s = 0; s < following().size(); ++s) {
     model_.space.functions().for_each(following()[s], [&](std::int64_t column, double value) {
-      for (Eigen::Index k = 0; k < 3; ++k) g(column, k) += value * X[s][static_cast<std::size_t>(k)];
+      for (Eigen::Index k = 0; k < columns; ++k) {
+        g(column, k) += value * X[static_cast<std::size_t>(k) / 3][s][static_cast<std::size_t>(k) % 3];
+      }
     });
   }
-  Eigen::MatrixXd direct = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(model_.held.size()), 3);
+  Eigen::MatrixXd direct = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(model_.held.size()), columns);
   if (correction_) {
     // The correction interpolates h - B w, so it acts on h directly and through w.
-    direct = correction_->adjoint(unit_places(*mesh_, box_, following()), X, context);
+    const std::vector<Vec3> places = unit_places(*mesh_, box_, following());
+    for (std::size_t j = 0; j < count; ++j) {
+      direct.middleCols(static_cast<Eigen::Index>(3 * j), 3) = correction_->adjoint(places, X[j], context);
+    }
     g -= solver_->problem().coupling * direct;
   }
-  if (!constrained_) return contract_fields(direct + solver_->adjoint(g, context));
+  Fields result;
+  if (!constrained_) {
+    const Eigen::MatrixXd back = direct + solver_->adjoint(g, context);
+    for (std::size_t j = 0; j < count; ++j)
+      result.push_back(contract_fields(back.middleCols(static_cast<Eigen::Index>(3 * j), 3)));
+    return result;
+  }
+  for (std::size_t j = 0; j < count; ++j) {
+    const auto first = static_cast<Eigen::Index>(3 * j);
+    result.push_back(constrained_adjoint(at, g.middleCols(first, 3), direct.middleCols(first, 3), at_exact[j], context));
+  }
+  return result;
+}
 
+/// For one cotangent, from its derivatives with respect to the coefficients, to the held points and to the points of exact
+/// constraints.
+std::vector<double> EnergySystem::constrained_adjoint(const Constrained& at, const Eigen::MatrixXd& g,
+                                                      const Eigen::MatrixXd& direct, const std::vector<Vec3>& at_exact,
+                                                      const RunContext& context) const {
   const ConstrainedSolver::Adjoint back = constrained_->adjoint(at.result, g, context);
   std::vector<double> result = contract_fields(direct + back.h);
   std::size_t i = 0;

@@ -65,8 +65,8 @@ class EnergySystem : public HandleSystem {
 
   std::unique_ptr<const Evaluation> derivative(std::span<const double> variables, const std::vector<Affine>& maps,
                                                const RunContext& context) const override;
-  std::vector<double> adjoint(std::span<const double> variables, const std::vector<Vec3>& at_following,
-                              const RunContext& context) const override;
+  Fields adjoint(std::span<const double> variables, Cotangents at_following, const RunContext& context) const override;
+  std::string only_on_mesh() const override { return model_.space.in_space ? std::string() : model_.space.only_on_mesh; }
   void prepare_solver(const RunContext& context, std::size_t memory_budget);
   void prepare_constraints(ConstraintSets constraints, const RunContext& context, std::size_t memory_budget);
   void prepare_basis(const RunContext& context, std::size_t memory_budget);
@@ -82,6 +82,8 @@ class EnergySystem : public HandleSystem {
   Constrained constrained_at(std::span<const double> variables, const RunContext& context) const;
   /// Writes the values of a solution at a tile of the following points to out[c][16].
   void fill_tile(const Solution& solution, std::size_t tile, double* out) const;
+  std::vector<double> constrained_adjoint(const Constrained& at, const Eigen::MatrixXd& g, const Eigen::MatrixXd& direct,
+                                          const std::vector<Vec3>& at_exact, const RunContext& context) const;
   void add_fields(PointId id, const Vec3& cotangent, std::vector<double>& fields) const;
   std::vector<double> contract_fields(const Eigen::MatrixXd& back) const;
 

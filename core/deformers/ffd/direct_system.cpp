@@ -159,19 +159,21 @@ std::unique_ptr<const Evaluation> DirectSystem::derivative(std::span<const doubl
   return std::make_unique<DirectEvaluation>(std::static_pointer_cast<const DirectSystem>(shared_from_this()), maps, context);
 }
 
-std::vector<double> DirectSystem::adjoint(std::span<const double>, const std::vector<Vec3>& at_following,
-                                          const RunContext& context) const {
+HandleSystem::Fields DirectSystem::adjoint(std::span<const double>, Cotangents at_following, const RunContext& context) const {
   context.check();
-  Eigen::MatrixXd g = Eigen::MatrixXd::Zero(model_.rows->cols(), 3);
+  const auto columns = static_cast<Eigen::Index>(3 * at_following.size());
+  Eigen::MatrixXd g = Eigen::MatrixXd::Zero(model_.rows->cols(), columns);
   for (std::size_t s = 0; s < following().size(); ++s) {
     model_.rows->for_each(following()[s], [&](std::int64_t column, double value) {
-      for (Eigen::Index k = 0; k < 3; ++k) g(column, k) += value * at_following[s][static_cast<std::size_t>(k)];
+      for (Eigen::Index k = 0; k < columns; ++k) {
+        g(column, k) += value * at_following[static_cast<std::size_t>(k) / 3][s][static_cast<std::size_t>(k) % 3];
+      }
     });
   }
   const Eigen::MatrixXd G = fields_at_held().transpose() * inverse_->adjoint(g);
-  std::vector<double> result;
+  Fields result(at_following.size());
   for (Eigen::Index f = 0; f < G.rows(); ++f) {
-    for (Eigen::Index k = 0; k < 3; ++k) result.push_back(G(f, k));
+    for (Eigen::Index k = 0; k < columns; ++k) result[static_cast<std::size_t>(k) / 3].push_back(G(f, k));
   }
   return result;
 }

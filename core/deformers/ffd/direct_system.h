@@ -9,13 +9,15 @@
 
 #include "core/deformers/ffd/clamped_inverse.h"
 #include "core/deformers/handles/handle_system.h"
+#include "core/deformers/handles/space_functions.h"
 #include "core/numerics/sparse/function_rows.h"
 
 namespace deform {
 
 /// The control points of direct manipulation and its options.
 struct DirectModel {
-  std::shared_ptr<const ComputedRows> rows;  ///< functions of the control points at the points of the mesh, n x k
+  std::shared_ptr<const ComputedRows> rows;        ///< functions of the control points at the points of the mesh, n x k
+  std::shared_ptr<const SpaceFunctions> in_space;  ///< the same at any place
   std::vector<std::string> notes;
   double clamp = 0;   ///< see ClampedInverse
   double growth = 1;  ///< upper bound of the 2-norm of a row
@@ -45,8 +47,8 @@ class DirectSystem : public HandleSystem {
 
   std::unique_ptr<const Evaluation> derivative(std::span<const double> variables, const std::vector<Affine>& maps,
                                                const RunContext& context) const override;
-  std::vector<double> adjoint(std::span<const double> variables, const std::vector<Vec3>& at_following,
-                              const RunContext& context) const override;
+  Fields adjoint(std::span<const double> variables, Cotangents at_following, const RunContext& context) const override;
+  std::string only_on_mesh() const override { return {}; }
   void prepare_basis(std::size_t memory_budget, const RunContext& context);
   void fill_info();
   /// The fields 1, x, y, z of every handle at the held points, m x 4H, in unit coordinates.

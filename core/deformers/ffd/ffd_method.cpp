@@ -26,7 +26,7 @@ ControlModel control_model(const FfdOptions& options, const Mesh& mesh, const Ru
   auto controls = std::make_shared<Mesh>();
   controls->points = options.lattice.control_points.empty() ? made.lattice.control_points() : options.lattice.control_points;
   std::vector<Vec3> crossings = boundary_crossings(mesh, options.lattice, made);
-  ControlModel model{std::move(controls), made.rows, std::move(made.notes), std::move(made.outside), nullptr};
+  ControlModel model{std::move(controls), made.rows, made.in_space, std::move(made.notes), std::move(made.outside), nullptr};
   if (!crossings.empty()) {
     model.crossings = std::make_shared<const LatticeRows>(made.lattice, LatticeCoordinates{std::move(crossings), {}});
   }
@@ -40,12 +40,8 @@ Estimate estimate_mesh(const FfdOptions& options, const Mesh& mesh, const Select
     if (points.region_of[i] != deformable_region) held.push_back(static_cast<PointId>(i));
   }
   const ModelLattice made = model_lattice(mesh, options.lattice, points.region_of, {});
-  DirectEstimate of{ClampedInverse::estimate(*made.rows, held),
-                    held.size(),
-                    static_cast<std::size_t>(made.rows->cols()),
-                    made.rows->bytes(),
-                    options.basis,
-                    options.basis_tolerance};
+  DirectEstimate of{ClampedInverse::estimate(*made.rows, held),  held.size(),   static_cast<std::size_t>(made.rows->cols()),
+                    made.rows->bytes() + made.in_space->bytes(), options.basis, options.basis_tolerance};
   Estimate estimate = estimate_direct(mesh, regions, of);
   estimate.notes.insert(estimate.notes.begin(), made.notes.begin(), made.notes.end());
   estimate.advice = "use fewer points of the lattice, smaller handle and fixed regions, fewer handles or basis BASIS_NEVER";
@@ -95,6 +91,7 @@ std::shared_ptr<const System> FfdMethod::prepare(const FfdOptions& options, cons
   const auto make = [&](const std::vector<RegionIndex>& region_of) {
     ModelLattice made = model_lattice(*mesh, options.lattice, region_of, context);
     return DirectModel{made.rows,
+                       made.in_space,
                        std::move(made.notes),
                        options.clamp,
                        1,

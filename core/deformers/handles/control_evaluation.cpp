@@ -2,6 +2,7 @@
 #include "core/deformers/handles/control_evaluation.h"
 
 #include <algorithm>
+#include <atomic>
 #include <string>
 
 #include "core/base/number_text.h"
@@ -11,6 +12,7 @@ namespace deform {
 
 namespace {
 
+constexpr std::size_t places_per_task = 1024;
 constexpr double least_jump = 1e-9;  // of D: what rounding does is less
 
 }  // namespace
@@ -75,6 +77,16 @@ void ControlEvaluation::direct_tile(std::size_t tile, std::size_t first, std::si
       for (std::size_t k = 0; k < 3; ++k) values[(3 * d + k) * tile_size + s - begin] = sums[d][k];
     }
   }
+}
+
+SpaceMap::Told ControlEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                                   const RunContext& context) const {
+  std::atomic<std::size_t> still = 0;
+  parallel_for(context, points.size(), places_per_task, [&](std::size_t begin, std::size_t end) {
+    const auto some = points.subspan(begin, end - begin);
+    still += system_.model_.in_space->sums(some, first + begin, controls_[0].data(), out.data() + begin).size();
+  });
+  return {still, 0};
 }
 
 }  // namespace deform

@@ -131,21 +131,24 @@ std::unique_ptr<const Evaluation> ControlSystem::derivative(std::span<const doub
   return std::make_unique<ControlEvaluation>(std::static_pointer_cast<const ControlSystem>(shared_from_this()), maps, context);
 }
 
-std::vector<double> ControlSystem::adjoint(std::span<const double>, const std::vector<Vec3>& at_following,
-                                           const RunContext& context) const {
+HandleSystem::Fields ControlSystem::adjoint(std::span<const double>, Cotangents at_following, const RunContext& context) const {
   context.check();
-  std::vector<Vec3> g(fields_.size());
+  std::vector<std::vector<Vec3>> g(at_following.size(), std::vector<Vec3>(fields_.size()));
   for (std::size_t s = 0; s < following().size(); ++s) {
     model_.rows->for_each(following()[s], [&](std::int64_t column, double value) {
-      Vec3& sum = g[static_cast<std::size_t>(column)];
-      sum = sum + value * at_following[s];
+      for (std::size_t j = 0; j < g.size(); ++j) {
+        Vec3& sum = g[j][static_cast<std::size_t>(column)];
+        sum = sum + value * at_following[j][s];
+      }
     });
   }
-  std::vector<double> result(3 * fields(), 0.0);
-  for (std::size_t p = 0; p < g.size(); ++p) {
-    if (!moves(p)) continue;
-    for (std::size_t f = 0; f < 4; ++f) {
-      for (std::size_t k = 0; k < 3; ++k) result[3 * (first_field(p) + f) + k] += fields_[p][f] * g[p][k];
+  Fields result(g.size(), std::vector<double>(3 * fields(), 0.0));
+  for (std::size_t j = 0; j < g.size(); ++j) {
+    for (std::size_t p = 0; p < fields_.size(); ++p) {
+      if (!moves(p)) continue;
+      for (std::size_t f = 0; f < 4; ++f) {
+        for (std::size_t k = 0; k < 3; ++k) result[j][3 * (first_field(p) + f) + k] += fields_[p][f] * g[j][p][k];
+      }
     }
   }
   return result;
@@ -162,7 +165,7 @@ Estimate estimate_controls(const Mesh& mesh, const ControlModel& model, const En
   const bool basis = wants_basis(options.basis, basis_bytes, 0);
   estimate.basis_bytes = basis ? basis_bytes + 2 * fields * sizeof(double) : 0;
   const std::size_t crossings = model.crossings ? model.crossings->bytes() : 0;
-  const std::size_t own = point_bytes(n + k, regions.symmetry) + model.rows->bytes() + crossings +
+  const std::size_t own = point_bytes(n + k, regions.symmetry) + model.rows->bytes() + model.in_space->bytes() + crossings +
                           k * (sizeof(Vec3) + 4 * sizeof(double)) + (n + model.outside.size()) * sizeof(PointId);
   estimate.resident_bytes = estimate.basis_bytes + own;
   estimate.peak_bytes = own + k + (basis ? HandleBasis::peak_bytes_for(n, fields, options.basis_tolerance) : 0);

@@ -10,14 +10,16 @@
 
 #include "core/deformers/handles/control_functions.h"
 #include "core/deformers/handles/handle_system.h"
+#include "core/deformers/handles/space_functions.h"
 
 namespace deform {
 
 /// Control points and their functions on a mesh: the displacement of a point is the sum of the displacements of the control
 /// points times their functions at the point.
 struct ControlModel {
-  std::shared_ptr<const Mesh> controls;          ///< its points are the k control points
-  std::shared_ptr<const ControlFunctions> rows;  ///< functions of the control points at the points of the mesh, n x k
+  std::shared_ptr<const Mesh> controls;            ///< its points are the k control points
+  std::shared_ptr<const ControlFunctions> rows;    ///< functions of the control points at the points of the mesh, n x k
+  std::shared_ptr<const SpaceFunctions> in_space;  ///< the same at any place
   std::vector<std::string> notes;
   std::vector<std::uint32_t> outside;  ///< points at which all functions are zero, ascending
   /// The functions at places where edges of the mesh leave the support of all functions; null if there are none.
@@ -48,8 +50,8 @@ class ControlSystem : public HandleSystem {
 
   std::unique_ptr<const Evaluation> derivative(std::span<const double> variables, const std::vector<Affine>& maps,
                                                const RunContext& context) const override;
-  std::vector<double> adjoint(std::span<const double> variables, const std::vector<Vec3>& at_following,
-                              const RunContext& context) const override;
+  Fields adjoint(std::span<const double> variables, Cotangents at_following, const RunContext& context) const override;
+  std::string only_on_mesh() const override { return {}; }
   void prepare_basis(const EnergyOptions& options, const RunContext& context);
   void fill_info();
   /// The names of handles whose control points have no influence on the mesh.

@@ -211,6 +211,11 @@ void HandleEvaluation::evaluate(std::size_t begin, std::size_t end, std::size_t 
   replace_points(begin, end, first, out);
 }
 
+SpaceMap::Told HandleEvaluation::displacements_at(std::span<const Vec3>, std::uint64_t, std::span<Vec3>,
+                                                  const RunContext&) const {
+  throw Error(ErrorCode::internal, "this deformation is defined at the points of its mesh only");
+}
+
 void HandleEvaluation::replace_points(std::size_t, std::size_t, std::size_t, std::span<Vec3* const>) const {}
 
 namespace {

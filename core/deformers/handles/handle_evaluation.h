@@ -5,10 +5,12 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "core/base/parallel.h"
 #include "core/deformers/handles/handle_system.h"
+#include "core/deformers/space_map.h"
 
 namespace deform {
 
@@ -16,6 +18,8 @@ namespace deform {
 /// computes points from the displacements of tiles. The constructor of a derived class solves for the designs on the direct path
 /// and completes their reports; its direct_tile() returns their displacements.
 class HandleEvaluation : public Evaluation {
+  friend class HandleMap;
+
  public:
   std::size_t design_count() const final { return designs_.size(); }
   const DesignReport& report(std::size_t design) const final { return reports_[design]; }
@@ -32,6 +36,12 @@ class HandleEvaluation : public Evaluation {
   /// Writes the displacements of `count` designs on the direct path at a tile of the following points to
   /// values[design][component][16], in the frame of the symmetry planes.
   virtual void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const = 0;
+  /// Writes the displacements of the first design, which is on the direct path, at any points (model units) to `out`, in the
+  /// frame of the symmetry planes; see SpaceMap::evaluate(). Only for systems that are defined off the mesh.
+  virtual SpaceMap::Told displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                          const RunContext& context) const;
+  /// The points that replace_points() replaces in the first design, with their positions, ascending.
+  virtual std::vector<std::pair<PointId, Vec3>> replaced() const { return {}; }
   /// Replaces those of the points [begin, end) that the solution does not determine; see evaluate().
   virtual void replace_points(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;
 

@@ -11,6 +11,7 @@
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
 #include "core/deformers/handles/handle_fields.h"
+#include "core/deformers/handles/handle_map.h"
 
 namespace deform {
 
@@ -85,13 +86,7 @@ std::array<double, 4> HandleSystem::handle_fields(std::size_t handle, PointId id
   return {1, dot(frame.axes[0], x), dot(frame.axes[1], x), dot(frame.axes[2], x)};
 }
 
-Vec3 HandleSystem::components(Vec3 in_frame, PointId id) const {
-  const unsigned on = regions_.symmetry.on(id);
-  for (std::size_t k = 0; k < 3; ++k) {
-    if ((on >> k & 1u) != 0) in_frame[k] = 0;
-  }
-  return in_frame;
-}
+Vec3 HandleSystem::components(Vec3 in_frame, PointId id) const { return Symmetry::within(in_frame, regions_.symmetry.on(id)); }
 
 /// With constraints a design is no sum of fields, even where they are known.
 std::unique_ptr<const DisplacementFields> HandleSystem::displacement_fields() const {
@@ -178,43 +173,78 @@ Points HandleSystem::jacobian_vector(std::span<const double> variables, std::spa
   return result;
 }
 
-/// Transpose of "fields of the handles to displacements of the following points": 4H x 3, model coordinates.
-std::vector<double> HandleSystem::pull_back(std::span<const double> variables, const Points& cotangent,
-                                            const RunContext& context) const {
-  const Symmetry& symmetry = regions_.symmetry;
-  std::vector<Vec3> at_following;
-  at_following.reserve(following().size());
-  for (const PointId id : following()) {
-    at_following.push_back(symmetry.empty() ? cotangent[id] : components(symmetry.to_frame(cotangent[id]), id));
+std::string HandleSystem::only_on_mesh() const { return "its method is defined at the points of its geometry only"; }
+
+std::unique_ptr<const SpaceMap> HandleSystem::bind_in_space(const Design& design, const RunContext& context) const {
+  const std::string reason = only_on_mesh();
+  if (!reason.empty()) throw Error(ErrorCode::failed_precondition, "the system cannot be evaluated at other points: " + reason);
+  std::unique_ptr<const Evaluation> bound = bind({&design, 1}, EvaluationPath::direct, context);
+  if (dynamic_cast<const HandleEvaluation*>(bound.get()) == nullptr) {
+    throw Error(ErrorCode::internal, "a system of handles binds designs to something else");
   }
-  std::vector<double> result(3 * fields(), 0.0);
+  return std::make_unique<const HandleMap>(
+      std::unique_ptr<const HandleEvaluation>(static_cast<const HandleEvaluation*>(bound.release())));
+}
+
+System::SpaceBytes HandleSystem::space_bytes(std::size_t) const {
+  std::size_t given = hard_handles() ? points_.count : 0;
+  if (!setup_.constraints.empty()) given = mesh_->point_count();  // which may be any
+  return {HandleMap::bytes_for(given), 0};
+}
+
+/// Transpose of "fields of the handles to displacements of the following points": 4H x 3 for each cotangent, model coordinates.
+HandleSystem::Fields HandleSystem::pull_back(std::span<const double> variables, std::span<const Points> cotangents,
+                                             const RunContext& context) const {
+  const Symmetry& symmetry = regions_.symmetry;
+  std::vector<std::vector<Vec3>> at_following(cotangents.size());
+  for (std::size_t j = 0; j < cotangents.size(); ++j) {
+    at_following[j].reserve(following().size());
+    for (const PointId id : following()) {
+      const Vec3& vector = cotangents[j][id];
+      at_following[j].push_back(symmetry.empty() ? vector : components(symmetry.to_frame(vector), id));
+    }
+  }
+  Fields result(cotangents.size(), std::vector<double>(3 * fields(), 0.0));
   if (!has_basis()) result = adjoint(variables, at_following, context);
   const bool compressed = has_basis() && basis_.front().compressed;
   const std::vector<Vec3> places = compressed ? following_places() : std::vector<Vec3>();
-  for (const HandleBasis& basis : basis_) {
-    const std::vector<double> part = basis.compressed ? basis.compressed->transposed_product(at_following, places, context)
-                                                      : basis.tiles.transposed_product(at_following, context);
-    for (std::size_t f = 0; f < fields(); ++f) {
-      for (const std::size_t k : basis.components) result[3 * f + k] = part[3 * f + k];
+  for (std::size_t j = 0; j < cotangents.size(); ++j) {
+    for (const HandleBasis& basis : basis_) {
+      const std::vector<double> part = basis.compressed ? basis.compressed->transposed_product(at_following[j], places, context)
+                                                        : basis.tiles.transposed_product(at_following[j], context);
+      for (std::size_t f = 0; f < fields(); ++f) {
+        for (const std::size_t k : basis.components) result[j][3 * f + k] = part[3 * f + k];
+      }
     }
-  }
-  for (std::size_t f = 0; f < fields() && !symmetry.empty(); ++f) {
-    const Vec3 back = symmetry.from_frame({result[3 * f], result[3 * f + 1], result[3 * f + 2]});
-    std::copy(back.begin(), back.end(), result.begin() + static_cast<std::ptrdiff_t>(3 * f));
+    for (std::size_t f = 0; f < fields() && !symmetry.empty(); ++f) {
+      const Vec3 back = symmetry.from_frame({result[j][3 * f], result[j][3 * f + 1], result[j][3 * f + 2]});
+      std::copy(back.begin(), back.end(), result[j].begin() + static_cast<std::ptrdiff_t>(3 * f));
+    }
   }
   return result;
 }
 
 std::vector<double> HandleSystem::vector_jacobian(std::span<const double> variables, const Points& cotangent,
                                                   const RunContext& context) const {
-  check_cotangent(cotangent, mesh_->point_count());
+  return vector_jacobians(variables, {&cotangent, 1}, context).front();
+}
+
+std::vector<std::vector<double>> HandleSystem::vector_jacobians(std::span<const double> variables,
+                                                                std::span<const Points> cotangents,
+                                                                const RunContext& context) const {
+  for (const Points& cotangent : cotangents) check_cotangent(cotangent, mesh_->point_count());
   handle_motions(setup_, variables);  // checks them
   for (std::size_t k = 0; k < setup_.variables.size() && !sliding_.empty(); ++k) {
     check_sliding(handle_motion_derivative(setup_, variables, k), "variable \"" + setup_.variables[k].name + "\"");
   }
-  const std::vector<double> field_sums = pull_back(variables, cotangent, context);
+  const Fields field_sums = pull_back(variables, cotangents, context);
   const Points nothing(hard_handles() ? 0 : held_mesh_->point_count());  // is prescribed by soft handles
-  return variable_gradient(held(), variables, hard_handles() ? cotangent : nothing, field_sums, frames_, box_);
+  std::vector<std::vector<double>> gradients;
+  for (std::size_t j = 0; j < cotangents.size(); ++j) {
+    gradients.push_back(
+        variable_gradient(held(), variables, hard_handles() ? cotangents[j] : nothing, field_sums[j], frames_, box_));
+  }
+  return gradients;
 }
 
 }  // namespace deform

@@ -31,12 +31,17 @@ class HandleSystem : public System {
                          const RunContext& context) const final;
   std::vector<double> vector_jacobian(std::span<const double> variables, const Points& cotangent,
                                       const RunContext& context) const final;
+  std::vector<std::vector<double>> vector_jacobians(std::span<const double> variables, std::span<const Points> cotangents,
+                                                    const RunContext& context) const final;
   std::unique_ptr<const DisplacementFields> displacement_fields() const final;
+  std::unique_ptr<const SpaceMap> bind_in_space(const Design& design, const RunContext& context) const final;
+  SpaceBytes space_bytes(std::size_t points) const override;
 
  protected:
   friend class HandleEvaluation;
   friend class CompiledForm;
   friend class HandleFields;
+  friend class HandleMap;
 
   /// The length of a unit of the solution's coordinates.
   enum class Unit { longest_edge, diagonal };
@@ -50,9 +55,12 @@ class HandleSystem : public System {
   virtual std::unique_ptr<const Evaluation> derivative(std::span<const double> variables, const std::vector<Affine>& maps,
                                                        const RunContext& context) const = 0;
   /// The transpose of the map from fields of the handles to displacements of the following points (in the frame of the planes),
-  /// without a basis: 4H x 3, row-major, from one vector for each following point.
-  virtual std::vector<double> adjoint(std::span<const double> variables, const std::vector<Vec3>& at_following,
-                                      const RunContext& context) const = 0;
+  /// without a basis: for each cotangent 4H x 3, row-major, from one vector for each following point.
+  using Fields = std::vector<std::vector<double>>;
+  using Cotangents = std::span<const std::vector<Vec3>>;
+  virtual Fields adjoint(std::span<const double> variables, Cotangents at_following, const RunContext& context) const = 0;
+  /// Why the deformation is not defined off the mesh; empty if it is, and HandleEvaluation::displacements_at() then as well.
+  virtual std::string only_on_mesh() const;
   /// Why a system without a basis cannot be compiled, and what to do.
   virtual std::string without_basis() const;
 
@@ -99,7 +107,7 @@ class HandleSystem : public System {
   void check_tolerance(const BoundDesign& design, std::size_t index) const;
   void check_sliding(const BoundDesign& design, std::size_t index) const;
   void check_sliding(const std::vector<Affine>& derivative, const std::string& what) const;
-  std::vector<double> pull_back(std::span<const double> variables, const Points& cotangent, const RunContext& context) const;
+  Fields pull_back(std::span<const double> variables, std::span<const Points> cotangents, const RunContext& context) const;
 
   const HandleMode handles_;
   std::vector<PointId> all_;       ///< all points, for soft handles

@@ -177,6 +177,21 @@ Symmetry::Symmetry(std::span<const SymmetryPlane> planes, const Mesh& mesh) : pl
   for (std::size_t k = 0; k < planes.size(); ++k) mark(k, found[k], mesh, box.diagonal());
 }
 
+unsigned Symmetry::on(const Vec3& place) const {
+  unsigned mask = 0;
+  for (std::size_t k = 0; k < planes_; ++k) {
+    if (std::abs(dot(axes_[k], place - anchors_[k])) <= reach_[k]) mask |= 1u << k;
+  }
+  return mask;
+}
+
+Vec3 Symmetry::within(Vec3 components, unsigned mask) {
+  for (std::size_t k = 0; k < 3; ++k) {
+    if ((mask >> k & 1u) != 0) components[k] = 0;
+  }
+  return components;
+}
+
 Vec3 Symmetry::to_frame(const Vec3& vector) const {
   return {dot(axes_[0], vector), dot(axes_[1], vector), dot(axes_[2], vector)};
 }

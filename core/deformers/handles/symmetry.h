@@ -48,10 +48,14 @@ class Symmetry {
 
   /// Bit k: the point lies on plane k. 0 without planes.
   unsigned on(PointId id) const { return on_.empty() ? 0u : on_[id]; }
+  /// The same for any place: it lies within reach() of plane k. For points of the mesh that is on().
+  unsigned on(const Vec3& place) const;
 
   /// Components of a vector in the frame of the planes: first along their normals, in order, then tangential ones; and back.
   Vec3 to_frame(const Vec3& vector) const;
   Vec3 from_frame(const Vec3& components) const;
+  /// Components in the frame without those along the normals of these planes (mask).
+  static Vec3 within(Vec3 components, unsigned mask);
   /// The position in the frame of the planes, model units. The reflection in plane k changes the sign of coordinate k.
   Vec3 coordinates(const Vec3& point) const;
   /// The mirror image of a point in a plane, in model coordinates.

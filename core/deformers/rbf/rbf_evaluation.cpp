@@ -15,6 +15,7 @@ namespace deform {
 namespace {
 
 constexpr std::size_t most_checked_centres = 256;  // centres at which a direct solution is checked
+constexpr std::size_t tiles_per_check = 64;        // between two looks at the stop token
 
 }  // namespace
 
@@ -55,7 +56,10 @@ Eigen::MatrixXd RbfEvaluation::part_data(const BoundDesign& design, const RbfPar
 /// One design after the other: each uses all cores, and its search directions take memory.
 void RbfEvaluation::solve_to_tolerance(const RunContext& context) {
   const std::vector<Vec3> points = system_.coordinates(system_.following());
-  for (Solution& solution : solutions_) solution.values.resize(designs_.size());
+  for (Solution& solution : solutions_) {
+    solution.values.resize(designs_.size());
+    solution.solved.resize(designs_.size());
+  }
   for (std::size_t i = 0; i < designs_.size(); ++i) {
     if (!is_direct(i)) continue;
     double squares = 0, more_squares = 0;
@@ -75,6 +79,7 @@ void RbfEvaluation::solve_to_tolerance(const RunContext& context) {
       }
       if (!iterative) reports_[i].converged = reports_[i].converged && solved.converged;
       solutions_[p].values[i] = std::move(solved.values);
+      solutions_[p].solved[i] = std::move(solved.from);
     }
     reports_[i].interpolation_residual = std::sqrt(squares);
     set_error(i, error_margin * largest_magnitude(errors.rowwise().norm()) + std::sqrt(more_squares));
@@ -200,6 +205,46 @@ void RbfEvaluation::part_tile(std::size_t p, std::size_t tile, std::size_t first
       values[c * tile_size + s % tile_size] = solution.values[first + c / width][width * s + c % width];
     }
   }
+}
+
+std::vector<double> RbfEvaluation::part_values(std::size_t p, std::span<const Vec3> places, double& sums_error,
+                                               const RunContext& context) const {
+  const RbfPart& part = system_.parts_[p];
+  const Solution& solution = solutions_[p];
+  if (!solution.values.empty()) return values_elsewhere(*part.system, solution.solved[0], places, sums_error, context);
+  const std::size_t width = part.plan.components.size(), columns = width * direct_designs();
+  std::vector<double> values(places.size() * width);
+  const TiledPoints tiled(places);
+  parallel_for(context, tiled.tiles(), tiles_per_check, [&](std::size_t begin, std::size_t end) {
+    double tile[3 * tile_size];
+    for (std::size_t t = begin; t < end; ++t) {
+      std::fill_n(tile, width * tile_size, 0.0);
+      interpolate_tile_columns(*part.system, tiled.tile(t), solution.coefficients.data(), columns, width, tile);
+      for (std::size_t i = t * tile_size; i < std::min((t + 1) * tile_size, places.size()); ++i) {
+        for (std::size_t c = 0; c < width; ++c) values[i * width + c] = tile[c * tile_size + i % tile_size];
+      }
+    }
+  });
+  return values;
+}
+
+SpaceMap::Told RbfEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t, std::span<Vec3> out,
+                                               const RunContext& context) const {
+  std::vector<Vec3> places;
+  places.reserve(points.size());
+  for (const Vec3& x : points) places.push_back(system_.coordinates(x));
+  std::fill(out.begin(), out.end(), Vec3{});
+  double squares = 0;
+  for (std::size_t p = 0; p < system_.parts_.size(); ++p) {
+    const auto& components = system_.parts_[p].plan.components;
+    double error = 0;  // of a component
+    const std::vector<double> values = part_values(p, places, error, context);
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      for (std::size_t c = 0; c < components.size(); ++c) out[i][components[c]] = values[i * components.size() + c];
+    }
+    squares += static_cast<double>(components.size()) * error * error;
+  }
+  return {0, std::sqrt(squares)};
 }
 
 void RbfEvaluation::direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const {

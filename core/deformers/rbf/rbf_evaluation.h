@@ -6,6 +6,7 @@
 
 #include "core/deformers/handles/handle_evaluation.h"
 #include "core/deformers/rbf/rbf_system.h"
+#include "core/numerics/interpolation/values_to_tolerance.h"
 
 namespace deform {
 
@@ -28,6 +29,11 @@ class RbfEvaluation : public HandleEvaluation {
   double allowed_error(std::size_t design) const;
   void solve_derivative(const RunContext& context);
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
+  SpaceMap::Told displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                  const RunContext& context) const override;
+  /// Values of one part at places of the system's coordinates: n x components of the part, row by row.
+  std::vector<double> part_values(std::size_t part, std::span<const Vec3> places, double& sums_error,
+                                  const RunContext& context) const;
   void part_tile(std::size_t part, std::size_t tile, std::size_t first, std::size_t count, double* values) const;
 
   /// The solution of one part for the designs on the direct path. Each design has one column for each component of the part.
@@ -36,6 +42,7 @@ class RbfEvaluation : public HandleEvaluation {
     /// For solvers that work to a tolerance: values at the deformable points, d x components for each design. They are computed
     /// for all points at once, because fast sums have a global part.
     std::vector<std::vector<double>> values;
+    std::vector<SolvedValues> solved;  ///< what they are computed from
   };
 
   const RbfSystem& system_;

@@ -10,6 +10,7 @@
 #include "core/base/vectors.h"
 #include "core/deformers/rbf/interpolated_basis.h"
 #include "core/deformers/rbf/rbf_evaluation.h"
+#include "core/numerics/fast_sums/fast_sums.h"
 #include "core/numerics/interpolation/values_to_tolerance.h"
 
 namespace deform {
@@ -173,11 +174,12 @@ std::vector<Vec3> RbfSystem::coordinates(const std::vector<PointId>& ids) const 
   if (regions_.symmetry.empty()) return unit_places(*mesh_, box_, ids);
   std::vector<Vec3> result;
   result.reserve(ids.size());
-  for (const PointId id : ids) {
-    const Vec3 y = regions_.symmetry.coordinates(mesh_->points[id]);
-    result.push_back(y / box_.scale);
-  }
+  for (const PointId id : ids) result.push_back(coordinates(mesh_->points[id]));
   return result;
+}
+
+Vec3 RbfSystem::coordinates(const Vec3& place) const {
+  return regions_.symmetry.empty() ? box_.to_unit(place) : regions_.symmetry.coordinates(place) / box_.scale;
 }
 
 /// Uses the centres and their images together: the shape is that of the whole model.
@@ -234,6 +236,17 @@ void RbfSystem::prepare_parts(const RunContext& context, std::size_t memory_budg
     }
     parts_.push_back(std::move(part));
   }
+}
+
+System::SpaceBytes RbfSystem::space_bytes(std::size_t points) const {
+  constexpr int last_order = 16;  // of fast sums
+  SpaceBytes bytes = HandleSystem::space_bytes(points);
+  bytes.call += 3 * points * sizeof(Vec3);  // places, in tiles and not, and values
+  if (!to_tolerance(info_.solver)) return bytes;
+  const std::size_t rows = parts_.front().system->size();
+  bytes.map += 12 * (rows + 10) * sizeof(double) + 2 * following().size() * sizeof(Vec3);
+  if (info_.solver == Solver::iterative) bytes.call += FastSums::bytes_for(points, rows, last_order);
+  return bytes;
 }
 
 Eigen::MatrixXd RbfSystem::fields_at_centres() const {
@@ -408,13 +421,13 @@ std::unique_ptr<const Evaluation> RbfSystem::derivative(std::span<const double>,
   return std::make_unique<RbfEvaluation>(std::static_pointer_cast<const RbfSystem>(shared_from_this()), maps, context);
 }
 
-/// The same as adjoint() from the values of the fields, as a basis would have it: a system with few centres can be so badly
+/// The same as part_adjoint() from the values of the fields, as a basis would have it: a system with few centres can be so badly
 /// conditioned that its transpose, which starts from sums of all points, loses all digits.
-Eigen::MatrixXd RbfSystem::adjoint_by_fields(const RbfPart& part, std::span<const Vec3> at_deformable,
-                                             const RunContext& context) const {
+Eigen::MatrixXd RbfSystem::adjoint_by_fields(const RbfPart& part, Cotangents at_deformable, const RunContext& context) const {
   const std::vector<Vec3> points = coordinates(following());
   const Eigen::MatrixXd F = part.plan.data(fields_at_centres());
-  Eigen::MatrixXd G = Eigen::MatrixXd::Zero(F.cols(), 3);
+  const std::size_t columns = 3 * at_deformable.size();
+  Eigen::MatrixXd G = Eigen::MatrixXd::Zero(F.cols(), static_cast<Eigen::Index>(columns));
   for (Eigen::Index first = 0; first < F.cols(); first += 4) {
     const Eigen::MatrixXd data = F.middleCols(first, 4);
     const double tolerance = derivative_tolerance * data.cwiseAbs().maxCoeff();
@@ -422,8 +435,9 @@ Eigen::MatrixXd RbfSystem::adjoint_by_fields(const RbfPart& part, std::span<cons
         values_to_tolerance(*part.system, *part.check, checked_, data, tolerance, points, context).values;
     for (std::size_t i = 0; i < points.size(); ++i) {
       for (Eigen::Index f = 0; f < 4; ++f) {
-        for (Eigen::Index k = 0; k < 3; ++k) {
-          G(first + f, k) += values[4 * i + static_cast<std::size_t>(f)] * at_deformable[i][static_cast<std::size_t>(k)];
+        for (std::size_t k = 0; k < columns; ++k) {
+          G(first + f, static_cast<Eigen::Index>(k)) +=
+              values[4 * i + static_cast<std::size_t>(f)] * at_deformable[k / 3][i][k % 3];
         }
       }
     }
@@ -431,38 +445,48 @@ Eigen::MatrixXd RbfSystem::adjoint_by_fields(const RbfPart& part, std::span<cons
   return G;
 }
 
-/// Transpose of "fields of the handles to deformable points" for one part: 4H x 3, of which the columns of its components count.
-Eigen::MatrixXd RbfSystem::adjoint(const RbfPart& part, std::span<const Vec3> at_deformable, const RunContext& context) const {
+/// Transpose of "fields of the handles to deformable points" for one part: 4H x 3 for each cotangent, side by side, of which the
+/// columns of its components count.
+Eigen::MatrixXd RbfSystem::part_adjoint(const RbfPart& part, Cotangents at_deformable, const RunContext& context) const {
   // u = [Phi P] S [fields; 0] with the symmetric S, so the adjoint is fields^T times the first rows of S [Phi^T; P^T].
   const std::vector<Vec3> unit = coordinates(following());
-  const std::size_t m = part.system->size();
+  const std::size_t m = part.system->size(), columns = 3 * at_deformable.size();
   const auto q = static_cast<Eigen::Index>(part.system->polynomials().terms());
-  const std::span<const double> weights(unit.empty() ? nullptr : at_deformable[0].data(), 3 * unit.size());
-  const std::vector<double> sums = part.system->sums_at_centres(unit, weights, 3, context);
-  Eigen::MatrixXd B = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(m) + q, 3);
+  std::vector<double> weights(columns * unit.size());
+  for (std::size_t i = 0; i < unit.size(); ++i) {
+    for (std::size_t k = 0; k < columns; ++k) weights[columns * i + k] = at_deformable[k / 3][i][k % 3];
+  }
+  const std::vector<double> sums = part.system->sums_at_centres(unit, weights, columns, context);
+  Eigen::MatrixXd B = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(m) + q, static_cast<Eigen::Index>(columns));
   for (std::size_t j = 0; j < m; ++j) {
-    for (int k = 0; k < 3; ++k) B(static_cast<Eigen::Index>(j), k) = sums[3 * j + static_cast<std::size_t>(k)];
+    for (std::size_t k = 0; k < columns; ++k) {
+      B(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(k)) = sums[columns * j + k];
+    }
   }
   std::vector<double> terms(static_cast<std::size_t>(q));
   for (std::size_t i = 0; i < unit.size(); ++i) {
     part.system->polynomials().values(unit[i], terms.data());
     for (Eigen::Index t = 0; t < q; ++t) {
-      for (int k = 0; k < 3; ++k)
-        B(static_cast<Eigen::Index>(m) + t, k) += terms[static_cast<std::size_t>(t)] * at_deformable[i][k];
+      for (std::size_t k = 0; k < columns; ++k) {
+        B(static_cast<Eigen::Index>(m) + t, static_cast<Eigen::Index>(k)) +=
+            terms[static_cast<std::size_t>(t)] * weights[columns * i + k];
+      }
     }
   }
   return part.plan.data(fields_at_centres()).transpose() * part.system->adjoint(std::move(B), context);
 }
 
-std::vector<double> RbfSystem::adjoint(std::span<const double>, const std::vector<Vec3>& at_following,
-                                       const RunContext& context) const {
-  std::vector<double> result(3 * fields(), 0.0);
+HandleSystem::Fields RbfSystem::adjoint(std::span<const double>, Cotangents at_following, const RunContext& context) const {
+  Fields result(at_following.size(), std::vector<double>(3 * fields(), 0.0));
   for (const RbfPart& part : parts_) {
     const bool by_fields = info_.solver == Solver::iterative && part.check->complete();
-    const Eigen::MatrixXd G = by_fields ? adjoint_by_fields(part, at_following, context) : adjoint(part, at_following, context);
-    for (std::size_t f = 0; f < fields(); ++f) {
-      for (const std::size_t k : part.plan.components) {
-        result[3 * f + k] = G(static_cast<Eigen::Index>(f), static_cast<Eigen::Index>(k));
+    const Eigen::MatrixXd G =
+        by_fields ? adjoint_by_fields(part, at_following, context) : part_adjoint(part, at_following, context);
+    for (std::size_t j = 0; j < result.size(); ++j) {
+      for (std::size_t f = 0; f < fields(); ++f) {
+        for (const std::size_t k : part.plan.components) {
+          result[j][3 * f + k] = G(static_cast<Eigen::Index>(f), static_cast<Eigen::Index>(3 * j + k));
+        }
       }
     }
   }

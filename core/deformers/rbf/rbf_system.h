@@ -34,8 +34,7 @@ class RbfSystem : public HandleSystem {
 
   std::unique_ptr<const Evaluation> derivative(std::span<const double> variables, const std::vector<Affine>& maps,
                                                const RunContext& context) const override;
-  std::vector<double> adjoint(std::span<const double> variables, const std::vector<Vec3>& at_following,
-                              const RunContext& context) const override;
+  Fields adjoint(std::span<const double> variables, Cotangents at_following, const RunContext& context) const override;
   /// Prepares parts, and adds centres at the largest misfits of the handle fields until the tolerance of the reduction is met.
   void refine_centres(const RunContext& context, std::size_t memory_budget);
   /// The same for misfits at some points, or at all of these, up to `limit` centres.
@@ -58,10 +57,14 @@ class RbfSystem : public HandleSystem {
   /// The displacements of the centres for each sample, divided by D, in the frame of the planes: m rows, 3 columns per sample.
   Eigen::MatrixXd sample_fields() const;
   void set_samples(InterpolationOptions& interpolation, const PartPlan& plan) const;
-  Eigen::MatrixXd adjoint(const RbfPart& part, std::span<const Vec3> at_deformable, const RunContext& context) const;
-  Eigen::MatrixXd adjoint_by_fields(const RbfPart& part, std::span<const Vec3> at_deformable, const RunContext& context) const;
+  Eigen::MatrixXd part_adjoint(const RbfPart& part, Cotangents at_deformable, const RunContext& context) const;
+  Eigen::MatrixXd adjoint_by_fields(const RbfPart& part, Cotangents at_deformable, const RunContext& context) const;
   /// The coordinates in which the systems are solved: unit coordinates, in the frame of the symmetry planes if there are any.
   std::vector<Vec3> coordinates(const std::vector<PointId>& ids) const;
+  /// The same of any place.
+  Vec3 coordinates(const Vec3& place) const;
+  std::string only_on_mesh() const override { return {}; }
+  SpaceBytes space_bytes(std::size_t points) const override;
 
   const RbfOptions options_;
   RbfCentres centres_;

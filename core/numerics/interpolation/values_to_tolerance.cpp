@@ -106,14 +106,9 @@ CheckedValues values_to_tolerance(const Interpolator& system, const PointErrors&
   double sums_error = 0;
   const double rounding = system.rounding(interpolants, check.places(), context);
   const bool accurate = iterative && 8 * rounding > sums_share * tolerance && pairs <= most_accurate;
-  if (accurate) {
-    const RowMajor negative =
-        system.accurate_residual(interpolants, points, MatrixXd::Zero(static_cast<Index>(points.size()), F.cols()), context);
-    result.values.assign(negative.data(), negative.data() + negative.size());
-    for (double& value : result.values) value = -value;
-  } else {
-    result.values = system.values(interpolants, points, sums_error, context);
-  }
+  result.from = {std::move(interpolants), accurate ? SolvedValues::Sums::accurate : SolvedValues::Sums::usual};
+  const Interpolants& solution = result.from.interpolants;
+  result.values = values_elsewhere(system, result.from, points, sums_error, context);
   MatrixXd delivered(static_cast<Index>(checked.size()), F.cols());
   for (Index s = 0; s < delivered.rows(); ++s) {
     for (Index c = 0; c < F.cols(); ++c) {
@@ -122,12 +117,24 @@ CheckedValues values_to_tolerance(const Interpolator& system, const PointErrors&
     }
   }
   // (exact - interpolant) + (interpolant - delivered).
-  result.errors -= system.accurate_residual(interpolants, check.places(), delivered, context);
+  result.errors -= system.accurate_residual(solution, check.places(), delivered, context);
   result.more = elsewhere + sums_error + rounding_share * rounding;
   result.error = error_margin * largest_magnitude(result.errors) + result.more;
-  result.residual = interpolants.residual;
-  result.converged = iterative ? result.error <= tolerance : interpolants.converged;
+  result.residual = solution.residual;
+  result.converged = iterative ? result.error <= tolerance : solution.converged;
   return result;
+}
+
+std::vector<double> values_elsewhere(const Interpolator& system, const SolvedValues& solved, std::span<const Vec3> points,
+                                     double& sums_error, const RunContext& context) {
+  if (solved.sums == SolvedValues::Sums::usual) return system.values(solved.interpolants, points, sums_error, context);
+  sums_error = 0;
+  const Index columns = solved.interpolants.coefficients.cols();
+  const RowMajor negative =
+      system.accurate_residual(solved.interpolants, points, MatrixXd::Zero(static_cast<Index>(points.size()), columns), context);
+  std::vector<double> values(negative.data(), negative.data() + negative.size());
+  for (double& value : values) value = -value;
+  return values;
 }
 
 }  // namespace deform

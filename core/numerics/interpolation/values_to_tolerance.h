@@ -13,8 +13,16 @@
 
 namespace deform {
 
+/// Interpolants and how their values are computed.
+struct SolvedValues {
+  Interpolants interpolants;
+  /// Whether values are summed with twice the digits, because rounding alone would miss the tolerance.
+  enum class Sums { usual, accurate } sums = Sums::usual;
+};
+
 /// Values of interpolants at points, with their errors.
 struct CheckedValues {
+  SolvedValues from;
   std::vector<double> values;  ///< n x columns, row by row
   /// Estimated exact - computed values, checked points x columns: errors of the coefficients and of the sums.
   Eigen::MatrixXd errors;
@@ -33,5 +41,11 @@ struct CheckedValues {
 CheckedValues values_to_tolerance(const Interpolator& system, const PointErrors& check, std::span<const std::uint32_t> checked,
                                   const Eigen::MatrixXd& F, double tolerance, std::span<const Vec3> points,
                                   const RunContext& context);
+
+/// Values at other points (n x columns, row by row), computed in the same way. Sets `sums_error` to the error of sums that are
+/// not direct, estimated at these points. With the iterative solver digits below its tolerance depend on the points that are
+/// summed together. Deterministic; any thread. Throws Error(cancelled), deadline_exceeded.
+std::vector<double> values_elsewhere(const Interpolator& system, const SolvedValues& solved, std::span<const Vec3> points,
+                                     double& sums_error, const RunContext& context);
 
 }  // namespace deform

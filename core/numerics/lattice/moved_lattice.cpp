@@ -69,6 +69,11 @@ MovedLattice::MovedLattice(const Lattice& lattice, std::vector<Vec3> control_poi
 
 MovedLattice::~MovedLattice() = default;
 
+std::size_t MovedLattice::bytes() const {
+  constexpr std::size_t node = 32;  // of the tree, for a sample
+  return samples_->u.size() * (2 * sizeof(Vec3) + node) + control_points_.size() * sizeof(Vec3);
+}
+
 /// Steps are shortened to stay in the domain and until they help.
 std::optional<Vec3> MovedLattice::from_start(const Vec3& x, Vec3 u) const {
   Vec3 missing = x - place(u);

@@ -22,6 +22,8 @@ class MovedLattice {
   MovedLattice(const Lattice& lattice, std::vector<Vec3> control_points);
   ~MovedLattice();
 
+  /// The memory of the samples, in bytes.
+  std::size_t bytes() const;
   /// x(u) for u in [0, 1]^3.
   Vec3 place(const Vec3& u) const { return lattice_.sum(control_points_, u); }
   /// u with x(u) = x to 1e-13 of the diagonal of the control points, by damped Newton iterations inside [0, 1]^3 from the nearest

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/base/types.h"
+#include "core/deformers/handles/space_functions.h"
 #include "core/numerics/sparse/function_rows.h"
 #include "core/numerics/sparse/sparse.h"
 
@@ -19,6 +20,9 @@ namespace deform {
 struct EnergySpace {
   SparseRows values;  ///< n x k at all points of the mesh, columns ascending in each row; empty if computed
   std::shared_ptr<const ComputedRows> computed;  ///< the values if they are computed, else null
+  /// The functions at any place; null if they are defined at the points of the mesh only, for the reason `only_on_mesh`.
+  std::shared_ptr<const SpaceFunctions> in_space;
+  std::string only_on_mesh;
   SparseMatrix energy;  ///< K, k x k, lower triangle: gamma_s G^T G + gamma_b L^T L, positive semidefinite
   SparseMatrix linear;  ///< k x 4: the w that reproduce 1, x, y, z (unit coordinates, no shift), or k x 0 if the space does not
   std::vector<std::string> notes;

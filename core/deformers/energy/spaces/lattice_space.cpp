@@ -171,6 +171,7 @@ EnergyModel lattice_model(const Mesh& mesh, const FfdOptions& options, const std
   EnergySpace& space = model.space;
   space.notes = std::move(made.notes);
   space.computed = std::move(made.rows);
+  space.in_space = std::move(made.in_space);
   context.progress("assemble", 0);
   const AxisGrams grams = axis_grams(lattice);
   const Eigen::Matrix3d all = Eigen::Matrix3d::Identity();

@@ -11,6 +11,7 @@
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
 #include "core/deformers/energy/spaces/enclosed_pieces.h"
+#include "core/deformers/energy/spaces/local_functions.h"
 #include "core/deformers/energy/spaces/mesh_pieces.h"
 #include "core/deformers/energy/spaces/mls_ties.h"
 #include "core/deformers/energy/spaces/unit_points.h"
@@ -229,6 +230,8 @@ EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t
   space.cubature_points = cubature.points.size();
   context.progress("basis", 0);
   space.values = basis.values(points, context);
+  space.in_space =
+      std::make_shared<const MlsFunctions>(samples.points, radius, basis_options, bounding_box(mesh.points).diagonal());
   context.progress("assemble", 0);
   const RowBlocks rows = energy_rows(MlsBasis(samples.points, radius, along_surface), cubature,
                                      weights_at(mesh, points, cubature.points, options, context), context);
@@ -273,7 +276,7 @@ SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options) {
   bytes.cubature_points = more.surface + more.volume;
   bytes.cover = static_cast<std::size_t>(std::ceil(cover));
   bytes.energy_entries = static_cast<std::size_t>(0.5 * k * couplings);
-  bytes.resident = static_cast<std::size_t>(values + energy + 4 * k * entry);
+  bytes.resident = static_cast<std::size_t>(values + energy + 4 * k * entry) + local_function_bytes(bytes.samples);
   bytes.peak = static_cast<std::size_t>(values + std::max(dense + inside, rows + 3 * energy));
   return bytes;
 }

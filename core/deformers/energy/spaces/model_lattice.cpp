@@ -96,20 +96,46 @@ void add_outside_note(const Mesh& mesh, const char* points, const char* end, Mod
                        " edges cross its boundary, where the deformation ends at once unless " + end);
 }
 
-LatticeCoordinates coordinates_of(const Mesh& mesh, const LatticeOptions& options, const Lattice& lattice,
-                                  const RunContext& context) {
-  if (options.control_points.empty()) return coordinates_in(lattice, mesh.points, context);
+/// Adds the field to what MovedLattice says of it.
+template <typename Call>
+auto about_control_points(const Call& call) {
   try {
-    return MovedLattice(lattice, options.control_points).coordinates(mesh.points, context);
+    return call();
   } catch (const Error& error) {
     if (error.code() != ErrorCode::invalid_argument) throw;
     refuse_argument(std::string("method.ffd.lattice.control_points: ") + error.what());
   }
 }
 
+std::unique_ptr<const MovedLattice> moved_lattice(const Lattice& lattice, const std::vector<Vec3>& control_points) {
+  if (control_points.empty()) return nullptr;
+  return std::make_unique<const MovedLattice>(lattice, control_points);
+}
+
+/// Along one axis after the other.
+void lattice_sums(const Lattice& lattice, const Vec3& u, std::span<const Vec3* const> vectors, Vec3* out) {
+  const LatticeWeights at = lattice.weights(u);
+  const std::size_t l = lattice.axis(0).order(), m = lattice.axis(1).order(), n = lattice.axis(2).order();
+  for (std::size_t d = 0; d < vectors.size(); ++d) {
+    Vec3 sum{};
+    for (std::size_t k = 0; k < n; ++k) {
+      Vec3 plane{};
+      for (std::size_t j = 0; j < m; ++j) {
+        const Vec3* const values = vectors[d] + lattice.number(at.first[0], at.first[1] + j, at.first[2] + k);
+        Vec3 line{};
+        for (std::size_t i = 0; i < l; ++i) line = line + at.along[0][i] * values[i];
+        plane = plane + at.along[1][j] * line;
+      }
+      sum = sum + at.along[2][k] * plane;
+    }
+    out[d] = sum;
+  }
+}
+
 ModelLattice made_lattice(const Mesh& mesh, const LatticeOptions& options, const RunContext& context) {
   const Lattice lattice = lattice_of(options, mesh);
-  LatticeCoordinates at = coordinates_of(mesh, options, lattice, context);
+  auto in_space = about_control_points([&] { return std::make_shared<const LatticeFunctions>(lattice, options.control_points); });
+  LatticeCoordinates at = about_control_points([&] { return in_space->coordinates(mesh.points, context); });
   std::vector<std::uint32_t> outside = at.outside;
   std::vector<std::string> notes = notes_of(lattice, options.basis);
   const auto units =
@@ -119,7 +145,8 @@ ModelLattice made_lattice(const Mesh& mesh, const LatticeOptions& options, const
     notes.push_back(std::string("No point of the mesh lies in the lattice") +
                     (units ? "." : ": is it the lattice of this mesh, in the same units and the same place?"));
   }
-  return {lattice, std::make_shared<const LatticeRows>(lattice, std::move(at)), std::move(notes), std::move(outside)};
+  return {lattice, std::make_shared<const LatticeRows>(lattice, std::move(at)), std::move(in_space), std::move(notes),
+          std::move(outside)};
 }
 
 void check_control_points(const LatticeOptions& options, const Lattice& lattice, const std::string& field) {
@@ -172,23 +199,55 @@ void LatticeRows::sums(std::int64_t row, std::span<const Vec3* const> vectors, V
     std::fill_n(out, vectors.size(), Vec3{});
     return;
   }
-  const LatticeWeights at = lattice_.weights(u_[point]);
-  const std::size_t l = lattice_.axis(0).order(), m = lattice_.axis(1).order(), n = lattice_.axis(2).order();
-  for (std::size_t d = 0; d < vectors.size(); ++d) {
-    Vec3 sum{};
-    for (std::size_t k = 0; k < n; ++k) {
-      Vec3 plane{};
-      for (std::size_t j = 0; j < m; ++j) {
-        const Vec3* const values = vectors[d] + lattice_.number(at.first[0], at.first[1] + j, at.first[2] + k);
-        Vec3 line{};
-        for (std::size_t i = 0; i < l; ++i) line = line + at.along[0][i] * values[i];
-        plane = plane + at.along[1][j] * line;
-      }
-      sum = sum + at.along[2][k] * plane;
-    }
-    out[d] = sum;
+  lattice_sums(lattice_, u_[point], vectors, out);
+}
+
+LatticeFunctions::LatticeFunctions(const Lattice& lattice, const std::vector<Vec3>& control_points)
+    : lattice_(lattice), moved_(moved_lattice(lattice, control_points)) {}
+
+LatticeCoordinates LatticeFunctions::coordinates(std::span<const Vec3> points, const RunContext& context) const {
+  return moved_ ? moved_->coordinates(points, context) : coordinates_in(lattice_, points, context);
+}
+
+std::optional<Vec3> LatticeFunctions::inside(const Vec3& place, std::uint64_t number) const {
+  if (!moved_) return lattice_.inside(place);
+  try {
+    return moved_->coordinates(place);
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::invalid_argument) throw;
+    refuse_argument("points[" + std::to_string(number) + "]: " + error.what());
   }
 }
+
+SpaceFunctions::Outside LatticeFunctions::rows(std::span<const Vec3> places, std::uint64_t first, const Use& use) const {
+  Outside outside;
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    const std::optional<Vec3> u = inside(places[i], first + i);
+    if (!u) {
+      outside.push_back(i);
+      continue;
+    }
+    lattice_.for_each(lattice_.weights(*u), [&](std::size_t p, double weight) { use(i, static_cast<std::int64_t>(p), weight); });
+  }
+  return outside;
+}
+
+SpaceFunctions::Outside LatticeFunctions::sums(std::span<const Vec3> places, std::uint64_t first, const Vec3* vectors,
+                                               Vec3* out) const {
+  Outside outside;
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    const std::optional<Vec3> u = inside(places[i], first + i);
+    out[i] = {};
+    if (u) {
+      lattice_sums(lattice_, *u, {&vectors, 1}, out + i);
+    } else {
+      outside.push_back(i);
+    }
+  }
+  return outside;
+}
+
+std::size_t LatticeFunctions::bytes() const { return sizeof(*this) + (moved_ ? moved_->bytes() : 0); }
 
 ModelLattice model_lattice(const Mesh& mesh, const LatticeOptions& options, const std::vector<RegionIndex>& region_of,
                            const RunContext& context) {

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -12,9 +13,11 @@
 #include "core/base/run_context.h"
 #include "core/deformers/handles/control_functions.h"
 #include "core/deformers/handles/handle_motion.h"
+#include "core/deformers/handles/space_functions.h"
 #include "core/deformers/setup.h"
 #include "core/mesh/mesh.h"
 #include "core/numerics/lattice/lattice_options.h"
+#include "core/numerics/lattice/moved_lattice.h"
 
 namespace deform {
 
@@ -59,10 +62,33 @@ class LatticeRows : public ControlFunctions {
   std::vector<Vec3> u_;  ///< local coordinates of each point; the first one is negative outside
 };
 
+/// The splines of the control points at any place. Lattices whose control points have been moved keep the samples from which
+/// MovedLattice starts.
+class LatticeFunctions : public SpaceFunctions {
+ public:
+  /// `control_points` as LatticeOptions has them. Throws the errors of MovedLattice.
+  LatticeFunctions(const Lattice& lattice, const std::vector<Vec3>& control_points);
+
+  /// Places outside of the lattice are Outside.
+  Outside rows(std::span<const Vec3> places, std::uint64_t first, const Use& use) const override;
+  Outside sums(std::span<const Vec3> places, std::uint64_t first, const Vec3* vectors, Vec3* out) const override;
+  std::size_t bytes() const override;
+
+  /// The local coordinates of points; in parallel.
+  LatticeCoordinates coordinates(std::span<const Vec3> points, const RunContext& context) const;
+
+ private:
+  std::optional<Vec3> inside(const Vec3& place, std::uint64_t number) const;
+
+  const Lattice lattice_;
+  const std::unique_ptr<const MovedLattice> moved_;  ///< null for a lattice at rest
+};
+
 /// A lattice around a mesh.
 struct ModelLattice {
   Lattice lattice;                          ///< model units
   std::shared_ptr<const LatticeRows> rows;  ///< at all points
+  std::shared_ptr<const LatticeFunctions> in_space;
   std::vector<std::string> notes;
   std::vector<std::uint32_t> outside;  ///< points, ascending
 };

@@ -189,6 +189,8 @@ EnergyModel shell_model(const Mesh& mesh, const std::vector<RegionIndex>& region
                                 " triangles are flat and count as higher than they are, the first is of face " +
                                 std::to_string(operators.first_flat) + ".");
   }
+  model.space.only_on_mesh =
+      "the shell deforms the faces of its geometry, and there is nothing between them; use rbf, mls, ffd or a cage";
   return model;
 }
 

@@ -3,11 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "core/base/vectors.h"
+#include "core/deformers/energy/spaces/local_functions.h"
 #include "core/deformers/energy/spaces/mesh_pieces.h"
 #include "core/deformers/energy/spaces/unit_points.h"
 #include "core/mesh/operators/shell_operators.h"
@@ -82,11 +84,15 @@ bool adds_linear(const SubspaceOptions& options) {
   return options.linear == SubspaceLinear::added && options.kernel && !is_global(options);
 }
 
-/// 1, x, y and z about the mean of the points as the last four functions, so that space.linear is there.
-void add_linear(const std::vector<Vec3>& points, EnergySpace& space) {
+Vec3 mean_of(const std::vector<Vec3>& points) {
   Vec3 mean{};
   for (const Vec3& x : points) mean = mean + x;
-  mean = mean / static_cast<double>(points.size());
+  return mean / static_cast<double>(points.size());
+}
+
+/// 1, x, y and z about the mean of the points as the last four functions, so that space.linear is there.
+void add_linear(const std::vector<Vec3>& points, EnergySpace& space) {
+  const Vec3 mean = mean_of(points);
   const Index n = space.values.rows(), k = space.values.cols();
   SparseRows values(n, k + 4);
   values.resizeNonZeros(space.values.nonZeros() + 4 * n);
@@ -122,7 +128,8 @@ EnergySpace shell_subspace(const Mesh& mesh, const SubspaceOptions& options, std
   context.progress("sample", 0);
   const std::vector<Vec3> centres = spread_centres(mesh, points, std::min(options.centres, points.size()), seed, context);
   context.progress("sample", 1);
-  const SparseMatrix energy = shell_energy(mesh, bounding_box(mesh.points).diagonal(), options.stretching, options.bending);
+  const double diagonal = bounding_box(mesh.points).diagonal();
+  const SparseMatrix energy = shell_energy(mesh, diagonal, options.stretching, options.bending);
   EnergySpace space;
   space.linear = SparseMatrix(static_cast<Index>(centres.size()), 0);
   context.progress("basis", 0);
@@ -132,6 +139,10 @@ EnergySpace shell_subspace(const Mesh& mesh, const SubspaceOptions& options, std
     space.energy = projected_lower(energy, Q, context);
     space.values = as_rows(Q);
     space.linear = SparseMatrix(Q.cols(), 0);
+    space.only_on_mesh =
+        "the functions of a subspace whose kernel has no shape are combinations that are orthonormal at the points of its "
+        "geometry, "
+        "and elsewhere they have lost their digits; use a kernel with a shape or none, or mls";
     if (static_cast<std::size_t>(Q.cols()) < centres.size()) {
       space.notes.push_back(std::to_string(Q.cols()) + " of " + std::to_string(centres.size()) +
                             " functions, the others depend on them");
@@ -143,10 +154,14 @@ EnergySpace shell_subspace(const Mesh& mesh, const SubspaceOptions& options, std
     if (options.kernel) {
       const double shape = properties(*options.kernel).local_shape * radius;
       space.values = kernel_rows({*options.kernel, shape}, radius, centres, points, context);
+      space.in_space =
+          std::make_shared<const LocalKernelFunctions>(RadialKernel{*options.kernel, shape}, radius, centres, diagonal,
+                                                       adds_linear(options) ? std::optional(mean_of(points)) : std::nullopt);
     } else {
       MlsBasis::Options basis;
       basis.cover = cover;
       space.values = MlsBasis(centres, radius, basis).values(points, context);
+      space.in_space = std::make_shared<const MlsFunctions>(centres, radius, basis, diagonal);
       space.linear = linear_coefficients(centres);
     }
     context.progress("assemble", 0);
@@ -178,7 +193,7 @@ SpaceBytes estimate_shell_subspace(const Mesh& mesh, const SubspaceOptions& opti
   bytes.samples = static_cast<std::size_t>(k + linear);
   bytes.cover = static_cast<std::size_t>(std::ceil(cover));
   bytes.energy_entries = static_cast<std::size_t>(0.5 * k * (couplings + 1));
-  bytes.resident = static_cast<std::size_t>(values + energy + 4 * k * entry);
+  bytes.resident = static_cast<std::size_t>(values + energy + 4 * k * entry) + local_function_bytes(bytes.samples);
   bytes.peak = bytes.resident + static_cast<std::size_t>(scratch + n * 40 * entry);
   return bytes;
 }

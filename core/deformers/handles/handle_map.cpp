@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/deformers/handles/handle_map.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "core/base/parallel.h"
+#include "core/base/vectors.h"
+
+namespace deform {
+
+namespace {
+
+constexpr std::size_t mapped_points_per_task = 4096;
+
+}  // namespace
+
+HandleMap::HandleMap(std::unique_ptr<const HandleEvaluation> evaluation) : evaluation_(std::move(evaluation)) {
+  const HandleSystem& system = *evaluation_->system_;
+  const Mesh& mesh = *system.mesh_;
+  for (const auto& [id, to] : evaluation_->replaced()) given_.push_back({mesh.points[id], to});
+  for (std::size_t i = 0; system.hard_handles() && i < mesh.point_count(); ++i) {
+    const auto id = static_cast<PointId>(i);
+    if (!system.is_prescribed(id)) continue;
+    given_.push_back({mesh.points[i], evaluation_->held_.place(evaluation_->designs_[0], id, MotionKind::position)});
+  }
+  // Of points in one place the first counts.
+  std::stable_sort(given_.begin(), given_.end(), [](const Given& a, const Given& b) { return a.from < b.from; });
+  const auto last = std::unique(given_.begin(), given_.end(), [](const Given& a, const Given& b) { return a.from == b.from; });
+  given_.erase(last, given_.end());
+}
+
+SpaceMap::Told HandleMap::evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                   const RunContext& context) const {
+  const Told told = evaluation_->displacements_at(points, first, out, context);
+  const Symmetry& symmetry = evaluation_->system_->regions_.symmetry;
+  parallel_for(context, points.size(), mapped_points_per_task, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const Vec3& x = points[i];
+      const auto found =
+          std::lower_bound(given_.begin(), given_.end(), x, [](const Given& a, const Vec3& b) { return a.from < b; });
+      if (found != given_.end() && found->from == x) {
+        out[i] = found->to;
+        continue;
+      }
+      Vec3 u = out[i];
+      if (!symmetry.empty()) u = symmetry.from_frame(Symmetry::within(u, symmetry.on(x)));
+      out[i] = x + u;
+    }
+  });
+  return told;
+}
+
+}  // namespace deform

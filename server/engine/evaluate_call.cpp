@@ -1,0 +1,405 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/engine/evaluate_call.h"
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+#include "core/base/vectors.h"
+#include "core/quality/displacement.h"
+#include "proto/convert/base/block.h"
+#include "proto/convert/base/fields.h"
+#include "proto/convert/report.h"
+
+namespace deform::server {
+
+namespace {
+
+std::string block_field(std::size_t number, const char* field) {
+  return "blocks[" + std::to_string(number) + "]" + (field[0] == '\0' ? "" : ".") + field;
+}
+
+/// The checks of a block that need none of its bytes.
+void check_block(const v1::Block& block, std::size_t number, std::uint64_t first) {
+  const auto refuse = [&](const char* field, const std::string& what) {
+    convert::refuse_field(block_field(number, field), what);
+  };
+  if (block.design() != 0) refuse("design", std::to_string(block.design()) + ", there is one design, 0");
+  if (block.block() != number) {
+    refuse("block", std::to_string(block.block()) + ", blocks come in order, " + std::to_string(number) + " is next");
+  }
+  if (block.first() != first) {
+    refuse("first", std::to_string(block.first()) + ", but " + std::to_string(first) + " points came before");
+  }
+  if (block.count() == 0 || block.count() > EvaluateCall::most_points) {
+    refuse("count", std::to_string(block.count()) + " is out of range 1.." + std::to_string(EvaluateCall::most_points));
+  }
+  const bool wide = block.encoding() == v1::RAW_F64;
+  if (!wide && block.encoding() != v1::RAW_F32)
+    refuse("encoding", "must be RAW_F64 or RAW_F32, there is nothing to be relative to");
+  const std::size_t bytes = block.count() * (wide ? sizeof(Vec3) : 3 * sizeof(float));
+  if (block.data().size() != bytes) {
+    refuse("data", std::to_string(block.data().size()) + " bytes, " + std::to_string(block.count()) + " points take " +
+                       std::to_string(bytes));
+  }
+}
+
+std::vector<Vec3> decoded(v1::Block& message, std::size_t number, std::uint64_t first) {
+  std::vector<Vec3> points(message.count());
+  try {
+    codec::decode(convert::block_from_proto(std::move(message)), points, points);
+  } catch (const Error& error) {
+    throw Error(error.code(), block_field(number, "") + ": " + error.what());
+  }
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (!is_finite(points[i])) convert::refuse_field("points[" + std::to_string(first + i) + "]", "must be finite");
+  }
+  return points;
+}
+
+}  // namespace
+
+/// Calls on_ready after the lock is released, once per pending answer.
+class EvaluateCall::Notice {
+ public:
+  explicit Notice(EvaluateCall& call) : call_(call) {}
+  ~Notice() {
+    if (due_ && call_.on_ready_) call_.on_ready_();
+  }
+  Notice(const Notice&) = delete;
+  Notice& operator=(const Notice&) = delete;
+  /// With the lock held.
+  void check() {
+    if (!call_.reader_waits_ || (call_.replies_.empty() && !call_.ended_)) return;
+    call_.reader_waits_ = false;
+    due_ = true;
+  }
+
+ private:
+  EvaluateCall& call_;
+  bool due_ = false;
+};
+
+EvaluateCall::EvaluateCall(EvaluateParts parts, EvaluateTask task, CallContext context, std::function<void()> on_ready)
+    : Call(std::move(context)), parts_(std::move(parts)), task_(std::move(task)), on_ready_(std::move(on_ready)) {
+  stats_.system_id = task_.system_id;
+  stats_.designs = 1;
+}
+
+/// Enough for all workers while as many answers are under way to the reader.
+std::size_t EvaluateCall::window() const { return 2 * static_cast<std::size_t>(parts_.scheduler->workers()) + 2; }
+
+void EvaluateCall::begin() {
+  if (const auto error = overdue(accepted_)) throw *error;
+  place_ = parts_.scheduler->enter();
+  parts_.calls->add(shared_from_this());
+  SystemCache::Asker asker;
+  asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
+    call->on_system(std::move(system), error);
+  };
+  auto [system, ticket] = parts_.cache->acquire(task_.system_id, task_.prepare, std::move(asker));
+  if (system) return enqueue(std::move(system));
+  const std::lock_guard lock(mutex_);
+  if (!ended_) ticket_ = std::move(ticket);  // otherwise it leaves here
+}
+
+void EvaluateCall::on_system(SystemCache::Handle system, const std::optional<Error>& error) {
+  if (error) return fail(*error);
+  {
+    const std::lock_guard lock(mutex_);
+    stats_.prepare_ms = elapsed_ms(accepted_);
+  }
+  enqueue(std::move(system));
+}
+
+void EvaluateCall::enqueue(SystemCache::Handle system) {
+  const std::lock_guard lock(mutex_);
+  if (ended_) return;
+  system_ = std::move(system);
+  parts_.scheduler->start(context().client, this, [call = self()](Scheduler::Slot slot) { call->start(std::move(slot)); });
+}
+
+// What goes wrong ends the call.
+template <typename Work>
+bool EvaluateCall::attempt(const Work& work) {
+  try {
+    work();
+    return true;
+  } catch (const Error& error) {
+    fail(error);
+  } catch (const std::bad_alloc&) {
+    fail(Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget"));
+  } catch (const std::exception& error) {
+    fail(Error(ErrorCode::internal, error.what()));
+  }
+  return false;
+}
+
+void EvaluateCall::start(Scheduler::Slot slot) {
+  SystemCache::Handle system;
+  {
+    const std::lock_guard lock(mutex_);
+    if (ended_) return;
+    place_.leave();
+    slot_ = std::move(slot);
+    stats_.queue_ms = elapsed_ms(accepted_);
+    system = system_;
+  }
+  const int running = static_cast<int>(std::max<std::size_t>(1, parts_.scheduler->load().running));
+  const auto from = RunContext::Clock::now();
+  std::shared_ptr<Bound> bound;
+  if (!attempt([&] { bound = bind(system, std::max(1, parts_.scheduler->workers() / running)); })) return;
+  Notice notice(*this);
+  const std::lock_guard lock(mutex_);
+  if (ended_) return;
+  bind_ms_ = elapsed_ms(from);
+  stats_.solve_ms += bind_ms_;
+  stats_.geometry_id = bound->system->info.geometry_id();
+  bound_ = std::move(bound);
+  task_.bind = nullptr;  // owns the request
+  task_.bind_bytes = nullptr;
+  push_info();
+  push_result_when_done();
+  slot_.leave();  // until there is a block
+  notice.check();
+}
+
+std::shared_ptr<EvaluateCall::Bound> EvaluateCall::bind(const SystemCache::Handle& system, int threads) {
+  auto bound = std::make_shared<Bound>();
+  bound->system = system;
+  bound->output = convert::encode_options(task_.output, system->info.diagonal());
+  const System::SpaceBytes space = system->system->space_bytes(most_points);
+  // Of a block: as it came, decoded, moved, encoded (integers and bytes), and what evaluating takes.
+  const std::size_t block = 5 * most_points * sizeof(Vec3) + space.call;
+  const std::size_t binding = task_.bind_bytes(*system) + space.map;
+  bound->charge = parts_.memory->charge(binding + window() * block,
+                                        {"evaluating system " + task_.system_id.substr(0, 16) + " at other points",
+                                         "raise the server's memory budget", system->charge.bytes()});
+  bound->map = task_.bind(*system, run_context(threads));
+  return bound;
+}
+
+bool EvaluateCall::has_room() const {
+  const std::lock_guard lock(mutex_);
+  return bound_ != nullptr && !ended_ && !no_more_ && added_ - taken_ < window();
+}
+
+void EvaluateCall::add(v1::Block&& block) {
+  const std::lock_guard lock(mutex_);
+  if (ended_) return;
+  if (no_more_ || bound_ == nullptr) throw Error(ErrorCode::internal, "a block came before it was asked for");
+  check_block(block, added_, points_);
+  const std::uint64_t first = points_;
+  points_ += block.count();
+  ++added_;
+  waiting_.emplace_back(first, std::move(block));
+  schedule();
+  note_turn();
+}
+
+void EvaluateCall::finish() {
+  Notice notice(*this);
+  const std::lock_guard lock(mutex_);
+  if (ended_ || no_more_) return;
+  no_more_ = true;
+  push_result_when_done();
+  notice.check();
+}
+
+// Many requests use one worker each, a lone one all.
+void EvaluateCall::schedule() {
+  if (waiting_.empty() || bound_ == nullptr) return;
+  if (!slot_.held()) slot_ = parts_.scheduler->resume();
+  const auto workers = static_cast<std::size_t>(parts_.scheduler->workers());
+  const std::size_t share = std::max<std::size_t>(1, workers / std::max<std::size_t>(1, parts_.scheduler->load().running));
+  while (!waiting_.empty() && in_flight_ < share) {
+    ++in_flight_;
+    auto [first, block] = std::move(waiting_.front());
+    waiting_.pop_front();
+    parts_.scheduler->step(
+        this, [call = self(), bound = bound_, number = begun_, first = first,
+               message = std::make_shared<v1::Block>(std::move(block))] { call->run_step(bound, number, first, *message); });
+    ++begun_;
+  }
+}
+
+void EvaluateCall::run_step(const std::shared_ptr<const Bound>& bound, std::size_t number, std::uint64_t first,
+                            v1::Block& message) {
+  StepResult result;
+  if (!attempt([&] { result = make_step(*bound, number, first, message); })) return;
+  Notice notice(*this);
+  const std::lock_guard lock(mutex_);
+  if (ended_) return;
+  --in_flight_;
+  stats_.solve_ms += result.solve_ms;
+  stats_.encode_ms += result.encode_ms;
+  finished_.emplace(number, std::move(result));
+  for (auto next = finished_.begin(); next != finished_.end() && next->first == released_; next = finished_.begin()) {
+    StepResult ready = std::move(next->second);
+    finished_.erase(next);
+    release(released_++, std::move(ready));
+  }
+  schedule();
+  if (in_flight_ == 0) slot_.leave();  // until the next block
+  push_result_when_done();
+  note_turn();
+  notice.check();
+}
+
+EvaluateCall::StepResult EvaluateCall::make_step(const Bound& bound, std::size_t number, std::uint64_t first,
+                                                 v1::Block& message) const {
+  const RunContext context = run_context(1);
+  const double begun = thread_cpu_ms();
+  const std::vector<Vec3> points = decoded(message, number, first);
+  const double read = thread_cpu_ms();
+  StepResult result;
+  result.first = first;
+  std::vector<Vec3> moved(points.size());
+  result.told = bound.map->evaluate(points, first, moved, context);
+  context.check();
+  const double evaluated = thread_cpu_ms();
+  const Extreme largest = largest_displacement(moved, points);
+  result.displacement = {largest.value, largest.id + static_cast<std::size_t>(first)};
+  result.block = codec::encode(points, moved, bound.output);
+  result.solve_ms = evaluated - read;
+  result.encode_ms = read - begun + thread_cpu_ms() - evaluated;
+  return result;
+}
+
+void EvaluateCall::release(std::size_t number, StepResult&& result) {
+  checksum_.add(result.block.checksum);
+  sums_.set_max_error(std::max(sums_.max_error(), result.block.max_error));
+  sums_.set_blocks_fell_back(sums_.blocks_fell_back() + (result.block.fell_back ? 1 : 0));
+  sums_.set_max_displacement(std::max(sums_.max_displacement(), result.displacement.value));
+  sums_.set_still(sums_.still() + result.told.still);
+  sums_.set_sums_error(std::max(sums_.sums_error(), result.told.sums_error));
+  stats_.bytes += result.block.bytes.size();
+  stats_.points += result.block.count;
+  v1::Block& message = *replies_.emplace_back().mutable_block();
+  message.set_block(static_cast<std::uint32_t>(number));
+  message.set_first(result.first);
+  convert::block_to_proto(std::move(result.block), message);
+}
+
+void EvaluateCall::note_turn() {
+  const bool ours = bound_ == nullptr || in_flight_ > 0;
+  waits_since_ = ours ? RunContext::Clock::time_point::max() : RunContext::Clock::now();
+}
+
+void EvaluateCall::push_info() {
+  v1::EvaluateInfo& info = *replies_.emplace_back().mutable_info();
+  info.set_geometry_id(bound_->system->info.geometry_id());
+  info.set_diagonal(bound_->system->info.diagonal());
+  info.set_most_points(most_points);
+  note_turn();
+}
+
+void EvaluateCall::push_result_when_done() {
+  if (!no_more_ || produced_ || bound_ == nullptr || released_ < added_) return;
+  v1::EvaluateResult& result = *replies_.emplace_back().mutable_result();
+  result = std::move(sums_);
+  const DesignReport& report = bound_->map->report();
+  result.set_points(points_);
+  result.set_checksum(checksum_.value());
+  result.set_interpolation_residual(report.interpolation_residual);
+  result.set_estimated_error(report.error);
+  result.set_converged(report.converged);
+  for (const std::string& warning : report.warnings) result.add_warnings(warning);
+  const std::string given_up = convert::given_up_warning(report, bound_->system->setup);
+  if (!given_up.empty()) result.add_warnings(given_up);
+  result.set_queue_ms(stats_.queue_ms);
+  result.set_bind_ms(bind_ms_);
+  result.set_solve_ms(stats_.solve_ms - bind_ms_);
+  result.set_encode_ms(stats_.encode_ms);
+  result.set_wall_ms(elapsed_ms(accepted_));
+  produced_ = true;
+  parts_.on_served();
+}
+
+DeformJob::Poll EvaluateCall::poll(v1::EvaluateReply& reply) {
+  const std::lock_guard lock(mutex_);
+  if (!replies_.empty()) {
+    reply = std::move(replies_.front());
+    replies_.pop_front();
+    note_turn();
+    if (reply.has_block()) ++taken_;
+    if (replies_.empty() && produced_) end();
+    return DeformJob::Poll::reply;
+  }
+  if (ended_) return DeformJob::Poll::done;
+  reader_waits_ = true;
+  return DeformJob::Poll::pending;
+}
+
+std::optional<Error> EvaluateCall::overdue(RunContext::Clock::time_point now) const {
+  if (auto error = Call::overdue(now)) return error;
+  const RunContext::Clock::time_point since = waits_since_;
+  if (since == RunContext::Clock::time_point::max() || now < since || now - since < patience) return std::nullopt;
+  return Error(ErrorCode::deadline_exceeded,
+               "the client has neither sent nor taken a block for " + std::to_string(patience.count()) + " seconds");
+}
+
+void EvaluateCall::fail(const Error& error) {
+  stop();
+  Notice notice(*this);
+  std::deque<v1::EvaluateReply> dropped;  // destroyed after the lock
+  const std::lock_guard lock(mutex_);
+  if (ended_) return;
+  error_ = error;
+  dropped.swap(replies_);
+  end();
+  notice.check();
+}
+
+// Running steps keep what they need and find out when they are done.
+void EvaluateCall::end() {
+  ended_ = true;
+  finished_.clear();
+  waiting_.clear();
+  place_.leave();
+  slot_.leave();
+  ticket_.leave();
+  system_.reset();
+  bound_.reset();
+  parts_.scheduler->remove(this);
+  parts_.calls->remove(this);
+}
+
+std::optional<Error> EvaluateCall::error() const {
+  const std::lock_guard lock(mutex_);
+  return error_;
+}
+
+CallStats EvaluateCall::stats() const {
+  const std::lock_guard lock(mutex_);
+  return stats_;
+}
+
+namespace {
+
+class EvaluateHandle : public EvaluateJob {
+ public:
+  explicit EvaluateHandle(std::shared_ptr<EvaluateCall> call) : call_(std::move(call)) {}
+  ~EvaluateHandle() override { cancel(); }
+  EvaluateHandle(const EvaluateHandle&) = delete;
+  EvaluateHandle& operator=(const EvaluateHandle&) = delete;
+
+  bool has_room() const override { return call_->has_room(); }
+  void add(v1::Block&& block) override { call_->add(std::move(block)); }
+  void finish() override { call_->finish(); }
+  DeformJob::Poll poll(v1::EvaluateReply& reply) override { return call_->poll(reply); }
+  void cancel() override { call_->fail(Error(ErrorCode::cancelled, "cancelled by the caller")); }
+  std::optional<Error> error() const override { return call_->error(); }
+  CallStats stats() const override { return call_->stats(); }
+
+ private:
+  const std::shared_ptr<EvaluateCall> call_;
+};
+
+}  // namespace
+
+std::shared_ptr<EvaluateJob> make_evaluate_job(std::shared_ptr<EvaluateCall> call) {
+  return std::make_shared<EvaluateHandle>(std::move(call));
+}
+
+}  // namespace deform::server
