@@ -79,7 +79,7 @@ Setup held_and_bent(MlsDomain domain, std::size_t samples) {
   options.surface_samples = options.volume_samples = samples;
   Setup setup;
   setup.method = options;
-  setup.fixed = {Region{Region::InBox{{-1, -1, -1}, {0.201, 1, 1}}}};
+  setup.fixed = {Region{Region::InBox{{-1, -1, -1}, {0.301, 1, 1}}}};
   setup.handles = {{"tip", Region{Region::InBox{{0.949, -1, 0.19}, {2, 1, 1}}}}};
   return setup;
 }
@@ -98,7 +98,7 @@ double other_prong(MlsDomain domain, std::size_t samples) {
   return largest / 0.1;
 }
 
-// The lower prong is held at its end and free elsewhere, so it stays nearly where it is, whatever the upper one does.
+// The prongs have nothing in common but what is held, so the lower one stays where it is, whatever the upper one does.
 TEST(BodyReach, ProngsOfAForkDoNotPullEachOther) {
   EXPECT_GT(other_prong(MlsDomain::enclosed, 500), 0.3);
   EXPECT_LT(other_prong(MlsDomain::connected, 500), 0.03);
@@ -153,9 +153,9 @@ TEST(BodyReach, DistancesAreThoseOfTheWaysInTheBody) {
     for (std::size_t i = 0; i < near.size(); ++i) {
       const Vec3& c = of.samples.points[near[i].point];
       const double straight = distance(at, c);
-      EXPECT_GE(distances[i], straight);
+      EXPECT_GE(distances[i], straight - 1e-12);
       if (c[2] > 0.2) {
-        EXPECT_EQ(distances[i], straight);
+        EXPECT_NEAR(distances[i], straight, 1e-12);
         continue;
       }
       // Around the end of the slot, in the plane of x and z, which is the shortest way but for the thickness of the slot.
