@@ -47,7 +47,7 @@ TEST(AffineMotion, OfAllHandlesIsFollowedByMlsOnRealClosedSurfaces) {
     last.min[axis] = box.max[axis] - 0.15 * box.side(axis);
     MlsOptions options;
     options.surface_samples = options.volume_samples = 300;
-    Setup setup;
+    deform::Setup setup;
     setup.method = options;
     setup.handles = {{"first", Region{first}}, {"last", Region{last}}};
     const auto system = prepare(mesh, setup);

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <cstdlib>
 #include <limits>
 #include <memory>
@@ -145,8 +146,8 @@ struct Checked {
 };
 
 struct Found {
-  double error = 0, all = 0,
-         part = 0;  ///< true, and estimated from all centres and from a part, each with the margin of the product
+  double condition = 0, error = 0;  ///< of the dense system; true
+  double all = 0, part = 0;         ///< estimated from all centres and from a part of them, with the margin of the product
 };
 
 /// Against the dense solution, with residuals of twice the digits.
@@ -154,7 +155,7 @@ Found found(Kernel kernel, Solver solver, std::size_t m, double tolerance, std::
             const PointErrors::Limits& limits) {
   const Checked given(m, 384, seed);
   InterpolationOptions options;
-  options.kernel = {kernel, properties(kernel).has_shape ? 0.03 : 1.0};
+  options.kernel = {kernel, properties(kernel).has_shape ? 0.03 * std::sqrt(650.0 / static_cast<double>(m)) : 1.0};
   options.polynomial_degree = properties(kernel).default_degree();
   const DenseInterpolator dense(given.centres, options, {});
   options.solver = solver;
@@ -168,6 +169,7 @@ Found found(Kernel kernel, Solver solver, std::size_t m, double tolerance, std::
   const auto n = static_cast<Eigen::Index>(given.places.size());
   const Eigen::MatrixXd none = Eigen::MatrixXd::Zero(n, 3);
   Found result;
+  result.condition = dense.condition();
   result.error = largest_magnitude(system->accurate_residual(interpolants, given.places, none) -
                                    dense.accurate_residual(exact, given.places, none));
   const auto estimated = [&](const PointErrors::Limits& of) {
@@ -196,7 +198,7 @@ TEST(PointErrors, AreNotUnderestimatedWhereThereAreManyCentres) {
   double least_part = std::numeric_limits<double>::infinity();
   std::vector<double> ratios;
   for (const Row& row : rows) {
-    for (std::uint64_t seed = 0; seed < (long_tests() ? 4u : 2u); ++seed) {
+    for (std::uint64_t seed = 0; seed < (long_tests() ? 3u : 2u); ++seed) {
       const std::size_t m = long_tests() ? 3200 + 1700 * seed : 600 + 100 * seed;
       const PointErrors::Limits limits = long_tests() ? PointErrors::Limits{} : PointErrors::Limits{250, 20000};
       const Found is = found(row.kernel, row.solver, m, row.tolerance, seed, limits);
@@ -204,8 +206,9 @@ TEST(PointErrors, AreNotUnderestimatedWhereThereAreManyCentres) {
                                (row.solver == Solver::iterative ? ", iterative, " : ", QR, ") + std::to_string(m) +
                                " centres: " + std::to_string(is.error) + ", all " + std::to_string(is.all / is.error) +
                                ", part " + std::to_string(is.part / is.error);
+      if (is.condition > 1e15) continue;  // no digits left to compare with
       EXPECT_GE(is.all, 0.5 * is.error) << text;
-      if (long_tests() || std::getenv("VERBOSE_XX")) std::puts(text.c_str());
+      if (long_tests()) std::printf("%s\n", text.c_str());
       if (!(is.error > 0)) continue;
       ratios.push_back(is.all / is.error);
       least_part = std::min(least_part, is.part / is.error);

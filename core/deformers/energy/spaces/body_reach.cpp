@@ -79,6 +79,7 @@ bool BodyReach::within_body(const Vec3& a, const Vec3& b, std::vector<double>& s
 
 void BodyReach::find_links(const PointTree& tree, const RunContext& context) {
   links_.resize(samples_.size());
+  blocked_.assign(samples_.size(), 0);
   const double square = link_length * link_length * spacing_ * spacing_;
   parallel_for(context, samples_.size(), 64, [&](std::size_t begin, std::size_t end) {
     std::vector<PointTree::Near> near;
@@ -87,7 +88,12 @@ void BodyReach::find_links(const PointTree& tree, const RunContext& context) {
       tree.within(samples_[i], square, near);
       for (const auto& found : near) {
         const std::size_t low = std::min<std::size_t>(i, found.point), high = std::max<std::size_t>(i, found.point);
-        if (low != high && within_body(anchors_[low], anchors_[high], scratch)) links_[i].push_back(found.point);
+        if (low == high) continue;
+        if (within_body(anchors_[low], anchors_[high], scratch)) {
+          links_[i].push_back(found.point);
+        } else {
+          blocked_[i] = 1;
+        }
       }
       std::sort(links_[i].begin(), links_[i].end());
     }
@@ -116,7 +122,8 @@ void BodyReach::find_parts() {
   }
 }
 
-/// Dijkstra's method from every sample, up to a limit. Only those with a way that is too long keep their ways.
+/// Dijkstra's method, up to a limit, from every sample near which a link is blocked. Only those with a way that is too long keep
+/// their ways.
 void BodyReach::find_ways(const PointTree& tree, double radius, const RunContext& context) {
   std::vector<char> is_cut(samples_.size(), 0);
   parallel_for(context, samples_.size(), 64, [&](std::size_t begin, std::size_t end) {
@@ -128,6 +135,8 @@ void BodyReach::find_ways(const PointTree& tree, double radius, const RunContext
     const double most = detour * known_ways * radius + 2 * allowance * spacing_, looked = radius + spacing_;
     for (std::size_t i = begin; i < end; ++i) {
       context.check();
+      tree.within(samples_[i], looked * looked, near);
+      if (std::none_of(near.begin(), near.end(), [&](const auto& found) { return blocked_[found.point] != 0; })) continue;
       const auto start = static_cast<std::uint32_t>(i);
       length[i] = 0;
       reached.assign(1, start);
@@ -144,7 +153,6 @@ void BodyReach::find_ways(const PointTree& tree, double radius, const RunContext
           waiting.push({there, next});
         }
       }
-      tree.within(samples_[i], looked * looked, near);
       for (const auto& found : near) {
         if (part_[found.point] != part_[i]) continue;
         if (counted(length[found.point]) > std::sqrt(found.square)) is_cut[i] = 1;

@@ -61,6 +61,7 @@ class BodyReach : public SampleReach {
   double spacing_ = 0;                             ///< median distance of a sample to the nearest other one
   std::vector<Vec3> anchors_;                      ///< a point in the body for each sample
   std::vector<std::vector<std::uint32_t>> links_;  ///< ascending
+  std::vector<char> blocked_;                      ///< whether some sample within a link's length is not linked
   std::vector<std::uint32_t> part_;                ///< of the body that links join
   std::vector<std::vector<Way>> ways_;             ///< by ascending number; only of samples with a support that is cut
   std::size_t cut_ = 0;
