@@ -216,7 +216,9 @@ TEST(PointErrors, AreNotUnderestimatedWhereThereAreManyCentres) {
   }
   std::sort(ratios.begin(), ratios.end());
   EXPECT_LE(ratios[ratios.size() / 2], 20);
-  EXPECT_LT(least_part, 0.5) << "a part of the centres would have done";
+  if (!long_tests()) {
+    EXPECT_LT(least_part, 0.5) << "a part of the centres would have done";
+  }
 }
 
 }  // namespace
