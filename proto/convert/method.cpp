@@ -152,7 +152,8 @@ bool stored_without_domain(const v1::MlsMethod& message) {
 
 MlsDomain mls_domain(const v1::MlsMethod& message) {
   const bool surface = known(message.domain(), "method.mls.domain") == v1::DOMAIN_SURFACE || stored_without_domain(message);
-  return surface ? MlsDomain::surface : MlsDomain::enclosed;
+  if (surface) return MlsDomain::surface;
+  return message.domain() == v1::DOMAIN_ENCLOSED ? MlsDomain::enclosed : MlsDomain::connected;
 }
 
 MlsOptions mls_options(const v1::MlsMethod& message) {
@@ -287,7 +288,8 @@ void canonicalize_subspace(v1::SubspaceMethod& subspace) {
 void canonicalize_mls(v1::MlsMethod& mls) {
   const MlsOptions defaults;
   const MlsDomain domain = mls_domain(mls);
-  mls.set_domain(domain == MlsDomain::surface ? v1::DOMAIN_DEFAULT : v1::DOMAIN_ENCLOSED);
+  if (domain == MlsDomain::surface) mls.set_domain(v1::DOMAIN_DEFAULT);
+  if (domain == MlsDomain::connected) mls.set_domain(v1::DOMAIN_CONNECTED);
   canonicalize_energy(*mls.mutable_energy());
   if (mls.cubature() == 0) mls.set_cubature(defaults.cubature);
   if (mls.cover() == 0) mls.set_cover(default_cover(domain));

@@ -33,6 +33,7 @@ void EvaluateStreamCall::OnReadDone(bool ok) {
 
 void EvaluateStreamCall::take(const grpc::ByteBuffer& bytes) {
   scope_.check_access();  // the caller may have been struck out since the stream was opened
+  const auto held = scope_.hold(bytes);
   v1::EvaluateRequest message;
   parse(bytes, message);
   std::shared_ptr<EvaluateJob> job;

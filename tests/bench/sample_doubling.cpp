@@ -79,7 +79,6 @@ void measure(const std::string& name, const std::shared_ptr<const Mesh>& mesh, R
   const double D = box.diagonal();
   const Vec3 middle = 0.5 * (box.min + box.max);
   MlsOptions options;
-  options.domain = MlsDomain::enclosed;
   const Prepared by_default = prepared(mesh, options);
   for (const std::string& note : by_default.system->info().notes) {
     if (note.find("do not enclose") == std::string::npos) continue;
@@ -98,8 +97,8 @@ void measure(const std::string& name, const std::shared_ptr<const Mesh>& mesh, R
   const double prescribed = evaluation->report(0).prescribed_displacement;
   const Points before = by_default.system->evaluate(design);
   // The defaults are at most as many as there are points.
-  options.surface_samples = 2 * std::min<std::size_t>(4000, mesh->point_count());
-  options.volume_samples = 2 * std::min<std::size_t>(5000, mesh->point_count());
+  options.surface_samples = 2 * std::min<std::size_t>(6000, mesh->point_count());
+  options.volume_samples = 2 * std::min<std::size_t>(8000, mesh->point_count());
   const Prepared twice = prepared(mesh, options);
   report.at_most(name + " (" + std::to_string(mesh->point_count()) + " points): twice the samples move the shape by",
                  100 * largest_distance(before, twice.system->evaluate(design)) / prescribed, 1, " %");

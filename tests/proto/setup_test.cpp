@@ -412,10 +412,17 @@ TEST(ConvertSetup, stored_spaces_keep_their_meaning_and_their_id) {
   EXPECT_EQ(canonical_setup(stored, geometry).method().SerializeAsString(), stored.method().SerializeAsString());
   EXPECT_EQ(canonical_setup(named, geometry).method().SerializeAsString(), stored.method().SerializeAsString());
   for (const v1::Setup& surface : {stored, named}) EXPECT_EQ(domain(surface), MlsDomain::surface);
-  for (const v1::Setup& enclosed : {plain, canonical_setup(plain, geometry)}) {
-    EXPECT_EQ(domain(enclosed), MlsDomain::enclosed);
-    EXPECT_EQ(std::get<MlsOptions>(setup_from_proto(enclosed, 10).method).cover, 20);
+  v1::Setup enclosed = plain;  // stored before supports went around slots
+  enclosed.mutable_method()->mutable_mls()->set_domain(v1::DOMAIN_ENCLOSED);
+  for (const auto& [setup, expected] : {std::pair{plain, MlsDomain::connected}, {enclosed, MlsDomain::enclosed}}) {
+    for (const v1::Setup& form : {setup, canonical_setup(setup, geometry)}) {
+      EXPECT_EQ(domain(form), expected);
+      EXPECT_EQ(std::get<MlsOptions>(setup_from_proto(form, 10).method).cover, 20);
+    }
   }
+  const v1::Setup kept = canonical_setup(enclosed, geometry);
+  EXPECT_EQ(kept.method().mls().domain(), v1::DOMAIN_ENCLOSED);
+  EXPECT_EQ(canonical_setup(plain, geometry).method().mls().domain(), v1::DOMAIN_CONNECTED);
 
   for (v1::Setup* setup : {&stored, &named, &plain}) {
     *setup = sheet_setup(geometry);

@@ -430,7 +430,7 @@ def canonical_method(method, flat):
     if kind == "mls":
         stored = stored and chosen.cubature != 0 and chosen.cover != 0 and chosen.domain == setup_pb2.DOMAIN_DEFAULT
         surface = stored or chosen.domain == setup_pb2.DOMAIN_SURFACE
-        chosen.domain = setup_pb2.DOMAIN_DEFAULT if surface else setup_pb2.DOMAIN_ENCLOSED
+        chosen.domain = setup_pb2.DOMAIN_DEFAULT if surface else chosen.domain or setup_pb2.DOMAIN_CONNECTED
         instead_of_zero(chosen, "cubature", 4)
         instead_of_zero(chosen, "cover", 12 if surface else 20)
         for weights in chosen.weights:

@@ -64,6 +64,8 @@ constexpr SetupCase cases[] = {
          "handles": [{"name": "a", "region": {"group": "g"}}]})"},
     {"mls", R"({"method": {"mls": {"surfaceSamples": 300, "weights": [{"region": {"ids": [9, 2, 9, 0]}, "bending": 2}]}},
          "handles": [{"name": "a", "region": {"group": "g"}}]})"},
+    {"mls with straight supports", R"({"method": {"mls": {"domain": "DOMAIN_ENCLOSED"}},
+         "handles": [{"name": "a", "region": {"group": "g"}}]})"},
     {"mls on the surface alone", R"({"method": {"mls": {"domain": "DOMAIN_SURFACE", "surfaceSamples": 300}},
          "handles": [{"name": "a", "region": {"group": "g"}}]})"},
     {"mls as it was stored before it had a domain", R"({"method": {"mls": {"energy": {"bending": 1, "handles": "HANDLES_HARD"},

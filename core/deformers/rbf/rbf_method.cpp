@@ -26,7 +26,7 @@ struct CentreSizes {
   std::size_t check_bytes = 0;     ///< memory of the error estimation
 };
 
-CentreSizes centre_sizes(const std::vector<PartPlan>& parts, Solver solver) {
+CentreSizes centre_sizes(const std::vector<PartPlan>& parts, Kernel kernel, Solver solver) {
   CentreSizes sizes;
   for (const PartPlan& part : parts) {
     sizes.rows = std::max(sizes.rows, part.size);
@@ -36,9 +36,10 @@ CentreSizes centre_sizes(const std::vector<PartPlan>& parts, Solver solver) {
         std::max(sizes.factoring_peak, sizes.factor_bytes + sizes.check_bytes + interpolator_peak_bytes(part.size, solver));
     sizes.factor_bytes += interpolator_bytes(part.size, solver);
     if (!to_tolerance(solver)) continue;
-    sizes.factoring_peak =
-        std::max(sizes.factoring_peak, sizes.factor_bytes + sizes.check_bytes + PointErrors::peak_bytes(part.size));
-    sizes.check_bytes += PointErrors::bytes_for(part.size);
+    const RadialKernel checked{kernel, 1, part.parity};
+    sizes.factoring_peak = std::max(sizes.factoring_peak,
+                                    sizes.factor_bytes + sizes.check_bytes + PointErrors::peak_bytes(part.size, checked, solver));
+    sizes.check_bytes += PointErrors::bytes_for(part.size, checked, solver);
   }
   return sizes;
 }
@@ -124,7 +125,7 @@ Estimate RbfMethod::estimate(const RbfOptions& given, const Mesh& mesh, const Se
   const Solver solver = chosen_solver(options.solver, *options.kernel, centres.ids.size());
   const std::size_t fields = 4 * regions.handles.size();
   const std::vector<PartPlan> parts = plan_parts(regions.symmetry, centres, solver);
-  const CentreSizes sizes = centre_sizes(parts, solver);
+  const CentreSizes sizes = centre_sizes(parts, *options.kernel, solver);
 
   Estimate estimate;
   estimate.constraint_points = points.count;

@@ -25,6 +25,8 @@ constexpr std::size_t most_candidates = 8192;  // largest number of points to ch
 constexpr std::size_t overall = 700, around = 6, thinner = 4;
 constexpr std::size_t most_surrounded = 96;  // largest number of places treated this way
 constexpr double many_roundings = 1e3;       // below, a residual in double precision has few digits
+constexpr double iterative_share = 1e-3;     // of the residual: to which its interpolant is solved for
+constexpr double most_left = 0.9;            // of the residual, that such a solution may leave
 
 /// Numbers 0 .. count - 1 in a low-discrepancy order (multiples of the golden ratio), so that every prefix is spread over them.
 std::vector<std::uint32_t> spread_order(std::size_t count) {
@@ -51,10 +53,10 @@ void nearest(const PointTree& tree, const Vec3& x, std::size_t count, std::vecto
   out.resize(std::min(count, out.size()));
 }
 
-std::vector<std::uint32_t> participants(std::span<const Vec3> centres, std::span<const Vec3> places) {
+std::vector<std::uint32_t> participants(std::span<const Vec3> centres, std::span<const Vec3> places, std::size_t most) {
   std::vector<std::uint32_t> ids(centres.size());
   std::iota(ids.begin(), ids.end(), 0u);
-  if (centres.size() <= PointErrors::most_centres) return ids;
+  if (centres.size() <= most) return ids;
   std::vector<bool> chosen(centres.size());
   for (const std::uint32_t id : farthest_point_order(centres, overall)) chosen[id] = true;
   const std::vector<std::uint32_t> order = spread_order(centres.size());
@@ -72,13 +74,20 @@ std::vector<std::uint32_t> participants(std::span<const Vec3> centres, std::span
   for (std::uint32_t id = 0; id < centres.size(); ++id) {
     if (chosen[id]) ids.push_back(id);
   }
-  if (ids.size() <= PointErrors::most_centres) return ids;
+  if (ids.size() <= most) return ids;
   std::vector<std::uint32_t> fewer;
   for (const std::uint32_t i : spread_order(ids.size())) {
-    if (fewer.size() < PointErrors::most_centres) fewer.push_back(ids[i]);
+    if (fewer.size() < most) fewer.push_back(ids[i]);
   }
   std::sort(fewer.begin(), fewer.end());
   return fewer;
+}
+
+/// Whether a part of the centres does not represent the residual, so that all of them are used, iteratively.
+bool needs_all(const RadialKernel& kernel, Solver solver, std::size_t m, const PointErrors::Limits& limits) {
+  const KernelProperties known = properties(kernel.kernel);
+  const bool local = solver == Solver::incremental_qr || known.has_shape;
+  return m > limits.dense && m <= limits.iterative && local && known.smooth && kernel.parity.none();
 }
 
 }  // namespace
@@ -151,15 +160,24 @@ MatrixXd moments(const Interpolator& system, const Interpolants& interpolants, c
 
 }  // namespace
 
-PointErrors::PointErrors(const Interpolator& system, int polynomial_degree, std::vector<Vec3> places, const RunContext& context)
-    : places_(std::move(places)), ids_(participants(system.centres(), places_)) {
-  complete_ = ids_.size() == system.size();
-  std::vector<Vec3> centres;
-  for (const std::uint32_t id : ids_) centres.push_back(system.centres()[id]);
+PointErrors::PointErrors(const Interpolator& system, int polynomial_degree, std::vector<Vec3> places, const RunContext& context,
+                         const Limits& limits)
+    : places_(std::move(places)), centres_(system.size()) {
   InterpolationOptions options;
   options.kernel = system.kernel();
   options.polynomial_degree = polynomial_degree;
-  exact_ = std::make_unique<DenseInterpolator>(std::move(centres), options, context);
+  if (needs_all(system.kernel(), system.solver(), system.size(), limits)) {
+    ids_.resize(system.size());
+    std::iota(ids_.begin(), ids_.end(), 0u);
+    iterative_ = std::make_unique<const IterativeInterpolator>(system.centres(), options, context);
+    exact_ = iterative_.get();
+    return;
+  }
+  ids_ = participants(system.centres(), places_, limits.dense);
+  std::vector<Vec3> centres;
+  for (const std::uint32_t id : ids_) centres.push_back(system.centres()[id]);
+  dense_ = std::make_unique<const DenseInterpolator>(std::move(centres), options, context);
+  exact_ = dense_.get();
 }
 
 MatrixXd PointErrors::residual(const Interpolator& system, const Interpolants& interpolants, const MatrixXd& F,
@@ -179,31 +197,40 @@ PointErrors::Missing PointErrors::missing(const Interpolator& system, const Inte
                                           const RunContext& context) const {
   MatrixXd left = residual(system, interpolants, F, context);
   const double largest = largest_magnitude(left);
-  for (Index c = 0; c < F.cols() && !complete_ && interpolants.residuals.size() == F.cols(); ++c) {
+  for (Index c = 0; c < F.cols() && partial() && interpolants.residuals.size() == F.cols(); ++c) {
     const double seen = left.col(c).cwiseAbs().maxCoeff();
     if (seen > 0) left.col(c) *= std::max(1.0, interpolants.residuals[c] / seen);
   }
   const auto q = static_cast<Index>(exact_->polynomials().terms());
   MatrixXd B(left.rows() + q, left.cols());
   B << left, -moments(system, interpolants, exact_->polynomials());
-  return {exact_->solve_saddle(B, context).coefficients, largest};
+  if (dense_) return {dense_->solve_saddle(B, context).coefficients, largest};
+  Interpolants solved = iterative_->solve_saddle(B, iterative_share * largest, context);
+  // As much as it leaves is missing from it.
+  const double share = largest > 0 ? solved.residual / largest : 0;
+  if (share > iterative_share) solved.coefficients /= 1 - std::min(share, most_left);
+  return {std::move(solved.coefficients), largest};
 }
 
 MatrixXd PointErrors::errors(const Missing& missing, std::span<const Vec3> places, const RunContext& context) const {
   Interpolants interpolants;
   interpolants.coefficients = missing.coefficients;
-  const std::vector<double> values = exact_->values(interpolants, places, context);
+  const std::vector<double> values = exact_->direct_values(interpolants, places, context);
   return Eigen::Map<const RowMajor>(values.data(), static_cast<Index>(places.size()), missing.coefficients.cols());
 }
 
 std::size_t PointErrors::bytes() const { return exact_->bytes() + places_.size() * sizeof(Vec3) + ids_.size() * 4; }
 
-std::size_t PointErrors::bytes_for(std::size_t m) {
+std::size_t PointErrors::bytes_for(std::size_t m, const RadialKernel& kernel, Solver solver) {
+  const std::size_t fixed = 1024 * sizeof(Vec3);
+  if (needs_all(kernel, solver, m, {})) return IterativeInterpolator::bytes_for(m) + m * 4 + fixed;
   const std::size_t k = std::min(m, most_centres);
-  return DenseInterpolator::bytes_for(k, Solver::ldlt) + k * (sizeof(Vec3) + 4) + 1024 * sizeof(Vec3);
+  return DenseInterpolator::bytes_for(k, Solver::ldlt) + k * (sizeof(Vec3) + 4) + fixed;
 }
 
-std::size_t PointErrors::peak_bytes(std::size_t m) {
+std::size_t PointErrors::peak_bytes(std::size_t m, const RadialKernel& kernel, Solver solver) {
+  constexpr std::size_t fields = 4;
+  if (needs_all(kernel, solver, m, {})) return IterativeInterpolator::peak_bytes(m, fields);
   // Beside the matrix two trees of the centres, and a choice of them.
   return DenseInterpolator::peak_bytes(std::min(m, most_centres), Solver::ldlt) + m * (4 * sizeof(Vec3) + 16);
 }

@@ -11,6 +11,7 @@
 #include "core/base/run_context.h"
 #include "core/base/types.h"
 #include "core/numerics/interpolation/dense_interpolator.h"
+#include "core/numerics/interpolation/iterative_interpolator.h"
 
 namespace deform {
 
@@ -21,21 +22,37 @@ std::vector<std::uint32_t> check_points(std::span<const Vec3> points, std::span<
 /// The largest absolute value of an entry; infinity if any entry is NaN.
 double largest_magnitude(const Eigen::MatrixXd& errors);
 
+/// Largest numbers of centres of which PointErrors use all.
+struct PointErrorLimits {
+  std::size_t dense = 3000, iterative = 20000;
+};
+
 /// Estimates the error of approximate interpolants at given places. The difference between the exact interpolant and an
 /// approximate one is the interpolant of the residual at the centres, so an exact solution for the residual gives the error,
-/// including its amplification between the centres. Up to most_centres centres all of them are used; beyond that those around
-/// every place, fewer with increasing distance, and a sample of all. Uses a dense factorization and direct sums, so it shares
-/// neither the solver nor the sums with the interpolants it checks. Immutable; any thread.
+/// including its amplification between the centres.
+///
+/// Up to Limits::dense centres all of them are used, with a dense factorization and direct sums, so that nothing is shared with
+/// the interpolants that are checked. Beyond that,
+///  - where the residual changes from centre to centre (incremental QR) or the error is local (kernels with a shape), a part of
+///    the centres does not represent it: up to Limits::iterative centres the residual, by direct sums at all of them, is
+///    interpolated iteratively, to a thousandth of its size, and what that leaves is allowed for;
+///  - else, and for kernels and parities that the iterative solver does not take, the centres around every place are used, fewer
+///    with increasing distance, and a sample of all.
+/// Immutable; any thread.
 class PointErrors {
  public:
-  static constexpr std::size_t most_centres = 3000;
+  static constexpr std::size_t most_centres = PointErrorLimits().dense;
+  using Limits = PointErrorLimits;
 
   /// The places are in the coordinates of the system. Throws Error(numerical_failure), cancelled, deadline_exceeded.
-  PointErrors(const Interpolator& system, int polynomial_degree, std::vector<Vec3> places, const RunContext& context);
+  PointErrors(const Interpolator& system, int polynomial_degree, std::vector<Vec3> places, const RunContext& context,
+              const Limits& limits = {});
 
   const std::vector<Vec3>& places() const { return places_; }
-  /// Whether all centres of the system are used, so that the error is exact up to rounding.
-  bool complete() const { return complete_; }
+  /// Whether all centres of the system are used and the error is exact up to rounding.
+  bool complete() const { return ids_.size() == centres_ && !iterative_; }
+  /// Whether a part of the centres of the system is used.
+  bool partial() const { return ids_.size() < centres_; }
   /// The correction to interpolants of F (values at all centres of the system, m x columns): the interpolant of their residual at
   /// the centres in use. The residual is computed in double-double arithmetic if it is near rounding. If it is larger at the
   /// other centres, the correction is scaled up accordingly.
@@ -53,8 +70,8 @@ class PointErrors {
 
   std::size_t bytes() const;
   /// Upper bounds for m centres: of bytes(), and of the peak memory of the construction.
-  static std::size_t bytes_for(std::size_t m);
-  static std::size_t peak_bytes(std::size_t m);
+  static std::size_t bytes_for(std::size_t m, const RadialKernel& kernel, Solver solver);
+  static std::size_t peak_bytes(std::size_t m, const RadialKernel& kernel, Solver solver);
 
  private:
   Eigen::MatrixXd residual(const Interpolator& system, const Interpolants& interpolants, const Eigen::MatrixXd& F,
@@ -62,8 +79,10 @@ class PointErrors {
 
   std::vector<Vec3> places_;
   std::vector<std::uint32_t> ids_;  ///< centres in use
-  bool complete_ = false;
-  std::unique_ptr<const DenseInterpolator> exact_;
+  std::size_t centres_ = 0;         ///< of the system
+  std::unique_ptr<const DenseInterpolator> dense_;
+  std::unique_ptr<const IterativeInterpolator> iterative_;
+  const Interpolator* exact_ = nullptr;  ///< one of these
 };
 
 }  // namespace deform

@@ -18,6 +18,7 @@ namespace {
 
 constexpr std::size_t points_per_range = 256;
 constexpr double pi = std::numbers::pi;
+constexpr double wider = 1.5;  // radii: where samples are looked for in place of those out of reach
 
 using Eigen::Matrix3d;
 using Eigen::Matrix4d;
@@ -61,11 +62,10 @@ struct Active {
   Eigen::Matrix<double, 6, 1> hessian;
 };
 
-Frame local_frame(const MlsBasis::Row& row, const std::vector<Vec3>& samples, double radius, double flat,
-                  std::vector<double>& weights) {
+Frame local_frame(const MlsBasis::Row& row, const std::vector<Vec3>& samples, double flat, std::vector<double>& weights) {
   Frame frame;
   weights.clear();
-  for (const auto& near : row.near) weights.push_back(Weight(near.square, radius).value);
+  for (std::size_t i = 0; i < row.near.size(); ++i) weights.push_back(Weight(row.near[i].square, row.radii[i]).value);
   for (const double w : weights) frame.weight += w;
   for (std::size_t i = 0; i < weights.size(); ++i) {
     weights[i] /= frame.weight;
@@ -126,8 +126,8 @@ struct Alpha {
   }
 };
 
-std::vector<Active> active_samples(const MlsBasis::Row& row, const std::vector<Vec3>& samples, const Vec3& at, double radius,
-                                   const Frame& frame, const std::vector<double>& weights, MlsBasis::Order order) {
+std::vector<Active> active_samples(const MlsBasis::Row& row, const std::vector<Vec3>& samples, const Vec3& at, const Frame& frame,
+                                   const std::vector<double>& weights, MlsBasis::Order order) {
   std::vector<Active> active(weights.size());
   for (std::size_t i = 0; i < active.size(); ++i) {
     Active& a = active[i];
@@ -137,7 +137,7 @@ std::vector<Active> active_samples(const MlsBasis::Row& row, const std::vector<V
     for (std::size_t k = 0; k < frame.rank; ++k) a.q[static_cast<int>(k) + 1] = xi[static_cast<int>(k)];
     a.weight = weights[i];
     if (order == MlsBasis::Order::values) continue;
-    const Weight weight(row.near[i].square, radius);
+    const Weight weight(row.near[i].square, row.radii[i]);
     const Vector3d from = frame.V.transpose() * (vector(at) - vector(samples[row.samples[i]])) / frame.unit;
     const double scale = frame.unit * frame.unit / frame.weight;
     a.gradient = weight.slope * scale * from;
@@ -201,27 +201,57 @@ MlsBasis::MlsBasis(std::span<const Vec3> samples, double radius, const Options& 
   }
 }
 
-double MlsBasis::gather(const Vec3& x, Row& row) const {
+void MlsBasis::gather(const Vec3& x, Row& row) const {
+  const auto ascending = [](const auto& a, const auto& b) { return a.point < b.point; };
   double radius = radius_;
-  tree_.within(x, radius * radius, row.near);
   const std::size_t cover = std::min(std::max<std::size_t>(options_.cover.cover, 1), tree_.size());
+  tree_.within(x, radius * radius, row.near);
   if (row.near.size() < cover) {
     radius = std::max(radius, options_.cover.factor * std::sqrt(tree_.kth_square(x, cover)));
     tree_.within(x, radius * radius, row.near);
   }
-  std::sort(row.near.begin(), row.near.end(), [](const auto& a, const auto& b) { return a.point < b.point; });
+  std::sort(row.near.begin(), row.near.end(), ascending);
+  row.radii.assign(row.near.size(), radius);
+  if (options_.reach != nullptr && options_.reach->lengthens(x, row.near)) {
+    tree_.within(x, wider * wider * radius * radius, row.near);
+    std::sort(row.near.begin(), row.near.end(), ascending);
+    options_.reach->lengthen(x, row.near, row.distances);
+    keep_reached(radius, cover, row);
+  }
   row.samples.clear();
   for (const auto& near : row.near) row.samples.push_back(near.point);
-  return radius;
+}
+
+/// Removes the samples beyond the radius by the distances that count, or beyond the cover-th of them.
+void MlsBasis::keep_reached(double radius, std::size_t cover, Row& row) const {
+  std::vector<double> sorted;
+  for (const double d : row.distances) {
+    if (std::isfinite(d)) sorted.push_back(d);
+  }
+  cover = std::min(cover, sorted.size());
+  if (cover > 0) {
+    const auto last = sorted.begin() + static_cast<std::ptrdiff_t>(cover - 1);
+    std::nth_element(sorted.begin(), last, sorted.end());
+    radius = std::max(radius, options_.cover.factor * *last);
+  }
+  std::size_t kept = 0;
+  row.radii.clear();
+  for (std::size_t i = 0; i < row.near.size(); ++i) {
+    if (!(row.distances[i] < radius)) continue;
+    const double straight = std::sqrt(row.near[i].square);
+    row.radii.push_back(row.distances[i] > straight && straight > 0 ? radius * straight / row.distances[i] : radius);
+    row.near[kept++] = row.near[i];
+  }
+  row.near.resize(kept);
 }
 
 void MlsBasis::evaluate(const Vec3& x, Order order, Row& row) const {
-  const double radius = gather(x, row);
+  gather(x, row);
   std::vector<double> weights;
-  const Frame frame = local_frame(row, samples(), radius, options_.flat, weights);
+  const Frame frame = local_frame(row, samples(), options_.flat, weights);
   row.rank = frame.rank;
   for (int a = 0; a < 3; ++a) row.axes[static_cast<std::size_t>(a)] = {frame.V(0, a), frame.V(1, a), frame.V(2, a)};
-  const std::vector<Active> active = active_samples(row, samples(), x, radius, frame, weights, order);
+  const std::vector<Active> active = active_samples(row, samples(), x, frame, weights, order);
   Vector4d q = Vector4d::Zero();
   const Vector3d xi = frame.V.transpose() * (vector(x) - frame.origin) / frame.unit;
   q[0] = 1;

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -25,6 +26,21 @@ struct CoverOptions {
 double covering_radius(const PointTree& samples, std::span<const Vec3> places, const CoverOptions& options,
                        const RunContext& context = {});
 
+/// Distances that count instead of straight ones, for the supports of MlsBasis: those of ways around something. Any thread.
+class SampleReach {
+ public:
+  SampleReach() = default;
+  SampleReach(const SampleReach&) = delete;
+  SampleReach& operator=(const SampleReach&) = delete;
+  virtual ~SampleReach() = default;
+
+  /// Whether lengthen() changes any distance from x to these samples.
+  virtual bool lengthens(const Vec3& x, std::span<const PointTree::Near> near) const = 0;
+  /// Stores the distances from x to samples, in the order of `near`: not less than the straight ones, infinity where there is no
+  /// way. Distances are continuous in x up to a part of the distance between samples.
+  virtual void lengthen(const Vec3& x, std::span<const PointTree::Near> near, std::vector<double>& distances) const = 0;
+};
+
 /// Moving least squares with linear monomials and the weight w(r) = (cos(pi r / radius) + 1) / 2 (thesis 8.3.3; Fries, Matthies
 /// 2004): phi_j(x) = w_j q(x)^T M^+ q(c_j), M = sum w_j q(c_j) q(c_j)^T, one function per sample c_j.
 ///
@@ -36,13 +52,16 @@ double covering_radius(const PointTree& samples, std::span<const Vec3> places, c
 /// which is exact where the rank is that of the samples, except at the boundaries of the supports (w is C1).
 ///
 /// A point x with fewer than `cover` samples within the radius has a radius of its own: `factor` times the distance to the
-/// cover-th nearest sample. The functions are continuous there but not smooth; derivatives treat the radius as fixed. Immutable;
-/// any number of threads.
+/// cover-th nearest sample. The functions are continuous there but not smooth; derivatives treat the radius as fixed.
+///
+/// With `reach`, a sample at distance r has the weight of its distance in it, d: w(d / r times r), of which derivatives treat d /
+/// r as fixed. So linear functions are reproduced with all derivatives. Immutable; any number of threads.
 class MlsBasis {
  public:
   struct Options {
     CoverOptions cover;
     double flat = 1e-6;
+    std::shared_ptr<const SampleReach> reach{};  ///< if empty, straight distances count
   };
 
   /// Samples must be distinct. Throws Error(invalid_argument) if there is no sample or the radius is not positive.
@@ -63,6 +82,8 @@ class MlsBasis {
     std::size_t rank = 0;                         ///< number of axes kept, 0 to 3
     std::array<Vec3, 3> axes{};                   ///< orthonormal, the kept ones first
     std::vector<PointTree::Near> near;            ///< scratch
+    std::vector<double> radii;                    ///< scratch: of the supports of these samples
+    std::vector<double> distances;                ///< scratch
 
     double laplacian(std::size_t i) const { return hessians[i][0] + hessians[i][1] + hessians[i][2]; }
   };
@@ -77,8 +98,9 @@ class MlsBasis {
   std::vector<std::size_t> row_sizes(std::span<const Vec3> points, const RunContext& context = {}) const;
 
  private:
-  /// Stores the samples in the support of x in row.near and row.samples, and returns the radius.
-  double gather(const Vec3& x, Row& row) const;
+  /// Stores the samples whose supports contain x in row.near and row.samples, and the radii of the supports.
+  void gather(const Vec3& x, Row& row) const;
+  void keep_reached(double radius, std::size_t cover, Row& row) const;
 
   PointTree tree_;
   double radius_;

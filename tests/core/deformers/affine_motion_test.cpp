@@ -111,7 +111,6 @@ TEST(AffineMotion, OfAllHandlesIsFollowedByMlsOnClosedSurfaces) {
                                  inwards};
   for (std::size_t i = 0; i < closed.size(); ++i) {
     MlsOptions options;
-    options.domain = MlsDomain::enclosed;
     options.surface_samples = 500;
     options.volume_samples = 300;
     EXPECT_LT(largest_error(closed[i], options), 1e-9) << i;
@@ -128,7 +127,6 @@ TEST(AffineMotion, IsMissedByMlsOnTheSurfaceAlone) {
 
 TEST(AffineMotion, OpenSurfacesSayThatTheyAreThin) {
   MlsOptions options;
-  options.domain = MlsDomain::enclosed;
   options.surface_samples = 300;
   const auto notes = [&](const Mesh& mesh) {
     const auto system = prepare(std::make_shared<const Mesh>(mesh), between(mesh, options));

@@ -9,6 +9,7 @@
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <cstdlib>
 #include <random>
 #include <stdexcept>
@@ -381,6 +382,33 @@ TEST_P(RandomIncrementalQr, TheErrorAtTheFreePointsIsNotUnderestimated) {
 /// A Gaussian and an inverse multiquadric whose largest errors are at none of the 384 points that represent all of them.
 TEST(IncrementalQr, TheErrorIsThatOfThePointsBetweenTheSamples) {
   for (const std::uint64_t seed : {137u, 414u}) incremental_qr_ratio(seed, 800);
+}
+
+/// Beyond the centres of which a dense factorization estimates errors, against dense solutions: one setup, or with DEFORM_LONG=1
+/// a dozen of up to 10,000 centres.
+TEST(ManyCentres, ErrorsAreNotUnderestimated) {
+  const std::size_t most = is_long() ? 10000 : 3300, enough = is_long() ? 24 : 1;
+  std::vector<double> ratios;
+  for (std::uint64_t seed = 3000; ratios.size() < enough && seed < 3200; ++seed) {
+    Case problem = random_case(seed, 10000);
+    const std::size_t centres = interpolation_of(problem).centres.size();
+    if (centres <= 3000 || centres > most) continue;
+    solve(problem);
+    if (problem.condition > 1e15) continue;
+    problem.options.tolerance = std::max(1e-6, problem.options.tolerance);
+    for (const Solver solver : {Solver::incremental_qr, Solver::iterative}) {
+      if (ratios.size() == enough) break;
+      const auto system = prepared(problem, solver);
+      const auto evaluation = system->bind({&problem.design, 1}, EvaluationPath::automatic, {});
+      const double error = problem.error(system->evaluate(problem.design)), told = evaluation->report(0).error;
+      EXPECT_GE(told, 0.5 * error) << seed << ": " << problem.text() << error;
+      if (error > 0) ratios.push_back(told / error);
+      if (!is_long()) continue;
+      std::printf("%lu, %s: %s%g, told / true %g\n", static_cast<unsigned long>(seed),
+                  solver == Solver::iterative ? "iterative" : "QR", problem.text().c_str(), error, told / error);
+    }
+  }
+  ASSERT_GE(2 * ratios.size(), enough);
 }
 
 TEST(Iterative, ASmallerToleranceMakesAnAccurateResultMoreAccurate) {

@@ -8,6 +8,8 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
+#include <limits>
+#include <memory>
 #include <numbers>
 #include <set>
 #include <vector>
@@ -256,6 +258,58 @@ TEST(MlsBasis, BadInput) {
   test::expect_error(ErrorCode::invalid_argument, {"samples"}, [] { MlsBasis({}, 1, {}); });
   const std::vector<Vec3> one{{0, 0, 0}};
   test::expect_error(ErrorCode::invalid_argument, {"radius"}, [&] { MlsBasis(one, 0, {}); });
+}
+
+/// Every second sample is farther than it looks, every fifth out of reach.
+class SomeFarther : public SampleReach {
+ public:
+  bool lengthens(const Vec3& /*x*/, std::span<const PointTree::Near> /*near*/) const override { return true; }
+  void lengthen(const Vec3& /*x*/, std::span<const PointTree::Near> near, std::vector<double>& distances) const override {
+    distances.clear();
+    for (const auto& found : near) distances.push_back(counted(found.point, std::sqrt(found.square)));
+  }
+  static double counted(std::uint32_t sample, double distance) {
+    if (sample % 5 == 0) return std::numeric_limits<double>::infinity();
+    return sample % 2 == 0 ? 1.25 * distance : distance;
+  }
+};
+
+TEST(MlsBasis, DistancesThatCountDecideTheWeights) {
+  const std::vector<Vec3> samples = test::random_points(400, 11);
+  const double radius = 0.35;
+  MlsBasis::Options options;
+  options.reach = std::make_shared<const SomeFarther>();
+  const MlsBasis basis(samples, radius, options);
+  MlsBasis::Row row;
+  for (const Vec3& x : {Vec3{0.5, 0.5, 0.5}, {0.4, 0.6, 0.55}}) {
+    basis.evaluate(x, MlsBasis::Order::second, row);
+    Eigen::Matrix4d M = Eigen::Matrix4d::Zero();
+    std::vector<Eigen::Vector4d> p;
+    std::vector<double> w;
+    std::vector<std::uint32_t> active;
+    for (std::uint32_t j = 0; j < samples.size(); ++j) {
+      const Vec3& c = samples[j];
+      const double d = SomeFarther::counted(j, std::sqrt(test::squared_distance(x, c)));
+      if (!(d < radius)) continue;
+      active.push_back(j);
+      p.emplace_back(1, c[0] - x[0], c[1] - x[1], c[2] - x[2]);
+      w.push_back(0.5 * std::cos(std::numbers::pi * d / radius) + 0.5);
+      M += w.back() * p.back() * p.back().transpose();
+    }
+    ASSERT_GE(active.size(), 8u);
+    ASSERT_EQ(row.samples, active);
+    const Eigen::Vector4d alpha = M.fullPivLu().solve(Eigen::Vector4d(1, 0, 0, 0));
+    Eigen::Vector3d along = Eigen::Vector3d::Zero();
+    double bent = 0;
+    for (std::size_t i = 0; i < active.size(); ++i) {
+      EXPECT_NEAR(row.values[i], w[i] * p[i].dot(alpha), 1e-11);
+      const double linear = 2 * samples[active[i]][0] - 3 * samples[active[i]][2];
+      for (int k = 0; k < 3; ++k) along[k] += linear * row.gradients[i][static_cast<std::size_t>(k)];
+      for (std::size_t k = 0; k < 6; ++k) bent += linear * row.hessians[i][k];
+    }
+    EXPECT_LT((along - Eigen::Vector3d(2, 0, -3)).norm(), 1e-10);
+    EXPECT_NEAR(bent, 0, 1e-8);
+  }
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
+#include "core/deformers/energy/spaces/body_reach.h"
 #include "core/deformers/energy/spaces/enclosed_pieces.h"
 #include "core/deformers/energy/spaces/local_functions.h"
 #include "core/deformers/energy/spaces/mesh_pieces.h"
@@ -31,6 +32,7 @@ constexpr std::size_t mls_points_per_range = 128;
 // functions there.
 constexpr std::size_t automatic_surface = 4000, automatic_boundary = 5000, automatic_volume = 3000;
 constexpr std::size_t enclosed_surface = 4000, enclosed_volume = 5000;
+constexpr std::size_t connected_surface = 6000, connected_volume = 8000;  // twice as many move points by less than 1 %
 constexpr std::size_t fewest_samples = 64;
 constexpr std::size_t dense_per_point = 20;  // of the integration points: thesis 8.6 takes 28,000
 constexpr double flat_surface = 1e-2;
@@ -38,7 +40,7 @@ constexpr double open_share = 0.25;  // of the area: holes that leave nothing en
 
 /// Whether to determine the enclosed volume. The area vectors of closed faces add up to zero, except for holes.
 bool may_enclose(const Mesh& mesh, const MlsOptions& options) {
-  if (options.domain != MlsDomain::enclosed || mesh.cell_count() != 0) return false;
+  if (options.domain == MlsDomain::surface || mesh.cell_count() != 0) return false;
   Vec3 sum{};
   double area = 0;
   std::size_t at = 0;
@@ -59,10 +61,13 @@ SampleOptions sample_counts(const Mesh& mesh, const MlsOptions& options) {
   SampleOptions counts;
   const bool cells = mesh.cell_count() != 0, enclosed = may_enclose(mesh, options);
   const std::size_t some = std::max(mesh.point_count(), fewest_samples);
-  const std::size_t surface = cells ? automatic_boundary : enclosed ? enclosed_surface : automatic_surface;
+  const bool connected = options.domain == MlsDomain::connected;
+  const std::size_t inside = connected ? connected_volume : enclosed_volume;
+  std::size_t surface = cells ? automatic_boundary : automatic_surface;
+  if (enclosed) surface = connected ? connected_surface : enclosed_surface;
   counts.surface = options.surface_samples != 0 ? options.surface_samples : std::min(some, surface);
   counts.volume = options.volume_samples;
-  if (counts.volume == 0 && (cells || enclosed)) counts.volume = std::min(some, cells ? automatic_volume : enclosed_volume);
+  if (counts.volume == 0 && (cells || enclosed)) counts.volume = std::min(some, cells ? automatic_volume : inside);
   if (cells && mesh.face_count() == 0) {  // nothing to put the others on
     counts.volume += counts.surface;
     counts.surface = 0;
@@ -70,11 +75,21 @@ SampleOptions sample_counts(const Mesh& mesh, const MlsOptions& options) {
   return counts;
 }
 
+/// Whether a mesh has fewer points than there would be samples of either kind by default.
+bool fewer_than_default(const Mesh& mesh, const MlsOptions& options) {
+  const bool automatic = options.surface_samples == 0 || options.volume_samples == 0;
+  return automatic && options.domain == MlsDomain::connected && mesh.cell_count() == 0 && mesh.point_count() < connected_volume;
+}
+
 SampleOptions times(const SampleOptions& counts, double factor) {
   SampleOptions more = counts;
   more.surface = static_cast<std::size_t>(std::llround(factor * static_cast<double>(counts.surface)));
   more.volume = static_cast<std::size_t>(std::llround(factor * static_cast<double>(counts.volume)));
   return more;
+}
+
+std::size_t fan_triangles(const Mesh& mesh) {
+  return mesh.face_points.size() - std::min(mesh.face_points.size(), 2 * mesh.face_count());
 }
 
 std::size_t whole_cover(double cover) { return static_cast<std::size_t>(std::ceil(cover)); }
@@ -206,12 +221,14 @@ EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t
   Samples samples;
   Cubature cubature;
   bool solid = false;
+  DensePoints few;
   {
     const DensePoints dense =
         dense_points(mesh, points, {dense_per_point * more.surface, dense_per_point * more.volume, volume_of}, seed, context);
     solid = dense.in_volume() != 0;
     if (!solid) counts.volume = more.volume = 0;
-    samples = spread_samples(thinned(dense, options.cubature), counts, context);
+    few = thinned(dense, options.cubature);
+    samples = spread_samples(few, counts, context);
     cubature = cubature_of(dense, more, context);
   }
   context.progress("sample", 1);
@@ -221,6 +238,11 @@ EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t
   MlsBasis::Options basis_options;
   basis_options.cover.cover = whole_cover(cover_of(options));
   const double radius = covering_radius(PointTree(samples.points), places, basis_options.cover, context);
+  std::shared_ptr<const BodyReach> reach;
+  if (enclosed && solid && options.domain == MlsDomain::connected) {
+    reach = std::make_shared<const BodyReach>(mesh, points, samples.points, few, radius, context);
+    if (reach->cut() > 0) basis_options.reach = reach;
+  }
   const MlsBasis basis(samples.points, radius, basis_options);
   MlsBasis::Options along_surface = basis_options;
   if (!solid) along_surface.flat = flat_surface;
@@ -238,11 +260,19 @@ EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t
   space.energy = lower_gram(rows, space.samples, context);
   space.linear = linear_coefficients(samples.points);
   space.notes = notes_of(space, samples, basis, solid);
-  if (!solid && options.domain == MlsDomain::enclosed) {
+  if (!solid && options.domain != MlsDomain::surface) {
     space.notes.push_back(
         "The faces do not enclose a volume, so that samples and energies are on them alone: the surface counts as thin, and "
         "curved "
         "parts of it do not turn exactly when all handles do");
+  }
+  if (reach != nullptr && reach->cut() > 0) {
+    space.notes.push_back("supports of " + std::to_string(reach->cut()) +
+                          " samples end at slots of the body, whose sides they would join otherwise");
+  }
+  if (solid && fewer_than_default(mesh, options)) {
+    space.notes.push_back("there are only as many samples as points, " + std::to_string(mesh.point_count()) +
+                          ": give surface_samples and volume_samples where the last per cent matter");
   }
   const Ties ties = component_ties(samples.points, joined_columns(rows, space.samples), whole_cover(cover_of(options)));
   if (ties.parts > 1) {
@@ -270,14 +300,18 @@ SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options) {
   const double energy = 0.5 * k * couplings * entry;
   const double rows = N * cover * (9 * sizeof(double) + sizeof(std::uint32_t) + 12);
   const double dense = static_cast<double>(dense_per_point) * N * 2 * (sizeof(Vec3) + sizeof(double)) + n * 3 * sizeof(Vec3);
-  const double inside = may_enclose(mesh, options) ? static_cast<double>(enclosed_pieces_bytes(mesh)) : 0;
+  const bool enclosed = may_enclose(mesh, options);
+  const double inside = enclosed ? static_cast<double>(enclosed_pieces_bytes(mesh)) : 0;
+  const bool connected = enclosed && options.domain == MlsDomain::connected;
+  const auto samples = static_cast<std::size_t>(k);
+  const double reach = connected ? static_cast<double>(BodyReach::bytes_for(fan_triangles(mesh), samples)) : 0;
   SpaceBytes bytes;
   bytes.samples = counts.surface + counts.volume;
   bytes.cubature_points = more.surface + more.volume;
   bytes.cover = static_cast<std::size_t>(std::ceil(cover));
   bytes.energy_entries = static_cast<std::size_t>(0.5 * k * couplings);
   bytes.resident = static_cast<std::size_t>(values + energy + 4 * k * entry) + local_function_bytes(bytes.samples);
-  bytes.peak = static_cast<std::size_t>(values + std::max(dense + inside, rows + 3 * energy));
+  bytes.peak = static_cast<std::size_t>(values + std::max(dense + inside, rows + 3 * energy) + reach);
   return bytes;
 }
 
