@@ -2,7 +2,8 @@
 #include "core/compiled/checksum.h"
 
 #include <bit>
-#include <cstring>
+
+#include "core/compiled/bytes.h"
 
 namespace deform::compiled {
 
@@ -10,13 +11,6 @@ namespace {
 
 constexpr std::uint64_t prime1 = 0x9E3779B185EBCA87u, prime2 = 0xC2B2AE3D27D4EB4Fu, prime3 = 0x165667B19E3779F9u,
                         prime4 = 0x85EBCA77C2B2AE63u, prime5 = 0x27D4EB2F165667C5u;
-
-template <typename T>
-std::uint64_t number_at(const std::byte* from) {
-  T value;
-  std::memcpy(&value, from, sizeof value);
-  return value;
-}
 
 std::uint64_t mixed(std::uint64_t lane, std::uint64_t input) { return std::rotl(lane + input * prime2, 31) * prime1; }
 std::uint64_t merged(std::uint64_t hash, std::uint64_t lane) { return (hash ^ mixed(0, lane)) * prime1 + prime4; }

@@ -12,6 +12,7 @@
 
 #include "core/base/error.h"
 #include "core/base/vectors.h"
+#include "core/compiled/bytes.h"
 #include "core/compiled/checksum.h"
 #include "core/compiled/coded_fields.h"
 #include "core/compiled/layout.h"
@@ -41,13 +42,6 @@ std::string hexadecimal(const std::array<std::uint8_t, 32>& bytes) {
     text += digits[byte & 15];
   }
   return text;
-}
-
-template <typename T>
-T number_at(const std::byte* from) {
-  T value;
-  std::memcpy(&value, from, sizeof value);
-  return value;
 }
 
 bool orthonormal(const std::array<Vec3, 3>& axes) {

@@ -16,24 +16,24 @@ namespace {
 constexpr std::size_t most_text = std::size_t{64} << 10;
 constexpr std::size_t position_bytes = sizeof(std::uint64_t);  // before the entries of an array
 
-[[noreturn]] void refuse(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
+[[noreturn]] void refuse_content(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
 
 void check_text(const std::string& text, const std::string& what) {
   if (text.size() > most_text) {
-    refuse(what + ": " + std::to_string(text.size()) + " bytes, the limit of a compiled deformation is " +
-           std::to_string(most_text));
+    refuse_content(what + ": " + std::to_string(text.size()) + " bytes, the limit of a compiled deformation is " +
+                   std::to_string(most_text));
   }
 }
 
 std::uint8_t digit(char c, const std::string& what) {
   if (c >= '0' && c <= '9') return static_cast<std::uint8_t>(c - '0');
   if (c >= 'a' && c <= 'f') return static_cast<std::uint8_t>(c - 'a' + 10);
-  refuse(what + ": expected 64 lower-case hexadecimal digits");
+  refuse_content(what + ": expected 64 lower-case hexadecimal digits");
 }
 
 std::array<std::uint8_t, 32> id_bytes(const std::string& id, const std::string& what) {
   std::array<std::uint8_t, 32> bytes{};
-  if (id.size() != 2 * bytes.size()) refuse(what + ": expected 64 lower-case hexadecimal digits");
+  if (id.size() != 2 * bytes.size()) refuse_content(what + ": expected 64 lower-case hexadecimal digits");
   for (std::size_t i = 0; i < bytes.size(); ++i) {
     bytes[i] = static_cast<std::uint8_t>(digit(id[2 * i], what) << 4 | digit(id[2 * i + 1], what));
   }
@@ -96,7 +96,7 @@ Records::Records(const Content& content) : Records(content, stored_values(conten
 
 Records::Records(const Content& content, Values values) : content_(content), values_(std::move(values)) {
   if (content.bases.empty() || content.bases.size() > most_bases) {
-    refuse("bases: " + std::to_string(content.bases.size()) + ", expected 1 to " + std::to_string(most_bases));
+    refuse_content("bases: " + std::to_string(content.bases.size()) + ", expected 1 to " + std::to_string(most_bases));
   }
   head_of(content);  // refuses what has no form
   const auto number = [](Kind kind) { return static_cast<std::uint32_t>(kind); };

@@ -93,7 +93,7 @@ FitDerivatives<1> fit_derivatives(const SectionedModel& model, const PointSample
     matrix->topRows<3>().setZero();
     matrix->leftCols<3>().setZero();
   }
-  sections.curvature.triangularView<Eigen::StrictlyLower>() = sections.curvature.transpose();
+  complete(sections.curvature.data(), motions + 1);
   total.add(sections);
   return total;
 }
@@ -130,12 +130,11 @@ class SectionedCylinder final : public Projection {
                   std::span<Vec3> out) const override {
     const Fit<1> fit = Fit<1>::unpacked(shape);
     const std::vector<int>& active = model_.active();
-    const FitDerivatives<1> at = fit_derivatives(model_, {x}, fit);
-    const Eigen::MatrixXd gauss_newton = at.gauss_newton(active, active), H = gauss_newton + at.curvature(active, active);
+    const ActiveDerivatives at = active_derivatives(fit_derivatives(model_, {x}, fit), active);
     const double points = std::sqrt(static_cast<double>(x.size()));
-    const Eigen::VectorXd scale = residual_scale(gauss_newton, natural_scale(active, points, spread({x}).reach()));
+    const Eigen::VectorXd scale = residual_scale(at.gauss_newton, natural_scale(active, points, spread({x}).reach()));
     std::vector<Mixed> mixed(x.size(), Mixed::Zero());
-    Parameters right = Parameters::Zero();
+    Parameters turn = Parameters::Zero();
     for (std::size_t i = 0; i < x.size(); ++i) {
       const Eigen::Vector3d y = fit.frame.local(x[i]);
       LocalResidual<1, 1> local;
@@ -156,9 +155,8 @@ class SectionedCylinder final : public Projection {
       mixed[i] += turning;
       out[i] = to_vec3(to_eigen(out[i]) - (axis.dot(to_eigen(dx[i])) - mean[s]) * axis);
     });
-    for (std::size_t i = 0; i < x.size(); ++i) right += mixed[i].transpose() * to_eigen(dx[i]);
-    Parameters turn = Parameters::Zero();
-    turn(active) = scaled_inverse(H, scale, 1e-13) * right(active);
+    for (std::size_t i = 0; i < x.size(); ++i) turn += mixed[i].transpose() * to_eigen(dx[i]);
+    solve_active(at.newton, scale, active, {turn.data(), static_cast<std::size_t>(turn.size())});
     for (std::size_t i = 0; i < x.size(); ++i) out[i] = to_vec3(to_eigen(out[i]) + mixed[i] * turn);
   }
 

@@ -47,18 +47,15 @@ class FittedProjection : public Projection {
                   std::span<Vec3> out) const override {
     const FitType fit = FitType::unpacked(shape);
     const std::vector<int>& active = model_.active();
-    const FitDerivatives<Model::sizes> at = fit_derivatives(model_, {x}, fit);
-    const Eigen::MatrixXd gauss_newton = at.gauss_newton(active, active);
-    const Eigen::MatrixXd H = gauss_newton + at.curvature(active, active);
+    const ActiveDerivatives at = active_derivatives(fit_derivatives(model_, {x}, fit), active);
     const double points = std::sqrt(static_cast<double>(x.size()));
-    const Eigen::VectorXd scale = residual_scale(gauss_newton, natural_scale(active, points, spread({x}).reach()));
-    Parameters right = Parameters::Zero();
+    const Eigen::VectorXd scale = residual_scale(at.gauss_newton, natural_scale(active, points, spread({x}).reach()));
+    Parameters turn = Parameters::Zero();
     for (std::size_t i = 0; i < x.size(); ++i) {
       const auto second = second_derivatives(i, x[i], fit);
-      right.noalias() += second.xq.transpose() * to_eigen(dx[i]);
+      turn.noalias() += second.xq.transpose() * to_eigen(dx[i]);
     }
-    Parameters turn = Parameters::Zero();
-    turn(active) = scaled_inverse(H, scale, 1e-13) * right(active);
+    solve_active(at.newton, scale, active, {turn.data(), motions + Model::sizes});
     for (std::size_t i = 0; i < x.size(); ++i) {
       const auto second = second_derivatives(i, x[i], fit);
       const Eigen::Vector3d d = to_eigen(dx[i]);

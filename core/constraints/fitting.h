@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -96,10 +97,6 @@ struct Spread {
 };
 Spread spread(const PointSample& sample);
 
-/// The pseudo-inverse of a symmetric matrix in variables scaled by `scale`; eigenvalues up to `cut` times the largest count
-/// as zero.
-Eigen::MatrixXd scaled_inverse(const Eigen::MatrixXd& H, const Eigen::VectorXd& scale, double cut);
-
 /// The energy and its derivatives with respect to all parameters (motions, then sizes).
 template <int sizes>
 struct FitDerivatives {
@@ -182,6 +179,9 @@ SecondDerivatives<sizes> second_derivatives(const LocalResidual<rows, sizes>& lo
   return second;
 }
 
+/// Copies the upper triangle of a matrix of `count` columns to the lower one.
+void complete(double* matrix, std::size_t count);
+
 template <class Model>
 FitDerivatives<Model::sizes> fit_derivatives(const Model& model, const PointSample& sample, const Fit<Model::sizes>& fit) {
   constexpr std::size_t block = 256;  // sums of sums lose fewer digits
@@ -199,9 +199,14 @@ FitDerivatives<Model::sizes> fit_derivatives(const Model& model, const PointSamp
     }
   }
   total.add(part);
-  total.curvature.template triangularView<Eigen::StrictlyLower>() = total.curvature.transpose();
+  complete(total.curvature.data(), motions + Model::sizes);
   return total;
 }
+
+/// Replaces a gradient by the solution of H q = gradient for the Hessian H of the active parameters, zero for the others, in
+/// variables scaled by `scale`. Directions without information stay where they are.
+void solve_active(const Eigen::MatrixXd& H, const Eigen::VectorXd& scale, const std::vector<int>& active,
+                  std::span<double> parameters);
 
 /// The displacement of the points (root of the sum of squares) per unit of each active parameter, for points at a distance of
 /// about `radius` from the origin of the frame. Makes parameters of different units comparable where the residuals do not.
@@ -209,6 +214,22 @@ Eigen::VectorXd natural_scale(const std::vector<int>& active, double points, dou
 
 /// The change of the residuals per unit of each active parameter, at least 1e-6 of the natural scale.
 Eigen::VectorXd residual_scale(const Eigen::MatrixXd& gauss_newton, const Eigen::VectorXd& natural);
+
+/// The energy and its derivatives with respect to the active parameters.
+struct ActiveDerivatives {
+  double energy = 0;
+  Eigen::VectorXd gradient;
+  Eigen::MatrixXd gauss_newton, newton;
+};
+/// Picks them out of those with respect to `count` parameters: a gradient and two matrices, column by column.
+ActiveDerivatives picked(const double* gradient, const double* gauss_newton, const double* curvature, std::size_t count,
+                         const std::vector<int>& active);
+template <int sizes>
+ActiveDerivatives active_derivatives(const FitDerivatives<sizes>& all, const std::vector<int>& active) {
+  ActiveDerivatives some = picked(all.gradient.data(), all.gauss_newton.data(), all.curvature.data(), motions + sizes, active);
+  some.energy = all.energy;
+  return some;
+}
 
 /// A step of the damped Newton method in scaled parameters, or of Gauss-Newton if the Hessian is not positive definite.
 struct StepRequest {
@@ -232,47 +253,41 @@ Fit<sizes> stepped(const Fit<sizes>& fit, const std::vector<int>& active, const 
   return moved;
 }
 
-/// Finds a local minimum of the energy over the active parameters from `start` by the Levenberg-Marquardt method, with the full
-/// Hessian where it is positive definite, so that it converges quadratically even for large residuals. Stops at the level of
-/// rounding. Deterministic, bit for bit.
+/// Finds a local minimum of the energy by the Levenberg-Marquardt method, with the full Hessian where it is positive definite, so
+/// that it converges quadratically even for large residuals. Stops at the level of rounding. Deterministic, bit for bit. Returns
+/// the least energy. One function for all models: Eigen's expressions in it take seconds to compile.
+struct Minimization {
+  ActiveDerivatives start;
+  Eigen::VectorXd natural;                                         ///< natural_scale()
+  double reach = 0;                                                ///< of all points together
+  int steps = 0;                                                   ///< at most
+  std::function<ActiveDerivatives(const Eigen::VectorXd&)> tried;  ///< after a step from what was taken last
+  std::function<void()> take;                                      ///< takes what was tried last
+};
+double minimize(Minimization problem);
+
+/// The local minimum over the active parameters that is reached from `start`, see minimize().
 template <class Model>
 Fit<Model::sizes> minimized(const Model& model, const PointSample& sample, const Fit<Model::sizes>& start, int steps = 200) {
   const std::vector<int>& active = model.active();
   const Spread size = spread(sample);
   const double points = std::sqrt(static_cast<double>((sample.x.size() + sample.stride - 1) / sample.stride));
-  const double reach = points * size.reach();
-  const Eigen::VectorXd natural = natural_scale(active, points, size.reach());
-  const double rounding = 1e-31 * reach * reach;
-  Fit<Model::sizes> fit = start;
+  Fit<Model::sizes> fit = start, next;
   fit.mean = size.mean;
-  FitDerivatives<Model::sizes> at = fit_derivatives(model, sample, fit);
-  double damping = 0, last = 1e300;
-  for (int step = 0; step < steps; ++step) {
-    const Eigen::MatrixXd gauss_newton = at.gauss_newton(active, active);
-    const Eigen::MatrixXd newton = gauss_newton + at.curvature(active, active);
-    const Eigen::VectorXd gradient = at.gradient(active);
-    const Eigen::VectorXd scale = residual_scale(gauss_newton, natural);
-    const Eigen::VectorXd move = damped_step({newton, gauss_newton, gradient, scale, damping});
-    const double length = scale.cwiseProduct(move).norm();
-    // Below this a step only follows the rounding errors of the sums.
-    if (!(length > 1e-15 * reach) || (length < 1e-9 * reach && length > 0.5 * last && damping < 1e-6)) break;
-    const Fit<Model::sizes> next = stepped(fit, active, move);
-    const FitDerivatives<Model::sizes> there = fit_derivatives(model, sample, next);
-    if (there.energy <= at.energy * (1 + 1e-13) + rounding) {
-      fit = next;
-      at = there;
-      // Where Newton's method squares the error, the next step would be below the rounding errors.
-      if (damping == 0 && length < 1e-9 * reach && length < 1e-4 * last) break;
-      last = length;
-      damping = damping < 1e-9 ? 0 : damping * 0.1;
-    } else {
-      damping = damping == 0 ? 1e-3 : damping * 10;
-      if (damping > 1e12) break;
-    }
-  }
-  fit.energy = at.energy;
+  const auto derivatives = [&](const Fit<Model::sizes>& at) {
+    return active_derivatives(fit_derivatives(model, sample, at), active);
+  };
+  fit.energy = minimize({derivatives(fit), natural_scale(active, points, size.reach()), points * size.reach(), steps,
+                         [&](const Eigen::VectorXd& step) {
+                           next = stepped(fit, active, step);
+                           return derivatives(next);
+                         },
+                         [&] { fit = next; }});
   return fit;
 }
+
+/// The order of the energies, ascending; equal ones stay in theirs.
+std::vector<std::size_t> ascending(const std::vector<double>& energies);
 
 /// The best of the minima reached from several starts. Large sets are first fitted on a sample.
 template <class Model>
@@ -280,13 +295,19 @@ Fit<Model::sizes> best_minimum(const Model& model, std::span<const Vec3> x, cons
   constexpr std::size_t sample_size = 1000;
   const PointSample sample{x, std::max<std::size_t>(1, x.size() / sample_size)};
   std::vector<Fit<Model::sizes>> found;
-  for (const auto& start : starts) found.push_back(minimized(model, sample, start, 60));
-  std::stable_sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.energy < b.energy; });
-  Fit<Model::sizes> best = minimized(model, {x}, found.front());
+  std::vector<double> energies;
+  for (const auto& start : starts) {
+    found.push_back(minimized(model, sample, start, 60));
+    energies.push_back(found.back().energy);
+  }
+  const std::vector<std::size_t> order = ascending(energies);
+  const double least = energies[order[0]];
+  Fit<Model::sizes> best = minimized(model, {x}, found[order[0]]);
   for (std::size_t k = 1; k < std::min<std::size_t>(found.size(), 3) && sample.stride > 1; ++k) {
     // Another minimum, not the same one again, and nearly as good on the sample.
-    if (found[k].energy < found[0].energy * (1 + 1e-6) || found[k].energy > 1.5 * found[0].energy) continue;
-    const Fit<Model::sizes> other = minimized(model, {x}, found[k]);
+    const double energy = energies[order[k]];
+    if (energy < least * (1 + 1e-6) || energy > 1.5 * least) continue;
+    const Fit<Model::sizes> other = minimized(model, {x}, found[order[k]]);
     if (other.energy < best.energy) best = other;
   }
   return best;

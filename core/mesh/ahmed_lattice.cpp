@@ -12,7 +12,9 @@ namespace {
 
 using namespace ahmed;
 
-double slant_start(double slant_degrees) { return length - slant_length * std::cos(slant_degrees * std::numbers::pi / 180); }
+double slant_start(double slant_degrees) {
+  return ahmed::length - slant_length * std::cos(slant_degrees * std::numbers::pi / 180);
+}
 
 /// Ends of the seven segments of x.
 std::array<double, 8> x_breaks(double slant_degrees) {
@@ -23,7 +25,7 @@ std::array<double, 8> x_breaks(double slant_degrees) {
           stilt_x[1] - block_half,
           stilt_x[1] + block_half,
           slant_start(slant_degrees),
-          length};
+          ahmed::length};
 }
 
 int divided(double size, double spacing, int least) { return std::max(least, static_cast<int>(std::lround(size / spacing))); }

@@ -1,11 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tests/bench/peak_cases.h"
 
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <numbers>
 #include <utility>
 
 #include "core/mesh/ahmed.h"
 #include "core/mesh/elements.h"
 #include "tests/core/deformers/block_meshes.h"
+#include "tests/core/numerics/cages.h"
 #include "tests/support/thesis_options.h"
 
 namespace deform::test {
@@ -46,6 +51,42 @@ Setup wide_basis() {
     const double x = 0.3 + 0.08 * i;
     setup.handles.push_back({"band" + std::to_string(i), box({x, -1, 0.3}, {x + 0.02, 1, 1})});
   }
+  return setup;
+}
+
+constexpr std::array<std::size_t, 3> lattice_points{12, 8, 8};
+constexpr std::uint32_t cage_sides = 24;
+
+FfdOptions lattice(FfdControl control) {
+  FfdOptions options;
+  options.control = control;
+  options.lattice.points = lattice_points;
+  return options;
+}
+
+/// A polygonal column around the body.
+CageOptions cage(CageControl control, CageCoordinates coordinates) {
+  std::vector<Vec3> polygon;
+  for (std::uint32_t k = 0; k < cage_sides; ++k) {
+    const double angle = 2 * std::numbers::pi * k / cage_sides;
+    polygon.push_back({0.5 + std::cos(angle), 0.7 * std::sin(angle), 0});
+  }
+  test::CageMesh column = test::prism(polygon, 1);
+  for (Vec3& x : column.vertices) x[2] -= 0.3;
+  CageOptions options;
+  options.vertices = std::move(column.vertices);
+  options.triangles = std::move(column.triangles);
+  options.control = control;
+  options.coordinates = coordinates;
+  return options;
+}
+
+/// Handles are single control points, or vertices of a cage.
+template <typename Method>
+Setup by_controls(const Method& method, std::uint32_t handles) {
+  Setup setup;
+  setup.method = method;
+  for (std::uint32_t i = 0; i < handles; ++i) setup.handles.push_back({"h" + std::to_string(i), {Region::ControlIds{{3 * i}}}});
   return setup;
 }
 
@@ -120,6 +161,14 @@ const std::vector<PeakCase>& peak_cases() {
       {"mls_enclosed", [] { return body(50000); }, enclosed},
       {"mls_planar", [] { return body(20000); }, [] { return with_constraint(moving_least_squares(), Planar{}, false); }},
       {"mls_solid", solid, solid_setup},
+      {"ffd_energy", [] { return body(100000); }, [] { return body_setup(lattice(FfdControl::energy)); }},
+      {"ffd_mesh", [] { return body(100000); }, [] { return body_setup(lattice(FfdControl::mesh)); }},
+      {"ffd_controls", [] { return body(200000); }, [] { return by_controls(lattice(FfdControl::controls), 12); }},
+      {"cage_controls", [] { return body(200000); },
+       [] { return by_controls(cage(CageControl::controls, CageCoordinates::mean_value), 12); }},
+      {"cage_mesh", [] { return body(200000); }, [] { return body_setup(cage(CageControl::mesh, CageCoordinates::mean_value)); }},
+      {"cage_green", [] { return body(200000); },
+       [] { return by_controls(cage(CageControl::controls, CageCoordinates::green), 12); }},
   };
   return cases;
 }

@@ -35,7 +35,6 @@ class SpaceDeformation {
   const v1::DesignResult& result() const { return result_; }  ///< of the mesh
 
  private:
-  v1::Setup extended_setup() const;
   Points deformed(const std::string& system);
   Vec3 mirrored(Vec3 point, std::vector<int>& planes) const;
 

@@ -193,7 +193,7 @@ ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<C
   if (sets.empty()) return {};
   const Counts common = counts_of(sets);
   const std::size_t N = common.newton.points, k = space.functions;
-  const std::size_t reached = std::min(k, N * space.cover);
+  const std::size_t reached = std::min({k, N * space.cover, space.reaching});
   const auto counts_for = [&](std::size_t r, bool dense) {
     Counts counts = common;
     counts.unknowns = k;
@@ -207,7 +207,11 @@ ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<C
     counts.global_step.peak_bytes = 2 * counts.global_step.factor_bytes + 2 * (counts.energy + counts.borders) * form_entry_bytes;
     counts.global_step.flops = static_cast<double>(entries) * static_cast<double>(entries) / static_cast<double>(r + 1);
     if (dense) {
-      const std::size_t whole = sizeof(double) * std::min(k * (k + 1) / 2, space.factor_entries + r * k);
+      // The chosen functions are eliminated last. Each of them meets at most as many of the others as a separator has: a
+      // separator is a full triangle of the factor.
+      const auto separator = static_cast<std::size_t>(std::sqrt(2 * static_cast<double>(space.factor_entries)));
+      const std::size_t chosen = r * std::min(k, separator + r / 2);
+      const std::size_t whole = sizeof(double) * std::min(k * (k + 1) / 2, space.factor_entries + chosen);
       counts.reduced = {ReducedEnergy::dense_bytes(r), std::max(2 * whole, ReducedEnergy::dense_peak_bytes(r)), 0};
       counts.reduced.flops = static_cast<double>(whole) / 8 * static_cast<double>(whole) / 8 / static_cast<double>(k + 1);
     }

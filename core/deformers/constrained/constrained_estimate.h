@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 #include <vector>
 
 #include "core/deformers/constrained/constrained_points.h"
@@ -27,6 +28,7 @@ struct SpaceCounts {
   std::size_t cover = 0;           ///< functions that are nonzero at a point
   std::size_t energy_entries = 0;  ///< entries of the lower triangle of the matrix
   std::size_t factor_entries = 0;
+  std::size_t reaching = std::numeric_limits<std::size_t>::max();  ///< functions that are nonzero at a point of the sets
 };
 /// The bounds for any functions that reach the sets and any form of Newton's matrix.
 ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<ConstraintSet>& sets);

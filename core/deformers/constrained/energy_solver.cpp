@@ -57,7 +57,11 @@ double multiplier_weight(const SparseMatrix& energy, const SparseMatrix& transpo
 
 SparseMatrix EnergySolver::matrix_of(const Problem& problem) {
   if (problem.enforcement == HandleEnforcement::eliminated || problem.coupling.cols() == 0) return {};
-  const SparseMatrix weighted = problem.coupling * problem.weights.asDiagonal();
+  // In place: Eigen's product with a diagonal matrix grows by and by, which takes half as much again.
+  SparseMatrix weighted = problem.coupling;
+  for (Eigen::Index j = 0; j < weighted.cols(); ++j) {
+    for (SparseMatrix::InnerIterator it(weighted, j); it; ++it) it.valueRef() *= problem.weights[j];
+  }
   const SparseMatrix square = weighted * SparseMatrix(problem.coupling.transpose());
   SparseMatrix result = problem.energy + SparseMatrix(square.triangularView<Eigen::Lower>());
   squeeze(result);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/constrained/linearized_sets.h"
 
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -237,12 +236,12 @@ void LinearizedSets::decompose(Block& block, double limit) const {
     block.values = Eigen::VectorXd::Ones(rows);
     return;
   }
-  const Eigen::JacobiSVD<Dense> svd(N, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const auto [values, U, V] = svd(N);
   Eigen::Index rank = 0;
-  while (rank < svd.singularValues().size() && svd.singularValues()[rank] > limit) ++rank;
-  block.U = svd.matrixU();
-  block.V = svd.matrixV().leftCols(rank);
-  block.values = svd.singularValues().head(rank);
+  while (rank < values.size() && values[rank] > limit) ++rank;
+  block.U = U;
+  block.V = V.leftCols(rank);
+  block.values = values.head(rank);
 }
 
 /// The parameters of its sets, one row per row of the block; columns: which of all parameters.

@@ -2,6 +2,7 @@
 #include "core/deformers/energy/energy_estimate.h"
 
 #include <algorithm>
+#include <limits>
 #include <utility>
 
 #include "core/base/parallel.h"
@@ -98,6 +99,15 @@ Sizes sizes_of(const FfdOptions& options, const Case& of, Estimate& estimate) {
 SpaceBytes space_bytes(const SubspaceOptions& options, const Mesh& mesh) { return estimate_shell_subspace(mesh, options); }
 SpaceBytes space_bytes(const MlsOptions& options, const Mesh& mesh) { return estimate_mls_space(mesh, options); }
 
+std::size_t most_reaching(const SubspaceOptions&, const Case&) { return std::numeric_limits<std::size_t>::max(); }
+std::size_t most_reaching(const MlsOptions& options, const Case& of) {
+  std::vector<Vec3> places;
+  for (const ConstraintSet& set : of.sets) {
+    for (const PointId id : set.ids) places.push_back(of.mesh.points[id]);
+  }
+  return estimate_mls_reach(of.mesh, options, places);
+}
+
 template <typename Options>
 Sizes sizes_of(const Options& options, const Case& of, Estimate& estimate) {
   Sizes sizes;
@@ -116,7 +126,7 @@ Sizes sizes_of(const Options& options, const Case& of, Estimate& estimate) {
   sizes.factor.peak_bytes = 2 * sizes.factor.factor_bytes;
   sizes.factor.flops =
       static_cast<double>(entries) * static_cast<double>(entries) / static_cast<double>(std::max<std::size_t>(1, k));
-  sizes.constrained = constrained_bytes({k, space.cover, space.energy_entries, entries}, of.sets);
+  sizes.constrained = constrained_bytes({k, space.cover, space.energy_entries, entries, most_reaching(options, of)}, of.sets);
   estimate.samples = k;
   return sizes;
 }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/ffd/clamped_inverse.h"
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -11,6 +10,7 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/numerics/dense/decompositions.h"
 #include "core/numerics/dense/thin_svd.h"
 
 namespace deform {
@@ -87,9 +87,9 @@ ClampedInverse::ClampedInverse(const FunctionRows& rows, const std::vector<Point
                       [&](std::int64_t, double value) { part(i, c++) = value; });
       }
       if (count > group.rows) {
-        const Eigen::HouseholderQR<Eigen::MatrixXd> qr(part);
-        group.Q = qr.householderQ() * Eigen::MatrixXd::Identity(count, group.rows);
-        part = Eigen::MatrixXd(qr.matrixQR().topRows(group.rows).triangularView<Eigen::Upper>());
+        const HouseholderQr qr(part);
+        group.Q = qr.leading_q(group.rows);
+        part = Eigen::MatrixXd(qr.packed().topRows(group.rows).triangularView<Eigen::Upper>());
       }
       for (Eigen::Index c = 0; c < part.cols(); ++c) {
         M.block(group.first, columns[static_cast<std::size_t>(c)], group.rows, 1) = part.col(c);

@@ -197,7 +197,7 @@ Estimate estimate_direct(const Mesh& mesh, const SelectedRegions& regions, const
   const double rows = static_cast<double>(n) * of.seconds_per_row;
   estimate.seconds =
       of.inverse.flops / decomposition_rate + (static_cast<double>(n * (fields + 8)) * 1e-7 + rows) / thread_count({});
-  if (!basis) estimate.notes.push_back("No handle basis will be stored: every design is solved for.");
+  if (!basis) estimate.notes.emplace_back("No handle basis will be stored: every design is solved for.");
   return estimate;
 }
 

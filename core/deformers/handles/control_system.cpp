@@ -172,7 +172,8 @@ Estimate estimate_controls(const Mesh& mesh, const ControlModel& model, const En
   const double row = static_cast<double>(first_row_count(*model.rows)) * seconds_per_value + model.seconds_per_row;
   estimate.seconds = (basis ? 2 : 1) * static_cast<double>(n) * row / thread_count({});
   estimate.notes = model.notes;
-  if (!basis) estimate.notes.push_back("No handle basis will be stored: every design is one sum over control points per point.");
+  if (!basis)
+    estimate.notes.emplace_back("No handle basis will be stored: every design is one sum over control points per point.");
   estimate.advice = "use fewer handles or basis BASIS_NEVER";
   return estimate;
 }

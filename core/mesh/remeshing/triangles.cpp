@@ -18,9 +18,9 @@ constexpr double least_shape = 0.01;  // twice the area over the square of the l
 
 bool folds(const Vec3& before, const Vec3& a, const Vec3& b, const Vec3& c) {
   const Vec3 after = cross(b - a, c - a);
-  const double longest = std::max({squared_distance(a, b), squared_distance(b, c), squared_distance(c, a)});
+  const double longest_square = std::max({squared_distance(a, b), squared_distance(b, c), squared_distance(c, a)});
   const double size = length(after);
-  return size < least_shape * longest || dot(before, after) < least_cosine * length(before) * size;
+  return size < least_shape * longest_square || dot(before, after) < least_cosine * length(before) * size;
 }
 
 template <typename Measure>

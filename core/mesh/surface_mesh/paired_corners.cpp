@@ -18,20 +18,20 @@ struct EdgeSide {
   bool upwards;          ///< its face runs from the smaller to the larger
 };
 
-[[noreturn]] void refuse(const std::string& what) { throw Error(ErrorCode::invalid_argument, "not a 2-manifold: " + what); }
+[[noreturn]] void refuse_mesh(const std::string& what) { throw Error(ErrorCode::invalid_argument, "not a 2-manifold: " + what); }
 
 std::string edge_name(PointId a, PointId b) { return "edge " + std::to_string(a) + "-" + std::to_string(b); }
 
 void check_faces(const Mesh& mesh) {
-  if (mesh.face_points.size() >= no_corner - 1) refuse("too many corners for handles of 32 bits");
+  if (mesh.face_points.size() >= no_corner - 1) refuse_mesh("too many corners for handles of 32 bits");
   std::vector<std::uint32_t> seen_in(mesh.point_count(), no_corner);
   std::size_t corner = 0;
   for (std::uint32_t face = 0; face < mesh.face_count(); ++face) {
     const std::uint32_t size = mesh.face_sizes[face];
-    if (size < 3) refuse("face " + std::to_string(face) + " has " + std::to_string(size) + " corners");
+    if (size < 3) refuse_mesh("face " + std::to_string(face) + " has " + std::to_string(size) + " corners");
     for (const std::size_t end = corner + size; corner < end; ++corner) {
       const PointId point = mesh.face_points[corner];
-      if (seen_in[point] == face) refuse("face " + std::to_string(face) + " repeats point " + std::to_string(point));
+      if (seen_in[point] == face) refuse_mesh("face " + std::to_string(face) + " repeats point " + std::to_string(point));
       seen_in[point] = face;
     }
   }
@@ -52,8 +52,8 @@ std::uint32_t face_of(const Mesh& mesh, std::uint32_t corner) {
   }
   const std::string edge = edge_name(smaller, sides.front().larger);
   if (sides.size() > 2)
-    refuse(edge + " has " + std::to_string(sides.size()) + " faces (" + faces + (sides.size() > 4 ? ", ...)" : ")"));
-  refuse("faces " + faces + " run along " + edge + " in the same direction");
+    refuse_mesh(edge + " has " + std::to_string(sides.size()) + " faces (" + faces + (sides.size() > 4 ? ", ...)" : ")"));
+  refuse_mesh("faces " + faces + " run along " + edge + " in the same direction");
 }
 
 /// Pairs what runs along the edges from one point to larger ones.

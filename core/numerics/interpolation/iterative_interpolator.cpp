@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/numerics/interpolation/iterative_interpolator.h"
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "core/base/error.h"
+#include "core/numerics/dense/decompositions.h"
 #include "core/numerics/fast_sums/checked_sums.h"
 #include "core/numerics/kernels/residual.h"
 #include "core/numerics/kernels/tiles.h"
@@ -59,7 +59,7 @@ struct Krylov {
     const auto j = static_cast<Index>(Z.size());
     VectorXd e = VectorXd::Zero(j + 1);
     e[0] = beta;
-    const VectorXd y = H.topLeftCorner(j + 1, j).householderQr().solve(e);
+    const VectorXd y = HouseholderQr(H.topLeftCorner(j + 1, j)).solve(e);
     rest = e - H.topLeftCorner(j + 1, j) * y;
     return y;
   }
@@ -241,9 +241,9 @@ void IterativeInterpolator::Solve::improve(const MatrixXd& residual, MatrixXd& w
 Interpolants IterativeInterpolator::Solve::run(const MatrixXd& B, const Interpolants* start) {
   const auto m = static_cast<Index>(system_.centres_.size());
   const MatrixXd P = system_.polynomials_.matrix(system_.centres_);
-  const Eigen::HouseholderQR<MatrixXd> qr(P);
+  const HouseholderQr qr(P);
   const MatrixXd& Q = system_.preconditioner_.polynomials();
-  const MatrixXd R = qr.matrixQR().topRows(P.cols()).triangularView<Eigen::Upper>();
+  const MatrixXd R = qr.packed().topRows(P.cols()).triangularView<Eigen::Upper>();
   MatrixXd weights = MatrixXd::Zero(m, B.cols());
   const auto g = B.bottomRows(P.cols());
   // The least w with P^T w = g, where P^T P = R^T R; all that is added later is orthogonal to the polynomials.
@@ -251,7 +251,7 @@ Interpolants IterativeInterpolator::Solve::run(const MatrixXd& B, const Interpol
     weights = start->coefficients.topRows(m);
     use_order(std::clamp(start->order, first_order, highest()));
   } else if (!g.isZero(0))
-    weights = P * (R.transpose() * R).ldlt().solve(g);
+    weights = P * symmetric_solution(R.transpose() * R, g);
 
   Interpolants best, solution;
   best.residual = std::numeric_limits<double>::infinity();

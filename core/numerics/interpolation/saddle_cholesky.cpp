@@ -3,12 +3,12 @@
 //   R^T w1 = g,   K22 w2 = s f2 - K21 w1,   R c s = s f1 - K11 w1 - K12 w2,   K = Q^T A Q,
 // where K22 is positive definite. Q = I - V T V^T (Householder), so K = A - Z V^T - V Z^T with Z = W - V S / 2, W = A V T and
 // S = T^T V^T W: two rank-q updates while the panels are assembled, and no second m x m matrix.
-#include <Eigen/QR>
 #include <algorithm>
 #include <limits>
 
 #include "core/base/parallel.h"
 #include "core/numerics/dense/condition.h"
+#include "core/numerics/dense/decompositions.h"
 #include "core/numerics/dense/lapack.h"
 #include "core/numerics/dense/packed_cholesky.h"
 #include "core/numerics/interpolation/saddle_factor.h"
@@ -62,13 +62,13 @@ ProjectedCholesky::ProjectedCholesky(const SaddleProblem& problem, const RunCont
 }
 
 void ProjectedCholesky::project(const SaddleProblem& problem, const RunContext& context, MatrixXd& Z) {
-  const Eigen::HouseholderQR<MatrixXd> qr(problem.polynomials.matrix(problem.centres));
-  R_ = qr.matrixQR().topRows(q_).triangularView<Eigen::Upper>();
-  V_ = qr.matrixQR().triangularView<Eigen::StrictlyLower>();
+  const HouseholderQr qr(problem.polynomials.matrix(problem.centres));
+  R_ = qr.packed().topRows(q_).triangularView<Eigen::Upper>();
+  V_ = qr.packed().triangularView<Eigen::StrictlyLower>();
   V_.diagonal().setOnes();
   T_ = MatrixXd::Zero(q_, q_);
   for (Index i = 0; i < q_; ++i) {
-    const double tau = qr.hCoeffs()[i];
+    const double tau = qr.factors()[i];
     T_.col(i).head(i) = -tau * (T_.topLeftCorner(i, i) * (V_.leftCols(i).transpose() * V_.col(i)));
     T_(i, i) = tau;
   }

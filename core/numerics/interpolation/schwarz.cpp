@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/numerics/interpolation/schwarz.h"
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <limits>
 #include <numeric>
 
 #include "core/base/parallel.h"
+#include "core/numerics/dense/decompositions.h"
 #include "core/numerics/interpolation/dense_interpolator.h"
 
 namespace deform {
@@ -50,8 +50,7 @@ SchwarzPreconditioner::SchwarzPreconditioner(const RadialKernel& kernel, std::sp
     : kernel_(kernel), degree_(polynomial_degree) {
   const PolynomialSpace space(centres, degree_);
   if (space.terms() > 0) {
-    const Eigen::HouseholderQR<MatrixXd> qr(space.matrix(centres));
-    Q_ = qr.householderQ() * MatrixXd::Identity(static_cast<Index>(centres.size()), static_cast<Index>(space.terms()));
+    Q_ = HouseholderQr(space.matrix(centres)).leading_q(static_cast<Index>(space.terms()));
   } else {
     Q_.resize(static_cast<Index>(centres.size()), 0);
   }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/numerics/kernels/polynomial.h"
 
-#include <Eigen/QR>
 #include <algorithm>
 
 #include "core/base/parallel.h"
@@ -102,11 +101,9 @@ PolynomialSpace::PolynomialSpace(std::span<const Vec3> centres, int degree, cons
   }
   if (candidates.empty()) return;
   terms_ = candidates;
-  const Eigen::MatrixXd P = matrix(centres);
-  Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(P);
-  qr.setThreshold(dependent);
+  const std::vector<Eigen::Index> independent = independent_columns(matrix(centres), dependent);
   terms_.clear();
-  for (Eigen::Index i = 0; i < qr.rank(); ++i) terms_.push_back(candidates[qr.colsPermutation().indices()[i]]);
+  for (const Eigen::Index i : independent) terms_.push_back(candidates[i]);
   std::sort(terms_.begin(), terms_.end());
   dropped_ = candidates.size() - terms_.size();
 }

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <random>
 #include <string>
+#include <vector>
 
 #include "core/deformers/energy/spaces/mesh_pieces.h"
 #include "core/mesh/ahmed.h"
@@ -55,6 +56,43 @@ TEST(MlsSpace, ReproducesLinearMotionsOfSurfacesAndVolumes) {
   expect_positions(cube, mls_space(cube, options(1, 1, 200, 100), 1), 1e-10);
   // Flat faces beside rounded edges: samples a little off the plane, which count as in it, up to 1e-3 of a radius.
   expect_positions(body, mls_space(body, options(1, 1, 500), 1), 2e-5);
+}
+
+/// Functions that are nonzero at one of these points.
+std::size_t reaching(const EnergySpace& space, const std::vector<PointId>& ids) {
+  std::vector<bool> reached(static_cast<std::size_t>(space.values.cols()));
+  for (const PointId id : ids) {
+    space.functions().for_each(id, [&](std::int64_t column, double) { reached[static_cast<std::size_t>(column)] = true; });
+  }
+  return static_cast<std::size_t>(std::count(reached.begin(), reached.end(), true));
+}
+
+TEST(MlsSpace, FunctionsThatReachAPatchAreEstimatedByItsArea) {
+  const Mesh body = ahmed_body({.target_points = 8000}), cube = test::solid_cube(5);
+  const MlsOptions chosen = options(1, 1, 2000);
+  const EnergySpace space = mls_space(body, chosen, 1);
+  const auto estimated = [&](const Mesh& mesh, const MlsOptions& of, const std::vector<PointId>& ids) {
+    std::vector<Vec3> places;
+    for (const PointId id : ids) places.push_back(mesh.points[id]);
+    return estimate_mls_reach(mesh, of, places);
+  };
+  for (const double width : {0.03, 0.1, 0.25}) {
+    SCOPED_TRACE(width);
+    std::vector<PointId> patch;
+    for (PointId id = 0; id < body.points.size(); ++id) {
+      const Vec3& x = body.points[id];
+      if (std::abs(x[0] - 0.6) < width && x[1] > 0.1) patch.push_back(id);
+    }
+    const std::size_t reached = reaching(space, patch), bound = estimated(body, chosen, patch);
+    ASSERT_GT(reached, 0u);
+    EXPECT_GE(bound, reached);
+    EXPECT_LE(bound, 2 * reached);
+    EXPECT_LT(bound, 2000u);
+  }
+  std::vector<PointId> all(body.points.size());
+  for (PointId id = 0; id < all.size(); ++id) all[id] = id;
+  EXPECT_EQ(estimated(body, chosen, all), 2000u);
+  EXPECT_EQ(estimated(cube, options(1, 1, 200, 100), {0}), 300u) << "not known in volumes";
 }
 
 TEST(MlsSpace, LinearMotionsDoNotBendAndStretchByTheirSize) {

@@ -6,6 +6,7 @@
 
 #include <Eigen/LU>
 #include <random>
+#include <vector>
 
 namespace deform {
 namespace {
@@ -78,6 +79,70 @@ TEST(Decompositions, SingularVectorsAreOrthogonalAlsoOfSingularMatrices) {
     three.row(2).setZero();
     expect_svd(three);
   }
+}
+
+TEST(Decompositions, RectangularMatricesHaveSingularVectorsToo) {
+  RandomMatrices random;
+  Eigen::MatrixXd A(3, 7);
+  random.fill(A);
+  A.row(2) = A.row(0) + A.row(1);
+  const auto [values, U, V] = svd(A);
+  ASSERT_EQ(values.size(), 3);
+  ASSERT_EQ(V.cols(), 7);
+  EXPECT_LE((U * values.asDiagonal() * V.leftCols(3).transpose() - A).norm(), rounding * A.norm());
+  EXPECT_LE((V.transpose() * V - Eigen::MatrixXd::Identity(7, 7)).norm(), 10 * rounding);
+  EXPECT_LE(values[2], rounding * values[0]);
+}
+
+TEST(Decompositions, HouseholderQrIsMadeOfItsReflections) {
+  RandomMatrices random;
+  for (const Eigen::Index columns : {1, 4, 60}) {
+    Eigen::MatrixXd A(70, columns), B(70, 2);
+    random.fill(A);
+    random.fill(B);
+    const HouseholderQr qr(A);
+    const Eigen::MatrixXd R = qr.packed().topRows(columns).triangularView<Eigen::Upper>(), Q = qr.leading_q(columns);
+    EXPECT_LE((Q * R - A).norm(), rounding * A.norm());
+    EXPECT_LE((Q.transpose() * Q - Eigen::MatrixXd::Identity(columns, columns)).norm(), 10 * rounding);
+    Eigen::MatrixXd product = Eigen::MatrixXd::Identity(70, columns);
+    for (Eigen::Index k = columns - 1; k >= 0; --k) {
+      Eigen::VectorXd v = Eigen::VectorXd::Zero(70);
+      v[k] = 1;
+      v.tail(69 - k) = qr.packed().col(k).tail(69 - k);
+      product -= qr.factors()[k] * v * (v.transpose() * product);
+    }
+    EXPECT_LE((product - Q).norm(), 10 * rounding);
+    const Eigen::MatrixXd X = qr.solve(B);
+    EXPECT_LE((A.transpose() * (A * X - B)).norm(), 1e-11);
+    EXPECT_LE((qr.solve(Eigen::VectorXd(B.col(1))) - X.col(1)).norm(), 1e-12 * X.norm());
+  }
+}
+
+TEST(Decompositions, SymmetricSolutionsReadTheLowerTriangle) {
+  RandomMatrices random;
+  Eigen::MatrixXd root(6, 6), X(6, 3);
+  random.fill(root);
+  random.fill(X);
+  Eigen::MatrixXd A = root * root.transpose();
+  const Eigen::MatrixXd B = A * X;
+  A.triangularView<Eigen::StrictlyUpper>().setConstant(7);
+  EXPECT_LE((symmetric_solution(A, B) - X).norm(), 1e-9 * X.norm());
+}
+
+TEST(Decompositions, IndependentColumnsLeaveOutWhatOthersMake) {
+  RandomMatrices random;
+  Eigen::MatrixXd A(20, 4);
+  random.fill(A);
+  A.col(1) *= 100;
+  A.col(3) = A.col(0) - A.col(2);
+  const std::vector<Eigen::Index> columns = independent_columns(A, 1e-9);
+  ASSERT_EQ(columns.size(), 3u);
+  EXPECT_EQ(columns[0], 1) << "the longest first";
+  Eigen::MatrixXd kept(20, 3);
+  for (Eigen::Index k = 0; k < 3; ++k) kept.col(k) = A.col(columns[static_cast<std::size_t>(k)]);
+  EXPECT_GT(Eigen::FullPivLU<Eigen::MatrixXd>(kept).rank(), 2);
+  A.col(3) += 1e-6 * A.col(1).cwiseAbs();
+  EXPECT_EQ(independent_columns(A, 1e-9).size(), 4u);
 }
 
 TEST(Decompositions, PivotedSolutionsLeaveAResidualOrthogonalToTheColumns) {

@@ -38,22 +38,34 @@ constexpr std::size_t dense_per_point = 20;  // of the integration points: thesi
 constexpr double flat_surface = 1e-2;
 constexpr double open_share = 0.25;  // of the area: holes that leave nothing enclosed
 
+/// A triangle of a fan of a face.
+struct FanTriangle {
+  std::array<Vec3, 3> corners;
+  Vec3 normal() const { return cross(corners[1] - corners[0], corners[2] - corners[0]); }  ///< twice its area long
+};
+
+template <typename Use>
+void for_each_triangle(const Mesh& mesh, const Use& use) {
+  std::size_t at = 0;
+  for (const std::uint32_t size : mesh.face_sizes) {
+    const PointId* const corners = mesh.face_points.data() + at;
+    for (std::size_t i = 2; i < size; ++i) {
+      use(FanTriangle{{mesh.points[corners[0]], mesh.points[corners[i - 1]], mesh.points[corners[i]]}});
+    }
+    at += size;
+  }
+}
+
 /// Whether to determine the enclosed volume. The area vectors of closed faces add up to zero, except for holes.
 bool may_enclose(const Mesh& mesh, const MlsOptions& options) {
   if (options.domain == MlsDomain::surface || mesh.cell_count() != 0) return false;
   Vec3 sum{};
   double area = 0;
-  std::size_t at = 0;
-  for (const std::uint32_t size : mesh.face_sizes) {
-    const PointId* const corners = mesh.face_points.data() + at;
-    for (std::size_t i = 2; i < size; ++i) {
-      const Vec3& a = mesh.points[corners[0]];
-      const Vec3 normal = cross(mesh.points[corners[i - 1]] - a, mesh.points[corners[i]] - a);
-      sum = sum + normal;
-      area += length(normal);
-    }
-    at += size;
-  }
+  for_each_triangle(mesh, [&](const FanTriangle& triangle) {
+    const Vec3 normal = triangle.normal();
+    sum = sum + normal;
+    area += length(normal);
+  });
   return length(sum) < open_share * area;
 }
 
@@ -313,6 +325,34 @@ SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options) {
   bytes.resident = static_cast<std::size_t>(values + energy + 4 * k * entry) + local_function_bytes(bytes.samples);
   bytes.peak = static_cast<std::size_t>(values + std::max(dense + inside, rows + 3 * energy) + reach);
   return bytes;
+}
+
+std::size_t estimate_mls_reach(const Mesh& mesh, const MlsOptions& options, std::span<const Vec3> places) {
+  const SampleOptions counts = sample_counts(mesh, options);
+  const std::size_t all = counts.surface + counts.volume;
+  if (counts.volume != 0 || places.empty()) return all;
+  double area = 0;  // twice, like those below
+  for_each_triangle(mesh, [&](const FanTriangle& triangle) { area += length(triangle.normal()); });
+  if (!(area > 0)) return all;
+  // On a plane a disk of this radius has `cover` samples; supports are at most so much wider.
+  const double share = static_cast<double>(whole_cover(cover_of(options))) / static_cast<double>(all);
+  const double reach = CoverOptions().limit * std::sqrt(0.5 * area * share / std::numbers::pi);
+  Box near;
+  for (const Vec3& x : places) near.add(x);
+  const PointTree tree(places);
+  double reached = 0;
+  for_each_triangle(mesh, [&](const FanTriangle& triangle) {
+    const Vec3 middle = (1.0 / 3) * (triangle.corners[0] + triangle.corners[1] + triangle.corners[2]);
+    double within = reach;
+    for (const Vec3& corner : triangle.corners) within = std::max(within, reach + length(corner - middle));
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (middle[k] < near.min[k] - within || middle[k] > near.max[k] + within) return;
+    }
+    if (tree.nearest(middle).square <= within * within) reached += length(triangle.normal());
+  });
+  const double samples =
+      std::ceil(static_cast<double>(all) * reached / area) + static_cast<double>(whole_cover(cover_of(options)));
+  return std::min(all, static_cast<std::size_t>(samples));
 }
 
 }  // namespace deform

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "core/base/run_context.h"
 #include "core/deformers/energy/spaces/energy_space.h"
@@ -46,5 +47,9 @@ struct SpaceBytes {
   std::size_t energy_entries = 0;  ///< entries of the lower triangle of the energy
 };
 SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options);
+
+/// How many functions are nonzero at some of these points (model units), at most: on a surface as many as there are samples on
+/// the part of it that supports reach from the points; with a volume all of them.
+std::size_t estimate_mls_reach(const Mesh& mesh, const MlsOptions& options, std::span<const Vec3> places);
 
 }  // namespace deform
