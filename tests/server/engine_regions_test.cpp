@@ -26,7 +26,7 @@ class EngineRegions : public EngineFixture {
     v1::EstimateRequest request;
     *request.mutable_setup() = setup;
     request.set_list_centres(list_centres);
-    return engine->estimate(request);
+    return engine->estimate(request, {});
   }
 };
 

@@ -98,7 +98,7 @@ class FakeEngine : public server::Engine {
   std::shared_ptr<const Points> get_points(const std::string& id) override;
   void detect(const v1::DetectRequest& request, const server::CallContext& call,
               std::function<void(Outcome<DetectReplies>)> on_done) override;
-  v1::EstimateReply estimate(const v1::EstimateRequest& request, const CallContext& call) override;
+  v1::EstimateReply estimate(const v1::EstimateRequest& request, const server::CallContext& call) override;
   void prepare(const v1::PrepareRequest& request, const server::CallContext& call,
                std::function<void(const v1::Progress&)> on_progress,
                std::function<void(Outcome<v1::SystemInfo>)> on_done) override;

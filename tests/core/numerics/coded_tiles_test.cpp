@@ -66,7 +66,9 @@ TEST(CodedTiles, WeightedRowsAgainstPlainLoops) {
             double sum = 0.25;
             for (const std::uint32_t r : chosen) sum += static_cast<double>(A[r * stride + k]) * B[r * columns + c];
             EXPECT_NEAR(out[c * stride + k], sum, 1e-14);
-            if (c + 1 == columns) EXPECT_EQ(out[c * stride + k], one[k]) << "depends on the grouping";
+            if (c + 1 == columns) {
+              EXPECT_EQ(out[c * stride + k], one[k]) << "depends on the grouping";
+            }
           }
         }
       });
