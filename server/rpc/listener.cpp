@@ -339,7 +339,7 @@ void Listener::cut_off_busy(Busy which) {
     most = std::max(most, news.back().first);
   }
   for (const auto& [bytes, fd] : news) {
-    const bool busy = bytes >= much && (which == Busy::all || (which == Busy::busiest && bytes == most));
+    const bool busy = bytes >= much && (which == Busy::all || (which == Busy::busiest && 2 * bytes >= most));
     if (busy) close_now(fd, "the process occupies more memory than it may, and this one goes on sending");
   }
 }

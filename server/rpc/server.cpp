@@ -32,6 +32,9 @@ constexpr char service_name[] = "deform.v1.DeformService";
 /// Can geometries and setups be added? Without room on its disk the server still serves what it has.
 constexpr char write_service_name[] = "deform.v1.DeformService/write";
 constexpr std::chrono::milliseconds memory_interval{100};
+/// While the process occupies more than half of its budget: a flood of calls fills the rest within half a second.
+constexpr std::chrono::milliseconds filling_interval{20};
+constexpr std::chrono::milliseconds give_back_interval{500};
 /// A thread that has not come round for so long hangs.
 constexpr std::chrono::seconds watch_patience{10};
 constexpr int watch_turns = 10;  ///< every so many of these the store and the identities are looked at
@@ -259,12 +262,15 @@ class GrpcServer final : public RunningServer {
   /// What the process occupies beyond what it did at its start counts against the budget, whatever was charged.
   void watch_memory() {
     std::size_t resident = resident_set_bytes();
-    if (resident > memory_limit_) {
+    // Not at every turn: asking the allocator takes longer than the next turn is away, and a flood does not wait.
+    if (resident > memory_limit_ && std::chrono::steady_clock::now() - gave_back_ >= give_back_interval) {
       engine_->give_back_idle_memory(resident - memory_limit_);
       resident = resident_set_bytes();
+      gave_back_ = std::chrono::steady_clock::now();
     }
     const bool full = resident > memory_limit_;
-    if (listener_ && full) shed_connections(resident);
+    filling_ = resident - std::min(resident, memory_start_) > (memory_end_ - memory_start_) / 2;
+    if (listener_ && filling_) shed_connections(resident);
     if (full == memory_full_) return;
     memory_full_ = full;
     service_.set_memory_full(full);
@@ -277,12 +283,14 @@ class GrpcServer final : public RunningServer {
   }
 
   /// What gRPC holds for connections is bounded by nothing else: calls that are begun and reset, pings whose answers nobody
-  /// reads.
+  /// reads. It is what nobody was charged for.
   void shed_connections(std::size_t resident) {
-    const bool growing = memory_full_ && resident > shed_at_;
+    const std::size_t budget = memory_end_ - memory_start_;
+    const bool growing = resident > shed_at_;
+    const bool uncharged = resident > memory_start_ + engine_->info().memory_in_use() + budget / 2;
     shed_at_ = resident;
     listener_->cut_off_busy(resident > memory_end_ ? Listener::Busy::all
-                            : growing              ? Listener::Busy::busiest
+                            : growing && uncharged ? Listener::Busy::busiest
                                                    : Listener::Busy::none);
   }
 
@@ -305,9 +313,10 @@ class GrpcServer final : public RunningServer {
   void watch(bool writable) {
     std::unique_lock lock(watch_mutex_);
     int turn = 0;
-    while (!stopping_changed_.wait_for(lock, memory_interval, [this] { return stopping_; })) {
+    while (!stopping_changed_.wait_for(lock, filling_ ? filling_interval : memory_interval, [this] { return stopping_; })) {
       if (engine_budgeted_) watch_memory();
       watched_ = now();
+      if (filling_ && ++filling_turn_ % (memory_interval / filling_interval) != 0) continue;
       turn = (turn + 1) % watch_turns;
       if (turn != 0) continue;
       trim_memory();
@@ -341,6 +350,9 @@ class GrpcServer final : public RunningServer {
   std::size_t memory_end_ = 0;    ///< and connections are closed
   // of the thread that watches
   std::size_t trimmed_ = 0;  ///< resident bytes after the allocator was last asked for what is free
+  bool filling_ = false;     ///< more than half of the budget is occupied
+  int filling_turn_ = 0;
+  std::chrono::steady_clock::time_point gave_back_{};
   std::size_t shed_at_ = 0;  ///< resident bytes when connections were last looked at
   int trim_wait_ = 0;        ///< turns until it is asked again
   int trim_pause_ = 1;
