@@ -327,10 +327,11 @@ void Listener::cut_off(const std::string& peer) {
   }
 }
 
-void Listener::cut_off_busy(Busy which) {
+bool Listener::cut_off_busy(Busy which) {
   constexpr std::uint64_t much = 8 << 10;  // so that nobody suffers who sends little
   const std::lock_guard lock(mutex_);
   std::uint64_t most = 0;
+  bool any = false;
   std::vector<std::pair<std::uint64_t, int>> news;
   for (auto& [fd, connection] : open_) {
     if (socket_inode(fd) != connection.inode) continue;
@@ -340,8 +341,10 @@ void Listener::cut_off_busy(Busy which) {
   }
   for (const auto& [bytes, fd] : news) {
     const bool busy = bytes >= much && (which == Busy::all || (which == Busy::busiest && 2 * bytes >= most));
+    any = any || busy;
     if (busy) close_now(fd, "the process occupies more memory than it may, and this one goes on sending");
   }
+  return any;
 }
 
 /// gRPC closes what has been shut down, after it has read what had come: that is dropped. Should it have closed the connection

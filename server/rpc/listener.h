@@ -61,8 +61,8 @@ class Listener {
   /// Closes the connection of this peer, as gRPC writes it. Not those of unix sockets, which have no address. Any thread.
   void cut_off(const std::string& peer);
   enum class Busy { none, busiest, all };
-  /// Closes, of the connections that have received at least 8 KiB since the last call, those. Any thread.
-  void cut_off_busy(Busy which);
+  /// Closes, of the connections that have received at least 8 KiB since the last call, those; whether there were any. Any thread.
+  bool cut_off_busy(Busy which);
 
   std::uint64_t refused() const { return refused_; }  ///< connections beyond the limit so far
 

@@ -35,6 +35,7 @@ constexpr std::chrono::milliseconds memory_interval{100};
 /// While the process occupies more than half of its budget: a flood of calls fills the rest within half a second.
 constexpr std::chrono::milliseconds filling_interval{20};
 constexpr std::chrono::milliseconds give_back_interval{500};
+constexpr std::chrono::milliseconds shed_interval{200};
 /// A thread that has not come round for so long hangs.
 constexpr std::chrono::seconds watch_patience{10};
 constexpr int watch_turns = 10;  ///< every so many of these the store and the identities are looked at
@@ -289,9 +290,12 @@ class GrpcServer final : public RunningServer {
     const bool growing = resident > shed_at_;
     const bool uncharged = resident > memory_start_ + engine_->info().memory_in_use() + budget / 2;
     shed_at_ = resident;
-    listener_->cut_off_busy(resident > memory_end_ ? Listener::Busy::all
-                            : growing && uncharged ? Listener::Busy::busiest
-                                                   : Listener::Busy::none);
+    const auto now = std::chrono::steady_clock::now();
+    const bool settled = now - cut_off_ >= shed_interval;  // what closed connections have sent is still worked on
+    const bool any = listener_->cut_off_busy(resident > memory_end_            ? Listener::Busy::all
+                                             : growing && uncharged && settled ? Listener::Busy::busiest
+                                                                               : Listener::Busy::none);
+    if (any) cut_off_ = now;
   }
 
   /// What the libraries have freed goes back to the system, too: asked for once a second while the process occupies more than is
@@ -352,7 +356,7 @@ class GrpcServer final : public RunningServer {
   std::size_t trimmed_ = 0;  ///< resident bytes after the allocator was last asked for what is free
   bool filling_ = false;     ///< more than half of the budget is occupied
   int filling_turn_ = 0;
-  std::chrono::steady_clock::time_point gave_back_{};
+  std::chrono::steady_clock::time_point gave_back_{}, cut_off_{};
   std::size_t shed_at_ = 0;  ///< resident bytes when connections were last looked at
   int trim_wait_ = 0;        ///< turns until it is asked again
   int trim_pause_ = 1;

@@ -106,7 +106,7 @@ class Attack(unittest.TestCase):
         for one in self.connections:
             one.close()
         self.connections.clear()
-        time.sleep(0.2)
+        time.sleep(2)  # for what was sent to be worked on
         self.honest.stop()
         self.assertIsNone(self.server.process.poll(), self.server.log_text()[-2000:])
         self.service = self.stub()
