@@ -13,8 +13,7 @@ namespace deform::server {
 /// What one message may take once it is parsed: several times what the largest that mean something take.
 inline constexpr std::size_t largest_parsed_message = std::size_t{64} << 20;
 
-/// Bytes that a message of this type takes once it is parsed, told from its bytes: two of them may become a hundred. Counts what
-/// protobuf's C++ library allocates, and rather too much; stops beyond `enough`. Bytes that are no such message give any number.
+/// convert::parsed_size() of bytes as gRPC has them.
 std::size_t parsed_size(const grpc::ByteBuffer& bytes, const google::protobuf::Descriptor& type, std::size_t enough);
 
 /// Requests in memory, as bytes and parsed, are charged before they are parsed. Large ones leave room for small ones, so that who

@@ -79,7 +79,14 @@ TEST(ParsedSize, FieldsThatAreNotInTheContract) {
     texts +=
         "\xfa\x07\x03"
         "abc";
-  for (const std::string& bytes : {numbers, texts}) {
+  std::string other_type, groups;
+  for (int i = 0; i < 10'000; ++i) other_type += "\x10\x01";  // designs are no numbers
+  for (int i = 0; i < 10; ++i) {
+    groups += "\xfb\x07";  // a group of field 127
+    for (int k = 0; k < 1000; ++k) groups += "\x08\x01";
+    groups += "\xfc\x07";
+  }
+  for (const std::string& bytes : {numbers, texts, other_type, groups}) {
     v1::DeformRequest message;
     ASSERT_TRUE(message.ParseFromString(bytes));
     EXPECT_GE(parsed_size(in_pieces(bytes, 1000), *v1::DeformRequest::descriptor(), std::size_t{1} << 40),
