@@ -59,8 +59,9 @@ class ChecksumFold {
  public:
   ChecksumFold();
   ~ChecksumFold();
-  ChecksumFold(ChecksumFold&&) noexcept;
-  ChecksumFold& operator=(ChecksumFold&&) noexcept;
+  ChecksumFold(ChecksumFold&&) noexcept;             ///< the other may only be assigned to or destroyed
+  ChecksumFold& operator=(ChecksumFold&&) noexcept;  ///< the other may only be assigned to or destroyed
+  /// The next block's, in their order.
   void add(std::uint64_t block_checksum);
   /// Of those so far.
   std::uint64_t value() const;

@@ -175,10 +175,12 @@ class System : public std::enable_shared_from_this<System> {
   /// throws for designs[0], and Error(failed_precondition) with the reason if the deformation is defined at the points of the
   /// mesh only.
   virtual std::unique_ptr<const SpaceMap> bind_in_space(const Design& design, const RunContext& context) const;
-  /// The memory of such a map besides that of binding, and of one call of it with so many points, in bytes.
+  /// Memory of a design as a map of space, in bytes.
   struct SpaceBytes {
-    std::size_t map = 0, call = 0;
+    std::size_t map = 0;   ///< of the map besides that of binding
+    std::size_t call = 0;  ///< of one call of it
   };
+  /// For calls with so many points.
   virtual SpaceBytes space_bytes(std::size_t /*points*/) const { return {}; }
 
   /// d(points)/d(variables) at `variables` times `direction` (one value per variable): n x 3 (thesis 4.2, eq. 4.2).
