@@ -35,7 +35,7 @@ struct Connection {
 
   /// With the encoding named.
   v1::DeformRequest named(v1::DeformRequest request) const;
-  /// The encoding itself, or in place of the default the one that suits the connection.
+  /// The encoding itself, or that of the options in place of the default.
   v1::Encoding named(v1::Encoding encoding) const;
   /// Waits for the connection that gRPC tries to make, one attempt long: until then calls would fail by the error of the attempt
   /// before. A stop or the deadline ends it by its Error.
