@@ -19,94 +19,15 @@ constexpr std::size_t slice_points = 4096;
 
 }  // namespace
 
-/// Calls on_ready after the lock is released, once per pending answer.
-class DeformCall::Notice {
- public:
-  explicit Notice(DeformCall& call) : call_(call) {}
-  ~Notice() {
-    if (due_ && call_.on_ready_) call_.on_ready_();
-  }
-  Notice(const Notice&) = delete;
-  Notice& operator=(const Notice&) = delete;
-  /// With the lock held.
-  void check() {
-    if (!call_.reader_waits_ || (call_.replies_.empty() && !call_.ended_)) return;
-    call_.reader_waits_ = false;
-    due_ = true;
-  }
-
- private:
-  DeformCall& call_;
-  bool due_ = false;
-};
-
 DeformCall::DeformCall(const DeformParts& parts, DeformTask task, CallContext context, std::function<void()> on_ready)
-    : Call(std::move(context)), parts_(parts), task_(std::move(task)), on_ready_(std::move(on_ready)) {
-  stats_.system_id = task_.system_id;
-  stats_.designs = task_.designs;
-}
+    : QueuedCall(parts, task.system_id, task.prepare, task.designs, std::move(context), std::move(on_ready)),
+      parts_(parts),
+      task_(std::move(task)) {}
 
-void DeformCall::begin() {
-  if (const auto error = overdue(accepted_)) throw *error;
-  place_ = parts_.scheduler->enter();
-  parts_.calls->add(shared_from_this());
-  SystemCache::Asker asker;
-  asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
-    call->on_system(std::move(system), error);
-  };
-  auto [system, ticket] = parts_.cache->acquire(task_.system_id, task_.prepare, std::move(asker));
-  if (system) return enqueue(std::move(system));
-  const std::lock_guard lock(mutex_);
-  if (!ended_) ticket_ = std::move(ticket);  // otherwise it leaves here
-}
-
-void DeformCall::on_system(SystemCache::Handle system, const std::optional<Error>& error) {
-  if (error) return fail(*error);
-  {
-    const std::lock_guard lock(mutex_);
-    prepared_again_ = true;
-    stats_.prepare_ms = elapsed_ms(accepted_);
-  }
-  enqueue(std::move(system));
-}
-
-void DeformCall::enqueue(SystemCache::Handle system) {
-  const std::lock_guard lock(mutex_);
-  if (ended_) return;
-  system_ = std::move(system);
-  parts_.scheduler->start(context().client, this, [call = self()](Scheduler::Slot slot) { call->start(std::move(slot)); });
-}
-
-// What goes wrong ends the call.
-template <typename Work>
-bool DeformCall::attempt(const Work& work) {
-  try {
-    work();
-    return true;
-  } catch (const Error& error) {
-    fail(error);
-  } catch (const std::bad_alloc&) {
-    fail(Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget"));
-  } catch (const std::exception& error) {
-    fail(Error(ErrorCode::internal, error.what()));
-  }
-  return false;
-}
-
-void DeformCall::start(Scheduler::Slot slot) {
-  SystemCache::Handle system;
-  {
-    const std::lock_guard lock(mutex_);
-    if (ended_) return;
-    place_.leave();
-    slot_ = std::move(slot);
-    stats_.queue_ms = elapsed_ms(accepted_);
-    system = system_;
-  }
-  const int running = static_cast<int>(std::max<std::size_t>(1, parts_.scheduler->load().running));
+void DeformCall::start(const SystemCache::Handle& system) {
   const auto from = RunContext::Clock::now();
   std::shared_ptr<Bound> bound;
-  if (!attempt([&] { bound = bind(system, std::max(1, parts_.scheduler->workers() / running)); })) return;
+  if (!attempt([&] { bound = bind(system, static_cast<int>(share())); })) return;
   Notice notice(*this);
   const std::lock_guard lock(mutex_);
   if (ended_) return;
@@ -202,8 +123,7 @@ void DeformCall::WholeDesigns::gather(const Bound& bound, std::size_t designs) {
 
 // Alone in its call, so on all threads that fall to it.
 DeformCall::StepResult DeformCall::make_whole(const Bound& bound, std::size_t step) const {
-  const int running = static_cast<int>(std::max<std::size_t>(1, parts_.scheduler->load().running));
-  const RunContext context = run_context(std::max(1, parts_.scheduler->workers() / running));
+  const RunContext context = run_context(static_cast<int>(share()));
   const auto begun = RunContext::Clock::now();
   StepResult result;
   result.whole = std::make_shared<WholeDesigns>(0);
@@ -272,8 +192,7 @@ DeformCall::StepResult DeformCall::make_step(const Bound& bound, std::size_t ste
 
 // A lone group is waited for, so it is looked at on all threads that fall to it; otherwise those make the next one.
 void DeformCall::look(const Bound& bound, std::size_t designs, WholeDesigns& whole) const {
-  const int running = static_cast<int>(std::max<std::size_t>(1, parts_.scheduler->load().running));
-  const RunContext context = run_context(bound.plan.groups() > 1 ? 1 : std::max(1, parts_.scheduler->workers() / running));
+  const RunContext context = run_context(bound.plan.groups() > 1 ? 1 : static_cast<int>(share()));
   whole.findings.resize(designs);
   for (std::size_t d = 0; d < designs; ++d) {
     whole.findings[d].faces = bound.checker->check_faces({whole.design(d), bound.plan.points}, context);
@@ -301,9 +220,8 @@ void DeformCall::schedule_steps() {
     if (next_step_ == steps || !room()) return;
     slot_ = parts_.scheduler->resume();
   }
-  const std::size_t workers = static_cast<std::size_t>(parts_.scheduler->workers());
-  const std::size_t share = std::max<std::size_t>(1, workers / std::max<std::size_t>(1, parts_.scheduler->load().running));
-  while (next_step_ < steps && in_flight_ < share && may_begin(next_step_) && room()) {
+  const std::size_t most = share();
+  while (next_step_ < steps && in_flight_ < most && may_begin(next_step_) && room()) {
     ++in_flight_;
     const std::size_t first = bound_->plan.first_step(next_step_);
     if (bound_->plan.gathers() && next_step_ == first) whole_[first] = std::make_shared<WholeDesigns>(bound_->plan.blocks());
@@ -402,58 +320,17 @@ void DeformCall::push_summary() {
   parts_.on_served(bound_->plan.designs - failed_);
 }
 
-DeformJob::Poll DeformCall::poll(v1::DeformReply& reply) {
-  const std::lock_guard lock(mutex_);
-  if (!replies_.empty()) {
-    reply = std::move(replies_.front());
-    replies_.pop_front();
-    if (reply.has_block()) {
-      buffered_bytes_ -= reply.block().data().size();
-      const bool low = buffered_bytes_ <= bound_->plan.high_water(parts_.scheduler->workers()) / 2;
-      if (low && !slot_.held() && !produced_) schedule_steps();
-    }
-    if (replies_.empty() && produced_) end();
-    return DeformJob::Poll::reply;
-  }
-  if (ended_) return DeformJob::Poll::done;
-  reader_waits_ = true;
-  return DeformJob::Poll::pending;
+void DeformCall::on_taken(const v1::DeformReply& reply) {
+  if (!reply.has_block()) return;
+  buffered_bytes_ -= reply.block().data().size();
+  const bool low = buffered_bytes_ <= bound_->plan.high_water(parts_.scheduler->workers()) / 2;
+  if (low && !slot_.held() && !produced_) schedule_steps();
 }
 
-void DeformCall::fail(const Error& error) {
-  stop();
-  Notice notice(*this);
-  std::deque<v1::DeformReply> dropped;  // destroyed after the lock
-  const std::lock_guard lock(mutex_);
-  if (ended_) return;
-  error_ = error;
-  dropped.swap(replies_);
-  end();
-  notice.check();
-}
-
-// Running steps keep what they need and find out when they are done.
-void DeformCall::end() {
-  ended_ = true;
+void DeformCall::drop() {
   finished_.clear();
   whole_.clear();
-  place_.leave();
-  slot_.leave();
-  ticket_.leave();
-  system_.reset();
   bound_.reset();
-  parts_.scheduler->remove(this);
-  parts_.calls->remove(this);
-}
-
-std::optional<Error> DeformCall::error() const {
-  const std::lock_guard lock(mutex_);
-  return error_;
-}
-
-CallStats DeformCall::stats() const {
-  const std::lock_guard lock(mutex_);
-  return stats_;
 }
 
 }  // namespace deform::server

@@ -3,22 +3,20 @@
 
 #include <atomic>
 #include <cstdint>
-#include <deque>
 #include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "core/codec/block.h"
 #include "core/quality/extreme.h"
-#include "server/engine/call.h"
 #include "server/engine/design_failures.h"
 #include "server/engine/design_result.h"
 #include "server/engine/memory.h"
+#include "server/engine/queued_call.h"
 #include "server/engine/scheduler.h"
 #include "server/engine/step_plan.h"
 #include "server/engine/system_cache.h"
@@ -26,11 +24,8 @@
 namespace deform::server {
 
 /// What a deformation call needs of the engine; all outlive it.
-struct DeformParts {
-  Scheduler* scheduler;
-  SystemCache* cache;
+struct DeformParts : QueueParts {
   MemoryBudget* memory;
-  CallRegistry* calls;
   std::size_t block_points;
   std::function<void(std::size_t designs)> on_served;
 };
@@ -57,17 +52,9 @@ struct DeformTask {
 /// One deformation: waits for its system, is bound on a worker, then runs in steps that evaluate and encode one block of up to 16
 /// designs each. At most workers / running-requests steps of a call run at once. Finished replies wait in a buffer; at its high
 /// water mark the call gives up its slot and no worker is held until the reader has drained it to the low one.
-class DeformCall : public Call {
+class DeformCall : public QueuedCall<v1::DeformReply> {
  public:
   DeformCall(const DeformParts& parts, DeformTask task, CallContext context, std::function<void()> on_ready);
-
-  /// Enters queue and registry and asks for the system; throws when refused.
-  void begin();
-
-  DeformJob::Poll poll(v1::DeformReply& reply);
-  void fail(const Error& error) override;
-  std::optional<Error> error() const;
-  CallStats stats() const;
 
  private:
   /// What the running steps share; lives until the last of them is over.
@@ -104,14 +91,9 @@ class DeformCall : public Call {
     std::size_t bytes = 0;
     double solve_ms = 0, encode_ms = 0;
   };
-  class Notice;
 
   std::shared_ptr<DeformCall> self() { return std::static_pointer_cast<DeformCall>(shared_from_this()); }
-  void on_system(SystemCache::Handle system, const std::optional<Error>& error);
-  void enqueue(SystemCache::Handle system);
-  void start(Scheduler::Slot slot);
-  template <typename Work>
-  bool attempt(const Work& work);
+  void start(const SystemCache::Handle& system) override;
   std::shared_ptr<Bound> bind(const SystemCache::Handle& system, int threads);
   void charge(Bound& bound, std::size_t binding) const;
   void run_step(const std::shared_ptr<const Bound>& bound, std::size_t step, const std::shared_ptr<WholeDesigns>& whole);
@@ -120,6 +102,8 @@ class DeformCall : public Call {
   void look(const Bound& bound, std::size_t designs, WholeDesigns& whole) const;
 
   // With mutex_ held:
+  void on_taken(const v1::DeformReply& reply) override;
+  void drop() override;
   void schedule_steps();
   bool may_begin(std::size_t step) const;
   bool room() const;
@@ -129,35 +113,20 @@ class DeformCall : public Call {
   void push_failure(std::size_t number, const Error& error);
   void push_summary();
   v1::DeformReply& push();
-  void end();
 
   const DeformParts parts_;
   DeformTask task_;
-  const std::function<void()> on_ready_;
-  const RunContext::Clock::time_point accepted_ = RunContext::Clock::now();
 
-  mutable std::mutex mutex_;
   // guarded by mutex_
-  Scheduler::Place place_;
-  Scheduler::Slot slot_;
-  SystemCache::Ticket ticket_;
-  SystemCache::Handle system_;
   std::shared_ptr<Bound> bound_;
   std::size_t next_step_ = 0;     // to be scheduled
   std::size_t next_release_ = 0;  // steps leave in order
   std::size_t in_flight_ = 0;
   std::map<std::size_t, StepResult> finished_;
-  std::size_t buffered_bytes_ = 0;  // of finished_ and replies_
-  std::deque<v1::DeformReply> replies_;
+  std::size_t buffered_bytes_ = 0;                              // of finished_ and replies_
   std::vector<DeliveredDesign> progress_;                       // of the designs of the group under way
   std::map<std::size_t, std::shared_ptr<WholeDesigns>> whole_;  // of the groups under way, by their first steps
-  bool reader_waits_ = false;
-  bool produced_ = false;  // the summary is in replies_
-  bool ended_ = false;     // nothing more comes
-  std::optional<Error> error_;
-  CallStats stats_;
   double bind_ms_ = 0;
-  bool prepared_again_ = false;
   std::uint32_t fell_back_ = 0;
   std::size_t failed_ = 0;  // designs, of those that were bound
 };

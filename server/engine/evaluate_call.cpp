@@ -59,96 +59,18 @@ std::vector<Vec3> decoded(v1::Block& message, std::size_t number, std::uint64_t 
 
 }  // namespace
 
-/// Calls on_ready after the lock is released, once per pending answer.
-class EvaluateCall::Notice {
- public:
-  explicit Notice(EvaluateCall& call) : call_(call) {}
-  ~Notice() {
-    if (due_ && call_.on_ready_) call_.on_ready_();
-  }
-  Notice(const Notice&) = delete;
-  Notice& operator=(const Notice&) = delete;
-  /// With the lock held.
-  void check() {
-    if (!call_.reader_waits_ || (call_.replies_.empty() && !call_.ended_)) return;
-    call_.reader_waits_ = false;
-    due_ = true;
-  }
-
- private:
-  EvaluateCall& call_;
-  bool due_ = false;
-};
-
 EvaluateCall::EvaluateCall(EvaluateParts parts, EvaluateTask task, CallContext context, std::function<void()> on_ready)
-    : Call(std::move(context)), parts_(std::move(parts)), task_(std::move(task)), on_ready_(std::move(on_ready)) {
-  stats_.system_id = task_.system_id;
-  stats_.designs = 1;
-}
+    : QueuedCall(parts, task.system_id, task.prepare, 1, std::move(context), std::move(on_ready)),
+      parts_(std::move(parts)),
+      task_(std::move(task)) {}
 
 /// Enough for all workers while as many answers are under way to the reader.
 std::size_t EvaluateCall::window() const { return 2 * static_cast<std::size_t>(parts_.scheduler->workers()) + 2; }
 
-void EvaluateCall::begin() {
-  if (const auto error = overdue(accepted_)) throw *error;
-  place_ = parts_.scheduler->enter();
-  parts_.calls->add(shared_from_this());
-  SystemCache::Asker asker;
-  asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
-    call->on_system(std::move(system), error);
-  };
-  auto [system, ticket] = parts_.cache->acquire(task_.system_id, task_.prepare, std::move(asker));
-  if (system) return enqueue(std::move(system));
-  const std::lock_guard lock(mutex_);
-  if (!ended_) ticket_ = std::move(ticket);  // otherwise it leaves here
-}
-
-void EvaluateCall::on_system(SystemCache::Handle system, const std::optional<Error>& error) {
-  if (error) return fail(*error);
-  {
-    const std::lock_guard lock(mutex_);
-    stats_.prepare_ms = elapsed_ms(accepted_);
-  }
-  enqueue(std::move(system));
-}
-
-void EvaluateCall::enqueue(SystemCache::Handle system) {
-  const std::lock_guard lock(mutex_);
-  if (ended_) return;
-  system_ = std::move(system);
-  parts_.scheduler->start(context().client, this, [call = self()](Scheduler::Slot slot) { call->start(std::move(slot)); });
-}
-
-// What goes wrong ends the call.
-template <typename Work>
-bool EvaluateCall::attempt(const Work& work) {
-  try {
-    work();
-    return true;
-  } catch (const Error& error) {
-    fail(error);
-  } catch (const std::bad_alloc&) {
-    fail(Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget"));
-  } catch (const std::exception& error) {
-    fail(Error(ErrorCode::internal, error.what()));
-  }
-  return false;
-}
-
-void EvaluateCall::start(Scheduler::Slot slot) {
-  SystemCache::Handle system;
-  {
-    const std::lock_guard lock(mutex_);
-    if (ended_) return;
-    place_.leave();
-    slot_ = std::move(slot);
-    stats_.queue_ms = elapsed_ms(accepted_);
-    system = system_;
-  }
-  const int running = static_cast<int>(std::max<std::size_t>(1, parts_.scheduler->load().running));
+void EvaluateCall::start(const SystemCache::Handle& system) {
   const auto from = RunContext::Clock::now();
   std::shared_ptr<Bound> bound;
-  if (!attempt([&] { bound = bind(system, std::max(1, parts_.scheduler->workers() / running)); })) return;
+  if (!attempt([&] { bound = bind(system, static_cast<int>(share())); })) return;
   Notice notice(*this);
   const std::lock_guard lock(mutex_);
   if (ended_) return;
@@ -210,9 +132,8 @@ void EvaluateCall::finish() {
 void EvaluateCall::schedule() {
   if (waiting_.empty() || bound_ == nullptr) return;
   if (!slot_.held()) slot_ = parts_.scheduler->resume();
-  const auto workers = static_cast<std::size_t>(parts_.scheduler->workers());
-  const std::size_t share = std::max<std::size_t>(1, workers / std::max<std::size_t>(1, parts_.scheduler->load().running));
-  while (!waiting_.empty() && in_flight_ < share) {
+  const std::size_t most = share();
+  while (!waiting_.empty() && in_flight_ < most) {
     ++in_flight_;
     auto [first, block] = std::move(waiting_.front());
     waiting_.pop_front();
@@ -316,19 +237,9 @@ void EvaluateCall::push_result_when_done() {
   parts_.on_served();
 }
 
-DeformJob::Poll EvaluateCall::poll(v1::EvaluateReply& reply) {
-  const std::lock_guard lock(mutex_);
-  if (!replies_.empty()) {
-    reply = std::move(replies_.front());
-    replies_.pop_front();
-    note_turn();
-    if (reply.has_block()) ++taken_;
-    if (replies_.empty() && produced_) end();
-    return DeformJob::Poll::reply;
-  }
-  if (ended_) return DeformJob::Poll::done;
-  reader_waits_ = true;
-  return DeformJob::Poll::pending;
+void EvaluateCall::on_taken(const v1::EvaluateReply& reply) {
+  note_turn();
+  if (reply.has_block()) ++taken_;
 }
 
 std::optional<Error> EvaluateCall::overdue(RunContext::Clock::time_point now) const {
@@ -339,40 +250,10 @@ std::optional<Error> EvaluateCall::overdue(RunContext::Clock::time_point now) co
                "the client has neither sent nor taken a block for " + std::to_string(patience.count()) + " seconds");
 }
 
-void EvaluateCall::fail(const Error& error) {
-  stop();
-  Notice notice(*this);
-  std::deque<v1::EvaluateReply> dropped;  // destroyed after the lock
-  const std::lock_guard lock(mutex_);
-  if (ended_) return;
-  error_ = error;
-  dropped.swap(replies_);
-  end();
-  notice.check();
-}
-
-// Running steps keep what they need and find out when they are done.
-void EvaluateCall::end() {
-  ended_ = true;
+void EvaluateCall::drop() {
   finished_.clear();
   waiting_.clear();
-  place_.leave();
-  slot_.leave();
-  ticket_.leave();
-  system_.reset();
   bound_.reset();
-  parts_.scheduler->remove(this);
-  parts_.calls->remove(this);
-}
-
-std::optional<Error> EvaluateCall::error() const {
-  const std::lock_guard lock(mutex_);
-  return error_;
-}
-
-CallStats EvaluateCall::stats() const {
-  const std::lock_guard lock(mutex_);
-  return stats_;
 }
 
 namespace {

@@ -8,26 +8,22 @@
 #include <functional>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
 
 #include "core/codec/block.h"
 #include "core/deformers/space_map.h"
 #include "core/quality/extreme.h"
-#include "server/engine/call.h"
 #include "server/engine/memory.h"
+#include "server/engine/queued_call.h"
 #include "server/engine/scheduler.h"
 #include "server/engine/system_cache.h"
 
 namespace deform::server {
 
 /// What evaluating at other points needs of the engine; all outlive it.
-struct EvaluateParts {
-  Scheduler* scheduler;
-  SystemCache* cache;
+struct EvaluateParts : QueueParts {
   MemoryBudget* memory;
-  CallRegistry* calls;
   std::function<void()> on_served;
 };
 
@@ -46,24 +42,17 @@ struct EvaluateTask {
 /// their answer has been taken; their memory is charged before the first one may come.
 ///
 /// A call that waits for its client, which neither sends a block nor takes one for `patience`, ends.
-class EvaluateCall : public Call {
+class EvaluateCall : public QueuedCall<v1::EvaluateReply> {
  public:
   static constexpr std::size_t most_points = 40'000;  ///< of a block, so that a raw one stays below 1 MiB
   static constexpr std::chrono::seconds patience{60};
 
   EvaluateCall(EvaluateParts parts, EvaluateTask task, CallContext context, std::function<void()> on_ready);
 
-  /// Enters queue and registry and asks for the system; throws when refused.
-  void begin();
-
   bool has_room() const;
   void add(v1::Block&& block);
   void finish();
-  DeformJob::Poll poll(v1::EvaluateReply& reply);
-  void fail(const Error& error) override;
   std::optional<Error> overdue(RunContext::Clock::time_point now) const override;
-  std::optional<Error> error() const;
-  CallStats stats() const;
 
  private:
   /// What the running steps share; lives until the last of them is over.
@@ -80,41 +69,30 @@ class EvaluateCall : public Call {
     SpaceMap::Told told;
     double solve_ms = 0, encode_ms = 0;
   };
-  class Notice;
 
   std::shared_ptr<EvaluateCall> self() { return std::static_pointer_cast<EvaluateCall>(shared_from_this()); }
   std::size_t window() const;
-  void on_system(SystemCache::Handle system, const std::optional<Error>& error);
-  void enqueue(SystemCache::Handle system);
-  void start(Scheduler::Slot slot);
-  template <typename Work>
-  bool attempt(const Work& work);
+  void start(const SystemCache::Handle& system) override;
   std::shared_ptr<Bound> bind(const SystemCache::Handle& system, int threads);
   void run_step(const std::shared_ptr<const Bound>& bound, std::size_t number, std::uint64_t first, v1::Block& message);
   StepResult make_step(const Bound& bound, std::size_t number, std::uint64_t first, v1::Block& message) const;
 
   // With mutex_ held:
+  void on_taken(const v1::EvaluateReply& reply) override;
+  void drop() override;
   void schedule();
   void release(std::size_t number, StepResult&& result);
   void note_turn();
   void push_info();
   void push_result_when_done();
-  void end();
 
   const EvaluateParts parts_;
   EvaluateTask task_;
-  const std::function<void()> on_ready_;
-  const RunContext::Clock::time_point accepted_ = RunContext::Clock::now();
 
   /// Since when it waits for the client; the end of time: it does not. Read by the registry, whose lock comes before ours.
   std::atomic<RunContext::Clock::time_point> waits_since_{RunContext::Clock::time_point::max()};
 
-  mutable std::mutex mutex_;
   // guarded by mutex_
-  Scheduler::Place place_;
-  Scheduler::Slot slot_;
-  SystemCache::Ticket ticket_;
-  SystemCache::Handle system_;
   std::shared_ptr<Bound> bound_;
   std::deque<std::pair<std::uint64_t, v1::Block>> waiting_;  // number of the first point, and the block
   std::size_t added_ = 0;                                    // blocks
@@ -124,13 +102,7 @@ class EvaluateCall : public Call {
   std::size_t in_flight_ = 0;
   std::uint64_t points_ = 0;
   std::map<std::size_t, StepResult> finished_;
-  std::deque<v1::EvaluateReply> replies_;
   bool no_more_ = false;  // blocks
-  bool reader_waits_ = false;
-  bool produced_ = false;  // the result is in replies_
-  bool ended_ = false;     // nothing more comes
-  std::optional<Error> error_;
-  CallStats stats_;
   double bind_ms_ = 0;
   codec::ChecksumFold checksum_;
   v1::EvaluateResult sums_;  // what is gathered over the blocks

@@ -73,7 +73,8 @@ class OutcomeCall : public Call {
   void enqueue(SystemCache::Handle system) {
     const std::lock_guard lock(mutex_);
     if (ended_) return;
-    parts_.scheduler->start(context().client, this, [call = self(), system = std::move(system)](Scheduler::Slot slot) {
+    const double cost = system ? system->design_work() : static_cast<double>(Scheduler::least_cost);
+    parts_.scheduler->start(context().client, this, cost, [call = self(), system = std::move(system)](Scheduler::Slot slot) {
       call->run(system, std::move(slot));
     });
   }

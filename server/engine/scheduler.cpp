@@ -69,9 +69,12 @@ Scheduler::Place Scheduler::enter() {
   return Place(this);
 }
 
-void Scheduler::start(const std::string& client, const void* owner, std::function<void(Slot)> work) {
+void Scheduler::start(const std::string& name, const void* owner, double cost, std::function<void(Slot)> work) {
   const std::lock_guard lock(mutex_);
-  starts_[client].push_back({owner, std::move(work)});
+  Client& client = clients_[name];
+  const double begin = std::max(virtual_time_, client.end);
+  client.end = begin + cost;
+  client.starts.push_back({owner, cost, begin, std::move(work)});
   work_available_.notify_one();
 }
 
@@ -99,9 +102,10 @@ void Scheduler::remove(const void* owner) {
   const std::lock_guard lock(mutex_);
   remove_from(steps_, owner, pieces);
   remove_from(preparations_, owner, pieces);
-  for (auto it = starts_.begin(); it != starts_.end();) {
-    remove_from(it->second, owner, starts);
-    it = it->second.empty() ? starts_.erase(it) : std::next(it);
+  for (auto& [name, client] : clients_) {
+    const std::size_t before = starts.size();
+    remove_from(client.starts, owner, starts);
+    for (std::size_t i = before; i < starts.size(); ++i) client.end -= starts[i].cost;
   }
 }
 
@@ -130,13 +134,21 @@ bool Scheduler::take_step(Work& work) {
 
 // Takes the slot too.
 bool Scheduler::take_start(std::function<void(Slot)>& work) {
-  if (starts_.empty() || load_.running >= options_.running_limit) return false;
-  auto next = starts_.upper_bound(last_client_);
-  if (next == starts_.end()) next = starts_.begin();
-  last_client_ = next->first;
-  work = std::move(next->second.front().work);
-  next->second.pop_front();
-  if (next->second.empty()) starts_.erase(next);
+  if (load_.running >= options_.running_limit) return false;
+  Client* next = nullptr;
+  const auto end_of = [](const Client& client) { return client.starts.front().begin + client.starts.front().cost; };
+  for (auto it = clients_.begin(); it != clients_.end();) {
+    if (it->second.starts.empty()) {
+      it = it->second.end <= virtual_time_ ? clients_.erase(it) : std::next(it);
+      continue;
+    }
+    if (next == nullptr || end_of(it->second) < end_of(*next)) next = &it->second;
+    ++it;
+  }
+  if (next == nullptr) return false;
+  virtual_time_ = std::max(virtual_time_, next->starts.front().begin);
+  work = std::move(next->starts.front().work);
+  next->starts.pop_front();
   ++load_.running;
   return true;
 }

@@ -16,8 +16,13 @@ namespace deform::server {
 
 /// Who computes when. Three kinds of work:
 ///
-///   start        the first piece of a request; waits in a bounded place, served round-robin over the clients; begins only while
-///                fewer than `running_limit` requests are running, so that requests are finished rather than all begun
+///   start        the first piece of a request; waits in a bounded place; begins only while fewer than `running_limit` requests
+///   are
+///                running, so that requests are finished rather than all begun. Clients that wait get equal shares of the work,
+///                not of the requests: next is whose request would be over first if all clients were served at once at equal
+///                speed (weighted fair queueing: Demers, Keshav and Shenker 1989, with the virtual time of Goyal, Vin and Cheng
+///                1996). A small request therefore does not wait for the large ones of others, and a large one waits no longer
+///                than its share takes
 ///   step         a further, short piece of a running request; first come, first served, so running requests share the workers
 ///   preparation  long; has threads of its own, so that it never keeps a step waiting
 ///
@@ -32,6 +37,7 @@ class Scheduler {
     std::size_t running_limit = 4;
   };
   using Work = std::function<void()>;
+  static constexpr std::size_t least_cost = 1000;
 
   /// A request that waits: counted against queue_limit until left or destroyed. Movable.
   class Place {
@@ -70,8 +76,9 @@ class Scheduler {
   /// Throws Error(out_of_budget) with a retry hint when queue_limit requests wait already.
   Place enter();
 
-  /// `owner` is what remove() names; any address that is unique while the work waits.
-  void start(const std::string& client, const void* owner, std::function<void(Slot)> work);
+  /// `owner` is what remove() names; any address that is unique while the work waits. `cost`: how many points
+  /// are computed, and `least_cost` for what a request or design takes beside them.
+  void start(const std::string& client, const void* owner, double cost, std::function<void(Slot)> work);
   void step(const void* owner, Work work);
   void prepare(const void* owner, Work work);
 
@@ -95,7 +102,13 @@ class Scheduler {
  private:
   struct Start {
     const void* owner;
+    double cost;
+    double begin;  ///< virtual time at which it would begin; it would end at begin + cost
     std::function<void(Slot)> work;
+  };
+  struct Client {
+    std::deque<Start> starts;
+    double end = 0;  ///< virtual time at which the last of its requests would be over
   };
   struct Piece {
     const void* owner;
@@ -113,8 +126,8 @@ class Scheduler {
   // guarded by mutex_
   std::condition_variable work_available_;
   std::condition_variable preparation_available_;
-  std::map<std::string, std::deque<Start>> starts_;  // per client, none empty
-  std::string last_client_;                          // whose start was taken last
+  std::map<std::string, Client> clients_;  // those with requests that wait, and those who had more than their share
+  double virtual_time_ = 0;                // the latest `begin` of what was taken
   std::deque<Piece> steps_;
   std::deque<Piece> preparations_;
   Load load_;

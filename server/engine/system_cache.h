@@ -20,6 +20,7 @@
 #include "deform/v1/deformation.pb.h"
 #include "server/engine/design_checks.h"
 #include "server/engine/memory.h"
+#include "server/engine/scheduler.h"
 
 namespace deform::server {
 
@@ -37,6 +38,9 @@ struct ResidentSystem {
   Charge charge;        ///< of the system's bytes; the mesh has its own
   CellCheckCache cell_check;
   FaceCheckCache face_check;
+
+  /// The cost of one design for Scheduler::start(), in points.
+  double design_work() const { return static_cast<double>(Scheduler::least_cost + mesh->point_count()); }
 };
 
 /// Prepared systems by id, bounded by bytes.

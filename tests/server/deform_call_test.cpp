@@ -58,7 +58,7 @@ class DeformCallTest : public testing::Test {
     int calls = 0;
   };
   std::shared_ptr<DeformJob> begin(DeformTask task, const CallContext& context = {}, std::shared_ptr<Wake> wake = nullptr) {
-    DeformParts parts{scheduler.get(), cache.get(), &memory, &calls, block_points, [this](std::size_t n) { served += n; }};
+    DeformParts parts{{scheduler.get(), cache.get(), &calls}, &memory, block_points, [this](std::size_t n) { served += n; }};
     const auto call = std::make_shared<DeformCall>(parts, std::move(task), context, [wake] {
       if (!wake) return;
       const std::lock_guard lock(wake->mutex);

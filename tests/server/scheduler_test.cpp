@@ -47,12 +47,12 @@ TEST(Scheduler, clients_take_turns) {
   std::mutex mutex;
   std::vector<std::string> order;
   int owner = 0;
-  scheduler.start("z", &owner, [&](Scheduler::Slot) { gate.pass(); });
+  scheduler.start("z", &owner, 1, [&](Scheduler::Slot) { gate.pass(); });
   ASSERT_TRUE(eventually([&] { return gate.waiting() == 1; }));
   for (int i = 0; i < 6; ++i) {
     for (const std::string client : {"greedy", "greedy", "greedy", "modest"}) {
       if (client == "modest" && i > 2) continue;
-      scheduler.start(client, &owner, [&, client](Scheduler::Slot) {
+      scheduler.start(client, &owner, 1, [&, client](Scheduler::Slot) {
         const std::lock_guard lock(mutex);
         order.push_back(client);
       });
@@ -67,13 +67,83 @@ TEST(Scheduler, clients_take_turns) {
   EXPECT_EQ(std::count(order.begin(), order.begin() + 6, "modest"), 3);
 }
 
+/// What a lone worker takes in which order, of what is queued by `fill` while it is busy.
+std::vector<std::string> order_of(
+    const std::function<void(Scheduler&, const std::function<void(const std::string& client, double cost)>& add)>& fill,
+    std::size_t count) {
+  Scheduler scheduler(options(1, 256, 1));
+  Gate gate;
+  std::mutex mutex;
+  std::vector<std::string> order;
+  int owner = 0;
+  scheduler.start("z", &owner, 1, [&](Scheduler::Slot) { gate.pass(); });
+  EXPECT_TRUE(eventually([&] { return gate.waiting() == 1; }));
+  fill(scheduler, [&](const std::string& client, double cost) {
+    scheduler.start(client, &order, cost, [&, client](Scheduler::Slot) {
+      const std::lock_guard lock(mutex);
+      order.push_back(client);
+    });
+  });
+  gate.open();
+  EXPECT_TRUE(eventually([&] {
+    const std::lock_guard lock(mutex);
+    return order.size() == count;
+  }));
+  scheduler.stop();
+  return order;
+}
+
+TEST(Scheduler, small_requests_do_not_wait_for_the_large_ones_of_others) {
+  const auto order = order_of(
+      [](Scheduler&, const auto& add) {
+        for (int i = 0; i < 50; ++i) add("greedy" + std::to_string(i), 10'000);
+        for (int i = 0; i < 3; ++i) add("modest", 1);
+      },
+      53);
+  EXPECT_EQ(std::count(order.begin(), order.begin() + 3, "modest"), 3);
+}
+
+TEST(Scheduler, large_requests_wait_until_others_have_had_as_much) {
+  const auto order = order_of(
+      [](Scheduler&, const auto& add) {
+        add("large", 100.5);
+        for (int i = 0; i < 200; ++i) add("small", 1);
+      },
+      201);
+  EXPECT_EQ(std::find(order.begin(), order.end(), "large") - order.begin(), 100);
+}
+
+TEST(Scheduler, whoever_had_more_than_his_share_waits_when_he_comes_again) {
+  const auto order = order_of(
+      [](Scheduler&, const auto& add) {
+        add("greedy", 100);
+        add("greedy", 1);
+        for (int i = 0; i < 90; ++i) add("modest", 1);
+      },
+      92);
+  EXPECT_EQ(std::count(order.begin(), order.begin() + 90, "modest"), 90);
+}
+
+TEST(Scheduler, what_is_removed_costs_nothing) {
+  int gone = 0;
+  const auto order = order_of(
+      [&](Scheduler& scheduler, const auto& add) {
+        scheduler.start("a", &gone, 1'000'000, [](Scheduler::Slot) { ADD_FAILURE() << "it was removed"; });
+        scheduler.remove(&gone);
+        add("b", 10);
+        add("a", 1);
+      },
+      2);
+  EXPECT_EQ(order.front(), "a");
+}
+
 TEST(Scheduler, no_more_requests_run_than_there_are_slots) {
   Scheduler scheduler(options(4, 256, 2));
   std::mutex mutex;
   std::vector<Scheduler::Slot> held;
   int owner = 0;
   for (int i = 0; i < 5; ++i) {
-    scheduler.start("a", &owner, [&](Scheduler::Slot slot) {
+    scheduler.start("a", &owner, 1, [&](Scheduler::Slot slot) {
       const std::lock_guard lock(mutex);
       held.push_back(std::move(slot));
     });
@@ -104,7 +174,7 @@ TEST(Scheduler, steps_go_on_while_starts_wait_for_slots) {
   std::atomic<bool> started{false};
   std::atomic<bool> stepped{false};
   Scheduler::Slot taken = scheduler.resume();
-  scheduler.start("a", &owner, [&](Scheduler::Slot) { started = true; });
+  scheduler.start("a", &owner, 1, [&](Scheduler::Slot) { started = true; });
   scheduler.step(&owner, [&] { stepped = true; });
   ASSERT_TRUE(eventually([&] { return stepped.load(); }));
   EXPECT_FALSE(started);
@@ -135,9 +205,9 @@ TEST(Scheduler, removed_work_never_runs) {
   std::atomic<int> wrong{0}, right{0};
   for (int i = 0; i < 10; ++i) {
     scheduler.step(&gone, [&] { ++wrong; });
-    scheduler.start("a", &gone, [&](Scheduler::Slot) { ++wrong; });
+    scheduler.start("a", &gone, 1, [&](Scheduler::Slot) { ++wrong; });
     scheduler.step(&kept, [&] { ++right; });
-    scheduler.start("a", &kept, [&](Scheduler::Slot) { ++right; });
+    scheduler.start("a", &kept, 1, [&](Scheduler::Slot) { ++right; });
   }
   scheduler.remove(&gone);
   gate.open();
@@ -163,7 +233,7 @@ TEST(Scheduler, many_threads_at_once) {
     clients.emplace_back([&, c] {
       for (int i = 0; i < 200; ++i) {
         auto place = std::make_shared<Scheduler::Place>(scheduler.enter());
-        scheduler.start(std::to_string(c), place.get(), [&, place](Scheduler::Slot slot) {
+        scheduler.start(std::to_string(c), place.get(), 1, [&, place](Scheduler::Slot slot) {
           place->leave();
           auto shared = std::make_shared<Scheduler::Slot>(std::move(slot));
           scheduler.step(place.get(), [&, shared] {
