@@ -113,10 +113,19 @@ void check_layers(const ConstraintKind& kind, const Mesh& mesh, const std::strin
 
 std::string indexed(const char* list, std::size_t index) { return std::string(list) + "[" + std::to_string(index) + "]"; }
 
+void claim(std::size_t bytes, const std::string& what, const RunContext& context) {
+  try {
+    context.claim(bytes);
+  } catch (const Error& error) {
+    throw Error(error.code(), what + ": " + error.what(), error.retry_after_ms());
+  }
+}
+
 /// select(), and it must not be empty.
 std::vector<PointId> selected_points(const Region& region, const Mesh& mesh, const std::string& what, const RunContext& context) {
   std::vector<PointId> ids = select(region, mesh, what, context);
   if (ids.empty()) refuse_argument(what + ": " + no_point_text(mesh));
+  claim(ids.size() * sizeof(PointId), what, context);
   return ids;
 }
 
@@ -164,6 +173,9 @@ class HeldRegions {
   ControlSet controls_;
 };
 
+/// Of a point in a set of constraints, which estimates build: its id, its rest position and its part of a projection.
+constexpr std::size_t set_bytes_per_point = sizeof(PointId) + sizeof(Vec3) + 64;
+
 /// All but its regions.
 void check_constraint(const Constraint& constraint, const Mesh& mesh, const std::string& field) {
   check_option_range(constraint.weight, 0, most_constraint_weight, field + ".weight");
@@ -192,7 +204,10 @@ void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions&
     for (std::size_t r = 0; r < constraint.regions.size(); ++r) {
       const std::string what = field + indexed(".regions", r);
       if (problems.concern(what)) continue;
-      problems.check(what, [&] { ids[r] = selected_points(constraint.regions[r], mesh, what, context); });
+      problems.check(what, [&] {
+        ids[r] = selected_points(constraint.regions[r], mesh, what, context);
+        claim(ids[r].size() * set_bytes_per_point, what, context);
+      });
     }
   }
 }

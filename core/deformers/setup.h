@@ -280,7 +280,8 @@ struct SelectedRegions {
 /// the first id), unknown handle of a variable (with the nearest names) or one that it moves twice, lower > upper or 0 outside of
 /// them, zero axis or direction, non-finite numbers, options out of range, constraints without a name, with a wrong number of
 /// regions, or with a weight or layers out of range, layers in a mesh without cells, and the errors of Symmetry. Between two
-/// parts of a region the context may stop it.
+/// parts of a region the context may stop it. What the regions select is claimed from the context, with what estimate() needs for
+/// the points of constraints.
 SelectedRegions validate(const Setup& setup, const Mesh& mesh, const RunContext& context = {});
 
 /// The same, adding errors to `problems`. In collecting mode, checking continues with the next entry, and regions that cannot be

@@ -66,7 +66,10 @@ std::vector<Points> System::evaluate(std::span<const Design> designs, Evaluation
 }
 
 Estimate estimate(const Mesh& mesh, const Setup& setup, const RunContext& context) {
-  const SelectedRegions regions = validate(setup, mesh, context);
+  return estimate(mesh, setup, validate(setup, mesh, context));
+}
+
+Estimate estimate(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   if (is_mirrored(setup)) return estimate_mirrored(mesh, setup, regions);
   Estimate expected = with_method(
       setup, [&]<Method M>(const typename M::Options& options) { return M::estimate(options, mesh, setup, regions); });
@@ -78,7 +81,7 @@ void find_problems(const Mesh& mesh, const Setup& setup, Problems& problems, con
   const SelectedRegions regions = validate(setup, mesh, problems, context);
   const Box box = bounding_box(mesh.points);
   check_constraint_sets(mesh, setup, regions, {box.min, std::max(box.diagonal(), std::numeric_limits<double>::min())}, problems);
-  if (problems.empty()) problems.check("", [&] { estimate(mesh, setup, context); });
+  if (problems.empty()) problems.check("", [&] { estimate(mesh, setup, regions); });
 }
 
 std::shared_ptr<const System> prepare(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context,

@@ -227,6 +227,9 @@ struct Estimate {
 /// Estimates the cost of a system by its method. Throws the errors of validate().
 Estimate estimate(const Mesh& mesh, const Setup& setup, const RunContext& context = {});
 
+/// The same with the regions that validate() has selected for this mesh and setup.
+Estimate estimate(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
+
 /// Finds all problems of a setup that can be found without numerical work: those of validate(), constraints that do not fit their
 /// points, and if there are none of these, the errors of estimate(). Entries that `problems` contains already are skipped.
 void find_problems(const Mesh& mesh, const Setup& setup, Problems& problems, const RunContext& context = {});

@@ -377,6 +377,7 @@ class ControlSelector : public Combiner {
 
 std::vector<PointId> ids_of(const Mask& mask) {
   std::vector<PointId> ids;
+  ids.reserve(static_cast<std::size_t>(std::count_if(mask.begin(), mask.end(), [](auto selected) { return selected != 0; })));
   for (std::size_t i = 0; i < mask.size(); ++i) {
     if (mask[i]) ids.push_back(static_cast<PointId>(i));
   }

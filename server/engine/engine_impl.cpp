@@ -6,6 +6,7 @@
 #include <thread>
 #include <utility>
 
+#include "core/base/number_text.h"
 #include "core/base/version.h"
 #include "core/deformers/methods.h"
 #include "proto/convert/base/block.h"
@@ -98,6 +99,7 @@ std::unique_ptr<Engine> Engine::open(const EngineOptions& options) { return std:
 EngineImpl::EngineImpl(const EngineOptions& options)
     : options_(effective(options)),
       memory_(options_.memory_budget),
+      selections_(options_.memory_budget / 4),
       store_(options_.data_dir, store_options(options_)),
       meshes_(options_.memory_budget / 8, [this](const std::string& id) { return load_mesh(id); }),
       scheduler_(scheduler_options(options_)),
@@ -181,19 +183,35 @@ Problems EngineImpl::problems_of(const v1::Setup& message, const RunContext& con
   return problems;
 }
 
+RunContext EngineImpl::charged(RunContext context, SelectionCharge& charge) {
+  context.on_claim = [this, &charge](std::size_t bytes) {
+    const char* advice = "use fewer or smaller regions of constraints, or raise the server's memory budget";
+    if (charge.share.bytes() + bytes > selections_.total()) {
+      throw Error(ErrorCode::out_of_budget, "what the regions of the setup select takes more than " +
+                                                mebibytes(selections_.total()) + ", a quarter of the memory budget; " + advice);
+    }
+    const ChargePurpose purpose{"selecting the points of the setup", advice, 0};
+    selections_.grow(charge.share, bytes, purpose);
+    memory_.grow(charge.memory, bytes, purpose);
+  };
+  return context;
+}
+
 v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const CallContext& call) {
   RunContext context;
   context.stop = call.stop;
   context.deadline = call.deadline;
   if (request.list_problems()) {
-    const Problems problems = problems_of(request.setup(), context);
+    SelectionCharge charge;
+    const Problems problems = problems_of(request.setup(), charged(context, charge));
     if (!problems.empty()) return convert::problems_reply(problems);
   }
   const Recipe recipe = this->recipe(request.setup());
   const auto mesh = meshes_.get(recipe.canonical.geometry());
   const Setup setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
-  const SelectedRegions regions = validate(setup, *mesh, context);
-  v1::EstimateReply reply = convert::estimate_reply(deform::estimate(*mesh, setup, context));
+  SelectionCharge charge;
+  const SelectedRegions regions = validate(setup, *mesh, charged(context, charge));
+  v1::EstimateReply reply = convert::estimate_reply(deform::estimate(*mesh, setup, regions));
   if (request.list_centres()) convert::list_centres(known_centres(*mesh, setup), reply);
   reply.set_budget_bytes(memory_.total());
   reply.set_fits(reply.peak_bytes() + mesh_bytes(*mesh) <= memory_.total());
@@ -210,8 +228,9 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, St
   resident->mesh = meshes_.get(recipe.canonical.geometry());
   resident->setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
   context.progress("select", 0);
-  const SelectedRegions regions = validate(resident->setup, *resident->mesh);
-  const Estimate estimate = deform::estimate(*resident->mesh, resident->setup, context);
+  SelectionCharge charge;
+  const SelectedRegions regions = validate(resident->setup, *resident->mesh, charged(context, charge));
+  const Estimate estimate = deform::estimate(*resident->mesh, resident->setup, regions);
   context.check();
   resident->charge = memory_.charge(estimate.peak_bytes,
                                     {"preparing system " + recipe.id.substr(0, 16), less_memory, mesh_bytes(*resident->mesh)});
@@ -397,7 +416,7 @@ std::shared_ptr<EvaluateJob> EngineImpl::evaluate(v1::EvaluateHeader header, con
   task.bind = [request](const ResidentSystem& system, const RunContext& context) {
     return system.system->bind_in_space(convert::design_from_proto(*request, 0, system.info), context);
   };
-  const EvaluateParts parts{&scheduler_, cache_.get(), &memory_, &calls_, [this] { ++designs_served_; }};
+  const EvaluateParts parts{{&scheduler_, cache_.get(), &calls_}, &memory_, [this] { ++designs_served_; }};
   const auto evaluate_call = std::make_shared<EvaluateCall>(parts, std::move(task), call, std::move(on_ready));
   evaluate_call->begin();
   return make_evaluate_job(evaluate_call);

@@ -64,6 +64,12 @@ class EngineImpl : public Engine {
 
   Recipe recipe(const v1::Setup& setup);
   Problems problems_of(const v1::Setup& message, const RunContext& context);
+  /// What the regions of a setup select is charged twice: to the memory, and to the part of it that all selections share.
+  struct SelectionCharge {
+    Charge share, memory;
+  };
+  /// The context, with which selecting is charged.
+  RunContext charged(RunContext context, SelectionCharge& charge);
   std::shared_ptr<ResidentSystem> make_system(const Recipe& recipe, Storing storing, const RunContext& context);
   SystemCache::Prepare prepare_again(const std::string& id);
   std::string resolve_system(const std::string& id);
@@ -75,6 +81,7 @@ class EngineImpl : public Engine {
   const EngineOptions options_;  // without zeros: defaults are filled in
   const RunContext::Clock::time_point opened_ = RunContext::Clock::now();
   MemoryBudget memory_;
+  MemoryBudget selections_;
   GeometryStore store_;
   MeshCache meshes_;
   Scheduler scheduler_;

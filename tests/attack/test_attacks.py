@@ -70,8 +70,9 @@ class Messages(Attack):
             for i in range(56):
                 yield b"\x08\x01\x12" + varint(len(request)) + request + b"\x18\x01"
 
-        raw = RawService(self.channel())
-        self.refused(lambda: raw.stream("DeformStream", requests()))
+        replies = [deformation_pb2.DeformReply.FromString(reply)
+                   for reply in RawService(self.channel()).stream("DeformStream", requests())]
+        self.assertEqual([reply.WhichOneof("part") for reply in replies], ["error"])
 
     def test_empty_designs_of_many_requests(self):
         """Below the limit of designs, but many requests that wait."""
@@ -124,6 +125,7 @@ class Selections(Attack):
         """134 KB of constraints on everything: each selects 200,000 points."""
         large = self.register_large()
         setup = setup_pb2.Setup(geometry=large.id)
+        setup.method.shell.SetInParent()
         handle = setup.handles.add(name="h")
         handle.region.box.min.extend([-1, -1, -1])
         handle.region.box.max.extend([3, 1e3, 1])
@@ -132,9 +134,14 @@ class Selections(Attack):
             constraint.planar.SetInParent()
             region = constraint.regions.add()
             region.complement.ids.append(i)
-        codes = in_threads(8, lambda _: self.refused(
-            lambda: self.stub().Estimate(deformation_pb2.EstimateRequest(setup=setup), timeout=60)))
-        self.assertNotIn(None, codes)
+
+        def attack(i):
+            if i % 2 == 0:
+                return self.refused(lambda: self.stub().Estimate(deformation_pb2.EstimateRequest(setup=setup), timeout=20))
+            return self.refused(lambda: list(self.stub().Prepare(deformation_pb2.PrepareRequest(setup=setup), timeout=20)))
+
+        for codes in (in_threads(8, attack) for _ in range(3)):
+            self.assertEqual(set(codes), {grpc.StatusCode.RESOURCE_EXHAUSTED})
 
     def test_estimates_do_not_keep_questions_waiting(self):
         """16 estimates of 468 KB of regions at once; their clients leave after 5 s."""
@@ -145,8 +152,9 @@ class Selections(Attack):
             part = handle.region.union.add()
             part.sphere.centre.extend([i % 500, i % 400, 0.0])
             part.sphere.radius = 3
-        in_threads(16, lambda _: self.refused(
+        codes = in_threads(16, lambda _: self.refused(
             lambda: self.stub().Estimate(deformation_pb2.EstimateRequest(setup=setup), timeout=5)))
+        self.assertIn(grpc.StatusCode.DEADLINE_EXCEEDED, codes, "it was to be too much work")
 
     def test_preparations_do_not_keep_designs_waiting(self):
         """300 preparations, all different."""
@@ -160,7 +168,7 @@ class Selections(Attack):
                 handle.region.box.max.extend([column + 2, 1e3, 1])
             return self.refused(lambda: list(self.stub().Prepare(deformation_pb2.PrepareRequest(setup=setup), timeout=10)))
 
-        in_threads(100, attack)
+        self.assertIn(None, in_threads(100, attack), "some are prepared")
 
 
 class Held(Attack):

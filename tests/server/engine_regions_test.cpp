@@ -55,6 +55,47 @@ TEST_F(EngineRegions, ANoteSaysWhyCentresAreNotListed) {
   }
 }
 
+TEST_F(EngineRegions, WhatConstraintsSelectIsLimited) {
+  options.memory_budget = std::size_t{64} << 20;
+  reopen();
+  const auto info = register_mesh(sheet_mesh(100, 50));
+  v1::Setup setup = sheet_setup(info.id());
+  setup.mutable_method()->mutable_shell();
+  for (int i = 0; i < 60; ++i) {
+    auto* constraint = setup.add_constraints();
+    constraint->set_name("plane" + std::to_string(i));
+    constraint->mutable_planar();
+    constraint->add_regions()->set_all(true);
+  }
+  estimate(sheet_setup(info.id()), false);  // reads the mesh
+  const std::uint64_t before = engine->info().memory_in_use();
+  for (const bool list_problems : {false, true}) {
+    v1::EstimateRequest request;
+    *request.mutable_setup() = setup;
+    request.set_list_problems(list_problems);
+    test::expect_error(ErrorCode::out_of_budget, {"constraints[", "takes more than 16.0 MiB, a quarter", "smaller regions"},
+                       [&] { engine->estimate(request, {}); });
+  }
+  test::expect_error(ErrorCode::out_of_budget, {"constraints[", "takes more than 16.0 MiB"}, [&] { prepare(setup); });
+  EXPECT_EQ(engine->info().memory_in_use(), before);
+  while (setup.constraints_size() > 20) setup.mutable_constraints()->RemoveLast();
+  EXPECT_GT(estimate(setup, false).peak_bytes(), 0u);
+  EXPECT_EQ(engine->info().memory_in_use(), before);
+}
+
+TEST_F(EngineRegions, EstimatesEndWithTheirCalls) {
+  v1::EstimateRequest request;
+  *request.mutable_setup() = sheet_setup(register_mesh(sheet_mesh(30, 10)).id());
+  std::stop_source stop;
+  stop.request_stop();
+  CallContext cancelled;
+  cancelled.stop = stop.get_token();
+  test::expect_error(ErrorCode::cancelled, {}, [&] { engine->estimate(request, cancelled); });
+  CallContext late;
+  late.deadline = RunContext::Clock::now() - std::chrono::seconds(1);
+  test::expect_error(ErrorCode::deadline_exceeded, {}, [&] { engine->estimate(request, late); });
+}
+
 TEST(ListCentres, EndsAtOneMebibyte) {
   std::vector<PointId> ids(std::size_t{1} << 20);
   for (std::size_t i = 0; i < ids.size(); ++i) ids[i] = static_cast<PointId>(i);

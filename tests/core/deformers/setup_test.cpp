@@ -7,6 +7,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <utility>
 
 #include "tests/core/deformers/block_meshes.h"
 #include "tests/core/deformers/shapes.h"
@@ -222,6 +223,33 @@ TEST(Setup, DerivativesOfMotionsAgreeWithDifferences) {
     for (std::size_t i = 0; i < exact.size(); ++i) {
       for (std::size_t j = 0; j < 12; ++j) EXPECT_NEAR(exact[i][j], (above[i][j] - below[i][j]) / (2 * h), 1e-9) << k;
     }
+  }
+}
+
+TEST(Setup, WhatRegionsSelectIsClaimedAndMayBeRefused) {
+  const Mesh mesh = test::bumpy_sheet(21, 11);
+  deform::Setup setup = test::sheet_setup();
+  setup.method = MlsOptions{};
+  std::size_t claimed = 0;
+  RunContext context;
+  context.on_claim = [&](std::size_t bytes) { claimed += bytes; };
+  SelectedRegions regions = validate(setup, mesh, context);
+  std::size_t held = regions.fixed.size();
+  for (const auto& ids : regions.handles) held += ids.size();
+  EXPECT_EQ(claimed, held * sizeof(PointId));
+  setup.constraints.push_back({"flat", {Region{Region::All{}}}, Planar{}});
+  const std::size_t before = std::exchange(claimed, 0);
+  validate(setup, mesh, context);
+  EXPECT_GE(claimed - before, mesh.point_count() * (sizeof(PointId) + sizeof(Vec3)));
+  context.on_claim = [](std::size_t bytes) {
+    if (bytes >= 231 * sizeof(PointId)) throw Error(ErrorCode::out_of_budget, "too much", 7);
+  };
+  try {
+    validate(setup, mesh, context);
+    ADD_FAILURE() << "no error";
+  } catch (const Error& error) {
+    EXPECT_STREQ(error.what(), "constraints[0].regions[0]: too much");
+    EXPECT_EQ(error.retry_after_ms(), 7u);
   }
 }
 
