@@ -176,44 +176,37 @@ class Held(Attack):
 
     options = ["--max-deadline", "20"]
 
-    def hung(self, count, call):
-        """Begins as many calls; the action gets a channel and returns the call."""
-        return [call(self.channel()) for _ in range(count)]
+    def hold(self, count, method, messages):
+        """Begins as many calls that send these messages and no end; after 3 s the end comes. How many were under way then, and the
+        codes of all."""
+        release = threading.Event()
+        self.addCleanup(release.set)
+
+        def requests():
+            yield from messages
+            release.wait(30)
+
+        stubs = [self.stub() for _ in range(10)]
+        calls = [getattr(stubs[i % 10], method).future(requests(), timeout=30) for i in range(count)]
+        time.sleep(3)
+        waiting = sum(not call.done() for call in calls)
+        release.set()
+        return waiting, [call.exception(timeout=40).code() for call in calls]
 
     def test_cotangents_that_never_end(self):
-        release = threading.Event()
-        self.addCleanup(release.set)
         points = 24 * 18
-
-        def requests():
-            yield deformation_pb2.VectorJacobianRequest(header=dict(system_id=self.system.id, variables=[0, 0, 0]))
-            yield deformation_pb2.VectorJacobianRequest(cotangent=bytes(points * 24 - 8))
-            release.wait(30)
-
-        channels = [self.channel() for _ in range(10)]
-        calls = [service_pb2_grpc.DeformServiceStub(channels[i % 10]).VectorJacobian.future(requests(), timeout=30)
-                 for i in range(500)]
-        time.sleep(3)
-        release.set()
-        for call in calls:
-            call.exception(timeout=40)
+        waiting, codes = self.hold(500, "VectorJacobian", [
+            deformation_pb2.VectorJacobianRequest(header=dict(system_id=self.system.id, variables=[0, 0, 0])),
+            deformation_pb2.VectorJacobianRequest(cotangent=bytes(points * 24 - 8))])
+        self.assertEqual((waiting, set(codes)), (500, {grpc.StatusCode.INVALID_ARGUMENT}))
 
     def test_uploads_that_never_end(self):
-        release = threading.Event()
-        self.addCleanup(release.set)
-
-        def requests():
-            yield geometry_pb2.RegisterGeometryRequest(header=dict(point_count=40_000_000, face_count=1, corner_count=3, name="x"))
-            yield geometry_pb2.RegisterGeometryRequest(points=dict(xyz=bytes(40_000 * 24)))
-            release.wait(30)
-
-        channels = [self.channel() for _ in range(10)]
-        calls = [service_pb2_grpc.DeformServiceStub(channels[i % 10]).RegisterGeometry.future(requests(), timeout=30)
-                 for i in range(300)]
-        time.sleep(3)
-        release.set()
-        for call in calls:
-            call.exception(timeout=40)
+        waiting, codes = self.hold(300, "RegisterGeometry", [
+            geometry_pb2.RegisterGeometryRequest(header=dict(point_count=1_000_000, face_count=1, corner_count=3, name="x")),
+            geometry_pb2.RegisterGeometryRequest(points=dict(xyz=bytes(40_000 * 24)))])
+        self.assertGreater(waiting, 0)
+        self.assertIn(grpc.StatusCode.INVALID_ARGUMENT, codes, "their points are missing")
+        self.assertNotIn(None, codes)
 
     def test_designs_that_nobody_reads(self):
         """Populations whose replies wait; the reader takes the first and no more."""
@@ -270,32 +263,37 @@ class Frames(Attack):
 
         return in_threads(connections, attack)
 
-    def test_streams_opened_and_reset(self):
-        """90,000 calls that are cancelled in the same breath."""
-        headers = http2.call_headers("GetServerInfo")
+    @staticmethod
+    def resets(connection, method, count):
+        """Calls that are cancelled in the same breath."""
+        headers, out = http2.call_headers(method), []
+        for _ in range(count):
+            stream = connection.next_stream()
+            out.append(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, headers))
+            out.append(http2.frame(http2.RST_STREAM, 0, stream, struct.pack(">I", 8)))
+        return b"".join(out)
+
+    def flood_call(self, method, flags, frames):
+        """Each connection begins one call, then sends what frames(connection) gives."""
 
         def make(connection):
-            out = []
-            for _ in range(500):
-                stream = connection.next_stream()
-                out.append(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, headers))
-                out.append(http2.frame(http2.RST_STREAM, 0, stream, struct.pack(">I", 8)))
-            return b"".join(out)
+            if connection.stream < 0:
+                return http2.frame(http2.HEADERS, flags, connection.next_stream(), http2.call_headers(method))
+            return frames(connection)
 
-        self.flood(make, connections=3, seconds=8 if LONG else 4, most=30_000 * 150)
+        self.flood(make)
+
+    def test_streams_opened_and_reset(self):
+        """90,000 calls that are cancelled in the same breath."""
+        self.flood(lambda connection: self.resets(connection, "GetServerInfo", 500), connections=3, seconds=8 if LONG else 4,
+                   most=30_000 * 150)
 
     def test_a_connection_that_resets_all_its_calls_is_closed(self):
         """Slowly enough to cost little: 100 calls every 20 ms."""
-        headers = http2.call_headers("GetServerInfo")
         connection = http2.Connection(self.server.port)
         self.connections.append(connection)
         for _ in range(500):
-            out = []
-            for _ in range(100):
-                stream = connection.next_stream()
-                out.append(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, headers))
-                out.append(http2.frame(http2.RST_STREAM, 0, stream, struct.pack(">I", 8)))
-            if not connection.send(b"".join(out)) or connection.drop_replies():
+            if not connection.send(self.resets(connection, "GetServerInfo", 100)) or connection.drop_replies():
                 break
             time.sleep(0.02)
         else:
@@ -303,17 +301,7 @@ class Frames(Attack):
         self.assertIn("it begins calls and resets them", self.server.log_text())
 
     def test_calls_of_no_method_opened_and_reset(self):
-        headers = http2.call_headers("NoSuchMethod")
-
-        def make(connection):
-            out = []
-            for _ in range(500):
-                stream = connection.next_stream()
-                out.append(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, headers))
-                out.append(http2.frame(http2.RST_STREAM, 0, stream, struct.pack(">I", 8)))
-            return b"".join(out)
-
-        self.flood(make, connections=3, seconds=4, most=30_000 * 150)
+        self.flood(lambda connection: self.resets(connection, "NoSuchMethod", 500), connections=3, seconds=4, most=30_000 * 150)
 
     def test_pings(self):
         self.flood(lambda _: http2.frame(http2.PING, 0, 0, bytes(8)) * 1000)
@@ -322,26 +310,11 @@ class Frames(Attack):
         self.flood(lambda _: http2.frame(http2.SETTINGS, 0, 0, struct.pack(">HI", 4, 65535)) * 1000)
 
     def test_headers_that_never_end(self):
-        first = []
-
-        def make(connection):
-            if connection not in first:
-                first.append(connection)
-                return http2.frame(http2.HEADERS, 0, connection.next_stream(), http2.call_headers("GetServerInfo"))
-            return http2.frame(http2.CONTINUATION, 0, connection.stream, http2.literal("x-more", "y" * 8000)) * 8
-
-        self.flood(make)
+        self.flood_call("GetServerInfo", 0, lambda connection: http2.frame(http2.CONTINUATION, 0, connection.stream,
+                                                                           http2.literal("x-more", "y" * 8000)) * 8)
 
     def test_headers_that_never_end_and_say_nothing(self):
-        first = []
-
-        def make(connection):
-            if connection not in first:
-                first.append(connection)
-                return http2.frame(http2.HEADERS, 0, connection.next_stream(), http2.call_headers("GetServerInfo"))
-            return http2.frame(http2.CONTINUATION, 0, connection.stream) * 1000
-
-        self.flood(make)
+        self.flood_call("GetServerInfo", 0, lambda connection: http2.frame(http2.CONTINUATION, 0, connection.stream) * 1000)
 
     def test_one_header_a_thousand_times(self):
         """A header of 4 KB is remembered and then named by one byte each time."""
@@ -353,15 +326,8 @@ class Frames(Attack):
         self.flood(make)
 
     def test_empty_data(self):
-        first = []
-
-        def make(connection):
-            if connection not in first:
-                first.append(connection)
-                return http2.frame(http2.HEADERS, http2.END_HEADERS, connection.next_stream(), http2.call_headers("RegisterGeometry"))
-            return http2.frame(http2.DATA, 0, connection.stream) * 1000
-
-        self.flood(make)
+        self.flood_call("RegisterGeometry", http2.END_HEADERS,
+                        lambda connection: http2.frame(http2.DATA, 0, connection.stream) * 1000)
 
     def test_priorities_and_windows(self):
         self.flood(lambda _: (http2.frame(http2.PRIORITY, 0, 1, struct.pack(">IB", 3, 1)) +
