@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/base/vectors.h"
+#include "core/mesh/face_triangles.h"
 
 namespace deform {
 
@@ -40,12 +41,7 @@ double crossing(const std::array<Vec3, 3>& triangle, const Vec3& a, const Vec3& 
 }  // namespace
 
 SegmentCrossings::SegmentCrossings(const Mesh& mesh, std::span<const Vec3> points) {
-  std::size_t at = 0;
-  for (const std::uint32_t size : mesh.face_sizes) {
-    const PointId* const corners = mesh.face_points.data() + at;
-    for (std::size_t i = 2; i < size; ++i) triangles_.push_back({points[corners[0]], points[corners[i - 1]], points[corners[i]]});
-    at += size;
-  }
+  for_each_triangle(mesh, points, [&](const Vec3& a, const Vec3& b, const Vec3& c) { triangles_.push_back({a, b, c}); });
   if (!triangles_.empty()) build(0, static_cast<std::uint32_t>(triangles_.size()));
 }
 

@@ -11,6 +11,7 @@
 #include "core/deformers/system.h"
 #include "core/io/mesh_file.h"
 #include "core/mesh/ahmed.h"
+#include "tests/support/end_handles.h"
 
 namespace deform::bench {
 
@@ -41,18 +42,9 @@ Affine turned(double degrees, double shear, const Vec3& through, double D) {
 
 /// A handle at each end of the longest axis.
 Setup with_ends(const Mesh& mesh, const MlsOptions& options) {
-  const Box box = bounding_box(mesh.points);
-  std::size_t axis = 0;
-  for (std::size_t k = 1; k < 3; ++k) {
-    if (box.side(k) > box.side(axis)) axis = k;
-  }
-  const double far = 1e9;
-  Region::InBox first{{-far, -far, -far}, {far, far, far}}, last = first;
-  first.max[axis] = box.min[axis] + 0.15 * box.side(axis);
-  last.min[axis] = box.max[axis] - 0.15 * box.side(axis);
   Setup setup;
   setup.method = options;
-  setup.handles = {{"first", Region{first}}, {"last", Region{last}}};
+  setup.handles = test::end_handles(mesh);
   return setup;
 }
 

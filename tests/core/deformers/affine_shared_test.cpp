@@ -13,6 +13,7 @@
 #include "core/base/vectors.h"
 #include "core/deformers/system.h"
 #include "core/io/mesh_file.h"
+#include "tests/support/end_handles.h"
 
 namespace deform {
 namespace {
@@ -37,19 +38,11 @@ TEST(AffineMotion, OfAllHandlesIsFollowedByMlsOnRealClosedSurfaces) {
     const std::shared_ptr<const Mesh> mesh =
         io::read_mesh_file(std::string(DEFORM_SHARED_DATA) + "/A_surface/" + of.name)->mesh();
     const Box box = bounding_box(mesh->points);
-    std::size_t axis = 0;
-    for (std::size_t k = 1; k < 3; ++k) {
-      if (box.side(k) > box.side(axis)) axis = k;
-    }
-    const double far = 1e9;
-    Region::InBox first{{-far, -far, -far}, {far, far, far}}, last = first;
-    first.max[axis] = box.min[axis] + 0.15 * box.side(axis);
-    last.min[axis] = box.max[axis] - 0.15 * box.side(axis);
     MlsOptions options;
     options.surface_samples = options.volume_samples = 300;
     deform::Setup setup;
     setup.method = options;
-    setup.handles = {{"first", Region{first}}, {"last", Region{last}}};
+    setup.handles = test::end_handles(*mesh);
     const auto system = prepare(mesh, setup);
     for (const std::string& note : system->info().notes) EXPECT_EQ(note.find("do not enclose"), std::string::npos) << of.name;
 

@@ -7,6 +7,7 @@
 
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
+#include "core/mesh/face_triangles.h"
 
 namespace deform {
 
@@ -129,16 +130,6 @@ class TouchedCubes {
   const Grid& grid_;
 };
 
-template <typename Use>
-void each_triangle(const Mesh& mesh, std::span<const Vec3> points, const Use& use) {
-  std::size_t at = 0;
-  for (const std::uint32_t size : mesh.face_sizes) {
-    const PointId* const corners = mesh.face_points.data() + at;
-    for (std::size_t i = 2; i < size; ++i) use(points[corners[0]], points[corners[i - 1]], points[corners[i]]);
-    at += size;
-  }
-}
-
 bool inside(const WindingNumber& winding, const Vec3& x) { return std::abs(winding.at(x)) > 0.5; }
 
 /// The share of points on faces that have inside and outside within reach, in one direction or its opposite of three.
@@ -175,7 +166,7 @@ EnclosedPieces::EnclosedPieces(const Mesh& mesh, std::span<const Vec3> points, s
   const Grid grid(box);
   size_ = grid.size;
   TouchedCubes faces(grid);
-  each_triangle(mesh, points, [&](const Vec3& a, const Vec3& b, const Vec3& c) { faces.add(a, b, c); });
+  for_each_triangle(mesh, points, [&](const Vec3& a, const Vec3& b, const Vec3& c) { faces.add(a, b, c); });
 
   // The octants of untouched cubes are all inside or all outside.
   std::vector<unsigned char> inside_octants(grid.cubes(), 0);
