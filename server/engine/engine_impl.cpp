@@ -460,7 +460,7 @@ void EngineImpl::vector_jacobian(const v1::VectorJacobianHeader& header, Points 
   // As they came, one by one, at the following points, and as the columns of sums.
   const std::size_t bytes = (count == 1 ? 2 : 4) * cotangents.size() * sizeof(Vec3);
   const auto charge = std::make_shared<Charge>(
-      memory_.charge(bytes, {"vector-Jacobian product", "send fewer cotangents, or raise the server's memory budget", 0}));
+      memory_.charge_call(bytes, {"vector-Jacobian product", "send fewer cotangents, or raise the server's memory budget", 0}));
   task.compute = [header, charge, count, given = std::make_shared<Points>(std::move(cotangents))](
                      const SystemCache::Handle& system, const RunContext& context) {
     const std::size_t points = system->mesh->point_count();

@@ -94,9 +94,9 @@ std::shared_ptr<EvaluateCall::Bound> EvaluateCall::bind(const SystemCache::Handl
   // Of a block: as it came, decoded, moved, encoded (integers and bytes), and what evaluating takes.
   const std::size_t block = 5 * most_points * sizeof(Vec3) + space.call;
   const std::size_t binding = task_.bind_bytes(*system) + space.map;
-  bound->charge = parts_.memory->charge(binding + window() * block,
-                                        {"evaluating system " + task_.system_id.substr(0, 16) + " at other points",
-                                         "raise the server's memory budget", system->charge.bytes()});
+  bound->charge = parts_.memory->charge_call(binding + window() * block,
+                                             {"evaluating system " + task_.system_id.substr(0, 16) + " at other points",
+                                              "raise the server's memory budget", system->charge.bytes()});
   bound->map = task_.bind(*system, run_context(threads));
   return bound;
 }

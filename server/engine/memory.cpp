@@ -34,17 +34,31 @@ bool MemoryMeter::try_take(std::size_t bytes) {
   return true;
 }
 
+bool MemoryMeter::try_take_alone(std::size_t bytes) {
+  const std::lock_guard lock(mutex_);
+  if (in_use_ != 0 && in_use_ + bytes > total_) return false;
+  in_use_ += bytes;
+  return true;
+}
+
+void MemoryMeter::take(std::size_t bytes) {
+  const std::lock_guard lock(mutex_);
+  in_use_ += bytes;
+}
+
 void MemoryMeter::give_back(std::size_t bytes) {
   const std::lock_guard lock(mutex_);
   in_use_ -= bytes;
 }
 
-Charge::Charge(Charge&& other) noexcept : meter_(std::move(other.meter_)), bytes_(std::exchange(other.bytes_, 0)) {}
+Charge::Charge(Charge&& other) noexcept
+    : meter_(std::move(other.meter_)), of_calls_(std::move(other.of_calls_)), bytes_(std::exchange(other.bytes_, 0)) {}
 
 Charge& Charge::operator=(Charge&& other) noexcept {
   if (this != &other) {
     shrink(0);
     meter_ = std::move(other.meter_);
+    of_calls_ = std::move(other.of_calls_);
     bytes_ = std::exchange(other.bytes_, 0);
   }
   return *this;
@@ -55,6 +69,7 @@ Charge::~Charge() { shrink(0); }
 void Charge::shrink(std::size_t bytes) {
   if (meter_ == nullptr || bytes >= bytes_) return;
   meter_->give_back(bytes_ - bytes);
+  if (of_calls_) of_calls_->give_back(bytes_ - bytes);
   bytes_ = bytes;
 }
 
@@ -76,6 +91,22 @@ Charge MemoryBudget::charge(std::size_t bytes, const ChargePurpose& purpose) {
               purpose.what + ": needs " + mebibytes(bytes) + ", " + mebibytes(total - meter_->in_use()) + " of " +
                   mebibytes(total) + " are available now; try again later, or " + purpose.advice,
               retry_memory_ms);
+}
+
+Charge MemoryBudget::charge_call(std::size_t bytes, const ChargePurpose& purpose) {
+  constexpr std::size_t small_share = 256;
+  Charge result = charge(bytes, purpose);
+  if (bytes <= meter_->total() / small_share) {
+    of_calls_->take(bytes);
+  } else if (!of_calls_->try_take_alone(bytes)) {
+    throw Error(ErrorCode::out_of_budget,
+                purpose.what + ": needs " + mebibytes(bytes) + ", but calls hold " + mebibytes(of_calls_->in_use()) +
+                    " already and may hold " + mebibytes(of_calls_->total()) +
+                    ", half of the memory budget; try again later, or " + purpose.advice,
+                retry_memory_ms);
+  }
+  result.of_calls_ = of_calls_;
+  return result;
 }
 
 void MemoryBudget::grow(Charge& charge, std::size_t bytes, const ChargePurpose& purpose) {

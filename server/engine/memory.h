@@ -20,6 +20,10 @@ class MemoryMeter {
   std::size_t in_use() const;
   /// False when so many are not free.
   bool try_take(std::size_t bytes);
+  /// The same, but when nothing is in use any number may be taken.
+  bool try_take_alone(std::size_t bytes);
+  /// Takes them whether they are free or not.
+  void take(std::size_t bytes);
   void give_back(std::size_t bytes);
 
  private:
@@ -46,6 +50,7 @@ class Charge {
   friend class MemoryBudget;
   Charge(std::shared_ptr<MemoryMeter> meter, std::size_t bytes) : meter_(std::move(meter)), bytes_(bytes) {}
   std::shared_ptr<MemoryMeter> meter_;
+  std::shared_ptr<MemoryMeter> of_calls_;  // counted there, too; null: it is no call's
   std::size_t bytes_ = 0;
 };
 
@@ -59,11 +64,17 @@ struct ChargePurpose {
 /// Admission by estimate: bytes are taken before they are allocated. Thread-safe.
 class MemoryBudget {
  public:
-  explicit MemoryBudget(std::size_t total) : meter_(std::make_shared<MemoryMeter>(total)) {}
+  explicit MemoryBudget(std::size_t total)
+      : meter_(std::make_shared<MemoryMeter>(total)), of_calls_(std::make_shared<MemoryMeter>(total / 2)) {}
 
   /// Takes bytes, asking the reclaimers for help first. Throws Error(out_of_budget) with needed, available and what to change;
   /// with a retry hint only when the bytes would fit into an idle server.
   Charge charge(std::size_t bytes, const ChargePurpose& purpose);
+
+  /// The same for a call, which may have to wait for its reader while it holds them. All calls together hold at most half of the
+  /// budget, unless one alone needs more; those that need less than a 256th come first and may use the rest. So whoever asks for
+  /// little is answered while others hold much.
+  Charge charge_call(std::size_t bytes, const ChargePurpose& purpose);
 
   /// The same for bytes that are added to a charge (an empty one becomes one of this budget).
   void grow(Charge& charge, std::size_t bytes, const ChargePurpose& purpose);
@@ -77,6 +88,7 @@ class MemoryBudget {
 
  private:
   const std::shared_ptr<MemoryMeter> meter_;
+  const std::shared_ptr<MemoryMeter> of_calls_;
   std::vector<std::function<void(std::size_t)>> reclaimers_;
 };
 

@@ -146,7 +146,10 @@ bool Scheduler::take_start(std::function<void(Slot)>& work) {
     ++it;
   }
   if (next == nullptr) return false;
-  virtual_time_ = std::max(virtual_time_, next->starts.front().begin);
+  // As if each of those who are not through yet, were all served at once, got its share of this piece. What is done while nobody
+  // else is there is held against no one.
+  const double share = next->starts.front().cost / static_cast<double>(clients_.size());
+  virtual_time_ = std::max(virtual_time_ + share, next->starts.front().begin);
   work = std::move(next->starts.front().work);
   next->starts.pop_front();
   ++load_.running;

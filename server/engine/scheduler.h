@@ -16,15 +16,14 @@ namespace deform::server {
 
 /// Who computes when. Three kinds of work:
 ///
-///   start        the first piece of a request; waits in a bounded place; begins only while fewer than `running_limit` requests
-///   are
-///                running, so that requests are finished rather than all begun. Clients that wait get equal shares of the work,
-///                not of the requests: next is whose request would be over first if all clients were served at once at equal
-///                speed (weighted fair queueing: Demers, Keshav and Shenker 1989, with the virtual time of Goyal, Vin and Cheng
-///                1996). A small request therefore does not wait for the large ones of others, and a large one waits no longer
-///                than its share takes
+///   start        the first piece of a request; waits in a bounded place, see below; begins only while fewer than
+///                `running_limit` requests are running, so that requests are finished rather than all begun
 ///   step         a further, short piece of a running request; first come, first served, so running requests share the workers
 ///   preparation  long; has threads of its own, so that it never keeps a step waiting
+///
+/// Clients that wait get equal shares of the work, not of the requests: next is the start whose request would be over first if
+/// all clients were served at once at equal speed (weighted fair queueing: Demers, Keshav and Shenker 1989). So a small request
+/// does not wait for the large ones of others, and a large one no longer than its share takes.
 ///
 /// One worker pool serves starts and steps, steps and starts in turn. Work must not throw. No lock is held while it runs.
 /// Thread-safe.
@@ -127,7 +126,7 @@ class Scheduler {
   std::condition_variable work_available_;
   std::condition_variable preparation_available_;
   std::map<std::string, Client> clients_;  // those with requests that wait, and those who had more than their share
-  double virtual_time_ = 0;                // the latest `begin` of what was taken
+  double virtual_time_ = 0;                // what a client that always waited would have got by now
   std::deque<Piece> steps_;
   std::deque<Piece> preparations_;
   Load load_;

@@ -75,7 +75,7 @@ HeldRequests::Held HeldRequests::take(std::size_t bytes) {
   const std::lock_guard lock(meter_->mutex);
   if (limit != 0 && meter_->in_use + bytes > allowed) {
     throw Error(ErrorCode::out_of_budget,
-                "requests of " + std::to_string(meter_->in_use) + " bytes are held in memory, this one of " +
+                "requests and answers of " + std::to_string(meter_->in_use) + " bytes are held in memory, this one of " +
                     std::to_string(bytes) + " would exceed the limit of " + std::to_string(allowed) + ", try again later",
                 held_retry_ms);
   }

@@ -351,6 +351,7 @@ bool Listener::cut_off_busy(Busy which) {
 /// already and another one have its descriptor, that one connects again.
 void Listener::close_now(int fd, const char* why) {
   spdlog::warn("connections: {} is closed: {}", peer_of(fd), why);
+  ++cut_off_;
   shutdown(fd, SHUT_RDWR);
   while (recv(fd, nullptr, std::size_t{1} << 30, MSG_TRUNC | MSG_DONTWAIT) > 0) {
   }

@@ -64,7 +64,8 @@ class Listener {
   /// Closes, of the connections that have received at least 8 KiB since the last call, those; whether there were any. Any thread.
   bool cut_off_busy(Busy which);
 
-  std::uint64_t refused() const { return refused_; }  ///< connections beyond the limit so far
+  std::uint64_t refused() const { return refused_; }        ///< connections beyond the limit so far
+  std::uint64_t cut_off_count() const { return cut_off_; }  ///< connections that cut_off() and cut_off_busy() closed so far
 
  private:
   void bind_unix();
@@ -82,6 +83,7 @@ class Listener {
   int spare_ = -1;  ///< given up for a moment to close a connection that there is no file for
   std::function<void(int)> take_;
   std::atomic<std::uint64_t> refused_{0};
+  std::atomic<std::uint64_t> cut_off_{0};
   std::thread thread_;
   /// A connection that was handed on.
   struct Open {

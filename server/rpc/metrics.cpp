@@ -104,6 +104,8 @@ void add_memory(const Metrics::Levels& levels, std::vector<MetricFamily>& all) {
                          static_cast<double>(info.memory_budget())));
   all.push_back(
       gauge_of("deformd_memory_charged_bytes", "Memory charged against the budget.", static_cast<double>(info.memory_in_use())));
+  all.push_back(gauge_of("deformd_requests_held_bytes", "Memory of requests that are held, as bytes and parsed.",
+                         static_cast<double>(levels.held_request_bytes)));
   all.push_back(gauge_of("deformd_memory_full", "1 while calls that compute or add are refused for the memory of the process.",
                          levels.memory_full ? 1 : 0));
   all.push_back(gauge_of("process_resident_memory_bytes", "Resident memory of the process.",
@@ -131,6 +133,8 @@ void add_process(const Metrics::Levels& levels, std::vector<MetricFamily>& all) 
   all.push_back(gauge_of("process_max_fds", "Files that the process may have open.", max_open_files()));
   all.push_back(counter_of("deformd_connections_refused_total", "Connections beyond --max-connections.",
                            static_cast<double>(levels.refused_connections)));
+  all.push_back(counter_of("deformd_connections_cut_off_total", "Connections that were closed because they flooded the server.",
+                           static_cast<double>(levels.cut_off_connections)));
   all.push_back(gauge_of("deformd_connections_limit", "Connections that may be open at once.",
                          static_cast<double>(levels.max_connections)));
 }

@@ -31,7 +31,9 @@ class Metrics {
   struct Levels {
     v1::ServerInfo server;
     bool memory_full = false;
+    std::size_t held_request_bytes = 0;
     std::uint64_t refused_connections = 0;
+    std::uint64_t cut_off_connections = 0;
     std::size_t max_connections = 0;  ///< 0: no limit of the server's own
   };
   /// Everything in the text format of Prometheus, version 0.0.4.

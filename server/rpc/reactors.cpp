@@ -183,6 +183,7 @@ void UnaryCall::answer() {
     *reply_ = work_(scope_);
     scope_.record.messages_out = 1;
     scope_.record.bytes_out = reply_->Length();
+    scope_.hold(reply_->Length());  // until it is read
   });
   Finish(scope_.finish(std::move(error)));  // this may be gone when it returns
 }

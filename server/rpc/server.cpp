@@ -239,7 +239,9 @@ class GrpcServer final : public RunningServer {
     levels.server = engine_->info();
     levels.memory_full = service_.memory_full();
     levels.max_connections = connection_limit_;
+    levels.held_request_bytes = service_.held_request_bytes();
     levels.refused_connections = listener_ ? listener_->refused() : 0;
+    levels.cut_off_connections = listener_ ? listener_->cut_off_count() : 0;
     return service_.metrics().text(levels);
   }
 

@@ -93,6 +93,7 @@ class DeformService::Methods final : public RawService {
   void set_memory_full(bool full) { memory_full_ = full; }
   void on_flood(std::function<void(const std::string&)> action) { floods_.on_flood(std::move(action)); }
   bool memory_full() const { return memory_full_; }
+  std::size_t held_request_bytes() const { return held_.in_use(); }
   const Metrics& metrics() const { return metrics_; }
   bool wait_for_none(std::chrono::steady_clock::time_point deadline) { return live_.wait_for_none(deadline); }
 
@@ -282,6 +283,7 @@ void DeformService::drain() { methods_->drain(); }
 void DeformService::set_memory_full(bool full) { methods_->set_memory_full(full); }
 void DeformService::on_flood(std::function<void(const std::string&)> action) { methods_->on_flood(std::move(action)); }
 bool DeformService::memory_full() const { return methods_->memory_full(); }
+std::size_t DeformService::held_request_bytes() const { return methods_->held_request_bytes(); }
 const Metrics& DeformService::metrics() const { return methods_->metrics(); }
 void DeformService::refresh_access() { methods_->refresh_access(); }
 bool DeformService::wait_for_none(std::chrono::steady_clock::time_point deadline) { return methods_->wait_for_none(deadline); }

@@ -45,6 +45,8 @@ class DeformService {
   /// While it is so, calls that compute or add are refused with a retry hint; what is under way goes on. Any thread.
   void set_memory_full(bool full);
   bool memory_full() const;
+  /// Memory of requests and answers that are held.
+  std::size_t held_request_bytes() const;
   /// What happens to a connection that begins calls and resets them without end. Before the first call.
   void on_flood(std::function<void(const std::string& peer)> action);
   /// Of all calls.

@@ -2,6 +2,7 @@
 """Cheap requests that took servers down, each with the bounds of attack.Attack."""
 
 import concurrent.futures
+import socket
 import struct
 import threading
 import time
@@ -41,6 +42,25 @@ class RawService:
 
     def stream(self, method, requests, timeout=60):
         return list(self.channel.stream_stream(f"/deform.v1.DeformService/{method}")(requests, timeout=timeout))
+
+
+def register_large(service, columns=500, rows=400):
+    """A plane of unit squares."""
+    i, j = numpy.meshgrid(numpy.arange(columns), numpy.arange(rows))
+    points = numpy.stack([i.ravel(), j.ravel(), 0 * i.ravel()], axis=1).astype("<f8")
+    first = (i[:-1, :-1] + columns * j[:-1, :-1]).ravel()
+    faces = numpy.stack([first, first + 1, first + 1 + columns, first + columns], axis=1).astype("<u4")
+
+    def messages():
+        yield geometry_pb2.RegisterGeometryRequest(
+            header=dict(point_count=len(points), face_count=len(faces), corner_count=faces.size, name="large"))
+        for part in numpy.array_split(points, 20):
+            yield geometry_pb2.RegisterGeometryRequest(points=dict(xyz=part.tobytes()))
+        for part in numpy.array_split(faces, 20):
+            yield geometry_pb2.RegisterGeometryRequest(
+                faces=dict(sizes=numpy.full(len(part), 4, "<u4").tobytes(), corners=part.tobytes()))
+
+    return service.RegisterGeometry(messages(), timeout=60)
 
 
 class Messages(Attack):
@@ -104,26 +124,9 @@ class Messages(Attack):
 class Selections(Attack):
     """Small setups that ask for much work."""
 
-    def register_large(self, columns=500, rows=400):
-        i, j = numpy.meshgrid(numpy.arange(columns), numpy.arange(rows))
-        points = numpy.stack([i.ravel(), j.ravel(), 0 * i.ravel()], axis=1).astype("<f8")
-        first = (i[:-1, :-1] + columns * j[:-1, :-1]).ravel()
-        faces = numpy.stack([first, first + 1, first + 1 + columns, first + columns], axis=1).astype("<u4")
-
-        def messages():
-            yield geometry_pb2.RegisterGeometryRequest(
-                header=dict(point_count=len(points), face_count=len(faces), corner_count=faces.size, name="large"))
-            for part in numpy.array_split(points, 20):
-                yield geometry_pb2.RegisterGeometryRequest(points=dict(xyz=part.tobytes()))
-            for part in numpy.array_split(faces, 20):
-                yield geometry_pb2.RegisterGeometryRequest(
-                    faces=dict(sizes=numpy.full(len(part), 4, "<u4").tobytes(), corners=part.tobytes()))
-
-        return self.stub().RegisterGeometry(messages(), timeout=60)
-
     def test_many_regions_of_many_constraints(self):
         """134 KB of constraints on everything: each selects 200,000 points."""
-        large = self.register_large()
+        large = register_large(self.stub())
         setup = setup_pb2.Setup(geometry=large.id)
         setup.method.shell.SetInParent()
         handle = setup.handles.add(name="h")
@@ -145,7 +148,7 @@ class Selections(Attack):
 
     def test_estimates_do_not_keep_questions_waiting(self):
         """16 estimates of 468 KB of regions at once; their clients leave after 5 s."""
-        large = self.register_large()
+        large = register_large(self.stub())
         setup = setup_pb2.Setup(geometry=large.id)
         handle = setup.handles.add(name="h")
         for i in range(9000):
@@ -220,28 +223,29 @@ class Held(Attack):
         for call in calls:
             call.cancel()
 
-    def test_lists_that_nobody_reads(self):
-        """Setups of 500 KB each, then lists of them that wait at their reader."""
-        for i in range(30):
-            setup = setup_pb2.Setup()
-            setup.CopyFrom(self.setup)
-            setup.seed = i
-            setup.handles[0].region.Clear()
-            setup.handles[0].region.ids.extend(numpy.tile(self.plate.right, 5_000)[:150_000].tolist())
-            self.refused(lambda: list(self.service.Prepare(deformation_pb2.PrepareRequest(setup=setup), timeout=60)))
-        request = deformation_pb2.ListSystemsRequest(page_size=1000).SerializeToString()
-        hold = []
-        for _ in range(40):
+    def test_replies_that_nobody_reads(self):
+        """Setups of 0.5 MB, asked for 4,000 times; nobody reads the answers."""
+        large = register_large(self.service)
+        setup = setup_pb2.Setup(geometry=large.id)
+        setup.method.rbf.SetInParent()
+        handle = setup.handles.add(name="h")
+        few, many = handle.region.intersection.add(), handle.region.intersection.add()
+        few.ids.extend(range(20))
+        many.ids.extend(range(150_000))
+        system = list(self.service.Prepare(deformation_pb2.PrepareRequest(setup=setup), timeout=60))[-1].system
+        self.assertGreater(self.service.GetSystem(deformation_pb2.GetSystemRequest(id=system.id)).ByteSize(), 400_000)
+        request = deformation_pb2.GetSystemRequest(id=system.id).SerializeToString()
+        for _ in range(100):
             connection = http2.Connection(self.server.port)
-            connection.socket.setsockopt(6, 10, 1024)  # hardly a window to receive into
+            connection.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_WINDOW_CLAMP, 1024)
             self.connections.append(connection)
-            for _ in range(20):
+            for _ in range(40):
                 stream = connection.next_stream()
-                connection.send(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, http2.call_headers("ListSystems")) +
+                connection.send(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, http2.call_headers("GetSystem")) +
                                 http2.frame(http2.DATA, http2.END_STREAM, stream,
                                             b"\0" + struct.pack(">I", len(request)) + request))
-            hold.append(connection)
         time.sleep(4)
+        self.assertGreater(self.figure("deformd_requests_held_bytes"), 10 * MIB, "the answers are charged")
 
 
 class Frames(Attack):
@@ -299,6 +303,7 @@ class Frames(Attack):
         else:
             self.fail("50,000 calls were taken")
         self.assertIn("it begins calls and resets them", self.server.log_text())
+        self.assertEqual(self.figure("deformd_connections_cut_off_total"), 1)
 
     def test_calls_of_no_method_opened_and_reset(self):
         self.flood(lambda connection: self.resets(connection, "NoSuchMethod", 500), connections=3, seconds=4, most=30_000 * 150)

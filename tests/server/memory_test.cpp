@@ -5,6 +5,8 @@
 #include <gtest/gtest.h>
 
 #include <thread>
+#include <utility>
+#include <vector>
 
 #include "core/base/error.h"
 
@@ -95,6 +97,34 @@ TEST(MemoryBudget, grow_adds_to_a_charge_or_leaves_it_as_it_was) {
   EXPECT_EQ(charge.bytes(), 60u);
   EXPECT_THROW(budget.grow(charge, 41, purpose), Error);
   EXPECT_EQ(budget.in_use(), 60u);
+}
+
+TEST(MemoryBudget, large_calls_hold_half_of_it_and_small_ones_the_rest) {
+  MemoryBudget budget(1024);
+  Charge half = budget.charge_call(500, purpose);
+  try {
+    budget.charge_call(13, purpose);
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
+    EXPECT_GT(error.retry_after_ms(), 0u);
+    EXPECT_NE(std::string(error.what()).find("half of the memory budget"), std::string::npos) << error.what();
+  }
+  EXPECT_EQ(budget.in_use(), 500u) << "what was refused is given back";
+  Charge more = budget.charge_call(12, purpose);
+  std::vector<Charge> small;
+  for (int i = 0; i < 10; ++i) small.push_back(budget.charge_call(4, purpose));
+  Charge system = budget.charge(400, purpose);  // not a call's
+  EXPECT_EQ(budget.in_use(), 952u);
+  small.clear();
+  more = {};
+  half.shrink(100);
+  more = budget.charge_call(412, purpose);
+  system = {};
+  more = {};
+  half = {};
+  Charge all = budget.charge_call(1024, purpose);  // alone
+  EXPECT_EQ(budget.in_use(), 1024u);
 }
 
 TEST(MemoryBudget, a_charge_may_outlive_its_budget) {

@@ -91,7 +91,9 @@ TEST(Metrics, LevelsAreThoseOfTheMoment) {
   levels.server.set_queue_length(7);
   levels.server.mutable_store()->set_free_bytes(4096);
   levels.memory_full = true;
+  levels.held_request_bytes = 12345;
   levels.refused_connections = 3;
+  levels.cut_off_connections = 4;
   const std::string text = metrics.text(levels);
   EXPECT_THAT(text, HasSubstr("deformd_build_info{version=\"1.2.3\"} 1\n"));
   EXPECT_THAT(text, HasSubstr("deformd_uptime_seconds 2.5\n"));
@@ -100,7 +102,9 @@ TEST(Metrics, LevelsAreThoseOfTheMoment) {
   EXPECT_THAT(text, HasSubstr("deformd_store_free_bytes 4096\n"));
   EXPECT_THAT(text, HasSubstr("deformd_store_writable 0\n"));
   EXPECT_THAT(text, HasSubstr("deformd_memory_full 1\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_requests_held_bytes 12345\n"));
   EXPECT_THAT(text, HasSubstr("deformd_connections_refused_total 3\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_connections_cut_off_total 4\n"));
 }
 
 }  // namespace

@@ -67,7 +67,7 @@ TEST(Scheduler, clients_take_turns) {
   EXPECT_EQ(std::count(order.begin(), order.begin() + 6, "modest"), 3);
 }
 
-/// What a lone worker takes in which order, of what is queued by `fill` while it is busy.
+/// What a lone worker takes in which order, of what is queued by `fill` while it is busy with a large request of "early".
 std::vector<std::string> order_of(
     const std::function<void(Scheduler&, const std::function<void(const std::string& client, double cost)>& add)>& fill,
     std::size_t count) {
@@ -76,7 +76,7 @@ std::vector<std::string> order_of(
   std::mutex mutex;
   std::vector<std::string> order;
   int owner = 0;
-  scheduler.start("z", &owner, 1, [&](Scheduler::Slot) { gate.pass(); });
+  scheduler.start("early", &owner, 1e6, [&](Scheduler::Slot) { gate.pass(); });
   EXPECT_TRUE(eventually([&] { return gate.waiting() == 1; }));
   fill(scheduler, [&](const std::string& client, double cost) {
     scheduler.start(client, &order, cost, [&, client](Scheduler::Slot) {
@@ -103,6 +103,35 @@ TEST(Scheduler, small_requests_do_not_wait_for_the_large_ones_of_others) {
   EXPECT_EQ(std::count(order.begin(), order.begin() + 3, "modest"), 3);
 }
 
+// One that comes late finds large ones that have waited for long, and still comes first.
+TEST(Scheduler, small_requests_that_come_late_do_not_wait_either) {
+  Scheduler scheduler(options(1, 256, 1));
+  std::mutex mutex;
+  std::vector<std::string> order;
+  const auto add = [&](const std::string& client, double cost, const std::function<void()>& more) {
+    scheduler.start(client, &order, cost, [&, client, more](Scheduler::Slot) {
+      more();
+      const std::lock_guard lock(mutex);
+      order.push_back(client);
+    });
+  };
+  for (int i = 0; i < 50; ++i) {
+    add("greedy" + std::to_string(i), 10'000, [&, i] {
+      if (i % 10 == 9) add("modest", 1, [] {});
+    });
+  }
+  ASSERT_TRUE(eventually([&] {
+    const std::lock_guard lock(mutex);
+    return order.size() == 55;
+  }));
+  scheduler.stop();
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    if (order[i].ends_with("9")) {
+      EXPECT_EQ(order[i + 1], "modest") << "after " << order[i];
+    }
+  }
+}
+
 TEST(Scheduler, large_requests_wait_until_others_have_had_as_much) {
   const auto order = order_of(
       [](Scheduler&, const auto& add) {
@@ -122,6 +151,16 @@ TEST(Scheduler, whoever_had_more_than_his_share_waits_when_he_comes_again) {
       },
       92);
   EXPECT_EQ(std::count(order.begin(), order.begin() + 90, "modest"), 90);
+}
+
+TEST(Scheduler, what_was_had_while_nobody_waited_is_not_held_against_anyone) {
+  const auto order = order_of(
+      [](Scheduler&, const auto& add) {
+        add("modest", 10);
+        add("early", 1);
+      },
+      2);
+  EXPECT_EQ(order.front(), "early");
 }
 
 TEST(Scheduler, what_is_removed_costs_nothing) {
