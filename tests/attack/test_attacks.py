@@ -161,7 +161,7 @@ class Selections(Attack):
 
     def test_preparations_do_not_keep_designs_waiting(self):
         """300 preparations, all different."""
-        large = self.register_large(200, 100)
+        large = register_large(self.stub(), 200, 100)
 
         def attack(i):
             setup = setup_pb2.Setup(geometry=large.id, seed=i)
