@@ -33,9 +33,10 @@ struct Obstacle {
 
 constexpr char closed[] = "it closed the connection: it has too many, wants TLS, or is not deformd";
 constexpr char late[] = "it did not answer in time: it is busy, out of reach, or not deformd";
+constexpr char no_such_file[] = "No such file";
 constexpr Obstacle obstacles[] = {
     {"Connection refused", "nobody listens there", false, false},
-    {"No such file", "there is no such socket", false, false},
+    {no_such_file, "there is no such socket", false, false},
     {"DNS resolution", "no machine of that name is known", false, false},
     {"timed out", late, false, true},
     {"imeout", late, false, true},
@@ -49,12 +50,19 @@ const Obstacle* find_obstacle(const std::string& message) {
                       [&](const Obstacle& one) { return message.find(one.sign) != std::string::npos; });
 }
 
+/// gRPC 1.51 looks at errno after other work than connect(), which may have left ENOENT there: a connection that is coming about
+/// then counts as failed. Only sockets with a path can be missing.
+bool misread(const std::string& address, const Obstacle& obstacle) {
+  return obstacle.sign == no_such_file && !address.starts_with("unix:");
+}
+
 /// Of a status without a connection: what is known, else gRPC's own words.
 NotConnected unreached(const std::string& address, const std::string& message) {
   const auto* known = find_obstacle(message);
   const bool none = known == std::end(obstacles);
-  return {"cannot reach deformd at " + address + " (" + (none ? message : known->reason) + "); start it, or name another server",
-          !none && known->silent};
+  const bool waits = !none && (known->silent || misread(address, *known));
+  const std::string reason = none || waits != known->silent ? message : known->reason;
+  return {"cannot reach deformd at " + address + " (" + reason + "); start it, or name another server", waits};
 }
 
 }  // namespace

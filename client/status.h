@@ -15,7 +15,7 @@ class NotConnected : public Error {
  public:
   /// silent: as the accessor.
   NotConnected(const std::string& message, bool silent) : Error(ErrorCode::unavailable, message), silent_(silent) {}
-  /// The time of an attempt to connect passed: the server may be busy, and waiting helps.
+  /// The time of an attempt to connect passed, or gRPC gave it up for no reason: the server may be busy, and waiting helps.
   bool silent() const { return silent_; }
 
  private:

@@ -92,6 +92,26 @@ TEST(Retry, WhatWasNeverSentMayBeRepeatedAlways) {
   EXPECT_FALSE(when_refused.next_wait(unreached)) << "attempts are counted";
 }
 
+// As gRPC says it of a server that is there, when its errno is not connect()'s any more.
+TEST(Connecting, AMissingFileIsOfSocketsWithAPathOnly) {
+  const auto error_at = [](const std::string& address) {
+    const grpc::Status status(grpc::StatusCode::UNAVAILABLE, "failed to connect to all addresses; last error: UNKNOWN: " +
+                                                                 address + ": No such file or directory");
+    const grpc::ClientContext context;
+    try {
+      client::throw_error(status, context, address);
+    } catch (const client::NotConnected& error) {
+      return error;
+    }
+  };
+  const client::NotConnected missing = error_at("unix:/run/deformd.sock");
+  EXPECT_FALSE(missing.silent());
+  EXPECT_THAT(missing.what(), testing::HasSubstr("(there is no such socket)"));
+  const client::NotConnected misread = error_at("127.0.0.1:50051");
+  EXPECT_TRUE(misread.silent()) << "it is waited for";
+  EXPECT_THAT(misread.what(), testing::HasSubstr("last error: UNKNOWN"));
+}
+
 /// A mesh with a face and a group that no single message can hold.
 struct LargeGeometry {
   Points points = test::registered_points(300'000);

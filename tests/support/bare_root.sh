@@ -33,7 +33,7 @@ fi
 
 root=$(mktemp -d)
 leave() {
-  umount -l "$root/dev/pts" "$root/dev/shm" "$root/dev" "$root/proc" 2>/dev/null || true
+  umount -l "$root/dev/pts" "$root/dev/shm" "$root/dev" "$root/sys" "$root/proc" 2>/dev/null || true
   rm -rf --one-file-system "$root"
 }
 trap leave EXIT
@@ -51,6 +51,7 @@ done
 cp /etc/resolv.conf "$root/etc/resolv.conf"
 echo force-unsafe-io >"$root/etc/dpkg/dpkg.cfg.d/unsafe-io"  # the root is thrown away, so nothing waits for the disk
 mount --bind /proc "$root/proc"
+mount --bind /sys "$root/sys"
 mount --bind /dev "$root/dev"
 mount --make-private "$root/dev"
 mount -t tmpfs -o mode=1777 tmpfs "$root/dev/shm"

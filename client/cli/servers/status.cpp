@@ -45,7 +45,7 @@ void print_status(const v1::ServerInfo& info, const std::string& server) {
 
 ExitCode run_status(const CommonOptions& common) {
   client::ClientOptions options = common.client_options();
-  options.max_attempts = 1;  // the answer is about now
+  options.max_attempts = 2;  // the answer is about now; the second one is for what gRPC takes for a failure (see status.cpp)
   client::CallOptions call = common.call_options();
   if (!call.timeout) call.timeout = patience;
   options.connect_timeout = std::max(options.connect_timeout, *call.timeout);
