@@ -79,14 +79,16 @@ TEST(ParsedSize, FieldsThatAreNotInTheContract) {
     texts +=
         "\xfa\x07\x03"
         "abc";
-  std::string other_type, groups;
+  std::string one_text, fitting_texts, other_type, groups;
+  one_text = "\xfa\x07\x10" + std::string(16, 'a');
+  for (int i = 0; i < 10; ++i) fitting_texts += one_text;     // each in a string of room for 30
   for (int i = 0; i < 10'000; ++i) other_type += "\x10\x01";  // designs are no numbers
   for (int i = 0; i < 10; ++i) {
     groups += "\xfb\x07";  // a group of field 127
     for (int k = 0; k < 1000; ++k) groups += "\x08\x01";
     groups += "\xfc\x07";
   }
-  for (const std::string& bytes : {numbers, texts, other_type, groups}) {
+  for (const std::string& bytes : {numbers, texts, one_text, fitting_texts, other_type, groups}) {
     v1::DeformRequest message;
     ASSERT_TRUE(message.ParseFromString(bytes));
     EXPECT_GE(parsed_size(in_pieces(bytes, 1000), *v1::DeformRequest::descriptor(), std::size_t{1} << 40),

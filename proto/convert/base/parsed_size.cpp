@@ -21,10 +21,12 @@ using google::protobuf::internal::WireFormatLite;
 using google::protobuf::io::CodedInputStream;
 
 // Of protobuf's C++ library.
-constexpr std::size_t allocation_bytes = 16;     ///< of the allocator, for each piece
-constexpr std::size_t pointer_bytes = 16;        ///< in an array that doubles
-constexpr std::size_t string_bytes = 32;         ///< without its characters
-constexpr std::size_t unknown_field_bytes = 64;  ///< a field that is not in the contract is kept
+constexpr std::size_t allocation_bytes = 16;  ///< of the allocator, for each piece
+constexpr std::size_t pointer_bytes = 16;     ///< in an array that doubles
+constexpr std::size_t string_bytes = 32;      ///< without its characters
+/// A field that is not in the contract is kept: a place in an array that doubles, a string of room for 30 characters, and the set
+/// of such fields, which the first one makes.
+constexpr std::size_t unknown_field_bytes = 128;
 
 /// What is known of a message type: its own size, and its fields by number.
 struct Type {
