@@ -346,6 +346,19 @@ TEST(Gmsh, SurfaceAlone) {
   EXPECT_EQ(parse_mesh(head + triangle, "points.msh")->mesh()->face_count(), 0u);
 }
 
+TEST(Gmsh, OtherElementsOfTheSameNodesAreNoRepetition) {
+  const auto surface = parse_mesh(head + triangle + "$Elements\n2\n1 8 2 4 1 1 2 3\n2 2 2 5 1 1 2 3\n$EndElements\n", "b.msh");
+  EXPECT_EQ(surface->mesh()->face_count(), 1u);
+  EXPECT_THAT(group(*surface->mesh(), "physical_2d_5").faces, ElementsAre(0)) << "after a quadratic line";
+
+  const std::string four = "$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n$EndNodes\n";
+  const auto solid =
+      parse_mesh(head + four + "$Elements\n2\n1 3 2 4 1 1 2 3 4\n2 4 2 5 1 1 2 3 4\n$EndElements\n", "tetrahedron.msh");
+  ASSERT_NE(solid->elements(), nullptr);
+  EXPECT_EQ(solid->elements()->size(), 1u) << "after a quadrilateral";
+  EXPECT_EQ(solid->mesh()->face_count(), 4u);
+}
+
 TEST(Gmsh, NamesOfVersion20HaveNoDimension) {
   const std::string text = "$MeshFormat\n2 0 8\n$EndMeshFormat\n$PhysicalNames\n1\n4 \"skin\"\n$EndPhysicalNames\n" + triangle +
                            "$Elements\n1\n1 2 1 4 1 2 3\n$EndElements\n";

@@ -103,10 +103,12 @@ void GmshElements::add_or_repeat(const GmshElementType& type, std::span<const Po
   const auto known = [&](std::size_t group) {
     return std::find(last_groups_.begin(), last_groups_.end(), group) != last_groups_.end();
   };
-  if (key == last_ && !groups.empty() && !last_groups_.empty() && std::none_of(groups.begin(), groups.end(), known)) {
+  if (&type == last_type_ && key == last_ && !groups.empty() && !last_groups_.empty() &&
+      std::none_of(groups.begin(), groups.end(), known)) {
     for (const std::size_t group : groups) join(group, type.dimension, nodes);
   } else {
     add(type, nodes, groups);
+    last_type_ = &type;
     last_ = std::move(key);
     last_groups_.clear();
   }

@@ -51,8 +51,9 @@ class GmshElements {
   std::map<std::pair<int, std::int64_t>, std::size_t> numbers_;
   std::vector<Group> groups_;
   ElementMesh mesh_;
-  std::vector<PointId> last_;             // nodes of the element before
-  std::vector<std::size_t> last_groups_;  // its groups so far
+  const GmshElementType* last_type_ = nullptr;  // of the element before
+  std::vector<PointId> last_;                   // its nodes, sorted
+  std::vector<std::size_t> last_groups_;        // its groups so far
 };
 
 }  // namespace deform::io
