@@ -51,7 +51,7 @@ class MeshLengths {
     }
     const std::string geometry = top_level_text(from_.text, "geometry");
     const std::filesystem::path path = from_.folder / geometry;
-    if (geometry.empty() || !std::filesystem::exists(path)) {
+    if (geometry.empty() || !io::mesh_exists(path)) {
       throw Error(ErrorCode::invalid_argument, "L, Lx, Ly and Lz are the lengths of the mesh, and `geometry` names no mesh file");
     }
     return io::read_mesh_file(path, from_.reading)->mesh();
@@ -101,7 +101,7 @@ void take_geometry(const std::string& name, const std::filesystem::path& folder,
   });
   if (!given) return;
   const std::filesystem::path mesh = folder / geometry;
-  if (std::filesystem::is_regular_file(mesh) || std::filesystem::is_directory(mesh)) {
+  if (io::mesh_exists(mesh)) {
     file.geometry_file = mesh;
     file.setup.clear_geometry();
   } else if (!looks_like_id(geometry)) {

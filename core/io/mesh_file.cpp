@@ -5,6 +5,7 @@
 
 #include "core/base/error.h"
 #include "core/io/formats/containers/container_mesh.h"
+#include "core/io/formats/openfoam/decomposed_case.h"
 #include "core/io/formats/openfoam/openfoam_folder.h"
 #include "core/io/gzip.h"
 #include "core/io/readers.h"
@@ -40,6 +41,16 @@ void write_parts(const std::vector<MeshFile::FilePart>& parts, const std::filesy
   write_file(path, parts[0].bytes);
 }
 
+void write_foam_points(const std::filesystem::path& path, const std::string& bytes) {
+  if (path.has_parent_path()) std::filesystem::create_directories(path.parent_path());
+  write_file(path, bytes);
+}
+
+void write_case_parts(const std::vector<MeshFile::FilePart>& parts, const std::filesystem::path& path) {
+  const CaseParts target = output_parts(path, parts.size());
+  for (std::size_t i = 0; i < parts.size(); ++i) write_foam_points(openfoam_points_path(target.at(i)), parts[i].bytes);
+}
+
 }  // namespace
 
 std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name, const ReadOptions& options) {
@@ -54,6 +65,7 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name,
 }
 
 std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path, const ReadOptions& options) {
+  if (const auto parts = case_parts(path)) return read_parts(*parts);
   if (is_openfoam(path)) return read_openfoam(path);
   explain_no_mesh(path);
   const Reader& reader = reader_of(path.string());  // a name that cannot be read is refused before its bytes are
@@ -67,9 +79,8 @@ std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path, cons
 
 void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const std::filesystem::path& path) {
   if (source.format() == Format::openfoam) {
-    const std::filesystem::path points_path = openfoam_points_path(path);
-    if (points_path.has_parent_path()) std::filesystem::create_directories(points_path.parent_path());
-    return write_file(points_path, source.with_points(points));
+    if (source.case_parts() > 0) return write_case_parts(source.parts_with_points(points), path);
+    return write_foam_points(openfoam_points_path(path), source.with_points(points));
   }
   const Reader& reader = reader_of(path.string());
   if (reader.format != source.format()) {

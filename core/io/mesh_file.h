@@ -49,15 +49,18 @@ class MeshFile {
   /// two-dimensional file.
   virtual std::string with_points(std::span<const Vec3> points) const = 0;
 
-  /// One file of a mesh that consists of several (Abaqus decks with *INCLUDE). with_points() returns the first one, and throws
-  /// Error(failed_precondition) if points in another one would change.
+  /// One file of a mesh that consists of several: Abaqus decks with *INCLUDE, and decomposed OpenFOAM cases. with_points()
+  /// returns the first one, and throws Error(failed_precondition) if points in another one would change.
   struct FilePart {
-    std::filesystem::path path;      ///< as named in the first file, relative to it; empty for the first
+    std::filesystem::path path;      ///< as named in the first file, relative to it; empty for the first. OpenFOAM: processorN
     std::filesystem::path original;  ///< where it was read from
     std::string bytes;               ///< its new content
   };
   /// The first file and all files that it includes, with new coordinates.
   virtual std::vector<FilePart> parts_with_points(std::span<const Vec3> points) const { return {{{}, {}, with_points(points)}}; }
+
+  /// The number of parts of a decomposed OpenFOAM case, of which each has a file of points; 0 for all other files.
+  virtual std::size_t case_parts() const { return 0; }
 
   bool compressed = false;  ///< whether the file was gzipped
 
@@ -94,12 +97,13 @@ int serve_isolated_reader();
 /// Reads .obj .off .ply .stl, Medit's .mesh, SU2's .su2, VTK's .vtk, .vtu and .vtp, each also as .gz (recognised by content), and
 /// OpenFOAM meshes: a folder that holds constant/polyMesh, polyMesh or the files of one, the path of its `points`, or a time
 /// folder of a case or the folder of a region in one. Files are searched as OpenFOAM does: in this folder, then in the last
-/// earlier time folder that has them, then in constant. Throws Error(invalid_argument) naming file, line (or byte offset) and
-/// what was expected; Error(not_found) if the file cannot be opened. Gmsh (.msh): physical groups of surfaces contain faces, all
-/// others points; a group without a name is called "physical_2d_7". Abaqus (.inp): sets and surfaces, those of parts as
-/// "PART.NAME" if there are several parts or the assembly has the same name; the points of an instance are those of its part,
-/// without the transformation of the instance. Included files are relative to the folder of `path`. Nastran (.bdf .nas .dat):
-/// "pid_N" for the elements of property N.
+/// earlier time folder that has them, then in constant. A decomposed case is put together by the addresses of its parts: a case
+/// without a mesh of its own, and CASE/processor*/PLACE, which stands for the same place in every part. Throws
+/// Error(invalid_argument) naming file, line (or byte offset) and what was expected; Error(not_found) if the file cannot be
+/// opened. Gmsh (.msh): physical groups of surfaces contain faces, all others points; a group without a name is called
+/// "physical_2d_7". Abaqus (.inp): sets and surfaces, those of parts as "PART.NAME" if there are several parts or the assembly
+/// has the same name; the points of an instance are those of its part, without the transformation of the instance. Included files
+/// are relative to the folder of `path`. Nastran (.bdf .nas .dat): "pid_N" for the elements of property N.
 std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path, const ReadOptions& options = {});
 
 /// The same from memory. The extension of `name` selects the format; `name` is also used in errors. Counts in the file are
@@ -108,9 +112,10 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name,
 
 /// Writes `source` with new coordinates to `path` (gzipped if it ends in .gz), by a temporary file and rename. The extension must
 /// be that of the format of `source`. For an OpenFOAM mesh only `points` is written, with its parent folders: to `path` if that
-/// is called points or points.gz, otherwise to polyMesh/points in the time folder `path`. The files included by an Abaqus deck
-/// are written next to `path` under the names used in the deck, even those without nodes. The files that were read are never
-/// overwritten: throws Error(failed_precondition) if other points would have to be written there.
+/// is called points or points.gz, otherwise to polyMesh/points in the time folder `path`; those of a decomposed case for every
+/// part, with processorN after the folder of the case in `path` (or for processor* there), or at its end. The files included by
+/// an Abaqus deck are written next to `path` under the names used in the deck, even those without nodes. The files that were read
+/// are never overwritten: throws Error(failed_precondition) if other points would have to be written there.
 void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const std::filesystem::path& path);
 
 /// The file of the mesh at `source` that write_mesh_file() to `output` would replace, under any name (hard and symbolic links,
@@ -123,7 +128,10 @@ std::optional<std::filesystem::path> replaced_source(const std::filesystem::path
 /// or another part (processorN) of a decomposed case.
 void check_output(const std::filesystem::path& source, const std::filesystem::path& output);
 
-/// The file with the coordinates of the mesh at `source`, with all links resolved.
+/// Whether there is a file or folder of that name, or parts that it stands for.
+bool mesh_exists(const std::filesystem::path& path);
+
+/// The file with the coordinates of the mesh at `source`, with all links resolved; that of a decomposed case with processor*.
 std::filesystem::path source_file(const std::filesystem::path& source);
 
 /// Writes a new file from a mesh (samples, conversions): OBJ or STL by extension, with groups as g or solid names. STL must

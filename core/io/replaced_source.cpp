@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <optional>
 
+#include "core/io/formats/openfoam/decomposed_case.h"
 #include "core/io/formats/openfoam/openfoam_folder.h"
 #include "core/io/gzip.h"
 #include "core/io/mesh_file.h"
@@ -26,16 +27,21 @@ fs::path packed_or_not(const fs::path& path) {
 }  // namespace
 
 std::optional<fs::path> replaced_source(const fs::path& source, const fs::path& output) {
+  if (const auto parts = case_parts(source)) return replaced_parts(*parts, output);
   if (is_openfoam(source)) return replaced_openfoam_points(source, output);
   if (same(source, output) || same(source, packed_or_not(output))) return source;
   return std::nullopt;
 }
 
 void check_output(const fs::path& source, const fs::path& output) {
+  if (const auto parts = case_parts(source)) return check_parts_output(*parts, output);
   if (is_openfoam(source)) check_openfoam_output(source, output);
 }
 
+bool mesh_exists(const fs::path& path) { return fs::is_regular_file(path) || fs::is_directory(path) || case_parts(path); }
+
 fs::path source_file(const fs::path& source) {
+  if (const auto parts = case_parts(source)) return parts_source_points(*parts);
   return fs::canonical(is_openfoam(source) ? openfoam_source_points(source) : source);
 }
 

@@ -101,6 +101,41 @@ class OpenFoam(EndToEnd):
             self.fails(1, verb[0], "pipe.yaml", *verb[1:], says=["-o", "region fluid", "1/fluid"])
             self.assertEqual(os.listdir(self.path("regions")), ["constant"])
 
+    def test_the_parts_of_a_decomposed_case_move_as_the_whole(self):
+        """By OpenFOAM's own decomposePar; the tests of the reader cut a grid themselves."""
+        if shutil.which("decomposePar") is None:
+            self.skipTest("without OpenFOAM: there is no decomposePar")
+        self.case("pipe_tet")
+        os.makedirs(self.path("case/system"), exist_ok=True)
+        head = "FoamFile { version 2.0; format ascii; class dictionary; object x; }\n"
+        self.write("case/system/controlDict", head + "startFrom startTime; startTime 0; stopAt endTime; endTime 1; deltaT 1;\n"
+                                                     "writeControl timeStep; writeInterval 1; writePrecision 17;\n")
+        self.write("case/system/decomposeParDict", head + "numberOfSubdomains 4; method simple; coeffs { n (2 2 1); }\n")
+        for name in ("fvSchemes", "fvSolution"):
+            self.write("case/system/" + name, head)
+        subprocess.run(["decomposePar", "-case", self.path("case")], env={"WM_PROJECT_DIR": "/usr/share/openfoam", **os.environ},
+                       timeout=120, stdout=subprocess.DEVNULL, check=True)
+        self.start_server()
+        setup = ("handles: [{name: inlet, region: {group: inlet}}]\nfixed: [{group: outlet}]\n"
+                 "variables: [{name: up, handle: inlet, translate: [0, 0, 1]}]\n")
+        self.write("whole.yaml", "geometry: case\n" + setup)
+        self.write("parts.yaml", 'geometry: "case/processor*"\n' + setup)
+        self.deform("apply", "whole.yaml", "--set", "up=0.1", "-o", "whole")
+        self.deform("apply", "parts.yaml", "--set", "up=0.1", "-o", "case/1")
+        whole, _ = read_foam_points(self.path("whole/polyMesh/points"))
+        seen = set()
+        for part in range(4):
+            folder = self.path(f"case/processor{part}")
+            points, _ = read_foam_points(folder + "/1/polyMesh/points")
+            addresses = read_bytes(folder + "/constant/polyMesh/pointProcAddressing").decode()
+            places = list(map(int, addresses[addresses.index("\n(") + 2:addresses.rindex(")")].split()))
+            self.assertEqual(points, [whole[place] for place in places])
+            seen.update(places)
+        self.assertEqual(len(seen), len(whole))
+        self.write("designs.csv", "name,up\na,0.05\n")
+        self.fails(1, "sweep", "parts.yaml", "--designs", "designs.csv", "-o", "results", says=["4 parts", "deform apply"])
+        self.fails(1, "apply", "parts.yaml", "--set", "up=0.1", "-o", "case/processor*/constant", says=["would replace the source"])
+
     def compare(self, said, quality):
         """OpenFOAM's own numbers."""
         for label, name in ((r"Mesh non-orthogonality Max:", "non_orthogonality"), (r"average:", "average_non_orthogonality"),

@@ -62,7 +62,7 @@ std::filesystem::path checked_output(const ApplyOptions& options) {
   keep_what_is_read(options, file);
   std::filesystem::path source = options.input.source;
   if (source.empty()) source = file.geometry_file.value_or(std::filesystem::path());
-  if (source.empty() || !std::filesystem::exists(source)) {
+  if (source.empty() || !io::mesh_exists(source)) {
     if (options.in_place)
       throw Error(ErrorCode::invalid_argument, "--in-place: no mesh file is named, by the setup or by --source");
     return options.output;

@@ -339,7 +339,7 @@ void print_text(const SweepReport& report, const std::string& output) {
 /// Refuses results of an OpenFOAM mesh that would not be found again, or that would be its own mesh, before anything is computed.
 void check_results(const SweepOptions& options, const DesignTable& table, const std::filesystem::path& source) {
   const std::filesystem::path folder = options.output;
-  if (folder.extension() == ".tar" || source.empty() || !std::filesystem::exists(source)) return;
+  if (folder.extension() == ".tar" || source.empty() || !io::mesh_exists(source)) return;
   for (const NamedDesign& design : table.designs) {
     const std::filesystem::path result = folder / design.name;
     const std::string hint = "; results of a sweep are FOLDER/NAME, so -o may be any folder that is in no OpenFOAM case";
@@ -370,6 +370,13 @@ ExitCode run_sweep(const SweepOptions& options, const CommonOptions& common) {
   LoadedSetup loaded = load_setup(connection, options.input, preparing);
   const DesignTable table = checked_designs(options, loaded.setup);
   const PreparedSetup prepared = prepare_loaded(connection, std::move(loaded), preparing);
+  if (prepared.source && prepared.source->case_parts() > 0) {
+    throw Error(ErrorCode::invalid_argument,
+                prepared.source_path.string() + ": a result of a sweep is one file, and each of the " +
+                    std::to_string(prepared.source->case_parts()) +
+                    " parts of this decomposed OpenFOAM case has its own points; run deform apply for every design, or sweep "
+                    "the case before it is decomposed");
+  }
   check_results(options, table, prepared.source_path);
   const auto start = std::chrono::steady_clock::now();
   Progress progress;

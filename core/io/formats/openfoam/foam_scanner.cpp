@@ -2,6 +2,7 @@
 #include "core/io/formats/openfoam/foam_scanner.h"
 
 #include <algorithm>
+#include <bit>
 #include <charconv>
 #include <cmath>
 
@@ -224,6 +225,25 @@ std::vector<std::uint32_t> FoamScanner::labels(const char* what, std::uint64_t l
     if (none && integer(what) != -1) fail(std::string(what) + ": the only negative number here is -1");
     result.push_back(none ? minus_one : index(what, limit));
   }
+  expect(')', what);
+  return result;
+}
+
+std::vector<std::int64_t> FoamScanner::signed_labels(const char* what) {
+  const std::size_t bytes_each = binary_ ? static_cast<std::size_t>(label_bytes_) : 2;
+  std::vector<std::int64_t> result(count(what, bytes_each));
+  if (result.empty() && peek() != '(') return result;
+  if (binary_) {
+    const std::string_view bytes = raw(result.size() * bytes_each, what);
+    for (std::size_t i = 0; i < result.size(); ++i) {
+      const char* at = bytes.data() + i * bytes_each;
+      result[i] = label_bytes_ == 8 ? std::bit_cast<std::int64_t>(load_scalar<std::uint64_t>(at, order_))
+                                    : std::bit_cast<std::int32_t>(load_scalar<std::uint32_t>(at, order_));
+    }
+    return result;
+  }
+  expect('(', what);
+  for (std::int64_t& value : result) value = integer(what);
   expect(')', what);
   return result;
 }

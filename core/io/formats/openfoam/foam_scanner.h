@@ -52,6 +52,8 @@ class FoamScanner {
   static constexpr std::uint32_t minus_one = 0xffffffffu;
   std::vector<std::uint32_t> labels(const char* what, std::uint64_t limit, std::uint64_t most,
                                     MinusOne minus_one_is = MinusOne::refused);
+  /// A list of labels of either sign.
+  std::vector<std::int64_t> signed_labels(const char* what);
   /// After a count: steps over '(', returns the raw bytes of a binary list and steps over ')'.
   std::string_view raw(std::size_t bytes, const char* what);
 

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <functional>
 #include <limits>
 
 #include "core/base/error.h"
-#include "core/io/assembly/coordinate_records.h"
 #include "core/io/assembly/face_groups.h"
 #include "core/io/binary/byte_order.h"
+#include "core/io/formats/openfoam/foam_mesh.h"
 #include "core/io/formats/openfoam/foam_scanner.h"
 #include "core/io/formats/openfoam/openfoam_folder.h"
 
@@ -18,24 +17,10 @@ using Kind = FaceGroups::Kind;
 
 constexpr std::uint64_t any_label = std::numeric_limits<std::uint32_t>::max();
 
-struct Patch {
-  std::string name;
-  std::vector<std::string> groups;
-  bool empty = false;  ///< of type "empty": the mesh is two-dimensional
-  std::uint64_t first = 0, count = 0;
-};
-
-struct PointFile {
-  std::vector<Vec3> points;
-  TextRecords text;
-  BinaryRecords binary;
-  bool is_binary = false;
-};
-
-PointFile read_points(const FoamFiles::Part& part) {
+FoamPoints read_points(const FoamFiles::Part& part) {
   FoamScanner scanner(part.bytes, part.name);
   scanner.read_header();
-  PointFile file;
+  FoamPoints file;
   file.is_binary = scanner.binary();
   const std::size_t scalar = static_cast<std::size_t>(scanner.scalar_bytes());
   const std::size_t count = scanner.count("the number of points", file.is_binary ? 3 * scalar : 8);
@@ -106,8 +91,8 @@ void read_faces(const FoamFiles::Part& part, std::size_t points, PolyhedralCells
   scanner.expect(')', "the list of faces");
 }
 
-Patch read_patch(FoamScanner& scanner, std::size_t faces) {
-  Patch patch;
+FoamPatch read_patch(FoamScanner& scanner, std::size_t faces) {
+  FoamPatch patch;
   patch.name = scanner.word("the name of a patch");
   scanner.next();
   const std::size_t begin = scanner.position();
@@ -119,7 +104,11 @@ Patch read_patch(FoamScanner& scanner, std::size_t faces) {
     } else if (key == "startFace") {
       patch.first = scanner.index("startFace", any_label);
     } else if (key == "type") {
-      patch.empty = scanner.word("the type of a patch") == "empty";
+      const std::string_view type = scanner.word("the type of a patch");
+      patch.empty = type == "empty";
+      patch.between_parts = type == "processor";
+    } else if (key == "referPatch") {
+      patch.cyclic = scanner.word("the name of a patch");
     } else if (key == "inGroups") {
       if (scanner.peek() != '(' && scanner.peek() != ';') scanner.integer("the number of groups");
       if (scanner.accept('(')) {
@@ -135,26 +124,26 @@ Patch read_patch(FoamScanner& scanner, std::size_t faces) {
   return patch;
 }
 
-std::vector<Patch> read_boundary(const FoamFiles::Part& part, std::size_t faces) {
+std::vector<FoamPatch> read_boundary(const FoamFiles::Part& part, std::size_t faces) {
   FoamScanner scanner(part.bytes, part.name);
   scanner.read_header();
   const std::size_t count = scanner.count("the number of patches", 4);
   scanner.expect('(', "the list of patches");
-  std::vector<Patch> patches;
+  std::vector<FoamPatch> patches;
   for (std::size_t i = 0; i < count; ++i) patches.push_back(read_patch(scanner, faces));
   scanner.expect(')', "the list of patches");
   return patches;
 }
 
-/// Calls use(name, members) for every zone of the file; `key` holds the members, each in 0..limit-1.
-void read_zones(const FoamFiles::Part& part, std::string_view key, std::uint64_t limit,
-                const std::function<void(const std::string& name, const std::vector<std::uint32_t>& members)>& use) {
-  if (part.bytes.empty()) return;
+/// Every zone of the file; `key` holds the members, each in 0..limit-1.
+std::vector<FoamZone> read_zones(const FoamFiles::Part& part, std::string_view key, std::uint64_t limit) {
+  std::vector<FoamZone> zones;
+  if (part.bytes.empty()) return zones;
   FoamScanner scanner(part.bytes, part.name);
   scanner.read_header();
-  if (!scanner.next()) return;
+  if (!scanner.next()) return zones;
   const std::size_t count = scanner.count("the number of zones", 4);
-  if (scanner.peek() != '(') return;
+  if (scanner.peek() != '(') return zones;
   scanner.expect('(', "the list of zones");
   for (std::size_t i = 0; i < count; ++i) {
     const std::string name(scanner.word("the name of a zone"));
@@ -172,136 +161,169 @@ void read_zones(const FoamFiles::Part& part, std::string_view key, std::uint64_t
       }
       scanner.skip_entry();
     }
-    use(name, members);
+    zones.push_back({name, std::move(members)});
+  }
+  return zones;
+}
+
+/// Old files have an entry for every face, with -1 for the boundary faces, which come last.
+void drop_old_entries(const std::string& name, std::vector<std::uint32_t>& neighbour) {
+  const auto boundary = std::find(neighbour.begin(), neighbour.end(), FoamScanner::minus_one);
+  const auto internal =
+      std::find_if(boundary, neighbour.end(), [](std::uint32_t cell) { return cell != FoamScanner::minus_one; });
+  if (internal != neighbour.end()) {
+    throw Error(ErrorCode::invalid_argument, name + ": face " + std::to_string(boundary - neighbour.begin()) +
+                                                 " has no neighbour (-1) and stands before the internal face " +
+                                                 std::to_string(internal - neighbour.begin()));
+  }
+  neighbour.erase(boundary, neighbour.end());
+}
+
+/// Every face has one or two cells, which limits allocations caused by numbers in the files.
+void read_cells(const FoamFiles& files, PolyhedralCells& cells) {
+  const std::size_t faces = cells.face_count();
+  const auto read = [faces](const FoamFiles::Part& part, FoamScanner::MinusOne minus_one) {
+    FoamScanner scanner(part.bytes, part.name);
+    scanner.read_header();
+    return scanner.labels("the cell of a face", 2 * faces, faces, minus_one);
+  };
+  cells.owner = read(files.owner, FoamScanner::MinusOne::refused);
+  cells.neighbour = read(files.neighbour, FoamScanner::MinusOne::allowed);
+  drop_old_entries(files.neighbour.name, cells.neighbour);
+  if (cells.owner.size() != faces) {
+    throw Error(ErrorCode::invalid_argument,
+                files.owner.name + ": " + std::to_string(cells.owner.size()) + " owners for " + std::to_string(faces) + " faces");
+  }
+  for (const auto* sides : {&cells.owner, &cells.neighbour}) {
+    for (const std::uint32_t cell : *sides) cells.cell_count = std::max<std::size_t>(cells.cell_count, std::size_t{cell} + 1);
   }
 }
 
-class FoamMesh {
- public:
-  explicit FoamMesh(FoamFiles files) : files_(std::move(files)) {}
+void check_patches(const FoamFiles::Part& part, const FoamMesh& mesh) {
+  for (const FoamPatch& patch : mesh.patches) {
+    if (patch.first >= mesh.cells.internal_faces()) continue;
+    throw Error(ErrorCode::invalid_argument, part.name + ": patch \"" + patch.name + "\" begins at face " +
+                                                 std::to_string(patch.first) + ", which is one of the " +
+                                                 std::to_string(mesh.cells.internal_faces()) + " internal faces");
+  }
+}
 
-  std::unique_ptr<MeshFile> read() {
-    PointFile points = read_points(files_.points);
-    mesh_->points = std::move(points.points);
-    read_faces(files_.faces, mesh_->point_count(), *cells_);
-    read_cells();
-    for (std::size_t f = cells_->internal_faces(); f < cells_->face_count(); ++f) {
-      const auto corners = cells_->face(f);
+/// Faces and groups of the boundary, and the points of zones inside.
+class Assembly {
+ public:
+  explicit Assembly(FoamMesh mesh) : foam_(std::move(mesh)) {}
+
+  std::shared_ptr<const Mesh> assemble() {
+    for (std::size_t f = cells_.internal_faces(); f < cells_.face_count(); ++f) {
+      const auto corners = cells_.face(f);
       mesh_->face_sizes.push_back(static_cast<std::uint32_t>(corners.size()));
       mesh_->face_points.insert(mesh_->face_points.end(), corners.begin(), corners.end());
     }
-    add_patches(read_boundary(files_.boundary, cells_->face_count()));
+    mesh_->points = std::move(foam_.points.points);
+    add_patches();
     add_zones();
     mesh_->groups = groups_.finish();
-    mesh_->cells = cells_;
-    try {
-      mesh_->validate();
-    } catch (const Error& error) {
-      throw Error(error.code(), files_.points.name + ": " + error.what());
-    }
-    std::string bytes = std::move(files_.points.bytes);
-    return points.is_binary ? make_binary_mesh_file(Format::openfoam, std::move(bytes), mesh_, std::move(points.binary))
-                            : make_text_mesh_file(Format::openfoam, std::move(bytes), mesh_, std::move(points.text));
+    mesh_->cells = std::make_shared<PolyhedralCells>(std::move(cells_));
+    mesh_->validate();
+    return mesh_;
   }
 
  private:
-  /// Every face has one or two cells, which limits allocations caused by numbers in the files.
-  void read_cells() {
-    const std::size_t faces = cells_->face_count();
-    const auto read = [faces](const FoamFiles::Part& part, FoamScanner::MinusOne minus_one) {
-      FoamScanner scanner(part.bytes, part.name);
-      scanner.read_header();
-      return scanner.labels("the cell of a face", 2 * faces, faces, minus_one);
-    };
-    cells_->owner = read(files_.owner, FoamScanner::MinusOne::refused);
-    cells_->neighbour = read(files_.neighbour, FoamScanner::MinusOne::allowed);
-    drop_old_entries();
-    if (cells_->owner.size() != faces) {
-      throw Error(ErrorCode::invalid_argument, files_.owner.name + ": " + std::to_string(cells_->owner.size()) + " owners for " +
-                                                   std::to_string(faces) + " faces");
-    }
-    for (const auto* cells : {&cells_->owner, &cells_->neighbour}) {
-      for (const std::uint32_t cell : *cells)
-        cells_->cell_count = std::max<std::size_t>(cells_->cell_count, std::size_t{cell} + 1);
-    }
-  }
-
-  /// Old files have an entry for every face, with -1 for the boundary faces, which come last.
-  void drop_old_entries() {
-    auto& neighbour = cells_->neighbour;
-    const auto boundary = std::find(neighbour.begin(), neighbour.end(), FoamScanner::minus_one);
-    const auto internal =
-        std::find_if(boundary, neighbour.end(), [](std::uint32_t cell) { return cell != FoamScanner::minus_one; });
-    if (internal != neighbour.end()) {
-      throw Error(ErrorCode::invalid_argument, files_.neighbour.name + ": face " + std::to_string(boundary - neighbour.begin()) +
-                                                   " has no neighbour (-1) and stands before the internal face " +
-                                                   std::to_string(internal - neighbour.begin()));
-    }
-    neighbour.erase(boundary, neighbour.end());
-  }
-
-  void add_patches(const std::vector<Patch>& patches) {
-    for (const Patch& patch : patches) {
-      if (patch.first < cells_->internal_faces()) {
-        throw Error(ErrorCode::invalid_argument, files_.boundary.name + ": patch \"" + patch.name + "\" begins at face " +
-                                                     std::to_string(patch.first) + ", which is one of the " +
-                                                     std::to_string(cells_->internal_faces()) + " internal faces");
-      }
+  void add_patches() {
+    for (const FoamPatch& patch : foam_.patches) {
       add_patch(groups_.find_or_add(Kind::group, patch.name), patch);
       if (!patch.empty) continue;
-      cells_->empty_faces.resize(cells_->face_count());
-      std::fill_n(cells_->empty_faces.begin() + static_cast<std::ptrdiff_t>(patch.first), patch.count, 1);
+      cells_.empty_faces.resize(cells_.face_count());
+      std::fill_n(cells_.empty_faces.begin() + static_cast<std::ptrdiff_t>(patch.first), patch.count, 1);
     }
-    for (const Patch& patch : patches) {
+    for (const FoamPatch& patch : foam_.patches) {
       for (const std::string& group : patch.groups) add_patch(groups_.find_or_add(Kind::patch_group, group), patch);
     }
   }
 
-  void add_patch(std::size_t group, const Patch& patch) {
+  void add_patch(std::size_t group, const FoamPatch& patch) {
     for (std::uint64_t f = patch.first; f < patch.first + patch.count; ++f) {
-      groups_.add_face(group, static_cast<FaceId>(f - cells_->internal_faces()));
+      groups_.add_face(group, static_cast<FaceId>(f - cells_.internal_faces()));
     }
   }
 
   void add_zones() {
-    read_zones(files_.point_zones, "pointLabels", mesh_->point_count(), [&](const std::string& name, const auto& members) {
-      const std::size_t group = groups_.find_or_add(Kind::point_zone, name);
-      for (const PointId point : members) groups_.add_point(group, point);
-    });
-    read_zones(files_.face_zones, "faceLabels", cells_->face_count(), [&](const std::string& name, const auto& members) {
-      const std::size_t group = groups_.find_or_add(Kind::face_zone, name);
-      for (const std::uint32_t face : members) {
-        if (face >= cells_->internal_faces()) {
-          groups_.add_face(group, static_cast<FaceId>(face - cells_->internal_faces()));
+    for (const FoamZone& zone : foam_.point_zones) {
+      const std::size_t group = groups_.find_or_add(Kind::point_zone, zone.name);
+      for (const PointId point : zone.members) groups_.add_point(group, point);
+    }
+    for (const FoamZone& zone : foam_.face_zones) {
+      const std::size_t group = groups_.find_or_add(Kind::face_zone, zone.name);
+      for (const std::uint32_t face : zone.members) {
+        if (face >= cells_.internal_faces()) {
+          groups_.add_face(group, static_cast<FaceId>(face - cells_.internal_faces()));
         } else {
-          for (const PointId point : cells_->face(face)) groups_.add_point(group, point);
+          for (const PointId point : cells_.face(face)) groups_.add_point(group, point);
         }
       }
-    });
-    read_zones(files_.cell_zones, "cellLabels", cells_->cell_count, [&](const std::string& name, const auto& members) {
-      if (!members.empty()) add_cells(groups_.find_or_add(Kind::cell_zone, name), members);
-    });
+    }
+    for (const FoamZone& zone : foam_.cell_zones) {
+      if (!zone.members.empty()) add_cells(groups_.find_or_add(Kind::cell_zone, zone.name), zone.members);
+    }
   }
 
   /// All points of these cells.
   void add_cells(std::size_t group, const std::vector<std::uint32_t>& members) {
-    std::vector<char> wanted(cells_->cell_count);
+    std::vector<char> wanted(cells_.cell_count);
     for (const std::uint32_t cell : members) wanted[cell] = 1;
-    for (std::size_t f = 0; f < cells_->face_count(); ++f) {
-      if (!wanted[cells_->owner[f]] && !(f < cells_->internal_faces() && wanted[cells_->neighbour[f]])) continue;
-      for (const PointId point : cells_->face(f)) groups_.add_point(group, point);
+    for (std::size_t f = 0; f < cells_.face_count(); ++f) {
+      if (!wanted[cells_.owner[f]] && !(f < cells_.internal_faces() && wanted[cells_.neighbour[f]])) continue;
+      for (const PointId point : cells_.face(f)) groups_.add_point(group, point);
     }
   }
 
-  FoamFiles files_;
-  std::shared_ptr<PolyhedralCells> cells_ = std::make_shared<PolyhedralCells>();
+  FoamMesh foam_;
+  PolyhedralCells& cells_ = foam_.cells;
   FaceGroups groups_;
   std::shared_ptr<Mesh> mesh_ = std::make_shared<Mesh>();
 };
 
 }  // namespace
 
-std::unique_ptr<MeshFile> parse_openfoam(FoamFiles files) { return FoamMesh(std::move(files)).read(); }
+FoamMesh read_foam_mesh(const FoamFiles& files) {
+  FoamMesh mesh;
+  mesh.points = read_points(files.points);
+  const std::size_t points = mesh.points.points.size();
+  read_faces(files.faces, points, mesh.cells);
+  read_cells(files, mesh.cells);
+  const std::size_t faces = mesh.cells.face_count();
+  mesh.patches = read_boundary(files.boundary, faces);
+  check_patches(files.boundary, mesh);
+  mesh.point_zones = read_zones(files.point_zones, "pointLabels", points);
+  mesh.face_zones = read_zones(files.face_zones, "faceLabels", faces);
+  mesh.cell_zones = read_zones(files.cell_zones, "cellLabels", mesh.cells.cell_count);
+  return mesh;
+}
+
+std::shared_ptr<const Mesh> assemble_mesh(FoamMesh mesh, const std::string& name) {
+  try {
+    return Assembly(std::move(mesh)).assemble();
+  } catch (const Error& error) {
+    throw Error(error.code(), name + ": " + error.what());
+  }
+}
+
+std::unique_ptr<MeshFile> make_points_file(FoamPoints points, std::string bytes, std::shared_ptr<const Mesh> mesh,
+                                           std::span<const PointId> record_points) {
+  points.text.record_points = points.binary.record_points = record_points;
+  return points.is_binary ? make_binary_mesh_file(Format::openfoam, std::move(bytes), std::move(mesh), std::move(points.binary))
+                          : make_text_mesh_file(Format::openfoam, std::move(bytes), std::move(mesh), std::move(points.text));
+}
+
+std::unique_ptr<MeshFile> parse_openfoam(FoamFiles files) {
+  FoamMesh foam = read_foam_mesh(files);
+  FoamPoints records;
+  records.text = std::move(foam.points.text);
+  records.binary = std::move(foam.points.binary);
+  records.is_binary = foam.points.is_binary;
+  auto mesh = assemble_mesh(std::move(foam), files.points.name);
+  return make_points_file(std::move(records), std::move(files.points.bytes), std::move(mesh), {});
+}
 
 std::size_t openfoam_point_count(const FoamFiles::Part& points) { return read_points(points).points.size(); }
 

@@ -114,39 +114,43 @@ void check_all_used(const MeshFile& file, const fs::path& points, const fs::path
                                                std::to_string(count) + " of them: they belong to another mesh");
 }
 
-FoamFiles::Part load(const fs::path& folder, const char* name) {
-  const auto path = existing(folder, name);
-  if (!path) {
-    throw Error(ErrorCode::not_found,
-                "cannot open " + (folder / name).string() + ", which an OpenFOAM mesh has beside its points");
-  }
-  return {read_file(*path), path->string()};
-}
-
 FoamFiles::Part load_if_there(const fs::path& folder, const char* name) {
-  return existing(folder, name) ? load(folder, name) : FoamFiles::Part{};
+  return existing(folder, name) ? load_openfoam_file(folder, name) : FoamFiles::Part{};
 }
 
 }  // namespace
 
 bool is_openfoam(const fs::path& path) { return find_points(path).has_value(); }
 
-std::unique_ptr<MeshFile> read_openfoam(const fs::path& path) {
-  const fs::path points = find_points(path).value();
-  const fs::path folder = topology_folder(points);
-  FoamFiles files;
-  bool compressed = false;
-  files.points = {read_file(points, &compressed), points.string()};
-  files.faces = load(folder, "faces");
-  files.owner = load(folder, "owner");
-  files.neighbour = load(folder, "neighbour");
-  files.boundary = load(folder, "boundary");
+FoamFiles::Part load_openfoam_file(const fs::path& folder, const char* name, const char* what) {
+  const auto path = existing(folder, name);
+  if (!path) {
+    throw Error(ErrorCode::not_found, "cannot open " + (folder / name).string() + ", " + what);
+  }
+  return {read_file(*path), path->string()};
+}
+
+FoamFolder load_openfoam(const fs::path& path) {
+  FoamFolder loaded;
+  loaded.points = find_points(path).value();
+  const fs::path& folder = loaded.topology = topology_folder(loaded.points);
+  FoamFiles& files = loaded.files;
+  files.points = {read_file(loaded.points, &loaded.compressed), loaded.points.string()};
+  files.faces = load_openfoam_file(folder, "faces");
+  files.owner = load_openfoam_file(folder, "owner");
+  files.neighbour = load_openfoam_file(folder, "neighbour");
+  files.boundary = load_openfoam_file(folder, "boundary");
   files.point_zones = load_if_there(folder, "pointZones");
   files.face_zones = load_if_there(folder, "faceZones");
   files.cell_zones = load_if_there(folder, "cellZones");
-  auto file = parse_openfoam(std::move(files));
-  file->compressed = compressed;
-  if (folder != fs::absolute(points).parent_path()) check_all_used(*file, points, folder);
+  return loaded;
+}
+
+std::unique_ptr<MeshFile> read_openfoam(const fs::path& path) {
+  FoamFolder loaded = load_openfoam(path);
+  auto file = parse_openfoam(std::move(loaded.files));
+  file->compressed = loaded.compressed;
+  if (loaded.topology != fs::absolute(loaded.points).parent_path()) check_all_used(*file, loaded.points, loaded.topology);
   return file;
 }
 
@@ -158,9 +162,7 @@ void explain_no_mesh(const fs::path& path) {
     if (existing(entry.path() / "polyMesh", "points")) regions.push_back(entry.path().string());
   }
   for (const auto& entry : fs::directory_iterator(path, unreadable)) {
-    if (entry.path().filename().string().starts_with("processor") && find_points(entry.path())) {
-      parts.push_back(entry.path().string());
-    }
+    if (entry.path().filename().string().starts_with("processors")) parts.push_back(entry.path().string());
   }
   const auto listed = [](std::vector<std::string>& names) {
     constexpr std::size_t most = 10;
@@ -174,8 +176,9 @@ void explain_no_mesh(const fs::path& path) {
                 path.string() + ": is an OpenFOAM case of several regions; name the one to read: " + listed(regions));
   }
   if (!parts.empty()) {
-    throw Error(ErrorCode::invalid_argument, path.string() + ": is a decomposed OpenFOAM case; put its mesh together " +
-                                                 "(reconstructParMesh -constant), or name one of its parts: " + listed(parts));
+    throw Error(ErrorCode::invalid_argument, path.string() + ": is a decomposed OpenFOAM case whose parts are collated (" +
+                                                 listed(parts) +
+                                                 "), which is not read; write it with the file handler \"uncollated\"");
   }
 }
 

@@ -18,12 +18,23 @@ struct FoamFiles {
   Part points, faces, owner, neighbour, boundary, point_zones, face_zones, cell_zones;
 };
 std::unique_ptr<MeshFile> parse_openfoam(FoamFiles files);
+/// The files of a mesh in the file system.
+struct FoamFolder {
+  FoamFiles files;
+  std::filesystem::path points, topology;  ///< the file of the points, the folder of the faces
+  bool compressed = false;                 ///< whether the points were
+};
+/// For a path that satisfies is_openfoam().
+FoamFolder load_openfoam(const std::filesystem::path& path);
+/// FOLDER/NAME or FOLDER/NAME.gz. Throws Error(not_found) if there is neither, saying what it would be.
+FoamFiles::Part load_openfoam_file(const std::filesystem::path& folder, const char* name,
+                                   const char* what = "which an OpenFOAM mesh has beside its points");
 /// The number of points in a `points` file.
 std::size_t openfoam_point_count(const FoamFiles::Part& points);
 
 /// Whether the path is a folder with a polyMesh, the `points` of one, or a time or region folder of a case.
 bool is_openfoam(const std::filesystem::path& path);
-/// Throws Error(invalid_argument) if a folder that is not is_openfoam() is a case of several regions or of processor folders.
+/// Throws Error(invalid_argument) if a folder that is not is_openfoam() is a case of several regions or of collated parts.
 void explain_no_mesh(const std::filesystem::path& path);
 /// Throws Error(invalid_argument) if a mesh written to `output` would not be found there again: a case instead of one of its time
 /// folders, a time folder instead of the region of the source in it or a region where the source has none, or a folder of the

@@ -6,6 +6,7 @@
 
 #include "core/base/error.h"
 #include "core/io/binary/byte_order.h"
+#include "core/io/readers.h"
 #include "core/io/text/text_scanner.h"
 
 namespace deform::io {
