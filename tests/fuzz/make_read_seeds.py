@@ -232,6 +232,19 @@ def openfoam_seeds():
     yield "binary", b"\x1f".join([head("binary") + raw, head("binary") + offsets + labels(corners), b"4(0 0 0 0)", b"0()", boundary])
 
 
+def openfoam_parts_seeds():
+    """Two tetrahedra that share a face, each in a part; see fuzz_read_openfoam_parts.cpp."""
+    def part(points, faces, addresses):
+        boundary = b"2(a{type patch;nFaces 3;startFace 0;}s{type processor;nFaces 1;startFace 3;})"
+        text = b"4(" + b"".join(b"3(%d %d %d)" % face for face in faces) + b")"
+        zones = [b"1(p{pointLabels 1(3);})", b"1(f{faceLabels 1(3);})", b"1(c{cellLabels 1(0);})"]
+        return [b"4(" + b"".join(points) + b")", text, b"4{0}", b"0()", boundary, *zones, *addresses]
+
+    points = [b"(0 0 0)", b"(1 0 0)", b"(0 1 0)", b"(0 0 1)", b"(1 1 1)"]
+    yield "text", b"\x1f".join(part(points[:4], [(0, 2, 1), (0, 1, 3), (2, 0, 3), (1, 2, 3)], [b"4(0 1 2 3)", b"4(2 3 4 1)", b"1(0)"]) +
+                               part(points[1:], [(0, 1, 3), (0, 3, 2), (1, 2, 3), (0, 2, 1)], [b"4(1 2 3 4)", b"4(5 6 7 -1)", b"1(1)"]))
+
+
 def netcdf_header_seeds():
     """Two dimensions, an attribute, a variable of doubles and one of records."""
     for version in (1, 2, 5):
@@ -256,7 +269,7 @@ def main():
     corpus = pathlib.Path(sys.argv[1])
     for name, seeds in (("abaqus", abaqus_seeds()), ("gmsh", gmsh_seeds()), ("medit", medit_seeds()), ("nastran", nastran_seeds()),
                         ("netcdf_header", netcdf_header_seeds()), ("obj", obj_seeds()), ("off", off_seeds()),
-                        ("openfoam", openfoam_seeds()), ("ply", ply_seeds()), ("stl", stl_seeds()), ("su2", su2_seeds()),
+                        ("openfoam", openfoam_seeds()), ("openfoam_parts", openfoam_parts_seeds()), ("ply", ply_seeds()), ("stl", stl_seeds()), ("su2", su2_seeds()),
                         ("vtk", vtk_seeds()), ("vtu", vtu_seeds())):
         folder = corpus / f"fuzz_read_{name}"
         folder.mkdir(parents=True, exist_ok=True)

@@ -308,7 +308,8 @@ TEST_F(DecomposedCase, OutputsThatReplaceOrHideThePartsAreRefused) {
     EXPECT_FALSE(replaced_source(case_, output)) << output;
     EXPECT_NO_THROW(check_output(case_, output)) << output;
   }
-  test::expect_error(ErrorCode::invalid_argument, {"is a decomposed OpenFOAM case", "parts/1"}, [&] { check_output(case_, case_); });
+  test::expect_error(ErrorCode::invalid_argument, {"is a decomposed OpenFOAM case", "parts/1"},
+                     [&] { check_output(case_, case_); });
   test::expect_error(ErrorCode::invalid_argument, {"one part", "all its parts"},
                      [&] { check_output(case_, case_ / "processor0" / "1"); });
   test::expect_error(ErrorCode::invalid_argument, {"is one file", "2 parts"},

@@ -252,24 +252,20 @@ bool CasePart::shared(std::uint64_t face) const {
   });
 }
 
-CasePart read_case_part(FoamFolder folder) {
+CasePart parse_case_part(FoamFiles files, const CaseAddresses& addresses) {
   CasePart part;
-  part.mesh = read_foam_mesh(folder.files);
-  part.point_bytes = std::move(folder.files.points.bytes);
-  part.points_path = folder.points;
-  const auto load = [&](const char* name, std::string& full_name, const auto& read) {
-    const FoamFiles::Part file = load_openfoam_file(
-        folder.topology, name, "which says what this part is in the whole case (reconstructParMesh writes it)");
-    full_name = file.name;
-    FoamScanner scanner(file.bytes, full_name);
+  part.mesh = read_foam_mesh(files);
+  part.point_bytes = std::move(files.points.bytes);
+  part.points_path = files.points.name;
+  const auto scan = [](const FoamFiles::Part& file, std::string& name, const auto& read) {
+    name = file.name;
+    FoamScanner scanner(file.bytes, name);
     scanner.read_header();
     read(scanner);
   };
-  load("pointProcAddressing", part.points_name,
-       [&](auto& scanner) { part.points = scanner.labels("a point", none, scanner.left()); });
-  load("cellProcAddressing", part.cells_name,
-       [&](auto& scanner) { part.cells = scanner.labels("a cell", none, scanner.left()); });
-  load("faceProcAddressing", part.faces_name, [&](auto& scanner) { part.faces = scanner.signed_labels("a face"); });
+  scan(addresses.points, part.points_name, [&](auto& scanner) { part.points = scanner.labels("a point", none, scanner.left()); });
+  scan(addresses.cells, part.cells_name, [&](auto& scanner) { part.cells = scanner.labels("a cell", none, scanner.left()); });
+  scan(addresses.faces, part.faces_name, [&](auto& scanner) { part.faces = scanner.signed_labels("a face"); });
   check_count(part.points_name, part.points.size(), part.mesh.points.points.size(), "points");
   check_count(part.cells_name, part.cells.size(), part.mesh.cells.cell_count, "cells");
   check_count(part.faces_name, part.faces.size(), part.mesh.cells.face_count(), "faces");
@@ -280,6 +276,15 @@ CasePart read_case_part(FoamFolder folder) {
                                 ", faces are counted from 1 here, with a sign");
   }
   return part;
+}
+
+CasePart read_case_part(FoamFolder folder) {
+  const auto load = [&](const char* name) {
+    return load_openfoam_file(folder.topology, name,
+                              "which says what this part is in the whole case (reconstructParMesh writes it)");
+  };
+  const CaseAddresses addresses{load("pointProcAddressing"), load("faceProcAddressing"), load("cellProcAddressing")};
+  return parse_case_part(std::move(folder.files), addresses);
 }
 
 FoamMesh whole_mesh(const std::vector<CasePart>& parts) { return Whole(parts).join(); }

@@ -24,7 +24,14 @@ struct CasePart {
   bool shared(std::uint64_t face) const;
 };
 
-/// Reads the mesh and the addresses beside its faces. Throws Error(invalid_argument) if their numbers are not those of the mesh.
+/// The bytes of pointProcAddressing, faceProcAddressing and cellProcAddressing.
+struct CaseAddresses {
+  FoamFiles::Part points, faces, cells;
+};
+
+/// Throws Error(invalid_argument) if the numbers of the addresses are not those of the mesh.
+CasePart parse_case_part(FoamFiles files, const CaseAddresses& addresses);
+/// Reads the mesh and the addresses beside its faces.
 CasePart read_case_part(FoamFolder folder);
 /// The mesh before it was decomposed; see read_parts(). Of points that several parts have, the first part's are taken.
 FoamMesh whole_mesh(const std::vector<CasePart>& parts);
