@@ -269,8 +269,8 @@ def main():
     corpus = pathlib.Path(sys.argv[1])
     for name, seeds in (("abaqus", abaqus_seeds()), ("gmsh", gmsh_seeds()), ("medit", medit_seeds()), ("nastran", nastran_seeds()),
                         ("netcdf_header", netcdf_header_seeds()), ("obj", obj_seeds()), ("off", off_seeds()),
-                        ("openfoam", openfoam_seeds()), ("openfoam_parts", openfoam_parts_seeds()), ("ply", ply_seeds()), ("stl", stl_seeds()), ("su2", su2_seeds()),
-                        ("vtk", vtk_seeds()), ("vtu", vtu_seeds())):
+                        ("openfoam", openfoam_seeds()), ("openfoam_parts", openfoam_parts_seeds()), ("ply", ply_seeds()),
+                        ("stl", stl_seeds()), ("su2", su2_seeds()), ("vtk", vtk_seeds()), ("vtu", vtu_seeds())):
         folder = corpus / f"fuzz_read_{name}"
         folder.mkdir(parents=True, exist_ok=True)
         for seed, data in seeds:
