@@ -39,7 +39,7 @@ class OutcomeCall : public Call {
   /// Throws when refused; on_done is not called then.
   void begin() {
     if (const auto error = overdue(accepted_)) throw *error;
-    place_ = parts_.scheduler->enter();
+    place_ = parts_.scheduler->enter(context().client);
     parts_.calls->add(shared_from_this());
     if (task_.system_id.empty()) return enqueue({});
     SystemCache::Asker asker;

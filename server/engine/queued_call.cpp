@@ -23,7 +23,7 @@ std::size_t QueuedCall<Reply>::share() const {
 template <typename Reply>
 void QueuedCall<Reply>::begin() {
   if (const auto error = overdue(accepted_)) throw *error;
-  place_ = queue_.scheduler->enter();
+  place_ = queue_.scheduler->enter(context().client);
   queue_.calls->add(shared_from_this());
   SystemCache::Asker asker;
   asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {

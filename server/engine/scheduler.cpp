@@ -11,6 +11,7 @@ namespace deform::server {
 namespace {
 
 constexpr std::uint32_t retry_queue_ms = 200;
+constexpr std::size_t places_per_free = 4;  // what a client may have, for each that is free
 
 template <typename Queue>
 void remove_from(Queue& queue, const void* owner, Queue& removed) {
@@ -30,12 +31,13 @@ Scheduler::Place& Scheduler::Place::operator=(Place&& other) noexcept {
   if (this != &other) {
     leave();
     scheduler_ = std::exchange(other.scheduler_, nullptr);
+    client_ = std::move(other.client_);
   }
   return *this;
 }
 
 void Scheduler::Place::leave() {
-  if (scheduler_ != nullptr) std::exchange(scheduler_, nullptr)->leave_place();
+  if (scheduler_ != nullptr) std::exchange(scheduler_, nullptr)->leave_place(client_);
 }
 
 Scheduler::Slot& Scheduler::Slot::operator=(Slot&& other) noexcept {
@@ -57,7 +59,7 @@ Scheduler::Scheduler(const Options& options) : options_(options) {
 
 Scheduler::~Scheduler() { stop(); }
 
-Scheduler::Place Scheduler::enter() {
+Scheduler::Place Scheduler::enter(const std::string& client) {
   const std::lock_guard lock(mutex_);
   if (load_.waiting >= options_.queue_limit) {
     throw Error(ErrorCode::out_of_budget,
@@ -65,8 +67,18 @@ Scheduler::Place Scheduler::enter() {
                     std::to_string(options_.queue_limit) + "; try again later",
                 retry_queue_ms);
   }
+  const auto it = places_.find(client);
+  const std::size_t own = it == places_.end() ? 0 : it->second, left = options_.queue_limit - load_.waiting;
+  if (own > places_per_free * left) {
+    throw Error(ErrorCode::out_of_budget,
+                "the queue is full for this client: " + std::to_string(own) + " of its requests wait, the last " +
+                    std::to_string(left) + " of " + std::to_string(options_.queue_limit) +
+                    " places are kept for others; try again later",
+                retry_queue_ms);
+  }
+  ++places_[client];
   ++load_.waiting;
-  return Place(this);
+  return Place(this, client);
 }
 
 void Scheduler::start(const std::string& name, const void* owner, double cost, std::function<void(Slot)> work) {
@@ -196,9 +208,11 @@ void Scheduler::run_preparations() {
   }
 }
 
-void Scheduler::leave_place() {
+void Scheduler::leave_place(const std::string& client) {
   const std::lock_guard lock(mutex_);
   --load_.waiting;
+  const auto it = places_.find(client);
+  if (--it->second == 0) places_.erase(it);
 }
 
 void Scheduler::leave_slot() {

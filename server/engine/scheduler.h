@@ -10,6 +10,7 @@
 #include <mutex>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace deform::server {
@@ -38,19 +39,22 @@ class Scheduler {
   using Work = std::function<void()>;
   static constexpr std::size_t least_cost = 1000;
 
-  /// A request that waits: counted against queue_limit until left or destroyed. Movable.
+  /// A request that waits: counted against queue_limit and its client until left or destroyed. Movable.
   class Place {
    public:
     Place() = default;
-    Place(Place&& other) noexcept : scheduler_(other.scheduler_) { other.scheduler_ = nullptr; }
+    Place(Place&& other) noexcept : scheduler_(other.scheduler_), client_(std::move(other.client_)) {
+      other.scheduler_ = nullptr;
+    }
     Place& operator=(Place&& other) noexcept;
     ~Place() { leave(); }
     void leave();
 
    private:
     friend class Scheduler;
-    explicit Place(Scheduler* scheduler) : scheduler_(scheduler) {}
+    Place(Scheduler* scheduler, std::string client) : scheduler_(scheduler), client_(std::move(client)) {}
     Scheduler* scheduler_ = nullptr;
+    std::string client_;
   };
 
   /// A request that runs. Held while it has work for the workers, not while it waits for its reader. Movable.
@@ -72,8 +76,10 @@ class Scheduler {
   explicit Scheduler(const Options& options);
   ~Scheduler();
 
-  /// Throws Error(out_of_budget) with a retry hint when queue_limit requests wait already.
-  Place enter();
+  /// Throws Error(out_of_budget) with a retry hint when queue_limit requests wait already, or when this client has more than
+  /// four times as many places as are free (dynamic thresholds: Choudhury and Hahne 1998). So n clients that take all they get
+  /// have 4 / (4 n + 1) of the places each, and there is room for the next one.
+  Place enter(const std::string& client);
 
   /// `owner` is what remove() names; any address that is unique while the work waits. `cost`: how many points
   /// are computed, and `least_cost` for what a request or design takes beside them.
@@ -117,7 +123,7 @@ class Scheduler {
   void run_preparations();
   bool take_start(std::function<void(Slot)>& work);
   bool take_step(Work& work);
-  void leave_place();
+  void leave_place(const std::string& client);
   void leave_slot();
 
   const Options options_;
@@ -125,8 +131,9 @@ class Scheduler {
   // guarded by mutex_
   std::condition_variable work_available_;
   std::condition_variable preparation_available_;
-  std::map<std::string, Client> clients_;  // those with requests that wait, and those who had more than their share
-  double virtual_time_ = 0;                // what a client that always waited would have got by now
+  std::map<std::string, Client> clients_;      // those with requests that wait, and those who had more than their share
+  std::map<std::string, std::size_t> places_;  // taken, of those who have any
+  double virtual_time_ = 0;                    // what a client that always waited would have got by now
   std::deque<Piece> steps_;
   std::deque<Piece> preparations_;
   Load load_;

@@ -5,6 +5,8 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <map>
+#include <string>
 #include <vector>
 
 #include "core/base/error.h"
@@ -25,10 +27,10 @@ Scheduler::Options options(int workers, std::size_t queue_limit = 256, std::size
 TEST(Scheduler, a_full_queue_refuses_with_a_hint_and_recovers) {
   Scheduler scheduler(options(1, 3));
   std::vector<Scheduler::Place> places;
-  for (int i = 0; i < 3; ++i) places.push_back(scheduler.enter());
+  for (int i = 0; i < 3; ++i) places.push_back(scheduler.enter("a"));
   EXPECT_EQ(scheduler.load().waiting, 3u);
   try {
-    scheduler.enter();
+    scheduler.enter("b");
     FAIL();
   } catch (const Error& error) {
     EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
@@ -36,9 +38,46 @@ TEST(Scheduler, a_full_queue_refuses_with_a_hint_and_recovers) {
     EXPECT_NE(std::string(error.what()).find("limit is 3"), std::string::npos);
   }
   places.pop_back();
-  EXPECT_NO_THROW(places.push_back(scheduler.enter()));
+  EXPECT_NO_THROW(places.push_back(scheduler.enter("b")));
   places.clear();
   EXPECT_EQ(scheduler.load().waiting, 0u);
+}
+
+TEST(Scheduler, clients_that_take_all_leave_places_for_others) {
+  constexpr std::size_t limit = 90;
+  for (const std::size_t greedy : {1u, 2u, 5u}) {
+    Scheduler scheduler(options(1, limit));
+    std::map<std::string, std::vector<Scheduler::Place>> places;
+    const auto enters = [&](const std::string& client) {
+      try {
+        places[client].push_back(scheduler.enter(client));
+        return true;
+      } catch (const Error& error) {
+        EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
+        EXPECT_GT(error.retry_after_ms(), 0u);
+        EXPECT_NE(std::string(error.what()).find("kept for others"), std::string::npos) << error.what();
+        return false;
+      }
+    };
+    bool any = true;
+    while (any) {
+      any = false;
+      for (std::size_t i = 0; i < greedy; ++i) any = enters("greedy " + std::to_string(i)) || any;
+    }
+    const double share = 4.0 * limit / (4.0 * static_cast<double>(greedy) + 1);
+    for (std::size_t i = 0; i < greedy; ++i) {
+      EXPECT_NEAR(static_cast<double>(places["greedy " + std::to_string(i)].size()), share, 2) << greedy;
+    }
+    // Whoever comes next finds a place, and the greedy ones have none the more for it.
+    EXPECT_TRUE(enters("modest"));
+    EXPECT_FALSE(enters("greedy 0"));
+    // What a client leaves is its own to take again.
+    places["modest"].clear();
+    places["greedy 0"].clear();
+    EXPECT_TRUE(enters("greedy 0"));
+    places.clear();
+    EXPECT_EQ(scheduler.load().waiting, 0u);
+  }
 }
 
 TEST(Scheduler, clients_take_turns) {
@@ -271,7 +310,7 @@ TEST(Scheduler, many_threads_at_once) {
   for (int c = 0; c < 8; ++c) {
     clients.emplace_back([&, c] {
       for (int i = 0; i < 200; ++i) {
-        auto place = std::make_shared<Scheduler::Place>(scheduler.enter());
+        auto place = std::make_shared<Scheduler::Place>(scheduler.enter(std::to_string(i % 3)));
         scheduler.start(std::to_string(c), place.get(), 1, [&, place](Scheduler::Slot slot) {
           place->leave();
           auto shared = std::make_shared<Scheduler::Slot>(std::move(slot));
