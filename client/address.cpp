@@ -85,6 +85,35 @@ bool is_local(const std::string& address) {
   return host == "localhost" || host == "localhost." || is_ipv4_loopback(host);
 }
 
-v1::Encoding encoding_for(const std::string& address) { return is_local(address) ? v1::RAW_F64 : v1::DELTA_ZSTD; }
+namespace {
+
+/// The items of a list with commas, without the blanks around them.
+std::vector<std::string> items_of(const std::string& list) {
+  std::vector<std::string> items;
+  for (std::size_t begin = 0; begin <= list.size();) {
+    const std::size_t end = std::min(list.find(',', begin), list.size());
+    const std::string item = list.substr(begin, end - begin);
+    const auto first = item.find_first_not_of(' ');
+    items.push_back(first == std::string::npos ? "" : item.substr(first, item.find_last_not_of(' ') + 1 - first));
+    begin = end + 1;
+  }
+  return items;
+}
+
+}  // namespace
+
+std::vector<std::string> addresses_of(const std::string& list) {
+  std::vector<std::string> addresses;
+  for (const std::string& item : items_of(list)) {
+    addresses.push_back(checked_address(item));
+    if (std::count(addresses.begin(), addresses.end(), addresses.back()) > 1) refuse(list, item + " stands there twice");
+  }
+  return addresses;
+}
+
+v1::Encoding encoding_for(const std::string& list) {
+  const auto items = items_of(list);
+  return std::all_of(items.begin(), items.end(), is_local) ? v1::RAW_F64 : v1::DELTA_ZSTD;
+}
 
 }  // namespace deform::client

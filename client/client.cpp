@@ -6,9 +6,11 @@
 #include <algorithm>
 #include <atomic>
 #include <cstring>
+#include <exception>
 #include <future>
 #include <iterator>
 #include <limits>
+#include <set>
 #include <utility>
 
 #include "client/address.h"
@@ -17,6 +19,7 @@
 #include "client/decoder.h"
 #include "client/evaluation.h"
 #include "client/session.h"
+#include "client/unfinished_designs.h"
 #include "client/upload.h"
 
 namespace deform::client {
@@ -32,7 +35,6 @@ void check_range(const char* name, std::int64_t value, std::int64_t least, std::
 }
 
 std::shared_ptr<grpc::ChannelInterface> make_channel(const ClientOptions& options) {
-  options.validate();
   grpc::ChannelArguments arguments;
   const auto connect_ms = static_cast<int>(options.connect_timeout.count());
   arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, connect_ms);  // gRPC's name for the time of one attempt
@@ -44,15 +46,31 @@ std::shared_ptr<grpc::ChannelInterface> make_channel(const ClientOptions& option
   return grpc::CreateCustomChannel(checked_address(options.address), channel_credentials(options), arguments);
 }
 
-/// All items of a list, page by page.
+std::vector<std::unique_ptr<Server>> servers_of(const ClientOptions& options) {
+  options.validate();
+  std::vector<std::unique_ptr<Server>> servers;
+  ClientOptions one = options;
+  for (const std::string& address : addresses_of(options.address)) {
+    one.address = address;
+    servers.push_back(std::make_unique<Server>(address, make_channel(one)));
+  }
+  return servers;
+}
+
+std::vector<std::unique_ptr<Server>> one_server(std::shared_ptr<grpc::ChannelInterface> channel, const ClientOptions& options) {
+  options.validate();
+  std::vector<std::unique_ptr<Server>> servers;
+  servers.push_back(std::make_unique<Server>(options.address, std::move(channel)));
+  return servers;
+}
+
+/// All items of the list of one server, page by page.
 template <typename Item, typename Request, typename Reply>
-std::vector<Item> all_pages(Connection& connection, const CallOptions& call,
-                            grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Reply*),
-                            google::protobuf::RepeatedPtrField<Item>* (Reply::*items)()) {
-  std::vector<Item> all;
+void add_pages(Connection& connection, Server& server, const CallOptions& call, UnaryMethod<Request, Reply> method,
+               google::protobuf::RepeatedPtrField<Item>* (Reply::*items)(), std::vector<Item>& all) {
   Request request;
   do {
-    Reply page = unary(connection, call, Retry::safe, method, request);
+    Reply page = unary(connection, on_server(server), call, Retry::safe, method, request);
     if (!page.next_page_token().empty() && page.next_page_token() == request.page_token()) {
       throw Error(ErrorCode::data_loss, "list: the server repeats its page token");
     }
@@ -60,7 +78,42 @@ std::vector<Item> all_pages(Connection& connection, const CallOptions& call,
     auto& more = *(page.*items)();
     std::move(more.begin(), more.end(), std::back_inserter(all));
   } while (!request.page_token().empty());
+}
+
+/// What the servers have together, each id once.
+template <typename Item, typename Request, typename Reply>
+std::vector<Item> all_pages(Connection& connection, const CallOptions& call, UnaryMethod<Request, Reply> method,
+                            google::protobuf::RepeatedPtrField<Item>* (Reply::*items)()) {
+  const RunContext limits = limits_of(call);
+  std::vector<Item> all;
+  for (const auto& server : connection.servers.all()) {
+    add_pages(connection, *server, remaining(limits), method, items, all);
+  }
+  if (!connection.servers.several()) return all;
+  std::set<std::string> seen;
+  std::erase_if(all, [&](const Item& item) { return !seen.insert(item.id()).second; });
   return all;
+}
+
+/// The replies of the servers that know the id. All are asked, and then the first error is thrown; NOT_FOUND where nobody knows
+/// it.
+template <typename Request, typename Reply>
+std::vector<Reply> from_all(Connection& connection, const CallOptions& call, Retry retry, UnaryMethod<Request, Reply> method,
+                            const Request& request) {
+  const RunContext limits = limits_of(call);
+  std::vector<Reply> replies;
+  std::exception_ptr unknown, error;
+  for (const auto& server : connection.servers.all()) {
+    try {
+      replies.push_back(unary(connection, on_server(*server), remaining(limits), retry, method, request));
+    } catch (const Error& thrown) {
+      auto& first = thrown.code() == ErrorCode::not_found ? unknown : error;
+      if (!first) first = std::current_exception();
+    }
+  }
+  if (error) std::rethrow_exception(error);
+  if (replies.empty()) std::rethrow_exception(unknown);
+  return replies;
 }
 
 std::vector<codec::GroupView> group_views(const GeometryArrays& arrays) { return {arrays.groups.begin(), arrays.groups.end()}; }
@@ -75,12 +128,12 @@ void ClientOptions::validate() const {
   check_range("encoding", encoding, v1::Encoding_MIN, v1::Encoding_MAX);
 }
 
-Client::Client(const ClientOptions& options) : Client(make_channel(options), options) { impl_->own_channel = true; }
-
-Client::Client(std::shared_ptr<grpc::ChannelInterface> channel, const ClientOptions& options) {
-  options.validate();
-  impl_ = std::make_shared<Impl>(std::move(channel), options);
+Client::Client(const ClientOptions& options) : impl_(std::make_shared<Impl>(servers_of(options), options)) {
+  impl_->own_channel = true;
 }
+
+Client::Client(std::shared_ptr<grpc::ChannelInterface> channel, const ClientOptions& options)
+    : impl_(std::make_shared<Impl>(one_server(std::move(channel), options), options)) {}
 
 Client::~Client() = default;
 Client::Client(Client&&) noexcept = default;
@@ -88,55 +141,43 @@ Client& Client::operator=(Client&&) noexcept = default;
 
 // ---- geometries ----
 
-namespace {
-
-v1::GeometryInfo upload(Attempt& attempt, Stub& stub, const GeometryArrays& arrays, const std::string& id,
-                        const std::function<void(double)>& on_progress) {
-  v1::GeometryInfo info;
-  const auto stream = stub.RegisterGeometry(&attempt.context, &info);
-  GeometryMessages messages(arrays, id);
-  bool sent = false;
-  write_all(attempt, *stream, [&](v1::RegisterGeometryRequest& message) {
-    if (on_progress && sent) on_progress(messages.fraction());
-    return sent = messages.next(message);
-  });
-  if (info.id() != id) {
-    throw Error(ErrorCode::data_loss, "geometry: the server stored id " + info.id() + ", the arrays have " + id);
-  }
-  return info;
-}
-
-}  // namespace
-
 v1::GeometryInfo Client::register_geometry(const GeometryArrays& arrays, const CallOptions& call,
                                            const std::function<void(double)>& on_progress) {
   const std::string id =
       codec::geometry_id({arrays.points, arrays.face_sizes, arrays.face_points, group_views(arrays), arrays.cells});
   const RunContext limits = limits_of(call);
+  Subject subject = of_geometry(id);
+  subject.elsewhere = false;  // it shall be where its systems will be
   v1::GeometryInfo info;
   v1::GetGeometryRequest request;
   request.set_id(id);
   bool known = false;
   try {
-    info = unary(*impl_, call, Retry::safe, &Stub::GetGeometry, request);
+    info = unary(*impl_, subject, call, Retry::safe, &Stub::GetGeometry, request);
     known = info.damage().empty();  // what is damaged there is mended by uploading it again
     info.set_existed(known);
   } catch (const Error& error) {
     if (error.code() != ErrorCode::not_found) throw;
   }
   if (!known) {
-    info = with_retries(*impl_, remaining(limits), Retry::safe, [&](Attempt& attempt, const RunContext&) {
-      return upload(attempt, *impl_->stub, arrays, id, on_progress);
-    });
+    info = with_retries(*impl_, subject, remaining(limits), Retry::safe,
+                        [&](Attempt& attempt, const RunContext&) { return upload(attempt, arrays, id, on_progress); });
   }
-  if (!impl_->points.has(id)) impl_->points.keep(id, std::make_shared<const Points>(arrays.points.begin(), arrays.points.end()));
+  const bool hold = impl_->servers.several() && !impl_->held.geometry(id);
+  if (hold || !impl_->points.has(id)) {
+    auto points = std::make_shared<const Points>(arrays.points.begin(), arrays.points.end());
+    impl_->points.keep(id, points);
+    if (hold) impl_->held.keep_geometry(id, std::make_shared<const HeldGeometry>(arrays, std::move(points)));
+  }
   return info;
 }
 
 v1::GeometryInfo Client::get_geometry(const std::string& id, const CallOptions& call) {
   v1::GetGeometryRequest request;
   request.set_id(id);
-  return unary(*impl_, call, Retry::safe, &Stub::GetGeometry, request);
+  Subject subject = of_geometry(id);
+  subject.bring = false;
+  return unary(*impl_, subject, call, Retry::safe, &Stub::GetGeometry, request);
 }
 
 std::vector<v1::GeometryInfo> Client::list_geometries(const CallOptions& call) {
@@ -144,9 +185,12 @@ std::vector<v1::GeometryInfo> Client::list_geometries(const CallOptions& call) {
 }
 
 v1::DeleteGeometryReply Client::delete_geometry(const v1::DeleteGeometryRequest& request, const CallOptions& call) {
-  auto reply = unary(*impl_, call, Retry::when_refused, &Stub::DeleteGeometry, request);
+  const auto replies = from_all(*impl_, call, Retry::when_refused, &Stub::DeleteGeometry, request);
   impl_->points.forget(request.id());
-  return reply;
+  impl_->held.forget_geometry(request.id());
+  // The same setups on every server that has them.
+  const auto fewer = [](const auto& a, const auto& b) { return a.setups_deleted() < b.setups_deleted(); };
+  return *std::max_element(replies.begin(), replies.end(), fewer);
 }
 
 Points Client::get_points(const std::string& geometry_id, const CallOptions& call) {
@@ -167,29 +211,31 @@ v1::EstimateReply Client::estimate(const v1::Setup& setup, const CallOptions& ca
 }
 
 v1::EstimateReply Client::estimate(const v1::EstimateRequest& request, const CallOptions& call) {
-  return unary(*impl_, call, Retry::safe, &Stub::Estimate, request);
+  return unary(*impl_, of_geometry(request.setup().geometry()), call, Retry::safe, &Stub::Estimate, request);
 }
 
 v1::SystemInfo Client::prepare(const v1::Setup& setup, const CallOptions& call,
                                const std::function<void(const std::string& stage, double fraction)>& on_progress) {
-  v1::PrepareRequest request;
-  *request.mutable_setup() = setup;
-  return with_retries(*impl_, call, Retry::safe, [&](Attempt& attempt, const RunContext&) {
-    const auto stream = impl_->stub->Prepare(&attempt.context, request);
-    std::optional<v1::SystemInfo> system;
-    read_all(attempt, *stream, [&](v1::PrepareReply&& reply) {
-      if (reply.has_progress() && on_progress) on_progress(reply.progress().stage(), reply.progress().fraction());
-      if (reply.has_system()) system = std::move(*reply.mutable_system());
-    });
-    if (!system) throw Error(ErrorCode::data_loss, "prepare: the reply has no system");
-    return *system;
-  });
+  const auto system =
+      with_retries(*impl_, of_geometry(setup.geometry()), call, Retry::safe,
+                   [&](Attempt& attempt, const RunContext&) { return client::prepare(attempt, setup, on_progress); });
+  impl_->geometry_of.keep(system.id(), system.geometry_id());
+  if (impl_->servers.several()) {
+    v1::Setup held = setup;
+    held.set_geometry(system.geometry_id());  // in place of a part of it
+    impl_->held.keep_setup(system.id(), std::move(held));
+  }
+  return system;
 }
 
 v1::SystemInfo Client::get_system(const std::string& id, const CallOptions& call) {
   v1::GetSystemRequest request;
   request.set_id(id);
-  return unary(*impl_, call, Retry::safe, &Stub::GetSystem, request);
+  Subject subject = of_system(id);
+  subject.bring = false;
+  auto system = unary(*impl_, subject, call, Retry::safe, &Stub::GetSystem, request);
+  impl_->geometry_of.keep(system.id(), system.geometry_id());
+  return system;
 }
 
 std::vector<v1::SystemInfo> Client::list_systems(const CallOptions& call) {
@@ -197,7 +243,12 @@ std::vector<v1::SystemInfo> Client::list_systems(const CallOptions& call) {
 }
 
 v1::ReleaseSystemReply Client::release_system(const v1::ReleaseSystemRequest& request, const CallOptions& call) {
-  return unary(*impl_, call, request.forget() ? Retry::when_refused : Retry::safe, &Stub::ReleaseSystem, request);
+  const auto replies =
+      from_all(*impl_, call, request.forget() ? Retry::when_refused : Retry::safe, &Stub::ReleaseSystem, request);
+  if (request.forget()) impl_->held.forget_setup(request.id());
+  v1::ReleaseSystemReply all;
+  for (const auto& reply : replies) all.set_bytes_released(all.bytes_released() + reply.bytes_released());
+  return all;
 }
 
 // ---- deformations ----
@@ -239,46 +290,39 @@ v1::Encoding Client::encoding() const { return impl_->options.encoding; }
 DeformOutcome Client::deform(const v1::DeformRequest& given, const CallOptions& call, const DesignSink& sink,
                              const DesignMemory& memory) {
   const v1::DeformRequest request = impl_->named(given);
-  std::atomic<bool> delivered{false};
-  const auto may_repeat = [&] { return !delivered; };
-  const DesignSink watched = !sink ? DesignSink() : [&](std::size_t design, DeformedDesign&& deformed) {
-    delivered = true;
-    sink(design, std::move(deformed));
-  };
-  if (request.ByteSizeLong() > message_payload) {
-    return with_retries(
-        *impl_, call, Retry::safe,
-        [&](Attempt&, const RunContext& limits) {
-          Session::Impl session(impl_, remaining(limits));
-          auto future = session.submit(request, watched, memory);
-          session.finish();
-          return future.get();
-        },
-        may_repeat);
-  }
+  UnfinishedDesigns unfinished(request, sink, memory);
+  const bool large = request.ByteSizeLong() > message_payload;
   return with_retries(
-      *impl_, call, Retry::safe,
+      *impl_, of_system(request.system_id()), call, Retry::safe,
       [&](Attempt& attempt, const RunContext& limits) {
-        ReplyDecoder::Options options;
-        options.designs = static_cast<std::size_t>(request.designs_size());
-        options.encoding = request.output().encoding();
-        options.failures = request.failures();
-        options.sink = watched;
-        options.memory = memory;
-        options.points_of = [&](const std::string& id) { return impl_->registered_points(id, limits); };
-        Decoding decoding = start_decoding(std::move(options), attempt, impl_->pool);
-        return read_replies(attempt, *impl_->stub->Deform(&attempt.context, request), std::move(decoding));
+        return unfinished.ask([&](const v1::DeformRequest& part, const DesignSink& to, const DesignMemory& in) {
+          if (large) {
+            StreamSession session(impl_, attempt.server(), remaining(limits));
+            auto future = session.submit(part, to, in);
+            session.finish();
+            return future.get();
+          }
+          ReplyDecoder::Options options;
+          options.designs = static_cast<std::size_t>(part.designs_size());
+          options.encoding = part.output().encoding();
+          options.failures = part.failures();
+          options.sink = to;
+          options.memory = in;
+          options.points_of = [&](const std::string& id) { return impl_->registered_points(id, limits); };
+          Decoding decoding = start_decoding(std::move(options), attempt, impl_->pool);
+          return read_replies(attempt, *attempt.stub().Deform(&attempt.context, part), std::move(decoding));
+        });
       },
-      may_repeat);
+      [&] { return unfinished.repeat(); });
 }
 
 Points Client::jacobian_vector(const v1::JacobianVectorRequest& request, const CallOptions& call) {
-  return with_retries(*impl_, call, Retry::safe, [&](Attempt& attempt, const RunContext& limits) {
+  return with_retries(*impl_, of_system(request.system_id()), call, Retry::safe, [&](Attempt& attempt, const RunContext& limits) {
     ReplyDecoder::Options options;
     options.encoding = v1::RAW_F64;
     options.points_of = [&](const std::string& id) { return impl_->registered_points(id, limits); };
     Decoding decoding = start_decoding(std::move(options), attempt, impl_->pool);
-    DeformOutcome outcome = read_replies(attempt, *impl_->stub->JacobianVector(&attempt.context, request), std::move(decoding));
+    DeformOutcome outcome = read_replies(attempt, *attempt.stub().JacobianVector(&attempt.context, request), std::move(decoding));
     return std::move(outcome.designs.at(0).points);
   });
 }
@@ -295,7 +339,7 @@ v1::EvaluateResult Client::evaluate(const v1::EvaluateHeader& given, std::span<c
   v1::EvaluateHeader header = given;
   header.mutable_output()->set_encoding(impl_->named(header.output().encoding()));
   return with_retries(
-      *impl_, call, Retry::safe,
+      *impl_, of_system(header.system_id()), call, Retry::safe,
       [&](Attempt& attempt, const RunContext&) {
         std::size_t sent = 0;
         const auto source = [&](std::span<Vec3> block) {
@@ -308,9 +352,9 @@ v1::EvaluateResult Client::evaluate(const v1::EvaluateHeader& given, std::span<c
           written = true;
           std::copy(block.begin(), block.end(), out.begin() + static_cast<std::ptrdiff_t>(first));
         };
-        return EvaluationCall(attempt, *impl_->stub, header).run(source, sink);
+        return EvaluationCall(attempt, header).run(source, sink);
       },
-      [&] { return apart || !written; });
+      [&] { return apart || !written ? Repeat::yes : Repeat::no; });
 }
 
 v1::EvaluateResult Client::evaluate(const v1::EvaluateHeader& given, const PointSource& source, const PointSink& sink,
@@ -323,9 +367,9 @@ v1::EvaluateResult Client::evaluate(const v1::EvaluateHeader& given, const Point
     return source(block);
   };
   return with_retries(
-      *impl_, call, Retry::safe,
-      [&](Attempt& attempt, const RunContext&) { return EvaluationCall(attempt, *impl_->stub, header).run(watched, sink); },
-      [&] { return !begun; });
+      *impl_, of_system(header.system_id()), call, Retry::safe,
+      [&](Attempt& attempt, const RunContext&) { return EvaluationCall(attempt, header).run(watched, sink); },
+      [&] { return begun ? Repeat::no : Repeat::yes; });
 }
 
 std::vector<double> Client::vector_jacobian(const std::string& system_id, std::span<const double> variables,
@@ -340,9 +384,9 @@ std::vector<double> Client::vector_jacobians(const std::string& system_id, std::
     throw Error(ErrorCode::invalid_argument, "cotangents: " + std::to_string(cotangent.size()) + " vectors are no " +
                                                  std::to_string(count) + " fields of equal size");
   }
-  return with_retries(*impl_, call, Retry::safe, [&](Attempt& attempt, const RunContext&) {
+  return with_retries(*impl_, of_system(system_id), call, Retry::safe, [&](Attempt& attempt, const RunContext&) {
     v1::VectorJacobianReply reply;
-    const auto stream = impl_->stub->VectorJacobian(&attempt.context, &reply);
+    const auto stream = attempt.stub().VectorJacobian(&attempt.context, &reply);
     constexpr std::size_t points = message_payload / sizeof(Vec3);
     bool header = true;
     std::size_t first = 0;
@@ -368,11 +412,11 @@ v1::BasisHeader Client::get_basis(const std::string& system_id, const std::funct
   request.set_system_id(system_id);
   bool delivered = false;
   return with_retries(
-      *impl_, call, Retry::safe,
+      *impl_, of_system(system_id), call, Retry::safe,
       [&](Attempt& attempt, const RunContext&) {
         std::optional<v1::BasisHeader> header;
         std::uint64_t bytes = 0;
-        const auto stream = impl_->stub->GetBasis(&attempt.context, request);
+        const auto stream = attempt.stub().GetBasis(&attempt.context, request);
         read_all(attempt, *stream, [&](v1::BasisReply&& reply) {
           if (reply.has_header() == header.has_value()) {
             throw Error(ErrorCode::data_loss, header ? "basis: a second header" : "basis: the reply has no header");
@@ -392,7 +436,7 @@ v1::BasisHeader Client::get_basis(const std::string& system_id, const std::funct
         }
         return *header;
       },
-      [&] { return !delivered; });
+      [&] { return delivered ? Repeat::no : Repeat::yes; });
 }
 
 // ---- detection ----
@@ -462,8 +506,8 @@ class Collector {
 }  // namespace
 
 Detected Client::detect(const v1::DetectRequest& request, const CallOptions& call) {
-  return with_retries(*impl_, call, Retry::safe, [&](Attempt& attempt, const RunContext&) {
-    const auto stream = impl_->stub->Detect(&attempt.context, request);
+  return with_retries(*impl_, of_geometry(request.geometry_id()), call, Retry::safe, [&](Attempt& attempt, const RunContext&) {
+    const auto stream = attempt.stub().Detect(&attempt.context, request);
     Collector collector;
     read_all(attempt, *stream, [&](v1::DetectReply&& reply) { collector.take(reply); });
     return collector.result();
@@ -473,11 +517,11 @@ Detected Client::detect(const v1::DetectRequest& request, const CallOptions& cal
 // ---- the rest ----
 
 v1::ServerInfo Client::server_info(const CallOptions& call) {
-  return unary(*impl_, call, Retry::safe, &Stub::GetServerInfo, v1::GetServerInfoRequest());
+  return unary(*impl_, {}, call, Retry::safe, &Stub::GetServerInfo, v1::GetServerInfoRequest());
 }
 
 std::unique_ptr<Session> Client::open_session(const CallOptions& call) {
-  return std::unique_ptr<Session>(new Session(std::make_unique<Session::Impl>(impl_, call)));
+  return std::unique_ptr<Session>(new Session(open_requests(impl_, call)));
 }
 
 }  // namespace deform::client

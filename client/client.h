@@ -35,13 +35,17 @@ struct TlsOptions {
 
 /// How to reach a server.
 struct ClientOptions {
-  std::string address = "127.0.0.1:50051";          ///< HOST:PORT, [IPv6]:PORT or unix:PATH
+  /// HOST:PORT, [IPv6]:PORT or unix:PATH. Several with commas: each geometry and its systems are on one of them, and on the next
+  /// one when that cannot be reached; the client keeps the arrays that it has registered and the setups that it has prepared, and
+  /// brings them to a server that lacks them.
+  std::string address = "127.0.0.1:50051";
   std::chrono::milliseconds connect_timeout{5000};  ///< of one attempt to connect
-  /// Of calls that are safe to retry, for UNAVAILABLE and for RESOURCE_EXHAUSTED with a retry hint; of any call to connect.
+  /// Of calls that are safe to retry, for UNAVAILABLE and for RESOURCE_EXHAUSTED with a retry hint; of any call to connect. With
+  /// several servers UNAVAILABLE counts when all of them have been tried.
   int max_attempts = 4;
   int decode_threads = 0;  ///< 0 = all cores
   /// Of requests that name none (their tolerance then counts for it). ENCODING_DEFAULT: RAW_F64 when `address` is a unix socket
-  /// or a loopback address, else DELTA_ZSTD.
+  /// or a loopback address (each of several), else DELTA_ZSTD.
   v1::Encoding encoding = v1::ENCODING_DEFAULT;
   int max_in_flight = 16;                        ///< open requests of one Session; submit() blocks beyond it
   std::optional<TlsOptions> tls = std::nullopt;  ///< absent: plain text
@@ -118,9 +122,10 @@ struct Detected {
 };
 
 class Session;
+class RequestSession;
 
-/// A connection to deformd. Thread-safe: any number of threads may call at once. All errors are deform::Error with the server's
-/// message. Checksums of blocks and designs are always verified.
+/// A connection to deformd, or to several. Thread-safe: any number of threads may call at once. All errors are deform::Error with
+/// the server's message. Checksums of blocks and designs are always verified.
 ///
 ///   register_geometry -> prepare -> deform ... deform -> release_system
 class Client {
@@ -141,9 +146,11 @@ class Client {
                                      const std::function<void(double)>& on_progress = {});
   /// One geometry by its id or a unique prefix of at least 8 digits. Throws Error(not_found).
   v1::GeometryInfo get_geometry(const std::string& id, const CallOptions& call = {});
-  /// All geometries, the newest first.
+  /// All geometries, the newest first; of several servers one after the other, and each once. Throws Error(unavailable) when one
+  /// of them cannot be reached.
   std::vector<v1::GeometryInfo> list_geometries(const CallOptions& call = {});
-  /// Deletes a geometry. Throws Error(failed_precondition) when setups refer to it and are not to be deleted too.
+  /// Deletes a geometry, at all servers that have it. Throws Error(failed_precondition) when setups refer to it and are not to be
+  /// deleted too.
   v1::DeleteGeometryReply delete_geometry(const v1::DeleteGeometryRequest& request, const CallOptions& call = {});
   /// The registered points, n x 3, in order.
   Points get_points(const std::string& geometry_id, const CallOptions& call = {});
@@ -162,7 +169,7 @@ class Client {
   v1::SystemInfo get_system(const std::string& id, const CallOptions& call = {});
   /// All systems whose setups are stored, in memory or not.
   std::vector<v1::SystemInfo> list_systems(const CallOptions& call = {});
-  /// Gives the memory of a system back, and deletes its setup when the request says so.
+  /// Gives the memory of a system back, and deletes its setup when the request says so; at all servers that have it.
   v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request, const CallOptions& call = {});
 
   /// What requests that name no encoding are sent with: never ENCODING_DEFAULT.
@@ -183,8 +190,9 @@ class Client {
   /// at the points of their geometry only, Error(invalid_argument) naming points[i].
   v1::EvaluateResult evaluate(const v1::EvaluateHeader& header, std::span<const Vec3> points, std::span<Vec3> out,
                               const CallOptions& call = {});
-  /// The same for points that come in blocks, of which a few are in memory at once. Repeats the call only until the source has
-  /// been asked. What source or sink throws cancels the call and is thrown.
+  /// The same for points that come in blocks, of which a few are in memory at once. The source is asked
+  /// when the server has accepted the design; after that the call is not repeated. What source or sink throws cancels the call
+  /// and is thrown.
   v1::EvaluateResult evaluate(const v1::EvaluateHeader& header, const PointSource& source, const PointSink& sink,
                               const CallOptions& call = {});
 
@@ -205,7 +213,7 @@ class Client {
   v1::BasisHeader get_basis(const std::string& system_id, const std::function<void(std::span<const std::byte>)>& sink,
                             const CallOptions& call = {});
 
-  /// Version, load, memory, cache, store and limits of the server.
+  /// Version, load, memory, cache, store and limits of the server; of several, the first one that answers.
   v1::ServerInfo server_info(const CallOptions& call = {});
 
   /// The pipelined stream for optimizers.
@@ -217,8 +225,8 @@ class Client {
   std::shared_ptr<Impl> impl_;
 };
 
-/// Requests over one bidirectional stream: submit as many as wanted, answers come in any order. Thread-safe. Destroying the
-/// session cancels what is still open.
+/// Requests over one bidirectional stream (to each of several servers): submit as many as wanted, answers come in any order.
+/// Thread-safe. Destroying the session cancels what is still open.
 class Session {
  public:
   ~Session();
@@ -229,9 +237,8 @@ class Session {
 
  private:
   friend class Client;
-  struct Impl;
-  explicit Session(std::unique_ptr<Impl> impl);
-  std::unique_ptr<Impl> impl_;
+  explicit Session(std::unique_ptr<RequestSession> requests);
+  std::unique_ptr<RequestSession> requests_;
 };
 
 }  // namespace deform::client

@@ -4,18 +4,28 @@
 #include <algorithm>
 #include <cstdlib>
 #include <cstring>
+#include <optional>
 #include <string_view>
 #include <utility>
 
 #include "client/address.h"
 #include "client/credentials.h"
+#include "client/upload.h"
 
 namespace deform::client {
 
 namespace {
 
+using Stub = v1::DeformService::StubInterface;
+
 constexpr std::chrono::milliseconds longest_probe{2000};
 constexpr std::chrono::milliseconds look_around{50};  ///< how soon a stop or a deadline ends waiting for a connection
+
+/// All its digits, so that nothing else of what a caller gives goes into metadata.
+bool is_id(const std::string& text) {
+  const auto digit = [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); };
+  return text.size() == 64 && std::all_of(text.begin(), text.end(), digit);
+}
 
 /// Nothing where it is no value of metadata: gRPC would end the process.
 std::string environment_trace() {
@@ -32,10 +42,9 @@ ClientOptions with_encoding(ClientOptions options) {
 
 }  // namespace
 
-Connection::Connection(std::shared_ptr<grpc::ChannelInterface> channel_in, const ClientOptions& options_in)
+Connection::Connection(std::vector<std::unique_ptr<Server>> servers_in, const ClientOptions& options_in)
     : options(with_encoding(options_in)),
-      channel(std::move(channel_in)),
-      stub(v1::DeformService::NewStub(channel)),
+      servers(std::move(servers_in)),
       traceparent(environment_trace()),
       pool(options_in.decode_threads) {}
 
@@ -48,13 +57,13 @@ v1::Encoding Connection::named(v1::Encoding encoding) const {
   return encoding == v1::ENCODING_DEFAULT ? options.encoding : encoding;
 }
 
-void Connection::wait_for_answer(const RunContext& limits) const {
+void Connection::wait_for_answer(Server& server, const RunContext& limits) const {
   const auto end = RunContext::Clock::now() + options.connect_timeout;
   while (RunContext::Clock::now() < end) {
-    const grpc_connectivity_state state = channel->GetState(true);
+    const grpc_connectivity_state state = server.channel->GetState(true);
     if (state == GRPC_CHANNEL_READY) return;
     limits.check();
-    channel->WaitForStateChange(state, std::chrono::system_clock::now() + look_around);
+    server.channel->WaitForStateChange(state, std::chrono::system_clock::now() + look_around);
   }
 }
 
@@ -75,26 +84,36 @@ CallOptions remaining(const RunContext& limits) {
   return options;
 }
 
-Attempt::Attempt(Connection& connection, const RunContext& limits)
-    : connection_(connection), stopped_(limits.stop, [this] { context.TryCancel(); }) {
+Attempt::Attempt(Connection& connection, const RunContext& limits, Server& server, const std::string& geometry)
+    : connection_(connection), server_(server), stopped_(limits.stop, [this] { cancel(); }) {
   if (const auto& file = connection.options.token_file; !file.empty()) {
     context.AddMetadata("authorization", "Bearer " + read_token(file));
   }
   if (!connection.traceparent.empty()) context.AddMetadata("traceparent", connection.traceparent);
+  if (is_id(geometry)) context.AddMetadata("x-geometry-id", geometry);
   if (limits.deadline) {
     context.set_deadline(std::chrono::system_clock::now() + std::chrono::duration_cast<std::chrono::system_clock::duration>(
                                                                 *limits.deadline - RunContext::Clock::now()));
   }
 }
 
+void Attempt::cancel() {
+  cancelled_ = true;
+  context.TryCancel();
+}
+
 void Attempt::check(const grpc::Status& status) const {
   if (status.ok()) return;
+  const bool bare = status.error_message().empty() || status.error_message() == "CANCELLED";
+  if (status.error_code() == grpc::StatusCode::CANCELLED && bare && !cancelled_) {
+    throw Error(ErrorCode::unavailable, "deformd at " + server_.address + " cut the call off, as it does when it shuts down");
+  }
   const ClientOptions& options = connection_.options;
   if (connection_.own_channel && failed_handshake(status)) {
-    const std::string why = tls_failure(options.address, options.tls, std::min(options.connect_timeout, longest_probe));
+    const std::string why = tls_failure(server_.address, options.tls, std::min(options.connect_timeout, longest_probe));
     if (!why.empty()) throw Error(ErrorCode::failed_precondition, why);
   }
-  throw_error(status, context, options.address);
+  throw_error(status, context, server_.address);
 }
 
 namespace {
@@ -115,13 +134,13 @@ constexpr std::uint64_t largest_reserve = std::uint64_t{1} << 20;
 std::shared_ptr<const Points> fetch_points(Connection& connection, const std::string& id, const CallOptions& options) {
   v1::GetGeometryRequest about;
   about.set_id(id);
-  const auto info = unary(connection, options, Retry::safe, &v1::DeformService::StubInterface::GetGeometry, about);
+  const auto info = unary(connection, of_geometry(id), options, Retry::safe, &Stub::GetGeometry, about);
   v1::GetPointsRequest request;
   request.set_id(id);
-  return with_retries(connection, options, Retry::safe, [&](Attempt& attempt, const RunContext&) {
+  return with_retries(connection, of_geometry(id), options, Retry::safe, [&](Attempt& attempt, const RunContext&) {
     auto points = std::make_shared<Points>();
     points->reserve(std::min(info.points(), largest_reserve));
-    const auto stream = connection.stub->GetPoints(&attempt.context, request);
+    const auto stream = attempt.stub().GetPoints(&attempt.context, request);
     read_all(attempt, *stream, [&](const v1::PointChunk& chunk) { append_points(chunk.xyz(), info.points(), *points); });
     if (points->size() != info.points()) {
       throw Error(ErrorCode::data_loss, "registered points: " + std::to_string(points->size()) + " arrived, the geometry has " +
@@ -135,6 +154,74 @@ std::shared_ptr<const Points> fetch_points(Connection& connection, const std::st
 
 std::shared_ptr<const Points> Connection::registered_points(const std::string& geometry_id, const RunContext& limits) {
   return points.get(geometry_id, limits, [&] { return fetch_points(*this, geometry_id, remaining(limits)); });
+}
+
+v1::GeometryInfo upload(Attempt& attempt, const GeometryArrays& arrays, const std::string& id,
+                        const std::function<void(double)>& on_progress) {
+  v1::GeometryInfo info;
+  const auto stream = attempt.stub().RegisterGeometry(&attempt.context, &info);
+  GeometryMessages messages(arrays, id);
+  bool sent = false;
+  write_all(attempt, *stream, [&](v1::RegisterGeometryRequest& message) {
+    if (on_progress && sent) on_progress(messages.fraction());
+    return sent = messages.next(message);
+  });
+  if (info.id() != id) {
+    throw Error(ErrorCode::data_loss, "geometry: the server stored id " + info.id() + ", the arrays have " + id);
+  }
+  return info;
+}
+
+v1::SystemInfo prepare(Attempt& attempt, const v1::Setup& setup,
+                       const std::function<void(const std::string& stage, double fraction)>& on_progress) {
+  v1::PrepareRequest request;
+  *request.mutable_setup() = setup;
+  const auto stream = attempt.stub().Prepare(&attempt.context, request);
+  std::optional<v1::SystemInfo> system;
+  read_all(attempt, *stream, [&](v1::PrepareReply&& reply) {
+    if (reply.has_progress() && on_progress) on_progress(reply.progress().stage(), reply.progress().fraction());
+    if (reply.has_system()) system = std::move(*reply.mutable_system());
+  });
+  if (!system) throw Error(ErrorCode::data_loss, "prepare: the reply has no system");
+  return *system;
+}
+
+// ---- several servers ----
+
+std::vector<Server*> Connection::ranked(const std::string& key) const {
+  std::vector<Server*> order = servers.ranked(key);
+  const auto found = found_at.get(key);
+  if (!found || !(*found)->usable()) return order;
+  std::stable_partition(order.begin(), order.end(), [&](const Server* server) { return server == *found; });
+  return order;
+}
+
+bool Connection::holds(const Subject& subject, const std::string& geometry) const {
+  return held.geometry(geometry) != nullptr || (!subject.system.empty() && held.setup(subject.system) != nullptr);
+}
+
+void Connection::bring(Server& server, const Subject& subject, const std::string& geometry, const RunContext& limits) {
+  std::unique_lock lock(server.restoring, std::defer_lock);
+  while (!lock.try_lock_for(look_around)) limits.check();
+  const auto arrays = held.geometry(geometry);
+  const auto setup = subject.system.empty() ? nullptr : held.setup(subject.system);
+  if (arrays) {
+    // Another call may have brought it meanwhile.
+    v1::GetGeometryRequest request;
+    request.set_id(geometry);
+    v1::GeometryInfo info;
+    Attempt look(*this, limits, server, geometry);
+    const grpc::Status status = look.stub().GetGeometry(&look.context, request, &info);
+    if (status.error_code() != grpc::StatusCode::NOT_FOUND) look.check(status);
+    if (!status.ok() || !info.damage().empty()) {
+      Attempt attempt(*this, limits, server, geometry);
+      upload(attempt, arrays->arrays(), geometry, {});
+    }
+  }
+  if (setup) {
+    Attempt attempt(*this, limits, server, geometry);
+    prepare(attempt, *setup, {});
+  }
 }
 
 }  // namespace deform::client

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <grpcpp/channel.h>
+#include <grpcpp/client_context.h>
 
 #include <atomic>
 #include <exception>
@@ -9,10 +9,14 @@
 #include <memory>
 #include <stop_token>
 #include <string>
+#include <vector>
 
 #include "client/client.h"
+#include "client/held_copies.h"
+#include "client/id_map.h"
 #include "client/points_cache.h"
-#include "client/retry.h"
+#include "client/route.h"
+#include "client/servers.h"
 #include "client/status.h"
 #include "core/base/thread_pool.h"
 #include "deform/v1/service.grpc.pb.h"
@@ -21,17 +25,19 @@ namespace deform::client {
 
 /// What the calls of one Client share; sessions keep it alive. Thread-safe.
 struct Connection {
-  /// Over a channel that exists; nothing is sent.
-  Connection(std::shared_ptr<grpc::ChannelInterface> channel_in, const ClientOptions& options_in);
+  /// Over channels that exist; nothing is sent.
+  Connection(std::vector<std::unique_ptr<Server>> servers_in, const ClientOptions& options_in);
 
-  const ClientOptions options;                                   ///< as given, but that `encoding` is named
-  const std::shared_ptr<grpc::ChannelInterface> channel;         ///< to the server
-  const std::unique_ptr<v1::DeformService::StubInterface> stub;  ///< over that channel
-  const std::string traceparent;                                 ///< of the environment when the client was made, for every call
-  PointsCache points;                                            ///< registered points that decoding needs
-  std::atomic<bool> own_channel{false};                          ///< made for the address of the options
-  std::atomic<std::uint64_t> calls{0};                           ///< so far; gives each call a seed of its own
-  ThreadPool pool;                                               ///< for decoding; last, so that its tasks end first
+  const ClientOptions options;           ///< as given, but that `encoding` is named
+  const Servers servers;                 ///< at least one
+  const std::string traceparent;         ///< of the environment when the client was made, for every call
+  PointsCache points;                    ///< registered points that decoding needs
+  HeldCopies held;                       ///< with several servers only
+  std::atomic<bool> own_channel{false};  ///< made for the addresses of the options
+  std::atomic<std::uint64_t> calls{0};   ///< so far; gives each call a seed of its own
+  IdMap<std::string> geometry_of;        ///< of systems, as far as it was told
+  IdMap<Server*> found_at;               ///< ids that a server knew and one that is asked before it did not
+  ThreadPool pool;                       ///< for decoding; last, so that its tasks end first
 
   /// With the encoding named.
   v1::DeformRequest named(v1::DeformRequest request) const;
@@ -39,9 +45,17 @@ struct Connection {
   v1::Encoding named(v1::Encoding encoding) const;
   /// Waits for the connection that gRPC tries to make, one attempt long: until then calls would fail by the error of the attempt
   /// before. A stop or the deadline ends it by its Error.
-  void wait_for_answer(const RunContext& limits) const;
+  void wait_for_answer(Server& server, const RunContext& limits) const;
   /// Cached, or fetched once.
   std::shared_ptr<const Points> registered_points(const std::string& geometry_id, const RunContext& limits);
+
+  /// Servers::ranked(), after the one that turned out to know the id.
+  std::vector<Server*> ranked(const std::string& key) const;
+  /// Whether there is something that bring() could bring.
+  bool holds(const Subject& subject, const std::string& geometry) const;
+  /// Registers the geometry at this server and prepares the system, as far as they are held and it lacks them. One attempt;
+  /// throws its Error.
+  void bring(Server& server, const Subject& subject, const std::string& geometry, const RunContext& limits);
 };
 
 /// What a Client holds.
@@ -54,66 +68,77 @@ RunContext limits_of(const CallOptions& options);
 /// What is left of it, for a call inside.
 CallOptions remaining(const RunContext& limits);
 
-/// One attempt of a call: its gRPC context with the deadline, cancelled at once when the caller stops it.
+/// One attempt of a call at one server: its gRPC context with the deadline, cancelled at once when the caller stops it.
 class Attempt {
  public:
-  /// Sets the deadline and adds the token; a stop of `limits` cancels the context on the thread that asks for it.
-  Attempt(Connection& connection, const RunContext& limits);
+  /// Sets the deadline and adds the token, and the id of the geometry where it is known; a stop of `limits` cancels the context
+  /// on the thread that asks for it.
+  Attempt(Connection& connection, const RunContext& limits, Server& server, const std::string& geometry = {});
   Attempt(const Attempt&) = delete;
   Attempt& operator=(const Attempt&) = delete;
 
-  /// Throws the Error of a status that is not OK. Where no connection came about, says why TLS failed if it did.
+  /// To call the server by.
+  v1::DeformService::StubInterface& stub() const { return *server_.stub; }
+  /// That is asked.
+  Server& server() const { return server_; }
+  /// Ends the call: who waits for it gets Error(cancelled).
+  void cancel();
+  /// Throws the Error of a status that is not OK. Where no connection came about, says why TLS failed if it did. What nobody here
+  /// has cancelled was cut off by a server that shuts down: Error(unavailable).
   void check(const grpc::Status& status) const;
 
   grpc::ClientContext context;  ///< of this attempt alone
 
  private:
   Connection& connection_;
+  Server& server_;
+  std::atomic<bool> cancelled_{false};
   const std::stop_callback<std::function<void()>> stopped_;  ///< last: no longer runs when the context goes
 };
 
-/// Runs body(attempt, limits) until it returns, its error allows no further attempt, or may_repeat() says no.
+/// Runs body(attempt, limits) until it returns, its error allows no further attempt, or repeat() says no.
 template <typename Body, typename MayRepeat>
-auto with_retries(Connection& connection, const CallOptions& options, Retry retry, const Body& body,
-                  const MayRepeat& may_repeat) {
+auto with_retries(Connection& connection, const Subject& subject, const CallOptions& options, Retry retry, const Body& body,
+                  const MayRepeat& repeat) {
   const RunContext limits = limits_of(options);
-  RetryPolicy policy({connection.options.max_attempts, connection.options.retry_seed + connection.calls++, retry});
+  Route route(connection, subject, retry);
   while (true) {
-    std::chrono::milliseconds wait{};
-    bool silent = false;
     try {
-      limits.check();
-      Attempt attempt(connection, limits);
-      return body(attempt, limits);
+      route.go(limits);
+      Attempt attempt(connection, limits, route.server(), route.geometry());
+      auto result = body(attempt, limits);
+      route.arrived();
+      return result;
     } catch (const Error& error) {
-      const auto next = policy.next_wait(error);
-      if (!next || !may_repeat()) throw;
-      if (limits.deadline && RunContext::Clock::now() + *next >= *limits.deadline) throw;
-      wait = *next;
-      const auto* none = dynamic_cast<const NotConnected*>(&error);
-      silent = none != nullptr && none->silent();
+      route.failed(error, limits, repeat());
     }
-    RetryPolicy::wait(wait, limits);
-    if (silent) connection.wait_for_answer(limits);
   }
 }
 
 /// The same where every attempt may be repeated.
 template <typename Body>
-auto with_retries(Connection& connection, const CallOptions& options, Retry retry, const Body& body) {
-  return with_retries(connection, options, retry, body, [] { return true; });
+auto with_retries(Connection& connection, const Subject& subject, const CallOptions& options, Retry retry, const Body& body) {
+  return with_retries(connection, subject, options, retry, body, [] { return Repeat::yes; });
 }
 
-/// A call with one request and one reply.
+/// A method with one request and one reply.
 template <typename Request, typename Reply>
-Reply unary(Connection& connection, const CallOptions& options, Retry retry,
-            grpc::Status (v1::DeformService::StubInterface::*method)(grpc::ClientContext*, const Request&, Reply*),
-            const Request& request) {
-  return with_retries(connection, options, retry, [&](Attempt& attempt, const RunContext&) {
-    Reply reply;
-    attempt.check((connection.stub.get()->*method)(&attempt.context, request, &reply));
-    return reply;
-  });
+using UnaryMethod = grpc::Status (v1::DeformService::StubInterface::*)(grpc::ClientContext*, const Request&, Reply*);
+
+/// One attempt of it.
+template <typename Request, typename Reply>
+Reply ask(Attempt& attempt, UnaryMethod<Request, Reply> method, const Request& request) {
+  Reply reply;
+  attempt.check((attempt.stub().*method)(&attempt.context, request, &reply));
+  return reply;
+}
+
+/// A call of it.
+template <typename Request, typename Reply>
+Reply unary(Connection& connection, const Subject& subject, const CallOptions& options, Retry retry,
+            UnaryMethod<Request, Reply> method, const Request& request) {
+  return with_retries(connection, subject, options, retry,
+                      [&](Attempt& attempt, const RunContext&) { return ask(attempt, method, request); });
 }
 
 /// Takes every reply of a stream. What take() throws cancels the call and is thrown when the stream has ended; then the Error of
@@ -145,5 +170,12 @@ void write_all(Attempt& attempt, grpc::ClientWriterInterface<Request>& stream, c
   stream.WritesDone();
   attempt.check(stream.Finish());
 }
+
+/// One attempt of uploading a geometry. on_progress: fraction sent; may be empty.
+v1::GeometryInfo upload(Attempt& attempt, const GeometryArrays& arrays, const std::string& id,
+                        const std::function<void(double)>& on_progress);
+/// One attempt of preparing a system. on_progress: stage and fraction of it; may be empty.
+v1::SystemInfo prepare(Attempt& attempt, const v1::Setup& setup,
+                       const std::function<void(const std::string& stage, double fraction)>& on_progress);
 
 }  // namespace deform::client

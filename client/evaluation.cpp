@@ -16,8 +16,12 @@ namespace {
 
 }  // namespace
 
-EvaluationCall::EvaluationCall(Attempt& attempt, v1::DeformService::StubInterface& stub, const v1::EvaluateHeader& header)
-    : attempt_(attempt), header_(header), stream_(stub.Evaluate(&attempt.context)) {}
+EvaluationCall::EvaluationCall(Attempt& attempt, const v1::EvaluateHeader& header)
+    : attempt_(attempt), header_(header), stream_(attempt.stub().Evaluate(&attempt.context)) {}
+
+void EvaluationCall::let_writer_go(bool accepted) {
+  if (std::exchange(writer_waits_, false)) accepted_.set_value(accepted);
+}
 
 void EvaluationCall::fail(std::exception_ptr error) {
   {
@@ -46,6 +50,7 @@ v1::EvaluateResult EvaluationCall::run(const PointSource& source, const PointSin
       broken = true;
     }
   }
+  let_writer_go(false);
   writer.join();
   const grpc::Status status = stream_->Finish();
   if (error_) std::rethrow_exception(error_);
@@ -59,6 +64,7 @@ void EvaluationCall::write(const PointSource& source) {
   v1::EvaluateRequest message;
   *message.mutable_header() = header_;
   if (!stream_->Write(message)) return;  // the status tells why
+  if (!accepted_.get_future().get()) return;
   std::vector<Vec3> points(block_points);
   std::uint64_t first = 0;
   for (std::uint32_t number = 0;; ++number) {
@@ -90,6 +96,7 @@ void EvaluationCall::take(v1::EvaluateReply&& reply, const PointSink& sink) {
   if (reply.has_info() == has_info_) refuse_reply(has_info_ ? "a second header" : "it does not begin with its header");
   if (reply.has_info()) {
     has_info_ = true;
+    let_writer_go(true);
   } else if (reply.has_block()) {
     take_block(std::move(*reply.mutable_block()), sink);
   } else {

@@ -16,6 +16,13 @@ enum class Retry {
   when_refused  ///< repeating a call that was carried out would be wrong: refusals with a hint, and no connection at all
 };
 
+/// Whether an attempt that failed may be followed by another one, as far as the caller is concerned.
+enum class Repeat {
+  no,     ///< part of its result is in use
+  yes,    ///< nothing came of it
+  afresh  ///< some of its result came, and only the rest is asked for: attempts count from here
+};
+
 /// Decides about another attempt and waits for it: exponential with jitter for lost connections (100 ms, 200 ms, ... each times
 /// 0.5 to 1.5), the server's own hint (times 1 to 1.5) for refusals. Same seed, same waiting times. One thread.
 class RetryPolicy {
@@ -31,6 +38,9 @@ class RetryPolicy {
 
   /// How long to wait before the next attempt, or nothing when there shall be none.
   std::optional<std::chrono::milliseconds> next_wait(const Error& error);
+
+  /// The attempts count from here.
+  void start_afresh() { failed_attempts_ = 0; }
 
   /// Waits; a stop or the deadline of the context ends it by its Error.
   static void wait(std::chrono::milliseconds duration, const RunContext& context);

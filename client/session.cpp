@@ -5,24 +5,26 @@
 #include <utility>
 
 #include "client/request_splitter.h"
+#include "client/spread_session.h"
 #include "proto/convert/base/error.h"
 
 namespace deform::client {
 
-Session::Impl::Impl(std::shared_ptr<Connection> connection, const CallOptions& options)
+StreamSession::StreamSession(std::shared_ptr<Connection> connection, Server& server, const CallOptions& options,
+                             const std::string& geometry)
     : connection_(std::move(connection)),
       limits_(limits_of(options)),
-      attempt_(*connection_, limits_),
-      stream_(connection_->stub->DeformStream(&attempt_.context)) {
+      attempt_(*connection_, limits_, server, geometry),
+      stream_(attempt_.stub().DeformStream(&attempt_.context)) {
   reader_ = std::thread([this] { read(); });
   writer_ = std::thread([this] { write(); });
 }
 
-Session::Impl::~Impl() {
+StreamSession::~StreamSession() {
   {
     const std::lock_guard lock(mutex_);
     closing_ = true;
-    if (!broken_) attempt_.context.TryCancel();
+    if (!broken_) attempt_.cancel();
   }
   changed_.notify_all();
   reader_.join();
@@ -32,19 +34,30 @@ Session::Impl::~Impl() {
   changed_.wait(lock, [this] { return open_.empty(); });
 }
 
-std::future<DeformOutcome> Session::Impl::submit(const v1::DeformRequest& request, DesignSink sink, DesignMemory memory) {
+std::future<DeformOutcome> StreamSession::submit(const v1::DeformRequest& request, DesignSink sink, DesignMemory memory) {
+  auto promise = std::make_shared<std::promise<DeformOutcome>>();
+  auto future = promise->get_future();
+  submit(std::make_shared<const v1::DeformRequest>(connection_->named(request)), std::move(sink), std::move(memory),
+         [promise](DeformOutcome&& outcome, const std::exception_ptr& error) {
+           error ? promise->set_exception(error) : promise->set_value(std::move(outcome));
+         });
+  return future;
+}
+
+void StreamSession::submit(std::shared_ptr<const v1::DeformRequest> request, DesignSink sink, DesignMemory memory,
+                           Answer answer) {
   auto open = std::make_shared<Open>();
-  open->request = connection_->named(request);
+  open->request = std::move(request);
   open->sink = std::move(sink);
   open->memory = std::move(memory);
-  auto future = open->promise.get_future();
+  open->answer = std::move(answer);
   const auto most = static_cast<std::size_t>(connection_->options.max_in_flight);
   std::unique_lock lock(mutex_);
   changed_.wait(lock, [&] { return open_.size() < most || broken_ || closing_; });
   if (closing_) throw Error(ErrorCode::failed_precondition, "session: submit() after finish()");
-  if (broken_) {
-    open->promise.set_exception(broken_);
-    return future;
+  if (const std::exception_ptr error = broken_) {
+    lock.unlock();
+    return open->answer({}, error);
   }
   open->id = ++last_id_;
   open->retry = std::make_unique<RetryPolicy>(
@@ -54,14 +67,18 @@ std::future<DeformOutcome> Session::Impl::submit(const v1::DeformRequest& reques
   commands_.push_back({open, 0, RunContext::Clock::now()});
   lock.unlock();
   changed_.notify_all();
-  return future;
 }
 
-void Session::Impl::make_decoder(const OpenPtr& open) {
+bool StreamSession::broken() const {
+  const std::lock_guard lock(mutex_);
+  return broken_ != nullptr;
+}
+
+void StreamSession::make_decoder(const OpenPtr& open) {
   ReplyDecoder::Options options;
-  options.designs = static_cast<std::size_t>(open->request.designs_size());
-  options.encoding = open->request.output().encoding();
-  options.failures = open->request.failures();
+  options.designs = static_cast<std::size_t>(open->request->designs_size());
+  options.encoding = open->request->output().encoding();
+  options.failures = open->request->failures();
   options.sink = open->sink;
   options.memory = open->memory;
   options.points_of = [this](const std::string& id) { return connection_->registered_points(id, limits_); };
@@ -73,21 +90,17 @@ void Session::Impl::make_decoder(const OpenPtr& open) {
   open->decoder = std::make_shared<ReplyDecoder>(std::move(options), connection_->pool);
 }
 
-void Session::Impl::answered(const OpenPtr& open, DeformOutcome&& outcome, const std::exception_ptr& error) {
+void StreamSession::answered(const OpenPtr& open, DeformOutcome&& outcome, const std::exception_ptr& error) {
   const std::chrono::duration<double, std::milli> wall = RunContext::Clock::now() - open->started;
   outcome.wall_ms = wall.count();
-  if (error) {
-    open->promise.set_exception(error);
-  } else {
-    open->promise.set_value(std::move(outcome));
-  }
+  open->answer(std::move(outcome), error);
   // Under the lock to the end: the destructor waits for an empty map and then everything is gone.
   const std::lock_guard lock(mutex_);
   open_.erase(open->id);
   changed_.notify_all();
 }
 
-void Session::Impl::read() {
+void StreamSession::read() {
   v1::DeformReply reply;
   while (stream_->Read(&reply)) route(std::move(reply));
   const grpc::Status status = stream_->Finish();
@@ -101,7 +114,7 @@ void Session::Impl::read() {
   fail_all(error);
 }
 
-void Session::Impl::fail_all(const std::exception_ptr& error) {
+void StreamSession::fail_all(const std::exception_ptr& error) {
   std::vector<OpenPtr> open;
   {
     const std::lock_guard lock(mutex_);
@@ -113,7 +126,7 @@ void Session::Impl::fail_all(const std::exception_ptr& error) {
   for (const auto& one : open) one->decoder->fail(error);
 }
 
-void Session::Impl::route(v1::DeformReply&& reply) {
+void StreamSession::route(v1::DeformReply&& reply) {
   OpenPtr open;
   {
     const std::lock_guard lock(mutex_);
@@ -130,7 +143,7 @@ void Session::Impl::route(v1::DeformReply&& reply) {
   }
 }
 
-void Session::Impl::refused(const OpenPtr& open, const v1::RequestError& message) {
+void StreamSession::refused(const OpenPtr& open, const v1::RequestError& message) {
   const Error error = convert::error_from_proto(message);
   const auto wait = open->retry->next_wait(error);
   const auto then = RunContext::Clock::now() + wait.value_or(std::chrono::milliseconds(0));
@@ -142,7 +155,7 @@ void Session::Impl::refused(const OpenPtr& open, const v1::RequestError& message
   enqueue({open, 0, then});
 }
 
-void Session::Impl::enqueue(Command command) {
+void StreamSession::enqueue(Command command) {
   {
     const std::lock_guard lock(mutex_);
     if (broken_) return;
@@ -152,7 +165,7 @@ void Session::Impl::enqueue(Command command) {
 }
 
 /// The first command that is due, in order; false when the session is over.
-bool Session::Impl::next_command(Command& command) {
+bool StreamSession::next_command(Command& command) {
   std::unique_lock lock(mutex_);
   while (true) {
     if (broken_ || (closing_ && open_.empty())) return false;
@@ -174,7 +187,7 @@ bool Session::Impl::next_command(Command& command) {
   }
 }
 
-void Session::Impl::write() {
+void StreamSession::write() {
   Command command;
   while (next_command(command)) {
     if (command.send) {
@@ -190,8 +203,8 @@ void Session::Impl::write() {
   stream_->WritesDone();
 }
 
-bool Session::Impl::send(const OpenPtr& open) {
-  RequestSplitter splitter(open->request, open->id);
+bool StreamSession::send(const OpenPtr& open) {
+  RequestSplitter splitter(*open->request, open->id);
   v1::DeformStreamRequest message;
   try {
     while (splitter.next(message)) {
@@ -204,7 +217,7 @@ bool Session::Impl::send(const OpenPtr& open) {
   return true;
 }
 
-void Session::Impl::finish() {
+void StreamSession::finish() {
   std::unique_lock lock(mutex_);
   closing_ = true;
   changed_.notify_all();
@@ -212,11 +225,17 @@ void Session::Impl::finish() {
   changed_.wait(lock, [this] { return open_.empty() && broken_; });
 }
 
-Session::Session(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+std::unique_ptr<RequestSession> open_requests(std::shared_ptr<Connection> connection, const CallOptions& options) {
+  if (connection->servers.several()) return std::make_unique<SpreadSession>(std::move(connection), options);
+  Server& server = *connection->servers.all().front();
+  return std::make_unique<StreamSession>(std::move(connection), server, options);
+}
+
+Session::Session(std::unique_ptr<RequestSession> requests) : requests_(std::move(requests)) {}
 Session::~Session() = default;
 
-std::future<DeformOutcome> Session::submit(const v1::DeformRequest& request) { return impl_->submit(request, {}); }
+std::future<DeformOutcome> Session::submit(const v1::DeformRequest& request) { return requests_->submit(request); }
 
-void Session::finish() { impl_->finish(); }
+void Session::finish() { requests_->finish(); }
 
 }  // namespace deform::client

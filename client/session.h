@@ -3,10 +3,13 @@
 
 #include <chrono>
 #include <condition_variable>
-#include <deque>
+#include <exception>
+#include <functional>
+#include <future>
 #include <map>
 #include <memory>
 #include <mutex>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -16,30 +19,51 @@
 
 namespace deform::client {
 
+/// What a Session does.
+class RequestSession {
+ public:
+  virtual ~RequestSession() = default;
+  /// As Session::submit().
+  virtual std::future<DeformOutcome> submit(const v1::DeformRequest& request) = 0;
+  /// As Session::finish().
+  virtual void finish() = 0;
+};
+
+/// Over the servers of the connection: a StreamSession for one, a SpreadSession for several.
+std::unique_ptr<RequestSession> open_requests(std::shared_ptr<Connection> connection, const CallOptions& options);
+
 /// The mechanics of DeformStream. One thread reads and hands replies to the decoder of their request, one thread writes: it cuts
 /// requests into messages, and repeats refused ones when the server said they may be.
 ///
-///   submit -> waiting -> (writer) -> open -> replies (reader) -> decoder -> on_done -> promise
+///   submit -> waiting -> (writer) -> open -> replies (reader) -> decoder -> on_done -> answer
 ///                ^---- refused, after the hint ----'
-class Session::Impl {
+class StreamSession final : public RequestSession {
  public:
-  /// Opens the stream.
-  Impl(std::shared_ptr<Connection> connection, const CallOptions& options);
-  /// Cancels what is open and waits for its end.
-  ~Impl();
+  /// Takes the outcome of a request or its error, once. On any thread, no lock held; must not throw.
+  using Answer = std::function<void(DeformOutcome&& outcome, const std::exception_ptr& error)>;
 
-  /// As Session::submit(); a sink takes the designs one by one, memory their points.
+  /// Opens the stream.
+  StreamSession(std::shared_ptr<Connection> connection, Server& server, const CallOptions& options,
+                const std::string& geometry = {});
+  /// Cancels what is open and waits for its end.
+  ~StreamSession() override;
+
+  std::future<DeformOutcome> submit(const v1::DeformRequest& request) override { return submit(request, {}); }
+  void finish() override;
+  /// A sink takes the designs one by one, memory their points.
   std::future<DeformOutcome> submit(const v1::DeformRequest& request, DesignSink sink, DesignMemory memory = {});
-  /// As Session::finish().
-  void finish();
+  /// With the encoding named; shared, because it may be sent to another server later.
+  void submit(std::shared_ptr<const v1::DeformRequest> request, DesignSink sink, DesignMemory memory, Answer answer);
+  /// The stream has ended: what is submitted fails.
+  bool broken() const;
 
  private:
   struct Open {
     std::uint64_t id = 0;
-    v1::DeformRequest request;  // until it is answered: it may have to be sent again
+    std::shared_ptr<const v1::DeformRequest> request;  // until it is answered: it may have to be sent again
     DesignSink sink;
     DesignMemory memory;
-    std::promise<DeformOutcome> promise;
+    Answer answer;
     std::shared_ptr<ReplyDecoder> decoder;
     std::unique_ptr<RetryPolicy> retry;
     RunContext::Clock::time_point started = RunContext::Clock::now();
@@ -67,7 +91,7 @@ class Session::Impl {
   Attempt attempt_;
   const std::unique_ptr<grpc::ClientReaderWriterInterface<v1::DeformStreamRequest, v1::DeformReply>> stream_;
 
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   std::condition_variable changed_;
   // under mutex_
   std::map<std::uint64_t, OpenPtr> open_;

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <mutex>
 #include <thread>
 
 #include "tests/client/scripted_service.h"
@@ -236,13 +237,17 @@ TEST(Client, HandsOverTheBytesOfABasisInOrder) {
   replies[0].mutable_header()->set_bytes(7);
   replies[1].set_records("1234");
   replies[2].set_records("567");
+  std::mutex mutex;  // of the replies: an attempt that the client has given up may still be sending them
   std::atomic<int> attempts{0};
   int failures = 0;
   ScriptedService service;
   service.on_get_basis = [&](const v1::GetBasisRequest& request, auto& writer) {
     EXPECT_EQ(request.system_id(), "system");
     const bool fails = attempts++ < failures;
-    for (const auto& reply : replies) writer.Write(reply, grpc::WriteOptions());
+    std::unique_lock lock(mutex);
+    const auto all = replies;
+    lock.unlock();
+    for (const auto& reply : all) writer.Write(reply, grpc::WriteOptions());
     return fails ? grpc::Status(grpc::StatusCode::UNAVAILABLE, "lost") : grpc::Status::OK;
   };
   Client client = service.client();
@@ -255,8 +260,11 @@ TEST(Client, HandsOverTheBytesOfABasisInOrder) {
 
   const std::vector<v1::BasisReply> whole = replies;
   const auto broken = [&](const char* part, const std::function<void()>& spoil) {
-    replies = whole;
-    spoil();
+    {
+      const std::lock_guard lock(mutex);
+      replies = whole;
+      spoil();
+    }
     expect_error(ErrorCode::data_loss, {part}, [&] { client.get_basis("system", sink); });
   };
   broken("no header", [&] { replies.erase(replies.begin()); });
@@ -266,13 +274,19 @@ TEST(Client, HandsOverTheBytesOfABasisInOrder) {
   broken("0 of 0 bytes", [&] { replies.clear(); });
 
   // What was handed over is not handed over twice.
-  replies = whole;
+  {
+    const std::lock_guard lock(mutex);
+    replies = whole;
+  }
   attempts = 0;
   failures = 1;
   expect_error(ErrorCode::unavailable, {"lost"}, [&] { client.get_basis("system", sink); });
   EXPECT_EQ(attempts, 1);
-  replies.resize(1);
-  replies[0].mutable_header()->set_bytes(0);
+  {
+    const std::lock_guard lock(mutex);
+    replies.resize(1);
+    replies[0].mutable_header()->set_bytes(0);
+  }
   attempts = 0;
   EXPECT_EQ(client.get_basis("system", sink).bytes(), 0u);
   EXPECT_EQ(attempts, 2);
@@ -333,13 +347,13 @@ TEST(Client, WaitsAsLongAsTheServerSays) {
   EXPECT_GE(std::chrono::steady_clock::now() - start, std::chrono::milliseconds(150));
 }
 
-TEST(Client, DoesNotRepeatAfterASinkTookADesign) {
+TEST(Client, DoesNotRepeatWhatASinkHasTaken) {
   ScriptedService service;
-  std::atomic<int> attempts{0};
-  service.on_deform = [&](grpc::ServerContext&, const v1::DeformRequest&, ScriptedService::Writer& writer) {
-    ++attempts;
+  std::vector<int> asked;
+  service.on_deform = [&](grpc::ServerContext&, const v1::DeformRequest& request, ScriptedService::Writer& writer) {
+    asked.push_back(request.designs_size());
     ReplyScript script;
-    script.designs = 2;
+    script.designs = static_cast<std::size_t>(request.designs_size());
     auto all = test::replies(script);
     all.pop_back();  // the summary
     for (const auto& reply : all) writer.Write(reply, grpc::WriteOptions());
@@ -348,11 +362,16 @@ TEST(Client, DoesNotRepeatAfterASinkTookADesign) {
   };
   Client client = service.client();
   keep(client);
-  std::atomic<int> taken{0};
-  expect_error(ErrorCode::unavailable, {"going down"},
-               [&] { client.deform(raw_request(2), {}, [&](std::size_t, client::DeformedDesign&&) { ++taken; }); });
-  EXPECT_EQ(attempts, 1);
+  int taken = 0;
+  const auto sink = [&](std::size_t, client::DeformedDesign&&) { ++taken; };
+  const auto outcome = client.deform(raw_request(2), {}, sink);
+  EXPECT_EQ(asked, std::vector<int>{2});
   EXPECT_EQ(taken, 2);
+  EXPECT_EQ(outcome.summary.bytes(), 0u) << "it never came";
+  v1::DeformRequest warm = raw_request(2);
+  warm.set_warm_start(true);
+  expect_error(ErrorCode::unavailable, {"going down"}, [&] { client.deform(warm, {}, sink); });
+  EXPECT_EQ(asked, (std::vector<int>{2, 2}));
 }
 
 TEST(Client, DoesNotRepeatARemovalThatMayHaveHappened) {
@@ -436,6 +455,17 @@ TEST(Client, StopEndsTheCallHereAndThere) {
   canceller.join();
   for (int k = 0; k < 1000 && !saw_cancel; ++k) std::this_thread::sleep_for(std::chrono::milliseconds(2));
   EXPECT_TRUE(saw_cancel);
+}
+
+TEST(Client, TakesACallThatTheServerCutsOffForLost) {
+  ScriptedService service;
+  int attempts = 0;
+  service.on_info = [&](grpc::ServerContext&, v1::ServerInfo&) {
+    return ++attempts == 1 ? grpc::Status::CANCELLED : grpc::Status::OK;
+  };
+  Client client = service.client();
+  client.server_info();
+  EXPECT_EQ(attempts, 2);
 }
 
 TEST(Client, GivesUpWaitingForAnotherAttemptAtTheDeadline) {

@@ -25,11 +25,20 @@ ScriptedService::ScriptedService() {
   server_ = builder.BuildAndStart();
 }
 
-ScriptedService::~ScriptedService() { server_->Shutdown(std::chrono::system_clock::now() + std::chrono::seconds(1)); }
+ScriptedService::~ScriptedService() {
+  if (server_) server_->Shutdown(std::chrono::system_clock::now() + std::chrono::seconds(1));
+}
 
 client::Client ScriptedService::client(client::ClientOptions options) {
-  options.address = "127.0.0.1:" + std::to_string(port_);
+  options.address = address();
   return client::Client(options);
+}
+
+std::string ScriptedService::address() const { return "127.0.0.1:" + std::to_string(port_); }
+
+void ScriptedService::stop() {
+  server_->Shutdown(std::chrono::system_clock::now());
+  server_.reset();
 }
 
 grpc::Status ScriptedService::Deform(grpc::ServerContext* context, const v1::DeformRequest* request,
@@ -54,6 +63,11 @@ grpc::Status ScriptedService::GetGeometry(grpc::ServerContext*, const v1::GetGeo
 grpc::Status ScriptedService::RegisterGeometry(grpc::ServerContext*, grpc::ServerReader<v1::RegisterGeometryRequest>* reader,
                                                v1::GeometryInfo* reply) {
   return on_register ? on_register(*reader, *reply) : no_script;
+}
+
+grpc::Status ScriptedService::Prepare(grpc::ServerContext*, const v1::PrepareRequest* request,
+                                      grpc::ServerWriter<v1::PrepareReply>* writer) {
+  return on_prepare ? on_prepare(*request, *writer) : no_script;
 }
 
 grpc::Status ScriptedService::GetServerInfo(grpc::ServerContext* context, const v1::GetServerInfoRequest*,

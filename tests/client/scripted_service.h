@@ -5,6 +5,7 @@
 
 #include <functional>
 #include <memory>
+#include <string>
 
 #include "client/client.h"
 #include "core/base/types.h"
@@ -23,6 +24,10 @@ class ScriptedService final : public v1::DeformService::Service {
   ~ScriptedService() override;
 
   client::Client client(client::ClientOptions options = {});
+  /// 127.0.0.1 and the port.
+  std::string address() const;
+  /// Nobody answers any more; calls under way are cut off.
+  void stop();
 
   std::function<grpc::Status(grpc::ServerContext&, const v1::DeformRequest&, Writer&)> on_deform;
   std::function<grpc::Status(grpc::ServerContext&, Stream&)> on_stream;
@@ -30,6 +35,7 @@ class ScriptedService final : public v1::DeformService::Service {
       on_evaluate;
   std::function<grpc::Status(const v1::GetGeometryRequest&, v1::GeometryInfo&)> on_get_geometry;
   std::function<grpc::Status(grpc::ServerReaderInterface<v1::RegisterGeometryRequest>&, v1::GeometryInfo&)> on_register;
+  std::function<grpc::Status(const v1::PrepareRequest&, grpc::ServerWriterInterface<v1::PrepareReply>&)> on_prepare;
   std::function<grpc::Status(grpc::ServerContext&, v1::ServerInfo&)> on_info;
   std::function<grpc::Status(const v1::DeleteGeometryRequest&)> on_delete;
   std::function<grpc::Status(const v1::ListGeometriesRequest&, v1::ListGeometriesReply&)> on_list;
@@ -47,6 +53,8 @@ class ScriptedService final : public v1::DeformService::Service {
   grpc::Status GetGeometry(grpc::ServerContext* context, const v1::GetGeometryRequest* request, v1::GeometryInfo* reply) override;
   grpc::Status RegisterGeometry(grpc::ServerContext* context, grpc::ServerReader<v1::RegisterGeometryRequest>* reader,
                                 v1::GeometryInfo* reply) override;
+  grpc::Status Prepare(grpc::ServerContext* context, const v1::PrepareRequest* request,
+                       grpc::ServerWriter<v1::PrepareReply>* writer) override;
   grpc::Status GetServerInfo(grpc::ServerContext* context, const v1::GetServerInfoRequest* request,
                              v1::ServerInfo* reply) override;
   grpc::Status DeleteGeometry(grpc::ServerContext* context, const v1::DeleteGeometryRequest* request,

@@ -147,7 +147,9 @@ std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
 }
 
 void add_common_options(CLI::App& app, CommonOptions& common) {
-  app.add_option("--server", common.server, "Address of deformd, HOST:PORT")->envname("DEFORM_SERVER")->capture_default_str();
+  app.add_option("--server", common.server, "Address of deformd, HOST:PORT; several with commas")
+      ->envname("DEFORM_SERVER")
+      ->capture_default_str();
   app.add_flag("--tls", common.tls, "Encrypt, and trust the authorities that this machine trusts")->envname("DEFORM_TLS");
   app.add_option("--ca", common.tls_options.ca, "Encrypt, and trust the authorities in this file, PEM")->envname("DEFORM_CA");
   app.add_option("--cert", common.tls_options.cert, "Certificate to show to the server, PEM; with --key")->envname("DEFORM_CERT");

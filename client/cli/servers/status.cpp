@@ -6,7 +6,10 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
+#include <vector>
 
+#include "client/address.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/output/error_json.h"
 #include "client/cli/output/format.h"
@@ -43,15 +46,17 @@ void print_status(const v1::ServerInfo& info, const std::string& server) {
             << "  store: " << info.geometries() << " geometries, " << info.setups() << " setups" << store_text(info) << std::endl;
 }
 
-ExitCode run_status(const CommonOptions& common) {
-  client::ClientOptions options = common.client_options();
+const Error draining(ErrorCode::unavailable, "the server is draining and takes no new work; use another one");
+
+v1::ServerInfo ask(client::ClientOptions options, client::CallOptions call) {
   options.max_attempts = 2;  // the answer is about now; the second one is for what gRPC takes for a failure (see status.cpp)
-  client::CallOptions call = common.call_options();
   if (!call.timeout) call.timeout = patience;
   options.connect_timeout = std::max(options.connect_timeout, *call.timeout);
-  client::Client client(options);
-  const auto info = client.server_info(call);
-  const Error draining(ErrorCode::unavailable, "the server is draining and takes no new work; use another one");
+  return client::Client(options).server_info(call);
+}
+
+ExitCode show_one(const client::ClientOptions& options, const CommonOptions& common) {
+  const auto info = ask(options, common.call_options());
   if (common.style() == Style::json) {
     auto json = to_json(info);
     if (info.draining()) json["error"] = error_json(draining.code(), draining.what());
@@ -64,10 +69,42 @@ ExitCode run_status(const CommonOptions& common) {
   return exit_code_of(draining);
 }
 
+/// One after the other; those that do not answer do not keep the others from being shown.
+ExitCode show_several(client::ClientOptions options, const std::vector<std::string>& addresses, const CommonOptions& common) {
+  auto servers = nlohmann::ordered_json::array();
+  ExitCode code = exit_ok;
+  for (const std::string& address : addresses) {
+    options.address = address;
+    nlohmann::ordered_json json = {{"address", address}};
+    const auto failed = [&](const Error& error) {
+      json["error"] = error_json(error.code(), error.what());
+      complain(address + ": " + error.what());
+      if (code == exit_ok) code = exit_code_of(error);
+    };
+    try {
+      const auto info = ask(options, common.call_options());
+      json.update(to_json(info));
+      if (common.style() != Style::json) print_status(info, address);
+      if (info.draining()) failed(draining);
+    } catch (const Error& error) {
+      failed(error);
+    }
+    servers.push_back(std::move(json));
+  }
+  if (common.style() == Style::json) print({{"servers", servers}});
+  return code;
+}
+
+ExitCode run_status(const CommonOptions& common) {
+  const client::ClientOptions options = common.client_options();
+  const auto addresses = client::addresses_of(options.address);
+  return addresses.size() == 1 ? show_one(options, common) : show_several(options, addresses, common);
+}
+
 }  // namespace
 
 void add_status_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
-  auto* command = app.add_subcommand("status", "Show how the server is; exit code 0 only when it serves");
+  auto* command = app.add_subcommand("status", "Show how the server is; exit code 0 only when it serves, or all of several do");
   command->footer("Waits at most 15 seconds unless --timeout says otherwise. Fits a container's health check.");
   command->callback([&common, &chosen] { chosen = [&common] { return run_status(common); }; });
 }

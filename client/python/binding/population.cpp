@@ -70,37 +70,18 @@ void Population::run() {
 }
 
 void Population::evaluate(std::size_t first, std::size_t end) {
-  std::vector<std::size_t> left(end - first);
-  for (std::size_t i = first; i < end; ++i) left[i - first] = i;
-  while (!left.empty()) {
-    v1::DeformRequest request = options_.request;
-    for (const std::size_t i : left) *request.add_designs() = options_.designs[i];
-    client::CallOptions call = options_.call;
-    call.stop = stop_.get_token();
-    if (call.timeout) {
-      const auto spent = std::chrono::duration_cast<std::chrono::milliseconds>(RunContext::Clock::now() - started_);
-      call.timeout = std::max(std::chrono::milliseconds(1), *call.timeout - spent);
-    }
-    std::vector<char> came(left.size(), 0);  // the client hands designs over one at a time
-    const auto sink = [&](std::size_t k, client::DeformedDesign&& deformed) {
-      finish(left[k], std::move(deformed));
-      came[k] = 1;
-    };
-    client::DesignMemory memory;
-    if (!options_.target.empty()) memory = [&](std::size_t k) { return memory_of(left[k]); };
-    try {
-      client_.deform(request, call, sink, memory);
-      return;
-    } catch (const Error& error) {
-      const auto progress = std::count(came.begin(), came.end(), 1);
-      if (error.code() != ErrorCode::unavailable || progress == 0) throw;
-    }
-    std::vector<std::size_t> missing;
-    for (std::size_t k = 0; k < left.size(); ++k) {
-      if (came[k] == 0) missing.push_back(left[k]);
-    }
-    left = std::move(missing);
+  v1::DeformRequest request = options_.request;
+  for (std::size_t i = first; i < end; ++i) *request.add_designs() = options_.designs[i];
+  client::CallOptions call = options_.call;
+  call.stop = stop_.get_token();
+  if (call.timeout) {
+    const auto spent = std::chrono::duration_cast<std::chrono::milliseconds>(RunContext::Clock::now() - started_);
+    call.timeout = std::max(std::chrono::milliseconds(1), *call.timeout - spent);
   }
+  const auto sink = [&](std::size_t k, client::DeformedDesign&& deformed) { finish(first + k, std::move(deformed)); };
+  client::DesignMemory memory;
+  if (!options_.target.empty()) memory = [&](std::size_t k) { return memory_of(first + k); };
+  client_.deform(request, call, sink, memory);
 }
 
 std::span<Vec3> Population::memory_of(std::size_t design) const {

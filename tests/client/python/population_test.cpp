@@ -49,8 +49,12 @@ class PopulationTest : public ::testing::Test {
       }
       return answer_(number, designs.size(), writer);
     };
+    connect(1);
+  }
+
+  void connect(int attempts) {
     client::ClientOptions options;
-    options.max_attempts = 1;
+    options.max_attempts = attempts;
     client_ = std::make_unique<client::Client>(service_.client(options));
     client_->keep_points("geometry", std::make_shared<const Points>(test::registered_points(points)));
   }
@@ -80,6 +84,7 @@ class PopulationTest : public ::testing::Test {
 };
 
 TEST_F(PopulationTest, AsksAgainOnlyForDesignsThatDidNotCome) {
+  connect(2);
   answer_ = [](std::size_t number, std::size_t designs, ScriptedService::Writer& writer) {
     if (number != 0) return whole(number, designs, writer);
     for (const auto& reply : replies(designs)) {

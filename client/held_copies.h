@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "client/client.h"
+#include "client/id_map.h"
+
+namespace deform::client {
+
+/// The arrays of a registered geometry, kept.
+class HeldGeometry {
+ public:
+  /// Copies all but the points, which are shared.
+  HeldGeometry(const GeometryArrays& arrays, std::shared_ptr<const Points> points);
+
+  /// Views what is kept.
+  GeometryArrays arrays() const;
+
+ private:
+  struct Group {
+    std::string name;
+    std::vector<PointId> points;
+    std::vector<FaceId> faces;
+  };
+
+  const std::shared_ptr<const Points> points_;
+  const std::vector<std::uint32_t> face_sizes_, face_points_;
+  std::vector<Group> groups_;
+  const std::string name_;
+  const std::vector<std::uint8_t> element_types_;
+  const std::vector<PointId> element_points_;
+  const std::uint64_t cell_count_;
+  const std::vector<std::uint64_t> cell_face_offsets_;
+  const std::vector<PointId> cell_face_points_;
+  const std::vector<std::uint32_t> owner_, neighbour_;
+  const std::vector<char> empty_faces_;
+};
+
+/// What a client with several servers has registered and prepared, so that it can bring it to another one: everything that a
+/// server has is a function of geometry and setup. Thread-safe.
+class HeldCopies {
+ public:
+  /// Enters a geometry.
+  void keep_geometry(const std::string& id, std::shared_ptr<const HeldGeometry> geometry);
+  /// Enters the setup of a system; it names its geometry by the whole id.
+  void keep_setup(const std::string& system, v1::Setup setup);
+  /// Nothing where it was not entered.
+  std::shared_ptr<const HeldGeometry> geometry(const std::string& id) const;
+  /// Nothing where it was not entered.
+  std::shared_ptr<const v1::Setup> setup(const std::string& system) const;
+  /// Lets go of a geometry that was deleted, and of the setups that refer to it.
+  void forget_geometry(const std::string& id);
+  /// Lets go of a setup that was deleted.
+  void forget_setup(const std::string& system);
+
+ private:
+  IdMap<std::shared_ptr<const HeldGeometry>> geometries_;
+  IdMap<std::shared_ptr<const v1::Setup>> setups_;
+};
+
+}  // namespace deform::client

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <map>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <utility>
+
+namespace deform::client {
+
+/// Something small by id. Thread-safe.
+template <typename Value>
+class IdMap {
+ public:
+  /// In place of what was there.
+  void keep(const std::string& id, Value value) {
+    const std::lock_guard lock(mutex_);
+    entries_.insert_or_assign(id, std::move(value));
+  }
+  /// Nothing where there is none.
+  std::optional<Value> get(const std::string& id) const {
+    const std::lock_guard lock(mutex_);
+    const auto found = entries_.find(id);
+    return found == entries_.end() ? std::nullopt : std::optional<Value>(found->second);
+  }
+  /// Where there is one.
+  void forget(const std::string& id) {
+    const std::lock_guard lock(mutex_);
+    entries_.erase(id);
+  }
+  /// All that drop(value) says of.
+  template <typename Drop>
+  void forget_if(const Drop& drop) {
+    const std::lock_guard lock(mutex_);
+    std::erase_if(entries_, [&](const auto& entry) { return drop(entry.second); });
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::map<std::string, Value> entries_;  // under mutex_
+};
+
+}  // namespace deform::client
