@@ -292,6 +292,22 @@ std::shared_ptr<const System> prepared(const Case& problem, Solver solver) {
   return prepare(problem.mesh, setup);
 }
 
+/// How far estimates are above true errors. The median of few is a matter of luck, and of the processor that rounds.
+void check_median(std::vector<double> ratios) {
+  ASSERT_GE(ratios.size(), 25u);
+  std::sort(ratios.begin(), ratios.end());
+  EXPECT_LE(ratios[ratios.size() / 2], 20);
+  testing::Test::RecordProperty("least_ratio", std::to_string(ratios.front()));
+  testing::Test::RecordProperty("median_ratio", std::to_string(ratios[ratios.size() / 2]));
+  testing::Test::RecordProperty("cases", std::to_string(ratios.size()));
+}
+
+std::vector<std::uint64_t> first_seeds(std::uint64_t count) {
+  std::vector<std::uint64_t> result(count);
+  std::iota(result.begin(), result.end(), std::uint64_t{0});
+  return result;
+}
+
 /// The seeds of one shard of `count` in all.
 class Shard : public testing::TestWithParam<std::uint64_t> {
  protected:
@@ -302,25 +318,14 @@ class Shard : public testing::TestWithParam<std::uint64_t> {
     }
     return result;
   }
-  /// Estimates over true errors.
-  static void check_median(std::vector<double> ratios) {
-    ASSERT_FALSE(ratios.empty());
-    std::sort(ratios.begin(), ratios.end());
-    EXPECT_LE(ratios[ratios.size() / 2], 20);
-    RecordProperty("least_ratio", std::to_string(ratios.front()));
-    RecordProperty("median_ratio", std::to_string(ratios[ratios.size() / 2]));
-    RecordProperty("cases", std::to_string(ratios.size()));
-  }
 };
 
-class RandomIterative : public Shard {};
-
-TEST_P(RandomIterative, TheToleranceHoldsAtTheFreePointsAndTheErrorIsNotUnderestimated) {
+/// Checks each seed; estimates over true errors.
+std::vector<double> iterative_ratios(const std::vector<std::uint64_t>& seeds, double most_centres) {
   std::vector<double> ratios;
   std::size_t solvable = 0;
-  const std::vector<std::uint64_t> all = seeds(is_long() ? 200 : 36);
-  for (const std::uint64_t seed : all) {
-    const Case problem = solved_case(seed, is_long() ? 3000 : 900);
+  for (const std::uint64_t seed : seeds) {
+    const Case problem = solved_case(seed, most_centres);
     const auto system = prepared(problem, Solver::iterative);
     const auto evaluation = system->bind({&problem.design, 1}, EvaluationPath::automatic, {});
     const DesignReport& report = evaluation->report(0);
@@ -340,9 +345,17 @@ TEST_P(RandomIterative, TheToleranceHoldsAtTheFreePointsAndTheErrorIsNotUnderest
     }
     if (error > 0) ratios.push_back(report.error / error);
   }
-  EXPECT_GE(3 * solvable, 2 * all.size());
-  check_median(ratios);
+  EXPECT_GE(3 * solvable, 2 * seeds.size());
+  return ratios;
 }
+
+class RandomIterative : public Shard {};
+
+TEST_P(RandomIterative, TheToleranceHoldsAtTheFreePointsAndTheErrorIsNotUnderestimated) {
+  iterative_ratios(seeds(is_long() ? 200 : 36), is_long() ? 3000 : 900);
+}
+
+TEST(Iterative, EstimatesAreNotFarAboveTheErrors) { check_median(iterative_ratios(first_seeds(is_long() ? 120 : 36), 900)); }
 
 /// The dense solutions that these tests compare with are right: LU in extended precision has other sums, kernels and factors.
 /// They differ by what rounding makes of both, of the coordinates of polynomials, too.
@@ -371,9 +384,13 @@ double incremental_qr_ratio(std::uint64_t seed, double most_centres) {
 }
 
 TEST_P(RandomIncrementalQr, TheErrorAtTheFreePointsIsNotUnderestimated) {
+  for (const std::uint64_t seed : seeds(is_long() ? 1000 : 50)) incremental_qr_ratio(seed, is_long() ? 800 : 500);
+}
+
+TEST(IncrementalQr, EstimatesAreNotFarAboveTheErrors) {
   std::vector<double> ratios;
-  for (const std::uint64_t seed : seeds(is_long() ? 1000 : 50)) {
-    const double ratio = incremental_qr_ratio(seed, is_long() ? 800 : 500);
+  for (const std::uint64_t seed : first_seeds(is_long() ? 200 : 40)) {
+    const double ratio = incremental_qr_ratio(seed, is_long() ? 800 : 300);
     if (std::isfinite(ratio)) ratios.push_back(ratio);
   }
   check_median(ratios);
