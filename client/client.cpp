@@ -163,7 +163,7 @@ v1::GeometryInfo Client::register_geometry(const GeometryArrays& arrays, const C
     info = with_retries(*impl_, subject, remaining(limits), Retry::safe,
                         [&](Attempt& attempt, const RunContext&) { return upload(attempt, arrays, id, on_progress); });
   }
-  const bool hold = impl_->servers.several() && !impl_->held.geometry(id);
+  const bool hold = impl_->keeps_copies() && !impl_->held.geometry(id);
   if (hold || !impl_->points.has(id)) {
     auto points = std::make_shared<const Points>(arrays.points.begin(), arrays.points.end());
     impl_->points.keep(id, points);
@@ -220,7 +220,7 @@ v1::SystemInfo Client::prepare(const v1::Setup& setup, const CallOptions& call,
       with_retries(*impl_, of_geometry(setup.geometry()), call, Retry::safe,
                    [&](Attempt& attempt, const RunContext&) { return client::prepare(attempt, setup, on_progress); });
   impl_->geometry_of.keep(system.id(), system.geometry_id());
-  if (impl_->servers.several()) {
+  if (impl_->keeps_copies()) {
     v1::Setup held = setup;
     held.set_geometry(system.geometry_id());  // in place of a part of it
     impl_->held.keep_setup(system.id(), std::move(held));

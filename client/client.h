@@ -39,6 +39,9 @@ struct ClientOptions {
   /// one when that cannot be reached; the client keeps the arrays that it has registered and the setups that it has prepared, and
   /// brings them to a server that lacks them.
   std::string address = "127.0.0.1:50051";
+  /// One address stands for several servers: a proxy before them, or a name of many machines. The client keeps copies and brings
+  /// them to a server that lacks them, as with several addresses.
+  bool replicas = false;
   std::chrono::milliseconds connect_timeout{5000};  ///< of one attempt to connect
   /// Of calls that are safe to retry, for UNAVAILABLE and for RESOURCE_EXHAUSTED with a retry hint; of any call to connect. With
   /// several servers UNAVAILABLE counts when all of them have been tried.

@@ -32,13 +32,15 @@ struct Connection {
   const Servers servers;                 ///< at least one
   const std::string traceparent;         ///< of the environment when the client was made, for every call
   PointsCache points;                    ///< registered points that decoding needs
-  HeldCopies held;                       ///< with several servers only
+  HeldCopies held;                       ///< where keeps_copies()
   std::atomic<bool> own_channel{false};  ///< made for the addresses of the options
   std::atomic<std::uint64_t> calls{0};   ///< so far; gives each call a seed of its own
   IdMap<std::string> geometry_of;        ///< of systems, as far as it was told
   IdMap<Server*> found_at;               ///< ids that a server knew and one that is asked before it did not
   ThreadPool pool;                       ///< for decoding; last, so that its tasks end first
 
+  /// Another server may answer the next call.
+  bool keeps_copies() const { return servers.several() || options.replicas; }
   /// With the encoding named.
   v1::DeformRequest named(v1::DeformRequest request) const;
   /// The encoding itself, or that of the options in place of the default.

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/route.h"
 
-#include <algorithm>
 #include <utility>
 
 #include "client/connection.h"
@@ -65,13 +64,10 @@ bool Route::next_server() {
   return true;
 }
 
-/// NOT_FOUND from one of several.
+/// NOT_FOUND, which another one may not say.
 bool Route::unknown_there() {
-  const bool before = std::find(brought_to_.begin(), brought_to_.end(), &server()) != brought_to_.end();
-  if (!before && subject_.bring && connection_.holds(subject_, geometry_)) {
-    brought_to_.push_back(&server());
-    return bring_ = true;
-  }
+  const int most = connection_.options.replicas ? connection_.options.max_attempts : 1;  // the next one may be another one
+  if (subject_.bring && connection_.holds(subject_, geometry_) && brought_[&server()]++ < most) return bring_ = true;
   unknown_ = true;
   return next_server();
 }
@@ -79,7 +75,7 @@ bool Route::unknown_there() {
 /// UNAVAILABLE from one of several.
 bool Route::out_of_reach(const Error& error) {
   server().avoid();
-  std::erase(brought_to_, &server());  // it may come back empty
+  brought_.erase(&server());  // it may come back empty
   unreachable_ += (unreachable_.empty() ? "" : ", ") + server().address;
   const bool sent = dynamic_cast<const NotConnected*>(&error) == nullptr;
   return (retry_ == Retry::safe || !sent) && next_server();
@@ -87,7 +83,7 @@ bool Route::out_of_reach(const Error& error) {
 
 void Route::failed(const Error& error, const RunContext& limits, Repeat repeat) {
   const bool several = order_.size() > 1;
-  const bool unknown = several && subject_.elsewhere && error.code() == ErrorCode::not_found;
+  const bool unknown = connection_.keeps_copies() && subject_.elsewhere && error.code() == ErrorCode::not_found;
   const bool lost = several && error.code() == ErrorCode::unavailable;
   if (repeat == Repeat::no) throw;
   if (repeat == Repeat::afresh) policy_.start_afresh();

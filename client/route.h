@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -31,7 +32,8 @@ Subject of_system(const std::string& id);
 /// About what this server has.
 Subject on_server(Server& server);
 
-/// The way of one call through the servers: who is asked next, and what comes before. With one server: waiting times alone.
+/// The way of one call through the servers: who is asked next, and what comes before. With one that stands for itself: waiting
+/// times alone.
 ///
 ///   UNAVAILABLE         the next server at once; after the last one all of them again, after a while
 ///   NOT_FOUND           the geometry and the setup that this client holds are brought there; without them the next server
@@ -67,9 +69,9 @@ class Route {
   RetryPolicy policy_;
   std::vector<Server*> order_;
   std::size_t at_ = 0;
-  std::vector<const Server*> brought_to_;
-  bool unknown_ = false;     ///< to a server of this round
-  std::string unreachable_;  ///< addresses of this round
+  std::map<const Server*, int> brought_;  ///< how often, to each
+  bool unknown_ = false;                  ///< to a server of this round
+  std::string unreachable_;               ///< addresses of this round
   // before the next attempt
   std::chrono::milliseconds wait_{0};
   bool connect_ = false;

@@ -47,6 +47,7 @@ std::vector<Server*> Servers::ranked(const std::string& key) const {
   for (const auto& server : servers_) weighted.emplace_back(key.empty() ? 0 : weight(key, server->address), server.get());
   std::stable_sort(weighted.begin(), weighted.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
   std::vector<Server*> order;
+  order.reserve(weighted.size());
   for (const auto& entry : weighted) order.push_back(entry.second);
   if (several()) std::stable_partition(order.begin(), order.end(), [](Server* server) { return server->usable(); });
   return order;

@@ -226,7 +226,7 @@ void StreamSession::finish() {
 }
 
 std::unique_ptr<RequestSession> open_requests(std::shared_ptr<Connection> connection, const CallOptions& options) {
-  if (connection->servers.several()) return std::make_unique<SpreadSession>(std::move(connection), options);
+  if (connection->keeps_copies()) return std::make_unique<SpreadSession>(std::move(connection), options);
   Server& server = *connection->servers.all().front();
   return std::make_unique<StreamSession>(std::move(connection), server, options);
 }

@@ -29,7 +29,7 @@ class RequestSession {
   virtual void finish() = 0;
 };
 
-/// Over the servers of the connection: a StreamSession for one, a SpreadSession for several.
+/// Over the servers of the connection: a StreamSession where one server answers all calls, else a SpreadSession.
 std::unique_ptr<RequestSession> open_requests(std::shared_ptr<Connection> connection, const CallOptions& options);
 
 /// The mechanics of DeformStream. One thread reads and hands replies to the decoder of their request, one thread writes: it cuts

@@ -38,7 +38,7 @@ SpreadSession::SpreadSession(std::shared_ptr<Connection> connection, const CallO
 }
 
 SpreadSession::~SpreadSession() {
-  std::map<Server*, std::shared_ptr<StreamSession>> streams;
+  Streams streams;
   {
     const std::lock_guard lock(mutex_);
     closing_ = ending_ = true;
@@ -75,7 +75,7 @@ std::shared_ptr<StreamSession> SpreadSession::stream_to(Task& task) {
   std::shared_ptr<StreamSession> ended;
   const std::lock_guard lock(mutex_);
   if (ending_) throw Error(ErrorCode::cancelled, "cancelled");
-  auto& stream = streams_[&task.route.server()];
+  auto& stream = streams_[{&task.route.server(), task.route.geometry()}];
   if (stream && stream->broken()) ended = std::move(stream);
   if (!stream) {
     stream = std::make_shared<StreamSession>(connection_, task.route.server(), remaining(limits_), task.route.geometry());

@@ -7,14 +7,17 @@
 #include <memory>
 #include <mutex>
 #include <stop_token>
+#include <string>
 #include <thread>
+#include <utility>
 
 #include "client/session.h"
 
 namespace deform::client {
 
-/// A session over several servers: a StreamSession to each one that a request goes to. What is lost with a server, or unknown to
-/// one, is sent again along the Route of its request, by one thread; what goes to healthy servers does not wait for it.
+/// A session over several servers: a StreamSession for each geometry to the one that its requests go to. What is lost with a
+/// server, or unknown to one, is sent again along the Route of its request, by one thread; what goes to healthy servers does not
+/// wait for it.
 ///
 ///   submit -> Route -> StreamSession of its server -> outcome -> promise
 ///               ^---- (mender) <- lost or unknown ----'
@@ -58,7 +61,8 @@ class SpreadSession final : public RequestSession {
   std::mutex mutex_;
   std::condition_variable changed_;
   // under mutex_
-  std::map<Server*, std::shared_ptr<StreamSession>> streams_;
+  using Streams = std::map<std::pair<Server*, std::string>, std::shared_ptr<StreamSession>>;
+  Streams streams_;  ///< by server and geometry, by which a proxy chooses
   std::deque<Failure> failures_;
   std::size_t open_ = 0;
   bool closing_ = false;  ///< finish() was called

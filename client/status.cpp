@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <string_view>
 
 #include "proto/convert/base/error.h"
 
@@ -15,6 +16,9 @@ std::uint32_t retry_hint(const grpc::ClientContext& context) {
   const auto found = trailing.find(convert::retry_after_key);
   return found == trailing.end() ? 0 : convert::retry_hint({found->second.data(), found->second.size()});
 }
+
+/// What gRPC says of an answer that is none of its own.
+constexpr std::string_view of_proxy = "Received http2 header with status: ";
 
 /// Statuses that gRPC makes itself when there is no connection.
 bool not_connected(const std::string& message) {
@@ -78,7 +82,10 @@ void throw_error(const grpc::Status& status, const grpc::ClientContext& context,
   const ErrorCode code = convert::error_code(static_cast<std::uint32_t>(status.error_code()));
   std::string message = status.error_message();
   if (code == ErrorCode::unavailable && not_connected(message)) throw unreached(address, message);
-  if (code == ErrorCode::unavailable && (message == "Socket closed" || message.find("recvmsg") != std::string::npos)) {
+  if (message.starts_with(of_proxy)) {
+    message = "a proxy answers at " + address + ", with HTTP status " + message.substr(of_proxy.size()) +
+              ": it has no deformd that takes work, or refuses this client";
+  } else if (code == ErrorCode::unavailable && (message == "Socket closed" || message.find("recvmsg") != std::string::npos)) {
     message = "lost the connection to deformd at " + address;
   } else if (code == ErrorCode::deadline_exceeded && message == "Deadline Exceeded") {
     message = "deformd at " + address + " did not answer before the deadline";

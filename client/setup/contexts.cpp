@@ -80,14 +80,15 @@ class ContextsReader {
     Context out;
     for (const auto& entry : node) {
       const auto name = scalar(entry.first, "a key");
-      if (name == "tls") {
-        if (!YAML::convert<bool>::decode(entry.second, out.tls)) fail(entry.second, "tls: expected true or false");
+      if (name == "tls" || name == "replicas") {
+        bool& value = name == "tls" ? out.tls : out.replicas;
+        if (!YAML::convert<bool>::decode(entry.second, value)) fail(entry.second, name + ": expected true or false");
         continue;
       }
       const auto* key =
           std::find_if(std::begin(context_keys), std::end(context_keys), [&](const auto& k) { return name == k.name; });
       if (key == std::end(context_keys)) {
-        std::vector<std::string> names = {"tls"};
+        std::vector<std::string> names = {"replicas", "tls"};
         for (const auto& one : context_keys) names.emplace_back(one.name);
         const std::string near = nearest_names(name, names);
         fail(entry.first, "unknown key \"" + name + "\"" + (near.empty() ? "" : "; did you mean " + near + "?"));
@@ -159,6 +160,7 @@ std::string to_yaml(const Contexts& contexts) {
     for (const auto& key : context_keys) {
       if (const std::string& value = context.*(key.field); !value.empty()) out << YAML::Key << key.name << YAML::Value << value;
     }
+    if (context.replicas) out << YAML::Key << "replicas" << YAML::Value << true;
     if (context.tls) out << YAML::Key << "tls" << YAML::Value << true;
     out << YAML::EndMap;
   }

@@ -9,7 +9,8 @@ namespace deform::client {
 
 /// A server and how to be let in, under a name.
 struct Context {
-  std::string server;       ///< HOST:PORT or unix:PATH; empty: the usual one of this machine
+  std::string server;       ///< HOST:PORT or unix:PATH, several with commas; empty: the usual one of this machine
+  bool replicas = false;    ///< as ClientOptions
   bool tls = false;         ///< encrypt, also where nothing below says so
   std::string ca;           ///< file
   std::string cert;         ///< file

@@ -348,6 +348,34 @@ TEST_F(SeveralServers, ASessionGoesOnWhereAStreamBroke) {
   expect_error(ErrorCode::failed_precondition, {"after finish()"}, [&] { session->submit(request(system)); });
 }
 
+TEST_F(SeveralServers, OneAddressMayStandForSeveral) {
+  ClientOptions options;
+  options.address = servers_[0]->service.address();
+  const auto forget = [&] {
+    servers_[0]->geometries.clear();
+    servers_[0]->systems.clear();
+  };
+  Client plain(options);
+  const std::string system = prepared(plain, 1);
+  forget();
+  expect_error(ErrorCode::not_found, {}, [&] { plain.deform(request(system)); });
+  options.replicas = true;
+  Client told(options);
+  prepared(told, 1);
+  const std::string other = prepared(told, 2);
+  auto session = told.open_session();
+  for (int k = 0; k < 3; ++k) {
+    forget();
+    expect_design(told.deform(request(system)));
+    forget();
+    expect_design(session->submit(request(system)).get());
+    expect_design(session->submit(request(other)).get());
+  }
+  session->finish();
+  EXPECT_EQ(servers_[0]->streams, 2) << "one for each geometry: a proxy chooses by stream";
+  expect_error(ErrorCode::not_found, {}, [&] { told.deform(request("nowhere")); });
+}
+
 TEST_F(SeveralServers, ASessionEndsWithWhatIsOpen) {
   Client client(options());
   const std::string system = prepared(client, 1);

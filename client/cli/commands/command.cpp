@@ -32,6 +32,7 @@ CommonOptions with_context(CommonOptions common) {
   if (name.empty()) return common;
   const client::Context& context = contexts.find(name);
   if (!given("--server") && !context.server.empty()) common.server = context.server;
+  if (!given("--replicas")) common.replicas = context.replicas;
   if (!given("--tls")) common.tls = context.tls;
   if (!given("--ca")) common.tls_options.ca = context.ca;
   if (!given("--cert") && !given("--key")) {
@@ -50,6 +51,7 @@ client::ClientOptions CommonOptions::client_options() const {
   const client::TlsOptions& files = used.tls_options;
   client::ClientOptions options;
   options.address = used.server;
+  options.replicas = used.replicas;
   if (used.tls || !files.ca.empty() || !files.cert.empty() || !files.key.empty() || !files.server_name.empty())
     options.tls = files;
   options.token_file = used.token_file;
@@ -106,8 +108,8 @@ Exit codes: 0 done; 1 wrong input, also of some rows of a sweep; 2 wrong usage; 
 still refused after all attempts; 4 a gate or verdict failed: --fail-on, inverted cells, missed exact constraints, a split
 that did not arrive; 130 interrupted by Ctrl-C (the server stops working on the request too). One line on stderr says why;
 with --json there is {"error": {"code", "message", "field"}} on stdout, too.
-The environment variables DEFORM_SERVER, DEFORM_TLS, DEFORM_CA, DEFORM_CERT, DEFORM_KEY, DEFORM_SERVER_NAME and
-DEFORM_TOKEN_FILE stand for the options of these names, DEFORM_CONTEXT for --context (deform context --help).)";
+The environment variables DEFORM_SERVER, DEFORM_REPLICAS, DEFORM_TLS, DEFORM_CA, DEFORM_CERT, DEFORM_KEY,
+DEFORM_SERVER_NAME and DEFORM_TOKEN_FILE stand for the options of these names, DEFORM_CONTEXT for --context (deform context --help).)";
 
 /// The line for people, and with --json the same for machines.
 ExitCode fail(ExitCode code, const nlohmann::ordered_json& error, Style style) {
@@ -150,6 +152,8 @@ void add_common_options(CLI::App& app, CommonOptions& common) {
   app.add_option("--server", common.server, "Address of deformd, HOST:PORT; several with commas")
       ->envname("DEFORM_SERVER")
       ->capture_default_str();
+  app.add_flag("--replicas", common.replicas, "The address stands for several servers: bring to each what it lacks")
+      ->envname("DEFORM_REPLICAS");
   app.add_flag("--tls", common.tls, "Encrypt, and trust the authorities that this machine trusts")->envname("DEFORM_TLS");
   app.add_option("--ca", common.tls_options.ca, "Encrypt, and trust the authorities in this file, PEM")->envname("DEFORM_CA");
   app.add_option("--cert", common.tls_options.cert, "Certificate to show to the server, PEM; with --key")->envname("DEFORM_CERT");

@@ -33,6 +33,7 @@ enum class Style { text, json };
 /// Options that stand before or after every command.
 struct CommonOptions {
   std::string server = "127.0.0.1:50051";
+  bool replicas = false;
   bool tls = false;  ///< also when any option of TLS is given
   client::TlsOptions tls_options;
   std::string token_file;

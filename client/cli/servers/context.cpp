@@ -57,6 +57,7 @@ void write_contexts(const client::Contexts& contexts) {
 
 nlohmann::ordered_json context_json(const std::string& name, const client::Context& context, const std::string& current) {
   nlohmann::ordered_json out = {{"name", name}, {"current", name == current}, {"server", context.server}};
+  if (context.replicas) out["replicas"] = true;
   if (context.tls) out["tls"] = true;
   const std::pair<const char*, const std::string&> files[] = {{"ca", context.ca},
                                                               {"cert", context.cert},
@@ -94,6 +95,7 @@ ExitCode add_context(const std::string& name, const CommonOptions& common) {
   auto contexts = contexts_of_user();
   client::Context context;
   context.server = common.server;
+  context.replicas = common.replicas;
   context.tls = common.tls;
   context.ca = absolute_name(common.tls_options.ca);
   context.cert = absolute_name(common.tls_options.cert);
@@ -144,7 +146,8 @@ void add_context_command(CLI::App& app, const CommonOptions& common, Action& cho
   group->require_subcommand(1);
   auto* list = group->add_subcommand("list", "List them; the one in use has a star");
   list->callback([&common, &chosen] { chosen = [&common] { return list_contexts(common); }; });
-  add_verb(*group, "add", "Add or replace one: what --server, --ca, --cert, --key, --server-name, --tls and --token-file say",
+  add_verb(*group, "add",
+           "Add or replace one: what --server, --replicas, --tls, --ca, --cert, --key, --server-name and --token-file say",
            common, chosen, add_context);
   add_verb(*group, "use", "Use one from now on", common, chosen, use_context);
   add_verb(*group, "remove", "Forget one; its files stay", common, chosen, remove_context);

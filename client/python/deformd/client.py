@@ -21,6 +21,10 @@ class Client:
     """A connection to deformd. Any number of threads may use it.
 
     address: HOST:PORT, [IPv6]:PORT or unix:PATH; the environment variable DEFORM_SERVER, else 127.0.0.1:50051, unless given.
+      Several with commas: each geometry and its systems are on one of these servers. When one is lost, its calls go to the next one, and
+      what this client has registered and prepared is brought there.
+    replicas: True where one address stands for several servers (a proxy before them), to which the same shall be brought; unless given
+      DEFORM_REPLICAS.
     timeout: seconds for each call that has no timeout of its own; None: no limit.
     connect_timeout: seconds for one attempt to connect.
     max_attempts: of a call that is safe to repeat, while the server cannot be reached or asks to come back later.
@@ -44,6 +48,7 @@ class Client:
         self,
         address: Optional[str] = None,
         *,
+        replicas: Optional[bool] = None,
         timeout: Optional[float] = None,
         connect_timeout: float = 5.0,
         max_attempts: int = 4,
@@ -74,11 +79,12 @@ class Client:
                 raise InvalidArgument("tls: False, while ca, cert, key and server_name are options of TLS; remove one of the two")
         if not encrypt:
             files.update(ca="", cert="", key="", server_name="")
-        self._settings = {"timeout": timeout, "connect_timeout": connect_timeout, "max_attempts": max_attempts, "threads": threads,
-                          "encoding": encoding, "tls": encrypt, **{name: value or None for name, value in files.items()}}
+        several = _switched_on("DEFORM_REPLICAS") or known.get("replicas", False) if replicas is None else bool(replicas)
+        self._settings = {"replicas": several, "timeout": timeout, "connect_timeout": connect_timeout, "max_attempts": max_attempts,
+                          "threads": threads, "encoding": encoding, "tls": encrypt, **{name: value or None for name, value in files.items()}}
         self._process = os.getpid()
         self._connection: Optional[_deformd.Client] = _deformd.Client(
-            self.address, float(connect_timeout), int(max_attempts), int(threads), encoding or "", self._process,
+            self.address, several, float(connect_timeout), int(max_attempts), int(threads), encoding or "", self._process,
             encrypt, files["ca"], files["cert"], files["key"], files["server_name"], files["token_file"])
         self._known_max_designs: Optional[int] = None
 

@@ -40,13 +40,14 @@ class ContextsFile : public testing::Test {
 TEST_F(ContextsFile, IsReadAsItWasWritten) {
   Contexts contexts;
   contexts.current = "yes";  // a word of YAML
-  contexts.known["yes"] = {"a.example.org:1", true, "/ca #1.pem", "/c: d.pem", "/k\"e'y.pem", "name", "/to ken"};
-  contexts.known["0.1"] = {"unix:/run/socket", false, "", "", "", "", ""};
+  contexts.known["yes"] = {"a.example.org:1", false, true, "/ca #1.pem", "/c: d.pem", "/k\"e'y.pem", "name", "/to ken"};
+  contexts.known["0.1"] = {"unix:/run/socket", true, false, "", "", "", "", ""};
   contexts.file = file_;
   const Contexts back = read(to_yaml(contexts));
   EXPECT_EQ(back.current, contexts.current);
   EXPECT_EQ(back.known, contexts.known);
   EXPECT_EQ(back.find("yes").token_file, "/to ken");
+  EXPECT_TRUE(back.find("0.1").replicas);
   EXPECT_THROW(back.find("no"), Error);
 }
 
@@ -68,6 +69,7 @@ TEST_F(ContextsFile, SaysWhatIsWrongAndWhere) {
               HasSubstr("contexts.yaml:2: unknown key \"servre\"; did you mean \"server\""));
   EXPECT_THAT(error("contexts:\n  a: {}\n  a: {}\n"), HasSubstr(":3: \"a\" is there twice"));
   EXPECT_THAT(error("contexts: {a: {tls: maybe}}"), HasSubstr("tls: expected true or false"));
+  EXPECT_THAT(error("contexts: {a: {replicas: 3}}"), HasSubstr("replicas: expected true or false"));
   EXPECT_THAT(error("contexts: {a: {ca: [x]}}"), HasSubstr("ca: expected a text"));
   EXPECT_THAT(error("contexts: {'a b': {}}"), HasSubstr("\"a b\" is no name"));
   EXPECT_THAT(error("current: b\ncontexts: {a: {}}"), HasSubstr("there is no context \"b\""));
