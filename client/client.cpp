@@ -297,7 +297,8 @@ DeformOutcome Client::deform(const v1::DeformRequest& given, const CallOptions& 
       [&](Attempt& attempt, const RunContext& limits) {
         return unfinished.ask([&](const v1::DeformRequest& part, const DesignSink& to, const DesignMemory& in) {
           if (large) {
-            StreamSession session(impl_, attempt.server(), remaining(limits));
+            const auto geometry = impl_->geometry_of.get(part.system_id()).value_or("");
+            StreamSession session(impl_, attempt.server(), remaining(limits), geometry);
             auto future = session.submit(part, to, in);
             session.finish();
             return future.get();

@@ -61,23 +61,25 @@ struct PlayedServer {
       return grpc::Status::OK;
     };
     service.on_deform = [this](grpc::ServerContext& context, const v1::DeformRequest& request, ScriptedService::Writer& writer) {
-      const auto& sent = context.client_metadata();
-      const auto found = sent.find("x-geometry-id");
+      note_geometry(context);
       const std::lock_guard lock(mutex);
       ++asked;
-      if (found != sent.end()) told = std::string(found->second.data(), found->second.size());
       if (!systems.contains(request.system_id())) return unknown_there;
       for (const auto& reply : answers(request, 0)) writer.Write(reply, {});
       ++answered;
       return grpc::Status::OK;
     };
-    service.on_stream = [this](grpc::ServerContext&, ScriptedService::Stream& stream) {
+    service.on_stream = [this](grpc::ServerContext& context, ScriptedService::Stream& stream) {
       ++streams;
+      note_geometry(context);
       v1::DeformStreamRequest message;
+      std::string system;  // the first message of a request names it
       while (stream.Read(&message)) {
+        if (!message.request().system_id().empty()) system = message.request().system_id();
+        if (message.more()) continue;
         if (answers_left.fetch_sub(1) <= 0) return grpc::Status(grpc::StatusCode::UNAVAILABLE, "going down");
         const std::lock_guard lock(mutex);
-        if (!systems.contains(message.request().system_id())) {
+        if (!systems.contains(system)) {
           v1::DeformReply reply;
           reply.set_request_id(message.request_id());
           reply.mutable_error()->set_code(grpc::StatusCode::NOT_FOUND);
@@ -101,6 +103,12 @@ struct PlayedServer {
     };
   }
 
+  void note_geometry(const grpc::ServerContext& context) {
+    const auto found = context.client_metadata().find("x-geometry-id");
+    const std::lock_guard lock(mutex);
+    told = found == context.client_metadata().end() ? "" : std::string(found->second.data(), found->second.size());
+  }
+
   static std::vector<v1::DeformReply> answers(const v1::DeformRequest& request, std::uint64_t id) {
     ReplyScript script;
     script.request_id = id;
@@ -111,7 +119,7 @@ struct PlayedServer {
   std::mutex mutex;
   // under mutex
   std::set<std::string> geometries, systems;
-  std::string told;  ///< x-geometry-id of the last deformation
+  std::string told;  ///< x-geometry-id of the last deformation or session
   std::atomic<int> uploads{0}, asked{0}, answered{0}, streams{0};
   std::atomic<int> answers_left{1'000'000};  ///< of streams, before one breaks
   ScriptedService service;
@@ -243,6 +251,14 @@ TEST_F(SeveralServers, EachGeometryIsOnOneOfThem) {
     expect_design(client.deform(request(system)));
     EXPECT_EQ(at.asked, before + 1);
     EXPECT_EQ("s" + at.told, system) << "for proxies that choose by it";
+    at.told.clear();
+    client.open_session()->submit(request(system)).get();
+    EXPECT_EQ("s" + at.told, system);
+    at.told.clear();
+    v1::DeformRequest large = request(system);
+    large.mutable_designs(0)->add_motions()->add_displacements()->set_xyz(std::string(48 * 20'000, '\0'));
+    client.deform(large);
+    EXPECT_EQ("s" + at.told, system);
   }
   EXPECT_EQ(owned.size(), count);
   EXPECT_EQ(uploads(), 24);
