@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A server with a budget of 512 MiB, an honest client at work, and what both are watched for while a test attacks."""
 
+import functools
 import json
 import os
 import re
@@ -143,7 +144,7 @@ class Attack(unittest.TestCase):
 
     def every_call_is_answered(self):
         service = self.service
-        answered = until_answered
+        answered = functools.partial(until_answered, reconnects=3)  # as often as the client library; the upload is much
         answered(lambda: service.GetServerInfo(service_pb2.GetServerInfoRequest(), timeout=30))
         answered(lambda: service.RegisterGeometry(self.plate.messages(), timeout=30))
         answered(lambda: service.GetGeometry(geometry_pb2.GetGeometryRequest(id=self.geometry.id), timeout=30))

@@ -15,14 +15,19 @@ import grpc
 from deform.v1 import deformation_pb2, service_pb2, service_pb2_grpc
 
 
-def until_answered(call):
-    """An answer that says when to try again is obeyed and is no answer."""
+def until_answered(call, reconnects=0):
+    """An answer that says when to try again is obeyed and is no answer. So is a connection that is lost, that often: while the server
+    sheds what an attack has left it may close one that sends much."""
     deadline = time.monotonic() + 30
+    lost = 0
     while True:
         try:
             return call()
         except grpc.RpcError as error:
             hint = dict(error.trailing_metadata() or ()).get("retry-after-ms")
+            if hint is None and error.code() == grpc.StatusCode.UNAVAILABLE and lost < reconnects:
+                lost += 1
+                hint = 100 * 2**lost
             if hint is None or time.monotonic() > deadline:
                 raise
             time.sleep(min(float(hint) / 1000, 1))
