@@ -202,6 +202,12 @@ void Client::keep_points(const std::string& geometry_id, std::shared_ptr<const P
   impl_->points.keep(geometry_id, std::move(points));
 }
 
+void Client::share_copies(const Client& from) {
+  if (&from == this) return;
+  impl_->held.keep_all(from.impl_->held);
+  impl_->geometry_of.keep_all(from.impl_->geometry_of);
+}
+
 // ---- systems ----
 
 v1::EstimateReply Client::estimate(const v1::Setup& setup, const CallOptions& call) {
@@ -290,9 +296,10 @@ v1::Encoding Client::encoding() const { return impl_->options.encoding; }
 DeformOutcome Client::deform(const v1::DeformRequest& given, const CallOptions& call, const DesignSink& sink,
                              const DesignMemory& memory) {
   const v1::DeformRequest request = impl_->named(given);
+  const auto start = RunContext::Clock::now();
   UnfinishedDesigns unfinished(request, sink, memory);
   const bool large = request.ByteSizeLong() > message_payload;
-  return with_retries(
+  auto outcome = with_retries(
       *impl_, of_system(request.system_id()), call, Retry::safe,
       [&](Attempt& attempt, const RunContext& limits) {
         return unfinished.ask([&](const v1::DeformRequest& part, const DesignSink& to, const DesignMemory& in) {
@@ -315,6 +322,8 @@ DeformOutcome Client::deform(const v1::DeformRequest& given, const CallOptions& 
         });
       },
       [&] { return unfinished.repeat(); });
+  outcome.wall_ms = std::chrono::duration<double, std::milli>(RunContext::Clock::now() - start).count();
+  return outcome;
 }
 
 Points Client::jacobian_vector(const v1::JacobianVectorRequest& request, const CallOptions& call) {

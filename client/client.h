@@ -188,6 +188,10 @@ class Client {
   /// Hands over registered points, so that they need not be fetched.
   void keep_points(const std::string& geometry_id, std::shared_ptr<const Points> points);
 
+  /// Holds the copies of geometries and setups that another client holds now, in the same memory: for several connections of a
+  /// process, of which one registers and prepares. Without `replicas` or several addresses there are none.
+  void share_copies(const Client& from);
+
   /// One design at points that were never registered (deformation.proto, Evaluate): model units, n x 3 in and out. `out` has the
   /// size of `points` and may be the same memory. Throws Error(failed_precondition) with the reason for methods that are defined
   /// at the points of their geometry only, Error(invalid_argument) naming points[i].

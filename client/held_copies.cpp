@@ -53,6 +53,11 @@ void HeldCopies::keep_setup(const std::string& system, v1::Setup setup) {
   setups_.keep(system, std::make_shared<const v1::Setup>(std::move(setup)));
 }
 
+void HeldCopies::keep_all(const HeldCopies& from) {
+  geometries_.keep_all(from.geometries_);
+  setups_.keep_all(from.setups_);
+}
+
 std::shared_ptr<const HeldGeometry> HeldCopies::geometry(const std::string& id) const {
   return geometries_.get(id).value_or(nullptr);
 }

@@ -47,6 +47,8 @@ class HeldCopies {
   void keep_geometry(const std::string& id, std::shared_ptr<const HeldGeometry> geometry);
   /// Enters the setup of a system; it names its geometry by the whole id.
   void keep_setup(const std::string& system, v1::Setup setup);
+  /// All that others hold, in the same memory.
+  void keep_all(const HeldCopies& from);
   /// Nothing where it was not entered.
   std::shared_ptr<const HeldGeometry> geometry(const std::string& id) const;
   /// Nothing where it was not entered.

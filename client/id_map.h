@@ -24,6 +24,11 @@ class IdMap {
     const auto found = entries_.find(id);
     return found == entries_.end() ? std::nullopt : std::optional<Value>(found->second);
   }
+  /// All of another map, which must not be this one.
+  void keep_all(const IdMap& from) {
+    const std::scoped_lock lock(mutex_, from.mutex_);
+    for (const auto& [id, value] : from.entries_) entries_.insert_or_assign(id, value);
+  }
   /// Where there is one.
   void forget(const std::string& id) {
     const std::lock_guard lock(mutex_);

@@ -387,6 +387,12 @@ TEST_F(SeveralServers, OneAddressMayStandForSeveral) {
     expect_design(session->submit(request(system)).get());
     expect_design(session->submit(request(other)).get());
   }
+  Client also(options);
+  also.keep_points("geometry", std::make_shared<const Points>(test::registered_points(5000)));
+  forget();
+  expect_error(ErrorCode::not_found, {}, [&] { also.deform(request(system)); });
+  also.share_copies(told);
+  expect_design(also.deform(request(system)));
   session->finish();
   EXPECT_EQ(servers_[0]->streams, 2) << "one for each geometry: a proxy chooses by stream";
   expect_error(ErrorCode::not_found, {}, [&] { told.deform(request("nowhere")); });

@@ -75,6 +75,7 @@ class Bench {
       settings.retry_seed = static_cast<std::uint64_t>(c + 1);
       clients.push_back(std::make_unique<client::Client>(settings));
       clients.back()->keep_points(system_.geometry_id(), points);
+      clients.back()->share_copies(connection_.client());
       std::mt19937_64 random(options_.seed);
       request(*clients.back(), random, 1);  // connects, and prepares again what was evicted
     }
