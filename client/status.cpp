@@ -17,6 +17,23 @@ std::uint32_t retry_hint(const grpc::ClientContext& context) {
   return found == trailing.end() ? 0 : convert::retry_hint({found->second.data(), found->second.size()});
 }
 
+constexpr std::string_view reset = "Received RST_STREAM with error code";
+
+/// The connection went, or a proxy lost the server behind it. gRPC has UNKNOWN and INTERNAL for some of these.
+bool lost_stream(const grpc::Status& status) {
+  const std::string message = status.error_message();
+  switch (status.error_code()) {
+    case grpc::StatusCode::UNAVAILABLE:
+      return message == "Socket closed" || message.starts_with(reset) || message.find("recvmsg") != std::string::npos;
+    case grpc::StatusCode::UNKNOWN:
+      return message == "Stream removed";
+    case grpc::StatusCode::INTERNAL:
+      return message.starts_with(reset);
+    default:
+      return false;
+  }
+}
+
 /// What gRPC says of an answer that is none of its own.
 constexpr std::string_view of_proxy = "Received http2 header with status: ";
 
@@ -82,11 +99,10 @@ void throw_error(const grpc::Status& status, const grpc::ClientContext& context,
   const ErrorCode code = convert::error_code(static_cast<std::uint32_t>(status.error_code()));
   std::string message = status.error_message();
   if (code == ErrorCode::unavailable && not_connected(message)) throw unreached(address, message);
+  if (lost_stream(status)) throw Error(ErrorCode::unavailable, "lost the connection to deformd at " + address);
   if (message.starts_with(of_proxy)) {
     message = "a proxy answers at " + address + ", with HTTP status " + message.substr(of_proxy.size()) +
               ": it has no deformd that takes work, or refuses this client";
-  } else if (code == ErrorCode::unavailable && (message == "Socket closed" || message.find("recvmsg") != std::string::npos)) {
-    message = "lost the connection to deformd at " + address;
   } else if (code == ErrorCode::deadline_exceeded && message == "Deadline Exceeded") {
     message = "deformd at " + address + " did not answer before the deadline";
   } else if (code == ErrorCode::cancelled && (message.empty() || message == "CANCELLED")) {

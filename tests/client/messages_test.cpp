@@ -112,6 +112,29 @@ TEST(Connecting, AMissingFileIsOfSocketsWithAPathOnly) {
   EXPECT_THAT(misread.what(), testing::HasSubstr("last error: UNKNOWN"));
 }
 
+TEST(Connecting, AConnectionThatIsLostIsThatWhateverGrpcCallsIt) {
+  const auto error_of = [](grpc::StatusCode code, const std::string& message) {
+    try {
+      client::throw_error({code, message}, grpc::ClientContext(), "a:1");
+    } catch (const Error& error) {
+      return error;
+    }
+  };
+  using grpc::StatusCode;
+  for (const auto& [code, message] : {std::pair{StatusCode::UNAVAILABLE, "Socket closed"},
+                                      {StatusCode::UNKNOWN, "Stream removed"},
+                                      {StatusCode::INTERNAL, "Received RST_STREAM with error code 2"}}) {
+    const Error error = error_of(code, message);
+    EXPECT_EQ(error.code(), ErrorCode::unavailable) << message;
+    EXPECT_STREQ(error.what(), "lost the connection to deformd at a:1");
+  }
+  EXPECT_EQ(error_of(StatusCode::INTERNAL, "a bug").code(), ErrorCode::internal);
+  EXPECT_EQ(error_of(StatusCode::RESOURCE_EXHAUSTED, "Received RST_STREAM with error code 11").code(), ErrorCode::out_of_budget);
+  const Error proxy = error_of(StatusCode::UNAVAILABLE, "Received http2 header with status: 503");
+  EXPECT_EQ(proxy.code(), ErrorCode::unavailable);
+  EXPECT_THAT(proxy.what(), testing::HasSubstr("a proxy answers at a:1, with HTTP status 503"));
+}
+
 /// A mesh with a face and a group that no single message can hold.
 struct LargeGeometry {
   Points points = test::registered_points(300'000);

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Servers that share nothing behind the proxy of deploy/replicas, and a client that is told so. Needs haproxy."""
+"""Servers that share nothing behind the proxy of deploy/replicas, and a client that is told so: where haproxy is installed. The
+manifests for Kubernetes: where kubectl is."""
 
 import os
 import re
@@ -46,16 +47,15 @@ class Proxy(EndToEnd):
         super().tearDown()
 
     def start_proxy(self):
-        """The file that is shipped, but for its addresses."""
+        """The file that is shipped, but for its own port."""
         with open(os.path.join(SOURCE, "deploy/replicas/haproxy.cfg")) as file:
-            text = file.read()
-        text = text.replace("bind :50051", f"bind 127.0.0.1:{self.port}")
-        for name, server in zip("abc", self.servers):
-            text, count = re.subn(rf"server {name} \S+ port \d+", f"server {name} {server.address} port {server.metrics}", text)
-            self.assertEqual(count, 1)
-        self.write("haproxy.cfg", text)
+            self.write("haproxy.cfg", file.read().replace("bind :50051", f"bind 127.0.0.1:{self.port}"))
+        environment = dict(os.environ)
+        for name, server in zip("ABC", self.servers):
+            environment[f"DEFORMD_{name}"] = server.address
+            environment[f"DEFORMD_{name}_METRICS"] = str(server.metrics)
         with open(self.path("haproxy.log"), "ab") as log:
-            self.proxy = subprocess.Popen(["haproxy", "-db", "-f", self.path("haproxy.cfg")], stdout=log, stderr=log)
+            self.proxy = subprocess.Popen(["haproxy", "-db", "-f", self.path("haproxy.cfg")], stdout=log, stderr=log, env=environment)
         self.wait_until(lambda: self.deform("status", expect=None).code == 0, "haproxy answers")
 
     def environment(self):
@@ -124,6 +124,42 @@ class Proxy(EndToEnd):
             server.start()
         for child in children:
             self.assertEqual(child.wait(600), 0, child.communicate()[1])
+
+
+@unittest.skipUnless(shutil.which("kubectl"), "kubectl is not installed")
+class Manifests(unittest.TestCase):
+    """What kustomize makes of deploy/replicas fits together."""
+
+    def test_names_and_ports_fit(self):
+        import yaml
+
+        text = subprocess.run(["kubectl", "kustomize", os.path.join(SOURCE, "deploy/replicas")], check=True, stdout=subprocess.PIPE,
+                              text=True, timeout=60).stdout
+        found = {(one["kind"], one["metadata"]["name"]): one for one in yaml.safe_load_all(text)}
+        servers, proxy = found["StatefulSet", "deformd"]["spec"], found["Deployment", "deformd-proxy"]["spec"]
+        (configuration,) = (one for (kind, _), one in found.items() if kind == "ConfigMap")
+        mounted = proxy["template"]["spec"]["volumes"][0]["configMap"]["name"]
+        self.assertEqual(mounted, configuration["metadata"]["name"])
+        cfg = configuration["data"]["haproxy.cfg"]
+        lines = re.findall(r'^  server \w "\$\{(\w+)-', cfg, re.MULTILINE)
+        self.assertEqual(len(lines), servers["replicas"])
+        addresses = {one["name"]: one["value"] for one in proxy["template"]["spec"]["containers"][0]["env"]}
+        self.assertEqual([addresses[name] for name in lines],
+                         [f"deformd-{k}.{servers['serviceName']}:50051" for k in range(servers["replicas"])])
+        for name, spec in (("deformd", servers), ("deformd-proxy", proxy)):
+            labels = spec["template"]["metadata"]["labels"]
+            ports = {one["name"]: one["containerPort"] for one in spec["template"]["spec"]["containers"][0]["ports"]}
+            service = found["Service", name]["spec"]
+            selectors = [spec["selector"]["matchLabels"], service["selector"],
+                         found["PodDisruptionBudget", name]["spec"]["selector"]["matchLabels"],
+                         found["NetworkPolicy", name]["spec"]["podSelector"]["matchLabels"]]
+            for selector in selectors:
+                self.assertLessEqual(selector.items(), labels.items())
+            for port in service["ports"]:
+                self.assertEqual(ports[port["targetPort"]], port["port"])
+        environment = {one["name"]: one["value"] for one in servers["template"]["spec"]["containers"][0]["env"]}
+        self.assertTrue(environment["DEFORMD_METRICS_ADDRESS"].endswith(":9464"))
+        self.assertEqual(re.findall(r"_METRICS-(\d+)", cfg), ["9464"] * servers["replicas"])
 
 
 if __name__ == "__main__":
