@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Three servers that share nothing, and clients at work while they are killed, emptied and restarted."""
+
+import os
+import shutil
+import time
+
+from harness import AHMED_SETUP, EndToEnd, Server, read_bytes
+
+LONG = bool(os.environ.get("DEFORM_LONG"))
+CLIENTS = 8 if LONG else 4
+DESIGNS = 1000 if LONG else 500  # of each
+
+
+class Replicas(EndToEnd):
+    def setUp(self):
+        super().setUp()
+        self.servers = []
+        for k in range(3):
+            folder = self.path(f"server{k}")
+            os.mkdir(folder)
+            self.servers.append(Server(folder, *self.options_of(k)).start())
+
+    def tearDown(self):
+        for server in self.servers:
+            server.stop()
+        super().tearDown()
+
+    def options_of(self, number):
+        return []
+
+    def write_cases(self, designs):
+        """Meshes of different sizes, so that the servers share them."""
+        for k in range(CLIENTS):
+            self.deform("sample", "-o", f"body{k}.obj", "--points", 2000 + 800 * k)
+            self.write(f"setup{k}.yaml", AHMED_SETUP.replace("ahmed.obj", f"body{k}.obj"))
+        rows = [f"{0.04 * (i % 17) / 17},{0.15 * (i % 23) / 23 - 0.05}" for i in range(designs)]
+        self.write("designs.csv", "\n".join(["roof_up,slant_turn", *rows]) + "\n")
+
+    def sweeps(self, output):
+        return [self.spawn("sweep", f"setup{k}.yaml", "--designs", "designs.csv", "-o", f"{output}{k}", "--batch", 5)
+                for k in range(CLIENTS)]
+
+    def all_succeed(self, children):
+        for child in children:
+            self.assertEqual(child.wait(600), 0, child.communicate()[1])
+
+    def meshes(self, folder):
+        return {name: read_bytes(self.path(os.path.join(folder, name))) for name in os.listdir(self.path(folder))
+                if name.endswith(".obj")}
+
+    def written(self, output):
+        """Meshes of all sweeps so far."""
+        count = 0
+        for k in range(CLIENTS):
+            folder = self.path(f"{output}{k}")
+            count += sum(name.endswith(".obj") for name in os.listdir(folder)) if os.path.isdir(folder) else 0
+        return count
+
+    def check_killing(self):
+        """One after the other is killed, each time that a tenth of the designs has come; every second one comes back knowing nothing.
+        All designs come, with the same bytes as without."""
+        self.write_cases(DESIGNS)
+        self.all_succeed(self.sweeps("alone"))
+        children = self.sweeps("killed")
+        kills = due = 0
+        while any(child.poll() is None for child in children):
+            time.sleep(0.005)
+            if self.written("killed") < due:
+                continue
+            due = self.written("killed") + CLIENTS * DESIGNS // 10
+            victim = self.servers[kills % 3]
+            victim.kill()
+            if kills % 2 == 0:
+                shutil.rmtree(victim.data)
+            kills += 1
+            time.sleep(0.1)
+            victim.start()
+        self.all_succeed(children)
+        self.assertGreaterEqual(kills, 3)
+        for k in range(CLIENTS):
+            alone, killed = self.meshes(f"alone{k}"), self.meshes(f"killed{k}")
+            self.assertEqual(len(alone), DESIGNS)
+            self.assertEqual(alone.keys(), killed.keys())
+            self.assertEqual([name for name in alone if alone[name] != killed[name]], [])
+
+    def check_rolling_restart(self):
+        self.write_cases(DESIGNS)
+        children = self.sweeps("rolled")
+        for number, server in enumerate(self.servers):
+            self.wait_until(lambda: self.written("rolled") >= (number + 1) * CLIENTS * DESIGNS // 10, "designs come", 120)
+            self.assertEqual(server.stop(), 0)
+            server.start()
+        self.all_succeed(children)
