@@ -104,7 +104,9 @@ std::vector<std::string> items_of(const std::string& list) {
 
 std::vector<std::string> addresses_of(const std::string& list) {
   std::vector<std::string> addresses;
-  for (const std::string& item : items_of(list)) {
+  const auto items = items_of(list);
+  for (const std::string& item : items) {
+    if (item.empty() && items.size() > 1) refuse(list, "an item of the list is empty");
     addresses.push_back(checked_address(item));
     if (std::count(addresses.begin(), addresses.end(), addresses.back()) > 1) refuse(list, item + " stands there twice");
   }

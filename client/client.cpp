@@ -34,9 +34,18 @@ void check_range(const char* name, std::int64_t value, std::int64_t least, std::
                                                std::to_string(least) + " to " + std::to_string(most));
 }
 
-std::shared_ptr<grpc::ChannelInterface> make_channel(const ClientOptions& options) {
+/// With another server to go to, one that does not answer is left soon: one that is stopped, without power, or cut off.
+constexpr std::chrono::milliseconds longest_connect{2000}, silence{10'000}, silence_after_ping{5'000};
+
+std::shared_ptr<grpc::ChannelInterface> make_channel(const ClientOptions& options, bool several) {
   grpc::ChannelArguments arguments;
-  const auto connect_ms = static_cast<int>(options.connect_timeout.count());
+  const auto connect = several ? std::min(options.connect_timeout, longest_connect) : options.connect_timeout;
+  const auto connect_ms = static_cast<int>(connect.count());
+  if (several) {
+    arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, static_cast<int>(silence.count()));
+    arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, static_cast<int>(silence_after_ping.count()));
+    arguments.SetInt(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);  // no limit: a system may be prepared for minutes
+  }
   arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, connect_ms);  // gRPC's name for the time of one attempt
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 2000);
@@ -50,9 +59,10 @@ std::vector<std::unique_ptr<Server>> servers_of(const ClientOptions& options) {
   options.validate();
   std::vector<std::unique_ptr<Server>> servers;
   ClientOptions one = options;
-  for (const std::string& address : addresses_of(options.address)) {
+  const auto addresses = addresses_of(options.address);
+  for (const std::string& address : addresses) {
     one.address = address;
-    servers.push_back(std::make_unique<Server>(address, make_channel(one)));
+    servers.push_back(std::make_unique<Server>(address, make_channel(one, addresses.size() > 1)));
   }
   return servers;
 }
@@ -99,13 +109,13 @@ std::vector<Item> all_pages(Connection& connection, const CallOptions& call, Una
 /// it.
 template <typename Request, typename Reply>
 std::vector<Reply> from_all(Connection& connection, const CallOptions& call, Retry retry, UnaryMethod<Request, Reply> method,
-                            const Request& request) {
+                            const Request& request, const std::string& geometry) {
   const RunContext limits = limits_of(call);
   std::vector<Reply> replies;
   std::exception_ptr unknown, error;
   for (const auto& server : connection.servers.all()) {
     try {
-      replies.push_back(unary(connection, on_server(*server), remaining(limits), retry, method, request));
+      replies.push_back(unary(connection, on_server(*server, geometry), remaining(limits), retry, method, request));
     } catch (const Error& thrown) {
       auto& first = thrown.code() == ErrorCode::not_found ? unknown : error;
       if (!first) first = std::current_exception();
@@ -163,11 +173,9 @@ v1::GeometryInfo Client::register_geometry(const GeometryArrays& arrays, const C
     info = with_retries(*impl_, subject, remaining(limits), Retry::safe,
                         [&](Attempt& attempt, const RunContext&) { return upload(attempt, arrays, id, on_progress); });
   }
-  const bool hold = impl_->keeps_copies() && !impl_->held.geometry(id);
-  if (hold || !impl_->points.has(id)) {
-    auto points = std::make_shared<const Points>(arrays.points.begin(), arrays.points.end());
-    impl_->points.keep(id, points);
-    if (hold) impl_->held.keep_geometry(id, std::make_shared<const HeldGeometry>(arrays, std::move(points)));
+  if (!impl_->points.has(id)) impl_->points.keep(id, std::make_shared<const Points>(arrays.points.begin(), arrays.points.end()));
+  if (impl_->keeps_copies() && !impl_->held.geometry(id)) {
+    impl_->held.keep_geometry(id, std::make_shared<const HeldGeometry>(arrays));
   }
   return info;
 }
@@ -185,9 +193,9 @@ std::vector<v1::GeometryInfo> Client::list_geometries(const CallOptions& call) {
 }
 
 v1::DeleteGeometryReply Client::delete_geometry(const v1::DeleteGeometryRequest& request, const CallOptions& call) {
-  const auto replies = from_all(*impl_, call, Retry::when_refused, &Stub::DeleteGeometry, request);
+  impl_->held.forget_geometry(request.id());  // also when the call fails: some server may have done it
+  const auto replies = from_all(*impl_, call, Retry::when_refused, &Stub::DeleteGeometry, request, request.id());
   impl_->points.forget(request.id());
-  impl_->held.forget_geometry(request.id());
   // The same setups on every server that has them.
   const auto fewer = [](const auto& a, const auto& b) { return a.setups_deleted() < b.setups_deleted(); };
   return *std::max_element(replies.begin(), replies.end(), fewer);
@@ -204,6 +212,7 @@ void Client::keep_points(const std::string& geometry_id, std::shared_ptr<const P
 
 void Client::share_copies(const Client& from) {
   if (&from == this) return;
+  impl_->points.keep_all(from.impl_->points);
   impl_->held.keep_all(from.impl_->held);
   impl_->geometry_of.keep_all(from.impl_->geometry_of);
 }
@@ -225,12 +234,7 @@ v1::SystemInfo Client::prepare(const v1::Setup& setup, const CallOptions& call,
   const auto system =
       with_retries(*impl_, of_geometry(setup.geometry()), call, Retry::safe,
                    [&](Attempt& attempt, const RunContext&) { return client::prepare(attempt, setup, on_progress); });
-  impl_->geometry_of.keep(system.id(), system.geometry_id());
-  if (impl_->keeps_copies()) {
-    v1::Setup held = setup;
-    held.set_geometry(system.geometry_id());  // in place of a part of it
-    impl_->held.keep_setup(system.id(), std::move(held));
-  }
+  impl_->note(system, setup);
   return system;
 }
 
@@ -240,7 +244,7 @@ v1::SystemInfo Client::get_system(const std::string& id, const CallOptions& call
   Subject subject = of_system(id);
   subject.bring = false;
   auto system = unary(*impl_, subject, call, Retry::safe, &Stub::GetSystem, request);
-  impl_->geometry_of.keep(system.id(), system.geometry_id());
+  impl_->note(system, system.setup());
   return system;
 }
 
@@ -249,9 +253,10 @@ std::vector<v1::SystemInfo> Client::list_systems(const CallOptions& call) {
 }
 
 v1::ReleaseSystemReply Client::release_system(const v1::ReleaseSystemRequest& request, const CallOptions& call) {
-  const auto replies =
-      from_all(*impl_, call, request.forget() ? Retry::when_refused : Retry::safe, &Stub::ReleaseSystem, request);
   if (request.forget()) impl_->held.forget_setup(request.id());
+  const auto geometry = impl_->geometry_of.get(request.id()).value_or("");
+  const auto retry = request.forget() ? Retry::when_refused : Retry::safe;
+  const auto replies = from_all(*impl_, call, retry, &Stub::ReleaseSystem, request, geometry);
   v1::ReleaseSystemReply all;
   for (const auto& reply : replies) all.set_bytes_released(all.bytes_released() + reply.bytes_released());
   return all;

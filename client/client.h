@@ -42,7 +42,7 @@ struct ClientOptions {
   /// One address stands for several servers: a proxy before them, or a name of many machines. The client keeps copies and brings
   /// them to a server that lacks them, as with several addresses.
   bool replicas = false;
-  std::chrono::milliseconds connect_timeout{5000};  ///< of one attempt to connect
+  std::chrono::milliseconds connect_timeout{5000};  ///< of one attempt to connect; with several addresses at most 2 s
   /// Of calls that are safe to retry, for UNAVAILABLE and for RESOURCE_EXHAUSTED with a retry hint; of any call to connect. With
   /// several servers UNAVAILABLE counts when all of them have been tried.
   int max_attempts = 4;

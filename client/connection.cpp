@@ -188,6 +188,13 @@ v1::SystemInfo prepare(Attempt& attempt, const v1::Setup& setup,
 
 // ---- several servers ----
 
+void Connection::note(const v1::SystemInfo& system, v1::Setup setup) {
+  geometry_of.keep(system.id(), system.geometry_id());
+  if (!keeps_copies() || setup.geometry().empty()) return;
+  setup.set_geometry(system.geometry_id());  // in place of a part of it
+  held.keep_setup(system.id(), std::move(setup));
+}
+
 std::vector<Server*> Connection::ranked(const std::string& key) const {
   std::vector<Server*> order = servers.ranked(key);
   const auto found = found_at.get(key);
@@ -214,8 +221,11 @@ void Connection::bring(Server& server, const Subject& subject, const std::string
     const grpc::Status status = look.stub().GetGeometry(&look.context, request, &info);
     if (status.error_code() != grpc::StatusCode::NOT_FOUND) look.check(status);
     if (!status.ok() || !info.damage().empty()) {
+      const auto own = points.get(geometry, limits, [&]() -> PointsCache::PointsPtr {
+        throw Error(ErrorCode::not_found, "geometry " + geometry + ": it was deleted");
+      });
       Attempt attempt(*this, limits, server, geometry);
-      upload(attempt, arrays->arrays(), geometry, {});
+      upload(attempt, arrays->arrays(*own), geometry, {});
     }
   }
   if (setup) {

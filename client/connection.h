@@ -51,6 +51,8 @@ struct Connection {
   /// Cached, or fetched once.
   std::shared_ptr<const Points> registered_points(const std::string& geometry_id, const RunContext& limits);
 
+  /// Notes the geometry of a system, and keeps its setup where copies are kept.
+  void note(const v1::SystemInfo& system, v1::Setup setup);
   /// Servers::ranked(), after the one that turned out to know the id.
   std::vector<Server*> ranked(const std::string& key) const;
   /// Whether there is something that bring() could bring.

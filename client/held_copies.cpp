@@ -15,9 +15,8 @@ std::vector<T> copied(std::span<const T> values) {
 
 }  // namespace
 
-HeldGeometry::HeldGeometry(const GeometryArrays& arrays, std::shared_ptr<const Points> points)
-    : points_(std::move(points)),
-      face_sizes_(copied(arrays.face_sizes)),
+HeldGeometry::HeldGeometry(const GeometryArrays& arrays)
+    : face_sizes_(copied(arrays.face_sizes)),
       face_points_(copied(arrays.face_points)),
       name_(arrays.name),
       element_types_(copied(arrays.cells.element_types)),
@@ -33,9 +32,9 @@ HeldGeometry::HeldGeometry(const GeometryArrays& arrays, std::shared_ptr<const P
   }
 }
 
-GeometryArrays HeldGeometry::arrays() const {
+GeometryArrays HeldGeometry::arrays(const Points& points) const {
   GeometryArrays arrays;
-  arrays.points = *points_;
+  arrays.points = points;
   arrays.face_sizes = face_sizes_;
   arrays.face_points = face_points_;
   for (const Group& group : groups_) arrays.groups.push_back({group.name, group.points, group.faces});
@@ -67,10 +66,12 @@ std::shared_ptr<const v1::Setup> HeldCopies::setup(const std::string& system) co
 }
 
 void HeldCopies::forget_geometry(const std::string& id) {
-  geometries_.forget(id);
-  setups_.forget_if([&](const auto& setup) { return setup->geometry() == id; });
+  geometries_.forget_if([&](const std::string& held, const auto&) { return held.starts_with(id); });
+  setups_.forget_if([&](const std::string&, const auto& setup) { return setup->geometry().starts_with(id); });
 }
 
-void HeldCopies::forget_setup(const std::string& system) { setups_.forget(system); }
+void HeldCopies::forget_setup(const std::string& system) {
+  setups_.forget_if([&](const std::string& held, const auto&) { return held.starts_with(system); });
+}
 
 }  // namespace deform::client

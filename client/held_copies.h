@@ -10,14 +10,14 @@
 
 namespace deform::client {
 
-/// The arrays of a registered geometry, kept.
+/// The arrays of a registered geometry without its points, which the client keeps anyway.
 class HeldGeometry {
  public:
-  /// Copies all but the points, which are shared.
-  HeldGeometry(const GeometryArrays& arrays, std::shared_ptr<const Points> points);
+  /// Copies.
+  explicit HeldGeometry(const GeometryArrays& arrays);
 
-  /// Views what is kept.
-  GeometryArrays arrays() const;
+  /// Views what is kept, and the points.
+  GeometryArrays arrays(const Points& points) const;
 
  private:
   struct Group {
@@ -26,7 +26,6 @@ class HeldGeometry {
     std::vector<FaceId> faces;
   };
 
-  const std::shared_ptr<const Points> points_;
   const std::vector<std::uint32_t> face_sizes_, face_points_;
   std::vector<Group> groups_;
   const std::string name_;
@@ -53,9 +52,9 @@ class HeldCopies {
   std::shared_ptr<const HeldGeometry> geometry(const std::string& id) const;
   /// Nothing where it was not entered.
   std::shared_ptr<const v1::Setup> setup(const std::string& system) const;
-  /// Lets go of a geometry that was deleted, and of the setups that refer to it.
+  /// Lets go of a geometry that was deleted, by its id or a part of it, and of the setups that refer to it.
   void forget_geometry(const std::string& id);
-  /// Lets go of a setup that was deleted.
+  /// Lets go of a setup that was deleted, by its id or a part of it.
   void forget_setup(const std::string& system);
 
  private:

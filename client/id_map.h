@@ -29,16 +29,11 @@ class IdMap {
     const std::scoped_lock lock(mutex_, from.mutex_);
     for (const auto& [id, value] : from.entries_) entries_.insert_or_assign(id, value);
   }
-  /// Where there is one.
-  void forget(const std::string& id) {
-    const std::lock_guard lock(mutex_);
-    entries_.erase(id);
-  }
-  /// All that drop(value) says of.
+  /// All of which drop(id, value) says so.
   template <typename Drop>
   void forget_if(const Drop& drop) {
     const std::lock_guard lock(mutex_);
-    std::erase_if(entries_, [&](const auto& entry) { return drop(entry.second); });
+    std::erase_if(entries_, [&](const auto& entry) { return drop(entry.first, entry.second); });
   }
 
  private:

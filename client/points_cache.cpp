@@ -38,6 +38,11 @@ void PointsCache::keep(const std::string& geometry_id, PointsPtr points) {
   entries_.insert_or_assign(geometry_id, promise.get_future().share());
 }
 
+void PointsCache::keep_all(const PointsCache& from) {
+  const std::scoped_lock lock(mutex_, from.mutex_);
+  for (const auto& [id, points] : from.entries_) entries_.insert_or_assign(id, points);
+}
+
 bool PointsCache::has(const std::string& geometry_id) const {
   const std::lock_guard lock(mutex_);
   return entries_.contains(geometry_id);

@@ -23,6 +23,8 @@ class PointsCache {
   PointsPtr get(const std::string& geometry_id, const RunContext& limits, const std::function<PointsPtr()>& fetch);
   /// Enters points that are in memory anyway.
   void keep(const std::string& geometry_id, PointsPtr points);
+  /// All of another cache, which must not be this one.
+  void keep_all(const PointsCache& from);
   /// Whether the points are there, or on their way.
   bool has(const std::string& geometry_id) const;
   /// Lets go of the points of a geometry that was deleted.

@@ -20,8 +20,9 @@ Subject of_system(const std::string& id) {
   return subject;
 }
 
-Subject on_server(Server& server) {
+Subject on_server(Server& server, const std::string& geometry) {
   Subject subject;
+  subject.geometry = geometry;
   subject.elsewhere = false;
   subject.only = &server;
   return subject;
@@ -46,7 +47,7 @@ void Route::begin_round() {
 
 void Route::go(const RunContext& limits) {
   if (wait_.count() > 0) RetryPolicy::wait(std::exchange(wait_, std::chrono::milliseconds(0)), limits);
-  if (std::exchange(connect_, false)) connection_.wait_for_answer(server(), limits);
+  if (Server* silent = std::exchange(connect_to_, nullptr)) connection_.wait_for_answer(*silent, limits);
   limits.check();
   if (!bring_) return;
   connection_.bring(server(), subject_, geometry_, limits);
@@ -69,6 +70,8 @@ bool Route::unknown_there() {
   const int most = connection_.options.replicas ? connection_.options.max_attempts : 1;  // the next one may be another one
   if (subject_.bring && connection_.holds(subject_, geometry_) && brought_[&server()]++ < most) return bring_ = true;
   unknown_ = true;
+  // A proxy has nothing to choose by, and asks another one next time.
+  if (connection_.options.replicas && geometry_.empty() && ++guesses_ < connection_.options.max_attempts) return true;
   return next_server();
 }
 
@@ -99,7 +102,7 @@ void Route::failed(const Error& error, const RunContext& limits, Repeat repeat) 
   }
   wait_ = *wait;
   const auto* none = dynamic_cast<const NotConnected*>(&error);
-  connect_ = none != nullptr && none->silent();
+  connect_to_ = none != nullptr && none->silent() ? &server() : nullptr;
   if (partly || lost) begin_round();
 }
 

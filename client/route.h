@@ -29,8 +29,8 @@ struct Subject {
 Subject of_geometry(const std::string& id);
 /// About a system.
 Subject of_system(const std::string& id);
-/// About what this server has.
-Subject on_server(Server& server);
+/// About what this server has; `geometry` for proxies.
+Subject on_server(Server& server, const std::string& geometry = {});
 
 /// The way of one call through the servers: who is asked next, and what comes before. With one that stands for itself: waiting
 /// times alone.
@@ -70,11 +70,12 @@ class Route {
   std::vector<Server*> order_;
   std::size_t at_ = 0;
   std::map<const Server*, int> brought_;  ///< how often, to each
+  int guesses_ = 0;                       ///< of a proxy
   bool unknown_ = false;                  ///< to a server of this round
   std::string unreachable_;               ///< addresses of this round
   // before the next attempt
   std::chrono::milliseconds wait_{0};
-  bool connect_ = false;
+  Server* connect_to_ = nullptr;
   bool bring_ = false;
 };
 

@@ -39,13 +39,13 @@ SpreadSession::SpreadSession(std::shared_ptr<Connection> connection, const CallO
 
 SpreadSession::~SpreadSession() {
   Streams streams;
+  stop_.request_stop();
   {
     const std::lock_guard lock(mutex_);
     closing_ = ending_ = true;
     streams.swap(streams_);
   }
   changed_.notify_all();
-  stop_.request_stop();
   mender_.join();
   streams.clear();  // cancels; every answer has come then
   std::unique_lock lock(mutex_);
@@ -70,17 +70,28 @@ std::future<DeformOutcome> SpreadSession::submit(const v1::DeformRequest& reques
   return future;
 }
 
-/// The stream to the server of the task, opened when there is none. Without the lock held: one that has ended is destroyed here.
-std::shared_ptr<StreamSession> SpreadSession::stream_to(Task& task) {
+/// The stream to the server of the task, opened when there is none. Streams are made and destroyed without the lock: both wait.
+std::shared_ptr<StreamSession> SpreadSession::stream_to(const Task& task) {
+  Server& server = task.route.server();
+  const std::string geometry = connection_->options.replicas ? task.route.geometry() : std::string();
+  const auto usable = [&]() -> std::shared_ptr<StreamSession> {
+    if (ending_) throw Error(ErrorCode::cancelled, "cancelled");
+    const auto found = streams_.find({&server, geometry});
+    return found == streams_.end() || found->second->broken() ? nullptr : found->second;
+  };
+  {
+    const std::lock_guard lock(mutex_);
+    if (auto stream = usable()) return stream;
+  }
+  auto made = std::make_shared<StreamSession>(connection_, server, remaining(limits_), task.route.geometry());
   std::shared_ptr<StreamSession> ended;
   const std::lock_guard lock(mutex_);
-  if (ending_) throw Error(ErrorCode::cancelled, "cancelled");
-  auto& stream = streams_[{&task.route.server(), task.route.geometry()}];
-  if (stream && stream->broken()) ended = std::move(stream);
-  if (!stream) {
-    stream = std::make_shared<StreamSession>(connection_, task.route.server(), remaining(limits_), task.route.geometry());
+  if (auto stream = usable()) {
+    ended = std::exchange(made, stream);
+  } else {
+    ended = std::exchange(streams_[{&server, geometry}], made);
   }
-  return stream;
+  return made;
 }
 
 void SpreadSession::send(const TaskPtr& task) {

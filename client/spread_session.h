@@ -15,9 +15,9 @@
 
 namespace deform::client {
 
-/// A session over several servers: a StreamSession for each geometry to the one that its requests go to. What is lost with a
-/// server, or unknown to one, is sent again along the Route of its request, by one thread; what goes to healthy servers does not
-/// wait for it.
+/// A session over several servers: a StreamSession to each one that requests go to, with `replicas` for each geometry. What is
+/// lost with a server, or unknown to one, is sent again along the Route of its request, by one thread; what goes to healthy
+/// servers does not wait for it.
 ///
 ///   submit -> Route -> StreamSession of its server -> outcome -> promise
 ///               ^---- (mender) <- lost or unknown ----'
@@ -46,7 +46,7 @@ class SpreadSession final : public RequestSession {
     std::exception_ptr error;
   };
 
-  std::shared_ptr<StreamSession> stream_to(Task& task);
+  std::shared_ptr<StreamSession> stream_to(const Task& task);
   void send(const TaskPtr& task);
   void answered(const TaskPtr& task, DeformOutcome&& outcome, const std::exception_ptr& error);
   void end(const TaskPtr& task, DeformOutcome&& outcome, const std::exception_ptr& error);
@@ -62,7 +62,7 @@ class SpreadSession final : public RequestSession {
   std::condition_variable changed_;
   // under mutex_
   using Streams = std::map<std::pair<Server*, std::string>, std::shared_ptr<StreamSession>>;
-  Streams streams_;  ///< by server and geometry, by which a proxy chooses
+  Streams streams_;  ///< by server and, with `replicas`, geometry: a proxy chooses by it
   std::deque<Failure> failures_;
   std::size_t open_ = 0;
   bool closing_ = false;  ///< finish() was called

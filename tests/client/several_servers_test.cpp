@@ -190,7 +190,7 @@ class SeveralServers : public testing::Test {
 TEST(ServersOfAClient, AddressesOfAListAreCheckedOneByOne) {
   EXPECT_EQ(client::addresses_of("a:1"), std::vector<std::string>{"a:1"});
   EXPECT_EQ(client::addresses_of("a:1, [::1]:2 ,unix:/x"), (std::vector<std::string>{"a:1", "[::1]:2", "unix:/x"}));
-  expect_error(ErrorCode::invalid_argument, {"empty"}, [] { client::addresses_of("a:1,"); });
+  expect_error(ErrorCode::invalid_argument, {"\"a:1,\"", "empty"}, [] { client::addresses_of("a:1,"); });
   expect_error(ErrorCode::invalid_argument, {"\"b\"", "has no port"}, [] { client::addresses_of("a:1,b"); });
   expect_error(ErrorCode::invalid_argument, {"a:1 stands there twice"}, [] { client::addresses_of("a:1,b:1,a:1"); });
   EXPECT_EQ(client::encoding_for("127.0.0.1:1,unix:/x"), v1::RAW_F64);
@@ -396,6 +396,41 @@ TEST_F(SeveralServers, OneAddressMayStandForSeveral) {
   session->finish();
   EXPECT_EQ(servers_[0]->streams, 2) << "one for each geometry: a proxy chooses by stream";
   expect_error(ErrorCode::not_found, {}, [&] { told.deform(request("nowhere")); });
+}
+
+TEST_F(SeveralServers, AProxyIsAskedAgainWhereItHasNothingToChooseBy) {
+  ClientOptions options;
+  options.address = servers_[0]->service.address();
+  options.replicas = true;
+  Client first(options);
+  const std::string system = prepared(first, 1);
+  int asked = 0;
+  const auto answer = servers_[0]->service.on_deform;
+  servers_[0]->service.on_deform = [&](grpc::ServerContext& context, const v1::DeformRequest& request,
+                                       ScriptedService::Writer& writer) {
+    return ++asked < 3 ? unknown_there : answer(context, request, writer);
+  };
+  Client stranger(options);
+  stranger.keep_points("geometry", std::make_shared<const Points>(test::registered_points(5000)));
+  expect_design(stranger.deform(request(system)));
+  EXPECT_EQ(asked, 3);
+}
+
+TEST_F(SeveralServers, WhatOneServerHasDeletedIsNotBroughtBackByAnError) {
+  Client client(options());
+  const std::string system = prepared(client, 1);
+  PlayedServer& at = owner(system);
+  for (const auto& server : servers_) {
+    if (server.get() == &at) continue;
+    server->service.stop();
+    break;
+  }
+  v1::DeleteGeometryRequest removal;
+  removal.set_id(system.substr(1));
+  expect_error(ErrorCode::unavailable, {"127.0.0.1"}, [&] { client.delete_geometry(removal); });
+  at.systems.clear();
+  expect_error(ErrorCode::unavailable, {"do not know it"}, [&] { client.deform(request(system)); });
+  EXPECT_EQ(uploads(), 1);
 }
 
 TEST_F(SeveralServers, ASessionEndsWithWhatIsOpen) {

@@ -93,9 +93,9 @@ class Manifests(unittest.TestCase):
         cfg = configuration["data"]["haproxy.cfg"]
         lines = re.findall(r'^  server \w "\$\{(\w+)-', cfg, re.MULTILINE)
         self.assertEqual(len(lines), servers["replicas"])
-        addresses = {one["name"]: one["value"] for one in proxy["template"]["spec"]["containers"][0]["env"]}
+        addresses = {one["name"]: one.get("value") for one in proxy["template"]["spec"]["containers"][0]["env"]}
         self.assertEqual([addresses[name] for name in lines],
-                         [f"deformd-{k}.{servers['serviceName']}:50051" for k in range(servers["replicas"])])
+                         [f"deformd-{k}.{servers['serviceName']}.$(NAMESPACE).svc.cluster.local:50051" for k in range(servers["replicas"])])
         for name, spec in (("deformd", servers), ("deformd-proxy", proxy)):
             labels = spec["template"]["metadata"]["labels"]
             ports = {one["name"]: one["containerPort"] for one in spec["template"]["spec"]["containers"][0]["ports"]}

@@ -2,6 +2,7 @@
 """Clients that name several servers. DEFORM_LONG=1: for minutes."""
 
 import shutil
+import signal
 
 from harness import main
 from replicas import CLIENTS, Replicas
@@ -35,6 +36,28 @@ class SeveralServers(Replicas):
 
     def test_no_design_fails_in_a_rolling_restart(self):
         self.check_rolling_restart()
+
+    def test_a_server_that_is_stopped_is_left(self):
+        """It takes connections and answers nothing, as one without power does."""
+        self.write_cases(200)
+        children = self.sweeps("stopped")
+        self.wait_until(lambda: self.written("stopped") > 20, "designs come", 60)
+        for server in self.servers[:2]:
+            server.process.send_signal(signal.SIGSTOP)
+        self.all_succeed(children)
+        self.deform("apply", "setup0.yaml", "--set", "roof_up=0.02", "-o", "after.obj", "--timeout", 20)
+        for server in self.servers[:2]:
+            server.process.send_signal(signal.SIGCONT)
+
+    def test_a_sweep_by_id_survives_the_loss_of_its_server(self):
+        self.write_cases(500)
+        system = self.deform("prepare", "setup0.yaml", "--json").json["id"]
+        child = self.spawn("sweep", system, "--source", "body0.obj", "--designs", "designs.csv", "-o", "byid0", "--batch", 5)
+        self.wait_until(lambda: self.written("byid") > 20, "designs come", 60)
+        owner = next(server for server in self.servers if self.geometries(server) > 0)
+        owner.kill()
+        self.all_succeed([child])
+        self.deform("show", self.deform("prepare", "setup0.yaml", "--json").json["geometry_id"])
 
     def test_clients_of_a_bench_share_what_one_has_brought(self):
         self.write_cases(1)

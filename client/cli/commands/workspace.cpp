@@ -98,12 +98,11 @@ LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progre
   const auto start = std::chrono::steady_clock::now();
   const auto info = register_mesh(connection, loaded.source->mesh(), loaded.source_path.filename().string(), progress);
   loaded.times.register_geometry = seconds_since(start);
-  if (loaded.setup.geometry().empty()) {
-    loaded.setup.set_geometry(info.id());
-  } else if (!info.id().starts_with(loaded.setup.geometry())) {
+  if (!info.id().starts_with(loaded.setup.geometry())) {
     throw Error(ErrorCode::invalid_argument,
                 "--source " + input.source + ": holds geometry " + info.id() + ", the setup is for " + loaded.setup.geometry());
   }
+  loaded.setup.set_geometry(info.id());  // in place of nothing, or of a part of it
   return loaded;
 }
 

@@ -105,7 +105,7 @@ ExitCode run_status(const CommonOptions& common) {
 
 void add_status_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
   auto* command = app.add_subcommand("status", "Show how the server is; exit code 0 only when it serves, or all of several do");
-  command->footer("Waits at most 15 seconds unless --timeout says otherwise. Fits a container's health check.");
+  command->footer("Waits at most 15 seconds for each server unless --timeout says otherwise. Fits a container's health check.");
   command->callback([&common, &chosen] { chosen = [&common] { return run_status(common); }; });
 }
 
