@@ -168,9 +168,7 @@ void SpreadSession::finish() {
     closing_ = true;
     changed_.notify_all();
     changed_.wait(lock, [this] { return open_ == 0; });
-    for (const auto& entry : streams_) {
-      if (entry.second) streams.push_back(entry.second);
-    }
+    for (const auto& entry : streams_) streams.push_back(entry.second);
   }
   // The streams have ended too, so that the servers have seen a clean end.
   for (const auto& stream : streams) stream->finish();

@@ -374,6 +374,31 @@ TEST(Client, DoesNotRepeatWhatASinkHasTaken) {
   EXPECT_EQ(asked, (std::vector<int>{2, 2}));
 }
 
+TEST(Client, GoesOnAsLongAsDesignsCome) {
+  ScriptedService service;
+  std::vector<int> asked;
+  service.on_deform = [&](grpc::ServerContext&, const v1::DeformRequest& request, ScriptedService::Writer& writer) {
+    asked.push_back(request.designs_size());
+    ReplyScript script;
+    script.designs = static_cast<std::size_t>(request.designs_size());
+    script.block_points = script.points;
+    for (const auto& reply : test::replies(script)) {
+      writer.Write(reply, grpc::WriteOptions());
+      if (reply.has_result()) break;  // of the first design
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    return grpc::Status(grpc::StatusCode::UNAVAILABLE, "going down");
+  };
+  ClientOptions options;
+  options.max_attempts = 2;
+  Client client = service.client(options);
+  keep(client);
+  std::vector<std::size_t> taken;
+  client.deform(raw_request(5), {}, [&](std::size_t design, client::DeformedDesign&&) { taken.push_back(design); });
+  EXPECT_EQ(asked, (std::vector<int>{5, 4, 3, 2, 1})) << "each attempt brought one";
+  EXPECT_EQ(taken, (std::vector<std::size_t>{0, 1, 2, 3, 4}));
+}
+
 TEST(Client, DoesNotRepeatARemovalThatMayHaveHappened) {
   ScriptedService service;
   int attempts = 0;

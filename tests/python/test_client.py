@@ -5,6 +5,7 @@ import hashlib
 import multiprocessing
 import os
 import pickle
+import shutil
 import signal
 import socket
 import subprocess
@@ -316,6 +317,70 @@ def test_a_population_survives_a_killed_server(lonely):
                 lonely.server.kill()
                 lonely.server.start()
         assert sorted(seen) == list(range(400)), "each once"
+
+
+def test_several_servers_are_one(lonely, tmp_path):
+    others = [Server(str(tmp_path / name)) for name in ("b", "c")]
+    for server in others:
+        os.mkdir(server.folder)
+        server.start()
+    servers = [lonely.server, *others]
+    try:
+        with deformd.Client(",".join(server.address for server in servers)) as client:
+            system = client.prepare(lonely.setup)
+            designs = np.random.default_rng(5).uniform(-0.05, 0.05, (200, 2))
+            expected = system(designs)
+            w = np.random.default_rng(6).normal(size=expected[0].shape)
+            gradient = system.vjp(designs[0], w)
+
+            def kill_the_owner():
+                for server in servers:
+                    if server.process.poll() is None:
+                        with deformd.Client(server.address) as one:
+                            if one.geometries():
+                                server.kill()
+                                return
+                raise AssertionError("nobody has it")
+
+            seen = {}
+            for i, y, report in system.stream(designs, batch=4):
+                assert report.error is None and i not in seen
+                seen[i] = y.copy()
+                if len(seen) == 20:
+                    kill_the_owner()
+            assert sorted(seen) == list(range(200)), "each once"
+            for i, y in seen.items():
+                np.testing.assert_array_equal(y, expected[i])
+            kill_the_owner()
+            np.testing.assert_array_equal(system.vjp(designs[0], w), gradient)
+            assert system.evaluate(expected[0][:7], designs[1]).points.shape == (7, 3)
+    finally:
+        for server in others:
+            server.stop()
+
+
+def test_an_address_may_stand_for_several(lonely, monkeypatch):
+    def forget():
+        lonely.server.kill()
+        shutil.rmtree(lonely.server.data)
+        lonely.server.start()
+
+    with deformd.Client(lonely.server.address) as plain:
+        system = plain.prepare(lonely.setup)
+        before = system([0.03, 0])
+        forget()
+        with pytest.raises(deformd.NotFound):
+            system([0.03, 0])
+    with deformd.Client(lonely.server.address, replicas=True) as told:
+        system = told.prepare(lonely.setup)
+        forget()
+        np.testing.assert_array_equal(system([0.03, 0]), before)
+        assert pickle.loads(pickle.dumps(told))._settings["replicas"] is True
+    monkeypatch.setenv("DEFORM_REPLICAS", "1")
+    with deformd.Client(lonely.server.address) as told:
+        system = told.prepare(lonely.setup)
+        forget()
+        np.testing.assert_array_equal(system([0.03, 0]), before)
 
 
 def test_many_threads_share_a_client(system, population):

@@ -352,10 +352,11 @@ std::vector<double> iterative_ratios(const std::vector<std::uint64_t>& seeds, do
 class RandomIterative : public Shard {};
 
 TEST_P(RandomIterative, TheToleranceHoldsAtTheFreePointsAndTheErrorIsNotUnderestimated) {
-  iterative_ratios(seeds(is_long() ? 200 : 36), is_long() ? 3000 : 900);
+  const std::vector<double> ratios = iterative_ratios(seeds(is_long() ? 200 : 36), is_long() ? 3000 : 900);
+  if (is_long()) check_median(ratios);
 }
 
-TEST(Iterative, EstimatesAreNotFarAboveTheErrors) { check_median(iterative_ratios(first_seeds(is_long() ? 120 : 36), 900)); }
+TEST(Iterative, EstimatesAreNotFarAboveTheErrors) { check_median(iterative_ratios(first_seeds(36), 900)); }
 
 /// The dense solutions that these tests compare with are right: LU in extended precision has other sums, kernels and factors.
 /// They differ by what rounding makes of both, of the coordinates of polynomials, too.
@@ -384,13 +385,18 @@ double incremental_qr_ratio(std::uint64_t seed, double most_centres) {
 }
 
 TEST_P(RandomIncrementalQr, TheErrorAtTheFreePointsIsNotUnderestimated) {
-  for (const std::uint64_t seed : seeds(is_long() ? 1000 : 50)) incremental_qr_ratio(seed, is_long() ? 800 : 500);
+  std::vector<double> ratios;
+  for (const std::uint64_t seed : seeds(is_long() ? 1000 : 50)) {
+    const double ratio = incremental_qr_ratio(seed, is_long() ? 800 : 500);
+    if (std::isfinite(ratio)) ratios.push_back(ratio);
+  }
+  if (is_long()) check_median(ratios);
 }
 
 TEST(IncrementalQr, EstimatesAreNotFarAboveTheErrors) {
   std::vector<double> ratios;
-  for (const std::uint64_t seed : first_seeds(is_long() ? 200 : 40)) {
-    const double ratio = incremental_qr_ratio(seed, is_long() ? 800 : 300);
+  for (const std::uint64_t seed : first_seeds(50)) {
+    const double ratio = incremental_qr_ratio(seed, 500);
     if (std::isfinite(ratio)) ratios.push_back(ratio);
   }
   check_median(ratios);
