@@ -25,6 +25,12 @@ RUN cmake -S . -B /build -G Ninja -DCMAKE_BUILD_TYPE=Release -DDEFORM_BUILD_TEST
  && cmake --install /build --strip --component server --prefix /opt/deform
 
 FROM docker.io/library/debian:bookworm-slim
+ARG COMMIT=
+LABEL org.opencontainers.image.title="deformd" \
+      org.opencontainers.image.description="Server that deforms meshes for shape optimization, and its command line" \
+      org.opencontainers.image.licenses="GPL-3.0-or-later" \
+      org.opencontainers.image.revision="$COMMIT" \
+      org.opencontainers.image.base.name="docker.io/library/debian:bookworm-slim"
 COPY deploy/packages.txt deploy/install-packages /tmp/deploy/
 RUN /tmp/deploy/install-packages runtime \
  && rm -rf /tmp/deploy /var/lib/apt/lists/* /var/cache/apt/*.bin /var/log/apt /var/log/dpkg.log \
