@@ -41,9 +41,12 @@ void write_parts(const std::vector<MeshFile::FilePart>& parts, const std::filesy
   write_file(path, parts[0].bytes);
 }
 
+/// The same points in the other form, compressed or not, are removed, as OpenFOAM does: of two it would read the one that is not.
 void write_foam_points(const std::filesystem::path& path, const std::string& bytes) {
   if (path.has_parent_path()) std::filesystem::create_directories(path.parent_path());
   write_file(path, bytes);
+  std::error_code absent;
+  std::filesystem::remove(path.extension() == ".gz" ? path.parent_path() / path.stem() : path.string() + ".gz", absent);
 }
 
 void write_case_parts(const std::vector<MeshFile::FilePart>& parts, const std::filesystem::path& path) {

@@ -112,8 +112,9 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name,
 
 /// Writes `source` with new coordinates to `path` (gzipped if it ends in .gz), by a temporary file and rename. The extension must
 /// be that of the format of `source`. For an OpenFOAM mesh only `points` is written, with its parent folders: to `path` if that
-/// is called points or points.gz, otherwise to polyMesh/points in the time folder `path`; those of a decomposed case for every
-/// part, with processorN after the folder of the case in `path` (or for processor* there), or at its end. The files included by
+/// is called points or points.gz, otherwise to polyMesh/points in the time folder `path`; a file of both names is then removed
+/// under the other one. The points of a decomposed case are written for every part, with processorN after the folder of the case
+/// in `path` (or for processor* there), or at its end. The files included by
 /// an Abaqus deck are written next to `path` under the names used in the deck, even those without nodes. The files that were read
 /// are never overwritten: throws Error(failed_precondition) if other points would have to be written there.
 void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const std::filesystem::path& path);

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Simulation meshes through a real server: the inside follows the surface, and the solver's own checks still pass."""
 
+import gzip
 import os
 import re
 import shutil
@@ -77,8 +78,19 @@ class OpenFoam(EndToEnd):
         self.assertEqual(self.deform(*command).json["written"], 2)
         self.assertEqual(self.deform(*command).json["skipped"], 2)
         self.deform("apply", "pipe.yaml", "--set", "up=0.1", "-o", "one")
-        swept = read_bytes(self.path("results/b/polyMesh/points.gz"))
+        swept = read_bytes(self.path("results/b/polyMesh/points"))
         self.assertEqual(swept, read_bytes(self.path("one/polyMesh/points")))
+        # Of points and points.gz at one place OpenFOAM reads one: a result leaves no other beside it.
+        with gzip.open(self.path("one/polyMesh/points.gz"), "wb") as file:
+            file.write(b"of another design")
+        self.deform("apply", "pipe.yaml", "--set", "up=0.1", "-o", "one")
+        self.assertEqual(os.listdir(self.path("one/polyMesh")), ["points"])
+        os.makedirs(self.path("other/a/polyMesh"))
+        os.rename(self.path("one/polyMesh/points"), self.path("other/a/polyMesh/points.gz"))
+        self.fails(1, "sweep", "pipe.yaml", "--designs", "designs.csv", "-o", "other",
+                   says=["other/a/polyMesh/points.gz: is there and not of this sweep"])
+        self.assertEqual(os.listdir(self.path("other/a/polyMesh")), ["points.gz"])
+        self.deform("apply", "pipe.yaml", "--set", "up=0.1", "-o", "one")
         self.assertEqual(len(before), len(read_foam_points(self.path("one/polyMesh/points"))[0]))
 
         # Beside constant of its own case, where the faces are found; not where they are those of another mesh.

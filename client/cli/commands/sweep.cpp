@@ -41,9 +41,10 @@ struct SweepOptions {
   DesignGates gates;
 };
 
-/// The extension of the results is that of the original, .gz included. Results of an OpenFOAM mesh are time folders.
+/// The extension of the results is that of the original, .gz included. Results of an OpenFOAM mesh are time folders, with the
+/// name of the points that io::write_mesh_file() gives them.
 std::string full_extension(const io::MeshFile& source, const std::filesystem::path& path) {
-  if (source.format() == io::Format::openfoam) return source.compressed ? "/polyMesh/points.gz" : "/polyMesh/points";
+  if (source.format() == io::Format::openfoam) return openfoam_result;
   const std::string last = path.extension().string();
   return last == ".gz" ? path.stem().extension().string() + last : last;
 }

@@ -38,6 +38,11 @@ bool is_old_torn(const std::string& name, const std::string& file) {
 
 }  // namespace
 
+/// The other name of the same points of OpenFOAM, of which it reads only one; empty for other files.
+std::string SweepFolder::other_form(const std::string& file) const {
+  return extension_ == openfoam_result ? file + ".gz" : std::string();
+}
+
 SweepFolder::SweepFolder(const fs::path& path, std::string extension, std::vector<ExpectedResult> expected)
     : path_(path), extension_(std::move(extension)), expected_(std::move(expected)), manifest_(manifest_in(path)) {
   refuse_foreign_files();
@@ -65,10 +70,12 @@ void SweepFolder::refuse_foreign_files() const {
   std::string first;
   std::size_t count = 0;
   for (const auto& result : expected_) {
-    const std::string file = result.name + extension_;
-    if (manifest_.results().contains(file) || manifest_.is_being_written(file)) continue;
-    if (!fs::exists(fs::symlink_status(path_ / file))) continue;
-    if (count++ == 0) first = (path_ / file).string();
+    const std::string written = result.name + extension_;
+    for (const std::string& file : {written, other_form(written)}) {
+      if (file.empty() || manifest_.results().contains(file) || manifest_.is_being_written(file)) continue;
+      if (!fs::exists(fs::symlink_status(path_ / file))) continue;
+      if (count++ == 0) first = (path_ / file).string();
+    }
   }
   if (count == 0) return;
   std::error_code ignored;
@@ -135,6 +142,10 @@ void SweepFolder::put(const ExpectedResult& result, const ResultVerdicts& verdic
   const std::lock_guard lock(mutex_);
   manifest_.replace(file);
   written.rename(path_ / file);
+  if (const std::string other = other_form(file); !other.empty()) {
+    std::error_code absent;
+    fs::remove(path_ / other, absent);
+  }
   manifest_.add(entry);
 }
 

@@ -29,6 +29,7 @@ class SweepFolder : public SweepOutput {
   void refuse_foreign_files() const;
   void remove_torn_files() const;
   void make_folders(const std::string& file) const;
+  std::string other_form(const std::string& file) const;
   std::map<std::string, ManifestEntry> whole_results() const;
   std::set<std::string> names() const;
 

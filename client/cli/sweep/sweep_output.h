@@ -11,6 +11,9 @@
 
 namespace deform::cli {
 
+/// The extension of the results of an OpenFOAM mesh, which are time folders.
+inline constexpr char openfoam_result[] = "/polyMesh/points";
+
 /// A result of the sweep as it is now.
 struct ExpectedResult {
   std::string name;
