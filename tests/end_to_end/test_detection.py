@@ -77,6 +77,17 @@ class Detection(EndToEnd):
         self.assertIn("follows from plane_", text)
         sets = json.loads(self.read("more.points.json"))
         self.assertEqual(len(sets["plane_x0_1"]), 7 * 13)
+        # What was written may have been edited: it is replaced by the same only, or when told to.
+        self.deform("detect", "setup.yaml", "-o", "more.yaml")
+        self.write("more.yaml", text.replace("plane_x0_1,", "left,"))
+        self.fails(1, "detect", "setup.yaml", "-o", "more.yaml", says=["more.yaml", "may have been edited", "--overwrite"])
+        self.assertIn("name: left,", self.read("more.yaml"))
+        self.write("more.yaml", text)
+        self.write("more.points.json", "{}")
+        self.fails(1, "detect", "setup.yaml", "-o", "more.yaml", says=["more.points.json", "--overwrite"])
+        self.assertEqual(self.read("more.points.json"), "{}")
+        self.deform("detect", "setup.yaml", "-o", "more.yaml", "--overwrite")
+        self.assertEqual(json.loads(self.read("more.points.json")), sets)
         self.deform("prepare", "more.yaml", "--check")
         report = self.deform("apply", "more.yaml", "--set", "shear=1", "-o", "out.obj", "--json").json["report"]
         self.assertEqual(sorted(entry["name"] for entry in report["constraints"]["residuals"]),

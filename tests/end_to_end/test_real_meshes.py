@@ -114,7 +114,7 @@ class RealMeshes(EndToEnd):
         before, _ = read_off(self.mesh(name))
         low, high = box(before)
         diagonal, margin = math.dist(low, high), 1e-4 * (high[2] - low[2])
-        self.deform("detect", name, "-o", "found.yaml")
+        self.deform("detect", name, "-o", "found.yaml", "--overwrite")
         with open(self.path("found.yaml"), encoding="utf-8") as file:
             found = re.split(r"^(?=  - name: |  #)", file.read(), flags=re.MULTILINE)
         rims = [entry.rstrip() for entry in found if re.match(r"  - name: circle_", entry)][:2]  # the longest come first
@@ -145,7 +145,7 @@ class RealMeshes(EndToEnd):
         os.symlink(volume, self.path("volume.msh.gz"))
         for name in names + ["volume.msh.gz"]:
             with self.subTest(name):
-                self.deform("detect", name, "-o", "found.yaml")
+                self.deform("detect", name, "-o", "found.yaml", "--overwrite")
                 with open(self.path("found.yaml"), encoding="utf-8") as file:
                     text = file.read()
                 self.assertEqual(text.count("\nhandles: []"), 1)

@@ -26,6 +26,7 @@ struct DetectCommand {
   double tolerance = 0, minimum_area = 0, maximum_angle = 0;
   std::uint64_t seed = 0;
   std::vector<std::string> kinds;
+  bool overwrite = false;
 
   v1::DetectRequest request(const std::string& geometry) const {
     v1::DetectRequest message;
@@ -169,6 +170,14 @@ Input input_of(const DetectCommand& options) {
   return input;
 }
 
+/// A setup is written to be edited, so one that is there is not replaced, unless by the same.
+void keep_edited(const std::filesystem::path& path, const std::string& text) {
+  if (!std::filesystem::exists(path) || io::read_file(path) == text) return;
+  throw Error(ErrorCode::invalid_argument, "-o " + path.string() +
+                                               ": is there and says something else than what was found now, so it may have been "
+                                               "edited; name another file, or replace it by --overwrite");
+}
+
 DetectedSetup write_setup(const DetectCommand& options, const Input& input, const client::Detected& detected, const Mesh& mesh) {
   DetectedSetupOptions written = input.written;
   if (!written.beginning.empty()) {
@@ -178,6 +187,10 @@ DetectedSetup write_setup(const DetectCommand& options, const Input& input, cons
   for (const auto& primitive : detected.primitives) check_ids(primitive.points, mesh, primitive.about.name());
   for (const auto& edge : detected.edges) check_ids(edge.points, mesh, edge.about.name());
   const DetectedSetup result = detected_setup(detected, written);
+  if (!options.overwrite) {
+    keep_edited(options.setup, result.text);
+    if (!result.points.empty()) keep_edited(points_path(options.setup), result.points);
+  }
   // The ids first: the setup is never there without them.
   if (!result.points.empty()) io::write_file(points_path(options.setup), result.points);
   io::write_file(options.setup, result.text);
@@ -222,6 +235,8 @@ void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chos
       "-o,--setup", options->setup,
       "Setup file to write, with a constraint for each of them, to be pruned; long lists of points go into a file "
       "beside it (.points.json)");
+  command->add_flag("--overwrite", options->overwrite, "Replace a setup file that is there and may have been edited")
+      ->needs("--setup");
   command->add_option("--coloured", options->coloured, "File to write, .ply or .vtp: every primitive in its colour");
   command->add_option("--tolerance", options->tolerance, "Distance of a point from its primitive, model units; 0: automatic")
       ->check(CLI::NonNegativeNumber)
