@@ -303,8 +303,13 @@ class FlipCheck::Impl {
     for (std::size_t f = 0; f < size(); ++f) {
       const auto& [sum, weights, neighbours] = scores[f];
       if (crushed[f]) {
-        const double cosine = dot(normals[f], unit_normal(points, corners_[f], rounding_));
-        if (over[f] ? cosine > 0 : cosine < 0) flipped.push_back({-std::abs(cosine), f});
+        const Vec3 own = unit_normal(points, corners_[f], rounding_);
+        const double cosine = dot(normals[f], own);
+        if (own == Vec3{}) {
+          flipped.push_back({0, f});
+        } else if (over[f] ? cosine > 0 : cosine < 0) {
+          flipped.push_back({-std::abs(cosine), f});
+        }
       } else if (neighbours > 1 ? sum < 0 : neighbours == 1 && over[f]) {
         flipped.push_back({sum / weights, f});
       }

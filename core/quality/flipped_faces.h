@@ -34,8 +34,8 @@ namespace deform {
 ///     crushed, that is compressed in one direction to less than half. So in steps 1 and 2 crushed faces (including collapsed
 ///     ones) have the normals that their neighbours extrapolate into them, across up to 32 rows; where the extrapolations from
 ///     both sides of a crease meet, delta relates the two sides. A crushed face is flipped if its own normal is opposite to the
-///     extrapolated one; a collapsed face has no normal and is not counted. A crease of which less than 120 degrees are crushed
-///     counts as a bend.
+///     extrapolated one. A crease of which less than 120 degrees are crushed counts as a bend.
+///  4. A collapsed face, which has no area left up to rounding, has no orientation and counts as flipped, with a cosine of 0.
 /// Faces without area at rest are ignored. Faces are neighbours if they share two points by id: parts that only touch are
 /// checked separately. A component that is reflected or turned inside out as a whole is not detected.
 ///

@@ -183,7 +183,7 @@ TEST(ConvertSetup, symmetry_planes) {
             }),
             "symmetry[0].point: expected 3 numbers, got 0");
   EXPECT_EQ(refused([](auto& p) { p.mutable_region(); }),
-            "symmetry[0].region: no kind of region is given (group, box, sphere, ...)");
+            "symmetry[0].region: no kind of region is given (group, box, sphere, ...); an empty list or false is none");
   EXPECT_EQ(setup_refusal([](v1::Setup& s) {
               for (int i = 0; i < 4; ++i) s.add_symmetry();
             }),

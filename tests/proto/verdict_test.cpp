@@ -63,6 +63,20 @@ const std::vector<Case> cases = {
     {"torn", [](auto& f, auto&) { f.torn_edges = 3; }, v1::VERDICT_DOUBTFUL, "3 edges are torn at the boundary of the lattice"},
     {"far", [](auto&, auto& r) { r.set_prescribed_displacement(0.06); }, v1::VERDICT_DOUBTFUL,
      "a point moves 1.67 times the largest prescribed displacement"},
+    {"very_far", [](auto&, auto& r) { r.set_prescribed_displacement(0.0101); }, v1::VERDICT_DOUBTFUL, "a point moves 9.9 times"},
+    {"too_far", [](auto&, auto& r) { r.set_prescribed_displacement(0.01); }, v1::VERDICT_BAD, "a point moves 10 times"},
+    {"in_other_units",
+     [](auto&, auto& r) {
+       r.set_max_displacement(11);
+       r.set_prescribed_displacement(11);
+     },
+     v1::VERDICT_DOUBTFUL, "points are to move by up to 11 times the diagonal of the model; are these its units?"},
+    {"a_long_way",
+     [](auto&, auto& r) {
+       r.set_max_displacement(9);
+       r.set_prescribed_displacement(9);
+     },
+     v1::VERDICT_GOOD, ""},
     {"handles_met_nearly", [](auto& f, auto&) { f.misfit = 0.0019; }, v1::VERDICT_GOOD, ""},
     {"handles_missed", [](auto& f, auto&) { f.misfit = 0.0021; }, v1::VERDICT_DOUBTFUL,
      "handle and fixed points are missed by up to 0.0021, 0.021 of the largest prescribed displacement"},

@@ -31,7 +31,7 @@ std::vector<Region> children(const google::protobuf::RepeatedPtrField<v1::Region
 void check_one_kind(const v1::Region& message, const std::string& path) {
   std::vector<const google::protobuf::FieldDescriptor*> kinds;
   message.GetReflection()->ListFields(message, &kinds);
-  if (kinds.empty()) refuse_field(path, "no kind of region is given (group, box, sphere, ...)");
+  if (kinds.empty()) refuse_field(path, "no kind of region is given (group, box, sphere, ...); an empty list or false is none");
   if (kinds.size() > 1) {
     refuse_field(path, "expected exactly one kind of region, got " + kinds[0]->name() + " and " + kinds[1]->name());
   }
