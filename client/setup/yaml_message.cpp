@@ -224,8 +224,10 @@ class Walker {
     std::vector<std::string> names;
     std::string all;
     for (int i = 0; i < type.value_count(); ++i) {
-      names.push_back(type.value(i)->name());
-      all += (i > 0 ? ", " : "") + names.back();
+      const std::string& name = type.value(i)->name();
+      if (name.ends_with("_DEFAULT")) continue;  // what a missing key means; nobody writes it
+      names.push_back(name);
+      all += (all.empty() ? "" : ", ") + name;
     }
     std::string upper = node.Scalar();
     for (char& c : upper) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));

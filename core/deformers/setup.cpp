@@ -96,6 +96,9 @@ void validate_variable(const Setup& setup, std::size_t k, std::set<std::string>&
     check_motion(variable.also[i].kind, entry);
   }
   if (std::isnan(variable.lower) || std::isnan(variable.upper)) refuse_argument(what + ": lower and upper must be numbers");
+  if (variable.lower > variable.upper) {
+    refuse_argument(what + ": lower = " + number_digits(variable.lower) + " is above upper = " + number_digits(variable.upper));
+  }
   if (!(variable.lower <= 0 && variable.upper >= 0)) {
     refuse_argument(what + ": the rest position 0 must lie within lower = " + number_digits(variable.lower) +
                     " and upper = " + number_digits(variable.upper));

@@ -91,12 +91,15 @@ void print_faces(const v1::FaceReport& faces, std::ostream& out) {
       << " faces flipped:" << first_ids(faces.flipped_ids(), faces.flipped()) << ", worst first\n";
 }
 
-void print_cells(const v1::CellReport& cells, std::ostream& out) {
-  out << "  " << cells.cells() << " cells, ";
+/// `cells` are those of the whole motion in one step, also where the design was made in several.
+void print_cells(const v1::CellReport& cells, const v1::DesignResult& result, std::ostream& out) {
+  const bool in_steps = result.has_split() && result.split().steps() > 1;
+  out << "  " << cells.cells() << " cells, " << (in_steps ? "in one step " : "");
   if (cells.inverted() == 0 && cells.safe_amplitude() == 1) {
     out << "none is inverted";
   } else {
-    out << cells.inverted() << " inverted by the full step; none before " << number_text(cells.safe_amplitude()) << " of it";
+    out << cells.inverted() << (in_steps ? " would be inverted" : " inverted") << " by the full step; none before "
+        << number_text(cells.safe_amplitude()) << " of it";
     if (cells.has_first_cell()) out << ", then cell " << cells.first_cell();
   }
   if (cells.without_volume() > 0) out << " (" << cells.without_volume() << " without positive volume)";
@@ -104,7 +107,8 @@ void print_cells(const v1::CellReport& cells, std::ostream& out) {
   if (cells.left_handed() > 0) out << " (" << cells.left_handed() << " are left-handed and judged by the change of sign)";
   if (cells.inverted_at_rest() > 0) out << " (besides " << cells.inverted_at_rest() << " that are inverted at rest)";
   out << '\n';
-  if (cells.inverted_ids_size() > 0) out << "  worst cells:" << first_ids(cells.inverted_ids(), cells.inverted()) << '\n';
+  if (cells.inverted_ids_size() > 0 && !in_steps)
+    out << "  worst cells:" << first_ids(cells.inverted_ids(), cells.inverted()) << '\n';
 }
 
 void print_split(const v1::SplitReport& split, std::ostream& out) {
@@ -139,7 +143,7 @@ void print_constraints(const v1::ConstraintsReport& constraints, std::ostream& o
 void print_findings(const v1::DesignResult& result, std::ostream& out) {
   if (result.has_constraints()) print_constraints(result.constraints(), out);
   if (result.has_faces()) print_faces(result.faces(), out);
-  if (result.has_cells()) print_cells(result.cells(), out);
+  if (result.has_cells()) print_cells(result.cells(), result, out);
   if (result.has_split()) print_split(result.split(), out);
   for (const auto& measure : result.quality().measures()) {
     out << "  " << printable(measure.label()) << ": " << number_text(measure.value());

@@ -74,7 +74,13 @@ const std::vector<BadSetup>& bad_setups() {
       {"empty variable name", [](Setup& s) { s.variables[2].name.clear(); }, {"variables[2].name", "empty"}},
       {"repeated variable", [](Setup& s) { s.variables[1].name = "up"; }, {"variables[1].name", "\"up\"", "twice"}},
       {"unknown handle", [](Setup& s) { s.variables[3].handle = "midle"; }, {"\"widen\"", "\"midle\"", "\"middle\""}},
-      {"bounds the wrong way", [](Setup& s) { s.variables[0].lower = 2; }, {"\"up\"", "lower", "upper"}},
+      {"bounds without the rest position", [](Setup& s) { s.variables[0].lower = 2; }, {"\"up\"", "rest position", "lower = 2"}},
+      {"bounds the wrong way",
+       [](Setup& s) {
+         s.variables[0].lower = 0.2;
+         s.variables[0].upper = -0.2;
+       },
+       {"\"up\"", "lower = 0.2 is above upper = -0.2"}},
       {"0 out of bounds", [](Setup& s) { s.variables[0].upper = -0.5; }, {"\"up\"", "0", "-0.5"}},
       {"NaN bound", [](Setup& s) { s.variables[0].upper = nan; }, {"\"up\"", "numbers"}},
       {"zero direction", [](Setup& s) { s.variables[0].kind = DesignVariable::Translate{}; }, {"\"up\"", "translate", "zero"}},
