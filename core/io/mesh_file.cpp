@@ -45,8 +45,11 @@ void write_parts(const std::vector<MeshFile::FilePart>& parts, const std::filesy
 void write_foam_points(const std::filesystem::path& path, const std::string& bytes) {
   if (path.has_parent_path()) std::filesystem::create_directories(path.parent_path());
   write_file(path, bytes);
+  const bool compressed = path.extension() == ".gz";
+  const std::filesystem::path other =
+      compressed ? path.parent_path() / path.stem() : std::filesystem::path(path.string() + ".gz");
   std::error_code absent;
-  std::filesystem::remove(path.extension() == ".gz" ? path.parent_path() / path.stem() : path.string() + ".gz", absent);
+  std::filesystem::remove(other, absent);
 }
 
 void write_case_parts(const std::vector<MeshFile::FilePart>& parts, const std::filesystem::path& path) {
