@@ -223,11 +223,11 @@ MEASURES = ("--measure", "v=volume", "--measure", "a=area")
 
 @pytest.mark.parametrize("form", [STANDARD, APREPRO])
 def test_dakota_values_and_gradients(dakota, system, form):
-    from deformd.study.measures import measure, triangles
+    from deformd.measures import Volume
 
     done, results = dakota(form.format(a=X[0], b=X[1], active=3), *MEASURES)
     assert done.returncode == 0, done.stderr
-    value, slope = measure("volume", "", system(X), triangles(*system.geometry.faces))
+    value, slope = Volume(system.geometry)(system(X))
     lines = results.splitlines()
     assert len(lines) == 3 and lines[0].split()[1] == "v" and lines[1].split()[1] == "a"
     assert float(lines[0].split()[0]) == pytest.approx(value, rel=1e-12)
