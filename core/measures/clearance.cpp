@@ -53,7 +53,8 @@ Mesh mesh_of(const Body& body, const Mesh& mesh) {
   Mesh triangles;
   triangles.points = mesh.points;
   triangles.face_sizes.assign(body.triangles().size(), 3);
-  for (const Triangle& triangle : body.triangles()) triangles.face_points.insert(triangles.face_points.end(), triangle.begin(), triangle.end());
+  for (const Triangle& triangle : body.triangles())
+    triangles.face_points.insert(triangles.face_points.end(), triangle.begin(), triangle.end());
   return triangles;
 }
 
@@ -63,8 +64,7 @@ class Inside {
   explicit Inside(const Mesh& mesh) : Inside(Body(mesh, {}, Rims::refuse), mesh) {}
 
   SignedDistance distance(const Vec3& x) const {
-    const PlaceOnTriangle place =
-        tree_.nearest(x, std::numeric_limits<double>::infinity(), [](std::uint32_t) { return true; });
+    const PlaceOnTriangle place = tree_.nearest(x, std::numeric_limits<double>::infinity(), [](std::uint32_t) { return true; });
     const double sign = std::abs(winding_.at(x)) > 0.5 ? -1 : 1;
     const Vec3 away = x - place.point;
     const double size = norm(away);
@@ -137,7 +137,9 @@ class Clearance : public Measure {
     });
     const SmoothLeast smooth = smooth_least(distances, tolerance_);
     const PointId nearest = samples_[smooth.least];
-    Measurement result{{smooth.value}, {}, Least{distances[smooth.least], points[nearest], nearest, tolerance_, samples_.size(), covering(points)}};
+    Measurement result{{smooth.value},
+                       {},
+                       Least{distances[smooth.least], points[nearest], nearest, tolerance_, samples_.size(), covering(points)}};
     if (gradients == Gradients::wanted) {
       Points& gradient = result.gradients.emplace_back(points.size(), Vec3{});
       for (std::size_t i = 0; i < samples_.size(); ++i) gradient[samples_[i]] = smooth.weights[i] * slopes[i];
@@ -172,7 +174,8 @@ std::variant<Box, Inside> prepared(const KeepOut& keep_out) {
 
 }  // namespace
 
-std::unique_ptr<const Measure> make_clearance(const Mesh& mesh, const FaceChoice& choice, const KeepOut& keep_out, double tolerance) {
+std::unique_ptr<const Measure> make_clearance(const Mesh& mesh, const FaceChoice& choice, const KeepOut& keep_out,
+                                              double tolerance) {
   if (!std::isfinite(tolerance) || tolerance < 0) {
     throw Error(ErrorCode::invalid_argument, "tolerance: " + number_digits(tolerance) + ", expected a length over 0, or 0");
   }

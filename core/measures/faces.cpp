@@ -78,11 +78,13 @@ std::vector<RimEdge> rim_edges(const std::vector<Triangle>& triangles, const std
       if (from != to) uses.push_back({std::min(from, to), std::max(from, to), from < to ? 1 : -1});
     }
   }
-  std::sort(uses.begin(), uses.end(), [](const Use& s, const Use& t) { return s.low != t.low ? s.low < t.low : s.high < t.high; });
+  std::sort(uses.begin(), uses.end(),
+            [](const Use& s, const Use& t) { return s.low != t.low ? s.low < t.low : s.high < t.high; });
   std::vector<RimEdge> rims;
   for (std::size_t i = 0, end = 0; i < uses.size(); i = end) {
     std::int32_t sum = 0;
-    for (end = i; end < uses.size() && uses[end].low == uses[i].low && uses[end].high == uses[i].high; ++end) sum += uses[end].way;
+    for (end = i; end < uses.size() && uses[end].low == uses[i].low && uses[end].high == uses[i].high; ++end)
+      sum += uses[end].way;
     if (sum > 0) rims.push_back({uses[i].low, uses[i].high, static_cast<std::uint32_t>(sum)});
     if (sum < 0) rims.push_back({uses[i].high, uses[i].low, static_cast<std::uint32_t>(-sum)});
   }
@@ -148,9 +150,8 @@ FaceTriangles chosen_triangles(const Mesh& mesh, const FaceChoice& choice) {
 std::vector<PointId> coincident_points(std::span<const Vec3> points) {
   std::vector<PointId> order(points.size());
   std::iota(order.begin(), order.end(), PointId{0});
-  std::sort(order.begin(), order.end(), [&](PointId s, PointId t) {
-    return points[s] != points[t] ? points[s] < points[t] : s < t;
-  });
+  std::sort(order.begin(), order.end(),
+            [&](PointId s, PointId t) { return points[s] != points[t] ? points[s] < points[t] : s < t; });
   std::vector<PointId> same(points.size());
   for (std::size_t i = 0; i < order.size(); ++i) {
     same[order[i]] = i > 0 && points[order[i]] == points[order[i - 1]] ? same[order[i - 1]] : order[i];
@@ -192,10 +193,10 @@ void Body::close(const Mesh& mesh, const FaceChoice& choice, Rims rims) {
     }
   }
   if (rims == Rims::refuse) {
-    throw Error(ErrorCode::invalid_argument,
-                std::string(choice.groups.empty() ? "faces" : "groups") + ": the faces are not closed, such as at the edge of points " +
-                    std::to_string(edges[0].from) + " and " + std::to_string(edges[0].to) + ", one of " +
-                    std::to_string(edges.size()) + "; closing the rims is an option");
+    throw Error(ErrorCode::invalid_argument, std::string(choice.groups.empty() ? "faces" : "groups") +
+                                                 ": the faces are not closed, such as at the edge of points " +
+                                                 std::to_string(edges[0].from) + " and " + std::to_string(edges[0].to) +
+                                                 ", one of " + std::to_string(edges.size()) + "; closing the rims is an option");
   }
   Parts parts(points_, edges);
   std::vector<PointId> number(points_);

@@ -43,8 +43,8 @@ struct FaceTriangles {
   Box box(std::span<const Vec3> points) const;
 };
 
-/// Throws Error(invalid_argument) naming groups[i] for a name that is no group of the mesh or of one without faces, `groups` where they
-/// are given with FaceSource::cells, and `faces` or `cells` where the mesh has none.
+/// Throws Error(invalid_argument) naming groups[i] for a name that is no group of the mesh or of one without faces, `groups`
+/// where they are given with FaceSource::cells, and `faces` or `cells` where the mesh has none.
 FaceTriangles chosen_triangles(const Mesh& mesh, const FaceChoice& choice);
 
 /// For each point the least id of all points with the same coordinates: readers merge nothing, so that each facet of an STL file
@@ -54,10 +54,10 @@ std::vector<PointId> coincident_points(std::span<const Vec3> points);
 /// The closed surface of a body, with normals that point outwards. Immutable.
 class Body {
  public:
-  /// Points with the same coordinates in the mesh count as one for what is closed. Faces that enclose a negative volume, such as those
-  /// of a patch of a mesh of the space around the body, are turned. Throws as chosen_triangles(), and Error(invalid_argument) naming
-  /// `faces` where the faces are not closed and rims are refused, where neighbours are oriented against each other, and where they enclose
-  /// no volume: less than 1e-12 of their area times the diagonal of their box.
+  /// Points with the same coordinates in the mesh count as one for what is closed. Faces that enclose a negative volume, such as
+  /// those of a patch of a mesh of the space around the body, are turned. Throws as chosen_triangles(), and
+  /// Error(invalid_argument) naming `faces` where the faces are not closed and rims are refused, where neighbours are oriented
+  /// against each other, and where they enclose no volume: less than 1e-12 of their area times the diagonal of their box.
   Body(const Mesh& mesh, const FaceChoice& choice, Rims rims);
 
   std::size_t point_count() const { return points_; }  ///< n

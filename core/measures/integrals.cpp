@@ -177,7 +177,8 @@ class CentreOfGravity : public Measure {
   Measurement measured(std::span<const Vec3> points, Gradients gradients, const RunContext& context) const override {
     const Points placed = body_.with_centres(points);
     const auto [volume, x, y, z] = sums_.sum(placed, integrand_, context);
-    if (!(volume > 0)) throw Error(ErrorCode::numerical_failure, "points: the faces enclose no volume, so there is no centre of gravity");
+    if (!(volume > 0))
+      throw Error(ErrorCode::numerical_failure, "points: the faces enclose no volume, so there is no centre of gravity");
     const Vec3 offset = Vec3{x, y, z} / volume, centre = integrand_.middle + offset;
     Measurement found{{centre.begin(), centre.end()}, {}, {}};
     if (gradients == Gradients::wanted) {

@@ -26,15 +26,16 @@ struct Least {
 
 /// What a measure gives for one design.
 struct Measurement {
-  std::vector<double> values;     ///< m, Measure::value_count()
-  std::vector<Points> gradients;  ///< m fields of n x 3, the derivatives of each value at the points; empty where they were left out
-  std::optional<Least> least;     ///< of measures that aggregate samples
+  std::vector<double> values;  ///< m, Measure::value_count()
+  std::vector<Points>
+      gradients;               ///< m fields of n x 3, the derivatives of each value at the points; empty where they were left out
+  std::optional<Least> least;  ///< of measures that aggregate samples
 };
 
 /// A number, or several, of the shape of a mesh, prepared for its faces and evaluated for designs, which have the same faces and
-/// other points. Gradients are the exact derivatives of the values; where a value has a kink (two samples that change places as the
-/// nearest, a face whose area vanishes) they are those of one side. Immutable; any number of threads may evaluate at once. Results have
-/// the same bits for any number of threads.
+/// other points. Gradients are the exact derivatives of the values; where a value has a kink (two samples that change places as
+/// the nearest, a face whose area vanishes) they are those of one side. Immutable; any number of threads may evaluate at once.
+/// Results have the same bits for any number of threads.
 class Measure {
  public:
   virtual ~Measure() = default;
@@ -45,9 +46,9 @@ class Measure {
   std::size_t point_count() const { return point_count_; }
   virtual std::size_t value_count() const { return 1; }  ///< m
 
-  /// The values of a design, in units of model units, their squares or cubes. Throws Error(invalid_argument) naming `points` for another
-  /// number of points than point_count() and coordinates that are not finite, Error(numerical_failure) where the shape has no such
-  /// value, Error(cancelled) and Error(deadline_exceeded).
+  /// The values of a design, in units of model units, their squares or cubes. Throws Error(invalid_argument) naming `points` for
+  /// another number of points than point_count() and coordinates that are not finite, Error(numerical_failure) where the shape
+  /// has no such value, Error(cancelled) and Error(deadline_exceeded).
   Measurement evaluate(std::span<const Vec3> points, Gradients gradients, const RunContext& context = {}) const;
 
  protected:

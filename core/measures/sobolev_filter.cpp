@@ -55,7 +55,8 @@ SobolevFilter::SobolevFilter(const Mesh& mesh, std::span<const Vec3> points, con
   assemble(chosen_triangles(mesh, options.faces).triangles, points, coincident_points(mesh.points));
 }
 
-void SobolevFilter::assemble(std::span<const Triangle> triangles, std::span<const Vec3> points, const std::vector<PointId>& same) {
+void SobolevFilter::assemble(std::span<const Triangle> triangles, std::span<const Vec3> points,
+                             const std::vector<PointId>& same) {
   constexpr double least_share = 1e-10;
   std::vector<double> mass(points.size());  // by the least point of those that are one
   std::vector<Entry> entries;               // rows and columns are points, still
@@ -88,9 +89,8 @@ void SobolevFilter::assemble(std::span<const Triangle> triangles, std::span<cons
   }
   for (std::size_t i = 0; i < points.size(); ++i) unknown_of_[i] = unknown[same[i]];
   // Stable: entries of a place are added in the order of the triangles.
-  std::stable_sort(entries.begin(), entries.end(), [](const Entry& s, const Entry& t) {
-    return s.row != t.row ? s.row < t.row : s.column < t.column;
-  });
+  std::stable_sort(entries.begin(), entries.end(),
+                   [](const Entry& s, const Entry& t) { return s.row != t.row ? s.row < t.row : s.column < t.column; });
   diagonal_ = mass_;
   starts_.assign(mass_.size() + 1, 0);
   const double square = options_.length * options_.length;
@@ -162,14 +162,16 @@ SobolevFilter::Solution SobolevFilter::solve(const std::vector<double>& b, const
   return solution;
 }
 
-Filtered SobolevFilter::apply(std::span<const double> field, std::size_t components, SobolevForm form, const RunContext& context) const {
+Filtered SobolevFilter::apply(std::span<const double> field, std::size_t components, SobolevForm form,
+                              const RunContext& context) const {
   const std::size_t n = point_count();
   if (components == 0 || field.size() != n * components) {
     throw Error(ErrorCode::invalid_argument, "field: " + std::to_string(field.size()) + " numbers, expected " +
                                                  std::to_string(n) + " times the number of components");
   }
   for (std::size_t i = 0; i < field.size(); ++i) {
-    if (!std::isfinite(field[i])) throw Error(ErrorCode::invalid_argument, "field[" + std::to_string(i / components) + "]: not a finite number");
+    if (!std::isfinite(field[i]))
+      throw Error(ErrorCode::invalid_argument, "field[" + std::to_string(i / components) + "]: not a finite number");
   }
   Filtered filtered;
   filtered.field.resize(field.size());

@@ -14,9 +14,9 @@
 namespace deform::measures {
 
 struct SobolevOptions {
-  double length = 0;              ///< r, model units, > 0: waves that are shorter than 2 pi r are damped
-  FaceChoice faces;               ///< the surface
-  double tolerance = 1e-10;       ///< of the solver: |b - A g| <= tolerance |b|; 1e-15 to 0.1
+  double length = 0;               ///< r, model units, > 0: waves that are shorter than 2 pi r are damped
+  FaceChoice faces;                ///< the surface
+  double tolerance = 1e-10;        ///< of the solver: |b - A g| <= tolerance |b|; 1e-15 to 0.1
   std::size_t iterations = 10000;  ///< most of them per component
 };
 
@@ -34,27 +34,28 @@ struct Filtered {
   bool converged = true;       ///< residual <= 1.01 tolerance
 };
 
-/// The implicit Sobolev filter of node-wise fields on a surface (A. Jameson, Aerodynamic design via control theory, 1988; in weak form with
-/// linear elements): of all fields v the smooth g is the one with integral(g v + r^2 grad g . grad v) = integral(f v), so that `derivative`
-/// is the gradient of an objective in the inner product of H1 in place of that of L2. On an infinite plane a point is spread over a
-/// distance of about r; constants stay as they are, and so does the integral of f.
+/// The implicit Sobolev filter of node-wise fields on a surface (A. Jameson, Aerodynamic design via control theory, 1988; in weak
+/// form with linear elements): of all fields v the smooth g is the one with integral(g v + r^2 grad g . grad v) = integral(f v),
+/// so that `derivative` is the gradient of an objective in the inner product of H1 in place of that of L2. On an infinite plane a
+/// point is spread over a distance of about r; constants stay as they are, and so does the integral of f.
 ///
-/// A = M + r^2 K is symmetric and positive definite for any faces, since K is a sum of energies of single triangles: rims are free (no flux
-/// through them), and more than two faces may meet at an edge. So `derivative` is symmetric, and `density` is symmetric in the inner product
-/// of M: f . M F h = F f . M h. Points with the same coordinates in the mesh are one; the mass of faces without area (below 1e-10 of their
-/// squared longest edge) is left out. Points without area, such as those inside of a volume mesh, keep the value f of `density` and
-/// `transposed`, and get 0 from `derivative`.
+/// A = M + r^2 K is symmetric and positive definite for any faces, since K is a sum of energies of single triangles: rims are
+/// free (no flux through them), and more than two faces may meet at an edge. So `derivative` is symmetric, and `density` is
+/// symmetric in the inner product of M: f . M F h = F f . M h. Points with the same coordinates in the mesh are one; the mass of
+/// faces without area (below 1e-10 of their squared longest edge) is left out. Points without area, such as those inside of a
+/// volume mesh, keep the value f of `density` and `transposed`, and get 0 from `derivative`.
 ///
-/// Solved by conjugate gradients with the diagonal as preconditioner; not converging is a result. Immutable; any number of threads may apply.
-/// Results have the same bits for any number of threads.
+/// Solved by conjugate gradients with the diagonal as preconditioner; not converging is a result. Immutable; any number of
+/// threads may apply. Results have the same bits for any number of threads.
 class SobolevFilter {
  public:
-  /// points: n, the shape on which it is done. Throws as chosen_triangles(), Error(invalid_argument) naming `points`, `length`, `tolerance`,
-  /// `iterations`.
+  /// points: n, the shape on which it is done. Throws as chosen_triangles(), Error(invalid_argument) naming `points`, `length`,
+  /// `tolerance`, `iterations`.
   SobolevFilter(const Mesh& mesh, std::span<const Vec3> points, const SobolevOptions& options);
 
   std::size_t point_count() const { return unknown_of_.size(); }  ///< n
-  /// field: n x components, point by point, finite. Throws Error(invalid_argument) naming `field`, Error(cancelled), deadline_exceeded.
+  /// field: n x components, point by point, finite. Throws Error(invalid_argument) naming `field`, Error(cancelled),
+  /// deadline_exceeded.
   Filtered apply(std::span<const double> field, std::size_t components, SobolevForm form, const RunContext& context = {}) const;
 
   /// The area of each point, n; that of points with the same coordinates is the sum.

@@ -55,8 +55,8 @@ Contact along_ray(const Placed& placed, std::uint32_t triangle) {
   return contact;
 }
 
-/// The radius of the sphere through x, with its centre on the inward normal, and through y is |w|^2 / (2 w.u), w = y - x. The least of
-/// all y is the root of min |x + r u - y|^2 - r^2, a concave function of r: Newton's method falls to it from above.
+/// The radius of the sphere through x, with its centre on the inward normal, and through y is |w|^2 / (2 w.u), w = y - x. The
+/// least of all y is the root of min |x + r u - y|^2 - r^2, a concave function of r: Newton's method falls to it from above.
 Contact by_sphere(const Placed& placed, std::uint32_t triangle, double opposing) {
   const Vec3& outwards = placed.normals[triangle];
   const Vec3 inwards = -1.0 * outwards, x = placed.centroid(triangle);
@@ -161,7 +161,8 @@ class Thickness : public Measure {
     }
     // The inward normal is -n / |n| with n = (b - a) x (c - a).
     const Triangle& own = placed.triangles[triangle];
-    const Vec3 ab = placed.corner(triangle, 1) - placed.corner(triangle, 0), ac = placed.corner(triangle, 2) - placed.corner(triangle, 0);
+    const Vec3 ab = placed.corner(triangle, 1) - placed.corner(triangle, 0),
+               ac = placed.corner(triangle, 2) - placed.corner(triangle, 0);
     const Vec3& outwards = placed.normals[triangle];
     const Vec3 across = contact.by_direction - dot(contact.by_direction, outwards) * outwards;
     const Vec3 by_normal = (-1 / length(cross(ab, ac))) * across;
@@ -184,7 +185,9 @@ class Thickness : public Measure {
     if (finite == 0) throw Error(ErrorCode::numerical_failure, "points: the body has no thickness at any of its faces");
     const SmoothLeast smooth = smooth_least(samples, tolerance_);
     const std::uint32_t thinnest = samples_[smooth.least];
-    Measurement result{{smooth.value}, {}, Least{samples[smooth.least], placed.centroid(thinnest), body_.faces()[thinnest], tolerance_, finite, 0}};
+    Measurement result{{smooth.value},
+                       {},
+                       Least{samples[smooth.least], placed.centroid(thinnest), body_.faces()[thinnest], tolerance_, finite, 0}};
     if (gradients == Gradients::wanted) {
       Points& gradient = result.gradients.emplace_back(points.size(), Vec3{});
       for (std::size_t i = 0; i < found.size(); ++i) {
@@ -196,9 +199,9 @@ class Thickness : public Measure {
 
   Body body_;
   ThicknessMethod method_;
-  double opposing_;                    ///< least cosine between the inward normal and the outward one of the other side
+  double opposing_;  ///< least cosine between the inward normal and the outward one of the other side
   double tolerance_ = 0;
-  std::vector<Triangle> triangles_;    ///< of faces
+  std::vector<Triangle> triangles_;     ///< of faces
   std::vector<std::uint32_t> samples_;  ///< triangles at whose centroids it is measured
   TriangleTree tree_;
 };
@@ -207,10 +210,12 @@ class Thickness : public Measure {
 
 std::unique_ptr<const Measure> make_thickness(const Mesh& mesh, const ThicknessOptions& options, const RunContext& context) {
   if (!std::isfinite(options.tolerance) || options.tolerance < 0) {
-    throw Error(ErrorCode::invalid_argument, "tolerance: " + number_digits(options.tolerance) + ", expected a length over 0, or 0");
+    throw Error(ErrorCode::invalid_argument,
+                "tolerance: " + number_digits(options.tolerance) + ", expected a length over 0, or 0");
   }
   if (!(options.opposing_degrees >= 0 && options.opposing_degrees <= 90)) {
-    throw Error(ErrorCode::invalid_argument, "opposing_degrees: " + number_digits(options.opposing_degrees) + ", expected 0 to 90");
+    throw Error(ErrorCode::invalid_argument,
+                "opposing_degrees: " + number_digits(options.opposing_degrees) + ", expected 0 to 90");
   }
   return std::make_unique<Thickness>(mesh, options, context);
 }

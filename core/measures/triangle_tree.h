@@ -27,12 +27,12 @@ struct PlaceOnTriangle {
   bool found() const { return triangle != none; }
 };
 
-/// The place of a triangle that is nearest to x, with the squared distance (C. Ericson, Real-Time Collision Detection, 2005, 5.1.5).
-/// The triangle may be degenerate.
+/// The place of a triangle that is nearest to x, with the squared distance (C. Ericson, Real-Time Collision Detection,
+/// 2005, 5.1.5). The triangle may be degenerate.
 PlaceOnTriangle nearest_on_triangle(const std::array<Vec3, 3>& corners, const Vec3& x);
 
-/// A ray, prepared for many triangles (S. Woop, C. Benthin, I. Wald, Watertight ray/triangle intersection, JCGT 2(1), 2013): a ray
-/// through an edge or corner meets at least one of the triangles around it.
+/// A ray, prepared for many triangles (S. Woop, C. Benthin, I. Wald, Watertight ray/triangle intersection, JCGT 2(1), 2013): a
+/// ray through an edge or corner meets at least one of the triangles around it.
 class Ray {
  public:
   /// direction: not zero.
@@ -59,11 +59,12 @@ class TriangleTree {
   /// The same tree around other points.
   TriangleTree moved(std::span<const Vec3> points, const RunContext& context) const;
 
-  /// The nearest place closer than the root of `squared_limit` on triangles for which accept(number) holds. Of equally close triangles the
-  /// one with the least number.
+  /// The nearest place closer than the root of `squared_limit` on triangles for which accept(number) holds. Of equally close
+  /// triangles the one with the least number.
   template <typename Accept>
   PlaceOnTriangle nearest(const Vec3& x, double squared_limit, const Accept& accept) const;
-  /// The first place of a ray on triangles for which accept(number) holds. Of several at the same distance that with the least number.
+  /// The first place of a ray on triangles for which accept(number) holds. Of several at the same distance that with the least
+  /// number.
   template <typename Accept>
   PlaceOnTriangle first(const Ray& ray, const Accept& accept) const;
 

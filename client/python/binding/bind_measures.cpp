@@ -59,7 +59,8 @@ std::shared_ptr<const Measure> prepared(const Make& make) {
   });
 }
 
-std::shared_ptr<const Measure> volume(const MeshSource& source, const Names& groups, const std::string& of, const std::string& rims) {
+std::shared_ptr<const Measure> volume(const MeshSource& source, const Names& groups, const std::string& of,
+                                      const std::string& rims) {
   return prepared([&](const RunContext&) { return make_volume(*source.mesh, choice_of(groups, of), rims_of(rims)); });
 }
 
@@ -84,11 +85,11 @@ struct ThicknessArguments {
 };
 
 std::shared_ptr<const Measure> thickness(const MeshSource& source, const ThicknessArguments& given) {
-  static constexpr std::pair<const char*, measures::ThicknessMethod> methods[] = {{"rays", measures::ThicknessMethod::rays},
-                                                                                {"spheres", measures::ThicknessMethod::spheres}};
+  static constexpr std::pair<const char*, measures::ThicknessMethod> methods[] = {
+      {"rays", measures::ThicknessMethod::rays}, {"spheres", measures::ThicknessMethod::spheres}};
   return prepared([&](const RunContext& context) {
-    measures::ThicknessOptions options{choice_of(given.groups, given.of), rims_of(given.rims), given.at,
-                                       named("method", given.method, methods), given.tolerance, given.opposing_degrees};
+    measures::ThicknessOptions options{choice_of(given.groups, given.of),      rims_of(given.rims), given.at,
+                                       named("method", given.method, methods), given.tolerance,     given.opposing_degrees};
     return make_thickness(*source.mesh, options, context);
   });
 }
@@ -125,19 +126,18 @@ py::tuple evaluate(const Measure& measure, const Doubles& points, bool gradients
 /// (field of the shape of the given one, residual, iterations, converged)
 py::tuple filter(const measures::SobolevFilter& sobolev, const Doubles& field, const std::string& form, int threads) {
   static constexpr std::pair<const char*, measures::SobolevForm> forms[] = {{"density", measures::SobolevForm::density},
-                                                                          {"derivative", measures::SobolevForm::derivative},
-                                                                          {"transposed", measures::SobolevForm::transposed}};
+                                                                            {"derivative", measures::SobolevForm::derivative},
+                                                                            {"transposed", measures::SobolevForm::transposed}};
   if (field.ndim() < 1 || field.ndim() > 2 || static_cast<std::size_t>(field.shape(0)) != sobolev.point_count()) {
-    throw Error(ErrorCode::invalid_argument, "field: an array of shape " + py::str(field.attr("shape")).cast<std::string>() +
-                                                 ", expected (n,) or (n, components) with n = " +
-                                                 std::to_string(sobolev.point_count()));
+    throw Error(ErrorCode::invalid_argument,
+                "field: an array of shape " + py::str(field.attr("shape")).cast<std::string>() +
+                    ", expected (n,) or (n, components) with n = " + std::to_string(sobolev.point_count()));
   }
   const std::size_t components = field.ndim() == 1 ? 1 : static_cast<std::size_t>(field.shape(1));
   const std::span values(field.data(), static_cast<std::size_t>(field.size()));
   const auto chosen = named("form", form, forms);
-  const measures::Filtered found = run_call({}, [&](const client::CallOptions& call) {
-    return sobolev.apply(values, components, chosen, context_of(call, threads));
-  });
+  const measures::Filtered found = run_call(
+      {}, [&](const client::CallOptions& call) { return sobolev.apply(values, components, chosen, context_of(call, threads)); });
   const std::vector<py::ssize_t> shape(field.shape(), field.shape() + field.ndim());
   return py::make_tuple(py::array_t<double>(shape, found.field.data()), found.residual, found.iterations, found.converged);
 }
@@ -168,7 +168,9 @@ void bind_measures(py::module_& module) {
       .def_static(
           "clearance_of_box",
           [](const MeshSource& mesh, const Names& groups, const std::string& of, const Vec3& min, const Vec3& max,
-             double tolerance) { return clearance(mesh, groups, of, Box{min, max}, tolerance); },
+             double tolerance) {
+            return clearance(mesh, groups, of, Box{min, max}, tolerance);
+          },
           py::arg("mesh"), py::arg("groups"), py::arg("of"), py::arg("min"), py::arg("max"), py::arg("tolerance"))
       .def_static(
           "clearance_of_mesh",

@@ -45,7 +45,8 @@ TEST(Clearance, OfABoxAndOfItsMesh) {
     const Box box{{-unit, 2 * unit, 0}, {unit, 3 * unit, 4 * unit}};
     std::uniform_real_distribution<double> uniform(-2 * unit, 5 * unit);
     Mesh inwards = box_mesh(box, 3);
-    for (std::size_t f = 0; f < inwards.face_count(); ++f) std::swap(inwards.face_points[4 * f + 1], inwards.face_points[4 * f + 3]);
+    for (std::size_t f = 0; f < inwards.face_count(); ++f)
+      std::swap(inwards.face_points[4 * f + 1], inwards.face_points[4 * f + 3]);
     int inside = 0;
     for (int i = 0; i < 150; ++i) {
       Vec3 place{uniform(random), uniform(random), uniform(random)};
@@ -54,7 +55,8 @@ TEST(Clearance, OfABoxAndOfItsMesh) {
       double least = HUGE_VAL;
       for (const Vec3& p : mesh.points) least = std::min(least, box_distance(box, p));
       inside += least < 0 ? 1 : 0;
-      for (const KeepOut& keep_out : {KeepOut{box}, KeepOut{box_mesh(box, 3)}, KeepOut{inwards}, KeepOut{test::torn(box_mesh(box, 2))}}) {
+      for (const KeepOut& keep_out :
+           {KeepOut{box}, KeepOut{box_mesh(box, 3)}, KeepOut{inwards}, KeepOut{test::torn(box_mesh(box, 2))}}) {
         const Measurement found = make_clearance(mesh, {}, keep_out, 1e-2 * unit)->evaluate(mesh.points, Gradients::wanted);
         ASSERT_NEAR(found.least->value, least, 1e-12 * unit);
         EXPECT_LE(found.values[0], found.least->value);
@@ -88,7 +90,9 @@ TEST(Clearance, OfABallIsNearlyThatOfItsRadius) {
   const Mesh ball = test::sphere(1, 5);
   double sagitta = 0;
   for (std::size_t t = 0; t < ball.face_count(); ++t) {
-    const Vec3 middle = (ball.points[ball.face_points[3 * t]] + ball.points[ball.face_points[3 * t + 1]] + ball.points[ball.face_points[3 * t + 2]]) / 3;
+    const Vec3 middle = (ball.points[ball.face_points[3 * t]] + ball.points[ball.face_points[3 * t + 1]] +
+                         ball.points[ball.face_points[3 * t + 2]]) /
+                        3;
     sagitta = std::max(sagitta, 1 - length(middle));
   }
   std::mt19937_64 random(8);
@@ -163,14 +167,17 @@ TEST(Clearance, BadInput) {
   for (const double tolerance : {-1.0, HUGE_VAL, std::nan("")}) {
     expect_error(ErrorCode::invalid_argument, {"tolerance: "}, [&] { make_clearance(mesh, {}, box, tolerance); });
   }
-  expect_error(ErrorCode::invalid_argument, {"keep_out: y of min, 2, is above that of max, 1"},
-               [&] { make_clearance(mesh, {}, Box{{0, 2, 0}, {1, 1, 1}}, 0); });
-  expect_error(ErrorCode::invalid_argument, {"keep_out.max", "z"},
-               [&] { make_clearance(mesh, {}, Box{{0, 0, 0}, {1, 1, std::nan("")}}, 0); });
+  expect_error(ErrorCode::invalid_argument, {"keep_out: y of min, 2, is above that of max, 1"}, [&] {
+    make_clearance(mesh, {}, Box{{0, 2, 0}, {1, 1, 1}}, 0);
+  });
+  expect_error(ErrorCode::invalid_argument, {"keep_out.max", "z"}, [&] {
+    make_clearance(mesh, {}, Box{{0, 0, 0}, {1, 1, std::nan("")}}, 0);
+  });
   Mesh open = mesh;
   open.face_sizes.pop_back();
   open.face_points.resize(open.face_points.size() - 3);
-  expect_error(ErrorCode::invalid_argument, {"keep_out: faces: the faces are not closed"}, [&] { make_clearance(mesh, {}, open, 0); });
+  expect_error(ErrorCode::invalid_argument, {"keep_out: faces: the faces are not closed"},
+               [&] { make_clearance(mesh, {}, open, 0); });
 }
 
 }  // namespace

@@ -75,7 +75,9 @@ TEST(Body, RefusesWhatHasNoInside) {
     expect_error(ErrorCode::invalid_argument, {"faces: those at the edge of points", "oriented against each other"},
                  [&] { Body(twisted, {}, rims); });
   }
-  const Mesh flat = test::sheet(3, 3, test::Faces::quads, [](std::uint32_t i, std::uint32_t j) { return Vec3{1.0 * i, 1.0 * j, 5}; });
+  const Mesh flat = test::sheet(3, 3, test::Faces::quads, [](std::uint32_t i, std::uint32_t j) {
+    return Vec3{1.0 * i, 1.0 * j, 5};
+  });
   expect_error(ErrorCode::invalid_argument, {"faces: they enclose no volume"}, [&] { Body(flat, {}, Rims::close); });
 }
 

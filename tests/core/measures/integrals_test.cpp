@@ -39,8 +39,10 @@ Solid solid(const Mesh& mesh, const Points& points, const Vec3& apex) {
           middle[k] += points[ids[c]][k];
         }
       }
-      const long double volume = (e[0][0] * (e[1][1] * e[2][2] - e[1][2] * e[2][1]) - e[0][1] * (e[1][0] * e[2][2] - e[1][2] * e[2][0]) +
-                                  e[0][2] * (e[1][0] * e[2][1] - e[1][1] * e[2][0])) / 6;
+      const long double volume =
+          (e[0][0] * (e[1][1] * e[2][2] - e[1][2] * e[2][1]) - e[0][1] * (e[1][0] * e[2][2] - e[1][2] * e[2][0]) +
+           e[0][2] * (e[1][0] * e[2][1] - e[1][1] * e[2][0])) /
+          6;
       sum.volume += volume;
       for (std::size_t k = 0; k < 3; ++k) sum.moment[k] += volume * middle[k] / 4;
     }
@@ -58,7 +60,8 @@ double heron(const Vec3& a, const Vec3& b, const Vec3& c) {
 TEST(Volume, OfABlockOfQuads) {
   for (const double unit : {1e-3, 1.0, 2e4}) {
     const Mesh mesh = test::block({2 * unit, 3 * unit, 5 * unit}, 3);
-    EXPECT_NEAR(value(*make_volume(mesh, {}, Rims::refuse), mesh.points), 30 * unit * unit * unit, 1e-13 * 30 * unit * unit * unit);
+    EXPECT_NEAR(value(*make_volume(mesh, {}, Rims::refuse), mesh.points), 30 * unit * unit * unit,
+                1e-13 * 30 * unit * unit * unit);
     EXPECT_NEAR(value(*make_area(mesh, {}), mesh.points), 62 * unit * unit, 1e-13 * 62 * unit * unit);
     EXPECT_NEAR(value(*make_projected_area(mesh, {}, {0, 0, 7}), mesh.points), 6 * unit * unit, 1e-13 * 6 * unit * unit);
     const auto centre = make_centre_of_gravity(mesh, {}, Rims::refuse)->evaluate(mesh.points, Gradients::left_out).values;
@@ -76,7 +79,8 @@ TEST(Volume, AndCentreOfGravityAreThoseOfConesToAnotherApex) {
     const auto found = static_cast<double>(expected.volume);
     EXPECT_NEAR(value(*volume, points), found, 1e-13 * std::abs(found));
     const auto values = centre->evaluate(points, Gradients::left_out).values;
-    for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(values[k], static_cast<double>(expected.moment[k] / expected.volume), 1e-12 * unit);
+    for (std::size_t k = 0; k < 3; ++k)
+      EXPECT_NEAR(values[k], static_cast<double>(expected.moment[k] / expected.volume), 1e-12 * unit);
   }
 }
 
@@ -105,7 +109,8 @@ TEST(Area, AndProjectedAreaOfAnyFaces) {
       for (std::size_t i = 0; i < 3; ++i) c[i] = points[mesh.face_points[3 * t + i]];
       area += heron(c[0], c[1], c[2]);
       double shoelace = 0;
-      for (std::size_t i = 0; i < 3; ++i) shoelace += dot(c[i], u) * dot(c[(i + 1) % 3], v) - dot(c[(i + 1) % 3], u) * dot(c[i], v);
+      for (std::size_t i = 0; i < 3; ++i)
+        shoelace += dot(c[i], u) * dot(c[(i + 1) % 3], v) - dot(c[(i + 1) % 3], u) * dot(c[i], v);
       projected += std::abs(shoelace) / 4;
     }
     EXPECT_NEAR(value(*make_area(mesh, {}), points), area, 1e-12 * area);
@@ -197,11 +202,15 @@ TEST(Volume, OfGroupsOfFaces) {
   EXPECT_NEAR(value(*make_volume(mesh, {}, Rims::refuse), mesh.points), of_ball + 3, 1e-13);
   EXPECT_NEAR(value(*make_volume(mesh, {{"box", "ball", "part"}, {}}, Rims::refuse), mesh.points), of_ball + 3, 1e-13);
   EXPECT_NEAR(value(*make_area(mesh, {{"box"}, {}}), mesh.points), 14, 1e-13);
-  expect_error(ErrorCode::invalid_argument, {"groups[1]: there is no group \"bll\"; did you mean \"ball\""},
-               [&] { make_volume(mesh, {{"box", "bll"}, {}}, Rims::refuse); });
-  expect_error(ErrorCode::invalid_argument, {"groups[0]: group \"nothing\" has no faces"}, [&] { make_area(mesh, {{"nothing"}, {}}); });
-  expect_error(ErrorCode::invalid_argument, {"groups: the faces are not closed"},
-               [&] { make_volume(mesh, {{"part"}, {}}, Rims::refuse); });
+  expect_error(ErrorCode::invalid_argument, {"groups[1]: there is no group \"bll\"; did you mean \"ball\""}, [&] {
+    make_volume(mesh, {{"box", "bll"}, {}}, Rims::refuse);
+  });
+  expect_error(ErrorCode::invalid_argument, {"groups[0]: group \"nothing\" has no faces"}, [&] {
+    make_area(mesh, {{"nothing"}, {}});
+  });
+  expect_error(ErrorCode::invalid_argument, {"groups: the faces are not closed"}, [&] {
+    make_volume(mesh, {{"part"}, {}}, Rims::refuse);
+  });
 }
 
 Mesh bricks() {
@@ -217,8 +226,8 @@ Mesh bricks() {
     for (int j = 0; j < 3; ++j) {
       for (int i = 0; i < 4; ++i) {
         elements->add(ElementType::hexahedron,
-                      std::array{id(i, j, k), id(i + 1, j, k), id(i + 1, j + 1, k), id(i, j + 1, k), id(i, j, k + 1), id(i + 1, j, k + 1),
-                                 id(i + 1, j + 1, k + 1), id(i, j + 1, k + 1)});
+                      std::array{id(i, j, k), id(i + 1, j, k), id(i + 1, j + 1, k), id(i, j + 1, k), id(i, j, k + 1),
+                                 id(i + 1, j, k + 1), id(i + 1, j + 1, k + 1), id(i, j + 1, k + 1)});
       }
     }
   }

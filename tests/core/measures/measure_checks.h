@@ -41,7 +41,8 @@ inline Points waves(const Points& points, double size, unsigned seed) {
   Points moved;
   for (const Vec3& p : points) {
     Vec3 sum{};
-    for (std::size_t k = 0; k < 3; ++k) sum = sum + std::sin(dot(ways[k], p - box.min) / diagonal + static_cast<double>(k)) * directions[k];
+    for (std::size_t k = 0; k < 3; ++k)
+      sum = sum + std::sin(dot(ways[k], p - box.min) / diagonal + static_cast<double>(k)) * directions[k];
     moved.push_back(size * sum);
   }
   return moved;
@@ -53,9 +54,10 @@ inline Points plus(const Points& points, double step, const Points& direction) {
   return moved;
 }
 
-/// Compares the gradient of each value with central differences of fourth order along random directions: of single points and of waves.
-/// `tolerance` is relative to the change of the value if all parts of the gradient pointed along the direction.
-inline void expect_gradient(const measures::Measure& measure, const Points& points, double tolerance, double relative_step = 1e-5) {
+/// Compares the gradient of each value with central differences of fourth order along random directions: of single points and of
+/// waves. `tolerance` is relative to the change of the value if all parts of the gradient pointed along the direction.
+inline void expect_gradient(const measures::Measure& measure, const Points& points, double tolerance,
+                            double relative_step = 1e-5) {
   const double step = relative_step * bounding_box(points).diagonal();
   const measures::Measurement found = measure.evaluate(points, measures::Gradients::wanted);
   ASSERT_EQ(found.values.size(), measure.value_count());
@@ -63,7 +65,9 @@ inline void expect_gradient(const measures::Measure& measure, const Points& poin
   const Points still(points.size(), Vec3{});
   for (unsigned seed = 1; seed <= 4; ++seed) {
     const Points direction = seed % 2 == 0 ? waves(points, 1, seed) : shaken(still, 1, seed);
-    const auto at = [&](double t) { return measure.evaluate(plus(points, t * step, direction), measures::Gradients::left_out).values; };
+    const auto at = [&](double t) {
+      return measure.evaluate(plus(points, t * step, direction), measures::Gradients::left_out).values;
+    };
     const auto far_up = at(1), up = at(0.5), down = at(-0.5), far_down = at(-1);
     for (std::size_t k = 0; k < found.values.size(); ++k) {
       const double slope = (8 * (up[k] - down[k]) - (far_up[k] - far_down[k])) / (6 * step);
@@ -79,7 +83,8 @@ inline void expect_gradient(const measures::Measure& measure, const Points& poin
 inline void expect_same_bits(const measures::Measure& measure, const Points& points) {
   RunContext one, many;
   one.threads = 1;
-  const auto first = measure.evaluate(points, measures::Gradients::wanted, one), second = measure.evaluate(points, measures::Gradients::wanted, many);
+  const auto first = measure.evaluate(points, measures::Gradients::wanted, one),
+             second = measure.evaluate(points, measures::Gradients::wanted, many);
   EXPECT_EQ(first.values, second.values);
   EXPECT_EQ(first.gradients, second.gradients);
   EXPECT_EQ(first.values, measure.evaluate(points, measures::Gradients::left_out, many).values);

@@ -86,12 +86,16 @@ SobolevOptions with(double length, double tolerance = 1e-13) {
 
 /// A ball, a sheet with rims, and a sheet with a fin: three faces at an edge.
 std::vector<Mesh> surfaces(double unit) {
-  Mesh fin = test::sheet(6, 5, test::Faces::triangles, [&](std::uint32_t i, std::uint32_t j) { return Vec3{unit * i, unit * j, 0}; });
+  Mesh fin = test::sheet(6, 5, test::Faces::triangles, [&](std::uint32_t i, std::uint32_t j) {
+    return Vec3{unit * i, unit * j, 0};
+  });
   fin.points.push_back({2 * unit, 2.5 * unit, unit});
   test::add_face(fin, {2 + 7 * 2, 2 + 7 * 3, static_cast<PointId>(fin.point_count() - 1)});
   return {test::sphere(4 * unit, 2),
           test::sheet(8, 6, test::Faces::triangles,
-                      [&](std::uint32_t i, std::uint32_t j) { return Vec3{unit * i + 0.3 * unit * j, unit * j, unit * std::sin(0.5 * i)}; }),
+                      [&](std::uint32_t i, std::uint32_t j) {
+                        return Vec3{unit * i + 0.3 * unit * j, unit * j, unit * std::sin(0.5 * i)};
+                      }),
           fin};
 }
 
@@ -107,7 +111,8 @@ TEST(SobolevFilter, IsTheSolutionOfTheDenseEquations) {
       std::vector<double> weighted(n);
       for (std::size_t i = 0; i < n; ++i) weighted[i] = mass[i] * f[i];
       const std::vector<double> density = solved(A, weighted), plain = solved(A, f);
-      const Filtered of_density = filter.apply(f, 1, SobolevForm::density), of_derivative = filter.apply(f, 1, SobolevForm::derivative),
+      const Filtered of_density = filter.apply(f, 1, SobolevForm::density),
+                     of_derivative = filter.apply(f, 1, SobolevForm::derivative),
                      transposed = filter.apply(f, 1, SobolevForm::transposed);
       for (const Filtered* each : {&of_density, &of_derivative, &transposed}) {
         EXPECT_TRUE(each->converged);
@@ -131,7 +136,8 @@ TEST(SobolevFilter, KeepsConstantsAndIntegrals) {
   for (const Mesh& mesh : surfaces(1)) {
     const std::size_t n = mesh.point_count();
     const SobolevFilter filter(mesh, mesh.points, with(3));
-    for (const double value : filter.apply(std::vector<double>(n, 2.5), 1, SobolevForm::density).field) EXPECT_NEAR(value, 2.5, 1e-11);
+    for (const double value : filter.apply(std::vector<double>(n, 2.5), 1, SobolevForm::density).field)
+      EXPECT_NEAR(value, 2.5, 1e-11);
     const std::vector<double> f = noise(n, 2), g = filter.apply(f, 1, SobolevForm::density).field, areas = filter.areas();
     double before = 0, after = 0, size = 0;
     for (std::size_t i = 0; i < n; ++i) {
@@ -153,19 +159,23 @@ TEST(SobolevFilter, AgreesWithItsTranspose) {
     for (std::size_t i = 0; i < a.size(); ++i) sum += a[i] * b[i];
     return sum;
   };
-  EXPECT_NEAR(product(w, filter.apply(f, 3, SobolevForm::density).field), product(filter.apply(w, 3, SobolevForm::transposed).field, f), 1e-10);
-  const double forth = product(w, filter.apply(f, 3, SobolevForm::derivative).field), back = product(filter.apply(w, 3, SobolevForm::derivative).field, f);
+  EXPECT_NEAR(product(w, filter.apply(f, 3, SobolevForm::density).field),
+              product(filter.apply(w, 3, SobolevForm::transposed).field, f), 1e-10);
+  const double forth = product(w, filter.apply(f, 3, SobolevForm::derivative).field),
+               back = product(filter.apply(w, 3, SobolevForm::derivative).field, f);
   EXPECT_NEAR(forth, back, 1e-11 * std::sqrt(product(w, w) * product(f, f)) / filter.areas()[0]);
 }
 
 TEST(SobolevFilter, DampsWavesOnAPlaneAsItsFormulaSays) {
-  // cos(k x) has no flux through the rims of its half waves: it is damped by 1 / (1 + r^2 k^2), with an error of the mesh of second order.
+  // cos(k x) has no flux through the rims of its half waves: it is damped by 1 / (1 + r^2 k^2), with an error of the mesh of
+  // second order.
   const double k = std::numbers::pi, r = 0.4;
   std::array<double, 2> errors{};
   for (std::size_t level = 0; level < 2; ++level) {
     const std::uint32_t cells = level == 0 ? 10 : 20;
-    const Mesh mesh = test::sheet(2 * cells, cells, test::Faces::triangles,
-                                  [&](std::uint32_t i, std::uint32_t j) { return Vec3{1.0 * i / cells, 1.0 * j / cells, 3}; });
+    const Mesh mesh = test::sheet(2 * cells, cells, test::Faces::triangles, [&](std::uint32_t i, std::uint32_t j) {
+      return Vec3{1.0 * i / cells, 1.0 * j / cells, 3};
+    });
     std::vector<double> f;
     for (const Vec3& p : mesh.points) f.push_back(std::cos(k * p[0]));
     const SobolevFilter filter(mesh, mesh.points, with(r));
@@ -189,8 +199,10 @@ TEST(SobolevFilter, PointsWithTheSameCoordinatesAreOne) {
     copied.push_back(f[corner]);
     shared.push_back(f[corner] / static_cast<double>(copies[corner]));
   }
-  const std::vector<double> density = whole.apply(f, 1, SobolevForm::density).field, of_copies = parts.apply(copied, 1, SobolevForm::density).field;
-  const std::vector<double> gradient = whole.apply(f, 1, SobolevForm::derivative).field, of_shares = parts.apply(shared, 1, SobolevForm::derivative).field;
+  const std::vector<double> density = whole.apply(f, 1, SobolevForm::density).field,
+                            of_copies = parts.apply(copied, 1, SobolevForm::density).field;
+  const std::vector<double> gradient = whole.apply(f, 1, SobolevForm::derivative).field,
+                            of_shares = parts.apply(shared, 1, SobolevForm::derivative).field;
   for (std::size_t i = 0; i < copied.size(); ++i) {
     EXPECT_NEAR(of_copies[i], density[mesh.face_points[i]], 1e-10);
     EXPECT_NEAR(of_shares[i], gradient[mesh.face_points[i]], 1e-9 * std::abs(gradient[mesh.face_points[i]]) + 1e-9);
@@ -198,7 +210,8 @@ TEST(SobolevFilter, PointsWithTheSameCoordinatesAreOne) {
   }
   // The transpose of copies holds, too.
   const std::vector<double> w = noise(copied.size(), 7), g = noise(copied.size(), 8);
-  const std::vector<double> forth = parts.apply(g, 1, SobolevForm::density).field, back = parts.apply(w, 1, SobolevForm::transposed).field;
+  const std::vector<double> forth = parts.apply(g, 1, SobolevForm::density).field,
+                            back = parts.apply(w, 1, SobolevForm::transposed).field;
   double left = 0, right = 0;
   for (std::size_t i = 0; i < w.size(); ++i) {
     left += w[i] * forth[i];
@@ -210,7 +223,9 @@ TEST(SobolevFilter, PointsWithTheSameCoordinatesAreOne) {
 TEST(SobolevFilter, PointsOffTheSurfaceAndFacesWithoutArea) {
   Mesh mesh = test::sphere(1, 2);
   const std::size_t n = mesh.point_count();
-  const std::vector<double> f = noise(n + 2, 3), expected = SobolevFilter(mesh, mesh.points, with(0.5)).apply({f.data(), n}, 1, SobolevForm::density).field;
+  const std::vector<double> f = noise(n + 2, 3),
+                            expected =
+                                SobolevFilter(mesh, mesh.points, with(0.5)).apply({f.data(), n}, 1, SobolevForm::density).field;
   mesh.points.push_back({9, 9, 9});
   mesh.points.push_back(0.5 * (mesh.points[mesh.face_points[0]] + mesh.points[mesh.face_points[1]]));
   test::add_face(mesh, {mesh.face_points[0], static_cast<PointId>(n + 1), mesh.face_points[1]});
@@ -256,7 +271,8 @@ TEST(SobolevFilter, NotConvergingIsAResult) {
   EXPECT_EQ(found.iterations, 3U);
   EXPECT_GT(found.residual, 1e-6);
   EXPECT_LT(found.residual, 1);
-  const Filtered zero = SobolevFilter(mesh, mesh.points, options).apply(std::vector<double>(mesh.point_count()), 1, SobolevForm::density);
+  const Filtered zero =
+      SobolevFilter(mesh, mesh.points, options).apply(std::vector<double>(mesh.point_count()), 1, SobolevForm::density);
   EXPECT_TRUE(zero.converged);
   EXPECT_EQ(zero.field, std::vector<double>(mesh.point_count()));
 }
@@ -277,7 +293,8 @@ TEST(SobolevFilter, BadInput) {
                [&] { filter.apply(std::vector<double>(5), 1, SobolevForm::density); });
   std::vector<double> field(54);
   field[50] = std::nan("");
-  expect_error(ErrorCode::invalid_argument, {"field[16]: not a finite number"}, [&] { filter.apply(field, 3, SobolevForm::density); });
+  expect_error(ErrorCode::invalid_argument, {"field[16]: not a finite number"},
+               [&] { filter.apply(field, 3, SobolevForm::density); });
 }
 
 }  // namespace

@@ -143,7 +143,8 @@ TEST(Thickness, IsThatOfASearchOverAllTriangles) {
     EXPECT_GE(found.least->value, 0.5 * sphere);
     // The place that it names has that sphere.
     std::size_t place = 0;
-    for (std::size_t t = 0; t < all.size(); ++t) place = distance(middle(all[t]), found.least->at) < distance(middle(all[place]), found.least->at) ? t : place;
+    for (std::size_t t = 0; t < all.size(); ++t)
+      place = distance(middle(all[t]), found.least->at) < distance(middle(all[place]), found.least->at) ? t : place;
     EXPECT_LT(distance(middle(all[place]), found.least->at), 1e-12 * unit);
     EXPECT_EQ(found.least->index, place / 2);  // faces are quads
     EXPECT_NEAR(sphere_by_search(all, place, 40), found.least->value, 1e-8 * unit);
@@ -162,7 +163,8 @@ TEST(Thickness, EachFaceHasThatOfASearch) {
       options.tolerance = 0.1;
       double least = HUGE_VAL;
       for (const std::size_t t : {2 * f, 2 * f + 1}) {
-        least = std::min(least, method == ThicknessMethod::rays ? ray_by_search(all, t) : sphere_by_search(all, t, options.opposing_degrees));
+        least = std::min(
+            least, method == ThicknessMethod::rays ? ray_by_search(all, t) : sphere_by_search(all, t, options.opposing_degrees));
       }
       EXPECT_NEAR(measured(mesh, mesh.points, options).least->value, least, 1e-8);
     }
@@ -191,8 +193,8 @@ TEST(Thickness, OfABallIsItsDiameter) {
 }
 
 TEST(Thickness, SpheresBetweenSidesThatOppose) {
-  // A prism of three sides, whose normals are 60 degrees from the opposite ones. The centroids of its triangles are at a third of the sides:
-  // the sphere touches both sides of the nearer edge at that distance from it.
+  // A prism of three sides, whose normals are 60 degrees from the opposite ones. The centroids of its triangles are at a third of
+  // the sides: the sphere touches both sides of the nearer edge at that distance from it.
   const Mesh mesh = test::tube(0.5, 3, 4, 1, test::Faces::triangles);
   const double side = 0.5 * std::numbers::sqrt3;
   ThicknessOptions options;
