@@ -33,6 +33,7 @@ struct Placed {
   const std::vector<Triangle>& triangles;
   TriangleTree tree;
   std::vector<Vec3> normals;  ///< unit, outwards; 0 of triangles without area
+  NormalCones cones;          ///< of spheres: where there may be opposing triangles
   double diagonal;            ///< of the box of the points
 
   Vec3 corner(std::size_t triangle, std::size_t i) const { return points[triangles[triangle][i]]; }
@@ -66,7 +67,8 @@ Contact by_sphere(const Placed& placed, std::uint32_t triangle, double opposing)
   double radius = contact.place.found() ? contact.place.distance / 2 : placed.diagonal;
   constexpr int most_steps = 100;
   for (int step = 0; step < most_steps; ++step) {
-    const PlaceOnTriangle place = placed.tree.nearest(x + radius * inwards, radius * radius, opposes);
+    const PlaceOnTriangle place = placed.tree.nearest(x + radius * inwards, radius * radius, opposes,
+                                                      [&](std::uint32_t node) { return placed.cones.may_hold(node, inwards); });
     if (!place.found()) break;
     const Vec3 w = place.point - x;
     const double next = dot(w, w) / (2 * dot(w, inwards));
@@ -129,7 +131,7 @@ class Thickness : public Measure {
   }
 
   Placed place(std::span<const Vec3> points, const RunContext& context) const {
-    Placed placed{points, triangles_, tree_.moved(points, context), {}, bounding_box(points).diagonal()};
+    Placed placed{points, triangles_, tree_.moved(points, context), {}, {}, bounding_box(points).diagonal()};
     placed.normals.resize(triangles_.size());
     parallel_for(context, triangles_.size(), std::size_t{1} << 14, [&](std::size_t begin, std::size_t end) {
       for (std::size_t t = begin; t < end; ++t) {
@@ -138,6 +140,7 @@ class Thickness : public Measure {
         if (size > 0) placed.normals[t] = normal / size;
       }
     });
+    if (method_ == ThicknessMethod::spheres) placed.cones = placed.tree.cones(placed.normals, opposing_, context);
     return placed;
   }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/measures/triangle_tree.h"
 
+#include <numbers>
 #include <numeric>
 
 #include "core/base/parallel.h"
@@ -155,6 +156,30 @@ void TriangleTree::place(std::span<const Vec3> points, const RunContext& context
     }
     boxes_[index] = box;
   }
+}
+
+NormalCones TriangleTree::cones(std::span<const Vec3> normals, double least_cosine, const RunContext& context) const {
+  NormalCones cones;
+  cones.axes_.resize(nodes_.size());
+  cones.least_.assign(nodes_.size(), -2);
+  constexpr double rounding = 1e-9;
+  const double angle = std::acos(least_cosine);
+  parallel_for(context, nodes_.size(), 1024, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t index = begin; index < end; ++index) {
+      const Node& node = nodes_[index];
+      Vec3 sum{};
+      for (std::uint32_t i = node.begin; i < node.end; ++i) sum = sum + normals[order_[i]];
+      const double size = length(sum);
+      if (!(size > rounding)) continue;
+      const Vec3 axis = sum / size;
+      double widest = 1;
+      for (std::uint32_t i = node.begin; i < node.end; ++i) widest = std::min(widest, dot(axis, normals[order_[i]]));
+      cones.axes_[index] = axis;
+      const double reach = std::acos(std::max(widest, -1.0)) + angle;
+      if (reach < std::numbers::pi) cones.least_[index] = std::cos(reach) - rounding;
+    }
+  });
+  return cones;
 }
 
 TriangleTree TriangleTree::moved(std::span<const Vec3> points, const RunContext& context) const {

@@ -49,6 +49,20 @@ class Ray {
   Vec3 shear_;
 };
 
+/// Which nodes of a tree may hold a triangle whose normal is near to a direction, by cones around the normals of each node.
+class NormalCones {
+ public:
+  NormalCones() = default;
+
+  /// Whether node `index` may hold a triangle with a normal n such that n.u is at least the least cosine; u is a unit vector.
+  bool may_hold(std::size_t index, const Vec3& u) const { return dot(axes_[index], u) >= least_[index]; }
+
+ private:
+  friend class TriangleTree;
+  std::vector<Vec3> axes_;
+  std::vector<double> least_;  ///< cosine of the angle to the axis up to which there may be one; -2: any
+};
+
 /// A tree of bounding boxes over triangles, which can be placed anew when their corners move. Immutable; any number of threads.
 class TriangleTree {
  public:
@@ -59,10 +73,18 @@ class TriangleTree {
   /// The same tree around other points.
   TriangleTree moved(std::span<const Vec3> points, const RunContext& context) const;
 
+  /// The cones of unit normals, one of each triangle or 0, for the least cosine to a direction, of an angle from 0 to 90 degrees.
+  NormalCones cones(std::span<const Vec3> normals, double least_cosine, const RunContext& context) const;
+
   /// The nearest place closer than the root of `squared_limit` on triangles for which accept(number) holds. Of equally close
   /// triangles the one with the least number.
   template <typename Accept>
-  PlaceOnTriangle nearest(const Vec3& x, double squared_limit, const Accept& accept) const;
+  PlaceOnTriangle nearest(const Vec3& x, double squared_limit, const Accept& accept) const {
+    return nearest(x, squared_limit, accept, [](std::uint32_t) { return true; });
+  }
+  /// enter(node): false for nodes that hold no such triangle, which are passed over.
+  template <typename Accept, typename Enter>
+  PlaceOnTriangle nearest(const Vec3& x, double squared_limit, const Accept& accept, const Enter& enter) const;
   /// The first place of a ray on triangles for which accept(number) holds. Of several at the same distance that with the least
   /// number.
   template <typename Accept>
@@ -96,8 +118,8 @@ inline double TriangleTree::squared_distance_to(const Box& box, const Vec3& x) {
   return sum;
 }
 
-template <typename Accept>
-PlaceOnTriangle TriangleTree::nearest(const Vec3& x, double squared_limit, const Accept& accept) const {
+template <typename Accept, typename Enter>
+PlaceOnTriangle TriangleTree::nearest(const Vec3& x, double squared_limit, const Accept& accept, const Enter& enter) const {
   PlaceOnTriangle best;
   if (nodes_.empty()) return best;
   double least = squared_limit;
@@ -106,7 +128,7 @@ PlaceOnTriangle TriangleTree::nearest(const Vec3& x, double squared_limit, const
   while (count > 0) {
     const std::uint32_t index = open[--count];
     const Node& node = nodes_[index];
-    if (squared_distance_to(boxes_[index], x) > least) continue;
+    if (squared_distance_to(boxes_[index], x) > least || !enter(index)) continue;
     if (node.right == 0) {
       for (std::uint32_t i = node.begin; i < node.end; ++i) {
         if (!accept(order_[i])) continue;

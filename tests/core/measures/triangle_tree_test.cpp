@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 #include <random>
 
 #include "tests/core/measures/measure_checks.h"
@@ -186,6 +187,47 @@ TEST(TriangleTree, MovedIsThatOfTheNewPlaces) {
     const Vec3 x{uniform(random), uniform(random), uniform(random)}, d{uniform(random), uniform(random), uniform(random)};
     EXPECT_EQ(moved.nearest(x, infinity, all).triangle, anew.nearest(x, infinity, all).triangle);
     EXPECT_EQ(moved.first(Ray(x, d), all).triangle, anew.first(Ray(x, d), all).triangle);
+  }
+}
+
+TEST(TriangleTree, ConesPassOverNothingThatIsAsked) {
+  // Of a ball with some facets that have no normal, in all directions.
+  const Mesh mesh = test::sphere(1, 4);
+  std::vector<Corners> triangles;
+  Points normals;
+  for (std::size_t t = 0; t < mesh.face_count(); ++t) {
+    triangles.push_back({mesh.face_points[3 * t], mesh.face_points[3 * t + 1], mesh.face_points[3 * t + 2]});
+    const Vec3& a = mesh.points[triangles[t][0]];
+    const Vec3 normal = cross(mesh.points[triangles[t][1]] - a, mesh.points[triangles[t][2]] - a);
+    normals.push_back(t % 50 == 0 ? Vec3{} : normal / length(normal));
+  }
+  const TriangleTree tree(triangles, mesh.points);
+  std::mt19937_64 random(29);
+  std::normal_distribution<double> normal(0, 1);
+  for (const double degrees : {0.5, 30.0, 60.0, 90.0}) {
+    const double least = std::cos(degrees * std::numbers::pi / 180);
+    const NormalCones cones = tree.cones(normals, least, RunContext{});
+    std::size_t all = 0, asked = 0;
+    for (std::size_t i = 0; i < 300; ++i) {
+      Vec3 u{normal(random), normal(random), normal(random)};
+      u = i % 3 == 0 ? normals[7 * i % normals.size()] : u / length(u);
+      if (length(u) == 0) continue;
+      const Vec3 x{normal(random), normal(random), normal(random)};
+      const auto accept = [&](std::uint32_t t) {
+        ++all;
+        return dot(u, normals[t]) >= least;
+      };
+      const auto counted = [&](std::uint32_t t) {
+        ++asked;
+        return dot(u, normals[t]) >= least;
+      };
+      const PlaceOnTriangle expected = tree.nearest(x, infinity, accept);
+      const PlaceOnTriangle found =
+          tree.nearest(x, infinity, counted, [&](std::uint32_t node) { return cones.may_hold(node, u); });
+      ASSERT_EQ(found.triangle, expected.triangle);
+      ASSERT_EQ(found.distance, expected.distance);
+    }
+    EXPECT_LT(asked, all);
   }
 }
 
