@@ -57,8 +57,8 @@ int main(int argc, char** argv) try {
 
   using namespace deform::measures;
   const auto volume = make_volume(mesh, {}, Rims::refuse);
-  const double grown = volume->evaluate(points, Gradients::left_out).values[0] -
-                       volume->evaluate(mesh.points, Gradients::left_out).values[0];
+  const double grown =
+      volume->evaluate(points, Gradients::left_out).values[0] - volume->evaluate(mesh.points, Gradients::left_out).values[0];
   if (!(grown > 0)) {
     std::fprintf(stderr, "the volume did not grow: %g\n", grown);
     return 1;
