@@ -16,10 +16,8 @@ enum class ThicknessMethod {
   /// The way that a ray along the inward normal goes until it leaves the body.
   rays,
   /// The diameter of the largest sphere that touches the place from inside and into which no opposing face reaches (shrinking
-  /// ball:
-  /// J. Ma, S. W. Bae, S. Choi, 3D medial axis point approximation using nearest neighbors and the normal field, Visual Computer
-  /// 28, 2012;
-  /// here Newton's method on triangles). Not above that of the ray.
+  /// ball: J. Ma, S. W. Bae, S. Choi, 3D medial axis point approximation using nearest neighbors and the normal field, Visual
+  /// Computer 28, 2012; here Newton's method on triangles). Not above that of the ray where the face at its end opposes.
   spheres,
 };
 

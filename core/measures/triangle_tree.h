@@ -27,8 +27,8 @@ struct PlaceOnTriangle {
   bool found() const { return triangle != none; }
 };
 
-/// The place of a triangle that is nearest to x, with the squared distance (C. Ericson, Real-Time Collision Detection,
-/// 2005, 5.1.5). The triangle may be degenerate.
+/// The place of a triangle that is nearest to x, with the squared distance (C. Ericson, Real-Time Collision Detection, 2005,
+/// 5.1.5). The triangle may be degenerate.
 PlaceOnTriangle nearest_on_triangle(const std::array<Vec3, 3>& corners, const Vec3& x);
 
 /// A ray, prepared for many triangles (S. Woop, C. Benthin, I. Wald, Watertight ray/triangle intersection, JCGT 2(1), 2013): a
