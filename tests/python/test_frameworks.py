@@ -235,6 +235,21 @@ def test_dakota_values_and_gradients(dakota, system, form):
     np.testing.assert_allclose(gradient, system.vjp(X, slope)[::-1], rtol=1e-9)
 
 
+def test_dakota_measures_with_options(dakota, system):
+    from deformd.measures import ProjectedArea, Thickness
+
+    text = STANDARD.format(a=X[0], b=X[1], active=1)
+    done, results = dakota(text, "--measure", "v={thickness: {at: roof, tolerance: 0.01}}", "--measure", "a=projected_area:x")
+    assert done.returncode == 0, done.stderr
+    values = {line.split()[1]: float(line.split()[0]) for line in results.splitlines()}
+    assert values["v"] == pytest.approx(Thickness(system.geometry, at="roof", tolerance=0.01).value(system(X)), rel=1e-12)
+    assert values["a"] == pytest.approx(ProjectedArea(system.geometry, "x").value(system(X)), rel=1e-12)
+    for measure, message in (("v=projected_area", "a direction is missing"), ("v={thickness: {at: 3}}", "v.thickness.at: 3, expected the name"),
+                             ("v={thickness}: 1", "expected RESPONSE={MEASURE"), ("v=drag", "'drag', expected one of volume, ")):
+        done, _ = dakota(text, "--measure", measure)
+        assert done.returncode == 1 and message in done.stderr, done.stderr
+
+
 def test_dakota_batch_and_fail(dakota):
     done, results = dakota("".join(STANDARD.format(a=a, b=0, active=1) for a in (0.01, 9, 0.03)), *MEASURES)
     assert done.returncode == 0 and "roof_up" in done.stderr
