@@ -154,6 +154,16 @@ TEST(Clearance, OnTheSurfaceOfAMeshTheGradientIsItsNormal) {
   }
 }
 
+TEST(Clearance, OnTheSurfaceOfABoxTheGradientIsItsNormal) {
+  const Mesh mesh = probe({1, 3, 0.5}, 0);
+  const Box box{{0, 1, 0}, {2, 3, 2}};
+  const auto found = make_clearance(mesh, {}, box, 0.1)->evaluate(mesh.points, Gradients::wanted);
+  EXPECT_EQ(found.least->value, 0);
+  Vec3 sum{};
+  for (const Vec3& slope : found.gradients[0]) sum = sum + slope;
+  EXPECT_LT(distance(sum, {0, 1, 0}), 1e-14);
+}
+
 TEST(Clearance, SameBitsForAnyNumberOfThreads) {
   const Mesh mesh = test::sphere(1, 5);
   Mesh ball = test::sphere(0.5, 3);

@@ -45,6 +45,7 @@ TEST(Body, OfAnAhmedBodyIsClosed) {
   const Body body(mesh, {}, Rims::refuse);
   EXPECT_FALSE(body.turned());
   EXPECT_EQ(body.rim_count(), 0U);
+  EXPECT_EQ(body.point_count(), mesh.point_count());
   EXPECT_EQ(body.triangles().size(), mesh.face_count());
   const Body without_slant(mesh, {{"nose", "roof", "sides", "base", "underbody", "stilts"}, {}}, Rims::close);
   EXPECT_EQ(without_slant.rim_count(), 1U);

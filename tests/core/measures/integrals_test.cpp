@@ -285,6 +285,7 @@ TEST(Volume, OfPolyhedralCells) {
 TEST(Integrals, BadInput) {
   const Mesh mesh = test::sphere(1, 1);
   const auto area = make_area(mesh, {});
+  EXPECT_EQ(area->point_count(), 18U);
   expect_error(ErrorCode::invalid_argument, {"points: 2, the mesh has 18"},
                [&] { area->evaluate(Points(2), Gradients::left_out); });
   Points points = mesh.points;

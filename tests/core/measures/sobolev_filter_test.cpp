@@ -277,6 +277,27 @@ TEST(SobolevFilter, NotConvergingIsAResult) {
   EXPECT_EQ(zero.field, std::vector<double>(mesh.point_count()));
 }
 
+TEST(SobolevFilter, SaysTheResidualOfItsResult) {
+  const Mesh mesh = test::sphere(1, 2);
+  const std::size_t n = mesh.point_count();
+  const auto [mass, A] = dense(mesh, mesh.points, 0.8);
+  for (const std::size_t iterations : {1U, 2U, 4U}) {
+    SobolevOptions options = with(0.8);
+    options.iterations = iterations;
+    std::vector<double> b = noise(n, 11);
+    b[0] = 50;  // a sum that left it out would show
+    const Filtered found = SobolevFilter(mesh, mesh.points, options).apply(b, 1, SobolevForm::derivative);
+    long double left = 0, size = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      long double row = b[i];
+      for (std::size_t j = 0; j < n; ++j) row -= A[i][j] * found.field[j];
+      left += row * row;
+      size += static_cast<long double>(b[i]) * b[i];
+    }
+    EXPECT_NEAR(found.residual, static_cast<double>(std::sqrt(left / size)), 1e-12);
+  }
+}
+
 TEST(SobolevFilter, BadInput) {
   const Mesh mesh = test::sphere(1, 1);
   const auto refused = [&](const std::vector<const char*>& parts, const SobolevOptions& options) {
