@@ -52,12 +52,13 @@ endif()
 
 if(DEFORM_BUILD_NETWORK AND DEFORM_BUILD_FILES)
   add_library(deform_files INTERFACE)
-  target_link_libraries(deform_files INTERFACE deform_io deform_quality deform_mesh)
+  target_link_libraries(deform_files INTERFACE deform_io deform_quality deform_measures deform_mesh)
   deform_install_library(files
-    TARGETS deform_mesh deform_io deform_quality deform_files
+    TARGETS deform_mesh deform_io deform_quality deform_measures deform_files
     HEADERS core/io/mesh_file.h core/io/vtk_output.h core/io/coloured_ply.h core/mesh/adjacency.h core/mesh/ahmed.h
             core/mesh/inspect.h core/mesh/region.h core/quality/displacement.h core/quality/flipped_faces.h
-            core/quality/report.h core/quality/safe_amplitude.h)
+            core/quality/report.h core/quality/safe_amplitude.h core/measures/clearance.h core/measures/integrals.h
+            core/measures/sobolev_filter.h core/measures/thickness.h)
   install(FILES ${PROJECT_SOURCE_DIR}/deploy/cmake/FindCGNS.cmake DESTINATION ${package_dir} COMPONENT files)
 endif()
 

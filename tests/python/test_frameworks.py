@@ -223,16 +223,31 @@ MEASURES = ("--measure", "v=volume", "--measure", "a=area")
 
 @pytest.mark.parametrize("form", [STANDARD, APREPRO])
 def test_dakota_values_and_gradients(dakota, system, form):
-    from deformd.study.measures import measure, triangles
+    from deformd.measures import Volume
 
     done, results = dakota(form.format(a=X[0], b=X[1], active=3), *MEASURES)
     assert done.returncode == 0, done.stderr
-    value, slope = measure("volume", "", system(X), triangles(*system.geometry.faces))
+    value, slope = Volume(system.geometry)(system(X))
     lines = results.splitlines()
     assert len(lines) == 3 and lines[0].split()[1] == "v" and lines[1].split()[1] == "a"
     assert float(lines[0].split()[0]) == pytest.approx(value, rel=1e-12)
     gradient = [float(word) for word in lines[2].strip("[] ").split()]
     np.testing.assert_allclose(gradient, system.vjp(X, slope)[::-1], rtol=1e-9)
+
+
+def test_dakota_measures_with_options(dakota, system):
+    from deformd.measures import ProjectedArea, Thickness
+
+    text = STANDARD.format(a=X[0], b=X[1], active=1)
+    done, results = dakota(text, "--measure", "v={thickness: {at: roof, tolerance: 0.01}}", "--measure", "a=projected_area:x")
+    assert done.returncode == 0, done.stderr
+    values = {line.split()[1]: float(line.split()[0]) for line in results.splitlines()}
+    assert values["v"] == pytest.approx(Thickness(system.geometry, at="roof", tolerance=0.01).value(system(X)), rel=1e-12)
+    assert values["a"] == pytest.approx(ProjectedArea(system.geometry, "x").value(system(X)), rel=1e-12)
+    for measure, message in (("v=projected_area", "a direction is missing"), ("v={thickness: {at: 3}}", "v.thickness.at: 3, expected the name"),
+                             ("v={thickness}: 1", "expected RESPONSE={MEASURE"), ("v=drag", "'drag', expected one of volume, ")):
+        done, _ = dakota(text, "--measure", measure)
+        assert done.returncode == 1 and message in done.stderr, done.stderr
 
 
 def test_dakota_batch_and_fail(dakota):

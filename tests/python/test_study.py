@@ -18,7 +18,7 @@ from scipy.stats import qmc
 
 import deformd
 from deformd.study import read_spec
-from deformd.study.measures import measure, triangles
+from deformd.measures import CentreOfGravity, Thickness, Volume
 
 KILLS = int(os.environ.get("DEFORM_STUDY_KILLS", "5"))
 
@@ -62,9 +62,9 @@ def test_a_design_of_experiments(study, system):
     expected = low + qmc.LatinHypercube(2, seed=3).random(8) * (high - low)
     rows = study.history()
     np.testing.assert_array_equal([[float(row[name]) for name in system.names] for row in rows], expected)
-    faces = triangles(*system.geometry.faces)
+    volume = Volume(system.geometry)
     for row, x in zip(rows, expected):
-        assert float(row["v"]) == pytest.approx(measure("volume", "", system(x), faces)[0], rel=1e-12)
+        assert float(row["v"]) == pytest.approx(volume.value(system(x)), rel=1e-12)
     assert "<svg" in (study.folder / "report.html").read_text()
     assert [each["number"] for each in json.loads((study.folder / "history.json").read_text())] == list(range(8))
 
@@ -174,6 +174,52 @@ def test_gradients_find_the_optimum_on_a_constraint(study):
     assert float(rows[-1]["a"]) < 1.5545
 
 
+def test_a_volume_and_a_least_thickness_are_held(study, system):
+    """The roof comes down for a low centre of gravity until the body is as thin there as it may be, and the slant turns until there is as little
+    volume as there may be."""
+    measured = "v: volume, a: area, t: {thickness: {at: roof, tolerance: 0.002}}, s: {thickness: {at: roof, method: spheres, tolerance: 0.002}}, c: {centre_of_gravity: z}"
+    code, told = study(f"evaluate: {{measures: {{{measured}}}}}\nminimize: c\nconstraints: {{v: {{min: 0.108}}, t: {{min: 0.27}}}}\nbudget: 60\n"
+                       "optimizer: {scipy: {method: SLSQP}}")
+    assert code == 0, told
+    best = study.history()[-1]
+    alone = Thickness(system.geometry, at="roof", tolerance=0.002)
+    points = system([float(best["roof_up"]), float(best["slant_turn"])])
+    assert Volume(system.geometry).value(points) == pytest.approx(0.108, abs=1e-7)
+    assert alone.value(points) == pytest.approx(0.27, abs=1e-7)
+    assert alone.least(points).value == pytest.approx(float(best["t_least"]), rel=1e-9) and 0.27 <= float(best["t_least"]) <= 0.272
+    assert float(best["s_least"]) >= float(best["s"]) and len(study.history()) < 40
+    assert float(best["c"]) < float(study.history()[0]["c"]) - 0.003
+    assert CentreOfGravity(system.geometry).value(points)[2] == pytest.approx(float(best["c"]), rel=1e-12)
+
+
+def test_a_body_keeps_out(study, system, tmp_path):
+    """The roof goes up for more volume until it is as near to the box, and to a mesh of the same shape, as allowed."""
+    low, high = np.array([0.4, -0.1, 0.36]), np.array([0.6, 0.1, 0.5])
+    corners = [low + (high - low) * (i & 1, i >> 1 & 1, i >> 2) for i in range(8)]
+    faces = [[1, 3, 4, 2], [5, 6, 8, 7], [1, 2, 6, 5], [3, 7, 8, 4], [1, 5, 7, 3], [2, 4, 8, 6]]
+    (tmp_path / "engine.obj").write_text("".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in (map(float, each) for each in corners)) +
+                                         "".join("f " + " ".join(map(str, face)) + "\n" for face in faces))
+    found = {}
+    for name, keep_out in (("box", f"box: {{min: {low.tolist()}, max: {high.tolist()}}}"), ("mesh", "mesh: engine.obj")):
+        code, told = study(f"evaluate: {{measures: {{v: volume, k: {{clearance: {{{keep_out}, groups: roof, tolerance: 0.001}}}}}}}}\nmaximize: v\n"
+                           "constraints: {k: {min: 0.005}}\nbudget: 60\noptimizer: {scipy: {method: SLSQP}}")
+        assert code == 0, told
+        found[name] = study.history()[-1]
+        assert float(found[name]["k"]) == pytest.approx(0.005, abs=1e-6) and 0.005 <= float(found[name]["k_least"]) <= 0.006
+        study.folder.rename(study.folder.with_name(name))
+    assert float(found["box"]["roof_up"]) == pytest.approx(float(found["mesh"]["roof_up"]), abs=1e-6)
+    study.folder.with_name("mesh").rename(study.folder)
+    (tmp_path / "engine.obj").write_text((tmp_path / "engine.obj").read_text() + "v 0 0 0\n")
+    code, told = study(f"evaluate: {{measures: {{v: volume, k: {{clearance: {{mesh: engine.obj, groups: roof, tolerance: 0.001}}}}}}}}\nmaximize: v\n"
+                       "constraints: {k: {min: 0.005}}\nbudget: 60\noptimizer: {scipy: {method: SLSQP}}")
+    assert code == 1 and "evaluate.measures.k.mesh: changed since" in told
+
+
+def test_what_a_measure_says_about_the_mesh(study):
+    code, told = study("evaluate: {measures: {v: {volume: {groups: [roof, bonnet]}}}}\ndoe: {sobol: 2}")
+    assert code == 1 and 'evaluate.measures.v.volume: groups[1]: there is no group "bonnet"' in told
+
+
 def test_the_gradient_of_a_function(study):
     text = "evaluate: {function: study_functions:distance}\nminimize: distance\nbudget: 60\n"
     assert study(text + "optimizer: {scipy: {method: L-BFGS-B}}")[0] == 0
@@ -252,20 +298,6 @@ def test_places_give_the_same_history(study, place, library):
 # ---- parts ----
 
 
-def test_measures_and_their_gradients():
-    points = np.array([[x, y, z] for z in (0, 2) for y in (0, 3) for x in (0, 5)], dtype=float)
-    corners = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
-    faces = triangles(np.full(6, 4), np.ravel(corners))
-    for kind, axis, expected in (("volume", "", 30), ("area", "", 62), ("projected_area", "x", 6), ("projected_area", "z", 15)):
-        assert measure(kind, axis, points, faces)[0] == pytest.approx(expected)
-        shaken = points + np.random.default_rng(2).normal(0, 0.1, points.shape)
-        _, gradient = measure(kind, axis, shaken, faces)
-        direction = np.random.default_rng(3).normal(size=points.shape)
-        step = 1e-6 * direction
-        slope = (measure(kind, axis, shaken + step, faces)[0] - measure(kind, axis, shaken - step, faces)[0]) / 2e-6
-        assert (gradient * direction).sum() == pytest.approx(slope, rel=1e-6)
-
-
 @pytest.mark.parametrize("text, message", [
     ("doe: {sobol: 0}", "doe.sobol: 0, expected a whole number of at least 1"),
     ("doe: {sobol: 4}\nbugdet: 3", "key: 'bugdet', expected one of setup, "),
@@ -274,7 +306,15 @@ def test_measures_and_their_gradients():
     ("optimizer: {cma: {}}\nminimize: a\nevaluate: {measures: {a: area}}", "budget: missing"),
     ("optimizer: {cma: {}}\nminimize: b\nbudget: 9\nevaluate: {measures: {a: area}}", '"b": no such measure, only a'),
     ("optimizer: {cma: {}}\nminimize: [a, b]\nbudget: 9\nevaluate: {measures: {a: area, b: volume}}", "2 objectives, cma takes one"),
-    ("doe: {sobol: 4}\nevaluate: {measures: {a: {projected_area: w}}}", "evaluate.measures.a.projected_area: 'w', expected one of x, y, z"),
+    ("doe: {sobol: 4}\nevaluate: {measures: {a: {projected_area: w}}}", "evaluate.measures.a.projected_area.direction: 'w', expected one of x, y, z"),
+    ("doe: {sobol: 4}\nevaluate: {measures: {a: {projected_area: {of: faces}}}}", "evaluate.measures.a.projected_area: a direction is missing"),
+    ("doe: {sobol: 4}\nevaluate: {measures: {a: {volume: 3}}}", "evaluate.measures.a.volume: 3, expected a mapping of options: groups, of, rims"),
+    ("doe: {sobol: 4}\nevaluate: {measures: {a: {volume: {at: roof}}}}", "evaluate.measures.a.volume.at: no such option, only groups, of, rims"),
+    ("doe: {sobol: 4}\nevaluate: {measures: {a: {thickness: {method: cones}}}}", "evaluate.measures.a.thickness.method: 'cones', expected one of rays, spheres"),
+    ("doe: {sobol: 4}\nevaluate: {measures: {a: {thickness: {tolerance: thin}}}}", "evaluate.measures.a.thickness.tolerance: 'thin', expected a number"),
+    ("doe: {sobol: 4}\nevaluate: {measures: {a: clearance}}", "evaluate.measures.a.clearance: exactly one of box"),
+    ("doe: {sobol: 4}\nevaluate: {measures: {a: {clearance: {box: [1, 2]}}}}", "evaluate.measures.a.clearance.box: [1, 2], expected {min:"),
+    ("doe: {sobol: 4}\nevaluate: {measures: {t: thickness, t_least: area}}", 'evaluate.measures.t_least: gives "t_least", as "t" does'),
     ("doe: {sobol: 4}\nevaluate: {function: f}", 'expected "module:function"'),
     ("doe: {sobol: 4}\nplace: {threads: 0}", "place.threads: 0"),
     ("doe: {sobol: 4}\nfailing: 2", "failing: 2"),

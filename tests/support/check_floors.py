@@ -32,6 +32,7 @@ FLOORS = {
                         "core/io/binary", "core/io/assembly"],
     "core/io": ["core/base", "core/mesh", "core/io/mesh_file.h", "core/io/readers.h", "core/io/binary", "core/io/assembly", "core/io/formats"],
     "core/quality": ["core/base", "core/mesh"],
+    "core/measures": ["core/base", "core/mesh"],
     "core/report": ["core/base", "core/mesh", "core/quality"],
     "core/numerics": ["core/base", "core/compiled"],
     "core/mesh/operators": ["core/base", "core/numerics", "core/mesh"],
@@ -71,7 +72,7 @@ FLOORS = {
     "server": ["core/base", "core/base/commit", "server/store", "server/engine", "server/rpc"],
     "client": ["core/base", "core/codec", "proto/convert/base", "deform/v1"],
     "client/setup": ["core/base", "core/mesh", "core/io", "deform/v1"],
-    "client/python": ["core/base", "core/codec", "core/compiled", "core/mesh", "core/io", "deform/v1", "client", "client/setup"],
+    "client/python": ["core/base", "core/codec", "core/compiled", "core/mesh", "core/io", "core/measures", "deform/v1", "client", "client/setup"],
     # Executables that read files.
     "client/cli": ["core/base", "core/base/commit", "core/cad", "core/codec", "core/compiled", "core/mesh", "core/mesh/cages", "core/io", "core/quality",
                    "core/report",

@@ -27,6 +27,7 @@ LICENCES = {
     "core/mesh/operators": GPL,
     "core/io": APACHE,
     "core/quality": APACHE,
+    "core/measures": APACHE,
     "core/report": APACHE,
     "client": APACHE,
     "client/cli": GPL,  # links the detection of primitives, and with it the solvers

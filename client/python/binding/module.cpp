@@ -4,6 +4,7 @@
 
 #include "client/python/binding/bind_client.h"
 #include "client/python/binding/bind_compiled.h"
+#include "client/python/binding/bind_measures.h"
 #include "client/python/binding/bind_mesh.h"
 #include "client/python/binding/calls.h"
 #include "client/python/binding/record.h"
@@ -23,5 +24,6 @@ PYBIND11_MODULE(_deformd, module) {
   python::bind_compiled(module);
   python::bind_meshes(module);
   python::bind_setups(module);
+  python::bind_measures(module);
   python::bind_population(module);
 }

@@ -24,11 +24,11 @@ from .geometry import Geometry
 from .reports import CompiledReport, Deformation, Evaluation, Population, Report
 from .system import System
 
-from . import aio
+from . import aio, measures
 
 __version__: str = _deformd.version
 
 __all__ = ["AlreadyExists", "BadDesign", "BadDesignWarning", "Cancel", "Cancelled", "Client", "CompiledDeformation", "CompiledReport",
            "DataLoss", "DeadlineExceeded", "Deformation", "Error", "Evaluation", "FailedPrecondition", "Geometry", "Internal", "InvalidArgument",
            "NotFound", "NumericalFailure", "OutOfBudget", "PermissionDenied", "Population", "Record", "Report", "System", "Unauthenticated",
-           "Unavailable", "Variable", "aio", "load"]
+           "Unavailable", "Variable", "aio", "load", "measures"]

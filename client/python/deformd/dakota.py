@@ -11,14 +11,14 @@ import pathlib
 import re
 import sys
 import tempfile
-from typing import Any, Dict, List, NamedTuple, Optional
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 from . import _deformd
 from .client import Client
 from .compiled import load
 from .errors import Error, InvalidArgument
 from .study.journal import write_whole
-from .study.spec import MEASURES
+from .study.measures import checked_measure
 from .study.worker import evaluate
 
 _APREPRO = re.compile(r"^\s*\{\s*(\S+)\s*=\s*\"?([^\"\s}]+)\"?\s*\}")
@@ -102,7 +102,7 @@ def main(words: Optional[List[str]] = None) -> int:
     parser.add_argument("--mesh", help="its mesh file; that of the setup unless given")
     parser.add_argument("--server", help="HOST:PORT; DEFORM_SERVER unless given")
     parser.add_argument("--function", help="module:function, as studies have it")
-    parser.add_argument("--measure", action="append", default=[], metavar="RESPONSE=MEASURE", help="volume, area or projected_area:x; more than once")
+    parser.add_argument("--measure", action="append", default=[], metavar="RESPONSE=MEASURE", help="volume, area, projected_area:x, centre_of_gravity:x or thickness, or with options as in a study: '{thickness: {method: spheres}}'; more than once")
     parser.add_argument("params")
     parser.add_argument("results")
     arguments = parser.parse_args(words)
@@ -127,14 +127,26 @@ def main(words: Optional[List[str]] = None) -> int:
     return 0
 
 
+def _measure_of(text: str, measure: str) -> Tuple[str, Any]:
+    """volume, projected_area:x, or as in the file of a study: {thickness: {at: wall}}."""
+    if not measure.startswith("{"):
+        kind, _, direction = measure.partition(":")
+        return kind, direction or None
+    import yaml
+
+    try:
+        ((kind, options),) = yaml.safe_load(measure).items()
+    except (yaml.YAMLError, AttributeError, ValueError):
+        raise InvalidArgument(f"--measure: {text!r}, expected RESPONSE={{MEASURE: {{OPTION: VALUE}}}}") from None
+    return str(kind), options
+
+
 def _task(arguments: Any, folder: str) -> Any:
     how: Dict[str, Any] = {"function": arguments.function} if arguments.function else {"measures": {}}
     for text in arguments.measure:
         name, _, measure = text.partition("=")
-        kind, _, axis = measure.partition(":")
-        if kind not in MEASURES or (kind == "projected_area") != (axis in ("x", "y", "z")):
-            raise InvalidArgument(f"--measure: {text!r}, expected RESPONSE=volume, =area or =projected_area:x")
-        how["measures"][name] = {"kind": kind, "axis": axis}
+        kind, options = _measure_of(text, measure)
+        how["measures"][name] = checked_measure(f"--measure: {name}", kind, options, pathlib.Path.cwd())
     task = {"evaluate": how, "folder": folder, "write": None, "server": None, "system": None, "compiled": None, "mesh": arguments.mesh}
     if arguments.setup.endswith(".deformation"):
         names = load(arguments.setup).names

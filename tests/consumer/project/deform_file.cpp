@@ -7,6 +7,7 @@
 #include <deform/compiled/reader.h>
 #include <deform/design.h>
 #include <deform/io/mesh_file.h>
+#include <deform/measures/integrals.h>
 #include <deform/quality/displacement.h>
 
 #include <cstdio>
@@ -51,6 +52,15 @@ int main(int argc, char** argv) try {
   const double apart = deform::largest_displacement(same, points).value;
   if (apart > 1e-13) {
     std::fprintf(stderr, "the compiled deformation is %g off\n", apart);
+    return 1;
+  }
+
+  using namespace deform::measures;
+  const auto volume = make_volume(mesh, {}, Rims::refuse);
+  const double grown =
+      volume->evaluate(points, Gradients::left_out).values[0] - volume->evaluate(mesh.points, Gradients::left_out).values[0];
+  if (!(grown > 0)) {
+    std::fprintf(stderr, "the volume did not grow: %g\n", grown);
     return 1;
   }
 

@@ -1,52 +1,121 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Volume, area and projected area of faces, with their gradients at the points."""
+"""The measures of a study: their options as the file has them, and what `deformd.measures` makes of them."""
 
-from typing import Tuple
+import pathlib
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 
-from ..errors import InvalidArgument
+from .. import measures
+from ..errors import InvalidArgument, NotFound
+
+_FACES = ("groups", "of")
+_BODY = (*_FACES, "rims")
+_OPTIONS = {"volume": _BODY, "area": _FACES, "projected_area": ("direction", *_FACES), "centre_of_gravity": ("direction", *_BODY),
+            "thickness": (*_BODY, "at", "method", "tolerance", "opposing_degrees"), "clearance": ("box", "mesh", *_FACES, "tolerance")}
+MEASURES = tuple(_OPTIONS)
+_CHOICES = {"of": ("faces", "cells"), "rims": ("refuse", "close"), "method": ("rays", "spheres")}
+
+Values = Dict[str, float]
+Evaluation = Callable[[np.ndarray, bool], Tuple[Values, Optional[np.ndarray]]]
+"""(points (n, 3), whether a gradient is wanted) -> values by name, the measure's own among them, and its gradient (n, 3) or None."""
 
 
-def triangles(sizes: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Faces as fans of triangles, (t, 3) of ids of points. sizes (f,): corners of each face; corners: their ids, one face after the other."""
-    sizes = np.asarray(sizes, dtype=np.int64)
-    if len(sizes) == 0:
-        raise InvalidArgument("measures: the mesh has no faces")
-    starts = np.cumsum(sizes) - sizes
-    fan = np.repeat(starts, sizes - 2)
-    within = np.arange(len(fan)) - np.repeat(np.cumsum(sizes - 2) - (sizes - 2), sizes - 2)
-    corners = np.asarray(corners, dtype=np.int64)
-    return np.stack([corners[fan], corners[fan + within + 1], corners[fan + within + 2]], axis=1)
+def checked_measure(what: str, kind: str, given: Any, base: pathlib.Path) -> Dict[str, Any]:
+    """{"kind", "options"} of plain values. given: a mapping of options, None, or the direction alone. base: the folder where files are looked
+    for. Raises InvalidArgument or NotFound, which name the option."""
+    if kind not in _OPTIONS:
+        raise InvalidArgument(f"{what}: {kind!r}, expected one of {', '.join(MEASURES)}")
+    known = _OPTIONS[kind]
+    if given is not None and not isinstance(given, Mapping):
+        if "direction" not in known:
+            raise InvalidArgument(f"{what}.{kind}: {given!r}, expected a mapping of options: {', '.join(known)}")
+        given = {"direction": given}
+    options = dict(given or {})
+    for name, value in options.items():
+        place = f"{what}.{kind}.{name}"
+        if name not in known:
+            raise InvalidArgument(f"{place}: no such option, only {', '.join(known)}")
+        options[name] = _checked(place, name, value, base)
+    if "direction" in known and "direction" not in options:
+        raise InvalidArgument(f"{what}.{kind}: a direction is missing, x, y, z or three numbers")
+    if kind == "clearance" and ("box" in options) == ("mesh" in options):
+        raise InvalidArgument(f"{what}.{kind}: exactly one of box, such as {{min: [0, 0, 0], max: [1, 1, 1]}}, and mesh, a file")
+    return {"kind": kind, "options": options}
 
 
-def measure(kind: str, axis: str, points: np.ndarray, faces: np.ndarray) -> Tuple[float, np.ndarray]:
-    """Value and its gradient at the points, (n, 3).
+def _checked(place: str, name: str, value: Any, base: pathlib.Path) -> Any:
+    if name in _CHOICES:
+        if value not in _CHOICES[name]:
+            raise InvalidArgument(f"{place}: {value!r}, expected one of {', '.join(_CHOICES[name])}")
+    elif name in ("groups", "at"):
+        names = [value] if isinstance(value, str) else value
+        if not isinstance(names, list) or not names or not all(isinstance(each, str) for each in names):
+            raise InvalidArgument(f"{place}: {value!r}, expected the name of a group of faces, or a list of names")
+        return names
+    elif name == "direction":
+        return measures.axis_vector(place, value)
+    elif name == "box":
+        if not isinstance(value, Mapping) or set(value) != {"min", "max"}:
+            raise InvalidArgument(f"{place}: {value!r}, expected {{min: [x, y, z], max: [x, y, z]}}")
+        return {side: measures.axis_vector(f"{place}.{side}", list(value[side]) if isinstance(value[side], list) else None) for side in ("min", "max")}
+    elif name == "mesh":
+        path = base / str(value)
+        if not path.is_file():
+            raise NotFound(f"{place}: {path}: there is no such file")
+        return str(path)
+    elif isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise InvalidArgument(f"{place}: {value!r}, expected a number")
+    return value
 
-    points (n, 3), model units; faces (t, 3). kind: "volume", that is enclosed, of a closed surface whose normals point outwards (sum of
-    a . (b x c) / 6); "area"; "projected_area": half the sum of the areas of all faces in the plane across `axis`, "x", "y" or "z", which of a
-    convex body is the area of its shadow, and of others counts what is hidden as well.
-    """
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    if kind == "volume":
-        value = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6
-        parts = [np.cross(b, c) / 6, np.cross(c, a) / 6, np.cross(a, b) / 6]
-    else:
-        normals = np.cross(b - a, c - a) / 2
-        if kind == "area":
-            sizes = np.linalg.norm(normals, axis=1)
-            value = float(sizes.sum())
-            slope = normals / np.where(sizes > 0, sizes, 1)[:, None]
-        elif kind == "projected_area":
-            i = "xyz".index(axis)
-            value = float(np.abs(normals[:, i]).sum()) / 2
-            slope = np.zeros_like(normals)
-            slope[:, i] = np.sign(normals[:, i]) / 2
-        else:
-            raise InvalidArgument(f"measures: {kind!r}, expected volume, area or projected_area")
-        # The normal is (b - a) x (c - a) / 2 = (a x b + b x c + c x a) / 2.
-        parts = [np.cross(b - c, slope) / 2, np.cross(c - a, slope) / 2, np.cross(a - b, slope) / 2]
-    gradient = np.zeros_like(points)
-    for i, part in enumerate(parts):
-        np.add.at(gradient, faces[:, i], part)
-    return value, gradient
+
+def files_of(checked: Mapping[str, Dict[str, Any]]) -> Dict[str, str]:
+    """The files that measures read, by a key for each."""
+    return {f"evaluate.measures.{name}.mesh": each["options"]["mesh"] for name, each in checked.items() if "mesh" in each["options"]}
+
+
+def names_of(name: str, kind: str) -> List[str]:
+    """The values that a measure gives: its own, and for those that aggregate the true minimum behind it."""
+    return [name, f"{name}_least"] if kind in ("thickness", "clearance") else [name]
+
+
+def make_measure(name: str, how: Mapping[str, Any], mesh: Any) -> Evaluation:
+    """Prepares a measure for a mesh. how: of checked_measure()."""
+    kind, options = how["kind"], dict(how["options"])
+    if kind in ("thickness", "clearance"):
+        made = measures.Thickness(mesh, **options) if kind == "thickness" else _clearance(mesh, options)
+
+        def aggregated(points: np.ndarray, wanted: bool) -> Tuple[Values, Optional[np.ndarray]]:
+            if wanted:
+                found, least = made.with_least(points)
+                return {name: found.value, f"{name}_least": least.value}, found.gradient
+            value, least = made.value_and_least(points)
+            return {name: value, f"{name}_least": least.value}, None
+
+        return aggregated
+    if kind == "centre_of_gravity":
+        direction = np.array(options.pop("direction"))
+        direction = direction / np.linalg.norm(direction)
+        centre = measures.CentreOfGravity(mesh, **options)
+
+        def along(points: np.ndarray, wanted: bool) -> Tuple[Values, Optional[np.ndarray]]:
+            if not wanted:
+                return {name: float(direction @ centre.value(points))}, None
+            value, gradient = centre(points)
+            return {name: float(direction @ value)}, np.tensordot(direction, gradient, 1)
+
+        return along
+    simple = {"volume": measures.Volume, "area": measures.Area, "projected_area": measures.ProjectedArea}[kind](mesh, **options)
+
+    def plain(points: np.ndarray, wanted: bool) -> Tuple[Values, Optional[np.ndarray]]:
+        if not wanted:
+            return {name: simple.value(points)}, None
+        value, gradient = simple(points)
+        return {name: value}, gradient
+
+    return plain
+
+
+def _clearance(mesh: Any, options: Dict[str, Any]) -> measures.Clearance:
+    box, path = options.pop("box", None), options.pop("mesh", None)
+    return measures.Clearance(mesh, path if box is None else (box["min"], box["max"]), **options)

@@ -7,10 +7,10 @@ import pathlib
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from ..errors import InvalidArgument, NotFound
+from .measures import MEASURES, checked_measure, files_of, names_of
 
 DOES = ("sobol", "latin_hypercube", "halton", "factorial", "table")
 OPTIMIZERS = ("cma", "nsga2", "scipy", "nlopt")
-MEASURES = ("volume", "area", "projected_area")
 PLACES = ("threads", "processes", "submitit", "dask", "ray", "executor")
 _KEYS = ("setup", "mesh", "server", "folder", "seed", "evaluate", "minimize", "maximize", "constraints", "doe", "optimizer", "budget", "place",
          "deformation", "meshes", "failing")
@@ -30,7 +30,7 @@ class Spec(NamedTuple):
     """The folder of the file."""
     seed: int
     evaluate: Dict[str, Any]
-    """"measures": name -> {"kind", "axis"}; "function": "module:function"; "command", "template", "timeout". Empty: nothing."""
+    """"measures": name -> {"kind", "options"}; "function": "module:function"; "command", "template", "timeout". Empty: nothing."""
     objectives: Tuple[Tuple[str, int], ...]
     """(name, 1 to be minimized or -1 to be maximized)"""
     constraints: Tuple[Tuple[str, str, float], ...]
@@ -100,7 +100,8 @@ def read_spec(path: Union[str, "os.PathLike[str]"]) -> Spec:
     if isinstance(failing, bool) or not isinstance(failing, (int, float)) or not 0 < failing <= 1:
         raise InvalidArgument(f"failing: {failing!r}, expected a number above 0 and up to 1")
     identity = {key: repr(raw.get(key)) for key in _KEYS if key not in _MAY_CHANGE}
-    for key, named in (("setup", setup), ("mesh", mesh), ("table", doe[1] if doe is not None and doe[0] == "table" else None)):
+    files = [("setup", setup), ("mesh", mesh), ("table", doe[1] if doe is not None and doe[0] == "table" else None), *files_of(known or {}).items()]
+    for key, named in files:
         if named is not None:
             identity[key] = hashlib.sha256(pathlib.Path(named).read_bytes()).hexdigest()
     return Spec(setup, mesh, raw.get("server"), base / raw.get("folder", file.stem), base, _whole("seed", raw.get("seed", 1), 0), evaluate, objectives,
@@ -191,7 +192,7 @@ def _evaluate(base: pathlib.Path, value: Any) -> Dict[str, Any]:
         raise InvalidArgument("evaluate: exactly one of measures, function and command")
     checked = dict(value)
     if kinds == ["measures"]:
-        checked["measures"] = _measures(value["measures"])
+        checked["measures"] = _measures(base, value["measures"])
     elif kinds == ["function"]:
         if not isinstance(value["function"], str) or value["function"].count(":") != 1:
             raise InvalidArgument(f'evaluate.function: {value["function"]!r}, expected "module:function"')
@@ -207,15 +208,17 @@ def _evaluate(base: pathlib.Path, value: Any) -> Dict[str, Any]:
     return checked
 
 
-def _measures(value: Any) -> Dict[str, Dict[str, str]]:
+def _measures(base: pathlib.Path, value: Any) -> Dict[str, Dict[str, Any]]:
     if not isinstance(value, dict) or not value:
         raise InvalidArgument("evaluate.measures: expected names with a measure each, such as frontal: {projected_area: x}")
-    checked = {}
+    checked: Dict[str, Dict[str, Any]] = {}
+    given: Dict[str, str] = {}
     for name, measure in value.items():
-        kind, axis = _single(f"evaluate.measures.{name}", measure, MEASURES)
-        if kind == "projected_area":
-            _one_of(f"evaluate.measures.{name}.projected_area", axis, ("x", "y", "z"))
-        elif axis is not None:
-            raise InvalidArgument(f"evaluate.measures.{name}.{kind}: takes no options")
-        checked[str(name)] = {"kind": kind, "axis": axis or ""}
+        what = f"evaluate.measures.{name}"
+        kind, options = _single(what, measure, MEASURES)
+        checked[str(name)] = checked_measure(what, kind, options, base)
+        for each in names_of(str(name), kind):
+            if each in given:
+                raise InvalidArgument(f'{what}: gives "{each}", as "{given[each]}" does; name one of them otherwise')
+            given[each] = str(name)
     return checked

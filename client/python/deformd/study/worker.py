@@ -17,9 +17,9 @@ import numpy as np
 from .. import _deformd
 from ..client import Client, _isolated_reader
 from ..compiled import load
-from ..errors import Error, InvalidArgument
+from ..errors import Error, InvalidArgument, NumericalFailure
 from .journal import write_whole
-from .measures import measure, triangles
+from .measures import Evaluation, make_measure
 from .places import die_with_parent
 
 Task = Dict[str, Any]
@@ -99,10 +99,15 @@ def _values(task: Task, points: np.ndarray, report: Any) -> Tuple[Dict[str, floa
     if not how:
         return {}, {}
     if "measures" in how:
-        faces = _faces(task)
-        found = {name: measure(each["kind"], each["axis"], points, faces) for name, each in how["measures"].items()}
-        values: Any = {name: value for name, (value, _) in found.items()}
-        slopes = {name: slope for name, (_, slope) in found.items()}
+        values: Any = {}
+        for name in how["measures"]:
+            try:
+                found, slope = _measure(task, name)(points, name in task["gradients"])
+            except NumericalFailure as error:
+                raise _Failed(f"{name}: {error}") from None
+            values.update(found)
+            if slope is not None:
+                slopes[name] = slope
     elif "function" in how:
         module, name = how["function"].split(":")
         function = getattr(importlib.import_module(module), name)
@@ -185,9 +190,29 @@ def _mesh(task: Task, needed: bool = True) -> Any:
     return _once("mesh:" + task["mesh"], lambda: _deformd.Mesh.read(task["mesh"], _isolated_reader(), _deformd.Limits()))
 
 
+def _measure(task: Task, name: str) -> Evaluation:
+    how = task["evaluate"]["measures"][name]
+    mesh = _mesh(task)
+    try:
+        return _once(f"measure:{task['mesh']}:{name}:{json.dumps(how, sort_keys=True)}", lambda: make_measure(name, how, mesh))
+    except Error as error:
+        raise type(error)(f"evaluate.measures.{name}.{how['kind']}: {error}") from None
+
+
 def _faces(task: Task) -> np.ndarray:
     mesh = _mesh(task)
-    return _once(f"faces:{task['mesh']}", lambda: triangles(mesh.face_sizes, mesh.face_points))
+    return _once(f"faces:{task['mesh']}", lambda: _triangles(np.asarray(mesh.face_sizes, dtype=np.int64), np.asarray(mesh.face_points, dtype=np.int64)))
+
+
+def _triangles(sizes: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Faces as fans of triangles, (t, 3) of ids of points. sizes (f,): corners of each face; corners: their ids, one face after the other."""
+    if len(sizes) == 0:
+        raise InvalidArgument("mesh: it has no faces")
+    starts = np.cumsum(sizes) - sizes
+    counts = np.maximum(sizes - 2, 0)
+    fan = np.repeat(starts, counts)
+    within = np.arange(len(fan)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return np.stack([corners[fan], corners[fan + within + 1], corners[fan + within + 2]], axis=1)
 
 
 def _once(key: str, make: Any) -> Any:
