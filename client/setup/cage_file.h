@@ -15,10 +15,10 @@ namespace deform::client {
 using MeshSource = std::function<std::shared_ptr<const Mesh>()>;
 
 /// Fills in the cage of a method, if it is a cage: the points and faces of the mesh file that it names, which is looked for in
-/// `folder`, or with `generate` those of a cage around the mesh (cage_around()). Corners at the same place count as one point where
-/// a format has no others (STL). Without either nothing is done to a method that has vertices. Errors name `field`, as "method.cage".
-/// Throws Error(invalid_argument, not_found, failed_precondition): no such file, one that is no mesh, a face that is no triangle,
-/// more than one of file, generate and vertices, or none; what cage_around() throws.
+/// `folder`, or with `generate` those of a cage around the mesh (cage_around()). Corners at the same place count as one point
+/// where a format has no others (STL). Without either nothing is done to a method that has vertices. Errors name `field`, as
+/// "method.cage". Throws Error(invalid_argument, not_found, failed_precondition): no such file, one that is no mesh, a face that
+/// is no triangle, more than one of file, generate and vertices, or none; what cage_around() throws.
 void fill_cage(const std::filesystem::path& folder, const std::string& field, const MeshSource& mesh, v1::Method& method);
 
 }  // namespace deform::client

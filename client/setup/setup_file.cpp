@@ -84,12 +84,13 @@ v1::Setup parsed_text(const SetupText& from, std::vector<std::filesystem::path>&
     problems.check(prefix + "method", [&] {
       if (!method.cage().file().empty()) read.push_back(from.folder / method.cage().file());
       try {
-        fill_cage(from.folder, prefix + "method.cage",
-                  [&] {
-                    return of_setup.mesh("the cage is made around the mesh",
-                                         "make one with `deform cage mesh` and name it with `file`");
-                  },
-                  method);
+        fill_cage(
+            from.folder, prefix + "method.cage",
+            [&] {
+              return of_setup.mesh("the cage is made around the mesh",
+                                   "make one with `deform cage mesh` and name it with `file`");
+            },
+            method);
       } catch (const Error& error) {
         throw Error(error.code(), from.name + ": " + error.what());
       }

@@ -280,8 +280,8 @@ struct Setup {
 struct SelectedRegions {
   /// Points of each handle, sorted, not empty; disjoint among the handles of one method.
   std::vector<std::vector<PointId>> handles;
-  std::vector<PointId> fixed;                                  ///< of Setup::method; sorted, disjoint from its handles; may be empty
-  Symmetry symmetry;                                           ///< the symmetry planes
+  std::vector<PointId> fixed;  ///< of Setup::method; sorted, disjoint from its handles; may be empty
+  Symmetry symmetry;           ///< the symmetry planes
   std::vector<std::vector<std::vector<PointId>>> constraints;  ///< points of each region of each constraint, sorted, not empty
   /// What handles and fixed regions select: points of the mesh, or control points for FfdControl::controls
   /// and CageControl::controls.

@@ -101,8 +101,8 @@ struct SplitResult {
 /// that is a result, not an error.
 ///
 /// Throws the errors of validate(), prepare(), System::bind() and InversionCheck; Error(invalid_argument) for options out of
-/// range, for handles that select control points and for composed setups, out_of_budget, cancelled, deadline_exceeded. Reports "split" progress, the
-/// fraction of the motion in the current attempt, besides the stages of prepare().
+/// range, for handles that select control points and for composed setups, out_of_budget, cancelled, deadline_exceeded. Reports
+/// "split" progress, the fraction of the motion in the current attempt, besides the stages of prepare().
 SplitResult evaluate_split(const SplitProblem& problem, const Design& design, const SplitOptions& options = {},
                            const RunContext& context = {});
 

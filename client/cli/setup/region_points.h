@@ -10,8 +10,8 @@
 
 namespace deform::cli {
 
-/// The ascending point ids of a handle of a setup that the server accepted; with control CONTROLS numbers of control points of its
-/// method.
+/// The ascending point ids of a handle of a setup that the server accepted; with control CONTROLS numbers of control points of
+/// its method.
 std::vector<PointId> handle_points(const v1::Setup& setup, const std::string& handle, const Mesh& mesh);
 
 /// The regions of a setup that nobody has accepted yet, and all that is wrong with them.

@@ -29,8 +29,8 @@ StageSetup stage_setup(const Setup& setup, std::size_t stage);
 /// "" for the first method, else "then[0]".
 std::string stage_field(std::size_t stage);
 
-/// Checks methods and regions of a composed setup, whose names and variables have been checked, and selects the regions. Called by
-/// validate().
+/// Checks methods and regions of a composed setup, whose names and variables have been checked, and selects the regions. Called
+/// by validate().
 SelectedRegions validate_stages(const Setup& setup, const Mesh& mesh, Problems& problems, const RunContext& context);
 /// The sum of the estimates of the methods, of which the first remain while the others are prepared.
 Estimate estimate_composed(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);

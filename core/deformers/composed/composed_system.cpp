@@ -42,7 +42,8 @@ double size_of(const std::array<double, 9>& part) {
 }
 
 Vec3 times(const std::array<double, 9>& a, const Vec3& v) {
-  return {a[0] * v[0] + a[1] * v[1] + a[2] * v[2], a[3] * v[0] + a[4] * v[1] + a[5] * v[2], a[6] * v[0] + a[7] * v[1] + a[8] * v[2]};
+  return {a[0] * v[0] + a[1] * v[1] + a[2] * v[2], a[3] * v[0] + a[4] * v[1] + a[5] * v[2],
+          a[6] * v[0] + a[7] * v[1] + a[8] * v[2]};
 }
 
 /// Runs of consecutive ids: first and one behind the last position.
@@ -141,11 +142,13 @@ class ComposedEvaluation : public Evaluation {
 /// A design of a ComposedSystem as a map of space: the displacements of all methods at a place are added.
 class ComposedMap : public SpaceMap {
  public:
-  ComposedMap(std::shared_ptr<const ComposedSystem> system, std::vector<std::unique_ptr<const SpaceMap>> maps, DesignReport report)
+  ComposedMap(std::shared_ptr<const ComposedSystem> system, std::vector<std::unique_ptr<const SpaceMap>> maps,
+              DesignReport report)
       : system_(std::move(system)), maps_(std::move(maps)), report_(std::move(report)) {}
 
   const DesignReport& report() const override { return report_; }
-  Told evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out, const RunContext& context) const override {
+  Told evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                const RunContext& context) const override {
     Told told = maps_[0]->evaluate(points, first, out, context);
     std::vector<Vec3> to(points.size());
     for (std::size_t s = 1; s < maps_.size(); ++s) {
@@ -191,8 +194,8 @@ ComposedSystem::ComposedSystem(std::shared_ptr<const Mesh> mesh, const Setup& se
 
 void ComposedSystem::fill_info() {
   info_ = stages_.front().system->info();
-  const bool all_bases = std::all_of(stages_.begin(), stages_.end(),
-                                     [](const Prepared& stage) { return stage.system->info().basis_fields > 0; });
+  const bool all_bases =
+      std::all_of(stages_.begin(), stages_.end(), [](const Prepared& stage) { return stage.system->info().basis_fields > 0; });
   for (std::size_t s = 1; s < stages_.size(); ++s) add_stage_info(s);
   if (!all_bases) info_.basis_fields = 0;
   // Points of the mesh that a method holds.
@@ -325,7 +328,8 @@ Design ComposedSystem::stage_design(const Design& design, std::size_t index, std
   if (!any) return own;
   std::vector<Motion> motions;
   for (std::size_t h = 0; h < count; ++h) {
-    const auto given = std::find_if(own.motions.begin(), own.motions.end(), [&](const Motion& motion) { return motion.handle == h; });
+    const auto given =
+        std::find_if(own.motions.begin(), own.motions.end(), [&](const Motion& motion) { return motion.handle == h; });
     if (!turned[h].empty()) {
       motions.push_back({h, std::move(turned[h])});
     } else if (given != own.motions.end()) {
@@ -453,8 +457,8 @@ std::vector<std::vector<ComposedSystem::Turned>> ComposedSystem::turned_at(std::
   return result;
 }
 
-/// The data are a linear function of displacements of the handle points, so that the method gives the derivative for theirs. Of the
-/// size of the model, these do not drown in the roundings of the points.
+/// The data are a linear function of displacements of the handle points, so that the method gives the derivative for theirs. Of
+/// the size of the model, these do not drown in the roundings of the points.
 Points ComposedSystem::turned_product(std::size_t stage, const std::vector<Affine>& rates, const std::vector<Turned>& turned,
                                       const Points& before, const RunContext& context) const {
   const StageSetup& of = stages_[stage].of;
@@ -471,7 +475,8 @@ Points ComposedSystem::turned_product(std::size_t stage, const std::vector<Affin
     }
   }
   for (std::size_t h = 0; h < by_point.size(); ++h) {
-    if (by_point[h].empty()) include({rates[of.first_handle + h][3], rates[of.first_handle + h][7], rates[of.first_handle + h][11]});
+    if (by_point[h].empty())
+      include({rates[of.first_handle + h][3], rates[of.first_handle + h][7], rates[of.first_handle + h][11]});
   }
   Points field(mesh_->point_count());
   if (largest == 0) return field;
@@ -502,9 +507,8 @@ Points ComposedSystem::product(std::span<const double> variables, std::span<cons
   for (std::size_t s = 0; s < stages_.size(); ++s) {
     const StageSetup& of = stages_[s].of;
     if (of.variables.empty() && turned[s].empty()) continue;
-    const Points own = turned[s].empty()
-                           ? stages_[s].system->jacobian_vector(of.own(variables), of.own(direction), context)
-                           : turned_product(s, rates, turned[s], sum, context);
+    const Points own = turned[s].empty() ? stages_[s].system->jacobian_vector(of.own(variables), of.own(direction), context)
+                                         : turned_product(s, rates, turned[s], sum, context);
     for (std::size_t i = 0; i < sum.size(); ++i) sum[i] = sum[i] + own[i];
   }
   return sum;

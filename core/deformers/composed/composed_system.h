@@ -41,7 +41,7 @@ class ComposedSystem : public System {
                                                     const RunContext& context) const override;
   std::unique_ptr<const DisplacementFields> displacement_fields() const override;
 
-  std::size_t stages() const { return stages_.size(); }                       ///< how many methods
+  std::size_t stages() const { return stages_.size(); }                            ///< how many methods
   const System& stage(std::size_t index) const { return *stages_[index].system; }  ///< the system of one of them
 
  private:
@@ -61,9 +61,9 @@ class ComposedSystem : public System {
   };
   /// A handle whose points have moved before its motion turns or scales them.
   struct Turned {
-    std::size_t handle = 0;     ///< of the whole setup
-    Affine map{};               ///< its motion
-    std::vector<Vec3> at;       ///< its points as the methods before leave them
+    std::size_t handle = 0;  ///< of the whole setup
+    Affine map{};            ///< its motion
+    std::vector<Vec3> at;    ///< its points as the methods before leave them
   };
 
   void fill_info();

@@ -19,8 +19,10 @@ namespace {
 
 // Below 1e-8 rounding is multiplied to more than 1e-7 of the motion.
 constexpr double candidates_per_decade = 4, first_decade = 1, last_decade = 8;
-constexpr double rounding_floor = 1e-13;  // of the prescribed values: a misfit below is none
-constexpr double rounding_growth = 8;     // of singular values, over epsilon times the largest one
+/// Of the prescribed values: a misfit below is none. Affine motions of one handle are met by a lattice to rounding with any weak
+/// clamp; without this the weakest would be chosen for them, and other motions of the same points would swing between these.
+constexpr double least_misfit = 1e-7;
+constexpr double rounding_growth = 8;  // of singular values, over epsilon times the largest one
 
 std::vector<std::int64_t> reached(const FunctionRows& rows, const std::vector<PointId>& held) {
   std::vector<bool> any(static_cast<std::size_t>(rows.cols()), false);
@@ -140,7 +142,7 @@ double ClampedInverse::automatic_clamp(const Eigen::MatrixXd& U, const Eigen::Ve
         motion += squares[i] / (values[i] * values[i]);
       }
     }
-    const double product = std::max(std::sqrt(misfit), rounding_floor * std::sqrt(all)) * std::sqrt(motion);
+    const double product = std::max(std::sqrt(misfit), least_misfit * std::sqrt(all)) * std::sqrt(motion);
     if (product < least) {
       least = product;
       best = candidate;

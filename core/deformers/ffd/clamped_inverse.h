@@ -27,10 +27,10 @@ class ClampedInverse {
   static constexpr std::size_t most_functions = 4000;
 
   /// `held` are the held points, as rows of `rows`. clamp = 0 is automatic: among 1e-1, 1e-1.25 .. 1e-8 the point of slope -1 on
-  /// the L-curve of `fields`, which are m x f typical prescribed fields (misfit against motion of the control points, both
-  /// logarithmic: Reginska 1996; Hansen, Rank-Deficient and Discrete Ill-Posed Problems, 7.5). Throws Error(invalid_argument) for
-  /// more than most_functions functions, Error(numerical_failure) if all functions are zero at all held points, and what
-  /// thin_svd() and the context throw.
+  /// the L-curve of `fields`, which are m x f typical prescribed fields (misfit, of which less than 1e-7 of the fields does not
+  /// count, against motion of the control points, both logarithmic: Reginska 1996; Hansen, Rank-Deficient and Discrete Ill-Posed
+  /// Problems, 7.5). Throws Error(invalid_argument) for more than most_functions functions, Error(numerical_failure) if all
+  /// functions are zero at all held points, and what thin_svd() and the context throw.
   ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double clamp, const Eigen::MatrixXd& fields,
                  const RunContext& context);
 

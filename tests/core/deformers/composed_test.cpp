@@ -304,13 +304,14 @@ TEST(Composed, MotionsAreGivenForHandlesOfAnyMethod) {
     test::expect_error(ErrorCode::invalid_argument, parts, [&] { system->bind({&design, 1}, path, {}); });
   };
   refused({"designs[0]: path BASIS", "\"hump\"", "then[0]", "DIRECT"}, Design{bent, {}}, EvaluationPath::basis);
-  refused({"designs[0].motions[0].handle: 2 is out of range", "2 handles"}, Design{{}, {{2, maps[0]}}}, EvaluationPath::automatic);
+  refused({"designs[0].motions[0].handle: 2 is out of range", "2 handles"}, Design{{}, {{2, maps[0]}}},
+          EvaluationPath::automatic);
   refused({"designs[0].motions[1] (handle \"hump\")", "two motions"}, Design{{}, {{1, maps[1]}, {1, maps[1]}}},
           EvaluationPath::automatic);
   refused({"designs[0].motions[0] (handle \"hump\")", "variables as well"}, Design{bent, {{1, maps[1]}}},
           EvaluationPath::automatic);
   refused({"designs[0].variables", "expected 4"}, Design{{0.1}, {}}, EvaluationPath::automatic);
-  refused({"(handle \"hump\")", "expected " }, Design{{}, {{1, std::vector<Vec3>(2)}}}, EvaluationPath::automatic);
+  refused({"(handle \"hump\")", "expected "}, Design{{}, {{1, std::vector<Vec3>(2)}}}, EvaluationPath::automatic);
 }
 
 /// Control points have no moved places: those of a second lattice and cage move from rest.
@@ -345,7 +346,8 @@ TEST(Composed, OffTheMeshTheMapsOfAllMethodsAdd) {
   EXPECT_TRUE(out == system->evaluate({&design, 1}, EvaluationPath::direct)[0]);
   EXPECT_EQ(map->report().path, EvaluationPath::direct);
   const auto shell = prepare(mesh, two_methods(RbfOptions{}, ShellOptions{}));
-  test::expect_error(ErrorCode::failed_precondition, {"then[0]: ", "the shell deforms the faces"}, [&] { shell->bind_in_space(design, {}); });
+  test::expect_error(ErrorCode::failed_precondition, {"then[0]: ", "the shell deforms the faces"},
+                     [&] { shell->bind_in_space(design, {}); });
 }
 
 /// The half of a sheet with a plane through y = 0 is half of the whole.
@@ -414,7 +416,8 @@ TEST(Composed, WhatCannotWorkIsRefusedWithItsReason) {
     }
   });
   const auto system = prepare(shared_mesh, setup);
-  test::expect_error(ErrorCode::failed_precondition, {"cannot be compiled", "several methods"}, [&] { CompiledForm form(system); });
+  test::expect_error(ErrorCode::failed_precondition, {"cannot be compiled", "several methods"},
+                     [&] { CompiledForm form(system); });
   SplitProblem split;
   split.mesh = shared_mesh;
   split.setup = setup;
@@ -440,16 +443,15 @@ TEST(Composed, EstimatesAndFactsAreThoseOfAllMethods) {
   const SelectedRegions regions = validate(setup, *mesh);
   EXPECT_EQ(info.handle_points, regions.handles[0].size() + regions.handles[1].size());
   std::vector<PointId> both;
-  std::set_intersection(regions.fixed.begin(), regions.fixed.end(), regions.stages[1].fixed.begin(), regions.stages[1].fixed.end(),
-                        std::back_inserter(both));
+  std::set_intersection(regions.fixed.begin(), regions.fixed.end(), regions.stages[1].fixed.begin(),
+                        regions.stages[1].fixed.end(), std::back_inserter(both));
   EXPECT_EQ(info.fixed_points, both.size());
   bool factor = false;
   for (const auto& [name, seconds] : info.stage_seconds) factor = factor || name == "then[0] factor";
   EXPECT_TRUE(factor);
   // Both fit, or none is prepared.
   EXPECT_NO_THROW(prepare(mesh, setup, {}, expected.peak_bytes));
-  test::expect_error(ErrorCode::out_of_budget, {"preparing needs"},
-                     [&] { prepare(mesh, setup, {}, expected.peak_bytes - 1); });
+  test::expect_error(ErrorCode::out_of_budget, {"preparing needs"}, [&] { prepare(mesh, setup, {}, expected.peak_bytes - 1); });
   EXPECT_EQ(known_centres(*mesh, setup), known_centres(*mesh, hand.setups[1]));
 }
 
