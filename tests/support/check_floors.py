@@ -64,7 +64,7 @@ FLOORS = {
     "proto/convert/findings.h": ["core/quality", "deform/v1"],
     "proto/convert/verdict.h": ["deform/v1"],
     "proto/convert": ["core/base", "core/codec", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",
-                      "core/deformers", "proto/convert/base", "proto/convert/mesh", "proto/convert/controls", "deform/v1"],
+                      "core/deformers", "core/deformers/composed", "proto/convert/base", "proto/convert/mesh", "proto/convert/controls", "deform/v1"],
     # The server never reads a user's file.
     "server/store": ["core/base", "core/codec", "core/mesh", "proto/convert", "proto/convert/mesh", "deform/v1"],
     "server/engine": ["core/base", "core/codec", "core/compiled", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",

@@ -386,8 +386,10 @@ ComposedSystem::Bound ComposedSystem::bind_stages(std::span<const Design> design
 
 std::unique_ptr<const Evaluation> ComposedSystem::bind(std::span<const Design> designs, EvaluationPath path,
                                                        const RunContext& context) const {
+  Bound bound = bind_stages(designs, stages_.size(), path, context);
+  bound.designs.clear();  // of which the evaluations have copies
   return std::make_unique<ComposedEvaluation>(std::static_pointer_cast<const ComposedSystem>(shared_from_this()),
-                                              bind_stages(designs, stages_.size(), path, context));
+                                              std::move(bound));
 }
 
 std::unique_ptr<const SpaceMap> ComposedSystem::bind_in_space(const Design& design, const RunContext& context) const {

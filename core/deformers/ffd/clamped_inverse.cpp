@@ -11,7 +11,6 @@
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/numerics/dense/decompositions.h"
-#include "core/numerics/dense/thin_svd.h"
 
 namespace deform {
 
@@ -19,8 +18,8 @@ namespace {
 
 // Below 1e-8 rounding is multiplied to more than 1e-7 of the motion.
 constexpr double candidates_per_decade = 4, first_decade = 1, last_decade = 8;
-/// Of the prescribed values: a misfit below is none. Affine motions of one handle are met by a lattice to rounding with any weak
-/// clamp; without this the weakest would be chosen for them, and other motions of the same points would swing between these.
+/// Of the prescribed values: a misfit below is none. Otherwise the weakest clamp is chosen for affine motions of one handle,
+/// which a lattice meets ever better.
 constexpr double least_misfit = 1e-7;
 constexpr double rounding_growth = 8;  // of singular values, over epsilon times the largest one
 
@@ -65,8 +64,8 @@ std::vector<ClampedInverse::Group> ClampedInverse::groups_of(const FunctionRows&
   return groups;
 }
 
-ClampedInverse::ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double clamp,
-                               const Eigen::MatrixXd& fields, const RunContext& context)
+ClampedInverse::ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double clamp, const Typical& typical,
+                               const RunContext& context)
     : columns_(rows.cols()), held_(held.size()), groups_(groups_of(rows, held)), active_(reached(rows, held)) {
   if (active_.empty()) {
     throw Error(ErrorCode::numerical_failure, "no control point of the lattice reaches a handle or fixed point");
@@ -101,7 +100,7 @@ ClampedInverse::ClampedInverse(const FunctionRows& rows, const std::vector<Point
   context.check();
   const ThinSvd svd = thin_svd(std::move(M));
   largest_ = svd.values[0];
-  clamp_ = clamp > 0 ? clamp : automatic_clamp(svd.U, svd.values, fields);
+  clamp_ = clamp > 0 ? clamp : strengthened(automatic_clamp(svd.U, svd.values, typical.fields), svd, typical.waves);
   Eigen::Index rank = 1;
   while (rank < svd.values.size() && svd.values[rank] > clamp_ * largest_) ++rank;
   left_out_ = rank < svd.values.size() ? svd.values[rank] : 0;
@@ -149,6 +148,21 @@ double ClampedInverse::automatic_clamp(const Eigen::MatrixXd& U, const Eigen::Ve
     }
   }
   return best > 0 ? best : std::pow(10.0, -first_decade);
+}
+
+/// The L-curve knows the affine motions of handles only. Where one handle holds much of the model, these are met with any clamp,
+/// and with a weak one everything else makes control points swing.
+double ClampedInverse::strengthened(double clamp, const ThinSvd& svd, const Eigen::MatrixXd& waves) const {
+  if (waves.cols() == 0) return clamp;
+  const Eigen::MatrixXd parts = svd.U.transpose() * compressed(waves);
+  const double strongest = std::pow(10.0, -first_decade);
+  for (; clamp < strongest; clamp *= std::pow(10.0, 1 / candidates_per_decade)) {
+    Eigen::Index rank = 1;
+    while (rank < svd.values.size() && svd.values[rank] > clamp * svd.values[0]) ++rank;
+    const Eigen::MatrixXd weights = parts.topRows(rank).array().colwise() / svd.values.head(rank).array();
+    if ((svd.V.leftCols(rank) * weights).cwiseAbs().maxCoeff() <= most_motion) return clamp;
+  }
+  return strongest;
 }
 
 Eigen::MatrixXd ClampedInverse::compressed(const Eigen::MatrixXd& h) const {

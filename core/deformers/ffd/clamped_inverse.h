@@ -8,6 +8,7 @@
 
 #include "core/base/run_context.h"
 #include "core/base/types.h"
+#include "core/numerics/dense/thin_svd.h"
 #include "core/numerics/sparse/function_rows.h"
 
 namespace deform {
@@ -26,12 +27,24 @@ class ClampedInverse {
   /// The largest number of functions that are nonzero at held points.
   static constexpr std::size_t most_functions = 4000;
 
+  /// For the automatic clamp: how far control points may move for waves of Typical, over the height of these.
+  static constexpr double most_motion = 20;
+
+  /// What the automatic clamp is chosen for, as columns of values at the held points.
+  struct Typical {
+    /// Motions that are to be met: those of the L-curve.
+    Eigen::MatrixXd fields;
+    /// Waves of height 1 that a design may contain besides: control points are not to move far for these. May be empty.
+    Eigen::MatrixXd waves;
+  };
+
   /// `held` are the held points, as rows of `rows`. clamp = 0 is automatic: among 1e-1, 1e-1.25 .. 1e-8 the point of slope -1 on
-  /// the L-curve of `fields`, which are m x f typical prescribed fields (misfit, of which less than 1e-7 of the fields does not
-  /// count, against motion of the control points, both logarithmic: Reginska 1996; Hansen, Rank-Deficient and Discrete Ill-Posed
-  /// Problems, 7.5). Throws Error(invalid_argument) for more than most_functions functions, Error(numerical_failure) if all
-  /// functions are zero at all held points, and what thin_svd() and the context throw.
-  ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double clamp, const Eigen::MatrixXd& fields,
+  /// the L-curve of the typical fields (misfit, of which less than 1e-7 of the fields does not count, against motion of the
+  /// control points, both logarithmic: Reginska 1996; Hansen, Rank-Deficient and Discrete Ill-Posed Problems, 7.5), or the next
+  /// larger one that moves control points by at most most_motion for the waves. Throws Error(invalid_argument) for more than
+  /// most_functions functions, Error(numerical_failure) if all functions are zero at all held points, and what thin_svd() and the
+  /// context throw.
+  ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double clamp, const Typical& typical,
                  const RunContext& context);
 
   /// Upper bounds of bytes() and of the additional memory of the constructor, computed from the rows. Throws as the constructor
@@ -71,6 +84,7 @@ class ClampedInverse {
   static std::vector<Group> groups_of(const FunctionRows& rows, const std::vector<PointId>& held);
   Eigen::MatrixXd compressed(const Eigen::MatrixXd& h) const;
   double automatic_clamp(const Eigen::MatrixXd& U, const Eigen::VectorXd& values, const Eigen::MatrixXd& fields) const;
+  double strengthened(double clamp, const ThinSvd& svd, const Eigen::MatrixXd& waves) const;
 
   std::int64_t columns_ = 0;
   std::size_t held_ = 0;

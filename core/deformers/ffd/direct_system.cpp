@@ -34,7 +34,8 @@ DirectSystem::DirectSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
   end_stage("assemble");
   context.progress("factor", 0);
   const Eigen::MatrixXd fields = fields_at_held();
-  inverse_ = std::make_unique<const ClampedInverse>(*model_.rows, ids_, model_.clamp, fields, context);
+  inverse_ = std::make_unique<const ClampedInverse>(*model_.rows, ids_, model_.clamp,
+                                                    ClampedInverse::Typical{fields, waves_at_held()}, context);
   controls_ = inverse_->solve(fields);
   end_stage("factor");
   prepare_basis(memory_budget, context);
@@ -50,6 +51,23 @@ Eigen::MatrixXd DirectSystem::fields_at_held() const {
     const std::array<double, 4> values = handle_fields(region, ids_[j]);
     for (std::size_t f = 0; f < 4; ++f)
       result(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(4 * region + f)) = values[f];
+  }
+  return result;
+}
+
+Eigen::MatrixXd DirectSystem::waves_at_held() const {
+  const std::vector<Vec3> places = unit_places(*mesh_, box_, ids_);
+  const Box box = bounding_box(places);
+  const double length = places.empty() ? 0 : box.side(box.longest_axis());
+  if (length == 0) return {};
+  constexpr double turn = 6.283185307179586;
+  Eigen::MatrixXd result(static_cast<Eigen::Index>(places.size()), 6);
+  for (std::size_t j = 0; j < places.size(); ++j) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double phase = turn * (places[j][k] - box.min[k]) / length;
+      result(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(2 * k)) = std::sin(phase);
+      result(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(2 * k + 1)) = std::cos(phase);
+    }
   }
   return result;
 }
@@ -191,8 +209,8 @@ Estimate estimate_direct(const Mesh& mesh, const SelectedRegions& regions, const
   const std::size_t own = missed_bytes + point_bytes(n, regions.symmetry) + of.row_bytes + (of.held + n) * sizeof(PointId);
   estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + own;
   const std::size_t making = basis ? HandleBasis::peak_bytes_for(n, fields, of.basis_tolerance) : 0;
-  // Fields, their misfits and copies of them.
-  const std::size_t data = 4 * of.held * fields * sizeof(double) + 3 * k * fields * sizeof(double);
+  // Fields, their misfits and copies of them; waves for the automatic clamp.
+  const std::size_t data = (4 * fields + 12) * of.held * sizeof(double) + (3 * fields + 12) * k * sizeof(double);
   estimate.peak_bytes = own + data + std::max(of.inverse.resident + of.inverse.peak, estimate.factor_bytes + making);
   const double rows = static_cast<double>(n) * of.seconds_per_row;
   estimate.seconds =

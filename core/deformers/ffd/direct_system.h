@@ -53,6 +53,9 @@ class DirectSystem : public HandleSystem {
   void fill_info();
   /// The fields 1, x, y, z of every handle at the held points, m x 4H, in unit coordinates.
   Eigen::MatrixXd fields_at_held() const;
+  /// Sines and cosines along the axes at the held points, one turn over their longest extent, m x 6: what designs may contain
+  /// besides affine motions.
+  Eigen::MatrixXd waves_at_held() const;
   /// The prescribed displacements of the held points: m x 3, model units.
   Eigen::MatrixXd prescribed(const BoundDesign& design, MotionKind kind) const;
   /// The displacements of the control points (k x 3, model units) for a design of affine motions, from controls_.

@@ -336,7 +336,7 @@ TEST(ClampedInverse, IsThePseudoInverse) {
       const Eigen::MatrixXd h = random_matrix(m, 3, 1), g = random_matrix(dense.Phi.cols(), 2, 2);
       for (const double clamp : {1e-2, 1e-4, 1e-6}) {
         SCOPED_TRACE(testing::Message() << columns << " " << static_cast<int>(basis) << " " << clamp);
-        const ClampedInverse inverse(*made.rows, held, clamp, h, {});
+        const ClampedInverse inverse(*made.rows, held, clamp, {h, {}}, {});
         const Eigen::MatrixXd expected = dense.solve(h, clamp), got = inverse.solve(h);
         const double size = expected.norm();
         EXPECT_LT((got - expected).norm(), 1e-8 * size);
@@ -447,6 +447,32 @@ TEST(FfdByMesh, ClampsTradeMisfitForMotion) {
   ASSERT_EQ(weak.warnings.size(), 1u);
   EXPECT_NE(weak.warnings[0].find("control points move by up to"), std::string::npos);
   EXPECT_TRUE(std::any_of(notes.begin(), notes.end(), [](const std::string& n) { return n.find("rank") != std::string::npos; }));
+}
+
+/// One handle holds all points, whose affine motions any clamp meets: other motions of them must not make control points swing.
+TEST(FfdByMesh, AutomaticClampsBearWavesOfTheModel) {
+  const auto mesh = shared(test::bumpy_sheet(31, 13));
+  deform::Setup setup;
+  setup.handles = {{"all", {Region::All{}}}};
+  std::vector<Vec3> wave, affine;
+  for (const Vec3& x : mesh->points) {
+    wave.push_back({0, 0, 0.2 * std::sin(3 * x[0])});
+    affine.push_back({0.1 * x[2], 0.2 * x[0] - 0.1, 0.3 * x[1]});
+  }
+  for (const auto& points : {std::array<std::size_t, 3>{8, 6, 4}, {12, 10, 4}, {10, 5, 6}}) {
+    SCOPED_TRACE(points[0]);
+    const auto report = [&](double clamp, const std::vector<Vec3>& displacements) {
+      const auto system = prepare(mesh, with(setup, by_mesh(points, clamp)));
+      const Design design{{}, {{0, displacements}}};
+      return system->bind({&design, 1}, EvaluationPath::direct, {})->report(0);
+    };
+    const DesignReport automatic = report(0, wave), weak = report(1e-8, wave);
+    EXPECT_GT(weak.control_displacement, 50 * weak.prescribed_displacement);
+    EXPECT_LT(automatic.control_displacement, 20 * automatic.prescribed_displacement);
+    EXPECT_TRUE(automatic.warnings.empty());
+    EXPECT_LT(automatic.misfit, 3 * weak.misfit + 1e-4);
+    EXPECT_LT(report(0, affine).misfit, 1e-4);
+  }
 }
 
 TEST(FfdByMesh, RefusesTooManyControlPoints) {
