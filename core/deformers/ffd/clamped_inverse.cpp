@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <string>
 #include <utility>
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/deformers/handles/handle_motion.h"
 #include "core/numerics/dense/decompositions.h"
 
 namespace deform {
@@ -18,25 +18,14 @@ namespace {
 
 // Below 1e-8 rounding is multiplied to more than 1e-7 of the motion.
 constexpr double candidates_per_decade = 4, first_decade = 1, last_decade = 8;
-/// Of the prescribed values: a misfit below is none. Otherwise the weakest clamp is chosen for affine motions of one handle,
-/// which a lattice meets ever better.
-constexpr double least_misfit = 1e-7;
 constexpr double rounding_growth = 8;  // of singular values, over epsilon times the largest one
 
 std::vector<std::int64_t> reached(const FunctionRows& rows, const std::vector<PointId>& held) {
-  std::vector<bool> any(static_cast<std::size_t>(rows.cols()), false);
-  for (const PointId id : held) {
-    rows.for_each(id, [&](std::int64_t column, double) { any[static_cast<std::size_t>(column)] = true; });
-  }
-  std::vector<std::int64_t> result;
-  for (std::size_t j = 0; j < any.size(); ++j) {
-    if (any[j]) result.push_back(static_cast<std::int64_t>(j));
-  }
+  std::vector<std::int64_t> result = reached_functions(rows, held);
   if (result.size() > ClampedInverse::most_functions) {
-    throw Error(ErrorCode::invalid_argument,
-                "method.ffd.control: MESH takes at most " + std::to_string(ClampedInverse::most_functions) +
-                    " control points that reach handles and fixed regions, here are " + std::to_string(result.size()) +
-                    "; use fewer points of the lattice, or control ENERGY");
+    throw Error(ErrorCode::invalid_argument, std::to_string(result.size()) +
+                                                 " control points reach handles and fixed regions, at most " +
+                                                 std::to_string(ClampedInverse::most_functions) + " can be decomposed");
   }
   return result;
 }
@@ -45,16 +34,11 @@ std::vector<std::int64_t> reached(const FunctionRows& rows, const std::vector<Po
 
 /// By the first function: rows of one cell have the same ones. Points outside have none and are left out.
 std::vector<ClampedInverse::Group> ClampedInverse::groups_of(const FunctionRows& rows, const std::vector<PointId>& held) {
-  std::map<std::int64_t, Group> by_first;
-  for (std::size_t j = 0; j < held.size(); ++j) {
-    if (rows.count(held[j]) == 0) continue;
-    std::int64_t first = -1;
-    rows.for_each(held[j], [&](std::int64_t column, double) { first = first < 0 ? column : first; });
-    by_first[first].points.push_back(static_cast<std::int64_t>(j));
-  }
   std::vector<Group> groups;
   Eigen::Index next = 0;
-  for (auto& [first, group] : by_first) {
+  for (auto& [first, points] : points_by_function(rows, held)) {
+    Group group;
+    group.points = points;
     const std::size_t functions = rows.count(held[static_cast<std::size_t>(group.points[0])]);
     group.first = next;
     group.rows = static_cast<Eigen::Index>(std::min(functions, group.points.size()));
@@ -210,6 +194,11 @@ double ClampedInverse::uncertainty(double size, double misfit) const {
   const double smallest = values_[values_.size() - 1];
   const double gap = std::max(smallest - left_out_, change);
   return change * (size / gap + misfit / (smallest * gap));
+}
+
+std::string ClampedInverse::note() const {
+  return "Singular values up to " + scientific(clamp_) + " of the largest one are left out: rank " + std::to_string(rank()) +
+         ", " + std::to_string(functions()) + " control points reach handles or fixed points.";
 }
 
 std::size_t ClampedInverse::bytes() const {

@@ -4,10 +4,12 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "core/base/run_context.h"
 #include "core/base/types.h"
+#include "core/deformers/ffd/held_inverse.h"
 #include "core/numerics/dense/thin_svd.h"
 #include "core/numerics/sparse/function_rows.h"
 
@@ -20,23 +22,12 @@ namespace deform {
 /// Points in the same cell of a lattice have the same functions, so their rows are first compressed by QR to as many as there are
 /// functions: the cost of the decomposition then depends on the lattice and not on the number of points. Functions that are zero
 /// at all held points get the coefficient 0. Immutable; any thread.
-class ClampedInverse {
+class ClampedInverse : public HeldInverse {
  public:
   /// Limits of the clamp. Smaller singular values are dominated by rounding.
   static constexpr double least_clamp = 1e-15, largest_clamp = 0.5;
   /// The largest number of functions that are nonzero at held points.
   static constexpr std::size_t most_functions = 4000;
-
-  /// For the automatic clamp: how far control points may move for waves of Typical, over the height of these.
-  static constexpr double most_motion = 20;
-
-  /// What the automatic clamp is chosen for, as columns of values at the held points.
-  struct Typical {
-    /// Motions that are to be met: those of the L-curve.
-    Eigen::MatrixXd fields;
-    /// Waves of height 1 that a design may contain besides: control points are not to move far for these. May be empty.
-    Eigen::MatrixXd waves;
-  };
 
   /// `held` are the held points, as rows of `rows`. clamp = 0 is automatic: among 1e-1, 1e-1.25 .. 1e-8 the point of slope -1 on
   /// the L-curve of the typical fields (misfit, of which less than 1e-7 of the fields does not count, against motion of the
@@ -47,32 +38,27 @@ class ClampedInverse {
   ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double clamp, const Typical& typical,
                  const RunContext& context);
 
-  /// Upper bounds of bytes() and of the additional memory of the constructor, computed from the rows. Throws as the constructor
-  /// does for too many functions.
-  struct Bytes {
-    std::size_t resident = 0, peak = 0;
-    std::size_t functions = 0;
-    double flops = 0;
-  };
+  /// Throws as the constructor does for too many functions.
   static Bytes estimate(const FunctionRows& rows, const std::vector<PointId>& held);
   /// The same if every function is nonzero at every held point.
   static Bytes estimate(std::size_t held, std::size_t functions);
 
   double clamp() const { return clamp_; }
   /// The ratio of the largest to the smallest singular value in use.
-  double condition() const { return largest_ / values_[values_.size() - 1]; }
+  double condition() const override { return largest_ / values_[values_.size() - 1]; }
   std::size_t rank() const { return static_cast<std::size_t>(values_.size()); }
   /// The number of functions that are nonzero at some held point.
   std::size_t functions() const { return active_.size(); }
-  std::size_t bytes() const;
+  std::size_t bytes() const override;
+  std::string note() const override;
 
   /// Returns Phi^+ h: k x c from m x c.
-  Eigen::MatrixXd solve(const Eigen::MatrixXd& h) const;
+  Eigen::MatrixXd solve(const Eigen::MatrixXd& h) const override;
   /// Returns (Phi^+)^T g: m x c from k x c.
-  Eigen::MatrixXd adjoint(const Eigen::MatrixXd& g) const;
+  Eigen::MatrixXd adjoint(const Eigen::MatrixXd& g) const override;
   /// Estimates the rounding error in the 2-norm of a column of the solution with norm `size` whose misfit has the norm `misfit`
   /// (first-order perturbation of truncated singular values).
-  double uncertainty(double size, double misfit) const;
+  double uncertainty(double size, double misfit) const override;
 
  private:
   /// Held points with the same functions.

@@ -9,6 +9,7 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/deformers/ffd/damped_inverse.h"
 #include "core/deformers/ffd/direct_evaluation.h"
 
 namespace deform {
@@ -34,8 +35,12 @@ DirectSystem::DirectSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
   end_stage("assemble");
   context.progress("factor", 0);
   const Eigen::MatrixXd fields = fields_at_held();
-  inverse_ = std::make_unique<const ClampedInverse>(*model_.rows, ids_, model_.clamp,
-                                                    ClampedInverse::Typical{fields, waves_at_held()}, context);
+  const HeldInverse::Typical typical{fields, waves_at_held()};
+  if (reached_functions(*model_.rows, ids_).size() <= ClampedInverse::most_functions) {
+    inverse_ = std::make_unique<const ClampedInverse>(*model_.rows, ids_, model_.clamp, typical, context);
+  } else {
+    inverse_ = std::make_unique<const DampedInverse>(*model_.rows, ids_, model_.clamp, typical, context);
+  }
   controls_ = inverse_->solve(fields);
   end_stage("factor");
   prepare_basis(memory_budget, context);
@@ -152,9 +157,7 @@ void DirectSystem::fill_info() {
             model_.rows->bytes() + ids_.size() * sizeof(PointId) + following().size() * sizeof(PointId));
   info_.notes = model_.notes;
   const Eigen::MatrixXd missed = has_basis() ? missed_ : misfit(fields_at_held(), controls_);
-  info_.notes.push_back("Singular values up to " + scientific(inverse_->clamp()) + " of the largest one are left out: rank " +
-                        std::to_string(inverse_->rank()) + ", " + std::to_string(inverse_->functions()) +
-                        " control points reach handles or fixed points.");
+  info_.notes.push_back(inverse_->note());
   double misfit = 0, motion = 0;  // of handles that are shifted
   for (std::size_t h = 0; h < frames_.size(); ++h) {
     const auto f = static_cast<Eigen::Index>(4 * h);
