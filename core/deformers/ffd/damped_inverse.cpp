@@ -17,6 +17,7 @@ namespace {
 
 constexpr double first_damping_decade = 2, last_damping_decade = 5, damping_step = 0.5;
 constexpr int power_steps = 100;     // of the largest singular value: functions are positive, so the first step is close
+constexpr int refinement_steps = 2;  // each divides the error by about epsilon / damping^2, 1e-4 or less
 constexpr double damped_growth = 8;  // of rounding, over epsilon times the largest singular value
 
 std::vector<std::int64_t> damped_functions(const FunctionRows& rows, const std::vector<PointId>& held) {
@@ -97,6 +98,7 @@ DampedInverse::DampedInverse(const FunctionRows& rows, const std::vector<PointId
     const double chosen = automatic(typical, context);
     if (chosen != damping_) factor(chosen, context);
   }
+  gram_ = SparseMatrix();
 }
 
 void DampedInverse::factor(double damping, const RunContext& context) {
@@ -149,7 +151,7 @@ Eigen::VectorXd DampedInverse::at_held(const Eigen::VectorXd& w) const {
 }
 
 Eigen::VectorXd DampedInverse::transposed(const Eigen::VectorXd& h) const {
-  Eigen::VectorXd result = Eigen::VectorXd::Zero(gram_.cols());
+  Eigen::VectorXd result = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(active_.size()));
   for (std::size_t j = 0; j < held_.size(); ++j) {
     rows_.for_each(held_[j], [&](std::int64_t column, double value) {
       result[place_[static_cast<std::size_t>(column)]] += value * h[static_cast<Eigen::Index>(j)];
@@ -158,12 +160,16 @@ Eigen::VectorXd DampedInverse::transposed(const Eigen::VectorXd& h) const {
   return result;
 }
 
-/// The damped equations for a right-hand side.
+/// The damped equations for a right-hand side. Their residual is taken from the functions, not from the matrix: the rounding of
+/// its entries is divided by the square of the damping.
 Eigen::VectorXd DampedInverse::refined(const Eigen::VectorXd& b) const {
   const double square = damping_ * largest_ * damping_ * largest_;
-  const Eigen::VectorXd x = factor_->solve(b);
-  const Eigen::VectorXd product = gram_.selfadjointView<Eigen::Lower>() * x;
-  return x + Eigen::VectorXd(factor_->solve(b - product - square * x));
+  Eigen::VectorXd x = factor_->solve(b);
+  for (int step = 0; step < refinement_steps; ++step) {
+    const Eigen::VectorXd residual = b - transposed(at_held(x)) - square * x;
+    x += Eigen::VectorXd(factor_->solve(residual));
+  }
+  return x;
 }
 
 Eigen::MatrixXd DampedInverse::solve(const Eigen::MatrixXd& h) const {
@@ -193,8 +199,7 @@ double DampedInverse::uncertainty(double size, double misfit) const {
 }
 
 std::size_t DampedInverse::bytes() const {
-  return factor_->bytes() + bytes_of(gram_) + held_.size() * sizeof(PointId) +
-         (active_.size() + place_.size()) * sizeof(std::int64_t);
+  return factor_->bytes() + held_.size() * sizeof(PointId) + (active_.size() + place_.size()) * sizeof(std::int64_t);
 }
 
 std::string DampedInverse::note() const {
@@ -209,9 +214,9 @@ HeldInverse::Bytes DampedInverse::estimate(const FunctionRows& rows, const std::
   const SparseCholesky::Estimate factor = SparseCholesky::estimate(gram);
   Bytes result;
   result.functions = active.size();
-  result.resident = factor.factor_bytes + bytes_of(gram) + held.size() * sizeof(PointId) +
+  result.resident = factor.factor_bytes + held.size() * sizeof(PointId) +
                     (active.size() + static_cast<std::size_t>(rows.cols())) * sizeof(std::int64_t);
-  result.peak = factor.peak_bytes - std::min(factor.peak_bytes, factor.factor_bytes) + 2 * bytes_of(gram) +
+  result.peak = factor.peak_bytes - std::min(factor.peak_bytes, factor.factor_bytes) + 3 * bytes_of(gram) +
                 blocks.columns.size() * (sizeof(std::uint32_t) + sizeof(double)) + blocks.starts.size() * sizeof(std::int64_t);
   constexpr double tries = 1 + (last_damping_decade - first_damping_decade) / damping_step;
   result.flops = tries * factor.flops;

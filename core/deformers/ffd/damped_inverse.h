@@ -18,8 +18,8 @@ namespace deform {
 /// Direct manipulation by lattices that are too large for a singular value decomposition: with the m x k matrix Phi of the
 /// functions at the held points, coefficients minimize |Phi w - h|^2 + (damping s)^2 |w|^2, where s is the largest singular
 /// value. Singular values s_i count with s_i^2 / (s_i^2 + (damping s)^2) instead of being truncated (Tikhonov; Hansen,
-/// Rank-Deficient and Discrete Ill-Posed Problems, 5.1). The equations are sparse and factored once; a step of iterative
-/// refinement makes up for what their condition costs.
+/// Rank-Deficient and Discrete Ill-Posed Problems, 5.1). The equations are sparse and factored once; iterative refinement
+/// makes up for what their condition costs.
 class DampedInverse : public HeldInverse {
  public:
   /// Limits of the damping. With less the equations lose all digits.
@@ -55,7 +55,7 @@ class DampedInverse : public HeldInverse {
   const std::vector<PointId> held_;
   const std::vector<std::int64_t> active_;
   std::vector<std::int64_t> place_;  ///< of each function among the active ones, or -1
-  SparseMatrix gram_;                ///< lower triangle of Phi^T Phi, of the active functions
+  SparseMatrix gram_;                ///< lower triangle of Phi^T Phi, active functions; empty once it is factored
   double largest_ = 0, damping_ = 0;
   std::unique_ptr<const SparseCholesky> factor_;
 };
