@@ -172,6 +172,10 @@ void add_setup_vectors(Vectors& vectors) {
     v1::Setup message = parsed(setup);
     const bool rbf = message.method().has_rbf() || message.method().kind_case() == v1::Method::KIND_NOT_SET;
     if (rbf && setup.geometry == Geometry::flat) message.mutable_method()->mutable_rbf()->set_kernel(v1::THIN_PLATE);
+    for (auto& stage : *message.mutable_then()) {
+      if (stage.method().has_rbf() && setup.geometry == Geometry::flat)
+        stage.mutable_method()->mutable_rbf()->set_kernel(v1::THIN_PLATE);
+    }
     const v1::Setup canonical = convert::canonical_setup(message, geometry);
     Json json;
     json["name"] = setup.name;
