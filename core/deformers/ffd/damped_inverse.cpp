@@ -121,14 +121,14 @@ double DampedInverse::automatic(const Typical& typical, const RunContext& contex
     const auto motion_of = [&](const Eigen::MatrixXd& columns) {
       double largest = 0;
       for (Eigen::Index c = 0; c < columns.cols(); ++c) {
-        largest = std::max(largest, refined(transposed(columns.col(c))).cwiseAbs().maxCoeff());
+        largest = std::max(largest, fitted(columns.col(c)).cwiseAbs().maxCoeff());
       }
       return largest;
     };
     if (best > 0 && motion_of(typical.waves) > most_motion) break;
     double misfit = 0, motion = 0;
     for (Eigen::Index c = 0; c < typical.fields.cols(); ++c) {
-      const Eigen::VectorXd w = refined(transposed(typical.fields.col(c)));
+      const Eigen::VectorXd w = fitted(typical.fields.col(c));
       misfit += (at_held(w) - typical.fields.col(c)).squaredNorm();
       motion += w.squaredNorm();
     }
@@ -160,6 +160,17 @@ Eigen::VectorXd DampedInverse::transposed(const Eigen::VectorXd& h) const {
   return result;
 }
 
+/// The same as refined(transposed(h)), with residuals at the held points, whose rounding is that of what is missed there.
+Eigen::VectorXd DampedInverse::fitted(const Eigen::VectorXd& h) const {
+  const double square = damping_ * largest_ * damping_ * largest_;
+  Eigen::VectorXd x = factor_->solve(transposed(h));
+  for (int step = 0; step < refinement_steps; ++step) {
+    const Eigen::VectorXd residual = transposed(h - at_held(x)) - square * x;
+    x += Eigen::VectorXd(factor_->solve(residual));
+  }
+  return x;
+}
+
 /// The damped equations for a right-hand side. Their residual is taken from the functions, not from the matrix: the rounding of
 /// its entries is divided by the square of the damping.
 Eigen::VectorXd DampedInverse::refined(const Eigen::VectorXd& b) const {
@@ -175,7 +186,7 @@ Eigen::VectorXd DampedInverse::refined(const Eigen::VectorXd& b) const {
 Eigen::MatrixXd DampedInverse::solve(const Eigen::MatrixXd& h) const {
   Eigen::MatrixXd result = Eigen::MatrixXd::Zero(rows_.cols(), h.cols());
   for (Eigen::Index c = 0; c < h.cols(); ++c) {
-    const Eigen::VectorXd w = refined(transposed(h.col(c)));
+    const Eigen::VectorXd w = fitted(h.col(c));
     for (std::size_t i = 0; i < active_.size(); ++i) result(active_[i], c) = w[static_cast<Eigen::Index>(i)];
   }
   return result;

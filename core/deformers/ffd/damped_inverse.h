@@ -49,6 +49,7 @@ class DampedInverse : public HeldInverse {
   double automatic(const Typical& typical, const RunContext& context);
   Eigen::VectorXd at_held(const Eigen::VectorXd& w) const;
   Eigen::VectorXd transposed(const Eigen::VectorXd& h) const;
+  Eigen::VectorXd fitted(const Eigen::VectorXd& h) const;
   Eigen::VectorXd refined(const Eigen::VectorXd& b) const;
 
   const FunctionRows rows_;
