@@ -2,15 +2,23 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
 
+#include "core/mesh/mesh.h"
 #include "deform/v1/setup.pb.h"
 
 namespace deform::client {
 
-/// Puts the points and faces of the mesh file that method.cage names into its message; the file is looked for in `folder`.
-/// Corners at the same place count as one point where a format has no others (STL). Without a file nothing is done. Throws
-/// Error(invalid_argument, not_found) naming the field and the file: no such file, one that is no mesh, a face that is no
-/// triangle, vertices or triangles beside the file.
-void read_cage(const std::filesystem::path& folder, v1::Setup& setup);
+/// The mesh of a setup. Throws Error(invalid_argument) with the reason if it is not known.
+using MeshSource = std::function<std::shared_ptr<const Mesh>()>;
+
+/// Fills in the cage of a method, if it is a cage: the points and faces of the mesh file that it names, which is looked for in
+/// `folder`, or with `generate` those of a cage around the mesh (cage_around()). Corners at the same place count as one point
+/// where a format has no others (STL). Without either nothing is done to a method that has vertices. Errors name `field`, as
+/// "method.cage". Throws Error(invalid_argument, not_found, failed_precondition): no such file, one that is no mesh, a face that
+/// is no triangle, more than one of file, generate and vertices, or none; what cage_around() throws.
+void fill_cage(const std::filesystem::path& folder, const std::string& field, const MeshSource& mesh, v1::Method& method);
 
 }  // namespace deform::client

@@ -32,39 +32,42 @@ std::optional<double> mesh_length(std::string_view name, const Box& box) {
 
 namespace {
 
-/// Lengths of the mesh of a setup that expressions may use. The mesh is read when the first of them is needed.
-class MeshLengths {
+/// The mesh of a setup, and its lengths that expressions may use. It is read when it is first needed.
+class SetupMesh {
  public:
-  explicit MeshLengths(const SetupText& from) : from_(from) {}
+  explicit SetupMesh(const SetupText& from) : from_(from) {}
 
-  std::optional<double> of(std::string_view name) {
+  std::optional<double> length(std::string_view name) {
     if (!mesh_length(name, Box{})) return std::nullopt;
-    if (!box_) box_ = bounding_box(mesh()->points);
+    if (!box_) box_ = bounding_box(mesh("L, Lx, Ly and Lz are lengths of the mesh", "give the number")->points);
     return mesh_length(name, *box_);
   }
 
- private:
-  std::shared_ptr<const Mesh> mesh() const {
+  /// `use` and `instead` are for errors: what it is for, and what to do where it is not known.
+  std::shared_ptr<const Mesh> mesh(const std::string& use, const std::string& instead) {
+    if (mesh_ != nullptr) return mesh_;
     if (from_.geometry == GeometryEntry::left_out) {
-      throw Error(ErrorCode::invalid_argument,
-                  "L, Lx, Ly and Lz are lengths of the mesh, which is not known here; give the number");
+      throw Error(ErrorCode::invalid_argument, use + ", which is not known here; " + instead);
     }
     const std::string geometry = top_level_text(from_.text, "geometry");
     const std::filesystem::path path = from_.folder / geometry;
     if (geometry.empty() || !io::mesh_exists(path)) {
-      throw Error(ErrorCode::invalid_argument, "L, Lx, Ly and Lz are the lengths of the mesh, and `geometry` names no mesh file");
+      throw Error(ErrorCode::invalid_argument, use + ", and `geometry` names no mesh file; " + instead);
     }
-    return io::read_mesh_file(path, from_.reading)->mesh();
+    mesh_ = io::read_mesh_file(path, from_.reading)->mesh();
+    return mesh_;
   }
 
+ private:
   const SetupText& from_;
   std::optional<Box> box_;
+  std::shared_ptr<const Mesh> mesh_;
 };
 
 /// The setup as the text has it, with the values that come from other files.
 v1::Setup parsed_text(const SetupText& from, std::vector<std::filesystem::path>& read, Problems& problems) {
   IdFiles id_files(from.folder);
-  MeshLengths lengths(from);
+  SetupMesh of_setup(from);
   const ValueFiles files{[&](const std::string& file, const std::string& set) {
                            read.push_back(from.folder / file);
                            return id_files.ids(file, set);
@@ -73,18 +76,30 @@ v1::Setup parsed_text(const SetupText& from, std::vector<std::filesystem::path>&
                            read.push_back(from.folder / file);
                            return read_control_points(from.folder / file);
                          },
-                         [&](std::string_view name) { return lengths.of(name); }};
+                         [&](std::string_view name) { return of_setup.length(name); }};
   v1::Setup setup;
   parse_yaml(from.text, from.name, setup, files, problems);
-  if (problems.concern("method")) return setup;  // a method that cannot be read lacks no file
-  problems.check("method", [&] {
-    if (!setup.method().cage().file().empty()) read.push_back(from.folder / setup.method().cage().file());
-    try {
-      read_cage(from.folder, setup);
-    } catch (const Error& error) {
-      throw Error(error.code(), from.name + ": " + error.what());
-    }
-  });
+  const auto fill = [&](const std::string& prefix, v1::Method& method) {
+    if (problems.concern(prefix + "method")) return;  // a method that cannot be read lacks no file
+    problems.check(prefix + "method", [&] {
+      if (!method.cage().file().empty()) read.push_back(from.folder / method.cage().file());
+      try {
+        fill_cage(
+            from.folder, prefix + "method.cage",
+            [&] {
+              return of_setup.mesh("the cage is made around the mesh",
+                                   "make one with `deform cage mesh` and name it with `file`");
+            },
+            method);
+      } catch (const Error& error) {
+        throw Error(error.code(), from.name + ": " + error.what());
+      }
+    });
+  };
+  if (setup.has_method()) fill("", *setup.mutable_method());
+  for (int i = 0; i < setup.then_size(); ++i) {
+    if (setup.then(i).has_method()) fill("then[" + std::to_string(i) + "].", *setup.mutable_then(i)->mutable_method());
+  }
   return setup;
 }
 

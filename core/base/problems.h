@@ -48,6 +48,7 @@ class Problems {
     }
   }
 
+  bool collects() const { return mode_ == Mode::collect; }    ///< whether checking goes on after a problem
   bool empty() const { return list_.empty(); }                ///< whether no problem was found
   const std::vector<Problem>& list() const { return list_; }  ///< in the order of the checks
   /// Whether a problem concerns the field or a part of it ("handles[0].region" is a part of "handles[0]").

@@ -9,6 +9,7 @@
 
 #include "core/base/error.h"
 #include "core/compiled/coded_fields.h"
+#include "core/deformers/composed/composed_system.h"
 #include "core/deformers/handles/handle_system.h"
 #include "core/deformers/methods.h"
 #include "core/deformers/mirrored_system.h"
@@ -31,6 +32,9 @@ CompiledForm::CompiledForm(const std::shared_ptr<const System>& system)
     : system_(std::dynamic_pointer_cast<const HandleSystem>(system)) {
   if (std::dynamic_pointer_cast<const MirroredSystem>(system) != nullptr) {
     refuse_form("it deforms a half model with its mirror images; use method rbf, or compile the whole model");
+  }
+  if (std::dynamic_pointer_cast<const ComposedSystem>(system) != nullptr) {
+    refuse_form("its setup has several methods, one after the other; compile a setup with one method, or evaluate on the server");
   }
   if (system_ == nullptr) refuse_form("its method has no handle basis");
   const Setup& setup = system_->setup_;

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/methods.h"
 
+#include <algorithm>
+#include <iterator>
 #include <string>
 
 #include "core/base/error.h"
+#include "core/deformers/composed/composed_setup.h"
 
 namespace deform {
 
@@ -72,6 +75,18 @@ ControlSet controls_of(const Setup& setup, const Mesh& mesh) {
 }
 
 std::optional<std::vector<PointId>> known_centres(const Mesh& mesh, const Setup& setup) {
+  if (is_composed(setup)) {
+    validate(setup, mesh);
+    std::optional<std::vector<PointId>> all;
+    for (std::size_t s = 0; s <= setup.then.size(); ++s) {
+      const auto own = known_centres(mesh, stage_setup(setup, s).setup);
+      if (!own) continue;
+      std::vector<PointId> sum;
+      if (all) std::set_union(all->begin(), all->end(), own->begin(), own->end(), std::back_inserter(sum));
+      all = all ? std::move(sum) : *own;
+    }
+    return all;
+  }
   const SelectedRegions regions = validate(setup, mesh);
   return with_method(setup,
                      [&]<Method M>(const typename M::Options& options) { return M::known_centres(options, mesh, regions); });

@@ -31,7 +31,7 @@ struct MethodList {
              std::declval<std::conditional_t<std::is_same_v<typename M::Options, O>, std::tuple<M>, std::tuple<>>>()...))>;
 };
 using Methods = MethodList<RbfMethod, ShellMethod, SubspaceMethod, MlsMethod, FfdMethod, CageMethod>;
-static_assert(std::is_same_v<Methods::Options, decltype(Setup::method)>);
+static_assert(std::is_same_v<Methods::Options, MethodOptions>);
 
 /// use.template operator()<M>(options) for the method M of a setup and its options, which are const if the setup is.
 template <typename SetupType, typename Use>
@@ -54,7 +54,7 @@ bool selects_controls(const Setup& setup);
 ControlSet controls_of(const Setup& setup, const Mesh& mesh);
 
 /// The points that become centres of an RBF system, ascending. std::nullopt for other methods, and if the preparation chooses
-/// them (INCREMENTAL_QR). Throws what validate() throws.
+/// them (INCREMENTAL_QR). Of a composed setup those of its methods that know them. Throws what validate() throws.
 std::optional<std::vector<PointId>> known_centres(const Mesh& mesh, const Setup& setup);
 
 }  // namespace deform

@@ -12,6 +12,7 @@
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
 #include "core/compiled/motion.h"
+#include "core/deformers/composed/composed_setup.h"
 #include "core/deformers/methods.h"
 #include "core/deformers/option_checks.h"
 #include "core/mesh/point_owners.h"
@@ -296,6 +297,7 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh, Problems& problem
     if (problems.concern(field)) continue;
     problems.check(field, [&] { validate_variable(setup, k, variable_names); });
   }
+  if (is_composed(setup)) return validate_stages(setup, mesh, problems, context);
   if (!problems.concern("method")) validate_method(setup, mesh, problems);
 
   SelectedRegions selected;

@@ -199,11 +199,24 @@ struct CageOptions {
   double basis_tolerance = 0;  ///< as RbfOptions::basis_tolerance
 };
 
+/// The options of a method; see methods.h.
+using MethodOptions = std::variant<RbfOptions, ShellOptions, SubspaceOptions, MlsOptions, FfdOptions, CageOptions>;
+
 /// A named region that is moved.
 struct Handle {
-  std::string name;  ///< not empty, unique among the handles
-  Region region;     ///< its points, or control points
+  std::string name;       ///< not empty, unique among the handles
+  Region region;          ///< its points, or control points
+  std::size_t stage = 0;  ///< whose it is: 0 is Setup::method, s is Setup::then[s - 1]; ascending
 };
+
+/// A further method of a setup, which starts where those before it end; see ComposedSystem.
+struct Stage {
+  MethodOptions method;       ///< the method and its options
+  std::vector<Region> fixed;  ///< regions of points that it leaves where those before it put them; disjoint from its handles
+};
+
+/// The largest number of methods of Setup::then.
+inline constexpr std::size_t most_further_methods = 7;
 
 /// Another handle that a design variable moves.
 struct DrivenHandle {
@@ -252,27 +265,30 @@ struct ConstraintOptions {
 /// The input of a system besides the mesh. Several variables that move one handle are composed in their order here (the first one
 /// is applied first).
 struct Setup {
-  std::variant<RbfOptions, ShellOptions, SubspaceOptions, MlsOptions, FfdOptions, CageOptions>
-      method;                             ///< the method and its options (methods.h)
-  std::vector<Handle> handles;            ///< at least one; their regions are disjoint
-  std::vector<Region> fixed;              ///< regions of points that stay; disjoint from the handles
+  MethodOptions method;                   ///< the method and its options
+  std::vector<Handle> handles;            ///< at least one of each method, whose regions are disjoint; in the order of methods
+  std::vector<Region> fixed;              ///< regions of points that `method` lets stay; disjoint from its handles
   std::vector<DesignVariable> variables;  ///< the design variables
   std::uint64_t seed = 0;                 ///< seed of all random choices
   std::vector<SymmetryPlane> symmetry;    ///< at most 3, mutually orthogonal; points on them slide in them
   std::vector<Constraint> constraints;    ///< for the energy methods only
   ConstraintOptions constraint_options;   ///< options of the solver for constraints
+  std::vector<Stage> then{};              ///< methods that follow `method`, at most most_further_methods; not with constraints
 };
 
 /// The regions of a setup on one mesh.
 struct SelectedRegions {
-  std::vector<std::vector<PointId>> handles;                   ///< points of each handle, sorted, not empty, disjoint
-  std::vector<PointId> fixed;                                  ///< sorted, disjoint from all handles; may be empty
-  Symmetry symmetry;                                           ///< the symmetry planes
+  /// Points of each handle, sorted, not empty; disjoint among the handles of one method.
+  std::vector<std::vector<PointId>> handles;
+  std::vector<PointId> fixed;  ///< of Setup::method; sorted, disjoint from its handles; may be empty
+  Symmetry symmetry;           ///< the symmetry planes
   std::vector<std::vector<std::vector<PointId>>> constraints;  ///< points of each region of each constraint, sorted, not empty
   /// What handles and fixed regions select: points of the mesh, or control points for FfdControl::controls
   /// and CageControl::controls.
   enum class Of { mesh_points, control_points };
-  Of of = Of::mesh_points;  ///< the same for all handles and fixed regions
+  Of of = Of::mesh_points;  ///< the same for all handles and fixed regions of a method; here that of Setup::method
+  /// With Setup::then the regions of each method, those of Setup::method first; else empty.
+  std::vector<SelectedRegions> stages{};
 };
 
 /// Makes all checks that need no numerical work and selects the regions. Throws Error(invalid_argument) naming the field: no

@@ -10,6 +10,7 @@
 #include "core/base/number_text.h"
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
+#include "core/deformers/composed/composed_setup.h"
 #include "core/deformers/handles/handle_ways.h"
 #include "core/deformers/methods.h"
 
@@ -23,6 +24,11 @@ constexpr int halvings = 10;             // of the way beyond the last sound pla
 
 /// Steps are prepared anew with the handles' points where they have come to: they must be points of the mesh.
 void refuse_controls(const Setup& setup) {
+  if (is_composed(setup)) {
+    throw Error(ErrorCode::invalid_argument,
+                "splitting: a setup with `then` is not cut into steps, because each method starts where those before it end; ask "
+                "for smaller motions, or use a setup with one method");
+  }
   if (!selects_controls(setup)) return;
   throw Error(
       ErrorCode::invalid_argument,

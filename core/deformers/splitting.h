@@ -101,15 +101,15 @@ struct SplitResult {
 /// that is a result, not an error.
 ///
 /// Throws the errors of validate(), prepare(), System::bind() and InversionCheck; Error(invalid_argument) for options out of
-/// range and for handles that select control points, out_of_budget, cancelled, deadline_exceeded. Reports "split" progress, the
-/// fraction of the motion in the current attempt, besides the stages of prepare().
+/// range, for handles that select control points and for composed setups, out_of_budget, cancelled, deadline_exceeded. Reports
+/// "split" progress, the fraction of the motion in the current attempt, besides the stages of prepare().
 SplitResult evaluate_split(const SplitProblem& problem, const Design& design, const SplitOptions& options = {},
                            const RunContext& context = {});
 
 /// Estimates the cost of one step after the first, which only needs the prepared system: peak_bytes includes the copies of the
 /// mesh, seconds include preparation, evaluation and check. The number of these steps is not known in advance; uniform splitting
 /// takes at most 1 + 2 + ... + (most_steps - 1), adaptive splitting most_steps - 1. Throws the errors of validate(), and
-/// Error(invalid_argument) for handles that select control points.
+/// Error(invalid_argument) for handles that select control points and for composed setups.
 Estimate estimate_substep(const Mesh& mesh, const Setup& setup, const CellSet& cells);
 
 }  // namespace deform

@@ -6,6 +6,7 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/deformers/composed/composed_system.h"
 #include "core/deformers/constrained/constraint_sets.h"
 #include "core/deformers/methods.h"
 #include "core/deformers/mirrored_system.h"
@@ -70,6 +71,7 @@ Estimate estimate(const Mesh& mesh, const Setup& setup, const RunContext& contex
 }
 
 Estimate estimate(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
+  if (is_composed(setup)) return estimate_composed(mesh, setup, regions);
   if (is_mirrored(setup)) return estimate_mirrored(mesh, setup, regions);
   Estimate expected = with_method(
       setup, [&]<Method M>(const typename M::Options& options) { return M::estimate(options, mesh, setup, regions); });
@@ -95,6 +97,9 @@ std::shared_ptr<const System> prepare(std::shared_ptr<const Mesh> mesh, const Se
                                                 gibibytes(expected.factor_bytes) + ", basis " + gibibytes(expected.basis_bytes) +
                                                 "), available are " + gibibytes(memory_budget) + "; " + expected.advice);
     }
+  }
+  if (is_composed(setup)) {
+    return std::make_shared<const ComposedSystem>(std::move(mesh), setup, context, memory_budget);
   }
   if (is_mirrored(setup)) {
     return std::make_shared<const MirroredSystem>(std::move(mesh), setup, context, memory_budget);

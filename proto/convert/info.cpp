@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/deformers/composed/composed_setup.h"
 #include "core/deformers/methods.h"
 #include "proto/convert/base/fields.h"
 
@@ -80,6 +81,11 @@ void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const S
 
 void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup) {
   if (setup.fixed.empty() && !selects_controls(setup)) *to.Add() = "Nothing is fixed, so everything that is no handle may move.";
+  for (std::size_t s = 1; s <= setup.then.size(); ++s) {
+    const Setup own = stage_setup(setup, s).setup;
+    if (!own.fixed.empty() || selects_controls(own)) continue;
+    *to.Add() = stage_field(s) + ": Nothing is fixed, so everything that is no handle of this method may move.";
+  }
 }
 
 v1::EstimateReply estimate_reply(const Estimate& estimate) {

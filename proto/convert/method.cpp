@@ -200,6 +200,11 @@ CageOptions cage_options(const v1::CageMethod& message) {
     refuse_field(path + ".file",
                  "only setup files name one; send the points and triangles of the cage as vertices and triangles");
   }
+  if (message.has_generate()) {
+    refuse_field(path + ".generate",
+                 "only setup files have it, and whoever reads one makes the cage; send its points and triangles as vertices and "
+                 "triangles");
+  }
   const v1::CageCoordinates coordinates = known(message.coordinates(), path + ".coordinates");
   const v1::FfdControl control = known(message.control(), path + ".control");
   if (control == v1::ENERGY) refuse_field(path + ".control", "a cage has no ENERGY; use CONTROLS or MESH");
@@ -313,6 +318,7 @@ void canonicalize_ffd(v1::FfdMethod& ffd) {
 
 void canonicalize_cage(v1::CageMethod& cage) {
   cage.clear_file();
+  cage.clear_generate();
   if (cage.coordinates() != v1::GREEN) cage.set_coordinates(v1::MEAN_VALUE);
   if (cage.control() != v1::MESH) cage.set_control(v1::CONTROLS);
   if (cage.control() != v1::MESH || cage.clamp() == 0) cage.set_clamp(0);  // ignored, or -0.0
@@ -321,7 +327,7 @@ void canonicalize_cage(v1::CageMethod& cage) {
 
 }  // namespace
 
-decltype(Setup::method) method_from_proto(const v1::Method& message) {
+MethodOptions method_from_proto(const v1::Method& message) {
   switch (message.kind_case()) {
     case v1::Method::kShell:
       return shell_options(message.shell());

@@ -59,6 +59,33 @@ void fill_point(google::protobuf::RepeatedField<double>& numbers) {
   if (numbers.empty()) numbers.Resize(3, 0.0);
 }
 
+/// Appends handles of a method, whose fields start with `prefix`, to those of the setup.
+void add_handles(const google::protobuf::RepeatedPtrField<v1::Handle>& from, const std::string& prefix, std::size_t stage,
+                 Setup& setup, Problems& problems) {
+  for (int i = 0; i < from.size(); ++i) {
+    const std::string path = prefix + indexed("handles", i);
+    Handle& handle = setup.handles.emplace_back();
+    handle.stage = stage;
+    problems.check(path + ".name", [&] {
+      check_name(from[i].name(), path + ".name");
+      handle.name = from[i].name();
+    });
+    problems.check(path + ".region", [&] {
+      if (!from[i].has_region()) refuse_field(path + ".region", "is missing");
+      handle.region = region_from_proto(from[i].region(), path + ".region");
+    });
+  }
+}
+
+void add_fixed(const google::protobuf::RepeatedPtrField<v1::Region>& from, const std::string& prefix, std::vector<Region>& fixed,
+               Problems& problems) {
+  for (int i = 0; i < from.size(); ++i) {
+    const std::string path = prefix + indexed("fixed", i);
+    Region& region = fixed.emplace_back();
+    problems.check(path, [&] { region = region_from_proto(from[i], path); });
+  }
+}
+
 /// Of a design variable, or of another handle that it moves.
 template <typename Message>
 void canonicalize_motion(Message& message) {
@@ -82,7 +109,13 @@ Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles, Proble
       refuse_field(field, std::to_string(count) + " entries are more than the limit of " + std::to_string(limit));
     }
   };
-  check_count("handles", message.handles_size(), max_handles);
+  check_count("then", message.then_size(), most_further_methods);
+  int handles = message.handles_size();
+  for (int i = 0; i < message.then_size(); ++i) {
+    handles += message.then(i).handles_size();
+    check_count((indexed("then", i) + ".fixed").c_str(), message.then(i).fixed_size(), max_handles);
+  }
+  check_count("handles", handles, max_handles);
   check_count("fixed", message.fixed_size(), max_handles);
   check_count("symmetry", message.symmetry_size(), most_planes);
   check_count("variables", message.variables_size(), variables_per_handle * max_handles);
@@ -92,22 +125,20 @@ Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles, Proble
   Setup setup;
   problems.check("method", [&] { setup.method = method_from_proto(message.method()); });
   setup.seed = message.seed();
-  for (int i = 0; i < message.handles_size(); ++i) {
-    const std::string path = indexed("handles", i);
-    Handle& handle = setup.handles.emplace_back();
-    problems.check(path + ".name", [&] {
-      check_name(message.handles(i).name(), path + ".name");
-      handle.name = message.handles(i).name();
+  add_handles(message.handles(), "", 0, setup, problems);
+  add_fixed(message.fixed(), "", setup.fixed, problems);
+  for (int i = 0; i < message.then_size(); ++i) {
+    const std::string prefix = indexed("then", i) + ".";
+    Stage& stage = setup.then.emplace_back();
+    problems.check(prefix + "method", [&] {
+      try {
+        stage.method = method_from_proto(message.then(i).method());
+      } catch (const Error& error) {
+        throw Error(error.code(), prefix + error.what());
+      }
     });
-    problems.check(path + ".region", [&] {
-      if (!message.handles(i).has_region()) refuse_field(path + ".region", "is missing");
-      handle.region = region_from_proto(message.handles(i).region(), path + ".region");
-    });
-  }
-  for (int i = 0; i < message.fixed_size(); ++i) {
-    const std::string path = indexed("fixed", i);
-    Region& region = setup.fixed.emplace_back();
-    problems.check(path, [&] { region = region_from_proto(message.fixed(i), path); });
+    add_handles(message.then(i).handles(), prefix, static_cast<std::size_t>(i) + 1, setup, problems);
+    add_fixed(message.then(i).fixed(), prefix, stage.fixed, problems);
   }
   for (int i = 0; i < message.variables_size(); ++i) {
     const std::string path = indexed("variables", i);
@@ -135,6 +166,7 @@ Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles, Proble
 
 v1::Setup with_kernel(v1::Setup message, const v1::GeometryInfo& geometry) {
   set_default_kernel(*message.mutable_method(), geometry);
+  for (auto& stage : *message.mutable_then()) set_default_kernel(*stage.mutable_method(), geometry);
   return message;
 }
 
@@ -145,6 +177,11 @@ v1::Setup canonical_setup(const v1::Setup& message, const std::string& geometry_
   canonicalize_method(*canonical.mutable_method());
   for (auto& handle : *canonical.mutable_handles()) canonicalize_region(*handle.mutable_region());
   for (auto& region : *canonical.mutable_fixed()) canonicalize_region(region);
+  for (auto& stage : *canonical.mutable_then()) {
+    canonicalize_method(*stage.mutable_method());
+    for (auto& handle : *stage.mutable_handles()) canonicalize_region(*handle.mutable_region());
+    for (auto& region : *stage.mutable_fixed()) canonicalize_region(region);
+  }
   for (auto& plane : *canonical.mutable_symmetry()) {
     if (plane.has_region()) canonicalize_region(*plane.mutable_region());
   }

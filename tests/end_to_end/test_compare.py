@@ -173,7 +173,9 @@ class FewWords(EndToEnd):
         self.assertEqual(schema["required"], ["geometry"])
         self.assertIn("DEGREES", schema["$defs"]["Rotate"]["properties"]["unit"]["enum"])
         self.assertEqual(sorted(schema["properties"]), sorted(
-            ["geometry", "method", "handles", "fixed", "variables", "seed", "symmetry", "constraints", "constraint_options"]))
+            ["geometry", "method", "handles", "fixed", "variables", "seed", "symmetry", "constraints", "constraint_options", "then"]))
+        self.assertEqual(sorted(schema["$defs"]["Stage"]["properties"]), ["fixed", "handles", "method"])
+        self.assertIn("WRAP", schema["$defs"]["CageMethod.Generate"]["properties"]["kind"]["enum"])
         shown = json.dumps(schema)
         for reference in set(re.findall(r'"#/\$defs/([\w.]+)"', shown)):
             self.assertIn(reference, schema["$defs"])

@@ -62,6 +62,78 @@ TEST(ConvertSetup, everything_arrives) {
   EXPECT_EQ(setup.variables[1].upper, infinite);
 }
 
+/// The setup of a sheet with a second method, whose handle is in its middle.
+v1::Setup two_methods() {
+  v1::Setup message = sheet_setup(geometry);
+  auto& stage = *message.add_then();
+  stage.mutable_method()->mutable_shell()->mutable_energy()->set_stretching(0.5);
+  auto& handle = *stage.add_handles();
+  handle.set_name("middle");
+  handle.mutable_region()->add_ids(12);
+  stage.add_fixed()->add_ids(0);
+  return message;
+}
+
+TEST(ConvertSetup, MethodsFollowEachOther) {
+  const deform::Setup setup = setup_from_proto(two_methods(), 10);
+  ASSERT_EQ(setup.then.size(), 1u);
+  EXPECT_EQ(std::get<ShellOptions>(setup.then[0].method).stretching, 0.5);
+  ASSERT_EQ(setup.then[0].fixed.size(), 1u);
+  EXPECT_EQ(std::get<Region::Ids>(setup.then[0].fixed[0].kind).ids, (std::vector<PointId>{0}));
+  ASSERT_EQ(setup.handles.size(), 2u);
+  EXPECT_EQ(setup.handles[0].stage, 0u);
+  EXPECT_EQ(setup.handles[1].name, "middle");
+  EXPECT_EQ(setup.handles[1].stage, 1u);
+  const auto refused = [](const std::function<void(v1::Setup&)>& spoil) {
+    v1::Setup message = two_methods();
+    spoil(message);
+    return refusal([&] { validate(setup_from_proto(message, 10), sheet_mesh(8, 4)); });
+  };
+  EXPECT_EQ(refused([](auto&) {}), "");
+  EXPECT_EQ(refused([](auto& s) { s.mutable_then(0)->mutable_handles(0)->clear_region(); }),
+            "then[0].handles[0].region: is missing");
+  EXPECT_EQ(
+      refused([](auto& s) { s.mutable_then(0)->mutable_fixed(0)->mutable_sphere()->set_radius(nan); }).find("then[0].fixed[0]"),
+      0u);
+  EXPECT_EQ(refused([](auto& s) {
+              s.mutable_then(0)->mutable_method()->mutable_shell()->mutable_energy()->set_handles(static_cast<v1::HandleMode>(7));
+            }),
+            "then[0].method.shell.energy.handles: unknown value 7");
+  EXPECT_EQ(refused([](auto& s) {
+              while (s.then_size() < 8) *s.add_then() = s.then(0);
+            }),
+            "then: 8 entries are more than the limit of 7");
+  EXPECT_EQ(refused([](auto& s) {
+              while (s.then(0).handles_size() < 10) *s.mutable_then(0)->add_handles() = s.then(0).handles(0);
+            }),
+            "handles: 11 entries are more than the limit of 10");
+  EXPECT_EQ(refused([](auto& s) {
+              while (s.then(0).fixed_size() < 11) *s.mutable_then(0)->add_fixed() = s.then(0).fixed(0);
+            }),
+            "then[0].fixed: 11 entries are more than the limit of 10");
+  // All problems at once, each under its field.
+  v1::Setup message = two_methods();
+  message.mutable_handles(0)->clear_region();
+  message.mutable_then(0)->mutable_handles(0)->clear_region();
+  message.mutable_then(0)->mutable_method()->mutable_shell()->mutable_energy()->set_fixing(-1);
+  message.mutable_then(0)->mutable_method()->mutable_shell()->mutable_energy()->set_handles(v1::HANDLES_SOFT);
+  Problems problems(Problems::Mode::collect);
+  const deform::Setup spoiled = setup_from_proto(message, 10, problems);
+  validate(spoiled, sheet_mesh(8, 4), problems);
+  ASSERT_EQ(problems.list().size(), 3u);
+  EXPECT_EQ(problems.list()[0].field, "handles[0].region");
+  EXPECT_EQ(problems.list()[1].field, "then[0].handles[0].region");
+  EXPECT_EQ(problems.list()[2].field, "then[0].method");
+  EXPECT_EQ(problems.list()[2].message.find("then[0].method.shell.energy.fixing"), 0u) << problems.list()[2].message;
+}
+
+TEST(ConvertSetup, AGeneratedCageIsOfFilesOnly) {
+  EXPECT_EQ(setup_refusal([](auto& s) {
+              s.mutable_method()->mutable_cage()->mutable_generate()->set_points(100);
+            }).find("method.cage.generate: only setup files have it"),
+            0u);
+}
+
 TEST(ConvertSetup, EveryKernelHasItsNameOnTheWire) {
   const auto& messages = *v1::Kernel_descriptor();
   ASSERT_EQ(static_cast<std::size_t>(messages.value_count()), all_kernels().size() + 1);

@@ -54,8 +54,10 @@ FLOORS = {
     "core/deformers/ffd": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles", "core/deformers/energy",
                                                                 "core/deformers/energy/spaces"],
     "core/deformers/cage": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles", "core/deformers/ffd"],
+    "core/deformers/composed": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles"],
     "core/deformers": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles", "core/deformers/rbf", "core/deformers/constrained",
-                                                            "core/deformers/energy", "core/deformers/ffd", "core/deformers/cage"],
+                                                            "core/deformers/energy", "core/deformers/ffd", "core/deformers/cage",
+                                                            "core/deformers/composed"],
     # Messages to core types and back: each room needs as much of the core as the types it names.
     "proto/convert/base": ["core/base", "core/codec", "deform/v1"],
     "proto/convert/mesh": ["core/base", "core/mesh", "proto/convert/base", "deform/v1"],
@@ -63,7 +65,7 @@ FLOORS = {
     "proto/convert/findings.h": ["core/quality", "deform/v1"],
     "proto/convert/verdict.h": ["deform/v1"],
     "proto/convert": ["core/base", "core/codec", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",
-                      "core/deformers", "proto/convert/base", "proto/convert/mesh", "proto/convert/controls", "deform/v1"],
+                      "core/deformers", "core/deformers/composed", "proto/convert/base", "proto/convert/mesh", "proto/convert/controls", "deform/v1"],
     # The server never reads a user's file.
     "server/store": ["core/base", "core/codec", "core/mesh", "proto/convert", "proto/convert/mesh", "deform/v1"],
     "server/engine": ["core/base", "core/codec", "core/compiled", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",
@@ -71,7 +73,7 @@ FLOORS = {
     "server/rpc": ["core/base", "core/codec", "proto/convert/base", "deform/v1", "server/engine"],
     "server": ["core/base", "core/base/commit", "server/store", "server/engine", "server/rpc"],
     "client": ["core/base", "core/codec", "proto/convert/base", "deform/v1"],
-    "client/setup": ["core/base", "core/mesh", "core/io", "deform/v1"],
+"client/setup": ["core/base", "core/mesh", "core/mesh/cages", "core/io", "deform/v1"],
     "client/python": ["core/base", "core/codec", "core/compiled", "core/mesh", "core/io", "core/measures", "deform/v1", "client", "client/setup"],
     # Executables that read files.
     "client/cli": ["core/base", "core/base/commit", "core/cad", "core/codec", "core/compiled", "core/mesh", "core/mesh/cages", "core/io", "core/quality",

@@ -467,6 +467,12 @@ def canonical_setup(setup, geometry, flat):
         canonical_region(handle.region)
     for region in canonical.fixed:
         canonical_region(region)
+    for stage in canonical.then:
+        canonical_method(stage.method, flat)
+        for handle in stage.handles:
+            canonical_region(handle.region)
+        for region in stage.fixed:
+            canonical_region(region)
     for plane in canonical.symmetry:
         if plane.HasField("region"):
             canonical_region(plane.region)

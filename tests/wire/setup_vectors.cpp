@@ -75,6 +75,14 @@ constexpr SetupCase cases[] = {
     {"subspace as it was stored before it had linear functions", R"({"method": {"subspace": {"kernel": "SUBSPACE_GAUSSIAN",
          "energy": {"bending": 1, "handles": "HANDLES_HARD"}, "centres": 1000, "cover": 50}},
          "handles": [{"name": "a", "region": {"group": "g"}}]})"},
+    {"several methods", R"({"method": {"ffd": {}}, "handles": [{"name": "a", "region": {"group": "g"}}],
+         "constraintOptions": {"iterations": 10}, "then": [{"handles": [{"name": "b", "region": {"ids": [4, 1, 4]}}],
+         "fixed": [{"ids": [9, 9, 2]}]}, {"method": {"shell": {}}, "handles": [{"name": "c", "region": {"boundary": true}}]}],
+         "variables": [{"name": "u", "handle": "a", "translate": [0, 0, 1], "also": [{"handle": "b",
+         "rotate": {"axis": [0, 0, 1], "unit": "RADIANS"}}]}]})"},
+    {"several methods, flat geometry", R"({"handles": [{"name": "a", "region": {"group": "g"}}],
+         "then": [{"method": {"rbf": {}}, "handles": [{"name": "b", "region": {"all": true}}]}]})",
+     Geometry::flat},
     {"ffd", R"({"method": {"ffd": {}}, "handles": [{"name": "a", "region": {"group": "g"}}]})"},
     {"ffd in a turned frame", R"({"method": {"ffd": {"energy": {"stretching": 0.5, "handles": "HANDLES_SOFT"}, "clamp": 0.1,
          "lattice": {"frame": {"origin": [0, -1, 0.5], "axes": [1, 1, 0, -1, 1, 0, 0, 0, 2]}, "points": [5, 6, 7],
@@ -164,6 +172,10 @@ void add_setup_vectors(Vectors& vectors) {
     v1::Setup message = parsed(setup);
     const bool rbf = message.method().has_rbf() || message.method().kind_case() == v1::Method::KIND_NOT_SET;
     if (rbf && setup.geometry == Geometry::flat) message.mutable_method()->mutable_rbf()->set_kernel(v1::THIN_PLATE);
+    for (auto& stage : *message.mutable_then()) {
+      if (stage.method().has_rbf() && setup.geometry == Geometry::flat)
+        stage.mutable_method()->mutable_rbf()->set_kernel(v1::THIN_PLATE);
+    }
     const v1::Setup canonical = convert::canonical_setup(message, geometry);
     Json json;
     json["name"] = setup.name;

@@ -13,6 +13,7 @@
 #include "client/cli/output/format.h"
 #include "client/cli/output/result_json.h"
 #include "client/cli/setup/motions.h"
+#include "client/cli/setup/setup_stages.h"
 #include "core/base/text.h"
 #include "core/cad/availability.h"
 #include "core/cad/cad_apply.h"
@@ -109,6 +110,7 @@ ExitCode run_cad_apply(const CadApplyCommand& options, const CommonOptions& comm
   Connection connection(common);
   Progress progress;
   LoadedSetup loaded = load_setup(connection, options.input, progress);
+  refuse_several_methods(loaded.setup, "CAD models follow setups with one method");
   check_space_method(loaded.setup.method());
   const PreparedSetup prepared = prepare_loaded(connection, std::move(loaded), progress);
   keep_inputs("-o", request.output.string(), {prepared.source_path});

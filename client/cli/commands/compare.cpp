@@ -15,6 +15,7 @@
 #include "client/cli/output/format.h"
 #include "client/cli/output/result_json.h"
 #include "client/cli/setup/motions.h"
+#include "client/cli/setup/setup_stages.h"
 #include "client/cli/sweep/sweep_designs.h"
 #include "client/design.h"
 
@@ -180,6 +181,7 @@ ExitCode run_compare(const CompareOptions& options, const CommonOptions& common)
   }
   keep_inputs("--output", options.output, {options.input.setup, loaded.source_path, options.designs});
   check_page_name(options.output);
+  refuse_several_methods(loaded.setup, "setups with one method are compared; leave the further ones out");
   const std::vector<MethodChoice> choices = method_choices(options.methods, loaded.setup);
   const std::vector<NamedDesign> designs = designs_of(options, loaded.setup);
   Comparer comparer(connection, loaded, designs, progress);

@@ -116,6 +116,9 @@ void check_compilable(const v1::Setup& setup) {
   const auto refuse = [](const std::string& reason) {
     throw Error(ErrorCode::failed_precondition, "this setup cannot be compiled: " + reason);
   };
+  if (setup.then_size() > 0) {
+    refuse("it has several methods, one after the other; compile a setup with one method, or evaluate on the server");
+  }
   if (setup.constraints_size() > 0) {
     refuse(
         "with constraints the points are no linear function of the motions of the handles, and every design is solved for; "

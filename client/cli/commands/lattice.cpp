@@ -14,6 +14,7 @@
 #include "client/cli/output/result_json.h"
 #include "client/cli/setup/control_lattice.h"
 #include "client/cli/setup/motions.h"
+#include "client/cli/setup/setup_stages.h"
 #include "core/base/error.h"
 #include "core/base/text.h"
 #include "core/base/vectors.h"
@@ -24,6 +25,7 @@ namespace {
 
 struct LatticeCommand {
   std::string setup, source, output;
+  std::optional<std::uint32_t> then;
   std::vector<std::string> settings;
 };
 
@@ -89,7 +91,8 @@ LatticeOutcome write_cage_of(const LatticeCommand& options, const SetupFile& fil
 }
 
 ExitCode run_lattice(const LatticeCommand& options, const CommonOptions& common) {
-  const SetupFile file = read_setup_file(options.setup, own_process());
+  SetupFile file = read_setup_file(options.setup, own_process());
+  file.setup = setup_of_method(file.setup, options.then);
   if (!file.setup.method().has_ffd() && !file.setup.method().has_cage()) {
     throw Error(ErrorCode::invalid_argument, "method: only method.ffd has a lattice and method.cage a cage");
   }
@@ -137,6 +140,7 @@ void add_lattice_command(CLI::App& app, const CommonOptions& common, Action& cho
       ->expected(1)
       ->allow_extra_args(false);
   command->add_option("--source", options->source, "Mesh file of a setup that names its geometry by id");
+  command->add_option("--then", options->then, "Number of a further method of the setup, from 0; without: the first method");
   command->footer(footer);
   command->callback([options, command, &common, &chosen] {
     if (!command->get_subcommands().empty()) return;

@@ -11,6 +11,7 @@
 #include "client/cli/commands/workspace.h"
 #include "client/cli/output/region_files.h"
 #include "client/cli/output/result_json.h"
+#include "client/cli/setup/setup_stages.h"
 
 namespace deform::cli {
 
@@ -18,6 +19,7 @@ namespace {
 
 struct RegionsCommand {
   std::string setup, source, output;
+  std::optional<std::uint32_t> then;
   bool no_centres = false;
 };
 
@@ -115,10 +117,11 @@ ExitCode run_regions(const RegionsCommand& options, const CommonOptions& common)
   const SetupFile file = read_setup_file(options.setup, own_process());
   const std::filesystem::path path = mesh_path(options.setup, file, options.source);
   const auto mesh = io::read_mesh_file(path, own_process())->mesh();
-  Outcome outcome{{resolve_regions(file.setup, *mesh), std::nullopt}, {}};
+  const v1::Setup setup = setup_of_method(file.setup, options.then);
+  Outcome outcome{{resolve_regions(setup, *mesh), std::nullopt}, {}};
   auto& problems = outcome.picture.regions.problems;
   if (!options.no_centres && problems.empty()) {
-    ask_for_centres(file.setup, mesh, path.filename().string(), common, outcome);
+    ask_for_centres(setup, mesh, path.filename().string(), common, outcome);
   }
   // Also when something is wrong: that is when people have to look at it.
   write_regions(*mesh, outcome.picture, options.output);
@@ -158,6 +161,7 @@ void add_regions_command(CLI::App& app, const CommonOptions& common, Action& cho
   command->add_option("SETUP", options->setup, "Setup file")->required();
   command->add_option("-o,--output", options->output, "File to write: .vtp, .ply or, of a volume mesh, .vtu")->required();
   command->add_option("--source", options->source, "Mesh file of a setup that names its geometry by id");
+  command->add_option("--then", options->then, "Number of a further method of the setup, from 0; without: the first method");
   command->add_flag("--no-centres", options->no_centres, "Do not ask the server which points become centres");
   command->footer(regions_footer);
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_regions(*options, common); }; });

@@ -26,7 +26,6 @@ using client::NamedValue;
 using client::parse_csv;
 using client::parse_number;
 using client::parse_yaml;
-using client::read_cage;
 using client::read_control_points;
 using client::read_csv;
 using client::read_method_file;

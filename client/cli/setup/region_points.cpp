@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "client/cli/setup/control_lattice.h"
+#include "client/cli/setup/setup_stages.h"
 #include "core/base/error.h"
 #include "core/mesh/point_owners.h"
 #include "core/mesh/region.h"
@@ -98,19 +99,48 @@ ResolvedRegions resolve_regions(const v1::Setup& setup, const Mesh& mesh) {
 std::vector<PointId> handle_points(const v1::Setup& setup, const std::string& handle, const Mesh& mesh) {
   std::vector<std::string> names;
   const std::string what = "handle \"" + handle + "\"";
-  for (const auto& candidate : setup.handles()) {
-    if (candidate.name() == handle) {
-      if (selects_controls(setup)) return control_points_of(candidate.region(), setup, mesh, what);
-      return points_of(candidate.region(), mesh, what);
-    }
-    names.push_back(candidate.name());
+  if (const auto own = setup_of_handle(setup, handle)) {
+    const auto found = std::find_if(own->handles().begin(), own->handles().end(),
+                                    [&](const v1::Handle& candidate) { return candidate.name() == handle; });
+    if (selects_controls(*own)) return control_points_of(found->region(), *own, mesh, what);
+    return points_of(found->region(), mesh, what);
+  }
+  for (const auto& candidate : setup.handles()) names.push_back(candidate.name());
+  for (const auto& stage : setup.then()) {
+    for (const auto& candidate : stage.handles()) names.push_back(candidate.name());
   }
   const std::string near = nearest_names(handle, names);
   throw Error(ErrorCode::invalid_argument,
               what + ": the setup has no such handle" + (near.empty() ? "" : "; did you mean " + near + "?"));
 }
 
+namespace {
+
+/// Fixed is what all methods fix.
+std::vector<std::uint32_t> composed_labels(const v1::Setup& setup, const Mesh& mesh) {
+  std::vector<std::uint32_t> labels(mesh.point_count(), ResolvedRegions::fixed);
+  auto first = ResolvedRegions::first_handle;
+  std::vector<std::uint32_t> handled(mesh.point_count(), 0);
+  for (int s = -1; s < setup.then_size(); ++s) {
+    const v1::Setup own = setup_of_method(setup, s < 0 ? std::nullopt : std::optional(static_cast<std::uint32_t>(s)));
+    const std::vector<std::uint32_t> of_method = region_labels(own, mesh);
+    for (std::size_t i = 0; i < labels.size(); ++i) {
+      if (of_method[i] != ResolvedRegions::fixed) labels[i] = ResolvedRegions::free;
+      const bool held = of_method[i] >= ResolvedRegions::first_handle;
+      if (held && handled[i] == 0) handled[i] = first + (of_method[i] - ResolvedRegions::first_handle);
+    }
+    first += static_cast<std::uint32_t>(own.handles_size());
+  }
+  for (std::size_t i = 0; i < labels.size(); ++i) {
+    if (handled[i] != 0) labels[i] = handled[i];
+  }
+  return labels;
+}
+
+}  // namespace
+
 std::vector<std::uint32_t> region_labels(const v1::Setup& setup, const Mesh& mesh) {
+  if (setup.then_size() > 0) return composed_labels(setup, mesh);
   std::vector<std::uint32_t> labels(mesh.point_count(), 0);
   if (selects_controls(setup)) return labels;
   const auto mark = [&](const v1::Region& region, std::uint32_t label, const std::string& what) {

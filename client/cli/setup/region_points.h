@@ -10,7 +10,8 @@
 
 namespace deform::cli {
 
-/// The ascending point ids of a handle of a setup that the server accepted; with control CONTROLS numbers of control points.
+/// The ascending point ids of a handle of a setup that the server accepted; with control CONTROLS numbers of control points of
+/// its method.
 std::vector<PointId> handle_points(const v1::Setup& setup, const std::string& handle, const Mesh& mesh);
 
 /// The regions of a setup that nobody has accepted yet, and all that is wrong with them.
@@ -30,8 +31,8 @@ struct ResolvedRegions {
 /// Throws Error(invalid_argument) where control points are selected.
 ResolvedRegions resolve_regions(const v1::Setup& setup, const Mesh& mesh);
 
-/// A label per point: 0 for what may deform, 1 for what is fixed, 2 + i for handle i. Of regions that overlap the first handle
-/// has the point. All 0 where control points are selected.
+/// A label per point: 0 for what may deform, 1 for what is fixed (by all methods), 2 + i for handle i of all methods. Of regions
+/// that overlap the first handle has the point. All 0 where control points are selected.
 std::vector<std::uint32_t> region_labels(const v1::Setup& setup, const Mesh& mesh);
 
 }  // namespace deform::cli

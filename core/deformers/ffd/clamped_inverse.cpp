@@ -4,14 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <string>
 #include <utility>
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/deformers/handles/handle_motion.h"
 #include "core/numerics/dense/decompositions.h"
-#include "core/numerics/dense/thin_svd.h"
 
 namespace deform {
 
@@ -19,23 +18,14 @@ namespace {
 
 // Below 1e-8 rounding is multiplied to more than 1e-7 of the motion.
 constexpr double candidates_per_decade = 4, first_decade = 1, last_decade = 8;
-constexpr double rounding_floor = 1e-13;  // of the prescribed values: a misfit below is none
-constexpr double rounding_growth = 8;     // of singular values, over epsilon times the largest one
+constexpr double rounding_growth = 8;  // of singular values, over epsilon times the largest one
 
 std::vector<std::int64_t> reached(const FunctionRows& rows, const std::vector<PointId>& held) {
-  std::vector<bool> any(static_cast<std::size_t>(rows.cols()), false);
-  for (const PointId id : held) {
-    rows.for_each(id, [&](std::int64_t column, double) { any[static_cast<std::size_t>(column)] = true; });
-  }
-  std::vector<std::int64_t> result;
-  for (std::size_t j = 0; j < any.size(); ++j) {
-    if (any[j]) result.push_back(static_cast<std::int64_t>(j));
-  }
+  std::vector<std::int64_t> result = reached_functions(rows, held);
   if (result.size() > ClampedInverse::most_functions) {
-    throw Error(ErrorCode::invalid_argument,
-                "method.ffd.control: MESH takes at most " + std::to_string(ClampedInverse::most_functions) +
-                    " control points that reach handles and fixed regions, here are " + std::to_string(result.size()) +
-                    "; use fewer points of the lattice, or control ENERGY");
+    throw Error(ErrorCode::invalid_argument, std::to_string(result.size()) +
+                                                 " control points reach handles and fixed regions, at most " +
+                                                 std::to_string(ClampedInverse::most_functions) + " can be decomposed");
   }
   return result;
 }
@@ -44,16 +34,11 @@ std::vector<std::int64_t> reached(const FunctionRows& rows, const std::vector<Po
 
 /// By the first function: rows of one cell have the same ones. Points outside have none and are left out.
 std::vector<ClampedInverse::Group> ClampedInverse::groups_of(const FunctionRows& rows, const std::vector<PointId>& held) {
-  std::map<std::int64_t, Group> by_first;
-  for (std::size_t j = 0; j < held.size(); ++j) {
-    if (rows.count(held[j]) == 0) continue;
-    std::int64_t first = -1;
-    rows.for_each(held[j], [&](std::int64_t column, double) { first = first < 0 ? column : first; });
-    by_first[first].points.push_back(static_cast<std::int64_t>(j));
-  }
   std::vector<Group> groups;
   Eigen::Index next = 0;
-  for (auto& [first, group] : by_first) {
+  for (auto& [first, points] : points_by_function(rows, held)) {
+    Group group;
+    group.points = points;
     const std::size_t functions = rows.count(held[static_cast<std::size_t>(group.points[0])]);
     group.first = next;
     group.rows = static_cast<Eigen::Index>(std::min(functions, group.points.size()));
@@ -63,8 +48,8 @@ std::vector<ClampedInverse::Group> ClampedInverse::groups_of(const FunctionRows&
   return groups;
 }
 
-ClampedInverse::ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double clamp,
-                               const Eigen::MatrixXd& fields, const RunContext& context)
+ClampedInverse::ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double clamp, const Typical& typical,
+                               const RunContext& context)
     : columns_(rows.cols()), held_(held.size()), groups_(groups_of(rows, held)), active_(reached(rows, held)) {
   if (active_.empty()) {
     throw Error(ErrorCode::numerical_failure, "no control point of the lattice reaches a handle or fixed point");
@@ -99,7 +84,7 @@ ClampedInverse::ClampedInverse(const FunctionRows& rows, const std::vector<Point
   context.check();
   const ThinSvd svd = thin_svd(std::move(M));
   largest_ = svd.values[0];
-  clamp_ = clamp > 0 ? clamp : automatic_clamp(svd.U, svd.values, fields);
+  clamp_ = clamp > 0 ? clamp : strengthened(automatic_clamp(svd.U, svd.values, typical.fields), svd, typical.waves);
   Eigen::Index rank = 1;
   while (rank < svd.values.size() && svd.values[rank] > clamp_ * largest_) ++rank;
   left_out_ = rank < svd.values.size() ? svd.values[rank] : 0;
@@ -140,13 +125,28 @@ double ClampedInverse::automatic_clamp(const Eigen::MatrixXd& U, const Eigen::Ve
         motion += squares[i] / (values[i] * values[i]);
       }
     }
-    const double product = std::max(std::sqrt(misfit), rounding_floor * std::sqrt(all)) * std::sqrt(motion);
+    const double product = std::max(std::sqrt(misfit), least_misfit * std::sqrt(all)) * std::sqrt(motion);
     if (product < least) {
       least = product;
       best = candidate;
     }
   }
   return best > 0 ? best : std::pow(10.0, -first_decade);
+}
+
+/// The L-curve knows the affine motions of handles only. Where one handle holds much of the model, these are met with any clamp,
+/// and with a weak one everything else makes control points swing.
+double ClampedInverse::strengthened(double clamp, const ThinSvd& svd, const Eigen::MatrixXd& waves) const {
+  if (waves.cols() == 0) return clamp;
+  const Eigen::MatrixXd parts = svd.U.transpose() * compressed(waves);
+  const double strongest = std::pow(10.0, -first_decade);
+  for (; clamp < strongest; clamp *= std::pow(10.0, 1 / candidates_per_decade)) {
+    Eigen::Index rank = 1;
+    while (rank < svd.values.size() && svd.values[rank] > clamp * svd.values[0]) ++rank;
+    const Eigen::MatrixXd weights = parts.topRows(rank).array().colwise() / svd.values.head(rank).array();
+    if ((svd.V.leftCols(rank) * weights).cwiseAbs().maxCoeff() <= most_motion) return clamp;
+  }
+  return strongest;
 }
 
 Eigen::MatrixXd ClampedInverse::compressed(const Eigen::MatrixXd& h) const {
@@ -194,6 +194,11 @@ double ClampedInverse::uncertainty(double size, double misfit) const {
   const double smallest = values_[values_.size() - 1];
   const double gap = std::max(smallest - left_out_, change);
   return change * (size / gap + misfit / (smallest * gap));
+}
+
+std::string ClampedInverse::note() const {
+  return "Singular values up to " + scientific(clamp_) + " of the largest one are left out: rank " + std::to_string(rank()) +
+         ", " + std::to_string(functions()) + " control points reach handles or fixed points.";
 }
 
 std::size_t ClampedInverse::bytes() const {

@@ -4,10 +4,13 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "core/base/run_context.h"
 #include "core/base/types.h"
+#include "core/deformers/ffd/held_inverse.h"
+#include "core/numerics/dense/thin_svd.h"
 #include "core/numerics/sparse/function_rows.h"
 
 namespace deform {
@@ -19,7 +22,7 @@ namespace deform {
 /// Points in the same cell of a lattice have the same functions, so their rows are first compressed by QR to as many as there are
 /// functions: the cost of the decomposition then depends on the lattice and not on the number of points. Functions that are zero
 /// at all held points get the coefficient 0. Immutable; any thread.
-class ClampedInverse {
+class ClampedInverse : public HeldInverse {
  public:
   /// Limits of the clamp. Smaller singular values are dominated by rounding.
   static constexpr double least_clamp = 1e-15, largest_clamp = 0.5;
@@ -27,39 +30,35 @@ class ClampedInverse {
   static constexpr std::size_t most_functions = 4000;
 
   /// `held` are the held points, as rows of `rows`. clamp = 0 is automatic: among 1e-1, 1e-1.25 .. 1e-8 the point of slope -1 on
-  /// the L-curve of `fields`, which are m x f typical prescribed fields (misfit against motion of the control points, both
-  /// logarithmic: Reginska 1996; Hansen, Rank-Deficient and Discrete Ill-Posed Problems, 7.5). Throws Error(invalid_argument) for
-  /// more than most_functions functions, Error(numerical_failure) if all functions are zero at all held points, and what
-  /// thin_svd() and the context throw.
-  ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double clamp, const Eigen::MatrixXd& fields,
+  /// the L-curve of the typical fields (misfit, of which less than 1e-7 of the fields does not count, against motion of the
+  /// control points, both logarithmic: Reginska 1996; Hansen, Rank-Deficient and Discrete Ill-Posed Problems, 7.5), or the next
+  /// larger one that moves control points by at most most_motion for the waves. Throws Error(invalid_argument) for more than
+  /// most_functions functions, Error(numerical_failure) if all functions are zero at all held points, and what thin_svd() and the
+  /// context throw.
+  ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double clamp, const Typical& typical,
                  const RunContext& context);
 
-  /// Upper bounds of bytes() and of the additional memory of the constructor, computed from the rows. Throws as the constructor
-  /// does for too many functions.
-  struct Bytes {
-    std::size_t resident = 0, peak = 0;
-    std::size_t functions = 0;
-    double flops = 0;
-  };
+  /// Throws as the constructor does for too many functions.
   static Bytes estimate(const FunctionRows& rows, const std::vector<PointId>& held);
   /// The same if every function is nonzero at every held point.
   static Bytes estimate(std::size_t held, std::size_t functions);
 
   double clamp() const { return clamp_; }
   /// The ratio of the largest to the smallest singular value in use.
-  double condition() const { return largest_ / values_[values_.size() - 1]; }
+  double condition() const override { return largest_ / values_[values_.size() - 1]; }
   std::size_t rank() const { return static_cast<std::size_t>(values_.size()); }
   /// The number of functions that are nonzero at some held point.
   std::size_t functions() const { return active_.size(); }
-  std::size_t bytes() const;
+  std::size_t bytes() const override;
+  std::string note() const override;
 
   /// Returns Phi^+ h: k x c from m x c.
-  Eigen::MatrixXd solve(const Eigen::MatrixXd& h) const;
+  Eigen::MatrixXd solve(const Eigen::MatrixXd& h) const override;
   /// Returns (Phi^+)^T g: m x c from k x c.
-  Eigen::MatrixXd adjoint(const Eigen::MatrixXd& g) const;
+  Eigen::MatrixXd adjoint(const Eigen::MatrixXd& g) const override;
   /// Estimates the rounding error in the 2-norm of a column of the solution with norm `size` whose misfit has the norm `misfit`
   /// (first-order perturbation of truncated singular values).
-  double uncertainty(double size, double misfit) const;
+  double uncertainty(double size, double misfit) const override;
 
  private:
   /// Held points with the same functions.
@@ -71,6 +70,7 @@ class ClampedInverse {
   static std::vector<Group> groups_of(const FunctionRows& rows, const std::vector<PointId>& held);
   Eigen::MatrixXd compressed(const Eigen::MatrixXd& h) const;
   double automatic_clamp(const Eigen::MatrixXd& U, const Eigen::VectorXd& values, const Eigen::MatrixXd& fields) const;
+  double strengthened(double clamp, const ThinSvd& svd, const Eigen::MatrixXd& waves) const;
 
   std::int64_t columns_ = 0;
   std::size_t held_ = 0;

@@ -9,6 +9,7 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/deformers/ffd/damped_inverse.h"
 #include "core/deformers/ffd/direct_evaluation.h"
 
 namespace deform {
@@ -34,7 +35,12 @@ DirectSystem::DirectSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
   end_stage("assemble");
   context.progress("factor", 0);
   const Eigen::MatrixXd fields = fields_at_held();
-  inverse_ = std::make_unique<const ClampedInverse>(*model_.rows, ids_, model_.clamp, fields, context);
+  const HeldInverse::Typical typical{fields, waves_at_held()};
+  if (reached_functions(*model_.rows, ids_).size() <= ClampedInverse::most_functions) {
+    inverse_ = std::make_unique<const ClampedInverse>(*model_.rows, ids_, model_.clamp, typical, context);
+  } else {
+    inverse_ = std::make_unique<const DampedInverse>(*model_.rows, ids_, model_.clamp, typical, context);
+  }
   controls_ = inverse_->solve(fields);
   end_stage("factor");
   prepare_basis(memory_budget, context);
@@ -50,6 +56,23 @@ Eigen::MatrixXd DirectSystem::fields_at_held() const {
     const std::array<double, 4> values = handle_fields(region, ids_[j]);
     for (std::size_t f = 0; f < 4; ++f)
       result(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(4 * region + f)) = values[f];
+  }
+  return result;
+}
+
+Eigen::MatrixXd DirectSystem::waves_at_held() const {
+  const std::vector<Vec3> places = unit_places(*mesh_, box_, ids_);
+  const Box box = bounding_box(places);
+  const double length = places.empty() ? 0 : box.side(box.longest_axis());
+  if (length == 0) return {};
+  constexpr double turn = 6.283185307179586;
+  Eigen::MatrixXd result(static_cast<Eigen::Index>(places.size()), 6);
+  for (std::size_t j = 0; j < places.size(); ++j) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double phase = turn * (places[j][k] - box.min[k]) / length;
+      result(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(2 * k)) = std::sin(phase);
+      result(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(2 * k + 1)) = std::cos(phase);
+    }
   }
   return result;
 }
@@ -134,9 +157,7 @@ void DirectSystem::fill_info() {
             model_.rows->bytes() + ids_.size() * sizeof(PointId) + following().size() * sizeof(PointId));
   info_.notes = model_.notes;
   const Eigen::MatrixXd missed = has_basis() ? missed_ : misfit(fields_at_held(), controls_);
-  info_.notes.push_back("Singular values up to " + scientific(inverse_->clamp()) + " of the largest one are left out: rank " +
-                        std::to_string(inverse_->rank()) + ", " + std::to_string(inverse_->functions()) +
-                        " control points reach handles or fixed points.");
+  info_.notes.push_back(inverse_->note());
   double misfit = 0, motion = 0;  // of handles that are shifted
   for (std::size_t h = 0; h < frames_.size(); ++h) {
     const auto f = static_cast<Eigen::Index>(4 * h);
@@ -191,8 +212,8 @@ Estimate estimate_direct(const Mesh& mesh, const SelectedRegions& regions, const
   const std::size_t own = missed_bytes + point_bytes(n, regions.symmetry) + of.row_bytes + (of.held + n) * sizeof(PointId);
   estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + own;
   const std::size_t making = basis ? HandleBasis::peak_bytes_for(n, fields, of.basis_tolerance) : 0;
-  // Fields, their misfits and copies of them.
-  const std::size_t data = 4 * of.held * fields * sizeof(double) + 3 * k * fields * sizeof(double);
+  // Fields, their misfits and copies of them; waves for the automatic clamp.
+  const std::size_t data = (4 * fields + 12) * of.held * sizeof(double) + (3 * fields + 12) * k * sizeof(double);
   estimate.peak_bytes = own + data + std::max(of.inverse.resident + of.inverse.peak, estimate.factor_bytes + making);
   const double rows = static_cast<double>(n) * of.seconds_per_row;
   estimate.seconds =

@@ -19,7 +19,7 @@ struct DirectModel {
   std::shared_ptr<const ComputedRows> rows;        ///< functions of the control points at the points of the mesh, n x k
   std::shared_ptr<const SpaceFunctions> in_space;  ///< the same at any place
   std::vector<std::string> notes;
-  double clamp = 0;   ///< see ClampedInverse
+  double clamp = 0;   ///< see ClampedInverse, or where it takes fewer functions DampedInverse
   double growth = 1;  ///< upper bound of the 2-norm of a row
   BasisMode basis = BasisMode::automatic;
   double basis_tolerance = 0;
@@ -29,9 +29,9 @@ struct DirectModel {
 using MakeDirectModel = std::function<DirectModel(const std::vector<RegionIndex>& region_of)>;
 
 /// Direct manipulation of a lattice or a cage (thesis 3.3): the control points move such that the handle and fixed points are
-/// matched best, in the sense of ClampedInverse. All points follow the control points, including those of handles and fixed
-/// regions, which are matched only approximately: report().interpolation_residual is the largest misfit at any of them (an upper
-/// bound on the basis path). Points at which all functions are zero stay at rest.
+/// matched best, in the sense of ClampedInverse or DampedInverse. All points follow the control points, including those of
+/// handles and fixed regions, which are matched only approximately: report().interpolation_residual is the largest misfit at any
+/// of them (an upper bound on the basis path). Points at which all functions are zero stay at rest.
 class DirectSystem : public HandleSystem {
  public:
   /// Throws the errors of `make` and ClampedInverse.
@@ -53,6 +53,9 @@ class DirectSystem : public HandleSystem {
   void fill_info();
   /// The fields 1, x, y, z of every handle at the held points, m x 4H, in unit coordinates.
   Eigen::MatrixXd fields_at_held() const;
+  /// Sines and cosines along the axes at the held points, one turn over their longest extent, m x 6: what designs may contain
+  /// besides affine motions.
+  Eigen::MatrixXd waves_at_held() const;
   /// The prescribed displacements of the held points: m x 3, model units.
   Eigen::MatrixXd prescribed(const BoundDesign& design, MotionKind kind) const;
   /// The displacements of the control points (k x 3, model units) for a design of affine motions, from controls_.
@@ -68,14 +71,14 @@ class DirectSystem : public HandleSystem {
 
   std::vector<PointId> ids_;  ///< m: handle and fixed points, ascending
   DirectModel model_;
-  std::unique_ptr<const ClampedInverse> inverse_;
+  std::unique_ptr<const HeldInverse> inverse_;
   RowMajor controls_;       ///< k x 4H: displacements of the control points for the fields of the handles
   Eigen::MatrixXd missed_;  ///< m x 4H: what these fields are missed by at the held points; empty without a basis
 };
 
 /// The input of estimate_direct().
 struct DirectEstimate {
-  ClampedInverse::Bytes inverse;
+  HeldInverse::Bytes inverse;
   std::size_t held = 0, functions = 0;
   std::size_t row_bytes = 0;  ///< memory of the rows
   BasisMode basis = BasisMode::automatic;

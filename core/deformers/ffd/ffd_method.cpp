@@ -9,6 +9,7 @@
 #include "core/deformers/energy/energy_methods.h"
 #include "core/deformers/energy/spaces/model_lattice.h"
 #include "core/deformers/ffd/clamped_inverse.h"
+#include "core/deformers/ffd/damped_inverse.h"
 #include "core/deformers/ffd/direct_system.h"
 #include "core/deformers/handles/control_system.h"
 #include "core/deformers/option_checks.h"
@@ -40,8 +41,13 @@ Estimate estimate_mesh(const FfdOptions& options, const Mesh& mesh, const Select
     if (points.region_of[i] != deformable_region) held.push_back(static_cast<PointId>(i));
   }
   const ModelLattice made = model_lattice(mesh, options.lattice, points.region_of, {});
-  DirectEstimate of{ClampedInverse::estimate(*made.rows, held),  held.size(),   static_cast<std::size_t>(made.rows->cols()),
-                    made.rows->bytes() + made.in_space->bytes(), options.basis, options.basis_tolerance};
+  const bool large = reached_functions(*made.rows, held).size() > ClampedInverse::most_functions;
+  DirectEstimate of{large ? DampedInverse::estimate(*made.rows, held) : ClampedInverse::estimate(*made.rows, held),
+                    held.size(),
+                    static_cast<std::size_t>(made.rows->cols()),
+                    made.rows->bytes() + made.in_space->bytes(),
+                    options.basis,
+                    options.basis_tolerance};
   Estimate estimate = estimate_direct(mesh, regions, of);
   estimate.notes.insert(estimate.notes.begin(), made.notes.begin(), made.notes.end());
   estimate.advice = "use fewer points of the lattice, smaller handle and fixed regions, fewer handles or basis BASIS_NEVER";

@@ -11,6 +11,8 @@
 #include <fstream>
 
 #include "client/cli/setup/control_lattice.h"
+#include "core/io/mesh_file.h"
+#include "core/mesh/cages/cage_around.h"
 #include "core/mesh/mesh.h"
 #include "tests/support/expect_error.h"
 
@@ -37,6 +39,10 @@ class CageFile : public testing::Test {
 
 constexpr const char* tetrahedron = "v 0 0 0\nv 4 0 0\nv 0 4 0\nv 0 0 4.5\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
 
+constexpr const char* octahedron =
+    "v 1 0 0\nv -1 0 0\nv 0 2 0\nv 0 -2 0\nv 0 0 1.5\nv 0 0 -1.5\n"
+    "f 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\nf 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n";
+
 TEST_F(CageFile, IsPutIntoTheSetup) {
   write("cage.obj", tetrahedron);
   const v1::Setup setup = read("{file: cage.obj, basis: BASIS_NEVER}");
@@ -49,6 +55,50 @@ TEST_F(CageFile, IsPutIntoTheSetup) {
   EXPECT_TRUE(selects_controls(setup));
   EXPECT_EQ(control_places(setup, Mesh()), (std::vector<Vec3>{{0, 0, 0}, {4, 0, 0}, {0, 4, 0}, {0, 0, 4.5}}));
   EXPECT_EQ(control_points_of(setup.handles(0).region(), setup, Mesh(), "a"), (std::vector<PointId>{0, 3}));
+}
+
+/// A cage that a setup has made is that of `deform cage mesh`, and the same every time.
+TEST_F(CageFile, IsMadeAroundTheMesh) {
+  write("ball.obj", octahedron);
+  const auto read_with = [&](const std::string& method, const std::string& rest = "") {
+    write("ball.yaml",
+          "geometry: ball.obj\nmethod: " + method + "\nhandles: [{name: a, region: {control: {ids: [3, 0]}}}]\n" + rest);
+    return read_setup_file(folder_ / "ball.yaml").setup;
+  };
+  const auto expect_cage = [&](const v1::CageMethod& cage, CageKind kind, std::size_t points, double offset) {
+    CageRequest request;
+    request.kind = kind;
+    request.points = points;
+    request.offset = offset;
+    const CageAround expected = cage_around(*io::read_mesh_file(folder_ / "ball.obj")->mesh(), request);
+    EXPECT_FALSE(cage.has_generate());
+    ASSERT_EQ(static_cast<std::size_t>(cage.vertices_size()), 3 * expected.mesh.point_count());
+    for (int i = 0; i < cage.vertices_size(); ++i) EXPECT_EQ(cage.vertices(i), expected.mesh.points[i / 3][i % 3]);
+    EXPECT_THAT(cage.triangles(), testing::ElementsAreArray(expected.mesh.face_points));
+  };
+  expect_cage(read_with("{cage: {generate: {kind: WRAP, points: 100}, control: MESH}}").method().cage(), CageKind::wrap, 100, 0);
+  expect_cage(read_with("{cage: {generate: {kind: HULL, points: 80, offset: 0.25}}}").method().cage(), CageKind::hull, 80, 0.25);
+  expect_cage(read_with("{cage: {generate: {kind: BOX, points: 26}}}").method().cage(), CageKind::box, 26, 0);
+  const v1::Setup defaults = read_with("{cage: {generate: {}}}");
+  expect_cage(defaults.method().cage(), CageKind::wrap, 400, 0);
+  EXPECT_EQ(read_with("{cage: {generate: {}}}").SerializeAsString(), defaults.SerializeAsString());
+  EXPECT_EQ(read_with("{cage: {generate: {}}}").method().cage().control(), v1::FFD_CONTROL_DEFAULT);
+  // Of a further method.
+  const v1::Setup two =
+      read_with("{rbf: {}}",
+                "then: [{method: {cage: {generate: {kind: BOX, points: 8}}}, handles: [{name: b, region: {control: "
+                "{ids: [1]}}}]}]\n");
+  expect_cage(two.then(0).method().cage(), CageKind::box, 8, 0);
+
+  const auto refused = [&](const std::string& method, const std::vector<const char*>& parts) {
+    expect_error(ErrorCode::invalid_argument, parts, [&] { read_with(method); });
+  };
+  refused("{cage: {generate: {points: 7}}}", {"ball.yaml: method.cage.generate: ", "8", "10000"});
+  refused("{cage: {generate: {}, file: ball.obj}}", {"method.cage.file: generate is given as well"});
+  refused("{cage: {generate: {}, vertices: [0, 0, 0]}}", {"method.cage.generate: vertices and triangles are given as well"});
+  refused("{cage: {}}", {"method.cage.file: missing", "generate"});
+  expect_error(ErrorCode::invalid_argument, {"method.cage.generate: the cage is made around the mesh", "deform cage mesh"},
+               [&] { read("{generate: {}}"); });
 }
 
 TEST_F(CageFile, EveryFormatGivesTheSameTriangles) {

@@ -5,11 +5,13 @@
 
 #include "client/cli/setup/reading.h"
 #include "client/cli/setup/region_points.h"
+#include "client/cli/setup/setup_stages.h"
 #include "tests/support/expect_error.h"
 
 namespace deform::cli {
 namespace {
 
+using test::expect_error;
 using testing::ElementsAre;
 
 v1::Setup setup(const std::string& text) {
@@ -34,6 +36,36 @@ TEST(RegionLabels, HandlesFixedAndTheRest) {
                             line()),
               ElementsAre(2, 3, 1, 0, 0, 0))
       << "where regions overlap";
+}
+
+TEST(RegionLabels, OfSeveralMethods) {
+  const v1::Setup two = setup(
+      "handles: [{name: a, region: {ids: [5]}}]\nfixed: [{ids: [0, 1, 2]}]\n"
+      "then: [{method: {shell: {}}, handles: [{name: b, region: {ids: [2]}}, {name: c, region: {ids: [5, 4]}}], fixed: [{ids: "
+      "[0]}]}]\n"
+      "variables: [{name: u, handle: a, translate: [0, 0, 1], also: [{handle: c}, {handle: b, scale: {}}]},\n"
+      "            {name: v, handle: b, rotate: {axis: [1, 0, 0]}}]\n");
+  EXPECT_THAT(region_labels(two, line()), ElementsAre(1, 0, 3, 0, 4, 2))
+      << "fixed is what both fix, the first handle has a point";
+  EXPECT_THAT(handle_points(two, "c", line()), ElementsAre(4, 5));
+  EXPECT_THAT(handle_points(two, "a", line()), ElementsAre(5));
+  expect_error(ErrorCode::invalid_argument, {"handle \"d\"", "no such handle"}, [&] { handle_points(two, "d", line()); });
+
+  const v1::Setup first = setup_of_method(two, std::nullopt), second = setup_of_method(two, 0);
+  EXPECT_EQ(first.then_size() + second.then_size(), 0);
+  ASSERT_EQ(first.variables_size(), 1);
+  EXPECT_EQ(first.variables(0).also_size(), 0);
+  EXPECT_TRUE(second.method().has_shell());
+  EXPECT_THAT(region_labels(second, line()), ElementsAre(1, 0, 2, 0, 3, 3));
+  ASSERT_EQ(second.variables_size(), 2);
+  EXPECT_EQ(second.variables(0).handle(), "c");
+  EXPECT_THAT(second.variables(0).translate(), ElementsAre(0, 0, 1)) << "as the first handle moves";
+  ASSERT_EQ(second.variables(0).also_size(), 1);
+  EXPECT_TRUE(second.variables(0).also(0).has_scale());
+  EXPECT_EQ(second.variables(1).name(), "v");
+  expect_error(ErrorCode::invalid_argument, {"--then 1", "1 further method"}, [&] { setup_of_method(two, 1); });
+  expect_error(ErrorCode::invalid_argument, {"then: only one"}, [&] { refuse_several_methods(two, "only one"); });
+  EXPECT_NO_THROW(refuse_several_methods(first, "only one"));
 }
 
 TEST(RegionLabels, OfTheBoundary) {

@@ -6,13 +6,16 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <random>
 
 #include "core/base/vectors.h"
 #include "core/deformers/energy/spaces/lattice_space.h"
 #include "core/deformers/energy/spaces/model_lattice.h"
 #include "core/deformers/ffd/clamped_inverse.h"
+#include "core/deformers/ffd/damped_inverse.h"
 #include "core/deformers/handles/constraint_points.h"
 #include "tests/core/deformers/energy_cases.h"
+#include "tests/core/deformers/estimate_bounds.h"
 #include "tests/support/expect_error.h"
 
 namespace deform {
@@ -336,7 +339,7 @@ TEST(ClampedInverse, IsThePseudoInverse) {
       const Eigen::MatrixXd h = random_matrix(m, 3, 1), g = random_matrix(dense.Phi.cols(), 2, 2);
       for (const double clamp : {1e-2, 1e-4, 1e-6}) {
         SCOPED_TRACE(testing::Message() << columns << " " << static_cast<int>(basis) << " " << clamp);
-        const ClampedInverse inverse(*made.rows, held, clamp, h, {});
+        const ClampedInverse inverse(*made.rows, held, clamp, {h, {}}, {});
         const Eigen::MatrixXd expected = dense.solve(h, clamp), got = inverse.solve(h);
         const double size = expected.norm();
         EXPECT_LT((got - expected).norm(), 1e-8 * size);
@@ -449,11 +452,111 @@ TEST(FfdByMesh, ClampsTradeMisfitForMotion) {
   EXPECT_TRUE(std::any_of(notes.begin(), notes.end(), [](const std::string& n) { return n.find("rank") != std::string::npos; }));
 }
 
+/// One handle holds all points, whose affine motions any clamp meets: other motions of them must not make control points swing.
+TEST(FfdByMesh, AutomaticClampsBearWavesOfTheModel) {
+  const auto mesh = shared(test::bumpy_sheet(31, 13));
+  deform::Setup setup;
+  setup.handles = {{"all", {Region::All{}}}};
+  std::vector<Vec3> wave, affine;
+  for (const Vec3& x : mesh->points) {
+    wave.push_back({0, 0, 0.2 * std::sin(3 * x[0])});
+    affine.push_back({0.1 * x[2], 0.2 * x[0] - 0.1, 0.3 * x[1]});
+  }
+  for (const auto& points : {std::array<std::size_t, 3>{8, 6, 4}, {12, 10, 4}, {10, 5, 6}}) {
+    SCOPED_TRACE(points[0]);
+    const auto report = [&](double clamp, const std::vector<Vec3>& displacements) {
+      const auto system = prepare(mesh, with(setup, by_mesh(points, clamp)));
+      const Design design{{}, {{0, displacements}}};
+      return system->bind({&design, 1}, EvaluationPath::direct, {})->report(0);
+    };
+    const DesignReport automatic = report(0, wave), weak = report(1e-8, wave);
+    EXPECT_GT(weak.control_displacement, 50 * weak.prescribed_displacement);
+    EXPECT_LT(automatic.control_displacement, 20 * automatic.prescribed_displacement);
+    EXPECT_TRUE(automatic.warnings.empty());
+    EXPECT_LT(automatic.misfit, 3 * weak.misfit + 1e-4);
+    EXPECT_LT(report(0, affine).misfit, 1e-4);
+  }
+}
+
+/// Lattices that are too large for a decomposition: the damped least-squares problem, by dense QR of the damped rows.
+TEST(DampedInverse, IsTheDampedSolution) {
+  const auto mesh = shared(test::bumpy_sheet(40, 17));
+  LatticeOptions lattice;
+  lattice.points = {9, 6, 4};
+  std::mt19937_64 random(18);
+  std::normal_distribution<double> normal;
+  for (const LatticeBasis basis : {LatticeBasis::uniform_cubic, LatticeBasis::bernstein}) {
+    lattice.basis = basis;
+    const ModelLattice made = model_lattice(*mesh, lattice, std::vector<RegionIndex>(mesh->point_count(), 0), {});
+    std::vector<PointId> held;
+    for (PointId id = 0; id < mesh->point_count(); ++id) {
+      if (mesh->points[id][0] < 0.9 || id % 7 == 0) held.push_back(id);
+    }
+    const auto m = static_cast<Eigen::Index>(held.size()), k = static_cast<Eigen::Index>(made.rows->cols());
+    Eigen::MatrixXd phi = Eigen::MatrixXd::Zero(m, k), h(m, 3), g(k, 2);
+    for (Eigen::Index j = 0; j < m; ++j) {
+      made.rows->for_each(held[static_cast<std::size_t>(j)], [&](std::int64_t column, double value) { phi(j, column) = value; });
+    }
+    for (double& value : h.reshaped()) value = normal(random);
+    for (double& value : g.reshaped()) value = normal(random);
+    const double largest = Eigen::JacobiSVD<Eigen::MatrixXd>(phi).singularValues()[0];
+    for (const double damping : {1e-1, 1e-3, 1e-5}) {
+      SCOPED_TRACE(testing::Message() << static_cast<int>(basis) << " " << damping);
+      const DampedInverse inverse(*made.rows, held, damping, {h, {}}, {});
+      Eigen::MatrixXd damped(m + k, k), right = Eigen::MatrixXd::Zero(m + k, 3);
+      damped << phi, damping * largest * Eigen::MatrixXd::Identity(k, k);
+      right.topRows(m) = h;
+      const Eigen::MatrixXd expected = damped.colPivHouseholderQr().solve(right), got = inverse.solve(h);
+      const double size = expected.cwiseAbs().maxCoeff();
+      EXPECT_LT((got - expected).cwiseAbs().maxCoeff(), 1e-9 * size);
+      for (Eigen::Index c = 0; c < 3; ++c) {
+        const double off = (got.col(c) - expected.col(c)).norm();
+        EXPECT_LT(off, inverse.uncertainty(expected.col(c).norm(), (phi * expected.col(c) - h.col(c)).norm()));
+      }
+      // The adjoint is the transpose, and columns do not depend on others.
+      const Eigen::MatrixXd back = inverse.adjoint(g);
+      const double left = (g.transpose() * got).sum(), other = (back.transpose() * h).sum();
+      EXPECT_NEAR(left, other, 1e-11 * g.norm() * got.norm());
+      EXPECT_TRUE(inverse.solve(h.col(1)) == got.col(1));
+      const HeldInverse::Bytes bytes = DampedInverse::estimate(*made.rows, held);
+      EXPECT_GE(bytes.resident, inverse.bytes());
+      EXPECT_LE(bytes.resident, 2 * inverse.bytes());
+    }
+    EXPECT_GE(DampedInverse(*made.rows, held, 0, {h, {}}, {}).damping(), 1e-5);
+    test::expect_error(ErrorCode::invalid_argument, {"method.ffd.clamp", "1e-07", "1e-06"}, [&] {
+      DampedInverse(*made.rows, held, 1e-7, {h, {}}, {});
+    });
+  }
+}
+
 TEST(FfdByMesh, RefusesTooManyControlPoints) {
+  const auto mesh = shared(test::bumpy_sheet(321, 161));
+  deform::Setup setup = with(test::sheet_setup(), by_mesh({220, 110, 4}));
+  setup.fixed = {{Region::Complement{{setup.handles[0].region}}}};
+  test::expect_error(ErrorCode::invalid_argument, {"method.ffd.control", "at most 30000"}, [&] { estimate(*mesh, setup); });
+  test::expect_error(ErrorCode::invalid_argument, {"method.ffd.control", "at most 30000"}, [&] { prepare(mesh, setup); });
+}
+
+TEST(FfdByMesh, TakesLatticesThatAreTooLargeForADecomposition) {
   const auto mesh = shared(test::bumpy_sheet(161, 81));
-  const deform::Setup setup = with(test::sheet_setup(), by_mesh({120, 70, 4}));
-  test::expect_error(ErrorCode::invalid_argument, {"method.ffd.control", "at most 4000"}, [&] { estimate(*mesh, setup); });
-  test::expect_error(ErrorCode::invalid_argument, {"method.ffd.control", "at most 4000"}, [&] { prepare(mesh, setup); });
+  deform::Setup setup = with(test::setup_with_variables(), by_mesh({110, 60, 4}));
+  const Estimate expected = estimate(*mesh, setup);
+  const auto system = prepare(mesh, setup);
+  test::expect_bounds(expected, system->info());
+  EXPECT_TRUE(std::any_of(system->info().notes.begin(), system->info().notes.end(),
+                          [](const std::string& note) { return note.find("are damped with") != std::string::npos; }));
+  const auto report = system->bind({&turned, 1}, EvaluationPath::direct, {})->report(0);
+  EXPECT_LT(report.misfit, 1e-3);
+  EXPECT_LT(report.control_displacement, 20 * report.prescribed_displacement);
+  EXPECT_TRUE(report.warnings.empty());
+  // Both paths within what is told of them: what the fit misses is amplified by the square of the damping.
+  const double told = report.error + system->bind({&turned, 1}, EvaluationPath::basis, {})->report(0).error;
+  EXPECT_LT(told, 1e-3);
+  EXPECT_LT(distance(system->evaluate({&turned, 1}, EvaluationPath::direct)[0],
+                     system->evaluate({&turned, 1}, EvaluationPath::basis)[0]),
+            told);
+  test::check_jacobians(*system, 1e-12, 1e-7);
+  test::check_population(*system, 3);
 }
 
 }  // namespace

@@ -28,7 +28,6 @@ namespace {
 
 using test::distance;
 using test::shared;
-using MethodOptions = decltype(deform::Setup::method);
 
 const Design bent{{0.1, 0.8, 0.2, -0.6}, {}};
 
