@@ -13,6 +13,7 @@
 #include "core/deformers/energy/spaces/mesh_pieces.h"
 #include "core/deformers/system.h"
 #include "tests/core/deformers/block_meshes.h"
+#include "tests/core/quality/surface_meshes.h"
 
 namespace deform {
 namespace {
@@ -132,7 +133,7 @@ TEST(BodyReach, BodiesThatAreApartAreAsCloseAsTheyAre) {
 }
 
 TEST(BodyReach, NothingIsCutInABodyWithoutSlots) {
-  const Reached of(cubes({20, 4, 7}, 0.05, [](int, int, int) { return true; }), 0.2);
+  const Reached of(test::cubes({20, 4, 7}, 0.05, [](int, int, int) { return true; }), 0.2);
   EXPECT_EQ(of.reach->cut(), 0u);
   EXPECT_EQ(Reached(test::sphere(1, 4), 0.6).reach->cut(), 0u);
 }
