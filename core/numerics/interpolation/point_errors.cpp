@@ -25,9 +25,9 @@ constexpr std::size_t most_candidates = 8192;  // largest number of points to ch
 constexpr double many_roundings = 1e3;         // below, a residual in double precision has few digits
 constexpr double iterative_share = 1e-3;       // of the residual: to which its interpolant is solved for
 constexpr double most_left = 0.9;              // of the residual, that such a solution may leave
-// Pairs of centres up to which residuals are summed directly, a second or two, and the error of sums that are not, as a share of
-// the residual.
-constexpr double most_direct_pairs = 1e9, residual_share = 0.05;
+// Pairs of centres up to which residuals are summed directly, some seconds, and with twice the digits if they need them. The
+// error of sums that are not direct, as a share of the residual, with which it is amplified.
+constexpr double most_direct_pairs = 1e10, most_accurate_pairs = 1e9, residual_share = 1e-3;
 // Pairs of points and centres up to which errors are summed directly, a tenth of a second; beyond that the points of one fast
 // sum, their order to begin with, and their error as a share of the largest error at the places.
 constexpr double most_direct_errors = 1e8;
@@ -172,10 +172,10 @@ MatrixXd PointErrors::residual(const Interpolator& system, const Interpolants& i
                                const RunContext& context) const {
   const std::vector<Vec3>& centres = system.centres();
   const double weights = static_cast<double>(interpolants.coefficients.rows());
-  const bool direct = static_cast<double>(centres.size()) * weights <= most_direct_pairs;
+  const double pairs = static_cast<double>(centres.size()) * weights;
   error = 0;
   std::vector<double> values;
-  if (direct || system.solver() != Solver::iterative) {
+  if (pairs <= most_direct_pairs || system.solver() != Solver::iterative) {
     values = system.direct_values(interpolants, centres, context);
   } else {
     Interpolants summed;
@@ -187,7 +187,7 @@ MatrixXd PointErrors::residual(const Interpolator& system, const Interpolants& i
   MatrixXd residual = F - Eigen::Map<const RowMajor>(values.data(), F.rows(), F.cols());
   const double rounding =
       system.rounding(interpolants, std::span(centres).first(std::min<std::size_t>(centres.size(), 16)), context);
-  if (!direct || largest_magnitude(residual) > many_roundings * rounding) return residual;
+  if (pairs > most_accurate_pairs || largest_magnitude(residual) > many_roundings * rounding) return residual;
   return system.accurate_residual(interpolants, centres, F, context);
 }
 

@@ -475,8 +475,8 @@ TEST(ManyCentres, ErrorsAreNotUnderestimatedWithPlanesNorWithoutFastSums) {
   }
 }
 
-/// More centres than residuals are summed for directly: against a solution to a smaller tolerance.
-TEST(ManyCentres, ErrorsAreNotUnderestimatedWhereResidualsAreFastSums) {
+/// More centres than a dense factorization takes: against a solution to a smaller tolerance.
+TEST(ManyCentres, ErrorsAreNotUnderestimatedBeyondDenseSolutions) {
   if (!is_long()) return;  // it takes minutes
   std::mt19937_64 random(11);
   Case problem;
@@ -498,7 +498,6 @@ TEST(ManyCentres, ErrorsAreNotUnderestimatedWhereResidualsAreFastSums) {
     std::printf("%s: %g, told / true %g\n", properties(kernel).name, error, told / error);
     EXPECT_GT(error, 1e-8);
     EXPECT_GE(told, 0.5 * error);
-    EXPECT_LE(told, 20 * error);
   }
 }
 
