@@ -123,6 +123,22 @@ Setup enclosed() {
   return body_setup(options);
 }
 
+/// Plates on a bar, with slots between them that most supports go around.
+std::shared_ptr<const Mesh> slots() {
+  return std::make_shared<const Mesh>(cubes({62, 26, 26}, 0.02, [](int i, int, int k) { return i % 8 < 6 || k < 8; }));
+}
+
+/// One end of the bar is held, the other one moved.
+Setup slots_setup() {
+  Setup setup;
+  MlsOptions options;
+  options.basis = BasisMode::never;
+  setup.method = options;
+  setup.handles = {{"end", box({1.23, -1, -1}, {2, 2, 2})}};
+  setup.fixed = {box({-1, -1, -1}, {0.01, 2, 2})};
+  return setup;
+}
+
 std::shared_ptr<const Mesh> solid() {
   Cube made = cube(30);
   made.mesh.elements = std::make_shared<const Elements>(std::move(made.elements));
@@ -159,6 +175,7 @@ const std::vector<PeakCase>& peak_cases() {
       {"mls_many_points", [] { return body(200000); }, [] { return moving_least_squares(600); }},
       {"mls_wide", [] { return body(10000); }, [] { return moving_least_squares(3000, 40); }},
       {"mls_enclosed", [] { return body(50000); }, enclosed},
+      {"mls_slots", slots, slots_setup},
       {"mls_planar", [] { return body(20000); }, [] { return with_constraint(moving_least_squares(), Planar{}, false); }},
       {"mls_solid", solid, solid_setup},
       {"ffd_energy", [] { return body(100000); }, [] { return body_setup(lattice(FfdControl::energy)); }},

@@ -66,7 +66,7 @@ void fill_to_tolerance(const RbfPart& part, const Eigen::MatrixXd& fields, const
         each, places, context);
     basis.converged = basis.converged && (iterative ? values.error <= tolerance : values.converged);
     basis.residuals.insert(basis.residuals.end(), width, values.residual);
-    basis.more.insert(basis.more.end(), width, values.more);
+    basis.more.insert(basis.more.end(), values.more.begin(), values.more.end());
     for (std::size_t f = 0; f < width; ++f) {
       for (std::size_t i = 0; i < points; ++i) basis.tiles.at(i, first + f) = values.values[i * width + f];
       for (std::size_t s = 0; s < checked.size(); ++s) {

@@ -73,7 +73,7 @@ void RbfEvaluation::solve_to_tolerance(const RunContext& context) {
       CheckedValues solved = values_to_tolerance(*part.system, *part.check, system_.checked_, F, allowed, points, context);
       const double width = iterative ? static_cast<double>(F.cols()) : 1.0;
       squares += width * solved.residual * solved.residual;
-      more_squares += static_cast<double>(F.cols()) * solved.more * solved.more;
+      more_squares += solved.more.squaredNorm();
       for (std::size_t c = 0; c < part.plan.components.size(); ++c) {
         errors.col(static_cast<Eigen::Index>(part.plan.components[c])) = solved.errors.col(static_cast<Eigen::Index>(c));
       }

@@ -24,9 +24,10 @@ struct CentreSizes {
   std::size_t factoring_peak = 0;  ///< peak while the last one is factored, including the others
   std::size_t places = 0;          ///< centres of all systems
   std::size_t check_bytes = 0;     ///< memory of the error estimation
+  std::size_t checking = 0;        ///< of one estimate besides, the most of any part
 };
 
-CentreSizes centre_sizes(const std::vector<PartPlan>& parts, Kernel kernel, Solver solver) {
+CentreSizes centre_sizes(const std::vector<PartPlan>& parts, Kernel kernel, Solver solver, std::size_t points) {
   CentreSizes sizes;
   for (const PartPlan& part : parts) {
     sizes.rows = std::max(sizes.rows, part.size);
@@ -39,7 +40,10 @@ CentreSizes centre_sizes(const std::vector<PartPlan>& parts, Kernel kernel, Solv
     const RadialKernel checked{kernel, 1, part.parity};
     sizes.factoring_peak = std::max(sizes.factoring_peak,
                                     sizes.factor_bytes + sizes.check_bytes + PointErrors::peak_bytes(part.size, checked, solver));
-    sizes.check_bytes += PointErrors::bytes_for(part.size, checked, solver);
+    const std::size_t kept = PointErrors::bytes_for(part.size, checked, solver);
+    const std::size_t solving = PointErrors::peak_bytes(part.size, checked, solver) - kept;
+    sizes.checking = std::max({sizes.checking, solving, PointErrors::largest_bytes(points, part.size, checked)});
+    sizes.check_bytes += kept;
   }
   return sizes;
 }
@@ -125,7 +129,7 @@ Estimate RbfMethod::estimate(const RbfOptions& given, const Mesh& mesh, const Se
   const Solver solver = chosen_solver(options.solver, *options.kernel, centres.ids.size());
   const std::size_t fields = 4 * regions.handles.size();
   const std::vector<PartPlan> parts = plan_parts(regions.symmetry, centres, solver);
-  const CentreSizes sizes = centre_sizes(parts, *options.kernel, solver);
+  const CentreSizes sizes = centre_sizes(parts, *options.kernel, solver, d);
 
   Estimate estimate;
   estimate.constraint_points = points.count;
@@ -148,7 +152,7 @@ Estimate RbfMethod::estimate(const RbfOptions& given, const Mesh& mesh, const Se
   // Data, solution and the copies that a solve makes of them, beside the factor.
   const std::size_t basis_extra =
       (solver == Solver::iterative ? interpolator_peak_bytes(sizes.rows, solver) + FastSums::bytes_for(d, sizes.rows, 12)
-                                   : estimate.factor_bytes) +
+                                   : estimate.factor_bytes + sizes.checking) +
       sizes.check_bytes + errors_bytes + making + (basis ? 5 * (sizes.rows + 10) * fields * sizeof(double) : 0);
   const std::size_t adjacency = 16 * (mesh.point_count() + mesh.face_count()) + 24 * mesh.face_points.size();
   // Every part's rows and the data that they are copied from.

@@ -394,12 +394,6 @@ void RbfSystem::add_notes() {
                           " constraint points are centres, for an RMS error of " + scientific(info_.tolerance) +
                           " of the diagonal.");
   }
-  const bool partly =
-      std::any_of(parts_.begin(), parts_.end(), [](const RbfPart& part) { return part.check && part.check->partial(); });
-  if (partly && (info_.solver == Solver::incremental_qr || properties(*options_.kernel).has_shape)) {
-    info_.notes.push_back("The errors of designs are estimated from " + std::to_string(PointErrors::most_centres) +
-                          " of the centres and may be larger than reported: compare one with CHOLESKY.");
-  }
   if (to_tolerance(info_.solver) && has_basis() && !converged) {
     info_.notes.push_back("The solver did not reach its tolerance for the handle basis: the largest residual is " +
                           scientific(residual) + ".");

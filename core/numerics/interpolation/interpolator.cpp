@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 
 #include "core/numerics/interpolation/dense_interpolator.h"
 #include "core/numerics/interpolation/iterative_interpolator.h"
@@ -33,18 +32,6 @@ std::vector<double> with_polynomials(const PolynomialSpace& space, const RowMajo
 }
 
 }  // namespace
-
-std::vector<std::uint32_t> worst_rows(const Eigen::MatrixXd& residual) {
-  constexpr std::size_t most = 32;
-  const Eigen::VectorXd largest = residual.cwiseAbs().rowwise().maxCoeff();
-  std::vector<std::uint32_t> rows(static_cast<std::size_t>(residual.rows()));
-  std::iota(rows.begin(), rows.end(), 0u);
-  const std::size_t count = std::min(rows.size(), most);
-  std::partial_sort(rows.begin(), rows.begin() + static_cast<std::ptrdiff_t>(count), rows.end(),
-                    [&](std::uint32_t a, std::uint32_t b) { return largest[a] != largest[b] ? largest[a] > largest[b] : a < b; });
-  rows.resize(count);
-  return rows;
-}
 
 void add_accurately(const Eigen::MatrixXd& correction, Interpolants& to) {
   Eigen::MatrixXd& rest = to.rest;

@@ -46,8 +46,7 @@ struct Interpolants {
   /// Iterative: largest |interpolant - value| over the centres and columns, plus the error of the sums. Incremental QR: largest
   /// norm of a row of errors over the points. Otherwise 0, not measured.
   double residual = 0;
-  std::vector<std::uint32_t> worst{};  ///< centres with the largest residuals, if measured at all
-  Eigen::VectorXd residuals{};         ///< largest |interpolant - value| over the centres of each column, if measured
+  Eigen::VectorXd residuals{};  ///< largest |interpolant - value| over the centres of each column, if measured
   /// Iterative: residual <= tolerance. Incremental QR: rms <= tolerance; if false, all centres were used. Otherwise false if the
   /// factor has no correct digits, so that refinement does not help.
   bool converged = true;
@@ -68,9 +67,6 @@ void add_accurately(const Eigen::MatrixXd& correction, Interpolants& to);
 
 /// Safety factor between the largest error at the checked points and the one at all points.
 inline constexpr double error_margin = 2;
-
-/// The indices of the rows with the largest entries, at most 32, in descending order of the entry.
-std::vector<std::uint32_t> worst_rows(const Eigen::MatrixXd& residual);
 
 /// RBF interpolation (thesis 3.5), prepared for fixed centres and any values. Coordinates should be of unit size. Immutable after
 /// construction; any number of threads may use it concurrently. No result depends on the number of threads.

@@ -32,9 +32,9 @@ constexpr double adjoint_accuracy = 1e-13;   // of the largest sum
 constexpr int adjoint_order = 12;            // of these sums to begin with
 constexpr double allowed_share = 0.05;       // of the tolerance, for the sums of one step
 
-const RadialKernel& taken(const RadialKernel& kernel) {
+const RadialKernel& taken(const RadialKernel& kernel, IterativeInterpolator::Kernels allowed) {
   const KernelProperties known = properties(kernel.kernel);
-  if (!known.smooth) {
+  if (!known.smooth && allowed == IterativeInterpolator::Kernels::smooth) {
     throw Error(ErrorCode::invalid_argument,
                 std::string("method.rbf.solver: ITERATIVE needs a kernel that is smooth away from its centre, ") + known.name +
                     " is not");
@@ -68,8 +68,8 @@ struct Krylov {
 }  // namespace
 
 IterativeInterpolator::IterativeInterpolator(std::vector<Vec3> centres, const InterpolationOptions& options,
-                                             const RunContext& context)
-    : Interpolator(std::move(centres), taken(options.kernel), options.polynomial_degree),
+                                             const RunContext& context, Kernels allowed)
+    : Interpolator(std::move(centres), taken(options.kernel, allowed), options.polynomial_degree),
       preconditioner_(kernel_, centres_, options.polynomial_degree, context) {}
 
 /// One call of solve_saddle().
@@ -79,7 +79,7 @@ class IterativeInterpolator::Solve {
       : system_(system), tolerance_(tolerance), context_(context) {
     samples_ = stratified_numbers(system.centres_.size(), most_measured_samples);
     for (const std::size_t s : samples_) places_.push_back(system.centres_[s]);
-    use_order(first_order);
+    use_order(lowest());
   }
 
   /// From some interpolants, or none.
@@ -92,8 +92,10 @@ class IterativeInterpolator::Solve {
     if (order == direct) return;
     sums_ = std::make_unique<FastSums>(system_.kernel_, system_.centres_, system_.centres_, FastSums::Options{order, 0});
   }
+  bool has_fast_sums() const { return properties(system_.kernel_.kernel).smooth; }
+  int lowest() const { return has_fast_sums() ? first_order : direct; }
   /// The highest order, which is `direct` for few centres.
-  int highest() const { return system_.centres_.size() <= most_direct_centres ? direct : last_sum_order; }
+  int highest() const { return system_.centres_.size() <= most_direct_centres || !has_fast_sums() ? direct : last_sum_order; }
   MatrixXd product(const MatrixXd& weights) const;
   MatrixXd accurate_difference(const MatrixXd& weights, const MatrixXd& values) const;
   VectorXd error_of_sums(const MatrixXd& weights, const MatrixXd& fast) const;
@@ -154,7 +156,7 @@ MatrixXd IterativeInterpolator::Solve::accurate_product(const MatrixXd& weights,
     double share = 0;
     for (std::size_t c = 0; c < columns.size(); ++c) share = std::max(share, error[static_cast<Index>(c)] * columns[c]->left);
     if (share <= allowed_share * tolerance_ || order_ >= highest()) {
-      if (share < 1e-4 * allowed_share * tolerance_ && order_ > first_order) use_order(order_ - 2);
+      if (share < 1e-4 * allowed_share * tolerance_ && order_ > lowest()) use_order(order_ - 2);
       return result;
     }
     use_order(order_ + 2);
@@ -249,7 +251,7 @@ Interpolants IterativeInterpolator::Solve::run(const MatrixXd& B, const Interpol
   // The least w with P^T w = g, where P^T P = R^T R; all that is added later is orthogonal to the polynomials.
   if (start != nullptr) {
     weights = start->coefficients.topRows(m);
-    use_order(std::clamp(start->order, first_order, highest()));
+    use_order(std::clamp(start->order, lowest(), highest()));
   } else if (!g.isZero(0))
     weights = P * symmetric_solution(R.transpose() * R, g);
 
@@ -264,11 +266,11 @@ Interpolants IterativeInterpolator::Solve::run(const MatrixXd& B, const Interpol
     const VectorXd errors = error_of_sums(weights, fast);
     const double error = errors.maxCoeff();
     // Beyond fast sums it is the rounding of sums that is in the way.
-    const MatrixXd whole = order_ == direct ? accurate_difference(weights, B.topRows(m)) : MatrixXd(B.topRows(m) - fast);
+    const MatrixXd whole =
+        order_ == direct && has_fast_sums() ? accurate_difference(weights, B.topRows(m)) : MatrixXd(B.topRows(m) - fast);
     residual = whole;
     if (P.cols() > 0) residual -= Q * (Q.transpose() * whole);
     solution.residual = residual.cwiseAbs().maxCoeff() + error;
-    solution.worst = worst_rows(residual);
     solution.residuals = residual.cwiseAbs().colwise().maxCoeff().transpose() + errors;
     solution.converged = solution.residual <= tolerance_;
     solution.coefficients.resize(m + P.cols(), B.cols());
@@ -320,6 +322,7 @@ MatrixXd IterativeInterpolator::adjoint(MatrixXd B, const RunContext& context) c
 std::vector<double> IterativeInterpolator::weighted_sums(const Interpolants& interpolants, std::span<const double> weights,
                                                          std::span<const Vec3> points, double& error,
                                                          const RunContext& context) const {
+  if (!properties(kernel_.kernel).smooth) return Interpolator::weighted_sums(interpolants, weights, points, error, context);
   const SumAccuracy accuracy{std::clamp(interpolants.order, first_order, last_sum_order), 0.5 * interpolants.tolerance, 0};
   CheckedSums checked = checked_sums(kernel_, points, centres_, weights,
                                      static_cast<std::size_t>(interpolants.coefficients.cols()), accuracy, context);
@@ -329,6 +332,7 @@ std::vector<double> IterativeInterpolator::weighted_sums(const Interpolants& int
 
 std::vector<double> IterativeInterpolator::sums_at_centres(std::span<const Vec3> places, std::span<const double> weights,
                                                            std::size_t columns, const RunContext& context) const {
+  if (!properties(kernel_.kernel).smooth) return Interpolator::sums_at_centres(places, weights, columns, context);
   return checked_sums(kernel_, centres_, places, weights, columns, {adjoint_order, 0, adjoint_accuracy}, context).sums;
 }
 

@@ -12,8 +12,11 @@ namespace deform {
 /// most half the tolerance of the interpolants; sums at the centres have an error of at most 1e-13 of the largest.
 class IterativeInterpolator : public Interpolator {
  public:
-  /// Throws Error(invalid_argument) for kernels that are not smooth (Wendland's) or have a parity.
-  IterativeInterpolator(std::vector<Vec3> centres, const InterpolationOptions& options, const RunContext& context);
+  /// Kernels that are not smooth (Wendland's) have direct sums only, with time quadratic in the number of centres.
+  enum class Kernels { smooth, any };
+  /// Throws Error(invalid_argument) for kernels that have a parity, and for others than the allowed ones.
+  IterativeInterpolator(std::vector<Vec3> centres, const InterpolationOptions& options, const RunContext& context,
+                        Kernels allowed = Kernels::smooth);
 
   Solver solver() const override { return Solver::iterative; }
   std::size_t bytes() const override { return preconditioner_.bytes() + centres_.size() * sizeof(Vec3); }

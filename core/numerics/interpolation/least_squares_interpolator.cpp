@@ -299,7 +299,6 @@ Interpolants LeastSquaresInterpolator::interpolate(const MatrixXd& F, double tol
   solution.coefficients << X.bottomRows(static_cast<Index>(k)), X.topRows(static_cast<Index>(q));
   const MatrixXd errors = residual(std::move(Y), k, panels);
   for (Index i = 0; i < F.rows(); ++i) solution.residual = std::max(solution.residual, errors.row(i).norm());
-  solution.worst = worst_rows(errors.topRows(F.rows()));
   solution.residuals = errors.topRows(F.rows()).cwiseAbs().colwise().maxCoeff();
   return solution;
 }

@@ -7,8 +7,9 @@
 #include <numeric>
 
 #include "core/base/parallel.h"
+#include "core/numerics/fast_sums/checked_sums.h"
+#include "core/numerics/fast_sums/fast_sums.h"
 #include "core/numerics/interpolation/least_squares_interpolator.h"
-#include "core/numerics/sampling/farthest_points.h"
 #include "core/numerics/sampling/point_tree.h"
 #include "core/numerics/sampling/stratified.h"
 
@@ -21,12 +22,19 @@ using Eigen::MatrixXd;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 constexpr std::size_t most_candidates = 8192;  // largest number of points to choose from
-// Numbers of the centres in use: a sample of all; around each place the nearest of all, of a quarter, of a sixteenth, ...
-constexpr std::size_t overall = 700, around = 6, thinner = 4;
-constexpr std::size_t most_surrounded = 96;  // largest number of places treated this way
-constexpr double many_roundings = 1e3;       // below, a residual in double precision has few digits
-constexpr double iterative_share = 1e-3;     // of the residual: to which its interpolant is solved for
-constexpr double most_left = 0.9;            // of the residual, that such a solution may leave
+constexpr double many_roundings = 1e3;         // below, a residual in double precision has few digits
+constexpr double iterative_share = 1e-3;       // of the residual: to which its interpolant is solved for
+constexpr double most_left = 0.9;              // of the residual, that such a solution may leave
+// Pairs of centres up to which residuals are summed directly, some seconds, and with twice the digits if they need them. The
+// error of sums that are not direct, as a share of the residual, with which it is amplified.
+constexpr double most_direct_pairs = 1e10, most_accurate_pairs = 1e9, residual_share = 1e-3;
+// Pairs of points and centres up to which errors are summed directly, a tenth of a second; beyond that the points of one fast
+// sum, their order to begin with, and their error as a share of the largest error at the places.
+constexpr double most_direct_errors = 1e8;
+constexpr std::size_t points_together = std::size_t{1} << 18;
+constexpr int errors_order = 6;
+constexpr double errors_share = 0.05;
+constexpr double on_plane = 1e-12;  // unit coordinates that belong to a plane of reflection
 
 /// Numbers 0 .. count - 1 in a low-discrepancy order (multiples of the golden ratio), so that every prefix is spread over them.
 std::vector<std::uint32_t> spread_order(std::size_t count) {
@@ -43,52 +51,7 @@ std::vector<std::uint32_t> spread_order(std::size_t count) {
   return order;
 }
 
-/// The points nearest to x among those of the tree, at least `count` of them.
-void nearest(const PointTree& tree, const Vec3& x, std::size_t count, std::vector<PointTree::Near>& out) {
-  out.clear();
-  const double square = tree.kth_square(x, std::min(count, tree.size()));
-  tree.within(x, std::nextafter(square, std::numeric_limits<double>::infinity()), out);
-  std::sort(out.begin(), out.end(),
-            [](const auto& a, const auto& b) { return a.square != b.square ? a.square < b.square : a.point < b.point; });
-  out.resize(std::min(count, out.size()));
-}
-
-std::vector<std::uint32_t> participants(std::span<const Vec3> centres, std::span<const Vec3> places, std::size_t most) {
-  std::vector<std::uint32_t> ids(centres.size());
-  std::iota(ids.begin(), ids.end(), 0u);
-  if (centres.size() <= most) return ids;
-  std::vector<bool> chosen(centres.size());
-  for (const std::uint32_t id : farthest_point_order(centres, overall)) chosen[id] = true;
-  const std::vector<std::uint32_t> order = spread_order(centres.size());
-  std::vector<PointTree::Near> near;
-  for (std::size_t size = centres.size(); size > overall; size /= thinner) {
-    std::vector<Vec3> thinned;
-    for (std::size_t i = 0; i < size; ++i) thinned.push_back(centres[order[i]]);
-    const PointTree tree(thinned);
-    for (std::size_t p = 0; p < places.size(); p += places.size() / most_surrounded + 1) {
-      nearest(tree, places[p], around, near);
-      for (const auto& found : near) chosen[order[found.point]] = true;
-    }
-  }
-  ids.clear();
-  for (std::uint32_t id = 0; id < centres.size(); ++id) {
-    if (chosen[id]) ids.push_back(id);
-  }
-  if (ids.size() <= most) return ids;
-  std::vector<std::uint32_t> fewer;
-  for (const std::uint32_t i : spread_order(ids.size())) {
-    if (fewer.size() < most) fewer.push_back(ids[i]);
-  }
-  std::sort(fewer.begin(), fewer.end());
-  return fewer;
-}
-
-/// Whether a part of the centres does not represent the residual, so that all of them are used, iteratively.
-bool needs_all(const RadialKernel& kernel, Solver solver, std::size_t m, const PointErrors::Limits& limits) {
-  const KernelProperties known = properties(kernel.kernel);
-  const bool local = solver == Solver::incremental_qr || known.has_shape;
-  return m > limits.dense && m <= limits.iterative && local && known.smooth && kernel.parity.none();
-}
+std::size_t images_of(const Parity& parity) { return Images(parity).count; }
 
 }  // namespace
 
@@ -143,8 +106,10 @@ double largest_magnitude(const MatrixXd& errors) {
 
 namespace {
 
-/// P^T w, which side conditions want to be 0: least squares leave something in them.
-MatrixXd moments(const Interpolator& system, const Interpolants& interpolants, const PolynomialSpace& polynomials) {
+/// P^T w over all images, which side conditions want to be 0: least squares leave something in them.
+MatrixXd moments(const Interpolator& system, const Interpolants& interpolants, const PolynomialSpace& polynomials,
+                 const Parity& images) {
+  using Extended = Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic>;
   const auto weights = interpolants.coefficients.rows() - static_cast<Index>(system.polynomials().terms());
   std::vector<Vec3> centres = system.centres();
   if (system.solver() == Solver::incremental_qr) {
@@ -152,62 +117,100 @@ MatrixXd moments(const Interpolator& system, const Interpolants& interpolants, c
     centres.clear();
     for (Index j = 0; j < weights; ++j) centres.push_back(system.centres()[order[static_cast<std::size_t>(j)]]);
   }
-  const auto P = polynomials.matrix(centres).cast<long double>().eval();
-  Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic> W = interpolants.coefficients.topRows(weights).cast<long double>();
+  Extended W = interpolants.coefficients.topRows(weights).cast<long double>();
   if (interpolants.rest.size() > 0) W += interpolants.rest.topRows(weights).cast<long double>();
-  return (P.transpose() * W).cast<double>();
+  const Images all(images);
+  Extended sum = Extended::Zero(static_cast<Index>(polynomials.terms()), W.cols());
+  for (std::size_t g = 0; g < all.count; ++g) {
+    std::vector<Vec3> places;
+    for (const Vec3& c : centres) places.push_back(all.at[g].of(c));
+    sum += static_cast<long double>(all.at[g].sign) * (polynomials.matrix(places).cast<long double>().transpose() * W);
+  }
+  return sum.cast<double>();
 }
 
 }  // namespace
 
 PointErrors::PointErrors(const Interpolator& system, int polynomial_degree, std::vector<Vec3> places, const RunContext& context,
-                         const Limits& limits)
-    : places_(std::move(places)), centres_(system.size()) {
+                         std::size_t dense)
+    : places_(std::move(places)) {
   InterpolationOptions options;
   options.kernel = system.kernel();
   options.polynomial_degree = polynomial_degree;
-  if (needs_all(system.kernel(), system.solver(), system.size(), limits)) {
-    ids_.resize(system.size());
-    std::iota(ids_.begin(), ids_.end(), 0u);
-    iterative_ = std::make_unique<const IterativeInterpolator>(system.centres(), options, context);
-    exact_ = iterative_.get();
+  if (system.size() <= dense) {
+    dense_ = std::make_unique<const DenseInterpolator>(system.centres(), options, context);
+    exact_ = dense_.get();
     return;
   }
-  ids_ = participants(system.centres(), places_, limits.dense);
-  std::vector<Vec3> centres;
-  for (const std::uint32_t id : ids_) centres.push_back(system.centres()[id]);
-  dense_ = std::make_unique<const DenseInterpolator>(std::move(centres), options, context);
-  exact_ = dense_.get();
+  if (system.solver() == Solver::iterative) {
+    iterative_ = static_cast<const IterativeInterpolator*>(&system);
+  } else {
+    std::vector<Vec3> centres = system.centres();
+    const Images images(system.kernel().parity);
+    if (images.count > 1) {
+      centres.clear();
+      for (std::uint32_t j = 0; j < system.size(); ++j) {
+        const Vec3& c = system.centres()[j];
+        for (std::size_t g = 0; g < images.count; ++g) {
+          bool again = false;
+          for (std::size_t k = 0; k < 3; ++k) again = again || (images.at[g].flip[k] < 0 && std::abs(c[k]) <= on_plane);
+          if (again) continue;
+          centres.push_back(images.at[g].of(c));
+          rows_.push_back({j, images.at[g].sign});
+        }
+      }
+    }
+    options.kernel.parity = {};
+    own_ =
+        std::make_unique<const IterativeInterpolator>(std::move(centres), options, context, IterativeInterpolator::Kernels::any);
+    iterative_ = own_.get();
+  }
+  exact_ = iterative_;
 }
 
-MatrixXd PointErrors::residual(const Interpolator& system, const Interpolants& interpolants, const MatrixXd& F,
+MatrixXd PointErrors::residual(const Interpolator& system, const Interpolants& interpolants, const MatrixXd& F, double& error,
                                const RunContext& context) const {
-  MatrixXd wanted(static_cast<Index>(ids_.size()), F.cols());
-  for (Index j = 0; j < wanted.rows(); ++j) wanted.row(j) = F.row(ids_[static_cast<std::size_t>(j)]);
-  const std::vector<double> values = system.direct_values(interpolants, exact_->centres(), context);
-  const MatrixXd residual = wanted - Eigen::Map<const RowMajor>(values.data(), wanted.rows(), wanted.cols());
-  const std::vector<Vec3>& centres = exact_->centres();
+  const std::vector<Vec3>& centres = system.centres();
+  const double weights = static_cast<double>(interpolants.coefficients.rows());
+  const double pairs = static_cast<double>(centres.size()) * weights;
+  error = 0;
+  std::vector<double> values;
+  if (pairs <= most_direct_pairs || system.solver() != Solver::iterative) {
+    values = system.direct_values(interpolants, centres, context);
+  } else {
+    Interpolants summed;
+    summed.coefficients = interpolants.coefficients;
+    summed.order = interpolants.order;
+    summed.tolerance = 2 * residual_share * interpolants.residual;
+    values = system.values(summed, centres, error, context);
+  }
+  MatrixXd residual = F - Eigen::Map<const RowMajor>(values.data(), F.rows(), F.cols());
   const double rounding =
       system.rounding(interpolants, std::span(centres).first(std::min<std::size_t>(centres.size(), 16)), context);
-  if (largest_magnitude(residual) > many_roundings * rounding) return residual;
-  return system.accurate_residual(interpolants, centres, wanted, context);
+  if (pairs > most_accurate_pairs || largest_magnitude(residual) > many_roundings * rounding) return residual;
+  return system.accurate_residual(interpolants, centres, F, context);
 }
 
 PointErrors::Missing PointErrors::missing(const Interpolator& system, const Interpolants& interpolants, const MatrixXd& F,
                                           const RunContext& context) const {
-  MatrixXd left = residual(system, interpolants, F, context);
+  double error = 0;
+  MatrixXd left = residual(system, interpolants, F, error, context);
   const double largest = largest_magnitude(left);
-  for (Index c = 0; c < F.cols() && partial() && interpolants.residuals.size() == F.cols(); ++c) {
-    const double seen = left.col(c).cwiseAbs().maxCoeff();
-    if (seen > 0) left.col(c) *= std::max(1.0, interpolants.residuals[c] / seen);
+  if (!rows_.empty()) {
+    MatrixXd images(static_cast<Index>(rows_.size()), left.cols());
+    for (Index r = 0; r < images.rows(); ++r) {
+      const Row& row = rows_[static_cast<std::size_t>(r)];
+      images.row(r) = row.sign * left.row(static_cast<Index>(row.centre));
+    }
+    left = std::move(images);
   }
   const auto q = static_cast<Index>(exact_->polynomials().terms());
   MatrixXd B(left.rows() + q, left.cols());
-  B << left, -moments(system, interpolants, exact_->polynomials());
+  B << left, -moments(system, interpolants, exact_->polynomials(), rows_.empty() ? Parity{} : system.kernel().parity);
   if (dense_) return {dense_->solve_saddle(B, context).coefficients, largest};
   Interpolants solved = iterative_->solve_saddle(B, iterative_share * largest, context);
-  // As much as it leaves is missing from it.
-  const double share = largest > 0 ? solved.residual / largest : 0;
+  // As much as it leaves is missing from it, and what sums that are not direct may have lost.
+  const double share = largest > 0 ? (solved.residual + error) / largest : 0;
   if (share > iterative_share) solved.coefficients /= 1 - std::min(share, most_left);
   return {std::move(solved.coefficients), largest};
 }
@@ -219,20 +222,71 @@ MatrixXd PointErrors::errors(const Missing& missing, std::span<const Vec3> place
   return Eigen::Map<const RowMajor>(values.data(), static_cast<Index>(places.size()), missing.coefficients.cols());
 }
 
-std::size_t PointErrors::bytes() const { return exact_->bytes() + places_.size() * sizeof(Vec3) + ids_.size() * 4; }
+Eigen::VectorXd PointErrors::largest(const Missing& missing, const MatrixXd& errors, std::span<const Vec3> points,
+                                     const RunContext& context) const {
+  const Index columns = missing.coefficients.cols();
+  Eigen::VectorXd result(columns);
+  for (Index c = 0; c < columns; ++c) result[c] = largest_magnitude(errors.col(c));
+  const RadialKernel& kernel = exact_->kernel();
+  const double pairs = static_cast<double>(points.size()) * static_cast<double>(exact_->size());
+  const bool fast = pairs > most_direct_errors && properties(kernel.kernel).smooth && kernel.parity.none();
+  // In units of the known ones, so that the error of the sums is a share of each.
+  const Eigen::VectorXd units = result.unaryExpr([](double size) { return size > 0 && std::isfinite(size) ? size : 1.0; });
+  Missing scaled;
+  scaled.coefficients = missing.coefficients * units.cwiseInverse().asDiagonal();
+  const auto terms = static_cast<Index>(exact_->polynomials().terms());
+  const RowMajor rows = scaled.coefficients;
+  const std::span<const double> all(rows.data(), static_cast<std::size_t>(rows.size()));
+  const auto polynomials = static_cast<std::size_t>(terms * columns);
+  for (std::size_t first = 0; first < points.size(); first += points_together) {
+    const auto some = points.subspan(first, std::min(points_together, points.size() - first));
+    MatrixXd there;
+    double error = 0;
+    if (fast) {
+      CheckedSums sums = checked_sums(kernel, some, exact_->centres(), all.first(all.size() - polynomials),
+                                      static_cast<std::size_t>(columns), {errors_order, errors_share, 0}, context);
+      add_polynomials(exact_->polynomials(), some, all.last(polynomials), sums.sums, context);
+      there = Eigen::Map<const RowMajor>(sums.sums.data(), static_cast<Index>(some.size()), columns);
+      error = sums.error;
+    } else {
+      there = this->errors(scaled, some, context);
+    }
+    for (Index c = 0; c < columns; ++c) {
+      // Not max(), so that NaN counts.
+      const double size = units[c] * (largest_magnitude(there.col(c)) + error);
+      if (!(size <= result[c])) result[c] = size;
+    }
+  }
+  return result;
+}
+
+std::size_t PointErrors::bytes() const {
+  const std::size_t own = dense_ ? dense_->bytes() : own_ ? own_->bytes() : 0;
+  return own + places_.size() * sizeof(Vec3) + rows_.size() * sizeof(Row);
+}
 
 std::size_t PointErrors::bytes_for(std::size_t m, const RadialKernel& kernel, Solver solver) {
   const std::size_t fixed = 1024 * sizeof(Vec3);
-  if (needs_all(kernel, solver, m, {})) return IterativeInterpolator::bytes_for(m) + m * 4 + fixed;
-  const std::size_t k = std::min(m, most_centres);
-  return DenseInterpolator::bytes_for(k, Solver::ldlt) + k * (sizeof(Vec3) + 4) + fixed;
+  if (m <= most_dense) return DenseInterpolator::bytes_for(m, Solver::ldlt) + m * sizeof(Vec3) + fixed;
+  if (solver == Solver::iterative) return fixed;
+  const std::size_t rows = m * images_of(kernel.parity);
+  return IterativeInterpolator::bytes_for(rows) + rows * (sizeof(Vec3) + sizeof(Row)) + fixed;
 }
 
 std::size_t PointErrors::peak_bytes(std::size_t m, const RadialKernel& kernel, Solver solver) {
   constexpr std::size_t fields = 4;
-  if (needs_all(kernel, solver, m, {})) return IterativeInterpolator::peak_bytes(m, fields);
-  // Beside the matrix two trees of the centres, and a choice of them.
-  return DenseInterpolator::peak_bytes(std::min(m, most_centres), Solver::ldlt) + m * (4 * sizeof(Vec3) + 16);
+  if (m <= most_dense) return DenseInterpolator::peak_bytes(m, Solver::ldlt) + m * (4 * sizeof(Vec3) + 16);
+  if (solver == Solver::iterative) return bytes_for(m, kernel, solver);  // beside what its system takes
+  const std::size_t rows = m * images_of(kernel.parity);
+  return IterativeInterpolator::peak_bytes(rows, fields) + rows * (sizeof(Vec3) + sizeof(Row));
+}
+
+std::size_t PointErrors::largest_bytes(std::size_t n, std::size_t m, const RadialKernel& kernel) {
+  constexpr std::size_t fields = 4;
+  constexpr int order = 10;  // digits enough for a share of the error
+  const std::size_t together = std::min(n, points_together), rows = m * images_of(kernel.parity);
+  const bool fast = static_cast<double>(n) * static_cast<double>(rows) > most_direct_errors;
+  return (fast ? FastSums::bytes_for(together, rows, order) : 0) + 2 * (together + rows) * fields * sizeof(double);
 }
 
 }  // namespace deform

@@ -22,43 +22,32 @@ std::vector<std::uint32_t> check_points(std::span<const Vec3> points, std::span<
 /// The largest absolute value of an entry; infinity if any entry is NaN.
 double largest_magnitude(const Eigen::MatrixXd& errors);
 
-/// Largest numbers of centres of which PointErrors use all.
-struct PointErrorLimits {
-  std::size_t dense = 3000, iterative = 20000;
-};
-
 /// Estimates the error of approximate interpolants at given places. The difference between the exact interpolant and an
-/// approximate one is the interpolant of the residual at the centres, so an exact solution for the residual gives the error,
-/// including its amplification between the centres.
+/// approximate one is the interpolant of the residual at the centres, so a solution for the residual gives the error, including
+/// its amplification between the centres. A part of the centres would not represent it: residuals differ from centre to centre.
 ///
-/// Up to Limits::dense centres all of them are used, with a dense factorization and direct sums, so that nothing is shared with
-/// the interpolants that are checked. Beyond that,
-///  - where the residual changes from centre to centre (incremental QR) or the error is local (kernels with a shape), a part of
-///    the centres does not represent it: up to Limits::iterative centres the residual, by direct sums at all of them, is
-///    interpolated iteratively, to a thousandth of its size, and what that leaves is allowed for;
-///  - else, and for kernels and parities that the iterative solver does not take, the centres around every place are used, fewer
-///    with increasing distance, and a sample of all.
+/// Up to a number of centres it is interpolated with a dense factorization and direct sums, so that nothing is shared with the
+/// interpolants that are checked. With more, the residual, by sums that are direct as far as that is affordable, is interpolated
+/// iteratively, to a thousandth of its size, and what that leaves is allowed for. Images of centres are centres then, and kernels
+/// that are not smooth have direct sums.
 /// Immutable; any thread.
 class PointErrors {
  public:
-  static constexpr std::size_t most_centres = PointErrorLimits().dense;
-  using Limits = PointErrorLimits;
+  static constexpr std::size_t most_dense = 3000;  ///< largest number of centres for which the system is factored
 
-  /// The places are in the coordinates of the system. Throws Error(numerical_failure), cancelled, deadline_exceeded.
+  /// The places are in the coordinates of the system. Systems of the iterative solver beyond `dense` centres are used again and
+  /// must outlive this. Throws Error(numerical_failure), cancelled, deadline_exceeded.
   PointErrors(const Interpolator& system, int polynomial_degree, std::vector<Vec3> places, const RunContext& context,
-              const Limits& limits = {});
+              std::size_t dense = most_dense);
 
   const std::vector<Vec3>& places() const { return places_; }
-  /// Whether all centres of the system are used and the error is exact up to rounding.
-  bool complete() const { return ids_.size() == centres_ && !iterative_; }
-  /// Whether a part of the centres of the system is used.
-  bool partial() const { return ids_.size() < centres_; }
+  /// Whether the correction is exact up to rounding.
+  bool complete() const { return dense_ != nullptr; }
   /// The correction to interpolants of F (values at all centres of the system, m x columns): the interpolant of their residual at
-  /// the centres in use. The residual is computed in double-double arithmetic if it is near rounding. If it is larger at the
-  /// other centres, the correction is scaled up accordingly.
+  /// the centres. The residual is computed in double-double arithmetic if it is near rounding.
   struct Missing {
-    Eigen::MatrixXd coefficients;  ///< as Interpolants::coefficients, for the centres in use
-    double residual = 0;           ///< largest at these centres
+    Eigen::MatrixXd coefficients;  ///< as Interpolants::coefficients, for the centres and their images
+    double residual = 0;           ///< largest at the centres
   };
   Missing missing(const Interpolator& system, const Interpolants& interpolants, const Eigen::MatrixXd& F,
                   const RunContext& context) const;
@@ -67,22 +56,34 @@ class PointErrors {
   Eigen::MatrixXd errors(const Missing& missing, const RunContext& context) const { return errors(missing, places_, context); }
   /// As above at other places.
   Eigen::MatrixXd errors(const Missing& missing, std::span<const Vec3> places, const RunContext& context) const;
+  /// The largest absolute value of each column at any of these points and in `errors`, by fast sums where there are many: too
+  /// large by 5 % of the largest in `errors` at most, or by the error of sums that do not reach that.
+  Eigen::VectorXd largest(const Missing& missing, const Eigen::MatrixXd& errors, std::span<const Vec3> points,
+                          const RunContext& context) const;
 
   std::size_t bytes() const;
-  /// Upper bounds for m centres: of bytes(), and of the peak memory of the construction.
+  /// Upper bounds for m centres: of bytes(), of the peak memory of the construction and of missing(), and of that of largest()
+  /// for n points.
   static std::size_t bytes_for(std::size_t m, const RadialKernel& kernel, Solver solver);
   static std::size_t peak_bytes(std::size_t m, const RadialKernel& kernel, Solver solver);
+  static std::size_t largest_bytes(std::size_t n, std::size_t m, const RadialKernel& kernel);
 
  private:
-  Eigen::MatrixXd residual(const Interpolator& system, const Interpolants& interpolants, const Eigen::MatrixXd& F,
+  /// A centre of the exact system: an image of one of the system's.
+  struct Row {
+    std::uint32_t centre;
+    double sign;
+  };
+
+  Eigen::MatrixXd residual(const Interpolator& system, const Interpolants& interpolants, const Eigen::MatrixXd& F, double& error,
                            const RunContext& context) const;
 
   std::vector<Vec3> places_;
-  std::vector<std::uint32_t> ids_;  ///< centres in use
-  std::size_t centres_ = 0;         ///< of the system
+  std::vector<Row> rows_;  ///< empty if the centres are the system's
   std::unique_ptr<const DenseInterpolator> dense_;
-  std::unique_ptr<const IterativeInterpolator> iterative_;
-  const Interpolator* exact_ = nullptr;  ///< one of these
+  std::unique_ptr<const IterativeInterpolator> own_;
+  const IterativeInterpolator* iterative_ = nullptr;  ///< own_ or the system
+  const Interpolator* exact_ = nullptr;               ///< dense_ or iterative_
 };
 
 }  // namespace deform

@@ -8,6 +8,7 @@
 #include "core/base/parallel.h"
 #include "core/numerics/dense/decompositions.h"
 #include "core/numerics/interpolation/dense_interpolator.h"
+#include "core/numerics/kernels/tiles.h"
 
 namespace deform {
 
@@ -59,7 +60,12 @@ SchwarzPreconditioner::SchwarzPreconditioner(const RadialKernel& kernel, std::sp
   std::vector<Vec3> coarse;
   for (const std::uint32_t id : coarse_ids_) coarse.push_back(centres[id]);
   coarse_ = factor(coarse, coarse_terms_, context);
-  to_coarse_ = std::make_unique<FastSums>(kernel_, coarse, centres, FastSums::Options{coarse_order, 0});
+  if (properties(kernel_.kernel).smooth) {
+    to_coarse_ = std::make_unique<FastSums>(kernel_, coarse, centres, FastSums::Options{coarse_order, 0});
+  } else {
+    all_places_.assign(centres.begin(), centres.end());
+    coarse_places_ = std::move(coarse);
+  }
   std::atomic<std::size_t> done{0};
   parallel_for(context, domains_.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t d = begin; d < end; ++d) {
@@ -167,8 +173,10 @@ MatrixXd SchwarzPreconditioner::apply(const MatrixXd& values, const RunContext& 
   project(weights);
 
   const RowMajor rows = weights;
-  const std::vector<double> sums = to_coarse_->sums(std::span<const double>(rows.data(), static_cast<std::size_t>(rows.size())),
-                                                    static_cast<std::size_t>(rows.cols()), context);
+  const std::span<const double> all(rows.data(), static_cast<std::size_t>(rows.size()));
+  const auto columns = static_cast<std::size_t>(rows.cols());
+  const std::vector<double> sums = to_coarse_ ? to_coarse_->sums(all, columns, context)
+                                              : kernel_sums(kernel_, coarse_places_, all_places_, all, columns, context);
   MatrixXd B = MatrixXd::Zero(static_cast<Index>(coarse_ids_.size() + coarse_terms_), values.cols());
   for (std::size_t i = 0; i < coarse_ids_.size(); ++i) {
     for (Index c = 0; c < values.cols(); ++c) {
@@ -182,7 +190,8 @@ MatrixXd SchwarzPreconditioner::apply(const MatrixXd& values, const RunContext& 
 }
 
 std::size_t SchwarzPreconditioner::bytes() const {
-  std::size_t bytes = static_cast<std::size_t>(Q_.size()) * sizeof(double) + coarse_->bytes() + to_coarse_->bytes();
+  std::size_t bytes = static_cast<std::size_t>(Q_.size()) * sizeof(double) + coarse_->bytes() +
+                      (to_coarse_ ? to_coarse_->bytes() : 0) + (all_places_.size() + coarse_places_.size()) * sizeof(Vec3);
   for (const Domain& domain : domains_) bytes += domain.factor->bytes() + domain.ids.size() * sizeof(std::uint32_t);
   return bytes;
 }

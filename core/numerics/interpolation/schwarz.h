@@ -59,7 +59,8 @@ class SchwarzPreconditioner {
   std::vector<std::uint32_t> coarse_ids_;
   std::size_t coarse_terms_ = 0;
   std::unique_ptr<SaddleFactor> coarse_;
-  std::unique_ptr<const FastSums> to_coarse_;
+  std::unique_ptr<const FastSums> to_coarse_;     ///< for smooth kernels
+  std::vector<Vec3> all_places_, coarse_places_;  ///< for direct sums, else empty
 };
 
 }  // namespace deform

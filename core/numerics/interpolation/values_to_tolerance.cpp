@@ -23,27 +23,6 @@ constexpr int most_rounds = 4;
 constexpr double rounding_share = 0.5;
 // Pairs of points and centres that are summed with twice the digits where rounding alone would miss the tolerance: seconds.
 constexpr double most_accurate = 1e9;
-constexpr double most_checked = 1e8;  // pairs of points and centres for which all points are checked: a tenth of a second
-
-/// The points nearest to the centres with the largest residuals.
-std::vector<Vec3> beside_the_worst(const Interpolator& system, const Interpolants& interpolants, std::span<const Vec3> points) {
-  std::vector<Vec3> places;
-  for (const std::uint32_t centre : interpolants.worst) {
-    const Vec3& c = system.centres()[centre];
-    double least = std::numeric_limits<double>::infinity();
-    std::size_t nearest = 0;
-    for (std::size_t i = 0; i < points.size(); ++i) {
-      const Vec3 d{points[i][0] - c[0], points[i][1] - c[1], points[i][2] - c[2]};
-      const double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-      if (square < least) {
-        least = square;
-        nearest = i;
-      }
-    }
-    if (!points.empty()) places.push_back(points[nearest]);
-  }
-  return places;
-}
 
 /// One more round: by the exact correction if it is known, else by the solver with a tolerance below its residual.
 bool improve(const Interpolator& system, const PointErrors& check, const MatrixXd& F, const PointErrors::Missing& missing,
@@ -57,27 +36,35 @@ bool improve(const Interpolator& system, const PointErrors& check, const MatrixX
   return interpolants.residual < before;
 }
 
+/// Interpolants with what is missing from them: its values at the checked points, and the largest ones of each column over all.
+struct Refined {
+  Interpolants interpolants;
+  MatrixXd errors;
+  Eigen::VectorXd largest;
+};
+
 /// Until the estimate is allowed or there are no more digits.
-Interpolants refined(const Interpolator& system, const PointErrors& check, const MatrixXd& F, double tolerance,
-                     PointErrors::Missing& left, const RunContext& context) {
+Refined refined(const Interpolator& system, const PointErrors& check, const MatrixXd& F, double tolerance,
+                std::span<const Vec3> points, const RunContext& context) {
   const double allowed = coefficients_share * tolerance;
   Interpolants interpolants = system.interpolate(F, first_residual * tolerance, context);
-  Interpolants best;
+  Refined best;
   double least = std::numeric_limits<double>::infinity();
   for (int round = 0;; ++round) {
     const PointErrors::Missing missing = check.missing(system, interpolants, F, context);
-    const double error = error_margin * largest_magnitude(check.errors(missing, context));
+    MatrixXd errors = check.errors(missing, context);
+    Eigen::VectorXd largest = check.largest(missing, errors, points, context);
+    const double error = error_margin * largest_magnitude(largest);
     if (round > 0 && !(error < least)) break;
     const bool slow = error > 0.5 * least;
-    best = interpolants;
-    if (check.complete()) best.residual = missing.residual;
-    left = missing;
+    best = {interpolants, std::move(errors), std::move(largest)};
+    if (check.complete()) best.interpolants.residual = missing.residual;
     least = error;
     if (error <= allowed || slow || round == most_rounds) break;
     const double smaller = std::clamp(aim * allowed / error, 1e-4, aim);
     if (!improve(system, check, F, missing, smaller, interpolants, context)) break;
   }
-  best.tolerance = 2 * sums_share * tolerance;
+  best.interpolants.tolerance = 2 * sums_share * tolerance;
   return best;
 }
 
@@ -87,26 +74,26 @@ CheckedValues values_to_tolerance(const Interpolator& system, const PointErrors&
                                   const MatrixXd& F, double tolerance, std::span<const Vec3> points, const RunContext& context) {
   CheckedValues result;
   const bool iterative = system.solver() == Solver::iterative;
-  Interpolants interpolants;
-  PointErrors::Missing missing;
+  Refined solved;
   if (iterative) {
-    interpolants = refined(system, check, F, tolerance, missing, context);
+    solved = refined(system, check, F, tolerance, points, context);
   } else {
-    interpolants = system.interpolate(F, tolerance, context);
-    missing = check.missing(system, interpolants, F, context);
+    solved.interpolants = system.interpolate(F, tolerance, context);
+    const PointErrors::Missing missing = check.missing(system, solved.interpolants, F, context);
+    solved.errors = check.errors(missing, context);
+    solved.largest = check.largest(missing, solved.errors, points, context).cwiseMax(solved.interpolants.residuals);
   }
-  result.errors = check.errors(missing, context);
-  // Other points may be off by more than the places, most likely where the residual is largest.
-  const double pairs = static_cast<double>(points.size()) * static_cast<double>(system.size());
-  const std::vector<Vec3> beside = pairs > most_checked ? beside_the_worst(system, interpolants, points) : std::vector<Vec3>{};
-  const std::span<const Vec3> others = pairs > most_checked ? std::span<const Vec3>(beside) : points;
-  double elsewhere = largest_magnitude(check.errors(missing, others, context)) - largest_magnitude(result.errors);
-  if (!iterative) elsewhere = std::max(elsewhere, interpolants.residual - largest_magnitude(result.errors));
-  elsewhere = std::max(0.0, error_margin * elsewhere);
+  result.errors = std::move(solved.errors);
+  // Other points may be off by more than the checked ones.
+  Eigen::VectorXd elsewhere(F.cols());
+  for (Index c = 0; c < F.cols(); ++c) {
+    elsewhere[c] = error_margin * std::max(0.0, solved.largest[c] - largest_magnitude(result.errors.col(c)));
+  }
   double sums_error = 0;
-  const double rounding = system.rounding(interpolants, check.places(), context);
+  const double rounding = system.rounding(solved.interpolants, check.places(), context);
+  const double pairs = static_cast<double>(points.size()) * static_cast<double>(system.size());
   const bool accurate = iterative && 8 * rounding > sums_share * tolerance && pairs <= most_accurate;
-  result.from = {std::move(interpolants), accurate ? SolvedValues::Sums::accurate : SolvedValues::Sums::usual};
+  result.from = {std::move(solved.interpolants), accurate ? SolvedValues::Sums::accurate : SolvedValues::Sums::usual};
   const Interpolants& solution = result.from.interpolants;
   result.values = values_elsewhere(system, result.from, points, sums_error, context);
   MatrixXd delivered(static_cast<Index>(checked.size()), F.cols());
@@ -118,8 +105,8 @@ CheckedValues values_to_tolerance(const Interpolator& system, const PointErrors&
   }
   // (exact - interpolant) + (interpolant - delivered).
   result.errors -= system.accurate_residual(solution, check.places(), delivered, context);
-  result.more = elsewhere + sums_error + rounding_share * rounding;
-  result.error = error_margin * largest_magnitude(result.errors) + result.more;
+  result.more = elsewhere.array() + (sums_error + rounding_share * rounding);
+  result.error = error_margin * largest_magnitude(result.errors) + largest_magnitude(result.more);
   result.residual = solution.residual;
   result.converged = iterative ? result.error <= tolerance : solution.converged;
   return result;

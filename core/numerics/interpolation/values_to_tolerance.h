@@ -26,10 +26,9 @@ struct CheckedValues {
   std::vector<double> values;  ///< n x columns, row by row
   /// Estimated exact - computed values, checked points x columns: errors of the coefficients and of the sums.
   Eigen::MatrixXd errors;
-  /// An allowance for larger errors at the other points (all of them where their sums are cheap, else those next to the worst
-  /// centres), by sums that are not direct, and by rounding.
-  double more = 0;
-  double error = 0;       ///< error_margin times the largest of `errors`, plus `more`
+  /// An allowance for each column for larger errors at the other points, by sums that are not direct, and by rounding.
+  Eigen::VectorXd more;
+  double error = 0;       ///< error_margin times the largest of `errors`, plus the largest of `more`
   double residual = 0;    ///< Interpolants::residual
   bool converged = true;  ///< iterative: error <= tolerance; incremental QR: Interpolants::converged
 };

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <cstddef>
+#include <map>
 #include <memory>
+#include <utility>
 
 #include "core/deformers/setup.h"
 #include "core/deformers/system.h"
@@ -27,6 +30,51 @@ inline Mesh square(std::size_t n) {
     for (std::size_t i = 0; i < n; ++i) {
       mesh.face_sizes.push_back(4);
       mesh.face_points.insert(mesh.face_points.end(), {at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)});
+    }
+  }
+  return mesh;
+}
+
+/// The surface of the cubes (i, j, k) of a grid for which `full` holds, of the given edge.
+template <typename Full>
+inline Mesh cubes(const std::array<int, 3>& counts, double edge, const Full& full) {
+  Mesh mesh;
+  std::map<std::array<int, 3>, PointId> ids;
+  const auto corner = [&](const std::array<int, 3>& at) {
+    const auto [entry, added] = ids.try_emplace(at, static_cast<PointId>(mesh.points.size()));
+    if (added) mesh.points.push_back({edge * at[0], edge * at[1], edge * at[2]});
+    return entry->second;
+  };
+  const auto is_full = [&](const std::array<int, 3>& at) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (at[k] < 0 || at[k] >= counts[k]) return false;
+    }
+    return full(at[0], at[1], at[2]);
+  };
+  for (int i = 0; i < counts[0]; ++i) {
+    for (int j = 0; j < counts[1]; ++j) {
+      for (int k = 0; k < counts[2]; ++k) {
+        const std::array<int, 3> at{i, j, k};
+        if (!is_full(at)) continue;
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          for (const int side : {0, 1}) {
+            std::array<int, 3> beside = at;
+            beside[axis] += side == 0 ? -1 : 1;
+            if (is_full(beside)) continue;
+            const std::size_t u = (axis + 1) % 3, v = (axis + 2) % 3;
+            std::array<std::array<int, 3>, 4> corners;
+            corners.fill(at);
+            for (auto& c : corners) c[axis] += side;
+            corners[1][u] += 1;
+            corners[2][u] += 1;
+            corners[2][v] += 1;
+            corners[3][v] += 1;
+            if (side == 0) std::swap(corners[1], corners[3]);
+            mesh.face_sizes.push_back(4);
+            for (const auto& c : corners) mesh.face_points.push_back(corner(c));
+          }
+        }
+      }
     }
   }
   return mesh;

@@ -5,72 +5,27 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <map>
 #include <memory>
 #include <vector>
 
 #include "core/base/vectors.h"
 #include "core/deformers/energy/spaces/mesh_pieces.h"
 #include "core/deformers/system.h"
+#include "tests/core/deformers/block_meshes.h"
 #include "tests/core/quality/surface_meshes.h"
 
 namespace deform {
 namespace {
 
-/// The surface of the cubes (i, j, k) of a grid for which `full` holds, of the given edge.
-template <typename Full>
-Mesh cubes(const std::array<int, 3>& counts, double edge, const Full& full) {
-  Mesh mesh;
-  std::map<std::array<int, 3>, PointId> ids;
-  const auto corner = [&](const std::array<int, 3>& at) {
-    const auto [entry, added] = ids.try_emplace(at, static_cast<PointId>(mesh.points.size()));
-    if (added) mesh.points.push_back({edge * at[0], edge * at[1], edge * at[2]});
-    return entry->second;
-  };
-  const auto is_full = [&](const std::array<int, 3>& at) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      if (at[k] < 0 || at[k] >= counts[k]) return false;
-    }
-    return full(at[0], at[1], at[2]);
-  };
-  for (int i = 0; i < counts[0]; ++i) {
-    for (int j = 0; j < counts[1]; ++j) {
-      for (int k = 0; k < counts[2]; ++k) {
-        const std::array<int, 3> at{i, j, k};
-        if (!is_full(at)) continue;
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-          for (const int side : {0, 1}) {
-            std::array<int, 3> beside = at;
-            beside[axis] += side == 0 ? -1 : 1;
-            if (is_full(beside)) continue;
-            const std::size_t u = (axis + 1) % 3, v = (axis + 2) % 3;
-            std::array<std::array<int, 3>, 4> corners;
-            corners.fill(at);
-            for (auto& c : corners) c[axis] += side;
-            corners[1][u] += 1;
-            corners[2][u] += 1;
-            corners[2][v] += 1;
-            corners[3][v] += 1;
-            if (side == 0) std::swap(corners[1], corners[3]);
-            test::add_face(mesh, {corner(corners[0]), corner(corners[1]), corner(corners[2]), corner(corners[3])});
-          }
-        }
-      }
-    }
-  }
-  return mesh;
-}
-
 /// Two prongs along x, 0.15 thick, with a slot of 0.05 from x = 0.3 on.
 Mesh fork() {
-  return cubes({20, 4, 7}, 0.05, [](int i, int /*j*/, int k) { return i < 6 || k != 3; });
+  return test::cubes({20, 4, 7}, 0.05, [](int i, int /*j*/, int k) { return i < 6 || k != 3; });
 }
 
 /// The same with the prongs apart from each other all along.
 Mesh bars() {
-  return cubes({20, 4, 7}, 0.05, [](int /*i*/, int /*j*/, int k) { return k != 3; });
+  return test::cubes({20, 4, 7}, 0.05, [](int /*i*/, int /*j*/, int k) { return k != 3; });
 }
 
 Setup held_and_bent(MlsDomain domain, std::size_t samples) {
@@ -178,7 +133,7 @@ TEST(BodyReach, BodiesThatAreApartAreAsCloseAsTheyAre) {
 }
 
 TEST(BodyReach, NothingIsCutInABodyWithoutSlots) {
-  const Reached of(cubes({20, 4, 7}, 0.05, [](int, int, int) { return true; }), 0.2);
+  const Reached of(test::cubes({20, 4, 7}, 0.05, [](int, int, int) { return true; }), 0.2);
   EXPECT_EQ(of.reach->cut(), 0u);
   EXPECT_EQ(Reached(test::sphere(1, 4), 0.6).reach->cut(), 0u);
 }
