@@ -16,7 +16,7 @@
 
 namespace deform::server {
 
-/// Geometries in memory. Whoever holds a pointer keeps the mesh and its charge alive; the cache itself holds on to the most
+/// Geometries in memory, by the key of tenant and id (store/tenant.h). Whoever holds a pointer keeps the mesh and its charge alive; the cache itself holds on to the most
 /// recently used ones up to its budget. Concurrent requests for one geometry load it once. Thread-safe; must outlive its meshes'
 /// charges' budget, not the meshes.
 class MeshCache {

@@ -178,7 +178,7 @@ class EngineFixture : public testing::Test {
         bell.wait();
       } else if (reply.has_header()) {
         deformed.header = reply.header();
-        registered = engine->get_points(reply.header().geometry_id());
+        registered = engine->get_points(reply.header().geometry_id(), {});
         deformed.points.assign(reply.header().designs(), Points(reply.header().points()));
         checksums.resize(reply.header().designs());
       } else if (reply.has_block()) {
