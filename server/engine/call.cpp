@@ -49,8 +49,8 @@ void CallRegistry::add(const std::shared_ptr<Call>& call) {
   const auto own = of_tenants_.find(tenant);
   if (limit != 0 && own != of_tenants_.end() && own->second >= limit) {
     throw Error(ErrorCode::out_of_budget,
-                "quota calls of tenant \"" + tenant + "\": " + std::to_string(own->second) +
-                    " wait or run, the limit is " + std::to_string(limit) + "; try again later",
+                "quota calls of tenant \"" + tenant + "\": " + std::to_string(own->second) + " wait or run, the limit is " +
+                    std::to_string(limit) + "; try again later",
                 retry_quota_ms);
   }
   calls_.emplace(call.get(), call);

@@ -134,8 +134,7 @@ std::unique_ptr<GeometryUpload> EngineImpl::begin_upload(const v1::GeometryHeade
 
 std::shared_ptr<const Mesh> EngineImpl::load_mesh(const OwnedId& id) {
   const v1::GeometryInfo info = store_.info(id);
-  const std::size_t bytes =
-      sizeof(Mesh) + content_bytes(info) + static_cast<std::size_t>(info.groups_size()) * sizeof(Group);
+  const std::size_t bytes = sizeof(Mesh) + content_bytes(info) + static_cast<std::size_t>(info.groups_size()) * sizeof(Group);
   Charge charge = memory_.charge(bytes, {"loading geometry " + id.id.substr(0, 16), "raise the server's memory budget", 0});
   return MeshCache::share(store_.load(id), std::move(charge));
 }
@@ -313,8 +312,8 @@ v1::SystemInfo EngineImpl::get_system(const std::string& id, const CallContext& 
 }
 
 v1::ListSystemsReply EngineImpl::list_systems(const v1::ListSystemsRequest& request, const CallContext& call) {
-  const OwnedId geometry = request.geometry_id().empty() ? OwnedId{call.tenant, ""}
-                                                         : store_.resolve_geometry(call.tenant, request.geometry_id());
+  const OwnedId geometry =
+      request.geometry_id().empty() ? OwnedId{call.tenant, ""} : store_.resolve_geometry(call.tenant, request.geometry_id());
   const std::size_t limit = page_size(request.page_size());
   const auto records = store_.catalog().list_setups(geometry, parse_page_token(request.page_token()), limit);
   v1::ListSystemsReply reply;

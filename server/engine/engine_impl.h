@@ -16,8 +16,9 @@
 
 namespace deform::server {
 
-/// See engine.h. Meshes and systems in memory are found by tenant and id, like what is stored: that another tenant has the same one
-/// in memory must not make an answer quicker. Owns all parts; the order of the members is the order in which they depend on each other.
+/// See engine.h. Meshes and systems in memory are found by tenant and id, like what is stored: that another tenant has the same
+/// one in memory must not make an answer quicker. Owns all parts; the order of the members is the order in which they depend on
+/// each other.
 class EngineImpl : public Engine {
  public:
   explicit EngineImpl(const EngineOptions& options);

@@ -35,8 +35,8 @@ class Access {
     std::string identity;                 ///< empty: nobody was asked for one
     std::string tenant = default_tenant;  ///< of the identity
     Quota quota = {};                     ///< of the tenant
-    std::optional<Error> refusal;  ///< unauthenticated or permission_denied, when the call is not let in
-    std::uint64_t generation = 0;  ///< of the file that decided
+    std::optional<Error> refusal;         ///< unauthenticated or permission_denied, when the call is not let in
+    std::uint64_t generation = 0;         ///< of the file that decided
   };
 
   /// Whether clients can show certificates at all: with TLS and --tls-client-ca.

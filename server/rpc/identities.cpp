@@ -79,7 +79,8 @@ std::string parse_hash(std::string_view digits, const Place& place) {
 
 std::string parse_tenant(std::string_view word, const Place& place) {
   if (is_tenant_name(std::string(word))) return std::string(word);
-  throw place.error("the tenant " + shown(word) + " is not 1 to 64 lower-case letters, digits and . _ -, the first of them a "
+  throw place.error("the tenant " + shown(word) +
+                    " is not 1 to 64 lower-case letters, digits and . _ -, the first of them a "
                     "letter or digit");
 }
 

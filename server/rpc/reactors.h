@@ -70,8 +70,8 @@ class CallScope {
  public:
   CallScope(const char* method, const Incoming& incoming);
 
-  /// check_access(), check_rate() and check_memory(), and the memory of the request is charged until the call ends: every launch() begins with
-  /// it.
+  /// check_access(), check_rate() and check_memory(), and the memory of the request is charged until the call ends: every
+  /// launch() begins with it.
   void admit();
   /// Throws unless the caller may make this call. Cheap to ask again in a long call: the answer changes when the identities did.
   void check_access();

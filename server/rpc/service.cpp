@@ -215,8 +215,8 @@ class DeformService::Methods final : public RawService {
 
  private:
   Incoming incoming(Role needed, Context* context, const Bytes* request = nullptr) {
-    return {context, needed, &live_, &access_, &memory_full_, &overdue_, &metrics_, &held_, &floods_, &rates_, options_.max_deadline,
-            request};
+    return {context,   needed, &live_,   &access_, &memory_full_,         &overdue_,
+            &metrics_, &held_, &floods_, &rates_,  options_.max_deadline, request};
   }
   /// work(record, call) -> reply message.
   template <typename Work>

@@ -375,8 +375,7 @@ std::size_t finish_removal(const StoreDirectory& directory, Catalog& catalog, co
     const OwnedId id{entry.tenant, entry.id};
     if (entry.what == Intent::What::setup) {
       const fs::path file = directory.setups() / key_of(id);
-      const bool renewed =
-          catalog.find_setup(id) || !is_of(entry.created_ms, file, [&] { return read_setup_record(file, id); });
+      const bool renewed = catalog.find_setup(id) || !is_of(entry.created_ms, file, [&] { return read_setup_record(file, id); });
       if (which == RemoveFiles::all || !renewed) remove(file);
       continue;
     }

@@ -233,8 +233,7 @@ void GeometryStore::take_back(const GeometryRecord& record, std::int64_t intent)
 bool GeometryStore::contains(const OwnedId& id) {
   std::error_code error;
   const auto record = catalog_->find_geometry(id);
-  return record && record->integrity == Integrity::intact &&
-         std::filesystem::exists(directory_.geometries() / key_of(id), error);
+  return record && record->integrity == Integrity::intact && std::filesystem::exists(directory_.geometries() / key_of(id), error);
 }
 
 v1::GeometryInfo GeometryStore::info(const OwnedId& id) {
@@ -339,7 +338,8 @@ std::int64_t GeometryStore::put_setup(SetupRecord record, const Quota& quota) {
   if (stays && !disk_.refusal().empty()) return record.created_ms;
   disk_.require(record.setup.size() + record.info.size());
   Addition addition(*this, id.tenant, known ? StoredAmount() : StoredAmount{0, 1, stored_bytes(record)}, quota);
-  const std::int64_t intent = catalog_->begin({Intent::Kind::put, {{Intent::What::setup, record.id, record.created_ms, {}, record.tenant}}});
+  const std::int64_t intent =
+      catalog_->begin({Intent::Kind::put, {{Intent::What::setup, record.id, record.created_ms, {}, record.tenant}}});
   const std::filesystem::path temporary = directory_.temporary_record(key_of(owned(record)), intent);
   try {
     step("a setup is announced");

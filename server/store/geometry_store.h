@@ -94,8 +94,8 @@ class GeometryStore {
 
   v1::ListGeometriesReply list(const std::string& tenant, const v1::ListGeometriesRequest& request);
 
-  /// Full ids from full ids or unique prefixes of at least 8 digits, among those of the tenant. Throws Error(invalid_argument) for
-  /// what is no such prefix or has several answers, Error(not_found).
+  /// Full ids from full ids or unique prefixes of at least 8 digits, among those of the tenant. Throws Error(invalid_argument)
+  /// for what is no such prefix or has several answers, Error(not_found).
   OwnedId resolve_geometry(const std::string& tenant, const std::string& id_or_prefix);
   OwnedId resolve_setup(const std::string& tenant, const std::string& id_or_prefix);
 

@@ -380,11 +380,12 @@ class SqliteCatalog : public Catalog {
     insert.text(key(record)).blob(record.info).number(record.created_ms).text(checksum(record)).text(record.tenant).step();
   }
   void write(const SetupRecord& record) {
-    Statement insert(db_.get(),
-                     "INSERT INTO setups (id, geometry_id, setup, info, created_ms, checksum, tenant) VALUES (?, ?, ?, ?, ?, ?, ?) "
-                     "ON CONFLICT (id) DO UPDATE SET geometry_id = excluded.geometry_id, setup = excluded.setup, "
-                     "info = excluded.info, created_ms = excluded.created_ms, checksum = excluded.checksum, "
-                     "tenant = excluded.tenant");
+    Statement insert(
+        db_.get(),
+        "INSERT INTO setups (id, geometry_id, setup, info, created_ms, checksum, tenant) VALUES (?, ?, ?, ?, ?, ?, ?) "
+        "ON CONFLICT (id) DO UPDATE SET geometry_id = excluded.geometry_id, setup = excluded.setup, "
+        "info = excluded.info, created_ms = excluded.created_ms, checksum = excluded.checksum, "
+        "tenant = excluded.tenant");
     insert.text(key(record)).text(geometry_key(record)).blob(record.setup).blob(record.info).number(record.created_ms);
     insert.text(checksum(record)).text(record.tenant).step();
   }

@@ -195,7 +195,8 @@ StoreReport copy_store(const fs::path& from, const fs::path& to) {
   StoreReport report;
   say(report, counted(ids.geometries.size(), "geometries, ") + counted(ids.setups.size(), "setups"));
   for (const auto& id : ids.geometries) {
-    if (!fs::exists(to / "geometries" / key_of(id))) complain(report, named("geometry", id) + ": its file is missing in " + from.string());
+    if (!fs::exists(to / "geometries" / key_of(id)))
+      complain(report, named("geometry", id) + ": its file is missing in " + from.string());
   }
   return report;
 }

@@ -36,8 +36,8 @@ class StoreDirectory {
   std::filesystem::path damaged() const { return root_ / "damaged"; }
   std::filesystem::path unclaimed() const { return root_ / "unclaimed"; }
 
-  /// In tmp/, of the intent with that number and the key of its entry: the content of a geometry, a further link to it, and the record of a geometry or
-  /// setup.
+  /// In tmp/, of the intent with that number and the key of its entry: the content of a geometry, a further link to it, and the
+  /// record of a geometry or setup.
   std::filesystem::path temporary(const std::string& key, std::int64_t intent) const;
   std::filesystem::path temporary_link(const std::string& key, std::int64_t intent) const;
   std::filesystem::path temporary_record(const std::string& key, std::int64_t intent) const;

@@ -249,7 +249,8 @@ TEST_F(GeometryStoreTest, several_threads_put_and_remove_the_same) {
     threads.emplace_back([&, t] {
       for (int i = 0; i < 10; ++i) {
         try {
-          t % 2 == 0 ? static_cast<void>(store->put(mesh, own(id), "n")) : static_cast<void>(store->remove(own(id), WithSetups::refuse));
+          t % 2 == 0 ? static_cast<void>(store->put(mesh, own(id), "n"))
+                     : static_cast<void>(store->remove(own(id), WithSetups::refuse));
         } catch (const Error& error) {
           EXPECT_EQ(error.code(), ErrorCode::not_found) << error.what();
         }

@@ -129,7 +129,8 @@ struct StoreContents {
       const auto has = std::count_if(geometries.begin(), geometries.end(), of_tenant);
       const auto prepared = std::count_if(setups.begin(), setups.end(), of_tenant);
       EXPECT_EQ(store.list(tenant, {}).geometries_size(), has) << tenant;
-      EXPECT_EQ(store.catalog().list_setups({tenant, ""}, std::nullopt, 1000).size(), static_cast<std::size_t>(prepared)) << tenant;
+      EXPECT_EQ(store.catalog().list_setups({tenant, ""}, std::nullopt, 1000).size(), static_cast<std::size_t>(prepared))
+          << tenant;
       const StoredAmount amount = store.amount_of(tenant);
       EXPECT_EQ(amount.geometries, static_cast<std::size_t>(has)) << tenant;
       EXPECT_EQ(amount.setups, static_cast<std::size_t>(prepared)) << tenant;

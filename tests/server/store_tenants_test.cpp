@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What belongs to whom on the disk: nothing of one tenant is lost by, given to or shown to another, whatever is damaged or killed.
+// What belongs to whom on the disk: nothing of one tenant is lost by, given to or shown to another, whatever is damaged or
+// killed.
 #include <gtest/gtest.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -20,16 +21,18 @@ TEST(TenantNames, KeysAreReadAsTheyAreWritten) {
   const std::string id = std::string(63, 'a') + "0";
   EXPECT_EQ(key_of({default_tenant, id}), id);
   EXPECT_EQ(key_of({"acme", id}), id + ".acme");
-  for (const std::string& tenant : {std::string("default"), std::string("acme"), std::string("0"), std::string("a.b-c_d"), std::string(64, 'x')}) {
+  for (const std::string& tenant :
+       {std::string("default"), std::string("acme"), std::string("0"), std::string("a.b-c_d"), std::string(64, 'x')}) {
     EXPECT_TRUE(is_tenant_name(tenant)) << tenant;
     EXPECT_EQ(owned_id(key_of({tenant, id})), (OwnedId{tenant, id}));
   }
   for (const std::string& bad : {std::string(), std::string("Acme"), std::string("a/b"), std::string("a b"), std::string(".a"),
-                                std::string("-a"), std::string("a\0b", 3), std::string(65, 'x'), std::string("ä")}) {
+                                 std::string("-a"), std::string("a\0b", 3), std::string(65, 'x'), std::string("ä")}) {
     EXPECT_FALSE(is_tenant_name(bad)) << bad;
     EXPECT_FALSE(owned_id(id + "." + bad)) << bad;
   }
-  for (const std::string& bad : {std::string(), id.substr(1), id + "a", id + ".", id + ".default", id + "-acme", id + ".../acme"}) {
+  for (const std::string& bad :
+       {std::string(), id.substr(1), id + "a", id + ".", id + ".default", id + "-acme", id + ".../acme"}) {
     EXPECT_FALSE(owned_id(bad)) << bad;
   }
 }
@@ -135,7 +138,8 @@ TEST_F(StoreOfTenants, a_file_set_aside_for_one_stays_away_for_it_alone) {
 }
 
 TEST_F(StoreOfTenants, without_the_catalog_everything_goes_to_whom_it_belongs) {
-  const OwnedId a = put("acme", mesh, "a.obj"), b = put("b", sheet_mesh(5, 5), "b.obj"), c = put("acme", sheet_mesh(4, 5), "c.obj");
+  const OwnedId a = put("acme", mesh, "a.obj"), b = put("b", sheet_mesh(5, 5), "b.obj"),
+                c = put("acme", sheet_mesh(4, 5), "c.obj");
   store->put_setup(setup_record(a.id, -0.1, "acme"));
   store.reset();
   for (const bool small_files : {true, false}) {
@@ -243,7 +247,10 @@ TEST_F(StoreQuotas, geometries_are_counted_by_tenant_and_room_comes_back) {
   EXPECT_FALSE(store->contains(third));
   EXPECT_TRUE(fs::is_empty(data / "tmp"));
   EXPECT_EQ(refusal([&] { store->put(mesh, {"b", third.id}, "", two); }), "") << "of others that are full nobody hears";
-  EXPECT_EQ(refusal([&] { store->put(sheet_mesh(4, 4, 1), {"acme", mesh_id(sheet_mesh(4, 4, 1))}, "", two); }), "")
+  EXPECT_EQ(refusal([&] {
+              store->put(sheet_mesh(4, 4, 1), {"acme", mesh_id(sheet_mesh(4, 4, 1))}, "", two);
+            }),
+            "")
       << "what is there takes no room";
   store->remove({"acme", mesh_id(sheet_mesh(4, 4, 1))}, WithSetups::refuse);
   EXPECT_EQ(refusal([&] { store->put(mesh, third, "", two); }), "");

@@ -101,7 +101,10 @@ TEST_F(Tenants, EveryCallAnswersForAnothersIdAsForAnUnknownOne) {
          request.set_forget(true);
          engine->release_system(request, stranger);
        }},
-      {"deform", [&](const auto& id) { deform(request_for(id, {{0.1, 0.1, 0.1}}), stranger); }},
+      {"deform",
+       [&](const auto& id) {
+         deform(request_for(id, {{0.1, 0.1}}), stranger);
+       }},
       {"evaluate",
        [&](const auto& id) {
          v1::EvaluateHeader header;
@@ -138,7 +141,8 @@ TEST_F(Tenants, EveryCallAnswersForAnothersIdAsForAnUnknownOne) {
     for (const auto& [name, call] : calls) {
       std::string expected = outcome([&, &call = call] { call(nobodys); });
       EXPECT_NE(expected, "ok") << name;
-      for (std::size_t at = 0; (at = expected.find(nobodys, at)) != std::string::npos;) expected.replace(at, theirs.size(), theirs);
+      for (std::size_t at = 0; (at = expected.find(nobodys, at)) != std::string::npos;)
+        expected.replace(at, theirs.size(), theirs);
       EXPECT_EQ(outcome([&, &call = call] { call(theirs); }), expected) << name;
     }
   };
@@ -196,11 +200,11 @@ TEST_F(Tenants, DeletingLeavesToOthersWhatTheyHave) {
   EXPECT_EQ(engine->delete_geometry(remove, as("acme")).setups_deleted(), 1u);
   EXPECT_EQ(outcome([&] { engine->get_points(geometry, as("acme")); }), "not_found: geometry " + geometry + ": unknown id");
   EXPECT_EQ(*engine->get_points(geometry, as("b")), mesh.points);
-  EXPECT_EQ(deform(request_for(system, {{0.1, 0.1, 0.1}}), as("b")).points.size(), 1u);
+  EXPECT_EQ(deform(request_for(system, {{0.1, 0.1}}), as("b")).points.size(), 1u);
   reopen();
   EXPECT_EQ(*engine->get_points(geometry, as("b")), mesh.points);
-  EXPECT_EQ(deform(request_for(system, {{0.1, 0.1, 0.1}}), as("b")).points.size(), 1u) << "prepared again after the restart";
-  EXPECT_NE(outcome([&] { deform(request_for(system, {{0.1, 0.1, 0.1}}), as("acme")); }), "ok");
+  EXPECT_EQ(deform(request_for(system, {{0.1, 0.1}}), as("b")).points.size(), 1u) << "prepared again after the restart";
+  EXPECT_NE(outcome([&] { deform(request_for(system, {{0.1, 0.1}}), as("acme")); }), "ok");
 }
 
 TEST_F(Tenants, AnUploadBeyondTheQuotaIsRefusedBeforeItsBytes) {
@@ -234,7 +238,7 @@ TEST_F(Tenants, CallsBeyondTheQuotaAreRefusedWithAHintAndOthersAreNot) {
   Quota two;
   two.calls = 2;
   const auto begin_deform = [&](const CallContext& call) {
-    return engine->deform(request_for(system, {{0.1, 0.1, 0.1}}), 0, call, [] {});
+    return engine->deform(request_for(system, {{0.1, 0.1}}), 0, call, [] {});
   };
   auto first = begin_deform(as("acme", two)), second = begin_deform(as("acme", two));  // whose answers nobody takes
   try {
