@@ -11,6 +11,7 @@
 
 #include "server/rpc/log.h"
 #include "server/rpc/server.h"
+#include "server/rpc/size_text.h"
 
 namespace CLI {
 class App;
@@ -51,10 +52,6 @@ std::variant<Configuration, Answer> read_configuration(const CommandLine& comman
 
 /// Hands over the command line that read_configuration() reads, for its description in another form than --help.
 void describe_command_line(const std::function<void(const CLI::App&)>& describe);
-
-/// "4GiB", "512 MiB", "1.5GB", "123456" -> bytes. Units: B; K, M, G, T or KiB, MiB, GiB, TiB, powers of 1024; kB, MB, GB, TB,
-/// powers of 1000. Throws Error(invalid_argument).
-std::size_t parse_bytes(const std::string& text);
 /// The shortest of these forms that gives exactly the same number.
 std::string to_text(std::size_t bytes);
 

@@ -3,9 +3,16 @@
 
 #include <time.h>
 
+#include <string>
 #include <vector>
 
 namespace deform::server {
+
+namespace {
+
+constexpr std::uint32_t retry_quota_ms = 200;
+
+}  // namespace
 
 std::optional<Error> Call::overdue(RunContext::Clock::time_point now) const {
   if (context_.stop.stop_requested()) return Error(ErrorCode::cancelled, "cancelled by the caller");
@@ -37,7 +44,17 @@ CallRegistry::~CallRegistry() {
 void CallRegistry::add(const std::shared_ptr<Call>& call) {
   const std::lock_guard lock(mutex_);
   if (closed_) throw Error(ErrorCode::unavailable, "the server is shutting down");
+  const std::string& tenant = call->context().tenant;
+  const std::uint64_t limit = call->context().quota.calls;
+  const auto own = of_tenants_.find(tenant);
+  if (limit != 0 && own != of_tenants_.end() && own->second >= limit) {
+    throw Error(ErrorCode::out_of_budget,
+                "quota calls of tenant \"" + tenant + "\": " + std::to_string(own->second) + " wait or run, the limit is " +
+                    std::to_string(limit) + "; try again later",
+                retry_quota_ms);
+  }
   calls_.emplace(call.get(), call);
+  ++of_tenants_[tenant];
   if (calls_.size() == 1) changed_.notify_all();
 }
 
@@ -47,6 +64,8 @@ void CallRegistry::remove(const Call* call) {
   const auto found = calls_.find(call);
   if (found == calls_.end()) return;
   gone = std::move(found->second);
+  const auto own = of_tenants_.find(gone->context().tenant);
+  if (--own->second == 0) of_tenants_.erase(own);
   calls_.erase(found);
   if (calls_.empty()) changed_.notify_all();
 }

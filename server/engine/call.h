@@ -8,6 +8,7 @@
 #include <mutex>
 #include <optional>
 #include <stop_token>
+#include <string>
 #include <thread>
 #include <utility>
 
@@ -49,7 +50,7 @@ class CallRegistry {
   CallRegistry();
   ~CallRegistry();
 
-  /// Throws Error(unavailable) after close().
+  /// Throws Error(unavailable) after close(), Error(out_of_budget) with a retry hint beyond the quota of the call's tenant.
   void add(const std::shared_ptr<Call>& call);
   void remove(const Call* call);
 
@@ -67,6 +68,7 @@ class CallRegistry {
   // guarded by mutex_
   std::condition_variable changed_;
   std::map<const Call*, std::shared_ptr<Call>> calls_;
+  std::map<std::string, std::size_t> of_tenants_;  // calls, of those who have any
   bool closed_ = false;
   bool stopping_ = false;
   // set by the constructor

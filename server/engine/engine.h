@@ -14,6 +14,7 @@
 #include "core/base/run_context.h"
 #include "core/base/types.h"
 #include "deform/v1/service.pb.h"
+#include "server/store/tenant.h"
 
 namespace deform::server {
 
@@ -43,6 +44,8 @@ struct CallContext {
   std::stop_token stop;
   std::optional<RunContext::Clock::time_point> deadline;
   std::string client;                                 ///< who asks: the requests of one client take turns with those of others
+  std::string tenant = default_tenant;                ///< whose geometries and systems the call sees, adds to and takes away from
+  Quota quota = {};                                   ///< of the tenant
   std::shared_ptr<WarmStarts> warm_starts = nullptr;  ///< of a stream
 };
 
@@ -121,7 +124,8 @@ class BasisRecords {
 inline constexpr std::size_t most_cotangents = 1000;
 std::size_t check_cotangent_count(const v1::VectorJacobianHeader& header);
 
-/// deformd without a network: everything the service offers, with the semantics of service.proto. Thread-safe. Errors are Error;
+/// deformd without a network: everything the service offers, with the semantics of service.proto, for the tenant of each call: an
+/// id of another one is as unknown to it as one that nobody has. Thread-safe. Errors are Error;
 /// those of asynchronous work arrive through its callback, on a worker thread.
 ///
 ///   register -> GeometryStore (durable)
@@ -134,11 +138,11 @@ class Engine {
   virtual ~Engine() = default;
 
   virtual std::unique_ptr<GeometryUpload> begin_upload(const v1::GeometryHeader& header, const CallContext& call) = 0;
-  virtual v1::GeometryInfo get_geometry(const std::string& id) = 0;
-  virtual v1::ListGeometriesReply list_geometries(const v1::ListGeometriesRequest& request) = 0;
-  virtual v1::DeleteGeometryReply delete_geometry(const v1::DeleteGeometryRequest& request) = 0;
+  virtual v1::GeometryInfo get_geometry(const std::string& id, const CallContext& call) = 0;
+  virtual v1::ListGeometriesReply list_geometries(const v1::ListGeometriesRequest& request, const CallContext& call) = 0;
+  virtual v1::DeleteGeometryReply delete_geometry(const v1::DeleteGeometryRequest& request, const CallContext& call) = 0;
   /// Keeps the points alive.
-  virtual std::shared_ptr<const Points> get_points(const std::string& id) = 0;
+  virtual std::shared_ptr<const Points> get_points(const std::string& id, const CallContext& call) = 0;
 
   /// Result of asynchronous work: a value or an error.
   template <typename T>
@@ -160,9 +164,9 @@ class Engine {
   virtual void prepare(const v1::PrepareRequest& request, const CallContext& call,
                        std::function<void(const v1::Progress&)> on_progress,
                        std::function<void(Outcome<v1::SystemInfo>)> on_done) = 0;
-  virtual v1::SystemInfo get_system(const std::string& id) = 0;
-  virtual v1::ListSystemsReply list_systems(const v1::ListSystemsRequest& request) = 0;
-  virtual v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request) = 0;
+  virtual v1::SystemInfo get_system(const std::string& id, const CallContext& call) = 0;
+  virtual v1::ListSystemsReply list_systems(const v1::ListSystemsRequest& request, const CallContext& call) = 0;
+  virtual v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request, const CallContext& call) = 0;
 
   /// Throws when the queue is full or the request is plainly wrong. on_ready (any thread, not while a lock is held, never after
   /// done) says that poll() has something again after it answered pending. request_id is copied into every reply.
@@ -180,7 +184,10 @@ class Engine {
   virtual void get_basis(const v1::GetBasisRequest& request, const CallContext& call,
                          std::function<void(Outcome<std::shared_ptr<BasisRecords>>)> on_done) = 0;
 
+  /// Of all tenants.
   virtual v1::ServerInfo info() = 0;
+  /// What a tenant has.
+  virtual StoredAmount stored(const std::string& tenant) = 0;
   /// Lets go of about so many bytes that only wait for their next use, and gives what is free back to the system.
   virtual void give_back_idle_memory(std::size_t /*bytes*/) {}
   /// Whether geometries and setups can be added now; asked every second.

@@ -22,6 +22,7 @@
 #include "server/engine/geometry_upload.h"
 #include "server/engine/outcome_call.h"
 #include "server/engine/warm_starts.h"
+#include "server/store/catalog_records.h"
 #include "server/store/geometry_file.h"
 
 namespace deform::server {
@@ -101,7 +102,7 @@ EngineImpl::EngineImpl(const EngineOptions& options)
       memory_(options_.memory_budget),
       selections_(options_.memory_budget / 4),
       store_(options_.data_dir, store_options(options_)),
-      meshes_(options_.memory_budget / 8, [this](const std::string& id) { return load_mesh(id); }),
+      meshes_(options_.memory_budget / 8, [this](const std::string& key) { return load_mesh(*owned_id(key)); }),
       scheduler_(scheduler_options(options_)),
       cache_(std::make_shared<SystemCache>(
           options_.cache_budget,
@@ -131,55 +132,56 @@ std::unique_ptr<GeometryUpload> EngineImpl::begin_upload(const v1::GeometryHeade
   return make_upload(header, options_, {&memory_, &store_, &meshes_}, call);
 }
 
-std::shared_ptr<const Mesh> EngineImpl::load_mesh(const std::string& id) {
+std::shared_ptr<const Mesh> EngineImpl::load_mesh(const OwnedId& id) {
   const v1::GeometryInfo info = store_.info(id);
-  std::size_t bytes = sizeof(Mesh) + 24 * info.points() + 4 * (info.faces() + info.corners()) + info.cell_bytes();
-  for (const auto& group : info.groups()) {
-    bytes += sizeof(Group) + group.name().size() + 4 * (group.points() + group.faces());
-  }
-  Charge charge = memory_.charge(bytes, {"loading geometry " + id.substr(0, 16), "raise the server's memory budget", 0});
+  const std::size_t bytes = sizeof(Mesh) + content_bytes(info) + static_cast<std::size_t>(info.groups_size()) * sizeof(Group);
+  Charge charge = memory_.charge(bytes, {"loading geometry " + id.id.substr(0, 16), "raise the server's memory budget", 0});
   return MeshCache::share(store_.load(id), std::move(charge));
 }
 
-v1::GeometryInfo EngineImpl::get_geometry(const std::string& id) { return store_.info(store_.resolve_geometry(id)); }
+v1::GeometryInfo EngineImpl::get_geometry(const std::string& id, const CallContext& call) {
+  return store_.info(store_.resolve_geometry(call.tenant, id));
+}
 
-v1::ListGeometriesReply EngineImpl::list_geometries(const v1::ListGeometriesRequest& request) { return store_.list(request); }
+v1::ListGeometriesReply EngineImpl::list_geometries(const v1::ListGeometriesRequest& request, const CallContext& call) {
+  return store_.list(call.tenant, request);
+}
 
-v1::DeleteGeometryReply EngineImpl::delete_geometry(const v1::DeleteGeometryRequest& request) {
-  const std::string id = store_.resolve_geometry(request.id());
+v1::DeleteGeometryReply EngineImpl::delete_geometry(const v1::DeleteGeometryRequest& request, const CallContext& call) {
+  const OwnedId id = store_.resolve_geometry(call.tenant, request.id());
   const auto setups = store_.remove(id, request.with_setups() ? WithSetups::remove : WithSetups::refuse);
-  meshes_.forget(id);
-  for (const auto& setup : setups) cache_->release(setup);
+  meshes_.forget(key_of(id));
+  for (const auto& setup : setups) cache_->release(key_of({id.tenant, setup}));
   v1::DeleteGeometryReply reply;
   reply.set_setups_deleted(static_cast<std::uint32_t>(setups.size()));
   return reply;
 }
 
-std::shared_ptr<const Points> EngineImpl::get_points(const std::string& id) {
-  const auto mesh = meshes_.get(store_.resolve_geometry(id));
+std::shared_ptr<const Points> EngineImpl::get_points(const std::string& id, const CallContext& call) {
+  const auto mesh = mesh_of(store_.resolve_geometry(call.tenant, id));
   return {mesh, &mesh->points};
 }
 
 // ---- systems ----
 
-EngineImpl::Recipe EngineImpl::recipe(const v1::Setup& setup) {
+EngineImpl::Recipe EngineImpl::recipe(const v1::Setup& setup, const std::string& tenant) {
   if (setup.geometry().empty()) throw Error(ErrorCode::invalid_argument, "geometry: must not be empty");
   convert::setup_from_proto(setup, options_.max_handles);  // refuses what has no canonical form
   Recipe recipe;
-  const std::string geometry = store_.resolve_geometry(setup.geometry());
-  recipe.canonical = convert::canonical_setup(convert::with_kernel(setup, store_.info(geometry)), geometry);
-  recipe.id = convert::system_id(recipe.canonical);
+  const OwnedId geometry = store_.resolve_geometry(tenant, setup.geometry());
+  recipe.canonical = convert::canonical_setup(convert::with_kernel(setup, store_.info(geometry)), geometry.id);
+  recipe.id = {tenant, convert::system_id(recipe.canonical)};
   return recipe;
 }
 
-Problems EngineImpl::problems_of(const v1::Setup& message, const RunContext& context) {
+Problems EngineImpl::problems_of(const v1::Setup& message, const std::string& tenant, const RunContext& context) {
   Problems problems(Problems::Mode::collect);
   const Setup setup = convert::setup_from_proto(message, options_.max_handles, problems);
   problems.check("geometry", [&] {
     if (message.geometry().empty()) throw Error(ErrorCode::invalid_argument, "geometry: must not be empty");
   });
   if (message.geometry().empty()) return problems;
-  find_problems(*meshes_.get(store_.resolve_geometry(message.geometry())), setup, problems, context);
+  find_problems(*mesh_of(store_.resolve_geometry(tenant, message.geometry())), setup, problems, context);
   return problems;
 }
 
@@ -203,11 +205,11 @@ v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const
   context.deadline = call.deadline;
   if (request.list_problems()) {
     SelectionCharge charge;
-    const Problems problems = problems_of(request.setup(), charged(context, charge));
+    const Problems problems = problems_of(request.setup(), call.tenant, charged(context, charge));
     if (!problems.empty()) return convert::problems_reply(problems);
   }
-  const Recipe recipe = this->recipe(request.setup());
-  const auto mesh = meshes_.get(recipe.canonical.geometry());
+  const Recipe recipe = this->recipe(request.setup(), call.tenant);
+  const auto mesh = mesh_of(recipe.geometry());
   const Setup setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
   SelectionCharge charge;
   const SelectedRegions regions = validate(setup, *mesh, charged(context, charge));
@@ -218,14 +220,15 @@ v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const
   convert::add_handles(*reply.mutable_handles(), setup, regions);
   convert::add_setup_notes(*reply.mutable_notes(), setup);
   reply.set_fixed_points(regions.fixed.size());
-  reply.set_system_id(recipe.id);
-  reply.set_resident(cache_->contains(recipe.id));
+  reply.set_system_id(recipe.id.id);
+  reply.set_resident(cache_->contains(key_of(recipe.id)));
   return reply;
 }
 
-std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, Storing storing, const RunContext& context) {
+std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, Storing storing, const Quota& quota,
+                                                        const RunContext& context) {
   auto resident = std::make_shared<ResidentSystem>();
-  resident->mesh = meshes_.get(recipe.canonical.geometry());
+  resident->mesh = mesh_of(recipe.geometry());
   resident->setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
   context.progress("select", 0);
   SelectionCharge charge;
@@ -233,20 +236,21 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, St
   const Estimate estimate = deform::estimate(*resident->mesh, resident->setup, regions);
   context.check();
   resident->charge = memory_.charge(estimate.peak_bytes,
-                                    {"preparing system " + recipe.id.substr(0, 16), less_memory, mesh_bytes(*resident->mesh)});
+                                    {"preparing system " + recipe.id.id.substr(0, 16), less_memory, mesh_bytes(*resident->mesh)});
   RunContext budgeted = context;
   budgeted.threads = std::max(1, cores() / static_cast<int>(std::max<std::size_t>(1, scheduler_.load().preparations)));
   resident->system = deform::prepare(resident->mesh, resident->setup, budgeted);
   resident->charge.shrink(resident->system->bytes());
   resident->memory_return.bytes = resident->system->bytes();
   return_freed_memory(estimate.peak_bytes - std::min(estimate.peak_bytes, resident->system->bytes()));
-  resident->info = convert::system_info(resident->system->info(), recipe.canonical, recipe.id);
+  resident->info = convert::system_info(resident->system->info(), recipe.canonical, recipe.id.id);
   convert::add_handles(*resident->info.mutable_handles(), resident->setup, regions);
   convert::add_setup_notes(*resident->info.mutable_notes(), resident->setup);
   if (storing == Storing::store) {
     resident->info.set_created_unix_ms(
-        store_.put_setup({recipe.id, recipe.canonical.geometry(), recipe.canonical.SerializeAsString(),
-                          resident->info.SerializeAsString(), unix_ms()}));
+        store_.put_setup({recipe.id.id, recipe.canonical.geometry(), recipe.canonical.SerializeAsString(),
+                          resident->info.SerializeAsString(), unix_ms(), Integrity::intact, recipe.id.tenant},
+                         quota));
   } else if (const auto record = store_.find_setup(recipe.id)) {
     resident->info.set_created_unix_ms(record->created_ms);
   }
@@ -257,11 +261,16 @@ void EngineImpl::prepare(const v1::PrepareRequest& request, const CallContext& c
                          std::function<void(const v1::Progress&)> on_progress,
                          std::function<void(Outcome<v1::SystemInfo>)> on_done) {
   check_open();
-  const Recipe recipe = this->recipe(request.setup());
-  if (store_.catalog().setup_ids(recipe.id, 1).empty()) store_.require_room(0);  // before the work, not after it
+  const Recipe recipe = this->recipe(request.setup(), call.tenant);
+  if (!store_.catalog().find_setup(recipe.id)) {  // before the work, not after it
+    store_.require_room(0);
+    store_.require_quota(recipe.id.tenant, {0, 1, recipe.canonical.ByteSizeLong()}, call.quota);
+  }
   OutcomeCall<v1::SystemInfo>::Task task;
-  task.system_id = recipe.id;
-  task.prepare = [this, recipe](const RunContext& context) { return make_system(recipe, Storing::store, context); };
+  task.system_id = recipe.id.id;
+  task.prepare = [this, recipe, quota = call.quota](const RunContext& context) {
+    return make_system(recipe, Storing::store, quota, context);
+  };
   if (on_progress) {
     task.on_progress = [on_progress](const std::string& stage, double fraction) {
       v1::Progress progress;
@@ -291,19 +300,20 @@ v1::SystemInfo EngineImpl::stored_info(const SetupRecord& record) {
     info.add_notes("The stored entry of this system is damaged; prepare it again from its setup file.");
   }
   info.set_id(record.id);
-  info.set_resident(cache_->contains(record.id));
+  info.set_resident(cache_->contains(key_of(owned(record))));
   info.set_created_unix_ms(record.created_ms);
   return info;
 }
 
-v1::SystemInfo EngineImpl::get_system(const std::string& id) {
-  const auto record = store_.find_setup(store_.resolve_setup(id));
+v1::SystemInfo EngineImpl::get_system(const std::string& id, const CallContext& call) {
+  const auto record = store_.find_setup(store_.resolve_setup(call.tenant, id));
   if (!record) throw Error(ErrorCode::not_found, "system " + id + ": unknown id");
   return stored_info(*record);
 }
 
-v1::ListSystemsReply EngineImpl::list_systems(const v1::ListSystemsRequest& request) {
-  const std::string geometry = request.geometry_id().empty() ? "" : store_.resolve_geometry(request.geometry_id());
+v1::ListSystemsReply EngineImpl::list_systems(const v1::ListSystemsRequest& request, const CallContext& call) {
+  const OwnedId geometry =
+      request.geometry_id().empty() ? OwnedId{call.tenant, ""} : store_.resolve_geometry(call.tenant, request.geometry_id());
   const std::size_t limit = page_size(request.page_size());
   const auto records = store_.catalog().list_setups(geometry, parse_page_token(request.page_token()), limit);
   v1::ListSystemsReply reply;
@@ -312,34 +322,37 @@ v1::ListSystemsReply EngineImpl::list_systems(const v1::ListSystemsRequest& requ
   return reply;
 }
 
-v1::ReleaseSystemReply EngineImpl::release_system(const v1::ReleaseSystemRequest& request) {
-  const std::string id = store_.resolve_setup(request.id());
+v1::ReleaseSystemReply EngineImpl::release_system(const v1::ReleaseSystemRequest& request, const CallContext& call) {
+  const OwnedId id = store_.resolve_setup(call.tenant, request.id());
   if (request.forget()) store_.remove_setup(id);
   v1::ReleaseSystemReply reply;
-  reply.set_bytes_released(cache_->release(id));
+  reply.set_bytes_released(cache_->release(key_of(id)));
   return reply;
 }
 
 // ---- deformations and derivatives ----
 
 // The catalog is asked only for what is not in memory.
-std::string EngineImpl::resolve_system(const std::string& id) { return cache_->contains(id) ? id : store_.resolve_setup(id); }
+OwnedId EngineImpl::resolve_system(const std::string& tenant, const std::string& id) {
+  const OwnedId owned{tenant, id};
+  return is_full_id(id) && cache_->contains(key_of(owned)) ? owned : store_.resolve_setup(tenant, id);
+}
 
-SystemCache::Prepare EngineImpl::prepare_again(const std::string& id) {
+SystemCache::Prepare EngineImpl::prepare_again(const OwnedId& id) {
   return [this, id](const RunContext& context) {
     const auto record = store_.find_setup(id);
-    if (!record) throw Error(ErrorCode::not_found, "system " + id + ": unknown id");
+    if (!record) throw Error(ErrorCode::not_found, "system " + id.id + ": unknown id");
     Recipe recipe;
     recipe.id = id;
     if (!recipe.canonical.ParseFromString(record->setup)) {
-      throw Error(ErrorCode::data_loss, "catalog: the setup of system " + id + " is damaged");
+      throw Error(ErrorCode::data_loss, "catalog: the setup of system " + id.id + " is damaged");
     }
-    return make_system(recipe, Storing::stored_already, context);
+    return make_system(recipe, Storing::stored_already, {}, context);
   };
 }
 
 std::shared_ptr<DeformJob> EngineImpl::begin_job(DeformTask task, const CallContext& call, std::function<void()> on_ready) {
-  task.prepare = prepare_again(task.system_id);
+  task.prepare = prepare_again({call.tenant, task.system_id});
   DeformParts parts;
   parts.scheduler = &scheduler_;
   parts.cache = cache_.get();
@@ -365,7 +378,7 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
   const EvaluationPath path = convert::path_from_proto(request.path());
   const DesignChecks checks = DesignChecks::from_proto(request);
   DeformTask task;
-  task.system_id = resolve_system(request.system_id());
+  task.system_id = resolve_system(call.tenant, request.system_id()).id;
   task.request_id = request_id;
   task.designs = static_cast<std::size_t>(request.designs_size());
   task.output = request.output();
@@ -407,9 +420,9 @@ std::shared_ptr<EvaluateJob> EngineImpl::evaluate(v1::EvaluateHeader header, con
   convert::check_designs(*request, 1);
   convert::encode_options(header.output(), 1.0);  // refuses at once what is plainly wrong
   EvaluateTask task;
-  task.system_id = resolve_system(header.system_id());
+  task.system_id = resolve_system(call.tenant, header.system_id()).id;
   task.output = header.output();
-  task.prepare = prepare_again(task.system_id);
+  task.prepare = prepare_again({call.tenant, task.system_id});
   task.bind_bytes = [request](const ResidentSystem& system) {
     return convert::bind_bytes(*request, system.info) + system.system->info().design_bytes;
   };
@@ -428,7 +441,7 @@ std::shared_ptr<DeformJob> EngineImpl::jacobian_vector(v1::JacobianVectorRequest
   convert::check_finite(request.variables(), "variables");
   convert::check_finite(request.direction(), "direction");
   DeformTask task;
-  task.system_id = resolve_system(request.system_id());
+  task.system_id = resolve_system(call.tenant, request.system_id()).id;
   task.output.set_encoding(v1::RAW_F64);
   task.values = DeformTask::Values::vectors;
   task.bind_bytes = [](const ResidentSystem& system) { return 2 * system.mesh->point_count() * sizeof(Vec3); };
@@ -455,8 +468,8 @@ void EngineImpl::vector_jacobian(const v1::VectorJacobianHeader& header, Points 
     }
   }
   OutcomeCall<Reply>::Task task;
-  task.system_id = resolve_system(header.system_id());
-  task.prepare = prepare_again(task.system_id);
+  task.system_id = resolve_system(call.tenant, header.system_id()).id;
+  task.prepare = prepare_again({call.tenant, task.system_id});
   // As they came, one by one, at the following points, and as the columns of sums.
   const std::size_t bytes = (count == 1 ? 2 : 4) * cotangents.size() * sizeof(Vec3);
   const auto charge = std::make_shared<Charge>(
@@ -499,13 +512,14 @@ void EngineImpl::get_basis(const v1::GetBasisRequest& request, const CallContext
   using BasisCall = OutcomeCall<std::shared_ptr<BasisRecords>>;
   check_open();
   BasisCall::Task task;
-  task.system_id = resolve_system(request.system_id());
-  task.prepare = prepare_again(task.system_id);
-  task.compute = [this](const SystemCache::Handle& system, const RunContext&) -> std::shared_ptr<BasisRecords> {
+  task.system_id = resolve_system(call.tenant, request.system_id()).id;
+  task.prepare = prepare_again({call.tenant, task.system_id});
+  task.compute = [this, tenant = call.tenant](const SystemCache::Handle& system,
+                                              const RunContext&) -> std::shared_ptr<BasisRecords> {
     Charge charge = memory_.charge(
         CompiledForm::bytes_for(*system->system) + CompiledRecords::working_bytes,
         {"compiling system " + system->info.id().substr(0, 16), "raise the server's memory budget", system->system->bytes()});
-    return std::make_shared<CompiledRecords>(system, store_.info(system->info.geometry_id()).name(), std::move(charge));
+    return std::make_shared<CompiledRecords>(system, store_.info({tenant, system->info.geometry_id()}).name(), std::move(charge));
   };
   task.on_done = std::move(on_done);
   std::make_shared<BasisCall>(BasisCall::Parts{&scheduler_, cache_.get(), &calls_}, std::move(task), call)->begin();
@@ -518,12 +532,12 @@ void EngineImpl::detect(const v1::DetectRequest& request, const CallContext& cal
   check_open();
   const DetectOptions options = convert::detect_options(request);
   if (request.geometry_id().empty()) throw Error(ErrorCode::invalid_argument, "geometry_id: must not be empty");
-  const std::string geometry = store_.resolve_geometry(request.geometry_id());
+  const OwnedId geometry = store_.resolve_geometry(call.tenant, request.geometry_id());
   OutcomeCall<DetectReplies>::Task task;
   task.compute = [this, options, geometry](const SystemCache::Handle&, const RunContext& context) -> DetectReplies {
     const auto from = RunContext::Clock::now();
-    const auto mesh = meshes_.get(geometry);
-    const Charge charge = memory_.charge(detect_bytes(*mesh), {"detecting primitives of geometry " + geometry.substr(0, 16),
+    const auto mesh = mesh_of(geometry);
+    const Charge charge = memory_.charge(detect_bytes(*mesh), {"detecting primitives of geometry " + geometry.id.substr(0, 16),
                                                                "raise the server's memory budget", mesh_bytes(*mesh)});
     std::vector<v1::DetectReply> replies = convert::detect_replies(deform::detect(*mesh, options, context));
     replies.back().mutable_summary()->set_seconds(elapsed_ms(from) * 1e-3);

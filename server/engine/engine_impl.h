@@ -16,17 +16,19 @@
 
 namespace deform::server {
 
-/// See engine.h. Owns all parts; the order of the members is the order in which they depend on each other.
+/// See engine.h. Meshes and systems in memory are found by tenant and id, like what is stored: that another tenant has the same
+/// one in memory must not make an answer quicker. Owns all parts; the order of the members is the order in which they depend on
+/// each other.
 class EngineImpl : public Engine {
  public:
   explicit EngineImpl(const EngineOptions& options);
   ~EngineImpl() override;
 
   std::unique_ptr<GeometryUpload> begin_upload(const v1::GeometryHeader& header, const CallContext& call) override;
-  v1::GeometryInfo get_geometry(const std::string& id) override;
-  v1::ListGeometriesReply list_geometries(const v1::ListGeometriesRequest& request) override;
-  v1::DeleteGeometryReply delete_geometry(const v1::DeleteGeometryRequest& request) override;
-  std::shared_ptr<const Points> get_points(const std::string& id) override;
+  v1::GeometryInfo get_geometry(const std::string& id, const CallContext& call) override;
+  v1::ListGeometriesReply list_geometries(const v1::ListGeometriesRequest& request, const CallContext& call) override;
+  v1::DeleteGeometryReply delete_geometry(const v1::DeleteGeometryRequest& request, const CallContext& call) override;
+  std::shared_ptr<const Points> get_points(const std::string& id, const CallContext& call) override;
 
   void detect(const v1::DetectRequest& request, const CallContext& call,
               std::function<void(Outcome<DetectReplies>)> on_done) override;
@@ -34,9 +36,9 @@ class EngineImpl : public Engine {
   v1::EstimateReply estimate(const v1::EstimateRequest& request, const CallContext& call) override;
   void prepare(const v1::PrepareRequest& request, const CallContext& call, std::function<void(const v1::Progress&)> on_progress,
                std::function<void(Outcome<v1::SystemInfo>)> on_done) override;
-  v1::SystemInfo get_system(const std::string& id) override;
-  v1::ListSystemsReply list_systems(const v1::ListSystemsRequest& request) override;
-  v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request) override;
+  v1::SystemInfo get_system(const std::string& id, const CallContext& call) override;
+  v1::ListSystemsReply list_systems(const v1::ListSystemsRequest& request, const CallContext& call) override;
+  v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request, const CallContext& call) override;
 
   std::shared_ptr<DeformJob> deform(v1::DeformRequest request, std::uint64_t request_id, const CallContext& call,
                                     std::function<void()> on_ready) override;
@@ -50,6 +52,7 @@ class EngineImpl : public Engine {
                  std::function<void(Outcome<std::shared_ptr<BasisRecords>>)> on_done) override;
 
   v1::ServerInfo info() override;
+  StoredAmount stored(const std::string& tenant) override { return store_.amount_of(tenant); }
   void give_back_idle_memory(std::size_t bytes) override;
   v1::StoreInfo store() override;
   bool drain(std::chrono::milliseconds limit) override;
@@ -57,23 +60,26 @@ class EngineImpl : public Engine {
  private:
   /// A setup about to be prepared or estimated.
   struct Recipe {
-    std::string id;
+    OwnedId id;
     v1::Setup canonical;
+    OwnedId geometry() const { return {id.tenant, canonical.geometry()}; }
   };
   enum class Storing { store, stored_already };
 
-  Recipe recipe(const v1::Setup& setup);
-  Problems problems_of(const v1::Setup& message, const RunContext& context);
+  Recipe recipe(const v1::Setup& setup, const std::string& tenant);
+  Problems problems_of(const v1::Setup& message, const std::string& tenant, const RunContext& context);
   /// What the regions of a setup select is charged twice: to the memory, and to the part of it that all selections share.
   struct SelectionCharge {
     Charge share, memory;
   };
   /// The context, with which selecting is charged.
   RunContext charged(RunContext context, SelectionCharge& charge);
-  std::shared_ptr<ResidentSystem> make_system(const Recipe& recipe, Storing storing, const RunContext& context);
-  SystemCache::Prepare prepare_again(const std::string& id);
-  std::string resolve_system(const std::string& id);
-  std::shared_ptr<const Mesh> load_mesh(const std::string& id);
+  std::shared_ptr<ResidentSystem> make_system(const Recipe& recipe, Storing storing, const Quota& quota,
+                                              const RunContext& context);
+  SystemCache::Prepare prepare_again(const OwnedId& id);
+  OwnedId resolve_system(const std::string& tenant, const std::string& id);
+  std::shared_ptr<const Mesh> mesh_of(const OwnedId& geometry) { return meshes_.get(key_of(geometry)); }
+  std::shared_ptr<const Mesh> load_mesh(const OwnedId& id);
   v1::SystemInfo stored_info(const SetupRecord& record);
   std::shared_ptr<DeformJob> begin_job(DeformTask task, const CallContext& call, std::function<void()> on_ready);
   void check_open() const;

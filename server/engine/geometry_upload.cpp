@@ -228,8 +228,12 @@ class Upload : public GeometryUpload {
         meshes_(*parts.meshes),
         call_(std::move(call)),
         buffer_(header, limits, *parts.memory),
-        stored_(!declared_id_.empty() && store_.contains(declared_id_)) {
-    if (!stored_) store_.require_room(stored_bytes(header));
+        stored_(!declared_id_.empty() && store_.contains(owned(declared_id_))) {
+    if (stored_) return;
+    const std::size_t bytes = stored_bytes(header);
+    store_.require_room(bytes);
+    // Also an upload that will turn out to be there is refused beyond the quota: only its id tells that nothing is added.
+    store_.require_quota(call_.tenant, {1, 0, bytes}, call_.quota);
   }
 
   bool already_stored() const override { return stored_; }
@@ -242,7 +246,7 @@ class Upload : public GeometryUpload {
   v1::GeometryInfo finish() override {
     check_call();
     if (stored_) {
-      v1::GeometryInfo info = store_.info(declared_id_);
+      v1::GeometryInfo info = store_.info(owned(declared_id_));
       info.set_existed(true);
       return info;
     }
@@ -252,12 +256,14 @@ class Upload : public GeometryUpload {
       throw Error(ErrorCode::invalid_argument, "header.id: " + declared_id_ + " was announced, the arrays have id " + id);
     }
     check_call();
-    v1::GeometryInfo info = store_.put(mesh, id, name_);
-    meshes_.put(id, MeshCache::share(std::move(mesh), buffer_.take_charge()));
+    v1::GeometryInfo info = store_.put(mesh, owned(id), name_, call_.quota);
+    meshes_.put(key_of(owned(id)), MeshCache::share(std::move(mesh), buffer_.take_charge()));
     return info;
   }
 
  private:
+  OwnedId owned(const std::string& id) const { return {call_.tenant, id}; }
+
   void check_call() const {
     RunContext context;
     context.stop = call_.stop;

@@ -16,9 +16,9 @@
 
 namespace deform::server {
 
-/// Geometries in memory. Whoever holds a pointer keeps the mesh and its charge alive; the cache itself holds on to the most
-/// recently used ones up to its budget. Concurrent requests for one geometry load it once. Thread-safe; must outlive its meshes'
-/// charges' budget, not the meshes.
+/// Geometries in memory, by the key of tenant and id (store/tenant.h). Whoever holds a pointer keeps the mesh and its charge
+/// alive; the cache itself holds on to the most recently used ones up to its budget. Concurrent requests for one geometry load it
+/// once. Thread-safe; must outlive its meshes' charges' budget, not the meshes.
 class MeshCache {
  public:
   using Load = std::function<std::shared_ptr<const Mesh>(const std::string& id)>;

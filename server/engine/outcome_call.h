@@ -47,7 +47,7 @@ class OutcomeCall : public Call {
     asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
       call->on_system(std::move(system), error);
     };
-    auto [system, ticket] = parts_.cache->acquire(task_.system_id, task_.prepare, std::move(asker));
+    auto [system, ticket] = parts_.cache->acquire(key_of({context().tenant, task_.system_id}), task_.prepare, std::move(asker));
     if (system) return enqueue(std::move(system));
     const std::lock_guard lock(mutex_);
     if (!ended_) ticket_ = std::move(ticket);  // otherwise it leaves here

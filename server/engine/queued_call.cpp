@@ -29,7 +29,7 @@ void QueuedCall<Reply>::begin() {
   asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
     call->on_system(std::move(system), error);
   };
-  auto [system, ticket] = queue_.cache->acquire(stats_.system_id, prepare_, std::move(asker));
+  auto [system, ticket] = queue_.cache->acquire(key_of({context().tenant, stats_.system_id}), prepare_, std::move(asker));
   if (system) return enqueue(std::move(system));
   const std::lock_guard lock(mutex_);
   if (!ended_) ticket_ = std::move(ticket);  // otherwise it leaves here

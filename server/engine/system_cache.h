@@ -43,7 +43,7 @@ struct ResidentSystem {
   double design_work() const { return static_cast<double>(Scheduler::least_cost + mesh->point_count()); }
 };
 
-/// Prepared systems by id, bounded by bytes.
+/// Prepared systems by the key of tenant and id (store/tenant.h), bounded by bytes.
 ///
 ///       requests                        SystemCache
 ///   +--------------+   strong   +--------------------------------------------+

@@ -112,6 +112,8 @@ Access::Admission Access::admit(std::string_view method, Role needed, const grpc
   const auto who = caller(*known, context, admission.refusal);
   if (!who) return admission;
   admission.identity = who->name;
+  admission.tenant = who->tenant;
+  admission.quota = known->quota_of(who->tenant);
   if (who->role < needed) {
     admission.refusal = Error(ErrorCode::permission_denied, std::string(method) + " needs the role " + to_string(needed) +
                                                                 ", \"" + who->name + "\" has " + to_string(who->role));

@@ -32,9 +32,11 @@ struct FileStamp {
 class Access {
  public:
   struct Admission {
-    std::string identity;          ///< empty: nobody was asked for one
-    std::optional<Error> refusal;  ///< unauthenticated or permission_denied, when the call is not let in
-    std::uint64_t generation = 0;  ///< of the file that decided
+    std::string identity;                 ///< empty: nobody was asked for one
+    std::string tenant = default_tenant;  ///< of the identity
+    Quota quota = {};                     ///< of the tenant
+    std::optional<Error> refusal;         ///< unauthenticated or permission_denied, when the call is not let in
+    std::uint64_t generation = 0;         ///< of the file that decided
   };
 
   /// Whether clients can show certificates at all: with TLS and --tls-client-ca.

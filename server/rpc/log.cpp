@@ -102,6 +102,7 @@ std::string fields_of(const CallRecord& record) {
   out.word("method", record.method);
   out.word("client", escaped(record.client, text_limit));
   if (!record.identity.empty()) out.name("identity", record.identity);
+  if (!record.tenant.empty()) out.name("tenant", record.tenant);
   if (record.request_id) out.count("request", *record.request_id);
   if (!record.trace.empty()) out.word("trace", record.trace);
   if (!record.client_request.empty()) out.name("client_request", record.client_request);

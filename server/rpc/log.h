@@ -43,6 +43,7 @@ struct CallRecord {
   std::string method;
   std::string client;                       ///< the peer
   std::string identity;                     ///< whose call it is; empty: nobody was asked for one
+  std::string tenant;                       ///< of the identity; empty: the default one
   std::optional<std::uint64_t> request_id;  ///< of a DeformStream
   std::string trace;                        ///< trace id of the metadata traceparent (W3C), 32 digits
   std::string client_request;               ///< metadata x-request-id, as the client wrote it

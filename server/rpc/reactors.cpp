@@ -72,6 +72,9 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
   record.trace = trace_id(metadata_value(*incoming.context, "traceparent"));
   record.client_request = metadata_value(*incoming.context, "x-request-id").substr(0, longest_request_id);
   call_.stop = stop_.get_token();
+  call_.tenant = admission_.tenant;
+  call_.quota = admission_.quota;
+  if (call_.tenant != default_tenant) record.tenant = call_.tenant;
   call_.client = admission_.identity.empty() ? record.client : "identity " + admission_.identity;
   // gRPC keeps wall-clock deadlines, "none" as the end of time.
   const auto deadline = incoming.context->deadline();
@@ -88,6 +91,7 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
 
 void CallScope::admit() {
   check_access();
+  check_rate();
   check_memory();
   if (incoming_.request != nullptr) held_.push_back(hold(*incoming_.request));
 }
@@ -116,7 +120,18 @@ void CallScope::check_access() {
     admission_ = incoming_.access->admit(record.method, incoming_.needed, *incoming_.context);
   }
   if (admission_.refusal) throw Error(*admission_.refusal);
+  // What the call has begun with belongs to the tenant of then.
+  if (admission_.tenant != call_.tenant) {
+    throw Error(ErrorCode::unauthenticated, "\"" + admission_.identity + "\" belongs to another tenant now; call again");
+  }
 }
+
+Quota CallScope::quota() const {
+  const std::lock_guard lock(admission_mutex_);
+  return admission_.quota;
+}
+
+void CallScope::check_rate() { incoming_.rates->take(call_.tenant, quota().requests_per_second); }
 
 Error CallScope::given_up() const {
   if (call_.deadline && std::chrono::steady_clock::now() >= *call_.deadline) {

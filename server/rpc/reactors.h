@@ -23,6 +23,7 @@
 #include "server/rpc/log.h"
 #include "server/rpc/metrics.h"
 #include "server/rpc/overdue_calls.h"
+#include "server/rpc/request_rates.h"
 
 namespace deform::server {
 
@@ -59,6 +60,7 @@ struct Incoming {
   Metrics* metrics;
   HeldRequests* held;
   FloodGuard* floods;
+  RequestRates* rates;
   std::chrono::milliseconds max_deadline;     ///< 0: none
   const grpc::ByteBuffer* request = nullptr;  ///< of a call with one
 };
@@ -68,11 +70,15 @@ class CallScope {
  public:
   CallScope(const char* method, const Incoming& incoming);
 
-  /// check_access() and check_memory(), and the memory of the request is charged until the call ends: every launch() begins with
-  /// it.
+  /// check_access(), check_rate() and check_memory(), and the memory of the request is charged until the call ends: every
+  /// launch() begins with it.
   void admit();
   /// Throws unless the caller may make this call. Cheap to ask again in a long call: the answer changes when the identities did.
   void check_access();
+  /// Counts a request of the caller's tenant. Throws Error(out_of_budget) with a retry hint beyond its quota.
+  void check_rate();
+  /// What the caller's tenant may take, as it is now.
+  Quota quota() const;
   /// Throws Error(out_of_budget) with a retry hint when this call computes or adds and the process occupies too much memory.
   void check_memory() const;
   /// Charges the memory of one message of a stream. Throws as HeldRequests::take() does.
@@ -103,7 +109,7 @@ class CallScope {
   std::stop_source stop_;
   CallContext call_;
   std::optional<std::chrono::steady_clock::time_point> overdue_;  ///< when the call is cut off
-  std::mutex admission_mutex_;
+  mutable std::mutex admission_mutex_;
   Access::Admission admission_;  // under admission_mutex_: a stream asks again while it may end
 };
 

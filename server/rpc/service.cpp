@@ -102,24 +102,24 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerUnaryReactor* GetGeometry(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("GetGeometry", Role::read, context, bytes, reply, [this, bytes](CallRecord& record) {
+    return unary("GetGeometry", Role::read, context, bytes, reply, [this, bytes](CallRecord& record, const CallContext& call) {
       const auto request = received<v1::GetGeometryRequest>(*bytes, record);
       record.geometry = request.id();
-      return engine_.get_geometry(request.id());
+      return engine_.get_geometry(request.id(), call);
     });
   }
 
   grpc::ServerUnaryReactor* ListGeometries(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("ListGeometries", Role::read, context, bytes, reply, [this, bytes](CallRecord& record) {
-      return engine_.list_geometries(received<v1::ListGeometriesRequest>(*bytes, record));
+    return unary("ListGeometries", Role::read, context, bytes, reply, [this, bytes](CallRecord& record, const CallContext& call) {
+      return engine_.list_geometries(received<v1::ListGeometriesRequest>(*bytes, record), call);
     });
   }
 
   grpc::ServerUnaryReactor* DeleteGeometry(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("DeleteGeometry", Role::operate, context, bytes, reply, [this, bytes](CallRecord& record) {
+    return unary("DeleteGeometry", Role::own, context, bytes, reply, [this, bytes](CallRecord& record, const CallContext& call) {
       const auto request = received<v1::DeleteGeometryRequest>(*bytes, record);
       record.geometry = request.id();
-      return engine_.delete_geometry(request);
+      return engine_.delete_geometry(request, call);
     });
   }
 
@@ -147,26 +147,26 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerUnaryReactor* GetSystem(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("GetSystem", Role::read, context, bytes, reply, [this, bytes](CallRecord& record) {
+    return unary("GetSystem", Role::read, context, bytes, reply, [this, bytes](CallRecord& record, const CallContext& call) {
       const auto request = received<v1::GetSystemRequest>(*bytes, record);
       record.system = request.id();
-      return engine_.get_system(request.id());
+      return engine_.get_system(request.id(), call);
     });
   }
 
   grpc::ServerUnaryReactor* ListSystems(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("ListSystems", Role::read, context, bytes, reply, [this, bytes](CallRecord& record) {
+    return unary("ListSystems", Role::read, context, bytes, reply, [this, bytes](CallRecord& record, const CallContext& call) {
       const auto request = received<v1::ListSystemsRequest>(*bytes, record);
       record.geometry = request.geometry_id();
-      return engine_.list_systems(request);
+      return engine_.list_systems(request, call);
     });
   }
 
   grpc::ServerUnaryReactor* ReleaseSystem(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("ReleaseSystem", Role::operate, context, bytes, reply, [this, bytes](CallRecord& record) {
+    return unary("ReleaseSystem", Role::own, context, bytes, reply, [this, bytes](CallRecord& record, const CallContext& call) {
       const auto request = received<v1::ReleaseSystemRequest>(*bytes, record);
       record.system = request.id();
-      return engine_.release_system(request);
+      return engine_.release_system(request, call);
     });
   }
 
@@ -202,9 +202,12 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerUnaryReactor* GetServerInfo(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return unary("GetServerInfo", Role::read, context, bytes, reply, [this, bytes](CallRecord& record) {
+    return unary("GetServerInfo", Role::read, context, bytes, reply, [this, bytes](CallRecord& record, const CallContext& call) {
       received<v1::GetServerInfoRequest>(*bytes, record);
       v1::ServerInfo info = engine_.info();
+      const StoredAmount own = engine_.stored(call.tenant);  // not those of others
+      info.set_geometries(own.geometries);
+      info.set_setups(own.setups);
       info.mutable_limits()->set_max_streams_per_call(options_.stream.open_requests);
       return info;
     });
@@ -212,15 +215,15 @@ class DeformService::Methods final : public RawService {
 
  private:
   Incoming incoming(Role needed, Context* context, const Bytes* request = nullptr) {
-    return {context, needed, &live_, &access_, &memory_full_, &overdue_, &metrics_, &held_, &floods_, options_.max_deadline,
-            request};
+    return {context,   needed, &live_,   &access_, &memory_full_,         &overdue_,
+            &metrics_, &held_, &floods_, &rates_,  options_.max_deadline, request};
   }
-  /// work(record) -> reply message.
+  /// work(record, call) -> reply message.
   template <typename Work>
   grpc::ServerUnaryReactor* unary(const char* method, Role needed, Context* context, const Bytes* bytes, Bytes* reply,
                                   Work work) {
     return UnaryCall::launch(pool_, method, incoming(needed, context, bytes), reply,
-                             [work = std::move(work)](CallScope& scope) { return serialized(work(scope.record)); });
+                             [work = std::move(work)](CallScope& scope) { return serialized(work(scope.record, scope.call())); });
   }
   grpc::ServerWriteReactor<Bytes>* job(const char* method, Role needed, Context* context, const Bytes* bytes,
                                        JobCall::Submit submit) {
@@ -235,6 +238,7 @@ class DeformService::Methods final : public RawService {
   Metrics metrics_;
   HeldRequests held_;
   FloodGuard floods_;
+  RequestRates rates_;
   LiveCalls live_;
   std::mutex streams_mutex_;
   // under streams_mutex_

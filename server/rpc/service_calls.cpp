@@ -225,7 +225,7 @@ void PointsCall::begin() {
   scope_.check();
   const auto request = received<v1::GetPointsRequest>(*request_, scope_.record);
   scope_.record.geometry = request.id();
-  points_ = engine_.get_points(request.id());
+  points_ = engine_.get_points(request.id(), scope_.call());
   scope_.record.points = points_->size();
 }
 
@@ -292,7 +292,7 @@ void VectorJacobianCall::begin(const v1::VectorJacobianHeader& header) {
   header_ = header;
   scope_.record.system = header.system_id();
   const std::size_t count = check_cotangent_count(header);
-  scope_.record.points = engine_.get_system(header.system_id()).points();
+  scope_.record.points = engine_.get_system(header.system_id(), scope_.call()).points();
   expected_points_ = count * scope_.record.points;
 }
 

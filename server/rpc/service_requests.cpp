@@ -57,6 +57,7 @@ StreamRequests::RequestPtr StreamRequests::open(std::uint64_t id) {
   request->record.method = "DeformStream";
   request->record.client = client_;
   request->record.identity = identity_;
+  request->record.tenant = tenant_;
   request->record.request_id = id;
   if (open_.size() >= limits_.open_requests) {
     refuse(*request, Error(ErrorCode::out_of_budget,

@@ -60,7 +60,7 @@ class StreamRequests {
 
   /// `stream` says who calls; each request's record says so, too.
   StreamRequests(const StreamLimits& limits, CallContext call, const CallRecord& stream = {})
-      : limits_(limits), call_(std::move(call)), client_(stream.client), identity_(stream.identity) {}
+      : limits_(limits), call_(std::move(call)), client_(stream.client), identity_(stream.identity), tenant_(stream.tenant) {}
 
   /// One message of `bytes` bytes, which take `held` in memory. With a refusal it is refused, of its fields only request_id, more
   /// and cancel count. Throws Error(out_of_budget) when the client floods the stream with broken requests: ends it.
@@ -91,7 +91,7 @@ class StreamRequests {
 
   const StreamLimits limits_;
   const CallContext call_;
-  const std::string client_, identity_;
+  const std::string client_, identity_, tenant_;
   std::unordered_map<std::uint64_t, RequestPtr> open_;
   std::deque<RequestPtr> waiting_;
   std::size_t running_ = 0;

@@ -129,7 +129,9 @@ void DeformStreamCall::start_request(const RequestPtr& request) {
   std::shared_ptr<DeformJob> job;
   auto error = caught([&] {
     scope_.check();
+    scope_.check_rate();
     scope_.check_memory();
+    request->call.quota = scope_.quota();  // as it is now: streams stay open for long
     job = engine_.deform(std::move(request->message), request->id, request->call,
                          [weak = weak_self(), waiting = std::weak_ptr(request)] {
                            const auto self = weak.lock();

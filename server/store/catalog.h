@@ -3,9 +3,12 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
+
+#include "server/store/tenant.h"
 
 namespace deform::server {
 
@@ -18,6 +21,7 @@ struct GeometryRecord {
   std::string info;
   std::int64_t created_ms = 0;
   Integrity integrity = Integrity::intact;  ///< of what was read
+  std::string tenant = default_tenant;
 };
 
 /// What the catalog keeps of a prepared setup. `setup` and `info` are opaque to it.
@@ -28,7 +32,11 @@ struct SetupRecord {
   std::string info;
   std::int64_t created_ms = 0;
   Integrity integrity = Integrity::intact;  ///< of what was read
+  std::string tenant = default_tenant;      ///< of the geometry, too
 };
+
+inline OwnedId owned(const GeometryRecord& record) { return {record.tenant, record.id}; }
+inline OwnedId owned(const SetupRecord& record) { return {record.tenant, record.id}; }
 
 /// What is about to be done to files, recorded before the first of them is touched: after a crash, only what an intent names is
 /// garbage.
@@ -43,6 +51,7 @@ struct Intent {
     std::string id;
     std::int64_t created_ms = 0;  ///< tells a later file of the same id from the one that was meant
     std::string info;             ///< of a geometry that is put
+    std::string tenant = default_tenant;
   };
   Kind kind = Kind::put;
   std::vector<Entry> entries;
@@ -70,24 +79,28 @@ class Catalog {
   /// All that are not ended; those that cannot be read any more are left out.
   virtual std::vector<Intent> intents() = 0;
 
-  /// Ends the intent of that number in the same step. False when the id is there already (the record stays as it was unless it
-  /// was damaged).
+  /// Ends the intent of that number in the same step. False when the tenant has the id already (the record stays as it was unless
+  /// it was damaged).
   virtual bool add_geometry(const GeometryRecord& record, std::int64_t intent) = 0;
-  virtual std::optional<GeometryRecord> find_geometry(const std::string& id) = 0;
-  virtual std::vector<GeometryRecord> list_geometries(const std::optional<PageStart>& after, std::size_t limit) = 0;
+  virtual std::optional<GeometryRecord> find_geometry(const OwnedId& id) = 0;
+  virtual std::vector<GeometryRecord> list_geometries(const std::string& tenant, const std::optional<PageStart>& after,
+                                                      std::size_t limit) = 0;
   /// Removes the records of a geometry and its setups and begins the intent to remove their files, in one step; returns that
   /// intent. Throws Error(not_found), or Error(failed_precondition) when there are setups and the policy is to refuse.
-  virtual Intent remove_geometry(const std::string& id, WithSetups policy) = 0;
+  virtual Intent remove_geometry(const OwnedId& id, WithSetups policy) = 0;
+  /// The tenants that have a geometry of this content.
+  virtual std::vector<std::string> owners_of(const std::string& geometry_id) = 0;
 
-  /// Adds or replaces; ends the intent of that number in the same step. Throws Error(not_found) when the geometry is not there.
+  /// Adds or replaces; ends the intent of that number in the same step. Throws Error(not_found) when the tenant has no such
+  /// geometry.
   virtual void put_setup(const SetupRecord& record, std::int64_t intent) = 0;
-  virtual std::optional<SetupRecord> find_setup(const std::string& id) = 0;
-  /// geometry_id empty: of all.
-  virtual std::vector<SetupRecord> list_setups(const std::string& geometry_id, const std::optional<PageStart>& after,
+  virtual std::optional<SetupRecord> find_setup(const OwnedId& id) = 0;
+  /// geometry_id empty: of all of the tenant's.
+  virtual std::vector<SetupRecord> list_setups(const OwnedId& geometry, const std::optional<PageStart>& after,
                                                std::size_t limit) = 0;
   /// As remove_geometry(). Nothing when there was none.
-  virtual std::optional<Intent> remove_setup(const std::string& id) = 0;
-  virtual std::size_t setup_count(const std::string& geometry_id) = 0;
+  virtual std::optional<Intent> remove_setup(const OwnedId& id) = 0;
+  virtual std::size_t setup_count(const OwnedId& geometry) = 0;
 
   /// Adds or replaces many records in one step, the geometries first.
   virtual void restore(const std::vector<GeometryRecord>& geometries, const std::vector<SetupRecord>& setups) = 0;
@@ -98,10 +111,18 @@ class Catalog {
   };
   virtual Damaged check() = 0;
 
-  /// At most `limit` ids that start with the prefix.
-  virtual std::vector<std::string> geometry_ids(const std::string& prefix, std::size_t limit) = 0;
-  virtual std::vector<std::string> setup_ids(const std::string& prefix, std::size_t limit) = 0;
+  /// At most `limit` ids of the tenant that start with the prefix.
+  virtual std::vector<std::string> geometry_ids(const std::string& tenant, const std::string& prefix, std::size_t limit) = 0;
+  virtual std::vector<std::string> setup_ids(const std::string& tenant, const std::string& prefix, std::size_t limit) = 0;
 
+  virtual StoredAmount amount_of(const std::string& tenant) = 0;
+
+  /// Of all tenants.
+  virtual std::vector<OwnedId> all_geometries() = 0;
+  virtual std::vector<OwnedId> all_setups() = 0;
+  virtual std::map<std::string, StoredAmount> amounts() = 0;
+
+  /// Of all tenants.
   struct Counts {
     std::size_t geometries = 0, setups = 0;
   };

@@ -24,9 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t all = static_cast<std::size_t>(INT64_MAX);
-
-std::set<std::string> as_set(std::vector<std::string> ids) { return {ids.begin(), ids.end()}; }
+std::set<OwnedId> as_set(const std::vector<OwnedId>& ids) { return {ids.begin(), ids.end()}; }
 
 /// Sorted, so that what is done does not depend on the file system.
 std::vector<fs::path> entries_of(const fs::path& folder) {
@@ -115,10 +113,13 @@ class Rebuild {
         continue;
       }
       for (const auto& entry : intent.entries) {
-        report_.garbage += fs::remove(directory_.temporary(entry.id, intent.number), error);
-        report_.garbage += fs::remove(directory_.temporary_record(entry.id, intent.number), error);
-        if (entry.what == Intent::What::geometry && !entry.info.empty())
-          announced_[entry.id] = {entry.id, entry.info, entry.created_ms};
+        const std::string key = key_of({entry.tenant, entry.id});
+        report_.garbage += fs::remove(directory_.temporary(key, intent.number), error);
+        report_.garbage += fs::remove(directory_.temporary_link(key, intent.number), error);
+        report_.garbage += fs::remove(directory_.temporary_record(key, intent.number), error);
+        if (entry.what == Intent::What::geometry && !entry.info.empty()) {
+          announced_[{entry.tenant, entry.id}] = {entry.id, entry.info, entry.created_ms, Integrity::intact, entry.tenant};
+        }
       }
       finished_.push_back(intent.number);
     }
@@ -152,14 +153,14 @@ class Rebuild {
     std::vector<GeometryRecord> geometries;
     std::vector<SetupRecord> setups;
     for (const auto& record : damaged_.geometries) {
-      if (auto known = known_geometry(record.id)) {
+      if (auto known = known_geometry(owned(record))) {
         geometries.push_back(*std::move(known));
-      } else if (is_file(directory_.geometries() / record.id)) {
-        if (auto found = geometry_from_content(record.id)) geometries.push_back(*std::move(found));
+      } else if (is_file(directory_.geometries() / key_of(owned(record)))) {
+        if (auto found = geometry_from_content(owned(record))) geometries.push_back(*std::move(found));
       }
     }
     for (const auto& record : damaged_.setups) {
-      if (auto known = known_setup(record.id)) {
+      if (auto known = known_setup(owned(record))) {
         setups.push_back(*std::move(known));
       } else if (is_plausible(record)) {
         setups.push_back(record);
@@ -171,8 +172,8 @@ class Rebuild {
   }
 
   /// From the small file, else from what the upload announced, else from what the old catalog still had.
-  std::optional<GeometryRecord> known_geometry(const std::string& id) {
-    const fs::path file = directory_.names() / id;
+  std::optional<GeometryRecord> known_geometry(const OwnedId& id) {
+    const fs::path file = directory_.names() / key_of(id);
     if (fs::exists(file)) {
       auto record = unless_damaged([&] { return read_geometry_record(file, id); });
       if (record) return record;
@@ -180,13 +181,13 @@ class Rebuild {
     }
     if (const auto found = announced_.find(id); found != announced_.end()) return found->second;
     const auto salvaged =
-        std::find_if(salvaged_.geometries.begin(), salvaged_.geometries.end(), [&](const auto& r) { return r.id == id; });
+        std::find_if(salvaged_.geometries.begin(), salvaged_.geometries.end(), [&](const auto& r) { return owned(r) == id; });
     if (salvaged == salvaged_.geometries.end()) return std::nullopt;
     return *salvaged;
   }
 
-  std::optional<SetupRecord> known_setup(const std::string& id) {
-    const fs::path file = directory_.setups() / id;
+  std::optional<SetupRecord> known_setup(const OwnedId& id) {
+    const fs::path file = directory_.setups() / key_of(id);
     if (!fs::exists(file)) return std::nullopt;
     auto known = unless_damaged([&] {
       SetupRecord record = read_setup_record(file, id);
@@ -204,69 +205,69 @@ class Rebuild {
   }
 
   /// Of a file whose content has the id and is a geometry as an upload would have been.
-  std::optional<GeometryRecord> geometry_from_content(const std::string& id) const {
-    const fs::path file = directory_.geometries() / id;
+  std::optional<GeometryRecord> geometry_from_content(const OwnedId& id) const {
+    const fs::path file = directory_.geometries() / key_of(id);
     return unless_damaged([&] {
-      const Mesh mesh = read_geometry_file(file, id);
+      const Mesh mesh = read_geometry_file(file, id.id);
       mesh.validate();
-      return geometry_record(convert::geometry_info(mesh, id, ""), modified_ms(file));
+      return geometry_record(convert::geometry_info(mesh, id.id, ""), modified_ms(file), id.tenant);
     });
   }
 
+  /// The name of a file says whose it is: nothing is ever adopted for another tenant.
   void adopt_geometries() {
-    const auto recorded = as_set(catalog_->geometry_ids("", all));
+    const auto recorded = as_set(catalog_->all_geometries());
     std::vector<GeometryRecord> adopted;
-    std::set<std::string> without_file;
     for (const fs::path& path : entries_of(directory_.geometries())) {
-      const std::string id = path.filename().string();
-      if (recorded.count(id) > 0 && is_file(path)) continue;
-      auto found = is_full_id(id) && is_file(path) ? geometry_from_content(id) : std::nullopt;
+      const auto id = owned_id(path.filename().string());
+      if (id && recorded.count(*id) > 0 && is_file(path)) continue;
+      auto found = id && is_file(path) ? geometry_from_content(*id) : std::nullopt;
       if (!found) {
         unclaim(path);
         continue;
       }
-      if (auto known = known_geometry(id)) found = std::move(known);
+      if (auto known = known_geometry(*id)) found = std::move(known);
       adopted.push_back(*std::move(found));
     }
-    std::set<std::string> taken = recorded;
-    for (const auto& record : adopted) taken.insert(record.id);
+    std::set<OwnedId> taken = recorded;
+    for (const auto& record : adopted) taken.insert(owned(record));
     // Geometries whose files are gone: what is known of them tells what to register again, and their setups wait for it.
     for (const fs::path& path : entries_of(directory_.names())) {
-      const std::string id = path.filename().string();
-      if (taken.count(id) > 0 && is_file(path)) continue;
-      const auto known =
-          is_full_id(id) && is_file(path) ? unless_damaged([&] { return read_geometry_record(path, id); }) : std::nullopt;
-      if (known && taken.insert(id).second) {
+      const auto id = owned_id(path.filename().string());
+      if (id && taken.count(*id) > 0 && is_file(path)) continue;
+      const auto known = id && is_file(path) ? unless_damaged([&] { return read_geometry_record(path, *id); }) : std::nullopt;
+      if (known && taken.insert(*id).second) {
         adopted.push_back(*known);
       } else {
         unclaim(path);
       }
     }
     for (const auto& record : salvaged_.geometries) {
-      if (taken.insert(record.id).second) adopted.push_back(record);
+      if (taken.insert(owned(record)).second) adopted.push_back(record);
     }
     if (!adopted.empty()) catalog_->restore(adopted, {});
     report_.adopted_geometries = adopted.size();
   }
 
   void adopt_setups() {
-    const auto recorded = as_set(catalog_->setup_ids("", all));
-    const auto geometries = as_set(catalog_->geometry_ids("", all));
+    const auto recorded = as_set(catalog_->all_setups());
+    const auto geometries = as_set(catalog_->all_geometries());
+    const auto has_geometry = [&](const SetupRecord& setup) { return geometries.count({setup.tenant, setup.geometry_id}) > 0; };
     std::vector<SetupRecord> adopted;
-    std::set<std::string> taken = recorded;
+    std::set<OwnedId> taken = recorded;
     for (const fs::path& path : entries_of(directory_.setups())) {
-      const std::string id = path.filename().string();
-      if (recorded.count(id) > 0 && is_file(path)) continue;
-      auto known = is_full_id(id) && is_file(path) ? known_setup(id) : std::nullopt;
-      if (!known || geometries.count(known->geometry_id) == 0) {
+      const auto id = owned_id(path.filename().string());
+      if (id && recorded.count(*id) > 0 && is_file(path)) continue;
+      auto known = id && is_file(path) ? known_setup(*id) : std::nullopt;
+      if (!known || !has_geometry(*known)) {
         if (fs::symlink_status(path).type() != fs::file_type::not_found) unclaim(path);  // else it was damaged
         continue;
       }
-      taken.insert(id);
+      taken.insert(*id);
       adopted.push_back(*std::move(known));
     }
     for (const auto& record : salvaged_.setups) {
-      if (geometries.count(record.geometry_id) > 0 && taken.insert(record.id).second) adopted.push_back(record);
+      if (has_geometry(record) && taken.insert(owned(record)).second) adopted.push_back(record);
     }
     if (!adopted.empty()) catalog_->restore({}, adopted);
     report_.adopted_setups = adopted.size();
@@ -275,27 +276,30 @@ class Rebuild {
   /// Writes the small files that are not there, all at once.
   void record() {
     Intent intent{Intent::Kind::put, {}};
-    for (const auto& id : catalog_->geometry_ids("", all)) {
-      if (!fs::exists(directory_.names() / id)) intent.entries.push_back({Intent::What::geometry, id, 0, {}});
+    for (const auto& id : catalog_->all_geometries()) {
+      if (fs::exists(directory_.names() / key_of(id))) continue;
+      intent.entries.push_back({Intent::What::geometry, id.id, 0, {}, id.tenant});
     }
-    for (const auto& id : catalog_->setup_ids("", all)) {
-      if (!fs::exists(directory_.setups() / id)) intent.entries.push_back({Intent::What::setup, id, 0, {}});
+    for (const auto& id : catalog_->all_setups()) {
+      if (fs::exists(directory_.setups() / key_of(id))) continue;
+      intent.entries.push_back({Intent::What::setup, id.id, 0, {}, id.tenant});
     }
     if (intent.entries.empty()) return;
     intent.number = catalog_->begin(intent);
     std::vector<std::pair<fs::path, fs::path>> moves;
     for (const auto& entry : intent.entries) {
-      const fs::path part = directory_.temporary_record(entry.id, intent.number);
+      const OwnedId id{entry.tenant, entry.id};
+      const fs::path part = directory_.temporary_record(key_of(id), intent.number);
       if (entry.what == Intent::What::geometry) {
-        const auto record = catalog_->find_geometry(entry.id);
+        const auto record = catalog_->find_geometry(id);
         if (!record || record->integrity == Integrity::damaged) continue;
         write_record(*record, part, Sync::later);
-        moves.emplace_back(part, directory_.names() / entry.id);
+        moves.emplace_back(part, directory_.names() / key_of(id));
       } else {
-        const auto record = catalog_->find_setup(entry.id);
+        const auto record = catalog_->find_setup(id);
         if (!record || record->integrity == Integrity::damaged) continue;
         write_record(*record, part, Sync::later);
-        moves.emplace_back(part, directory_.setups() / entry.id);
+        moves.emplace_back(part, directory_.setups() / key_of(id));
       }
     }
     sync_file_system(directory_.root());
@@ -307,7 +311,7 @@ class Rebuild {
   }
 
   void count_missing() {
-    for (const auto& id : catalog_->geometry_ids("", all)) report_.missing += !is_file(directory_.geometries() / id);
+    for (const auto& id : catalog_->all_geometries()) report_.missing += !is_file(directory_.geometries() / key_of(id));
   }
 
   void log() const {
@@ -335,7 +339,7 @@ class Rebuild {
   std::unique_ptr<Catalog> catalog_;
   Catalog::Damaged damaged_;
   Salvaged salvaged_;
-  std::map<std::string, GeometryRecord> announced_;  // by uploads that were interrupted
+  std::map<OwnedId, GeometryRecord> announced_;  // by uploads that were interrupted
   std::vector<std::int64_t> finished_;
   RebuildReport report_;
 };
@@ -368,19 +372,19 @@ std::size_t finish_removal(const StoreDirectory& directory, Catalog& catalog, co
     step("a file is removed");
   };
   for (const auto& entry : intent.entries) {
+    const OwnedId id{entry.tenant, entry.id};
     if (entry.what == Intent::What::setup) {
-      const fs::path file = directory.setups() / entry.id;
-      const bool renewed =
-          catalog.find_setup(entry.id) || !is_of(entry.created_ms, file, [&] { return read_setup_record(file, entry.id); });
+      const fs::path file = directory.setups() / key_of(id);
+      const bool renewed = catalog.find_setup(id) || !is_of(entry.created_ms, file, [&] { return read_setup_record(file, id); });
       if (which == RemoveFiles::all || !renewed) remove(file);
       continue;
     }
-    const fs::path file = directory.names() / entry.id;
+    const fs::path file = directory.names() / key_of(id);
     const bool renewed =
-        catalog.find_geometry(entry.id) || !is_of(entry.created_ms, file, [&] { return read_geometry_record(file, entry.id); });
+        catalog.find_geometry(id) || !is_of(entry.created_ms, file, [&] { return read_geometry_record(file, id); });
     if (which == RemoveFiles::not_renewed && renewed) continue;
     remove(file);
-    remove(directory.geometries() / entry.id);
+    remove(directory.geometries() / key_of(id));
   }
   for (const fs::path& folder : {directory.setups(), directory.names(), directory.geometries()}) sync_directory(folder);
   step("the removal is durable");

@@ -3,7 +3,6 @@
 
 #include <fcntl.h>
 
-#include <algorithm>
 #include <charconv>
 #include <cstdint>
 #include <cstring>
@@ -72,10 +71,19 @@ std::int64_t number(const std::string& text, const std::string& what) {
   return value;
 }
 
-Fields fields_of(const GeometryRecord& record) { return {"geometry", record.id, record.info, std::to_string(record.created_ms)}; }
+/// The tenant comes last, and for the default one not at all: what was stored before there were tenants is its own as it stands.
+Fields with_tenant(Fields fields, const std::string& tenant) {
+  if (tenant != default_tenant) fields.push_back(tenant);
+  return fields;
+}
+
+Fields fields_of(const GeometryRecord& record) {
+  return with_tenant({"geometry", record.id, record.info, std::to_string(record.created_ms)}, record.tenant);
+}
 
 Fields fields_of(const SetupRecord& record) {
-  return {"setup", record.id, record.geometry_id, record.setup, record.info, std::to_string(record.created_ms)};
+  return with_tenant({"setup", record.id, record.geometry_id, record.setup, record.info, std::to_string(record.created_ms)},
+                     record.tenant);
 }
 
 void write_sealed(const Fields& fields, const std::filesystem::path& path, Sync sync) {
@@ -91,8 +99,9 @@ void write_sealed(const Fields& fields, const std::filesystem::path& path, Sync 
   }
 }
 
-Fields read_sealed(const std::filesystem::path& path, const char* kind, std::size_t count, const std::string& id) {
-  const std::string what = std::string("the stored record of ") + kind + " " + id;
+/// `count`: of the fields without the tenant.
+Fields read_sealed(const std::filesystem::path& path, const char* kind, std::size_t count, const OwnedId& id) {
+  const std::string what = std::string("the stored record of ") + kind + " " + key_of(id);
   if (!std::filesystem::is_regular_file(std::filesystem::symlink_status(path))) damaged(what);
   const std::size_t size = std::filesystem::file_size(path);
   if (size > largest_file) damaged(what);
@@ -100,16 +109,32 @@ Fields read_sealed(const std::filesystem::path& path, const char* kind, std::siz
   const File file(path, O_RDONLY);
   text.resize(file.read(text.data(), size));
   Fields fields = unsealed(text, what);
-  if (fields.size() != count || fields[0] != kind || fields[1] != id) damaged(what);
+  const bool for_default = id.tenant == default_tenant;
+  if (fields.size() != count + (for_default ? 0 : 1) || fields[0] != kind || fields[1] != id.id) damaged(what);
+  if (!for_default && fields[count] != id.tenant) damaged(what);
   return fields;
 }
 
 }  // namespace
 
-GeometryRecord geometry_record(v1::GeometryInfo info, std::int64_t registered_ms) {
+GeometryRecord geometry_record(v1::GeometryInfo info, std::int64_t registered_ms, const std::string& tenant) {
   info.set_registered_unix_ms(registered_ms);
-  return {info.id(), info.SerializeAsString(), registered_ms};
+  return {info.id(), info.SerializeAsString(), registered_ms, Integrity::intact, tenant};
 }
+
+std::uint64_t content_bytes(const v1::GeometryInfo& info) {
+  std::uint64_t bytes = 24 * info.points() + 4 * (info.faces() + info.corners()) + info.cell_bytes();
+  for (const auto& group : info.groups()) bytes += group.name().size() + 4 * (group.points() + group.faces());
+  return bytes;
+}
+
+std::uint64_t stored_bytes(const GeometryRecord& record) {
+  v1::GeometryInfo info;
+  if (record.integrity == Integrity::damaged || !info.ParseFromString(record.info)) return 0;
+  return content_bytes(info) + record.info.size();
+}
+
+std::uint64_t stored_bytes(const SetupRecord& record) { return record.setup.size() + record.info.size(); }
 
 std::string checksum(const GeometryRecord& record) { return digest(joined(fields_of(record))); }
 std::string checksum(const SetupRecord& record) { return digest(joined(fields_of(record))); }
@@ -122,14 +147,14 @@ void write_record(const SetupRecord& record, const std::filesystem::path& file, 
   write_sealed(fields_of(record), file, sync);
 }
 
-GeometryRecord read_geometry_record(const std::filesystem::path& file, const std::string& id) {
+GeometryRecord read_geometry_record(const std::filesystem::path& file, const OwnedId& id) {
   const Fields fields = read_sealed(file, "geometry", 4, id);
-  return {fields[1], fields[2], number(fields[3], file.string())};
+  return {fields[1], fields[2], number(fields[3], file.string()), Integrity::intact, id.tenant};
 }
 
-SetupRecord read_setup_record(const std::filesystem::path& file, const std::string& id) {
+SetupRecord read_setup_record(const std::filesystem::path& file, const OwnedId& id) {
   const Fields fields = read_sealed(file, "setup", 6, id);
-  return {fields[1], fields[2], fields[3], fields[4], number(fields[5], file.string())};
+  return {fields[1], fields[2], fields[3], fields[4], number(fields[5], file.string()), Integrity::intact, id.tenant};
 }
 
 void verify(const SetupRecord& record) {
@@ -143,7 +168,7 @@ std::string encode(const Intent& intent) {
   Fields fields = {intent.kind == Intent::Kind::put ? "put" : "remove"};
   for (const auto& entry : intent.entries) {
     const char* what = entry.what == Intent::What::geometry ? "geometry" : "setup";
-    fields.insert(fields.end(), {what, entry.id, std::to_string(entry.created_ms), entry.info});
+    fields.insert(fields.end(), {what, key_of({entry.tenant, entry.id}), std::to_string(entry.created_ms), entry.info});
   }
   return sealed(fields);
 }
@@ -155,15 +180,11 @@ Intent decode_intent(const std::string& text) {
   intent.kind = fields[0] == "put" ? Intent::Kind::put : Intent::Kind::remove;
   for (std::size_t i = 1; i < fields.size(); i += 4) {
     const auto what = fields[i] == "geometry" ? Intent::What::geometry : Intent::What::setup;
-    if (!is_full_id(fields[i + 1])) damaged("an intent");  // it becomes the name of a file
-    intent.entries.push_back({what, fields[i + 1], number(fields[i + 2], "an intent"), fields[i + 3]});
+    const auto named = owned_id(fields[i + 1]);
+    if (!named) damaged("an intent");  // it becomes the name of a file
+    intent.entries.push_back({what, named->id, number(fields[i + 2], "an intent"), fields[i + 3], named->tenant});
   }
   return intent;
-}
-
-bool is_full_id(const std::string& text) {
-  return text.size() == digest_digits &&
-         std::all_of(text.begin(), text.end(), [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); });
 }
 
 }  // namespace deform::server

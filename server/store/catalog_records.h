@@ -14,8 +14,14 @@ namespace deform::server {
 /// Records as bytes: for checksums, and as the small files from which a catalog is rebuilt. Such a file is a tag, the fields of
 /// the record, each after its length, and the SHA-256 of the fields in hexadecimal digits.
 
-/// The record of a geometry registered at that time (milliseconds since 1970).
-GeometryRecord geometry_record(v1::GeometryInfo info, std::int64_t registered_ms);
+/// The record of a geometry that a tenant registered at that time (milliseconds since 1970).
+GeometryRecord geometry_record(v1::GeometryInfo info, std::int64_t registered_ms, const std::string& tenant);
+
+/// About what a record takes on the disk, the content of a geometry included. 0 for a geometry whose record is damaged.
+std::uint64_t stored_bytes(const GeometryRecord& record);
+std::uint64_t stored_bytes(const SetupRecord& record);
+/// Of the content of a geometry by its description.
+std::uint64_t content_bytes(const v1::GeometryInfo& info);
 
 /// SHA-256 of all fields, in hexadecimal digits.
 std::string checksum(const GeometryRecord& record);
@@ -28,9 +34,9 @@ enum class Sync { now, later };
 void write_record(const GeometryRecord& record, const std::filesystem::path& file, Sync sync);
 void write_record(const SetupRecord& record, const std::filesystem::path& file, Sync sync);
 
-/// Throws Error(data_loss) when the file is not a whole record of that id, and as a File does.
-GeometryRecord read_geometry_record(const std::filesystem::path& file, const std::string& id);
-SetupRecord read_setup_record(const std::filesystem::path& file, const std::string& id);
+/// Throws Error(data_loss) when the file is not a whole record of that id and tenant, and as a File does.
+GeometryRecord read_geometry_record(const std::filesystem::path& file, const OwnedId& id);
+SetupRecord read_setup_record(const std::filesystem::path& file, const OwnedId& id);
 
 /// Throws Error(data_loss) unless the id is the hash of the setup and the setup is one of its geometry.
 void verify(const SetupRecord& record);
@@ -38,8 +44,5 @@ void verify(const SetupRecord& record);
 /// An intent as one string that notices damage. decode throws Error(data_loss).
 std::string encode(const Intent& intent);
 Intent decode_intent(const std::string& text);
-
-/// 64 lower-case hexadecimal digits.
-bool is_full_id(const std::string& text);
 
 }  // namespace deform::server

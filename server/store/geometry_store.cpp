@@ -2,12 +2,14 @@
 #include "server/store/geometry_store.h"
 
 #include <spdlog/spdlog.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <charconv>
 #include <chrono>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "proto/convert/mesh/geometry.h"
 #include "server/store/catalog_rebuild.h"
 #include "server/store/catalog_records.h"
@@ -41,6 +43,20 @@ std::string only_one(const char* what, const std::string& id, const std::vector<
   return found[0];
 }
 
+/// `has`: what is stored and being stored of the tenant.
+void check_quota(const std::string& tenant, const StoredAmount& has, const StoredAmount& more, const Quota& quota) {
+  const char* advice = "; delete geometries or systems, or ask the operator of the server for more";
+  if (quota.geometries != 0 && more.geometries != 0 && has.geometries + more.geometries > quota.geometries) {
+    throw Error(ErrorCode::out_of_budget, "quota geometries of tenant \"" + tenant + "\": " + std::to_string(has.geometries) +
+                                              " are registered, the limit is " + std::to_string(quota.geometries) + advice);
+  }
+  if (quota.stored_bytes != 0 && more.bytes != 0 && more.bytes > quota.stored_bytes - std::min(has.bytes, quota.stored_bytes)) {
+    throw Error(ErrorCode::out_of_budget, "quota stored-bytes of tenant \"" + tenant + "\": " + mebibytes(has.bytes) +
+                                              " are stored, " + mebibytes(more.bytes) + " more are wanted, the limit is " +
+                                              mebibytes(quota.stored_bytes) + advice);
+  }
+}
+
 }  // namespace
 
 GeometryStore::GeometryStore(const std::filesystem::path& directory, StoreOptions options)
@@ -50,6 +66,7 @@ GeometryStore::GeometryStore(const std::filesystem::path& directory, StoreOption
   {
     const DiskSpace::Room room(disk_);
     catalog_ = open_catalog(directory_, OldCatalog::keep_if_whole).catalog;
+    amounts_ = catalog_->amounts();
   }
   const std::string why = disk_.refusal();
   if (!why.empty()) spdlog::error("store: nothing is written: {}", why);
@@ -57,19 +74,94 @@ GeometryStore::GeometryStore(const std::filesystem::path& directory, StoreOption
 
 GeometryStore::~GeometryStore() = default;
 
-v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const std::string& id, const std::string& name) {
+// ---- quotas ----
+
+void GeometryStore::require_quota(const std::string& tenant, const StoredAmount& more, const Quota& quota) const {
+  const std::lock_guard lock(amounts_mutex_);
+  const auto of = [&](const auto& amounts) {
+    const auto found = amounts.find(tenant);
+    return found == amounts.end() ? StoredAmount() : found->second;
+  };
+  const StoredAmount has = of(amounts_), adds = of(adding_);
+  check_quota(tenant, {has.geometries + adds.geometries, 0, has.bytes + adds.bytes}, more, quota);
+}
+
+StoredAmount GeometryStore::amount_of(const std::string& tenant) const {
+  const std::lock_guard lock(amounts_mutex_);
+  const auto found = amounts_.find(tenant);
+  return found == amounts_.end() ? StoredAmount() : found->second;
+}
+
+class GeometryStore::Addition {
+ public:
+  /// Throws beyond the quota. Checked and entered in one step, so that puts at the same time do not exceed it together.
+  Addition(GeometryStore& store, std::string tenant, const StoredAmount& more, const Quota& quota)
+      : store_(store), tenant_(std::move(tenant)), more_(more) {
+    const std::lock_guard lock(store_.amounts_mutex_);
+    StoredAmount& adding = store_.adding_[tenant_];
+    const StoredAmount has = store_.amounts_[tenant_];
+    check_quota(tenant_, {has.geometries + adding.geometries, 0, has.bytes + adding.bytes}, more, quota);
+    add(adding);
+  }
+  ~Addition() {
+    const std::lock_guard lock(store_.amounts_mutex_);
+    const auto adding = store_.adding_.find(tenant_);
+    adding->second.geometries -= more_.geometries;
+    adding->second.setups -= more_.setups;
+    adding->second.bytes -= more_.bytes;
+    if (adding->second.geometries + adding->second.setups + adding->second.bytes == 0) store_.adding_.erase(adding);
+  }
+  Addition(const Addition&) = delete;
+  Addition& operator=(const Addition&) = delete;
+
+  void keep() {
+    const std::lock_guard lock(store_.amounts_mutex_);
+    add(store_.amounts_[tenant_]);
+  }
+
+ private:
+  void add(StoredAmount& amount) const {
+    amount.geometries += more_.geometries;
+    amount.setups += more_.setups;
+    amount.bytes += more_.bytes;
+  }
+
+  GeometryStore& store_;
+  const std::string tenant_;
+  const StoredAmount more_;
+};
+
+/// After what takes away or replaces, which is done whether it can be counted or not.
+void GeometryStore::count_again(const std::string& tenant) {
+  try {
+    const StoredAmount now = catalog_->amount_of(tenant);
+    const std::lock_guard lock(amounts_mutex_);
+    amounts_[tenant] = now;
+  } catch (const Error& error) {
+    spdlog::warn("store: what tenant {} has is counted at its next change: {}", tenant, error.what());
+  }
+}
+
+// ---- geometries ----
+
+v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota) {
   if (contains(id)) {
     v1::GeometryInfo info = this->info(id);
     info.set_existed(true);
     return info;
   }
   disk_.require(mesh_bytes(mesh));
-  const GeometryRecord record = geometry_record(convert::geometry_info(mesh, id, name), unix_ms());
+  const GeometryRecord record = geometry_record(convert::geometry_info(mesh, id.id, name), unix_ms(), id.tenant);
+  // What heals takes no more than there was.
+  const bool heals = catalog_->find_geometry(id).has_value();
+  Addition addition(*this, id.tenant, heals ? StoredAmount() : StoredAmount{1, 0, stored_bytes(record)}, quota);
   const std::int64_t intent =
-      catalog_->begin({Intent::Kind::put, {{Intent::What::geometry, id, record.created_ms, record.info}}});
+      catalog_->begin({Intent::Kind::put, {{Intent::What::geometry, id.id, record.created_ms, record.info, id.tenant}}});
   try {
     step("an upload is announced");
     const auto known = put_content(mesh, record, intent);
+    if (!known && !heals) addition.keep();
+    if (heals) count_again(id.tenant);
     v1::GeometryInfo info = described(known.value_or(record));
     info.set_existed(known.has_value());
     return info;
@@ -81,20 +173,22 @@ v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const std::string& id, con
 
 /// Returns the record that was there, of a geometry whose file was lost or was put at the same time: it keeps its name.
 std::optional<GeometryRecord> GeometryStore::put_content(const Mesh& mesh, const GeometryRecord& record, std::int64_t intent) {
-  const std::filesystem::path temporary = directory_.temporary(record.id, intent);
+  const std::string key = key_of(owned(record));
+  const std::filesystem::path temporary = directory_.temporary(key_of(owned(record)), intent);
   write_geometry_file(mesh, temporary);
   step("the content is written");
   const std::lock_guard lock(visibility_);
-  move_file(temporary, directory_.geometries() / record.id);
+  move_file(temporary, directory_.geometries() / key);
+  share_content(record, intent);
   sync_directory(directory_.geometries());
   step("the content is in place");
-  auto known = catalog_->find_geometry(record.id);
+  auto known = catalog_->find_geometry(owned(record));
   if (known && known->integrity == Integrity::damaged) known.reset();
   const GeometryRecord& kept = known ? *known : record;
-  const std::filesystem::path small = directory_.temporary_record(record.id, intent);
+  const std::filesystem::path small = directory_.temporary_record(key_of(owned(record)), intent);
   write_record(kept, small, Sync::now);
   step("the small file is written");
-  move_file(small, directory_.names() / record.id);
+  move_file(small, directory_.names() / key);
   sync_directory(directory_.names());
   step("the small file is in place");
   catalog_->add_geometry(kept, intent);
@@ -102,16 +196,33 @@ std::optional<GeometryRecord> GeometryStore::put_content(const Mesh& mesh, const
   return known;
 }
 
+/// Other tenants that have the content get a link to what was just written in place of their own copy, which ends with that. A
+/// copy that stays because there are no links is as good.
+void GeometryStore::share_content(const GeometryRecord& record, std::int64_t intent) {
+  const std::filesystem::path link = directory_.temporary_link(key_of(owned(record)), intent);
+  for (const std::string& tenant : catalog_->owners_of(record.id)) {
+    const std::filesystem::path theirs = directory_.geometries() / key_of({tenant, record.id});
+    std::error_code error;
+    // What was set aside as damaged stays so until its owner registers it again: nobody else may decide that it is there.
+    if (tenant == record.tenant || !std::filesystem::exists(theirs, error)) continue;
+    if (::link((directory_.geometries() / key_of(owned(record))).c_str(), link.c_str()) != 0) return;
+    step("a link is made");
+    move_file(link, theirs);
+    step("a content is shared");
+  }
+}
+
 /// Of an upload that failed; what cannot be removed now is left to the next start.
 void GeometryStore::take_back(const GeometryRecord& record, std::int64_t intent) {
   const std::lock_guard lock(visibility_);
   std::error_code ignored;
-  std::filesystem::remove(directory_.temporary(record.id, intent), ignored);
-  std::filesystem::remove(directory_.temporary_record(record.id, intent), ignored);
+  std::filesystem::remove(directory_.temporary(key_of(owned(record)), intent), ignored);
+  std::filesystem::remove(directory_.temporary_link(key_of(owned(record)), intent), ignored);
+  std::filesystem::remove(directory_.temporary_record(key_of(owned(record)), intent), ignored);
   try {
-    if (!catalog_->find_geometry(record.id)) {
-      std::filesystem::remove(directory_.names() / record.id, ignored);
-      std::filesystem::remove(directory_.geometries() / record.id, ignored);
+    if (!catalog_->find_geometry(owned(record))) {
+      std::filesystem::remove(directory_.names() / key_of(owned(record)), ignored);
+      std::filesystem::remove(directory_.geometries() / key_of(owned(record)), ignored);
     }
     catalog_->end(intent);
   } catch (const Error& error) {
@@ -119,15 +230,15 @@ void GeometryStore::take_back(const GeometryRecord& record, std::int64_t intent)
   }
 }
 
-bool GeometryStore::contains(const std::string& id) {
+bool GeometryStore::contains(const OwnedId& id) {
   std::error_code error;
   const auto record = catalog_->find_geometry(id);
-  return record && record->integrity == Integrity::intact && std::filesystem::exists(directory_.geometries() / id, error);
+  return record && record->integrity == Integrity::intact && std::filesystem::exists(directory_.geometries() / key_of(id), error);
 }
 
-v1::GeometryInfo GeometryStore::info(const std::string& id) {
+v1::GeometryInfo GeometryStore::info(const OwnedId& id) {
   const auto record = catalog_->find_geometry(id);
-  if (!record) throw Error(ErrorCode::not_found, "geometry " + id + ": unknown id");
+  if (!record) throw Error(ErrorCode::not_found, "geometry " + id.id + ": unknown id");
   return described(*record);
 }
 
@@ -137,7 +248,7 @@ v1::GeometryInfo GeometryStore::described(const GeometryRecord& record) {
     info.Clear();
     info.set_damage("the entry in the catalog is damaged; register the geometry again");
     try {
-      const GeometryRecord small = read_geometry_record(directory_.names() / record.id, record.id);
+      const GeometryRecord small = read_geometry_record(directory_.names() / key_of(owned(record)), owned(record));
       if (!info.ParseFromString(small.info)) info.Clear();
     } catch (const std::exception& error) {
       spdlog::error("store: geometry {}: {}", record.id, error.what());
@@ -145,22 +256,22 @@ v1::GeometryInfo GeometryStore::described(const GeometryRecord& record) {
     info.set_id(record.id);
   }
   std::error_code error;
-  if (!std::filesystem::exists(directory_.geometries() / record.id, error)) {
+  if (!std::filesystem::exists(directory_.geometries() / key_of(owned(record)), error)) {
     info.set_damage("the stored file is missing or damaged; register the geometry again");
   }
-  info.set_setups(static_cast<std::uint32_t>(catalog_->setup_count(record.id)));
+  info.set_setups(static_cast<std::uint32_t>(catalog_->setup_count(owned(record))));
   return info;
 }
 
-Mesh GeometryStore::load(const std::string& id) {
-  if (!catalog_->find_geometry(id)) throw Error(ErrorCode::not_found, "geometry " + id + ": unknown id");
-  const std::filesystem::path file = directory_.geometries() / id;
+Mesh GeometryStore::load(const OwnedId& id) {
+  if (!catalog_->find_geometry(id)) throw Error(ErrorCode::not_found, "geometry " + id.id + ": unknown id");
+  const std::filesystem::path file = directory_.geometries() / key_of(id);
   std::error_code error;
   if (!std::filesystem::exists(file, error)) {
-    throw Error(ErrorCode::data_loss, "geometry " + id + ": the stored file is missing; register the geometry again");
+    throw Error(ErrorCode::data_loss, "geometry " + id.id + ": the stored file is missing; register the geometry again");
   }
   try {
-    return read_geometry_file(file, id);
+    return read_geometry_file(file, id.id);
   } catch (const Error& damage) {
     if (damage.code() == ErrorCode::data_loss) quarantine(id);
     throw;
@@ -168,19 +279,19 @@ Mesh GeometryStore::load(const std::string& id) {
 }
 
 // Out of the way, so that registering again stores a good file; kept, because it may be all there is.
-void GeometryStore::quarantine(const std::string& id) {
+void GeometryStore::quarantine(const OwnedId& id) {
   const std::lock_guard lock(visibility_);
   try {
-    const auto kept = directory_.set_aside(directory_.geometries() / id, directory_.damaged());
-    spdlog::error("store: the file of geometry {} is damaged and was set aside as {}", id, kept.string());
+    const auto kept = directory_.set_aside(directory_.geometries() / key_of(id), directory_.damaged());
+    spdlog::error("store: the file of geometry {} is damaged and was set aside as {}", key_of(id), kept.string());
   } catch (const Error& error) {
-    spdlog::error("store: the file of geometry {} is damaged: {}", id, error.what());
+    spdlog::error("store: the file of geometry {} is damaged: {}", key_of(id), error.what());
   }
 }
 
 /// Where not even a row can be written and the reserve is gone, the content goes first and makes room. Only in between would a
 /// crash leave what was to be removed, listed as damaged.
-Intent GeometryStore::remove_rows(const std::string& id, WithSetups policy) {
+Intent GeometryStore::remove_rows(const OwnedId& id, WithSetups policy) {
   try {
     return catalog_->remove_geometry(id, policy);
   } catch (const Error& error) {
@@ -188,15 +299,16 @@ Intent GeometryStore::remove_rows(const std::string& id, WithSetups policy) {
     if (error.code() != ErrorCode::out_of_budget || !wanted) throw;
   }
   std::error_code ignored;
-  std::filesystem::remove(directory_.geometries() / id, ignored);
+  std::filesystem::remove(directory_.geometries() / key_of(id), ignored);
   return catalog_->remove_geometry(id, policy);
 }
 
-std::vector<std::string> GeometryStore::remove(const std::string& id, WithSetups policy) {
+std::vector<std::string> GeometryStore::remove(const OwnedId& id, WithSetups policy) {
   const std::lock_guard lock(visibility_);
   const DiskSpace::Room room(disk_);
   const Intent removal = remove_rows(id, policy);
   finish(removal);
+  count_again(id.tenant);
   std::vector<std::string> setups;
   for (const auto& entry : removal.entries) {
     if (entry.what == Intent::What::setup) setups.push_back(entry.id);
@@ -214,32 +326,36 @@ void GeometryStore::finish(const Intent& removal) {
   }
 }
 
-std::int64_t GeometryStore::put_setup(SetupRecord record) {
+std::int64_t GeometryStore::put_setup(SetupRecord record, const Quota& quota) {
   const std::lock_guard lock(visibility_);
-  if (!catalog_->find_geometry(record.geometry_id)) {
+  const OwnedId id = owned(record);
+  if (!catalog_->find_geometry({record.tenant, record.geometry_id})) {
     throw Error(ErrorCode::not_found, "geometry " + record.geometry_id + ": unknown id");
   }
-  const auto known = catalog_->find_setup(record.id);
+  const auto known = catalog_->find_setup(id);
   const bool stays = known && known->integrity == Integrity::intact;
   if (stays) record.created_ms = known->created_ms;
   if (stays && !disk_.refusal().empty()) return record.created_ms;
   disk_.require(record.setup.size() + record.info.size());
-  const std::int64_t intent = catalog_->begin({Intent::Kind::put, {{Intent::What::setup, record.id, record.created_ms, {}}}});
-  const std::filesystem::path temporary = directory_.temporary_record(record.id, intent);
+  Addition addition(*this, id.tenant, known ? StoredAmount() : StoredAmount{0, 1, stored_bytes(record)}, quota);
+  const std::int64_t intent =
+      catalog_->begin({Intent::Kind::put, {{Intent::What::setup, record.id, record.created_ms, {}, record.tenant}}});
+  const std::filesystem::path temporary = directory_.temporary_record(key_of(owned(record)), intent);
   try {
     step("a setup is announced");
     write_record(record, temporary, Sync::now);
     step("the setup is written");
-    move_file(temporary, directory_.setups() / record.id);
+    move_file(temporary, directory_.setups() / key_of(id));
     sync_directory(directory_.setups());
     step("the setup is in place");
     catalog_->put_setup(record, intent);
     step("the row of the setup is written");
+    known ? count_again(id.tenant) : addition.keep();
   } catch (...) {
     std::error_code ignored;
     std::filesystem::remove(temporary, ignored);
     try {
-      if (!catalog_->find_setup(record.id)) std::filesystem::remove(directory_.setups() / record.id, ignored);
+      if (!catalog_->find_setup(id)) std::filesystem::remove(directory_.setups() / key_of(id), ignored);
       catalog_->end(intent);
     } catch (const Error& error) {
       spdlog::warn("store: what a failed setup left is removed at the next start: {}", error.what());
@@ -249,21 +365,24 @@ std::int64_t GeometryStore::put_setup(SetupRecord record) {
   return record.created_ms;
 }
 
-std::optional<SetupRecord> GeometryStore::find_setup(const std::string& id) {
+std::optional<SetupRecord> GeometryStore::find_setup(const OwnedId& id) {
   auto record = catalog_->find_setup(id);
   if (!record || record->integrity == Integrity::intact) return record;
   try {
-    return read_setup_record(directory_.setups() / id, id);
+    return read_setup_record(directory_.setups() / key_of(id), id);
   } catch (const Error&) {
-    throw Error(ErrorCode::data_loss, "system " + id + ": the stored setup is damaged; prepare it again from its file");
+    throw Error(ErrorCode::data_loss, "system " + id.id + ": the stored setup is damaged; prepare it again from its file");
   }
 }
 
-bool GeometryStore::remove_setup(const std::string& id) {
+bool GeometryStore::remove_setup(const OwnedId& id) {
   const std::lock_guard lock(visibility_);
   const DiskSpace::Room room(disk_);
   const auto removal = catalog_->remove_setup(id);
-  if (removal) finish(*removal);
+  if (removal) {
+    finish(*removal);
+    count_again(id.tenant);
+  }
   return removal.has_value();
 }
 
@@ -279,23 +398,23 @@ v1::StoreInfo GeometryStore::state() {
   return state;
 }
 
-v1::ListGeometriesReply GeometryStore::list(const v1::ListGeometriesRequest& request) {
+v1::ListGeometriesReply GeometryStore::list(const std::string& tenant, const v1::ListGeometriesRequest& request) {
   const std::size_t limit = page_size(request.page_size());
-  const auto records = catalog_->list_geometries(parse_page_token(request.page_token()), limit);
+  const auto records = catalog_->list_geometries(tenant, parse_page_token(request.page_token()), limit);
   v1::ListGeometriesReply reply;
   for (const auto& record : records) *reply.add_geometries() = described(record);
   if (records.size() == limit) reply.set_next_page_token(page_token(records.back().created_ms, records.back().id));
   return reply;
 }
 
-std::string GeometryStore::resolve_geometry(const std::string& id) {
+OwnedId GeometryStore::resolve_geometry(const std::string& tenant, const std::string& id) {
   check_id("geometry", id);
-  return only_one("geometry", id, catalog_->geometry_ids(id, 2));
+  return {tenant, only_one("geometry", id, catalog_->geometry_ids(tenant, id, 2))};
 }
 
-std::string GeometryStore::resolve_setup(const std::string& id) {
+OwnedId GeometryStore::resolve_setup(const std::string& tenant, const std::string& id) {
   check_id("system", id);
-  return only_one("system", id, catalog_->setup_ids(id, 2));
+  return {tenant, only_one("system", id, catalog_->setup_ids(tenant, id, 2))};
 }
 
 std::string page_token(std::int64_t created_ms, const std::string& id) { return std::to_string(created_ms) + ":" + id; }

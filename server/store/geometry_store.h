@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -30,14 +31,20 @@ struct StoreOptions {
 ///   deformd-store     the mark: this folder is a store, and of which format. Without it, only an empty folder becomes one
 ///   lock              held by flock while the store is open: one process per directory
 ///   catalog.sqlite    names, setups, intents; a row decides what is visible, and has a checksum
-///   geometries/<id>   the content whose SHA-256 is its id, immutable
-///   names/<id>        the row of the geometry (name, time, description), with a checksum
-///   setups/<id>       the row of a setup: its canonical form, whose hash is its id, and its description, with a checksum
+///   geometries/<key>  the content whose SHA-256 is its id, immutable
+///   names/<key>       the row of the geometry (name, time, description), with a checksum
+///   setups/<key>      the row of a setup: its canonical form, whose hash is its id, and its description, with a checksum
 ///   tmp/              files of uploads under way, named after their intent
 ///   damaged/          files and catalogs that were damaged; never touched again
 ///   unclaimed/        what stood among the files and is nothing of the store's; never touched again
 ///   reserve           room for deleting on a full disk
 ///   catalog.sqlite.schema-1   the catalog as deformd 0.1 left it
+///
+/// Everything belongs to a tenant, and what another one has is as unknown as what nobody has. The key is the id for the default
+/// tenant and "<id>.<tenant>" for others, so that the name of a file says whose it is, whatever else is lost; the checksums of
+/// rows and small files cover the tenant, too. Tenants that have the same content share its bytes by hard links, where the file
+/// system has them: each has a name of its own, and the bytes go with the last of them. Whoever puts a content writes it in full,
+/// shared or not, and the others then get links to what was written: so neither time nor damage passes between tenants.
 ///
 /// Put: intent, file in tmp/, synced, renamed, directory synced, the small file in the same way, row (which ends the intent).
 /// Remove: rows away and intent (one step), files away, directories synced, intent ended. So a crash at any point leaves what was
@@ -55,37 +62,42 @@ class GeometryStore {
   GeometryStore(const GeometryStore&) = delete;
   GeometryStore& operator=(const GeometryStore&) = delete;
 
-  /// Stores a validated mesh; `existed` of the answer tells whether it was there.
-  v1::GeometryInfo put(const Mesh& mesh, const std::string& id, const std::string& name);
+  /// Stores a validated mesh for a tenant; `existed` of the answer tells whether the tenant had it.
+  /// Throws Error(out_of_budget) without a retry hint beyond the quota.
+  v1::GeometryInfo put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota = {});
   /// The row and the file are there.
-  bool contains(const std::string& id);
+  bool contains(const OwnedId& id);
   /// Throws Error(not_found).
-  v1::GeometryInfo info(const std::string& id);
+  v1::GeometryInfo info(const OwnedId& id);
   /// Reads and verifies; throws Error(not_found), Error(data_loss).
-  Mesh load(const std::string& id);
+  Mesh load(const OwnedId& id);
   /// Also the setups when the policy says so; returns their ids. Throws Error(not_found), Error(failed_precondition). Whoever has
-  /// loaded the mesh keeps it.
-  std::vector<std::string> remove(const std::string& id, WithSetups policy);
+  /// loaded the mesh keeps it, and so do other tenants.
+  std::vector<std::string> remove(const OwnedId& id, WithSetups policy);
 
   /// Adds or replaces; returns when the setup was stored first. Where nothing can be written, a setup that is there stays as it
-  /// is.
-  std::int64_t put_setup(SetupRecord record);
+  /// is. Throws as put() beyond the quota.
+  std::int64_t put_setup(SetupRecord record, const Quota& quota = {});
   /// Throws Error(data_loss) when neither the row nor the small file is whole.
-  std::optional<SetupRecord> find_setup(const std::string& id);
+  std::optional<SetupRecord> find_setup(const OwnedId& id);
   /// False when there was none.
-  bool remove_setup(const std::string& id);
+  bool remove_setup(const OwnedId& id);
 
+  /// Throws Error(out_of_budget) when a tenant may not add so much more.
+  void require_quota(const std::string& tenant, const StoredAmount& more, const Quota& quota) const;
+  /// What a tenant has.
+  StoredAmount amount_of(const std::string& tenant) const;
   /// Throws Error(out_of_budget) when so many bytes cannot be added now.
   void require_room(std::size_t bytes) const { disk_.require(bytes); }
   /// Whether the store may be added to, and what was set aside. Also takes back the reserve when there is room again.
   v1::StoreInfo state();
 
-  v1::ListGeometriesReply list(const v1::ListGeometriesRequest& request);
+  v1::ListGeometriesReply list(const std::string& tenant, const v1::ListGeometriesRequest& request);
 
-  /// Full ids from full ids or unique prefixes of at least 8 digits. Throws Error(invalid_argument) for what is no such prefix or
-  /// has several answers, Error(not_found).
-  std::string resolve_geometry(const std::string& id_or_prefix);
-  std::string resolve_setup(const std::string& id_or_prefix);
+  /// Full ids from full ids or unique prefixes of at least 8 digits, among those of the tenant. Throws Error(invalid_argument)
+  /// for what is no such prefix or has several answers, Error(not_found).
+  OwnedId resolve_geometry(const std::string& tenant, const std::string& id_or_prefix);
+  OwnedId resolve_setup(const std::string& tenant, const std::string& id_or_prefix);
 
   /// For listings of setups and counts; what changes files goes through the store.
   Catalog& catalog() { return *catalog_; }
@@ -93,10 +105,14 @@ class GeometryStore {
  private:
   v1::GeometryInfo described(const GeometryRecord& record);
   std::optional<GeometryRecord> put_content(const Mesh& mesh, const GeometryRecord& record, std::int64_t intent);
+  void share_content(const GeometryRecord& record, std::int64_t intent);
   void take_back(const GeometryRecord& record, std::int64_t intent);
-  Intent remove_rows(const std::string& id, WithSetups policy);
+  Intent remove_rows(const OwnedId& id, WithSetups policy);
   void finish(const Intent& removal);
-  void quarantine(const std::string& id);
+  /// What is about to be added to what a tenant has; taken back when it is destroyed before it was kept.
+  class Addition;
+  void count_again(const std::string& tenant);
+  void quarantine(const OwnedId& id);
   void step(const char* what) const { options_.on_step(what); }
 
   const StoreOptions options_;
@@ -104,6 +120,10 @@ class GeometryStore {
   DiskSpace disk_;
   std::unique_ptr<Catalog> catalog_;
   std::mutex visibility_;  // file and row change together
+  mutable std::mutex amounts_mutex_;
+  // under amounts_mutex_
+  std::map<std::string, StoredAmount> amounts_;  // as in the catalog
+  std::map<std::string, StoredAmount> adding_;   // of puts under way
 };
 
 /// "<created_ms>:<id>" and back; page sizes. Shared by the listings.

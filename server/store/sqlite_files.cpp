@@ -104,23 +104,29 @@ void copy_catalog(const fs::path& from, const fs::path& to) {
 }
 
 Salvaged salvage_catalog(const fs::path& file) {
-  std::map<std::string, GeometryRecord> geometries;
-  std::map<std::string, SetupRecord> setups;
+  std::map<OwnedId, GeometryRecord> geometries;
+  std::map<OwnedId, SetupRecord> setups;
   std::map<std::int64_t, Intent> intents;
   try {
     const auto db = sqlite::open(file, SQLITE_OPEN_READONLY);
     const bool checked = has_checksums(db.get());
     const std::string last = checked ? ", checksum" : "";
+    // The key names the tenant in every version.
     read_rows(db.get(), "SELECT id, info, created_ms" + last + " FROM geometries", [&](const sqlite::Statement& row) {
-      GeometryRecord record{row.text_at(0), row.text_at(1), row.number_at(2)};
+      const auto id = owned_id(row.text_at(0));
+      if (!id) return;
+      GeometryRecord record{id->id, row.text_at(1), row.number_at(2), Integrity::intact, id->tenant};
       const bool whole = checked ? checksum(record) == row.text_at(3) : is_plausible(record);
-      if (whole) geometries.emplace(record.id, std::move(record));
+      if (whole) geometries.emplace(*id, std::move(record));
     });
     read_rows(db.get(), "SELECT id, geometry_id, setup, info, created_ms" + last + " FROM setups",
               [&](const sqlite::Statement& row) {
-                SetupRecord record{row.text_at(0), row.text_at(1), row.text_at(2), row.text_at(3), row.number_at(4)};
+                const auto id = owned_id(row.text_at(0)), geometry = owned_id(row.text_at(1));
+                if (!id || !geometry || id->tenant != geometry->tenant) return;
+                SetupRecord record{id->id,           geometry->id,      row.text_at(2), row.text_at(3),
+                                   row.number_at(4), Integrity::intact, id->tenant};
                 const bool whole = checked ? checksum(record) == row.text_at(5) : is_plausible(record);
-                if (whole) setups.emplace(record.id, std::move(record));
+                if (whole) setups.emplace(*id, std::move(record));
               });
     read_rows(db.get(), "SELECT number, entry FROM intents", [&](const sqlite::Statement& row) {
       Intent intent = decode_intent(row.text_at(1));

@@ -7,9 +7,12 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <map>
 #include <set>
+#include <utility>
 
 #include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "server/store/catalog_rebuild.h"
 #include "server/store/catalog_records.h"
 #include "server/store/file.h"
@@ -24,7 +27,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t all = static_cast<std::size_t>(INT64_MAX);
 constexpr const char* folders[] = {"geometries", "names", "setups"};
 
 void say(StoreReport& report, const std::string& line) { report.lines.push_back(line); }
@@ -52,9 +54,20 @@ bool is_empty_or_missing(const fs::path& file) {
   return error || size == 0;
 }
 
+std::set<std::string> keys_of(const std::vector<OwnedId>& ids) {
+  std::set<std::string> keys;
+  for (const auto& id : ids) keys.insert(key_of(id));
+  return keys;
+}
+
+/// Of a geometry or system, with its tenant unless that is the default one.
+std::string named(const char* what, const OwnedId& id) {
+  return std::string(what) + " " + id.id + (id.tenant == default_tenant ? "" : " of tenant " + id.tenant);
+}
+
 /// Files of a folder that no row names, which the next start would look at.
-void check_strangers(StoreReport& report, const fs::path& folder, const std::vector<std::string>& ids) {
-  const std::set<std::string> known(ids.begin(), ids.end());
+void check_strangers(StoreReport& report, const fs::path& folder, const std::vector<OwnedId>& ids) {
+  const std::set<std::string> known = keys_of(ids);
   for (const auto& entry : fs::directory_iterator(folder)) {
     if (known.count(entry.path().filename().string()) == 0) {
       complain(report, entry.path().string() + ": not in the catalog; the next start adopts it or moves it to unclaimed/");
@@ -62,11 +75,20 @@ void check_strangers(StoreReport& report, const fs::path& folder, const std::vec
   }
 }
 
+/// What one file was copied to: the bytes that tenants share are copied once and linked again.
+using Copies = std::map<std::pair<dev_t, ino_t>, fs::path>;
+
 /// A link where it can go, else a copy.
-void link_or_copy(const fs::path& from, const fs::path& to) {
+void link_or_copy(const fs::path& from, const fs::path& to, Copies& copies) {
   if (::link(from.c_str(), to.c_str()) == 0) return;
   if (errno == ENOENT) throw Error(ErrorCode::not_found, from.string() + ": is gone");
   if (errno == EEXIST) return;  // linked by an earlier round
+  struct stat about {};
+  if (::stat(from.c_str(), &about) != 0) fail_on("look at", from);
+  if (about.st_nlink > 1) {
+    const auto [known, fresh] = copies.try_emplace({about.st_dev, about.st_ino}, to);
+    if (!fresh && ::link(known->second.c_str(), to.c_str()) == 0) return;
+  }
   const File source(from, O_RDONLY);
   const File target(to, O_WRONLY | O_CREAT | O_EXCL);
   std::string buffer(std::size_t{1} << 20, '\0');
@@ -75,11 +97,12 @@ void link_or_copy(const fs::path& from, const fs::path& to) {
 
 /// Every file of the three folders that is there now. One that a server removes meanwhile is left out.
 void take_files(const fs::path& from, const fs::path& to) {
+  Copies copies;
   for (const char* folder : folders) {
     for (const auto& entry : fs::directory_iterator(from / folder)) {
-      if (!is_full_id(entry.path().filename().string())) continue;
+      if (!owned_id(entry.path().filename().string())) continue;
       try {
-        link_or_copy(entry.path(), to / folder / entry.path().filename());
+        link_or_copy(entry.path(), to / folder / entry.path().filename(), copies);
       } catch (const Error& error) {
         if (error.code() != ErrorCode::not_found && fs::exists(entry.path())) throw;
         std::error_code ignored;
@@ -89,20 +112,30 @@ void take_files(const fs::path& from, const fs::path& to) {
   }
 }
 
+/// Who has how much, where there is more than the default tenant.
+void say_amounts(StoreReport& report, Catalog& catalog) {
+  const auto amounts = catalog.amounts();
+  if (amounts.empty() || (amounts.size() == 1 && amounts.begin()->first == default_tenant)) return;
+  for (const auto& [tenant, amount] : amounts) {
+    say(report, "tenant " + tenant + ": " + counted(amount.geometries, "geometries, ") + counted(amount.setups, "setups, ") +
+                    mebibytes(amount.bytes));
+  }
+}
+
 struct Ids {
-  std::vector<std::string> geometries, setups;
+  std::vector<OwnedId> geometries, setups;
 };
 
 Ids ids_of(const fs::path& catalog) {
   const auto opened = open_sqlite_catalog(catalog);
-  return {opened->geometry_ids("", all), opened->setup_ids("", all)};
+  return {opened->all_geometries(), opened->all_setups()};
 }
 
 /// Files of rows that are not there.
 std::set<fs::path> missing(const fs::path& root, const Ids& ids) {
   std::set<fs::path> found;
-  const auto look = [&](const char* folder, const std::vector<std::string>& names) {
-    for (const auto& name : names) {
+  const auto look = [&](const char* folder, const std::vector<OwnedId>& owned) {
+    for (const auto& name : keys_of(owned)) {
       if (!fs::exists(root / folder / name)) found.insert(root / folder / name);
     }
   };
@@ -114,8 +147,7 @@ std::set<fs::path> missing(const fs::path& root, const Ids& ids) {
 
 /// Files of what was deleted or not yet registered when the catalog was copied. All here was made by this process.
 void drop_others(const fs::path& to, const Ids& ids) {
-  const std::set<std::string> geometries(ids.geometries.begin(), ids.geometries.end()),
-      setups(ids.setups.begin(), ids.setups.end());
+  const std::set<std::string> geometries = keys_of(ids.geometries), setups = keys_of(ids.setups);
   for (const char* folder : folders) {
     const auto& known = std::string(folder) == "setups" ? setups : geometries;
     for (const auto& entry : fs::directory_iterator(to / folder)) {
@@ -163,7 +195,8 @@ StoreReport copy_store(const fs::path& from, const fs::path& to) {
   StoreReport report;
   say(report, counted(ids.geometries.size(), "geometries, ") + counted(ids.setups.size(), "setups"));
   for (const auto& id : ids.geometries) {
-    if (!fs::exists(to / "geometries" / id)) complain(report, "geometry " + id + ": its file is missing in " + from.string());
+    if (!fs::exists(to / "geometries" / key_of(id)))
+      complain(report, named("geometry", id) + ": its file is missing in " + from.string());
   }
   return report;
 }
@@ -197,15 +230,17 @@ StoreReport check_store(const fs::path& data_dir) {
       return report;
     }
     for (const auto& record : damaged.geometries)
-      complain(report, "geometry " + record.id + ": its entry in the catalog is damaged");
-    for (const auto& record : damaged.setups) complain(report, "system " + record.id + ": its entry in the catalog is damaged");
-    const auto geometries = catalog->geometry_ids("", all), setups = catalog->setup_ids("", all);
+      complain(report, named("geometry", owned(record)) + ": its entry in the catalog is damaged");
+    for (const auto& record : damaged.setups)
+      complain(report, named("system", owned(record)) + ": its entry in the catalog is damaged");
+    const auto geometries = catalog->all_geometries(), setups = catalog->all_setups();
     for (const auto& id : geometries) {
-      check_one(report, "geometry " + id, [&] { read_geometry_file(directory.geometries() / id, id).validate(); });
-      check_one(report, "geometry " + id, [&] { read_geometry_record(directory.names() / id, id); });
+      const std::string key = key_of(id);
+      check_one(report, named("geometry", id), [&] { read_geometry_file(directory.geometries() / key, id.id).validate(); });
+      check_one(report, named("geometry", id), [&] { read_geometry_record(directory.names() / key, id); });
     }
     for (const auto& id : setups) {
-      check_one(report, "system " + id, [&] { verify(read_setup_record(directory.setups() / id, id)); });
+      check_one(report, named("system", id), [&] { verify(read_setup_record(directory.setups() / key_of(id), id)); });
     }
     check_strangers(report, directory.geometries(), geometries);
     check_strangers(report, directory.names(), geometries);
@@ -216,6 +251,7 @@ StoreReport check_store(const fs::path& data_dir) {
                     counted(count_entries(directory.unclaimed()), "in unclaimed/"));
     say(report, counted(geometries.size(), "geometries, ") + counted(setups.size(), "setups: ") +
                     (report.outcome == StoreReport::Outcome::well ? "every file is whole" : "see above"));
+    say_amounts(report, *catalog);
     return report;
   });
 }
@@ -229,6 +265,7 @@ StoreReport rebuild_store(const fs::path& data_dir) {
     if (!done.set_aside.empty()) say(report, "the catalog is kept as " + done.set_aside);
     const Catalog::Counts counts = opened.catalog->counts();
     say(report, counted(counts.geometries, "geometries, ") + counted(counts.setups, "setups are in the new one"));
+    say_amounts(report, *opened.catalog);
     if (done.unclaimed > 0) complain(report, counted(done.unclaimed, "files were nothing of this store's and are in unclaimed/"));
     if (done.damaged > 0) complain(report, counted(done.damaged, "files were damaged and are in damaged/"));
     if (done.missing > 0) complain(report, counted(done.missing, "geometries have no file; register them again"));

@@ -25,7 +25,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* mark_name = "deformd-store";
-constexpr const char* mark_text = "deformd store, format 2\n";
+/// Format 3 has tenants in the names of files, which a server of format 2 would take for a stranger's.
+constexpr const char* mark_text = "deformd store, format 3\n";
+constexpr const char* mark_of_2 = "deformd store, format 2\n";  // the files of the default tenant alone: a format 3 as it stands
 /// Of the file systems themselves, of a mark that was not finished, and the lock, which is made before the mark.
 constexpr std::array nothing_of_anybody = {"lost+found", "deformd-store.part", "lock"};
 constexpr std::array layout = {"lock",    "geometries", "names",   "setups",     "tmp",
@@ -35,7 +37,7 @@ constexpr std::array layout = {"lock",    "geometries", "names",   "setups",    
 bool has_a_geometry(const fs::path& root) {
   const fs::path folder = root / "geometries";
   return fs::is_directory(folder) && std::any_of(fs::directory_iterator(folder), fs::directory_iterator(), [](const auto& entry) {
-           return is_full_id(entry.path().filename().string()) && fs::is_regular_file(entry.symlink_status());
+           return owned_id(entry.path().filename().string()) && fs::is_regular_file(entry.symlink_status());
          });
 }
 
@@ -71,7 +73,7 @@ void examine(const fs::path& root, StoreDirectory::Accept accept) {
   if (!fs::exists(root) && accept != StoreDirectory::Accept::existing) return;
   if (has_mark(root)) {
     const std::string text = content(root / mark_name);
-    if (text == mark_text) return;
+    if (text == mark_text || text == mark_of_2) return;
     throw Error(ErrorCode::failed_precondition, "store: " + root.string() + " is of another version (\"" +
                                                     text.substr(0, text.find('\n')) + "\"), this server knows \"" +
                                                     std::string(mark_text, std::strlen(mark_text) - 1) + "\"");
@@ -125,6 +127,8 @@ StoreDirectory::StoreDirectory(const fs::path& root, Accept accept) : root_(root
       }
       write_mark(root);
       spdlog::info("store: {} is now a store of deformd", root.string());
+    } else if (content(root / mark_name) == mark_of_2) {
+      write_mark(root);  // before the catalog is changed, which an older server would not understand
     }
     for (const fs::path& folder : {geometries(), names(), setups(), tmp(), damaged(), unclaimed()}) make_folder(folder);
     sync_directory(root);
@@ -139,12 +143,16 @@ StoreDirectory::StoreDirectory(const fs::path& root, Accept accept) : root_(root
 
 StoreDirectory::~StoreDirectory() { ::close(lock_descriptor_); }
 
-fs::path StoreDirectory::temporary(const std::string& id, std::int64_t intent) const {
-  return tmp() / (id + "." + std::to_string(intent));
+fs::path StoreDirectory::temporary(const std::string& key, std::int64_t intent) const {
+  return tmp() / (key + "." + std::to_string(intent));
 }
 
-fs::path StoreDirectory::temporary_record(const std::string& id, std::int64_t intent) const {
-  return tmp() / (id + "." + std::to_string(intent) + ".record");
+fs::path StoreDirectory::temporary_link(const std::string& key, std::int64_t intent) const {
+  return tmp() / (key + "." + std::to_string(intent) + ".link");
+}
+
+fs::path StoreDirectory::temporary_record(const std::string& key, std::int64_t intent) const {
+  return tmp() / (key + "." + std::to_string(intent) + ".record");
 }
 
 fs::path StoreDirectory::set_aside(const fs::path& file, const fs::path& shelf) const {

@@ -36,9 +36,11 @@ class StoreDirectory {
   std::filesystem::path damaged() const { return root_ / "damaged"; }
   std::filesystem::path unclaimed() const { return root_ / "unclaimed"; }
 
-  /// In tmp/, of the intent with that number: the content of a geometry, and the record of a geometry or setup.
-  std::filesystem::path temporary(const std::string& id, std::int64_t intent) const;
-  std::filesystem::path temporary_record(const std::string& id, std::int64_t intent) const;
+  /// In tmp/, of the intent with that number and the key of its entry: the content of a geometry, a further link to it, and the
+  /// record of a geometry or setup.
+  std::filesystem::path temporary(const std::string& key, std::int64_t intent) const;
+  std::filesystem::path temporary_link(const std::string& key, std::int64_t intent) const;
+  std::filesystem::path temporary_record(const std::string& key, std::int64_t intent) const;
 
   /// Puts files aside for good, under a name that nothing has yet; returns the new path. `shelf` is damaged() or unclaimed().
   std::filesystem::path set_aside(const std::filesystem::path& file, const std::filesystem::path& shelf) const;

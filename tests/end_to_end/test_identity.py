@@ -193,7 +193,7 @@ class Identity(EndToEnd):
         self.assertEqual(self.fails(1, "--ca", "test-ca.pem", "status", "--json").json["error"]["code"], "UNAUTHENTICATED")
         self.deform(*says("ben"), "apply", "setup.yaml", "--set", "roof_up=0.02", "-o", "out.obj")
         geometry = self.deform(*says("ada"), "list", "geometries", "--json").json["geometries"][0]["id"]
-        self.fails(1, *says("ben"), "remove", geometry, "--with-setups", says=["DeleteGeometry needs the role operator"])
+        self.fails(1, *says("ben"), "remove", geometry, "--with-setups", says=["DeleteGeometry needs the role owner"])
         self.deform(*says("cleo"), "remove", geometry, "--with-setups")
         self.write("wrong.token", "not a known token")
         self.fails(1, *says("wrong"), "status", says=["wrong.token", "one token was expected"])
@@ -207,6 +207,77 @@ class Identity(EndToEnd):
         log = self.server.log_text()
         self.assertIn("identity=ben", log)
         self.assertNotIn("secret-of-this-test", log)
+
+    def tenants(self, *quotas):
+        """Starts a server for ada of acme, bob of b-corp and carl of nobody in particular; returns how each calls."""
+        owners = {"ada": " tenant=acme", "bob": " tenant=b-corp", "carl": ""}
+        self.identities = "".join(f"{name} owner {self.token(name)}{tenant}\n" for name, tenant in owners.items())
+        self.write("identities", self.identities + "".join(f"{line}\n" for line in quotas))
+        self.start_server(*self.tls, "--identities", "identities")
+        return [["--ca", "test-ca.pem", "--token-file", f"{name}.token"] for name in owners]
+
+    def ids(self, who):
+        return {kind: [entry["id"] for entry in self.deform(*who, "list", kind, "--json").json[kind]] for kind in ("geometries", "systems")}
+
+    def test_tenants(self):
+        self.deform("sample", "-o", "ahmed.obj", "--points", 2000)
+        self.write("setup.yaml", AHMED_SETUP)
+        ada, bob, carl = self.tenants()
+        self.deform(*ada, "prepare", "setup.yaml")
+        of_ada = self.ids(ada)
+        self.assertEqual([len(ids) for ids in of_ada.values()], [1, 1])
+        geometry, system = of_ada["geometries"][0], of_ada["systems"][0]
+        nobody = "0" * 64
+        for who in (bob, carl):
+            self.assertEqual(self.ids(who), {"geometries": [], "systems": []})
+            status = self.deform(*who, "status", "--json").json
+            self.assertEqual((status["geometries"], status["setups"]), (0, 0))
+            for what in (geometry, system, geometry[:12]):
+                known = self.fails(1, *who, "remove", what, "--with-setups")
+                unknown = self.fails(1, *who, "remove", nobody[:len(what)], "--with-setups")
+                self.assertEqual(known.err.replace(what, "ID"), unknown.err.replace(nobody[:len(what)], "ID"))
+        # The same content, registered by another in full: one copy on the disk, and each its own.
+        self.deform(*bob, "apply", "setup.yaml", "--set", "roof_up=0.02", "-o", "bob.obj")
+        self.deform(*ada, "apply", "setup.yaml", "--set", "roof_up=0.02", "-o", "ada.obj")
+        with open(self.path("ada.obj"), "rb") as one, open(self.path("bob.obj"), "rb") as other:
+            self.assertEqual(one.read(), other.read())
+        self.assertEqual(self.ids(bob), of_ada)
+        files = [os.path.join(self.server.data, "geometries", f"{geometry}.{tenant}") for tenant in ("acme", "b-corp")]
+        self.assertTrue(os.path.samefile(*files))
+        self.assertRegex(self.server.log_text(), r" identity=bob tenant=b-corp ")
+        # Killed and without its catalog, the server knows whose everything is.
+        self.server.kill()
+        for file in os.listdir(self.server.data):
+            if file.startswith("catalog.sqlite"):
+                os.remove(os.path.join(self.server.data, file))
+        self.server.start()
+        self.assertEqual((self.ids(ada), self.ids(bob)), (of_ada, of_ada))
+        self.assertEqual(self.ids(carl), {"geometries": [], "systems": []})
+        self.deform(*ada, "remove", geometry, "--with-setups")
+        self.assertEqual(self.ids(ada), {"geometries": [], "systems": []})
+        self.assertEqual([os.path.exists(file) for file in files], [False, True])
+        self.deform(*bob, "apply", "setup.yaml", "--set", "roof_up=0.02", "-o", "again.obj")
+        with open(self.path("again.obj"), "rb") as one, open(self.path("bob.obj"), "rb") as other:
+            self.assertEqual(one.read(), other.read())
+
+    def test_quotas(self):
+        self.write("setup.yaml", AHMED_SETUP)
+        ada, bob, _ = self.tenants("tenant:acme geometries=1", "tenant:* stored-bytes=1GiB")
+        for name, points in (("ahmed.obj", 2000), ("other.obj", 2500)):
+            self.deform("sample", "-o", name, "--points", points)
+        self.deform(*ada, "register", "ahmed.obj")
+        self.deform(*ada, "register", "ahmed.obj")
+        refused = self.fails(1, *ada, "register", "other.obj", "--json")
+        self.assertEqual(refused.json["error"]["code"], "RESOURCE_EXHAUSTED")
+        self.assertIn("quota geometries of tenant \"acme\": 1 are registered, the limit is 1", refused.json["error"]["message"])
+        for name in ("ahmed.obj", "other.obj"):
+            self.deform(*bob, "register", name)
+        # Reread: within two seconds other limits are in force.
+        self.write("identities", self.identities + "tenant:acme geometries=2\ntenant:b-corp requests-per-second=1\n")
+        self.wait_until(lambda: self.deform(*ada, "register", "other.obj", expect=None).code == 0, "there is room for two")
+        # The client waits as long as it is told to.
+        for _ in range(4):
+            self.deform(*bob, "list", "geometries")
 
     def test_certificates_that_nobody_can_show_are_warned_of(self):
         self.write("identities", f"ada reader {self.token('ada')}\nsolver user certificate:solver.example.org\n")

@@ -19,12 +19,12 @@ using grpc::StatusCode;
 using support::eventually;
 
 /// The lowest role that may call, by what the method does: seeing is for readers, what computes or adds is for users, what takes
-/// away from others is for operators.
+/// away from others of the tenant is for owners.
 const std::map<std::string, std::string> lowest_role = {
-    {"RegisterGeometry", "user"}, {"GetGeometry", "reader"}, {"ListGeometries", "reader"},  {"DeleteGeometry", "operator"},
-    {"GetPoints", "reader"},      {"Detect", "user"},        {"Estimate", "user"},          {"Prepare", "user"},
-    {"GetSystem", "reader"},      {"ListSystems", "reader"}, {"ReleaseSystem", "operator"}, {"Deform", "user"},
-    {"DeformStream", "user"},     {"Evaluate", "user"},      {"JacobianVector", "user"},    {"VectorJacobian", "user"},
+    {"RegisterGeometry", "user"}, {"GetGeometry", "reader"}, {"ListGeometries", "reader"}, {"DeleteGeometry", "owner"},
+    {"GetPoints", "reader"},      {"Detect", "user"},        {"Estimate", "user"},         {"Prepare", "user"},
+    {"GetSystem", "reader"},      {"ListSystems", "reader"}, {"ReleaseSystem", "owner"},   {"Deform", "user"},
+    {"DeformStream", "user"},     {"Evaluate", "user"},      {"JacobianVector", "user"},   {"VectorJacobian", "user"},
     {"GetServerInfo", "reader"},  {"GetBasis", "user"},
 };
 
@@ -68,6 +68,7 @@ class RolesAndMethods : public ServiceFixture {
       void* tag = nullptr;
       bool ok = false;
       queue.Next(&tag, &ok);
+      return ok;
     };
     const auto stream = generic.PrepareCall(&context, "/deform.v1.DeformService/" + method, &queue);
     stream->StartCall(nullptr);
@@ -75,6 +76,10 @@ class RolesAndMethods : public ServiceFixture {
     const grpc::Slice bytes(message);
     stream->WriteLast(grpc::ByteBuffer(&bytes, 1), {}, nullptr);
     wait();
+    grpc::ByteBuffer reply;
+    do {
+      stream->Read(&reply, nullptr);  // the status comes after the last reply was read
+    } while (wait());
     grpc::Status status;
     stream->Finish(&status, nullptr);
     wait();
@@ -83,10 +88,12 @@ class RolesAndMethods : public ServiceFixture {
   grpc::Status call_as(const std::string& role, const std::string& method) {
     return call(method, {{"authorization", "Bearer " + role + "-token"}});
   }
-  static std::string line(const std::string& name, const std::string& role) {
-    return name + " " + role + " sha256:" + hash_of(name + "-token") + "\n";
+  static std::string line(const std::string& name, const std::string& role, const std::string& more = "") {
+    return name + " " + role + " sha256:" + hash_of(name + "-token") + " " + more + "\n";
   }
-  static std::string everybody() { return line("reader", "reader") + line("user", "user") + line("operator", "operator"); }
+  static std::string everybody() {
+    return line("reader", "reader") + line("user", "user") + line("owner", "owner") + line("operator", "operator");
+  }
 
   support::TemporaryFolder folder;
   const std::filesystem::path file = folder.path() / "identities";
@@ -94,7 +101,7 @@ class RolesAndMethods : public ServiceFixture {
 
 TEST_P(RolesAndMethods, EveryMethodIsRefusedWithoutItsRole) {
   start_with(everybody());
-  const std::map<std::string, int> ranks = {{"reader", 0}, {"user", 1}, {"operator", 2}};
+  const std::map<std::string, int> ranks = {{"reader", 0}, {"user", 1}, {"owner", 2}, {"operator", 3}};
   for (const std::string& method : methods_of_the_contract()) {
     SCOPED_TRACE(method);
     ASSERT_EQ(lowest_role.count(method), 1u) << "say here, too, who may call it";
@@ -205,6 +212,140 @@ TEST_P(RolesAndMethods, AChangeOfTheFileReachesNewCallsAndOpenStreams) {
   while (stream->Read(&reply)) {
   }
   EXPECT_THAT(stream->Finish(), EndedWith(StatusCode::PERMISSION_DENIED)) << "the open stream takes no more requests";
+}
+
+// ---- tenants and quotas ----
+
+/// The shortest message with which each method reaches the engine.
+std::string message_for(const std::string& method) {
+  if (method == "RegisterGeometry") {
+    v1::RegisterGeometryRequest request;
+    request.mutable_header();
+    return request.SerializeAsString();
+  }
+  if (method == "DeformStream") {
+    v1::DeformStreamRequest request;
+    request.set_request_id(1);
+    request.mutable_request();
+    return request.SerializeAsString();
+  }
+  if (method == "Evaluate") {
+    v1::EvaluateRequest request;
+    request.mutable_header();
+    return request.SerializeAsString();
+  }
+  if (method == "VectorJacobian") {
+    v1::VectorJacobianRequest request;
+    request.mutable_header();
+    return request.SerializeAsString();
+  }
+  return "";
+}
+
+TEST_P(RolesAndMethods, EveryMethodReachesTheEngineForTheTenantOfItsCaller) {
+  engine.on_job = [](support::FakeJob& job) { job.end(); };
+  engine.on_prepare = [](const auto&, const auto&, auto, auto on_done) { on_done({}); };
+  engine.on_detect = [](const auto&, const auto&, auto on_done) { on_done({}); };
+  engine.on_get_basis = [](const auto&, const auto&, auto on_done) { on_done({}); };
+  engine.on_vector_jacobian = [](auto, const auto&, auto on_done) { on_done({}); };
+  start_with(line("a", "operator", "tenant=acme") + line("b", "operator", "tenant=b") + line("d", "operator"));
+  for (const std::string& method : methods_of_the_contract()) {
+    for (const auto& [name, tenant] : {std::pair{"a", "acme"}, {"b", "b"}, {"d", "default"}}) {
+      const std::size_t before = engine.tenants().size();
+      call(method, {{"authorization", std::string("Bearer ") + name + "-token"}}, message_for(method));
+      const auto seen = engine.tenants();
+      ASSERT_GT(seen.size(), before) << method << " never came to the engine";
+      for (std::size_t i = before; i < seen.size(); ++i) EXPECT_EQ(seen[i], tenant) << method;
+    }
+  }
+}
+
+TEST_P(RolesAndMethods, ServerInfoCountsWhatTheTenantHas) {
+  start_with(line("a", "reader", "tenant=acme"));
+  grpc::ClientContext context;
+  context.AddMetadata("authorization", "Bearer a-token");
+  v1::ServerInfo info;
+  EXPECT_THAT(stub->GetServerInfo(&context, {}, &info), EndedWith(StatusCode::OK));
+  EXPECT_EQ(info.geometries(), std::string("acme").size());  // as the fake engine has it
+  EXPECT_EQ(info.setups(), 2u);
+}
+
+TEST_P(RolesAndMethods, AStreamEndsWhenItsCallerBecomesOfAnotherTenant) {
+  start_with(line("a", "user", "tenant=acme"));
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(60));
+  context.AddMetadata("authorization", "Bearer a-token");
+  const auto stream = stub->DeformStream(&context);
+  v1::DeformStreamRequest request;
+  request.set_request_id(1);
+  request.mutable_request();
+  ASSERT_TRUE(stream->Write(request));
+  EXPECT_EQ(engine.job(0)->call().tenant, "acme");
+  engine.job(0)->push_block(1);
+  v1::DeformReply reply;
+  EXPECT_TRUE(stream->Read(&reply));
+  write(file, line("a", "user", "tenant=b") + line("new", "reader"));
+  ASSERT_TRUE(eventually([&] { return call_as("new", "GetServerInfo").error_code() == StatusCode::INVALID_ARGUMENT; }));
+  request.set_request_id(2);
+  stream->Write(request);
+  while (stream->Read(&reply)) {
+  }
+  EXPECT_THAT(stream->Finish(), EndedWith(StatusCode::UNAUTHENTICATED));
+  EXPECT_EQ(engine.job_count(), 1u);
+}
+
+TEST_P(RolesAndMethods, RequestsBeyondTheRateOfATenantAreRefusedWithAHint) {
+  start_with(line("a", "reader", "tenant=acme") + line("a2", "reader", "tenant=acme") + line("b", "reader", "tenant=b") +
+             "tenant:acme requests-per-second=2\n");
+  const auto info_as = [&](const std::string& name, std::string& hint) {
+    grpc::ClientContext context;
+    context.AddMetadata("authorization", "Bearer " + name + "-token");
+    v1::ServerInfo info;
+    grpc::Status status = stub->GetServerInfo(&context, {}, &info);
+    hint = retry_hint(context);
+    return status;
+  };
+  std::string hint;
+  int refused = 0;
+  for (int i = 0; i < 6; ++i) {
+    const grpc::Status status = info_as(i % 2 == 0 ? "a" : "a2", hint);
+    if (status.ok()) continue;
+    ++refused;
+    EXPECT_THAT(status, EndedWith(StatusCode::RESOURCE_EXHAUSTED));
+    EXPECT_NE(status.error_message().find("quota requests-per-second of tenant \"acme\""), std::string::npos)
+        << status.error_message();
+    EXPECT_GT(std::atoi(hint.c_str()), 0);
+    EXPECT_LE(std::atoi(hint.c_str()), 500);
+  }
+  EXPECT_GE(refused, 2);
+  for (int i = 0; i < 6; ++i) EXPECT_THAT(info_as("b", hint), EndedWith(StatusCode::OK));
+}
+
+TEST_P(RolesAndMethods, RequestsOfAStreamCountAndAChangedQuotaReachesIt) {
+  engine.on_job = [](support::FakeJob& job) { job.end(); };
+  start_with(line("a", "user", "tenant=acme") + "tenant:acme calls=7\n");
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(60));
+  context.AddMetadata("authorization", "Bearer a-token");
+  const auto stream = stub->DeformStream(&context);
+  v1::DeformStreamRequest request;
+  request.set_request_id(1);
+  request.mutable_request();
+  ASSERT_TRUE(stream->Write(request));
+  EXPECT_EQ(engine.job(0)->call().quota.calls, 7u);
+  write(file, line("a", "user", "tenant=acme") + line("new", "reader") + "tenant:acme calls=8 requests-per-second=1\n");
+  ASSERT_TRUE(eventually([&] { return call_as("new", "GetServerInfo").error_code() == StatusCode::INVALID_ARGUMENT; }));
+  int refused = 0;
+  v1::DeformReply reply;
+  for (std::uint64_t id = 2; id < 12; ++id) {
+    request.set_request_id(id);
+    ASSERT_TRUE(stream->Write(request));
+  }
+  stream->WritesDone();
+  while (stream->Read(&reply)) refused += reply.has_error() && reply.error().retry_after_ms() > 0;
+  EXPECT_THAT(stream->Finish(), EndedWith(StatusCode::OK)) << "the stream goes on";
+  EXPECT_GE(refused, 5);
+  EXPECT_EQ(engine.job(1)->call().quota.calls, 8u);
 }
 
 TEST_P(RolesAndMethods, ABrokenFileLeavesTheOneBeforeInForce) {

@@ -107,7 +107,7 @@ TEST_F(EngineCompiledTest, a_system_that_was_released_is_prepared_again) {
   v1::ReleaseSystemRequest release;
   release.set_id(system.id());
   for (int i = 0; i < 1000 && engine->info().running() != 0; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(5));
-  EXPECT_GT(engine->release_system(release).bytes_released(), 0u);
+  EXPECT_GT(engine->release_system(release, {}).bytes_released(), 0u);
   EXPECT_EQ(bytes_of(*get_basis(system.id().substr(0, 12))), bytes);
 }
 

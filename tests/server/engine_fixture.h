@@ -66,7 +66,7 @@ class EngineFixture : public testing::Test {
   DeformedDesigns deform(const v1::DeformRequest& request, const CallContext& call = {}) {
     Doorbell bell;
     const auto job = engine->deform(request, 0, call, bell.ring());
-    return collect(*job, bell);
+    return collect(*job, bell, call);
   }
   DeformedDesigns jacobian_vector(const v1::JacobianVectorRequest& request) {
     Doorbell bell;
@@ -166,7 +166,7 @@ class EngineFixture : public testing::Test {
   };
 
  private:
-  DeformedDesigns collect(DeformJob& job, Doorbell& bell) {
+  DeformedDesigns collect(DeformJob& job, Doorbell& bell, const CallContext& call = {}) {
     DeformedDesigns deformed;
     std::shared_ptr<const Points> registered;
     std::vector<std::vector<std::uint64_t>> checksums;
@@ -178,7 +178,7 @@ class EngineFixture : public testing::Test {
         bell.wait();
       } else if (reply.has_header()) {
         deformed.header = reply.header();
-        registered = engine->get_points(reply.header().geometry_id());
+        registered = engine->get_points(reply.header().geometry_id(), call);
         deformed.points.assign(reply.header().designs(), Points(reply.header().points()));
         checksums.resize(reply.header().designs());
       } else if (reply.has_block()) {

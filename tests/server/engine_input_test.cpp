@@ -37,21 +37,21 @@ class EngineInputTest : public EngineFixture {
 
 TEST_F(EngineInputTest, ids_everywhere) {
   const std::vector<std::pair<const char*, std::function<void(const std::string&)>>> calls = {
-      {"get_geometry", [&](const std::string& id) { engine->get_geometry(id); }},
-      {"get_points", [&](const std::string& id) { engine->get_points(id); }},
+      {"get_geometry", [&](const std::string& id) { engine->get_geometry(id, {}); }},
+      {"get_points", [&](const std::string& id) { engine->get_points(id, {}); }},
       {"delete_geometry",
        [&](const std::string& id) {
          v1::DeleteGeometryRequest request;
          request.set_id(id);
-         engine->delete_geometry(request);
+         engine->delete_geometry(request, {});
        }},
-      {"get_system", [&](const std::string& id) { engine->get_system(id); }},
+      {"get_system", [&](const std::string& id) { engine->get_system(id, {}); }},
       {"release_system",
        [&](const std::string& id) {
          v1::ReleaseSystemRequest request;
          request.set_id(id);
          request.set_forget(true);
-         engine->release_system(request);
+         engine->release_system(request, {});
        }},
       {"deform",
        [&](const std::string& id) {

@@ -67,7 +67,7 @@ TEST_F(EngineLoadTest, memory_of_released_systems_goes_back_to_the_system) {
     for (const std::string& system : prepared) {
       v1::ReleaseSystemRequest release;
       release.set_id(system);
-      released += engine->release_system(release).bytes_released();
+      released += engine->release_system(release, {}).bytes_released();
     }
     EXPECT_GT(released, 90 * mebibyte);
     return full;
@@ -82,7 +82,7 @@ TEST_F(EngineLoadTest, memory_of_released_systems_goes_back_to_the_system) {
 
 TEST_F(EngineLoadTest, more_systems_than_the_cache_holds) {
   prepare_all();
-  options.cache_budget = engine->get_system(systems[0]).bytes() * 5 / 2;
+  options.cache_budget = engine->get_system(systems[0], {}).bytes() * 5 / 2;
   reopen();
   std::atomic<int> wrong{0};
   in_parallel([&](int c) {
@@ -172,14 +172,14 @@ TEST_F(EngineLoadTest, memory_charged_comes_back) {
   for (const auto& id : systems) {
     v1::ReleaseSystemRequest release;
     release.set_id(id);
-    engine->release_system(release);
+    engine->release_system(release, {});
   }
-  const v1::ListGeometriesReply geometries = engine->list_geometries({});
+  const v1::ListGeometriesReply geometries = engine->list_geometries({}, {});
   for (const auto& info : geometries.geometries()) {
     v1::DeleteGeometryRequest remove;
     remove.set_id(info.id());
     remove.set_with_setups(true);
-    engine->delete_geometry(remove);
+    engine->delete_geometry(remove, {});
   }
   EXPECT_TRUE(eventually([&] { return engine->info().memory_in_use() == 0; })) << engine->info().memory_in_use();
 }

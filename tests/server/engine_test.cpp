@@ -159,13 +159,13 @@ TEST_F(EngineTest, preparing_reports_progress_and_the_system) {
 TEST_F(EngineTest, everything_survives_a_restart_and_is_prepared_again_by_itself) {
   const Points before = deform(request_for(system.id(), {{0.3, -0.2}})).points[0];
   reopen();
-  EXPECT_FALSE(engine->get_system(system.id()).resident());
-  EXPECT_EQ(engine->list_geometries({}).geometries_size(), 1);
+  EXPECT_FALSE(engine->get_system(system.id(), {}).resident());
+  EXPECT_EQ(engine->list_geometries({}, {}).geometries_size(), 1);
   const DeformedDesigns after = deform(request_for(system.id(), {{0.3, -0.2}}));
   EXPECT_TRUE(after.summary.prepared_again());
   EXPECT_GT(after.summary.prepare_ms(), 0);
   EXPECT_EQ(largest_difference(after.points[0], before), 0);
-  EXPECT_TRUE(engine->get_system(system.id()).resident());
+  EXPECT_TRUE(engine->get_system(system.id(), {}).resident());
   EXPECT_FALSE(deform(request_for(system.id(), {{0.3, -0.2}})).summary.prepared_again());
 }
 
@@ -187,21 +187,21 @@ TEST_F(EngineTest, releasing_forgetting_deleting) {
   release.set_id(system.id().substr(0, 12));
   // The request that prepared it has only just ended.
   EXPECT_TRUE(eventually([&] { return engine->info().running() == 0; }));
-  EXPECT_EQ(engine->release_system(release).bytes_released(), system.bytes());
-  EXPECT_EQ(engine->release_system(release).bytes_released(), 0u);
-  EXPECT_FALSE(engine->get_system(system.id()).resident());
+  EXPECT_EQ(engine->release_system(release, {}).bytes_released(), system.bytes());
+  EXPECT_EQ(engine->release_system(release, {}).bytes_released(), 0u);
+  EXPECT_FALSE(engine->get_system(system.id(), {}).resident());
   EXPECT_TRUE(deform(request_for(system.id(), {{0, 0}})).summary.prepared_again());
   v1::DeleteGeometryRequest remove;
   remove.set_id(geometry.id());
-  expect_error(ErrorCode::failed_precondition, {"1 setups"}, [&] { engine->delete_geometry(remove); });
+  expect_error(ErrorCode::failed_precondition, {"1 setups"}, [&] { engine->delete_geometry(remove, {}); });
   release.set_forget(true);
-  engine->release_system(release);
-  expect_error(ErrorCode::not_found, {"unknown id"}, [&] { engine->get_system(system.id()); });
+  engine->release_system(release, {});
+  expect_error(ErrorCode::not_found, {"unknown id"}, [&] { engine->get_system(system.id(), {}); });
   expect_error(ErrorCode::not_found, {"unknown id"}, [&] { deform(request_for(system.id(), {{0, 0}})); });
   prepare(sheet_setup(geometry.id()));
   remove.set_with_setups(true);
-  EXPECT_EQ(engine->delete_geometry(remove).setups_deleted(), 1u);
-  expect_error(ErrorCode::not_found, {"unknown id"}, [&] { engine->get_points(geometry.id()); });
+  EXPECT_EQ(engine->delete_geometry(remove, {}).setups_deleted(), 1u);
+  expect_error(ErrorCode::not_found, {"unknown id"}, [&] { engine->get_points(geometry.id(), {}); });
   expect_error(ErrorCode::not_found, {"unknown id"}, [&] { deform(request_for(system.id(), {{0, 0}})); });
   EXPECT_TRUE(eventually([&] { return engine->info().memory_in_use() == 0; })) << engine->info().memory_in_use();
 }
@@ -209,19 +209,19 @@ TEST_F(EngineTest, releasing_forgetting_deleting) {
 TEST_F(EngineTest, listing_systems) {
   const v1::GeometryInfo other = register_mesh(sheet_mesh(10, 8));
   prepare(sheet_setup(other.id()));
-  EXPECT_EQ(engine->list_systems({}).systems_size(), 2);
+  EXPECT_EQ(engine->list_systems({}, {}).systems_size(), 2);
   v1::ListSystemsRequest request;
   request.set_geometry_id(other.id().substr(0, 9));
-  const v1::ListSystemsReply reply = engine->list_systems(request);
+  const v1::ListSystemsReply reply = engine->list_systems(request, {});
   ASSERT_EQ(reply.systems_size(), 1);
   EXPECT_EQ(reply.systems(0).geometry_id(), other.id());
   EXPECT_TRUE(reply.systems(0).resident());
   request.set_page_size(1);
   request.clear_geometry_id();
-  const v1::ListSystemsReply first = engine->list_systems(request);
+  const v1::ListSystemsReply first = engine->list_systems(request, {});
   request.set_page_token(first.next_page_token());
-  EXPECT_NE(engine->list_systems(request).systems(0).id(), first.systems(0).id());
-  EXPECT_EQ(engine->get_geometry(other.id()).setups(), 1u);
+  EXPECT_NE(engine->list_systems(request, {}).systems(0).id(), first.systems(0).id());
+  EXPECT_EQ(engine->get_geometry(other.id(), {}).setups(), 1u);
 }
 
 TEST_F(EngineTest, estimates_bound_what_is_used) {
@@ -274,7 +274,7 @@ TEST_F(EngineTest, registering_again_is_answered_at_once) {
   EXPECT_EQ(info.id(), geometry.id());
   EXPECT_EQ(info.setups(), 1u);
   EXPECT_TRUE(register_mesh(mesh).existed());
-  EXPECT_EQ(*engine->get_points(geometry.id()), mesh.points);
+  EXPECT_EQ(*engine->get_points(geometry.id(), {}), mesh.points);
 }
 
 TEST_F(EngineTest, an_upload_that_is_let_go_leaves_nothing) {
@@ -326,7 +326,7 @@ TEST_F(EngineTest, a_drained_engine_finishes_and_then_refuses) {
   expect_error(ErrorCode::unavailable, {"shutting down"}, [&] { deform(request_for(system.id(), {{0, 0}})); });
   expect_error(ErrorCode::unavailable, {"shutting down"}, [&] { prepare(sheet_setup(geometry.id())); });
   expect_error(ErrorCode::unavailable, {"shutting down"}, [&] { register_mesh(mesh); });
-  EXPECT_EQ(engine->get_geometry(geometry.id()).points(), mesh.point_count());
+  EXPECT_EQ(engine->get_geometry(geometry.id(), {}).points(), mesh.point_count());
   EXPECT_TRUE(engine->drain(std::chrono::seconds(60)));
 }
 

@@ -30,7 +30,7 @@ class GeometryStoreTest : public testing::Test {
   }
   std::string put(const Mesh& given, const std::string& name = "sheet") {
     const std::string id = mesh_id(given);
-    store->put(given, id, name);
+    store->put(given, own(id), name);
     return id;
   }
   void put_setup(const std::string& id, const std::string& geometry) {
@@ -56,7 +56,7 @@ class GeometryStoreTest : public testing::Test {
 TEST_F(GeometryStoreTest, what_was_put_comes_back_after_a_restart) {
   const std::string id = put(mesh, "wing.obj");
   reopen();
-  const Mesh back = store->load(id);
+  const Mesh back = store->load(own(id));
   EXPECT_EQ(back.points, mesh.points);
   EXPECT_EQ(back.face_sizes, mesh.face_sizes);
   EXPECT_EQ(back.face_points, mesh.face_points);
@@ -64,7 +64,7 @@ TEST_F(GeometryStoreTest, what_was_put_comes_back_after_a_restart) {
   EXPECT_EQ(back.groups[1].name, "right");
   EXPECT_EQ(back.groups[1].points, mesh.groups[1].points);
   EXPECT_EQ(back.groups[2].faces, mesh.groups[2].faces);
-  const v1::GeometryInfo info = store->info(id);
+  const v1::GeometryInfo info = store->info(own(id));
   EXPECT_EQ(info.name(), "wing.obj");
   EXPECT_EQ(info.points(), 200u);
   EXPECT_EQ(info.faces(), 19u * 9u);
@@ -78,13 +78,13 @@ TEST_F(GeometryStoreTest, points_only_is_a_geometry_too) {
   Mesh cloud;
   cloud.points = {{1, 2, 3}};
   const std::string id = put(cloud);
-  EXPECT_EQ(store->load(id).points, cloud.points);
+  EXPECT_EQ(store->load(own(id)).points, cloud.points);
 }
 
 TEST_F(GeometryStoreTest, putting_twice_costs_nothing_and_says_so) {
   const std::string id = mesh_id(mesh);
-  EXPECT_FALSE(store->put(mesh, id, "first").existed());
-  const v1::GeometryInfo again = store->put(mesh, id, "second");
+  EXPECT_FALSE(store->put(mesh, own(id), "first").existed());
+  const v1::GeometryInfo again = store->put(mesh, own(id), "second");
   EXPECT_TRUE(again.existed());
   EXPECT_EQ(again.name(), "first");
   EXPECT_EQ(store->catalog().counts().geometries, 1u);
@@ -104,19 +104,19 @@ TEST_F(GeometryStoreTest, leftovers_of_interrupted_uploads_are_collected) {
   reopen();
   EXPECT_TRUE(fs::is_empty(directory.path() / "tmp"));
   EXPECT_TRUE(fs::is_empty(directory.path() / "unclaimed"));
-  EXPECT_EQ(store->load(id).points, mesh.points);
-  EXPECT_EQ(store->list({}).geometries_size(), 1);
+  EXPECT_EQ(store->load(own(id)).points, mesh.points);
+  EXPECT_EQ(store->list(default_tenant, {}).geometries_size(), 1);
 }
 
 TEST_F(GeometryStoreTest, a_row_without_its_file_is_data_loss_and_healed_by_registering_again) {
   const std::string id = put(mesh);
   fs::remove(file(id));
   reopen();
-  EXPECT_FALSE(store->contains(id));
-  EXPECT_EQ(code_of([&] { store->load(id); }), ErrorCode::data_loss);
+  EXPECT_FALSE(store->contains(own(id)));
+  EXPECT_EQ(code_of([&] { store->load(own(id)); }), ErrorCode::data_loss);
   put(mesh);
-  EXPECT_EQ(store->load(id).points, mesh.points);
-  EXPECT_EQ(store->list({}).geometries_size(), 1);
+  EXPECT_EQ(store->load(own(id)).points, mesh.points);
+  EXPECT_EQ(store->list(default_tenant, {}).geometries_size(), 1);
 }
 
 TEST_F(GeometryStoreTest, every_damaged_byte_is_noticed) {
@@ -133,14 +133,14 @@ TEST_F(GeometryStoreTest, every_damaged_byte_is_noticed) {
     std::string bad = good;
     bad[i] = static_cast<char>(bad[i] ^ 0x41);
     write(file(id), bad);
-    EXPECT_EQ(code_of([&] { store->load(id); }), ErrorCode::data_loss) << "byte " << i;
+    EXPECT_EQ(code_of([&] { store->load(own(id)); }), ErrorCode::data_loss) << "byte " << i;
     write(file(id), bad.substr(0, i));
-    EXPECT_EQ(code_of([&] { store->load(id); }), ErrorCode::data_loss) << "truncated to " << i;
+    EXPECT_EQ(code_of([&] { store->load(own(id)); }), ErrorCode::data_loss) << "truncated to " << i;
   }
   write(file(id), good + "x");
-  EXPECT_EQ(code_of([&] { store->load(id); }), ErrorCode::data_loss);
+  EXPECT_EQ(code_of([&] { store->load(own(id)); }), ErrorCode::data_loss);
   put(small);  // the damaged file was set aside
-  EXPECT_EQ(store->load(id).points, small.points);
+  EXPECT_EQ(store->load(own(id)).points, small.points);
 }
 
 TEST_F(GeometryStoreTest, a_catalog_of_something_else_is_kept_and_replaced) {
@@ -148,7 +148,7 @@ TEST_F(GeometryStoreTest, a_catalog_of_something_else_is_kept_and_replaced) {
   store.reset();
   write(directory.path() / "catalog.sqlite", std::string(5000, 'x'));
   reopen();
-  EXPECT_EQ(store->info(id).name(), "wing.obj");
+  EXPECT_EQ(store->info(own(id)).name(), "wing.obj");
   std::ifstream in(directory.path() / "damaged" / "catalog.0" / "catalog.sqlite");
   EXPECT_EQ(std::string(std::istreambuf_iterator<char>(in), {}), std::string(5000, 'x'));
 }
@@ -156,14 +156,14 @@ TEST_F(GeometryStoreTest, a_catalog_of_something_else_is_kept_and_replaced) {
 TEST_F(GeometryStoreTest, removing) {
   const std::string id = put(mesh);
   put_setup(setup_id, id);
-  EXPECT_EQ(code_of([&] { store->remove(id, WithSetups::refuse); }), ErrorCode::failed_precondition);
-  EXPECT_EQ(store->load(id).points, mesh.points);
-  EXPECT_EQ(store->info(id).setups(), 1u);
-  EXPECT_EQ(store->remove(id, WithSetups::remove), std::vector<std::string>{setup_id});
-  EXPECT_EQ(code_of([&] { store->load(id); }), ErrorCode::not_found);
+  EXPECT_EQ(code_of([&] { store->remove(own(id), WithSetups::refuse); }), ErrorCode::failed_precondition);
+  EXPECT_EQ(store->load(own(id)).points, mesh.points);
+  EXPECT_EQ(store->info(own(id)).setups(), 1u);
+  EXPECT_EQ(store->remove(own(id), WithSetups::remove), std::vector<std::string>{setup_id});
+  EXPECT_EQ(code_of([&] { store->load(own(id)); }), ErrorCode::not_found);
   EXPECT_FALSE(fs::exists(file(id)));
-  EXPECT_FALSE(store->catalog().find_setup(setup_id));
-  EXPECT_EQ(code_of([&] { store->remove(id, WithSetups::remove); }), ErrorCode::not_found);
+  EXPECT_FALSE(store->catalog().find_setup(own(setup_id)));
+  EXPECT_EQ(code_of([&] { store->remove(own(id), WithSetups::remove); }), ErrorCode::not_found);
   reopen();
   EXPECT_EQ(store->catalog().counts().geometries, 0u);
 }
@@ -173,29 +173,29 @@ TEST_F(GeometryStoreTest, setups_survive_and_need_their_geometry) {
   put_setup(setup_id, id);
   EXPECT_EQ(code_of([&] { put_setup(std::string(64, 'd'), std::string(64, 'e')); }), ErrorCode::not_found);
   reopen();
-  const auto record = store->catalog().find_setup(setup_id);
+  const auto record = store->catalog().find_setup(own(setup_id));
   ASSERT_TRUE(record);
   EXPECT_EQ(record->geometry_id, id);
   EXPECT_EQ(record->setup, "setup");
-  EXPECT_TRUE(store->remove_setup(setup_id));
-  EXPECT_FALSE(store->remove_setup(setup_id));
+  EXPECT_TRUE(store->remove_setup(own(setup_id)));
+  EXPECT_FALSE(store->remove_setup(own(setup_id)));
 }
 
 TEST_F(GeometryStoreTest, ids_by_prefix) {
   const std::string id = put(mesh);
-  EXPECT_EQ(store->resolve_geometry(id), id);
-  EXPECT_EQ(store->resolve_geometry(id.substr(0, 8)), id);
-  EXPECT_EQ(code_of([&] { store->resolve_geometry(id.substr(0, 7)); }), ErrorCode::invalid_argument);
-  EXPECT_EQ(code_of([&] { store->resolve_geometry(""); }), ErrorCode::invalid_argument);
-  EXPECT_EQ(code_of([&] { store->resolve_geometry(std::string(64, 'G')); }), ErrorCode::invalid_argument);
-  EXPECT_EQ(code_of([&] { store->resolve_geometry(std::string(8, '%')); }), ErrorCode::invalid_argument);
-  EXPECT_EQ(code_of([&] { store->resolve_geometry(id + "0"); }), ErrorCode::invalid_argument);
-  EXPECT_EQ(code_of([&] { store->resolve_geometry(std::string(64, 'f')); }), ErrorCode::not_found);
+  EXPECT_EQ(store->resolve_geometry(default_tenant, id).id, id);
+  EXPECT_EQ(store->resolve_geometry(default_tenant, id.substr(0, 8)).id, id);
+  EXPECT_EQ(code_of([&] { store->resolve_geometry(default_tenant, id.substr(0, 7)).id; }), ErrorCode::invalid_argument);
+  EXPECT_EQ(code_of([&] { store->resolve_geometry(default_tenant, "").id; }), ErrorCode::invalid_argument);
+  EXPECT_EQ(code_of([&] { store->resolve_geometry(default_tenant, std::string(64, 'G')).id; }), ErrorCode::invalid_argument);
+  EXPECT_EQ(code_of([&] { store->resolve_geometry(default_tenant, std::string(8, '%')).id; }), ErrorCode::invalid_argument);
+  EXPECT_EQ(code_of([&] { store->resolve_geometry(default_tenant, id + "0").id; }), ErrorCode::invalid_argument);
+  EXPECT_EQ(code_of([&] { store->resolve_geometry(default_tenant, std::string(64, 'f')).id; }), ErrorCode::not_found);
   const std::string twin = std::string(63, 'a') + "2";
   put_setup(setup_id, id);
   put_setup(twin, id);
-  EXPECT_EQ(code_of([&] { store->resolve_setup(std::string(10, 'a')); }), ErrorCode::invalid_argument);
-  EXPECT_EQ(store->resolve_setup(twin), twin);
+  EXPECT_EQ(code_of([&] { store->resolve_setup(default_tenant, std::string(10, 'a')).id; }), ErrorCode::invalid_argument);
+  EXPECT_EQ(store->resolve_setup(default_tenant, twin).id, twin);
 }
 
 TEST_F(GeometryStoreTest, listing_in_pages_newest_first) {
@@ -206,7 +206,7 @@ TEST_F(GeometryStoreTest, listing_in_pages_newest_first) {
   request.set_page_size(3);
   std::int64_t last = INT64_MAX;
   for (int page = 0; page < 3; ++page) {
-    const v1::ListGeometriesReply reply = store->list(request);
+    const v1::ListGeometriesReply reply = store->list(default_tenant, request);
     for (const auto& info : reply.geometries()) {
       seen.push_back(info.id());
       EXPECT_LE(info.registered_unix_ms(), last);
@@ -224,11 +224,11 @@ TEST_F(GeometryStoreTest, page_tokens_and_sizes_are_checked) {
   for (const std::string token : {"x", "12", "12:", "12:zz", ":", "99999999999999999999:a", "12:abc:def"}) {
     v1::ListGeometriesRequest request;
     request.set_page_token(token);
-    EXPECT_EQ(code_of([&] { store->list(request); }), ErrorCode::invalid_argument) << token;
+    EXPECT_EQ(code_of([&] { store->list(default_tenant, request); }), ErrorCode::invalid_argument) << token;
   }
   v1::ListGeometriesRequest request;
   request.set_page_size(1001);
-  EXPECT_EQ(code_of([&] { store->list(request); }), ErrorCode::invalid_argument);
+  EXPECT_EQ(code_of([&] { store->list(default_tenant, request); }), ErrorCode::invalid_argument);
 }
 
 TEST_F(GeometryStoreTest, a_directory_that_cannot_be_written_is_named) {
@@ -249,7 +249,8 @@ TEST_F(GeometryStoreTest, several_threads_put_and_remove_the_same) {
     threads.emplace_back([&, t] {
       for (int i = 0; i < 10; ++i) {
         try {
-          t % 2 == 0 ? static_cast<void>(store->put(mesh, id, "n")) : static_cast<void>(store->remove(id, WithSetups::refuse));
+          t % 2 == 0 ? static_cast<void>(store->put(mesh, own(id), "n"))
+                     : static_cast<void>(store->remove(own(id), WithSetups::refuse));
         } catch (const Error& error) {
           EXPECT_EQ(error.code(), ErrorCode::not_found) << error.what();
         }
@@ -257,8 +258,8 @@ TEST_F(GeometryStoreTest, several_threads_put_and_remove_the_same) {
     });
   }
   for (auto& thread : threads) thread.join();
-  store->put(mesh, id, "n");
-  EXPECT_EQ(store->load(id).points, mesh.points);
+  store->put(mesh, own(id), "n");
+  EXPECT_EQ(store->load(own(id)).points, mesh.points);
   EXPECT_TRUE(fs::is_empty(directory.path() / "tmp"));
 }
 

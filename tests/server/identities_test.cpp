@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "server/rpc/request_rates.h"
 #include "tests/support/expect_error.h"
 
 namespace deform::server {
@@ -46,6 +47,48 @@ TEST(Identities, ATokenIsReplacedByASecondLine) {
   EXPECT_TRUE(known.of_token("alice-token"));
 }
 
+TEST(Identities, HaveTenantsAndTenantsHaveQuotas) {
+  const auto known = Identities::parse(std::string("alice owner sha256:") + alice_hash +
+                                           " tenant=acme\ntenant:acme stored-bytes=20GiB geometries=500 calls=32 "
+                                           "requests-per-second=100\nbob user certificate:bob\ntenant:* geometries=3\n"
+                                           "tenant:b-2.x # no limits",
+                                       "f");
+  EXPECT_EQ(known.of_token("alice-token")->tenant, "acme");
+  EXPECT_EQ(known.of_token("alice-token")->role, Role::own);
+  const std::string names[] = {"bob"};
+  EXPECT_EQ(known.of_certificate(names)->tenant, "default");
+  EXPECT_EQ(known.quota_of("acme"), (Quota{std::uint64_t{20} << 30, 500, 32, 100}));
+  EXPECT_EQ(known.quota_of("default"), (Quota{0, 3, 0, 0}));
+  EXPECT_EQ(known.quota_of("b-2.x"), Quota());
+  EXPECT_EQ(Identities::parse("", "f").quota_of("acme"), Quota());
+}
+
+TEST(RequestRates, ABucketOfOneSecondIsFilledSteadily) {
+  RequestRates rates;
+  const RequestRates::Clock::time_point start{};
+  const auto at = [&](double seconds) {
+    return start + std::chrono::duration_cast<RequestRates::Clock::duration>(std::chrono::duration<double>(seconds));
+  };
+  const auto refused_for = [&](const std::string& tenant, double seconds) -> std::uint32_t {
+    try {
+      rates.take(tenant, 4, at(seconds));
+      return 0;
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
+      return error.retry_after_ms();
+    }
+  };
+  for (int i = 0; i < 4; ++i) EXPECT_EQ(refused_for("a", 10), 0u);
+  EXPECT_EQ(refused_for("a", 10), 250u);
+  EXPECT_EQ(refused_for("b", 10), 0u) << "each tenant has its own";
+  EXPECT_EQ(refused_for("a", 10.1), 150u);
+  EXPECT_EQ(refused_for("a", 10.25), 0u);
+  EXPECT_EQ(refused_for("a", 10.25), 250u);
+  for (int i = 0; i < 4; ++i) EXPECT_EQ(refused_for("a", 100), 0u);
+  EXPECT_EQ(refused_for("a", 100), 250u) << "an hour of rest is worth no more than a second";
+  for (int i = 0; i < 1000; ++i) EXPECT_NO_THROW(rates.take("free", 0, at(0)));
+}
+
 TEST(Identities, MistakesNameTheLineAndNeverTheCredential) {
   const std::string hash = std::string(" sha256:") + alice_hash;
   const struct {
@@ -53,8 +96,20 @@ TEST(Identities, MistakesNameTheLineAndNeverTheCredential) {
     const char* says;
   } cases[] = {
       {"alice user", "NAME ROLE CREDENTIAL"},
-      {"alice user" + hash + " more", "NAME ROLE CREDENTIAL"},
-      {"alice boss" + hash, "\"boss\" is none of reader, user, operator"},
+      {"alice user" + hash + " more", "NAME ROLE CREDENTIAL [tenant=TENANT]"},
+      {"alice user" + hash + " tenant=a more", "NAME ROLE CREDENTIAL [tenant=TENANT]"},
+      {"alice user" + hash + " tenant=Acme", "the tenant \"Acme\" is not 1 to 64 lower-case"},
+      {"alice user" + hash + " tenant=../x", "the tenant \"../x\""},
+      {"alice user" + hash + " tenant=", "the tenant \"\""},
+      {"alice user" + hash + " tenant=a\nalice user" + hash, "\"alice\" is of tenant \"default\" here and of \"a\""},
+      {"tenant:a geometries=x", "geometries: \"x\" is no limit"},
+      {"tenant:a geometries=0", "geometries: \"0\" is no limit"},
+      {"tenant:a geometries=1 geometries=2", "geometries stands twice"},
+      {"tenant:a colour=3", "\"colour=3\" is none of stored-bytes=SIZE"},
+      {"tenant:a geometries", "\"geometries\" is none of"},
+      {"tenant: geometries=1", "the tenant \"\""},
+      {"tenant:a\ntenant:a", "a second line of tenant \"a\""},
+      {"alice boss" + hash, "\"boss\" is none of reader, user, owner, operator"},
       {"al/ice user" + hash, "\"al/ice\""},
       {std::string(65, 'a') + " user" + hash, "65 bytes, at most 64"},
       {"alice user sha256:" + std::string(63, 'a'), "64 hexadecimal digits"},

@@ -17,6 +17,7 @@
 
 #include "core/deformers/system.h"
 #include "server/engine/system_cache.h"
+#include "server/store/tenant.h"
 
 namespace deform::server {
 
@@ -38,6 +39,9 @@ class TemporaryDirectory {
  private:
   std::filesystem::path path_;
 };
+
+/// Of the tenant of whoever is not asked.
+inline OwnedId own(const std::string& id) { return {default_tenant, id}; }
 
 /// Waits for a condition that other threads bring about; false after a minute, which also a busy machine
 /// under a sanitizer keeps.

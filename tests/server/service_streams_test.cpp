@@ -245,7 +245,7 @@ TEST_P(ServiceStreams, GetPointsSendsAllPointsInChunksBelowOneMebibyte) {
   }
   EXPECT_TRUE(reader->Finish().ok());
   EXPECT_EQ(chunks, 4);
-  const auto expected = engine.get_points("g");
+  const auto expected = engine.get_points("g", {});
   ASSERT_EQ(bytes.size(), expected->size() * sizeof(Vec3));
   EXPECT_EQ(std::memcmp(bytes.data(), expected->data(), bytes.size()), 0);
 }

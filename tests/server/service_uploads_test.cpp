@@ -135,11 +135,11 @@ TEST_P(VectorJacobian, TheFieldArrivesInOrderHoweverItIsCut) {
   engine.on_vector_jacobian = [&](Points cotangent, const CallContext&, auto on_done) {
     v1::VectorJacobianReply out;
     out.add_gradient(static_cast<double>(cotangent.size()));
-    out.add_gradient(cotangent == *engine.get_points("") ? 1 : 0);
+    out.add_gradient(cotangent == *engine.get_points("", {}) ? 1 : 0);
     on_done({out, std::nullopt, {}});
   };
   start();
-  const auto points = engine.get_points("");
+  const auto points = engine.get_points("", {});
   const std::string bytes(reinterpret_cast<const char*>(points->data()), points->size() * sizeof(Vec3));
   for (const std::size_t chunk : {std::size_t{24'000}, std::size_t{2400}, std::size_t{1001}}) {
     ASSERT_TRUE(call(bytes, chunk).ok());

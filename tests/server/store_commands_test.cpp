@@ -23,7 +23,7 @@ class StoreCommands : public StoreTest {
       const std::string id = contents.add_geometry(*store, sheet_mesh(4, 4, i), "mesh" + std::to_string(i));
       contents.add_setup(*store, id, -0.1);
     }
-    some_id = contents.geometries.begin()->first;
+    some_id = contents.geometries.begin()->first.id;
   }
   static std::string text(const StoreReport& report) {
     std::string all;
@@ -44,7 +44,7 @@ TEST_F(StoreCommands, check_finds_nothing_in_a_healthy_store_and_changes_nothing
 }
 
 TEST_F(StoreCommands, check_names_every_kind_of_damage) {
-  const std::string setup = contents.setups.begin()->first, last = contents.geometries.rbegin()->first;
+  const std::string setup = contents.setups.begin()->first.id, last = contents.geometries.rbegin()->first.id;
   write_file(data / "geometries" / some_id, "damaged");
   fs::remove(data / "names" / last);
   write_file(data / "setups" / setup, "damaged");
@@ -82,9 +82,9 @@ TEST_F(StoreCommands, rebuild_makes_the_same_catalog_and_keeps_the_old_one) {
 }
 
 TEST_F(StoreCommands, rebuild_does_not_bring_back_what_a_deletion_under_way_has_removed) {
-  open(data)->catalog().remove_geometry(some_id, WithSetups::remove);  // killed before its files are removed
+  open(data)->catalog().remove_geometry(own(some_id), WithSetups::remove);  // killed before its files are removed
   rebuild_store(data);
-  EXPECT_FALSE(open(data)->contains(some_id));
+  EXPECT_FALSE(open(data)->contains(own(some_id)));
   EXPECT_EQ(open(data)->catalog().counts().geometries, 2u);
 }
 
@@ -93,7 +93,7 @@ TEST_F(StoreCommands, a_backup_beside_a_running_server_is_a_store_and_links_the_
   const StoreReport report = backup_store(data, backup);
   EXPECT_EQ(report.outcome, StoreReport::Outcome::well) << text(report);
   EXPECT_EQ(fs::hard_link_count(backup / "geometries" / some_id), 2u);
-  store->remove(some_id, WithSetups::remove);
+  store->remove(own(some_id), WithSetups::remove);
   contents.expect_all_of(*open(backup));
   EXPECT_EQ(check_store(backup).outcome, StoreReport::Outcome::well);
 }
@@ -138,9 +138,9 @@ TEST_F(StoreCommands, backups_while_others_register_and_delete_are_consistent) {
     for (int i = 0; !stop; ++i) {
       const Mesh mesh = sheet_mesh(4, 4, 100 + i % 5);
       const std::string id = mesh_id(mesh);
-      store->put(mesh, id, "busy");
+      store->put(mesh, own(id), "busy");
       store->put_setup(setup_record(id, -0.1));
-      store->remove(id, WithSetups::remove);
+      store->remove(own(id), WithSetups::remove);
     }
   });
   for (int i = 0; i < 5; ++i) {

@@ -52,7 +52,7 @@ inline void copy_folder(const std::filesystem::path& from, const std::filesystem
 }
 
 /// A setup of a sheet_mesh as preparing it stores it.
-inline SetupRecord setup_record(const std::string& geometry_id, double lower) {
+inline SetupRecord setup_record(const std::string& geometry_id, double lower, const std::string& tenant = default_tenant) {
   v1::Setup setup = sheet_setup(geometry_id);
   setup.mutable_variables(0)->set_lower(lower);
   const v1::Setup canonical = convert::canonical_setup(setup, geometry_id);
@@ -60,41 +60,49 @@ inline SetupRecord setup_record(const std::string& geometry_id, double lower) {
   info.set_id(convert::system_id(canonical));
   info.set_geometry_id(geometry_id);
   info.set_centres(42);
-  return {info.id(), geometry_id, canonical.SerializeAsString(), info.SerializeAsString(), unix_ms()};
+  return {info.id(), geometry_id, canonical.SerializeAsString(), info.SerializeAsString(), unix_ms(), Integrity::intact, tenant};
 }
 
-/// What was put into a store, and must come out of it again.
+/// What was put into a store, and must come out of it again, for the same tenant.
 struct StoreContents {
   struct Registered {
     Mesh mesh;
     v1::GeometryInfo info;
   };
-  std::map<std::string, Registered> geometries;
-  std::map<std::string, SetupRecord> setups;
+  static constexpr const char* tenants[] = {default_tenant, "acme", "b-2.x"};
+  std::map<OwnedId, Registered> geometries;
+  std::map<OwnedId, SetupRecord> setups;
 
-  std::string add_geometry(GeometryStore& store, const Mesh& mesh, const std::string& name) {
-    const std::string id = mesh_id(mesh);
+  std::string add_geometry(GeometryStore& store, const Mesh& mesh, const std::string& name,
+                           const std::string& tenant = default_tenant) {
+    const OwnedId id{tenant, mesh_id(mesh)};
     geometries[id] = {mesh, store.put(mesh, id, name)};
-    return id;
+    return id.id;
   }
-  std::string add_setup(GeometryStore& store, const std::string& geometry_id, double lower) {
-    SetupRecord record = setup_record(geometry_id, lower);
+  std::string add_setup(GeometryStore& store, const std::string& geometry_id, double lower,
+                        const std::string& tenant = default_tenant) {
+    SetupRecord record = setup_record(geometry_id, lower, tenant);
     record.created_ms = store.put_setup(record);
-    return setups.insert_or_assign(record.id, record).first->first;
+    setups.insert_or_assign(owned(record), record);
+    return record.id;
   }
-  /// A few geometries with a few setups each.
+  /// A few geometries with a few setups each, some of them of several tenants.
   void add_some(GeometryStore& store, std::mt19937& random) {
     const auto below = [&](unsigned n) { return random() % n; };
     for (unsigned g = 0; g < 1 + below(3); ++g) {
       const Mesh mesh = sheet_mesh(4 + below(4), 3 + below(4), 0.001 * below(1'000'000));
-      const std::string id = add_geometry(store, mesh, "mesh " + std::to_string(below(1000)) + " \xc3\xbc.obj");
-      for (unsigned s = 0; s < below(4); ++s) add_setup(store, id, -0.001 * (1 + below(1'000'000)));
+      for (unsigned first = below(3), t = first; t <= first + below(2); ++t) {
+        const std::string tenant = tenants[t % 3];
+        const std::string id =
+            add_geometry(store, mesh, "mesh " + std::to_string(below(1000)) + " of " + tenant + " \xc3\xbc.obj", tenant);
+        for (unsigned s = 0; s < below(4); ++s) add_setup(store, id, -0.001 * (1 + below(1'000'000)), tenant);
+      }
     }
   }
 
   void expect_in(GeometryStore& store) const {
     for (const auto& [id, registered] : geometries) {
-      ASSERT_NO_THROW(EXPECT_EQ(store.load(id).points, registered.mesh.points) << id) << id;
+      ASSERT_NO_THROW(EXPECT_EQ(store.load(id).points, registered.mesh.points) << key_of(id)) << key_of(id);
       const v1::GeometryInfo info = store.info(id);
       EXPECT_EQ(info.name(), registered.info.name());
       EXPECT_EQ(info.registered_unix_ms(), registered.info.registered_unix_ms());
@@ -103,18 +111,30 @@ struct StoreContents {
     }
     for (const auto& [id, expected] : setups) {
       const auto found = store.find_setup(id);
-      ASSERT_TRUE(found) << id;
+      ASSERT_TRUE(found) << key_of(id);
       EXPECT_EQ(found->setup, expected.setup);
       EXPECT_EQ(found->info, expected.info);
       EXPECT_EQ(found->geometry_id, expected.geometry_id);
       EXPECT_EQ(found->created_ms, expected.created_ms);
+      EXPECT_EQ(found->tenant, expected.tenant);
     }
   }
-  /// That and nothing else.
+  /// That and nothing else, for any tenant.
   void expect_all_of(GeometryStore& store) const {
     expect_in(store);
-    EXPECT_EQ(static_cast<std::size_t>(store.list({}).geometries_size()), geometries.size());
-    EXPECT_EQ(store.catalog().list_setups("", std::nullopt, 1000).size(), setups.size());
+    EXPECT_EQ(store.catalog().all_geometries().size(), geometries.size());
+    EXPECT_EQ(store.catalog().all_setups().size(), setups.size());
+    for (const std::string tenant : tenants) {
+      const auto of_tenant = [&](const auto& entry) { return entry.first.tenant == tenant; };
+      const auto has = std::count_if(geometries.begin(), geometries.end(), of_tenant);
+      const auto prepared = std::count_if(setups.begin(), setups.end(), of_tenant);
+      EXPECT_EQ(store.list(tenant, {}).geometries_size(), has) << tenant;
+      EXPECT_EQ(store.catalog().list_setups({tenant, ""}, std::nullopt, 1000).size(), static_cast<std::size_t>(prepared))
+          << tenant;
+      const StoredAmount amount = store.amount_of(tenant);
+      EXPECT_EQ(amount.geometries, static_cast<std::size_t>(has)) << tenant;
+      EXPECT_EQ(amount.setups, static_cast<std::size_t>(prepared)) << tenant;
+    }
   }
 };
 

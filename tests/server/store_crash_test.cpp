@@ -24,7 +24,7 @@ const Mesh& changed_mesh() {
   return mesh;
 }
 std::string changed_id() { return mesh_id(changed_mesh()); }
-void put_changed(GeometryStore& store) { store.put(changed_mesh(), changed_id(), "changed.obj"); }
+void put_changed(GeometryStore& store) { store.put(changed_mesh(), own(changed_id()), "changed.obj"); }
 void put_changed_setups(GeometryStore& store) {
   for (const double lower : {-0.1, -0.2}) store.put_setup(setup_record(changed_id(), lower));
 }
@@ -35,7 +35,7 @@ const Change changes[] = {
      [](GeometryStore& store, StoreContents&) {
        put_changed(store);
        write_file(fs::path(getenv("STORE_UNDER_TEST")) / "geometries" / changed_id(), "damaged");
-       EXPECT_THROW(store.load(changed_id()), Error);
+       EXPECT_THROW(store.load(own(changed_id())), Error);
      },
      put_changed},
     {"remove",
@@ -43,7 +43,22 @@ const Change changes[] = {
        put_changed(store);
        put_changed_setups(store);
      },
-     [](GeometryStore& store) { store.remove(changed_id(), WithSetups::remove); }},
+     [](GeometryStore& store) { store.remove(own(changed_id()), WithSetups::remove); }},
+    {"register_what_others_have",
+     [](GeometryStore& store, StoreContents& contents) {
+       for (const char* tenant : StoreContents::tenants) {
+         if (tenant != std::string(default_tenant)) contents.add_geometry(store, changed_mesh(), "theirs.obj", tenant);
+       }
+     },
+     put_changed},
+    {"remove_what_others_have",
+     [](GeometryStore& store, StoreContents& contents) {
+       contents.add_geometry(store, changed_mesh(), "theirs.obj", "acme");
+       contents.add_setup(store, changed_id(), -0.1, "acme");
+       put_changed(store);
+       put_changed_setups(store);
+     },
+     [](GeometryStore& store) { store.remove(own(changed_id()), WithSetups::remove); }},
     {"put_setup", [](GeometryStore& store, StoreContents&) { put_changed(store); },
      [](GeometryStore& store) { store.put_setup(setup_record(changed_id(), -0.1)); }},
     {"put_setup_again",
@@ -57,7 +72,7 @@ const Change changes[] = {
        put_changed(store);
        put_changed_setups(store);
      },
-     [](GeometryStore& store) { store.remove_setup(setup_record(changed_id(), -0.1).id); }},
+     [](GeometryStore& store) { store.remove_setup(own(setup_record(changed_id(), -0.1).id)); }},
 };
 
 class Interrupted : public StoreTest, public testing::WithParamInterface<Change> {
@@ -72,8 +87,10 @@ class Interrupted : public StoreTest, public testing::WithParamInterface<Change>
   /// Geometries and setups there are, as one string.
   static std::string visible(GeometryStore& store) {
     std::string text;
-    for (const auto& id : store.catalog().geometry_ids("", 100)) text += id.substr(0, 8) + store.info(id).damage() + " ";
-    for (const auto& id : store.catalog().setup_ids("", 100)) text += id.substr(0, 8) + " ";
+    for (const auto& id : store.catalog().all_geometries()) {
+      text += id.tenant + ":" + id.id.substr(0, 8) + store.info(id).damage() + " ";
+    }
+    for (const auto& id : store.catalog().all_setups()) text += id.tenant + ":" + id.id.substr(0, 8) + " ";
     return text;
   }
   void expect_before_or_after(const fs::path& folder, const std::string& before, const std::string& after) {

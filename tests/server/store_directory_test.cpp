@@ -39,7 +39,7 @@ class StoreFolder : public StoreTest {
 TEST_F(StoreFolder, a_new_folder_is_marked_and_for_nobody_else) {
   const fs::path folder = directory.path() / "some" / "where";
   open(folder);
-  EXPECT_EQ(file_content(folder / "deformd-store"), "deformd store, format 2\n");
+  EXPECT_EQ(file_content(folder / "deformd-store"), "deformd store, format 3\n");
   struct stat status {};
   ASSERT_EQ(::stat(folder.c_str(), &status), 0);
   EXPECT_EQ(status.st_mode & 0777, 0700u);
@@ -71,7 +71,7 @@ TEST_F(StoreFolder, a_catalog_of_another_program_makes_no_store) {
 
 TEST_F(StoreFolder, a_store_of_a_later_version_is_refused) {
   open(data);
-  write_file(data / "deformd-store", "deformd store, format 3\n");
+  write_file(data / "deformd-store", "deformd store, format 4\n");
   expect_left_alone(data, "another version");
 }
 

@@ -38,16 +38,16 @@ TEST_F(FullDisk, it_starts_lists_loads_deletes_and_registers_again_once_there_is
   EXPECT_NE(store.state().reason(), "");
   EXPECT_EQ(store.state().free_bytes(), 1000u);
   EXPECT_EQ(store.state().needed_bytes(), 1u << 20);
-  EXPECT_EQ(code_of([&] { store.put(sheet_mesh(6, 6), mesh_id(sheet_mesh(6, 6)), "c.obj"); }), ErrorCode::out_of_budget);
+  EXPECT_EQ(code_of([&] { store.put(sheet_mesh(6, 6), own(mesh_id(sheet_mesh(6, 6))), "c.obj"); }), ErrorCode::out_of_budget);
   EXPECT_EQ(code_of([&] { store.put_setup(setup_record(mesh_id(mesh), -0.2)); }), ErrorCode::out_of_budget);
   EXPECT_NO_THROW(store.put_setup(setup_record(mesh_id(mesh), -0.1))) << "is there already";
-  EXPECT_TRUE(store.put(mesh, mesh_id(mesh), "").existed());
-  store.remove(mesh_id(mesh), WithSetups::remove);
-  EXPECT_FALSE(store.contains(mesh_id(mesh)));
+  EXPECT_TRUE(store.put(mesh, own(mesh_id(mesh)), "").existed());
+  store.remove(own(mesh_id(mesh)), WithSetups::remove);
+  EXPECT_FALSE(store.contains(own(mesh_id(mesh))));
   free = std::uint64_t{1} << 30;
   EXPECT_TRUE(store.state().writable());
-  store.put(mesh, mesh_id(mesh), "a.obj");
-  EXPECT_EQ(store.load(mesh_id(mesh)).points, mesh.points);
+  store.put(mesh, own(mesh_id(mesh)), "a.obj");
+  EXPECT_EQ(store.load(own(mesh_id(mesh))).points, mesh.points);
 }
 
 TEST_F(FullDisk, the_reserve_is_given_to_a_deletion_and_taken_back_when_there_is_room) {
@@ -56,10 +56,10 @@ TEST_F(FullDisk, the_reserve_is_given_to_a_deletion_and_taken_back_when_there_is
   options.on_step = [&](const char*) { held = fs::exists(reserve); };
   GeometryStore store(data, options);
   const Mesh mesh = sheet_mesh(5, 4);
-  store.put(mesh, mesh_id(mesh), "a.obj");
+  store.put(mesh, own(mesh_id(mesh)), "a.obj");
   EXPECT_TRUE(held);
   free = 1000;
-  store.remove(mesh_id(mesh), WithSetups::refuse);
+  store.remove(own(mesh_id(mesh)), WithSetups::refuse);
   EXPECT_FALSE(held) << "while it was deleted";
   free = std::uint64_t{1} << 30;
   store.state();
@@ -128,8 +128,8 @@ TEST_F(FullDiskEngine, uploads_are_refused_at_their_header_and_setups_before_the
   v1::DeleteGeometryRequest request;
   request.set_id(id);
   request.set_with_setups(true);
-  EXPECT_EQ(engine->delete_geometry(request).setups_deleted(), 1u);
-  EXPECT_EQ(engine->list_geometries({}).geometries_size(), 0);
+  EXPECT_EQ(engine->delete_geometry(request, {}).setups_deleted(), 1u);
+  EXPECT_EQ(engine->list_geometries({}, {}).geometries_size(), 0);
 }
 
 TEST_F(FullDiskEngine, a_system_says_when_its_setup_was_stored_first) {
@@ -137,8 +137,8 @@ TEST_F(FullDiskEngine, a_system_says_when_its_setup_was_stored_first) {
   const v1::SystemInfo first = prepare(sheet_setup(id));
   EXPECT_GT(first.created_unix_ms(), 1'600'000'000'000);
   reopen();
-  EXPECT_EQ(engine->get_system(first.id()).created_unix_ms(), first.created_unix_ms());
-  EXPECT_EQ(engine->list_systems({}).systems(0).created_unix_ms(), first.created_unix_ms());
+  EXPECT_EQ(engine->get_system(first.id(), {}).created_unix_ms(), first.created_unix_ms());
+  EXPECT_EQ(engine->list_systems({}, {}).systems(0).created_unix_ms(), first.created_unix_ms());
   EXPECT_EQ(prepare(sheet_setup(id)).created_unix_ms(), first.created_unix_ms()) << "preparing again is not storing first";
 }
 

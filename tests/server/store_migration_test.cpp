@@ -19,19 +19,19 @@ class StoreOf01 : public StoreTest, public testing::WithParamInterface<const cha
   StoreOf01() { copy_folder(fs::path(STORE_DATA) / GetParam(), data); }
 
   void expect_everything(GeometryStore& store) {
-    const v1::ListGeometriesReply geometries = store.list({});
+    const v1::ListGeometriesReply geometries = store.list(default_tenant, {});
     ASSERT_EQ(geometries.geometries_size(), 2);
     for (const auto& info : geometries.geometries()) {
       EXPECT_EQ(info.name(), info.id() == sheet ? "sheet.obj" : "other.obj");
       EXPECT_EQ(info.setups(), 2u);
       EXPECT_EQ(info.damage(), "");
       EXPECT_GT(info.registered_unix_ms(), 1'700'000'000'000);
-      const Mesh mesh = store.load(info.id());
+      const Mesh mesh = store.load(own(info.id()));
       EXPECT_EQ(mesh_id(mesh), info.id());
       EXPECT_EQ(mesh.point_count(), 12u);
       EXPECT_EQ(mesh.groups.size(), 3u);
     }
-    const auto setups = store.catalog().list_setups("", std::nullopt, 100);
+    const auto setups = store.catalog().list_setups(own(""), std::nullopt, 100);
     ASSERT_EQ(setups.size(), 4u);
     for (const auto& record : setups) EXPECT_TRUE(is_plausible(record)) << record.id;
   }
@@ -80,8 +80,8 @@ TEST_P(StoreOf01, without_its_catalog_is_refused_until_it_is_rebuilt_by_hand) {
   EXPECT_EQ(code_of([&] { open(data); }), ErrorCode::failed_precondition);
   rebuild_store(data);
   const auto store = open(data);
-  EXPECT_EQ(store->load(sheet).point_count(), 12u);
-  EXPECT_EQ(store->list({}).geometries_size(), 2);
+  EXPECT_EQ(store->load(own(sheet)).point_count(), 12u);
+  EXPECT_EQ(store->list(default_tenant, {}).geometries_size(), 2);
 }
 
 INSTANTIATE_TEST_SUITE_P(Ends, StoreOf01, testing::Values("store_0_1_clean", "store_0_1_killed"),
@@ -95,9 +95,9 @@ TEST_F(StoreTest, a_damaged_catalog_of_0_1_gives_what_can_still_be_read_of_it) {
     bytes[offset] = static_cast<char>(bytes[offset] ^ 0x55);
     write_file(folder / "catalog.sqlite", bytes);
     const auto store = open(folder);
-    const v1::ListGeometriesReply reply = store->list({});
+    const v1::ListGeometriesReply reply = store->list(default_tenant, {});
     ASSERT_EQ(reply.geometries_size(), 2) << offset;
-    for (const auto& info : reply.geometries()) EXPECT_EQ(store->load(info.id()).point_count(), 12u) << offset;
+    for (const auto& info : reply.geometries()) EXPECT_EQ(store->load(own(info.id())).point_count(), 12u) << offset;
   }
 }
 

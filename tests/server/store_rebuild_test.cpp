@@ -137,12 +137,12 @@ TEST_F(StoreRebuild, a_file_whose_hash_is_its_name_is_adopted_and_any_other_is_k
   write_file(data / "names" / std::string(64, 'd'), "no record");
   write_file(data / "tmp" / (std::string(64, 'e') + ".7"), "no intent names it");
   const auto store = open(data);
-  EXPECT_EQ(store->load(mesh_id(mesh)).points, mesh.points);
+  EXPECT_EQ(store->load(own(mesh_id(mesh))).points, mesh.points);
   EXPECT_EQ(file_content(data / "unclaimed" / std::string(64, 'c')), "not what its name says");
   EXPECT_EQ(file_content(data / "unclaimed" / "notes.txt"), "of an operator");
   EXPECT_TRUE(fs::is_directory(data / "unclaimed" / "folder"));
   EXPECT_EQ(store->state().unclaimed_files(), 5u);
-  EXPECT_EQ(store->list({}).geometries_size(), 2);
+  EXPECT_EQ(store->list(default_tenant, {}).geometries_size(), 2);
   contents.expect_in(*store);
 }
 
@@ -150,7 +150,7 @@ TEST_F(StoreRebuild, a_file_that_no_upload_would_have_stored_is_not_adopted) {
   Mesh broken = sheet_mesh(4, 4);
   broken.face_points[0] = 99;  // the hash is right, the corner is out of range
   write_geometry_file(broken, data / "geometries" / mesh_id(broken));
-  EXPECT_FALSE(open(data)->contains(mesh_id(broken)));
+  EXPECT_FALSE(open(data)->contains(own(mesh_id(broken))));
   EXPECT_TRUE(fs::exists(data / "unclaimed" / mesh_id(broken)));
 }
 
@@ -159,7 +159,7 @@ TEST_F(StoreRebuild, what_is_unclaimed_or_damaged_is_never_overwritten) {
     write_file(data / "geometries" / "notes.txt", "version " + std::to_string(start));
     write_file(data / "geometries" / id, "damaged " + std::to_string(start));
     const auto store = open(data);
-    EXPECT_EQ(code_of([&] { store->load(id); }), ErrorCode::data_loss);
+    EXPECT_EQ(code_of([&] { store->load(own(id)); }), ErrorCode::data_loss);
   }
   EXPECT_EQ(file_content(data / "unclaimed" / "notes.txt"), "version 0");
   EXPECT_EQ(file_content(data / "unclaimed" / "notes.txt.2"), "version 2");
@@ -170,11 +170,11 @@ TEST_F(StoreRebuild, what_is_unclaimed_or_damaged_is_never_overwritten) {
 TEST_F(StoreRebuild, a_damaged_file_is_told_in_the_listing_and_healed_by_registering_again) {
   write_file(data / "geometries" / id, "damaged");
   const auto store = open(data);
-  EXPECT_EQ(code_of([&] { store->load(id); }), ErrorCode::data_loss);
-  EXPECT_NE(store->list({}).geometries(0).damage(), "");
-  EXPECT_EQ(store->list({}).geometries(0).name(), "wing.obj");
+  EXPECT_EQ(code_of([&] { store->load(own(id)); }), ErrorCode::data_loss);
+  EXPECT_NE(store->list(default_tenant, {}).geometries(0).damage(), "");
+  EXPECT_EQ(store->list(default_tenant, {}).geometries(0).name(), "wing.obj");
   EXPECT_EQ(store->state().damaged_files(), 1u);
-  EXPECT_TRUE(store->put(sheet_mesh(5, 4), id, "another name").existed());
+  EXPECT_TRUE(store->put(sheet_mesh(5, 4), own(id), "another name").existed());
   contents.expect_all_of(*store);
 }
 
@@ -191,14 +191,14 @@ TEST_F(StoreRebuild, one_damaged_row_does_not_break_a_listing) {
   contents.add_geometry(*store, other, "other.obj");
   fs::remove(data / "names" / id);
   alter("UPDATE geometries SET info = x'0102' WHERE id = '" + id + "'");  // while it is open
-  const v1::ListGeometriesReply reply = store->list({});
+  const v1::ListGeometriesReply reply = store->list(default_tenant, {});
   ASSERT_EQ(reply.geometries_size(), 2);
   EXPECT_EQ(reply.geometries(0).damage() + reply.geometries(1).damage(),
             "the entry in the catalog is damaged; register the geometry again");
-  EXPECT_FALSE(store->contains(id));
-  EXPECT_FALSE(store->put(sheet_mesh(5, 4), id, "wing.obj").existed());
-  EXPECT_EQ(store->info(id).damage(), "");
-  EXPECT_EQ(store->info(id).name(), "wing.obj");
+  EXPECT_FALSE(store->contains(own(id)));
+  EXPECT_FALSE(store->put(sheet_mesh(5, 4), own(id), "wing.obj").existed());
+  EXPECT_EQ(store->info(own(id)).damage(), "");
+  EXPECT_EQ(store->info(own(id)).name(), "wing.obj");
 }
 
 TEST_F(StoreRebuild, a_healthy_start_reads_no_geometry_file) {
@@ -211,11 +211,11 @@ TEST_F(StoreRebuild, without_its_small_file_a_geometry_is_adopted_by_its_content
   fs::remove(data / "catalog.sqlite");
   fs::remove(data / "names" / id);
   const auto store = open(data);
-  EXPECT_EQ(store->load(id).points, sheet_mesh(5, 4).points);
-  EXPECT_EQ(store->info(id).name(), "");
-  EXPECT_EQ(store->info(id).points(), 20u);
-  EXPECT_NEAR(static_cast<double>(store->info(id).registered_unix_ms()), static_cast<double>(unix_ms()), 60'000);
-  EXPECT_TRUE(store->find_setup(setup_id));
+  EXPECT_EQ(store->load(own(id)).points, sheet_mesh(5, 4).points);
+  EXPECT_EQ(store->info(own(id)).name(), "");
+  EXPECT_EQ(store->info(own(id)).points(), 20u);
+  EXPECT_NEAR(static_cast<double>(store->info(own(id)).registered_unix_ms()), static_cast<double>(unix_ms()), 60'000);
+  EXPECT_TRUE(store->find_setup(own(setup_id)));
 }
 
 TEST_F(StoreRebuild, a_setup_that_is_not_what_its_id_says_is_not_adopted) {
@@ -234,22 +234,22 @@ TEST_F(StoreRebuild, a_geometry_whose_file_was_lost_too_is_listed_and_its_setups
   fs::remove(data / "catalog.sqlite");
   fs::remove(data / "geometries" / id);
   const auto store = open(data);
-  EXPECT_NE(store->info(id).damage(), "");
-  EXPECT_EQ(store->info(id).setups(), 1u);
-  store->put(sheet_mesh(5, 4), id, "");
+  EXPECT_NE(store->info(own(id)).damage(), "");
+  EXPECT_EQ(store->info(own(id)).setups(), 1u);
+  store->put(sheet_mesh(5, 4), own(id), "");
   contents.expect_all_of(*store);
 }
 
 TEST_F(StoreRebuild, deleting_removes_the_small_files_too) {
   const auto store = open(data);
-  store->remove(id, WithSetups::remove);
+  store->remove(own(id), WithSetups::remove);
   for (const char* folder : {"geometries", "names", "setups", "tmp"}) EXPECT_TRUE(fs::is_empty(data / folder)) << folder;
 }
 
 TEST_F(StoreRebuild, a_deletion_that_an_old_catalog_has_begun_spares_what_was_registered_since) {
   {
     const auto store = open(data);
-    store->catalog().remove_geometry(id, WithSetups::remove);  // the rows and the intent; killed before the files
+    store->catalog().remove_geometry(own(id), WithSetups::remove);  // the rows and the intent; killed before the files
   }
   fs::copy(data, directory.path() / "then", fs::copy_options::recursive);
   {

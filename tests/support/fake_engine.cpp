@@ -140,7 +140,24 @@ std::size_t FakeEngine::upload_count() {
   return uploads_.size();
 }
 
+std::vector<std::string> FakeEngine::tenants() {
+  const std::lock_guard lock(mutex_);
+  return tenants_;
+}
+
+void FakeEngine::note(const CallContext& call) {
+  const std::lock_guard lock(mutex_);
+  tenants_.push_back(call.tenant);
+}
+
+server::StoredAmount FakeEngine::stored(const std::string& tenant) {
+  const std::lock_guard lock(mutex_);
+  tenants_.push_back(tenant);
+  return {tenant.size(), 2, 3};
+}
+
 std::unique_ptr<server::GeometryUpload> FakeEngine::begin_upload(const v1::GeometryHeader& header, const CallContext& call) {
+  note(call);
   auto seen = std::make_shared<Upload>();
   {
     const std::lock_guard lock(mutex_);
@@ -150,7 +167,8 @@ std::unique_ptr<server::GeometryUpload> FakeEngine::begin_upload(const v1::Geome
   return std::make_unique<FakeUpload>(*this, std::move(seen), call, header.point_count() * sizeof(Vec3));
 }
 
-v1::GeometryInfo FakeEngine::get_geometry(const std::string& id) {
+v1::GeometryInfo FakeEngine::get_geometry(const std::string& id, const server::CallContext& call) {
+  note(call);
   if (before) before(nullptr);
   v1::GeometryInfo info;
   info.set_id(id);
@@ -158,19 +176,22 @@ v1::GeometryInfo FakeEngine::get_geometry(const std::string& id) {
   return info;
 }
 
-v1::ListGeometriesReply FakeEngine::list_geometries(const v1::ListGeometriesRequest& request) {
+v1::ListGeometriesReply FakeEngine::list_geometries(const v1::ListGeometriesRequest& request, const server::CallContext& call) {
+  note(call);
   v1::ListGeometriesReply reply;
   reply.set_next_page_token(request.page_token() + "+");
   return reply;
 }
 
-v1::DeleteGeometryReply FakeEngine::delete_geometry(const v1::DeleteGeometryRequest& request) {
+v1::DeleteGeometryReply FakeEngine::delete_geometry(const v1::DeleteGeometryRequest& request, const server::CallContext& call) {
+  note(call);
   v1::DeleteGeometryReply reply;
   reply.set_setups_deleted(request.with_setups() ? 2 : 0);
   return reply;
 }
 
-std::shared_ptr<const Points> FakeEngine::get_points(const std::string&) {
+std::shared_ptr<const Points> FakeEngine::get_points(const std::string&, const server::CallContext& call) {
+  note(call);
   auto points = std::make_shared<Points>(point_count);
   for (std::size_t i = 0; i < point_count; ++i) (*points)[i] = {double(i), 0.5, -double(i)};
   return points;
@@ -178,10 +199,12 @@ std::shared_ptr<const Points> FakeEngine::get_points(const std::string&) {
 
 void FakeEngine::detect(const v1::DetectRequest& request, const CallContext& call,
                         std::function<void(Outcome<DetectReplies>)> on_done) {
+  note(call);
   on_detect(request, call, std::move(on_done));
 }
 
-v1::EstimateReply FakeEngine::estimate(const v1::EstimateRequest& request, const CallContext&) {
+v1::EstimateReply FakeEngine::estimate(const v1::EstimateRequest& request, const CallContext& call) {
+  note(call);
   v1::EstimateReply reply;
   reply.set_system_id("of " + request.setup().geometry());
   return reply;
@@ -190,23 +213,27 @@ v1::EstimateReply FakeEngine::estimate(const v1::EstimateRequest& request, const
 void FakeEngine::prepare(const v1::PrepareRequest& request, const CallContext& call,
                          std::function<void(const v1::Progress&)> on_progress,
                          std::function<void(Outcome<v1::SystemInfo>)> on_done) {
+  note(call);
   on_prepare(request, call, std::move(on_progress), std::move(on_done));
 }
 
-v1::SystemInfo FakeEngine::get_system(const std::string& id) {
+v1::SystemInfo FakeEngine::get_system(const std::string& id, const server::CallContext& call) {
+  note(call);
   v1::SystemInfo info;
   info.set_id(id);
   info.set_points(point_count);
   return info;
 }
 
-v1::ListSystemsReply FakeEngine::list_systems(const v1::ListSystemsRequest& request) {
+v1::ListSystemsReply FakeEngine::list_systems(const v1::ListSystemsRequest& request, const server::CallContext& call) {
+  note(call);
   v1::ListSystemsReply reply;
   reply.set_next_page_token(request.geometry_id());
   return reply;
 }
 
-v1::ReleaseSystemReply FakeEngine::release_system(const v1::ReleaseSystemRequest& request) {
+v1::ReleaseSystemReply FakeEngine::release_system(const v1::ReleaseSystemRequest& request, const server::CallContext& call) {
+  note(call);
   v1::ReleaseSystemReply reply;
   reply.set_bytes_released(request.forget() ? 7 : 6);
   return reply;
@@ -214,6 +241,7 @@ v1::ReleaseSystemReply FakeEngine::release_system(const v1::ReleaseSystemRequest
 
 std::shared_ptr<server::DeformJob> FakeEngine::deform(v1::DeformRequest request, std::uint64_t request_id,
                                                       const CallContext& call, std::function<void()> on_ready) {
+  note(call);
   if (deform_error) throw *deform_error;
   {
     const std::lock_guard lock(mutex_);
@@ -231,6 +259,7 @@ std::shared_ptr<server::DeformJob> FakeEngine::deform(v1::DeformRequest request,
 
 std::shared_ptr<server::EvaluateJob> FakeEngine::evaluate(v1::EvaluateHeader header, const CallContext& call,
                                                           std::function<void()> on_ready) {
+  note(call);
   if (!on_evaluate) throw Error(ErrorCode::not_found, "system " + header.system_id() + ": unknown id");
   return on_evaluate(header, call, std::move(on_ready));
 }
@@ -244,11 +273,13 @@ std::shared_ptr<server::DeformJob> FakeEngine::jacobian_vector(v1::JacobianVecto
 
 void FakeEngine::vector_jacobian(const v1::VectorJacobianHeader&, Points cotangent, const CallContext& call,
                                  std::function<void(Outcome<v1::VectorJacobianReply>)> on_done) {
+  note(call);
   on_vector_jacobian(std::move(cotangent), call, std::move(on_done));
 }
 
 void FakeEngine::get_basis(const v1::GetBasisRequest& request, const CallContext& call,
                            std::function<void(Outcome<std::shared_ptr<server::BasisRecords>>)> on_done) {
+  note(call);
   on_get_basis(request, call, std::move(on_done));
 }
 

@@ -88,23 +88,25 @@ class FakeEngine : public server::Engine {
   std::size_t job_count();
   std::shared_ptr<Upload> upload(std::size_t n);
   std::size_t upload_count();
+  /// The tenant of each call that reached the engine, in order.
+  std::vector<std::string> tenants();
 
   // ---- Engine ----
   std::unique_ptr<server::GeometryUpload> begin_upload(const v1::GeometryHeader& header,
                                                        const server::CallContext& call) override;
-  v1::GeometryInfo get_geometry(const std::string& id) override;
-  v1::ListGeometriesReply list_geometries(const v1::ListGeometriesRequest& request) override;
-  v1::DeleteGeometryReply delete_geometry(const v1::DeleteGeometryRequest& request) override;
-  std::shared_ptr<const Points> get_points(const std::string& id) override;
+  v1::GeometryInfo get_geometry(const std::string& id, const server::CallContext& call) override;
+  v1::ListGeometriesReply list_geometries(const v1::ListGeometriesRequest& request, const server::CallContext& call) override;
+  v1::DeleteGeometryReply delete_geometry(const v1::DeleteGeometryRequest& request, const server::CallContext& call) override;
+  std::shared_ptr<const Points> get_points(const std::string& id, const server::CallContext& call) override;
   void detect(const v1::DetectRequest& request, const server::CallContext& call,
               std::function<void(Outcome<DetectReplies>)> on_done) override;
   v1::EstimateReply estimate(const v1::EstimateRequest& request, const server::CallContext& call) override;
   void prepare(const v1::PrepareRequest& request, const server::CallContext& call,
                std::function<void(const v1::Progress&)> on_progress,
                std::function<void(Outcome<v1::SystemInfo>)> on_done) override;
-  v1::SystemInfo get_system(const std::string& id) override;
-  v1::ListSystemsReply list_systems(const v1::ListSystemsRequest& request) override;
-  v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request) override;
+  v1::SystemInfo get_system(const std::string& id, const server::CallContext& call) override;
+  v1::ListSystemsReply list_systems(const v1::ListSystemsRequest& request, const server::CallContext& call) override;
+  v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request, const server::CallContext& call) override;
   std::shared_ptr<server::DeformJob> deform(v1::DeformRequest request, std::uint64_t request_id, const server::CallContext& call,
                                             std::function<void()> on_ready) override;
   std::shared_ptr<server::EvaluateJob> evaluate(v1::EvaluateHeader header, const server::CallContext& call,
@@ -116,6 +118,7 @@ class FakeEngine : public server::Engine {
   void get_basis(const v1::GetBasisRequest& request, const server::CallContext& call,
                  std::function<void(Outcome<std::shared_ptr<server::BasisRecords>>)> on_done) override;
   v1::ServerInfo info() override;
+  server::StoredAmount stored(const std::string& tenant) override;
   bool drain(std::chrono::milliseconds limit) override;
 
  private:
@@ -124,7 +127,10 @@ class FakeEngine : public server::Engine {
   // under mutex_
   std::vector<std::shared_ptr<FakeJob>> jobs_;
   std::vector<std::shared_ptr<Upload>> uploads_;
+  std::vector<std::string> tenants_;
   bool draining_ = false;
+
+  void note(const server::CallContext& call);
 };
 
 /// Polls until `condition` holds; false when it does not within ten seconds.
