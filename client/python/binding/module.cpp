@@ -5,6 +5,7 @@
 #include "client/python/binding/bind_client.h"
 #include "client/python/binding/bind_compiled.h"
 #include "client/python/binding/bind_mesh.h"
+#include "client/python/binding/bind_quality.h"
 #include "client/python/binding/calls.h"
 #include "client/python/binding/record.h"
 #include "core/base/error.h"
@@ -24,4 +25,5 @@ PYBIND11_MODULE(_deformd, module) {
   python::bind_meshes(module);
   python::bind_setups(module);
   python::bind_population(module);
+  python::bind_quality(module);
 }
