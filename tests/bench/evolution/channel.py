@@ -11,6 +11,7 @@ import pathlib
 import re
 import shutil
 import subprocess
+import tempfile
 
 import numpy as np
 
@@ -31,19 +32,23 @@ os.environ.setdefault("WM_PROJECT_DIR", "/usr/share/openfoam")
 
 def openfoam():
     """Whether OpenFOAM is there."""
-    return all(shutil.which(program) for program in ("blockMesh", "simpleFoam"))
+    return all(shutil.which(program) for program in ("blockMesh", "simpleFoam", "adjointOptimisationFoam"))
 
 
 def solve(case, iterations, write=False, program="simpleFoam"):
-    """Runs the solver from the fields in `case`/0. Raises RuntimeError with the end of its log."""
-    control = case / "system/controlDict"
-    text = re.sub(r"endTime \d+", f"endTime {iterations}", control.read_text())
-    control.write_text(re.sub(r"writeInterval \d+; writePrecision", f"writeInterval {iterations if write else 10**6}; writePrecision", text))
+    """Runs the solver from the fields in `case`/0, and writes the last fields if asked to. Raises RuntimeError with the end of its log."""
+    _limit(case, iterations, write)
     shutil.rmtree(case / "postProcessing", ignore_errors=True)
     done = subprocess.run([program], cwd=case, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     (case / "log").write_text(done.stdout)
     if done.returncode != 0:
         raise RuntimeError(f"{program} in {case} ended with {done.returncode}:\n{done.stdout[-2000:]}")
+
+
+def _limit(case, iterations, write):
+    control = case / "system/controlDict"
+    text = re.sub(r"endTime \d+;", f"endTime {iterations};", control.read_text())
+    control.write_text(re.sub(r"writeInterval \d+; writePrecision", f"writeInterval {iterations if write else 10**6}; writePrecision", text))
 
 
 def drags(case):
@@ -53,26 +58,29 @@ def drags(case):
 
 
 def make(folder):
-    """FOLDER/template, what a design starts from, with the settled flow around the body at rest, and a setup per method."""
+    """Makes in FOLDER a setup per method, what the fitness with gradients needs beside its study, and, unless it is there, the folder `template`:
+    what a design starts from, with the settled flow around the body at rest."""
     folder = pathlib.Path(folder)
-    shutil.rmtree(folder / "template", ignore_errors=True)
+    for name in ("channel.py", "fitness.py", "gradient.py"):
+        shutil.copy(HERE / name, folder)
+    shutil.copytree(HERE / "adjoint", folder / "adjoint", dirs_exist_ok=True)
+    for method in METHODS:
+        (folder / f"{method}.yaml").write_text(json.dumps(setup(method), indent=1))  # JSON is YAML
     case = folder / "template"
+    if (case / "outline.json").exists():
+        return
+    shutil.rmtree(case, ignore_errors=True)
     shutil.copytree(HERE / "case", case)
     subprocess.run(["blockMesh"], cwd=case, stdout=subprocess.DEVNULL, check=True)
     solve(case, 500, write=True)
     for field in ("U", "p"):
         os.replace(case / "500" / field, case / "0" / field)
     shutil.rmtree(case / "500")
-    settled = drags(case)
     shutil.rmtree(case / "postProcessing")
     (case / "log").unlink()
     shutil.copy(HERE / "fitness.py", case)
-    (case / "outline.json").write_text(json.dumps(outline(read_points(case / "constant/polyMesh/points")).tolist()))
-    solve_nothing = case / "system/controlDict"
-    solve_nothing.write_text(re.sub(r"endTime \d+", f"endTime {ITERATIONS}", solve_nothing.read_text()))
-    for method in METHODS:
-        (folder / f"{method}.yaml").write_text(json.dumps(setup(method), indent=1))  # JSON is YAML
-    return settled
+    _limit(case, ITERATIONS, write=False)
+    (case / "outline.json").write_text(json.dumps(outline(read_points(case / "constant/polyMesh/points")).tolist()))  # last: it says that all is there
 
 
 def read_points(path):
@@ -91,6 +99,16 @@ def read_field(path):
     """The values of a field of vectors inside, (n, 3)."""
     text = path.read_text()
     return np.array(re.findall(r"^\((\S+) (\S+) (\S+)\)$", text[:text.index("boundaryField")], re.MULTILINE), dtype=float)
+
+
+def plane_cells(case):
+    """(corners, cells): the four corners of each cell in the plane of the lower z, (c, 4), and which cell they belong to, (c,)."""
+    mesh = case / "constant/polyMesh"
+    points = read_points(mesh / "points")
+    faces = [list(map(int, corners.split())) for corners in re.findall(r"^4\(([\d ]+)\)$", (mesh / "faces").read_text(), re.MULTILINE)]
+    owner = list(map(int, re.findall(r"^\d+$", (mesh / "owner").read_text(), re.MULTILINE)[1:]))
+    found = [i for i, corners in enumerate(faces) if (points[corners, 2] < 0).all()]
+    return np.array([faces[i] for i in found]), np.array([owner[i] for i in found])
 
 
 def outline(rest):
@@ -156,5 +174,37 @@ evaluate: {{command: "python3 -I -S fitness.py {{points}} {{result}}", template:
 minimize: fitness
 optimizer: {{cma: {{sigma: 0.1, popsize: 15, CMA_mu: 2, CMA_active: false}}}}
 budget: {15 * generations}
+place: {{threads: 15}}
 """)
     return path
+
+
+def gradient_study(folder, budget):
+    """Writes the file of the study with gradients in FOLDER and returns its path."""
+    path = pathlib.Path(folder) / "gradient-rbf.yaml"
+    path.write_text(f"""setup: rbf.yaml
+evaluate: {{function: "gradient:fitness"}}
+minimize: fitness
+optimizer: {{scipy: {{method: trust-constr, initial_tr_radius: 0.1}}}}
+budget: {budget}
+""")
+    return path
+
+
+def gradient_angle(folder, system, step=2e-3):
+    """Degrees between the gradient of the drag by the adjoint solver and central differences, at rest, in the space of the variables."""
+    import gradient
+
+    def drag(x):
+        with tempfile.TemporaryDirectory(dir=folder) as work:
+            case = pathlib.Path(work) / "case"
+            shutil.copytree(pathlib.Path(folder) / "template", case)
+            write_points(case / "constant/polyMesh/points", system(x))
+            solve(case, 6 * ITERATIONS)
+            return drags(case)[-1]
+
+    rest = np.zeros(len(system.names))
+    by_adjoint = system.vjp(rest, gradient.drag_and_slope(folder, system(rest))[1])
+    differences = np.array([(drag(rest + step * direction) - drag(rest - step * direction)) / (2 * step) for direction in np.eye(len(rest))])
+    cosine = by_adjoint @ differences / np.linalg.norm(by_adjoint) / np.linalg.norm(differences)
+    return float(np.degrees(np.arccos(cosine)))
