@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The parts of tests/bench/evolution with a real flow solver, on a few designs."""
 
+import importlib.util
 import json
 import os
 import shutil
@@ -88,6 +89,21 @@ def test_the_gradient_is_that_of_differences(folder, systems):
     step = 1e-6
     differences = (area_by_triangles(points + step * direction, ids) - area_by_triangles(points - step * direction, ids)) / (2 * step)
     assert (slope * direction).sum() == pytest.approx(differences, rel=1e-6)
+
+
+def test_the_fitness_with_gradients_is_that_without(folder, systems):
+    spec = importlib.util.spec_from_file_location("gradient_of_the_study", folder / "gradient.py")
+    beside = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(beside)
+    points = systems["dm_ffd"](np.random.default_rng(5).normal(0, 0.02, 23), bad="keep")
+    values, slopes = beside.fitness(points, {}, None)
+    drag, slope = gradient.drag_and_slope(folder, points)
+    ids = np.array(json.loads((folder / "template" / "outline.json").read_text()))
+    assert values["drag"] == drag and values["area"] == pytest.approx(area_by_triangles(points, ids), rel=1e-12)
+    assert values["fitness"] == pytest.approx(drag + fitness.WEIGHT / values["area"], rel=1e-14)
+    direction, step = np.random.default_rng(7).normal(size=points.shape), 1e-6
+    term = [fitness.WEIGHT / area_by_triangles(points + sign * step * direction, ids) for sign in (1, -1)]
+    assert ((slopes["fitness"] - slope) * direction).sum() == pytest.approx((term[0] - term[1]) / (2 * step), rel=1e-5)
 
 
 def test_a_flow_that_does_not_settle_is_a_failure(folder, tmp_path):
