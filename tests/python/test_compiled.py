@@ -340,3 +340,67 @@ def test_a_call_that_was_cancelled(system):
     cancel.cancel()
     with pytest.raises(deformd.Cancelled):
         system.local(cancel=cancel)
+
+
+# ---- flipped faces ----
+
+
+@pytest.fixture
+def folding(case, client):
+    """A system whose handle may be pushed along the roof until faces fold over."""
+    return client.prepare({"handles": [{"name": "roof", "region": {"box": {"min": [0.4, -1, 0.3], "max": [0.6, 1, 1]}}}],
+                           "fixed": [{"group": "nose"}, {"group": "slant"}, {"group": "underbody"}],
+                           "variables": [{"name": "push", "handle": "roof", "translate": [1, 0, 0], "lower": -0.5, "upper": 0.5}]},
+                          client.register(case.mesh))
+
+
+def test_flipped_faces_are_those_of_the_server(case, folding):
+    fast, check = folding.local(), deformd.FaceCheck(case.mesh)
+    pushes = np.array([[0], [0.05], [0.2], [-0.3], [0.45]])
+    expected = [report.faces.flipped for report in folding.deform(pushes).reports]
+    assert expected[0] == 0 and len(set(expected)) >= 3, expected
+    population = fast.deform(pushes, faces=check)
+    assert [report.flipped_faces for report in population.reports] == expected
+    assert [report.flipped_faces for report in fast.report(np.tile(pushes, (8, 1)), faces=check, threads=2)] == 8 * expected
+    assert fast.report([0.45], faces=check).to_dict()["flipped_faces"] == expected[4]
+    assert check.flipped(population.points, threads=3) == check.flipped(population.points) == expected
+    assert check.flipped(population.points[4]) == expected[4:]
+    assert check.flipped(population.points.astype(np.float32)) == expected
+    assert pickle.loads(pickle.dumps(population.reports[4])).flipped_faces == expected[4]
+    assert check.faces == folding.geometry.info.faces and check.points == len(fast.rest)
+    assert [deformd.FaceCheck(source).flipped(population.points) for source in (folding.geometry, str(case.mesh))] == [expected, expected]
+
+
+def test_flipped_faces_of_a_plane_are_those_with_the_other_sign():
+    rows = 12
+    points = np.array([[x, y, 0] for y in range(rows) for x in range(rows)], dtype=float)
+    faces = np.array([triangle for y in range(rows - 1) for x in range(rows - 1) for i in [y * rows + x]
+                      for triangle in ([i, i + 1, i + rows + 1], [i, i + rows + 1, i + rows])])
+    designs = np.tile(points, (6, 1, 1))
+    random = np.random.default_rng(4)
+    for design in designs[1:]:
+        design[random.choice(rows * rows, 3, replace=False), :2] += random.uniform(-2.5, 2.5, (3, 2))
+    a, b, c = (designs[:, faces[:, i], :2] for i in range(3))
+    turned = np.cross(b - a, c - a) < 0
+    assert deformd.FaceCheck((points, faces)).flipped(designs) == turned.sum(axis=1).tolist()
+    assert turned.any(axis=1).sum() == 5
+
+
+def test_nobody_looks_at_faces_unasked(fast):
+    assert fast.report([0.01, 0]).flipped_faces is None
+    assert fast.deform([0.01, 0]).report.flipped_faces is None
+
+
+def test_faces_of_what_could_not_be_evaluated_and_of_other_meshes(case, folding):
+    fast, check = folding.local(), deformd.FaceCheck(case.mesh)
+    reports = fast.deform([[9], [0]], faces=check).reports
+    assert reports[0].error is not None and reports[0].flipped_faces is None and reports[1].flipped_faces == 0
+    small = deformd.FaceCheck((np.eye(3), [[0, 1, 2]]))
+    with pytest.raises(deformd.InvalidArgument, match=f"faces: a mesh of 3 points, the deformation has {len(fast.rest)}"):
+        fast.deform([0], faces=small)
+    with pytest.raises(deformd.InvalidArgument, match=r"points: an array of shape \(4, 3\), expected \(3, 3\)"):
+        small.flipped(np.zeros((4, 3)))
+    with pytest.raises(deformd.InvalidArgument, match="threads"):
+        small.flipped(np.eye(3), threads=-1)
+    with pytest.raises(deformd.InvalidArgument, match="mesh: it has no faces"):
+        deformd.FaceCheck((np.eye(3), np.empty((0, 3), dtype=int)))

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -32,7 +33,7 @@ def study(case, tmp_path):
         log = tmp_path / "log"
 
         def start(self, text, **variables):
-            (tmp_path / "study.yaml").write_text(f"setup: {case.setup}\nserver: {case.server.address}\n{text}\n")
+            (tmp_path / "study.yaml").write_text(("" if "setup:" in text else f"setup: {case.setup}\n") + f"server: {case.server.address}\n{text}\n")
             paths = os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(HERE)])
             return subprocess.Popen([sys.executable, "-m", "deformd.study", str(tmp_path / "study.yaml")], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                                     text=True, env={**os.environ, "PYTHONPATH": paths, "STUDY_LOG": str(self.log), **variables})
@@ -277,6 +278,33 @@ def test_a_command_per_design(study, tmp_path):
     assert [row["verdict"] for row in rows] == ["good", "failed", "good"] and "diverged" in rows[1]["reasons"]
     assert float(rows[2]["top"]) > float(rows[0]["top"])
     assert (study.folder / "cases" / "000002" / "output.txt").exists()
+
+
+def test_the_share_of_deforming_is_told(study, tmp_path):
+    (tmp_path / "template").mkdir()
+    (tmp_path / "template" / "sleep.py").write_text("import sys, time\ntime.sleep(0.3)\nopen(sys.argv[1], 'w').write('1')\n")
+    code, told = study(f"evaluate: {{command: '{sys.executable} -S sleep.py {{result}}', template: template}}\ndoe: {{halton: 3}}")
+    assert code == 0, told
+    records = [json.loads(line) for line in (study.folder / "journal.jsonl").read_text().splitlines()]
+    assert all(0.3 <= each["seconds_evaluating"] < 10 and 0 < each["seconds_deforming"] < 10 for each in records), records
+    deforming, evaluating = (sum(each[f"seconds_{what}"] for each in records) for what in ("deforming", "evaluating"))
+    share = re.search(r"^3 designs: (\S+) s of deforming, (\S+) % of that with evaluating$", told, re.MULTILINE)
+    assert float(share[1]) == pytest.approx(deforming, rel=0.01) and float(share[2]) == pytest.approx(100 * deforming / (deforming + evaluating), rel=0.01)
+    assert "seconds" not in (study.folder / "history.csv").read_text()
+
+
+def test_flipped_faces_of_a_compiled_deformation_are_doubtful(study, case, tmp_path, client):
+    folding = {"geometry": str(case.mesh), "handles": [{"name": "roof", "region": {"box": {"min": [0.4, -1, 0.3], "max": [0.6, 1, 1]}}}],
+               "fixed": [{"group": "nose"}, {"group": "slant"}, {"group": "underbody"}],
+               "variables": [{"name": "push", "handle": "roof", "translate": [1, 0, 0], "lower": -0.5, "upper": 0.5}]}
+    (tmp_path / "folding.yaml").write_text(json.dumps(folding))
+    (tmp_path / "designs.csv").write_text("push\n0.01\n0.45\n")
+    code, told = study(f"doe: {{table: designs.csv}}\ndeformation: compiled\nsetup: {tmp_path / 'folding.yaml'}")
+    assert code == 0, told
+    server = client.prepare(tmp_path / "folding.yaml").deform([0.45]).report
+    rows = study.history()
+    assert [row["verdict"] for row in rows] == ["unknown", "doubtful"]
+    assert rows[1]["reasons"] == f"{server.faces.flipped} of {server.faces.faces} faces are flipped"
 
 
 # ---- places ----

@@ -6,6 +6,7 @@
 #include "client/python/binding/bind_compiled.h"
 #include "client/python/binding/bind_measures.h"
 #include "client/python/binding/bind_mesh.h"
+#include "client/python/binding/bind_quality.h"
 #include "client/python/binding/calls.h"
 #include "client/python/binding/record.h"
 #include "core/base/error.h"
@@ -26,4 +27,5 @@ PYBIND11_MODULE(_deformd, module) {
   python::bind_setups(module);
   python::bind_measures(module);
   python::bind_population(module);
+  python::bind_quality(module);
 }

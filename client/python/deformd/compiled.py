@@ -9,6 +9,7 @@ import numpy as np
 from . import _deformd
 from .designs import DesignSpace, Variable
 from .errors import Error, InvalidArgument
+from .faces import FaceCheck
 from .reports import CompiledReport, Deformation, Population, check_bad, raise_or_warn
 
 if TYPE_CHECKING:
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     Bad = Literal["raise", "warn", "keep"]
 
 _MOST_THREADS = 1024
+_SHARED = 15
+"""Designs that `report` evaluates at once: they share a pass over the basis, and their points are in memory."""
 _MAGIC = b"\x89DEFORM\n"
 
 
@@ -110,24 +113,42 @@ class CompiledDeformation(DesignSpace):
         out: Optional[np.ndarray] = None,
         dtype: Any = None,
         threads: int = 1,
+        faces: Optional[FaceCheck] = None,
     ) -> Union[Deformation, Population]:
         """Points and report of a design, or points and reports of many; never raises for a single bad design.
 
         A design that cannot be evaluated has NaN for points and `report.error`, an InvalidArgument that names variable and bounds. The
-        reports are `CompiledReport`s: nobody looks at faces and cells.
+        reports are `CompiledReport`s. faces: looks for flipped faces, `report.flipped_faces`; nobody looks at cells. Raises
+        InvalidArgument where its mesh has another number of points.
         """
         designs, single = self._designs(x)
+        self._check_faces(faces)
         points = self._target(designs, single, out, dtype)
-        reports = [self._report(found) for found in self._native.deform(designs, points, _thread_count(threads))]
+        reports = self._deform(designs, points, threads, faces)
         return Deformation(points, reports[0]) if single else Population(points, reports)
 
-    def report(self, x: "Union[Design, Designs]", *, threads: int = 1) -> "Union[CompiledReport, List[CompiledReport]]":
-        """What is known of a design, or of many: estimated error, largest displacement, their ratio. `deform` gives points as well."""
+    def report(
+        self, x: "Union[Design, Designs]", *, threads: int = 1, faces: Optional[FaceCheck] = None
+    ) -> "Union[CompiledReport, List[CompiledReport]]":
+        """What is known of a design, or of many: estimated error, largest displacement, their ratio, and the number of flipped faces
+        where `faces` looks for them. The points of a few designs are in memory, however many there are; `deform` gives them."""
         designs, single = self._designs(x)
-        points = np.empty((1, len(self.rest), 3))
-        count = _thread_count(threads)
-        reports = [self._report(self._native.deform(design[None, :], points, count)[0]) for design in designs]
+        self._check_faces(faces)
+        points = np.empty((min(len(designs), _SHARED), len(self.rest), 3))
+        reports: List[CompiledReport] = []
+        for first in range(0, len(designs), _SHARED):
+            some = designs[first:first + _SHARED]
+            reports += self._deform(some, points[:len(some)], threads, faces)
         return reports[0] if single else reports
+
+    def _deform(self, designs: np.ndarray, points: np.ndarray, threads: int, faces: Optional[FaceCheck]) -> List[CompiledReport]:
+        found = self._native.deform(designs, points, _thread_count(threads))
+        counts = [None] * len(found) if faces is None else faces.flipped(points.reshape(-1, len(self.rest), 3), threads=threads)
+        return [self._report(one, count) for one, count in zip(found, counts)]
+
+    def _check_faces(self, faces: Optional[FaceCheck]) -> None:
+        if faces is not None and faces.points != len(self.rest):
+            raise InvalidArgument(f"faces: a mesh of {faces.points} points, the deformation has {len(self.rest)}")
 
     # ---- derivatives ----
 
@@ -178,10 +199,10 @@ class CompiledDeformation(DesignSpace):
     def _target(self, designs: np.ndarray, single: bool, out: Optional[np.ndarray], dtype: Any) -> np.ndarray:
         return _target((len(self.rest), 3) if single else (len(designs), len(self.rest), 3), out, dtype)
 
-    def _report(self, found: Any) -> CompiledReport:
+    def _report(self, found: Any, flipped: Optional[int]) -> CompiledReport:
         if isinstance(found, Error):
             return CompiledReport(error=found)
-        return CompiledReport(*found, diagonal=self.diagonal)
+        return CompiledReport(*found, diagonal=self.diagonal, flipped_faces=flipped)
 
     def __repr__(self) -> str:
         return f"<CompiledDeformation of {self.system_id[:8]}: {len(self.rest)} points, variables {', '.join(self.names)}>"

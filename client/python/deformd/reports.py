@@ -82,15 +82,16 @@ class Report:
 
 
 class CompiledReport:
-    """The report on one design of a compiled deformation, which knows the solver's part: no faces, no cells. Lengths are in model
-    units. All but the error is NaN or False where there is one. Immutable."""
+    """The report on one design of a compiled deformation, which knows the solver's part, and the flipped faces where a FaceCheck looked for
+    them: no cells. Lengths are in model units. All but the error is NaN, None or False where there is one. Immutable."""
 
-    __slots__ = ("_numbers", "_diagonal", "_error")
+    __slots__ = ("_numbers", "_diagonal", "_error", "_flipped_faces")
 
-    def __init__(self, *numbers: float, diagonal: float = 0.0, error: Optional[Error] = None) -> None:
+    def __init__(self, *numbers: float, diagonal: float = 0.0, error: Optional[Error] = None, flipped_faces: Optional[int] = None) -> None:
         self._numbers = numbers or (math.nan, math.nan, math.nan, math.nan, False)
         self._diagonal = diagonal
         self._error = error
+        self._flipped_faces = flipped_faces
 
     @property
     def estimated_error(self) -> float:
@@ -117,6 +118,11 @@ class CompiledReport:
     def converged(self) -> bool:
         """The solver reached its tolerance."""
         return bool(self._numbers[4])
+
+    @property
+    def flipped_faces(self) -> Optional[int]:
+        """The number of faces that are folded over, which the server calls doubtful; None where nobody looked."""
+        return self._flipped_faces
 
     @property
     def relative_error(self) -> float:
@@ -152,18 +158,19 @@ class CompiledReport:
         if self._error is not None:
             error = self._error
             return {"reasons": list(self.reasons), "error": {"code": error.code, "message": error.message, "field": error.field}}
-        names = ("estimated_error", "max_displacement", "prescribed_displacement", "interpolation_residual", "converged", "relative_error")
+        names = ("estimated_error", "max_displacement", "prescribed_displacement", "interpolation_residual", "converged", "relative_error",
+                 "flipped_faces")
         return {**{name: getattr(self, name) for name in names}, "reasons": list(self.reasons), "error": None}
 
     def __repr__(self) -> str:
         return f"<CompiledReport: {'; '.join(self.reasons) or f'estimated error {self.estimated_error:.3g}'}>"
 
     def __reduce__(self) -> Any:
-        return _compiled_report, (self._numbers, self._diagonal, self._error)
+        return _compiled_report, (self._numbers, self._diagonal, self._error, self._flipped_faces)
 
 
-def _compiled_report(numbers: Tuple[float, ...], diagonal: float, error: Optional[Error]) -> CompiledReport:
-    return CompiledReport(*numbers, diagonal=diagonal, error=error)
+def _compiled_report(numbers: Tuple[float, ...], diagonal: float, error: Optional[Error], flipped_faces: Optional[int] = None) -> CompiledReport:
+    return CompiledReport(*numbers, diagonal=diagonal, error=error, flipped_faces=flipped_faces)
 
 
 class Deformation(NamedTuple):

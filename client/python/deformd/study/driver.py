@@ -196,10 +196,18 @@ def run_study(path: Union[str, "os.PathLike[str]"], say: Callable[[str], None] =
                 pass
             finally:
                 results.write(spec, names, bounds, task, journal.in_order())
+        say(_shares(journal.in_order()))
         say(f"results: {spec.folder / 'report.html'}")
         return journal.in_order()
     finally:
         journal.close()
+
+
+def _shares(records: List[Dict[str, Any]]) -> str:
+    """What of the workers' time deformation took."""
+    deforming, evaluating = (sum(each.get(f"seconds_{what}", 0.0) for each in records) for what in ("deforming", "evaluating"))
+    whole = deforming + evaluating
+    return f"{len(records)} designs: {deforming:.3g} s of deforming, {100 * deforming / whole if whole else 0:.3g} % of that with evaluating"
 
 
 def _task(spec: Spec) -> Tuple[Task, Tuple[str, ...], np.ndarray]:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Evaluates one design; runs in the processes of a place. What travels is a task of a few numbers: meshes do not."""
 
+import contextlib
 import importlib
 import json
 import math
@@ -10,7 +11,8 @@ import shlex
 import shutil
 import subprocess
 import threading
-from typing import Any, Dict, Mapping, Optional, Tuple
+import time
+from typing import Any, Dict, Iterator, Mapping, Optional, Tuple
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from .. import _deformd
 from ..client import Client, _isolated_reader
 from ..compiled import load
 from ..errors import Error, InvalidArgument, NumericalFailure
+from ..faces import FaceCheck
 from .journal import write_whole
 from .measures import Evaluation, make_measure
 from .places import die_with_parent
@@ -31,9 +34,11 @@ _FAILURES = ("invalid_argument", "numerical_failure", "deadline_exceeded")
 
 
 def evaluate(task: Task) -> Dict[str, Any]:
-    """The record of a design: number, x, verdict, reasons, values, gradients (of values at the variables) and mesh, whose file was written.
+    """The record of a design: number, x, verdict, reasons, values, gradients (of values at the variables), mesh, whose file was written, and
+    seconds_deforming (until its points are there, for a command as a file) and seconds_evaluating (by measures, function or command).
 
-    verdict: that of the report, "failed" where evaluator or design failed, "unknown" of compiled deformations, whose faces nobody looks at. Raises
+    verdict: that of the report, "failed" where evaluator or design failed; of compiled deformations, whose cells nobody looks at, "doubtful" where
+    faces are flipped, else "unknown". Raises
     what has nothing to do with the design: no server, no such function. What functions and commands gave is kept in the folder, so that it
     is there for the study even if that ended meanwhile.
     """
@@ -60,16 +65,20 @@ def kept_result(task: Task) -> Optional[Dict[str, Any]]:
 def _evaluate(task: Task) -> Dict[str, Any]:
     system = _system(task)
     x = np.array(task["x"])
-    points, report = system.deform(x)
-    record: Dict[str, Any] = {"number": task["number"], "x": task["x"], "verdict": getattr(report, "verdict", "unknown"),
-                              "reasons": list(report.reasons), "values": {}, "gradients": {}, "mesh": None}
+    record: Dict[str, Any] = {"number": task["number"], "x": task["x"], "seconds_deforming": 0.0, "seconds_evaluating": 0.0}
+    looks = {"faces": _face_check(task)} if task["compiled"] else {}
+    with _timed(record, "deforming"):
+        points, report = system.deform(x, **looks)
+    record.update(verdict=getattr(report, "verdict", "unknown"), reasons=list(report.reasons), values={}, gradients={}, mesh=None)
+    if task["compiled"] and report.flipped_faces:
+        record.update(verdict="doubtful", reasons=[*report.reasons, f"{report.flipped_faces} of {looks['faces'].faces} faces are flipped"])
     error = report.error
     if error is not None and error.code.lower() not in _FAILURES and not isinstance(error, InvalidArgument):
         raise error
     if report.bad:
         return {**record, "verdict": "bad"}
     try:
-        values, slopes = _values(task, points, report)
+        values, slopes = _values(task, points, report, record)
     except _Failed as failed:
         return {**record, "verdict": "failed", "reasons": [str(failed)]}
     record["values"] = values
@@ -93,32 +102,44 @@ class _Failed(Exception):
     """The evaluator has no value of this design."""
 
 
-def _values(task: Task, points: np.ndarray, report: Any) -> Tuple[Dict[str, float], Dict[str, np.ndarray]]:
+@contextlib.contextmanager
+def _timed(record: Dict[str, Any], what: str) -> Iterator[None]:
+    began = time.perf_counter()
+    try:
+        yield
+    finally:
+        record[f"seconds_{what}"] = round(record[f"seconds_{what}"] + time.perf_counter() - began, 6)
+
+
+def _values(task: Task, points: np.ndarray, report: Any, record: Dict[str, Any]) -> Tuple[Dict[str, float], Dict[str, np.ndarray]]:
+    """Values and their gradients at the points; the time they took goes to the record."""
     how = task["evaluate"]
     slopes: Dict[str, np.ndarray] = {}
     if not how:
         return {}, {}
     if "measures" in how:
         values: Any = {}
-        for name in how["measures"]:
-            try:
-                found, slope = _measure(task, name)(points, name in task["gradients"])
-            except NumericalFailure as error:
-                raise _Failed(f"{name}: {error}") from None
-            values.update(found)
-            if slope is not None:
-                slopes[name] = slope
+        with _timed(record, "evaluating"):
+            for name in how["measures"]:
+                try:
+                    found, slope = _measure(task, name)(points, name in task["gradients"])
+                except NumericalFailure as error:
+                    raise _Failed(f"{name}: {error}") from None
+                values.update(found)
+                if slope is not None:
+                    slopes[name] = slope
     elif "function" in how:
         module, name = how["function"].split(":")
         function = getattr(importlib.import_module(module), name)
         try:
-            values = function(points, dict(zip(task["names"], task["x"])), report)
+            with _timed(record, "evaluating"):
+                values = function(points, dict(zip(task["names"], task["x"])), report)
         except Exception as error:  # whatever the user's function raises is its failure for this design
             raise _Failed(f"{how['function']}: {type(error).__name__}: {error}") from error
         if isinstance(values, tuple):
             values, slopes = values
     else:
-        values = _command(task, points)
+        values = _command(task, points, record)
     if not isinstance(values, Mapping):
         values = {"value": values}
     try:
@@ -131,22 +152,24 @@ def _values(task: Task, points: np.ndarray, report: Any) -> Tuple[Dict[str, floa
     return checked, slopes
 
 
-def _command(task: Task, points: np.ndarray) -> Any:
+def _command(task: Task, points: np.ndarray, record: Dict[str, Any]) -> Any:
     """Values that a command left in {result}: JSON of names and numbers, or one number."""
     how = task["evaluate"]
     case = pathlib.Path(task["folder"]) / "cases" / f"{task['number']:06}"
-    if case.exists():
-        shutil.rmtree(case)
-    if "template" in how:
-        shutil.copytree(how["template"], case)
-    else:
-        case.mkdir(parents=True)
+    with _timed(record, "evaluating"):
+        if case.exists():
+            shutil.rmtree(case)
+        if "template" in how:
+            shutil.copytree(how["template"], case)
+        else:
+            case.mkdir(parents=True)
     mesh = _mesh(task, needed=False)
     shape = case / f"design{task['write'] or pathlib.Path(task['mesh']).suffix if mesh else '.npy'}"
-    if mesh:
-        mesh.write(str(shape), points)
-    else:
-        np.save(shape, points)
+    with _timed(record, "deforming"):
+        if mesh:
+            mesh.write(str(shape), points)
+        else:
+            np.save(shape, points)
     (case / "variables.json").write_text(json.dumps(dict(zip(task["names"], task["x"]))))
     result = case / "result.json"
     places = {"{points}": str(shape), "{case}": str(case), "{result}": str(result)}
@@ -154,7 +177,7 @@ def _command(task: Task, points: np.ndarray) -> Any:
     for place, value in places.items():
         words = [word.replace(place, value) for word in words]
     parent = os.getpid()
-    with open(case / "output.txt", "wb") as output:
+    with open(case / "output.txt", "wb") as output, _timed(record, "evaluating"):
         try:
             done = subprocess.run(words, cwd=case, stdin=subprocess.DEVNULL, stdout=output, stderr=output, timeout=how.get("timeout"),
                                   preexec_fn=lambda: die_with_parent(parent))
@@ -213,6 +236,14 @@ def _triangles(sizes: np.ndarray, corners: np.ndarray) -> np.ndarray:
     fan = np.repeat(starts, counts)
     within = np.arange(len(fan)) - np.repeat(np.cumsum(counts) - counts, counts)
     return np.stack([corners[fan], corners[fan + within + 1], corners[fan + within + 2]], axis=1)
+
+
+def _face_check(task: Task) -> Any:
+    """For compiled deformations; None where the study has no mesh, or that no faces."""
+    mesh = _mesh(task, needed=False)
+    if mesh is None or len(mesh.face_sizes) == 0:
+        return None
+    return _once(f"check:{task['mesh']}", lambda: FaceCheck(mesh))
 
 
 def _once(key: str, make: Any) -> Any:

@@ -1,0 +1,11 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+namespace deform::python {
+
+/// FaceCheck: counts flipped faces of many designs.
+void bind_quality(pybind11::module_& module);
+
+}  // namespace deform::python
