@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: GPL-3.0-or-later
+# SPDX-License-Identifier: Apache-2.0
 """The bills of materials that cmake --install writes, against what ldd, the compiler's notes of headers and dpkg say of the same programs."""
 
 import hashlib

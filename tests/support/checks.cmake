@@ -15,6 +15,7 @@ if(NOT DEFORM_SANITIZE)
     add_test(NAME sources.documents COMMAND ${DEFORM_PYTHON} ${checks}/check_docs.py ${PROJECT_SOURCE_DIR} $<TARGET_FILE:deform>
                                             $<TARGET_FILE:deformd>)
   endif()
+  add_test(NAME sources.compiler_cache COMMAND ${DEFORM_PYTHON} ${checks}/ccache_launcher_test.py)
   add_test(NAME sources.documents_are_checked COMMAND ${DEFORM_PYTHON} ${checks}/check_docs_test.py)
   set_tests_properties(sources.floors_are_checked sources.house_rules_are_checked sources.references_are_checked
                        sources.licences sources.licences_are_checked
