@@ -358,6 +358,7 @@ void RequestStream::OnReadDone(bool ok) {
 void RequestStream::handle(bool ok) {
   Then then = Then::later;
   auto error = caught([&] {
+    scope_.check_access();  // the caller may have been struck out since the stream was opened
     scope_.check();
     if (!ok) return half_closed();
     scope_.record.messages_in += 1;

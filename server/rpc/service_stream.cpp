@@ -129,6 +129,7 @@ void DeformStreamCall::start_request(const RequestPtr& request) {
   std::shared_ptr<DeformJob> job;
   auto error = caught([&] {
     scope_.check();
+    scope_.check_access();  // it may have waited for long
     scope_.check_rate();
     scope_.check_memory();
     request->call.quota = scope_.quota();  // as it is now: streams stay open for long

@@ -105,21 +105,27 @@ class GeometryStore::Addition {
   }
   ~Addition() {
     const std::lock_guard lock(store_.amounts_mutex_);
+    if (!kept_) leave();
+  }
+  Addition(const Addition&) = delete;
+  Addition& operator=(const Addition&) = delete;
+
+  /// What was being added is there. Counted once at any time.
+  void keep() {
+    const std::lock_guard lock(store_.amounts_mutex_);
+    add(store_.amounts_[tenant_]);
+    leave();
+    kept_ = true;
+  }
+
+ private:
+  void leave() {
     const auto adding = store_.adding_.find(tenant_);
     adding->second.geometries -= more_.geometries;
     adding->second.setups -= more_.setups;
     adding->second.bytes -= more_.bytes;
     if (adding->second.geometries + adding->second.setups + adding->second.bytes == 0) store_.adding_.erase(adding);
   }
-  Addition(const Addition&) = delete;
-  Addition& operator=(const Addition&) = delete;
-
-  void keep() {
-    const std::lock_guard lock(store_.amounts_mutex_);
-    add(store_.amounts_[tenant_]);
-  }
-
- private:
   void add(StoredAmount& amount) const {
     amount.geometries += more_.geometries;
     amount.setups += more_.setups;
@@ -129,6 +135,7 @@ class GeometryStore::Addition {
   GeometryStore& store_;
   const std::string tenant_;
   const StoredAmount more_;
+  bool kept_ = false;  ///< under the mutex of the amounts
 };
 
 /// After what takes away or replaces, which is done whether it can be counted or not.
@@ -159,9 +166,7 @@ v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const OwnedId& id, const s
       catalog_->begin({Intent::Kind::put, {{Intent::What::geometry, id.id, record.created_ms, record.info, id.tenant}}});
   try {
     step("an upload is announced");
-    const auto known = put_content(mesh, record, intent);
-    if (!known && !heals) addition.keep();
-    if (heals) count_again(id.tenant);
+    const auto known = put_content(mesh, record, intent, addition, heals);
     v1::GeometryInfo info = described(known.value_or(record));
     info.set_existed(known.has_value());
     return info;
@@ -172,7 +177,8 @@ v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const OwnedId& id, const s
 }
 
 /// Returns the record that was there, of a geometry whose file was lost or was put at the same time: it keeps its name.
-std::optional<GeometryRecord> GeometryStore::put_content(const Mesh& mesh, const GeometryRecord& record, std::int64_t intent) {
+std::optional<GeometryRecord> GeometryStore::put_content(const Mesh& mesh, const GeometryRecord& record, std::int64_t intent,
+                                                         Addition& addition, bool heals) {
   const std::string key = key_of(owned(record));
   const std::filesystem::path temporary = directory_.temporary(key_of(owned(record)), intent);
   write_geometry_file(mesh, temporary);
@@ -193,6 +199,9 @@ std::optional<GeometryRecord> GeometryStore::put_content(const Mesh& mesh, const
   step("the small file is in place");
   catalog_->add_geometry(kept, intent);
   step("the row is written");
+  // Before others may remove it.
+  if (!known && !heals) addition.keep();
+  if (heals) count_again(record.tenant);
   return known;
 }
 
@@ -292,14 +301,16 @@ void GeometryStore::quarantine(const OwnedId& id) {
 /// Where not even a row can be written and the reserve is gone, the content goes first and makes room. Only in between would a
 /// crash leave what was to be removed, listed as damaged.
 Intent GeometryStore::remove_rows(const OwnedId& id, WithSetups policy) {
+  const std::filesystem::path file = directory_.geometries() / key_of(id);
+  std::error_code ignored;
   try {
     return catalog_->remove_geometry(id, policy);
   } catch (const Error& error) {
     const bool wanted = policy == WithSetups::remove || catalog_->setup_count(id) == 0;
-    if (error.code() != ErrorCode::out_of_budget || !wanted) throw;
+    const bool shared = std::filesystem::hard_link_count(file, ignored) > 1 && !ignored;  // then no room would be made
+    if (error.code() != ErrorCode::out_of_budget || !wanted || shared) throw;
   }
-  std::error_code ignored;
-  std::filesystem::remove(directory_.geometries() / key_of(id), ignored);
+  std::filesystem::remove(file, ignored);
   return catalog_->remove_geometry(id, policy);
 }
 

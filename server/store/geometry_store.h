@@ -104,13 +104,14 @@ class GeometryStore {
 
  private:
   v1::GeometryInfo described(const GeometryRecord& record);
-  std::optional<GeometryRecord> put_content(const Mesh& mesh, const GeometryRecord& record, std::int64_t intent);
   void share_content(const GeometryRecord& record, std::int64_t intent);
   void take_back(const GeometryRecord& record, std::int64_t intent);
   Intent remove_rows(const OwnedId& id, WithSetups policy);
   void finish(const Intent& removal);
   /// What is about to be added to what a tenant has; taken back when it is destroyed before it was kept.
   class Addition;
+  std::optional<GeometryRecord> put_content(const Mesh& mesh, const GeometryRecord& record, std::int64_t intent,
+                                            Addition& addition, bool heals);
   void count_again(const std::string& tenant);
   void quarantine(const OwnedId& id);
   void step(const char* what) const { options_.on_step(what); }

@@ -75,7 +75,8 @@ void check_strangers(StoreReport& report, const fs::path& folder, const std::vec
   }
 }
 
-/// What one file was copied to: the bytes that tenants share are copied once and linked again.
+/// What one file was copied to: the bytes that tenants share are copied once and linked again. A server beside may remove files
+/// and give their inodes to others, so that the content must be the same, too.
 using Copies = std::map<std::pair<dev_t, ino_t>, fs::path>;
 
 /// A link where it can go, else a copy.
@@ -87,7 +88,9 @@ void link_or_copy(const fs::path& from, const fs::path& to, Copies& copies) {
   if (::stat(from.c_str(), &about) != 0) fail_on("look at", from);
   if (about.st_nlink > 1) {
     const auto [known, fresh] = copies.try_emplace({about.st_dev, about.st_ino}, to);
-    if (!fresh && ::link(known->second.c_str(), to.c_str()) == 0) return;
+    const bool same = owned_id(known->second.filename().string())->id == owned_id(to.filename().string())->id &&
+                      known->second.parent_path() == to.parent_path();
+    if (!fresh && same && ::link(known->second.c_str(), to.c_str()) == 0) return;
   }
   const File source(from, O_RDONLY);
   const File target(to, O_WRONLY | O_CREAT | O_EXCL);

@@ -2,6 +2,7 @@
 // What belongs to whom on the disk: nothing of one tenant is lost by, given to or shown to another, whatever is damaged or
 // killed.
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -214,11 +215,20 @@ TEST_F(StoreOfTenants, check_backup_restore_and_rebuild_know_them) {
 TEST_F(StoreOfTenants, a_copy_on_another_disk_shares_the_bytes_again) {
   put("acme", mesh);
   put("b", mesh);
-  const TemporaryDirectory other;
-  backup_store(data, other.path() / "backup");
-  const fs::path a = other.path() / "backup" / "geometries" / key_of({"acme", mesh_id(mesh)});
-  const fs::path b = other.path() / "backup" / "geometries" / key_of({"b", mesh_id(mesh)});
-  EXPECT_TRUE(fs::equivalent(a, b));
+  char name[] = "/dev/shm/deform-XXXXXX";
+  struct stat here {
+  }, there{};
+  if (::mkdtemp(name) == nullptr) GTEST_SKIP() << "no other disk";
+  const fs::path other = name;
+  const bool apart = ::stat(data.c_str(), &here) == 0 && ::stat(name, &there) == 0 && here.st_dev != there.st_dev;
+  if (apart) {
+    backup_store(data, other / "backup");
+    const fs::path a = other / "backup" / "geometries" / key_of({"acme", mesh_id(mesh)});
+    const fs::path b = other / "backup" / "geometries" / key_of({"b", mesh_id(mesh)});
+    EXPECT_TRUE(fs::equivalent(a, b));
+  }
+  fs::remove_all(other);
+  if (!apart) GTEST_SKIP() << "no other disk";
 }
 
 // ---- quotas ----

@@ -2,6 +2,9 @@
 // The engine for several tenants: each hears of its own and of nothing else, and takes no more than its quota.
 #include <gmock/gmock.h>
 
+#include <filesystem>
+
+#include "server/store/tenant.h"
 #include "tests/server/engine_fixture.h"
 
 namespace deform::server {
@@ -219,6 +222,20 @@ TEST_F(Tenants, AnUploadBeyondTheQuotaIsRefusedBeforeItsBytes) {
   small.stored_bytes = 1000;
   EXPECT_THAT(outcome([&] { engine->begin_upload(header_of(mesh), as("c", small)); }),
               testing::HasSubstr("quota stored-bytes of tenant \"c\""));
+}
+
+TEST_F(Tenants, WhatWasLostIsRegisteredAgainAtTheQuota) {
+  Quota one;
+  one.geometries = 1;
+  const std::string geometry = register_as(as("acme", one)).id();
+  const auto file = directory.path() / "data" / "geometries" / key_of({"acme", geometry});
+  ASSERT_TRUE(std::filesystem::remove(file));
+  const auto upload = begin(as("acme", one), geometry);
+  EXPECT_FALSE(upload->already_stored());
+  for (const auto& message : upload_messages(mesh)) upload->add(message);
+  upload->finish();
+  EXPECT_TRUE(std::filesystem::exists(file));
+  EXPECT_EQ(engine->stored("acme").geometries, 1u);
 }
 
 TEST_F(Tenants, APreparationBeyondTheQuotaIsRefusedBeforeTheWork) {

@@ -222,6 +222,7 @@ std::string continued_text(const std::filesystem::path& path) {
   if (setup.constraints_size() > 0 || has_key(text, "constraints:")) {
     refuse("constraints: what is found would be added to them; take them out, or detect the mesh file");
   }
+  if (setup.then_size() > 0) refuse("then: a setup with several methods takes no constraints; detect the mesh file");
   if (!is_block_map(text)) refuse("constraints can only be added to a setup in block style; detect the mesh file");
   const auto method = setup.method().kind_case();
   if (method == v1::Method::KIND_NOT_SET || method == v1::Method::kRbf) {

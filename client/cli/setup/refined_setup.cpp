@@ -102,6 +102,9 @@ class Rewriting {
       refuse("method.ffd.lattice.points: they would be " + text + ", at most " + std::to_string(most) + " in all are allowed" +
              (moved ? " of a lattice that is not at rest" : ""));
     }
+    if (!refinement_.values.empty() && setup_.then_size() > 0) {
+      refuse("then: a setup with several methods cannot start from a design; refine its lattice at rest, without values");
+    }
     if (refinement_.values.empty() || selects_controls(setup_)) return;
     refuse(
         "--set: only with control CONTROLS variables move control points; with ENERGY and MESH they follow from the handles when "

@@ -19,7 +19,7 @@ namespace deform {
 
 namespace {
 
-constexpr std::size_t composed_points_per_task = 8192;
+constexpr std::size_t composed_points_per_task = 512;
 /// By how much an error of the points of a handle that is turned may grow between these, where their displacements are
 /// interpolated or extrapolated.
 constexpr double carried_growth = 4;
@@ -46,12 +46,12 @@ Vec3 times(const std::array<double, 9>& a, const Vec3& v) {
           a[6] * v[0] + a[7] * v[1] + a[8] * v[2]};
 }
 
-/// Runs of consecutive ids: first and one behind the last position.
+/// Runs of consecutive ids, each for one task: first and one behind the last position.
 std::vector<std::pair<std::size_t, std::size_t>> runs(std::span<const PointId> ids) {
   std::vector<std::pair<std::size_t, std::size_t>> result;
   for (std::size_t i = 0; i < ids.size();) {
     std::size_t end = i + 1;
-    while (end < ids.size() && ids[end] == ids[end - 1] + 1) ++end;
+    while (end < ids.size() && end - i < composed_points_per_task && ids[end] == ids[end - 1] + 1) ++end;
     result.emplace_back(i, end);
     i = end;
   }

@@ -69,6 +69,12 @@ void FfdMethod::validate(const FfdOptions& options, const Setup& setup, const Me
                     " does not take geometric constraints; use control ENERGY");
   }
   if (options.control == FfdControl::controls) return;
+  const auto& points = options.lattice.points;
+  if (options.lattice.basis == LatticeBasis::bernstein && points[0] * points[1] * points[2] > ClampedInverse::most_functions) {
+    refuse_argument("method.ffd.lattice.points: BERNSTEIN functions reach all points, so that control MESH takes at most " +
+                    std::to_string(ClampedInverse::most_functions) + " of them, here are " +
+                    std::to_string(points[0] * points[1] * points[2]) + "; use another basis, or control ENERGY");
+  }
   if (options.clamp != 0) {
     check_option_range(options.clamp, ClampedInverse::least_clamp, ClampedInverse::largest_clamp, "method.ffd.clamp");
   }

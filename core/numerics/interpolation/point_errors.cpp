@@ -27,7 +27,7 @@ constexpr double iterative_share = 1e-3;       // of the residual: to which its 
 constexpr double most_left = 0.9;              // of the residual, that such a solution may leave
 // Pairs of centres up to which residuals are summed directly, some seconds, and with twice the digits if they need them. The
 // error of sums that are not direct, as a share of the residual, with which it is amplified.
-constexpr double most_direct_pairs = 1e10, most_accurate_pairs = 1e9, residual_share = 1e-3;
+constexpr double most_direct_pairs = 2e9, most_accurate_pairs = 1e9, residual_share = 1e-3;
 // Pairs of points and centres up to which errors are summed directly, a tenth of a second; beyond that the points of one fast
 // sum, their order to begin with, and their error as a share of the largest error at the places.
 constexpr double most_direct_errors = 1e8;

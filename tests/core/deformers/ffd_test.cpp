@@ -265,6 +265,11 @@ TEST(Ffd, RefusesBadOptions) {
     o.lattice.frame = LatticeFrame{{0, 0, 0}, {{{1, 0, 0}, {2, 0, 0}, {0, 0, 1}}}};
   });
   refused({"method.ffd", "stretching", "bending"}, [](Setup&, FfdOptions& o) { o.bending = 0; });
+  refused({"method.ffd.lattice.points", "BERNSTEIN", "4000", "4096"}, [](Setup&, FfdOptions& o) {
+    o.control = FfdControl::mesh;
+    o.lattice.basis = LatticeBasis::bernstein;
+    o.lattice.points = {16, 16, 16};
+  });
   refused({"method.ffd.clamp", "0.6"}, [](Setup&, FfdOptions& o) {
     o.control = FfdControl::mesh;
     o.clamp = 0.6;
