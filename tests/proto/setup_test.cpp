@@ -124,7 +124,7 @@ TEST(ConvertSetup, MethodsFollowEachOther) {
   EXPECT_EQ(problems.list()[0].field, "handles[0].region");
   EXPECT_EQ(problems.list()[1].field, "then[0].handles[0].region");
   EXPECT_EQ(problems.list()[2].field, "then[0].method");
-  EXPECT_EQ(problems.list()[2].message.find("then[0].method.shell.energy.fixing"), 0u) << problems.list()[2].message;
+  EXPECT_EQ(problems.list()[2].message.find("then[0].method.shell.fixing"), 0u) << problems.list()[2].message;
 }
 
 TEST(ConvertSetup, AGeneratedCageIsOfFilesOnly) {

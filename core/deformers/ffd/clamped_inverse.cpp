@@ -18,7 +18,8 @@ namespace {
 
 // Below 1e-8 rounding is multiplied to more than 1e-7 of the motion.
 constexpr double candidates_per_decade = 4, first_decade = 1, last_decade = 8;
-constexpr double rounding_growth = 8;  // of singular values, over epsilon times the largest one
+constexpr double negligible_misfit = 1e-5;  // of the prescribed values: what keeping control points back may cost
+constexpr double rounding_growth = 8;       // of singular values, over epsilon times the largest one
 
 std::vector<std::int64_t> reached(const FunctionRows& rows, const std::vector<PointId>& held) {
   std::vector<std::int64_t> result = reached_functions(rows, held);
@@ -84,7 +85,7 @@ ClampedInverse::ClampedInverse(const FunctionRows& rows, const std::vector<Point
   context.check();
   const ThinSvd svd = thin_svd(std::move(M));
   largest_ = svd.values[0];
-  clamp_ = clamp > 0 ? clamp : strengthened(automatic_clamp(svd.U, svd.values, typical.fields), svd, typical.waves);
+  clamp_ = clamp > 0 ? clamp : strengthened(automatic_clamp(svd.U, svd.values, typical.fields), svd, typical);
   Eigen::Index rank = 1;
   while (rank < svd.values.size() && svd.values[rank] > clamp_ * largest_) ++rank;
   left_out_ = rank < svd.values.size() ? svd.values[rank] : 0;
@@ -135,18 +136,27 @@ double ClampedInverse::automatic_clamp(const Eigen::MatrixXd& U, const Eigen::Ve
 }
 
 /// The L-curve knows the affine motions of handles only. Where one handle holds much of the model, these are met with any clamp,
-/// and with a weak one everything else makes control points swing.
-double ClampedInverse::strengthened(double clamp, const ThinSvd& svd, const Eigen::MatrixXd& waves) const {
-  if (waves.cols() == 0) return clamp;
-  const Eigen::MatrixXd parts = svd.U.transpose() * compressed(waves);
-  const double strongest = std::pow(10.0, -first_decade);
-  for (; clamp < strongest; clamp *= std::pow(10.0, 1 / candidates_per_decade)) {
+/// and with a weak one everything else makes control points swing. What handles are missed by stays negligible.
+double ClampedInverse::strengthened(double clamp, const ThinSvd& svd, const Typical& typical) const {
+  if (typical.waves.cols() == 0) return clamp;
+  const Eigen::MatrixXd parts = svd.U.transpose() * compressed(typical.waves);
+  const Eigen::VectorXd squares = (svd.U.transpose() * compressed(typical.fields)).rowwise().squaredNorm();
+  const auto rank_of = [&](double candidate) {
     Eigen::Index rank = 1;
-    while (rank < svd.values.size() && svd.values[rank] > clamp * svd.values[0]) ++rank;
+    while (rank < svd.values.size() && svd.values[rank] > candidate * svd.values[0]) ++rank;
+    return rank;
+  };
+  // Of what a clamp leaves out; the rest no clamp meets.
+  const auto misfit_of = [&](Eigen::Index rank) { return std::sqrt(squares.tail(squares.size() - rank).sum()); };
+  const double most_misfit = negligible_misfit * typical.fields.norm(), strongest = std::pow(10.0, -first_decade);
+  for (double next = clamp; next < strongest; next *= std::pow(10.0, 1 / candidates_per_decade)) {
+    const Eigen::Index rank = rank_of(next);
+    if (next > clamp && misfit_of(rank) > most_misfit) break;
+    clamp = next;
     const Eigen::MatrixXd weights = parts.topRows(rank).array().colwise() / svd.values.head(rank).array();
-    if ((svd.V.leftCols(rank) * weights).cwiseAbs().maxCoeff() <= most_motion) return clamp;
+    if ((svd.V.leftCols(rank) * weights).cwiseAbs().maxCoeff() <= most_motion) break;
   }
-  return strongest;
+  return clamp;
 }
 
 Eigen::MatrixXd ClampedInverse::compressed(const Eigen::MatrixXd& h) const {

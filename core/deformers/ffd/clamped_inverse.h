@@ -32,7 +32,8 @@ class ClampedInverse : public HeldInverse {
   /// `held` are the held points, as rows of `rows`. clamp = 0 is automatic: among 1e-1, 1e-1.25 .. 1e-8 the point of slope -1 on
   /// the L-curve of the typical fields (misfit, of which less than 1e-7 of the fields does not count, against motion of the
   /// control points, both logarithmic: Reginska 1996; Hansen, Rank-Deficient and Discrete Ill-Posed Problems, 7.5), or the next
-  /// larger one that moves control points by at most most_motion for the waves. Throws Error(invalid_argument) for more than
+  /// larger one that moves control points by at most most_motion for the waves, as far as the misfit of the fields stays below
+  /// 1e-5 of them. Throws Error(invalid_argument) for more than
   /// most_functions functions, Error(numerical_failure) if all functions are zero at all held points, and what thin_svd() and the
   /// context throw.
   ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double clamp, const Typical& typical,
@@ -70,7 +71,7 @@ class ClampedInverse : public HeldInverse {
   static std::vector<Group> groups_of(const FunctionRows& rows, const std::vector<PointId>& held);
   Eigen::MatrixXd compressed(const Eigen::MatrixXd& h) const;
   double automatic_clamp(const Eigen::MatrixXd& U, const Eigen::VectorXd& values, const Eigen::MatrixXd& fields) const;
-  double strengthened(double clamp, const ThinSvd& svd, const Eigen::MatrixXd& waves) const;
+  double strengthened(double clamp, const ThinSvd& svd, const Typical& typical) const;
 
   std::int64_t columns_ = 0;
   std::size_t held_ = 0;

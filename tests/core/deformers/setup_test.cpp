@@ -74,7 +74,9 @@ const std::vector<BadSetup>& bad_setups() {
       {"empty variable name", [](Setup& s) { s.variables[2].name.clear(); }, {"variables[2].name", "empty"}},
       {"repeated variable", [](Setup& s) { s.variables[1].name = "up"; }, {"variables[1].name", "\"up\"", "twice"}},
       {"unknown handle", [](Setup& s) { s.variables[3].handle = "midle"; }, {"\"widen\"", "\"midle\"", "\"middle\""}},
-      {"bounds without the rest position", [](Setup& s) { s.variables[0].lower = 2; }, {"\"up\"", "rest position", "lower = 2"}},
+      {"bounds without the rest position",
+       [](Setup& s) { s.variables[0].lower = 0.5; },
+       {"\"up\"", "rest position", "lower = 0.5"}},
       {"bounds the wrong way",
        [](Setup& s) {
          s.variables[0].lower = 0.2;
