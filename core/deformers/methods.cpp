@@ -38,9 +38,6 @@ void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems) {
       if (selects_controls(setup)) {
         refuse("symmetry", "symmetry planes with control CONTROLS", "motions of control points that are symmetric themselves");
       }
-      if (!setup.constraints.empty()) {
-        refuse("symmetry", "symmetry planes together with constraints", "the whole model");
-      }
     });
     problems.check("method", [&] {
       if (!setup.constraints.empty() && !M::features.constraints) {

@@ -82,9 +82,11 @@ std::vector<PointId> all_images(std::span<const PointId> ids, const MirroredMesh
 }
 
 /// The setup of the whole model: regions by their points, a copy of each handle for each image, and no planes.
-Setup whole_setup(const Setup& half, const Mesh& mesh, const SelectedRegions& regions, const MirroredMesh& mirrored) {
+Setup whole_setup(const Setup& half, const Mesh& mesh, const SelectedRegions& regions, const MirroredMesh& mirrored,
+                  const MirroredConstraints& constraints) {
   Setup setup = half;
   setup.symmetry.clear();
+  setup.constraints = constraints.constraints;
   std::set<std::string> names;
   for (std::size_t h = 0; h < setup.handles.size(); ++h) {
     setup.handles[h].region = {Region::Ids{regions.handles[h]}};
@@ -142,15 +144,21 @@ bool is_mirrored(const Setup& setup) {
 class MirroredEvaluation : public Evaluation {
  public:
   MirroredEvaluation(std::shared_ptr<const MirroredSystem> system, std::unique_ptr<const Evaluation> whole)
-      : system_(std::move(system)), whole_(std::move(whole)) {}
+      : system_(std::move(system)), whole_(std::move(whole)) {
+    for (std::size_t i = 0; i < whole_->design_count(); ++i) {
+      reports_.push_back(whole_->report(i));
+      reports_.back().constraints = system_->constraints_.reports(reports_.back().constraints);
+    }
+  }
 
   std::size_t design_count() const override { return whole_->design_count(); }
-  const DesignReport& report(std::size_t design) const override { return whole_->report(design); }
+  const DesignReport& report(std::size_t design) const override { return reports_[design]; }
   void evaluate(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const override;
 
  private:
   const std::shared_ptr<const MirroredSystem> system_;
   const std::unique_ptr<const Evaluation> whole_;
+  std::vector<DesignReport> reports_;
 };
 
 template <typename DisplacementOf>
@@ -205,8 +213,12 @@ void MirroredEvaluation::evaluate(std::size_t begin, std::size_t end, std::size_
 
 MirroredSystem::MirroredSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context,
                                std::size_t memory_budget)
-    : mesh_(std::move(mesh)), setup_(setup), regions_(validate(setup_, *mesh_)), mirrored_(*mesh_, regions_.symmetry) {
-  const Setup whole = whole_setup(setup_, *mesh_, regions_, mirrored_);
+    : mesh_(std::move(mesh)),
+      setup_(setup),
+      regions_(validate(setup_, *mesh_)),
+      mirrored_(*mesh_, regions_.symmetry),
+      constraints_(setup_, *mesh_, regions_, mirrored_) {
+  const Setup whole = whole_setup(setup_, *mesh_, regions_, mirrored_, constraints_);
   whole_ = about_images(mesh_->point_count(), [&] { return prepare(mirrored_.mesh(), whole, context, memory_budget); });
   fill_info();
 }
@@ -225,6 +237,7 @@ void MirroredSystem::fill_info() {
   info_.notes.push_back(
       "The model is deformed as a whole with its mirror images: " + std::to_string(mirrored_.mesh()->point_count()) +
       " points instead of " + std::to_string(info_.points) + ".");
+  info_.notes.insert(info_.notes.end(), constraints_.notes.begin(), constraints_.notes.end());
 }
 
 std::vector<Design> MirroredSystem::mirrored(std::span<const Design> designs) const {
@@ -324,14 +337,17 @@ std::unique_ptr<const Evaluation> MirroredSystem::bind_sequence(std::span<const 
 class MirroredMap : public SpaceMap {
  public:
   MirroredMap(std::shared_ptr<const MirroredSystem> system, std::unique_ptr<const SpaceMap> whole)
-      : system_(std::move(system)), whole_(std::move(whole)) {}
+      : system_(std::move(system)), whole_(std::move(whole)), report_(whole_->report()) {
+    report_.constraints = system_->constraints_.reports(report_.constraints);
+  }
 
-  const DesignReport& report() const override { return whole_->report(); }
+  const DesignReport& report() const override { return report_; }
   Told evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out, const RunContext& context) const override;
 
  private:
   const std::shared_ptr<const MirroredSystem> system_;
   const std::unique_ptr<const SpaceMap> whole_;
+  DesignReport report_;
 };
 
 SpaceMap::Told MirroredMap::evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
@@ -411,8 +427,10 @@ std::vector<std::vector<double>> MirroredSystem::vector_jacobians(std::span<cons
 
 Estimate estimate_mirrored(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   const MirroredMesh mirrored(mesh, regions.symmetry);
-  Estimate expected =
-      about_images(mesh.point_count(), [&] { return estimate(*mirrored.mesh(), whole_setup(setup, mesh, regions, mirrored)); });
+  const MirroredConstraints constraints(setup, mesh, regions, mirrored);
+  Estimate expected = about_images(mesh.point_count(), [&] {
+    return estimate(*mirrored.mesh(), whole_setup(setup, mesh, regions, mirrored, constraints));
+  });
   expected.constraint_points = regions.fixed.size();
   for (const auto& handle : regions.handles) expected.constraint_points += handle.size();
   expected.resident_bytes += mirrored.bytes() + mirrored.mesh_bytes();

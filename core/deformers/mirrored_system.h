@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "core/deformers/mirrored_constraints.h"
 #include "core/deformers/mirrored_mesh.h"
 #include "core/deformers/setup.h"
 #include "core/deformers/system.h"
@@ -15,7 +16,8 @@
 namespace deform {
 
 /// A half model with its images: symmetry planes for methods that have none of their own (MethodFeatures::symmetry). The system
-/// of the whole model is prepared, with a copy of each handle for each image, which moves as its mirror image. The displacement
+/// of the whole model is prepared, with a copy of each handle for each image, which moves as its mirror image, and with constraints as
+/// MirroredConstraints says. The displacement
 /// of a point is the mean of those of its images, mirrored back, so that the result is symmetric to rounding, although centres,
 /// samples and sums are not. Points on a plane stay in it exactly.
 class MirroredSystem : public System {
@@ -55,6 +57,7 @@ class MirroredSystem : public System {
   const Setup setup_;
   const SelectedRegions regions_;
   const MirroredMesh mirrored_;
+  const MirroredConstraints constraints_;
   std::shared_ptr<const System> whole_;
   SystemInfo info_;
 };

@@ -6,6 +6,8 @@
 #include <cstdio>
 #include <memory>
 #include <regex>
+#include <utility>
+#include <vector>
 
 #include "core/quality/polyhedral_quality.h"
 
@@ -66,6 +68,37 @@ Region roof_patch(const Mesh& mesh) {
   double top = 0;
   for (const PointId id : select(body, mesh, "body")) top = std::max(top, mesh.points[id][2]);
   return {Region::Intersection{{body, {Region::InHalfSpace{{0, 0, top - 0.1}, {0, 0, 1}}}}}};
+}
+
+Region three_roof_points(const Mesh& mesh) {
+  const std::vector<PointId> roof = select(roof_patch(mesh), mesh, "roof");
+  Box box;
+  for (const PointId id : roof) box.add(mesh.points[id]);
+  std::vector<PointId> ids;
+  for (const double along : {0.25, 0.5, 0.75}) {
+    const double x = box.min[0] + along * (box.max[0] - box.min[0]);
+    const auto away = [&](PointId id) { return std::hypot(mesh.points[id][0] - x, mesh.points[id][1]); };
+    ids.push_back(*std::min_element(roof.begin(), roof.end(), [&](PointId a, PointId b) { return away(a) < away(b); }));
+  }
+  return {Region::Ids{ids}};
+}
+
+Setup roof_setup(Region roof) {
+  Setup setup;
+  setup.handles = {{"roof", std::move(roof)}};
+  for (const char* patch : {"inlet", "outlet", "lowerWall", "upperWall", "frontAndBack"}) {
+    setup.fixed.push_back({Region::GroupName{patch}});
+  }
+  RbfOptions options;
+  options.reduction = CentreReduction::off;
+  setup.method = options;
+  return setup;
+}
+
+Design roof_raised_by(double metres) {
+  Design design;
+  design.motions.push_back({0, Affine{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, metres}});
+  return design;
 }
 
 }  // namespace deform::bench

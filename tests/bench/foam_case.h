@@ -7,6 +7,7 @@
 #include <span>
 #include <string>
 
+#include "core/deformers/setup.h"
 #include "core/mesh/cells.h"
 #include "core/mesh/mesh.h"
 #include "core/mesh/region.h"
@@ -34,5 +35,12 @@ void print_row(const std::string& mesh, const std::string& by, const FoamMeasure
 
 /// car_fastback in its box: the points of the body within 0.1 m of its top.
 Region roof_patch(const Mesh& mesh);
+
+/// car_fastback: front, middle and rear of its roof, in the plane of symmetry (thesis 7.3.2).
+Region three_roof_points(const Mesh& mesh);
+
+/// car_fastback: a handle "roof", the outer box fixed. RBF with all centres.
+Setup roof_setup(Region roof);
+Design roof_raised_by(double metres);
 
 }  // namespace deform::bench

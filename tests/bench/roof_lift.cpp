@@ -20,32 +20,6 @@ namespace fs = std::filesystem;
 
 constexpr std::array lifts{0.05, 0.15, 0.30};  // metres
 
-Setup with_handle(Region roof) {
-  Setup setup;
-  setup.handles = {{"roof", std::move(roof)}};
-  for (const char* patch : {"inlet", "outlet", "lowerWall", "upperWall", "frontAndBack"}) {
-    setup.fixed.push_back({Region::GroupName{patch}});
-  }
-  RbfOptions options;
-  options.reduction = CentreReduction::off;
-  setup.method = options;
-  return setup;
-}
-
-/// Front, middle and rear of the roof, in the plane of symmetry.
-Region three_points(const Mesh& mesh) {
-  const std::vector<PointId> roof = select(roof_patch(mesh), mesh, "roof");
-  Box box;
-  for (const PointId id : roof) box.add(mesh.points[id]);
-  std::vector<PointId> ids;
-  for (const double along : {0.25, 0.5, 0.75}) {
-    const double x = box.min[0] + along * (box.max[0] - box.min[0]);
-    const auto away = [&](PointId id) { return std::hypot(mesh.points[id][0] - x, mesh.points[id][1]); };
-    ids.push_back(*std::min_element(roof.begin(), roof.end(), [&](PointId a, PointId b) { return away(a) < away(b); }));
-  }
-  return {Region::Ids{ids}};
-}
-
 }  // namespace
 
 void roof_lift(const std::filesystem::path& car_case, const std::filesystem::path& work, Report& report) {
@@ -64,17 +38,15 @@ void roof_lift(const std::filesystem::path& car_case, const std::filesystem::pat
     std::size_t failed = 0, compared = 0;
   };
   std::vector<Worst> worst;
-  const std::pair<const char*, Region> arrangements[] = {{"patch", roof_patch(*mesh)}, {"three points", three_points(*mesh)}};
+  const std::pair<const char*, Region> arrangements[] = {{"patch", roof_patch(*mesh)}, {"three points", three_roof_points(*mesh)}};
   std::vector<std::string> prepared;
   for (const auto& [name, roof] : arrangements) {
-    const auto system = prepare(mesh, with_handle(roof));
+    const auto system = prepare(mesh, roof_setup(roof));
     prepared.push_back(std::string(name) + ": " + std::to_string(system->info().handle_points) + " handle points, " +
                        std::to_string(system->info().centres) + " centres");
     Worst& most = worst.emplace_back(Worst{name});
     for (const double lift : lifts) {
-      Design design;
-      design.motions.push_back({0, Affine{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, lift}});
-      const Points points = system->evaluate(design);
+      const Points points = system->evaluate(roof_raised_by(lift));
       const FoamMeasures measured = FoamMeasures::of(points, *file->cells());
       const std::string what = std::string(name) + ", " + Report::text(lift) + " m";
       print_row(what, "ours", measured);

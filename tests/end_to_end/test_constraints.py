@@ -29,6 +29,18 @@ def plate():
     return "\n".join(lines) + "\n"
 
 
+def half_plate():
+    """The points of the plate with y >= 0.5, in their order."""
+    lines = plate().splitlines()
+    kept = [AROUND * j + k for j in range(ACROSS + 1) for k in range(AROUND // 2 + 1)]
+    number = {1 + id: 1 + i for i, id in enumerate(kept)}
+    points = [line for line in lines if line.startswith("v ")]
+    faces = [[int(corner) for corner in line.split()[1:]] for line in lines if line.startswith("f ")]
+    faces = [face for face in faces if all(corner in number for corner in face)]
+    return "\n".join([points[id] for id in kept] +
+                     ["f " + " ".join(str(number[corner]) for corner in face) for face in faces]) + "\n"
+
+
 RIM = list(range(AROUND))
 DIAGONAL = math.sqrt(5)
 
@@ -168,8 +180,28 @@ class Constraints(EndToEnd):
             self.fails(1, "prepare", "options.yaml", says=["constraint_options." + says[0], says[1]])
             self.write("options.yaml", setup("{mls: {}}", f"constraint_options: {options}"))
             self.fails(1, "prepare", "options.yaml", "--check", says=["constraint_options." + says[0], says[1]])
-        self.write("mirror.yaml", setup("{mls: {}}", f"{CIRCLE}\nsymmetry: [{{point: [0, 0, 0], normal: [0, 1, 0]}}]"))
-        self.fails(1, "prepare", "mirror.yaml", "--check", says=["symmetry", "method.mls", "constraints"])
+
+    def test_half_a_bore_stays_half_of_a_round_one(self):
+        self.write("plate.obj", plate())
+        whole = {name: setup("{shell: {}}", f"{constraint}\nconstraint_options: {{tolerance: 1e-10}}")
+                 for name, constraint in (("soft", CIRCLE), ("exact", CIRCLE.replace("circular", "exact: true, circular")))}
+        half_rim = list(range(AROUND // 2 + 1))
+        self.write("half.obj", half_plate())
+        for name, text in whole.items():
+            self.write("whole.yaml", text)
+            _, expected = self.apply("whole.yaml", "--set", "pull=0.4")
+            self.write("half.yaml", text.replace("plate.obj", "half.obj").replace(str(RIM), str(half_rim)) +
+                       "symmetry: [{point: [0, 0.5, 0], normal: [0, 1, 0]}]\n")
+            prepared = self.deform("prepare", "half.yaml").out
+            self.assertIn("Constraint bore continues through symmetry[0]", prepared)
+            report, points = self.apply("half.yaml", "--set", "pull=0.4")
+            kept = [AROUND * j + k for j in range(ACROSS + 1) for k in half_rim]
+            self.assertLess(max(distance(points[i], expected[id]) for i, id in enumerate(kept)), 1e-6, name)
+            (bore,) = report["constraints"]["residuals"]
+            self.assertEqual(bore["name"], "bore")
+            rim = [points[i] for i in half_rim]
+            rim += [[x, 1 - y, z] for x, y, z in rim]
+            self.assertLess(out_of_round(rim), 1e-8 if name == "exact" else 1e-2, name)
 
     def test_ids_do_not_depend_on_spelling_defaults_out(self):
         self.write("plate.obj", plate())

@@ -121,6 +121,7 @@ double DampedInverse::automatic(const Typical& typical, const RunContext& contex
     const auto motion_of = [&](const Eigen::MatrixXd& columns) {
       double largest = 0;
       for (Eigen::Index c = 0; c < columns.cols(); ++c) {
+        context.check();
         largest = std::max(largest, fitted(columns.col(c)).cwiseAbs().maxCoeff());
       }
       return largest;
@@ -128,6 +129,7 @@ double DampedInverse::automatic(const Typical& typical, const RunContext& contex
     if (best > 0 && motion_of(typical.waves) > most_motion) break;
     double misfit = 0, motion = 0;
     for (Eigen::Index c = 0; c < typical.fields.cols(); ++c) {
+      context.check();
       const Eigen::VectorXd w = fitted(typical.fields.col(c));
       misfit += (at_held(w) - typical.fields.col(c)).squaredNorm();
       motion += w.squaredNorm();

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -53,5 +54,7 @@ Json lattice_resolution(bool quick);  // 4.4, figures 4.5 and 4.6
 Json adaptivity(bool quick);          // 4.5, figure 4.7
 Json precision(bool quick);           // 4.6, table 4.1
 Json pipe(bool quick);                // 7.3.1, figures 7.6 and 7.7
+/// 7.3.2, table 7.2. The OpenFOAM case of car_fastback; `work` is a folder for checkMesh, which goes away again.
+Json car(const std::filesystem::path& car_case, const std::filesystem::path& work);
 
 }  // namespace deform::bench

@@ -111,13 +111,6 @@ const std::vector<BadSetup>& bad_setups() {
       {"NaN bending", [](Setup& s) { subspace(s).bending = nan; }, {"method.subspace.bending", "nan"}},
       {"no energy", [](Setup& s) { mls(s).bending = 0; }, {"method.mls", "stretching", "bending", "both"}},
       {"no fixing", [](Setup& s) { shell(s).fixing = 0; }, {"method.shell.fixing", "over 0", "1e+12"}},
-      {"symmetric shell with a constraint",
-       [](Setup& s) {
-         s.method = ShellOptions{};
-         s.constraints.push_back({"flat", {{Region::All{}}}, Planar{}});
-         s.symmetry.push_back({SymmetryPlane::Plane{{0, 0, 0}, {1, 0, 0}}});
-       },
-       {"symmetry", "method.shell", "constraints", "the whole model"}},
       {"three centres", [](Setup& s) { subspace(s).centres = 3; }, {"method.subspace.centres", "3", "4..100000"}},
       {"bare cover", [](Setup& s) { mls(s).cover = 4; }, {"method.mls.cover", "5..1000"}},
       {"too many samples", [](Setup& s) { mls(s).volume_samples = 1000001; }, {"method.mls.volume_samples", "1000000"}},

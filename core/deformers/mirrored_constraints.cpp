@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/deformers/mirrored_constraints.h"
+
+#include <algorithm>
+#include <cmath>
+#include <type_traits>
+#include <utility>
+
+#include "core/base/problems.h"
+#include "core/base/vectors.h"
+#include "core/constraints/constraint.h"
+#include "core/constraints/projection.h"
+#include "core/deformers/constrained/constraint_sets.h"
+#include "core/deformers/handles/handle_motion.h"
+
+namespace deform {
+
+namespace {
+
+constexpr double largest_weight = 1e10;
+constexpr double misfit_growth = 2;
+
+using Places = std::vector<std::vector<PointId>>;  // of each region
+
+/// Whether a constraint fits one shape to its points, which may continue through a plane.
+bool is_shape(const ConstraintKind& kind) {
+  return std::visit(
+      []<typename Kind>(const Kind& options) {
+        if constexpr (std::is_same_v<Kind, Rigid>) return options.layers == 0;
+        return std::is_same_v<Kind, Planar> || std::is_same_v<Kind, Circular> || std::is_same_v<Kind, Cylindrical> ||
+               std::is_same_v<Kind, Spherical> || std::is_same_v<Kind, Conical> || std::is_same_v<Kind, Straight> ||
+               std::is_same_v<Kind, FeatureLine>;
+      },
+      kind);
+}
+
+bool has_direction(const ConstraintKind& kind) {
+  return std::holds_alternative<FixedPlane>(kind) || std::holds_alternative<Symmetric>(kind) ||
+         std::holds_alternative<Extent>(kind);
+}
+
+ConstraintKind mirrored_kind(ConstraintKind kind, const MirroredMesh& mirrored, std::size_t image) {
+  if (auto* plane = std::get_if<FixedPlane>(&kind)) {
+    plane->point = mirrored.reflected_point(plane->point, image);
+    plane->normal = mirrored.reflected(plane->normal, image);
+  } else if (auto* symmetric = std::get_if<Symmetric>(&kind); symmetric != nullptr && symmetric->plane) {
+    symmetric->plane->point = mirrored.reflected_point(symmetric->plane->point, image);
+    symmetric->plane->normal = mirrored.reflected(symmetric->plane->normal, image);
+  } else if (auto* extent = std::get_if<Extent>(&kind)) {
+    extent->axis = mirrored.reflected(extent->axis, image);
+  }
+  return kind;
+}
+
+/// Image `image` of regions, joined with its own images in `planes`.
+Places images_of(const Places& regions, const Symmetry& symmetry, const MirroredMesh& mirrored, std::size_t image,
+                 std::size_t planes) {
+  Places result;
+  for (const std::vector<PointId>& ids : regions) {
+    std::vector<PointId>& places = result.emplace_back();
+    for (std::size_t g = 0; g < mirrored.images(); ++g) {
+      if ((g & ~planes) != 0) continue;
+      for (const PointId id : ids) {
+        if ((symmetry.on(id) & g) == 0) places.push_back(mirrored.image(id, image | g));
+      }
+    }
+    std::sort(places.begin(), places.end());
+  }
+  return result;
+}
+
+std::size_t count(const Places& regions) {
+  std::size_t points = 0;
+  for (const std::vector<PointId>& ids : regions) points += ids.size();
+  return points;
+}
+
+/// Root mean square distance of points at rest from the shape that fits them, as a fraction of D.
+double misfit_at_rest(const ConstraintKind& kind, const Places& regions, const Mesh& whole, const UnitMap& units,
+                      const std::string& what) {
+  std::vector<std::vector<Vec3>> rest;
+  std::vector<Vec3> x;
+  for (const std::vector<PointId>& ids : regions) {
+    std::vector<Vec3>& places = rest.emplace_back();
+    for (const PointId id : ids) places.push_back((whole.points[id] - units.origin) / units.scale);
+    x.insert(x.end(), places.begin(), places.end());
+  }
+  std::vector<Vec3> onto(x.size());
+  ShapeParameters shape;
+  const double squares = make_projection(kind, rest, units, what)->project(x, onto, shape);
+  return std::sqrt(squares / static_cast<double>(x.size()));
+}
+
+/// The planes through which the shape of a constraint continues.
+std::size_t continued_planes(const Constraint& constraint, const Places& regions, const Symmetry& symmetry,
+                             const MirroredMesh& mirrored, const UnitMap& units, const std::string& what) {
+  std::size_t touched = 0, within = ~std::size_t{0};
+  for (const std::vector<PointId>& ids : regions) {
+    for (const PointId id : ids) {
+      touched |= symmetry.on(id);
+      within &= symmetry.on(id);
+    }
+  }
+  if (!is_shape(constraint.kind)) return has_direction(constraint.kind) ? 0 : within;
+  const Mesh& whole = *mirrored.mesh();
+  const double alone = touched == 0 ? 0 : misfit_at_rest(constraint.kind, regions, whole, units, what);
+  std::size_t planes = 0;
+  for (std::size_t k = 0; k < symmetry.planes(); ++k) {
+    const std::size_t more = planes | std::size_t{1} << k;
+    if ((touched >> k & 1u) == 0) continue;
+    const double joined = misfit_at_rest(constraint.kind, images_of(regions, symmetry, mirrored, 0, more), whole, units, what);
+    if (joined <= misfit_growth * alone + MirroredConstraints::continuity_tolerance) planes = more;
+  }
+  return planes;
+}
+
+std::vector<Region> regions_of(Places places) {
+  std::vector<Region> result;
+  for (std::vector<PointId>& ids : places) result.push_back({Region::Ids{std::move(ids)}});
+  return result;
+}
+
+}  // namespace
+
+MirroredConstraints::MirroredConstraints(const Setup& half, const Mesh& mesh, const SelectedRegions& regions,
+                                         const MirroredMesh& mirrored) {
+  if (half.constraints.empty()) return;
+  const Box box = bounding_box(mesh.points);
+  const UnitMap units{box.min, box.diagonal()};
+  // As constraints of the half model, whose indices messages name.
+  Problems problems(Problems::Mode::throw_first);
+  check_constraint_sets(mesh, half, regions, {units.origin, units.scale}, problems);
+  const Symmetry& symmetry = regions.symmetry;
+  for (std::size_t i = 0; i < half.constraints.size(); ++i) {
+    const Constraint& constraint = half.constraints[i];
+    const Places& own = regions.constraints[i];
+    const auto* rigid = std::get_if<Rigid>(&constraint.kind);
+    // Columns of cells are rigid one by one, so that one constraint has those of all images.
+    const bool columns = rigid != nullptr && rigid->layers > 0;
+    const std::size_t planes = columns ? mirrored.images() - 1
+                                       : continued_planes(constraint, own, symmetry, mirrored, units,
+                                                          "constraints[" + std::to_string(i) + "]");
+    for (std::size_t g = 0; g < mirrored.images(); ++g) {
+      if ((g & planes) != 0) continue;
+      Constraint& copy = constraints.emplace_back(constraint);
+      constraint_of.push_back(i);
+      if (g != 0) copy.name += " (image " + std::to_string(g) + ")";
+      copy.kind = mirrored_kind(constraint.kind, mirrored, g);
+      Places places = images_of(own, symmetry, mirrored, g, planes);
+      // The weight is that of a mean square over more points.
+      const double growth = static_cast<double>(count(places)) / static_cast<double>(count(own));
+      if (growth > 1) {
+        const double weight = constraint.weight != 0 ? constraint.weight : Constraint::automatic_weight;
+        copy.weight = std::min(largest_weight, weight * growth);
+      }
+      copy.regions = regions_of(std::move(places));
+    }
+    for (std::size_t k = 0; k < symmetry.planes() && !columns && is_shape(constraint.kind); ++k) {
+      if ((planes >> k & 1u) == 0) continue;
+      notes.push_back("Constraint " + constraint.name + " continues through symmetry[" + std::to_string(k) +
+                      "]: its points and their mirror images are on one shape.");
+    }
+  }
+}
+
+std::vector<ConstraintReport> MirroredConstraints::reports(std::span<const ConstraintReport> whole) const {
+  if (whole.empty()) return {};
+  std::vector<ConstraintReport> result(constraint_of.empty() ? 0 : constraint_of.back() + 1);
+  std::vector<double> copies(result.size());
+  for (std::size_t c = 0; c < whole.size(); ++c) {
+    ConstraintReport& report = result[constraint_of[c]];
+    report.max_before = std::max(report.max_before, whole[c].max_before);
+    report.max = std::max(report.max, whole[c].max);
+    report.rms_before += whole[c].rms_before * whole[c].rms_before;
+    report.rms += whole[c].rms * whole[c].rms;
+    report.missed = report.missed || whole[c].missed;
+    report.given_up = report.given_up || whole[c].given_up;
+    ++copies[constraint_of[c]];
+  }
+  for (std::size_t i = 0; i < result.size(); ++i) {
+    result[i].rms_before = std::sqrt(result[i].rms_before / copies[i]);
+    result[i].rms = std::sqrt(result[i].rms / copies[i]);
+  }
+  return result;
+}
+
+}  // namespace deform
