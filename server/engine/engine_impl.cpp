@@ -106,7 +106,9 @@ EngineImpl::EngineImpl(const EngineOptions& options)
       scheduler_(scheduler_options(options_)),
       cache_(std::make_shared<SystemCache>(
           options_.cache_budget,
-          [this](const void* owner, std::function<void()> work) { scheduler_.prepare(owner, std::move(work)); },
+          [this](const std::string& client, const void* owner, double seconds, std::function<void()> work) {
+            scheduler_.prepare(client, owner, seconds, std::move(work));
+          },
           [this](const void* owner) { scheduler_.remove(owner); })) {
   memory_.add_reclaimer([this](std::size_t bytes) { meshes_.reclaim(bytes); });
   memory_.add_reclaimer([this](std::size_t bytes) { cache_->reclaim(bytes); });
@@ -225,16 +227,41 @@ v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const
   return reply;
 }
 
-std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, Storing storing, const Quota& quota,
-                                                        const RunContext& context) {
-  auto resident = std::make_shared<ResidentSystem>();
-  resident->mesh = mesh_of(recipe.geometry());
-  resident->setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
-  context.progress("select", 0);
+/// What is known of a system before it is prepared.
+struct EngineImpl::Planned {
+  std::shared_ptr<ResidentSystem> resident = std::make_shared<ResidentSystem>();
   SelectionCharge charge;
-  const SelectedRegions regions = validate(resident->setup, *resident->mesh, charged(context, charge));
-  const Estimate estimate = deform::estimate(*resident->mesh, resident->setup, regions);
+  SelectedRegions regions;
+  Estimate estimate;
+};
+
+std::shared_ptr<EngineImpl::Planned> EngineImpl::plan_system(const Recipe& recipe, const RunContext& context) {
+  auto planned = std::make_shared<Planned>();
+  ResidentSystem& resident = *planned->resident;
+  resident.mesh = mesh_of(recipe.geometry());
+  resident.setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
+  context.progress("select", 0);
+  planned->regions = validate(resident.setup, *resident.mesh, charged(context, planned->charge));
+  planned->estimate = deform::estimate(*resident.mesh, resident.setup, planned->regions);
   context.check();
+  return planned;
+}
+
+SystemCache::Prepare EngineImpl::preparation_of(const Recipe& recipe, Storing storing, const Quota& quota) {
+  return [this, recipe, storing, quota](const RunContext& context) -> SystemCache::Prepared {
+    const auto planned = plan_system(recipe, context);
+    if (planned->estimate.seconds <= Scheduler::short_seconds) return make_system(recipe, *planned, storing, quota, context);
+    // What waits for its turn holds no memory, and selects its points again.
+    return SystemCache::Long{planned->estimate.seconds, [this, recipe, storing, quota](const RunContext& later) {
+                               return make_system(recipe, *plan_system(recipe, later), storing, quota, later);
+                             }};
+  };
+}
+
+std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, const Planned& planned, Storing storing,
+                                                        const Quota& quota, const RunContext& context) {
+  const auto& resident = planned.resident;
+  const Estimate& estimate = planned.estimate;
   resident->charge = memory_.charge(estimate.peak_bytes,
                                     {"preparing system " + recipe.id.id.substr(0, 16), less_memory, mesh_bytes(*resident->mesh)});
   RunContext budgeted = context;
@@ -244,7 +271,7 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, St
   resident->memory_return.bytes = resident->system->bytes();
   return_freed_memory(estimate.peak_bytes - std::min(estimate.peak_bytes, resident->system->bytes()));
   resident->info = convert::system_info(resident->system->info(), recipe.canonical, recipe.id.id);
-  convert::add_handles(*resident->info.mutable_handles(), resident->setup, regions);
+  convert::add_handles(*resident->info.mutable_handles(), resident->setup, planned.regions);
   convert::add_setup_notes(*resident->info.mutable_notes(), resident->setup);
   if (storing == Storing::store) {
     resident->info.set_created_unix_ms(
@@ -268,9 +295,7 @@ void EngineImpl::prepare(const v1::PrepareRequest& request, const CallContext& c
   }
   OutcomeCall<v1::SystemInfo>::Task task;
   task.system_id = recipe.id.id;
-  task.prepare = [this, recipe, quota = call.quota](const RunContext& context) {
-    return make_system(recipe, Storing::store, quota, context);
-  };
+  task.prepare = preparation_of(recipe, Storing::store, call.quota);
   if (on_progress) {
     task.on_progress = [on_progress](const std::string& stage, double fraction) {
       v1::Progress progress;
@@ -339,7 +364,7 @@ OwnedId EngineImpl::resolve_system(const std::string& tenant, const std::string&
 }
 
 SystemCache::Prepare EngineImpl::prepare_again(const OwnedId& id) {
-  return [this, id](const RunContext& context) {
+  return [this, id](const RunContext& context) -> SystemCache::Prepared {
     const auto record = store_.find_setup(id);
     if (!record) throw Error(ErrorCode::not_found, "system " + id.id + ": unknown id");
     Recipe recipe;
@@ -347,7 +372,7 @@ SystemCache::Prepare EngineImpl::prepare_again(const OwnedId& id) {
     if (!recipe.canonical.ParseFromString(record->setup)) {
       throw Error(ErrorCode::data_loss, "catalog: the setup of system " + id.id + " is damaged");
     }
-    return make_system(recipe, Storing::stored_already, {}, context);
+    return preparation_of(recipe, Storing::stored_already, {})(context);
   };
 }
 

@@ -74,8 +74,12 @@ class EngineImpl : public Engine {
   };
   /// The context, with which selecting is charged.
   RunContext charged(RunContext context, SelectionCharge& charge);
-  std::shared_ptr<ResidentSystem> make_system(const Recipe& recipe, Storing storing, const Quota& quota,
+  struct Planned;
+  std::shared_ptr<Planned> plan_system(const Recipe& recipe, const RunContext& context);
+  std::shared_ptr<ResidentSystem> make_system(const Recipe& recipe, const Planned& planned, Storing storing, const Quota& quota,
                                               const RunContext& context);
+  /// What takes long is planned first and then waits for its turn.
+  SystemCache::Prepare preparation_of(const Recipe& recipe, Storing storing, const Quota& quota);
   SystemCache::Prepare prepare_again(const OwnedId& id);
   OwnedId resolve_system(const std::string& tenant, const std::string& id);
   std::shared_ptr<const Mesh> mesh_of(const OwnedId& geometry) { return meshes_.get(key_of(geometry)); }

@@ -43,6 +43,7 @@ class OutcomeCall : public Call {
     parts_.calls->add(shared_from_this());
     if (task_.system_id.empty()) return enqueue({});
     SystemCache::Asker asker;
+    asker.client = context().client;
     asker.on_progress = task_.on_progress;
     asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
       call->on_system(std::move(system), error);

@@ -26,6 +26,7 @@ void QueuedCall<Reply>::begin() {
   place_ = queue_.scheduler->enter(context().client);
   queue_.calls->add(shared_from_this());
   SystemCache::Asker asker;
+  asker.client = context().client;
   asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
     call->on_system(std::move(system), error);
   };

@@ -54,7 +54,8 @@ void Scheduler::Slot::leave() {
 
 Scheduler::Scheduler(const Options& options) : options_(options) {
   for (int i = 0; i < options.workers; ++i) threads_.emplace_back([this] { run_worker(); });
-  for (int i = 0; i < options.preparation_workers; ++i) threads_.emplace_back([this] { run_preparations(); });
+  for (int i = 0; i < options.preparation_workers; ++i) threads_.emplace_back([this] { run_preparations(false); });
+  threads_.emplace_back([this] { run_preparations(true); });
 }
 
 Scheduler::~Scheduler() { stop(); }
@@ -81,12 +82,9 @@ Scheduler::Place Scheduler::enter(const std::string& client) {
   return Place(this, client);
 }
 
-void Scheduler::start(const std::string& name, const void* owner, double cost, std::function<void(Slot)> work) {
+void Scheduler::start(const std::string& client, const void* owner, double cost, std::function<void(Slot)> work) {
   const std::lock_guard lock(mutex_);
-  Client& client = clients_[name];
-  const double begin = std::max(virtual_time_, client.end);
-  client.end = begin + cost;
-  client.starts.push_back({owner, cost, begin, std::move(work)});
+  starts_.push(client, owner, cost, std::move(work));
   work_available_.notify_one();
 }
 
@@ -96,10 +94,14 @@ void Scheduler::step(const void* owner, Work work) {
   work_available_.notify_one();
 }
 
-void Scheduler::prepare(const void* owner, Work work) {
+void Scheduler::prepare(const std::string& client, const void* owner, double seconds, Work work) {
   const std::lock_guard lock(mutex_);
-  preparations_.push_back({owner, std::move(work)});
-  preparation_available_.notify_one();
+  if (seconds <= short_seconds) {
+    short_preparations_.push_back({owner, std::move(work)});
+  } else {
+    preparations_.push(client, owner, seconds, std::move(work));
+  }
+  preparation_available_.notify_all();  // not all of them take it
 }
 
 Scheduler::Slot Scheduler::resume() {
@@ -109,16 +111,15 @@ Scheduler::Slot Scheduler::resume() {
 }
 
 void Scheduler::remove(const void* owner) {
-  std::deque<Piece> pieces;  // destroyed after the lock: they may own what calls back into here
-  std::deque<Start> starts;
+  // Destroyed after the lock: they may own what calls back into here.
+  std::deque<Piece> pieces;
+  std::vector<std::function<void(Slot)>> starts;
+  std::vector<Work> preparations;
   const std::lock_guard lock(mutex_);
   remove_from(steps_, owner, pieces);
-  remove_from(preparations_, owner, pieces);
-  for (auto& [name, client] : clients_) {
-    const std::size_t before = starts.size();
-    remove_from(client.starts, owner, starts);
-    for (std::size_t i = before; i < starts.size(); ++i) client.end -= starts[i].cost;
-  }
+  remove_from(short_preparations_, owner, pieces);
+  starts = starts_.remove(owner);
+  preparations = preparations_.remove(owner);
 }
 
 void Scheduler::stop() {
@@ -137,33 +138,17 @@ Scheduler::Load Scheduler::load() const {
   return load_;
 }
 
-bool Scheduler::take_step(Work& work) {
-  if (steps_.empty()) return false;
-  work = std::move(steps_.front().work);
-  steps_.pop_front();
+bool Scheduler::take_first(std::deque<Piece>& pieces, Work& work) {
+  if (pieces.empty()) return false;
+  work = std::move(pieces.front().work);
+  pieces.pop_front();
   return true;
 }
 
 // Takes the slot too.
 bool Scheduler::take_start(std::function<void(Slot)>& work) {
   if (load_.running >= options_.running_limit) return false;
-  Client* next = nullptr;
-  const auto end_of = [](const Client& client) { return client.starts.front().begin + client.starts.front().cost; };
-  for (auto it = clients_.begin(); it != clients_.end();) {
-    if (it->second.starts.empty()) {
-      it = it->second.end <= virtual_time_ ? clients_.erase(it) : std::next(it);
-      continue;
-    }
-    if (next == nullptr || end_of(it->second) < end_of(*next)) next = &it->second;
-    ++it;
-  }
-  if (next == nullptr) return false;
-  // As if each of those who are not through yet, were all served at once, got its share of this piece. What is done while nobody
-  // else is there is held against no one.
-  const double share = next->starts.front().cost / static_cast<double>(clients_.size());
-  virtual_time_ = std::max(virtual_time_ + share, next->starts.front().begin);
-  work = std::move(next->starts.front().work);
-  next->starts.pop_front();
+  if (!starts_.pop(work)) return false;
   ++load_.running;
   return true;
 }
@@ -173,7 +158,7 @@ void Scheduler::run_worker() {
   for (;;) {
     Work step;
     std::function<void(Slot)> start;
-    const bool found = step_next_ ? take_step(step) || take_start(start) : take_start(start) || take_step(step);
+    const bool found = step_next_ ? take_first(steps_, step) || take_start(start) : take_start(start) || take_first(steps_, step);
     if (!found) {
       if (stopping_) return;
       work_available_.wait(lock);
@@ -192,13 +177,16 @@ void Scheduler::run_worker() {
   }
 }
 
-void Scheduler::run_preparations() {
+void Scheduler::run_preparations(bool only_short) {
   std::unique_lock lock(mutex_);
   for (;;) {
-    preparation_available_.wait(lock, [&] { return stopping_ || !preparations_.empty(); });
-    if (preparations_.empty()) return;
-    Work work = std::move(preparations_.front().work);
-    preparations_.pop_front();
+    Work work;
+    const bool found = (!only_short && preparations_.pop(work)) || take_first(short_preparations_, work);
+    if (!found) {
+      if (stopping_) return;
+      preparation_available_.wait(lock);
+      continue;
+    }
     ++load_.preparations;
     lock.unlock();
     work();

@@ -5,13 +5,14 @@
 #include <cstddef>
 #include <deque>
 #include <functional>
-#include <list>
 #include <map>
 #include <mutex>
 #include <string>
 #include <thread>
 #include <utility>
 #include <vector>
+
+#include "server/engine/fair_queue.h"
 
 namespace deform::server {
 
@@ -20,11 +21,10 @@ namespace deform::server {
 ///   start        the first piece of a request; waits in a bounded place, see below; begins only while fewer than
 ///                `running_limit` requests are running, so that requests are finished rather than all begun
 ///   step         a further, short piece of a running request; first come, first served, so running requests share the workers
-///   preparation  long; has threads of its own, so that it never keeps a step waiting
+///   preparation  has threads of its own, so that it never keeps a step waiting; one of them takes only short preparations, so that
+///                these never wait for long ones
 ///
-/// Clients that wait get equal shares of the work, not of the requests: next is the start whose request would be over first if
-/// all clients were served at once at equal speed (weighted fair queueing: Demers, Keshav and Shenker 1989). So a small request
-/// does not wait for the large ones of others, and a large one no longer than its share takes.
+/// Starts and long preparations are taken in the order of a FairQueue.
 ///
 /// One worker pool serves starts and steps, steps and starts in turn. Work must not throw. No lock is held while it runs.
 /// Thread-safe.
@@ -32,12 +32,13 @@ class Scheduler {
  public:
   struct Options {
     int workers = 1;
-    int preparation_workers = 1;
+    int preparation_workers = 1;  ///< beside the one for short preparations
     std::size_t queue_limit = 256;
     std::size_t running_limit = 4;
   };
   using Work = std::function<void()>;
   static constexpr std::size_t least_cost = 1000;
+  static constexpr double short_seconds = 2;  ///< of a preparation
 
   /// A request that waits: counted against queue_limit and its client until left or destroyed. Movable.
   class Place {
@@ -85,7 +86,8 @@ class Scheduler {
   /// are computed, and `least_cost` for what a request or design takes beside them.
   void start(const std::string& client, const void* owner, double cost, std::function<void(Slot)> work);
   void step(const void* owner, Work work);
-  void prepare(const void* owner, Work work);
+  /// `seconds`: about how long it takes.
+  void prepare(const std::string& client, const void* owner, double seconds, Work work);
 
   /// A slot for a request that goes on after waiting for its reader: it need not queue again.
   Slot resume();
@@ -105,24 +107,14 @@ class Scheduler {
   int workers() const { return options_.workers; }
 
  private:
-  struct Start {
-    const void* owner;
-    double cost;
-    double begin;  ///< virtual time at which it would begin; it would end at begin + cost
-    std::function<void(Slot)> work;
-  };
-  struct Client {
-    std::deque<Start> starts;
-    double end = 0;  ///< virtual time at which the last of its requests would be over
-  };
   struct Piece {
     const void* owner;
     Work work;
   };
   void run_worker();
-  void run_preparations();
+  void run_preparations(bool only_short);
   bool take_start(std::function<void(Slot)>& work);
-  bool take_step(Work& work);
+  static bool take_first(std::deque<Piece>& pieces, Work& work);
   void leave_place(const std::string& client);
   void leave_slot();
 
@@ -131,11 +123,11 @@ class Scheduler {
   // guarded by mutex_
   std::condition_variable work_available_;
   std::condition_variable preparation_available_;
-  std::map<std::string, Client> clients_;      // those with requests that wait, and those who had more than their share
+  FairQueue<std::function<void(Slot)>> starts_;
+  FairQueue<Work> preparations_;               // long ones
   std::map<std::string, std::size_t> places_;  // taken, of those who have any
-  double virtual_time_ = 0;                    // what a client that always waited would have got by now
   std::deque<Piece> steps_;
-  std::deque<Piece> preparations_;
+  std::deque<Piece> short_preparations_;
   Load load_;
   bool step_next_ = true;
   bool stopping_ = false;

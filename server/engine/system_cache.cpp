@@ -26,7 +26,9 @@ void SystemCache::Ticket::leave() {
 class SystemCache::FlightGuard {
  public:
   FlightGuard(SystemCache& cache, std::shared_ptr<Flight> flight) : cache_(cache), flight_(std::move(flight)) {}
-  ~FlightGuard() { cache_.land(flight_, std::move(resident_), error_); }
+  ~FlightGuard() {
+    if (flight_) cache_.land(flight_, std::move(resident_), error_);
+  }
   FlightGuard(const FlightGuard&) = delete;
   FlightGuard& operator=(const FlightGuard&) = delete;
 
@@ -35,6 +37,8 @@ class SystemCache::FlightGuard {
     error_.reset();
   }
   void fail(const Error& error) { error_ = error; }
+  /// It flies on.
+  void dismiss() { flight_ = nullptr; }
 
  private:
   SystemCache& cache_;
@@ -61,6 +65,7 @@ std::pair<SystemCache::Handle, SystemCache::Ticket> SystemCache::acquire(const s
   if (begin) {
     flight = std::make_shared<Flight>();
     flight->id = id;
+    flight->client = asker.client;
     flight->prepare = prepare;
   }
   Ticket ticket;
@@ -70,8 +75,12 @@ std::pair<SystemCache::Handle, SystemCache::Ticket> SystemCache::acquire(const s
   flight->askers.emplace(ticket.asker_, std::move(asker));
   const std::shared_ptr<Flight> begun = flight;
   lock.unlock();
-  if (begin) schedule_(begun.get(), [self = shared_from_this(), begun] { self->run(begun); });
+  if (begin) schedule(begun, 0);
   return {nullptr, std::move(ticket)};
+}
+
+void SystemCache::schedule(const std::shared_ptr<Flight>& flight, double seconds) {
+  schedule_(flight->client, flight.get(), seconds, [self = shared_from_this(), flight] { self->run(flight); });
 }
 
 void SystemCache::run(const std::shared_ptr<Flight>& flight) {
@@ -81,7 +90,17 @@ void SystemCache::run(const std::shared_ptr<Flight>& flight) {
     context.stop = flight->stop.get_token();
     context.on_progress = [this, flight](const std::string& stage, double fraction) { report(flight, stage, fraction); };
     context.check();
-    guard.succeed(flight->prepare(context));
+    Prepared prepared = flight->prepare(context);
+    if (auto* const rest = std::get_if<Long>(&prepared)) {
+      context.progress("queue", 0);
+      flight->prepare = [make = std::move(rest->rest)](const RunContext& later) { return make(later); };
+      schedule(flight, rest->seconds);
+      guard.dismiss();
+      // Who left before that has not found it among what is scheduled.
+      if (flight->stop.stop_requested()) unschedule_(flight.get());
+      return;
+    }
+    guard.succeed(std::get<std::shared_ptr<ResidentSystem>>(std::move(prepared)));
   } catch (const Error& error) {
     guard.fail(error);
   } catch (const std::bad_alloc&) {

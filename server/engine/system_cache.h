@@ -12,6 +12,7 @@
 #include <stop_token>
 #include <string>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "core/base/error.h"
@@ -60,20 +61,28 @@ struct ResidentSystem {
 ///   handle goes, the entry becomes the most recently used of the idle ones; what exceeds the budget goes then. A budget of 0 is
 ///   legal: systems live as long as somebody uses them.
 /// - One preparation per id: later askers join it, all hear its progress and its outcome, a failure is never cached. An asker
-/// that
-///   leaves leaves alone; when the last one has left, the preparation is cancelled.
+///   that leaves leaves alone; when the last one has left, the preparation is cancelled. It is scheduled as work of the client
+///   who asked first.
 ///
 /// Thread-safe. No lock is held while preparing or calling back. Must be held by shared_ptr.
 class SystemCache : public std::enable_shared_from_this<SystemCache> {
  public:
   using Handle = std::shared_ptr<const ResidentSystem>;
-  /// Makes the system; runs once per flight, throws Error.
-  using Prepare = std::function<std::shared_ptr<ResidentSystem>(const RunContext&)>;
-  /// Runs work later on a thread of its own kind; `owner` names it to Unschedule.
-  using Schedule = std::function<void(const void* owner, std::function<void()> work)>;
+  /// The rest of a preparation that takes long, and about how long: it waits for its turn.
+  struct Long {
+    double seconds;
+    std::function<std::shared_ptr<ResidentSystem>(const RunContext&)> rest;
+  };
+  using Prepared = std::variant<std::shared_ptr<ResidentSystem>, Long>;
+  /// Makes the system, or finds out how long that takes; runs once per flight, throws Error.
+  using Prepare = std::function<Prepared(const RunContext&)>;
+  /// Runs work of a client later on a thread of its own kind; `owner` names it to Unschedule.
+  using Schedule =
+      std::function<void(const std::string& client, const void* owner, double seconds, std::function<void()> work)>;
   using Unschedule = std::function<void(const void* owner)>;
 
   struct Asker {
+    std::string client;
     std::function<void(const std::string& stage, double fraction)> on_progress;  ///< may be empty
     /// Exactly once, unless the ticket left before: a handle, or the error.
     std::function<void(Handle handle, const std::optional<Error>& error)> on_done;
@@ -128,7 +137,7 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
     std::list<std::string>::iterator idle;  // valid when pins == 0
   };
   struct Flight {
-    std::string id;
+    std::string id, client;
     Prepare prepare;
     std::stop_source stop;
     std::map<std::uint64_t, Asker> askers;  // guarded by the cache's mutex
@@ -138,6 +147,7 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
   class FlightGuard;
   using Doomed = std::vector<std::shared_ptr<ResidentSystem>>;  // destroyed after the lock
 
+  void schedule(const std::shared_ptr<Flight>& flight, double seconds);
   void run(const std::shared_ptr<Flight>& flight);
   void land(const std::shared_ptr<Flight>& flight, std::shared_ptr<ResidentSystem> resident, const std::optional<Error>& error);
   void report(const std::shared_ptr<Flight>& flight, const std::string& stage, double fraction);

@@ -264,7 +264,7 @@ TEST(Scheduler, a_preparation_holds_no_worker) {
   Scheduler scheduler(options(1));
   Gate gate;
   int owner = 0;
-  scheduler.prepare(&owner, [&] { gate.pass(); });
+  scheduler.prepare("a", &owner, 60, [&] { gate.pass(); });
   ASSERT_TRUE(eventually([&] { return gate.waiting() == 1; }));
   EXPECT_EQ(scheduler.load().preparations, 1u);
   std::atomic<bool> stepped{false};
@@ -272,6 +272,60 @@ TEST(Scheduler, a_preparation_holds_no_worker) {
   EXPECT_TRUE(eventually([&] { return stepped.load(); }));
   gate.open();
   EXPECT_TRUE(eventually([&] { return scheduler.load().preparations == 0; }));
+}
+
+TEST(Scheduler, a_short_preparation_does_not_wait_for_long_ones) {
+  Scheduler scheduler(options(1));
+  Gate gate;
+  int owner = 0;
+  std::atomic<int> brief{0};
+  std::atomic<bool> late{false};
+  scheduler.prepare("a", &owner, 600, [&] { gate.pass(); });
+  scheduler.prepare("a", &owner, 600, [&] { late = true; });
+  ASSERT_TRUE(eventually([&] { return gate.waiting() == 1; }));
+  for (int i = 0; i < 3; ++i) scheduler.prepare("a", &owner, 0.1, [&] { ++brief; });
+  EXPECT_TRUE(eventually([&] { return brief == 3; }));
+  EXPECT_FALSE(late);
+  gate.open();
+  EXPECT_TRUE(eventually([&] { return late.load(); }));
+}
+
+TEST(Scheduler, long_preparations_do_not_wait_for_short_ones) {
+  Scheduler scheduler(options(1));
+  Gate gate;
+  int owner = 0;
+  std::atomic<bool> done{false};
+  for (int i = 0; i < 2; ++i) scheduler.prepare("a", &owner, 1, [&] { gate.pass(); });
+  ASSERT_TRUE(eventually([&] { return gate.waiting() == 2; }));  // both threads
+  for (int i = 0; i < 20; ++i) scheduler.prepare("a", &owner, 1, [&] { EXPECT_TRUE(eventually([&] { return done.load(); })); });
+  scheduler.prepare("b", &owner, 60, [&] { done = true; });
+  gate.open();
+  EXPECT_TRUE(eventually([&] { return done.load(); }));
+  scheduler.stop();
+}
+
+TEST(Scheduler, long_preparations_of_clients_take_turns) {
+  Scheduler scheduler(options(1));
+  Gate gate;
+  int owner = 0, gone = 0;
+  std::mutex mutex;
+  std::string order;
+  const auto note = [&](char name) {
+    return [&, name] {
+      const std::lock_guard lock(mutex);
+      order += name;
+    };
+  };
+  scheduler.prepare("a", &owner, 100, [&] { gate.pass(); });
+  ASSERT_TRUE(eventually([&] { return gate.waiting() == 1; }));
+  for (int i = 0; i < 4; ++i) scheduler.prepare("a", &owner, 100, note('a'));
+  for (int i = 0; i < 2; ++i) scheduler.prepare("b", &owner, 10, note('b'));
+  scheduler.prepare("b", &gone, 10, note('x'));
+  scheduler.remove(&gone);
+  scheduler.prepare("c", &owner, 150, note('c'));
+  gate.open();
+  scheduler.stop();
+  EXPECT_EQ(order, "bbacaaa");
 }
 
 TEST(Scheduler, removed_work_never_runs) {

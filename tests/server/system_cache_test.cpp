@@ -35,7 +35,10 @@ class SystemCacheTest : public testing::Test {
     options.preparation_workers = 2;
     scheduler = std::make_unique<Scheduler>(options);
     cache = std::make_shared<SystemCache>(
-        budget, [this](const void* owner, std::function<void()> work) { scheduler->prepare(owner, std::move(work)); },
+        budget,
+        [this](const std::string& client, const void* owner, double seconds, std::function<void()> work) {
+          scheduler->prepare(client, owner, seconds, std::move(work));
+        },
         [this](const void* owner) { scheduler->remove(owner); });
   }
   void TearDown() override {
@@ -111,6 +114,39 @@ TEST_F(SystemCacheTest, one_thread_prepares_while_the_others_wait) {
   }
   EXPECT_EQ(prepared, 1);
   EXPECT_EQ(listeners[0]->stages, std::vector<std::string>{"factor"});
+}
+
+TEST_F(SystemCacheTest, what_takes_long_waits_for_its_turn) {
+  open(1000);
+  const auto listener = std::make_shared<Listener>();
+  const SystemCache::Prepare planned = [&](const RunContext&) -> SystemCache::Prepared {
+    return SystemCache::Long{60, [&](const RunContext&) {
+                               ++prepared;
+                               return fake_resident(10, 100);
+                             }};
+  };
+  // Both threads for long ones are busy, the one for short ones plans.
+  int owner = 0;
+  for (int i = 0; i < 2; ++i) scheduler->prepare("b", &owner, 60, [&] { gate.pass(); });
+  ASSERT_TRUE(eventually([&] { return gate.waiting() == 2; }));
+  auto [handle, ticket] = cache->acquire("a", planned, ask(listener));
+  const auto left = std::make_shared<Listener>();
+  auto [none, leaving] = cache->acquire("c", planned, ask(left));
+  const auto stages = [](Listener& of) {
+    const std::lock_guard lock(of.mutex);
+    return of.stages;
+  };
+  ASSERT_TRUE(eventually([&] { return stages(*listener).size() == 1 && stages(*left).size() == 1; }));
+  EXPECT_EQ(stages(*listener), std::vector<std::string>{"queue"});
+  leaving.leave();
+  EXPECT_EQ(prepared, 0);
+  gate.open();
+  ASSERT_TRUE(eventually([&] { return listener->count() == 1; }));
+  EXPECT_NE(listener->answers[0].handle, nullptr);
+  EXPECT_NE(get("d", 100), nullptr);
+  scheduler->stop();
+  EXPECT_EQ(prepared, 2) << "\"a\" and \"d\": nobody wants \"c\" any more";
+  EXPECT_EQ(left->count(), 0u);
 }
 
 TEST_F(SystemCacheTest, a_failure_reaches_all_and_is_not_kept) {
