@@ -25,7 +25,7 @@ using Places = std::vector<std::vector<PointId>>;  // of each region
 /// Whether a constraint fits one shape to its points, which may continue through a plane.
 bool is_shape(const ConstraintKind& kind) {
   return std::visit(
-      []<typename Kind>(const Kind& options) {
+      []<typename Kind>([[maybe_unused]] const Kind& options) {
         if constexpr (std::is_same_v<Kind, Rigid>) return options.layers == 0;
         return std::is_same_v<Kind, Planar> || std::is_same_v<Kind, Circular> || std::is_same_v<Kind, Cylindrical> ||
                std::is_same_v<Kind, Spherical> || std::is_same_v<Kind, Conical> || std::is_same_v<Kind, Straight> ||
