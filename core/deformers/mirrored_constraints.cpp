@@ -137,9 +137,9 @@ MirroredConstraints::MirroredConstraints(const Setup& half, const Mesh& mesh, co
     const auto* rigid = std::get_if<Rigid>(&constraint.kind);
     // Columns of cells are rigid one by one, so that one constraint has those of all images.
     const bool columns = rigid != nullptr && rigid->layers > 0;
-    const std::size_t planes = columns ? mirrored.images() - 1
-                                       : continued_planes(constraint, own, symmetry, mirrored, units,
-                                                          "constraints[" + std::to_string(i) + "]");
+    const std::size_t planes =
+        columns ? mirrored.images() - 1
+                : continued_planes(constraint, own, symmetry, mirrored, units, "constraints[" + std::to_string(i) + "]");
     for (std::size_t g = 0; g < mirrored.images(); ++g) {
       if ((g & planes) != 0) continue;
       Constraint& copy = constraints.emplace_back(constraint);

@@ -26,9 +26,9 @@ struct MirroredConstraints {
   /// mean square over all of them.
   std::vector<ConstraintReport> reports(std::span<const ConstraintReport> whole) const;
 
-  std::vector<Constraint> constraints;      ///< of the whole model
-  std::vector<std::size_t> constraint_of;   ///< of each its constraint of the half model
-  std::vector<std::string> notes;           ///< which ones continue through a plane, one sentence each
+  std::vector<Constraint> constraints;     ///< of the whole model
+  std::vector<std::size_t> constraint_of;  ///< of each its constraint of the half model
+  std::vector<std::string> notes;          ///< which ones continue through a plane, one sentence each
 };
 
 }  // namespace deform

@@ -428,9 +428,8 @@ std::vector<std::vector<double>> MirroredSystem::vector_jacobians(std::span<cons
 Estimate estimate_mirrored(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   const MirroredMesh mirrored(mesh, regions.symmetry);
   const MirroredConstraints constraints(setup, mesh, regions, mirrored);
-  Estimate expected = about_images(mesh.point_count(), [&] {
-    return estimate(*mirrored.mesh(), whole_setup(setup, mesh, regions, mirrored, constraints));
-  });
+  Estimate expected = about_images(
+      mesh.point_count(), [&] { return estimate(*mirrored.mesh(), whole_setup(setup, mesh, regions, mirrored, constraints)); });
   expected.constraint_points = regions.fixed.size();
   for (const auto& handle : regions.handles) expected.constraint_points += handle.size();
   expected.resident_bytes += mirrored.bytes() + mirrored.mesh_bytes();

@@ -16,10 +16,9 @@
 namespace deform {
 
 /// A half model with its images: symmetry planes for methods that have none of their own (MethodFeatures::symmetry). The system
-/// of the whole model is prepared, with a copy of each handle for each image, which moves as its mirror image, and with constraints as
-/// MirroredConstraints says. The displacement
-/// of a point is the mean of those of its images, mirrored back, so that the result is symmetric to rounding, although centres,
-/// samples and sums are not. Points on a plane stay in it exactly.
+/// of the whole model is prepared, with a copy of each handle for each image, which moves as its mirror image, and with
+/// constraints as MirroredConstraints says. The displacement of a point is the mean of those of its images, mirrored back, so
+/// that the result is symmetric to rounding, although centres, samples and sums are not. Points on a plane stay in it exactly.
 class MirroredSystem : public System {
  public:
   /// Throws what prepare() throws for the whole model; ids in messages beyond the points of the half model are those of images.

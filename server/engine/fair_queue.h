@@ -11,9 +11,9 @@
 
 namespace deform::server {
 
-/// Work of several clients, of which each gets an equal share of the work, not of the pieces: next is the piece that would be over
-/// first if all clients were served at once at equal speed (weighted fair queueing: Demers, Keshav and Shenker 1989). So a small
-/// piece does not wait for the large ones of others, and a large one no longer than its share takes. Not thread-safe.
+/// Work of several clients, of which each gets an equal share of the work, not of the pieces: next is the piece that would be
+/// over first if all clients were served at once at equal speed (weighted fair queueing: Demers, Keshav and Shenker 1989). So a
+/// small piece does not wait for the large ones of others, and a large one no longer than its share takes. Not thread-safe.
 template <typename Work>
 class FairQueue {
  public:
@@ -38,8 +38,8 @@ class FairQueue {
       ++it;
     }
     if (next == nullptr) return false;
-    // As if each of those who are not through yet, were all served at once, got its share of this piece. What is done while nobody
-    // else is there is held against no one.
+    // As if each of those who are not through yet, were all served at once, got its share of this piece. What is done while
+    // nobody else is there is held against no one.
     Piece& piece = next->pieces.front();
     time_ = std::max(time_ + piece.cost / static_cast<double>(clients_.size()), piece.begin);
     work = std::move(piece.work);

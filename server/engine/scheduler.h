@@ -21,7 +21,8 @@ namespace deform::server {
 ///   start        the first piece of a request; waits in a bounded place, see below; begins only while fewer than
 ///                `running_limit` requests are running, so that requests are finished rather than all begun
 ///   step         a further, short piece of a running request; first come, first served, so running requests share the workers
-///   preparation  has threads of its own, so that it never keeps a step waiting; one of them takes only short preparations, so that
+///   preparation  has threads of its own, so that it never keeps a step waiting; one of them takes only short preparations, so
+///   that
 ///                these never wait for long ones
 ///
 /// Starts and long preparations are taken in the order of a FairQueue.

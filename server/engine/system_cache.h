@@ -77,8 +77,7 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
   /// Makes the system, or finds out how long that takes; runs once per flight, throws Error.
   using Prepare = std::function<Prepared(const RunContext&)>;
   /// Runs work of a client later on a thread of its own kind; `owner` names it to Unschedule.
-  using Schedule =
-      std::function<void(const std::string& client, const void* owner, double seconds, std::function<void()> work)>;
+  using Schedule = std::function<void(const std::string& client, const void* owner, double seconds, std::function<void()> work)>;
   using Unschedule = std::function<void(const void* owner)>;
 
   struct Asker {

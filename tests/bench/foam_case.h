@@ -7,7 +7,7 @@
 #include <span>
 #include <string>
 
-#include "core/deformers/setup.h"
+#include "core/deformers/system.h"
 #include "core/mesh/cells.h"
 #include "core/mesh/mesh.h"
 #include "core/mesh/region.h"

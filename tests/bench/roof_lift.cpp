@@ -38,7 +38,8 @@ void roof_lift(const std::filesystem::path& car_case, const std::filesystem::pat
     std::size_t failed = 0, compared = 0;
   };
   std::vector<Worst> worst;
-  const std::pair<const char*, Region> arrangements[] = {{"patch", roof_patch(*mesh)}, {"three points", three_roof_points(*mesh)}};
+  const std::pair<const char*, Region> arrangements[] = {{"patch", roof_patch(*mesh)},
+                                                         {"three points", three_roof_points(*mesh)}};
   std::vector<std::string> prepared;
   for (const auto& [name, roof] : arrangements) {
     const auto system = prepare(mesh, roof_setup(roof));

@@ -3,7 +3,8 @@
 // output: what methods_page.py makes a page of.
 //
 // usage: methods_bench [--quick] [--data FOLDER]
-//   --data   the folder of shared meshes, which has the car of 7.3.2; default: the one that was given to CMake (DEFORM_SHARED_DATA)
+//   --data   the folder of shared meshes, which has the car of 7.3.2; default: the one that was given to CMake
+//   (DEFORM_SHARED_DATA)
 #include <cstdio>
 #include <cstring>
 #include <filesystem>

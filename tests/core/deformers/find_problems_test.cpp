@@ -56,9 +56,9 @@ TEST(FindProblems, FindsAllOfThemEachWithItsField) {
   setup.symmetry.push_back({SymmetryPlane::Plane{{0, 0, 0}, {0, 0, 0}}});
   const std::vector<Problem> found = found_in(setup);
   EXPECT_THAT(fields(found),
-              ElementsAre("handles[1].name", "variables[1]", "variables[2]", "method", "handles[1].region",
-                          "handles[2].region", "fixed[1]", "fixed[2]", "constraint_options", "constraints[1].name",
-                          "constraints[1].regions[0]", "constraints[3]", "symmetry", "constraints[2]", "constraints[4]"));
+              ElementsAre("handles[1].name", "variables[1]", "variables[2]", "method", "handles[1].region", "handles[2].region",
+                          "fixed[1]", "fixed[2]", "constraint_options", "constraints[1].name", "constraints[1].regions[0]",
+                          "constraints[3]", "symmetry", "constraints[2]", "constraints[4]"));
   ASSERT_EQ(found.size(), 15u);
   EXPECT_THAT(found[5].message, HasSubstr("overlaps handle \"end\""));
   EXPECT_THAT(found[13].message, HasSubstr("2 points, circular needs at least 4"));

@@ -119,7 +119,9 @@ TEST(MirroredConstraints, AreThoseOfTheWholeModel) {
         for (const ConstraintReport& each : report.constraints) EXPECT_FALSE(each.missed);
       }
       for (std::size_t i = 0; i < got.size(); ++i) {
-        if (half->points[i][1] == 0) EXPECT_EQ(got[i][1], 0);
+        if (half->points[i][1] == 0) {
+          EXPECT_EQ(got[i][1], 0);
+        }
       }
     }
   }
