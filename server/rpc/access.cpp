@@ -135,6 +135,9 @@ Access::IdentitiesPtr Access::read_identities() const {
         "(sha256:HASH)",
         fresh->certificates(), fresh->certificates() + fresh->tokens());
   }
+  for (const std::string& tenant : fresh->quotas_of_nobody()) {
+    spdlog::warn("identities: tenant {} has a quota, but no identity belongs to it (tenant={} on its line)", tenant, tenant);
+  }
   return fresh;
 }
 

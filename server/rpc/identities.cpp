@@ -126,6 +126,11 @@ const char* to_string(Role role) {
 Identities Identities::parse(std::string_view text, const std::string& source) {
   Identities out;
   std::map<std::string, Identity> known;
+  struct Line {
+    std::size_t number;
+    std::string name;
+  };
+  std::map<std::string, Line> credentials;
   for (Place place{source, 1}; !text.empty(); ++place.line) {
     std::string_view line = text.substr(0, text.find('\n'));
     text.remove_prefix(std::min(line.size() + 1, text.size()));
@@ -158,6 +163,12 @@ Identities Identities::parse(std::string_view text, const std::string& source) {
       throw place.error(shown(name) + " is of tenant " + shown(entry.identity.tenant) + " here and of " + shown(first.tenant) +
                         " on a line before");
     }
+    const std::string key = credential.starts_with(hash_prefix) ? lower_case(credential) : std::string(credential);
+    const Line& same = credentials.emplace(key, Line{place.line, entry.identity.name}).first->second;
+    if (same.name != entry.identity.name) {
+      throw place.error("the credential of " + shown(name) + " is that of " + shown(same.name) + " on line " +
+                        std::to_string(same.number) + "; whoever calls with it can be only one of them");
+    }
     if (credential.starts_with(hash_prefix)) {
       entry.credential = parse_hash(credential.substr(hash_prefix.size()), place);
       out.tokens_.push_back(std::move(entry));
@@ -172,6 +183,21 @@ Identities Identities::parse(std::string_view text, const std::string& source) {
     }
   }
   return out;
+}
+
+std::vector<std::string> Identities::quotas_of_nobody() const {
+  std::vector<std::string> result;
+  const auto belongs = [](const std::string& tenant) {
+    return [&tenant](const Entry& entry) { return entry.identity.tenant == tenant; };
+  };
+  for (const auto& [tenant, quota] : quotas_) {
+    if (tenant == other_tenants || std::any_of(tokens_.begin(), tokens_.end(), belongs(tenant)) ||
+        std::any_of(certificates_.begin(), certificates_.end(), belongs(tenant))) {
+      continue;
+    }
+    result.push_back(tenant);
+  }
+  return result;
 }
 
 Quota Identities::quota_of(const std::string& tenant) const {

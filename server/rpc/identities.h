@@ -32,7 +32,8 @@ const char* to_string(Role role);
 ///   solver   user      certificate:solver.example.org  tenant=acme                                 # a name in a certificate
 ///   tenant:acme        stored-bytes=20GiB geometries=500 calls=32 requests-per-second=100
 ///
-/// A name may stand on several lines, with one role and one tenant, so that a token can be replaced without a gap. Immutable.
+/// A name may stand on several lines, with one role and one tenant, so that a token can be replaced without a gap. A credential
+/// belongs to one name. Immutable.
 class Identities {
  public:
   /// The name and the role of a caller, and whose geometries and systems are its own.
@@ -55,6 +56,9 @@ class Identities {
 
   /// What a tenant may take.
   Quota quota_of(const std::string& tenant) const;
+
+  /// Tenants that have a quota and to which no identity belongs: misspelt, or gone.
+  std::vector<std::string> quotas_of_nobody() const;
 
   std::size_t tokens() const { return tokens_.size(); }              ///< lines with a hash
   std::size_t certificates() const { return certificates_.size(); }  ///< lines with a name of certificates

@@ -59,6 +59,7 @@ TEST(Identities, HaveTenantsAndTenantsHaveQuotas) {
   EXPECT_EQ(known.of_certificate(names)->tenant, "default");
   EXPECT_EQ(known.quota_of("acme"), (Quota{std::uint64_t{20} << 30, 500, 32, 100}));
   EXPECT_EQ(known.quota_of("default"), (Quota{0, 3, 0, 0}));
+  EXPECT_EQ(known.quotas_of_nobody(), std::vector<std::string>{"b-2.x"});
   EXPECT_EQ(known.quota_of("b-2.x"), Quota());
   EXPECT_EQ(Identities::parse("", "f").quota_of("acme"), Quota());
 }
@@ -116,6 +117,8 @@ TEST(Identities, MistakesNameTheLineAndNeverTheCredential) {
       {"alice user sha256:" + std::string(64, 'g'), "64 hexadecimal digits"},
       {"alice user certificate:", "neither"},
       {"alice user secret-token", "neither"},
+      {"alice user" + hash + "\nbob user" + hash, "the credential of \"bob\" is that of \"alice\" on line 2;"},
+      {"a user certificate:x.org\nb user certificate:x.org", "the credential of \"b\" is that of \"a\" on line 2;"},
       {"bob reader" + hash + "\nbob user" + hash, "\"bob\" is user here and reader on a line before"},
   };
   for (const auto& [line, says] : cases) {
