@@ -79,9 +79,9 @@ class Detection(EndToEnd):
         self.assertEqual(len(sets["plane_x0_1"]), 7 * 13)
         # What was written may have been edited: it is replaced by the same only, or when told to.
         self.deform("detect", "setup.yaml", "-o", "more.yaml")
-        self.write("more.yaml", text.replace("plane_x0_1,", "left,"))
+        self.write("more.yaml", text.replace("- name: plane_x0_1\n", "- name: left\n"))
         self.fails(1, "detect", "setup.yaml", "-o", "more.yaml", says=["more.yaml", "may have been edited", "--overwrite"])
-        self.assertIn("name: left,", self.read("more.yaml"))
+        self.assertIn("- name: left\n", self.read("more.yaml"))
         self.write("more.yaml", text)
         self.write("more.points.json", "{}")
         self.fails(1, "detect", "setup.yaml", "-o", "more.yaml", says=["more.points.json", "--overwrite"])
