@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <iterator>
 #include <string>
+#include <type_traits>
 
 #include "core/base/error.h"
 #include "core/deformers/composed/composed_setup.h"
@@ -37,6 +38,14 @@ void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems) {
       if (setup.symmetry.empty() || M::features.symmetry) return;
       if (selects_controls(setup)) {
         refuse("symmetry", "symmetry planes with control CONTROLS", "motions of control points that are symmetric themselves");
+      }
+      // Their samples are not symmetric, and the mean over the images leaves the shapes by as much.
+      constexpr bool sampled =
+          std::is_same_v<typename M::Options, SubspaceOptions> || std::is_same_v<typename M::Options, MlsOptions>;
+      for (std::size_t i = 0; sampled && i < setup.constraints.size(); ++i) {
+        if (!setup.constraints[i].exact) continue;
+        refuse("constraints[" + std::to_string(i) + "].exact", "exact constraints in half models",
+               "method.shell or method.ffd, leave `exact` out, or deform the whole model");
       }
     });
     problems.check("method", [&] {

@@ -18,7 +18,8 @@ namespace deform {
 namespace {
 
 constexpr double largest_weight = 1e10;
-constexpr double misfit_growth = 2;
+constexpr double exact_distance = 1e-9;  // as ConstraintReport::missed
+constexpr double misfit_growth = 5;      // a parabola whose vertex is in the plane has 4 times the misfit of its half to a line
 
 using Places = std::vector<std::vector<PointId>>;  // of each region
 
@@ -123,10 +124,11 @@ std::vector<Region> regions_of(Places places) {
 }  // namespace
 
 MirroredConstraints::MirroredConstraints(const Setup& half, const Mesh& mesh, const SelectedRegions& regions,
-                                         const MirroredMesh& mirrored) {
+                                         const MirroredMesh& mirrored)
+    : mirrored_(&mirrored) {
   if (half.constraints.empty()) return;
   const Box box = bounding_box(mesh.points);
-  const UnitMap units{box.min, box.diagonal()};
+  const UnitMap units = units_ = {box.min, box.diagonal()};
   // As constraints of the half model, whose indices messages name.
   Problems problems(Problems::Mode::throw_first);
   check_constraint_sets(mesh, half, regions, {units.origin, units.scale}, problems);
@@ -140,6 +142,7 @@ MirroredConstraints::MirroredConstraints(const Setup& half, const Mesh& mesh, co
     const std::size_t planes =
         columns ? mirrored.images() - 1
                 : continued_planes(constraint, own, symmetry, mirrored, units, "constraints[" + std::to_string(i) + "]");
+    add_set(constraint, own, symmetry, planes, columns);
     for (std::size_t g = 0; g < mirrored.images(); ++g) {
       if ((g & planes) != 0) continue;
       Constraint& copy = constraints.emplace_back(constraint);
@@ -163,7 +166,28 @@ MirroredConstraints::MirroredConstraints(const Setup& half, const Mesh& mesh, co
   }
 }
 
-std::vector<ConstraintReport> MirroredConstraints::reports(std::span<const ConstraintReport> whole) const {
+void MirroredConstraints::add_set(const Constraint& constraint, const std::vector<std::vector<PointId>>& regions,
+                                  const Symmetry& symmetry, std::size_t planes, bool columns) {
+  Set& set = sets_.emplace_back();
+  set.exact = constraint.exact;
+  if (columns) return;
+  std::vector<std::vector<Vec3>> rest;
+  for (const std::vector<PointId>& ids : regions) {
+    std::vector<Vec3>& places = rest.emplace_back();
+    for (std::size_t g = 0; g < mirrored_->images(); ++g) {
+      if ((g & ~planes) != 0) continue;
+      for (const PointId id : ids) {
+        if ((symmetry.on(id) & g) != 0) continue;
+        set.places.push_back({id, g});
+        places.push_back((mirrored_->mesh()->points[mirrored_->image(id, g)] - units_.origin) / units_.scale);
+      }
+    }
+  }
+  set.projection = make_projection(constraint.kind, rest, units_, constraint.name);
+}
+
+std::vector<ConstraintReport> MirroredConstraints::reports(std::span<const ConstraintReport> whole,
+                                                           const std::function<Vec3(PointId)>& place_of) const {
   if (whole.empty()) return {};
   std::vector<ConstraintReport> result(constraint_of.empty() ? 0 : constraint_of.back() + 1);
   std::vector<double> copies(result.size());
@@ -180,6 +204,18 @@ std::vector<ConstraintReport> MirroredConstraints::reports(std::span<const Const
   for (std::size_t i = 0; i < result.size(); ++i) {
     result[i].rms_before = std::sqrt(result[i].rms_before / copies[i]);
     result[i].rms = std::sqrt(result[i].rms / copies[i]);
+    const Set& set = sets_[i];
+    if (set.projection == nullptr) continue;
+    std::vector<Vec3> x, onto(set.places.size());
+    for (const Set::Place& place : set.places) {
+      x.push_back((mirrored_->reflected_point(place_of(place.id), place.image) - units_.origin) / units_.scale);
+    }
+    ShapeParameters shape;
+    set.projection->project(x, onto, shape);
+    const Projection::Misfit misfit = set.projection->misfit(x, onto);
+    result[i].max = units_.scale * misfit.largest;
+    result[i].rms = units_.scale * std::sqrt(misfit.squares / static_cast<double>(std::max<std::size_t>(1, misfit.count)));
+    result[i].missed = result[i].missed || (set.exact && !result[i].given_up && misfit.largest > exact_distance);
   }
   return result;
 }

@@ -147,7 +147,12 @@ class MirroredEvaluation : public Evaluation {
       : system_(std::move(system)), whole_(std::move(whole)) {
     for (std::size_t i = 0; i < whole_->design_count(); ++i) {
       reports_.push_back(whole_->report(i));
-      reports_.back().constraints = system_->constraints_.reports(reports_.back().constraints);
+      reports_.back().constraints = system_->constraints_.reports(reports_.back().constraints, [&](PointId id) {
+        Vec3 place{};
+        Vec3* const to = &place;
+        MirroredEvaluation::evaluate(id, id + std::size_t{1}, i, {&to, 1});
+        return place;
+      });
     }
   }
 
@@ -338,7 +343,11 @@ class MirroredMap : public SpaceMap {
  public:
   MirroredMap(std::shared_ptr<const MirroredSystem> system, std::unique_ptr<const SpaceMap> whole)
       : system_(std::move(system)), whole_(std::move(whole)), report_(whole_->report()) {
-    report_.constraints = system_->constraints_.reports(report_.constraints);
+    report_.constraints = system_->constraints_.reports(report_.constraints, [&](PointId id) {
+      Vec3 place{};
+      MirroredMap::evaluate({&system_->mesh_->points[id], 1}, 0, {&place, 1}, {});
+      return place;
+    });
   }
 
   const DesignReport& report() const override { return report_; }

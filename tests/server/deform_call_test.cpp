@@ -24,7 +24,10 @@ class DeformCallTest : public testing::Test {
     options.running_limit = 4;
     scheduler = std::make_unique<Scheduler>(options);
     cache = std::make_shared<SystemCache>(
-        1u << 30, [this](const void* owner, std::function<void()> work) { scheduler->prepare(owner, std::move(work)); },
+        1u << 30,
+        [this](const std::string& client, const void* owner, double seconds, std::function<void()> work) {
+          scheduler->prepare(client, owner, seconds, std::move(work));
+        },
         [this](const void* owner) { scheduler->remove(owner); });
     resident = fake_resident(points, 1000);
   }

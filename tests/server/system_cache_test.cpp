@@ -223,12 +223,13 @@ TEST_F(SystemCacheTest, a_preparation_that_nobody_waits_for_any_more_leaves_the_
   const auto listener = std::make_shared<Listener>();
   const auto a = cache->acquire("a", make_slowly(1), ask(listener)).second;
   const auto b = cache->acquire("b", make_slowly(1), ask(listener)).second;
-  ASSERT_TRUE(eventually([&] { return gate.waiting() == 2; }));  // both preparation workers
-  cache->acquire("c", make_slowly(1), ask(listener)).second.leave();
+  const auto c = cache->acquire("c", make_slowly(1), ask(listener)).second;
+  ASSERT_TRUE(eventually([&] { return gate.waiting() == 3; }));  // all threads
+  cache->acquire("d", make_slowly(1), ask(listener)).second.leave();
   gate.open();
-  ASSERT_TRUE(eventually([&] { return listener->count() == 2; }));
+  ASSERT_TRUE(eventually([&] { return listener->count() == 3; }));
   scheduler->stop();
-  EXPECT_EQ(prepared, 2);
+  EXPECT_EQ(prepared, 3);
 }
 
 TEST_F(SystemCacheTest, the_least_recently_used_goes_first) {
