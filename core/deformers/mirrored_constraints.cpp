@@ -17,7 +17,6 @@ namespace deform {
 
 namespace {
 
-constexpr double largest_weight = 1e10;
 constexpr double exact_distance = 1e-9;  // as ConstraintReport::missed
 constexpr double misfit_growth = 5;      // a parabola whose vertex is in the plane has 4 times the misfit of its half to a line
 
@@ -68,12 +67,6 @@ Places images_of(const Places& regions, const Symmetry& symmetry, const Mirrored
     std::sort(places.begin(), places.end());
   }
   return result;
-}
-
-std::size_t count(const Places& regions) {
-  std::size_t points = 0;
-  for (const std::vector<PointId>& ids : regions) points += ids.size();
-  return points;
 }
 
 /// Root mean square distance of points at rest from the shape that fits them, as a fraction of D.
@@ -149,14 +142,7 @@ MirroredConstraints::MirroredConstraints(const Setup& half, const Mesh& mesh, co
       constraint_of.push_back(i);
       if (g != 0) copy.name += " (image " + std::to_string(g) + ")";
       copy.kind = mirrored_kind(constraint.kind, mirrored, g);
-      Places places = images_of(own, symmetry, mirrored, g, planes);
-      // The weight is that of a mean square over more points.
-      const double growth = static_cast<double>(count(places)) / static_cast<double>(count(own));
-      if (growth > 1) {
-        const double weight = constraint.weight != 0 ? constraint.weight : Constraint::automatic_weight;
-        copy.weight = std::min(largest_weight, weight * growth);
-      }
-      copy.regions = regions_of(std::move(places));
+      copy.regions = regions_of(images_of(own, symmetry, mirrored, g, planes));
     }
     for (std::size_t k = 0; k < symmetry.planes() && !columns && is_shape(constraint.kind); ++k) {
       if ((planes >> k & 1u) == 0) continue;

@@ -20,7 +20,8 @@ namespace deform {
 /// its points lies on the plane, and the points with their mirror images fit it at rest about as well as the points alone do
 /// (five times the misfit, which allows for a smooth curvature across the plane, or continuity_tolerance D). So a half bore stays
 /// one bore, and the two slopes of a gabled roof remain two planes. All other constraints get a copy for each image, with
-/// mirrored planes and axes. Relations between regions always do.
+/// mirrored planes and axes. Relations between regions always do. Weights stay, so that the result is that of the whole model
+/// with the same weights.
 struct MirroredConstraints {
   static constexpr double continuity_tolerance = 1e-6;
 
