@@ -149,14 +149,16 @@ double ClampedInverse::strengthened(double clamp, const ThinSvd& svd, const Typi
   // Of what a clamp leaves out; the rest no clamp meets.
   const auto misfit_of = [&](Eigen::Index rank) { return std::sqrt(squares.tail(squares.size() - rank).sum()); };
   const double most_misfit = negligible_misfit * typical.fields.norm(), strongest = std::pow(10.0, -first_decade);
-  for (double next = clamp; next < strongest; next *= std::pow(10.0, 1 / candidates_per_decade)) {
+  double best = clamp, least = std::numeric_limits<double>::infinity();
+  for (double next = clamp; next < strongest && least > most_motion; next *= std::pow(10.0, 1 / candidates_per_decade)) {
     const Eigen::Index rank = rank_of(next);
     if (next > clamp && misfit_of(rank) > most_misfit) break;
-    clamp = next;
     const Eigen::MatrixXd weights = parts.topRows(rank).array().colwise() / svd.values.head(rank).array();
-    if ((svd.V.leftCols(rank) * weights).cwiseAbs().maxCoeff() <= most_motion) break;
+    const double motion = (svd.V.leftCols(rank) * weights).cwiseAbs().maxCoeff();
+    if (motion < least) best = next;
+    least = std::min(least, motion);
   }
-  return clamp;
+  return best;
 }
 
 Eigen::MatrixXd ClampedInverse::compressed(const Eigen::MatrixXd& h) const {

@@ -13,7 +13,7 @@ namespace deform {
 namespace {
 
 constexpr std::size_t direct_places_per_task = 1024;
-constexpr double far = HeldInverse::most_motion;  // control points against handles: a clamp that is too small
+constexpr double far = 20;  // control points against handles: a clamp that is too small
 
 }  // namespace
 

@@ -18,7 +18,7 @@ namespace deform {
 class HeldInverse {
  public:
   /// For an automatic choice: how far control points may move for waves of Typical, over the height of these.
-  static constexpr double most_motion = 20;
+  static constexpr double most_motion = 3;
   /// Of the prescribed values: a misfit below is none. Otherwise the weakest choice is made for affine motions of one handle,
   /// which a lattice meets ever better.
   static constexpr double least_misfit = 1e-7;

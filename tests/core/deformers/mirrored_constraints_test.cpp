@@ -160,7 +160,7 @@ std::vector<Constraint> of_whole(const std::shared_ptr<const Mesh>& half, const 
 }
 
 TEST(MirroredConstraints, WhatContinuesThroughAPlaneIsOneShape) {
-  const auto gabled = strip([](double y) { return 0.4 - 0.5 * y; });
+  const auto gabled = strip([](double y) { return 0.4 - 0.5 * y + 1e-3 * std::sin(40 * y); });
   const auto round = strip([](double y) { return std::sqrt(1.44 - y * y); });
   const auto off_centre = strip([](double y) { return std::sqrt(1.44 - (y - 0.3) * (y - 0.3)); });
   EXPECT_EQ(of_whole(gabled, with(Planar{})).size(), 2u) << "two slopes";
@@ -171,6 +171,11 @@ TEST(MirroredConstraints, WhatContinuesThroughAPlaneIsOneShape) {
   const std::vector<Constraint> extents = of_whole(round, with(Extent{{1, 1, 0}, Bound::maximum, 0.6}));
   EXPECT_EQ(std::get<Extent>(extents[1].kind).axis, (Vec3{1, -1, 0}));
   EXPECT_EQ(extents[1].name, "set (image 1)");
+  deform::Setup in_plane = with(FixedPlane{{0, 0, 0.4}, {0, 0.3, 1}});
+  in_plane.constraints[0].regions = {test::box({0.5, -1, -9}, {1.2, 0.01, 9})};
+  EXPECT_EQ(of_whole(gabled, in_plane).size(), 2u) << "points in the plane slide along both images of the given one";
+  in_plane.constraints[0].kind = Straight{};
+  EXPECT_EQ(of_whole(gabled, in_plane).size(), 1u);
 }
 
 TEST(MirroredConstraints, ErrorsNameTheHalfModel) {
