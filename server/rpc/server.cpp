@@ -31,14 +31,14 @@ namespace {
 constexpr char service_name[] = "deform.v1.DeformService";
 /// Can geometries and setups be added? Without room on its disk the server still serves what it has.
 constexpr char write_service_name[] = "deform.v1.DeformService/write";
-constexpr std::chrono::milliseconds memory_interval{100};
-/// While the process occupies more than half of its budget: a flood of calls fills the rest within half a second.
-constexpr std::chrono::milliseconds filling_interval{20};
+constexpr std::chrono::milliseconds memory_interval{40};
+/// While the process occupies more than a quarter of its budget: a flood of calls fills the rest within a fifth of a second.
+constexpr std::chrono::milliseconds filling_interval{10};
 constexpr std::chrono::milliseconds give_back_interval{500};
 constexpr std::chrono::milliseconds shed_interval{200};
 /// A thread that has not come round for so long hangs.
 constexpr std::chrono::seconds watch_patience{10};
-constexpr int watch_turns = 10;  ///< every so many of these the store and the identities are looked at
+constexpr int watch_turns = 25;  ///< every so many of these the store and the identities are looked at
 constexpr double full_memory = 0.9;
 /// For the last messages to leave.
 constexpr std::chrono::milliseconds last_words{250};
@@ -272,7 +272,7 @@ class GrpcServer final : public RunningServer {
       gave_back_ = std::chrono::steady_clock::now();
     }
     const bool full = resident > memory_limit_;
-    filling_ = resident - std::min(resident, memory_start_) > (memory_end_ - memory_start_) / 2;
+    filling_ = resident - std::min(resident, memory_start_) > (memory_end_ - memory_start_) / 4;
     if (listener_ && filling_) shed_connections(resident);
     if (full == memory_full_) return;
     memory_full_ = full;
@@ -356,7 +356,7 @@ class GrpcServer final : public RunningServer {
   std::size_t memory_end_ = 0;    ///< and connections are closed
   // of the thread that watches
   std::size_t trimmed_ = 0;  ///< resident bytes after the allocator was last asked for what is free
-  bool filling_ = false;     ///< more than half of the budget is occupied
+  bool filling_ = false;     ///< more than a quarter of the budget is occupied
   int filling_turn_ = 0;
   std::chrono::steady_clock::time_point gave_back_{}, cut_off_{};
   std::size_t shed_at_ = 0;  ///< resident bytes when connections were last looked at
