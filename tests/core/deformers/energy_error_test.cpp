@@ -3,7 +3,6 @@
 // never less than half of what it is, in the median not 20 times as large, and large or small enough for the right verdict.
 #include <gtest/gtest.h>
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -12,24 +11,14 @@
 #include <vector>
 
 #include "core/base/vectors.h"
-#include "core/deformers/constrained/energy_solver.h"
-#include "core/deformers/energy/residual_correction.h"
-#include "core/deformers/energy/spaces/lattice_space.h"
-#include "core/deformers/energy/spaces/mls.h"
-#include "core/deformers/energy/spaces/shell.h"
-#include "core/deformers/energy/spaces/subspace.h"
-#include "core/deformers/handles/handle_motion.h"
+#include "core/deformers/handles/constraint_points.h"
 #include "core/deformers/system.h"
+#include "tests/core/deformers/dense_energy.h"
 #include "tests/core/deformers/shapes.h"
 #include "tests/core/deformers/space_cases.h"
 
 namespace deform {
 namespace {
-
-__extension__ typedef __float128 Quad;
-using Extended = long double;
-using Matrix = Eigen::Matrix<Extended, Eigen::Dynamic, Eigen::Dynamic>;
-using Field = std::vector<std::array<Quad, 3>>;
 
 struct Case {
   std::string name;
@@ -91,15 +80,6 @@ void choose_method(Case& c, Dice& dice, std::uint32_t seed) {
   }
 }
 
-const EnergyOptions& energy_options(const Case& c) {
-  return std::visit(
-      [](const auto& options) -> const EnergyOptions& {
-        if constexpr (std::is_base_of_v<EnergyOptions, std::decay_t<decltype(options)>>) return options;
-        throw std::logic_error("not an energy method");
-      },
-      c.setup.method);
-}
-
 /// A bumpy sheet with noise, or a cube with cells, in some unit and at some place; its ends move or stay.
 Case random_case(std::uint32_t seed) {
   Dice dice(seed);
@@ -139,257 +119,26 @@ Case random_case(std::uint32_t seed) {
   return c;
 }
 
-EnergyModel model_of(const Case& c, double D) {
-  EnergyModel model;
-  if (const auto* shell = std::get_if<ShellOptions>(&c.setup.method)) {
-    EnergyModel made = shell_model(*c.mesh, c.region_of, *shell, D);
-    swap(model, made);
-  } else if (const auto* ffd = std::get_if<FfdOptions>(&c.setup.method)) {
-    EnergyModel made = lattice_model(*c.mesh, *ffd, c.region_of, {});
-    swap(model, made);
-  } else {
-    const auto* mls = std::get_if<MlsOptions>(&c.setup.method);
-    EnergyModel made{mls != nullptr ? mls_space(*c.mesh, *mls, c.setup.seed)
-                                    : shell_subspace(*c.mesh, std::get<SubspaceOptions>(c.setup.method), c.setup.seed),
-                     {},
-                     false,
-                     {}};
-    for (std::size_t i = 0; i < c.region_of.size(); ++i) {
-      if (c.region_of[i] != deformable_region) made.held.push_back(static_cast<PointId>(i));
-    }
-    swap(model, made);
-  }
-  return model;
-}
-
-/// Weighted rows of held points, energy and prescribed displacements.
-struct Equations {
-  const EnergyModel& model;
-  std::vector<std::vector<std::pair<Eigen::Index, double>>> rows;  ///< of held points; of an eliminated model the columns of R
-  std::vector<double> weights;
-  Field h;
-  Eigen::Index unknowns;
-
-  /// K w
-  Field energy(const Field& w) const {
-    const SparseMatrix& K = model.space.energy;
-    Field result(w.size());
-    for (std::int64_t j = 0; j < K.outerSize(); ++j) {
-      for (SparseMatrix::InnerIterator it(K, j); it; ++it) {
-        const auto a = static_cast<std::size_t>(it.row()), b = static_cast<std::size_t>(j);
-        for (std::size_t k = 0; k < 3; ++k) {
-          result[a][k] += Quad(it.value()) * w[b][k];
-          if (a != b) result[b][k] += Quad(it.value()) * w[a][k];
-        }
-      }
-    }
-    return result;
-  }
-  /// h - B w
-  Field misfit(const Field& w) const {
-    Field result = h;
-    for (std::size_t i = 0; i < rows.size(); ++i) {
-      for (const auto& [j, value] : rows[i]) {
-        for (std::size_t k = 0; k < 3; ++k) result[i][k] -= Quad(value) * w[static_cast<std::size_t>(j)][k];
-      }
-    }
-    return result;
-  }
-  /// Adds B^T x.
-  void add_transposed(const Field& x, Field& to) const {
-    for (std::size_t i = 0; i < rows.size(); ++i) {
-      for (const auto& [j, value] : rows[i]) {
-        for (std::size_t k = 0; k < 3; ++k) to[static_cast<std::size_t>(j)][k] += Quad(value) * x[i][k];
-      }
-    }
-  }
-};
-
-Quad largest(const Field& field) {
-  Quad result = 0;
-  for (const auto& row : field) {
-    for (const Quad x : row) result = std::max(result, x < 0 ? -x : x);
-  }
-  return result;
-}
-
-/// Dense LU in extended precision, with refinement in quadruple precision.
-class Factor {
- public:
-  explicit Factor(const Equations& of) : of_(of) {
-    Matrix A = Matrix(Eigen::MatrixXd(of.model.space.energy).cast<Extended>()).selfadjointView<Eigen::Lower>();
-    if (!of.model.eliminated) {
-      for (std::size_t i = 0; i < of.rows.size(); ++i) {
-        for (const auto& [a, x] : of.rows[i]) {
-          for (const auto& [b, y] : of.rows[i]) A(a, b) += Extended(x) * y * of.weights[i];
-        }
-      }
-    }
-    lu_.compute(A);
-  }
-  /// x of (K + B^T W B) x = b, or of K x = b
-  Field solve(const Field& b) const {
-    Field x(b.size()), r = b;
-    Quad before = 0;
-    for (int step = 0; step < 12; ++step) {
-      Matrix right(of_.unknowns, 3);
-      const Quad size = largest(r);
-      if (size == 0 || (step > 1 && size > before / 4)) break;
-      before = size;
-      for (Eigen::Index i = 0; i < right.rows(); ++i) {
-        for (Eigen::Index k = 0; k < 3; ++k) {
-          right(i, k) = Extended(r[static_cast<std::size_t>(i)][static_cast<std::size_t>(k)]);
-        }
-      }
-      const Matrix change = lu_.solve(right);
-      for (std::size_t i = 0; i < x.size(); ++i) {
-        for (std::size_t k = 0; k < 3; ++k) x[i][k] += Quad(change(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)));
-      }
-      r = residual(b, x);
-    }
-    return x;
-  }
-
- private:
-  Field residual(const Field& b, const Field& x) const {
-    Field r = b;
-    const Field e = of_.energy(x);
-    for (std::size_t i = 0; i < r.size(); ++i) {
-      for (std::size_t k = 0; k < 3; ++k) r[i][k] -= e[i][k];
-    }
-    if (of_.model.eliminated) return r;
-    Field held = of_.misfit(x);  // h - B x
-    for (std::size_t i = 0; i < held.size(); ++i) {
-      for (std::size_t k = 0; k < 3; ++k) held[i][k] = Quad(of_.weights[i]) * (held[i][k] - of_.h[i][k]);
-    }
-    of_.add_transposed(held, r);
-    return r;
-  }
-
-  const Equations& of_;
-  Eigen::PartialPivLU<Matrix> lu_;
-};
-
-/// The coefficients of the solution.
-Field solution(const Equations& equations, bool soft) {
-  const auto size = static_cast<std::size_t>(equations.unknowns);
-  Field b(size);
-  const auto weighted = [&](const Field& u) {
-    Field x = u;
-    for (std::size_t i = 0; i < x.size(); ++i) {
-      for (Quad& value : x[i]) value *= Quad(equations.weights[i]);
-    }
-    return x;
-  };
-  const Factor factor(equations);
-  const bool eliminated = equations.model.eliminated;
-  Field u = equations.h, w;
-  for (int step = 0; step < (eliminated || soft ? 1 : EnergySolver::multiplier_steps); ++step) {
-    Field b(size);
-    equations.add_transposed(eliminated ? u : weighted(u), b);
-    w = factor.solve(b);
-    const Field left = equations.misfit(w);
-    for (std::size_t i = 0; i < u.size(); ++i) {
-      for (std::size_t k = 0; k < 3; ++k) u[i][k] += left[i][k];
-    }
-  }
-  return w;
-}
-
-/// Values at places of the triharmonic interpolant, with a linear polynomial, of a misfit at centres.
-Matrix interpolated(const std::vector<Vec3>& centres, const Matrix& misfit, const std::vector<Vec3>& places) {
-  const auto m = static_cast<Eigen::Index>(centres.size());
-  const auto between = [](const Vec3& a, const Vec3& b) {
-    Extended square = 0;
-    for (std::size_t k = 0; k < 3; ++k) square += (Extended(a[k]) - b[k]) * (Extended(a[k]) - b[k]);
-    return square * std::sqrt(square);
-  };
-  Matrix A = Matrix::Zero(m + 4, m + 4), F = Matrix::Zero(m + 4, misfit.cols());
-  F.topRows(m) = misfit;
-  for (Eigen::Index i = 0; i < m; ++i) {
-    const Vec3& x = centres[static_cast<std::size_t>(i)];
-    for (Eigen::Index j = 0; j < m; ++j) A(i, j) = between(x, centres[static_cast<std::size_t>(j)]);
-    A(i, m) = A(m, i) = 1;
-    for (Eigen::Index k = 0; k < 3; ++k) A(i, m + 1 + k) = A(m + 1 + k, i) = x[static_cast<std::size_t>(k)];
-  }
-  const Matrix X = A.partialPivLu().solve(F);
-  Matrix values(static_cast<Eigen::Index>(places.size()), misfit.cols());
-  for (Eigen::Index s = 0; s < values.rows(); ++s) {
-    const Vec3& x = places[static_cast<std::size_t>(s)];
-    values.row(s) = X.row(m);
-    for (Eigen::Index k = 0; k < 3; ++k) values.row(s) += x[static_cast<std::size_t>(k)] * X.row(m + 1 + k);
-    for (Eigen::Index j = 0; j < m; ++j) values.row(s) += between(x, centres[static_cast<std::size_t>(j)]) * X.row(j);
-  }
-  return values;
-}
-
 /// Largest distance of the delivered points from the solution.
 double truth_of(const Case& c, const Points& delivered) {
-  const EnergyOptions& options = energy_options(c);
-  const bool soft = options.handles == HandleMode::soft;
-  const Box box = bounding_box(c.mesh->points);
-  const double D = box.diagonal();
-  const EnergyModel model = model_of(c, D);
-  Equations equations{model, {}, {}, {}, model.space.energy.rows()};
-  std::vector<std::size_t> counts(2);
-  for (const RegionIndex region : c.region_of) {
-    if (region != deformable_region) ++counts[region == fixed_region ? 1 : 0];
-  }
+  using test::dense_energy::Quad;
+  const test::dense_energy::Oracle oracle(*c.mesh, c.setup.method, c.setup.seed, c.region_of);
   const Affine& map = std::get<Affine>(c.design.motions[0].value);
-  const FunctionRows functions = model.space.functions();
-  equations.rows.resize(model.held.size());
-  for (std::size_t i = 0; i < model.held.size(); ++i) {
-    const PointId id = model.held[i];
+  const auto prescribed = [&](PointId id) {
+    std::array<Quad, 3> u{};
     const Vec3& x = c.mesh->points[id];
-    const Vec3 to = c.region_of[id] == fixed_region ? x : transformed(map, x);
-    equations.h.push_back({Quad(to[0]) - x[0], Quad(to[1]) - x[1], Quad(to[2]) - x[2]});
-    if (model.eliminated) {
-      for (SparseMatrix::InnerIterator it(model.coupling, static_cast<std::int64_t>(i)); it; ++it) {
-        equations.rows[i].emplace_back(it.row(), -it.value());
-      }
-    } else {
-      functions.for_each(id, [&](std::int64_t j, double value) { equations.rows[i].emplace_back(j, value); });
+    for (std::size_t k = 0; k < 3 && c.region_of[id] != fixed_region; ++k) {
+      u[k] = Quad(map[4 * k + 3]) - x[k];
+      for (std::size_t l = 0; l < 3; ++l) u[k] += Quad(map[4 * k + l]) * x[l];
     }
-    equations.weights.push_back(soft ? options.fixing / static_cast<double>(counts[c.region_of[id] == fixed_region ? 1 : 0]) : 0);
-  }
-  if (!soft && !model.eliminated) {
-    SparseMatrix transposed(equations.unknowns, static_cast<std::int64_t>(model.held.size()));
-    for (std::size_t i = 0; i < equations.rows.size(); ++i) {
-      for (const auto& [j, value] : equations.rows[i]) transposed.insert(j, static_cast<std::int64_t>(i)) = value;
-    }
-    equations.weights.assign(model.held.size(), multiplier_weight(model.space.energy, transposed));
-  }
-  const Field w = solution(equations, soft);
-  std::vector<PointId> ids;
-  std::vector<Vec3> places, held;
-  const auto unit = [&](PointId id) { return (1 / D) * (c.mesh->points[id] - box.min); };
-  for (std::size_t i = 0; i < c.region_of.size(); ++i) {
-    if (!soft && c.region_of[i] != deformable_region) continue;
-    ids.push_back(static_cast<PointId>(i));
-    places.push_back(unit(static_cast<PointId>(i)));
-  }
-  Matrix added = Matrix::Zero(static_cast<Eigen::Index>(ids.size()), 3);
-  if (!soft && !model.eliminated) {
-    for (const PointId id : model.held) held.push_back(unit(id));
-    const ResidualCorrection correction(held, ResidualCorrection::centres_for(ids.size()), {});
-    const Field left = equations.misfit(w);
-    std::vector<Vec3> centres;
-    Matrix misfit(static_cast<Eigen::Index>(correction.centres().size()), 3);
-    for (const std::uint32_t centre : correction.centres()) {
-      for (Eigen::Index k = 0; k < 3; ++k) {
-        misfit(static_cast<Eigen::Index>(centres.size()), k) = Extended(left[centre][static_cast<std::size_t>(k)]);
-      }
-      centres.push_back(held[centre]);
-    }
-    added = interpolated(centres, misfit, places);
-  }
-  Extended worst = 0;
-  for (std::size_t s = 0; s < ids.size(); ++s) {
-    Extended square = 0;
+    return u;
+  };
+  const auto exact = oracle.displacements(c.setup.method, prescribed);
+  long double worst = 0;
+  for (std::size_t i = 0; i < exact.size(); ++i) {
+    long double square = 0;
     for (std::size_t k = 0; k < 3; ++k) {
-      Quad u = Quad(added(static_cast<Eigen::Index>(s), static_cast<Eigen::Index>(k)));
-      functions.for_each(ids[s], [&](std::int64_t j, double value) { u += Quad(value) * w[static_cast<std::size_t>(j)][k]; });
-      const auto difference = Extended(Quad(delivered[ids[s]][k]) - c.mesh->points[ids[s]][k] - u);
+      const auto difference = static_cast<long double>(delivered[i][k]) - c.mesh->points[i][k] - exact[i][k];
       square += difference * difference;
     }
     worst = std::max(worst, std::sqrt(square));

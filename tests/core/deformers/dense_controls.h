@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <Eigen/LU>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "core/deformers/setup.h"
+
+/// Functions of control points by their published formulas, and direct manipulation by them, in extended precision.
+namespace deform::test::dense_controls {
+
+using Extended = long double;
+using Matrix = Eigen::Matrix<Extended, Eigen::Dynamic, Eigen::Dynamic>;
+using Place = std::array<Extended, 3>;
+
+/// Control points with their functions.
+class Functions {
+ public:
+  virtual ~Functions() = default;
+  /// The value of every function at a place; empty where all are zero.
+  virtual std::vector<Extended> values(const Vec3& x) const = 0;
+};
+
+/// A lattice whose frame and numbers of points are given.
+class LatticeFunctions : public Functions {
+ public:
+  explicit LatticeFunctions(const LatticeOptions& options) : options_(options) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::size_t n = options.points[k], degree = options.basis == LatticeBasis::bernstein ? n - 1 : 3;
+      degrees_[k] = degree;
+      for (std::size_t i = 0; i < n + degree + 1; ++i) {
+        const Extended at = (static_cast<Extended>(i) - static_cast<Extended>(degree)) / static_cast<Extended>(n - degree);
+        knots_[k].push_back(options.basis == LatticeBasis::uniform_cubic ? at : std::clamp<Extended>(at, 0, 1));
+      }
+    }
+    Eigen::Matrix<Extended, 3, 3> axes;
+    for (Eigen::Index k = 0; k < 3; ++k) {
+      for (Eigen::Index l = 0; l < 3; ++l)
+        axes(l, k) = options.frame->axes[static_cast<std::size_t>(k)][static_cast<std::size_t>(l)];
+    }
+    inverse_ = axes.inverse();
+  }
+
+  std::size_t size() const { return options_.points[0] * options_.points[1] * options_.points[2]; }
+
+  /// Where a control point is at rest.
+  Place rest(std::size_t number) const {
+    const std::array<std::size_t, 3> ijk{number % options_.points[0], number / options_.points[0] % options_.points[1],
+                                         number / options_.points[0] / options_.points[1]};
+    Place x{};
+    for (std::size_t l = 0; l < 3; ++l) x[l] = options_.frame->origin[l];
+    for (std::size_t k = 0; k < 3; ++k) {
+      Extended mean = 0;
+      for (std::size_t i = 1; i <= degrees_[k]; ++i) mean += knots_[k][ijk[k] + i] / static_cast<Extended>(degrees_[k]);
+      for (std::size_t l = 0; l < 3; ++l) x[l] += mean * options_.frame->axes[k][l];
+    }
+    return x;
+  }
+
+  std::vector<Extended> values(const Vec3& x) const override {
+    std::array<std::vector<Extended>, 3> along;
+    for (std::size_t k = 0; k < 3; ++k) {
+      Extended u = 0;
+      for (std::size_t l = 0; l < 3; ++l) {
+        u += inverse_(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(l)) *
+             (static_cast<Extended>(x[l]) - options_.frame->origin[l]);
+      }
+      if (u < -1e-12L || u > 1 + 1e-12L) return {};
+      along[k] = splines(k, std::clamp<Extended>(u, 0, 1));
+    }
+    std::vector<Extended> result;
+    for (const Extended c : along[2]) {
+      for (const Extended b : along[1]) {
+        for (const Extended a : along[0]) result.push_back(a * b * c);
+      }
+    }
+    return result;
+  }
+
+ private:
+  /// Cox and de Boor's recurrence.
+  std::vector<Extended> splines(std::size_t k, Extended u) const {
+    const std::vector<Extended>& t = knots_[k];
+    const std::size_t n = options_.points[k];
+    std::size_t span = degrees_[k];
+    while (span + 1 < n && u >= t[span + 1]) ++span;
+    std::vector<Extended> value(t.size() - 1, 0);
+    value[span] = 1;
+    for (std::size_t d = 1; d <= degrees_[k]; ++d) {
+      for (std::size_t i = 0; i + d + 1 < t.size(); ++i) {
+        const Extended left = t[i + d] - t[i], right = t[i + d + 1] - t[i + 1];
+        value[i] = (left > 0 ? (u - t[i]) / left * value[i] : 0) + (right > 0 ? (t[i + d + 1] - u) / right * value[i + 1] : 0);
+      }
+    }
+    value.resize(n);
+    return value;
+  }
+
+  const LatticeOptions options_;
+  std::array<std::size_t, 3> degrees_{};
+  std::array<std::vector<Extended>, 3> knots_;
+  Eigen::Matrix<Extended, 3, 3> inverse_;
+};
+
+/// Mean value coordinates by spherical triangles (Ju, Schaefer, Warren 2005, figure 4), for places off the planes of the
+/// triangles.
+class CageFunctions : public Functions {
+ public:
+  explicit CageFunctions(const CageOptions& options) : options_(options) {}
+
+  std::vector<Extended> values(const Vec3& x) const override {
+    const std::size_t n = options_.vertices.size();
+    std::vector<Extended> distances(n), weights(n, 0);
+    std::vector<Place> units(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      for (std::size_t k = 0; k < 3; ++k) units[i][k] = static_cast<Extended>(options_.vertices[i][k]) - x[k];
+      distances[i] = length(units[i]);
+      for (Extended& value : units[i]) value /= distances[i];
+    }
+    for (const auto& triangle : options_.triangles) add(triangle, units, distances, weights);
+    Extended sum = 0;
+    for (const Extended w : weights) sum += w;
+    for (Extended& w : weights) w /= sum;
+    return weights;
+  }
+
+ private:
+  static Extended length(const Place& a) { return std::sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
+
+  static void add(const std::array<std::uint32_t, 3>& triangle, const std::vector<Place>& units,
+                  const std::vector<Extended>& distances, std::vector<Extended>& weights) {
+    std::array<Extended, 3> theta{}, c{}, s{};
+    Extended h = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+      const Place &a = units[triangle[(i + 1) % 3]], &b = units[triangle[(i + 2) % 3]];
+      theta[i] = 2 * std::asin(length({a[0] - b[0], a[1] - b[1], a[2] - b[2]}) / 2);
+      h += theta[i] / 2;
+    }
+    const Place &p = units[triangle[0]], &q = units[triangle[1]], &r = units[triangle[2]];
+    const Extended det =
+        p[0] * (q[1] * r[2] - q[2] * r[1]) - p[1] * (q[0] * r[2] - q[2] * r[0]) + p[2] * (q[0] * r[1] - q[1] * r[0]);
+    for (std::size_t i = 0; i < 3; ++i) {
+      c[i] = 2 * std::sin(h) * std::sin(h - theta[i]) / (std::sin(theta[(i + 1) % 3]) * std::sin(theta[(i + 2) % 3])) - 1;
+      s[i] = std::copysign(std::sqrt(std::max<Extended>(0, 1 - c[i] * c[i])), det);
+      if (s[i] == 0) return;
+    }
+    for (std::size_t i = 0; i < 3; ++i) {
+      const std::size_t j = (i + 1) % 3, k = (i + 2) % 3;
+      weights[triangle[i]] +=
+          (theta[i] - c[j] * theta[k] - c[k] * theta[j]) / (distances[triangle[i]] * std::sin(theta[j]) * s[k]);
+    }
+  }
+
+  const CageOptions options_;
+};
+
+/// The displacements of control points that meet those of `held` places in the sense of least squares, with so many singular
+/// values: k x 3.
+inline Matrix manipulated(const Functions& functions, const std::vector<Vec3>& held, const Matrix& data, std::size_t rank) {
+  Matrix A;
+  for (std::size_t i = 0; i < held.size(); ++i) {
+    const std::vector<Extended> row = functions.values(held[i]);
+    if (i == 0) A = Matrix::Zero(static_cast<Eigen::Index>(held.size()), static_cast<Eigen::Index>(row.size()));
+    for (std::size_t j = 0; j < row.size(); ++j) A(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) = row[j];
+  }
+  const Eigen::JacobiSVD<Matrix> svd(A, Eigen::ComputeThinU | Eigen::ComputeThinV);
+  const auto r = static_cast<Eigen::Index>(rank);
+  const Matrix parts = svd.matrixU().leftCols(r).transpose() * data;
+  return svd.matrixV().leftCols(r) * (parts.array().colwise() / svd.singularValues().head(r).array()).matrix();
+}
+
+}  // namespace deform::test::dense_controls
