@@ -37,6 +37,10 @@ class Call : public std::enable_shared_from_this<Call> {
  protected:
   /// Tells what is computing to stop.
   void stop() { stop_.request_stop(); }
+  /// For the operator.
+  void enter(v1::CallState state) const {
+    if (context_.open) context_.open->enter(state);
+  }
 
  private:
   const CallContext context_;

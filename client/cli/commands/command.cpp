@@ -182,11 +182,12 @@ void define_command_line(CLI::App& app, CommonOptions& common, Action& chosen) {
   app.get_formatter()->column_width(38);
   add_common_options(app, common);
   for (const auto add :
-       {add_sample_command,   add_inspect_command,   add_quality_command,     add_register_command, add_detect_command,
-        add_context_command,  add_prepare_command,   add_compile_command,     add_apply_command,    add_sweep_command,
-        add_evaluate_command, add_compare_command,   add_list_command,        add_show_command,     add_remove_command,
-        add_status_command,   add_bench_command,     add_regions_command,     add_lattice_command,  add_cage_command,
-        add_cad_move_command, add_cad_apply_command, add_cad_regions_command, add_schema_command,   add_read_isolated_command}) {
+       {add_sample_command,       add_inspect_command,  add_quality_command,   add_register_command,    add_detect_command,
+        add_context_command,      add_prepare_command,  add_compile_command,   add_apply_command,       add_sweep_command,
+        add_evaluate_command,     add_compare_command,  add_list_command,      add_show_command,        add_remove_command,
+        add_status_command,       add_admin_command,    add_bench_command,     add_regions_command,     add_lattice_command,
+        add_cage_command,         add_cad_move_command, add_cad_apply_command, add_cad_regions_command, add_schema_command,
+        add_read_isolated_command}) {
     add(app, common, chosen);
   }
 }

@@ -69,6 +69,7 @@ void add_list_command(CLI::App& app, const CommonOptions& common, Action& chosen
 void add_show_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_remove_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_status_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_admin_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_bench_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_regions_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_lattice_command(CLI::App& app, const CommonOptions& common, Action& chosen);
