@@ -106,7 +106,8 @@ constexpr char main_footer[] = R"(A first round, with deformd running on this ma
 
 Exit codes: 0 done; 1 wrong input, also of some rows of a sweep; 2 wrong usage; 3 server unreachable, deadline passed, or
 still refused after all attempts; 4 a gate or verdict failed: --fail-on, inverted cells, missed exact constraints, a split
-that did not arrive; 130 interrupted by Ctrl-C (the server stops working on the request too). One line on stderr says why;
+that did not arrive; 130 interrupted by Ctrl-C (the server stops working on the request too), or cancelled by the server's
+operator. One line on stderr says why;
 with --json there is {"error": {"code", "message", "field"}} on stdout, too.
 The environment variables DEFORM_SERVER, DEFORM_REPLICAS, DEFORM_TLS, DEFORM_CA, DEFORM_CERT, DEFORM_KEY,
 DEFORM_SERVER_NAME and DEFORM_TOKEN_FILE stand for the options of these names, DEFORM_CONTEXT for --context (deform context --help).)";

@@ -16,7 +16,7 @@ enum ExitCode {
   exit_usage = 2,        ///< the command line itself
   exit_unreachable = 3,  ///< no server, no answer in time, or refused until no attempt was left
   exit_verdict = 4,      ///< a gate or verdict failed: inverted cells, missed exact constraints, a split that did not arrive
-  exit_interrupted = 130
+  exit_interrupted = 130  ///< or cancelled by the operator of the server
 };
 
 /// The exit code of a command that ends with this error.

@@ -4,6 +4,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 #include <algorithm>
+#include <chrono>
 #include <functional>
 #include <iostream>
 #include <memory>
@@ -25,16 +26,26 @@ namespace {
 constexpr char admin_footer[] =
     R"(For whoever looks after a server, one at a time: with several addresses in --server the first one is meant. Needs the role operator
 where the server asks who calls. Whoever has it with tenant=NAME has calls, cancel and evict for that tenant alone. Every act is in
-the log of the server with the identity of who did it. What takes a stopped server is done there:
+the log of the server with the identity of who did it. All but check and backup wait for at most 30 seconds unless --timeout says
+otherwise. What takes a stopped server is done there:
   deformd store rebuild --data-dir data
   deformd store restore DIR --data-dir data)";
+
+constexpr std::chrono::seconds admin_patience{30};
 
 /// The server that is meant.
 class AdminConnection {
  public:
   explicit AdminConnection(const CommonOptions& common) : common_(common), connection_(common), admin_(connection_.client()) {}
   client::Admin& admin() { return admin_; }
-  client::CallOptions call() const { return connection_.call(); }
+  /// A server that does not answer is what one wants to hear of soon.
+  client::CallOptions call() const {
+    client::CallOptions options = connection_.call();
+    if (!options.timeout) options.timeout = admin_patience;
+    return options;
+  }
+  /// For what reads the whole store.
+  client::CallOptions long_call() const { return connection_.call(); }
   Style style() const { return common_.style(); }
 
  private:
@@ -246,10 +257,10 @@ void add_admin_command(CLI::App& app, const CommonOptions& common, Action& chose
            [options](AdminConnection& server) { return limits(server, options->changes); })
       ->add_option("NAME=VALUE", options->changes, "A limit and its new value, written as for the option of deformd");
   add_verb(*group, "check", "Read and verify every file of the store", common, chosen,
-           [](AdminConnection& server) { return print_report(server, server.admin().check_store(server.call())); });
+           [](AdminConnection& server) { return print_report(server, server.admin().check_store(server.long_call())); });
   add_verb(*group, "backup", "Make a folder of the server's machine a copy of the store", common, chosen,
            [options](AdminConnection& server) {
-             return print_report(server, server.admin().backup_store(options->directory, server.call()));
+             return print_report(server, server.admin().backup_store(options->directory, server.long_call()));
            })
       ->add_option("DIR", options->directory, "New or empty, absolute, on the server's machine")
       ->required();
