@@ -124,6 +124,7 @@ class OutcomeCall : public Call {
       const std::lock_guard lock(mutex_);
       if (ended_) return;
       ended_ = true;
+      if (outcome.error) outcome.error = reason(*outcome.error);
       outcome.stats = stats_;
       place_.leave();
       ticket_.leave();

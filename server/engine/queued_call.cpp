@@ -100,7 +100,7 @@ void QueuedCall<Reply>::fail(const Error& error) {
   std::deque<Reply> dropped;  // destroyed after the lock
   const std::lock_guard lock(mutex_);
   if (ended_) return;
-  error_ = error;
+  error_ = reason(error);
   dropped.swap(replies_);
   end();
   notice.check();
