@@ -227,6 +227,7 @@ class Client {
   std::unique_ptr<Session> open_session(const CallOptions& call = {});
 
  private:
+  friend class Admin;
   friend class Session;
   struct Impl;
   std::shared_ptr<Impl> impl_;

@@ -164,11 +164,22 @@ void reload(const deform::server::CommandLine& command_line, deform::server::Con
   }
 }
 
+/// What deform admin limits shows; paths and addresses are the machine's business.
+bool is_limit(const std::string& name) {
+  for (const char* start : {"max-", "connection-", "keep-"}) {
+    if (name.starts_with(start)) return true;
+  }
+  return name == "block-points" || name == "call-threads" || name == "grace" || name == "log-calls";
+}
+
 void serve(deform::server::Configuration configuration, const deform::server::CommandLine& command_line, const Signals& signals) {
   deform::server::start_logging(configuration.log);
   spdlog::info("{} starts, process {}", deform::version_line("deformd"), getpid());
   log_configuration(configuration);
   raise_open_files();
+  for (const auto& [name, value, source] : configuration.effective) {
+    if (is_limit(name)) configuration.server.limits.emplace_back(name, value);
+  }
   const auto server = deform::server::start_server(configuration.server);
   if (!configuration.port_file.empty()) write_port_file(configuration.port_file, server->port());
   spdlog::info("listening on {}", server->address());

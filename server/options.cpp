@@ -6,8 +6,6 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <charconv>
-#include <cmath>
 #include <map>
 #include <utility>
 
@@ -19,34 +17,10 @@ namespace {
 
 Error bad(const std::string& what) { return {ErrorCode::invalid_argument, what}; }
 
-template <typename T>
-T parse_number(const std::string& text) {
-  T value{};
-  const auto [end, failure] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (failure != std::errc() || end != text.data() + text.size()) throw bad("\"" + text + "\" is not a number that fits here");
-  return value;
-}
-
 bool parse_switch(const std::string& text) {
   if (text == "true" || text == "1" || text == "yes" || text == "on") return true;
   if (text == "false" || text == "0" || text == "no" || text == "off") return false;
   throw bad("\"" + text + "\" is neither true nor false");
-}
-
-std::chrono::milliseconds parse_seconds(const std::string& text) {
-  const auto seconds = parse_number<double>(text);
-  if (!(seconds >= 0 && seconds <= 86'400)) throw bad("\"" + text + "\" is not a number of seconds, 0 to 86400");
-  return std::chrono::milliseconds(std::llround(seconds * 1e3));
-}
-
-std::string to_seconds(std::chrono::milliseconds time) { return fmt::format("{}", static_cast<double>(time.count()) / 1e3); }
-
-spdlog::level::level_enum parse_level(const std::string& text) {
-  const auto level = spdlog::level::from_str(text);
-  if (level == spdlog::level::off && text != "off") {
-    throw bad("\"" + text + "\" is none of trace, debug, info, warning, error, critical, off");
-  }
-  return level;
 }
 
 /// One option, wherever it is set.
@@ -216,10 +190,7 @@ void add_process_options(std::vector<Option>& all) {
                  [](const Configuration& c) { return to_seconds(c.grace); }});
   all.push_back({"log-level", "LEVEL", "trace, debug, info, warning, error, critical or off",
                  [](Configuration& c, const std::string& text) { c.log.level = parse_level(text); },
-                 [](const Configuration& c) {
-                   const auto name = spdlog::level::to_string_view(c.log.level);
-                   return std::string(name.data(), name.size());
-                 }});
+                 [](const Configuration& c) { return to_text(c.log.level); }});
   all.push_back({"log-format", "text|json", "one line per record; json: an object with the fields of a call",
                  [](Configuration& c, const std::string& text) {
                    if (text != "text" && text != "json") throw bad("\"" + text + "\" is neither text nor json");
@@ -351,15 +322,6 @@ Flags read_flags(const std::vector<Option>& options, std::vector<std::string> ar
 void describe_command_line(const std::function<void(const CLI::App&)>& describe) {
   const FlagReader reader(all_options(), Configuration());
   describe(reader.app);
-}
-
-std::string to_text(std::size_t size) {
-  static constexpr std::pair<std::size_t, const char*> units[] = {
-      {std::size_t{1} << 40, "TiB"}, {std::size_t{1} << 30, "GiB"}, {std::size_t{1} << 20, "MiB"}, {std::size_t{1} << 10, "KiB"}};
-  for (const auto& [unit, name] : units) {
-    if (size >= unit && size % unit == 0) return std::to_string(size / unit) + name;
-  }
-  return std::to_string(size);
 }
 
 std::variant<Configuration, Answer> read_configuration(const CommandLine& command_line) {

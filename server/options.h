@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "server/rpc/log.h"
+#include "server/rpc/option_text.h"
 #include "server/rpc/server.h"
-#include "server/rpc/size_text.h"
 
 namespace CLI {
 class App;
@@ -52,7 +52,5 @@ std::variant<Configuration, Answer> read_configuration(const CommandLine& comman
 
 /// Hands over the command line that read_configuration() reads, for its description in another form than --help.
 void describe_command_line(const std::function<void(const CLI::App&)>& describe);
-/// The shortest of these forms that gives exactly the same number.
-std::string to_text(std::size_t bytes);
 
 }  // namespace deform::server

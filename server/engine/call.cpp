@@ -15,7 +15,10 @@ constexpr std::uint32_t retry_quota_ms = 200;
 }  // namespace
 
 std::optional<Error> Call::overdue(RunContext::Clock::time_point now) const {
-  if (context_.stop.stop_requested()) return Error(ErrorCode::cancelled, "cancelled by the caller");
+  if (context_.stop.stop_requested()) {
+    const auto ended = context_.open ? context_.open->ended() : std::nullopt;
+    return ended.value_or(Error(ErrorCode::cancelled, "cancelled by the caller"));
+  }
   if (context_.deadline && now >= *context_.deadline) return Error(ErrorCode::deadline_exceeded, "deadline exceeded");
   return std::nullopt;
 }

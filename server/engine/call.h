@@ -37,6 +37,15 @@ class Call : public std::enable_shared_from_this<Call> {
  protected:
   /// Tells what is computing to stop.
   void stop() { stop_.request_stop(); }
+  /// Why the call ends: what is computing may find out that it shall stop before the call has noted why.
+  Error reason(const Error& error) const {
+    const auto ended = context_.open ? context_.open->ended() : std::nullopt;
+    return ended.value_or(error);
+  }
+  /// For the operator.
+  void enter(v1::CallState state) const {
+    if (context_.open) context_.open->enter(state);
+  }
 
  private:
   const CallContext context_;

@@ -57,10 +57,12 @@ std::shared_ptr<DeformCall::Bound> DeformCall::bind(const SystemCache::Handle& s
   const std::size_t solving = std::min(task_.designs, static_cast<std::size_t>(threads)) * system->system->info().design_bytes;
   bound->values = task_.values;
   charge(*bound, task_.bind_bytes(*system) + solving);
+  if (context().open) context().open->set_result_bytes(bound->charge.bytes());
   static_cast<BoundDesigns&>(*bound) = task_.bind(*system, run_context(threads));
   bound->plan.designs = bound->numbers.size();
   bound->failures = task_.failures;
   bound->charge.shrink(bound->charge.bytes() - solving);  // only what is bound stays, however slow the reader is
+  if (context().open) context().open->set_result_bytes(bound->charge.bytes());
   return bound;
 }
 

@@ -14,6 +14,8 @@
 #include "core/base/run_context.h"
 #include "core/base/types.h"
 #include "deform/v1/service.pb.h"
+#include "server/engine/open_calls.h"
+#include "server/store/store_commands.h"
 #include "server/store/tenant.h"
 
 namespace deform::server {
@@ -47,6 +49,7 @@ struct CallContext {
   std::string tenant = default_tenant;                ///< whose geometries and systems the call sees, adds to and takes away from
   Quota quota = {};                                   ///< of the tenant
   std::shared_ptr<WarmStarts> warm_starts = nullptr;  ///< of a stream
+  std::shared_ptr<OpenCall> open = nullptr;           ///< what its operator sees of it; may be absent
 };
 
 /// What the log line of a call tells, in milliseconds and bytes.
@@ -196,6 +199,20 @@ class Engine {
     info.set_writable(true);
     return info;
   }
+
+  // For the operator of the server.
+  struct Evicted {
+    std::size_t systems = 0, in_use = 0;  ///< of these, calls still compute with so many
+    std::size_t bytes = 0;
+  };
+  /// Takes systems out of memory: those whose ids begin so, all of them when that is empty; of one tenant, or of all. Throws
+  /// Error(not_found) when none is in memory.
+  virtual Evicted evict(const std::string& /*id_or_prefix*/, const std::optional<std::string>& /*tenant*/) { return {}; }
+  virtual void set_queue_limit(std::size_t /*requests*/) {}
+  virtual void set_cache_budget(std::size_t /*bytes*/) {}
+  /// As the functions of store_commands.h, beside the work. `to` must be absolute.
+  virtual StoreReport check_store(const RunContext& /*context*/) { return {}; }
+  virtual StoreReport backup_store(const std::filesystem::path& /*to*/) { return {}; }
 
   /// No new work is accepted (Error(unavailable)); waits until everything under way is done or the time is over, then cancels the
   /// rest and waits for that. True when nothing had to be cancelled. Idempotent.

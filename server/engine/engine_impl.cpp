@@ -589,12 +589,12 @@ v1::ServerInfo EngineImpl::info() {
   const Scheduler::Load load = scheduler_.load();
   info.set_workers(static_cast<std::uint32_t>(options_.workers));
   info.set_queue_length(static_cast<std::uint32_t>(load.waiting));
-  info.set_queue_limit(static_cast<std::uint32_t>(options_.queue_limit));
+  info.set_queue_limit(static_cast<std::uint32_t>(scheduler_.queue_limit()));
   info.set_running(static_cast<std::uint32_t>(load.running + load.preparations));
   info.set_memory_budget(memory_.total());
   info.set_memory_in_use(memory_.in_use());
   const SystemCache::Stats cache = cache_->stats();
-  info.set_cache_budget(options_.cache_budget);
+  info.set_cache_budget(cache_->budget());
   info.set_cache_bytes(cache.bytes);
   info.set_systems_resident(static_cast<std::uint32_t>(cache.systems));
   info.set_cache_hits(cache.hits);
@@ -616,6 +616,37 @@ v1::ServerInfo EngineImpl::info() {
 }
 
 v1::StoreInfo EngineImpl::store() { return store_.state(); }
+
+Engine::Evicted EngineImpl::evict(const std::string& id_or_prefix, const std::optional<std::string>& tenant) {
+  constexpr std::size_t shortest_prefix = 8;
+  if (!id_or_prefix.empty() && id_or_prefix.size() < shortest_prefix) {
+    throw Error(ErrorCode::invalid_argument, "system_id: \"" + id_or_prefix + "\" has fewer than 8 digits");
+  }
+  const auto evicted = cache_->release_if([&](const std::string& key) {
+    const auto owned = owned_id(key);
+    return owned && owned->id.starts_with(id_or_prefix) && (!tenant || owned->tenant == *tenant);
+  });
+  if (evicted.systems == 0 && !id_or_prefix.empty()) {
+    throw Error(ErrorCode::not_found, "system " + id_or_prefix + ": not in memory");
+  }
+  if (id_or_prefix.empty() && !tenant) meshes_.reclaim(memory_.total());  // what no system needs any more
+  return_freed_memory(freed_bytes_worth_returning);
+  return {evicted.systems, evicted.in_use, evicted.bytes};
+}
+
+StoreReport EngineImpl::check_store(const RunContext& context) {
+  return store_.check(context, [this](const GeometryRecord& record) {
+    v1::GeometryInfo info;
+    info.ParseFromString(record.info);
+    return std::make_shared<Charge>(
+        memory_.charge(content_bytes(info), {"checking geometry " + record.id.substr(0, 16), "try again later", 0}));
+  });
+}
+
+StoreReport EngineImpl::backup_store(const std::filesystem::path& to) {
+  if (!to.is_absolute()) throw Error(ErrorCode::invalid_argument, "directory: \"" + to.string() + "\" is not absolute");
+  return server::backup_store(options_.data_dir, to);
+}
 
 bool EngineImpl::drain(std::chrono::milliseconds limit) {
   calls_.close();

@@ -55,6 +55,11 @@ class EngineImpl : public Engine {
   StoredAmount stored(const std::string& tenant) override { return store_.amount_of(tenant); }
   void give_back_idle_memory(std::size_t bytes) override;
   v1::StoreInfo store() override;
+  Evicted evict(const std::string& id_or_prefix, const std::optional<std::string>& tenant) override;
+  void set_queue_limit(std::size_t requests) override { scheduler_.set_queue_limit(requests); }
+  void set_cache_budget(std::size_t bytes) override { cache_->set_budget(bytes); }
+  StoreReport check_store(const RunContext& context) override;
+  StoreReport backup_store(const std::filesystem::path& to) override;
   bool drain(std::chrono::milliseconds limit) override;
 
  private:

@@ -97,6 +97,7 @@ std::shared_ptr<EvaluateCall::Bound> EvaluateCall::bind(const SystemCache::Handl
   bound->charge = parts_.memory->charge_call(binding + window() * block,
                                              {"evaluating system " + task_.system_id.substr(0, 16) + " at other points",
                                               "raise the server's memory budget", system->charge.bytes()});
+  if (context().open) context().open->set_result_bytes(bound->charge.bytes());
   bound->map = task_.bind(*system, run_context(threads));
   return bound;
 }

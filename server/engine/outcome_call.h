@@ -41,6 +41,8 @@ class OutcomeCall : public Call {
     if (const auto error = overdue(accepted_)) throw *error;
     place_ = parts_.scheduler->enter(context().client);
     parts_.calls->add(shared_from_this());
+    if (context().open) context().open->set_subject("", task_.system_id);
+    if (!task_.system_id.empty()) enter(v1::CALL_PREPARING);
     if (task_.system_id.empty()) return enqueue({});
     SystemCache::Asker asker;
     asker.client = context().client;
@@ -75,6 +77,11 @@ class OutcomeCall : public Call {
     const std::lock_guard lock(mutex_);
     if (ended_) return;
     const double cost = system ? system->design_work() : static_cast<double>(Scheduler::least_cost);
+    enter(v1::CALL_WAITING);
+    if (context().open) {
+      context().open->set_cost(cost);
+      if (system) context().open->set_subject(system->info.geometry_id(), "");
+    }
     parts_.scheduler->start(context().client, this, cost, [call = self(), system = std::move(system)](Scheduler::Slot slot) {
       call->run(system, std::move(slot));
     });
@@ -86,6 +93,7 @@ class OutcomeCall : public Call {
       if (ended_) return;
       place_.leave();
       stats_.queue_ms = elapsed_ms(accepted_);
+      enter(v1::CALL_RUNNING);
       if (system) {
         stats_.geometry_id = system->info.geometry_id();
         stats_.points = system->info.points();
@@ -116,6 +124,7 @@ class OutcomeCall : public Call {
       const std::lock_guard lock(mutex_);
       if (ended_) return;
       ended_ = true;
+      if (outcome.error) outcome.error = reason(*outcome.error);
       outcome.stats = stats_;
       place_.leave();
       ticket_.leave();

@@ -25,6 +25,8 @@ void QueuedCall<Reply>::begin() {
   if (const auto error = overdue(accepted_)) throw *error;
   place_ = queue_.scheduler->enter(context().client);
   queue_.calls->add(shared_from_this());
+  if (context().open) context().open->set_subject("", stats_.system_id);
+  enter(v1::CALL_PREPARING);
   SystemCache::Asker asker;
   asker.client = context().client;
   asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
@@ -53,6 +55,11 @@ void QueuedCall<Reply>::enqueue(SystemCache::Handle system) {
   if (ended_) return;
   system_ = std::move(system);
   const double cost = static_cast<double>(stats_.designs) * system_->design_work();
+  enter(v1::CALL_WAITING);
+  if (context().open) {
+    context().open->set_cost(cost);
+    context().open->set_subject(system_->info.geometry_id(), "");
+  }
   queue_.scheduler->start(context().client, this, cost, [call = self()](Scheduler::Slot slot) { call->take(std::move(slot)); });
 }
 
@@ -65,6 +72,7 @@ void QueuedCall<Reply>::take(Scheduler::Slot slot) {
     place_.leave();
     slot_ = std::move(slot);
     stats_.queue_ms = elapsed_ms(accepted_);
+    enter(v1::CALL_RUNNING);
     system = system_;
   }
   start(system);
@@ -92,7 +100,7 @@ void QueuedCall<Reply>::fail(const Error& error) {
   std::deque<Reply> dropped;  // destroyed after the lock
   const std::lock_guard lock(mutex_);
   if (ended_) return;
-  error_ = error;
+  error_ = reason(error);
   dropped.swap(replies_);
   end();
   notice.check();

@@ -52,7 +52,7 @@ void Scheduler::Slot::leave() {
   if (scheduler_ != nullptr) std::exchange(scheduler_, nullptr)->leave_slot();
 }
 
-Scheduler::Scheduler(const Options& options) : options_(options) {
+Scheduler::Scheduler(const Options& options) : options_(options), queue_limit_(options.queue_limit) {
   for (int i = 0; i < options.workers; ++i) threads_.emplace_back([this] { run_worker(); });
   for (int i = 0; i < options.preparation_workers; ++i) threads_.emplace_back([this] { run_preparations(false); });
   threads_.emplace_back([this] { run_preparations(true); });
@@ -62,19 +62,18 @@ Scheduler::~Scheduler() { stop(); }
 
 Scheduler::Place Scheduler::enter(const std::string& client) {
   const std::lock_guard lock(mutex_);
-  if (load_.waiting >= options_.queue_limit) {
+  if (load_.waiting >= queue_limit_) {
     throw Error(ErrorCode::out_of_budget,
                 "the queue is full: " + std::to_string(load_.waiting) + " requests wait, the limit is " +
-                    std::to_string(options_.queue_limit) + "; try again later",
+                    std::to_string(queue_limit_) + "; try again later",
                 retry_queue_ms);
   }
   const auto it = places_.find(client);
-  const std::size_t own = it == places_.end() ? 0 : it->second, left = options_.queue_limit - load_.waiting;
+  const std::size_t own = it == places_.end() ? 0 : it->second, left = queue_limit_ - load_.waiting;
   if (own > places_per_free * left) {
     throw Error(ErrorCode::out_of_budget,
                 "the queue is full for this client: " + std::to_string(own) + " of its requests wait, the last " +
-                    std::to_string(left) + " of " + std::to_string(options_.queue_limit) +
-                    " places are kept for others; try again later",
+                    std::to_string(left) + " of " + std::to_string(queue_limit_) + " places are kept for others; try again later",
                 retry_queue_ms);
   }
   ++places_[client];
@@ -136,6 +135,16 @@ void Scheduler::stop() {
 Scheduler::Load Scheduler::load() const {
   const std::lock_guard lock(mutex_);
   return load_;
+}
+
+void Scheduler::set_queue_limit(std::size_t requests) {
+  const std::lock_guard lock(mutex_);
+  queue_limit_ = requests;
+}
+
+std::size_t Scheduler::queue_limit() const {
+  const std::lock_guard lock(mutex_);
+  return queue_limit_;
 }
 
 bool Scheduler::take_first(std::deque<Piece>& pieces, Work& work) {

@@ -105,6 +105,9 @@ class Scheduler {
     std::size_t preparations = 0;  ///< running now
   };
   Load load() const;
+  /// Of requests that come later.
+  void set_queue_limit(std::size_t requests);
+  std::size_t queue_limit() const;
   int workers() const { return options_.workers; }
 
  private:
@@ -122,6 +125,7 @@ class Scheduler {
   const Options options_;
   mutable std::mutex mutex_;
   // guarded by mutex_
+  std::size_t queue_limit_;
   std::condition_variable work_available_;
   std::condition_variable preparation_available_;
   FairQueue<std::function<void(Slot)>> starts_;

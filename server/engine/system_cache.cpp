@@ -181,6 +181,41 @@ std::size_t SystemCache::release(const std::string& id) {
   return bytes;
 }
 
+SystemCache::Evicted SystemCache::release_if(const std::function<bool(const std::string& id)>& wanted) {
+  Evicted evicted;
+  Doomed doomed;
+  const std::lock_guard lock(mutex_);
+  for (auto it = entries_.begin(); it != entries_.end();) {
+    Entry& entry = it->second;
+    if (!wanted(it->first)) {
+      ++it;
+      continue;
+    }
+    const std::size_t bytes = entry.resident->system->bytes();
+    if (entry.pins == 0) idle_.erase(entry.idle);
+    ++evicted.systems;
+    evicted.in_use += entry.pins > 0 ? 1 : 0;
+    evicted.bytes += bytes;
+    bytes_ -= bytes;
+    doomed.push_back(std::move(entry.resident));
+    it = entries_.erase(it);
+  }
+  counters_.evictions += evicted.systems;
+  return evicted;
+}
+
+void SystemCache::set_budget(std::size_t bytes) {
+  Doomed doomed;
+  const std::lock_guard lock(mutex_);
+  budget_ = bytes;
+  evict_down_to(budget_, doomed);
+}
+
+std::size_t SystemCache::budget() const {
+  const std::lock_guard lock(mutex_);
+  return budget_;
+}
+
 void SystemCache::reclaim(std::size_t bytes) {
   Doomed doomed;
   const std::lock_guard lock(mutex_);

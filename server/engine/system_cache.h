@@ -108,7 +108,7 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
   };
 
   SystemCache(std::size_t budget, Schedule schedule, Unschedule unschedule)
-      : budget_(budget), schedule_(std::move(schedule)), unschedule_(std::move(unschedule)) {}
+      : schedule_(std::move(schedule)), unschedule_(std::move(unschedule)), budget_(budget) {}
 
   /// Whether the entry is there now. Counts neither as a hit nor as a use.
   bool contains(const std::string& id) const;
@@ -119,6 +119,17 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
 
   /// Takes an entry out: new requests do not find it; those that use it finish. Returns the bytes that will be given back.
   std::size_t release(const std::string& id);
+
+  struct Evicted {
+    std::size_t systems = 0, in_use = 0;  ///< of these, with handles
+    std::size_t bytes = 0;
+  };
+  /// release() of all entries that are wanted.
+  Evicted release_if(const std::function<bool(const std::string& id)>& wanted);
+
+  /// Evicts what exceeds the new budget.
+  void set_budget(std::size_t bytes);
+  std::size_t budget() const;
 
   /// Evicts idle entries, least recently used first, until `bytes` are given back or none is idle.
   void reclaim(std::size_t bytes);
@@ -155,11 +166,11 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
   void unpin(const std::string& id, const ResidentSystem* resident);
   void evict_down_to(std::size_t bytes, Doomed& doomed);
 
-  const std::size_t budget_;
   const Schedule schedule_;
   const Unschedule unschedule_;
   mutable std::mutex mutex_;
   // guarded by mutex_
+  std::size_t budget_;
   std::map<std::string, Entry> entries_;
   std::map<std::string, std::shared_ptr<Flight>> flights_;
   std::list<std::string> idle_;  // least recently used first

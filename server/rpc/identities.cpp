@@ -11,7 +11,7 @@
 #include "core/base/error.h"
 #include "core/base/text.h"
 #include "core/codec/geometry_id.h"
-#include "server/rpc/size_text.h"
+#include "server/rpc/option_text.h"
 
 namespace deform::server {
 

@@ -282,7 +282,7 @@ void Listener::accept_from(int listening) {
   }
   {
     const std::lock_guard lock(mutex_);
-    open_[connection.fd()] = {socket_inode(connection.fd()), 0};
+    open_[connection.fd()] = {socket_inode(connection.fd())};
   }
   take_(connection.release());
 }
@@ -298,12 +298,12 @@ void Listener::without_files(int listening) {
 
 bool Listener::has_room() {
   const std::lock_guard lock(mutex_);
-  if (open_.size() < options_.max_connections) return true;
+  if (open_.size() < max_connections_) return true;
   const auto now = std::chrono::steady_clock::now();
   if (now - counted_ < count_interval) return false;
   counted_ = now;
   std::erase_if(open_, [](const auto& one) { return socket_inode(one.first) != one.second.inode; });
-  return open_.size() < options_.max_connections;
+  return open_.size() < max_connections_;
 }
 
 void Listener::note_refusal(const char* why) {
@@ -325,6 +325,18 @@ void Listener::cut_off(const std::string& peer) {
   for (const auto& [fd, connection] : open_) {
     if (socket_inode(fd) == connection.inode && peer_of(fd) == wanted) close_now(fd, "it begins calls and resets them");
   }
+}
+
+std::vector<Listener::Connected> Listener::connections() {
+  std::vector<Connected> open;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [fd, connection] : open_) {
+      if (socket_inode(fd) == connection.inode) open.push_back({peer_of(fd), connection.since});
+    }
+  }
+  std::sort(open.begin(), open.end(), [](const Connected& a, const Connected& b) { return a.since < b.since; });
+  return open;
 }
 
 bool Listener::cut_off_busy(Busy which) {

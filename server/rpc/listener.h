@@ -64,6 +64,15 @@ class Listener {
   /// Closes, of the connections that have received at least 8 KiB since the last call, those; whether there were any. Any thread.
   bool cut_off_busy(Busy which);
 
+  /// More than so many are closed at once from now on; those that are open stay.
+  void set_limit(std::size_t connections) { max_connections_ = connections; }
+  struct Connected {
+    std::string peer;  ///< as gRPC writes it, but with the brackets of IPv6 as they are; empty for unix sockets
+    std::chrono::steady_clock::time_point since;
+  };
+  /// Those that are open, the oldest first. Any thread.
+  std::vector<Connected> connections();
+
   std::uint64_t refused() const { return refused_; }        ///< connections beyond the limit so far
   std::uint64_t cut_off_count() const { return cut_off_; }  ///< connections that cut_off() and cut_off_busy() closed so far
 
@@ -77,6 +86,7 @@ class Listener {
   void note_refusal(const char* why);
 
   const Options options_;
+  std::atomic<std::size_t> max_connections_{options_.max_connections};
   std::vector<int> listening_;
   int port_ = 0;
   int wake_ = -1;
@@ -89,6 +99,7 @@ class Listener {
   struct Open {
     std::uint64_t inode = 0;     ///< of the socket: its descriptor may mean something else by now
     std::uint64_t received = 0;  ///< bytes, when last asked
+    std::chrono::steady_clock::time_point since = std::chrono::steady_clock::now();
   };
   void close_now(int fd, const char* why);
   std::mutex mutex_;

@@ -17,6 +17,7 @@ namespace deform::server {
 namespace {
 
 constexpr std::uint32_t full_memory_retry_ms = 1000;
+constexpr std::uint32_t draining_retry_ms = 2000;
 constexpr std::size_t longest_request_id = 128;
 /// For a call whose time is over to say so itself.
 constexpr std::chrono::milliseconds time_to_answer{500};
@@ -72,6 +73,8 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
   record.trace = trace_id(metadata_value(*incoming.context, "traceparent"));
   record.client_request = metadata_value(*incoming.context, "x-request-id").substr(0, longest_request_id);
   call_.stop = stop_.get_token();
+  OpenCall::About about{method, record.identity, admission_.tenant, record.client, record.client_request, record.trace};
+  call_.open = incoming_.calls->open(std::move(about), stop_);
   call_.tenant = admission_.tenant;
   call_.quota = admission_.quota;
   if (call_.tenant != default_tenant) record.tenant = call_.tenant;
@@ -92,21 +95,45 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
 void CallScope::admit() {
   check_access();
   check_rate();
+  check_draining();
   check_memory();
-  if (incoming_.request != nullptr) held_.push_back(hold(*incoming_.request));
+  if (incoming_.request == nullptr) return;
+  held_.push_back(hold(*incoming_.request));
+  call_.open->set_request_bytes(held_.back().bytes());
 }
 
 const google::protobuf::Descriptor& CallScope::request_type() const {
-  static const google::protobuf::ServiceDescriptor& service =
-      *google::protobuf::DescriptorPool::generated_pool()->FindServiceByName("deform.v1.DeformService");
-  return *service.FindMethodByName(record.method)->input_type();
+  const auto& pool = *google::protobuf::DescriptorPool::generated_pool();
+  static const google::protobuf::ServiceDescriptor& service = *pool.FindServiceByName("deform.v1.DeformService");
+  static const google::protobuf::ServiceDescriptor& admin = *pool.FindServiceByName("deform.v1.Admin");
+  const auto* method = service.FindMethodByName(record.method);
+  return *(method != nullptr ? method : admin.FindMethodByName(record.method))->input_type();
 }
 
 HeldRequests::Held CallScope::hold(const grpc::ByteBuffer& message) const {
   return incoming_.held->take(message, request_type());
 }
 
-void CallScope::hold(std::size_t bytes) { held_.push_back(incoming_.held->take(bytes)); }
+void CallScope::hold(std::size_t bytes) {
+  held_.push_back(incoming_.held->take(bytes));
+  std::size_t all = 0;
+  for (const auto& held : held_) all += held.bytes();
+  call_.open->set_request_bytes(all);
+}
+
+void CallScope::check_draining() const {
+  if (!*incoming_.draining || incoming_.needed != Role::use) return;
+  throw Error(ErrorCode::unavailable, "the server is being drained and takes no new work; try another one, or again later",
+              draining_retry_ms);
+}
+
+void CallScope::cut_off_soon() {
+  const auto limit = std::chrono::steady_clock::now() + time_to_answer;
+  const std::lock_guard lock(admission_mutex_);
+  if (left_ || cut_off_) return;
+  cut_off_ = limit;
+  incoming_.overdue->watch(incoming_.context, limit);
+}
 
 void CallScope::check_memory() const {
   if (!*incoming_.memory_full || incoming_.needed != Role::use) return;
@@ -134,6 +161,7 @@ Quota CallScope::quota() const {
 void CallScope::check_rate() { incoming_.rates->take(call_.tenant, quota().requests_per_second); }
 
 Error CallScope::given_up() const {
+  if (const auto ended = call_.open->ended()) return *ended;
   if (call_.deadline && std::chrono::steady_clock::now() >= *call_.deadline) {
     return {ErrorCode::deadline_exceeded, "the deadline of the call passed"};
   }
@@ -148,6 +176,7 @@ void CallScope::check() const {
 grpc::Status CallScope::finish(std::optional<Error> error) {
   record.error = std::move(error);
   if (!record.error) return grpc::Status::OK;
+  if (auto ended = call_.open->ended()) record.error = std::move(ended);
   if (const std::uint32_t hint = record.error->retry_after_ms(); hint != 0) {
     incoming_.context->AddTrailingMetadata(convert::retry_after_key, std::to_string(hint));
   }
@@ -157,6 +186,13 @@ grpc::Status CallScope::finish(std::optional<Error> error) {
 void CallScope::leave() {
   record.wall_ms = milliseconds_since(started_);
   if (overdue_) incoming_.overdue->forget(incoming_.context, *overdue_);
+  std::optional<std::chrono::steady_clock::time_point> cut_off;
+  {
+    const std::lock_guard lock(admission_mutex_);
+    left_ = true;
+    cut_off = cut_off_;
+  }
+  if (cut_off) incoming_.overdue->forget(incoming_.context, *cut_off);
   caught([this] { incoming_.metrics->call_ends(record); });
   caught([this] { log_call(record); });
   held_.clear();
@@ -213,6 +249,7 @@ void UnaryCall::OnDone() {
 template <typename Reactor>
 Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call) {
   call->self_ = call;
+  call->watch_operator();
   if (auto refused = caught([&] { call->scope_.admit(); })) {
     call->end(std::move(refused));
   } else {
@@ -224,6 +261,7 @@ Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call) {
 template <typename Reactor>
 Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call, ThreadPool& pool) {
   call->self_ = call;
+  call->watch_operator();
   if (auto refused = caught([&] {
         call->scope_.admit();
         let_in(pool, [call] { call->run(); });
@@ -231,6 +269,16 @@ Reactor* ReplyWriter<Reactor>::launch(std::shared_ptr<ReplyWriter> call, ThreadP
     call->end(std::move(refused));
   }
   return call.get();
+}
+
+template <typename Reactor>
+void ReplyWriter<Reactor>::watch_operator() {
+  scope_.call().open->on_end([weak = this->weak_from_this()] {
+    const auto self = weak.lock();
+    if (!self) return;
+    self->scope_.cut_off_soon();
+    self->OnCancel();
+  });
 }
 
 template <typename Reactor>
@@ -343,13 +391,30 @@ grpc::ServerReadReactor<grpc::ByteBuffer>* RequestStream::launch(std::shared_ptr
   } else {
     call->state_ = State::reading;
     call->StartRead(&call->request_);
+    call->watch_operator();
   }
   return call.get();
+}
+
+void RequestStream::watch_operator() {
+  scope_.call().open->on_end([weak = weak_from_this()] {
+    const auto self = weak.lock();
+    if (!self) return;
+    self->scope_.cancel();
+    self->scope_.cut_off_soon();
+    {
+      const std::lock_guard lock(self->mutex_);
+      if (self->state_ != State::waiting && self->state_ != State::reading) return;  // who is handling looks for it afterwards
+      self->state_ = State::finished;
+    }
+    self->Finish(self->scope_.finish(self->scope_.given_up()));
+  });
 }
 
 void RequestStream::OnReadDone(bool ok) {
   {
     const std::lock_guard lock(mutex_);
+    if (state_ == State::finished) return;  // answered while it was read
     state_ = State::handling;
   }
   pool_.post([self = shared_from_this(), ok] { self->handle(ok); });
@@ -369,8 +434,10 @@ void RequestStream::handle(bool ok) {
   if (error) return answer(std::move(error), nullptr);
   {
     const std::lock_guard lock(mutex_);
-    if (state_ != State::handling) return;  // answered already
-    state_ = then == Then::read ? State::reading : State::waiting;
+    if (state_ != State::handling) return;                       // answered already
+    const bool ended = scope_.call().open->ended().has_value();  // by the operator, who left the end to us
+    state_ = then == Then::read && !ended ? State::reading : State::waiting;
+    if (ended) then = Then::later;
   }
   if (then == Then::read) {
     StartRead(&request_);

@@ -51,17 +51,19 @@ class LiveCalls {
 
 /// A call as it comes in. All live until OnDone at least.
 struct Incoming {
-  grpc::CallbackServerContext* context;
-  Role needed;  ///< of the caller
-  LiveCalls* live;
-  const Access* access;
-  const std::atomic<bool>* memory_full;
-  OverdueCalls* overdue;
-  Metrics* metrics;
-  HeldRequests* held;
-  FloodGuard* floods;
-  RequestRates* rates;
-  std::chrono::milliseconds max_deadline;     ///< 0: none
+  grpc::CallbackServerContext* context = nullptr;
+  Role needed = Role::operate;  ///< of the caller
+  LiveCalls* live = nullptr;
+  const Access* access = nullptr;
+  const std::atomic<bool>* memory_full = nullptr;
+  const std::atomic<bool>* draining = nullptr;
+  OpenCalls* calls = nullptr;
+  OverdueCalls* overdue = nullptr;
+  Metrics* metrics = nullptr;
+  HeldRequests* held = nullptr;
+  FloodGuard* floods = nullptr;
+  RequestRates* rates = nullptr;
+  std::chrono::milliseconds max_deadline{0};  ///< 0: none
   const grpc::ByteBuffer* request = nullptr;  ///< of a call with one
 };
 
@@ -70,8 +72,8 @@ class CallScope {
  public:
   CallScope(const char* method, const Incoming& incoming);
 
-  /// check_access(), check_rate() and check_memory(), and the memory of the request is charged until the call ends: every
-  /// launch() begins with it.
+  /// check_access(), check_rate(), check_draining() and check_memory(), and the memory of the request is charged until the call
+  /// ends: every launch() begins with it.
   void admit();
   /// Throws unless the caller may make this call. Cheap to ask again in a long call: the answer changes when the identities did.
   void check_access();
@@ -79,6 +81,8 @@ class CallScope {
   void check_rate();
   /// What the caller's tenant may take, as it is now.
   Quota quota() const;
+  /// Throws Error(unavailable) with a retry hint when this call computes or adds and the operator drains the server.
+  void check_draining() const;
   /// Throws Error(out_of_budget) with a retry hint when this call computes or adds and the process occupies too much memory.
   void check_memory() const;
   /// Charges the memory of one message of a stream. Throws as HeldRequests::take() does.
@@ -88,11 +92,16 @@ class CallScope {
   /// Stop token, deadline and caller, for the engine.
   const CallContext& call() const { return call_; }
   void cancel() { stop_.request_stop(); }
+  /// Tells the operator which geometry and system the record names.
+  void note_subject() const { call_.open->set_subject(record.geometry, record.system); }
+  /// The connection is told in a moment that the call is over, should it not have ended by itself.
+  void cut_off_soon();
   /// Throws Error(cancelled) or Error(deadline_exceeded) when the answer has no reader any more.
   void check() const;
-  /// Why a call ends that the transport gave up.
+  /// Why a call ends that the transport or the operator gave up.
   Error given_up() const;
-  /// Notes how the call ends and makes the status; a retry hint goes into the trailing metadata. Once, before Finish.
+  /// Notes how the call ends and makes the status: an error of one that the operator has ended is the operator's; a retry hint
+  /// goes into the trailing metadata. Once, before Finish.
   grpc::Status finish(std::optional<Error> error);
   /// One line, and the call counts no longer. In OnDone.
   void leave();
@@ -110,7 +119,10 @@ class CallScope {
   CallContext call_;
   std::optional<std::chrono::steady_clock::time_point> overdue_;  ///< when the call is cut off
   mutable std::mutex admission_mutex_;
-  Access::Admission admission_;  // under admission_mutex_: a stream asks again while it may end
+  // under admission_mutex_
+  Access::Admission admission_;  ///< a stream asks again while it may end
+  bool left_ = false;
+  std::optional<std::chrono::steady_clock::time_point> cut_off_;  ///< when, after cut_off_soon()
 };
 
 /// Copies what the engine tells about its work into the record; what it does not know stays.
@@ -174,6 +186,8 @@ class ReplyWriter : public Reactor, public std::enable_shared_from_this<ReplyWri
   enum class State { idle, working, writing, finished };
 
   void run();
+  /// The operator may end it.
+  void watch_operator();
   void advance();
   /// Has the caller, who is working, to stay at it (someone asked meanwhile), or is it idle now?
   bool rest();
@@ -201,7 +215,7 @@ using ReplyStream = ReplyWriter<grpc::ServerWriteReactor<grpc::ByteBuffer>>;
 /// A call that reads a stream of requests and answers once. Every step runs on the pool.
 ///
 ///   handling --message(): more--> reading --OnReadDone--> handling
-///   handling --later--> waiting --answer()--> finished;  any --error, cancel--> finished
+///   handling --later--> waiting --answer()--> finished;  any --error, cancel, the operator--> finished
 class RequestStream : public grpc::ServerReadReactor<grpc::ByteBuffer>, public std::enable_shared_from_this<RequestStream> {
  public:
   static grpc::ServerReadReactor<grpc::ByteBuffer>* launch(std::shared_ptr<RequestStream> call);
@@ -227,6 +241,8 @@ class RequestStream : public grpc::ServerReadReactor<grpc::ByteBuffer>, public s
   enum class State { handling, reading, waiting, finished };
 
   void handle(bool ok);
+  /// The operator may end it.
+  void watch_operator();
   void OnReadDone(bool ok) override;
   void OnCancel() override;
   void OnDone() override;

@@ -23,6 +23,8 @@
 #include "server/engine/memory.h"
 #include "server/rpc/listener.h"
 #include "server/rpc/operations_port.h"
+#include "server/rpc/option_text.h"
+#include "server/rpc/running_limits.h"
 
 namespace deform::server {
 
@@ -140,7 +142,13 @@ class GrpcServer final : public RunningServer {
           grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD, credentials_);
       spdlog::info("connections: at most {}", limit);
     }
+    add_limits(options);
+    service_.set_admin_actions(
+        {[this] { set_draining(true); }, [this] { set_draining(false); }, [this] { return connections(); },
+         [this] { return limits_.list(); },
+         [this](const v1::SetLimitRequest& request) { return limits_.set(request.name(), request.value()); }});
     builder.RegisterService(&service_.grpc_service());
+    builder.RegisterService(&service_.admin_service());
     server_ = builder.BuildAndStart();
     if (!server_) throw Error(ErrorCode::internal, "gRPC does not start a server");
     if (listener_) {
@@ -225,6 +233,66 @@ class GrpcServer final : public RunningServer {
     health->SetServingStatus(write_service_name, serving && writable);
   }
 
+  /// The operator sends clients elsewhere, or takes them again.
+  void set_draining(bool draining) {
+    if (draining_) throw Error(ErrorCode::unavailable, "the server is shutting down");
+    const std::lock_guard lock(drain_mutex_);
+    drained_ = draining;
+    service_.set_draining(draining);
+    set_serving(!draining, engine_->store().writable());
+  }
+
+  v1::ListConnectionsReply connections() {
+    constexpr std::size_t most_connections = 1000;
+    v1::ListConnectionsReply reply;
+    if (!listener_) return reply;
+    const auto open = listener_->connections();
+    const auto now = std::chrono::steady_clock::now();
+    for (std::size_t i = 0; i < std::min(open.size(), most_connections); ++i) {
+      v1::ConnectionInfo& info = *reply.add_connections();
+      info.set_peer(open[i].peer);
+      const auto age = std::chrono::duration_cast<std::chrono::milliseconds>(now - open[i].since);
+      info.set_milliseconds(static_cast<std::uint64_t>(age.count()));
+    }
+    reply.set_open(open.size());
+    reply.set_limit(connection_limit_);
+    reply.set_refused(listener_->refused());
+    reply.set_cut_off(listener_->cut_off_count());
+    return reply;
+  }
+
+  /// Those that change while the server runs, and what else the caller of start_server() knows of.
+  void add_limits(const ServerOptions& options) {
+    const auto not_zero = [](std::size_t value) {
+      if (value == 0) throw Error(ErrorCode::invalid_argument, "0 is left to options; give a number");
+      return value;
+    };
+    const v1::ServerInfo info = engine_->info();
+    limits_.add(
+        "log-level", "", [](const std::string& value) { set_log_level(parse_level(value)); },
+        [] { return to_text(spdlog::default_logger()->level()); });
+    limits_.add("queue-limit", std::to_string(info.queue_limit()), [this, not_zero](const std::string& value) {
+      engine_->set_queue_limit(not_zero(parse_number<std::uint32_t>(value)));
+    });
+    limits_.add("cache-budget", to_text(info.cache_budget()), [this](const std::string& value) {
+      const std::size_t bytes = parse_bytes(value), most = engine_->info().memory_budget();
+      if (bytes > most) throw Error(ErrorCode::invalid_argument, "more than the memory budget of " + to_text(most));
+      engine_->set_cache_budget(bytes);
+    });
+    limits_.add("max-deadline", to_seconds(options.service.max_deadline),
+                [this](const std::string& value) { service_.set_max_deadline(parse_seconds(value)); });
+    if (listener_) {
+      limits_.add("max-connections", std::to_string(connection_limit_), [this, not_zero](const std::string& value) {
+        const std::size_t most = connection_limit(not_zero(parse_number<std::uint32_t>(value)));
+        listener_->set_limit(most);
+        connection_limit_ = most;
+      });
+    }
+    limits_.add("memory-budget", to_text(info.memory_budget()));
+    limits_.add("workers", std::to_string(info.workers()));
+    for (const auto& [name, value] : options.limits) limits_.add(name, value);
+  }
+
   static std::chrono::steady_clock::rep now() { return std::chrono::steady_clock::now().time_since_epoch().count(); }
 
   void open_operations_port(const std::string& address) {
@@ -257,7 +325,8 @@ class GrpcServer final : public RunningServer {
 
   std::vector<HealthCheck> ready_checks() const {
     const v1::StoreInfo store = engine_->store();
-    return {{"accepting", !draining_, "the server shuts down"},
+    return {{"accepting", !draining_ && !drained_,
+             draining_ ? "the server shuts down" : "draining: its operator sends clients elsewhere"},
             {"store", store.writable(), store.reason()},
             {"memory", !service_.memory_full(), "the process occupies more memory than --memory-budget allows for"}};
   }
@@ -335,7 +404,8 @@ class GrpcServer final : public RunningServer {
       } else {
         spdlog::error("store: geometries and setups can only be deleted: {}", store.reason());
       }
-      if (auto* health = server_->GetHealthCheckService()) health->SetServingStatus(write_service_name, writable);
+      const std::lock_guard drain_lock(drain_mutex_);
+      if (auto* health = server_->GetHealthCheckService()) health->SetServingStatus(write_service_name, writable && !drained_);
     }
   }
 
@@ -347,7 +417,10 @@ class GrpcServer final : public RunningServer {
   std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> acceptor_;
   std::unique_ptr<Listener> listener_;
   std::string address_;
-  std::size_t connection_limit_ = 0;
+  std::atomic<std::size_t> connection_limit_{0};
+  RunningLimits limits_;
+  std::mutex drain_mutex_;                                  ///< one change of health at a time
+  std::atomic<bool> drained_{false};                        ///< by the operator
   std::atomic<std::chrono::steady_clock::rep> watched_{0};  ///< when the thread that watches came round last
   std::atomic<bool> draining_{false};
   bool engine_budgeted_ = false;

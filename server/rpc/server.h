@@ -4,6 +4,8 @@
 #include <chrono>
 #include <memory>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "server/engine/engine.h"
 #include "server/rpc/service.h"
@@ -41,6 +43,8 @@ struct ServerOptions {
   std::chrono::seconds connection_age_grace{60};  ///< and is cut off after so long; 0: never
   EngineOptions engine;
   ServiceOptions service;
+  /// Names and values of further limits, to show to the operator; those that change while the server runs are known anyway.
+  std::vector<std::pair<std::string, std::string>> limits;
 
   /// Throws Error(invalid_argument) naming the option and its limits.
   void validate() const;

@@ -53,12 +53,6 @@ std::size_t held_limit(std::size_t budget) {
   return budget == 0 ? 0 : std::max(budget / share, least);
 }
 
-/// The limit of a call's time is one of the requests of a stream, too.
-ServiceOptions with_limits(ServiceOptions options) {
-  options.stream.max_deadline = options.max_deadline;
-  return options;
-}
-
 void refuse_continued_designs(const v1::DeformRequest& request) {
   for (int i = 0; i < request.designs_size(); ++i) {
     if (request.designs(i).continues()) {
@@ -82,14 +76,20 @@ class DeformService::Methods final : public RawService {
  public:
   Methods(Engine& engine, const ServiceOptions& options)
       : engine_(engine),
-        options_(with_limits(options)),
+        options_(options),
+        max_deadline_ms_(options.max_deadline.count()),
         access_(options.access),
         held_(held_limit(engine.info().memory_budget())),
         pool_(options.call_threads, options.waiting_calls),
-        estimates_(std::max(1, options.call_threads / 4), options.waiting_calls) {}
+        estimates_(std::max(1, options.call_threads / 4), options.waiting_calls),
+        admin_(engine, calls_,
+               [this](Context* context, const Bytes* request) { return incoming(Role::operate, context, request); }) {}
 
   void drain();
   void refresh_access() { access_.refresh(); }
+  void set_draining(bool draining);
+  void set_max_deadline(std::chrono::milliseconds limit) { max_deadline_ms_ = limit.count(); }
+  AdminService& admin() { return admin_; }
   void set_memory_full(bool full) { memory_full_ = full; }
   void on_flood(std::function<void(const std::string&)> action) { floods_.on_flood(std::move(action)); }
   bool memory_full() const { return memory_full_; }
@@ -136,6 +136,7 @@ class DeformService::Methods final : public RawService {
       CallRecord& record = scope.record;
       const auto request = received<v1::EstimateRequest>(*bytes, record);
       record.geometry = request.setup().geometry();
+      scope.note_subject();
       v1::EstimateReply answer = engine_.estimate(request, scope.call());
       record.system = answer.system_id();
       return serialized(answer);
@@ -209,15 +210,31 @@ class DeformService::Methods final : public RawService {
       info.set_geometries(own.geometries);
       info.set_setups(own.setups);
       info.mutable_limits()->set_max_streams_per_call(options_.stream.open_requests);
+      info.set_draining(info.draining() || refusing_);
       return info;
     });
   }
 
  private:
   Incoming incoming(Role needed, Context* context, const Bytes* request = nullptr) {
-    return {context,   needed, &live_,   &access_, &memory_full_,         &overdue_,
-            &metrics_, &held_, &floods_, &rates_,  options_.max_deadline, request};
+    Incoming call;
+    call.context = context;
+    call.needed = needed;
+    call.live = &live_;
+    call.access = &access_;
+    call.memory_full = &memory_full_;
+    call.draining = &refusing_;
+    call.calls = &calls_;
+    call.overdue = &overdue_;
+    call.metrics = &metrics_;
+    call.held = &held_;
+    call.floods = &floods_;
+    call.rates = &rates_;
+    call.max_deadline = max_deadline();
+    call.request = request;
+    return call;
   }
+  std::chrono::milliseconds max_deadline() const { return std::chrono::milliseconds(max_deadline_ms_); }
   /// work(record, call) -> reply message.
   template <typename Work>
   grpc::ServerUnaryReactor* unary(const char* method, Role needed, Context* context, const Bytes* bytes, Bytes* reply,
@@ -232,8 +249,11 @@ class DeformService::Methods final : public RawService {
 
   Engine& engine_;
   const ServiceOptions options_;
+  std::atomic<std::chrono::milliseconds::rep> max_deadline_ms_;
   Access access_;
   std::atomic<bool> memory_full_{false};
+  std::atomic<bool> refusing_{false};  ///< the operator drains the server
+  OpenCalls calls_;
   OverdueCalls overdue_;
   Metrics metrics_;
   HeldRequests held_;
@@ -247,12 +267,15 @@ class DeformService::Methods final : public RawService {
   // last: their threads end before the rest goes
   ThreadPool pool_;
   ThreadPool estimates_;  ///< select regions for seconds: nothing else waits for them
+  AdminService admin_;
 };
 
 grpc::ServerBidiReactor<Bytes, Bytes>* DeformService::Methods::DeformStream(Context* context) {
   Incoming stream = incoming(Role::use, context);
   stream.max_deadline = {};  // of its requests, not of the stream
-  auto call = std::make_shared<DeformStreamCall>(engine_, options_.stream, stream, [this](DeformStreamCall* ended) {
+  StreamLimits limits = options_.stream;
+  limits.max_deadline = max_deadline();
+  auto call = std::make_shared<DeformStreamCall>(engine_, limits, stream, [this](DeformStreamCall* ended) {
     const std::lock_guard lock(streams_mutex_);
     streams_.erase(ended);
   });
@@ -279,11 +302,22 @@ void DeformService::Methods::drain() {
   for (const auto& call : live) call->drain();
 }
 
+void DeformService::Methods::set_draining(bool draining) {
+  refusing_ = draining;
+  if (draining) return drain();
+  const std::lock_guard lock(streams_mutex_);
+  draining_ = false;
+}
+
 DeformService::DeformService(Engine& engine, const ServiceOptions& options)
     : methods_(std::make_unique<Methods>(engine, options)) {}
 DeformService::~DeformService() = default;
 grpc::Service& DeformService::grpc_service() { return *methods_; }
+grpc::Service& DeformService::admin_service() { return methods_->admin().grpc_service(); }
+void DeformService::set_admin_actions(AdminActions actions) { methods_->admin().set_actions(std::move(actions)); }
 void DeformService::drain() { methods_->drain(); }
+void DeformService::set_draining(bool draining) { methods_->set_draining(draining); }
+void DeformService::set_max_deadline(std::chrono::milliseconds limit) { methods_->set_max_deadline(limit); }
 void DeformService::set_memory_full(bool full) { methods_->set_memory_full(full); }
 void DeformService::on_flood(std::function<void(const std::string&)> action) { methods_->on_flood(std::move(action)); }
 bool DeformService::memory_full() const { return methods_->memory_full(); }

@@ -9,6 +9,7 @@
 
 #include "server/engine/engine.h"
 #include "server/rpc/access.h"
+#include "server/rpc/admin_service.h"
 #include "server/rpc/metrics.h"
 #include "server/rpc/service_requests.h"
 
@@ -37,11 +38,19 @@ class DeformService {
   DeformService(Engine& engine, const ServiceOptions& options);
   ~DeformService();
 
-  /// To register with a server builder.
+  /// To register with a server builder: the service, and the one for the operator.
   grpc::Service& grpc_service();
+  grpc::Service& admin_service();
+  /// What that one does to the server around. Before the first call.
+  void set_admin_actions(AdminActions actions);
 
   /// Ends every DeformStream as soon as its open requests are answered, and new ones at once. Does not wait.
   void drain();
+  /// While it is so, calls that compute or add are refused with UNAVAILABLE, and DeformStreams end as above; what is under way
+  /// goes on. Any thread.
+  void set_draining(bool draining);
+  /// The limit of the time of calls that begin later; 0: none. Any thread.
+  void set_max_deadline(std::chrono::milliseconds limit);
   /// While it is so, calls that compute or add are refused with a retry hint; what is under way goes on. Any thread.
   void set_memory_full(bool full);
   bool memory_full() const;

@@ -90,6 +90,7 @@ void PrepareCall::begin() {
   scope_.check();
   const auto request = received<v1::PrepareRequest>(*request_, scope_.record);
   scope_.record.geometry = request.setup().geometry();
+  scope_.note_subject();
   const std::weak_ptr<PrepareCall> weak = std::static_pointer_cast<PrepareCall>(shared_from_this());
   engine_.prepare(
       request, scope_.call(),
@@ -152,6 +153,7 @@ void DetectCall::begin() {
   scope_.check();
   const auto request = received<v1::DetectRequest>(*request_, scope_.record);
   scope_.record.geometry = request.geometry_id();
+  scope_.note_subject();
   const std::weak_ptr<DetectCall> weak = std::static_pointer_cast<DetectCall>(shared_from_this());
   engine_.detect(request, scope_.call(), [weak](Engine::Outcome<Engine::DetectReplies> outcome) {
     if (const auto self = weak.lock()) self->note_outcome(std::move(outcome));
@@ -225,6 +227,7 @@ void PointsCall::begin() {
   scope_.check();
   const auto request = received<v1::GetPointsRequest>(*request_, scope_.record);
   scope_.record.geometry = request.id();
+  scope_.note_subject();
   points_ = engine_.get_points(request.id(), scope_.call());
   scope_.record.points = points_->size();
 }
@@ -253,6 +256,7 @@ RegisterCall::Then RegisterCall::message(const grpc::ByteBuffer& bytes) {
     throw Error(ErrorCode::invalid_argument, "the first message of RegisterGeometry must be its header");
   }
   scope_.record.name = request.header().name();
+  scope_.call().open->set_subject(request.header().id(), "");
   scope_.record.points = request.header().point_count();
   upload_ = engine_.begin_upload(request.header(), scope_.call());
   if (!upload_->already_stored()) return Then::read;
@@ -291,6 +295,7 @@ VectorJacobianCall::Then VectorJacobianCall::message(const grpc::ByteBuffer& byt
 void VectorJacobianCall::begin(const v1::VectorJacobianHeader& header) {
   header_ = header;
   scope_.record.system = header.system_id();
+  scope_.note_subject();
   const std::size_t count = check_cotangent_count(header);
   scope_.record.points = engine_.get_system(header.system_id(), scope_.call()).points();
   expected_points_ = count * scope_.record.points;

@@ -49,6 +49,7 @@ StreamRequests::RequestPtr StreamRequests::open(std::uint64_t id) {
   request->id = id;
   request->call = call_;
   request->call.stop = request->stop.get_token();
+  if (call_.open) request->call.open = call_.open->open_request(id, request->stop);
   request->opened = std::chrono::steady_clock::now();
   if (limits_.max_deadline.count() > 0) {
     const auto limit = request->opened + limits_.max_deadline;
@@ -116,12 +117,14 @@ void StreamRequests::append(Request& request, v1::DeformStreamRequest&& message,
     bytes_ += bytes;
     request.bytes += bytes;
     request.held.push_back(std::move(held));
+    if (request.call.open) request.call.open->set_request_bytes(request.bytes);
     v1::DeformRequest& part = *message.mutable_request();
     if (request.record.messages_in == 1) {
       google::protobuf::RepeatedPtrField<v1::Design> designs;
       designs.Swap(part.mutable_designs());
       request.message = std::move(part);
       request.record.system = request.message.system_id();
+      if (request.call.open) request.call.open->set_subject("", request.record.system);
       join_designs(request.message, designs);
     } else {
       join_designs(request.message, *part.mutable_designs());

@@ -86,7 +86,10 @@ void DeformStreamCall::take(const grpc::ByteBuffer& bytes) {
   scope_.check_access();  // the caller may have been struck out since the stream was opened
   v1::DeformStreamRequest message;
   HeldRequests::Held held;
-  std::optional<Error> refusal = caught([&] { held = scope_.hold(bytes); });
+  std::optional<Error> refusal = caught([&] {
+    scope_.check_draining();
+    held = scope_.hold(bytes);
+  });
   if (refusal) {
     message = without_request(bytes);
   } else {

@@ -15,6 +15,7 @@
 #include "deform/v1/service.pb.h"
 #include "server/store/catalog.h"
 #include "server/store/disk_space.h"
+#include "server/store/store_commands.h"
 #include "server/store/store_directory.h"
 
 namespace deform::server {
@@ -91,6 +92,10 @@ class GeometryStore {
   void require_room(std::size_t bytes) const { disk_.require(bytes); }
   /// Whether the store may be added to, and what was set aside. Also takes back the reserve when there is room again.
   v1::StoreInfo state();
+  /// check_open_store() of this one.
+  StoreReport check(const RunContext& context, const RoomFor& room) {
+    return check_open_store(directory_, *catalog_, context, room);
+  }
 
   v1::ListGeometriesReply list(const std::string& tenant, const v1::ListGeometriesRequest& request);
 

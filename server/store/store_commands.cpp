@@ -65,6 +65,21 @@ std::string named(const char* what, const OwnedId& id) {
   return std::string(what) + " " + id.id + (id.tenant == default_tenant ? "" : " of tenant " + id.tenant);
 }
 
+void check_rows(StoreReport& report, const Catalog::Damaged& damaged) {
+  for (const auto& record : damaged.geometries)
+    complain(report, named("geometry", owned(record)) + ": its entry in the catalog is damaged");
+  for (const auto& record : damaged.setups)
+    complain(report, named("system", owned(record)) + ": its entry in the catalog is damaged");
+}
+
+void check_geometry(const StoreDirectory& directory, const OwnedId& id) {
+  read_geometry_file(directory.geometries() / key_of(id), id.id).validate();
+}
+
+void check_setup(const StoreDirectory& directory, const OwnedId& id) {
+  verify(read_setup_record(directory.setups() / key_of(id), id));
+}
+
 /// Files of a folder that no row names, which the next start would look at.
 void check_strangers(StoreReport& report, const fs::path& folder, const std::vector<OwnedId>& ids) {
   const std::set<std::string> known = keys_of(ids);
@@ -232,18 +247,14 @@ StoreReport check_store(const fs::path& data_dir) {
                std::string(error.what()) + "; the next start, or \"deformd store rebuild\", makes a new one of the files");
       return report;
     }
-    for (const auto& record : damaged.geometries)
-      complain(report, named("geometry", owned(record)) + ": its entry in the catalog is damaged");
-    for (const auto& record : damaged.setups)
-      complain(report, named("system", owned(record)) + ": its entry in the catalog is damaged");
+    check_rows(report, damaged);
     const auto geometries = catalog->all_geometries(), setups = catalog->all_setups();
     for (const auto& id : geometries) {
-      const std::string key = key_of(id);
-      check_one(report, named("geometry", id), [&] { read_geometry_file(directory.geometries() / key, id.id).validate(); });
-      check_one(report, named("geometry", id), [&] { read_geometry_record(directory.names() / key, id); });
+      check_one(report, named("geometry", id), [&] { check_geometry(directory, id); });
+      check_one(report, named("geometry", id), [&] { read_geometry_record(directory.names() / key_of(id), id); });
     }
     for (const auto& id : setups) {
-      check_one(report, named("system", id), [&] { verify(read_setup_record(directory.setups() / key_of(id), id)); });
+      check_one(report, named("system", id), [&] { check_setup(directory, id); });
     }
     check_strangers(report, directory.geometries(), geometries);
     check_strangers(report, directory.names(), geometries);
@@ -255,6 +266,45 @@ StoreReport check_store(const fs::path& data_dir) {
     say(report, counted(geometries.size(), "geometries, ") + counted(setups.size(), "setups: ") +
                     (report.outcome == StoreReport::Outcome::well ? "every file is whole" : "see above"));
     say_amounts(report, *catalog);
+    return report;
+  });
+}
+
+StoreReport check_open_store(const StoreDirectory& directory, Catalog& catalog, const RunContext& context, const RoomFor& room) {
+  return guarded([&] {
+    StoreReport report;
+    try {
+      check_rows(report, catalog.check());
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::data_loss) throw;
+      complain(report, std::string(error.what()) + "; the next start makes a new one of the files");
+      return report;
+    }
+    // A row that goes meanwhile takes its files along.
+    const auto check_row = [&](const std::string& what, const auto& still_there, const auto& verify) {
+      context.check();
+      StoreReport one;
+      check_one(one, what, verify);
+      if (one.outcome == StoreReport::Outcome::faults && still_there()) complain(report, one.lines.front());
+    };
+    const auto geometries = catalog.all_geometries(), setups = catalog.all_setups();
+    for (const auto& id : geometries) {
+      const auto record = catalog.find_geometry(id);
+      if (!record) continue;
+      const auto held = room(*record);
+      const auto still_there = [&] { return catalog.find_geometry(id).has_value(); };
+      check_row(named("geometry", id), still_there, [&] { check_geometry(directory, id); });
+      check_row(named("geometry", id), still_there, [&] { read_geometry_record(directory.names() / key_of(id), id); });
+    }
+    for (const auto& id : setups) {
+      const auto still_there = [&] { return catalog.find_setup(id).has_value(); };
+      check_row(named("system", id), still_there, [&] { check_setup(directory, id); });
+    }
+    say(report, counted(count_entries(directory.damaged()), "entries in damaged/, ") +
+                    counted(count_entries(directory.unclaimed()), "in unclaimed/"));
+    say(report, counted(geometries.size(), "geometries, ") + counted(setups.size(), "setups: ") +
+                    (report.outcome == StoreReport::Outcome::well ? "every file is whole" : "see above"));
+    say_amounts(report, catalog);
     return report;
   });
 }

@@ -2,8 +2,14 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
+#include <memory>
 #include <string>
 #include <vector>
+
+#include "core/base/run_context.h"
+#include "server/store/catalog.h"
+#include "server/store/store_directory.h"
 
 namespace deform::server {
 
@@ -18,6 +24,11 @@ struct StoreReport {
 
 /// Reads and verifies every file of a store that no server has open; changes nothing.
 StoreReport check_store(const std::filesystem::path& data_dir);
+
+/// The same of a store that is open and in use; files without an entry are not looked for, since some are always on their way.
+/// `room` is held while a geometry is in memory. Throws the errors of `room` and of the context.
+using RoomFor = std::function<std::shared_ptr<void>(const GeometryRecord& geometry)>;
+StoreReport check_open_store(const StoreDirectory& directory, Catalog& catalog, const RunContext& context, const RoomFor& room);
 
 /// Sets the catalog aside and makes a new one of the files; also of a folder that lost its mark. Needs a stopped server.
 StoreReport rebuild_store(const std::filesystem::path& data_dir);

@@ -4,6 +4,7 @@
 
 #include <grpcpp/generic/generic_stub.h>
 
+#include <algorithm>
 #include <fstream>
 #include <map>
 #include <set>
@@ -19,20 +20,36 @@ using grpc::StatusCode;
 using support::eventually;
 
 /// The lowest role that may call, by what the method does: seeing is for readers, what computes or adds is for users, what takes
-/// away from others of the tenant is for owners.
+/// away from others of the tenant is for owners, what is about the server itself and whoever uses it is for operators.
 const std::map<std::string, std::string> lowest_role = {
     {"RegisterGeometry", "user"}, {"GetGeometry", "reader"}, {"ListGeometries", "reader"}, {"DeleteGeometry", "owner"},
     {"GetPoints", "reader"},      {"Detect", "user"},        {"Estimate", "user"},         {"Prepare", "user"},
     {"GetSystem", "reader"},      {"ListSystems", "reader"}, {"ReleaseSystem", "owner"},   {"Deform", "user"},
     {"DeformStream", "user"},     {"Evaluate", "user"},      {"JacobianVector", "user"},   {"VectorJacobian", "user"},
-    {"GetServerInfo", "reader"},  {"GetBasis", "user"},
+    {"GetServerInfo", "reader"},  {"GetBasis", "user"},      {"ListCalls", "operator"},    {"CancelCall", "operator"},
+    {"Drain", "operator"},        {"Undrain", "operator"},   {"Evict", "operator"},        {"ListConnections", "operator"},
+    {"ListLimits", "operator"},   {"SetLimit", "operator"},  {"CheckStore", "operator"},   {"BackupStore", "operator"},
 };
 
-std::vector<std::string> methods_of_the_contract() {
-  const auto* service = google::protobuf::DescriptorPool::generated_pool()->FindServiceByName("deform.v1.DeformService");
+constexpr char use_service[] = "deform.v1.DeformService", admin_service[] = "deform.v1.Admin";
+
+std::vector<std::string> methods_of(const char* name) {
+  const auto* service = google::protobuf::DescriptorPool::generated_pool()->FindServiceByName(name);
   std::vector<std::string> names;
   for (int i = 0; i < service->method_count(); ++i) names.push_back(service->method(i)->name());
   return names;
+}
+
+std::vector<std::string> methods_of_the_contract() {
+  std::vector<std::string> names = methods_of(use_service);
+  for (auto& name : methods_of(admin_service)) names.push_back(name);
+  return names;
+}
+
+std::string path_of(const std::string& method) {
+  const auto names = methods_of(admin_service);
+  const bool admin = std::find(names.begin(), names.end(), method) != names.end();
+  return std::string("/") + (admin ? admin_service : use_service) + "/" + method;
 }
 
 std::string hash_of(const std::string& token) {
@@ -70,7 +87,7 @@ class RolesAndMethods : public ServiceFixture {
       queue.Next(&tag, &ok);
       return ok;
     };
-    const auto stream = generic.PrepareCall(&context, "/deform.v1.DeformService/" + method, &queue);
+    const auto stream = generic.PrepareCall(&context, path_of(method), &queue);
     stream->StartCall(nullptr);
     wait();
     const grpc::Slice bytes(message);
@@ -249,7 +266,7 @@ TEST_P(RolesAndMethods, EveryMethodReachesTheEngineForTheTenantOfItsCaller) {
   engine.on_get_basis = [](const auto&, const auto&, auto on_done) { on_done({}); };
   engine.on_vector_jacobian = [](auto, const auto&, auto on_done) { on_done({}); };
   start_with(line("a", "operator", "tenant=acme") + line("b", "operator", "tenant=b") + line("d", "operator"));
-  for (const std::string& method : methods_of_the_contract()) {
+  for (const std::string& method : methods_of(use_service)) {
     for (const auto& [name, tenant] : {std::pair{"a", "acme"}, {"b", "b"}, {"d", "default"}}) {
       const std::size_t before = engine.tenants().size();
       call(method, {{"authorization", std::string("Bearer ") + name + "-token"}}, message_for(method));

@@ -2,6 +2,7 @@
 # The transport side: the real service in front of an engine that the tests play.
 deform_test(service_test
   SOURCES access_test.cpp
+          admin_test.cpp
           held_requests_test.cpp
           identities_test.cpp
           log_test.cpp

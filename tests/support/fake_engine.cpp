@@ -205,6 +205,7 @@ void FakeEngine::detect(const v1::DetectRequest& request, const CallContext& cal
 
 v1::EstimateReply FakeEngine::estimate(const v1::EstimateRequest& request, const CallContext& call) {
   note(call);
+  if (before) before(&call);
   v1::EstimateReply reply;
   reply.set_system_id("of " + request.setup().geometry());
   return reply;

@@ -106,7 +106,8 @@ constexpr char main_footer[] = R"(A first round, with deformd running on this ma
 
 Exit codes: 0 done; 1 wrong input, also of some rows of a sweep; 2 wrong usage; 3 server unreachable, deadline passed, or
 still refused after all attempts; 4 a gate or verdict failed: --fail-on, inverted cells, missed exact constraints, a split
-that did not arrive; 130 interrupted by Ctrl-C (the server stops working on the request too). One line on stderr says why;
+that did not arrive; 130 interrupted by Ctrl-C (the server stops working on the request too), or cancelled by the server's
+operator. One line on stderr says why;
 with --json there is {"error": {"code", "message", "field"}} on stdout, too.
 The environment variables DEFORM_SERVER, DEFORM_REPLICAS, DEFORM_TLS, DEFORM_CA, DEFORM_CERT, DEFORM_KEY,
 DEFORM_SERVER_NAME and DEFORM_TOKEN_FILE stand for the options of these names, DEFORM_CONTEXT for --context (deform context --help).)";
@@ -182,11 +183,12 @@ void define_command_line(CLI::App& app, CommonOptions& common, Action& chosen) {
   app.get_formatter()->column_width(38);
   add_common_options(app, common);
   for (const auto add :
-       {add_sample_command,   add_inspect_command,   add_quality_command,     add_register_command, add_detect_command,
-        add_context_command,  add_prepare_command,   add_compile_command,     add_apply_command,    add_sweep_command,
-        add_evaluate_command, add_compare_command,   add_list_command,        add_show_command,     add_remove_command,
-        add_status_command,   add_bench_command,     add_regions_command,     add_lattice_command,  add_cage_command,
-        add_cad_move_command, add_cad_apply_command, add_cad_regions_command, add_schema_command,   add_read_isolated_command}) {
+       {add_sample_command,       add_inspect_command,  add_quality_command,   add_register_command,    add_detect_command,
+        add_context_command,      add_prepare_command,  add_compile_command,   add_apply_command,       add_sweep_command,
+        add_evaluate_command,     add_compare_command,  add_list_command,      add_show_command,        add_remove_command,
+        add_status_command,       add_admin_command,    add_bench_command,     add_regions_command,     add_lattice_command,
+        add_cage_command,         add_cad_move_command, add_cad_apply_command, add_cad_regions_command, add_schema_command,
+        add_read_isolated_command}) {
     add(app, common, chosen);
   }
 }

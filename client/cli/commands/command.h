@@ -16,7 +16,7 @@ enum ExitCode {
   exit_usage = 2,        ///< the command line itself
   exit_unreachable = 3,  ///< no server, no answer in time, or refused until no attempt was left
   exit_verdict = 4,      ///< a gate or verdict failed: inverted cells, missed exact constraints, a split that did not arrive
-  exit_interrupted = 130
+  exit_interrupted = 130  ///< or cancelled by the operator of the server
 };
 
 /// The exit code of a command that ends with this error.
@@ -69,6 +69,7 @@ void add_list_command(CLI::App& app, const CommonOptions& common, Action& chosen
 void add_show_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_remove_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_status_command(CLI::App& app, const CommonOptions& common, Action& chosen);
+void add_admin_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_bench_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_regions_command(CLI::App& app, const CommonOptions& common, Action& chosen);
 void add_lattice_command(CLI::App& app, const CommonOptions& common, Action& chosen);

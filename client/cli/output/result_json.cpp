@@ -92,6 +92,8 @@ Json to_json(const v1::EstimateReply& estimate) { return message_json(estimate, 
 
 Json to_json(const v1::ServerInfo& info) { return message_json(info, Fields::all); }
 
+Json to_json(const Message& message) { return message_json(message, Fields::all); }
+
 Json to_json(const v1::CellReport& report) { return message_json(report, Fields::all); }
 
 Json to_json(const v1::QualityReport& report) { return message_json(report, Fields::all); }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <google/protobuf/message.h>
+
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 
@@ -13,6 +15,8 @@ nlohmann::ordered_json to_json(const v1::GeometryInfo& info);
 nlohmann::ordered_json to_json(const v1::SystemInfo& info);
 nlohmann::ordered_json to_json(const v1::EstimateReply& estimate);
 nlohmann::ordered_json to_json(const v1::ServerInfo& info);
+/// Any message whose fields are plain.
+nlohmann::ordered_json to_json(const google::protobuf::Message& message);
 nlohmann::ordered_json to_json(const v1::CellReport& report);
 nlohmann::ordered_json to_json(const v1::QualityReport& report);
 nlohmann::ordered_json to_json(const v1::SplitReport& report);

@@ -1,14 +1,23 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "server/rpc/size_text.h"
+#include "server/rpc/option_text.h"
+
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <charconv>
+#include <cmath>
 #include <map>
-#include <system_error>
-
-#include "core/base/error.h"
+#include <utility>
 
 namespace deform::server {
+
+std::string to_text(std::size_t size) {
+  static constexpr std::pair<std::size_t, const char*> units[] = {
+      {std::size_t{1} << 40, "TiB"}, {std::size_t{1} << 30, "GiB"}, {std::size_t{1} << 20, "MiB"}, {std::size_t{1} << 10, "KiB"}};
+  for (const auto& [unit, name] : units) {
+    if (size >= unit && size % unit == 0) return std::to_string(size / unit) + name;
+  }
+  return std::to_string(size);
+}
 
 std::size_t parse_bytes(const std::string& text) {
   static const std::map<std::string, double> units = {{"", 1.0},
@@ -39,6 +48,29 @@ std::size_t parse_bytes(const std::string& text) {
   const auto [end, failure] = std::from_chars(text.data(), text.data() + digits, value);
   if (failure != std::errc() || end != text.data() + digits || value * found->second > 0x1p60) throw not_a_size;
   return static_cast<std::size_t>(value * found->second);
+}
+
+std::chrono::milliseconds parse_seconds(const std::string& text) {
+  const auto seconds = parse_number<double>(text);
+  if (!(seconds >= 0 && seconds <= 86'400)) {
+    throw Error(ErrorCode::invalid_argument, "\"" + text + "\" is not a number of seconds, 0 to 86400");
+  }
+  return std::chrono::milliseconds(std::llround(seconds * 1e3));
+}
+
+std::string to_seconds(std::chrono::milliseconds time) { return fmt::format("{}", static_cast<double>(time.count()) / 1e3); }
+
+spdlog::level::level_enum parse_level(const std::string& text) {
+  const auto level = spdlog::level::from_str(text);
+  if (level == spdlog::level::off && text != "off") {
+    throw Error(ErrorCode::invalid_argument, "\"" + text + "\" is none of trace, debug, info, warning, error, critical, off");
+  }
+  return level;
+}
+
+std::string to_text(spdlog::level::level_enum level) {
+  const auto name = spdlog::level::to_string_view(level);
+  return {name.data(), name.size()};
 }
 
 }  // namespace deform::server

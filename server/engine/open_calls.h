@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "core/base/error.h"
+#include "deform/v1/admin.pb.h"
+#include "server/store/tenant.h"
+
+namespace deform::server {
+
+class OpenCall;
+
+/// Those that live, by id; each keeps it, so that it lasts as long as any of them.
+struct OpenCallBook {
+  std::mutex mutex;
+  // under mutex
+  std::map<std::uint64_t, std::weak_ptr<OpenCall>> calls;
+  std::uint64_t last_id = 0;
+};
+using OpenCallBookPtr = std::shared_ptr<OpenCallBook>;
+
+/// A call under way, or a request within a stream, as the operator of the server sees it, and how it is ended from outside.
+/// Thread-safe.
+class OpenCall {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  /// Who calls what; does not change.
+  struct About {
+    std::string method, identity, tenant = default_tenant, peer, request, trace;
+    std::uint64_t stream = 0;          ///< id of the call that it is a request of; 0: it is none
+    std::uint64_t stream_request = 0;  ///< its number there
+  };
+
+  OpenCall(OpenCallBookPtr book, std::uint64_t id, About about, std::stop_source stop);
+  ~OpenCall();
+  OpenCall(const OpenCall&) = delete;
+  OpenCall& operator=(const OpenCall&) = delete;
+
+  /// A request of this call, which is a stream.
+  std::shared_ptr<OpenCall> open_request(std::uint64_t number, std::stop_source stop) const;
+
+  std::uint64_t id() const { return id_; }
+  const About& about() const { return about_; }
+
+  void enter(v1::CallState state);
+  /// In points, as the queue counts.
+  void set_cost(double cost);
+  /// Empty: what was known stays.
+  void set_subject(const std::string& geometry, const std::string& system);
+  /// What its messages take, and what its results do.
+  void set_request_bytes(std::size_t bytes);
+  void set_result_bytes(std::size_t bytes);
+
+  /// Stops the call, which ends with this error; false when it has been asked to before.
+  bool end(const Error& why);
+  /// Why it was asked to end, if it was.
+  std::optional<Error> ended() const;
+  /// Called once by end(), at once when that has been.
+  void on_end(std::function<void()> action);
+
+ private:
+  friend class OpenCalls;
+  void describe(v1::CallInfo& info, Clock::time_point now) const;
+
+  const OpenCallBookPtr book_;
+  const std::uint64_t id_;
+  const About about_;
+  const Clock::time_point since_ = Clock::now();
+  std::stop_source stop_;
+  mutable std::mutex mutex_;
+  // under mutex_
+  v1::CallState state_ = v1::CALL_OPEN;
+  Clock::time_point state_since_ = since_;
+  double cost_ = 0;
+  std::string geometry_, system_;
+  std::size_t request_bytes_ = 0, result_bytes_ = 0;
+  std::optional<Error> ended_;
+  std::function<void()> on_end_;
+};
+
+/// All of them. Thread-safe.
+class OpenCalls {
+ public:
+  /// `stop` is asked to when the call is ended. It is listed as long as it lives.
+  std::shared_ptr<OpenCall> open(OpenCall::About about, std::stop_source stop);
+
+  /// The oldest first, at most `limit`. `tenant`: of that one alone; `but`: without this one.
+  v1::ListCallsReply list(const std::optional<std::string>& tenant, std::uint64_t but, std::size_t limit) const;
+  /// How it was when it was asked to end. Throws Error(not_found); what is of another tenant does not exist.
+  v1::CallInfo end(std::uint64_t id, const std::optional<std::string>& tenant, const Error& why);
+  std::size_t size() const;
+
+ private:
+  const OpenCallBookPtr book_ = std::make_shared<OpenCallBook>();
+};
+
+}  // namespace deform::server
