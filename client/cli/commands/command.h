@@ -12,10 +12,10 @@ namespace deform::cli {
 
 enum ExitCode {
   exit_ok = 0,
-  exit_failed = 1,       ///< wrong input, also of some rows of a sweep
-  exit_usage = 2,        ///< the command line itself
-  exit_unreachable = 3,  ///< no server, no answer in time, or refused until no attempt was left
-  exit_verdict = 4,      ///< a gate or verdict failed: inverted cells, missed exact constraints, a split that did not arrive
+  exit_failed = 1,        ///< wrong input, also of some rows of a sweep
+  exit_usage = 2,         ///< the command line itself
+  exit_unreachable = 3,   ///< no server, no answer in time, or refused until no attempt was left
+  exit_verdict = 4,       ///< a gate or verdict failed: inverted cells, missed exact constraints, a split that did not arrive
   exit_interrupted = 130  ///< or cancelled by the operator of the server
 };
 
