@@ -15,6 +15,7 @@
 #include "deform/v1/service.pb.h"
 #include "server/store/catalog.h"
 #include "server/store/disk_space.h"
+#include "server/store/file_system.h"
 #include "server/store/store_directory.h"
 
 namespace deform::server {
@@ -23,6 +24,8 @@ struct StoreOptions {
   DiskOptions disk;
   /// Called after every step that a crash could follow; for tests.
   std::function<void(const char* step)> on_step = [](const char*) {};
+  /// Outlives the store; null: that of this machine.
+  FileSystem* files = nullptr;
 };
 
 /// Durable, content-addressed geometries and the setups prepared on them, in one directory that belongs to the server's user
@@ -117,6 +120,7 @@ class GeometryStore {
   void step(const char* what) const { options_.on_step(what); }
 
   const StoreOptions options_;
+  FileSystem& files_;
   const StoreDirectory directory_;
   DiskSpace disk_;
   std::unique_ptr<Catalog> catalog_;

@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "server/store/file_system.h"
+
 namespace deform::server {
 
 /// What an operator does to a store by hand; see geometry_store.h for what is where. Errors: as opening a GeometryStore.
@@ -17,17 +19,19 @@ struct StoreReport {
 };
 
 /// Reads and verifies every file of a store that no server has open; changes nothing.
-StoreReport check_store(const std::filesystem::path& data_dir);
+StoreReport check_store(const std::filesystem::path& data_dir, FileSystem& files = system_files());
 
 /// Sets the catalog aside and makes a new one of the files; also of a folder that lost its mark. Needs a stopped server.
-StoreReport rebuild_store(const std::filesystem::path& data_dir);
+StoreReport rebuild_store(const std::filesystem::path& data_dir, FileSystem& files = system_files());
 
 /// Makes `to`, a new or empty folder, a store of the same content, beside a server that may run: a consistent copy of the
 /// catalog, and hard links of the files, which never change; copies where links cannot go. The result is complete when it has its
 /// mark.
-StoreReport backup_store(const std::filesystem::path& data_dir, const std::filesystem::path& to);
+StoreReport backup_store(const std::filesystem::path& data_dir, const std::filesystem::path& to,
+                         FileSystem& files = system_files());
 
 /// The same in the other direction; refuses a data directory that is not empty.
-StoreReport restore_store(const std::filesystem::path& from, const std::filesystem::path& data_dir);
+StoreReport restore_store(const std::filesystem::path& from, const std::filesystem::path& data_dir,
+                          FileSystem& files = system_files());
 
 }  // namespace deform::server
