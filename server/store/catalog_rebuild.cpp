@@ -223,7 +223,8 @@ class Rebuild {
     for (const fs::path& path : entries_of(files_, directory_.names())) {
       const auto id = owned_id(path.filename().string());
       if (id && taken.count(*id) > 0 && is_file(files_, path)) continue;
-      const auto known = id && is_file(files_, path) ? unless_damaged([&] { return read_geometry_record(path, *id, files_); }) : std::nullopt;
+      const auto known =
+          id && is_file(files_, path) ? unless_damaged([&] { return read_geometry_record(path, *id, files_); }) : std::nullopt;
       if (known && taken.insert(*id).second) {
         adopted.push_back(*known);
       } else {
@@ -343,9 +344,7 @@ bool is_of(std::int64_t created_ms, FileSystem& files, const fs::path& file, Rea
 
 }  // namespace
 
-OpenedCatalog open_catalog(const StoreDirectory& directory, OldCatalog old) {
-  return Rebuild(directory, old).run();
-}
+OpenedCatalog open_catalog(const StoreDirectory& directory, OldCatalog old) { return Rebuild(directory, old).run(); }
 
 std::size_t finish_removal(const StoreDirectory& directory, Catalog& catalog, const Intent& intent, RemoveFiles which,
                            const std::function<void(const char*)>& step) {
@@ -359,7 +358,8 @@ std::size_t finish_removal(const StoreDirectory& directory, Catalog& catalog, co
     const OwnedId id{entry.tenant, entry.id};
     if (entry.what == Intent::What::setup) {
       const fs::path file = directory.setups() / key_of(id);
-      const bool renewed = catalog.find_setup(id) || !is_of(entry.created_ms, files, file, [&] { return read_setup_record(file, id, files); });
+      const bool renewed =
+          catalog.find_setup(id) || !is_of(entry.created_ms, files, file, [&] { return read_setup_record(file, id, files); });
       if (which == RemoveFiles::all || !renewed) remove(file);
       continue;
     }

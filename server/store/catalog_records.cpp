@@ -99,8 +99,7 @@ void write_sealed(const Fields& fields, const std::filesystem::path& path, Sync 
 }
 
 /// `count`: of the fields without the tenant.
-Fields read_sealed(const std::filesystem::path& path, const char* kind, std::size_t count, const OwnedId& id,
-                   FileSystem& files) {
+Fields read_sealed(const std::filesystem::path& path, const char* kind, std::size_t count, const OwnedId& id, FileSystem& files) {
   const std::string what = std::string("the stored record of ") + kind + " " + key_of(id);
   if (!is_file(files, path)) damaged(what);
   const std::size_t size = file_size(files, path);

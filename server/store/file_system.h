@@ -14,7 +14,8 @@
 namespace deform::server {
 
 /// Everything that a store asks of its disk; what SQLite asks goes through the VFS that is named here. The calls are those of the
-/// system, and fail like them: with -1 and errno. Thread-safe. Tests give a store a disk in memory that forgets, fills up and fails.
+/// system, and fail like them: with -1 and errno. Thread-safe. Tests give a store a disk in memory that forgets, fills up and
+/// fails.
 class FileSystem {
  public:
   using Path = std::filesystem::path;

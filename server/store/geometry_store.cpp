@@ -226,14 +226,28 @@ void GeometryStore::take_back(const GeometryRecord& record, std::int64_t intent)
   try_remove(files_, directory_.temporary(key_of(owned(record)), intent));
   try_remove(files_, directory_.temporary_link(key_of(owned(record)), intent));
   try_remove(files_, directory_.temporary_record(key_of(owned(record)), intent));
+  undo({Intent::What::geometry, record.id, record.created_ms, {}, record.tenant}, intent);
+}
+
+/// What is in place goes as in any removal: were its files removed before that is announced, a part of them could be back after a
+/// crash, without the intent that says what they are; and a row that could not be committed could be back without them.
+void GeometryStore::undo(const Intent::Entry& entry, std::int64_t intent) {
+  const DiskSpace::Room room(disk_);
+  const OwnedId id{entry.tenant, entry.id};
+  const bool setup = entry.what == Intent::What::setup;
   try {
-    if (!catalog_->find_geometry(owned(record))) {
-      try_remove(files_, directory_.names() / key_of(owned(record)));
-      try_remove(files_, directory_.geometries() / key_of(owned(record)));
+    const bool recorded = setup ? catalog_->find_setup(id).has_value() : catalog_->find_geometry(id).has_value();
+    const bool in_place =
+        setup ? exists(files_, directory_.setups() / key_of(id))
+              : exists(files_, directory_.geometries() / key_of(id)) || exists(files_, directory_.names() / key_of(id));
+    if (!recorded && in_place) {
+      Intent removal{Intent::Kind::remove, {entry}};
+      removal.number = catalog_->begin(removal);
+      finish_removal(directory_, *catalog_, removal, RemoveFiles::all, [](const char*) {});
     }
     catalog_->end(intent);
   } catch (const Error& error) {
-    spdlog::warn("store: what a failed upload left is removed at the next start: {}", error.what());
+    spdlog::warn("store: what was not stored is removed or found at the next start: {}", error.what());
   }
 }
 
@@ -302,7 +316,8 @@ Intent GeometryStore::remove_rows(const OwnedId& id, WithSetups policy) {
   } catch (const Error& error) {
     const bool wanted = policy == WithSetups::remove || catalog_->setup_count(id) == 0;
     struct stat status {};
-    const bool shared = files_.status(file, FileSystem::Links::follow, status) == 0 && status.st_nlink > 1;  // then no room would be made
+    const bool shared =
+        files_.status(file, FileSystem::Links::follow, status) == 0 && status.st_nlink > 1;  // then no room would be made
     if (error.code() != ErrorCode::out_of_budget || !wanted || shared) throw;
   }
   try_remove(files_, file);
@@ -359,12 +374,7 @@ std::int64_t GeometryStore::put_setup(SetupRecord record, const Quota& quota) {
     known ? count_again(id.tenant) : addition.keep();
   } catch (...) {
     try_remove(files_, temporary);
-    try {
-      if (!catalog_->find_setup(id)) try_remove(files_, directory_.setups() / key_of(id));
-      catalog_->end(intent);
-    } catch (const Error& error) {
-      spdlog::warn("store: what a failed setup left is removed at the next start: {}", error.what());
-    }
+    undo({Intent::What::setup, record.id, record.created_ms, {}, record.tenant}, intent);
     throw;
   }
   return record.created_ms;

@@ -109,6 +109,7 @@ class GeometryStore {
   v1::GeometryInfo described(const GeometryRecord& record);
   void share_content(const GeometryRecord& record, std::int64_t intent);
   void take_back(const GeometryRecord& record, std::int64_t intent);
+  void undo(const Intent::Entry& entry, std::int64_t intent);
   Intent remove_rows(const OwnedId& id, WithSetups policy);
   void finish(const Intent& removal);
   /// What is about to be added to what a tenant has; taken back when it is destroyed before it was kept.

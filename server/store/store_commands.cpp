@@ -234,7 +234,8 @@ StoreReport check_store(const fs::path& data_dir, FileSystem& files) {
     const auto geometries = catalog->all_geometries(), setups = catalog->all_setups();
     for (const auto& id : geometries) {
       const std::string key = key_of(id);
-      check_one(report, named("geometry", id), [&] { read_geometry_file(directory.geometries() / key, id.id, files).validate(); });
+      check_one(report, named("geometry", id),
+                [&] { read_geometry_file(directory.geometries() / key, id.id, files).validate(); });
       check_one(report, named("geometry", id), [&] { read_geometry_record(directory.names() / key, id, files); });
     }
     for (const auto& id : setups) {

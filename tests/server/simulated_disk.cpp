@@ -90,8 +90,8 @@ SimulatedDisk::State SimulatedDisk::after_crash(const State& state, Survival sur
     nodes[id] = std::move(left);
   }
   for (const auto& change : state.changes) {
-    const bool kept = survival == Survival::all || survival == Survival::names ||
-                      (survival == Survival::random && random() % 2 == 0);
+    const bool kept =
+        survival == Survival::all || survival == Survival::names || (survival == Survival::random && random() % 2 == 0);
     if (!kept) continue;
     for (const auto& edit : change) {
       auto& entries = nodes[edit.directory].entries;

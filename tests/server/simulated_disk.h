@@ -15,10 +15,10 @@ struct sqlite3_vfs;
 
 namespace deform::server {
 
-/// A disk in memory that tells what is durable from what was only written. Until a file is synced, each of its writes may be lost,
-/// kept, or torn between sectors of 512 bytes or pages of 4 KiB, whatever becomes of other files. Until a directory is synced, each
-/// change of its names (a rename is one change of two directories) may be lost or kept, whatever becomes of the others. One thread.
-/// SQLite works on it, too, by a VFS of its own.
+/// A disk in memory that tells what is durable from what was only written. Until a file is synced, each of its writes may be
+/// lost, kept, or torn between sectors of 512 bytes or pages of 4 KiB, whatever becomes of other files. Until a directory is
+/// synced, each change of its names (a rename is one change of two directories) may be lost or kept, whatever becomes of the
+/// others. One thread. SQLite works on it, too, by a VFS of its own.
 class SimulatedDisk : public FileSystem {
  public:
   /// What the disk holds. Copies are cheap: they share the nodes that stay as they are.
