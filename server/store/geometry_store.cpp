@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <charconv>
 #include <chrono>
+#include <utility>
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
@@ -247,8 +248,14 @@ void GeometryStore::undo(const Intent::Entry& entry, std::int64_t intent) {
     }
     catalog_->end(intent);
   } catch (const Error& error) {
-    spdlog::warn("store: what was not stored is removed or found at the next start: {}", error.what());
+    spdlog::warn("store: what was not stored is removed or found later: {}", error.what());
+    left_.emplace_back(entry, intent);
   }
+}
+
+/// Before a removal, whose caller must not find afterwards what could not be taken back earlier.
+void GeometryStore::undo_what_is_left() {
+  for (const auto& [entry, intent] : std::exchange(left_, {})) undo(entry, intent);
 }
 
 bool GeometryStore::contains(const OwnedId& id) {
@@ -327,6 +334,7 @@ Intent GeometryStore::remove_rows(const OwnedId& id, WithSetups policy) {
 std::vector<std::string> GeometryStore::remove(const OwnedId& id, WithSetups policy) {
   const std::lock_guard lock(visibility_);
   const DiskSpace::Room room(disk_);
+  undo_what_is_left();
   const Intent removal = remove_rows(id, policy);
   finish(removal);
   count_again(id.tenant);
@@ -393,6 +401,7 @@ std::optional<SetupRecord> GeometryStore::find_setup(const OwnedId& id) {
 bool GeometryStore::remove_setup(const OwnedId& id) {
   const std::lock_guard lock(visibility_);
   const DiskSpace::Room room(disk_);
+  undo_what_is_left();
   const auto removal = catalog_->remove_setup(id);
   if (removal) {
     finish(*removal);

@@ -8,6 +8,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/mesh/mesh.h"
@@ -110,6 +111,7 @@ class GeometryStore {
   void share_content(const GeometryRecord& record, std::int64_t intent);
   void take_back(const GeometryRecord& record, std::int64_t intent);
   void undo(const Intent::Entry& entry, std::int64_t intent);
+  void undo_what_is_left();
   Intent remove_rows(const OwnedId& id, WithSetups policy);
   void finish(const Intent& removal);
   /// What is about to be added to what a tenant has; taken back when it is destroyed before it was kept.
@@ -126,6 +128,8 @@ class GeometryStore {
   DiskSpace disk_;
   std::unique_ptr<Catalog> catalog_;
   std::mutex visibility_;  // file and row change together
+  // under visibility_
+  std::vector<std::pair<Intent::Entry, std::int64_t>> left_;  // of puts that failed and could not be taken back
   mutable std::mutex amounts_mutex_;
   // under amounts_mutex_
   std::map<std::string, StoredAmount> amounts_;  // as in the catalog
