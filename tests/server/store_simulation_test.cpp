@@ -400,7 +400,7 @@ class RandomHistory : public StoreSimulation {
 };
 
 TEST_F(RandomHistory, stops_again_and_again_lose_nothing) {
-  for_seeds(is_long() ? 6000 : 40, [&](std::uint64_t seed) {
+  for_seeds(is_long() ? 3000 : 40, [&](std::uint64_t seed) {
     std::mt19937_64 random(seed);
     SimulatedDisk::State state = SimulatedDisk::empty();
     StoreContents before, after;
@@ -474,7 +474,7 @@ TEST_F(RandomHistory, stops_again_and_again_lose_nothing) {
 // ---- a disk that fails or is full ----
 
 TEST_F(RandomHistory, calls_that_fail_leave_what_was_there_and_a_store_that_works) {
-  for_seeds(is_long() ? 2500 : 40, [&](std::uint64_t seed) {
+  for_seeds(is_long() ? 800 : 40, [&](std::uint64_t seed) {
     std::mt19937_64 random(seed);
     SimulatedDisk::State state = SimulatedDisk::empty();
     StoreContents known;
@@ -613,7 +613,7 @@ TEST_F(RandomHistory, a_full_disk_refuses_lets_delete_and_works_again_with_room)
 // ---- flipped bits ----
 
 TEST_F(RandomHistory, a_flipped_bit_is_found_and_costs_nothing_else) {
-  for_seeds(is_long() ? 12000 : 150, [&](std::uint64_t seed) {
+  for_seeds(is_long() ? 8000 : 150, [&](std::uint64_t seed) {
     std::mt19937_64 random(seed);
     Machine machine(SimulatedDisk::empty(), seed);
     machine.open();
