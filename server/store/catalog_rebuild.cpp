@@ -4,7 +4,6 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <chrono>
 #include <map>
 #include <optional>
 #include <set>
@@ -26,20 +25,11 @@ namespace fs = std::filesystem;
 
 std::set<OwnedId> as_set(const std::vector<OwnedId>& ids) { return {ids.begin(), ids.end()}; }
 
-/// Sorted, so that what is done does not depend on the file system.
-std::vector<fs::path> entries_of(const fs::path& folder) {
-  std::vector<fs::path> paths;
-  for (const auto& entry : fs::directory_iterator(folder)) paths.push_back(entry.path());
-  std::sort(paths.begin(), paths.end());
-  return paths;
+std::int64_t modified_ms(FileSystem& files, const fs::path& file) {
+  struct stat status {};
+  if (files.status(file, FileSystem::Links::follow, status) != 0) fail_on("look at", file);
+  return std::int64_t{status.st_mtim.tv_sec} * 1000 + status.st_mtim.tv_nsec / 1'000'000;
 }
-
-std::int64_t modified_ms(const fs::path& file) {
-  const auto time = std::chrono::file_clock::to_sys(fs::last_write_time(file));
-  return std::chrono::duration_cast<std::chrono::milliseconds>(time.time_since_epoch()).count();
-}
-
-bool is_file(const fs::path& path) { return fs::is_regular_file(fs::symlink_status(path)); }
 
 /// What `read` returns, or nothing when it says that there is nothing to be read.
 template <typename Read>
@@ -54,7 +44,7 @@ auto unless_damaged(Read read) -> std::optional<decltype(read())> {
 
 class Rebuild {
  public:
-  Rebuild(const StoreDirectory& directory, OldCatalog old) : directory_(directory) { open(old); }
+  Rebuild(const StoreDirectory& directory, OldCatalog old) : directory_(directory), files_(directory.files()) { open(old); }
 
   OpenedCatalog run() {
     for (const auto& stage : {&Rebuild::finish_intents, &Rebuild::clear_tmp, &Rebuild::mend, &Rebuild::adopt_geometries,
@@ -74,12 +64,11 @@ class Rebuild {
  private:
   void open(OldCatalog old) {
     const fs::path file = directory_.catalog();
-    std::error_code error;
-    const bool emptied = !(fs::file_size(file, error) > 0 && !error);  // SQLite would drop the log of such a one
-    const bool log_left = fs::exists(file.string() + "-wal");
+    const bool emptied = !exists(files_, file) || file_size(files_, file) == 0;  // SQLite would drop the log of such a one
+    const bool log_left = exists(files_, file.string() + "-wal");
     if (old == OldCatalog::set_aside || (emptied && log_left)) set_aside("no longer used");
     try {
-      catalog_ = open_sqlite_catalog(file);
+      catalog_ = open_sqlite_catalog(file, files_);
       damaged_ = catalog_->check();
       const auto strange = [](const auto& record) { return !is_full_id(record.id); };
       if (std::any_of(damaged_.geometries.begin(), damaged_.geometries.end(), strange) ||
@@ -91,20 +80,19 @@ class Rebuild {
       catalog_.reset();
       damaged_ = {};
       set_aside(damage.what());
-      catalog_ = open_sqlite_catalog(file);
+      catalog_ = open_sqlite_catalog(file, files_);
     }
   }
 
   void set_aside(const std::string& why) {
-    if (!fs::exists(directory_.catalog()) && !fs::exists(directory_.catalog().string() + "-wal")) return;
+    if (!exists(files_, directory_.catalog()) && !exists(files_, directory_.catalog().string() + "-wal")) return;
     const fs::path kept = directory_.set_aside_catalog();
     report_.set_aside = kept.string();
     spdlog::error("store: the catalog was set aside as {} ({}); a new one is made of the files", kept.string(), why);
-    salvaged_ = salvage_catalog(kept);
+    salvaged_ = salvage_catalog(kept, files_);
   }
 
   void finish_intents() {
-    std::error_code error;
     std::vector<Intent> intents = catalog_->intents();
     intents.insert(intents.end(), salvaged_.intents.begin(), salvaged_.intents.end());  // one of the two has none
     for (const Intent& intent : intents) {
@@ -114,9 +102,9 @@ class Rebuild {
       }
       for (const auto& entry : intent.entries) {
         const std::string key = key_of({entry.tenant, entry.id});
-        report_.garbage += fs::remove(directory_.temporary(key, intent.number), error);
-        report_.garbage += fs::remove(directory_.temporary_link(key, intent.number), error);
-        report_.garbage += fs::remove(directory_.temporary_record(key, intent.number), error);
+        report_.garbage += try_remove(files_, directory_.temporary(key, intent.number));
+        report_.garbage += try_remove(files_, directory_.temporary_link(key, intent.number));
+        report_.garbage += try_remove(files_, directory_.temporary_record(key, intent.number));
         if (entry.what == Intent::What::geometry && !entry.info.empty()) {
           announced_[{entry.tenant, entry.id}] = {entry.id, entry.info, entry.created_ms, Integrity::intact, entry.tenant};
         }
@@ -124,7 +112,7 @@ class Rebuild {
       finished_.push_back(intent.number);
     }
     for (const fs::path& folder : {directory_.tmp(), directory_.names(), directory_.setups(), directory_.geometries()}) {
-      sync_directory(folder);
+      sync_directory(files_, folder);
     }
   }
 
@@ -134,7 +122,7 @@ class Rebuild {
 
   // 0.1 kept damaged files here.
   void clear_tmp() {
-    for (const fs::path& path : entries_of(directory_.tmp())) {
+    for (const fs::path& path : entries_of(files_, directory_.tmp())) {
       if (path.extension() == ".damaged") {
         keep_damaged(path);
       } else {
@@ -155,7 +143,7 @@ class Rebuild {
     for (const auto& record : damaged_.geometries) {
       if (auto known = known_geometry(owned(record))) {
         geometries.push_back(*std::move(known));
-      } else if (is_file(directory_.geometries() / key_of(owned(record)))) {
+      } else if (is_file(files_, directory_.geometries() / key_of(owned(record)))) {
         if (auto found = geometry_from_content(owned(record))) geometries.push_back(*std::move(found));
       }
     }
@@ -174,8 +162,8 @@ class Rebuild {
   /// From the small file, else from what the upload announced, else from what the old catalog still had.
   std::optional<GeometryRecord> known_geometry(const OwnedId& id) {
     const fs::path file = directory_.names() / key_of(id);
-    if (fs::exists(file)) {
-      auto record = unless_damaged([&] { return read_geometry_record(file, id); });
+    if (exists(files_, file)) {
+      auto record = unless_damaged([&] { return read_geometry_record(file, id, files_); });
       if (record) return record;
       keep_damaged(file);
     }
@@ -188,9 +176,9 @@ class Rebuild {
 
   std::optional<SetupRecord> known_setup(const OwnedId& id) {
     const fs::path file = directory_.setups() / key_of(id);
-    if (!fs::exists(file)) return std::nullopt;
+    if (!exists(files_, file)) return std::nullopt;
     auto known = unless_damaged([&] {
-      SetupRecord record = read_setup_record(file, id);
+      SetupRecord record = read_setup_record(file, id, files_);
       verify(record);
       return record;
     });
@@ -208,9 +196,9 @@ class Rebuild {
   std::optional<GeometryRecord> geometry_from_content(const OwnedId& id) const {
     const fs::path file = directory_.geometries() / key_of(id);
     return unless_damaged([&] {
-      const Mesh mesh = read_geometry_file(file, id.id);
+      const Mesh mesh = read_geometry_file(file, id.id, files_);
       mesh.validate();
-      return geometry_record(convert::geometry_info(mesh, id.id, ""), modified_ms(file), id.tenant);
+      return geometry_record(convert::geometry_info(mesh, id.id, ""), modified_ms(files_, file), id.tenant);
     });
   }
 
@@ -218,10 +206,10 @@ class Rebuild {
   void adopt_geometries() {
     const auto recorded = as_set(catalog_->all_geometries());
     std::vector<GeometryRecord> adopted;
-    for (const fs::path& path : entries_of(directory_.geometries())) {
+    for (const fs::path& path : entries_of(files_, directory_.geometries())) {
       const auto id = owned_id(path.filename().string());
-      if (id && recorded.count(*id) > 0 && is_file(path)) continue;
-      auto found = id && is_file(path) ? geometry_from_content(*id) : std::nullopt;
+      if (id && recorded.count(*id) > 0 && is_file(files_, path)) continue;
+      auto found = id && is_file(files_, path) ? geometry_from_content(*id) : std::nullopt;
       if (!found) {
         unclaim(path);
         continue;
@@ -232,10 +220,11 @@ class Rebuild {
     std::set<OwnedId> taken = recorded;
     for (const auto& record : adopted) taken.insert(owned(record));
     // Geometries whose files are gone: what is known of them tells what to register again, and their setups wait for it.
-    for (const fs::path& path : entries_of(directory_.names())) {
+    for (const fs::path& path : entries_of(files_, directory_.names())) {
       const auto id = owned_id(path.filename().string());
-      if (id && taken.count(*id) > 0 && is_file(path)) continue;
-      const auto known = id && is_file(path) ? unless_damaged([&] { return read_geometry_record(path, *id); }) : std::nullopt;
+      if (id && taken.count(*id) > 0 && is_file(files_, path)) continue;
+      const auto known =
+          id && is_file(files_, path) ? unless_damaged([&] { return read_geometry_record(path, *id, files_); }) : std::nullopt;
       if (known && taken.insert(*id).second) {
         adopted.push_back(*known);
       } else {
@@ -255,12 +244,12 @@ class Rebuild {
     const auto has_geometry = [&](const SetupRecord& setup) { return geometries.count({setup.tenant, setup.geometry_id}) > 0; };
     std::vector<SetupRecord> adopted;
     std::set<OwnedId> taken = recorded;
-    for (const fs::path& path : entries_of(directory_.setups())) {
+    for (const fs::path& path : entries_of(files_, directory_.setups())) {
       const auto id = owned_id(path.filename().string());
-      if (id && recorded.count(*id) > 0 && is_file(path)) continue;
-      auto known = id && is_file(path) ? known_setup(*id) : std::nullopt;
+      if (id && recorded.count(*id) > 0 && is_file(files_, path)) continue;
+      auto known = id && is_file(files_, path) ? known_setup(*id) : std::nullopt;
       if (!known || !has_geometry(*known)) {
-        if (fs::symlink_status(path).type() != fs::file_type::not_found) unclaim(path);  // else it was damaged
+        if (is_anything(files_, path)) unclaim(path);  // else it was damaged
         continue;
       }
       taken.insert(*id);
@@ -277,11 +266,11 @@ class Rebuild {
   void record() {
     Intent intent{Intent::Kind::put, {}};
     for (const auto& id : catalog_->all_geometries()) {
-      if (fs::exists(directory_.names() / key_of(id))) continue;
+      if (exists(files_, directory_.names() / key_of(id))) continue;
       intent.entries.push_back({Intent::What::geometry, id.id, 0, {}, id.tenant});
     }
     for (const auto& id : catalog_->all_setups()) {
-      if (fs::exists(directory_.setups() / key_of(id))) continue;
+      if (exists(files_, directory_.setups() / key_of(id))) continue;
       intent.entries.push_back({Intent::What::setup, id.id, 0, {}, id.tenant});
     }
     if (intent.entries.empty()) return;
@@ -293,25 +282,25 @@ class Rebuild {
       if (entry.what == Intent::What::geometry) {
         const auto record = catalog_->find_geometry(id);
         if (!record || record->integrity == Integrity::damaged) continue;
-        write_record(*record, part, Sync::later);
+        write_record(*record, part, Sync::later, files_);
         moves.emplace_back(part, directory_.names() / key_of(id));
       } else {
         const auto record = catalog_->find_setup(id);
         if (!record || record->integrity == Integrity::damaged) continue;
-        write_record(*record, part, Sync::later);
+        write_record(*record, part, Sync::later, files_);
         moves.emplace_back(part, directory_.setups() / key_of(id));
       }
     }
-    sync_file_system(directory_.root());
-    for (const auto& [from, to] : moves) move_file(from, to);
-    sync_directory(directory_.names());
-    sync_directory(directory_.setups());
+    sync_file_system(files_, directory_.root());
+    for (const auto& [from, to] : moves) move_file(files_, from, to);
+    sync_directory(files_, directory_.names());
+    sync_directory(files_, directory_.setups());
     catalog_->end(intent.number);
     report_.recorded = moves.size();
   }
 
   void count_missing() {
-    for (const auto& id : catalog_->all_geometries()) report_.missing += !is_file(directory_.geometries() / key_of(id));
+    for (const auto& id : catalog_->all_geometries()) report_.missing += !is_file(files_, directory_.geometries() / key_of(id));
   }
 
   void log() const {
@@ -336,6 +325,7 @@ class Rebuild {
   }
 
   const StoreDirectory& directory_;
+  FileSystem& files_;
   std::unique_ptr<Catalog> catalog_;
   Catalog::Damaged damaged_;
   Salvaged salvaged_;
@@ -346,47 +336,41 @@ class Rebuild {
 
 /// True when the record in the small file is of that time, or there is none.
 template <typename Read>
-bool is_of(std::int64_t created_ms, const fs::path& file, Read read) {
-  if (!fs::exists(file)) return true;
+bool is_of(std::int64_t created_ms, FileSystem& files, const fs::path& file, Read read) {
+  if (!exists(files, file)) return true;
   const auto record = unless_damaged([&] { return read(); });
   return record && record->created_ms == created_ms;
 }
 
 }  // namespace
 
-OpenedCatalog open_catalog(const StoreDirectory& directory, OldCatalog old) {
-  try {
-    return Rebuild(directory, old).run();
-  } catch (const fs::filesystem_error& error) {
-    throw Error(ErrorCode::unavailable, std::string("store: ") + error.what());
-  }
-}
+OpenedCatalog open_catalog(const StoreDirectory& directory, OldCatalog old) { return Rebuild(directory, old).run(); }
 
 std::size_t finish_removal(const StoreDirectory& directory, Catalog& catalog, const Intent& intent, RemoveFiles which,
                            const std::function<void(const char*)>& step) {
   std::size_t removed = 0;
-  std::error_code error;
+  FileSystem& files = directory.files();
   const auto remove = [&](const fs::path& file) {
-    removed += fs::remove(file, error);
-    if (error) throw Error(ErrorCode::unavailable, "store: cannot remove " + file.string() + ": " + error.message());
+    removed += remove_file(files, file);
     step("a file is removed");
   };
   for (const auto& entry : intent.entries) {
     const OwnedId id{entry.tenant, entry.id};
     if (entry.what == Intent::What::setup) {
       const fs::path file = directory.setups() / key_of(id);
-      const bool renewed = catalog.find_setup(id) || !is_of(entry.created_ms, file, [&] { return read_setup_record(file, id); });
+      const bool renewed =
+          catalog.find_setup(id) || !is_of(entry.created_ms, files, file, [&] { return read_setup_record(file, id, files); });
       if (which == RemoveFiles::all || !renewed) remove(file);
       continue;
     }
     const fs::path file = directory.names() / key_of(id);
     const bool renewed =
-        catalog.find_geometry(id) || !is_of(entry.created_ms, file, [&] { return read_geometry_record(file, id); });
+        catalog.find_geometry(id) || !is_of(entry.created_ms, files, file, [&] { return read_geometry_record(file, id, files); });
     if (which == RemoveFiles::not_renewed && renewed) continue;
     remove(file);
     remove(directory.geometries() / key_of(id));
   }
-  for (const fs::path& folder : {directory.setups(), directory.names(), directory.geometries()}) sync_directory(folder);
+  for (const fs::path& folder : {directory.setups(), directory.names(), directory.geometries()}) sync_directory(files, folder);
   step("the removal is durable");
   catalog.end(intent.number);
   step("the removal is done");

@@ -86,27 +86,26 @@ Fields fields_of(const SetupRecord& record) {
                      record.tenant);
 }
 
-void write_sealed(const Fields& fields, const std::filesystem::path& path, Sync sync) {
+void write_sealed(const Fields& fields, const std::filesystem::path& path, Sync sync, FileSystem& files) {
   const std::string text = sealed(fields);
-  const File file(path, O_WRONLY | O_CREAT | O_EXCL);
+  const File file(files, path, O_WRONLY | O_CREAT | O_EXCL);
   try {
     file.write(text.data(), text.size());
     if (sync == Sync::now) file.sync();
   } catch (...) {
-    std::error_code ignored;
-    std::filesystem::remove(path, ignored);
+    try_remove(files, path);
     throw;
   }
 }
 
 /// `count`: of the fields without the tenant.
-Fields read_sealed(const std::filesystem::path& path, const char* kind, std::size_t count, const OwnedId& id) {
+Fields read_sealed(const std::filesystem::path& path, const char* kind, std::size_t count, const OwnedId& id, FileSystem& files) {
   const std::string what = std::string("the stored record of ") + kind + " " + key_of(id);
-  if (!std::filesystem::is_regular_file(std::filesystem::symlink_status(path))) damaged(what);
-  const std::size_t size = std::filesystem::file_size(path);
+  if (!is_file(files, path)) damaged(what);
+  const std::size_t size = file_size(files, path);
   if (size > largest_file) damaged(what);
   std::string text(size, '\0');
-  const File file(path, O_RDONLY);
+  const File file(files, path, O_RDONLY);
   text.resize(file.read(text.data(), size));
   Fields fields = unsealed(text, what);
   const bool for_default = id.tenant == default_tenant;
@@ -139,21 +138,21 @@ std::uint64_t stored_bytes(const SetupRecord& record) { return record.setup.size
 std::string checksum(const GeometryRecord& record) { return digest(joined(fields_of(record))); }
 std::string checksum(const SetupRecord& record) { return digest(joined(fields_of(record))); }
 
-void write_record(const GeometryRecord& record, const std::filesystem::path& file, Sync sync) {
-  write_sealed(fields_of(record), file, sync);
+void write_record(const GeometryRecord& record, const std::filesystem::path& file, Sync sync, FileSystem& files) {
+  write_sealed(fields_of(record), file, sync, files);
 }
 
-void write_record(const SetupRecord& record, const std::filesystem::path& file, Sync sync) {
-  write_sealed(fields_of(record), file, sync);
+void write_record(const SetupRecord& record, const std::filesystem::path& file, Sync sync, FileSystem& files) {
+  write_sealed(fields_of(record), file, sync, files);
 }
 
-GeometryRecord read_geometry_record(const std::filesystem::path& file, const OwnedId& id) {
-  const Fields fields = read_sealed(file, "geometry", 4, id);
+GeometryRecord read_geometry_record(const std::filesystem::path& file, const OwnedId& id, FileSystem& files) {
+  const Fields fields = read_sealed(file, "geometry", 4, id, files);
   return {fields[1], fields[2], number(fields[3], file.string()), Integrity::intact, id.tenant};
 }
 
-SetupRecord read_setup_record(const std::filesystem::path& file, const OwnedId& id) {
-  const Fields fields = read_sealed(file, "setup", 6, id);
+SetupRecord read_setup_record(const std::filesystem::path& file, const OwnedId& id, FileSystem& files) {
+  const Fields fields = read_sealed(file, "setup", 6, id, files);
   return {fields[1], fields[2], fields[3], fields[4], number(fields[5], file.string()), Integrity::intact, id.tenant};
 }
 

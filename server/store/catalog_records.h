@@ -8,6 +8,7 @@
 
 #include "deform/v1/geometry.pb.h"
 #include "server/store/catalog.h"
+#include "server/store/file_system.h"
 
 namespace deform::server {
 
@@ -31,12 +32,12 @@ std::string checksum(const SetupRecord& record);
 enum class Sync { now, later };
 
 /// Writes a new file, which is removed again when that fails.
-void write_record(const GeometryRecord& record, const std::filesystem::path& file, Sync sync);
-void write_record(const SetupRecord& record, const std::filesystem::path& file, Sync sync);
+void write_record(const GeometryRecord& record, const std::filesystem::path& file, Sync sync, FileSystem& files);
+void write_record(const SetupRecord& record, const std::filesystem::path& file, Sync sync, FileSystem& files);
 
 /// Throws Error(data_loss) when the file is not a whole record of that id and tenant, and as a File does.
-GeometryRecord read_geometry_record(const std::filesystem::path& file, const OwnedId& id);
-SetupRecord read_setup_record(const std::filesystem::path& file, const OwnedId& id);
+GeometryRecord read_geometry_record(const std::filesystem::path& file, const OwnedId& id, FileSystem& files);
+SetupRecord read_setup_record(const std::filesystem::path& file, const OwnedId& id, FileSystem& files);
 
 /// Throws Error(data_loss) unless the id is the hash of the setup and the setup is one of its geometry.
 void verify(const SetupRecord& record);

@@ -3,14 +3,13 @@
 
 #include <fcntl.h>
 #include <spdlog/spdlog.h>
-#include <sys/statvfs.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <utility>
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
+#include "server/store/file.h"
 
 namespace deform::server {
 
@@ -21,18 +20,20 @@ constexpr std::uint64_t largest_reserve = std::uint64_t{4} << 20;
 
 }  // namespace
 
-DiskSpace::DiskSpace(const std::filesystem::path& folder, const std::filesystem::path& reserve, DiskOptions options)
-    : folder_(folder), reserve_(reserve), options_(std::move(options)), most_(std::min(largest_reserve, options_.keep_free)) {
-  std::error_code error;
-  const auto size = std::filesystem::file_size(reserve_, error);
-  if (!error) held_ = size;
+DiskSpace::DiskSpace(const std::filesystem::path& folder, const std::filesystem::path& reserve, DiskOptions options,
+                     FileSystem& files)
+    : files_(files),
+      folder_(folder),
+      reserve_(reserve),
+      options_(std::move(options)),
+      most_(std::min(largest_reserve, options_.keep_free)) {
+  struct stat status {};
+  if (files_.status(reserve_, FileSystem::Links::follow, status) == 0) held_ = static_cast<std::uint64_t>(status.st_size);
 }
 
 std::uint64_t DiskSpace::free() const {
   if (options_.free_bytes) return options_.free_bytes();
-  struct statvfs disk {};
-  if (::statvfs(folder_.c_str(), &disk) != 0) return 0;
-  return static_cast<std::uint64_t>(disk.f_bavail) * disk.f_frsize;
+  return files_.free_bytes(folder_).value_or(0);
 }
 
 std::string DiskSpace::refusal(std::uint64_t bytes) const {
@@ -53,8 +54,7 @@ void DiskSpace::lend() {
   const std::lock_guard lock(mutex_);
   ++rooms_;
   if (held_ == 0 || free() >= most_) return;
-  std::error_code error;
-  if (std::filesystem::remove(reserve_, error)) held_ = 0;
+  if (try_remove(files_, reserve_)) held_ = 0;
 }
 
 void DiskSpace::take_back() {
@@ -70,21 +70,18 @@ void DiskSpace::hold() {
 
 void DiskSpace::fill() {
   if (rooms_ > 0 || held_ >= most_ || free() < (held_ > 0 ? options_.keep_free : least_reserve)) return;
-  const int descriptor = ::open(reserve_.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0640);
+  const int descriptor = files_.open(reserve_, O_WRONLY | O_CREAT | O_NOFOLLOW);
   if (descriptor < 0) return;
   for (std::uint64_t size = most_; size >= least_reserve; size /= 2) {
     if (size <= held_) break;
-    if (::posix_fallocate(descriptor, 0, static_cast<off_t>(size)) == 0) {
+    if (files_.allocate(descriptor, size) == 0) {
       held_ = size;
       break;
     }
-    if (::ftruncate(descriptor, static_cast<off_t>(held_)) != 0) break;  // what the attempt took
+    if (files_.truncate(descriptor, held_) != 0) break;  // what the attempt took
   }
-  ::close(descriptor);
-  if (held_ == 0) {
-    std::error_code ignored;
-    std::filesystem::remove(reserve_, ignored);
-  }
+  files_.close(descriptor);
+  if (held_ == 0) try_remove(files_, reserve_);
 }
 
 }  // namespace deform::server

@@ -7,6 +7,8 @@
 #include <mutex>
 #include <string>
 
+#include "server/store/file_system.h"
+
 namespace deform::server {
 
 struct DiskOptions {
@@ -20,7 +22,8 @@ struct DiskOptions {
 /// The disk of a store. Thread-safe.
 class DiskSpace {
  public:
-  DiskSpace(const std::filesystem::path& folder, const std::filesystem::path& reserve, DiskOptions options);
+  DiskSpace(const std::filesystem::path& folder, const std::filesystem::path& reserve, DiskOptions options,
+            FileSystem& files = system_files());
 
   std::uint64_t free() const;
   std::uint64_t keep_free() const { return options_.keep_free; }
@@ -44,6 +47,7 @@ class DiskSpace {
   void hold();
 
  private:
+  FileSystem& files_;
   const std::filesystem::path folder_, reserve_;
   const DiskOptions options_;
   const std::uint64_t most_;

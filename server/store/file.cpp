@@ -2,11 +2,9 @@
 #include "server/store/file.h"
 
 #include <fcntl.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
-#include <cstdio>
 #include <cstring>
 #include <string>
 
@@ -14,23 +12,35 @@
 
 namespace deform::server {
 
+namespace {
+
+enum class Look { found, nothing };
+
+Look look(FileSystem& files, const std::filesystem::path& path, FileSystem::Links links, struct stat& status) {
+  if (files.status(path, links, status) == 0) return Look::found;
+  if (errno != ENOENT && errno != ENOTDIR) fail_on("look at", path);
+  return Look::nothing;
+}
+
+}  // namespace
+
 void fail_on(const char* action, const std::filesystem::path& path) {
   const bool full = errno == ENOSPC || errno == EDQUOT;
   throw Error(full ? ErrorCode::out_of_budget : ErrorCode::unavailable,
               std::string("store: cannot ") + action + " " + path.string() + ": " + std::strerror(errno));
 }
 
-File::File(const std::filesystem::path& path, int flags)
-    : path_(path), descriptor_(::open(path.c_str(), flags | O_CLOEXEC, 0640)) {
+File::File(FileSystem& files, const std::filesystem::path& path, int flags)
+    : files_(files), path_(path), descriptor_(files.open(path, flags)) {
   if (descriptor_ < 0) fail_on("open", path);
 }
 
-File::~File() { ::close(descriptor_); }
+File::~File() { files_.close(descriptor_); }
 
 void File::write(const void* data, std::size_t size) const {
   const auto* from = static_cast<const char*>(data);
   while (size > 0) {
-    const ssize_t written = ::write(descriptor_, from, std::min<std::size_t>(size, 1u << 30));
+    const ssize_t written = files_.write(descriptor_, from, std::min<std::size_t>(size, 1u << 30));
     if (written < 0 && errno == EINTR) continue;
     if (written <= 0) fail_on("write", path_);
     from += written;
@@ -42,7 +52,7 @@ std::size_t File::read(void* data, std::size_t size) const {
   auto* to = static_cast<char*>(data);
   std::size_t total = 0;
   while (total < size) {
-    const ssize_t got = ::read(descriptor_, to + total, std::min<std::size_t>(size - total, 1u << 30));
+    const ssize_t got = files_.read(descriptor_, to + total, std::min<std::size_t>(size - total, 1u << 30));
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) fail_on("read", path_);
     if (got == 0) break;
@@ -52,20 +62,91 @@ std::size_t File::read(void* data, std::size_t size) const {
 }
 
 void File::sync() const {
-  if (::fsync(descriptor_) != 0) fail_on("sync", path_);
+  if (files_.sync(descriptor_) != 0) fail_on("sync", path_);
 }
 
-void sync_directory(const std::filesystem::path& directory) { File(directory, O_RDONLY | O_DIRECTORY).sync(); }
+void sync_directory(FileSystem& files, const std::filesystem::path& directory) {
+  File(files, directory, O_RDONLY | O_DIRECTORY).sync();
+}
 
-void sync_file_system(const std::filesystem::path& directory) {
-  const int descriptor = ::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  const int result = descriptor < 0 ? -1 : ::syncfs(descriptor);
-  if (descriptor >= 0) ::close(descriptor);
+void sync_file_system(FileSystem& files, const std::filesystem::path& directory) {
+  const int descriptor = files.open(directory, O_RDONLY | O_DIRECTORY);
+  const int result = descriptor < 0 ? -1 : files.sync_all(descriptor);
+  const int error = errno;
+  if (descriptor >= 0) files.close(descriptor);
+  errno = error;
   if (result != 0) fail_on("sync", directory);
 }
 
-void move_file(const std::filesystem::path& from, const std::filesystem::path& to) {
-  if (std::rename(from.c_str(), to.c_str()) != 0) fail_on("move", from);
+void move_file(FileSystem& files, const std::filesystem::path& from, const std::filesystem::path& to) {
+  if (files.rename(from, to) != 0) fail_on("move", from);
 }
+
+void make_directories(FileSystem& files, const std::filesystem::path& directory) {
+  if (is_directory(files, directory)) return;
+  const std::filesystem::path full =
+      directory.has_filename() ? directory : directory.parent_path();  // "data/" has no name of its own
+  std::filesystem::path above = full.parent_path();
+  if (above.empty()) above = ".";
+  if (!is_directory(files, above)) make_directories(files, above);
+  if (files.make_directory(full) != 0) {
+    if (errno != EEXIST) fail_on("create", full);
+  } else if (const int descriptor = files.open(above, O_RDONLY | O_DIRECTORY); descriptor >= 0) {
+    files.close(descriptor);  // else it is one that this user may pass through, but not look into
+    sync_directory(files, above);
+  }
+  if (!is_directory(files, full)) {
+    errno = ENOTDIR;
+    fail_on("create", full);
+  }
+}
+
+bool exists(FileSystem& files, const std::filesystem::path& path) {
+  struct stat status {};
+  return look(files, path, FileSystem::Links::follow, status) == Look::found;
+}
+
+bool is_anything(FileSystem& files, const std::filesystem::path& path) {
+  struct stat status {};
+  return look(files, path, FileSystem::Links::stay, status) == Look::found;
+}
+
+bool is_file(FileSystem& files, const std::filesystem::path& path) {
+  struct stat status {};
+  return look(files, path, FileSystem::Links::stay, status) == Look::found && S_ISREG(status.st_mode);
+}
+
+bool is_directory(FileSystem& files, const std::filesystem::path& path) {
+  struct stat status {};
+  return look(files, path, FileSystem::Links::follow, status) == Look::found && S_ISDIR(status.st_mode);
+}
+
+std::uint64_t file_size(FileSystem& files, const std::filesystem::path& path) {
+  struct stat status {};
+  if (files.status(path, FileSystem::Links::follow, status) != 0) fail_on("look at", path);
+  return static_cast<std::uint64_t>(status.st_size);
+}
+
+bool is_seen(FileSystem& files, const std::filesystem::path& path) {
+  struct stat status {};
+  return files.status(path, FileSystem::Links::follow, status) == 0;
+}
+
+std::vector<std::filesystem::path> entries_of(FileSystem& files, const std::filesystem::path& directory) {
+  std::vector<std::string> names;
+  if (files.list(directory, names) != 0) fail_on("list", directory);
+  std::sort(names.begin(), names.end());
+  std::vector<std::filesystem::path> paths;
+  for (const auto& name : names) paths.push_back(directory / name);
+  return paths;
+}
+
+bool remove_file(FileSystem& files, const std::filesystem::path& path) {
+  if (files.remove(path) == 0) return true;
+  if (errno != ENOENT) fail_on("remove", path);
+  return false;
+}
+
+bool try_remove(FileSystem& files, const std::filesystem::path& path) { return files.remove(path) == 0; }
 
 }  // namespace deform::server

@@ -2,15 +2,22 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
+#include <string>
+#include <vector>
+
+#include "server/store/file_system.h"
 
 namespace deform::server {
 
-/// An open file. Everything here throws Error(out_of_budget) when the disk is full and Error(unavailable) with the reason of the
-/// system for other failures. One thread.
+/// What a store does with files, on any FileSystem. Everything here throws Error(out_of_budget) when the disk is full and
+/// Error(unavailable) with the reason of the system for other failures, unless it says that it does not.
+
+/// An open file. One thread.
 class File {
  public:
-  File(const std::filesystem::path& path, int flags);
+  File(FileSystem& files, const std::filesystem::path& path, int flags);
   ~File();
   File(const File&) = delete;
   File& operator=(const File&) = delete;
@@ -21,6 +28,7 @@ class File {
   void sync() const;
 
  private:
+  FileSystem& files_;
   std::filesystem::path path_;
   int descriptor_;
 };
@@ -29,12 +37,34 @@ class File {
 [[noreturn]] void fail_on(const char* action, const std::filesystem::path& path);
 
 /// Makes a rename or removal inside the directory durable.
-void sync_directory(const std::filesystem::path& directory);
+void sync_directory(FileSystem& files, const std::filesystem::path& directory);
 
 /// Makes everything written to the file system of the directory durable; for many files at once.
-void sync_file_system(const std::filesystem::path& directory);
+void sync_file_system(FileSystem& files, const std::filesystem::path& directory);
 
 /// Replaces what is there. Durable only after sync_directory().
-void move_file(const std::filesystem::path& from, const std::filesystem::path& to);
+void move_file(FileSystem& files, const std::filesystem::path& from, const std::filesystem::path& to);
+
+/// Makes a directory and those above it that are missing; they are durable where the folder above can be opened.
+void make_directories(FileSystem& files, const std::filesystem::path& directory);
+
+/// A file, or a link that leads to one.
+bool exists(FileSystem& files, const std::filesystem::path& path);
+/// A file or a link, wherever it leads.
+bool is_anything(FileSystem& files, const std::filesystem::path& path);
+/// No link and no directory.
+bool is_file(FileSystem& files, const std::filesystem::path& path);
+bool is_directory(FileSystem& files, const std::filesystem::path& path);
+std::uint64_t file_size(FileSystem& files, const std::filesystem::path& path);
+/// What cannot be looked at is not there.
+bool is_seen(FileSystem& files, const std::filesystem::path& path);
+
+/// The full paths, sorted, so that what is done does not depend on the file system.
+std::vector<std::filesystem::path> entries_of(FileSystem& files, const std::filesystem::path& directory);
+
+/// False when it was not there.
+bool remove_file(FileSystem& files, const std::filesystem::path& path);
+/// The same, without ever throwing: false when it was not there or stays.
+bool try_remove(FileSystem& files, const std::filesystem::path& path);
 
 }  // namespace deform::server

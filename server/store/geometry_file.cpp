@@ -27,8 +27,8 @@ codec::GeometryView view(const Mesh& mesh, std::vector<codec::GroupView>& groups
 /// Reads arrays and hashes what it reads; nothing is allocated that the file is too short for.
 class Reader {
  public:
-  Reader(const std::filesystem::path& path, const std::string& id)
-      : id_(id), file_(path, O_RDONLY), left_(std::filesystem::file_size(path)) {}
+  Reader(FileSystem& files, const std::filesystem::path& path, const std::string& id)
+      : id_(id), file_(files, path, O_RDONLY), left_(file_size(files, path)) {}
 
   void take(void* data, std::size_t size) {
     if (size > left_ || file_.read(data, size) != size) damaged();
@@ -101,9 +101,9 @@ std::string mesh_id(const Mesh& mesh) {
   return codec::geometry_id(view(mesh, groups));
 }
 
-void write_geometry_file(const Mesh& mesh, const std::filesystem::path& path) {
+void write_geometry_file(const Mesh& mesh, const std::filesystem::path& path, FileSystem& files) {
   try {
-    const File file(path, O_WRONLY | O_CREAT | O_EXCL);
+    const File file(files, path, O_WRONLY | O_CREAT | O_EXCL);
     std::vector<codec::GroupView> groups;
     std::vector<char> buffer;  // joins the small pieces
     constexpr std::size_t buffer_size = 1u << 20;
@@ -123,14 +123,13 @@ void write_geometry_file(const Mesh& mesh, const std::filesystem::path& path) {
     flush();
     file.sync();
   } catch (...) {
-    std::error_code ignored;
-    std::filesystem::remove(path, ignored);
+    try_remove(files, path);
     throw;
   }
 }
 
-Mesh read_geometry_file(const std::filesystem::path& path, const std::string& id) {
-  Reader reader(path, id);
+Mesh read_geometry_file(const std::filesystem::path& path, const std::string& id, FileSystem& files) {
+  Reader reader(files, path, id);
   char found[sizeof(tag)];
   reader.take(found, sizeof(found));
   const bool with_cells = std::memcmp(found, tag_with_cells, sizeof(tag)) == 0;

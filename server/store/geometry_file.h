@@ -5,6 +5,7 @@
 #include <string>
 
 #include "core/mesh/mesh.h"
+#include "server/store/file_system.h"
 
 namespace deform::server {
 
@@ -16,10 +17,10 @@ std::size_t mesh_bytes(const Mesh& mesh);
 std::string mesh_id(const Mesh& mesh);
 
 /// Writes and syncs a new file. Throws as a File does; the file is removed then.
-void write_geometry_file(const Mesh& mesh, const std::filesystem::path& file);
+void write_geometry_file(const Mesh& mesh, const std::filesystem::path& file, FileSystem& files = system_files());
 
 /// Reads and verifies. Throws Error(data_loss) when the content is not that of the id, Error(unavailable) when it cannot be read.
 /// Memory: the arrays, whose sizes are checked against the size of the file first.
-Mesh read_geometry_file(const std::filesystem::path& file, const std::string& id);
+Mesh read_geometry_file(const std::filesystem::path& file, const std::string& id, FileSystem& files = system_files());
 
 }  // namespace deform::server

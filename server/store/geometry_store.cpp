@@ -2,11 +2,11 @@
 #include "server/store/geometry_store.h"
 
 #include <spdlog/spdlog.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <charconv>
 #include <chrono>
+#include <utility>
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
@@ -61,8 +61,9 @@ void check_quota(const std::string& tenant, const StoredAmount& has, const Store
 
 GeometryStore::GeometryStore(const std::filesystem::path& directory, StoreOptions options)
     : options_(std::move(options)),
-      directory_(directory, StoreDirectory::Accept::stores),
-      disk_(directory_.root(), directory_.reserve(), options_.disk) {
+      files_(options_.files == nullptr ? system_files() : *options_.files),
+      directory_(directory, StoreDirectory::Accept::stores, files_),
+      disk_(directory_.root(), directory_.reserve(), options_.disk, files_) {
   {
     const DiskSpace::Room room(disk_);
     catalog_ = open_catalog(directory_, OldCatalog::keep_if_whole).catalog;
@@ -181,21 +182,21 @@ std::optional<GeometryRecord> GeometryStore::put_content(const Mesh& mesh, const
                                                          Addition& addition, bool heals) {
   const std::string key = key_of(owned(record));
   const std::filesystem::path temporary = directory_.temporary(key_of(owned(record)), intent);
-  write_geometry_file(mesh, temporary);
+  write_geometry_file(mesh, temporary, files_);
   step("the content is written");
   const std::lock_guard lock(visibility_);
-  move_file(temporary, directory_.geometries() / key);
+  move_file(files_, temporary, directory_.geometries() / key);
   share_content(record, intent);
-  sync_directory(directory_.geometries());
+  sync_directory(files_, directory_.geometries());
   step("the content is in place");
   auto known = catalog_->find_geometry(owned(record));
   if (known && known->integrity == Integrity::damaged) known.reset();
   const GeometryRecord& kept = known ? *known : record;
   const std::filesystem::path small = directory_.temporary_record(key_of(owned(record)), intent);
-  write_record(kept, small, Sync::now);
+  write_record(kept, small, Sync::now, files_);
   step("the small file is written");
-  move_file(small, directory_.names() / key);
-  sync_directory(directory_.names());
+  move_file(files_, small, directory_.names() / key);
+  sync_directory(files_, directory_.names());
   step("the small file is in place");
   catalog_->add_geometry(kept, intent);
   step("the row is written");
@@ -211,12 +212,11 @@ void GeometryStore::share_content(const GeometryRecord& record, std::int64_t int
   const std::filesystem::path link = directory_.temporary_link(key_of(owned(record)), intent);
   for (const std::string& tenant : catalog_->owners_of(record.id)) {
     const std::filesystem::path theirs = directory_.geometries() / key_of({tenant, record.id});
-    std::error_code error;
     // What was set aside as damaged stays so until its owner registers it again: nobody else may decide that it is there.
-    if (tenant == record.tenant || !std::filesystem::exists(theirs, error)) continue;
-    if (::link((directory_.geometries() / key_of(owned(record))).c_str(), link.c_str()) != 0) return;
+    if (tenant == record.tenant || !is_seen(files_, theirs)) continue;
+    if (files_.link(directory_.geometries() / key_of(owned(record)), link) != 0) return;
     step("a link is made");
-    move_file(link, theirs);
+    move_file(files_, link, theirs);
     step("a content is shared");
   }
 }
@@ -224,25 +224,43 @@ void GeometryStore::share_content(const GeometryRecord& record, std::int64_t int
 /// Of an upload that failed; what cannot be removed now is left to the next start.
 void GeometryStore::take_back(const GeometryRecord& record, std::int64_t intent) {
   const std::lock_guard lock(visibility_);
-  std::error_code ignored;
-  std::filesystem::remove(directory_.temporary(key_of(owned(record)), intent), ignored);
-  std::filesystem::remove(directory_.temporary_link(key_of(owned(record)), intent), ignored);
-  std::filesystem::remove(directory_.temporary_record(key_of(owned(record)), intent), ignored);
+  try_remove(files_, directory_.temporary(key_of(owned(record)), intent));
+  try_remove(files_, directory_.temporary_link(key_of(owned(record)), intent));
+  try_remove(files_, directory_.temporary_record(key_of(owned(record)), intent));
+  undo({Intent::What::geometry, record.id, record.created_ms, {}, record.tenant}, intent);
+}
+
+/// What is in place goes as in any removal: were its files removed before that is announced, a part of them could be back after a
+/// crash, without the intent that says what they are; and a row that could not be committed could be back without them.
+void GeometryStore::undo(const Intent::Entry& entry, std::int64_t intent) {
+  const DiskSpace::Room room(disk_);
+  const OwnedId id{entry.tenant, entry.id};
+  const bool setup = entry.what == Intent::What::setup;
   try {
-    if (!catalog_->find_geometry(owned(record))) {
-      std::filesystem::remove(directory_.names() / key_of(owned(record)), ignored);
-      std::filesystem::remove(directory_.geometries() / key_of(owned(record)), ignored);
+    const bool recorded = setup ? catalog_->find_setup(id).has_value() : catalog_->find_geometry(id).has_value();
+    const bool in_place =
+        setup ? exists(files_, directory_.setups() / key_of(id))
+              : exists(files_, directory_.geometries() / key_of(id)) || exists(files_, directory_.names() / key_of(id));
+    if (!recorded && in_place) {
+      Intent removal{Intent::Kind::remove, {entry}};
+      removal.number = catalog_->begin(removal);
+      finish_removal(directory_, *catalog_, removal, RemoveFiles::all, [](const char*) {});
     }
     catalog_->end(intent);
   } catch (const Error& error) {
-    spdlog::warn("store: what a failed upload left is removed at the next start: {}", error.what());
+    spdlog::warn("store: what was not stored is removed or found later: {}", error.what());
+    left_.emplace_back(entry, intent);
   }
 }
 
+/// Before a removal, whose caller must not find afterwards what could not be taken back earlier.
+void GeometryStore::undo_what_is_left() {
+  for (const auto& [entry, intent] : std::exchange(left_, {})) undo(entry, intent);
+}
+
 bool GeometryStore::contains(const OwnedId& id) {
-  std::error_code error;
   const auto record = catalog_->find_geometry(id);
-  return record && record->integrity == Integrity::intact && std::filesystem::exists(directory_.geometries() / key_of(id), error);
+  return record && record->integrity == Integrity::intact && is_seen(files_, directory_.geometries() / key_of(id));
 }
 
 v1::GeometryInfo GeometryStore::info(const OwnedId& id) {
@@ -257,15 +275,14 @@ v1::GeometryInfo GeometryStore::described(const GeometryRecord& record) {
     info.Clear();
     info.set_damage("the entry in the catalog is damaged; register the geometry again");
     try {
-      const GeometryRecord small = read_geometry_record(directory_.names() / key_of(owned(record)), owned(record));
+      const GeometryRecord small = read_geometry_record(directory_.names() / key_of(owned(record)), owned(record), files_);
       if (!info.ParseFromString(small.info)) info.Clear();
     } catch (const std::exception& error) {
       spdlog::error("store: geometry {}: {}", record.id, error.what());
     }
     info.set_id(record.id);
   }
-  std::error_code error;
-  if (!std::filesystem::exists(directory_.geometries() / key_of(owned(record)), error)) {
+  if (!is_seen(files_, directory_.geometries() / key_of(owned(record)))) {
     info.set_damage("the stored file is missing or damaged; register the geometry again");
   }
   info.set_setups(static_cast<std::uint32_t>(catalog_->setup_count(owned(record))));
@@ -275,12 +292,11 @@ v1::GeometryInfo GeometryStore::described(const GeometryRecord& record) {
 Mesh GeometryStore::load(const OwnedId& id) {
   if (!catalog_->find_geometry(id)) throw Error(ErrorCode::not_found, "geometry " + id.id + ": unknown id");
   const std::filesystem::path file = directory_.geometries() / key_of(id);
-  std::error_code error;
-  if (!std::filesystem::exists(file, error)) {
+  if (!is_seen(files_, file)) {
     throw Error(ErrorCode::data_loss, "geometry " + id.id + ": the stored file is missing; register the geometry again");
   }
   try {
-    return read_geometry_file(file, id.id);
+    return read_geometry_file(file, id.id, files_);
   } catch (const Error& damage) {
     if (damage.code() == ErrorCode::data_loss) quarantine(id);
     throw;
@@ -302,21 +318,23 @@ void GeometryStore::quarantine(const OwnedId& id) {
 /// crash leave what was to be removed, listed as damaged.
 Intent GeometryStore::remove_rows(const OwnedId& id, WithSetups policy) {
   const std::filesystem::path file = directory_.geometries() / key_of(id);
-  std::error_code ignored;
   try {
     return catalog_->remove_geometry(id, policy);
   } catch (const Error& error) {
     const bool wanted = policy == WithSetups::remove || catalog_->setup_count(id) == 0;
-    const bool shared = std::filesystem::hard_link_count(file, ignored) > 1 && !ignored;  // then no room would be made
+    struct stat status {};
+    const bool shared =
+        files_.status(file, FileSystem::Links::follow, status) == 0 && status.st_nlink > 1;  // then no room would be made
     if (error.code() != ErrorCode::out_of_budget || !wanted || shared) throw;
   }
-  std::filesystem::remove(file, ignored);
+  try_remove(files_, file);
   return catalog_->remove_geometry(id, policy);
 }
 
 std::vector<std::string> GeometryStore::remove(const OwnedId& id, WithSetups policy) {
   const std::lock_guard lock(visibility_);
   const DiskSpace::Room room(disk_);
+  undo_what_is_left();
   const Intent removal = remove_rows(id, policy);
   finish(removal);
   count_again(id.tenant);
@@ -354,23 +372,17 @@ std::int64_t GeometryStore::put_setup(SetupRecord record, const Quota& quota) {
   const std::filesystem::path temporary = directory_.temporary_record(key_of(owned(record)), intent);
   try {
     step("a setup is announced");
-    write_record(record, temporary, Sync::now);
+    write_record(record, temporary, Sync::now, files_);
     step("the setup is written");
-    move_file(temporary, directory_.setups() / key_of(id));
-    sync_directory(directory_.setups());
+    move_file(files_, temporary, directory_.setups() / key_of(id));
+    sync_directory(files_, directory_.setups());
     step("the setup is in place");
     catalog_->put_setup(record, intent);
     step("the row of the setup is written");
     known ? count_again(id.tenant) : addition.keep();
   } catch (...) {
-    std::error_code ignored;
-    std::filesystem::remove(temporary, ignored);
-    try {
-      if (!catalog_->find_setup(id)) std::filesystem::remove(directory_.setups() / key_of(id), ignored);
-      catalog_->end(intent);
-    } catch (const Error& error) {
-      spdlog::warn("store: what a failed setup left is removed at the next start: {}", error.what());
-    }
+    try_remove(files_, temporary);
+    undo({Intent::What::setup, record.id, record.created_ms, {}, record.tenant}, intent);
     throw;
   }
   return record.created_ms;
@@ -380,7 +392,7 @@ std::optional<SetupRecord> GeometryStore::find_setup(const OwnedId& id) {
   auto record = catalog_->find_setup(id);
   if (!record || record->integrity == Integrity::intact) return record;
   try {
-    return read_setup_record(directory_.setups() / key_of(id), id);
+    return read_setup_record(directory_.setups() / key_of(id), id, files_);
   } catch (const Error&) {
     throw Error(ErrorCode::data_loss, "system " + id.id + ": the stored setup is damaged; prepare it again from its file");
   }
@@ -389,6 +401,7 @@ std::optional<SetupRecord> GeometryStore::find_setup(const OwnedId& id) {
 bool GeometryStore::remove_setup(const OwnedId& id) {
   const std::lock_guard lock(visibility_);
   const DiskSpace::Room room(disk_);
+  undo_what_is_left();
   const auto removal = catalog_->remove_setup(id);
   if (removal) {
     finish(*removal);
@@ -404,8 +417,8 @@ v1::StoreInfo GeometryStore::state() {
   state.set_writable(state.reason().empty());
   state.set_free_bytes(disk_.free());
   state.set_needed_bytes(disk_.keep_free());
-  state.set_damaged_files(count_entries(directory_.damaged()));
-  state.set_unclaimed_files(count_entries(directory_.unclaimed()));
+  state.set_damaged_files(count_entries(directory_.damaged(), files_));
+  state.set_unclaimed_files(count_entries(directory_.unclaimed(), files_));
   return state;
 }
 

@@ -8,6 +8,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/mesh/mesh.h"
@@ -15,6 +16,7 @@
 #include "deform/v1/service.pb.h"
 #include "server/store/catalog.h"
 #include "server/store/disk_space.h"
+#include "server/store/file_system.h"
 #include "server/store/store_commands.h"
 #include "server/store/store_directory.h"
 
@@ -24,6 +26,8 @@ struct StoreOptions {
   DiskOptions disk;
   /// Called after every step that a crash could follow; for tests.
   std::function<void(const char* step)> on_step = [](const char*) {};
+  /// Outlives the store; null: that of this machine.
+  FileSystem* files = nullptr;
 };
 
 /// Durable, content-addressed geometries and the setups prepared on them, in one directory that belongs to the server's user
@@ -111,6 +115,8 @@ class GeometryStore {
   v1::GeometryInfo described(const GeometryRecord& record);
   void share_content(const GeometryRecord& record, std::int64_t intent);
   void take_back(const GeometryRecord& record, std::int64_t intent);
+  void undo(const Intent::Entry& entry, std::int64_t intent);
+  void undo_what_is_left();
   Intent remove_rows(const OwnedId& id, WithSetups policy);
   void finish(const Intent& removal);
   /// What is about to be added to what a tenant has; taken back when it is destroyed before it was kept.
@@ -122,10 +128,13 @@ class GeometryStore {
   void step(const char* what) const { options_.on_step(what); }
 
   const StoreOptions options_;
+  FileSystem& files_;
   const StoreDirectory directory_;
   DiskSpace disk_;
   std::unique_ptr<Catalog> catalog_;
   std::mutex visibility_;  // file and row change together
+  // under visibility_
+  std::vector<std::pair<Intent::Entry, std::int64_t>> left_;  // of puts that failed and could not be taken back
   mutable std::mutex amounts_mutex_;
   // under amounts_mutex_
   std::map<std::string, StoredAmount> amounts_;  // as in the catalog

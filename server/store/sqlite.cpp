@@ -41,9 +41,9 @@ void fail(sqlite3* db, int code) {
               std::string("catalog: ") + (db == nullptr ? sqlite3_errstr(code) : sqlite3_errmsg(db)));
 }
 
-Connection open(const std::filesystem::path& file, int flags) {
+Connection open(const std::filesystem::path& file, int flags, const char* vfs) {
   sqlite3* db = nullptr;
-  const int code = sqlite3_open_v2(file.c_str(), &db, flags | SQLITE_OPEN_NOMUTEX, nullptr);
+  const int code = sqlite3_open_v2(file.c_str(), &db, flags | SQLITE_OPEN_NOMUTEX, vfs);
   Connection connection(db);
   if (code != SQLITE_OK) fail(db, code);
   sqlite3_busy_timeout(db, busy_ms);

@@ -20,8 +20,8 @@ using Connection = std::unique_ptr<sqlite3, Close>;
 /// Error(out_of_budget) for a full disk, else Error(unavailable).
 [[noreturn]] void fail(sqlite3* db, int code);
 
-/// flags: SQLITE_OPEN_READONLY, or SQLITE_OPEN_READWRITE with or without SQLITE_OPEN_CREATE.
-Connection open(const std::filesystem::path& file, int flags);
+/// flags: SQLITE_OPEN_READONLY, or SQLITE_OPEN_READWRITE with or without SQLITE_OPEN_CREATE. vfs: FileSystem::sqlite_vfs().
+Connection open(const std::filesystem::path& file, int flags, const char* vfs = nullptr);
 
 void execute(sqlite3* db, const char* sql);
 

@@ -2,12 +2,12 @@
 #include "server/store/sqlite_catalog.h"
 
 #include <spdlog/spdlog.h>
-#include <unistd.h>
 
 #include <mutex>
 
 #include "core/base/error.h"
 #include "server/store/catalog_records.h"
+#include "server/store/file.h"
 #include "server/store/sqlite.h"
 #include "server/store/sqlite_files.h"
 
@@ -106,9 +106,9 @@ void add_checksums(sqlite3* db) {
   }
 }
 
-sqlite::Connection open_for_writing(const std::filesystem::path& file) {
+sqlite::Connection open_for_writing(const std::filesystem::path& file, const char* vfs) {
   constexpr int flags = SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
-  auto db = sqlite::open(file, flags);
+  auto db = sqlite::open(file, flags, vfs);
   try {
     execute(db.get(), settings);
     return db;
@@ -116,7 +116,7 @@ sqlite::Connection open_for_writing(const std::filesystem::path& file) {
     if (error.code() != ErrorCode::out_of_budget) throw;
   }
   // Not even room for the index of the log, which is shared with a backup: it can be kept in memory, too.
-  db = sqlite::open(file, flags);
+  db = sqlite::open(file, flags, vfs);
   execute(db.get(), "PRAGMA locking_mode = EXCLUSIVE");
   execute(db.get(), settings);
   return db;
@@ -124,21 +124,21 @@ sqlite::Connection open_for_writing(const std::filesystem::path& file) {
 
 class SqliteCatalog : public Catalog {
  public:
-  explicit SqliteCatalog(const std::filesystem::path& file) {
-    db_ = open_for_writing(file);
+  SqliteCatalog(const std::filesystem::path& file, FileSystem& files) {
+    db_ = open_for_writing(file, files.sqlite_vfs());
     const std::int64_t version = sqlite::version_of(db_.get());
     if (version == schema_version) return;
     if (version < 0 || version > schema_version) {
       throw Error(ErrorCode::data_loss, "catalog " + file.string() + " has schema version " + std::to_string(version) +
                                             ", this server knows " + std::to_string(schema_version));
     }
-    if (sqlite3_db_readonly(db_.get(), "main") == 1 && ::access(file.c_str(), W_OK) == 0) {
+    if (sqlite3_db_readonly(db_.get(), "main") == 1 && files.is_writable(file)) {
       throw Error(ErrorCode::data_loss, "catalog " + file.string() + " is damaged");
     }
     if (version == 1 || version == 2) check_storage();
     if (version == 1) {
       const std::filesystem::path copy = file.string() + ".schema-1";
-      if (!std::filesystem::exists(copy)) copy_catalog(file, copy);
+      if (!exists(files, copy)) copy_catalog(file, copy, files);
       spdlog::info("store: migrating the catalog of deformd 0.1, whose copy is {}", copy.string());
     }
     Transaction transaction(db_.get());
@@ -429,6 +429,8 @@ class SqliteCatalog : public Catalog {
 
 }  // namespace
 
-std::unique_ptr<Catalog> open_sqlite_catalog(const std::filesystem::path& file) { return std::make_unique<SqliteCatalog>(file); }
+std::unique_ptr<Catalog> open_sqlite_catalog(const std::filesystem::path& file, FileSystem& files) {
+  return std::make_unique<SqliteCatalog>(file, files);
+}
 
 }  // namespace deform::server

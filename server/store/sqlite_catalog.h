@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "server/store/catalog.h"
+#include "server/store/file_system.h"
 
 namespace deform::server {
 
@@ -12,6 +13,6 @@ namespace deform::server {
 /// is not there. A catalog of deformd 0.1 is migrated in one transaction, after a copy of it ("<file>.schema-1"). Throws
 /// Error(unavailable) when the file cannot be opened, Error(out_of_budget) when there is no room for its log, and
 /// Error(data_loss) when it is not such a catalog.
-std::unique_ptr<Catalog> open_sqlite_catalog(const std::filesystem::path& file);
+std::unique_ptr<Catalog> open_sqlite_catalog(const std::filesystem::path& file, FileSystem& files = system_files());
 
 }  // namespace deform::server

@@ -22,11 +22,10 @@ namespace fs = std::filesystem;
 /// The tables are described on the first page, which a catalog that was never checkpointed has in its log only.
 constexpr std::size_t looked_at = std::size_t{1} << 20;
 
-std::string beginning(const fs::path& path) {
-  std::error_code error;
-  if (!fs::is_regular_file(fs::symlink_status(path, error))) return {};
+std::string beginning(const fs::path& path, FileSystem& files) {
+  if (!is_file(files, path)) return {};
   std::string text(looked_at, '\0');
-  text.resize(File(path, O_RDONLY).read(text.data(), text.size()));
+  text.resize(File(files, path, O_RDONLY).read(text.data(), text.size()));
   return text;
 }
 
@@ -71,9 +70,9 @@ bool is_plausible(const SetupRecord& record) {
   }
 }
 
-bool is_catalog_of_0_1(const fs::path& file) {
+bool is_catalog_of_0_1(const fs::path& file, FileSystem& files) {
   for (const fs::path& path : {file, fs::path(file.string() + "-wal")}) {
-    const std::string text = beginning(path);
+    const std::string text = beginning(path, files);
     if (text.find(
             "CREATE TABLE geometries (id TEXT PRIMARY KEY, info BLOB NOT NULL, created_ms INTEGER NOT NULL) WITHOUT ROWID") !=
             std::string::npos &&
@@ -85,30 +84,29 @@ bool is_catalog_of_0_1(const fs::path& file) {
   return false;
 }
 
-void copy_catalog(const fs::path& from, const fs::path& to) {
+void copy_catalog(const fs::path& from, const fs::path& to, FileSystem& files) {
   const fs::path part = to.string() + ".part";
-  std::error_code ignored;
-  fs::remove(part, ignored);
+  try_remove(files, part);
   {
-    const auto source = sqlite::open(from, SQLITE_OPEN_READWRITE);
-    const auto target = sqlite::open(part, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);
+    const auto source = sqlite::open(from, SQLITE_OPEN_READWRITE, files.sqlite_vfs());
+    const auto target = sqlite::open(part, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, files.sqlite_vfs());
     sqlite3_backup* backup = sqlite3_backup_init(target.get(), "main", source.get(), "main");
     if (backup == nullptr) sqlite::fail(target.get(), sqlite3_errcode(target.get()));
     const int code = sqlite3_backup_step(backup, -1);
     sqlite3_backup_finish(backup);
     if (code != SQLITE_DONE) sqlite::fail(target.get(), code);
   }
-  File(part, O_RDONLY).sync();
-  move_file(part, to);
-  sync_directory(to.parent_path());
+  File(files, part, O_RDONLY).sync();
+  move_file(files, part, to);
+  sync_directory(files, to.parent_path());
 }
 
-Salvaged salvage_catalog(const fs::path& file) {
+Salvaged salvage_catalog(const fs::path& file, FileSystem& files) {
   std::map<OwnedId, GeometryRecord> geometries;
   std::map<OwnedId, SetupRecord> setups;
   std::map<std::int64_t, Intent> intents;
   try {
-    const auto db = sqlite::open(file, SQLITE_OPEN_READONLY);
+    const auto db = sqlite::open(file, SQLITE_OPEN_READONLY, files.sqlite_vfs());
     const bool checked = has_checksums(db.get());
     const std::string last = checked ? ", checksum" : "";
     // The key names the tenant in every version.

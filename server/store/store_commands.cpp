@@ -2,8 +2,6 @@
 #include "server/store/store_commands.h"
 
 #include <fcntl.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -48,11 +46,7 @@ void check_one(StoreReport& report, const std::string& what, Verify verify) {
   }
 }
 
-bool is_empty_or_missing(const fs::path& file) {
-  std::error_code error;
-  const auto size = fs::file_size(file, error);
-  return error || size == 0;
-}
+bool is_empty_or_missing(FileSystem& files, const fs::path& file) { return !is_seen(files, file) || file_size(files, file) == 0; }
 
 std::set<std::string> keys_of(const std::vector<OwnedId>& ids) {
   std::set<std::string> keys;
@@ -73,19 +67,19 @@ void check_rows(StoreReport& report, const Catalog::Damaged& damaged) {
 }
 
 void check_geometry(const StoreDirectory& directory, const OwnedId& id) {
-  read_geometry_file(directory.geometries() / key_of(id), id.id).validate();
+  read_geometry_file(directory.geometries() / key_of(id), id.id, directory.files()).validate();
 }
 
 void check_setup(const StoreDirectory& directory, const OwnedId& id) {
-  verify(read_setup_record(directory.setups() / key_of(id), id));
+  verify(read_setup_record(directory.setups() / key_of(id), id, directory.files()));
 }
 
 /// Files of a folder that no row names, which the next start would look at.
-void check_strangers(StoreReport& report, const fs::path& folder, const std::vector<OwnedId>& ids) {
+void check_strangers(StoreReport& report, FileSystem& files, const fs::path& folder, const std::vector<OwnedId>& ids) {
   const std::set<std::string> known = keys_of(ids);
-  for (const auto& entry : fs::directory_iterator(folder)) {
-    if (known.count(entry.path().filename().string()) == 0) {
-      complain(report, entry.path().string() + ": not in the catalog; the next start adopts it or moves it to unclaimed/");
+  for (const fs::path& path : entries_of(files, folder)) {
+    if (known.count(path.filename().string()) == 0) {
+      complain(report, path.string() + ": not in the catalog; the next start adopts it or moves it to unclaimed/");
     }
   }
 }
@@ -95,36 +89,35 @@ void check_strangers(StoreReport& report, const fs::path& folder, const std::vec
 using Copies = std::map<std::pair<dev_t, ino_t>, fs::path>;
 
 /// A link where it can go, else a copy.
-void link_or_copy(const fs::path& from, const fs::path& to, Copies& copies) {
-  if (::link(from.c_str(), to.c_str()) == 0) return;
+void link_or_copy(FileSystem& files, const fs::path& from, const fs::path& to, Copies& copies) {
+  if (files.link(from, to) == 0) return;
   if (errno == ENOENT) throw Error(ErrorCode::not_found, from.string() + ": is gone");
   if (errno == EEXIST) return;  // linked by an earlier round
   struct stat about {};
-  if (::stat(from.c_str(), &about) != 0) fail_on("look at", from);
+  if (files.status(from, FileSystem::Links::follow, about) != 0) fail_on("look at", from);
   if (about.st_nlink > 1) {
     const auto [known, fresh] = copies.try_emplace({about.st_dev, about.st_ino}, to);
     const bool same = owned_id(known->second.filename().string())->id == owned_id(to.filename().string())->id &&
                       known->second.parent_path() == to.parent_path();
-    if (!fresh && same && ::link(known->second.c_str(), to.c_str()) == 0) return;
+    if (!fresh && same && files.link(known->second, to) == 0) return;
   }
-  const File source(from, O_RDONLY);
-  const File target(to, O_WRONLY | O_CREAT | O_EXCL);
+  const File source(files, from, O_RDONLY);
+  const File target(files, to, O_WRONLY | O_CREAT | O_EXCL);
   std::string buffer(std::size_t{1} << 20, '\0');
   while (const std::size_t size = source.read(buffer.data(), buffer.size())) target.write(buffer.data(), size);
 }
 
 /// Every file of the three folders that is there now. One that a server removes meanwhile is left out.
-void take_files(const fs::path& from, const fs::path& to) {
+void take_files(FileSystem& files, const fs::path& from, const fs::path& to) {
   Copies copies;
   for (const char* folder : folders) {
-    for (const auto& entry : fs::directory_iterator(from / folder)) {
-      if (!owned_id(entry.path().filename().string())) continue;
+    for (const fs::path& path : entries_of(files, from / folder)) {
+      if (!owned_id(path.filename().string())) continue;
       try {
-        link_or_copy(entry.path(), to / folder / entry.path().filename(), copies);
+        link_or_copy(files, path, to / folder / path.filename(), copies);
       } catch (const Error& error) {
-        if (error.code() != ErrorCode::not_found && fs::exists(entry.path())) throw;
-        std::error_code ignored;
-        fs::remove(to / folder / entry.path().filename(), ignored);  // half a copy
+        if (error.code() != ErrorCode::not_found && exists(files, path)) throw;
+        try_remove(files, to / folder / path.filename());  // half a copy
       }
     }
   }
@@ -144,17 +137,17 @@ struct Ids {
   std::vector<OwnedId> geometries, setups;
 };
 
-Ids ids_of(const fs::path& catalog) {
-  const auto opened = open_sqlite_catalog(catalog);
+Ids ids_of(FileSystem& files, const fs::path& catalog) {
+  const auto opened = open_sqlite_catalog(catalog, files);
   return {opened->all_geometries(), opened->all_setups()};
 }
 
 /// Files of rows that are not there.
-std::set<fs::path> missing(const fs::path& root, const Ids& ids) {
+std::set<fs::path> missing(FileSystem& files, const fs::path& root, const Ids& ids) {
   std::set<fs::path> found;
   const auto look = [&](const char* folder, const std::vector<OwnedId>& owned) {
     for (const auto& name : keys_of(owned)) {
-      if (!fs::exists(root / folder / name)) found.insert(root / folder / name);
+      if (!exists(files, root / folder / name)) found.insert(root / folder / name);
     }
   };
   look("geometries", ids.geometries);
@@ -164,18 +157,18 @@ std::set<fs::path> missing(const fs::path& root, const Ids& ids) {
 }
 
 /// Files of what was deleted or not yet registered when the catalog was copied. All here was made by this process.
-void drop_others(const fs::path& to, const Ids& ids) {
+void drop_others(FileSystem& files, const fs::path& to, const Ids& ids) {
   const std::set<std::string> geometries = keys_of(ids.geometries), setups = keys_of(ids.setups);
   for (const char* folder : folders) {
     const auto& known = std::string(folder) == "setups" ? setups : geometries;
-    for (const auto& entry : fs::directory_iterator(to / folder)) {
-      if (known.count(entry.path().filename().string()) == 0) fs::remove(entry.path());
+    for (const fs::path& path : entries_of(files, to / folder)) {
+      if (known.count(path.filename().string()) == 0) remove_file(files, path);
     }
   }
 }
 
-StoreReport copy_store(const fs::path& from, const fs::path& to) {
-  if (!has_mark(from)) {
+StoreReport copy_store(const fs::path& from, const fs::path& to, FileSystem& files) {
+  if (!has_mark(from, files)) {
     throw Error(ErrorCode::failed_precondition, "store: " + from.string() +
                                                     " is not a store of deformd (it has no mark); one of 0.1 becomes one when a "
                                                     "server starts on it");
@@ -185,12 +178,14 @@ StoreReport copy_store(const fs::path& from, const fs::path& to) {
     throw Error(ErrorCode::invalid_argument,
                 "store: " + to.string() + " is inside " + from.string() + "; name a folder elsewhere");
   }
-  if (!is_empty_folder(to)) {
+  if (!is_empty_folder(to, files)) {
     throw Error(ErrorCode::failed_precondition, "store: " + to.string() + " is not empty; nothing in it was touched");
   }
-  fs::create_directories(to);
-  if (::chmod(to.c_str(), 0700) != 0) fail_on("close to others", to);
-  for (const char* folder : folders) fs::create_directory(to / folder);
+  make_directories(files, to);
+  if (files.close_to_others(to) != 0) fail_on("close to others", to);
+  for (const char* folder : folders) {
+    if (files.make_directory(to / folder) != 0) fail_on("create", to / folder);
+  }
   const fs::path catalog = to / "catalog.sqlite";
   // Every file of a row is there when the row is: so files first, then the catalog, then what came in between. What came and went
   // in between is found in the next round; what is missing in two of them is missing in the original.
@@ -198,22 +193,22 @@ StoreReport copy_store(const fs::path& from, const fs::path& to) {
   std::set<fs::path> before;
   constexpr int rounds = 10;
   for (int round = 0;; ++round) {
-    take_files(from, to);
-    copy_catalog(from / "catalog.sqlite", catalog);
-    take_files(from, to);
-    ids = ids_of(catalog);
-    std::set<fs::path> now = missing(to, ids);
+    take_files(files, from, to);
+    copy_catalog(from / "catalog.sqlite", catalog, files);
+    take_files(files, from, to);
+    ids = ids_of(files, catalog);
+    std::set<fs::path> now = missing(files, to, ids);
     if (now.empty() || (round > 0 && now == before)) break;
     if (round == rounds) throw Error(ErrorCode::unavailable, "store: " + from.string() + " changes too fast to be copied");
     before = std::move(now);
   }
-  drop_others(to, ids);
-  sync_file_system(to);
-  write_mark(to);
+  drop_others(files, to, ids);
+  sync_file_system(files, to);
+  write_mark(to, files);
   StoreReport report;
   say(report, counted(ids.geometries.size(), "geometries, ") + counted(ids.setups.size(), "setups"));
   for (const auto& id : ids.geometries) {
-    if (!fs::exists(to / "geometries" / key_of(id)))
+    if (!exists(files, to / "geometries" / key_of(id)))
       complain(report, named("geometry", id) + ": its file is missing in " + from.string());
   }
   return report;
@@ -231,15 +226,15 @@ StoreReport guarded(Work work) {
 
 }  // namespace
 
-StoreReport check_store(const fs::path& data_dir) {
+StoreReport check_store(const fs::path& data_dir, FileSystem& files) {
   return guarded([&] {
-    const StoreDirectory directory(data_dir, StoreDirectory::Accept::existing);
+    const StoreDirectory directory(data_dir, StoreDirectory::Accept::existing, files);
     StoreReport report;
     std::unique_ptr<Catalog> catalog;
     Catalog::Damaged damaged;
     try {
-      if (is_empty_or_missing(directory.catalog())) throw Error(ErrorCode::data_loss, "the catalog is missing or empty");
-      catalog = open_sqlite_catalog(directory.catalog());
+      if (is_empty_or_missing(files, directory.catalog())) throw Error(ErrorCode::data_loss, "the catalog is missing or empty");
+      catalog = open_sqlite_catalog(directory.catalog(), files);
       damaged = catalog->check();
     } catch (const Error& error) {
       if (error.code() != ErrorCode::data_loss) throw;
@@ -251,18 +246,19 @@ StoreReport check_store(const fs::path& data_dir) {
     const auto geometries = catalog->all_geometries(), setups = catalog->all_setups();
     for (const auto& id : geometries) {
       check_one(report, named("geometry", id), [&] { check_geometry(directory, id); });
-      check_one(report, named("geometry", id), [&] { read_geometry_record(directory.names() / key_of(id), id); });
+      check_one(report, named("geometry", id),
+                [&] { read_geometry_record(directory.names() / key_of(id), id, directory.files()); });
     }
     for (const auto& id : setups) {
       check_one(report, named("system", id), [&] { check_setup(directory, id); });
     }
-    check_strangers(report, directory.geometries(), geometries);
-    check_strangers(report, directory.names(), geometries);
-    check_strangers(report, directory.setups(), setups);
+    check_strangers(report, files, directory.geometries(), geometries);
+    check_strangers(report, files, directory.names(), geometries);
+    check_strangers(report, files, directory.setups(), setups);
     const std::size_t intents = catalog->intents().size();
     if (intents > 0) say(report, counted(intents, "interrupted uploads or deletions, which the next start finishes"));
-    say(report, counted(count_entries(directory.damaged()), "entries in damaged/, ") +
-                    counted(count_entries(directory.unclaimed()), "in unclaimed/"));
+    say(report, counted(count_entries(directory.damaged(), files), "entries in damaged/, ") +
+                    counted(count_entries(directory.unclaimed(), files), "in unclaimed/"));
     say(report, counted(geometries.size(), "geometries, ") + counted(setups.size(), "setups: ") +
                     (report.outcome == StoreReport::Outcome::well ? "every file is whole" : "see above"));
     say_amounts(report, *catalog);
@@ -294,14 +290,15 @@ StoreReport check_open_store(const StoreDirectory& directory, Catalog& catalog, 
       const auto held = room(*record);
       const auto still_there = [&] { return catalog.find_geometry(id).has_value(); };
       check_row(named("geometry", id), still_there, [&] { check_geometry(directory, id); });
-      check_row(named("geometry", id), still_there, [&] { read_geometry_record(directory.names() / key_of(id), id); });
+      check_row(named("geometry", id), still_there,
+                [&] { read_geometry_record(directory.names() / key_of(id), id, directory.files()); });
     }
     for (const auto& id : setups) {
       const auto still_there = [&] { return catalog.find_setup(id).has_value(); };
       check_row(named("system", id), still_there, [&] { check_setup(directory, id); });
     }
-    say(report, counted(count_entries(directory.damaged()), "entries in damaged/, ") +
-                    counted(count_entries(directory.unclaimed()), "in unclaimed/"));
+    say(report, counted(count_entries(directory.damaged(), directory.files()), "entries in damaged/, ") +
+                    counted(count_entries(directory.unclaimed(), directory.files()), "in unclaimed/"));
     say(report, counted(geometries.size(), "geometries, ") + counted(setups.size(), "setups: ") +
                     (report.outcome == StoreReport::Outcome::well ? "every file is whole" : "see above"));
     say_amounts(report, catalog);
@@ -309,9 +306,9 @@ StoreReport check_open_store(const StoreDirectory& directory, Catalog& catalog, 
   });
 }
 
-StoreReport rebuild_store(const fs::path& data_dir) {
+StoreReport rebuild_store(const fs::path& data_dir, FileSystem& files) {
   return guarded([&] {
-    const StoreDirectory directory(data_dir, StoreDirectory::Accept::also_files);
+    const StoreDirectory directory(data_dir, StoreDirectory::Accept::also_files, files);
     const OpenedCatalog opened = open_catalog(directory, OldCatalog::set_aside);
     const RebuildReport& done = opened.report;
     StoreReport report;
@@ -327,12 +324,12 @@ StoreReport rebuild_store(const fs::path& data_dir) {
   });
 }
 
-StoreReport backup_store(const fs::path& data_dir, const fs::path& to) {
-  return guarded([&] { return copy_store(data_dir, to); });
+StoreReport backup_store(const fs::path& data_dir, const fs::path& to, FileSystem& files) {
+  return guarded([&] { return copy_store(data_dir, to, files); });
 }
 
-StoreReport restore_store(const fs::path& from, const fs::path& data_dir) {
-  return guarded([&] { return copy_store(from, data_dir); });
+StoreReport restore_store(const fs::path& from, const fs::path& data_dir, FileSystem& files) {
+  return guarded([&] { return copy_store(from, data_dir, files); });
 }
 
 }  // namespace deform::server

@@ -9,6 +9,7 @@
 
 #include "core/base/run_context.h"
 #include "server/store/catalog.h"
+#include "server/store/file_system.h"
 #include "server/store/store_directory.h"
 
 namespace deform::server {
@@ -23,7 +24,7 @@ struct StoreReport {
 };
 
 /// Reads and verifies every file of a store that no server has open; changes nothing.
-StoreReport check_store(const std::filesystem::path& data_dir);
+StoreReport check_store(const std::filesystem::path& data_dir, FileSystem& files = system_files());
 
 /// The same of a store that is open and in use; files without an entry are not looked for, since some are always on their way.
 /// `room` is held while a geometry is in memory. Throws the errors of `room` and of the context.
@@ -31,14 +32,16 @@ using RoomFor = std::function<std::shared_ptr<void>(const GeometryRecord& geomet
 StoreReport check_open_store(const StoreDirectory& directory, Catalog& catalog, const RunContext& context, const RoomFor& room);
 
 /// Sets the catalog aside and makes a new one of the files; also of a folder that lost its mark. Needs a stopped server.
-StoreReport rebuild_store(const std::filesystem::path& data_dir);
+StoreReport rebuild_store(const std::filesystem::path& data_dir, FileSystem& files = system_files());
 
 /// Makes `to`, a new or empty folder, a store of the same content, beside a server that may run: a consistent copy of the
 /// catalog, and hard links of the files, which never change; copies where links cannot go. The result is complete when it has its
 /// mark.
-StoreReport backup_store(const std::filesystem::path& data_dir, const std::filesystem::path& to);
+StoreReport backup_store(const std::filesystem::path& data_dir, const std::filesystem::path& to,
+                         FileSystem& files = system_files());
 
 /// The same in the other direction; refuses a data directory that is not empty.
-StoreReport restore_store(const std::filesystem::path& from, const std::filesystem::path& data_dir);
+StoreReport restore_store(const std::filesystem::path& from, const std::filesystem::path& data_dir,
+                          FileSystem& files = system_files());
 
 }  // namespace deform::server

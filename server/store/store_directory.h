@@ -6,6 +6,8 @@
 #include <filesystem>
 #include <string>
 
+#include "server/store/file_system.h"
+
 namespace deform::server {
 
 /// Where the files of a store are (see geometry_store.h), and the right to use them: the folder is locked against other processes
@@ -21,11 +23,12 @@ class StoreDirectory {
   /// Makes the folder when it is missing or empty, marks it, and makes the folders inside. Throws Error(failed_precondition) for
   /// a folder of something else, which stays as it is, and for stores of later versions; Error(unavailable) when another process
   /// has the store or it cannot be written.
-  StoreDirectory(const std::filesystem::path& root, Accept accept);
+  StoreDirectory(const std::filesystem::path& root, Accept accept, FileSystem& files);
   ~StoreDirectory();
   StoreDirectory(const StoreDirectory&) = delete;
   StoreDirectory& operator=(const StoreDirectory&) = delete;
 
+  FileSystem& files() const { return files_; }
   const std::filesystem::path& root() const { return root_; }
   std::filesystem::path catalog() const { return root_ / "catalog.sqlite"; }
   std::filesystem::path reserve() const { return root_ / "reserve"; }
@@ -48,18 +51,19 @@ class StoreDirectory {
   std::filesystem::path set_aside_catalog() const;
 
  private:
+  FileSystem& files_;
   std::filesystem::path root_;
   int lock_descriptor_ = -1;
 };
 
 /// The mark of a store: the file "deformd-store" and its one line. write_mark throws as a File does.
-bool has_mark(const std::filesystem::path& root);
-void write_mark(const std::filesystem::path& root);
+bool has_mark(const std::filesystem::path& root, FileSystem& files = system_files());
+void write_mark(const std::filesystem::path& root, FileSystem& files = system_files());
 
 /// Nothing in it but what file systems put there themselves; also when it does not exist.
-bool is_empty_folder(const std::filesystem::path& folder);
+bool is_empty_folder(const std::filesystem::path& folder, FileSystem& files);
 
 /// Number of entries; 0 when there is no such folder.
-std::size_t count_entries(const std::filesystem::path& folder);
+std::size_t count_entries(const std::filesystem::path& folder, FileSystem& files = system_files());
 
 }  // namespace deform::server
