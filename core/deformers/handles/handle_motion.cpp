@@ -193,13 +193,7 @@ double HeldPoints::largest_terms(const BoundDesign& design, double coordinate) c
   double largest = 0;
   for (std::size_t h = 0; h < design.affine.size(); ++h) {
     if (!design.moves(h)) continue;
-    const Affine& map = design.affine[h];
-    Vec3 terms{};
-    for (std::size_t i = 0; i < 3; ++i) {
-      terms[i] = std::abs(map[4 * i + 3]);
-      for (std::size_t j = 0; j < 3; ++j) terms[i] += std::abs(map[4 * i + j]) * coordinate;
-    }
-    largest = std::max(largest, norm(terms));
+    largest = std::max(largest, compiled::largest_terms(design.affine[h], coordinate));
   }
   return largest;
 }
