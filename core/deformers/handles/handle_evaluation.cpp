@@ -111,9 +111,7 @@ void HandleEvaluation::choose_fields() {
 }
 
 void HandleEvaluation::set_error(std::size_t design, double error) {
-  const double coordinate = system_->largest_coordinate_;
-  const double rounded = coordinate + held_.largest_terms(designs_[design], coordinate);
-  reports_[design].error = error + std::numeric_limits<double>::epsilon() * rounded;
+  reports_[design].error = error + std::numeric_limits<double>::epsilon() * system_->largest_coordinate_;
 }
 
 const double* HandleEvaluation::coefficients(std::size_t basis, std::size_t field, std::size_t design) const {
@@ -201,7 +199,8 @@ std::optional<FieldMotion> HandleEvaluation::field_motion(std::size_t design) co
 }
 
 Vec3 HandleEvaluation::prescribed_displacement(const BoundDesign& design, PointId id) const {
-  const Vec3 u = held_.displacement(design, id, kind_);
+  Vec3 u = held_.place(design, id, kind_);
+  if (kind_ == MotionKind::position) u = u - held_.mesh.points[id];
   const Symmetry& symmetry = held_.regions.symmetry;
   return symmetry.empty() ? u : system_->components(symmetry.to_frame(u), id);
 }

@@ -146,22 +146,6 @@ Vec3 HeldPoints::place(const BoundDesign& design, PointId id, MotionKind kind) c
   return regions.symmetry.slid(kind == MotionKind::position ? mesh.points[id] : Vec3{}, to, on);
 }
 
-Vec3 HeldPoints::displacement(const BoundDesign& design, PointId id, MotionKind kind) const {
-  const RegionIndex region = region_of[id];
-  const Vec3& x = mesh.points[id];
-  if (kind == MotionKind::derivative) return place(design, id, kind);
-  if (region == fixed_region || regions.symmetry.on(id) != 0) return place(design, id, kind) - x;
-  if (!design.displacement[region].empty()) return design.displacement[region][rank_of[id]];
-  const Affine& map = design.affine[region];
-  Vec3 u;
-  for (std::size_t i = 0; i < 3; ++i) {
-    long double sum = map[4 * i + 3];
-    for (std::size_t j = 0; j < 3; ++j) sum += (static_cast<long double>(map[4 * i + j]) - (i == j ? 1 : 0)) * x[j];
-    u[i] = static_cast<double>(sum);
-  }
-  return u;
-}
-
 void HeldPoints::check_coincident(const BoundDesign& design, std::size_t index) const {
   const auto name = [&](PointId id) {
     const RegionIndex region = region_of[id];
@@ -185,15 +169,6 @@ double HeldPoints::largest_displacement(const BoundDesign& design) const {
     for (const PointId id : regions.handles[h]) {
       largest = std::max(largest, distance(place(design, id, MotionKind::position), mesh.points[id]));
     }
-  }
-  return largest;
-}
-
-double HeldPoints::largest_terms(const BoundDesign& design, double coordinate) const {
-  double largest = 0;
-  for (std::size_t h = 0; h < design.affine.size(); ++h) {
-    if (!design.moves(h)) continue;
-    largest = std::max(largest, compiled::largest_terms(design.affine[h], coordinate));
   }
   return largest;
 }

@@ -78,15 +78,10 @@ struct HeldPoints {
   Vec3 prescribed_position(const BoundDesign& design, PointId id, MotionKind kind) const;
   /// The resulting position of a point: points on a symmetry plane stay in it exactly, without rounding errors.
   Vec3 place(const BoundDesign& design, PointId id, MotionKind kind) const;
-  /// The displacement to place(), whose digits do not depend on how far the point is from the origin.
-  Vec3 displacement(const BoundDesign& design, PointId id, MotionKind kind) const;
   /// Throws if coincident points have different prescribed positions.
   void check_coincident(const BoundDesign& design, std::size_t index) const;
   /// The largest displacement of a handle point, model units.
   double largest_displacement(const BoundDesign& design) const;
-  /// The largest sum of the magnitudes of the terms that make up the position of a handle point, if no coordinate is larger than
-  /// `coordinate`: rounding is a fraction of it. Far from the origin it is much larger than the motion. 0 if nothing moves.
-  double largest_terms(const BoundDesign& design, double coordinate) const;
 };
 
 /// d(motions)/d(variables) times a direction. Throws Error(invalid_argument) for a direction of the wrong length or not finite.

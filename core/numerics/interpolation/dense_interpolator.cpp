@@ -80,22 +80,19 @@ Interpolants DenseInterpolator::solve_saddle(const Eigen::MatrixXd& B, const Run
   }
   // The next correction would be smaller by the rate again, and so on.
   solution.uncertainty *= rate / (1 - rate);
-  if (const Eigen::MatrixXd noise = kernel_noise(X, context); noise.size() > 0) solution.uncertainty += noise;
-  return solution;
-}
-
-Eigen::MatrixXd DenseInterpolator::kernel_noise(const Eigen::MatrixXd& X, const RunContext& context) const {
-  if (!properties(kernel_.kernel).has_shape && kernel_.kernel != Kernel::thin_plate) return {};
-  constexpr double rounding = std::numeric_limits<double>::epsilon();
-  const auto m = static_cast<Eigen::Index>(size());
-  Eigen::MatrixXd noise = Eigen::MatrixXd::Zero(X.rows(), X.cols());
-  noise.topRows(m) = rounding * root_square_sums(kernel_, centres_, centres_, X, context);
-  std::minstd_rand signs;
-  for (Eigen::Index i = 0; i < m; ++i) {
-    if (signs() % 2 == 0) noise.row(i) *= -1;
+  if (properties(kernel_.kernel).has_shape || kernel_.kernel == Kernel::thin_plate) {
+    // The shape, exponentials and logarithms have the digits of a double: the exact matrix may be any with as many.
+    constexpr double rounding = std::numeric_limits<double>::epsilon();
+    Eigen::MatrixXd noise = Eigen::MatrixXd::Zero(X.rows(), X.cols());
+    noise.topRows(m) = rounding * root_square_sums(kernel_, centres_, centres_, X, context);
+    std::minstd_rand signs;
+    for (Eigen::Index i = 0; i < m; ++i) {
+      if (signs() % 2 == 0) noise.row(i) *= -1;
+    }
+    factor_->solve(noise);
+    solution.uncertainty += noise;
   }
-  factor_->solve(noise);
-  return noise;
+  return solution;
 }
 
 std::size_t DenseInterpolator::bytes_for(std::size_t m, Solver solver) {

@@ -27,11 +27,6 @@ class DenseInterpolator : public Interpolator {
   /// `converged` is false.
   Interpolants solve_saddle(const Eigen::MatrixXd& B, const RunContext& context = {}) const;
 
-  /// An error that coefficients may have however well they solve the equations, for kernels with a shape or a logarithm: the
-  /// shape, exponentials and logarithms have the digits of a double, so that the exact matrix may be any with as many. Empty for
-  /// others.
-  Eigen::MatrixXd kernel_noise(const Eigen::MatrixXd& coefficients, const RunContext& context = {}) const;
-
   /// Upper bounds of bytes() and of the peak memory of the construction for m centres.
   static std::size_t bytes_for(std::size_t m, Solver solver);
   static std::size_t peak_bytes(std::size_t m, Solver solver);

@@ -19,7 +19,6 @@ namespace {
 
 using Eigen::Index;
 using Eigen::MatrixXd;
-using Eigen::VectorXd;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 constexpr std::size_t most_candidates = 8192;  // largest number of points to choose from
@@ -208,25 +207,12 @@ PointErrors::Missing PointErrors::missing(const Interpolator& system, const Inte
   const auto q = static_cast<Index>(exact_->polynomials().terms());
   MatrixXd B(left.rows() + q, left.cols());
   B << left, -moments(system, interpolants, exact_->polynomials(), rows_.empty() ? Parity{} : system.kernel().parity);
-  if (dense_) {
-    Interpolants solved = dense_->solve_saddle(B, context);
-    return {std::move(solved.coefficients), largest, solved.converged};
-  }
+  if (dense_) return {dense_->solve_saddle(B, context).coefficients, largest};
   Interpolants solved = iterative_->solve_saddle(B, iterative_share * largest, context);
   // As much as it leaves is missing from it, and what sums that are not direct may have lost.
   const double share = largest > 0 ? (solved.residual + error) / largest : 0;
   if (share > iterative_share) solved.coefficients /= 1 - std::min(share, most_left);
   return {std::move(solved.coefficients), largest};
-}
-
-VectorXd PointErrors::undetermined(const Interpolants& interpolants, std::span<const Vec3> points,
-                                   const RunContext& context) const {
-  VectorXd result = VectorXd::Zero(interpolants.coefficients.cols());
-  const auto rows = static_cast<Index>(exact_->size() + exact_->polynomials().terms());
-  if (!dense_ || interpolants.coefficients.rows() != rows) return result;
-  Missing noise;
-  noise.coefficients = dense_->kernel_noise(interpolants.coefficients, context);
-  return noise.coefficients.size() > 0 ? largest(noise, errors(noise, context), points, context) : result;
 }
 
 MatrixXd PointErrors::errors(const Missing& missing, std::span<const Vec3> places, const RunContext& context) const {

@@ -48,7 +48,6 @@ class PointErrors {
   struct Missing {
     Eigen::MatrixXd coefficients;  ///< as Interpolants::coefficients, for the centres and their images
     double residual = 0;           ///< largest at the centres
-    bool known = true;             ///< false if the factorization has no digits that would tell
   };
   Missing missing(const Interpolator& system, const Interpolants& interpolants, const Eigen::MatrixXd& F,
                   const RunContext& context) const;
@@ -61,11 +60,6 @@ class PointErrors {
   /// large by 5 % of the largest in `errors` at most, or by the error of sums that do not reach that.
   Eigen::VectorXd largest(const Missing& missing, const Eigen::MatrixXd& errors, std::span<const Vec3> points,
                           const RunContext& context) const;
-
-  /// What no correction can know, at most, of each column: the interpolant of what the digits of the kernel leave open of the
-  /// interpolants (see DenseInterpolator::kernel_noise()) at any of these points; 0 where the system is not factored, or its
-  /// centres are not those of the interpolants.
-  Eigen::VectorXd undetermined(const Interpolants& interpolants, std::span<const Vec3> points, const RunContext& context) const;
 
   std::size_t bytes() const;
   /// Upper bounds for m centres: of bytes(), of the peak memory of the construction and of missing(), and of that of largest()
