@@ -18,7 +18,6 @@ namespace deform {
 namespace {
 
 using test::across;
-using test::bent;
 using test::half_setup;
 using test::shared;
 using test::WholeSheet;
@@ -29,6 +28,9 @@ MlsOptions few_samples() {
   options.volume_samples = 40;
   return options;
 }
+
+/// So that no set has two fits that are about as good: which one is found would be a matter of rounding.
+const Design mild{{0.02, 0.1, 0.05, -0.1}, {}};
 
 /// "roof" reaches the plane, "side" does not, "rail" is along it, "slope" slides in a given plane.
 deform::Setup constrained(const decltype(deform::Setup::method)& method, bool exact) {
@@ -66,7 +68,7 @@ TEST(MirroredConstraints, AreThoseOfTheWholeModel) {
                            [&] { prepare(half, setup); });
         continue;
       }
-      WholeSheet whole(*half, setup, bent);
+      WholeSheet whole(*half, setup, mild);
       const auto ids = validate(setup, *half).constraints;
       const auto region = [&](std::size_t i, bool own, bool image) {
         std::vector<PointId> all;
@@ -86,14 +88,14 @@ TEST(MirroredConstraints, AreThoseOfTheWholeModel) {
       };
       const Points expected = prepare(whole.mesh, whole.setup)->evaluate(whole.design);
       const auto system = prepare(half, setup);
-      const Points got = system->evaluate(bent);
+      const Points got = system->evaluate(mild);
       double off = 0, moved_by = 0;
       for (std::size_t i = 0; i < got.size(); ++i) {
         off = std::max(off, distance(got[i], lerp(expected[i], across(expected[whole.image[i]]), 0.5)));
       }
       deform::Setup plain = setup;
       plain.constraints.clear();
-      const Points without = prepare(half, plain)->evaluate(bent);
+      const Points without = prepare(half, plain)->evaluate(mild);
       for (const PointId id : ids[0][0]) moved_by = std::max(moved_by, distance(got[id], without[id]));
       EXPECT_LT(off, 1e-7);
       EXPECT_GT(moved_by, 1e-3) << "the constraint changes something";
@@ -101,9 +103,10 @@ TEST(MirroredConstraints, AreThoseOfTheWholeModel) {
       EXPECT_THAT(system->info().notes, testing::Not(testing::Contains(testing::HasSubstr("Constraint side continues"))));
 
       // What is delivered is measured here.
-      const auto evaluation = system->bind({&bent, 1}, EvaluationPath::automatic, {});
+      const auto evaluation = system->bind({&mild, 1}, EvaluationPath::automatic, {});
       const DesignReport& report = evaluation->report(0);
       ASSERT_EQ(report.constraints.size(), 4u);
+      EXPECT_TRUE(report.converged) << report.iterations << " iterations, error " << report.convergence_error;
       std::vector<Vec3> roof, side;
       for (const PointId id : ids[0][0]) {
         roof.push_back(got[id]);
