@@ -591,7 +591,11 @@ Report Deformation::report(std::span<const double> variables) const {
     largest = std::isfinite(length) ? std::max(largest, length) : std::numeric_limits<double>::infinity();
   }
   const double basis_error = content_.error_margin * largest + norm(more);
-  const double rounding = std::numeric_limits<double>::epsilon() * content_.largest_coordinate;
+  double rounded = 0;
+  for (const Affine& map : maps) {
+    if (map != identity_affine) rounded = std::max(rounded, largest_terms(map, content_.largest_coordinate));
+  }
+  const double rounding = std::numeric_limits<double>::epsilon() * (content_.largest_coordinate + rounded);
   report.error = basis_error + norm(compression) + rounding;
   report.converged = content_.converged;
   if (content_.allowed_error > 0) {

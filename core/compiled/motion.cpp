@@ -2,6 +2,7 @@
 #include "core/compiled/motion.h"
 
 #include <cmath>
+#include <cstddef>
 
 #include "core/base/vectors.h"
 
@@ -83,6 +84,15 @@ Affine chained(const Affine& outer, const Affine& inner, double inner_weight) {
     }
   }
   return c;
+}
+
+double largest_terms(const Affine& motion, double coordinate) {
+  Vec3 terms{};
+  for (std::size_t i = 0; i < 3; ++i) {
+    terms[i] = std::abs(motion[4 * i + 3]);
+    for (std::size_t j = 0; j < 3; ++j) terms[i] += std::abs(motion[4 * i + j]) * coordinate;
+  }
+  return norm(terms);
 }
 
 void field_coefficients(const Affine& motion, double identity, const FieldFrame& frame, double* out) {

@@ -27,6 +27,10 @@ Affine motion_at(const VariableMotion& motion, double v);
 /// Its derivative with respect to v: maps positions at rest to rates.
 Affine motion_rate(const VariableMotion& motion, double v);
 
+/// The largest sum of the magnitudes of the terms that make up a position, if no coordinate is larger than `coordinate`: rounding
+/// is a fraction of it.
+double largest_terms(const Affine& motion, double coordinate);
+
 /// compose() for a derivative on either side: the translation of the inner map is carried by the linear part of the outer one,
 /// and the outer translation counts only where the inner map is a map (weight 1) and no derivative (weight 0).
 Affine chained(const Affine& outer, const Affine& inner, double inner_weight);

@@ -159,13 +159,13 @@ EnergySystem::Solution EnergySystem::solve(const Eigen::MatrixXd& h, const RunCo
   EnergyField change{uncertainty, {}};
   if (correction_)
     change.correction = correction_->coefficients(misfit(Eigen::MatrixXd::Zero(h.rows(), h.cols()), uncertainty), context);
-  measure_errors(change, solution);
+  measure_errors(change, solution, context);
   return solution;
 }
 
 /// Estimates errors from the uncertainty of the solution and, for hard handles, from the remaining misfit at the held points,
 /// which affects the points next to them.
-void EnergySystem::measure_errors(const EnergyField& change, Solution& solution) const {
+void EnergySystem::measure_errors(const EnergyField& change, Solution& solution, const RunContext& context) const {
   constexpr double rounding = 4 * std::numeric_limits<double>::epsilon();
   const auto columns = static_cast<std::size_t>(change.w.cols());
   solution.errors.assign(columns, 0.0);
@@ -187,8 +187,16 @@ void EnergySystem::measure_errors(const EnergyField& change, Solution& solution)
       solution.errors[c] = std::max(solution.errors[c], std::abs(error) + rounding * size);
     }
   }
-  for (std::size_t c = 0; c < columns; ++c)
-    solution.errors[c] = error_margin * solution.errors[c] + (hard_handles() ? solution.misfits[c] : 0.0);
+  std::vector<PointId> ids;
+  for (const std::uint32_t s : samples_) ids.push_back(following()[s]);
+  const std::vector<Vec3> places = correction_ ? unit_places(*mesh_, box_, ids) : std::vector<Vec3>();
+  for (std::size_t c = 0; c < columns; ++c) {
+    double& error = solution.errors[c];
+    if (!places.empty()) {
+      error += correction_->rounding(solution.field.correction.col(static_cast<Eigen::Index>(c)), places, context);
+    }
+    error = error_margin * error + (hard_handles() ? solution.misfits[c] : 0.0);
+  }
 }
 
 /// Completes a solution by the correction for the misfit of the functions to h.

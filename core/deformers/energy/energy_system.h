@@ -76,7 +76,7 @@ class EnergySystem : public HandleSystem {
   Solution solve(const Eigen::MatrixXd& h, const RunContext& context) const;
   Eigen::MatrixXd misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w) const;
   void measure(const Eigen::MatrixXd& h, Solution& solution) const;
-  void measure_errors(const EnergyField& change, Solution& solution) const;
+  void measure_errors(const EnergyField& change, Solution& solution, const RunContext& context) const;
   Solution completed(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w, const RunContext& context) const;
   Prescribed prescribed(const BoundDesign& design, MotionKind kind) const;
   Constrained constrained_at(std::span<const double> variables, const RunContext& context) const;

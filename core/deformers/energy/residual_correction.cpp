@@ -52,6 +52,13 @@ Eigen::MatrixXd ResidualCorrection::coefficients(const Eigen::MatrixXd& misfit, 
   return result;
 }
 
+double ResidualCorrection::rounding(const Eigen::MatrixXd& coefficients, std::span<const Vec3> at,
+                                    const RunContext& context) const {
+  Interpolants interpolants;
+  interpolants.coefficients = coefficients;
+  return system_.rounding(interpolants, at, context);
+}
+
 void ResidualCorrection::add_values(const double* tile, const double* coefficients, std::size_t columns, double* out) const {
   interpolate_tile_columns(system_, tile, coefficients, columns, columns, out);
 }

@@ -40,6 +40,8 @@ class ResidualCorrection {
   /// The coefficients of the interpolants, rows x c, from the misfit (m x c, units of displacements).
   Eigen::MatrixXd coefficients(const Eigen::MatrixXd& misfit, const RunContext& context) const;
   std::size_t rows() const { return system_.size() + system_.polynomials().terms(); }
+  /// The rounding of the values of interpolants at these places, at most.
+  double rounding(const Eigen::MatrixXd& coefficients, std::span<const Vec3> at, const RunContext& context) const;
   /// Adds the values of the interpolants at a tile to out[c][16]. `coefficients` is row-major with row stride `columns`.
   void add_values(const double* tile, const double* coefficients, std::size_t columns, double* out) const;
   /// Applies the transpose of the map from misfits to values at `points` to X (one vector per point): m x 3.

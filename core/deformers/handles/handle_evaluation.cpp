@@ -111,7 +111,9 @@ void HandleEvaluation::choose_fields() {
 }
 
 void HandleEvaluation::set_error(std::size_t design, double error) {
-  reports_[design].error = error + std::numeric_limits<double>::epsilon() * system_->largest_coordinate_;
+  const double coordinate = system_->largest_coordinate_;
+  const double rounded = coordinate + held_.largest_terms(designs_[design], coordinate);
+  reports_[design].error = error + std::numeric_limits<double>::epsilon() * rounded;
 }
 
 const double* HandleEvaluation::coefficients(std::size_t basis, std::size_t field, std::size_t design) const {

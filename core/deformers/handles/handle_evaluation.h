@@ -54,7 +54,8 @@ class HandleEvaluation : public Evaluation {
   std::size_t direct_designs() const { return direct_designs_; }
   /// The position of a design among those of its path.
   std::size_t slot(std::size_t design) const { return slot_[design]; }
-  /// Sets the error in the report of a design from that of its displacements, to which the rounding of the points is added.
+  /// Sets the error in the report of a design from that of its displacements, to which the rounding of the points and of what is
+  /// prescribed is added.
   void set_error(std::size_t design, double error);
   /// The displacement of a handle or fixed point, in the frame of the symmetry planes, if any.
   Vec3 prescribed_displacement(const BoundDesign& design, PointId id) const;

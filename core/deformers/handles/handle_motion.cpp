@@ -173,6 +173,14 @@ double HeldPoints::largest_displacement(const BoundDesign& design) const {
   return largest;
 }
 
+double HeldPoints::largest_terms(const BoundDesign& design, double coordinate) const {
+  double largest = 0;
+  for (std::size_t h = 0; h < design.affine.size(); ++h) {
+    if (design.moves(h)) largest = std::max(largest, compiled::largest_terms(design.affine[h], coordinate));
+  }
+  return largest;
+}
+
 std::vector<Affine> motion_derivative(const Setup& setup, std::span<const double> variables, std::span<const double> direction) {
   const std::size_t count = setup.variables.size();
   if (direction.size() != count) {

@@ -82,6 +82,9 @@ struct HeldPoints {
   void check_coincident(const BoundDesign& design, std::size_t index) const;
   /// The largest displacement of a handle point, model units.
   double largest_displacement(const BoundDesign& design) const;
+  /// The largest sum of the magnitudes of the terms that make up the position of a handle point, if no coordinate is larger than
+  /// `coordinate`: rounding is a fraction of it. Far from the origin it is much larger than the motion. 0 if nothing moves.
+  double largest_terms(const BoundDesign& design, double coordinate) const;
 };
 
 /// d(motions)/d(variables) times a direction. Throws Error(invalid_argument) for a direction of the wrong length or not finite.

@@ -207,7 +207,10 @@ PointErrors::Missing PointErrors::missing(const Interpolator& system, const Inte
   const auto q = static_cast<Index>(exact_->polynomials().terms());
   MatrixXd B(left.rows() + q, left.cols());
   B << left, -moments(system, interpolants, exact_->polynomials(), rows_.empty() ? Parity{} : system.kernel().parity);
-  if (dense_) return {dense_->solve_saddle(B, context).coefficients, largest};
+  if (dense_) {
+    Interpolants solved = dense_->solve_saddle(B, context);
+    return {std::move(solved.coefficients), largest, solved.converged};
+  }
   Interpolants solved = iterative_->solve_saddle(B, iterative_share * largest, context);
   // As much as it leaves is missing from it, and what sums that are not direct may have lost.
   const double share = largest > 0 ? (solved.residual + error) / largest : 0;

@@ -48,6 +48,7 @@ class PointErrors {
   struct Missing {
     Eigen::MatrixXd coefficients;  ///< as Interpolants::coefficients, for the centres and their images
     double residual = 0;           ///< largest at the centres
+    bool known = true;             ///< false if the factorization has no digits that would tell
   };
   Missing missing(const Interpolator& system, const Interpolants& interpolants, const Eigen::MatrixXd& F,
                   const RunContext& context) const;

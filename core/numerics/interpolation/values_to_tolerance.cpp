@@ -41,6 +41,7 @@ struct Refined {
   Interpolants interpolants;
   MatrixXd errors;
   Eigen::VectorXd largest;
+  bool known = true;  ///< whether the errors are
 };
 
 /// Until the estimate is allowed or there are no more digits.
@@ -57,7 +58,7 @@ Refined refined(const Interpolator& system, const PointErrors& check, const Matr
     const double error = error_margin * largest_magnitude(largest);
     if (round > 0 && !(error < least)) break;
     const bool slow = error > 0.5 * least;
-    best = {interpolants, std::move(errors), std::move(largest)};
+    best = {interpolants, std::move(errors), std::move(largest), missing.known};
     if (check.complete()) best.interpolants.residual = missing.residual;
     least = error;
     if (error <= allowed || slow || round == most_rounds) break;
@@ -82,6 +83,7 @@ CheckedValues values_to_tolerance(const Interpolator& system, const PointErrors&
     const PointErrors::Missing missing = check.missing(system, solved.interpolants, F, context);
     solved.errors = check.errors(missing, context);
     solved.largest = check.largest(missing, solved.errors, points, context).cwiseMax(solved.interpolants.residuals);
+    solved.known = missing.known;
   }
   result.errors = std::move(solved.errors);
   // Other points may be off by more than the checked ones.
@@ -89,6 +91,7 @@ CheckedValues values_to_tolerance(const Interpolator& system, const PointErrors&
   for (Index c = 0; c < F.cols(); ++c) {
     elsewhere[c] = error_margin * std::max(0.0, solved.largest[c] - largest_magnitude(result.errors.col(c)));
   }
+  if (!solved.known) elsewhere.setConstant(std::numeric_limits<double>::infinity());
   double sums_error = 0;
   const double rounding = system.rounding(solved.interpolants, check.places(), context);
   const double pairs = static_cast<double>(points.size()) * static_cast<double>(system.size());
