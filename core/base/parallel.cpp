@@ -22,6 +22,7 @@
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/partitioner.h>
 #include <oneapi/tbb/task_arena.h>
+#include <oneapi/tbb/task_group.h>
 #endif
 
 namespace deform {
@@ -57,6 +58,9 @@ void run_ranges(std::size_t ranges, int threads, const RunRange& run) {
 #else
 
 void run_ranges(std::size_t ranges, int threads, const RunRange& run) {
+  // In a group of its own: a loop that is inside a range of another one must not end without a word, with ranges that never ran,
+  // because that other one is cancelled by an exception.
+  oneapi::tbb::task_group_context group(oneapi::tbb::task_group_context::isolated);
   const auto loop = [&] {
     // Isolated: a thread that waits here must not pick up an unrelated outer task, which could hold this one up for seconds.
     oneapi::tbb::this_task_arena::isolate([&] {
@@ -65,7 +69,7 @@ void run_ranges(std::size_t ranges, int threads, const RunRange& run) {
           [&](const oneapi::tbb::blocked_range<std::size_t>& range) {
             for (std::size_t k = range.begin(); k != range.end(); ++k) run(k);
           },
-          oneapi::tbb::simple_partitioner());
+          oneapi::tbb::simple_partitioner(), group);
     });
   };
   if (threads >= oneapi::tbb::this_task_arena::max_concurrency()) {

@@ -84,11 +84,11 @@ class Admin(EndToEnd):
             self.deform("apply", *both, "setup.yaml", "--set", f"roof_up=0.0{k + 1}", "-o", f"out{k}.obj")
         served = self.deform("status", "--server", second.address, "--json").json["designs_served"]
         self.assertEqual(served, 3)
-        self.assertIsNone(running.poll(), "what runs goes on")
+        self.assertIn(running.poll(), (None, 0), "what runs goes on, or is done")
         self.assertEqual(self.deform("admin", "undrain").out, "work is taken again\n")
         self.assertEqual(ready()[0], 200)
         self.deform("apply", "setup.yaml", "--set", "roof_up=0.02", "-o", "again.obj")
-        self.assertIsNone(running.poll())
+        self.assertIn(running.poll(), (None, 0))
 
     def test_evict(self):
         self.start_server()

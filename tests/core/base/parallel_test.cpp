@@ -5,6 +5,8 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include <atomic>
+#include <chrono>
+#include <thread>
 #include <vector>
 
 #include "core/base/error.h"
@@ -66,6 +68,36 @@ TEST(ParallelFor, CancelStopsBetweenRanges) {
       EXPECT_EQ(error.code(), ErrorCode::cancelled);
     }
     EXPECT_LT(runs.load(), 1000);
+  }
+}
+
+TEST(ParallelFor, AnInnerLoopRunsAllRangesThoughTheOuterOneFails) {
+  RunContext context;
+  context.threads = 2;
+  for (int round = 0; round < 20; ++round) {
+    std::atomic<bool> began{false}, thrown{false};
+    std::atomic<int> runs{0};
+    bool ended = false;
+    const auto wait_for = [](const std::atomic<bool>& flag) {
+      for (int i = 0; i < 1000 && !flag; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    };
+    EXPECT_THROW(parallel_for(context, 2, 1,
+                              [&](std::size_t k, std::size_t) {
+                                if (k == 1) {
+                                  wait_for(began);
+                                  thrown = true;
+                                  throw Error(ErrorCode::cancelled, "cancelled");
+                                }
+                                began = true;
+                                wait_for(thrown);
+                                std::this_thread::sleep_for(std::chrono::milliseconds(2));
+                                parallel_for(context, 50, 1, [&](std::size_t, std::size_t) { ++runs; });
+                                ended = true;
+                              }),
+                 Error);
+    if (ended) {
+      EXPECT_EQ(runs, 50);
+    }
   }
 }
 
