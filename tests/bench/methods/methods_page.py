@@ -181,9 +181,9 @@ def car_section(data):
 
 {rows}
 
-In the thesis the finest lattice turns cells inside out (largest non-orthogonality 180 degrees). Here control points that hardly reach a
-prescribed point are held back by the automatic damping, which the thesis leaves to a value found by trial (4.3); what is left is a lattice
-whose control points move by little around the three points, so that its cells lean more the farther the roof rises.
+In the thesis the finest lattice turns cells inside out (largest non-orthogonality 180 degrees); here its cells only lean more the farther the
+roof rises. A likely reason, which was not tested: control points that hardly reach a prescribed point are held back by the automatic damping,
+which the thesis leaves to a value found by trial (4.3).
 """
 
 
