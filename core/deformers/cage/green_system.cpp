@@ -187,10 +187,7 @@ std::string GreenSystem::without_basis() const {
 std::vector<Vec3> GreenSystem::displacements(const BoundDesign& design, MotionKind kind) const {
   const HeldPoints points = held();
   std::vector<Vec3> result(cage_.size());
-  for (const std::uint32_t v : columns_.vertices) {
-    const Vec3 to = points.place(design, v, kind);
-    result[v] = kind == MotionKind::position ? to - cage_.vertices()[v] : to;
-  }
+  for (const std::uint32_t v : columns_.vertices) result[v] = points.displacement(design, v, kind);
   return result;
 }
 

@@ -128,9 +128,8 @@ void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunCont
 EnergySystem::Prescribed EnergySystem::prescribed(const BoundDesign& design, MotionKind kind) const {
   const HeldPoints points = held();
   const auto displacement = [&](PointId id) {
-    const Vec3 to = points.place(design, id, kind);
-    const Vec3 from = kind == MotionKind::position ? mesh_->points[id] : Vec3{};
-    return Vec3{(to[0] - from[0]) / box_.scale, (to[1] - from[1]) / box_.scale, (to[2] - from[2]) / box_.scale};
+    const Vec3 u = points.displacement(design, id, kind);
+    return Vec3{u[0] / box_.scale, u[1] / box_.scale, u[2] / box_.scale};
   };
   Prescribed result{Eigen::MatrixXd(static_cast<Eigen::Index>(model_.held.size()), 3), {}};
   for (std::size_t j = 0; j < model_.held.size(); ++j) {

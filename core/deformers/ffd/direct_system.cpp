@@ -81,9 +81,8 @@ Eigen::MatrixXd DirectSystem::prescribed(const BoundDesign& design, MotionKind k
   const HeldPoints points = held();
   Eigen::MatrixXd result(static_cast<Eigen::Index>(ids_.size()), 3);
   for (std::size_t j = 0; j < ids_.size(); ++j) {
-    const Vec3 to = points.place(design, ids_[j], kind);
-    const Vec3 from = kind == MotionKind::position ? mesh_->points[ids_[j]] : Vec3{};
-    for (std::size_t k = 0; k < 3; ++k) result(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(k)) = to[k] - from[k];
+    const Vec3 u = points.displacement(design, ids_[j], kind);
+    for (std::size_t k = 0; k < 3; ++k) result(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(k)) = u[k];
   }
   return result;
 }

@@ -146,6 +146,29 @@ Vec3 HeldPoints::place(const BoundDesign& design, PointId id, MotionKind kind) c
   return regions.symmetry.slid(kind == MotionKind::position ? mesh.points[id] : Vec3{}, to, on);
 }
 
+Vec3 HeldPoints::displacement(const BoundDesign& design, PointId id, MotionKind kind) const {
+  const RegionIndex region = region_of[id];
+  if (region == fixed_region) return {};
+  Vec3 result{};
+  if (!design.displacement[region].empty()) {
+    result = design.displacement[region][rank_of[id]];
+  } else {
+    const Affine& map = design.affine[region];
+    if (kind == MotionKind::position && map == identity_affine) return {};
+    const Vec3& x = mesh.points[id];
+    for (std::size_t k = 0; k < 3; ++k) {
+      long double sum = map[4 * k + 3];
+      for (std::size_t l = 0; l < 3; ++l) {
+        const bool less_one = kind == MotionKind::position && k == l;
+        sum += (static_cast<long double>(map[4 * k + l]) - (less_one ? 1 : 0)) * x[l];
+      }
+      result[k] = static_cast<double>(sum);
+    }
+  }
+  const unsigned on = regions.symmetry.on(id);
+  return on == 0 ? result : regions.symmetry.slid({}, result, on);
+}
+
 void HeldPoints::check_coincident(const BoundDesign& design, std::size_t index) const {
   const auto name = [&](PointId id) {
     const RegionIndex region = region_of[id];

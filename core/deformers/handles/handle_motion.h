@@ -78,6 +78,9 @@ struct HeldPoints {
   Vec3 prescribed_position(const BoundDesign& design, PointId id, MotionKind kind) const;
   /// The resulting position of a point: points on a symmetry plane stay in it exactly, without rounding errors.
   Vec3 place(const BoundDesign& design, PointId id, MotionKind kind) const;
+  /// The resulting displacement of a point, or its derivative. Its error is at the level of its own rounding, also far from the
+  /// origin, where the difference of two positions has lost digits.
+  Vec3 displacement(const BoundDesign& design, PointId id, MotionKind kind) const;
   /// Throws if coincident points have different prescribed positions.
   void check_coincident(const BoundDesign& design, std::size_t index) const;
   /// The largest displacement of a handle point, model units.

@@ -18,7 +18,7 @@ namespace deform {
 namespace {
 
 /// Points at which errors are estimated.
-constexpr std::size_t checked_to_tolerance = 384, checked_of_exact = 96;
+constexpr std::size_t checked_to_tolerance = 384, checked_of_exact = 256;
 
 int degree(const RbfOptions& options) {
   return options.polynomial_degree >= 0 ? options.polynomial_degree : properties(*options.kernel).default_degree();

@@ -72,7 +72,8 @@ Interpolants DenseInterpolator::solve_saddle(const Eigen::MatrixXd& B, const Run
     if (!(rate < contracting)) {
       // The factor has no correct digits, unless those that are missing are the last ones.
       solution.converged = size <= 1e-12 * X.norm();
-      return solution;
+      rate = contracting;
+      break;
     }
     X += solution.uncertainty;
     if (size <= enough * X.norm()) break;
@@ -80,17 +81,15 @@ Interpolants DenseInterpolator::solve_saddle(const Eigen::MatrixXd& B, const Run
   }
   // The next correction would be smaller by the rate again, and so on.
   solution.uncertainty *= rate / (1 - rate);
-  if (properties(kernel_.kernel).has_shape || kernel_.kernel == Kernel::thin_plate) {
-    // The shape, exponentials and logarithms have the digits of a double: the exact matrix may be any with as many.
-    constexpr double rounding = std::numeric_limits<double>::epsilon();
-    Eigen::MatrixXd noise = Eigen::MatrixXd::Zero(X.rows(), X.cols());
-    noise.topRows(m) = rounding * root_square_sums(kernel_, centres_, centres_, X, context);
+  if (!solution.converged) return solution;
+  if (properties(kernel_.kernel).has_shape) {
+    // Values have the digits of a double, and kernels that swing multiply between the centres what is lost there.
+    const Eigen::RowVectorXd sizes = std::numeric_limits<double>::epsilon() * B.topRows(m).cwiseAbs().colwise().maxCoeff();
+    Eigen::MatrixXd rounded = Eigen::MatrixXd::Zero(X.rows(), X.cols());
     std::minstd_rand signs;
-    for (Eigen::Index i = 0; i < m; ++i) {
-      if (signs() % 2 == 0) noise.row(i) *= -1;
-    }
-    factor_->solve(noise);
-    solution.uncertainty += noise;
+    for (Eigen::Index i = 0; i < m; ++i) rounded.row(i) = signs() % 2 == 0 ? sizes : -sizes;
+    factor_->solve(rounded);
+    solution.uncertainty += rounded;
   }
   return solution;
 }

@@ -88,14 +88,45 @@ HWY_INLINE Pair reciprocal(Pair a) {
   return fast_two_sum(y, hn::Mul(y, rest));
 }
 
-HWY_INLINE Pair exp(Pair a) {
-  const V e = hn::Exp(D(), a.hi);
-  return fast_two_sum(e, hn::Mul(e, a.lo));
+/// 2^k for integers |k| < 1023.
+HWY_INLINE V power_of_two(V k) {
+  const D d;
+  const V biased = hn::Add(k, hn::Set(d, 4503599627370496.0 + 1023));  // 2^52: the integer is in the last bits
+  return hn::BitCast(d, hn::ShiftLeft<52>(hn::BitCast(hn::RebindToUnsigned<D>(), biased)));
 }
 
+/// Relative error 1e-21; at most 700, and 0 below -700.
+HWY_INLINE Pair exp(Pair a) {
+  const D d;
+  // ln 2, whose first part times k is exact.
+  constexpr double ln2_high = 0.6931471805592082, ln2_low = 7.371002565167799e-13;
+  constexpr int halvings = 6;
+  const V x = hn::Max(hn::Min(a.hi, hn::Set(d, 700.0)), hn::Set(d, -701.0));
+  const V k = hn::Round(hn::Mul(x, hn::Set(d, 1.4426950408889634)));
+  const Pair whole = two_sum(x, hn::Mul(k, hn::Set(d, -ln2_high)));
+  const V rest = hn::Add(whole.lo, hn::NegMulAdd(k, hn::Set(d, ln2_low), a.lo));
+  const V scale = hn::Set(d, 1.0 / (1 << halvings));
+  const Pair r = fast_two_sum(hn::Mul(whole.hi, scale), hn::Mul(rest, scale));
+  // exp(r) - 1 for |r| < 0.0055: the terms beyond r^2 / 2 do not need more digits.
+  V series = hn::Set(d, 1.0 / 40320);
+  for (const double c : {1.0 / 5040, 1.0 / 720, 1.0 / 120, 1.0 / 24, 1.0 / 6}) series = hn::MulAdd(series, r.hi, hn::Set(d, c));
+  const V cube = hn::Mul(hn::Mul(r.hi, r.hi), r.hi);
+  const Pair square = r * r;
+  const V half = hn::Set(d, 0.5);
+  Pair p = r + Pair{hn::Mul(half, square.hi), hn::MulAdd(cube, series, hn::Mul(half, square.lo))};
+  for (int i = 0; i < halvings; ++i) p = Pair{hn::Add(p.hi, p.hi), hn::Add(p.lo, p.lo)} + p * p;
+  p = p + 1.0;
+  const V power = hn::IfThenElseZero(hn::Ge(a.hi, hn::Set(d, -700.0)), power_of_two(k));
+  return {hn::Mul(p.hi, power), hn::Mul(p.lo, power)};
+}
+
+/// Relative error 1e-21 of the argument.
 HWY_INLINE Pair finite_log(Pair a) {
-  const V safe = hn::Max(a.hi, hn::Set(D(), 1e-300));
-  return fast_two_sum(hn::Log(D(), safe), hn::Div(a.lo, safe));
+  const D d;
+  const Pair safe = {hn::Max(a.hi, hn::Set(d, 1e-300)), hn::IfThenElseZero(hn::Gt(a.hi, hn::Set(d, 1e-300)), a.lo)};
+  const V first = hn::Log(d, safe.hi);
+  const Pair left = safe * exp({hn::Neg(first), hn::Zero(d)}) + -1.0;  // its logarithm is as large, to 1e-32
+  return fast_two_sum(first, left.hi);
 }
 
 HWY_INLINE Pair positive_part(Pair a) {

@@ -13,7 +13,7 @@ namespace deform {
 /// Computes F - Phi W - P C (n x columns) at n points, where Phi_ij = phi(|x_i - c_j|) (with the images of a parity), X = [W; C]
 /// and P is n x q, for iterative refinement and for the error of an interpolant. Distances, kernel and sums are in double-double
 /// arithmetic (Hida, Li, Bailey 2001), so that the result is accurate to its last digits although it is a small difference of
-/// large numbers. Only the exponential of the Gaussian is in double. Bitwise independent of the number of threads.
+/// large numbers. Exponentials and logarithms have 21 digits. Bitwise independent of the number of threads.
 Eigen::MatrixXd accurate_residual(const RadialKernel& kernel, std::span<const Vec3> points, std::span<const Vec3> centres,
                                   const Eigen::MatrixXd& P, const Eigen::MatrixXd& X, const Eigen::MatrixXd& F,
                                   const RunContext& context);
