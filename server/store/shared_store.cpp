@@ -80,6 +80,12 @@ void SharedStore::require_folder() const {
   throw Error(ErrorCode::unavailable, "store: the shared folder cannot be reached", folder_retry_ms);
 }
 
+void SharedStore::require_room(std::size_t bytes) const {
+  if (disk_.refusal(bytes).empty()) return;
+  require_folder();  // else there is no room either
+  disk_.require(bytes);
+}
+
 // ---- quotas ----
 
 void SharedStore::require_quota(const std::string& tenant, const StoredAmount& more, const Quota& quota) const {
@@ -102,7 +108,7 @@ v1::GeometryInfo SharedStore::put(const Mesh& mesh, const OwnedId& id, const std
     require_folder();
     lost = known->put;
   }
-  disk_.require(mesh_bytes(mesh));
+  require_room(mesh_bytes(mesh));
   GeometryRecord record = geometry_record(convert::geometry_info(mesh, id.id, name), catalog_->now_ms(), id.tenant);
   record.put = catalog_->begin({Intent::Kind::put, {{Intent::What::geometry, id.id, record.created_ms, {}, id.tenant}}});
   try {

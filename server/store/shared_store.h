@@ -62,7 +62,7 @@ class SharedStore : public Store {
 
   void require_quota(const std::string& tenant, const StoredAmount& more, const Quota& quota) const override;
   StoredAmount amount_of(const std::string& tenant) const override;
-  void require_room(std::size_t bytes) const override { disk_.require(bytes); }
+  void require_room(std::size_t bytes) const override;
   v1::StoreInfo state() override;
   StoreReport check(const RunContext& context, const RoomFor& room) override;
   /// Throws Error(failed_precondition).

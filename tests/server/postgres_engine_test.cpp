@@ -90,9 +90,9 @@ TEST_F(SharedEngines, without_the_database_systems_in_memory_are_served) {
   register_mesh(mesh);
   const std::string system = prepare(sheet_setup(id)).id();
   const Points before = deform(request_for(system, {{0.1, 0}})).points[0];
+  EXPECT_EQ(engine->info().geometries(), 1u);
   control_postgres("stop");
   EXPECT_TRUE(eventually([&] { return !engine->store().writable(); }));
-  const CallContext call;
   Doorbell bell;
   const auto job = engine->deform(request_for(system, {{0.1, 0}}), 0, {}, bell.ring());
   EXPECT_TRUE(eventually([&] {

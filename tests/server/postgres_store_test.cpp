@@ -395,6 +395,9 @@ TEST_F(SharedStoreTest, without_the_database_calls_are_refused_with_a_hint_until
 }
 
 TEST_F(SharedStoreTest, connections_that_are_cut_off_cost_no_call) {
+  const auto patient = [](PostgresOptions& options) { options.take_over_after = std::chrono::hours(1); };
+  a = open_shared(data, uri, quick_store(), patient);
+  b = open_shared(data, uri, quick_store(), patient);
   put(*a, mesh);
   std::atomic<bool> stop{false};
   std::thread cutter([&] {
