@@ -7,6 +7,7 @@
 #include <cerrno>
 #include <charconv>
 #include <cstring>
+#include <utility>
 
 namespace deform::server::postgres {
 
@@ -43,7 +44,8 @@ bool ends_session(const PGresult* result) {
 
 }  // namespace
 
-LostConnection::LostConnection(const std::string& why) : Error(ErrorCode::unavailable, "catalog: " + why, database_retry_ms) {}
+LostConnection::LostConnection(std::string why)
+    : Error(ErrorCode::unavailable, "catalog: the database cannot be reached", database_retry_ms), why_(std::move(why)) {}
 
 std::string Result::text(int row, int column) const {
   return {PQgetvalue(result_.get(), row, column), static_cast<std::size_t>(PQgetlength(result_.get(), row, column))};

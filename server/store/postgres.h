@@ -20,9 +20,14 @@ namespace deform::server::postgres {
 using Clock = std::chrono::steady_clock;
 
 /// The connection is gone or could not be made: what was asked for has been done or has not. Error(unavailable) with a retry hint.
+/// Its message is for clients; why, with addresses, is for the log.
 class LostConnection : public Error {
  public:
-  explicit LostConnection(const std::string& why);
+  explicit LostConnection(std::string why);
+  const std::string& why() const { return why_; }
+
+ private:
+  std::string why_;
 };
 
 /// Rows of one statement, as text.

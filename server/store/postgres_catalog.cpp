@@ -109,6 +109,12 @@ std::string array_of(const std::vector<std::string>& keys) {
   return text + "}";
 }
 
+/// With what only the operator is told.
+std::string detail_of(const Error& error) {
+  const auto* lost = dynamic_cast<const LostConnection*>(&error);
+  return lost == nullptr ? error.what() : "catalog: " + lost->why();
+}
+
 class PostgresCatalog : public SharedCatalog {
  public:
   explicit PostgresCatalog(PostgresOptions options) : options_(std::move(options)), wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
@@ -462,7 +468,7 @@ class PostgresCatalog : public SharedCatalog {
 
   std::string trouble() const override {
     const std::lock_guard lock(trouble_mutex_);
-    return trouble_;
+    return trouble_.empty() ? "" : "the database of the catalog cannot be reached";
   }
 
  private:
@@ -537,13 +543,11 @@ class PostgresCatalog : public SharedCatalog {
 
   void set_trouble(const std::string& why) {
     const std::lock_guard lock(trouble_mutex_);
-    if (trouble_.empty() != why.empty()) {
-      if (why.empty()) {
-        spdlog::info("catalog: the database answers again");
-      } else {
-        spdlog::error("{}: what is in memory is served, the rest waits", why);
-        trouble_since_ = Clock::now();
-      }
+    if (why.empty()) {
+      spdlog::info("catalog: the database answers again");
+    } else {
+      if (trouble_.empty()) trouble_since_ = Clock::now();
+      if (trouble_ != why) spdlog::error("{}; what is in memory is served, the rest waits", why);
     }
     trouble_ = why;
   }
@@ -558,8 +562,10 @@ class PostgresCatalog : public SharedCatalog {
         session_ = begin_session();
         return;
       } catch (const Error& error) {
-        if (error.code() != ErrorCode::unavailable || Clock::now() >= end) throw;
-        if (!said) spdlog::warn("{}; waiting for it", error.what());
+        const std::string why = detail_of(error);
+        if (error.code() != ErrorCode::unavailable) throw;
+        if (Clock::now() >= end) throw Error(error.code(), why);
+        if (!said) spdlog::warn("{}; waiting for it", why);
       }
       std::this_thread::sleep_for(session_pause);
     }
@@ -613,7 +619,7 @@ class PostgresCatalog : public SharedCatalog {
         }
       } catch (const Error& error) {
         session_.reset();
-        set_trouble(error.what());
+        set_trouble(detail_of(error));
         for (int i = 0; i < 4 && !stopping_; ++i) std::this_thread::sleep_for(session_pause / 4);
       }
     }

@@ -92,7 +92,18 @@ void SharedStore::require_quota(const std::string& tenant, const StoredAmount& m
   if (quota.geometries != 0 || quota.stored_bytes != 0) check_quota(tenant, catalog_->amount_of(tenant), more, quota);
 }
 
-StoredAmount SharedStore::amount_of(const std::string& tenant) const { return catalog_->amount_of(tenant); }
+/// The last one that could be read, while the catalog cannot.
+StoredAmount SharedStore::amount_of(const std::string& tenant) const {
+  std::optional<StoredAmount> now;
+  try {
+    now = catalog_->amount_of(tenant);
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::unavailable) throw;
+  }
+  const std::lock_guard lock(amounts_mutex_);
+  if (now) amounts_[tenant] = *now;
+  return amounts_[tenant];
+}
 
 // ---- geometries ----
 

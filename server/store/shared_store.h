@@ -4,6 +4,7 @@
 #include <chrono>
 #include <condition_variable>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -101,6 +102,8 @@ class SharedStore : public Store {
   // under left_mutex_
   std::vector<GeometryRecord> left_puts_;  // that failed and could not be taken back
   std::vector<Intent> left_removals_;      // whose files are still there
+  mutable std::mutex amounts_mutex_;
+  mutable std::map<std::string, StoredAmount> amounts_;  // under amounts_mutex_
   std::mutex mirror_mutex_;
   StoreMirror mirror_;  // under mirror_mutex_
   std::mutex house_mutex_;

@@ -5,55 +5,14 @@ manifests for Kubernetes."""
 import os
 import re
 import shutil
-import socket
-import subprocess
 import unittest
 
 from harness import main
-from replicas import CLIENTS, Replicas
-
-SOURCE = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-
-
-def free_port():
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
+from replicas import CLIENTS, SOURCE, BehindProxy
 
 
 @unittest.skipUnless(shutil.which("haproxy"), "haproxy is not installed")
-class Proxy(Replicas):
-    def setUp(self):
-        self.metrics = [free_port() for _ in range(3)]
-        super().setUp()
-        self.port = free_port()
-        self.proxy = None
-        self.start_proxy()
-
-    def tearDown(self):
-        if self.proxy:
-            self.proxy.kill()
-            self.proxy.wait()
-        super().tearDown()
-
-    def options_of(self, number):
-        return ["--metrics-address", f"127.0.0.1:{self.metrics[number]}"]
-
-    def start_proxy(self):
-        """The file that is shipped, but for its own port."""
-        with open(os.path.join(SOURCE, "deploy/replicas/haproxy.cfg")) as file:
-            self.write("haproxy.cfg", file.read().replace("bind :50051", f"bind 127.0.0.1:{self.port}"))
-        environment = dict(os.environ)
-        for name, server, metrics in zip("ABC", self.servers, self.metrics):
-            environment[f"DEFORMD_{name}"] = server.address
-            environment[f"DEFORMD_{name}_METRICS"] = str(metrics)
-        with open(self.path("haproxy.log"), "ab") as log:
-            self.proxy = subprocess.Popen(["haproxy", "-db", "-f", self.path("haproxy.cfg")], stdout=log, stderr=log, env=environment)
-        self.wait_until(lambda: self.deform("status", expect=None).code == 0, "haproxy answers")
-
-    def environment(self):
-        return {**super().environment(), "DEFORM_SERVER": f"127.0.0.1:{self.port}", "DEFORM_REPLICAS": "1"}
-
+class Proxy(BehindProxy):
     def status_of(self, server):
         return self.deform("status", "--server", server.address, "--json").json
 
