@@ -134,7 +134,8 @@ void add_engine_options(std::vector<Option>& all) {
   all.push_back(path(
       "data-dir", "where geometries and setups are kept; created when missing",
       [](Configuration & c) -> auto& { return c.server.engine.data_dir; }));
-  all.push_back({"catalog", "URI", "of a database of PostgreSQL, postgresql://HOST/NAME, for servers that share --data-dir; no password",
+  all.push_back({"catalog", "URI",
+                 "of a database of PostgreSQL, postgresql://HOST/NAME, for servers that share --data-dir; no password",
                  [](Configuration& c, const std::string& text) {
                    if (!text.empty()) check_catalog_uri(text);  // before it could be shown
                    c.server.engine.catalog = text;

@@ -300,8 +300,8 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, co
   if (storing == Storing::store) {
     resident->info.set_created_unix_ms(
         store_->put_setup({recipe.id.id, recipe.canonical.geometry(), recipe.canonical.SerializeAsString(),
-                          resident->info.SerializeAsString(), unix_ms(), Integrity::intact, recipe.id.tenant},
-                         quota));
+                           resident->info.SerializeAsString(), unix_ms(), Integrity::intact, recipe.id.tenant},
+                          quota));
   } else {
     resident->info.set_created_unix_ms(recipe.created_ms);
     require_stored(recipe.id);
@@ -581,7 +581,8 @@ void EngineImpl::get_basis(const v1::GetBasisRequest& request, const CallContext
     Charge charge = memory_.charge(
         CompiledForm::bytes_for(*system->system) + CompiledRecords::working_bytes,
         {"compiling system " + system->info.id().substr(0, 16), "raise the server's memory budget", system->system->bytes()});
-    return std::make_shared<CompiledRecords>(system, store_->info({tenant, system->info.geometry_id()}).name(), std::move(charge));
+    return std::make_shared<CompiledRecords>(system, store_->info({tenant, system->info.geometry_id()}).name(),
+                                             std::move(charge));
   };
   task.on_done = std::move(on_done);
   std::make_shared<BasisCall>(BasisCall::Parts{&scheduler_, cache_.get(), &calls_}, std::move(task), call)->begin();

@@ -27,7 +27,7 @@ Error meaning(const PGresult* result, const std::string& message) {
   const std::string state = field == nullptr ? "" : field;
   const std::string kind = state.substr(0, 2);
   const std::string what = "catalog: " + message;
-  if (state == "53100") return {ErrorCode::out_of_budget, what};  // its disk is full
+  if (state == "53100") return {ErrorCode::out_of_budget, what};        // its disk is full
   if (state == "42501") return {ErrorCode::failed_precondition, what};  // the role may not
   // The tables are not ours, or what is in them cannot be read any more.
   if (kind == "XX" || kind == "42" || kind == "3F") return {ErrorCode::data_loss, what};
@@ -79,8 +79,8 @@ std::int64_t Result::affected() const {
 Connection::Connection(const std::string& uri, Clock::duration limit) {
   const auto end = Clock::now() + limit;
   // What the URI says wins: expand_dbname takes it apart after what stands before it.
-  const char* const names[] = {"application_name",    "client_encoding",      "keepalives_idle",  "keepalives_interval",
-                               "keepalives_count",    "tcp_user_timeout",     "dbname",           nullptr};
+  const char* const names[] = {"application_name", "client_encoding",  "keepalives_idle", "keepalives_interval",
+                               "keepalives_count", "tcp_user_timeout", "dbname",          nullptr};
   const char* const values[] = {"deformd", "UTF8", "10", "5", "3", "15000", uri.c_str(), nullptr};
   connection_.reset(PQconnectStartParams(names, values, 1));
   if (!connection_) throw std::bad_alloc();
@@ -91,7 +91,8 @@ Connection::Connection(const std::string& uri, Clock::duration limit) {
     if (state == PGRES_POLLING_FAILED) lose(first_line(PQerrorMessage(connection_.get())));
   }
   if (PQsetnonblocking(connection_.get(), 1) != 0) lose(first_line(PQerrorMessage(connection_.get())));
-  PQsetNoticeProcessor(connection_.get(), [](void*, const char*) {}, nullptr);
+  PQsetNoticeProcessor(
+      connection_.get(), [](void*, const char*) {}, nullptr);
   // Acknowledged is durable, whatever the database's default; and its side of a connection that was cut off ends, too, with the
   // locks that it holds.
   run("SELECT set_config('synchronous_commit', 'on', false) WHERE current_setting('synchronous_commit') = 'off'");

@@ -19,8 +19,8 @@ namespace deform::server::postgres {
 
 using Clock = std::chrono::steady_clock;
 
-/// The connection is gone or could not be made: what was asked for has been done or has not. Error(unavailable) with a retry hint.
-/// Its message is for clients; why, with addresses, is for the log.
+/// The connection is gone or could not be made: what was asked for has been done or has not. Error(unavailable) with a retry
+/// hint. Its message is for clients; why, with addresses, is for the log.
 class LostConnection : public Error {
  public:
   explicit LostConnection(std::string why);
@@ -81,7 +81,7 @@ class Connection {
   /// Waits for notifications until there is one, the time is over or `wake` (a descriptor) can be read.
   std::vector<Notification> wait(Clock::duration limit, int wake);
 
-  static constexpr std::chrono::seconds answer_limit{10};
+  static constexpr std::chrono::seconds answer_limit{5};
 
  private:
   void wait_for(short events, Clock::time_point end);

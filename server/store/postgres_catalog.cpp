@@ -48,8 +48,7 @@ constexpr const char* tables[] = {
 };
 
 constexpr const char* geometry_rows = "SELECT id, info, created_ms, checksum, tenant, put FROM deformd.geometries ";
-constexpr const char* setup_rows =
-    "SELECT id, geometry_id, setup, info, created_ms, checksum, tenant FROM deformd.setups ";
+constexpr const char* setup_rows = "SELECT id, geometry_id, setup, info, created_ms, checksum, tenant FROM deformd.setups ";
 constexpr const char* channel = "deformd_removed";
 
 constexpr auto connect_limit = std::chrono::seconds(5);
@@ -117,7 +116,8 @@ std::string detail_of(const Error& error) {
 
 class PostgresCatalog : public SharedCatalog {
  public:
-  explicit PostgresCatalog(PostgresOptions options) : options_(std::move(options)), wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
+  explicit PostgresCatalog(PostgresOptions options)
+      : options_(std::move(options)), wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
     if (wake_ < 0) throw Error(ErrorCode::unavailable, "catalog: too many open files");
     try {
       open();
@@ -145,9 +145,10 @@ class PostgresCatalog : public SharedCatalog {
     const Intent::Entry& entry = intent.entries[0];
     return with([&](Connection& c) {
       return c
-          .run("INSERT INTO deformd.intents (number, owner, kind, key, put) SELECT n, $1, $2, $3, n "
-               "FROM nextval('deformd.numbers') AS n RETURNING number",
-               {owner_, name_of(intent.kind), key_of({entry.tenant, entry.id})})
+          .run(
+              "INSERT INTO deformd.intents (number, owner, kind, key, put) SELECT n, $1, $2, $3, n "
+              "FROM nextval('deformd.numbers') AS n RETURNING number",
+              {owner_, name_of(intent.kind), key_of({entry.tenant, entry.id})})
           .number(0, 0);
     });
   }
@@ -157,14 +158,14 @@ class PostgresCatalog : public SharedCatalog {
   }
 
   std::vector<Intent> intents() override {
-    return with([&](Connection& c) {
-      return intents_of(c.run("SELECT number, kind, key, put FROM deformd.intents ORDER BY number"));
-    });
+    return with(
+        [&](Connection& c) { return intents_of(c.run("SELECT number, kind, key, put FROM deformd.intents ORDER BY number")); });
   }
 
   bool revoke(std::int64_t intent) override {
     return with([&](Connection& c) {
-      return c.run("UPDATE deformd.intents SET kind = 'remove' WHERE number = $1 AND owner = $2", {intent, owner_}).affected() > 0;
+      return c.run("UPDATE deformd.intents SET kind = 'remove' WHERE number = $1 AND owner = $2", {intent, owner_}).affected() >
+             0;
     });
   }
 
@@ -182,9 +183,9 @@ class PostgresCatalog : public SharedCatalog {
         const Clock::time_point since = known == gone_.end() ? Clock::now() : known->second;
         gone[owner] = since;
         if (Clock::now() - since < options_.take_over_after) continue;
-        const Result rows = c.run(
-            "UPDATE deformd.intents SET owner = $1, kind = 'remove' WHERE owner = $2 RETURNING number, kind, key, put",
-            {owner_, owner});
+        const Result rows =
+            c.run("UPDATE deformd.intents SET owner = $1, kind = 'remove' WHERE owner = $2 RETURNING number, kind, key, put",
+                  {owner_, owner});
         transaction.commit();
         for (auto& intent : intents_of(rows)) taken.push_back(std::move(intent));
       }
@@ -225,7 +226,8 @@ class PostgresCatalog : public SharedCatalog {
       GeometryRecord kept = intact ? *known : record;
       kept.put = record.put;
       if (!known) check_amounts(c, record.tenant, {1, 0, stored_bytes(record)}, quota);
-      if (write(c, kept, known ? Write::replace : Write::add) == 0) throw LostConnection("two servers have added the same at once");
+      if (write(c, kept, known ? Write::replace : Write::add) == 0)
+        throw LostConnection("two servers have added the same at once");
       transaction.commit();
       return {kept, known ? Added::Outcome::healed : Added::Outcome::added};
     });
@@ -265,8 +267,9 @@ class PostgresCatalog : public SharedCatalog {
         if (setup) intent.entries.push_back({Intent::What::setup, setup->id, setups.number(row, 1), {}, setup->tenant});
       }
       if (setups.rows() > 0 && policy == WithSetups::refuse) {
-        throw Error(ErrorCode::failed_precondition, "geometry " + id.id + ": " + std::to_string(setups.rows()) +
-                                                        " setups refer to it; delete them too (with_setups) or release them first");
+        throw Error(ErrorCode::failed_precondition,
+                    "geometry " + id.id + ": " + std::to_string(setups.rows()) +
+                        " setups refer to it; delete them too (with_setups) or release them first");
       }
       Intent::Entry entry{Intent::What::geometry, id.id, geometry.number(0, 0), {}, id.tenant};
       entry.put = geometry.number(0, 1);
@@ -359,9 +362,9 @@ class PostgresCatalog : public SharedCatalog {
     for (const auto& id : ids) keys.push_back(key_of({tenant, id}));
     return with([&](Connection& c) {
       std::map<std::string, std::size_t> counts;
-      const Result rows = c.run(
-          "SELECT geometry_id, count(*) FROM deformd.setups WHERE geometry_id = ANY ($1::text[]) GROUP BY geometry_id",
-          {array_of(keys)});
+      const Result rows =
+          c.run("SELECT geometry_id, count(*) FROM deformd.setups WHERE geometry_id = ANY ($1::text[]) GROUP BY geometry_id",
+                {array_of(keys)});
       for (int row = 0; row < rows.rows(); ++row) {
         if (const auto id = owned_id(rows.text(row, 0))) counts[id->id] = as_size(rows, row, 1);
       }
@@ -396,8 +399,8 @@ class PostgresCatalog : public SharedCatalog {
   }
 
   std::vector<std::string> geometry_ids(const std::string& tenant, const std::string& prefix, std::size_t limit) override {
-    return ids("SELECT id FROM deformd.geometries WHERE id >= $1 AND id < $2 AND tenant = $3 ORDER BY id LIMIT $4", tenant, prefix,
-               limit);
+    return ids("SELECT id FROM deformd.geometries WHERE id >= $1 AND id < $2 AND tenant = $3 ORDER BY id LIMIT $4", tenant,
+               prefix, limit);
   }
   std::vector<std::string> setup_ids(const std::string& tenant, const std::string& prefix, std::size_t limit) override {
     return ids("SELECT id FROM deformd.setups WHERE id >= $1 AND id < $2 AND tenant = $3 ORDER BY id LIMIT $4", tenant, prefix,
@@ -432,9 +435,8 @@ class PostgresCatalog : public SharedCatalog {
   std::string identity() override { return identity_; }
 
   std::int64_t now_ms() override {
-    return with([&](Connection& c) {
-      return c.run("SELECT floor(extract(epoch FROM clock_timestamp()) * 1000)::bigint").number(0, 0);
-    });
+    return with(
+        [&](Connection& c) { return c.run("SELECT floor(extract(epoch FROM clock_timestamp()) * 1000)::bigint").number(0, 0); });
   }
 
   std::shared_ptr<void> claim(const std::string& name, std::chrono::milliseconds patience, const RunContext& context) override {
@@ -494,8 +496,10 @@ class PostgresCatalog : public SharedCatalog {
     ~Lease() {
       if (!connection_) return;
       const std::lock_guard lock(catalog_.pool_mutex_);
-      if (connection_->is_lost()) catalog_.pool_.clear();  // the others are lost, too, most likely
-      else if (connection_->is_idle() && catalog_.pool_.size() < most_idle) catalog_.pool_.push_back(std::move(connection_));
+      if (connection_->is_lost())
+        catalog_.pool_.clear();  // the others are lost, too, most likely
+      else if (connection_->is_idle() && catalog_.pool_.size() < most_idle)
+        catalog_.pool_.push_back(std::move(connection_));
     }
     Lease(const Lease&) = delete;
     Lease& operator=(const Lease&) = delete;
@@ -582,8 +586,8 @@ class PostgresCatalog : public SharedCatalog {
     const Result meta = c.run("SELECT version, identity FROM deformd.meta");
     if (meta.rows() != 1) throw Error(ErrorCode::data_loss, "catalog: the table deformd.meta has not one row");
     if (meta.number(0, 0) != tables_version) {
-      throw Error(ErrorCode::failed_precondition, "catalog: its schema has version " + meta.text(0, 0) + ", this server knows " +
-                                                      std::to_string(tables_version));
+      throw Error(ErrorCode::failed_precondition,
+                  "catalog: its schema has version " + meta.text(0, 0) + ", this server knows " + std::to_string(tables_version));
     }
     identity_ = meta.text(0, 1);
     transaction.commit();
@@ -593,12 +597,13 @@ class PostgresCatalog : public SharedCatalog {
   std::unique_ptr<Connection> begin_session() {
     auto session = std::make_unique<Connection>(options_.uri, connect_limit);
     session->run("LISTEN deformd_removed");
-    // The session before may not have ended yet for PostgreSQL.
-    while (!locked(session->run("SELECT pg_try_advisory_lock(hashtextextended($1, 0))", {lock_of_server(owner_)}))) {
-      if (stopping_) break;
-      std::this_thread::sleep_for(session_pause);
-    }
+    is_marked_ = mark_as_living(*session);
     return session;
+  }
+
+  /// The session before may not have ended yet for PostgreSQL, and says the same for so long.
+  bool mark_as_living(Connection& session) const {
+    return locked(session.run("SELECT pg_try_advisory_lock(hashtextextended($1, 0))", {lock_of_server(owner_)}));
   }
 
   void keep_session() {
@@ -613,6 +618,7 @@ class PostgresCatalog : public SharedCatalog {
         Clock::time_point asked = Clock::now();
         while (!stopping_) {
           for (const auto& notification : session_->wait(std::chrono::seconds(1), wake_)) tell(notification.payload);
+          if (!is_marked_) is_marked_ = mark_as_living(*session_);
           if (Clock::now() - asked < ask_every) continue;
           session_->run("SELECT 1", {}, connect_limit);
           asked = Clock::now();
@@ -680,8 +686,9 @@ class PostgresCatalog : public SharedCatalog {
                           : "UPDATE deformd.setups SET tenant = $2, geometry_id = $3, setup = $4, info = $5, created_ms = $6, "
                             "checksum = $7, bytes = $8 WHERE id = $1";
     return c
-        .run(sql, {row_key(record), record.tenant, geometry_key_in(record), Parameter::bytes(record.setup), Parameter::bytes(record.info),
-                   record.created_ms, checksum(record), static_cast<std::int64_t>(stored_bytes(record))})
+        .run(sql, {row_key(record), record.tenant, geometry_key_in(record), Parameter::bytes(record.setup),
+                   Parameter::bytes(record.info), record.created_ms, checksum(record),
+                   static_cast<std::int64_t>(stored_bytes(record))})
         .affected();
   }
 
@@ -736,9 +743,8 @@ class PostgresCatalog : public SharedCatalog {
   void in_parts(const char* select, At at, Take take) {
     std::string last;
     for (;;) {
-      const Result rows = with([&](Connection& c) {
-        return c.run((std::string(select) + "WHERE id > $1 ORDER BY id LIMIT 100").c_str(), {last});
-      });
+      const Result rows = with(
+          [&](Connection& c) { return c.run((std::string(select) + "WHERE id > $1 ORDER BY id LIMIT 100").c_str(), {last}); });
       if (rows.rows() == 0) return;
       for (int row = 0; row < rows.rows(); ++row) take(at(rows, row));
       last = rows.text(rows.rows() - 1, 0);
@@ -762,7 +768,9 @@ class PostgresCatalog : public SharedCatalog {
   std::map<std::int64_t, Clock::time_point> gone_;  // under gone_mutex_: servers without a session, since when
 
   std::atomic<bool> stopping_{false};
-  std::unique_ptr<Connection> session_;  // of session_thread_
+  // of session_thread_
+  std::unique_ptr<Connection> session_;
+  bool is_marked_ = false;  // the session has the lock that says that this server lives
   std::thread session_thread_;
 };
 

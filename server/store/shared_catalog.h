@@ -42,16 +42,16 @@ class SharedCatalog : public Catalog {
     enum class Outcome { added, healed, known } outcome;
   };
   /// As add_geometry(), with record.put as the intent. `lost`: the number of the put whose file was found missing or damaged; a
-  /// record with that number gets the new file and keeps its name and time. When the tenant has another one, the intent becomes one
-  /// to remove the file that was put. Throws Error(out_of_budget) beyond the quota, with all that other servers have added.
+  /// record with that number gets the new file and keeps its name and time. When the tenant has another one, the intent becomes
+  /// one to remove the file that was put. Throws Error(out_of_budget) beyond the quota, with all that other servers have added.
   virtual Added add(const GeometryRecord& record, std::optional<std::int64_t> lost, const Quota& quota) = 0;
   /// As put_setup(), without an intent: returns when the setup was stored first. Throws Error(out_of_budget) beyond the quota.
   virtual std::int64_t add_setup(const SetupRecord& record, const Quota& quota) = 0;
 
   /// Makes of an intent to put one to remove; false when it has ended, as it does when its row is added.
   virtual bool revoke(std::int64_t intent) = 0;
-  /// Intents of servers whose sessions have ended, all to remove now and of this server. What was ended at the last call, too, and
-  /// not just for a moment.
+  /// Intents of servers whose sessions have ended, all to remove now and of this server. What was ended at the last call, too,
+  /// and not just for a moment.
   virtual std::vector<Intent> take_over() = 0;
 
   /// Of many geometries of a tenant.

@@ -21,7 +21,8 @@ constexpr const char* register_again = "register the geometry again";
 
 }  // namespace
 
-SharedStore::SharedStore(const std::filesystem::path& directory, std::unique_ptr<SharedCatalog> catalog, SharedStoreOptions options)
+SharedStore::SharedStore(const std::filesystem::path& directory, std::unique_ptr<SharedCatalog> catalog,
+                         SharedStoreOptions options)
     : options_(std::move(options)),
       files_(options_.store.files == nullptr ? system_files() : *options_.store.files),
       catalog_(std::move(catalog)),
@@ -350,15 +351,16 @@ StoreReport SharedStore::check(const RunContext& context, const RoomFor& room) {
     }
   }
   report.lines.push_back(std::to_string(count_entries(directory_->damaged(), files_)) + " entries in damaged/");
-  report.lines.push_back(std::to_string(geometries.size()) + " geometries, " + std::to_string(setups.size()) + " setups: " +
-                         (report.outcome == StoreReport::Outcome::well ? "every file is whole" : "see above"));
+  report.lines.push_back(std::to_string(geometries.size()) + " geometries, " + std::to_string(setups.size()) +
+                         " setups: " + (report.outcome == StoreReport::Outcome::well ? "every file is whole" : "see above"));
   return report;
 }
 
 StoreReport SharedStore::backup(const std::filesystem::path&) {
-  throw Error(ErrorCode::failed_precondition,
-              "store: the catalog is in PostgreSQL: copy the folder, dump the database (pg_dump), and copy the folder once more for "
-              "what came in between");
+  throw Error(
+      ErrorCode::failed_precondition,
+      "store: the catalog is in PostgreSQL: copy the folder, dump the database (pg_dump), and copy the folder once more for "
+      "what came in between");
 }
 
 void SharedStore::mirror(StoreMirror mirror) {

@@ -38,12 +38,12 @@ struct SharedStoreOptions {
 /// harm what another one does, whatever it believes about the others and however late it acts: nothing here needs a lock.
 ///
 /// Put: intent, file in tmp/, synced, renamed, directory synced, row, which ends the intent. Remove: rows away and intent to
-/// remove in one step, file away, directory synced, intent ended. What cannot be ended now is ended later; intents of servers that
-/// are gone are ended by another one. Files that no intent and no row names stay where they are.
+/// remove in one step, file away, directory synced, intent ended. What cannot be ended now is ended later; intents of servers
+/// that are gone are ended by another one. Files that no intent and no row names stay where they are.
 ///
 /// Nothing is remembered of what is in the catalog: what one server has registered is there for all at once, and so is what one
-/// has removed. Throws Error(unavailable) with a retry hint while catalog or folder cannot be reached. Each tenant has its own copy
-/// of a content. Thread-safe.
+/// has removed. Throws Error(unavailable) with a retry hint while catalog or folder cannot be reached. Each tenant has its own
+/// copy of a content. Thread-safe.
 class SharedStore : public Store {
  public:
   /// Throws Error(failed_precondition) when the folder is one of something else, of one server alone or of another catalog, and

@@ -80,19 +80,22 @@ void examine(const fs::path& root, StoreDirectory::Accept accept, const std::str
     if (text == mark || (alone && text == mark_of_2)) return;
     const bool shared = text.starts_with(shared_mark_text);
     if (alone && shared) {
-      throw Error(ErrorCode::failed_precondition, "store: " + root.string() +
-                                                      " is shared by servers whose catalog is in PostgreSQL (option catalog); nothing "
-                                                      "in it was touched");
+      throw Error(ErrorCode::failed_precondition,
+                  "store: " + root.string() +
+                      " is shared by servers whose catalog is in PostgreSQL (option catalog); nothing "
+                      "in it was touched");
     }
     if (!alone && shared) {
-      throw Error(ErrorCode::failed_precondition, "store: the files in " + root.string() +
-                                                      " belong to another catalog than that of the option catalog; nothing in it was "
-                                                      "touched");
+      throw Error(ErrorCode::failed_precondition,
+                  "store: the files in " + root.string() +
+                      " belong to another catalog than that of the option catalog; nothing in it was "
+                      "touched");
     }
     if (!alone && (text == mark_text || text == mark_of_2)) {
-      throw Error(ErrorCode::failed_precondition, "store: " + root.string() +
-                                                      " is the store of one server, with a catalog of its own; for servers that share "
-                                                      "a catalog name an empty or a new folder, and register again");
+      throw Error(ErrorCode::failed_precondition,
+                  "store: " + root.string() +
+                      " is the store of one server, with a catalog of its own; for servers that share "
+                      "a catalog name an empty or a new folder, and register again");
     }
     throw Error(ErrorCode::failed_precondition, "store: " + root.string() + " is of another version (\"" +
                                                     text.substr(0, text.find('\n')) + "\"), this server knows \"" +

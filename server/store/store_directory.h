@@ -11,8 +11,8 @@
 namespace deform::server {
 
 /// Where the files of a store are (see geometry_store.h, shared_store.h), and the right to use them: the folder is locked against
-/// other processes while the object lives, that of a shared store only against those that want it alone. Functions that move files
-/// are for one thread at a time.
+/// other processes while the object lives, that of a shared store only against those that want it alone. Functions that move
+/// files are for one thread at a time.
 class StoreDirectory {
  public:
   enum class Accept {
@@ -23,8 +23,8 @@ class StoreDirectory {
 
   /// Makes the folder when it is missing or empty, marks it, and makes the folders inside. Throws Error(failed_precondition) for
   /// a folder of something else, which stays as it is, and for stores of later versions; Error(unavailable) when another process
-  /// has the store or it cannot be written. `catalog`: the identity of the SharedCatalog that says what is in it; empty for a store
-  /// that has its own. Each refuses the folders of the other.
+  /// has the store or it cannot be written. `catalog`: the identity of the SharedCatalog that says what is in it; empty for a
+  /// store that has its own. Each refuses the folders of the other.
   StoreDirectory(const std::filesystem::path& root, Accept accept, FileSystem& files, const std::string& catalog = {});
   ~StoreDirectory();
   StoreDirectory(const StoreDirectory&) = delete;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A store of one server: its folder, its catalog, and what a crash leaves behind. What holds for every store is in any_store_test.cpp.
+// A store of one server: its folder, its catalog, and what a crash leaves behind. What holds for every store is in
+// any_store_test.cpp.
 #include "server/store/geometry_store.h"
 
 #include <gtest/gtest.h>

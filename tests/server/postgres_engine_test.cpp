@@ -74,8 +74,10 @@ TEST_F(SharedEngines, a_system_is_prepared_by_one_server_at_a_time) {
   const auto job = engine->deform(request_for(system, {{0.1, 0}}), 0, {}, bell.ring());
   // It asks for the claim that another one has.
   EXPECT_TRUE(eventually([&] {
-    return sql(options.catalog, "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() "
-                                "AND query LIKE 'SELECT pg_try_advisory_lock%'").number(0, 0) > 2;
+    return sql(options.catalog,
+               "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() "
+               "AND query LIKE 'SELECT pg_try_advisory_lock%'")
+               .number(0, 0) > 2;
   }));
   v1::DeformReply reply;
   EXPECT_EQ(job->poll(reply), DeformJob::Poll::pending);

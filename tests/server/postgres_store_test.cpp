@@ -18,8 +18,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::unique_ptr<SharedStore> open_shared(const fs::path& folder, const std::string& uri, SharedStoreOptions options = quick_store(),
-                                         const std::function<void(PostgresOptions&)>& change = [](PostgresOptions&) {}) {
+std::unique_ptr<SharedStore> open_shared(
+    const fs::path& folder, const std::string& uri, SharedStoreOptions options = quick_store(),
+    const std::function<void(PostgresOptions&)>& change = [](PostgresOptions&) {}) {
   PostgresOptions postgres = quick_postgres(uri);
   change(postgres);
   return std::make_unique<SharedStore>(folder, open_postgres_catalog(postgres), std::move(options));
@@ -327,7 +328,8 @@ TEST_F(SharedMemory, what_was_removed_while_the_connection_was_lost_is_found_whe
   Memory memory(*b);
   a->remove(own(id), WithSetups::remove);
   hold(memory);
-  sql(uri, "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid() AND datname = current_database()");
+  sql(uri,
+      "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid() AND datname = current_database()");
   EXPECT_TRUE(eventually([&] { return !memory.has(own(first)) && !memory.has(own(second)) && !memory.has(own(id)); }));
 }
 
@@ -402,9 +404,10 @@ TEST_F(SharedStoreTest, connections_that_are_cut_off_cost_no_call) {
   std::atomic<bool> stop{false};
   std::thread cutter([&] {
     while (!stop) {
-      sql(uri, "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
-               "WHERE pid <> pg_backend_pid() AND datname = current_database() AND application_name = 'deformd' "
-               "AND query NOT LIKE 'SELECT pg_terminate%'");
+      sql(uri,
+          "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
+          "WHERE pid <> pg_backend_pid() AND datname = current_database() AND application_name = 'deformd' "
+          "AND query NOT LIKE 'SELECT pg_terminate%'");
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
     }
   });
@@ -427,9 +430,7 @@ TEST_F(SharedStoreTest, without_its_folder_nothing_is_lost_or_unknown) {
   for (const bool empty_mount_point : {false, true}) {
     fs::rename(data, away);
     if (empty_mount_point) fs::create_directory(data);
-    const std::function<void()> calls[] = {[&] { b->load(own(id)); },
-                                           [&] { b->contains(own(id)); },
-                                           [&] { put(*b, mesh); },
+    const std::function<void()> calls[] = {[&] { b->load(own(id)); }, [&] { b->contains(own(id)); }, [&] { put(*b, mesh); },
                                            [&] { put(*b, sheet_mesh(4, 4)); }};
     for (const auto& call : calls) {
       const Error error = error_of(call);
@@ -507,8 +508,9 @@ TEST_F(SharedStoreTest, servers_that_start_at_once_make_one_store) {
 
 TEST_F(SharedStoreTest, a_database_that_comes_later_is_waited_for) {
   control_postgres("stop");
-  EXPECT_EQ(code_of([&] { open_shared(data, uri, quick_store(), [](auto& o) { o.start_patience = std::chrono::milliseconds(1); }); }),
-            ErrorCode::unavailable);
+  EXPECT_EQ(
+      code_of([&] { open_shared(data, uri, quick_store(), [](auto& o) { o.start_patience = std::chrono::milliseconds(1); }); }),
+      ErrorCode::unavailable);
   std::thread starter([] { control_postgres("start"); });
   EXPECT_NO_THROW(open_shared(data, uri));
   starter.join();
