@@ -30,6 +30,9 @@ def free_port():
 class Replicas(EndToEnd):
     """Servers that share nothing."""
 
+    down_seconds = 0.1  # of a server that was killed
+    up_seconds = 0  # at least, until the next one
+
     def setUp(self):
         super().setUp()
         self.servers = []
@@ -98,8 +101,9 @@ class Replicas(EndToEnd):
             if kills % 2 == 0:
                 self.empty(victim)
             kills += 1
-            time.sleep(0.1)
+            time.sleep(self.down_seconds)
             victim.start()
+            time.sleep(self.up_seconds)
         self.all_succeed(children)
         self.assertGreaterEqual(kills, 3)
         for k in range(CLIENTS):

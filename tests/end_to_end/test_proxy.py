@@ -76,6 +76,32 @@ class Manifests(unittest.TestCase):
         self.assertTrue(environment["DEFORMD_METRICS_ADDRESS"].endswith(":9464"))
         self.assertEqual(re.findall(r"_METRICS-(\d+)", cfg), ["9464"] * servers["replicas"])
 
+    def test_what_is_changed_for_a_shared_store_is_there(self):
+        import yaml
+
+        def read(path):
+            with open(os.path.join(SOURCE, "deploy", path)) as file:
+                return list(yaml.safe_load_all(file))
+
+        (kustomization,) = read("replicas-shared/kustomization.yaml")
+        self.assertIn("../replicas", kustomization["resources"])
+        objects = [one for name in read("replicas/kustomization.yaml")[0]["resources"] for one in read("replicas/" + name)]
+        found = {(one["kind"], one["metadata"]["name"]): one for one in objects}
+        changes = [read("replicas-shared/" + one["path"])[0] for one in kustomization["patches"] if "path" in one]
+        self.assertEqual(len(changes), 3)
+        for change in changes:
+            base = found[change["kind"], change["metadata"]["name"]]
+            containers = change["spec"].get("template", {}).get("spec", {}).get("containers", [])
+            known = [one["name"] for one in base["spec"].get("template", {}).get("spec", {}).get("containers", [])]
+            self.assertLessEqual({one["name"] for one in containers}, set(known))
+        (claim,) = read("replicas-shared/store.yaml")
+        servers = next(one for one in changes if one["kind"] == "StatefulSet")["spec"]["template"]["spec"]
+        self.assertEqual(servers["volumes"][0]["persistentVolumeClaim"]["claimName"], claim["metadata"]["name"])
+        mounts = found["StatefulSet", "deformd"]["spec"]["template"]["spec"]["containers"][0]["volumeMounts"]
+        self.assertIn(servers["volumes"][0]["name"], [one["name"] for one in mounts])
+        (compose,) = read("compose.shared.yaml")
+        self.assertEqual({one for one in compose["services"] if one.startswith("deformd")}, {"deformd-a", "deformd-b", "deformd-c"})
+
 
 if __name__ == "__main__":
     main()

@@ -179,6 +179,8 @@ class OneStore(SharedStore, Replicas):
 
 @unittest.skipUnless(shutil.which("haproxy"), "haproxy is not installed")
 class OneStoreBehindProxy(SharedStore, BehindProxy):
+    up_seconds = 1  # a call has four attempts, and here nothing takes long in between
+
     def proxy_settings(self):
         return {"DEFORMD_READYZ": "/readyz?exclude=store"}
 
