@@ -1,12 +1,14 @@
 # deformd and deform in a container:
 #   docker build -t deformd .
 #   docker run --rm -p 127.0.0.1:50051:50051 -v deformd-data:/var/lib/deformd deformd
+# --build-arg POSTGRES=1: with deformd --catalog, for servers that share a store.
 # deploy/compose.yaml runs the same with less privileges. Nothing of the build stays in the image.
 
 FROM docker.io/library/debian:bookworm-slim AS build
 WORKDIR /src
 COPY deploy/packages.txt deploy/install-packages deploy/
-RUN deploy/install-packages build
+ARG POSTGRES=
+RUN deploy/install-packages build ${POSTGRES:+postgres-build}
 COPY CMakeLists.txt LICENSE ./
 COPY deploy/cmake deploy/cmake
 COPY deploy/manual deploy/manual
@@ -26,13 +28,14 @@ RUN cmake -S . -B /build -G Ninja -DCMAKE_BUILD_TYPE=Release -DDEFORM_BUILD_TEST
 
 FROM docker.io/library/debian:bookworm-slim
 ARG COMMIT=
+ARG POSTGRES=
 LABEL org.opencontainers.image.title="deformd" \
       org.opencontainers.image.description="Server that deforms meshes for shape optimization, and its command line" \
       org.opencontainers.image.licenses="GPL-3.0-or-later" \
       org.opencontainers.image.revision="$COMMIT" \
       org.opencontainers.image.base.name="docker.io/library/debian:bookworm-slim"
 COPY deploy/packages.txt deploy/install-packages /tmp/deploy/
-RUN /tmp/deploy/install-packages runtime \
+RUN /tmp/deploy/install-packages runtime ${POSTGRES:+postgres-runtime} \
  && rm -rf /tmp/deploy /var/lib/apt/lists/* /var/cache/apt/*.bin /var/log/apt /var/log/dpkg.log \
  && useradd --system --uid 10001 --user-group --no-create-home --home-dir /nonexistent --shell /usr/sbin/nologin deformd \
  && install -d -o deformd -g deformd /var/lib/deformd

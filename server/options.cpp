@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "core/base/commit/commit.h"
+#include "server/store/postgres_catalog.h"
 
 namespace deform::server {
 
@@ -133,6 +134,13 @@ void add_engine_options(std::vector<Option>& all) {
   all.push_back(path(
       "data-dir", "where geometries and setups are kept; created when missing",
       [](Configuration & c) -> auto& { return c.server.engine.data_dir; }));
+  all.push_back({"catalog", "URI",
+                 "of a database of PostgreSQL, postgresql://HOST/NAME, for servers that share --data-dir; no password",
+                 [](Configuration& c, const std::string& text) {
+                   if (!text.empty()) check_catalog_uri(text);  // before it could be shown
+                   c.server.engine.catalog = text;
+                 },
+                 [](const Configuration& c) { return c.server.engine.catalog; }});
   all.push_back(bytes(
       "keep-free", "room that stays free on the disk of --data-dir: with less, geometries and setups can only be deleted",
       [](Configuration & c) -> auto& { return c.server.engine.keep_free; }));

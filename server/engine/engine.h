@@ -22,6 +22,7 @@ namespace deform::server {
 
 struct EngineOptions {
   std::filesystem::path data_dir;                 ///< created when missing; locked against a second process
+  std::string catalog;                            ///< of PostgreSQL, as a URI: shared with other servers, and so is data_dir
   std::size_t keep_free = std::size_t{16} << 20;  ///< bytes that stay free on its disk: below, nothing is added to the store
   std::size_t memory_budget = 0;                  ///< bytes; 0 = 80 % of what the machine (or its cgroup) has
   std::size_t cache_budget = 0;                   ///< bytes of resident systems; 0 = half of memory_budget

@@ -24,6 +24,9 @@
 #include "server/engine/warm_starts.h"
 #include "server/store/catalog_records.h"
 #include "server/store/geometry_file.h"
+#include "server/store/geometry_store.h"
+#include "server/store/postgres_catalog.h"
+#include "server/store/shared_store.h"
 
 namespace deform::server {
 
@@ -52,6 +55,15 @@ StoreOptions store_options(const EngineOptions& options) {
   StoreOptions result;
   result.disk.keep_free = options.keep_free;
   return result;
+}
+
+std::unique_ptr<Store> open_store(const EngineOptions& options) {
+  if (options.catalog.empty()) return std::make_unique<GeometryStore>(options.data_dir, store_options(options));
+  PostgresOptions postgres;
+  postgres.uri = options.catalog;
+  SharedStoreOptions shared;
+  shared.store = store_options(options);
+  return std::make_unique<SharedStore>(options.data_dir, open_postgres_catalog(postgres), shared);
 }
 
 constexpr const char* less_memory =
@@ -101,7 +113,7 @@ EngineImpl::EngineImpl(const EngineOptions& options)
     : options_(effective(options)),
       memory_(options_.memory_budget),
       selections_(options_.memory_budget / 4),
-      store_(options_.data_dir, store_options(options_)),
+      store_(open_store(options_)),
       meshes_(options_.memory_budget / 8, [this](const std::string& key) { return load_mesh(*owned_id(key)); }),
       scheduler_(scheduler_options(options_)),
       cache_(std::make_shared<SystemCache>(
@@ -112,9 +124,20 @@ EngineImpl::EngineImpl(const EngineOptions& options)
           [this](const void* owner) { scheduler_.remove(owner); })) {
   memory_.add_reclaimer([this](std::size_t bytes) { meshes_.reclaim(bytes); });
   memory_.add_reclaimer([this](std::size_t bytes) { cache_->reclaim(bytes); });
+  store_->mirror({[this](Intent::What what, const OwnedId& id) {
+                    what == Intent::What::setup ? static_cast<void>(cache_->release(key_of(id))) : meshes_.forget(key_of(id));
+                  },
+                  [this](Intent::What what) {
+                    std::vector<OwnedId> ids;
+                    for (const auto& key : what == Intent::What::setup ? cache_->ids() : meshes_.ids()) {
+                      if (auto id = owned_id(key)) ids.push_back(*std::move(id));
+                    }
+                    return ids;
+                  }});
 }
 
 EngineImpl::~EngineImpl() {
+  store_->mirror({});
   drain(std::chrono::milliseconds(0));
   scheduler_.stop();
 }
@@ -131,27 +154,27 @@ std::unique_ptr<GeometryUpload> EngineImpl::begin_upload(const v1::GeometryHeade
   if (!header.id().empty() && (header.id().size() != 64 || !std::all_of(header.id().begin(), header.id().end(), hexadecimal))) {
     throw Error(ErrorCode::invalid_argument, "header.id: expected 64 lower-case hexadecimal digits");
   }
-  return make_upload(header, options_, {&memory_, &store_, &meshes_}, call);
+  return make_upload(header, options_, {&memory_, store_.get(), &meshes_}, call);
 }
 
 std::shared_ptr<const Mesh> EngineImpl::load_mesh(const OwnedId& id) {
-  const v1::GeometryInfo info = store_.info(id);
+  const v1::GeometryInfo info = store_->info(id);
   const std::size_t bytes = sizeof(Mesh) + content_bytes(info) + static_cast<std::size_t>(info.groups_size()) * sizeof(Group);
   Charge charge = memory_.charge(bytes, {"loading geometry " + id.id.substr(0, 16), "raise the server's memory budget", 0});
-  return MeshCache::share(store_.load(id), std::move(charge));
+  return MeshCache::share(store_->load(id), std::move(charge));
 }
 
 v1::GeometryInfo EngineImpl::get_geometry(const std::string& id, const CallContext& call) {
-  return store_.info(store_.resolve_geometry(call.tenant, id));
+  return store_->info(store_->resolve_geometry(call.tenant, id));
 }
 
 v1::ListGeometriesReply EngineImpl::list_geometries(const v1::ListGeometriesRequest& request, const CallContext& call) {
-  return store_.list(call.tenant, request);
+  return store_->list(call.tenant, request);
 }
 
 v1::DeleteGeometryReply EngineImpl::delete_geometry(const v1::DeleteGeometryRequest& request, const CallContext& call) {
-  const OwnedId id = store_.resolve_geometry(call.tenant, request.id());
-  const auto setups = store_.remove(id, request.with_setups() ? WithSetups::remove : WithSetups::refuse);
+  const OwnedId id = store_->resolve_geometry(call.tenant, request.id());
+  const auto setups = store_->remove(id, request.with_setups() ? WithSetups::remove : WithSetups::refuse);
   meshes_.forget(key_of(id));
   for (const auto& setup : setups) cache_->release(key_of({id.tenant, setup}));
   v1::DeleteGeometryReply reply;
@@ -160,7 +183,7 @@ v1::DeleteGeometryReply EngineImpl::delete_geometry(const v1::DeleteGeometryRequ
 }
 
 std::shared_ptr<const Points> EngineImpl::get_points(const std::string& id, const CallContext& call) {
-  const auto mesh = mesh_of(store_.resolve_geometry(call.tenant, id));
+  const auto mesh = mesh_of(store_->resolve_geometry(call.tenant, id));
   return {mesh, &mesh->points};
 }
 
@@ -170,8 +193,8 @@ EngineImpl::Recipe EngineImpl::recipe(const v1::Setup& setup, const std::string&
   if (setup.geometry().empty()) throw Error(ErrorCode::invalid_argument, "geometry: must not be empty");
   convert::setup_from_proto(setup, options_.max_handles);  // refuses what has no canonical form
   Recipe recipe;
-  const OwnedId geometry = store_.resolve_geometry(tenant, setup.geometry());
-  recipe.canonical = convert::canonical_setup(convert::with_kernel(setup, store_.info(geometry)), geometry.id);
+  const OwnedId geometry = store_->resolve_geometry(tenant, setup.geometry());
+  recipe.canonical = convert::canonical_setup(convert::with_kernel(setup, store_->info(geometry)), geometry.id);
   recipe.id = {tenant, convert::system_id(recipe.canonical)};
   return recipe;
 }
@@ -183,7 +206,7 @@ Problems EngineImpl::problems_of(const v1::Setup& message, const std::string& te
     if (message.geometry().empty()) throw Error(ErrorCode::invalid_argument, "geometry: must not be empty");
   });
   if (message.geometry().empty()) return problems;
-  find_problems(*mesh_of(store_.resolve_geometry(tenant, message.geometry())), setup, problems, context);
+  find_problems(*mesh_of(store_->resolve_geometry(tenant, message.geometry())), setup, problems, context);
   return problems;
 }
 
@@ -262,6 +285,7 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, co
                                                         const Quota& quota, const RunContext& context) {
   const auto& resident = planned.resident;
   const Estimate& estimate = planned.estimate;
+  const auto claim = store_->claim_preparation(recipe.id, context);
   resident->charge = memory_.charge(estimate.peak_bytes,
                                     {"preparing system " + recipe.id.id.substr(0, 16), less_memory, mesh_bytes(*resident->mesh)});
   RunContext budgeted = context;
@@ -275,13 +299,25 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, co
   convert::add_setup_notes(*resident->info.mutable_notes(), resident->setup);
   if (storing == Storing::store) {
     resident->info.set_created_unix_ms(
-        store_.put_setup({recipe.id.id, recipe.canonical.geometry(), recipe.canonical.SerializeAsString(),
-                          resident->info.SerializeAsString(), unix_ms(), Integrity::intact, recipe.id.tenant},
-                         quota));
-  } else if (const auto record = store_.find_setup(recipe.id)) {
-    resident->info.set_created_unix_ms(record->created_ms);
+        store_->put_setup({recipe.id.id, recipe.canonical.geometry(), recipe.canonical.SerializeAsString(),
+                           resident->info.SerializeAsString(), unix_ms(), Integrity::intact, recipe.id.tenant},
+                          quota));
+  } else {
+    resident->info.set_created_unix_ms(recipe.created_ms);
+    require_stored(recipe.id);
   }
   return resident;
+}
+
+/// What was deleted while it was prepared is not served.
+void EngineImpl::require_stored(const OwnedId& id) {
+  try {
+    if (!store_->catalog().setup_ids(id.tenant, id.id, 1).empty()) return;
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::unavailable) throw;
+    return;  // known when the preparation began, and compared with the catalog again later
+  }
+  throw Error(ErrorCode::not_found, "system " + id.id + ": unknown id");
 }
 
 void EngineImpl::prepare(const v1::PrepareRequest& request, const CallContext& call,
@@ -289,9 +325,9 @@ void EngineImpl::prepare(const v1::PrepareRequest& request, const CallContext& c
                          std::function<void(Outcome<v1::SystemInfo>)> on_done) {
   check_open();
   const Recipe recipe = this->recipe(request.setup(), call.tenant);
-  if (!store_.catalog().find_setup(recipe.id)) {  // before the work, not after it
-    store_.require_room(0);
-    store_.require_quota(recipe.id.tenant, {0, 1, recipe.canonical.ByteSizeLong()}, call.quota);
+  if (!store_->catalog().find_setup(recipe.id)) {  // before the work, not after it
+    store_->require_room(0);
+    store_->require_quota(recipe.id.tenant, {0, 1, recipe.canonical.ByteSizeLong()}, call.quota);
   }
   OutcomeCall<v1::SystemInfo>::Task task;
   task.system_id = recipe.id.id;
@@ -331,16 +367,16 @@ v1::SystemInfo EngineImpl::stored_info(const SetupRecord& record) {
 }
 
 v1::SystemInfo EngineImpl::get_system(const std::string& id, const CallContext& call) {
-  const auto record = store_.find_setup(store_.resolve_setup(call.tenant, id));
+  const auto record = store_->find_setup(store_->resolve_setup(call.tenant, id));
   if (!record) throw Error(ErrorCode::not_found, "system " + id + ": unknown id");
   return stored_info(*record);
 }
 
 v1::ListSystemsReply EngineImpl::list_systems(const v1::ListSystemsRequest& request, const CallContext& call) {
   const OwnedId geometry =
-      request.geometry_id().empty() ? OwnedId{call.tenant, ""} : store_.resolve_geometry(call.tenant, request.geometry_id());
+      request.geometry_id().empty() ? OwnedId{call.tenant, ""} : store_->resolve_geometry(call.tenant, request.geometry_id());
   const std::size_t limit = page_size(request.page_size());
-  const auto records = store_.catalog().list_setups(geometry, parse_page_token(request.page_token()), limit);
+  const auto records = store_->catalog().list_setups(geometry, parse_page_token(request.page_token()), limit);
   v1::ListSystemsReply reply;
   for (const auto& record : records) *reply.add_systems() = stored_info(record);
   if (records.size() == limit) reply.set_next_page_token(page_token(records.back().created_ms, records.back().id));
@@ -348,8 +384,8 @@ v1::ListSystemsReply EngineImpl::list_systems(const v1::ListSystemsRequest& requ
 }
 
 v1::ReleaseSystemReply EngineImpl::release_system(const v1::ReleaseSystemRequest& request, const CallContext& call) {
-  const OwnedId id = store_.resolve_setup(call.tenant, request.id());
-  if (request.forget()) store_.remove_setup(id);
+  const OwnedId id = store_->resolve_setup(call.tenant, request.id());
+  if (request.forget()) store_->remove_setup(id);
   v1::ReleaseSystemReply reply;
   reply.set_bytes_released(cache_->release(key_of(id)));
   return reply;
@@ -360,15 +396,16 @@ v1::ReleaseSystemReply EngineImpl::release_system(const v1::ReleaseSystemRequest
 // The catalog is asked only for what is not in memory.
 OwnedId EngineImpl::resolve_system(const std::string& tenant, const std::string& id) {
   const OwnedId owned{tenant, id};
-  return is_full_id(id) && cache_->contains(key_of(owned)) ? owned : store_.resolve_setup(tenant, id);
+  return is_full_id(id) && cache_->contains(key_of(owned)) ? owned : store_->resolve_setup(tenant, id);
 }
 
 SystemCache::Prepare EngineImpl::prepare_again(const OwnedId& id) {
   return [this, id](const RunContext& context) -> SystemCache::Prepared {
-    const auto record = store_.find_setup(id);
+    const auto record = store_->find_setup(id);
     if (!record) throw Error(ErrorCode::not_found, "system " + id.id + ": unknown id");
     Recipe recipe;
     recipe.id = id;
+    recipe.created_ms = record->created_ms;
     if (!recipe.canonical.ParseFromString(record->setup)) {
       throw Error(ErrorCode::data_loss, "catalog: the setup of system " + id.id + " is damaged");
     }
@@ -544,7 +581,8 @@ void EngineImpl::get_basis(const v1::GetBasisRequest& request, const CallContext
     Charge charge = memory_.charge(
         CompiledForm::bytes_for(*system->system) + CompiledRecords::working_bytes,
         {"compiling system " + system->info.id().substr(0, 16), "raise the server's memory budget", system->system->bytes()});
-    return std::make_shared<CompiledRecords>(system, store_.info({tenant, system->info.geometry_id()}).name(), std::move(charge));
+    return std::make_shared<CompiledRecords>(system, store_->info({tenant, system->info.geometry_id()}).name(),
+                                             std::move(charge));
   };
   task.on_done = std::move(on_done);
   std::make_shared<BasisCall>(BasisCall::Parts{&scheduler_, cache_.get(), &calls_}, std::move(task), call)->begin();
@@ -557,7 +595,7 @@ void EngineImpl::detect(const v1::DetectRequest& request, const CallContext& cal
   check_open();
   const DetectOptions options = convert::detect_options(request);
   if (request.geometry_id().empty()) throw Error(ErrorCode::invalid_argument, "geometry_id: must not be empty");
-  const OwnedId geometry = store_.resolve_geometry(call.tenant, request.geometry_id());
+  const OwnedId geometry = store_->resolve_geometry(call.tenant, request.geometry_id());
   OutcomeCall<DetectReplies>::Task task;
   task.compute = [this, options, geometry](const SystemCache::Handle&, const RunContext& context) -> DetectReplies {
     const auto from = RunContext::Clock::now();
@@ -600,7 +638,7 @@ v1::ServerInfo EngineImpl::info() {
   info.set_cache_hits(cache.hits);
   info.set_cache_misses(cache.misses);
   info.set_cache_evictions(cache.evictions);
-  const Catalog::Counts counts = store_.catalog().counts();
+  const Catalog::Counts counts = this->counts();
   info.set_geometries(counts.geometries);
   info.set_setups(counts.setups);
   info.set_designs_served(designs_served_);
@@ -615,7 +653,20 @@ v1::ServerInfo EngineImpl::info() {
   return info;
 }
 
-v1::StoreInfo EngineImpl::store() { return store_.state(); }
+/// The figures of a server are there while its catalog cannot be reached, too.
+Catalog::Counts EngineImpl::counts() {
+  std::optional<Catalog::Counts> now;
+  try {
+    now = store_->catalog().counts();
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::unavailable) throw;
+  }
+  const std::lock_guard lock(counts_mutex_);
+  if (now) counts_ = *now;
+  return counts_;
+}
+
+v1::StoreInfo EngineImpl::store() { return store_->state(); }
 
 Engine::Evicted EngineImpl::evict(const std::string& id_or_prefix, const std::optional<std::string>& tenant) {
   constexpr std::size_t shortest_prefix = 8;
@@ -635,7 +686,7 @@ Engine::Evicted EngineImpl::evict(const std::string& id_or_prefix, const std::op
 }
 
 StoreReport EngineImpl::check_store(const RunContext& context) {
-  return store_.check(context, [this](const GeometryRecord& record) {
+  return store_->check(context, [this](const GeometryRecord& record) {
     v1::GeometryInfo info;
     info.ParseFromString(record.info);
     return std::make_shared<Charge>(
@@ -645,7 +696,7 @@ StoreReport EngineImpl::check_store(const RunContext& context) {
 
 StoreReport EngineImpl::backup_store(const std::filesystem::path& to) {
   if (!to.is_absolute()) throw Error(ErrorCode::invalid_argument, "directory: \"" + to.string() + "\" is not absolute");
-  return server::backup_store(options_.data_dir, to);
+  return store_->backup(to);
 }
 
 bool EngineImpl::drain(std::chrono::milliseconds limit) {

@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <memory>
+#include <mutex>
 #include <string>
 
 #include "server/engine/call.h"
@@ -12,7 +13,7 @@
 #include "server/engine/mesh_cache.h"
 #include "server/engine/scheduler.h"
 #include "server/engine/system_cache.h"
-#include "server/store/geometry_store.h"
+#include "server/store/store.h"
 
 namespace deform::server {
 
@@ -52,7 +53,7 @@ class EngineImpl : public Engine {
                  std::function<void(Outcome<std::shared_ptr<BasisRecords>>)> on_done) override;
 
   v1::ServerInfo info() override;
-  StoredAmount stored(const std::string& tenant) override { return store_.amount_of(tenant); }
+  StoredAmount stored(const std::string& tenant) override { return store_->amount_of(tenant); }
   void give_back_idle_memory(std::size_t bytes) override;
   v1::StoreInfo store() override;
   Evicted evict(const std::string& id_or_prefix, const std::optional<std::string>& tenant) override;
@@ -67,6 +68,7 @@ class EngineImpl : public Engine {
   struct Recipe {
     OwnedId id;
     v1::Setup canonical;
+    std::int64_t created_ms = 0;  ///< of one that is stored
     OwnedId geometry() const { return {id.tenant, canonical.geometry()}; }
   };
   enum class Storing { store, stored_already };
@@ -92,12 +94,16 @@ class EngineImpl : public Engine {
   v1::SystemInfo stored_info(const SetupRecord& record);
   std::shared_ptr<DeformJob> begin_job(DeformTask task, const CallContext& call, std::function<void()> on_ready);
   void check_open() const;
+  void require_stored(const OwnedId& id);
+  Catalog::Counts counts();
 
   const EngineOptions options_;  // without zeros: defaults are filled in
   const RunContext::Clock::time_point opened_ = RunContext::Clock::now();
   MemoryBudget memory_;
   MemoryBudget selections_;
-  GeometryStore store_;
+  const std::unique_ptr<Store> store_;
+  std::mutex counts_mutex_;
+  Catalog::Counts counts_;  // under counts_mutex_: the last ones that could be read
   MeshCache meshes_;
   Scheduler scheduler_;
   CallRegistry calls_;

@@ -3,11 +3,19 @@
 
 #include "core/base/checks.h"
 #include "server/engine/engine.h"
+#include "server/store/postgres_catalog.h"
 
 namespace deform::server {
 
 void EngineOptions::validate() const {
   if (data_dir.empty()) throw Error(ErrorCode::invalid_argument, "option data_dir: must not be empty");
+  if (!catalog.empty()) {
+    try {
+      check_catalog_uri(catalog);
+    } catch (const Error& error) {
+      throw Error(error.code(), std::string("option catalog: ") + error.what());
+    }
+  }
   if (workers < 0 || workers > 1024) {
     throw Error(ErrorCode::invalid_argument,
                 "option workers: " + std::to_string(workers) + " is out of range, allowed are 0 to 1024 (0: one per core)");

@@ -9,7 +9,7 @@
 #include "core/base/number_text.h"
 #include "server/engine/mesh_cache.h"
 #include "server/store/geometry_file.h"
-#include "server/store/geometry_store.h"
+#include "server/store/store.h"
 
 namespace deform::server {
 
@@ -274,7 +274,7 @@ class Upload : public GeometryUpload {
   }
 
   const std::string declared_id_, name_;
-  GeometryStore& store_;
+  Store& store_;
   MeshCache& meshes_;
   const CallContext call_;
   UploadBuffer buffer_;

@@ -15,7 +15,7 @@
 
 namespace deform::server {
 
-class GeometryStore;
+class Store;
 class MeshCache;
 
 /// Joins the chunks of an upload into a mesh, checking order and counts as geometry.proto prescribes. Memory is charged before it
@@ -60,11 +60,11 @@ class UploadBuffer {
 /// What an upload needs of the engine; all outlive it.
 struct UploadParts {
   MemoryBudget* memory;
-  GeometryStore* store;
+  Store* store;
   MeshCache* meshes;
 };
 
-/// Throws as UploadBuffer does, and what GeometryStore::require_room() throws.
+/// Throws as UploadBuffer does, and what Store::require_room() throws.
 std::unique_ptr<GeometryUpload> make_upload(const v1::GeometryHeader& header, const EngineOptions& limits,
                                             const UploadParts& parts, const CallContext& call);
 

@@ -89,6 +89,13 @@ void MeshCache::forget(const std::string& id) {
   }
 }
 
+std::vector<std::string> MeshCache::ids() const {
+  const std::lock_guard lock(mutex_);
+  std::vector<std::string> ids;
+  for (const auto& kept : kept_) ids.push_back(kept.id);
+  return ids;
+}
+
 void MeshCache::reclaim(std::size_t bytes) {
   Doomed doomed;
   const std::lock_guard lock(mutex_);

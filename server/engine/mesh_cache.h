@@ -30,6 +30,8 @@ class MeshCache {
   /// Enters a mesh that is in memory anyway.
   void put(const std::string& id, std::shared_ptr<const Mesh> mesh);
   void forget(const std::string& id);
+  /// Of those that are held on to.
+  std::vector<std::string> ids() const;
   /// Lets go of meshes that nobody else holds, least recently used first, until `bytes` are given back or none is left.
   void reclaim(std::size_t bytes);
 
@@ -51,7 +53,7 @@ class MeshCache {
 
   const std::size_t budget_;
   const Load load_;
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   // guarded by mutex_
   std::condition_variable loaded_;
   std::map<std::string, Entry> entries_;

@@ -52,6 +52,13 @@ bool SystemCache::contains(const std::string& id) const {
   return entries_.count(id) > 0;
 }
 
+std::vector<std::string> SystemCache::ids() const {
+  const std::lock_guard lock(mutex_);
+  std::vector<std::string> ids;
+  for (const auto& [id, entry] : entries_) ids.push_back(id);
+  return ids;
+}
+
 std::pair<SystemCache::Handle, SystemCache::Ticket> SystemCache::acquire(const std::string& id, const Prepare& prepare,
                                                                          Asker asker) {
   std::unique_lock lock(mutex_);

@@ -112,6 +112,7 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
 
   /// Whether the entry is there now. Counts neither as a hit nor as a use.
   bool contains(const std::string& id) const;
+  std::vector<std::string> ids() const;
 
   /// The entry if it is there (the ticket stays empty, nothing is called back), otherwise joins or begins a flight. Callbacks
   /// come from other threads, never from inside this call.

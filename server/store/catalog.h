@@ -22,6 +22,7 @@ struct GeometryRecord {
   std::int64_t created_ms = 0;
   Integrity integrity = Integrity::intact;  ///< of what was read
   std::string tenant = default_tenant;
+  std::int64_t put = 0;  ///< in a shared store, the number of the put that wrote its file: a part of the name of that
 };
 
 /// What the catalog keeps of a prepared setup. `setup` and `info` are opaque to it.
@@ -52,6 +53,7 @@ struct Intent {
     std::int64_t created_ms = 0;  ///< tells a later file of the same id from the one that was meant
     std::string info;             ///< of a geometry that is put
     std::string tenant = default_tenant;
+    std::int64_t put = 0;  ///< of a geometry: as in its record
   };
   Kind kind = Kind::put;
   std::vector<Entry> entries;
@@ -68,7 +70,7 @@ enum class WithSetups { refuse, remove };
 
 /// Names of what is durably stored. A record is visible when the call that adds it returned, and then survives a crash; no call
 /// has a visible half-way state. Thread-safe. Errors: Error(unavailable) when the storage fails, Error(out_of_budget) when it is
-/// full, Error(data_loss) when it is damaged. Several servers could share another implementation of this interface.
+/// full, Error(data_loss) when it is damaged. Several servers share a SharedCatalog (shared_catalog.h).
 class Catalog {
  public:
   virtual ~Catalog() = default;

@@ -7,7 +7,6 @@
 #include <cstdint>
 #include <cstring>
 
-#include "core/base/error.h"
 #include "core/codec/geometry_id.h"
 #include "proto/convert/setup.h"
 #include "server/store/file.h"
@@ -120,6 +119,8 @@ GeometryRecord geometry_record(v1::GeometryInfo info, std::int64_t registered_ms
   info.set_registered_unix_ms(registered_ms);
   return {info.id(), info.SerializeAsString(), registered_ms, Integrity::intact, tenant};
 }
+
+Error unknown_geometry(const std::string& id) { return {ErrorCode::not_found, "geometry " + id + ": unknown id"}; }
 
 std::uint64_t content_bytes(const v1::GeometryInfo& info) {
   std::uint64_t bytes = 24 * info.points() + 4 * (info.faces() + info.corners()) + info.cell_bytes();

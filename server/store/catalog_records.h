@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/error.h"
 #include "deform/v1/geometry.pb.h"
 #include "server/store/catalog.h"
 #include "server/store/file_system.h"
@@ -17,6 +18,9 @@ namespace deform::server {
 
 /// The record of a geometry that a tenant registered at that time (milliseconds since 1970).
 GeometryRecord geometry_record(v1::GeometryInfo info, std::int64_t registered_ms, const std::string& tenant);
+
+/// What a tenant is told that does not have the geometry.
+Error unknown_geometry(const std::string& id);
 
 /// About what a record takes on the disk, the content of a geometry included. 0 for a geometry whose record is damaged.
 std::uint64_t stored_bytes(const GeometryRecord& record);

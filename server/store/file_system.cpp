@@ -29,6 +29,7 @@ class SystemFiles : public FileSystem {
   }
   int truncate(int descriptor, std::uint64_t size) override { return ::ftruncate(descriptor, static_cast<off_t>(size)); }
   int lock(int descriptor) override { return ::flock(descriptor, LOCK_EX | LOCK_NB); }
+  int lock_shared(int descriptor) override { return ::flock(descriptor, LOCK_SH | LOCK_NB); }
   int close(int descriptor) override { return ::close(descriptor); }
 
   int rename(const Path& from, const Path& to) override { return std::rename(from.c_str(), to.c_str()); }

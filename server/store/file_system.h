@@ -36,6 +36,8 @@ class FileSystem {
   virtual int truncate(int descriptor, std::uint64_t size) = 0;
   /// Against all who ask for the same; does not wait. Until the descriptor is closed.
   virtual int lock(int descriptor) = 0;
+  /// Against those who ask for lock() only.
+  virtual int lock_shared(int descriptor) = 0;
   virtual int close(int descriptor) = 0;
 
   // ---- names ----

@@ -4,12 +4,9 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <charconv>
-#include <chrono>
 #include <utility>
 
 #include "core/base/error.h"
-#include "core/base/number_text.h"
 #include "proto/convert/mesh/geometry.h"
 #include "server/store/catalog_rebuild.h"
 #include "server/store/catalog_records.h"
@@ -17,47 +14,6 @@
 #include "server/store/geometry_file.h"
 
 namespace deform::server {
-
-namespace {
-
-constexpr std::size_t id_digits = 64;
-constexpr std::size_t shortest_prefix = 8;
-constexpr std::size_t largest_page = 1000;
-
-bool is_hexadecimal(const std::string& text) {
-  return std::all_of(text.begin(), text.end(), [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); });
-}
-
-void check_id(const char* what, const std::string& id) {
-  if (id.size() >= shortest_prefix && id.size() <= id_digits && is_hexadecimal(id)) return;
-  throw Error(ErrorCode::invalid_argument, std::string(what) + " id \"" + id.substr(0, id_digits + 8) +
-                                               "\": expected 64 lower-case hexadecimal digits or the first 8 or more of them");
-}
-
-std::string only_one(const char* what, const std::string& id, const std::vector<std::string>& found) {
-  if (found.empty()) throw Error(ErrorCode::not_found, std::string(what) + " " + id + ": unknown id");
-  if (found.size() > 1) {
-    throw Error(ErrorCode::invalid_argument, std::string(what) + " " + id + ": several ids start so (" + found[0].substr(0, 16) +
-                                                 ", " + found[1].substr(0, 16) + "); give more digits");
-  }
-  return found[0];
-}
-
-/// `has`: what is stored and being stored of the tenant.
-void check_quota(const std::string& tenant, const StoredAmount& has, const StoredAmount& more, const Quota& quota) {
-  const char* advice = "; delete geometries or systems, or ask the operator of the server for more";
-  if (quota.geometries != 0 && more.geometries != 0 && has.geometries + more.geometries > quota.geometries) {
-    throw Error(ErrorCode::out_of_budget, "quota geometries of tenant \"" + tenant + "\": " + std::to_string(has.geometries) +
-                                              " are registered, the limit is " + std::to_string(quota.geometries) + advice);
-  }
-  if (quota.stored_bytes != 0 && more.bytes != 0 && more.bytes > quota.stored_bytes - std::min(has.bytes, quota.stored_bytes)) {
-    throw Error(ErrorCode::out_of_budget, "quota stored-bytes of tenant \"" + tenant + "\": " + mebibytes(has.bytes) +
-                                              " are stored, " + mebibytes(more.bytes) + " more are wanted, the limit is " +
-                                              mebibytes(quota.stored_bytes) + advice);
-  }
-}
-
-}  // namespace
 
 GeometryStore::GeometryStore(const std::filesystem::path& directory, StoreOptions options)
     : options_(std::move(options)),
@@ -265,7 +221,7 @@ bool GeometryStore::contains(const OwnedId& id) {
 
 v1::GeometryInfo GeometryStore::info(const OwnedId& id) {
   const auto record = catalog_->find_geometry(id);
-  if (!record) throw Error(ErrorCode::not_found, "geometry " + id.id + ": unknown id");
+  if (!record) throw unknown_geometry(id.id);
   return described(*record);
 }
 
@@ -290,7 +246,7 @@ v1::GeometryInfo GeometryStore::described(const GeometryRecord& record) {
 }
 
 Mesh GeometryStore::load(const OwnedId& id) {
-  if (!catalog_->find_geometry(id)) throw Error(ErrorCode::not_found, "geometry " + id.id + ": unknown id");
+  if (!catalog_->find_geometry(id)) throw unknown_geometry(id.id);
   const std::filesystem::path file = directory_.geometries() / key_of(id);
   if (!is_seen(files_, file)) {
     throw Error(ErrorCode::data_loss, "geometry " + id.id + ": the stored file is missing; register the geometry again");
@@ -359,7 +315,7 @@ std::int64_t GeometryStore::put_setup(SetupRecord record, const Quota& quota) {
   const std::lock_guard lock(visibility_);
   const OwnedId id = owned(record);
   if (!catalog_->find_geometry({record.tenant, record.geometry_id})) {
-    throw Error(ErrorCode::not_found, "geometry " + record.geometry_id + ": unknown id");
+    throw unknown_geometry(record.geometry_id);
   }
   const auto known = catalog_->find_setup(id);
   const bool stays = known && known->integrity == Integrity::intact;
@@ -429,45 +385,6 @@ v1::ListGeometriesReply GeometryStore::list(const std::string& tenant, const v1:
   for (const auto& record : records) *reply.add_geometries() = described(record);
   if (records.size() == limit) reply.set_next_page_token(page_token(records.back().created_ms, records.back().id));
   return reply;
-}
-
-OwnedId GeometryStore::resolve_geometry(const std::string& tenant, const std::string& id) {
-  check_id("geometry", id);
-  return {tenant, only_one("geometry", id, catalog_->geometry_ids(tenant, id, 2))};
-}
-
-OwnedId GeometryStore::resolve_setup(const std::string& tenant, const std::string& id) {
-  check_id("system", id);
-  return {tenant, only_one("system", id, catalog_->setup_ids(tenant, id, 2))};
-}
-
-std::string page_token(std::int64_t created_ms, const std::string& id) { return std::to_string(created_ms) + ":" + id; }
-
-std::optional<PageStart> parse_page_token(const std::string& token) {
-  if (token.empty()) return std::nullopt;
-  PageStart start;
-  const std::size_t colon = token.find(':');
-  const auto [end, error] = std::from_chars(token.data(), token.data() + token.size(), start.created_ms);
-  if (colon == std::string::npos || error != std::errc() || end != token.data() + colon) {
-    throw Error(ErrorCode::invalid_argument, "page_token: not one that a listing returned");
-  }
-  start.id = token.substr(colon + 1);
-  if (start.id.size() != id_digits || !is_hexadecimal(start.id)) {
-    throw Error(ErrorCode::invalid_argument, "page_token: not one that a listing returned");
-  }
-  return start;
-}
-
-std::size_t page_size(std::uint32_t requested) {
-  if (requested > largest_page) {
-    throw Error(ErrorCode::invalid_argument,
-                "page_size: " + std::to_string(requested) + " is more than " + std::to_string(largest_page));
-  }
-  return requested == 0 ? largest_page : requested;
-}
-
-std::int64_t unix_ms() {
-  return std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
 }
 
 }  // namespace deform::server

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <filesystem>
-#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -17,21 +16,12 @@
 #include "server/store/catalog.h"
 #include "server/store/disk_space.h"
 #include "server/store/file_system.h"
-#include "server/store/store_commands.h"
+#include "server/store/store.h"
 #include "server/store/store_directory.h"
 
 namespace deform::server {
 
-struct StoreOptions {
-  DiskOptions disk;
-  /// Called after every step that a crash could follow; for tests.
-  std::function<void(const char* step)> on_step = [](const char*) {};
-  /// Outlives the store; null: that of this machine.
-  FileSystem* files = nullptr;
-};
-
-/// Durable, content-addressed geometries and the setups prepared on them, in one directory that belongs to the server's user
-/// alone:
+/// A store of one server, in one directory that belongs to the server's user alone:
 ///
 ///   deformd-store     the mark: this folder is a store, and of which format. Without it, only an empty folder becomes one
 ///   lock              held by flock while the store is open: one process per directory
@@ -58,58 +48,36 @@ struct StoreOptions {
 /// it is moved to damaged/ and rebuilt from names/, setups/, geometries/ and what can still be read of it.
 /// A row whose file is missing or damaged is listed with `damage`, an Error(data_loss) when used, and healed by registering
 /// again. Where the disk is full, what is there is served, and deleting works; adding is an Error(out_of_budget). Thread-safe.
-class GeometryStore {
+class GeometryStore : public Store {
  public:
   /// Throws Error(unavailable) when another process has the directory or it cannot be written, Error(failed_precondition) when it
   /// is a folder of something else.
   explicit GeometryStore(const std::filesystem::path& directory, StoreOptions options = {});
-  ~GeometryStore();
-  GeometryStore(const GeometryStore&) = delete;
-  GeometryStore& operator=(const GeometryStore&) = delete;
+  ~GeometryStore() override;
 
-  /// Stores a validated mesh for a tenant; `existed` of the answer tells whether the tenant had it.
-  /// Throws Error(out_of_budget) without a retry hint beyond the quota.
-  v1::GeometryInfo put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota = {});
-  /// The row and the file are there.
-  bool contains(const OwnedId& id);
-  /// Throws Error(not_found).
-  v1::GeometryInfo info(const OwnedId& id);
-  /// Reads and verifies; throws Error(not_found), Error(data_loss).
-  Mesh load(const OwnedId& id);
-  /// Also the setups when the policy says so; returns their ids. Throws Error(not_found), Error(failed_precondition). Whoever has
-  /// loaded the mesh keeps it, and so do other tenants.
-  std::vector<std::string> remove(const OwnedId& id, WithSetups policy);
+  v1::GeometryInfo put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota = {}) override;
+  bool contains(const OwnedId& id) override;
+  v1::GeometryInfo info(const OwnedId& id) override;
+  Mesh load(const OwnedId& id) override;
+  std::vector<std::string> remove(const OwnedId& id, WithSetups policy) override;
 
-  /// Adds or replaces; returns when the setup was stored first. Where nothing can be written, a setup that is there stays as it
-  /// is. Throws as put() beyond the quota.
-  std::int64_t put_setup(SetupRecord record, const Quota& quota = {});
-  /// Throws Error(data_loss) when neither the row nor the small file is whole.
-  std::optional<SetupRecord> find_setup(const OwnedId& id);
-  /// False when there was none.
-  bool remove_setup(const OwnedId& id);
+  std::int64_t put_setup(SetupRecord record, const Quota& quota = {}) override;
+  std::optional<SetupRecord> find_setup(const OwnedId& id) override;
+  bool remove_setup(const OwnedId& id) override;
 
-  /// Throws Error(out_of_budget) when a tenant may not add so much more.
-  void require_quota(const std::string& tenant, const StoredAmount& more, const Quota& quota) const;
-  /// What a tenant has.
-  StoredAmount amount_of(const std::string& tenant) const;
-  /// Throws Error(out_of_budget) when so many bytes cannot be added now.
-  void require_room(std::size_t bytes) const { disk_.require(bytes); }
-  /// Whether the store may be added to, and what was set aside. Also takes back the reserve when there is room again.
-  v1::StoreInfo state();
-  /// check_open_store() of this one.
-  StoreReport check(const RunContext& context, const RoomFor& room) {
+  void require_quota(const std::string& tenant, const StoredAmount& more, const Quota& quota) const override;
+  StoredAmount amount_of(const std::string& tenant) const override;
+  void require_room(std::size_t bytes) const override { disk_.require(bytes); }
+  /// Also takes back the reserve when there is room again.
+  v1::StoreInfo state() override;
+  StoreReport check(const RunContext& context, const RoomFor& room) override {
     return check_open_store(directory_, *catalog_, context, room);
   }
+  StoreReport backup(const std::filesystem::path& to) override { return backup_store(directory_.root(), to); }
 
-  v1::ListGeometriesReply list(const std::string& tenant, const v1::ListGeometriesRequest& request);
+  v1::ListGeometriesReply list(const std::string& tenant, const v1::ListGeometriesRequest& request) override;
 
-  /// Full ids from full ids or unique prefixes of at least 8 digits, among those of the tenant. Throws Error(invalid_argument)
-  /// for what is no such prefix or has several answers, Error(not_found).
-  OwnedId resolve_geometry(const std::string& tenant, const std::string& id_or_prefix);
-  OwnedId resolve_setup(const std::string& tenant, const std::string& id_or_prefix);
-
-  /// For listings of setups and counts; what changes files goes through the store.
-  Catalog& catalog() { return *catalog_; }
+  Catalog& catalog() override { return *catalog_; }
 
  private:
   v1::GeometryInfo described(const GeometryRecord& record);
@@ -140,13 +108,5 @@ class GeometryStore {
   std::map<std::string, StoredAmount> amounts_;  // as in the catalog
   std::map<std::string, StoredAmount> adding_;   // of puts under way
 };
-
-/// "<created_ms>:<id>" and back; page sizes. Shared by the listings.
-std::string page_token(std::int64_t created_ms, const std::string& id);
-std::optional<PageStart> parse_page_token(const std::string& token);
-std::size_t page_size(std::uint32_t requested);
-
-/// Now, in milliseconds since 1970.
-std::int64_t unix_ms();
 
 }  // namespace deform::server

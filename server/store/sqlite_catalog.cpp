@@ -86,8 +86,6 @@ std::string key(const GeometryRecord& record) { return key_of(owned(record)); }
 std::string key(const SetupRecord& record) { return key_of(owned(record)); }
 std::string geometry_key(const SetupRecord& record) { return key_of({record.tenant, record.geometry_id}); }
 
-Error unknown_geometry(const std::string& id) { return {ErrorCode::not_found, "geometry " + id + ": unknown id"}; }
-
 /// Rows of 0.1 that make no sense get no checksum, which marks them as damaged.
 void add_checksums(sqlite3* db) {
   std::vector<GeometryRecord> geometries;

@@ -25,6 +25,7 @@ namespace fs = std::filesystem;
 constexpr const char* mark_name = "deformd-store";
 /// Format 3 has tenants in the names of files, which a server of format 2 would take for a stranger's.
 constexpr const char* mark_text = "deformd store, format 3\n";
+constexpr const char* shared_mark_text = "deformd store, format 3, shared by servers with the catalog ";
 constexpr const char* mark_of_2 = "deformd store, format 2\n";  // the files of the default tenant alone: a format 3 as it stands
 /// Of the file systems themselves, of a mark that was not finished, and the lock, which is made before the mark.
 constexpr std::array nothing_of_anybody = {"lost+found", "deformd-store.part", "lock"};
@@ -63,17 +64,39 @@ bool laid_out_like_a_store(const fs::path& root, FileSystem& files) {
 }
 
 std::string content(const fs::path& file, FileSystem& files) {
-  std::string text(std::strlen(mark_text) + 100, '\0');
+  std::string text(200, '\0');
   text.resize(File(files, file, O_RDONLY).read(text.data(), text.size()));
   return text;
 }
 
+std::string mark_of(const std::string& catalog) { return catalog.empty() ? mark_text : shared_mark_text + catalog + "\n"; }
+
 /// Before anything is written: is this folder one that we may use?
-void examine(const fs::path& root, StoreDirectory::Accept accept, FileSystem& files) {
+void examine(const fs::path& root, StoreDirectory::Accept accept, const std::string& mark, FileSystem& files) {
+  const bool alone = mark == mark_text;
   if (!exists(files, root) && accept != StoreDirectory::Accept::existing) return;
   if (has_mark(root, files)) {
     const std::string text = content(root / mark_name, files);
-    if (text == mark_text || text == mark_of_2) return;
+    if (text == mark || (alone && text == mark_of_2)) return;
+    const bool shared = text.starts_with(shared_mark_text);
+    if (alone && shared) {
+      throw Error(ErrorCode::failed_precondition,
+                  "store: " + root.string() +
+                      " is shared by servers whose catalog is in PostgreSQL (option catalog); nothing "
+                      "in it was touched");
+    }
+    if (!alone && shared) {
+      throw Error(ErrorCode::failed_precondition,
+                  "store: the files in " + root.string() +
+                      " belong to another catalog than that of the option catalog; nothing in it was "
+                      "touched");
+    }
+    if (!alone && (text == mark_text || text == mark_of_2)) {
+      throw Error(ErrorCode::failed_precondition,
+                  "store: " + root.string() +
+                      " is the store of one server, with a catalog of its own; for servers that share "
+                      "a catalog name an empty or a new folder, and register again");
+    }
     throw Error(ErrorCode::failed_precondition, "store: " + root.string() + " is of another version (\"" +
                                                     text.substr(0, text.find('\n')) + "\"), this server knows \"" +
                                                     std::string(mark_text, std::strlen(mark_text) - 1) + "\"");
@@ -82,50 +105,70 @@ void examine(const fs::path& root, StoreDirectory::Accept accept, FileSystem& fi
     throw Error(ErrorCode::failed_precondition,
                 "store: " + root.string() + " is not a store of deformd (it has no file \"" + mark_name + "\")");
   }
-  if (is_empty_folder(root, files) || is_catalog_of_0_1(root / "catalog.sqlite", files)) return;
-  if (accept == StoreDirectory::Accept::also_files && laid_out_like_a_store(root, files)) return;
+  if (is_empty_folder(root, files)) return;
+  if (alone && is_catalog_of_0_1(root / "catalog.sqlite", files)) return;
+  if (alone && accept == StoreDirectory::Accept::also_files && laid_out_like_a_store(root, files)) return;
   throw not_a_store(root, files);
 }
 
-int lock(const fs::path& root, FileSystem& files) {
+enum class Lock { alone, shared };
+
+int lock(const fs::path& root, Lock how, FileSystem& files) {
   const fs::path file = root / "lock";
   const int descriptor = files.open(file, O_RDWR | O_CREAT | O_NOFOLLOW);
   if (descriptor < 0) fail_on("open", file);
-  if (files.lock(descriptor) != 0) {
+  if ((how == Lock::alone ? files.lock(descriptor) : files.lock_shared(descriptor)) != 0) {
+    if (how == Lock::shared && errno != EWOULDBLOCK) {
+      // The mark keeps servers that want it alone away, too.
+      spdlog::warn("store: {} cannot be locked: {}", file.string(), std::strerror(errno));
+      return descriptor;
+    }
     files.close(descriptor);
     throw Error(ErrorCode::unavailable, "store: the data directory " + root.string() + " is in use by another process");
   }
   return descriptor;
 }
 
+void write_mark_text(const fs::path& root, const std::string& text, FileSystem& files) {
+  const fs::path part = root / (std::string(mark_name) + ".part");
+  {
+    const File file(files, part, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW);
+    file.write(text.data(), text.size());
+    file.sync();
+  }
+  move_file(files, part, root / mark_name);
+  sync_directory(files, root);
+}
+
 }  // namespace
 
-StoreDirectory::StoreDirectory(const fs::path& root, Accept accept, FileSystem& files) : files_(files), root_(root) {
+StoreDirectory::StoreDirectory(const fs::path& root, Accept accept, FileSystem& files, const std::string& catalog)
+    : files_(files), root_(root), mark_(mark_of(catalog)) {
   try {
-    examine(root, accept, files);
+    examine(root, accept, mark_, files);
     make_directories(files, root);
-    lock_descriptor_ = lock(root, files);
-    examine(root, accept, files);  // another process may have been faster
+    lock_descriptor_ = lock(root, catalog.empty() ? Lock::alone : Lock::shared, files);
+    examine(root, accept, mark_, files);  // another process may have been faster
     if (!has_mark(root, files)) {
       // What users register is for nobody else on this machine.
       if (files.close_to_others(root) != 0)
         spdlog::warn("store: cannot close {} to others: {}", root.string(), std::strerror(errno));
       // A catalog of 0.1 is marked and then migrated, its copy made first: without the mark, a migrated one would be nobody's.
-      const fs::path copy = catalog().string() + ".schema-1";
-      if (is_catalog_of_0_1(catalog(), files) && !exists(files, copy)) {
+      const fs::path copy = this->catalog().string() + ".schema-1";
+      if (catalog.empty() && is_catalog_of_0_1(this->catalog(), files) && !exists(files, copy)) {
         try {
-          copy_catalog(catalog(), copy, files);
+          copy_catalog(this->catalog(), copy, files);
         } catch (const Error& error) {
           if (error.code() != ErrorCode::data_loss) throw;  // a damaged one is set aside whole, later
         }
       }
-      write_mark(root, files);
+      write_mark_text(root, mark_, files);
       spdlog::info("store: {} is now a store of deformd", root.string());
-    } else if (content(root / mark_name, files) == mark_of_2) {
+    } else if (catalog.empty() && content(root / mark_name, files) == mark_of_2) {
       write_mark(root, files);  // before the catalog is changed, which an older server would not understand
     }
     for (const fs::path& folder : {geometries(), names(), setups(), tmp(), damaged(), unclaimed()}) {
-      if (!is_directory(files, folder) && files.make_directory(folder) != 0) fail_on("create", folder);
+      if (!is_directory(files, folder) && files.make_directory(folder) != 0 && errno != EEXIST) fail_on("create", folder);
     }
     sync_directory(files, root);
   } catch (...) {
@@ -135,6 +178,14 @@ StoreDirectory::StoreDirectory(const fs::path& root, Accept accept, FileSystem& 
 }
 
 StoreDirectory::~StoreDirectory() { files_.close(lock_descriptor_); }
+
+bool StoreDirectory::is_reachable() const {
+  try {
+    return content(root_ / mark_name, files_) == mark_;
+  } catch (const Error&) {
+    return false;
+  }
+}
 
 fs::path StoreDirectory::temporary(const std::string& key, std::int64_t intent) const {
   return tmp() / (key + "." + std::to_string(intent));
@@ -164,16 +215,7 @@ fs::path StoreDirectory::set_aside(const fs::path& file, const fs::path& shelf) 
 
 bool has_mark(const fs::path& root, FileSystem& files) { return is_file(files, root / mark_name); }
 
-void write_mark(const fs::path& root, FileSystem& files) {
-  const fs::path part = root / (std::string(mark_name) + ".part");
-  {
-    const File file(files, part, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW);
-    file.write(mark_text, std::strlen(mark_text));
-    file.sync();
-  }
-  move_file(files, part, root / mark_name);
-  sync_directory(files, root);
-}
+void write_mark(const fs::path& root, FileSystem& files) { write_mark_text(root, mark_text, files); }
 
 bool is_empty_folder(const fs::path& folder, FileSystem& files) {
   if (!exists(files, folder)) return true;

@@ -10,8 +10,9 @@
 
 namespace deform::server {
 
-/// Where the files of a store are (see geometry_store.h), and the right to use them: the folder is locked against other processes
-/// while the object lives. Functions that move files are for one thread at a time.
+/// Where the files of a store are (see geometry_store.h, shared_store.h), and the right to use them: the folder is locked against
+/// other processes while the object lives, that of a shared store only against those that want it alone. Functions that move
+/// files are for one thread at a time.
 class StoreDirectory {
  public:
   enum class Accept {
@@ -22,14 +23,17 @@ class StoreDirectory {
 
   /// Makes the folder when it is missing or empty, marks it, and makes the folders inside. Throws Error(failed_precondition) for
   /// a folder of something else, which stays as it is, and for stores of later versions; Error(unavailable) when another process
-  /// has the store or it cannot be written.
-  StoreDirectory(const std::filesystem::path& root, Accept accept, FileSystem& files);
+  /// has the store or it cannot be written. `catalog`: the identity of the SharedCatalog that says what is in it; empty for a
+  /// store that has its own. Each refuses the folders of the other.
+  StoreDirectory(const std::filesystem::path& root, Accept accept, FileSystem& files, const std::string& catalog = {});
   ~StoreDirectory();
   StoreDirectory(const StoreDirectory&) = delete;
   StoreDirectory& operator=(const StoreDirectory&) = delete;
 
   FileSystem& files() const { return files_; }
   const std::filesystem::path& root() const { return root_; }
+  /// Whether the folder is there and still this store: not that below the place where a share was mounted.
+  bool is_reachable() const;
   std::filesystem::path catalog() const { return root_ / "catalog.sqlite"; }
   std::filesystem::path reserve() const { return root_ / "reserve"; }
   std::filesystem::path geometries() const { return root_ / "geometries"; }
@@ -53,6 +57,7 @@ class StoreDirectory {
  private:
   FileSystem& files_;
   std::filesystem::path root_;
+  const std::string mark_;
   int lock_descriptor_ = -1;
 };
 

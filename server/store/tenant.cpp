@@ -3,6 +3,9 @@
 
 #include <algorithm>
 
+#include "core/base/error.h"
+#include "core/base/number_text.h"
+
 namespace deform::server {
 
 namespace {
@@ -33,6 +36,19 @@ std::optional<OwnedId> owned_id(const std::string& key) {
 bool is_full_id(const std::string& text) {
   return text.size() == digits_of_id &&
          std::all_of(text.begin(), text.end(), [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); });
+}
+
+void check_quota(const std::string& tenant, const StoredAmount& has, const StoredAmount& more, const Quota& quota) {
+  const char* advice = "; delete geometries or systems, or ask the operator of the server for more";
+  if (quota.geometries != 0 && more.geometries != 0 && has.geometries + more.geometries > quota.geometries) {
+    throw Error(ErrorCode::out_of_budget, "quota geometries of tenant \"" + tenant + "\": " + std::to_string(has.geometries) +
+                                              " are registered, the limit is " + std::to_string(quota.geometries) + advice);
+  }
+  if (quota.stored_bytes != 0 && more.bytes != 0 && more.bytes > quota.stored_bytes - std::min(has.bytes, quota.stored_bytes)) {
+    throw Error(ErrorCode::out_of_budget, "quota stored-bytes of tenant \"" + tenant + "\": " + mebibytes(has.bytes) +
+                                              " are stored, " + mebibytes(more.bytes) + " more are wanted, the limit is " +
+                                              mebibytes(quota.stored_bytes) + advice);
+  }
 }
 
 }  // namespace deform::server

@@ -45,4 +45,7 @@ struct StoredAmount {
   std::uint64_t bytes = 0;  ///< of geometries and setups, without what the file system and the catalog add
 };
 
+/// Throws Error(out_of_budget) when a tenant that has so much, what is being stored included, may not add so much more.
+void check_quota(const std::string& tenant, const StoredAmount& has, const StoredAmount& more, const Quota& quota);
+
 }  // namespace deform::server

@@ -1,25 +1,52 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Three servers that share nothing, and clients at work while they are killed, emptied and restarted."""
+"""Three servers, and clients at work while they are killed, emptied and restarted; with a proxy before them; with a store that they
+share."""
 
 import os
 import shutil
+import socket
+import subprocess
+import sys
+import tempfile
 import time
 
 from harness import AHMED_SETUP, EndToEnd, Server, read_bytes
+
+SOURCE = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+sys.path.insert(0, os.path.join(SOURCE, "tests", "support"))
+import postgres  # noqa: E402
 
 LONG = bool(os.environ.get("DEFORM_LONG"))
 CLIENTS = 8 if LONG else 4
 DESIGNS = 1000 if LONG else 500  # of each
 
 
+def free_port():
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
 class Replicas(EndToEnd):
+    """Servers that share nothing."""
+
+    down_seconds = 0.1  # of a server that was killed
+    up_seconds = 0  # at least, until the next one
+
     def setUp(self):
         super().setUp()
         self.servers = []
         for k in range(3):
             folder = self.path(f"server{k}")
             os.mkdir(folder)
-            self.servers.append(Server(folder, *self.options_of(k)).start())
+            self.servers.append(self.new_server(folder, k).start())
+
+    def new_server(self, folder, number):
+        return Server(folder, *self.options_of(number))
+
+    def empty(self, server):
+        """What a server that is down may lose."""
+        shutil.rmtree(server.data)
 
     def tearDown(self):
         for server in self.servers:
@@ -72,10 +99,11 @@ class Replicas(EndToEnd):
             victim = self.servers[kills % 3]
             victim.kill()
             if kills % 2 == 0:
-                shutil.rmtree(victim.data)
+                self.empty(victim)
             kills += 1
-            time.sleep(0.1)
+            time.sleep(self.down_seconds)
             victim.start()
+            time.sleep(self.up_seconds)
         self.all_succeed(children)
         self.assertGreaterEqual(kills, 3)
         for k in range(CLIENTS):
@@ -92,3 +120,73 @@ class Replicas(EndToEnd):
             self.assertEqual(server.stop(), 0)
             server.start()
         self.all_succeed(children)
+
+
+class SharedStore:
+    """Before Replicas in the list of bases: the servers have a folder and a database in common."""
+
+    def setUp(self):
+        if postgres.missing():
+            self.skipTest(postgres.missing())
+        self.postgres_folder = tempfile.mkdtemp(prefix="deform-pg-")
+        self.postgres = postgres.Postgres(self.postgres_folder).create().start()
+        try:
+            super().setUp()
+        except BaseException:
+            self.drop_postgres()
+            raise
+
+    def tearDown(self):
+        super().tearDown()
+        self.drop_postgres()
+
+    def drop_postgres(self):
+        self.postgres.stop("immediate")
+        shutil.rmtree(self.postgres_folder, ignore_errors=True)
+
+    def options_of(self, number):
+        return [*super().options_of(number), "--catalog", self.postgres.uri()]
+
+    def new_server(self, folder, number):
+        server = super().new_server(folder, number)
+        server.data = self.path("shared")
+        return server
+
+    def empty(self, server):
+        """Nothing is its own."""
+
+
+class BehindProxy(Replicas):
+    def setUp(self):
+        self.metrics = [free_port() for _ in range(3)]
+        super().setUp()
+        self.port = free_port()
+        self.proxy = None
+        self.start_proxy()
+
+    def tearDown(self):
+        if self.proxy:
+            self.proxy.kill()
+            self.proxy.wait()
+        super().tearDown()
+
+    def options_of(self, number):
+        return ["--metrics-address", f"127.0.0.1:{self.metrics[number]}"]
+
+    def proxy_settings(self):
+        return {}
+
+    def start_proxy(self):
+        """The file that is shipped, but for its own port."""
+        with open(os.path.join(SOURCE, "deploy/replicas/haproxy.cfg")) as file:
+            self.write("haproxy.cfg", file.read().replace("bind :50051", f"bind 127.0.0.1:{self.port}"))
+        environment = {**os.environ, **self.proxy_settings()}
+        for name, server, metrics in zip("ABC", self.servers, self.metrics):
+            environment[f"DEFORMD_{name}"] = server.address
+            environment[f"DEFORMD_{name}_METRICS"] = str(metrics)
+        with open(self.path("haproxy.log"), "ab") as log:
+            self.proxy = subprocess.Popen(["haproxy", "-db", "-f", self.path("haproxy.cfg")], stdout=log, stderr=log, env=environment)
+        self.wait_until(lambda: self.deform("status", expect=None).code == 0, "haproxy answers")
+
+    def environment(self):
+        return {**super().environment(), "DEFORM_SERVER": f"127.0.0.1:{self.port}", "DEFORM_REPLICAS": "1"}

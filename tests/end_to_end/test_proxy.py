@@ -5,55 +5,14 @@ manifests for Kubernetes."""
 import os
 import re
 import shutil
-import socket
-import subprocess
 import unittest
 
 from harness import main
-from replicas import CLIENTS, Replicas
-
-SOURCE = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-
-
-def free_port():
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
+from replicas import CLIENTS, SOURCE, BehindProxy
 
 
 @unittest.skipUnless(shutil.which("haproxy"), "haproxy is not installed")
-class Proxy(Replicas):
-    def setUp(self):
-        self.metrics = [free_port() for _ in range(3)]
-        super().setUp()
-        self.port = free_port()
-        self.proxy = None
-        self.start_proxy()
-
-    def tearDown(self):
-        if self.proxy:
-            self.proxy.kill()
-            self.proxy.wait()
-        super().tearDown()
-
-    def options_of(self, number):
-        return ["--metrics-address", f"127.0.0.1:{self.metrics[number]}"]
-
-    def start_proxy(self):
-        """The file that is shipped, but for its own port."""
-        with open(os.path.join(SOURCE, "deploy/replicas/haproxy.cfg")) as file:
-            self.write("haproxy.cfg", file.read().replace("bind :50051", f"bind 127.0.0.1:{self.port}"))
-        environment = dict(os.environ)
-        for name, server, metrics in zip("ABC", self.servers, self.metrics):
-            environment[f"DEFORMD_{name}"] = server.address
-            environment[f"DEFORMD_{name}_METRICS"] = str(metrics)
-        with open(self.path("haproxy.log"), "ab") as log:
-            self.proxy = subprocess.Popen(["haproxy", "-db", "-f", self.path("haproxy.cfg")], stdout=log, stderr=log, env=environment)
-        self.wait_until(lambda: self.deform("status", expect=None).code == 0, "haproxy answers")
-
-    def environment(self):
-        return {**super().environment(), "DEFORM_SERVER": f"127.0.0.1:{self.port}", "DEFORM_REPLICAS": "1"}
-
+class Proxy(BehindProxy):
     def status_of(self, server):
         return self.deform("status", "--server", server.address, "--json").json
 
@@ -116,6 +75,32 @@ class Manifests(unittest.TestCase):
         environment = {one["name"]: one["value"] for one in servers["template"]["spec"]["containers"][0]["env"]}
         self.assertTrue(environment["DEFORMD_METRICS_ADDRESS"].endswith(":9464"))
         self.assertEqual(re.findall(r"_METRICS-(\d+)", cfg), ["9464"] * servers["replicas"])
+
+    def test_what_is_changed_for_a_shared_store_is_there(self):
+        import yaml
+
+        def read(path):
+            with open(os.path.join(SOURCE, "deploy", path)) as file:
+                return list(yaml.safe_load_all(file))
+
+        (kustomization,) = read("replicas-shared/kustomization.yaml")
+        self.assertIn("../replicas", kustomization["resources"])
+        objects = [one for name in read("replicas/kustomization.yaml")[0]["resources"] for one in read("replicas/" + name)]
+        found = {(one["kind"], one["metadata"]["name"]): one for one in objects}
+        changes = [read("replicas-shared/" + one["path"])[0] for one in kustomization["patches"] if "path" in one]
+        self.assertEqual(len(changes), 3)
+        for change in changes:
+            base = found[change["kind"], change["metadata"]["name"]]
+            containers = change["spec"].get("template", {}).get("spec", {}).get("containers", [])
+            known = [one["name"] for one in base["spec"].get("template", {}).get("spec", {}).get("containers", [])]
+            self.assertLessEqual({one["name"] for one in containers}, set(known))
+        (claim,) = read("replicas-shared/store.yaml")
+        servers = next(one for one in changes if one["kind"] == "StatefulSet")["spec"]["template"]["spec"]
+        self.assertEqual(servers["volumes"][0]["persistentVolumeClaim"]["claimName"], claim["metadata"]["name"])
+        mounts = found["StatefulSet", "deformd"]["spec"]["template"]["spec"]["containers"][0]["volumeMounts"]
+        self.assertIn(servers["volumes"][0]["name"], [one["name"] for one in mounts])
+        (compose,) = read("compose.shared.yaml")
+        self.assertEqual({one for one in compose["services"] if one.startswith("deformd")}, {"deformd-a", "deformd-b", "deformd-c"})
 
 
 if __name__ == "__main__":

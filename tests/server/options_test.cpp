@@ -102,6 +102,7 @@ TEST_F(Options, EveryOptionCanBeSetInEveryWay) {
                                                      {"connection-age", "27"},
                                                      {"connection-age-grace", "28"},
                                                      {"data-dir", "d"},
+                                                     {"catalog", DEFORM_WITH_POSTGRES ? "postgresql://db/x" : ""},
                                                      {"keep-free", "9MiB"},
                                                      {"memory-budget", "8GiB"},
                                                      {"cache-budget", "3GiB"},

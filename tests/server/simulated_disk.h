@@ -86,6 +86,7 @@ class SimulatedDisk : public FileSystem {
   int allocate(int descriptor, std::uint64_t size) override;
   int truncate(int descriptor, std::uint64_t size) override;
   int lock(int descriptor) override;
+  int lock_shared(int descriptor) override { return lock(descriptor); }  // no store on it is shared
   int close(int descriptor) override;
   int rename(const Path& from, const Path& to) override;
   int link(const Path& file, const Path& name) override;

@@ -56,38 +56,6 @@ class StoreOfTenants : public StoreTest {
   const Mesh mesh = sheet_mesh(6, 5);
 };
 
-TEST_F(StoreOfTenants, what_another_has_is_as_unknown_as_what_nobody_has) {
-  const OwnedId theirs = put("acme", mesh, "secret.obj");
-  const std::string setup = setup_record(theirs.id, -0.1).id;
-  store->put_setup(setup_record(theirs.id, -0.1, "acme"));
-  for (const std::string stranger : {"default", "acm", "acme2", "b"}) {
-    const OwnedId id{stranger, theirs.id};
-    EXPECT_FALSE(store->contains(id));
-    EXPECT_EQ(code_of([&] { store->info(id); }), ErrorCode::not_found);
-    EXPECT_EQ(code_of([&] { store->load(id); }), ErrorCode::not_found);
-    EXPECT_EQ(code_of([&] { store->remove(id, WithSetups::remove); }), ErrorCode::not_found);
-    EXPECT_EQ(code_of([&] { store->resolve_geometry(stranger, theirs.id); }), ErrorCode::not_found);
-    EXPECT_EQ(code_of([&] { store->resolve_geometry(stranger, theirs.id.substr(0, 8)); }), ErrorCode::not_found);
-    EXPECT_EQ(code_of([&] { store->resolve_setup(stranger, setup); }), ErrorCode::not_found);
-    EXPECT_FALSE(store->find_setup({stranger, setup}));
-    EXPECT_FALSE(store->remove_setup({stranger, setup}));
-    EXPECT_EQ(code_of([&] { store->put_setup(setup_record(theirs.id, -0.2, stranger)); }), ErrorCode::not_found);
-    EXPECT_EQ(store->list(stranger, {}).geometries_size(), 0);
-    EXPECT_TRUE(store->catalog().list_setups({stranger, ""}, std::nullopt, 10).empty());
-    EXPECT_TRUE(store->catalog().list_setups(id, std::nullopt, 10).empty());
-    EXPECT_EQ(store->amount_of(stranger).bytes, 0u);
-  }
-  EXPECT_TRUE(store->find_setup({"acme", setup}));
-  EXPECT_EQ(store->list("acme", {}).geometries(0).name(), "secret.obj");
-}
-
-TEST_F(StoreOfTenants, prefixes_are_unique_among_ones_own) {
-  const OwnedId mine = put("acme", mesh);
-  put("b", mesh);
-  put(default_tenant, mesh);
-  EXPECT_EQ(store->resolve_geometry("acme", mine.id.substr(0, 8)), mine);
-}
-
 TEST_F(StoreOfTenants, the_same_content_is_stored_once_and_goes_with_the_last_of_its_owners) {
   const OwnedId a = put("acme", mesh, "a.obj"), b = put("b", mesh, "b.obj"), d = put(default_tenant, mesh, "d.obj");
   EXPECT_EQ(fs::hard_link_count(file(a)), 3u);
@@ -103,21 +71,6 @@ TEST_F(StoreOfTenants, the_same_content_is_stored_once_and_goes_with_the_last_of
   EXPECT_EQ(store->info(b).name(), "b.obj");
   store->remove(b, WithSetups::refuse);
   for (const char* folder : {"geometries", "names", "tmp", "unclaimed"}) EXPECT_TRUE(fs::is_empty(data / folder)) << folder;
-}
-
-TEST_F(StoreOfTenants, setups_of_the_same_id_are_apart) {
-  const OwnedId a = put("acme", mesh), b = put("b", mesh);
-  const std::string setup = setup_record(mesh_id(mesh), -0.1).id;
-  store->put_setup(setup_record(a.id, -0.1, "acme"));
-  store->put_setup(setup_record(b.id, -0.1, "b"));
-  EXPECT_EQ(store->info(a).setups(), 1u);
-  EXPECT_EQ(code_of([&] { store->remove(a, WithSetups::refuse); }), ErrorCode::failed_precondition);
-  EXPECT_TRUE(store->remove_setup({"acme", setup}));
-  EXPECT_TRUE(store->find_setup({"b", setup}));
-  EXPECT_EQ(store->info(b).setups(), 1u);
-  store->put_setup(setup_record(a.id, -0.1, "acme"));
-  store->remove(b, WithSetups::remove);
-  EXPECT_TRUE(store->find_setup({"acme", setup}));
 }
 
 TEST_F(StoreOfTenants, whoever_registers_heals_what_others_have_of_it_and_passes_no_damage_on) {
@@ -248,25 +201,6 @@ class StoreQuotas : public StoreOfTenants {
   }
 };
 
-TEST_F(StoreQuotas, geometries_are_counted_by_tenant_and_room_comes_back) {
-  const Quota two{0, 2, 0, 0};
-  store->put(sheet_mesh(4, 4, 1), {"acme", mesh_id(sheet_mesh(4, 4, 1))}, "", two);
-  store->put(sheet_mesh(4, 4, 2), {"acme", mesh_id(sheet_mesh(4, 4, 2))}, "", two);
-  const OwnedId third{"acme", mesh_id(mesh)};
-  const std::string why = refusal([&] { store->put(mesh, third, "", two); });
-  EXPECT_NE(why.find("quota geometries of tenant \"acme\": 2 are registered, the limit is 2"), std::string::npos) << why;
-  EXPECT_FALSE(store->contains(third));
-  EXPECT_TRUE(fs::is_empty(data / "tmp"));
-  EXPECT_EQ(refusal([&] { store->put(mesh, {"b", third.id}, "", two); }), "") << "of others that are full nobody hears";
-  EXPECT_EQ(refusal([&] {
-              store->put(sheet_mesh(4, 4, 1), {"acme", mesh_id(sheet_mesh(4, 4, 1))}, "", two);
-            }),
-            "")
-      << "what is there takes no room";
-  store->remove({"acme", mesh_id(sheet_mesh(4, 4, 1))}, WithSetups::refuse);
-  EXPECT_EQ(refusal([&] { store->put(mesh, third, "", two); }), "");
-}
-
 TEST_F(StoreQuotas, bytes_are_those_of_the_files_and_survive_restarts) {
   const OwnedId id = put("acme", mesh);
   store->put_setup(setup_record(id.id, -0.1, "acme"));
@@ -296,27 +230,6 @@ TEST_F(StoreQuotas, what_is_shared_counts_in_full_for_each) {
   put("acme", mesh, "same");
   put("b", mesh, "same");
   EXPECT_EQ(store->amount_of("acme").bytes, store->amount_of("b").bytes);
-}
-
-TEST_F(StoreQuotas, puts_at_the_same_time_do_not_exceed_it_together) {
-  const Quota three{0, 3, 0, 0};
-  std::atomic<int> stored{0}, refused{0};
-  std::vector<std::thread> threads;
-  for (int i = 0; i < 12; ++i) {
-    threads.emplace_back([&, i] {
-      const Mesh own_mesh = sheet_mesh(12, 12, 1 + i);
-      try {
-        store->put(own_mesh, {"acme", mesh_id(own_mesh)}, "", three);
-        ++stored;
-      } catch (const Error&) {
-        ++refused;
-      }
-    });
-  }
-  for (auto& thread : threads) thread.join();
-  EXPECT_EQ(stored, 3);
-  EXPECT_EQ(refused, 9);
-  EXPECT_EQ(store->list("acme", {}).geometries_size(), 3);
 }
 
 // ---- stores without tenants ----

@@ -93,6 +93,7 @@ LIBRARIES = {
     "cholmod.h": ["core/numerics"],
     "nanoflann": ["core/numerics"],
     "sqlite3.h": ["server/store"],
+    "libpq-fe.h": ["server/store"],
     "spdlog/": ["server/store", "server/engine", "server/rpc", "server"],
     "yaml-cpp/": ["server", "client/setup", "client/cli"],
     "prometheus/": ["server/rpc"],

@@ -1,0 +1,425 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "server/store/shared_store.h"
+
+#include <spdlog/spdlog.h>
+
+#include <utility>
+
+#include "core/base/error.h"
+#include "core/base/number_text.h"
+#include "proto/convert/mesh/geometry.h"
+#include "server/store/catalog_records.h"
+#include "server/store/file.h"
+#include "server/store/geometry_file.h"
+
+namespace deform::server {
+
+namespace {
+
+constexpr std::uint32_t folder_retry_ms = 1000;
+constexpr const char* register_again = "register the geometry again";
+
+}  // namespace
+
+SharedStore::SharedStore(const std::filesystem::path& directory, std::unique_ptr<SharedCatalog> catalog,
+                         SharedStoreOptions options)
+    : options_(std::move(options)),
+      files_(options_.store.files == nullptr ? system_files() : *options_.store.files),
+      catalog_(std::move(catalog)),
+      directory_(open_directory(directory, *catalog_, files_)),
+      disk_(directory_->root(), directory_->reserve(), options_.store.disk, files_) {
+  catalog_->on_news({[this](Intent::What what, const OwnedId& id) {
+                       const std::lock_guard lock(mirror_mutex_);
+                       if (mirror_.forget) mirror_.forget(what, id);
+                     },
+                     [this] {
+                       const std::lock_guard lock(house_mutex_);
+                       compare_now_ = true;
+                       house_changed_.notify_all();
+                     }});
+  house_ = std::thread([this] { keep_house(); });
+  const std::string why = disk_.refusal();
+  if (!why.empty()) spdlog::error("store: nothing is written: {}", why);
+}
+
+SharedStore::~SharedStore() {
+  {
+    const std::lock_guard lock(house_mutex_);
+    stopping_ = true;
+  }
+  house_changed_.notify_all();
+  house_.join();
+  catalog_->on_news({});
+}
+
+/// One server at a time makes a store of an empty folder.
+std::unique_ptr<StoreDirectory> SharedStore::open_directory(const std::filesystem::path& path, SharedCatalog& catalog,
+                                                            FileSystem& files) {
+  const auto claim = catalog.claim("store", std::chrono::seconds(10), {});
+  if (!has_mark(path, files) && is_empty_folder(path, files)) {
+    const std::size_t geometries = catalog.counts().geometries;
+    if (geometries > 0) {
+      throw Error(ErrorCode::failed_precondition, "store: " + path.string() + " is empty, but there are " +
+                                                      std::to_string(geometries) +
+                                                      " geometries in the catalog: is the shared folder mounted?");
+    }
+  }
+  return std::make_unique<StoreDirectory>(path, StoreDirectory::Accept::stores, files, catalog.identity());
+}
+
+std::filesystem::path SharedStore::file_of(const GeometryRecord& record) const {
+  return directory_->geometries() / (key_of(owned(record)) + "~" + std::to_string(record.put));
+}
+
+std::filesystem::path SharedStore::file_of(const Intent::Entry& entry) const {
+  return directory_->geometries() / (key_of({entry.tenant, entry.id}) + "~" + std::to_string(entry.put));
+}
+
+/// A file that is not there means nothing when nothing is there.
+void SharedStore::require_folder() const {
+  if (directory_->is_reachable()) return;
+  throw Error(ErrorCode::unavailable, "store: the shared folder cannot be reached", folder_retry_ms);
+}
+
+void SharedStore::require_room(std::size_t bytes) const {
+  if (disk_.refusal(bytes).empty()) return;
+  require_folder();  // else there is no room either
+  disk_.require(bytes);
+}
+
+// ---- quotas ----
+
+void SharedStore::require_quota(const std::string& tenant, const StoredAmount& more, const Quota& quota) const {
+  if (quota.geometries != 0 || quota.stored_bytes != 0) check_quota(tenant, catalog_->amount_of(tenant), more, quota);
+}
+
+/// The last one that could be read, while the catalog cannot.
+StoredAmount SharedStore::amount_of(const std::string& tenant) const {
+  std::optional<StoredAmount> now;
+  try {
+    now = catalog_->amount_of(tenant);
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::unavailable) throw;
+  }
+  const std::lock_guard lock(amounts_mutex_);
+  if (now) amounts_[tenant] = *now;
+  return amounts_[tenant];
+}
+
+// ---- geometries ----
+
+v1::GeometryInfo SharedStore::put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota) {
+  const auto known = catalog_->find_geometry(id);
+  std::optional<std::int64_t> lost;
+  if (known && known->integrity == Integrity::intact) {
+    if (is_seen(files_, file_of(*known))) {
+      v1::GeometryInfo info = described(*known, catalog_->setup_count(id));
+      info.set_existed(true);
+      return info;
+    }
+    require_folder();
+    lost = known->put;
+  }
+  require_room(mesh_bytes(mesh));
+  GeometryRecord record = geometry_record(convert::geometry_info(mesh, id.id, name), catalog_->now_ms(), id.tenant);
+  record.put = catalog_->begin({Intent::Kind::put, {{Intent::What::geometry, id.id, record.created_ms, {}, id.tenant}}});
+  try {
+    step("an upload is announced");
+    const std::filesystem::path temporary = directory_->temporary(key_of(id), record.put);
+    write_geometry_file(mesh, temporary, files_);
+    step("the content is written");
+    move_file(files_, temporary, file_of(record));
+    sync_directory(files_, directory_->geometries());
+    step("the content is in place");
+    const SharedCatalog::Added added = catalog_->add(record, lost, quota);
+    step("the row is written");
+    if (added.outcome == SharedCatalog::Added::Outcome::known) {
+      Intent removal{Intent::Kind::remove, {{Intent::What::geometry, id.id, 0, {}, id.tenant}}};
+      removal.entries[0].put = removal.number = record.put;
+      finish(removal);
+    }
+    v1::GeometryInfo info = described(added.record, catalog_->setup_count(id));
+    info.set_existed(added.outcome != SharedCatalog::Added::Outcome::added);
+    return info;
+  } catch (...) {
+    take_back(record);
+    throw;
+  }
+}
+
+/// Nothing of it is touched unless the catalog knows that its row is not there and will not be.
+void SharedStore::take_back(const GeometryRecord& record) {
+  try_remove(files_, directory_->temporary(key_of(owned(record)), record.put));
+  try {
+    if (!catalog_->revoke(record.put)) return;
+  } catch (const Error& error) {
+    spdlog::warn("store: what was not stored is removed later: {}", error.what());
+    const std::lock_guard lock(left_mutex_);
+    left_puts_.push_back(record);
+    return;
+  }
+  Intent removal{Intent::Kind::remove, {{Intent::What::geometry, record.id, 0, {}, record.tenant}}};
+  removal.entries[0].put = removal.number = record.put;
+  finish(removal);
+}
+
+/// The rows are gone, so the caller is told that it is done.
+void SharedStore::finish(const Intent& removal) {
+  try {
+    step("a removal is announced");
+    for (const auto& entry : removal.entries) {
+      if (entry.what != Intent::What::geometry) continue;
+      try_remove(files_, directory_->temporary(key_of({entry.tenant, entry.id}), entry.put));
+      remove_file(files_, file_of(entry));
+      step("a file is removed");
+    }
+    // A folder that is not there has no file either.
+    require_folder();
+    sync_directory(files_, directory_->geometries());
+    step("the removal is durable");
+    catalog_->end(removal.number);
+    step("the removal is done");
+  } catch (const Error& error) {
+    spdlog::warn("store: the files of a removal are removed later: {}", error.what());
+    const std::lock_guard lock(left_mutex_);
+    left_removals_.push_back(removal);
+  }
+}
+
+bool SharedStore::contains(const OwnedId& id) {
+  const auto record = catalog_->find_geometry(id);
+  if (!record || record->integrity != Integrity::intact) return false;
+  if (is_seen(files_, file_of(*record))) return true;
+  require_folder();
+  return false;
+}
+
+v1::GeometryInfo SharedStore::info(const OwnedId& id) {
+  const auto record = catalog_->find_geometry(id);
+  if (!record) throw unknown_geometry(id.id);
+  return described(*record, catalog_->setup_count(id));
+}
+
+v1::GeometryInfo SharedStore::described(const GeometryRecord& record, std::size_t setups) {
+  v1::GeometryInfo info;
+  if (record.integrity == Integrity::damaged || !info.ParseFromString(record.info)) {
+    info.Clear();
+    info.set_damage(std::string("the entry in the catalog is damaged; ") + register_again);
+    info.set_id(record.id);
+  } else if (!is_seen(files_, file_of(record))) {
+    info.set_damage(directory_->is_reachable() ? std::string("the stored file is missing or damaged; ") + register_again
+                                               : "the shared folder cannot be reached");
+  }
+  info.set_setups(static_cast<std::uint32_t>(setups));
+  return info;
+}
+
+Mesh SharedStore::load(const OwnedId& id) {
+  auto record = catalog_->find_geometry(id);
+  for (;;) {
+    if (!record) throw unknown_geometry(id.id);
+    std::optional<Error> failure;
+    if (is_seen(files_, file_of(*record))) {
+      try {
+        return read_geometry_file(file_of(*record), id.id, files_);
+      } catch (const Error& error) {
+        failure = error;
+      }
+    }
+    require_folder();
+    // Another server may have removed or renewed it meanwhile.
+    const auto now = catalog_->find_geometry(id);
+    if (now && now->put == record->put) {
+      if (!failure) {
+        throw Error(ErrorCode::data_loss, "geometry " + id.id + ": the stored file is missing; " + register_again);
+      }
+      if (failure->code() == ErrorCode::data_loss) quarantine(*record);
+      throw Error(*failure);
+    }
+    record = now;
+  }
+}
+
+// Out of the way, so that registering again stores a good file; kept, because it may be all there is.
+void SharedStore::quarantine(const GeometryRecord& record) {
+  const std::lock_guard lock(aside_mutex_);
+  try {
+    const auto kept = directory_->set_aside(file_of(record), directory_->damaged());
+    spdlog::error("store: the file of geometry {} is damaged and was set aside as {}", key_of(owned(record)), kept.string());
+  } catch (const Error& error) {
+    spdlog::error("store: the file of geometry {} is damaged: {}", key_of(owned(record)), error.what());
+  }
+}
+
+std::vector<std::string> SharedStore::remove(const OwnedId& id, WithSetups policy) {
+  const Intent removal = catalog_->remove_geometry(id, policy);
+  finish(removal);
+  std::vector<std::string> setups;
+  for (const auto& entry : removal.entries) {
+    if (entry.what == Intent::What::setup) setups.push_back(entry.id);
+  }
+  return setups;
+}
+
+v1::ListGeometriesReply SharedStore::list(const std::string& tenant, const v1::ListGeometriesRequest& request) {
+  const std::size_t limit = page_size(request.page_size());
+  const auto records = catalog_->list_geometries(tenant, parse_page_token(request.page_token()), limit);
+  std::vector<std::string> ids;
+  for (const auto& record : records) ids.push_back(record.id);
+  const auto setups = catalog_->setup_counts(tenant, ids);
+  v1::ListGeometriesReply reply;
+  for (const auto& record : records) {
+    const auto count = setups.find(record.id);
+    *reply.add_geometries() = described(record, count == setups.end() ? 0 : count->second);
+  }
+  if (records.size() == limit) reply.set_next_page_token(page_token(records.back().created_ms, records.back().id));
+  return reply;
+}
+
+// ---- setups ----
+
+std::int64_t SharedStore::put_setup(SetupRecord record, const Quota& quota) {
+  record.created_ms = catalog_->now_ms();
+  return catalog_->add_setup(record, quota);
+}
+
+std::optional<SetupRecord> SharedStore::find_setup(const OwnedId& id) {
+  auto record = catalog_->find_setup(id);
+  if (record && record->integrity == Integrity::damaged) {
+    throw Error(ErrorCode::data_loss, "system " + id.id + ": the stored setup is damaged; prepare it again from its file");
+  }
+  return record;
+}
+
+bool SharedStore::remove_setup(const OwnedId& id) { return catalog_->remove_setup(id).has_value(); }
+
+std::shared_ptr<void> SharedStore::claim_preparation(const OwnedId& system, const RunContext& context) {
+  return catalog_->claim("preparation " + key_of(system), options_.preparation_patience, context);
+}
+
+// ---- the whole ----
+
+v1::StoreInfo SharedStore::state() {
+  v1::StoreInfo state;
+  std::string why = catalog_->trouble();
+  if (why.empty() && !directory_->is_reachable()) why = "the shared folder cannot be reached";
+  if (why.empty()) why = disk_.refusal();
+  state.set_reason(why);
+  state.set_writable(why.empty());
+  state.set_free_bytes(disk_.free());
+  state.set_needed_bytes(disk_.keep_free());
+  state.set_damaged_files(count_entries(directory_->damaged(), files_));
+  state.set_unclaimed_files(count_entries(directory_->unclaimed(), files_));
+  return state;
+}
+
+StoreReport SharedStore::check(const RunContext& context, const RoomFor& room) {
+  StoreReport report;
+  const auto complain = [&](const std::string& line) {
+    report.outcome = StoreReport::Outcome::faults;
+    report.lines.push_back(line);
+  };
+  const auto named = [](const char* what, const OwnedId& id) {
+    return std::string(what) + " " + id.id + (id.tenant == default_tenant ? "" : " of tenant " + id.tenant);
+  };
+  const Catalog::Damaged damaged = catalog_->check();
+  for (const auto& record : damaged.geometries)
+    complain(named("geometry", owned(record)) + ": its entry in the catalog is damaged");
+  for (const auto& record : damaged.setups) complain(named("system", owned(record)) + ": its entry in the catalog is damaged");
+  require_folder();
+  const auto geometries = catalog_->all_geometries(), setups = catalog_->all_setups();
+  for (const auto& id : geometries) {
+    context.check();
+    const auto record = catalog_->find_geometry(id);
+    if (!record || record->integrity == Integrity::damaged) continue;
+    const auto held = room(*record);
+    try {
+      read_geometry_file(file_of(*record), id.id, files_).validate();
+    } catch (const Error& error) {
+      const auto now = catalog_->find_geometry(id);
+      if (now && now->put == record->put) complain(named("geometry", id) + ": " + error.what());
+    }
+  }
+  for (const auto& id : setups) {
+    context.check();
+    const auto record = catalog_->find_setup(id);
+    if (!record || record->integrity == Integrity::damaged) continue;
+    try {
+      verify(*record);
+    } catch (const Error& error) {
+      complain(named("system", id) + ": " + error.what());
+    }
+  }
+  report.lines.push_back(std::to_string(count_entries(directory_->damaged(), files_)) + " entries in damaged/");
+  report.lines.push_back(std::to_string(geometries.size()) + " geometries, " + std::to_string(setups.size()) +
+                         " setups: " + (report.outcome == StoreReport::Outcome::well ? "every file is whole" : "see above"));
+  return report;
+}
+
+StoreReport SharedStore::backup(const std::filesystem::path&) {
+  throw Error(
+      ErrorCode::failed_precondition,
+      "store: the catalog is in PostgreSQL: copy the folder, dump the database (pg_dump), and copy the folder once more for "
+      "what came in between");
+}
+
+void SharedStore::mirror(StoreMirror mirror) {
+  const std::lock_guard lock(mirror_mutex_);
+  mirror_ = std::move(mirror);
+}
+
+void SharedStore::finish_what_is_left() {
+  std::vector<GeometryRecord> puts;
+  std::vector<Intent> removals;
+  {
+    const std::lock_guard lock(left_mutex_);
+    puts = std::exchange(left_puts_, {});
+    removals = std::exchange(left_removals_, {});
+  }
+  if (!catalog_->trouble().empty() || !directory_->is_reachable()) {
+    const std::lock_guard lock(left_mutex_);
+    left_puts_.insert(left_puts_.end(), puts.begin(), puts.end());
+    left_removals_.insert(left_removals_.end(), removals.begin(), removals.end());
+    return;
+  }
+  for (const auto& record : puts) take_back(record);
+  for (const auto& removal : removals) finish(removal);
+  const auto taken = catalog_->take_over();
+  if (!taken.empty()) spdlog::info("store: ends {} uploads and deletions of servers that are gone", taken.size());
+  for (const auto& removal : taken) finish(removal);
+}
+
+/// For what no news has told: they are lost with a connection, and what is being loaded is in no memory yet.
+void SharedStore::compare_memory() {
+  for (const Intent::What what : {Intent::What::setup, Intent::What::geometry}) {
+    std::vector<OwnedId> held;
+    {
+      const std::lock_guard lock(mirror_mutex_);
+      if (mirror_.in_memory) held = mirror_.in_memory(what);
+    }
+    for (const OwnedId& id : held) {
+      const bool setup = what == Intent::What::setup;
+      if (!(setup ? catalog_->setup_ids(id.tenant, id.id, 1) : catalog_->geometry_ids(id.tenant, id.id, 1)).empty()) continue;
+      const std::lock_guard lock(mirror_mutex_);
+      if (mirror_.forget) mirror_.forget(what, id);
+    }
+  }
+}
+
+void SharedStore::keep_house() {
+  std::unique_lock lock(house_mutex_);
+  while (!stopping_) {
+    lock.unlock();
+    try {
+      finish_what_is_left();
+      compare_memory();
+    } catch (const std::exception& error) {
+      spdlog::warn("store: {}", error.what());
+    }
+    lock.lock();
+    house_changed_.wait_for(lock, options_.housekeeping, [this] { return stopping_ || compare_now_; });
+    compare_now_ = false;
+  }
+}
+
+}  // namespace deform::server
