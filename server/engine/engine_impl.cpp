@@ -151,9 +151,9 @@ v1::ListGeometriesReply EngineImpl::list_geometries(const v1::ListGeometriesRequ
 
 v1::DeleteGeometryReply EngineImpl::delete_geometry(const v1::DeleteGeometryRequest& request, const CallContext& call) {
   const OwnedId id = store_.resolve_geometry(call.tenant, request.id());
-  const auto setups = store_.remove(id, request.with_setups() ? WithSetups::remove : WithSetups::refuse);
+  SystemCache::Forgotten forgotten;
+  const auto setups = store_.remove(id, request.with_setups() ? WithSetups::remove : WithSetups::refuse, forget_in(forgotten));
   meshes_.forget(key_of(id));
-  for (const auto& setup : setups) cache_->release(key_of({id.tenant, setup}));
   v1::DeleteGeometryReply reply;
   reply.set_setups_deleted(static_cast<std::uint32_t>(setups.size()));
   return reply;
@@ -296,6 +296,7 @@ void EngineImpl::prepare(const v1::PrepareRequest& request, const CallContext& c
   OutcomeCall<v1::SystemInfo>::Task task;
   task.system_id = recipe.id.id;
   task.prepare = preparation_of(recipe, Storing::store, call.quota);
+  task.brings_setup = true;
   if (on_progress) {
     task.on_progress = [on_progress](const std::string& stage, double fraction) {
       v1::Progress progress;
@@ -349,13 +350,31 @@ v1::ListSystemsReply EngineImpl::list_systems(const v1::ListSystemsRequest& requ
 
 v1::ReleaseSystemReply EngineImpl::release_system(const v1::ReleaseSystemRequest& request, const CallContext& call) {
   const OwnedId id = store_.resolve_setup(call.tenant, request.id());
-  if (request.forget()) store_.remove_setup(id);
   v1::ReleaseSystemReply reply;
-  reply.set_bytes_released(cache_->release(key_of(id)));
+  if (!request.forget()) {
+    reply.set_bytes_released(cache_->release(key_of(id)));
+    return reply;
+  }
+  SystemCache::Forgotten forgotten;
+  if (!store_.remove_setup(id, forget_in(forgotten))) {
+    throw Error(ErrorCode::not_found, "system " + request.id() + ": unknown id");  // another call was faster
+  }
+  reply.set_bytes_released(forgotten.bytes);
   return reply;
 }
 
 // ---- deformations and derivatives ----
+
+/// Systems leave memory in the moment in which their setups leave the catalog, so that what is in memory is there.
+RowsGone EngineImpl::forget_in(SystemCache::Forgotten& forgotten) {
+  return [this, &forgotten](const Intent& removal) {
+    std::vector<std::string> keys;
+    for (const auto& entry : removal.entries) {
+      if (entry.what == Intent::What::setup) keys.push_back(key_of({entry.tenant, entry.id}));
+    }
+    forgotten = cache_->forget(keys);
+  };
+}
 
 // The catalog is asked only for what is not in memory.
 OwnedId EngineImpl::resolve_system(const std::string& tenant, const std::string& id) {

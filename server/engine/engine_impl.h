@@ -87,6 +87,7 @@ class EngineImpl : public Engine {
   SystemCache::Prepare preparation_of(const Recipe& recipe, Storing storing, const Quota& quota);
   SystemCache::Prepare prepare_again(const OwnedId& id);
   OwnedId resolve_system(const std::string& tenant, const std::string& id);
+  RowsGone forget_in(SystemCache::Forgotten& forgotten);
   std::shared_ptr<const Mesh> mesh_of(const OwnedId& geometry) { return meshes_.get(key_of(geometry)); }
   std::shared_ptr<const Mesh> load_mesh(const OwnedId& id);
   v1::SystemInfo stored_info(const SetupRecord& record);

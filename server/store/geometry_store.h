@@ -71,14 +71,16 @@ class GeometryStore {
   /// Throws Error(out_of_budget) without a retry hint beyond the quota.
   v1::GeometryInfo put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota = {});
   /// The row and the file are there.
-  bool contains(const OwnedId& id);
+  bool contains(const OwnedId& id) { return registered(id).has_value(); }
+  /// The description of what contains() finds.
+  std::optional<v1::GeometryInfo> registered(const OwnedId& id);
   /// Throws Error(not_found).
   v1::GeometryInfo info(const OwnedId& id);
   /// Reads and verifies; throws Error(not_found), Error(data_loss).
   Mesh load(const OwnedId& id);
   /// Also the setups when the policy says so; returns their ids. Throws Error(not_found), Error(failed_precondition). Whoever has
   /// loaded the mesh keeps it, and so do other tenants.
-  std::vector<std::string> remove(const OwnedId& id, WithSetups policy);
+  std::vector<std::string> remove(const OwnedId& id, WithSetups policy, const RowsGone& gone = {});
 
   /// Adds or replaces; returns when the setup was stored first. Where nothing can be written, a setup that is there stays as it
   /// is. Throws as put() beyond the quota.
@@ -86,7 +88,7 @@ class GeometryStore {
   /// Throws Error(data_loss) when neither the row nor the small file is whole.
   std::optional<SetupRecord> find_setup(const OwnedId& id);
   /// False when there was none.
-  bool remove_setup(const OwnedId& id);
+  bool remove_setup(const OwnedId& id, const RowsGone& gone = {});
 
   /// Throws Error(out_of_budget) when a tenant may not add so much more.
   void require_quota(const std::string& tenant, const StoredAmount& more, const Quota& quota) const;
@@ -112,12 +114,13 @@ class GeometryStore {
   Catalog& catalog() { return *catalog_; }
 
  private:
-  v1::GeometryInfo described(const GeometryRecord& record);
+  std::optional<v1::GeometryInfo> described(const GeometryRecord& record);
+  bool has_content(const GeometryRecord& record);
   void share_content(const GeometryRecord& record, std::int64_t intent);
   void take_back(const GeometryRecord& record, std::int64_t intent);
   void undo(const Intent::Entry& entry, std::int64_t intent);
   void undo_what_is_left();
-  Intent remove_rows(const OwnedId& id, WithSetups policy);
+  Intent remove_rows(const OwnedId& id, WithSetups policy, const RowsGone& gone);
   void finish(const Intent& removal);
   /// What is about to be added to what a tenant has; taken back when it is destroyed before it was kept.
   class Addition;

@@ -206,7 +206,7 @@ class SqliteCatalog : public Catalog {
     return records;
   }
 
-  Intent remove_geometry(const OwnedId& id, WithSetups policy) override {
+  Intent remove_geometry(const OwnedId& id, WithSetups policy, const RowsGone& gone) override {
     const std::lock_guard lock(mutex_);
     Transaction transaction(db_.get());
     Intent intent{Intent::Kind::remove, {}};
@@ -227,6 +227,7 @@ class SqliteCatalog : public Catalog {
     Statement(db_.get(), "DELETE FROM geometries WHERE id = ?").text(key_of(id)).step();
     intent.number = insert_intent(intent);
     transaction.commit();
+    if (gone) gone(intent);
     return intent;
   }
 
@@ -269,7 +270,7 @@ class SqliteCatalog : public Catalog {
     return records;
   }
 
-  std::optional<Intent> remove_setup(const OwnedId& id) override {
+  std::optional<Intent> remove_setup(const OwnedId& id, const RowsGone& gone) override {
     const std::lock_guard lock(mutex_);
     Transaction transaction(db_.get());
     Statement setup(db_.get(), "SELECT created_ms FROM setups WHERE id = ?");
@@ -278,6 +279,7 @@ class SqliteCatalog : public Catalog {
     Statement(db_.get(), "DELETE FROM setups WHERE id = ?").text(key_of(id)).step();
     intent.number = insert_intent(intent);
     transaction.commit();
+    if (gone) gone(intent);
     return intent;
   }
 

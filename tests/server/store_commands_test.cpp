@@ -82,7 +82,7 @@ TEST_F(StoreCommands, rebuild_makes_the_same_catalog_and_keeps_the_old_one) {
 }
 
 TEST_F(StoreCommands, rebuild_does_not_bring_back_what_a_deletion_under_way_has_removed) {
-  open(data)->catalog().remove_geometry(own(some_id), WithSetups::remove);  // killed before its files are removed
+  open(data)->catalog().remove_geometry(own(some_id), WithSetups::remove, {});  // killed before its files are removed
   rebuild_store(data);
   EXPECT_FALSE(open(data)->contains(own(some_id)));
   EXPECT_EQ(open(data)->catalog().counts().geometries, 2u);
