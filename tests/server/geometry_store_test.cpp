@@ -5,7 +5,11 @@
 #include <gtest/gtest.h>
 #include <spdlog/spdlog.h>
 
+#include <atomic>
+
 #include <fstream>
+#include <thread>
+#include <vector>
 
 #include "core/base/error.h"
 #include "server/store/geometry_file.h"
@@ -52,6 +56,41 @@ class GeometryStoreTest : public testing::Test {
   const Mesh mesh = sheet_mesh(20, 10);
   const std::string setup_id = std::string(63, 'a') + "1";
 };
+
+TEST_F(GeometryStoreTest, what_comes_and_goes_is_whole_or_unknown) {
+  const std::string id = put(mesh);
+  std::atomic<bool> ending{false};
+  std::atomic<int> found{0}, unknown{0}, wrong{0};
+  const auto look = [&](const std::function<void()>& action) {
+    while (!ending) {
+      try {
+        action();
+        ++found;
+      } catch (const Error& error) {
+        ++(error.code() == ErrorCode::not_found ? unknown : wrong);
+      }
+    }
+  };
+  std::vector<std::thread> lookers;
+  lookers.emplace_back(look, [&] { wrong += store->load(own(id)).points != mesh.points; });
+  lookers.emplace_back(look, [&] { wrong += !store->info(own(id)).damage().empty(); });
+  lookers.emplace_back(look, [&] {
+    const v1::ListGeometriesReply reply = store->list(default_tenant, {});
+    for (const auto& info : reply.geometries()) wrong += !info.damage().empty();
+  });
+  for (int i = 0; i < 150; ++i) {
+    store->remove(own(id), WithSetups::refuse);
+    std::thread other([&] { store->put(mesh, own(id), "other"); });
+    put(mesh);
+    other.join();
+  }
+  ending = true;
+  for (auto& looker : lookers) looker.join();
+  EXPECT_GT(found, 0);
+  EXPECT_GT(unknown, 0);
+  EXPECT_EQ(wrong, 0);
+  EXPECT_EQ(store->state().damaged_files(), 0u);
+}
 
 TEST_F(GeometryStoreTest, what_was_put_comes_back_after_a_restart) {
   const std::string id = put(mesh, "wing.obj");
