@@ -87,6 +87,36 @@ std::vector<double> values(const google::protobuf::RepeatedField<double>& number
   return {numbers.begin(), numbers.end()};
 }
 
+/// An estimate, which computes on the thread of its caller.
+class EstimateCall : public Call {
+ public:
+  using Call::Call;
+  void fail(const Error& error) override {
+    {
+      const std::lock_guard lock(mutex_);
+      if (!error_) error_ = error;
+    }
+    stop();
+  }
+  /// Ends with the error that it was given when that stopped it.
+  template <typename Work>
+  auto run(const Work& work) {
+    enter(v1::CALL_RUNNING);
+    if (const auto error = overdue(RunContext::Clock::now())) throw *error;
+    try {
+      return work(run_context(RunContext().threads));
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::cancelled && error.code() != ErrorCode::deadline_exceeded) throw;
+      const std::lock_guard lock(mutex_);
+      throw error_ ? *error_ : error;
+    }
+  }
+
+ private:
+  std::mutex mutex_;
+  std::optional<Error> error_;  // under mutex_
+};
+
 constexpr std::size_t most_gradient_numbers = 100'000;  // of a reply: below 1 MiB
 
 std::vector<double> values_or_zero(const google::protobuf::RepeatedField<double>& numbers, const Setup& setup) {
@@ -187,8 +217,8 @@ Problems EngineImpl::problems_of(const v1::Setup& message, const std::string& te
   return problems;
 }
 
-RunContext EngineImpl::charged(RunContext context, SelectionCharge& charge) {
-  context.on_claim = [this, &charge](std::size_t bytes) {
+RunContext EngineImpl::charged(RunContext context, SelectionCharge& charge, const std::shared_ptr<OpenCall>& open) {
+  context.on_claim = [this, &charge, open](std::size_t bytes) {
     const char* advice = "use fewer or smaller regions of constraints, or raise the server's memory budget";
     if (charge.share.bytes() + bytes > selections_.total()) {
       throw Error(ErrorCode::out_of_budget, "what the regions of the setup select takes more than " +
@@ -197,24 +227,33 @@ RunContext EngineImpl::charged(RunContext context, SelectionCharge& charge) {
     const ChargePurpose purpose{"selecting the points of the setup", advice, 0};
     selections_.grow(charge.share, bytes, purpose);
     memory_.grow(charge.memory, bytes, purpose);
+    if (open) open->set_result_bytes(charge.memory.bytes());
   };
   return context;
 }
 
 v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const CallContext& call) {
-  RunContext context;
-  context.stop = call.stop;
-  context.deadline = call.deadline;
+  const auto estimating = std::make_shared<EstimateCall>(call);
+  calls_.add(estimating);  // counts as one that computes, and ends as those do
+  struct Leave {
+    CallRegistry& calls;
+    const Call* call;
+    ~Leave() { calls.remove(call); }
+  } const leave{calls_, estimating.get()};
+  return estimating->run([&](const RunContext& context) { return estimate(request, call, context); });
+}
+
+v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const CallContext& call, const RunContext& context) {
   if (request.list_problems()) {
     SelectionCharge charge;
-    const Problems problems = problems_of(request.setup(), call.tenant, charged(context, charge));
+    const Problems problems = problems_of(request.setup(), call.tenant, charged(context, charge, call.open));
     if (!problems.empty()) return convert::problems_reply(problems);
   }
   const Recipe recipe = this->recipe(request.setup(), call.tenant);
   const auto mesh = mesh_of(recipe.geometry());
   const Setup setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
   SelectionCharge charge;
-  const SelectedRegions regions = validate(setup, *mesh, charged(context, charge));
+  const SelectedRegions regions = validate(setup, *mesh, charged(context, charge, call.open));
   v1::EstimateReply reply = convert::estimate_reply(deform::estimate(*mesh, setup, regions));
   if (request.list_centres()) convert::list_centres(known_centres(*mesh, setup), reply);
   reply.set_budget_bytes(memory_.total());
@@ -306,8 +345,9 @@ void EngineImpl::prepare(const v1::PrepareRequest& request, const CallContext& c
     };
     task.on_progress("queue", 0);
   }
-  task.compute = [](const SystemCache::Handle& system, const RunContext&) {
+  task.compute = [omit_setup = request.omit_setup()](const SystemCache::Handle& system, const RunContext&) {
     v1::SystemInfo info = system->info;
+    if (omit_setup) info.clear_setup();
     info.set_resident(true);
     return info;
   };
@@ -340,11 +380,16 @@ v1::SystemInfo EngineImpl::get_system(const std::string& id, const CallContext& 
 v1::ListSystemsReply EngineImpl::list_systems(const v1::ListSystemsRequest& request, const CallContext& call) {
   const OwnedId geometry =
       request.geometry_id().empty() ? OwnedId{call.tenant, ""} : store_.resolve_geometry(call.tenant, request.geometry_id());
-  const std::size_t limit = page_size(request.page_size());
-  const auto records = store_.catalog().list_setups(geometry, parse_page_token(request.page_token()), limit);
   v1::ListSystemsReply reply;
-  for (const auto& record : records) *reply.add_systems() = stored_info(record);
-  if (records.size() == limit) reply.set_next_page_token(page_token(records.back().created_ms, records.back().id));
+  PageRoom room;
+  const auto fetch = [&](const auto& after, std::size_t limit) { return store_.catalog().list_setups(geometry, after, limit); };
+  reply.set_next_page_token(list_page(request.page_token(), request.page_size(), fetch, [&](const SetupRecord& record) {
+    v1::SystemInfo info = stored_info(record);
+    if (request.omit_setup()) info.clear_setup();
+    if (!room.takes(info.ByteSizeLong())) return false;
+    *reply.add_systems() = std::move(info);
+    return true;
+  }));
   return reply;
 }
 

@@ -78,7 +78,8 @@ class EngineImpl : public Engine {
     Charge share, memory;
   };
   /// The context, with which selecting is charged.
-  RunContext charged(RunContext context, SelectionCharge& charge);
+  RunContext charged(RunContext context, SelectionCharge& charge, const std::shared_ptr<OpenCall>& open = nullptr);
+  v1::EstimateReply estimate(const v1::EstimateRequest& request, const CallContext& call, const RunContext& context);
   struct Planned;
   std::shared_ptr<Planned> plan_system(const Recipe& recipe, const RunContext& context);
   std::shared_ptr<ResidentSystem> make_system(const Recipe& recipe, const Planned& planned, Storing storing, const Quota& quota,

@@ -454,13 +454,16 @@ v1::StoreInfo GeometryStore::state() {
 }
 
 v1::ListGeometriesReply GeometryStore::list(const std::string& tenant, const v1::ListGeometriesRequest& request) {
-  const std::size_t limit = page_size(request.page_size());
-  const auto records = catalog_->list_geometries(tenant, parse_page_token(request.page_token()), limit);
   v1::ListGeometriesReply reply;
-  for (const auto& record : records) {
-    if (auto info = described(record)) *reply.add_geometries() = *std::move(info);
-  }
-  if (records.size() == limit) reply.set_next_page_token(page_token(records.back().created_ms, records.back().id));
+  PageRoom room;
+  const auto fetch = [&](const auto& after, std::size_t limit) { return catalog_->list_geometries(tenant, after, limit); };
+  reply.set_next_page_token(list_page(request.page_token(), request.page_size(), fetch, [&](const GeometryRecord& record) {
+    auto info = described(record);
+    if (!info) return true;  // removed meanwhile
+    if (!room.takes(info->ByteSizeLong())) return false;
+    *reply.add_geometries() = *std::move(info);
+    return true;
+  }));
   return reply;
 }
 
@@ -497,6 +500,13 @@ std::size_t page_size(std::uint32_t requested) {
                 "page_size: " + std::to_string(requested) + " is more than " + std::to_string(largest_page));
   }
   return requested == 0 ? largest_page : requested;
+}
+
+bool PageRoom::takes(std::size_t bytes) {
+  constexpr std::size_t most = 1'000'000, around = 16;  // with its tag and length
+  if (bytes_ > 0 && bytes_ + bytes + around > most) return false;
+  bytes_ += bytes + around;
+  return true;
 }
 
 std::int64_t unix_ms() {

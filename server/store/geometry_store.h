@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <algorithm>
 #include <filesystem>
 #include <functional>
 #include <map>
@@ -148,6 +149,34 @@ class GeometryStore {
 std::string page_token(std::int64_t created_ms, const std::string& id);
 std::optional<PageStart> parse_page_token(const std::string& token);
 std::size_t page_size(std::uint32_t requested);
+
+/// Whether one more entry fits into the reply of a listing: messages stay below 1 MiB. The first one always does.
+class PageRoom {
+ public:
+  bool takes(std::size_t bytes);
+
+ private:
+  std::size_t bytes_ = 0;
+};
+
+/// One page of a listing; returns the token of the next one. `fetch(after, limit)` reads records, few at a time, since each may
+/// be large; `add(record)` is false when there is no room for it.
+template <typename Fetch, typename Add>
+std::string list_page(const std::string& token, std::uint32_t requested, const Fetch& fetch, const Add& add) {
+  constexpr std::size_t batch = 8;
+  auto after = parse_page_token(token);
+  for (std::size_t left = page_size(requested); left > 0;) {
+    const std::size_t wanted = std::min(batch, left);
+    const auto records = fetch(after, wanted);
+    for (const auto& record : records) {
+      if (!add(record)) return page_token(after->created_ms, after->id);
+      after = PageStart{record.created_ms, record.id};
+    }
+    if (records.size() < wanted) return {};
+    left -= wanted;
+  }
+  return page_token(after->created_ms, after->id);
+}
 
 /// Now, in milliseconds since 1970.
 std::int64_t unix_ms();

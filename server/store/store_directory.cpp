@@ -9,6 +9,7 @@
 #include <cerrno>
 #include <cstring>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "core/base/error.h"
@@ -28,8 +29,8 @@ constexpr const char* mark_text = "deformd store, format 3\n";
 constexpr const char* mark_of_2 = "deformd store, format 2\n";  // the files of the default tenant alone: a format 3 as it stands
 /// Of the file systems themselves, of a mark that was not finished, and the lock, which is made before the mark.
 constexpr std::array nothing_of_anybody = {"lost+found", "deformd-store.part", "lock"};
-constexpr std::array layout = {"lock",    "geometries", "names",   "setups",     "tmp",
-                               "damaged", "unclaimed",  "reserve", "lost+found", "deformd-store.part"};
+constexpr std::array layout = {"lock",       "geometries",         "names",  "setups", "tmp", "damaged", "unclaimed", "reserve",
+                               "lost+found", "deformd-store.part", mark_name};
 
 /// A file in geometries/ that is named as those of a store are.
 bool has_a_geometry(const fs::path& root, FileSystem& files) {
@@ -44,7 +45,8 @@ Error not_a_store(const fs::path& root, FileSystem& files) {
   std::string message = "store: " + root.string() + " is not empty and not a store of deformd (it has no file \"" + mark_name +
                         "\"); nothing in it was touched. Name an empty or a new folder";
   if (has_a_geometry(root, files)) {
-    message += "; if this is a store that lost files, \"deformd store rebuild --data-dir " + root.string() + "\" makes one of it";
+    message += "; if this is a store that lost files, \"deformd store rebuild --data-dir " + root.string() +
+               "\" makes one of it; if a backup or restore to it was interrupted, remove it and begin again";
   }
   return {ErrorCode::failed_precondition, message};
 }
@@ -54,12 +56,23 @@ bool is_among(const Names& names, const fs::path& name) {
   return std::find(names.begin(), names.end(), name.string()) != names.end();
 }
 
-bool laid_out_like_a_store(const fs::path& root, FileSystem& files) {
-  if (!has_a_geometry(root, files)) return false;
+bool has_only_what_stores_have(const fs::path& root, FileSystem& files) {
   const auto entries = entries_of(files, root);
   return std::all_of(entries.begin(), entries.end(), [](const fs::path& path) {
     return is_among(layout, path.filename()) || path.filename().string().starts_with("catalog.sqlite");
   });
+}
+
+bool laid_out_like_a_store(const fs::path& root, FileSystem& files) {
+  return has_a_geometry(root, files) && has_only_what_stores_have(root, files);
+}
+
+/// Whether it was ever the mark of a store, of whatever version.
+bool names_a_format(const std::string& mark) {
+  const std::string_view head = "deformd store, format ";
+  if (!mark.starts_with(head) || !mark.ends_with('\n')) return false;
+  const std::string number = mark.substr(head.size(), mark.size() - head.size() - 1);
+  return !number.empty() && std::all_of(number.begin(), number.end(), [](char c) { return c >= '0' && c <= '9'; });
 }
 
 std::string content(const fs::path& file, FileSystem& files) {
@@ -74,6 +87,13 @@ void examine(const fs::path& root, StoreDirectory::Accept accept, FileSystem& fi
   if (has_mark(root, files)) {
     const std::string text = content(root / mark_name, files);
     if (text == mark_text || text == mark_of_2) return;
+    if (!names_a_format(text)) {
+      if (accept == StoreDirectory::Accept::also_files && has_only_what_stores_have(root, files)) return;
+      throw Error(ErrorCode::failed_precondition,
+                  "store: the mark " + (root / mark_name).string() + " is damaged; \"deformd store rebuild --data-dir " +
+                      root.string() +
+                      "\" writes it anew, and the catalog from the files, once what is not the store's is moved elsewhere");
+    }
     throw Error(ErrorCode::failed_precondition, "store: " + root.string() + " is of another version (\"" +
                                                     text.substr(0, text.find('\n')) + "\"), this server knows \"" +
                                                     std::string(mark_text, std::strlen(mark_text) - 1) + "\"");
@@ -121,8 +141,9 @@ StoreDirectory::StoreDirectory(const fs::path& root, Accept accept, FileSystem& 
       }
       write_mark(root, files);
       spdlog::info("store: {} is now a store of deformd", root.string());
-    } else if (content(root / mark_name, files) == mark_of_2) {
-      write_mark(root, files);  // before the catalog is changed, which an older server would not understand
+    } else if (content(root / mark_name, files) != mark_text) {
+      write_mark(root,
+                 files);  // of format 2, before the catalog is changed, which an older server would not understand; or damaged
     }
     for (const fs::path& folder : {geometries(), names(), setups(), tmp(), damaged(), unclaimed()}) {
       if (!is_directory(files, folder) && files.make_directory(folder) != 0) fail_on("create", folder);
@@ -173,6 +194,10 @@ void write_mark(const fs::path& root, FileSystem& files) {
   }
   move_file(files, part, root / mark_name);
   sync_directory(files, root);
+}
+
+bool is_interrupted_copy(const fs::path& folder, FileSystem& files) {
+  return !has_mark(folder, files) && is_directory(files, folder / "geometries") && has_only_what_stores_have(folder, files);
 }
 
 bool is_empty_folder(const fs::path& folder, FileSystem& files) {

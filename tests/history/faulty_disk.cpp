@@ -41,7 +41,8 @@ Function* next(const char* name) {
 }
 
 bool chance(std::uint32_t per_mille) {
-  static thread_local std::uint64_t state = static_cast<std::uint64_t>(::time(nullptr)) ^ reinterpret_cast<std::uintptr_t>(&state);
+  static thread_local std::uint64_t state =
+      static_cast<std::uint64_t>(::time(nullptr)) ^ reinterpret_cast<std::uintptr_t>(&state);
   state = state * 6364136223846793005u + 1442695040888963407u;
   return (state >> 33) % 1000 < per_mille;
 }

@@ -302,7 +302,8 @@ class History(unittest.TestCase):
               file=sys.stderr)
         faults = re.findall(r".*(?:INTERNAL|terminate|Assertion).*", self.server.log_text())
         self.assertEqual(faults, [])
-        self.assertEqual(wrong, [], "\n".join(wrong))
+        if wrong:
+            self.fail("\n" + "\n".join(wrong))
 
 
 class Operator:

@@ -128,7 +128,19 @@ TEST_F(StoreCommands, restore_brings_everything_back_and_refuses_to_overwrite) {
 TEST_F(StoreCommands, a_backup_that_was_not_finished_is_not_restored) {
   backup_store(data, backup);
   fs::remove(backup / "deformd-store");
-  EXPECT_EQ(code_of([&] { restore_store(backup, directory.path() / "restored"); }), ErrorCode::failed_precondition);
+  const auto says = [](const char* what, const std::function<void()>& action) {
+    try {
+      action();
+      ADD_FAILURE();
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::failed_precondition);
+      EXPECT_NE(std::string(error.what()).find(what), std::string::npos) << error.what();
+    }
+  };
+  says("interrupted", [&] { restore_store(backup, directory.path() / "restored"); });
+  says("remove it first", [&] { backup_store(data, backup); });
+  says("begin again", [&] { open(backup); });
+  EXPECT_FALSE(fs::exists(directory.path() / "restored"));
 }
 
 TEST_F(StoreCommands, backups_while_others_register_and_delete_are_consistent) {
