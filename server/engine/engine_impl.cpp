@@ -99,6 +99,36 @@ std::vector<double> values(const google::protobuf::RepeatedField<double>& number
   return {numbers.begin(), numbers.end()};
 }
 
+/// An estimate, which computes on the thread of its caller.
+class EstimateCall : public Call {
+ public:
+  using Call::Call;
+  void fail(const Error& error) override {
+    {
+      const std::lock_guard lock(mutex_);
+      if (!error_) error_ = error;
+    }
+    stop();
+  }
+  /// Ends with the error that it was given when that stopped it.
+  template <typename Work>
+  auto run(const Work& work) {
+    enter(v1::CALL_RUNNING);
+    if (const auto error = overdue(RunContext::Clock::now())) throw *error;
+    try {
+      return work(run_context(RunContext().threads));
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::cancelled && error.code() != ErrorCode::deadline_exceeded) throw;
+      const std::lock_guard lock(mutex_);
+      throw error_ ? *error_ : error;
+    }
+  }
+
+ private:
+  std::mutex mutex_;
+  std::optional<Error> error_;  // under mutex_
+};
+
 constexpr std::size_t most_gradient_numbers = 100'000;  // of a reply: below 1 MiB
 
 std::vector<double> values_or_zero(const google::protobuf::RepeatedField<double>& numbers, const Setup& setup) {
@@ -154,7 +184,7 @@ std::unique_ptr<GeometryUpload> EngineImpl::begin_upload(const v1::GeometryHeade
   if (!header.id().empty() && (header.id().size() != 64 || !std::all_of(header.id().begin(), header.id().end(), hexadecimal))) {
     throw Error(ErrorCode::invalid_argument, "header.id: expected 64 lower-case hexadecimal digits");
   }
-  return make_upload(header, options_, {&memory_, store_.get(), &meshes_}, call);
+  return make_upload(header, options_, {&memory_, store_->get(), &meshes_}, call);
 }
 
 std::shared_ptr<const Mesh> EngineImpl::load_mesh(const OwnedId& id) {
@@ -174,9 +204,9 @@ v1::ListGeometriesReply EngineImpl::list_geometries(const v1::ListGeometriesRequ
 
 v1::DeleteGeometryReply EngineImpl::delete_geometry(const v1::DeleteGeometryRequest& request, const CallContext& call) {
   const OwnedId id = store_->resolve_geometry(call.tenant, request.id());
-  const auto setups = store_->remove(id, request.with_setups() ? WithSetups::remove : WithSetups::refuse);
+  SystemCache::Forgotten forgotten;
+  const auto setups = store_->remove(id, request.with_setups() ? WithSetups::remove : WithSetups::refuse, forget_in(forgotten));
   meshes_.forget(key_of(id));
-  for (const auto& setup : setups) cache_->release(key_of({id.tenant, setup}));
   v1::DeleteGeometryReply reply;
   reply.set_setups_deleted(static_cast<std::uint32_t>(setups.size()));
   return reply;
@@ -210,8 +240,8 @@ Problems EngineImpl::problems_of(const v1::Setup& message, const std::string& te
   return problems;
 }
 
-RunContext EngineImpl::charged(RunContext context, SelectionCharge& charge) {
-  context.on_claim = [this, &charge](std::size_t bytes) {
+RunContext EngineImpl::charged(RunContext context, SelectionCharge& charge, const std::shared_ptr<OpenCall>& open) {
+  context.on_claim = [this, &charge, open](std::size_t bytes) {
     const char* advice = "use fewer or smaller regions of constraints, or raise the server's memory budget";
     if (charge.share.bytes() + bytes > selections_.total()) {
       throw Error(ErrorCode::out_of_budget, "what the regions of the setup select takes more than " +
@@ -220,24 +250,33 @@ RunContext EngineImpl::charged(RunContext context, SelectionCharge& charge) {
     const ChargePurpose purpose{"selecting the points of the setup", advice, 0};
     selections_.grow(charge.share, bytes, purpose);
     memory_.grow(charge.memory, bytes, purpose);
+    if (open) open->set_result_bytes(charge.memory.bytes());
   };
   return context;
 }
 
 v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const CallContext& call) {
-  RunContext context;
-  context.stop = call.stop;
-  context.deadline = call.deadline;
+  const auto estimating = std::make_shared<EstimateCall>(call);
+  calls_.add(estimating);  // counts as one that computes, and ends as those do
+  struct Leave {
+    CallRegistry& calls;
+    const Call* call;
+    ~Leave() { calls.remove(call); }
+  } const leave{calls_, estimating.get()};
+  return estimating->run([&](const RunContext& context) { return estimate(request, call, context); });
+}
+
+v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const CallContext& call, const RunContext& context) {
   if (request.list_problems()) {
     SelectionCharge charge;
-    const Problems problems = problems_of(request.setup(), call.tenant, charged(context, charge));
+    const Problems problems = problems_of(request.setup(), call.tenant, charged(context, charge, call.open));
     if (!problems.empty()) return convert::problems_reply(problems);
   }
   const Recipe recipe = this->recipe(request.setup(), call.tenant);
   const auto mesh = mesh_of(recipe.geometry());
   const Setup setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
   SelectionCharge charge;
-  const SelectedRegions regions = validate(setup, *mesh, charged(context, charge));
+  const SelectedRegions regions = validate(setup, *mesh, charged(context, charge, call.open));
   v1::EstimateReply reply = convert::estimate_reply(deform::estimate(*mesh, setup, regions));
   if (request.list_centres()) convert::list_centres(known_centres(*mesh, setup), reply);
   reply.set_budget_bytes(memory_.total());
@@ -332,6 +371,7 @@ void EngineImpl::prepare(const v1::PrepareRequest& request, const CallContext& c
   OutcomeCall<v1::SystemInfo>::Task task;
   task.system_id = recipe.id.id;
   task.prepare = preparation_of(recipe, Storing::store, call.quota);
+  task.brings_setup = true;
   if (on_progress) {
     task.on_progress = [on_progress](const std::string& stage, double fraction) {
       v1::Progress progress;
@@ -341,8 +381,9 @@ void EngineImpl::prepare(const v1::PrepareRequest& request, const CallContext& c
     };
     task.on_progress("queue", 0);
   }
-  task.compute = [](const SystemCache::Handle& system, const RunContext&) {
+  task.compute = [omit_setup = request.omit_setup()](const SystemCache::Handle& system, const RunContext&) {
     v1::SystemInfo info = system->info;
+    if (omit_setup) info.clear_setup();
     info.set_resident(true);
     return info;
   };
@@ -375,23 +416,46 @@ v1::SystemInfo EngineImpl::get_system(const std::string& id, const CallContext& 
 v1::ListSystemsReply EngineImpl::list_systems(const v1::ListSystemsRequest& request, const CallContext& call) {
   const OwnedId geometry =
       request.geometry_id().empty() ? OwnedId{call.tenant, ""} : store_->resolve_geometry(call.tenant, request.geometry_id());
-  const std::size_t limit = page_size(request.page_size());
-  const auto records = store_->catalog().list_setups(geometry, parse_page_token(request.page_token()), limit);
   v1::ListSystemsReply reply;
-  for (const auto& record : records) *reply.add_systems() = stored_info(record);
-  if (records.size() == limit) reply.set_next_page_token(page_token(records.back().created_ms, records.back().id));
+  PageRoom room;
+  const auto fetch = [&](const auto& after, std::size_t limit) { return store_->catalog().list_setups(geometry, after, limit); };
+  reply.set_next_page_token(list_page(request.page_token(), request.page_size(), fetch, [&](const SetupRecord& record) {
+    v1::SystemInfo info = stored_info(record);
+    if (request.omit_setup()) info.clear_setup();
+    if (!room.takes(info.ByteSizeLong())) return false;
+    *reply.add_systems() = std::move(info);
+    return true;
+  }));
   return reply;
 }
 
 v1::ReleaseSystemReply EngineImpl::release_system(const v1::ReleaseSystemRequest& request, const CallContext& call) {
   const OwnedId id = store_->resolve_setup(call.tenant, request.id());
-  if (request.forget()) store_->remove_setup(id);
   v1::ReleaseSystemReply reply;
-  reply.set_bytes_released(cache_->release(key_of(id)));
+  if (!request.forget()) {
+    reply.set_bytes_released(cache_->release(key_of(id)));
+    return reply;
+  }
+  SystemCache::Forgotten forgotten;
+  if (!store_->remove_setup(id, forget_in(forgotten))) {
+    throw Error(ErrorCode::not_found, "system " + request.id() + ": unknown id");  // another call was faster
+  }
+  reply.set_bytes_released(forgotten.bytes);
   return reply;
 }
 
 // ---- deformations and derivatives ----
+
+/// Systems leave memory in the moment in which their setups leave the catalog, so that what is in memory is there.
+RowsGone EngineImpl::forget_in(SystemCache::Forgotten& forgotten) {
+  return [this, &forgotten](const Intent& removal) {
+    std::vector<std::string> keys;
+    for (const auto& entry : removal.entries) {
+      if (entry.what == Intent::What::setup) keys.push_back(key_of({entry.tenant, entry.id}));
+    }
+    forgotten = cache_->forget(keys);
+  };
+}
 
 // The catalog is asked only for what is not in memory.
 OwnedId EngineImpl::resolve_system(const std::string& tenant, const std::string& id) {

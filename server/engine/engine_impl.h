@@ -80,7 +80,8 @@ class EngineImpl : public Engine {
     Charge share, memory;
   };
   /// The context, with which selecting is charged.
-  RunContext charged(RunContext context, SelectionCharge& charge);
+  RunContext charged(RunContext context, SelectionCharge& charge, const std::shared_ptr<OpenCall>& open = nullptr);
+  v1::EstimateReply estimate(const v1::EstimateRequest& request, const CallContext& call, const RunContext& context);
   struct Planned;
   std::shared_ptr<Planned> plan_system(const Recipe& recipe, const RunContext& context);
   std::shared_ptr<ResidentSystem> make_system(const Recipe& recipe, const Planned& planned, Storing storing, const Quota& quota,
@@ -89,6 +90,7 @@ class EngineImpl : public Engine {
   SystemCache::Prepare preparation_of(const Recipe& recipe, Storing storing, const Quota& quota);
   SystemCache::Prepare prepare_again(const OwnedId& id);
   OwnedId resolve_system(const std::string& tenant, const std::string& id);
+  RowsGone forget_in(SystemCache::Forgotten& forgotten);
   std::shared_ptr<const Mesh> mesh_of(const OwnedId& geometry) { return meshes_.get(key_of(geometry)); }
   std::shared_ptr<const Mesh> load_mesh(const OwnedId& id);
   v1::SystemInfo stored_info(const SetupRecord& record);

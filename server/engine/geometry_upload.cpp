@@ -228,7 +228,7 @@ class Upload : public GeometryUpload {
         meshes_(*parts.meshes),
         call_(std::move(call)),
         buffer_(header, limits, *parts.memory),
-        stored_(!declared_id_.empty() && store_.contains(owned(declared_id_))) {
+        stored_(declared_id_.empty() ? std::nullopt : store_.registered(owned(declared_id_))) {
     if (stored_) return;
     const std::size_t bytes = stored_bytes(header);
     store_.require_room(bytes);
@@ -238,7 +238,7 @@ class Upload : public GeometryUpload {
     if (!heals) store_.require_quota(call_.tenant, {1, 0, bytes}, call_.quota);
   }
 
-  bool already_stored() const override { return stored_; }
+  bool already_stored() const override { return stored_.has_value(); }
 
   void add(const v1::RegisterGeometryRequest& part) override {
     check_call();
@@ -247,8 +247,8 @@ class Upload : public GeometryUpload {
 
   v1::GeometryInfo finish() override {
     check_call();
-    if (stored_) {
-      v1::GeometryInfo info = store_.info(owned(declared_id_));
+    if (stored_) {  // as it was when the header came: it may have been deleted since
+      v1::GeometryInfo info = *stored_;
       info.set_existed(true);
       return info;
     }
@@ -278,7 +278,7 @@ class Upload : public GeometryUpload {
   MeshCache& meshes_;
   const CallContext call_;
   UploadBuffer buffer_;
-  const bool stored_;
+  const std::optional<v1::GeometryInfo> stored_;
 };
 
 }  // namespace

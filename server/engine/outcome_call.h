@@ -26,6 +26,7 @@ class OutcomeCall : public Call {
   struct Task {
     std::string system_id;  ///< empty: none is needed, and compute() gets none
     SystemCache::Prepare prepare;
+    bool brings_setup = false;  ///< prepare() does not read it from the store, so that one which is gone is no reason to fail
     std::function<void(const std::string& stage, double fraction)> on_progress;  ///< may be empty
     std::function<T(const SystemCache::Handle&, const RunContext&)> compute;
     std::function<void(Engine::Outcome<T>)> on_done;
@@ -44,6 +45,18 @@ class OutcomeCall : public Call {
     if (context().open) context().open->set_subject("", task_.system_id);
     if (!task_.system_id.empty()) enter(v1::CALL_PREPARING);
     if (task_.system_id.empty()) return enqueue({});
+    ask();
+  }
+
+  void fail(const Error& error) override {
+    stop();
+    end({std::nullopt, error, {}});
+  }
+
+ private:
+  std::shared_ptr<OutcomeCall> self() { return std::static_pointer_cast<OutcomeCall>(shared_from_this()); }
+
+  void ask() {
     SystemCache::Asker asker;
     asker.client = context().client;
     asker.on_progress = task_.on_progress;
@@ -56,15 +69,10 @@ class OutcomeCall : public Call {
     if (!ended_) ticket_ = std::move(ticket);  // otherwise it leaves here
   }
 
-  void fail(const Error& error) override {
-    stop();
-    end({std::nullopt, error, {}});
-  }
-
- private:
-  std::shared_ptr<OutcomeCall> self() { return std::static_pointer_cast<OutcomeCall>(shared_from_this()); }
-
   void on_system(SystemCache::Handle system, const std::optional<Error>& error) {
+    if (error && error->code() == ErrorCode::not_found && task_.brings_setup && !std::exchange(asked_again_, true)) {
+      return ask();  // the preparation of somebody else, who named a stored setup that was deleted
+    }
     if (error) return fail(*error);
     {
       const std::lock_guard lock(mutex_);
@@ -138,6 +146,7 @@ class OutcomeCall : public Call {
   const Parts parts_;
   const Task task_;
   const RunContext::Clock::time_point accepted_ = RunContext::Clock::now();
+  bool asked_again_ = false;  // of the answers to asking, which come one after the other
   std::mutex mutex_;
   // guarded by mutex_
   Scheduler::Place place_;

@@ -124,7 +124,8 @@ void SystemCache::land(const std::shared_ptr<Flight>& flight, std::shared_ptr<Re
   {
     const std::lock_guard lock(mutex_);
     const auto current = flights_.find(flight->id);
-    const bool wanted = current != flights_.end() && current->second == flight;  // else all askers have left
+    // Else all askers have left, or its setup is gone.
+    const bool wanted = current != flights_.end() && current->second == flight;
     if (wanted) flights_.erase(current);
     if (wanted && !error) {
       Entry& entry = entries_[flight->id];
@@ -135,7 +136,7 @@ void SystemCache::land(const std::shared_ptr<Flight>& flight, std::shared_ptr<Re
       for (auto& [key, asker] : flight->askers) answers.emplace_back(std::move(asker), pin(flight->id, entry));
       evict_down_to(budget_, doomed);
     } else {
-      for (auto& [key, asker] : flight->askers) answers.emplace_back(std::move(asker), nullptr);
+      for (auto& [key, asker] : flight->askers) answers.emplace_back(std::move(asker), error ? nullptr : resident);
     }
     flight->askers.clear();
   }
@@ -169,7 +170,8 @@ void SystemCache::leave(const std::shared_ptr<Flight>& flight, std::uint64_t ask
     flight->askers.erase(found);
     if (!flight->askers.empty()) return;
     // Nobody wants it any more. Out of the map at once, so that the next asker begins a new flight.
-    flights_.erase(flight->id);
+    const auto current = flights_.find(flight->id);
+    if (current != flights_.end() && current->second == flight) flights_.erase(current);
   }
   flight->stop.request_stop();
   unschedule_(flight.get());
@@ -186,6 +188,23 @@ std::size_t SystemCache::release(const std::string& id) {
   entries_.erase(found);
   bytes_ -= bytes;
   return bytes;
+}
+
+SystemCache::Forgotten SystemCache::forget(const std::vector<std::string>& ids) {
+  Forgotten forgotten;
+  const std::lock_guard lock(mutex_);
+  for (const auto& id : ids) {
+    flights_.erase(id);
+    const auto found = entries_.find(id);
+    if (found == entries_.end()) continue;
+    const std::size_t bytes = found->second.resident->system->bytes();
+    if (found->second.pins == 0) idle_.erase(found->second.idle);
+    forgotten.systems.push_back(std::move(found->second.resident));
+    entries_.erase(found);
+    forgotten.bytes += bytes;
+    bytes_ -= bytes;
+  }
+  return forgotten;
 }
 
 SystemCache::Evicted SystemCache::release_if(const std::function<bool(const std::string& id)>& wanted) {

@@ -89,6 +89,7 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
 
  private:
   struct Flight;
+  using Doomed = std::vector<std::shared_ptr<ResidentSystem>>;  // destroyed after the lock
 
  public:
   /// Destroying it leaves the flight. Movable.
@@ -120,6 +121,15 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
 
   /// Takes an entry out: new requests do not find it; those that use it finish. Returns the bytes that will be given back.
   std::size_t release(const std::string& id);
+
+  /// What forget() took out; destroying it gives back the memory.
+  struct Forgotten {
+    std::size_t bytes = 0;
+    Doomed systems;
+  };
+  /// release() of systems whose setups are gone. What is being prepared goes to those who asked so far, is not kept, and is not
+  /// joined any more.
+  Forgotten forget(const std::vector<std::string>& ids);
 
   struct Evicted {
     std::size_t systems = 0, in_use = 0;  ///< of these, with handles
@@ -156,7 +166,6 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
     std::string last_stage;
   };
   class FlightGuard;
-  using Doomed = std::vector<std::shared_ptr<ResidentSystem>>;  // destroyed after the lock
 
   void schedule(const std::shared_ptr<Flight>& flight, double seconds);
   void run(const std::shared_ptr<Flight>& flight);

@@ -417,15 +417,26 @@ void RequestStream::OnReadDone(bool ok) {
     if (state_ == State::finished) return;  // answered while it was read
     state_ = State::handling;
   }
-  pool_.post([self = shared_from_this(), ok] { self->handle(ok); });
+  if (ok) {
+    pool_.post([self = shared_from_this()] { self->handle(Came::message); });
+  } else {
+    StartSendInitialMetadata();
+  }
 }
 
-void RequestStream::handle(bool ok) {
+/// A client that has said all and one that is lost in the middle end the reading alike, and OnCancel may be late. What was read
+/// so far may look complete. But nothing can be sent any more to a client that is lost.
+void RequestStream::OnSendInitialMetadataDone(bool ok) {
+  pool_.post([self = shared_from_this(), ok] { self->handle(ok ? Came::all : Came::lost); });
+}
+
+void RequestStream::handle(Came what) {
   Then then = Then::later;
   auto error = caught([&] {
     scope_.check_access();  // the caller may have been struck out since the stream was opened
     scope_.check();
-    if (!ok) return half_closed();
+    if (what == Came::lost) throw Error(ErrorCode::cancelled, "the client left before it had sent all");
+    if (what == Came::all) return half_closed();
     scope_.record.messages_in += 1;
     scope_.record.bytes_in += request_.Length();
     const auto held = scope_.hold(request_);

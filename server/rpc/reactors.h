@@ -215,6 +215,7 @@ using ReplyStream = ReplyWriter<grpc::ServerWriteReactor<grpc::ByteBuffer>>;
 /// A call that reads a stream of requests and answers once. Every step runs on the pool.
 ///
 ///   handling --message(): more--> reading --OnReadDone--> handling
+///   reading --OnReadDone: no more--> handling --OnSendInitialMetadataDone: half_closed()
 ///   handling --later--> waiting --answer()--> finished;  any --error, cancel, the operator--> finished
 class RequestStream : public grpc::ServerReadReactor<grpc::ByteBuffer>, public std::enable_shared_from_this<RequestStream> {
  public:
@@ -239,11 +240,13 @@ class RequestStream : public grpc::ServerReadReactor<grpc::ByteBuffer>, public s
 
  private:
   enum class State { handling, reading, waiting, finished };
+  enum class Came { message, all, lost };
 
-  void handle(bool ok);
+  void handle(Came what);
   /// The operator may end it.
   void watch_operator();
   void OnReadDone(bool ok) override;
+  void OnSendInitialMetadataDone(bool ok) override;
   void OnCancel() override;
   void OnDone() override;
 

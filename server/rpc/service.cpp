@@ -151,7 +151,9 @@ class DeformService::Methods final : public RawService {
     return unary("GetSystem", Role::read, context, bytes, reply, [this, bytes](CallRecord& record, const CallContext& call) {
       const auto request = received<v1::GetSystemRequest>(*bytes, record);
       record.system = request.id();
-      return engine_.get_system(request.id(), call);
+      v1::SystemInfo info = engine_.get_system(request.id(), call);
+      if (request.omit_setup()) info.clear_setup();
+      return info;
     });
   }
 

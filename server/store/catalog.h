@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -68,6 +69,10 @@ struct PageStart {
 
 enum class WithSetups { refuse, remove };
 
+/// Called when the rows of a removal are gone, in the same moment for all others: nobody sees that they are gone before it has
+/// returned. Must not call the catalog.
+using RowsGone = std::function<void(const Intent& removal)>;
+
 /// Names of what is durably stored. A record is visible when the call that adds it returned, and then survives a crash; no call
 /// has a visible half-way state. Thread-safe. Errors: Error(unavailable) when the storage fails, Error(out_of_budget) when it is
 /// full, Error(data_loss) when it is damaged. Several servers share a SharedCatalog (shared_catalog.h).
@@ -89,7 +94,7 @@ class Catalog {
                                                       std::size_t limit) = 0;
   /// Removes the records of a geometry and its setups and begins the intent to remove their files, in one step; returns that
   /// intent. Throws Error(not_found), or Error(failed_precondition) when there are setups and the policy is to refuse.
-  virtual Intent remove_geometry(const OwnedId& id, WithSetups policy) = 0;
+  virtual Intent remove_geometry(const OwnedId& id, WithSetups policy, const RowsGone& gone) = 0;
   /// The tenants that have a geometry of this content.
   virtual std::vector<std::string> owners_of(const std::string& geometry_id) = 0;
 
@@ -101,7 +106,7 @@ class Catalog {
   virtual std::vector<SetupRecord> list_setups(const OwnedId& geometry, const std::optional<PageStart>& after,
                                                std::size_t limit) = 0;
   /// As remove_geometry(). Nothing when there was none.
-  virtual std::optional<Intent> remove_setup(const OwnedId& id) = 0;
+  virtual std::optional<Intent> remove_setup(const OwnedId& id, const RowsGone& gone) = 0;
   virtual std::size_t setup_count(const OwnedId& geometry) = 0;
 
   /// Adds or replaces many records in one step, the geometries first.

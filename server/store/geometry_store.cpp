@@ -109,10 +109,9 @@ void GeometryStore::count_again(const std::string& tenant) {
 // ---- geometries ----
 
 v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota) {
-  if (contains(id)) {
-    v1::GeometryInfo info = this->info(id);
-    info.set_existed(true);
-    return info;
+  if (auto info = registered(id)) {
+    info->set_existed(true);
+    return *info;
   }
   disk_.require(mesh_bytes(mesh));
   const GeometryRecord record = geometry_record(convert::geometry_info(mesh, id.id, name), unix_ms(), id.tenant);
@@ -124,7 +123,8 @@ v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const OwnedId& id, const s
   try {
     step("an upload is announced");
     const auto known = put_content(mesh, record, intent, addition, heals);
-    v1::GeometryInfo info = described(known.value_or(record));
+    v1::GeometryInfo info = recorded_info(known.value_or(record));
+    info.set_setups(static_cast<std::uint32_t>(catalog_->setup_count(id)));
     info.set_existed(known.has_value());
     return info;
   } catch (...) {
@@ -214,18 +214,30 @@ void GeometryStore::undo_what_is_left() {
   for (const auto& [entry, intent] : std::exchange(left_, {})) undo(entry, intent);
 }
 
-bool GeometryStore::contains(const OwnedId& id) {
+std::optional<v1::GeometryInfo> GeometryStore::registered(const OwnedId& id) {
   const auto record = catalog_->find_geometry(id);
-  return record && record->integrity == Integrity::intact && is_seen(files_, directory_.geometries() / key_of(id));
+  if (!record || record->integrity == Integrity::damaged) return std::nullopt;
+  const auto info = described(*record);
+  return info && info->damage().empty() ? info : std::nullopt;
 }
 
 v1::GeometryInfo GeometryStore::info(const OwnedId& id) {
   const auto record = catalog_->find_geometry(id);
-  if (!record) throw unknown_geometry(id.id);
-  return described(*record);
+  const auto info = record ? described(*record) : std::nullopt;
+  if (!info) throw unknown_geometry(id.id);
+  return *info;
 }
 
-v1::GeometryInfo GeometryStore::described(const GeometryRecord& record) {
+/// Rows go before files: while nothing is being removed, both are there or neither.
+bool GeometryStore::has_content(const GeometryRecord& record) {
+  const std::filesystem::path file = directory_.geometries() / key_of(owned(record));
+  if (is_seen(files_, file)) return true;
+  const std::lock_guard lock(visibility_);
+  return is_seen(files_, file);
+}
+
+/// Nothing when it has been removed since the record was read.
+std::optional<v1::GeometryInfo> GeometryStore::described(const GeometryRecord& record) {
   v1::GeometryInfo info;
   if (record.integrity == Integrity::damaged || !info.ParseFromString(record.info)) {
     info.Clear();
@@ -238,7 +250,8 @@ v1::GeometryInfo GeometryStore::described(const GeometryRecord& record) {
     }
     info.set_id(record.id);
   }
-  if (!is_seen(files_, directory_.geometries() / key_of(owned(record)))) {
+  if (!has_content(record)) {
+    if (!catalog_->find_geometry(owned(record))) return std::nullopt;
     info.set_damage("the stored file is missing or damaged; register the geometry again");
   }
   info.set_setups(static_cast<std::uint32_t>(catalog_->setup_count(owned(record))));
@@ -248,6 +261,16 @@ v1::GeometryInfo GeometryStore::described(const GeometryRecord& record) {
 Mesh GeometryStore::load(const OwnedId& id) {
   if (!catalog_->find_geometry(id)) throw unknown_geometry(id.id);
   const std::filesystem::path file = directory_.geometries() / key_of(id);
+  if (is_seen(files_, file)) {
+    try {
+      return read_geometry_file(file, id.id, files_);
+    } catch (const Error& error) {
+      spdlog::debug("store: geometry {} is read once more: {}", key_of(id), error.what());
+    }
+  }
+  // It may be on its way out, or in again. What is wrong while nothing changes is wrong.
+  const std::lock_guard lock(visibility_);
+  if (!catalog_->find_geometry(id)) throw unknown_geometry(id.id);
   if (!is_seen(files_, file)) {
     throw Error(ErrorCode::data_loss, "geometry " + id.id + ": the stored file is missing; register the geometry again");
   }
@@ -259,9 +282,8 @@ Mesh GeometryStore::load(const OwnedId& id) {
   }
 }
 
-// Out of the way, so that registering again stores a good file; kept, because it may be all there is.
+// Out of the way, so that registering again stores a good file; kept, because it may be all there is. With visibility_ held.
 void GeometryStore::quarantine(const OwnedId& id) {
-  const std::lock_guard lock(visibility_);
   try {
     const auto kept = directory_.set_aside(directory_.geometries() / key_of(id), directory_.damaged());
     spdlog::error("store: the file of geometry {} is damaged and was set aside as {}", key_of(id), kept.string());
@@ -272,10 +294,10 @@ void GeometryStore::quarantine(const OwnedId& id) {
 
 /// Where not even a row can be written and the reserve is gone, the content goes first and makes room. Only in between would a
 /// crash leave what was to be removed, listed as damaged.
-Intent GeometryStore::remove_rows(const OwnedId& id, WithSetups policy) {
+Intent GeometryStore::remove_rows(const OwnedId& id, WithSetups policy, const RowsGone& gone) {
   const std::filesystem::path file = directory_.geometries() / key_of(id);
   try {
-    return catalog_->remove_geometry(id, policy);
+    return catalog_->remove_geometry(id, policy, gone);
   } catch (const Error& error) {
     const bool wanted = policy == WithSetups::remove || catalog_->setup_count(id) == 0;
     struct stat status {};
@@ -284,14 +306,14 @@ Intent GeometryStore::remove_rows(const OwnedId& id, WithSetups policy) {
     if (error.code() != ErrorCode::out_of_budget || !wanted || shared) throw;
   }
   try_remove(files_, file);
-  return catalog_->remove_geometry(id, policy);
+  return catalog_->remove_geometry(id, policy, gone);
 }
 
-std::vector<std::string> GeometryStore::remove(const OwnedId& id, WithSetups policy) {
+std::vector<std::string> GeometryStore::remove(const OwnedId& id, WithSetups policy, const RowsGone& gone) {
   const std::lock_guard lock(visibility_);
   const DiskSpace::Room room(disk_);
   undo_what_is_left();
-  const Intent removal = remove_rows(id, policy);
+  const Intent removal = remove_rows(id, policy, gone);
   finish(removal);
   count_again(id.tenant);
   std::vector<std::string> setups;
@@ -354,11 +376,11 @@ std::optional<SetupRecord> GeometryStore::find_setup(const OwnedId& id) {
   }
 }
 
-bool GeometryStore::remove_setup(const OwnedId& id) {
+bool GeometryStore::remove_setup(const OwnedId& id, const RowsGone& gone) {
   const std::lock_guard lock(visibility_);
   const DiskSpace::Room room(disk_);
   undo_what_is_left();
-  const auto removal = catalog_->remove_setup(id);
+  const auto removal = catalog_->remove_setup(id, gone);
   if (removal) {
     finish(*removal);
     count_again(id.tenant);
@@ -379,11 +401,16 @@ v1::StoreInfo GeometryStore::state() {
 }
 
 v1::ListGeometriesReply GeometryStore::list(const std::string& tenant, const v1::ListGeometriesRequest& request) {
-  const std::size_t limit = page_size(request.page_size());
-  const auto records = catalog_->list_geometries(tenant, parse_page_token(request.page_token()), limit);
   v1::ListGeometriesReply reply;
-  for (const auto& record : records) *reply.add_geometries() = described(record);
-  if (records.size() == limit) reply.set_next_page_token(page_token(records.back().created_ms, records.back().id));
+  PageRoom room;
+  const auto fetch = [&](const auto& after, std::size_t limit) { return catalog_->list_geometries(tenant, after, limit); };
+  reply.set_next_page_token(list_page(request.page_token(), request.page_size(), fetch, [&](const GeometryRecord& record) {
+    auto info = described(record);
+    if (!info) return true;  // removed meanwhile
+    if (!room.takes(info->ByteSizeLong())) return false;
+    *reply.add_geometries() = *std::move(info);
+    return true;
+  }));
   return reply;
 }
 

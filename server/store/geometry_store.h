@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <algorithm>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -56,14 +57,14 @@ class GeometryStore : public Store {
   ~GeometryStore() override;
 
   v1::GeometryInfo put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota = {}) override;
-  bool contains(const OwnedId& id) override;
+  std::optional<v1::GeometryInfo> registered(const OwnedId& id) override;
   v1::GeometryInfo info(const OwnedId& id) override;
   Mesh load(const OwnedId& id) override;
-  std::vector<std::string> remove(const OwnedId& id, WithSetups policy) override;
+  std::vector<std::string> remove(const OwnedId& id, WithSetups policy, const RowsGone& gone = {}) override;
 
   std::int64_t put_setup(SetupRecord record, const Quota& quota = {}) override;
   std::optional<SetupRecord> find_setup(const OwnedId& id) override;
-  bool remove_setup(const OwnedId& id) override;
+  bool remove_setup(const OwnedId& id, const RowsGone& gone = {}) override;
 
   void require_quota(const std::string& tenant, const StoredAmount& more, const Quota& quota) const override;
   StoredAmount amount_of(const std::string& tenant) const override;
@@ -80,12 +81,13 @@ class GeometryStore : public Store {
   Catalog& catalog() override { return *catalog_; }
 
  private:
-  v1::GeometryInfo described(const GeometryRecord& record);
+  std::optional<v1::GeometryInfo> described(const GeometryRecord& record);
+  bool has_content(const GeometryRecord& record);
   void share_content(const GeometryRecord& record, std::int64_t intent);
   void take_back(const GeometryRecord& record, std::int64_t intent);
   void undo(const Intent::Entry& entry, std::int64_t intent);
   void undo_what_is_left();
-  Intent remove_rows(const OwnedId& id, WithSetups policy);
+  Intent remove_rows(const OwnedId& id, WithSetups policy, const RowsGone& gone);
   void finish(const Intent& removal);
   /// What is about to be added to what a tenant has; taken back when it is destroyed before it was kept.
   class Addition;

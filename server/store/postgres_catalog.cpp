@@ -250,9 +250,9 @@ class PostgresCatalog : public SharedCatalog {
     });
   }
 
-  Intent remove_geometry(const OwnedId& id, WithSetups policy) override {
+  Intent remove_geometry(const OwnedId& id, WithSetups policy, const RowsGone& gone) override {
     Intent intent{Intent::Kind::remove, {}};
-    return with([&](Connection& c) {
+    intent = with([&](Connection& c) {
       Transaction transaction(c);
       if (intent.number != 0) {  // a call before this one was cut off: has it done it?
         if (c.run("SELECT 1 FROM deformd.intents WHERE number = $1", {intent.number}).rows() > 0) return intent;
@@ -283,6 +283,8 @@ class PostgresCatalog : public SharedCatalog {
       transaction.commit();
       return intent;
     });
+    if (gone) gone(intent);
+    return intent;
   }
 
   std::vector<std::string> owners_of(const std::string& geometry_id) override {
@@ -340,8 +342,8 @@ class PostgresCatalog : public SharedCatalog {
     });
   }
 
-  std::optional<Intent> remove_setup(const OwnedId& id) override {
-    return with([&](Connection& c) -> std::optional<Intent> {
+  std::optional<Intent> remove_setup(const OwnedId& id, const RowsGone& gone) override {
+    const auto removed = with([&](Connection& c) -> std::optional<Intent> {
       Transaction transaction(c);
       const Result rows = c.run("DELETE FROM deformd.setups WHERE id = $1 RETURNING created_ms", {key_of(id)});
       if (rows.rows() == 0) return std::nullopt;
@@ -349,6 +351,8 @@ class PostgresCatalog : public SharedCatalog {
       transaction.commit();
       return Intent{Intent::Kind::remove, {{Intent::What::setup, id.id, rows.number(0, 0), {}, id.tenant}}};
     });
+    if (removed && gone) gone(*removed);
+    return removed;
   }
 
   std::size_t setup_count(const OwnedId& geometry) override {

@@ -19,6 +19,14 @@ namespace {
 constexpr std::uint32_t folder_retry_ms = 1000;
 constexpr const char* register_again = "register the geometry again";
 
+/// Of a row that is intact and whose file was there.
+v1::GeometryInfo whole_info(const GeometryRecord& record, std::size_t setups) {
+  v1::GeometryInfo info;
+  info.ParseFromString(record.info);
+  info.set_setups(static_cast<std::uint32_t>(setups));
+  return info;
+}
+
 }  // namespace
 
 SharedStore::SharedStore(const std::filesystem::path& directory, std::unique_ptr<SharedCatalog> catalog,
@@ -113,7 +121,7 @@ v1::GeometryInfo SharedStore::put(const Mesh& mesh, const OwnedId& id, const std
   std::optional<std::int64_t> lost;
   if (known && known->integrity == Integrity::intact) {
     if (is_seen(files_, file_of(*known))) {
-      v1::GeometryInfo info = described(*known, catalog_->setup_count(id));
+      v1::GeometryInfo info = whole_info(*known, catalog_->setup_count(id));
       info.set_existed(true);
       return info;
     }
@@ -138,7 +146,7 @@ v1::GeometryInfo SharedStore::put(const Mesh& mesh, const OwnedId& id, const std
       removal.entries[0].put = removal.number = record.put;
       finish(removal);
     }
-    v1::GeometryInfo info = described(added.record, catalog_->setup_count(id));
+    v1::GeometryInfo info = whole_info(added.record, catalog_->setup_count(id));
     info.set_existed(added.outcome != SharedCatalog::Added::Outcome::added);
     return info;
   } catch (...) {
@@ -186,27 +194,34 @@ void SharedStore::finish(const Intent& removal) {
   }
 }
 
-bool SharedStore::contains(const OwnedId& id) {
+std::optional<v1::GeometryInfo> SharedStore::registered(const OwnedId& id) {
   const auto record = catalog_->find_geometry(id);
-  if (!record || record->integrity != Integrity::intact) return false;
-  if (is_seen(files_, file_of(*record))) return true;
-  require_folder();
-  return false;
+  if (!record || record->integrity != Integrity::intact) return std::nullopt;
+  if (!is_seen(files_, file_of(*record))) {
+    require_folder();
+    return std::nullopt;
+  }
+  return described(*record, catalog_->setup_count(id));
 }
 
 v1::GeometryInfo SharedStore::info(const OwnedId& id) {
   const auto record = catalog_->find_geometry(id);
-  if (!record) throw unknown_geometry(id.id);
-  return described(*record, catalog_->setup_count(id));
+  const auto info = record ? described(*record, catalog_->setup_count(id)) : std::nullopt;
+  if (!info) throw unknown_geometry(id.id);
+  return *info;
 }
 
-v1::GeometryInfo SharedStore::described(const GeometryRecord& record, std::size_t setups) {
+/// Nothing when it has been removed since the record was read.
+std::optional<v1::GeometryInfo> SharedStore::described(const GeometryRecord& record, std::size_t setups) {
   v1::GeometryInfo info;
   if (record.integrity == Integrity::damaged || !info.ParseFromString(record.info)) {
     info.Clear();
     info.set_damage(std::string("the entry in the catalog is damaged; ") + register_again);
     info.set_id(record.id);
   } else if (!is_seen(files_, file_of(record))) {
+    const auto now = catalog_->find_geometry(owned(record));
+    if (!now) return std::nullopt;
+    if (now->put != record.put) return described(*now, setups);
     info.set_damage(directory_->is_reachable() ? std::string("the stored file is missing or damaged; ") + register_again
                                                : "the shared folder cannot be reached");
   }
@@ -251,8 +266,8 @@ void SharedStore::quarantine(const GeometryRecord& record) {
   }
 }
 
-std::vector<std::string> SharedStore::remove(const OwnedId& id, WithSetups policy) {
-  const Intent removal = catalog_->remove_geometry(id, policy);
+std::vector<std::string> SharedStore::remove(const OwnedId& id, WithSetups policy, const RowsGone& gone) {
+  const Intent removal = catalog_->remove_geometry(id, policy, gone);
   finish(removal);
   std::vector<std::string> setups;
   for (const auto& entry : removal.entries) {
@@ -262,17 +277,24 @@ std::vector<std::string> SharedStore::remove(const OwnedId& id, WithSetups polic
 }
 
 v1::ListGeometriesReply SharedStore::list(const std::string& tenant, const v1::ListGeometriesRequest& request) {
-  const std::size_t limit = page_size(request.page_size());
-  const auto records = catalog_->list_geometries(tenant, parse_page_token(request.page_token()), limit);
-  std::vector<std::string> ids;
-  for (const auto& record : records) ids.push_back(record.id);
-  const auto setups = catalog_->setup_counts(tenant, ids);
   v1::ListGeometriesReply reply;
-  for (const auto& record : records) {
+  PageRoom room;
+  std::map<std::string, std::size_t> setups;
+  const auto fetch = [&](const auto& after, std::size_t limit) {
+    auto records = catalog_->list_geometries(tenant, after, limit);
+    std::vector<std::string> ids;
+    for (const auto& record : records) ids.push_back(record.id);
+    setups = catalog_->setup_counts(tenant, ids);
+    return records;
+  };
+  reply.set_next_page_token(list_page(request.page_token(), request.page_size(), fetch, [&](const GeometryRecord& record) {
     const auto count = setups.find(record.id);
-    *reply.add_geometries() = described(record, count == setups.end() ? 0 : count->second);
-  }
-  if (records.size() == limit) reply.set_next_page_token(page_token(records.back().created_ms, records.back().id));
+    auto info = described(record, count == setups.end() ? 0 : count->second);
+    if (!info) return true;  // removed meanwhile
+    if (!room.takes(info->ByteSizeLong())) return false;
+    *reply.add_geometries() = *std::move(info);
+    return true;
+  }));
   return reply;
 }
 
@@ -291,7 +313,7 @@ std::optional<SetupRecord> SharedStore::find_setup(const OwnedId& id) {
   return record;
 }
 
-bool SharedStore::remove_setup(const OwnedId& id) { return catalog_->remove_setup(id).has_value(); }
+bool SharedStore::remove_setup(const OwnedId& id, const RowsGone& gone) { return catalog_->remove_setup(id, gone).has_value(); }
 
 std::shared_ptr<void> SharedStore::claim_preparation(const OwnedId& system, const RunContext& context) {
   return catalog_->claim("preparation " + key_of(system), options_.preparation_patience, context);

@@ -52,14 +52,14 @@ class SharedStore : public Store {
   ~SharedStore() override;
 
   v1::GeometryInfo put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota = {}) override;
-  bool contains(const OwnedId& id) override;
+  std::optional<v1::GeometryInfo> registered(const OwnedId& id) override;
   v1::GeometryInfo info(const OwnedId& id) override;
   Mesh load(const OwnedId& id) override;
-  std::vector<std::string> remove(const OwnedId& id, WithSetups policy) override;
+  std::vector<std::string> remove(const OwnedId& id, WithSetups policy, const RowsGone& gone = {}) override;
 
   std::int64_t put_setup(SetupRecord record, const Quota& quota = {}) override;
   std::optional<SetupRecord> find_setup(const OwnedId& id) override;
-  bool remove_setup(const OwnedId& id) override;
+  bool remove_setup(const OwnedId& id, const RowsGone& gone = {}) override;
 
   void require_quota(const std::string& tenant, const StoredAmount& more, const Quota& quota) const override;
   StoredAmount amount_of(const std::string& tenant) const override;
@@ -82,7 +82,7 @@ class SharedStore : public Store {
                                                         FileSystem& files);
   std::filesystem::path file_of(const GeometryRecord& record) const;
   std::filesystem::path file_of(const Intent::Entry& entry) const;
-  v1::GeometryInfo described(const GeometryRecord& record, std::size_t setups);
+  std::optional<v1::GeometryInfo> described(const GeometryRecord& record, std::size_t setups);
   void require_folder() const;
   void finish(const Intent& removal);
   void take_back(const GeometryRecord& record);

@@ -204,7 +204,7 @@ class SqliteCatalog : public Catalog {
     return records;
   }
 
-  Intent remove_geometry(const OwnedId& id, WithSetups policy) override {
+  Intent remove_geometry(const OwnedId& id, WithSetups policy, const RowsGone& gone) override {
     const std::lock_guard lock(mutex_);
     Transaction transaction(db_.get());
     Intent intent{Intent::Kind::remove, {}};
@@ -225,6 +225,7 @@ class SqliteCatalog : public Catalog {
     Statement(db_.get(), "DELETE FROM geometries WHERE id = ?").text(key_of(id)).step();
     intent.number = insert_intent(intent);
     transaction.commit();
+    if (gone) gone(intent);
     return intent;
   }
 
@@ -267,7 +268,7 @@ class SqliteCatalog : public Catalog {
     return records;
   }
 
-  std::optional<Intent> remove_setup(const OwnedId& id) override {
+  std::optional<Intent> remove_setup(const OwnedId& id, const RowsGone& gone) override {
     const std::lock_guard lock(mutex_);
     Transaction transaction(db_.get());
     Statement setup(db_.get(), "SELECT created_ms FROM setups WHERE id = ?");
@@ -276,6 +277,7 @@ class SqliteCatalog : public Catalog {
     Statement(db_.get(), "DELETE FROM setups WHERE id = ?").text(key_of(id)).step();
     intent.number = insert_intent(intent);
     transaction.commit();
+    if (gone) gone(intent);
     return intent;
   }
 

@@ -72,6 +72,13 @@ std::size_t page_size(std::uint32_t requested) {
   return requested == 0 ? largest_page : requested;
 }
 
+bool PageRoom::takes(std::size_t bytes) {
+  constexpr std::size_t most = 1'000'000, around = 16;  // with its tag and length
+  if (bytes_ > 0 && bytes_ + bytes + around > most) return false;
+  bytes_ += bytes + around;
+  return true;
+}
+
 std::int64_t unix_ms() {
   return std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
 }

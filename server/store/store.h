@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
@@ -50,14 +51,16 @@ class Store {
   /// Throws Error(out_of_budget) without a retry hint beyond the quota.
   virtual v1::GeometryInfo put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota = {}) = 0;
   /// The row and the file are there.
-  virtual bool contains(const OwnedId& id) = 0;
+  bool contains(const OwnedId& id) { return registered(id).has_value(); }
+  /// The description of what contains() finds.
+  virtual std::optional<v1::GeometryInfo> registered(const OwnedId& id) = 0;
   /// Throws Error(not_found).
   virtual v1::GeometryInfo info(const OwnedId& id) = 0;
   /// Reads and verifies; throws Error(not_found), Error(data_loss).
   virtual Mesh load(const OwnedId& id) = 0;
   /// Also the setups when the policy says so; returns their ids. Throws Error(not_found), Error(failed_precondition). Whoever has
   /// loaded the mesh keeps it, and so do other tenants.
-  virtual std::vector<std::string> remove(const OwnedId& id, WithSetups policy) = 0;
+  virtual std::vector<std::string> remove(const OwnedId& id, WithSetups policy, const RowsGone& gone = {}) = 0;
 
   /// Adds or replaces; returns when the setup was stored first. Where nothing can be written, a setup that is there stays as it
   /// is. Throws as put() beyond the quota.
@@ -65,7 +68,7 @@ class Store {
   /// Throws Error(data_loss) when what is stored of it is damaged.
   virtual std::optional<SetupRecord> find_setup(const OwnedId& id) = 0;
   /// False when there was none.
-  virtual bool remove_setup(const OwnedId& id) = 0;
+  virtual bool remove_setup(const OwnedId& id, const RowsGone& gone = {}) = 0;
 
   /// Throws Error(out_of_budget) when a tenant may not add so much more.
   virtual void require_quota(const std::string& tenant, const StoredAmount& more, const Quota& quota) const = 0;
@@ -100,6 +103,34 @@ class Store {
 std::string page_token(std::int64_t created_ms, const std::string& id);
 std::optional<PageStart> parse_page_token(const std::string& token);
 std::size_t page_size(std::uint32_t requested);
+
+/// Whether one more entry fits into the reply of a listing: messages stay below 1 MiB. The first one always does.
+class PageRoom {
+ public:
+  bool takes(std::size_t bytes);
+
+ private:
+  std::size_t bytes_ = 0;
+};
+
+/// One page of a listing; returns the token of the next one. `fetch(after, limit)` reads records, few at a time, since each may
+/// be large; `add(record)` is false when there is no room for it.
+template <typename Fetch, typename Add>
+std::string list_page(const std::string& token, std::uint32_t requested, const Fetch& fetch, const Add& add) {
+  constexpr std::size_t batch = 8;
+  auto after = parse_page_token(token);
+  for (std::size_t left = page_size(requested); left > 0;) {
+    const std::size_t wanted = std::min(batch, left);
+    const auto records = fetch(after, wanted);
+    for (const auto& record : records) {
+      if (!add(record)) return page_token(after->created_ms, after->id);
+      after = PageStart{record.created_ms, record.id};
+    }
+    if (records.size() < wanted) return {};
+    left -= wanted;
+  }
+  return page_token(after->created_ms, after->id);
+}
 
 /// Now, in milliseconds since 1970.
 std::int64_t unix_ms();

@@ -168,6 +168,12 @@ void drop_others(FileSystem& files, const fs::path& to, const Ids& ids) {
 }
 
 StoreReport copy_store(const fs::path& from, const fs::path& to, FileSystem& files) {
+  if (is_interrupted_copy(from, files)) {
+    throw Error(ErrorCode::failed_precondition,
+                "store: " + from.string() +
+                    " has no mark; if a backup to it was interrupted, it lacks files: remove it and "
+                    "make another one");
+  }
   if (!has_mark(from, files)) {
     throw Error(ErrorCode::failed_precondition, "store: " + from.string() +
                                                     " is not a store of deformd (it has no mark); one of 0.1 becomes one when a "
@@ -179,7 +185,8 @@ StoreReport copy_store(const fs::path& from, const fs::path& to, FileSystem& fil
                 "store: " + to.string() + " is inside " + from.string() + "; name a folder elsewhere");
   }
   if (!is_empty_folder(to, files)) {
-    throw Error(ErrorCode::failed_precondition, "store: " + to.string() + " is not empty; nothing in it was touched");
+    const char* advice = is_interrupted_copy(to, files) ? " (if a backup or restore to it was interrupted, remove it first)" : "";
+    throw Error(ErrorCode::failed_precondition, "store: " + to.string() + " is not empty; nothing in it was touched" + advice);
   }
   make_directories(files, to);
   if (files.close_to_others(to) != 0) fail_on("close to others", to);

@@ -9,6 +9,7 @@
 #include <cerrno>
 #include <cstring>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "core/base/error.h"
@@ -29,8 +30,8 @@ constexpr const char* shared_mark_text = "deformd store, format 3, shared by ser
 constexpr const char* mark_of_2 = "deformd store, format 2\n";  // the files of the default tenant alone: a format 3 as it stands
 /// Of the file systems themselves, of a mark that was not finished, and the lock, which is made before the mark.
 constexpr std::array nothing_of_anybody = {"lost+found", "deformd-store.part", "lock"};
-constexpr std::array layout = {"lock",    "geometries", "names",   "setups",     "tmp",
-                               "damaged", "unclaimed",  "reserve", "lost+found", "deformd-store.part"};
+constexpr std::array layout = {"lock",       "geometries",         "names",  "setups", "tmp", "damaged", "unclaimed", "reserve",
+                               "lost+found", "deformd-store.part", mark_name};
 
 /// A file in geometries/ that is named as those of a store are.
 bool has_a_geometry(const fs::path& root, FileSystem& files) {
@@ -45,7 +46,8 @@ Error not_a_store(const fs::path& root, FileSystem& files) {
   std::string message = "store: " + root.string() + " is not empty and not a store of deformd (it has no file \"" + mark_name +
                         "\"); nothing in it was touched. Name an empty or a new folder";
   if (has_a_geometry(root, files)) {
-    message += "; if this is a store that lost files, \"deformd store rebuild --data-dir " + root.string() + "\" makes one of it";
+    message += "; if this is a store that lost files, \"deformd store rebuild --data-dir " + root.string() +
+               "\" makes one of it; if a backup or restore to it was interrupted, remove it and begin again";
   }
   return {ErrorCode::failed_precondition, message};
 }
@@ -55,12 +57,23 @@ bool is_among(const Names& names, const fs::path& name) {
   return std::find(names.begin(), names.end(), name.string()) != names.end();
 }
 
-bool laid_out_like_a_store(const fs::path& root, FileSystem& files) {
-  if (!has_a_geometry(root, files)) return false;
+bool has_only_what_stores_have(const fs::path& root, FileSystem& files) {
   const auto entries = entries_of(files, root);
   return std::all_of(entries.begin(), entries.end(), [](const fs::path& path) {
     return is_among(layout, path.filename()) || path.filename().string().starts_with("catalog.sqlite");
   });
+}
+
+bool laid_out_like_a_store(const fs::path& root, FileSystem& files) {
+  return has_a_geometry(root, files) && has_only_what_stores_have(root, files);
+}
+
+/// Whether it was ever the mark of a store, of whatever version.
+bool names_a_format(const std::string& mark) {
+  const std::string_view head = "deformd store, format ";
+  if (!mark.starts_with(head) || !mark.ends_with('\n')) return false;
+  const std::string number = mark.substr(head.size(), mark.size() - head.size() - 1);
+  return !number.empty() && std::all_of(number.begin(), number.end(), [](char c) { return c >= '0' && c <= '9'; });
 }
 
 std::string content(const fs::path& file, FileSystem& files) {
@@ -96,6 +109,14 @@ void examine(const fs::path& root, StoreDirectory::Accept accept, const std::str
                   "store: " + root.string() +
                       " is the store of one server, with a catalog of its own; for servers that share "
                       "a catalog name an empty or a new folder, and register again");
+    }
+    if (!names_a_format(text)) {
+      const std::string damaged = "store: the mark " + (root / mark_name).string() + " is damaged";
+      if (!alone) throw Error(ErrorCode::failed_precondition, damaged + "; restore it from a backup of the folder");
+      if (accept == StoreDirectory::Accept::also_files && has_only_what_stores_have(root, files)) return;
+      throw Error(ErrorCode::failed_precondition,
+                  damaged + "; \"deformd store rebuild --data-dir " + root.string() +
+                      "\" writes it anew, and the catalog from the files, once what is not the store's is moved elsewhere");
     }
     throw Error(ErrorCode::failed_precondition, "store: " + root.string() + " is of another version (\"" +
                                                     text.substr(0, text.find('\n')) + "\"), this server knows \"" +
@@ -164,8 +185,9 @@ StoreDirectory::StoreDirectory(const fs::path& root, Accept accept, FileSystem& 
       }
       write_mark_text(root, mark_, files);
       spdlog::info("store: {} is now a store of deformd", root.string());
-    } else if (catalog.empty() && content(root / mark_name, files) == mark_of_2) {
-      write_mark(root, files);  // before the catalog is changed, which an older server would not understand
+    } else if (catalog.empty() && content(root / mark_name, files) != mark_text) {
+      // Of format 2, before the catalog is changed, which an older server would not understand; or damaged.
+      write_mark(root, files);
     }
     for (const fs::path& folder : {geometries(), names(), setups(), tmp(), damaged(), unclaimed()}) {
       if (!is_directory(files, folder) && files.make_directory(folder) != 0 && errno != EEXIST) fail_on("create", folder);
@@ -216,6 +238,10 @@ fs::path StoreDirectory::set_aside(const fs::path& file, const fs::path& shelf) 
 bool has_mark(const fs::path& root, FileSystem& files) { return is_file(files, root / mark_name); }
 
 void write_mark(const fs::path& root, FileSystem& files) { write_mark_text(root, mark_text, files); }
+
+bool is_interrupted_copy(const fs::path& folder, FileSystem& files) {
+  return !has_mark(folder, files) && is_directory(files, folder / "geometries") && has_only_what_stores_have(folder, files);
+}
 
 bool is_empty_folder(const fs::path& folder, FileSystem& files) {
   if (!exists(files, folder)) return true;

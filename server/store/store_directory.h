@@ -17,7 +17,8 @@ class StoreDirectory {
  public:
   enum class Accept {
     stores,      ///< stores, empty folders, and stores of 0.1 by their catalog
-    also_files,  ///< what is laid out like a store, too, without mark or catalog: for rebuilding it by hand
+    also_files,  ///< what is laid out like a store, too, without mark or catalog, or with a damaged mark: for rebuilding it by
+                 ///< hand
     existing     ///< only what has the mark
   };
 
@@ -64,6 +65,9 @@ class StoreDirectory {
 /// The mark of a store: the file "deformd-store" and its one line. write_mark throws as a File does.
 bool has_mark(const std::filesystem::path& root, FileSystem& files = system_files());
 void write_mark(const std::filesystem::path& root, FileSystem& files = system_files());
+
+/// What a backup or restore leaves that was interrupted: it writes the mark last.
+bool is_interrupted_copy(const std::filesystem::path& folder, FileSystem& files);
 
 /// Nothing in it but what file systems put there themselves; also when it does not exist.
 bool is_empty_folder(const std::filesystem::path& folder, FileSystem& files);

@@ -2,6 +2,8 @@
 // The whole engine without a network: register, prepare, deform, and what restarts and evictions do to it.
 #include "server/engine/engine.h"
 
+#include <gmock/gmock.h>
+
 #include <algorithm>
 
 #include "proto/convert/setup.h"
@@ -222,6 +224,85 @@ TEST_F(EngineTest, listing_systems) {
   request.set_page_token(first.next_page_token());
   EXPECT_NE(engine->list_systems(request, {}).systems(0).id(), first.systems(0).id());
   EXPECT_EQ(engine->get_geometry(other.id(), {}).setups(), 1u);
+}
+
+TEST_F(EngineTest, lists_of_large_entries_come_in_pages_below_a_mebibyte) {
+  constexpr std::size_t mebibyte = std::size_t{1} << 20;
+  std::vector<std::string> systems, geometries;
+  for (int i = 0; i < 5; ++i) {
+    Mesh large = sheet_mesh(6, 5, 0.1 * i);
+    for (int g = 0; g < 100; ++g) large.groups.push_back({std::string(4000, 'g') + std::to_string(g), {0}, {}});
+    geometries.push_back(register_mesh(large).id());
+    v1::Setup setup = sheet_setup(geometries.back());
+    for (int k = 0; k < 100; ++k) {
+      v1::DesignVariable& variable = *setup.add_variables();
+      variable = setup.variables(0);
+      variable.set_name(std::string(4000, 'v') + std::to_string(k));
+    }
+    systems.push_back(prepare(setup).id());
+  }
+  const auto pages = [&](auto request, const auto& list, const auto& add) {
+    int count = 0;
+    do {
+      const auto reply = list(request);
+      EXPECT_LT(reply.ByteSizeLong(), mebibyte);
+      add(reply);
+      request.set_page_token(reply.next_page_token());
+      ++count;
+    } while (!request.page_token().empty() && count < 100);
+    return count;
+  };
+  std::vector<std::string> seen;
+  EXPECT_EQ(pages(
+                v1::ListSystemsRequest(), [&](const auto& request) { return engine->list_systems(request, {}); },
+                [&](const auto& reply) {
+                  for (const auto& info : reply.systems()) seen.push_back(info.id());
+                }),
+            3);
+  v1::ListSystemsRequest short_ones;
+  short_ones.set_omit_setup(true);
+  EXPECT_EQ(engine->list_systems(short_ones, {}).systems_size(), 6) << "in one page";
+  EXPECT_FALSE(engine->list_systems(short_ones, {}).systems(0).has_setup());
+  v1::PrepareRequest request;
+  *request.mutable_setup() = engine->get_system(systems[0], {}).setup();
+  request.set_omit_setup(true);
+  Waiter<v1::SystemInfo> waiter;
+  engine->prepare(request, {}, {}, waiter.callback());
+  const v1::SystemInfo info = waiter.value();
+  EXPECT_EQ(info.id(), systems[0]);
+  EXPECT_FALSE(info.has_setup());
+  EXPECT_TRUE(engine->get_system(systems[0], {}).has_setup());
+  systems.push_back(system.id());
+  EXPECT_THAT(seen, testing::UnorderedElementsAreArray(systems)) << "each once";
+  seen.clear();
+  EXPECT_EQ(pages(
+                v1::ListGeometriesRequest(), [&](const auto& request) { return engine->list_geometries(request, {}); },
+                [&](const auto& reply) {
+                  for (const auto& info : reply.geometries()) seen.push_back(info.id());
+                }),
+            3);
+  geometries.push_back(geometry.id());
+  EXPECT_THAT(seen, testing::UnorderedElementsAreArray(geometries));
+}
+
+TEST_F(EngineTest, an_estimate_is_a_call_that_computes) {
+  v1::EstimateRequest request;
+  *request.mutable_setup() = sheet_setup(geometry.id());
+  OpenCalls calls;
+  CallContext call;
+  call.open = calls.open({}, {});
+  EXPECT_EQ(calls.list({}, 0, 10).calls(0).state(), v1::CALL_OPEN);
+  engine->estimate(request, call);
+  EXPECT_EQ(calls.list({}, 0, 10).calls(0).state(), v1::CALL_RUNNING);
+  std::stop_source stop;
+  call.stop = stop.get_token();
+  stop.request_stop();
+  expect_error(ErrorCode::cancelled, {"caller"}, [&] { engine->estimate(request, call); });
+  CallContext late;
+  late.deadline = RunContext::Clock::now();
+  expect_error(ErrorCode::deadline_exceeded, {}, [&] { engine->estimate(request, late); });
+  EXPECT_TRUE(engine->drain(std::chrono::seconds(60))) << "no estimate is left among the calls";
+  expect_error(ErrorCode::unavailable, {"shutting down"}, [&] { engine->estimate(request, {}); });
 }
 
 TEST_F(EngineTest, estimates_bound_what_is_used) {

@@ -6,7 +6,11 @@
 #include <gtest/gtest.h>
 #include <spdlog/spdlog.h>
 
+#include <atomic>
+#include <chrono>
 #include <fstream>
+#include <thread>
+#include <vector>
 
 #include "core/base/error.h"
 #include "server/store/geometry_file.h"
@@ -53,6 +57,79 @@ class GeometryStoreTest : public testing::Test {
   const Mesh mesh = sheet_mesh(20, 10);
   const std::string setup_id = std::string(63, 'a') + "1";
 };
+
+TEST_F(GeometryStoreTest, what_comes_and_goes_is_whole_or_unknown) {
+  const std::string id = put(mesh);
+  std::atomic<bool> ending{false};
+  std::atomic<int> found{0}, unknown{0}, wrong{0};
+  const auto look = [&](const std::function<void()>& action) {
+    while (!ending) {
+      std::this_thread::sleep_for(std::chrono::microseconds(200));  // those who change want their turn, too
+      try {
+        action();
+        ++found;
+      } catch (const Error& error) {
+        ++(error.code() == ErrorCode::not_found ? unknown : wrong);
+      }
+    }
+  };
+  std::vector<std::thread> lookers;
+  lookers.emplace_back(look, [&] { wrong += store->load(own(id)).points != mesh.points; });
+  lookers.emplace_back(look, [&] { wrong += !store->info(own(id)).damage().empty(); });
+  lookers.emplace_back(look, [&] {
+    const v1::ListGeometriesReply reply = store->list(default_tenant, {});
+    for (const auto& info : reply.geometries()) wrong += !info.damage().empty();
+  });
+  for (int i = 0; i < 25; ++i) {
+    store->remove(own(id), WithSetups::refuse);
+    std::thread other([&] { store->put(mesh, own(id), "other"); });
+    put(mesh);
+    other.join();
+  }
+  ending = true;
+  for (auto& looker : lookers) looker.join();
+  EXPECT_GT(found, 0);
+  EXPECT_GT(unknown, 0);
+  EXPECT_EQ(wrong, 0);
+  EXPECT_EQ(store->state().damaged_files(), 0u);
+}
+
+TEST_F(GeometryStoreTest, what_was_put_comes_back_after_a_restart) {
+  const std::string id = put(mesh, "wing.obj");
+  reopen();
+  const Mesh back = store->load(own(id));
+  EXPECT_EQ(back.points, mesh.points);
+  EXPECT_EQ(back.face_sizes, mesh.face_sizes);
+  EXPECT_EQ(back.face_points, mesh.face_points);
+  ASSERT_EQ(back.groups.size(), 3u);
+  EXPECT_EQ(back.groups[1].name, "right");
+  EXPECT_EQ(back.groups[1].points, mesh.groups[1].points);
+  EXPECT_EQ(back.groups[2].faces, mesh.groups[2].faces);
+  const v1::GeometryInfo info = store->info(own(id));
+  EXPECT_EQ(info.name(), "wing.obj");
+  EXPECT_EQ(info.points(), 200u);
+  EXPECT_EQ(info.faces(), 19u * 9u);
+  EXPECT_EQ(info.corners(), 4u * 19u * 9u);
+  EXPECT_EQ(info.groups_size(), 3);
+  EXPECT_NEAR(info.diagonal(), bounding_box(mesh.points).diagonal(), 0);
+  EXPECT_GT(info.registered_unix_ms(), 1'600'000'000'000);
+}
+
+TEST_F(GeometryStoreTest, points_only_is_a_geometry_too) {
+  Mesh cloud;
+  cloud.points = {{1, 2, 3}};
+  const std::string id = put(cloud);
+  EXPECT_EQ(store->load(own(id)).points, cloud.points);
+}
+
+TEST_F(GeometryStoreTest, putting_twice_costs_nothing_and_says_so) {
+  const std::string id = mesh_id(mesh);
+  EXPECT_FALSE(store->put(mesh, own(id), "first").existed());
+  const v1::GeometryInfo again = store->put(mesh, own(id), "second");
+  EXPECT_TRUE(again.existed());
+  EXPECT_EQ(again.name(), "first");
+  EXPECT_EQ(store->catalog().counts().geometries, 1u);
+}
 
 TEST_F(GeometryStoreTest, a_second_process_is_refused) {
   EXPECT_EQ(code_of([&] { GeometryStore second(directory.path()); }), ErrorCode::unavailable);

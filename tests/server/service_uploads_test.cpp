@@ -91,6 +91,23 @@ TEST_P(ServiceUploads, ACancelledUploadIsDroppedUnfinished) {
   EXPECT_FALSE(engine.upload(0)->finished);
 }
 
+/// Its last group, say, may have been to go on.
+TEST_P(ServiceUploads, AClientThatLeavesWhenItsUploadLooksCompleteHasNotSaidAll) {
+  start();
+  for (std::size_t i = 0; i < 200; ++i) {
+    grpc::ClientContext context;
+    v1::GeometryInfo info;
+    const auto writer = stub->RegisterGeometry(&context, &info);
+    ASSERT_TRUE(writer->Write(header_message(1)));
+    ASSERT_TRUE(writer->Write(points_message()));
+    ASSERT_TRUE(eventually([&] { return engine.upload(i)->parts == 1; }));
+    context.TryCancel();
+    ASSERT_THAT(writer->Finish(), EndedWith(StatusCode::CANCELLED));
+    ASSERT_TRUE(eventually([&] { return engine.upload(i)->destroyed.load(); }));
+    ASSERT_FALSE(engine.upload(i)->finished) << "upload " << i;
+  }
+}
+
 TEST_P(ServiceUploads, UploadsWithoutOrWithoutFirstHeaderAreRefused) {
   start();
   {

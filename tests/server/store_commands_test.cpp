@@ -82,7 +82,7 @@ TEST_F(StoreCommands, rebuild_makes_the_same_catalog_and_keeps_the_old_one) {
 }
 
 TEST_F(StoreCommands, rebuild_does_not_bring_back_what_a_deletion_under_way_has_removed) {
-  open(data)->catalog().remove_geometry(own(some_id), WithSetups::remove);  // killed before its files are removed
+  open(data)->catalog().remove_geometry(own(some_id), WithSetups::remove, {});  // killed before its files are removed
   rebuild_store(data);
   EXPECT_FALSE(open(data)->contains(own(some_id)));
   EXPECT_EQ(open(data)->catalog().counts().geometries, 2u);
@@ -128,7 +128,19 @@ TEST_F(StoreCommands, restore_brings_everything_back_and_refuses_to_overwrite) {
 TEST_F(StoreCommands, a_backup_that_was_not_finished_is_not_restored) {
   backup_store(data, backup);
   fs::remove(backup / "deformd-store");
-  EXPECT_EQ(code_of([&] { restore_store(backup, directory.path() / "restored"); }), ErrorCode::failed_precondition);
+  const auto says = [](const char* what, const std::function<void()>& action) {
+    try {
+      action();
+      ADD_FAILURE();
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::failed_precondition);
+      EXPECT_NE(std::string(error.what()).find(what), std::string::npos) << error.what();
+    }
+  };
+  says("interrupted", [&] { restore_store(backup, directory.path() / "restored"); });
+  says("remove it first", [&] { backup_store(data, backup); });
+  says("begin again", [&] { open(backup); });
+  EXPECT_FALSE(fs::exists(directory.path() / "restored"));
 }
 
 TEST_F(StoreCommands, backups_while_others_register_and_delete_are_consistent) {

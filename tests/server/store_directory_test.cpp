@@ -75,6 +75,23 @@ TEST_F(StoreFolder, a_store_of_a_later_version_is_refused) {
   expect_left_alone(data, "another version");
 }
 
+TEST_F(StoreFolder, a_damaged_mark_is_written_anew_by_hand) {
+  StoreContents contents;
+  {
+    const auto store = open(data);
+    contents.add_setup(*store, contents.add_geometry(*store, sheet_mesh(4, 4), "a.obj"), -0.1);
+  }
+  for (const char* damaged : {"deformd stnre, format 3\n", "deformd store, format s\n", "deformd store, format 3", ""}) {
+    write_file(data / "deformd-store", damaged);
+    expect_left_alone(data, "deformd store rebuild");
+    write_file(data / "holiday.jpg", "");
+    EXPECT_EQ(code_of([&] { rebuild_store(data); }), ErrorCode::failed_precondition) << "not all of it is a store's";
+    fs::remove(data / "holiday.jpg");
+    EXPECT_EQ(rebuild_store(data).outcome, StoreReport::Outcome::well);
+    contents.expect_all_of(*open(data));
+  }
+}
+
 TEST_F(StoreFolder, what_an_operator_put_beside_the_files_stays) {
   open(data);
   fs::create_directories(data / "backup of monday");

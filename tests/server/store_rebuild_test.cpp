@@ -249,7 +249,7 @@ TEST_F(StoreRebuild, deleting_removes_the_small_files_too) {
 TEST_F(StoreRebuild, a_deletion_that_an_old_catalog_has_begun_spares_what_was_registered_since) {
   {
     const auto store = open(data);
-    store->catalog().remove_geometry(own(id), WithSetups::remove);  // the rows and the intent; killed before the files
+    store->catalog().remove_geometry(own(id), WithSetups::remove, {});  // the rows and the intent; killed before the files
   }
   fs::copy(data, directory.path() / "then", fs::copy_options::recursive);
   {

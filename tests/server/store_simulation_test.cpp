@@ -567,6 +567,48 @@ TEST_F(StoreSimulation, an_upload_that_failed_at_any_change_is_whole_or_gone_aft
   }
 }
 
+TEST_F(StoreSimulation, a_backup_that_stopped_at_any_change_is_whole_or_refused) {
+  Machine filled(SimulatedDisk::empty());
+  filled.open();
+  filled.act({Action::add, 1, 1});
+  filled.act({Action::prepare, 1, 1});
+  filled.act({Action::add, 0, 2});
+  filled.store.reset();
+  const fs::path backup = "/backup", restored = "/restored";
+  std::mt19937_64 random(1);
+  int whole = 0, refused = 0;
+  bool stopped = true;
+  for (std::uint64_t step = 1; stopped && !HasFailure(); ++step) {
+    SCOPED_TRACE("change " + std::to_string(step));
+    SimulatedDisk disk(filled.disk.state());
+    disk.stops_at = disk.changes() + step;
+    try {
+      backup_store(place, backup, disk);
+    } catch (const Error&) {
+    }
+    stopped = disk.stopped();
+    for (const Survival survival : {Survival::all, Survival::random, Survival::random, Survival::durable}) {
+      ++states;
+      Machine later(SimulatedDisk::after_crash(disk.state(), survival, random));
+      try {
+        restore_store(backup, restored, later.disk);
+        later.contents = filled.contents;
+        later.store = std::make_unique<GeometryStore>(restored, later.options);
+        ASSERT_EQ(difference(*later.store, filled.contents, filled.contents), "");
+        ++whole;
+      } catch (const Error& error) {
+        ASSERT_EQ(error.code(), ErrorCode::failed_precondition) << error.what();
+        ++refused;
+      }
+      later.store.reset();
+      later.open();
+      ASSERT_EQ(difference(*later.store, filled.contents, filled.contents), "") << "what was backed up";
+    }
+  }
+  EXPECT_GE(whole, 4);
+  EXPECT_GT(refused, 40);
+}
+
 TEST_F(RandomHistory, a_full_disk_refuses_lets_delete_and_works_again_with_room) {
   for_seeds(is_long() ? 1000 : 10, [&](std::uint64_t seed) {
     std::mt19937_64 random(seed);
@@ -642,8 +684,10 @@ TEST_F(RandomHistory, a_flipped_bit_is_found_and_costs_nothing_else) {
         FAIL() << "a damaged mark";
       } catch (const Error& error) {
         EXPECT_EQ(error.code(), ErrorCode::failed_precondition) << error.what();
+        // One bit makes another version of a version's number.
+        if (std::string(error.what()).find("another version") != std::string::npos) return;
       }
-      return;
+      EXPECT_EQ(rebuild_store(place, machine.disk).outcome, StoreReport::Outcome::well);
     }
     ASSERT_NO_THROW(machine.open());
     StoreContents must = machine.contents;

@@ -116,6 +116,30 @@ TEST_F(SystemCacheTest, one_thread_prepares_while_the_others_wait) {
   EXPECT_EQ(listeners[0]->stages, std::vector<std::string>{"factor"});
 }
 
+TEST_F(SystemCacheTest, what_is_forgotten_while_it_is_prepared_goes_to_those_who_asked_before) {
+  open(1000);
+  const auto early = std::make_shared<Listener>(), left = std::make_shared<Listener>(), late = std::make_shared<Listener>();
+  const auto first = cache->acquire("a", make_slowly(100), ask(early)).second;
+  auto leaving = cache->acquire("b", make_slowly(100), ask(left)).second;
+  ASSERT_TRUE(eventually([&] { return gate.waiting() >= 1; }));
+  EXPECT_EQ(cache->forget({"a", "b", "unknown"}).bytes, 0u);
+  const auto second = cache->acquire("a", make_slowly(100), ask(late)).second;
+  const auto again = cache->acquire("b", make_slowly(100), ask(late)).second;
+  leaving.leave();  // what is prepared anew stays
+  gate.open();
+  ASSERT_TRUE(eventually([&] { return early->count() == 1 && late->count() == 2; }));
+  ASSERT_NE(early->answers[0].handle, nullptr);
+  EXPECT_NE(late->answers[0].handle, nullptr);
+  EXPECT_NE(late->answers[1].handle, nullptr);
+  EXPECT_NE(early->answers[0].handle.get(), late->answers[0].handle.get());
+  EXPECT_EQ(cache->stats().systems, 2u);
+  EXPECT_EQ(cache->stats().bytes, 200u);
+  EXPECT_EQ(left->count(), 0u);
+  EXPECT_EQ(cache->forget({"a"}).bytes, 100u);
+  EXPECT_FALSE(cache->contains("a"));
+  EXPECT_EQ(cache->stats().bytes, 100u);
+}
+
 TEST_F(SystemCacheTest, what_takes_long_waits_for_its_turn) {
   open(1000);
   const auto listener = std::make_shared<Listener>();

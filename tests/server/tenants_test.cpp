@@ -266,6 +266,10 @@ TEST_F(Tenants, CallsBeyondTheQuotaAreRefusedWithAHintAndOthersAreNot) {
     EXPECT_GT(error.retry_after_ms(), 0u);
     EXPECT_THAT(error.what(), testing::HasSubstr("quota calls of tenant \"acme\": 2 wait or run, the limit is 2"));
   }
+  v1::EstimateRequest request;
+  *request.mutable_setup() = sheet_setup(geometry);
+  EXPECT_THAT(outcome([&] { engine->estimate(request, as("acme", two)); }), testing::HasSubstr("quota calls of tenant"));
+  EXPECT_EQ(outcome([&] { engine->estimate(request, as("b", two)); }), "ok");
   EXPECT_EQ(outcome([&] { begin_deform(as("b", two))->cancel(); }), "ok");
   first->cancel();
   EXPECT_TRUE(eventually([&] { return outcome([&] { begin_deform(as("acme", two))->cancel(); }) == "ok"; }));
