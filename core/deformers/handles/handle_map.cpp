@@ -44,7 +44,7 @@ SpaceMap::Told HandleMap::evaluate(std::span<const Vec3> points, std::uint64_t f
         continue;
       }
       Vec3 u = out[i];
-      if (!symmetry.empty()) u = symmetry.from_frame(Symmetry::within(u, symmetry.on(x)));
+      if (!symmetry.empty()) u = symmetry.from_frame(symmetry.admissible(u, x));
       out[i] = x + u;
     }
   });

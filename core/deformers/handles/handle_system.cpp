@@ -18,6 +18,8 @@ namespace deform {
 namespace {
 
 constexpr std::size_t held_points_per_task = 8192;
+constexpr double sector_agreement = 1e-10;  // of D: how far motions of partners may differ, as those of coincident points
+constexpr const char* only_turned = "; every sector has the same motion: take such points out of the handle with `difference`";
 constexpr const char* only_slides =
     "; points on a symmetry plane only slide in it: take them out of the handle with `difference`";
 
@@ -69,6 +71,9 @@ HandleSystem::HandleSystem(Held held, const Setup& setup, HandleMode handles, Un
     }
   }
   std::sort(sliding_.begin(), sliding_.end());
+  for (const Sector::Pair& pair : regions_.symmetry.sector().pairs()) {
+    if (hard_handles() && points_.region_of[pair.first] != deformable_region) held_pairs_.push_back(pair);
+  }
   frames_ = handle_frames(*held_mesh_, regions_, box_);
   info_.points = mesh_->point_count();
   info_.fixed_points = regions_.fixed.size();
@@ -124,7 +129,70 @@ void HandleSystem::check_tolerance(const BoundDesign& design, std::size_t index)
                     (prepared_for ? "; the system was prepared for " + number_digits(info_.tolerance) : ""));
 }
 
+/// Partners in regions must move alike, and points on the axis along it.
+void HandleSystem::check_sector(const BoundDesign& design, std::size_t index) const {
+  const Symmetry& symmetry = regions_.symmetry;
+  const HeldPoints points = held();
+  const double limit = sector_agreement * info_.diagonal;
+  for (const Sector::Pair& pair : held_pairs_) {
+    const auto moved = [&](PointId id) {
+      return symmetry.to_frame(points.prescribed_position(design, id, MotionKind::position) - mesh_->points[id]);
+    };
+    const double apart = distance(moved(pair.second), symmetry.sector().turned(moved(pair.first), 1));
+    if (apart <= limit) continue;
+    std::ostringstream text;
+    text << ": points " << name_of(pair.first) << " and " << name_of(pair.second)
+         << " are partners on the periodic boundaries, but the motion of the second differs by " << number_digits(apart)
+         << " from that of the first, turned by one sector" << only_turned;
+    refuse(index, text.str());
+  }
+  for (const PointId id : symmetry.sector().axis_points()) {
+    if (!is_prescribed(id)) continue;
+    const Vec3 u = symmetry.to_frame(points.prescribed_position(design, id, MotionKind::position) - mesh_->points[id]);
+    const double off = std::hypot(u[1], u[2]);
+    if (off <= limit) continue;
+    refuse(index, ": point " + name_of(id) + " lies on the axis of the sector but is sent a distance of " + number_digits(off) +
+                      " off it" + only_turned);
+  }
+}
+
+void HandleSystem::check_sector(const std::vector<Affine>& derivative, const std::string& what) const {
+  const Symmetry& symmetry = regions_.symmetry;
+  double size = 0;  // of the terms
+  const auto rate = [&](PointId id) -> Vec3 {
+    const RegionIndex region = points_.region_of[id];
+    if (region == fixed_region) return {};
+    const Affine& m = derivative[region];
+    const Vec3& x = mesh_->points[id];
+    for (std::size_t i = 0; i < 12; ++i) size = std::max(size, std::abs(m[i] * (i % 4 == 3 ? 1.0 : x[i % 4])));
+    return symmetry.to_frame(transformed(m, x));
+  };
+  for (const Sector::Pair& pair : held_pairs_) {
+    size = 0;
+    const double apart = distance(rate(pair.second), symmetry.sector().turned(rate(pair.first), 1));
+    if (apart <= 10 * sector_agreement * size) continue;
+    throw Error(ErrorCode::invalid_argument, what + ": moves points " + name_of(pair.first) + " and " + name_of(pair.second) +
+                                                 ", partners on the periodic boundaries, at rates that differ by " +
+                                                 number_digits(apart) + only_turned);
+  }
+  for (const PointId id : symmetry.sector().axis_points()) {
+    if (!is_prescribed(id)) continue;
+    size = 0;
+    const Vec3 u = rate(id);
+    if (std::hypot(u[1], u[2]) <= 10 * sector_agreement * size) continue;
+    throw Error(ErrorCode::invalid_argument, what + ": moves point " + name_of(id) + " off the axis of the sector at a rate of " +
+                                                 number_digits(std::hypot(u[1], u[2])) + only_turned);
+  }
+}
+
+std::string HandleSystem::name_of(PointId id) const {
+  const RegionIndex region = points_.region_of[id];
+  if (region == fixed_region) return std::to_string(id) + " (fixed)";
+  return std::to_string(id) + " (handle \"" + setup_.handles[region].name + "\")";
+}
+
 void HandleSystem::check_sliding(const BoundDesign& design, std::size_t index) const {
+  if (regions_.symmetry.is_sector()) return check_sector(design, index);
   const Symmetry& symmetry = regions_.symmetry;
   const HeldPoints points = held();
   for (const PointId id : sliding_) {
@@ -140,6 +208,7 @@ void HandleSystem::check_sliding(const BoundDesign& design, std::size_t index) c
 }
 
 void HandleSystem::check_sliding(const std::vector<Affine>& derivative, const std::string& what) const {
+  if (regions_.symmetry.is_sector()) return check_sector(derivative, what);
   const Symmetry& symmetry = regions_.symmetry;
   for (const PointId id : sliding_) {
     const RegionIndex handle = points_.region_of[id];
@@ -213,7 +282,10 @@ HandleSystem::Fields HandleSystem::pull_back(std::span<const double> variables, 
       const std::vector<double> part = basis.compressed ? basis.compressed->transposed_product(at_following[j], places, context)
                                                         : basis.tiles.transposed_product(at_following[j], context);
       for (std::size_t f = 0; f < fields(); ++f) {
-        for (const std::size_t k : basis.components) result[j][3 * f + k] = part[3 * f + k];
+        Vec3 sum{};
+        for (const std::size_t k : basis.components) sum[k] = part[3 * f + k];
+        if (basis.turned) sum = {0, sum[2], -sum[1]};
+        for (const std::size_t k : basis.components) result[j][3 * f + k] += sum[k];
       }
     }
     for (std::size_t f = 0; f < fields() && !symmetry.empty(); ++f) {
@@ -234,7 +306,7 @@ std::vector<std::vector<double>> HandleSystem::vector_jacobians(std::span<const 
                                                                 const RunContext& context) const {
   for (const Points& cotangent : cotangents) check_cotangent(cotangent, mesh_->point_count());
   handle_motions(setup_, variables);  // checks them
-  for (std::size_t k = 0; k < setup_.variables.size() && !sliding_.empty(); ++k) {
+  for (std::size_t k = 0; k < setup_.variables.size() && !(sliding_.empty() && !regions_.symmetry.is_sector()); ++k) {
     check_sliding(handle_motion_derivative(setup_, variables, k), "variable \"" + setup_.variables[k].name + "\"");
   }
   const Fields field_sums = pull_back(variables, cotangents, context);
