@@ -5,9 +5,9 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <sstream>
 
 #include "core/base/error.h"
-#include "core/base/number_text.h"
 #include "core/base/vectors.h"
 
 namespace deform {
@@ -170,10 +170,11 @@ std::string Sector::without_partner(PointId id, std::span<const Vec3> places) co
       nearest = static_cast<PointId>(i);
     }
   }
-  return "point " + std::to_string(id) + " has no partner on the other periodic boundary: turned by " +
-         number_digits(360.0 / static_cast<double>(count())) + " degrees it is " + number_digits(away) +
-         " away from the nearest point, " + std::to_string(nearest) + ", the limit is " + number_digits(reach_) + " (" +
-         number_digits(tolerance) + " of the diagonal)";
+  std::ostringstream text;
+  text << "point " << id << " has no partner on the other periodic boundary: turned by " << 360.0 / static_cast<double>(count())
+       << " degrees it is " << away << " away from the nearest point, " << nearest << ", the limit is " << reach_ << " ("
+       << tolerance << " of the diagonal)";
+  return text.str();
 }
 
 /// A point between points that all have partners is on a periodic boundary.

@@ -258,15 +258,25 @@ CyclicInterpolator::Solution CyclicInterpolator::refined(const MatrixXcd& B, con
   X = B;
   solve(X);
   solution.uncertainty = MatrixXcd::Zero(X.rows(), X.cols());
-  const auto left = [&](Complex factor) -> MatrixXd {
-    return deform::accurate_residual(kernel_, places_, centres_, P, expanded(X, factor), (factor * B.topRows(m)).real(), context);
+  // Real and imaginary parts side by side, so that the kernel is evaluated once.
+  const auto left = [&]() -> MatrixXcd {
+    const Eigen::Index columns = X.cols(), parts = is_real() ? 1 : 2;
+    MatrixXd all(static_cast<Eigen::Index>(centres_.size() + polynomials_.terms()), parts * columns), data(m, parts * columns);
+    for (Eigen::Index part = 0; part < parts; ++part) {
+      const Complex factor = part == 0 ? 1 : -i;
+      all.middleCols(part * columns, columns) = expanded(X, factor);
+      data.middleCols(part * columns, columns) = (factor * B.topRows(m)).real();
+    }
+    const MatrixXd residual = deform::accurate_residual(kernel_, places_, centres_, P, all, data, context);
+    MatrixXcd result = residual.leftCols(columns).cast<Complex>();
+    if (parts == 2) result += i * residual.rightCols(columns).cast<Complex>();
+    return result;
   };
   double last = X.norm(), rate = 0;
   for (int step = 0; step < most_steps && last > 0; ++step) {
     context.check();
     MatrixXcd correction(X.rows(), X.cols());
-    correction.topRows(m) = left(1).cast<Complex>();
-    if (!is_real()) correction.topRows(m) += i * left(-i).cast<Complex>();
+    correction.topRows(m) = left();
     const auto sides = F_.cast<LongComplex>().adjoint() * X.topRows(m).cast<LongComplex>();
     correction.bottomRows(F_.cols()) = (B.bottomRows(F_.cols()).cast<LongComplex>() - sides).cast<Complex>();
     solve(correction);
