@@ -31,7 +31,9 @@ static_assert(compiled::fixed_region == fixed_region && compiled::following_regi
 CompiledForm::CompiledForm(const std::shared_ptr<const System>& system)
     : system_(std::dynamic_pointer_cast<const HandleSystem>(system)) {
   if (std::dynamic_pointer_cast<const MirroredSystem>(system) != nullptr) {
-    refuse_form("it deforms a half model with its mirror images; use method rbf, or compile the whole model");
+    refuse_form(
+        "it deforms a half model with its mirror images, or a sector with its images; use method rbf, or compile the whole "
+        "model");
   }
   if (std::dynamic_pointer_cast<const ComposedSystem>(system) != nullptr) {
     refuse_form("its setup has several methods, one after the other; compile a setup with one method, or evaluate on the server");

@@ -48,8 +48,8 @@ void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems) {
                  "solver AUTOMATIC or ITERATIVE");
         }
       }
-      if (!M::features.symmetry) {
-        refuse("symmetry[0].sector", "sectors", methods_with(&MethodFeatures::symmetry) + ", or deform the whole wheel");
+      if (!setup.constraints.empty()) {
+        refuse("constraints", "geometric constraints in a sector", "symmetry planes, or deform the whole wheel");
       }
     });
     problems.check("method", [&] {

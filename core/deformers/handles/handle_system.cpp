@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
 #include <sstream>
 
 #include "core/base/error.h"
@@ -12,14 +13,13 @@
 #include "core/base/vectors.h"
 #include "core/deformers/handles/handle_fields.h"
 #include "core/deformers/handles/handle_map.h"
+#include "core/deformers/handles/sector_points.h"
 
 namespace deform {
 
 namespace {
 
 constexpr std::size_t held_points_per_task = 8192;
-constexpr double sector_agreement = 1e-10;  // of D: how far motions of partners may differ, as those of coincident points
-constexpr const char* only_turned = "; every sector has the same motion: take such points out of the handle with `difference`";
 constexpr const char* only_slides =
     "; points on a symmetry plane only slide in it: take them out of the handle with `difference`";
 
@@ -71,9 +71,6 @@ HandleSystem::HandleSystem(Held held, const Setup& setup, HandleMode handles, Un
     }
   }
   std::sort(sliding_.begin(), sliding_.end());
-  for (const Sector::Pair& pair : regions_.symmetry.sector().pairs()) {
-    if (hard_handles() && points_.region_of[pair.first] != deformable_region) held_pairs_.push_back(pair);
-  }
   frames_ = handle_frames(*held_mesh_, regions_, box_);
   info_.points = mesh_->point_count();
   info_.fixed_points = regions_.fixed.size();
@@ -131,58 +128,29 @@ void HandleSystem::check_tolerance(const BoundDesign& design, std::size_t index)
 
 /// Partners in regions must move alike, and points on the axis along it.
 void HandleSystem::check_sector(const BoundDesign& design, std::size_t index) const {
-  const Symmetry& symmetry = regions_.symmetry;
   const HeldPoints points = held();
-  const double limit = sector_agreement * info_.diagonal;
-  for (const Sector::Pair& pair : held_pairs_) {
-    const auto moved = [&](PointId id) {
-      return symmetry.to_frame(points.prescribed_position(design, id, MotionKind::position) - mesh_->points[id]);
-    };
-    const double apart = distance(moved(pair.second), symmetry.sector().turned(moved(pair.first), 1));
-    if (apart <= limit) continue;
-    std::ostringstream text;
-    text << ": points " << name_of(pair.first) << " and " << name_of(pair.second)
-         << " are partners on the periodic boundaries, but the motion of the second differs by " << number_digits(apart)
-         << " from that of the first, turned by one sector" << only_turned;
-    refuse(index, text.str());
-  }
-  for (const PointId id : symmetry.sector().axis_points()) {
-    if (!is_prescribed(id)) continue;
-    const Vec3 u = symmetry.to_frame(points.prescribed_position(design, id, MotionKind::position) - mesh_->points[id]);
-    const double off = std::hypot(u[1], u[2]);
-    if (off <= limit) continue;
-    refuse(index, ": point " + name_of(id) + " lies on the axis of the sector but is sent a distance of " + number_digits(off) +
-                      " off it" + only_turned);
-  }
+  const auto moved = [&](PointId id) -> std::optional<Vec3> {
+    if (!is_prescribed(id)) return std::nullopt;
+    return points.prescribed_position(design, id, MotionKind::position) - mesh_->points[id];
+  };
+  const std::string conflict = sector_conflict(
+      regions_.symmetry, moved, [&](PointId id) { return name_of(id); }, sector_agreement * info_.diagonal);
+  if (!conflict.empty()) refuse(index, ": " + conflict);
 }
 
 void HandleSystem::check_sector(const std::vector<Affine>& derivative, const std::string& what) const {
-  const Symmetry& symmetry = regions_.symmetry;
-  double size = 0;  // of the terms
-  const auto rate = [&](PointId id) -> Vec3 {
+  double size = 0;  // of the terms of a rate
+  for (const Affine& m : derivative) {
+    for (std::size_t i = 0; i < 12; ++i) size = std::max(size, std::abs(m[i]) * (i % 4 == 3 ? 1.0 : largest_coordinate_));
+  }
+  const auto rate = [&](PointId id) -> std::optional<Vec3> {
+    if (!is_prescribed(id)) return std::nullopt;
     const RegionIndex region = points_.region_of[id];
-    if (region == fixed_region) return {};
-    const Affine& m = derivative[region];
-    const Vec3& x = mesh_->points[id];
-    for (std::size_t i = 0; i < 12; ++i) size = std::max(size, std::abs(m[i] * (i % 4 == 3 ? 1.0 : x[i % 4])));
-    return symmetry.to_frame(transformed(m, x));
+    return region == fixed_region ? Vec3{} : transformed(derivative[region], mesh_->points[id]);
   };
-  for (const Sector::Pair& pair : held_pairs_) {
-    size = 0;
-    const double apart = distance(rate(pair.second), symmetry.sector().turned(rate(pair.first), 1));
-    if (apart <= 10 * sector_agreement * size) continue;
-    throw Error(ErrorCode::invalid_argument, what + ": moves points " + name_of(pair.first) + " and " + name_of(pair.second) +
-                                                 ", partners on the periodic boundaries, at rates that differ by " +
-                                                 number_digits(apart) + only_turned);
-  }
-  for (const PointId id : symmetry.sector().axis_points()) {
-    if (!is_prescribed(id)) continue;
-    size = 0;
-    const Vec3 u = rate(id);
-    if (std::hypot(u[1], u[2]) <= 10 * sector_agreement * size) continue;
-    throw Error(ErrorCode::invalid_argument, what + ": moves point " + name_of(id) + " off the axis of the sector at a rate of " +
-                                                 number_digits(std::hypot(u[1], u[2])) + only_turned);
-  }
+  const std::string conflict = sector_conflict(
+      regions_.symmetry, rate, [&](PointId id) { return name_of(id); }, 10 * sector_agreement * size);
+  if (!conflict.empty()) throw Error(ErrorCode::invalid_argument, what + ": " + conflict);
 }
 
 std::string HandleSystem::name_of(PointId id) const {

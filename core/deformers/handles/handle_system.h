@@ -109,14 +109,13 @@ class HandleSystem : public System {
   void check_sliding(const std::vector<Affine>& derivative, const std::string& what) const;
   void check_sector(const BoundDesign& design, std::size_t index) const;
   void check_sector(const std::vector<Affine>& derivative, const std::string& what) const;
-  std::string name_of(PointId id) const;  ///< of a handle or fixed point
+  std::string name_of(PointId id) const;  ///< a handle or fixed point, for messages
   Fields pull_back(std::span<const double> variables, std::span<const Points> cotangents, const RunContext& context) const;
 
   const HandleMode handles_;
-  std::vector<PointId> all_;              ///< all points, for soft handles
-  std::vector<PointId> sliding_;          ///< handle points on symmetry planes, ascending
-  std::vector<Sector::Pair> held_pairs_;  ///< partners on periodic boundaries that are prescribed
-  double largest_coordinate_ = 0;         ///< largest magnitude of a coordinate of the mesh
+  std::vector<PointId> all_;       ///< all points, for soft handles
+  std::vector<PointId> sliding_;   ///< handle points on symmetry planes, ascending
+  double largest_coordinate_ = 0;  ///< largest magnitude of a coordinate of the mesh
   Stopwatch watch_;
 };
 

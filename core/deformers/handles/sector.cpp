@@ -227,6 +227,11 @@ void Sector::check_patches(const SectorOptions& options, const Mesh& mesh, std::
   }
 }
 
+std::string Sector::note() const {
+  return "Sector: one of " + std::to_string(count()) + "; " + std::to_string(pairs_.size()) +
+         " pairs of points on the periodic boundaries, " + std::to_string(axis_points_.size()) + " points on the axis.";
+}
+
 std::size_t Sector::bytes() const {
   return of_.size() * sizeof(PointId) + pairs_.size() * sizeof(Pair) + axis_points_.size() * sizeof(PointId) +
          2 * cosines_.size() * sizeof(double);

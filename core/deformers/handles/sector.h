@@ -60,6 +60,8 @@ class Sector {
   bool on_axis(PointId id) const;                                             ///< whether a point lies on the axis
   bool on_axis(const Vec3& place) const;                                      ///< the same of any place
 
+  /// How many partners and points on the axis there are, one sentence.
+  std::string note() const;
   std::size_t bytes() const;
 
  private:

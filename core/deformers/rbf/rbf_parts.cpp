@@ -168,12 +168,7 @@ std::vector<PartPlan> plan_parts(const Symmetry& symmetry, const RbfCentres& cen
 
 std::vector<std::string> symmetry_notes(const Symmetry& symmetry, const RbfCentres& centres) {
   std::vector<std::string> notes;
-  if (symmetry.is_sector()) {
-    const Sector& sector = symmetry.sector();
-    notes.push_back("Sector: one of " + std::to_string(sector.count()) + "; " + std::to_string(sector.pairs().size()) +
-                    " pairs of points on the periodic boundaries, " + std::to_string(sector.axis_points().size()) +
-                    " points on the axis.");
-  }
+  if (symmetry.is_sector()) notes.push_back(symmetry.sector().note());
   for (std::size_t k = 0; k < symmetry.planes(); ++k) {
     const auto held =
         std::count_if(centres.ids.begin(), centres.ids.end(), [&](PointId id) { return (symmetry.on(id) & 1u << k) != 0; });
