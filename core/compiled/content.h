@@ -12,10 +12,11 @@
 
 namespace deform::compiled {
 
-inline constexpr std::uint32_t layout_version = 1;  ///< of the file
-inline constexpr std::size_t tile_points = 16;      ///< of the basis: points side by side
-inline constexpr std::size_t most_planes = 3;       ///< symmetry planes
-inline constexpr std::size_t most_bases = 8;        ///< one per parity
+inline constexpr std::uint32_t layout_version = 1;             ///< of the file
+inline constexpr std::size_t tile_points = 16;                 ///< of the basis: points side by side
+inline constexpr std::size_t most_planes = 3;                  ///< symmetry planes
+inline constexpr std::size_t most_bases = 8;                   ///< one per parity
+inline constexpr std::uint32_t turned_components = 8 | 4 | 2;  ///< see Basis::components
 
 /// Region of a point: the index of its handle, or one of these.
 inline constexpr std::uint32_t fixed_region = 0xfffffffeu;
@@ -59,7 +60,9 @@ struct Pair {
 
 /// Values of the fields of all handles at the points that follow (thesis 4.2, eq. 4.1), for some components of the displacement.
 struct Basis {
-  std::uint32_t components = 7;     ///< bit k: component k, in the frame of the symmetry planes
+  /// Bit k: component k, in the frame of the symmetry planes or of the sector's axis. With `turned_components` the values apply
+  /// to coefficients turned by a right angle about the axis, (0, -c2, c1), and add to those of the basis of components 1 and 2.
+  std::uint32_t components = 7;
   std::vector<double> residuals;    ///< per field: largest error at the handle and fixed points
   std::vector<double> more;         ///< per field: what is added to the errors below
   std::vector<double> compression;  ///< per field: by how much a stored value may be off
@@ -93,9 +96,11 @@ struct Content {
   bool converged = true;          ///< the basis is what its solver was to reach
   bool held = true;               ///< points of handles and fixed regions go where these send them, and do not follow
 
-  std::uint32_t planes = 0;                                           ///< symmetry planes
-  std::array<Vec3, 3> plane_axes{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};  ///< orthonormal; first the normals of the planes
-  std::array<double, most_planes> reach{};                            ///< how far a point of a plane may leave it, model units
+  std::uint32_t planes = 0;  ///< symmetry planes
+  bool sector = false;       ///< of a wheel; then there are no planes
+  std::array<Vec3, 3> plane_axes{
+      {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};   ///< orthonormal; first the normals of the planes, or the axis
+  std::array<double, most_planes> reach{};  ///< how far a point of a plane may leave it, model units
 
   Points rest;                          ///< n x 3, registered order, model units
   std::vector<std::uint32_t> regions;   ///< n
@@ -104,6 +109,7 @@ struct Content {
   std::vector<Pair> coincident;         ///< of handle and fixed points
   std::vector<Basis> bases;             ///< of different components
 
+  bool framed() const { return planes > 0 || sector; }       ///< whether displacements are in the frame of plane_axes
   std::size_t points() const { return rest.size(); }         ///< n
   std::size_t fields() const { return 4 * handles.size(); }  ///< 1, x, y, z of every handle
 };

@@ -89,6 +89,7 @@ Deformation::Deformation(Content content) : content_(std::move(content)) {
     for (std::size_t k = 0; k < 3; ++k) {
       if ((basis.components >> k & 1u) != 0) components.push_back(k);
     }
+    turned_.push_back(basis.components == turned_components);
   }
 }
 
@@ -237,10 +238,11 @@ Deformation::Bound Deformation::bound(std::vector<Maps> motions, double keep) co
       field_coefficients(result.motions[i][h], keep, frame(h), block);
       for (std::size_t f = 0; f < 4; ++f) {
         Vec3 row{block[3 * f], block[3 * f + 1], block[3 * f + 2]};
-        if (content_.planes > 0) row = to_frame(row);
+        if (content_.framed()) row = to_frame(row);
         for (std::size_t b = 0; b < components_.size(); ++b) {
+          const Vec3 taken = turned_[b] ? Vec3{0, -row[2], row[1]} : row;
           double* out = result.coefficients[b].data() + ((4 * h + f) * designs + i) * components_[b].size();
-          for (const std::size_t k : components_[b]) *out++ = row[k];
+          for (const std::size_t k : components_[b]) *out++ = taken[k];
         }
       }
     }
@@ -302,13 +304,15 @@ void Deformation::fill_following(const Bound& bound, std::size_t begin, std::siz
     if (components_.size() == 1) {
       sums(0, t, pass.values.data());
     } else {
+      std::fill(pass.values.begin(), pass.values.end(), 0.0);
       for (std::size_t b = 0; b < components_.size(); ++b) {
         sums(b, t, pass.part.data());
         const std::size_t width = components_[b].size();
         for (std::size_t k = 0; k < designs; ++k) {
           for (std::size_t c = 0; c < width; ++c) {
-            std::copy_n(pass.part.data() + (k * width + c) * tile_points, tile_points,
-                        pass.values.data() + (3 * k + components_[b][c]) * tile_points);
+            const double* const from = pass.part.data() + (k * width + c) * tile_points;
+            double* const to = pass.values.data() + (3 * k + components_[b][c]) * tile_points;
+            for (std::size_t i = 0; i < tile_points; ++i) to[i] += from[i];
           }
         }
       }
@@ -316,7 +320,7 @@ void Deformation::fill_following(const Bound& bound, std::size_t begin, std::siz
     for (std::size_t k = 0; k < designs; ++k) {
       const double* const u = pass.values.data() + 3 * k * tile_points;
       T* const design = out + k * stride;
-      if (content_.planes == 0) {
+      if (!content_.framed()) {
         for (std::size_t i = 0; i < count; ++i) {
           T* const to = design + std::size_t{3} * ids[i];
           for (std::size_t c = 0; c < 3; ++c) to[c] = static_cast<T>(pass.x[3 * i + c] + u[c * tile_points + i]);
@@ -436,7 +440,7 @@ std::vector<double> Deformation::field_moments(std::span<const T> cotangent, int
           if (t * tile_points + i < following_.size()) {
             const std::uint32_t id = following_[t * tile_points + i];
             for (std::size_t c = 0; c < 3; ++c) w[c] = static_cast<double>(cotangent[std::size_t{3} * id + c]);
-            if (content_.planes > 0) w = to_frame(w);
+            if (content_.framed()) w = to_frame(w);
             for (std::size_t c = 0; c < content_.planes; ++c) {
               if ((content_.on_planes[id] >> c & 1u) != 0) w[c] = 0;
             }
@@ -461,11 +465,13 @@ std::vector<double> Deformation::field_moments(std::span<const T> cotangent, int
     for (std::size_t b = 0; b < bases; ++b) {
       const double* const from = partial.data() + (s * bases + b) * fields * 3;
       for (std::size_t f = 0; f < fields; ++f) {
-        for (const std::size_t k : components_[b]) result[3 * f + k] += from[3 * f + k];
+        const Vec3 sum{from[3 * f], from[3 * f + 1], from[3 * f + 2]};
+        const Vec3 back = turned_[b] ? Vec3{0, sum[2], -sum[1]} : sum;
+        for (const std::size_t k : components_[b]) result[3 * f + k] += back[k];
       }
     }
   }
-  for (std::size_t f = 0; f < fields && content_.planes > 0; ++f) {
+  for (std::size_t f = 0; f < fields && content_.framed(); ++f) {
     const Vec3 back = from_frame({result[3 * f], result[3 * f + 1], result[3 * f + 2]});
     std::copy(back.begin(), back.end(), result.begin() + static_cast<std::ptrdiff_t>(3 * f));
   }

@@ -116,6 +116,7 @@ class Deformation {
   std::vector<std::uint32_t> sliding_;                ///< handle points on symmetry planes
   std::vector<std::vector<Drive>> drives_;            ///< of each handle, in the order of the variables
   std::vector<std::vector<std::size_t>> components_;  ///< of each basis
+  std::vector<bool> turned_;                          ///< of each basis, see turned_components
 };
 
 }  // namespace deform::compiled

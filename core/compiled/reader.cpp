@@ -156,10 +156,13 @@ void Parser::read_head() {
   if (head_.points == 0 || head_.points > following_region) refuse(std::to_string(head_.points) + " points");
   if (head_.bases == 0 || head_.bases > most_bases) refuse(std::to_string(head_.bases) + " bases");
   if (head_.planes > most_planes) refuse(std::to_string(head_.planes) + " symmetry planes");
-  if ((head_.flags & ~std::uint32_t{flag_converged | flag_held}) != 0) refuse("unknown flags");
+  if ((head_.flags & ~std::uint32_t{flag_converged | flag_held | flag_sector}) != 0) refuse("unknown flags");
+  const bool sector = (head_.flags & flag_sector) != 0;
+  if (sector && head_.planes > 0) refuse("symmetry planes of a sector");
   std::uint32_t seen = 0;
   for (std::uint32_t b = 0; b < head_.bases; ++b) {
     const std::uint32_t components = head_.components[b];
+    if (sector && components == turned_components && seen == 7 && b + 1 == head_.bases) continue;
     if (components == 0 || components > 7 || (components & seen) != 0) refuse("components of basis " + std::to_string(b));
     seen |= components;
   }
@@ -192,6 +195,7 @@ void Parser::allocate() {
   c.converged = (head_.flags & flag_converged) != 0;
   c.held = (head_.flags & flag_held) != 0;
   c.planes = head_.planes;
+  c.sector = (head_.flags & flag_sector) != 0;
   c.plane_axes = head_.plane_axes;
   c.reach = head_.reach;
   c.setup.resize(head_.setup_bytes);

@@ -31,7 +31,9 @@ static_assert(compiled::fixed_region == fixed_region && compiled::following_regi
 CompiledForm::CompiledForm(const std::shared_ptr<const System>& system)
     : system_(std::dynamic_pointer_cast<const HandleSystem>(system)) {
   if (std::dynamic_pointer_cast<const MirroredSystem>(system) != nullptr) {
-    refuse_form("it deforms a half model with its mirror images; use method rbf, or compile the whole model");
+    refuse_form(
+        "it deforms a half model with its mirror images, or a sector with its images; use method rbf, or compile the whole "
+        "model");
   }
   if (std::dynamic_pointer_cast<const ComposedSystem>(system) != nullptr) {
     refuse_form("its setup has several methods, one after the other; compile a setup with one method, or evaluate on the server");
@@ -44,6 +46,7 @@ CompiledForm::CompiledForm(const std::shared_ptr<const System>& system)
         "leave the constraints out, or evaluate on the server");
   }
   if (!system_->has_basis()) refuse_form(system_->without_basis());
+  check_sector();
   if (setup.variables.empty()) refuse_form("its setup has no design variables");
   const SystemInfo& info = system_->info();
   content_.method = with_method(setup, []<Method M>(const typename M::Options&) { return std::string(M::name); });
@@ -59,6 +62,23 @@ CompiledForm::CompiledForm(const std::shared_ptr<const System>& system)
   set_variables();
   set_points();
   set_bases();
+}
+
+/// Whether motions keep partners images of each other is checked here and not by what evaluates the file.
+void CompiledForm::check_sector() const {
+  const Symmetry& symmetry = system_->regions_.symmetry;
+  const auto check = [&](PointId id, const std::string& where) {
+    const RegionIndex region = system_->points_.region_of[id];
+    if (region == fixed_region || region == deformable_region) return;
+    refuse_form("point " + std::to_string(id) + " of handle \"" + system_->setup_.handles[region].name + "\" lies on " + where +
+                " of the sector, where not all motions are possible; take it out of the handle with `difference`, or evaluate on "
+                "the server");
+  };
+  for (const Sector::Pair& pair : symmetry.sector().pairs()) {
+    check(pair.first, "a periodic boundary");
+    check(pair.second, "a periodic boundary");
+  }
+  for (const PointId id : symmetry.sector().axis_points()) check(id, "the axis");
 }
 
 void CompiledForm::set_variables() {
@@ -84,8 +104,11 @@ void CompiledForm::set_points() {
   const std::size_t n = system_->mesh_->point_count();
   content_.rest = system_->mesh_->points;
   content_.planes = static_cast<std::uint32_t>(symmetry.planes());
+  content_.sector = symmetry.is_sector();
   if (!symmetry.empty()) {
     for (std::size_t k = 0; k < 3; ++k) content_.plane_axes[k] = symmetry.normal(k);
+  }
+  if (symmetry.planes() > 0) {
     for (std::size_t k = 0; k < symmetry.planes(); ++k) content_.reach[k] = symmetry.reach(k);
     content_.on_planes.resize(n);
     for (std::size_t i = 0; i < n; ++i) content_.on_planes[i] = static_cast<std::uint8_t>(symmetry.on(static_cast<PointId>(i)));
@@ -108,6 +131,7 @@ void CompiledForm::set_bases() {
     compiled::Basis& to = content_.bases.emplace_back();
     to.components = 0;
     for (const std::size_t k : basis.components) to.components |= 1u << k;
+    if (basis.turned) to.components = compiled::turned_components;
     to.residuals = basis.residuals;
     to.more = basis.more;
     to.errors = basis.errors;

@@ -32,6 +32,7 @@ class CompiledForm {
   static std::size_t bytes_for(const System& system);
 
  private:
+  void check_sector() const;
   void set_variables();
   void set_points();
   void set_bases();

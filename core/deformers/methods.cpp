@@ -26,6 +26,11 @@ std::string methods_with(bool MethodFeatures::*feature) {
   return text;
 }
 
+bool has_sector(const Setup& setup) {
+  return std::any_of(setup.symmetry.begin(), setup.symmetry.end(),
+                     [](const SymmetryPlane& plane) { return std::holds_alternative<SectorOptions>(plane.kind); });
+}
+
 }  // namespace
 
 void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems) {
@@ -34,6 +39,19 @@ void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems) {
       throw Error(ErrorCode::invalid_argument,
                   field + ": method." + std::string(M::name) + " does not take " + what + "; use " + use);
     };
+    problems.check("method", [&] {
+      if (!has_sector(setup)) return;
+      if constexpr (requires { options.solver; }) {
+        if (options.solver == Solver::incremental_qr) {
+          refuse("symmetry[0].sector",
+                 "sectors with solver INCREMENTAL_QR, whose choice of centres would differ from sector to sector",
+                 "solver AUTOMATIC or ITERATIVE");
+        }
+      }
+      if (!setup.constraints.empty()) {
+        refuse("constraints", "geometric constraints in a sector", "symmetry planes, or deform the whole wheel");
+      }
+    });
     problems.check("method", [&] {
       if (setup.symmetry.empty() || M::features.symmetry) return;
       if (selects_controls(setup)) {

@@ -15,13 +15,21 @@
 namespace deform {
 
 MirroredMesh::MirroredMesh(const Mesh& half, const Symmetry& symmetry) : symmetry_(symmetry) {
-  const std::size_t n = half.point_count(), images = std::size_t{1} << symmetry.planes();
+  const std::size_t n = half.point_count(), images = symmetry.images();
   constexpr std::size_t most = std::numeric_limits<PointId>::max();
   if (images * n > most) {
     refuse_argument("symmetry: with its mirror images the mesh has more than " + std::to_string(most) + " points");
   }
   on_.resize(n);
   for (std::size_t i = 0; i < n; ++i) on_[i] = static_cast<std::uint8_t>(symmetry.on(static_cast<PointId>(i)));
+  if (symmetry.is_sector()) partner_.resize(n);
+  for (const Sector::Pair& pair : symmetry.sector().pairs()) {
+    on_[pair.first] |= first_boundary;
+    on_[pair.second] |= second_boundary;
+    partner_[pair.first] = pair.second;
+    partner_[pair.second] = pair.first;
+  }
+  for (const PointId id : symmetry.sector().axis_points()) on_[id] = first_boundary | second_boundary | axis;
   auto whole = std::make_shared<Mesh>();
   whole->points.reserve(images * n);
   for (std::size_t g = 0; g < images; ++g) {
@@ -38,6 +46,14 @@ MirroredMesh::MirroredMesh(const Mesh& half, const Symmetry& symmetry) : symmetr
   mesh_ = std::move(whole);
 }
 
+MirroredMesh::Place MirroredMesh::owner(PointId id, std::size_t image) const {
+  if (!symmetry_.is_sector()) return {id, image & ~std::size_t{on_[id]}};
+  if ((on_[id] & axis) != 0) return {id, 0};
+  if ((on_[id] & second_boundary) != 0 && image + 1 == images()) return {partner_[id], 0};
+  if ((on_[id] & first_boundary) != 0 && image > 0) return {partner_[id], image - 1};
+  return {id, image};
+}
+
 void MirroredMesh::add_faces(const Mesh& half, Mesh& whole) const {
   for (std::size_t g = 0; g < images(); ++g) {
     const PointId* corners = half.face_points.data();
@@ -48,7 +64,7 @@ void MirroredMesh::add_faces(const Mesh& half, Mesh& whole) const {
         whole.face_sizes.push_back(size);
         const std::size_t begin = whole.face_points.size();
         for (std::size_t c = 0; c < size; ++c) whole.face_points.push_back(image(corners[c], g));
-        if (std::popcount(g) % 2 != 0) {
+        if (!symmetry_.is_sector() && std::popcount(g) % 2 != 0) {
           std::reverse(whole.face_points.begin() + static_cast<std::ptrdiff_t>(begin), whole.face_points.end());
         }
       }
@@ -101,6 +117,7 @@ std::vector<PointId> MirroredMesh::own_images(std::span<const PointId> ids, std:
 }
 
 Vec3 MirroredMesh::reflected(const Vec3& vector, std::size_t image) const {
+  if (symmetry_.is_sector()) return symmetry_.turned(vector, image);
   Vec3 result = vector;
   for (std::size_t k = 0; k < symmetry_.planes(); ++k) {
     if ((image >> k & 1u) != 0) result = result - 2 * dot(symmetry_.normal(k), result) * symmetry_.normal(k);
@@ -109,6 +126,7 @@ Vec3 MirroredMesh::reflected(const Vec3& vector, std::size_t image) const {
 }
 
 Vec3 MirroredMesh::reflected_point(const Vec3& point, std::size_t image) const {
+  if (symmetry_.is_sector()) return image == 0 ? point : symmetry_.turned_point(point, image);
   Vec3 result = point;
   for (std::size_t k = 0; k < symmetry_.planes(); ++k) {
     if ((image >> k & 1u) != 0) result = symmetry_.reflected(result, k);
@@ -121,7 +139,7 @@ std::array<PointId, 2> MirroredMesh::own_range(std::size_t begin, std::size_t en
 }
 
 std::size_t MirroredMesh::bytes_for(std::size_t points, std::size_t images) {
-  return sizeof(MirroredMesh) + 2 * points + images * (points + 1) * sizeof(PointId);
+  return sizeof(MirroredMesh) + (2 + sizeof(PointId)) * points + images * (points + 1) * sizeof(PointId);
 }
 
 std::size_t MirroredMesh::mesh_bytes() const {

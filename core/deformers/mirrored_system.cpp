@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <optional>
 #include <set>
 #include <type_traits>
 #include <utility>
@@ -13,6 +14,7 @@
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
 #include "core/deformers/handles/handle_motion.h"
+#include "core/deformers/handles/sector_points.h"
 #include "core/deformers/methods.h"
 #include "core/deformers/option_checks.h"
 #include "core/deformers/space_map.h"
@@ -47,7 +49,7 @@ VariableMotion mirrored_motion(const VariableMotion& motion, const MirroredMesh&
   if (auto* translation = std::get_if<Translation>(&result)) {
     translation->direction = mirrored.reflected(translation->direction, image);
   } else if (auto* rotation = std::get_if<Rotation>(&result)) {
-    const double sign = std::popcount(image) % 2 != 0 ? -1 : 1;
+    const double sign = mirrored.turns() || std::popcount(image) % 2 == 0 ? 1 : -1;
     rotation->axis = sign * mirrored.reflected(rotation->axis, image);
     rotation->centre = mirrored.reflected_point(rotation->centre, image);
   } else {
@@ -58,8 +60,8 @@ VariableMotion mirrored_motion(const VariableMotion& motion, const MirroredMesh&
   return result;
 }
 
-/// The map R A R of an image, R its reflection.
-Affine mirrored_map(const Affine& map, const MirroredMesh& mirrored, std::size_t image) {
+/// The map of the model in an image.
+Affine map_to(const MirroredMesh& mirrored, std::size_t image) {
   Affine reflection{};
   const Vec3 origin = mirrored.reflected_point({}, image);
   for (std::size_t k = 0; k < 3; ++k) {
@@ -69,7 +71,12 @@ Affine mirrored_map(const Affine& map, const MirroredMesh& mirrored, std::size_t
     for (std::size_t i = 0; i < 3; ++i) reflection[4 * i + k] = axis[i];
     reflection[4 * k + 3] = origin[k];
   }
-  return compose(reflection, compose(map, reflection));
+  return reflection;
+}
+
+/// The map R A R^-1 of an image, R its reflection or turn.
+Affine mirrored_map(const Affine& map, const MirroredMesh& mirrored, std::size_t image) {
+  return compose(map_to(mirrored, image), compose(map, map_to(mirrored, mirrored.inverse(image))));
 }
 
 std::vector<PointId> all_images(std::span<const PointId> ids, const MirroredMesh& mirrored) {
@@ -124,8 +131,7 @@ auto about_images(std::size_t points, const Call& call) {
     return call();
   } catch (const Error& error) {
     if (error.code() != ErrorCode::invalid_argument) throw;
-    throw Error(error.code(), std::string(error.what()) +
-                                  " (the model is deformed with its mirror images in the symmetry planes, which have " +
+    throw Error(error.code(), std::string(error.what()) + " (the model is deformed as a whole with its images, which have " +
                                   "the point ids from " + std::to_string(points) + " on)");
   }
 }
@@ -173,12 +179,22 @@ Vec3 MirroredSystem::mean(const DisplacementOf& displacement_of) const {
   Vec3 sum{};
   for (std::size_t g = 0; g < mirrored_.images(); ++g) {
     Vec3 u = symmetry.to_frame(displacement_of(g));
+    if (symmetry.is_sector()) u = symmetry.sector().turned(u, mirrored_.inverse(g));
     for (std::size_t k = 0; k < symmetry.planes(); ++k) {
       if ((g >> k & 1u) != 0) u[k] = -u[k];
     }
     sum = sum + u;
   }
   return symmetry.from_frame(sum / static_cast<double>(mirrored_.images()));
+}
+
+template <typename DisplacementOf>
+Vec3 MirroredSystem::mean_at(PointId id, const DisplacementOf& displacement_of) const {
+  const PointId first = regions_.symmetry.sector().first_of(id);
+  Vec3 u = mean([&](std::size_t g) { return displacement_of(mirrored_.image(first, g)); });
+  if (first != id) u = regions_.symmetry.turned(u, 1);
+  if (regions_.symmetry.sector().on_axis(id)) u = dot(u, regions_.symmetry.normal(0)) * regions_.symmetry.normal(0);
+  return u;
 }
 
 void MirroredEvaluation::evaluate(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const {
@@ -203,14 +219,22 @@ void MirroredEvaluation::evaluate(std::size_t begin, std::size_t end, std::size_
   for (std::size_t d = 0; d < out.size(); ++d) {
     const Vec3* const from = places.data() + d * starts.back();
     const auto displacement_at = [&](PointId image) {
-      std::size_t g = 0;
-      while (g + 1 < firsts.size() && (image < firsts[g] || image - firsts[g] >= starts[g + 1] - starts[g])) ++g;
-      return from[starts[g] + (image - firsts[g])] - whole.points[image];
+      // The last image that begins before it, if it has the point.
+      const auto after = std::upper_bound(firsts.begin(), firsts.end(), image);
+      auto g = static_cast<std::size_t>(after - firsts.begin());
+      while (g > 0 && starts[g] == starts[g - 1]) --g;
+      if (g > 0 && image - firsts[g - 1] < starts[g] - starts[g - 1]) {
+        return from[starts[g - 1] + (image - firsts[g - 1])] - whole.points[image];
+      }
+      Vec3 place{};  // an image of a partner that is not in the range
+      Vec3* const at = &place;
+      whole_->evaluate(image, image + std::size_t{1}, first + d, {&at, 1});
+      return place - whole.points[image];
     };
     for (std::size_t i = begin; i < end; ++i) {
       const auto id = static_cast<PointId>(i);
       const Vec3& x = whole.points[i];
-      const Vec3 u = system_->mean([&](std::size_t g) { return displacement_at(mirrored.image(id, g)); });
+      const Vec3 u = system_->mean_at(id, displacement_at);
       out[d][i - begin] = symmetry.slid(x, x + u, symmetry.on(id));
     }
   }
@@ -239,9 +263,10 @@ void MirroredSystem::fill_info() {
   info_.basis_fields = whole_->info().basis_fields;
   info_.bytes += mirrored_.bytes() + mirrored_.mesh_bytes();
   info_.diagonal = bounding_box(mesh_->points).diagonal();
+  if (regions_.symmetry.is_sector()) info_.notes.push_back(regions_.symmetry.sector().note());
   info_.notes.push_back(
-      "The model is deformed as a whole with its mirror images: " + std::to_string(mirrored_.mesh()->point_count()) +
-      " points instead of " + std::to_string(info_.points) + ".");
+      "The model is deformed as a whole with its " + std::string(regions_.symmetry.is_sector() ? "" : "mirror ") +
+      "images: " + std::to_string(mirrored_.mesh()->point_count()) + " points instead of " + std::to_string(info_.points) + ".");
   info_.notes.insert(info_.notes.end(), constraints_.notes.begin(), constraints_.notes.end());
 }
 
@@ -275,7 +300,18 @@ std::vector<Design> MirroredSystem::mirrored(std::span<const Design> designs) co
   return result;
 }
 
+std::function<std::string(PointId)> MirroredSystem::name_of() const {
+  return [this](PointId id) {
+    for (std::size_t h = 0; h < regions_.handles.size(); ++h) {
+      if (!std::binary_search(regions_.handles[h].begin(), regions_.handles[h].end(), id)) continue;
+      return std::to_string(id) + " (handle \"" + setup_.handles[h].name + "\")";
+    }
+    return std::to_string(id) + " (fixed)";
+  };
+}
+
 void MirroredSystem::check_sliding(const Design& design, std::size_t index) const {
+  const bool sector = regions_.symmetry.is_sector();
   std::vector<Affine> maps(setup_.handles.size(), identity_affine);
   if (!design.variables.empty()) maps = handle_motions(setup_, design.variables);
   std::vector<const std::vector<Vec3>*> displacements(setup_.handles.size(), nullptr);
@@ -287,6 +323,23 @@ void MirroredSystem::check_sliding(const Design& design, std::size_t index) cons
     }
   }
   const Symmetry& symmetry = regions_.symmetry;
+  if (sector) {
+    const auto moved = [&](PointId id) -> std::optional<Vec3> {
+      if (std::binary_search(regions_.fixed.begin(), regions_.fixed.end(), id)) return Vec3{};
+      for (std::size_t h = 0; h < maps.size(); ++h) {
+        const std::vector<PointId>& ids = regions_.handles[h];
+        const auto at = std::lower_bound(ids.begin(), ids.end(), id);
+        if (at == ids.end() || *at != id) continue;
+        const Vec3& x = mesh_->points[id];
+        return displacements[h] != nullptr ? (*displacements[h])[static_cast<std::size_t>(at - ids.begin())]
+                                           : transformed(maps[h], x) - x;
+      }
+      return std::nullopt;
+    };
+    const std::string conflict = sector_conflict(symmetry, moved, name_of(), sector_agreement * info_.diagonal);
+    if (!conflict.empty()) refuse_argument("designs[" + std::to_string(index) + "]: " + conflict);
+    return;
+  }
   for (std::size_t h = 0; h < maps.size(); ++h) {
     for (std::size_t i = 0; i < regions_.handles[h].size(); ++i) {
       const PointId id = regions_.handles[h][i];
@@ -305,6 +358,27 @@ void MirroredSystem::check_sliding(const Design& design, std::size_t index) cons
 
 void MirroredSystem::check_sliding(const std::vector<Affine>& derivative, const std::string& what) const {
   const Symmetry& symmetry = regions_.symmetry;
+  if (symmetry.is_sector()) {
+    double size = 0;
+    const Box box = bounding_box(mesh_->points);
+    for (const Affine& m : derivative) {
+      for (std::size_t i = 0; i < 12; ++i) {
+        const std::size_t k = i % 4;
+        size = std::max(size, std::abs(m[i]) * (k == 3 ? 1.0 : std::max(std::abs(box.min[k]), std::abs(box.max[k]))));
+      }
+    }
+    const auto rate = [&](PointId id) -> std::optional<Vec3> {
+      if (std::binary_search(regions_.fixed.begin(), regions_.fixed.end(), id)) return Vec3{};
+      for (std::size_t h = 0; h < derivative.size(); ++h) {
+        const bool has = std::binary_search(regions_.handles[h].begin(), regions_.handles[h].end(), id);
+        if (has) return transformed(derivative[h], mesh_->points[id]);
+      }
+      return std::nullopt;
+    };
+    const std::string conflict = sector_conflict(symmetry, rate, name_of(), 10 * sector_agreement * size);
+    if (!conflict.empty()) refuse_argument(what + ": " + conflict);
+    return;
+  }
   for (std::size_t h = 0; h < derivative.size(); ++h) {
     if (derivative[h] == Affine{}) continue;
     for (const PointId id : regions_.handles[h]) {
@@ -342,7 +416,10 @@ std::unique_ptr<const Evaluation> MirroredSystem::bind_sequence(std::span<const 
 class MirroredMap : public SpaceMap {
  public:
   MirroredMap(std::shared_ptr<const MirroredSystem> system, std::unique_ptr<const SpaceMap> whole)
-      : system_(std::move(system)), whole_(std::move(whole)), report_(whole_->report()) {
+      : system_(std::move(system)),
+        whole_(std::move(whole)),
+        partners_(system_->regions_.symmetry.sector(), *system_->mesh_),
+        report_(whole_->report()) {
     report_.constraints = system_->constraints_.reports(report_.constraints, [&](PointId id) {
       Vec3 place{};
       MirroredMap::evaluate({&system_->mesh_->points[id], 1}, 0, {&place, 1}, {});
@@ -356,6 +433,7 @@ class MirroredMap : public SpaceMap {
  private:
   const std::shared_ptr<const MirroredSystem> system_;
   const std::unique_ptr<const SpaceMap> whole_;
+  const PartnerPlaces partners_;
   DesignReport report_;
 };
 
@@ -371,15 +449,23 @@ SpaceMap::Told MirroredMap::evaluate(std::span<const Vec3> points, std::uint64_t
   std::vector<std::vector<Vec3>> from(mirrored.images()), to(mirrored.images());
   Told told;
   for (std::size_t g = 0; g < mirrored.images(); ++g) {
-    for (const Vec3& x : points) from[g].push_back(image(x, symmetry.on(x), g));
+    for (const Vec3& x : points) {
+      const PartnerPlaces::Entry* const partner = partners_.at(x);
+      from[g].push_back(partner == nullptr ? image(x, symmetry.on(x), g)
+                                           : mirrored.mesh()->points[mirrored.image(partner->first, g)]);
+    }
     to[g].resize(points.size());
     const Told of_image = whole_->evaluate(from[g], first, to[g], context);
     if (g == 0) told.still = of_image.still;
     told.sums_error = std::max(told.sums_error, of_image.sums_error);
   }
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const Vec3 u = system_->mean([&](std::size_t g) { return to[g][i] - from[g][i]; });
-    out[i] = symmetry.slid(points[i], points[i] + u, symmetry.on(points[i]));
+    Vec3 u = system_->mean([&](std::size_t g) { return to[g][i] - from[g][i]; });
+    if (const PartnerPlaces::Entry* const partner = partners_.at(points[i]); partner != nullptr && partner->is_second) {
+      u = symmetry.turned(u, 1);
+    }
+    out[i] = symmetry.is_sector() ? points[i] + symmetry.from_frame(symmetry.admissible(symmetry.to_frame(u), points[i]))
+                                  : symmetry.slid(points[i], points[i] + u, symmetry.on(points[i]));
   }
   return told;
 }
@@ -403,7 +489,7 @@ Points MirroredSystem::jacobian_vector(std::span<const double> variables, std::s
   Points result(mesh_->point_count());
   parallel_for(context, result.size(), mirrored_points_per_task, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      result[i] = mean([&](std::size_t g) { return field[mirrored_.image(static_cast<PointId>(i), g)]; });
+      result[i] = mean_at(static_cast<PointId>(i), [&](PointId image) { return field[image]; });
     }
   });
   return result;
@@ -426,8 +512,10 @@ std::vector<std::vector<double>> MirroredSystem::vector_jacobians(std::span<cons
   for (std::size_t j = 0; j < cotangents.size(); ++j) {
     for (std::size_t g = 0; g < mirrored_.images(); ++g) {
       for (std::size_t i = 0; i < cotangents[j].size(); ++i) {
-        Vec3& sum = of_images[j][mirrored_.image(static_cast<PointId>(i), g)];
-        sum = sum + mirrored_.reflected(cotangents[j][i], g) / static_cast<double>(mirrored_.images());
+        const PointId id = static_cast<PointId>(i), of = regions_.symmetry.sector().first_of(id);
+        Vec3& sum = of_images[j][mirrored_.image(of, g)];
+        const Vec3 back = of == id ? cotangents[j][i] : regions_.symmetry.turned(cotangents[j][i], mirrored_.images() - 1);
+        sum = sum + mirrored_.reflected(back, g) / static_cast<double>(mirrored_.images());
       }
     }
   }

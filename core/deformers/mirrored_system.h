@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -15,10 +16,11 @@
 
 namespace deform {
 
-/// A half model with its images: symmetry planes for methods that have none of their own (MethodFeatures::symmetry). The system
-/// of the whole model is prepared, with a copy of each handle for each image, which moves as its mirror image, and with
-/// constraints as MirroredConstraints says. The displacement of a point is the mean of those of its images, mirrored back, so
-/// that the result is symmetric to rounding, although centres, samples and sums are not. Points on a plane stay in it exactly.
+/// A half model with its images: symmetry planes, or a sector, for methods that have none of their own
+/// (MethodFeatures::symmetry). The system of the whole model is prepared, with a copy of each handle for each image, which moves
+/// as its mirror image, and with constraints as MirroredConstraints says. The displacement of a point is the mean of those of its
+/// images, mirrored back, so that the result is symmetric to rounding, although centres, samples and sums are not. Points on a
+/// plane stay in it exactly.
 class MirroredSystem : public System {
  public:
   /// Throws what prepare() throws for the whole model; ids in messages beyond the points of the half model are those of images.
@@ -48,9 +50,14 @@ class MirroredSystem : public System {
   /// Throws Error(invalid_argument) for handle points that leave their plane.
   void check_sliding(const Design& design, std::size_t index) const;
   void check_sliding(const std::vector<Affine>& derivative, const std::string& what) const;
+  std::function<std::string(PointId)> name_of() const;  ///< names handle and fixed points, for messages
   /// The mean of the displacements of the images of a point, mirrored back; displacement_of(image).
   template <typename DisplacementOf>
   Vec3 mean(const DisplacementOf& displacement_of) const;
+  /// The same of a point, from those of points of the whole model: displacement_of(id). That of the second of two partners is the
+  /// one of the first, turned.
+  template <typename DisplacementOf>
+  Vec3 mean_at(PointId id, const DisplacementOf& displacement_of) const;
 
   const std::shared_ptr<const Mesh> mesh_;
   const Setup setup_;

@@ -226,6 +226,21 @@ void claim(const std::vector<PointId>& ids, std::uint32_t owner, const std::stri
       overlap.text("handle " + quoted(setup.handles[overlap.other].name), selects_controls(setup) ? "control point" : "point"));
 }
 
+/// What holds a point of a periodic boundary holds its partner as well, possibly another handle.
+void check_partners(const Setup& setup, const Sector& sector, const PointOwners& owners) {
+  const auto nobodys = static_cast<std::uint32_t>(setup.handles.size()) + 1;
+  const auto is_free = [&](PointId id) { return owners.owners()[id] >= nobodys; };
+  for (const Sector::Pair& pair : sector.pairs()) {
+    if (is_free(pair.first) == is_free(pair.second)) continue;
+    const PointId held = is_free(pair.first) ? pair.second : pair.first, follows = is_free(pair.first) ? pair.first : pair.second;
+    const std::uint32_t owner = owners.owners()[held];
+    refuse_argument("symmetry[0].sector: point " + std::to_string(held) + " is in " +
+                    (owner + 1 == nobodys ? "a fixed region" : "handle " + quoted(setup.handles[owner].name)) +
+                    ", but its partner on the other periodic boundary, point " + std::to_string(follows) +
+                    ", is in none; take both into regions, or both out of them with `difference`");
+  }
+}
+
 /// How a variable moves a handle; null when it does not.
 const VariableMotion* motion_on(const DesignVariable& variable, const std::string& handle) {
   if (variable.handle == handle) return &variable.kind;
@@ -325,7 +340,10 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh, Problems& problem
   }
   validate_constraints(setup, mesh, selected, problems, context);
   if (!problems.concern("symmetry")) {
-    problems.check("symmetry", [&] { selected.symmetry = Symmetry(setup.symmetry, mesh); });
+    problems.check("symmetry", [&] {
+      selected.symmetry = Symmetry(setup.symmetry, mesh);
+      if (selected.of == SelectedRegions::Of::mesh_points) check_partners(setup, selected.symmetry.sector(), owners);
+    });
   }
   return selected;
 }

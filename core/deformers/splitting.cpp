@@ -55,6 +55,7 @@ Setup with_explicit_regions(Setup setup, const SelectedRegions& regions, const M
   // Planes that were found are found again: their points keep their distances.
   for (auto& plane : setup.symmetry) {
     if (auto* region = std::get_if<Region>(&plane.kind)) *region = {Region::Ids{select(*region, mesh, "symmetry")}};
+    if (auto* sector = std::get_if<SectorOptions>(&plane.kind)) sector->periodic.clear();  // partners stay partners
   }
   setup.variables.clear();
   // They are values of those variables.

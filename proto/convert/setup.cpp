@@ -46,11 +46,27 @@ DesignVariable variable(const v1::DesignVariable& message, const std::string& pa
   return result;
 }
 
+SectorOptions sector(const v1::Sector& message, const std::string& path) {
+  SectorOptions options;
+  if (!message.origin().empty()) options.origin = vec3(message.origin(), path + ".origin");
+  options.axis = vec3(message.axis(), path + ".axis");
+  options.count = message.count();
+  if (message.periodic_size() > 2) {
+    refuse_field(path + ".periodic", std::to_string(message.periodic_size()) + " entries are more than the limit of 2");
+  }
+  for (int i = 0; i < message.periodic_size(); ++i) {
+    options.periodic.push_back(region_from_proto(message.periodic(i), path + indexed(".periodic", i)));
+  }
+  return options;
+}
+
 SymmetryPlane symmetry_plane(const v1::SymmetryPlane& message, const std::string& path) {
   const bool plane = !message.point().empty() || !message.normal().empty();
-  if (plane == message.has_region()) {
-    refuse_field(path, std::string("expected either point and normal or a region, got ") + (plane ? "both" : "neither"));
+  const int given = (plane ? 1 : 0) + (message.has_region() ? 1 : 0) + (message.has_sector() ? 1 : 0);
+  if (given != 1) {
+    refuse_field(path, std::string("expected point and normal, a region or a sector, got ") + (given == 0 ? "none" : "several"));
   }
+  if (message.has_sector()) return {sector(message.sector(), path + ".sector")};
   if (!plane) return {region_from_proto(message.region(), path + ".region")};
   return {SymmetryPlane::Plane{vec3(message.point(), path + ".point"), vec3(message.normal(), path + ".normal")}};
 }
@@ -184,6 +200,9 @@ v1::Setup canonical_setup(const v1::Setup& message, const std::string& geometry_
   }
   for (auto& plane : *canonical.mutable_symmetry()) {
     if (plane.has_region()) canonicalize_region(*plane.mutable_region());
+    if (!plane.has_sector()) continue;
+    fill_point(*plane.mutable_sector()->mutable_origin());
+    for (auto& region : *plane.mutable_sector()->mutable_periodic()) canonicalize_region(region);
   }
   for (auto& constraint : *canonical.mutable_constraints()) canonicalize_constraint(constraint);
   if (canonical.constraints().empty()) {

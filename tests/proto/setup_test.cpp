@@ -218,6 +218,43 @@ TEST(ConvertSetup, every_kind_of_region) {
   EXPECT_EQ(std::get<Region::Grow>(setup.fixed[13].kind).rings, 2);
 }
 
+TEST(ConvertSetup, sector) {
+  v1::Setup message = sheet_setup(geometry);
+  v1::Sector& sector = *message.add_symmetry()->mutable_sector();
+  for (const double x : {0.0, 0.0, 2.0}) sector.add_axis(x);
+  sector.set_count(36);
+  for (const std::uint32_t id : {2u, 1u, 2u}) sector.add_periodic()->add_ids(id);
+  sector.mutable_periodic()->RemoveLast();
+  const deform::Setup setup = setup_from_proto(message, 8);
+  const auto& given = std::get<SectorOptions>(setup.symmetry.at(0).kind);
+  EXPECT_EQ(given.origin, (Vec3{}));
+  EXPECT_EQ(given.axis, (Vec3{0, 0, 2}));
+  EXPECT_EQ(given.count, 36u);
+  EXPECT_EQ(given.periodic.size(), 2u);
+  const v1::Setup canonical = canonical_setup(message, "id");
+  EXPECT_EQ(canonical.symmetry(0).sector().origin_size(), 3);
+  for (const double x : {0.0, 0.0, 0.0}) sector.add_origin(x);
+  EXPECT_EQ(system_id(canonical_setup(message, "id")), system_id(canonical));
+  sector.set_origin(1, 0.5);
+  EXPECT_EQ(std::get<SectorOptions>(setup_from_proto(message, 8).symmetry[0].kind).origin, (Vec3{0, 0.5, 0}));
+  EXPECT_NE(system_id(canonical_setup(message, "id")), system_id(canonical));
+  const auto refused = [&](const std::function<void(v1::SymmetryPlane&)>& spoil) {
+    return setup_refusal([&](v1::Setup& s) {
+      *s.add_symmetry()->mutable_sector() = sector;
+      spoil(*s.mutable_symmetry(0));
+    });
+  };
+  EXPECT_EQ(refused([](auto& s) { s.add_point(0); }),
+            "symmetry[0]: expected point and normal, a region or a sector, got several");
+  EXPECT_EQ(refused([](auto& s) { s.mutable_sector()->clear_axis(); }), "symmetry[0].sector.axis: expected 3 numbers, got 0");
+  EXPECT_EQ(refused([](auto& s) { s.mutable_sector()->add_origin(0); }), "symmetry[0].sector.origin: expected 3 numbers, got 4");
+  EXPECT_EQ(refused([](auto& s) { s.mutable_sector()->add_periodic()->set_all(true); }),
+            "symmetry[0].sector.periodic: 3 entries are more than the limit of 2");
+  EXPECT_EQ(
+      refused([](auto& s) { s.mutable_sector()->mutable_periodic(1)->clear_ids(); }),
+      "symmetry[0].sector.periodic[1]: no kind of region is given (group, box, sphere, ...); an empty list or false is none");
+}
+
 TEST(ConvertSetup, symmetry_planes) {
   v1::Setup message = sheet_setup(geometry);
   const std::string without = system_id(canonical_setup(message, geometry));
@@ -244,12 +281,12 @@ TEST(ConvertSetup, symmetry_planes) {
   const auto refused = [](const std::function<void(v1::SymmetryPlane&)>& fill) {
     return setup_refusal([&](v1::Setup& s) { fill(*s.add_symmetry()); });
   };
-  EXPECT_EQ(refused([](auto&) {}), "symmetry[0]: expected either point and normal or a region, got neither");
+  EXPECT_EQ(refused([](auto&) {}), "symmetry[0]: expected point and normal, a region or a sector, got none");
   EXPECT_EQ(refused([](auto& p) {
               p.add_normal(1);
               p.mutable_region()->set_all(true);
             }),
-            "symmetry[0]: expected either point and normal or a region, got both");
+            "symmetry[0]: expected point and normal, a region or a sector, got several");
   EXPECT_EQ(refused([](auto& p) {
               for (const double x : {1., 0., 0.}) p.add_normal(x);
             }),

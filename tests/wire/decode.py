@@ -476,6 +476,11 @@ def canonical_setup(setup, geometry, flat):
     for plane in canonical.symmetry:
         if plane.HasField("region"):
             canonical_region(plane.region)
+        if plane.HasField("sector"):
+            if not plane.sector.origin:
+                plane.sector.origin.extend([0, 0, 0])
+            for region in plane.sector.periodic:
+                canonical_region(region)
     for constraint in canonical.constraints:
         canonical_constraint(constraint)
     if canonical.constraints:

@@ -131,6 +131,8 @@ constexpr SetupCase cases[] = {
            {"handle": "c", "translate": [0, 0, -1]}]}]})"},
     {"symmetry", R"({"handles": [{"name": "a", "region": {"group": "g"}}], "symmetry": [{"point": [0, 0, 0], "normal": [0, 1, 0]},
          {"region": {"ids": [2, 1]}}]})"},
+    {"sector", R"({"handles": [{"name": "a", "region": {"group": "g"}}], "symmetry": [{"sector": {"axis": [0, 0, 2], "count": 36,
+         "periodic": [{"ids": [2, 1, 1]}, {"group": "high"}]}}]})"},
     {"constraints with their defaults",
      R"({"method": {"mls": {}}, "handles": [{"name": "a", "region": {"group": "g"}}], "constraints": [
          {"name": "1", "regions": [{"ids": [2, 1, 1]}], "planar": {}}, {"name": "2", "regions": [{"group": "p"}], "circular": {}},

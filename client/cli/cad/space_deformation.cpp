@@ -66,6 +66,9 @@ SpaceDeformation::SpaceDeformation(Connection& connection, const PreparedSetup& 
   }
   for (int i = 0; i < setup_.symmetry_size(); ++i) {
     const auto& plane = setup_.symmetry(i);
+    if (plane.has_sector()) {
+      refuse("symmetry[" + std::to_string(i) + "].sector: not with CAD models; deform the model of the whole wheel");
+    }
     if (plane.has_region()) {
       refuse("symmetry[" + std::to_string(i) +
              "]: give the plane by point and normal, so that the CAD model has exactly the same");

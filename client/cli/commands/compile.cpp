@@ -128,7 +128,7 @@ void check_compilable(const v1::Setup& setup) {
   const v1::Method::KindCase kind = setup.method().kind_case();
   if (setup.symmetry_size() > 0 && kind != v1::Method::kRbf && kind != v1::Method::KIND_NOT_SET) {
     refuse(
-        "with symmetry planes its method deforms a half model with its mirror images; use method rbf, or compile the whole "
+        "with symmetry planes or a sector its method deforms the model with its images; use method rbf, or compile the whole "
         "model");
   }
   if (setup.method().has_cage() && setup.method().cage().coordinates() == v1::GREEN) {

@@ -194,7 +194,7 @@ degrees). `deform regions` shows them in colours. Variables: translate [x, y, z]
 scale {centre, axis}; also: [{handle: right, translate: [0, 1, 0]}] for other handles at the same time. Numbers may be expressions of pi
 and the lengths of the mesh: upper: 0.05*L, with L the diagonal of its box and Lx, Ly, Lz its sides. `deform schema` is for editors.
 A half model: symmetry: [{region: {group: symmetry}}] or [{point: [0, 0, 0], normal: [0, 1, 0]}], up to three planes that stay
-planes while their points slide.
+planes while their points slide. A blade passage: symmetry: [{sector: {axis: [0, 0, 1], count: 36}}], whose periodic patches stay periodic.
 )" + ("Methods: " + names_of(*v1::Method::descriptor()) + ".\nKernels of rbf: " + names_of(*v1::Kernel_descriptor())) +
          R"(; THIN_PLATE is the default for 2D meshes.
 Solvers: SOLVER_AUTOMATIC, CHOLESKY, LDLT, ITERATIVE with a tolerance (automatic beyond 20,000

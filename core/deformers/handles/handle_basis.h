@@ -27,6 +27,9 @@ struct HandleBasis {
   std::vector<double> more{};
   bool converged = true;                         ///< false if a solution missed its tolerance or a factor has no correct digits
   std::optional<CompressedFields> compressed{};  ///< replaces `tiles`, which have no points then
+  /// With a sector: whether the values apply to coefficients that are turned by a right angle about the axis, (0, -c2, c1)
+  /// instead of (c0, c1, c2). Such a basis is zero at the points of handles; it adds to the one of the same components.
+  bool turned = false;
 
   /// Compresses the fields: the error of all of them together is at most `tolerance` D in a design whose handles move by D and
   /// rotate by one radian. Each field has the same share, the tolerance over the number of fields, because the coefficients of a

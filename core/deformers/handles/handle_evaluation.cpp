@@ -15,11 +15,13 @@
 
 namespace deform {
 
-void place_components(const std::vector<std::size_t>& components, std::size_t designs, const double* part, double* values) {
+void add_components(const std::vector<std::size_t>& components, std::size_t designs, const double* part, double* values) {
   const std::size_t width = components.size();
   for (std::size_t i = 0; i < designs; ++i) {
     for (std::size_t c = 0; c < width; ++c) {
-      std::copy_n(part + (i * width + c) * tile_size, tile_size, values + (3 * i + components[c]) * tile_size);
+      const double* const from = part + (i * width + c) * tile_size;
+      double* const to = values + (3 * i + components[c]) * tile_size;
+      for (std::size_t s = 0; s < tile_size; ++s) to[s] += from[s];
     }
   }
 }
@@ -83,10 +85,11 @@ void HandleEvaluation::set_basis_coefficients() {
         if (!symmetry.empty()) row = symmetry.to_frame(row);
         for (std::size_t b = 0; b < bases.size(); ++b) {
           const auto& components = bases[b].components;
+          const Vec3 taken = bases[b].turned ? Vec3{0, -row[2], row[1]} : row;
           double* out = coefficients_[b].data() + ((4 * h + f) * basis_designs_ + slot_[i]) * components.size();
           for (const std::size_t k : components) {
-            *out++ = row[k];
-            bound[k] += bases[b].residuals[4 * h + f] * std::abs(row[k]);
+            *out++ = taken[k];
+            bound[k] += bases[b].residuals[4 * h + f] * std::abs(taken[k]);
           }
         }
       }
@@ -280,7 +283,7 @@ void HandleEvaluation::fill_tile(std::size_t tile, std::size_t first, std::size_
   for (std::size_t b = 0; b < system_->basis_.size(); ++b) {
     std::fill(pass.part.begin(), pass.part.end(), 0.0);
     product(b, pass.part.data());
-    place_components(system_->basis_[b].components, count, pass.part.data(), pass.values.data());
+    add_components(system_->basis_[b].components, count, pass.part.data(), pass.values.data());
   }
 }
 

@@ -96,7 +96,7 @@ class HandleEvaluation : public Evaluation {
   std::vector<std::vector<std::uint32_t>> moving_fields_;
 };
 
-/// Copies the values of some components, part[design][position in `components`][16], to values[design][component][16].
-void place_components(const std::vector<std::size_t>& components, std::size_t designs, const double* part, double* values);
+/// Adds the values of some components, part[design][position in `components`][16], to values[design][component][16].
+void add_components(const std::vector<std::size_t>& components, std::size_t designs, const double* part, double* values);
 
 }  // namespace deform

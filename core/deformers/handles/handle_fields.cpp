@@ -53,7 +53,8 @@ void HandleFields::values(std::size_t first, std::size_t count, std::span<double
       const auto own = system_.handle_fields(h, id);
       for (std::size_t k = 0; k < count; ++k) {
         const Entry& entry = entries_[first + k];
-        if (entry.field / 4 == h && !is_dropped(entry, id)) values[id * count + k] = own[entry.field % 4];
+        if (entry.field / 4 == h && !is_dropped(entry, id) && !system_.basis_[entry.basis].turned)
+          values[id * count + k] = own[entry.field % 4];
       }
     }
   }

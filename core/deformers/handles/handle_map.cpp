@@ -15,7 +15,9 @@ constexpr std::size_t mapped_points_per_task = 4096;
 
 }  // namespace
 
-HandleMap::HandleMap(std::unique_ptr<const HandleEvaluation> evaluation) : evaluation_(std::move(evaluation)) {
+HandleMap::HandleMap(std::unique_ptr<const HandleEvaluation> evaluation)
+    : evaluation_(std::move(evaluation)),
+      partners_(evaluation_->system_->regions_.symmetry.sector(), *evaluation_->system_->mesh_) {
   const HandleSystem& system = *evaluation_->system_;
   const Mesh& mesh = *system.mesh_;
   for (const auto& [id, to] : evaluation_->replaced()) given_.push_back({mesh.points[id], to});
@@ -32,8 +34,17 @@ HandleMap::HandleMap(std::unique_ptr<const HandleEvaluation> evaluation) : evalu
 
 SpaceMap::Told HandleMap::evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
                                    const RunContext& context) const {
-  const Told told = evaluation_->displacements_at(points, first, out, context);
   const Symmetry& symmetry = evaluation_->system_->regions_.symmetry;
+  // The displacement of the second of two partners is that of the first, turned.
+  std::vector<Vec3> at_first;
+  std::vector<std::size_t> seconds;
+  for (std::size_t i = 0; i < points.size() && symmetry.is_sector(); ++i) {
+    const PartnerPlaces::Entry* const partner = partners_.at(points[i]);
+    at_first.push_back(partner == nullptr ? points[i] : evaluation_->system_->mesh_->points[partner->first]);
+    if (partner != nullptr && partner->is_second) seconds.push_back(i);
+  }
+  const Told told = evaluation_->displacements_at(symmetry.is_sector() ? at_first : points, first, out, context);
+  for (const std::size_t i : seconds) out[i] = symmetry.sector().turned(out[i], 1);
   parallel_for(context, points.size(), mapped_points_per_task, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const Vec3& x = points[i];
@@ -44,7 +55,7 @@ SpaceMap::Told HandleMap::evaluate(std::span<const Vec3> points, std::uint64_t f
         continue;
       }
       Vec3 u = out[i];
-      if (!symmetry.empty()) u = symmetry.from_frame(Symmetry::within(u, symmetry.on(x)));
+      if (!symmetry.empty()) u = symmetry.from_frame(symmetry.admissible(u, x));
       out[i] = x + u;
     }
   });

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "core/deformers/handles/handle_evaluation.h"
+#include "core/deformers/handles/sector_points.h"
 #include "core/deformers/space_map.h"
 
 namespace deform {
@@ -28,7 +29,8 @@ class HandleMap : public SpaceMap {
   };
 
   const std::unique_ptr<const HandleEvaluation> evaluation_;
-  std::vector<Given> given_;  ///< ascending by `from`
+  const PartnerPlaces partners_;  ///< of a sector
+  std::vector<Given> given_;      ///< ascending by `from`
 };
 
 }  // namespace deform

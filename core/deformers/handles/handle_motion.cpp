@@ -268,7 +268,7 @@ std::string scientific(double value) {
 }
 
 std::size_t point_bytes(std::size_t n, const Symmetry& symmetry) {
-  return n * (4 + 4 + 4 + 24 + 4 + (symmetry.empty() ? 0 : 1)) + 4096;
+  return n * (4 + 4 + 4 + 24 + 4 + (symmetry.empty() ? 0 : 1)) + (symmetry.is_sector() ? symmetry.sector().bytes() : 0) + 4096;
 }
 
 }  // namespace deform

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
 #include <sstream>
 
 #include "core/base/error.h"
@@ -12,6 +13,7 @@
 #include "core/base/vectors.h"
 #include "core/deformers/handles/handle_fields.h"
 #include "core/deformers/handles/handle_map.h"
+#include "core/deformers/handles/sector_points.h"
 
 namespace deform {
 
@@ -124,7 +126,41 @@ void HandleSystem::check_tolerance(const BoundDesign& design, std::size_t index)
                     (prepared_for ? "; the system was prepared for " + number_digits(info_.tolerance) : ""));
 }
 
+/// Partners in regions must move alike, and points on the axis along it.
+void HandleSystem::check_sector(const BoundDesign& design, std::size_t index) const {
+  const HeldPoints points = held();
+  const auto moved = [&](PointId id) -> std::optional<Vec3> {
+    if (!is_prescribed(id)) return std::nullopt;
+    return points.prescribed_position(design, id, MotionKind::position) - mesh_->points[id];
+  };
+  const std::string conflict = sector_conflict(
+      regions_.symmetry, moved, [&](PointId id) { return name_of(id); }, sector_agreement * info_.diagonal);
+  if (!conflict.empty()) refuse(index, ": " + conflict);
+}
+
+void HandleSystem::check_sector(const std::vector<Affine>& derivative, const std::string& what) const {
+  double size = 0;  // of the terms of a rate
+  for (const Affine& m : derivative) {
+    for (std::size_t i = 0; i < 12; ++i) size = std::max(size, std::abs(m[i]) * (i % 4 == 3 ? 1.0 : largest_coordinate_));
+  }
+  const auto rate = [&](PointId id) -> std::optional<Vec3> {
+    if (!is_prescribed(id)) return std::nullopt;
+    const RegionIndex region = points_.region_of[id];
+    return region == fixed_region ? Vec3{} : transformed(derivative[region], mesh_->points[id]);
+  };
+  const std::string conflict = sector_conflict(
+      regions_.symmetry, rate, [&](PointId id) { return name_of(id); }, 10 * sector_agreement * size);
+  if (!conflict.empty()) throw Error(ErrorCode::invalid_argument, what + ": " + conflict);
+}
+
+std::string HandleSystem::name_of(PointId id) const {
+  const RegionIndex region = points_.region_of[id];
+  if (region == fixed_region) return std::to_string(id) + " (fixed)";
+  return std::to_string(id) + " (handle \"" + setup_.handles[region].name + "\")";
+}
+
 void HandleSystem::check_sliding(const BoundDesign& design, std::size_t index) const {
+  if (regions_.symmetry.is_sector()) return check_sector(design, index);
   const Symmetry& symmetry = regions_.symmetry;
   const HeldPoints points = held();
   for (const PointId id : sliding_) {
@@ -140,6 +176,7 @@ void HandleSystem::check_sliding(const BoundDesign& design, std::size_t index) c
 }
 
 void HandleSystem::check_sliding(const std::vector<Affine>& derivative, const std::string& what) const {
+  if (regions_.symmetry.is_sector()) return check_sector(derivative, what);
   const Symmetry& symmetry = regions_.symmetry;
   for (const PointId id : sliding_) {
     const RegionIndex handle = points_.region_of[id];
@@ -213,7 +250,10 @@ HandleSystem::Fields HandleSystem::pull_back(std::span<const double> variables, 
       const std::vector<double> part = basis.compressed ? basis.compressed->transposed_product(at_following[j], places, context)
                                                         : basis.tiles.transposed_product(at_following[j], context);
       for (std::size_t f = 0; f < fields(); ++f) {
-        for (const std::size_t k : basis.components) result[j][3 * f + k] = part[3 * f + k];
+        Vec3 sum{};
+        for (const std::size_t k : basis.components) sum[k] = part[3 * f + k];
+        if (basis.turned) sum = {0, sum[2], -sum[1]};
+        for (const std::size_t k : basis.components) result[j][3 * f + k] += sum[k];
       }
     }
     for (std::size_t f = 0; f < fields() && !symmetry.empty(); ++f) {
@@ -234,7 +274,7 @@ std::vector<std::vector<double>> HandleSystem::vector_jacobians(std::span<const 
                                                                 const RunContext& context) const {
   for (const Points& cotangent : cotangents) check_cotangent(cotangent, mesh_->point_count());
   handle_motions(setup_, variables);  // checks them
-  for (std::size_t k = 0; k < setup_.variables.size() && !sliding_.empty(); ++k) {
+  for (std::size_t k = 0; k < setup_.variables.size() && !(sliding_.empty() && !regions_.symmetry.is_sector()); ++k) {
     check_sliding(handle_motion_derivative(setup_, variables, k), "variable \"" + setup_.variables[k].name + "\"");
   }
   const Fields field_sums = pull_back(variables, cotangents, context);

@@ -79,7 +79,7 @@ class HandleSystem : public System {
   /// A displacement in the frame of the planes without the normal components of those on which the point lies.
   Vec3 components(Vec3 in_frame, PointId id) const;
   /// Throws the errors of System::bind(): tolerances out of range, coincident points that separate, points that leave their
-  /// symmetry plane.
+  /// symmetry plane or the axis, partners on periodic boundaries with different motions.
   void check(const BoundDesign& design, std::size_t index) const;
   /// The following points in unit coordinates.
   std::vector<Vec3> following_places() const { return unit_places(*mesh_, box_, following()); }
@@ -107,6 +107,9 @@ class HandleSystem : public System {
   void check_tolerance(const BoundDesign& design, std::size_t index) const;
   void check_sliding(const BoundDesign& design, std::size_t index) const;
   void check_sliding(const std::vector<Affine>& derivative, const std::string& what) const;
+  void check_sector(const BoundDesign& design, std::size_t index) const;
+  void check_sector(const std::vector<Affine>& derivative, const std::string& what) const;
+  std::string name_of(PointId id) const;  ///< a handle or fixed point, for messages
   Fields pull_back(std::span<const double> variables, std::span<const Points> cotangents, const RunContext& context) const;
 
   const HandleMode handles_;

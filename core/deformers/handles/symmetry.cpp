@@ -165,6 +165,19 @@ void Symmetry::mark(std::size_t plane, const Found& found, const Mesh& mesh, dou
 
 Symmetry::Symmetry(std::span<const SymmetryPlane> planes, const Mesh& mesh) : planes_(planes.size()) {
   if (planes.empty()) return;
+  for (std::size_t k = 0; k < planes.size(); ++k) {
+    const auto* sector = std::get_if<SectorOptions>(&planes[k].kind);
+    if (sector == nullptr) continue;
+    if (planes.size() > 1) {
+      throw Error(ErrorCode::invalid_argument,
+                  field(k) +
+                      ".sector: a sector has no symmetry planes or other sectors besides it; deform the whole wheel, or a "
+                      "sector without planes");
+    }
+    planes_ = 0;
+    set_sector(*sector, mesh, bounding_box(mesh.points).diagonal(), field(k) + ".sector");
+    return;
+  }
   if (planes.size() > 3) {
     throw Error(ErrorCode::invalid_argument, "symmetry[3]: " + std::to_string(planes.size()) +
                                                  " planes, there are at most 3 that are orthogonal to each other");
@@ -175,6 +188,34 @@ Symmetry::Symmetry(std::span<const SymmetryPlane> planes, const Mesh& mesh) : pl
   make_orthonormal(found);
   on_.assign(mesh.point_count(), 0);
   for (std::size_t k = 0; k < planes.size(); ++k) mark(k, found[k], mesh, box.diagonal());
+}
+
+void Symmetry::set_sector(const SectorOptions& options, const Mesh& mesh, double diagonal, const std::string& what) {
+  if (!is_finite(options.origin)) throw Error(ErrorCode::invalid_argument, what + ".origin: must be finite");
+  if (!is_finite(options.axis) || !std::isnormal(norm(options.axis))) {
+    throw Error(ErrorCode::invalid_argument, what + ".axis: must be finite and not zero");
+  }
+  axes_[0] = normalized(options.axis);
+  axes_[1] = across(axes_[0]);
+  axes_[2] = normalized(cross(axes_[0], axes_[1]));
+  anchors_.fill(options.origin);
+  std::vector<Vec3> places;
+  places.reserve(mesh.point_count());
+  for (const Vec3& x : mesh.points) places.push_back(coordinates(x));
+  sector_ = Sector(options, mesh, places, diagonal, what);
+}
+
+Vec3 Symmetry::admissible(Vec3 components, const Vec3& place) const {
+  if (!is_sector()) return within(components, on(place));
+  return sector_.on_axis(coordinates(place)) ? Vec3{components[0], 0, 0} : components;
+}
+
+Vec3 Symmetry::turned(const Vec3& vector, std::size_t sectors) const {
+  return from_frame(sector_.turned(to_frame(vector), sectors));
+}
+
+Vec3 Symmetry::turned_point(const Vec3& point, std::size_t sectors) const {
+  return anchors_[0] + turned(point - anchors_[0], sectors);
 }
 
 unsigned Symmetry::on(const Vec3& place) const {

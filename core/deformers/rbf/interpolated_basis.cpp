@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "core/base/parallel.h"
 #include "core/deformers/handles/interpolant_tiles.h"
@@ -16,10 +17,17 @@ namespace {
 constexpr std::size_t interpolated_tiles_per_task = 64;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-// Largest difference between the interpolants and their data over the centres, per column.
+/// Largest difference between the interpolants and their data over the centres, per column.
 std::vector<double> centre_residuals(const Interpolator& system, const RowMajor& coefficients, const Eigen::MatrixXd& data,
                                      const RunContext& context) {
-  const TiledPoints tiled(system.centres());
+  std::vector<std::uint32_t> rows = system.representatives();
+  if (rows.empty()) {
+    rows.resize(system.size());
+    std::iota(rows.begin(), rows.end(), 0u);
+  }
+  std::vector<Vec3> centres;
+  for (const std::uint32_t row : rows) centres.push_back(system.centres()[row]);
+  const TiledPoints tiled(centres);
   const auto columns = static_cast<std::size_t>(data.cols());
   std::vector<double> per_tile(tiled.tiles() * columns);
   parallel_for(context, tiled.tiles(), 8, [&](std::size_t begin, std::size_t end) {
@@ -29,7 +37,7 @@ std::vector<double> centre_residuals(const Interpolator& system, const RowMajor&
       for (std::size_t c = 0; c < columns; ++c) {
         double largest = 0;
         for (std::size_t i = t * tile_size; i < std::min((t + 1) * tile_size, tiled.count()); ++i) {
-          const double target = data(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(c));
+          const double target = data(static_cast<Eigen::Index>(rows[i]), static_cast<Eigen::Index>(c));
           largest = std::max(largest, std::abs(values[c * tile_size + i % tile_size] - target));
         }
         per_tile[t * columns + c] = largest;

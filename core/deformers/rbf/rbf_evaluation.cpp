@@ -45,7 +45,7 @@ Eigen::MatrixXd RbfEvaluation::part_data(const BoundDesign& design, const RbfPar
   const auto& components = part.plan.components;
   Eigen::MatrixXd F(ids.size(), components.size());
   for (std::size_t j = 0; j < ids.size(); ++j) {
-    const Vec3 u = prescribed_displacement(design, ids[j]);
+    const Vec3 u = part.plan.taken(prescribed_displacement(design, ids[j]));
     for (std::size_t c = 0; c < components.size(); ++c) {
       F(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(c)) = u[components[c]];
     }
@@ -75,7 +75,7 @@ void RbfEvaluation::solve_to_tolerance(const RunContext& context) {
       squares += width * solved.residual * solved.residual;
       more_squares += solved.more.squaredNorm();
       for (std::size_t c = 0; c < part.plan.components.size(); ++c) {
-        errors.col(static_cast<Eigen::Index>(part.plan.components[c])) = solved.errors.col(static_cast<Eigen::Index>(c));
+        errors.col(static_cast<Eigen::Index>(part.plan.components[c])) += solved.errors.col(static_cast<Eigen::Index>(c));
       }
       if (!iterative) reports_[i].converged = reports_[i].converged && solved.converged;
       solutions_[p].values[i] = std::move(solved.values);
@@ -169,11 +169,12 @@ void RbfEvaluation::measure_residuals() {
   const TiledPoints tiled(system_.coordinates(samples));
   std::vector<double> part_values(3 * designs * tile_size), values(3 * designs * tile_size, 0.0);  // [design][component][16]
   for (std::size_t t = 0; t < tiled.tiles(); ++t) {
+    std::fill(values.begin(), values.end(), 0.0);
     for (std::size_t p = 0; p < solutions_.size(); ++p) {
       const auto& components = system_.parts_[p].plan.components;
       interpolate_tile(*system_.parts_[p].system, tiled.tile(t), solutions_[p].coefficients.data(), components.size() * designs,
                        part_values.data());
-      place_components(components, designs, part_values.data(), values.data());
+      add_components(components, designs, part_values.data(), values.data());
     }
     for (std::size_t s = t * tile_size; s < std::min((t + 1) * tile_size, count); ++s) {
       for (std::size_t i = 0; i < designs_.size(); ++i) {
@@ -240,11 +241,28 @@ SpaceMap::Told RbfEvaluation::displacements_at(std::span<const Vec3> points, std
     double error = 0;  // of a component
     const std::vector<double> values = part_values(p, places, error, context);
     for (std::size_t i = 0; i < out.size(); ++i) {
-      for (std::size_t c = 0; c < components.size(); ++c) out[i][components[c]] = values[i * components.size() + c];
+      for (std::size_t c = 0; c < components.size(); ++c) out[i][components[c]] += values[i * components.size() + c];
     }
     squares += static_cast<double>(components.size()) * error * error;
   }
   return {0, std::sqrt(squares)};
+}
+
+/// The places of partners are those of the first: the displacements of the second are turned from there. On the axis nothing
+/// moves across it.
+void RbfEvaluation::turn_partners(std::size_t tile, std::size_t count, double* values) const {
+  const Symmetry& symmetry = system_.regions_.symmetry;
+  const auto& ids = system_.following();
+  for (std::size_t s = tile * tile_size; symmetry.is_sector() && s < std::min((tile + 1) * tile_size, ids.size()); ++s) {
+    const bool on_axis = symmetry.sector().on_axis(ids[s]);
+    if (!on_axis && !symmetry.sector().is_second(ids[s])) continue;
+    for (std::size_t d = 0; d < count; ++d) {
+      double* const at = values + 3 * d * tile_size + s % tile_size;
+      const Vec3 u = symmetry.sector().turned({at[0], at[tile_size], at[2 * tile_size]}, 1);
+      at[tile_size] = on_axis ? 0 : u[1];
+      at[2 * tile_size] = on_axis ? 0 : u[2];
+    }
+  }
 }
 
 void RbfEvaluation::direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const {
@@ -253,8 +271,9 @@ void RbfEvaluation::direct_tile(std::size_t tile, std::size_t first, std::size_t
   std::vector<double> part_values(3 * count * tile_size);
   for (std::size_t p = 0; p < system_.parts_.size(); ++p) {
     part_tile(p, tile, first, count, part_values.data());
-    place_components(system_.parts_[p].plan.components, count, part_values.data(), values);
+    add_components(system_.parts_[p].plan.components, count, part_values.data(), values);
   }
+  turn_partners(tile, count, values);
 }
 
 }  // namespace deform

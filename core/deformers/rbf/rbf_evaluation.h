@@ -35,6 +35,7 @@ class RbfEvaluation : public HandleEvaluation {
   std::vector<double> part_values(std::size_t part, std::span<const Vec3> places, double& sums_error,
                                   const RunContext& context) const;
   void part_tile(std::size_t part, std::size_t tile, std::size_t first, std::size_t count, double* values) const;
+  void turn_partners(std::size_t tile, std::size_t count, double* values) const;
 
   /// The solution of one part for the designs on the direct path. Each design has one column for each component of the part.
   struct Solution {

@@ -31,11 +31,11 @@ CentreSizes centre_sizes(const std::vector<PartPlan>& parts, Kernel kernel, Solv
   CentreSizes sizes;
   for (const PartPlan& part : parts) {
     sizes.rows = std::max(sizes.rows, part.size);
-    if (solver == Solver::iterative && sizes.places > 0) continue;
+    if (&part != &parts.front() && part.shares(*(&part - 1), solver)) continue;
     sizes.places += part.size;
     sizes.factoring_peak =
-        std::max(sizes.factoring_peak, sizes.factor_bytes + sizes.check_bytes + interpolator_peak_bytes(part.size, solver));
-    sizes.factor_bytes += interpolator_bytes(part.size, solver);
+        std::max(sizes.factoring_peak, sizes.factor_bytes + sizes.check_bytes + part.system_peak_bytes(solver));
+    sizes.factor_bytes += part.system_bytes(solver);
     if (!to_tolerance(solver)) continue;
     const RadialKernel checked{kernel, 1, part.parity};
     sizes.factoring_peak = std::max(sizes.factoring_peak,
@@ -56,6 +56,15 @@ double seconds_for(const std::vector<PartPlan>& parts, Solver solver, std::size_
   for (const PartPlan& part : parts) {
     const auto M = static_cast<double>(part.size);
     const double rows = M + (fields > 0 ? static_cast<double>(d) : 0.0);
+    if (part.cyclic) {
+      // A complex system of the orbits, and accurate residuals of them.
+      const auto m = static_cast<double>(part.cyclic->orbits());
+      const double factors = part.turned ? 0 : 4 * m * m * m / 3 / 1e10;
+      seconds +=
+          factors +
+          (m * M / 2 / 5e8 + static_cast<double>(d) * M * (1 / 8e8 + 2 * columns / 1.5e10) + 4 * m * M * columns / 1e9) / cores;
+      continue;
+    }
     if (solver == Solver::iterative) {
       // Factors of the subsets, then a dozen fast sums per four fields.
       const double solves = std::max(1.0, columns / 4);
@@ -123,10 +132,11 @@ Estimate RbfMethod::estimate(const RbfOptions& given, const Mesh& mesh, const Se
   const RbfOptions options = with_defaults(given, mesh);
   const ConstraintPoints points = constraint_points(mesh, regions);
   RbfCentres centres = choose_centres(mesh, points, regions.handles.size(), options);
+  merge_partners(regions.symmetry, points, centres);
   const bool open = centres.most > centres.ids.size();
   if (open) take_most(points, centres);
   const std::size_t d = points.deformable.size();
-  const Solver solver = chosen_solver(options.solver, *options.kernel, centres.ids.size());
+  const Solver solver = solver_for(options, regions.symmetry, centres.ids.size());
   const std::size_t fields = 4 * regions.handles.size();
   const std::vector<PartPlan> parts = plan_parts(regions.symmetry, centres, solver);
   const CentreSizes sizes = centre_sizes(parts, *options.kernel, solver, d);
@@ -185,8 +195,10 @@ Estimate RbfMethod::estimate(const RbfOptions& given, const Mesh& mesh, const Se
 std::optional<std::vector<PointId>> RbfMethod::known_centres(const RbfOptions& given, const Mesh& mesh,
                                                              const SelectedRegions& regions) {
   const RbfOptions options = with_defaults(given, mesh);
-  RbfCentres centres = choose_centres(mesh, constraint_points(mesh, regions), regions.handles.size(), options);
-  if (chosen_solver(options.solver, *options.kernel, centres.ids.size()) == Solver::incremental_qr) return std::nullopt;
+  const ConstraintPoints points = constraint_points(mesh, regions);
+  RbfCentres centres = choose_centres(mesh, points, regions.handles.size(), options);
+  merge_partners(regions.symmetry, points, centres);
+  if (solver_for(options, regions.symmetry, centres.ids.size()) == Solver::incremental_qr) return std::nullopt;
   if (centres.most > centres.ids.size()) return std::nullopt;
   return std::move(centres.ids);
 }

@@ -53,9 +53,10 @@ RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const
                      std::size_t memory_budget)
     : HandleSystem(std::move(mesh), setup, HandleMode::hard, Unit::longest_edge, context), options_(options) {
   centres_ = choose_centres(*mesh_, points_, regions_.handles.size(), options_, context);
+  merge_partners(regions_.symmetry, points_, centres_);
   const std::vector<Vec3> places = coordinates(following());
   deformable_ = TiledPoints(places);
-  const bool exact = !to_tolerance(chosen_solver(options_.solver, *options_.kernel, centres_.ids.size()));
+  const bool exact = !to_tolerance(solver_for(options_, regions_.symmetry, centres_.ids.size()));
   checked_ = check_points(places, coordinates(centres_.ids), exact ? checked_of_exact : checked_to_tolerance);
   for (const std::uint32_t i : checked_) checked_places_.push_back(places[i]);
   end_stage("select");
@@ -75,7 +76,8 @@ RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const
 void RbfSystem::refine_centres(const RunContext& context, std::size_t memory_budget) {
   std::vector<PointId> all;
   for (std::size_t i = 0; i < mesh_->point_count(); ++i) {
-    if (points_.region_of[i] != deformable_region) all.push_back(static_cast<PointId>(i));
+    const auto id = static_cast<PointId>(i);
+    if (points_.region_of[i] != deformable_region && !regions_.symmetry.sector().is_second(id)) all.push_back(id);
   }
   if (!centres_.coarse.empty()) {
     std::swap(centres_.ids, centres_.coarse);
@@ -132,11 +134,12 @@ std::vector<double> RbfSystem::misfits(const std::vector<PointId>& ids, const Ru
       const std::vector<double> values = part.system->values(interpolants, coordinates(some), context);
       for (std::size_t i = 0; i < some.size(); ++i) {
         if ((regions_.symmetry.on(some[i]) & odd) != 0) continue;  // it is zero there
+        if (part.plan.components.size() == 2 && regions_.symmetry.sector().on_axis(some[i])) continue;
         const RegionIndex region = points_.region_of[some[i]];
         std::array<double, 4> own{};
         if (region != fixed_region) own = handle_fields(region, some[i]);
         for (std::size_t f = 0; f < weights.size(); ++f) {
-          const double target = f / 4 == region ? own[f % 4] : 0.0;
+          const double target = f / 4 == region && !part.plan.turned ? own[f % 4] : 0.0;
           const double missed = weights[f] * std::abs(values[i * weights.size() + f] - target);
           double& largest = result[first + i];
           if (!(missed <= largest)) largest = std::isnan(missed) ? std::numeric_limits<double>::infinity() : missed;
@@ -174,7 +177,8 @@ std::vector<Vec3> RbfSystem::coordinates(const std::vector<PointId>& ids) const 
   if (regions_.symmetry.empty()) return unit_places(*mesh_, box_, ids);
   std::vector<Vec3> result;
   result.reserve(ids.size());
-  for (const PointId id : ids) result.push_back(coordinates(mesh_->points[id]));
+  // Partners have one place, to which the displacements of the second are turned back.
+  for (const PointId id : ids) result.push_back(coordinates(mesh_->points[regions_.symmetry.sector().first_of(id)]));
   return result;
 }
 
@@ -185,12 +189,17 @@ Vec3 RbfSystem::coordinates(const Vec3& place) const {
 /// Uses the centres and their images together: the shape is that of the whole model.
 InterpolationOptions RbfSystem::interpolation_options(const std::vector<Vec3>& places) {
   const Symmetry& symmetry = regions_.symmetry;
-  const unsigned images = 1u << symmetry.planes();
+  const auto images = static_cast<unsigned>(symmetry.images());
   Box extent;
   std::vector<Vec3> all = places;
   for (unsigned reflected = 0; reflected < images; ++reflected) {
     for (std::size_t j = 0; j < places.size(); ++j) {
       Vec3 x = mesh_->points[centres_.ids[j]], y = places[j];
+      if (symmetry.is_sector()) {
+        extent.add(box_.to_unit(symmetry.turned_point(x, reflected)));
+        if (reflected != 0 && !symmetry.sector().on_axis(centres_.ids[j])) all.push_back(symmetry.sector().turned(y, reflected));
+        continue;
+      }
       for (std::size_t k = 0; k < symmetry.planes(); ++k) {
         if ((reflected >> k & 1u) == 0) continue;
         x = symmetry.reflected(x, k);
@@ -208,7 +217,7 @@ InterpolationOptions RbfSystem::interpolation_options(const std::vector<Vec3>& p
   }
   interpolation.polynomial_degree = degree(options_);
   relative_shape_ = interpolation.kernel.shape / size;
-  const bool iterative = chosen_solver(options_.solver, *options_.kernel, places.size()) == Solver::iterative;
+  const bool iterative = solver_for(options_, symmetry, places.size()) == Solver::iterative;
   interpolation.solver = iterative ? Solver::iterative : options_.solver;
   return interpolation;
 }
@@ -219,15 +228,20 @@ void RbfSystem::prepare_parts(const RunContext& context, std::size_t memory_budg
   std::size_t& used = factor_bytes_;
   for (PartPlan& plan : plan_parts(regions_.symmetry, centres_, interpolation.solver)) {
     RbfPart part{std::move(plan), nullptr, nullptr};
-    if (interpolation.solver == Solver::iterative && !parts_.empty()) {
-      part.system = parts_.front().system;
-      part.check = parts_.front().check;
+    if (!parts_.empty() && part.plan.shares(parts_.back().plan, interpolation.solver)) {
+      part.system = parts_.back().system;
+      part.check = parts_.back().check;
     } else {
       interpolation.kernel.parity = part.plan.parity;
       if (interpolation.solver == Solver::incremental_qr) set_samples(interpolation, part.plan);
       interpolation.memory_limit =
           memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, used + check_bytes_));
-      part.system = make_interpolator(part.plan.places(places), interpolation, context);
+      std::vector<Vec3> rows = part.plan.places(places, regions_.symmetry);
+      if (part.plan.cyclic) {
+        part.system = std::make_unique<CyclicInterpolator>(std::move(rows), *part.plan.cyclic, interpolation, context);
+      } else {
+        part.system = make_interpolator(std::move(rows), interpolation, context);
+      }
       used += part.system->bytes();
       if (to_tolerance(part.system->solver())) {
         part.check = std::make_shared<const PointErrors>(*part.system, degree(options_), checked_places_, context);
@@ -310,14 +324,48 @@ void RbfSystem::prepare_basis(const RunContext& context) {
   std::size_t factor_bytes = 0;
   const Interpolator* last = nullptr;
   for (const RbfPart& part : parts_) {
-    if (part.system.get() != last) factor_bytes += interpolator_bytes(part.system->size(), part.system->solver());
+    if (part.system.get() != last) factor_bytes += part.plan.system_bytes(part.system->solver());
     last = part.system.get();
   }
   const std::size_t bytes = HandleBasis::bytes_for(deformable_.count(), fields(), options_.basis_tolerance);
   if (!wants_basis(options_.basis, parts_.size() * bytes, factor_bytes)) return;
+  std::vector<HandleBasis> bases;
   for (const RbfPart& part : parts_) {
-    add_basis(interpolated_basis(part, part.plan.data(fields_at_centres()), deformable_, checked_, options_.tolerance, context),
-              options_.basis_tolerance, context);
+    HandleBasis basis =
+        interpolated_basis(part, part.plan.data(fields_at_centres()), deformable_, checked_, options_.tolerance, context);
+    basis.turned = part.plan.turned;
+    if (regions_.symmetry.is_sector()) {
+      bases.push_back(std::move(basis));
+    } else {
+      add_basis(std::move(basis), options_.basis_tolerance, context);
+    }
+  }
+  turn_partners(bases);
+  for (HandleBasis& basis : bases) add_basis(std::move(basis), options_.basis_tolerance, context);
+}
+
+/// The bases have the values of the first of two partners for both: turned by one sector they are those of the second. On the
+/// axis nothing moves across it.
+void RbfSystem::turn_partners(std::vector<HandleBasis>& bases) const {
+  const Sector& sector = regions_.symmetry.sector();
+  HandleBasis* along = nullptr;
+  HandleBasis* turned = nullptr;
+  for (HandleBasis& basis : bases) {
+    if (basis.components.size() == 2) (basis.turned ? turned : along) = &basis;
+  }
+  if (along == nullptr) return;
+  for (std::size_t s = 0; s < following().size(); ++s) {
+    const PointId id = following()[s];
+    const bool on_axis = sector.on_axis(id);
+    if (!on_axis && !sector.is_second(id)) continue;
+    const double c = on_axis ? 0 : sector.cosine(1), sine = on_axis ? 0 : sector.sine(1);
+    for (std::size_t f = 0; f < fields(); ++f) {
+      double none = 0;
+      double &a = along->tiles.at(s, f), &b = turned == nullptr ? none : turned->tiles.at(s, f);
+      const double before = a;
+      a = c * before - sine * b;
+      b = sine * before + c * b;
+    }
   }
 }
 
@@ -327,7 +375,7 @@ void RbfSystem::fill_info() {
   info_.affine_hull_dimension = 0;
   std::size_t weighted = 0;  // of incremental QR, the most of any part
   for (const RbfPart& part : parts_) {
-    const bool shared = &part != &parts_.front() && part.system == parts_.front().system;
+    const bool shared = &part != &parts_.front() && part.system == (&part - 1)->system;
     if (!shared) info_.polynomial_terms += part.system->polynomials().terms();
     info_.affine_hull_dimension = std::max(info_.affine_hull_dimension, part.system->polynomials().hull_dimension());
     info_.condition = std::max(info_.condition, part.system->condition());
@@ -470,17 +518,31 @@ Eigen::MatrixXd RbfSystem::part_adjoint(const RbfPart& part, Cotangents at_defor
   return part.plan.data(fields_at_centres()).transpose() * part.system->adjoint(std::move(B), context);
 }
 
-HandleSystem::Fields RbfSystem::adjoint(std::span<const double>, Cotangents at_following, const RunContext& context) const {
-  Fields result(at_following.size(), std::vector<double>(3 * fields(), 0.0));
+HandleSystem::Fields RbfSystem::adjoint(std::span<const double>, Cotangents given, const RunContext& context) const {
+  Fields result(given.size(), std::vector<double>(3 * fields(), 0.0));
+  std::vector<std::vector<Vec3>> turned_back;
+  for (std::size_t j = 0; j < given.size() && regions_.symmetry.is_sector(); ++j) {
+    turned_back.push_back(given[j]);
+    for (std::size_t s = 0; s < following().size(); ++s) {
+      Vec3& vector = turned_back[j][s];
+      const Sector& sector = regions_.symmetry.sector();
+      if (sector.is_second(following()[s])) vector = sector.turned(vector, sector.count() - 1);
+      if (sector.on_axis(following()[s])) vector = {vector[0], 0, 0};
+    }
+  }
+  const Cotangents at_following = turned_back.empty() ? given : Cotangents(turned_back);
   for (const RbfPart& part : parts_) {
     const bool by_fields = info_.solver == Solver::iterative && part.check->complete();
     const Eigen::MatrixXd G =
         by_fields ? adjoint_by_fields(part, at_following, context) : part_adjoint(part, at_following, context);
     for (std::size_t j = 0; j < result.size(); ++j) {
       for (std::size_t f = 0; f < fields(); ++f) {
+        Vec3 sum{};
         for (const std::size_t k : part.plan.components) {
-          result[j][3 * f + k] = G(static_cast<Eigen::Index>(f), static_cast<Eigen::Index>(3 * j + k));
+          sum[k] = G(static_cast<Eigen::Index>(f), static_cast<Eigen::Index>(3 * j + k));
         }
+        sum = part.plan.given_back(sum);
+        for (const std::size_t k : part.plan.components) result[j][3 * f + k] += sum[k];
       }
     }
   }

@@ -17,9 +17,9 @@ namespace deform {
 ///    tolerance of the iterative solver bounds the error at the following points as a fraction of D, or of the largest prescribed
 ///    displacement if that is larger.
 ///
-/// With symmetry planes the result is that of the whole, mirrored model (one system per parity, see PartPlan): points on a plane
-/// slide and keep their distance from it. A motion that moves a handle point on a plane out of it by more than its reach() is
-/// rejected, smaller normal components are dropped. The same holds for derivatives.
+/// With symmetry planes or a sector the result is that of the whole model (one system per parity or harmonic, see PartPlan):
+/// points on a plane slide and keep their distance from it. A motion that moves a handle point on a plane out of it by more than
+/// its reach() is rejected, smaller normal components are dropped. The same holds for derivatives.
 class RbfSystem : public HandleSystem {
  public:
   /// `options` must name a kernel.
@@ -50,6 +50,7 @@ class RbfSystem : public HandleSystem {
   InterpolationOptions interpolation_options(const std::vector<Vec3>& places);
   void prepare_parts(const RunContext& context, std::size_t memory_budget);
   void prepare_basis(const RunContext& context);
+  void turn_partners(std::vector<HandleBasis>& bases) const;
   void fill_info();
   void add_notes();
   /// The fields 1, x, y, z of every handle at the centres, m x 4H, in unit coordinates.

@@ -47,6 +47,11 @@ void add_accurately(const Eigen::MatrixXd& correction, Interpolants& to) {
   }
 }
 
+const std::vector<std::uint32_t>& Interpolator::representatives() const {
+  static const std::vector<std::uint32_t> none;
+  return none;
+}
+
 std::vector<double> Interpolator::values(const Interpolants& interpolants, std::span<const Vec3> points,
                                          const RunContext& context) const {
   double error = 0;

@@ -86,6 +86,8 @@ class Interpolator {
   /// The number of centres that may have a weight.
   virtual std::size_t weighted() const { return size(); }
   virtual double condition() const { return 0; }  ///< 0 = not estimated
+  /// Centres of which all others are images, with the same errors; empty if there are no others.
+  virtual const std::vector<std::uint32_t>& representatives() const;
   virtual std::size_t bytes() const = 0;
 
   /// Interpolates the values F (m x columns) at the centres. `tolerance` is in the units of the values. The iterative solver

@@ -256,7 +256,11 @@ TEST(CompiledReader, ChecksCountsBeforeItAllocates) {
   refused("components of basis 0", [](Head& head) { head.components[0] = 8; });
   refused("no basis", [](Head& head) { head.components[0] = 3; });
   refused("symmetry planes", [](Head& head) { head.planes = 4; });
-  refused("unknown flags", [](Head& head) { head.flags = 4; });
+  refused("unknown flags", [](Head& head) { head.flags = 8; });
+  refused("symmetry planes of a sector", [](Head& head) {
+    head.flags |= flag_sector;
+    head.planes = 1;
+  });
   refused("unit coordinates", [](Head& head) { head.scale = 0; });
   for (double Head::*const length :
        {&Head::diagonal, &Head::largest_coordinate, &Head::error_margin, &Head::allowed_error, &Head::condition}) {

@@ -215,7 +215,7 @@ TEST(MirroredSystem, RefusesWhatLeavesThePlane) {
 
   deform::Setup lattice = half_setup(FfdOptions{});
   std::get<FfdOptions>(lattice.method).lattice.frame = LatticeFrame{{-0.5, -0.5, -1}, {{{3, 0, 0}, {0, 2, 0}, {0, 0, 2}}}};
-  test::expect_error(ErrorCode::invalid_argument, {"outside", "mirror images", "from 231 on"}, [&] { prepare(half, lattice); });
+  test::expect_error(ErrorCode::invalid_argument, {"outside", "with its images", "from 231 on"}, [&] { prepare(half, lattice); });
 }
 
 }  // namespace
