@@ -430,11 +430,11 @@ void SharedStore::compare_memory() {
 
 void SharedStore::keep_house() {
   std::unique_lock lock(house_mutex_);
-  while (!stopping_) {
+  for (bool first = true; !stopping_; first = false) {
     lock.unlock();
     try {
       finish_what_is_left();
-      compare_memory();
+      if (!first) compare_memory();  // nothing is in memory yet
     } catch (const std::exception& error) {
       spdlog::warn("store: {}", error.what());
     }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <unistd.h>
+
 #include <cstdlib>
 #include <filesystem>
 #include <initializer_list>
@@ -36,7 +38,7 @@ inline postgres::Result sql(const std::string& uri, const char* statement,
 /// An empty one; returns its URI.
 inline std::string new_database() {
   static int number = 0;
-  const std::string name = "test_" + std::to_string(++number);
+  const std::string name = "test_" + std::to_string(getpid()) + "_" + std::to_string(++number);
   sql(postgres_uri("postgres"), ("CREATE DATABASE " + name).c_str());
   return postgres_uri(name);
 }

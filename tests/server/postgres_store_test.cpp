@@ -205,6 +205,36 @@ TEST_F(SharedStoreTest, a_file_that_is_renewed_while_it_is_read_is_read_again) {
   EXPECT_EQ(b->load(own(id)).points, mesh.points);
 }
 
+TEST_F(SharedStoreTest, a_put_that_fails_after_its_row_was_written_takes_nothing_away) {
+  SharedStoreOptions options = quick_store();
+  options.store.on_step = [&](const char* step) {
+    if (std::string(step) == "the row is written") throw Error(ErrorCode::unavailable, "as when the database goes now");
+  };
+  EXPECT_EQ(code_of([&] { put(*open_shared(data, uri, options), mesh); }), ErrorCode::unavailable);
+  EXPECT_EQ(a->load(own(id)).points, mesh.points);
+  EXPECT_TRUE(is_clean());
+}
+
+TEST_F(SharedStoreTest, a_geometry_that_comes_and_goes_is_there_or_not_and_never_damaged) {
+  std::atomic<bool> done{false};
+  std::thread other([&] {
+    for (int i = 0; i < 100; ++i) {
+      put(*b, mesh);
+      b->remove(own(id), WithSetups::refuse);
+    }
+    done = true;
+  });
+  while (!done) {
+    try {
+      EXPECT_EQ(a->load(own(id)).points, mesh.points);
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::not_found) << error.what();
+    }
+  }
+  other.join();
+  EXPECT_TRUE(is_clean());
+}
+
 // ---- kill -9 ----
 
 TEST_F(SharedStoreTest, whatever_a_killed_server_was_at_is_brought_to_an_end_by_another_one) {
@@ -297,6 +327,12 @@ class SharedMemory : public SharedStoreTest {
     memory.geometries = {own(id)};
     memory.setups = {own(first), own(second)};
   }
+  /// The news of the removal have come when this returns.
+  void remove_and_hear(Memory& memory) {
+    hold(memory);
+    a->remove(own(id), WithSetups::remove);
+    ASSERT_TRUE(eventually([&] { return !memory.has(own(first)) && !memory.has(own(second)) && !memory.has(own(id)); }));
+  }
   const std::string first = setup_record(id, -0.1).id, second = setup_record(id, -0.2).id;
 };
 
@@ -316,7 +352,7 @@ TEST_F(SharedMemory, a_removal_is_told_to_the_others) {
 
 TEST_F(SharedMemory, what_was_missed_is_found_by_comparing) {
   Memory memory(*b);  // which looks every 20 ms
-  a->remove(own(id), WithSetups::remove);
+  remove_and_hear(memory);
   hold(memory);  // as what was being loaded meanwhile
   EXPECT_TRUE(eventually([&] { return !memory.has(own(first)) && !memory.has(own(second)) && !memory.has(own(id)); }));
 }
@@ -326,8 +362,8 @@ TEST_F(SharedMemory, what_was_removed_while_the_connection_was_lost_is_found_whe
   options.housekeeping = std::chrono::hours(1);
   b = open_shared(data, uri, options);
   Memory memory(*b);
-  a->remove(own(id), WithSetups::remove);
-  hold(memory);
+  remove_and_hear(memory);
+  hold(memory);  // as if the news had been lost
   sql(uri,
       "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid() AND datname = current_database()");
   EXPECT_TRUE(eventually([&] { return !memory.has(own(first)) && !memory.has(own(second)) && !memory.has(own(id)); }));
@@ -422,6 +458,63 @@ TEST_F(SharedStoreTest, connections_that_are_cut_off_cost_no_call) {
   cutter.join();
   EXPECT_EQ(a->list(default_tenant, {}).geometries_size(), 16);
   EXPECT_TRUE(eventually([&] { return count("SELECT count(*) FROM deformd.geometries") == 16; }));
+}
+
+/// Commits are done and wait for a standby that there is not; the connections of those that wait are cut off then, once.
+class LostAnswer {
+ public:
+  explicit LostAnswer(std::string uri) : uri_(std::move(uri)) {
+    sql(uri_, "CREATE TABLE IF NOT EXISTS probe (x integer)");
+    sql(uri_, "ALTER SYSTEM SET synchronous_standby_names = 'nobody'");
+    sql(uri_, "SELECT pg_reload_conf()");
+    EXPECT_TRUE(eventually([&] {
+      try {
+        postgres::Connection probe(uri_, std::chrono::seconds(20));
+        probe.run("INSERT INTO probe VALUES (1)", {}, std::chrono::milliseconds(200));
+        return false;
+      } catch (const postgres::LostConnection&) {
+        return true;
+      }
+    }));
+    sql(uri_, "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE wait_event = 'SyncRep'");
+    cutter_ = std::thread([this] {
+      const char* cut =
+          "SELECT count(*) FROM (SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
+          "WHERE wait_event = 'SyncRep' AND query = 'COMMIT') AS cut";
+      EXPECT_TRUE(eventually([&] { return sql(uri_, cut).number(0, 0) > 0; }));
+      sql(uri_, "ALTER SYSTEM RESET synchronous_standby_names");
+      sql(uri_, "SELECT pg_reload_conf()");
+    });
+  }
+  ~LostAnswer() { cutter_.join(); }
+
+ private:
+  const std::string uri_;
+  std::thread cutter_;
+};
+
+TEST_F(SharedStoreTest, a_commit_whose_answer_was_lost_is_found_to_be_done) {
+  SharedStoreOptions options = quick_store();
+  std::unique_ptr<LostAnswer> lost;
+  options.store.on_step = [&](const char* step) {
+    if (std::string(step) == "the content is in place") lost = std::make_unique<LostAnswer>(uri);
+  };
+  const auto store = open_shared(data, uri, options, [](PostgresOptions& o) {
+    o.take_over_after = std::chrono::hours(1);
+    o.call_patience = std::chrono::seconds(20);
+  });
+  EXPECT_FALSE(store->put(mesh, own(id), "sheet").existed());
+  lost.reset();
+  EXPECT_EQ(store->load(own(id)).points, mesh.points);
+  lost = std::make_unique<LostAnswer>(uri);
+  const std::int64_t stored = store->put_setup(setup_record(id, -0.1));
+  lost.reset();
+  EXPECT_EQ(b->find_setup(own(setup_record(id, -0.1).id))->created_ms, stored);
+  lost = std::make_unique<LostAnswer>(uri);
+  EXPECT_EQ(store->remove(own(id), WithSetups::remove), std::vector<std::string>{setup_record(id, -0.1).id});
+  lost.reset();
+  EXPECT_FALSE(b->contains(own(id)));
+  EXPECT_TRUE(eventually([&] { return is_clean(); }));
 }
 
 TEST_F(SharedStoreTest, without_its_folder_nothing_is_lost_or_unknown) {
