@@ -104,8 +104,8 @@ Sector::Sector(const SectorOptions& options, const Mesh& mesh, std::span<const V
     if (on_axis(places[i])) axis_points_.push_back(static_cast<PointId>(i));
   }
   find_pairs(mesh, places, field);
-  check_holes(mesh, places, field);
   check_patches(options, mesh, places, field);
+  check_holes(mesh, places, field);
 }
 
 Vec3 Sector::turned(const Vec3& x, std::size_t sectors) const {

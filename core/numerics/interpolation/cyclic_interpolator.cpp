@@ -10,7 +10,6 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
-#include "core/numerics/dense/condition.h"
 #include "core/numerics/dense/decompositions.h"
 #include "core/numerics/dense/lapack.h"
 #include "core/numerics/kernels/residual.h"
@@ -170,15 +169,14 @@ void CyclicInterpolator::factor(const RunContext& context) {
   const auto size = static_cast<Eigen::Index>(used_.size()) + F_.cols();
   const int n = static_cast<int>(size);
   const auto entries = static_cast<std::size_t>(size * size);
-  double norm1 = 0;
+  double largest = 0;
   {
     MatrixXcd H;
     assemble(context, H);
-    for (Eigen::Index j = 0; j < size; ++j) {
-      double sum = H.col(j).tail(size - j).cwiseAbs().sum();
-      sum += H.row(j).head(j).cwiseAbs().sum();
-      norm1 = std::max(norm1, sum);
-    }
+    largest = projected_norm([&](const Eigen::VectorXcd& x) -> Eigen::VectorXcd {
+      const auto m = static_cast<Eigen::Index>(used_.size());
+      return H.topLeftCorner(m, m).selfadjointView<Eigen::Lower>() * x;
+    });
     if (is_real()) {
       real_.resize(entries);
       Eigen::Map<MatrixXd>(real_.data(), size, size) = H.real();
@@ -204,17 +202,36 @@ void CyclicInterpolator::factor(const RunContext& context) {
                                                   " is zero; centres coincide or the shape parameter is too large");
   }
   context.check();
-  // As a real system of twice the size, whose norms are those of the complex one up to a factor of 2.
-  condition_ = n == 0 ? 0 : norm1 * inverse_norm1(is_real() ? size : 2 * size, [&](Eigen::VectorXd& x) {
-                              context.check();
-                              MatrixXcd B = MatrixXcd::Zero(size, 1);
-                              B.real() = x.head(size);
-                              if (!is_real()) B.imag() = x.tail(size);
-                              solve(B);
-                              x.head(size) = B.real();
-                              if (!is_real()) x.tail(size) = B.imag();
-                            });
+  // What the inverse does to weights of no polynomial is the inverse on the complement of the polynomials.
+  condition_ = largest * projected_norm([&](const Eigen::VectorXcd& x) -> Eigen::VectorXcd {
+                 context.check();
+                 MatrixXcd B = MatrixXcd::Zero(size, 1);
+                 B.col(0).head(x.size()) = x;
+                 solve(B);
+                 return B.col(0).head(x.size());
+               });
   context.progress("factor", 1);
+}
+
+/// The 2-norm of a Hermitian map on the complement of the polynomials, by power iteration: a lower bound.
+double CyclicInterpolator::projected_norm(const std::function<Eigen::VectorXcd(const Eigen::VectorXcd&)>& map) const {
+  constexpr int steps = 12;
+  const MatrixXcd Q = range_of(F_ / std::max(1.0, F_.size() > 0 ? F_.cwiseAbs().maxCoeff() : 1.0));
+  Eigen::VectorXcd x(static_cast<Eigen::Index>(used_.size()));
+  std::minstd_rand random;
+  for (Eigen::Index i = 0; i < x.size(); ++i) {
+    x[i] = static_cast<double>(random()) / static_cast<double>(std::minstd_rand::max()) - 0.5;
+  }
+  double largest = 0;
+  for (int step = 0; step < steps; ++step) {
+    x -= Q * (Q.adjoint() * x);
+    const double size = x.norm();
+    if (!(size > 0)) break;
+    x = map(x / size);
+    x -= Q * (Q.adjoint() * x);
+    largest = x.norm();
+  }
+  return largest;
 }
 
 void CyclicInterpolator::solve(MatrixXcd& B) const {
@@ -288,7 +305,8 @@ CyclicInterpolator::Solution CyclicInterpolator::refined(const MatrixXcd& B, con
       return solution;
     }
     X += solution.uncertainty;
-    if (size <= enough * X.norm()) break;
+    // Accurate residuals of all images take longer than the factorization: none for a correction that is below rounding.
+    if (rate * size <= enough * X.norm()) break;
     last = size;
   }
   solution.uncertainty *= rate / (1 - rate);

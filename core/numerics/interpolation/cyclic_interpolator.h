@@ -5,6 +5,7 @@
 #include <complex>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -43,6 +44,7 @@ class CyclicInterpolator : public Interpolator {
   CyclicInterpolator(std::vector<Vec3> centres, CyclicRows rows, const InterpolationOptions& options, const RunContext& context);
 
   Solver solver() const override { return Solver::ldlt; }
+  /// Of the matrix on the complement of the polynomials, in the 2-norm.
   double condition() const override { return condition_; }
   std::size_t bytes() const override;
   const std::vector<std::uint32_t>& representatives() const override { return representatives_; }
@@ -63,6 +65,7 @@ class CyclicInterpolator : public Interpolator {
   void find_polynomials();
   void assemble(const RunContext& context, Eigen::MatrixXcd& H) const;
   void factor(const RunContext& context);
+  double projected_norm(const std::function<Eigen::VectorXcd(const Eigen::VectorXcd&)>& map) const;
   void solve(Eigen::MatrixXcd& B) const;
   Solution refined(const Eigen::MatrixXcd& B, const RunContext& context) const;
   void add_noise(const Eigen::MatrixXcd& X, const RunContext& context, Eigen::MatrixXcd& uncertainty) const;

@@ -17,6 +17,8 @@
 #include "core/deformers/compiled_form.h"
 #include "core/deformers/mirrored_system.h"
 #include "core/deformers/space_map.h"
+#include "core/quality/displacement_fields.h"
+#include "tests/core/deformers/estimate_bounds.h"
 #include "tests/core/deformers/shapes.h"
 #include "tests/core/deformers/wheel.h"
 #include "tests/core/numerics/cages.h"
@@ -154,6 +156,7 @@ TEST(SectorMethods, PartnersAndDerivatives) {
         for (Vec3& x : std::get<CageOptions>(setup.method).vertices) x = x + model.frame.origin;
       }
       const auto system = prepare(model.sector, setup);
+      test::expect_bounds(estimate(*model.sector, setup), system->info());
       const std::vector<double> at{0.1, -0.05, 0.07}, direction{0.3, 1, -0.4};
       const auto moved = [&](double t) {
         std::vector<double> values = at;
@@ -246,6 +249,38 @@ TEST(SectorMethods, ComposedSetupsKeepPartners) {
   const Points got = system->evaluate(Design{{0.1, -0.05, 0.07, 0.04}, {}});
   EXPECT_LE(model.out_of_turn(got), 10 * rounding_of(model));
   EXPECT_GT(test::distance(got, model.sector->points), 0.02);
+}
+
+// What checks of cells are made of: the displacement of every point as a sum of fields.
+TEST(SectorMethods, FieldsAddUpToTheMotion) {
+  for (const std::size_t count : {2, 5}) {
+    SectorModel model({count, 0, 1}, test::oblique());
+    deform::Setup setup = with_variables(model);
+    setup.handles.push_back({"shaft", {Region::Ids{{model.axis[0], model.axis[1]}}}});
+    setup.variables.push_back({"along", "shaft", DesignVariable::Translate{model.frame.axes[0]}});
+    RbfOptions options;
+    options.basis = BasisMode::always;
+    setup.method = options;
+    const auto system = prepare(model.sector, setup);
+    const std::vector<Design> designs{{{0.1, -0.05, 0.07, 0.03}, {}}};
+    const auto evaluation = system->bind(designs, EvaluationPath::basis, {});
+    const auto motion = evaluation->field_motion(0);
+    const auto fields = system->displacement_fields();
+    ASSERT_TRUE(motion && fields);
+    const std::size_t n = model.local.size(), terms = fields->count();
+    ASSERT_EQ(motion->coefficients.size(), terms);
+    std::vector<double> values(n * terms);
+    fields->values(0, terms, values, {});
+    const Points expected = system->evaluate(designs[0]);
+    double off = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      Vec3 x = model.sector->points[i];
+      for (std::size_t f = 0; f < terms; ++f) x = x + values[i * terms + f] * motion->coefficients[f];
+      off = std::max(off, distance(x, expected[i]));
+    }
+    EXPECT_LT(off, 1e-13);
+    EXPECT_LE(off, motion->rounding);
+  }
 }
 
 compiled::Deformation compiled_sector(const std::shared_ptr<const System>& system) {
