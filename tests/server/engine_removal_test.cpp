@@ -21,16 +21,19 @@ class EngineRemovalTest : public EngineFixture {
 
   /// Nothing else is prepared until the gate opens.
   void keep_preparations_waiting() {
-    v1::PrepareRequest request;
-    *request.mutable_setup() = sheet_setup(geometry.id());
-    request.mutable_setup()->set_seed(9);
-    engine->prepare(
-        request, {},
-        [this](const v1::Progress& progress) {
-          if (progress.stage() == "select") gate.pass();
-        },
-        [](const auto&) {});
-    ASSERT_TRUE(eventually([&] { return gate.waiting() == 1; }));
+    constexpr int threads = 2;  // that prepare, of an engine with two workers
+    for (int i = 0; i < threads; ++i) {
+      v1::PrepareRequest request;
+      *request.mutable_setup() = sheet_setup(geometry.id());
+      request.mutable_setup()->set_seed(9 + static_cast<std::uint64_t>(i));
+      engine->prepare(
+          request, {},
+          [this](const v1::Progress& progress) {
+            if (progress.stage() == "select") gate.pass();
+          },
+          [](const auto&) {});
+    }
+    ASSERT_TRUE(eventually([&] { return gate.waiting() == threads; }));
   }
   void forget() {
     v1::ReleaseSystemRequest request;

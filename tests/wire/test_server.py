@@ -83,6 +83,25 @@ class Contract(wire_client.TestCase):
         self.assertEqual(self.estimate(canonical).system_id, self.system.id)
         self.assertEqual(self.service.GetSystem(deformation_pb2.GetSystemRequest(id=self.system.id), timeout=60).id, self.system.id)
 
+    def test_setups_are_left_out_on_demand(self):
+        def systems(**options):
+            return self.service.ListSystems(deformation_pb2.ListSystemsRequest(geometry_id=self.geometry.id, **options), timeout=60).systems
+
+        def one(**options):
+            return self.service.GetSystem(deformation_pb2.GetSystemRequest(id=self.system.id, **options), timeout=60)
+
+        def prepared(**options):
+            request = deformation_pb2.PrepareRequest(setup=self.system.setup, **options)
+            return list(self.service.Prepare(request, timeout=60))[-1].system
+
+        self.assertEqual([info.HasField("setup") for info in systems()], [True] * len(systems()))
+        self.assertEqual([info.HasField("setup") for info in systems(omit_setup=True)], [False] * len(systems()))
+        for call in (one, prepared):
+            full, short = call(), call(omit_setup=True)
+            self.assertEqual((full.setup, short.HasField("setup")), (self.system.setup, False))
+            full.ClearField("setup")
+            self.assertEqual(full, short, "else the same")
+
     def test_regions(self):
         points = self.plate.points
         radius = lambda a, b: numpy.linalg.norm(a - b, axis=1)  # noqa: E731
