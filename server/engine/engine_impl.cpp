@@ -184,7 +184,7 @@ std::unique_ptr<GeometryUpload> EngineImpl::begin_upload(const v1::GeometryHeade
   if (!header.id().empty() && (header.id().size() != 64 || !std::all_of(header.id().begin(), header.id().end(), hexadecimal))) {
     throw Error(ErrorCode::invalid_argument, "header.id: expected 64 lower-case hexadecimal digits");
   }
-  return make_upload(header, options_, {&memory_, store_->get(), &meshes_}, call);
+  return make_upload(header, options_, {&memory_, store_.get(), &meshes_}, call);
 }
 
 std::shared_ptr<const Mesh> EngineImpl::load_mesh(const OwnedId& id) {

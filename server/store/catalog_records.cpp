@@ -120,6 +120,12 @@ GeometryRecord geometry_record(v1::GeometryInfo info, std::int64_t registered_ms
   return {info.id(), info.SerializeAsString(), registered_ms, Integrity::intact, tenant};
 }
 
+v1::GeometryInfo recorded_info(const GeometryRecord& record) {
+  v1::GeometryInfo info;
+  info.ParseFromString(record.info);
+  return info;
+}
+
 Error unknown_geometry(const std::string& id) { return {ErrorCode::not_found, "geometry " + id + ": unknown id"}; }
 
 std::uint64_t content_bytes(const v1::GeometryInfo& info) {

@@ -21,6 +21,8 @@ GeometryRecord geometry_record(v1::GeometryInfo info, std::int64_t registered_ms
 
 /// What a tenant is told that does not have the geometry.
 Error unknown_geometry(const std::string& id);
+/// What an intact row says.
+v1::GeometryInfo recorded_info(const GeometryRecord& record);
 
 /// About what a record takes on the disk, the content of a geometry included. 0 for a geometry whose record is damaged.
 std::uint64_t stored_bytes(const GeometryRecord& record);

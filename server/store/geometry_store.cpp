@@ -15,17 +15,6 @@
 
 namespace deform::server {
 
-namespace {
-
-/// What an intact row says.
-v1::GeometryInfo recorded_info(const GeometryRecord& record) {
-  v1::GeometryInfo info;
-  info.ParseFromString(record.info);
-  return info;
-}
-
-}  // namespace
-
 GeometryStore::GeometryStore(const std::filesystem::path& directory, StoreOptions options)
     : options_(std::move(options)),
       files_(options_.files == nullptr ? system_files() : *options_.files),

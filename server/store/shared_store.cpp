@@ -21,8 +21,7 @@ constexpr const char* register_again = "register the geometry again";
 
 /// Of a row that is intact and whose file was there.
 v1::GeometryInfo whole_info(const GeometryRecord& record, std::size_t setups) {
-  v1::GeometryInfo info;
-  info.ParseFromString(record.info);
+  v1::GeometryInfo info = recorded_info(record);
   info.set_setups(static_cast<std::uint32_t>(setups));
   return info;
 }
