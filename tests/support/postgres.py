@@ -110,6 +110,7 @@ def main():
     if missing():
         print(f"skipped: {missing()}")
         return NOT_INSTALLED
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # what has a time limit takes the server along
     folder = tempfile.mkdtemp(prefix="deform-pg-")
     server = Postgres(folder)
     try:
