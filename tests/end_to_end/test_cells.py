@@ -134,7 +134,7 @@ class Cells(EndToEnd):
         self.assertEqual(sorted(reply["inverted"]), ["hopeless", "large"])
         again = self.deform(*command, "--json", expect=4).json
         self.assertEqual((again["written"], again["inverted"], again["bad"]), (0, reply["inverted"], reply["bad"]), "told again")
-        done = self.fails(4, *command, says=["2 of 3 designs were not written, the first: designs.csv:4: "], prints=True)
+        done = self.fails(4, *command, says=["2 of 3 designs were not written, for example: designs.csv:4: "], prints=True)
         self.assertRegex(done.out, rf"large bad: \d+ of {N * N} cells are inverted; none before 0\.\d+ of the motion")
 
     def test_quality_of_a_volume(self):

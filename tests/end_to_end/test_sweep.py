@@ -261,7 +261,7 @@ f,0.03,0.05
             report, error = self.sweep_fails(4, "designs.csv", output, *failing)
             self.assertEqual(report["written"], 2, "an earlier run did not look at this")
             self.assertEqual(list(report["gate"]), ["b"])
-            self.assertIn("1 of 2 designs are bad, the first: b: prescribed_displacement>0.03: it is 0.04", error)
+            self.assertIn("1 of 2 designs are bad, for example: b: prescribed_displacement>0.03: it is 0.04", error)
             self.assertEqual("deform: " + report["error"]["message"] + "\n", error)
             report, _ = self.sweep_fails(4, "designs.csv", output, *failing)
             self.assertEqual((report["written"], list(report["gate"])), (0, ["b"]))
@@ -303,7 +303,7 @@ variables:
             report = result.json
             self.assertEqual((report["written"], list(report["failed"])), (2, ["design_0002"]))
             self.assertTrue(report["failed"]["design_0002"].startswith("designs.csv:3: points are not finite"), report)
-            self.assertIn("1 of 3 designs were not written, the first: designs.csv:3: ", result.err)
+            self.assertIn("1 of 3 designs were not written, for example: designs.csv:3: ", result.err)
             self.assertEqual(self.recorded(output).failed, report["failed"])
 
 

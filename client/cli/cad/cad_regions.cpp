@@ -128,17 +128,20 @@ std::string numbers_text(const Vec3& x) {
 
 /// Faces without a constraint, and planes of symmetry, as comments.
 std::string further_text(const cad::CadRegions& regions, const std::string& points_file) {
-  std::string text = "  # every face and edge of the CAD model is a set of " + yaml_text(points_file) + ":\n";
+  std::string text = "  # every face and edge of the CAD model is a set of " + yaml_text(points_file) + "\n";
   for (const CadShape& face : regions.faces) {
     if (face.kind != ShapeKind::other_face || face.points.empty()) continue;
     text += "  # {ids: {file: " + yaml_text(points_file) + ", set: " + yaml_text(face.name) + "}}  # " + face.type + ", " +
             std::to_string(face.points.size()) + " points\n";
   }
+  std::size_t count = 0;
   for (const cad::MirrorPlane& mirror : regions.mirrors) {
+    ++count;
+    const std::string name = "mirror" + (regions.mirrors.size() > 1 ? "_" + std::to_string(count) : "");
     text += "  # the CAD model is its own mirror image in the plane through " + numbers_text(mirror.point) + ", normal " +
-            numbers_text(mirror.normal) +
-            "; to be kept, with a mesh that is so, too:\n  # - {name: mirror, symmetric: {point: " + numbers_text(mirror.point) +
-            ", normal: " + numbers_text(mirror.normal) + "}, regions: [{boundary: true}]}\n";
+            numbers_text(mirror.normal) + "; to be kept, with a mesh that is so, too:\n  # - {name: " + name +
+            ", symmetric: {point: " + numbers_text(mirror.point) + ", normal: " + numbers_text(mirror.normal) +
+            "}, regions: [{boundary: true}]}\n";
   }
   return text;
 }

@@ -275,15 +275,15 @@ class Sweep {
 std::string complaint(const SweepReport& report) {
   const std::string of = " of " + std::to_string(report.designs) + " designs ";
   if (!report.failed.empty()) {
-    return std::to_string(report.failed.size()) + of + "failed, the first: " + report.failed.begin()->second;
+    return std::to_string(report.failed.size()) + of + "failed, for example: " + report.failed.begin()->second;
   }
   if (!report.discarded.empty()) {
-    return std::to_string(report.discarded.size()) + of + "were not written, the first: " + report.discarded.begin()->second;
+    return std::to_string(report.discarded.size()) + of + "were not written, for example: " + report.discarded.begin()->second;
   }
   std::map<std::string, std::vector<std::string>> all = report.bad;
   for (const auto& [name, failures] : report.gate) all[name].insert(all[name].end(), failures.begin(), failures.end());
   if (all.empty()) return {};
-  return std::to_string(all.size()) + of + "are bad, the first: " + all.begin()->first + ": " + all.begin()->second.front();
+  return std::to_string(all.size()) + of + "are bad, for example: " + all.begin()->first + ": " + all.begin()->second.front();
 }
 
 void print_json(const SweepReport& report, const std::string& output) {
