@@ -207,9 +207,14 @@ Eigen::MatrixXd ConstrainedSolver::newton_direction(const ConstrainedState& at, 
   return solve_linearized(at, matrix.get(), -gradient, direction_accuracy, context);
 }
 
-/// Steps as long as they lower the objective; converged when a whole step moves the sets by less than the tolerance.
+/// Steps as long as they lower the objective; converged when a whole step moves the sets by less than the tolerance. What is left
+/// after it is smaller by about the rate of the last two; of that, which may stop falling where directions are solved for
+/// iteratively, the root counts.
 void ConstrainedSolver::newton(const Case& c, ConstrainedResult& result, NewtonMatrix& matrix) const {
+  constexpr double fast = 0.1;        // a rate that tells what is left
+  constexpr double rounding = 1e-11;  // of the solutions, at least
   ConstrainedState& now = result.after;
+  double before = 0;  // the whole step before this one
   for (int step = 0; step < most_steps && result.newton_steps < most_steps_of_a_design; ++step) {
     c.context.check();
     const Eigen::MatrixXd direction = newton_direction(now, matrix, c.context);
@@ -228,7 +233,10 @@ void ConstrainedSolver::newton(const Case& c, ConstrainedResult& result, NewtonM
       lower = next.objective < now.objective;
       if (lower) now = std::move(next);
     }
+    const bool whole = lower && share == 0.5;  // halved once more after it was taken
     result.error = moved;
+    if (whole && moved < fast * before) result.error = std::min(moved, std::max(rounding, moved * std::sqrt(moved / before)));
+    before = whole ? moved : 0;
     if (moved <= options_.tolerance) result.converged = true;
     if (lower) result.objectives.push_back(now.objective);
     if (result.converged || !lower) return;

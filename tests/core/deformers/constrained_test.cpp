@@ -149,6 +149,39 @@ TEST(Constrained, ASequenceGoesOnWhereTheLastDesignEnded) {
   }
 }
 
+/// Against solutions to a tolerance that is thousands of times as small.
+TEST(Constrained, TheErrorIsWhatIsLeftAfterTheLastStep) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  std::vector<double> ratios;
+  for (const ConstraintKind& kind : {ConstraintKind{Planar{}}, ConstraintKind{Cylindrical{}}, ConstraintKind{Spherical{}}}) {
+    for (const double weight : {1e4, 1e5, 1e6}) {
+      Constraint constraint = planar(1.2, 1.6, weight);
+      constraint.kind = kind;
+      for (deform::Setup setup : energy_setups({constraint})) {
+        const auto system = prepare(mesh, setup);
+        setup.constraint_options.tolerance = 1e-12;
+        const auto closer = prepare(mesh, setup);
+        for (const double turn : {0.2, 0.5, 0.8}) {
+          Design design = turned;
+          design.variables[1] = turn;
+          const auto evaluation = system->bind({&design, 1}, EvaluationPath::automatic, {});
+          const auto limit = closer->bind({&design, 1}, EvaluationPath::automatic, {});
+          if (!evaluation->report(0).converged || !limit->report(0).converged) continue;
+          const double error =
+              distance(points_of(*evaluation, 0, mesh->point_count()), points_of(*limit, 0, mesh->point_count()));
+          const double told = evaluation->report(0).error;
+          EXPECT_GE(told + limit->report(0).error, 0.5 * error) << weight << ", " << turn;
+          if (evaluation->report(0).newton_steps > 1) ratios.push_back(told / error);
+        }
+      }
+    }
+  }
+  ASSERT_GE(ratios.size(), 20u);
+  std::sort(ratios.begin(), ratios.end());
+  // 60; with the last step for the error 2,100.
+  EXPECT_LE(ratios[ratios.size() / 2], 300);
+}
+
 TEST(Constrained, JacobianProducts) {
   const auto mesh = shared(test::bumpy_sheet(31, 16));
   for (const HandleMode handles : {HandleMode::hard, HandleMode::soft}) {
