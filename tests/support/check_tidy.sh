@@ -28,5 +28,5 @@ python=$(/usr/bin/python3 -c 'import sysconfig; print(sysconfig.get_path("includ
 # What includes gRPC or Eigen takes seconds to parse, so the headers of some folders are read in one go.
 for folders in "core/base core/codec core/compiled core/numerics core/mesh" core/io "core/quality core/measures core/report" "core/constraints core/deformers" "proto/convert server client"; do
   find $folders -name '*.h' | sort | sed 's/.*/#include "&"/' >"$build/headers.cpp"
-  clang-tidy-14 --config-file=.clang-tidy --quiet "$names" "$build/headers.cpp" -- -std=c++20 -I. -isystem "$proto" -isystem /usr/include/eigen3 -isystem "$python"
+  clang-tidy-14 --config-file=.clang-tidy --quiet "$names" "$build/headers.cpp" -- -std=c++20 -I. -isystem "$proto" -isystem /usr/include/eigen3 -isystem /usr/include/postgresql -isystem "$python"
 done
