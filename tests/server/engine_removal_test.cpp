@@ -61,7 +61,7 @@ class EngineRemovalTest : public EngineFixture {
   Gate gate;
 };
 
-TEST_F(EngineRemovalTest, what_is_forgotten_while_it_is_prepared_does_not_stay_in_memory) {
+TEST_F(EngineRemovalTest, who_brings_a_setup_that_is_forgotten_meanwhile_has_it_stored_again) {
   keep_preparations_waiting();
   Doorbell bell;
   const auto job = engine->deform(request_for(system.id(), {{0.1, 0}}), 0, {}, bell.ring());  // begins the preparation
@@ -74,12 +74,12 @@ TEST_F(EngineRemovalTest, what_is_forgotten_while_it_is_prepared_does_not_stay_i
       },
       joins.callback());
   gate.open();
-  EXPECT_EQ(joins.value().id(), system.id());  // had asked before
+  EXPECT_EQ(joins.value().id(), system.id());
   EXPECT_TRUE(forgotten);
+  EXPECT_TRUE(engine->get_system(system.id(), {}).resident());
+  forget();
   EXPECT_EQ(code_of([&] { engine->get_system(system.id(), {}); }), ErrorCode::not_found);
   EXPECT_EQ(code_of([&] { deform(request_for(system.id(), {{0.1, 0}})); }), ErrorCode::not_found);
-  prepare(sheet_setup(geometry.id()));
-  EXPECT_TRUE(engine->get_system(system.id(), {}).resident()) << "and stored again";
 }
 
 TEST_F(EngineRemovalTest, preparing_does_not_fail_because_somebody_else_named_what_was_forgotten) {
