@@ -228,15 +228,8 @@ v1::GeometryInfo GeometryStore::info(const OwnedId& id) {
   return *info;
 }
 
-/// Rows go before files: while nothing is being removed, both are there or neither.
-bool GeometryStore::has_content(const GeometryRecord& record) {
-  const std::filesystem::path file = directory_.geometries() / key_of(owned(record));
-  if (is_seen(files_, file)) return true;
-  const std::lock_guard lock(visibility_);
-  return is_seen(files_, file);
-}
-
-/// Nothing when it has been removed since the record was read.
+/// Nothing when it has been removed since the record was read. Rows go before files, and files come before rows: while nothing
+/// comes or goes, both are there or neither.
 std::optional<v1::GeometryInfo> GeometryStore::described(const GeometryRecord& record) {
   v1::GeometryInfo info;
   if (record.integrity == Integrity::damaged || !info.ParseFromString(record.info)) {
@@ -250,9 +243,11 @@ std::optional<v1::GeometryInfo> GeometryStore::described(const GeometryRecord& r
     }
     info.set_id(record.id);
   }
-  if (!has_content(record)) {
+  const std::filesystem::path file = directory_.geometries() / key_of(owned(record));
+  if (!is_seen(files_, file)) {
+    const std::lock_guard lock(visibility_);
     if (!catalog_->find_geometry(owned(record))) return std::nullopt;
-    info.set_damage("the stored file is missing or damaged; register the geometry again");
+    if (!is_seen(files_, file)) info.set_damage("the stored file is missing or damaged; register the geometry again");
   }
   info.set_setups(static_cast<std::uint32_t>(catalog_->setup_count(owned(record))));
   return info;

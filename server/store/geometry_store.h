@@ -82,7 +82,6 @@ class GeometryStore : public Store {
 
  private:
   std::optional<v1::GeometryInfo> described(const GeometryRecord& record);
-  bool has_content(const GeometryRecord& record);
   void share_content(const GeometryRecord& record, std::int64_t intent);
   void take_back(const GeometryRecord& record, std::int64_t intent);
   void undo(const Intent::Entry& entry, std::int64_t intent);
