@@ -94,43 +94,6 @@ TEST_F(GeometryStoreTest, what_comes_and_goes_is_whole_or_unknown) {
   EXPECT_EQ(store->state().damaged_files(), 0u);
 }
 
-TEST_F(GeometryStoreTest, what_was_put_comes_back_after_a_restart) {
-  const std::string id = put(mesh, "wing.obj");
-  reopen();
-  const Mesh back = store->load(own(id));
-  EXPECT_EQ(back.points, mesh.points);
-  EXPECT_EQ(back.face_sizes, mesh.face_sizes);
-  EXPECT_EQ(back.face_points, mesh.face_points);
-  ASSERT_EQ(back.groups.size(), 3u);
-  EXPECT_EQ(back.groups[1].name, "right");
-  EXPECT_EQ(back.groups[1].points, mesh.groups[1].points);
-  EXPECT_EQ(back.groups[2].faces, mesh.groups[2].faces);
-  const v1::GeometryInfo info = store->info(own(id));
-  EXPECT_EQ(info.name(), "wing.obj");
-  EXPECT_EQ(info.points(), 200u);
-  EXPECT_EQ(info.faces(), 19u * 9u);
-  EXPECT_EQ(info.corners(), 4u * 19u * 9u);
-  EXPECT_EQ(info.groups_size(), 3);
-  EXPECT_NEAR(info.diagonal(), bounding_box(mesh.points).diagonal(), 0);
-  EXPECT_GT(info.registered_unix_ms(), 1'600'000'000'000);
-}
-
-TEST_F(GeometryStoreTest, points_only_is_a_geometry_too) {
-  Mesh cloud;
-  cloud.points = {{1, 2, 3}};
-  const std::string id = put(cloud);
-  EXPECT_EQ(store->load(own(id)).points, cloud.points);
-}
-
-TEST_F(GeometryStoreTest, putting_twice_costs_nothing_and_says_so) {
-  const std::string id = mesh_id(mesh);
-  EXPECT_FALSE(store->put(mesh, own(id), "first").existed());
-  const v1::GeometryInfo again = store->put(mesh, own(id), "second");
-  EXPECT_TRUE(again.existed());
-  EXPECT_EQ(again.name(), "first");
-  EXPECT_EQ(store->catalog().counts().geometries, 1u);
-}
-
 TEST_F(GeometryStoreTest, a_second_process_is_refused) {
   EXPECT_EQ(code_of([&] { GeometryStore second(directory.path()); }), ErrorCode::unavailable);
   store.reset();
