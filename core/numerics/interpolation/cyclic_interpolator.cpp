@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
 #include <random>
 #include <utility>
@@ -12,6 +11,7 @@
 #include "core/base/parallel.h"
 #include "core/numerics/dense/decompositions.h"
 #include "core/numerics/dense/lapack.h"
+#include "core/numerics/interpolation/value_errors.h"
 #include "core/numerics/kernels/residual.h"
 #include "core/numerics/kernels/tiles.h"
 
@@ -21,8 +21,6 @@ namespace {
 
 using Eigen::MatrixXcd;
 using Eigen::MatrixXd;
-
-constexpr double cyclic_rounding = std::numeric_limits<double>::epsilon();
 
 /// An orthonormal basis of the range of a projection, as columns.
 MatrixXcd range_of(MatrixXcd A) {
@@ -302,7 +300,8 @@ CyclicInterpolator::Solution CyclicInterpolator::refined(const MatrixXcd& B, con
     solution.uncertainty = std::move(correction);
     if (!(rate < contracting)) {
       solution.converged = size <= 1e-12 * X.norm();
-      return solution;
+      rate = contracting;
+      break;
     }
     X += solution.uncertainty;
     // Accurate residuals of all images take longer than the factorization: none for a correction that is below rounding.
@@ -310,28 +309,12 @@ CyclicInterpolator::Solution CyclicInterpolator::refined(const MatrixXcd& B, con
     last = size;
   }
   solution.uncertainty *= rate / (1 - rate);
-  if (properties(kernel_.kernel).has_shape || kernel_.kernel == Kernel::thin_plate) {
-    add_noise(X, context, solution.uncertainty);
+  if (solution.converged && properties(kernel_.kernel).has_shape) {
+    MatrixXcd rounded = rounding_of_values(B, static_cast<Eigen::Index>(used_.size()));
+    solve(rounded);
+    solution.uncertainty += rounded;
   }
   return solution;
-}
-
-/// The shape, exponentials and logarithms have the digits of a double: the exact matrix may be any with as many.
-void CyclicInterpolator::add_noise(const MatrixXcd& X, const RunContext& context, MatrixXcd& uncertainty) const {
-  const auto m = static_cast<Eigen::Index>(used_.size());
-  const Complex i(0, 1);
-  const auto sums = [&](Complex factor) -> MatrixXd {
-    return cyclic_rounding * root_square_sums(kernel_, places_, centres_, expanded(X, factor), context);
-  };
-  MatrixXcd noise = MatrixXcd::Zero(X.rows(), X.cols());
-  noise.topRows(m) = sums(1).cast<Complex>();
-  if (!is_real()) noise.topRows(m) += i * sums(-i).cast<Complex>();
-  std::minstd_rand signs;
-  for (Eigen::Index r = 0; r < m; ++r) {
-    if (signs() % 2 == 0) noise.row(r) *= -1;
-  }
-  solve(noise);
-  uncertainty += noise;
 }
 
 Interpolants CyclicInterpolator::interpolate(const MatrixXd& F, double /*tolerance*/, const RunContext& context) const {

@@ -68,7 +68,6 @@ class CyclicInterpolator : public Interpolator {
   double projected_norm(const std::function<Eigen::VectorXcd(const Eigen::VectorXcd&)>& map) const;
   void solve(Eigen::MatrixXcd& B) const;
   Solution refined(const Eigen::MatrixXcd& B, const RunContext& context) const;
-  void add_noise(const Eigen::MatrixXcd& X, const RunContext& context, Eigen::MatrixXcd& uncertainty) const;
   /// exp(i h k theta).
   Complex phase(std::size_t image) const;
   /// How often the images of an orbit's centre are counted by H: N, or 1 besides the axis.

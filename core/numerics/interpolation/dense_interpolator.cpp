@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/numerics/interpolation/dense_interpolator.h"
 
-#include <limits>
-#include <random>
 #include <utility>
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/numerics/dense/packed_cholesky.h"
+#include "core/numerics/interpolation/value_errors.h"
 #include "core/numerics/kernels/residual.h"
 
 namespace deform {
@@ -83,11 +82,7 @@ Interpolants DenseInterpolator::solve_saddle(const Eigen::MatrixXd& B, const Run
   solution.uncertainty *= rate / (1 - rate);
   if (!solution.converged) return solution;
   if (properties(kernel_.kernel).has_shape) {
-    // Values have the digits of a double, and kernels that swing multiply between the centres what is lost there.
-    const Eigen::RowVectorXd sizes = std::numeric_limits<double>::epsilon() * B.topRows(m).cwiseAbs().colwise().maxCoeff();
-    Eigen::MatrixXd rounded = Eigen::MatrixXd::Zero(X.rows(), X.cols());
-    std::minstd_rand signs;
-    for (Eigen::Index i = 0; i < m; ++i) rounded.row(i) = signs() % 2 == 0 ? sizes : -sizes;
+    Eigen::MatrixXd rounded = rounding_of_values(B, m);
     factor_->solve(rounded);
     solution.uncertainty += rounded;
   }
