@@ -156,6 +156,13 @@ Setup solid_setup() {
   return setup;
 }
 
+/// One side of the solid stays plane, between the end that moves and the one that is held.
+Setup solid_planar_setup(bool exact) {
+  Setup setup = solid_setup();
+  setup.constraints = {{"side", {box({-1, -1, 0.1}, {0.01, 2, 0.9})}, Planar{}, 0, exact}};
+  return setup;
+}
+
 }  // namespace
 
 const std::vector<PeakCase>& peak_cases() {
@@ -178,6 +185,8 @@ const std::vector<PeakCase>& peak_cases() {
       {"mls_slots", slots, slots_setup},
       {"mls_planar", [] { return body(20000); }, [] { return with_constraint(moving_least_squares(), Planar{}, false); }},
       {"mls_solid", solid, solid_setup},
+      {"mls_solid_planar", solid, [] { return solid_planar_setup(false); }},
+      {"mls_solid_planar_exact", solid, [] { return solid_planar_setup(true); }},
       {"ffd_energy", [] { return body(100000); }, [] { return body_setup(lattice(FfdControl::energy)); }},
       {"ffd_mesh", [] { return body(100000); }, [] { return body_setup(lattice(FfdControl::mesh)); }},
       {"ffd_controls", [] { return body(200000); }, [] { return by_controls(lattice(FfdControl::controls), 12); }},

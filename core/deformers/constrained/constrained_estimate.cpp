@@ -80,20 +80,18 @@ ConstrainedBytes total(const Counts& counts, NewtonForm form) {
   const std::size_t points = N * (sizeof(Vec3) + sizeof(PointId));
   const std::size_t rows = 2 * (counts.phi * form_entry_bytes + (N + 1) * sizeof(std::int64_t));  // Phi and its transpose
   const std::size_t compliance = form == NewtonForm::forces ? N * N * sizeof(double) : 0;
-  const std::size_t lower = counts.energy + counts.squares + counts.borders;
+  const std::size_t lower = std::min(counts.energy + counts.squares, r * (r + 1) / 2) + counts.borders;
 
   ConstrainedBytes bytes;
   bytes.resident = points + rows + counts.reduced.factor_bytes + counts.global_step.factor_bytes + compliance;
   const std::size_t making_rows = rows + counts.phi * grown;
-  const std::size_t making_matrix = rows + lower * (grown + 2 * form_entry_bytes) + counts.squares * 5 * form_entry_bytes;
   const std::size_t factoring = rows + lower * form_entry_bytes + counts.global_step.peak_bytes;
   const std::size_t columns = static_cast<std::size_t>(thread_count({})) * 5 * (r + counts.unknowns) * sizeof(double);
-  bytes.preparing =
-      points + N * shape_bytes + counts.unknowns * 2 * sizeof(std::int64_t) +
-      std::max({counts.reduced.peak_bytes, counts.reduced.factor_bytes + std::max({making_rows, making_matrix, factoring}),
-                bytes.resident - points + columns});
+  bytes.preparing = points + N * shape_bytes + counts.unknowns * 2 * sizeof(std::int64_t) +
+                    std::max({counts.reduced.peak_bytes, counts.reduced.factor_bytes + std::max(making_rows, factoring),
+                              bytes.resident - points + columns});
   // States, targets and the window of the alternation; right-hand sides and solutions.
-  bytes.working = sizeof(Vec3) * (40 * N + 24 * r + 12 * counts.unknowns) + newton_bytes(counts, form);
+  bytes.working = sizeof(Vec3) * (40 * N + 26 * r + 12 * counts.unknowns) + newton_bytes(counts, form);
   bytes.operations = counts.reduced.flops + counts.global_step.flops;
   return bytes;
 }

@@ -327,15 +327,37 @@ SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options) {
   return bytes;
 }
 
+namespace {
+
+/// Of as many random samples those within the largest radius that supports can have: spread samples need no larger one.
+std::size_t reach_in_cells(const Mesh& mesh, const SampleOptions& counts, std::size_t cover, std::span<const Vec3> places) {
+  const DensePoints random = dense_points(mesh, mesh.points, {counts.surface, counts.volume}, 1);
+  const std::size_t all = random.points.size();
+  if (all == 0) return counts.surface + counts.volume;
+  CoverOptions widest;
+  widest.cover = cover;
+  widest.factor *= widest.limit;
+  widest.limit = 1;
+  const double radius = covering_radius(PointTree(random.points), random.points, widest);
+  const PointTree tree(places);
+  const auto reached = static_cast<double>(std::count_if(
+      random.points.begin(), random.points.end(), [&](const Vec3& x) { return tree.nearest(x).square <= radius * radius; }));
+  return static_cast<std::size_t>(std::ceil(reached + 3 * std::sqrt(reached)));
+}
+
+}  // namespace
+
 std::size_t estimate_mls_reach(const Mesh& mesh, const MlsOptions& options, std::span<const Vec3> places) {
   const SampleOptions counts = sample_counts(mesh, options);
-  const std::size_t all = counts.surface + counts.volume;
-  if (counts.volume != 0 || places.empty()) return all;
+  const std::size_t all = counts.surface + counts.volume, cover = whole_cover(cover_of(options));
+  if (places.empty()) return all;
+  if (counts.volume != 0)
+    return mesh.cell_count() == 0 ? all : std::min(all, cover + reach_in_cells(mesh, counts, cover, places));
   double area = 0;  // twice, like those below
   for_each_triangle(mesh, [&](const FanTriangle& triangle) { area += length(triangle.normal()); });
   if (!(area > 0)) return all;
   // On a plane a disk of this radius has `cover` samples; supports are at most so much wider.
-  const double share = static_cast<double>(whole_cover(cover_of(options))) / static_cast<double>(all);
+  const double share = static_cast<double>(cover) / static_cast<double>(all);
   const double reach = CoverOptions().limit * std::sqrt(0.5 * area * share / std::numbers::pi);
   Box near;
   for (const Vec3& x : places) near.add(x);
@@ -350,8 +372,7 @@ std::size_t estimate_mls_reach(const Mesh& mesh, const MlsOptions& options, std:
     }
     if (tree.nearest(middle).square <= within * within) reached += length(triangle.normal());
   });
-  const double samples =
-      std::ceil(static_cast<double>(all) * reached / area) + static_cast<double>(whole_cover(cover_of(options)));
+  const double samples = std::ceil(static_cast<double>(all) * reached / area) + static_cast<double>(cover);
   return std::min(all, static_cast<std::size_t>(samples));
 }
 

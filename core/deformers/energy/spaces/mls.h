@@ -48,8 +48,8 @@ struct SpaceBytes {
 };
 SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options);
 
-/// How many functions are nonzero at some of these points (model units), at most: on a surface as many as there are samples on
-/// the part of it that supports reach from the points; with a volume all of them.
+/// How many functions are nonzero at some of these points (model units), at most: as many as there are samples on the part of a
+/// surface, or in the cells, that supports reach from the points; with an enclosed volume or a box all of them.
 std::size_t estimate_mls_reach(const Mesh& mesh, const MlsOptions& options, std::span<const Vec3> places);
 
 }  // namespace deform
