@@ -188,7 +188,7 @@ SpaceBytes estimate_shell_subspace(const Mesh& mesh, const SubspaceOptions& opti
                couplings = std::min(k, 4 * cover);
   const double values = n * (cover * entry + sizeof(std::int64_t)), energy = 0.5 * k * couplings * entry;
   // The functions, their factorization and Q; or E Phi, with two rings of the mesh per column, and both triangles.
-  const double scratch = full ? 3 * n * k * sizeof(double) + k * k * sizeof(double) : 4 * values + 4 * energy;
+  const double scratch = full ? (3 * n * k + 3 * k * k) * sizeof(double) : 4 * values + 4 * energy;
   SpaceBytes bytes;
   bytes.samples = static_cast<std::size_t>(k + linear);
   bytes.cover = static_cast<std::size_t>(std::ceil(cover));
