@@ -34,11 +34,12 @@ TESTS = {
     "mesh": ["mesh_test", "surface_mesh_test", "remeshing_test", "cages_test", "mesh_shared_data_test", "cages_shared_data_test"],
     "quality": ["quality_test", "quality_shared_data_test"],
     "measures": ["measures_test", "measures_shared_data_test"],
-    "numerics": ["numerics_test", "sparse_test"],
+    "numerics": ["numerics_test", "sparse_test", "cyclic_test"],
     "io": ["io_test", "containers_test"],
     "constraints": ["constraints_test", "detection_test"],
     "deformers": ["deformers_test", "rbf_test", "basis_test", "energy_test", "ffd_test", "mls_space_test", "compiled_form_test",
-                  "reduction_test", "symmetry_test", "exact_test", "rbf_tolerance_test", "energy_error_test"],
+                  "reduction_test", "symmetry_test", "exact_test", "rbf_tolerance_test", "energy_error_test", "space_map_test",
+                  "composed_test", "sector_test", "contract_test"],
     "report": ["report_test"],
 }
 MOST = 65536  # mutants of one run
