@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 #include "core/base/parallel.h"
@@ -21,15 +22,15 @@ constexpr double steps_per_round = 1;  // Gauss-Newton matrices that one round o
 constexpr double dense_speed = 8;      // operations of a factorization in the time of one of a triangular solution
 constexpr double direction_accuracy = 1e-3;
 constexpr int most_with_old_matrix = 12;  // iterations; a new matrix costs about as much or more
+constexpr int most_gradient_steps = 1000;
 constexpr int most_steps = 30, most_halvings = 10, most_steps_of_a_design = 100;
+constexpr double error_accuracy = 1e-5;
 constexpr double whole_accuracy = 1e-11;  // of the right-hand side, of derivatives
 
-double rms(const std::vector<Vec3>& a, const std::vector<Vec3>& b) {
+double rms(const std::vector<Vec3>& vectors) {
   double sum = 0;
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    for (std::size_t k = 0; k < 3; ++k) sum += (a[i][k] - b[i][k]) * (a[i][k] - b[i][k]);
-  }
-  return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(1, a.size())));
+  for (const Vec3& u : vectors) sum += dot(u, u);
+  return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(1, vectors.size())));
 }
 
 std::vector<Vec3> differences(const std::vector<Vec3>& a, const std::vector<Vec3>& b) {
@@ -86,14 +87,12 @@ void ConstrainedSolver::evaluate(const Case& c, ConstrainedState& state) const {
   for (std::size_t t = 0; t < sets().size(); ++t) state.objective += points_.weight_per_point(t) * state.squares[t];
 }
 
-/// How far the points would move if the forces that the last step left unbalanced met the deformation energy alone: right for the
+/// How far the points would move if forces that are left unbalanced met the deformation energy alone: right for the
 /// slow modes of the alternation, along the shapes, and too much for the others, which are balanced long before.
-double ConstrainedSolver::distance_left(const Case& c, const std::vector<Vec3>& from, const std::vector<Vec3>& to) const {
-  Eigen::MatrixXd b = points_.weighted_sums(differences(to, from));
+double ConstrainedSolver::distance_left(const Case& c, Eigen::MatrixXd forces) const {
   parallel_for(c.context, 3, 1,
-               [&](std::size_t k, std::size_t) { reduced_.solve_in_place(b.col(static_cast<Eigen::Index>(k))); });
-  const std::vector<Vec3> moved = points_.displacements(b);
-  return rms(moved, std::vector<Vec3>(moved.size(), Vec3{}));
+               [&](std::size_t k, std::size_t) { reduced_.solve_in_place(forces.col(static_cast<Eigen::Index>(k))); });
+  return rms(points_.displacements(forces));
 }
 
 void ConstrainedSolver::alternate(const Case& c, int most, ConstrainedResult& result) const {
@@ -119,9 +118,9 @@ void ConstrainedSolver::alternate(const Case& c, int most, ConstrainedResult& re
     now = std::move(next);
     result.objectives.push_back(now.objective);
     const double rho = window.add(from, now.targets);
-    const double step = rms(from, now.targets);
+    const double step = rms(differences(from, now.targets));
     if (step == 0 || (window.size() > 0 && rho < 1 && step * rho / (1 - rho) <= options_.tolerance && step <= check_below)) {
-      result.error = distance_left(c, from, now.targets);
+      result.error = distance_left(c, points_.weighted_sums(differences(now.targets, from)));
       if (result.error <= options_.tolerance) {
         result.converged = true;
         return;
@@ -166,8 +165,10 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
   const double wanted = round_accuracy * (h.size() > 0 ? h.cwiseAbs().maxCoeff() : 0.0);
   NewtonMatrix matrix;
   const bool newton_too = gauss_newton_.form() != NewtonForm::none;
+  double earlier = 0;
   for (int round = 1;; ++round) {
     result.converged = false;
+    result.error = 0;
     result.objectives.clear();
     if (near && newton_too) newton(c, result, matrix);
     while (!result.converged && result.iterations < options_.most_iterations) {
@@ -175,7 +176,11 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
       alternate(c, std::min(options_.most_iterations, last), result);
       if (!result.converged && newton_too) newton(c, result, matrix);
     }
+    if (!result.converged) result.error = std::max(result.error, distance_left(c, gradient(result.after)));
     result.w = free + reduced_.extended(result.after.v, context);
+    // What a round leaves is in the loads of the next one.
+    result.error += earlier;
+    earlier = result.error;
     if (!multipliers || round == rounds || !result.converged) return result;
     const Eigen::MatrixXd missing = h - problem.coupling.transpose() * result.w;
     if (missing.size() == 0 || missing.cwiseAbs().maxCoeff() <= wanted) return result;
@@ -187,59 +192,65 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
   }
 }
 
+/// Half the gradient of the objective.
+Eigen::MatrixXd ConstrainedSolver::gradient(const ConstrainedState& at) const {
+  return reduced_.times(at.v) + points_.weighted_sums(differences(at.points, at.targets));
+}
+
 ConstrainedSolver::NewtonMatrix ConstrainedSolver::newton_at(const ConstrainedState& at, const RunContext& context) const {
   return gauss_newton_.at(at.points, at.shapes, context);
 }
 
 /// The Hessian of half the squared distance from a shape is I - P'. The matrix of an earlier step is reused as preconditioner as
 /// long as few iterations suffice, because computing a new one dominates the cost of a step.
-Eigen::MatrixXd ConstrainedSolver::newton_direction(const ConstrainedState& at, NewtonMatrix& matrix,
-                                                    const RunContext& context) const {
-  const Eigen::MatrixXd gradient = reduced_.times(at.v) + points_.weighted_sums(differences(at.points, at.targets));
+ConstrainedSolver::Direction ConstrainedSolver::newton_direction(const ConstrainedState& at, NewtonMatrix& matrix,
+                                                                 double accuracy, const RunContext& context) const {
+  const Eigen::MatrixXd force = -gradient(at);
+  Direction result;
   if (matrix != nullptr) {
-    bool finished = true;
-    Eigen::MatrixXd direction =
-        solve_linearized(at, matrix.get(), -gradient, direction_accuracy, context, most_with_old_matrix, &finished);
-    if (finished) return direction;
-    matrix = nullptr;
+    result.v = solve_linearized(at, matrix.get(), force, accuracy, context, most_with_old_matrix, &result.end);
+    if (result.end != GradientsEnd::limit) return result;
   }
   matrix = newton_at(at, context);
-  return solve_linearized(at, matrix.get(), -gradient, direction_accuracy, context);
+  result.v = solve_linearized(at, matrix.get(), force, accuracy, context, most_gradient_steps, &result.end);
+  return result;
 }
 
-/// Steps as long as they lower the objective; converged when a whole step moves the sets by less than the tolerance. What is left
-/// after it is smaller by about the rate of the last two; of that, which may stop falling where directions are solved for
-/// iteratively, the root counts.
+/// Steps as long as they lower the objective; converged when a whole step moves the sets by less than the tolerance and the one
+/// that would follow does so too. The latter is solved for closely, so that what hardly any force holds shows, and is the error.
+/// A direction that is cut short, for instance where the objective curves downwards, says nothing: the alternation goes on from
+/// there.
 void ConstrainedSolver::newton(const Case& c, ConstrainedResult& result, NewtonMatrix& matrix) const {
-  constexpr double fast = 0.1;        // a rate that tells what is left
   constexpr double rounding = 1e-11;  // of the solutions, at least
   ConstrainedState& now = result.after;
-  double before = 0;  // the whole step before this one
+  std::optional<Direction> following;
   for (int step = 0; step < most_steps && result.newton_steps < most_steps_of_a_design; ++step) {
     c.context.check();
-    const Eigen::MatrixXd direction = newton_direction(now, matrix, c.context);
+    const Direction direction = following ? *std::move(following) : newton_direction(now, matrix, direction_accuracy, c.context);
+    following.reset();
     ++result.newton_steps;
-    const std::vector<Vec3> change = points_.displacements(direction);
-    double moved = 0;
-    for (const Vec3& u : change) moved += u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
-    moved = std::sqrt(moved / static_cast<double>(std::max<std::size_t>(1, points_.count())));
+    const double moved = rms(points_.displacements(direction.v));
     double share = 1;
     bool lower = false;
     for (int halving = 0; halving < most_halvings && !lower; ++halving, share /= 2) {
       ConstrainedState next;
-      next.v = now.v + share * direction;
+      next.v = now.v + share * direction.v;
       next.shapes = now.shapes;
       evaluate(c, next);
       lower = next.objective < now.objective;
       if (lower) now = std::move(next);
     }
-    const bool whole = lower && share == 0.5;  // halved once more after it was taken
-    result.error = moved;
-    if (whole && moved < fast * before) result.error = std::min(moved, std::max(rounding, moved * std::sqrt(moved / before)));
-    before = whole ? moved : 0;
-    if (moved <= options_.tolerance) result.converged = true;
     if (lower) result.objectives.push_back(now.objective);
-    if (result.converged || !lower) return;
+    result.error = moved;
+    if (moved <= options_.tolerance) {
+      if (direction.end != GradientsEnd::converged) return;
+      following = newton_direction(now, matrix, error_accuracy, c.context);
+      const double left = rms(points_.displacements(following->v));
+      result.error = std::max(rounding, left);
+      result.converged = following->end == GradientsEnd::converged && left <= std::max(rounding, options_.tolerance);
+      if (result.converged) return;
+    }
+    if (!lower) return;
   }
 }
 
@@ -249,11 +260,11 @@ std::vector<Vec3> ConstrainedSolver::residual_change(const ConstrainedState& at,
 }
 
 /// (S + sum g Phi^T (I - P') Phi) x = b by conjugate gradients. The preconditioner is the Gauss-Newton matrix, which lacks only
-/// the curvature of the shapes, or if that is too expensive the matrix of the global step. Sets *finished to false, if given, if
-/// `most` iterations do not reach the accuracy.
+/// the curvature of the shapes, or if that is too expensive the matrix of the global step. Stores in *end, if given, how
+/// the iteration ended.
 Eigen::MatrixXd ConstrainedSolver::solve_linearized(const ConstrainedState& at, const GaussNewton::Matrix* newton,
                                                     const Eigen::MatrixXd& b, double accuracy, const RunContext& context,
-                                                    int most, bool* finished) const {
+                                                    int most, GradientsEnd* end) const {
   const auto preconditioned = [&](const Eigen::MatrixXd& r) {
     return newton ? newton->inverse(r) : global_step_.solve(r, {}, context);
   };
@@ -261,7 +272,7 @@ Eigen::MatrixXd ConstrainedSolver::solve_linearized(const ConstrainedState& at, 
     return reduced_.times(p) + points_.weighted_sums(residual_change(at, points_.displacements(p)));
   };
   const auto result = conjugate_gradients(b, product, preconditioned, accuracy, most, context);
-  if (finished != nullptr) *finished = result.end != GradientsEnd::limit;
+  if (end != nullptr) *end = result.end;
   // At an indefinite direction the current iterate is the best available result.
   return result.end == GradientsEnd::indefinite && result.iterations == 0 ? preconditioned(b) : result.x;
 }

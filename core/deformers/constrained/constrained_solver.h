@@ -12,6 +12,7 @@
 #include "core/deformers/constrained/gauss_newton.h"
 #include "core/deformers/constrained/global_step.h"
 #include "core/deformers/constrained/reduced_energy.h"
+#include "core/numerics/sparse/conjugate_gradients.h"
 
 namespace deform {
 
@@ -109,16 +110,24 @@ class ConstrainedSolver {
     const RunContext& context;
   };
 
+  /// Of a Newton step.
+  struct Direction {
+    Eigen::MatrixXd v;
+    GradientsEnd end = GradientsEnd::converged;  ///< how it was solved for
+  };
+
   int patience_by_cost() const;
   void evaluate(const Case& c, ConstrainedState& state) const;
   void alternate(const Case& c, int most, ConstrainedResult& result) const;
-  double distance_left(const Case& c, const std::vector<Vec3>& from, const std::vector<Vec3>& to) const;
+  double distance_left(const Case& c, Eigen::MatrixXd forces) const;
   void newton(const Case& c, ConstrainedResult& result, NewtonMatrix& matrix) const;
-  Eigen::MatrixXd newton_direction(const ConstrainedState& at, NewtonMatrix& matrix, const RunContext& context) const;
+  Direction newton_direction(const ConstrainedState& at, NewtonMatrix& matrix, double accuracy, const RunContext& context) const;
+  Eigen::MatrixXd gradient(const ConstrainedState& at) const;
   NewtonMatrix newton_at(const ConstrainedState& at, const RunContext& context) const;
   std::vector<Vec3> residual_change(const ConstrainedState& at, const std::vector<Vec3>& dx) const;
   Eigen::MatrixXd solve_linearized(const ConstrainedState& at, const GaussNewton::Matrix* newton, const Eigen::MatrixXd& b,
-                                   double accuracy, const RunContext& context, int most = 1000, bool* finished = nullptr) const;
+                                   double accuracy, const RunContext& context, int most = 1000,
+                                   GradientsEnd* end = nullptr) const;
   Eigen::MatrixXd linearized_solution(const ConstrainedState& at, const Eigen::MatrixXd& b, const RunContext& context) const;
 
   static constexpr int rounds = 3;  ///< of the method of multipliers: one more than the updates of the loads

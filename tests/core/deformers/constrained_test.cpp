@@ -178,8 +178,8 @@ TEST(Constrained, TheErrorIsWhatIsLeftAfterTheLastStep) {
   }
   ASSERT_GE(ratios.size(), 20u);
   std::sort(ratios.begin(), ratios.end());
-  // 60; with the last step for the error 2,100.
-  EXPECT_LE(ratios[ratios.size() / 2], 300);
+  // 22; with the last step for the error 2,100.
+  EXPECT_LE(ratios[ratios.size() / 2], 60);
 }
 
 TEST(Constrained, JacobianProducts) {

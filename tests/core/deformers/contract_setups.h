@@ -128,7 +128,7 @@ struct Prescribed {
   std::vector<Vec3> displacements;  ///< for each point, if not empty
 };
 
-enum class Kind { rbf, shell, subspace, mls, ffd, ffd_mesh, ffd_controls, cage, cage_mesh, composed };
+enum class Kind { rbf, shell, subspace, mls, ffd, ffd_mesh, ffd_controls, cage, cage_mesh, composed, green, damped };
 
 struct Case {
   Kind kind = Kind::rbf;
@@ -141,6 +141,7 @@ struct Case {
   std::vector<std::vector<Prescribed>> prescribed;  ///< of each design and handle
   std::optional<double> symmetric;                  ///< the plane y = this
   bool flat = false;                                ///< all points have the same z
+  std::vector<std::vector<PointId>> sets;           ///< points of each constraint
   double unit = 1;                                  ///< length of the model, about
 };
 
@@ -159,11 +160,19 @@ class Maker {
       constexpr Kind more[] = {Kind::cage, Kind::cage_mesh, Kind::composed};
       made_.kind = more[seed_ / 20 % 3];
     }
+    // Two of the places of rbf are those of what is rare.
+    if (seed_ % 20 == 13) made_.kind = seed_ / 20 % 2 == 0 ? Kind::green : Kind::damped;
+    if (seed_ % 20 == 17) {
+      constexpr Kind energies[] = {Kind::shell, Kind::mls, Kind::shell, Kind::ffd, Kind::shell, Kind::subspace};
+      made_.kind = energies[seed_ / 20 % 6];
+      constrained_ = true;
+    }
     large_ = made_.kind == Kind::rbf && most_ > 1000 && dice_.once_in(60);
     choose_mesh();
-    const bool of_controls = made_.kind == Kind::ffd_controls || made_.kind == Kind::cage;
+    const bool of_controls = made_.kind == Kind::ffd_controls || made_.kind == Kind::cage || made_.kind == Kind::green;
     choose_method();
     if (!of_controls) choose_regions();
+    if (constrained_) choose_constraints();
     choose_designs();
     made_.setup.seed = seed_;
     made_.mesh = shared(std::move(mesh_));
@@ -181,7 +190,9 @@ class Maker {
     held_count_ = static_cast<std::size_t>(std::pow(10.0, dice_.uniform(std::log10(30.0), std::log10(of_rbf() ? most_ : 120.0))));
     if (large_) held_count_ = static_cast<std::size_t>(dice_.power(std::log10(3000.0), std::log10(20000.0)));
     std::size_t count = static_cast<std::size_t>(static_cast<double>(held_count_) * dice_.uniform(1.3, 4)) + 40;
-    if (is_energy()) count = std::min<std::size_t>(count, most_ > 1000 ? 500 : 300);
+    if (is_energy()) count = std::min<std::size_t>(count, constrained_ ? 180 : most_ > 1000 ? 500 : 300);
+    if (constrained_) held_count_ = std::min<std::size_t>(held_count_, 60);
+    if (made_.kind == Kind::damped) count = std::max<std::size_t>(count, 250);
     const std::size_t shape = dice_.pick(is_energy() ? 3 : 5);
     const bool cells = shape == 2 && made_.kind != Kind::shell && made_.kind != Kind::subspace;
     double spacing = 0;
@@ -249,6 +260,8 @@ class Maker {
     options.bending = kind == 1 ? 0 : dice_.power(-3, 3);
     if (dice_.once_in(6)) options.bending = dice_.power(-12, -3);
     options.handles = dice_.once_in(3) ? HandleMode::soft : HandleMode::hard;
+    // With multipliers their steps belong to the method.
+    if (constrained_ && made_.kind != Kind::shell) options.handles = HandleMode::soft;
     options.fixing = dice_.power(0, 9);
     options.basis = basis();
     options.basis_tolerance = basis_tolerance(options.basis);
@@ -301,10 +314,12 @@ class Maker {
       }
       case Kind::ffd_mesh:
       case Kind::ffd_controls:
+      case Kind::damped:
         choose_lattice();
         break;
       case Kind::cage:
       case Kind::cage_mesh:
+      case Kind::green:
         choose_cage();
         break;
     }
@@ -347,7 +362,7 @@ class Maker {
 
   void choose_lattice() {
     FfdOptions options;
-    options.control = made_.kind == Kind::ffd_mesh ? FfdControl::mesh : FfdControl::controls;
+    options.control = made_.kind == Kind::ffd_controls ? FfdControl::controls : FfdControl::mesh;
     options.basis = basis();
     options.basis_tolerance = basis_tolerance(options.basis);
     const Box box = bounding_box(mesh_.points);
@@ -366,6 +381,11 @@ class Maker {
     options.lattice.points = {4 + dice_.pick(3), 4 + dice_.pick(2), 4 + dice_.pick(2)};
     options.lattice.basis = static_cast<LatticeBasis>(dice_.pick(3));
     if (dice_.once_in(2)) options.clamp = dice_.power(-9, -1);
+    if (made_.kind == Kind::damped) {  // more than 4,000 control points reach the handles
+      options.lattice.points = {36 + dice_.pick(8), 30 + dice_.pick(8), 30 + dice_.pick(8)};
+      options.lattice.basis = dice_.once_in(2) ? LatticeBasis::uniform_cubic : LatticeBasis::clamped_cubic;
+      options.clamp = dice_.power(-6, -0.5);
+    }
     if (options.control == FfdControl::controls) {
       options.clamp = 0;
       choose_controls(options.lattice.points[0] * options.lattice.points[1] * options.lattice.points[2]);
@@ -375,9 +395,13 @@ class Maker {
 
   void choose_cage() {
     CageOptions options;
-    options.control = made_.kind == Kind::cage ? CageControl::controls : CageControl::mesh;
+    options.control = made_.kind == Kind::cage_mesh ? CageControl::mesh : CageControl::controls;
     options.basis = basis();
-    options.basis_tolerance = basis_tolerance(options.basis);
+    if (made_.kind == Kind::green) {
+      options.coordinates = CageCoordinates::green;
+    } else {
+      options.basis_tolerance = basis_tolerance(options.basis);
+    }
     const Box box = bounding_box(mesh_.points);
     const double D = box.diagonal();
     const std::size_t n = 1 + dice_.pick(3);
@@ -513,6 +537,37 @@ class Maker {
     }
   }
 
+  /// One or two, which may have points in common, of points that nothing holds.
+  void choose_constraints() {
+    std::vector<bool> held(mesh_.point_count());
+    std::vector<PointId> free;
+    for (const PointId id : made_.fixed[0]) held[id] = true;
+    for (const auto& ids : made_.handles) {
+      for (const PointId id : ids) held[id] = true;
+    }
+    for (std::size_t i = 0; i < held.size(); ++i) {
+      if (!held[i]) free.push_back(static_cast<PointId>(i));
+    }
+    if (free.size() < 12) return;
+    const std::size_t count = 1 + dice_.pick(2);
+    for (std::size_t t = 0; t < count; ++t) {
+      const Vec3 at = mesh_.points[free[dice_.pick(free.size())]];
+      std::vector<std::pair<double, PointId>> order;
+      for (const PointId id : free) order.emplace_back(norm(mesh_.points[id] - at), id);
+      std::sort(order.begin(), order.end());
+      std::vector<PointId> ids;
+      const std::size_t size = 8 + dice_.pick(std::min<std::size_t>(32, free.size() - 8));
+      for (std::size_t i = 0; i < size; ++i) ids.push_back(order[i].second);
+      std::sort(ids.begin(), ids.end());
+      const ConstraintKind kinds[] = {Planar{}, Straight{}, Rigid{}, Spherical{}, FixedPlane{at, dice_.direction()}};
+      Constraint constraint{"constraint " + std::to_string(t), {{Region::Ids{ids}}}, kinds[dice_.pick(5)]};
+      if (dice_.once_in(2)) constraint.weight = dice_.power(1, 9);
+      made_.setup.constraints.push_back(std::move(constraint));
+      made_.sets.push_back(std::move(ids));
+    }
+    if (dice_.once_in(2)) made_.setup.constraint_options.tolerance = dice_.power(-10, -3);
+  }
+
   /// Where a handle is: a place about which it turns.
   Vec3 middle(std::size_t handle) {
     Vec3 at = mesh_.points[made_.handles[handle].front() % mesh_.point_count()];
@@ -638,7 +693,7 @@ class Maker {
   Dice dice_;
   const std::uint64_t seed_;
   const double most_;
-  bool large_ = false;
+  bool large_ = false, constrained_ = false;
   std::size_t held_count_ = 0;
   Mesh mesh_;
   Case made_;

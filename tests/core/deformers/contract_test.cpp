@@ -20,6 +20,7 @@
 #include "core/deformers/system.h"
 #include "proto/convert/verdict.h"
 #include "tests/core/deformers/contract_setups.h"
+#include "tests/core/deformers/dense_constraints.h"
 #include "tests/core/deformers/dense_controls.h"
 #include "tests/core/deformers/dense_energy.h"
 #include "tests/core/deformers/dense_interpolant.h"
@@ -37,8 +38,11 @@ constexpr std::uint64_t shards = 4;  // of the seeds, which run at the same time
 
 bool is_long() { return std::getenv("DEFORM_LONG") != nullptr; }
 
-/// The displacements of all points.
-using Exact = std::vector<WideVec>;
+/// The displacements of all points, to `rounding`; none where the solution has not converged and cannot be found from there.
+struct Exact : std::vector<WideVec> {
+  using std::vector<WideVec>::vector;
+  double rounding = 0;
+};
 
 WideVec prescribed_at(const Prescribed& prescribed, const Vec3& x, std::size_t rank) {
   if (!prescribed.displacements.empty()) return test::wide(prescribed.displacements[rank]);
@@ -225,7 +229,41 @@ std::size_t rank_of(const SystemInfo& info) {
   return 0;
 }
 
-std::vector<Exact> by_energy(const Case& c, std::string& why) {
+using test::dense_energy::Extended;
+
+/// The coefficients of the stationary point of the energy with constraints that is next to what has been delivered.
+test::dense_energy::ConstrainedEquations::Solution constrained(const Case& c, const test::dense_energy::Oracle& oracle,
+                                                               const test::dense_energy::Equations& equations,
+                                                               const Points& delivered) {
+  namespace dense = test::dense_energy;
+  const Vec3 origin = oracle.box().min;
+  const auto place = [&](const Vec3& x) {
+    dense::Place result;
+    for (Eigen::Index k = 0; k < 3; ++k) {
+      result[k] = Extended(x[static_cast<std::size_t>(k)]) - origin[static_cast<std::size_t>(k)];
+    }
+    return result;
+  };
+  std::vector<dense::Set> sets;
+  std::vector<dense::Places> near;
+  for (std::size_t t = 0; t < c.sets.size(); ++t) {
+    const Constraint& constraint = c.setup.constraints[t];
+    dense::Set& set = sets.emplace_back();
+    near.emplace_back();
+    set.kind = constraint.kind;
+    for (Eigen::Index k = 0; k < 3; ++k) set.origin[k] = origin[static_cast<std::size_t>(k)];
+    set.weight = Extended(constraint.weight != 0 ? constraint.weight : Constraint::automatic_weight) /
+                 static_cast<Extended>(c.sets[t].size());
+    for (const PointId id : c.sets[t]) {
+      set.rows.push_back(oracle.functions_at(id));
+      set.rest.push_back(place(c.mesh->points[id]));
+      near.back().push_back(place(delivered[id]));
+    }
+  }
+  return dense::ConstrainedEquations(equations, sets).solution(near);
+}
+
+std::vector<Exact> by_energy(const Case& c, const std::vector<Points>& delivered, std::string& why) {
   using test::dense_energy::Quad;
   std::vector<RegionIndex> region_of(c.mesh->point_count(), deformable_region);
   for (const PointId id : c.fixed[0]) region_of[id] = fixed_region;
@@ -233,7 +271,7 @@ std::vector<Exact> by_energy(const Case& c, std::string& why) {
     for (const PointId id : c.handles[h]) region_of[id] = static_cast<RegionIndex>(h);
   }
   const test::dense_energy::Oracle oracle(*c.mesh, c.setup.method, c.setup.seed, region_of);
-  if (oracle.unknowns() > 800) {
+  if (oracle.unknowns() > (c.sets.empty() ? 800 : 250)) {
     why = "too many unknowns";
     return {};
   }
@@ -245,9 +283,21 @@ std::vector<Exact> by_energy(const Case& c, std::string& why) {
       return std::array<Quad, 3>{Quad(u[0].hi) + u[0].lo, Quad(u[1].hi) + u[1].lo, Quad(u[2].hi) + u[2].lo};
     };
     Exact& exact = result.emplace_back();
-    for (const auto& u : oracle.displacements(c.setup.method, prescribed)) {
+    bool found = true;
+    Extended rounding = 0;
+    const auto solved = [&](const test::dense_energy::Equations& equations) {
+      auto solution = constrained(c, oracle, equations, delivered[d]);
+      found = !solution.w.empty();
+      rounding = solution.rounding;
+      solution.w.resize(oracle.unknowns());
+      return std::move(solution.w);
+    };
+    for (const auto& u : c.sets.empty() ? oracle.displacements(c.setup.method, prescribed)
+                                        : oracle.displacements(c.setup.method, prescribed, solved)) {
       exact.push_back({Wide::of(u[0]), Wide::of(u[1]), Wide::of(u[2])});
     }
+    if (!found) exact.clear();
+    exact.rounding = static_cast<double>(2 * rounding);
   }
   return result;
 }
@@ -266,7 +316,7 @@ std::vector<Exact> by_controls(const Case& c, const System& system) {
   std::vector<Exact> result;
   for (std::size_t d = 0; d < c.designs.size(); ++d) {
     Matrix moved;
-    if (c.kind == Kind::ffd_mesh || c.kind == Kind::cage_mesh) {
+    if (c.kind == Kind::ffd_mesh || c.kind == Kind::damped || c.kind == Kind::cage_mesh) {
       const std::map<PointId, WideVec> held = held_points(c, d, 0);
       std::vector<Vec3> places;
       Matrix data(static_cast<Eigen::Index>(held.size()), 3);
@@ -276,7 +326,12 @@ std::vector<Exact> by_controls(const Case& c, const System& system) {
         }
         places.push_back(c.mesh->points[id]);
       }
-      moved = manipulated(*functions, places, data, rank_of(system.info()));
+      const std::size_t rank = rank_of(system.info());
+      if (c.kind == Kind::damped && rank == 0) {
+        moved = damped(*functions, places, data, std::get<FfdOptions>(c.setup.method).clamp);
+      } else {
+        moved = manipulated(*functions, places, data, rank);
+      }
     } else {
       const std::size_t size = lattice != nullptr ? lattice->size() : std::get<CageOptions>(c.setup.method).vertices.size();
       moved = Matrix::Zero(static_cast<Eigen::Index>(size), 3);
@@ -300,6 +355,11 @@ std::vector<Exact> by_controls(const Case& c, const System& system) {
     }
     Exact& exact = result.emplace_back();
     for (const Vec3& x : c.mesh->points) {
+      if (c.kind == Kind::green) {
+        const Place u = GreenOracle(std::get<CageOptions>(c.setup.method)).displacement(x, moved);
+        exact.push_back({Wide::of(u[0]), Wide::of(u[1]), Wide::of(u[2])});
+        continue;
+      }
       const std::vector<Extended> row = functions->values(x);
       std::array<Extended, 3> u{};
       for (std::size_t j = 0; j < row.size(); ++j) {
@@ -327,7 +387,8 @@ std::vector<Exact> by_interpolation(const Case& c, const System& system, std::st
   return result;
 }
 
-std::vector<Exact> exact_displacements(const Case& c, const System& system, std::string& why) {
+std::vector<Exact> exact_displacements(const Case& c, const System& system, const std::vector<Points>& delivered,
+                                       std::string& why) {
   switch (c.kind) {
     case Kind::rbf:
     case Kind::composed:
@@ -336,16 +397,18 @@ std::vector<Exact> exact_displacements(const Case& c, const System& system, std:
     case Kind::subspace:
     case Kind::mls:
     case Kind::ffd:
-      return by_energy(c, why);
+      return by_energy(c, delivered, why);
     default:
       return by_controls(c, system);
   }
 }
 
 std::string label(const Case& c, const System* system) {
-  static const char* const names[] = {"rbf",      "shell",        "subspace",      "mls",       "ffd ENERGY",
-                                      "ffd MESH", "ffd CONTROLS", "cage CONTROLS", "cage MESH", "rbf, then rbf"};
+  static const char* const names[] = {"rbf",        "shell",         "subspace",     "mls",
+                                      "ffd ENERGY", "ffd MESH",      "ffd CONTROLS", "cage CONTROLS",
+                                      "cage MESH",  "rbf, then rbf", "cage GREEN",   "ffd MESH, large"};
   std::string result = names[static_cast<std::size_t>(c.kind)];
+  if (!c.sets.empty()) result += " constrained";
   if (c.kind == Kind::rbf) {
     const Solver solver = system != nullptr ? system->info().solver : std::get<RbfOptions>(c.setup.method).solver;
     result += std::string(" ") + to_string(solver);
@@ -456,6 +519,13 @@ void judge(const Case& c, const System& system, const DesignReport& report, cons
   // The misfit of direct manipulation is no error of the solution.
   convert::set_verdict({system.info().diagonal, system.info().condition, report.converged, 0, 0}, result);
   const bool bad = result.verdict() == v1::VERDICT_BAD;
+  if (exact.empty()) {
+    EXPECT_TRUE(bad && !report.converged) << what << ": nothing stationary is near";
+    ++row.designs;
+    ++row.verdicts[2];
+    return;
+  }
+  truth = std::max(0.0, truth - exact.rounding);
   bool held = std::count(c.fixed[0].begin(), c.fixed[0].end(), worst) > 0;
   for (const auto& ids : c.handles) held = held || std::count(ids.begin(), ids.end(), worst) > 0;
   char figures[200];
@@ -488,19 +558,21 @@ void check(std::uint64_t seed, double most_centres) {
   }
   const std::string what = std::to_string(seed) + ": " + text(c, system.get());
   Row& row = table()[label(c, system.get())];
+  const auto evaluation = system->bind(c.designs, c.path, {});
+  std::vector<Points> delivered(c.designs.size(), Points(c.mesh->point_count()));
+  for (std::size_t d = 0; d < c.designs.size(); ++d) {
+    Vec3* out = delivered[d].data();
+    evaluation->evaluate(0, delivered[d].size(), d, {&out, 1});
+  }
   std::string why;
-  const std::vector<Exact> exact = exact_displacements(c, *system, why);
+  const std::vector<Exact> exact = exact_displacements(c, *system, delivered, why);
   if (!why.empty()) {
     ++row.unjudged;
     std::printf("not judged: %s: %s\n", what.c_str(), why.c_str());
     return;
   }
-  const auto evaluation = system->bind(c.designs, c.path, {});
   for (std::size_t d = 0; d < c.designs.size(); ++d) {
-    Points delivered(c.mesh->point_count());
-    Vec3* out = delivered.data();
-    evaluation->evaluate(0, delivered.size(), d, {&out, 1});
-    judge(c, *system, evaluation->report(d), delivered, exact[d], what, row);
+    judge(c, *system, evaluation->report(d), delivered[d], exact[d], what, row);
   }
 }
 
@@ -510,7 +582,10 @@ TEST_P(Contract, HoldsOnRandomSetups) {
   const std::uint64_t count = is_long() ? 1000 : 50;
   const double most = is_long() ? many_centres : few_centres;
   if (const char* one = std::getenv("DEFORM_SEED")) {
-    if (GetParam() == 0) check(std::stoull(one), most);
+    if (GetParam() == 0) {
+      check(std::stoull(one), most);
+      print_table();
+    }
     return;
   }
   for (std::uint64_t seed = GetParam(); seed < count; seed += shards) check(seed, most);
@@ -518,6 +593,12 @@ TEST_P(Contract, HoldsOnRandomSetups) {
   std::vector<double> ratios;
   for (const auto& [name, row] : table()) ratios.insert(ratios.end(), row.ratios.begin(), row.ratios.end());
   EXPECT_LE(median(ratios), 20);
+}
+
+// Soft constraints: a blob pressed flat, whose way has no end nearby, though Newton's steps were short where they were solved for
+// roughly; directions that were cut short where the objective curves downwards; and a step that left more than its rate told.
+TEST(ContractOfConstraints, HoldsWhereNewtonsMethodGetsLost) {
+  for (const std::uint64_t seed : {257, 557, 617}) check(seed, many_centres);
 }
 
 INSTANTIATE_TEST_SUITE_P(Seeds, Contract, testing::Range<std::uint64_t>(0, shards));

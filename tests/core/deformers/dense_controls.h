@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <Eigen/SVD>
 #include <algorithm>
@@ -8,6 +10,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "core/deformers/setup.h"
@@ -159,6 +162,89 @@ class CageFunctions : public Functions {
 
   const CageOptions options_;
 };
+
+/// Green coordinates (Lipman, Levin, Cohen-Or 2008) as layer potentials of the triangles: solid angles (Van Oosterom and Strackee
+/// 1983) and logarithms of the sides (Wilton et al. 1984), for places inside and off the planes of the triangles.
+class GreenOracle {
+ public:
+  explicit GreenOracle(const CageOptions& options) : options_(options) {}
+
+  /// The displacement of a place, from those of the vertices.
+  Place displacement(const Vec3& x, const Matrix& moved) const {
+    using V = Eigen::Matrix<Extended, 3, 1>;
+    V result = V::Zero();
+    for (const auto& triangle : options_.triangles) {
+      std::array<V, 3> rest, p, now;
+      for (std::size_t i = 0; i < 3; ++i) {
+        for (Eigen::Index k = 0; k < 3; ++k) rest[i][k] = options_.vertices[triangle[i]][static_cast<std::size_t>(k)];
+        now[i] = rest[i] + moved.row(static_cast<Eigen::Index>(triangle[i])).transpose();
+        for (Eigen::Index k = 0; k < 3; ++k) p[i][k] = rest[i][k] - x[static_cast<std::size_t>(k)];
+      }
+      const V u = rest[1] - rest[0], v = rest[2] - rest[0], cross = u.cross(v);
+      const V u1 = now[1] - now[0], v1 = now[2] - now[0];
+      const Extended area = cross.norm() / 2, h = cross.dot(p[0]) / cross.norm();
+      const V n = cross / cross.norm();
+      const Extended a = p[0].norm(), b = p[1].norm(), c = p[2].norm();
+      const Extended angle =
+          2 * std::atan2(p[0].dot(p[1].cross(p[2])), a * b * c + p[0].dot(p[1]) * c + p[1].dot(p[2]) * a + p[2].dot(p[0]) * b);
+      Extended single = -h * angle;
+      V edges = V::Zero();
+      for (std::size_t i = 0; i < 3; ++i) {
+        const V &from = p[i], &to = p[(i + 1) % 3];
+        const V along = (to - from).normalized(), outward = along.cross(n);
+        const Extended log = std::log((to.norm() + along.dot(to)) / (from.norm() + along.dot(from)));
+        single += outward.dot(from) * log;
+        edges += outward * log;
+      }
+      for (std::size_t i = 0; i < 3; ++i) {
+        const V opposite = p[(i + 2) % 3] - p[(i + 1) % 3], gradient = n.cross(opposite) / (2 * area);
+        const Extended at_foot = gradient.dot(h * n - p[(i + 1) % 3]);
+        result += (at_foot * angle - h * gradient.dot(edges)) * (now[i] - rest[i]);
+      }
+      const Extended stretch =
+          std::sqrt(u1.squaredNorm() * v.squaredNorm() - 2 * u1.dot(v1) * u.dot(v) + v1.squaredNorm() * u.squaredNorm()) /
+          (std::sqrt(8.0L) * area);
+      result += single * (stretch * u1.cross(v1).normalized() - n);
+    }
+    result /= 4 * 3.14159265358979323846264338327950288L;
+    return {result[0], result[1], result[2]};
+  }
+
+ private:
+  const CageOptions options_;
+};
+
+/// The coefficients w of least |A w - h|^2 + (damping s)^2 |w|^2 with the largest singular value s of A, whose rows are the
+/// functions at `held` places: by the equations of the places, which are few.
+inline Matrix damped(const Functions& functions, const std::vector<Vec3>& held, const Matrix& data, Extended damping) {
+  std::vector<std::vector<std::pair<Eigen::Index, Extended>>> rows;
+  Eigen::Index count = 0;
+  for (const Vec3& x : held) {
+    const std::vector<Extended> all = functions.values(x);
+    count = std::max(count, static_cast<Eigen::Index>(all.size()));
+    auto& row = rows.emplace_back();
+    for (std::size_t j = 0; j < all.size(); ++j) {
+      if (all[j] != 0) row.emplace_back(static_cast<Eigen::Index>(j), all[j]);
+    }
+  }
+  const auto m = static_cast<Eigen::Index>(held.size());
+  Matrix gram = Matrix::Zero(m, m), dense = Matrix::Zero(count, 1);
+  for (Eigen::Index i = 0; i < m; ++i) {
+    for (const auto& [j, value] : rows[static_cast<std::size_t>(i)]) dense(j, 0) = value;
+    for (Eigen::Index l = 0; l < m; ++l) {
+      for (const auto& [j, value] : rows[static_cast<std::size_t>(l)]) gram(i, l) += value * dense(j, 0);
+    }
+    for (const auto& [j, value] : rows[static_cast<std::size_t>(i)]) dense(j, 0) = 0;
+  }
+  const Extended largest = Eigen::SelfAdjointEigenSolver<Matrix>(gram, Eigen::EigenvaluesOnly).eigenvalues()[m - 1];
+  for (Eigen::Index i = 0; i < m; ++i) gram(i, i) += damping * damping * largest;
+  const Matrix loads = gram.partialPivLu().solve(data);
+  Matrix result = Matrix::Zero(count, data.cols());
+  for (Eigen::Index i = 0; i < m; ++i) {
+    for (const auto& [j, value] : rows[static_cast<std::size_t>(i)]) result.row(j) += value * loads.row(i);
+  }
+  return result;
+}
 
 /// The displacements of control points that meet those of `held` places in the sense of least squares, with so many singular
 /// values: k x 3.

@@ -99,16 +99,17 @@ inline Quad largest(const Field& field) {
 class Factor {
  public:
   explicit Factor(const Equations& of) : of_(of) {
-    Matrix A = Matrix(Eigen::MatrixXd(of.model.space.energy).cast<Extended>()).selfadjointView<Eigen::Lower>();
+    A_ = Matrix(Eigen::MatrixXd(of.model.space.energy).cast<Extended>()).selfadjointView<Eigen::Lower>();
     if (!of.model.eliminated) {
       for (std::size_t i = 0; i < of.rows.size(); ++i) {
         for (const auto& [a, x] : of.rows[i]) {
-          for (const auto& [b, y] : of.rows[i]) A(a, b) += Extended(x) * y * of.weights[i];
+          for (const auto& [b, y] : of.rows[i]) A_(a, b) += Extended(x) * y * of.weights[i];
         }
       }
     }
-    lu_.compute(A);
+    lu_.compute(A_);
   }
+  const Matrix& matrix() const { return A_; }
   /// x of (K + B^T W B) x = b, or of K x = b
   Field solve(const Field& b) const {
     Field x(b.size()), r = b;
@@ -132,7 +133,7 @@ class Factor {
     return x;
   }
 
- private:
+  /// b - (K + B^T W B) x, or b - K x
   Field residual(const Field& b, const Field& x) const {
     Field r = b;
     const Field e = of_.energy(x);
@@ -148,7 +149,9 @@ class Factor {
     return r;
   }
 
+ private:
   const Equations& of_;
+  Matrix A_;
   Eigen::PartialPivLU<Matrix> lu_;
 };
 
@@ -215,12 +218,26 @@ class Oracle {
   Oracle& operator=(const Oracle&) = delete;
 
   std::size_t unknowns() const { return static_cast<std::size_t>(model_.space.energy.rows()); }
+  /// Whether the solution has one linear system: not with multipliers, whose steps belong to the method.
+  bool one_system() const { return soft_ || model_.eliminated; }
+  const Box& box() const { return box_; }
+  std::vector<std::pair<Eigen::Index, double>> functions_at(PointId id) const {
+    std::vector<std::pair<Eigen::Index, double>> result;
+    model_.space.functions().for_each(id, [&](std::int64_t j, double value) { result.emplace_back(j, value); });
+    return result;
+  }
 
   /// The displacements of all points, from those that handle and fixed points are to have.
   std::vector<std::array<Extended, 3>> displacements(const MethodOptions& method,
                                                      const std::function<std::array<Quad, 3>(PointId)>& prescribed) const {
+    return displacements(method, prescribed, [this](const Equations& equations) { return solution(equations, soft_); });
+  }
+  /// The same with the coefficients from `solve`.
+  std::vector<std::array<Extended, 3>> displacements(const MethodOptions& method,
+                                                     const std::function<std::array<Quad, 3>(PointId)>& prescribed,
+                                                     const std::function<Field(const Equations&)>& solve) const {
     const Equations equations = equations_of(energy_options(method).fixing, prescribed);
-    const Field w = solution(equations, soft_);
+    const Field w = solve(equations);
     std::vector<PointId> ids;
     std::vector<Vec3> places;
     std::vector<std::array<Extended, 3>> result(region_of_.size());

@@ -1,0 +1,266 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <stdexcept>
+#include <variant>
+#include <vector>
+
+#include "core/constraints/constraint.h"
+#include "tests/core/deformers/dense_energy.h"
+
+/// Stationary points of an energy with soft geometric constraints, to rounding of extended precision: shapes are fitted by
+/// decompositions, their derivatives are differences, and Newton's equations are dense.
+namespace deform::test::dense_energy {
+
+using Place = Eigen::Matrix<Extended, 3, 1>;
+using Places = std::vector<Place>;
+
+inline Place mean_of(const Places& x) {
+  Place mean = Place::Zero();
+  for (const Place& p : x) mean += p;
+  return mean / static_cast<Extended>(x.size());
+}
+
+/// Of the nearest sphere: Gauss and Newton's method from the algebraic fit.
+inline Places on_sphere(const Places& x) {
+  const auto n = static_cast<Eigen::Index>(x.size());
+  const Place mean = mean_of(x);
+  Matrix A(n, 4), b(n, 1);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Place p = x[static_cast<std::size_t>(i)] - mean;
+    A.row(i) << 2 * p[0], 2 * p[1], 2 * p[2], 1;
+    b(i, 0) = p.squaredNorm();
+  }
+  const Matrix algebraic = A.colPivHouseholderQr().solve(b);
+  Place centre = mean + algebraic.topRows(3);
+  Extended radius = std::sqrt(algebraic(3, 0) + algebraic.topRows(3).squaredNorm());
+  for (int step = 0; step < 200; ++step) {
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const Place from = x[static_cast<std::size_t>(i)] - centre;
+      A.row(i) << from.transpose() / from.norm(), 1;
+      b(i, 0) = from.norm() - radius;
+    }
+    const Matrix change = A.colPivHouseholderQr().solve(b);
+    centre += change.topRows(3);
+    radius += change(3, 0);
+    if (change.norm() <= 1e-18L * radius) break;
+  }
+  Places result;
+  for (const Place& p : x) result.push_back(centre + radius * (p - centre).normalized());
+  return result;
+}
+
+/// The nearest places of that kind.
+inline Places projected(const ConstraintKind& kind, const Places& rest, const Places& x, const Place& origin) {
+  Places result = x;
+  if (const auto* plane = std::get_if<FixedPlane>(&kind)) {
+    Place normal, point;
+    for (Eigen::Index k = 0; k < 3; ++k) {
+      normal[k] = plane->normal[static_cast<std::size_t>(k)];
+      point[k] = plane->point[static_cast<std::size_t>(k)] - origin[k];
+    }
+    normal.normalize();
+    for (Place& p : result) p -= normal.dot(p - point) * normal;
+    return result;
+  }
+  if (std::holds_alternative<Spherical>(kind)) return on_sphere(x);
+  const Place mean = mean_of(x);
+  Eigen::Matrix<Extended, 3, 3> product = Eigen::Matrix<Extended, 3, 3>::Zero();
+  if (std::holds_alternative<Rigid>(kind)) {  // Kabsch 1976
+    const Place before = mean_of(rest);
+    for (std::size_t i = 0; i < x.size(); ++i) product += (x[i] - mean) * (rest[i] - before).transpose();
+    const Eigen::JacobiSVD<Eigen::Matrix<Extended, 3, 3>> svd(product, Eigen::ComputeFullU | Eigen::ComputeFullV);
+    Eigen::Matrix<Extended, 3, 3> turn = svd.matrixU() * svd.matrixV().transpose();
+    if (turn.determinant() < 0) {
+      Eigen::Matrix<Extended, 3, 3> U = svd.matrixU();
+      U.col(2) *= -1;
+      turn = U * svd.matrixV().transpose();
+    }
+    for (std::size_t i = 0; i < x.size(); ++i) result[i] = mean + turn * (rest[i] - before);
+    return result;
+  }
+  for (const Place& p : x) product += (p - mean) * (p - mean).transpose();
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<Extended, 3, 3>> axes(product);
+  if (std::holds_alternative<Planar>(kind)) {
+    const Place normal = axes.eigenvectors().col(0);
+    for (Place& p : result) p -= normal.dot(p - mean) * normal;
+    return result;
+  }
+  if (!std::holds_alternative<Straight>(kind)) throw std::logic_error("not a kind that is projected onto here");
+  const Place along = axes.eigenvectors().col(2);
+  for (Place& p : result) p = mean + along.dot(p - mean) * along;
+  return result;
+}
+
+/// One constraint.
+struct Set {
+  ConstraintKind kind;
+  std::vector<std::vector<std::pair<Eigen::Index, double>>> rows;  ///< functions at its points
+  Places rest;
+  Place origin = Place::Zero();  ///< what has been subtracted from places
+  Extended weight = 0;           ///< of each point
+
+  Places at(const Field& w) const {
+    Places x = rest;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      for (const auto& [j, value] : rows[i]) {
+        for (std::size_t k = 0; k < 3; ++k) {
+          x[i][static_cast<Eigen::Index>(k)] += value * static_cast<Extended>(w[static_cast<std::size_t>(j)][k]);
+        }
+      }
+    }
+    return x;
+  }
+  Places projected(const Places& x) const { return dense_energy::projected(kind, rest, x, origin); }
+  /// Adds weight Phi^T v.
+  void add_transposed(const Places& v, Field& to) const {
+    for (std::size_t i = 0; i < v.size(); ++i) {
+      for (const auto& [j, value] : rows[i]) {
+        for (std::size_t k = 0; k < 3; ++k) {
+          to[static_cast<std::size_t>(j)][k] += Quad(weight * value) * Quad(v[i][static_cast<Eigen::Index>(k)]);
+        }
+      }
+    }
+  }
+  /// I - P' at x, by differences.
+  Matrix residual_derivative(const Places& x) const {
+    const auto n = static_cast<Eigen::Index>(3 * x.size());
+    Extended size = 0;
+    const Place mean = mean_of(x);
+    for (const Place& p : x) size = std::max(size, (p - mean).norm());
+    const Extended step = 1e-6L * size;
+    Matrix result = Matrix::Identity(n, n);
+    for (Eigen::Index c = 0; c < n; ++c) {
+      Places up = x, down = x;
+      up[static_cast<std::size_t>(c / 3)][c % 3] += step;
+      down[static_cast<std::size_t>(c / 3)][c % 3] -= step;
+      const Places above = projected(up), below = projected(down);
+      for (Eigen::Index r = 0; r < n; ++r) {
+        const auto i = static_cast<std::size_t>(r / 3);
+        result(r, c) -= (above[i][r % 3] - below[i][r % 3]) / (2 * step);
+      }
+    }
+    return result;
+  }
+};
+
+/// Newton's method for  A w + sum weight Phi^T (x - P(x)) = b.
+class ConstrainedEquations {
+ public:
+  ConstrainedEquations(const Equations& equations, const std::vector<Set>& sets)
+      : equations_(equations), sets_(sets), factor_(equations) {
+    b_.resize(static_cast<std::size_t>(equations.unknowns));
+    Field loads = equations.h;
+    for (std::size_t i = 0; i < loads.size() && !equations.model.eliminated; ++i) {
+      for (Quad& value : loads[i]) value *= Quad(equations.weights[i]);
+    }
+    equations.add_transposed(loads, b_);
+  }
+
+  struct Solution {
+    Field w;
+    Extended rounding = 0;  ///< what the steps end at: of shapes that the points hardly determine
+  };
+
+  /// From places of the sets near their solution; without w if the steps do not end.
+  Solution solution(const std::vector<Places>& near) const {
+    constexpr int most_steps = 14, last_steps = 4;
+    Solution result{start(near)};
+    Eigen::PartialPivLU<Matrix> newton(derivative(result.w));
+    Quad before = -1;
+    for (int step = 0; step < most_steps; ++step) {
+      const Field change = solved(newton, residual(result.w));
+      const Quad size = largest(change);
+      for (std::size_t j = 0; j < result.w.size(); ++j) {
+        for (std::size_t k = 0; k < 3; ++k) result.w[j][k] += change[j][k];
+      }
+      if (size <= Quad(1e-15) * largest(result.w)) return result;
+      if (step >= most_steps - last_steps) result.rounding = std::max(result.rounding, static_cast<Extended>(size));
+      if (before >= 0 && size > before / 5 && step < most_steps - last_steps) newton.compute(derivative(result.w));
+      before = size;
+    }
+    if (result.rounding > 1e-6L * static_cast<Extended>(largest(result.w))) return {};
+    return result;
+  }
+
+ private:
+  Field residual(const Field& w) const {
+    Field r = factor_.residual(b_, w);
+    for (const Set& set : sets_) {
+      Places x = set.at(w);
+      const Places y = set.projected(x);
+      for (std::size_t i = 0; i < x.size(); ++i) x[i] = y[i] - x[i];
+      set.add_transposed(x, r);
+    }
+    return r;
+  }
+
+  static Field solved(const Eigen::PartialPivLU<Matrix>& lu, const Field& r) {
+    Matrix right(static_cast<Eigen::Index>(3 * r.size()), 1);
+    for (Eigen::Index i = 0; i < right.rows(); ++i) {
+      right(i, 0) = static_cast<Extended>(r[static_cast<std::size_t>(i / 3)][static_cast<std::size_t>(i % 3)]);
+    }
+    const Matrix x = lu.solve(right);
+    Field result(r.size());
+    for (Eigen::Index i = 0; i < right.rows(); ++i) {
+      result[static_cast<std::size_t>(i / 3)][static_cast<std::size_t>(i % 3)] = Quad(x(i, 0));
+    }
+    return result;
+  }
+
+  /// Every point drawn to the shape that the places near the solution have.
+  Field start(const std::vector<Places>& near) const {
+    Matrix A = spread(factor_.matrix());
+    Field b = b_;
+    for (std::size_t t = 0; t < sets_.size(); ++t) {
+      Places to = sets_[t].projected(near[t]);
+      for (std::size_t i = 0; i < to.size(); ++i) to[i] -= sets_[t].rest[i];
+      sets_[t].add_transposed(to, b);
+      add(sets_[t], Matrix::Identity(static_cast<Eigen::Index>(3 * to.size()), static_cast<Eigen::Index>(3 * to.size())), A);
+    }
+    return solved(Eigen::PartialPivLU<Matrix>(A), b);
+  }
+
+  Matrix derivative(const Field& w) const {
+    Matrix A = spread(factor_.matrix());
+    for (const Set& set : sets_) add(set, set.residual_derivative(set.at(w)), A);
+    return A;
+  }
+
+  /// The same matrix for every coordinate.
+  static Matrix spread(const Matrix& one) {
+    Matrix A = Matrix::Zero(3 * one.rows(), 3 * one.rows());
+    for (Eigen::Index i = 0; i < one.rows(); ++i) {
+      for (Eigen::Index j = 0; j < one.cols(); ++j) {
+        for (Eigen::Index k = 0; k < 3; ++k) A(3 * i + k, 3 * j + k) = one(i, j);
+      }
+    }
+    return A;
+  }
+
+  static void add(const Set& set, const Matrix& D, Matrix& A) {
+    for (std::size_t i = 0; i < set.rows.size(); ++i) {
+      for (std::size_t l = 0; l < set.rows.size(); ++l) {
+        for (const auto& [a, x] : set.rows[i]) {
+          for (const auto& [b, y] : set.rows[l]) {
+            A.block(3 * a, 3 * b, 3, 3) +=
+                set.weight * x * y * D.block(static_cast<Eigen::Index>(3 * i), static_cast<Eigen::Index>(3 * l), 3, 3);
+          }
+        }
+      }
+    }
+  }
+
+  const Equations& equations_;
+  const std::vector<Set>& sets_;
+  const Factor factor_;
+  Field b_;
+};
+
+}  // namespace deform::test::dense_energy
