@@ -102,6 +102,7 @@ TEST(Designs, CoincidentPointsThatAgreeAreMerged) {
   const auto system = prepare(mesh, setup);
   EXPECT_EQ(system->info().merged_duplicates, 2u);
   EXPECT_EQ(system->info().centres + 2, system->info().constraint_points);
+  EXPECT_EQ(system->info().notes.at(0), "2 coincident constraint points were merged with others.");
   Design design;
   design.motions = {{0, test::turn_and_shift()}};
   const Points got = one(*system, design);

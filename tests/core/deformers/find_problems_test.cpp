@@ -67,6 +67,14 @@ TEST(FindProblems, FindsAllOfThemEachWithItsField) {
                      [&] { validate(setup, test::bumpy_sheet(21, 11)); });
 }
 
+TEST(FindProblems, ControlPointsAreNotLookedForWhereTheMethodIsWrong) {
+  deform::Setup setup = good();
+  setup.handles.push_back({"corner", {Region::Union{{{Region::ControlIds{{0}}}, nowhere}}}});
+  EXPECT_THAT(fields(found_in(setup)), ElementsAre("handles[1].region"));
+  std::get<MlsOptions>(setup.method).cover = 4;
+  EXPECT_THAT(fields(found_in(setup)), ElementsAre("method"));
+}
+
 TEST(FindProblems, SamplesOfWrongVariablesAreNotLookedAt) {
   deform::Setup setup = good();
   setup.constraints.clear();
