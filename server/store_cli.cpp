@@ -49,7 +49,7 @@ struct StoreCommand {
   void rebuild();
   void backup();
   void restore();
-  void import();
+  void bring();
 };
 
 std::unique_ptr<SharedStore> StoreCommand::open_shared() const {
@@ -76,7 +76,7 @@ void StoreCommand::restore() {
   report = shared() ? restore_shared_store(folder, *open_shared()) : restore_store(folder, data_dir);
 }
 
-void StoreCommand::import() {
+void StoreCommand::bring() {
   if (!shared()) {
     throw Error(ErrorCode::invalid_argument, "import: name the catalog to import into, --catalog postgresql://HOST/NAME");
   }
@@ -98,13 +98,12 @@ StoreCommand::StoreCommand(std::string default_data_dir) : data_dir(std::move(de
   CLI::App* restore = app.add_subcommand("restore", "Make the data directory a copy of the backup DIR");
   restore->add_option("DIR", folder, "where from")->required();
   restore->callback([this] { this->restore(); });
-  CLI::App* import = app.add_subcommand("import", "Add what DIR, the store of one server or a backup, has to a shared store");
-  import->add_option("DIR", folder, "where from")->required();
-  import->callback([this] { this->import();
-});
-}  // namespace
+  CLI::App* bringing = app.add_subcommand("import", "Add what DIR, the store of one server or a backup, has to a shared store");
+  bringing->add_option("DIR", folder, "where from")->required();
+  bringing->callback([this] { bring(); });
+}
 
-}  // namespace deform::server
+}  // namespace
 
 void describe_store_command(const std::function<void(const CLI::App&)>& describe) {
   const StoreCommand command("deformd-data");

@@ -20,7 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int rounds = 10;
+constexpr int most_rounds = 10;
 /// Rows that are written in one transaction.
 constexpr std::size_t most_rows = 256, most_row_bytes = std::size_t{4} << 20;
 
@@ -148,7 +148,7 @@ StoreReport backup_shared_store(SharedCatalog& catalog, const StoreDirectory& di
                 "store: " + to.string() + " is inside " + source.string() + "; name a folder elsewhere");
   }
   StoreCopy copy(to, "the store with the catalog " + catalog.identity(), files);
-  for (int round = 0; round < rounds; ++round) {
+  for (int round = 0; round < most_rounds; ++round) {
     StoreReport report;
     RowsOfOne rows(copy, files, report);
     catalog.snapshot([&](GeometryRecord&& record) { rows.take(std::move(record)); },
@@ -171,13 +171,14 @@ StoreReport import_store(const fs::path& from, SharedStore& store, FileSystem& f
   const StoreDirectory source(from, StoreDirectory::Accept::existing, files);
   const auto catalog = open_sqlite_catalog(source.catalog(), files);
   Counts added, known;
-  const auto each = [&](const char* what, const OwnedId& id, std::size_t Counts::*count, const auto& find, const auto& import) {
+  const auto each = [&](const char* what, const OwnedId& id, std::size_t Counts::*count, const auto& find, const auto& bring) {
     try {
       const auto record = find(id);
       if (!record || record->integrity == Integrity::damaged) {
         throw Error(ErrorCode::data_loss, "its entry in the catalog is damaged");
       }
-      ++((import(*record) ? added : known).*count);
+      Counts& counts = bring(*record) ? added : known;
+      ++(counts.*count);
     } catch (const Error& error) {
       // What concerns the whole ends it; it goes on when it is begun again.
       if (error.code() == ErrorCode::unavailable || error.code() == ErrorCode::out_of_budget) throw;
