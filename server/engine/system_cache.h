@@ -36,7 +36,8 @@ struct ResidentSystem {
   std::shared_ptr<const Mesh> mesh;
   Setup setup;
   v1::SystemInfo info;  ///< `resident` is set by whoever answers
-  Charge charge;        ///< of the system's bytes; the mesh has its own
+  v1::SystemInfo told;  ///< the same without the setup where an answer would be too large with it
+  Charge charge;        ///< of the bytes of system and setup; the mesh has its own
   CellCheckCache cell_check;
   FaceCheckCache face_check;
 
