@@ -365,13 +365,13 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, co
   const auto claim = store_->claim_preparation(recipe.id, context);
   const NotedPreparation noted(key_of(recipe.id));
   // Its setup stays with the system, as a message and as a Setup.
-  const std::size_t kept = 2 * setup_bytes(recipe.canonical);
-  resident->charge = memory_.charge(estimate.peak_bytes + kept,
+  resident->setup_bytes = 2 * setup_bytes(recipe.canonical);
+  resident->charge = memory_.charge(estimate.peak_bytes + resident->setup_bytes,
                                     {"preparing system " + recipe.id.id.substr(0, 16), less_memory, mesh_bytes(*resident->mesh)});
   RunContext budgeted = context;
   budgeted.threads = std::max(1, cores() / static_cast<int>(std::max<std::size_t>(1, scheduler_.load().preparations)));
   resident->system = deform::prepare(resident->mesh, resident->setup, budgeted);
-  resident->charge.shrink(resident->system->bytes() + kept);
+  resident->charge.shrink(resident->bytes());
   resident->memory_return.bytes = resident->charge.bytes();
   return_freed_memory(estimate.peak_bytes - std::min(estimate.peak_bytes, resident->system->bytes()));
   resident->info = convert::system_info(resident->system->info(), recipe.canonical, recipe.id.id);

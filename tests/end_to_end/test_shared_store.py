@@ -106,9 +106,12 @@ class Killing:
             mine, count = [], 0
             while time.time() < end:
                 began = time.time()
-                trace = f"{k + 1:016x}{count + 1:016x}"
+                def traced(kind):
+                    """Names the command for those who look at its calls."""
+                    return {"TRACEPARENT": f"00-{kind}{k + 1:015x}{count + 1:016x}-00f067aa0ba902b7-01"}
+
                 result = self.deform("apply", systems[k]["id"], "--source", f"client{k}.obj", "--set", "roof_up=0.03",
-                                     "-o", f"out{k}.obj", expect=None, environment={"TRACEPARENT": f"00-{trace}-00f067aa0ba902b7-01"})
+                                     "-o", f"out{k}.obj", expect=None, environment=traced("d"))
                 with lock:
                     slowest[0] = max(slowest[0], time.time() - began)
                     counts["designs"] += 1
@@ -120,7 +123,7 @@ class Killing:
                 count += 1
                 self.write(f"{name}.obj", vary(read_bytes(self.path(f"client{k}.obj")).decode(), k, count))
                 self.write(f"{name}.yaml", AHMED_SETUP.replace("ahmed.obj", f"{name}.obj"))
-                result = self.deform("prepare", f"{name}.yaml", "--json", expect=None)
+                result = self.deform("prepare", f"{name}.yaml", "--json", expect=None, environment=traced("c"))
                 if result.code == 0:
                     mine.append(result.json)
                     with lock:
@@ -286,19 +289,22 @@ class OneStoreBehindProxy(Killing, Preparations, SharedStore, BehindProxy):
                             "  log-format \"call %HP %[capture.req.hdr(0)] %s %ST %ts\"\n", 1)
         return text
 
-    def retries(self):
-        """Of each design that came, how often it was asked for again: as the proxy saw it."""
-        asked = collections.Counter(re.findall(r"^call \S*/deform\.v1\.DeformService/Deform(?:Stream)? 00-(\w{32})-", read_bytes(self.path("haproxy.log")).decode(),
-                                               re.MULTILINE))
-        return [count - 1 for count in asked.values()]
+    def retries(self, kind):
+        """Of each command of the kind, how many of its calls came again: as the proxy saw them."""
+        calls = re.findall(rf"^call \S*/deform\.v1\.DeformService/(\w+) 00-({kind}\w{{31}})-", read_bytes(self.path("haproxy.log")).decode(), re.MULTILINE)
+        again = dict.fromkeys((trace for _, trace in calls), 0)
+        for (_, trace), count in collections.Counter(calls).items():
+            again[trace] += count - 1
+        return list(again.values())
 
     def more_figures(self):
-        retries = self.retries()
-        return dict(designs_counted=len(retries), retried=sum(count > 0 for count in retries), most_retries=max(retries, default=0))
+        designs, prepared = self.retries("d"), self.retries("c")
+        return dict(designs_counted=len(designs), designs_retried=sum(map(bool, designs)), most_retries_of_a_design=max(designs, default=0),
+                    preparations_retried=sum(map(bool, prepared)), most_retries_of_a_preparation=max(prepared, default=0))
 
     def test_nothing_acknowledged_is_lost_while_servers_are_killed(self):
         self.check_operations_while_killing(*((120, 2) if LONG else (9, 2)))
-        retries = self.retries()
+        retries = self.retries("d")
         self.assertGreater(len(retries), CLIENTS)
         self.assertLessEqual(max(retries), 1)
 
