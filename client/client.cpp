@@ -18,6 +18,7 @@
 #include "client/credentials.h"
 #include "client/decoder.h"
 #include "client/evaluation.h"
+#include "client/large_setups.h"
 #include "client/session.h"
 #include "client/unfinished_designs.h"
 #include "client/upload.h"
@@ -77,8 +78,7 @@ std::vector<std::unique_ptr<Server>> one_server(std::shared_ptr<grpc::ChannelInt
 /// All items of the list of one server, page by page.
 template <typename Item, typename Request, typename Reply>
 void add_pages(Connection& connection, Server& server, const CallOptions& call, UnaryMethod<Request, Reply> method,
-               google::protobuf::RepeatedPtrField<Item>* (Reply::*items)(), std::vector<Item>& all) {
-  Request request;
+               google::protobuf::RepeatedPtrField<Item>* (Reply::*items)(), Request request, std::vector<Item>& all) {
   do {
     Reply page = unary(connection, on_server(server), call, Retry::safe, method, request);
     if (!page.next_page_token().empty() && page.next_page_token() == request.page_token()) {
@@ -93,11 +93,11 @@ void add_pages(Connection& connection, Server& server, const CallOptions& call, 
 /// What the servers have together, each id once.
 template <typename Item, typename Request, typename Reply>
 std::vector<Item> all_pages(Connection& connection, const CallOptions& call, UnaryMethod<Request, Reply> method,
-                            google::protobuf::RepeatedPtrField<Item>* (Reply::*items)()) {
+                            google::protobuf::RepeatedPtrField<Item>* (Reply::*items)(), const Request& request) {
   const RunContext limits = limits_of(call);
   std::vector<Item> all;
   for (const auto& server : connection.servers.all()) {
-    add_pages(connection, *server, remaining(limits), method, items, all);
+    add_pages(connection, *server, remaining(limits), method, items, request, all);
   }
   if (!connection.servers.several()) return all;
   std::set<std::string> seen;
@@ -189,7 +189,8 @@ v1::GeometryInfo Client::get_geometry(const std::string& id, const CallOptions& 
 }
 
 std::vector<v1::GeometryInfo> Client::list_geometries(const CallOptions& call) {
-  return all_pages(*impl_, call, &Stub::ListGeometries, &v1::ListGeometriesReply::mutable_geometries);
+  return all_pages(*impl_, call, &Stub::ListGeometries, &v1::ListGeometriesReply::mutable_geometries,
+                   v1::ListGeometriesRequest());
 }
 
 v1::DeleteGeometryReply Client::delete_geometry(const v1::DeleteGeometryRequest& request, const CallOptions& call) {
@@ -226,30 +227,50 @@ v1::EstimateReply Client::estimate(const v1::Setup& setup, const CallOptions& ca
 }
 
 v1::EstimateReply Client::estimate(const v1::EstimateRequest& request, const CallOptions& call) {
-  return unary(*impl_, of_geometry(request.setup().geometry()), call, Retry::safe, &Stub::Estimate, request);
+  return with_retries(
+      *impl_, of_geometry(request.setup().geometry()), call, Retry::safe,
+      [&](Attempt& attempt, const RunContext& limits) { return client::estimate(*impl_, attempt, limits, request); });
 }
 
 v1::SystemInfo Client::prepare(const v1::Setup& setup, const CallOptions& call,
-                               const std::function<void(const std::string& stage, double fraction)>& on_progress) {
-  const auto system =
-      with_retries(*impl_, of_geometry(setup.geometry()), call, Retry::safe,
-                   [&](Attempt& attempt, const RunContext&) { return client::prepare(attempt, setup, on_progress); });
+                               const std::function<void(const std::string& stage, double fraction)>& on_progress,
+                               SetupInInfo in_info) {
+  const RunContext total = limits_of(call);
+  auto system =
+      with_retries(*impl_, of_geometry(setup.geometry()), call, Retry::safe, [&](Attempt& attempt, const RunContext& limits) {
+        return client::prepare(*impl_, attempt, limits, setup, in_info, on_progress);
+      });
   impl_->note(system, setup);
+  complete(*impl_, system, in_info, remaining(total));
   return system;
 }
 
-v1::SystemInfo Client::get_system(const std::string& id, const CallOptions& call) {
+v1::SystemInfo Client::get_system(const std::string& id, const CallOptions& call, SetupInInfo in_info) {
+  const RunContext total = limits_of(call);
+  const auto needed = impl_->keeps_copies() ? SetupInInfo::include : in_info;
   v1::GetSystemRequest request;
   request.set_id(id);
+  request.set_omit_setup(needed == SetupInInfo::omit);
   Subject subject = of_system(id);
   subject.bring = false;
   auto system = unary(*impl_, subject, call, Retry::safe, &Stub::GetSystem, request);
+  complete(*impl_, system, needed, remaining(total));
   impl_->note(system, system.setup());
+  complete(*impl_, system, in_info, remaining(total));
   return system;
 }
 
-std::vector<v1::SystemInfo> Client::list_systems(const CallOptions& call) {
-  return all_pages(*impl_, call, &Stub::ListSystems, &v1::ListSystemsReply::mutable_systems);
+v1::Setup Client::get_setup(const std::string& system_id, const CallOptions& call) {
+  return fetch_setup(*impl_, system_id, call);
+}
+
+std::vector<v1::SystemInfo> Client::list_systems(const CallOptions& call, SetupInInfo in_info) {
+  const RunContext total = limits_of(call);
+  v1::ListSystemsRequest request;
+  request.set_omit_setup(in_info == SetupInInfo::omit);
+  auto systems = all_pages(*impl_, call, &Stub::ListSystems, &v1::ListSystemsReply::mutable_systems, request);
+  for (auto& system : systems) complete(*impl_, system, in_info, remaining(total));
+  return systems;
 }
 
 v1::ReleaseSystemReply Client::release_system(const v1::ReleaseSystemRequest& request, const CallOptions& call) {
@@ -286,7 +307,7 @@ Decoding start_decoding(ReplyDecoder::Options options, Attempt& attempt, ThreadP
 /// A running reply stream of Deform or JacobianVector, read to its end into a decoder.
 DeformOutcome read_replies(Attempt& attempt, grpc::ClientReaderInterface<v1::DeformReply>& stream, Decoding decoding) {
   try {
-    read_all(attempt, stream, [&](v1::DeformReply&& reply) { decoding.decoder->add(std::move(reply)); });
+    read_all<v1::DeformReply>(attempt, stream, [&](v1::DeformReply&& reply) { decoding.decoder->add(std::move(reply)); });
     if (!decoding.decoder->complete()) throw Error(ErrorCode::data_loss, "reply of the server: it ends before its summary");
   } catch (...) {
     decoding.decoder->fail(std::current_exception());
@@ -432,7 +453,7 @@ v1::BasisHeader Client::get_basis(const std::string& system_id, const std::funct
         std::optional<v1::BasisHeader> header;
         std::uint64_t bytes = 0;
         const auto stream = attempt.stub().GetBasis(&attempt.context, request);
-        read_all(attempt, *stream, [&](v1::BasisReply&& reply) {
+        read_all<v1::BasisReply>(attempt, *stream, [&](v1::BasisReply&& reply) {
           if (reply.has_header() == header.has_value()) {
             throw Error(ErrorCode::data_loss, header ? "basis: a second header" : "basis: the reply has no header");
           }
@@ -524,7 +545,7 @@ Detected Client::detect(const v1::DetectRequest& request, const CallOptions& cal
   return with_retries(*impl_, of_geometry(request.geometry_id()), call, Retry::safe, [&](Attempt& attempt, const RunContext&) {
     const auto stream = attempt.stub().Detect(&attempt.context, request);
     Collector collector;
-    read_all(attempt, *stream, [&](v1::DetectReply&& reply) { collector.take(reply); });
+    read_all<v1::DetectReply>(attempt, *stream, [&](v1::DetectReply&& reply) { collector.take(reply); });
     return collector.result();
   });
 }

@@ -67,6 +67,12 @@ struct CallOptions {
   std::stop_token stop;                              ///< ends the call with Error(cancelled) when stopped
 };
 
+/// Whether SystemInfo::setup is wanted: in canonical form, and about as large as the setup that was sent.
+enum class SetupInInfo {
+  include,  ///< of setups above about 1 MB by a call of its own
+  omit      ///< less to send
+};
+
 /// Plain arrays of a geometry; must stay alive during the call.
 struct GeometryArrays {
   std::span<const Vec3> points;                ///< n x 3
@@ -167,11 +173,14 @@ class Client {
   v1::EstimateReply estimate(const v1::EstimateRequest& request, const CallOptions& call = {});
   /// Stores the setup and prepares its system, or answers at once when it is in memory. on_progress: stage and fraction of it.
   v1::SystemInfo prepare(const v1::Setup& setup, const CallOptions& call = {},
-                         const std::function<void(const std::string& stage, double fraction)>& on_progress = {});
+                         const std::function<void(const std::string& stage, double fraction)>& on_progress = {},
+                         SetupInInfo in_info = SetupInInfo::include);
   /// One system by its id or a unique prefix of at least 8 digits. Throws Error(not_found).
-  v1::SystemInfo get_system(const std::string& id, const CallOptions& call = {});
+  v1::SystemInfo get_system(const std::string& id, const CallOptions& call = {}, SetupInInfo in_info = SetupInInfo::include);
+  /// The canonical setup of a system. Throws Error(not_found).
+  v1::Setup get_setup(const std::string& system_id, const CallOptions& call = {});
   /// All systems whose setups are stored, in memory or not.
-  std::vector<v1::SystemInfo> list_systems(const CallOptions& call = {});
+  std::vector<v1::SystemInfo> list_systems(const CallOptions& call = {}, SetupInInfo in_info = SetupInInfo::include);
   /// Gives the memory of a system back, and deletes its setup when the request says so; at all servers that have it.
   v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request, const CallOptions& call = {});
 

@@ -10,6 +10,7 @@
 
 #include "client/address.h"
 #include "client/credentials.h"
+#include "client/large_setups.h"
 #include "client/upload.h"
 
 namespace deform::client {
@@ -141,7 +142,8 @@ std::shared_ptr<const Points> fetch_points(Connection& connection, const std::st
     auto points = std::make_shared<Points>();
     points->reserve(std::min(info.points(), largest_reserve));
     const auto stream = attempt.stub().GetPoints(&attempt.context, request);
-    read_all(attempt, *stream, [&](const v1::PointChunk& chunk) { append_points(chunk.xyz(), info.points(), *points); });
+    read_all<v1::PointChunk>(attempt, *stream,
+                             [&](const v1::PointChunk& chunk) { append_points(chunk.xyz(), info.points(), *points); });
     if (points->size() != info.points()) {
       throw Error(ErrorCode::data_loss, "registered points: " + std::to_string(points->size()) + " arrived, the geometry has " +
                                             std::to_string(info.points()));
@@ -170,20 +172,6 @@ v1::GeometryInfo upload(Attempt& attempt, const GeometryArrays& arrays, const st
     throw Error(ErrorCode::data_loss, "geometry: the server stored id " + info.id() + ", the arrays have " + id);
   }
   return info;
-}
-
-v1::SystemInfo prepare(Attempt& attempt, const v1::Setup& setup,
-                       const std::function<void(const std::string& stage, double fraction)>& on_progress) {
-  v1::PrepareRequest request;
-  *request.mutable_setup() = setup;
-  const auto stream = attempt.stub().Prepare(&attempt.context, request);
-  std::optional<v1::SystemInfo> system;
-  read_all(attempt, *stream, [&](v1::PrepareReply&& reply) {
-    if (reply.has_progress() && on_progress) on_progress(reply.progress().stage(), reply.progress().fraction());
-    if (reply.has_system()) system = std::move(*reply.mutable_system());
-  });
-  if (!system) throw Error(ErrorCode::data_loss, "prepare: the reply has no system");
-  return *system;
 }
 
 // ---- several servers ----
@@ -230,7 +218,7 @@ void Connection::bring(Server& server, const Subject& subject, const std::string
   }
   if (setup) {
     Attempt attempt(*this, limits, server, geometry);
-    prepare(attempt, *setup, {});
+    prepare(*this, attempt, limits, *setup, SetupInInfo::omit, {});
   }
 }
 

@@ -145,10 +145,10 @@ Reply unary(Connection& connection, const Subject& subject, const CallOptions& o
                       [&](Attempt& attempt, const RunContext&) { return ask(attempt, method, request); });
 }
 
-/// Takes every reply of a stream. What take() throws cancels the call and is thrown when the stream has ended; then the Error of
-/// a status that is not OK.
-template <typename Reply, typename Take>
-void read_all(Attempt& attempt, grpc::ClientReaderInterface<Reply>& stream, const Take& take) {
+/// Takes every reply of a stream. What take() throws cancels the call and is thrown when the stream has ended; else `status` is
+/// how it ended.
+template <typename Reply, typename Stream, typename Take>
+void read_to_end(Attempt& attempt, Stream& stream, grpc::Status& status, const Take& take) {
   Reply reply;
   std::exception_ptr error;
   while (stream.Read(&reply)) {
@@ -160,8 +160,15 @@ void read_all(Attempt& attempt, grpc::ClientReaderInterface<Reply>& stream, cons
       attempt.context.TryCancel();
     }
   }
-  const grpc::Status status = stream.Finish();
+  status = stream.Finish();
   if (error) std::rethrow_exception(error);
+}
+
+/// The same, and throws the Error of a status that is not OK.
+template <typename Reply, typename Stream, typename Take>
+void read_all(Attempt& attempt, Stream& stream, const Take& take) {
+  grpc::Status status;
+  read_to_end<Reply>(attempt, stream, status, take);
   attempt.check(status);
 }
 
@@ -178,8 +185,5 @@ void write_all(Attempt& attempt, grpc::ClientWriterInterface<Request>& stream, c
 /// One attempt of uploading a geometry. on_progress: fraction sent; may be empty.
 v1::GeometryInfo upload(Attempt& attempt, const GeometryArrays& arrays, const std::string& id,
                         const std::function<void(double)>& on_progress);
-/// One attempt of preparing a system. on_progress: stage and fraction of it; may be empty.
-v1::SystemInfo prepare(Attempt& attempt, const v1::Setup& setup,
-                       const std::function<void(const std::string& stage, double fraction)>& on_progress);
 
 }  // namespace deform::client

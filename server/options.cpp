@@ -179,6 +179,9 @@ void add_service_options(std::vector<Option>& all) {
       "max-running-requests", "of those, in the queue or computed at once",
       [](Configuration & c) -> auto& { return c.server.service.stream.running_requests; }));
   all.push_back(bytes(
+      "max-setup-bytes", "size of a setup that comes in pieces, as all above 1 MiB do",
+      [](Configuration & c) -> auto& { return c.server.service.max_setup_bytes; }));
+  all.push_back(bytes(
       "max-buffered-bytes", "requests of one DeformStream held in memory before it stops reading",
       [](Configuration & c) -> auto& { return c.server.service.stream.buffered_bytes; }));
   all.push_back({"max-deadline", "SECONDS", "a call, or a request of a DeformStream, that takes longer is ended; 0: never",

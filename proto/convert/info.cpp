@@ -68,6 +68,7 @@ v1::SystemInfo system_info(const SystemInfo& info, const v1::Setup& canonical, c
   }
   message.set_seconds(seconds);
   *message.mutable_setup() = canonical;
+  message.set_setup_bytes(canonical.ByteSizeLong());
   return message;
 }
 
@@ -121,7 +122,7 @@ void list_centres(const std::optional<std::vector<PointId>>& centres, v1::Estima
     reply.add_notes("The centres are not listed: this method chooses them while preparing.");
     return;
   }
-  constexpr std::size_t most_bytes = std::size_t{1} << 20;
+  constexpr std::size_t most_bytes = 900'000;  // the message stays below 1 MiB
   std::size_t bytes = 0;
   PointId before = 0;
   for (const PointId id : *centres) {

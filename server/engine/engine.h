@@ -169,6 +169,8 @@ class Engine {
                        std::function<void(const v1::Progress&)> on_progress,
                        std::function<void(Outcome<v1::SystemInfo>)> on_done) = 0;
   virtual v1::SystemInfo get_system(const std::string& id, const CallContext& call) = 0;
+  /// The canonical setup of a system, of any size, in the binary format.
+  virtual std::string get_setup(const std::string& system_id, const CallContext& call) = 0;
   virtual v1::ListSystemsReply list_systems(const v1::ListSystemsRequest& request, const CallContext& call) = 0;
   virtual v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request, const CallContext& call) = 0;
 

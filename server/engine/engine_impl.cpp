@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/engine/engine_impl.h"
 
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <cmath>
 #include <thread>
@@ -69,6 +71,39 @@ std::unique_ptr<Store> open_store(const EngineOptions& options) {
 constexpr const char* less_memory =
     "use fewer handle and fixed points, smaller regions of constraints, reduce the centres (reduction), store no basis "
     "(BASIS_NEVER), or raise the server's memory budget";
+
+/// Of a description of a system with its setup; the reply around it stays below 1 MiB.
+constexpr std::size_t largest_info = 1'000'000;
+
+v1::SystemInfo without_large_setup(const v1::SystemInfo& info) {
+  v1::SystemInfo told = info;
+  if (told.ByteSizeLong() > largest_info) told.clear_setup();
+  return told;
+}
+
+/// What a setup takes in memory; of small ones nothing is counted, as of everything else that each call has.
+std::size_t setup_bytes(const v1::Setup& setup) {
+  constexpr std::size_t small = 64 << 10;
+  const std::size_t bytes = setup.SpaceUsedLong();
+  return bytes > small ? bytes : 0;
+}
+
+const ChargePurpose setup_purpose{"reading the setup", "select fewer points by their ids, or raise the server's memory budget",
+                                  0};
+
+/// In the log, at the level debug: so that those of several servers show who prepared what when.
+class NotedPreparation {
+ public:
+  explicit NotedPreparation(std::string system) : system_(std::move(system)) {
+    spdlog::debug("engine: begins to prepare system {}", system_);
+  }
+  ~NotedPreparation() { spdlog::debug("engine: ends preparing system {}", system_); }
+  NotedPreparation(const NotedPreparation&) = delete;
+  NotedPreparation& operator=(const NotedPreparation&) = delete;
+
+ private:
+  const std::string system_;
+};
 
 /// What detecting on a mesh takes at most beside the mesh.
 std::size_t detect_bytes(const Mesh& mesh) {
@@ -219,13 +254,16 @@ std::shared_ptr<const Points> EngineImpl::get_points(const std::string& id, cons
 
 // ---- systems ----
 
-EngineImpl::Recipe EngineImpl::recipe(const v1::Setup& setup, const std::string& tenant) {
+EngineImpl::RecipePtr EngineImpl::recipe(const v1::Setup& setup, const std::string& tenant) {
   if (setup.geometry().empty()) throw Error(ErrorCode::invalid_argument, "geometry: must not be empty");
+  auto recipe = std::make_shared<Recipe>();
+  // At once: with its kernel, canonical, its bytes, and as a Setup.
+  recipe->charge = memory_.charge(4 * setup_bytes(setup), setup_purpose);
   convert::setup_from_proto(setup, options_.max_handles);  // refuses what has no canonical form
-  Recipe recipe;
   const OwnedId geometry = store_->resolve_geometry(tenant, setup.geometry());
-  recipe.canonical = convert::canonical_setup(convert::with_kernel(setup, store_->info(geometry)), geometry.id);
-  recipe.id = {tenant, convert::system_id(recipe.canonical)};
+  recipe->canonical = convert::canonical_setup(convert::with_kernel(setup, store_->info(geometry)), geometry.id);
+  recipe->id = {tenant, convert::system_id(recipe->canonical)};
+  recipe->charge.shrink(2 * setup_bytes(recipe->canonical));
   return recipe;
 }
 
@@ -272,9 +310,9 @@ v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const
     const Problems problems = problems_of(request.setup(), call.tenant, charged(context, charge, call.open));
     if (!problems.empty()) return convert::problems_reply(problems);
   }
-  const Recipe recipe = this->recipe(request.setup(), call.tenant);
-  const auto mesh = mesh_of(recipe.geometry());
-  const Setup setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
+  const RecipePtr recipe = this->recipe(request.setup(), call.tenant);
+  const auto mesh = mesh_of(recipe->geometry());
+  const Setup setup = convert::setup_from_proto(recipe->canonical, options_.max_handles);
   SelectionCharge charge;
   const SelectedRegions regions = validate(setup, *mesh, charged(context, charge, call.open));
   v1::EstimateReply reply = convert::estimate_reply(deform::estimate(*mesh, setup, regions));
@@ -284,8 +322,8 @@ v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const
   convert::add_handles(*reply.mutable_handles(), setup, regions);
   convert::add_setup_notes(*reply.mutable_notes(), setup);
   reply.set_fixed_points(regions.fixed.size());
-  reply.set_system_id(recipe.id.id);
-  reply.set_resident(cache_->contains(key_of(recipe.id)));
+  reply.set_system_id(recipe->id.id);
+  reply.set_resident(cache_->contains(key_of(recipe->id)));
   return reply;
 }
 
@@ -309,13 +347,13 @@ std::shared_ptr<EngineImpl::Planned> EngineImpl::plan_system(const Recipe& recip
   return planned;
 }
 
-SystemCache::Prepare EngineImpl::preparation_of(const Recipe& recipe, Storing storing, const Quota& quota) {
+SystemCache::Prepare EngineImpl::preparation_of(RecipePtr recipe, Storing storing, const Quota& quota) {
   return [this, recipe, storing, quota](const RunContext& context) -> SystemCache::Prepared {
-    const auto planned = plan_system(recipe, context);
-    if (planned->estimate.seconds <= Scheduler::short_seconds) return make_system(recipe, *planned, storing, quota, context);
-    // What waits for its turn holds no memory, and selects its points again.
+    const auto planned = plan_system(*recipe, context);
+    if (planned->estimate.seconds <= Scheduler::short_seconds) return make_system(*recipe, *planned, storing, quota, context);
+    // What waits for its turn holds no memory but its setup, and selects its points again.
     return SystemCache::Long{planned->estimate.seconds, [this, recipe, storing, quota](const RunContext& later) {
-                               return make_system(recipe, *plan_system(recipe, later), storing, quota, later);
+                               return make_system(*recipe, *plan_system(*recipe, later), storing, quota, later);
                              }};
   };
 }
@@ -325,26 +363,31 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, co
   const auto& resident = planned.resident;
   const Estimate& estimate = planned.estimate;
   const auto claim = store_->claim_preparation(recipe.id, context);
-  resident->charge = memory_.charge(estimate.peak_bytes,
+  const NotedPreparation noted(key_of(recipe.id));
+  // Its setup stays with the system, as a message and as a Setup.
+  resident->setup_bytes = 2 * setup_bytes(recipe.canonical);
+  resident->charge = memory_.charge(estimate.peak_bytes + resident->setup_bytes,
                                     {"preparing system " + recipe.id.id.substr(0, 16), less_memory, mesh_bytes(*resident->mesh)});
   RunContext budgeted = context;
   budgeted.threads = std::max(1, cores() / static_cast<int>(std::max<std::size_t>(1, scheduler_.load().preparations)));
   resident->system = deform::prepare(resident->mesh, resident->setup, budgeted);
-  resident->charge.shrink(resident->system->bytes());
-  resident->memory_return.bytes = resident->system->bytes();
+  resident->charge.shrink(resident->bytes());
+  resident->memory_return.bytes = resident->charge.bytes();
   return_freed_memory(estimate.peak_bytes - std::min(estimate.peak_bytes, resident->system->bytes()));
   resident->info = convert::system_info(resident->system->info(), recipe.canonical, recipe.id.id);
   convert::add_handles(*resident->info.mutable_handles(), resident->setup, planned.regions);
   convert::add_setup_notes(*resident->info.mutable_notes(), resident->setup);
+  resident->told = without_large_setup(resident->info);
+  std::int64_t created_ms = recipe.created_ms;
   if (storing == Storing::store) {
-    resident->info.set_created_unix_ms(
-        store_->put_setup({recipe.id.id, recipe.canonical.geometry(), recipe.canonical.SerializeAsString(),
-                           resident->info.SerializeAsString(), unix_ms(), Integrity::intact, recipe.id.tenant},
-                          quota));
+    created_ms = store_->put_setup({recipe.id.id, recipe.canonical.geometry(), recipe.canonical.SerializeAsString(),
+                                    resident->told.SerializeAsString(), unix_ms(), Integrity::intact, recipe.id.tenant},
+                                   quota);
   } else {
-    resident->info.set_created_unix_ms(recipe.created_ms);
     require_stored(recipe.id);
   }
+  resident->info.set_created_unix_ms(created_ms);
+  resident->told.set_created_unix_ms(created_ms);
   return resident;
 }
 
@@ -363,13 +406,13 @@ void EngineImpl::prepare(const v1::PrepareRequest& request, const CallContext& c
                          std::function<void(const v1::Progress&)> on_progress,
                          std::function<void(Outcome<v1::SystemInfo>)> on_done) {
   check_open();
-  const Recipe recipe = this->recipe(request.setup(), call.tenant);
-  if (!store_->catalog().find_setup(recipe.id)) {  // before the work, not after it
+  const RecipePtr recipe = this->recipe(request.setup(), call.tenant);
+  if (store_->catalog().setup_ids(call.tenant, recipe->id.id, 1).empty()) {  // before the work, not after it
     store_->require_room(0);
-    store_->require_quota(recipe.id.tenant, {0, 1, recipe.canonical.ByteSizeLong()}, call.quota);
+    store_->require_quota(call.tenant, {0, 1, recipe->canonical.ByteSizeLong()}, call.quota);
   }
   OutcomeCall<v1::SystemInfo>::Task task;
-  task.system_id = recipe.id.id;
+  task.system_id = recipe->id.id;
   task.prepare = preparation_of(recipe, Storing::store, call.quota);
   task.brings_setup = true;
   if (on_progress) {
@@ -382,7 +425,7 @@ void EngineImpl::prepare(const v1::PrepareRequest& request, const CallContext& c
     task.on_progress("queue", 0);
   }
   task.compute = [omit_setup = request.omit_setup()](const SystemCache::Handle& system, const RunContext&) {
-    v1::SystemInfo info = system->info;
+    v1::SystemInfo info = system->told;
     if (omit_setup) info.clear_setup();
     info.set_resident(true);
     return info;
@@ -404,13 +447,25 @@ v1::SystemInfo EngineImpl::stored_info(const SetupRecord& record) {
   info.set_id(record.id);
   info.set_resident(cache_->contains(key_of(owned(record))));
   info.set_created_unix_ms(record.created_ms);
+  info.set_setup_bytes(record.setup.size());  // not in entries of versions before 0.3
+  if (info.ByteSizeLong() > largest_info) info.clear_setup();
   return info;
 }
 
-v1::SystemInfo EngineImpl::get_system(const std::string& id, const CallContext& call) {
-  const auto record = store_->find_setup(store_->resolve_setup(call.tenant, id));
+SetupRecord EngineImpl::stored_setup(const std::string& id, const CallContext& call) {
+  auto record = store_->find_setup(store_->resolve_setup(call.tenant, id));
   if (!record) throw Error(ErrorCode::not_found, "system " + id + ": unknown id");
-  return stored_info(*record);
+  return *std::move(record);
+}
+
+v1::SystemInfo EngineImpl::get_system(const std::string& id, const CallContext& call) {
+  return stored_info(stored_setup(id, call));
+}
+
+std::string EngineImpl::get_setup(const std::string& system_id, const CallContext& call) {
+  SetupRecord record = stored_setup(system_id, call);
+  if (record.integrity == Integrity::intact) return std::move(record.setup);
+  throw Error(ErrorCode::data_loss, "catalog: the setup of system " + record.id + " is damaged");
 }
 
 v1::ListSystemsReply EngineImpl::list_systems(const v1::ListSystemsRequest& request, const CallContext& call) {
@@ -467,12 +522,13 @@ SystemCache::Prepare EngineImpl::prepare_again(const OwnedId& id) {
   return [this, id](const RunContext& context) -> SystemCache::Prepared {
     const auto record = store_->find_setup(id);
     if (!record) throw Error(ErrorCode::not_found, "system " + id.id + ": unknown id");
-    Recipe recipe;
-    recipe.id = id;
-    recipe.created_ms = record->created_ms;
-    if (!recipe.canonical.ParseFromString(record->setup)) {
+    auto recipe = std::make_shared<Recipe>();
+    recipe->id = id;
+    recipe->created_ms = record->created_ms;
+    if (!recipe->canonical.ParseFromString(record->setup)) {
       throw Error(ErrorCode::data_loss, "catalog: the setup of system " + id.id + " is damaged");
     }
+    recipe->charge = memory_.charge(2 * setup_bytes(recipe->canonical), setup_purpose);
     return preparation_of(recipe, Storing::stored_already, {})(context);
   };
 }

@@ -38,6 +38,7 @@ class EngineImpl : public Engine {
   void prepare(const v1::PrepareRequest& request, const CallContext& call, std::function<void(const v1::Progress&)> on_progress,
                std::function<void(Outcome<v1::SystemInfo>)> on_done) override;
   v1::SystemInfo get_system(const std::string& id, const CallContext& call) override;
+  std::string get_setup(const std::string& system_id, const CallContext& call) override;
   v1::ListSystemsReply list_systems(const v1::ListSystemsRequest& request, const CallContext& call) override;
   v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request, const CallContext& call) override;
 
@@ -69,11 +70,13 @@ class EngineImpl : public Engine {
     OwnedId id;
     v1::Setup canonical;
     std::int64_t created_ms = 0;  ///< of one that is stored
+    Charge charge;                ///< of `canonical` and the Setup that is made of it
     OwnedId geometry() const { return {id.tenant, canonical.geometry()}; }
   };
+  using RecipePtr = std::shared_ptr<const Recipe>;  // shared by all steps of a preparation
   enum class Storing { store, stored_already };
 
-  Recipe recipe(const v1::Setup& setup, const std::string& tenant);
+  RecipePtr recipe(const v1::Setup& setup, const std::string& tenant);
   Problems problems_of(const v1::Setup& message, const std::string& tenant, const RunContext& context);
   /// What the regions of a setup select is charged twice: to the memory, and to the part of it that all selections share.
   struct SelectionCharge {
@@ -87,12 +90,13 @@ class EngineImpl : public Engine {
   std::shared_ptr<ResidentSystem> make_system(const Recipe& recipe, const Planned& planned, Storing storing, const Quota& quota,
                                               const RunContext& context);
   /// What takes long is planned first and then waits for its turn.
-  SystemCache::Prepare preparation_of(const Recipe& recipe, Storing storing, const Quota& quota);
+  SystemCache::Prepare preparation_of(RecipePtr recipe, Storing storing, const Quota& quota);
   SystemCache::Prepare prepare_again(const OwnedId& id);
   OwnedId resolve_system(const std::string& tenant, const std::string& id);
   RowsGone forget_in(SystemCache::Forgotten& forgotten);
   std::shared_ptr<const Mesh> mesh_of(const OwnedId& geometry) { return meshes_.get(key_of(geometry)); }
   std::shared_ptr<const Mesh> load_mesh(const OwnedId& id);
+  SetupRecord stored_setup(const std::string& id, const CallContext& call);
   v1::SystemInfo stored_info(const SetupRecord& record);
   std::shared_ptr<DeformJob> begin_job(DeformTask task, const CallContext& call, std::function<void()> on_ready);
   void check_open() const;

@@ -132,7 +132,7 @@ void SystemCache::land(const std::shared_ptr<Flight>& flight, std::shared_ptr<Re
       entry.resident = resident;
       entry.pins = 0;
       entry.idle = idle_.insert(idle_.end(), flight->id);
-      bytes_ += resident->system->bytes();
+      bytes_ += resident->bytes();
       for (auto& [key, asker] : flight->askers) answers.emplace_back(std::move(asker), pin(flight->id, entry));
       evict_down_to(budget_, doomed);
     } else {
@@ -182,7 +182,7 @@ std::size_t SystemCache::release(const std::string& id) {
   const std::lock_guard lock(mutex_);
   const auto found = entries_.find(id);
   if (found == entries_.end()) return 0;
-  const std::size_t bytes = found->second.resident->system->bytes();
+  const std::size_t bytes = found->second.resident->bytes();
   if (found->second.pins == 0) idle_.erase(found->second.idle);
   doomed.push_back(std::move(found->second.resident));
   entries_.erase(found);
@@ -197,7 +197,7 @@ SystemCache::Forgotten SystemCache::forget(const std::vector<std::string>& ids) 
     flights_.erase(id);
     const auto found = entries_.find(id);
     if (found == entries_.end()) continue;
-    const std::size_t bytes = found->second.resident->system->bytes();
+    const std::size_t bytes = found->second.resident->bytes();
     if (found->second.pins == 0) idle_.erase(found->second.idle);
     forgotten.systems.push_back(std::move(found->second.resident));
     entries_.erase(found);
@@ -217,7 +217,7 @@ SystemCache::Evicted SystemCache::release_if(const std::function<bool(const std:
       ++it;
       continue;
     }
-    const std::size_t bytes = entry.resident->system->bytes();
+    const std::size_t bytes = entry.resident->bytes();
     if (entry.pins == 0) idle_.erase(entry.idle);
     ++evicted.systems;
     evicted.in_use += entry.pins > 0 ? 1 : 0;
@@ -279,7 +279,7 @@ void SystemCache::evict_down_to(std::size_t bytes, Doomed& doomed) {
   while (bytes_ > bytes && !idle_.empty()) {
     const auto found = entries_.find(idle_.front());
     idle_.pop_front();
-    bytes_ -= found->second.resident->system->bytes();
+    bytes_ -= found->second.resident->bytes();
     doomed.push_back(std::move(found->second.resident));
     entries_.erase(found);
     ++counters_.evictions;

@@ -35,11 +35,14 @@ struct ResidentSystem {
   std::shared_ptr<const System> system;
   std::shared_ptr<const Mesh> mesh;
   Setup setup;
-  v1::SystemInfo info;  ///< `resident` is set by whoever answers
-  Charge charge;        ///< of the system's bytes; the mesh has its own
+  v1::SystemInfo info;          ///< `resident` is set by whoever answers
+  v1::SystemInfo told;          ///< the same without the setup where an answer would be too large with it
+  std::size_t setup_bytes = 0;  ///< of a large setup, as it is kept
+  Charge charge;                ///< of bytes(); the mesh has its own
   CellCheckCache cell_check;
   FaceCheckCache face_check;
 
+  std::size_t bytes() const { return system->bytes() + setup_bytes; }
   /// The cost of one design for Scheduler::start(), in points.
   double design_work() const { return static_cast<double>(Scheduler::least_cost + mesh->point_count()); }
 };

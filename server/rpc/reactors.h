@@ -87,6 +87,8 @@ class CallScope {
   void check_memory() const;
   /// Charges the memory of one message of a stream. Throws as HeldRequests::take() does.
   HeldRequests::Held hold(const grpc::ByteBuffer& message) const;
+  /// The same for bytes that are known.
+  HeldRequests::Held take(std::size_t bytes) const { return incoming_.held->take(bytes); }
   /// Charges so many bytes more until the call ends. Throws as HeldRequests::take() does.
   void hold(std::size_t bytes);
   /// Stop token, deadline and caller, for the engine.

@@ -11,10 +11,11 @@
 
 #include "core/base/checks.h"
 #include "deform/v1/service.grpc.pb.h"
-#include "server/rpc/evaluate_stream.h"
 #include "server/rpc/service_calls.h"
 #include "server/rpc/service_messages.h"
-#include "server/rpc/service_stream.h"
+#include "server/rpc/streams/evaluate_stream.h"
+#include "server/rpc/streams/large_setups.h"
+#include "server/rpc/streams/service_stream.h"
 
 namespace deform::server {
 
@@ -37,7 +38,8 @@ using RawService =
     Stacked<Rpc::WithRawCallbackMethod_RegisterGeometry, Rpc::WithRawCallbackMethod_GetGeometry,
             Rpc::WithRawCallbackMethod_ListGeometries, Rpc::WithRawCallbackMethod_DeleteGeometry,
             Rpc::WithRawCallbackMethod_GetPoints, Rpc::WithRawCallbackMethod_Detect, Rpc::WithRawCallbackMethod_Estimate,
-            Rpc::WithRawCallbackMethod_Prepare, Rpc::WithRawCallbackMethod_GetSystem, Rpc::WithRawCallbackMethod_ListSystems,
+            Rpc::WithRawCallbackMethod_Prepare, Rpc::WithRawCallbackMethod_EstimateLarge, Rpc::WithRawCallbackMethod_PrepareLarge,
+            Rpc::WithRawCallbackMethod_GetSetup, Rpc::WithRawCallbackMethod_GetSystem, Rpc::WithRawCallbackMethod_ListSystems,
             Rpc::WithRawCallbackMethod_ReleaseSystem, Rpc::WithRawCallbackMethod_Deform, Rpc::WithRawCallbackMethod_DeformStream,
             Rpc::WithRawCallbackMethod_Evaluate, Rpc::WithRawCallbackMethod_JacobianVector,
             Rpc::WithRawCallbackMethod_VectorJacobian, Rpc::WithRawCallbackMethod_GetBasis,
@@ -69,6 +71,7 @@ void ServiceOptions::validate() const {
   check_range(stream.buffered_bytes, std::size_t{4} << 20, std::size_t{1} << 40, "option max_buffered_bytes");
   check_range(static_cast<std::size_t>(std::max(call_threads, 0)), 1, 1024, "option call_threads");
   check_range(waiting_calls, 1, 1'000'000, "option max_waiting_calls");
+  check_range(max_setup_bytes, std::size_t{1} << 20, std::size_t{1} << 30, "option max_setup_bytes");
 }
 
 /// One function per RPC.
@@ -147,6 +150,20 @@ class DeformService::Methods final : public RawService {
     return ReplyStream::launch(std::make_shared<PrepareCall>(engine_, incoming(Role::use, context, bytes), bytes), pool_);
   }
 
+  grpc::ServerReadReactor<Bytes>* EstimateLarge(Context* context, Bytes* reply) override {
+    return RequestStream::launch(
+        std::make_shared<LargeEstimateCall>(engine_, options_.max_setup_bytes, incoming(Role::use, context), reply, estimates_));
+  }
+
+  grpc::ServerBidiReactor<Bytes, Bytes>* PrepareLarge(Context* context) override {
+    return LargePrepareCall::launch(
+        std::make_shared<LargePrepareCall>(engine_, options_.max_setup_bytes, incoming(Role::use, context), pool_));
+  }
+
+  grpc::ServerWriteReactor<Bytes>* GetSetup(Context* context, const Bytes* bytes) override {
+    return ReplyStream::launch(std::make_shared<SetupCall>(engine_, incoming(Role::read, context, bytes), bytes), pool_);
+  }
+
   grpc::ServerUnaryReactor* GetSystem(Context* context, const Bytes* bytes, Bytes* reply) override {
     return unary("GetSystem", Role::read, context, bytes, reply, [this, bytes](CallRecord& record, const CallContext& call) {
       const auto request = received<v1::GetSystemRequest>(*bytes, record);
@@ -212,6 +229,7 @@ class DeformService::Methods final : public RawService {
       info.set_geometries(own.geometries);
       info.set_setups(own.setups);
       info.mutable_limits()->set_max_streams_per_call(options_.stream.open_requests);
+      info.mutable_limits()->set_max_setup_bytes(options_.max_setup_bytes);
       info.set_draining(info.draining() || refusing_);
       return info;
     });

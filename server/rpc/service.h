@@ -11,7 +11,7 @@
 #include "server/rpc/access.h"
 #include "server/rpc/admin_service.h"
 #include "server/rpc/metrics.h"
-#include "server/rpc/service_requests.h"
+#include "server/rpc/streams/service_requests.h"
 
 namespace grpc {
 class Service;
@@ -26,6 +26,7 @@ struct ServiceOptions {
   Access::Options access;                     ///< who may call
   int call_threads = 8;                       ///< for engine calls that wait for the disk
   std::size_t waiting_calls = 1024;           ///< of those; more are refused with a retry hint
+  std::size_t max_setup_bytes = std::size_t{64} << 20;  ///< of a setup that comes in pieces
 
   /// Throws Error(invalid_argument) naming the option and its limits.
   void validate() const;

@@ -16,6 +16,8 @@ namespace {
 /// Points per PointChunk: 768 KiB.
 constexpr std::size_t chunk_points = 1u << 15;
 
+constexpr std::size_t setup_piece_bytes = 768 * 1024;
+
 /// Of one stage; a new stage is always reported.
 constexpr std::chrono::milliseconds progress_interval{100};
 
@@ -81,6 +83,40 @@ void JobCall::done() noexcept {
   });
 }
 
+// ---- PrepareNews ----
+
+bool PrepareNews::note(const v1::Progress& progress) {
+  const std::lock_guard lock(mutex_);
+  const auto now = Clock::now();
+  if (progress.stage() == stage_ && now - last_progress_ < progress_interval) return false;
+  stage_ = progress.stage();
+  last_progress_ = now;
+  progress_ = progress;
+  return true;
+}
+
+void PrepareNews::note(Engine::Outcome<v1::SystemInfo> outcome) {
+  const std::lock_guard lock(mutex_);
+  outcome_ = std::move(outcome);
+}
+
+PrepareNews::Next PrepareNews::next(v1::PrepareReply& reply, CallRecord& record) {
+  if (reported_) return Next::end;
+  {
+    const std::lock_guard lock(mutex_);
+    if (!outcome_ && !progress_) return Next::wait;
+    if (!outcome_) {
+      *reply.mutable_progress() = std::move(*std::exchange(progress_, std::nullopt));
+      return Next::reply;
+    }
+    *reply.mutable_system() = taken(*outcome_, record, "the preparation");
+  }
+  reported_ = true;
+  record.system = reply.system().id();
+  record.points = reply.system().points();
+  return Next::reply;
+}
+
 // ---- PrepareCall ----
 
 PrepareCall::PrepareCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request)
@@ -91,54 +127,18 @@ void PrepareCall::begin() {
   const auto request = received<v1::PrepareRequest>(*request_, scope_.record);
   scope_.record.geometry = request.setup().geometry();
   scope_.note_subject();
-  const std::weak_ptr<PrepareCall> weak = std::static_pointer_cast<PrepareCall>(shared_from_this());
-  engine_.prepare(
-      request, scope_.call(),
-      [weak](const v1::Progress& progress) {
-        if (const auto self = weak.lock()) self->note_progress(progress);
-      },
-      [weak](Engine::Outcome<v1::SystemInfo> outcome) {
-        if (const auto self = weak.lock()) self->note_outcome(std::move(outcome));
-      });
-}
-
-void PrepareCall::note_progress(const v1::Progress& progress) {
-  {
-    const std::lock_guard lock(news_mutex_);
-    const auto now = Clock::now();
-    if (progress.stage() == stage_ && now - last_progress_ < progress_interval) return;
-    stage_ = progress.stage();
-    last_progress_ = now;
-    progress_ = progress;
-  }
-  wake();
-}
-
-void PrepareCall::note_outcome(Engine::Outcome<v1::SystemInfo> outcome) {
-  {
-    const std::lock_guard lock(news_mutex_);
-    outcome_ = std::move(outcome);
-  }
-  wake();
+  prepare_for(std::static_pointer_cast<PrepareCall>(shared_from_this()), &PrepareCall::news_, engine_, request, scope_.call());
 }
 
 PrepareCall::Next PrepareCall::next(grpc::ByteBuffer& reply) {
-  if (reported_) return Next::end;
   v1::PrepareReply message;
-  {
-    const std::lock_guard lock(news_mutex_);
-    if (outcome_) {
-      *message.mutable_system() = taken(*outcome_, scope_.record, "the preparation");
-      reported_ = true;
-    } else if (progress_) {
-      *message.mutable_progress() = std::move(*std::exchange(progress_, std::nullopt));
-    } else {
+  switch (news_.next(message, scope_.record)) {
+    case PrepareNews::Next::wait:
       return Next::wait;
-    }
-  }
-  if (reported_) {
-    scope_.record.system = message.system().id();
-    scope_.record.points = message.system().points();
+    case PrepareNews::Next::end:
+      return Next::end;
+    case PrepareNews::Next::reply:
+      break;
   }
   reply = serialized(message);
   return Next::write;
@@ -215,6 +215,29 @@ BasisCall::Next BasisCall::next(grpc::ByteBuffer& reply) {
     return Next::end;
   }
   reply = serialized(message);
+  return Next::write;
+}
+
+// ---- SetupCall ----
+
+SetupCall::SetupCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request)
+    : ReplyStream("GetSetup", incoming), engine_(engine), request_(request) {}
+
+void SetupCall::begin() {
+  scope_.check();
+  const auto request = received<v1::GetSetupRequest>(*request_, scope_.record);
+  scope_.record.system = request.system_id();
+  scope_.note_subject();
+  setup_ = engine_.get_setup(request.system_id(), scope_.call());
+  scope_.hold(setup_.size());  // until it is read
+}
+
+SetupCall::Next SetupCall::next(grpc::ByteBuffer& reply) {
+  if (sent_ == setup_.size()) return Next::end;
+  v1::SetupPiece piece;
+  piece.set_data(setup_.substr(sent_, setup_piece_bytes));
+  sent_ += piece.data().size();
+  reply = serialized(piece);
   return Next::write;
 }
 

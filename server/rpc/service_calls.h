@@ -42,30 +42,61 @@ class JobCall : public ReplyStream {
   std::shared_ptr<DeformJob> job_;  // under job_mutex_ until begin() is over, constant afterwards
 };
 
-/// Prepare: the newest progress, then the system.
-class PrepareCall : public ReplyStream {
+/// What a preparation has to tell: the newest progress, then the system. Thread-safe; next() by one thread at a time.
+class PrepareNews {
  public:
-  PrepareCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request);
+  enum class Next { reply, wait, end };
+
+  /// False for progress that is not worth a message yet.
+  bool note(const v1::Progress& progress);
+  void note(Engine::Outcome<v1::SystemInfo> outcome);
+  /// Fills the next reply. Throws the error of the preparation.
+  Next next(v1::PrepareReply& reply, CallRecord& record);
 
  private:
   using Clock = std::chrono::steady_clock;
 
-  void begin() override;
-  Next next(grpc::ByteBuffer& reply) override;
-  void stop() noexcept override {}  // the stop token tells
-  void note_progress(const v1::Progress& progress);
-  void note_outcome(Engine::Outcome<v1::SystemInfo> outcome);
-
-  Engine& engine_;
-  const grpc::ByteBuffer* const request_;
-  std::mutex news_mutex_;
-  // under news_mutex_
+  std::mutex mutex_;
+  // under mutex_
   std::optional<v1::Progress> progress_;  ///< not written yet
   std::string stage_;
   Clock::time_point last_progress_{};
   std::optional<Engine::Outcome<v1::SystemInfo>> outcome_;
   // of whoever is working
   bool reported_ = false;
+};
+
+/// Asks the engine, and wakes the call at news. The call may end before the engine does.
+template <typename Call>
+void prepare_for(const std::shared_ptr<Call>& call, PrepareNews Call::*news, Engine& engine, const v1::PrepareRequest& request,
+                 const CallContext& context) {
+  engine.prepare(
+      request, context,
+      [weak = std::weak_ptr<Call>(call), news](const v1::Progress& progress) {
+        const auto self = weak.lock();
+        if (self && ((*self).*news).note(progress)) self->wake();
+      },
+      [weak = std::weak_ptr<Call>(call), news](Engine::Outcome<v1::SystemInfo> outcome) {
+        const auto self = weak.lock();
+        if (!self) return;
+        ((*self).*news).note(std::move(outcome));
+        self->wake();
+      });
+}
+
+/// Prepare.
+class PrepareCall : public ReplyStream {
+ public:
+  PrepareCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request);
+
+ private:
+  void begin() override;
+  Next next(grpc::ByteBuffer& reply) override;
+  void stop() noexcept override {}  // the stop token tells
+
+  Engine& engine_;
+  const grpc::ByteBuffer* const request_;
+  PrepareNews news_;
 };
 
 /// Detect: all replies once they are there.
@@ -107,6 +138,22 @@ class BasisCall : public ReplyStream {
   std::optional<Engine::Outcome<Records>> outcome_;  // under news_mutex_
   // of whoever is working
   Records records_;
+};
+
+/// GetSetup.
+class SetupCall : public ReplyStream {
+ public:
+  SetupCall(Engine& engine, const Incoming& incoming, const grpc::ByteBuffer* request);
+
+ private:
+  void begin() override;
+  Next next(grpc::ByteBuffer& reply) override;
+  void stop() noexcept override {}
+
+  Engine& engine_;
+  const grpc::ByteBuffer* const request_;
+  std::string setup_;
+  std::size_t sent_ = 0;
 };
 
 /// GetPoints.

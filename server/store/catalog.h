@@ -102,7 +102,9 @@ class Catalog {
   /// geometry.
   virtual void put_setup(const SetupRecord& record, std::int64_t intent) = 0;
   virtual std::optional<SetupRecord> find_setup(const OwnedId& id) = 0;
-  /// geometry_id empty: of all of the tenant's.
+  /// geometry_id empty: of all of the tenant's. Fewer than `limit`, but at least one that there is, when they take more than
+  /// listed_bytes together.
+  static constexpr std::size_t listed_bytes = std::size_t{4} << 20;
   virtual std::vector<SetupRecord> list_setups(const OwnedId& geometry, const std::optional<PageStart>& after,
                                                std::size_t limit) = 0;
   /// As remove_geometry(). Nothing when there was none.

@@ -65,6 +65,12 @@ void File::sync() const {
   if (files_.sync(descriptor_) != 0) fail_on("sync", path_);
 }
 
+bool File::try_lock() const {
+  if (files_.lock(descriptor_) == 0) return true;
+  if (errno != EWOULDBLOCK) fail_on("lock", path_);
+  return false;
+}
+
 void sync_directory(FileSystem& files, const std::filesystem::path& directory) {
   File(files, directory, O_RDONLY | O_DIRECTORY).sync();
 }

@@ -26,6 +26,8 @@ class File {
   /// Number of bytes read; less than size only at the end of the file.
   std::size_t read(void* data, std::size_t size) const;
   void sync() const;
+  /// As long as the object lives; false when another process has it.
+  bool try_lock() const;
 
  private:
   FileSystem& files_;

@@ -86,6 +86,17 @@ SetupRecord setup_in(const Result& rows, int row) {
   return record;
 }
 
+/// The first setups of a condition and an order. An answer is in memory as a whole, so its length is decided here.
+std::string first_setups(const std::string& where, const std::string& order, const std::string& limit) {
+  const std::string page = "SELECT id, created_ms, octet_length(setup) + octet_length(info) AS bytes FROM deformd.setups " +
+                           where + " " + order + " " + limit;
+  const std::string sums = "SELECT id, sum(bytes) OVER (" + order + ") - bytes AS before FROM (" + page + ") AS page";
+  return setup_rows + ("WHERE id IN (SELECT id FROM (" + sums + ") AS sums WHERE before < ") +
+         std::to_string(Catalog::listed_bytes) + ") " + order;
+}
+std::string next_setups() { return first_setups("WHERE id > $1", "ORDER BY id", "LIMIT 100"); }
+std::string next_geometries() { return std::string(geometry_rows) + "WHERE id > $1 ORDER BY id LIMIT 100"; }
+
 template <typename Record, typename At>
 std::vector<Record> records_of(const Result& rows, At at) {
   std::vector<Record> records;
@@ -334,8 +345,9 @@ class PostgresCatalog : public SharedCatalog {
                                        std::size_t limit) override {
     return with([&](Connection& c) {
       const bool all = geometry.id.empty();
-      const std::string sql = std::string(setup_rows) + "WHERE " + (all ? "tenant" : "geometry_id") +
-                              " = $1 AND (created_ms, id) < ($2::bigint, $3) " + newest;
+      const std::string sql =
+          first_setups(std::string("WHERE ") + (all ? "tenant" : "geometry_id") + " = $1 AND (created_ms, id) < ($2::bigint, $3)",
+                       "ORDER BY created_ms DESC, id DESC", "LIMIT $4");
       const auto [created_ms, id] = start_of(geometry.tenant, after);
       const std::string of = all ? geometry.tenant : key_of(geometry);
       return records_of<SetupRecord>(c.run(sql.c_str(), {of, created_ms, id, as_number(limit)}), setup_in);
@@ -393,13 +405,25 @@ class PostgresCatalog : public SharedCatalog {
 
   Damaged check() override {
     Damaged damaged;
-    in_parts(geometry_rows, geometry_in, [&](GeometryRecord&& record) {
+    const auto anew = [this](auto read) { return with(read); };
+    in_parts(anew, next_geometries(), geometry_in, [&](GeometryRecord&& record) {
       if (record.integrity == Integrity::damaged) damaged.geometries.push_back(std::move(record));
     });
-    in_parts(setup_rows, setup_in, [&](SetupRecord&& record) {
+    in_parts(anew, next_setups(), setup_in, [&](SetupRecord&& record) {
       if (record.integrity == Integrity::damaged) damaged.setups.push_back(std::move(record));
     });
     return damaged;
+  }
+
+  void snapshot(const std::function<void(GeometryRecord&&)>& geometry, const std::function<void(SetupRecord&&)>& setup) override {
+    now_ms();  // of the idle sessions none is lost then
+    Lease lease(*this);
+    Transaction transaction(*lease);
+    lease->run("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ READ ONLY");
+    const auto here = [&](auto read) { return read(*lease); };
+    in_parts(here, next_geometries(), geometry_in, geometry);
+    in_parts(here, next_setups(), setup_in, setup);
+    transaction.commit();
   }
 
   std::vector<std::string> geometry_ids(const std::string& tenant, const std::string& prefix, std::size_t limit) override {
@@ -742,13 +766,12 @@ class PostgresCatalog : public SharedCatalog {
     });
   }
 
-  /// A hundred rows at a time, by their keys.
-  template <typename At, typename Take>
-  void in_parts(const char* select, At at, Take take) {
+  /// At most a hundred rows at a time, by their keys. `with`: runs what it is given with a connection.
+  template <typename With, typename At, typename Take>
+  static void in_parts(const With& with, const std::string& select, At at, Take take) {
     std::string last;
     for (;;) {
-      const Result rows = with(
-          [&](Connection& c) { return c.run((std::string(select) + "WHERE id > $1 ORDER BY id LIMIT 100").c_str(), {last}); });
+      const Result rows = with([&](Connection& c) { return c.run(select.c_str(), {last}); });
       if (rows.rows() == 0) return;
       for (int row = 0; row < rows.rows(); ++row) take(at(rows, row));
       last = rows.text(rows.rows() - 1, 0);

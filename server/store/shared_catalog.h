@@ -54,6 +54,11 @@ class SharedCatalog : public Catalog {
   /// and not just for a moment.
   virtual std::vector<Intent> take_over() = 0;
 
+  /// All rows as they are in one moment, the geometries first, each group by key. Does not try again: throws Error(unavailable)
+  /// when the database is lost in the middle.
+  virtual void snapshot(const std::function<void(GeometryRecord&&)>& geometry,
+                        const std::function<void(SetupRecord&&)>& setup) = 0;
+
   /// Of many geometries of a tenant.
   virtual std::map<std::string, std::size_t> setup_counts(const std::string& tenant, const std::vector<std::string>& ids) = 0;
 

@@ -11,6 +11,7 @@
 #include "server/store/catalog_records.h"
 #include "server/store/file.h"
 #include "server/store/geometry_file.h"
+#include "server/store/shared_store_copies.h"
 
 namespace deform::server {
 
@@ -116,6 +117,15 @@ StoredAmount SharedStore::amount_of(const std::string& tenant) const {
 // ---- geometries ----
 
 v1::GeometryInfo SharedStore::put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota) {
+  return put(mesh, geometry_record(convert::geometry_info(mesh, id.id, name), catalog_->now_ms(), id.tenant), quota);
+}
+
+void SharedStore::put_again(const Mesh& mesh, const GeometryRecord& original) {
+  put(mesh, geometry_record(recorded_info(original), original.created_ms, original.tenant), {});
+}
+
+v1::GeometryInfo SharedStore::put(const Mesh& mesh, GeometryRecord record, const Quota& quota) {
+  const OwnedId id = owned(record);
   const auto known = catalog_->find_geometry(id);
   std::optional<std::int64_t> lost;
   if (known && known->integrity == Integrity::intact) {
@@ -128,7 +138,6 @@ v1::GeometryInfo SharedStore::put(const Mesh& mesh, const OwnedId& id, const std
     lost = known->put;
   }
   require_room(mesh_bytes(mesh));
-  GeometryRecord record = geometry_record(convert::geometry_info(mesh, id.id, name), catalog_->now_ms(), id.tenant);
   record.put = catalog_->begin({Intent::Kind::put, {{Intent::What::geometry, id.id, record.created_ms, {}, id.tenant}}});
   try {
     step("an upload is announced");
@@ -304,6 +313,8 @@ std::int64_t SharedStore::put_setup(SetupRecord record, const Quota& quota) {
   return catalog_->add_setup(record, quota);
 }
 
+void SharedStore::put_setup_again(const SetupRecord& original) { catalog_->add_setup(original, {}); }
+
 std::optional<SetupRecord> SharedStore::find_setup(const OwnedId& id) {
   auto record = catalog_->find_setup(id);
   if (record && record->integrity == Integrity::damaged) {
@@ -336,17 +347,11 @@ v1::StoreInfo SharedStore::state() {
 
 StoreReport SharedStore::check(const RunContext& context, const RoomFor& room) {
   StoreReport report;
-  const auto complain = [&](const std::string& line) {
-    report.outcome = StoreReport::Outcome::faults;
-    report.lines.push_back(line);
-  };
-  const auto named = [](const char* what, const OwnedId& id) {
-    return std::string(what) + " " + id.id + (id.tenant == default_tenant ? "" : " of tenant " + id.tenant);
-  };
   const Catalog::Damaged damaged = catalog_->check();
   for (const auto& record : damaged.geometries)
-    complain(named("geometry", owned(record)) + ": its entry in the catalog is damaged");
-  for (const auto& record : damaged.setups) complain(named("system", owned(record)) + ": its entry in the catalog is damaged");
+    complain(report, named("geometry", owned(record)) + ": its entry in the catalog is damaged");
+  for (const auto& record : damaged.setups)
+    complain(report, named("system", owned(record)) + ": its entry in the catalog is damaged");
   require_folder();
   const auto geometries = catalog_->all_geometries(), setups = catalog_->all_setups();
   for (const auto& id : geometries) {
@@ -358,7 +363,7 @@ StoreReport SharedStore::check(const RunContext& context, const RoomFor& room) {
       read_geometry_file(file_of(*record), id.id, files_).validate();
     } catch (const Error& error) {
       const auto now = catalog_->find_geometry(id);
-      if (now && now->put == record->put) complain(named("geometry", id) + ": " + error.what());
+      if (now && now->put == record->put) complain(report, named("geometry", id) + ": " + error.what());
     }
   }
   for (const auto& id : setups) {
@@ -368,7 +373,7 @@ StoreReport SharedStore::check(const RunContext& context, const RoomFor& room) {
     try {
       verify(*record);
     } catch (const Error& error) {
-      complain(named("system", id) + ": " + error.what());
+      complain(report, named("system", id) + ": " + error.what());
     }
   }
   report.lines.push_back(std::to_string(count_entries(directory_->damaged(), files_)) + " entries in damaged/");
@@ -377,11 +382,9 @@ StoreReport SharedStore::check(const RunContext& context, const RoomFor& room) {
   return report;
 }
 
-StoreReport SharedStore::backup(const std::filesystem::path&) {
-  throw Error(
-      ErrorCode::failed_precondition,
-      "store: the catalog is in PostgreSQL: copy the folder, dump the database (pg_dump), and copy the folder once more for "
-      "what came in between");
+StoreReport SharedStore::backup(const std::filesystem::path& to) {
+  require_folder();
+  return backup_shared_store(*catalog_, *directory_, to);
 }
 
 void SharedStore::mirror(StoreMirror mirror) {

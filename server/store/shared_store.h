@@ -34,7 +34,7 @@ struct SharedStoreOptions {
 ///   tmp/                  files of uploads under way
 ///   damaged/              files that were damaged; never touched again
 ///
-/// Names and setups are in the catalog alone, which has backups of its own. Since no two puts write the same name, no server can
+/// Names and setups are in the catalog alone. Since no two puts write the same name, no server can
 /// harm what another one does, whatever it believes about the others and however late it acts: nothing here needs a lock.
 ///
 /// Put: intent, file in tmp/, synced, renamed, directory synced, row, which ends the intent. Remove: rows away and intent to
@@ -57,6 +57,10 @@ class SharedStore : public Store {
   Mesh load(const OwnedId& id) override;
   std::vector<std::string> remove(const OwnedId& id, WithSetups policy, const RowsGone& gone = {}) override;
 
+  /// As put() and put_setup(), with name and time of a record of another store and whatever the quota.
+  void put_again(const Mesh& mesh, const GeometryRecord& original);
+  void put_setup_again(const SetupRecord& original);
+
   std::int64_t put_setup(SetupRecord record, const Quota& quota = {}) override;
   std::optional<SetupRecord> find_setup(const OwnedId& id) override;
   bool remove_setup(const OwnedId& id, const RowsGone& gone = {}) override;
@@ -66,7 +70,7 @@ class SharedStore : public Store {
   void require_room(std::size_t bytes) const override;
   v1::StoreInfo state() override;
   StoreReport check(const RunContext& context, const RoomFor& room) override;
-  /// Throws Error(failed_precondition).
+  /// See shared_store_copies.h.
   StoreReport backup(const std::filesystem::path& to) override;
 
   v1::ListGeometriesReply list(const std::string& tenant, const v1::ListGeometriesRequest& request) override;
@@ -80,6 +84,7 @@ class SharedStore : public Store {
  private:
   static std::unique_ptr<StoreDirectory> open_directory(const std::filesystem::path& path, SharedCatalog& catalog,
                                                         FileSystem& files);
+  v1::GeometryInfo put(const Mesh& mesh, GeometryRecord record, const Quota& quota);
   std::filesystem::path file_of(const GeometryRecord& record) const;
   std::filesystem::path file_of(const Intent::Entry& entry) const;
   std::optional<v1::GeometryInfo> described(const GeometryRecord& record, std::size_t setups);

@@ -264,7 +264,10 @@ class SqliteCatalog : public Catalog {
     query.text(geometry.id.empty() ? geometry.tenant : key_of(geometry));
     bind_page(query, geometry.tenant, after).number(static_cast<std::int64_t>(limit));
     std::vector<SetupRecord> records;
-    while (query.step()) records.push_back(setup_at(query));
+    for (std::size_t bytes = 0; bytes < listed_bytes && query.step();) {
+      records.push_back(setup_at(query));
+      bytes += records.back().setup.size() + records.back().info.size();
+    }
     return records;
   }
 

@@ -114,20 +114,19 @@ class PageRoom {
 };
 
 /// One page of a listing; returns the token of the next one. `fetch(after, limit)` reads records, few at a time, since each may
-/// be large; `add(record)` is false when there is no room for it.
+/// be large, and none at the end; `add(record)` is false when there is no room for it.
 template <typename Fetch, typename Add>
 std::string list_page(const std::string& token, std::uint32_t requested, const Fetch& fetch, const Add& add) {
   constexpr std::size_t batch = 8;
   auto after = parse_page_token(token);
   for (std::size_t left = page_size(requested); left > 0;) {
-    const std::size_t wanted = std::min(batch, left);
-    const auto records = fetch(after, wanted);
+    const auto records = fetch(after, std::min(batch, left));
     for (const auto& record : records) {
       if (!add(record)) return page_token(after->created_ms, after->id);
       after = PageStart{record.created_ms, record.id};
     }
-    if (records.size() < wanted) return {};
-    left -= wanted;
+    if (records.empty()) return {};
+    left -= records.size();
   }
   return page_token(after->created_ms, after->id);
 }

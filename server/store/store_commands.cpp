@@ -1,11 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/store/store_commands.h"
 
-#include <fcntl.h>
-
 #include <algorithm>
-#include <cerrno>
-#include <map>
 #include <set>
 #include <utility>
 
@@ -17,6 +13,7 @@
 #include "server/store/geometry_file.h"
 #include "server/store/sqlite_catalog.h"
 #include "server/store/sqlite_files.h"
+#include "server/store/store_copy.h"
 #include "server/store/store_directory.h"
 
 namespace deform::server {
@@ -25,14 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* folders[] = {"geometries", "names", "setups"};
-
 void say(StoreReport& report, const std::string& line) { report.lines.push_back(line); }
-
-void complain(StoreReport& report, const std::string& line) {
-  report.outcome = StoreReport::Outcome::faults;
-  say(report, line);
-}
 
 std::string counted(std::size_t count, const std::string& what) { return std::to_string(count) + " " + what; }
 
@@ -52,11 +42,6 @@ std::set<std::string> keys_of(const std::vector<OwnedId>& ids) {
   std::set<std::string> keys;
   for (const auto& id : ids) keys.insert(key_of(id));
   return keys;
-}
-
-/// Of a geometry or system, with its tenant unless that is the default one.
-std::string named(const char* what, const OwnedId& id) {
-  return std::string(what) + " " + id.id + (id.tenant == default_tenant ? "" : " of tenant " + id.tenant);
 }
 
 void check_rows(StoreReport& report, const Catalog::Damaged& damaged) {
@@ -84,41 +69,12 @@ void check_strangers(StoreReport& report, FileSystem& files, const fs::path& fol
   }
 }
 
-/// What one file was copied to: the bytes that tenants share are copied once and linked again. A server beside may remove files
-/// and give their inodes to others, so that the content must be the same, too.
-using Copies = std::map<std::pair<dev_t, ino_t>, fs::path>;
-
-/// A link where it can go, else a copy.
-void link_or_copy(FileSystem& files, const fs::path& from, const fs::path& to, Copies& copies) {
-  if (files.link(from, to) == 0) return;
-  if (errno == ENOENT) throw Error(ErrorCode::not_found, from.string() + ": is gone");
-  if (errno == EEXIST) return;  // linked by an earlier round
-  struct stat about {};
-  if (files.status(from, FileSystem::Links::follow, about) != 0) fail_on("look at", from);
-  if (about.st_nlink > 1) {
-    const auto [known, fresh] = copies.try_emplace({about.st_dev, about.st_ino}, to);
-    const bool same = owned_id(known->second.filename().string())->id == owned_id(to.filename().string())->id &&
-                      known->second.parent_path() == to.parent_path();
-    if (!fresh && same && files.link(known->second, to) == 0) return;
-  }
-  const File source(files, from, O_RDONLY);
-  const File target(files, to, O_WRONLY | O_CREAT | O_EXCL);
-  std::string buffer(std::size_t{1} << 20, '\0');
-  while (const std::size_t size = source.read(buffer.data(), buffer.size())) target.write(buffer.data(), size);
-}
-
 /// Every file of the three folders that is there now. One that a server removes meanwhile is left out.
-void take_files(FileSystem& files, const fs::path& from, const fs::path& to) {
-  Copies copies;
-  for (const char* folder : folders) {
+void take_files(FileSystem& files, const fs::path& from, StoreCopy& copy) {
+  for (const char* folder : StoreCopy::folders) {
     for (const fs::path& path : entries_of(files, from / folder)) {
-      if (!owned_id(path.filename().string())) continue;
-      try {
-        link_or_copy(files, path, to / folder / path.filename(), copies);
-      } catch (const Error& error) {
-        if (error.code() != ErrorCode::not_found && exists(files, path)) throw;
-        try_remove(files, to / folder / path.filename());  // half a copy
-      }
+      const std::string name = path.filename().string();
+      if (owned_id(name)) copy.take(path, folder, name);
     }
   }
 }
@@ -156,17 +112,6 @@ std::set<fs::path> missing(FileSystem& files, const fs::path& root, const Ids& i
   return found;
 }
 
-/// Files of what was deleted or not yet registered when the catalog was copied. All here was made by this process.
-void drop_others(FileSystem& files, const fs::path& to, const Ids& ids) {
-  const std::set<std::string> geometries = keys_of(ids.geometries), setups = keys_of(ids.setups);
-  for (const char* folder : folders) {
-    const auto& known = std::string(folder) == "setups" ? setups : geometries;
-    for (const fs::path& path : entries_of(files, to / folder)) {
-      if (known.count(path.filename().string()) == 0) remove_file(files, path);
-    }
-  }
-}
-
 StoreReport copy_store(const fs::path& from, const fs::path& to, FileSystem& files) {
   if (is_interrupted_copy(from, files)) {
     throw Error(ErrorCode::failed_precondition,
@@ -184,34 +129,27 @@ StoreReport copy_store(const fs::path& from, const fs::path& to, FileSystem& fil
     throw Error(ErrorCode::invalid_argument,
                 "store: " + to.string() + " is inside " + from.string() + "; name a folder elsewhere");
   }
-  if (!is_empty_folder(to, files)) {
-    const char* advice = is_interrupted_copy(to, files) ? " (if a backup or restore to it was interrupted, remove it first)" : "";
-    throw Error(ErrorCode::failed_precondition, "store: " + to.string() + " is not empty; nothing in it was touched" + advice);
-  }
-  make_directories(files, to);
-  if (files.close_to_others(to) != 0) fail_on("close to others", to);
-  for (const char* folder : folders) {
-    if (files.make_directory(to / folder) != 0) fail_on("create", to / folder);
-  }
-  const fs::path catalog = to / "catalog.sqlite";
+  StoreCopy copy(to, "the store in " + source.string(), files);
   // Every file of a row is there when the row is: so files first, then the catalog, then what came in between. What came and went
   // in between is found in the next round; what is missing in two of them is missing in the original.
   Ids ids;
   std::set<fs::path> before;
   constexpr int rounds = 10;
   for (int round = 0;; ++round) {
-    take_files(files, from, to);
-    copy_catalog(from / "catalog.sqlite", catalog, files);
-    take_files(files, from, to);
-    ids = ids_of(files, catalog);
+    take_files(files, from, copy);
+    copy.drop_catalog();
+    copy_catalog(from / "catalog.sqlite", copy.catalog(), files);
+    take_files(files, from, copy);
+    ids = ids_of(files, copy.catalog());
     std::set<fs::path> now = missing(files, to, ids);
     if (now.empty() || (round > 0 && now == before)) break;
     if (round == rounds) throw Error(ErrorCode::unavailable, "store: " + from.string() + " changes too fast to be copied");
     before = std::move(now);
   }
-  drop_others(files, to, ids);
-  sync_file_system(files, to);
-  write_mark(to, files);
+  // Files of what was deleted or not yet registered when the catalog was copied.
+  for (const char* folder : {"geometries", "names"}) copy.drop_others(folder, keys_of(ids.geometries));
+  copy.drop_others("setups", keys_of(ids.setups));
+  copy.finish();
   StoreReport report;
   say(report, counted(ids.geometries.size(), "geometries, ") + counted(ids.setups.size(), "setups"));
   for (const auto& id : ids.geometries) {
@@ -232,6 +170,15 @@ StoreReport guarded(Work work) {
 }
 
 }  // namespace
+
+void complain(StoreReport& report, const std::string& line) {
+  report.outcome = StoreReport::Outcome::faults;
+  say(report, line);
+}
+
+std::string named(const char* what, const OwnedId& id) {
+  return std::string(what) + " " + id.id + (id.tenant == default_tenant ? "" : " of tenant " + id.tenant);
+}
 
 StoreReport check_store(const fs::path& data_dir, FileSystem& files) {
   return guarded([&] {

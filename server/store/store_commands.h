@@ -23,6 +23,11 @@ struct StoreReport {
   std::vector<std::string> lines;
 };
 
+/// A line about a fault.
+void complain(StoreReport& report, const std::string& line);
+/// "geometry ID of tenant NAME"; without the tenant when that is the default one.
+std::string named(const char* what, const OwnedId& id);
+
 /// Reads and verifies every file of a store that no server has open; changes nothing.
 StoreReport check_store(const std::filesystem::path& data_dir, FileSystem& files = system_files());
 
@@ -36,7 +41,7 @@ StoreReport rebuild_store(const std::filesystem::path& data_dir, FileSystem& fil
 
 /// Makes `to`, a new or empty folder, a store of the same content, beside a server that may run: a consistent copy of the
 /// catalog, and hard links of the files, which never change; copies where links cannot go. The result is complete when it has its
-/// mark.
+/// mark. `to` may also be what the same command has left when it was interrupted: it goes on there.
 StoreReport backup_store(const std::filesystem::path& data_dir, const std::filesystem::path& to,
                          FileSystem& files = system_files());
 

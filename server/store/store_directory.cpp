@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "core/base/error.h"
+#include "core/codec/geometry_id.h"
 #include "server/store/catalog_records.h"
 #include "server/store/file.h"
 #include "server/store/sqlite_files.h"
@@ -29,9 +30,10 @@ constexpr const char* mark_text = "deformd store, format 3\n";
 constexpr const char* shared_mark_text = "deformd store, format 3, shared by servers with the catalog ";
 constexpr const char* mark_of_2 = "deformd store, format 2\n";  // the files of the default tenant alone: a format 3 as it stands
 /// Of the file systems themselves, of a mark that was not finished, and the lock, which is made before the mark.
-constexpr std::array nothing_of_anybody = {"lost+found", "deformd-store.part", "lock"};
-constexpr std::array layout = {"lock",       "geometries",         "names",  "setups", "tmp", "damaged", "unclaimed", "reserve",
-                               "lost+found", "deformd-store.part", mark_name};
+constexpr std::array nothing_of_anybody = {"lost+found", "deformd-store.part", "lock", "deformd-unfinished-copy.part"};
+constexpr std::array layout = {"lock",    "geometries",        "names",   "setups",     "tmp",
+                               "damaged", "unclaimed",         "reserve", "lost+found", "deformd-store.part",
+                               mark_name, unfinished_copy_name};
 
 /// A file in geometries/ that is named as those of a store are.
 bool has_a_geometry(const fs::path& root, FileSystem& files) {
@@ -47,7 +49,7 @@ Error not_a_store(const fs::path& root, FileSystem& files) {
                         "\"); nothing in it was touched. Name an empty or a new folder";
   if (has_a_geometry(root, files)) {
     message += "; if this is a store that lost files, \"deformd store rebuild --data-dir " + root.string() +
-               "\" makes one of it; if a backup or restore to it was interrupted, remove it and begin again";
+               "\" makes one of it; if a backup or restore to it was interrupted, begin it again";
   }
   return {ErrorCode::failed_precondition, message};
 }
@@ -68,12 +70,14 @@ bool laid_out_like_a_store(const fs::path& root, FileSystem& files) {
   return has_a_geometry(root, files) && has_only_what_stores_have(root, files);
 }
 
-/// Whether it was ever the mark of a store, of whatever version.
-bool names_a_format(const std::string& mark) {
-  const std::string_view head = "deformd store, format ";
-  if (!mark.starts_with(head) || !mark.ends_with('\n')) return false;
-  const std::string number = mark.substr(head.size(), mark.size() - head.size() - 1);
-  return !number.empty() && std::all_of(number.begin(), number.end(), [](char c) { return c >= '0' && c <= '9'; });
+/// Whether it is the mark of a store of a later version, which has the SHA-256 of its first line on a second one: one flipped bit
+/// makes 7 of 3.
+bool names_a_later_format(const std::string& mark) {
+  const std::size_t line = mark.find('\n') + 1;
+  if (!mark.starts_with("deformd store, format ") || line == 0) return false;
+  codec::Sha256 digest;
+  digest.add(mark.data(), line);
+  return mark.substr(line) == digest.hex() + "\n";
 }
 
 std::string content(const fs::path& file, FileSystem& files) {
@@ -108,9 +112,9 @@ void examine(const fs::path& root, StoreDirectory::Accept accept, const std::str
       throw Error(ErrorCode::failed_precondition,
                   "store: " + root.string() +
                       " is the store of one server, with a catalog of its own; for servers that share "
-                      "a catalog name an empty or a new folder, and register again");
+                      "a catalog name an empty or a new folder, and bring what is here there by \"deformd store import\"");
     }
-    if (!names_a_format(text)) {
+    if (!names_a_later_format(text)) {
       const std::string damaged = "store: the mark " + (root / mark_name).string() + " is damaged";
       if (!alone) throw Error(ErrorCode::failed_precondition, damaged + "; restore it from a backup of the folder");
       if (accept == StoreDirectory::Accept::also_files && has_only_what_stores_have(root, files)) return;

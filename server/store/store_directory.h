@@ -66,6 +66,9 @@ class StoreDirectory {
 bool has_mark(const std::filesystem::path& root, FileSystem& files = system_files());
 void write_mark(const std::filesystem::path& root, FileSystem& files = system_files());
 
+/// In a folder that is being made a copy of a store (store_copy.h).
+inline constexpr const char* unfinished_copy_name = "deformd-unfinished-copy";
+
 /// What a backup or restore leaves that was interrupted: it writes the mark last.
 bool is_interrupted_copy(const std::filesystem::path& folder, FileSystem& files);
 

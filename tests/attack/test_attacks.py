@@ -12,6 +12,7 @@ import numpy
 
 import http2
 from attack import LONG, MIB, Attack, main
+from honest import until_answered
 from deform.v1 import deformation_pb2, geometry_pb2, service_pb2_grpc, setup_pb2
 
 
@@ -172,6 +173,81 @@ class Selections(Attack):
             return self.refused(lambda: list(self.stub().Prepare(deformation_pb2.PrepareRequest(setup=setup), timeout=10)))
 
         self.assertIn(None, in_threads(100, attack), "some are prepared")
+
+
+class LargeSetups(Attack):
+    """Setups in pieces (EstimateLarge, PrepareLarge), and answers about them."""
+
+    options = ["--max-deadline", "20"]
+
+    def pieces(self, setup, count=None):
+        """The messages of a setup; only so many of them."""
+        size = 700_000
+        for i in range(0, len(setup), size)[:count]:
+            message = deformation_pb2.PrepareLargeRequest(setup=setup[i:i + size])
+            if i == 0:
+                message.header.setup.bytes = len(setup)
+            yield message
+
+    def of_ids(self, size, seed=0):
+        """A setup of so many bytes that fixes the left end again and again."""
+        ids = bytes(i for i in self.plate.left if i < 128) * 100  # one byte each
+        lists = b"\x4a" + varint(len(ids) + 3) + b"\x32" + varint(len(ids)) + ids  # union: ids
+        region = lists * (size // len(lists))
+        setup = setup_pb2.Setup()
+        setup.CopyFrom(self.setup)
+        setup.seed = seed
+        return setup.SerializeToString() + b"\x22" + varint(len(region)) + region
+
+    def test_pieces_whose_setup_never_ends(self):
+        """64 streams announce 40 MB each, and send 28 MB."""
+        setup = bytes(40_000_000)
+        release = threading.Event()
+        self.addCleanup(release.set)
+
+        def attack(i):
+            def messages():
+                yield from self.pieces(setup, 40)
+                release.wait(10)
+
+            stub = self.stub()
+            if i % 2 == 0:
+                call = stub.EstimateLarge.future(deformation_pb2.EstimateLargeRequest.FromString(m.SerializeToString()) for m in messages())
+                return lambda: call.result(timeout=30)
+            replies = stub.PrepareLarge(messages(), timeout=30)
+            return lambda: list(replies)
+
+        calls = in_threads(64, attack)
+        time.sleep(4)
+        release.set()
+        for call in calls:
+            self.assertIn(self.refused(call), {grpc.StatusCode.RESOURCE_EXHAUSTED, grpc.StatusCode.INVALID_ARGUMENT})
+
+    def test_many_parts(self):
+        """12 MB of empty regions: six million messages once they are parsed."""
+        region = b"\x4a\x00" * 6_000_000
+        setup = self.setup.SerializeToString() + b"\x22" + varint(len(region)) + region
+
+        def attack(_):
+            stub = self.stub()
+            return [self.refused(lambda: list(stub.PrepareLarge(self.pieces(setup), timeout=30))) for _ in range(4)]
+
+        for codes in in_threads(16, attack):
+            self.assertNotIn(None, codes)
+
+    def test_large_setups_that_are_right(self):
+        """6 different setups of 4 MB at once, again and again, and all questions about them. Who does as a refusal says gets an answer."""
+        def attack(i):
+            stub, setup = self.stub(), self.of_ids(4_000_000, i)
+            for _ in range(3):
+                until_answered(lambda: list(stub.PrepareLarge(self.pieces(setup), timeout=30)))
+            for system in stub.ListSystems(deformation_pb2.ListSystemsRequest(), timeout=30).systems:
+                self.assertLess(system.ByteSize(), MIB)
+                self.refused(lambda: stub.GetSystem(deformation_pb2.GetSystemRequest(id=system.id), timeout=30))
+                self.refused(lambda: list(stub.GetSetup(deformation_pb2.GetSetupRequest(system_id=system.id), timeout=30)))
+
+        in_threads(6, attack)
+        self.assertEqual(len(self.service.ListSystems(deformation_pb2.ListSystemsRequest(), timeout=30).systems), 7)
 
 
 class Held(Attack):

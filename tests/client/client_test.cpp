@@ -66,6 +66,26 @@ TEST(Client, DeformsAndFetchesThePointsOnce) {
   EXPECT_EQ(fetched, 1);
 }
 
+/// One of a version that knows Prepare only.
+TEST(Client, LargeSetupsGoInOneMessageToAServerThatTakesNoPieces) {
+  ScriptedService service;
+  int seen = 0;
+  service.on_prepare = [&](const v1::PrepareRequest& request, grpc::ServerWriterInterface<v1::PrepareReply>& writer) {
+    seen = request.setup().fixed(0).ids_size();
+    v1::PrepareReply reply;
+    reply.mutable_system()->set_id("system");
+    writer.Write(reply, grpc::WriteOptions());
+    return grpc::Status::OK;
+  };
+  v1::Setup setup;
+  v1::Region& region = *setup.add_fixed();
+  for (std::uint32_t id = 0; id < 500'000; ++id) region.add_ids(id);
+  ASSERT_GT(setup.ByteSizeLong(), std::size_t{1} << 20);
+  Client client = service.client();
+  EXPECT_EQ(client.prepare(setup).id(), "system");
+  EXPECT_EQ(seen, 500'000);
+}
+
 /// The encodings that a client asks for, by deform() and in a session, when its request names `asked`.
 std::vector<v1::Encoding> sent_encodings(const ClientOptions& options, v1::Encoding asked) {
   ScriptedService service;

@@ -125,9 +125,9 @@ class EndToEnd(unittest.TestCase):
             environment["DEFORM_SERVER"] = self.server.address
         return environment
 
-    def deform(self, *arguments, expect=0):
-        """Runs deform in the test's folder; unless expect is None its exit code must be that."""
-        done = subprocess.run([DEFORM, *map(str, arguments)], cwd=self.folder, env=self.environment(), timeout=600,
+    def deform(self, *arguments, expect=0, environment=None):
+        """Runs deform in the test's folder; unless expect is None its exit code must be that. `environment`: variables besides."""
+        done = subprocess.run([DEFORM, *map(str, arguments)], cwd=self.folder, env={**self.environment(), **(environment or {})}, timeout=600,
                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         if expect is not None:
             self.assertEqual(done.returncode, expect, f"deform {' '.join(map(str, arguments))}\n{done.stdout}\n{done.stderr}")

@@ -176,10 +176,13 @@ class BehindProxy(Replicas):
     def proxy_settings(self):
         return {}
 
+    def proxy_configuration(self, text):
+        return text
+
     def start_proxy(self):
         """The file that is shipped, but for its own port."""
         with open(os.path.join(SOURCE, "deploy/replicas/haproxy.cfg")) as file:
-            self.write("haproxy.cfg", file.read().replace("bind :50051", f"bind 127.0.0.1:{self.port}"))
+            self.write("haproxy.cfg", self.proxy_configuration(file.read().replace("bind :50051", f"bind 127.0.0.1:{self.port}")))
         environment = {**os.environ, **self.proxy_settings()}
         for name, server, metrics in zip("ABC", self.servers, self.metrics):
             environment[f"DEFORMD_{name}"] = server.address

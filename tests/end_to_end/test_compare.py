@@ -5,6 +5,7 @@ import base64
 import json
 import math
 import re
+import signal
 import struct
 import zlib
 
@@ -40,6 +41,22 @@ class Compare(EndToEnd):
 
     def compare(self, *arguments, expect=0):
         return self.deform("compare", "ahmed.yaml", *arguments, expect=expect)
+
+    def test_what_was_compared_is_told_when_it_is_interrupted(self):
+        self.deform("sample", "-o", "ahmed.obj", "--points", "15000")
+        self.write("slow.yaml", "method: {rbf: {reduction: REDUCTION_OFF}}\n")
+        child = self.spawn("compare", "ahmed.yaml", "--set", "roof_up=0.03", "--methods", "shell,slow.yaml", "-o", "page.html", "--json")
+        self.wait_until(lambda: any(call["state"].lower().endswith("preparing") for call in self.deform("admin", "calls", "--json").json["calls"])
+                        and len(self.deform("list", "systems", "--json").json["systems"]) == 1, "the second method is prepared", 60)
+        child.send_signal(signal.SIGINT)
+        out, err = child.communicate(timeout=60)
+        self.assertEqual(child.returncode, 130, err)
+        self.assertIn("only 1 of 2 methods were compared", err)
+        reply = json.loads(out)
+        self.assertEqual([method["label"] for method in reply["methods"]], ["shell"])
+        self.assertEqual(reply["error"]["code"], "CANCELLED")
+        with open(self.path("page.html")) as file:
+            self.assertIn("shell", file.read())
 
     def test_says_what_apply_says_of_each_method(self):
         self.write("dense.yaml", "method: {ffd: {control: MESH, lattice: {points: [9, 8, 7]}}}\n")

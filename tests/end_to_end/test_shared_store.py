@@ -2,15 +2,19 @@
 """Servers that share a store, by a folder and a catalog in PostgreSQL: what one has all have, whoever is killed. Where PostgreSQL's
 server is installed. DEFORM_LONG=1: for minutes, and the figures are printed."""
 
+import collections
+import datetime
 import json
 import os
 import random
+import re
 import shutil
+import subprocess
 import threading
 import time
 import unittest
 
-from harness import AHMED_SETUP, DEFORMD, main, read_bytes
+from harness import AHMED_SETUP, DEFORMD, Server, main, read_bytes
 from replicas import LONG, BehindProxy, Replicas, SharedStore
 
 CLIENTS = 8
@@ -25,9 +29,52 @@ def vary(mesh, client, count):
     return "\n".join(lines)
 
 
-class OneStore(SharedStore, Replicas):
-    def environment(self):
-        return {**super().environment(), "DEFORM_SERVER": ",".join(server.address for server in self.servers)}
+class Preparations:
+    """Which server prepared which system when, by the logs."""
+
+    def setUp(self):
+        self.killed = []  # servers, and the moment before
+        super().setUp()
+
+    def options_of(self, number):
+        return [*super().options_of(number), "--log-level", "debug", "--log-format", "json"]
+
+    def preparations(self):
+        """System -> [(server, begin, end)]. What a kill has ended has no line: it ended then, or later."""
+        found = {}
+        for server in self.servers:
+            kills = sorted(when for victim, when in self.killed if victim is server)
+            begun = {}
+            for line in server.log_text().splitlines():
+                try:
+                    line = json.loads(line)
+                except ValueError:
+                    continue  # cut off by a kill
+                words = re.match(r"engine: (begins to prepare|ends preparing) system (\S+)", line.get("message", ""))
+                if words is None:
+                    continue
+                when = datetime.datetime.fromisoformat(line["time"].replace("Z", "+00:00")).timestamp()
+                if words[1].startswith("ends"):
+                    found.setdefault(words[2], []).append((server.port, begun.pop(words[2], when), when))
+                    continue
+                if words[2] in begun:
+                    found.setdefault(words[2], []).append((server.port, begun[words[2]], next(k for k in kills if k >= begun[words[2]])))
+                begun[words[2]] = when
+            for system, when in begun.items():
+                found.setdefault(system, []).append((server.port, when, next((k for k in kills if k >= when), when)))
+        return found
+
+    def prepared_twice_at_once(self):
+        """Systems that two servers prepared at the same time."""
+        twice = []
+        for system, spans in self.preparations().items():
+            spans.sort(key=lambda span: span[1])
+            twice += [(system, a, b) for a, b in zip(spans, spans[1:]) if b[0] != a[0] and b[1] < a[2]]
+        return twice
+
+
+class Killing:
+    """Before a class with servers in the list of bases."""
 
     def at(self, server):
         return ["--server", server.address]
@@ -36,6 +83,102 @@ class OneStore(SharedStore, Replicas):
         self.deform("sample", "-o", f"{name}.obj", "--points", points)
         self.write(f"{name}.yaml", AHMED_SETUP.replace("ahmed.obj", f"{name}.obj"))
         return f"{name}.yaml"
+
+    def more_figures(self):
+        """What is counted besides; asserted by whoever knows it."""
+        return {}
+
+    def check_operations_while_killing(self, seconds, every):
+        """Clients register, prepare, deform and delete; one after the other server is killed at random. What was acknowledged holds, and
+        every design has the bytes that it had before."""
+        for k in range(CLIENTS):
+            self.write_case(f"client{k}", 2000 + 50 * k)
+        systems = [self.deform("prepare", f"client{k}.yaml", "--json").json for k in range(CLIENTS)]
+        for k, system in enumerate(systems):
+            self.deform("apply", system["id"], "--source", f"client{k}.obj", "--set", "roof_up=0.03", "-o", f"expected{k}.obj")
+        expected = [read_bytes(self.path(f"expected{k}.obj")) for k in range(CLIENTS)]
+        end = time.time() + seconds
+        wrong, failed, stored, deleted, counts, slowest = [], [], {}, {}, dict(designs=0, prepared=0, deleted=0), [0.0]
+        lock = threading.Lock()
+
+        def client(k):
+            chance = random.Random(k)
+            mine, count = [], 0
+            while time.time() < end:
+                began = time.time()
+                def traced(kind):
+                    """Names the command for those who look at its calls."""
+                    return {"TRACEPARENT": f"00-{kind}{k + 1:015x}{count + 1:016x}-00f067aa0ba902b7-01"}
+
+                result = self.deform("apply", systems[k]["id"], "--source", f"client{k}.obj", "--set", "roof_up=0.03",
+                                     "-o", f"out{k}.obj", expect=None, environment=traced("d"))
+                with lock:
+                    slowest[0] = max(slowest[0], time.time() - began)
+                    counts["designs"] += 1
+                    if result.code != 0:
+                        failed.append(result.err)
+                    elif read_bytes(self.path(f"out{k}.obj")) != expected[k]:
+                        wrong.append(k)
+                name = f"own{k}"
+                count += 1
+                self.write(f"{name}.obj", vary(read_bytes(self.path(f"client{k}.obj")).decode(), k, count))
+                self.write(f"{name}.yaml", AHMED_SETUP.replace("ahmed.obj", f"{name}.obj"))
+                result = self.deform("prepare", f"{name}.yaml", "--json", expect=None, environment=traced("c"))
+                if result.code == 0:
+                    mine.append(result.json)
+                    with lock:
+                        stored[result.json["id"]] = result.json
+                        counts["prepared"] += 1
+                else:
+                    with lock:
+                        failed.append(result.out + result.err)
+                if len(mine) > 3:
+                    gone = mine.pop(chance.randrange(3))
+                    with lock:
+                        stored.pop(gone["id"], None)
+                    # At one server: a client that names several has it deleted at all, whatever they share, and fails without one of them.
+                    for server in chance.sample(self.servers, 3):
+                        if self.deform("remove", gone["geometry_id"], "--with-setups", *self.at(server), expect=None).code == 0:
+                            with lock:
+                                deleted[gone["id"]] = gone
+                                counts["deleted"] += 1
+                            break
+
+        threads = [threading.Thread(target=client, args=(k,)) for k in range(CLIENTS)]
+        for thread in threads:
+            thread.start()
+        kills, chance = 0, random.Random(4711)
+        while time.time() + every < end:
+            time.sleep(every)
+            victim = chance.choice(self.servers)
+            self.killed.append((victim, time.time()))
+            victim.kill()
+            kills += 1
+            time.sleep(0.3)
+            victim.start()
+        for thread in threads:
+            thread.join()
+        listed = [{one["id"] for one in self.deform("list", "systems", "--json", *self.at(server)).json["systems"]} for server in self.servers]
+        lost = [one for one in stored if any(one not in ids for ids in listed)]
+        back = [one for one in deleted if any(one in ids for ids in listed)]
+        figures = dict(kills=kills, seconds=seconds, **counts, failed=len(failed), wrong=len(wrong), lost=len(lost), back=len(back),
+                       checked=len(stored) + len(deleted), slowest_design=round(slowest[0], 2), **self.more_figures())
+        if LONG:
+            print("figures", json.dumps(figures), flush=True)
+        self.assertEqual((wrong, lost, back), ([], [], []), figures)
+        self.assertEqual(failed, [], figures)
+        self.assertGreater(kills, 2)
+        self.assertGreater(sum(len(spans) for spans in self.preparations().values()), CLIENTS)
+        self.assertEqual(self.prepared_twice_at_once(), [], figures)
+        damaged = self.deform("admin", "check", *self.at(self.servers[0]), expect=None)
+        self.assertEqual(damaged.code, 0, damaged.out + damaged.err)
+        for server in self.servers:
+            self.assertEqual(server.stop(), 0)
+
+
+class OneStore(Killing, Preparations, SharedStore, Replicas):
+    def environment(self):
+        return {**super().environment(), "DEFORM_SERVER": ",".join(server.address for server in self.servers)}
 
     def test_what_one_server_has_all_have(self):
         a, b, c = self.servers
@@ -100,104 +243,76 @@ class OneStore(SharedStore, Replicas):
         for server in self.servers:
             self.assertNotIn("hush", server.log_text())
 
-    def check_operations_while_killing(self, seconds, every):
-        """Clients register, prepare, deform and delete; one after the other server is killed at random. What was acknowledged holds, and
-        every design has the bytes that it had before."""
-        for k in range(CLIENTS):
-            self.write_case(f"client{k}", 2000 + 50 * k)
-        systems = [self.deform("prepare", f"client{k}.yaml", "--json").json for k in range(CLIENTS)]
-        for k, system in enumerate(systems):
-            self.deform("apply", system["id"], "--source", f"client{k}.obj", "--set", "roof_up=0.03", "-o", f"expected{k}.obj")
-        expected = [read_bytes(self.path(f"expected{k}.obj")) for k in range(CLIENTS)]
-        end = time.time() + seconds
-        wrong, failed, stored, deleted, counts, slowest = [], [], {}, {}, dict(designs=0, prepared=0, deleted=0), [0.0]
-        lock = threading.Lock()
+    def store(self, *arguments):
+        done = subprocess.run([DEFORMD, "store", *arguments], capture_output=True, text=True, timeout=120, check=False)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        return done.stdout
 
-        def client(k):
-            chance = random.Random(k)
-            mine, count = [], 0
-            while time.time() < end:
-                began = time.time()
-                result = self.deform("apply", systems[k]["id"], "--source", f"client{k}.obj", "--set", "roof_up=0.03",
-                                     "-o", f"out{k}.obj", expect=None)
-                with lock:
-                    slowest[0] = max(slowest[0], time.time() - began)
-                    counts["designs"] += 1
-                    if result.code != 0:
-                        failed.append(result.err)
-                    elif read_bytes(self.path(f"out{k}.obj")) != expected[k]:
-                        wrong.append(k)
-                name = f"own{k}"
-                count += 1
-                self.write(f"{name}.obj", vary(read_bytes(self.path(f"client{k}.obj")).decode(), k, count))
-                self.write(f"{name}.yaml", AHMED_SETUP.replace("ahmed.obj", f"{name}.obj"))
-                result = self.deform("prepare", f"{name}.yaml", "--json", expect=None)
-                if result.code == 0:
-                    mine.append(result.json)
-                    with lock:
-                        stored[result.json["id"]] = result.json
-                        counts["prepared"] += 1
-                else:
-                    with lock:
-                        failed.append(result.out + result.err)
-                if len(mine) > 3:
-                    gone = mine.pop(chance.randrange(3))
-                    with lock:
-                        stored.pop(gone["id"], None)
-                    # At one server: a client that names several has it deleted at all, whatever they share, and fails without one of them.
-                    for server in chance.sample(self.servers, 3):
-                        if self.deform("remove", gone["geometry_id"], "--with-setups", *self.at(server), expect=None).code == 0:
-                            with lock:
-                                deleted[gone["id"]] = gone
-                                counts["deleted"] += 1
-                            break
-
-        threads = [threading.Thread(target=client, args=(k,)) for k in range(CLIENTS)]
-        for thread in threads:
-            thread.start()
-        kills, chance = 0, random.Random(4711)
-        while time.time() + every < end:
-            time.sleep(every)
-            victim = chance.choice(self.servers)
-            victim.kill()
-            kills += 1
-            time.sleep(0.3)
-            victim.start()
-        for thread in threads:
-            thread.join()
-        listed = [{one["id"] for one in self.deform("list", "systems", "--json", *self.at(server)).json["systems"]} for server in self.servers]
-        lost = [one for one in stored if any(one not in ids for ids in listed)]
-        back = [one for one in deleted if any(one in ids for ids in listed)]
-        figures = dict(kills=kills, seconds=seconds, **counts, failed=len(failed), wrong=len(wrong), lost=len(lost), back=len(back),
-                       checked=len(stored) + len(deleted), slowest_design=round(slowest[0], 2))
-        if LONG:
-            print("figures", json.dumps(figures), flush=True)
-        self.assertEqual((wrong, lost, back), ([], [], []), figures)
-        self.assertEqual(failed, [], figures)
-        self.assertGreater(kills, 2)
-        damaged = self.deform("admin", "check", *self.at(self.servers[0]), expect=None)
-        self.assertEqual(damaged.code, 0, damaged.out + damaged.err)
+    def test_a_backup_becomes_a_store_of_one_server_and_comes_back(self):
+        system = self.deform("prepare", self.write_case(), "--json").json
+        self.deform("apply", system["id"], "--source", "ahmed.obj", "--set", "roof_up=0.03", "-o", "before.obj")
+        self.deform("admin", "backup", self.path("monday"), *self.at(self.servers[1]))
+        shared = ["--catalog", self.postgres.uri(), "--data-dir", self.path("shared")]
+        self.store("backup", self.path("tuesday"), *shared)
+        self.assertIn("every file is whole", self.store("check", *shared))
+        for name in ("monday", "tuesday"):
+            self.assertIn("1 geometries, 1 setups: every file is whole", self.store("check", "--data-dir", self.path(name)))
+        os.mkdir(self.path("alone"))
+        self.store("restore", self.path("monday"), "--data-dir", self.path("alone/data"))
+        alone = Server(self.path("alone")).start()
+        self.addCleanup(alone.stop)
+        self.deform("apply", system["id"], "--source", "ahmed.obj", "--set", "roof_up=0.03", "-o", "alone.obj", *self.at(alone))
+        self.assertEqual(read_bytes(self.path("alone.obj")), read_bytes(self.path("before.obj")))
+        self.assertEqual(alone.stop(), 0)
+        self.deform("remove", system["geometry_id"], "--with-setups", *self.at(self.servers[0]))
+        self.assertIn("added 1 geometries, 1 setups", self.store("import", self.path("alone/data"), *shared))
+        self.assertIn("added 0 geometries, 0 setups", self.store("import", self.path("alone/data"), *shared))
         for server in self.servers:
-            self.assertEqual(server.stop(), 0)
+            self.deform("apply", system["id"], "--source", "ahmed.obj", "--set", "roof_up=0.03", "-o", "after.obj", *self.at(server))
+            self.assertEqual(read_bytes(self.path("after.obj")), read_bytes(self.path("before.obj")))
 
     def test_nothing_acknowledged_is_lost_while_servers_are_killed(self):
         self.check_operations_while_killing(*((120, 2) if LONG else (12, 2)))
 
 
 @unittest.skipUnless(shutil.which("haproxy"), "haproxy is not installed")
-class OneStoreBehindProxy(SharedStore, BehindProxy):
+class OneStoreBehindProxy(Killing, Preparations, SharedStore, BehindProxy):
     up_seconds = 1  # a call has four attempts, and here nothing takes long in between
 
     def proxy_settings(self):
         return {"DEFORMD_READYZ": "/readyz?exclude=store"}
+
+    def proxy_configuration(self, text):
+        """A line of the log for each call that comes, with the trace of the command that made it."""
+        text = text.replace("  maxconn 4000\n", "  maxconn 4000\n  log stdout format raw local0\n", 1)
+        text = text.replace("  default_backend replicas\n", "  default_backend replicas\n  log global\n  http-request capture req.hdr(traceparent) len 60\n"
+                            "  log-format \"call %HP %[capture.req.hdr(0)] %s %ST %ts\"\n", 1)
+        return text
+
+    def retries(self, kind):
+        """Of each command of the kind, how many of its calls came again: as the proxy saw them."""
+        calls = re.findall(rf"^call \S*/deform\.v1\.DeformService/(\w+) 00-({kind}\w{{31}})-", read_bytes(self.path("haproxy.log")).decode(), re.MULTILINE)
+        again = dict.fromkeys((trace for _, trace in calls), 0)
+        for (_, trace), count in collections.Counter(calls).items():
+            again[trace] += count - 1
+        return list(again.values())
+
+    def more_figures(self):
+        designs, prepared = self.retries("d"), self.retries("c")
+        return dict(designs_counted=len(designs), designs_retried=sum(map(bool, designs)), most_retries_of_a_design=max(designs, default=0),
+                    preparations_retried=sum(map(bool, prepared)), most_retries_of_a_preparation=max(prepared, default=0))
+
+    def test_nothing_acknowledged_is_lost_while_servers_are_killed(self):
+        self.check_operations_while_killing(*((120, 2) if LONG else (9, 2)))
+        retries = self.retries("d")
+        self.assertGreater(len(retries), CLIENTS)
+        self.assertLessEqual(max(retries), 1)
 
     def test_nothing_is_lost_while_servers_are_killed(self):
         self.check_killing()
 
     def test_no_design_fails_in_a_rolling_restart(self):
         self.check_rolling_restart()
-
-
 
 
 if __name__ == "__main__":

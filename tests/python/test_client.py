@@ -2,6 +2,7 @@
 """Connections: errors, cancelling, servers that go away, threads and processes."""
 
 import hashlib
+import json
 import multiprocessing
 import os
 import pickle
@@ -55,6 +56,32 @@ def test_errors_have_types_and_say_where(case, client):
         assert isinstance(error, builtin) and isinstance(error, deformd.Error) and str(error)
         assert (error.field, error.index) == (field, index)
         assert pickle.loads(pickle.dumps(error)).args == error.args
+
+
+def test_setups_of_ten_mebibytes_go_their_way(tmp_path, client):
+    n, lists = 128, 400
+    number = np.arange(n * n).reshape(n, n)
+    points = np.stack([number % n / n, number // n / n, 0 * number], axis=-1).reshape(-1, 3)
+    faces = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1).reshape(-1, 4)
+    ids = {"left": number[:, :60].ravel().tolist(), "right": number[:, 68:].ravel().tolist()}
+    (tmp_path / "ids.json").write_text(json.dumps(ids))
+
+    def setup(count):
+        def region(name):
+            return {"union": [{"ids": {"file": str(tmp_path / "ids.json"), "set": name}}] * count}
+        return {"method": {"rbf": {"kernel": "TRIHARMONIC"}}, "handles": [{"name": "right", "region": region("right")}],
+                "fixed": [region("left")],
+                "variables": [{"name": "up", "handle": "right", "translate": [0, 0, 1], "lower": -1, "upper": 1}]}
+
+    geometry = client.register((points, faces))
+    assert not client.check(setup(lists), geometry).problems
+    large, small = client.prepare(setup(lists), geometry), client.prepare(setup(1), geometry)
+    assert large.id != small.id and large.info.setup_bytes > 10 << 20
+    assert large.bounds.tolist() == [[-1, 1]]  # of the setup, which came in pieces
+    assert np.array_equal(large.deform([[0.1]]).points, small.deform([[0.1]]).points)
+    assert list(client.system(large.id).names) == ["up"]
+    assert {system.id for system in client.systems()} >= {large.id, small.id}
+    geometry.delete(systems=True)
 
 
 def test_the_line_of_a_setup_file_is_named(case, client):

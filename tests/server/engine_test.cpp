@@ -285,6 +285,36 @@ TEST_F(EngineTest, lists_of_large_entries_come_in_pages_below_a_mebibyte) {
   EXPECT_THAT(seen, testing::UnorderedElementsAreArray(geometries));
 }
 
+/// Its message is kept as long as the system is, and stays out of answers that it would make too large.
+TEST_F(EngineTest, a_large_setup_is_charged_and_told_by_a_call_of_its_own) {
+  v1::Setup large = sheet_setup(geometry.id());
+  v1::Region list;
+  for (PointId id = 662; id < 712; ++id) list.add_ids(id);  // in the middle of a row
+  v1::Region& fixed = *large.add_fixed();
+  for (int i = 0; i < 12'000; ++i) *fixed.add_union_() = list;
+  const std::size_t before = engine->info().cache_bytes();
+  const v1::SystemInfo prepared = prepare(large);
+  EXPECT_FALSE(prepared.has_setup());
+  EXPECT_GT(prepared.setup_bytes(), 1'000'000u);
+  EXPECT_GE(engine->info().cache_bytes() - before, prepared.bytes() + 2 * large.SpaceUsedLong() * 9 / 10);
+  EXPECT_EQ(engine->get_system(prepared.id(), {}).setup_bytes(), prepared.setup_bytes());
+  EXPECT_FALSE(engine->get_system(prepared.id(), {}).has_setup());
+  const v1::ListSystemsReply listed = engine->list_systems({}, {});
+  EXPECT_EQ(listed.systems_size(), 2);
+  EXPECT_LT(listed.ByteSizeLong(), 1'000'000u);
+  v1::Setup canonical;
+  ASSERT_TRUE(canonical.ParseFromString(engine->get_setup(prepared.id().substr(0, 12), {})));
+  EXPECT_EQ(canonical.ByteSizeLong(), prepared.setup_bytes());
+  EXPECT_EQ(convert::system_id(canonical), prepared.id());
+  EXPECT_TRUE(engine->get_system(system.id(), {}).has_setup()) << "a small one is told with it";
+
+  options.memory_budget = 3 * large.SpaceUsedLong();
+  options.cache_budget = 0;
+  reopen();
+  expect_error(ErrorCode::out_of_budget, {"reading the setup"}, [&] { prepare(large); });
+  EXPECT_EQ(engine->info().memory_in_use(), 0u);
+}
+
 TEST_F(EngineTest, an_estimate_is_a_call_that_computes) {
   v1::EstimateRequest request;
   *request.mutable_setup() = sheet_setup(geometry.id());

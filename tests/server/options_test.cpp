@@ -116,6 +116,7 @@ TEST_F(Options, EveryOptionCanBeSetInEveryWay) {
                                                      {"block-points", "1024"},
                                                      {"max-open-requests", "20"},
                                                      {"max-running-requests", "21"},
+                                                     {"max-setup-bytes", "6MiB"},
                                                      {"max-buffered-bytes", "5MiB"},
                                                      {"call-threads", "22"},
                                                      {"max-waiting-calls", "23"},
@@ -177,6 +178,7 @@ TEST_F(Options, MistakesNameTheOptionAndThePlace) {
   EXPECT_THAT(error({"--log-level", "loud"}), HasSubstr("loud"));
   EXPECT_THAT(error({"--call-threads", "0"}), HasSubstr("call_threads"));
   EXPECT_THAT(error({"--max-buffered-bytes", "1"}), HasSubstr("max_buffered_bytes"));
+  EXPECT_THAT(error({"--max-setup-bytes", "1"}), HasSubstr("max_setup_bytes"));
   EXPECT_THAT(error({"--tls-cert", "c"}), HasSubstr("--tls-key"));
   EXPECT_THAT(error({"--tls-key", "k"}), HasSubstr("--tls-cert"));
   EXPECT_THAT(error({"--tls-client-ca", "a"}), HasSubstr("--tls-cert"));

@@ -11,6 +11,7 @@ deform_test(service_test
           server_test.cpp
           service_deform_stream_test.cpp
           service_engine_test.cpp
+          service_large_setups_test.cpp
           service_messages_test.cpp
           service_requests_test.cpp
           service_streams_test.cpp

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The bookkeeping of a DeformStream, without a stream.
-#include "server/rpc/service_requests.h"
+#include "server/rpc/streams/service_requests.h"
 
 #include <gtest/gtest.h>
 

@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "core/base/error.h"
+#include "server/store/store_copy.h"
 #include "tests/server/store_contents.h"
 
 namespace deform::server {
@@ -139,8 +140,34 @@ TEST_F(StoreCommands, a_backup_that_was_not_finished_is_not_restored) {
   };
   says("interrupted", [&] { restore_store(backup, directory.path() / "restored"); });
   says("remove it first", [&] { backup_store(data, backup); });
-  says("begin again", [&] { open(backup); });
+  says("begin it again", [&] { open(backup); });
   EXPECT_FALSE(fs::exists(directory.path() / "restored"));
+}
+
+/// Whatever an earlier run has left there.
+TEST_F(StoreCommands, a_backup_that_was_interrupted_goes_on) {
+  const std::string source = "the store in " + fs::weakly_canonical(data).string();
+  const OwnedId whole = contents.geometries.begin()->first, half = contents.geometries.rbegin()->first;
+  {
+    StoreCopy copy(backup, source, system_files());
+    EXPECT_EQ(code_of([&] { backup_store(data, backup); }), ErrorCode::unavailable) << "the other one is at it";
+    copy.take(data / "geometries" / key_of(whole), "geometries", key_of(whole));
+    write_file(backup / "geometries" / key_of(half), "half of it");
+    write_file(backup / "names" / key_of(half), "of another time");
+    write_file(backup / "setups" / std::string(64, 'a'), "deleted since then");
+    write_file(backup / "catalog.sqlite", "half of it");
+  }
+  EXPECT_EQ(code_of([&] { open(backup); }), ErrorCode::failed_precondition) << "not yet a store";
+  EXPECT_EQ(code_of([&] { restore_store(backup, directory.path() / "restored"); }), ErrorCode::failed_precondition);
+  const fs::path another = directory.path() / "another";
+  open(another);
+  EXPECT_EQ(code_of([&] { backup_store(another, backup); }), ErrorCode::failed_precondition) << "a copy of something else";
+  EXPECT_EQ(file_content(backup / "geometries" / key_of(half)), "half of it");
+  EXPECT_EQ(backup_store(data, backup).outcome, StoreReport::Outcome::well);
+  const StoreReport report = check_store(backup);
+  EXPECT_EQ(report.outcome, StoreReport::Outcome::well) << text(report);
+  contents.expect_all_of(*open(backup));
+  EXPECT_FALSE(fs::exists(backup / unfinished_copy_name));
 }
 
 TEST_F(StoreCommands, backups_while_others_register_and_delete_are_consistent) {

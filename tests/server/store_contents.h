@@ -73,21 +73,19 @@ struct StoreContents {
   std::map<OwnedId, Registered> geometries;
   std::map<OwnedId, SetupRecord> setups;
 
-  std::string add_geometry(GeometryStore& store, const Mesh& mesh, const std::string& name,
-                           const std::string& tenant = default_tenant) {
+  std::string add_geometry(Store& store, const Mesh& mesh, const std::string& name, const std::string& tenant = default_tenant) {
     const OwnedId id{tenant, mesh_id(mesh)};
     geometries[id] = {mesh, store.put(mesh, id, name)};
     return id.id;
   }
-  std::string add_setup(GeometryStore& store, const std::string& geometry_id, double lower,
-                        const std::string& tenant = default_tenant) {
+  std::string add_setup(Store& store, const std::string& geometry_id, double lower, const std::string& tenant = default_tenant) {
     SetupRecord record = setup_record(geometry_id, lower, tenant);
     record.created_ms = store.put_setup(record);
     setups.insert_or_assign(owned(record), record);
     return record.id;
   }
   /// A few geometries with a few setups each, some of them of several tenants.
-  void add_some(GeometryStore& store, std::mt19937& random) {
+  void add_some(Store& store, std::mt19937& random) {
     const auto below = [&](unsigned n) { return random() % n; };
     for (unsigned g = 0; g < 1 + below(3); ++g) {
       const Mesh mesh = sheet_mesh(4 + below(4), 3 + below(4), 0.001 * below(1'000'000));
@@ -100,7 +98,7 @@ struct StoreContents {
     }
   }
 
-  void expect_in(GeometryStore& store) const {
+  void expect_in(Store& store) const {
     for (const auto& [id, registered] : geometries) {
       ASSERT_NO_THROW(EXPECT_EQ(store.load(id).points, registered.mesh.points) << key_of(id)) << key_of(id);
       const v1::GeometryInfo info = store.info(id);
@@ -120,7 +118,7 @@ struct StoreContents {
     }
   }
   /// That and nothing else, for any tenant.
-  void expect_all_of(GeometryStore& store) const {
+  void expect_all_of(Store& store) const {
     expect_in(store);
     EXPECT_EQ(store.catalog().all_geometries().size(), geometries.size());
     EXPECT_EQ(store.catalog().all_setups().size(), setups.size());

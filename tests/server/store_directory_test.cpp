@@ -6,6 +6,7 @@
 #include <sys/stat.h>
 
 #include "core/base/error.h"
+#include "core/codec/geometry_id.h"
 #include "server/store/sqlite.h"
 #include "server/store/store_commands.h"
 #include "tests/server/store_contents.h"
@@ -71,7 +72,10 @@ TEST_F(StoreFolder, a_catalog_of_another_program_makes_no_store) {
 
 TEST_F(StoreFolder, a_store_of_a_later_version_is_refused) {
   open(data);
-  write_file(data / "deformd-store", "deformd store, format 4\n");
+  const std::string mark = "deformd store, format 4\n";
+  codec::Sha256 digest;
+  digest.add(mark.data(), mark.size());
+  write_file(data / "deformd-store", mark + digest.hex() + "\n");
   expect_left_alone(data, "another version");
 }
 
@@ -81,7 +85,8 @@ TEST_F(StoreFolder, a_damaged_mark_is_written_anew_by_hand) {
     const auto store = open(data);
     contents.add_setup(*store, contents.add_geometry(*store, sheet_mesh(4, 4), "a.obj"), -0.1);
   }
-  for (const char* damaged : {"deformd stnre, format 3\n", "deformd store, format s\n", "deformd store, format 3", ""}) {
+  for (const char* damaged :
+       {"deformd stnre, format 3\n", "deformd store, format s\n", "deformd store, format 7\n", "deformd store, format 3", ""}) {
     write_file(data / "deformd-store", damaged);
     expect_left_alone(data, "deformd store rebuild");
     write_file(data / "holiday.jpg", "");

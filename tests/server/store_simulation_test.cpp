@@ -681,11 +681,11 @@ TEST_F(RandomHistory, a_flipped_bit_is_found_and_costs_nothing_else) {
     if (fs::path(path).filename() == "deformd-store") {
       try {
         machine.open();
-        FAIL() << "a damaged mark";
+        constexpr std::uint64_t lowest_of_3 = 8 * 22;  // makes the mark of format 2, and this store is of that, too
+        EXPECT_EQ(bit, lowest_of_3) << "a damaged mark";
+        machine.store.reset();
       } catch (const Error& error) {
         EXPECT_EQ(error.code(), ErrorCode::failed_precondition) << error.what();
-        // One bit makes another version of a version's number.
-        if (std::string(error.what()).find("another version") != std::string::npos) return;
       }
       EXPECT_EQ(rebuild_store(place, machine.disk).outcome, StoreReport::Outcome::well);
     }

@@ -218,6 +218,13 @@ void FakeEngine::prepare(const v1::PrepareRequest& request, const CallContext& c
   on_prepare(request, call, std::move(on_progress), std::move(on_done));
 }
 
+std::string FakeEngine::get_setup(const std::string& system_id, const server::CallContext& call) {
+  note(call);
+  v1::Setup setup;
+  setup.set_geometry(system_id);
+  return setup.SerializeAsString();
+}
+
 v1::SystemInfo FakeEngine::get_system(const std::string& id, const server::CallContext& call) {
   note(call);
   v1::SystemInfo info;

@@ -105,6 +105,7 @@ class FakeEngine : public server::Engine {
                std::function<void(const v1::Progress&)> on_progress,
                std::function<void(Outcome<v1::SystemInfo>)> on_done) override;
   v1::SystemInfo get_system(const std::string& id, const server::CallContext& call) override;
+  std::string get_setup(const std::string& system_id, const server::CallContext& call) override;
   v1::ListSystemsReply list_systems(const v1::ListSystemsRequest& request, const server::CallContext& call) override;
   v1::ReleaseSystemReply release_system(const v1::ReleaseSystemRequest& request, const server::CallContext& call) override;
   std::shared_ptr<server::DeformJob> deform(v1::DeformRequest request, std::uint64_t request_id, const server::CallContext& call,

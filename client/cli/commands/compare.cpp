@@ -5,6 +5,7 @@
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "client/cli/commands/command.h"
 #include "client/cli/commands/mesh_reading.h"
@@ -81,9 +82,10 @@ class Comparer {
       *setup.mutable_method() = choice.method;
       estimate(setup, method);
       if (!method.refusals.empty()) return method;
-      method.system = connection_.client().prepare(setup, connection_.call(), [&](const std::string& stage, double fraction) {
-        progress_.fraction(choice.label + ", " + stage, fraction);
-      });
+      method.system = connection_.client().prepare(
+          setup, connection_.call(),
+          [&](const std::string& stage, double fraction) { progress_.fraction(choice.label + ", " + stage, fraction); },
+          client::SetupInInfo::omit);
       for (const NamedDesign& design : designs_) method.designs.push_back(deformed(design, method));
       if (method.works()) method.seconds_per_design = seconds_per_design(method);
     } catch (const Error& error) {
@@ -192,25 +194,38 @@ ExitCode run_compare(const CompareOptions& options, const CommonOptions& common)
     comparison.designs.push_back(design.name);
     comparison.values.push_back(values_text(loaded.setup, design.values));
   }
-  for (const MethodChoice& choice : choices) comparison.methods.push_back(comparer.run(choice));
+  std::optional<Error> ended;  // by whoever waits, or with the server: what was compared before is told
+  for (const MethodChoice& choice : choices) {
+    try {
+      comparison.methods.push_back(comparer.run(choice));
+    } catch (const Error& error) {
+      if (comparison.methods.empty()) throw;
+      ended.emplace(error.code(),
+                    std::string(error.what()) + "; only " + std::to_string(comparison.methods.size()) + " of " +
+                        std::to_string(choices.size()) + " methods were compared",
+                    error.retry_after_ms());
+      break;
+    }
+  }
   progress.clear();
   if (comparer.measurer() != nullptr) {
     comparison.measures = comparer.measurer()->measures();
     comparison.hidden = faces_without_handles(loaded.setup, *comparison.mesh);
   }
   const bool works = std::any_of(comparison.methods.begin(), comparison.methods.end(), [](const auto& m) { return m.works(); });
-  const Error failure(ErrorCode::invalid_argument, options.input.setup + ": no method gave a deformation");
+  const Error failure =
+      ended.value_or(Error(ErrorCode::invalid_argument, options.input.setup + ": no method gave a deformation"));
   if (common.style() == Style::json) {
     auto json = comparison_json(comparison);
-    if (!works) json["error"] = error_json(failure.code(), failure.what());
+    if (!works || ended) json["error"] = error_json(failure.code(), failure.what());
     print(json);
   } else {
     print_comparison(comparison, std::cout);
   }
   if (!options.output.empty()) write_comparison_page(comparison, options.output);
-  if (works) return exit_ok;
+  if (works && !ended) return exit_ok;
   complain(failure.what());
-  return exit_failed;
+  return exit_code_of(failure);
 }
 
 constexpr char compare_footer[] =

@@ -150,7 +150,7 @@ ExitCode run_compile(const CompileOptions& options, const CommonOptions& common)
   LoadedSetup loaded = load_setup(connection, options.input, progress);
   keep_inputs("--output", options.output, {loaded.source_path});
   check_compilable(loaded.setup);
-  const PreparedSetup prepared = prepare_loaded(connection, std::move(loaded), progress);
+  const PreparedSetup prepared = prepare_loaded(connection, std::move(loaded), progress, client::SetupInInfo::omit);
   Partial partial(options.output);
   const v1::BasisHeader header = connection.client().get_basis(
       prepared.system.id(), [&](std::span<const std::byte> records) { partial.append(records); }, connection.call());

@@ -24,7 +24,7 @@ ExitCode run_list(const ListOptions& options, const CommonOptions& common) {
   std::vector<v1::GeometryInfo> geometries;
   std::vector<v1::SystemInfo> systems;
   if (options.what != "systems") geometries = connection.client().list_geometries(connection.call());
-  if (options.what != "geometries") systems = connection.client().list_systems(connection.call());
+  if (options.what != "geometries") systems = connection.client().list_systems(connection.call(), client::SetupInInfo::omit);
   if (common.style() == Style::json) {
     nlohmann::ordered_json json;
     json["geometries"] = nlohmann::ordered_json::array();

@@ -33,7 +33,8 @@ Found look_up(Connection& connection, const std::string& id) {
   std::exception_ptr unreachable;
   found.geometry = if_known([&] { return connection.client().get_geometry(id, connection.call()); }, unreachable);
   if (found.geometry && found.geometry->id() == id) return found;
-  found.system = if_known([&] { return connection.client().get_system(id, connection.call()); }, unreachable);
+  found.system =
+      if_known([&] { return connection.client().get_system(id, connection.call(), client::SetupInInfo::omit); }, unreachable);
   if (found.geometry && found.system) {
     throw Error(ErrorCode::invalid_argument, "\"" + id + "\" begins the ids of a geometry and of a system; give more digits");
   }

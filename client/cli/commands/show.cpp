@@ -25,7 +25,7 @@ ExitCode run_show(const ShowOptions& options, const CommonOptions& common) {
   if (options.setup) {
     if (!found.system)
       throw Error(ErrorCode::invalid_argument, "--setup: " + options.id + " is a geometry, only systems have one");
-    std::cout << setup_text(found.system->setup()) << std::endl;
+    std::cout << setup_text(connection.client().get_setup(found.system->id(), connection.call())) << std::endl;
     return exit_ok;
   }
   print(found.geometry ? to_json(*found.geometry) : to_json(*found.system));

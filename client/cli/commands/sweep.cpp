@@ -370,7 +370,7 @@ ExitCode run_sweep(const SweepOptions& options, const CommonOptions& common) {
   Progress preparing;
   LoadedSetup loaded = load_setup(connection, options.input, preparing);
   const DesignTable table = checked_designs(options, loaded.setup);
-  const PreparedSetup prepared = prepare_loaded(connection, std::move(loaded), preparing);
+  const PreparedSetup prepared = prepare_loaded(connection, std::move(loaded), preparing, client::SetupInInfo::omit);
   if (prepared.source && prepared.source->case_parts() > 0) {
     throw Error(ErrorCode::invalid_argument,
                 prepared.source_path.string() + ": a result of a sweep is one file, and each of the " +

@@ -106,14 +106,15 @@ LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progre
   return loaded;
 }
 
-PreparedSetup prepare_loaded(Connection& connection, LoadedSetup&& loaded, Progress& progress) {
+PreparedSetup prepare_loaded(Connection& connection, LoadedSetup&& loaded, Progress& progress, client::SetupInInfo in_info) {
   PreparedSetup prepared;
   const auto start = std::chrono::steady_clock::now();
   if (loaded.system) {
     prepared.system = std::move(*loaded.system);
   } else {
     prepared.system = connection.client().prepare(
-        loaded.setup, connection.call(), [&](const std::string& stage, double fraction) { progress.fraction(stage, fraction); });
+        loaded.setup, connection.call(), [&](const std::string& stage, double fraction) { progress.fraction(stage, fraction); },
+        in_info);
   }
   progress.clear();
   prepared.source = std::move(loaded.source);

@@ -70,8 +70,10 @@ struct LoadedSetup {
 };
 LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progress& progress);
 
-/// Prepares what was loaded; a system that was named by its id is taken as it is.
-PreparedSetup prepare_loaded(Connection& connection, LoadedSetup&& loaded, Progress& progress);
+/// Prepares what was loaded; a system that was named by its id is taken as it is. `in_info`: whether the setup of the system is
+/// read afterwards.
+PreparedSetup prepare_loaded(Connection& connection, LoadedSetup&& loaded, Progress& progress,
+                             client::SetupInInfo in_info = client::SetupInInfo::include);
 
 /// Reads, registers, prepares.
 PreparedSetup prepare_setup(Connection& connection, const PrepareInput& input, Progress& progress);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "server/rpc/evaluate_stream.h"
+#include "server/rpc/streams/evaluate_stream.h"
 
 #include <utility>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "server/rpc/service_stream.h"
+#include "server/rpc/streams/service_stream.h"
 
 #include <string>
 #include <utility>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "server/rpc/service_requests.h"
+#include "server/rpc/streams/service_requests.h"
 
 #include <algorithm>
 #include <string>

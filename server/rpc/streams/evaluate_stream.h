@@ -8,7 +8,7 @@
 #include <optional>
 
 #include "server/rpc/reactors.h"
-#include "server/rpc/service_stream.h"
+#include "server/rpc/streams/service_stream.h"
 
 namespace deform::server {
 

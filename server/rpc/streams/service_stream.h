@@ -9,7 +9,7 @@
 #include <mutex>
 
 #include "server/rpc/reactors.h"
-#include "server/rpc/service_requests.h"
+#include "server/rpc/streams/service_requests.h"
 
 namespace deform::server {
 
