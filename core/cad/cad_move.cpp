@@ -294,6 +294,7 @@ CarriedNodes carry_nodes(const Mesh& mesh, const MoveRequest& request, const Run
     CarriedNodes carried = Carrier(mesh, before, after, partners, std::move(nodes), std::move(owners)).carry(context);
     carried.notes = before.notes;
     carried.notes.insert(carried.notes.end(), after.notes.begin(), after.notes.end());
+    carried.notes.insert(carried.notes.end(), partners.notes.begin(), partners.notes.end());
     return carried;
   } catch (const Standard_Failure& failure) {
     throw Error(ErrorCode::internal, std::string("OpenCASCADE failed: ") + failure.GetMessageString());

@@ -20,10 +20,15 @@
 #include <ShapeFix_Shape.hxx>
 #include <ShapeUpgrade_UnifySameDomain.hxx>
 #include <Standard_Failure.hxx>
+#include <StepRepr_RepresentationItem.hxx>
 #include <TColStd_SequenceOfAsciiString.hxx>
+#include <TCollection_HAsciiString.hxx>
 #include <TopExp.hxx>
 #include <TopoDS.hxx>
 #include <TopoDS_Iterator.hxx>
+#include <Transfer_TransientProcess.hxx>
+#include <XSControl_TransferReader.hxx>
+#include <XSControl_WorkSession.hxx>
 #include <array>
 #include <fstream>
 #include <utility>
@@ -58,6 +63,26 @@ constexpr std::array<std::pair<const char*, const char*>, 12> units{{{"millimetr
   throw Error(ErrorCode::invalid_argument, name + ": is no " + format + " file that can be read");
 }
 
+/// Names of the faces in the order in which they are numbered; nothing when none has one.
+std::vector<std::string> names_of_faces(const STEPControl_Reader& reader, const TopoDS_Shape& shape) {
+  TopTools_IndexedMapOfShape faces;
+  TopExp::MapShapes(shape, TopAbs_FACE, faces);
+  const auto transfer = reader.WS()->TransferReader();
+  std::vector<std::string> names;
+  bool any = false;
+  for (int f = 1; f <= faces.Extent(); ++f) {
+    auto item = Handle(StepRepr_RepresentationItem)::DownCast(transfer->EntityFromShapeResult(faces(f), 1));
+    if (item.IsNull()) {  // of a part in an assembly
+      item =
+          Handle(StepRepr_RepresentationItem)::DownCast(transfer->EntityFromShapeResult(faces(f).Located(TopLoc_Location()), 1));
+    }
+    names.emplace_back(item.IsNull() || item->Name().IsNull() ? "" : item->Name()->ToCString());
+    any = any || !names.back().empty();
+  }
+  if (!any) names.clear();
+  return names;
+}
+
 TopoDS_Shape read_step(const std::filesystem::path& path, Model& model) {
   STEPControl_Reader reader;
   if (reader.ReadFile(path.c_str()) != IFSelect_RetDone) cannot_read(model.name, "STEP");
@@ -65,7 +90,9 @@ TopoDS_Shape read_step(const std::filesystem::path& path, Model& model) {
   reader.FileUnits(lengths, angles, solid_angles);
   keep_unit(lengths.IsEmpty() ? "" : lengths.First().ToCString(), model);
   reader.TransferRoots();
-  return reader.OneShape();
+  const TopoDS_Shape shape = reader.OneShape();
+  if (!shape.IsNull()) model.face_names = names_of_faces(reader, shape);
+  return shape;
 }
 
 TopoDS_Shape read_iges(const std::filesystem::path& path, Model& model) {
@@ -168,6 +195,7 @@ TopoDS_Shape healed(const TopoDS_Shape& shape, Model& model) {
   if (BRepCheck_Analyzer(shape).IsValid()) return shape;
   ShapeFix_Shape fix(shape);
   fix.Perform();
+  model.face_names.clear();  // faces may stand elsewhere
   const bool valid = BRepCheck_Analyzer(fix.Shape()).IsValid();
   model.notes.push_back(model.name + " is not valid; " + (valid ? "it was healed." : "healing did not mend all of it."));
   return fix.Shape();
@@ -190,6 +218,7 @@ Model read_model(const std::filesystem::path& path, double scale) {
     }
     Model model = make_model(shape, reading.name);
     model.notes = reading.notes;
+    if (static_cast<int>(reading.face_names.size()) == model.face_count()) model.face_names = reading.face_names;
     return model;
   } catch (const Standard_Failure& failure) {
     throw Error(ErrorCode::invalid_argument, reading.name + ": OpenCASCADE cannot read it: " + failure.GetMessageString());

@@ -29,6 +29,7 @@ struct Model {
   std::string name;                          ///< of the file
   double diagonal = 0;
   std::vector<std::string> notes;
+  std::vector<std::string> face_names;  ///< in the file, by face; empty: it names none
 
   int face_count() const { return faces.Extent(); }
   int edge_count() const { return edges.Extent(); }
