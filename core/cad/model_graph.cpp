@@ -208,6 +208,8 @@ Placement best_placement(const ModelGraph& before, const ModelGraph& after, std:
     square_before += dot(a, a);
     square_after += dot(b, b);
   });
+  // What lies on one axis leaves the turn about it open: none.
+  cross += 1e-6 * cross.norm() * Eigen::Matrix3d::Identity();
   const auto found = svd(cross);
   Eigen::Matrix3d flip = Eigen::Matrix3d::Identity();
   const Eigen::Matrix3d straight = found.U * found.V.transpose();
