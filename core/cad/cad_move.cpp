@@ -178,6 +178,10 @@ class Carrier {
     outcome.warp_outside = outcome.outside = outside.size();
     constexpr std::array<std::size_t, 4> widths{2, 6, 20, 1'000'000};
     for (const std::size_t rings : widths) {
+      std::erase_if(flipped, [&](std::size_t t) {  // edges stay
+        const auto& nodes = patch.triangles[t].nodes;
+        return std::none_of(nodes.begin(), nodes.end(), [&](int i) { return patch.nodes[i].inner; });
+      });
       if (flipped.empty() && outside.empty()) break;
       FacePatch slid = patch;
       slide_inner_nodes(surface, slid, flipped, outside, rings, context);
@@ -391,6 +395,9 @@ CarriedNodes carry_nodes(const Mesh& mesh, const MoveRequest& request, const Run
   mesh.validate();
   try {
     Model before = read_model(request.before, request.scale), after = read_model(request.after, request.scale);
+    if (before.unit > 0 && after.unit > 0 && before.unit != after.unit) {
+      after = read_model(request.after, request.scale * after.unit / before.unit);
+    }
     if (before.face_count() != after.face_count() || before.edge_count() != after.edge_count()) {
       if (!request.pairs.empty()) {
         throw Error(ErrorCode::failed_precondition,

@@ -23,7 +23,9 @@ struct ForcedPair {
 struct MoveRequest {
   std::filesystem::path before, after;  ///< .step .stp .iges .igs .brep: the model at which the mesh is, and where it goes
   std::vector<ForcedPair> pairs;        ///< partners that are given instead of found
-  double scale = 1;                     ///< both models are multiplied by it to have the unit of the mesh; > 0
+  /// Both models are multiplied by it to have the unit of the mesh; > 0. Where the files name different units, the new model is
+  /// first brought to that of the old one.
+  double scale = 1;
   /// Largest distance of a node of the boundary from the old model, model units; 0: automatic, 1e-4 D of the old model.
   double tolerance = 0;
 };

@@ -23,6 +23,7 @@ namespace {
 
 constexpr double normal_weight = 0.1;  ///< of the difference of two unit normals, beside that of places in sizes of the model
 constexpr double clearly = 1.5;        ///< another way has to fit so much worse, in squares
+constexpr double slightly = 1.1;       ///< another way that fits so much better, in squares, contradicts what stays
 constexpr double far_better = 20;      ///< a turned model that fits so much better, in squares, is not overlooked
 constexpr int most_tries = 20000, most_first = 24, most_second = 6;
 
@@ -47,11 +48,13 @@ struct Answer {
   std::vector<int> pairs;
   double cost = std::numeric_limits<double>::infinity();   ///< sum of squares
   double rival = std::numeric_limits<double>::infinity();  ///< of the best other way that was found
-  double counted = 0;                                      ///< > 0: entities, `cost` and `rival` are how many do not stay
+  std::vector<int> rival_pairs;
+  bool counts = false;           ///< `cost` and `rival` are how many entities do not stay where they are
+  int stay = 0, rival_stay = 0;  ///< of the entities that the best other way pairs otherwise
   std::string question, words;
   bool found() const { return !pairs.empty(); }
   bool clear() const {
-    if (counted > 0) return found() && counted - cost > 1.5 && counted - rival <= 0.5 * (counted - cost);
+    if (counts) return found() && stay >= 2 && 2 * rival_stay <= stay;
     return found() && rival >= clearly * cost + 1e-9;
   }
 };
@@ -157,7 +160,8 @@ class Matching {
     Answer chosen = by_places(start);
     const Answer turned = by_shape(start);
     if (chosen.clear()) {
-      if (turned.clear() && differ(chosen, turned) && far_better * turned.cost + 1e-9 < laid_best(chosen.pairs)) {
+      if (!chosen.counts && turned.clear() && differ(chosen, turned) &&
+          far_better * turned.cost + 1e-9 < laid_best(chosen.pairs)) {
         refuse_contradiction(chosen, turned);
       }
     } else if (turned.clear()) {
@@ -180,9 +184,9 @@ class Matching {
   }
 
   static std::string how_clear(const Answer& answer) {
-    if (answer.counted > 0) {
-      return " (" + std::to_string(std::lround(answer.counted - answer.cost)) + " faces, edges and vertices stay, at most " +
-             std::to_string(std::max(0l, std::lround(answer.counted - answer.rival))) + " otherwise)";
+    if (answer.counts) {
+      return " (" + std::to_string(answer.stay) + " faces, edges and vertices that others would move stay, and " +
+             std::to_string(answer.rival_stay) + " the other way round)";
     }
     if (!std::isfinite(answer.rival)) return "";
     const double ratio = std::sqrt(answer.rival / std::max(answer.cost, 1e-18));
@@ -197,7 +201,10 @@ class Matching {
     const Answer staying = choose(start, staying_view());
     Answer in_place = choose(start, file_view());
     if (staying.clear()) {
-      if (in_place.clear() && differ(staying, in_place)) refuse_contradiction(staying, in_place);
+      // A row that moves by its pitch, or its first member to the other end?
+      if (differ(staying, in_place) && slightly * in_place.cost < cost_of(staying.pairs, file_view())) {
+        refuse_contradiction(staying, in_place);
+      }
       return staying;
     }
     Answer moved = choose(start, moved_view());
@@ -418,7 +425,7 @@ class Matching {
   Answer choose(Colours colours, const View& view) {
     Answer answer;
     answer.words = view.words;
-    if (view.stays > 0) answer.counted = before_.first_wire;
+    answer.counts = view.stays > 0;
     tries_ = 0;
     while (true) {
       const Branch at = branch(colours, view);
@@ -426,15 +433,21 @@ class Matching {
       struct Way {
         int candidate;
         double cost;
+        std::vector<int> pairs;
       };
       std::vector<Way> ways;
       for (const int b : at.candidates) {
-        if (const auto done = complete(fixed(colours, at.of, b), view)) ways.push_back({b, cost_of(partners(*done), view)});
+        if (const auto done = complete(fixed(colours, at.of, b), view)) {
+          std::vector<int> pairs = partners(*done);
+          const double cost = cost_of(pairs, view);
+          ways.push_back({b, cost, std::move(pairs)});
+        }
       }
       if (ways.empty()) refuse_turn();
       std::stable_sort(ways.begin(), ways.end(), [](const Way& a, const Way& b) { return a.cost < b.cost; });
       if (ways.size() > 1 && ways[1].cost < answer.rival) {
         answer.rival = ways[1].cost;
+        answer.rival_pairs = ways[1].pairs;
         answer.question = before_.name(*models_[0], at.of) + " of the old model may be " +
                           after_.name(*models_[1], ways[0].candidate) + " or " + after_.name(*models_[1], ways[1].candidate) +
                           " of the new one";
@@ -444,8 +457,17 @@ class Matching {
     }
     answer.pairs = partners(colours);
     answer.cost = cost_of(answer.pairs, view);
+    if (answer.counts) count_stays(answer, view);
     answer.colours = std::move(colours);
     return answer;
+  }
+
+  void count_stays(Answer& answer, const View& view) const {
+    for (int i = 0; i < before_.first_wire; ++i) {
+      if (answer.rival_pairs.empty() || answer.pairs[i] == answer.rival_pairs[i]) continue;
+      answer.stay += pair_cost(view, i, answer.pairs[i]) < 0.5 ? 1 : 0;
+      answer.rival_stay += pair_cost(view, i, answer.rival_pairs[i]) < 0.5 ? 1 : 0;
+    }
   }
 
   /// The partners of entities that are told apart; -1: none yet.
@@ -510,14 +532,18 @@ class Matching {
     const int lone = first_with(colours.after, after_.first_edge, surplus, -1);
     if (first >= 0) {
       int near = -1;
+      const auto better = [&](int f) {
+        const bool alike = before_.kinds[first] == after_.kinds[f], known = before_.kinds[first] == after_.kinds[near];
+        return alike != known ? alike : pair_cost(view, first, f) < pair_cost(view, first, near);
+      };
       for (int f = 0; f < after_.first_edge; ++f) {
-        if (surplus[colours.after[f]] >= 0) continue;
-        if (near < 0 || pair_cost(view, first, f) < pair_cost(view, first, near)) near = f;
+        if (surplus[colours.after[f]] < 0 && (near < 0 || better(f))) near = f;
       }
-      text += "; " + old.face_name(first) + " has " + before_.loops(first);
+      const bool same_loops = near >= 0 && before_.loops(first) == after_.loops(near);
+      text += "; " + old.face_name(first) + " has " + before_.loops(first) + (same_loops ? before_.bulge(first) : "");
       text += near < 0 ? " and no partner in the new model"
                        : ", the nearest one without a partner in the new model, " + now.face_name(near) + ", has " +
-                             after_.loops(near);
+                             after_.loops(near) + (same_loops ? after_.bulge(near) : "");
     } else if (lone >= 0) {
       text += "; " + now.face_name(lone) + " of the new model has " + after_.loops(lone) + " and no partner in the old one";
     }

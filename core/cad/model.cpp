@@ -45,19 +45,24 @@ namespace {
 constexpr const char* surface_names[] = {"plane",    "cylinder",   "cone",      "sphere", "torus",  "Bezier surface",
                                          "B-spline", "revolution", "extrusion", "offset", "surface"};
 
-/// Names of units in STEP and IGES files, and what OpenCASCADE calls them.
-constexpr std::array<std::pair<const char*, const char*>, 12> units{{{"millimetre", "MM"},
-                                                                     {"metre", "M"},
-                                                                     {"centimetre", "CM"},
-                                                                     {"inch", "INCH"},
-                                                                     {"foot", "FT"},
-                                                                     {"kilometre", "KM"},
-                                                                     {"micrometre", "UM"},
-                                                                     {"mm", "MM"},
-                                                                     {"m", "M"},
-                                                                     {"cm", "CM"},
-                                                                     {"in", "INCH"},
-                                                                     {"ft", "FT"}}};
+struct Unit {
+  const char* name;  ///< in STEP and IGES files
+  const char* code;  ///< of OpenCASCADE
+  double metres;
+};
+
+constexpr std::array<Unit, 12> units{{{"millimetre", "MM", 1e-3},
+                                      {"metre", "M", 1},
+                                      {"centimetre", "CM", 1e-2},
+                                      {"inch", "INCH", 0.0254},
+                                      {"foot", "FT", 0.3048},
+                                      {"kilometre", "KM", 1e3},
+                                      {"micrometre", "UM", 1e-6},
+                                      {"mm", "MM", 1e-3},
+                                      {"m", "M", 1},
+                                      {"cm", "CM", 1e-2},
+                                      {"in", "INCH", 0.0254},
+                                      {"ft", "FT", 0.3048}}};
 
 [[noreturn]] void cannot_read(const std::string& name, const std::string& format) {
   throw Error(ErrorCode::invalid_argument, name + ": is no " + format + " file that can be read");
@@ -181,9 +186,10 @@ void silence_messages() {
 }
 
 void keep_unit(const std::string& unit, Model& model) {
-  for (const auto& [name, code] : units) {
-    if (lower_case(unit) != name) continue;
-    Interface_Static::SetCVal("xstep.cascade.unit", code);
+  for (const Unit& known : units) {
+    if (lower_case(unit) != known.name) continue;
+    Interface_Static::SetCVal("xstep.cascade.unit", known.code);
+    model.unit = known.metres;
     model.notes.push_back(model.name + " is in " + lower_case(unit) + ".");
     return;
   }
@@ -218,6 +224,7 @@ Model read_model(const std::filesystem::path& path, double scale) {
     }
     Model model = make_model(shape, reading.name);
     model.notes = reading.notes;
+    model.unit = reading.unit;
     if (static_cast<int>(reading.face_names.size()) == model.face_count()) model.face_names = reading.face_names;
     return model;
   } catch (const Standard_Failure& failure) {
@@ -230,6 +237,7 @@ Model unified(const Model& model) {
   unify.Build();
   Model merged = make_model(unify.Shape(), model.name);
   merged.notes = model.notes;
+  merged.unit = model.unit;
   if (merged.face_count() != model.face_count() || merged.edge_count() != model.edge_count()) {
     merged.notes.push_back(model.name + ": " + std::to_string(model.face_count()) + " faces and " +
                            std::to_string(model.edge_count()) + " edges were merged to " + std::to_string(merged.face_count()) +

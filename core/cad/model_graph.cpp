@@ -185,6 +185,11 @@ std::string ModelGraph::loops(int face) const {
          (edges == 1 ? " edge" : " edges") + " in all";
 }
 
+std::string ModelGraph::bulge(int face) const {
+  if (kinds[face].size() < 3 || kinds[face][2] == 0) return "";
+  return kinds[face][2] < 0 ? " and is hollow" : " and bulges";
+}
+
 Placement best_placement(const ModelGraph& before, const ModelGraph& after, std::span<const int> pairs) {
   Placement best;
   int count = 0;

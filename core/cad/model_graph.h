@@ -26,6 +26,7 @@ struct ModelGraph {
 
   int size_of_graph() const { return static_cast<int>(kinds.size()); }
   std::string name(const Model& model, int node) const;  ///< "face 12 (cylinder)", "edge 3", "vertex 1", "a loop or solid"
+  std::string bulge(int face) const;                     ///< " and is hollow", " and bulges", or nothing
   std::string loops(int face) const;                     ///< "2 loops of 5 edges in all"
 };
 
