@@ -93,7 +93,16 @@ class Carrier {
     sort_triangles(context);
     for (int f = 0; f < before_.face_count(); ++f) {
       context.check();
-      carried.faces.push_back(carry_on_face(f, inside[f], carried.places, context));
+      carried.faces.push_back(carry_on_face(f, inside[f], carried.places));
+    }
+    for (int f = 0; f < before_.face_count(); ++f) mend(f, carried.places, carried.faces[f], context);
+    for (int f = 0; f < before_.face_count(); ++f) {
+      for (const Triangle& triangle : triangles_[f]) {
+        for (const std::size_t i : triangle.corners) {
+          double& largest = carried.faces[f].largest;
+          largest = std::max(largest, distance(mesh_.points[nodes_[i]], carried.places[i]));
+        }
+      }
     }
     measure(carried, context);
     return carried;
@@ -143,7 +152,7 @@ class Carrier {
     move(from.Value(owner.uv[0]), to.Value(parameters_[i][0]), place);
   }
 
-  FaceOutcome carry_on_face(int f, const std::vector<std::size_t>& inside, Points& places, const RunContext& context) {
+  FaceOutcome carry_on_face(int f, const std::vector<std::size_t>& inside, Points& places) {
     FaceOutcome outcome;
     outcome.before = f + 1;
     outcome.after = partners_.faces[f] + 1;
@@ -159,17 +168,12 @@ class Carrier {
         move(from->Value(uv[0], uv[1]), to->Value(parameters_[i][0], parameters_[i][1]), places[i]);
       }
     }
-    mend(f, places, outcome, context);
-    for (const Triangle& triangle : triangles_[f]) {
-      for (const std::size_t i : triangle.corners) {
-        outcome.largest = std::max(outcome.largest, distance(mesh_.points[nodes_[i]], places[i]));
-      }
-    }
     return outcome;
   }
 
   /// Slides the nodes around what the warp flipped or took out of the face, more of them each time, and keeps what is best.
   void mend(int f, Points& places, FaceOutcome& outcome, const RunContext& context) {
+    context.check();
     const auto surface = BRep_Tool::Surface(after_.face(partners_.faces[f]));
     std::vector<std::size_t> members;
     FacePatch patch = patch_of(f, places, members);
@@ -213,8 +217,8 @@ class Carrier {
         const auto [entry, fresh] = local.try_emplace(i, static_cast<int>(members.size()));
         if (fresh) {
           members.push_back(i);
-          const Parameters uv = place_on_new(partner, owners_[i], parameters_[i], places[i]);
-          patch.nodes.push_back({places[i], uv, owners_[i].kind == Owner::Kind::face});
+          const bool inner = owners_[i].kind == Owner::Kind::face && owners_[i].index == f;
+          patch.nodes.push_back({places[i], inner ? parameters_[i] : uv_on_edges(partner, i, places[i]), inner});
         }
         copy.nodes[c] = entry->second;
         copy.shape[c] = mesh_.points[nodes_[i]];
@@ -227,12 +231,14 @@ class Carrier {
     return patch;
   }
 
-  Parameters place_on_new(int face, const Owner& owner, const Parameters& parameters, const Vec3& place) const {
+  /// Of a node on an edge or vertex, or of a neighbouring face where it should have been on the edge.
+  Parameters uv_on_edges(int face, std::size_t i, const Vec3& place) const {
+    const Owner& owner = owners_[i];
     gp_Pnt2d uv;
     const int entity = owner.kind == Owner::Kind::vertex ? partners_.vertices[owner.index]
                        : owner.kind == Owner::Kind::edge ? partners_.edges[owner.index]
-                                                         : owner.index;
-    if (!place_on(after_, face, owner, entity, parameters, uv)) {
+                                                         : -1;
+    if (owner.kind == Owner::Kind::face || !place_on(after_, face, owner, entity, parameters_[i], uv)) {
       uv = ShapeAnalysis_Surface(BRep_Tool::Surface(after_.face(face))).ValueOfUV(pnt(place), 1e-12);
     }
     return {uv.X(), uv.Y()};
@@ -318,6 +324,7 @@ class Carrier {
     const auto surface = BRep_Tool::Surface(before_.face(face));
     for (const std::size_t i : corners) {
       gp_Pnt2d uv;
+      if (owners_[i].kind == Owner::Kind::face && owners_[i].index != face) continue;
       if (!place_on(before_, face, owners_[i], owners_[i].index, owners_[i].uv, uv)) continue;
       gp_Pnt p;
       gp_Vec du, dv;
