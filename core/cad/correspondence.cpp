@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <map>
 #include <optional>
@@ -191,9 +190,7 @@ class Matching {
     if (!std::isfinite(answer.rival)) return "";
     const double ratio = std::sqrt(answer.rival / std::max(answer.cost, 1e-18));
     if (ratio > 1000) return " (others by more than 1000 times the distance)";
-    std::array<char, 64> text{};
-    std::snprintf(text.data(), text.size(), " (others by %.2g times the distance or more)", ratio);
-    return text.data();
+    return " (others by " + number_digits(std::round(10 * ratio) / 10) + " times the distance or more)";
   }
 
   /// What stays, if that is clear, else the distances in the files or after a translation and a scaling.

@@ -16,6 +16,8 @@
 #include <cmath>
 #include <filesystem>
 #include <functional>
+#include <map>
+#include <memory>
 #include <numbers>
 #include <tuple>
 
@@ -23,6 +25,7 @@
 #include "core/base/vectors.h"
 #include "core/cad/cad_move.h"
 #include "core/cad/document.h"
+#include "core/mesh/elements.h"
 #include "tests/core/cad/pair_models.h"
 
 namespace deform::cad {
@@ -536,6 +539,67 @@ TEST_F(CadFiles, NamesThatContradictPlacesAreRefused) {
   // A name that structure forbids is said and not used.
   request.after = step(after, "after", {{face_at(after, {0, 1, 0.5}), "oil", std::nullopt}}, "metre");
   EXPECT_THAT(carry_nodes(mesh, request).notes, testing::Contains(HasSubstr("contradict the structure")));
+}
+
+/// A tube of hexahedra with 20 nodes around the z axis, 12 around, 2 across and 3 along, with its boundary as faces.
+Mesh quadratic_tube(double inner, double outer, double height) {
+  constexpr int around = 12, across = 2, along = 3;
+  Mesh mesh;
+  std::map<std::array<int, 3>, PointId> ids;
+  const auto node = [&](int i, int j, int k) {  // in halves of an element
+    const auto [entry, fresh] = ids.try_emplace({i, j % (2 * around), k}, static_cast<PointId>(mesh.points.size()));
+    if (fresh) {
+      const double radius = inner + i * (outer - inner) / (2 * across), angle = j * std::numbers::pi / around;
+      mesh.points.push_back({radius * std::cos(angle), radius * std::sin(angle), k * height / (2 * along)});
+    }
+    return entry->second;
+  };
+  constexpr std::array<std::array<int, 3>, 20> places{
+      {{0, 0, 0}, {2, 0, 0}, {2, 2, 0}, {0, 2, 0}, {0, 0, 2}, {2, 0, 2}, {2, 2, 2}, {0, 2, 2}, {1, 0, 0}, {2, 1, 0},
+       {1, 2, 0}, {0, 1, 0}, {0, 0, 1}, {2, 0, 1}, {2, 2, 1}, {0, 2, 1}, {1, 0, 2}, {2, 1, 2}, {1, 2, 2}, {0, 1, 2}}};
+  auto elements = std::make_shared<Elements>();
+  for (int k = 0; k < along; ++k) {
+    for (int j = 0; j < around; ++j) {
+      for (int i = 0; i < across; ++i) {
+        std::vector<PointId> nodes;
+        for (const auto& [a, b, c] : places) nodes.push_back(node(2 * i + a, 2 * j + b, 2 * k + c));
+        elements->add(ElementType::hexahedron20, nodes);
+      }
+    }
+  }
+  const BoundaryFaces faces = boundary_faces(*elements);
+  mesh.face_sizes = faces.sizes;
+  mesh.face_points = faces.points;
+  mesh.elements = elements;
+  return mesh;
+}
+
+TEST_F(CadFiles, MidSideNodesLieOnTheModelToo) {
+  const auto tube = [](double inner, double outer, double height) {
+    return without(rod({0, 0, 0}, {0, 0, 1}, outer, height), rod({0, 0, -1}, {0, 0, 1}, inner, height + 2));
+  };
+  const Mesh mesh = quadratic_tube(0.5, 1, 2);
+  const TopoDS_Shape after = tube(0.6, 1.5, 2.5);
+  MoveRequest request;
+  request.before = file(tube(0.5, 1, 2), "before");
+  request.after = file(after, "after");
+  const CarriedNodes carried = carry_nodes(mesh, request);
+  const TopoDS_Shape target = skin(after);
+  std::size_t round = 0;
+  for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
+    const Vec3 &p = mesh.points[carried.nodes[i]], &q = carried.places[i];
+    EXPECT_LT(distance_from(q, target), 1e-9);
+    const double radius = std::hypot(p[0], p[1]);
+    if (std::abs(radius - 0.5) > 1e-9 && std::abs(radius - 1) > 1e-9) continue;
+    ++round;
+    const double by = radius < 0.75 ? 1.2 : 1.5;
+    EXPECT_LT(distance(q, {by * p[0], by * p[1], 1.25 * p[2]}), 1e-9);
+  }
+  EXPECT_EQ(round, 2u * (24 * 4 + 12 * 3));  // corners and mid-side nodes of both walls
+  std::size_t triangles = 0;
+  for (const FaceOutcome& face : carried.faces) triangles += face.triangles;
+  EXPECT_EQ(triangles, 6u * (2 * 12 * 3 + 2 * 12 * 2));  // four corners and two in the middle of each side
+  EXPECT_EQ(carried.flipped() + carried.outside(), 0u);
 }
 
 INSTANTIATE_TEST_SUITE_P(All, CadPairs, testing::ValuesIn(pairs()), [](const auto& info) {
