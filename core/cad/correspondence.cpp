@@ -7,9 +7,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <map>
 #include <optional>
+#include <unordered_map>
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
@@ -82,7 +84,9 @@ class Matching {
     } catch (const TooManySymmetries&) {
       throw Error(ErrorCode::failed_precondition, "the CAD models have too many symmetries; name pairs in a file with --map");
     }
-    Correspondence found = with_senses(partners(start));
+    const std::vector<int> pairs = partners(start);
+    prove(pairs);
+    Correspondence found = with_senses(pairs);
     if (!note.empty()) found.notes.push_back(note);
     return found;
   }
@@ -118,27 +122,27 @@ class Matching {
     return colours;
   }
 
+  /// Whether each colour is there as often in both models. Colours are below the number of entities of both.
   static bool balanced(const Colours& colours) {
-    auto a = colours.before, b = colours.after;
-    std::sort(a.begin(), a.end());
-    std::sort(b.begin(), b.end());
-    return a == b;
+    std::vector<int> surplus(colours.before.size() + colours.after.size() + 1, 0);
+    for (const int c : colours.before) ++surplus[c];
+    for (const int c : colours.after) --surplus[c];
+    return std::all_of(surplus.begin(), surplus.end(), [](int count) { return count == 0; });
   }
 
-  /// Until neighbours tell nothing more apart. False when the two models differ.
+  /// Until neighbours tell nothing more apart. False when the two models differ. Colours of neighbours are compared by a sum of
+  /// 64 bits; prove() looks at what comes of it.
   bool refine(Colours& colours) const {
     std::size_t classes = 0;
     while (true) {
       if (!balanced(colours)) return false;
-      std::map<std::vector<int>, int> ids;
+      std::unordered_map<std::uint64_t, int> ids;
       const auto next = [&](const ModelGraph& graph, const std::vector<int>& old) {
         std::vector<int> result(old.size());
         for (int i = 0; i < graph.size_of_graph(); ++i) {
-          std::vector<int> key;
-          for (const int j : graph.neighbours[i]) key.push_back(old[j]);
-          std::sort(key.begin(), key.end());
-          key.push_back(old[i]);
-          result[i] = ids.try_emplace(std::move(key), static_cast<int>(ids.size())).first->second;
+          std::uint64_t key = scrambled(~static_cast<std::uint64_t>(old[i]));
+          for (const int j : graph.neighbours[i]) key += scrambled(static_cast<std::uint64_t>(old[j]));
+          result[i] = ids.try_emplace(key, static_cast<int>(ids.size())).first->second;
         }
         return result;
       };
@@ -151,25 +155,48 @@ class Matching {
     }
   }
 
+  /// The finalizer of splitmix64.
+  static std::uint64_t scrambled(std::uint64_t x) {
+    x += 0x9e3779b97f4a7c15U;
+    x = (x ^ (x >> 30U)) * 0xbf58476d1ce4e5b9U;
+    x = (x ^ (x >> 27U)) * 0x94d049bb133111ebU;
+    return x ^ (x >> 31U);
+  }
+
+  /// That neighbours go to neighbours and nothing changes its kind.
+  void prove(const std::vector<int>& pairs) const {
+    for (int i = 0; i < before_.size_of_graph(); ++i) {
+      std::vector<int> images, neighbours = after_.neighbours[pairs[i]];
+      for (const int j : before_.neighbours[i]) images.push_back(pairs[j]);
+      std::sort(images.begin(), images.end());
+      std::sort(neighbours.begin(), neighbours.end());
+      if (images != neighbours || before_.kinds[i] != after_.kinds[pairs[i]]) {
+        throw Error(ErrorCode::internal, "the correspondence of the CAD models does not keep their structure");
+      }
+    }
+  }
+
   /// What structure leaves open is decided by places: what stays where it is, how far entities move as they lie in the files,
   /// after a translation and a scaling, and after a turn as well. A view that finds no clear answer has no say; clear answers
   /// that contradict each other are refused.
   Colours decide(Colours start, std::string& note) {
     if (branch(start, file_view()).of < 0) return start;
     Answer chosen = by_places(start);
-    const Answer turned = by_shape(start);
-    if (chosen.clear()) {
-      if (!chosen.counts && turned.clear() && differ(chosen, turned) &&
-          far_better * turned.cost + 1e-9 < laid_best(chosen.pairs)) {
+    if (chosen.clear() && !std::isfinite(chosen.rival)) return std::move(chosen.colours);  // the only way
+    const bool veto = forced_ == 0;                                                        // whoever gives pairs decides
+    if (!chosen.clear() || !chosen.counts) {
+      const Answer turned = by_shape(start);
+      if (turned.clear() && !chosen.clear()) {
+        chosen = turned;
+      } else if (veto && turned.clear() && differ(chosen, turned) && far_better * turned.cost + 1e-9 < laid_best(chosen.pairs)) {
         refuse_contradiction(chosen, turned);
       }
-    } else if (turned.clear()) {
-      chosen = turned;
     }
     const Answer named = by_names(start, note);
-    if (named.found()) {
-      if (chosen.clear() && differ(chosen, named)) refuse_contradiction(chosen, named);
-      if (!chosen.clear()) chosen = named;
+    if (named.found() && !chosen.clear()) {
+      chosen = named;
+    } else if (veto && named.found() && differ(chosen, named)) {
+      refuse_contradiction(chosen, named);
     }
     if (!chosen.clear()) {
       throw Error(ErrorCode::failed_precondition, "the correspondence of the CAD models is ambiguous: " + chosen.question +
@@ -187,7 +214,6 @@ class Matching {
       return " (" + std::to_string(answer.stay) + " faces, edges and vertices that others would move stay, and " +
              std::to_string(answer.rival_stay) + " the other way round)";
     }
-    if (!std::isfinite(answer.rival)) return "";
     const double ratio = std::sqrt(answer.rival / std::max(answer.cost, 1e-18));
     if (ratio > 1000) return " (others by more than 1000 times the distance)";
     return " (others by " + number_digits(std::round(10 * ratio) / 10) + " times the distance or more)";

@@ -19,12 +19,12 @@ struct Correspondence {
 };
 
 /// Pairs the entities of two models. The result is an isomorphism of the incidences of solids, faces, loops, edges and vertices
-/// that keeps the types of the faces and the way the loops run. Where there are several, they are compared by the sums of squared
-/// distances of the entities in three views: as the models lie in their files, after a translation and a scaling, and after the
-/// similarity that fits best. A view has a say where its best way is clearly better than any other that was found. The first two
-/// come first; where both have a say and differ, the first one counts if a face stays in place. The third one decides where the
-/// others have no say, and is a veto where it fits far better. Names that single faces have in both files decide last, and are a
-/// veto as well. Throws Error(failed_precondition) naming faces when there is no way, none that is clear, or a contradiction;
+/// that keeps the types of the faces, bores and bosses, outer loops of planes and the way the loops run. Where there are several,
+/// these decide, the first that has a clear answer: how many entities stay in place; sums of squared distances as the models lie
+/// in their files and after a translation and a scaling; the same after the similarity that fits best; names that single faces
+/// have in both files. An answer is clear if no other that was found comes near. Distances in the files that speak against what
+/// stays, a similarity that fits far better and names that say otherwise are a veto, but the last two not where pairs are given.
+/// Throws Error(failed_precondition) naming faces when there is no way, none that is clear, or a contradiction;
 /// Error(invalid_argument) for pairs out of range.
 Correspondence match_models(const Model& before, const Model& after, std::span<const ForcedPair> pairs);
 

@@ -516,6 +516,23 @@ TEST_F(CadFiles, NamesOfFacesTellWhatPlacesDoNot) {
   EXPECT_THAT(carried.notes, testing::Contains(HasSubstr("2 names of faces agree")));
 }
 
+TEST_F(CadFiles, GivenPairsSolveWhatIsAmbiguous) {
+  const TopoDS_Shape cube = block({0, 0, 0}, {1, 1, 1}), after = turned(cube, {0.5, 0.5, 0}, {0, 0, 1}, 45);
+  const Mesh mesh = mesh_of(cube, 0.1);
+  const double s = std::sqrt(0.125);
+  MoveRequest request;
+  request.before = file(cube, "before");
+  request.after = file(after, "after");
+  request.pairs = {{ForcedPair::Kind::face, face_at(cube, {0.5, 0, 0.5}) + 1, face_at(after, {0.5 + s, 0.5 - s, 0.5}) + 1},
+                   {ForcedPair::Kind::face, face_at(cube, {0.5, 0.5, 1}) + 1, face_at(after, {0.5, 0.5, 1}) + 1}};
+  const CarriedNodes carried = carry_nodes(mesh, request);
+  for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
+    const Vec3& p = mesh.points[carried.nodes[i]];
+    const double x = (p[0] - 0.5) * std::sqrt(0.5), y = (p[1] - 0.5) * std::sqrt(0.5);
+    EXPECT_LT(distance(carried.places[i], {0.5 + x - y, 0.5 + x + y, p[2]}), 1e-9);
+  }
+}
+
 TEST_F(CadFiles, NamesThatContradictPlacesAreRefused) {
   const auto plate = [](double first, double second) {
     return without(bored({10, 2, 1}, {first, 1, 0}, 0.4), rod({second, 1, -1}, {0, 0, 1}, 0.4, 3));
@@ -534,6 +551,9 @@ TEST_F(CadFiles, NamesThatContradictPlacesAreRefused) {
   } catch (const Error& error) {
     EXPECT_THAT(error.what(), HasSubstr("by the names of faces in the files"));
   }
+  request.pairs = {{ForcedPair::Kind::face, face_at(before, {3.4, 1, 0.5}) + 1, face_at(after, {7.5, 1, 0.5}) + 1}};
+  EXPECT_NO_THROW(carry_nodes(mesh, request));  // given pairs decide
+  request.pairs.clear();
   request.after = marked(after, {3.6, 1, 0.5}, "after");
   EXPECT_NO_THROW(carry_nodes(mesh, request));
   // A name that structure forbids is said and not used.
