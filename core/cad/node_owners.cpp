@@ -12,6 +12,7 @@
 #include <Geom_Surface.hxx>
 #include <ShapeAnalysis_Curve.hxx>
 #include <ShapeAnalysis_Surface.hxx>
+#include <algorithm>
 #include <cmath>
 #include <deque>
 #include <memory>
@@ -41,6 +42,7 @@ struct Place {
 };
 
 constexpr int samples_along = 48;
+constexpr double side_share = 0.02;  ///< of the shortest side at a node
 
 /// Planes, cylinders, cones, spheres and tori are projected onto by a formula.
 bool is_elementary(const TopoDS_Face& face) { return BRepAdaptor_Surface(face, false).GetType() <= GeomAbs_Torus; }
@@ -72,7 +74,7 @@ class Finder {
       if (BRep_Tool::Degenerated(model.edge(e))) continue;  // an empty box
       place.curve.Initialize(model.edge(e));
       BRepBndLib::Add(model.edge(e), place.box);
-      place.box.Enlarge(snap_);
+      place.box.Enlarge(std::max(snap_, tolerance));
     }
     for (int f = 0; f < model.face_count(); ++f) {
       const TopoDS_Face face = model.face(f);
@@ -86,9 +88,11 @@ class Finder {
     }
   }
 
-  std::optional<Owner> owner(const Vec3& x) {
+  /// snap: how far the node may be from a vertex or edge that holds it.
+  std::optional<Owner> owner(const Vec3& x, double snap) {
     const gp_Pnt p(x[0], x[1], x[2]);
-    Owner best{Owner::Kind::vertex, -1, {}, snap_};
+    snap = std::clamp(snap, snap_, std::max(snap_, tolerance_));
+    Owner best{Owner::Kind::vertex, -1, {}, snap};
     for (int v = 0; v < model_.vertex_count(); ++v) {
       const double d = BRep_Tool::Pnt(model_.vertex(v)).Distance(p);
       if (d <= best.distance) best = {Owner::Kind::vertex, v, {}, d};
@@ -141,17 +145,36 @@ class Finder {
   std::deque<Place> edges_, faces_;
 };
 
+/// Of the faces at each point; 0 where there is none.
+std::vector<double> shortest_sides(const Mesh& mesh) {
+  std::vector<double> shortest(mesh.point_count(), 0);
+  std::size_t first = 0;
+  for (const std::uint32_t size : mesh.face_sizes) {
+    for (std::uint32_t k = 0; k < size; ++k) {
+      const PointId a = mesh.face_points[first + k], b = mesh.face_points[first + (k + 1) % size];
+      const double side = distance(mesh.points[a], mesh.points[b]);
+      for (const PointId p : {a, b}) {
+        if (side > 0 && (shortest[p] == 0 || side < shortest[p])) shortest[p] = side;
+      }
+    }
+    first += size;
+  }
+  return shortest;
+}
+
 }  // namespace
 
-std::vector<Owner> owners_of(const Model& model, std::span<const Vec3> points, std::span<const PointId> nodes, double tolerance,
+std::vector<Owner> owners_of(const Model& model, const Mesh& mesh, std::span<const PointId> nodes, double tolerance,
                              const RunContext& context) {
+  const std::span<const Vec3> points = mesh.points;
+  const std::vector<double> sides = shortest_sides(mesh);
   Finder finder(model, tolerance);
   std::vector<Owner> owners;
   std::size_t lost = 0;
   std::string ids;
   for (const PointId node : nodes) {
     if (owners.size() % 256 == 0) context.check();
-    const auto owner = finder.owner(points[node]);
+    const auto owner = finder.owner(points[node], side_share * sides[node]);
     owners.push_back(owner.value_or(Owner{}));
     if (owner) continue;
     if (++lost <= 5) ids += (ids.empty() ? "" : ", ") + std::to_string(node);

@@ -516,6 +516,30 @@ TEST_F(CadFiles, NamesOfFacesTellWhatPlacesDoNot) {
   EXPECT_THAT(carried.notes, testing::Contains(HasSubstr("2 names of faces agree")));
 }
 
+TEST_F(CadFiles, NodesWithFewDigitsStayOnEdges) {
+  // Rounded to four digits behind the point, 1e-5 D or so: edges of the new model are met all the same.
+  const TopoDS_Shape before = bored({4, 3, 2}, {1.5, 1.2, 0}, 0.5), after = bored({4, 3, 2}, {2.1, 1.5, 0}, 0.8);
+  Mesh mesh = mesh_of(before, 0.1);
+  const Mesh exact = mesh;
+  for (Vec3& p : mesh.points) {
+    for (double& x : p) x = std::round(1e4 * x) / 1e4;
+  }
+  MoveRequest request;
+  request.before = file(before, "before");
+  request.after = file(after, "after");
+  const CarriedNodes carried = carry_nodes(mesh, request), wanted = carry_nodes(exact, request);
+  EXPECT_EQ(carried.on_vertices, wanted.on_vertices);
+  EXPECT_EQ(carried.on_edges, wanted.on_edges);
+  EXPECT_EQ(carried.flipped() + carried.outside(), 0u);
+  double worst = 0;  // on the bore, where nothing is mended
+  for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
+    const Vec3& p = exact.points[carried.nodes[i]];
+    if (std::abs(std::hypot(p[0] - 1.5, p[1] - 1.2) - 0.5) > 1e-9) continue;
+    worst = std::max(worst, distance(carried.places[i], wanted.places[i]));
+  }
+  EXPECT_LT(worst, 1e-3);
+}
+
 TEST_F(CadFiles, GivenPairsSolveWhatIsAmbiguous) {
   const TopoDS_Shape cube = block({0, 0, 0}, {1, 1, 1}), after = turned(cube, {0.5, 0.5, 0}, {0, 0, 1}, 45);
   const Mesh mesh = mesh_of(cube, 0.1);
