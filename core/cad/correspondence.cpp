@@ -221,7 +221,7 @@ class Matching {
 
   /// What stays, if that is clear, else the distances in the files or after a translation and a scaling.
   Answer by_places(const Colours& start) {
-    const Answer staying = choose(start, staying_view());
+    Answer staying = choose(start, staying_view());
     Answer in_place = choose(start, file_view());
     if (staying.clear()) {
       // A row that moves by its pitch, or its first member to the other end?

@@ -122,7 +122,8 @@ class Sliding {
     const bool periodic[] = {static_cast<bool>(surface_->IsUPeriodic()), static_cast<bool>(surface_->IsVPeriodic())};
     for (int c = 0; c < 2; ++c) {
       uv[c] = x[2 * static_cast<Eigen::Index>(k) + c] / lengths_[k][c];
-      if (!periodic[c]) uv[c] = std::clamp(uv[c], patch_.box[2 * c], patch_.box[2 * c + 1]);
+      const auto low = 2 * static_cast<std::size_t>(c);
+      if (!periodic[c]) uv[c] = std::clamp(uv[c], patch_.box[low], patch_.box[low + 1]);
     }
     return uv;
   }
@@ -181,7 +182,7 @@ class Sliding {
   }
 
   void add(int i, const Vector3d& pull, Eigen::VectorXd& gradient) const {
-    const int k = slot_[i];
+    const Eigen::Index k = slot_[i];
     if (k < 0) return;
     gradient[2 * k] += pull.dot(now_[k].du) / lengths_[k][0];
     gradient[2 * k + 1] += pull.dot(now_[k].dv) / lengths_[k][1];

@@ -4,8 +4,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <BRepBuilderAPI_MakeEdge.hxx>
+#include <BRepBuilderAPI_MakeFace.hxx>
+#include <BRepBuilderAPI_MakeWire.hxx>
 #include <BRepFilletAPI_MakeFillet.hxx>
 #include <BRepPrimAPI_MakeCone.hxx>
+#include <BRepPrimAPI_MakePrism.hxx>
 #include <BRepPrimAPI_MakeSphere.hxx>
 #include <BRepPrimAPI_MakeTorus.hxx>
 #include <BRepTools.hxx>
@@ -13,9 +17,11 @@
 #include <IGESControl_Writer.hxx>
 #include <TopExp_Explorer.hxx>
 #include <TopoDS.hxx>
+#include <TopoDS_Wire.hxx>
 #include <cmath>
 #include <filesystem>
 #include <functional>
+#include <gp_Elips.hxx>
 #include <map>
 #include <memory>
 #include <numbers>
@@ -63,6 +69,16 @@ TopoDS_Shape row_of_bores(double first) {
   TopoDS_Shape plate = block({0, 0, 0}, {10, 2, 0.5});
   for (int i = 0; i < 4; ++i) plate = without(plate, rod({first + 2 * i, 1, -1}, {0, 0, 1}, 0.4, 3));
   return plate;
+}
+
+/// A wall of 0.1 around the z axis, by surfaces that have no axis of their own.
+TopoDS_Shape elliptic_tube(double a, double b) {
+  const auto rod = [](double major, double minor) {
+    const gp_Elips ellipse(gp_Ax2(gp_Pnt(0, 0, 0), gp::DZ()), major, minor);
+    const TopoDS_Wire wire = BRepBuilderAPI_MakeWire(BRepBuilderAPI_MakeEdge(ellipse)).Wire();
+    return BRepPrimAPI_MakePrism(BRepBuilderAPI_MakeFace(wire).Face(), gp_Vec(0, 0, 3)).Shape();
+  };
+  return without(rod(a, b), rod(a - 0.1, b - 0.1));
 }
 
 TopoDS_Shape rounded(const TopoDS_Shape& shape) {
@@ -251,6 +267,20 @@ const std::vector<Pair>& pairs() {
        [] { return row_of_bores(1); },
        [] { return row_of_bores(1.6); },
        {{{1.4, 1, 0.2}, {2, 1, 0.2}}, {{7.4, 1, 0.2}, {8, 1, 0.2}}},
+       {}},
+      {"a square tube whose outside goes where its inside was",
+       [] {
+         return without(block({-1, -1, 0}, {2, 2, 3}), block({-0.9, -0.9, -1}, {1.8, 1.8, 5}));
+       },
+       [] {
+         return without(block({-0.9, -0.9, 0}, {1.8, 1.8, 3}), block({-0.8, -0.8, -1}, {1.6, 1.6, 5}));
+       },
+       {{{1, 0, 1}, {0.9, 0, 1}}, {{0.9, 0, 1}, {0.8, 0, 1}}},
+       {}},
+      {"an elliptic tube whose outside goes where its inside was",
+       [] { return elliptic_tube(1, 0.8); },
+       [] { return elliptic_tube(0.9, 0.7); },
+       {{{1, 0, 1}, {0.9, 0, 1}}, {{0.9, 0, 1}, {0.8, 0, 1}}},
        {}},
       {"two blocks in another order",
        [] {
