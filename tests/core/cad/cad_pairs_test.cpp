@@ -570,6 +570,66 @@ TEST_F(CadFiles, NodesWithFewDigitsStayOnEdges) {
   EXPECT_LT(worst, 1e-3);
 }
 
+TEST_F(CadFiles, WhatCannotBeMendedIsCounted) {
+  // Without nodes inside the top nothing can slide there.
+  const TopoDS_Shape before = bored({4, 4, 1}, {0.8, 0.8, 0}, 0.4), after = bored({4, 4, 1}, {3, 3, 0}, 0.8);
+  MoveRequest request;
+  request.before = file(before, "before");
+  request.after = file(after, "after");
+  const CarriedNodes bare = carry_nodes(mesh_of(before, 0.02, 0), request);
+  EXPECT_GT(bare.flipped(), 0u);
+  for (const FaceOutcome& face : bare.faces) EXPECT_EQ(face.flipped, face.warp_flipped);
+}
+
+/// Quadrilaterals on the top of a bored block of 4 x 4 x 1, from the rim of the bore to the sides.
+Mesh polar_top(const Vec3& at, double radius) {
+  constexpr int around = 64, layers = 10;
+  Mesh mesh;
+  for (int j = 0; j <= layers; ++j) {
+    for (int i = 0; i < around; ++i) {
+      const double share = static_cast<double>(j) / layers, angle = 2 * std::numbers::pi * (i - around / 8.0) / around;
+      const int side = i / (around / 4);
+      const double along = 4.0 * (i % (around / 4)) / (around / 4.0);
+      const std::array<Vec3, 4> square{{{4, along, 1}, {4 - along, 4, 1}, {0, 4 - along, 1}, {along, 0, 1}}};
+      const Vec3 rim{at[0] + radius * std::cos(angle), at[1] + radius * std::sin(angle), 1};
+      mesh.points.push_back((1 - share) * rim + share * square[side]);
+    }
+  }
+  for (int j = 0; j < layers; ++j) {
+    for (int i = 0; i < around; ++i) {
+      const auto next = (i + 1) % around;
+      mesh.face_sizes.push_back(4);
+      for (const int p : {j * around + i, (j + 1) * around + i, (j + 1) * around + next, j * around + next}) {
+        mesh.face_points.push_back(static_cast<PointId>(p));
+      }
+    }
+  }
+  return mesh;
+}
+
+TEST_F(CadFiles, AFaceWhoseBoreGoesToTheOtherCornerIsMended) {
+  const TopoDS_Shape before = bored({4, 4, 1}, {0.8, 0.8, 0}, 0.4), after = bored({4, 4, 1}, {3, 3, 0}, 0.8);
+  const Mesh mesh = polar_top({0.8, 0.8, 0}, 0.4);
+  MoveRequest request;
+  request.before = file(before, "before");
+  request.after = file(after, "after");
+  const CarriedNodes carried = carry_nodes(mesh, request);
+  std::size_t flipped = 0;
+  for (const FaceOutcome& face : carried.faces) flipped += face.warp_flipped;
+  EXPECT_GT(flipped, 20u);
+  expect_carried(mesh, carried, before, after, {});
+  // By the signs of the areas of all triangles, seen from above.
+  std::size_t first = 0;
+  for (const std::uint32_t size : mesh.face_sizes) {
+    for (std::uint32_t k = 1; k + 1 < size; ++k) {
+      const Vec3 &a = carried.places[mesh.face_points[first]], &b = carried.places[mesh.face_points[first + k]],
+                 &c = carried.places[mesh.face_points[first + k + 1]];
+      EXPECT_GT(cross(b - a, c - a)[2], 0);
+    }
+    first += size;
+  }
+}
+
 TEST_F(CadFiles, GivenPairsSolveWhatIsAmbiguous) {
   const TopoDS_Shape cube = block({0, 0, 0}, {1, 1, 1}), after = turned(cube, {0.5, 0.5, 0}, {0, 0, 1}, 45);
   const Mesh mesh = mesh_of(cube, 0.1);

@@ -143,7 +143,7 @@ TopoDS_Shape pipe(const PipeSizes& sizes) {
   return without(solid(sizes.outer), solid(sizes.inner));
 }
 
-Mesh mesh_of(const TopoDS_Shape& shape, double deflection) {
+Mesh mesh_of(const TopoDS_Shape& shape, double deflection, int splits) {
   const BRepMesh_IncrementalMesh meshed(shape, deflection, false, 0.4, false);
   Mesh mesh;
   for (const TopoDS_Face& face : faces_of(shape)) {
@@ -168,7 +168,7 @@ Mesh mesh_of(const TopoDS_Shape& shape, double deflection) {
       if (face.Orientation() == TopAbs_REVERSED) std::swap(b, c);
       triangles.push_back({first + a - 1, first + b - 1, first + c - 1});
     }
-    for (int pass = 0; pass < 2; ++pass) {
+    for (int pass = 0; pass < splits; ++pass) {
       std::vector<std::array<PointId, 3>> finer;
       for (const auto& [a, b, c] : triangles) {
         const gp_XY middle = (uv[a - first].XY() + uv[b - first].XY() + uv[c - first].XY()) / 3;

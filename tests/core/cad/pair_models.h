@@ -36,8 +36,9 @@ struct PipeSizes {
 };
 TopoDS_Shape pipe(const PipeSizes& sizes);
 
-/// Triangles with corners on the model: those of OpenCASCADE, each face on its own, twice split at a point inside.
-Mesh mesh_of(const TopoDS_Shape& shape, double deflection);
+/// Triangles with corners on the model: those of OpenCASCADE, each face on its own, which have all corners on edges where a face
+/// is flat, then split at a point inside as often as said.
+Mesh mesh_of(const TopoDS_Shape& shape, double deflection, int splits = 2);
 
 /// The faces without the inside of solids.
 TopoDS_Shape skin(const TopoDS_Shape& shape);
