@@ -9,10 +9,12 @@
 #include <BRep_Tool.hxx>
 #include <Geom2d_Curve.hxx>
 #include <Geom_Surface.hxx>
+#include <ShapeAnalysis_Surface.hxx>
 #include <Standard_Failure.hxx>
 #include <TopoDS.hxx>
 #include <TopoDS_Iterator.hxx>
 #include <algorithm>
+#include <functional>
 #include <memory>
 #include <unordered_map>
 
@@ -20,11 +22,15 @@
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
+#include "core/cad/boundary_triangles.h"
+#include "core/cad/closed_edges.h"
 #include "core/cad/correspondence.h"
 #include "core/cad/edge_map.h"
+#include "core/cad/face_mending.h"
 #include "core/cad/face_warp.h"
 #include "core/cad/model.h"
 #include "core/cad/node_owners.h"
+#include "core/cad/periodic_warp.h"
 #include "core/mesh/region.h"
 
 namespace deform::cad {
@@ -43,11 +49,18 @@ class Carrier {
  public:
   Carrier(const Mesh& mesh, const Model& before, const Model& after, const Correspondence& partners, std::vector<PointId> nodes,
           std::vector<Owner> owners)
-      : mesh_(mesh), before_(before), after_(after), partners_(partners), nodes_(std::move(nodes)), owners_(std::move(owners)) {
+      : mesh_(mesh),
+        before_(before),
+        after_(after),
+        partners_(partners),
+        rings_(closed_edges(before, after, partners)),
+        nodes_(std::move(nodes)),
+        owners_(std::move(owners)) {
     for (std::size_t i = 0; i < nodes_.size(); ++i) index_[nodes_[i]] = i;
     for (int e = 0; e < before.edge_count(); ++e) {
-      edges_.emplace_back(before.edge(e), after.edge(partners.edges[e]), partners.edge_senses[e]);
+      edges_.emplace_back(before.edge(e), after.edge(partners.edges[e]), partners.edge_senses[e], rings_.phases[e]);
     }
+    leave_seams();
     samples_.assign(before.edge_count(), 0);
     for (const Owner& owner : owners_) {
       if (owner.kind == Owner::Kind::edge) samples_[owner.index] += 3;
@@ -77,16 +90,56 @@ class Carrier {
         ++carried.on_vertices;
       }
     }
+    sort_triangles(context);
     for (int f = 0; f < before_.face_count(); ++f) {
       context.check();
       carried.faces.push_back(carry_on_face(f, inside[f], carried.places));
     }
-    count_flipped(carried);
+    for (int f = 0; f < before_.face_count(); ++f) mend(f, carried.places, carried.faces[f], context);
+    for (int f = 0; f < before_.face_count(); ++f) {
+      for (const Triangle& triangle : triangles_[f]) {
+        for (const std::size_t i : triangle.corners) {
+          double& largest = carried.faces[f].largest;
+          largest = std::max(largest, distance(mesh_.points[nodes_[i]], carried.places[i]));
+        }
+      }
+    }
     measure(carried, context);
     return carried;
   }
 
  private:
+  struct Triangle {
+    std::array<std::size_t, 3> corners{};  ///< in nodes_; counter-clockwise seen along du x dv of the old face
+  };
+
+  /// Nodes on seams that do not go to a seam lie in the face, those at their ends on the closed edge.
+  void leave_seams() {
+    for (Owner& owner : owners_) {
+      if (owner.kind == Owner::Kind::vertex && rings_.start_edge[owner.index] >= 0) {
+        const int e = rings_.start_edge[owner.index];
+        owner = {Owner::Kind::edge, e, {edges_[e].at(0), 0}, owner.distance};
+      }
+      if (owner.kind != Owner::Kind::edge || !rings_.loose[owner.index]) continue;
+      for (int f = 0; f < before_.face_count(); ++f) {
+        const auto& uses = before_.coedges[f];
+        const auto use = std::find_if(uses.begin(), uses.end(), [&](const Coedge& u) { return u.edge == owner.index; });
+        if (use == uses.end()) continue;
+        const gp_Pnt2d uv = curve_of(before_, f, *use)->Value(owner.uv[0]);
+        owner = {Owner::Kind::face, f, {uv.X(), uv.Y()}, owner.distance};
+        break;
+      }
+    }
+  }
+
+  /// (u, v) of nodes in a face on its partner.
+  std::function<Parameters(const Parameters&)> warp_of(int f) const {
+    for (const Coedge& use : before_.coedges[f]) {
+      if (use.seam && rings_.loose[use.edge]) return PeriodicWarp(before_, after_, partners_, f, edges_, samples_, rings_.loose);
+    }
+    return FaceWarp(before_, after_, partners_, f, edges_, samples_);
+  }
+
   /// A node whose place on the model stays is left where the mesh has it.
   void move(const gp_Pnt& from, const gp_Pnt& to, Vec3& place) const {
     if (from.Distance(to) > still * before_.diagonal) place = vec(to);
@@ -105,20 +158,106 @@ class Carrier {
     outcome.after = partners_.faces[f] + 1;
     outcome.type = surface_type(before_.face(f));
     outcome.nodes = inside.size();
-    if (inside.empty()) return outcome;
-    const FaceWarp warp(before_, after_, partners_, f, edges_, samples_);
-    const TopoDS_Face partner = after_.face(partners_.faces[f]);
-    const auto from = BRep_Tool::Surface(before_.face(f)), to = BRep_Tool::Surface(partner);
-    BRepTopAdaptor_FClass2d region(partner, 1e-9);
-    for (const std::size_t i : inside) {
-      const Parameters& uv = owners_[i].uv;
-      parameters_[i] = warp(uv);
-      const gp_Pnt place = to->Value(parameters_[i][0], parameters_[i][1]);
-      move(from->Value(uv[0], uv[1]), place, places[i]);
-      if (region.Perform(gp_Pnt2d(parameters_[i][0], parameters_[i][1])) != TopAbs_OUT) continue;
-      if (distance_from(place, partner) > outside_limit * after_.diagonal) ++outcome.outside;
+    outcome.triangles = triangles_[f].size();
+    const auto from = BRep_Tool::Surface(before_.face(f)), to = BRep_Tool::Surface(after_.face(partners_.faces[f]));
+    if (!inside.empty()) {
+      const auto warp = warp_of(f);
+      for (const std::size_t i : inside) {
+        const Parameters& uv = owners_[i].uv;
+        parameters_[i] = warp(uv);
+        move(from->Value(uv[0], uv[1]), to->Value(parameters_[i][0], parameters_[i][1]), places[i]);
+      }
     }
     return outcome;
+  }
+
+  /// Slides the nodes around what the warp flipped or took out of the face, more of them each time, and keeps what is best.
+  void mend(int f, Points& places, FaceOutcome& outcome, const RunContext& context) {
+    context.check();
+    const auto surface = BRep_Tool::Surface(after_.face(partners_.faces[f]));
+    std::vector<std::size_t> members;
+    FacePatch patch = patch_of(f, places, members);
+    std::vector<std::size_t> flipped = flipped_triangles(surface, patch), outside = nodes_outside(f, patch);
+    outcome.warp_flipped = outcome.flipped = flipped.size();
+    outcome.warp_outside = outcome.outside = outside.size();
+    constexpr std::array<std::size_t, 4> widths{2, 6, 20, 1'000'000};
+    for (const std::size_t rings : widths) {
+      std::erase_if(flipped, [&](std::size_t t) {  // edges stay
+        const auto& nodes = patch.triangles[t].nodes;
+        return std::none_of(nodes.begin(), nodes.end(), [&](int i) { return patch.nodes[i].inner; });
+      });
+      if (flipped.empty() && outside.empty()) break;
+      FacePatch slid = patch;
+      slide_inner_nodes(surface, slid, flipped, outside, rings, context);
+      const std::vector<std::size_t> still = flipped_triangles(surface, slid), off = nodes_outside(f, slid);
+      if (still.size() + off.size() >= outcome.flipped + outcome.outside) continue;
+      outcome.flipped = still.size();
+      outcome.outside = off.size();
+      for (std::size_t k = 0; k < members.size(); ++k) {
+        if (slid.nodes[k].uv == patch.nodes[k].uv) continue;
+        parameters_[members[k]] = slid.nodes[k].uv;
+        places[members[k]] = slid.nodes[k].place;
+      }
+      patch = std::move(slid);
+      flipped = still;
+      outside = off;
+    }
+  }
+
+  /// The mesh on a face as the nodes lie on the new one; `members` become their indices.
+  FacePatch patch_of(int f, const Points& places, std::vector<std::size_t>& members) const {
+    const int partner = partners_.faces[f];
+    FacePatch patch;
+    BRepTools::UVBounds(after_.face(partner), patch.box[0], patch.box[1], patch.box[2], patch.box[3]);
+    std::unordered_map<std::size_t, int> local;
+    for (const Triangle& triangle : triangles_[f]) {
+      FacePatch::Triangle& copy = patch.triangles.emplace_back();
+      for (int c = 0; c < 3; ++c) {
+        const std::size_t i = triangle.corners[c];
+        const auto [entry, fresh] = local.try_emplace(i, static_cast<int>(members.size()));
+        if (fresh) {
+          members.push_back(i);
+          const bool inner = owners_[i].kind == Owner::Kind::face && owners_[i].index == f;
+          patch.nodes.push_back({places[i], inner ? parameters_[i] : uv_on_edges(partner, i, places[i]), inner});
+        }
+        copy.nodes[c] = entry->second;
+        copy.shape[c] = mesh_.points[nodes_[i]];
+      }
+      if (partners_.face_senses[f] < 0) {
+        std::swap(copy.nodes[1], copy.nodes[2]);
+        std::swap(copy.shape[1], copy.shape[2]);
+      }
+    }
+    return patch;
+  }
+
+  /// Of a node on an edge or vertex, or of a neighbouring face where it should have been on the edge.
+  Parameters uv_on_edges(int face, std::size_t i, const Vec3& place) const {
+    const Owner& owner = owners_[i];
+    gp_Pnt2d uv;
+    const int entity = owner.kind == Owner::Kind::vertex ? partners_.vertices[owner.index]
+                       : owner.kind == Owner::Kind::edge ? partners_.edges[owner.index]
+                                                         : -1;
+    if (owner.kind == Owner::Kind::face || !place_on(after_, face, owner, entity, parameters_[i], uv)) {
+      uv = ShapeAnalysis_Surface(BRep_Tool::Surface(after_.face(face))).ValueOfUV(pnt(place), 1e-12);
+    }
+    return {uv.X(), uv.Y()};
+  }
+
+  /// Inner nodes of a patch that left the trimmed face, as their indices in it.
+  std::vector<std::size_t> nodes_outside(int f, const FacePatch& patch) const {
+    const TopoDS_Face partner = after_.face(partners_.faces[f]);
+    const auto surface = BRep_Tool::Surface(partner);
+    BRepTopAdaptor_FClass2d region(partner, 1e-9);
+    std::vector<std::size_t> outside;
+    const auto is_outside = [&](const Parameters& uv) {
+      if (region.Perform(gp_Pnt2d(uv[0], uv[1])) != TopAbs_OUT) return false;
+      return distance_from(surface->Value(uv[0], uv[1]), partner) > outside_limit * after_.diagonal;
+    };
+    for (std::size_t k = 0; k < patch.nodes.size(); ++k) {
+      if (patch.nodes[k].inner && is_outside(patch.nodes[k].uv)) outside.push_back(k);
+    }
+    return outside;
   }
 
   static double distance_from(const gp_Pnt& place, const TopoDS_Shape& shape) {
@@ -179,18 +318,14 @@ class Carrier {
     return !curve.IsNull();
   }
 
-  /// Sum of the normals of a face at the corners of a triangle.
-  Vec3 normal_at(const Model& model, int face, const std::array<std::size_t, 3>& corners,
-                 const std::vector<Parameters>* moved) const {
+  /// Sum of the normals of the old face at the corners of a triangle.
+  Vec3 normal_at(int face, const std::array<std::size_t, 3>& corners) const {
     Vec3 sum{};
-    const auto surface = BRep_Tool::Surface(model.face(face));
+    const auto surface = BRep_Tool::Surface(before_.face(face));
     for (const std::size_t i : corners) {
-      const Owner& owner = owners_[i];
-      int entity = owner.index;
-      if (moved && owner.kind == Owner::Kind::edge) entity = partners_.edges[entity];
-      if (moved && owner.kind == Owner::Kind::vertex) entity = partners_.vertices[entity];
       gp_Pnt2d uv;
-      if (!place_on(model, face, owner, entity, moved ? (*moved)[i] : owner.uv, uv)) continue;
+      if (owners_[i].kind == Owner::Kind::face && owners_[i].index != face) continue;
+      if (!place_on(before_, face, owners_[i], owners_[i].index, owners_[i].uv, uv)) continue;
       gp_Pnt p;
       gp_Vec du, dv;
       surface->D1(uv.X(), uv.Y(), p, du, dv);
@@ -201,39 +336,30 @@ class Carrier {
     return sum;
   }
 
-  void count_flipped(CarriedNodes& carried) const {
-    std::size_t corner = 0;
-    for (const std::uint32_t size : mesh_.face_sizes) {
-      for (std::uint32_t k = 1; k + 1 < size; ++k) {
-        const PointId points[] = {mesh_.face_points[corner], mesh_.face_points[corner + k], mesh_.face_points[corner + k + 1]};
-        std::array<std::size_t, 3> corners{};
-        bool all = true;
-        for (int c = 0; c < 3; ++c) {
-          const auto found = index_.find(points[c]);
-          all = all && found != index_.end();
-          if (all) corners[c] = found->second;
-        }
-        if (all) judge(corners, carried);
+  /// By the faces of the old model; those without an area have no side and are left out.
+  void sort_triangles(const RunContext& context) {
+    triangles_.resize(before_.face_count());
+    std::size_t done = 0;
+    for (const std::array<PointId, 3>& points : boundary_triangles(mesh_)) {
+      if (done++ % 1024 == 0) context.check();
+      Triangle triangle;
+      bool all = true;
+      for (int c = 0; c < 3; ++c) {
+        const auto found = index_.find(points[c]);
+        all = all && found != index_.end();
+        if (all) triangle.corners[c] = found->second;
       }
-      corner += size;
+      if (!all) continue;
+      const int f = face_of(triangle.corners);
+      if (f < 0) continue;
+      const Vec3 &a = mesh_.points[points[0]], &b = mesh_.points[points[1]], &c = mesh_.points[points[2]];
+      const Vec3 area = cross(b - a, c - a);
+      const double longest = std::max({squared_distance(a, b), squared_distance(b, c), squared_distance(c, a)});
+      const double side = dot(area, normal_at(f, triangle.corners));
+      if (length(area) <= 1e-9 * longest || side == 0) continue;
+      if (side < 0) std::swap(triangle.corners[1], triangle.corners[2]);
+      triangles_[f].push_back(triangle);
     }
-  }
-
-  void judge(const std::array<std::size_t, 3>& corners, CarriedNodes& carried) const {
-    const int f = face_of(corners);
-    if (f < 0) return;
-    FaceOutcome& outcome = carried.faces[f];
-    ++outcome.triangles;
-    Vec3 old[3], now[3];
-    for (int c = 0; c < 3; ++c) {
-      old[c] = mesh_.points[nodes_[corners[c]]];
-      now[c] = carried.places[corners[c]];
-      outcome.largest = std::max(outcome.largest, distance(old[c], now[c]));
-    }
-    const double side = dot(cross(old[1] - old[0], old[2] - old[0]), normal_at(before_, f, corners, nullptr));
-    const double turned =
-        dot(cross(now[1] - now[0], now[2] - now[0]), normal_at(after_, partners_.faces[f], corners, &parameters_));
-    if (side * turned * partners_.face_senses[f] < 0) ++outcome.flipped;
   }
 
   /// Against the trimmed entity, by a search that knows nothing of parameters.
@@ -253,12 +379,14 @@ class Carrier {
   const Mesh& mesh_;
   const Model &before_, &after_;
   const Correspondence& partners_;
+  const ClosedEdges rings_;
   const std::vector<PointId> nodes_;
-  const std::vector<Owner> owners_;
+  std::vector<Owner> owners_;
   std::unordered_map<PointId, std::size_t> index_;  ///< of a node in nodes_
   std::vector<EdgeMap> edges_;
   std::vector<int> samples_;
-  std::vector<Parameters> parameters_;  ///< of the nodes on the new model
+  std::vector<std::vector<Triangle>> triangles_;  ///< of the mesh, by face of the old model
+  std::vector<Parameters> parameters_;            ///< of the nodes on the new model
 };
 
 void check_request(const MoveRequest& request) {
@@ -274,6 +402,9 @@ CarriedNodes carry_nodes(const Mesh& mesh, const MoveRequest& request, const Run
   mesh.validate();
   try {
     Model before = read_model(request.before, request.scale), after = read_model(request.after, request.scale);
+    if (before.unit > 0 && after.unit > 0 && before.unit != after.unit) {
+      after = read_model(request.after, request.scale * after.unit / before.unit);
+    }
     if (before.face_count() != after.face_count() || before.edge_count() != after.edge_count()) {
       if (!request.pairs.empty()) {
         throw Error(ErrorCode::failed_precondition,
@@ -290,10 +421,11 @@ CarriedNodes carry_nodes(const Mesh& mesh, const MoveRequest& request, const Run
     if (nodes.empty())
       throw Error(ErrorCode::invalid_argument, "the mesh has no faces and no cells: nothing lies on the CAD model");
     const double tolerance = request.tolerance > 0 ? request.tolerance : 1e-4 * before.diagonal;
-    std::vector<Owner> owners = owners_of(before, mesh.points, nodes, tolerance, context);
+    std::vector<Owner> owners = owners_of(before, mesh, nodes, tolerance, context);
     CarriedNodes carried = Carrier(mesh, before, after, partners, std::move(nodes), std::move(owners)).carry(context);
     carried.notes = before.notes;
     carried.notes.insert(carried.notes.end(), after.notes.begin(), after.notes.end());
+    carried.notes.insert(carried.notes.end(), partners.notes.begin(), partners.notes.end());
     return carried;
   } catch (const Standard_Failure& failure) {
     throw Error(ErrorCode::internal, std::string("OpenCASCADE failed: ") + failure.GetMessageString());

@@ -23,7 +23,9 @@ struct ForcedPair {
 struct MoveRequest {
   std::filesystem::path before, after;  ///< .step .stp .iges .igs .brep: the model at which the mesh is, and where it goes
   std::vector<ForcedPair> pairs;        ///< partners that are given instead of found
-  double scale = 1;                     ///< both models are multiplied by it to have the unit of the mesh; > 0
+  /// Both models are multiplied by it to have the unit of the mesh; > 0. Where the files name different units, the new model is
+  /// first brought to that of the old one.
+  double scale = 1;
   /// Largest distance of a node of the boundary from the old model, model units; 0: automatic, 1e-4 D of the old model.
   double tolerance = 0;
 };
@@ -34,9 +36,10 @@ struct FaceOutcome {
   std::string type;           ///< "plane", "cylinder", ...
   std::size_t nodes = 0;      ///< inside the face, without those of its edges
   double largest = 0;         ///< displacement of a node, edges included, model units
-  std::size_t triangles = 0;  ///< of the mesh on this face; a polygon counts as the triangles of its fan
+  std::size_t triangles = 0;  ///< of the mesh on this face; see boundary_triangles(), without those of no area
   std::size_t flipped = 0;    ///< of these, those that lie the other way round on the new face
-  std::size_t outside = 0;    ///< nodes that left the trimmed face by more than 1e-9 D
+  std::size_t outside = 0;    ///< nodes in triangles that left the trimmed face by more than 1e-9 D
+  std::size_t warp_flipped = 0, warp_outside = 0;  ///< the same before nodes were slid to mend it
 };
 
 /// Nodes of a mesh on the new CAD model.
@@ -68,8 +71,9 @@ struct CarriedNodes {
 /// paired by structure: colour refinement of the incidences of faces, loops, edges and vertices, with the types of the faces,
 /// tells apart what it can; among the rest the positions decide, after a translation and a scaling. Nodes on edges keep the
 /// fraction of the edge's parameter, or of its arc length when the type of the curve changed. Nodes inside faces follow a warp of
-/// (u, v) in metric lengths by r^2 log r with {x, y, 1} that takes the boundary of the old face to that of the new one; triangles
-/// that it flips and nodes that leave the trimmed face are counted. A node whose place on the model does not change stays as it
+/// (u, v) in metric lengths by r^2 log r with {x, y, 1} that takes the boundary of the old face to that of the new one; around
+/// triangles that it flips and nodes that leave the trimmed face, nodes are slid on the surface until there are none
+/// (face_mending.h), and what is left is counted. A node whose place on the model does not change stays as it
 /// is. Deterministic. Any thread may call, one at a time: reading sets global options of OpenCASCADE.
 ///
 /// Throws Error(not_found, invalid_argument): a file that cannot be read or holds no face, nodes that are farther from the old

@@ -223,7 +223,7 @@ class Finder {
     if (nodes.empty()) {
       throw Error(ErrorCode::invalid_argument, "the mesh has no faces and no cells: nothing lies on the CAD model");
     }
-    const std::vector<Owner> owners = owners_of(model_, mesh_.points, nodes, tolerance_, context_);
+    const std::vector<Owner> owners = owners_of(model_, mesh_, nodes, tolerance_, context_);
     std::vector<std::set<int>> edges_at(model_.vertex_count()), faces_at(model_.edge_count());
     for (int e = 0; e < model_.edge_count(); ++e) {
       for (TopoDS_Iterator end(model_.edge(e)); end.More(); end.Next()) {

@@ -2,164 +2,109 @@
 #include "core/cad/correspondence.h"
 
 #include <BRepAdaptor_Curve.hxx>
-#include <BRepAdaptor_Surface.hxx>
-#include <BRepGProp.hxx>
 #include <BRep_Tool.hxx>
-#include <GProp_GProps.hxx>
-#include <TopExp.hxx>
-#include <TopExp_Explorer.hxx>
 #include <TopoDS.hxx>
 #include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
 #include <limits>
 #include <map>
-#include <numeric>
 #include <optional>
+#include <unordered_map>
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
+#include "core/cad/model_graph.h"
 
 namespace deform::cad {
 
 namespace {
 
+constexpr double normal_weight = 0.1;  ///< of the difference of two unit normals, beside that of places in sizes of the model
+constexpr double clearly = 1.5;        ///< another way has to fit so much worse, in squares
+constexpr double slightly = 1.1;       ///< another way that fits so much better, in squares, contradicts what stays
+constexpr double far_better = 20;      ///< a turned model that fits so much better, in squares, is not overlooked
+constexpr int most_tries = 20000, most_first = 24, most_second = 6;
+
 Vec3 vec(const gp_Pnt& p) { return {p.X(), p.Y(), p.Z()}; }
-
-/// Solids, wires, faces, edges and vertices of a model as one graph.
-struct Graph {
-  std::vector<std::vector<int>> neighbours;
-  std::vector<std::vector<int>> kinds;  ///< what an entity is, beside its neighbours
-  std::vector<Vec3> places;             ///< of faces, edges and vertices; after normalization
-  std::vector<Vec3> normals;            ///< of planes, else 0
-  int first_face = 0, first_edge = 0, first_vertex = 0, first_other = 0;
-
-  int size() const { return static_cast<int>(kinds.size()); }
-  void link(int a, int b) {
-    neighbours[a].push_back(b);
-    neighbours[b].push_back(a);
-  }
-};
-
-Vec3 place_of_edge(const TopoDS_Edge& edge) {
-  if (BRep_Tool::Degenerated(edge)) return vec(BRep_Tool::Pnt(TopExp::FirstVertex(edge)));
-  const BRepAdaptor_Curve curve(edge);
-  if (curve.Value(curve.FirstParameter()).Distance(curve.Value(curve.LastParameter())) > 1e-7) {
-    return vec(curve.Value(0.5 * (curve.FirstParameter() + curve.LastParameter())));
-  }
-  Vec3 sum{};  // a closed curve: its middle, wherever it starts
-  constexpr int samples = 16;
-  for (int i = 0; i < samples; ++i) {
-    const double t = curve.FirstParameter() + i * (curve.LastParameter() - curve.FirstParameter()) / samples;
-    sum = sum + vec(curve.Value(t));
-  }
-  return sum / samples;
-}
-
-/// Centre at the mean of the faces' centres, and their root mean square distance from it becomes 1.
-void normalize(Graph& graph, int faces, double diagonal) {
-  Vec3 centre{};
-  for (int f = 0; f < faces; ++f) centre = centre + graph.places[f] / faces;
-  double square = 0;
-  for (int f = 0; f < faces; ++f) square += squared_distance(graph.places[f], centre) / faces;
-  const double size = square > 1e-12 * diagonal * diagonal ? std::sqrt(square) : diagonal;
-  for (Vec3& place : graph.places) place = (place - centre) / size;
-}
-
-Graph graph_of(const Model& model) {
-  Graph graph;
-  graph.first_edge = model.face_count();
-  graph.first_vertex = graph.first_edge + model.edge_count();
-  graph.first_other = graph.first_vertex + model.vertex_count();
-  const int first_solid = graph.first_other + model.wires.Extent();
-  const int size = first_solid + model.solids.Extent();
-  graph.neighbours.resize(size);
-  graph.kinds.resize(size);
-  graph.places.resize(graph.first_other);
-  graph.normals.resize(size);
-  for (int f = 0; f < model.face_count(); ++f) {
-    const BRepAdaptor_Surface surface(model.face(f));
-    graph.kinds[f] = {0, static_cast<int>(surface.GetType())};
-    GProp_GProps properties;
-    BRepGProp::SurfaceProperties(model.face(f), properties);
-    graph.places[f] = vec(properties.CentreOfMass());
-    if (surface.GetType() == GeomAbs_Plane) {
-      gp_Dir normal = surface.Plane().Axis().Direction();
-      if (!surface.Plane().Direct()) normal.Reverse();
-      graph.normals[f] = static_cast<double>(model.face_sense(f)) * Vec3{normal.X(), normal.Y(), normal.Z()};
-    }
-    for (TopExp_Explorer wire(model.face(f), TopAbs_WIRE); wire.More(); wire.Next()) {
-      graph.link(f, graph.first_other + model.wires.FindIndex(wire.Current()) - 1);
-    }
-  }
-  for (int w = 0; w < model.wires.Extent(); ++w) {
-    graph.kinds[graph.first_other + w] = {3};
-    for (TopExp_Explorer edge(model.wires(w + 1), TopAbs_EDGE); edge.More(); edge.Next()) {
-      graph.link(graph.first_other + w, graph.first_edge + model.edges.FindIndex(edge.Current()) - 1);
-    }
-  }
-  for (int e = 0; e < model.edge_count(); ++e) {
-    const TopoDS_Edge edge = model.edge(e);
-    graph.kinds[graph.first_edge + e] = {1, BRep_Tool::Degenerated(edge) ? 1 : 0};
-    graph.places[graph.first_edge + e] = place_of_edge(edge);
-    for (TopExp_Explorer vertex(edge, TopAbs_VERTEX); vertex.More(); vertex.Next()) {
-      graph.link(graph.first_edge + e, graph.first_vertex + model.vertices.FindIndex(vertex.Current()) - 1);
-    }
-  }
-  for (int v = 0; v < model.vertex_count(); ++v) {
-    graph.kinds[graph.first_vertex + v] = {2};
-    graph.places[graph.first_vertex + v] = vec(BRep_Tool::Pnt(model.vertex(v)));
-  }
-  for (int s = 0; s < model.solids.Extent(); ++s) {
-    graph.kinds[first_solid + s] = {4};
-    for (TopExp_Explorer face(model.solids(s + 1), TopAbs_FACE); face.More(); face.Next()) {
-      graph.link(first_solid + s, model.faces.FindIndex(face.Current()) - 1);
-    }
-  }
-  normalize(graph, model.face_count(), model.diagonal);
-  return graph;
-}
 
 /// Colours of the entities of both models; equal colours may be partners.
 struct Colours {
   std::vector<int> before, after;
 };
 
+/// The old model as it is laid over the new one; lengths are divided by `size`.
+struct View {
+  std::string words;
+  std::vector<Vec3> places, normals;
+  double size = 1;
+  double stays = 0;  ///< > 0: entities are counted that do not lie within this distance of their partners
+};
+
+/// The best correspondence in a view.
+struct Answer {
+  Colours colours;
+  std::vector<int> pairs;
+  double cost = std::numeric_limits<double>::infinity();   ///< sum of squares
+  double rival = std::numeric_limits<double>::infinity();  ///< of the best other way that was found
+  std::vector<int> rival_pairs;
+  bool counts = false;           ///< `cost` and `rival` are how many entities do not stay where they are
+  int stay = 0, rival_stay = 0;  ///< of the entities that the best other way pairs otherwise
+  std::string question, words;
+  bool found() const { return !pairs.empty(); }
+  bool clear() const {
+    if (counts) return found() && stay >= 2 && 2 * rival_stay <= stay;
+    return found() && rival >= clearly * cost + 1e-9;
+  }
+};
+
+/// The two models may not be paired further: too many ways were tried.
+struct TooManySymmetries {};
+
 class Matching {
  public:
   Matching(const Model& before, const Model& after, std::span<const ForcedPair> pairs)
-      : models_{&before, &after}, before_(graph_of(before)), after_(graph_of(after)) {
+      : models_{&before, &after},
+        before_(graph_of(before)),
+        after_(graph_of(after)),
+        uses_before_(uses(before)),
+        uses_after_(uses(after)) {
     for (const ForcedPair& pair : pairs) force(pair);
   }
 
   Correspondence solve() {
     Colours start = first_colours();
     if (!refine(start)) refuse_structure(start);
-    double rival = std::numeric_limits<double>::infinity();
-    std::string question;
-    Colours best = choose(start, rival, question);
-    const double cost = cost_of(best);
-    if (rival < 1.5 * cost + 1e-9) {
-      throw Error(ErrorCode::failed_precondition, "the correspondence of the CAD models is ambiguous: " + question +
-                                                      ", and both fit about as well; name pairs in a file with --map");
+    if (!may_run_so(start)) refuse_turn();
+    std::string note;
+    try {
+      start = decide(std::move(start), note);
+    } catch (const TooManySymmetries&) {
+      throw Error(ErrorCode::failed_precondition, "the CAD models have too many symmetries; name pairs in a file with --map");
     }
-    return with_senses(partners(best));
+    const std::vector<int> pairs = partners(start);
+    prove(pairs);
+    Correspondence found = with_senses(pairs);
+    if (!note.empty()) found.notes.push_back(note);
+    return found;
   }
 
  private:
   void force(const ForcedPair& pair) {
-    const int starts[] = {0, 1, 2};
     const auto kind = static_cast<int>(pair.kind);
     const char* names[] = {"face", "edge", "vertex"};
     const auto check = [&](int number, const Model& model) {
       const int counts[] = {model.face_count(), model.edge_count(), model.vertex_count()};
-      if (number < 1 || number > counts[starts[kind]]) {
+      if (number < 1 || number > counts[kind]) {
         throw Error(ErrorCode::invalid_argument, "pairs: " + std::string(names[kind]) + " " + std::to_string(number) +
                                                      " is out of range, " + model.name + " has " + std::to_string(counts[kind]));
       }
     };
     check(pair.before, *models_[0]);
     check(pair.after, *models_[1]);
-    const auto index = [&](const Graph& graph, int number) {
+    const auto index = [&](const ModelGraph& graph, int number) {
       return (kind == 0 ? 0 : kind == 1 ? graph.first_edge : graph.first_vertex) + number - 1;
     };
     const std::vector<int> mark{100, static_cast<int>(forced_++)};
@@ -177,27 +122,27 @@ class Matching {
     return colours;
   }
 
+  /// Whether each colour is there as often in both models. Colours are below the number of entities of both.
   static bool balanced(const Colours& colours) {
-    auto a = colours.before, b = colours.after;
-    std::sort(a.begin(), a.end());
-    std::sort(b.begin(), b.end());
-    return a == b;
+    std::vector<int> surplus(colours.before.size() + colours.after.size() + 1, 0);
+    for (const int c : colours.before) ++surplus[c];
+    for (const int c : colours.after) --surplus[c];
+    return std::all_of(surplus.begin(), surplus.end(), [](int count) { return count == 0; });
   }
 
-  /// Until neighbours tell nothing more apart. False when the two models differ.
+  /// Until neighbours tell nothing more apart. False when the two models differ. Colours of neighbours are compared by a sum of
+  /// 64 bits; prove() looks at what comes of it.
   bool refine(Colours& colours) const {
     std::size_t classes = 0;
     while (true) {
       if (!balanced(colours)) return false;
-      std::map<std::vector<int>, int> ids;
-      const auto next = [&](const Graph& graph, const std::vector<int>& old) {
+      std::unordered_map<std::uint64_t, int> ids;
+      const auto next = [&](const ModelGraph& graph, const std::vector<int>& old) {
         std::vector<int> result(old.size());
-        for (int i = 0; i < graph.size(); ++i) {
-          std::vector<int> key;
-          for (const int j : graph.neighbours[i]) key.push_back(old[j]);
-          std::sort(key.begin(), key.end());
-          key.push_back(old[i]);
-          result[i] = ids.try_emplace(std::move(key), static_cast<int>(ids.size())).first->second;
+        for (int i = 0; i < graph.size_of_graph(); ++i) {
+          std::uint64_t key = scrambled(~static_cast<std::uint64_t>(old[i]));
+          for (const int j : graph.neighbours[i]) key += scrambled(static_cast<std::uint64_t>(old[j]));
+          result[i] = ids.try_emplace(key, static_cast<int>(ids.size())).first->second;
         }
         return result;
       };
@@ -210,16 +155,234 @@ class Matching {
     }
   }
 
+  /// The finalizer of splitmix64.
+  static std::uint64_t scrambled(std::uint64_t x) {
+    x += 0x9e3779b97f4a7c15U;
+    x = (x ^ (x >> 30U)) * 0xbf58476d1ce4e5b9U;
+    x = (x ^ (x >> 27U)) * 0x94d049bb133111ebU;
+    return x ^ (x >> 31U);
+  }
+
+  /// That neighbours go to neighbours and nothing changes its kind.
+  void prove(const std::vector<int>& pairs) const {
+    for (int i = 0; i < before_.size_of_graph(); ++i) {
+      std::vector<int> images, neighbours = after_.neighbours[pairs[i]];
+      for (const int j : before_.neighbours[i]) images.push_back(pairs[j]);
+      std::sort(images.begin(), images.end());
+      std::sort(neighbours.begin(), neighbours.end());
+      if (images != neighbours || before_.kinds[i] != after_.kinds[pairs[i]]) {
+        throw Error(ErrorCode::internal, "the correspondence of the CAD models does not keep their structure");
+      }
+    }
+  }
+
+  /// What structure leaves open is decided by places: what stays where it is, how far entities move as they lie in the files,
+  /// after a translation and a scaling, and after a turn as well. A view that finds no clear answer has no say; clear answers
+  /// that contradict each other are refused.
+  Colours decide(Colours start, std::string& note) {
+    if (branch(start, file_view()).of < 0) return start;
+    Answer chosen = by_places(start);
+    if (chosen.clear() && !std::isfinite(chosen.rival)) return std::move(chosen.colours);  // the only way
+    const bool veto = forced_ == 0;                                                        // whoever gives pairs decides
+    if (!chosen.clear() || !chosen.counts) {
+      const Answer turned = by_shape(start);
+      if (turned.clear() && !chosen.clear()) {
+        chosen = turned;
+      } else if (veto && turned.clear() && differ(chosen, turned) && far_better * turned.cost + 1e-9 < laid_best(chosen.pairs)) {
+        refuse_contradiction(chosen, turned);
+      }
+    }
+    const Answer named = by_names(start, note);
+    if (named.found() && !chosen.clear()) {
+      chosen = named;
+    } else if (veto && named.found() && differ(chosen, named)) {
+      refuse_contradiction(chosen, named);
+    }
+    if (!chosen.clear()) {
+      throw Error(ErrorCode::failed_precondition, "the correspondence of the CAD models is ambiguous: " + chosen.question +
+                                                      ", and both fit about as well; name pairs in a file with --map");
+    }
+    if (note.empty()) {
+      note = "Structure leaves several ways to pair the models; the one that fits best " + chosen.words + " is taken" +
+             how_clear(chosen) + ".";
+    }
+    return std::move(chosen.colours);
+  }
+
+  static std::string how_clear(const Answer& answer) {
+    if (answer.counts) {
+      return " (" + std::to_string(answer.stay) + " faces, edges and vertices that others would move stay, and " +
+             std::to_string(answer.rival_stay) + " the other way round)";
+    }
+    const double ratio = std::sqrt(answer.rival / std::max(answer.cost, 1e-18));
+    if (ratio > 1000) return " (others by more than 1000 times the distance)";
+    return " (others by " + number_digits(std::round(10 * ratio) / 10) + " times the distance or more)";
+  }
+
+  /// What stays, if that is clear, else the distances in the files or after a translation and a scaling.
+  Answer by_places(const Colours& start) {
+    Answer staying = choose(start, staying_view());
+    Answer in_place = choose(start, file_view());
+    if (staying.clear()) {
+      // A row that moves by its pitch, or its first member to the other end?
+      if (differ(staying, in_place) && slightly * in_place.cost < cost_of(staying.pairs, file_view())) {
+        refuse_contradiction(staying, in_place);
+      }
+      return staying;
+    }
+    Answer moved = choose(start, moved_view());
+    if (in_place.clear() && moved.clear() && differ(in_place, moved)) refuse_contradiction(in_place, moved);
+    return in_place.clear() || !moved.clear() ? in_place : moved;
+  }
+
+  /// After the similarity that fits a correspondence best, for those that differ in the partners of two entities.
+  Answer by_shape(const Colours& start) {
+    std::vector<Answer> found;
+    const View moved = moved_view();
+    try {
+      tries_ = 0;
+      const Branch first = branch(start, moved);
+      for (std::size_t i = 0; i < first.candidates.size() && i < most_first; ++i) {
+        const auto once = refined(fixed(start, first.of, first.candidates[i]));
+        if (!once) continue;
+        const Branch second = branch(*once, moved);
+        if (second.of < 0) add_laid(complete(*once, moved), found);
+        for (std::size_t j = 0; j < second.candidates.size() && j < most_second; ++j) {
+          const auto twice = refined(fixed(*once, second.of, second.candidates[j]));
+          if (twice) add_laid(complete(*twice, view_of(best_placement(before_, after_, singles(*twice)), "")), found);
+        }
+      }
+      if (found.empty()) return {};
+      std::stable_sort(found.begin(), found.end(), [](const Answer& a, const Answer& b) { return a.cost < b.cost; });
+      Answer best = choose(start, view_of(best_placement(before_, after_, found.front().pairs), ""));
+      if (!best.found() || best.cost > found.front().cost) {
+        best.colours = found.front().colours;
+        best.pairs = found.front().pairs;
+        best.cost = found.front().cost;
+      }
+      for (const Answer& other : found) {
+        if (differ(best, other)) best.rival = std::min(best.rival, other.cost);
+      }
+      best.words = "after a turn and a scaling";
+      return best;
+    } catch (const TooManySymmetries&) {
+      return {};
+    }
+  }
+
+  void add_laid(const std::optional<Colours>& colours, std::vector<Answer>& found) const {
+    if (!colours) return;
+    Answer answer;
+    answer.colours = *colours;
+    answer.pairs = partners(*colours);
+    answer.cost = laid_best(answer.pairs);
+    found.push_back(std::move(answer));
+  }
+
+  double laid_best(const std::vector<int>& pairs) const {
+    return cost_of(pairs, view_of(best_placement(before_, after_, pairs), ""));
+  }
+
+  /// The faces that have names of their own in both files are partners, if structure allows it.
+  Answer by_names(const Colours& start, std::string& note) {
+    const std::map<std::string, int> old = own_names(*models_[0]), now = own_names(*models_[1]);
+    Colours named = start;
+    int pairs = 0;
+    for (const auto& [name, f] : old) {
+      const auto other = now.find(name);
+      if (other == now.end()) continue;
+      named = fixed(std::move(named), f, other->second);
+      ++pairs;
+    }
+    if (pairs == 0) return {};
+    const bool kept = std::all_of(old.begin(), old.end(), [&](const auto& entry) {
+      const auto other = now.find(entry.first);
+      return other == now.end() || start.before[entry.second] == start.after[other->second];
+    });
+    const auto told = kept ? refined(std::move(named)) : std::nullopt;
+    if (!told) {
+      note = "The names of the faces in the files contradict the structure of the models and are not used.";
+      return {};
+    }
+    Answer answer = choose(*told, file_view());
+    answer.words = "by the names of faces in the files";
+    if (!answer.clear()) return {};
+    if (note.empty())
+      note = "Structure leaves several ways to pair the models; " + std::to_string(pairs) +
+             " names of faces agree with the one that is taken.";
+    return answer;
+  }
+
+  static std::map<std::string, int> own_names(const Model& model) {
+    std::map<std::string, int> first, count;
+    for (int f = 0; f < static_cast<int>(model.face_names.size()); ++f) {
+      const std::string& name = model.face_names[f];
+      if (name.empty() || name == "NONE") continue;
+      first.emplace(name, f);
+      ++count[name];
+    }
+    for (const auto& [name, times] : count) {
+      if (times > 1) first.erase(name);
+    }
+    return first;
+  }
+
+  bool differ(const Answer& a, const Answer& b) const {
+    return !std::equal(a.pairs.begin(), a.pairs.begin() + before_.first_wire, b.pairs.begin());
+  }
+
+  [[noreturn]] void refuse_contradiction(const Answer& a, const Answer& b) const {
+    int i = 0;
+    while (a.pairs[i] == b.pairs[i]) ++i;
+    throw Error(ErrorCode::failed_precondition,
+                "the correspondence of the CAD models is ambiguous: the partner of " + before_.name(*models_[0], i) +
+                    " of the old model is " + after_.name(*models_[1], a.pairs[i]) + " " + a.words + ", but " +
+                    after_.name(*models_[1], b.pairs[i]) + " " + b.words + "; name pairs in a file with --map");
+  }
+
+  View view_of(const Placement& placement, const std::string& words) const {
+    View view;
+    view.words = words;
+    view.size = after_.size;
+    const auto turned = [&](const Vec3& v) {
+      const Eigen::Vector3d x = placement.turn * Eigen::Vector3d(v[0], v[1], v[2]);
+      return Vec3{x[0], x[1], x[2]};
+    };
+    for (const Vec3& place : before_.places)
+      view.places.push_back(placement.scale * turned(place - placement.from) + placement.to);
+    for (const Vec3& normal : before_.normals) view.normals.push_back(turned(normal));
+    return view;
+  }
+
+  View file_view() const {
+    return {"where they lie in the files", before_.places, before_.normals, std::max(before_.size, after_.size)};
+  }
+
+  View staying_view() const {
+    View view = file_view();
+    view.words = "by what stays where it is";
+    view.stays = 1e-9 * models_[0]->diagonal;
+    return view;
+  }
+
+  View moved_view() const {
+    Placement placement;
+    placement.scale = after_.size / before_.size;
+    placement.from = before_.centre;
+    placement.to = after_.centre;
+    return view_of(placement, "after a translation and a scaling");
+  }
+
   struct Branch {
     int of = -1;                  ///< of the old model
     std::vector<int> candidates;  ///< of the new one, nearest first
   };
 
   /// The smallest class of faces with more than one member, else of edges, vertices, others.
-  Branch branch(const Colours& colours) const {
+  Branch branch(const Colours& colours, const View& view) const {
     std::map<int, int> sizes;
     for (const int colour : colours.before) ++sizes[colour];
-    const int ends[] = {before_.first_edge, before_.first_vertex, before_.first_other, before_.size()};
+    const int ends[] = {before_.first_edge, before_.first_vertex, before_.first_wire, before_.size_of_graph()};
     int begin = 0;
     for (const int end : ends) {
       Branch found;
@@ -229,25 +392,28 @@ class Matching {
       }
       begin = end;
       if (found.of < 0) continue;
-      for (int j = 0; j < after_.size(); ++j) {
+      for (int j = 0; j < after_.size_of_graph(); ++j) {
         if (colours.after[j] == colours.before[found.of]) found.candidates.push_back(j);
       }
       std::stable_sort(found.candidates.begin(), found.candidates.end(),
-                       [&](int a, int b) { return pair_cost(found.of, a) < pair_cost(found.of, b); });
+                       [&](int a, int b) { return pair_cost(view, found.of, a) < pair_cost(view, found.of, b); });
       return found;
     }
     return {};
   }
 
-  double pair_cost(int a, int b) const {
-    if (a >= before_.first_other) return 0;
-    return squared_distance(before_.places[a], after_.places[b]) + 0.1 * squared_distance(before_.normals[a], after_.normals[b]);
+  double pair_cost(const View& view, int a, int b) const {
+    if (a >= before_.first_wire) return 0;
+    const double square = squared_distance(view.places[a], after_.places[b]);
+    const double turn = a < before_.first_edge ? squared_distance(view.normals[a], after_.normals[b]) : 0;
+    const double cost = square / (view.size * view.size) + normal_weight * turn;
+    if (view.stays == 0) return cost;
+    return std::sqrt(square) <= view.stays && turn < 1e-12 ? 0 : 1 + 1e-9 * std::min(1.0, cost);
   }
 
-  double cost_of(const Colours& colours) const {
-    const std::vector<int> pairs = partners(colours);
+  double cost_of(const std::vector<int>& pairs, const View& view) const {
     double cost = 0;
-    for (std::size_t i = 0; i < pairs.size(); ++i) cost += pair_cost(static_cast<int>(i), pairs[i]);
+    for (std::size_t i = 0; i < pairs.size(); ++i) cost += pair_cost(view, static_cast<int>(i), pairs[i]);
     return cost;
   }
 
@@ -259,55 +425,128 @@ class Matching {
     return colours;
   }
 
+  /// What the neighbours make of it; nothing when the models differ, or the loops run in opposite directions.
+  std::optional<Colours> refined(Colours colours) {
+    if (++tries_ > most_tries) throw TooManySymmetries();
+    if (!refine(colours) || !may_run_so(colours)) return std::nullopt;
+    return colours;
+  }
+
   /// Nearest candidates first, until all are told apart. Nothing when there is no way.
-  std::optional<Colours> complete(Colours colours) {
-    if (++tries_ > 20000)
-      throw Error(ErrorCode::failed_precondition, "the CAD models have too many symmetries; name pairs in a file with --map");
-    if (!refine(colours)) return std::nullopt;
-    const Branch at = branch(colours);
-    if (at.of < 0) return colours;
+  std::optional<Colours> complete(Colours colours, const View& view) {
+    auto told = refined(std::move(colours));
+    if (!told) return std::nullopt;
+    const Branch at = branch(*told, view);
+    if (at.of < 0) return told;
     for (const int b : at.candidates) {
-      if (auto done = complete(fixed(colours, at.of, b))) return done;
+      if (auto done = complete(fixed(*told, at.of, b), view)) return done;
     }
     return std::nullopt;
   }
 
-  /// The least cost; `rival` becomes the least cost of another way, `question` says where it turns off.
-  Colours choose(Colours colours, double& rival, std::string& question) {
+  /// The way of least cost, one entity after another, each with all its candidates. No pairs when there is no way.
+  Answer choose(Colours colours, const View& view) {
+    Answer answer;
+    answer.words = view.words;
+    answer.counts = view.stays > 0;
+    tries_ = 0;
     while (true) {
-      const Branch at = branch(colours);
-      if (at.of < 0) return colours;
+      const Branch at = branch(colours, view);
+      if (at.of < 0) break;
       struct Way {
         int candidate;
         double cost;
+        std::vector<int> pairs;
       };
       std::vector<Way> ways;
       for (const int b : at.candidates) {
-        if (const auto done = complete(fixed(colours, at.of, b))) ways.push_back({b, cost_of(*done)});
+        if (const auto done = complete(fixed(colours, at.of, b), view)) {
+          std::vector<int> pairs = partners(*done);
+          const double cost = cost_of(pairs, view);
+          ways.push_back({b, cost, std::move(pairs)});
+        }
       }
-      if (ways.empty()) refuse_structure(colours);
+      if (ways.empty()) refuse_turn();
       std::stable_sort(ways.begin(), ways.end(), [](const Way& a, const Way& b) { return a.cost < b.cost; });
-      if (ways.size() > 1 && ways[1].cost < rival) {
-        rival = ways[1].cost;
-        question = name(*models_[0], before_, at.of) + " of the old model may be " +
-                   name(*models_[1], after_, ways[0].candidate) + " or " + name(*models_[1], after_, ways[1].candidate) +
-                   " of the new one";
+      if (ways.size() > 1 && ways[1].cost < answer.rival) {
+        answer.rival = ways[1].cost;
+        answer.rival_pairs = ways[1].pairs;
+        answer.question = before_.name(*models_[0], at.of) + " of the old model may be " +
+                          after_.name(*models_[1], ways[0].candidate) + " or " + after_.name(*models_[1], ways[1].candidate) +
+                          " of the new one";
       }
       colours = fixed(std::move(colours), at.of, ways[0].candidate);
       refine(colours);
     }
+    answer.pairs = partners(colours);
+    answer.cost = cost_of(answer.pairs, view);
+    if (answer.counts) count_stays(answer, view);
+    answer.colours = std::move(colours);
+    return answer;
   }
 
-  static std::string name(const Model& model, const Graph& graph, int i) {
-    if (i < graph.first_edge) return model.face_name(i);
-    if (i < graph.first_vertex) return "edge " + std::to_string(i - graph.first_edge + 1);
-    if (i < graph.first_other) return "vertex " + std::to_string(i - graph.first_vertex + 1);
-    return "a loop or solid";
+  void count_stays(Answer& answer, const View& view) const {
+    for (int i = 0; i < before_.first_wire; ++i) {
+      if (answer.rival_pairs.empty() || answer.pairs[i] == answer.rival_pairs[i]) continue;
+      answer.stay += pair_cost(view, i, answer.pairs[i]) < 0.5 ? 1 : 0;
+      answer.rival_stay += pair_cost(view, i, answer.rival_pairs[i]) < 0.5 ? 1 : 0;
+    }
+  }
+
+  /// The partners of entities that are told apart; -1: none yet.
+  std::vector<int> singles(const Colours& colours) const {
+    std::map<int, std::array<int, 3>> of;  // members before, member before, member after
+    for (int i = 0; i < before_.size_of_graph(); ++i) {
+      auto& entry = of[colours.before[i]];
+      ++entry[0];
+      entry[1] = i;
+    }
+    for (int j = 0; j < after_.size_of_graph(); ++j) of[colours.after[j]][2] = j;
+    std::vector<int> pairs(before_.size_of_graph(), -1);
+    for (const auto& [colour, entry] : of) {
+      if (entry[0] == 1) pairs[entry[1]] = entry[2];
+    }
+    return pairs;
+  }
+
+  /// Whether the loops of the faces that are told apart run as those of their partners.
+  bool may_run_so(const Colours& colours) {
+    const std::vector<int> pairs = singles(colours);
+    const bool solid = models_[0]->solids.Extent() > 0 && models_[1]->solids.Extent() > 0;
+    for (int f = 0; f < before_.first_edge; ++f) {
+      if (pairs[f] < 0) continue;
+      int sense = solid ? models_[0]->face_sense(f) * models_[1]->face_sense(pairs[f]) : 0;
+      for (const auto& [e, use] : uses_before_[f]) {
+        const int partner = pairs[before_.first_edge + e];
+        const auto [first, last] = before_.ends[e];
+        if (partner < 0 || use == 0 || first < 0 || last < 0 || first == last || pairs[first] < 0 || pairs[last] < 0) continue;
+        const auto other = uses_after_[pairs[f]].find(partner - after_.first_edge);
+        if (other == uses_after_[pairs[f]].end()) return false;
+        const int vote = use * other->second * (after_.ends[partner - after_.first_edge][0] == pairs[first] ? 1 : -1);
+        if (vote == 0) continue;
+        if (sense != 0 && sense != vote) {
+          if (!turned_) turned_ = {f, pairs[f]};
+          return false;
+        }
+        sense = vote;
+      }
+    }
+    return true;
+  }
+
+  /// Sum of the senses of the uses of each edge by a face; 0 of seams.
+  static std::vector<std::map<int, int>> uses(const Model& model) {
+    std::vector<std::map<int, int>> uses(model.face_count());
+    for (int f = 0; f < model.face_count(); ++f) {
+      for (const Coedge& use : model.coedges[f]) uses[f][use.edge] += use.sense;
+    }
+    return uses;
   }
 
   /// Names what has no partner: the face that differs from the nearest one of the new model without a partner.
   [[noreturn]] void refuse_structure(const Colours& colours) const {
     const Model &old = *models_[0], &now = *models_[1];
+    const View view = moved_view();
     std::map<int, int> surplus;
     for (const int c : colours.before) ++surplus[c];
     for (const int c : colours.after) --surplus[c];
@@ -316,16 +555,20 @@ class Matching {
     const int lone = first_with(colours.after, after_.first_edge, surplus, -1);
     if (first >= 0) {
       int near = -1;
+      const auto better = [&](int f) {
+        const bool alike = before_.kinds[first] == after_.kinds[f], known = before_.kinds[first] == after_.kinds[near];
+        return alike != known ? alike : pair_cost(view, first, f) < pair_cost(view, first, near);
+      };
       for (int f = 0; f < after_.first_edge; ++f) {
-        if (surplus[colours.after[f]] >= 0) continue;
-        if (near < 0 || pair_cost(first, f) < pair_cost(first, near)) near = f;
+        if (surplus[colours.after[f]] < 0 && (near < 0 || better(f))) near = f;
       }
-      text += "; " + old.face_name(first) + " has " + loops(before_, first);
+      const bool same_loops = near >= 0 && before_.loops(first) == after_.loops(near);
+      text += "; " + old.face_name(first) + " has " + before_.loops(first) + (same_loops ? before_.bulge(first) : "");
       text += near < 0 ? " and no partner in the new model"
                        : ", the nearest one without a partner in the new model, " + now.face_name(near) + ", has " +
-                             loops(after_, near);
+                             after_.loops(near) + (same_loops ? after_.bulge(near) : "");
     } else if (lone >= 0) {
-      text += "; " + now.face_name(lone) + " of the new model has " + loops(after_, lone) + " and no partner in the old one";
+      text += "; " + now.face_name(lone) + " of the new model has " + after_.loops(lone) + " and no partner in the old one";
     }
     throw Error(ErrorCode::failed_precondition, text);
   }
@@ -342,21 +585,10 @@ class Matching {
            std::to_string(model.vertex_count()) + " vertices";
   }
 
-  static std::string loops(const Graph& graph, int face) {
-    std::size_t loops = 0, edges = 0;
-    for (const int w : graph.neighbours[face]) {
-      if (graph.kinds[w] != std::vector<int>{3}) continue;
-      ++loops;
-      edges += graph.neighbours[w].size() - 1;
-    }
-    return std::to_string(loops) + (loops == 1 ? " loop" : " loops") + " of " + std::to_string(edges) +
-           (edges == 1 ? " edge" : " edges") + " in all";
-  }
-
   /// New entity of each old one.
   std::vector<int> partners(const Colours& colours) const {
     std::map<int, int> of;
-    for (int j = 0; j < after_.size(); ++j) of[colours.after[j]] = j;
+    for (int j = 0; j < after_.size_of_graph(); ++j) of[colours.after[j]] = j;
     std::vector<int> pairs;
     for (const int colour : colours.before) pairs.push_back(of.at(colour));
     return pairs;
@@ -366,7 +598,7 @@ class Matching {
     Correspondence found;
     for (int i = 0; i < before_.first_edge; ++i) found.faces.push_back(pairs[i]);
     for (int i = before_.first_edge; i < before_.first_vertex; ++i) found.edges.push_back(pairs[i] - after_.first_edge);
-    for (int i = before_.first_vertex; i < before_.first_other; ++i) found.vertices.push_back(pairs[i] - after_.first_vertex);
+    for (int i = before_.first_vertex; i < before_.first_wire; ++i) found.vertices.push_back(pairs[i] - after_.first_vertex);
     for (int e = 0; e < static_cast<int>(found.edges.size()); ++e) found.edge_senses.push_back(open_edge_sense(found, e));
     for (int f = 0; f < static_cast<int>(found.faces.size()); ++f) found.face_senses.push_back(face_sense(found, f));
     for (int e = 0; e < static_cast<int>(found.edges.size()); ++e) {
@@ -376,41 +608,28 @@ class Matching {
   }
 
   int open_edge_sense(const Correspondence& found, int e) const {
-    const Model &old = *models_[0], &now = *models_[1];
-    const auto end = [](const Model& model, const TopoDS_Vertex& v) { return v.IsNull() ? -1 : model.vertices.FindIndex(v) - 1; };
-    const TopoDS_Edge a = old.edge(e), b = now.edge(found.edges[e]);
-    const int a0 = end(old, TopExp::FirstVertex(a)), a1 = end(old, TopExp::LastVertex(a));
-    const int b0 = end(now, TopExp::FirstVertex(b));
+    const auto [a0, a1] = before_.ends[e];
     if (a0 < 0 || a1 < 0 || a0 == a1) return 0;
-    return found.vertices[a0] == b0 ? 1 : -1;
+    return found.vertices[a0 - before_.first_vertex] + after_.first_vertex == after_.ends[found.edges[e]][0] ? 1 : -1;
   }
 
   /// Sense of a use of an edge by a face; 0 when it has none, or both (a seam).
-  static int use_of(const Model& model, int face, int edge) {
-    int sense = 0;
-    for (const Coedge& use : model.coedges[face]) {
-      if (use.edge == edge) sense += use.sense;
-    }
-    return sense;
+  static int use_of(const std::vector<std::map<int, int>>& uses, int face, int edge) {
+    const auto found = uses[face].find(edge);
+    return found == uses[face].end() ? 0 : found->second;
   }
 
   int face_sense(const Correspondence& found, int f) const {
-    const Model &old = *models_[0], &now = *models_[1];
-    int sense = 0;
-    for (const Coedge& use : old.coedges[f]) {
-      const int vote =
-          use_of(old, f, use.edge) * use_of(now, found.faces[f], found.edges[use.edge]) * found.edge_senses[use.edge];
-      if (vote == 0) continue;
-      if (sense != 0 && sense != vote) refuse_turn(f, found.faces[f]);
-      sense = vote;
+    const int partner = found.faces[f];
+    for (const auto& [e, use] : uses_before_[f]) {
+      const int vote = use * use_of(uses_after_, partner, found.edges[e]) * found.edge_senses[e];
+      if (vote != 0) return vote;
     }
-    const bool solid = old.solids.Extent() > 0 && now.solids.Extent() > 0;
-    const int outwards = old.face_sense(f) * now.face_sense(found.faces[f]);
-    if (solid && sense != 0 && sense != outwards) refuse_turn(f, found.faces[f]);
-    return sense != 0 ? sense : outwards;
+    return models_[0]->face_sense(f) * models_[1]->face_sense(partner);
   }
 
-  [[noreturn]] void refuse_turn(int f, int partner) const {
+  [[noreturn]] void refuse_turn() const {
+    const auto [f, partner] = turned_.value_or(std::array<int, 2>{0, 0});
     throw Error(ErrorCode::failed_precondition,
                 models_[0]->face_name(f) + " of the old model and " + models_[1]->face_name(partner) +
                     " of the new one are partners by structure, but their loops run in opposite "
@@ -420,7 +639,7 @@ class Matching {
   int closed_edge_sense(const Correspondence& found, int e) const {
     const Model &old = *models_[0], &now = *models_[1];
     for (int f = 0; f < old.face_count(); ++f) {
-      const int a = use_of(old, f, e), b = use_of(now, found.faces[f], found.edges[e]);
+      const int a = use_of(uses_before_, f, e), b = use_of(uses_after_, found.faces[f], found.edges[e]);
       if (a * b != 0) return (a * b > 0 ? 1 : -1) * found.face_senses[f];
     }
     const TopoDS_Edge edge = old.edge(e), partner = now.edge(found.edges[e]);
@@ -438,8 +657,11 @@ class Matching {
   }
 
   const Model* models_[2];
-  Graph before_, after_;
-  std::size_t forced_ = 0, tries_ = 0;
+  ModelGraph before_, after_;
+  const std::vector<std::map<int, int>> uses_before_, uses_after_;  ///< by face and edge
+  std::optional<std::array<int, 2>> turned_;                        ///< faces whose loops ran in opposite directions
+  std::size_t forced_ = 0;
+  int tries_ = 0;
 };
 
 }  // namespace

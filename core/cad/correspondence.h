@@ -2,6 +2,7 @@
 #pragma once
 
 #include <span>
+#include <string>
 #include <vector>
 
 #include "core/cad/cad_move.h"
@@ -12,14 +13,19 @@ namespace deform::cad {
 /// Partners of the entities of the old model in the new one, numbers from 0.
 struct Correspondence {
   std::vector<int> faces, edges, vertices;
-  std::vector<int> face_senses;  ///< 1: (u, v) of both faces have the same handedness seen from outside, -1: the opposite
-  std::vector<int> edge_senses;  ///< 1: both edges run the same way, -1: the opposite one
+  std::vector<int> face_senses;    ///< 1: (u, v) of both faces have the same handedness seen from outside, -1: the opposite
+  std::vector<int> edge_senses;    ///< 1: both edges run the same way, -1: the opposite one
+  std::vector<std::string> notes;  ///< whole sentences: what decided where structure left a choice
 };
 
 /// Pairs the entities of two models. The result is an isomorphism of the incidences of solids, faces, loops, edges and vertices
-/// that keeps the types of the faces and the way the loops run. Of several the one with the least sum of squared distances of
-/// entities, after translation and scaling, is taken if it is clearly less than that of any other that was found. Throws
-/// Error(failed_precondition) naming faces when there is none or no clear one; Error(invalid_argument) for pairs out of range.
+/// that keeps the types of the faces, bores and bosses, outer loops of planes and the way the loops run. Where there are several,
+/// these decide, the first that has a clear answer: how many entities stay in place; sums of squared distances as the models lie
+/// in their files and after a translation and a scaling; the same after the similarity that fits best; names that single faces
+/// have in both files. An answer is clear if no other that was found comes near. Distances in the files that speak against what
+/// stays, a similarity that fits far better and names that say otherwise are a veto, but the last two not where pairs are given.
+/// Throws Error(failed_precondition) naming faces when there is no way, none that is clear, or a contradiction;
+/// Error(invalid_argument) for pairs out of range.
 Correspondence match_models(const Model& before, const Model& after, std::span<const ForcedPair> pairs);
 
 }  // namespace deform::cad

@@ -10,8 +10,9 @@ namespace deform::cad {
 /// curves differ in type. Immutable.
 class EdgeMap {
  public:
-  /// sense: -1 when the partner runs the other way.
-  EdgeMap(const TopoDS_Edge& before, const TopoDS_Edge& after, int sense);
+  /// sense: -1 when the partner runs the other way. phase: the start of a closed edge goes to this fraction of the partner as it
+  /// is run through; 0: to its start.
+  EdgeMap(const TopoDS_Edge& before, const TopoDS_Edge& after, int sense, double phase);
   double operator()(double t) const;                                                 ///< t in the range of the old edge
   double at(double fraction) const { return first_ + fraction * (last_ - first_); }  ///< parameter of the old edge
   bool degenerate() const { return degenerate_; }
@@ -19,6 +20,7 @@ class EdgeMap {
  private:
   double first_ = 0, last_ = 1, first_after_ = 0, last_after_ = 1;
   const int sense_;
+  const double phase_;
   bool degenerate_ = false, by_length_ = false;
   BRepAdaptor_Curve before_, after_;
   double length_ = 0, length_after_ = 0;

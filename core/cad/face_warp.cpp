@@ -16,15 +16,15 @@ namespace {
 
 double kernel(double square) { return square > 0 ? 0.5 * square * std::log(square) : 0; }
 
-/// Curve of a use of an edge in (u, v); a seam has one for each sense.
+}  // namespace
+
 Handle(Geom2d_Curve) curve_of(const Model& model, int face, const Coedge& use) {
   double first = 0, last = 0;
   const TopoDS_Edge edge = TopoDS::Edge(model.edge(use.edge).Oriented(use.sense > 0 ? TopAbs_FORWARD : TopAbs_REVERSED));
   return BRep_Tool::CurveOnSurface(edge, model.face(face), first, last);
 }
 
-/// Mean lengths of a step of u and of v, divided by the size of the face.
-std::array<double, 2> metric(const TopoDS_Face& face) {
+std::array<double, 2> parameter_lengths(const TopoDS_Face& face) {
   const BRepAdaptor_Surface surface(face);
   double u0 = 0, u1 = 0, v0 = 0, v1 = 0, along_u = 0, along_v = 0;
   BRepTools::UVBounds(face, u0, u1, v0, v1);
@@ -43,11 +43,9 @@ std::array<double, 2> metric(const TopoDS_Face& face) {
   return {along_u / size, along_v / size};
 }
 
-}  // namespace
-
 FaceWarp::FaceWarp(const Model& before, const Model& after, const Correspondence& partners, int face,
                    const std::vector<EdgeMap>& edges, const std::vector<int>& samples)
-    : scale_(metric(before.face(face))) {
+    : scale_(parameter_lengths(before.face(face))) {
   std::vector<Eigen::Vector2d> shifts;
   double largest = 0;
   for (const Coedge& use : before.coedges[face]) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Geom2d_Curve.hxx>
 #include <array>
 #include <vector>
 
@@ -12,6 +13,12 @@
 namespace deform::cad {
 
 using Parameters = std::array<double, 2>;  ///< (u, v)
+
+/// Curve of a use of an edge in (u, v) of a face; a seam has one for each sense. Null where there is none.
+Handle(Geom2d_Curve) curve_of(const Model& model, int face, const Coedge& use);
+
+/// Mean lengths of a step of u and of v, divided by the size of the face.
+std::array<double, 2> parameter_lengths(const TopoDS_Face& face);
 
 /// The map of (u, v) of a face to those of its partner that takes boundary to boundary (thesis 6.2): r^2 log r and {x, y, 1} in
 /// metric lengths, through samples of all edges. Immutable.

@@ -20,10 +20,15 @@
 #include <ShapeFix_Shape.hxx>
 #include <ShapeUpgrade_UnifySameDomain.hxx>
 #include <Standard_Failure.hxx>
+#include <StepRepr_RepresentationItem.hxx>
 #include <TColStd_SequenceOfAsciiString.hxx>
+#include <TCollection_HAsciiString.hxx>
 #include <TopExp.hxx>
 #include <TopoDS.hxx>
 #include <TopoDS_Iterator.hxx>
+#include <Transfer_TransientProcess.hxx>
+#include <XSControl_TransferReader.hxx>
+#include <XSControl_WorkSession.hxx>
 #include <array>
 #include <fstream>
 #include <utility>
@@ -40,22 +45,47 @@ namespace {
 constexpr const char* surface_names[] = {"plane",    "cylinder",   "cone",      "sphere", "torus",  "Bezier surface",
                                          "B-spline", "revolution", "extrusion", "offset", "surface"};
 
-/// Names of units in STEP and IGES files, and what OpenCASCADE calls them.
-constexpr std::array<std::pair<const char*, const char*>, 12> units{{{"millimetre", "MM"},
-                                                                     {"metre", "M"},
-                                                                     {"centimetre", "CM"},
-                                                                     {"inch", "INCH"},
-                                                                     {"foot", "FT"},
-                                                                     {"kilometre", "KM"},
-                                                                     {"micrometre", "UM"},
-                                                                     {"mm", "MM"},
-                                                                     {"m", "M"},
-                                                                     {"cm", "CM"},
-                                                                     {"in", "INCH"},
-                                                                     {"ft", "FT"}}};
+struct Unit {
+  const char* name;  ///< in STEP and IGES files
+  const char* code;  ///< of OpenCASCADE
+  double metres;
+};
+
+constexpr std::array<Unit, 12> units{{{"millimetre", "MM", 1e-3},
+                                      {"metre", "M", 1},
+                                      {"centimetre", "CM", 1e-2},
+                                      {"inch", "INCH", 0.0254},
+                                      {"foot", "FT", 0.3048},
+                                      {"kilometre", "KM", 1e3},
+                                      {"micrometre", "UM", 1e-6},
+                                      {"mm", "MM", 1e-3},
+                                      {"m", "M", 1},
+                                      {"cm", "CM", 1e-2},
+                                      {"in", "INCH", 0.0254},
+                                      {"ft", "FT", 0.3048}}};
 
 [[noreturn]] void cannot_read(const std::string& name, const std::string& format) {
   throw Error(ErrorCode::invalid_argument, name + ": is no " + format + " file that can be read");
+}
+
+/// Names of the faces in the order in which they are numbered; nothing when none has one.
+std::vector<std::string> names_of_faces(const STEPControl_Reader& reader, const TopoDS_Shape& shape) {
+  TopTools_IndexedMapOfShape faces;
+  TopExp::MapShapes(shape, TopAbs_FACE, faces);
+  const auto transfer = reader.WS()->TransferReader();
+  std::vector<std::string> names;
+  bool any = false;
+  for (int f = 1; f <= faces.Extent(); ++f) {
+    auto item = Handle(StepRepr_RepresentationItem)::DownCast(transfer->EntityFromShapeResult(faces(f), 1));
+    if (item.IsNull()) {  // of a part in an assembly
+      item =
+          Handle(StepRepr_RepresentationItem)::DownCast(transfer->EntityFromShapeResult(faces(f).Located(TopLoc_Location()), 1));
+    }
+    names.emplace_back(item.IsNull() || item->Name().IsNull() ? "" : item->Name()->ToCString());
+    any = any || !names.back().empty();
+  }
+  if (!any) names.clear();
+  return names;
 }
 
 TopoDS_Shape read_step(const std::filesystem::path& path, Model& model) {
@@ -65,7 +95,9 @@ TopoDS_Shape read_step(const std::filesystem::path& path, Model& model) {
   reader.FileUnits(lengths, angles, solid_angles);
   keep_unit(lengths.IsEmpty() ? "" : lengths.First().ToCString(), model);
   reader.TransferRoots();
-  return reader.OneShape();
+  const TopoDS_Shape shape = reader.OneShape();
+  if (!shape.IsNull()) model.face_names = names_of_faces(reader, shape);
+  return shape;
 }
 
 TopoDS_Shape read_iges(const std::filesystem::path& path, Model& model) {
@@ -154,9 +186,10 @@ void silence_messages() {
 }
 
 void keep_unit(const std::string& unit, Model& model) {
-  for (const auto& [name, code] : units) {
-    if (lower_case(unit) != name) continue;
-    Interface_Static::SetCVal("xstep.cascade.unit", code);
+  for (const Unit& known : units) {
+    if (lower_case(unit) != known.name) continue;
+    Interface_Static::SetCVal("xstep.cascade.unit", known.code);
+    model.unit = known.metres;
     model.notes.push_back(model.name + " is in " + lower_case(unit) + ".");
     return;
   }
@@ -168,6 +201,7 @@ TopoDS_Shape healed(const TopoDS_Shape& shape, Model& model) {
   if (BRepCheck_Analyzer(shape).IsValid()) return shape;
   ShapeFix_Shape fix(shape);
   fix.Perform();
+  model.face_names.clear();  // faces may stand elsewhere
   const bool valid = BRepCheck_Analyzer(fix.Shape()).IsValid();
   model.notes.push_back(model.name + " is not valid; " + (valid ? "it was healed." : "healing did not mend all of it."));
   return fix.Shape();
@@ -190,6 +224,8 @@ Model read_model(const std::filesystem::path& path, double scale) {
     }
     Model model = make_model(shape, reading.name);
     model.notes = reading.notes;
+    model.unit = reading.unit;
+    if (static_cast<int>(reading.face_names.size()) == model.face_count()) model.face_names = reading.face_names;
     return model;
   } catch (const Standard_Failure& failure) {
     throw Error(ErrorCode::invalid_argument, reading.name + ": OpenCASCADE cannot read it: " + failure.GetMessageString());
@@ -201,6 +237,7 @@ Model unified(const Model& model) {
   unify.Build();
   Model merged = make_model(unify.Shape(), model.name);
   merged.notes = model.notes;
+  merged.unit = model.unit;
   if (merged.face_count() != model.face_count() || merged.edge_count() != model.edge_count()) {
     merged.notes.push_back(model.name + ": " + std::to_string(model.face_count()) + " faces and " +
                            std::to_string(model.edge_count()) + " edges were merged to " + std::to_string(merged.face_count()) +

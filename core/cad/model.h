@@ -28,7 +28,9 @@ struct Model {
   std::vector<std::vector<Coedge>> coedges;  ///< of each face, wire after wire
   std::string name;                          ///< of the file
   double diagonal = 0;
+  double unit = 0;  ///< of length in the file, metres; 0: it names none that is known
   std::vector<std::string> notes;
+  std::vector<std::string> face_names;  ///< in the file, by face; empty: it names none
 
   int face_count() const { return faces.Extent(); }
   int edge_count() const { return edges.Extent(); }

@@ -8,6 +8,7 @@
 #include "core/base/run_context.h"
 #include "core/base/types.h"
 #include "core/cad/model.h"
+#include "core/mesh/mesh.h"
 
 namespace deform::cad {
 
@@ -20,9 +21,10 @@ struct Owner {
   double distance = 0;
 };
 
-/// The owners of nodes. A node belongs to a vertex or edge within 1e-6 D, else to the nearest face in whose trimmed region it
-/// lies. Throws Error(invalid_argument) with the ids of nodes that are farther than `tolerance` from the model.
-std::vector<Owner> owners_of(const Model& model, std::span<const Vec3> points, std::span<const PointId> nodes, double tolerance,
+/// The owners of the nodes of a mesh. A node belongs to a vertex or edge within 1e-6 D, or within 1/50 of the shortest side of a
+/// face of the mesh at it and the tolerance, which files with few digits need; else to the nearest face in whose trimmed region
+/// it lies. Throws Error(invalid_argument) with the ids of nodes that are farther than `tolerance` from the model.
+std::vector<Owner> owners_of(const Model& model, const Mesh& mesh, std::span<const PointId> nodes, double tolerance,
                              const RunContext& context);
 
 }  // namespace deform::cad

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Prints the figures of numerics and deformers, each against what it must reach, everything measured in one run.
 //
-// usage: numerics_bench [--quick | --basis] [SPHERE_OFF SPHERE_SELECTION_CSV]
+// usage: numerics_bench [--quick | --basis | --nearest] [SPHERE_OFF SPHERE_SELECTION_CSV]
 //   --basis: only designs by the handle basis against streaming it, in pairs
+//   --nearest: only searches in a k-d tree of 15 million samples
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -10,6 +11,7 @@
 #include <cstdlib>
 #include <fstream>
 #include <functional>
+#include <memory>
 #include <numeric>
 #include <random>
 #include <string>
@@ -23,6 +25,7 @@
 #include "core/numerics/dense/packed_cholesky.h"
 #include "core/numerics/interpolation/dense_interpolator.h"
 #include "core/numerics/kernels/tiles.h"
+#include "core/numerics/sampling/point_tree.h"
 #include "core/quality/flipped_faces.h"
 #include "tests/support/scipy_interpolator.h"
 
@@ -367,6 +370,36 @@ void bench_sphere(const std::string& mesh_path, const std::string& selection_pat
   print_value("thesis figure 4.1, sphere, prepare and five designs", (median(preparing) + 5 * median(evaluating)) * 1e3, "ms");
 }
 
+// Thesis 6.2: surfaces of CAD models are sampled, and a k-d tree finds the sample nearest to a node of the mesh. A wavy sheet,
+// nodes up to a few spacings off it, in random order.
+void bench_nearest(std::size_t samples, std::size_t nodes) {
+  std::mt19937_64 random(6);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  const auto side = static_cast<std::size_t>(std::sqrt(static_cast<double>(samples)));
+  const auto height = [](double x, double y) { return 0.1 * std::sin(7 * x) * std::cos(5 * y); };
+  std::vector<Vec3> points;
+  points.reserve(side * side);
+  for (std::size_t i = 0; i < side * side; ++i) {
+    const double x = static_cast<double>(i % side) / side, y = static_cast<double>(i / side) / side;
+    points.push_back({x, y, height(x, y)});
+  }
+  std::unique_ptr<const PointTree> tree;
+  const double build = seconds([&] { tree = std::make_unique<PointTree>(points); });
+  std::vector<Vec3> places;
+  for (std::size_t i = 0; i < nodes; ++i) {
+    const double x = uniform(random), y = uniform(random);
+    places.push_back({x, y, height(x, y) + 5.0 / side * uniform(random)});
+  }
+  double sum = 0;
+  const double query = seconds([&] {
+    for (const Vec3& place : places) sum += tree->nearest(place).square;
+  });
+  const std::string count = std::to_string(side * side);
+  print_at_most("k-d tree of " + count + " samples, nearest of one node, one thread, us", 10, query / nodes * 1e6);
+  print_value("k-d tree of " + count + " samples, building", build, "s");
+  print_value("k-d tree of " + count + " samples, mean squared distance", sum / nodes, "");
+}
+
 }  // namespace
 }  // namespace deform
 
@@ -383,6 +416,10 @@ int main(int argc, char** argv) {
     deform::bench_lean_basis(465000, 20, 15);
     return 0;
   }
+  if (!arguments.empty() && arguments[0] == "--nearest") {
+    deform::bench_nearest(15'000'000, 200'000);
+    return 0;
+  }
   deform::bench_cholesky(quick ? 1500 : 6000, quick ? 1 : 3);
   std::fflush(stdout);
   deform::bench_scipy(quick ? 5000 : 50000, quick ? 500 : 2000, 3);
@@ -390,6 +427,8 @@ int main(int argc, char** argv) {
   deform::bench_basis(quick ? 30000 : 465000, 20, quick ? 3 : 7);
   std::fflush(stdout);
   deform::bench_lean_basis(quick ? 30000 : 465000, 20, quick ? 3 : 7);
+  std::fflush(stdout);
+  deform::bench_nearest(quick ? 1'000'000 : 15'000'000, quick ? 20'000 : 200'000);
   if (arguments.size() == 2) deform::bench_sphere(arguments[0], arguments[1]);
   return 0;
 }

@@ -66,6 +66,41 @@ class Cad(EndToEnd):
             self.assertIn("none is inverted", applied.out)
             self.assertIn("good", applied.out)
 
+    def test_a_volume_mesh_follows_in_one_command(self):
+        self.start_server()
+        moved = self.deform("cad-move", model("bore_p000.step"), model("bore_p100.step"), "bore.msh.gz", "--setup", "s.yaml", "-o", "out.msh.gz", "--split",
+                            "uniform", "--fail-on", "inverted_cells>0", "--json").json
+        self.assertEqual(moved["file"], "s.motions.csv")
+        self.assertEqual((moved["flipped"], moved["outside"]), (0, 0))
+        self.assertEqual(moved["applied"]["report"]["verdict"], "good")
+        self.assertEqual(moved["applied"]["report"]["cells"]["inverted"], 0)
+        self.deform("apply", "s.yaml", "--motions", "s.motions.csv", "-o", "again.msh.gz", "--split", "uniform")
+        with gzip.open(self.path("out.msh.gz")) as one, gzip.open(self.path("again.msh.gz")) as other:
+            self.assertEqual(one.read(), other.read())
+        on_new = self.deform("cad-move", model("bore_p100.step"), model("bore_p100.step"), "out.msh.gz", "-o", "none.csv", "--json").json
+        self.assertLess(on_new["farthest"], ROUNDING)
+        self.fails(4, "cad-move", model("bore_p000.step"), model("bore_p100.step"), "bore.msh.gz", "--setup", "t.yaml", "-o", "out2.msh.gz", "--fail-on",
+                   "max_displacement>0.01", says=["max_displacement"], prints=True)
+
+    def test_a_pipe_that_bends_is_paired_without_a_map(self):
+        """Its ends are alike; the table says where the nodes of its wall go, with nine digits."""
+        shutil.copy(os.path.join(PARAM, "pipe_tet_p0.msh.gz"), self.path("pipe.msh.gz"))
+        with gzip.open(os.path.join(PARAM, "pipe_tet_boundary_steps.csv.gz"), "rt") as file:
+            rows = list(csv.reader(file))[1:]
+        for share in (50, 100):
+            moved = self.deform("cad-move", model("pipe_p000.step"), model(f"pipe_p{share:03}.step"), "pipe.msh.gz", "-o", "m.csv", "--json").json
+            self.assertEqual((moved["flipped"], moved["outside"]), (0, 0))
+            self.assertLess(moved["distance"], 1e-9 * moved["diagonal"])
+            with open(self.path("m.csv")) as file:
+                motions = {int(row["point"]): [float(row[k]) for k in ("dx", "dy", "dz")] for row in csv.DictReader(file)}
+            self.assertEqual(len(motions), len(rows))
+            for row in rows:
+                if row[1] in ("inlet", "outlet"):  # moved another way
+                    continue
+                first, last = (list(map(float, row[2 + 3 * k:5 + 3 * k])) for k in (0, share // 5))
+                place = [a + d for a, d in zip(first, motions[int(row[0])])]
+                self.assertLess(math.dist(place, last), ROUNDING)
+
     def test_what_does_not_fit_is_refused_by_name(self):
         self.fails(1, "cad-move", model("bore_p000.step"), model("ahmed_slant25.step"), "bore.msh.gz", "-o", "m.csv", "--setup", "s.yaml",
                    says=["face"])

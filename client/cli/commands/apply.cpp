@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include "client/cli/commands/apply.h"
+
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 #include <algorithm>
@@ -7,8 +9,6 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "client/cli/commands/command.h"
-#include "client/cli/commands/given_design.h"
 #include "client/cli/commands/mesh_reading.h"
 #include "client/cli/commands/workspace.h"
 #include "client/cli/output/apply_report.h"
@@ -25,18 +25,6 @@ namespace deform::cli {
 namespace {
 
 constexpr const char* nothing_moves = "no variable differs from 0 and no motion is given: nothing was asked to move";
-
-struct ApplyOptions {
-  PrepareInput input;
-  GivenDesign design;
-  std::string output;
-  std::string path = "automatic";
-  OutputOptions encoding;
-  CellOptions cells;
-  DesignGates gates;
-  bool in_place = false;
-  bool keep_bad = false;
-};
 
 v1::EvaluationPath evaluation_path(const std::string& name) {
   return name == "basis" ? v1::PATH_BASIS : name == "direct" ? v1::PATH_DIRECT : v1::PATH_AUTOMATIC;
@@ -116,10 +104,7 @@ ExitCode finish_apply(const Applied& applied, const CommonOptions& common) {
   } else {
     print_applied(applied, std::cout);
   }
-  for (const auto& warning : warnings_of(applied.result)) warn(warning);
-  if (applied.failures.empty()) return exit_ok;
-  complain(failure_text(applied));
-  return exit_verdict;
+  return complain_about(applied);
 }
 
 double seconds_between(std::chrono::steady_clock::time_point from, std::chrono::steady_clock::time_point to) {
@@ -168,8 +153,16 @@ ExitCode run_compiled_apply(ApplyOptions options, const CommonOptions& common) {
   return finish_apply(applied, common);
 }
 
-ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
-  if (is_compiled_file(options.input.setup)) return run_compiled_apply(options, common);
+}  // namespace
+
+ExitCode complain_about(const Applied& applied) {
+  for (const auto& warning : warnings_of(applied.result)) warn(warning);
+  if (applied.failures.empty()) return exit_ok;
+  complain(failure_text(applied));
+  return exit_verdict;
+}
+
+Applied apply_by_server(const ApplyOptions& options, const CommonOptions& common) {
   const auto start = std::chrono::steady_clock::now();
   const std::filesystem::path output = checked_output(options);
   Connection connection(common);
@@ -212,10 +205,8 @@ ExitCode run_apply(const ApplyOptions& options, const CommonOptions& common) {
                      {"deform", outcome.wall_ms * 1e-3},
                      {"write", seconds_between(before_write, end)},
                      {"total", seconds_between(start, end)}};
-  return finish_apply(applied, common);
+  return applied;
 }
-
-}  // namespace
 
 void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chosen) {
   const auto options = std::make_shared<ApplyOptions>();
@@ -251,7 +242,12 @@ void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chose
                   "  deform apply setup.yaml --set roof_up=0.03 --set slant_turn=0.1 -o out.obj\n"
                   "  deform apply setup.yaml --motions matrices.csv -o out.obj --json\n"
                   "  deform apply car.deformation --set roof_up=0.03 -o out.obj");
-  command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_apply(*options, common); }; });
+  command->callback([options, &common, &chosen] {
+    chosen = [options, &common] {
+      return is_compiled_file(options->input.setup) ? run_compiled_apply(*options, common)
+                                                    : finish_apply(apply_by_server(*options, common), common);
+    };
+  });
 }
 
 }  // namespace deform::cli
