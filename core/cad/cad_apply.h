@@ -8,6 +8,7 @@
 #include <functional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/base/run_context.h"
@@ -36,12 +37,13 @@ void check_request(const ApplyRequest& request);
 
 /// What became of a face.
 struct DeformedFace {
-  enum class Became { kept, moved, fitted };
-  int number = 0;                  ///< from 1, in the order of the file
-  std::string type;                ///< before: "plane", "cylinder", ...
-  Became became = Became::fitted;  ///< moved: rigidly, with its type
-  std::array<int, 2> poles{};      ///< of the B-spline surface of a fitted face, along u and v
-  double error = 0;                ///< largest distance at the random points on it, model units
+  enum class Became { kept, moved, reshaped, fitted };
+  int number = 0;    ///< from 1, in the order of the file
+  std::string type;  ///< before: "plane", "cylinder", ...
+  Became became =
+      Became::fitted;  ///< moved: rigidly, with its type; reshaped: with its type and other dimensions, or points slide in it
+  std::array<int, 2> poles{};  ///< of the B-spline surface of a fitted face, along u and v
+  double error = 0;            ///< largest distance at the random points on it, model units
 };
 
 /// A CAD model that was deformed and written.
@@ -56,6 +58,8 @@ struct DeformedModel {
   std::size_t samples = 0;         ///< points at which the map was asked for, besides these
   int rounds = 0;                  ///< calls of the map
   std::vector<int> coarse;         ///< numbers of faces with an error above twice the tolerance
+  /// Elapsed seconds: "read", "map", "fit", "build", "check", "write", "read again".
+  std::vector<std::pair<std::string, double>> stages;
   std::size_t count(DeformedFace::Became became) const {
     std::size_t sum = 0;
     for (const DeformedFace& face : faces) sum += face.became == became ? 1 : 0;

@@ -99,7 +99,7 @@ variables:
         became = [face["became"] for face in report["faces"]]
         self.assertEqual(len(became), 7)
         # Between the nodes of the mesh the fixed bottom moves a little, and the top a little otherwise than its handle.
-        self.assertEqual(set(became), {"fitted"})
+        self.assertLessEqual(set(became), {"fitted", "reshaped"})
         rigid = self.deform("cad-apply", "s.yaml", model("bore_p000.step"), *settings, "-o", "rigid.step", "--tolerance", "1e-5", "--rigid", "5e-3",
                             "--json").json
         self.assertEqual(rigid["failures"], [])
@@ -140,9 +140,8 @@ variables: [{name: up, handle: top, translate: [0.1, 0, 0.2]}]
 
     def test_what_deforms_no_space_is_refused(self):
         self.start_server()
-        for method in ("shell", "mls", "subspace"):
-            self.write("s.yaml", self.SETUP.replace("rbf: {kernel: TRIHARMONIC}", method + ": {}"))
-            self.fails(1, "cad-apply", "s.yaml", model("bore_p000.step"), "--set", "up=0.1", "-o", "out.step", says=[f"method.{method}", "rbf, ffd or cage"])
+        self.write("s.yaml", self.SETUP.replace("rbf: {kernel: TRIHARMONIC}", "shell: {}"))
+        self.fails(1, "cad-apply", "s.yaml", model("bore_p000.step"), "--set", "up=0.1", "-o", "out.step", says=["method.shell", "no other point of space"])
         self.write("s.yaml", self.SETUP)
         self.fails(1, "cad-apply", "s.yaml", model("bore_p000.step"), "--set", "up=0.1", "-o", "out.stl", says=[".step"])
         self.fails(1, "cad-apply", "s.yaml", self.path("bore.msh.gz"), "--set", "up=0.1", "-o", "out.step", says=["bore.msh.gz"])
