@@ -199,6 +199,22 @@ RigidMotion best_motion(const Eigen::Matrix3Xd& before, const Eigen::Matrix3Xd& 
   return motion;
 }
 
+RigidMotion best_similarity(const Eigen::Matrix3Xd& before, const Eigen::Matrix3Xd& after) {
+  RigidMotion motion = best_motion(before, after);
+  const Eigen::Matrix3Xd turned = motion.rotation * (before.colwise() - motion.from);
+  const double squares = turned.squaredNorm();
+  if (squares > 0) motion.scale = turned.cwiseProduct(after.colwise() - motion.to).sum() / squares;
+  return motion;
+}
+
+gp_Trsf transformation_of(const RigidMotion& motion) {
+  const Eigen::Matrix3d r = motion.scale * motion.rotation;
+  const Eigen::Vector3d shift = motion.to - r * motion.from;
+  gp_Trsf trsf;
+  trsf.SetValues(r(0, 0), r(0, 1), r(0, 2), shift[0], r(1, 0), r(1, 1), r(1, 2), shift[1], r(2, 0), r(2, 1), r(2, 2), shift[2]);
+  return trsf;
+}
+
 bool is_analytic(const Handle(Geom_Surface) & surface) { return shape_of(surface) != Shape::none; }
 
 AnalyticFit analytic_fit(const Handle(Geom_Surface) & rest, const Eigen::Matrix3Xd& rest_places, const Eigen::Matrix3Xd& places) {

@@ -5,6 +5,7 @@
 #include <Geom_ElementarySurface.hxx>
 #include <Geom_Surface.hxx>
 #include <array>
+#include <gp_Trsf.hxx>
 
 #include "core/base/types.h"
 
@@ -14,9 +15,13 @@ namespace deform::cad {
 struct RigidMotion {
   Eigen::Matrix3d rotation;
   Eigen::Vector3d from, to;  ///< centroids
-  Eigen::Vector3d operator()(const Eigen::Vector3d& p) const { return to + rotation * (p - from); }
+  double scale = 1;
+  Eigen::Vector3d operator()(const Eigen::Vector3d& p) const { return to + scale * (rotation * (p - from)); }
 };
+gp_Trsf transformation_of(const RigidMotion& motion);
 RigidMotion best_motion(const Eigen::Matrix3Xd& before, const Eigen::Matrix3Xd& after);
+/// The same with a uniform scale (Umeyama 1991).
+RigidMotion best_similarity(const Eigen::Matrix3Xd& before, const Eigen::Matrix3Xd& after);
 
 /// Whether analytic_fit() knows the type: plane, cylinder, cone, sphere.
 bool is_analytic(const Handle(Geom_Surface) & surface);

@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/cad/cad_apply.h"
 
+#include <BRepAdaptor_Curve.hxx>
 #include <BRep_Builder.hxx>
 #include <BRep_Tool.hxx>
+#include <GCPnts_AbscissaPoint.hxx>
 #include <Geom_Surface.hxx>
 #include <Standard_Failure.hxx>
 #include <TopoDS_Compound.hxx>
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <map>
 #include <random>
 
 #include "core/base/error.h"
@@ -34,6 +37,33 @@ struct Check {
   int face = 0;
   double u = 0, v = 0;
 };
+
+/// A random point of an edge.
+struct EdgeCheck {
+  int edge = 0;
+  double t = 0;
+};
+
+constexpr double edge_check_spacing = 0.005;  ///< of D
+constexpr int most_edge_checks = 200;         ///< of an edge
+
+/// Random points of the edges, each with some.
+std::vector<EdgeCheck> random_edge_checks(const Model& model, std::uint64_t seed) {
+  std::mt19937_64 engine(seed);
+  std::vector<EdgeCheck> checks;
+  for (int e = 0; e < model.edge_count(); ++e) {
+    if (BRep_Tool::Degenerated(model.edge(e))) continue;
+    const BRepAdaptor_Curve curve(model.edge(e));
+    const double from = curve.FirstParameter(), to = curve.LastParameter();
+    const double length = GCPnts_AbscissaPoint::Length(curve, 1e-3 * model.diagonal);
+    const int count = std::clamp(static_cast<int>(length / (edge_check_spacing * model.diagonal)), 8, most_edge_checks);
+    // One in each of equal parts, so that no part is left out.
+    for (int k = 0; k < count; ++k) {
+      checks.push_back({e, from + (to - from) * (k + static_cast<double>(engine() >> 11) * 0x1p-53) / count});
+    }
+  }
+  return checks;
+}
 
 /// Random points inside the trimmed faces, as many on each as its share of the area.
 std::vector<Check> random_checks(const Refitting& refitting, int faces, std::size_t count, std::uint64_t seed) {
@@ -186,8 +216,13 @@ class Application {
         context_(context),
         document_(timed(result_.stages, "read", [&] { return read_document(request.model); })),
         model_(model_of(document_, request.model.string())),
-        refitting_(model_, {request.tolerance * model_.diagonal, rigid_limit(request) * model_.diagonal,
-                            std::max(reshaped_share * request.tolerance, request.rigid) * model_.diagonal}) {}
+        held_(request.mesh != nullptr && request.hold > 0
+                  ? std::optional<HeldFaces>(std::in_place, model_, *request.mesh, request.scale, request.hold * model_.diagonal)
+                  : std::nullopt),
+        refitting_(model_,
+                   {request.tolerance * model_.diagonal, rigid_limit(request) * model_.diagonal,
+                    std::max(reshaped_share * request.tolerance, request.rigid) * model_.diagonal},
+                   held_ ? &*held_ : nullptr) {}
 
   DeformedModel apply() {
     result_.notes = document_.notes;
@@ -226,15 +261,17 @@ class Application {
   /// Rounds until nodes and random points agree with the map.
   void fit() {
     const std::vector<Check> checks = random_checks(refitting_, model_.face_count(), request_.checks, request_.seed);
-    const Points places = places_of(refitting_, checks);
+    const std::vector<EdgeCheck> edge_checks = random_edge_checks(model_, request_.seed);
+    Points places = places_of(refitting_, checks);
+    for (const EdgeCheck& check : edge_checks) places.push_back(refitting_.edge_at_rest(check.edge, check.t));
     const Points probed = model_.solids.IsEmpty() ? Points() : probes_of(refitting_, model_, checks);
     Points asked = refitting_.wanted();
     result_.samples = asked.size() + probed.size();
     asked.insert(asked.end(), probed.begin(), probed.end());
     asked.insert(asked.end(), places.begin(), places.end());
     Points answer = mapped(asked);
-    const Points targets(answer.end() - static_cast<std::ptrdiff_t>(checks.size()), answer.end());
-    answer.resize(answer.size() - checks.size());
+    const Points targets(answer.end() - static_cast<std::ptrdiff_t>(places.size()), answer.end());
+    answer.resize(answer.size() - places.size());
     check_handedness(std::span(answer).last(probed.size()));
     answer.resize(answer.size() - probed.size());
     refitting_.give(answer);
@@ -244,7 +281,11 @@ class Application {
         result_.samples += wanted->size();
         refitting_.give(mapped(*wanted));
       }
-      if (round == most_refinements || !refine(checks, errors_of(refitting_, checks, targets))) return;
+      if (refitting_.check_borders()) continue;  // each face once
+      if (round >= most_refinements) return;
+      const bool finer_faces = refine(checks, errors_of(refitting_, checks, targets));
+      const bool finer_edges = refine_edges(edge_checks, std::span(targets).subspan(checks.size()));
+      if (!finer_faces && !finer_edges) return;
     }
   }
 
@@ -257,11 +298,23 @@ class Application {
     }
   }
 
+  bool refine_edges(const std::vector<EdgeCheck>& checks, std::span<const Vec3> targets) {
+    std::map<int, std::vector<double>> bad;
+    for (std::size_t i = 0; i < checks.size(); ++i) {
+      const auto& [edge, t] = checks[i];
+      if (!refitting_.edge_held(edge) && refitting_.edge_error(edge, t, targets[i]) > tolerance()) bad[edge].push_back(t);
+    }
+    bool finer = false;
+    for (const auto& [edge, parameters] : bad) finer = refitting_.refine_edge(edge, parameters) || finer;
+    return finer;
+  }
+
   /// Makes faces finer around errors above their tolerance.
   bool refine(const std::vector<Check>& checks, const std::vector<double>& errors) {
     std::vector<std::vector<std::array<double, 2>>> bad(model_.face_count());
     for (std::size_t i = 0; i < checks.size(); ++i) {
-      if (errors[i] > tolerance(checks[i].face)) bad[checks[i].face].push_back({checks[i].u, checks[i].v});
+      if (!refitting_.held(checks[i].face) && errors[i] > tolerance(checks[i].face))
+        bad[checks[i].face].push_back({checks[i].u, checks[i].v});
     }
     bool finer = false;
     for (int f = 0; f < model_.face_count(); ++f) {
@@ -289,9 +342,11 @@ class Application {
     result_.faces.resize(model_.face_count());
     double squares = 0;
     for (std::size_t i = 0; i < checks.size(); ++i) {
-      double& largest = result_.faces[checks[i].face].error;
+      DeformedFace& face = result_.faces[checks[i].face];
+      const bool held = refitting_.held(checks[i].face);
+      double& largest = held ? face.overlooked : face.error;
       largest = std::max(largest, errors[i]);
-      squares += errors[i] * errors[i];
+      if (!held) squares += errors[i] * errors[i];
     }
     for (int f = 0; f < model_.face_count(); ++f) {
       DeformedFace& face = result_.faces[f];
@@ -299,7 +354,9 @@ class Application {
       face.type = surface_type(model_.face(f));
       face.became = became(refitting_.refit(f));
       if (face.became == DeformedFace::Became::fitted) face.poles = refitting_.nodes(f);
+      face.held = refitting_.held(f);
       result_.error = std::max(result_.error, face.error);
+      result_.overlooked = std::max(result_.overlooked, face.overlooked);
       if (face.error > std::max(2 * tolerance(), tolerance(f))) result_.coarse.push_back(face.number);
     }
     if (!checks.empty()) result_.rms = std::sqrt(squares / static_cast<double>(checks.size()));
@@ -357,6 +414,7 @@ class Application {
   DeformedModel result_;  // first: reading is timed
   const Document document_;
   const Model model_;
+  const std::optional<HeldFaces> held_;
   Refitting refitting_;
   Document deformed_;
 };
@@ -370,6 +428,9 @@ void check_request(const ApplyRequest& request) {
   }
   if (!(request.rigid >= 0 && request.rigid <= 1e-2)) {
     refuse("rigid: " + number_digits(request.rigid) + " is not from 0 to 1e-2 of the diagonal");
+  }
+  if (!(request.hold >= 0 && request.hold <= 1e-2)) {
+    refuse("hold: " + number_digits(request.hold) + " is not from 0 to 1e-2 of the diagonal");
   }
   if (!(request.scale > 0) || !std::isfinite(request.scale))
     refuse("scale: " + number_digits(request.scale) + " is not greater than 0");

@@ -5,10 +5,12 @@
 #include <Geom2d_Circle.hxx>
 #include <Geom2d_Line.hxx>
 #include <GeomAdaptor_Curve.hxx>
+#include <Geom_BSplineCurve.hxx>
 #include <Geom_Circle.hxx>
 #include <Geom_Line.hxx>
 #include <Geom_Plane.hxx>
 #include <TColStd_Array1OfReal.hxx>
+#include <TColgp_Array1OfPnt2d.hxx>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -94,6 +96,22 @@ Handle(Geom2d_Curve) curve_on_surface(const Handle(Geom_ElementarySurface) & sur
       if (agrees(*round, projection, range, metric, exact_share * tolerance)) return round;
     }
   }
+  const auto spline_curve = Handle(Geom_BSplineCurve)::DownCast(range.curve);
+  if (!spline_curve.IsNull() && !plane.IsNull()) {  // affine: the control points are projected
+    TColgp_Array1OfPnt2d poles(1, spline_curve->NbPoles());
+    for (int k = 1; k <= poles.Length(); ++k) {
+      const gp_Pnt p = spline_curve->Pole(k);
+      const auto uv = analytic_parameters(*surface, {p.X(), p.Y(), p.Z()}, 0);
+      poles(k) = gp_Pnt2d(uv[0], uv[1]);
+    }
+    if (spline_curve->IsRational()) {
+      return Handle(Geom2d_Curve)(new Geom2d_BSplineCurve(poles, *spline_curve->Weights(), spline_curve->Knots(),
+                                                          spline_curve->Multiplicities(), spline_curve->Degree(),
+                                                          spline_curve->IsPeriodic()));
+    }
+    return Handle(Geom2d_Curve)(new Geom2d_BSplineCurve(poles, spline_curve->Knots(), spline_curve->Multiplicities(),
+                                                        spline_curve->Degree(), spline_curve->IsPeriodic()));
+  }
   const int intervals = projection.curve().NbIntervals(GeomAbs_C2);
   TColStd_Array1OfReal ends(1, intervals + 1);
   projection.curve().Intervals(ends, GeomAbs_C2);
@@ -103,7 +121,9 @@ Handle(Geom2d_Curve) curve_on_surface(const Handle(Geom_ElementarySurface) & sur
     if (ends(k) > breaks.back() + least && ends(k) < range.to - least) breaks.push_back(ends(k));
   }
   breaks.push_back(range.to);
-  SplineFit fit(SplineAxis(breaks), (range.to - range.from) / 8);
+  // Close enough for what happens between the knots of the curve.
+  const int pieces = spline_curve.IsNull() ? 8 : std::max(8, 4 * spline_curve->NbKnots());
+  SplineFit fit(SplineAxis(breaks), (range.to - range.from) / pieces);
   do {
     std::vector<double> wanted;
     fit.want([&](const SplineFit::Parameters& at) { wanted.push_back(at[0]); });

@@ -11,6 +11,7 @@
 #include <BRep_Builder.hxx>
 #include <BRep_Tool.hxx>
 #include <Geom2d_Curve.hxx>
+#include <Geom_BSplineCurve.hxx>
 #include <Precision.hxx>
 #include <TopExp.hxx>
 #include <TopExp_Explorer.hxx>
@@ -26,7 +27,8 @@ namespace deform::cad {
 
 namespace {
 
-constexpr int gap_samples = 23;
+constexpr int least_gap_samples = 23;
+constexpr int samples_per_knot = 3;
 constexpr double gap_margin = 1.2;
 constexpr double curve_share = 0.1;  ///< of the tolerance, for curves in (u, v)
 
@@ -123,6 +125,9 @@ double set_tolerances(const TopoDS_Shape& shape) {
       if (on_face.IsNull()) continue;
       double gap = 0;
       const TopoDS_Edge along = TopoDS::Edge(edge.Oriented(TopAbs_FORWARD));
+      const auto spline = Handle(Geom_BSplineCurve)::DownCast(curve);
+      const int gap_samples =
+          spline.IsNull() ? least_gap_samples : std::max(least_gap_samples, samples_per_knot * spline->NbKnots());
       for (int k = 0; k < gap_samples; ++k) {
         const double t = from + (to - from) * k / (gap_samples - 1);
         const gp_Pnt2d uv = on_face->Value(t);

@@ -3,7 +3,11 @@
 
 #include <BRep_Tool.hxx>
 #include <GeomAdaptor_Curve.hxx>
+#include <Geom_BSplineCurve.hxx>
+#include <Geom_Circle.hxx>
+#include <Geom_Ellipse.hxx>
 #include <TColStd_Array1OfReal.hxx>
+#include <TopExp.hxx>
 #include <algorithm>
 #include <cmath>
 
@@ -20,6 +24,11 @@ constexpr double box_margin = 1e-6;         ///< pcurves may leave the box of a 
 constexpr double check_spacing = 1.0 / 24;  ///< of D
 
 Vec3 vector_of(const gp_Pnt& p) { return {p.X(), p.Y(), p.Z()}; }
+
+Vec3 projected(const Geom_ElementarySurface& surface, const Vec3& p) {
+  const std::array<double, 2> uv = analytic_parameters(surface, p, 0);
+  return vector_of(surface.Value(uv[0], uv[1]));
+}
 
 /// Ascending parameters from a to b, with those between at which the geometry is less than C2.
 template <typename Count, typename Fill>
@@ -54,7 +63,8 @@ double rough_length(const Curve& p) {
 
 }  // namespace
 
-Refitting::Refitting(const Model& model, const Limits& limits) : model_(model), limits_(limits) {
+Refitting::Refitting(const Model& model, const Limits& limits, const HeldFaces* held)
+    : model_(model), limits_(limits), held_(held) {
   for (int f = 0; f < model.face_count(); ++f) faces_.push_back(face_of(f));
   for (int e = 0; e < model.edge_count(); ++e) edges_.push_back(edge_of(e));
 }
@@ -149,23 +159,29 @@ void Refitting::give(const Points& places) {
                   (asked.face >= 0 ? model_.face_name(asked.face) : "edge " + std::to_string(asked.edge + 1)) +
                       ": the deformation is not finite there");
     }
-    (asked.face >= 0 ? faces_[asked.face].fit : edges_[asked.edge].fit).give(asked.at, places[i]);
+    if (asked.face >= 0) {
+      faces_[asked.face].fit.give(asked.at, places[i]);
+    } else {
+      Edge& edge = edges_[asked.edge];
+      edge.fit.give(asked.at, edge.onto.IsNull() ? places[i] : projected(*edge.onto, places[i]));
+    }
   }
   if (!vertices_known_) {
     vertices_.assign(places.begin() + static_cast<std::ptrdiff_t>(asked_.size()), places.end());
-    vertices_known_ = true;
   }
   for (int f = 0; f < model_.face_count(); ++f) {
     if (faces_[f].open) judge(f);
   }
+  if (!vertices_known_) hold_borders();
+  vertices_known_ = true;
   for (Edge& edge : edges_) {
     if (edge.open) judge(edge);
   }
 }
 
-Refitting::Samples Refitting::samples_of(const Edge& edge) {
+PlaceSamples Refitting::samples_of(const Edge& edge) {
   const auto count = static_cast<Eigen::Index>(edge.fit.places().size());
-  Samples samples{Eigen::Matrix3Xd(3, count), Eigen::Matrix3Xd(3, count)};
+  PlaceSamples samples{Eigen::Matrix3Xd(3, count), Eigen::Matrix3Xd(3, count)};
   Eigen::Index i = 0;
   for (const auto& [at, place] : edge.fit.places()) {
     const Vec3 rest = vector_of(edge.rest->Value(at[0]));
@@ -176,8 +192,8 @@ Refitting::Samples Refitting::samples_of(const Edge& edge) {
 }
 
 /// Those in the trimmed face, and those of its edges.
-Refitting::Samples Refitting::samples_of(int f) const {
-  std::vector<Samples> parts;
+PlaceSamples Refitting::samples_of(int f) const {
+  std::vector<PlaceSamples> parts;
   std::vector<bool> seen(edges_.size(), false);
   for (const Coedge& use : model_.coedges[f]) {
     if (!edges_[use.edge].rest.IsNull() && !seen[use.edge]) parts.push_back(samples_of(edges_[use.edge]));
@@ -190,10 +206,10 @@ Refitting::Samples Refitting::samples_of(int f) const {
     after.push_back(place);
   }
   auto count = static_cast<Eigen::Index>(before.size());
-  for (const Samples& part : parts) count += part.before.cols();
-  Samples all{Eigen::Matrix3Xd(3, count), Eigen::Matrix3Xd(3, count)};
+  for (const PlaceSamples& part : parts) count += part.before.cols();
+  PlaceSamples all{Eigen::Matrix3Xd(3, count), Eigen::Matrix3Xd(3, count)};
   Eigen::Index i = 0;
-  for (const Samples& part : parts) {
+  for (const PlaceSamples& part : parts) {
     all.before.middleCols(i, part.before.cols()) = part.before;
     all.after.middleCols(i, part.after.cols()) = part.after;
     i += part.before.cols();
@@ -205,18 +221,20 @@ Refitting::Samples Refitting::samples_of(int f) const {
   return all;
 }
 
-bool Refitting::moves_rigidly(const Samples& samples, Refit& refit, gp_Trsf& motion) const {
+/// Rigidly, or with a uniform scale.
+bool Refitting::moves(const PlaceSamples& samples, Motions motions, Refit& refit, gp_Trsf& motion) const {
   const auto& [before, after] = samples;
   if (before.cols() == 0) return false;
   if ((after - before).colwise().norm().maxCoeff() <= limits_.rigid) {
     refit = Refit::kept;
     return true;
   }
-  const RigidMotion best = best_motion(before, after);
-  const Eigen::Vector3d shift = best.to - best.rotation * best.from;
-  if ((after - ((best.rotation * before).colwise() + shift)).colwise().norm().maxCoeff() > limits_.rigid) return false;
-  const Eigen::Matrix3d& r = best.rotation;
-  motion.SetValues(r(0, 0), r(0, 1), r(0, 2), shift[0], r(1, 0), r(1, 1), r(1, 2), shift[1], r(2, 0), r(2, 1), r(2, 2), shift[2]);
+  const RigidMotion best = motions == Motions::rigid ? best_motion(before, after) : best_similarity(before, after);
+  if (!(best.scale > 0)) return false;
+  for (Eigen::Index i = 0; i < before.cols(); ++i) {
+    if ((after.col(i) - best(before.col(i))).norm() > limits_.rigid) return false;
+  }
+  motion = transformation_of(best);
   refit = Refit::moved;
   return true;
 }
@@ -227,8 +245,9 @@ void Refitting::judge(int f) {
   const bool first = !face.judged;
   face.judged = true;
   if (first) {
-    const Samples samples = samples_of(f);
-    if (moves_rigidly(samples, face.refit, face.motion)) return;
+    const PlaceSamples samples = samples_of(f);
+    if (moves(samples, Motions::rigid, face.refit, face.motion)) return;
+    if (held_ != nullptr && hold(f, samples)) return;
     if (is_analytic(face.rest)) {
       const AnalyticFit fit = analytic_fit(face.rest, samples.before, samples.after);
       if (fit.largest <= limits_.reshaped && !has_degenerate_edge(f)) {
@@ -241,6 +260,50 @@ void Refitting::judge(int f) {
   }
   face.refit = Refit::fitted;
   face.open = face.fit.refine(fit_share * limits_.spline);
+}
+
+/// As the nodes of the mesh on it go.
+bool Refitting::hold(int f, const PlaceSamples& samples) {
+  Face& face = faces_[f];
+  const std::optional<HeldFace> held = held_->held(f, face.region, samples);
+  if (!held || (!held->surface.IsNull() && has_degenerate_edge(f))) return false;
+  face.held = true;
+  face.refit = held->surface.IsNull() ? Refit::moved : Refit::reshaped;
+  face.motion = held->motion;
+  face.reshaped = held->surface;
+  if (!face.reshaped.IsNull()) align_seam(f);
+  return true;
+}
+
+/// Takes the edges and vertices of held faces with them; those that move rigidly go first.
+void Refitting::hold_borders() {
+  for (const Refit kind : {Refit::reshaped, Refit::moved}) {
+    for (int f = 0; f < model_.face_count(); ++f) {
+      const Face& face = faces_[f];
+      if (!face.held || face.refit != kind) continue;
+      TopTools_IndexedMapOfShape corners;
+      TopExp::MapShapes(model_.face(f), TopAbs_VERTEX, corners);
+      for (int k = 1; k <= corners.Extent(); ++k) {
+        const int v = model_.vertices.FindIndex(corners(k)) - 1;
+        vertices_[v] = kind == Refit::moved ? vector_of(BRep_Tool::Pnt(model_.vertex(v)).Transformed(face.motion))
+                                            : projected(*face.reshaped, vertices_[v]);
+      }
+      for (const Coedge& use : model_.coedges[f]) {
+        Edge& edge = edges_[use.edge];
+        if (edge.rest.IsNull()) continue;
+        edge.held = true;
+        if (kind == Refit::moved) {
+          edge.refit = Refit::moved;
+          edge.motion = face.motion;
+          edge.open = false;
+        } else if (edge.onto.IsNull()) {
+          edge.onto = face.reshaped;
+          const auto known = edge.fit.places();
+          for (const auto& [at, place] : known) edge.fit.give(at, projected(*edge.onto, place));
+        }
+      }
+    }
+  }
 }
 
 bool Refitting::has_degenerate_edge(int f) const {
@@ -272,13 +335,50 @@ void Refitting::judge(Edge& edge) const {
   edge.open = false;
   const bool first = !edge.judged;
   edge.judged = true;
-  if (first && moves_rigidly(samples_of(edge), edge.refit, edge.motion)) return;
+  if (first) {
+    // Others, such as lines, have another parameter when they are scaled than their curves in (u, v).
+    const bool scalable = edge.rest->IsKind(STANDARD_TYPE(Geom_Circle)) || edge.rest->IsKind(STANDARD_TYPE(Geom_Ellipse)) ||
+                          edge.rest->IsKind(STANDARD_TYPE(Geom_BSplineCurve));
+    const PlaceSamples samples = samples_of(edge);
+    if (moves(samples, Motions::rigid, edge.refit, edge.motion)) return;
+    if (scalable && moves(samples, Motions::similar, edge.refit, edge.motion)) return;
+  }
   edge.refit = Refit::fitted;
   edge.open = edge.fit.refine(fit_share * limits_.spline);
 }
 
+bool Refitting::check_borders() {
+  bool changed = false;
+  for (int f = 0; f < model_.face_count(); ++f) {
+    Face& face = faces_[f];
+    if (face.refit == Refit::fitted || face.held || face.open) continue;
+    const bool off = std::any_of(model_.coedges[f].begin(), model_.coedges[f].end(), [&](const Coedge& use) {
+      const Edge& edge = edges_[use.edge];
+      if (edge.rest.IsNull() || edge.refit != Refit::fitted) return false;
+      for (const auto& [at, place] : edge.fit.places()) {
+        double miss = 0, limit = limits_.rigid;
+        if (face.refit == Refit::reshaped) {
+          miss = analytic_distance(*face.reshaped, place);
+          limit = limits_.reshaped;
+        } else {
+          const gp_Pnt rest = edge.rest->Value(at[0]);
+          miss = distance(vector_of(face.refit == Refit::moved ? rest.Transformed(face.motion) : rest), place);
+        }
+        if (miss > limit) return true;
+      }
+      return false;
+    });
+    if (!off) continue;
+    face.reshaped.Nullify();
+    judge(f);
+    changed = true;
+  }
+  return changed;
+}
+
 bool Refitting::refine_face(int f, const std::vector<std::array<double, 2>>& places) {
   Face& face = faces_[f];
+  if (face.held) return false;
   if (face.refit == Refit::fitted) {
     face.open = face.fit.refine_around(places);
     return face.open;
@@ -286,6 +386,18 @@ bool Refitting::refine_face(int f, const std::vector<std::array<double, 2>>& pla
   face.reshaped.Nullify();
   judge(f);  // what was taken for rigid is not
   return true;
+}
+
+bool Refitting::refine_edge(int e, const std::vector<double>& parameters) {
+  Edge& edge = edges_[e];
+  if (edge.refit != Refit::fitted) {
+    judge(edge);  // what was taken for rigid is not
+    return true;
+  }
+  std::vector<SplineFit::Parameters> places;
+  for (const double t : parameters) places.push_back({t, 0});
+  edge.open = edge.fit.refine_around(places);
+  return edge.open;
 }
 
 std::array<int, 2> Refitting::nodes(int f) const {
@@ -312,6 +424,21 @@ Handle(Geom_Curve) Refitting::curve(int e) const {
   if (edge.refit == Refit::kept) return Handle(Geom_Curve)::DownCast(edge.rest->Copy());
   if (edge.refit == Refit::moved) return Handle(Geom_Curve)::DownCast(edge.rest->Transformed(edge.motion));
   return edge.fit.curve();
+}
+
+Vec3 Refitting::edge_at_rest(int e, double t) const { return vector_of(edges_[e].rest->Value(t)); }
+
+double Refitting::edge_error(int e, double t, const Vec3& target) const {
+  const Edge& edge = edges_[e];
+  const gp_Pnt rest = edge.rest->Value(t);
+  switch (edge.refit) {
+    case Refit::kept:
+      return distance(vector_of(rest), target);
+    case Refit::moved:
+      return distance(vector_of(rest.Transformed(edge.motion)), target);
+    default:
+      return distance(edge.fit.value({t, 0}), target);
+  }
 }
 
 double Refitting::error(int f, const std::array<double, 2>& uv, const Vec3& target) const {

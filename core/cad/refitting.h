@@ -11,6 +11,7 @@
 
 #include "core/base/types.h"
 #include "core/cad/face_region.h"
+#include "core/cad/held_faces.h"
 #include "core/cad/model.h"
 #include "core/cad/spline_fit.h"
 
@@ -32,16 +33,24 @@ class Refitting {
     double rigid = 0;     ///< of rigid motions
     double reshaped = 0;  ///< distance from an analytic surface
   };
-  /// The model has no locations; every edge has a curve or is degenerate. limits: model units. It keeps a reference.
-  Refitting(const Model& model, const Limits& limits);
+  /// The model has no locations; every edge has a curve or is degenerate. limits: model units. It keeps references; held may be
+  /// null.
+  Refitting(const Model& model, const Limits& limits, const HeldFaces* held = nullptr);
 
   /// The points at which the map is wanted; none: done.
   const Points& wanted();
   /// Where the map takes the wanted points. Throws Error(invalid_argument) naming a face where it is not finite.
   void give(const Points& places);
 
+  /// Goes on with splines for faces that seemed to move rigidly or keep their type where nodes of their edges, which lie closer
+  /// by now, are off. Returns whether there were any.
+  bool check_borders();
+
   /// Goes on with finer nodes around places (u, v) of a face where the fit is off; returns false when they cannot become finer.
   bool refine_face(int f, const std::vector<std::array<double, 2>>& places);
+
+  /// The same for the parameters of an edge.
+  bool refine_edge(int e, const std::vector<double>& parameters);
 
   /// Of a finished round. Faces and edges by number from 0; the curve of a degenerate edge is null.
   Handle(Geom_Surface) surface(int f) const;
@@ -51,13 +60,20 @@ class Refitting {
   std::array<int, 2> nodes(int f) const;  ///< of a fitted face, along u and v
   /// Distance of the new surface of a face from where the map takes its point (u, v); of a reshaped one the distance from it.
   double error(int f, const std::array<double, 2>& uv, const Vec3& target) const;
+  /// Distance of the new curve of an edge from where the map takes its point.
+  double edge_error(int e, double t, const Vec3& target) const;
+  bool edge_held(int e) const { return edges_[e].held; }  ///< with a held face
   /// Of a reshaped face, else null.
   const Handle(Geom_ElementarySurface) & reshaped(int f) const { return faces_[f].reshaped; }
+
+  /// Whether the face goes as the nodes of the mesh on it do, not as the map between them.
+  bool held(int f) const { return faces_[f].held; }
 
   const FaceRegion& region(int f) const { return faces_[f].region; }
   Vec3 at_rest(int f, const std::array<double, 2>& uv) const;
   /// A point of a face, and the derivatives along u and v.
   std::array<Vec3, 3> frame_at_rest(int f, const std::array<double, 2>& uv) const;
+  Vec3 edge_at_rest(int e, double t) const;
 
  private:
   struct Edge {
@@ -66,6 +82,8 @@ class Refitting {
     Refit refit = Refit::fitted;
     bool open = true, judged = false;
     gp_Trsf motion{};
+    bool held = false;
+    Handle(Geom_ElementarySurface) onto{};  ///< of a held face: where its places are projected
   };
   struct Face {
     Handle(Geom_Surface) rest;
@@ -76,28 +94,28 @@ class Refitting {
     bool open = true, judged = false;
     gp_Trsf motion{};
     Handle(Geom_ElementarySurface) reshaped{};
+    bool held = false;
   };
   struct Wanted {
     int face, edge;  ///< one of them is -1
     SplineFit::Parameters at;
   };
-  /// Places before and after, as columns.
-  struct Samples {
-    Eigen::Matrix3Xd before, after;
-  };
-
   Face face_of(int f) const;
   Edge edge_of(int e) const;
   void judge(int f);
   bool has_degenerate_edge(int f) const;
   void align_seam(int f);
+  bool hold(int f, const PlaceSamples& samples);
+  void hold_borders();
   void judge(Edge& edge) const;
-  Samples samples_of(int f) const;
-  static Samples samples_of(const Edge& edge);
-  bool moves_rigidly(const Samples& samples, Refit& refit, gp_Trsf& motion) const;
+  PlaceSamples samples_of(int f) const;
+  static PlaceSamples samples_of(const Edge& edge);
+  enum class Motions { rigid, similar };
+  bool moves(const PlaceSamples& samples, Motions motions, Refit& refit, gp_Trsf& motion) const;
 
   const Model& model_;
   const Limits limits_;
+  const HeldFaces* held_;
   std::vector<Face> faces_;
   std::vector<Edge> edges_;
   Points vertices_;

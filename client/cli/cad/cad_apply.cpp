@@ -51,6 +51,14 @@ const char* became_text(Became became) {
 
 std::string in_diagonals(double length, double diagonal) { return number_text(length / diagonal) + " D"; }
 
+std::string held_text(const cad::DeformedModel& model) {
+  std::size_t held = 0;
+  for (const cad::DeformedFace& face : model.faces) held += face.held ? 1 : 0;
+  if (held == 0) return "no face is held by the nodes on it";
+  return std::to_string(held) + (held == 1 ? " face goes" : " faces go") + " as the nodes on " + (held == 1 ? "it" : "them") +
+         " do; between these the deformation differs by up to " + in_diagonals(model.overlooked, model.diagonal);
+}
+
 void print_applied_cad(const AppliedCad& applied, const CadApplyCommand& options) {
   const cad::DeformedModel& model = applied.model;
   for (const std::string& note : model.notes) std::cout << printable(note) << '\n';
@@ -60,6 +68,7 @@ void print_applied_cad(const AppliedCad& applied, const CadApplyCommand& options
             << "  error " << in_diagonals(model.error, model.diagonal) << " largest, " << in_diagonals(model.rms, model.diagonal)
             << " rms at " << model.checks << " random points; edges up to " << in_diagonals(model.gap, model.diagonal)
             << " from their faces\n"
+            << "  " << held_text(model) << '\n'
             << "  mesh and CAD model follow the same deformation up to "
             << in_diagonals(applied.mesh_difference, model.diagonal * options.request.scale) << '\n'
             << "  " << model.samples + model.checks * 2 << " points in " << model.rounds << " rounds, "
@@ -76,6 +85,7 @@ nlohmann::ordered_json applied_cad_json(const AppliedCad& applied, const CadAppl
   json["error"] = model.error;
   json["rms"] = model.rms;
   json["gap"] = model.gap;
+  json["overlooked"] = model.overlooked;
   json["mesh_difference"] = applied.mesh_difference;
   json["checks"] = model.checks;
   json["samples"] = model.samples;
@@ -89,6 +99,7 @@ nlohmann::ordered_json applied_cad_json(const AppliedCad& applied, const CadAppl
     nlohmann::ordered_json entry{
         {"face", face.number}, {"type", face.type}, {"became", became_text(face.became)}, {"error", face.error}};
     if (face.became == Became::fitted) entry["poles"] = face.poles;
+    if (face.held) entry["overlooked"] = face.overlooked;
     json["faces"].push_back(std::move(entry));
   }
   return json;
@@ -115,7 +126,7 @@ ExitCode run_cad_apply(const CadApplyCommand& options, const CommonOptions& comm
   cad::require();
   cad::check_request(options.request);
   const auto start = std::chrono::steady_clock::now();
-  const cad::ApplyRequest& request = options.request;
+  cad::ApplyRequest request = options.request;
   keep_inputs("-o", request.output.string(), {options.input.setup, options.input.source, request.model});
   Connection connection(common);
   Progress progress;
@@ -124,6 +135,8 @@ ExitCode run_cad_apply(const CadApplyCommand& options, const CommonOptions& comm
   const PreparedSetup prepared = prepare_loaded(connection, std::move(loaded), progress);
   keep_inputs("-o", request.output.string(), {prepared.source_path});
   SpaceDeformation deformation(connection, prepared, parse_settings(options.settings, prepared.system.setup()));
+  const cad::MeshMotion mesh = deformation.mesh_motion(prepared);
+  request.mesh = &mesh;
   RunContext context;
   context.stop = connection.interrupted();
   AppliedCad applied;
@@ -184,6 +197,13 @@ void add_cad_apply_command(CLI::App& app, const CommonOptions& common, Action& c
   command
       ->add_option("--rigid", options->request.rigid,
                    "Faces that move rigidly up to this distance, a fraction of D, keep their type; 0: a tenth of --tolerance")
+      ->check(CLI::Range(0.0, 1e-2))
+      ->capture_default_str();
+  command
+      ->add_option(
+          "--hold", options->request.hold,
+          "Faces go as the nodes on them do, rigidly or to a surface of their type, where the deformation between the nodes "
+          "differs by up to this distance, a fraction of D; 0: none")
       ->check(CLI::Range(0.0, 1e-2))
       ->capture_default_str();
   command->add_option("--scale", options->request.scale, "Factor from the unit of the CAD model to that of the mesh")

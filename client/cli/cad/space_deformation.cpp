@@ -7,6 +7,8 @@
 #include "client/cli/setup/reading.h"
 #include "client/design.h"
 #include "core/base/vectors.h"
+#include "core/mesh/region.h"
+#include "proto/convert/mesh/region.h"
 
 namespace deform::cli {
 
@@ -42,13 +44,29 @@ void SpaceDeformation::compare(const PreparedSetup& prepared) {
   result_ = outcome.designs.at(0).result;
   const std::vector<std::string> reasons = bad_reasons(result_);
   if (!reasons.empty()) throw Error(ErrorCode::failed_precondition, "the design is bad: " + reasons.front());
-  const Points &rest = source_of(prepared).mesh()->points, &moved = outcome.designs.at(0).points;
+  moved_mesh_ = std::move(outcome.designs.at(0).points);
+  const Points& rest = source_of(prepared).mesh()->points;
   Points some, expected;
   const std::size_t stride = rest.size() / most_compared + 1;
-  for (std::size_t i = 0; i < rest.size(); i += stride) some.push_back(rest[i]), expected.push_back(moved.at(i));
+  for (std::size_t i = 0; i < rest.size(); i += stride) some.push_back(rest[i]), expected.push_back(moved_mesh_.at(i));
   const Points found = (*this)(some);
   for (std::size_t i = 0; i < some.size(); ++i) difference_ = std::max(difference_, distance(found[i], expected[i]));
   still_ = 0;
+}
+
+cad::MeshMotion SpaceDeformation::mesh_motion(const PreparedSetup& prepared) const {
+  const Mesh& mesh = *source_of(prepared).mesh();
+  cad::MeshMotion motion{mesh.points, moved_mesh_, select(Region{Region::Boundary{}}, mesh, "the boundary of the mesh"), {}};
+  const v1::Setup& setup = prepared.system.setup();
+  for (int i = 0; i < setup.constraints_size() && i < result_.constraints().residuals_size(); ++i) {
+    const v1::Constraint& constraint = setup.constraints(i);
+    if (!constraint.has_planar() && !constraint.has_cylindrical() && !constraint.has_conical() && !constraint.has_spherical())
+      continue;
+    const std::string what = "constraints[" + std::to_string(i) + "].regions[0]";
+    motion.kept.push_back({select(convert::region_from_proto(constraint.regions(0), what), mesh, what),
+                           result_.constraints().residuals(i).largest()});
+  }
+  return motion;
 }
 
 Points SpaceDeformation::operator()(std::span<const Vec3> points) {

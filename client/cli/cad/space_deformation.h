@@ -7,6 +7,7 @@
 
 #include "client/cli/commands/workspace.h"
 #include "core/base/types.h"
+#include "core/cad/mesh_motion.h"
 
 namespace deform::cli {
 
@@ -28,15 +29,17 @@ class SpaceDeformation {
   /// The largest distance between a point of the mesh as the setup deforms it and as the function does, model units: 0, or the
   /// tolerance of an iterative solver.
   double mesh_difference() const { return difference_; }
-  std::size_t still() const { return still_; }                ///< points outside of a lattice so far, which stay at rest
-  const v1::DesignResult& result() const { return result_; }  ///< of the mesh
+  std::size_t still() const { return still_; }  ///< points outside of a lattice so far, which stay at rest
+  /// The mesh at rest and deformed, its boundary, and what constraints on planes, cylinders, cones and spheres report.
+  cad::MeshMotion mesh_motion(const PreparedSetup& prepared) const;
 
  private:
   void compare(const PreparedSetup& prepared);
 
   Connection& connection_;
   v1::EvaluateHeader header_;
-  v1::DesignResult result_;
+  v1::DesignResult result_;  ///< of the mesh
+  Points moved_mesh_;
   double difference_ = 0;
   std::size_t still_ = 0;
 };
