@@ -1,23 +1,22 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/cad/cad_apply.h"
 
-#include <BRepBuilderAPI_MakeVertex.hxx>
-#include <BRepGProp.hxx>
-#include <BRepTools.hxx>
-#include <BRepTopAdaptor_FClass2d.hxx>
+#include <BRepAdaptor_Curve.hxx>
 #include <BRep_Builder.hxx>
 #include <BRep_Tool.hxx>
-#include <GProp_GProps.hxx>
+#include <GCPnts_AbscissaPoint.hxx>
 #include <Geom_Surface.hxx>
 #include <Standard_Failure.hxx>
-#include <TopExp_Explorer.hxx>
 #include <TopoDS_Compound.hxx>
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <map>
 #include <random>
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
+#include "core/base/text.h"
 #include "core/base/vectors.h"
 #include "core/cad/deformed_shape.h"
 #include "core/cad/document.h"
@@ -31,6 +30,7 @@ namespace {
 constexpr std::size_t least_checks = 20;  ///< of a face
 constexpr int most_refinements = 10;      ///< after the random points
 constexpr double rigid_share = 0.1;       ///< of the tolerance
+constexpr double reshaped_share = 0.5;    ///< of the tolerance
 
 /// A random point of a face.
 struct Check {
@@ -38,73 +38,174 @@ struct Check {
   double u = 0, v = 0;
 };
 
-/// Random points inside the trimmed faces, as many on each as its share of the area.
-std::vector<Check> random_checks(const Model& model, std::size_t count, std::uint64_t seed) {
-  std::vector<double> areas;
-  double all = 0;
-  for (int f = 0; f < model.face_count(); ++f) {
-    GProp_GProps properties;
-    BRepGProp::SurfaceProperties(model.face(f), properties);
-    areas.push_back(std::abs(properties.Mass()));
-    all += areas.back();
-  }
+/// A random point of an edge.
+struct EdgeCheck {
+  int edge = 0;
+  double t = 0;
+};
+
+constexpr double edge_check_spacing = 0.005;  ///< of D
+constexpr int most_edge_checks = 200;         ///< of an edge
+
+/// Random points of the edges, each with some.
+std::vector<EdgeCheck> random_edge_checks(const Model& model, std::uint64_t seed) {
   std::mt19937_64 engine(seed);
-  const auto uniform = [&] { return static_cast<double>(engine() >> 11) * 0x1p-53; };
-  std::vector<Check> checks;
-  for (int f = 0; f < model.face_count(); ++f) {
-    const TopoDS_Face face = model.face(f);
-    const BRepTopAdaptor_FClass2d region(face, 1e-9);
-    double u0 = 0, u1 = 0, v0 = 0, v1 = 0;
-    BRepTools::UVBounds(face, u0, u1, v0, v1);
-    const auto share = static_cast<std::size_t>(all > 0 ? areas[f] / all * static_cast<double>(count) : 0);
-    const std::size_t wanted = std::max(least_checks, share);
-    std::size_t found = 0;
-    for (std::size_t tries = 0; found < wanted && tries < 100 * wanted; ++tries) {
-      const double u = u0 + uniform() * (u1 - u0), v = v0 + uniform() * (v1 - v0);
-      if (region.Perform(gp_Pnt2d(u, v)) != TopAbs_IN) continue;
-      checks.push_back({f, u, v});
-      ++found;
+  std::vector<EdgeCheck> checks;
+  for (int e = 0; e < model.edge_count(); ++e) {
+    if (BRep_Tool::Degenerated(model.edge(e))) continue;
+    const BRepAdaptor_Curve curve(model.edge(e));
+    const double from = curve.FirstParameter(), to = curve.LastParameter();
+    const double length = GCPnts_AbscissaPoint::Length(curve, 1e-3 * model.diagonal);
+    const int count = std::clamp(static_cast<int>(length / (edge_check_spacing * model.diagonal)), 8, most_edge_checks);
+    // One in each of equal parts, so that no part is left out.
+    for (int k = 0; k < count; ++k) {
+      checks.push_back({e, from + (to - from) * (k + static_cast<double>(engine() >> 11) * 0x1p-53) / count});
     }
   }
   return checks;
 }
 
-Points places_of(const Model& model, const std::vector<Check>& checks) {
+/// Random points inside the trimmed faces, as many on each as its share of the area.
+std::vector<Check> random_checks(const Refitting& refitting, int faces, std::size_t count, std::uint64_t seed) {
+  std::mt19937_64 engine(seed);
+  const auto uniform = [&] { return static_cast<double>(engine() >> 11) * 0x1p-53; };
+  const auto random = [&](int f) {
+    const std::array<double, 4>& box = refitting.region(f).box();
+    const double u = box[0] + uniform() * (box[1] - box[0]);
+    return Check{f, u, box[2] + uniform() * (box[3] - box[2])};
+  };
+  // Areas from the first points.
+  std::vector<std::vector<Check>> found(faces);
+  std::vector<double> areas(faces, 0.0);
+  double all = 0;
+  for (int f = 0; f < faces; ++f) {
+    const std::array<double, 4>& box = refitting.region(f).box();
+    std::size_t tries = 0;
+    for (; found[f].size() < least_checks && tries < 200 * least_checks; ++tries) {
+      const Check check = random(f);
+      if (!refitting.region(f).contains(check.u, check.v)) continue;
+      const auto frame = refitting.frame_at_rest(f, {check.u, check.v});
+      areas[f] += norm(cross(frame[1], frame[2]));
+      found[f].push_back(check);
+    }
+    if (tries > 0) areas[f] *= (box[1] - box[0]) * (box[3] - box[2]) / static_cast<double>(tries);
+    all += areas[f];
+  }
+  std::vector<Check> checks;
+  for (int f = 0; f < faces; ++f) {
+    checks.insert(checks.end(), found[f].begin(), found[f].end());
+    const auto share = static_cast<std::size_t>(all > 0 ? areas[f] / all * static_cast<double>(count) : 0);
+    if (found[f].size() < least_checks) continue;  // hardly anything of the box is inside
+    for (std::size_t more = least_checks, tries = 0; more < share && tries < 100 * share; ++tries) {
+      const Check check = random(f);
+      if (!refitting.region(f).contains(check.u, check.v)) continue;
+      checks.push_back(check);
+      ++more;
+    }
+  }
+  return checks;
+}
+
+Points places_of(const Refitting& refitting, const std::vector<Check>& checks) {
   Points places;
-  Handle(Geom_Surface) surface;
-  int face = -1;
-  for (const Check& check : checks) {
-    if (check.face != face) surface = BRep_Tool::Surface(model.face(check.face));
-    face = check.face;
-    const gp_Pnt p = surface->Value(check.u, check.v);
-    places.push_back({p.X(), p.Y(), p.Z()});
+  for (const Check& check : checks) places.push_back(refitting.at_rest(check.face, {check.u, check.v}));
+  return places;
+}
+
+/// Short steps from a point of a face, along it and into the solid: where they go says whether the map turns space inside out.
+constexpr std::size_t probe_points = 4;
+constexpr double probe_step = 1e-4;  ///< of D
+constexpr std::size_t probes = 2;    ///< of a face
+
+/// The first checks of each face, with their steps.
+Points probes_of(const Refitting& refitting, const Model& model, const std::vector<Check>& checks) {
+  Points places;
+  std::size_t of_face = 0;
+  for (std::size_t i = 0; i < checks.size(); ++i) {
+    of_face = i > 0 && checks[i].face == checks[i - 1].face ? of_face + 1 : 0;
+    if (of_face >= probes) continue;
+    const auto [p, along_u, along_v] = refitting.frame_at_rest(checks[i].face, {checks[i].u, checks[i].v});
+    const Vec3 normal = cross(along_u, along_v);
+    if (!(norm(along_u) > 0) || !(norm(normal) > 0)) {
+      --of_face;
+      continue;
+    }
+    const double step = probe_step * model.diagonal;
+    const Vec3 first = along_u / norm(along_u), inside = -model.face_sense(checks[i].face) * (normal / norm(normal));
+    places.insert(places.end(), {p, p + step * first, p + step * cross(inside, first), p + step * inside});
   }
   return places;
 }
 
-/// Distances of the fitted surfaces from where the map takes the checks.
+/// How many of the probes the map turns inside out.
+std::size_t inverted_probes(std::span<const Vec3> moved) {
+  std::size_t inverted = 0;
+  for (std::size_t i = 0; i + probe_points <= moved.size(); i += probe_points) {
+    const Vec3& p = moved[i];
+    if (!(dot(cross(moved[i + 1] - p, moved[i + 2] - p), moved[i + 3] - p) > 0)) ++inverted;
+  }
+  return inverted;
+}
+
+/// Distances of the new surfaces from where the map takes the checks.
 std::vector<double> errors_of(const Refitting& refitting, const std::vector<Check>& checks, const Points& targets) {
   std::vector<double> errors;
-  Handle(Geom_Surface) surface;
-  int face = -1;
   for (std::size_t i = 0; i < checks.size(); ++i) {
-    if (checks[i].face != face) surface = refitting.surface(checks[i].face);
-    face = checks[i].face;
-    const gp_Pnt p = surface->Value(checks[i].u, checks[i].v);
-    errors.push_back(distance({p.X(), p.Y(), p.Z()}, targets[i]));
+    errors.push_back(refitting.error(checks[i].face, {checks[i].u, checks[i].v}, targets[i]));
   }
   return errors;
 }
 
-/// Of the solids, to some digits.
-double volume_of(const TopoDS_Shape& shape) {
-  double volume = 0;
-  for (TopExp_Explorer solid(shape, TopAbs_SOLID); solid.More(); solid.Next()) {
-    GProp_GProps properties;
-    BRepGProp::VolumeProperties(solid.Current(), properties);
-    volume += properties.Mass();
+using Stages = std::vector<std::pair<std::string, double>>;
+
+/// Adds the time until it goes to a stage, less what other stages took in the meantime.
+class StageClock {
+ public:
+  StageClock(Stages& stages, std::string stage) : stages_(stages), stage_(std::move(stage)) {}
+  ~StageClock() {
+    const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start_;
+    const double seconds = elapsed.count() - (sum(stages_) - before_);
+    const auto known = std::find_if(stages_.begin(), stages_.end(), [&](const auto& other) { return other.first == stage_; });
+    if (known == stages_.end()) {
+      stages_.emplace_back(stage_, seconds);
+    } else {
+      known->second += seconds;
+    }
   }
-  return volume;
+  StageClock(const StageClock&) = delete;
+  StageClock& operator=(const StageClock&) = delete;
+
+ private:
+  static double sum(const Stages& stages) {
+    double all = 0;
+    for (const auto& [stage, seconds] : stages) all += seconds;
+    return all;
+  }
+
+  Stages& stages_;
+  const std::string stage_;
+  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  const double before_ = sum(stages_);
+};
+
+template <typename Work>
+auto timed(Stages& stages, const std::string& stage, const Work& work) {
+  const StageClock clock(stages, stage);
+  return work();
+}
+
+DeformedFace::Became became(Refit refit) {
+  using Became = DeformedFace::Became;
+  switch (refit) {
+    case Refit::kept:
+      return Became::kept;
+    case Refit::moved:
+      return Became::moved;
+    case Refit::reshaped:
+      return Became::reshaped;
+    default:
+      return Became::fitted;
+  }
 }
 
 class Application {
@@ -113,16 +214,22 @@ class Application {
       : request_(request),
         map_(map),
         context_(context),
-        document_(read_document(request.model)),
+        document_(timed(result_.stages, "read", [&] { return read_document(request.model); })),
         model_(model_of(document_, request.model.string())),
-        refitting_(model_, request.tolerance * model_.diagonal, rigid_limit(request) * model_.diagonal) {}
+        held_(request.mesh != nullptr && request.hold > 0
+                  ? std::optional<HeldFaces>(std::in_place, model_, *request.mesh, request.scale, request.hold * model_.diagonal)
+                  : std::nullopt),
+        refitting_(model_,
+                   {request.tolerance * model_.diagonal, rigid_limit(request) * model_.diagonal,
+                    std::max(reshaped_share * request.tolerance, request.rigid) * model_.diagonal},
+                   held_ ? &*held_ : nullptr) {}
 
   DeformedModel apply() {
     result_.notes = document_.notes;
     result_.diagonal = model_.diagonal;
-    fit();
-    deform();
-    measure();
+    timed(result_.stages, "fit", [&] { fit(); });
+    timed(result_.stages, "build", [&] { deform(); });
+    timed(result_.stages, "fit", [&] { measure(); });
     write();
     return result_;
   }
@@ -145,7 +252,7 @@ class Application {
     ++result_.rounds;
     for (Vec3& p : points) p = request_.scale * p;
     const std::size_t count = points.size();
-    points = map_(points);
+    points = timed(result_.stages, "map", [&] { return map_(points); });
     if (points.size() != count) throw Error(ErrorCode::internal, "the deformation gave another number of points");
     for (Vec3& p : points) p = p / request_.scale;
     return points;
@@ -153,14 +260,20 @@ class Application {
 
   /// Rounds until nodes and random points agree with the map.
   void fit() {
-    const std::vector<Check> checks = random_checks(model_, request_.checks, request_.seed);
+    const std::vector<Check> checks = random_checks(refitting_, model_.face_count(), request_.checks, request_.seed);
+    const std::vector<EdgeCheck> edge_checks = random_edge_checks(model_, request_.seed);
+    Points places = places_of(refitting_, checks);
+    for (const EdgeCheck& check : edge_checks) places.push_back(refitting_.edge_at_rest(check.edge, check.t));
+    const Points probed = model_.solids.IsEmpty() ? Points() : probes_of(refitting_, model_, checks);
     Points asked = refitting_.wanted();
-    result_.samples = asked.size();
-    const Points places = places_of(model_, checks);
+    result_.samples = asked.size() + probed.size();
+    asked.insert(asked.end(), probed.begin(), probed.end());
     asked.insert(asked.end(), places.begin(), places.end());
     Points answer = mapped(asked);
-    const Points targets(answer.end() - static_cast<std::ptrdiff_t>(checks.size()), answer.end());
-    answer.resize(answer.size() - checks.size());
+    const Points targets(answer.end() - static_cast<std::ptrdiff_t>(places.size()), answer.end());
+    answer.resize(answer.size() - places.size());
+    check_handedness(std::span(answer).last(probed.size()));
+    answer.resize(answer.size() - probed.size());
     refitting_.give(answer);
     for (int round = 0;; ++round) {
       // It ends: each round adds nodes, of which there are at most so many.
@@ -168,15 +281,40 @@ class Application {
         result_.samples += wanted->size();
         refitting_.give(mapped(*wanted));
       }
-      if (round == most_refinements || !refine(checks, errors_of(refitting_, checks, targets))) return;
+      if (refitting_.check_borders()) continue;  // each face once
+      if (round >= most_refinements) return;
+      const bool finer_faces = refine(checks, errors_of(refitting_, checks, targets));
+      const bool finer_edges = refine_edges(edge_checks, std::span(targets).subspan(checks.size()));
+      if (!finer_faces && !finer_edges) return;
     }
+  }
+
+  void check_handedness(std::span<const Vec3> moved) {
+    const std::size_t folds = inverted_probes(moved), probe_count = moved.size() / probe_points;
+    if (2 * folds > probe_count) refuse("the deformation turns the model inside out");
+    if (folds > 0) {
+      result_.notes.push_back("The deformation turns space inside out at " + std::to_string(folds) + " of " +
+                              std::to_string(probe_count) + " points at which that was looked for.");
+    }
+  }
+
+  bool refine_edges(const std::vector<EdgeCheck>& checks, std::span<const Vec3> targets) {
+    std::map<int, std::vector<double>> bad;
+    for (std::size_t i = 0; i < checks.size(); ++i) {
+      const auto& [edge, t] = checks[i];
+      if (!refitting_.edge_held(edge) && refitting_.edge_error(edge, t, targets[i]) > tolerance()) bad[edge].push_back(t);
+    }
+    bool finer = false;
+    for (const auto& [edge, parameters] : bad) finer = refitting_.refine_edge(edge, parameters) || finer;
+    return finer;
   }
 
   /// Makes faces finer around errors above their tolerance.
   bool refine(const std::vector<Check>& checks, const std::vector<double>& errors) {
     std::vector<std::vector<std::array<double, 2>>> bad(model_.face_count());
     for (std::size_t i = 0; i < checks.size(); ++i) {
-      if (errors[i] > tolerance(checks[i].face)) bad[checks[i].face].push_back({checks[i].u, checks[i].v});
+      if (!refitting_.held(checks[i].face) && errors[i] > tolerance(checks[i].face))
+        bad[checks[i].face].push_back({checks[i].u, checks[i].v});
     }
     bool finer = false;
     for (int f = 0; f < model_.face_count(); ++f) {
@@ -189,38 +327,36 @@ class Application {
     deformed_ = document_;
     for (Part& part : deformed_.parts) {
       context_.check();
-      const TopoDS_Shape rest = part.shape;
-      const DeformedShape shape = deformed_shape(part.shape, model_, refitting_);
+      const DeformedShape shape = deformed_shape(part.shape, model_, refitting_, tolerance());
       part.shape = shape.shape;
       result_.gap = std::max(result_.gap, shape.largest_gap);
-      if (volume_of(rest) > 0 && !(volume_of(part.shape) > 0)) {
-        refuse("the deformation turns the model inside out: a volume of " + number_digits(volume_of(rest)) + " becomes " +
-               number_digits(volume_of(part.shape)));
-      }
     }
   }
 
   /// The error, at other random points than those that the fit knows.
   void measure() {
-    const std::vector<Check> checks = random_checks(model_, request_.checks, request_.seed ^ 0x9e3779b97f4a7c15u);
-    const std::vector<double> errors = errors_of(refitting_, checks, mapped(places_of(model_, checks)));
+    const std::vector<Check> checks =
+        random_checks(refitting_, model_.face_count(), request_.checks, request_.seed ^ 0x9e3779b97f4a7c15u);
+    const std::vector<double> errors = errors_of(refitting_, checks, mapped(places_of(refitting_, checks)));
     result_.checks = checks.size();
     result_.faces.resize(model_.face_count());
     double squares = 0;
     for (std::size_t i = 0; i < checks.size(); ++i) {
-      double& largest = result_.faces[checks[i].face].error;
+      DeformedFace& face = result_.faces[checks[i].face];
+      const bool held = refitting_.held(checks[i].face);
+      double& largest = held ? face.overlooked : face.error;
       largest = std::max(largest, errors[i]);
-      squares += errors[i] * errors[i];
+      if (!held) squares += errors[i] * errors[i];
     }
     for (int f = 0; f < model_.face_count(); ++f) {
       DeformedFace& face = result_.faces[f];
       face.number = f + 1;
       face.type = surface_type(model_.face(f));
-      face.became = refitting_.refit(f) == Refit::kept    ? DeformedFace::Became::kept
-                    : refitting_.refit(f) == Refit::moved ? DeformedFace::Became::moved
-                                                          : DeformedFace::Became::fitted;
+      face.became = became(refitting_.refit(f));
       if (face.became == DeformedFace::Became::fitted) face.poles = refitting_.nodes(f);
+      face.held = refitting_.held(f);
       result_.error = std::max(result_.error, face.error);
+      result_.overlooked = std::max(result_.overlooked, face.overlooked);
       if (face.error > std::max(2 * tolerance(), tolerance(f))) result_.coarse.push_back(face.number);
     }
     if (!checks.empty()) result_.rms = std::sqrt(squares / static_cast<double>(checks.size()));
@@ -230,18 +366,33 @@ class Application {
     throw Error(ErrorCode::failed_precondition, request_.model.string() + ": " + why + "; nothing is written");
   }
 
-  void check_validity(const Document& document, const std::string& when) const {
+  /// Of parts that were valid; empty: none.
+  std::string faults_of(const Document& document) const {
     for (std::size_t i = 0; i < document.parts.size(); ++i) {
-      const std::string faults = faults_of(document.parts[i].shape);
+      const std::string faults = cad::faults_of(document.parts[i].shape);
       if (faults.empty()) continue;
-      if (i < document_.parts.size() && !faults_of(document_.parts[i].shape).empty()) continue;  // it was not before, either
-      refuse("the deformed model is not valid" + when +
-             (document.parts.size() > 1 ? ", part " + std::to_string(i + 1) : std::string()) + ": " + faults);
+      if (i < document_.parts.size() && !cad::faults_of(document_.parts[i].shape).empty()) continue;  // it was not before, either
+      return (document.parts.size() > 1 ? ", part " + std::to_string(i + 1) : std::string()) + ": " + faults;
+    }
+    return {};
+  }
+
+  void check_again(const std::filesystem::path& file) {
+    const Document again = timed(result_.stages, "read again", [&] { return read_document(file, Healing::off); });
+    const StageClock timing(result_.stages, "check");
+    const std::string faults = faults_of(again);
+    if (!faults.empty()) refuse("the deformed model is not valid after reading it again" + faults);
+    int faces = 0;
+    for (const Part& part : again.parts) faces += face_count(part.shape);
+    if (faces != model_.face_count()) {
+      refuse("reading the deformed model again gives " + std::to_string(faces) + " faces instead of " +
+             std::to_string(model_.face_count()));
     }
   }
 
   void write() {
-    check_validity(deformed_, "");
+    const std::string faults = timed(result_.stages, "check", [&] { return faults_of(deformed_); });
+    if (!faults.empty()) refuse("the deformed model is not valid" + faults);
     // Under another name until it has been read again.
     std::filesystem::path partial = request_.output;
     partial.replace_extension(".partial" + request_.output.extension().string());
@@ -252,25 +403,20 @@ class Application {
         std::filesystem::remove(path, ignored);
       }
     } const removal{partial};
-    write_document(deformed_, partial);
-    const Document again = read_document(partial);
-    check_validity(again, " after reading it again");
-    const Model model = model_of(again, partial.string());
-    if (model.face_count() != model_.face_count()) {
-      refuse("reading the deformed model again gives " + std::to_string(model.face_count()) + " faces instead of " +
-             std::to_string(model_.face_count()));
-    }
+    timed(result_.stages, "write", [&] { write_document(deformed_, partial); });
+    if (lower_case(partial.extension().string()) != ".brep") check_again(partial);  // .brep files hold what was checked
     std::filesystem::rename(partial, request_.output);
   }
 
   const ApplyRequest& request_;
   const SpaceMap& map_;
   const RunContext& context_;
+  DeformedModel result_;  // first: reading is timed
   const Document document_;
   const Model model_;
+  const std::optional<HeldFaces> held_;
   Refitting refitting_;
   Document deformed_;
-  DeformedModel result_;
 };
 
 }  // namespace
@@ -282,6 +428,9 @@ void check_request(const ApplyRequest& request) {
   }
   if (!(request.rigid >= 0 && request.rigid <= 1e-2)) {
     refuse("rigid: " + number_digits(request.rigid) + " is not from 0 to 1e-2 of the diagonal");
+  }
+  if (!(request.hold >= 0 && request.hold <= 1e-2)) {
+    refuse("hold: " + number_digits(request.hold) + " is not from 0 to 1e-2 of the diagonal");
   }
   if (!(request.scale > 0) || !std::isfinite(request.scale))
     refuse("scale: " + number_digits(request.scale) + " is not greater than 0");

@@ -8,10 +8,12 @@
 #include <functional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/base/run_context.h"
 #include "core/base/types.h"
+#include "core/cad/mesh_motion.h"
 
 namespace deform::cad {
 
@@ -28,6 +30,10 @@ struct ApplyRequest {
   /// Faces and edges that move rigidly up to this distance, a fraction of D, keep their type; 0..1e-2, 0: a tenth of the
   /// tolerance.
   double rigid = 0;
+  const MeshMotion* mesh = nullptr;  ///< of the model as the map moves it; its nodes hold faces
+  /// Faces go as the nodes on them do, rigidly or to a surface of their type, where the map between the nodes differs from that
+  /// by up to this distance, a fraction of D; 0..1e-2, 0: none.
+  double hold = 1e-3;
   std::size_t checks = 20000;  ///< random points of the faces at which the result is measured, each face has at least 20
   std::uint64_t seed = 1;      ///< of these points
 };
@@ -36,12 +42,15 @@ void check_request(const ApplyRequest& request);
 
 /// What became of a face.
 struct DeformedFace {
-  enum class Became { kept, moved, fitted };
-  int number = 0;                  ///< from 1, in the order of the file
-  std::string type;                ///< before: "plane", "cylinder", ...
-  Became became = Became::fitted;  ///< moved: rigidly, with its type
-  std::array<int, 2> poles{};      ///< of the B-spline surface of a fitted face, along u and v
-  double error = 0;                ///< largest distance at the random points on it, model units
+  enum class Became { kept, moved, reshaped, fitted };
+  int number = 0;    ///< from 1, in the order of the file
+  std::string type;  ///< before: "plane", "cylinder", ...
+  Became became =
+      Became::fitted;  ///< moved: rigidly, with its type; reshaped: with its type and other dimensions, or points slide in it
+  std::array<int, 2> poles{};  ///< of the B-spline surface of a fitted face, along u and v
+  double error = 0;            ///< largest distance at the random points on it, model units; of a held one 0
+  bool held = false;           ///< it goes as the nodes of the mesh on it do
+  double overlooked = 0;       ///< of a held face: how far the map is from that at the random points, model units
 };
 
 /// A CAD model that was deformed and written.
@@ -51,11 +60,14 @@ struct DeformedModel {
   double diagonal = 0;             ///< D before, model units
   double error = 0;                ///< largest distance at the random points, model units
   double rms = 0;                  ///< of these distances
+  double overlooked = 0;           ///< largest of the held faces
   double gap = 0;                  ///< largest distance of edges from their faces, model units
   std::size_t checks = 0;          ///< random points
   std::size_t samples = 0;         ///< points at which the map was asked for, besides these
   int rounds = 0;                  ///< calls of the map
   std::vector<int> coarse;         ///< numbers of faces with an error above twice the tolerance
+  /// Elapsed seconds: "read", "map", "fit", "build", "check", "write", "read again".
+  std::vector<std::pair<std::string, double>> stages;
   std::size_t count(DeformedFace::Became became) const {
     std::size_t sum = 0;
     for (const DeformedFace& face : faces) sum += face.became == became ? 1 : 0;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/cad/deformed_shape.h"
 
+#include <BRepAdaptor_Surface.hxx>
 #include <BRepCheck.hxx>
 #include <BRepCheck_Analyzer.hxx>
 #include <BRepCheck_ListOfStatus.hxx>
@@ -10,6 +11,7 @@
 #include <BRep_Builder.hxx>
 #include <BRep_Tool.hxx>
 #include <Geom2d_Curve.hxx>
+#include <Geom_BSplineCurve.hxx>
 #include <Precision.hxx>
 #include <TopExp.hxx>
 #include <TopExp_Explorer.hxx>
@@ -19,18 +21,22 @@
 #include <sstream>
 
 #include "core/base/error.h"
+#include "core/cad/curve_on_surface.h"
 
 namespace deform::cad {
 
 namespace {
 
-constexpr int gap_samples = 23;
+constexpr int least_gap_samples = 23;
+constexpr int samples_per_knot = 3;
 constexpr double gap_margin = 1.2;
+constexpr double curve_share = 0.1;  ///< of the tolerance, for curves in (u, v)
 
 /// Hands the geometry of a refitting to BRepTools_Modifier.
 class RefitModification : public BRepTools_Modification {
  public:
-  RefitModification(const Model& model, const Refitting& refitting) : model_(model), refitting_(refitting) {}
+  RefitModification(const Model& model, const Refitting& refitting, double curve_tolerance)
+      : model_(model), refitting_(refitting), curve_tolerance_(curve_tolerance) {}
 
   Standard_Boolean NewSurface(const TopoDS_Face& face, Handle(Geom_Surface) & surface, TopLoc_Location& place,
                               Standard_Real& tolerance, Standard_Boolean& reverse_wires,
@@ -68,8 +74,13 @@ class RefitModification : public BRepTools_Modification {
     double from = 0, to = 0;
     const Handle(Geom2d_Curve) kept = BRep_Tool::CurveOnSurface(edge, face, from, to);
     if (kept.IsNull()) return false;
-    curve = Handle(Geom2d_Curve)::DownCast(kept->Copy());
     tolerance = Precision::Confusion();
+    const int f = model_.faces.FindIndex(face) - 1, e = model_.edges.FindIndex(edge) - 1;
+    if (f >= 0 && e >= 0 && !refitting_.reshaped(f).IsNull()) {
+      curve = curve_on_surface(refitting_.reshaped(f), {refitting_.curve(e), from, to}, kept, curve_tolerance_);
+    } else {
+      curve = Handle(Geom2d_Curve)::DownCast(kept->Copy());
+    }
     return true;
   }
 
@@ -89,6 +100,7 @@ class RefitModification : public BRepTools_Modification {
  private:
   const Model& model_;
   const Refitting& refitting_;
+  const double curve_tolerance_;
 };
 
 /// Widens vertices until they hold the point.
@@ -104,7 +116,7 @@ double set_tolerances(const TopoDS_Shape& shape) {
   const BRep_Builder builder;
   for (TopExp_Explorer face(shape, TopAbs_FACE); face.More(); face.Next()) {
     const TopoDS_Face forward = TopoDS::Face(face.Current().Oriented(TopAbs_FORWARD));
-    const Handle(Geom_Surface) surface = BRep_Tool::Surface(forward);
+    const BRepAdaptor_Surface surface(forward, false);  // it keeps what it knows of a span
     for (TopExp_Explorer used(forward, TopAbs_EDGE); used.More(); used.Next()) {
       const TopoDS_Edge edge = TopoDS::Edge(used.Current());
       double from = 0, to = 0, a = 0, b = 0;
@@ -113,10 +125,13 @@ double set_tolerances(const TopoDS_Shape& shape) {
       if (on_face.IsNull()) continue;
       double gap = 0;
       const TopoDS_Edge along = TopoDS::Edge(edge.Oriented(TopAbs_FORWARD));
+      const auto spline = Handle(Geom_BSplineCurve)::DownCast(curve);
+      const int gap_samples =
+          spline.IsNull() ? least_gap_samples : std::max(least_gap_samples, samples_per_knot * spline->NbKnots());
       for (int k = 0; k < gap_samples; ++k) {
         const double t = from + (to - from) * k / (gap_samples - 1);
         const gp_Pnt2d uv = on_face->Value(t);
-        const gp_Pnt place = surface->Value(uv.X(), uv.Y());
+        const gp_Pnt place = surface.Value(uv.X(), uv.Y());
         if (curve.IsNull()) {
           reach(along, true, place);
           continue;
@@ -143,8 +158,8 @@ double set_tolerances(const TopoDS_Shape& shape) {
 
 }  // namespace
 
-DeformedShape deformed_shape(const TopoDS_Shape& part, const Model& model, const Refitting& refitting) {
-  BRepTools_Modifier modifier(part, new RefitModification(model, refitting));
+DeformedShape deformed_shape(const TopoDS_Shape& part, const Model& model, const Refitting& refitting, double tolerance) {
+  BRepTools_Modifier modifier(part, new RefitModification(model, refitting, curve_share * tolerance));
   if (!modifier.IsDone()) throw Error(ErrorCode::internal, model.name + ": OpenCASCADE could not rebuild the model");
   DeformedShape deformed{modifier.ModifiedShape(part)};
   deformed.largest_gap = set_tolerances(deformed.shape);
@@ -152,7 +167,7 @@ DeformedShape deformed_shape(const TopoDS_Shape& part, const Model& model, const
 }
 
 std::string faults_of(const TopoDS_Shape& shape) {
-  const BRepCheck_Analyzer analyzer(shape);
+  const BRepCheck_Analyzer analyzer(shape, true, true);
   if (analyzer.IsValid()) return {};
   constexpr int most = 4;
   int found = 0;

@@ -65,12 +65,6 @@ std::string name_of(const TDF_Label& label) {
 
 TCollection_ExtendedString extended(const std::string& text) { return {text.c_str(), true}; }
 
-int face_count(const TopoDS_Shape& shape) {
-  TopTools_IndexedMapOfShape faces;
-  TopExp::MapShapes(shape, TopAbs_FACE, faces);
-  return faces.Extent();
-}
-
 /// The parts of a document, where they stand.
 class PartReader {
  public:
@@ -170,9 +164,9 @@ void read_step_parts(const std::filesystem::path& path, Model& reading, Document
 }
 
 /// Heals it, takes the locations out, and gives every edge a curve.
-void settle(Part& part, Model& reading) {
+void settle(Part& part, Model& reading, Healing healing) {
   const int faces = face_count(part.shape);
-  TopoDS_Shape shape = healed(part.shape, reading);
+  TopoDS_Shape shape = healing == Healing::on ? healed(part.shape, reading) : part.shape;
   ShapeUpgrade_RemoveLocations removal;
   removal.Remove(shape);
   shape = removal.GetResult();
@@ -224,6 +218,12 @@ void write_step(const Document& document, const std::filesystem::path& path) {
 
 }  // namespace
 
+int face_count(const TopoDS_Shape& shape) {
+  TopTools_IndexedMapOfShape faces;
+  TopExp::MapShapes(shape, TopAbs_FACE, faces);
+  return faces.Extent();
+}
+
 Model model_of(const Document& document, const std::string& name) {
   TopoDS_Compound all;
   const BRep_Builder builder;
@@ -237,7 +237,7 @@ bool can_be_written(const std::filesystem::path& path) {
   return extension == ".step" || extension == ".stp" || extension == ".brep";
 }
 
-Document read_document(const std::filesystem::path& path) {
+Document read_document(const std::filesystem::path& path, Healing healing) {
   if (!std::ifstream(path)) throw Error(ErrorCode::not_found, path.string() + ": the CAD file cannot be opened");
   silence_messages();
   Document document;
@@ -248,11 +248,10 @@ Document read_document(const std::filesystem::path& path) {
     if (extension == ".step" || extension == ".stp") {
       read_step_parts(path, reading, document);
     } else {
-      Model model = read_model(path, 1);
-      reading.notes = model.notes;
-      document.parts.push_back({model.shape, path.stem().string(), std::nullopt, {}});
+      const TopoDS_Shape shape = read_shape(path, reading);
+      if (!shape.IsNull() && face_count(shape) > 0) document.parts.push_back({shape, path.stem().string(), std::nullopt, {}});
     }
-    for (Part& part : document.parts) settle(part, reading);
+    for (Part& part : document.parts) settle(part, reading, healing);
   } catch (const Standard_Failure& failure) {
     throw Error(ErrorCode::invalid_argument, reading.name + ": OpenCASCADE cannot read it: " + failure.GetMessageString());
   }

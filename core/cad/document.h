@@ -34,13 +34,18 @@ struct Document {
   std::vector<std::string> notes;
 };
 
+/// Whether models that are not valid once OpenCASCADE has read them are healed, which takes as long as checking them.
+enum class Healing { on, off };
+
 /// Reads STEP with the names and colours of parts and faces, IGES (sewn) and BREP without. Edges get curves in space where they
 /// have none. Throws Error(not_found, invalid_argument) naming the file.
-Document read_document(const std::filesystem::path& path);
+Document read_document(const std::filesystem::path& path, Healing healing = Healing::on);
 
 /// Writes .step or .stp with names and colours, or .brep, in the unit that was read last; an assembly of several parts has one
 /// level. Throws Error(invalid_argument) for another extension, Error(internal) when the file cannot be written.
 void write_document(const Document& document, const std::filesystem::path& path);
+
+int face_count(const TopoDS_Shape& shape);
 
 /// All parts as one model, with their entities numbered.
 Model model_of(const Document& document, const std::string& name);

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/cad/model.h"
 
+#include <BRepAdaptor_Curve.hxx>
 #include <BRepAdaptor_Surface.hxx>
 #include <BRepBndLib.hxx>
 #include <BRepBuilderAPI_Sewing.hxx>
 #include <BRepBuilderAPI_Transform.hxx>
 #include <BRepCheck_Analyzer.hxx>
 #include <BRepTools.hxx>
+#include <BRepTopAdaptor_FClass2d.hxx>
 #include <BRep_Builder.hxx>
 #include <BRep_Tool.hxx>
 #include <Bnd_Box.hxx>
@@ -63,6 +65,36 @@ constexpr std::array<Unit, 12> units{{{"millimetre", "MM", 1e-3},
                                       {"cm", "CM", 1e-2},
                                       {"in", "INCH", 0.0254},
                                       {"ft", "FT", 0.3048}}};
+
+/// Of the bounding box of points on edges and faces. BRepBndLib's exact box of splines takes seconds.
+double diagonal_of(const Model& model) {
+  Bnd_Box box;
+  constexpr int pieces = 64, across = 24;
+  for (int e = 0; e < model.edge_count(); ++e) {
+    if (BRep_Tool::Degenerated(model.edge(e))) continue;
+    const BRepAdaptor_Curve curve(model.edge(e));
+    const double from = curve.FirstParameter(), to = curve.LastParameter();
+    const int steps = curve.GetType() == GeomAbs_Line ? 1 : pieces;
+    for (int k = 0; k <= steps; ++k) box.Add(curve.Value(from + (to - from) * k / steps));
+  }
+  for (int f = 0; f < model.face_count(); ++f) {
+    const BRepAdaptor_Surface surface(model.face(f));
+    if (surface.GetType() == GeomAbs_Plane) continue;
+    const double u0 = surface.FirstUParameter(), u1 = surface.LastUParameter();
+    const double v0 = surface.FirstVParameter(), v1 = surface.LastVParameter();
+    const BRepTopAdaptor_FClass2d region(model.face(f), 1e-7);
+    for (int i = 0; i <= across; ++i) {
+      for (int j = 0; j <= across; ++j) {
+        const gp_Pnt2d at(u0 + (u1 - u0) * i / across, v0 + (v1 - v0) * j / across);
+        const gp_Pnt p = surface.Value(at.X(), at.Y());
+        Bnd_Box wider = box;
+        wider.Add(p);
+        if (wider.SquareExtent() > box.SquareExtent() && region.Perform(at) != TopAbs_OUT) box = wider;
+      }
+    }
+  }
+  return std::sqrt(box.SquareExtent());
+}
 
 [[noreturn]] void cannot_read(const std::string& name, const std::string& format) {
   throw Error(ErrorCode::invalid_argument, name + ": is no " + format + " file that can be read");
@@ -126,14 +158,6 @@ TopoDS_Shape read_brep(const std::filesystem::path& path, Model& model) {
   return shape;
 }
 
-TopoDS_Shape read_shape(const std::filesystem::path& path, Model& model) {
-  const std::string extension = lower_case(path.extension().string());
-  if (extension == ".step" || extension == ".stp") return read_step(path, model);
-  if (extension == ".iges" || extension == ".igs") return read_iges(path, model);
-  if (extension == ".brep") return read_brep(path, model);
-  throw Error(ErrorCode::invalid_argument, model.name + ": CAD models are read from .step, .stp, .iges, .igs and .brep");
-}
-
 }  // namespace
 
 bool available() { return true; }
@@ -174,9 +198,7 @@ Model make_model(const TopoDS_Shape& shape, const std::string& name) {
       }
     }
   }
-  Bnd_Box box;
-  BRepBndLib::AddOptimal(shape, box, false, false);
-  model.diagonal = std::sqrt(box.SquareExtent());
+  model.diagonal = diagonal_of(model);
   return model;
 }
 
@@ -198,13 +220,21 @@ void keep_unit(const std::string& unit, Model& model) {
 }
 
 TopoDS_Shape healed(const TopoDS_Shape& shape, Model& model) {
-  if (BRepCheck_Analyzer(shape).IsValid()) return shape;
+  if (BRepCheck_Analyzer(shape, true, true).IsValid()) return shape;
   ShapeFix_Shape fix(shape);
   fix.Perform();
   model.face_names.clear();  // faces may stand elsewhere
-  const bool valid = BRepCheck_Analyzer(fix.Shape()).IsValid();
+  const bool valid = BRepCheck_Analyzer(fix.Shape(), true, true).IsValid();
   model.notes.push_back(model.name + " is not valid; " + (valid ? "it was healed." : "healing did not mend all of it."));
   return fix.Shape();
+}
+
+TopoDS_Shape read_shape(const std::filesystem::path& path, Model& model) {
+  const std::string extension = lower_case(path.extension().string());
+  if (extension == ".step" || extension == ".stp") return read_step(path, model);
+  if (extension == ".iges" || extension == ".igs") return read_iges(path, model);
+  if (extension == ".brep") return read_brep(path, model);
+  throw Error(ErrorCode::invalid_argument, model.name + ": CAD models are read from .step, .stp, .iges, .igs and .brep");
 }
 
 Model read_model(const std::filesystem::path& path, double scale) {

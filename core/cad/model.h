@@ -51,6 +51,10 @@ Model make_model(const TopoDS_Shape& shape, const std::string& name);
 /// invalid_argument) naming the file.
 Model read_model(const std::filesystem::path& path, double scale);
 
+/// The shape in a STEP, IGES (sewn) or BREP file, by its extension, as it is; the unit is noted in the model, whose name messages
+/// give. Throws Error(invalid_argument).
+TopoDS_Shape read_shape(const std::filesystem::path& path, Model& model);
+
 /// Keeps OpenCASCADE from printing.
 void silence_messages();
 

@@ -1,35 +1,34 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/cad/refitting.h"
 
-#include <BRepTools.hxx>
 #include <BRep_Tool.hxx>
-#include <Eigen/Geometry>
 #include <GeomAdaptor_Curve.hxx>
-#include <GeomAdaptor_Surface.hxx>
 #include <Geom_BSplineCurve.hxx>
-#include <Geom_BSplineSurface.hxx>
-#include <Precision.hxx>
-#include <TColStd_Array1OfInteger.hxx>
+#include <Geom_Circle.hxx>
+#include <Geom_Ellipse.hxx>
 #include <TColStd_Array1OfReal.hxx>
-#include <TColgp_Array1OfPnt.hxx>
-#include <TColgp_Array2OfPnt.hxx>
+#include <TopExp.hxx>
 #include <algorithm>
 #include <cmath>
 
 #include "core/base/error.h"
 #include "core/base/vectors.h"
+#include "core/cad/analytic_fit.h"
 
 namespace deform::cad {
 
 namespace {
 
-constexpr double rigid_share = 0.1;         ///< of the tolerance
 constexpr double fit_share = 0.35;          ///< of the tolerance, for each of u and v
 constexpr double box_margin = 1e-6;         ///< pcurves may leave the box of a face by their tolerance
 constexpr double check_spacing = 1.0 / 24;  ///< of D
 
 Vec3 vector_of(const gp_Pnt& p) { return {p.X(), p.Y(), p.Z()}; }
-gp_Pnt point_of(const Eigen::Vector3d& p) { return {p[0], p[1], p[2]}; }
+
+Vec3 projected(const Geom_ElementarySurface& surface, const Vec3& p) {
+  const std::array<double, 2> uv = analytic_parameters(surface, p, 0);
+  return vector_of(surface.Value(uv[0], uv[1]));
+}
 
 /// Ascending parameters from a to b, with those between at which the geometry is less than C2.
 template <typename Count, typename Fill>
@@ -48,20 +47,6 @@ std::vector<double> breaks_between(double a, double b, const Count& count, const
   return breaks;
 }
 
-TColStd_Array1OfReal knot_array(const SplineAxis& axis) {
-  const std::vector<double> knots = axis.knots();
-  TColStd_Array1OfReal array(1, static_cast<int>(knots.size()));
-  for (int k = 1; k <= array.Length(); ++k) array(k) = knots[k - 1];
-  return array;
-}
-
-TColStd_Array1OfInteger multiplicity_array(const SplineAxis& axis) {
-  const std::vector<int> multiplicities = axis.multiplicities();
-  TColStd_Array1OfInteger array(1, static_cast<int>(multiplicities.size()));
-  for (int k = 1; k <= array.Length(); ++k) array(k) = multiplicities[k - 1];
-  return array;
-}
-
 /// Length of a polygon through the curve p(0), ..., p(1).
 template <typename Curve>
 double rough_length(const Curve& p) {
@@ -78,19 +63,25 @@ double rough_length(const Curve& p) {
 
 }  // namespace
 
-Vec3 Refitting::Fit::at(const std::array<double, 2>& parameters) const {
-  return vector_of(surface.IsNull() ? curve->Value(parameters[0]) : surface->Value(parameters[0], parameters[1]));
+Refitting::Refitting(const Model& model, const Limits& limits, const HeldFaces* held)
+    : model_(model), limits_(limits), held_(held) {
+  for (int f = 0; f < model.face_count(); ++f) faces_.push_back(face_of(f));
+  for (int e = 0; e < model.edge_count(); ++e) edges_.push_back(edge_of(e));
 }
 
-Refitting::Refitting(const Model& model, double tolerance, double rigid) : model_(model), tolerance_(tolerance), rigid_(rigid) {
-  for (int f = 0; f < model.face_count(); ++f) faces_.push_back(face_fit(f));
-  for (int e = 0; e < model.edge_count(); ++e) edges_.push_back(edge_fit(e));
+Vec3 Refitting::at_rest(int f, const std::array<double, 2>& uv) const { return vector_of(faces_[f].adaptor.Value(uv[0], uv[1])); }
+
+std::array<Vec3, 3> Refitting::frame_at_rest(int f, const std::array<double, 2>& uv) const {
+  gp_Pnt p;
+  gp_Vec along_u, along_v;
+  faces_[f].adaptor.D1(uv[0], uv[1], p, along_u, along_v);
+  return {vector_of(p), {along_u.X(), along_u.Y(), along_u.Z()}, {along_v.X(), along_v.Y(), along_v.Z()}};
 }
 
-Refitting::Fit Refitting::face_fit(int f) const {
+Refitting::Face Refitting::face_of(int f) const {
   const Handle(Geom_Surface) surface = BRep_Tool::Surface(model_.face(f));
-  std::array<double, 2> from{}, to{}, least{}, most{};
-  BRepTools::UVBounds(model_.face(f), from[0], to[0], from[1], to[1]);
+  FaceRegion region(model_.face(f));
+  std::array<double, 2> from{region.box()[0], region.box()[2]}, to{region.box()[1], region.box()[3]}, least{}, most{};
   surface->Bounds(least[0], most[0], least[1], most[1]);
   const std::array<double, 2> period{surface->IsUPeriodic() ? surface->UPeriod() : 0,
                                      surface->IsVPeriodic() ? surface->VPeriod() : 0};
@@ -104,76 +95,55 @@ Refitting::Fit Refitting::face_fit(int f) const {
     }
   }
   const GeomAdaptor_Surface adaptor(surface, from[0], to[0], from[1], to[1]);
-  Fit fit{SplineAxis(breaks_between(
-              from[0], to[0], [&] { return adaptor.NbUIntervals(GeomAbs_C2); },
-              [&](TColStd_Array1OfReal& ends) { adaptor.UIntervals(ends, GeomAbs_C2); })),
-          SplineAxis(breaks_between(
-              from[1], to[1], [&] { return adaptor.NbVIntervals(GeomAbs_C2); },
-              [&](TColStd_Array1OfReal& ends) { adaptor.VIntervals(ends, GeomAbs_C2); })),
-          surface, nullptr};
+  SplineAxis u(breaks_between(
+      from[0], to[0], [&] { return adaptor.NbUIntervals(GeomAbs_C2); },
+      [&](TColStd_Array1OfReal& ends) { adaptor.UIntervals(ends, GeomAbs_C2); }));
+  SplineAxis v(breaks_between(
+      from[1], to[1], [&] { return adaptor.NbVIntervals(GeomAbs_C2); },
+      [&](TColStd_Array1OfReal& ends) { adaptor.VIntervals(ends, GeomAbs_C2); }));
   const auto value = [&](double a, double b) {
-    return surface->Value(from[0] + a * (to[0] - from[0]), from[1] + b * (to[1] - from[1]));
+    return adaptor.Value(from[0] + a * (to[0] - from[0]), from[1] + b * (to[1] - from[1]));
   };
-  std::array<double, 2> size{};
+  std::array<double, 2> size{}, spacing{};
   for (const double other : {0.0, 0.5, 1.0}) {
     size[0] = std::max(size[0], rough_length([&](double a) { return value(a, other); }));
     size[1] = std::max(size[1], rough_length([&](double a) { return value(other, a); }));
   }
   for (int k = 0; k < 2; ++k) {
     const double pieces = std::max(1.0, size[k] / (check_spacing * model_.diagonal));
-    fit.spacing[k] = (to[k] - from[k]) / pieces;
+    spacing[k] = (to[k] - from[k]) / pieces;
   }
-  return fit;
+  return {surface, adaptor, std::move(region), SplineFit(std::move(u), std::move(v), spacing)};
 }
 
-Refitting::Fit Refitting::edge_fit(int e) const {
+Refitting::Edge Refitting::edge_of(int e) const {
   double from = 0, to = 1;
   const Handle(Geom_Curve) curve = BRep_Tool::Curve(model_.edge(e), from, to);
-  if (curve.IsNull()) {
-    Fit none{SplineAxis({0, 1}), SplineAxis({0, 1}), nullptr, nullptr};
-    none.open = false;
-    none.refit = Refit::kept;
-    return none;
-  }
+  if (curve.IsNull()) return {nullptr, SplineFit(SplineAxis({0, 1}), 1), Refit::kept, false};
   const GeomAdaptor_Curve adaptor(curve, from, to);
-  Fit fit{SplineAxis(breaks_between(
-              from, to, [&] { return adaptor.NbIntervals(GeomAbs_C2); },
-              [&](TColStd_Array1OfReal& ends) { adaptor.Intervals(ends, GeomAbs_C2); })),
-          SplineAxis({0, 1}), nullptr, curve};
-  const double size = rough_length([&](double a) { return curve->Value(from + a * (to - from)); });
-  fit.spacing[0] = (to - from) / std::max(1.0, size / (check_spacing * model_.diagonal));
-  return fit;
-}
-
-/// What is not known yet of the nodes, and of the checks between them along each axis.
-void Refitting::want(Fit& fit) {
-  const auto ask = [&](double u, double v) {
-    const std::array<double, 2> parameters{u, v};
-    if (!fit.places.emplace(parameters, Vec3{}).second) return;
-    asked_.push_back({&fit, parameters});
-    wanted_.push_back(fit.at(parameters));
-  };
-  const std::vector<double>& u = fit.u.nodes();
-  const std::vector<double> none{0.0}, &v = fit.axes() == 2 ? fit.v.nodes() : none;
-  for (const double a : u) {
-    for (const double b : v) ask(a, b);
-  }
-  for (const double a : fit.u.checks(fit.spacing[0])) {
-    for (const double b : v) ask(a, b);
-  }
-  if (fit.axes() == 1) return;
-  for (const double b : fit.v.checks(fit.spacing[1])) {
-    for (const double a : u) ask(a, b);
-  }
+  SplineAxis t(breaks_between(
+      from, to, [&] { return adaptor.NbIntervals(GeomAbs_C2); },
+      [&](TColStd_Array1OfReal& ends) { adaptor.Intervals(ends, GeomAbs_C2); }));
+  const double size = rough_length([&](double a) { return adaptor.Value(from + a * (to - from)); });
+  return {curve, SplineFit(std::move(t), (to - from) / std::max(1.0, size / (check_spacing * model_.diagonal)))};
 }
 
 const Points& Refitting::wanted() {
   asked_.clear();
   wanted_.clear();
-  for (std::vector<Fit>* fits : {&faces_, &edges_}) {
-    for (Fit& fit : *fits) {
-      if (fit.open) want(fit);
-    }
+  for (int f = 0; f < model_.face_count(); ++f) {
+    if (!faces_[f].open) continue;
+    faces_[f].fit.want([&](const SplineFit::Parameters& at) {
+      asked_.push_back({f, -1, at});
+      wanted_.push_back(at_rest(f, at));
+    });
+  }
+  for (int e = 0; e < model_.edge_count(); ++e) {
+    if (!edges_[e].open) continue;
+    edges_[e].fit.want([&](const SplineFit::Parameters& at) {
+      asked_.push_back({-1, e, at});
+      wanted_.push_back(vector_of(edges_[e].rest->Value(at[0])));
+    });
   }
   if (!vertices_known_) {
     for (int v = 0; v < model_.vertex_count(); ++v) wanted_.push_back(vector_of(BRep_Tool::Pnt(model_.vertex(v))));
@@ -183,148 +153,308 @@ const Points& Refitting::wanted() {
 
 void Refitting::give(const Points& places) {
   for (std::size_t i = 0; i < asked_.size(); ++i) {
+    const Wanted& asked = asked_[i];
     if (!is_finite(places[i])) {
-      for (int f = 0; f < model_.face_count(); ++f) {
-        if (asked_[i].fit == &faces_[f]) {
-          throw Error(ErrorCode::invalid_argument, model_.face_name(f) + ": the deformation is not finite there");
-        }
-      }
-      throw Error(ErrorCode::invalid_argument, "an edge: the deformation is not finite there");
+      throw Error(ErrorCode::invalid_argument,
+                  (asked.face >= 0 ? model_.face_name(asked.face) : "edge " + std::to_string(asked.edge + 1)) +
+                      ": the deformation is not finite there");
     }
-    asked_[i].fit->places[asked_[i].parameters] = places[i];
+    if (asked.face >= 0) {
+      faces_[asked.face].fit.give(asked.at, places[i]);
+    } else {
+      Edge& edge = edges_[asked.edge];
+      edge.fit.give(asked.at, edge.onto.IsNull() ? places[i] : projected(*edge.onto, places[i]));
+    }
   }
   if (!vertices_known_) {
     vertices_.assign(places.begin() + static_cast<std::ptrdiff_t>(asked_.size()), places.end());
-    vertices_known_ = true;
   }
-  for (std::vector<Fit>* fits : {&faces_, &edges_}) {
-    for (Fit& fit : *fits) {
-      if (fit.open) judge(fit);
-    }
+  for (int f = 0; f < model_.face_count(); ++f) {
+    if (faces_[f].open) judge(f);
+  }
+  if (!vertices_known_) hold_borders();
+  vertices_known_ = true;
+  for (Edge& edge : edges_) {
+    if (edge.open) judge(edge);
   }
 }
 
-bool Refitting::moves_rigidly(Fit& fit) const {
-  const auto count = static_cast<Eigen::Index>(fit.places.size());
-  Eigen::Matrix3Xd before(3, count), after(3, count);
+PlaceSamples Refitting::samples_of(const Edge& edge) {
+  const auto count = static_cast<Eigen::Index>(edge.fit.places().size());
+  PlaceSamples samples{Eigen::Matrix3Xd(3, count), Eigen::Matrix3Xd(3, count)};
   Eigen::Index i = 0;
-  for (const auto& [parameters, place] : fit.places) {
-    const Vec3 rest = fit.at(parameters);
-    for (int k = 0; k < 3; ++k) before(k, i) = rest[k], after(k, i) = place[k];
-    ++i;
+  for (const auto& [at, place] : edge.fit.places()) {
+    const Vec3 rest = vector_of(edge.rest->Value(at[0]));
+    samples.before.col(i) << rest[0], rest[1], rest[2];
+    samples.after.col(i++) << place[0], place[1], place[2];
   }
-  if ((after - before).colwise().norm().maxCoeff() <= rigid_) {
-    fit.refit = Refit::kept;
+  return samples;
+}
+
+/// Those in the trimmed face, and those of its edges.
+PlaceSamples Refitting::samples_of(int f) const {
+  std::vector<PlaceSamples> parts;
+  std::vector<bool> seen(edges_.size(), false);
+  for (const Coedge& use : model_.coedges[f]) {
+    if (!edges_[use.edge].rest.IsNull() && !seen[use.edge]) parts.push_back(samples_of(edges_[use.edge]));
+    seen[use.edge] = true;
+  }
+  Points before, after;
+  for (const auto& [at, place] : faces_[f].fit.places()) {
+    if (!faces_[f].region.contains(at[0], at[1])) continue;
+    before.push_back(at_rest(f, at));
+    after.push_back(place);
+  }
+  auto count = static_cast<Eigen::Index>(before.size());
+  for (const PlaceSamples& part : parts) count += part.before.cols();
+  PlaceSamples all{Eigen::Matrix3Xd(3, count), Eigen::Matrix3Xd(3, count)};
+  Eigen::Index i = 0;
+  for (const PlaceSamples& part : parts) {
+    all.before.middleCols(i, part.before.cols()) = part.before;
+    all.after.middleCols(i, part.after.cols()) = part.after;
+    i += part.before.cols();
+  }
+  for (std::size_t k = 0; k < before.size(); ++k, ++i) {
+    all.before.col(i) << before[k][0], before[k][1], before[k][2];
+    all.after.col(i) << after[k][0], after[k][1], after[k][2];
+  }
+  return all;
+}
+
+/// Rigidly, or with a uniform scale.
+bool Refitting::moves(const PlaceSamples& samples, Motions motions, Refit& refit, gp_Trsf& motion) const {
+  const auto& [before, after] = samples;
+  if (before.cols() == 0) return false;
+  if ((after - before).colwise().norm().maxCoeff() <= limits_.rigid) {
+    refit = Refit::kept;
     return true;
   }
-  const Eigen::Matrix4d motion = Eigen::umeyama(before, after, false);
-  const Eigen::Matrix3Xd moved = (motion.topLeftCorner<3, 3>() * before).colwise() + motion.topRightCorner<3, 1>();
-  if ((after - moved).colwise().norm().maxCoeff() > rigid_) return false;
-  gp_Trsf trsf;
-  trsf.SetValues(motion(0, 0), motion(0, 1), motion(0, 2), motion(0, 3), motion(1, 0), motion(1, 1), motion(1, 2), motion(1, 3),
-                 motion(2, 0), motion(2, 1), motion(2, 2), motion(2, 3));
-  fit.motion = trsf;
-  fit.refit = Refit::moved;
+  const RigidMotion best = motions == Motions::rigid ? best_motion(before, after) : best_similarity(before, after);
+  if (!(best.scale > 0)) return false;
+  for (Eigen::Index i = 0; i < before.cols(); ++i) {
+    if ((after.col(i) - best(before.col(i))).norm() > limits_.rigid) return false;
+  }
+  motion = transformation_of(best);
+  refit = Refit::moved;
   return true;
 }
 
-/// The intervals of an axis in which checks are off.
-std::set<int> Refitting::bad_intervals(const Fit& fit, int axis) const {
-  const SplineAxis& along = axis == 0 ? fit.u : fit.v;
-  const std::vector<double> none{0.0}, &across = fit.axes() == 1 ? none : axis == 0 ? fit.v.nodes() : fit.u.nodes();
-  const auto place = [&](double a, double b) {
-    return fit.places.at(axis == 0 ? std::array<double, 2>{a, b} : std::array<double, 2>{b, a});
-  };
-  const auto columns = static_cast<Eigen::Index>(3 * across.size());
-  const auto rows_at = [&](const std::vector<double>& parameters) {
-    Eigen::MatrixXd rows(static_cast<Eigen::Index>(parameters.size()), columns);
-    for (std::size_t i = 0; i < parameters.size(); ++i) {
-      for (std::size_t j = 0; j < across.size(); ++j) {
-        const Vec3 p = place(parameters[i], across[j]);
-        for (int k = 0; k < 3; ++k) rows(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(3 * j) + k) = p[k];
+void Refitting::judge(int f) {
+  Face& face = faces_[f];
+  face.open = false;
+  const bool first = !face.judged;
+  face.judged = true;
+  if (first) {
+    const PlaceSamples samples = samples_of(f);
+    if (moves(samples, Motions::rigid, face.refit, face.motion)) return;
+    if (held_ != nullptr && hold(f, samples)) return;
+    if (is_analytic(face.rest)) {
+      const AnalyticFit fit = analytic_fit(face.rest, samples.before, samples.after);
+      if (fit.largest <= limits_.reshaped && !has_degenerate_edge(f)) {
+        face.refit = Refit::reshaped;
+        face.reshaped = fit.surface;
+        align_seam(f);
+        return;
       }
     }
-    return rows;
-  };
-  const std::vector<double> checks = along.checks(fit.spacing[axis]);
-  const Eigen::MatrixXd off = along.values(along.poles(rows_at(along.nodes())), checks) - rows_at(checks);
-  std::set<int> bad;
-  for (std::size_t i = 0; i < checks.size(); ++i) {
-    for (std::size_t j = 0; j < across.size(); ++j) {
-      const double error = off.block<1, 3>(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(3 * j)).norm();
-      if (error > fit_share * tolerance_) bad.insert(along.interval_of(checks[i]));
-    }
   }
-  return bad;
+  face.refit = Refit::fitted;
+  face.open = face.fit.refine(fit_share * limits_.spline);
 }
 
-void Refitting::judge(Fit& fit) const {
-  fit.open = false;
-  const bool first = !fit.judged;
-  fit.judged = true;
-  if (first && moves_rigidly(fit)) return;
-  fit.refit = Refit::fitted;
-  std::array<std::set<int>, 2> bad;
-  for (int axis = 0; axis < fit.axes(); ++axis) bad[axis] = bad_intervals(fit, axis);
-  for (int axis = 0; axis < fit.axes(); ++axis) {
-    if (!bad[axis].empty() && (axis == 0 ? fit.u : fit.v).halve(bad[axis])) fit.open = true;
+/// As the nodes of the mesh on it go.
+bool Refitting::hold(int f, const PlaceSamples& samples) {
+  Face& face = faces_[f];
+  const std::optional<HeldFace> held = held_->held(f, face.region, samples);
+  if (!held || (!held->surface.IsNull() && has_degenerate_edge(f))) return false;
+  face.held = true;
+  face.refit = held->surface.IsNull() ? Refit::moved : Refit::reshaped;
+  face.motion = held->motion;
+  face.reshaped = held->surface;
+  if (!face.reshaped.IsNull()) align_seam(f);
+  return true;
+}
+
+/// Takes the edges and vertices of held faces with them; those that move rigidly go first.
+void Refitting::hold_borders() {
+  for (const Refit kind : {Refit::reshaped, Refit::moved}) {
+    for (int f = 0; f < model_.face_count(); ++f) {
+      const Face& face = faces_[f];
+      if (!face.held || face.refit != kind) continue;
+      TopTools_IndexedMapOfShape corners;
+      TopExp::MapShapes(model_.face(f), TopAbs_VERTEX, corners);
+      for (int k = 1; k <= corners.Extent(); ++k) {
+        const int v = model_.vertices.FindIndex(corners(k)) - 1;
+        vertices_[v] = kind == Refit::moved ? vector_of(BRep_Tool::Pnt(model_.vertex(v)).Transformed(face.motion))
+                                            : projected(*face.reshaped, vertices_[v]);
+      }
+      for (const Coedge& use : model_.coedges[f]) {
+        Edge& edge = edges_[use.edge];
+        if (edge.rest.IsNull()) continue;
+        edge.held = true;
+        if (kind == Refit::moved) {
+          edge.refit = Refit::moved;
+          edge.motion = face.motion;
+          edge.open = false;
+        } else if (edge.onto.IsNull()) {
+          edge.onto = face.reshaped;
+          const auto known = edge.fit.places();
+          for (const auto& [at, place] : known) edge.fit.give(at, projected(*edge.onto, place));
+        }
+      }
+    }
   }
+}
+
+bool Refitting::has_degenerate_edge(int f) const {
+  return std::any_of(model_.coedges[f].begin(), model_.coedges[f].end(),
+                     [&](const Coedge& use) { return edges_[use.edge].rest.IsNull(); });
+}
+
+/// Turns a reshaped surface about its axis until the seam is on average at the u where it was.
+void Refitting::align_seam(int f) {
+  Face& face = faces_[f];
+  double sum = 0;
+  std::size_t count = 0;
+  for (const Coedge& use : model_.coedges[f]) {
+    if (!use.seam) continue;
+    double from = 0, to = 0;
+    const Handle(Geom2d_Curve) curve = BRep_Tool::CurveOnSurface(model_.edge(use.edge), model_.face(f), from, to);
+    for (const auto& [at, place] : edges_[use.edge].fit.places()) {
+      const double u = curve->Value(at[0]).X();
+      sum += analytic_parameters(*face.reshaped, place, u)[0] - u;
+      ++count;
+    }
+  }
+  if (count == 0) return;
+  const gp_Ax3& frame = face.reshaped->Position();
+  face.reshaped->Rotate(frame.Axis(), (frame.Direct() ? 1 : -1) * sum / static_cast<double>(count));
+}
+
+void Refitting::judge(Edge& edge) const {
+  edge.open = false;
+  const bool first = !edge.judged;
+  edge.judged = true;
+  if (first) {
+    // Others, such as lines, have another parameter when they are scaled than their curves in (u, v).
+    const bool scalable = edge.rest->IsKind(STANDARD_TYPE(Geom_Circle)) || edge.rest->IsKind(STANDARD_TYPE(Geom_Ellipse)) ||
+                          edge.rest->IsKind(STANDARD_TYPE(Geom_BSplineCurve));
+    const PlaceSamples samples = samples_of(edge);
+    if (moves(samples, Motions::rigid, edge.refit, edge.motion)) return;
+    if (scalable && moves(samples, Motions::similar, edge.refit, edge.motion)) return;
+  }
+  edge.refit = Refit::fitted;
+  edge.open = edge.fit.refine(fit_share * limits_.spline);
+}
+
+bool Refitting::check_borders() {
+  bool changed = false;
+  for (int f = 0; f < model_.face_count(); ++f) {
+    Face& face = faces_[f];
+    if (face.refit == Refit::fitted || face.held || face.open) continue;
+    const bool off = std::any_of(model_.coedges[f].begin(), model_.coedges[f].end(), [&](const Coedge& use) {
+      const Edge& edge = edges_[use.edge];
+      if (edge.rest.IsNull() || edge.refit != Refit::fitted) return false;
+      for (const auto& [at, place] : edge.fit.places()) {
+        double miss = 0, limit = limits_.rigid;
+        if (face.refit == Refit::reshaped) {
+          miss = analytic_distance(*face.reshaped, place);
+          limit = limits_.reshaped;
+        } else {
+          const gp_Pnt rest = edge.rest->Value(at[0]);
+          miss = distance(vector_of(face.refit == Refit::moved ? rest.Transformed(face.motion) : rest), place);
+        }
+        if (miss > limit) return true;
+      }
+      return false;
+    });
+    if (!off) continue;
+    face.reshaped.Nullify();
+    judge(f);
+    changed = true;
+  }
+  return changed;
 }
 
 bool Refitting::refine_face(int f, const std::vector<std::array<double, 2>>& places) {
-  Fit& fit = faces_[f];
-  if (fit.refit == Refit::fitted) {
-    std::array<std::set<int>, 2> bad;
-    for (const auto& [u, v] : places) bad[0].insert(fit.u.interval_of(u)), bad[1].insert(fit.v.interval_of(v));
-    const bool finer_u = fit.u.halve(bad[0]), finer_v = fit.v.halve(bad[1]);
-    if (!finer_u && !finer_v) return false;
+  Face& face = faces_[f];
+  if (face.held) return false;
+  if (face.refit == Refit::fitted) {
+    face.open = face.fit.refine_around(places);
+    return face.open;
   }
-  fit.refit = Refit::fitted;  // what was taken for rigid is not: its nodes are judged anew
-  fit.open = true;
+  face.reshaped.Nullify();
+  judge(f);  // what was taken for rigid is not
   return true;
 }
 
+bool Refitting::refine_edge(int e, const std::vector<double>& parameters) {
+  Edge& edge = edges_[e];
+  if (edge.refit != Refit::fitted) {
+    judge(edge);  // what was taken for rigid is not
+    return true;
+  }
+  std::vector<SplineFit::Parameters> places;
+  for (const double t : parameters) places.push_back({t, 0});
+  edge.open = edge.fit.refine_around(places);
+  return edge.open;
+}
+
 std::array<int, 2> Refitting::nodes(int f) const {
-  return {static_cast<int>(faces_[f].u.nodes().size()), static_cast<int>(faces_[f].v.nodes().size())};
+  return {static_cast<int>(faces_[f].fit.axis(0).nodes().size()), static_cast<int>(faces_[f].fit.axis(1).nodes().size())};
 }
 
 Handle(Geom_Surface) Refitting::surface(int f) const {
-  const Fit& fit = faces_[f];
-  if (fit.refit == Refit::kept) return Handle(Geom_Surface)::DownCast(fit.surface->Copy());
-  if (fit.refit == Refit::moved) return Handle(Geom_Surface)::DownCast(fit.surface->Transformed(fit.motion));
-  const std::vector<double>&u = fit.u.nodes(), &v = fit.v.nodes();
-  const auto rows = static_cast<Eigen::Index>(u.size()), columns = static_cast<Eigen::Index>(v.size());
-  std::array<Eigen::MatrixXd, 3> poles;
-  for (int k = 0; k < 3; ++k) {
-    Eigen::MatrixXd values(rows, columns);
-    for (Eigen::Index i = 0; i < rows; ++i) {
-      for (Eigen::Index j = 0; j < columns; ++j) values(i, j) = fit.places.at({u[i], v[j]})[k];
-    }
-    poles[k] = fit.v.poles(fit.u.poles(values).transpose()).transpose();
+  const Face& face = faces_[f];
+  switch (face.refit) {
+    case Refit::kept:
+      return Handle(Geom_Surface)::DownCast(face.rest->Copy());
+    case Refit::moved:
+      return Handle(Geom_Surface)::DownCast(face.rest->Transformed(face.motion));
+    case Refit::reshaped:
+      return Handle(Geom_Surface)::DownCast(face.reshaped->Copy());
+    default:
+      return face.fit.surface();
   }
-  TColgp_Array2OfPnt array(1, static_cast<int>(rows), 1, static_cast<int>(columns));
-  for (int i = 0; i < rows; ++i) {
-    for (int j = 0; j < columns; ++j) array(i + 1, j + 1) = gp_Pnt(poles[0](i, j), poles[1](i, j), poles[2](i, j));
-  }
-  return new Geom_BSplineSurface(array, knot_array(fit.u), knot_array(fit.v), multiplicity_array(fit.u),
-                                 multiplicity_array(fit.v), 3, 3);
 }
 
 Handle(Geom_Curve) Refitting::curve(int e) const {
-  const Fit& fit = edges_[e];
-  if (fit.curve.IsNull()) return nullptr;
-  if (fit.refit == Refit::kept) return Handle(Geom_Curve)::DownCast(fit.curve->Copy());
-  if (fit.refit == Refit::moved) return Handle(Geom_Curve)::DownCast(fit.curve->Transformed(fit.motion));
-  const std::vector<double>& t = fit.u.nodes();
-  Eigen::MatrixXd values(static_cast<Eigen::Index>(t.size()), 3);
-  for (std::size_t i = 0; i < t.size(); ++i) {
-    const Vec3& p = fit.places.at({t[i], 0});
-    for (int k = 0; k < 3; ++k) values(static_cast<Eigen::Index>(i), k) = p[k];
+  const Edge& edge = edges_[e];
+  if (edge.rest.IsNull()) return nullptr;
+  if (edge.refit == Refit::kept) return Handle(Geom_Curve)::DownCast(edge.rest->Copy());
+  if (edge.refit == Refit::moved) return Handle(Geom_Curve)::DownCast(edge.rest->Transformed(edge.motion));
+  return edge.fit.curve();
+}
+
+Vec3 Refitting::edge_at_rest(int e, double t) const { return vector_of(edges_[e].rest->Value(t)); }
+
+double Refitting::edge_error(int e, double t, const Vec3& target) const {
+  const Edge& edge = edges_[e];
+  const gp_Pnt rest = edge.rest->Value(t);
+  switch (edge.refit) {
+    case Refit::kept:
+      return distance(vector_of(rest), target);
+    case Refit::moved:
+      return distance(vector_of(rest.Transformed(edge.motion)), target);
+    default:
+      return distance(edge.fit.value({t, 0}), target);
   }
-  const Eigen::MatrixXd poles = fit.u.poles(values);
-  TColgp_Array1OfPnt array(1, static_cast<int>(t.size()));
-  for (int i = 0; i < array.Length(); ++i) array(i + 1) = point_of(poles.row(i));
-  return new Geom_BSplineCurve(array, knot_array(fit.u), multiplicity_array(fit.u), 3);
+}
+
+double Refitting::error(int f, const std::array<double, 2>& uv, const Vec3& target) const {
+  const Face& face = faces_[f];
+  switch (face.refit) {
+    case Refit::kept:
+      return distance(at_rest(f, uv), target);
+    case Refit::moved: {
+      const Vec3 rest = at_rest(f, uv);
+      return distance(vector_of(gp_Pnt(rest[0], rest[1], rest[2]).Transformed(face.motion)), target);
+    }
+    case Refit::reshaped:
+      return analytic_distance(*face.reshaped, target);
+    default:
+      return distance(face.fit.value(uv), target);
+  }
 }
 
 }  // namespace deform::cad

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/cad/spline_axis.h"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -15,16 +14,14 @@ constexpr std::size_t most_nodes = 250;
 constexpr double shortest = 1.0 / 4000;  ///< of a stretch
 constexpr double steepest = 2.001;       ///< ratio of neighbours
 
-/// The four cubic functions that are not 0 at t, and the number of the first (Piegl and Tiller, The NURBS Book, algorithm A2.2).
-int cubic_functions(const std::vector<double>& knots, double t, std::array<double, 4>& functions) {
-  const int last = static_cast<int>(knots.size()) - 5;
-  int span = static_cast<int>(std::upper_bound(knots.begin(), knots.end(), t) - knots.begin()) - 1;
-  span = std::clamp(span, 3, last);
+/// The four cubic functions that are not 0 between the middle two of eight knots (Piegl and Tiller, The NURBS Book, algorithm
+/// A2.2).
+void cubic_functions(const std::array<double, 8>& knots, double t, std::array<double, 4>& functions) {
   std::array<double, 4> left{}, right{};
   functions[0] = 1;
   for (int j = 1; j <= 3; ++j) {
-    left[j] = t - knots[span + 1 - j];
-    right[j] = knots[span + j] - t;
+    left[j] = t - knots[4 - j];
+    right[j] = knots[3 + j] - t;
     double saved = 0;
     for (int r = 0; r < j; ++r) {
       const double part = functions[r] / (right[r + 1] + left[j - r]);
@@ -33,7 +30,6 @@ int cubic_functions(const std::vector<double>& knots, double t, std::array<doubl
     }
     functions[j] = saved;
   }
-  return span - 3;
 }
 
 }  // namespace
@@ -56,15 +52,6 @@ int SplineAxis::interval_of(double t) const {
 
 int SplineAxis::stretch_of(int interval) const {
   return static_cast<int>(std::upper_bound(first_.begin(), first_.end() - 1, interval) - first_.begin()) - 1;
-}
-
-/// Of the spline through the nodes of a stretch; the second one and the last but one are no knots.
-std::vector<double> SplineAxis::stretch_knots(int stretch) const {
-  const int a = first_[stretch], b = first_[stretch + 1];
-  std::vector<double> knots(4, nodes_[a]);
-  knots.insert(knots.end(), nodes_.begin() + a + 2, nodes_.begin() + b - 1);
-  knots.insert(knots.end(), 4, nodes_[b]);
-  return knots;
 }
 
 bool SplineAxis::halve(const std::set<int>& intervals) {
@@ -107,34 +94,63 @@ std::vector<double> SplineAxis::checks(double spacing) const {
 }
 
 Eigen::MatrixXd SplineAxis::poles(const Eigen::MatrixXd& values) const {
-  Eigen::MatrixXd poles(values.rows(), values.cols());
+  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> poles = values;  // whole rows are added
   for (int s = 0; s < stretches(); ++s) {
-    const int m = first_[s + 1] - first_[s];
-    const std::vector<double> knots = stretch_knots(s);
-    Eigen::MatrixXd functions = Eigen::MatrixXd::Zero(m + 1, m + 1);
-    for (int k = 0; k <= m; ++k) {
+    const int size = first_[s + 1] - first_[s] + 1;
+    // Row k has the functions that are not 0 at node k, from the function k - 3 on. Gaussian elimination without exchanging rows:
+    // the matrix is totally positive (de Boor and Pinkus 1977).
+    std::vector<std::array<double, 7>> band(static_cast<std::size_t>(size), std::array<double, 7>{});
+    for (int k = 0; k < size; ++k) {
       std::array<double, 4> row;
-      const int first = cubic_functions(knots, nodes_[first_[s] + k], row);
-      for (int j = 0; j < 4; ++j) functions(k, first + j) = row[j];
+      // The last node of a stretch is the first one of the next.
+      const int first = k + 1 < size ? functions(nodes_[first_[s] + k], row) - first_[s] : size - 4;
+      if (k + 1 == size) row = {0, 0, 0, 1};
+      for (int j = 0; j < 4; ++j) {
+        const int place = first + j - k + 3;
+        if (place >= 0 && place < 7) band[k][place] = row[j];  // the others are 0
+      }
     }
-    poles.middleRows(first_[s], m + 1) = functions.partialPivLu().solve(values.middleRows(first_[s], m + 1));
+    auto rows = poles.middleRows(first_[s], size);
+    for (int k = 0; k < size; ++k) {
+      for (int i = k + 1; i < std::min(k + 4, size); ++i) {
+        const double factor = band[i][k - i + 3] / band[k][3];
+        if (factor == 0) continue;
+        for (int j = k; j < std::min(k + 4, size); ++j) band[i][j - i + 3] -= factor * band[k][j - k + 3];
+        rows.row(i) -= factor * rows.row(k);
+      }
+    }
+    for (int k = size - 1; k >= 0; --k) {
+      for (int j = k + 1; j < std::min(k + 4, size); ++j) rows.row(k) -= band[k][j - k + 3] * rows.row(j);
+      rows.row(k) /= band[k][3];
+    }
+    // The value at a break belongs to the next stretch, too.
+    if (s + 1 < stretches()) poles.row(first_[s + 1]) = values.row(first_[s + 1]);
   }
   // What several stretches share, and the ends, are values themselves.
   for (const int k : first_) poles.row(k) = values.row(k);
   return poles;
 }
 
+int SplineAxis::functions(double t, std::array<double, 4>& values) const {
+  const int s = stretch_of(interval_of(t));
+  // The knots around t: those of stretch_knots(s) from span - 3 to span + 4.
+  const int a = first_[s], b = first_[s + 1];
+  const auto knot = [&](int k) { return k < 4 ? nodes_[a] : k > b - a ? nodes_[b] : nodes_[a + k - 2]; };
+  // The span begins at a knot that is a node, and neither the second node nor the last but one is a knot.
+  int span = interval_of(t) - a + 2;
+  span = std::clamp(span, 3, b - a);
+  std::array<double, 8> around;
+  for (int k = 0; k < 8; ++k) around[k] = knot(span - 3 + k);
+  cubic_functions(around, t, values);
+  return a + span - 3;
+}
+
 Eigen::MatrixXd SplineAxis::values(const Eigen::MatrixXd& poles, const std::vector<double>& at) const {
   Eigen::MatrixXd values = Eigen::MatrixXd::Zero(static_cast<int>(at.size()), poles.cols());
-  int stretch = -1;
-  std::vector<double> knots;
   for (std::size_t i = 0; i < at.size(); ++i) {
-    const int s = stretch_of(interval_of(at[i]));
-    if (s != stretch) knots = stretch_knots(s);
-    stretch = s;
     std::array<double, 4> row;
-    const int first = cubic_functions(knots, at[i], row);
-    for (int j = 0; j < 4; ++j) values.row(static_cast<int>(i)) += row[j] * poles.row(first_[s] + first + j);
+    const int first = functions(at[i], row);
+    for (int j = 0; j < 4; ++j) values.row(static_cast<int>(i)) += row[j] * poles.row(first + j);
   }
   return values;
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <set>
 #include <vector>
 
@@ -29,13 +30,15 @@ class SplineAxis {
   /// Rows of values of the spline at ascending parameters from rows of control points.
   Eigen::MatrixXd values(const Eigen::MatrixXd& poles, const std::vector<double>& at) const;
 
+  /// The four cubic functions that are not 0 at t, and the number of the control point of the first.
+  int functions(double t, std::array<double, 4>& values) const;
+
   std::vector<double> knots() const;  ///< distinct
   std::vector<int> multiplicities() const;
 
  private:
   int stretches() const { return static_cast<int>(first_.size()) - 1; }
   int stretch_of(int interval) const;
-  std::vector<double> stretch_knots(int stretch) const;
 
   std::vector<double> nodes_;
   std::vector<int> first_;  ///< node at which each stretch starts, and the last node

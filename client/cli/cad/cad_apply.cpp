@@ -13,7 +13,6 @@
 #include "client/cli/output/format.h"
 #include "client/cli/output/result_json.h"
 #include "client/cli/setup/motions.h"
-#include "client/cli/setup/setup_stages.h"
 #include "core/base/text.h"
 #include "core/cad/availability.h"
 #include "core/cad/cad_apply.h"
@@ -37,19 +36,39 @@ struct AppliedCad {
 
 using Became = cad::DeformedFace::Became;
 
-const char* became_text(Became became) { return became == Became::kept ? "kept" : became == Became::moved ? "moved" : "fitted"; }
+const char* became_text(Became became) {
+  switch (became) {
+    case Became::kept:
+      return "kept";
+    case Became::moved:
+      return "moved";
+    case Became::reshaped:
+      return "reshaped";
+    default:
+      return "fitted";
+  }
+}
 
 std::string in_diagonals(double length, double diagonal) { return number_text(length / diagonal) + " D"; }
+
+std::string held_text(const cad::DeformedModel& model) {
+  std::size_t held = 0;
+  for (const cad::DeformedFace& face : model.faces) held += face.held ? 1 : 0;
+  if (held == 0) return "no face is held by the nodes on it";
+  return std::to_string(held) + (held == 1 ? " face goes" : " faces go") + " as the nodes on " + (held == 1 ? "it" : "them") +
+         " do; between these the deformation differs by up to " + in_diagonals(model.overlooked, model.diagonal);
+}
 
 void print_applied_cad(const AppliedCad& applied, const CadApplyCommand& options) {
   const cad::DeformedModel& model = applied.model;
   for (const std::string& note : model.notes) std::cout << printable(note) << '\n';
   std::cout << "wrote " << printable(options.request.output.string()) << ": " << model.faces.size() << " faces, "
-            << model.count(Became::fitted) << " fitted, " << model.count(Became::moved) << " moved rigidly, "
-            << model.count(Became::kept) << " kept\n"
+            << model.count(Became::kept) << " kept, " << model.count(Became::moved) << " moved rigidly, "
+            << model.count(Became::reshaped) << " reshaped with their type, " << model.count(Became::fitted) << " fitted\n"
             << "  error " << in_diagonals(model.error, model.diagonal) << " largest, " << in_diagonals(model.rms, model.diagonal)
             << " rms at " << model.checks << " random points; edges up to " << in_diagonals(model.gap, model.diagonal)
             << " from their faces\n"
+            << "  " << held_text(model) << '\n'
             << "  mesh and CAD model follow the same deformation up to "
             << in_diagonals(applied.mesh_difference, model.diagonal * options.request.scale) << '\n'
             << "  " << model.samples + model.checks * 2 << " points in " << model.rounds << " rounds, "
@@ -66,11 +85,13 @@ nlohmann::ordered_json applied_cad_json(const AppliedCad& applied, const CadAppl
   json["error"] = model.error;
   json["rms"] = model.rms;
   json["gap"] = model.gap;
+  json["overlooked"] = model.overlooked;
   json["mesh_difference"] = applied.mesh_difference;
   json["checks"] = model.checks;
   json["samples"] = model.samples;
   json["rounds"] = model.rounds;
   json["seconds"] = applied.seconds;
+  for (const auto& [stage, seconds] : model.stages) json["stages"][stage] = seconds;
   json["notes"] = model.notes;
   json["failures"] = applied.failures;
   json["faces"] = nlohmann::ordered_json::array();
@@ -78,6 +99,7 @@ nlohmann::ordered_json applied_cad_json(const AppliedCad& applied, const CadAppl
     nlohmann::ordered_json entry{
         {"face", face.number}, {"type", face.type}, {"became", became_text(face.became)}, {"error", face.error}};
     if (face.became == Became::fitted) entry["poles"] = face.poles;
+    if (face.held) entry["overlooked"] = face.overlooked;
     json["faces"].push_back(std::move(entry));
   }
   return json;
@@ -93,10 +115,9 @@ std::vector<std::string> failures_of(const AppliedCad& applied) {
                        ", above what --tolerance and --rigid allow: the deformation is not smooth there");
   }
   if (applied.mesh_difference > applied.tolerance) {
-    failures.push_back(
-        "the points of the CAD model changed the deformation of the mesh by " + number_text(applied.mesh_difference) +
-        ", more than the tolerance " + number_text(applied.tolerance) +
-        ": a setup with method.rbf.reduction REDUCTION_OFF, or a smaller tolerance of its solver, has no such choice");
+    failures.push_back("points of the mesh and the same points of space differ by " + number_text(applied.mesh_difference) +
+                       ", more than the tolerance " + number_text(applied.tolerance) +
+                       ": the setup needs a smaller tolerance of its solver");
   }
   return failures;
 }
@@ -105,16 +126,17 @@ ExitCode run_cad_apply(const CadApplyCommand& options, const CommonOptions& comm
   cad::require();
   cad::check_request(options.request);
   const auto start = std::chrono::steady_clock::now();
-  const cad::ApplyRequest& request = options.request;
+  cad::ApplyRequest request = options.request;
   keep_inputs("-o", request.output.string(), {options.input.setup, options.input.source, request.model});
   Connection connection(common);
   Progress progress;
   LoadedSetup loaded = load_setup(connection, options.input, progress);
-  refuse_several_methods(loaded.setup, "CAD models follow setups with one method");
-  check_space_method(loaded.setup.method());
+  check_space_method(loaded.setup);
   const PreparedSetup prepared = prepare_loaded(connection, std::move(loaded), progress);
   keep_inputs("-o", request.output.string(), {prepared.source_path});
   SpaceDeformation deformation(connection, prepared, parse_settings(options.settings, prepared.system.setup()));
+  const cad::MeshMotion mesh = deformation.mesh_motion(prepared);
+  request.mesh = &mesh;
   RunContext context;
   context.stop = connection.interrupted();
   AppliedCad applied;
@@ -127,6 +149,10 @@ ExitCode run_cad_apply(const CadApplyCommand& options, const CommonOptions& comm
       context);
   progress.clear();
   applied.mesh_difference = deformation.mesh_difference();
+  if (deformation.still() > 0) {
+    applied.model.notes.push_back(std::to_string(deformation.still()) +
+                                  " points lie outside of the lattice and stay where they are.");
+  }
   applied.tolerance = request.tolerance * applied.model.diagonal * request.scale;
   applied.failures = failures_of(applied);
   applied.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -140,8 +166,8 @@ ExitCode run_cad_apply(const CadApplyCommand& options, const CommonOptions& comm
 
 constexpr char cad_apply_footer[] =
     R"(The exact geometry follows the design as the mesh does: each surface and curve is fitted again in place, topology, names and
-colours are kept. Faces that move rigidly stay planes, cylinders, ...; faces that do not move stay as they are. The methods rbf, ffd and cage
-deform space; with shell, subspace and mls the command says why it cannot.
+colours are kept. Faces that move rigidly stay planes, cylinders, ...; faces that do not move stay as they are; planes, cylinders, cones and
+spheres that are such still, with other dimensions, keep their type. All methods but the shell deform space.
 What is written is valid, also after it was read again; else nothing is written. The error is measured at random points, as a fraction of
 D, the diagonal of the bounding box of the CAD model.
 Exit code 4: a face is off by more than twice the tolerance, or the mesh and the CAD model differ; the file is written all the same.
@@ -171,6 +197,13 @@ void add_cad_apply_command(CLI::App& app, const CommonOptions& common, Action& c
   command
       ->add_option("--rigid", options->request.rigid,
                    "Faces that move rigidly up to this distance, a fraction of D, keep their type; 0: a tenth of --tolerance")
+      ->check(CLI::Range(0.0, 1e-2))
+      ->capture_default_str();
+  command
+      ->add_option(
+          "--hold", options->request.hold,
+          "Faces go as the nodes on them do, rigidly or to a surface of their type, where the deformation between the nodes "
+          "differs by up to this distance, a fraction of D; 0: none")
       ->check(CLI::Range(0.0, 1e-2))
       ->capture_default_str();
   command->add_option("--scale", options->request.scale, "Factor from the unit of the CAD model to that of the mesh")

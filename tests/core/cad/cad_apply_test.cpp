@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <BRepAdaptor_Curve.hxx>
 #include <BRepAdaptor_Surface.hxx>
 #include <BRepAlgoAPI_Cut.hxx>
 #include <BRepBuilderAPI_MakeFace.hxx>
@@ -12,6 +13,7 @@
 #include <BRepExtrema_DistShapeShape.hxx>
 #include <BRepGProp.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
+#include <BRepPrimAPI_MakeCone.hxx>
 #include <BRepPrimAPI_MakeCylinder.hxx>
 #include <BRepPrimAPI_MakeSphere.hxx>
 #include <BRepPrimAPI_MakeTorus.hxx>
@@ -39,6 +41,7 @@
 #include <XCAFDoc_ColorTool.hxx>
 #include <XCAFDoc_DocumentTool.hxx>
 #include <XCAFDoc_ShapeTool.hxx>
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -49,6 +52,7 @@
 
 #include "core/base/error.h"
 #include "core/base/vectors.h"
+#include "core/cad/face_region.h"
 #include "core/cad/spline_axis.h"
 
 namespace deform::cad {
@@ -232,6 +236,172 @@ TEST_F(CadApply, WhatMovesRigidlyKeepsItsTypeAndWhatStaysIsKept) {
   EXPECT_EQ(cylinders, 1);
   EXPECT_EQ(model.count(Became::kept), 1u) << "the bottom";
   EXPECT_EQ(model.count(Became::moved), 2u) << "the bore and the top";
+}
+
+/// Points slide about and along the axis of the bore of block(), whose radius grows by a fifth, and within the planes across it.
+Vec3 widened(const Vec3& p) {
+  const double x = p[0], z = p[2] - 3, radius = std::hypot(x, z);
+  const double angle = std::atan2(z, x) + 0.05 * std::sin(2 * std::atan2(z, x)) * std::exp(1 - 4 * radius * radius);
+  const double grown = radius * (1 + 0.2 * std::exp(1 - 4 * radius * radius));
+  return {grown * std::cos(angle), p[1] + 0.03 * (1 - p[1] * p[1]) * x, 3 + grown * std::sin(angle)};
+}
+
+TEST_F(CadApply, WhatStaysOfItsTypeKeepsItWithOtherDimensions) {
+  for (const char* extension : {".brep", ".step"}) {
+    const ApplyRequest asked = request(block(), extension);
+    const DeformedModel model = apply_to_model(asked, each(widened));
+    const double limit = 2 * asked.tolerance * model.diagonal;
+    const TopoDS_Shape deformed = read(asked.output);
+    EXPECT_TRUE(BRepCheck_Analyzer(deformed).IsValid());
+    EXPECT_LT(model.gap, limit);
+    EXPECT_LT(distance_from(block(), deformed, widened), limit) << extension;
+    int planes = 0, cylinders = 0;
+    for (const DeformedFace& face : model.faces) {
+      const BRepAdaptor_Surface surface = face_of(deformed, face.number);
+      if (face.became != Became::reshaped) continue;
+      EXPECT_EQ(surface.GetType(), face_of(block(), face.number).GetType());
+      if (surface.GetType() == GeomAbs_Plane) {
+        planes += std::abs(std::abs(surface.Plane().Axis().Direction().Y()) - 1) < 1e-12 ? 1 : 0;
+      } else if (surface.GetType() == GeomAbs_Cylinder) {
+        ++cylinders;
+        EXPECT_NEAR(surface.Cylinder().Radius(), 0.6, 1e-9);
+        EXPECT_NEAR(surface.Cylinder().Axis().Location().Z(), 3, 1e-9);
+      }
+    }
+    EXPECT_EQ(planes, 2) << "across the bore";
+    EXPECT_EQ(cylinders, 1);
+  }
+}
+
+TEST_F(CadApply, ConesAndSpheresGrow) {
+  const PointMap grown = [](const Vec3& p) { return Vec3{1.1 * p[0] + 3, 1.1 * p[1], 1.1 * p[2] - 1}; };
+  const ApplyRequest cone = request(BRepPrimAPI_MakeCone(1, 0.4, 2).Shape(), ".step");
+  EXPECT_EQ(apply_to_model(cone, each(grown)).count(Became::reshaped), 3u);
+  const TopoDS_Shape deformed_cone = read(cone.output);
+  int cones = 0;
+  for (int f = 1; f <= 3; ++f) {
+    const BRepAdaptor_Surface surface = face_of(deformed_cone, f);
+    if (surface.GetType() != GeomAbs_Cone) continue;
+    ++cones;
+    EXPECT_NEAR(std::abs(surface.Cone().SemiAngle()), std::atan(0.3), 1e-9);
+  }
+  EXPECT_EQ(cones, 1);
+  EXPECT_NEAR(volume(deformed_cone) / volume(BRepPrimAPI_MakeCone(1, 0.4, 2).Shape()), 1.331, 1e-6);
+
+  const TopoDS_Shape zone = BRepPrimAPI_MakeSphere(1.5, -0.5, 0.7).Shape();  // without poles
+  const ApplyRequest sphere = request(zone, ".step");
+  EXPECT_EQ(apply_to_model(sphere, each(grown)).count(Became::reshaped), 3u);
+  const TopoDS_Shape deformed_sphere = read(sphere.output);
+  int spheres = 0;
+  for (int f = 1; f <= 3; ++f) {
+    const BRepAdaptor_Surface surface = face_of(deformed_sphere, f);
+    if (surface.GetType() != GeomAbs_Sphere) continue;
+    ++spheres;
+    EXPECT_NEAR(surface.Sphere().Radius(), 1.65, 1e-9);
+    EXPECT_NEAR(surface.Sphere().Location().X(), 3, 1e-9);
+  }
+  EXPECT_EQ(spheres, 1);
+  EXPECT_NEAR(volume(deformed_sphere) / volume(zone), 1.331, 1e-6);
+}
+
+/// A mesh of block(): a grid of nodes on its faces, and on its bore.
+MeshMotion grid_on_block(const PointMap& map) {
+  MeshMotion mesh;
+  constexpr int n = 16;
+  for (int i = 0; i <= n; ++i) {
+    for (int j = 0; j <= n; ++j) {
+      const double x = -2 + 4.0 * i / n, y = -1 + 2.0 * j / n, angle = 2 * std::numbers::pi * i / n;
+      mesh.rest.push_back({x, y, 0});
+      mesh.rest.push_back({x, y, 4});
+      mesh.rest.push_back({0.5 * std::cos(angle), y, 3 + 0.5 * std::sin(angle)});
+    }
+  }
+  for (const Vec3& p : mesh.rest) mesh.moved.push_back(map(p));
+  for (PointId i = 0; i < mesh.rest.size(); ++i) mesh.boundary.push_back(i);
+  return mesh;
+}
+
+TEST_F(CadApply, NodesHoldFacesWhereTheDeformationDiffersBetweenThem) {
+  // Bumps that vanish at the nodes.
+  const double height = 1e-3, step = std::numbers::pi * 4;
+  const PointMap bumpy = [&](const Vec3& p) {
+    const Vec3 q = bent(p);
+    return Vec3{q[0], q[1], q[2] + height * std::sin(step * p[0]) * std::sin(2 * step * p[1])};
+  };
+  const MeshMotion mesh = grid_on_block(bumpy);
+  ApplyRequest asked = request(block(), ".step");
+  asked.tolerance = 1e-5;
+  asked.mesh = &mesh;
+  const DeformedModel model = apply_to_model(asked, each(bumpy));
+  std::size_t rigid = 0, planes = 0;
+  for (const DeformedFace& face : model.faces) {
+    rigid += face.held && face.became == Became::moved ? 1 : 0;
+    planes += face.held && face.became == Became::reshaped ? 1 : 0;
+  }
+  EXPECT_EQ(rigid, 3u) << "bottom, top, bore";
+  EXPECT_EQ(planes, 2u) << "across the bore: the nodes on their borders stay in them";
+  EXPECT_NEAR(model.overlooked, height, 0.05 * height);
+  EXPECT_LT(model.error, 2 * asked.tolerance * model.diagonal);
+  const TopoDS_Shape deformed = read(asked.output);
+  for (const DeformedFace& face : model.faces) {
+    if (!face.held) continue;
+    EXPECT_EQ(face_of(deformed, face.number).GetType(), face_of(block(), face.number).GetType());
+  }
+  for (const std::size_t i : {0, 1, 2, 100, 400}) {
+    const Vec3& p = mesh.moved[i];
+    const TopoDS_Shape vertex = BRepBuilderAPI_MakeVertex(gp_Pnt(p[0], p[1], p[2])).Shape();
+    EXPECT_LT(BRepExtrema_DistShapeShape(vertex, deformed).Value(), 1e-7) << i;
+  }
+  asked.hold = 1e-5;
+  EXPECT_LT(apply_to_model(asked, each(bumpy)).overlooked, 1e-9) << "more than may be overlooked";
+}
+
+TEST_F(CadApply, AConstraintHoldsAFaceAsNearAsItReports) {
+  // The bore is round to 1e-4 at the nodes.
+  const PointMap rough = [](const Vec3& p) {
+    const Vec3 q = widened(p);
+    const double angle = std::atan2(p[2] - 3, p[0]);
+    return Vec3{q[0] + 1e-4 * std::sin(5 * angle), q[1], q[2]};
+  };
+  MeshMotion mesh = grid_on_block(rough);
+  ApplyRequest asked = request(block(), ".step");
+  asked.mesh = &mesh;
+  const auto bore = [&] {
+    const DeformedModel model = apply_to_model(asked, each(rough));
+    return std::find_if(model.faces.begin(), model.faces.end(), [](const DeformedFace& face) { return face.type == "cylinder"; })
+        ->became;
+  };
+  EXPECT_EQ(bore(), Became::fitted);
+  MeshMotion::Kept kept{{}, 1e-4};
+  for (PointId i = 2; i < mesh.rest.size(); i += 3) kept.points.push_back(i);
+  mesh.kept.push_back(kept);
+  EXPECT_EQ(bore(), Became::reshaped);
+  mesh.kept[0].largest = 2e-5;
+  EXPECT_EQ(bore(), Became::fitted);
+}
+
+TEST_F(CadApply, BumpsBetweenTheNodesOfAnEdgeAreFound) {
+  // They vanish at all parameters that the first rounds look at, and away from the edge.
+  const PointMap bumps = [](const Vec3& p) {
+    const double far = p[1] + 1;
+    return Vec3{p[0], p[1], 0.1 * p[0] * p[0] + 1e-3 * std::sin(48 * std::numbers::pi * p[0]) * std::exp(-1e4 * far * far)};
+  };
+  const TopoDS_Shape sheet = BRepBuilderAPI_MakeFace(gp_Pln(gp::Origin(), gp::DZ()), -1, 1, -1, 1).Shape();
+  ApplyRequest asked = request(sheet, ".brep");
+  asked.tolerance = 1e-4;
+  apply_to_model(asked, each(bumps));
+  TopTools_IndexedMapOfShape edges;
+  const TopoDS_Shape deformed = read(asked.output);
+  TopExp::MapShapes(deformed, TopAbs_EDGE, edges);
+  double highest = 0;
+  for (int e = 1; e <= edges.Extent(); ++e) {
+    const BRepAdaptor_Curve curve(TopoDS::Edge(edges(e)));
+    for (int k = 0; k <= 500; ++k) {
+      const gp_Pnt p = curve.Value(curve.FirstParameter() + (curve.LastParameter() - curve.FirstParameter()) * k / 500);
+      if (p.Y() < -0.999) highest = std::max(highest, p.Z() - 0.1 * p.X() * p.X());
+    }
+  }
+  EXPECT_NEAR(highest, 1e-3, 1e-4);
 }
 
 TEST_F(CadApply, WithoutAMotionTheModelStays) {
@@ -418,6 +588,27 @@ TEST_F(CadApply, WhatCannotBeDoneIsRefusedAndNothingIsWritten) {
   wrong = asked;
   wrong.model = "/nowhere/part.step";
   EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr("cannot be opened"));
+}
+
+TEST(FaceRegion, AgreesWithTheClassifierOfOpenCascade) {
+  std::mt19937 engine(3);
+  std::uniform_real_distribution<double> share(0, 1);
+  const TopTools_IndexedMapOfShape faces = faces_of(block());
+  for (int f = 1; f <= faces.Extent(); ++f) {
+    const TopoDS_Face face = TopoDS::Face(faces(f).Oriented(TopAbs_FORWARD));
+    const FaceRegion region(face);
+    const BRepTopAdaptor_FClass2d classifier(face, 1e-9);
+    const auto& box = region.box();
+    int different = 0;
+    for (int k = 0; k < 2000; ++k) {
+      const double u = box[0] + (1.4 * share(engine) - 0.2) * (box[1] - box[0]);
+      const double v = box[2] + (1.4 * share(engine) - 0.2) * (box[3] - box[2]);
+      const bool outside_box = u < box[0] || u > box[1] || v < box[2] || v > box[3];
+      const bool inside = !outside_box && classifier.Perform(gp_Pnt2d(u, v)) == TopAbs_IN;
+      different += inside != region.contains(u, v) ? 1 : 0;
+    }
+    EXPECT_LE(different, 4) << "face " << f << ": only beside its curves";
+  }
 }
 
 TEST(SplineAxis, ReproducesCubicsAndHasCornersAtItsBreaks) {
