@@ -88,6 +88,10 @@ class Killing:
         """What is counted besides; asserted by whoever knows it."""
         return {}
 
+    def seen_of(self, environment):
+        """What is known of the calls of a command that failed."""
+        return ""
+
     def check_operations_while_killing(self, seconds, every):
         """Clients register, prepare, deform and delete; one after the other server is killed at random. What was acknowledged holds, and
         every design has the bytes that it had before."""
@@ -116,7 +120,7 @@ class Killing:
                     slowest[0] = max(slowest[0], time.time() - began)
                     counts["designs"] += 1
                     if result.code != 0:
-                        failed.append(result.err)
+                        failed.append(result.err + self.seen_of(traced("d")))
                     elif read_bytes(self.path(f"out{k}.obj")) != expected[k]:
                         wrong.append(k)
                 name = f"own{k}"
@@ -131,7 +135,7 @@ class Killing:
                         counts["prepared"] += 1
                 else:
                     with lock:
-                        failed.append(result.out + result.err)
+                        failed.append(result.out + result.err + self.seen_of(traced("c")))
                 if len(mine) > 3:
                     gone = mine.pop(chance.randrange(3))
                     with lock:
@@ -288,6 +292,10 @@ class OneStoreBehindProxy(Killing, Preparations, SharedStore, BehindProxy):
         text = text.replace("  default_backend replicas\n", "  default_backend replicas\n  log global\n  http-request capture req.hdr(traceparent) len 60\n"
                             "  log-format \"call %HP %[capture.req.hdr(0)] %s %ST %ts\"\n", 1)
         return text
+
+    def seen_of(self, environment):
+        with open(self.path("haproxy.log")) as file:
+            return "".join(line for line in file if environment["TRACEPARENT"] in line)
 
     def retries(self, kind):
         """Of each command of the kind, how many of its calls came again: as the proxy saw them."""
