@@ -395,6 +395,36 @@ void check_request(const MoveRequest& request) {
     throw Error(ErrorCode::invalid_argument, "tolerance: must be 0 or more");
 }
 
+bool same_counts(const Model& a, const Model& b) { return a.face_count() == b.face_count() && a.edge_count() == b.edge_count(); }
+
+/// Merges faces on one surface and edges on one curve where the structures differ, or agree only when most planes turn, as those
+/// of a block that was split along another axis.
+Correspondence match(Model& before, Model& after, const std::vector<ForcedPair>& pairs) {
+  if (!pairs.empty()) {
+    if (same_counts(before, after)) return match_models(before, after, pairs);
+    throw Error(ErrorCode::failed_precondition,
+                "pairs: given pairs need models with as many faces and edges; there are " + std::to_string(before.face_count()) +
+                    " and " + std::to_string(after.face_count()) + " faces, " + std::to_string(before.edge_count()) + " and " +
+                    std::to_string(after.edge_count()) + " edges");
+  }
+  const bool differ = structures_differ(before, after);
+  if (!differ) {
+    try {
+      Correspondence found = match_models(before, after, pairs);
+      if (turned_planes(before, after, found) < 0.5) return found;
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::failed_precondition) throw;  // else the merged models may have a clear answer
+    }
+  }
+  Model old = unified(before), now = unified(after);
+  const bool merged = !same_counts(old, before) || !same_counts(now, after);
+  if (merged && (differ || !structures_differ(old, now))) {
+    before = std::move(old);
+    after = std::move(now);
+  }
+  return match_models(before, after, pairs);
+}
+
 }  // namespace
 
 CarriedNodes carry_nodes(const Mesh& mesh, const MoveRequest& request, const RunContext& context) {
@@ -405,17 +435,7 @@ CarriedNodes carry_nodes(const Mesh& mesh, const MoveRequest& request, const Run
     if (before.unit > 0 && after.unit > 0 && before.unit != after.unit) {
       after = read_model(request.after, request.scale * after.unit / before.unit);
     }
-    if (before.face_count() != after.face_count() || before.edge_count() != after.edge_count()) {
-      if (!request.pairs.empty()) {
-        throw Error(ErrorCode::failed_precondition,
-                    "pairs: given pairs need models with as many faces and edges; there are " +
-                        std::to_string(before.face_count()) + " and " + std::to_string(after.face_count()) + " faces, " +
-                        std::to_string(before.edge_count()) + " and " + std::to_string(after.edge_count()) + " edges");
-      }
-      before = unified(before);
-      after = unified(after);
-    }
-    const Correspondence partners = match_models(before, after, request.pairs);
+    const Correspondence partners = match(before, after, request.pairs);
     context.check();
     std::vector<PointId> nodes = select(Region{Region::Boundary{}}, mesh, "the boundary of the mesh");
     if (nodes.empty())

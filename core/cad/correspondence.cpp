@@ -74,6 +74,11 @@ class Matching {
     for (const ForcedPair& pair : pairs) force(pair);
   }
 
+  bool structures_differ() const {
+    Colours start = first_colours();
+    return !refine(start);
+  }
+
   Correspondence solve() {
     Colours start = first_colours();
     if (!refine(start)) refuse_structure(start);
@@ -665,6 +670,20 @@ class Matching {
 };
 
 }  // namespace
+
+bool structures_differ(const Model& before, const Model& after) { return Matching(before, after, {}).structures_differ(); }
+
+double turned_planes(const Model& before, const Model& after, const Correspondence& partners) {
+  const ModelGraph old = graph_of(before), now = graph_of(after);
+  int planes = 0, turned = 0;
+  for (int f = 0; f < before.face_count(); ++f) {
+    const Vec3 &a = old.normals[f], &b = now.normals[partners.faces[f]];
+    if (dot(a, a) == 0 || dot(b, b) == 0) continue;
+    ++planes;
+    if (dot(a, b) < std::sqrt(0.5)) ++turned;
+  }
+  return planes > 0 ? static_cast<double>(turned) / planes : 0;
+}
 
 Correspondence match_models(const Model& before, const Model& after, std::span<const ForcedPair> pairs) {
   return Matching(before, after, pairs).solve();

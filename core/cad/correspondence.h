@@ -28,4 +28,10 @@ struct Correspondence {
 /// Error(invalid_argument) for pairs out of range.
 Correspondence match_models(const Model& before, const Model& after, std::span<const ForcedPair> pairs);
 
+/// Whether the incidences of two models can be told apart by colour refinement.
+bool structures_differ(const Model& before, const Model& after);
+
+/// How many planes have normals that turn by more than 45 degrees from a face to its partner, as a share of all.
+double turned_planes(const Model& before, const Model& after, const Correspondence& partners);
+
 }  // namespace deform::cad

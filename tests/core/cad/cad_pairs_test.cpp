@@ -123,6 +123,24 @@ const std::vector<Pair>& pairs() {
        },
        {{{1.5, 1, 1}, {2, 1, 1}}, {{0, 1, 0.5}, {0, 1, 0.5}}},
        {}},
+      {"another face split than before",
+       [] {
+         return joined(block({0, 0, 0}, {1, 2, 1}), block({1, 0, 0}, {2, 2, 1}));
+       },
+       [] {
+         return joined(block({0, 0, 0}, {3.5, 0.8, 1}), block({0, 0.8, 0}, {3.5, 1.2, 1}));
+       },
+       {{{1, 1, 1}, {1, 0.8, 1}}, {{3, 1, 0.5}, {3.5, 0.8, 0.5}}, {{0, 1, 0.5}, {0, 0.8, 0.5}}},
+       {}},
+      {"a split in another place of a part with a bore",
+       [] {
+         return joined(bored({2, 3, 2}, {1, 1, 0}, 0.4), block({2, 0, 0}, {1, 3, 2}));
+       },
+       [] {
+         return joined(bored({3, 2, 2}, {1, 1, 0}, 0.4), block({0, 2, 0}, {3, 1, 2}));
+       },
+       {{{1.4, 1, 1}, {1.4, 1, 1}}, {{3, 1, 1}, {3, 2, 1}}, {{0, 1, 1}, {0, 2, 1}}},
+       {}},
       {"a cylinder split into halves",
        [] {
          return bored({4, 4, 2}, {2, 2, 0}, 1);
@@ -379,7 +397,7 @@ void expect_carried(const Mesh& mesh, const CarriedNodes& carried, const TopoDS_
 TEST_P(CadPairs, AreSolvedOrRefusedByName) {
   const Pair& pair = GetParam();
   const TopoDS_Shape before = pair.before(), after = pair.after();
-  const Mesh mesh = mesh_of(before, 0.02 * diagonal_of(before));
+  const Mesh mesh = mesh_of(before, 0.04 * diagonal_of(before), 1);
   MoveRequest request;
   request.before = file(before, "before");
   request.after = file(after, "after");
