@@ -18,6 +18,7 @@
 #include "core/base/number_text.h"
 #include "core/base/text.h"
 #include "core/base/vectors.h"
+#include "core/cad/crossing_faces.h"
 #include "core/cad/deformed_shape.h"
 #include "core/cad/document.h"
 #include "core/cad/model.h"
@@ -27,10 +28,11 @@ namespace deform::cad {
 
 namespace {
 
-constexpr std::size_t least_checks = 20;  ///< of a face
-constexpr int most_refinements = 10;      ///< after the random points
-constexpr double rigid_share = 0.1;       ///< of the tolerance
-constexpr double reshaped_share = 0.5;    ///< of the tolerance
+constexpr std::size_t least_checks = 20;      ///< of a face
+constexpr int most_refinements = 10;          ///< after the random points
+constexpr double rigid_share = 0.1;           ///< of the tolerance
+constexpr double crossing_deflection = 5e-4;  ///< of D
+constexpr double reshaped_share = 0.5;        ///< of the tolerance
 
 /// A random point of a face.
 struct Check {
@@ -230,6 +232,8 @@ class Application {
     timed(result_.stages, "fit", [&] { fit(); });
     timed(result_.stages, "build", [&] { deform(); });
     timed(result_.stages, "fit", [&] { measure(); });
+    if (request_.crossings == ApplyRequest::Crossings::looked_for)
+      timed(result_.stages, "crossings", [&] { look_for_crossings(); });
     write();
     return result_;
   }
@@ -360,6 +364,14 @@ class Application {
       if (face.error > std::max(2 * tolerance(), tolerance(f))) result_.coarse.push_back(face.number);
     }
     if (!checks.empty()) result_.rms = std::sqrt(squares / static_cast<double>(checks.size()));
+  }
+
+  void look_for_crossings() {
+    const double deflection = crossing_deflection * model_.diagonal;
+    const auto before = crossing_faces(model_, deflection, context_);
+    for (const std::array<int, 2>& pair : crossing_faces(model_of(deformed_, model_.name), deflection, context_)) {
+      if (before.count(pair) == 0) result_.crossings.push_back({pair[0] + 1, pair[1] + 1});
+    }
   }
 
   [[noreturn]] void refuse(const std::string& why) const {
