@@ -268,12 +268,18 @@ class Application {
     const std::vector<EdgeCheck> edge_checks = random_edge_checks(model_, request_.seed);
     Points places = places_of(refitting_, checks);
     for (const EdgeCheck& check : edge_checks) places.push_back(refitting_.edge_at_rest(check.edge, check.t));
+    // Asked for at once, and not looked at until the geometry is there.
+    last_checks_ = random_checks(refitting_, model_.face_count(), request_.checks, request_.seed ^ 0x9e3779b97f4a7c15u);
+    const Points last_places = places_of(refitting_, last_checks_);
     const Points probed = model_.solids.IsEmpty() ? Points() : probes_of(refitting_, model_, checks);
     Points asked = refitting_.wanted();
     result_.samples = asked.size() + probed.size();
     asked.insert(asked.end(), probed.begin(), probed.end());
     asked.insert(asked.end(), places.begin(), places.end());
+    asked.insert(asked.end(), last_places.begin(), last_places.end());
     Points answer = mapped(asked);
+    last_targets_.assign(answer.end() - static_cast<std::ptrdiff_t>(last_places.size()), answer.end());
+    answer.resize(answer.size() - last_places.size());
     const Points targets(answer.end() - static_cast<std::ptrdiff_t>(places.size()), answer.end());
     answer.resize(answer.size() - places.size());
     check_handedness(std::span(answer).last(probed.size()));
@@ -339,9 +345,8 @@ class Application {
 
   /// The error, at other random points than those that the fit knows.
   void measure() {
-    const std::vector<Check> checks =
-        random_checks(refitting_, model_.face_count(), request_.checks, request_.seed ^ 0x9e3779b97f4a7c15u);
-    const std::vector<double> errors = errors_of(refitting_, checks, mapped(places_of(refitting_, checks)));
+    const std::vector<Check>& checks = last_checks_;
+    const std::vector<double> errors = errors_of(refitting_, checks, last_targets_);
     result_.checks = checks.size();
     result_.faces.resize(model_.face_count());
     double squares = 0;
@@ -429,6 +434,8 @@ class Application {
   const std::optional<HeldFaces> held_;
   Refitting refitting_;
   Document deformed_;
+  std::vector<Check> last_checks_;  ///< at which the result is measured
+  Points last_targets_;
 };
 
 }  // namespace
