@@ -18,6 +18,7 @@
 #include "core/base/number_text.h"
 #include "core/base/text.h"
 #include "core/base/vectors.h"
+#include "core/cad/crossing_faces.h"
 #include "core/cad/deformed_shape.h"
 #include "core/cad/document.h"
 #include "core/cad/model.h"
@@ -27,10 +28,11 @@ namespace deform::cad {
 
 namespace {
 
-constexpr std::size_t least_checks = 20;  ///< of a face
-constexpr int most_refinements = 10;      ///< after the random points
-constexpr double rigid_share = 0.1;       ///< of the tolerance
-constexpr double reshaped_share = 0.5;    ///< of the tolerance
+constexpr std::size_t least_checks = 20;      ///< of a face
+constexpr int most_refinements = 10;          ///< after the random points
+constexpr double rigid_share = 0.1;           ///< of the tolerance
+constexpr double crossing_deflection = 5e-4;  ///< of D
+constexpr double reshaped_share = 0.5;        ///< of the tolerance
 
 /// A random point of a face.
 struct Check {
@@ -230,6 +232,8 @@ class Application {
     timed(result_.stages, "fit", [&] { fit(); });
     timed(result_.stages, "build", [&] { deform(); });
     timed(result_.stages, "fit", [&] { measure(); });
+    if (request_.crossings == ApplyRequest::Crossings::looked_for)
+      timed(result_.stages, "crossings", [&] { look_for_crossings(); });
     write();
     return result_;
   }
@@ -264,12 +268,18 @@ class Application {
     const std::vector<EdgeCheck> edge_checks = random_edge_checks(model_, request_.seed);
     Points places = places_of(refitting_, checks);
     for (const EdgeCheck& check : edge_checks) places.push_back(refitting_.edge_at_rest(check.edge, check.t));
+    // Asked for at once, and not looked at until the geometry is there.
+    last_checks_ = random_checks(refitting_, model_.face_count(), request_.checks, request_.seed ^ 0x9e3779b97f4a7c15u);
+    const Points last_places = places_of(refitting_, last_checks_);
     const Points probed = model_.solids.IsEmpty() ? Points() : probes_of(refitting_, model_, checks);
     Points asked = refitting_.wanted();
     result_.samples = asked.size() + probed.size();
     asked.insert(asked.end(), probed.begin(), probed.end());
     asked.insert(asked.end(), places.begin(), places.end());
+    asked.insert(asked.end(), last_places.begin(), last_places.end());
     Points answer = mapped(asked);
+    last_targets_.assign(answer.end() - static_cast<std::ptrdiff_t>(last_places.size()), answer.end());
+    answer.resize(answer.size() - last_places.size());
     const Points targets(answer.end() - static_cast<std::ptrdiff_t>(places.size()), answer.end());
     answer.resize(answer.size() - places.size());
     check_handedness(std::span(answer).last(probed.size()));
@@ -335,9 +345,8 @@ class Application {
 
   /// The error, at other random points than those that the fit knows.
   void measure() {
-    const std::vector<Check> checks =
-        random_checks(refitting_, model_.face_count(), request_.checks, request_.seed ^ 0x9e3779b97f4a7c15u);
-    const std::vector<double> errors = errors_of(refitting_, checks, mapped(places_of(refitting_, checks)));
+    const std::vector<Check>& checks = last_checks_;
+    const std::vector<double> errors = errors_of(refitting_, checks, last_targets_);
     result_.checks = checks.size();
     result_.faces.resize(model_.face_count());
     double squares = 0;
@@ -360,6 +369,14 @@ class Application {
       if (face.error > std::max(2 * tolerance(), tolerance(f))) result_.coarse.push_back(face.number);
     }
     if (!checks.empty()) result_.rms = std::sqrt(squares / static_cast<double>(checks.size()));
+  }
+
+  void look_for_crossings() {
+    const double deflection = crossing_deflection * model_.diagonal;
+    const auto before = crossing_faces(model_, deflection, context_);
+    for (const std::array<int, 2>& pair : crossing_faces(model_of(deformed_, model_.name), deflection, context_)) {
+      if (before.count(pair) == 0) result_.crossings.push_back({pair[0] + 1, pair[1] + 1});
+    }
   }
 
   [[noreturn]] void refuse(const std::string& why) const {
@@ -417,6 +434,8 @@ class Application {
   const std::optional<HeldFaces> held_;
   Refitting refitting_;
   Document deformed_;
+  std::vector<Check> last_checks_;  ///< at which the result is measured
+  Points last_targets_;
 };
 
 }  // namespace

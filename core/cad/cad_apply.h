@@ -34,6 +34,9 @@ struct ApplyRequest {
   /// Faces go as the nodes on them do, rigidly or to a surface of their type, where the map between the nodes differs from that
   /// by up to this distance, a fraction of D; 0..1e-2, 0: none.
   double hold = 1e-3;
+  /// Look for faces that go through each other though they have no vertex in common, and did not at rest; as close as half a
+  /// thousandth of D.
+  enum class Crossings { ignored, looked_for } crossings = Crossings::ignored;
   std::size_t checks = 20000;  ///< random points of the faces at which the result is measured, each face has at least 20
   std::uint64_t seed = 1;      ///< of these points
 };
@@ -56,17 +59,18 @@ struct DeformedFace {
 /// A CAD model that was deformed and written.
 struct DeformedModel {
   std::vector<DeformedFace> faces;
-  std::vector<std::string> notes;  ///< whole sentences
-  double diagonal = 0;             ///< D before, model units
-  double error = 0;                ///< largest distance at the random points, model units
-  double rms = 0;                  ///< of these distances
-  double overlooked = 0;           ///< largest of the held faces
-  double gap = 0;                  ///< largest distance of edges from their faces, model units
-  std::size_t checks = 0;          ///< random points
-  std::size_t samples = 0;         ///< points at which the map was asked for, besides these
-  int rounds = 0;                  ///< calls of the map
-  std::vector<int> coarse;         ///< numbers of faces with an error above twice the tolerance
-  /// Elapsed seconds: "read", "map", "fit", "build", "check", "write", "read again".
+  std::vector<std::string> notes;             ///< whole sentences
+  double diagonal = 0;                        ///< D before, model units
+  double error = 0;                           ///< largest distance at the random points, model units
+  double rms = 0;                             ///< of these distances
+  double overlooked = 0;                      ///< largest of the held faces
+  double gap = 0;                             ///< largest distance of edges from their faces, model units
+  std::size_t checks = 0;                     ///< random points
+  std::size_t samples = 0;                    ///< points at which the map was asked for, besides these
+  int rounds = 0;                             ///< calls of the map
+  std::vector<int> coarse;                    ///< numbers of faces with an error above twice the tolerance
+  std::vector<std::array<int, 2>> crossings;  ///< numbers of faces that go through each other, where that was looked for
+  /// Elapsed seconds: "read", "map", "fit", "build", "check", "crossings", "write", "read again".
   std::vector<std::pair<std::string, double>> stages;
   std::size_t count(DeformedFace::Became became) const {
     std::size_t sum = 0;

@@ -24,6 +24,7 @@ namespace {
 struct CadApplyCommand {
   PrepareInput input;
   std::vector<std::string> settings;
+  bool crossings = false;
   cad::ApplyRequest request;
 };
 
@@ -92,6 +93,7 @@ nlohmann::ordered_json applied_cad_json(const AppliedCad& applied, const CadAppl
   json["rounds"] = model.rounds;
   json["seconds"] = applied.seconds;
   for (const auto& [stage, seconds] : model.stages) json["stages"][stage] = seconds;
+  json["crossings"] = model.crossings;
   json["notes"] = model.notes;
   json["failures"] = applied.failures;
   json["faces"] = nlohmann::ordered_json::array();
@@ -113,6 +115,9 @@ std::vector<std::string> failures_of(const AppliedCad& applied) {
     failures.push_back("face " + std::to_string(number) + " (" + face.type + ") is off by " +
                        in_diagonals(face.error, model.diagonal) +
                        ", above what --tolerance and --rigid allow: the deformation is not smooth there");
+  }
+  for (const auto& [first, second] : model.crossings) {
+    failures.push_back("faces " + std::to_string(first) + " and " + std::to_string(second) + " go through each other");
   }
   if (applied.mesh_difference > applied.tolerance) {
     failures.push_back("points of the mesh and the same points of space differ by " + number_text(applied.mesh_difference) +
@@ -137,6 +142,7 @@ ExitCode run_cad_apply(const CadApplyCommand& options, const CommonOptions& comm
   SpaceDeformation deformation(connection, prepared, parse_settings(options.settings, prepared.system.setup()));
   const cad::MeshMotion mesh = deformation.mesh_motion(prepared);
   request.mesh = &mesh;
+  if (options.crossings) request.crossings = cad::ApplyRequest::Crossings::looked_for;
   RunContext context;
   context.stop = connection.interrupted();
   AppliedCad applied;
@@ -170,7 +176,8 @@ colours are kept. Faces that move rigidly stay planes, cylinders, ...; faces tha
 spheres that are such still, with other dimensions, keep their type. All methods but the shell deform space.
 What is written is valid, also after it was read again; else nothing is written. The error is measured at random points, as a fraction of
 D, the diagonal of the bounding box of the CAD model.
-Exit code 4: a face is off by more than twice the tolerance, or the mesh and the CAD model differ; the file is written all the same.
+Exit code 4: a face is off by more than twice the tolerance, faces go through each other, or the mesh and the CAD model differ; the file
+is written all the same.
 CAD files: .step .stp .brep, to read also .iges .igs. The command needs a program that was built with OpenCASCADE (-DDEFORM_WITH_CAD=ON).
 Examples:
   deform cad-apply wing.yaml wing.step --set twist=2 -o twisted.step
@@ -206,6 +213,7 @@ void add_cad_apply_command(CLI::App& app, const CommonOptions& common, Action& c
           "differs by up to this distance, a fraction of D; 0: none")
       ->check(CLI::Range(0.0, 1e-2))
       ->capture_default_str();
+  command->add_flag("--crossings", options->crossings, "Look for faces that go through each other far from their edges");
   command->add_option("--scale", options->request.scale, "Factor from the unit of the CAD model to that of the mesh")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();

@@ -37,6 +37,7 @@
 #include <TopExp.hxx>
 #include <TopTools_IndexedMapOfShape.hxx>
 #include <TopoDS.hxx>
+#include <TopoDS_Compound.hxx>
 #include <XCAFApp_Application.hxx>
 #include <XCAFDoc_ColorTool.hxx>
 #include <XCAFDoc_DocumentTool.hxx>
@@ -402,6 +403,29 @@ TEST_F(CadApply, BumpsBetweenTheNodesOfAnEdgeAreFound) {
     }
   }
   EXPECT_NEAR(highest, 1e-3, 1e-4);
+}
+
+TEST_F(CadApply, FacesThatGoThroughEachOtherAreNamed) {
+  // Two bars that stand on another; the second is bent through the first.
+  TopoDS_Compound bars;
+  const BRep_Builder builder;
+  builder.MakeCompound(bars);
+  builder.Add(bars, BRepPrimAPI_MakeBox(gp_Pnt(0, 0, 0), 5, 1, 0.4).Shape());
+  builder.Add(bars, BRepPrimAPI_MakeBox(gp_Pnt(0, 0, 0.6), 5, 1, 0.4).Shape());
+  builder.Add(bars, BRepPrimAPI_MakeBox(gp_Pnt(-1, 0, 0), 1, 1, 1).Shape());
+  const auto bend = [](double by) {
+    return each([by](const Vec3& p) {
+      const double s = std::max(0.0, p[0] - 2);
+      return Vec3{p[0], p[1] - 0.1 * s, p[2] + (p[2] > 0.5 ? by * s * s * s : 0)};
+    });
+  };
+  ApplyRequest asked = request(bars, ".brep");
+  asked.tolerance = 1e-4;
+  EXPECT_TRUE(apply_to_model(asked, bend(-0.02)).crossings.empty()) << "not looked for";
+  asked.crossings = ApplyRequest::Crossings::looked_for;
+  EXPECT_FALSE(apply_to_model(asked, bend(-0.02)).crossings.empty());
+  EXPECT_TRUE(apply_to_model(asked, bend(0.02)).crossings.empty());
+  for (const std::array<int, 2>& pair : apply_to_model(asked, bend(-0.02)).crossings) EXPECT_LT(pair[0], pair[1]);
 }
 
 TEST_F(CadApply, WithoutAMotionTheModelStays) {
