@@ -405,6 +405,39 @@ TEST_F(CadApply, BumpsBetweenTheNodesOfAnEdgeAreFound) {
   EXPECT_NEAR(highest, 1e-3, 1e-4);
 }
 
+TEST_F(CadApply, AFaceWhoseEdgeLeavesItIsFitted) {
+  // Few points of the face see the bumps of its edge.
+  const PointMap bumps = [](const Vec3& p) {
+    const double far = p[1] + 1;
+    return Vec3{p[0], p[1], 1e-3 * std::sin(48 * std::numbers::pi * p[0]) * std::exp(-1e4 * far * far)};
+  };
+  const TopoDS_Shape sheet = BRepBuilderAPI_MakeFace(gp_Pln(gp::Origin(), gp::DZ()), -1, 1, -1, 1).Shape();
+  ApplyRequest asked = request(sheet, ".brep");
+  asked.tolerance = 1e-4;
+  asked.checks = 20;
+  EXPECT_EQ(apply_to_model(asked, each(bumps)).faces[0].became, Became::fitted);
+}
+
+TEST_F(CadApply, TheSeamOfAReshapedCylinderStaysWhereItsParameterBegins) {
+  const PointMap slid = [](const Vec3& p) {
+    const double r = std::hypot(p[0], p[1]), angle = 0.1 * (r * r - r * p[0]);  // none on the seam, about the axis elsewhere
+    return Vec3{1.1 * (p[0] * std::cos(angle) - p[1] * std::sin(angle)), 1.1 * (p[0] * std::sin(angle) + p[1] * std::cos(angle)),
+                p[2]};
+  };
+  const ApplyRequest asked = request(BRepPrimAPI_MakeCylinder(1, 2).Shape(), ".brep");
+  EXPECT_EQ(apply_to_model(asked, each(slid)).count(Became::reshaped), 3u);
+  const TopTools_IndexedMapOfShape faces = faces_of(read(asked.output));
+  for (int f = 1; f <= faces.Extent(); ++f) {
+    const TopoDS_Face face = TopoDS::Face(faces(f));
+    if (BRepAdaptor_Surface(face).GetType() != GeomAbs_Cylinder) continue;
+    double u0 = 0, u1 = 0, v0 = 0, v1 = 0;
+    BRepTools::UVBounds(face, u0, u1, v0, v1);
+    EXPECT_NEAR(u0, 0, 1e-6);
+    EXPECT_NEAR(u1, 2 * std::numbers::pi, 1e-6);
+    EXPECT_NEAR(BRepAdaptor_Surface(face).Cylinder().Radius(), 1.1, 1e-9);
+  }
+}
+
 TEST_F(CadApply, FacesThatGoThroughEachOtherAreNamed) {
   // Two bars that stand on another; the second is bent through the first.
   TopoDS_Compound bars;
