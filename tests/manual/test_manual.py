@@ -79,7 +79,7 @@ class Manual(unittest.TestCase):
         self.assertEqual(self.completed("deform", "--server", "host:1", "apply", "--en"), {"--encoding"})
         self.assertEqual(self.completed("deform", "apply", "a.yaml", "--encoding", "raw"), {"raw_f64", "raw_f32"})
         self.assertEqual(self.completed("deform", "apply", "--timeout", "1"), set())
-        self.assertEqual(self.completed("deformd", "store", ""), {"check", "rebuild", "backup", "restore"})
+        self.assertEqual(self.completed("deformd", "store", ""), {"check", "rebuild", "backup", "restore", "import"})
         self.assertNotIn("--workers", self.completed("deformd", "store", "-"))
         here = os.path.dirname(os.path.abspath(__file__))
         self.assertEqual(self.completed("deform", "inspect", os.path.join(here, "test_man")), {os.path.join(here, "test_manual.py")})
@@ -116,7 +116,7 @@ class Manual(unittest.TestCase):
                 self.assertLess({"apply", "sweep", "status"}, offered["deform", ""])
                 self.assertLess({"--set", "--in-place", "--server"}, offered["deform", "apply", "--"])
                 self.assertEqual(offered["deform", "apply", "--encoding", ""], {"raw_f64", "raw_f32", "draco", "delta_zstd"})
-                self.assertEqual(offered["deformd", "store", ""], {"check", "rebuild", "backup", "restore"})
+                self.assertEqual(offered["deformd", "store", ""], {"check", "rebuild", "backup", "restore", "import"})
 
     def test_shells_accept_their_file(self):
         for shell in FILES:
