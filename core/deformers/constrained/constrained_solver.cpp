@@ -24,7 +24,7 @@ constexpr double direction_accuracy = 1e-3;
 constexpr int most_with_old_matrix = 12;  // iterations; a new matrix costs about as much or more
 constexpr int most_gradient_steps = 1000;
 constexpr int most_steps = 30, most_halvings = 10, most_steps_of_a_design = 100;
-constexpr double error_accuracy = 1e-5;
+constexpr double error_accuracy = 1e-4;
 constexpr double whole_accuracy = 1e-11;  // of the right-hand side, of derivatives
 
 double rms(const std::vector<Vec3>& vectors) {
@@ -208,7 +208,8 @@ ConstrainedSolver::Direction ConstrainedSolver::newton_direction(const Constrain
   const Eigen::MatrixXd force = -gradient(at);
   Direction result;
   if (matrix != nullptr) {
-    result.v = solve_linearized(at, matrix.get(), force, accuracy, context, most_with_old_matrix, &result.end);
+    const int most = accuracy < direction_accuracy ? 2 * most_with_old_matrix : most_with_old_matrix;
+    result.v = solve_linearized(at, matrix.get(), force, accuracy, context, most, &result.end);
     if (result.end != GradientsEnd::limit) return result;
   }
   matrix = newton_at(at, context);
