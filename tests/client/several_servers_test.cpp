@@ -345,7 +345,9 @@ TEST_F(SeveralServers, OneThatTakesNoWorkIsLeftAloneForAWhile) {
   };
   const auto start = std::chrono::steady_clock::now();
   for (int k = 0; k < 5; ++k) expect_design(client.deform(request(system)));
-  if (std::chrono::steady_clock::now() - start < std::chrono::milliseconds(900)) EXPECT_EQ(asked, 1);
+  if (std::chrono::steady_clock::now() - start < std::chrono::milliseconds(900)) {
+    EXPECT_EQ(asked, 1);
+  }
   std::this_thread::sleep_for(std::chrono::milliseconds(1100));
   const int before = asked;
   expect_design(client.deform(request(system)));

@@ -211,7 +211,9 @@ TEST_P(AdminCalls, TheyAreAnsweredWhileEveryOtherThreadIsBusy) {
   EXPECT_TRUE(eventually([&] { return at_work == 2 && list().calls_size() == 6; }));
   const auto listed = list();
   for (const auto& call : listed.calls()) {
-    if (call.method() == "GetGeometry") EXPECT_THAT(cancel(call.id()), EndedWith(StatusCode::OK));
+    if (call.method() == "GetGeometry") {
+      EXPECT_THAT(cancel(call.id()), EndedWith(StatusCode::OK));
+    }
   }
   go_on = true;
   for (auto& caller : callers) caller.join();

@@ -267,9 +267,13 @@ TEST_F(SharedStoreTest, whatever_a_killed_server_was_at_is_brought_to_an_end_by_
     EXPECT_TRUE(eventually([&] { return is_clean(); })) << testing::PrintToString(files()) << intents();
     EXPECT_EQ(a->load(own(kept)).points, sheet_mesh(4, 4).points);
     for (const Mesh* either : {&mesh, &other}) {
-      if (a->contains(own(mesh_id(*either)))) EXPECT_EQ(a->load(own(mesh_id(*either))).points, either->points);
+      if (a->contains(own(mesh_id(*either)))) {
+        EXPECT_EQ(a->load(own(mesh_id(*either))).points, either->points);
+      }
     }
-    if (WEXITSTATUS(status) == 0) EXPECT_TRUE(a->contains(own(id))) << "acknowledged";
+    if (WEXITSTATUS(status) == 0) {
+      EXPECT_TRUE(a->contains(own(id))) << "acknowledged";
+    }
     if (a->contains(own(id))) a->remove(own(id), WithSetups::remove);
     put(*a, other);
     a.reset();
@@ -452,7 +456,9 @@ TEST_F(SharedStoreTest, connections_that_are_cut_off_cost_no_call) {
     EXPECT_NO_THROW(put(*a, one));
     EXPECT_NO_THROW(EXPECT_EQ(b->load(own(mesh_id(one))).points, one.points));
     EXPECT_NO_THROW(a->put_setup(setup_record(mesh_id(one), -0.1)));
-    if (i % 2 == 0) EXPECT_NO_THROW(EXPECT_EQ(b->remove(own(mesh_id(one)), WithSetups::remove).size(), 1u));
+    if (i % 2 == 0) {
+      EXPECT_NO_THROW(EXPECT_EQ(b->remove(own(mesh_id(one)), WithSetups::remove).size(), 1u));
+    }
   }
   stop = true;
   cutter.join();

@@ -286,7 +286,9 @@ class StoreSimulation : public StoreTest {
   static void expect_whole_backup(const SimulatedDisk::State& left, const StoreContents& contents, Backup backed_up) {
     Machine machine(left);
     const fs::path backup = "/srv/backup1";
-    if (backed_up == Backup::done) EXPECT_TRUE(has_mark(backup, machine.disk));
+    if (backed_up == Backup::done) {
+      EXPECT_TRUE(has_mark(backup, machine.disk));
+    }
     if (!has_mark(backup, machine.disk)) return;
     machine.store = std::make_unique<GeometryStore>(backup, machine.options);
     EXPECT_EQ(difference(*machine.store, contents, contents), "") << "in a backup";
@@ -634,7 +636,9 @@ TEST_F(RandomHistory, a_full_disk_refuses_lets_delete_and_works_again_with_room)
     ++states;
     ASSERT_FALSE(added.empty());
     machine.disk.capacity = machine.disk.used();  // others take the rest
-    if (random() % 2 == 0) ASSERT_NO_THROW(machine.act({Action::reopen}));
+    if (random() % 2 == 0) {
+      ASSERT_NO_THROW(machine.act({Action::reopen}));
+    }
     try {
       machine.act({Action::add, 3, 2, 0});
     } catch (const Error& error) {

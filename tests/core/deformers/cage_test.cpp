@@ -230,7 +230,9 @@ TEST(Cage, SaysWhenItLooksLikeAnotherUnitOrAnotherPlace) {
     setup.method = cage;
     const std::vector<std::string> notes = prepare(mesh, setup)->info().notes, expected = estimate(*mesh, setup).notes;
     for (const std::string& note : notes) {
-      if (note.find("units") != std::string::npos) EXPECT_THAT(expected, testing::Contains(note)) << "before it is prepared";
+      if (note.find("units") != std::string::npos) {
+        EXPECT_THAT(expected, testing::Contains(note)) << "before it is prepared";
+      }
     }
     return notes;
   };

@@ -144,7 +144,9 @@ TEST_P(CompiledForms, AreTheSystem) {
     const std::vector<double> one(points.begin() + static_cast<std::ptrdiff_t>(i * size),
                                   points.begin() + static_cast<std::ptrdiff_t>((i + 1) * size));
     EXPECT_LE(largest_difference(one, flat_points(right[i])), 1e-14 * D) << i;
-    if (GetParam().stored_exactly && fuses()) EXPECT_EQ(one, flat_points(right[i])) << i;
+    if (GetParam().stored_exactly && fuses()) {
+      EXPECT_EQ(one, flat_points(right[i])) << i;
+    }
     const compiled::Report report = deformation.report(designs[i].variables);
     const DesignReport& expected = bound->report(i);
     EXPECT_NEAR(report.error, expected.error, 1e-12 * expected.error);
@@ -160,7 +162,9 @@ TEST_P(CompiledForms, AreTheSystem) {
   deformation.jacobian_vector(at, direction, vectors);
   const std::vector<double> product = flat_points(system->jacobian_vector(at, direction, {}));
   EXPECT_LE(largest_difference(vectors, product), 1e-14 * D);
-  if (GetParam().stored_exactly && fuses()) EXPECT_EQ(vectors, product);
+  if (GetParam().stored_exactly && fuses()) {
+    EXPECT_EQ(vectors, product);
+  }
   Points cotangent(mesh->point_count());
   for (Vec3& w : cotangent) w = {uniform(random), uniform(random), uniform(random)};
   deformation.vector_jacobian(at, std::span<const double>(cotangent[0].data(), size), gradient);
@@ -190,10 +194,14 @@ TEST(CompiledForm, OfHalfModelsIsTheSystem) {
       std::vector<double> points(3 * right.size());
       deformation.evaluate(values, points);
       EXPECT_LE(largest_difference(points, flat_points(right)), 1e-14 * system->info().diagonal);
-      if (fuses()) EXPECT_EQ(points, flat_points(right)) << planes;
+      if (fuses()) {
+        EXPECT_EQ(points, flat_points(right)) << planes;
+      }
       const Points product = system->jacobian_vector(values, values, {});
       deformation.jacobian_vector(values, values, points);
-      if (fuses()) EXPECT_EQ(points, flat_points(product)) << planes;
+      if (fuses()) {
+        EXPECT_EQ(points, flat_points(product)) << planes;
+      }
       deformation.vector_jacobian(values, std::span<const double>(right[0].data(), points.size()), gradient);
       const std::vector<double> transposed = system->vector_jacobian(values, right, {});
       for (std::size_t k = 0; k < gradient.size(); ++k) EXPECT_NEAR(gradient[k], transposed[k], 1e-12 * std::abs(transposed[k]));

@@ -131,7 +131,9 @@ TEST(ExactPlacement, EveryPairOfDetectedKindsThatIsMetIsTheNearestWithItsDerivat
   for (const auto& [kinds, count] : seen) {
     RecordProperty(kinds, std::to_string(count[1]) + " of " + std::to_string(count[0]));
     // A circle on a cone that is not square to it, and a straight edge along a cylinder, are told by no distance to first order.
-    if (kinds != "conical circular" && kinds != "cylindrical feature_line") EXPECT_EQ(count[1], count[0]) << kinds;
+    if (kinds != "conical circular" && kinds != "cylindrical feature_line") {
+      EXPECT_EQ(count[1], count[0]) << kinds;
+    }
   }
 }
 
