@@ -18,6 +18,7 @@
 #include <Message.hxx>
 #include <Message_Messenger.hxx>
 #include <Message_Printer.hxx>
+#include <STEPControl_Controller.hxx>
 #include <STEPControl_Reader.hxx>
 #include <ShapeFix_Shape.hxx>
 #include <ShapeUpgrade_UnifySameDomain.hxx>
@@ -208,6 +209,7 @@ void silence_messages() {
 }
 
 void keep_unit(const std::string& unit, Model& model) {
+  STEPControl_Controller::Init();  // before it, there are no settings in a process
   for (const Unit& known : units) {
     if (lower_case(unit) != known.name) continue;
     Interface_Static::SetCVal("xstep.cascade.unit", known.code);
