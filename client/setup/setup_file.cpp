@@ -35,7 +35,7 @@ namespace {
 /// The mesh of a setup, and its lengths that expressions may use. It is read when it is first needed.
 class SetupMesh {
  public:
-  explicit SetupMesh(const SetupText& from) : from_(from) {}
+  explicit SetupMesh(const SetupText& from) : from_(from), mesh_(from.mesh) {}
 
   std::optional<double> length(std::string_view name) {
     if (!mesh_length(name, Box{})) return std::nullopt;
@@ -149,10 +149,12 @@ SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems,
   return parse_setup(text_of(path, reading), problems);
 }
 
-v1::Method read_method_file(const std::filesystem::path& path) {
+v1::Method read_method_file(const std::filesystem::path& path, std::shared_ptr<const Mesh> mesh) {
   Problems problems(Problems::Mode::throw_first);
   std::vector<std::filesystem::path> read;
-  const v1::Setup setup = parsed_text(text_of(path, {}), read, problems);
+  SetupText text = text_of(path, {});
+  text.mesh = std::move(mesh);
+  const v1::Setup setup = parsed_text(text, read, problems);
   std::vector<const google::protobuf::FieldDescriptor*> fields;
   setup.GetReflection()->ListFields(setup, &fields);
   for (const auto* field : fields) {

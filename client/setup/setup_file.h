@@ -29,9 +29,9 @@ SetupFile read_setup_file(const std::filesystem::path& path, const io::ReadOptio
 /// cannot be read or is no YAML, an Error all the same.
 SetupFile read_setup_file(const std::filesystem::path& path, Problems& problems, const io::ReadOptions& reading = {});
 
-/// The method of a setup file that holds nothing else. Throws Error(invalid_argument) with the file: other keys, no method; and
-/// as read_setup_file().
-v1::Method read_method_file(const std::filesystem::path& path);
+/// The method of a setup file that holds nothing else, for this mesh: of its lengths, and of cages that are generated. Throws
+/// Error(invalid_argument) with the file: other keys, no method; and as read_setup_file().
+v1::Method read_method_file(const std::filesystem::path& path, std::shared_ptr<const Mesh> mesh = nullptr);
 
 /// What becomes of the geometry that a setup names.
 enum class GeometryEntry {
@@ -46,6 +46,7 @@ struct SetupText {
   std::filesystem::path folder;                    ///< of the files that it names
   GeometryEntry geometry = GeometryEntry::needed;  ///< left out: expressions have no lengths of the mesh
   io::ReadOptions reading{};                       ///< of the mesh, if an expression needs its lengths
+  std::shared_ptr<const Mesh> mesh{};              ///< the mesh where it is known already
 };
 
 /// The same from text.

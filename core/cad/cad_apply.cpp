@@ -229,6 +229,7 @@ class Application {
   DeformedModel apply() {
     result_.notes = document_.notes;
     result_.diagonal = model_.diagonal;
+    if (request_.mesh != nullptr) check_place(model_, *request_.mesh, request_.scale);
     timed(result_.stages, "fit", [&] { fit(); });
     timed(result_.stages, "build", [&] { deform(); });
     timed(result_.stages, "fit", [&] { measure(); });

@@ -86,9 +86,10 @@ struct DeformedModel {
 /// after reading it again. Deterministic. Any thread may call, one at a time: reading and writing set global options of
 /// OpenCASCADE.
 ///
-/// Throws Error(not_found, invalid_argument): a file that cannot be read or holds no face, an output of another format, a map
-/// that is not finite. Error(failed_precondition): the deformed model is not valid or turned inside out (naming faces), nothing
-/// is written; no OpenCASCADE in this program. Error(cancelled, deadline_exceeded) by the context; what the map throws.
+/// Throws Error(not_found, invalid_argument): a file that cannot be read or holds no face, an output of another format, a model
+/// that does not lie at the mesh, a map that is not finite. Error(failed_precondition): the deformed model is not valid or turned
+/// inside out (naming faces), nothing is written; no OpenCASCADE in this program. Error(cancelled, deadline_exceeded) by the
+/// context; what the map throws.
 DeformedModel apply_to_model(const ApplyRequest& request, const SpaceMap& map, const RunContext& context = {});
 
 }  // namespace deform::cad

@@ -8,9 +8,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <string>
 
+#include "core/base/error.h"
+#include "core/base/number_text.h"
 #include "core/base/vectors.h"
 #include "core/cad/analytic_fit.h"
+#include "core/numerics/sampling/point_tree.h"
 
 namespace deform::cad {
 
@@ -48,6 +52,28 @@ double largest_distance(const Geom_ElementarySurface& surface, const PlaceSample
 }
 
 }  // namespace
+
+void check_place(const Model& model, const MeshMotion& mesh, double scale) {
+  constexpr double near_share = 0.05;
+  std::vector<Vec3> nodes;
+  for (const PointId id : mesh.boundary) nodes.push_back(mesh.rest[id] / scale);
+  if (nodes.empty() || model.vertex_count() == 0) return;
+  const PointTree tree(nodes);
+  const double near = near_share * model.diagonal;
+  int found = 0;
+  for (int v = 0; v < model.vertex_count(); ++v) {
+    const gp_Pnt p = BRep_Tool::Pnt(model.vertex(v));
+    found += tree.nearest({p.X(), p.Y(), p.Z()}).square <= near * near ? 1 : 0;
+  }
+  if (10 * found >= model.vertex_count()) return;
+  Box box;
+  for (const Vec3& node : nodes) box.add(scale * node);
+  throw Error(ErrorCode::invalid_argument,
+              model.name + " is not the model of this mesh: " + std::to_string(model.vertex_count() - found) + " of its " +
+                  std::to_string(model.vertex_count()) + " vertices are far from all nodes; the model is " +
+                  number_digits(scale * model.diagonal) + " across, the boundary of the mesh " + number_digits(box.diagonal()) +
+                  ": another unit needs --scale");
+}
 
 HeldFaces::HeldFaces(const Model& model, const MeshMotion& mesh, double scale, double limit)
     : model_(model), mesh_(mesh), scale_(scale), limit_(limit) {}

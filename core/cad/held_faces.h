@@ -23,6 +23,11 @@ struct HeldFace {
   Handle(Geom_ElementarySurface) surface{};  ///< null: rigidly
 };
 
+/// Throws Error(invalid_argument) where the model does not lie at the boundary of the mesh: fewer than a tenth of its vertices
+/// are within a twentieth of its diagonal from a node. Of a half, quarter or eighth of the model a part of them are. scale: from
+/// the unit of the model to that of the mesh.
+void check_place(const Model& model, const MeshMotion& mesh, double scale);
+
 /// Finds the faces whose nodes hold them: all nodes of the mesh on the face, its boundary included, move rigidly or end on a
 /// surface of its type, exactly or as near as a constraint on them reports. Immutable; any thread may call.
 class HeldFaces {

@@ -184,7 +184,7 @@ ExitCode run_compare(const CompareOptions& options, const CommonOptions& common)
   keep_inputs("--output", options.output, {options.input.setup, loaded.source_path, options.designs});
   check_page_name(options.output);
   refuse_several_methods(loaded.setup, "setups with one method are compared; leave the further ones out");
-  const std::vector<MethodChoice> choices = method_choices(options.methods, loaded.setup);
+  const std::vector<MethodChoice> choices = method_choices(options.methods, loaded.setup, loaded.source->mesh());
   const std::vector<NamedDesign> designs = designs_of(options, loaded.setup);
   Comparer comparer(connection, loaded, designs, progress);
   MethodComparison comparison;

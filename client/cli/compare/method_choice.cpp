@@ -37,8 +37,8 @@ MethodChoice named_method(const std::string& name, const v1::Setup& setup) {
   return choice;
 }
 
-MethodChoice method_of_file(const std::filesystem::path& path) {
-  const v1::Method method = read_method_file(path);
+MethodChoice method_of_file(const std::filesystem::path& path, const std::shared_ptr<const Mesh>& mesh) {
+  const v1::Method method = read_method_file(path, mesh);
   return {path.stem().string(), kind_of(method), path.string(), method};
 }
 
@@ -53,7 +53,8 @@ std::vector<std::string> automatic_names(const v1::Setup& setup) {
 
 }  // namespace
 
-std::vector<MethodChoice> method_choices(const std::vector<std::string>& names, const v1::Setup& setup) {
+std::vector<MethodChoice> method_choices(const std::vector<std::string>& names, const v1::Setup& setup,
+                                         const std::shared_ptr<const Mesh>& mesh) {
   const std::vector<std::string> known = method_names();
   std::vector<MethodChoice> choices;
   std::set<std::string> labels;
@@ -61,7 +62,7 @@ std::vector<MethodChoice> method_choices(const std::vector<std::string>& names, 
     if (std::find(known.begin(), known.end(), name) != known.end()) {
       choices.push_back(named_method(name, setup));
     } else if (std::filesystem::is_regular_file(name)) {
-      choices.push_back(method_of_file(name));
+      choices.push_back(method_of_file(name, mesh));
     } else {
       std::string all;
       for (const auto& each : known) all += (all.empty() ? "" : ", ") + each;

@@ -226,7 +226,7 @@ std::string continued_text(const std::filesystem::path& path) {
   if (!is_block_map(text)) refuse("constraints can only be added to a setup in block style; detect the mesh file");
   const auto method = setup.method().kind_case();
   if (method == v1::Method::KIND_NOT_SET || method == v1::Method::kRbf) {
-    refuse("method: rbf takes no constraints; choose {mls: {}}, {shell: {}} or {subspace: {}}");
+    refuse("method: rbf takes no constraints; choose {mls: {}}, {shell: {}}, {subspace: {}} or {ffd: {}}");
   }
   return text;
 }

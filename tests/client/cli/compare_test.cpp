@@ -16,6 +16,7 @@
 #include "client/cli/compare/compared_table.h"
 #include "client/cli/setup/reading.h"
 #include "core/base/vectors.h"
+#include "core/mesh/ahmed.h"
 #include "tests/support/expect_error.h"
 
 namespace deform::cli {
@@ -76,6 +77,14 @@ TEST_F(MethodChoices, MayBeFiles) {
   EXPECT_EQ(choices[0].kind, "ffd");
   EXPECT_EQ(choices[0].method.ffd().lattice().points(2), 7u);
   EXPECT_EQ(choices[1].method.cage().vertices_size(), 12) << "the mesh is looked for beside the file";
+}
+
+TEST_F(MethodChoices, MayGenerateCagesAroundTheMesh) {
+  const std::string file = write("around.yaml", "method: {cage: {generate: {kind: BOX, points: 60}, control: MESH}}");
+  const auto mesh = std::make_shared<const Mesh>(ahmed_body({.target_points = 2000}));
+  const auto choices = method_choices({file}, parsed("geometry: a"), mesh);
+  EXPECT_GT(choices.at(0).method.cage().vertices_size(), 3 * 40);
+  expect_error(ErrorCode::invalid_argument, {"around.yaml", "generate"}, [&] { method_choices({file}, parsed("geometry: a")); });
 }
 
 TEST_F(MethodChoices, AreRefusedByName) {

@@ -55,6 +55,7 @@
 #include "core/base/vectors.h"
 #include "core/cad/face_region.h"
 #include "core/cad/spline_axis.h"
+#include "tests/support/expect_error.h"
 
 namespace deform::cad {
 namespace {
@@ -320,6 +321,26 @@ MeshMotion grid_on_block(const PointMap& map) {
   for (const Vec3& p : mesh.rest) mesh.moved.push_back(map(p));
   for (PointId i = 0; i < mesh.rest.size(); ++i) mesh.boundary.push_back(i);
   return mesh;
+}
+
+TEST_F(CadApply, AModelThatIsNotThatOfTheMeshIsRefused) {
+  MeshMotion inches = grid_on_block(bent), elsewhere = inches, half = inches;
+  for (Vec3& p : inches.rest) p = 25.4 * p;
+  for (Vec3& p : elsewhere.rest) p[0] += 40;
+  std::erase_if(half.boundary, [&](PointId id) { return half.rest[id][0] > 0; });
+  ApplyRequest asked = request(block(), ".step");
+  asked.tolerance = 1e-4;
+  for (const MeshMotion* mesh : {&inches, &elsewhere}) {
+    asked.mesh = mesh;
+    test::expect_error(ErrorCode::invalid_argument, {"is not the model of this mesh", "another unit needs --scale"},
+                       [&] { apply_to_model(asked, each(bent)); });
+    EXPECT_FALSE(std::filesystem::exists(asked.output));
+  }
+  asked.mesh = &half;
+  EXPECT_NO_THROW(apply_to_model(asked, each(bent))) << "half of a model is enough";
+  asked.scale = 25.4;
+  asked.mesh = &inches;
+  EXPECT_NO_THROW(apply_to_model(asked, each([](const Vec3& p) { return p; })));
 }
 
 TEST_F(CadApply, NodesHoldFacesWhereTheDeformationDiffersBetweenThem) {
