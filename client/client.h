@@ -44,7 +44,8 @@ struct ClientOptions {
   bool replicas = false;
   std::chrono::milliseconds connect_timeout{5000};  ///< of one attempt to connect; with several addresses at most 2 s
   /// Of calls that are safe to retry, for UNAVAILABLE and for RESOURCE_EXHAUSTED with a retry hint; of any call to connect. With
-  /// several servers UNAVAILABLE counts when all of them have been tried.
+  /// several servers UNAVAILABLE counts when all of them have been tried. With `replicas` twice as many: the proxy has to notice
+  /// first that a server is gone.
   int max_attempts = 4;
   int decode_threads = 0;  ///< 0 = all cores
   /// Of requests that name none (their tolerance then counts for it). ENCODING_DEFAULT: RAW_F64 when `address` is a unix socket

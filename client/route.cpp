@@ -33,7 +33,8 @@ Route::Route(Connection& connection, Subject subject, Retry retry)
       subject_(std::move(subject)),
       geometry_(subject_.geometry.empty() ? connection.geometry_of.get(subject_.system).value_or("") : subject_.geometry),
       retry_(retry),
-      policy_({connection.options.max_attempts, connection.options.retry_seed + connection.calls++, retry}) {
+      policy_({connection.options.replicas ? 2 * connection.options.max_attempts : connection.options.max_attempts,
+               connection.options.retry_seed + connection.calls++, retry}) {
   begin_round();
 }
 
