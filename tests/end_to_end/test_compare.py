@@ -7,6 +7,7 @@ import math
 import re
 import signal
 import struct
+import time
 import zlib
 
 from harness import AHMED_SETUP, EndToEnd, main, read_obj
@@ -46,8 +47,15 @@ class Compare(EndToEnd):
         self.deform("sample", "-o", "ahmed.obj", "--points", "15000")
         self.write("slow.yaml", "method: {rbf: {reduction: REDUCTION_OFF}}\n")
         child = self.spawn("compare", "ahmed.yaml", "--set", "roof_up=0.03", "--methods", "shell,slow.yaml", "-o", "page.html", "--json")
-        self.wait_until(lambda: any(call["state"].lower().endswith("preparing") for call in self.deform("admin", "calls", "--json").json["calls"])
-                        and len(self.deform("list", "systems", "--json").json["systems"]) == 1, "the second method is prepared", 60)
+
+        def second_is_prepared():
+            preparing = any(call["state"].lower().endswith("preparing") for call in self.deform("admin", "calls", "--json").json["calls"])
+            return preparing and len(self.deform("list", "systems", "--json").json["systems"]) == 1
+
+        # The first one is listed a moment before its own call ends.
+        self.wait_until(second_is_prepared, "the first method is prepared", 60)
+        time.sleep(1)
+        self.wait_until(second_is_prepared, "the second method is prepared", 60)
         child.send_signal(signal.SIGINT)
         out, err = child.communicate(timeout=60)
         self.assertEqual(child.returncode, 130, err)
