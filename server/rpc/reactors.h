@@ -149,6 +149,13 @@ class UnaryCall final : public grpc::ServerUnaryReactor {
   const Work work_;
 };
 
+/// What a turn of a call that streams replies gives.
+enum class ReplyTurn {
+  write,  ///< the reply was filled
+  wait,   ///< ReplyWriter::wake() will be called
+  end     ///< all has been said
+};
+
 /// The writing half of a call that streams replies. Reactor: ServerWriteReactor or ServerBidiReactor of bytes.
 ///
 ///   working --next(): write--> writing --OnWriteDone--> working
@@ -166,11 +173,7 @@ class ReplyWriter : public Reactor, public std::enable_shared_from_this<ReplyWri
   void wake();
 
  protected:
-  enum class Next {
-    write,  ///< `reply` was filled
-    wait,   ///< wake() will be called
-    end     ///< all has been said
-  };
+  using Next = ReplyTurn;
   ReplyWriter(const char* method, const Incoming& incoming) : scope_(method, incoming) {}
 
   /// First of all, once. May throw.

@@ -100,21 +100,25 @@ void PrepareNews::note(Engine::Outcome<v1::SystemInfo> outcome) {
   outcome_ = std::move(outcome);
 }
 
-PrepareNews::Next PrepareNews::next(v1::PrepareReply& reply, CallRecord& record) {
-  if (reported_) return Next::end;
+ReplyTurn PrepareNews::next(grpc::ByteBuffer& reply, CallRecord& record) {
+  if (reported_) return ReplyTurn::end;
+  v1::PrepareReply message;
   {
     const std::lock_guard lock(mutex_);
-    if (!outcome_ && !progress_) return Next::wait;
-    if (!outcome_) {
-      *reply.mutable_progress() = std::move(*std::exchange(progress_, std::nullopt));
-      return Next::reply;
+    if (!outcome_ && !progress_) return ReplyTurn::wait;
+    if (outcome_) {
+      *message.mutable_system() = taken(*outcome_, record, "the preparation");
+      reported_ = true;
+    } else {
+      *message.mutable_progress() = std::move(*std::exchange(progress_, std::nullopt));
     }
-    *reply.mutable_system() = taken(*outcome_, record, "the preparation");
   }
-  reported_ = true;
-  record.system = reply.system().id();
-  record.points = reply.system().points();
-  return Next::reply;
+  if (reported_) {
+    record.system = message.system().id();
+    record.points = message.system().points();
+  }
+  reply = serialized(message);
+  return ReplyTurn::write;
 }
 
 // ---- PrepareCall ----
@@ -130,19 +134,7 @@ void PrepareCall::begin() {
   prepare_for(std::static_pointer_cast<PrepareCall>(shared_from_this()), &PrepareCall::news_, engine_, request, scope_.call());
 }
 
-PrepareCall::Next PrepareCall::next(grpc::ByteBuffer& reply) {
-  v1::PrepareReply message;
-  switch (news_.next(message, scope_.record)) {
-    case PrepareNews::Next::wait:
-      return Next::wait;
-    case PrepareNews::Next::end:
-      return Next::end;
-    case PrepareNews::Next::reply:
-      break;
-  }
-  reply = serialized(message);
-  return Next::write;
-}
+PrepareCall::Next PrepareCall::next(grpc::ByteBuffer& reply) { return news_.next(reply, scope_.record); }
 
 // ---- DetectCall ----
 

@@ -45,13 +45,11 @@ class JobCall : public ReplyStream {
 /// What a preparation has to tell: the newest progress, then the system. Thread-safe; next() by one thread at a time.
 class PrepareNews {
  public:
-  enum class Next { reply, wait, end };
-
   /// False for progress that is not worth a message yet.
   bool note(const v1::Progress& progress);
   void note(Engine::Outcome<v1::SystemInfo> outcome);
-  /// Fills the next reply. Throws the error of the preparation.
-  Next next(v1::PrepareReply& reply, CallRecord& record);
+  /// Fills the next reply, a v1::PrepareReply. Throws the error of the preparation.
+  ReplyTurn next(grpc::ByteBuffer& reply, CallRecord& record);
 
  private:
   using Clock = std::chrono::steady_clock;

@@ -27,7 +27,7 @@ class Client:
       DEFORM_REPLICAS.
     timeout: seconds for each call that has no timeout of its own; None: no limit.
     connect_timeout: seconds for one attempt to connect.
-    max_attempts: of a call that is safe to repeat, while the server cannot be reached or asks to come back later.
+    max_attempts: of a call that is safe to repeat, while the server cannot be reached or asks to come back later; twice as many with `replicas`.
     threads: for decoding; 0: all cores.
     encoding: of points, "RAW_F64", "RAW_F32", "DRACO" or "DELTA_ZSTD"; unless given RAW_F64 for a server on this machine, else DELTA_ZSTD.
 

@@ -87,8 +87,8 @@ void ConstrainedSolver::evaluate(const Case& c, ConstrainedState& state) const {
   for (std::size_t t = 0; t < sets().size(); ++t) state.objective += points_.weight_per_point(t) * state.squares[t];
 }
 
-/// How far the points would move if forces that are left unbalanced met the deformation energy alone: right for the
-/// slow modes of the alternation, along the shapes, and too much for the others, which are balanced long before.
+/// How far the points would move if forces that are left unbalanced met the deformation energy alone: right for the slow modes of
+/// the alternation, along the shapes, and too much for the others, which are balanced long before.
 double ConstrainedSolver::distance_left(const Case& c, Eigen::MatrixXd forces) const {
   parallel_for(c.context, 3, 1,
                [&](std::size_t k, std::size_t) { reduced_.solve_in_place(forces.col(static_cast<Eigen::Index>(k))); });

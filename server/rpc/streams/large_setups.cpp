@@ -182,17 +182,7 @@ LargePrepareCall::Next LargePrepareCall::next(grpc::ByteBuffer& reply) {
     if (!all_read_) return Next::wait;
   }
   if (!std::exchange(asked_, true)) ask();
-  v1::PrepareReply message;
-  switch (news_.next(message, scope_.record)) {
-    case PrepareNews::Next::wait:
-      return Next::wait;
-    case PrepareNews::Next::end:
-      return Next::end;
-    case PrepareNews::Next::reply:
-      break;
-  }
-  reply = serialized(message);
-  return Next::write;
+  return news_.next(reply, scope_.record);
 }
 
 void LargePrepareCall::done() noexcept {
