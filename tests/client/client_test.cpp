@@ -355,6 +355,23 @@ TEST(Client, RetriesWhatIsSafe) {
   }
 }
 
+TEST(Client, RepeatsTwiceAsOftenBehindAProxy) {
+  for (const bool replicas : {false, true}) {
+    ScriptedService service;
+    std::atomic<int> attempts{0};
+    service.on_info = [&](grpc::ServerContext&, v1::ServerInfo&) {
+      ++attempts;
+      return grpc::Status(grpc::StatusCode::UNAVAILABLE, "shutting down");
+    };
+    ClientOptions options;
+    options.max_attempts = 2;
+    options.replicas = replicas;
+    Client client = service.client(options);
+    EXPECT_THROW(client.server_info(), Error);
+    EXPECT_EQ(attempts, replicas ? 4 : 2);
+  }
+}
+
 TEST(Client, WaitsAsLongAsTheServerSays) {
   ScriptedService service;
   std::atomic<int> attempts{0};
