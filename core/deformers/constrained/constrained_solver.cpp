@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
 #include <utility>
 
 #include "core/base/parallel.h"
@@ -24,7 +23,7 @@ constexpr double direction_accuracy = 1e-3;
 constexpr int most_with_old_matrix = 12;  // iterations; a new matrix costs about as much or more
 constexpr int most_gradient_steps = 1000;
 constexpr int most_steps = 30, most_halvings = 10, most_steps_of_a_design = 100;
-constexpr double error_accuracy = 1e-4;
+constexpr double error_accuracy = 1e-4;   // of the step that is the error
 constexpr double whole_accuracy = 1e-11;  // of the right-hand side, of derivatives
 
 double rms(const std::vector<Vec3>& vectors) {
@@ -217,20 +216,24 @@ ConstrainedSolver::Direction ConstrainedSolver::newton_direction(const Constrain
   return result;
 }
 
-/// Steps as long as they lower the objective; converged when a whole step moves the sets by less than the tolerance and the one
-/// that would follow does so too. The latter is solved for closely, so that what hardly any force holds shows, and is the error.
-/// A direction that is cut short, for instance where the objective curves downwards, says nothing: the alternation goes on from
-/// there.
+/// Steps as long as they lower the objective; converged when two in a row move the sets by less than the tolerance. The second is
+/// not made: it is the error, and solved for more closely, so that what hardly any force holds shows. A direction that is cut
+/// short, for instance where the objective curves downwards, says nothing: the alternation goes on from there.
 void ConstrainedSolver::newton(const Case& c, ConstrainedResult& result, NewtonMatrix& matrix) const {
   constexpr double rounding = 1e-11;  // of the solutions, at least
   ConstrainedState& now = result.after;
-  std::optional<Direction> following;
+  bool near = false;  // the last step was that small
   for (int step = 0; step < most_steps && result.newton_steps < most_steps_of_a_design; ++step) {
     c.context.check();
-    const Direction direction = following ? *std::move(following) : newton_direction(now, matrix, direction_accuracy, c.context);
-    following.reset();
-    ++result.newton_steps;
+    const Direction direction = newton_direction(now, matrix, near ? error_accuracy : direction_accuracy, c.context);
     const double moved = rms(points_.displacements(direction.v));
+    result.error = std::max(rounding, moved);
+    const bool small = moved <= std::max(options_.tolerance, near ? rounding : 0.0);
+    if (small && direction.end != GradientsEnd::converged) return;
+    result.converged = small && near;
+    if (result.converged) return;
+    near = small;
+    ++result.newton_steps;
     double share = 1;
     bool lower = false;
     for (int halving = 0; halving < most_halvings && !lower; ++halving, share /= 2) {
@@ -241,17 +244,11 @@ void ConstrainedSolver::newton(const Case& c, ConstrainedResult& result, NewtonM
       lower = next.objective < now.objective;
       if (lower) now = std::move(next);
     }
-    if (lower) result.objectives.push_back(now.objective);
-    result.error = moved;
-    if (moved <= options_.tolerance) {
-      if (direction.end != GradientsEnd::converged) return;
-      following = newton_direction(now, matrix, error_accuracy, c.context);
-      const double left = rms(points_.displacements(following->v));
-      result.error = std::max(rounding, left);
-      result.converged = following->end == GradientsEnd::converged && left <= std::max(rounding, options_.tolerance);
-      if (result.converged) return;
+    if (!lower) {
+      result.converged = near;
+      return;
     }
-    if (!lower) return;
+    result.objectives.push_back(now.objective);
   }
 }
 

@@ -38,7 +38,7 @@ constexpr std::uint64_t shards = 4;  // of the seeds, which run at the same time
 
 bool is_long() { return std::getenv("DEFORM_LONG") != nullptr; }
 
-/// The displacements of all points, to `rounding`; none where the solution has not converged and cannot be found from there.
+/// The displacements of all points, to `rounding`; none where no solution is found from what was delivered.
 struct Exact : std::vector<WideVec> {
   using std::vector<WideVec>::vector;
   double rounding = 0;
@@ -520,7 +520,7 @@ void judge(const Case& c, const System& system, const DesignReport& report, cons
   convert::set_verdict({system.info().diagonal, system.info().condition, report.converged, 0, 0}, result);
   const bool bad = result.verdict() == v1::VERDICT_BAD;
   if (exact.empty()) {
-    EXPECT_TRUE(bad && !report.converged) << what << ": nothing stationary is near";
+    EXPECT_TRUE(bad) << what << ": nothing stationary is near, told " << report.error;
     ++row.designs;
     ++row.verdicts[2];
     return;
