@@ -23,7 +23,6 @@ constexpr double direction_accuracy = 1e-3;
 constexpr int most_with_old_matrix = 12;  // iterations; a new matrix costs about as much or more
 constexpr int most_gradient_steps = 1000;
 constexpr int most_steps = 30, most_halvings = 10, most_steps_of_a_design = 100;
-constexpr double error_accuracy = 1e-4;   // of the step that is the error
 constexpr double whole_accuracy = 1e-11;  // of the right-hand side, of derivatives
 
 double rms(const std::vector<Vec3>& vectors) {
@@ -86,15 +85,16 @@ void ConstrainedSolver::evaluate(const Case& c, ConstrainedState& state) const {
   for (std::size_t t = 0; t < sets().size(); ++t) state.objective += points_.weight_per_point(t) * state.squares[t];
 }
 
-/// How far the points would move if forces that are left unbalanced met the deformation energy alone: right for the slow modes of
-/// the alternation, along the shapes, and too much for the others, which are balanced long before.
-double ConstrainedSolver::distance_left(const Case& c, Eigen::MatrixXd forces) const {
+/// The change of v if forces that are left unbalanced met the deformation energy alone: right for the slow modes of the
+/// alternation, along the shapes, and too much for the others, which are balanced long before.
+Eigen::MatrixXd ConstrainedSolver::response(const Case& c, Eigen::MatrixXd forces) const {
   parallel_for(c.context, 3, 1,
                [&](std::size_t k, std::size_t) { reduced_.solve_in_place(forces.col(static_cast<Eigen::Index>(k))); });
-  return rms(points_.displacements(forces));
+  return forces;
 }
 
-void ConstrainedSolver::alternate(const Case& c, int most, ConstrainedResult& result) const {
+/// Returns what is left to the solution, if it converges.
+Eigen::MatrixXd ConstrainedSolver::alternate(const Case& c, int most, ConstrainedResult& result) const {
   ConstrainedState& now = result.after;
   Anderson window;
   std::vector<Vec3> from = now.targets;  // what the last global step went towards
@@ -119,16 +119,18 @@ void ConstrainedSolver::alternate(const Case& c, int most, ConstrainedResult& re
     const double rho = window.add(from, now.targets);
     const double step = rms(differences(from, now.targets));
     if (step == 0 || (window.size() > 0 && rho < 1 && step * rho / (1 - rho) <= options_.tolerance && step <= check_below)) {
-      result.error = distance_left(c, points_.weighted_sums(differences(now.targets, from)));
+      Eigen::MatrixXd left = response(c, points_.weighted_sums(differences(now.targets, from)));
+      result.error = rms(points_.displacements(left));
       if (result.error <= options_.tolerance) {
         result.converged = true;
-        return;
+        return left;
       }
       check_below = step * std::max(0.1, std::min(0.9, options_.tolerance / result.error));
     }
     accelerated = window.size() > 0;
     from = accelerated ? window.next() : now.targets;
   }
+  return {};
 }
 
 ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::vector<Vec3>& offsets, const RunContext& context,
@@ -164,19 +166,29 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
   const double wanted = round_accuracy * (h.size() > 0 ? h.cwiseAbs().maxCoeff() : 0.0);
   NewtonMatrix matrix;
   const bool newton_too = gauss_newton_.form() != NewtonForm::none;
-  double earlier = 0;
+  double earlier = 0;  // error
   for (int round = 1;; ++round) {
     result.converged = false;
     result.error = 0;
     result.objectives.clear();
-    if (near && newton_too) newton(c, result, matrix);
+    Eigen::MatrixXd left;
+    if (near && newton_too) left = newton(c, result, matrix);
     while (!result.converged && result.iterations < options_.most_iterations) {
       const int last = newton_too ? result.iterations + patience_ : options_.most_iterations;
-      alternate(c, std::min(options_.most_iterations, last), result);
-      if (!result.converged && newton_too) newton(c, result, matrix);
+      left = alternate(c, std::min(options_.most_iterations, last), result);
+      if (!result.converged && newton_too) left = newton(c, result, matrix);
     }
-    if (!result.converged) result.error = std::max(result.error, distance_left(c, gradient(result.after)));
-    result.w = free + reduced_.extended(result.after.v, context);
+    if (!result.converged) {
+      Eigen::MatrixXd all = response(c, -gradient(result.after));
+      const double error = rms(points_.displacements(all));
+      if (left.size() == 0 || error > result.error) left = std::move(all);
+      result.error = std::max(result.error, error);
+    }
+    Eigen::MatrixXd both(left.rows(), 6);
+    both << result.after.v, left;
+    both = reduced_.extended(both, context);
+    result.w = free + both.leftCols(3);
+    result.left.emplace_back(both.rightCols(3));
     // What a round leaves is in the loads of the next one.
     result.error += earlier;
     earlier = result.error;
@@ -203,35 +215,36 @@ ConstrainedSolver::NewtonMatrix ConstrainedSolver::newton_at(const ConstrainedSt
 /// The Hessian of half the squared distance from a shape is I - P'. The matrix of an earlier step is reused as preconditioner as
 /// long as few iterations suffice, because computing a new one dominates the cost of a step.
 ConstrainedSolver::Direction ConstrainedSolver::newton_direction(const ConstrainedState& at, NewtonMatrix& matrix,
-                                                                 double accuracy, const RunContext& context) const {
+                                                                 const RunContext& context) const {
   const Eigen::MatrixXd force = -gradient(at);
   Direction result;
   if (matrix != nullptr) {
-    const int most = accuracy < direction_accuracy ? 2 * most_with_old_matrix : most_with_old_matrix;
-    result.v = solve_linearized(at, matrix.get(), force, accuracy, context, most, &result.end);
+    result.v = solve_linearized(at, matrix.get(), force, direction_accuracy, context, most_with_old_matrix, &result.end);
     if (result.end != GradientsEnd::limit) return result;
   }
   matrix = newton_at(at, context);
-  result.v = solve_linearized(at, matrix.get(), force, accuracy, context, most_gradient_steps, &result.end);
+  result.v = solve_linearized(at, matrix.get(), force, direction_accuracy, context, most_gradient_steps, &result.end);
   return result;
 }
 
 /// Steps as long as they lower the objective; converged when two in a row move the sets by less than the tolerance. The second is
-/// not made: it is the error, and solved for more closely, so that what hardly any force holds shows. A direction that is cut
-/// short, for instance where the objective curves downwards, says nothing: the alternation goes on from there.
-void ConstrainedSolver::newton(const Case& c, ConstrainedResult& result, NewtonMatrix& matrix) const {
+/// not made but returned: it is what is left. A direction that is cut short, for instance where the objective curves downwards,
+/// says nothing: the alternation goes on from there.
+Eigen::MatrixXd ConstrainedSolver::newton(const Case& c, ConstrainedResult& result, NewtonMatrix& matrix) const {
   constexpr double rounding = 1e-11;  // of the solutions, at least
   ConstrainedState& now = result.after;
   bool near = false;  // the last step was that small
+  Eigen::MatrixXd left;
   for (int step = 0; step < most_steps && result.newton_steps < most_steps_of_a_design; ++step) {
     c.context.check();
-    const Direction direction = newton_direction(now, matrix, near ? error_accuracy : direction_accuracy, c.context);
-    const double moved = rms(points_.displacements(direction.v));
+    const Direction direction = newton_direction(now, matrix, c.context);
+    left = direction.v;
+    const double moved = rms(points_.displacements(left));
     result.error = std::max(rounding, moved);
     const bool small = moved <= std::max(options_.tolerance, near ? rounding : 0.0);
-    if (small && direction.end != GradientsEnd::converged) return;
+    if (small && direction.end != GradientsEnd::converged) return left;
     result.converged = small && near;
-    if (result.converged) return;
+    if (result.converged) return left;
     near = small;
     ++result.newton_steps;
     double share = 1;
@@ -246,10 +259,11 @@ void ConstrainedSolver::newton(const Case& c, ConstrainedResult& result, NewtonM
     }
     if (!lower) {
       result.converged = near;
-      return;
+      return left;
     }
     result.objectives.push_back(now.objective);
   }
+  return left;
 }
 
 /// dx - P'(x) dx: how the vectors from the projections to the points change.

@@ -43,6 +43,8 @@ struct ConstrainedResult {
   int newton_steps = 0;
   bool converged = false;
   double error = 0;  ///< estimated rms distance of the points from the solution, unit coordinates
+  /// Estimated changes of w that lead from the result of each round to its solution, k x 3 each.
+  std::vector<Eigen::MatrixXd> left;
 
   /// The start for the next design.
   ConstrainedStart start() const {
@@ -118,10 +120,10 @@ class ConstrainedSolver {
 
   int patience_by_cost() const;
   void evaluate(const Case& c, ConstrainedState& state) const;
-  void alternate(const Case& c, int most, ConstrainedResult& result) const;
-  double distance_left(const Case& c, Eigen::MatrixXd forces) const;
-  void newton(const Case& c, ConstrainedResult& result, NewtonMatrix& matrix) const;
-  Direction newton_direction(const ConstrainedState& at, NewtonMatrix& matrix, double accuracy, const RunContext& context) const;
+  Eigen::MatrixXd alternate(const Case& c, int most, ConstrainedResult& result) const;
+  Eigen::MatrixXd response(const Case& c, Eigen::MatrixXd forces) const;
+  Eigen::MatrixXd newton(const Case& c, ConstrainedResult& result, NewtonMatrix& matrix) const;
+  Direction newton_direction(const ConstrainedState& at, NewtonMatrix& matrix, const RunContext& context) const;
   Eigen::MatrixXd gradient(const ConstrainedState& at) const;
   NewtonMatrix newton_at(const ConstrainedState& at, const RunContext& context) const;
   std::vector<Vec3> residual_change(const ConstrainedState& at, const std::vector<Vec3>& dx) const;

@@ -18,7 +18,7 @@ namespace {
 
 constexpr std::size_t energy_places_per_task = 1024;
 constexpr double exact_limit = 1e-9;      // of D: ConstraintReport::missed
-constexpr double convergence_margin = 4;  // largest error of a point against the estimated rms one of the constrained points
+constexpr double convergence_margin = 4;  // true error against the way to the solution as it is estimated
 
 constexpr double largest_turn = 15;  // degrees: beyond, a shell that keeps its energy linear loses more than its details
 
@@ -105,7 +105,9 @@ void EnergyEvaluation::solve_constrained(std::size_t design, WarmStart* warm, co
   report.converged = result.converged;
   report.energy = result.after.objective;
   report.convergence_error = result.error * D;
-  set_error(design, convergence_margin * report.convergence_error + system_.linear_error_ * report.prescribed_displacement);
+  double left = 0;
+  for (const Eigen::MatrixXd& w : result.left) left += system_.largest_displacement(w * D, context);
+  set_error(design, convergence_margin * left + system_.linear_error_ * report.prescribed_displacement);
   measure_constraints(design, result);
 }
 

@@ -162,6 +162,49 @@ EnergySystem::Solution EnergySystem::solve(const Eigen::MatrixXd& h, const RunCo
   return solution;
 }
 
+/// The values of a field at the samples, one row each.
+Eigen::MatrixXd EnergySystem::at_samples(const EnergyField& field) const {
+  const auto columns = static_cast<std::size_t>(field.w.cols());
+  const FunctionRows functions = model_.space.functions();
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(samples_.size()), field.w.cols());
+  std::vector<double> values(columns * tile_size);
+  std::size_t filled = following().size();
+  for (Eigen::Index i = 0; i < result.rows(); ++i) {
+    const std::uint32_t s = samples_[static_cast<std::size_t>(i)];
+    if (field.correction.size() > 0) {
+      if (filled != s / tile_size) {
+        filled = s / tile_size;
+        std::fill(values.begin(), values.end(), 0.0);
+        correction_->add_values(following_places_.tile(filled), field.correction.data(), columns, values.data());
+      }
+      for (std::size_t c = 0; c < columns; ++c) result(i, static_cast<Eigen::Index>(c)) = values[c * tile_size + s % tile_size];
+    }
+    functions.for_each(following()[s], [&](std::int64_t column, double value) { result.row(i) += value * field.w.row(column); });
+  }
+  return result;
+}
+
+/// At the points of the sets without the correction, which is for the points next to the handles.
+double EnergySystem::largest_displacement(const Eigen::MatrixXd& w, const RunContext& context) const {
+  EnergyField field{w, {}};
+  if (correction_) {
+    const auto held_count = static_cast<Eigen::Index>(model_.held.size());
+    field.correction = correction_->coefficients(misfit(Eigen::MatrixXd::Zero(held_count, w.cols()), w), context);
+  }
+  double largest = 0;
+  const Eigen::MatrixXd samples = at_samples(field);
+  for (Eigen::Index i = 0; i < samples.rows(); ++i) largest = std::max(largest, samples.row(i).norm());
+  const FunctionRows functions = model_.space.functions();
+  for (const ConstraintSet& set : constrained_->sets()) {
+    for (const PointId id : set.ids) {
+      Eigen::RowVector3d u = Eigen::RowVector3d::Zero();
+      functions.for_each(id, [&](std::int64_t column, double value) { u += value * field.w.row(column); });
+      largest = std::max(largest, u.norm());
+    }
+  }
+  return largest;
+}
+
 /// Estimates errors from the uncertainty of the solution and, for hard handles, from the remaining misfit at the held points,
 /// which affects the points next to them.
 void EnergySystem::measure_errors(const EnergyField& change, Solution& solution, const RunContext& context) const {
@@ -169,20 +212,14 @@ void EnergySystem::measure_errors(const EnergyField& change, Solution& solution,
   const auto columns = static_cast<std::size_t>(change.w.cols());
   solution.errors.assign(columns, 0.0);
   const FunctionRows functions = model_.space.functions();
-  std::vector<double> values(columns * tile_size);
-  std::size_t filled = following().size();
-  for (const std::uint32_t s : samples_) {
-    if (change.correction.size() > 0 && filled != s / tile_size) {
-      filled = s / tile_size;
-      std::fill(values.begin(), values.end(), 0.0);
-      correction_->add_values(following_places_.tile(filled), change.correction.data(), columns, values.data());
-    }
+  const Eigen::MatrixXd errors = at_samples(change);
+  for (std::size_t i = 0; i < samples_.size(); ++i) {
     for (std::size_t c = 0; c < columns; ++c) {
-      double error = values[c * tile_size + s % tile_size], size = 0;
-      functions.for_each(following()[s], [&](std::int64_t column, double value) {
-        error += value * change.w(column, static_cast<Eigen::Index>(c));
+      double size = 0;
+      functions.for_each(following()[samples_[i]], [&](std::int64_t column, double value) {
         size += std::abs(value * solution.field.w(column, static_cast<Eigen::Index>(c)));
       });
+      const double error = errors(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(c));
       solution.errors[c] = std::max(solution.errors[c], std::abs(error) + rounding * size);
     }
   }

@@ -77,6 +77,9 @@ class EnergySystem : public HandleSystem {
   Eigen::MatrixXd misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w) const;
   void measure(const Eigen::MatrixXd& h, Solution& solution) const;
   void measure_errors(const EnergyField& change, Solution& solution, const RunContext& context) const;
+  /// Of the points of the sets and at samples of the following points, for coefficients w (k x 3).
+  double largest_displacement(const Eigen::MatrixXd& w, const RunContext& context) const;
+  Eigen::MatrixXd at_samples(const EnergyField& field) const;
   Solution completed(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w, const RunContext& context) const;
   Prescribed prescribed(const BoundDesign& design, MotionKind kind) const;
   Constrained constrained_at(std::span<const double> variables, const RunContext& context) const;

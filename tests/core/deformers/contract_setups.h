@@ -260,8 +260,7 @@ class Maker {
     options.bending = kind == 1 ? 0 : dice_.power(-3, 3);
     if (dice_.once_in(6)) options.bending = dice_.power(-12, -3);
     options.handles = dice_.once_in(3) ? HandleMode::soft : HandleMode::hard;
-    // With multipliers their steps belong to the method.
-    if (constrained_ && made_.kind != Kind::shell) options.handles = HandleMode::soft;
+    if (constrained_ && made_.kind != Kind::shell && seed_ % 3 != 1) options.handles = HandleMode::soft;
     options.fixing = dice_.power(0, 9);
     options.basis = basis();
     options.basis_tolerance = basis_tolerance(options.basis);

@@ -150,18 +150,12 @@ struct Set {
   }
 };
 
-/// Newton's method for  A w + sum weight Phi^T (x - P(x)) = b.
+/// Newton's method for  A w + sum weight Phi^T (x - P(x)) = b, once or, with multipliers, after each of
+/// their steps with what the last one has left.
 class ConstrainedEquations {
  public:
-  ConstrainedEquations(const Equations& equations, const std::vector<Set>& sets)
-      : equations_(equations), sets_(sets), factor_(equations) {
-    b_.resize(static_cast<std::size_t>(equations.unknowns));
-    Field loads = equations.h;
-    for (std::size_t i = 0; i < loads.size() && !equations.model.eliminated; ++i) {
-      for (Quad& value : loads[i]) value *= Quad(equations.weights[i]);
-    }
-    equations.add_transposed(loads, b_);
-  }
+  ConstrainedEquations(const Equations& equations, const std::vector<Set>& sets, bool multipliers)
+      : equations_(equations), sets_(sets), multipliers_(multipliers), factor_(equations) {}
 
   struct Solution {
     Field w;
@@ -169,9 +163,27 @@ class ConstrainedEquations {
   };
 
   /// From places of the sets near their solution; without w if the steps do not end.
-  Solution solution(const std::vector<Places>& near) const {
-    constexpr int most_steps = 14, last_steps = 4;
+  Solution solution(const std::vector<Places>& near) {
+    Field u = loads(equations_, factor_, multipliers_);
+    b_ = equations_.right_side(u);
     Solution result{start(near)};
+    for (int step = 0; step < (multipliers_ ? EnergySolver::multiplier_steps : 1); ++step) {
+      if (step > 0) {
+        const Field missing = equations_.misfit(result.w);
+        for (std::size_t i = 0; i < u.size(); ++i) {
+          for (std::size_t k = 0; k < 3; ++k) u[i][k] += missing[i][k];
+        }
+        b_ = equations_.right_side(u);
+      }
+      if (!improve(result)) return {};
+    }
+    return result;
+  }
+
+ private:
+  /// False if the steps do not end.
+  bool improve(Solution& result) const {
+    constexpr int most_steps = 14, last_steps = 4;
     Eigen::PartialPivLU<Matrix> newton(derivative(result.w));
     Quad before = -1;
     for (int step = 0; step < most_steps; ++step) {
@@ -180,16 +192,14 @@ class ConstrainedEquations {
       for (std::size_t j = 0; j < result.w.size(); ++j) {
         for (std::size_t k = 0; k < 3; ++k) result.w[j][k] += change[j][k];
       }
-      if (size <= Quad(1e-15) * largest(result.w)) return result;
+      if (size <= Quad(1e-15) * largest(result.w)) return true;
       if (step >= most_steps - last_steps) result.rounding = std::max(result.rounding, static_cast<Extended>(size));
       if (before >= 0 && size > before / 5 && step < most_steps - last_steps) newton.compute(derivative(result.w));
       before = size;
     }
-    if (result.rounding > 1e-6L * static_cast<Extended>(largest(result.w))) return {};
-    return result;
+    return result.rounding <= 1e-6L * static_cast<Extended>(largest(result.w));
   }
 
- private:
   Field residual(const Field& w) const {
     Field r = factor_.residual(b_, w);
     for (const Set& set : sets_) {
@@ -259,6 +269,7 @@ class ConstrainedEquations {
 
   const Equations& equations_;
   const std::vector<Set>& sets_;
+  const bool multipliers_;
   const Factor factor_;
   Field b_;
 };

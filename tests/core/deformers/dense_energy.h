@@ -77,6 +77,15 @@ struct Equations {
     }
     return result;
   }
+  /// R u, or B^T W u.
+  Field right_side(Field u) const {
+    for (std::size_t i = 0; i < u.size() && !model.eliminated; ++i) {
+      for (Quad& value : u[i]) value *= Quad(weights[i]);
+    }
+    Field result(static_cast<std::size_t>(unknowns));
+    add_transposed(u, result);
+    return result;
+  }
   /// Adds B^T x.
   void add_transposed(const Field& x, Field& to) const {
     for (std::size_t i = 0; i < rows.size(); ++i) {
@@ -155,29 +164,22 @@ class Factor {
   Eigen::PartialPivLU<Matrix> lu_;
 };
 
-/// The coefficients of the solution.
-inline Field solution(const Equations& equations, bool soft) {
-  const auto size = static_cast<std::size_t>(equations.unknowns);
-  const auto weighted = [&](const Field& u) {
-    Field x = u;
-    for (std::size_t i = 0; i < x.size(); ++i) {
-      for (Quad& value : x[i]) value *= Quad(equations.weights[i]);
-    }
-    return x;
-  };
-  const Factor factor(equations);
-  const bool eliminated = equations.model.eliminated;
-  Field u = equations.h, w;
-  for (int step = 0; step < (eliminated || soft ? 1 : EnergySolver::multiplier_steps); ++step) {
-    Field b(size);
-    equations.add_transposed(eliminated ? u : weighted(u), b);
-    w = factor.solve(b);
-    const Field left = equations.misfit(w);
+/// The loads of the last step, with multipliers of several.
+inline Field loads(const Equations& equations, const Factor& factor, bool multipliers) {
+  Field u = equations.h;
+  for (int step = 1; multipliers && step < EnergySolver::multiplier_steps; ++step) {
+    const Field left = equations.misfit(factor.solve(equations.right_side(u)));
     for (std::size_t i = 0; i < u.size(); ++i) {
       for (std::size_t k = 0; k < 3; ++k) u[i][k] += left[i][k];
     }
   }
-  return w;
+  return u;
+}
+
+/// The coefficients of the solution.
+inline Field solution(const Equations& equations, bool soft) {
+  const Factor factor(equations);
+  return factor.solve(equations.right_side(loads(equations, factor, !soft && !equations.model.eliminated)));
 }
 
 /// Values at places of the triharmonic interpolant, with a linear polynomial, of a misfit at centres.
