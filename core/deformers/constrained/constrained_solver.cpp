@@ -192,9 +192,13 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
     // What a round leaves is in the loads of the next one.
     result.error += earlier;
     earlier = result.error;
-    if (!multipliers || round == rounds || !result.converged) return result;
+    if (!multipliers || round == rounds) return result;
     const Eigen::MatrixXd missing = h - problem.coupling.transpose() * result.w;
     if (missing.size() == 0 || missing.cwiseAbs().maxCoeff() <= wanted) return result;
+    if (!result.converged) {  // no rounds follow, but what they would change is left as well
+      result.left.push_back(solver_.solve_loads(missing, context));
+      return result;
+    }
     result.rounds.push_back(result.after);
     loads += missing;
     start();

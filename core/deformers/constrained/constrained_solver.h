@@ -43,7 +43,8 @@ struct ConstrainedResult {
   int newton_steps = 0;
   bool converged = false;
   double error = 0;  ///< estimated rms distance of the points from the solution, unit coordinates
-  /// Estimated changes of w that lead from the result of each round to its solution, k x 3 each.
+  /// Estimated changes of w that lead from the result of each round to its solution, and to those of rounds that were not
+  /// made; k x 3 each.
   std::vector<Eigen::MatrixXd> left;
 
   /// The start for the next design.
