@@ -16,6 +16,7 @@
 
 #include "core/base/commit/commit.h"
 #include "core/base/text.h"
+#include "core/numerics/dense/blas_kernels.h"
 #include "server/options.h"
 #include "server/rpc/log.h"
 #include "server/rpc/server.h"
@@ -176,6 +177,7 @@ void serve(deform::server::Configuration configuration, const deform::server::Co
   deform::server::start_logging(configuration.log);
   spdlog::info("{} starts, process {}", deform::version_line("deformd"), getpid());
   log_configuration(configuration);
+  spdlog::info("dense systems by the kernels of OpenBLAS for {}", deform::lapack::kernels());
   raise_open_files();
   for (const auto& [name, value, source] : configuration.effective) {
     if (is_limit(name)) configuration.server.limits.emplace_back(name, value);
@@ -205,6 +207,7 @@ std::optional<std::string> environment_variable(const std::string& name) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  deform::lapack::use_kernels_of_processor(argv);
   try {
     const deform::server::CommandLine command_line{{argv + 1, argv + argc}, environment_variable};
     if (const auto code = deform::server::run_store_command(command_line, std::cout)) return *code;

@@ -21,6 +21,7 @@
 #include "core/base/parallel.h"
 #include "core/deformers/rbf/rbf_system.h"
 #include "core/mesh/ahmed.h"
+#include "core/numerics/dense/blas_kernels.h"
 #include "core/numerics/fast_sums/fast_sums.h"
 #include "core/numerics/interpolation/interpolator.h"
 #include "core/numerics/interpolation/least_squares_interpolator.h"
@@ -353,6 +354,7 @@ void handle_motion(bool quick) {
 }  // namespace deform
 
 int main(int argc, char** argv) {
+  deform::lapack::use_kernels_of_processor(argv);
   const bool quick = argc > 1 && std::strcmp(argv[1], "--quick") == 0;
   const bool solvers_only = argc > 1 && std::strcmp(argv[1], "--solvers") == 0;
   std::printf("%d threads, %s\n", deform::thread_count({}), deform::vector_target());

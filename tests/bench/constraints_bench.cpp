@@ -22,6 +22,7 @@
 #include "core/base/error.h"
 #include "core/constraints/detection/detect.h"
 #include "core/mesh/ahmed.h"
+#include "core/numerics/dense/blas_kernels.h"
 #include "core/quality/element_quality.h"
 #include "tests/bench/constraint_cases.h"
 #include "tests/bench/constraint_convergence.h"
@@ -378,6 +379,7 @@ int run(const Options& options) {
 }  // namespace deform::bench
 
 int main(int argc, char** argv) {
+  deform::lapack::use_kernels_of_processor(argv);
   deform::bench::Options options;
   for (int i = 1; i < argc; ++i) {
     if (std::strcmp(argv[i], "--quick") == 0) {

@@ -16,6 +16,7 @@
 #include "core/base/error.h"
 #include "core/deformers/system.h"
 #include "core/mesh/ahmed.h"
+#include "core/numerics/dense/blas_kernels.h"
 #include "tests/bench/peak_cases.h"
 
 namespace {
@@ -88,6 +89,7 @@ double mebi(std::size_t bytes) { return static_cast<double>(bytes) / (1 << 20); 
 }  // namespace
 
 int main(int argc, char** argv) {
+  deform::lapack::use_kernels_of_processor(argv);
   try {
     if (argc == 3 && std::strcmp(argv[1], "--measure") == 0) {
       for (const deform::test::PeakCase& row : deform::test::peak_cases()) {

@@ -15,6 +15,7 @@
 #include "core/deformers/energy/spaces/mls.h"
 #include "core/deformers/energy/spaces/subspace.h"
 #include "core/mesh/ahmed.h"
+#include "core/numerics/dense/blas_kernels.h"
 #include "core/numerics/sampling/subspace.h"
 #include "core/numerics/sparse/sparse_cholesky.h"
 #include "tests/bench/report.h"
@@ -147,6 +148,7 @@ int run(bool quick) {
 }  // namespace deform
 
 int main(int argc, char** argv) {
+  deform::lapack::use_kernels_of_processor(argv);
   if (argc > 1 && std::strcmp(argv[1], "--samples") == 0) {
     deform::bench::Report report("MLS: the default number of samples on closed surfaces");
     deform::bench::measure_sample_doubling({argv + 2, argv + argc}, report);

@@ -21,6 +21,7 @@
 #include "core/deformers/rbf/rbf_system.h"
 #include "core/io/mesh_file.h"
 #include "core/mesh/ahmed.h"
+#include "core/numerics/dense/blas_kernels.h"
 #include "core/numerics/dense/lapack.h"
 #include "core/numerics/dense/packed_cholesky.h"
 #include "core/numerics/interpolation/dense_interpolator.h"
@@ -404,6 +405,7 @@ void bench_nearest(std::size_t samples, std::size_t nodes) {
 }  // namespace deform
 
 int main(int argc, char** argv) {
+  deform::lapack::use_kernels_of_processor(argv);
   std::vector<std::string> arguments(argv + 1, argv + argc);
   const bool quick = !arguments.empty() && arguments[0] == "--quick";
   if (quick) arguments.erase(arguments.begin());

@@ -13,6 +13,7 @@
 
 #include "core/base/error.h"
 #include "core/deformers/splitting.h"
+#include "core/numerics/dense/blas_kernels.h"
 #include "core/numerics/interpolation/dense_interpolator.h"
 #include "core/quality/element_quality.h"
 #include "tests/bench/cell_check_cost.h"
@@ -189,6 +190,7 @@ int run(const std::filesystem::path& data, const std::filesystem::path& work, bo
 }  // namespace deform::bench
 
 int main(int argc, char** argv) {
+  deform::lapack::use_kernels_of_processor(argv);
   bool quick = false, checks = false;
   std::filesystem::path data = DEFORM_SHARED_DATA, work = "volume_bench.work";
   for (int i = 1; i < argc; ++i) {

@@ -7,11 +7,13 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <cstdlib>
 #include <fstream>
 #include <iterator>
 #include <string>
 #include <vector>
 
+#include "core/numerics/dense/blas_kernels.h"
 #include "deform/v1/service.grpc.pb.h"
 #include "tests/support/fake_engine.h"
 #include "tests/support/in_process_server.h"
@@ -107,6 +109,34 @@ TEST_F(Deformd, ServesUntilSigterm) {
     EXPECT_NE(log.find("method=GetServerInfo"), std::string::npos);
     EXPECT_NE(log.find("stopped"), std::string::npos);
   }
+}
+
+/// What the log says of the kernels of OpenBLAS.
+std::string kernels_in(const std::string& log) {
+  const std::string before = "kernels of OpenBLAS for ";
+  const auto at = log.find(before);
+  return at == std::string::npos ? "" : log.substr(at + before.size(), log.find('\n', at) - at - before.size());
+}
+
+TEST_F(Deformd, ComputesWithTheKernelsOfTheProcessorOrThoseAskedFor) {
+  const char* asked = std::getenv("OPENBLAS_CORETYPE");
+  const std::string before = asked == nullptr ? "" : asked;
+  for (const std::string kernels : {"", "Nehalem"}) {
+    std::filesystem::remove(port_file());
+    kernels.empty() ? unsetenv("OPENBLAS_CORETYPE") : setenv("OPENBLAS_CORETYPE", kernels.c_str(), 1);
+    Process process(arguments(), output());
+    address();
+    process.signal(SIGTERM);
+    EXPECT_EQ(process.wait(), 0) << process.output();
+    const std::string used = kernels_in(process.output());
+    if (kernels.empty()) {
+      EXPECT_NE(used, "");
+      EXPECT_EQ(lapack::better_kernels(used, lapack::processor_features()), "") << used;
+    } else {
+      EXPECT_EQ(used, kernels);
+    }
+  }
+  before.empty() ? unsetenv("OPENBLAS_CORETYPE") : setenv("OPENBLAS_CORETYPE", before.c_str(), 1);
 }
 
 TEST_F(Deformd, AnUploadThatStallsIsCutOffAfterTheGrace) {

@@ -11,6 +11,7 @@
 #include <iostream>
 
 #include "core/base/error.h"
+#include "core/numerics/dense/blas_kernels.h"
 #include "tests/bench/methods/methods.h"
 
 #ifndef DEFORM_SHARED_DATA
@@ -18,6 +19,7 @@
 #endif
 
 int main(int argc, char** argv) {
+  deform::lapack::use_kernels_of_processor(argv);
   using namespace deform::bench;
   bool quick = false;
   std::filesystem::path data = DEFORM_SHARED_DATA;
