@@ -6,8 +6,8 @@
 
 #include "core/base/checks.h"
 #include "core/base/error.h"
-#include "core/quality/centred.h"
 #include "core/quality/moving_cells.h"
+#include "core/quality/taylor_model.h"
 
 namespace deform::quality {
 
@@ -32,7 +32,16 @@ Straight operator+(const Straight& a, const Straight& b) { return {a.start + b.s
 Straight operator-(const Straight& a, const Straight& b) { return {a.start - b.start, a.slope - b.slope}; }
 Straight operator*(double s, const Straight& a) { return {s * a.start, s * a.slope}; }
 
-/// A vector of degree 2 in u, 0 at one s: products of two that move straight need no bounds on the way to their sum.
+/// A place that rests.
+struct Fixed {
+  Vec3 start{};
+};
+
+Fixed operator+(const Fixed& a, const Fixed& b) { return {a.start + b.start}; }
+Fixed operator-(const Fixed& a, const Fixed& b) { return {a.start - b.start}; }
+Fixed operator*(double s, const Fixed& a) { return {s * a.start}; }
+
+/// A vector of degree 2 in u, 0 at one s: the product of two that move straight.
 struct Curve {
   Vec3 constant{}, linear{}, square{};
 };
@@ -43,32 +52,52 @@ Curve operator*(double s, const Curve& a) { return {s * a.constant, s * a.linear
 /// Where it is at one s.
 struct Moment {
   using Number = double;
-  double s;
+  using Product = Vec3;
+  double s = 0;
   Vec3 operator()(const Straight& place) const { return place.start + s * place.slope; }
-  Vec3 operator()(const Curve& curve) const { return curve.constant; }
-  Curve product(const Straight& a, const Straight& b) const { return {cross((*this)(a), (*this)(b)), {}, {}}; }
+  Vec3 operator()(const Fixed& place) const { return place.start; }
+  Vec3 operator()(const Vec3& product) const { return product; }
+  template <typename Place>
+  Vec3 product(const Place& a, const Place& b) const {
+    return cross((*this)(a), (*this)(b));
+  }
+  static double size(const Vec3& product) { return length(product); }
+  template <typename Place>
+  Vec3 times(double factor, const Place& place) const {
+    return factor * (*this)(place);
+  }
 };
 
 /// Where it is while s goes through an interval.
 struct Span {
-  using Number = Centred;
+  using Number = TaylorModel;
+  using Product = Curve;
   double middle, radius;
-  Triple<Centred> operator()(const Straight& place) const {
-    Triple<Centred> result;
-    for (std::size_t k = 0; k < 3; ++k) result[k] = Centred::linear(place.start[k], place.slope[k], middle, radius);
+  Triple<TaylorModel> operator()(const Straight& place) const {
+    Triple<TaylorModel> result;
+    for (std::size_t k = 0; k < 3; ++k) {
+      result[k] = {place.start[k] + middle * place.slope[k], radius * place.slope[k], 0};
+    }
     return result;
   }
-  Triple<Centred> operator()(const Curve& curve) const {
-    Triple<Centred> result;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const double c = curve.constant[k], b = curve.linear[k], a = curve.square[k], slope = std::abs(b), bend = 2 * std::abs(a);
-      result[k] = {c, {c + std::min(a, 0.0) - slope, c + std::max(a, 0.0) + slope}, {b - bend, b + bend}};
-    }
+  Triple<TaylorModel> operator()(const Curve& curve) const {
+    Triple<TaylorModel> result;
+    for (std::size_t k = 0; k < 3; ++k) result[k] = {curve.constant[k], curve.linear[k], curve.square[k]};
     return result;
   }
   Curve product(const Straight& a, const Straight& b) const {
     const Vec3 at = a.start + middle * a.slope, bt = b.start + middle * b.slope, da = radius * a.slope, db = radius * b.slope;
     return {cross(at, bt), cross(at, db) + cross(da, bt), cross(da, db)};
+  }
+  static TaylorModel size(const Curve& product) {
+    return square_root(squared_length(product.constant, product.linear, product.square));
+  }
+  Triple<TaylorModel> times(const TaylorModel& factor, const Straight& place) const {
+    Triple<TaylorModel> result;
+    for (std::size_t k = 0; k < 3; ++k) {
+      result[k] = times_linear(factor, place.start[k] + middle * place.slope[k], radius * place.slope[k]);
+    }
+    return result;
   }
 };
 
@@ -78,38 +107,40 @@ struct Side {
 };
 
 /// The corners of a face and their mean.
+template <typename Place>
 struct Outline {
-  std::span<const Straight> corners;  ///< in those of the Body
-  Straight mean;
+  std::span<const Place> corners;  ///< in those of the Body
+  Place mean;
   double sign;
 };
 
-/// A cell on its way, relative to one of its points: what all move alike does not blur the bounds.
+/// A cell that rests or is on its way, relative to one of its points: what all move alike does not blur the bounds.
+template <typename Place>
 struct Body {
-  std::vector<Straight> corners;  ///< of all faces; never moved
-  std::vector<Outline> faces;
-  Straight mean;  ///< of the faces' means
+  std::vector<Place> corners;  ///< of all faces
+  std::vector<Outline<Place>> faces;
+  Place mean;  ///< of the faces' means
 };
 
 /// Area vector of a face out of the cell, the centre of the face relative to the mean of its corners: the fan of triangles around
 /// that mean, as PolyhedralQuality has it.
-template <typename When, typename T = typename When::Number>
-void measure(const Outline& face, const When& when, Triple<T>& area, Triple<T>& offset) {
+template <typename Place, typename When, typename T = typename When::Number>
+void measure(const Outline<Place>& face, const When& when, Triple<T>& area, Triple<T>& offset) {
   const auto& corners = face.corners;
   offset = {T(0.0), T(0.0), T(0.0)};
   if (corners.size() == 3) {
     area = when(0.5 * face.sign * when.product(corners[1] - corners[0], corners[2] - corners[0]));
     return;
   }
-  Curve sum;
+  typename When::Product sum{};
   T sizes(0.0);
   for (std::size_t c = 0; c < corners.size(); ++c) {
-    const Straight &p = corners[c], &next = corners[(c + 1) % corners.size()];
-    const Curve normal = when.product(next - p, face.mean - p);
-    const T size = length(when(normal));
+    const Place &p = corners[c], &next = corners[c + 1 == corners.size() ? 0 : c + 1];
+    const auto normal = when.product(next - p, face.mean - p);
+    const T size = when.size(normal);
     sum = sum + normal;
     sizes = sizes + size;
-    offset = offset + size * when((p - face.mean) + (next - face.mean));
+    offset = offset + when.times(size, (p - face.mean) + (next - face.mean));
   }
   area = when(0.5 * face.sign * sum);
   offset = inverse(3.0 * sizes) * offset;
@@ -117,12 +148,14 @@ void measure(const Outline& face, const When& when, Triple<T>& area, Triple<T>& 
 
 /// Calls use(normalized, margin) for the volume and then the pyramid of every face: margin > 0 proves that it is positive, beyond
 /// `share` of its size. Ends when use returns false.
-template <typename When, typename Use>
-void measure(const Body& body, const When& when, double share, const Use& use) {
+template <typename Place, typename When, typename Use>
+void measure(const Body<Place>& body, const When& when, double share, const Use& use) {
   using T = typename When::Number;
   const std::size_t n = body.faces.size();
   if (n == 0) return;
-  std::vector<Triple<T>> area(n), way(n);  // from the mean of the faces' centres to them
+  thread_local std::vector<Triple<T>> area, way;  // from the mean of the faces' centres to them
+  area.resize(n);
+  way.resize(n);
   Triple<T> mean{T(0.0), T(0.0), T(0.0)};
   for (std::size_t f = 0; f < n; ++f) {
     measure(body.faces[f], when, area[f], way[f]);
@@ -137,16 +170,16 @@ void measure(const Body& body, const When& when, double share, const Use& use) {
     const T pyramid = dot(area[f], way[f]);
     volume = volume + pyramid;
     centre = centre + pyramid * way[f];
-    const double size = upper_bound(length(way[f]));
+    const double size = longest(way[f]);
     extent = std::max(extent, size);
-    sizes += upper_bound(length(area[f])) * size;
+    sizes += longest(area[f]) * size;
   }
   if (!use(lower_bound(volume) / sizes, lower_bound(volume) - share * sizes)) return;
   centre = inverse(volume) * (0.75 * centre);
   for (std::size_t f = 0; f < n; ++f) {
     const Triple<T> to_face = way[f] - centre;
-    const double pyramid = lower_bound(dot(area[f], to_face)), size = upper_bound(length(area[f]));
-    if (!use(pyramid / (size * upper_bound(length(to_face))), pyramid - share * size * extent)) return;
+    const double pyramid = lower_bound(dot(area[f], to_face)), size = longest(area[f]);
+    if (!use(pyramid / (size * longest(to_face)), pyramid - share * size * extent)) return;
   }
 }
 
@@ -171,10 +204,10 @@ class MovingPolyhedra : public MovingCells {
   std::size_t size() const override { return cells_.cell_count; }
 
   State state(PointSpan points, std::size_t c) const override {
-    const Body body = body_of(points, points, c);
+    const Body<Fixed>& body = resting(points, c, handed(c));
     State state{body.faces.empty() ? 0.0 : 1.0, body.faces.empty()};
     bool is_volume = true;
-    measure(body, Moment{0}, tolerance, [&](double normalized, double margin) {
+    measure(body, Moment{}, tolerance, [&](double normalized, double margin) {
       if (std::isnan(normalized)) normalized = 0;
       state.inverted = state.inverted || !(margin > 0);
       if (!is_volume || state.inverted) state.determinant = std::min(state.determinant, normalized);
@@ -189,8 +222,8 @@ class MovingPolyhedra : public MovingCells {
   }
 
   Orientation orientation(PointSpan points, std::size_t c) const override {
-    if (sound(body_of(points, points, c, 1))) return Orientation::positive;
-    return sound(body_of(points, points, c, -1)) ? Orientation::mirrored : Orientation::neither;
+    if (sound(resting(points, c, 1))) return Orientation::positive;
+    return sound(resting(points, c, -1)) ? Orientation::mirrored : Orientation::neither;
   }
 
   /// Faces know their sides: all neighbours are of one kind.
@@ -201,12 +234,9 @@ class MovingPolyhedra : public MovingCells {
   }
 
   double first_inversion(PointSpan from, PointSpan to, std::size_t c, double bound) const override {
-    const Body body = body_of(from, to, c);
+    const Body<Straight>& body = moving(from, to, c);
     const auto rests = [](const Straight& place) { return place.slope == Vec3{}; };
-    const bool rigid = std::all_of(body.faces.begin(), body.faces.end(), [&](const Outline& face) {
-      return std::all_of(face.corners.begin(), face.corners.end(), rests);
-    });
-    return rigid ? unbounded : search(body, 0, 1, bound);
+    return std::all_of(body.corners.begin(), body.corners.end(), rests) ? unbounded : search(body, 0, 1, bound);
   }
 
   CellTolerance motion_tolerance(PointSpan rest, std::size_t c, double determinant) const override {
@@ -247,39 +277,56 @@ class MovingPolyhedra : public MovingCells {
     if (f < cells_.internal_faces()) check_ids({&cells_.neighbour[f], 1}, cells_.cell_count, face, "cell");
   }
 
-  Body body_of(PointSpan from, PointSpan to, std::size_t c) const { return body_of(from, to, c, left_handed(c) ? -1 : 1); }
+  double handed(std::size_t c) const { return left_handed(c) ? -1 : 1; }
 
-  Body body_of(PointSpan from, PointSpan to, std::size_t c, double sign) const {
-    Body body;
+  /// Valid until the next call by the same thread.
+  const Body<Fixed>& resting(PointSpan points, std::size_t c, double sign) const {
+    thread_local Body<Fixed> body;
+    fill(body, c, sign, [&](PointId p, PointId base) { return Fixed{points[p] - points[base]}; });
+    return body;
+  }
+
+  /// Valid until the next call by the same thread.
+  const Body<Straight>& moving(PointSpan from, PointSpan to, std::size_t c) const {
+    thread_local Body<Straight> body;
+    fill(body, c, handed(c), [&](PointId p, PointId base) {
+      const Vec3 start = from[p] - from[base];
+      return Straight{start, (to[p] - to[base]) - start};
+    });
+    return body;
+  }
+
+  template <typename Place, typename At>
+  void fill(Body<Place>& body, std::size_t c, double sign, const At& at) const {
     const auto all = sides(c);
-    body.faces.reserve(all.size());
+    body.faces.clear();
+    body.corners.clear();
+    body.mean = {};
     std::size_t corners = 0;
     for (const Side& side : all) corners += cells_.face(side.face).size();
-    body.corners.reserve(corners);
+    body.corners.reserve(corners);  // so that they stay where they are
     const PointId base = all.empty() || cells_.face(all[0].face).empty() ? 0 : cells_.face(all[0].face)[0];
     for (const Side& side : all) {
-      Outline& face = body.faces.emplace_back(Outline{{}, {}, sign * side.sign});
+      Outline<Place>& face = body.faces.emplace_back(Outline<Place>{{}, {}, sign * side.sign});
       const std::size_t first = body.corners.size();
       for (const PointId p : cells_.face(side.face)) {
-        const Vec3 start = from[p] - from[base];
-        body.corners.push_back({start, (to[p] - to[base]) - start});
+        body.corners.push_back(at(p, base));
         face.mean = face.mean + body.corners.back();
       }
-      face.corners = std::span<const Straight>(body.corners).subspan(first);
+      face.corners = std::span<const Place>(body.corners).subspan(first);
       face.mean = (1.0 / static_cast<double>(std::max<std::size_t>(1, face.corners.size()))) * face.mean;
       body.mean = body.mean + face.mean;
     }
     body.mean = (1.0 / static_cast<double>(std::max<std::size_t>(1, all.size()))) * body.mean;
-    return body;
   }
 
-  static bool sound(const Body& body) {
+  static bool sound(const Body<Fixed>& body) {
     bool sound = !body.faces.empty();
-    measure(body, Moment{0}, tolerance, [&](double, double margin) { return sound = margin > 0; });
+    measure(body, Moment{}, tolerance, [&](double, double margin) { return sound = margin > 0; });
     return sound;
   }
 
-  static bool proven(const Body& body, double low, double high) {
+  static bool proven(const Body<Straight>& body, double low, double high) {
     bool sound = true;
     const auto use = [&](double, double margin) { return sound = margin > 0; };
     measure(body, Moment{high}, on_the_way, use);  // cheap, and where it fails there is nothing to prove
@@ -287,7 +334,7 @@ class MovingPolyhedra : public MovingCells {
     return sound;
   }
 
-  static double search(const Body& body, double low, double high, double bound) {
+  static double search(const Body<Straight>& body, double low, double high, double bound) {
     if (low > bound || proven(body, low, high)) return unbounded;
     if (high - low <= std::max(resolution * high, least_step)) return low;
     const double middle = 0.5 * (low + high), first = search(body, low, middle, bound);

@@ -65,8 +65,8 @@ struct SafeAmplitude {
 ///
 /// Accuracy: determinants of elements and areas of faces are cubic and quadratic polynomials of s; their first roots are found by
 /// bisection to the last bit, for any multiplicity. So a cell that only touches zero counts, with a root that is early by the
-/// effect of the tolerance above (1e-7 for a double root). Centres of polyhedral cells and faces are not polynomials; here bounds
-/// of the measures and their derivatives on intervals of s are bisected until they prove the sign or the interval is 1e-12 of s.
+/// effect of the tolerance above (1e-7 for a double root). Centres of polyhedral cells and faces are not polynomials; here
+/// intervals of s are bisected until Taylor models of the measures prove their sign or the interval is 1e-12 of s.
 /// Amplitudes are never too large. The points X + s (Y - X) are meant without rounding.
 ///
 /// Speed: the tolerance of each cell is computed once from its rest shape, and for moderate motions a bound of its deformation
