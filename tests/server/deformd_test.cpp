@@ -51,6 +51,7 @@ class Process {
   Process(const Process&) = delete;
   Process& operator=(const Process&) = delete;
 
+  pid_t id() const { return pid_; }
   void signal(int number) const { kill(pid_, number); }
   bool ended() {
     int status = 0;
@@ -126,6 +127,7 @@ TEST_F(Deformd, ComputesWithTheKernelsOfTheProcessorOrThoseAskedFor) {
     kernels.empty() ? unsetenv("OPENBLAS_CORETYPE") : setenv("OPENBLAS_CORETYPE", kernels.c_str(), 1);
     Process process(arguments(), output());
     address();
+    EXPECT_EQ(content("/proc/" + std::to_string(process.id()) + "/comm"), "deformd\n") << "as tools that look for it want it";
     process.signal(SIGTERM);
     EXPECT_EQ(process.wait(), 0) << process.output();
     const std::string used = kernels_in(process.output());

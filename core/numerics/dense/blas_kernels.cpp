@@ -6,7 +6,9 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <filesystem>
 #include <iterator>
+#include <system_error>
 
 namespace deform::lapack {
 
@@ -35,7 +37,9 @@ void use_kernels_of_processor(char** argv) {
   if (std::getenv(variable) != nullptr) return;  // NOLINT(concurrency-mt-unsafe): there are no threads yet
   const std::string better = better_kernels(kernels(), processor_features());
   if (better.empty() || setenv(variable, better.c_str(), 0) != 0) return;  // NOLINT(concurrency-mt-unsafe)
-  execv("/proc/self/exe", argv);
+  // By its path: the name of the process is that of the file.
+  std::error_code none;
+  execv(std::filesystem::read_symlink("/proc/self/exe", none).c_str(), argv);
 }
 
 }  // namespace deform::lapack
