@@ -27,18 +27,18 @@ class Launcher(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stdout)
         return done.stdout
 
-    def precompile(self, clone, member):
+    def precompile(self, clone, member, before=""):
         folder = self.root / clone
         folder.mkdir(exist_ok=True)
-        (folder / "point.h").write_text(f"struct Point {{ int {member}; }};\n")
+        (folder / "point.h").write_text(f"{before}struct Point {{ int {member}; }};\n")
         (folder / "all.h").write_text(f'#include "{folder}/point.h"\n')
         (folder / "all.cpp").write_text("")
         # As CMake does it.
         self.run_in(clone, str(LAUNCHER), "g++", "-fpch-preprocess", "-x", "c++-header", "-include", str(folder / "all.h"), "-o", "all.h.gch",
                     "-c", "all.cpp")
 
-    def has_member(self, clone, member):
-        (self.root / clone / "use.cpp").write_text(f"int main() {{ return Point().{member}; }}\n")
+    def has_member(self, clone, member, before=""):
+        (self.root / clone / "use.cpp").write_text(f"{before}int main() {{ return Point().{member}; }}\n")
         self.run_in(clone, str(LAUNCHER), "g++", "-fpch-preprocess", "-include", str(self.root / clone / "all.h"), "-c", "use.cpp", "-o", "use.o")
 
     def test_a_header_of_an_earlier_build_is_not_its_content(self):
@@ -49,6 +49,11 @@ class Launcher(unittest.TestCase):
         self.precompile("two", "z")
         self.has_member("one", "y")
         self.has_member("two", "z")
+
+    def test_a_header_whose_comment_has_changed_is_still_read_once(self):
+        for comment in ("old", "new"):
+            self.precompile("one", "x", f"#pragma once\n// {comment}\n")
+            self.has_member("one", "x", f'#include "point.h"\nint {comment}_use;\n')
 
     def test_equal_headers_are_compiled_once(self):
         self.precompile("one", "x")
