@@ -151,7 +151,7 @@ void add_engine_options(std::vector<Option>& all) {
       "cache-budget", "memory for systems that wait for their next use; 0: half of the memory budget",
       [](Configuration & c) -> auto& { return c.server.engine.cache_budget; }));
   all.push_back(number(
-      "workers", "requests computed at once; 0: one per core",
+      "workers", "requests computed at once; 0: one per core of the machine or its cgroup",
       [](Configuration & c) -> auto& { return c.server.engine.workers; }));
   all.push_back(number(
       "queue-limit", "requests that may wait; more are refused with a retry hint",

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/base/parallel.h"
 
+#include "core/base/control_group.h"
+
 #include <algorithm>
-#include <thread>
 
 #if defined(__SANITIZE_THREAD__)
 #define DEFORM_THREAD_SANITIZER
@@ -16,9 +17,11 @@
 #include <atomic>
 #include <exception>
 #include <mutex>
+#include <thread>
 #include <vector>
 #else
 #include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/partitioner.h>
 #include <oneapi/tbb/task_arena.h>
@@ -58,6 +61,9 @@ void run_ranges(std::size_t ranges, int threads, const RunRange& run) {
 #else
 
 void run_ranges(std::size_t ranges, int threads, const RunRange& run) {
+  // Of all loops together: more threads than the quota allows would stand still together when it is used up.
+  static const oneapi::tbb::global_control at_most(oneapi::tbb::global_control::max_allowed_parallelism,
+                                                   static_cast<std::size_t>(available_cores()));
   // In a group of its own: a loop that is inside a range of another one must not end without a word, with ranges that never ran,
   // because that other one is cancelled by an exception.
   oneapi::tbb::task_group_context group(oneapi::tbb::task_group_context::isolated);
@@ -85,7 +91,7 @@ void run_ranges(std::size_t ranges, int threads, const RunRange& run) {
 }  // namespace
 
 int thread_count(const RunContext& context) {
-  const int cores = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  const int cores = available_cores();
   return context.threads > 0 ? std::min(context.threads, cores) : cores;
 }
 

@@ -4,13 +4,15 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/base/control_group.h"
+
 namespace deform {
 
 namespace {
 
 std::size_t resolved(int threads) {
   if (threads > 0) return static_cast<std::size_t>(threads);
-  return std::max(1u, std::thread::hardware_concurrency());
+  return static_cast<std::size_t>(available_cores());
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <thread>
 #include <utility>
 
+#include "core/base/control_group.h"
 #include "core/base/number_text.h"
 #include "core/base/version.h"
 #include "core/deformers/methods.h"
@@ -34,13 +35,11 @@ namespace deform::server {
 
 namespace {
 
-int cores() { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
-
 EngineOptions effective(EngineOptions options) {
   options.validate();
   if (options.memory_budget == 0) options.memory_budget = available_memory() / 5 * 4;
   if (options.cache_budget == 0) options.cache_budget = options.memory_budget / 2;
-  if (options.workers == 0) options.workers = cores();
+  if (options.workers == 0) options.workers = available_cores();
   return options;
 }
 
@@ -369,7 +368,7 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, co
   resident->charge = memory_.charge(estimate.peak_bytes + resident->setup_bytes,
                                     {"preparing system " + recipe.id.id.substr(0, 16), less_memory, mesh_bytes(*resident->mesh)});
   RunContext budgeted = context;
-  budgeted.threads = std::max(1, cores() / static_cast<int>(std::max<std::size_t>(1, scheduler_.load().preparations)));
+  budgeted.threads = std::max(1, available_cores() / static_cast<int>(std::max<std::size_t>(1, scheduler_.load().preparations)));
   resident->system = deform::prepare(resident->mesh, resident->setup, budgeted);
   resident->charge.shrink(resident->bytes());
   resident->memory_return.bytes = resident->charge.bytes();

@@ -11,6 +11,7 @@
 #include <fstream>
 #include <utility>
 
+#include "core/base/control_group.h"
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 
@@ -119,11 +120,7 @@ void MemoryBudget::grow(Charge& charge, std::size_t bytes, const ChargePurpose& 
 
 std::size_t available_memory() {
   std::size_t bytes = static_cast<std::size_t>(sysconf(_SC_PHYS_PAGES)) * static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
-  for (const char* path : {"/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"}) {
-    std::ifstream file(path);
-    std::size_t limit = 0;
-    if (file >> limit && limit > 0) bytes = std::min(bytes, limit);  // "max" does not parse: no limit
-  }
+  if (const auto limit = ControlGroup::read().memory; limit && *limit > 0) bytes = std::min<std::size_t>(bytes, *limit);
   return bytes;
 }
 
