@@ -185,32 +185,28 @@ class InversionCheck::Impl {
 
   SafeAmplitude amplitude(std::span<const Vec3> from, bool from_rest, std::span<const Vec3> to, const RunContext& context) const {
     End end = at_end(to, nullptr, context);
-    std::vector<std::span<const Vec3>> ends{to};
     if (!from_rest) {
-      ends.push_back(from);
+      std::vector<std::uint32_t> cells, either;
+      for (const Suspect& suspect : end.suspects) cells.push_back(suspect.cell);
       const auto others = doubtful(from, -std::numeric_limits<double>::infinity(), context);
-      std::vector<std::uint32_t> either;
-      std::set_union(end.suspects.begin(), end.suspects.end(), others.begin(), others.end(), std::back_inserter(either));
-      end.suspects = std::move(either);
+      std::set_union(cells.begin(), cells.end(), others.begin(), others.end(), std::back_inserter(either));
+      end.suspects = stretched(from, to, either, context);
     }
-    std::vector<Suspect> suspects = stretched(ends, end.suspects, context);
-    return safety(from, to, std::move(end.inverted), std::move(suspects), context);
+    return safety(from, to, std::move(end.inverted), most_deformed_first(std::move(end.suspects)), context);
   }
 
   SafeAmplitude amplitude(std::span<const Vec3> to, const FieldMotion& motion, const RunContext& context) const {
     if (!bounds_) throw Error(ErrorCode::invalid_argument, "motion: the check was made without displacement fields");
     if (to.size() != rest_.size() || !(bounds_->reach(motion) < surely_finite)) check(to);
     End end = at_end(to, &motion, context);
-    const std::span<const Vec3> ends[] = {to};
-    std::vector<Suspect> suspects = stretched(ends, end.suspects, context);
-    return safety(rest_, to, std::move(end.inverted), std::move(suspects), context);
+    return safety(rest_, to, std::move(end.inverted), most_deformed_first(std::move(end.suspects)), context);
   }
 
  private:
-  /// What is found at the end of a motion, and the cells that bounds from rest to there do not clear.
+  /// What is found at the end of a motion, and the cells that bounds from rest to there do not clear, ascending.
   struct End {
     Inversions inverted;
-    std::vector<std::uint32_t> suspects;
+    std::vector<Suspect> suspects;
   };
 
   SafeAmplitude safety(std::span<const Vec3> from, std::span<const Vec3> to, Inversions inverted, std::vector<Suspect> suspects,
@@ -266,12 +262,13 @@ class InversionCheck::Impl {
                                                           : doubtful(points, *motion, least.load(), context);
     const std::vector<std::uint32_t>& unproven = cells.unproven;
     std::vector<std::vector<Look>> looks((unproven.size() + grain - 1) / grain);
-    std::vector<std::vector<std::uint32_t>> suspects(looks.size());
+    std::vector<std::vector<Suspect>> suspects(looks.size());
     parallel_for(context, unproven.size(), grain, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) {
         const std::size_t c = unproven[i];
-        const auto bound = certificate_->bound(c, certificate_->stretch(points, c));
-        if (!bound.sound) suspects[begin / grain].push_back(unproven[i]);
+        const MotionCertificate::Stretch stretch = certificate_->stretch(points, c);
+        const auto bound = certificate_->bound(c, stretch);
+        if (!bound.sound) suspects[begin / grain].push_back({c, {}, stretch});
         if (bound.sound && bound.determinant > least.load(std::memory_order_relaxed)) continue;
         looks[begin / grain].push_back({c, cells_->state(points, c)});
         lower(least, looks[begin / grain].back().state.determinant);
@@ -288,20 +285,24 @@ class InversionCheck::Impl {
     return {summary(all), joined(std::move(suspects))};
   }
 
-  /// Those of `cells` that bounds of their deformation do not clear; the most deformed ones first.
-  std::vector<Suspect> stretched(std::span<const std::span<const Vec3>> ends, std::span<const std::uint32_t> cells,
+  /// These cells with their deformation at both ends.
+  std::vector<Suspect> stretched(std::span<const Vec3> from, std::span<const Vec3> to, std::span<const std::uint32_t> cells,
                                  const RunContext& context) const {
-    std::vector<std::vector<Suspect>> of_range((cells.size() + grain - 1) / grain);
+    std::vector<Suspect> all(cells.size());
     parallel_for(context, cells.size(), grain, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) {
-        Suspect suspect{cells[i], {}, certificate_->stretch(ends[0], cells[i])};
-        if (ends.size() > 1) suspect.from = certificate_->stretch(ends[1], cells[i]);
-        if (!cleared(suspect, 1)) of_range[begin / grain].push_back(suspect);
+        all[i] = {cells[i], certificate_->stretch(from, cells[i]), certificate_->stretch(to, cells[i])};
       }
     });
-    auto all = joined(std::move(of_range));
-    std::stable_sort(all.begin(), all.end(), [](const Suspect& a, const Suspect& b) { return a.to.gradient > b.to.gradient; });
     return all;
+  }
+
+  /// Those that the bounds of their deformation do not clear.
+  std::vector<Suspect> most_deformed_first(std::vector<Suspect> suspects) const {
+    std::erase_if(suspects, [&](const Suspect& suspect) { return cleared(suspect, 1); });
+    std::stable_sort(suspects.begin(), suspects.end(),
+                     [](const Suspect& a, const Suspect& b) { return a.to.gradient > b.to.gradient; });
+    return suspects;
   }
 
   /// Not inverted on the way as far as `share` of it.
