@@ -114,8 +114,8 @@ inline TaylorModel square_root(const TaylorModel& f) {
     return {half, 0, 0, 0, half};
   }
   // 1 + x/2 - x^2/8 + x^3/16, and between 0 and minus the sum of the other coefficients, which all of them are less than at 1.
-  constexpr double others = 0.3125;
-  const double square = around.reach * around.reach, half = 0.5 * others * square * square;
+  constexpr double left_at_one = 0.3125;
+  const double square = around.reach * around.reach, half = 0.5 * left_at_one * square * square;
   TaylorModel series = TaylorModel(1.0) + around.x * (TaylorModel(0.5) - around.x * (TaylorModel(0.125) - 0.0625 * around.x));
   series.c[0] -= half;
   series.rest += half;

@@ -72,7 +72,8 @@ FLOORS = {
     "server/engine": ["core/base", "core/codec", "core/compiled", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",
                       "core/deformers", "proto/convert", "proto/convert/base", "deform/v1", "server/store"],
     "server/rpc": ["core/base", "core/codec", "proto/convert/base", "deform/v1", "server/engine"],
-    "server": ["core/base", "core/base/commit", "server/store", "server/engine", "server/rpc"],
+    # main() chooses the kernels of dense systems.
+    "server": ["core/base", "core/base/commit", "core/numerics", "server/store", "server/engine", "server/rpc"],
     "client": ["core/base", "core/codec", "proto/convert/base", "deform/v1"],
     "client/setup": ["core/base", "core/mesh", "core/mesh/cages", "core/io", "deform/v1"],
     "client/python": ["core/base", "core/codec", "core/compiled", "core/mesh", "core/io", "core/measures", "core/quality", "deform/v1", "client", "client/setup"],
