@@ -566,6 +566,35 @@ TEST(SafeAmplitude, RandomMotionsOfPolyhedra) {
   EXPECT_GT(count.fine, 5u);
 }
 
+// A third of a turn halves the cell across its axis half-way, and there the edge at (1, 1), which is off by `off` at either end,
+// is twice as far off and near the opposite one: the faces beside it look away from the cell's centre, though all of it has a
+// volume.
+TEST(SafeAmplitude, PyramidsOfPolyhedraThatAreWrongOnTheWayOnly) {
+  const Grid g = grid(1, 1, 1);
+  PolyhedralLimits limits;
+  limits.pyramid_volume = 0;
+  const auto turned = [](const Vec3& p, double degrees) {
+    const double c = std::cos(degrees * std::acos(-1) / 180), s = std::sin(degrees * std::acos(-1) / 180);
+    return Vec3{c * p[0] - s * p[1], s * p[0] + c * p[1], p[2]};
+  };
+  Sampled count;
+  for (const double off : {0.3, 0.54, 0.57, 0.6}) {
+    const auto with_edge = [&](double degrees) {
+      return mapped(g.points, [&](const Vec3& p) {
+        return p[0] + p[1] > 1.5 ? p + off * std::sqrt(0.5) * turned({-1, -1, 0}, degrees) : p;
+      });
+    };
+    const Points X = with_edge(60), Y = mapped(with_edge(-60), [&](const Vec3&p) { return turned(p, 120); });
+    for (int k = 0; k <= 20; ++k) {
+      EXPECT_EQ(polyhedral_quality(between(X, Y, k / 20.0), g.cells, limits).negative_volumes, 0u);
+    }
+    compare(
+        X, Y, &g.cells, [&](const Points& points) { return has_no_errors(points, g.cells); }, count);
+  }
+  EXPECT_EQ(count.inverting, 3u);
+  EXPECT_EQ(count.fine, 1u);
+}
+
 TEST(SafeAmplitude, SameBitsForAnyNumberOfThreads) {
   const Grid g = grid(16, 16, 16);
   std::mt19937_64 random(29);
