@@ -7,11 +7,13 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "core/numerics/interpolation/value_errors.h"
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/expect_error.h"
 
@@ -265,6 +267,37 @@ TEST(DenseInterpolator, OneCentreAndCoincidentOnes) {
       make(std::vector<Vec3>(5, Vec3{1, 2, 3}), {}, solver);
     });
   }
+}
+
+// Values that are off by a known amount, coefficients that are uncertain by a known share of themselves, and no value at all.
+TEST(ValueErrors, AreDifferencesUncertaintyAndRounding) {
+  const auto centres = test::random_points(60, 31), points = test::random_points(10, 32);
+  const auto given = test::random_values(60 * 2, 33);
+  const DenseInterpolator system(centres, {}, {});
+  Interpolants interpolants = system.interpolate(Eigen::Map<const MatrixXd>(given.data(), 60, 2), 0);
+  interpolants.uncertainty.resize(0, 0);
+  const std::vector<double> sums = system.direct_values(interpolants, points);
+  MatrixXd values(10, 2);
+  for (Eigen::Index i = 0; i < 10; ++i) {
+    for (Eigen::Index c = 0; c < 2; ++c) values(i, c) = sums[static_cast<std::size_t>(2 * i + c)];
+  }
+  const MatrixXd rounding = value_errors(system, interpolants, points, values, {});
+  for (Eigen::Index i = 0; i < 10; ++i) {
+    for (Eigen::Index c = 0; c < 2; ++c) {
+      EXPECT_GE(rounding(i, c), 1e-16 * std::abs(values(i, c)));
+      EXPECT_LE(rounding(i, c), 1e-12);
+    }
+  }
+  interpolants.uncertainty = 1e-8 * interpolants.coefficients;
+  const MatrixXd uncertain = value_errors(system, interpolants, points, values, {});
+  EXPECT_LT((uncertain - rounding - 1e-8 * values.cwiseAbs()).cwiseAbs().maxCoeff(), 1e-15);
+  MatrixXd off = values;
+  off(3, 1) += 1e-6;
+  off(4, 0) = std::nan("");
+  const MatrixXd wrong = value_errors(system, interpolants, points, off, {});
+  EXPECT_NEAR(wrong(3, 1), uncertain(3, 1) + 1e-6, 1e-12);
+  EXPECT_EQ(wrong(4, 0), std::numeric_limits<double>::infinity());
+  EXPECT_EQ(wrong(4, 1), uncertain(4, 1));
 }
 
 }  // namespace
